@@ -1,0 +1,248 @@
+"""Error against time of the transport baker, of its two baselines, and the ceiling that Open3D sets.
+
+    python benchmarks/transport.py --out docs/images/transport.png
+
+All methods run in one process, on one thread, in interleaved rounds, on the same points; time is CPU time. The
+baselines follow their published descriptions:
+
+- PIFu (Saito et al. 2019, prt_util): n x n independent directions over the whole sphere, one set shared by all
+  points, n = 40 by default; trimesh with embreex. Its `stratified` form jitters a grid instead, and sums by products.
+- cosine: independent cosine-distributed directions per point, T = pi/N sum V Y; Open3D.
+
+RMSE is over points and coefficients, against 65,536 scrambled Sobol rays per point. All methods start their rays at
+the same offset, so only sampling is compared. Errors of shared directions are common to all points, a tint rather than
+noise, so those are taken over 24 seeds.
+"""
+
+import argparse
+import platform
+import time
+from pathlib import Path
+
+import numpy as np
+from scipy.stats import qmc
+
+from relight.meshes.mesh import Mesh
+from relight.meshes.normals import vertex_normals
+from relight.sh.basis import basis
+from relight.sh.irradiance import unoccluded
+from relight.transport.bake import see
+from relight.transport.camera import Camera
+from relight.transport.integrate import BATCH, integrate
+from relight.transport.sampling import frames, vogel
+from relight.transport.scene import Scene
+from relight.transport.surface import shading_normals
+
+
+def figure(path: Path | None, seed: int) -> Mesh:
+    """The aligned mesh of `path` (any format), or a generated clothed figure."""
+    from relight.config import composed
+    from relight.meshes.align import align
+    from relight.meshes.clean import clean
+    from relight.meshes.read import read_mesh
+
+    cfg = composed()
+    if path is None:
+        from relight.figures.dress import make_figure
+
+        mesh = make_figure(seed, "full", 512)
+    else:
+        mesh = Mesh.load(path) if path.suffix == ".npz" else read_mesh(path)
+    return align(clean(mesh, cfg.clean), cfg.align)
+
+
+def pixels(mesh: Mesh, scene: Scene, size: int, every: int) -> tuple[np.ndarray, ...]:
+    """Points, shading normals and geometric normals of every `every`-th row of a `size` px image, in raster order."""
+    row, column = np.divmod(np.arange(size * size), size)
+    keep = row % every == every // 2
+    _, face, weights = see(scene, Camera(size), column[keep] + 0.5, row[keep] + 0.5)
+    geometric = scene.normals[face]
+    normals = shading_normals(vertex_normals(mesh), mesh.faces, face, weights, geometric)
+    side = np.where(geometric[:, 2:] < 0, -1.0, 1.0)
+    return scene.points(face, weights), normals * side, geometric * side
+
+
+def ours(scene: Scene, points, normals, geometric, rays: int, seed: int) -> np.ndarray:
+    return integrate(scene, points, normals, geometric, rays, seed=seed)[0]
+
+
+def local_rays(scene: Scene, points, normals, geometric, directions: np.ndarray, seed: int) -> np.ndarray:
+    """(P, N, 6) float32: the same offset and frames as ours, with any directions (N, 3) or (P, N, 3) about +z."""
+    world = np.matmul(directions, frames(normals, seed))
+    start = scene.local(points + scene.offset * geometric)
+    return np.concatenate([np.broadcast_to(start[:, None], world.shape), world], 2).astype(np.float32)
+
+
+def cosine_directions(uniform: np.ndarray) -> np.ndarray:
+    radius, angle = np.sqrt(uniform[..., 0]), 2 * np.pi * uniform[..., 1]
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), np.sqrt(1 - uniform[..., 0])], -1)
+
+
+def cosine(scene: Scene, points, normals, geometric, rays: int, seed: int) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    result = np.empty((len(points), 9))
+    step = max(1, BATCH // rays)
+    for begin in range(0, len(points), step):
+        part = slice(begin, begin + step)
+        directions = cosine_directions(rng.random((len(points[part]), rays, 2)))
+        cast = local_rays(scene, points[part], normals[part], geometric[part], directions, seed)
+        seen = ~scene.occluded(cast.reshape(-1, 6)).reshape(-1, rays)
+        result[part] = np.pi / rays * np.einsum("pn,pnk->pk", seen, basis(cast[..., 3:]))
+    return result
+
+
+def sphere_directions(uniform: np.ndarray) -> np.ndarray:
+    z, angle = 1 - 2 * uniform[:, 0], 2 * np.pi * uniform[:, 1]
+    radius = np.sqrt(1 - z * z)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], -1)
+
+
+def pifu(caster, scene: Scene, points, normals, geometric, n: int, seed: int) -> np.ndarray:
+    """The published procedure: for n slices of n directions, every pair of point and direction is written out."""
+    directions = sphere_directions(np.random.default_rng(seed).random((n * n, 2)))
+    values = basis(directions)
+    starts = np.repeat(points + scene.offset * geometric, n, 0)
+    repeated = np.repeat(normals, n, 0)
+    result = np.zeros((len(points), 9))
+    for i in range(0, n * n, n):
+        vectors = np.tile(directions[i : i + n], (len(points), 1))
+        dots = (vectors * repeated).sum(1)
+        seen = (dots > 0) & ~caster.intersects_any(starts, vectors)
+        product = (seen * dots)[:, None] * np.tile(values[i : i + n], (len(points), 1))
+        result += product.reshape(len(points), n, 9).sum(1)
+    return 4 * np.pi / n**2 * result
+
+
+def stratified(caster, scene: Scene, points, normals, geometric, n: int, seed: int) -> np.ndarray:
+    """The same scheme at its best: a jittered n x n grid of directions, and matrix products for the sums."""
+    cell = np.indices((n, n)).reshape(2, -1).T
+    directions = sphere_directions((cell + np.random.default_rng(seed).random((n * n, 2))) / n)
+    values = basis(directions)
+    starts = np.repeat(points + scene.offset * geometric, n, 0)
+    result = np.zeros((len(points), 9))
+    for i in range(0, n * n, n):
+        w = directions[i : i + n]
+        seen = ~caster.intersects_any(starts, np.tile(w, (len(points), 1))).reshape(len(points), n)
+        result += (seen * np.clip(normals @ w.T, 0, None)) @ values[i : i + n]
+    return 4 * np.pi / n**2 * result
+
+
+def reference(scene: Scene, points, normals, geometric, power: int = 15) -> tuple[np.ndarray, float]:
+    """Transport by two independent sets of 2^power Sobol rays, and the RMSE of one half against the other, halved."""
+    halves = []
+    for seed in (1, 2):
+        directions = cosine_directions(qmc.Sobol(2, seed=seed).random_base2(power))
+        values = np.empty((len(points), 9))
+        for p in range(len(points)):
+            one = slice(p, p + 1)
+            cast = local_rays(scene, points[one], normals[one], geometric[one], directions, seed * 1000 + p)
+            blocked = scene.occluded(cast.reshape(-1, 6))
+            values[p] = unoccluded(normals[p]) - np.pi / len(directions) * basis(cast[0, blocked, 3:]).sum(0)
+        halves.append(values)
+    return (halves[0] + halves[1]) / 2, float(np.sqrt(((halves[0] - halves[1]) ** 2).mean()) / 2)
+
+
+def rmse(values: np.ndarray, truth: np.ndarray) -> float:
+    return float(np.sqrt(((values - truth) ** 2).mean()))
+
+
+def cpu(function, *arguments) -> float:
+    start = time.process_time()
+    function(*arguments)
+    return time.process_time() - start
+
+
+def machine() -> str:
+    names = [
+        line.split(":")[1].strip() for line in Path("/proc/cpuinfo").read_text().splitlines() if "model name" in line
+    ]
+    return f"{names[0] if names else platform.processor()}, {len(names)} cores, one used"
+
+
+def main() -> None:
+    import os
+
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
+    parser.add_argument("--mesh", type=Path, help="a mesh instead of a generated figure")
+    parser.add_argument("--seed", type=int, default=0, help="of the generated figure")
+    parser.add_argument("--points", type=int, default=600, help="points that the error is measured at")
+    parser.add_argument("--rounds", type=int, default=5)
+    parser.add_argument("--out", type=Path, help="plot (.png)")
+    options = parser.parse_args()
+
+    import trimesh
+    from trimesh.ray.ray_pyembree import RayMeshIntersector
+
+    mesh = figure(options.mesh, options.seed)
+    scene = Scene(mesh.vertices, mesh.faces, threads=1)
+    caster = RayMeshIntersector(trimesh.Trimesh(mesh.vertices, mesh.faces, process=False))
+    everything = pixels(mesh, scene, 1024, 16)
+    some = tuple(array[np.random.default_rng(0).permutation(len(array))[: options.points]] for array in everything)
+    truth, doubt = reference(scene, *some)
+    print(
+        f"{machine()}; {len(mesh.faces)} triangles, {len(everything[0])} points timed, {len(truth)} points for errors"
+    )
+    print(f"reference: half-difference {doubt:.1e}, rms of the transport {np.sqrt((truth**2).mean()):.3f}\n")
+
+    methods = {}  # (name, rays): function, what it takes for its rays, seeds that the error is taken over
+    for rays in (16, 24, 64, 256, 1024):
+        methods["ours", rays] = (lambda *a: ours(scene, *a), rays, 2)
+    for rays in (64, 256, 1024):
+        methods["cosine", rays] = (lambda *a: cosine(scene, *a), rays, 2)
+    for n in (8, 16, 32, 40):
+        methods["PIFu", n * n] = (lambda *a: pifu(caster, scene, *a), n, 24)
+        methods["stratified", n * n] = (lambda *a: stratified(caster, scene, *a), n, 24)
+    seconds = {key: [] for key in methods}
+    for _ in range(options.rounds):
+        for key, (function, effort, _) in methods.items():
+            seconds[key].append(cpu(function, *everything, effort, 0) / len(everything[0]) * 1e5)
+    rows = []
+    for key, (function, effort, seeds) in methods.items():
+        error = np.sqrt(np.mean([rmse(function(*some, effort, seed + 10), truth) ** 2 for seed in range(seeds)]))
+        rows.append((*key, error, float(np.median(seconds[key]))))
+
+    print("| baker | rays | RMSE | CPU-s per 100k points | Mray per CPU-s |\n|---|---|---|---|---|")
+    for name, rays, error, cost in rows:
+        print(f"| {name} | {rays} | {error:.1e} | {cost:.2f} | {rays / cost / 10:.2f} |")
+    mine = np.log(sorted((error, cost) for name, _, error, cost in rows if name == "ours"))
+    for name in ("PIFu", "stratified"):
+        error, cost = next(row[2:] for row in rows if row[:2] == (name, 1600))
+        ratio = cost / np.exp(np.interp(np.log(error), *mine.T))
+        print(f"\nAt the error of {name} with 1600 rays, {error:.1e}: {ratio:.0f} times less CPU time")
+
+    cast = local_rays(scene, *everything, vogel(256), 0).reshape(-1, 6)
+    ratios = []
+    for _ in range(max(options.rounds, 9)):
+        raw = cpu(lambda: [scene.occluded(cast[i : i + BATCH]) for i in range(0, len(cast), BATCH)])
+        ratios.append((raw / cpu(ours, scene, *everything, 256, 0), len(cast) / raw * 1e-6))
+    share, rate = np.median(ratios, 0)
+    print(
+        f"Raw test_occlusions on the same rays: {rate:.1f} Mray per CPU-s; the baker reaches {100 * share:.0f} % of it"
+    )
+    if options.out:
+        plot(rows, options.out)
+
+
+def plot(rows: list[tuple], path: Path) -> None:
+    import matplotlib
+
+    matplotlib.use("agg")
+    import matplotlib.pyplot as plt
+
+    fig, ax = plt.subplots(figsize=(6, 4), layout="constrained")
+    for name, color in (("PIFu", "#b0413e"), ("stratified", "#c98a3c"), ("cosine", "#7a7a7a"), ("ours", "#1f5fa8")):
+        series = [row for row in rows if row[0] == name]
+        ax.loglog([row[3] for row in series], [row[2] for row in series], "o-", color=color, label=name)
+        for _, rays, error, cost in series:
+            ax.annotate(str(rays), (cost, error), (4, 4), textcoords="offset points", fontsize=8, color=color)
+    ax.set(xlabel="CPU seconds per 100,000 points", ylabel="RMSE of the nine coefficients")
+    ax.grid(True, which="major", alpha=0.3)
+    ax.spines[["top", "right"]].set_visible(False)
+    ax.legend(frameon=False, title="rays per point at the marks")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    fig.savefig(path, dpi=150)
+
+
+if __name__ == "__main__":
+    main()

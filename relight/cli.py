@@ -1,0 +1,81 @@
+"""The command line."""
+
+import sys
+from typing import Annotated
+
+import typer
+
+from relight import __version__
+from relight.figures.commands import app as figures
+from relight.files import UserError
+from relight.lights.commands import app as lights
+from relight.meshes.commands import app as scans
+from relight.photos.commands import app as photos
+from relight.transport.commands import app as transport
+from relight.viewer.commands import app as viewer
+
+app = typer.Typer(
+    help="The open laboratory for occlusion-aware relighting of people.",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+
+for tool in (photos, viewer, transport, figures):
+    app.add_typer(tool)
+app.add_typer(lights, name="light")
+app.add_typer(scans, name="scans")
+
+
+@app.callback(invoke_without_command=True)
+def version(show: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
+    if show:
+        print(__version__)
+        raise typer.Exit
+
+
+@app.command(context_settings={"ignore_unknown_options": False})
+def run(
+    overrides: Annotated[
+        list[str] | None, typer.Argument(help="Settings: scale=smoke, train.lr=1e-3, figures=scans ...")
+    ] = None,
+    multirun: Annotated[bool, typer.Option("--multirun", "-m", help="Sweep over comma-separated values.")] = False,
+    cores: Annotated[int | None, typer.Option("--cores", "-j", help="Jobs side by side; all cores by default.")] = None,
+    dry: Annotated[bool, typer.Option("--dry-run", "-n", help="Only say what would run.")] = False,
+    target: Annotated[list[str], typer.Option(help="Rule or file to make.")] = ["all"],  # noqa: B006
+    snakemake: Annotated[str, typer.Option(help="More arguments for Snakemake, in one string.")] = "",
+) -> None:
+    """The whole workflow, from figures and panoramas to the report; does only what is missing."""
+    import shlex
+
+    from relight.run import run as workflow
+
+    raise typer.Exit(workflow(overrides or [], multirun, cores, dry, target, shlex.split(snakemake)))
+
+
+@app.command()
+def ui(port: Annotated[int, typer.Option(help="Port on this machine.")] = 5000) -> None:
+    """Browse the runs in MLflow, on this machine only."""
+    import subprocess
+
+    from relight.config import ROOT, composed
+    from relight.track import create
+
+    uri = composed().track.uri
+    create(uri)
+    print(f"MLflow: http://127.0.0.1:{port}/#/experiments (Ctrl-C ends it)")
+    command = [sys.executable, "-m", "mlflow", "server", "--backend-store-uri", uri, "--host", "127.0.0.1"]
+    raise typer.Exit(subprocess.call([*command, "--port", str(port)], cwd=ROOT))
+
+
+def main() -> None:
+    """Runs the command line; an error that a user can mend is one line, with exit code 1."""
+    try:
+        app()
+    except UserError as error:
+        sys.exit(f"relight: {error}")
+
+
+if __name__ == "__main__":
+    main()

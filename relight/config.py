@@ -1,0 +1,373 @@
+"""The configuration: its schema, its composition, its checks, and the part that each stage reads."""
+
+import difflib
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from hydra import compose, initialize_config_dir
+from hydra.core.config_store import ConfigStore
+from hydra.errors import HydraException
+from omegaconf import MISSING, DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from relight.files import UserError
+
+ROOT = Path(__file__).resolve().parent.parent
+CONF = ROOT / "conf"
+
+
+@dataclass
+class Figures:
+    source: str = MISSING  # generated | scans
+    folder: str | None = None  # of scans
+    first: int = MISSING  # first integer seed
+    count: int = MISSING  # how many seeds
+    detail: str = MISSING  # draft | full: resolution of the drape
+    texture: int = MISSING  # side of the largest baked texture, pixels
+    version: int = MISSING  # raised when the code changes results
+
+
+@dataclass
+class Clean:
+    component: float = MISSING  # parts with a smaller share of the faces are dropped if they are small and float, too
+    close_holes: int = MISSING  # holes of up to so many edges are closed; 0 closes none
+    max_faces: int = MISSING  # larger meshes are decimated to this; 0 never
+    version: int = MISSING
+
+
+@dataclass
+class Align:
+    up: str = MISSING  # auto | +y | +z | -y | ... : the axis of the file that points up
+    front: str = MISSING  # auto | +z | -y | ... : the axis of the file that the figure faces
+    table: str | None = None  # a CSV with name, up, front, turn (degrees): overrides for single figures
+    padding: float = MISSING  # of the image's height, at top and bottom
+    version: int = MISSING
+
+
+@dataclass
+class Bake:
+    size: int = MISSING  # pixels
+    rays: int = MISSING  # per pixel
+    order: int = MISSING  # of the spherical harmonics
+    bounces: int = MISSING
+    supersample: int = MISSING  # k x k samples for mask and albedo
+    seed: int = MISSING
+    version: int = MISSING
+
+
+@dataclass
+class Split:
+    kind: str = MISSING  # subject | paper
+    test: float = MISSING  # share of the figures
+    least: float = MISSING  # the run ends when less than this share of the figures is usable
+    seed: int = MISSING
+
+
+@dataclass
+class Panoramas:
+    source: str = MISSING  # generated | folder
+    folder: str | None = None
+    count: int = MISSING  # generated rooms
+    skies: int = MISSING  # generated outdoor skies beside them
+    seed: int = MISSING
+    layout: str = MISSING  # auto, or a layout that relight.panoramas.layouts knows
+    yaw: float = MISSING  # degrees by which every light is turned, +z toward +x
+    flip: bool = MISSING  # mirror left and right
+    version: int = MISSING
+
+
+@dataclass
+class Rules:
+    """What makes a light unusual (docs/method.md section 4); "front" is every normal with z > 0, of luminance."""
+
+    bright: float = MISSING  # most irradiance at the front
+    channel: float = MISSING  # the same of one channel
+    dim: float = MISSING  # least irradiance at (0, 0, 1)
+    back: float = MISSING  # most of mean irradiance of the back over that of the front
+    toward: float = MISSING  # least share of the main direction toward the camera, for lights with |L1|/L00 > .35
+    contrast: float = MISSING  # least of the front's darkest over its brightest irradiance
+    first: float = MISSING  # most |L1|/L00
+    colour: float = MISSING  # most |ln R/G| and |ln B/G|
+    below: float = MISSING  # least elevation of the main direction, degrees, for lights with |L1|/L00 > .35
+
+
+@dataclass
+class Lights:
+    order: str = MISSING  # cut_first | paper: order of the chain
+    threshold: float = MISSING  # least reference brightness, in the files' own units; 0 keeps all
+    low: float = MISSING  # the target of the reference brightness is uniform in [low, high]
+    high: float = MISSING
+    rotations: int = MISSING
+    clusters: int = MISSING
+    test: int = MISSING
+    split: str = MISSING  # room | random
+    veto: str | None = None  # a file with one source (or source:yaw) per line
+    rules: Rules = field(default_factory=Rules)
+    seed: int = MISSING
+    version: int = MISSING
+
+
+@dataclass
+class Model:
+    name: str = MISSING  # ours | sfsnet | sfsnet_ao
+    width: float = MISSING
+    norm: str = MISSING  # instance | batch
+    dropout: float = MISSING
+    order: int = MISSING
+    albedo: str = MISSING  # clip | straight_through | sigmoid: how it is kept in [0,1]
+    light_head: str = MISSING  # strided | pooled
+    refine: bool = MISSING  # the light is refined to explain the image by the inferred maps
+    sees: str = MISSING  # image | mask: shape from the silhouette alone
+
+
+@dataclass
+class Loss:
+    albedo: float = MISSING
+    transport: float = MISSING
+    light: float = MISSING
+    tv_albedo: float = MISSING
+    tv_transport: float = MISSING
+    shading: float = MISSING  # each of the three
+    reconstruction: float = MISSING  # each of the six partial combinations
+    reconstruction_full: float = MISSING
+    tv_reference: int = MISSING  # TV weights are multiplied by size / tv_reference
+    reduction: str = MISSING  # image | mask
+
+
+@dataclass
+class Train:
+    steps: int = MISSING
+    batch: int = MISSING
+    lr: float = MISSING
+    beta1: float = MISSING
+    beta2: float = MISSING
+    schedule: str = MISSING  # constant | cosine
+    warmup: int = MISSING
+    color: str = MISSING  # paper | photo
+    seed: int = MISSING
+    device: str = MISSING  # auto | cpu | cuda
+    precision: str = MISSING  # f32 | bf16
+    epoch: int = MISSING  # steps between two lines of log, metrics and checkpoints
+    pairs: str = (
+        MISSING  # shuffled | rows: (figure, light) pairs at random, or a figure's lights in a row (the authors)
+    )
+    optimizer: str = MISSING  # adam | adamw
+    decay: float = MISSING  # weight decay of adamw
+    average: float = (
+        MISSING  # decay of the moving average of the weights that is kept at the end; 0 keeps the last ones
+    )
+    mirror: bool = MISSING  # half of the pairs are mirrored left to right
+    exposure: float = MISSING  # stops: the exposure is uniform in +-this, on image and light alike
+    compile: bool = MISSING  # torch.compile: pays on a GPU
+    start: str | None = None  # a network of the same kind to go on from
+    only: str | None = None  # encoder: all else stays as it is in `start`
+    version: int = MISSING
+
+
+@dataclass
+class Evaluate:
+    bootstrap: int = MISSING  # resamples of the figures
+    plates: int = MISSING  # test figures shown in the qualitative figure
+    sheet: int = MISSING  # figures shown in the contact sheet
+    lights: str = MISSING  # test | unusual: which lights of the set relight the test figures
+    device: str = MISSING  # auto | cpu | cuda
+    seed: int = MISSING
+    version: int = MISSING
+
+
+@dataclass
+class Sweep:
+    runs: dict[str, list[str]] = MISSING  # name of a row -> its overrides
+    only: list[str] | None = None  # of the runs; all when not given
+    seeds: list[int] = MISSING
+
+
+@dataclass
+class Track:
+    uri: str = MISSING
+    experiment: str = MISSING
+
+
+@dataclass
+class Config:
+    name: str = MISSING
+    figures: Figures = field(default_factory=Figures)
+    clean: Clean = field(default_factory=Clean)
+    align: Align = field(default_factory=Align)
+    bake: Bake = field(default_factory=Bake)
+    split: Split = field(default_factory=Split)
+    panoramas: Panoramas = field(default_factory=Panoramas)
+    lights: Lights = field(default_factory=Lights)
+    model: Model = field(default_factory=Model)
+    loss: Loss = field(default_factory=Loss)
+    train: Train = field(default_factory=Train)
+    evaluate: Evaluate = field(default_factory=Evaluate)
+    sweep: Sweep = field(default_factory=Sweep)
+    track: Track = field(default_factory=Track)
+
+
+# What each stage may read, groups or single settings: the rest of the tree is not handed to it, so a change there
+# cannot matter to it.
+READS = {
+    "figure": ("figures",),
+    "scan": ("figures",),
+    "clean": ("clean",),
+    "align": ("align",),
+    "bake": ("bake",),
+    "pack": ("split",),
+    "split": ("split",),
+    "lights": ("panoramas", "lights", "bake.order"),
+    "train": ("model", "loss", "train", "track"),
+    "evaluate": ("evaluate", "track"),
+    "baselines": ("evaluate", "train.color", "bake.order"),
+    "tables": ("evaluate",),
+    "plates": ("evaluate",),
+    "sheets": ("evaluate",),
+    "viewer": ("name",),
+    "report": ("evaluate", "name"),
+}
+
+ConfigStore.instance().store(name="schema", node=Config)
+
+
+def composed(overrides: Iterable[str] = ()) -> DictConfig:
+    """The whole tree under conf/ with Hydra overrides, resolved and checked.
+
+    Raises UserError in one line that names the setting and what is accepted.
+    """
+    if not CONF.is_dir():
+        raise UserError(f"there is no folder {CONF}: the workflow and its stages run from a clone of the repository")
+    overrides = list(overrides)
+    try:
+        with initialize_config_dir(str(CONF), version_base="1.3"):
+            cfg = compose("config", overrides=overrides)
+        OmegaConf.resolve(cfg)
+        check(cfg)
+    except (HydraException, OmegaConfBaseException) as error:
+        raise UserError(explain(error, overrides)) from None
+    return cfg
+
+
+LEAST = {
+    "figures.count": 1,
+    "figures.texture": 16,
+    "bake.size": 64,
+    "bake.rays": 1,
+    "bake.order": 1,
+    "bake.bounces": 0,
+    "bake.supersample": 1,
+    "panoramas.count": 0,
+    "lights.rotations": 1,
+    "lights.clusters": 2,
+    "lights.test": 1,
+    "model.width": 0.01,
+    "train.steps": 1,
+    "train.batch": 1,
+    "train.epoch": 1,
+    "evaluate.bootstrap": 1,
+}
+CHOICES = {
+    "figures.source": ("generated", "scans"),
+    "figures.detail": ("draft", "full"),
+    "split.kind": ("subject", "paper"),
+    "panoramas.source": ("generated", "folder"),
+    "lights.order": ("cut_first", "paper"),
+    "lights.split": ("room", "random"),
+    "model.name": ("ours", "sfsnet", "sfsnet_ao"),
+    "model.norm": ("instance", "batch"),
+    "model.albedo": ("clip", "straight_through", "sigmoid"),
+    "model.light_head": ("strided", "pooled"),
+    "model.sees": ("image", "mask"),
+    "loss.reduction": ("image", "mask"),
+    "evaluate.lights": ("test", "unusual"),
+    "evaluate.device": ("auto", "cpu", "cuda"),
+    "train.schedule": ("constant", "cosine"),
+    "train.color": ("paper", "photo"),
+    "train.device": ("auto", "cpu", "cuda"),
+    "train.precision": ("f32", "bf16"),
+    "train.pairs": ("shuffled", "rows"),
+    "train.optimizer": ("adam", "adamw"),
+    "train.only": ("encoder",),
+}
+RULES = {
+    "bake.size": (lambda value: value % 64 == 0, "must be a multiple of 64"),
+    "train.lr": (lambda value: value > 0, "must be greater than 0"),
+    "split.test": (lambda value: 0 < value < 1, "must lie between 0 and 1"),
+    "split.least": (lambda value: 0 <= value <= 1, "must lie in [0, 1]"),
+    "align.padding": (lambda value: 0 <= value < 0.5, "must lie in [0, 0.5)"),
+    "model.dropout": (lambda value: 0 <= value < 1, "must lie in [0, 1)"),
+    "name": (lambda value: re.fullmatch(r"[A-Za-z0-9._-]+", value), "may hold letters, digits, '.', '_' and '-' only"),
+}
+
+
+def check(cfg: DictConfig) -> None:
+    """Refuses values that have the right type but make no sense; a stage's unset groups pass. Raises UserError."""
+
+    def get(key: str) -> Any:
+        return OmegaConf.select(cfg, key)
+
+    if unknown := set(cfg) - set(Config.__dataclass_fields__) - {"io"}:
+        known = ", ".join(Config.__dataclass_fields__)
+        raise UserError(f"{min(unknown)}: no such group of settings; there are {known}")
+    for key, bound in LEAST.items():
+        if get(key) is not None and get(key) < bound:
+            raise UserError(f"{key} must be at least {bound}, not {get(key)}")
+    for key, known in CHOICES.items():
+        if get(key) is not None and get(key) not in known:
+            raise UserError(f"{key} must be one of {', '.join(known)}, not {get(key)}")
+    for key, (holds, words) in RULES.items():
+        if get(key) is not None and not holds(get(key)):
+            raise UserError(f"{key} {words}, not {get(key)}")
+    if get("lights.low") is not None and get("lights.low") > get("lights.high"):
+        raise UserError(f"lights.low {get('lights.low')} must not be above lights.high {get('lights.high')}")
+    if get("lights.test") is not None and get("lights.test") >= get("lights.clusters"):
+        raise UserError(f"lights.test {get('lights.test')} must be below lights.clusters {get('lights.clusters')}")
+    for group, source in (("figures", "scans"), ("panoramas", "folder")):
+        if get(f"{group}.source") == source and not get(f"{group}.folder"):
+            raise UserError(f"{group}.source={source} needs {group}.folder=<the folder to read>")
+
+
+def view(cfg: DictConfig, stage: str) -> dict[str, Any]:
+    """The part of the tree that a stage reads, as plain values."""
+    part = OmegaConf.create()
+    for key in READS[stage]:
+        OmegaConf.update(part, key, OmegaConf.select(cfg, key))
+    return OmegaConf.to_container(part, resolve=True)
+
+
+def explain(error: Exception, overrides: Iterable[str] = ()) -> str:
+    """Hydra's and OmegaConf's errors as one line that names the setting and what is accepted."""
+    chain, link = [], error
+    while link is not None:
+        chain.append(str(link))
+        link = link.__cause__ or link.__context__
+    text = "\n".join(chain)
+    if match := re.search(r"Key '([^']+)' (?:is )?not in '(\w+)'", text):
+        key, owner = match.groups()
+        full = re.search(r"full_key: ([\w.]+)", text)
+        known = list(globals()[owner].__dataclass_fields__) if owner in globals() else []
+        close = difflib.get_close_matches(key, known, 1)
+        hint = f"did you mean {close[0]}? " if close else ""
+        return f"{full[1] if full else key}: no such setting; {hint}there are {', '.join(known)}"
+    if match := re.search(r"Value '(.*?)'(?: of type '\w+')? could not be converted to (\w+)", text):
+        full = re.search(r"full_key: ([\w.]+)", text)
+        return f"{full[1] if full else 'a setting'}: {match[1]!r} is not of type {match[2]}"
+    if match := re.search(r"Could not find '([^']+)'.*?Available options in '([^']+)':\s*(.*?)(?:\n\S|\Z)", text, re.S):
+        options = ", ".join(match[3].split())
+        return f"{match[1].replace('/', '=')}: no such choice; {match[2]} is one of {options}"
+    if match := re.search(r"Could not override '([^']+)'\.\s*No match in the defaults list", text):
+        return f"{match[1]}: no such group of settings; there are {', '.join(Config.__dataclass_fields__)}"
+    if re.search("no viable alternative|LexerNoViableAlt|mismatched input|extraneous input|token recognition", text):
+        return f"cannot read the overrides {' '.join(overrides)!r}: write key=value, lists as key=[a,b]"
+    return " ".join(text.split("\n")[0].split())
+
+
+def flat(tree: dict, prefix: str = "") -> dict[str, Any]:
+    """{"a": {"b": 1}} as {"a.b": 1}."""
+    out = {}
+    for key, value in tree.items():
+        out.update(flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value})
+    return out

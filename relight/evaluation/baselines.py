@@ -1,0 +1,101 @@
+"""Predictors that look at no picture: what a table's numbers are worth shows beside them (method, section 7).
+
+| name            | infers                                                         | is given                     |
+|-----------------|----------------------------------------------------------------|------------------------------|
+| `mean_figure`   | each map as its mean over the training figures, and `mean_light` | the mask                   |
+| `mean_light`    | the mean training light                                        | true maps                    |
+| `nearest_light` | the training light nearest to the true one (an oracle's choice) | true maps, the true light   |
+| `no_occlusion`  | transport of the true normals: the most that SfSNet can reach   | true normals, albedo, light |
+| `ao_occlusion`  | the same times the true AO: the most that SfSNet-AO can reach   | and the true AO             |
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from relight import config
+from relight.evaluation.evaluate import Predictor, score, torch_device
+from relight.evaluation.metrics import Inferred
+from relight.evaluation.scores import write_scores
+from relight.files import UserError
+from relight.learning.data import RelitSet, read_split
+from relight.sh.irradiance import unoccluded
+
+
+def evaluate_baselines(
+    packed: Path,
+    lights: Path,
+    split: Path,
+    settings: config.Evaluate,
+    out: Path,
+    color: str = "paper",
+    order: int = 2,
+) -> None:
+    """Writes the scores (CSV) of all baselines, on the same test pairs as `evaluate`.
+
+    color and order are those of the networks to be compared with (train.color, model.order).
+    """
+    data = RelitSet(packed, lights, order, color, torch_device("cpu"))
+    predictors = make(data, split)
+    write_scores(out, {name: score(predictor, data, split, settings) for name, predictor in predictors.items()})
+
+
+def make(data: RelitSet, split: Path) -> dict[str, Predictor]:
+    """The predictors in the table above, from the training figures of `split` and the lights marked `train`."""
+    figures = data.figures(read_split(split)["train"])
+    train_lights = data.lights.numpy()[data.light_split == "train"]
+    if not len(figures) or not len(train_lights):
+        raise UserError(f"baselines: {len(figures)} training figures and {len(train_lights)} training lights are found")
+    mean_light = train_lights.mean(0, keepdims=True)
+    order = round(mean_light.shape[1] ** 0.5) - 1
+    mean = MeanFigure(data, figures)
+
+    def true(name: str, figure: int) -> np.ndarray:
+        start, count = int(data.offset[figure]), int(data.counts[figure])
+        return getattr(data, name)[start : start + count].float().numpy()[None]
+
+    def mean_figure(figure: int, lit: np.ndarray) -> Inferred:
+        start, count = int(data.offset[figure]), int(data.counts[figure])
+        maps = mean.at(data.pixel[start : start + count].numpy())
+        return Inferred(**maps, light=np.repeat(mean_light, len(lit), 0))
+
+    def nearest_light(figure: int, lit: np.ndarray) -> Inferred:
+        distances = ((data.lights.numpy()[lit][:, None] - train_lights[None]) ** 2).sum((2, 3))
+        return Inferred(light=train_lights[distances.argmin(1)])
+
+    def no_occlusion(figure: int, lit: np.ndarray) -> Inferred:
+        return Inferred(transport=unoccluded(true("normal", figure), order).astype(np.float32))
+
+    def ao_occlusion(figure: int, lit: np.ndarray) -> Inferred:
+        return Inferred(transport=no_occlusion(figure, lit).transport * true("ao", figure)[..., None])
+
+    return {
+        "mean_figure": mean_figure,
+        "mean_light": lambda figure, lit: Inferred(light=np.repeat(mean_light, len(lit), 0)),
+        "nearest_light": nearest_light,
+        "no_occlusion": no_occlusion,
+        "ao_occlusion": ao_occlusion,
+    }
+
+
+class MeanFigure:
+    """The mean of the training figures at each pixel; where none of them reaches, the mean over all their pixels."""
+
+    def __init__(self, data: RelitSet, figures: np.ndarray):
+        offset, pixels = data.offset.numpy(), data.size**2
+        rows = np.concatenate([np.arange(offset[f], offset[f] + data.counts[f]) for f in figures])
+        place = data.pixel.numpy()[rows]
+        count = np.bincount(place, minlength=pixels)
+        self.maps = {}
+        for name in ("albedo", "transport", "normal", "ao"):
+            values = getattr(data, name).numpy()[rows].astype(np.float64).reshape(len(rows), -1)
+            if name == "albedo" and data.color == "paper":
+                values = values / 255
+            total = np.stack([np.bincount(place, column, pixels) for column in values.T], 1)
+            self.maps[name] = np.where(count[:, None] > 0, total / np.maximum(count, 1)[:, None], values.mean(0))
+
+    def at(self, pixel: np.ndarray) -> dict[str, np.ndarray]:
+        """The maps (1,P,C) and ao (1,P) at flat pixel indices (P,), float32; normals are renormalised."""
+        maps = {name: values[pixel].astype(np.float32)[None] for name, values in self.maps.items()}
+        maps["normal"] /= np.linalg.norm(maps["normal"], axis=-1, keepdims=True)
+        return {**maps, "ao": maps["ao"][..., 0]}

@@ -1,0 +1,147 @@
+"""Which of the paper's orderings hold here: the pairs of rows that its text argues with, tested on our scores."""
+
+from dataclasses import dataclass
+
+from relight.evaluation.formats import QUANTITY, READING, count, number, split_column
+from relight.evaluation.paper import printed
+from relight.evaluation.statistics import Difference, compare, holm
+from relight.evaluation.tables import ALPHA, LABELS, Table, sign
+
+# (the better row in the paper's words, the worse, what it shows): section 6.1 and Table 2's discussion.
+PAIRS = (
+    ("ours_min", "sfsnet", "knowing occlusion helps"),
+    ("ours_full", "sfsnet", "knowing occlusion helps"),
+    ("ours_full", "sfsnet_ao", "transport beats ambient occlusion"),
+    ("ours_full", "ours_min", "the fifteen losses beat four"),
+    ("ours_full", "no_tv", "total variation matters"),
+    ("ours_full", "no_shading", "the shading losses matter"),
+    ("ours_full", "no_reconstruction", "the reconstruction losses matter"),
+)
+COLUMNS = tuple(f"{q}_{reading}" for q in ("shading", "transport", "light", "albedo") for reading in ("rmse", "ssim"))
+
+
+@dataclass
+class Claim:
+    """One ordering of the paper: `better` before `worse` in `column`, by the values it prints; ours: better - worse."""
+
+    better: str
+    worse: str
+    column: str
+    ours: Difference
+    means: tuple[float, float]
+    p: float
+
+    @property
+    def verdict(self) -> str:
+        """`holds`, `reversed`, or `open` where our figures cannot tell."""
+        if self.p >= ALPHA or self.ours.low <= 0 <= self.ours.high:
+            return "open"
+        return "holds" if sign(self.column) * self.ours.mean < 0 else "reversed"
+
+
+def claims(tables: list[Table]) -> list[Claim]:
+    """Every ordering of PAIRS whose two rows are in one of the tables, p-values corrected together (Holm).
+
+    The direction is that of the paper's printed values, also where they contradict its general statement; columns
+    where it prints the same value twice are passed over.
+    """
+    found: dict[tuple, Claim] = {}
+    for table in tables:
+        rows = {row.name: row.cells for row in table.rows if not row.baseline}
+        for first, second, _ in PAIRS:
+            for column in COLUMNS:
+                values = printed(first).get(column), printed(second).get(column)
+                if not (first in rows and second in rows) or None in values or values[0] == values[1]:
+                    continue
+                swap = sign(column) * (values[0] - values[1]) > 0
+                better, worse = (second, first) if swap else (first, second)
+                ours = rows[better].get(column), rows[worse].get(column)
+                if None not in ours:
+                    estimates = [cell.estimate for cell in ours]
+                    claim = Claim(better, worse, column, compare(*estimates), tuple(e.mean for e in estimates), 1.0)
+                    found.setdefault((first, second, column), claim)
+    for claim, p in zip(found.values(), holm([claim.ours.p for claim in found.values()])):
+        claim.p = float(p)
+    return list(found.values())
+
+
+def paragraph(tables: list[Table]) -> str:
+    """The verdicts in plain words, as Markdown: what holds, what is reversed, what these figures cannot decide."""
+    made = claims(tables)
+    if not made:
+        return "None of the paper's rows can be compared here: at least two of them must be trained."
+    table = tables[0]
+    numbers = {row.trainings for one in tables for row in one.rows if not row.baseline}
+    trainings = count(max(numbers), "training")
+    trainings = trainings if len(numbers) == 1 else f"{min(numbers)} to {trainings}"
+    sides = {verdict: [c for c in made if c.verdict == verdict] for verdict in ("holds", "reversed", "open")}
+    out = [
+        f"The paper's two tables order their rows in {len(made)} comparisons that can be repeated here, on "
+        f"{count(table.figures, 'test figure')} under {count(table.lights, 'test light')} with "
+        f"{trainings} a row. By paired tests over figures (p < {ALPHA} after Holm's correction for "
+        f"all {len(made)}), **{len(sides['holds'])} hold here, {len(sides['reversed'])} the other way round, "
+        f"{len(sides['open'])} stay open.**"
+    ]
+    if numbers == {1}:
+        out.append(
+            "With one training a row the tests speak of these networks on other figures of this kind; whether another "
+            "training would order them so is not known."
+        )
+    for verdict, words in (("holds", "What holds"), ("reversed", "What the paper has and here is the other way round")):
+        if sides[verdict]:
+            out.append(f"**{words}.** " + "; ".join(_by_pair(sides[verdict])) + ".")
+    if sides["open"]:
+        pairs = [{c.better, c.worse} for c in sides["open"]]
+        left = [f"{LABELS[a]} against {LABELS[b]} ({pairs.count({a, b})})" for a, b, _ in PAIRS if {a, b} in pairs]
+        out.append(f"**What stays open.** {', '.join(left)}: these figures cannot tell; the rows need not be equal.")
+    return "\n\n".join(out)
+
+
+def _by_pair(made: list[Claim]) -> list[str]:
+    pairs: dict[tuple[str, str], list[Claim]] = {}
+    for claim in made:
+        pairs.setdefault((claim.better, claim.worse), []).append(claim)
+    return [
+        f"{LABELS[better]} better than {LABELS[worse]} in {', '.join(_words(claim) for claim in group)}"
+        for (better, worse), group in pairs.items()
+    ]
+
+
+def _words(claim: Claim) -> str:
+    quantity, reading = split_column(claim.column)
+    low, high = sorted((abs(claim.ours.low), abs(claim.ours.high)))
+    values = f"{number(claim.means[0])} against {number(claim.means[1])}"
+    return (
+        f"{QUANTITY[quantity].lower()} {READING[reading]} "
+        f"({values}, a difference of {number(low)} to {number(high)}, p = {claim.p:.2g})"
+    )
+
+
+def matrix(tables: list[Table]) -> str:
+    """The same as an HTML table: a row per pair, a column per quantity, each cell the verdict with its difference."""
+    made = claims(tables)
+    signs = {"holds": "✓", "reversed": "✗", "open": "?"}
+    out = [
+        "<p class=aside>✓ the paper's order holds, ✗ it is the other way round here, ? these figures cannot tell. "
+        "The number is how much better the row's first network is here.</p>\n"
+        "<div class=scroll><table class=scores><thead><tr><th scope=col>In the paper's argument"
+    ]
+    for column in COLUMNS:
+        quantity, reading = split_column(column)
+        out.append(f"<th scope=col>{QUANTITY[quantity]}<br><small>{READING[reading]}</small>")
+    out.append("<tbody>")
+    for first, second, words in PAIRS:
+        of_pair = {c.column: c for c in made if {c.better, c.worse} == {first, second}}
+        if not of_pair:
+            continue
+        out.append(f'<tr><th scope=row title="{words}">{LABELS[first]} beats {LABELS[second]}')
+        for column in COLUMNS:
+            if (claim := of_pair.get(column)) is None:
+                out.append("<td>")
+                continue
+            turned = " (printed the other way)" if claim.better != first else ""
+            hint = f"{LABELS[claim.better]} before {LABELS[claim.worse]}{turned}: {claim.verdict}, p = {claim.p:.2g}"
+            gain = -sign(column) * claim.ours.mean * (1 if claim.better == first else -1)
+            sided = f"{'−' if gain < 0 else '+'}{number(abs(gain))}"
+            out.append(f'<td class={claim.verdict} title="{hint}">{signs[claim.verdict]} <small>{sided}</small>')
+    return "\n".join([*out, "</table></div>"])

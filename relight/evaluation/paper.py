@@ -1,0 +1,23 @@
+"""The numbers printed in the paper (Kanamori and Endo 2018, Tables 1 and 2): facts to compare with.
+
+They were measured by others, on scanned figures that are not public, at 1024 px, with no spread given.
+"""
+
+QUANTITIES = ("shading", "transport", "normal", "ao", "light", "albedo")
+
+_PRINTED = {  # RMSE of the six quantities, then SSIM; None where the paper has N/A or no column
+    "sfsnet": (0.299, 0.526, 0.346, None, 0.207, 0.135, 0.884, 0.755, 0.776, None, 0.446, 0.954),
+    "sfsnet_ao": (0.293, 0.529, 0.347, 0.083, 0.207, 0.131, 0.890, 0.749, 0.772, 0.946, 0.475, 0.955),
+    "ours_min": (0.237, 0.406, None, None, 0.205, 0.131, 0.909, 0.777, None, None, 0.473, 0.953),
+    "ours_full": (0.219, 0.393, None, None, 0.199, 0.129, 0.927, 0.781, None, None, 0.500, 0.943),
+    "no_tv": (0.226, 0.391, None, None, 0.202, 0.126, 0.923, 0.784, None, None, 0.471, 0.956),
+    "no_shading": (0.227, 0.398, None, None, 0.201, 0.132, 0.922, 0.781, None, None, 0.496, 0.940),
+    "no_reconstruction": (0.224, 0.394, None, None, 0.198, 0.144, 0.925, 0.782, None, None, 0.503, 0.907),
+}
+
+
+def printed(row: str) -> dict[str, float]:
+    """Column -> value of a row of either table; empty for a row that the paper does not have."""
+    columns = [f"{quantity}_{reading}" for reading in ("rmse", "ssim") for quantity in QUANTITIES]
+    values = _PRINTED.get(row, [None] * len(columns))
+    return {column: value for column, value in zip(columns, values) if value is not None}

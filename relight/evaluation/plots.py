@@ -1,0 +1,110 @@
+"""Charts of the report: errors per row with their intervals, and training curves. SVG or PNG, by the file's suffix."""
+
+import csv
+from pathlib import Path
+
+import matplotlib
+import matplotlib.lines
+import numpy as np
+
+from relight.evaluation.formats import QUANTITY, READING, split_column
+from relight.evaluation.tables import LABELS, Table, sign
+from relight.files import UserError, existing, whole
+
+COLORS = ("#7a5195", "#ef5675", "#ffa600", "#00798c", "#30638e", "#6a994e", "#8d99ae", "#bc6c25")
+STYLE = {
+    "font.size": 10,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.edgecolor": "#888888",
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "grid.color": "#e6e6e3",
+    "svg.hashsalt": "relight",  # the same ids in every run
+    "svg.fonttype": "path",
+}
+
+
+def plot_errors(table: Table, columns: tuple[str, ...], out: Path) -> None:
+    """One panel per column of `columns` that the table has: each row's mean and 95 % interval; baselines in grey."""
+    shown = [c for c in columns if any(c in row.cells for row in table.rows)]
+    names = [row for row in table.rows if any(c in row.cells for c in shown)]
+    with matplotlib.rc_context(STYLE):
+        figure = _figure(2.6 + 2.3 * len(shown), 0.9 + 0.34 * len(names))
+        for i, (panel, column) in enumerate(zip(figure.subplots(1, len(shown), sharey=True, squeeze=False)[0], shown)):
+            for place, row in enumerate(names):
+                own = "#9a9a9e" if row.baseline else color_of(row.name)
+                if column not in row.cells:
+                    continue
+                one = row.cells[column].estimate
+                low, high = (v if np.isfinite(v) else one.mean for v in (one.low, one.high))
+                panel.plot([low, high], [place, place], color=own, linewidth=2.2, solid_capstyle="butt")
+                panel.plot(one.mean, place, "o", color=own, markersize=6)
+            quantity, reading = split_column(column)
+            better = "lower" if sign(column) > 0 else "higher"
+            panel.set_title(f"{QUANTITY[quantity]} {READING[reading]}", fontsize=10, fontweight="bold")
+            panel.set_xlabel(f"{better} is better", fontsize=8, color="#777777")
+            panel.tick_params(length=0)
+            panel.grid(False, axis="y")
+            if i == 0:
+                panel.set_yticks(range(len(names)), [row.label for row in names])
+                panel.set_ylim(len(names) - 0.5, -0.5)
+        _save(figure, out)
+
+
+def plot_curves(
+    curves: list[Path], out: Path, losses: tuple[str, ...] = ("loss", "transport", "albedo", "light")
+) -> None:
+    """Training curves from the CSV files of `learning.train` (file name: row.s<seed>...), a panel per loss, log scale.
+
+    Trainings of one row share a colour. A loss that no file has gets no panel. UserError on a file without steps.
+    """
+    data = {path: _read_curve(path) for path in curves}
+    shown = [name for name in losses if any(name in curve for curve in data.values())]
+    rows = list(dict.fromkeys(_row(path) for path in curves))
+    with matplotlib.rc_context(STYLE):
+        figure = _figure(3.1 * len(shown), 3.2)
+        for panel, name in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown):
+            for path, curve in data.items():
+                if name in curve:
+                    panel.plot(curve["step"], curve[name], color=color_of(_row(path)), linewidth=1.4, alpha=0.9)
+            panel.set_yscale("log")
+            panel.yaxis.set_major_formatter("{x:g}")
+            panel.yaxis.set_minor_formatter("{x:g}")
+            panel.tick_params(which="both", labelsize=8, length=0)
+            panel.set_title(name.replace("_", " "), fontsize=10, fontweight="bold")
+            panel.set_xlabel("step", fontsize=8, color="#777777")
+        handles = [matplotlib.lines.Line2D([], [], color=color_of(row), linewidth=2) for row in rows]
+        labels = [LABELS.get(row, row) for row in rows]
+        figure.legend(handles, labels, loc="outside lower center", ncols=min(len(rows), 7), frameon=False, fontsize=9)
+        _save(figure, out)
+
+
+def color_of(row: str) -> str:
+    """The colour of a row, the same in every chart."""
+    known = list(LABELS)
+    return COLORS[(known.index(row) if row in known else sum(row.encode())) % len(COLORS)]
+
+
+def _figure(width: float, height: float):
+    from matplotlib.figure import Figure  # no pyplot: no windows, nothing global
+
+    return Figure(figsize=(width, height), layout="constrained")
+
+
+def _save(figure, out: Path) -> None:
+    with whole(out) as tmp:
+        dated = {"metadata": {"Date": None}} if out.suffix == ".svg" else {"dpi": 160}  # a date would change the bytes
+        figure.savefig(tmp, **dated)
+
+
+def _row(path: Path) -> str:
+    return path.name.split(".")[0]
+
+
+def _read_curve(path: Path) -> dict[str, np.ndarray]:
+    with open(existing(path, "training curve"), newline="") as file:
+        rows = list(csv.DictReader(file))
+    if not rows or "step" not in rows[0]:
+        raise UserError(f"{path} is not a training curve: it has no column 'step' with rows under it")
+    return {name: np.array([float(row[name] or "nan") for row in rows]) for name in rows[0]}

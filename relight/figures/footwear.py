@@ -1,0 +1,171 @@
+"""Footwear: an upper cut from the foot of the suit and drawn in over the toes, on a sole with a heel and an edge."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sparse
+from scipy.spatial import ConvexHull
+
+from relight.figures import makehuman
+from relight.figures.body import Body
+from relight.figures.poses import Motion
+from relight.figures.surfaces import clip, compacted, loop, normals, smoothed, thickened
+
+
+@dataclass(frozen=True)
+class Shoe:
+    """top: metres above the ankle where it ends (below: negative); sole, heel: thickness under toes and heel; point:
+    how much the toe is drawn to a point; straps: only bands of the upper remain; upper, ground: linear albedo."""
+
+    name: str
+    top: float
+    sole: float
+    heel: float
+    point: float = 0.0
+    straps: bool = False
+    laces: bool = False
+
+
+SHOES = (
+    Shoe("sneakers", -0.005, 0.024, 0.028, laces=True),
+    Shoe("high sneakers", 0.055, 0.022, 0.026, laces=True),
+    Shoe("oxfords", -0.018, 0.010, 0.024, 0.4, laces=True),
+    Shoe("loafers", -0.026, 0.010, 0.020, 0.3),
+    Shoe("ballet flats", -0.046, 0.006, 0.010, 0.3),
+    Shoe("boots", 0.15, 0.018, 0.034, 0.2, laces=True),
+    Shoe("high boots", 0.27, 0.012, 0.036, 0.4),
+    Shoe("sandals", 0.0, 0.018, 0.022, straps=True),
+)
+
+
+@dataclass(frozen=True)
+class Part:
+    """vertices (V,3) posed, faces (F,3), name of the piece: upper, sole, lace."""
+
+    name: str
+    vertices: np.ndarray
+    faces: np.ndarray
+
+
+def build_shoes(body: Body, motion: Motion, shoe: Shoe) -> list[Part]:
+    """Both shoes at the last frame of the motion, soles below the feet."""
+    return [part for side in "LR" for part in one_shoe(body, motion, shoe, side)]
+
+
+def one_shoe(body: Body, motion: Motion, shoe: Shoe, side: str) -> list[Part]:
+    suit, ankle = body.tights, body.joints[f"foot.{side}"]
+    faces = makehuman.base().faces["helper-tights"] - makehuman.TIGHTS.start
+    mine = (suit[:, 0] > 0) == (side == "L")
+    field = np.where(mine & (suit[:, 1] < ankle[1] + 0.40), ankle[1] + shoe.top - suit[:, 1], -1.0)
+    if shoe.top < -0.01:  # a low shoe is cut lower in front of the ankle than at the heel
+        field = field - np.where(mine, 0.35 * np.clip(0.03 - np.abs(suit[:, 2] - ankle[2] - 0.05), 0, 1), 0)
+    matrix, faces = clip(sparse.identity(len(suit), format="csr"), faces, field)
+    for _ in range(2):
+        up, faces = loop(faces, matrix.shape[0])
+        matrix = up @ matrix
+    rest = matrix @ suit
+    ground = suit[mine, 1].min()
+    toes, heel = rest[:, 2].max(), rest[:, 2].min()
+    length = toes - heel
+    out = smoothed(normals(rest, faces), faces, 3)
+    low = np.clip(1 - (rest[:, 1] - ground) / 0.05, 0, 1)
+    shape = rest + out * (0.005 + 0.004 * low)[:, None]
+    front = np.clip((shape[:, 2] - (toes - 0.32 * length)) / (0.32 * length), 0, 1)
+    middle = np.median(shape[front > 0.2, 0]) if (front > 0.2).any() else ankle[0]
+    shape[:, 0] += (middle - shape[:, 0]) * shoe.point * 0.45 * front**2
+    shape[:, 2] += (0.012 + 0.02 * shoe.point) * front**2
+    shape[:, 1] = np.maximum(shape[:, 1], ground + 0.001)
+    weights = matrix @ makehuman.rig().weights[makehuman.TIGHTS]
+    foot = np.zeros(weights.shape[1])
+    foot[motion.bones[f"foot.{side}"]] = 1
+    rigid = np.clip((ankle[1] + 0.01 - shape[:, 1]) / 0.03, 0, 1)[:, None]
+    weights = weights / weights.sum(1, keepdims=True) * (1 - rigid) + foot * rigid
+    parts = []
+    if shoe.straps:
+        along = (shape[:, 2] - heel) / length
+        bands = ((0.60, 0.80), (0.36, 0.44))
+        field = np.max([np.minimum(along - a, b - along) for a, b in bands], axis=0)
+        strap = np.minimum(0.016 - np.abs(shape[:, 1] - ankle[1] + 0.008), 0.30 - along)
+        keep, cut = clip(sparse.identity(len(shape), format="csr"), faces, np.maximum(field, 4 * strap))
+        posed = motion.skin(keep @ weights, keep @ shape)
+        vertices, cut, _ = thickened(posed, cut, np.full(len(posed), 0.003), 99)
+        parts.append(Part("upper", vertices, cut))
+    else:
+        posed = motion.skin(weights, shape)
+        vertices, thick, _ = thickened(posed, faces, np.full(len(posed), 0.004), 4)
+        parts.append(Part("upper", vertices, thick))
+        if shoe.laces:
+            parts.append(laces(shape, faces, weights, motion, ankle, length, toes))
+    bottom = shape[shape[:, 1] < ground + 0.022]
+    parts.append(Part("sole", *sole(bottom, ground, shoe, motion, foot)))
+    return parts
+
+
+def laces(
+    shape: np.ndarray,
+    faces: np.ndarray,
+    weights: np.ndarray,
+    motion: Motion,
+    ankle: np.ndarray,
+    length: float,
+    toes: float,
+) -> Part:
+    """Bands across the instep, standing 2 mm off the upper."""
+    along = (toes - shape[:, 2]) / length
+    top = normals(shape, faces)[:, 1]
+    step = np.abs((along - 0.30) / 0.055 - np.round((along - 0.30) / 0.055)) * 0.055 * length
+    inside = np.minimum(0.024 - np.abs(shape[:, 0] - np.median(shape[:, 0])), (along - 0.29) * 0.1)
+    inside = np.minimum(inside, (0.60 - along) * 0.1)
+    field = np.minimum(np.minimum(0.0028 - step, inside), np.where(top > 0.1, 1.0, -1.0))
+    matrix, cut = clip(sparse.identity(len(shape), format="csr"), faces, field, snap=0.1)
+    matrix, cut = compacted(matrix, cut)
+    rest = matrix @ shape + (matrix @ normals(shape, faces)) * 0.0025
+    posed = motion.skin(matrix @ weights, rest)
+    vertices, cut, _ = thickened(posed, cut, np.full(len(posed), 0.0025), 2)
+    return Part("lace", vertices, cut)
+
+
+def sole(
+    bottom: np.ndarray, ground: float, shoe: Shoe, motion: Motion, foot: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """A closed slab under the outline of the foot: vertices, faces."""
+    flat = bottom[:, [0, 2]]
+    hull = flat[ConvexHull(flat).vertices]
+    steps = np.r_[0, np.cumsum(np.linalg.norm(np.roll(hull, -1, 0) - hull, axis=1))]
+    even = np.linspace(0, steps[-1], 72, endpoint=False)
+    ring = np.stack([np.interp(even, steps, np.r_[hull[:, c], hull[0, c]]) for c in (0, 1)], axis=1)
+    for _ in range(6):
+        ring = 0.5 * ring + 0.25 * (np.roll(ring, 1, 0) + np.roll(ring, -1, 0))
+    centre = ring.mean(0)
+    out = (ring - centre) / np.linalg.norm(ring - centre, axis=1, keepdims=True)
+    along = (ring[:, 1] - ring[:, 1].min()) / np.ptp(ring[:, 1])
+    under = shoe.sole + (shoe.heel - shoe.sole) * np.clip((0.36 - along) / 0.04, 0, 1)
+    rows = []
+    for grow, height in (
+        (-0.020, 0.004),
+        (-0.0025, 0.006),
+        (0.0, 0.002),
+        (-0.0005, -0.5),
+        (-0.001, -0.96),
+        (-0.005, -1.0),
+    ):
+        y = ground + (height if height > 0 else 0) + under * min(height, 0)
+        rows.append(np.stack([ring[:, 0] + out[:, 0] * grow, y, ring[:, 1] + out[:, 1] * grow], axis=1))
+    n, vertices = len(ring), np.concatenate(rows)
+    j = np.arange(n)
+    faces = []
+    for k in range(len(rows) - 1):
+        a, b = k * n + j, k * n + (j + 1) % n
+        faces += [np.stack([a, b, a + n], 1), np.stack([b, b + n, a + n], 1)]
+    tip = [np.r_[centre[0], rows[r][:, 1].mean(), centre[1]][[0, 1, 2]] for r in (0, -1)]
+    vertices = np.concatenate([vertices, tip])
+    last = (len(rows) - 1) * n
+    faces += [
+        np.stack([(j + 1) % n, j, np.full(n, len(vertices) - 2)], 1),
+        np.stack([last + j, last + (j + 1) % n, np.full(n, len(vertices) - 1)], 1),
+    ]
+    faces = np.concatenate(faces)
+    volume = np.einsum("fi,fi->f", vertices[faces[:, 0]], np.cross(vertices[faces[:, 1]], vertices[faces[:, 2]])).sum()
+    if volume < 0:
+        faces = faces[:, ::-1]
+    return motion.skin(np.tile(foot, (len(vertices), 1)), vertices), faces

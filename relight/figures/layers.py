@@ -1,0 +1,57 @@
+"""Layers over each other: what a garment covers is left out, and what still comes through is pushed back under it."""
+
+import numpy as np
+
+from relight.figures.drape import Collider
+from relight.figures.surfaces import border_distance, smoothed
+
+
+def sided(points: np.ndarray, surface: Collider, far: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """For points (n,3): the nearest face (-1 beyond `far`), the signed distance (n,), positive outside, and the
+    surface's normal there (n,3)."""
+    face, weights = surface.nearest(points, far)
+    corner = surface.corner.numpy().reshape(-1, 3)[face]
+    base = np.einsum("nk,nkd->nd", weights, surface.after.numpy()[corner])
+    normal = np.einsum("nk,nkd->nd", weights, surface.normal.numpy()[corner])
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-9)
+    return face, np.where(face >= 0, np.einsum("nd,nd->n", points - base, normal), np.inf), normal
+
+
+def covered(
+    points: np.ndarray,
+    now: np.ndarray,
+    held: np.ndarray,
+    draped: np.ndarray,
+    faces: np.ndarray,
+    solid: np.ndarray,
+    rings: int,
+) -> np.ndarray:
+    """Which points (n,) a garment covers for good, so that they can be left out.
+
+    Both in the rest pose (points (n,3), the garment snug at `held`) and as it hangs (points `now`, the garment
+    `draped`), they must lie under it, further than `rings` edges from its border, on faces whose vertices are all
+    `solid` (no free-hanging drop): a sleeve may slide up an arm, and a hand may come to rest on the cloth.
+    """
+    inner = (border_distance(held, faces, rings + 1) > rings) & solid
+    face, distance, _ = sided(points, Collider(held, held, faces), 0.035)
+    out = (face >= 0) & (np.abs(distance) < 0.03) & (distance < 0.015) & inner[faces[face]].all(1)
+    face, distance, _ = sided(now, Collider(draped, draped, faces), 0.07)
+    return out & (face >= 0) & (distance < 0.012) & inner[faces[face]].all(1)
+
+
+def tucked_under(
+    points: np.ndarray, faces: np.ndarray, over: tuple[np.ndarray, np.ndarray], gap: float, free: np.ndarray
+) -> np.ndarray:
+    """Moves points that come through the garment `over` (vertices, faces) by less than 2 cm back to `gap` under it;
+    only where `free` (n,)."""
+    surface = Collider(over[0], over[0], over[1])
+    inner = (border_distance(over[0], over[1], 2) > 0)[over[1]].all(1)
+    for _ in range(3):
+        face, distance, normal = sided(points, surface, 0.02)
+        through = free & (face >= 0) & (distance > -gap) & inner[face]
+        if not through.any():
+            break
+        move = np.where(through[:, None], -(distance + gap)[:, None] * normal, 0)
+        soft = smoothed(move, faces, 2)
+        points = points + np.where(through[:, None], move, np.where(free[:, None], soft, 0))
+    return points

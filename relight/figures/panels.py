@@ -1,0 +1,123 @@
+"""Flat panels: a garment's cloth coordinates (metres, straight grain as a tailor cuts it) and their texture atlas."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from relight.figures.body import Body
+from relight.figures.patterns import Pattern
+from relight.srgb import encode
+
+GUTTER = 2  # pixels between panels and around them
+
+
+@dataclass(frozen=True)
+class Panels:
+    """panel (F,) names of each face by number; cloth (F,3,2) metres across and along; uv (F,3,2) in the atlas; boxes:
+    panel number -> (u0, v0, column, row) of its rectangle; scale: pixels per metre; side: pixels of the atlas."""
+
+    names: list[str]
+    panel: np.ndarray
+    cloth: np.ndarray
+    uv: np.ndarray
+    boxes: dict[int, tuple[float, float, int, int, int, int]]
+    scale: float
+    side: int
+
+
+def around(sideways: np.ndarray, forward: np.ndarray) -> np.ndarray:
+    """Arc length from the panel's middle: angle times radius; the angle is made continuous inside each face."""
+    angle = np.arctan2(sideways, forward)
+    angle = angle[:, :1] + (angle - angle[:, :1] + np.pi) % (2 * np.pi) - np.pi
+    return angle * np.hypot(sideways, forward)
+
+
+def cloth_coordinates(body: Body, pattern: Pattern) -> tuple[list[str], np.ndarray, np.ndarray]:
+    """Names, panel of each face (F,), cloth coordinates (F,3,2) of its corners in metres."""
+    level, f, j = pattern.levels[-1], pattern.fields, body.joints
+    faces, p = level.faces, level.pattern
+    corner = p[faces]
+    middle = corner.mean(1)
+    cloth = np.zeros((*faces.shape, 2))
+    cloth[..., 1] = corner[..., 1] - pattern.crotch
+    panel = np.zeros(len(faces), int)
+    if pattern.garment.kind == "trousers":
+        names = ["front left", "front right", "back left", "back right"]
+        for k, side in enumerate("LR"):
+            line = np.stack([j[f"{bone}.{side}"] for bone in ("foot", "lowerleg01", "upperleg01")])
+            sign = 1 if side == "L" else -1
+            mine = middle[:, 0] > 0 if side == "L" else middle[:, 0] <= 0
+            centre = [np.interp(corner[mine][..., 1], line[:, 1], line[:, axis]) for axis in (0, 2)]
+            out, forward = (corner[mine][..., 0] - centre[0]) * sign, corner[mine][..., 2] - centre[1]
+            back = forward.mean(1) < 0
+            panel[mine] = k + 2 * back
+            turn = np.where(back, -1, 1)[:, None]
+            cloth[mine, :, 0] = around(out * turn, forward * turn) * turn * sign
+        return names, panel, cloth
+    names = ["front", "back", "left sleeve", "right sleeve"]
+    axis = np.median(p[f["y"] > np.median(f["y"]), 2])
+    back = middle[:, 2] < axis
+    turn = np.where(back, -1, 1)[:, None]
+    panel[back] = 1
+    cloth[..., 0] = around(corner[..., 0] * turn, (corner[..., 2] - axis) * turn)
+    if pattern.garment.kind == "top":
+        for k, side in enumerate("LR"):
+            mine = pattern.sleeve & ((middle[:, 0] > 0) == (side == "L"))
+            panel[mine] = 2 + k
+            start, end = j[f"upperarm01.{side}"], j[f"wrist.{side}"]
+            along = (end - start) / np.linalg.norm(end - start)
+            up = np.array([0.0, 1.0, 0.0]) - along * along[1]
+            up /= np.linalg.norm(up)
+            forward = np.cross(along, up) * (-1 if side == "L" else 1)
+            r = corner[mine] - start
+            cloth[mine, :, 0] = around(r @ forward, r @ up)
+            cloth[mine, :, 1] = -(r @ along)
+    return names, panel, cloth
+
+
+def lay_out(names: list[str], panel: np.ndarray, cloth: np.ndarray, side: int) -> Panels:
+    """Packs the panels' rectangles, rows by height, into a square of `side` pixels at the largest scale that fits."""
+    used = [int(k) for k in np.unique(panel)]
+    low = {k: cloth[panel == k].reshape(-1, 2).min(0) for k in used}
+    span = {k: cloth[panel == k].reshape(-1, 2).max(0) - low[k] for k in used}
+    order = sorted(used, key=lambda k: (-span[k][1], k))
+
+    def place(scale: float) -> dict | None:
+        boxes, x, y, row = {}, 0, 0, 0
+        for k in order:
+            w, h = (int(np.ceil(s * scale)) + 2 * GUTTER for s in span[k])
+            if x + w > side:
+                x, y, row = 0, y + row, 0
+            if w > side or y + h > side:
+                return None
+            boxes[k] = (float(low[k][0]), float(low[k][1]), x, y, w, h)
+            x, row = x + w, max(row, h)
+        return boxes
+
+    small, large = 1.0, 20.0 * side
+    for _ in range(30):
+        scale = np.sqrt(small * large)
+        small, large = (scale, large) if place(scale) else (small, scale)
+    boxes = place(small)
+    uv = np.zeros_like(cloth)
+    for k, (u0, v0, x, y, _, _) in boxes.items():
+        mine = panel == k
+        uv[mine, :, 0] = (x + GUTTER + (cloth[mine, :, 0] - u0) * small) / side
+        uv[mine, :, 1] = (y + GUTTER + (cloth[mine, :, 1] - v0) * small) / side
+    return Panels(names, panel, cloth, uv, boxes, small, side)
+
+
+def draw(panels: Panels, paint) -> np.ndarray:
+    """The atlas: paint(name, u (h,w), v (h,w)) -> (h,w,3) linear albedo, for each panel. (side,side,3) uint8 sRGB."""
+    image = np.full((panels.side, panels.side, 3), 128, np.uint8)
+    for k, (u0, v0, x, y, w, h) in panels.boxes.items():
+        u = u0 + (np.arange(w) + 0.5 - GUTTER) / panels.scale
+        v = v0 + (np.arange(h) + 0.5 - GUTTER) / panels.scale
+        u, v = np.meshgrid(u, v)
+        image[y : y + h, x : x + w] = coded(paint(panels.names[k], u, v))
+    return image[::-1].copy()  # rows run from the top, v from the bottom
+
+
+def coded(linear: np.ndarray) -> np.ndarray:
+    """Linear values, clipped to [0,1], as 8-bit sRGB."""
+    return (255 * encode(linear) + 0.5).astype(np.uint8)

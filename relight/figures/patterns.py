@@ -1,0 +1,250 @@
+"""From a garment's description and a body to its pattern: cut, eased, lengthened, extended and refined."""
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+import scipy.sparse as sparse
+from scipy.spatial import ConvexHull
+
+from relight.figures import makehuman
+from relight.figures.body import Body
+from relight.figures.drape import Level
+from relight.figures.garments import ARM_AT, LEG_AT, TORSO_AT, Garment
+from relight.figures.surfaces import border_loops, clip, extruded, loop, normals, smoothed, split
+
+NUDE = 0.004  # metres outside the suit at which cuffs, waistbands and necklines are held
+LEG = 0.82  # metres from hip to ankle for which the drops are given
+ROW = 0.028  # metres between the rows of a drop
+
+
+@dataclass(frozen=True)
+class Pattern:
+    """levels: coarse to fine; refine: matrices between them; fields: attributes of the finest vertices (see `fields`),
+    plus `tube`, 0 to 1 down a drop; crotch: height on the rest pose;
+    sleeve (F,): whether a finest face belongs to a sleeve."""
+
+    garment: Garment
+    levels: list[Level]
+    refine: list[sparse.csr_matrix]
+    fields: dict[str, np.ndarray]
+    crotch: float
+    sleeve: np.ndarray
+
+
+def along(points: np.ndarray, line: list[np.ndarray]) -> np.ndarray:
+    """Parameter on a polyline of the point nearest to each point (n,3): segment number plus fraction, ends extended."""
+    best, out = np.full(len(points), np.inf), np.zeros(len(points))
+    for k, (a, b) in enumerate(pairwise(line)):
+        u = (points - a) @ (b - a) / ((b - a) @ (b - a))
+        distance = np.linalg.norm(points - a - np.clip(u, 0, 1)[:, None] * (b - a), axis=1)
+        nearer = distance < best - 1e-9
+        low, high = (-9 if k == 0 else 0), (9 if k == len(line) - 2 else 1)
+        out = np.where(nearer, k + np.clip(u, low, high), out)
+        best = np.minimum(best, distance)
+    return out
+
+
+def suit_fields(body: Body) -> dict[str, np.ndarray]:
+    """For the suit's vertices on the rest pose: x, y, z metres; armL, armR (0 shoulder, 1 elbow, 2 wrist), onL, onR the
+    share of arm bones in the skinning; legL, legR (0 hip, 1 knee, 2 ankle)."""
+    points, j, rig = body.tights, body.joints, makehuman.rig()
+    out = {"x": points[:, 0], "y": points[:, 1], "z": points[:, 2]}
+    for side in "LR":
+        arm = [
+            i
+            for i, b in enumerate(rig.bones)
+            if b.endswith(f".{side}") and b.startswith(("upperarm", "lowerarm", "wrist"))
+        ]
+        on = rig.weights[makehuman.TIGHTS][:, arm].sum(1)
+        line = along(points, [j[f"{bone}.{side}"] for bone in ("upperarm01", "lowerarm01", "wrist")])
+        out[f"on{side}"], out[f"arm{side}"] = on, np.where(on > 0.05, line, -1.0)
+        out[f"leg{side}"] = along(points, [j[f"{bone}.{side}"] for bone in ("upperleg01", "lowerleg01", "foot")])
+    return out
+
+
+def landmarks(body: Body) -> dict[str, float]:
+    """Heights on the rest pose: crotch, hip, waist, neck."""
+    suit, j = body.tights, body.joints
+    middle = (np.abs(suit[:, 0]) < 0.01) & (suit[:, 1] < j["root"][1] + 0.1)
+    return {
+        "crotch": float(suit[middle, 1].min()),
+        "hip": float(j["upperleg01.L"][1]),
+        "waist": float(j["spine04"][1]),
+        "neck": float(j["neck01"][1]),
+    }
+
+
+def neck_field(body: Body, garment: Garment, f: dict[str, np.ndarray]) -> np.ndarray:
+    """Metres outside the neck opening, an ellipsoid about the neck open at the top."""
+    centre = body.joints["neck01"] + np.array([0.0, 0.03, 0.035])
+    wide, high, deep = garment.neck
+    r = np.sqrt(
+        (f["x"] / wide) ** 2 + ((f["z"] - centre[2]) / deep) ** 2 + (np.minimum(f["y"] - centre[1], 0) / high) ** 2
+    )
+    return np.where(np.maximum(f["onL"], f["onR"]) > 0.3, 1.0, (r - 1) * wide)
+
+
+def cuts(body: Body, garment: Garment, at: dict[str, float]) -> list:
+    """The fields whose positive parts, one after the other, leave the garment."""
+    left, right = (lambda f: f["x"] > 0), (lambda f: f["x"] <= 0)
+    if garment.kind == "top":
+        hem = at["crotch"] + garment.hem
+        out = [lambda f: f["y"] - hem, lambda f: neck_field(body, garment, f)]
+        out.append(lambda f: np.where(left(f), garment.sleeve - f["armL"], 1.0))
+        out.append(lambda f: np.where(right(f), garment.sleeve - f["armR"], 1.0))
+        if garment.open:
+            neck, chest = body.joints["neck01"], at["hip"] + 0.2
+
+            def widen(f: dict[str, np.ndarray]) -> np.ndarray:
+                return 1 + 0.9 * np.clip((f["y"] - chest) / (neck[1] - chest), 0, 1)
+
+            out.append(lambda f: np.where(f["z"] > neck[2] + 0.02, np.abs(f["x"]) - garment.open * widen(f), 1.0))
+        return out
+    waist = at["waist"] + garment.waist
+    out = [lambda f: waist - f["y"]]
+    if garment.kind == "trousers":
+        out.append(lambda f: garment.leg - np.where(left(f), f["legL"], f["legR"]))
+    else:
+        out.append(lambda f: f["y"] - (at["crotch"] + 0.09))
+    return out
+
+
+def build_pattern(body: Body, garment: Garment, levels: int) -> Pattern:
+    """The pattern of `garment` for `body`, refined `levels` times (edges 25, 13, 6 mm)."""
+    at, f0 = landmarks(body), suit_fields(body)
+    leg = body.joints["upperleg01.L"][1] - body.joints["foot.L"][1]
+    garment = replace(garment, drop=garment.drop * min(1.1, leg / LEG))  # skirts and coats as long as the legs ask
+    faces = makehuman.base().faces["helper-tights"] - makehuman.TIGHTS.start
+    matrix = sparse.identity(len(body.tights), format="csr")
+    for cut in cuts(body, garment, at):
+        matrix, faces = clip(matrix, faces, cut({name: matrix @ values for name, values in f0.items()}))
+    matrix, faces = largest(matrix, faces)
+    sleeve = np.zeros(len(faces), bool)
+    if garment.kind == "top":  # edges along the armhole, where the panels of sleeve and body meet
+        on = matrix @ np.maximum(f0["onL"], f0["onR"])
+        matrix, faces, sleeve = split(matrix, faces, on - 0.5)
+    f = {name: matrix @ values for name, values in f0.items()}
+    weights = matrix @ makehuman.rig().weights[makehuman.TIGHTS]
+    weights /= weights.sum(1, keepdims=True)
+    points = matrix @ body.tights
+    outward = smoothed(normals(points, faces), faces, 4)
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    ease, longer = fit(body, garment, f, at, points, outward)
+    held = points + outward * (NUDE + garment.over)
+    start = points + longer + outward * np.minimum(ease, 0.006)[:, None]
+    pattern = points + longer + outward * ease[:, None]
+    f["tube"] = np.zeros(len(points))
+    pinned = pins(body, garment, f, at)
+    if garment.drop:
+        pattern, start, held, pinned, weights, faces, f = dropped(
+            garment, pattern, start, held, pinned, weights, faces, f
+        )
+    start = start + 0.7 * (pattern - start)
+    sleeve = np.r_[sleeve, np.zeros(len(faces) - len(sleeve), bool)]
+    out, refine = [Level(pattern, start, held, pinned, weights, faces)], []
+    for _ in range(levels):
+        coarse = out[-1]
+        up, finer = loop(coarse.faces, len(coarse.pattern))
+        refine.append(up)
+        sleeve = np.tile(sleeve, 4)
+        parts = (coarse.pattern, coarse.start, coarse.held, coarse.pinned, coarse.weights)
+        out.append(Level(*(up @ part for part in parts), finer))
+        f = {name: up @ values for name, values in f.items()}
+    return Pattern(garment, out, refine, f, at["crotch"], sleeve)
+
+
+def largest(matrix: sparse.csr_matrix, faces: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray]:
+    """The largest connected piece: a cut may leave crumbs."""
+    from relight.figures.surfaces import compacted, neighbours
+
+    label = sparse.csgraph.connected_components(neighbours(faces, matrix.shape[0]))[1][faces[:, 0]]
+    return compacted(matrix, faces[label == np.bincount(label).argmax()])
+
+
+def fit(
+    body: Body, garment: Garment, f: dict, at: dict, points: np.ndarray, outward: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Ease (n,) along the normal and lengthening (n,3) of the cut vertices."""
+    down, longer = np.array([0.0, -1.0, 0.0]), np.zeros_like(points)
+    if garment.kind == "top":
+        up = (f["y"] - at["crotch"]) / (at["neck"] - at["crotch"])
+        arm, on = np.maximum(f["armL"], f["armR"]), np.clip(np.maximum(f["onL"], f["onR"]), 0, 1)
+        ease = np.interp(up, TORSO_AT, garment.torso) * (1 - on) + np.interp(arm, ARM_AT, garment.arm) * on
+        longer = longer + down * (np.clip(1 - up, 0, 1) * (1 - on) * garment.slack)[:, None]
+        for side in "LR":
+            axis = body.joints[f"wrist.{side}"] - body.joints[f"upperarm01.{side}"]
+            share = np.clip(f[f"arm{side}"], 0, 2) / 2 * np.clip(f[f"on{side}"], 0, 1)
+            longer = longer + (share * garment.sleeve_slack)[:, None] * axis / np.linalg.norm(axis)
+        return ease, longer
+    leg = np.where(f["x"] > 0, f["legL"], f["legR"])
+    ease = np.interp(leg, LEG_AT, garment.legs)
+    if garment.kind == "trousers":
+        longer = longer + down * (np.clip(leg, 0, 2) / 2 * garment.leg_slack)[:, None]
+        inner = outward[:, 0] * np.sign(points[:, 0]) < -0.3
+        room = np.maximum(np.abs(points[:, 0]) - 0.004, 0)
+        ease = np.where(inner, np.minimum(ease, room), ease)  # the legs of a wide pattern must not cross
+    return ease, longer
+
+
+def pins(body: Body, garment: Garment, f: dict, at: dict) -> np.ndarray:
+    """How firmly each vertex is held to the body, in [0,1]."""
+    arm, leg = np.maximum(f["armL"], f["armR"]), np.where(f["x"] > 0, f["legL"], f["legR"])
+    if garment.kind != "top":
+        waist = np.clip(1 - (at["waist"] + garment.waist - f["y"]) / 0.035, 0, 1)
+        cuff = np.clip((leg - (garment.leg - 0.05)) / 0.04, 0, 1) * garment.cuff * (garment.kind == "trousers")
+        return np.maximum(waist, cuff)
+    out = np.clip(1 - neck_field(body, garment, f) / 0.02, 0, 1) * garment.grip * (f["y"] > at["neck"] - 0.2)
+    if garment.tuck is not None:  # inside a waistband the cloth lies flat
+        inside = at["waist"] + garment.tuck - 0.004
+        out = np.maximum(out, np.clip((inside - f["y"]) / 0.015, 0, 0.9))
+    out = np.maximum(out, np.clip((arm - (garment.sleeve - 0.07)) / 0.05, 0, 1) * garment.cuff)
+    rib = np.clip(1 - (f["y"] - at["crotch"] - garment.hem) / 0.03, 0, 1) * (np.maximum(f["onL"], f["onR"]) < 0.1)
+    return np.maximum(out, rib * garment.rib)
+
+
+def dropped(garment: Garment, pattern, start, held, pinned, weights, faces, f) -> tuple:
+    """Continues the lowest border downward: skirts, coat tails, shirt tails. The drop hangs from the pelvis."""
+    ring = min(border_loops(faces), key=lambda ring: f["y"][ring].min())
+    low = f["y"][ring] < f["y"][ring].min() + 0.003
+    closed = bool(low.all())
+    if not closed:  # an open front is one border all round: only its bottom run is continued
+        starts = np.flatnonzero(low & ~np.roll(low, 1))
+        ring = max((np.roll(ring, -k)[: int(np.argmin(np.roll(low, -k)))] for k in starts), key=len)
+    top = pattern[ring].copy()
+    flat = top[:, [0, 2]]
+    centre = flat.mean(0)
+    angle = np.arctan2(flat[:, 1] - centre[1], flat[:, 0] - centre[0])
+    round_ = flat.copy()
+    if closed:  # bridge the hollow between the legs: push the outline out to its convex hull
+        hull = flat[ConvexHull(flat).vertices]
+        radius = np.linalg.norm(hull - centre, axis=1)
+        bearing = np.arctan2(hull[:, 1] - centre[1], hull[:, 0] - centre[0])
+        order = np.argsort(bearing)
+        full = np.interp(angle, bearing[order], radius[order], period=2 * np.pi)
+        unit = np.stack([np.cos(angle), np.sin(angle)], 1)
+        round_ = centre + unit * np.maximum(full, np.linalg.norm(flat - centre, axis=1))[:, None]
+    count = max(2, round(garment.drop / ROW))
+    rows = []
+    for k in range(1, count + 1):
+        s = k / count
+        scale = 1 + garment.flare * s + garment.pleat * s * np.sin(12 * angle + 1)
+        outline = centre + (flat + (round_ - flat) * min(1.0, 5 * s) - centre) * scale[:, None]
+        rows.append(np.stack([outline[:, 0], top[:, 1] - garment.drop * s, outline[:, 1]], axis=1))
+    points, strip = extruded(ring, rows, len(pattern), closed)
+    tube = np.repeat(np.arange(1, count + 1) / count, len(ring))
+    root = np.zeros(weights.shape[1])
+    root[0] = 1
+    stiff = np.clip(4 * tube, 0, 1)[:, None]
+    more = np.tile(weights[ring], (count, 1)) * (1 - stiff) + root * stiff
+    f = {name: np.r_[values, np.tile(values[ring], count)] for name, values in f.items()}
+    f["tube"][len(pattern) :] = tube
+    return (
+        np.concatenate([pattern, points]),
+        np.concatenate([start, points]),
+        np.concatenate([held, points]),
+        np.r_[pinned, np.zeros(len(points))],
+        np.concatenate([weights, more]),
+        np.concatenate([faces, strip]),
+        f,
+    )

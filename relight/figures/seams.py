@@ -1,0 +1,55 @@
+"""What a tailor adds to the cloth, as albedo on the panels: waistbands, pockets, plackets and buttons."""
+
+import numpy as np
+
+from relight.figures.garments import Garment
+
+STITCH = 0.0011  # metres
+
+
+def line(distance: np.ndarray) -> np.ndarray:
+    """1 on a line where `distance` (metres) is 0."""
+    return np.clip(1.5 - np.abs(distance) / STITCH, 0, 1)
+
+
+def stitched(
+    garment: Garment, kind: str, name: str, u: np.ndarray, v: np.ndarray, top: float, color: np.ndarray
+) -> np.ndarray:
+    """Adds to the albedo (...,3) of panel `name` at u, v (metres; v from the crotch) what is sewn there. top: v of the
+    panel's upper end."""
+    dark, thread = color * 0.55, color * 0.6
+    if kind == "denim":
+        thread = np.broadcast_to(np.array([0.36, 0.20, 0.07]), color.shape)
+
+    def draw(share: np.ndarray, goal: np.ndarray) -> None:
+        nonlocal color
+        color = color + (goal - color) * np.clip(share, 0, 1)[..., None]
+
+    if garment.kind == "trousers":
+        sign = 1 if name.endswith("left") else -1
+        out = u * sign
+        below = top - v
+        draw(line(below - 0.035) * 0.8, dark)
+        draw(line(below - 0.033) * (np.mod(u, 0.005) < 0.0035), thread)
+        if name.startswith("front"):
+            pocket = np.hypot((out - 0.14) / 0.09, (below - 0.035) / 0.075) - 1
+            draw(line(pocket * 0.08) * (below > 0.035) * (out < 0.13), dark)
+            draw(line(pocket * 0.08 + 0.005) * (below > 0.035) * (out < 0.13), thread)
+        elif kind == "denim":
+            x, y = np.abs(out - 0.015), below - 0.17
+            edge = np.maximum(x - 0.062, np.maximum(-y - 0.07, y - 0.07 + 0.25 * np.clip(0.062 - x, -1, 1) - 0.0155))
+            draw(line(edge), dark)
+            draw(line(edge + 0.004), thread)
+    if garment.kind == "top" and garment.collar == "fold" and name == "front":
+        draw(0.7 * line(np.abs(u) - 0.016), dark)
+        button = np.hypot(u, np.mod(v, 0.085) - 0.04) - 0.0052
+        pale = np.broadcast_to(
+            np.array([0.6, 0.57, 0.5]) if color.mean() < 0.3 else np.array([0.35, 0.33, 0.3]), color.shape
+        )
+        draw(np.clip(0.5 - button / 0.001, 0, 1), pale)
+        pocket = np.maximum(np.abs(u - 0.085) - 0.05, np.abs(v - 0.36) - 0.058)
+        draw(0.7 * line(pocket) * (garment.sleeve > 0.6), dark)
+    if garment.kind == "top" and garment.collar == "hood" and name == "front":
+        pocket = np.maximum(np.abs(u) - 0.15 + 0.5 * np.clip(v - 0.19, 0, 1), np.abs(v - 0.18) - 0.085)
+        draw(0.7 * line(pocket), dark)
+    return color

@@ -1,0 +1,174 @@
+"""Albedo of skin and eyes: tone, lips, brows, lids, nails, stubble, cropped hair, painted in MakeHuman's UV."""
+
+from functools import cache
+
+import numpy as np
+from PIL import Image
+
+from relight.figures import makehuman
+from relight.figures.body import Person
+from relight.figures.fabrics import lattice, noise
+from relight.figures.panels import coded
+
+# linear albedo from dark to light skin
+TONES = np.array(
+    [
+        [0.045, 0.026, 0.019],
+        [0.10, 0.055, 0.036],
+        [0.19, 0.105, 0.066],
+        [0.33, 0.19, 0.125],
+        [0.47, 0.295, 0.215],
+        [0.60, 0.41, 0.325],
+    ]
+)
+HAIR = {
+    "black": (0.012, 0.010, 0.010),
+    "dark brown": (0.030, 0.018, 0.012),
+    "brown": (0.075, 0.042, 0.024),
+    "auburn": (0.12, 0.040, 0.018),
+    "blond": (0.36, 0.24, 0.115),
+    "fair": (0.52, 0.40, 0.24),
+    "red": (0.28, 0.085, 0.025),
+    "grey": (0.30, 0.29, 0.28),
+    "white": (0.62, 0.61, 0.58),
+}
+IRISES = (
+    (0.060, 0.028, 0.014),
+    (0.12, 0.062, 0.026),
+    (0.16, 0.24, 0.32),
+    (0.13, 0.19, 0.12),
+    (0.24, 0.25, 0.25),
+)
+
+
+@cache
+def texels(side: int) -> np.ndarray:
+    """The point of the base body (metres) at each texel of its UV map: (side, side, 3), NaN outside the islands."""
+    base = makehuman.base()
+    at = base.uv[base.uv_faces["body"]] * side - 0.5
+    corner = base.vertices[base.faces["body"]]
+    out = np.full((side, side, 3), np.nan)
+    low, high = np.floor(at.min(1)).astype(int) - 1, np.ceil(at.max(1)).astype(int) + 1
+    a, b, c = at[:, 0], at[:, 1], at[:, 2]
+    area = (b[:, 0] - a[:, 0]) * (c[:, 1] - a[:, 1]) - (b[:, 1] - a[:, 1]) * (c[:, 0] - a[:, 0])
+    width = (high - low + 1).max(1)
+    for size in np.unique(width):  # all triangles with boxes of one size at once
+        group = np.flatnonzero((width == size) & (np.abs(area) > 1e-9))
+        j, i = np.meshgrid(np.arange(size), np.arange(size))
+        x, y = low[group, 0, None, None] + j, low[group, 1, None, None] + i
+        w = []
+        for p, q in ((b, c), (c, a), (a, b)):
+            p, q = p[group][:, :, None, None], q[group][:, :, None, None]
+            w.append(
+                ((q[:, 0] - p[:, 0]) * (y - p[:, 1]) - (q[:, 1] - p[:, 1]) * (x - p[:, 0])) / area[group, None, None]
+            )
+        w = np.stack(w, -1)
+        inside = (w > -0.25).all(-1) & (x >= 0) & (y >= 0) & (x < side) & (y < side)
+        out[side - 1 - y[inside], x[inside]] = np.einsum("gijk,gkd->gijd", w, corner[group])[inside]
+    return out
+
+
+@cache
+def region(name: str, side: int) -> np.ndarray:
+    """One of MakeHuman's UV masks (lips, eyelids, ears, fingernails, toenails, ...) at `side` pixels, in [0,1]."""
+    picture = Image.open(makehuman.folder() / f"mpfb2/textures/mpfb_{name}.jpg").convert("L")
+    return np.asarray(picture.resize((side, side), Image.Resampling.BILINEAR), float) / 255
+
+
+def tone(person: Person) -> np.ndarray:
+    """The person's base skin albedo, linear (3,)."""
+    return np.array([np.interp(person.skin * (len(TONES) - 1), range(len(TONES)), TONES[:, c]) for c in range(3)])
+
+
+def paint_skin(
+    person: Person, hair: np.ndarray, scalp: float, beard: float, makeup: float, side: int, seed: int
+) -> np.ndarray:
+    """The body's texture (side,side,3) uint8 sRGB. scalp, beard: coverage of cropped hair in [0,1]; makeup in [0,1]."""
+    point = texels(side)
+    inside = np.isfinite(point[..., 0])
+    x, y, z = np.moveaxis(point[inside], -1, 0)
+    base = makehuman.base().vertices
+    eye = base[makehuman.EYES["L"]].mean(0)
+    skin = tone(person)
+    blush = np.array([1.0, 0.80, 0.80]) if person.skin > 0.35 else np.array([1.0, 0.92, 0.90])
+    color = np.tile(skin, (len(x), 1))
+    color *= (
+        1
+        + 0.10 * (noise(x * 30 + z * 17, y * 30, seed) - 0.5)
+        + 0.06 * (noise(x * 400, y * 400 + z * 300, seed + 1) - 0.5)
+    )[:, None]
+    across, front = np.abs(x), z > eye[2] - 0.035
+    head = y > eye[1] - 0.16
+
+    def mix(share: np.ndarray, goal: np.ndarray) -> None:
+        nonlocal color
+        share = np.clip(share, 0, 1)[:, None]
+        color = color * (1 - share) + goal * share
+
+    cheek = np.exp(-(((across - 0.043) / 0.022) ** 2) - ((y - eye[1] + 0.045) / 0.020) ** 2) * front
+    nose = np.exp(-((across / 0.016) ** 2) - ((y - eye[1] + 0.045) / 0.018) ** 2) * front
+    mix(0.5 * np.maximum(cheek, 0.8 * nose), color * blush * 0.95)
+    mix(0.35 * region("ears", side)[inside], color * blush * 0.9)
+    mix(0.3 * region("eyelids", side)[inside] * (0.6 + makeup), color * np.array([0.62, 0.55, 0.56]))
+    rouge = skin * np.array([0.92, 0.52, 0.52]) * (1 - makeup) + np.array([0.34, 0.030, 0.045]) * makeup
+    mix((0.55 + 0.35 * makeup) * region("lips", side)[inside], rouge)
+    nails = np.maximum(region("fingernails", side), region("toenails", side))[inside]
+    mix(0.6 * nails, skin * np.array([1.15, 1.0, 0.98]) if makeup < 0.5 else np.array([0.4, 0.03, 0.06]))
+    ridge = eye[1] + 0.0225 - 0.30 * np.clip(across - eye[0] - 0.004, 0, 1) - 0.12 * np.clip(eye[0] - across, 0, 1)
+    strokes = 0.55 + 0.6 * noise(x * 1500 + y * 900, y * 500, seed + 2)
+    thick = 0.0040 - 0.0016 * np.clip((across - eye[0]) / 0.02, -0.5, 1) - 0.0006 * person.female
+    brow = np.exp(-(((y - ridge) / thick) ** 4) - ((across - eye[0] - 0.001) / 0.0215) ** 8) * front
+    mix(0.85 * brow * strokes, hair * 0.8)
+    if beard > 0:
+
+        def ramp(value: np.ndarray, width: float) -> np.ndarray:
+            return np.clip(value / width + 0.5, 0, 1)
+
+        down, back = eye[1] - y, eye[2] - z  # metres below and behind the eye
+        cheek_line = 0.062 - 0.55 * np.clip(across - 0.030, 0, 0.05)  # the beard climbs toward the ear
+        jaw = ramp(down - cheek_line, 0.014) * ramp(0.122 - down, 0.022) * ramp(0.082 - back, 0.018)
+        lip = ramp(0.026 - across, 0.008) * ramp(down - 0.052, 0.006) * ramp(0.07 - down, 0.006)
+        hairs = (
+            np.maximum(jaw, lip) * (1 - region("lips", side)[inside]) * (0.6 + 0.5 * noise(x * 900, y * 900, seed + 3))
+        )
+        mix(0.85 * beard * hairs * head, hair)
+    if scalp > 0:
+        mix(
+            scalp * scalp_share(point[inside], 0.012) * (0.75 + 0.35 * noise(x * 700, y * 700 + z * 500, seed + 4)),
+            hair,
+        )
+    image = np.broadcast_to(skin, (side, side, 3)).copy()
+    image[inside] = color
+    return coded(image)
+
+
+def hairline(azimuth: np.ndarray) -> np.ndarray:
+    """Elevation (sine) above which the head carries hair; azimuth 0 is the face, +-pi the nape."""
+    at = [0, 0.5, 0.85, 1.1, 1.3, 1.5, 1.7, 1.95, 2.35, np.pi]
+    return np.interp(np.abs(azimuth), at, [0.47, 0.45, 0.24, -0.10, -0.28, -0.16, -0.02, -0.30, -0.66, -0.80])
+
+
+def scalp_share(points: np.ndarray, soft: float) -> np.ndarray:
+    """1 where the base head carries hair, falling to 0 over `soft` (sine of elevation times ten) at the hairline."""
+    base = makehuman.base().vertices
+    eye = base[makehuman.EYES["L"]].mean(0)
+    direction = points - np.array([0.0, eye[1] + 0.028, eye[2] - 0.085])
+    direction = direction / np.linalg.norm(direction, axis=1, keepdims=True)
+    above = direction[:, 1] - hairline(np.arctan2(direction[:, 0], direction[:, 2]))
+    return np.clip(above / (10 * soft) - 0.4, 0, 1) * (points[:, 1] > eye[1] - 0.12)
+
+
+def paint_eye(iris: np.ndarray, side: int, seed: int) -> np.ndarray:
+    """An eye seen from in front, filling the picture: (side,side,3) uint8 sRGB."""
+    a = (np.arange(side) + 0.5) / side * 2 - 1
+    x, y = np.meshgrid(a, -a)
+    r, angle = np.hypot(x, y), np.arctan2(y, x)
+    white = np.array([0.66, 0.63, 0.60]) * (1 - 0.15 * np.clip(r - 0.5, 0, 1)[..., None] * np.array([0.2, 1, 1]))
+    rays = 0.7 + 0.6 * lattice(np.floor(angle * 20), np.zeros_like(r), seed)[..., None]
+
+    def edge(radius: float) -> np.ndarray:
+        return np.clip((radius - r) / 0.03 + 0.5, 0, 1)[..., None]
+
+    color = white * (1 - edge(0.48)) + np.array(iris) * rays * edge(0.48)
+    color = color * (1 - 0.6 * (edge(0.50) - edge(0.44)))
+    return coded(color * (1 - edge(0.20)) + 0.008 * edge(0.20))

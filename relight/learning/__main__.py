@@ -1,0 +1,45 @@
+"""Training on a machine that has torch, numpy, hydra and safetensors and nothing else of this project's needs.
+
+    python -m relight.learning --packed packed.safetensors --lights lights.npz --split split.json \\
+        --out ours.safetensors scale=study model=ours loss=full train.seed=1
+    torchrun --nproc-per-node 8 -m relight.learning ...        # the same on eight GPUs
+
+The overrides are those of `relight run`. Beside the network come its losses (.csv) and, until it is done, the state
+(.state.pt) that the same command goes on from.
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+from omegaconf import OmegaConf
+
+from relight.config import composed
+from relight.files import UserError
+from relight.learning.train import train
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        "relight.learning", description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
+    for name, what in (
+        ("packed", "packed set (.safetensors)"),
+        ("lights", ".npz"),
+        ("split", ".json"),
+        ("out", ".safetensors"),
+    ):
+        parser.add_argument(f"--{name}", type=Path, required=True, help=what)
+    parser.add_argument("overrides", nargs="*", metavar="key=value", help="settings, as for relight run")
+    options = parser.parse_intermixed_args()
+    try:
+        cfg = composed(options.overrides)
+        groups = (OmegaConf.to_object(cfg[name]) for name in ("model", "loss", "train"))
+        state, curve = options.out.with_suffix(".state.pt"), options.out.with_suffix(".csv")
+        train(*groups, options.packed, options.lights, options.split, options.out, state, curve)
+    except UserError as error:
+        sys.exit(f"relight.learning: {error}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,188 @@
+"""Relit batches from the packed set, made on the device: no loader, no workers, nothing rendered in advance.
+
+Only the pixels inside the masks are stored and computed with: "compact" maps (B, P, C) hold the in-mask pixels of each
+image row by row, padded with zeros to P, the most pixels of any figure, so that shapes never change.
+"""
+
+import json
+import math
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from relight.files import UserError, existing
+from relight.learning.camera import photograph, quantised, shade
+from relight.learning.harmonics import mirror_signs
+from relight.maps.packed import Packed
+from relight.progress import progress
+
+
+@dataclass
+class Batch:
+    """Network input and truth for B pairs of figure and light. Compact maps are zero at their padding."""
+
+    image: Tensor  # (B,3,S,S) what the camera saw, zero outside the mask
+    mask: Tensor  # (B,1,S,S) of 0 and 1
+    albedo: Tensor  # (B,P,3)
+    transport: Tensor  # (B,P,K)
+    normal: Tensor  # (B,P,3) unit, camera frame
+    ao: Tensor  # (B,P,1)
+    light: Tensor  # (B,K,3)
+    shading: Tensor  # (B,P,3) transport . light in [0,10]
+    relit: Tensor  # (B,P,3) albedo * shading, before the camera
+    inside: Tensor  # (B,P,1) 1 for pixels, 0 for padding
+    interior: Tensor  # (B,P,1) 1 for pixels of the mask eroded by one pixel; their right neighbour is the next in line
+    pixel: Tensor  # (B*P,) index of each pixel among the B*S*S
+    below: Tensor  # (B*P,) index of the pixel below each interior pixel among the B*P
+    size: int
+    scope: float  # pixels in the masks of one batch, for reduction=mask
+
+    def take(self, dense: Tensor) -> Tensor:
+        """The in-mask pixels (B,P,C), float32, of a dense map (B,C,S,S); no copy of the rest when channels_last."""
+        rows = dense.permute(0, 2, 3, 1).reshape(-1, dense.shape[1])
+        # Pixels are distinct, so the gradient of this gather adds to each place once, in no order: it is deterministic.
+        return rows.index_select(0, self.pixel).float().view(len(dense), -1, dense.shape[1]) * self.inside
+
+    def put(self, compact: Tensor) -> Tensor:
+        """The dense map (B,C,S,S), zero outside the mask, of a compact one."""
+        return put(compact, self.pixel, self.size)
+
+
+def put(compact: Tensor, pixel: Tensor, size: int) -> Tensor:
+    """Scatters (B,P,C) to (B,C,S,S), channels_last; the padding's zeros go to pixels outside the mask."""
+    batch, _, channels = compact.shape
+    dense = compact.new_zeros(batch * size * size, channels)
+    dense[pixel] = compact.reshape(-1, channels)
+    return dense.view(batch, size, size, channels).permute(0, 3, 1, 2)
+
+
+class RelitSet:
+    """The figures of a packed set and a table of lights, on one device; makes batches of any pairs of them."""
+
+    def __init__(self, packed: Path, lights: Path, order: int, color: str, device: torch.device | str = "cpu"):
+        """Coefficients beyond `order` are left out of transport and lights alike.
+
+        color: `paper` takes the 8-bit sRGB codes of the albedo as if they were linear, `photo` takes linear albedo.
+        Raises UserError when the files hold fewer bands than `order` or do not exist.
+        """
+        figures = Packed(packed)
+        table = np.load(existing(lights, "lights"))
+        coefficients = (order + 1) ** 2
+        for path, found in ((packed, figures.order), (lights, math.isqrt(table["coefficients"].shape[1]) - 1)):
+            if found < order:
+                raise UserError(
+                    f"{path} has harmonics up to order {found}: model.order={order} needs bake.order={order}"
+                )
+        self.names, self.size, self.color = list(figures.names), figures.size, color
+        self.light_split = np.asarray(table["split"])
+        self.lights = torch.tensor(table["coefficients"][:, :coefficients], dtype=torch.float32, device=device)
+        arrays = figures.arrays()
+        offset = np.asarray(arrays["offset"], np.int64)
+        self.counts = np.diff(offset)
+        self.most = int(-(-self.counts.max() // 64) * 64)
+        below, interior, outside = neighbours(np.asarray(arrays["pixel"]), offset, self.size)
+
+        def load(array: np.ndarray) -> Tensor:
+            return torch.from_numpy(np.array(array)).to(device)
+
+        self.pixel, self.below, self.interior = load(arrays["pixel"]), load(below), load(interior)
+        self.offset, self.count, self.outside = load(offset[:-1]), load(self.counts), load(outside)
+        self.transport = load(arrays["transport"][:, :coefficients])
+        self.normal, self.ao, albedo = load(arrays["normal"]), load(arrays["ao"]), load(arrays["albedo"])
+        self.albedo = quantised(albedo.float()) if color == "paper" else albedo
+        self.signs = mirror_signs(order).to(device)
+
+    def figures(self, names: list[str]) -> np.ndarray:
+        """Indices of the named figures, in order; names that were left out of the packed set are passed over."""
+        place = {name: i for i, name in enumerate(self.names)}
+        return np.array([place[name] for name in names if name in place], np.int64)
+
+    def batch(
+        self,
+        figure: np.ndarray,
+        light: np.ndarray,
+        mirror: np.ndarray | None = None,
+        exposure: np.ndarray | None = None,
+    ) -> Batch:
+        """The batch of pairs figure[i], light[i] (B,) int.
+
+        mirror (B,) bool: image, maps and light as in a mirror; compact maps keep the order of the unmirrored pixels.
+        exposure (B,): factors on the light, hence on the image.
+        """
+        device, size, most = self.pixel.device, self.size, self.most
+        chosen = torch.as_tensor(figure, device=device)
+        slot = torch.arange(most, device=device)
+        count = self.count[chosen, None]
+        inside = (slot < count).float()[..., None]
+        rows = self.offset[chosen, None] + torch.minimum(slot, count - 1)
+        pixel = torch.where(slot < count, self.pixel[rows], self.outside[chosen, None])
+        below = torch.where(slot < count, self.below[rows], slot)
+
+        albedo = self.albedo[rows].float() * inside
+        if self.color == "paper":
+            albedo = albedo / 255
+        transport, normal = self.transport[rows].float() * inside, self.normal[rows].float() * inside
+        lights = self.lights[torch.as_tensor(light, device=device)]
+        if exposure is not None:
+            lights = lights * torch.as_tensor(exposure, dtype=torch.float32, device=device)[:, None, None]
+        if mirror is not None:
+            flip = torch.as_tensor(mirror, device=device)[:, None]
+            pixel = torch.where(flip, pixel + size - 1 - 2 * (pixel % size), pixel)
+            signs = torch.where(flip, self.signs, 1.0)
+            transport, lights = transport * signs[:, None, :], lights * signs[..., None]
+            normal = (
+                normal * torch.stack([1 - 2.0 * flip[:, 0], *2 * [torch.ones(len(flip), device=device)]], 1)[:, None]
+            )
+
+        shading = shade(transport, lights)
+        relit = albedo * shading
+        image_start = torch.arange(len(chosen), device=device)[:, None]
+        pixel = (pixel + image_start * size * size).flatten()
+        return Batch(
+            image=put(photograph(relit, self.color), pixel, size),
+            mask=put(inside, pixel, size),
+            albedo=albedo,
+            transport=transport,
+            normal=normal,
+            ao=self.ao[rows].float()[..., None] * inside,
+            light=lights,
+            shading=shading,
+            relit=relit,
+            inside=inside,
+            interior=self.interior[rows].float()[..., None] * inside,
+            pixel=pixel,
+            below=(below + image_start * most).flatten(),
+            size=size,
+            scope=float(self.counts[figure].sum()),
+        )
+
+
+def neighbours(pixel: np.ndarray, offset: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What total variation needs to know of masks given as ascending flat pixel indices, figure after figure.
+
+    Returns below (pixels,) int32, the place of the pixel underneath within its figure (its own place if not interior);
+    interior (pixels,) bool, whether all four neighbours are in the mask; outside (figures,) int32, a background pixel.
+    """
+    below, interior = np.empty(len(pixel), np.int32), np.empty(len(pixel), bool)
+    outside = np.zeros(len(offset) - 1, np.int32)
+    for figure, (first, last) in enumerate(progress(list(pairwise(offset)), "figures loaded")):
+        own = pixel[first:last]
+        mask = np.zeros((size + 2, size + 2), bool)
+        mask[1:-1, 1:-1].flat[own] = True
+        eroded = mask[1:-1, 1:-1] & mask[:-2, 1:-1] & mask[2:, 1:-1] & mask[1:-1, :-2] & mask[1:-1, 2:]
+        place = np.cumsum(mask[1:-1, 1:-1].ravel(), dtype=np.int32) - 1
+        interior[first:last] = eroded.ravel()[own]
+        below[first:last] = np.where(
+            interior[first:last], place[np.minimum(own + size, size * size - 1)], np.arange(len(own))
+        )
+        outside[figure] = np.argmin(mask[1:-1, 1:-1].ravel())
+    return below, interior, outside
+
+
+def read_split(path: Path) -> dict[str, list[str]]:
+    """{"train": names, "test": names} from split.json."""
+    return json.loads(existing(path, "split").read_text())

@@ -1,0 +1,51 @@
+"""Spherical harmonics in torch: the transport of unoccluded normals, differentiable, for the SfSNet rows of Table 1."""
+
+import math
+
+import torch
+from torch import Tensor
+
+from relight.sh.basis import cosine_factors
+
+
+def basis(directions: Tensor, order: int) -> Tensor:
+    """Real orthonormal harmonics Y_lm of unit directions (..., 3), as (..., (order+1)^2), index l*l+l+m, any order.
+
+    The torch twin of `relight.sh.basis.basis`: no Condon-Shortley phase, pole +z, m < 0 the sines.
+    With c_m + i s_m = (x + iy)^m the functions are polynomials in x, y, z, so the gradient exists at the poles too.
+    """
+    x, y, z = directions.unbind(-1)
+    cosine, sine = [torch.ones_like(x)], [torch.zeros_like(x)]
+    for _ in range(order):
+        c, s = cosine[-1], sine[-1]
+        cosine.append(x * c - y * s)
+        sine.append(x * s + y * c)
+    out: list[Tensor | None] = [None] * (order + 1) ** 2
+    for m in range(order + 1):
+        # q is the associated Legendre function P_l^m over sin^m, by the three-term recurrence in l.
+        before, q = torch.zeros_like(x), torch.full_like(x, float(math.prod(range(1, 2 * m, 2))))
+        for l in range(m, order + 1):
+            if l > m:
+                before, q = q, ((2 * l - 1) * z * q - (l + m - 1) * before) / (l - m)
+            scale = math.sqrt((2 * l + 1) / (4 * math.pi) * math.factorial(l - m) / math.factorial(l + m))
+            if m == 0:
+                out[l * l + l] = scale * q
+            else:
+                out[l * l + l + m] = math.sqrt(2) * scale * q * cosine[m]
+                out[l * l + l - m] = math.sqrt(2) * scale * q * sine[m]
+    return torch.stack(out, -1)
+
+
+def unoccluded(normals: Tensor, order: int) -> Tensor:
+    """Transport T_lm(n) = A_l Y_lm(n) of unit normals (..., 3) that see the whole hemisphere, as (..., (order+1)^2)."""
+    factors = cosine_factors(order)
+    bands = [float(factors[l]) for l in range(order + 1) for _ in range(2 * l + 1)]
+    return basis(normals, order) * normals.new_tensor(bands)
+
+
+def mirror_signs(order: int) -> Tensor:
+    """The factor +1 or -1 of each coefficient ((order+1)^2,) under the mirror x -> -x."""
+    direction = torch.tensor([0.48, 0.6, 0.64], dtype=torch.float64)
+    mirrored = direction * torch.tensor([-1.0, 1.0, 1.0], dtype=torch.float64)
+    odd = (basis(direction, order) - basis(mirrored, order)).abs() > 1e-9
+    return 1.0 - 2.0 * odd.float()

@@ -1,0 +1,108 @@
+"""The fifteen L1 losses of the paper (section 4), on the in-mask pixels alone.
+
+Outside the mask both the truth and the masked outputs are zero, so sums over the mask are the sums over the image.
+With A, T, L the truth, ^ what is inferred, S = T.L and I = A*S, of the seven reconstructions four need no new map:
+|A*(T^.L) - I| = A*|T^.L - S| and so on for the other shadings, and |A^*S - I| = S*|A^ - A|.
+"""
+
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from relight.config import Loss
+from relight.learning.camera import shade
+from relight.learning.data import Batch
+from relight.learning.networks import with_transport
+
+
+def losses(outputs: dict[str, Tensor], batch: Batch, loss: Loss) -> dict[str, Tensor]:
+    """The losses whose weight is not zero, by name, each a scalar without its weight.
+
+    A shading or reconstruction is named after what is inferred in it: `reconstruction_albedo_light` compares A^*(T.L^)
+    with the image. Networks that infer normals have `normal` (and `ao`) in the place of `transport`; their transport
+    in the other losses is the one that follows from these.
+
+    The mean of a map's loss is over its channels and over all pixels of the image, background included
+    (reduction=image, the authors'), or over the pixels of the masks (reduction=mask).
+    """
+    order = round(batch.light.shape[1] ** 0.5) - 1
+    maps = with_transport({k: batch.take(v) for k, v in outputs.items() if k != "light"}, order)
+    albedo, transport, light = maps["albedo"], maps["transport"], outputs["light"].float()
+    if "normal" in maps:
+        transport = transport * batch.inside  # that of the padding's zero normals is not zero
+    pixels = len(light) * batch.size**2 if loss.reduction == "image" else batch.scope
+    values = {}
+
+    def mean(error: Tensor) -> Tensor:
+        return error.sum() / (pixels * error.shape[-1])
+
+    def weighted(weight: Tensor, error: Tensor) -> Tensor:
+        """Mean of weight * error without making that product."""
+        return torch.dot(weight.flatten(), error.flatten()) / (pixels * error.shape[-1])
+
+    albedo_error = (albedo - batch.albedo).abs()
+    if loss.albedo:
+        values["albedo"] = mean(albedo_error)
+    if loss.transport:
+        for name in ("transport", "normal", "ao"):
+            if name in outputs:
+                values[name] = mean((maps[name] - getattr(batch, name)).abs())
+    if loss.light:
+        values["light"] = F.l1_loss(light, batch.light)
+    if loss.tv_albedo:
+        values["tv_albedo"] = mean(variation(albedo, batch))
+    if loss.tv_transport:
+        values["tv_transport"] = mean(variation(transport, batch))
+
+    shadings = {}
+    if loss.shading or loss.reconstruction:
+        shadings["transport"] = shade(transport, batch.light)
+        shadings["light"] = shade(batch.transport, light)
+    if loss.shading or loss.reconstruction or loss.reconstruction_full:
+        shadings["transport_light"] = shade(transport, light)
+    if loss.shading or loss.reconstruction:
+        errors = {name: (shading - batch.shading).abs() for name, shading in shadings.items()}
+    if loss.shading:
+        values |= {f"shading_{name}": mean(error) for name, error in errors.items()}
+    if loss.reconstruction:
+        values |= {f"reconstruction_{name}": weighted(batch.albedo, error) for name, error in errors.items()}
+        values["reconstruction_albedo"] = weighted(batch.shading, albedo_error)
+        for name in ("transport", "light"):
+            values[f"reconstruction_albedo_{name}"] = mean((albedo * shadings[name] - batch.relit).abs())
+    if loss.reconstruction_full:
+        values["reconstruction_full"] = mean((albedo * shadings["transport_light"] - batch.relit).abs())
+    return values
+
+
+def variation(compact: Tensor, batch: Batch) -> Tensor:
+    """|dx| + |dy| (B,P,C) by forward differences at the pixels of the mask eroded by one pixel, zero elsewhere."""
+    right = (compact[:, 1:] - compact[:, :-1]).abs()
+    below = compact.flatten(0, 1).index_select(0, batch.below).view_as(compact)
+    return (F.pad(right, (0, 0, 0, 1)) + (below - compact).abs()) * batch.interior
+
+
+def weights(loss: Loss, size: int) -> dict[str, float]:
+    """The weight of each named loss for images of `size` pixels.
+
+    Total variation counts edges per pixel, which are size / tv_reference times as many at the reference's size.
+    """
+    tv = size / loss.tv_reference
+    return {
+        "albedo": loss.albedo,
+        "transport": loss.transport,
+        "normal": loss.transport,
+        "ao": loss.transport,
+        "light": loss.light,
+        "tv_albedo": loss.tv_albedo * tv,
+        "tv_transport": loss.tv_transport * tv,
+        "shading_transport": loss.shading,
+        "shading_light": loss.shading,
+        "shading_transport_light": loss.shading,
+        "reconstruction_albedo": loss.reconstruction,
+        "reconstruction_transport": loss.reconstruction,
+        "reconstruction_light": loss.reconstruction,
+        "reconstruction_albedo_transport": loss.reconstruction,
+        "reconstruction_albedo_light": loss.reconstruction,
+        "reconstruction_transport_light": loss.reconstruction,
+        "reconstruction_full": loss.reconstruction_full,
+    }

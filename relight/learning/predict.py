@@ -1,0 +1,36 @@
+"""Inference: what a network says about an image, as arrays."""
+
+import numpy as np
+import torch
+
+from relight.files import UserError
+from relight.learning.camera import shade
+from relight.learning.networks import Network, with_transport
+
+
+def predict(network: Network, image: np.ndarray, mask: np.ndarray) -> dict[str, np.ndarray]:
+    """The maps of an image (S,S,3), or of several (B,S,S,3), with masks (S,S) or (B,S,S), float or bool.
+
+    The image is linear, about [0,1], in the colour model that the network was trained with (config["train"]["color"]);
+    what lies outside the mask does not matter. S is the size that the network was trained for.
+
+    Returns float32 arrays with the leading axis of the input: albedo (S,S,3) in [0,1]; transport (S,S,K); light (K,3);
+    shading (S,S,3) = transport . light in [0,10]; and normal (S,S,3), ao (S,S,1) where the network infers them.
+    Maps are zero outside the mask. Raises UserError when the size does not fit.
+    """
+    image, mask = np.asarray(image, np.float32), np.asarray(mask, np.float32)
+    if image.ndim == 3:
+        return {name: array[0] for name, array in predict(network, image[None], mask[None]).items()}
+    if image.shape != (*mask.shape, 3) or image.shape[1] != network.size or image.shape[2] != network.size:
+        raise UserError(
+            f"image {image.shape[1:]} with mask {mask.shape[1:]}: this network takes {network.size}x{network.size} px"
+        )
+    device = next(network.parameters()).device
+    inside = torch.from_numpy(mask).to(device)[..., None]
+    with torch.inference_mode():
+        outputs = network(torch.from_numpy(image).to(device).permute(0, 3, 1, 2), inside.permute(0, 3, 1, 2))
+        light = outputs.pop("light").float()
+        maps = {name: dense.permute(0, 2, 3, 1).float() for name, dense in outputs.items()}
+        maps = {name: values * inside for name, values in with_transport(maps, network.order).items()}
+        shading = shade(maps["transport"].flatten(1, 2), light).view(image.shape)
+    return {name: tensor.cpu().numpy() for name, tensor in {**maps, "light": light, "shading": shading}.items()}

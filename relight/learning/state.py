@@ -1,0 +1,42 @@
+"""The state that a killed training goes on from."""
+
+import hashlib
+import json
+from dataclasses import asdict
+from pathlib import Path
+
+import torch
+
+from relight.config import Loss, Model, Train
+from relight.files import whole
+
+
+def fingerprint(model: Model, loss: Loss, train: Train, *files: Path) -> str:
+    """Changes with any setting and with the content of any input."""
+    digest = hashlib.sha256(json.dumps([asdict(part) for part in (model, loss, train)], sort_keys=True).encode())
+    for path in files:
+        with open(path, "rb") as file:
+            digest.update(hashlib.file_digest(file, "sha256").digest())
+    return digest.hexdigest()
+
+
+def save_state(path: Path, digest: str, parts: dict, step: int, history: list[dict]) -> None:
+    """What a killed training needs, whole or not at all."""
+    with whole(path) as tmp:
+        states = {name: part.state_dict() for name, part in parts.items()}
+        torch.save({"settings": digest, "step": step, "history": history, **states}, tmp)
+
+
+def restore(path: Path, digest: str, parts: dict, device: torch.device) -> tuple[int, list[dict], str]:
+    """Loads a state of the same settings into `parts`, if there is one.
+
+    Returns the step to go on with, what was logged before, and a line about what was found for whoever watches.
+    """
+    if not path.exists():
+        return 0, [], ""
+    found = torch.load(path, map_location=device, weights_only=True)
+    if found["settings"] != digest:
+        return 0, [], f"{path} belongs to other settings or data: starting from the beginning"
+    for name, part in parts.items():
+        part.load_state_dict(found[name])
+    return found["step"], found["history"], f"going on from step {found['step']} ({path})"

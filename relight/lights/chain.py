@@ -1,0 +1,103 @@
+"""From panoramas to the light set: generate or read, project, select."""
+
+import logging
+import os
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from relight.config import Lights, Panoramas
+from relight.files import UserError
+from relight.lights.select import select
+from relight.lights.table import LightSet
+from relight.panoramas.panorama import Panorama
+from relight.panoramas.project import orient, project
+from relight.panoramas.read import panoramas_in, read_panorama
+from relight.panoramas.rooms import room
+from relight.panoramas.skies import sky
+from relight.progress import progress as show_progress
+
+log = logging.getLogger(__name__)
+
+GENERATORS: dict[str, Callable[[int], np.ndarray]] = {"room": room, "sky": sky}
+SERIAL = 48  # fewer panoramas than this are not worth the start of worker processes
+
+
+def build(panoramas: Panoramas, lights: Lights, order: int, progress: bool = True) -> tuple[LightSet, dict[str, Any]]:
+    """The light set that the settings describe, and the record of what each step dropped and why.
+
+    Lights of spherical-harmonic `order`; `progress` shows the time left. The record is that of `select`, and
+    `record["unreadable"]` maps files of a folder that could not be read to what was wrong with them.
+    """
+    sources, coefficients, unreadable = coefficients_of(panoramas, order, progress)
+    chosen, record = select(coefficients, sources, lights)
+    why = {"unreadable": len(unreadable)} if unreadable else {}
+    record["steps"].insert(0, {"step": "read", "in": len(sources) + len(unreadable), "out": len(sources), "why": why})
+    record["unreadable"] = unreadable
+    return chosen, record
+
+
+def coefficients_of(
+    panoramas: Panoramas, order: int, progress: bool = True
+) -> tuple[list[str], np.ndarray, dict[str, str]]:
+    """Sources, lights (N, K, 3) and what could not be read, of the panoramas that the settings name."""
+    if panoramas.source == "generated":
+        sources = [f"room:{panoramas.seed + i}" for i in range(panoramas.count)]
+        sources += [f"sky:{panoramas.seed + i}" for i in range(panoramas.skies)]
+        if not sources:
+            raise UserError("panoramas.count=0 and panoramas.skies=0: at least one panorama is needed")
+        light_of = partial(generated_light, order=order, yaw=panoramas.yaw, flip=panoramas.flip)
+    elif panoramas.source == "folder":
+        folder = Path(panoramas.folder or "")
+        sources = panoramas_in(folder)
+        light_of = partial(
+            file_light, folder=folder, order=order, layout=panoramas.layout, yaw=panoramas.yaw, flip=panoramas.flip
+        )
+    else:
+        raise UserError(f"panoramas.source={panoramas.source}: generated or folder")
+    found, unreadable = {}, {}
+    results = spread(light_of, sources)
+    for source, result in zip(sources, show_progress(results, "panoramas", len(sources)) if progress else results):
+        if isinstance(result, str):
+            unreadable[source] = result
+            log.warning(result)
+        else:
+            found[source] = result
+    if not found:
+        first = next(iter(unreadable.values()))
+        raise UserError(f"{panoramas.folder}: none of its {len(unreadable)} panoramas can be read; the first: {first}")
+    return list(found), np.stack(list(found.values())), unreadable
+
+
+def generated_light(source: str, order: int, yaw: float = 0.0, flip: bool = False) -> np.ndarray:
+    """The light (K, 3) of "room:12" or "sky:3"."""
+    kind, seed = source.split(":")
+    return orient(project(Panorama(GENERATORS[kind](int(seed)), source=source), order), yaw, flip)
+
+
+def file_light(source: str, folder: Path, order: int, layout: str, yaw: float, flip: bool) -> np.ndarray | str:
+    """The light (K, 3) of one file of a folder, or what is wrong with it: one bad file must not end a long run."""
+    try:
+        return project(read_panorama(folder / source, layout=layout, yaw=yaw, flip=flip), order)
+    except UserError as error:
+        return str(error)
+
+
+def spread(function: Callable[[str], Any], items: list[str]) -> Iterator[Any]:
+    """`function` of each item, in order, on all cores that this process may use."""
+    workers = min(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1, 16)
+    if len(items) < SERIAL or workers == 1:
+        yield from map(function, items)
+        return
+    with ProcessPoolExecutor(workers, initializer=single_threaded) as pool:
+        yield from pool.map(function, items, chunksize=8)
+
+
+def single_threaded() -> None:
+    from threadpoolctl import threadpool_limits
+
+    threadpool_limits(1)

@@ -1,0 +1,94 @@
+"""`relight light`: the light of a panorama or of a file of coefficients, as numbers, as files, as a picture."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from typer.core import TyperGroup
+
+LIGHT = Annotated[
+    str,
+    typer.Argument(help="A panorama (.hdr, .exr), coefficients (.npy, .json), probe:grace, room:7, key:#ffeedd@45,30."),
+]
+ORDER = Annotated[int, typer.Option(min=0, max=6, help="Order of the spherical harmonics; 2 gives nine coefficients.")]
+LAYOUT = Annotated[str, typer.Option(help="auto, latlong, angular, ball, cross, strip, strip-gl; tell squares.")]
+YAW = Annotated[float, typer.Option(help="Turn the light about the vertical, degrees; front goes to the right.")]
+FLIP = Annotated[bool, typer.Option("--flip", help="Mirror left and right.")]
+EXPOSURE = Annotated[float, typer.Option(help="Factor on the light.")]
+CONVENTION = Annotated[
+    str | None,
+    typer.Option("--from", help="Convention of a file of coefficients, such as kanamori2018, dpr, ramamoorthi2001."),
+]
+
+
+class LightGroup(TyperGroup):
+    """`relight light my.hdr` is `relight light numbers my.hdr`."""
+
+    def parse_args(self, ctx, args):
+        if args and args[0] not in self.commands and args[0] not in ("--help", "-h"):
+            args = ["numbers", *args]
+        return super().parse_args(ctx, args)
+
+
+app = typer.Typer(cls=LightGroup, no_args_is_help=True, help="Turn panoramas into lights, and look at them.")
+
+
+@app.command()
+def numbers(
+    light: LIGHT,
+    out: Annotated[
+        list[Path] | None, typer.Option("--out", "-o", help="Also write it: a .json or .npy file; may be repeated.")
+    ] = None,
+    to: Annotated[str, typer.Option(help="Convention to print and write in.")] = "relight",
+    order: ORDER = 2,
+    layout: LAYOUT = "auto",
+    yaw: YAW = 0.0,
+    flip: FLIP = False,
+    exposure: EXPOSURE = 1.0,
+    convention: CONVENTION = None,
+) -> None:
+    """Print the spherical harmonics of a light and what they say of it."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from relight.lights.load import load_light
+    from relight.lights.show import numbers as statistics
+    from relight.lights.store import write_light
+    from relight.sh.basis import bands
+    from relight.sh.conventions import from_relight
+
+    loaded = load_light(light, order, layout, yaw, flip, exposure, convention)
+    table = Table("l, m", "R", "G", "B", title=f"{loaded.source}, convention {to}", title_justify="left")
+    for k, (l, row) in enumerate(zip(bands(loaded.order), from_relight(loaded.coefficients, to))):
+        name = str(k) if to == "kanamori2018" else f"{l}, {k - l * l - l}"
+        table.add_row(name, *(f"{value: .6f}" for value in row))
+    console = Console(highlight=False)
+    console.print(table)
+    for name, value in statistics(loaded):
+        console.print(f"  {name:32s} {value}")
+    for note in loaded.notes:
+        typer.echo(note, err=True)
+    for path in out or []:
+        console.print(f"written: {write_light(loaded, path, to)}", soft_wrap=True)
+
+
+@app.command()
+def show(
+    light: LIGHT,
+    out: Annotated[Path, typer.Argument(help="The PNG to draw.")],
+    order: ORDER = 2,
+    layout: LAYOUT = "auto",
+    yaw: YAW = 0.0,
+    flip: FLIP = False,
+    exposure: EXPOSURE = 1.0,
+    convention: CONVENTION = None,
+) -> None:
+    """Draw a light: the ball it lights, its diffuse panorama, its numbers. A light set (.npz): a contact sheet."""
+    from relight.lights import show as pictures
+    from relight.lights.load import load_light
+    from relight.lights.table import load
+
+    if Path(light).suffix == ".npz":
+        pictures.contact_sheet(load(light), out)
+    else:
+        pictures.show(load_light(light, order, layout, yaw, flip, exposure, convention), out)

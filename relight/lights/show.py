@@ -1,0 +1,185 @@
+"""Pictures of lights: the ball that a light makes, the diffuse panorama, its numbers; and a sheet of a whole set."""
+
+import textwrap
+from pathlib import Path
+
+import numpy as np
+
+from relight.files import whole
+from relight.lights.light import Light
+from relight.lights.statistics import measure, reference_brightness
+from relight.lights.table import LightSet
+from relight.panoramas.panorama import Panorama
+from relight.sh.irradiance import irradiance
+from relight.srgb import encode
+
+ALBEDO = 0.5  # of the balls: leaves room above the reference brightness
+INK, FAINT, PAPER, TEST, NIGHT = "#1c1f24", "#7a808a", "#ffffff", "#c2410c", "#15171b"
+UNUSUAL_SHOWN = 20
+
+
+def ball(coefficients: np.ndarray, size: int, samples: int = 3) -> np.ndarray:
+    """(size, size, 4) sRGB and alpha: a matt ball under a light (K, 3), seen from the front."""
+    n = size * samples
+    t = (2 * np.arange(n) + 1) / n - 1
+    x, y = np.meshgrid(t, -t)
+    inside = x * x + y * y < 1
+    z = np.sqrt(np.maximum(1 - x * x - y * y, 0))
+    normals = np.stack([x, y, z], -1)[inside]
+    picture = np.zeros((n, n, 4))
+    picture[inside, :3] = np.maximum(ALBEDO * irradiance(coefficients, normals), 0)
+    picture[inside, 3] = 1
+    picture = picture.reshape(size, samples, size, samples, 4).mean((1, 3))
+    colour = picture[..., :3] / np.maximum(picture[..., 3:], 1e-6)
+    return np.concatenate([encode(colour), picture[..., 3:]], -1)
+
+
+def diffuse_panorama(coefficients: np.ndarray, height: int) -> np.ndarray:
+    """(height, 2 height, 3) linear: what a white diffuser reflects, E / pi, toward each direction; centre at -z."""
+    theta = (np.arange(height) + 0.5)[:, None] / height * np.pi
+    phi = (2 * (np.arange(2 * height) + 0.5) / (2 * height) - 1) * np.pi
+    normals = np.stack(
+        np.broadcast_arrays(np.sin(theta) * np.sin(phi), np.cos(theta), -np.sin(theta) * np.cos(phi)), -1
+    )
+    return np.maximum(irradiance(coefficients, normals.reshape(-1, 3)), 0).reshape(height, 2 * height, 3) / np.pi
+
+
+def show(light: Light, path: Path | str) -> None:
+    """Draws a light as a PNG: the panorama if there is one, its diffuse panorama, the lit ball, and the numbers.
+
+    The pictures are exposed for the light's brightest normal; the numbers are the light's own.
+    """
+    from matplotlib.figure import Figure
+
+    most = float(measure(light.coefficients[None])["most"][0])
+    drawn = light.coefficients * 0.85 / (ALBEDO * max(most, 1e-12))
+    figure = Figure(figsize=(11, 5), dpi=130, facecolor=PAPER)
+    title = light.source if len(light.source) <= 70 else "…" + light.source[-69:]
+    figure.text(0.03, 0.93, title, color=INK, fontsize=14, weight="bold", va="center")
+    panes = [("Diffuse panorama", encode(diffuse_panorama(drawn, 128) * np.pi * ALBEDO), "-z")]
+    if light.panorama is not None and light.panorama.layout == "latlong":
+        panes.insert(0, ("Panorama, as stored", tone_mapped(light.panorama), light.panorama.front))
+    for i, (name, picture, front) in enumerate(panes):
+        axes = figure.add_axes((0.03, 0.51 - 0.45 * i, 0.36, 0.335))
+        axes.imshow(picture, aspect="auto", interpolation="bilinear")
+        axes.set_title(name, fontsize=9, color=FAINT, loc="left", pad=4)
+        mark_directions(axes, picture.shape, front)
+    night = figure.add_axes((0.415, 0.06, 0.30, 0.785), facecolor=NIGHT)
+    night.set(xticks=[], yticks=[])
+    night.set_title("Matt ball, from the camera", fontsize=9, color=FAINT, loc="left", pad=4)
+    night.spines[:].set_visible(False)
+    axes = figure.add_axes((0.425, 0.06, 0.28, 0.785))
+    axes.imshow(ball(drawn, 420))
+    axes.axis("off")
+    for i, (name, value) in enumerate(numbers(light)):
+        y = 0.815 - 0.052 * i
+        figure.text(0.74, y, name, color=FAINT, fontsize=9)
+        figure.text(0.975, y, value, color=INK, fontsize=9, ha="right", family="monospace")
+    for i, note in enumerate(light.notes[:4]):
+        figure.text(0.74, 0.20 - 0.09 * i, textwrap.fill(note, 44), color=TEST, fontsize=7, va="top")
+    with whole(path) as temporary:
+        figure.savefig(temporary, format="png")
+
+
+def mark_directions(axes, shape: tuple[int, ...], front: str) -> None:
+    """Names below a lat-long picture: which way its edges, quarters and centre look, seen from the figure."""
+    names = (
+        ("camera", "left", "away", "right", "camera") if front == "-z" else ("away", "right", "camera", "left", "away")
+    )
+    axes.set(xticks=[], yticks=[])
+    axes.spines[:].set_visible(False)
+    for i, name in enumerate(names):
+        align = "left" if i == 0 else "right" if i == 4 else "center"
+        axes.text(shape[1] * i / 4 - 0.5, shape[0] * 1.02, name, fontsize=7, color=FAINT, ha=align, va="top")
+
+
+def tone_mapped(panorama: Panorama) -> np.ndarray:
+    """A panorama as a picture: exposed for its median, highlights rolled off."""
+    pixels = panorama.pixels
+    step = max(1, pixels.shape[0] // 512)
+    pixels = pixels[::step, ::step].astype(np.float64)
+    grey = pixels.mean(-1)
+    exposed = pixels * 0.35 / max(float(np.percentile(grey, 60)), 1e-9)
+    return encode(exposed * (1 + exposed / 16) / (1 + exposed * 0.6))
+
+
+def numbers(light: Light) -> list[tuple[str, str]]:
+    """Statistics of a light as pairs of name and value, for people."""
+    m = {name: float(value[0]) for name, value in measure(light.coefficients[None]).items()}
+    return [
+        ("reference brightness, E(0,0,1)", f"{m['reference']:.3f}"),
+        ("mean irradiance", f"{m['mean']:.3f}"),
+        ("darkest, brightest / mean", f"{m['least'] / m['mean']:.2f}  {m['most'] / m['mean']:.2f}"),
+        ("from above, below / mean", f"{m['up']:.2f}  {m['down']:.2f}"),
+        ("front, back", f"{m['front_mean']:.3f}  {m['back_mean']:.3f}"),
+        ("contrast |L1| / L00", f"{m['first']:.2f}"),
+        ("structure |L2| / L00", f"{m['second']:.2f}"),
+        ("main direction: right, up", f"{m['azimuth']:+.0f}°  {m['elevation']:+.0f}°"),
+        ("colour ln R/G, ln B/G", f"{m['red']:+.2f}  {m['blue']:+.2f}"),
+        ("realisable (moments)", f"{'yes' if m['moment'] >= -1e-3 else 'NO'}  {m['moment']:+.3f}"),
+        ("order", f"{light.order}"),
+    ]
+
+
+def contact_sheet(lights: LightSet, path: Path | str) -> None:
+    """Draws a light set as a PNG: every training and test light as a lit ball, then samples of the unusual ones.
+
+    A ball is drawn as bright as its light is, so that they compare; below it the horizon of the diffuse panorama.
+    """
+    from matplotlib.figure import Figure
+
+    train, test, unusual = (lights.of(split) for split in ("train", "test", "unusual"))
+    # Unusual lights evenly over their reasons, so that a common one does not hide the others.
+    order = np.argsort([reason.split(" ")[0] for reason in unusual.reason], kind="stable")
+    picked = order[np.unique(np.linspace(0, len(order) - 1, min(len(order), UNUSUAL_SHOWN)).round().astype(int))]
+    parts = [
+        (f"{len(train)} training lights", train, INK),
+        (f"{len(test)} test lights", test, TEST),
+        (f"Unusual lights, left out: {len(picked)} of the {len(unusual)} kept", unusual.rows(picked), FAINT),
+    ]
+    parts = [part for part in parts if len(part[1])]
+    columns, cell, head = 10, 1.22, 0.42
+    rows = [-(-len(part) // columns) for _, part, _ in parts]
+    width, height = columns * cell + 0.4, sum(rows) * cell * 1.28 + head * len(parts) + 0.25
+    figure = Figure(figsize=(width, height), dpi=120, facecolor=PAPER)
+    top = height - 0.12
+    for (title, part, colour), count in zip(parts, rows):
+        level = (top - 0.2) / height
+        figure.text(0.25 / width, level, title, color=colour, fontsize=11, weight="bold", va="center")
+        top -= head
+        for i in range(len(part)):
+            x, y = 0.2 + (i % columns) * cell, top - (i // columns + 1) * cell * 1.28
+            draw_cell(figure, part.rows(np.array([i])), x, y, cell, width, height)
+        top -= count * cell * 1.28
+    with whole(path) as temporary:
+        figure.savefig(temporary, format="png")
+
+
+def draw_cell(figure, light: LightSet, x: float, y: float, cell: float, width: float, height: float) -> None:
+    """One light of a contact sheet, in the cell whose lower left corner is (x, y) inches."""
+    coefficients = light.coefficients[0]
+    night = figure.add_axes(((x + 0.05) / width, (y + 0.30) / height, (cell - 0.1) / width, (cell - 0.02) / height))
+    night.set(xticks=[], yticks=[], facecolor=NIGHT)
+    night.spines[:].set_visible(False)
+    axes = figure.add_axes(((x + 0.11) / width, (y + 0.44) / height, (cell - 0.22) / width, (cell - 0.22) / height))
+    axes.imshow(ball(coefficients, 120), interpolation="bilinear")
+    axes.axis("off")
+    band = figure.add_axes(((x + 0.11) / width, (y + 0.34) / height, (cell - 0.22) / width, 0.06 / height))
+    strip = diffuse_panorama(coefficients, 24)[11:13].mean(0, keepdims=True)
+    band.imshow(encode(strip * np.pi * ALBEDO), aspect="auto", interpolation="bilinear")
+    band.axis("off")
+    source = light.source[0].rsplit("/", 1)[-1]
+    name = source if len(source) <= 16 else source[:7] + "…" + source[-8:]
+    centre = (x + cell / 2) / width
+    label = f"{name}  {light.yaw[0]:.0f}°"
+    figure.text(centre, (y + 0.215) / height, label, fontsize=6.2, color=INK, ha="center", va="center")
+    detail = light.reason[0].replace(" ", ", ") or f"E {reference_brightness(coefficients):.2f}"
+    figure.text(
+        centre,
+        (y + 0.10) / height,
+        detail if len(detail) <= 24 else detail[:23] + "…",
+        fontsize=5.6,
+        color=FAINT,
+        ha="center",
+        va="center",
+    )

@@ -1,0 +1,114 @@
+"""What can be said of a light in numbers: brightness, contrast, direction, colour, and whether it can exist."""
+
+from functools import cache
+
+import numpy as np
+
+from relight.panoramas.colour import luminance
+from relight.sh.basis import order_of
+from relight.sh.irradiance import unoccluded
+
+FRONT = np.array([0.0, 0.0, 1.0])
+STEPS = 1000
+
+
+@cache
+def normals() -> np.ndarray:
+    """(STEPS, 3) unit normals, evenly spread (a Fibonacci spiral)."""
+    i = np.arange(STEPS)
+    z = 1 - (2 * i + 1) / STEPS
+    azimuth = np.pi * (3 - np.sqrt(5)) * i
+    s = np.sqrt(1 - z * z)
+    return np.stack([s * np.cos(azimuth), s * np.sin(azimuth), z], -1)
+
+
+def reference_brightness(lights: np.ndarray) -> np.ndarray:
+    """Irradiance at (0, 0, 1) of the brightest channel of lights (..., K, 3): (...,) (method.md section 1)."""
+    return np.max(unoccluded(FRONT, order_of(lights.shape[-2])) @ lights, axis=-1)
+
+
+def moment_eigenvalue(lights: np.ndarray) -> np.ndarray:
+    """The least eigenvalue of the 4 x 4 moment matrix over m0, least over channels: (..., K, 3) to (...,).
+
+    Nine coefficients come from some non-negative light if and only if this is not negative (method.md section 1);
+    higher orders are judged by their first nine. Lights of order 0 or 1 have no second moments: for those it is the
+    sign of m0, or 1 - |m| / m0.
+    """
+    c = np.moveaxis(np.asarray(lights, np.float64), -1, -2)  # (..., 3, K)
+    m0 = c[..., 0] / 0.28209479177387814
+    positive = np.where(m0 > 0, m0, np.inf)
+    if c.shape[-1] == 1:
+        return np.sign(m0).min(-1)
+    m = c[..., [3, 1, 2]] / 0.4886025119029199
+    if c.shape[-1] == 4:
+        return (1 - np.linalg.norm(m, axis=-1) / positive).min(-1)
+    xy, yz, xz = (c[..., k] / 1.0925484305920792 for k in (4, 5, 7))
+    zz = (c[..., 6] / 0.31539156525252005 + m0) / 3
+    difference = c[..., 8] / 0.5462742152960396
+    xx, yy = ((m0 - zz) + difference) / 2, ((m0 - zz) - difference) / 2
+    x, y, z = m[..., 0], m[..., 1], m[..., 2]
+    matrix = np.stack([m0, x, y, z, x, xx, xy, xz, y, xy, yy, yz, z, xz, yz, zz], -1).reshape(*m0.shape, 4, 4)
+    least = np.linalg.eigvalsh(matrix)[..., 0]
+    return np.where(m0 > 0, least / positive, -1.0).min(-1)
+
+
+def measure(lights: np.ndarray) -> dict[str, np.ndarray]:
+    """The statistics of lights (N, K, 3), each as (N,). Of luminance, unless a channel is named.
+
+    reference    E(0, 0, 1) of the brightest channel
+    front        E(0, 0, 1)
+    mean         mean irradiance over all normals
+    least, most  irradiance of the darkest and brightest normal
+    front_most, front_least, front_mean, back_mean   over normals that face the camera (z > 0), or do not
+    channel_most the brightest channel on normals that face the camera
+    up, down     irradiance from straight above and below, over the mean
+    side_least, side_most   of upright surfaces (normals with y = 0), over the mean
+    first, second  |L1| / L00 and |L2| / L00: how directed, how structured the light is
+    elevation    of the light's main direction, degrees above the horizon
+    azimuth      of it, degrees from the camera toward +x
+    toward       share of the main direction that points to the camera, -1 to 1
+    red, blue    ln(R/G) and ln(B/G) of the mean light
+    moment       least moment eigenvalue over m0; negative means that no real light has these coefficients
+    """
+    lights = np.asarray(lights, np.float64)
+    order = order_of(lights.shape[-2])
+    n = normals()
+    transport = unoccluded(n, order)
+    grey = luminance(lights)
+    e = grey @ transport.T
+    facing = n[:, 2] > 0
+    mean = grey[:, 0] * unoccluded(FRONT, 0)[0]
+    safe = np.where(mean > 0, mean, np.inf)
+    circle = np.linspace(0, 2 * np.pi, 72, endpoint=False)
+    around = np.stack([np.sin(circle), np.zeros(72), np.cos(circle)], -1)
+    side = grey @ unoccluded(around, order).T
+    up, down, front = (grey @ unoccluded(np.array(d, float), order) for d in ((0, 1, 0), (0, -1, 0), (0, 0, 1)))
+    base = np.where(grey[:, 0] > 0, grey[:, 0], np.inf)
+    main = grey[:, [3, 1, 2]] if order else np.zeros((len(grey), 3))
+    length = np.maximum(np.linalg.norm(main, axis=-1), 1e-12)
+    colour = np.log(np.maximum(lights[:, 0], 1e-9))
+    channel = np.max([(lights[..., c] @ transport[facing].T).max(1) for c in range(3)], axis=0)
+    return {
+        "reference": reference_brightness(lights),
+        "front": front,
+        "mean": mean,
+        "least": e.min(1),
+        "most": e.max(1),
+        "front_most": e[:, facing].max(1),
+        "front_least": e[:, facing].min(1),
+        "front_mean": e[:, facing].mean(1),
+        "back_mean": e[:, ~facing].mean(1),
+        "channel_most": channel,
+        "up": up / safe,
+        "down": down / safe,
+        "side_least": side.min(1) / safe,
+        "side_most": side.max(1) / safe,
+        "first": np.linalg.norm(main, axis=-1) / base,
+        "second": np.linalg.norm(grey[:, 4:9], axis=-1) / base,
+        "elevation": np.degrees(np.arcsin(np.clip(main[:, 1] / length, -1, 1))),
+        "azimuth": np.degrees(np.arctan2(main[:, 0], main[:, 2])),
+        "toward": main[:, 2] / length,
+        "red": colour[:, 0] - colour[:, 1],
+        "blue": colour[:, 2] - colour[:, 1],
+        "moment": moment_eigenvalue(lights),
+    }

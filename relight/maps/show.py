@@ -1,0 +1,53 @@
+"""Maps as one picture, to look at."""
+
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from relight.files import whole
+from relight.maps.maps import Maps
+from relight.srgb import encode, to_bytes
+
+KEY = np.array([0.5, 0.6, 0.62])  # toward the light of the shaded view: from the upper right, in front
+GROUND = 0.2  # grey behind the figure: neither a white albedo nor a zero coefficient vanishes on it
+
+
+def picture(maps: Maps) -> np.ndarray:
+    """(H', W', 3) uint8, cropped to the figure: a row of albedo, normal, AO and a shaded view, and a row of the first
+    nine coefficients, red where positive and blue where negative."""
+    rows, columns = np.nonzero(maps.mask)
+    margin = max(1, len(maps.mask) // 50)
+    crop = tuple(slice(max(0, at.min() - margin), at.max() + 1 + margin) for at in (rows, columns))
+    inside = maps.mask[crop][..., None]
+    transport = maps.transport[crop]
+    k = min(transport.shape[2], 9)
+    light = np.zeros(transport.shape[2])
+    light[0] = 0.6
+    if k >= 4:
+        light[1:4] = 0.6 * KEY[[1, 2, 0]] / np.linalg.norm(KEY)  # y, z, x
+    shading = transport @ light
+    if maps.bounced is not None:
+        shading = shading[..., None] + np.einsum("hwkc,k->hwc", maps.bounced[crop], light)
+    else:
+        shading = np.repeat(shading[..., None], 3, 2)
+    panels = [
+        encode(maps.albedo[crop]),
+        maps.normal[crop] * 0.5 + 0.5,
+        np.repeat(maps.ao[crop][..., None], 3, 2),
+        encode(maps.albedo[crop] * shading),
+    ]
+    top = np.concatenate([np.where(inside, panel, GROUND) for panel in panels], 1)
+    signed = [transport[..., i : i + 1] / 1.03 for i in range(k)]
+    red, blue = np.array([0.70, 0.09, 0.17]), np.array([0.13, 0.40, 0.67])
+    panels = [np.where(value > 0, 1 - value * (1 - red), 1 + value * (1 - blue)) for value in signed]
+    small = np.concatenate([np.where(inside, panel, GROUND) for panel in panels], 1)
+    height = round(small.shape[0] * top.shape[1] / small.shape[1])
+    bottom = Image.fromarray(to_bytes(small)).resize((top.shape[1], height), Image.Resampling.LANCZOS)
+    return np.concatenate([to_bytes(top), np.asarray(bottom)])
+
+
+def write_picture(path: Path | str, maps: Maps) -> None:
+    """Writes `picture(maps)` as a PNG, whole or not at all."""
+    with whole(path) as temporary:
+        Image.fromarray(picture(maps)).save(temporary)

@@ -1,0 +1,131 @@
+"""The container of glTF 2.0: JSON, buffers, views and accessors, every access checked against the sizes."""
+
+import base64
+import binascii
+import json
+import struct
+from pathlib import Path
+from urllib.parse import unquote
+
+import numpy as np
+
+from relight.files import UserError
+from relight.meshes.mtl import find_file
+from relight.meshes.source import MAX_FACES
+
+COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
+WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
+EXTENSIONS = {  # of those that a file may require, the ones that change nothing here or are obeyed
+    "KHR_texture_transform", "KHR_mesh_quantization", "KHR_materials_unlit", "KHR_materials_specular",
+    "KHR_materials_ior", "KHR_materials_clearcoat", "KHR_materials_sheen", "KHR_materials_emissive_strength",
+}  # fmt: skip
+
+
+class Gltf:
+    """An open glTF file: its JSON and, once they are asked for, its buffers."""
+
+    def __init__(self, path: Path):
+        self.path = path
+        data = path.read_bytes()
+        text, self.chunk = self._split(data) if path.suffix.lower() == ".glb" else (data, None)
+        try:
+            self.json = json.loads(text)
+        except (ValueError, RecursionError):
+            raise UserError(f"{path}: the glTF description is not whole JSON") from None
+        if not isinstance(self.json, dict) or not str(self.json.get("asset", {}).get("version", "")).startswith("2"):
+            raise UserError(f"{path} is not glTF 2.0")
+        required = set(self.json.get("extensionsRequired", [])) - EXTENSIONS
+        if required:
+            raise UserError(f"{path} needs {', '.join(sorted(required))}; save it without compression or extensions")
+        self.buffers: dict[int, bytes] = {}
+
+    def _split(self, data: bytes) -> tuple[bytes, bytes | None]:
+        """The JSON and the binary chunk of a .glb container."""
+        if len(data) < 20 or data[:4] != b"glTF":
+            raise UserError(f"{self.path} is not a .glb file: it does not begin with `glTF`")
+        version, length = struct.unpack_from("<II", data, 4)
+        if version != 2:
+            raise UserError(f"{self.path} is glTF {version}; version 2 is read")
+        if length > len(data):
+            raise UserError(f"{self.path} is truncated: it should have {length} bytes and has {len(data)}")
+        chunks, start = {}, 12
+        while start + 8 <= length:
+            size, kind = struct.unpack_from("<II", data, start)
+            if start + 8 + size > length:
+                raise UserError(f"{self.path}: a chunk of {size} bytes runs over the end of the file")
+            chunks.setdefault(kind, data[start + 8 : start + 8 + size])
+            start += 8 + size
+        if 0x4E4F534A not in chunks:
+            raise UserError(f"{self.path} has no JSON chunk")
+        return chunks[0x4E4F534A], chunks.get(0x004E4942)
+
+    def item(self, kind: str, index) -> dict:
+        """Entry `index` of the list `kind`."""
+        entries = self.json.get(kind, [])
+        if not isinstance(index, int) or isinstance(index, bool) or not 0 <= index < len(entries):
+            raise UserError(f"{self.path} names entry {index} of {kind}, of which there are {len(entries)}")
+        return entries[index]
+
+    def resource(self, uri: str) -> bytes:
+        """What a URI holds: data in itself, or a file in the folder."""
+        if uri.startswith("data:"):
+            try:
+                return base64.b64decode(uri.partition(",")[2], validate=True)
+            except (binascii.Error, ValueError):
+                raise UserError(f"{self.path}: data inside the file are not whole base64") from None
+        if "://" in uri:
+            raise UserError(f"{self.path} names {uri[:80]}; nothing is fetched from the network")
+        return find_file(self.path, unquote(uri)).read_bytes()
+
+    def view(self, index: int) -> tuple[bytes, int | None]:
+        """The bytes of a buffer view and its stride."""
+        view = self.item("bufferViews", index)
+        number = view.get("buffer")
+        buffer = self.item("buffers", number)
+        if number not in self.buffers:
+            data = self.resource(buffer["uri"]) if "uri" in buffer else self.chunk if number == 0 else None
+            if data is None:
+                raise UserError(f"{self.path}: the binary chunk is missing")
+            self.buffers[number] = data
+        start, length = view.get("byteOffset", 0), view["byteLength"]
+        if start < 0 or length < 0 or start + length > len(self.buffers[number]):
+            raise UserError(f"{self.path}: a view of {length} bytes runs over the end of its buffer")
+        return memoryview(self.buffers[number])[start : start + length], view.get("byteStride")
+
+    def accessor(self, index: int) -> np.ndarray:
+        """The values of an accessor, (N,) or (N,width), normalised integers as floats."""
+        accessor = self.item("accessors", index)
+        count, width = accessor["count"], WIDTHS[accessor["type"]]
+        type = np.dtype(COMPONENTS[accessor["componentType"]])
+        if not 0 <= count <= 3 * MAX_FACES:
+            raise UserError(f"{self.path}: an accessor promises {count} values")
+        if "bufferView" not in accessor:  # zeros by the standard, as many as the file says: no surface needs them
+            raise UserError(f"{self.path}: an accessor of {count} values comes without data")
+        data, stride = self.view(accessor["bufferView"])
+        values = self._strided(data, accessor.get("byteOffset", 0), type, count, width, stride)
+        if "sparse" in accessor:
+            values = self._sparse(accessor["sparse"], values, type, width)
+        if accessor.get("normalized") and type.kind in "iu":
+            values = np.maximum(values / np.iinfo(type).max, -1)
+        return values[:, 0] if width == 1 else values
+
+    def _strided(self, data, start: int, type: np.dtype, count: int, width: int, stride: int | None) -> np.ndarray:
+        row = type.itemsize * width
+        stride = stride or row
+        if start < 0 or stride < row or (count and start + stride * (count - 1) + row > len(data)):
+            raise UserError(f"{self.path}: an accessor of {count} values runs over the end of its data; truncated?")
+        if not count:
+            return np.zeros((0, width), type)
+        return np.ndarray((count, width), type, data, start, (stride, type.itemsize))
+
+    def _sparse(self, sparse: dict, values: np.ndarray, type: np.dtype, width: int) -> np.ndarray:
+        count = sparse["count"]
+        where, what = sparse["indices"], sparse["values"]
+        kind = np.dtype(COMPONENTS[where["componentType"]])
+        index = self._strided(self.view(where["bufferView"])[0], where.get("byteOffset", 0), kind, count, 1, None)
+        new = self._strided(self.view(what["bufferView"])[0], what.get("byteOffset", 0), type, count, width, None)
+        if count and int(index.max()) >= len(values):
+            raise UserError(f"{self.path}: a sparse accessor writes past its end")
+        values = values.copy()
+        values[index[:, 0].astype(np.int64)] = new
+        return values

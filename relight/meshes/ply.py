@@ -1,0 +1,229 @@
+"""PLY: ascii and binary, vertex colours, and the texture coordinates that MeshLab writes."""
+
+import struct
+import warnings
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from relight.files import UserError
+from relight.meshes.mesh import Material
+from relight.meshes.mtl import find_file
+from relight.meshes.polygons import fan
+from relight.meshes.source import Source
+from relight.meshes.textures import linear, read_texture
+
+TYPES = {
+    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
+    "double": "f8",
+    "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4", "float32": "f4",
+    "float64": "f8",
+}  # fmt: skip
+FORMATS = {"ascii": None, "binary_little_endian": "<", "binary_big_endian": ">"}
+HEADER = 1 << 20  # bytes; real headers have under a thousand
+
+
+@dataclass
+class Element:
+    """One block of the file: `properties` are (name, type, type of a list's length or None), in the file's order."""
+
+    name: str
+    count: int
+    properties: list[tuple[str, str, str | None]] = field(default_factory=list)
+
+    def least_bytes(self, ascii: bool) -> int:
+        """No row can be shorter: a list may be empty, an ascii value is a digit and a blank."""
+        return sum(2 if ascii else np.dtype(size or type).itemsize for _, type, size in self.properties)
+
+
+def read_ply(path: Path) -> Source:
+    """The file's triangles; polygons are cut into fans. Raises UserError on anything malformed."""
+    data = path.read_bytes()
+    order, elements, pictures, start = _header(path, data[:HEADER])
+    ascii = order is None
+    needed = sum(element.count * element.least_bytes(ascii) for element in elements)
+    if needed > len(data) - start + ascii:  # before anything of that size is allocated
+        counts = " and ".join(f"{element.count} {element.name} rows" for element in elements)
+        raise UserError(
+            f"{path}: the header promises {counts}, which the {len(data) - start} bytes after it cannot hold"
+        )
+    blocks = _ascii_blocks(path, data[start:], elements) if ascii else _blocks(path, data, start, order, elements)
+    vertex, face = blocks.get("vertex"), blocks.get("face")
+    if not vertex or not {"x", "y", "z"} <= vertex.keys():
+        raise UserError(f"{path} has no vertices with x, y and z")
+    corners = next((face[name] for name in ("vertex_indices", "vertex_index") if name in face), None) if face else None
+    if corners is None or not len(corners[0]):
+        raise UserError(f"{path} has points but no faces: relight needs a surface")
+    counts, index = corners
+    position, polygon = fan(counts)
+    vertices = np.stack([vertex[axis] for axis in "xyz"], axis=-1).astype(np.float64)
+    materials = [Material(texture=read_texture(find_file(path, name), f"{path}: texture {name}")) for name in pictures]
+    faces = index[position].astype(np.int64)
+    return Source(
+        vertices=vertices,
+        faces=faces,
+        uv=_texture_coordinates(path, vertex, face, counts, position, faces) if pictures else None,
+        material=np.clip(face["texnumber"], 0, len(materials) - 1)[polygon] if len(materials) > 1 else None,
+        materials=materials or [Material()],
+        color=_color(vertex),
+    )
+
+
+def _header(path: Path, head: bytes) -> tuple[str | None, list[Element], list[str], int]:
+    """Byte order (None: ascii), elements, texture files, and where the data begin."""
+    end = head.find(b"end_header")
+    line_end = head.find(b"\n", end)
+    if not head.startswith(b"ply") or end < 0 or line_end < 0:
+        raise UserError(f"{path} is not a PLY file: it lacks the line `ply` at the top or the line `end_header`")
+    format, elements, pictures = "", [], []
+    for line in head[:end].decode("latin-1").splitlines()[1:]:
+        words = line.split()
+        try:
+            match words:
+                case ["format", name, *_]:
+                    format = name
+                case ["comment", "TextureFile", *_]:
+                    pictures.append(line.split("TextureFile", 1)[1].strip())
+                case ["element", name, count]:
+                    elements.append(Element(name, int(count)))
+                    if elements[-1].count < 0:
+                        raise ValueError
+                case ["property", "list", size, type, name]:
+                    elements[-1].properties.append((name, TYPES[type], TYPES[size]))
+                case ["property", type, name]:
+                    elements[-1].properties.append((name, TYPES[type], None))
+                case ["comment" | "obj_info", *_] | []:
+                    pass
+                case _:
+                    raise ValueError
+        except (KeyError, ValueError, IndexError):
+            raise UserError(f"{path}: the PLY header's line {line.strip()[:80]!r} means nothing") from None
+    if format not in FORMATS:
+        raise UserError(f"{path}: PLY format {format or 'missing'}; {', '.join(FORMATS)} are read")
+    for element in elements:
+        names = [name for name, _, _ in element.properties]
+        if len(set(names)) < len(names):
+            raise UserError(f"{path}: the PLY header names a property of {element.name} twice")
+    return FORMATS[format], [element for element in elements if element.properties], pictures, line_end + 1
+
+
+def _blocks(path: Path, data: bytes, start: int, order: str, elements: list[Element]) -> dict[str, dict]:
+    """Binary data: per element its columns, a list as (lengths (N,), values end to end)."""
+    blocks = {}
+    for element in elements:
+        lengths = _first_lengths(path, data, start, order, element)
+        fields = []
+        for (name, type, size), length in zip(element.properties, lengths):
+            if size:
+                fields += [(f"{name} length", order + size), (name, order + type, (length,))]
+            else:
+                fields.append((name, order + type))
+        row = np.dtype(fields)
+        fits = start + element.count * row.itemsize <= len(data)
+        table = np.frombuffer(data, row, element.count, start) if fits else None
+        names = [name for name, _, size in element.properties if size]
+        if table is not None and all((table[f"{n} length"] == table[f"{n} length"][:1]).all() for n in names):
+            blocks[element.name] = {
+                name: (np.full(element.count, length), table[name].reshape(-1)) if size else table[name]
+                for (name, _, size), length in zip(element.properties, lengths)
+            }
+            start += element.count * row.itemsize
+        else:
+            blocks[element.name], start = _ragged(path, data, start, order, element)
+    return blocks
+
+
+def _first_lengths(path: Path, data: bytes, start: int, order: str, element: Element) -> list[int]:
+    """How long the lists of the first row are (0 for single values): nearly always they are so in every row."""
+    lengths = []
+    for _, type, size in element.properties:
+        length = 0
+        if size and element.count:
+            length = _unpack(path, data, start, order + size, 1, element)[0]
+            start += np.dtype(size).itemsize
+            if not 0 <= length <= len(data):
+                raise UserError(f"{path}: a list of {length} values in {element.name}; the file is damaged")
+        lengths.append(int(length))
+        start += np.dtype(type).itemsize * (int(length) if size else 1)
+    return lengths
+
+
+def _unpack(path: Path, data: bytes, start: int, type: str, count: int, element: Element) -> tuple:
+    try:
+        return struct.unpack_from(f"{type[0]}{count}{np.dtype(type).char}", data, start)
+    except (struct.error, OverflowError):
+        raise UserError(f"{path} ends in the middle of its {element.name} data: it is truncated") from None
+
+
+def _ragged(path: Path, data: bytes, start: int, order: str, element: Element) -> tuple[dict, int]:
+    """The same for rows of different lengths (triangles among quads), row by row."""
+    columns = {name: ([], []) if size else [] for name, _, size in element.properties}
+    widths = [(name, order + type, order + size if size else None) for name, type, size in element.properties]
+    for _ in range(element.count):
+        for name, type, size in widths:
+            length = 1
+            if size:
+                length = _unpack(path, data, start, size, 1, element)[0]
+                start += np.dtype(size).itemsize
+                if not 0 <= length <= len(data):  # also true of NaN, in ascii files
+                    raise UserError(f"{path}: a list of {length} values in {element.name}; the file is damaged")
+                length = int(length)
+                columns[name][0].append(length)
+            values = _unpack(path, data, start, type, length, element)
+            start += np.dtype(type).itemsize * length
+            (columns[name][1] if size else columns[name]).extend(values)
+    return {
+        name: tuple(np.array(part) for part in column) if isinstance(column, tuple) else np.array(column)
+        for name, column in columns.items()
+    }, start
+
+
+def _ascii_blocks(path: Path, text: bytes, elements: list[Element]) -> dict[str, dict]:
+    """Ascii data: rewritten as a binary file of doubles and read as one."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", DeprecationWarning)  # numpy warns where it stops at a word that is no number
+        try:
+            values = np.fromstring(text, np.float64, sep=" ")
+        except (DeprecationWarning, ValueError):
+            raise UserError(f"{path}: the data of this ascii PLY hold something that is not a number") from None
+    doubles = [
+        Element(element.name, element.count, [(name, "f8", size and "f8") for name, _, size in element.properties])
+        for element in elements
+    ]
+    kinds = {(element.name, name): type for element in elements for name, type, _ in element.properties}
+    blocks = _blocks(path, values.astype("<f8").tobytes(), 0, "<", doubles)
+    return {
+        block: {
+            name: (column[0].astype(np.int64), column[1])
+            if isinstance(column, tuple)
+            else column.astype(np.uint8) if kinds[block, name] == "u1" else column
+            for name, column in columns.items()
+        }
+        for block, columns in blocks.items()
+    }  # fmt: skip
+
+
+def _color(vertex: dict) -> np.ndarray | None:
+    """Linear vertex colours (V,3), from 8- or 16-bit or float sRGB, or None."""
+    for prefix in ("", "diffuse_"):
+        names = [prefix + name for name in ("red", "green", "blue")]
+        if all(name in vertex for name in names):
+            color = np.stack([vertex[name] for name in names], axis=-1)
+            if color.dtype.kind in "ui" and color.dtype != np.uint8:
+                color = color / np.iinfo(color.dtype).max
+            return linear(color)
+    return None
+
+
+def _texture_coordinates(path: Path, vertex: dict, face: dict, counts, position, faces) -> np.ndarray:
+    """(F,3,2): MeshLab's list per face (u v of each corner), or coordinates per vertex."""
+    if "texcoord" in face:
+        lengths, values = face["texcoord"]
+        if not np.array_equal(lengths, 2 * counts):
+            raise UserError(f"{path}: `texcoord` must hold two numbers per corner of each face")
+        return values.reshape(-1, 2)[position]
+    for names in (("s", "t"), ("u", "v"), ("texture_u", "texture_v")):
+        if all(name in vertex for name in names) and faces.max() < len(vertex["x"]) and faces.min() >= 0:
+            return np.stack([vertex[name] for name in names], axis=-1)[faces]
+    raise UserError(f"{path} names a texture but has no texture coordinates")

@@ -1,0 +1,188 @@
+"""OpenEXR panoramas: the header is judged before any pixel is read.
+
+Only `OpenEXR.File` is used: the older `InputFile` crashes the process on truncated files.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from relight.files import UserError
+from relight.panoramas.limits import DECODED, check_size
+
+REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
+BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
+
+
+@dataclass(frozen=True)
+class ExrPicture:
+    """Pixels (H, W, 3) float32 linear Rec. 709, the `envmap` attribute ("latlong", "cube" or None), what was mended."""
+
+    pixels: np.ndarray
+    envmap: str | None
+    repairs: list[str]
+
+
+@dataclass(frozen=True)
+class Header:
+    """What matters of one part's header, as plain values; windows are x0, y0, x1, y1, both ends included."""
+
+    deep: bool
+    channels: dict[str, tuple[int, int]]  # name to its sampling in x and y
+    data: tuple[int, int, int, int]
+    display: tuple[int, int, int, int]
+    envmap: str | None
+    chromaticities: tuple[float, ...] | None
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height of the pixels."""
+        x0, y0, x1, y1 = self.data
+        return x1 - x0 + 1, y1 - y0 + 1
+
+
+def read_exr(path: Path) -> ExrPicture:
+    """Reads the first part with colour (or luminance alone) of an OpenEXR file; UserError when that is not possible."""
+    import OpenEXR
+
+    headers = read_headers(path, OpenEXR)
+    number = choose_part(path, headers)
+    header = headers[number]
+    try:
+        stored = OpenEXR.File(str(path), separate_channels=True, num_threads=1).parts[number].channels
+        planes = colour_planes(path, set(header.channels), lambda name: np.asarray(stored.pop(name).pixels))
+    except UserError:
+        raise
+    except Exception as error:  # the binding raises whatever its layers raise, UnicodeDecodeError included
+        raise UserError(f"{path}: OpenEXR cannot read it whole ({one_line(error)})") from error
+    repairs = [f"part {number} of {len(headers)} was read"] if len(headers) > 1 else []
+    pixels = on_display(path, header, planes, repairs)
+    to_709 = chromaticity_matrix(header.chromaticities)
+    if to_709 is not None:
+        for row in range(0, len(pixels), 256):
+            pixels[row : row + 256] = pixels[row : row + 256] @ to_709.T
+        repairs.append("colours were converted to Rec. 709 from the file's chromaticities")
+    return ExrPicture(pixels, header.envmap, repairs)
+
+
+def read_headers(path: Path, OpenEXR: Any) -> list[Header]:
+    """The headers of all parts; reads no pixels. Even a name can be bytes that the binding cannot decode."""
+    envmaps = {OpenEXR.ENVMAP_LATLONG: "latlong", OpenEXR.ENVMAP_CUBE: "cube"}
+    try:
+        headers = []
+        for part in OpenEXR.File(str(path), header_only=True).parts:
+            header = dict(part.header)
+            data, display = (window(header[name]) for name in ("dataWindow", "displayWindow"))
+            colours = header.get("chromaticities")
+            headers.append(
+                Header(
+                    deep=header.get("type") not in (None, OpenEXR.scanlineimage, OpenEXR.tiledimage),
+                    channels={str(c.name): (int(c.xSampling), int(c.ySampling)) for c in header["channels"]},
+                    data=data,
+                    display=display,
+                    envmap=envmaps.get(header["envmap"]) if "envmap" in header else None,
+                    chromaticities=None if colours is None else tuple(float(number) for number in colours),
+                )
+            )
+        return headers
+    except Exception as error:
+        raise UserError(f"{path}: OpenEXR cannot read its header ({one_line(error)})") from error
+
+
+def window(box: Any) -> tuple[int, int, int, int]:
+    (x0, y0), (x1, y1) = box
+    return int(x0), int(y0), int(x1), int(y1)
+
+
+def choose_part(path: Path, headers: list[Header]) -> int:
+    """The first part with colour; UserError for files that are too large, deep, or hold none that can be read."""
+    decoded, chosen = 0, None
+    for number, header in enumerate(headers):
+        if header.deep:
+            raise UserError(f"{path}: a deep OpenEXR image; flatten it first")
+        width, height = header.size
+        check_size(path, width, height)
+        decoded += width * height * len(header.channels) * 4
+        if chosen is None and (set("RGB") <= set(header.channels) or "Y" in header.channels):
+            chosen = number
+    if decoded > DECODED:
+        raise UserError(f"{path}: {decoded >> 20} MB of channels, more than {DECODED >> 20}; keep only R, G and B")
+    if chosen is None:
+        found = ", ".join(sorted({name for header in headers for name in header.channels})[:8])
+        raise UserError(f"{path}: has the channels {found or 'none'}; a panorama has R, G and B, or Y")
+    if {"RY", "BY"} & set(headers[chosen].channels):
+        raise UserError(f"{path}: luminance-chroma OpenEXR, which keeps colour at half the size; save it as RGB")
+    for name, sampling in headers[chosen].channels.items():
+        if name in "RGBY" and sampling != (1, 1):
+            raise UserError(f"{path}: its channel {name} is subsampled; save it with a sample per pixel")
+    return chosen
+
+
+def colour_planes(path: Path, names: set[str], take: Callable[[str], np.ndarray]) -> np.ndarray:
+    """(h, w, 3) float32 from the planes that `take` hands over by name, each released once it is copied."""
+    if not names >= {"R", "G", "B"}:
+        return np.repeat(take("Y").astype(np.float32)[..., None], 3, 2)
+    pixels = None
+    for c, name in enumerate("RGB"):
+        plane = take(name)
+        if pixels is None:
+            pixels = np.empty((*plane.shape, 3), np.float32)
+        if plane.shape != pixels.shape[:2]:
+            raise UserError(f"{path}: its channels differ in size")
+        pixels[..., c] = plane
+    return pixels
+
+
+def on_display(path: Path, header: Header, pixels: np.ndarray, repairs: list[str]) -> np.ndarray:
+    """The picture in its display window: a cropped file is completed with black, what lies outside is cut off."""
+    (x0, y0, x1, y1), (dx, dy, ex, ey) = header.data, header.display
+    if pixels.shape[1::-1] != header.size:
+        raise UserError(f"{path}: its pixels are not the size that its header says")
+    if header.display == header.data:
+        return pixels
+    width, height = ex - dx + 1, ey - dy + 1
+    check_size(path, width, height)
+    canvas = np.zeros((height, width, 3), np.float32)
+    left, top, right, bottom = max(x0, dx), max(y0, dy), min(x1, ex), min(y1, ey)
+    if left > right or top > bottom:
+        raise UserError(f"{path}: its pixels lie outside its display window")
+    inside = pixels[top - y0 : bottom - y0 + 1, left - x0 : right - x0 + 1]
+    canvas[top - dy : bottom - dy + 1, left - dx : right - dx + 1] = inside
+    repairs.append("its pixels do not fill its display window; the rest is black")
+    return canvas
+
+
+def chromaticity_matrix(chromaticities: tuple[float, ...] | None) -> np.ndarray | None:
+    """(3, 3) float32 to linear Rec. 709, or None when the colours are that already (as they are by default).
+
+    White is adapted (Bradford), except for files in XYZ itself, whose numbers are absolute.
+    """
+    if chromaticities is None:
+        return None
+    xy = np.array(chromaticities)
+    if xy.shape != (8,) or not np.all(np.isfinite(xy)) or np.allclose(xy, REC709, atol=2e-3):
+        return None
+    ours, theirs = primaries(np.array(REC709)), primaries(xy)
+    if ours is None or theirs is None:
+        return None
+    adapt = np.eye(3)
+    if not np.allclose(xy[6:], 1 / 3, atol=2e-3):
+        cone = (BRADFORD @ ours.sum(1)) / (BRADFORD @ theirs.sum(1))
+        adapt = np.linalg.inv(BRADFORD) @ np.diag(cone) @ BRADFORD
+    return (np.linalg.inv(ours) @ adapt @ theirs).astype(np.float32)
+
+
+def primaries(xy: np.ndarray) -> np.ndarray | None:
+    """(3, 3) RGB to XYZ of primaries and white (8,), white of luminance 1; None when they span no colours."""
+    points = xy.reshape(4, 2)
+    xyz = np.concatenate([points, 1 - points.sum(1, keepdims=True)], 1).T
+    if abs(np.linalg.det(xyz[:, :3])) < 1e-6 or abs(xyz[1, 3]) < 1e-6:
+        return None
+    return xyz[:, :3] * np.linalg.solve(xyz[:, :3], xyz[:, 3] / xyz[1, 3])
+
+
+def one_line(error: Exception) -> str:
+    return " ".join(str(error).split())[:200] or type(error).__name__

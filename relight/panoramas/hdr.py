@@ -1,0 +1,185 @@
+"""Radiance .hdr pictures, read strictly: a file is whole or it is an error.
+
+All eight orientations, flat and both kinds of run-length pixels, EXPOSURE and COLORCORR divided out, XYZE converted
+(Ward, "Real pixels", Graphics Gems II; "Radiance file formats").
+"""
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from relight.files import UserError
+from relight.panoramas.limits import check_size
+
+XYZ_TO_RGB = np.array(
+    [[3.240479, -1.537150, -0.498535], [-0.969256, 1.875992, 0.041556], [0.055648, -0.204043, 1.057311]]
+)
+RESOLUTION = re.compile(rb"([+-])([XY]) +(\d{1,9}) +([+-])([XY]) +(\d{1,9})\s*")
+LONGEST_HEADER = 65536
+ROWS = 64  # expanded and converted at a time, so that memory stays at the picture itself
+
+
+def read_hdr(path: Path) -> tuple[np.ndarray, list[str]]:
+    """Pixels (H, W, 3) float32, linear Rec. 709, upright, in the units before EXPOSURE; and what was converted.
+
+    Raises UserError for anything that is not a whole Radiance picture.
+    """
+    data = path.read_bytes()
+    try:
+        divisor, xyz, start = read_header(data)
+        swap, first, second, height, width, start = read_resolution(data, start)
+        check_size(path, width, height)
+        # A scanline has at least four bytes, and two more for each run of 127 in each of its four channels.
+        least = height * (4 if width < 8 else 8)
+        if len(data) - start < least:
+            raise Malformed(f"{len(data) - start} bytes of pixels cannot hold {width} x {height} pixels")
+        pixels = read_pixels(data, start, height, width)
+    except Malformed as problem:
+        raise UserError(f"{path}: not a whole Radiance picture: {problem}") from None
+    for row in range(0, height, ROWS):
+        part = pixels[row : row + ROWS]
+        if xyz:
+            part[:] = part @ XYZ_TO_RGB.T.astype(np.float32)
+        part /= divisor.astype(np.float32)
+    if first == b"+" if not swap else first == b"-":
+        pixels = pixels[::-1]
+    if second == b"-" if not swap else second == b"+":
+        pixels = pixels[:, ::-1]
+    if swap:
+        pixels = pixels.transpose(1, 0, 2)
+    return pixels, ["converted from XYZ"] if xyz else []
+
+
+class Malformed(Exception):
+    """What is wrong with the bytes."""
+
+
+def read_header(data: bytes) -> tuple[np.ndarray, bool, int]:
+    """The product of EXPOSURE and COLORCORR (3,), whether pixels are XYZE, and where the resolution line starts."""
+    if not data.startswith(b"#?"):
+        raise Malformed("it does not begin with #?")
+    divisor, xyz, place = np.ones(3), False, 0
+    while True:
+        end = data.find(b"\n", place, LONGEST_HEADER)
+        if end < 0:
+            raise Malformed("its header has no end")
+        line, place = data[place:end].strip(), end + 1
+        if not line:
+            return divisor, xyz, place
+        key, _, value = line.partition(b"=")
+        match key.strip():
+            case b"FORMAT":
+                if value.strip() not in (b"32-bit_rle_rgbe", b"32-bit_rle_xyze"):
+                    raise Malformed(f"its FORMAT is {value.decode('latin-1')!r}")
+                xyz = value.strip().endswith(b"xyze")
+            case b"EXPOSURE":
+                divisor *= numbers(value, 1)
+            case b"COLORCORR":
+                divisor *= numbers(value, 3)
+
+
+def numbers(text: bytes, count: int) -> np.ndarray:
+    """`count` positive finite numbers in a header's value."""
+    try:
+        values = np.array([float(part) for part in text.split()])
+    except ValueError:
+        values = np.array([])
+    if len(values) != count or not np.all((values > 1e-30) & (values < 1e30)):
+        raise Malformed(f"a header value is {text.decode('latin-1')!r}, not {count} positive number(s)")
+    return values
+
+
+def read_resolution(data: bytes, place: int) -> tuple[bool, bytes, bytes, int, int, int]:
+    """Whether scanlines are columns, the two signs, count and length of scanlines, and where pixels start."""
+    end = data.find(b"\n", place, place + 256)
+    match = RESOLUTION.fullmatch(data[place:end]) if end >= 0 else None
+    if match is None or match[2] == match[5]:
+        raise Malformed("its resolution line is not like -Y 512 +X 1024")
+    return match[2] == b"X", match[1], match[4], int(match[3]), int(match[6]), end + 1
+
+
+def read_pixels(data: bytes, place: int, height: int, width: int) -> np.ndarray:
+    """Scanlines (height, width, 3) float32 from flat, old and new run-length coded pixels, told apart line by line."""
+    # m * 2^(e - 136), zero for e = 0 (Ward); float32 holds all of it but the faintest 20 steps.
+    scale = np.ldexp(1.0, np.arange(256) - 136).astype(np.float32)
+    scale[0] = 0
+    pixels = np.empty((height, width, 3), np.float32)
+    source = np.frombuffer(data, np.uint8)
+    for row in range(0, height, ROWS):
+        block = np.empty((min(ROWS, height - row), width, 4), np.uint8)
+        for line in block:
+            place = read_scanline(data, source, place, line)
+        np.multiply(block[..., :3], scale[block[..., 3]][..., None], out=pixels[row : row + len(block)])
+    return pixels
+
+
+def read_scanline(data: bytes, source: np.ndarray, place: int, line: np.ndarray) -> int:
+    """Decodes the scanline that starts at `place` into `line` (W, 4) uint8; returns where the next one starts."""
+    width = len(line)
+    mark = data[place : place + 4]
+    if len(mark) < 4:
+        raise Malformed("it ends before its last scanline")
+    if 8 <= width < 32768 and mark[0] == mark[1] == 2 and mark[2] < 128:
+        if mark[2] << 8 | mark[3] != width:
+            raise Malformed(f"a scanline says it has {mark[2] << 8 | mark[3]} pixels, not {width}")
+        return read_runs(data, source, place + 4, line)
+    flat = source[place : place + 4 * width].reshape(-1, 4) if len(data) - place >= 4 * width else None
+    if flat is not None and not np.any((flat[:, 0] == 1) & (flat[:, 1] == 1) & (flat[:, 2] == 1)):
+        line[:] = flat
+        return place + 4 * width
+    return read_old_runs(data, place, line)
+
+
+def read_runs(data: bytes, source: np.ndarray, place: int, line: np.ndarray) -> int:
+    """New run-length coding: the four channels one after the other, runs and literals."""
+    width = len(line)
+    starts = []
+    end = len(data)
+    for _ in range(4):
+        filled = 0
+        while filled < width:
+            if place >= end:
+                raise Malformed("it ends inside a scanline")
+            code = data[place]
+            starts.append(place)
+            if code > 128:
+                filled += code - 128
+                place += 2
+            else:
+                filled += code or width + 1  # a literal of no bytes is an error, and would never end
+                place += code + 1
+        if filled != width:
+            raise Malformed("a run leaves its scanline")
+    if place > end:
+        raise Malformed("it ends inside a scanline")
+    start = np.array(starts)
+    code = source[start].astype(np.int64)
+    run = code > 128
+    length = np.where(run, code - 128, code)
+    # Output byte i of a literal comes from its own place; all bytes of a run come from the one after its code.
+    first = np.cumsum(length) - length
+    index = np.repeat(np.where(run, start + 1, start + 1 - first), length)
+    index += np.where(np.repeat(run, length), 0, np.arange(4 * width))
+    line[:] = source[index].reshape(4, width).T
+    return place
+
+
+def read_old_runs(data: bytes, place: int, line: np.ndarray) -> int:
+    """Old run-length coding: a pixel (1, 1, 1, n) repeats the one before it n times; more in a row count by 256s."""
+    width, filled, shift = len(line), 0, 0
+    while filled < width:
+        pixel = data[place : place + 4]
+        if len(pixel) < 4:
+            raise Malformed("it ends inside a scanline")
+        place += 4
+        if pixel[:3] == b"\1\1\1":
+            count = pixel[3] << shift
+            if not filled or filled + count > width:
+                raise Malformed("a run leaves its scanline")
+            line[filled : filled + count] = line[filled - 1]
+            filled, shift = filled + count, min(shift + 8, 24)
+            continue
+        line[filled] = tuple(pixel)
+        filled, shift = filled + 1, 0
+    return place

@@ -1,0 +1,182 @@
+"""Which direction each pixel of a panorama looks along, and the integrals of Y_lm over its pixels.
+
+Every layout is integrated as the image that its samples stand for: constant over each pixel or, when samples lie on the
+corners, bilinear between them. So a constant map has L00 = sqrt(4 pi) c and nothing else, at any size, and one bright
+pixel weighs its own solid angle. Directions are in the camera frame: +x right, +y up, +z toward the camera.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from relight.sh.basis import bands, basis, count
+from relight.sh.rotation import rotation_matrix
+
+# Faces of a cube as seen from its centre: the axis of the face, image right, image down.
+FACES = {
+    "+x": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
+    "-x": ((-1, 0, 0), (0, 0, -1), (0, -1, 0)),
+    "+y": ((0, 1, 0), (1, 0, 0), (0, 0, -1)),
+    "-y": ((0, -1, 0), (1, 0, 0), (0, 0, 1)),
+    "+z": ((0, 0, 1), (-1, 0, 0), (0, -1, 0)),
+    "-z": ((0, 0, -1), (1, 0, 0), (0, -1, 0)),
+}
+STRIP = ("+x", "-x", "+y", "-y", "+z", "-z")  # OpenEXR
+# OpenGL, Direct3D and three.js count +z forward, left-handed: their fifth face is the one in front of our camera.
+STRIP_GL = ("+x", "-x", "+y", "-y", "-z", "+z")
+CROSS = {"+y": (0, 1), "-x": (1, 0), "-z": (1, 1), "+x": (1, 2), "-y": (2, 1)}  # (row, column), both kinds; +z differs
+LATLONG_FRAME = np.array([[0, 0, -1], [1, 0, 0], [0, 1, 0]])  # camera frame to (image centre, image right, up)
+
+ToSphere = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
+
+
+def gauss(nodes: int) -> tuple[np.ndarray, np.ndarray]:
+    """Gauss-Legendre nodes and weights on [0, 1]."""
+    x, w = np.polynomial.legendre.leggauss(nodes)
+    return (x + 1) / 2, w / 2
+
+
+def profile_integrals(function: Callable[[np.ndarray], np.ndarray], samples: int, corners: bool) -> np.ndarray:
+    """Integrals over [0, 1] of `function` (N,) -> (N, K) times the shape of each of `samples` in a row: (samples, K).
+
+    The shape is the box of a pixel, or the hat between neighbours when samples lie on the `corners`. Sixteen nodes per
+    cell are exact to rounding for low orders, even with a single cell from pole to pole.
+    """
+    cells = samples - 1 if corners else samples
+    x, w = gauss(16)
+    values = function(((np.arange(cells)[:, None] + x) / cells).ravel()).reshape(cells, len(x), -1) / cells
+    if not corners:
+        return np.einsum("cnk,n->ck", values, w)
+    integrals = np.zeros((samples, values.shape[-1]))
+    integrals[:-1] += np.einsum("cnk,n->ck", values, w * (1 - x))
+    integrals[1:] += np.einsum("cnk,n->ck", values, w * x)
+    return integrals
+
+
+def project_latlong(pixels: np.ndarray, order: int, corners: bool = False) -> np.ndarray:
+    """Coefficients (K, C) of a lat-long image (H, W, C) whose centre looks along -z, with +x to the right.
+
+    Y_lm with the image's own pole is a profile of the row times cos or sin of m times the column's azimuth, so a
+    picture of any size costs one product with 2 order + 1 columns; a fixed rotation then brings the pole to z.
+    """
+    height, width = pixels.shape[:2]
+
+    def rows(t: np.ndarray) -> np.ndarray:
+        theta = np.pi * t
+        meridian = np.stack([np.sin(theta), np.zeros_like(theta), np.cos(theta)], -1)  # azimuth 0, where cos m phi = 1
+        return basis(meridian, order) * (np.pi * np.sin(theta))[:, None]
+
+    def columns(t: np.ndarray) -> np.ndarray:
+        phi, m = 2 * np.pi * (t[:, None] - 0.5), np.arange(order + 1)
+        return 2 * np.pi * np.concatenate([np.cos(m * phi), np.sin(m[1:] * phi)], -1)
+
+    row, column = profile_integrals(rows, height, corners), profile_integrals(columns, width, corners)
+    harmonic = np.empty((height, 2 * order + 1, pixels.shape[2]))
+    for start in range(0, height, 64):  # in slices: the product is in double, the picture is not
+        part = pixels[start : start + 64]
+        harmonic[start : start + 64] = np.einsum("hwc,wm->hmc", part, column, optimize=True)
+    k = np.arange(count(order))
+    l = bands(order)
+    m = k - l * l - l
+    profile = row[:, l * l + l + abs(m)]
+    own = np.einsum("hk,hkc->kc", profile, harmonic[:, np.where(m < 0, order - m, m)])
+    return rotation_matrix(LATLONG_FRAME.T, order) @ own
+
+
+def latlong_solid_angles(height: int, width: int) -> np.ndarray:
+    """Steradians of one pixel in each row of a lat-long image, (height,); exact, so that all pixels sum to 4 pi."""
+    return -np.diff(np.cos(np.arange(height + 1) / height * np.pi)) * 2 * np.pi / width
+
+
+def project_plane(
+    pixels: np.ndarray, to_sphere: ToSphere, order: int, corners: bool = False, disc: bool = False
+) -> np.ndarray:
+    """Coefficients (K, C) of an image (n, n, C) that `to_sphere` lays on the sphere.
+
+    `to_sphere(u, v)` gives directions (..., 3) and solid angle per area for u right, v down, both in [-1, 1]. With
+    `disc` only the part of each pixel inside the unit circle counts; its samples are pixels, not corners.
+    """
+    n = pixels.shape[0]
+    cells = n - 1 if corners else n
+    x, w = gauss(int(np.clip(1024 // n, 2, 8)))
+    edges = 2 * np.arange(cells + 1) / cells - 1
+    rows = np.arcsin(edges) if disc else edges
+    total = np.zeros((count(order), pixels.shape[2]))
+    step = max(1, 65536 // n)
+    for start in range(0, cells, step):
+        stop = min(start + step, cells)
+        part = pixels[start : stop + 1 if corners else stop].astype(np.float64)
+        height = np.diff(rows[start : stop + 1])[:, None]
+        for y, wy in zip(x, w):
+            v = rows[start:stop, None] + y * height
+            if disc:  # v = sin t, u = cos t sin s: nothing is singular at the rim, so pixels cut by it are exact too
+                reach = np.cos(v)
+                v = np.sin(v)
+                columns = np.arcsin(np.clip(edges / reach, -1, 1))
+            else:
+                reach = 1.0
+                columns = np.broadcast_to(edges, (len(v), cells + 1))
+            width = np.diff(columns)
+            for z, wx in zip(x, w):
+                u, area = columns[:, :-1] + z * width, wx * wy * width * height
+                if disc:
+                    u, area = reach * np.sin(u), area * reach**2 * np.cos(u)
+                direction, density = to_sphere(u, v)
+                value = part
+                if corners:
+                    value = part[:-1] * (1 - y) + part[1:] * y
+                    value = value[:, :-1] * (1 - z) + value[:, 1:] * z
+                values = basis(direction, order) * (density * area)[..., None]
+                total += np.tensordot(values, value, axes=((0, 1), (0, 1)))
+    return total
+
+
+def angular_to_sphere(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Debevec's angular map: the centre looks along -z and the angle from it grows with the radius, pi at the rim."""
+    r = np.hypot(u, v)
+    sinc = np.sinc(r)  # sin(pi r) / (pi r)
+    direction = np.stack([np.pi * u * sinc, -np.pi * v * sinc, -np.cos(np.pi * r)], -1)
+    return direction, np.pi**2 * sinc
+
+
+def ball_to_sphere(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """An orthographic photo of a chrome ball: the centre reflects the camera (+z), the rim what is behind the ball."""
+    r2 = np.minimum(u * u + v * v, 1.0)
+    forward = 2 * np.sqrt(1 - r2)  # reflection of +z about the normal (u, -v, sqrt(1 - r2))
+    direction = np.stack([u * forward, -v * forward, 1 - 2 * r2], -1)
+    return direction, np.full(r2.shape, 4.0)
+
+
+def face_to_sphere(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The face of a cube that lies on +z, image right along +x and image down along -y."""
+    u, v = np.broadcast_arrays(u, v)
+    length = np.sqrt(1 + u * u + v * v)
+    return np.stack([u, -v, np.ones_like(u)], -1) / length[..., None], length**-3
+
+
+def cut_faces(pixels: np.ndarray, layout: str) -> dict[str, np.ndarray]:
+    """The six faces (n, n, C) of a cross (3:4 or 4:3) or strip (1:6 or 6:1), each upright as in FACES."""
+    height, width = pixels.shape[:2]
+    if layout == "cross":
+        n = height // (4 if height > width else 3)
+        places = {**CROSS, "+z": (3, 1) if height > width else (1, 3)}
+    else:
+        n = min(height, width)
+        order = STRIP if layout == "strip" else STRIP_GL
+        places = {face: (i, 0) if height > width else (0, i) for i, face in enumerate(order)}
+    faces = {face: pixels[n * i : n * (i + 1), n * j : n * (j + 1)] for face, (i, j) in places.items()}
+    if layout == "cross" and height > width:
+        faces["+z"] = faces["+z"][::-1, ::-1]  # the foot of a standing cross is upside down
+    return faces
+
+
+def project_cube(faces: dict[str, np.ndarray], order: int, corners: bool = False) -> np.ndarray:
+    """Coefficients (K, C) of six faces (n, n, C): all projected as if on +z, then each turned to its place."""
+    channels = next(iter(faces.values())).shape[2]
+    together = project_plane(np.concatenate(list(faces.values()), -1), face_to_sphere, order, corners)
+    total = np.zeros((together.shape[0], channels))
+    for i, face in enumerate(faces):
+        axis, right, down = np.array(FACES[face], float)
+        turn = np.stack([right, -down, axis], -1)
+        total += rotation_matrix(turn, order) @ together[:, channels * i : channels * (i + 1)]
+    return total

@@ -1,0 +1,151 @@
+"""Any panorama that people have, as a Panorama: sniffed, read, its layout decided, its pixels checked."""
+
+from pathlib import Path
+
+import numpy as np
+
+from relight.files import UserError, existing
+from relight.panoramas.exr import read_exr
+from relight.panoramas.hdr import read_hdr
+from relight.panoramas.panorama import LAYOUTS, Panorama
+from relight.panoramas.pfm import read_pfm
+
+SUFFIXES = (".hdr", ".pic", ".rgbe", ".xyze", ".exr", ".pfm")
+# What files that are no panorama begin with, in place of pixels.
+IMPOSTORS = (
+    (b"version https://git-lfs", "a git-lfs pointer; fetch the file itself (git lfs pull)"),
+    (b"\x89PNG", "a PNG picture, which has no range for light; use the .hdr or .exr of it"),
+    (b"\xff\xd8\xff", "a JPEG picture, which has no range for light; use the .hdr or .exr of it"),
+    (b"GIF8", "a GIF picture, which has no range for light; use the .hdr or .exr of it"),
+    (b"II*\x00", "a TIFF picture; save it as .exr"),
+    (b"MM\x00*", "a TIFF picture; save it as .exr"),
+    (b"PK\x03\x04", "a zip archive; unpack it first"),
+    (b"\x1f\x8b", "a gzip archive; unpack it first"),
+)
+
+
+def read_panorama(
+    path: Path | str, layout: str = "auto", yaw: float = 0.0, flip: bool = False, exposure: float = 1.0
+) -> Panorama:
+    """Reads a .hdr, .exr or .pfm panorama, told apart by what they hold and not by their names.
+
+    layout    "auto" goes by OpenEXR's envmap attribute, else by the aspect; a square picture must be told
+    yaw       degrees by which the light is turned about the vertical, +z toward +x
+    flip      mirror left and right
+    exposure  factor on the pixels
+
+    Raises UserError for anything that is not a whole panorama with finite pixels and some light; negative pixels are
+    set to zero and counted in `repairs`.
+    """
+    path = existing(path, "panorama")
+    if layout != "auto" and layout not in LAYOUTS:
+        raise UserError(f"layout={layout}: auto, {', '.join(LAYOUTS[:-1])} or {LAYOUTS[-1]}")
+    if not (np.isfinite(exposure) and exposure > 0 and np.isfinite(yaw)):
+        raise UserError(f"exposure={exposure}, yaw={yaw}: must be a positive number and a number of degrees")
+    pixels, envmap, repairs = read_pixels(path)
+    decided = decide_layout(path, pixels.shape[1], pixels.shape[0], layout, envmap)
+    attribute = envmap is not None and decided == {"latlong": "latlong", "cube": "strip"}[envmap]
+    pixels = checked(path, pixels, exposure, repairs)
+    front = "+z" if attribute and decided == "latlong" else "-z"
+    return Panorama(pixels, decided, attribute, flip, yaw, front, str(path), repairs)
+
+
+def read_pixels(path: Path) -> tuple[np.ndarray, str | None, list[str]]:
+    """Pixels (H, W, 3) float32, OpenEXR's envmap attribute, and repairs."""
+    try:
+        with open(path, "rb") as file:
+            start = file.read(256)
+    except OSError as error:
+        raise UserError(f"{path}: cannot be read ({error.strerror})") from error
+    if not start:
+        raise UserError(f"{path}: an empty file")
+    if start.startswith(b"\x76\x2f\x31\x01"):
+        picture = read_exr(path)
+        return picture.pixels, picture.envmap, picture.repairs
+    if start.startswith(b"#?"):
+        pixels, repairs = read_hdr(path)
+        return pixels, None, repairs
+    if start[:2] in (b"PF", b"Pf"):
+        return read_pfm(path), None, []
+    for magic, what in IMPOSTORS:
+        if start.startswith(magic):
+            raise UserError(f"{path}: {what}")
+    if start.lstrip()[:1] == b"<":
+        raise UserError(f"{path}: a web page, not a picture; download it again")
+    raise UserError(f"{path}: neither Radiance .hdr, OpenEXR nor .pfm")
+
+
+def decide_layout(path: Path, width: int, height: int, layout: str, envmap: str | None) -> str:
+    """The layout of a picture; what the user says wins over the envmap attribute, and that over the aspect."""
+    if layout == "auto" and envmap:
+        layout = {"latlong": "latlong", "cube": "strip"}[envmap]
+    if layout == "auto":
+        if abs(width - 2 * height) <= 0.01 * width:
+            return "latlong"
+        if 3 * width == 4 * height or 4 * width == 3 * height:
+            layout = "cross"
+        elif width == 6 * height or height == 6 * width:
+            layout = "strip"
+        elif width == height:
+            raise UserError(
+                f"{path}: a square picture can be an angular map, a mirror ball or a squeezed lat-long; say which "
+                "(layout=angular, ball or latlong)"
+            )
+        else:
+            raise UserError(
+                f"{path}: {width} x {height} is no aspect of a panorama: 2:1 is lat-long, 3:4 and 4:3 a cross, 1:6 and "
+                "6:1 a strip of cube faces; a square one must be told (layout=angular, ball or latlong)"
+            )
+    fits = {
+        "latlong": height >= 2 and width >= 2,
+        "angular": width == height,
+        "ball": width == height,
+        "cross": 3 * width == 4 * height or 4 * width == 3 * height,
+        "strip": width == 6 * height or height == 6 * width,
+        "strip-gl": width == 6 * height or height == 6 * width,
+    }[layout]
+    if not fits or (envmap == "cube" and min(width, height) < 2):
+        asked = {"angular": "square", "ball": "square", "cross": "3:4 or 4:3", "latlong": "2:1"}.get(
+            layout, "1:6 or 6:1"
+        )
+        raise UserError(f"{path}: {width} x {height} cannot be laid out as {layout}, which is {asked}")
+    return layout
+
+
+def checked(path: Path, pixels: np.ndarray, exposure: float, repairs: list[str]) -> np.ndarray:
+    """Pixels times `exposure`: finite, with negatives set to zero and counted, and not all black."""
+    pixels = np.ascontiguousarray(pixels)
+    negative, most = 0, 0.0
+    for start in range(0, len(pixels), 256):
+        part = pixels[start : start + 256]
+        if exposure != 1.0:
+            part *= np.float32(exposure)
+        if not np.isfinite(part).all():
+            row, column = np.argwhere(~np.isfinite(part))[0][:2]
+            raise UserError(
+                f"{path}: pixel ({start + row}, {column}) is not a finite number; mend the picture (a sun can be too "
+                "bright for half floats)"
+            )
+        below = part < 0
+        negative += int(below.any(-1).sum())
+        part[below] = 0
+        most = max(most, float(part.max()))
+    if most == 0:
+        raise UserError(f"{path}: all black; a panorama has some light")
+    if negative:
+        repairs.append(f"{negative} of {pixels.shape[0] * pixels.shape[1]} pixels had negative values, set to zero")
+    return pixels
+
+
+def panoramas_in(folder: Path | str) -> list[str]:
+    """The panoramas in a folder and its subfolders, as sorted relative paths; hidden files are no panoramas."""
+    folder = Path(folder)
+    if not folder.is_dir():
+        raise UserError(f"panoramas.folder={folder}: there is no such folder")
+    files = (
+        file.relative_to(folder) for file in folder.rglob("*") if file.suffix.lower() in SUFFIXES and file.is_file()
+    )
+    names = sorted(f.as_posix() for f in files if not any(part.startswith((".", "__MACOSX")) for part in f.parts))
+    if not names:
+        raise UserError(f"{folder}: no panorama in it or below; they end in {', '.join(SUFFIXES)}")
+    return names

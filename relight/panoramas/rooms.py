@@ -1,0 +1,213 @@
+"""Rooms: indoor panoramas drawn from a seed.
+
+A room is a box with coloured walls, windows, lamps and furniture, seen by a camera that stands in it. Radiosity gives
+the light (relight.panoramas.radiosity). The ranges are set so that the statistics of the resulting lights match those
+of measured indoor maps (docs/lights.md); nothing here needs a file.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from relight.panoramas.colour import kelvin, luminance
+from relight.panoramas.layouts import latlong_solid_angles
+from relight.panoramas.radiosity import HEIGHT, WIDTH, render
+
+
+@dataclass(frozen=True)
+class Patch:
+    """A lit rectangle in a wall: a window's sky, its ground, or a panel of the ceiling."""
+
+    wall: int  # 2 * axis + side
+    low: np.ndarray  # (3,) metres; low and high agree along the wall's axis
+    high: np.ndarray
+    radiance: np.ndarray  # (3,) linear RGB
+    daylight: bool = False  # the sun shines in through it
+
+
+@dataclass(frozen=True)
+class Lamp:
+    """A glowing sphere."""
+
+    centre: np.ndarray  # (3,) metres
+    radius: float
+    radiance: np.ndarray  # (3,)
+
+
+@dataclass(frozen=True)
+class Box:
+    """A piece of furniture."""
+
+    low: np.ndarray
+    high: np.ndarray
+    albedo: np.ndarray
+
+
+@dataclass
+class Room:
+    """A box from the origin to `size`, metres, y up. Walls are numbered 2 * axis + side: floor 2, ceiling 3."""
+
+    size: np.ndarray
+    camera: np.ndarray
+    albedo: np.ndarray  # (6, 3) of the walls
+    patches: list[Patch] = field(default_factory=list)
+    lamps: list[Lamp] = field(default_factory=list)
+    boxes: list[Box] = field(default_factory=list)
+    sun: tuple[np.ndarray, np.ndarray] | None = None  # direction toward it, and its irradiance on a facing surface
+
+
+UPRIGHT = (0, 1, 4, 5)  # the walls that are neither floor nor ceiling
+
+
+def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
+
+
+def draw_room(rng: np.random.Generator) -> Room:
+    """A room of 2.8-14 m, its surfaces, daylight, lamps and furniture; it always has a source of light."""
+    x, z = log_uniform(rng, 2.8, 14), log_uniform(rng, 2.8, 14)
+    y = rng.uniform(2.3, 3.4) if rng.random() < 0.75 else rng.uniform(3.4, 7.0)
+    eye = min(rng.uniform(1.1, 1.7), 0.7 * y)
+    camera = np.array([x * rng.uniform(0.15, 0.85), eye, z * rng.uniform(0.15, 0.85)])
+    room = Room(np.array([x, y, z]), camera, draw_albedo(rng))
+    day = rng.random() < 0.72
+    if day:
+        add_daylight(room, rng)
+    if rng.random() < (0.68 if day else 1.0) or not room.patches:
+        add_lamps(room, rng)
+    add_furniture(room, rng)
+    return room
+
+
+def draw_albedo(rng: np.random.Generator) -> np.ndarray:
+    """(6, 3): pale walls with an accent wall here and there, a darker floor, a light ceiling."""
+    reflects = log_uniform(rng, *((0.4, 0.9) if rng.random() < 0.75 else (0.1, 0.4)))
+    wall = reflects * np.array([1, rng.uniform(0.92, 1.0), rng.uniform(0.84, 1.02)])
+    albedo = np.stack([wall] * 6)
+    for i in UPRIGHT:
+        if rng.random() < 0.22:
+            albedo[i] = np.clip(rng.uniform(0.1, 0.75) * (0.5 + 0.7 * rng.random(3)), 0.03, 0.9)
+    albedo[2] = log_uniform(rng, 0.06, 0.5) * np.array([1, rng.uniform(0.75, 1.0), rng.uniform(0.5, 1.0)])
+    pale = rng.random() < 0.9
+    albedo[3] = min(log_uniform(rng, *((0.55, 0.95) if pale else (0.1, 0.4))), 0.92)
+    return albedo
+
+
+def add_daylight(room: Room, rng: np.random.Generator) -> None:
+    """Up to four windows, mostly in one wall, with sky above and ground below; now and then a skylight and the sun."""
+    sky = log_uniform(rng, 2, 40)
+    temperature = rng.uniform(5200, 9500)
+    count = rng.choice(5, p=[0.14, 0.34, 0.27, 0.15, 0.10])
+    main = rng.choice(UPRIGHT)
+    for _ in range(count):
+        wall = int(main if rng.random() < 0.6 else rng.choice(UPRIGHT))
+        along = 2 - wall // 2  # a wall across x runs along z and the reverse
+        length, height = room.size[along], room.size[1]
+        width = min(log_uniform(rng, 0.7, 4.0), 0.8 * length)
+        start = rng.uniform(0.05 * length, 0.95 * length - width)
+        sill = rng.uniform(0.2, 1.1) if rng.random() < 0.8 else rng.uniform(0.5, 0.6) * height
+        top = min(height - 0.15, sill + rng.uniform(0.9, 2.2))
+        horizon = float(np.clip(room.camera[1] + rng.uniform(-0.3, 0.2), sill, top))
+        curtain = 1.0 if rng.random() < 0.6 else rng.uniform(0.1, 0.5)
+        above = kelvin(temperature) * sky * rng.uniform(0.4, 1.0) * curtain
+        below = np.array([0.8, 1.0, 0.7]) * sky * rng.uniform(0.05, 0.22) * curtain
+        for bottom, end, radiance in ((sill, horizon, below), (horizon, top, above)):
+            if end - bottom > 0.05:
+                low, high = np.zeros(3), np.zeros(3)
+                low[wall // 2] = high[wall // 2] = room.size[wall // 2] * (wall % 2)
+                low[along], high[along] = start, start + width
+                low[1], high[1] = bottom, end
+                room.patches.append(Patch(wall, low, high, radiance, daylight=True))
+    if rng.random() < 0.12:
+        add_skylight(room, rng, kelvin(temperature) * sky)
+    walls = [patch.wall for patch in room.patches if patch.wall in UPRIGHT]
+    if walls and rng.random() < 0.28:
+        outward, elevation, azimuth = walls[0], np.radians(rng.uniform(15, 60)), rng.uniform(-1, 1)
+        toward = np.zeros(3)
+        toward[outward // 2] = (2 * (outward % 2) - 1) * np.cos(elevation) * np.cos(azimuth)
+        toward[2 - outward // 2] = np.cos(elevation) * np.sin(azimuth)
+        toward[1] = np.sin(elevation)
+        room.sun = toward, kelvin(rng.uniform(4000, 5600)) * sky * rng.uniform(1.5, 8)
+
+
+def add_skylight(room: Room, rng: np.random.Generator, radiance: np.ndarray) -> None:
+    x, y, z = room.size
+    side = log_uniform(rng, 0.8, 3)
+    sx, sz = min(side, 0.6 * x), min(side, 0.6 * z)
+    low = np.array([rng.uniform(0, x - sx), y, rng.uniform(0, z - sz)])
+    room.patches.append(Patch(3, low, low + [sx, 0, sz], radiance, daylight=True))
+
+
+def add_lamps(room: Room, rng: np.random.Generator) -> None:
+    """Ceiling panels in a grid, or one to six lamps that hang, stand or sit on a wall."""
+    x, y, z = room.size
+    ranges = ((2400, 3200), (3200, 4500), (4500, 6500))
+    temperature = rng.uniform(*ranges[rng.choice(3, p=[0.42, 0.33, 0.25])])
+    power = log_uniform(rng, 0.3, 3.0) * x * z * 6  # a room's lighting grows with its floor
+    if rng.random() < 0.55:
+        nx, nz = (int(np.clip(side / rng.uniform(1.8, 3.5), 1, 5)) for side in (x, z))
+        sx, sz = min(rng.choice([0.3, 0.6, 0.6]), 0.8 * x / nx), min(rng.choice([0.6, 1.2, 1.2]), 0.8 * z / nz)
+        radiance = kelvin(temperature) * power / (nx * nz * sx * sz * np.pi)
+        works = rng.random((nx, nz)) > 0.12
+        works[0, 0] |= not works.any()
+        for i, j in np.ndindex(nx, nz):
+            if works[i, j]:
+                centre = np.array([(i + 0.5) * x / nx, y, (j + 0.5) * z / nz])
+                half = np.array([sx / 2, 0, sz / 2])
+                room.patches.append(Patch(3, centre - half, centre + half, radiance))
+        return
+    count, radius = rng.integers(1, 7), rng.choice([0.06, 0.08, 0.15, 0.22])
+    for _ in range(count):
+        kind = rng.random()
+        centre = np.array([rng.uniform(0.1, 0.9) * x, y - 0.2, rng.uniform(0.1, 0.9) * z])
+        if kind < 0.84:  # hangs
+            centre[1] = y - rng.uniform(0.1, 0.9) if y > 2.7 else y - 0.2
+        elif kind < 0.92:  # stands
+            centre[1] = rng.uniform(1.0, 1.7)
+        else:  # on a wall
+            axis = rng.choice([0, 2])
+            centre[axis] = 0.12 if rng.random() < 0.5 else room.size[axis] - 0.12
+            centre[1] = rng.uniform(1.6, 2.1)
+        if np.linalg.norm(centre - room.camera) > 0.7:
+            tint = kelvin(temperature * rng.uniform(0.93, 1.07))
+            room.lamps.append(Lamp(centre, radius, tint * power / (count * 4 * np.pi**2 * radius**2)))
+    if not room.lamps:
+        centre = np.array([x * 0.5, y - 0.15, z * 0.5])
+        room.lamps.append(Lamp(centre, radius, kelvin(temperature) * power / (4 * np.pi**2 * radius**2)))
+
+
+def add_furniture(room: Room, rng: np.random.Generator) -> None:
+    """Up to seven boxes on the floor, most of them against a wall, none where the camera stands."""
+    for _ in range(rng.integers(0, 8)):
+        tall = rng.random() < 0.25
+        size = [
+            log_uniform(rng, 0.3, 2.2),
+            log_uniform(rng, *((1.3, 2.2) if tall else (0.35, 1.2))),
+            log_uniform(rng, 0.3, 2.2),
+        ]
+        size = np.minimum(size, room.size * 0.6)
+        low = np.array([rng.uniform(0, room.size[0] - size[0]), 0, rng.uniform(0, room.size[2] - size[2])])
+        if rng.random() < 0.6:
+            axis = rng.choice([0, 2])
+            low[axis] = 0 if rng.random() < 0.5 else room.size[axis] - size[axis]
+        albedo = np.clip(log_uniform(rng, 0.06, 0.7) * (0.55 + 0.6 * rng.random(3)), 0.02, 0.9)
+        if np.any((room.camera < low - 0.3) | (room.camera > low + size + 0.3)):
+            room.boxes.append(Box(low, low + size, albedo))
+
+
+def room(seed: int) -> np.ndarray:
+    """The panorama of room number `seed`: (64, 128, 3) float32 lat-long, linear, centre toward -z, pixel centres.
+
+    White balance is partial, as cameras' is, and the exposure log-normal, as a photographer's is; so about one room in
+    fourteen is darker at the front than the paper's threshold of 0.2.
+    """
+    rng = np.random.default_rng([seed, 0x100])
+    pixels = render(draw_room(rng))
+    weight = latlong_solid_angles(HEIGHT, WIDTH)[:, None, None] / (4 * np.pi)
+    mean = (pixels * weight).sum((0, 1))
+    mean = np.maximum(mean, 1e-9 * mean.max())
+    tint = np.exp([rng.normal(0.06, 0.13), 0, rng.normal(0.03, 0.11)])
+    balance = (mean / luminance(mean)) ** -rng.uniform(0.3, 0.95)
+    pixels = pixels * balance * tint
+    exposure = np.exp(rng.normal(np.log(0.28), 0.6)) / luminance((pixels * weight).sum((0, 1)))
+    return (pixels * exposure).astype(np.float32)

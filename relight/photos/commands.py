@@ -1,0 +1,200 @@
+"""The commands `photo`, `transfer`, `movie` and `export`. Imports of torch wait until one of them runs."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer()
+
+LightText = Annotated[
+    str, typer.Option("--light", "-l", help="Panorama, light file, room:N, key:#RRGGBB@AZIMUTH,ELEVATION, or a photo.")
+]
+MaskPath = Annotated[Path | None, typer.Option("--mask", "-m", help="White on the people; same size as the photo.")]
+LightMask = Annotated[Path | None, typer.Option(help="Mask of the photo that --light names.")]
+MaskModel = Annotated[Path | None, typer.Option(help="ONNX model for automatic masks (rembg), instead of its own.")]
+Mode = Annotated[str, typer.Option(help="ratio: keeps every detail of the photo; full: albedo times shading.")]
+BackgroundText = Annotated[
+    str, typer.Option("--background", "-b", help="keep, transparent, panorama, a colour (#334455), or a picture.")
+]
+Blur = Annotated[float, typer.Option(min=0, max=60, help="Blur of a panorama behind, degrees.")]
+Turn = Annotated[float, typer.Option(help="Turn of the light about the vertical, degrees.")]
+Stops = Annotated[float, typer.Option(min=-8, max=8, help="Brighter by so many stops.")]
+Absolute = Annotated[bool, typer.Option("--absolute", help="The light's own strength, not matched to the photo.")]
+Together = Annotated[bool, typer.Option("--together", help="One figure, even where the mask falls apart.")]
+Layout = Annotated[str, typer.Option(help="Of a panorama: latlong, angular, ball, cross, strip.")]
+Yaw = Annotated[float, typer.Option(help="Correction of a panorama's front, degrees.")]
+Flip = Annotated[bool, typer.Option("--flip", help="The panorama is mirrored.")]
+Convention = Annotated[str | None, typer.Option(help="Of a file of coefficients without a stated convention.")]
+Weights = Annotated[Path | None, typer.Option("--weights", "-w", help="A checkpoint (.safetensors) of relight.")]
+Size = Annotated[int, typer.Option(min=16, max=4096, help="Pixels of the longer side, at most.")]
+DEFAULT = "room:7"
+
+
+@app.command()
+def photo(
+    path: Annotated[Path, typer.Argument(help="A photo, or a folder of photos.", metavar="PHOTO")],
+    mask: MaskPath = None,
+    light: LightText = DEFAULT,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder for the results; PHOTO_relit if none.")
+    ] = None,
+    mode: Mode = "ratio",
+    background: BackgroundText = "keep",
+    blur: Blur = 0.0,
+    turn: Turn = 0.0,
+    stops: Stops = 0.0,
+    absolute: Absolute = False,
+    together: Together = False,
+    light_mask: LightMask = None,
+    mask_model: MaskModel = None,
+    layout: Layout = "auto",
+    yaw: Yaw = 0.0,
+    flip: Flip = False,
+    convention: Convention = None,
+    weights: Weights = None,
+    jobs: Annotated[int | None, typer.Option("--jobs", "-j", min=1, help="Photos side by side, for a folder.")] = None,
+) -> None:
+    """Puts the people of a photo, or of a folder of photos, into another light."""
+    from relight.files import UserError
+    from relight.photos.photo import Wish
+
+    if not path.exists():
+        raise UserError(f"photo: there is no file or folder {path}")
+    wish = Wish(
+        light=light,
+        mode=mode,
+        background=background,
+        blur=blur,
+        turn=turn,
+        stops=stops,
+        match=not absolute,
+        together=together,
+        light_mask=_text(light_mask),
+        mask_model=_text(mask_model),
+        layout=layout,
+        yaw=yaw,
+        flip=flip,
+        convention=convention,
+    )
+    out = out or path.with_name(f"{path.stem if path.is_file() else path.name}_relit")
+    if path.is_dir():
+        from relight.photos.batch import batch
+
+        summary = batch(path, out, wish, mask, weights, jobs)
+        print(f"{out}: {summary}")
+        if summary.failed:
+            raise typer.Exit(1)
+        return
+    from relight.photos.api import load
+    from relight.photos.photo import relight_file
+
+    record = relight_file(load(weights), path, out, wish, mask)
+    print(f"{out}/relit.png: {path.name} in the light of {light}")
+    _tell(record)
+
+
+@app.command()
+def transfer(
+    first: Annotated[Path, typer.Argument(metavar="A")],
+    second: Annotated[Path, typer.Argument(metavar="B")],
+    first_mask: Annotated[Path | None, typer.Option("--mask-a", help="Mask of A.")] = None,
+    second_mask: Annotated[Path | None, typer.Option("--mask-b", help="Mask of B.")] = None,
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the two results.")] = Path("transfer"),
+    mode: Mode = "ratio",
+    background: BackgroundText = "keep",
+    stops: Stops = 0.0,
+    mask_model: MaskModel = None,
+    weights: Weights = None,
+) -> None:
+    """Swaps the light of two photos, each keeping its exposure: OUT/A_lit_as_B.png and OUT/B_lit_as_A.png."""
+    from relight.photos.api import load
+    from relight.photos.photo import Wish, swap
+
+    wish = Wish(mode=mode, background=background, stops=stops, mask_model=_text(mask_model))
+    for path in swap(load(weights), (first, second), (first_mask, second_mask), out, wish):
+        print(path)
+
+
+@app.command()
+def movie(
+    path: Annotated[Path, typer.Argument(help="A photo, a video, or a folder of frames.", metavar="PHOTO|CLIP")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="The movie: .mp4, .webm or .gif.")] = Path("relit.mp4"),
+    mask: Annotated[
+        Path | None, typer.Option("--mask", "-m", help="Of the photo; for a clip a folder or a video of masks.")
+    ] = None,
+    light: LightText = DEFAULT,
+    seconds: Annotated[float, typer.Option(min=0.1, max=600, help="Length, for a photo.")] = 6.0,
+    fps: Annotated[float | None, typer.Option(min=1, max=120, help="Frames per second; 25, or the clip's own.")] = None,
+    turns: Annotated[float | None, typer.Option(help="Turns of the light: 1 for a photo, 0 for a clip.")] = None,
+    size: Size = 1080,
+    mode: Mode = "ratio",
+    background: BackgroundText = "keep",
+    blur: Blur = 0.0,
+    turn: Turn = 0.0,
+    stops: Stops = 0.0,
+    absolute: Absolute = False,
+    light_mask: LightMask = None,
+    mask_model: MaskModel = None,
+    layout: Layout = "auto",
+    yaw: Yaw = 0.0,
+    flip: Flip = False,
+    convention: Convention = None,
+    weights: Weights = None,
+) -> None:
+    """A movie: a photo whose light turns, or a clip of moving people in another light. The exposure is fixed."""
+    from relight.files import UserError
+    from relight.photos.movie import check_output
+
+    check_output(out)
+    if background == "transparent":
+        raise UserError("a movie cannot be transparent: give another --background")
+    if not path.exists():
+        raise UserError(f"movie: there is no file or folder {path}")
+    from relight.photos.film import shoot
+    from relight.photos.photo import Wish
+
+    wish = Wish(
+        light=light,
+        mode=mode,
+        background=background,
+        blur=blur,
+        turn=turn,
+        stops=stops,
+        match=not absolute,
+        light_mask=_text(light_mask),
+        mask_model=_text(mask_model),
+        layout=layout,
+        yaw=yaw,
+        flip=flip,
+        convention=convention,
+    )
+    from relight.photos.api import load
+
+    shoot(load(weights), path, mask, out, wish, seconds, fps, turns, size)
+    print(out)
+
+
+@app.command()
+def export(
+    out: Annotated[Path, typer.Argument(help="The file to write: .onnx, or .pt2 for torch.export.")],
+    weights: Weights = None,
+) -> None:
+    """Writes the network for other programs, for any batch and size, and checks it against torch."""
+    from relight.photos.api import load
+    from relight.photos.export import export as write
+
+    difference = write(load(weights).network, out)
+    print(f"{out}: differs from torch by {difference:.1e} at most")
+
+
+def _text(path: Path | None) -> str | None:
+    return None if path is None else str(path)
+
+
+def _tell(record: dict) -> None:
+    for note in record["light"]["notes"]:
+        print(f"note: {note}")
+    for number, person in enumerate(record["people"], 1):
+        for warning in person["warnings"]:
+            print(f"note{f' on person {number}' if len(record['people']) > 1 else ''}: {warning}")

@@ -1,0 +1,94 @@
+"""A panorama of any layout, looked at along any direction: what a photo's camera would see of it."""
+
+import numpy as np
+from PIL import Image
+from scipy.ndimage import gaussian_filter
+
+from relight.panoramas.layouts import FACES, cut_faces
+from relight.panoramas.panorama import Panorama
+from relight.sh.rotation import about_y
+
+VIEW = 50.0  # degrees that the longer side of a photo sees: a 38 mm lens on 35 mm film
+
+
+def see(panorama: Panorama, shape: tuple[int, int], turn: float = 0.0, blur: float = 0.0) -> np.ndarray:
+    """What the photo's camera sees: (H,W,3) float32, linear, in the panorama's units.
+
+    The camera stands on +z, looks along -z and sees VIEW degrees along its longer side; the panorama is turned by
+    `turn` radians about the vertical like the light (relight.sh.rotation.about_y). blur: standard deviation in
+    degrees, at least half a pixel of the panorama, so that small ones do not show as blocks.
+    """
+    height, width = shape
+    focal = max(shape) / 2 / np.tan(np.radians(VIEW / 2))  # in pixels of the photo
+    sigma = max(np.radians(blur), 0.5 * pitch(panorama)) * focal
+    step = max(1, int(sigma / 3))  # a blurred view holds no detail: look at fewer pixels
+    y, x = np.meshgrid(
+        (height / 2 - np.arange(step / 2, height + step / 2, step)) / focal,
+        (np.arange(step / 2, width + step / 2, step) - width / 2) / focal,
+        indexing="ij",
+    )
+    view = lookup(panorama, np.stack([x, y, np.full_like(x, -1.0)], -1) @ about_y(turn))  # R^T d: whence it was turned
+    if sigma > 1:
+        view = gaussian_filter(view, (sigma / step, sigma / step, 0), mode="nearest")
+    if step > 1:
+        box = (0, 0, width / step, height / step)
+        channels = [Image.fromarray(np.ascontiguousarray(view[..., c])) for c in range(3)]
+        view = np.stack([np.asarray(c.resize((width, height), Image.Resampling.BICUBIC, box)) for c in channels], -1)
+    return np.maximum(view, 0)
+
+
+def pitch(panorama: Panorama) -> float:
+    """Radians between neighbouring pixels, about."""
+    height, width = panorama.pixels.shape[:2]
+    across = {"latlong": width, "angular": width, "ball": width}.get(panorama.layout, 4 * np.sqrt(height * width / 6))
+    return 2 * np.pi / across
+
+
+def lookup(panorama: Panorama, directions: np.ndarray) -> np.ndarray:
+    """The radiance (...,3) float32 that arrives from `directions` (...,3), any length, by bilinear interpolation."""
+    directions = directions @ about_y(np.radians(panorama.yaw))
+    if panorama.flip:
+        directions = directions * np.array([-1, 1, 1])
+    x, y, z = np.moveaxis(directions / np.linalg.norm(directions, axis=-1, keepdims=True), -1, 0)
+    pixels, corners = panorama.pixels, panorama.corners
+    match panorama.layout:
+        case "latlong":
+            if panorama.front == "+z":
+                x, z = -x, -z
+            longitude, polar = np.arctan2(x, -z) / (2 * np.pi) + 0.5, np.arctan2(np.hypot(x, z), y) / np.pi
+            return _bilinear(pixels, polar, longitude, corners, wrap=True)
+        case "angular":
+            scale = np.arccos(np.clip(-z, -1, 1)) / np.pi / np.maximum(np.hypot(x, y), 1e-12)
+            return _bilinear(pixels, (1 - y * scale) / 2, (1 + x * scale) / 2, corners)
+        case "ball":
+            scale = 0.5 / np.sqrt(np.maximum((1 + z) / 2, 1e-12))
+            return _bilinear(pixels, (1 - y * scale) / 2, (1 + x * scale) / 2, corners)
+    out = np.zeros((*x.shape, 3), np.float32)
+    nearest = np.full(x.shape, -np.inf)
+    faces = cut_faces(pixels, panorama.layout)
+    for name in faces:  # the face whose axis is nearest is the one that a direction meets
+        nearest = np.maximum(nearest, np.stack([x, y, z], -1) @ np.array(FACES[name][0], float))
+    for name, face in faces.items():
+        axis, right, down = np.array(FACES[name], float)
+        on = np.stack([x, y, z], -1) @ axis >= nearest
+        d = np.stack([x[on], y[on], z[on]], -1)
+        depth = d @ axis
+        out[on] = _bilinear(face, (1 + d @ down / depth) / 2, (1 + d @ right / depth) / 2, corners)
+    return out
+
+
+def _bilinear(pixels: np.ndarray, v: np.ndarray, u: np.ndarray, corners: bool, wrap: bool = False) -> np.ndarray:
+    """Values at v down and u to the right, both in [0,1] over the image; wrap: its left and right edges meet."""
+    height, width = pixels.shape[:2]
+    row = v * (height - 1) if corners else v * height - 0.5
+    column = u * (width - 1) if corners else u * width - 0.5
+    row = np.clip(row, 0, height - 1)
+    if not wrap:
+        column = np.clip(column, 0, width - 1)
+    top, left = np.floor(row).astype(int), np.floor(column).astype(int)
+    dv, du = (row - top)[..., None], (column - left)[..., None]
+    bottom = np.minimum(top + 1, height - 1)
+    left, right = (left % width, (left + 1) % width) if wrap else (left, np.minimum(left + 1, width - 1))
+    upper = pixels[top, left] * (1 - du) + pixels[top, right] * du
+    lower = pixels[bottom, left] * (1 - du) + pixels[bottom, right] * du
+    return (upper * (1 - dv) + lower * dv).astype(np.float32)

@@ -1,0 +1,183 @@
+"""The network for other programs, as ONNX or torch.export, checked against torch."""
+
+import copy
+import logging
+import warnings
+from pathlib import Path
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from torch import Tensor, nn
+from torch.export import Dim
+
+from relight.files import UserError, whole
+from relight.learning.blocks import InstanceNorm
+from relight.learning.heads import SLOPE, PooledHead, Refinement
+from relight.learning.networks import STRIDE, Network, with_transport
+
+INPUTS = ("image", "mask")
+OUTPUTS = ("albedo", "transport", "light")
+TOLERANCE = 2e-4  # largest difference between runtimes, of values of about 1
+
+
+class Exported(nn.Module):
+    """The network with tensors out: image (B,3,H,W) linear in [0,1] and mask (B,1,H,W) to albedo (B,3,H,W),
+    transport (B,K,H,W), light (B,K,3); maps are zero outside the mask. H and W are multiples of 64.
+    """
+
+    def __init__(self, network: Network):
+        super().__init__()
+        self.network = _open_sized(copy.deepcopy(network)).eval()
+
+    def forward(self, image: Tensor, mask: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        maps = self.network(image, mask)
+        return *finished(maps, mask, self.network.order), maps["light"]
+
+
+def finished(maps: dict[str, Tensor], mask: Tensor, order: int) -> tuple[Tensor, Tensor]:
+    """albedo (B,3,H,W) and transport (B,K,H,W) of a network's maps, zero outside the mask."""
+    maps = with_transport({name: maps[name].permute(0, 2, 3, 1) for name in maps if name != "light"}, order)
+    return maps["albedo"].permute(0, 3, 1, 2) * mask, maps["transport"].permute(0, 3, 1, 2) * mask
+
+
+class OpenPooledHead(nn.Module):
+    """PooledHead with its average of the mask in a form that exports at every size."""
+
+    def __init__(self, head: PooledHead):
+        super().__init__()
+        self.layers, self.last = head.layers, head.last
+
+    def forward(self, x: Tensor, mask: Tensor) -> Tensor:
+        share = F.avg_pool2d(mask, STRIDE)
+        x = F.leaky_relu(self.layers[0](x), SLOPE)
+        x = (x * share).sum((2, 3), keepdim=True) / share.sum((2, 3), keepdim=True).clamp_min(1e-6)
+        for layer in self.layers[1:]:
+            x = F.leaky_relu(layer(x), SLOPE)
+        return self.last(x).flatten(1)
+
+
+class OpenRefinement(nn.Module):
+    """Refinement for every size, and with elimination in place of a solver that ONNX does not have.
+
+    The system is symmetric and positive definite, so that elimination needs no pivots.
+    """
+
+    def __init__(self, refinement: Refinement):
+        super().__init__()
+        self.trust = refinement.trust
+
+    def forward(self, light: Tensor, albedo: Tensor, transport: Tensor, image: Tensor, mask: Tensor) -> Tensor:
+        mask = mask * _thinning(*image.shape[-2:])
+        albedo, transport, image, mask = (x.flatten(2) for x in (albedo, transport, image, mask))
+        pixels = mask.sum((1, 2)).clamp_min(1)[:, None, None]
+        trust = self.trust.exp()
+        transport = transport * mask
+        weighted = (albedo**2)[:, :, None] * transport[:, None]  # (B,3,K,P)
+        left = weighted @ transport[:, None].mT / pixels[..., None] + torch.diag(trust)
+        right = (albedo * image) @ transport.mT / pixels + trust * light.mT
+        system = torch.cat([left, right[..., None]], -1)
+        for k in range(len(self.trust)):
+            row = system[:, :, k : k + 1] / system[:, :, k : k + 1, k : k + 1]
+            others = system - system[..., k : k + 1] * row
+            system = torch.cat([others[:, :, :k], row, others[:, :, k + 1 :]], 2)
+        return system[..., -1].mT
+
+
+def _thinning(height: int, width: int) -> Tensor:
+    """(H,W) 1 at the pixels that Refinement thins an image out to, 0 elsewhere."""
+    rows, columns = torch.arange(height), torch.arange(width)
+    every = ((columns[-1] + 1) // Refinement.SIDE).clamp_min(1)  # a tensor: ONNX knows no arithmetic with open sizes
+    return (rows % every == 0).float()[:, None] * (columns % every == 0).float()
+
+
+def export(network: Network, path: Path | str) -> float:
+    """Writes `network` as .onnx or .pt2 (torch.export) with batch, height and width left open.
+
+    Returns the largest difference from torch at batches and sizes that the export has not seen. Raises UserError for
+    another suffix or a missing package.
+    """
+    path = Path(path)
+    if path.suffix not in (".onnx", ".pt2"):
+        raise UserError(f"export {path}: the name must end in .onnx or .pt2 (torch.export)")
+    model = Exported(network)
+    inputs = sample(2, least(network), least(network) + STRIDE)
+    batch, height, width = Dim("batch", min=1, max=64), Dim("h", min=1, max=64), Dim("w", min=1, max=64)
+    shape = {0: batch, 2: STRIDE * height, 3: STRIDE * width}
+    with warnings.catch_warnings(), whole(path) as tmp:
+        warnings.simplefilter("ignore")  # the exporters' own, about their internals
+        program = torch.export.export(model, inputs, dynamic_shapes=(shape, shape))
+        if path.suffix == ".onnx":
+            _write_onnx(program, tmp)
+        else:
+            torch.export.save(program, tmp)
+        return check(network, tmp)
+
+
+def check(network: Network, path: Path) -> float:
+    """The largest difference between the file's outputs and the network's, at two shapes that the export has not seen.
+
+    Raises RuntimeError when it is above TOLERANCE.
+    """
+    run = _onnx_runner(path) if path.suffix == ".onnx" else torch.export.load(path).module()
+    worst, size = 0.0, least(network)
+    for shape in ((1, size, size), (3, size + STRIDE, size)):
+        image, mask = sample(*shape)
+        with torch.inference_mode():
+            maps = network(image, mask)
+            expected = *finished(maps, mask, network.order), maps["light"]
+            got = run(image, mask)
+        worst = max(worst, *(float((a - torch.as_tensor(b)).abs().max()) for a, b in zip(expected, got)))
+    if worst > TOLERANCE:
+        raise RuntimeError(f"{path} differs from torch by {worst:.1e}")
+    return worst
+
+
+def least(network: Network) -> int:
+    """The smallest side that the network can take: its own, and never a bottleneck of a single pixel."""
+    return max(network.size, 2 * STRIDE)
+
+
+def sample(batch: int, height: int, width: int) -> tuple[Tensor, Tensor]:
+    """An image and a mask of the right kind, the same ones every time."""
+    rng = np.random.default_rng(batch * height + width)
+    image = torch.from_numpy(rng.random((batch, 3, height, width), np.float32))
+    mask = torch.zeros(batch, 1, height, width)
+    mask[:, :, height // 8 : -height // 8, width // 4 : -width // 4] = 1
+    return image, mask
+
+
+def _open_sized(module: nn.Module) -> nn.Module:
+    for name, child in module.named_children():
+        if isinstance(child, InstanceNorm):
+            norm = nn.InstanceNorm2d(len(child.weight), affine=True)
+            norm.weight, norm.bias = child.weight, child.bias
+            setattr(module, name, norm)
+        elif isinstance(child, PooledHead):
+            setattr(module, name, OpenPooledHead(child))
+        elif isinstance(child, Refinement):
+            setattr(module, name, OpenRefinement(child))
+        else:
+            _open_sized(child)
+    return module
+
+
+def _write_onnx(program: torch.export.ExportedProgram, path: Path) -> None:
+    try:
+        import onnxscript  # noqa: F401  (torch's exporter writes through it)
+    except ImportError:
+        raise UserError("export to ONNX needs more packages: pip install 'relight[export]'") from None
+    logging.getLogger("torch.onnx").setLevel(logging.ERROR)
+    onnx = torch.onnx.export(program, input_names=list(INPUTS), output_names=list(OUTPUTS), dynamo=True, verbose=False)
+    onnx.save(str(path), external_data=False)
+
+
+def _onnx_runner(path: Path):
+    try:
+        import onnxruntime
+    except ImportError:
+        raise UserError("checking the ONNX file needs onnxruntime: pip install 'relight[export]'") from None
+    options = onnxruntime.SessionOptions()
+    options.log_severity_level = 3
+    session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+    return lambda image, mask: session.run(list(OUTPUTS), {"image": image.numpy(), "mask": mask.numpy()})

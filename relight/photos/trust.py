@@ -1,0 +1,91 @@
+"""How far to trust what was inferred from a photo, in numbers and in words."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from relight.lights.statistics import measure
+from relight.photos.infer import Figure
+from relight.sh.basis import cosine_factors, order_of, per_coefficient
+
+ERROR = 0.10  # reconstruction error, linear, above which albedo and light do not explain the photo
+CLIPPED, BLACK = 0.05, 0.5  # shares of the figure's pixels that are white or nearly black
+
+
+@dataclass
+class Trust:
+    """error: root mean square of photo - albedo * shading, linear; distance: of the light to the nearest training
+    light, as a share of the light (None when they are unknown); usual: the distance that 95 % of the training lights
+    have to their own nearest; warnings: sentences, none when all is well.
+    """
+
+    error: float
+    distance: float | None
+    usual: float | None
+    warnings: list[str] = field(default_factory=list)
+
+
+def trust(figure: Figure, training: np.ndarray | None = None, stops: float = 0.0) -> Trust:
+    """Judges one figure's inference. training: (N,K,3) the lights that the network was trained under, up to `stops`
+    brighter than they are.
+    """
+    warnings = []
+    if figure.error > ERROR:
+        warnings.append(
+            f"albedo and light rebuild the photo only to {figure.error:.2f} (usual: under {ERROR:.2f}): "
+            "shadows may have been taken for dark cloth, or the other way round"
+        )
+    distance = usual = None
+    if training is not None and len(training) > 1:
+        distance, usual = _distance(figure.light, training)
+        if distance > usual:
+            warnings.append(
+                f"the light is unlike those of the network's training (distance {distance:.2f}, usual {usual:.2f})"
+            )
+    warnings += _words(figure.light, 2.0**stops)
+    seen = figure.image[figure.mask]
+    white, black = float((seen.max(1) > 0.98).mean()), float((seen.max(1) < 0.01).mean())
+    if white > CLIPPED:
+        warnings.append(f"{white:.0%} of the figure is blown out to white: what is lost there cannot be relit")
+    if black > BLACK:
+        warnings.append(f"{black:.0%} of the figure is nearly black: there is little to infer from")
+    if max(figure.frame.side, 1) < 0.5 * figure.frame.size:
+        warnings.append(f"the figure is only {figure.frame.side * 0.9:.0f} pixels large, fewer than the network sees")
+    return Trust(figure.error, distance, usual, warnings)
+
+
+def _distance(light: np.ndarray, training: np.ndarray) -> tuple[float, float]:
+    """Distance of `light` to the nearest of `training`, and the 95 % quantile of the same among `training`.
+
+    Lights are compared by what they do, irradiance, with their overall strength divided out.
+    """
+    count = min(len(light), training.shape[1])
+    weight = per_coefficient(cosine_factors(order_of(count)))[:, None]
+
+    def unit(lights: np.ndarray) -> np.ndarray:
+        flat = (lights[..., :count, :] * weight).reshape(*lights.shape[:-2], -1)
+        return flat / np.maximum(np.linalg.norm(flat, axis=-1, keepdims=True), 1e-9)
+
+    known = unit(training)
+    among = np.linalg.norm(known[:, None] - known[None], axis=-1)
+    np.fill_diagonal(among, np.inf)
+    return float(np.linalg.norm(known - unit(light), axis=1).min()), float(np.quantile(among.min(1), 0.95))
+
+
+def _words(light: np.ndarray, gain: float = 1.0) -> list[str]:
+    """What is unusual about a light, by the rules that select the training lights (docs/lights.md), which were made
+    up to `gain` times brighter in training.
+    """
+    stats = {name: float(value[0]) for name, value in measure(light[None]).items()}
+    says = []
+    if stats["mean"] <= 0 or stats["moment"] < -0.35:
+        says.append("no real light has the inferred coefficients: the inference has failed")
+    if stats["back_mean"] > 1.6 * max(stats["front_mean"], 1e-6) or (stats["toward"] < -0.45 and stats["first"] > 0.35):
+        says.append("the light comes mostly from behind the figure, where inference is known to fail")
+    if stats["front_most"] > 2.0 * gain or stats["channel_most"] > 2.6 * gain:
+        says.append("the light is brighter than any that the network has seen")
+    if stats["first"] > 1.25 or stats["front_least"] < 0.03 * stats["front_most"]:
+        says.append("the light is harder (more contrast) than any that the network has seen")
+    if max(abs(stats["red"]), abs(stats["blue"])) > 1.1:
+        says.append("the light is more strongly coloured than any that the network has seen")
+    return says

@@ -1,0 +1,18 @@
+"""Turns one figure to the camera: up, front, centre and size."""
+
+from pathlib import Path
+
+from relight.config import Align
+from relight.stages.stage import stage
+from relight.stages.step import onward
+
+
+@stage("align", mesh="mesh record (.npz)", out="mesh record (.npz)")
+def main(align: Align, mesh: Path, out: Path) -> None:
+    from relight.meshes import align as meshes
+
+    onward(mesh, lambda given: meshes.align(given, align), out)
+
+
+if __name__ == "__main__":
+    main.cli()

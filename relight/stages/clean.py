@@ -1,0 +1,18 @@
+"""Repairs the mesh of one figure, and writes down what was repaired."""
+
+from pathlib import Path
+
+from relight.config import Clean
+from relight.stages.stage import stage
+from relight.stages.step import onward
+
+
+@stage("clean", mesh="mesh record (.npz)", out="mesh record (.npz)")
+def main(clean: Clean, mesh: Path, out: Path) -> None:
+    from relight.meshes import clean as meshes
+
+    onward(mesh, lambda given: meshes.clean(given, clean), out)
+
+
+if __name__ == "__main__":
+    main.cli()

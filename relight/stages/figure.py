@@ -1,0 +1,28 @@
+"""Draws one figure from its seed."""
+
+from pathlib import Path
+
+from relight.config import Figures
+from relight.files import UserError
+from relight.stages.stage import stage
+from relight.stages.step import step
+
+
+@stage("figure", figure="g and a seed, such as g0012", out="mesh record (.npz)")
+def main(figures: Figures, figure: Path, out: Path) -> None:
+    from relight.figures.dress import make_figure
+
+    name = figure.name
+    if not (name.startswith("g") and name[1:].isdigit()):
+        raise UserError(f"io.figure must be g and a seed, such as g0012, not {name}")
+
+    def make():
+        mesh = make_figure(int(name[1:]), figures.detail, figures.texture)
+        mesh.info.update(name=name, subject=name, axes={"up": "+y", "front": "+z"})
+        return mesh
+
+    step(make, {"name": name, "subject": name}, out)
+
+
+if __name__ == "__main__":
+    main.cli()

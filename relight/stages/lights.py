@@ -1,0 +1,23 @@
+"""Panoramas to the illumination set: projection, selection, split."""
+
+import json
+from pathlib import Path
+
+from relight.config import Lights, Panoramas
+from relight.files import whole
+from relight.stages.stage import stage
+
+
+@stage("lights", out="lights (.npz, and a .csv of the same beside it)", record="what each step dropped (.json)")
+def main(panoramas: Panoramas, lights: Lights, order: int, out: Path, record: Path) -> None:
+    from relight.lights.chain import build
+    from relight.lights.table import save
+
+    chosen, dropped = build(panoramas, lights, order)
+    with whole(record) as tmp:
+        tmp.write_text(json.dumps(dropped, indent=1))
+    save(chosen, out)
+
+
+if __name__ == "__main__":
+    main.cli()

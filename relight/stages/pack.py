@@ -1,0 +1,41 @@
+"""Packs the maps of all figures into one file for training, and the list of those that were left out."""
+
+import json
+import sys
+from pathlib import Path
+
+from relight.config import Split
+from relight.files import UserError, whole
+from relight.stages.stage import stage
+
+
+@stage(
+    "pack",
+    names="figures, one name per line (.txt)",
+    maps="folder of maps",
+    out="packed set (.safetensors)",
+    record="what was left out (.json)",
+)
+def main(split: Split, names: Path, maps: Path, out: Path, record: Path) -> None:
+    from relight.maps.exr import read_info
+    from relight.maps.packed import pack
+
+    figures = names.read_text().split()
+    infos = {name: read_info(maps / f"{name}.exr") for name in figures}
+    reasons = {name: info["left_out"] for name, info in infos.items() if "left_out" in info}
+    whole_ones = [name for name in figures if name not in reasons]
+    if len(whole_ones) < max(2, split.least * len(figures)):
+        first = "; ".join(f"{name}: {reason}" for name, reason in list(reasons.items())[:3])
+        raise UserError(
+            f"only {len(whole_ones)} of {len(figures)} figures are usable, and at least "
+            f"{max(2, int(-(-split.least * len(figures) // 1)))} are needed (split.least={split.least}); {first}"
+        )
+    for name, reason in reasons.items():
+        print(f"left out: {name}: {reason}", file=sys.stderr)
+    pack([maps / f"{name}.exr" for name in whole_ones], out)
+    with whole(record) as tmp:
+        tmp.write_text(json.dumps({"figures": infos, "left_out": reasons}, indent=1))
+
+
+if __name__ == "__main__":
+    main.cli()

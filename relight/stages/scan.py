@@ -1,0 +1,30 @@
+"""Reads one of the user's own meshes."""
+
+from pathlib import Path
+
+from relight.config import Figures
+from relight.files import UserError
+from relight.stages.stage import stage
+from relight.stages.step import step
+
+
+@stage("scan", figure="name of the figure in the folder", out="mesh record (.npz)")
+def main(figures: Figures, figure: Path, out: Path) -> None:
+    from relight.meshes.read import read_mesh
+    from relight.meshes.scans import list_scans
+
+    name = figure.name
+    scans = list_scans(figures.folder)
+    if name not in scans:
+        raise UserError(f"io.figure: {figures.folder} has no scan {name}; it has {', '.join(scans)}")
+
+    def make():
+        mesh = read_mesh(scans[name].path)
+        mesh.info.update(name=name, subject=scans[name].subject)
+        return mesh
+
+    step(make, {"name": name, "subject": scans[name].subject}, out)
+
+
+if __name__ == "__main__":
+    main.cli()

@@ -1,0 +1,34 @@
+"""Contact sheets of the figures and of the lights, and how much the figures shadow themselves."""
+
+from pathlib import Path
+
+from relight.config import Evaluate
+from relight.stages.stage import stage
+
+
+@stage(
+    "sheets",
+    names="figures, one per line (.txt)",
+    maps="folder of maps",
+    lights="lights (.npz)",
+    figures="contact sheet of the figures (.png)",
+    spheres="contact sheet of the lights (.png)",
+    occlusion="statistics of the figures (.csv)",
+)
+def main(
+    evaluate: Evaluate, names: Path, maps: Path, lights: Path, figures: Path, spheres: Path, occlusion: Path
+) -> None:
+    from relight.evaluation.contact import contact_sheet
+    from relight.evaluation.occlusion import occlusions
+    from relight.lights import show
+    from relight.lights.table import load
+
+    paths = [maps / f"{name}.exr" for name in names.read_text().split()]
+    occlusions(paths, occlusion)
+    chosen = load(lights)
+    show.contact_sheet(chosen, spheres)
+    contact_sheet(paths[: evaluate.sheet], chosen.of("test").coefficients[0], figures)
+
+
+if __name__ == "__main__":
+    main.cli()

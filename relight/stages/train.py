@@ -1,0 +1,53 @@
+"""Trains one network, with its run in MLflow."""
+
+from dataclasses import asdict
+from pathlib import Path
+
+from relight.config import Loss, Model, Track, Train, flat
+from relight.stages.stage import stage
+
+
+@stage(
+    "train",
+    packed="packed set (.safetensors)",
+    lights="lights (.npz)",
+    split="split (.json)",
+    out="network (.safetensors)",
+    curve="losses per epoch (.csv)",
+)
+def main(
+    model: Model,
+    loss: Loss,
+    train: Train,
+    track: Track,
+    packed: Path,
+    lights: Path,
+    split: Path,
+    out: Path,
+    curve: Path,
+) -> None:
+    from relight.learning import train as learning
+    from relight.track import tracked
+
+    settings = {"model": asdict(model), "loss": asdict(loss), "train": asdict(train)}
+    # Beside the outputs but not declared as one: Snakemake deletes declared outputs before a retry.
+    state = out.parent / "state" / out.stem
+    with tracked(track, out.stem, state / "mlflow.txt", flat(settings)) as mlflow:
+        mlflow.log_dict(settings, "config.yaml")
+        learning.train(
+            model,
+            loss,
+            train,
+            packed,
+            lights,
+            split,
+            out,
+            state / "state.pt",
+            curve,
+            lambda values, step: mlflow.log_metrics(values, step=step),
+        )
+        mlflow.log_artifact(out)
+
+
+if __name__ == "__main__":
+    main.cli()

@@ -1,0 +1,121 @@
+"""`relight bake`: the light transport of any mesh, per pixel or per vertex."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+app = typer.Typer()
+
+
+@app.command()
+def bake(
+    mesh: Annotated[Path, typer.Argument(help="A .obj, .ply, .glb or .gltf file.")],
+    out: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--out",
+            "-o",
+            help="Maps as .exr or to look at as .png, transport per vertex as .ply or .npz; may be repeated. "
+            "By default the mesh's name with .exr, here.",
+        ),
+    ] = None,
+    size: Annotated[int, typer.Option(min=1, help="Side of the image in pixels.")] = 1024,
+    rays: Annotated[int, typer.Option(min=1, help="Per pixel or vertex: 64 for drafts, 1024 for ground truth.")] = 256,
+    order: Annotated[int, typer.Option(min=0, help="Of the spherical harmonics; 2 gives nine coefficients.")] = 2,
+    bounces: Annotated[int, typer.Option(min=0, help="Bounces of light between surfaces, in colour.")] = 0,
+    supersample: Annotated[int, typer.Option(min=1, help="k x k samples of coverage and albedo in each pixel.")] = 1,
+    perspective: Annotated[
+        float | None, typer.Option(help="Distance of the eye, where the mesh is 1.8 high; orthographic without.")
+    ] = None,
+    up: Annotated[str, typer.Option(help="The file's axis that points up: +y, +z, ... or auto.")] = "auto",
+    front: Annotated[str, typer.Option(help="The file's axis toward the camera: +z, -y, ... or auto.")] = "auto",
+    padding: Annotated[float, typer.Option(help="Empty share of the image at top and bottom.")] = 0.05,
+    as_is: Annotated[
+        bool, typer.Option("--as-is", help="Neither repair nor align: the camera sees x and y from -1 to 1.")
+    ] = False,
+    seed: Annotated[int, typer.Option(help="Of the rays' azimuths.")] = 0,
+    threads: Annotated[int, typer.Option(min=0, help="0 takes every core; changes no bit of the result.")] = 0,
+) -> None:
+    """Bake light transport (spherical harmonics), AO, albedo, normals and depth of a mesh.
+
+    Image = albedo x (transport . light), with any light that `relight light` writes. Transport per vertex is in the
+    file's own frame and order of vertices. Formats and conventions: docs/transport.md and docs/maps.md.
+    """
+    import time
+
+    from relight.files import UserError
+
+    targets = out or [Path(mesh.stem + ".exr")]
+    kinds = {".exr", ".png", ".ply", ".npz"}
+    for target in targets:
+        if target.suffix.lower() not in kinds:
+            raise UserError(f"{target}: maps are written as .exr or .png, transport per vertex as .ply or .npz")
+        if target.resolve() == mesh.resolve():
+            raise UserError(f"{target} is the mesh itself: choose another --out")
+    if not 0 <= padding < 0.5:
+        raise UserError(f"--padding {padding}: a share of the image's height, from 0 to under 0.5")
+
+    from relight.meshes.axes import AXES
+    from relight.meshes.read import read_mesh
+
+    for name, axis in (("--up", up), ("--front", front)):
+        if axis not in AXES and axis != "auto":
+            raise UserError(f"{name} {axis}: an axis of the file, {', '.join(AXES)}, or auto")
+    given = read_mesh(mesh)
+    for note in given.info.get("warnings", []):
+        typer.echo(f"{mesh.name}: {note}", err=True)
+    start = time.monotonic()
+    if any(target.suffix.lower() in (".exr", ".png") for target in targets):
+        from relight.maps.exr import write_maps
+        from relight.maps.show import write_picture
+        from relight.transport.bake import bake as bake_maps
+
+        ready = given if as_is else _prepared(given, up, front, padding)
+        maps = bake_maps(ready, size, rays, order, seed, supersample, bounces, perspective, threads)
+        for target in targets:
+            if target.suffix.lower() == ".exr":
+                write_maps(target, maps)
+            elif target.suffix.lower() == ".png":
+                write_picture(target, maps)
+        pixels = int(maps.mask.sum())
+        typer.echo(
+            f"{mesh.name}: {len(ready.faces):,} triangles, {pixels:,} pixels of {size} x {size}, mean AO "
+            f"{maps.ao[maps.mask].mean():.3f}",
+            err=True,
+        )
+    if any(target.suffix.lower() in (".ply", ".npz") for target in targets):
+        from relight.transport.vertices import bake_vertices
+
+        baked = bake_vertices(given, rays, order, seed, bounces, threads)
+        for target in targets:
+            if target.suffix.lower() in (".ply", ".npz"):
+                baked.save(target)
+        typer.echo(f"{mesh.name}: {len(given.vertices):,} vertices", err=True)
+    typer.echo(f"{rays} rays each, {time.monotonic() - start:.1f} s", err=True)
+    for target in targets:
+        typer.echo(str(target))
+
+
+def _prepared(mesh, up: str, front: str, padding: float):
+    """The mesh cleaned and aligned as the workflow does, saying on stderr what was changed."""
+    from dataclasses import replace
+
+    from omegaconf import OmegaConf
+
+    from relight.config import composed
+    from relight.meshes.align import align
+    from relight.meshes.clean import clean
+
+    cfg = composed()
+    settings = replace(OmegaConf.to_object(cfg.align), up=up, front=front, padding=padding)
+    cleaned = clean(mesh, OmegaConf.to_object(cfg.clean))
+    repairs = {name: count for name, count in cleaned.info.get("repairs", {}).items() if count}
+    if repairs:
+        done = ", ".join(f"{name} {count}" for name, count in repairs.items())
+        typer.echo(f"{mesh.info['name']}: repaired ({done})", err=True)
+    aligned = align(cleaned, settings)
+    record = aligned.info["align"]
+    if "auto" in (up, front):
+        typer.echo(f"{mesh.info['name']}: up is {record['up']}, front is {record['front']} (--up, --front)", err=True)
+    return aligned

@@ -1,0 +1,78 @@
+"""The viewer: one .html with figures and lights that works from disk, without a network, and relights as you drag."""
+
+import html
+import json
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from relight.files import UserError, whole
+from relight.maps.maps import Maps
+from relight.viewer.figure import Figure, embed
+
+PAGE = Path(__file__).parent / "page"
+SCRIPTS = ("sh.js", "hdr.js", "codec.js", "figure.js", "render.js", "stage.js", "app.js", "lists.js", "controls.js")
+BACKGROUNDS = ("studio", "light", "color", "clear", "photo")
+LIMIT = 6_000_000  # bytes of a page
+
+
+def build_viewer(
+    out: Path,
+    maps: Maps,
+    lights: Mapping[str, np.ndarray],
+    photo: np.ndarray | None = None,
+    photo_light: np.ndarray | None = None,
+    background: str | None = None,
+    title: str = "relight",
+    limit: int = LIMIT,
+) -> None:
+    """Writes the page `out` for one figure; see `Figure` for its maps and photo, `build_gallery` for the rest."""
+    build_gallery(out, [Figure(title, maps, photo, photo_light)], lights, background, title, limit)
+
+
+def build_gallery(
+    out: Path,
+    figures: Sequence[Figure],
+    lights: Mapping[str, np.ndarray],
+    background: str | None = None,
+    title: str = "relight",
+    limit: int = LIMIT,
+) -> None:
+    """Writes one page for several figures, which it offers by their titles.
+
+    lights: radiance coefficients (9,3) by name, in the order shown; the first one lights the first picture, unless the
+    figure brings the light of its photo. background: the first one shown, of BACKGROUNDS; a photo's own by default,
+    else a studio. limit: bytes of the page; figures are coded as finely as fits (figure.QUALITIES). UserError when
+    they do not fit, or when there is no light or figure.
+    """
+    if not figures or not lights:
+        raise UserError("a viewer page needs at least one figure and one light")
+    if background is not None and background not in BACKGROUNDS:
+        raise UserError(f"background '{background}' is not one of {', '.join(BACKGROUNDS)}")
+    for name, light in lights.items():
+        if np.shape(light) != (9, 3) or not np.isfinite(light).all():
+            raise UserError(f"light '{name}' is not (9, 3) finite coefficients but {np.shape(light)}")
+    page = {
+        "title": title,
+        "background": background,
+        "lights": [{"name": name, "values": np.float64(light).round(6).tolist()} for name, light in lights.items()],
+    }
+    parts = {
+        "title": html.escape(title),
+        "page": json.dumps(page).replace("<", "\\u003c"),
+        "style": (PAGE / "style.css").read_text(encoding="utf-8"),
+        "fragment": (PAGE / "figure.frag").read_text(encoding="utf-8").strip(),
+        "script": "\n".join((PAGE / name).read_text(encoding="utf-8") for name in SCRIPTS),
+    }
+    text = (PAGE / "template.html").read_text(encoding="utf-8")
+    room = (limit - len(text) - sum(map(len, parts.values())) - 200 * len(figures)) // len(figures)
+    parts["figures"] = "\n".join(
+        f'<script type="application/json" class="figure" data-title="{html.escape(figure.title)}">'
+        f"{embed(figure, room)}</script>"
+        for figure in figures
+    )
+    text = re.sub(f"%({'|'.join(parts)})%", lambda match: parts[match[1]], text)
+    with whole(out) as temporary:
+        temporary.write_text(text, encoding="utf-8")

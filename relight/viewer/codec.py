@@ -1,0 +1,61 @@
+"""Planes of integers as few bytes: predicted from their neighbours inside a region, split into bytes, deflated.
+
+A browser undoes it with `DecompressionStream` and one pass over the pixels (`page/codec.js`), without decoding an
+image, so neither colour management nor premultiplied alpha can touch the values.
+"""
+
+import zlib
+
+import numpy as np
+
+AVERAGE, MEDIAN, BLEND = range(3)
+STRATEGIES = (zlib.Z_DEFAULT_STRATEGY, zlib.Z_FILTERED)
+
+
+def deflate(data: bytes) -> bytes:
+    """zlib stream of `data`, the shorter of two strategies (residuals are noise: few matches, skewed bytes)."""
+    streams = []
+    for strategy in STRATEGIES:
+        coder = zlib.compressobj(9, zlib.DEFLATED, 15, 9, strategy)
+        streams.append(coder.compress(data) + coder.flush())
+    return min(streams, key=len)
+
+
+def neighbours(values: np.ndarray, region: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Left, upper and upper-left neighbours of each pixel, (H,W) int32 each, with gaps filled.
+
+    A neighbour outside the region is unknown to the decoder. With one of left and upper missing, all three take the
+    other one's value; with both missing they are 0; an upper-left that is missing alone is the mean of the others.
+    """
+    known = np.pad(region, ((1, 0), (1, 0)))
+    padded = np.pad(np.where(region, values, 0), ((1, 0), (1, 0)))
+    left, up, corner = padded[1:, :-1], padded[:-1, 1:], padded[:-1, :-1]
+    has_left, has_up, has_corner = known[1:, :-1], known[:-1, 1:], known[:-1, :-1]
+    left, up = np.where(has_left, left, up), np.where(has_up, up, left)
+    corner = np.where(has_left & has_up & has_corner, corner, (left + up) >> 1)
+    return left, up, corner
+
+
+def predictions(left: np.ndarray, up: np.ndarray, corner: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The three guesses: the mean (noise), the median of JPEG-LS (edges), and a damped gradient (smooth and noisy)."""
+    low, high = np.minimum(left, up), np.maximum(left, up)
+    median = np.where(corner >= high, low, np.where(corner <= low, high, left + up - corner))
+    return (left + up) >> 1, median, (3 * (left + up) - 2 * corner) >> 2
+
+
+def encode(values: np.ndarray, region: np.ndarray) -> tuple[bytes, list[int]]:
+    """A zlib stream of the planes inside the region, and the predictor that each plane uses.
+
+    values (H,W,C) integers, differences within 16 bits; region (H,W) bool. The stream holds, for each plane, the
+    residuals' low bytes and then their high bytes, in raster order, negative ones folded between the positive.
+    """
+    planes, chosen = [], []
+    for plane in np.moveaxis(values.astype(np.int32), -1, 0):
+        residuals = [(plane - guess)[region] for guess in predictions(*neighbours(plane, region))]
+        best = int(np.argmin([np.log2(1 + np.abs(r)).sum() for r in residuals]))
+        folded = (residuals[best] << 1) ^ (residuals[best] >> 31)
+        if folded.size and folded.max() > 0xFFFF:
+            raise ValueError("residuals exceed 16 bits")
+        planes += [(folded & 0xFF).astype(np.uint8).tobytes(), (folded >> 8).astype(np.uint8).tobytes()]
+        chosen.append(best)
+    return deflate(b"".join(planes)), chosen

@@ -1,0 +1,149 @@
+"""One figure of a viewer page: its maps as bytes, and what they lose on the way."""
+
+import base64
+import json
+from dataclasses import dataclass
+
+import numpy as np
+
+from relight.files import UserError
+from relight.maps.maps import Maps
+from relight.photos.color import SCENE
+from relight.photos.composite import foreground
+from relight.photos.frame import extend
+from relight.photos.relight import floor_of, shading
+from relight.sh.basis import count
+from relight.srgb import encode as encode_srgb
+from relight.viewer.codec import deflate, encode
+
+ALBEDO_STEPS = 510  # per unit of sRGB-coded albedo: a quarter of an 8-bit code is lost at most
+NORMAL_STEPS = 511  # per unit of the octahedral map: .2 degrees
+OPEN = 0.886227  # T00 of a point that nothing occludes
+EDGE_STEPS = 4095  # per unit of sRGB-coded half scene values: a soft edge is a small difference of two colours
+MARGIN = 2  # pixels around the figure, room for the browser to carry colours past the edge before it filters
+# Steps per unit of transport, and step of a photo's codes outside the figure; the first that fits is taken. The finest
+# keeps even a dark pixel at +1.5 stops within 1.2 codes (4096: 2.7, 2048: 3.5), for .14 MB a halving at 1024 px.
+QUALITIES = ((8192, 1), (4096, 1), (2048, 1), (1024, 1), (1024, 3), (512, 5))
+
+
+@dataclass
+class Figure:
+    """What one page shows of one figure.
+
+    maps: square or a photo's shape, transport of order 2 or more (what is above order 2 is left out, and `bounced`).
+    Normals that are all zero, which networks leave so, are not shown.
+    photo: (H,W,3) sRGB in [0,1] of the maps' shape, or None; photo_light: (9,3) radiance coefficients of the light it
+    was taken in, which the `ratio` mode divides by, or None.
+    """
+
+    title: str
+    maps: Maps
+    photo: np.ndarray | None = None
+    photo_light: np.ndarray | None = None
+
+    def __post_init__(self):
+        height, width = self.maps.mask.shape
+        if not self.maps.mask.any():
+            raise UserError(f"figure '{self.title}': its mask is empty; a mask with the figure in it would be right")
+        if self.maps.transport.shape[-1] < count(2):
+            raise UserError(
+                f"figure '{self.title}': transport has {self.maps.transport.shape[-1]} coefficients; order 2 has 9"
+            )
+        if self.photo is not None and self.photo.shape != (height, width, 3):
+            raise UserError(
+                f"figure '{self.title}': the photo is {self.photo.shape}, the maps want ({height}, {width}, 3)"
+            )
+        if self.photo_light is not None and np.shape(self.photo_light) != (9, 3):
+            raise UserError(f"figure '{self.title}': the photo's light is {np.shape(self.photo_light)}, not (9, 3)")
+
+
+def octahedral(normals: np.ndarray) -> np.ndarray:
+    """Unit normals (...,3) on the square [-1,1]^2 (...,2), centre (0,0,1) (Meyer et al. 2010)."""
+    x, y, z = np.moveaxis(normals / np.maximum(np.abs(normals).sum(-1, keepdims=True), 1e-9), -1, 0)
+    sign_x, sign_y = np.where(x < 0, -1, 1), np.where(y < 0, -1, 1)
+    return np.stack([np.where(z < 0, (1 - np.abs(y)) * sign_x, x), np.where(z < 0, (1 - np.abs(x)) * sign_y, y)], -1)
+
+
+def box(region: np.ndarray) -> tuple[slice, slice]:
+    """Rows and columns of the figure with MARGIN around it, cut at the image's border."""
+    rows, columns = np.flatnonzero(region.any(1)), np.flatnonzero(region.any(0))
+    return (
+        slice(max(int(rows[0]) - MARGIN, 0), int(rows[-1]) + 1 + MARGIN),
+        slice(max(int(columns[0]) - MARGIN, 0), int(columns[-1]) + 1 + MARGIN),
+    )
+
+
+def differences(codes: np.ndarray) -> np.ndarray:
+    """Green, red - green, blue - green (...,3) of codes (...,3): grey detail is then coded once."""
+    red, green, blue = np.moveaxis(codes.astype(np.int32), -1, 0)
+    return np.stack([green, red - green, blue - green], -1)
+
+
+def pack(figure: Figure, transport_steps: int, background_step: int) -> tuple[dict, bytes]:
+    """Header (JSON values) and bytes of a figure; errors are half of 1/transport_steps per transport coefficient,
+    1/1020 of sRGB-coded albedo, 1/2 of background_step in the photo's codes outside the figure and nothing inside.
+    Where a soft mask covers more than the maps, these are carried outward (relight.photos.frame.extend).
+    """
+    maps = figure.maps
+    height, width = maps.mask.shape
+    coverage = np.rint(np.clip(maps.coverage, 0, 1) * 255).astype(np.uint8)
+    rows, columns = box(maps.mask | (coverage > 0))
+    mask, alpha = maps.mask[rows, columns], coverage[rows, columns]
+    region = mask | (alpha > 0)
+    streams: list[bytes] = [deflate(np.packbits(region).tobytes())]
+    header = {
+        "title": figure.title,
+        "width": width,
+        "height": height,
+        "box": [columns.start, rows.start, region.shape[1], region.shape[0]],
+        "region": len(streams[0]),
+        "planes": [],
+        "mean": maps.transport[maps.mask][:, : count(2)].mean(0, dtype=np.float64).round(6).tolist(),
+    }
+    if figure.photo is not None and figure.photo_light is not None:
+        light = np.asarray(figure.photo_light, np.float64)
+        header["light"] = light.round(6).tolist()
+        header["floor"] = floor_of(shading(maps.transport, light), maps.mask)
+
+    def add(name: str, integers: np.ndarray, steps: int, where: np.ndarray) -> None:
+        stream, predictors = encode(integers, where)
+        streams.append(stream)
+        header["planes"].append({"name": name, "bytes": len(stream), "steps": steps, "predictors": predictors})
+
+    def cut(values: np.ndarray) -> np.ndarray:
+        return extend(np.nan_to_num(np.asarray(values, np.float32)[rows, columns]), mask)
+
+    transport, ao = cut(maps.transport[..., : count(2)]), cut(maps.ao)
+    add("transport", np.rint(transport * transport_steps), transport_steps, region)
+    add("albedo", np.rint(encode_srgb(cut(maps.albedo)) * ALBEDO_STEPS), ALBEDO_STEPS, region)
+    if maps.normal.any():
+        add("normal", np.rint(octahedral(cut(maps.normal)) * NORMAL_STEPS), NORMAL_STEPS, region)
+    if np.abs(ao - np.clip(transport[..., 0] / OPEN, 0, 1))[region].max() > 0.5 / 255:
+        add("ao", np.rint(ao * 255)[..., None], 255, region)
+    if (alpha != 255 * region).any():
+        add("coverage", alpha[..., None], 255, np.ones_like(region))
+    if figure.photo is not None:
+        codes = np.rint(np.clip(figure.photo, 0, 1) * 255).astype(np.uint8)
+        soft = (alpha > 0) & (alpha < 255)
+        if soft.any():
+            front = foreground(SCENE[codes], coverage.astype(np.float32) / 255)[rows, columns]
+            add("edge", differences(np.rint(encode_srgb(front / 2) * EDGE_STEPS)), EDGE_STEPS, soft)
+        if background_step > 1:
+            coarse = np.minimum((codes.astype(int) + background_step // 2) // background_step * background_step, 255)
+            codes = np.where(coverage[..., None] == 0, coarse, codes)
+        add("photo", differences(codes), 255, np.ones_like(maps.mask))
+    return header, b"".join(streams)
+
+
+def embed(figure: Figure, limit: int) -> str:
+    """JSON of a figure's header and base64 data within `limit` bytes, as fine as fits; UserError when none fits."""
+    for transport_steps, background_step in QUALITIES:
+        header, data = pack(figure, transport_steps, background_step)
+        text = json.dumps(header | {"data": base64.b64encode(data).decode()}, separators=(",", ":"))
+        text = text.replace("<", "\\u003c")  # a title must not close the script element
+        if len(text) <= limit:
+            return text
+    raise UserError(
+        f"figure '{figure.title}' takes {len(text) / 1e6:.1f} MB of the page's {limit / 1e6:.1f} MB at its coarsest; "
+        "make its maps smaller or show fewer figures in one page"
+    )

@@ -1,0 +1,41 @@
+// Real orthonormal spherical harmonics to order 2, no Condon-Shortley phase, index l*l+l+m; +x right, +y up, +z toward
+// the viewer. A light is 27 numbers: 9 radiance coefficients x (R, G, B). The same mathematics as relight/sh.
+
+const Y0 = 0.5 / Math.sqrt(Math.PI), Y1 = Math.sqrt(3 / (4 * Math.PI)), Y2 = 0.5 * Math.sqrt(15 / Math.PI);
+const Y20 = 0.25 * Math.sqrt(5 / Math.PI), Y22 = Y2 / 2;
+const COSINE = [Math.PI, ...Array(3).fill((2 * Math.PI) / 3), ...Array(5).fill(Math.PI / 4)];
+
+function basis([x, y, z]) {
+  return [Y0, Y1 * y, Y1 * z, Y1 * x, Y2 * x * y, Y2 * y * z, Y20 * (3 * z * z - 1), Y2 * x * z, Y22 * (x * x - y * y)];
+}
+
+function irradiance(light, normal) {
+  const Y = basis(normal), rgb = [0, 0, 0];
+  for (let k = 0; k < 9; k++) for (let c = 0; c < 3; c++) rgb[c] += COSINE[k] * Y[k] * light[3 * k + c];
+  return rgb;
+}
+
+// Yaw turns +z toward +x, then tilt turns +z toward +y (radians); rows of the 3x3 rotation.
+function turn(yaw, tilt) {
+  const c = Math.cos(yaw), s = Math.sin(yaw), d = Math.cos(tilt), t = Math.sin(tilt);
+  return [[c, 0, s], [-t * s, d, t * c], [-d * s, -t, d * c]];
+}
+
+// The light turned by R, exactly: band 1 is a vector, R v, and band 2 a symmetric matrix without trace, R M R^T.
+function rotate(light, R) {
+  const turned = new Float64Array(27), axes = [0, 1, 2];
+  for (let c = 0; c < 3; c++) {
+    const L = (k) => light[3 * k + c];
+    const v = [L(3), L(1), L(2)];
+    const xy = (Y2 / 2) * L(4), yz = (Y2 / 2) * L(5), xz = (Y2 / 2) * L(7);
+    const xx = Y22 * L(8) - Y20 * L(6), yy = -Y22 * L(8) - Y20 * L(6), zz = 2 * Y20 * L(6);
+    const M = [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]];
+    const w = axes.map((i) => R[i][0] * v[0] + R[i][1] * v[1] + R[i][2] * v[2]);
+    const RM = axes.map((i) => axes.map((j) => R[i][0] * M[0][j] + R[i][1] * M[1][j] + R[i][2] * M[2][j]));
+    const N = axes.map((i) => axes.map((j) => RM[i][0] * R[j][0] + RM[i][1] * R[j][1] + RM[i][2] * R[j][2]));
+    const out = [L(0), w[1], w[2], w[0], (2 * N[0][1]) / Y2, (2 * N[1][2]) / Y2, N[2][2] / (2 * Y20)];
+    out.push((2 * N[0][2]) / Y2, (N[0][0] - N[1][1]) / (2 * Y22));
+    for (let k = 0; k < 9; k++) turned[3 * k + c] = out[k];
+  }
+  return turned;
+}

@@ -1,0 +1,117 @@
+// Pointers on the stage: one finger or the mouse turns the light, two fingers or the wheel zoom and move.
+
+class Placement {
+  // x, y: image point at the stage's centre; scale: stage pixels (CSS) per image pixel.
+  constructor(stage) {
+    this.stage = stage;
+  }
+
+  // The whole photo, or the figure with some air around it; on a narrow stage below the title.
+  fit(figure) {
+    const [left, top, width, height] = figure.photo ? [0, 0, figure.width, figure.height] : figure.box;
+    const { clientWidth, clientHeight } = this.stage, title = clientWidth < 600 ? 84 : 0, air = figure.photo ? 1 : 1.14;
+    this.scale = this.fitted = Math.min(clientWidth / (width * air), (clientHeight - title) / (height * air)) || 1;
+    this.x = left + width / 2;
+    this.y = top + height / 2 - title / 2 / this.scale;
+  }
+
+  zoom(factor, stageX, stageY) {
+    const { clientWidth, clientHeight } = this.stage, before = this.scale;
+    this.scale = Math.min(Math.max(before * factor, this.fitted / 2), Math.max(this.fitted, 1) * 16);
+    const shift = 1 / before - 1 / this.scale;
+    this.x += (stageX - clientWidth / 2) * shift;
+    this.y += (stageY - clientHeight / 2) * shift;
+  }
+
+  move(dx, dy) {
+    this.x -= dx / this.scale;
+    this.y -= dy / this.scale;
+  }
+
+  // For the shader: image coordinates of the stage's corner, and image pixels per device pixel.
+  corner(ratio) {
+    const { clientWidth, clientHeight } = this.stage;
+    return [this.x - clientWidth / 2 / this.scale, this.y - clientHeight / 2 / this.scale, 1 / (this.scale * ratio)];
+  }
+}
+
+function listen(canvas, placement, { onTurn, onChange, onFit }) {
+  const pointers = new Map();
+  const middle = () => {
+    const all = [...pointers.values()], n = all.length;
+    const x = all.reduce((sum, p) => sum + p.x, 0) / n, y = all.reduce((sum, p) => sum + p.y, 0) / n;
+    return { x, y, spread: all.reduce((sum, p) => sum + Math.hypot(p.x - x, p.y - y), 0) / n };
+  };
+  const where = (event) => {
+    const frame = canvas.getBoundingClientRect();
+    return { x: event.clientX - frame.left, y: event.clientY - frame.top };
+  };
+  canvas.addEventListener("pointerdown", (event) => {
+    canvas.setPointerCapture(event.pointerId);
+    pointers.set(event.pointerId, where(event));
+  });
+  canvas.addEventListener("pointermove", (event) => {
+    if (!pointers.has(event.pointerId)) return;
+    const before = middle();
+    pointers.set(event.pointerId, where(event));
+    const after = middle(), dx = after.x - before.x, dy = after.y - before.y;
+    if (pointers.size > 1) {
+      if (before.spread > 0) placement.zoom(after.spread / before.spread, after.x, after.y);
+      placement.move(dx, dy);
+      onChange();
+    } else if (event.shiftKey || event.buttons & 6) {
+      placement.move(dx, dy);
+      onChange();
+    } else {
+      onTurn(dx * 0.5, -dy * 0.5);
+    }
+  });
+  const release = (event) => pointers.delete(event.pointerId);
+  for (const name of ["pointerup", "pointercancel"]) canvas.addEventListener(name, release);
+  canvas.addEventListener("contextmenu", (event) => event.preventDefault());
+  canvas.addEventListener("dblclick", onFit);
+  canvas.addEventListener("wheel", (event) => {
+    event.preventDefault();
+    const { x, y } = where(event), pixels = event.deltaMode ? event.deltaY * 16 : event.deltaY;
+    placement.zoom(Math.exp(-pixels * 0.0018), x, y);
+    onChange();
+  }, { passive: false });
+}
+
+// Per pixel of a ball `size` pixels wide: its irradiance is the product of nine factors with the light's coefficients.
+const ballFactors = {};
+function factorsOfBall(size) {
+  if (ballFactors[size]) return ballFactors[size];
+  const factors = new Float32Array(9 * size * size), alpha = new Float32Array(size * size);
+  for (let i = 0, p = 0; i < size; i++) {
+    for (let j = 0; j < size; j++, p++) {
+      const x = (2 * j + 1) / size - 1, y = 1 - (2 * i + 1) / size, radius = Math.hypot(x, y);
+      const inside = Math.min(1, 0.9999 / radius);
+      alpha[p] = Math.min(Math.max(((1 - radius) * size) / 2 + 0.5, 0), 1);
+      const normal = [x * inside, y * inside, Math.sqrt(Math.max(1 - (radius * inside) ** 2, 0))];
+      basis(normal).forEach((value, k) => (factors[9 * p + k] = COSINE[k] * value));
+    }
+  }
+  return (ballFactors[size] = { factors, alpha });
+}
+
+// A matte ball of albedo .6 under the light, on a square canvas.
+function drawBall(canvas, light, exposure = 1) {
+  const size = canvas.width, context = canvas.getContext("2d"), image = context.createImageData(size, size);
+  const { factors, alpha } = factorsOfBall(size);
+  for (let p = 0; p < size * size; p++) {
+    if (!alpha[p]) continue;
+    for (let c = 0; c < 3; c++) {
+      let sum = 0;
+      for (let k = 0; k < 9; k++) sum += factors[9 * p + k] * light[3 * k + c];
+      image.data[4 * p + c] = DEVELOPED[Math.min(Math.max(sum * exposure * 0.6 * 512, 0), 2047) | 0];
+    }
+    image.data[4 * p + 3] = 255 * alpha[p];
+  }
+  context.putImageData(image, 0, 0);
+}
+
+const DEVELOPED = Uint8ClampedArray.from({ length: 2048 }, (_, i) => {
+  const scene = (i + 0.5) / 512, linear = scene <= 0.8 ? scene : 1 - 0.2 * Math.exp((0.8 - scene) / 0.2);
+  return 255 * (linear <= 0.0031308 ? 12.92 * linear : 1.055 * linear ** (1 / 2.4) - 0.055);
+});

@@ -1,0 +1,80 @@
+"""What the viewer can be given: files of baked maps, photos, and lights by name."""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from relight.files import UserError, existing
+from relight.lights.load import load_light
+from relight.lights.statistics import reference_brightness
+from relight.maps.maps import Maps
+from relight.viewer.figure import OPEN, Figure
+
+if TYPE_CHECKING:
+    from relight.photos.api import Relighter
+
+BRIGHTNESS = 0.8  # the first light's irradiance toward the viewer, the middle of the paper's [.7, .9]
+LIGHTS = {f"Room {seed}": f"room:{seed}" for seed in (8, 3, 5, 17, 26, 11)} | {
+    "Open sky": "sky:1",
+    "Key, warm": "key:#ffd9a8@-50,35,0.25",
+    "Rim, blue": "key:#b8ccff@125,25,0.35",
+}
+
+
+def named_lights(texts: Iterable[str] = ()) -> dict[str, np.ndarray]:
+    """Lights (9,3) by the names to show: those that `texts` name for `load_light`, or LIGHTS.
+
+    The first is scaled to the reference brightness BRIGHTNESS, unless it comes from behind, where that would dazzle;
+    the others to the mean radiance of the first.
+    """
+    wanted = {Path(text).stem if Path(text).is_file() else text: text for text in texts} or LIGHTS
+    lights = {name: load_light(text).coefficients for name, text in wanted.items()}
+    for name, light in lights.items():
+        if not light[0].max() > 0:
+            raise UserError(f"light '{name}' is black; one that shines would be right")
+    first = next(iter(lights.values()))
+    front, mean = reference_brightness(first), first[0].sum()
+    target = BRIGHTNESS / front * mean if front > 0.2 * mean else BRIGHTNESS
+    return {name: light * (target / light[0].sum()) for name, light in lights.items()}
+
+
+def baked_figure(path: Path, title: str | None = None) -> Figure:
+    """The figure of a file of maps (relight.maps.exr). UserError when it stands for one that was left out."""
+    from relight.maps.exr import LeftOut, read_maps
+
+    try:
+        maps = read_maps(existing(path, "maps"))
+    except LeftOut as reason:
+        raise UserError(f"{path} holds no maps, the figure was left out: {reason}") from None
+    return Figure(title or str(maps.info.get("name") or path.stem), maps)
+
+
+def photo_figure(relighter: "Relighter", pixels: np.ndarray, coverage: np.ndarray, title: str) -> Figure:
+    """A photo (H,W,3) uint8 and its mask (H,W) uint8 with what the network says about its people.
+
+    The page knows one light a picture, so several people share the mean of theirs, weighted by area. UserError for
+    networks of `train.color=paper`, whose shading acts on coded values.
+    """
+    from relight.photos.source import mean_light
+
+    people = relighter.infer(pixels, coverage)
+    if any(person.gamma != 1 for person in people):
+        raise UserError("the viewer needs a network trained with train.color=photo; this one was trained with paper")
+    shape = coverage.shape
+    albedo, transport = np.zeros((*shape, 3), np.float32), np.zeros((*shape, (relighter.order + 1) ** 2), np.float32)
+    for person in people:
+        mine = person.coverage[person.frame.window] > 0
+        albedo[person.frame.window][mine] = person.frame.place(person.full_albedo())[mine]
+        transport[person.frame.window][mine] = person.frame.place(person.extended(person.transport))[mine]
+    maps = Maps(
+        mask=coverage > 0,
+        coverage=coverage / np.float32(255),
+        albedo=np.clip(albedo, 0, 1),
+        normal=np.zeros((*shape, 3), np.float32),
+        depth=np.zeros(shape, np.float32),
+        ao=np.clip(transport[..., 0] / OPEN, 0, 1),
+        transport=transport,
+    )
+    return Figure(title, maps, pixels / np.float32(255), mean_light(people)[:9])

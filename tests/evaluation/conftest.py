@@ -1,0 +1,103 @@
+"""A small world with a closed form: figures of two ellipsoids, their transport that of an open surface times an AO."""
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from omegaconf import OmegaConf
+
+from relight import config
+from relight.learning.checkpoint import save_network
+from relight.learning.networks import build
+from relight.maps.exr import write_maps
+from relight.maps.maps import Maps
+from relight.maps.packed import pack
+from relight.sh.basis import basis
+from relight.sh.irradiance import unoccluded
+
+
+@dataclass
+class World:
+    packed: Path
+    lights: Path
+    split: Path
+    maps: list[Path]
+    settings: config.Evaluate
+
+
+def snowman(size: int, seed: int) -> Maps:
+    """Body and head, coloured stripes, darker toward the neck; transport = AO * T(normal) exactly."""
+    rng = np.random.default_rng(seed)
+    x = (2 * np.arange(size) + 1) / size - 1
+    x, y = np.meshgrid(x, -x)
+    mask, normal, depth = np.zeros(x.shape, bool), np.zeros((*x.shape, 3)), np.zeros(x.shape)
+    body, head = rng.uniform(0.28, 0.45), rng.uniform(0.16, 0.22)
+    for centre, radii in ((-0.25, (body, 0.65)), (0.62, (head, 0.26))):
+        u, v = x / radii[0], (y - centre) / radii[1]
+        here = u**2 + v**2 < 1
+        w = np.sqrt(np.where(here, 1 - u**2 - v**2, 0))
+        n = np.stack([u / radii[0], v / radii[1], w / 0.3], -1)
+        normal = np.where(here[..., None], n / np.linalg.norm(n, axis=-1, keepdims=True).clip(1e-9), normal)
+        mask |= here
+        depth = np.where(here, 3 - 0.3 * w, depth)
+    ao = np.where(mask, 1 - 0.7 * np.exp(-(((y - 0.38) / 0.12) ** 2)), 0).astype(np.float32)
+    colors = rng.uniform(0.1, 0.8, (2, 3))
+    albedo = np.where((np.sin(12 * y + rng.uniform(0, 6)) > 0)[..., None], colors[0], colors[1]) * mask[..., None]
+    return Maps(
+        mask,
+        mask.astype(np.float32),
+        albedo.astype(np.float32),
+        (normal * mask[..., None]).astype(np.float32),
+        depth.astype(np.float32),
+        ao,
+        (unoccluded(normal) * (ao * mask)[..., None]).astype(np.float32),
+        info={"name": f"snowman{seed:02d}", "subject": f"s{seed}", "size": size, "order": 2, "repairs": []},
+    )
+
+
+def some_lights(count: int, seed: int) -> np.ndarray:
+    """(count,9,3): ambient light and a few lobes from in front, brightest channel's frontal irradiance at .8."""
+    rng = np.random.default_rng(seed)
+    lights = np.zeros((count, 9, 3))
+    lights[:, 0] = 0.5
+    for light in lights:
+        for _ in range(rng.integers(1, 4)):
+            direction = rng.normal(size=3)
+            direction[2] = abs(direction[2])
+            light += 0.4 * basis(direction / np.linalg.norm(direction))[:, None] * rng.uniform(0.5, 1.5, 3)
+        light *= 0.8 / (unoccluded(np.array([0.0, 0, 1])) @ light).max()
+    return lights.astype(np.float32)
+
+
+def make_world(folder: Path, size: int, figures: int, lights: int, test: int) -> World:
+    paths = [folder / f"snowman{seed:02d}.exr" for seed in range(figures)]
+    for seed, path in enumerate(paths):
+        write_maps(path, snowman(size, seed))
+    pack(paths, folder / "packed.safetensors")
+    split = np.array(["train"] * (lights - 2) + ["test"] * 2)
+    np.savez(folder / "lights.npz", coefficients=some_lights(lights, 7), split=split)
+    names = [path.stem for path in paths]
+    (folder / "split.json").write_text(json.dumps({"train": names[:-test], "test": names[-test:]}))
+    settings = config.Evaluate(bootstrap=2000, plates=2, sheet=6, lights="test", device="cpu", seed=0, version=1)
+    return World(folder / "packed.safetensors", folder / "lights.npz", folder / "split.json", paths, settings)
+
+
+def save_small_network(path: Path, name: str, color: str, seed: int = 1) -> None:
+    """An untrained network for 64 px."""
+    model = OmegaConf.to_object(config.composed([f"model={name}", "model.width=0.125", "model.norm=batch"])).model
+    torch.manual_seed(seed)
+    save_network(path, build(model, 64), model, train={"color": color})
+
+
+@pytest.fixture(scope="session")
+def small_network():
+    return save_small_network
+
+
+@pytest.fixture(scope="session")
+def world(tmp_path_factory) -> World:
+    """Six figures at 64 px, three of them to test on, six lights, two of them to test with."""
+    return make_world(tmp_path_factory.mktemp("world"), 64, 6, 6, 3)

@@ -1,0 +1,147 @@
+import numpy as np
+import pytest
+from skimage.metrics import structural_similarity
+
+from relight.evaluation.metrics import COLUMNS, Inferred, Truth, light_errors, rmse, sphere, ssim, windows
+from relight.sh.irradiance import irradiance, unoccluded
+
+RNG = np.random.default_rng(3)
+
+
+@pytest.fixture
+def truth():
+    """A ragged mask at the edge of a 40 px image, under three lights that leave some shadings negative."""
+    size = 40
+    mask = np.zeros((size, size), bool)
+    mask[5:31, 23:40] = RNG.random((26, 17)) < 0.8
+    mask[5, 26] = mask[30, 26] = mask[9, 23] = mask[9, 39] = True
+    pixel = np.flatnonzero(mask)
+    normal = RNG.normal(size=(len(pixel), 3))
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    ao = RNG.uniform(0.2, 1, len(pixel)).astype(np.float32)
+    lights = RNG.normal(0.1, 0.4, (3, 9, 3)).astype(np.float32)
+    return (
+        Truth(pixel, unoccluded(normal) * ao[:, None], RNG.random((len(pixel), 3)), normal, ao, lights, size),
+        mask,
+        lights,
+    )
+
+
+def noisy(truth: Truth, name: str, count: int) -> np.ndarray:
+    values = np.repeat(truth.maps[name], count, 0)
+    return (values + RNG.normal(0, 0.2, values.shape)).astype(np.float32)
+
+
+def slow(inferred: np.ndarray, true: np.ndarray, mask: np.ndarray, span: float) -> tuple[float, float, float, float]:
+    """The four readings of compact maps (P,C), pixel by pixel and by scikit-image's own SSIM, channel by channel."""
+    squares = [sum((a - b) ** 2 for a, b in zip(p, q)) for p, q in zip(inferred.tolist(), true.tolist())]
+    vector = (sum(squares) / len(squares)) ** 0.5
+    element = (sum(squares) / len(squares) / inferred.shape[1]) ** 0.5
+    rows, columns = np.where(mask.any(1))[0], np.where(mask.any(0))[0]
+    box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    pictures = np.zeros((2, *mask.shape, inferred.shape[1]))
+    pictures[0][mask], pictures[1][mask] = inferred, true
+    similarity = [
+        np.mean(
+            [
+                structural_similarity(pictures[0][box][..., c], pictures[1][box][..., c], data_range=s)
+                for c in range(len(inferred[0]))
+            ]
+        )
+        for s in (span, 2)
+    ]
+    return vector, element, *similarity
+
+
+def test_every_map_agrees_with_scikit_image_and_loops(truth):
+    one, mask, lights = truth
+    inferred = Inferred(
+        albedo=noisy(one, "albedo", 3),
+        transport=noisy(one, "transport", 3),
+        normal=noisy(one, "normal", 3),
+        ao=noisy(one, "ao", 3)[..., 0],
+        light=lights + RNG.normal(0, 0.1, lights.shape).astype(np.float32),
+        occlude=True,
+    )
+    columns = one.score(inferred)
+    assert set(columns) == set(COLUMNS)
+    lit, ao = inferred.transport * inferred.ao[..., None], inferred.ao[..., None]
+    for n in range(3):
+        true = {name: values[n if len(values) > 1 else 0] for name, values in one.maps.items()}
+        shading = np.maximum(lit[n] @ inferred.light[n], 0)
+        expected = {
+            "albedo": (inferred.albedo[n], true["albedo"], 1),
+            "transport": (inferred.transport[n], true["transport"], 2),
+            "transport_with_ao": (lit[n], true["transport"], 2),
+            "normal": (inferred.normal[n], true["normal"], 2),
+            "ao": (ao[n], true["ao"], 1),
+            "shading": (shading, np.maximum(true["transport"] @ lights[n], 0), 1),
+            "shading_true_light": (np.maximum(lit[n] @ lights[n], 0), true["shading"], 1),
+            "reconstruction": (inferred.albedo[n] * shading, true["albedo"] * true["shading"], 1),
+        }
+        for quantity, (a, b, span) in expected.items():
+            found = [columns[f"{quantity}_{r}"][n] for r in ("rmse", "rmse_element", "ssim", "ssim_range2")]
+            np.testing.assert_allclose(found, slow(a, b, mask, span), rtol=2e-5, err_msg=quantity)
+
+
+def test_light_agrees_with_scikit_image():
+    true, inferred = RNG.normal(0, 0.4, (2, 4, 9, 3))
+    columns = light_errors(inferred, true)
+    for n in range(4):
+        assert columns["light_rmse"][n] == pytest.approx(np.sqrt(((true[n] - inferred[n]) ** 2).mean()))
+        expected = structural_similarity(inferred[n], true[n], win_size=3, data_range=2)
+        assert columns["light_ssim"][n] == pytest.approx(expected)
+
+
+def test_sphere_is_lit_as_its_normals_are():
+    disc, basis = sphere(64, 2)
+    light = RNG.normal(size=(9, 3))
+    x = (2 * np.arange(64) + 1) / 64 - 1
+    row, column = np.argwhere(disc)[700]
+    normal = np.array([x[column], -x[row], np.sqrt(1 - x[column] ** 2 - x[row] ** 2)])
+    np.testing.assert_allclose((basis @ light)[700], irradiance(light, normal), atol=1e-12)
+    assert disc.mean() == pytest.approx(np.pi / 4, abs=0.01)
+
+
+def test_truth_scores_perfectly(truth):
+    one, _, lights = truth
+    maps = {name: one.maps[name] for name in ("albedo", "transport", "normal")}
+    columns = one.score(Inferred(**maps, ao=one.maps["ao"][..., 0], light=lights))
+    for name, values in columns.items():
+        np.testing.assert_allclose(values, 1 if "ssim" in name else 0, atol=1e-6, err_msg=name)
+
+
+def test_a_constant_offset_has_a_closed_form(truth):
+    """An offset d in each of C channels: vector RMSE is d sqrt(C), per element d."""
+    one, _, _ = truth
+    columns = one.score(Inferred(transport=one.maps["transport"] + np.float32(0.1)))
+    np.testing.assert_allclose(columns["transport_rmse"], 0.3, rtol=1e-5)
+    np.testing.assert_allclose(columns["transport_rmse_element"], 0.1, rtol=1e-5)
+    assert "albedo_rmse" not in columns and "light_rmse" not in columns
+
+
+def test_shading_is_clipped_at_zero(truth):
+    one, _, lights = truth
+    columns = one.score(Inferred(transport=np.zeros_like(one.maps["transport"])))
+    expected = rmse(np.zeros_like(one.maps["shading"]), np.maximum(one.maps["transport"] @ lights, 0))
+    np.testing.assert_allclose(columns["shading_rmse"], expected)
+    assert (one.maps["transport"] @ lights).min() < 0
+
+
+def test_values_outside_the_box_do_not_matter_and_thin_masks_work():
+    pixel = np.array([5 * 16 + 7])  # one pixel: the box is widened to a window
+    maps = np.ones((1, 9)), np.full((1, 3), 0.5), np.array([[0.0, 0, 1]]), np.ones(1)
+    one = Truth(pixel, *maps, np.zeros((1, 9, 3)), 16)
+    assert one.shape == (7, 7)
+    columns = one.score(Inferred(albedo=np.full((1, 1, 3), 0.5, np.float32)))
+    assert columns["albedo_ssim"][0] == pytest.approx(1) and columns["albedo_rmse"][0] == 0
+
+
+@pytest.mark.parametrize("size", [3, 7])
+def test_ssim_of_batches_is_that_of_each(size):
+    first, second = RNG.random((2, 5, 12, 9, 4))
+    together = ssim(windows(first, size), windows(second, size), (1.0, 0.3))
+    for n in range(5):
+        for span, found in zip((1.0, 0.3), together):
+            expected = structural_similarity(first[n], second[n], win_size=size, channel_axis=-1, data_range=span)
+            assert found[n] == pytest.approx(expected, abs=1e-12)

@@ -1,0 +1,228 @@
+"""Whole figures: the same in every process, complete, in the budget; gates that bite; files that others read."""
+
+import hashlib
+import io
+import re
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from relight.figures import dress, garments, gates, poses
+from relight.figures.commands import seeds_of
+from relight.figures.dress import make_figure
+from relight.figures.export import export
+from relight.files import UserError
+from relight.meshes.mesh import Mesh
+
+SEED = 1
+
+
+def digest(mesh: Mesh) -> str:
+    arrays = [
+        mesh.vertices,
+        mesh.faces,
+        mesh.uv,
+        mesh.material,
+        *(m.texture for m in mesh.materials if m.texture is not None),
+    ]
+    return hashlib.sha256(b"".join(np.ascontiguousarray(a).tobytes() for a in arrays)).hexdigest()
+
+
+@pytest.fixture(scope="module")
+def figure() -> tuple[Mesh, float]:
+    dress.drape.prepare()
+    start = time.process_time()
+    mesh = make_figure(SEED, "draft", 128)
+    return mesh, time.process_time() - start
+
+
+def test_the_record_is_complete(figure):
+    mesh, seconds = figure
+    assert mesh.vertices.dtype == np.float32 and mesh.vertices.shape[1] == 3 and np.isfinite(mesh.vertices).all()
+    assert mesh.vertices[:, 1].min() == 0 and 1.3 < mesh.vertices[:, 1].max() < 2.6
+    assert mesh.faces.max() == len(mesh.vertices) - 1 and len(np.unique(mesh.faces)) == len(mesh.vertices)
+    assert mesh.material.max() == len(mesh.materials) - 1
+    assert mesh.uv.shape == (*mesh.faces.shape, 2) and mesh.uv.min() >= 0 and mesh.uv.max() <= 1
+    for key in (
+        "name",
+        "subject",
+        "source",
+        "seed",
+        "generator",
+        "garments",
+        "pose",
+        "hair",
+        "skin",
+        "age",
+        "build",
+        "redrawn",
+    ):
+        assert key in mesh.info
+    assert mesh.info["name"] == f"g{SEED:04d}"
+    assert len(mesh.info["garments"]) >= 1
+    assert seconds < 30  # 3 s on a free core, with room for a kernel's first compilation
+
+
+def test_the_figure_faces_forward(figure):
+    mesh, _ = figure
+    face, _ = gates.seen(mesh.vertices, mesh.faces)
+    rows = np.flatnonzero((face >= 0).any(1))
+    upper = face[rows[: len(rows) // 3]]
+    assert (np.isin(mesh.material[upper[upper >= 0]], [1, 2])).sum() >= 4  # eyes are seen from +z
+
+
+def test_the_same_seed_is_the_same_figure_in_another_process(figure):
+    code = (
+        "import sys; sys.path.insert(0, sys.argv[1]);"
+        "from test_figures_dress import digest; from relight.figures.dress import make_figure;"
+        f"print(digest(make_figure({SEED}, 'draft', 128)))"
+    )
+    out = subprocess.run(
+        [sys.executable, "-c", code, str(Path(__file__).parent)], capture_output=True, text=True, check=True
+    )
+    assert out.stdout.split()[-1] == digest(figure[0])
+
+
+def test_another_seed_is_another_figure():
+    one, two = (dress.sample_person(np.random.default_rng([seed, 0])) for seed in (1, 2))
+    assert one != two
+
+
+@pytest.mark.parametrize(
+    ("seed", "detail", "texture", "said"), [(1, "huge", 128, "huge"), (-1, "draft", 128, "-1"), (1, "draft", 8, "8")]
+)
+def test_bad_arguments_are_one_sentence(seed, detail, texture, said):
+    with pytest.raises(UserError, match=said):
+        make_figure(seed, detail, texture)
+
+
+def test_a_failed_attempt_is_drawn_again_and_counted(figure, monkeypatch):
+    real, calls = dress.attempt_figure, []
+
+    def failing_first(seed, attempt, detail, texture):
+        calls.append(attempt)
+        return (None, "torn") if attempt < 2 else (figure[0], None)
+
+    monkeypatch.setattr(dress, "attempt_figure", failing_first)
+    mesh = make_figure(SEED, "draft", 128)
+    assert calls == [0, 1, 2] and mesh.info["redrawn"] == 2 and mesh.info["redrawn_because"] == ["torn", "torn"]
+    monkeypatch.setattr(dress, "attempt_figure", lambda *a: (None, "torn"))
+    with pytest.raises(UserError, match="6 attempts"):
+        make_figure(SEED, "draft", 128)
+    assert real is not dress.attempt_figure
+
+
+@pytest.fixture(scope="module")
+def snug():
+    """A dress as its pattern lies around a standing body, not draped: a drape that passes."""
+    dress.drape.prepare()
+    body = dress.build_body(dress.sample_person(np.random.default_rng(3)))
+    way = dress.motion(body, poses.STANDING[1], 4)
+    pattern = dress.patterns.build_pattern(body, garments.DRESSES[0], 0)
+    level = pattern.levels[0]
+    x = way.skin(level.weights, level.pattern)
+    return body, way, pattern, x, np.ones(1000)
+
+
+def lifted(x, pattern):
+    x = x.copy()
+    x[(pattern.fields["tube"] > 0) & (x[:, 0] > 0), 1] += 0.35
+    return x
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (lambda x, strain, pattern: (x, strain), None),
+        (lambda x, strain, pattern: (np.where(np.arange(len(x))[:, None] == 5, np.nan, x), strain), "finite"),
+        (lambda x, strain, pattern: (x, strain * 1.5), "stretched"),
+        (lambda x, strain, pattern: (x, np.where(np.arange(1000) < 5, 4.0, strain)), "torn"),
+        (lambda x, strain, pattern: (x + [2.0, 0, 0], strain), "flew"),
+        (lambda x, strain, pattern: (x - [0, 0.3, 0], strain), "slid|inside"),
+        (lambda x, strain, pattern: (lifted(x, pattern), strain), "swept"),
+        (lambda x, strain, pattern: (x * [0.6, 1, 0.6], strain), "inside"),
+    ],
+)
+def test_each_gate_bites(snug, spoil, said):
+    body, way, pattern, x, strain = snug
+    x, strain = spoil(x, strain, pattern)
+    reason = gates.cloth(pattern, dress.drape.Draped(x, [], strain), way, body)
+    assert reason is None if said is None else re.search(said, reason)
+
+
+def two_walls(hole: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A wall of cloth (layer 1) a centimetre in front of skin (layer 0) that bulges through it in a small square."""
+    a = np.arange(-0.3, 0.3001, 0.01)
+    x, y = np.meshgrid(a, a)
+    n = len(a)
+    back = np.stack([x, y, np.where((np.abs(x) < hole) & (np.abs(y) < hole), 0.02, -0.01)], -1).reshape(-1, 3)
+    front = np.stack([x, y, 0 * x], -1).reshape(-1, 3)
+    i = np.arange(n * n).reshape(n, n)
+    p, q, r, s = i[:-1, :-1].ravel(), i[:-1, 1:].ravel(), i[1:, :-1].ravel(), i[1:, 1:].ravel()
+    faces = np.concatenate([np.stack([p, q, r], 1), np.stack([q, s, r], 1)])
+    layer = np.repeat([0, 1], len(faces))
+    return np.concatenate([back, front]), np.concatenate([faces, faces + n * n]), layer
+
+
+def test_poke_through_is_seen_and_measured():
+    dress.drape.prepare()
+    assert gates.through(*two_walls(0.0)) == 0
+    found = gates.through(*two_walls(0.0051))
+    assert 4 <= found <= gates.SPECK
+    assert gates.through(*two_walls(0.2)) == 0  # a large opening is no speck
+
+
+def test_glb_says_what_the_mesh_says(figure, tmp_path):
+    mesh, _ = figure
+    export(mesh, tmp_path / "f.glb")
+    scene = trimesh.load(tmp_path / "f.glb", process=False)
+    parts = list(scene.geometry.values())
+    assert len(parts) == len(np.unique(mesh.material))
+    assert sum(len(p.faces) for p in parts) == len(mesh.faces)
+    np.testing.assert_allclose(scene.bounds, [mesh.vertices.min(0), mesh.vertices.max(0)], atol=1e-6)
+    skin = max(
+        parts,
+        key=lambda p: (
+            0
+            if p.visual.material.baseColorTexture is None
+            else len(p.faces) * (len(p.faces) == (mesh.material == 0).sum())
+        ),
+    )
+    theirs = np.asarray(skin.visual.material.baseColorTexture.convert("RGB"))
+    np.testing.assert_array_equal(theirs, mesh.materials[0].texture)
+    mine = mesh.material == 0
+    want = mesh.vertices[mesh.faces[mine]]
+    np.testing.assert_allclose(skin.vertices[skin.faces], want, atol=1e-6)
+    np.testing.assert_allclose(skin.visual.uv[skin.faces], mesh.uv[mine], atol=1e-6)
+
+
+def test_npz_round_trip_and_unknown_suffix(figure, tmp_path):
+    export(figure[0], tmp_path / "f.npz")
+    assert digest(Mesh.load(tmp_path / "f.npz")) == digest(figure[0])
+    with pytest.raises(UserError, match="fbx"):
+        export(figure[0], tmp_path / "f.fbx")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["f.npz"]
+
+
+def test_textures_are_pictures(figure):
+    for material in figure[0].materials:
+        if material.texture is not None:
+            assert material.texture.dtype == np.uint8 and material.texture.ndim == 3
+            Image.fromarray(material.texture).save(io.BytesIO(), "png")
+
+
+@pytest.mark.parametrize(("text", "want"), [("7", [7]), ("0-3", [0, 1, 2, 3]), ("1,4,2-5", [1, 4, 2, 3, 5])])
+def test_seeds(text, want):
+    assert seeds_of(text) == want
+
+
+@pytest.mark.parametrize("text", ["", "a", "5-2", "-1", "1..3", "1,,2"])
+def test_bad_seeds(text):
+    with pytest.raises(UserError, match="--seeds"):
+        seeds_of(text)

@@ -1,0 +1,73 @@
+"""Networks on disk."""
+
+import json
+
+import pytest
+import torch
+from safetensors.torch import load_file, save_file
+
+from relight.files import UserError
+from relight.learning.checkpoint import load_network, save_network
+from relight.learning.networks import build
+
+
+@pytest.fixture
+def network(model):
+    torch.manual_seed(0)
+    network = build(model(), 64).train()
+    network(torch.rand(4, 3, 64, 64), torch.ones(4, 1, 64, 64))  # moves the running statistics off their start
+    return network
+
+
+def test_round_trip(network, model, tmp_path):
+    save_network(tmp_path / "n.safetensors", network, model(), train={"color": "photo"}, card="a fact")
+    before = torch.random.get_rng_state()
+    loaded, config = load_network(tmp_path / "n.safetensors")
+    assert torch.equal(torch.random.get_rng_state(), before)
+    assert config == {"size": 64, "model": vars(model()), "train": {"color": "photo"}, "card": "a fact"}
+    assert not loaded.training
+    state = loaded.state_dict()
+    assert all(torch.equal(value, state[name]) for name, value in network.state_dict().items())
+    image, mask = torch.rand(1, 3, 64, 64), torch.ones(1, 1, 64, 64)
+    network.eval()
+    assert all(torch.equal(value, loaded(image, mask)[name]) for name, value in network(image, mask).items())
+
+
+def test_half_is_half_as_large_and_loads_as_float32(network, model, tmp_path):
+    save_network(tmp_path / "full.safetensors", network, model())
+    save_network(tmp_path / "half.safetensors", network, model(), half=True)
+    sizes = [(tmp_path / f"{name}.safetensors").stat().st_size for name in ("full", "half")]
+    assert sizes[1] == pytest.approx(sizes[0] / 2, rel=0.02)
+    loaded, _ = load_network(tmp_path / "half.safetensors")
+    for name, value in network.state_dict().items():
+        assert loaded.state_dict()[name].dtype == value.dtype
+        torch.testing.assert_close(loaded.state_dict()[name], value, atol=1e-6, rtol=1e-3)
+
+
+def test_user_errors(network, model, tmp_path):
+    with pytest.raises(UserError, match=r"there is no file .*none\.safetensors"):
+        load_network(tmp_path / "none.safetensors")
+    path = tmp_path / "n.safetensors"
+    torch.save({"weights": torch.zeros(3)}, path)
+    with pytest.raises(UserError, match="is not a safetensors file"):
+        load_network(path)
+    save_network(path, network, model())
+    path.write_bytes(path.read_bytes()[:5000])
+    with pytest.raises(UserError, match="is not a safetensors file"):
+        load_network(path)
+    save_file({"a": torch.zeros(2)}, path)
+    with pytest.raises(UserError, match="holds no relight network"):
+        load_network(path)
+
+
+@pytest.mark.parametrize("change", [{"size": 65}, {"model": {"name": "ours"}}, {"model": None}, {}])
+def test_a_network_of_another_shape_is_refused(network, model, tmp_path, change):
+    path = tmp_path / "n.safetensors"
+    save_network(path, network, model())
+    weights = load_file(path)
+    if not change:
+        weights.pop("light.last.weight")
+    config = {"size": 64, "model": vars(model())} | change
+    save_file(weights, path, metadata={"relight": json.dumps(config)})
+    with pytest.raises(UserError):
+        load_network(path)

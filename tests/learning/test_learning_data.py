@@ -1,0 +1,125 @@
+"""Batches against the maps they come from."""
+
+import numpy as np
+import pytest
+import torch
+from scipy.ndimage import binary_erosion
+
+from relight.files import UserError
+from relight.learning.camera import decode, encode
+from relight.learning.data import RelitSet, neighbours, read_split
+from relight.maps.packed import Packed
+
+FIGURES, LIGHTS = np.array([3, 0, 4]), np.array([1, 5, 0])
+
+
+def dense(packed: Packed, figure: int, key: str) -> np.ndarray:
+    """A map (S,S,C) of the packed set, scattered one pixel at a time."""
+    arrays = packed.figure(figure)
+    values = np.asarray(arrays[key], np.float32).reshape(len(arrays["pixel"]), -1)
+    out = np.zeros((packed.size, packed.size, values.shape[1]), np.float32)
+    for pixel, value in zip(arrays["pixel"], values):
+        out[pixel // packed.size, pixel % packed.size] = value
+    return out
+
+
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_maps_and_image(tiny_world, order):
+    packed = Packed(tiny_world["packed"])
+    data = RelitSet(tiny_world["packed"], tiny_world["lights"], order, "photo")
+    batch = data.batch(FIGURES, LIGHTS)
+    lights = np.load(tiny_world["lights"])["coefficients"][:, : (order + 1) ** 2]
+    for i, (figure, light) in enumerate(zip(FIGURES, LIGHTS)):
+        truth = {key: dense(packed, figure, key) for key in ("transport", "albedo", "normal", "ao")}
+        truth["transport"] = truth["transport"][..., : (order + 1) ** 2]
+        for key, value in truth.items():
+            found = batch.put(getattr(batch, key))[i].permute(1, 2, 0).numpy()
+            np.testing.assert_array_equal(found, value)
+        np.testing.assert_array_equal(batch.light[i].numpy(), lights[light])
+        relit = truth["albedo"] * np.clip(truth["transport"] @ lights[light], 0, 10)
+        np.testing.assert_allclose(batch.put(batch.relit)[i].permute(1, 2, 0).numpy(), relit, atol=1e-6)
+        coded = np.round(encode(torch.tensor(np.clip(relit, 0, 1))).numpy() * 255) / 255
+        seen = decode(torch.tensor(coded)).numpy()
+        np.testing.assert_allclose(batch.image[i].permute(1, 2, 0).numpy(), seen, atol=0.01)
+        off = np.abs(batch.image[i].permute(1, 2, 0).numpy() - seen) > 1e-5
+        assert off.mean() < 0.001, "a code may differ where rounding decides, and hardly ever does"
+        np.testing.assert_array_equal(batch.mask[i, 0].numpy(), truth["ao"][..., 0] > 0)
+
+
+def test_color_paper_takes_the_codes_of_albedo_as_linear_and_never_clips(tiny_world):
+    photo = RelitSet(tiny_world["packed"], tiny_world["lights"], 2, "photo").batch(FIGURES, LIGHTS)
+    data = RelitSet(tiny_world["packed"], tiny_world["lights"], 2, "paper")
+    data.lights *= 3
+    paper = data.batch(FIGURES, LIGHTS)
+    codes = (encode(photo.albedo) * 255).round() / 255
+    torch.testing.assert_close(paper.albedo, codes * photo.inside)
+    torch.testing.assert_close(paper.image, paper.put(paper.albedo * paper.shading))
+    assert paper.image.max() > 1.2
+
+
+def test_take_is_the_inverse_of_put(tiny_world):
+    batch = RelitSet(tiny_world["packed"], tiny_world["lights"], 2, "paper").batch(FIGURES, LIGHTS)
+    assert torch.equal(batch.take(batch.put(batch.transport)), batch.transport)
+    noise = torch.randn(3, 4, 16, 16)
+    assert torch.equal(batch.put(batch.take(noise)), noise * batch.mask)
+    assert batch.scope == batch.mask.sum() == batch.inside.sum()
+    for compact in (batch.albedo, batch.transport, batch.normal, batch.ao, batch.shading, batch.relit):
+        assert (compact * (1 - batch.inside) == 0).all()
+
+
+def test_neighbours():
+    rng = np.random.default_rng(0)
+    masks = rng.random((4, 12, 12)) > 0.3
+    masks[1], masks[2] = False, True  # an image that is all figure has no background to name, and needs none
+    masks[1, 5, 5] = True
+    pixel = np.concatenate([np.flatnonzero(mask) for mask in masks])
+    offset = np.concatenate([[0], np.cumsum(masks.sum((1, 2)))])
+    below, interior, outside = neighbours(pixel, offset, 12)
+    for i, mask in enumerate(masks):
+        own, part = np.flatnonzero(mask), slice(offset[i], offset[i + 1])
+        np.testing.assert_array_equal(interior[part], binary_erosion(mask).ravel()[own])
+        inner = interior[part]
+        np.testing.assert_array_equal(own[below[part]][inner], own[inner] + 12)
+        np.testing.assert_array_equal(own[np.flatnonzero(inner) + 1], own[inner] + 1)
+        assert mask.all() or not mask.flat[outside[i]]
+
+
+def test_mirrored_batch_is_the_mirrored_image(tiny_world):
+    data = RelitSet(tiny_world["packed"], tiny_world["lights"], 3, "paper")
+    plain = data.batch(FIGURES, LIGHTS)
+    mixed = data.batch(FIGURES, LIGHTS, mirror=np.array([True, False, True]))
+    for i, flipped in enumerate([True, False, True]):
+        for key in ("image", "mask"):
+            one, other = getattr(plain, key)[i], getattr(mixed, key)[i]
+            torch.testing.assert_close(other, one.flip(-1) if flipped else one)
+        normal = mixed.put(mixed.normal)[i] * torch.tensor([-1.0 if flipped else 1.0, 1, 1])[:, None, None]
+        expected = plain.put(plain.normal)[i]
+        assert torch.equal(normal, expected.flip(-1) if flipped else expected)
+    # What makes the mirrored truth right: transport of mirrored normals, and light from the mirrored side.
+    torch.testing.assert_close(mixed.transport @ mixed.light, plain.transport @ plain.light, atol=1e-5, rtol=1e-4)
+    assert torch.equal(mixed.light[0, [3, 4, 7]], -plain.light[0, [3, 4, 7]])
+    assert torch.equal(mixed.light[0, [0, 1, 2, 5, 6, 8]], plain.light[0, [0, 1, 2, 5, 6, 8]])
+
+
+def test_exposure_scales_image_and_light(tiny_world):
+    data = RelitSet(tiny_world["packed"], tiny_world["lights"], 2, "paper")
+    plain, brighter = data.batch(FIGURES, LIGHTS), data.batch(FIGURES, LIGHTS, exposure=np.array([2.0, 1.0, 0.5]))
+    factor = torch.tensor([2.0, 1.0, 0.5])
+    torch.testing.assert_close(brighter.light, plain.light * factor[:, None, None])
+    torch.testing.assert_close(brighter.image, plain.image * factor[:, None, None, None])
+    assert torch.equal(brighter.albedo, plain.albedo)
+
+
+def test_figures_by_name_pass_over_those_left_out(tiny_world):
+    data = RelitSet(tiny_world["packed"], tiny_world["lights"], 2, "paper")
+    split = read_split(tiny_world["split"])
+    assert data.figures(split["train"]).tolist() == [0, 1, 2, 3] and data.figures(split["test"]).tolist() == [4]
+
+
+def test_user_errors(tiny_world, tmp_path):
+    with pytest.raises(UserError, match=r"up to order 3: model\.order=4 needs bake\.order=4"):
+        RelitSet(tiny_world["packed"], tiny_world["lights"], 4, "paper")
+    with pytest.raises(UserError, match=r"there is no file .*none\.npz"):
+        RelitSet(tiny_world["packed"], tmp_path / "none.npz", 2, "paper")
+    with pytest.raises(UserError, match=r"there is no file .*none\.json"):
+        read_split(tmp_path / "none.json")

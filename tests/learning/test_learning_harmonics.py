@@ -1,0 +1,42 @@
+"""The torch harmonics against the numpy ones, which have tests of their own."""
+
+import numpy as np
+import pytest
+import torch
+
+from relight.learning.harmonics import basis, mirror_signs, unoccluded
+from relight.sh import irradiance
+from relight.sh.basis import basis as numpy_basis
+
+
+def directions(count: int = 200) -> np.ndarray:
+    d = np.random.default_rng(0).normal(size=(count, 3))
+    return np.concatenate([d / np.linalg.norm(d, axis=1, keepdims=True), np.eye(3), -np.eye(3)])
+
+
+@pytest.mark.parametrize("order", [0, 1, 2, 3, 4])
+def test_twins(order):
+    d = directions()
+    np.testing.assert_allclose(basis(torch.tensor(d), order).numpy(), numpy_basis(d, order), atol=1e-12)
+    np.testing.assert_allclose(unoccluded(torch.tensor(d), order).numpy(), irradiance.unoccluded(d, order), atol=1e-7)
+    single = unoccluded(torch.tensor(d, dtype=torch.float32), order).numpy()
+    np.testing.assert_allclose(single, irradiance.unoccluded(d, order), atol=1e-6)
+
+
+def test_constants_of_band_two():
+    """The known slip in ports of SfSNet: T of n = (x,y,z) has pi/4 * 1.0925 xy and pi/4 * .5463 (x^2 - y^2)."""
+    found = unoccluded(torch.tensor([0.6, 0.8, 0.0]), 2)
+    assert found[4].item() == pytest.approx(np.pi / 4 * 1.092548 * 0.48, abs=1e-6)
+    assert found[8].item() == pytest.approx(np.pi / 4 * 0.546274 * (0.36 - 0.64), abs=1e-6)
+    assert found[0].item() == pytest.approx(np.sqrt(np.pi) / 2, abs=1e-6)
+
+
+def test_gradient_also_at_the_poles():
+    d = torch.tensor([[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.6, 0.0, 0.8]], dtype=torch.float64, requires_grad=True)
+    assert torch.autograd.gradcheck(lambda n: basis(n, 4), d)
+
+
+def test_mirror_signs():
+    d = directions()
+    mirrored = numpy_basis(d * [-1, 1, 1], 4)
+    np.testing.assert_allclose(mirror_signs(4).numpy() * numpy_basis(d, 4), mirrored, atol=1e-12)

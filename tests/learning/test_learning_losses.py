@@ -1,0 +1,180 @@
+"""The losses against formulas written out pixel by pixel on whole images, and their gradients."""
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+import yaml
+
+from relight.learning.data import RelitSet
+from relight.learning.losses import losses, weights
+from relight.sh.irradiance import unoccluded
+
+FIFTEEN = {
+    *("albedo", "transport", "light", "tv_albedo", "tv_transport"),
+    *("shading_transport", "shading_light", "shading_transport_light"),
+    *("reconstruction_albedo", "reconstruction_transport", "reconstruction_light"),
+    *("reconstruction_albedo_transport", "reconstruction_albedo_light", "reconstruction_transport_light"),
+    "reconstruction_full",
+}
+CONF = Path(__file__).parents[2] / "conf" / "loss"
+
+
+def batch_of(world, color="paper"):
+    return RelitSet(world["packed"], world["lights"], 2, color).batch(np.array([3, 0]), np.array([1, 5]))
+
+
+def inferred(batch, name: str = "ours") -> dict[str, torch.Tensor]:
+    """Network outputs far from the truth, whose shadings are cut at both ends; float64."""
+    generator = torch.Generator().manual_seed(0)
+
+    def noise(channels: int) -> torch.Tensor:
+        return torch.randn(2, channels, batch.size, batch.size, generator=generator, dtype=torch.float64)
+
+    outputs = {"albedo": noise(3).sigmoid(), "light": batch.light.double() + 0.5 * noise(27)[:, :, 0, 0].view(2, 9, 3)}
+    if name == "ours":
+        return outputs | {"transport": 4 * noise(9)}
+    outputs["normal"] = torch.nn.functional.normalize(noise(3), dim=1)
+    return outputs | ({"ao": noise(1)} if name == "sfsnet_ao" else {})
+
+
+def by_hand(outputs: dict, batch, reduction: str) -> dict[str, float]:
+    """All losses by loops over images, pixels, channels and coefficients: sections 3 and 4 of the paper."""
+    size = batch.size
+
+    def image(tensor: torch.Tensor) -> np.ndarray:
+        return tensor.double().permute(0, 2, 3, 1).numpy()
+
+    mask = image(batch.mask)[..., 0] > 0
+    true = {key: image(batch.put(getattr(batch, key))) for key in ("albedo", "transport", "normal", "ao")}
+    own = {key: image(value) for key, value in outputs.items() if key != "light"}
+    if "transport" not in own:
+        own["transport"] = unoccluded(own["normal"], 2) * own.get("ao", np.ones(1))
+    light = {"true": batch.light.double().numpy(), "own": outputs["light"].numpy()}
+    sums = dict.fromkeys(FIFTEEN | set(own), 0.0)
+    channels = {"albedo": 3, "transport": 9, "normal": 3, "ao": 1, "tv_albedo": 3, "tv_transport": 9}
+    for b, i, j in itertools.product(range(2), range(size), range(size)):
+        if not mask[b, i, j]:
+            continue
+        for key, value in own.items():
+            for c in range(channels[key]):
+                sums[key] += abs(value[b, i, j, c] - true[key][b, i, j, c])
+        around = [(i - 1, j), (i + 1, j), (i, j - 1), (i, j + 1)]
+        if all(0 <= y < size and 0 <= x < size and mask[b, y, x] for y, x in around):
+            for key in ("albedo", "transport"):
+                for c in range(channels[key]):
+                    here = own[key][b, i, j, c]
+                    sums[f"tv_{key}"] += abs(own[key][b, i, j + 1, c] - here) + abs(own[key][b, i + 1, j, c] - here)
+        for c in range(3):
+            shading = {}
+            for t, l in itertools.product(("true", "own"), repeat=2):
+                transport = (true if t == "true" else own)["transport"][b, i, j]
+                value = sum(transport[k] * light[l][b, k, c] for k in range(9))
+                shading[t, l] = min(max(value, 0.0), 10.0)
+            picture = true["albedo"][b, i, j, c] * shading["true", "true"]
+            sums["shading_transport"] += abs(shading["own", "true"] - shading["true", "true"])
+            sums["shading_light"] += abs(shading["true", "own"] - shading["true", "true"])
+            sums["shading_transport_light"] += abs(shading["own", "own"] - shading["true", "true"])
+            for a, t, l in itertools.product(("true", "own"), repeat=3):
+                parts = [part for part, kind in (("albedo", a), ("transport", t), ("light", l)) if kind == "own"]
+                if parts:
+                    name = "full" if len(parts) == 3 else "_".join(parts)
+                    albedo = (true if a == "true" else own)["albedo"][b, i, j, c]
+                    sums[f"reconstruction_{name}"] += abs(albedo * shading[t, l] - picture)
+    pixels = 2 * size**2 if reduction == "image" else mask.sum()
+    means = {key: value / (pixels * channels.get(key, 3)) for key, value in sums.items()}
+    return means | {"light": np.abs(light["own"] - light["true"]).mean()}
+
+
+@pytest.mark.parametrize("name", ["ours", "sfsnet", "sfsnet_ao"])
+@pytest.mark.parametrize("reduction", ["image", "mask"])
+def test_against_the_formulas(tiny_world, loss, name, reduction):
+    batch = batch_of(tiny_world)
+    outputs = inferred(batch, name)
+    found = losses(outputs, batch, loss(reduction=reduction))
+    expected = by_hand(outputs, batch, reduction)
+    if name == "ours":
+        assert set(found) == FIFTEEN
+    else:
+        own = {"normal"} if name == "sfsnet" else {"normal", "ao"}
+        assert set(found) == FIFTEEN - {"transport"} | own
+    for key, value in found.items():
+        assert value.item() == pytest.approx(expected[key], rel=1e-6, abs=1e-6), key
+
+
+def test_the_truth_costs_its_own_variation_only(tiny_world, loss):
+    batch = batch_of(tiny_world)
+    truth = {"albedo": batch.put(batch.albedo), "transport": batch.put(batch.transport), "light": batch.light}
+    found = losses(truth, batch, loss())
+    assert {key for key, value in found.items() if value > 1e-6} == {"tv_albedo", "tv_transport"}
+
+
+def test_values_outside_the_mask_do_not_matter(tiny_world, loss):
+    batch = batch_of(tiny_world)
+    outputs = inferred(batch)
+    wild = {k: v if k == "light" else v + 100 * (1 - batch.mask) for k, v in outputs.items()}
+    one, other = losses(outputs, batch, loss()), losses(wild, batch, loss())
+    assert all(torch.equal(one[key], other[key]) for key in one)
+
+
+def parts_of(name: str) -> set[str]:
+    """The outputs that a loss must teach: those in its name, all of them for `full`."""
+    return {"albedo", "transport", "light"} & set(name.split("_")) or {"albedo", "transport", "light"}
+
+
+@pytest.mark.parametrize("name", sorted(FIFTEEN))
+def test_each_loss_teaches_what_its_name_says_and_nothing_else(tiny_world, loss, name):
+    batch = batch_of(tiny_world)
+    outputs = {key: value.float() for key, value in inferred(batch).items()}
+    outputs["transport"] = batch.put(batch.transport) + 0.1 * outputs["transport"]
+    leaves = {key: value.requires_grad_() for key, value in outputs.items()}
+    value = losses(leaves, batch, loss())[name]
+    value.backward()
+    taught = {key for key, leaf in leaves.items() if leaf.grad is not None and leaf.grad.abs().max() > 0}
+    assert taught == parts_of(name)
+    # A step against the gradient must lower the loss by what the gradient says (the losses are piecewise smooth).
+    slope = sum((leaves[key].grad.double() ** 2).sum().item() for key in taught)
+    step = 1e-3 * value.item() / slope
+    moved = {key: (leaf - step * leaf.grad if key in taught else leaf).detach() for key, leaf in leaves.items()}
+    drop = value.item() - losses(moved, batch, loss())[name].item()
+    assert drop == pytest.approx(step * slope, rel=0.05)
+    for key in taught - {"light"}:
+        assert (leaves[key].grad * (1 - batch.mask)).abs().max() == 0
+
+
+@pytest.mark.parametrize("name", ["sfsnet", "sfsnet_ao"])
+def test_shading_teaches_normals_and_ao(tiny_world, loss, name):
+    batch = batch_of(tiny_world)
+    leaves = {key: value.float().requires_grad_() for key, value in inferred(batch, name).items()}
+    losses(leaves, batch, loss())["shading_transport"].backward()
+    taught = {key for key, leaf in leaves.items() if leaf.grad is not None and leaf.grad.abs().max() > 0}
+    assert taught == set(leaves) - {"albedo", "light"}
+
+
+def test_presets_hold_the_losses_of_the_tables(tiny_world, loss):
+    batch = batch_of(tiny_world)
+    full = yaml.safe_load((CONF / "full.yaml").read_text())
+    expected = {
+        "full": FIFTEEN,
+        "min": {"albedo", "transport", "light", "reconstruction_full"},
+        "plus": FIFTEEN,
+        "self_supervised": {"reconstruction_full"},
+        "no_tv": FIFTEEN - {"tv_albedo", "tv_transport"},
+        "no_shading": {name for name in FIFTEEN if not name.startswith("shading")},
+        "no_reconstruction": {n for n in FIFTEEN if not n.startswith("reconstruction") or n == "reconstruction_full"},
+    }
+    assert {path.stem for path in CONF.glob("*.yaml")} == set(expected)
+    for preset, names in expected.items():
+        settings = {**full, **yaml.safe_load((CONF / f"{preset}.yaml").read_text())}
+        settings.pop("defaults", None)
+        assert set(losses(inferred(batch), batch, loss(**settings))) == names, preset
+
+
+def test_weights_are_one_and_variation_scales_with_the_image(loss):
+    at_paper = weights(loss(), 1024)
+    assert set(at_paper) == FIFTEEN | {"normal", "ao"} and set(at_paper.values()) == {1.0}
+    at_demo = weights(loss(tv_albedo=2.0), 128)
+    assert at_demo.pop("tv_albedo") == 0.25 and at_demo.pop("tv_transport") == 0.125
+    assert set(at_demo.values()) == {1.0}

@@ -1,0 +1,218 @@
+"""The networks against the table of the method: channels, sizes, parameters, norms, initial weights."""
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+from torch.utils.flop_counter import FlopCounterMode
+
+from relight.files import UserError
+from relight.learning.heads import PooledHead, Refinement
+from relight.learning.networks import build, limited
+
+
+def maps_of(network: nn.Module, size: int) -> dict[str, tuple[int, int]]:
+    """(channels, side) that each convolution puts out."""
+    found = {}
+    for name, module in network.named_modules():
+        if isinstance(module, nn.Conv2d | nn.ConvTranspose2d):
+            module.register_forward_hook(
+                lambda module, inputs, output, name=name: found.update({name: tuple(output.shape[1:3])})
+            )
+    network(torch.empty(1, 3, size, size, device="meta"), torch.empty(1, 1, size, size, device="meta"))
+    return found
+
+
+@pytest.mark.parametrize(
+    "name, decoders, millions, giga",
+    [
+        ("ours", {"transport": 9, "albedo": 3}, 72.06, 164.1),
+        ("sfsnet", {"normal": 3, "albedo": 3}, 72.04, 160.8),
+        ("sfsnet_ao", {"normal": 3, "ao": 1, "albedo": 3}, 99.05, 224.1),
+    ],
+)
+def test_layers_of_the_paper_at_full_size(model, name, decoders, millions, giga):
+    with torch.device("meta"):
+        network = build(model(name=name, width=1.0, norm="instance"), 1024)
+    with FlopCounterMode(display=False) as flops:
+        maps = list(maps_of(network, 1024).values())
+    encoder = [(64, 512), (128, 256), (256, 128), (512, 64), (512, 32), (512, 16)]
+    residual = [(512, 16), (512, 16)]
+    up = [(512, 32), (512, 64), (256, 128), (128, 256), (64, 512)]
+    light = [(512, 8), (256, 4), (128, 2), (27, 1)]
+    both = [layer for outputs in decoders.values() for layer in (*residual, *up, (outputs, 1024))]
+    assert maps == encoder + both + light
+    assert network.light.layers[0][0].in_channels == 512 * (1 + len(decoders))
+    assert sum(p.numel() for p in network.parameters()) / 1e6 == pytest.approx(millions, abs=0.01)
+    assert flops.get_total_flops() / 2e9 == pytest.approx(giga, abs=0.1)
+
+
+def test_norms_biases_and_dropout_stand_where_the_paper_has_them(model):
+    with torch.device("meta"):
+        network = build(model(width=1.0, norm="instance"), 1024)
+    assert isinstance(network.encoder[0], nn.Conv2d) and network.encoder[0].bias is not None
+    blocks = [*network.encoder[1:], *network.light.layers]
+    for decoder in network.decoders.values():
+        blocks += [decoder.residual.first, decoder.residual.second, *decoder.up]
+        assert decoder.last.bias is not None and isinstance(decoder.last, nn.ConvTranspose2d)
+    assert all(block[0].bias is None and len(block) == 2 for block in blocks)
+    kernels = {m.kernel_size for m in network.modules() if isinstance(m, nn.Conv2d | nn.ConvTranspose2d)}
+    assert kernels == {(4, 4), (3, 3)}
+
+
+def test_dropout_acts_in_training_on_the_first_three_deconvolutions_only(model):
+    torch.manual_seed(0)
+    network = build(model(dropout=0.999999), 64).train()
+    seen = {}
+    for level, block in enumerate(network.decoders["albedo"].up[1:] + [network.decoders["albedo"].last], 1):
+        block.register_forward_pre_hook(lambda module, inputs, level=level: seen.update({level: inputs[0]}))
+    network(torch.rand(2, 3, 64, 64), torch.ones(2, 1, 64, 64))
+    own = {level: x[:, : network.decoders["albedo"].up[level - 1][0].out_channels] for level, x in seen.items()}
+    assert [bool(own[level].abs().max() > 0) for level in (1, 2, 3, 4, 5)] == [False, False, False, True, True]
+
+
+@pytest.mark.parametrize("size", [64, 128, 192, 320])
+@pytest.mark.parametrize("norm", ["instance", "batch"])
+def test_every_multiple_of_64_learns_from_every_part(model, size, norm):
+    """A norm over one pixel would put out zeros and pass no gradient on: all weights must get one."""
+    torch.manual_seed(1)
+    network = build(model(norm=norm, order=3), size).train()
+    outputs = network(torch.rand(2, 3, size, size), torch.ones(2, 1, size, size))
+    assert outputs["transport"].shape == (2, 16, size, size) and outputs["albedo"].shape == (2, 3, size, size)
+    assert outputs["light"].shape == (2, 16, 3)
+    assert (outputs["light"][0] - outputs["light"][1]).abs().max() > 1e-6
+    sum((value * torch.randn_like(value)).sum() for value in outputs.values()).backward()
+    assert all(p.grad is not None and p.grad.abs().max() > 0 for p in network.parameters())
+
+
+@pytest.mark.parametrize("size", [0, 32, 100, 1000])
+def test_other_sizes_are_refused(model, size):
+    with pytest.raises(UserError, match=f"{size} px.*multiple of 64"):
+        build(model(), size)
+
+
+def test_instance_norm_is_the_batch_norm_of_one_image(model):
+    torch.manual_seed(2)
+    one = build(model(norm="instance", dropout=0.0), 128).train()
+    other = build(model(norm="batch", dropout=0.0), 128).train()
+    for weight in one.parameters():
+        if weight.ndim == 1:
+            nn.init.normal_(weight, 1.0, 0.3)
+    missing = other.load_state_dict(one.state_dict(), strict=False)
+    assert not missing.unexpected_keys and all("running" in k or "tracked" in k for k in missing.missing_keys)
+    image, mask = torch.rand(3, 3, 128, 128), (torch.rand(3, 1, 128, 128) > 0.3).float()
+    together = one(image, mask)
+    for i in range(3):
+        alone, batch = one(image[i : i + 1], mask[i : i + 1]), other(image[i : i + 1], mask[i : i + 1])
+        for key in together:
+            torch.testing.assert_close(alone[key], batch[key], atol=1e-6, rtol=1e-5)
+            torch.testing.assert_close(together[key][i : i + 1], batch[key], atol=2e-5, rtol=1e-4)
+
+
+def test_the_background_is_not_seen_and_black_is_not_background(model):
+    torch.manual_seed(3)
+    network = build(model(), 64).eval()
+    mask = torch.zeros(1, 1, 64, 64)
+    mask[..., 16:48, 20:40] = 1
+    image = torch.rand(1, 3, 64, 64)
+    one, other = network(image, mask), network(image * mask + 7 * (1 - mask), mask)
+    assert all(torch.equal(one[key], other[key]) for key in one)
+    black = network(image * 0, mask)
+    nothing = network(image * 0, mask * 0)
+    assert (black["light"] - nothing["light"]).abs().max() > 1e-6
+
+
+def test_normals_are_unit(model):
+    torch.manual_seed(4)
+    outputs = build(model(name="sfsnet_ao"), 64).eval()(torch.rand(2, 3, 64, 64), torch.ones(2, 1, 64, 64))
+    torch.testing.assert_close(outputs["normal"].norm(dim=1), torch.ones(2, 64, 64))
+    assert outputs["ao"].shape == (2, 1, 64, 64)
+
+
+@pytest.mark.parametrize("how, gradient", [("clip", [0, 1, 0]), ("straight_through", [1, 1, 1])])
+def test_albedo_stays_in_range_and_its_gradient_is_as_said(how, gradient):
+    x = torch.tensor([-0.5, 0.25, 1.5], requires_grad=True)
+    y = limited(x, how)
+    assert y.tolist() == [0, 0.25, 1]
+    y.sum().backward()
+    assert x.grad.tolist() == gradient
+
+
+def test_sigmoid_albedo():
+    torch.testing.assert_close(limited(torch.tensor([0.0, 1.0]), "sigmoid"), torch.tensor([0.5, 0.7310586]))
+
+
+@pytest.mark.parametrize("size, light", [(1024, 0.02), (128, None)])
+def test_initial_weights(model, size, light):
+    torch.manual_seed(5)
+    network = build(model(width=0.5), size)
+    std = {name: p.std().item() for name, p in network.named_parameters() if p.ndim == 4}
+    for name, found in std.items():
+        if "residual" in name:
+            assert found == pytest.approx((2 / (256 * 9)) ** 0.5, rel=0.02), name
+        elif not name.startswith("light"):
+            assert found == pytest.approx(0.02, rel=0.06), name
+    heads = [found for name, found in std.items() if name.startswith("light.layers")]
+    if light:
+        assert heads == pytest.approx([light] * 3, rel=0.05)
+    else:
+        assert heads == pytest.approx([(2 / 1.04 / fan) ** 0.5 for fan in (768 * 16, 256, 128)], rel=0.05)
+
+
+def test_pooled_head_looks_at_the_figure_only():
+    torch.manual_seed(6)
+    head = PooledHead(16, [32, 16, 8], 27)
+    mask = torch.zeros(2, 1, 64, 64)
+    mask[:, :, 16:48, 16:48] = 1
+    x = torch.randn(2, 16, 4, 4)
+    changed = x.clone()
+    changed[:, :, 0] = 9
+    assert torch.equal(head(x, mask), head(changed, mask))
+    changed[:, :, 2, 2] = 9
+    assert (head(x, mask) - head(changed, mask)).abs().max() > 1e-3
+    assert head(x, mask * 0).isfinite().all()
+
+
+@pytest.mark.parametrize("size", [64, 256])
+def test_refined_light_solves_the_weighted_least_squares(size):
+    """Twin: numpy's least squares on the equations stacked one under the other, channel by channel."""
+    generator = torch.Generator().manual_seed(7)
+    albedo, transport, image = (torch.rand(2, c, size, size, generator=generator) for c in (3, 9, 3))
+    mask = (torch.rand(2, 1, size, size, generator=generator) > 0.5).float()
+    light = torch.randn(2, 9, 3, generator=generator)
+    refinement = Refinement(9)
+    nn.init.normal_(refinement.trust, -3, 1, generator=generator)
+    refined = refinement(light, albedo, transport, image * mask, mask)
+    every = max(1, size // Refinement.SIDE)
+    for b in range(2):
+        rows, columns = np.nonzero(mask[b, 0, ::every, ::every].numpy())
+        for c in range(3):
+            at = (b, slice(None), rows * every, columns * every)
+            equations = (albedo[at][c] * transport[at]).double().numpy().T / len(rows) ** 0.5
+            values = image[at][c].double().numpy() / len(rows) ** 0.5
+            root = refinement.trust.detach().double().exp().sqrt().numpy()
+            stacked = np.concatenate([equations, np.diag(root)])
+            expected = np.linalg.lstsq(stacked, np.concatenate([values, root * light[b, :, c].numpy()]), rcond=None)[0]
+            np.testing.assert_allclose(refined[b, :, c].detach().numpy(), expected, rtol=2e-3, atol=2e-3)
+
+
+@pytest.mark.parametrize("name", ["ours", "sfsnet_ao"])
+def test_refinement_teaches_the_head_and_its_trust_but_not_the_maps(model, name):
+    torch.manual_seed(8)
+    network = build(model(name=name, refine=True, light_head="pooled"), 64).train()
+    network(torch.rand(2, 3, 64, 64), torch.ones(2, 1, 64, 64))["light"].sum().backward()
+    assert network.refinement.trust.grad.abs().min() > 0 and network.light.last.weight.grad.abs().max() > 0
+    assert all(decoder.last.weight.grad is None for decoder in network.decoders.values())
+    empty = network(torch.rand(2, 3, 64, 64), torch.zeros(2, 1, 64, 64))["light"]
+    assert empty.isfinite().all(), "without a single pixel the head's own light stands"
+
+
+def test_shape_from_the_mask_alone(model):
+    torch.manual_seed(9)
+    network = build(model(sees="mask"), 64).eval()
+    mask = torch.zeros(2, 1, 64, 64)
+    mask[0, :, 16:48, 16:48] = 1
+    mask[1, :, 8:56, 24:40] = 1
+    one, other = (network(torch.rand(2, 3, 64, 64), mask) for _ in range(2))
+    assert torch.equal(one["transport"], other["transport"])
+    assert (one["transport"][0] - one["transport"][1]).abs().max() > 1e-6

@@ -1,0 +1,36 @@
+"""The order of the training pairs."""
+
+import numpy as np
+import pytest
+
+from relight.learning.pairs import pairs
+
+
+def taken(order: str, batch: int, steps: int, seed: int = 3) -> list[tuple[int, int]]:
+    return [tuple(pair) for step in range(steps) for pair in pairs(seed, step, batch, 5, 7, order).tolist()]
+
+
+@pytest.mark.parametrize("order", ["shuffled", "rows"])
+@pytest.mark.parametrize("batch", [1, 4, 50])
+def test_each_pass_shows_every_pair_once(order, batch):
+    found = taken(order, batch, 105 // batch + 1)
+    for first in (0, 35, 70):
+        if first + 35 <= len(found):
+            assert len(set(found[first : first + 35])) == 35
+    assert found[:35] != found[35:70]
+
+
+def test_the_order_does_not_depend_on_the_batch_and_depends_on_the_seed():
+    assert taken("shuffled", 1, 40) == taken("shuffled", 4, 10)
+    assert taken("shuffled", 4, 10) != taken("shuffled", 4, 10, seed=4)
+
+
+def test_any_step_can_be_asked_for_alone():
+    late = pairs(3, 1000, 4, 5, 7)
+    taken("shuffled", 4, 3)
+    assert np.array_equal(pairs(3, 1000, 4, 5, 7), late)
+
+
+def test_rows_give_a_figure_its_lights_in_a_row():
+    figures = [figure for figure, _ in taken("rows", 5, 7)]
+    assert all(len(set(figures[i : i + 7])) == 1 for i in range(0, 35, 7))

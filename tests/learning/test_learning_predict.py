@@ -1,0 +1,56 @@
+"""Inference on arrays."""
+
+import numpy as np
+import pytest
+import torch
+
+from relight.files import UserError
+from relight.learning.networks import build
+from relight.learning.predict import predict
+from relight.sh.irradiance import unoccluded
+
+
+@pytest.mark.parametrize("name", ["ours", "sfsnet", "sfsnet_ao"])
+def test_maps_of_one_and_of_several_images(model, name):
+    torch.manual_seed(0)
+    network = build(model(name=name), 64).eval()
+    rng = np.random.default_rng(0)
+    images, masks = rng.random((2, 64, 64, 3)), rng.random((2, 64, 64)) > 0.4
+    several = predict(network, images, masks)
+    shapes = {"albedo": (64, 64, 3), "transport": (64, 64, 9), "light": (9, 3), "shading": (64, 64, 3)}
+    if name != "ours":
+        shapes["normal"] = (64, 64, 3)
+    if name == "sfsnet_ao":
+        shapes["ao"] = (64, 64, 1)
+    assert {key: value.shape[1:] for key, value in several.items()} == shapes
+    assert all(value.dtype == np.float32 for value in several.values())
+    for key, value in several.items():
+        if key != "light":
+            assert (value[~masks] == 0).all() and np.abs(value[masks]).max() > 0
+    one = predict(network, images[1], masks[1].astype(float))
+    for key, value in one.items():
+        np.testing.assert_allclose(value, several[key][1], atol=1e-5)
+    shading = np.clip(one["transport"] @ one["light"], 0, 10)
+    np.testing.assert_allclose(one["shading"], shading, atol=1e-5)
+    if name != "ours":
+        inside = masks[1]
+        expected = unoccluded(one["normal"][inside], 2) * (one["ao"][inside] if "ao" in one else 1)
+        np.testing.assert_allclose(one["transport"][inside], expected, atol=1e-5)
+
+
+def test_channels_and_rows_are_not_mixed_up(model):
+    """The network's own input, seen through a hook, is the image that was given."""
+    network = build(model(), 64).eval()
+    seen = {}
+    network.encoder[0].register_forward_pre_hook(lambda module, inputs: seen.update(x=inputs[0]))
+    image, mask = np.zeros((64, 64, 3)), np.ones((64, 64))
+    image[10, 20, 2], mask[5, 6] = 0.75, 0
+    predict(network, image, mask)
+    x = seen["x"][0]
+    assert x[2, 10, 20] == 0.5 and x[0, 10, 20] == -1 and (x[:, 5, 6] == 0).all() and x[1, 20, 10] == -1
+
+
+@pytest.mark.parametrize("image, mask", [((64, 64, 4), (64, 64)), ((128, 128, 3), (128, 128)), ((64, 64, 3), (64, 32))])
+def test_sizes_that_do_not_fit(model, image, mask):
+    with pytest.raises(UserError, match="takes 64x64"):
+        predict(build(model(), 64), np.zeros(image), np.zeros(mask))

@@ -1,0 +1,286 @@
+"""Training: it learns, it repeats itself exactly, and it goes on after any kill as if nothing had happened."""
+
+import csv
+import os
+import subprocess
+import sys
+import textwrap
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from relight.files import UserError
+from relight.learning.checkpoint import load_network
+from relight.learning.data import RelitSet
+from relight.learning.pairs import pairs
+from relight.learning.train import rate, train
+
+ROOT = Path(__file__).parents[2]
+
+
+class Run:
+    """One training into a folder of its own."""
+
+    def __init__(self, folder: Path, world: dict, model, loss, schedule):
+        self.out, self.state, self.curve = folder / "n.safetensors", folder / "state.pt", folder / "curve.csv"
+        self.arguments = [model, loss, schedule, world["packed"], world["lights"], world["split"], self.out, self.state]
+        self.logged: list[tuple[int, dict]] = []
+
+    def __call__(self, log=None) -> bytes:
+        train(*self.arguments, self.curve, log or (lambda values, step: self.logged.append((step, values))))
+        return self.out.read_bytes()
+
+
+@pytest.fixture
+def run(tmp_path, world, model, loss, schedule):
+    def make(name: str = "run", model_changes=None, loss_changes=None, **changes) -> Run:
+        (tmp_path / name).mkdir(exist_ok=True)
+        settings = model(**model_changes or {}), loss(**loss_changes or {}), schedule(**changes)
+        return Run(tmp_path / name, world, *settings)
+
+    return make
+
+
+PLUS = dict(optimizer="adamw", decay=0.01, average=0.9, mirror=True, exposure=0.5, color="photo", pairs="rows")
+
+
+@pytest.mark.parametrize(
+    "changes", [{}, PLUS, {"precision": "bf16", "schedule": "constant"}], ids=["plain", "plus", "bf16"]
+)
+def test_the_same_again_and_the_same_after_any_interruption(run, changes):
+    whole = run("whole", **changes)()
+    assert run("again", **changes)() == whole
+    assert run("seed", **changes, seed=1)() != whole
+
+    class Killed(Exception):
+        pass
+
+    broken = run("broken", **changes)
+    for stop in (8, 4):  # before the last state is saved, and, in the next run, before any is
+
+        def log(values, step, stop=stop):
+            if step == stop:
+                raise Killed
+
+        with pytest.raises(Killed):
+            broken(log)
+        assert not broken.out.exists() and broken.state.exists() == (stop == 8)
+        if stop == 8:
+            torch.manual_seed(12345)
+            assert broken() == whole
+            assert [step for step, _ in broken.logged] == [8]
+            broken.out.unlink()
+    assert not broken.state.exists()
+
+
+def test_kill_9_between_the_log_and_the_state(run, tmp_path):
+    """The process dies at step 6 after logging it; the next one starts from step 4 and ends with the same bits."""
+    whole = run("whole", epoch=2)()
+    killed = run("killed", epoch=2)
+    model, loss, schedule, *paths = killed.arguments
+    program = f"""
+        import os, signal
+        from pathlib import Path
+        from relight.config import Loss, Model, Train
+        from relight.learning.train import train
+        die = lambda values, step: os.kill(os.getpid(), signal.SIGKILL) if step == 6 else None
+        train(Model(**{asdict(model)}), Loss(**{asdict(loss)}), Train(**{asdict(schedule)}),
+              *map(Path, {[str(path) for path in paths]}), None, die)
+    """
+    done = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == -9, done.stderr
+    assert torch.load(killed.state, weights_only=True)["step"] == 4
+    assert sorted(path.name for path in killed.state.parent.iterdir()) == ["state.pt"]
+    assert killed() == whole
+    assert [step for step, _ in killed.logged] == [6, 8]
+
+
+def test_a_state_of_other_settings_or_data_is_ignored(run, world, tmp_path, capsys):
+    first = run()
+
+    def stop(values, step):
+        if step == 8:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        first(stop)
+    kept = first.state.read_bytes()
+    other = run(lr=1e-3)
+    assert other() == run("fresh", lr=1e-3)()
+    assert "other settings or data: starting from the beginning" in capsys.readouterr().err
+    assert [step for step, _ in other.logged] == [4, 8]
+
+    first.state.write_bytes(kept)
+    table = dict(np.load(world["lights"]))
+    table["coefficients"] = table["coefficients"] * 1.1
+    np.savez(tmp_path / "lights.npz", **table)
+    first.arguments[4] = tmp_path / "lights.npz"
+    first()
+    assert "starting from the beginning" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("name", ["ours", "sfsnet_ao"])
+def test_one_figure_under_one_light_is_learned_by_heart(run, world, tmp_path, name):
+    split = tmp_path / "one.json"
+    split.write_text('{"train": ["figure2"], "test": []}')
+    table = dict(np.load(world["lights"]))
+    table["split"] = np.where(np.arange(6) == 3, "train", "test")
+    np.savez(tmp_path / "one.npz", **table)
+    changes = {"norm": "instance", "dropout": 0.0, "name": name}
+    heart = run("heart", changes, {"tv_albedo": 0, "tv_transport": 0}, steps=250, batch=1, epoch=125, lr=4e-3)
+    heart.arguments[4:6] = tmp_path / "one.npz", split
+    heart()
+    network, _ = load_network(heart.out)
+    data = RelitSet(world["packed"], world["lights"], 2, "paper")
+    batch = data.batch(np.array([2]), np.array([3]))
+    with torch.no_grad():
+        outputs = network(batch.image, batch.mask)
+
+    def rms(error: torch.Tensor) -> float:
+        return (error.square().sum() / (batch.inside.sum() * error.shape[-1])).sqrt().item()
+
+    shape = "transport" if name == "ours" else "normal"
+    errors = {key: rms(batch.take(outputs[key]) - getattr(batch, key)) for key in ("albedo", shape)}
+    spread = {key: rms(getattr(batch, key) - getattr(batch, key).mean(1) * batch.inside) for key in errors}
+    assert all(errors[key] < 0.4 * spread[key] for key in errors), (errors, spread)
+    assert (outputs["light"] - batch.light).abs().mean() < 0.02
+
+
+def test_what_is_logged(run, capsys):
+    short = run(steps=10, loss_changes={"shading": 2.0})
+    short()
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.split(",")[0] for line in lines] == ["step 4/10", "step 8/10", "step 10/10"]
+    assert all(" left" in line and " ms a step" in line for line in lines)
+    assert [step for step, _ in short.logged] == [4, 8, 10]
+    for _, values in short.logged:
+        named = {key: value for key, value in values.items() if key != "loss"}
+        assert len(named) == 15
+        weight = {
+            key: 2.0 if key.startswith("shading") else 64 / 1024 if key.startswith("tv") else 1.0 for key in named
+        }
+        assert values["loss"] == pytest.approx(sum(weight[key] * named[key] for key in named), rel=1e-5)
+    rows = list(csv.DictReader(short.curve.open()))
+    assert [int(row["step"]) for row in rows] == [4, 8, 10]
+    assert [float(row["loss"]) for row in rows] == [values["loss"] for _, values in short.logged]
+    assert float(rows[-1]["lr"]) < float(rows[0]["lr"]) < 2e-3
+
+
+def test_the_curve_of_a_resumed_run_is_whole(run):
+    whole, broken = run("whole"), run("broken")
+    whole()
+    with pytest.raises(ZeroDivisionError):
+        broken(lambda values, step: 1 / (step - 8))
+    broken()
+    assert broken.curve.read_text() == whole.curve.read_text()
+
+
+def test_a_loss_that_is_not_finite_names_its_step_and_keeps_the_last_good_state(run, world, tmp_path):
+    lit = [0, 2, 3, 5]
+    seen = [lit[pairs(0, step, 1, 4, 4)[0, 1]] for step in range(12)]
+    first, light = max((seen.index(light), light) for light in set(seen))
+    table = dict(np.load(world["lights"]))
+    table["coefficients"][light, 0, 0] = np.nan
+    np.savez(tmp_path / "nan.npz", **table)
+    bad = run("bad", {"norm": "instance"}, steps=12, epoch=2, batch=1)
+    bad.arguments[4] = tmp_path / "nan.npz"
+    with pytest.raises(UserError, match=f"not a finite number at step {first}:"):
+        bad()
+    assert not bad.out.exists()
+    kept = torch.load(bad.state, weights_only=True)
+    assert kept["step"] == first // 2 * 2 > 0
+    assert all(value.isfinite().all() for value in kept["network"].values())
+
+
+def test_the_moving_average_is_what_is_kept(run):
+    """With decay 1 - 1/(t+1)-like warm-up the average of few steps lies between the first and the last weights."""
+    last, mean = run("last", average=0.0), run("mean", average=0.99)
+    last(), mean()
+    one, other = load_network(last.out)[0], load_network(mean.out)[0]
+    assert any(not torch.equal(a, b) for a, b in zip(one.parameters(), other.parameters()))
+    moved = [(a - b).norm() / a.norm() for a, b in zip(one.parameters(), other.parameters()) if a.ndim == 4]
+    assert 0 < max(moved) < 0.5
+    assert all(torch.equal(a, b) for a, b in zip(one.buffers(), other.buffers()))
+
+
+def test_going_on_from_another_network_with_its_decoders_frozen(run):
+    first = run("first")
+    first()
+    alone = {
+        key: 0.0 for key in ("albedo", "transport", "light", "tv_albedo", "tv_transport", "shading", "reconstruction")
+    }
+    tuned = run("tuned", None, alone, start=str(first.out), only="encoder", lr=1e-4)
+    tuned()
+    assert set(tuned.logged[0][1]) == {"loss", "reconstruction_full"}
+    before, after = load_network(first.out)[0].state_dict(), load_network(tuned.out)[0].state_dict()
+    changed = {name.split(".")[0] for name in before if not torch.equal(before[name], after[name])}
+    assert changed == {"encoder"}
+    with pytest.raises(UserError, match="it must be one of"):
+        run("other", {"albedo": "sigmoid"}, alone, start=str(first.out))()
+
+
+def test_rate(schedule):
+    cosine = schedule(steps=100, warmup=10, lr=1.0)
+    assert [rate(cosine, step) for step in (0, 4)] == pytest.approx([0.1, 0.5], rel=0.02)
+    assert rate(cosine, 50) == pytest.approx(0.51) and rate(cosine, 99) == pytest.approx(0.02, abs=1e-3)
+    assert {rate(schedule(schedule="constant", warmup=0, lr=0.3), step) for step in range(8)} == {0.3}
+
+
+def test_user_errors(run, world, tmp_path):
+    nobody = run()
+    nobody.arguments[5] = tmp_path / "split.json"
+    nobody.arguments[5].write_text('{"train": ["nobody"], "test": []}')
+    with pytest.raises(UserError, match="0 figures and 4 lights to train on"):
+        nobody()
+    if not torch.cuda.is_available():
+        with pytest.raises(UserError, match="torch sees no GPU"):
+            run(device="cuda")()
+
+
+def test_two_processes_train_the_network_that_one_does(run, tmp_path):
+    """torchrun with gloo. Without dropout and with instance statistics the averaged gradient is that of the batch."""
+    changes = {"norm": "instance", "dropout": 0.0}
+    alone = run("alone", changes, {"reduction": "mask"}, steps=4)
+    alone()
+    pair = run("pair", changes, {"reduction": "mask"}, steps=4)
+    model, loss, schedule, *paths = pair.arguments
+    script = tmp_path / "pair.py"
+    script.write_text(
+        "from pathlib import Path\n"
+        "from relight.config import Loss, Model, Train\n"
+        "from relight.learning.train import train\n"
+        f"train(Model(**{asdict(model)}), Loss(**{asdict(loss)}), Train(**{asdict(schedule)}),\n"
+        f"      *map(Path, {[str(path) for path in paths]}), Path({str(pair.curve)!r}))\n"
+    )
+    command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2", str(script)]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=240)
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.count("step 4/4") == 1, "one process speaks"
+    one, other = load_network(alone.out)[0].state_dict(), load_network(pair.out)[0].state_dict()
+    for name, value in one.items():
+        assert (value - other[name]).abs().mean() < 2e-5, name
+    rows = [list(csv.DictReader(path.open()))[-1] for path in (alone.curve, pair.curve)]
+    assert float(rows[0]["loss"]) == pytest.approx(float(rows[1]["loss"]), rel=1e-4)
+
+
+def test_learning_needs_torch_alone():
+    """A bare GPU node has torch, numpy, hydra and safetensors."""
+    names = "checkpoint data losses predict train"
+    program = f"import sys\nfor name in {names.split()}: __import__('relight.learning.' + name)\nprint(*sys.modules)"
+    modules = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=True)
+    loaded = {name.split(".")[0] for name in modules.stdout.split()}
+    assert not loaded & {
+        "open3d",
+        "pymeshlab",
+        "snakemake",
+        "mlflow",
+        "warp",
+        "anny",
+        "matplotlib",
+        "sklearn",
+        "pandas",
+    }

@@ -1,0 +1,214 @@
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from relight.config import Lights, Panoramas, Rules
+from relight.files import UserError
+from relight.lights.chain import build, generated_light
+from relight.lights.cluster import farthest_first, features, medoids
+from relight.lights.rules import broken
+from relight.lights.select import select
+from relight.lights.statistics import measure, reference_brightness
+from relight.lights.table import load, save
+from relight.sh.basis import basis
+from relight.sh.irradiance import irradiance
+from relight.sh.quadrature import sphere
+from relight.sh.rotation import rotate_y
+
+RULES = Rules(
+    bright=2.0, channel=2.6, dim=0.4, back=1.6, toward=-0.45, contrast=0.03, first=1.25, colour=1.1, below=-15.0
+)
+SETTINGS = Lights(
+    order="cut_first", threshold=0.2, low=0.7, high=0.9, rotations=36, clusters=12, test=3, split="room", rules=RULES,
+    seed=0, version=1,
+)  # fmt: skip
+GENERATED = Panoramas(
+    source="generated", count=40, skies=0, seed=0, layout="auto", yaw=0.0, flip=False, version=1
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def rooms():
+    return [f"room:{i}" for i in range(40)], np.stack([generated_light(f"room:{i}", 2) for i in range(40)])
+
+
+@pytest.mark.parametrize("order", ["cut_first", "paper"])
+@pytest.mark.parametrize("split", ["room", "random"])
+def test_the_chain_keeps_what_it_promises(rooms, order, split):
+    sources, coefficients = rooms
+    lights, record = select(coefficients, sources, replace(SETTINGS, order=order, split=split))
+    usual = lights.rows(lights.split != "unusual")
+    if order == "cut_first":
+        assert (lights.split == "train").sum() == 9 and (lights.split == "test").sum() == 3
+    assert (lights.split == "test").sum() >= 1
+    reference = reference_brightness(usual.coefficients)
+    assert reference.min() >= 0.7 - 1e-6 and reference.max() <= 0.9 + 1e-6
+    assert len(set(usual.source)) == len(usual)  # one light per room
+    assert not np.any(list(broken(usual.coefficients, RULES).values()))
+    assert all(lights.of("unusual").reason) and not any(usual.reason)
+    by_source = dict(zip(sources, coefficients))
+    for i in range(0, len(lights), 5):  # every row can be made again from what it says of itself
+        again = rotate_y(by_source[lights.source[i]], np.radians(lights.yaw[i])) * lights.scale[i]
+        np.testing.assert_allclose(lights.coefficients[i], again, rtol=1e-5, atol=1e-6)
+    for before, after in zip(record["steps"], record["steps"][1:]):
+        assert before["out"] == after["in"]
+    json.dumps(record)
+
+
+def test_the_same_settings_give_the_same_set(rooms):
+    sources, coefficients = rooms
+    first, _ = select(coefficients, sources, SETTINGS)
+    again, _ = select(coefficients, sources, SETTINGS)
+    other, _ = select(coefficients, sources, replace(SETTINGS, seed=1))
+    for name in vars(first):
+        np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
+    assert not np.array_equal(first.coefficients, other.coefficients)
+
+
+def test_no_room_is_on_both_sides(rooms):
+    _, coefficients = rooms
+    few = [f"room:{i // 8}" for i in range(40)]  # five rooms of eight pictures: more than one light each
+    lights, _ = select(coefficients, few, SETTINGS)
+    assert not set(lights.of("train").source) & set(lights.of("test").source)
+    assert len(lights.of("test"))
+
+
+def test_two_panoramas_are_enough(rooms):
+    lights, _ = select(rooms[1][:2], rooms[0][:2], replace(SETTINGS, clusters=50, test=10))
+    assert len(lights.of("train")) and len(lights.of("test"))
+    assert set(lights.of("train").source) != set(lights.of("test").source)
+
+
+def test_smoke_size():
+    lights, record = build(replace(GENERATED, count=12), replace(SETTINGS, clusters=6, test=2), 2, progress=False)
+    assert (lights.split == "train").sum() == 4 and (lights.split == "test").sum() == 2
+    assert record["steps"][0] == {"step": "read", "in": 12, "out": 12, "why": {}}
+
+
+def test_one_lamp_from_behind_still_gives_a_set(caplog):
+    """Nothing passes the rules: the least unusual copies are used, and it is said."""
+    lamp = basis(np.array([0.0, -0.8, -0.6]))[:, None] * np.ones((1, 3)) * 5
+    lights, record = select(lamp[None], ["lamp"], replace(SETTINGS, clusters=6, test=2))
+    assert len(lights.of("test")) and len(lights.of("train"))
+    assert any("rules" in warning for warning in record["warnings"]) and "rules" in caplog.text
+
+
+def test_threshold_drops_dark_rooms_and_gives_way_to_other_units(rooms):
+    sources, coefficients = rooms
+    _, record = select(coefficients, sources, SETTINGS)
+    dark = int((reference_brightness(coefficients) < 0.2).sum())
+    assert record["steps"][0]["why"].get("dark", 0) == dark
+    _, record = select(coefficients / 1000, sources, SETTINGS)
+    assert "other units" in record["warnings"][0] and record["steps"][0]["out"] == 40
+
+
+def test_veto(rooms, tmp_path):
+    sources, coefficients = rooms
+    first, _ = select(coefficients, sources, SETTINGS)
+    gone, turned = first.source[0], f"{first.source[1]}:{first.yaw[1]:g}"
+    veto = tmp_path / "veto.txt"
+    veto.write_text(f"# too green\n{gone}\n\n{turned}  # flat\nroom:999\n")
+    lights, record = select(coefficients, sources, replace(SETTINGS, veto=str(veto)))
+    assert gone not in lights.source
+    assert turned not in [f"{s}:{y:g}" for s, y in zip(lights.source, lights.yaw)]
+    assert any("room:999" in warning for warning in record["warnings"])
+
+
+def test_impossible_settings_are_refused(rooms):
+    sources, coefficients = rooms
+    for wrong in ({"test": 12}, {"order": "literal"}, {"low": 0.0}, {"split": "subject"}, {"veto": "/nowhere"}):
+        with pytest.raises(UserError):
+            select(coefficients, sources, replace(SETTINGS, **wrong))
+
+
+def test_rules_see_what_they_are_named_for():
+    def lamp(x, y, z, fill=0.3):
+        d = np.array([x, y, z], float)
+        light = basis(d / np.linalg.norm(d))[:, None] * np.ones((1, 3))
+        light[0] += fill
+        return light * 0.8 / reference_brightness(light)
+
+    good = lamp(0.3, 0.6, 0.7)
+    cases = {
+        "back-lit": lamp(0, 0.3, -0.5, fill=0.8),
+        "contrast": lamp(1, 0, 0.2, fill=0.0),
+        "colour": lamp(0.3, 0.6, 0.7) * [1, 0.5, 0.1],
+        "from-below": lamp(0.2, -0.8, 0.6),
+        "dim": lamp(0.3, 0.6, 0.7) * 0.3,
+        "bright": lamp(0.3, 0.6, 0.7) * 3,
+    }
+    found = broken(np.stack([good, *cases.values()]), RULES)
+    assert not any(rule[0] for rule in found.values())
+    for i, name in enumerate(cases, 1):
+        assert found[name][i], name
+
+
+def test_features_measure_the_distance_of_irradiance():
+    a, b = np.random.default_rng(0).normal(size=(2, 9, 3))
+    d, w = sphere(8)
+    squared = np.sum(w[:, None] * (irradiance(a, d) - irradiance(b, d)) ** 2)
+    distance = np.linalg.norm(np.subtract(*features(np.stack([a, b]))))
+    assert abs(distance - np.sqrt(squared)) < 1e-12
+
+
+def test_medoids_are_members_and_share_the_sources():
+    rng = np.random.default_rng(0)
+    lights = rng.normal(size=(60, 9, 3))
+    chosen, label = medoids(lights, np.repeat(np.arange(30), 2), 10, 0)
+    assert len(chosen) == len(set(chosen // 2)) == len(set(label)) == 10
+    chosen, _ = medoids(lights, np.repeat(np.arange(5), 12), 10, 0)
+    assert np.bincount(chosen // 12).max() <= 2
+
+
+def test_farthest_first_starts_at_an_extreme_and_visits_all():
+    points = np.array([[0.0], [1.0], [2.0], [10.0]])
+    assert farthest_first(points).tolist() == [3, 0, 2, 1]
+
+
+def test_statistics_of_known_lights():
+    even = np.zeros((9, 3))
+    even[0] = np.sqrt(4 * np.pi) / np.pi
+    lamp = basis(np.array([0.0, 0.6, 0.8]))[:, None] * np.array([1.0, 0.5, 0.25])
+    m = measure(np.stack([even, lamp]))
+    assert np.allclose(m["reference"][0], 1) and np.allclose(m["mean"][0], 1) and np.allclose(m["up"][0], 1)
+    assert np.allclose(m["first"][1], np.sqrt(3)) and np.allclose(m["second"][1], np.sqrt(5))
+    assert np.allclose(m["elevation"][1], np.degrees(np.arcsin(0.6))) and np.allclose(m["azimuth"][1], 0)
+    assert np.allclose(m["red"][1], np.log(2)) and np.allclose(m["blue"][1], -np.log(2))
+    assert abs(m["moment"][1]) < 1e-12  # a lamp is on the edge of what can exist
+    assert m["moment"][0] > 0.3
+    sharp = lamp.copy()
+    sharp[4:] *= 1.2
+    assert measure(sharp[None])["moment"][0] < -0.01
+
+
+def test_table_round_trip(rooms, tmp_path):
+    lights, _ = select(rooms[1], rooms[0], SETTINGS)
+    save(lights, tmp_path / "set")
+    again = load(tmp_path / "set" / "lights.csv")
+    for name in vars(lights):
+        np.testing.assert_array_equal(getattr(lights, name), getattr(again, name))
+    lines = (tmp_path / "set" / "lights.csv").read_text().splitlines()
+    assert len(lines) == 1 + len(lights) and "L2-1_G" in lines[0] and lights.source[0] in lines[1]
+    with np.load(tmp_path / "set" / "lights.npz") as stored:  # what learning reads, without pandas or pickle
+        assert stored["coefficients"].dtype == np.float32 and set(stored["split"]) <= {"train", "test", "unusual"}
+    (tmp_path / "bad.npz").write_bytes(b"PK nothing")
+    with pytest.raises(UserError, match="not a light set"):
+        load(tmp_path / "bad.npz")
+
+
+def test_a_folder_with_a_broken_file_goes_on(tmp_path):
+    rng = np.random.default_rng(0)
+    (tmp_path / "deep").mkdir()
+    for name in ("a.pfm", "deep/b.pfm"):
+        pixels = (rng.random((16, 32, 3)) ** 4).astype("<f4")
+        (tmp_path / name).write_bytes(b"PF\n32 16\n-1.0\n" + pixels.tobytes())
+    (tmp_path / "c.hdr").write_bytes(b"<html>")
+    (tmp_path / "notes.txt").write_text("not a panorama")
+    folder = replace(GENERATED, source="folder", folder=str(tmp_path))
+    lights, record = build(folder, replace(SETTINGS, clusters=6, test=2), 2, progress=False)
+    assert set(lights.source) == {"a.pfm", "deep/b.pfm"}
+    assert list(record["unreadable"]) == ["c.hdr"] and record["steps"][0]["why"] == {"unreadable": 1}
+    with pytest.raises(UserError, match="no such folder"):
+        build(replace(folder, folder=str(tmp_path / "nowhere")), SETTINGS, 2)

@@ -1,0 +1,170 @@
+import json
+import re
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from relight.files import UserError
+from relight.lights.commands import app
+from relight.lights.light import Light
+from relight.lights.load import load_light
+from relight.lights.probes import PROBES, printed, probe
+from relight.lights.statistics import moment_eigenvalue, reference_brightness
+from relight.lights.store import write_light
+from relight.panoramas.panorama import Panorama
+from relight.panoramas.project import orient, project
+from relight.sh.irradiance import irradiance
+from relight.sh.rotation import rotate_y
+
+
+def store_pfm(path, pixels):
+    h, w = pixels.shape[:2]
+    path.write_bytes(b"PF\n%d %d\n-1.0\n" % (w, h) + pixels[::-1].astype("<f4").tobytes())
+    return path
+
+
+def test_panoramas_generated_lights_and_their_turns(tmp_path):
+    pixels = np.random.default_rng(0).random((16, 32, 3)).astype(np.float32)
+    light = load_light(store_pfm(tmp_path / "a.pfm", pixels))
+    np.testing.assert_allclose(light.coefficients, project(Panorama(pixels)), rtol=1e-6)
+    assert light.panorama is not None and light.notes == []
+    room = load_light("room:7", order=3)
+    assert room.order == 3
+    turned = load_light("room:7:40", order=3)
+    np.testing.assert_allclose(turned.coefficients, rotate_y(room.coefficients, np.radians(40)), atol=1e-12)
+    np.testing.assert_allclose(load_light("room:7", 3, yaw=40).coefficients, turned.coefficients, atol=1e-12)
+    np.testing.assert_allclose(load_light("room:7", 3, exposure=2).coefficients, 2 * room.coefficients)
+
+
+@pytest.mark.parametrize("text", ["a.pfm", "room:7:40", "sky:3"])
+@pytest.mark.parametrize("yaw, flip, exposure", [(0, False, 1), (70, False, 0.3), (0, True, 1), (-25, True, 3)])
+def test_the_panorama_lights_as_the_coefficients_do(tmp_path, monkeypatch, text, yaw, flip, exposure):
+    monkeypatch.chdir(tmp_path)
+    store_pfm(tmp_path / "a.pfm", np.random.default_rng(0).random((16, 32, 3)).astype(np.float32))
+    light, plain = load_light(text, yaw=yaw, flip=flip, exposure=exposure), load_light(text.removesuffix(":40"))
+    np.testing.assert_allclose(project(light.panorama), light.coefficients, rtol=1e-12)
+    turned = orient(plain.coefficients, yaw + 40 * text.endswith(":40"), flip) * exposure
+    np.testing.assert_allclose(light.coefficients, turned, atol=1e-6 * exposure)
+
+
+def test_a_key_light_shines_from_where_it_says():
+    light = load_light("key:#ff8000@90,0,0")
+    e = irradiance(light.coefficients, np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, 0, 1]]))
+    np.testing.assert_allclose(e[0], 1.0625 * np.array([1, 0.2158605, 0]), atol=1e-6)
+    assert e[0, 0] > 4 * e[1:, 0].max()
+    assert irradiance(load_light("key:ffffff@0,90,0.3").coefficients, [0, 1, 0])[0] == pytest.approx(1.3625)
+
+
+@pytest.mark.parametrize("suffix", [".json", ".npy"])
+@pytest.mark.parametrize("convention", ["relight", "kanamori2018", "ramamoorthi2001", "dpr", "irradiance"])
+def test_what_is_written_says_its_convention_and_is_read_back(tmp_path, suffix, convention):
+    light = load_light("room:3")
+    path = write_light(light, tmp_path / f"my{suffix}", convention)
+    assert convention in (path.read_text() if suffix == ".json" else path.name)
+    np.testing.assert_allclose(load_light(path).coefficients, light.coefficients, rtol=1e-12, atol=1e-12)
+
+
+def test_files_of_coefficients(tmp_path):
+    light = load_light("room:3").coefficients
+    np.savetxt(tmp_path / "a.txt", light, header="nine rows")
+    np.savetxt(tmp_path / "b.csv", light.T, delimiter=",")
+    (tmp_path / "c.json").write_text(json.dumps(light.ravel().tolist()))
+    probe_json = {"object": {"type": "LightProbe", "sh": light.ravel().tolist(), "intensity": 2}}
+    (tmp_path / "d.json").write_text(json.dumps(probe_json))
+    for name, factor in (("a.txt", 1), ("b.csv", 1), ("c.json", 1), ("d.json", 2)):
+        np.testing.assert_allclose(load_light(tmp_path / name).coefficients, factor * light, rtol=1e-12)
+    np.save(tmp_path / "grey.npy", light[:, 0])
+    np.testing.assert_allclose(load_light(tmp_path / "grey.npy", convention="relight").coefficients[:, 2], light[:, 0])
+    np.testing.assert_allclose(load_light(tmp_path / "a.txt", order=3).coefficients[9:], 0)
+    assert load_light(tmp_path / "a.txt", order=1).coefficients.shape == (4, 3)
+
+
+def test_impossible_lights_are_noted_not_refused(tmp_path):
+    sharp = load_light("key:ffffff@0,30,0").coefficients * np.repeat([1, 1.5, 2.5], [1, 3, 5])[:, None]
+    np.save(tmp_path / "a.npy", sharp)
+    assert "no real light" in load_light(tmp_path / "a.npy").notes[0]
+
+
+WRONG = {
+    "a.npy": b"\x93NUMPY nothing", "a.txt": b"one two three", "a.json": b'{"light": 3}', "b.json": b"{",
+    "c.json": b'{"coefficients": [1, 2]}', "d.json": b'{"coefficients": [], "convention": "x"}',
+    "a.csv": b"1,2\n", "b.txt": b"\xff\xfe\x00", "e.json": b"[" * 100000, "c.txt": b"1 2 3\n1 2\n",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_broken_files_are_named(tmp_path, name):
+    (tmp_path / name).write_bytes(WRONG[name])
+    with pytest.raises(UserError, match=re.escape(name)):
+        load_light(tmp_path / name)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["room:", "room:x", "room:-1", "key:red@0,0", "key:#ffffff@a,b", "probe:uffizi", "nowhere.hdr", "a.npz", "", "."],
+)
+def test_names_that_mean_nothing_are_refused(text):
+    with pytest.raises(UserError):
+        load_light(text)
+
+
+def test_a_pickle_is_never_opened(tmp_path):
+    np.save(tmp_path / "a.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
+    with pytest.raises(UserError):
+        load_light(tmp_path / "a.npy")
+
+
+def test_normalised_brings_the_front_to_the_target_and_spares_back_lit_ones():
+    light = load_light("room:7").normalised(0.8)
+    assert float(reference_brightness(light.coefficients)) == pytest.approx(0.8)
+    behind = load_light("key:ffffff@180,0,0.01").normalised(0.8)
+    assert irradiance(behind.coefficients, np.eye(3)).max() < 4
+    with pytest.raises(UserError, match="without light"):
+        Light(np.zeros((9, 3)), "nothing").normalised()
+
+
+def angular_map_of_the_paper(coefficients, n=600):
+    """Radiance (n, n, 3) of a band-limited light as Ramamoorthi & Hanrahan lay it out: x right, y up, z at the centre,
+    theta = pi r, with their polynomials."""
+    t = 2 * (np.arange(n) + 0.5) / n - 1
+    u, v = np.meshgrid(t, -t)
+    theta, phi = np.pi * np.hypot(u, v), np.arctan2(v, u)
+    x, y, z = np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), np.cos(theta)
+    polynomials = (
+        0.282095 + 0 * x, 0.488603 * y, 0.488603 * z, 0.488603 * x, 1.092548 * x * y, 1.092548 * y * z,
+        0.315392 * (3 * z * z - 1), 1.092548 * x * z, 0.546274 * (x * x - y * y),
+    )  # fmt: skip
+    return np.tensordot(np.stack(polynomials, -1), coefficients, 1)
+
+
+@pytest.mark.parametrize("name", PROBES)
+def test_printed_tables_come_back_from_their_own_kind_of_map(name):
+    """The whole way of the paper's light probes: their frame, the angular layout, our projection, our convention."""
+    table = printed(name)
+    light = project(Panorama(angular_map_of_the_paper(table), "angular"))
+    np.testing.assert_allclose(light, probe(name), atol=1e-3 * abs(table).max())
+    assert moment_eigenvalue(probe(name)) > (-0.02 if name == "galileo" else -1e-9) - 0.01  # two printed digits
+    up, down = irradiance(probe(name), np.array([[0.0, 1, 0], [0, -1, 0]]))
+    assert (up > down).all()
+
+
+def test_the_command_prints_writes_and_draws(tmp_path):
+    run = CliRunner().invoke
+    done = run(
+        app, ["room:12", "--out", str(tmp_path / "a.json"), "-o", str(tmp_path / "a.npy"), "--to", "kanamori2018"]
+    )
+    assert done.exit_code == 0, done.output
+    np.testing.assert_allclose(
+        load_light(tmp_path / "a.kanamori2018.npy").coefficients, load_light("room:12").coefficients
+    )
+    np.testing.assert_allclose(load_light(tmp_path / "a.json").coefficients, load_light("room:12").coefficients)
+    assert "reference brightness" in done.output and len(re.findall(r"-?\d\.\d{6}", done.output)) == 27
+    done = run(app, ["show", "probe:grace", str(tmp_path / "a.png"), "--yaw", "30"])
+    assert done.exit_code == 0, done.output
+    from PIL import Image
+
+    picture = np.asarray(Image.open(tmp_path / "a.png").convert("RGB"), float)
+    assert picture.shape[0] > 500 and picture.std() > 30
+    assert isinstance(run(app, ["nowhere.hdr"]).exception, UserError)
+    assert run(app, ["--help"]).exit_code == 0

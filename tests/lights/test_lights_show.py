@@ -1,0 +1,50 @@
+import numpy as np
+
+from relight.lights.show import ALBEDO, ball, contact_sheet, diffuse_panorama
+from relight.lights.table import LightSet
+from relight.sh.basis import basis
+from relight.srgb import encode
+
+
+def constant(value=1.0):
+    light = np.zeros((9, 3))
+    light[0] = value * np.sqrt(4 * np.pi) / np.pi  # irradiance `value` everywhere
+    return light
+
+
+def test_a_ball_in_even_light_is_even_and_round():
+    picture = ball(constant(), 64)
+    assert picture.shape == (64, 64, 4)
+    np.testing.assert_allclose(picture[32, 32], [*encode(np.full(3, ALBEDO)), 1], atol=1e-9)
+    assert picture[0, 0, 3] == 0 and abs(picture[..., 3].mean() - np.pi / 4) < 2e-3
+
+
+def test_a_ball_is_bright_on_the_side_of_the_lamp():
+    for toward, (row, column) in {(1, 0, 0): (32, 60), (-1, 0, 0): (32, 3), (0, 1, 0): (3, 32)}.items():
+        picture = ball(basis(np.array(toward, float))[:, None] * np.ones(3), 64)[..., 0]
+        assert picture[row, column] > picture[32, 32] > picture[63 - row, 63 - column]
+
+
+def test_the_diffuse_panorama_looks_away_at_its_centre():
+    away = basis(np.array([0.0, 0.0, -1.0]))[:, None] * np.ones(3)
+    picture = diffuse_panorama(away, 32)[..., 0]
+    assert np.unravel_index(picture.argmax(), picture.shape)[1] in (31, 32)
+    np.testing.assert_allclose(diffuse_panorama(constant(np.pi), 8), 1)
+
+
+def test_a_contact_sheet_of_any_size_is_drawn(tmp_path):
+    n = 7
+    lights = LightSet(
+        coefficients=np.repeat(constant(0.8)[None], n, 0).astype(np.float32),
+        split=np.array(["train"] * 4 + ["test"] + ["unusual"] * 2),
+        source=np.array(["a/very/long/path/of/a/panorama_in_a_folder.exr"] * n),
+        yaw=np.arange(n) * 10.0,
+        seed=np.arange(n),
+        scale=np.ones(n),
+        cluster=np.arange(n),
+        reason=np.array([""] * 5 + ["bright", "bright back-lit"]),
+    )
+    contact_sheet(lights, tmp_path / "a.png")
+    assert (tmp_path / "a.png").stat().st_size > 10_000
+    contact_sheet(lights.of("train"), tmp_path / "b.png")
+    assert (tmp_path / "b.png").stat().st_size < (tmp_path / "a.png").stat().st_size

@@ -1,0 +1,102 @@
+"""Maps survive the trip through OpenEXR, under names that other programs read, and broken files are told apart."""
+
+import re
+
+import numpy as np
+import OpenEXR
+import pytest
+
+from relight.files import UserError
+from relight.maps.exr import LeftOut, coefficient_names, read_info, read_maps, write_left_out, write_maps
+from relight.maps.maps import Maps
+
+
+def random_maps(size=7, order=2, bounced=False, seed=0):
+    rng = np.random.default_rng(seed)
+    mask = rng.random((size, size)) < 0.6
+    inside = mask[..., None]
+    normal = rng.normal(size=(size, size, 3))
+    normal /= np.linalg.norm(normal, axis=2, keepdims=True)
+    k = (order + 1) ** 2
+    return Maps(
+        mask=mask,
+        coverage=(mask * rng.random((size, size))).astype(np.float32),
+        albedo=(inside * rng.random((size, size, 3))).astype(np.float32),
+        normal=(inside * normal).astype(np.float32),
+        depth=(mask * (1 + rng.random((size, size)))).astype(np.float32),
+        ao=(mask * rng.random((size, size))).astype(np.float32),
+        transport=(inside * rng.uniform(-1, 1, (size, size, k))).astype(np.float32),
+        bounced=(mask[..., None, None] * rng.uniform(-1, 1, (size, size, k, 3))).astype(np.float32)
+        if bounced
+        else None,
+        info={"name": "figure ü", "subject": "s", "size": size, "order": order, "repairs": {"holes": 3}},
+    )
+
+
+@pytest.mark.parametrize("order", [0, 2, 3])
+@pytest.mark.parametrize("bounced", [False, True])
+def test_round_trip(tmp_path, order, bounced):
+    maps = random_maps(order=order, bounced=bounced)
+    write_maps(tmp_path / "a.exr", maps)
+    back = read_maps(tmp_path / "a.exr")
+    for name in ("coverage", "albedo", "normal", "ao", "transport", *(["bounced"] if bounced else [])):
+        given, read = getattr(maps, name), getattr(back, name)
+        assert read.dtype == np.float32 and read.shape == given.shape, name
+        np.testing.assert_array_equal(read, given.astype(np.float16).astype(np.float32), err_msg=name)
+    np.testing.assert_array_equal(back.mask, maps.mask)
+    np.testing.assert_array_equal(back.depth, maps.depth)
+    assert back.bounced is None or bounced
+    assert back.info == {**maps.info, "pixels": int(maps.mask.sum())} == read_info(tmp_path / "a.exr")
+    assert [path.name for path in tmp_path.iterdir()] == ["a.exr"]
+
+
+def test_layers_are_named_for_other_programs(tmp_path):
+    write_maps(tmp_path / "a.exr", random_maps(bounced=True))
+    file = OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True)
+    names = set(file.channels())
+    wanted = {"albedo.R", "normal.Z", "ao.Y", "depth.Z", "mask.A", "transport.L0M0.Y", "transport.L2Mn2.Y"}
+    assert wanted | {"transport.L1M1.Y", "bounced.L2M2.B"} <= names
+    assert all(re.fullmatch(r"([A-Za-z][A-Za-z0-9]*\.)+[RGBAXYZ]", name) for name in names)
+    assert "1/pi" in file.header()["convention"] and "+z toward the camera" in file.header()["frame"]
+    assert file.header()["compression"] == OpenEXR.ZIP_COMPRESSION
+    assert file.channels()["transport.L0M0.Y"].pixels.dtype == np.float16
+
+
+def test_names_follow_the_index():
+    names = coefficient_names(3)
+    assert len(names) == 16 and len(set(names)) == 16
+    for l in range(4):
+        for m in range(-l, l + 1):
+            assert names[l * l + l + m] == f"L{l}M{m}".replace("-", "n")
+
+
+def test_left_out(tmp_path):
+    write_left_out(tmp_path / "a.exr", {"name": "a"}, "all faces are degenerate")
+    assert read_info(tmp_path / "a.exr") == {"name": "a", "left_out": "all faces are degenerate"}
+    with pytest.raises(LeftOut, match="all faces are degenerate"):
+        read_maps(tmp_path / "a.exr")
+
+
+def test_foreign_and_broken_files_are_refused(tmp_path):
+    with pytest.raises(UserError, match="no file"):
+        read_maps(tmp_path / "none.exr")
+    (tmp_path / "text.exr").write_text("not an image")
+    pixels = {"R": np.zeros((4, 4), np.float16)}
+    OpenEXR.File({"type": OpenEXR.scanlineimage}, pixels).write(str(tmp_path / "foreign.exr"))
+    write_maps(tmp_path / "good.exr", random_maps(size=40))
+    whole = (tmp_path / "good.exr").read_bytes()
+    (tmp_path / "cut.exr").write_bytes(whole[: len(whole) // 2])
+    for name, words in (("text", "not a readable"), ("foreign", "no maps of relight"), ("cut", "cut.exr")):
+        with pytest.raises(UserError, match=words):
+            read_maps(tmp_path / f"{name}.exr")
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path):
+    write_maps(tmp_path / "a.exr", random_maps())
+    before = (tmp_path / "a.exr").read_bytes()
+    broken = random_maps()
+    broken.info["name"] = object()  # not JSON
+    with pytest.raises(TypeError):
+        write_maps(tmp_path / "a.exr", broken)
+    assert (tmp_path / "a.exr").read_bytes() == before
+    assert len(list(tmp_path.iterdir())) == 1

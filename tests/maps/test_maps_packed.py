@@ -1,0 +1,112 @@
+"""The packed set holds what the maps hold, pixel by pixel, in few bytes."""
+
+import numpy as np
+import pytest
+from safetensors.numpy import load_file
+
+from relight.files import UserError
+from relight.maps.exr import read_maps, write_left_out, write_maps
+from relight.maps.maps import Maps
+from relight.maps.packed import Packed, decode_normals, encode_normals, pack
+from relight.srgb import encode
+
+
+def random_maps(name, size=9, order=2, bounced=False, seed=0):
+    rng = np.random.default_rng(seed)
+    mask = rng.random((size, size)) < 0.4
+    k = (order + 1) ** 2
+    normal = rng.normal(size=(size, size, 3))
+    transport = (mask[..., None] * rng.uniform(-0.5, 1, (size, size, k))).astype(np.float32)
+    return Maps(
+        mask=mask,
+        coverage=mask.astype(np.float32),
+        albedo=(mask[..., None] * rng.random((size, size, 3))).astype(np.float32),
+        normal=(mask[..., None] * normal / np.linalg.norm(normal, axis=2, keepdims=True)).astype(np.float32),
+        depth=mask.astype(np.float32),
+        ao=(transport[..., 0] / 0.886227).clip(0, 1),
+        transport=transport,
+        bounced=(mask[..., None, None] * rng.random((size, size, k, 3))).astype(np.float32) if bounced else None,
+        info={"name": name, "subject": name[0], "size": size, "order": order},
+    )
+
+
+@pytest.fixture
+def folder(tmp_path):
+    for i, name in enumerate(("a1", "b1", "b2")):
+        write_maps(tmp_path / f"{name}.exr", random_maps(name, seed=i))
+    write_left_out(tmp_path / "c.exr", {"name": "c"}, "no faces")
+    return tmp_path
+
+
+def test_pixels_come_back(folder):
+    names = pack([folder / f"{name}.exr" for name in ("a1", "c", "b1", "b2")], folder / "packed.safetensors")
+    packed = Packed(folder / "packed.safetensors")
+    assert names == packed.names == ["a1", "b1", "b2"] and packed.subjects == ["a", "b", "b"]
+    assert (len(packed), packed.size, packed.order) == (3, 9, 2)
+    whole = packed.arrays()
+    for i, name in enumerate(names):
+        maps, figure = read_maps(folder / f"{name}.exr"), packed.figure(i)
+        np.testing.assert_array_equal(figure["pixel"], np.flatnonzero(maps.mask))
+        assert figure["pixel"].dtype == np.int32
+        np.testing.assert_array_equal(figure["transport"], maps.transport[maps.mask].astype(np.float16))
+        codes = encode(maps.albedo[maps.mask]) * 255
+        np.testing.assert_allclose(encode(figure["albedo"].astype(np.float32)) * 255, codes, atol=0.56)  # half a code
+        assert figure["albedo"].dtype == np.float16
+        np.testing.assert_allclose(figure["ao"], maps.ao[maps.mask], atol=1e-3)
+        np.testing.assert_allclose(figure["normal"], maps.normal[maps.mask], atol=2e-3)
+        for key, value in figure.items():
+            np.testing.assert_array_equal(value, whole[key][whole["offset"][i] : whole["offset"][i + 1]])
+
+
+def test_the_file_is_plain_safetensors(folder):
+    pack([folder / "a1.exr", folder / "b1.exr"], folder / "packed.safetensors")
+    arrays = load_file(folder / "packed.safetensors")  # the library's own reader checks the layout
+    pixels = int(arrays["offset"][-1])
+    assert {key: value.shape for key, value in arrays.items()} == {
+        "offset": (3,),
+        "transport": (pixels, 9),
+        "albedo": (pixels, 3),
+        "normal": (pixels, 2),
+        "mask": (2, 11),
+    }
+    per_pixel = sum(arrays[key].nbytes for key in ("transport", "albedo", "normal")) / pixels
+    assert per_pixel == 25  # so 345 figures of 150,000 pixels at 1024 px take 1.34e9 bytes with their masks
+    assert 345 * (150_000 * per_pixel + 1024**2 / 8) < 1.5e9
+
+
+def test_bounces_are_averaged_into_the_transport(tmp_path):
+    maps = random_maps("a", bounced=True)
+    write_maps(tmp_path / "a.exr", maps)
+    pack([tmp_path / "a.exr"], tmp_path / "packed.safetensors")
+    expected = (maps.transport + maps.bounced.mean(-1))[maps.mask]
+    np.testing.assert_allclose(Packed(tmp_path / "packed.safetensors").figure(0)["transport"], expected, atol=3e-3)
+
+
+def test_octahedral_normals():
+    rng = np.random.default_rng(0)
+    normals = rng.normal(size=(20000, 3)).astype(np.float32)
+    normals = np.concatenate([normals, np.eye(3, dtype=np.float32), -np.eye(3, dtype=np.float32)])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    back = decode_normals(encode_normals(normals))
+    assert np.abs(np.linalg.norm(back, axis=1) - 1).max() < 1e-6
+    assert np.linalg.norm(back - normals, axis=1).max() < 7e-5
+
+
+def test_mixtures_and_strangers_are_refused(folder):
+    write_maps(folder / "large.exr", random_maps("large", size=12))
+    with pytest.raises(UserError, match="one size: these have 9, 12"):
+        pack([folder / "a1.exr", folder / "large.exr"], folder / "packed.safetensors")
+    write_maps(folder / "high.exr", random_maps("high", order=3))
+    with pytest.raises(UserError, match="one order: these have 2, 3"):
+        pack([folder / "a1.exr", folder / "high.exr"], folder / "packed.safetensors")
+    with pytest.raises(UserError, match="left out"):
+        pack([folder / "c.exr"], folder / "packed.safetensors")
+    assert not list(folder.glob("*.safetensors")) + list(folder.glob(".*"))
+    (folder / "x.safetensors").write_bytes(b"12345678abc")
+    with pytest.raises(UserError, match="not a packed data set"):
+        Packed(folder / "x.safetensors")
+    with pytest.raises(UserError, match="no file"):
+        Packed(folder / "none.safetensors")
+    pack([folder / "a1.exr"], folder / "packed.safetensors")
+    with pytest.raises(IndexError):
+        Packed(folder / "packed.safetensors").figure(1)

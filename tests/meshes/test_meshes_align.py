@@ -1,0 +1,142 @@
+"""Alignment: any axes, units and place of a file end in the same picture."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+
+from relight.config import Align
+from relight.files import UserError
+from relight.meshes.align import align, frame, read_table
+from relight.meshes.axes import AXES, find_axes
+
+AUTO = Align(up="auto", front="auto", padding=0.05, version=1)
+PAIRS = [(up, front) for up, front in product(AXES, AXES) if up[1] != front[1]]
+POSES = {
+    "standing": {},
+    "T-pose": {"left_arm": ((0.55, 1.42, 0), (0.35, 0.05, 0.05)), "right_arm": ((-0.55, 1.42, 0), (0.35, 0.05, 0.05))},
+    "arms up": {"left_arm": ((0.2, 1.8, 0), (0.05, 0.35, 0.05)), "right_arm": ((-0.25, 1.7, 0), (0.05, 0.35, 0.05))},
+    "pointing ahead": {"right_arm": ((-0.22, 1.4, 0.35), (0.05, 0.05, 0.35))},
+    "walking": {
+        "left_leg": ((0.1, 0.45, 0.2), (0.07, 0.45, 0.2)),
+        "left_shoe": ((0.1, 0.04, 0.36), (0.045, 0.04, 0.14)),
+    },
+}
+
+
+@pytest.mark.parametrize("pose", POSES)
+@pytest.mark.parametrize("up, front", [("+y", "+z"), ("+z", "-y"), ("+z", "+y"), ("+y", "-x"), ("+y", "-z")])
+def test_up_and_front_are_found(person, pose, up, front):
+    mesh = person(**POSES[pose])
+    want = align(mesh, AUTO)
+    assert (want.info["align"]["up"], want.info["align"]["front"]) == ("+y", "+z")
+    mesh.vertices = mesh.vertices @ frame(up, front).astype(np.float32) * 100 + 37  # centimetres, off the origin
+    got = align(mesh, AUTO)
+    assert (got.info["align"]["up"], got.info["align"]["front"]) == (up, front)
+    np.testing.assert_allclose(got.vertices, want.vertices, atol=1e-5)
+    assert not got.info["warnings"]
+
+
+def test_a_gown_hides_the_feet_and_the_face_decides(person):
+    around = (0, 0.7, 0), (0.25, 0.7, 0.25)
+    hidden = {f"{side}_{part}": around for side in ("left", "right") for part in ("leg", "shoe")}
+    head = {"head": ((0, 1.62, 0.06), (0.08, 0.12, 0.10)), "torso": ((0, 1.15, 0), (0.06, 0.4, 0.06))}
+    mesh = person(**hidden, **head)
+    mesh.vertices = mesh.vertices[:, [2, 1, 0]] * np.float32([-1, 1, 1])  # facing -x
+    assert find_axes(mesh).front == "-x"
+
+
+def test_a_figure_on_its_head_is_turned_over(person):
+    mesh = person()
+    mesh.vertices[:, :2] *= -1
+    assert find_axes(mesh).up == "-y"
+
+
+@pytest.mark.parametrize("up, front", PAIRS)
+def test_given_axes_are_obeyed(person, up, front):
+    """All 24 frames: the figure comes out as if the file were y-up facing +z."""
+    mesh = person()
+    want = align(mesh, Align(up="+y", front="+z", padding=0.1, version=1)).vertices
+    mesh.vertices = (mesh.vertices @ frame(up, front)).astype(np.float32)
+    got = align(mesh, Align(up=up, front=front, padding=0.1, version=1))
+    np.testing.assert_allclose(got.vertices, want, atol=1e-6)
+    assert np.linalg.det(frame(up, front)) == pytest.approx(1)
+
+
+@pytest.mark.parametrize("padding", [0, 0.05, 0.2])
+def test_size_and_place_are_the_cameras(person, padding):
+    settings = Align(up="auto", front="auto", padding=padding, version=1)
+    tall = align(person(), settings).vertices
+    np.testing.assert_allclose(tall.max(axis=0), -tall.min(axis=0), atol=1e-6)
+    assert np.ptp(tall[:, 1]) == pytest.approx(2 * (1 - 2 * padding), rel=1e-6)
+    wide = person(left_arm=((0.8, 1.3, 0), (0.6, 0.05, 0.05)), right_arm=((-0.8, 1.3, 0), (0.6, 0.05, 0.05)))
+    wide = align(wide, Align(up="+y", front="+z", padding=padding, version=1)).vertices
+    assert np.ptp(wide[:, 0]) == pytest.approx(2 * (1 - 2 * padding), rel=1e-6)
+    assert np.ptp(wide[:, 1]) < np.ptp(wide[:, 0])
+
+
+def test_the_record_gives_the_files_coordinates_back(person):
+    mesh = person()
+    mesh.vertices = (mesh.vertices @ frame("+z", "-y") * 250 - 60).astype(np.float32)
+    got = align(mesh, AUTO)
+    record = got.info["align"]
+    back = got.vertices / record["scale"] @ np.array(record["rotation"]) + record["centre"]
+    np.testing.assert_allclose(back, mesh.vertices, atol=1e-3)
+    np.testing.assert_array_equal(got.faces, mesh.faces)
+    assert got.info["name"] == "person"
+
+
+def test_a_table_overrides_single_figures(tmp_path, person):
+    table = tmp_path / "axes.csv"
+    table.write_text("\ufeffname,up,front,turn\nperson,,-z,\nother,+x,+y,3\nturned,+y,+z,90\n", encoding="utf-8")
+    settings = Align(up="+y", front="+z", table=str(table), padding=0.05, version=1)
+    got = align(person(), settings)
+    assert got.info["align"]["front"] == "-z"
+    want = align(person(), AUTO).vertices
+    np.testing.assert_allclose(got.vertices, want * [-1, 1, -1], atol=1e-6)
+    mesh = person()
+    mesh.info["name"] = "turned"
+    np.testing.assert_allclose(align(mesh, settings).vertices, want[:, [2, 1, 0]] * [1, 1, -1], atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "text, says",
+    [
+        ("up,front\n+y,+z\n", "no column `name`"),
+        ("name,up\na,+y\na,+z\n", "twice"),
+        ("name,up\na,upward\n", "upward"),
+        ("name,turn\na,left\n", "left"),
+    ],
+)
+def test_a_table_that_means_nothing_is_refused(tmp_path, text, says):
+    (tmp_path / "t.csv").write_text(text)
+    with pytest.raises(UserError, match=says):
+        read_table(tmp_path / "t.csv")
+    with pytest.raises(UserError, match="no file"):
+        read_table(tmp_path / "none.csv")
+
+
+def test_axes_that_contradict_are_refused(person):
+    with pytest.raises(UserError, match="same axis"):
+        align(person(), Align(up="+y", front="-y", padding=0.05, version=1))
+
+
+@pytest.mark.parametrize("key", ["up", "front"])
+@pytest.mark.parametrize("other", ["auto", "+z"])
+@pytest.mark.parametrize("axis", ["+q", "y", "+Y"])
+def test_settings_that_name_no_axis_are_refused(person, key, other, axis):
+    settings = Align(**({"up": other, "front": other} | {key: axis}), padding=0.05, version=1)
+    with pytest.raises(UserError) as refused:
+        align(person(), settings)
+    assert str(refused.value) == f"align.{key} {axis!r} is not an axis; +x, -x, +y, -y, +z, -z and auto are"
+
+
+def test_what_the_maker_knows_is_believed_and_a_guess_is_owned_up(person, ellipsoid):
+    mesh = person()
+    mesh.info["axes"] = {"up": "+y", "front": "-z"}
+    assert align(mesh, AUTO).info["align"]["front"] == "-z"
+    vertices, faces = ellipsoid((0, 0, 0), (0.3, 0.9, 0.3))
+    egg = person()
+    egg.vertices, egg.faces = vertices.astype(np.float32), faces.astype(np.int32)
+    got = align(egg, AUTO)
+    assert got.info["align"]["front"] == "+z" and "guess" in got.info["warnings"][0]

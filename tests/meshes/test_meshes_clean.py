@@ -1,0 +1,245 @@
+"""Repairs: each flaw is put into a sound figure, and must be found, counted and gone, everything else as it was."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from relight.config import Clean
+from relight.files import UserError
+from relight.meshes.clean import clean, edge_uses
+from relight.meshes.mesh import Material, Mesh
+from relight.meshes.parts import areas, parts, solidity
+
+PLAIN = Clean(component=0.0005, close_holes=0, max_faces=0, version=1)
+
+
+def corners(mesh: Mesh) -> np.ndarray:
+    """Each face as its three corners (place, uv, colour) and its material, sorted: the same for the same surface."""
+    corner = np.concatenate([mesh.vertices[mesh.faces], mesh.uv, mesh.color[mesh.faces]], axis=-1)
+    first = np.lexsort(corner[:, :, :3].transpose(2, 0, 1)[::-1], axis=-1)[:, 0]  # begin at the least corner
+    corner = np.stack([corner[np.arange(len(corner)), (first + k) % 3] for k in range(3)], axis=1)
+    rows = np.concatenate([corner.reshape(len(corner), -1), mesh.material[:, None]], axis=-1)
+    return rows[np.lexsort(rows.T[::-1])]
+
+
+def merged(mesh: Mesh, **changes) -> Mesh:
+    fields = {
+        name: getattr(mesh, name) for name in ("vertices", "faces", "uv", "material", "materials", "color", "info")
+    }
+    return Mesh(**{**fields, **changes})
+
+
+def with_faces(mesh: Mesh, faces, at=None) -> Mesh:
+    """`mesh` with more faces, whose uv is the planar chart of the figure."""
+    faces = np.asarray(faces, np.int32)
+    return merged(
+        mesh,
+        faces=np.concatenate([mesh.faces, faces]),
+        uv=np.concatenate([mesh.uv, mesh.vertices[faces][..., :2] / 2 + 0.5]).astype(np.float32),
+        material=np.concatenate([mesh.material, np.zeros(len(faces), np.int16)]),
+    )
+
+
+def with_vertices(mesh: Mesh, vertices) -> Mesh:
+    vertices = np.asarray(vertices, np.float32).reshape(-1, 3)
+    color = np.zeros_like(vertices)
+    return merged(mesh, vertices=np.concatenate([mesh.vertices, vertices]), color=np.concatenate([mesh.color, color]))
+
+
+def add_ball(mesh: Mesh, ball) -> Mesh:
+    vertices, faces = ball
+    return with_faces(with_vertices(mesh, vertices), faces + len(mesh.vertices))
+
+
+def test_a_sound_figure_stays_as_it_is(person):
+    mesh = person()
+    result = clean(mesh, PLAIN)
+    np.testing.assert_array_equal(corners(result), corners(person()))
+    assert result.info["repairs"] == {"parts": 10} and result.info["name"] == "person"
+    assert result.faces.dtype == np.int32 and result.vertices.dtype == np.float32 and result.uv.dtype == np.float32
+
+
+def test_triangles_that_share_no_vertex_are_sewn_together(person):
+    """What .glb and STL-like exports bring: three vertices of its own for each face."""
+    mesh = person()
+    count = mesh.faces.size
+    soup = merged(
+        mesh,
+        vertices=mesh.vertices[mesh.faces].reshape(-1, 3),
+        color=mesh.color[mesh.faces].reshape(-1, 3),
+        faces=np.arange(count, dtype=np.int32).reshape(-1, 3),
+    )
+    result = clean(soup, PLAIN)
+    assert len(result.vertices) == len(mesh.vertices) and result.info["repairs"]["parts"] == 10
+    assert result.info["repairs"]["duplicate vertices"] == count - len(mesh.vertices)
+    np.testing.assert_array_equal(corners(result), corners(mesh))
+
+
+def test_duplicate_faces_and_shells_go_whichever_way_they_turn(person):
+    mesh = person()
+    double = with_faces(with_vertices(mesh, mesh.vertices), mesh.faces[:, ::-1] + len(mesh.vertices))
+    result = clean(with_faces(double, mesh.faces[:5, [1, 2, 0]]), PLAIN)
+    assert result.info["repairs"]["duplicate faces"] == len(mesh.faces) + 5
+    assert len(result.faces) == len(mesh.faces)
+    np.testing.assert_array_equal(corners(result)[:, :3], corners(mesh)[:, :3])
+
+
+def test_faces_without_area_and_unused_vertices_go(person):
+    mesh = with_vertices(person(), [[5, 5, 5], [6, 6, 6]])
+    result = clean(with_faces(mesh, [[0, 0, 1], [2, 2, 2]]), PLAIN)
+    assert result.info["repairs"]["faces without area"] == 2
+    assert result.info["repairs"]["unused vertices"] == 2
+    np.testing.assert_array_equal(corners(result), corners(person()))
+
+
+def test_non_finite_corners_are_dropped_and_counted(person):
+    mesh = person()
+    mesh.vertices[7] = np.nan
+    mesh.vertices[1000, 1] = np.inf
+    touched = np.isin(mesh.faces, [7, 1000]).any(axis=-1)
+    result = clean(mesh, PLAIN)
+    assert result.info["repairs"]["faces with non-finite corners"] == touched.sum()
+    assert np.isfinite(result.vertices).all() and len(result.faces) == (~touched).sum()
+    assert result.info["repairs"]["holes"] == 2
+
+
+def test_non_manifold_edges_are_split_and_no_surface_is_lost(person):
+    """A fin stands on an edge of the torso: three faces meet there."""
+    mesh = person()
+    a, b = mesh.faces[100, :2]
+    fin = with_vertices(mesh, mesh.vertices[a] + [0, 0, 0.5])
+    fin = with_faces(fin, [[a, b, len(mesh.vertices)]])
+    result = clean(fin, PLAIN)
+    assert result.info["repairs"]["non-manifold edges"] == 1
+    assert len(result.faces) == len(fin.faces)
+    edges = np.sort(
+        np.concatenate([result.faces[:, [0, 1]], result.faces[:, [1, 2]], result.faces[:, [2, 0]]]), axis=-1
+    )
+    assert np.unique(edges, axis=0, return_counts=True)[1].max() == 2
+    got, want = (areas(m.vertices, m.faces).sum() for m in (result, fin))
+    np.testing.assert_allclose(got, want, rtol=1e-6)
+
+
+@pytest.mark.parametrize("share", [0.2, 0.8, 1.0])
+def test_faces_that_look_inward_are_turned_with_their_uv(person, share):
+    """Single faces turned over, most of them, and all: the surface comes out as it was, outward."""
+    mesh = person()
+    turned = np.random.default_rng(0).random(len(mesh.faces)) < share
+    mesh.faces[turned] = mesh.faces[turned][:, ::-1]
+    mesh.uv[turned] = mesh.uv[turned][:, ::-1]
+    np.testing.assert_array_equal(corners(clean(mesh, PLAIN)), corners(person()))
+
+
+def test_linings_keep_looking_inward_and_an_open_scan_is_turned(person, ellipsoid):
+    vertices, faces = ellipsoid((0, 1, 0), (0.5, 0.9, 0.4), rings=30)
+    cut = faces[vertices[faces][..., 1].min(axis=1) > 0.2]  # open at the feet
+    scan = with_faces(with_vertices(merged(person(), faces=np.zeros((0, 3), np.int32), uv=np.zeros((0, 3, 2)),
+                                           material=np.zeros(0, np.int16)), vertices), cut[:, ::-1] + 2660)  # fmt: skip
+    result = clean(scan, PLAIN)
+    assert result.info["repairs"]["faces turned"] == len(cut)
+    band = cut[(np.abs(vertices[cut][..., 1] - 1) < 0.15).all(axis=1)]
+    lining, lined = band[:, ::-1], with_vertices(person(), vertices * [0.3, 1, 0.3])
+    result = clean(with_faces(lined, lining + 2660), PLAIN)
+    assert "faces turned" not in result.info["repairs"]
+
+
+def test_specks_in_the_air_go_and_eyes_shoes_and_strands_stay(person, ellipsoid):
+    mesh = person(24)
+    dust = [((0.6, 1.5 + 0.02 * k, 0.3), (0.005, 0.004, 0.003)) for k in range(5)]
+    for speck in dust:
+        mesh = add_ball(mesh, ellipsoid(*speck, rings=2))
+    button = ellipsoid((0, 1.2, 0.125), (0.006, 0.006, 0.003), rings=2)  # as small, but on the chest
+    glove = ellipsoid((0.45, 0.75, 0), (0.05, 0.09, 0.03), rings=2)  # as few faces, and in the air, but large
+    result = clean(add_ball(add_ball(mesh, button), glove), PLAIN)
+    assert result.info["repairs"]["floating parts"] == 5 and result.info["repairs"]["parts"] == 17
+    assert parts(result.faces, len(result.vertices)).max() + 1 == 12
+    assert (
+        result.vertices[:, 0].max() > 0.49 and not (np.abs(result.vertices - [0.6, 1.5, 0.3]) < 0.02).all(axis=-1).any()
+    )
+
+
+def test_holes_are_reported_and_closed_on_request(person):
+    mesh = person()
+    torso = np.flatnonzero((np.abs(mesh.vertices - [0, 1.15, 0.1]) < 0.2).all(axis=-1))
+    ring = np.isin(mesh.faces, torso[:1]).any(axis=-1)  # the faces around a vertex: a hole of six edges
+    opened = merged(mesh, faces=mesh.faces[~ring], uv=mesh.uv[~ring], material=mesh.material[~ring])
+    found = clean(opened, PLAIN).info["repairs"]
+    assert found["holes"] == 1 and found["boundary edges"] == ring.sum()
+    result = clean(opened, Clean(component=0.0005, close_holes=30, max_faces=0, version=1))
+    new = result.info["repairs"]["faces that close holes"]
+    assert new == ring.sum() - 2 and len(result.faces) == len(opened.faces) + new
+    assert clean(result, PLAIN).info["repairs"] == {"parts": 10}
+    np.testing.assert_allclose(result.uv, result.vertices[result.faces][..., :2] / 2 + 0.5, atol=1e-6)
+    np.testing.assert_array_equal(result.material[-new:], mesh.material[ring][0])
+
+
+def test_decimation_keeps_uv_materials_colours_and_seams(person):
+    mesh = person(40)
+    mesh.uv[mesh.vertices[mesh.faces][..., 0].mean(axis=1) > 0] += 3  # a seam down the middle of the body
+    mesh.materials[0].texture = np.zeros((2, 2, 3), np.uint8)
+    result = clean(mesh, Clean(component=0.0005, close_holes=0, max_faces=20_000, version=1))
+    assert result.info["repairs"]["faces before decimation"] == len(mesh.faces)
+    assert abs(len(result.faces) - 20_000) < 200
+    place = result.vertices[result.faces]
+    np.testing.assert_allclose(result.uv % 3, place[..., :2] / 2 + 0.5, atol=1e-6)
+    assert (np.ptp(result.uv, axis=1) < 1).all()  # no face spans the seam
+    np.testing.assert_array_equal(result.color, (result.vertices / 2).clip(0, 1))
+    assert clean(result, PLAIN).info["repairs"] == {"parts": 10}  # no crack, no flipped face, no speck
+    for material in (0, 1):
+        got, want = (areas(m.vertices, m.faces)[m.material == material].sum() for m in (result, mesh))
+        np.testing.assert_allclose(got, want, rtol=5e-3)
+
+
+def test_what_is_no_figure_is_refused(person, ellipsoid):
+    mesh = person()
+    mesh.vertices[: int(0.7 * len(mesh.vertices))] = np.nan
+    with pytest.raises(UserError, match=r"person: .*finite"):
+        clean(mesh, PLAIN)
+    flat = merged(person(), faces=np.zeros((4, 3), np.int32), uv=np.zeros((4, 3, 2)), material=np.zeros(4, np.int16))
+    with pytest.raises(UserError, match="no face has an area"):
+        clean(flat, PLAIN)
+    random = np.random.default_rng(0)
+    dust = Mesh(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.int32), np.zeros((0, 3, 2), np.float32),
+                np.zeros(0, np.int16), [Material()], np.zeros((0, 3), np.float32), {"name": "dust"})  # fmt: skip
+    for _ in range(3000):
+        dust = add_ball(
+            dust, (random.random((1, 3)) + [[0, 0, 0], [0, 0.002, 0], [0.002, 0, 0]], np.array([[0, 1, 2]]))
+        )
+    with pytest.raises(UserError, match="dust"):
+        clean(dust, PLAIN)
+
+
+def test_solidity(ellipsoid):
+    vertices, faces = ellipsoid((3, 2, 1), (1, 1, 1), rings=40)
+    one = np.zeros(len(faces), int)
+    np.testing.assert_allclose(solidity(vertices, faces, one), 1, atol=0.01)
+    np.testing.assert_allclose(solidity(vertices, faces[:, ::-1], one), -1, atol=0.01)
+    flat = vertices * [1, 1, 0]
+    np.testing.assert_allclose(solidity(flat, faces, one), 0, atol=1e-9)
+
+
+def test_faces_keep_their_uv_where_edges_are_crowded():
+    """Fins on the edges of a sphere: three and four faces to an edge, and every face with a uv of its own."""
+    ball = trimesh.creation.icosphere(subdivisions=4)
+    faces, vertices = ball.faces, ball.vertices
+    rng = np.random.default_rng(0)
+    chosen = rng.choice(len(faces), 300, replace=False)
+    tips = vertices[faces[chosen]].mean(1) * 1.01  # near enough not to count as floating
+    fins = np.concatenate([faces[chosen][:, :2], len(vertices) + np.arange(300)[:, None]], 1)
+    faces, vertices = rng.permutation(np.concatenate([faces, fins])), np.concatenate([vertices, tips])
+    uv = rng.random((len(faces), 3, 2)).astype(np.float32)
+    mesh = Mesh(
+        vertices.astype(np.float32), faces.astype(np.int32), uv, np.zeros(len(faces), np.int16), [Material()], info={}
+    )
+    cleaned = clean(mesh, Clean(component=0.0, close_holes=0, max_faces=0, version=1))
+    assert cleaned.info["repairs"]["non-manifold edges"] >= 290
+    assert edge_uses(cleaned.faces).max() <= 2
+
+    def by_place(mesh):
+        """uv of each corner, in the order of the corner's place and its face's centre."""
+        corner = mesh.vertices[mesh.faces]
+        keys = np.concatenate([corner, corner.mean(1, keepdims=True).repeat(3, 1)], -1).reshape(-1, 6)
+        return mesh.uv.reshape(-1, 2)[np.lexsort(np.round(keys, 5).T)]
+
+    assert len(cleaned.faces) == len(mesh.faces)
+    np.testing.assert_array_equal(by_place(cleaned), by_place(mesh))

@@ -1,0 +1,338 @@
+"""Broken files: one sentence that names the file, in little time and memory, whatever is wrong with them."""
+
+import base64
+import io
+import json
+import os
+import struct
+import tracemalloc
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from relight.files import UserError
+from relight.meshes.read import read_mesh
+
+PLY = b"ply\nformat %s 1.0\nelement vertex %d\nproperty float x\nproperty float y\nproperty float z\n"
+FACE = b"element face %d\nproperty list uchar int vertex_indices\n"
+END = b"end_header\n"
+POINTS = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], "<f4")
+TRIANGLES = [[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]]
+OBJ = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nvt 0 0\nvt 1 0\nvt 0 1\n"
+FACES = "f 1/1 3/2 2/3\nf 1/1 2/2 4/3\nf 2/1 3/2 4/3\nf 1/1 4/2 3/3\n"
+
+
+def binary_ply(vertices=4, faces=4, points=POINTS, triangles=TRIANGLES, tail=b"") -> bytes:
+    body = points.tobytes() + b"".join(struct.pack(f"<B{len(t)}i", len(t), *t) for t in triangles)
+    return PLY % (b"binary_little_endian", vertices) + FACE % faces + END + body + tail
+
+
+def ascii_ply(rows: str, vertices=4, faces=4) -> bytes:
+    return PLY % (b"ascii", vertices) + FACE % faces + END + rows.encode()
+
+
+ROWS = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n"
+
+
+def picture(size=(2, 2)) -> bytes:
+    file = io.BytesIO()
+    Image.new("RGB", size, (200, 100, 50)).save(file, "png")
+    return file.getvalue()
+
+
+def bomb() -> bytes:
+    """A .png of a few bytes whose header promises 60000 x 60000 pixels."""
+    header = struct.pack(">II5B", 60000, 60000, 8, 2, 0, 0, 0)
+    import zlib
+
+    chunk = lambda kind, data: struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))  # noqa: E731
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(b"\0")) + chunk(b"IEND", b"")
+
+
+def gltf(change=lambda scene: None, binary=None, **top) -> dict:
+    """The description of a tetrahedron in one node, its buffer inside; `change` breaks it."""
+    data = POINTS.tobytes() + np.array(TRIANGLES, "<u2").tobytes() if binary is None else binary
+    scene = {
+        "asset": {"version": "2.0"},
+        "scene": 0,
+        "scenes": [{"nodes": [0]}],
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "indices": 1}]}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3"},
+            {"bufferView": 1, "componentType": 5123, "count": 12, "type": "SCALAR"},
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": 0, "byteLength": 48},
+            {"buffer": 0, "byteOffset": 48, "byteLength": 24},
+        ],
+        "buffers": [{"byteLength": 72, "uri": "data:;base64," + base64.b64encode(data).decode()}],
+        **top,
+    }
+    change(scene)
+    return scene
+
+
+def glb(scene: dict, binary=b"", length=None, version=2) -> bytes:
+    text = json.dumps(scene).encode()
+    text += b" " * (-len(text) % 4)
+    chunks = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(binary), 0x004E4942) + binary
+    return b"glTF" + struct.pack("<II", version, length or 12 + len(chunks)) + chunks
+
+
+def textured(uri: str):
+    """The change that gives the tetrahedron a texture."""
+
+    def change(scene):
+        scene["materials"] = [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}]
+        scene["textures"], scene["images"] = [{"source": 0}], [{"uri": uri}]
+        scene["meshes"][0]["primitives"][0].update(material=0)
+        scene["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = 0
+
+    return change
+
+
+def setting(*path_and_value):
+    """The change that sets one entry of the description."""
+    *path, last, value = path_and_value
+
+    def change(scene):
+        for key in path:
+            scene = scene[key]
+        scene[last] = value
+
+    return change
+
+
+def obj(*lines: str, head=OBJ, faces=FACES) -> bytes:
+    return (head + "".join(f"{line}\n" for line in lines) + faces).encode()
+
+
+MTL = "newmtl skin\nmap_Kd {}\n"
+USE = ("mtllib a.mtl", "usemtl skin")
+SKIN = {"a.obj": obj(*USE), "a.mtl": MTL.format("t.png").encode()}
+
+# name -> (files, what the sentence must say). The first file is the one that is read.
+BROKEN = {
+    # PLY
+    "ply of zero bytes": ({"a.ply": b""}, "is empty"),
+    "ply that is a picture": ({"a.ply": picture()}, "not a PLY"),
+    "ply without end_header": ({"a.ply": PLY % (b"ascii", 3)}, "not a PLY"),
+    "ply header of garbage": ({"a.ply": b"ply\nformat ascii 1.0\nelement vertex many\n" + END}, "means nothing"),
+    "ply of unknown type": ({"a.ply": PLY % (b"ascii", 1) + b"property half u\n" + END}, "means nothing"),
+    "ply property without element": ({"a.ply": b"ply\nformat ascii 1.0\nproperty float x\n" + END}, "means nothing"),
+    "ply of negative count": ({"a.ply": PLY % (b"ascii", -4) + FACE % 4 + END}, "means nothing"),
+    "ply of unknown format": ({"a.ply": PLY % (b"binary_middle_endian", 4) + END}, "format"),
+    "ply without format": ({"a.ply": b"ply\nelement vertex 1\nproperty float x\n" + END + b"0"}, "format"),
+    "ply with a property twice": ({"a.ply": PLY % (b"ascii", 1) + b"property float x\n" + END + b"0 0 0 0"}, "twice"),
+    "ply promising billions of vertices": ({"a.ply": binary_ply(vertices=4_000_000_000)}, "promises"),
+    "ply promising billions of faces": ({"a.ply": binary_ply(faces=4_000_000_000)}, "promises"),
+    "ply promising billions of nothing": (
+        {"a.ply": PLY % (b"ascii", 4) + b"element void 4000000000\n" + END + ROWS.encode()},
+        "no faces",
+    ),
+    "ascii ply promising billions": ({"a.ply": ascii_ply(ROWS, vertices=10**12)}, "promises"),
+    "ply truncated in vertices": ({"a.ply": binary_ply()[:-80]}, "promises"),
+    "ply truncated in faces": ({"a.ply": binary_ply()[:-5]}, "truncated"),
+    "ascii ply truncated": ({"a.ply": ascii_ply(ROWS + "3 0 2 1\n3 0 1 3\n3 1 2 3\n3 0 3")}, "truncated"),
+    "ascii ply of words": ({"a.ply": ascii_ply(ROWS + "3 0 two 1\n" * 4)}, "not a number"),
+    "ply with a list of 4 billion": (
+        {"a.ply": PLY % (b"binary_little_endian", 4) + b"element face 1\nproperty list uint int vertex_indices\n" + END
+         + POINTS.tobytes() + b"\xff\xff\xff\xfe" + b"\0" * 16},
+        "damaged",
+    ),
+    "ply with a list of length -1": (
+        {"a.ply": PLY % (b"binary_little_endian", 4) + b"element face 1\nproperty list int int vertex_indices\n" + END
+         + POINTS.tobytes() + struct.pack("<4i", -1, 0, 1, 2)},
+        "damaged",
+    ),
+    "ply with an index out of range": ({"a.ply": binary_ply(triangles=[[0, 1, 4]] * 4)}, "names vertex 4"),
+    "ply with an index below zero": ({"a.ply": binary_ply(triangles=[[0, 1, -1]] * 4)}, "names vertex -1"),
+    "ply of NaN": ({"a.ply": binary_ply(points=POINTS * np.float32(np.nan))}, "not finite"),
+    "ply of infinities": ({"a.ply": ascii_ply(ROWS.replace("1", "inf") + "3 0 1 2\n" * 4)}, "not finite"),
+    "ply of astronomic numbers": ({"a.ply": ascii_ply(ROWS.replace("1", "1e300") + "3 0 1 2\n" * 4)}, "not finite"),
+    "ply at one point": ({"a.ply": binary_ply(points=POINTS * 0)}, "one point"),
+    "ply of points": ({"a.ply": PLY % (b"binary_little_endian", 4) + END + POINTS.tobytes()}, "no faces"),
+    "ply of zero faces": ({"a.ply": binary_ply(faces=0, triangles=[])}, "no faces"),
+    "ply of zero vertices": ({"a.ply": ascii_ply("", vertices=0, faces=0)}, "no faces"),
+    "ply of edges as faces": ({"a.ply": binary_ply(triangles=[[0, 1]] * 4)}, "no faces"),
+    "ply without z": (
+        {"a.ply": PLY.replace(b"float z", b"float w") % (b"ascii", 1) + FACE % 1 + END + b"0 0 0\n3 0 0 0"},
+        "x, y and z",
+    ),
+    "ply of strips": (
+        {"a.ply": PLY % (b"ascii", 4) + FACE.replace(b"face", b"tristrips") % 1 + END + ROWS.encode() + b"4 0 1 2 3"},
+        "no faces",
+    ),
+    "ply naming a missing texture": (
+        {"a.ply": binary_ply().replace(b"element vertex", b"comment TextureFile skin.png\nelement vertex", 1)},
+        "skin.png",
+    ),
+    # OBJ
+    "obj of zero bytes": ({"a.obj": b""}, "is empty"),
+    "obj of comments": ({"a.obj": b"# nothing\n\n"}, "no faces"),
+    "obj of points": ({"a.obj": OBJ.encode()}, "no faces"),
+    "obj that is binary": ({"a.obj": b"\x80" * (3 << 20)}, "not an .obj"),
+    "obj truncated in a vertex": ({"a.obj": b"v 0 0 0\nv 1 0\nf 1 2 1\n"}, "has 2 numbers"),
+    "obj of words": ({"a.obj": b"v 0 zero 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"}, "not made of numbers"),
+    "obj with an index out of range": ({"a.obj": obj(faces="f 1 2 5\n")}, "names vertex 4"),
+    "obj with a huge index": ({"a.obj": obj(faces="f 1 2 99999999999999999999999\n")}, "names vertex"),
+    "obj with index 0": ({"a.obj": obj(faces="f 0 1 2\n")}, "vertex 0"),
+    "obj with an index before the first": ({"a.obj": obj(faces="f -1 -2 -9\n")}, "before the first"),
+    "obj with a texture index out of range": (
+        {"a.obj": obj(*USE, faces="f 1/1 2/2 3/9\n"), "a.mtl": MTL.format("t.png").encode(), "t.png": picture()},
+        "texture coordinate 9",
+    ),
+    "obj of NaN": ({"a.obj": obj(head=OBJ.replace("1", "nan"))}, "not finite"),
+    "obj of edges": ({"a.obj": obj(faces="f 1 2\nf 2 3\n")}, "no faces"),
+    "obj without its .mtl": ({"a.obj": obj(*USE)}, "a.mtl"),
+    "obj whose .mtl is a folder": ({"a.obj": obj(*USE), "a.mtl/x": b""}, "a.mtl"),
+    "obj whose .mtl is a looped link": (
+        {"a.obj": obj(*USE), "a.mtl": "-> b.mtl", "b.mtl": "-> a.mtl"},
+        "leads nowhere",
+    ),
+    "obj whose .mtl lies outside": ({"in/a.obj": obj("mtllib ../a.mtl"), "a.mtl": b"newmtl skin\n"}, "outside"),
+    "obj using an undefined material": ({"a.obj": obj(*USE), "a.mtl": b"newmtl hair\n"}, "'skin'"),
+    "mtl naming a missing texture": (SKIN, "t.png"),
+    "mtl naming no texture": ({"a.obj": obj(*USE), "a.mtl": b"newmtl skin\nmap_Kd\n"}, "names no file"),
+    "mtl naming itself": ({"a.obj": obj(*USE), "a.mtl": MTL.format("a.mtl").encode()}, "not a picture"),
+    "mtl naming a texture outside": (
+        {"in/a.obj": obj(*USE), "in/a.mtl": MTL.format("../t.png").encode(), "t.png": picture()},
+        "outside the folder",
+    ),
+    "mtl naming a system file": ({**SKIN, "a.mtl": MTL.format("/etc/hostname").encode()}, "outside the folder"),
+    "texture that is a link out": (
+        {**{f"in/{name}": content for name, content in SKIN.items()}, "in/t.png": "-> ../t.png", "t.png": picture()},
+        "out of the folder",
+    ),
+    "texture truncated": ({**SKIN, "t.png": picture((64, 64))[:-60]}, "damaged"),
+    "texture of text": ({**SKIN, "t.png": b"hello"}, "not a picture"),
+    "texture of zero bytes": ({**SKIN, "t.png": b""}, "not a picture"),
+    "texture that is a bomb": ({**SKIN, "t.png": bomb()}, "million pixels"),
+    "texture in two subfolders": (
+        {**SKIN, "x/t.png": picture(), "y/t.png": picture()},
+        "2 files",
+    ),
+    "textured obj without coordinates": (
+        {"a.obj": obj(*USE, faces="f 1 2 3\n"), "a.mtl": MTL.format("t.png").encode(), "t.png": picture()},
+        "no texture coordinates",
+    ),
+    "mtl with a colour of words": ({"a.obj": obj(*USE), "a.mtl": b"newmtl skin\nKd red green blue\n"}, "three numbers"),
+    # glTF
+    "glb of zero bytes": ({"a.glb": b""}, "is empty"),
+    "glb of text": ({"a.glb": b"hello, this is not a model at all"}, "not a .glb"),
+    "glb truncated": ({"a.glb": glb(gltf())[:-30]}, "truncated"),
+    "glb of version 1": ({"a.glb": glb(gltf(), version=1)}, "version 2"),
+    "glb with a chunk past its end": (
+        {"a.glb": glb(gltf())[:12] + b"\xff\xff\xff\x7f" + glb(gltf())[16:]},
+        "over the end",
+    ),
+    "glb of broken JSON": ({"a.glb": glb(gltf()).replace(b'"asset"', b'"asset\\')}, "JSON"),
+    "gltf of nested brackets": ({"a.gltf": b"[" * 200_000}, "JSON"),
+    "gltf that is a list": ({"a.gltf": b"[1, 2]"}, "not glTF"),
+    "gltf without version": ({"a.gltf": b"{}"}, "not glTF"),
+    "gltf needing compression": ({"a.gltf": gltf(extensionsRequired=["KHR_draco_mesh_compression"])}, "draco"),
+    "gltf without its .bin": ({"a.gltf": gltf(setting("buffers", 0, "uri", "a.bin"))}, "a.bin"),
+    "gltf of a truncated .bin": (
+        {"a.gltf": gltf(setting("buffers", 0, "uri", "a.bin")), "a.bin": b"\0" * 50},
+        "over the end",
+    ),
+    "gltf of broken base64": ({"a.gltf": gltf(setting("buffers", 0, "uri", "data:;base64,@@@"))}, "base64"),
+    "gltf on the network": ({"a.gltf": gltf(setting("buffers", 0, "uri", "https://example.org/a.bin"))}, "network"),
+    "gltf promising billions": ({"a.gltf": gltf(setting("accessors", 0, "count", 4_000_000_000))}, "promises"),
+    "gltf promising zeros": (
+        {"a.gltf": gltf(lambda s: s["accessors"][0].update(count=50_000_000) or s["accessors"][0].pop("bufferView"))},
+        "without data",
+    ),
+    "gltf accessor over the end": ({"a.gltf": gltf(setting("accessors", 0, "count", 5))}, "over the end"),
+    "gltf accessor of unknown type": ({"a.gltf": gltf(setting("accessors", 0, "type", "VEC7"))}, "damaged"),
+    "gltf accessor of negative offset": ({"a.gltf": gltf(setting("accessors", 0, "byteOffset", -8))}, "over the end"),
+    "gltf view of negative length": ({"a.gltf": gltf(setting("bufferViews", 0, "byteLength", -1))}, "over the end"),
+    "gltf with an index out of range": (
+        {"a.gltf": gltf(binary=POINTS.tobytes() + np.full(12, 9, "<u2").tobytes())},
+        "names vertex 9",
+    ),
+    "gltf of NaN": ({"a.gltf": gltf(binary=(POINTS * np.float32(np.nan)).tobytes() + b"\0" * 24)}, "not finite"),
+    "gltf with a node in itself": ({"a.gltf": gltf(setting("nodes", 0, "children", [0]))}, "tree"),
+    "gltf with nodes in a circle": ({"a.gltf": gltf(setting("nodes", [{"children": [1]}, {"children": [0]}]))}, "tree"),
+    "gltf with a missing node": ({"a.gltf": gltf(setting("scenes", 0, "nodes", [7]))}, "entry 7"),
+    "gltf with a missing mesh": ({"a.gltf": gltf(setting("nodes", 0, "mesh", -1))}, "entry -1"),
+    "gltf with a mesh of text": ({"a.gltf": gltf(setting("meshes", "none"))}, "damaged"),
+    "gltf with a matrix of 3 numbers": ({"a.gltf": gltf(setting("nodes", 0, "matrix", [1, 2, 3]))}, "damaged"),
+    "gltf of nothing": ({"a.gltf": gltf(setting("scenes", 0, "nodes", []))}, "no triangles"),
+    "gltf of lines": ({"a.gltf": gltf(setting("meshes", 0, "primitives", 0, "mode", 1))}, "no triangles"),
+    "gltf of 11 indices": ({"a.gltf": gltf(setting("accessors", 1, "count", 11))}, "whole triangles"),
+    "gltf without its texture": ({"a.gltf": gltf(textured("skin.png"))}, "skin.png"),
+    "gltf with a texture outside": ({"in/a.gltf": gltf(textured("../t.png")), "t.png": picture()}, "outside"),
+    "gltf with a texture of text": ({"a.gltf": gltf(textured("data:;base64,aGVsbG8="))}, "not a picture"),
+    # other
+    "a kind that is not read": ({"a.fbx": b"Kaydara FBX Binary"}, ".glb"),
+    "no suffix": ({"figure": b"ply\n"}, "no suffix"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_broken_files_give_one_sentence(tmp_path, name):
+    files, says = BROKEN[name]
+    for file, content in files.items():
+        path = tmp_path / file
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if isinstance(content, str) and content.startswith("-> "):
+            os.symlink(content[3:], path)
+        else:
+            path.write_bytes(json.dumps(content).encode() if isinstance(content, dict) else content)
+    first = tmp_path / next(iter(files))
+    tracemalloc.start()
+    try:
+        with pytest.raises(UserError) as error:
+            read_mesh(first)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    sentence = str(error.value)
+    assert says in sentence and "\n" not in sentence and str(tmp_path) in sentence
+    assert len(sentence.replace(str(tmp_path), "")) < 200
+    assert peak < 64 << 20
+
+
+def test_the_unbroken_files_are_read(tmp_path):
+    """The files that the cases above break are whole: each case tests its own flaw."""
+    whole = {
+        "a.ply": binary_ply(),
+        "b.ply": ascii_ply(ROWS + "".join(f"3 {a} {b} {c}\n" for a, b, c in TRIANGLES)),
+        "a.obj": obj(*USE),
+        "a.mtl": MTL.format("t.png").encode(),
+        "t.png": picture(),
+        "a.glb": glb(gltf()),
+        "a.gltf": json.dumps(gltf()).encode(),
+    }
+    for name, content in whole.items():
+        (tmp_path / name).write_bytes(content)
+    for name in ("a.ply", "b.ply", "a.obj", "a.glb", "a.gltf"):
+        mesh = read_mesh(tmp_path / name)
+        np.testing.assert_array_equal(mesh.vertices, POINTS)
+        np.testing.assert_array_equal(mesh.faces, TRIANGLES)
+
+
+def test_missing_file(tmp_path):
+    with pytest.raises(UserError, match="there is no file"):
+        read_mesh(tmp_path / "none.ply")
+
+
+@pytest.mark.parametrize("name", ["a.ply", "a.glb", "a.obj"])
+def test_files_cut_or_altered_anywhere_never_crash(tmp_path, name):
+    """Each prefix of a file, and each file with one byte altered, is read or refused."""
+    content = {"a.ply": binary_ply(), "a.glb": glb(gltf()), "a.obj": obj()}[name]
+    random = np.random.default_rng(0)
+    path = tmp_path / name
+    for end in range(1, len(content), max(1, len(content) // 150)):
+        altered = bytearray(content)
+        altered[end] = random.integers(256)
+        for data in (content[:end], bytes(altered)):
+            path.write_bytes(data)
+            try:
+                mesh = read_mesh(path)
+            except UserError:
+                continue
+            assert mesh.faces.max() < len(mesh.vertices) and mesh.faces.min() >= 0

@@ -1,0 +1,298 @@
+"""Meshes as each source delivers them, written by the test, read back as what they are."""
+
+import base64
+import json
+import struct
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from relight.meshes.read import read_mesh
+from relight.meshes.textures import linear
+
+RED, GREEN, BLUE = (200, 30, 20), (30, 180, 40), (20, 40, 210)
+
+
+def picture(path, color=RED, mode="RGB"):
+    path.parent.mkdir(parents=True, exist_ok=True)
+    image = Image.new("RGB", (4, 3), color)
+    image.putpixel((0, 0), (255, 255, 255))  # the top left corner, so that a flip shows
+    image.convert(mode).save(path)
+    return path
+
+
+def quad_obj(path, *materials, faces=("f 1/1 2/2 3/3 4/4", "f 5/1 6/2 7/3 8/4"), extra=""):
+    """Two squares, the second behind the first, a material for each."""
+    lines = [f"v {x} {y} {z}" for z in (0, -1) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]
+    lines += ["vt 0 0", "vt 1 0", "vt 1 1", "vt 0 1", extra]
+    for face, material in zip(faces, materials):
+        lines += [f"usemtl {material}", face]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.fixture
+def truth():
+    """A coloured ellipsoid of triangles."""
+    mesh = trimesh.creation.icosphere(subdivisions=2)
+    mesh.apply_scale([0.3, 0.9, 0.2])
+    mesh.visual.vertex_colors = np.random.default_rng(0).integers(0, 256, (len(mesh.vertices), 3)).astype(np.uint8)
+    return mesh
+
+
+def test_linear_is_the_srgb_curve():
+    np.testing.assert_allclose(linear(np.array([0, 0.04045, 0.5, 1.0])), [0, 0.0031308, 0.2140411, 1], atol=1e-6)
+    np.testing.assert_array_equal(linear(np.arange(256, dtype=np.uint8)), linear(np.arange(256) / 255))
+
+
+@pytest.mark.parametrize("encoding", ["ascii", "binary"])
+def test_ply_of_another_writer(tmp_path, truth, encoding):
+    (tmp_path / "a.ply").write_bytes(trimesh.exchange.ply.export_ply(truth, encoding=encoding))
+    mesh = read_mesh(tmp_path / "a.ply")
+    np.testing.assert_allclose(mesh.vertices, truth.vertices, atol=1e-6)
+    np.testing.assert_array_equal(mesh.faces, truth.faces)
+    np.testing.assert_allclose(mesh.color, linear(np.asarray(truth.visual.vertex_colors[:, :3])), atol=1e-7)
+    assert mesh.info["name"] == "a" and mesh.info["source"] == "a.ply" and mesh.materials[0].texture is None
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_ply_of_mixed_polygons_and_unknown_properties(tmp_path, order):
+    """Normals, alpha, quality, edges, big-endian, a comment, windows line ends, a quad among triangles."""
+    name = {"<": "binary_little_endian", ">": "binary_big_endian"}[order]
+    head = (
+        f"ply\r\nformat {name} 1.0\r\ncomment VCGLIB generated\r\nobj_info from a scanner\r\nelement vertex 5\r\n"
+        + "".join(f"property double {axis}\r\n" for axis in "xyz")
+        + "".join(f"property float n{axis}\r\n" for axis in "xyz")
+        + "".join(f"property uchar {c}\r\n" for c in ("red", "green", "blue", "alpha"))
+        + "element face 2\r\nproperty float quality\r\nproperty list uchar uint vertex_index\r\n"
+        + "property uchar flags\r\n"
+        + "element edge 1\r\nproperty int vertex1\r\nproperty int vertex2\r\nend_header\r\n"
+    )
+    points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0.5, 2, 0)]
+    body = b"".join(struct.pack(order + "3d3f4B", *p, 0, 0, 1, *RED, 255) for p in points)
+    body += struct.pack(order + "fB4IB", 0.5, 4, 0, 1, 2, 3, 7) + struct.pack(order + "fB3IB", 0.5, 3, 3, 2, 4, 7)
+    (tmp_path / "a.PLY").write_bytes(head.encode() + body + struct.pack(order + "2i", 0, 1))
+    mesh = read_mesh(tmp_path / "a.PLY")
+    np.testing.assert_array_equal(mesh.vertices, points)
+    np.testing.assert_array_equal(mesh.faces, [[0, 1, 2], [0, 2, 3], [3, 2, 4]])
+    np.testing.assert_allclose(mesh.color, np.tile(linear(np.array(RED, np.uint8)), (5, 1)))
+
+
+@pytest.mark.parametrize("numbers", ["texcoord", "vertex"])
+def test_textured_ply(tmp_path, numbers):
+    """MeshLab's uv per corner with the number of the texture, and uv per vertex."""
+    picture(tmp_path / "skin one.png")
+    picture(tmp_path / "skin two.png", GREEN)
+    corner = "0.25 0.5"
+    per_vertex = numbers == "vertex"
+    text = "ply\nformat ascii 1.0\ncomment TextureFile skin one.png\n"
+    text += "" if per_vertex else "comment TextureFile skin two.png\n"
+    text += "element vertex 4\nproperty float x\nproperty float y\nproperty float z\n"
+    text += "property float s\nproperty float t\n" if per_vertex else ""
+    text += "element face 2\nproperty list uchar int vertex_indices\n"
+    text += "" if per_vertex else "property list uchar float texcoord\nproperty int texnumber\n"
+    text += "end_header\n" + "".join(
+        f"{p} {corner if per_vertex else ''}\n" for p in ("0 0 0", "1 0 0", "1 1 0", "0 1 0")
+    )
+    text += "".join(
+        f"3 {f} {'' if per_vertex else f'6 {corner} {corner} {corner} {k}'}\n" for k, f in enumerate(("0 1 2", "0 2 3"))
+    )
+    (tmp_path / "a.ply").write_text(text)
+    mesh = read_mesh(tmp_path / "a.ply")
+    np.testing.assert_array_equal(mesh.uv, np.broadcast_to([0.25, 0.5], (2, 3, 2)))
+    colors = [tuple(material.texture[-1, -1]) for material in mesh.materials]
+    assert colors == ([RED] if per_vertex else [RED, GREEN])
+    assert mesh.material.tolist() == ([0, 0] if per_vertex else [0, 1])
+
+
+@pytest.mark.parametrize(
+    "statement",
+    [
+        "tex/A b.png",
+        "tex\\A b.png",
+        "TEX/a B.PNG",
+        "C:\\Users\\artist\\Desktop\\final\\A b.png",
+        "/home/artist/final/A b.png",
+        "..\\..\\maps\\A b.png",
+        "./tex/./A b.png",
+        "A b.png",
+        '"A b.png"',
+        "-clamp on tex/A b.png",
+        "-blendu on -blendv off -s 1 1 1 -o 0 0 0 -mm 0 1 -bm 1.0 -texres 512 A b.png",
+        "-s 1 1 A b.png",
+    ],
+)
+def test_textures_are_found_however_they_are_named(tmp_path, statement):
+    """What trimesh loses silently: options, backslashes, capitals, the folders of somebody else's disk."""
+    picture(tmp_path / "tex" / "A b.png")
+    (tmp_path / "a.mtl").write_text(
+        f"newmtl skin\nKa 0 0 0\nKd 0.8 0.8 0.8\nillum 2\n\tmap_Kd {statement}\nmap_Bump none.png\n"
+    )
+    mesh = read_mesh(quad_obj(tmp_path / "a.obj", "skin", "skin", extra="mtllib a.mtl"))
+    (material,) = mesh.materials
+    assert tuple(material.texture[-1, -1]) == RED and tuple(material.texture[0, 0]) == (255, 255, 255)
+    np.testing.assert_array_equal(material.color, 1)  # Kd beside a texture is an exporter's leftover
+    np.testing.assert_array_equal(mesh.uv[0], [[0, 0], [1, 0], [1, 1]])
+
+
+def test_obj_of_several_materials(tmp_path):
+    """Two libraries, one in Latin-1, a name with a blank, a colour without texture, and a texture scaled and moved."""
+    picture(tmp_path / "t.png", GREEN)
+    (tmp_path / "a.mtl").write_bytes("# \xe9t\xe9\r\nnewmtl jeans blue\r\nKd 0.5 0.25 1\r\n".encode("latin-1"))
+    (tmp_path / "b.mtl").write_text("newmtl shirt\nmap_Kd -s 2 3 -o 0.5 t.png\n")
+    mesh = read_mesh(quad_obj(tmp_path / "a.obj", "shirt", "jeans blue", extra="mtllib a.mtl b.mtl"))
+    assert mesh.material.tolist() == [0, 0, 1, 1]
+    np.testing.assert_allclose(mesh.materials[1].color, linear(np.array([0.5, 0.25, 1])))
+    np.testing.assert_array_equal(mesh.uv[0], [[0.5, 0], [2.5, 0], [2.5, 3]])
+
+
+@pytest.mark.parametrize(
+    "faces",
+    [
+        ("f 1 2 3 4", "f 5 6 7 8"),
+        ("f 1//1 2//1 3//1 4//1", "f 5//1 6//1 7//1 8//1"),
+        ("f 1/1/1 2/2/1 3/3/1 4/4/1", "f 5/1/1 6/2/1 7/3/1 8/4/1"),
+        ("f 1/1 2/2 3/3 4/4", "f 5//1 6//1 7//1 8//1"),
+        ("f -8 -7 -6 -5", "f -4/-4 -3/-3 -2/-2 -1/-1"),
+        ("f 1 2 \\\n 3 4", "f  5/  6/\t7/ 8/ # the last"),
+    ],
+)
+def test_obj_corners_in_every_spelling(tmp_path, faces):
+    mesh = read_mesh(quad_obj(tmp_path / "a.obj", "none", "none", faces=faces, extra="vn 0 0 1"))
+    np.testing.assert_array_equal(mesh.faces, [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]])
+    assert "names no .mtl" in mesh.info["warnings"][0]
+
+
+def test_obj_indices_count_back_from_their_own_line(tmp_path):
+    lines = ["v 0 0 0", "v 1 0 0", "v 0 1 0", "f -3 -2 -1", "v 5 5 5", "f -4 -3 -1"]
+    (tmp_path / "a.obj").write_text("\r\n".join(lines))
+    np.testing.assert_array_equal(read_mesh(tmp_path / "a.obj").faces, [[0, 1, 2], [0, 1, 3]])
+
+
+def test_obj_with_vertex_colours(tmp_path):
+    """Colours as floats of 0..1, and by some writers of 0..255."""
+    for scale in (1, 255):
+        points = "".join(f"v {p} {0.5 * scale} {0.25 * scale} {1 * scale}\n" for p in ("0 0 0", "1 0 0", "0 1 0"))
+        (tmp_path / "a.obj").write_text(points + "f 1 2 3\n")
+        mesh = read_mesh(tmp_path / "a.obj")
+        np.testing.assert_allclose(mesh.color, np.tile(linear(np.array([0.5, 0.25, 1])), (3, 1)), atol=1e-6)
+        assert not mesh.info["warnings"]
+
+
+def test_long_obj_is_the_same_in_chunks(tmp_path, truth, monkeypatch):
+    truth.export(tmp_path / "a.obj")
+    whole = read_mesh(tmp_path / "a.obj")
+    monkeypatch.setattr("relight.meshes.obj.CHUNK", 7)
+    pieces = read_mesh(tmp_path / "a.obj")
+    np.testing.assert_array_equal(whole.vertices, pieces.vertices)
+    np.testing.assert_array_equal(whole.faces, pieces.faces)
+    np.testing.assert_allclose(whole.vertices, truth.vertices, atol=1e-6)
+    np.testing.assert_array_equal(whole.faces, truth.faces)
+
+
+@pytest.mark.parametrize("mode", ["L", "P", "RGBA", "CMYK", "I;16", "1"])
+def test_pictures_of_every_kind_become_rgb(tmp_path, mode):
+    path = tmp_path / ("t.tif" if mode == "CMYK" else "t.png")
+    if mode == "I;16":
+        Image.fromarray(np.full((3, 4), 0x7FFF, np.uint16)).save(path)
+    else:
+        picture(path, (255, 255, 255) if mode == "1" else (153, 153, 153), mode)
+    (tmp_path / "a.mtl").write_text(f"newmtl skin\nmap_Kd {path.name}\n")
+    texture = read_mesh(quad_obj(tmp_path / "a.obj", "skin", extra="mtllib a.mtl")).materials[0].texture
+    assert texture.shape == (3, 4, 3) and texture.dtype == np.uint8
+    assert abs(int(texture[-1, -1, 0]) - {"I;16": 127, "1": 255}.get(mode, 153)) <= 1
+
+
+def scene_of(trimesh_scene, path):
+    trimesh_scene.export(path)
+    return read_mesh(path)
+
+
+def test_glb_of_another_writer(tmp_path):
+    """Two textured nodes under a turned, scaled and a mirrored transform, against trimesh's own reading."""
+    scene = trimesh.Scene()
+    uv = np.random.default_rng(1).random((24, 2))
+    for name, color in (("one", RED), ("two", GREEN)):
+        box = trimesh.creation.box()
+        box.unmerge_vertices()
+        image = Image.new("RGB", (4, 4), color)
+        material = trimesh.visual.material.PBRMaterial(
+            baseColorTexture=image, baseColorFactor=[255, 128, 255, 255], name=name
+        )
+        box.visual = trimesh.visual.TextureVisuals(uv=np.resize(uv, (len(box.vertices), 2)), material=material)
+        matrix = trimesh.transformations.rotation_matrix(0.7, [1, 2, 3], [0.3, 0, 0])
+        matrix[:3, 3] += 5
+        matrix[:3, :3] *= 2 if name == "one" else 1
+        if name == "two":
+            matrix[:3, 0] *= -1
+        scene.add_geometry(box, geom_name=name, node_name=name, transform=matrix)
+    mesh = scene_of(scene, tmp_path / "a.glb")
+    want = trimesh.load_scene(tmp_path / "a.glb", process=False).to_mesh()
+    np.testing.assert_allclose(np.sort(mesh.vertices, axis=0), np.sort(want.vertices, axis=0), atol=1e-5)
+    again = trimesh.Trimesh(mesh.vertices, mesh.faces)
+    assert abs(again.volume - (8 + 1)) < 1e-4  # the mirrored box too is closed and faces outward
+    assert {tuple(material.texture[0, 0]) for material in mesh.materials} == {RED, GREEN}
+    np.testing.assert_allclose(mesh.materials[0].color, [1, 128 / 255, 1], atol=1e-6)
+    faces = mesh.material == 0
+    np.testing.assert_allclose(np.sort(mesh.uv[faces].reshape(-1, 2), axis=0),
+                               np.sort(np.resize(uv, (36, 2)), axis=0), atol=1e-6)  # fmt: skip
+
+
+def test_gltf_features_by_hand(tmp_path):
+    """Strided, normalised and sparse data, an external file with a blank, nested nodes, a moved texture, a strip."""
+    picture(tmp_path / "my tex.png")
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], "<f4")
+    strided = np.concatenate([points, np.full((4, 1), 9, "<f4")], axis=1).tobytes()
+    uv = np.array([[0, 0], [255, 0], [0, 255], [255, 255]], "u1").tobytes()
+    color = np.array([[65535, 0, 0, 65535]] * 4, "<u2").tobytes()
+    moved = np.array([3], "<u2").tobytes() + b"\0\0" + np.array([[1, 1, 5]], "<f4").tobytes()
+    data = strided + uv + color + moved
+    (tmp_path / "a b.bin").write_bytes(data)
+    views = [(0, 64, 16), (64, 8, 2), (72, 32, None), (104, 4, None), (108, 12, None)]
+    scene = {
+        "asset": {"version": "2.0"},
+        "nodes": [
+            {"children": [1], "scale": [2, 2, 2]},
+            {"mesh": 0, "rotation": [0, 0, np.sqrt(0.5), np.sqrt(0.5)], "translation": [1, 0, 0]},
+        ],
+        "meshes": [{"primitives": [{
+            "attributes": {"POSITION": 0, "TEXCOORD_1": 1, "COLOR_0": 2}, "material": 0, "mode": 5,
+        }]}],
+        "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {
+            "index": 0, "texCoord": 1, "extensions": {"KHR_texture_transform": {"scale": [2, 1], "offset": [0, 0.25]}},
+        }}}],
+        "textures": [{"source": 0}],
+        "images": [{"uri": "my%20tex.png"}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 4, "type": "VEC3", "sparse": {"count": 1,
+             "indices": {"bufferView": 3, "componentType": 5123}, "values": {"bufferView": 4}}},
+            {"bufferView": 1, "componentType": 5121, "normalized": True, "count": 4, "type": "VEC2"},
+            {"bufferView": 2, "componentType": 5123, "normalized": True, "count": 4, "type": "VEC4"},
+        ],
+        "bufferViews": [
+            {"buffer": 0, "byteOffset": start, "byteLength": size, **({"byteStride": stride} if stride else {})}
+            for start, size, stride in views
+        ],
+        "buffers": [{"byteLength": len(data), "uri": "a%20b.bin"}],
+    }  # fmt: skip
+    (tmp_path / "a.gltf").write_text(json.dumps(scene))
+    mesh = read_mesh(tmp_path / "a.gltf")
+    np.testing.assert_allclose(mesh.vertices, [[2, 0, 0], [2, 2, 0], [0, 0, 0], [0, 2, 10]], atol=1e-6)
+    np.testing.assert_array_equal(mesh.faces, [[0, 1, 2], [3, 2, 1]])
+    np.testing.assert_allclose(mesh.uv[0], [[0, 0.75], [2, 0.75], [0, -0.25]], atol=1e-6)
+    np.testing.assert_allclose(mesh.color, np.tile([1, 0, 0], (4, 1)))  # glTF's vertex colours are linear
+    scene["buffers"][0]["uri"] = "data:application/octet-stream;base64," + base64.b64encode(data).decode()
+    (tmp_path / "b.gltf").write_text(json.dumps(scene))
+    np.testing.assert_array_equal(read_mesh(tmp_path / "b.gltf").vertices, mesh.vertices)
+
+
+def test_coordinates_far_from_the_origin_keep_their_shape(tmp_path, truth):
+    """Geographic coordinates in doubles: as float32 they would lie in steps of half a metre."""
+    far = np.array([3.5e6, 5.4e6, 400.0])
+    lines = [f"v {x:.6f} {y:.6f} {z:.6f}" for x, y, z in truth.vertices + far]
+    lines += [f"f {a} {b} {c}" for a, b, c in truth.faces + 1]
+    (tmp_path / "a.obj").write_text("\n".join(lines))
+    mesh = read_mesh(tmp_path / "a.obj")
+    np.testing.assert_allclose(mesh.vertices + np.array(mesh.info["origin"]) - far, truth.vertices, atol=2e-6)

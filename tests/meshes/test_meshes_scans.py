@@ -1,0 +1,146 @@
+"""Folders of scans as the sources deliver them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from relight.files import UserError
+from relight.meshes.buff import Frame, list_frames, pick, representatives
+from relight.meshes.scans import list_scans
+
+
+def touch(folder, *names):
+    for name in names:
+        path = folder / name
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_bytes(b"x")
+
+
+def listed(folder):
+    return {name: (scan.path.relative_to(folder).as_posix(), scan.subject) for name, scan in list_scans(folder).items()}
+
+
+def test_a_flat_folder(tmp_path):
+    touch(tmp_path, "b.ply", "a.OBJ", "a.mtl", "skin.png", "c d.glb", "notes.txt", ".trash/e.ply")
+    assert listed(tmp_path) == {
+        "a": ("a.OBJ", "a"),
+        "b": ("b.ply", "b"),
+        "c_d": ("c d.glb", "c_d"),
+    }
+
+
+def test_the_layouts_of_renderpeople_thuman_and_own_folders(tmp_path):
+    touch(
+        tmp_path,
+        "rp_aaron_posed_013_OBJ/rp_aaron_posed_013_30k.obj",
+        "rp_aaron_posed_013_OBJ/rp_aaron_posed_013_100k.obj",
+        "rp_aaron_posed_013_OBJ/tex/rp_aaron_posed_013_dif_8k.jpg",
+        "0001/0001.obj",
+        "0001/material0.jpeg",
+        "eve/standing.glb",
+        "eve/sitting.glb",
+        "adam/standing.glb",
+    )
+    assert listed(tmp_path) == {
+        "0001": ("0001/0001.obj", "0001"),
+        "adam_standing": ("adam/standing.glb", "adam"),
+        "eve_standing": ("eve/standing.glb", "eve"),
+        "rp_aaron_posed_013_100k": ("rp_aaron_posed_013_OBJ/rp_aaron_posed_013_100k.obj", "rp_aaron_posed_013_OBJ"),
+        "sitting": ("eve/sitting.glb", "eve"),
+    }
+    touch(tmp_path / "flat", "rp_eve_posed_001.obj", "rp_eve_posed_002.obj")
+    assert [scan.subject for scan in list_scans(tmp_path / "flat").values()] == ["eve", "eve"]
+
+
+def test_a_table_decides(tmp_path):
+    touch(tmp_path, "x/a.ply", "x/b.ply", "c.ply", "d.ply")
+    (tmp_path / "scans.csv").write_text("use,name,subject,path\n1,second,eve,x\\b.ply\n0,first,eve,x/a.ply\n,,,c.ply\n")
+    assert listed(tmp_path) == {"second": ("x/b.ply", "eve"), "c": ("c.ply", "c")}
+    for text, says in (
+        ("name\na\n", "no column `path`"),
+        ("path\nnone.ply\n", "none.ply"),
+        ("path\nc.ply\nc.ply\n", "twice"),
+        ("use,path\n0,c.ply\n", "chooses no scan"),
+    ):
+        (tmp_path / "scans.csv").write_text(text)
+        with pytest.raises(UserError, match=says):
+            list_scans(tmp_path)
+
+
+def test_folders_that_hold_nothing_are_refused(tmp_path):
+    with pytest.raises(UserError, match=r"no folder.*\.ply, \.obj, \.glb and \.gltf"):
+        list_scans(tmp_path / "none")
+    touch(tmp_path, "a.fbx", "skin.png")
+    with pytest.raises(UserError, match=r"holds no scans; \.ply"):
+        list_scans(tmp_path)
+    touch(tmp_path, "a b.ply", "a_b.ply")
+    with pytest.raises(UserError, match="rename one"):
+        list_scans(tmp_path)
+
+
+def buff(folder, person, frames=12):
+    """A small BUFF: two subjects; in the first motion an arm is raised in the second half of the frames."""
+    up = {"left_arm": ((0.27, 1.75, 0), (0.05, 0.35, 0.05))}
+    for subject, outfit in (("00005", "shortlong"), ("00005", "shortshort"), ("00032", "shortlong")):
+        for motion in ("hips", "tilt_twist_left"):
+            path = folder / "sequences" / subject / f"{outfit}_{motion}"
+            path.mkdir(parents=True)
+            for frame in range(1, frames + 1):
+                mesh = person(6, **(up if motion == "hips" and frame > frames // 2 else {}))
+                points = mesh.vertices * 1000 + np.random.default_rng(frame).normal(0, 2, mesh.vertices.shape)
+                data = trimesh.exchange.ply.export_ply(trimesh.Trimesh(points, mesh.faces, process=False))
+                (path / f"{outfit}_{motion}.{frame:06d}.ply").write_bytes(data)
+    (folder / "minimal_body_shape" / "00005").mkdir(parents=True)
+    (folder / "minimal_body_shape" / "00005" / "00005_minimal.ply").write_bytes(data)
+
+
+def test_buff_is_read_as_it_is_and_its_choice_covers_the_poses(tmp_path, person):
+    buff(tmp_path, person)
+    frames = list_frames(tmp_path)
+    assert len(frames) == 3 * 2 * 12 and frames[0].name == "00005_shortlong_hips_000001"
+    assert {frame.motion for frame in frames} == {"hips", "tilt_twist_left"}
+    broken = tmp_path / "sequences/00032/shortlong_hips/shortlong_hips.000001.ply"
+    broken.write_bytes(broken.read_bytes()[:500])
+    assert pick(tmp_path, tmp_path / "scans.csv", count=6, stride=3) == 6
+    scans = list_scans(tmp_path)
+    assert len(scans) == 6 and {scan.subject for scan in scans.values()} == {"00005", "00032"}
+    for group in ("00005_shortlong", "00005_shortshort", "00032_shortlong"):
+        chosen = [name for name in scans if name.startswith(f"{group}_")]
+        raised = ["hips" in name and int(name[-6:]) > 6 for name in chosen]
+        assert sorted(raised) == [False, True]  # one frame of each pose
+    text = (tmp_path / "scans.csv").read_text()
+    with pytest.raises(UserError, match="there already"):
+        pick(tmp_path, tmp_path / "scans.csv")
+    (tmp_path / "scans.csv").unlink()
+    assert pick(tmp_path, tmp_path / "scans.csv", count=6, stride=3) == 6
+    assert (tmp_path / "scans.csv").read_text() == text
+    (tmp_path / "scans.csv").write_text(text.replace("\n1,", "\n0,", 1))  # a person takes one out
+    assert len(list_scans(tmp_path)) == 5
+
+
+def test_representatives_are_the_frames_nearest_to_the_centres():
+    random = np.random.default_rng(0)
+    frames = [Frame(Path(f"{k}.ply"), "00005", "shortlong", "hips", k) for k in range(40)]
+    shapes = {frame: 10 * (frame.number % 2) + random.normal(0, 1, 8) for frame in frames}
+    for frame, size in representatives(shapes, 2, seed=0):
+        cluster = [other for other in frames if other.number % 2 == frame.number % 2]
+        centre = np.mean([shapes[other] for other in cluster], axis=0)
+        assert size == 20
+        assert frame == min(cluster, key=lambda other: np.linalg.norm(shapes[other] - centre))
+
+
+def test_frames_that_are_all_alike_are_chosen_once(tmp_path, person):
+    folder = tmp_path / "00005" / "shortlong_hips"
+    folder.mkdir(parents=True)
+    mesh = person(4)
+    for frame in range(3):
+        trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(folder / f"hips.{frame:06d}.ply")
+    assert pick(tmp_path, tmp_path / "scans.csv", count=3, stride=1) == 1
+
+
+def test_a_folder_without_buffs_layout_is_refused(tmp_path):
+    touch(tmp_path, "a.ply")
+    with pytest.raises(UserError, match="BUFF"):
+        list_frames(tmp_path)

@@ -1,0 +1,167 @@
+"""Malformed panoramas: each is an error or a stated repair; no crash, no hang over 2 s, no more than 500 MB.
+
+The suite takes a seeded sample; RELIGHT_FUZZ=5000 takes more. Files are read in a process of their own, so that a crash
+is seen and memory is measured.
+"""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import OpenEXR
+import pytest
+
+CASES = int(os.environ.get("RELIGHT_FUZZ", "400"))
+READER = """
+import sys, time
+from relight.files import UserError
+from relight.panoramas.project import project
+from relight.panoramas.read import read_panorama
+def most_memory():  # of this program alone, in kilobytes; getrusage would count the parent's before the exec
+    try:
+        status = open("/proc/self/status").read()
+    except OSError:
+        return 0
+    return int(status.split("VmHWM:")[1].split()[0])
+for path in sys.stdin.read().splitlines():
+    start = time.process_time()
+    try:
+        panorama = read_panorama(path)
+        light = project(panorama, 2)
+        assert (light == light).all() and light[0].max() > 0
+        outcome = "read"
+    except UserError as error:
+        assert len(str(error)) > 20 and "\\n" not in str(error), repr(str(error))
+        outcome = "error"
+    seconds = time.process_time() - start
+    print(outcome, seconds, most_memory(), path, flush=True)
+"""
+
+
+def pixels(rng, h=24, w=48):
+    return (rng.random((h, w, 3)) * 10.0 ** rng.uniform(-2, 2, (h, w, 1))).astype(np.float32)
+
+
+def hdr(rng, coding):
+    body, w = bytearray(), 48
+    for _ in range(24):
+        if coding == "flat":
+            body += rng.integers(2, 255, 4 * w, np.uint8).tobytes()
+        elif coding == "old":
+            body += bytes(rng.integers(2, 140, 4, np.uint8)) + bytes([1, 1, 1, w - 1])
+        else:
+            body += bytes([2, 2, 0, w])
+            for _ in range(4):
+                body += bytes([128 + 20, int(rng.integers(256)), 28]) + rng.integers(90, 140, 28, np.uint8).tobytes()
+    header = b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\nEXPOSURE=1.5\nCOLORCORR=1 1 1\n\n"
+    return header + b"-Y 24 +X 48\n" + bytes(body)
+
+
+def write_seeds(folder):
+    """Whole files of every kind, by name: what the malformed ones are made from."""
+    rng = np.random.default_rng(0)
+    seeds = {f"{coding}.hdr": hdr(rng, coding) for coding in ("flat", "old", "new")}
+    seeds["a.pfm"] = b"PF\n48 24\n-1.0\n" + pixels(rng).tobytes()
+    path = str(folder / "seed.exr")
+
+    def store(name, *parts, **header):
+        header = {"type": OpenEXR.scanlineimage, **header}
+        if len(parts) == 1:
+            OpenEXR.File(header, parts[0]).write(path)
+        else:
+            OpenEXR.File([OpenEXR.Part({"name": str(i), **header}, part) for i, part in enumerate(parts)]).write(path)
+        seeds[name] = (folder / "seed.exr").read_bytes()
+
+    for name in ("NO", "RLE", "ZIPS", "ZIP", "PIZ", "PXR24", "B44", "DWAA"):
+        dtype = np.float16 if name in ("B44", "PIZ") else np.float32
+        store(f"{name}.exr", {"RGB": pixels(rng).astype(dtype)}, compression=getattr(OpenEXR, f"{name}_COMPRESSION"))
+    tiles = OpenEXR.TileDescription()
+    tiles.xSize = tiles.ySize = 16
+    store("tiled.exr", {"RGB": pixels(rng)}, type=OpenEXR.tiledimage, tiles=tiles)
+    store("envmap.exr", {"RGB": pixels(rng)}, envmap=OpenEXR.ENVMAP_LATLONG)
+    store("parts.exr", {"Z": pixels(rng)[..., 0]}, {"RGB": pixels(rng)})
+    store("chroma.exr", {name: pixels(rng)[..., 0] for name in ("Y", "RY", "BY")})
+    store("negative.exr", {"RGB": -pixels(rng)})
+    nan = pixels(rng)
+    nan[5, 5] = np.nan
+    store("nan.exr", {"RGB": nan})
+    deep = np.empty((4, 8), object)
+    for place in np.ndindex(deep.shape):
+        deep[place] = np.ones(2, np.float32)
+    store("deep.exr", {name: deep for name in "RGB"}, type=OpenEXR.deepscanline, compression=OpenEXR.ZIPS_COMPRESSION)
+    return seeds
+
+
+def malformed(data, rng):
+    """One damaged copy of a whole file, and what was done to it."""
+    data = bytearray(data)
+    kind = rng.choice(["cut", "flip", "head", "size", "insert", "remove", "zeros", "tail"])
+    place = int(rng.integers(len(data)))
+    match kind:
+        case "cut":
+            data = data[:place]
+        case "flip":
+            for i in rng.integers(0, len(data), rng.integers(1, 20)):
+                data[i] = rng.integers(256)
+        case "head":
+            for i in rng.integers(0, min(len(data), 400), rng.integers(1, 6)):
+                data[i] = rng.integers(256)
+        case "size":
+            absurd = [b"99999999", b"0", b"-1", b"4294967552", b"1e9", b"8192"]
+            for number in (b"48", b"24"):
+                if rng.random() < 0.7:
+                    data = data.replace(number, absurd[rng.integers(len(absurd))], 1)
+            window = data.find(b"Window\0box2i\0")
+            if window > 0:
+                words = rng.choice(np.array([0, -1, 47, 2**31 - 1, -(2**31), 8191, 65535], np.int64), 4).astype("<i4")
+                data[window + 17 : window + 33] = words.tobytes()
+        case "insert":
+            data[place:place] = rng.integers(0, 256, rng.integers(1, 64), np.uint8).tobytes()
+        case "remove":
+            del data[place : place + int(rng.integers(1, 64))]
+        case "zeros":
+            data[place:] = bytes(len(data) - place)
+        case "tail":
+            data += data[place:]
+    return bytes(data), kind
+
+
+def test_no_malformed_panorama_crashes_hangs_or_swells(tmp_path):
+    seeds = write_seeds(tmp_path)
+    rng = np.random.default_rng(1)
+    names = list(seeds)
+    paths = []
+    for i in range(CASES):
+        name = names[i % len(names)]
+        data, kind = (seeds[name], "whole") if i < len(names) else malformed(seeds[name], rng)
+        path = tmp_path / f"{i}-{kind}-{name}"
+        path.write_bytes(data)
+        paths.append(str(path))
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    done = subprocess.run(
+        [sys.executable, "-c", READER], input="\n".join(paths), capture_output=True, text=True, env=environment
+    )
+    lines = [line.split(" ", 3) for line in done.stdout.splitlines() if line.startswith(("read ", "error "))]
+    assert done.returncode == 0, f"after {lines[-1] if lines else 'nothing'}: {done.stderr[-2000:]}"
+    assert len(lines) == len(paths)
+    slow = [line for line in lines if float(line[1]) > 2]
+    assert not slow
+    assert int(lines[-1][2]) < 500_000  # kilobytes, at the worst of all files
+    outcome = {path.rsplit("/", 1)[1]: word for word, _, _, path in lines}
+    refused = {"chroma.exr", "negative.exr", "nan.exr", "deep.exr"}
+    for i, name in enumerate(names):  # the whole ones: what must be read is read
+        assert outcome[f"{i}-whole-{name}"] == ("error" if name in refused else "read"), name
+    assert sum(word == "error" for word in outcome.values()) > 0.3 * len(paths)
+
+
+@pytest.mark.parametrize("half", [np.float16, np.float32])
+def test_a_small_file_of_a_huge_black_picture_is_refused_before_its_pixels(tmp_path, half):
+    black = np.zeros((6000, 6000), half)
+    header = {"type": OpenEXR.scanlineimage, "compression": OpenEXR.ZIP_COMPRESSION}
+    OpenEXR.File(header, {"Y": black}).write(str(tmp_path / "bomb.exr"))
+    done = subprocess.run(
+        [sys.executable, "-c", READER], input=str(tmp_path / "bomb.exr"), capture_output=True, text=True
+    )
+    word, seconds, memory, _ = done.stdout.split(" ", 3)
+    assert word == "error" and float(seconds) < 1 and int(memory) < 200_000

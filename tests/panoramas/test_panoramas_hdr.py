@@ -1,0 +1,166 @@
+"""The Radiance reader against an encoder written here, pixel by pixel and as slow as it is plain."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from relight.files import UserError
+from relight.panoramas.hdr import read_hdr
+
+
+def rgbe(pixels):
+    """Bytes (H, W, 4) of non-negative pixels (H, W, 3)."""
+    most = pixels.max(-1)
+    mantissa, exponent = np.frexp(most)
+    scale = np.where(most > 1e-32, mantissa * 256 / np.maximum(most, 1e-38), 0)
+    out = np.zeros((*most.shape, 4), np.uint8)
+    out[..., :3] = pixels * scale[..., None]
+    out[..., 3] = np.where(most > 1e-32, exponent + 128, 0)
+    return out
+
+
+def decoded(stored):
+    """What RGBE bytes stand for: m * 2^(e - 136)."""
+    return np.where(stored[..., 3:] > 0, stored[..., :3] * 2.0 ** (stored[..., 3:].astype(float) - 136), 0)
+
+
+def new_runs(line):
+    """A scanline in new run-length coding: runs of four or more, literals otherwise."""
+    out = bytearray([2, 2, len(line) >> 8, len(line) & 255])
+    for channel in line.T:
+        i = 0
+        literal = bytearray()
+        while i < len(channel):
+            n = 1
+            while i + n < len(channel) and n < 127 and channel[i + n] == channel[i]:
+                n += 1
+            if n >= 4 or len(literal) == 128:
+                if literal:
+                    out += bytes([len(literal)]) + literal
+                    literal = bytearray()
+            if n >= 4:
+                out += bytes([128 + n, channel[i]])
+                i += n
+            else:
+                literal.append(channel[i])
+                i += 1
+        if literal:
+            out += bytes([len(literal)]) + literal
+    return bytes(out)
+
+
+def old_runs(line):
+    """A scanline in old run-length coding: (1, 1, 1, n) repeats, counts over 255 in two steps."""
+    out, i = bytearray(), 0
+    while i < len(line):
+        n = 1
+        while i + n < len(line) and np.array_equal(line[i + n], line[i]):
+            n += 1
+        out += bytes(line[i])
+        more = n - 1
+        if more:
+            out += bytes([1, 1, 1, more & 255])
+            if more >> 8:
+                out += bytes([1, 1, 1, more >> 8])
+        i += n
+    return bytes(out)
+
+
+CODINGS = {"flat": lambda line: line.tobytes(), "old": old_runs, "new": new_runs}
+
+
+def picture(path, stored, coding="new", resolution=None, header=b"FORMAT=32-bit_rle_rgbe\n", newline=b"\n"):
+    h, w = stored.shape[:2]
+    resolution = resolution or f"-Y {h} +X {w}"
+    body = b"".join(CODINGS[coding](line) for line in stored)
+    text = (b"#?RADIANCE\n" + header).replace(b"\n", newline) + newline
+    path.write_bytes(text + resolution.encode() + b"\n" + body)
+    return path
+
+
+def scene(h=12, w=700, seed=0):
+    """Noise, long runs, black, and runs over 255 pixels: all that the codings know."""
+    rng = np.random.default_rng(seed)
+    pixels = rng.random((h, w, 3)) * 10.0 ** rng.uniform(-3, 4, (h, w, 1))
+    pixels[:, 100:500] = pixels[:, 100:101]
+    pixels[h // 2, 20:60] = 0
+    return rgbe(pixels)
+
+
+@pytest.mark.parametrize("coding", CODINGS)
+def test_every_coding_is_read_to_the_last_bit(tmp_path, coding):
+    stored = scene()
+    pixels, notes = read_hdr(picture(tmp_path / "a.hdr", stored, coding))
+    np.testing.assert_array_equal(pixels, decoded(stored).astype(np.float32))
+    assert pixels.dtype == np.float32 and notes == []
+
+
+@pytest.mark.parametrize("width", [1, 7, 8, 129, 40000])
+def test_widths_at_the_edges_of_the_coding(tmp_path, width):
+    stored = scene(2, max(width, 600))[:, :width]
+    coding = "new" if 8 <= width < 32768 else "flat"
+    pixels, _ = read_hdr(picture(tmp_path / "a.hdr", stored, coding))
+    np.testing.assert_array_equal(pixels, decoded(stored).astype(np.float32))
+
+
+@pytest.mark.parametrize("sy, sx, order", list(itertools.product("+-", "+-", ("YX", "XY"))))
+def test_all_eight_orientations(tmp_path, sy, sx, order):
+    """-Y: rows go down; +X: columns go right; the axis named first is the slow one. All show the same picture."""
+    upright = scene(6, 20)
+    stored = upright[::-1] if sy == "+" else upright
+    stored = stored[:, ::-1] if sx == "-" else stored
+    if order == "XY":
+        stored = stored.transpose(1, 0, 2)
+    resolution = f"{sy}Y 6 {sx}X 20" if order == "YX" else f"{sx}X 20 {sy}Y 6"
+    pixels, _ = read_hdr(picture(tmp_path / "a.hdr", stored, "flat", resolution))
+    np.testing.assert_array_equal(pixels, decoded(upright).astype(np.float32))
+
+
+def test_exposure_and_colour_correction_are_divided_out(tmp_path):
+    stored = scene(4, 16)
+    header = b"FORMAT=32-bit_rle_rgbe\nEXPOSURE=2.0\n# note\nEXPOSURE= 4\nCOLORCORR=1 2 .5\nPRIMARIES=0 0 0 0 0 0 0 0\n"
+    pixels, _ = read_hdr(picture(tmp_path / "a.hdr", stored, header=header))
+    np.testing.assert_allclose(pixels, decoded(stored) / 8 / [1, 2, 0.5], rtol=1e-6)
+
+
+def test_carriage_returns_and_no_format(tmp_path):
+    stored = scene(4, 16)
+    pixels, _ = read_hdr(picture(tmp_path / "a.hdr", stored, header=b"SOFTWARE=x\n", newline=b"\r\n"))
+    np.testing.assert_array_equal(pixels, decoded(stored).astype(np.float32))
+
+
+def test_xyz_is_converted(tmp_path):
+    stored = rgbe(np.full((2, 8, 3), (0.9505, 1.0, 1.0891)))
+    pixels, notes = read_hdr(picture(tmp_path / "a.hdr", stored, header=b"FORMAT=32-bit_rle_xyze\n"))
+    np.testing.assert_allclose(pixels, 1, atol=0.02)  # the white of Rec. 709; eight-bit mantissas
+    assert notes == ["converted from XYZ"]
+
+
+WRONG = {
+    "no magic": b"RADIANCE\n\n-Y 2 +X 2\n" + bytes(16),
+    "no end of header": b"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n" + b"x" * 100,
+    "another format": b"#?RADIANCE\nFORMAT=16-bit\n\n-Y 2 +X 2\n" + bytes(16),
+    "exposure of nothing": b"#?RADIANCE\nEXPOSURE=0\n\n-Y 2 +X 2\n" + bytes(16),
+    "exposure not a number": b"#?RADIANCE\nEXPOSURE=nan\n\n-Y 2 +X 2\n" + bytes(16),
+    "same axis twice": b"#?RADIANCE\n\n-Y 2 +Y 2\n" + bytes(16),
+    "no size": b"#?RADIANCE\n\n-Y +X 2\n" + bytes(16),
+    "no pixels": b"#?RADIANCE\n\n-Y 0 +X 2\n" + bytes(16),
+    "absurd size": b"#?RADIANCE\n\n-Y 999999999 +X 999999999\n" + bytes(16),
+    "size that overflows": b"#?RADIANCE\n\n-Y 4294967552 +X 256\n" + bytes(16),
+    "too short for its size": b"#?RADIANCE\n\n-Y 4096 +X 8192\n" + bytes(16),
+    "cut in a flat line": b"#?RADIANCE\n\n-Y 2 +X 4\n" + bytes(31),
+    "literal of nothing": b"#?RADIANCE\n\n-Y 1 +X 8\n\2\2\0\10" + bytes(64),
+    "run over the edge": b"#?RADIANCE\n\n-Y 1 +X 8\n\2\2\0\10" + bytes([128 + 9, 1] * 4),
+    "another width": b"#?RADIANCE\n\n-Y 1 +X 8\n\2\2\0\11" + bytes([128 + 8, 1] * 4),
+    "old run of nothing before it": b"#?RADIANCE\n\n-Y 1 +X 8\n\1\1\1\7" + bytes(28),
+    "old run over the edge": b"#?RADIANCE\n\n-Y 1 +X 8\n\5\5\5\200\1\1\1\10" + bytes(28),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_what_is_not_whole_is_refused(tmp_path, what):
+    path = tmp_path / "a.hdr"
+    path.write_bytes(WRONG[what])
+    with pytest.raises(UserError, match=r"not a whole|8192|has pixels"):
+        read_hdr(path)

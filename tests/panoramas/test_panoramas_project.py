@@ -1,0 +1,188 @@
+import numpy as np
+import pytest
+
+from relight.panoramas.panorama import Panorama
+from relight.panoramas.project import orient, project
+from relight.sh.basis import basis, count
+from relight.sh.irradiance import irradiance
+from relight.sh.quadrature import project_function
+from relight.sh.rotation import rotate_y
+
+SIX = dict(right=(1, 0, 0), left=(-1, 0, 0), up=(0, 1, 0), down=(0, -1, 0), camera=(0, 0, 1), away=(0, 0, -1))
+
+# Where a bright spot in each of the six directions of SIX stands in the image, as (row, column) from 0 to 1, and the
+# image's aspect; written from the formats' own descriptions and not from the code.
+NEAR, FAR = 0.5 - 0.5 * np.sqrt(0.5), 0.5 + 0.5 * np.sqrt(0.5)  # what a ball shows of its sides
+SPOTS = {
+    "latlong": ((1, 2), [(0.5, 0.75), (0.5, 0.25), (0, 0.5), (1, 0.5), (0.5, 1), (0.5, 0.5)]),
+    "angular": ((1, 1), [(0.5, 0.75), (0.5, 0.25), (0.25, 0.5), (0.75, 0.5), (0.5, 0.99), (0.5, 0.5)]),
+    "ball": ((1, 1), [(0.5, FAR), (0.5, NEAR), (NEAR, 0.5), (FAR, 0.5), (0.5, 0.5), (0.5, 0.99)]),
+    "cross": ((4, 3), [(3 / 8, 5 / 6), (3 / 8, 1 / 6), (1 / 8, 1 / 2), (5 / 8, 1 / 2), (7 / 8, 1 / 2), (3 / 8, 1 / 2)]),
+    "cross-lying": ((3, 4), [(0.5, 5 / 8), (0.5, 1 / 8), (1 / 6, 3 / 8), (5 / 6, 3 / 8), (0.5, 7 / 8), (0.5, 3 / 8)]),
+    "strip": ((6, 1), [((2 * i + 1) / 12, 0.5) for i in range(6)]),
+    "strip-gl": ((1, 6), [(0.5, (2 * i + 1) / 12) for i in (0, 1, 2, 3, 5, 4)]),
+}
+
+
+def image(layout, n=48):
+    (rows, columns), _ = SPOTS[layout]
+    return np.zeros((rows * n, columns * n, 3), np.float32)
+
+
+@pytest.mark.parametrize("layout", SPOTS)
+@pytest.mark.parametrize("direction", SIX)
+def test_one_bright_spot_lights_the_side_it_is_on(layout, direction):
+    pixels = image(layout)
+    row, column = SPOTS[layout][1][list(SIX).index(direction)]
+    h, w = pixels.shape[:2]
+    i, j = min(int(row * h), h - 1), min(int(column * w), w - 1)
+    pixels[i, j] = 1000.0
+    light = project(Panorama(pixels, layout.removesuffix("-lying")), 3)
+    toward = light[[3, 1, 2], 0]
+    toward /= np.linalg.norm(toward)
+    # A pixel at the rim of a ball photo covers a wide piece of what is behind it.
+    assert toward @ SIX[direction] > (0.9 if (layout, direction) == ("ball", "away") else 0.98)
+    front = irradiance(light, np.array(list(SIX.values())))[:, 0]
+    assert list(SIX)[int(front.argmax())] == direction
+
+
+@pytest.mark.parametrize("layout", SPOTS)
+@pytest.mark.parametrize("n", [5, 48, 130])
+def test_a_constant_map_is_l00_and_nothing_else(layout, n):
+    light = project(Panorama(image(layout, n) + np.float32([1, 2, 3]), layout.removesuffix("-lying")), 4)
+    expected = np.zeros((25, 3))
+    expected[0] = np.sqrt(4 * np.pi) * np.array([1, 2, 3])
+    np.testing.assert_allclose(light, expected, atol=1e-12 if layout == "latlong" else 3e-6)
+
+
+@pytest.mark.parametrize("layout, shape", [("latlong", (9, 17)), ("latlong", (64, 128)), ("strip", (6 * 16, 16))])
+def test_a_constant_map_of_corner_samples(layout, shape):
+    light = project(Panorama(np.ones((*shape, 3), np.float32), layout, corners=True, front="+z"), 4)
+    assert abs(light[0] - np.sqrt(4 * np.pi)).max() < 1e-9
+    assert abs(light[1:]).max() < 1e-9
+
+
+def latlong_pixel_directions(h, w):
+    theta = (np.arange(h) + 0.5)[:, None] / h * np.pi
+    phi = (2 * (np.arange(w) + 0.5) / w - 1) * np.pi
+    return np.stack(np.broadcast_arrays(np.sin(theta) * np.sin(phi), np.cos(theta), -np.sin(theta) * np.cos(phi)), -1)
+
+
+def test_latlong_cells_agree_with_brute_force():
+    """The slow twin: every pixel cut into 40 x 40 and summed."""
+    rng = np.random.default_rng(0)
+    pixels = rng.random((6, 12, 3)).astype(np.float32)
+    fine = np.repeat(np.repeat(pixels, 40, 0), 40, 1)
+    h, w = fine.shape[:2]
+    edges = np.cos(np.arange(h + 1) / h * np.pi)
+    weight = np.repeat((edges[:-1] - edges[1:])[:, None] * 2 * np.pi / w, w, 1)
+    slow = np.einsum("hwk,hw,hwc->kc", basis(latlong_pixel_directions(h, w), 3), weight, fine)
+    np.testing.assert_allclose(project(Panorama(pixels), 3), slow, atol=5e-4)
+
+
+@pytest.mark.parametrize("columns", [1, 5, -3])
+def test_rolling_whole_columns_is_a_rotation(columns):
+    pixels = np.random.default_rng(1).random((16, 32, 3)).astype(np.float32)
+    light = project(Panorama(pixels), 4)
+    rolled = project(Panorama(np.roll(pixels, columns, axis=1)), 4)
+    np.testing.assert_allclose(rolled, rotate_y(light, -2 * np.pi * columns / 32), atol=1e-12)
+    np.testing.assert_allclose(project(Panorama(pixels, yaw=-360 * columns / 32), 4), rolled, atol=1e-12)
+
+
+def test_flip_is_the_mirrored_image():
+    pixels = np.random.default_rng(2).random((16, 32, 3)).astype(np.float32)
+    np.testing.assert_allclose(project(Panorama(pixels, flip=True)), project(Panorama(pixels[:, ::-1])), atol=1e-12)
+
+
+def test_orient_turns_front_to_the_right():
+    front = basis(np.array([0.0, 0.0, 1.0]))[:, None]
+    np.testing.assert_allclose(orient(front, yaw=90), basis(np.array([1.0, 0.0, 0.0]))[:, None], atol=1e-14)
+
+
+def smooth_scene(d):
+    """A window, a lamp and a bounce, smooth enough to be sampled: (N, 3) -> (N, 3)."""
+    window = np.exp(6 * (d @ np.array([0.6, 0.48, 0.64]) - 1))[..., None] * np.array([4.0, 5.0, 7.0])
+    lamp = np.exp(20 * (d @ np.array([-0.8, 0.6, 0.0]) - 1))[..., None] * np.array([9.0, 6.0, 3.0])
+    return 0.3 + window + lamp + 0.2 * np.maximum(-d[..., 1:2], 0) ** 2
+
+
+def drawn(layout, n):
+    """smooth_scene as a picture in `layout`: corner samples for the OpenEXR kinds."""
+    if layout == "latlong":
+        return Panorama(smooth_scene(latlong_pixel_directions(n, 2 * n)).astype(np.float32))
+    if layout == "latlong-exr":
+        theta, phi = np.linspace(0, np.pi, n)[:, None], np.linspace(np.pi, -np.pi, 2 * n)
+        d = np.stack(np.broadcast_arrays(np.sin(theta) * np.sin(phi), np.cos(theta), np.sin(theta) * np.cos(phi)), -1)
+        return Panorama(smooth_scene(d).astype(np.float32), corners=True, front="+z")
+    corners = layout == "strip-exr"
+    t = np.linspace(-1, 1, n) if corners else 2 * (np.arange(n) + 0.5) / n - 1
+    if layout in ("angular", "ball"):
+        u, v = np.meshgrid(t, t)
+        r = np.hypot(u, v)
+        theta, phi = (
+            (np.pi * r, np.arctan2(-v, u))
+            if layout == "angular"
+            else (2 * np.arcsin(np.minimum(r, 1)), np.arctan2(-v, u))
+        )
+        z = -np.cos(theta) if layout == "angular" else np.cos(theta)
+        d = np.stack([np.sin(theta) * np.cos(phi), np.sin(theta) * np.sin(phi), z], -1)
+        return Panorama(np.where(r[..., None] < 1 + 2 / n, smooth_scene(d), 1e6).astype(np.float32), layout)
+    faces = {}
+    for axis, (forward, right, down) in SEEN.items():
+        forward, right, down = np.array(forward, float), np.array(right, float), np.array(down, float)
+        d = forward + t[None, :, None] * right + t[:, None, None] * down
+        faces[axis] = smooth_scene(d / np.linalg.norm(d, axis=-1, keepdims=True)).astype(np.float32)
+    if layout.startswith("cross"):
+        return Panorama(unfolded(faces, n, lying=layout == "cross-lying"), "cross")
+    if layout == "strip-gl":  # left-handed: its +z face is the one ahead of our camera
+        return Panorama(np.concatenate([faces[a] for a in ("+x", "-x", "+y", "-y", "-z", "+z")], 1), layout)
+    return Panorama(np.concatenate(list(faces.values())), "strip", corners=corners)
+
+
+# Axis, image right and image down of each face in an OpenEXR cube, from its documentation.
+SEEN = {
+    "+x": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
+    "-x": ((-1, 0, 0), (0, 0, -1), (0, -1, 0)),
+    "+y": ((0, 1, 0), (1, 0, 0), (0, 0, -1)),
+    "-y": ((0, -1, 0), (1, 0, 0), (0, 0, 1)),
+    "+z": ((0, 0, 1), (-1, 0, 0), (0, -1, 0)),
+    "-z": ((0, 0, -1), (1, 0, 0), (0, -1, 0)),
+}
+
+
+def unfolded(faces, n, lying):
+    """A cross as a person would cut it from paper: -z in the middle, its neighbours around it."""
+    picture = np.zeros((3 * n, 4 * n, 3) if lying else (4 * n, 3 * n, 3), np.float32)
+    for axis, (i, j) in {"+y": (0, 1), "-x": (1, 0), "-z": (1, 1), "+x": (1, 2), "-y": (2, 1)}.items():
+        picture[n * i : n * (i + 1), n * j : n * (j + 1)] = faces[axis]
+    if lying:
+        picture[n : 2 * n, 3 * n :] = faces["+z"]
+    else:
+        picture[3 * n :, n : 2 * n] = faces["+z"][::-1, ::-1]
+    return picture
+
+
+@pytest.mark.parametrize("lying", [False, True])
+def test_a_cross_has_no_seams(lying):
+    """Neighbouring faces go on into each other: this holds the table of faces above to what an eye would see."""
+    n = 64
+    picture = drawn("cross-lying" if lying else "cross", n).pixels
+    middle = slice(n, 2 * n)
+    down = [1, 2] if lying else [1, 2, 3]
+    across = [1, 2, 3] if lying else [1, 2]
+    seams = [(picture[n * k - 1, middle], picture[n * k, middle]) for k in down]
+    seams += [(picture[middle, n * k - 1], picture[middle, n * k]) for k in across]
+    for here, there in seams:
+        assert abs(here - there).max() < 0.2 * np.ptp(here, axis=0).max()
+
+
+@pytest.mark.parametrize(
+    "layout",
+    ["latlong", "latlong-exr", "strip", "strip-exr", "strip-gl", "cross", "cross-lying", "angular", "ball"],
+)
+def test_every_layout_of_one_scene_is_the_same_light(layout):
+    truth = project_function(smooth_scene, 2, 80)
+    light = project(drawn(layout, 128), 2)
+    assert light.shape == (count(2), 3)
+    # Half of what is asked between any two. The rim of a ball photo packs the back wall into a few pixels.
+    assert abs(light - truth).max() < (2e-3 if layout in ("ball", "angular") else 5e-4) * truth[0].max()

@@ -1,0 +1,185 @@
+import numpy as np
+import OpenEXR
+import pytest
+
+from relight.files import UserError
+from relight.panoramas.project import project
+from relight.panoramas.read import panoramas_in, read_panorama
+from relight.sh.irradiance import irradiance
+
+SIX = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
+
+
+def exr(path, channels, **header):
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage, **header}
+    OpenEXR.File(header, channels).write(str(path))
+    return path
+
+
+def pfm(path, pixels, kind=b"PF", order="<"):
+    h, w = pixels.shape[:2]
+    scale = b"-1.0" if order == "<" else b"1.0"
+    path.write_bytes(b"%s\n%d %d\n%s\n" % (kind, w, h, scale) + pixels[::-1].astype(order + "f4").tobytes())
+    return path
+
+
+def noise(h=16, w=32, seed=0):
+    return np.random.default_rng(seed).random((h, w, 3)).astype(np.float32)
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.float32])
+def test_exr_pixels(tmp_path, dtype):
+    pixels = noise().astype(dtype)
+    panorama = read_panorama(exr(tmp_path / "a.exr", {"RGB": pixels}))
+    np.testing.assert_array_equal(panorama.pixels, pixels.astype(np.float32))
+    assert (panorama.layout, panorama.corners, panorama.front, panorama.repairs) == ("latlong", False, "-z", [])
+
+
+def test_exr_with_alpha_and_grey(tmp_path):
+    pixels = noise()
+    rgba = np.concatenate([pixels, np.ones((16, 32, 1), np.float32)], -1)
+    np.testing.assert_array_equal(read_panorama(exr(tmp_path / "a.exr", {"RGBA": rgba})).pixels, pixels)
+    grey = read_panorama(exr(tmp_path / "b.exr", {"Y": np.ascontiguousarray(pixels[..., 0])}))
+    np.testing.assert_array_equal(grey.pixels, np.repeat(pixels[..., :1], 3, 2))
+
+
+def test_the_envmap_attribute_turns_and_sets_corners(tmp_path):
+    """OpenEXR: the centre of a lat-long looks along +z, its right half toward -x; cube faces go +x, -x, +y, ..."""
+    latlong = np.full((33, 64, 3), 0.01, np.float32)
+    latlong[14:19, 30:34] = 50
+    light = project(read_panorama(exr(tmp_path / "a.exr", {"RGB": latlong}, envmap=OpenEXR.ENVMAP_LATLONG)))
+    assert irradiance(light, SIX)[:, 0].argmax() == 4
+    latlong = np.roll(latlong, 16, axis=1)
+    light = project(read_panorama(exr(tmp_path / "b.exr", {"RGB": latlong}, envmap=OpenEXR.ENVMAP_LATLONG)))
+    assert irradiance(light, SIX)[:, 0].argmax() == 1
+    for face in range(6):
+        strip = np.full((6 * 9, 9, 3), 0.01, np.float32)
+        strip[9 * face + 4, 4] = 50
+        panorama = read_panorama(exr(tmp_path / "c.exr", {"RGB": strip}, envmap=OpenEXR.ENVMAP_CUBE))
+        assert panorama.corners and irradiance(project(panorama), SIX)[:, 0].argmax() == face
+
+
+def test_xyz_chromaticities_are_converted(tmp_path):
+    white = np.full((4, 8, 3), (0.9505, 1.0, 1.0891), np.float32)
+    xyz = (1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1 / 3, 1 / 3)
+    panorama = read_panorama(exr(tmp_path / "a.exr", {"RGB": white}, chromaticities=xyz))
+    np.testing.assert_allclose(panorama.pixels, 1, atol=2e-3)
+    acescg = (0.713, 0.293, 0.165, 0.830, 0.128, 0.044, 0.32168, 0.33767)
+    panorama = read_panorama(exr(tmp_path / "b.exr", {"RGB": np.ones((4, 8, 3), np.float32)}, chromaticities=acescg))
+    np.testing.assert_allclose(panorama.pixels, 1, atol=2e-3)  # white stays white
+    assert "chromaticities" in panorama.repairs[0]
+
+
+def test_a_cropped_exr_is_completed_with_black(tmp_path):
+    windows = {
+        "dataWindow": (np.array([8, 4], np.int32), np.array([15, 7], np.int32)),
+        "displayWindow": (np.array([0, 0], np.int32), np.array([31, 15], np.int32)),
+    }
+    pixels = noise(4, 8)
+    panorama = read_panorama(exr(tmp_path / "a.exr", {"RGB": pixels}, **windows))
+    assert panorama.pixels.shape == (16, 32, 3) and "black" in panorama.repairs[0]
+    np.testing.assert_array_equal(panorama.pixels[4:8, 8:16], pixels)
+    assert panorama.pixels.sum() == pytest.approx(pixels.sum(), rel=1e-5)
+
+
+def test_multi_part_reads_the_part_with_colour(tmp_path):
+    depth = OpenEXR.Part({"name": "depth"}, {"Z": np.ones((16, 32), np.float32)})
+    colour = OpenEXR.Part({"name": "colour"}, {"RGB": noise()})
+    OpenEXR.File([depth, colour]).write(str(tmp_path / "a.exr"))
+    panorama = read_panorama(tmp_path / "a.exr")
+    np.testing.assert_array_equal(panorama.pixels, noise())
+    assert panorama.repairs == ["part 1 of 2 was read"]
+
+
+@pytest.mark.parametrize("order", "<>")
+def test_pfm(tmp_path, order):
+    np.testing.assert_array_equal(read_panorama(pfm(tmp_path / "a.pfm", noise(), order=order)).pixels, noise())
+    grey = read_panorama(pfm(tmp_path / "b.pfm", noise()[..., 0], b"Pf", order))
+    np.testing.assert_array_equal(grey.pixels[..., 1], noise()[..., 0])
+
+
+def test_negatives_are_clipped_and_counted_and_exposure_multiplies(tmp_path):
+    pixels = noise()
+    pixels[2, 3] = -1
+    panorama = read_panorama(pfm(tmp_path / "a.pfm", pixels), exposure=3)
+    assert panorama.pixels[2, 3].max() == 0 and panorama.repairs == ["1 of 512 pixels had negative values, set to zero"]
+    np.testing.assert_allclose(panorama.pixels, 3 * np.maximum(pixels, 0), rtol=1e-6)
+
+
+SHAPES = {(32, 64): "latlong", (30, 40): "cross", (40, 30): "cross", (60, 10): "strip", (10, 60): "strip"}
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_the_aspect_tells_the_layout(tmp_path, shape):
+    assert read_panorama(pfm(tmp_path / "a.pfm", noise(*shape))).layout == SHAPES[shape]
+
+
+def test_a_square_must_be_told(tmp_path):
+    path = pfm(tmp_path / "a.pfm", noise(20, 20))
+    with pytest.raises(UserError, match="layout=angular, ball or latlong"):
+        read_panorama(path)
+    for layout in ("angular", "ball", "latlong"):
+        assert read_panorama(path, layout=layout).layout == layout
+    for layout in ("cross", "strip", "cylinder"):
+        with pytest.raises(UserError, match=layout):
+            read_panorama(path, layout=layout)
+
+
+HOSTILE = {
+    "empty.hdr": (b"", "empty"),
+    "lfs.exr": (b"version https://git-lfs.github.com/spec/v1\noid sha256:0\nsize 9\n", "git-lfs"),
+    "page.hdr": (b"\n<!DOCTYPE html><html>", "web page"),
+    "png.hdr": (b"\x89PNG\r\n\x1a\n" + bytes(100), "PNG"),
+    "jpeg.exr": (b"\xff\xd8\xff\xe0" + bytes(100), "JPEG"),
+    "zip.hdr": (b"PK\x03\x04" + bytes(100), "zip"),
+    "text.hdr": (b"hello", "neither"),
+    "short.pfm": (b"PF\n4 2\n-1.0\n" + bytes(95), "too few"),
+    "huge.pfm": (b"PF\n99999 99999\n-1.0\n" + bytes(95), "8192 x 4096"),
+    "scale.pfm": (b"PF\n4 2\n0.0\n" + bytes(96), "header"),
+    "black.pfm": (b"PF\n4 2\n-1.0\n" + bytes(96), "all black"),
+    "nan.pfm": (b"PF\n4 2\n-1.0\n" + np.full(24, np.nan, "<f4").tobytes(), "finite"),
+    "inf.pfm": (b"PF\n4 2\n-1.0\n" + np.full(24, np.inf, "<f4").tobytes(), "finite"),
+    "aspect.pfm": (b"PF\n5 2\n-1.0\n" + np.ones(30, "<f4").tobytes(), "aspect"),
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_what_is_no_panorama_is_named(tmp_path, name):
+    content, word = HOSTILE[name]
+    (tmp_path / name).write_bytes(content)
+    with pytest.raises(UserError, match=word) as error:
+        read_panorama(tmp_path / name)
+    assert name in str(error.value)
+
+
+def test_exr_bombs_and_kinds_that_are_refused(tmp_path):
+    # A header that promises 60,000 x 30,000 pixels: patched into a small file, refused before pixels are read.
+    small = exr(tmp_path / "a.exr", {"RGB": noise()}).read_bytes()
+    window = small.index(b"dataWindow\0box2i\0") + len(b"dataWindow\0box2i\0") + 4
+    bomb = small[:window] + np.array([0, 0, 59999, 29999], "<i4").tobytes() + small[window + 16 :]
+    (tmp_path / "bomb.exr").write_bytes(bomb)
+    with pytest.raises(UserError, match="8192 x 4096"):
+        read_panorama(tmp_path / "bomb.exr")
+    exr(tmp_path / "depth.exr", {"Z": np.ones((4, 8), np.float32)})
+    with pytest.raises(UserError, match="R, G and B"):
+        read_panorama(tmp_path / "depth.exr")
+    chroma = {name: np.ones((4, 8), np.float32) for name in ("Y", "RY", "BY")}
+    with pytest.raises(UserError, match="luminance-chroma"):
+        read_panorama(exr(tmp_path / "chroma.exr", chroma))
+    nan = noise().astype(np.float16)
+    nan[1, 2] = np.inf
+    with pytest.raises(UserError, match=r"pixel \(1, 2\)"):
+        read_panorama(exr(tmp_path / "inf.exr", {"RGB": nan}))
+    (tmp_path / "cut.exr").write_bytes(small[: len(small) // 2])
+    with pytest.raises(UserError, match="OpenEXR"):
+        read_panorama(tmp_path / "cut.exr")
+
+
+def test_a_folder_lists_panoramas_only(tmp_path):
+    for name in ("b.hdr", "a/c.EXR", "a/._c.exr", "__MACOSX/d.hdr", ".cache/e.hdr", "readme.txt"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).touch()
+    assert panoramas_in(tmp_path) == ["a/c.EXR", "b.hdr"]
+    (tmp_path / "nothing").mkdir()
+    with pytest.raises(UserError, match="no panorama"):
+        panoramas_in(tmp_path / "nothing")

@@ -1,0 +1,199 @@
+"""Every broken picture is one clear line, and every good one comes in upright, in sRGB."""
+
+import struct
+import zlib
+
+import numpy as np
+import pytest
+from PIL import Image, ImageCms
+
+from relight.files import UserError
+from relight.photos.mask import mask_of, people
+from relight.photos.read import read_mask, read_photo
+
+RGB = np.random.default_rng(0).integers(0, 256, (40, 30, 3)).astype(np.uint8)
+
+
+def png(width, height, depth, color, path):
+    """A PNG with an honest header and nearly no pixels."""
+    header = struct.pack(">IIBBBBB", width, height, depth, color, 0, 0, 0)
+
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    pixels = zlib.compress(bytes(1 + width * 6 * min(height, 4)))
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", pixels) + chunk(b"IEND", b""))
+
+
+def sixteen_bit(path):
+    rows = b"".join(b"\0" + bytes(range(1, 7)) * 30 for _ in range(40))
+    png(30, 40, 16, 2, path)
+    data = path.read_bytes()
+    start = data.index(b"IDAT") - 4
+    body = zlib.compress(rows)
+    idat = struct.pack(">I", len(body)) + b"IDAT" + body + struct.pack(">I", zlib.crc32(b"IDAT" + body))
+    path.write_bytes(data[:start] + idat + data[data.index(b"IEND") - 4 :])
+
+
+def animated(path):
+    frames = [Image.fromarray(RGB), Image.fromarray(255 - RGB)]
+    frames[0].save(path, save_all=True, append_images=frames[1:], format="WEBP", lossless=True)
+
+
+def truncated(path):
+    Image.fromarray(np.kron(RGB, np.ones((8, 8, 1), np.uint8))).save(path, quality=95)
+    path.write_bytes(path.read_bytes()[:4000])
+
+
+BAD = {
+    "deep.png": (sixteen_bit, "more than 8 bits"),
+    "deep.tif": (lambda p: Image.fromarray(RGB[..., 0].astype(np.uint16) * 256).save(p), "more than 8 bits|grey"),
+    "cmyk.jpg": (lambda p: Image.fromarray(RGB).convert("CMYK").save(p), "CMYK"),
+    "grey.jpg": (lambda p: Image.fromarray(RGB[..., 0]).save(p), "grey"),
+    "moving.webp": (animated, "animated"),
+    "cut.jpg": (truncated, "cut short"),
+    "huge.png": (lambda p: png(30_000, 30_000, 8, 2, p), "too large"),
+    "large.png": (lambda p: png(12_000, 12_000, 8, 2, p), "too large, 12000x12000"),
+    "bomb.png": (lambda p: png(300_000, 300_000, 8, 2, p), "too large"),
+    "text.jpg": (lambda p: p.write_text("no picture"), "cannot be read as a picture"),
+    "empty.png": (lambda p: p.write_bytes(b""), "cannot be read as a picture"),
+    "speck.png": (lambda p: Image.fromarray(RGB[:4, :4]).save(p), "only 4x4"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_photos_are_one_line(name, tmp_path):
+    make, says = BAD[name]
+    make(tmp_path / name)
+    with pytest.raises(UserError, match=says) as error:
+        read_photo(tmp_path / name)
+    assert name in str(error.value) and "\n" not in str(error.value)
+
+
+def test_missing_photo(tmp_path):
+    with pytest.raises(UserError, match="no file"):
+        read_photo(tmp_path / "none.jpg")
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_exif_rotation(orientation, tmp_path):
+    """The eight orientations, by their definition in the EXIF standard."""
+    path = tmp_path / "a.png"
+    exif = Image.Exif()
+    exif[274] = orientation
+    Image.fromarray(RGB).save(path, exif=exif)
+    stored = RGB
+    upright = {
+        1: stored,
+        2: stored[:, ::-1],
+        3: stored[::-1, ::-1],
+        4: stored[::-1],
+        5: stored.transpose(1, 0, 2),
+        6: np.rot90(stored, -1),
+        7: np.rot90(stored, 2).transpose(1, 0, 2),
+        8: np.rot90(stored, 1),
+    }[orientation]
+    assert np.array_equal(read_photo(path).pixels, upright)
+
+
+def test_alpha_and_palette(tmp_path):
+    alpha = np.zeros((40, 30), np.uint8)
+    alpha[5:20, 5:20] = 200
+    Image.fromarray(np.dstack([RGB, alpha])).save(tmp_path / "a.png")
+    photo = read_photo(tmp_path / "a.png")
+    assert np.array_equal(photo.alpha, alpha) and np.array_equal(photo.pixels, RGB)
+    Image.fromarray(np.dstack([RGB, np.full((40, 30), 255, np.uint8)])).save(tmp_path / "b.png")
+    assert read_photo(tmp_path / "b.png").alpha is None  # opaque everywhere says nothing
+    Image.fromarray(RGB).quantize(16).save(tmp_path / "c.png")
+    assert read_photo(tmp_path / "c.png").pixels.shape == (40, 30, 3)
+
+
+def test_colour_profile_is_honoured(tmp_path):
+    """A profile with other primaries changes the numbers; sRGB's own does not."""
+    srgb = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB"))
+    Image.fromarray(RGB).save(tmp_path / "s.png", icc_profile=srgb.tobytes())
+    assert np.array_equal(read_photo(tmp_path / "s.png").pixels, RGB)
+    Image.fromarray(RGB).save(tmp_path / "broken.png", icc_profile=b"nonsense" * 30)
+    with pytest.raises(UserError, match="colour profile"):
+        read_photo(tmp_path / "broken.png")
+
+
+def test_masks_of_every_kind(tmp_path):
+    mask = np.zeros((40, 30), np.uint8)
+    mask[10:30, 8:20] = 255
+    mask[9, 8:20] = 100
+    kinds = {
+        "l.png": Image.fromarray(mask),
+        "rgb.png": Image.fromarray(np.dstack([mask] * 3)),
+        "a.png": Image.fromarray(np.dstack([RGB, mask])),
+        "p.png": Image.fromarray(mask).convert("P"),
+        "16.png": Image.fromarray(mask.astype(np.uint16) * 257),
+    }
+    for name, image in kinds.items():
+        image.save(tmp_path / name)
+        assert np.array_equal(read_mask(tmp_path / name, (40, 30)), mask), name
+    Image.fromarray(mask > 127).save(tmp_path / "1.png")
+    assert np.array_equal(read_mask(tmp_path / "1.png", (40, 30)) > 127, mask > 127)
+    with pytest.raises(UserError, match=r"30x40.*but the photo is 31x40"):
+        read_mask(tmp_path / "l.png", (40, 31))
+    with pytest.raises(UserError, match="before its EXIF rotation"):
+        read_mask(tmp_path / "l.png", (30, 40))
+
+
+def test_empty_full_and_missing_masks(tmp_path, monkeypatch):
+    Image.fromarray(RGB).save(tmp_path / "a.png")
+    photo = read_photo(tmp_path / "a.png")
+    for value, says in ((0, "empty"), (255, "covers the whole photo")):
+        Image.fromarray(np.full((40, 30), value, np.uint8)).save(tmp_path / "m.png")
+        with pytest.raises(UserError, match=says):
+            mask_of(photo, tmp_path / "m.png")
+    monkeypatch.setattr("relight.photos.mask.fetched_model", lambda: None)
+    with pytest.raises(UserError, match=r"--mask FILE.*pip install"):
+        mask_of(photo)
+
+
+def test_people_are_split_left_to_right():
+    coverage = np.zeros((60, 120), np.uint8)
+    coverage[10:50, 70:100] = 255  # the larger, to the right
+    coverage[20:50, 10:30] = 255
+    coverage[5:8, 98:101] = 255  # a crumb of the right one
+    coverage[20:50, 30:33] = 90  # a soft edge of the left one
+    left, right = people(coverage)
+    assert np.array_equal(left + right, coverage) and not (left.astype(bool) & right.astype(bool)).any()
+    assert left[30, 20] and left[30, 31] == 90 and right[6, 99] == 255
+    assert len(people(right)) == 1
+    with pytest.raises(UserError, match="at least 8 pixels"):
+        people(np.pad(np.full((3, 3), 255, np.uint8), 10))
+
+
+def brightness_model(path):
+    """An ONNX network of rembg's kind that calls bright things people."""
+    onnx = pytest.importorskip("onnx")
+    helper, kind = onnx.helper, onnx.TensorProto.FLOAT
+    node = helper.make_node("ReduceMean", ["image"], ["mask"], axes=[1], keepdims=1)
+    shapes = [helper.make_tensor_value_info(n, kind, [1, c, 320, 320]) for n, c in (("image", 3), ("mask", 1))]
+    graph = helper.make_graph([node], "brightness", shapes[:1], shapes[1:])
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=8)
+    onnx.save(model, str(path))
+
+
+def test_automatic_mask(tmp_path, monkeypatch):
+    pytest.importorskip("onnxruntime")
+    photo = np.full((120, 90, 3), 20, np.uint8)
+    photo[30:100, 25:60] = 230
+    Image.fromarray(photo).save(tmp_path / "a.png")
+    brightness_model(tmp_path / "model.onnx")
+    mask = mask_of(read_photo(tmp_path / "a.png"), model=tmp_path / "model.onnx")
+    assert mask.shape == (120, 90)
+    assert ((mask > 127) != (photo[..., 0] > 127)).mean() < 0.02
+    folder = tmp_path / "home" / "models" / "u2net_human_seg"
+    folder.mkdir(parents=True)
+    (tmp_path / "model.onnx").rename(folder / "u2net_human_seg.onnx")
+    monkeypatch.setenv("U2NET_HOME", str(tmp_path / "home"))
+    assert np.array_equal(mask_of(read_photo(tmp_path / "a.png")), mask)  # where rembg puts it
+    Image.fromarray(photo[:, :20]).save(tmp_path / "nobody.png")
+    with pytest.raises(UserError, match="found nobody"):
+        mask_of(read_photo(tmp_path / "nobody.png"))
+    (tmp_path / "model.onnx").write_bytes(b"no model")
+    with pytest.raises(UserError, match="does not work"):
+        mask_of(read_photo(tmp_path / "a.png"), model=tmp_path / "model.onnx")

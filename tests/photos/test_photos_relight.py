@@ -1,0 +1,206 @@
+"""The photo comes back under its own light, known surfaces are relit as they should be, and turning closes."""
+
+import numpy as np
+import pytest
+
+from relight.files import UserError
+from relight.photos import composite
+from relight.photos import render as rendering
+from relight.photos.background import Background, background
+from relight.photos.color import develop, to_srgb8
+from relight.photos.frame import Frame, frame
+from relight.photos.infer import Figure
+from relight.photos.relight import FLOOR, floor_of, matched, ratio, shading
+from relight.photos.render import render
+from relight.sh.irradiance import unoccluded
+from relight.sh.rotation import rotate_y, rotation_matrix
+from relight.srgb import LINEAR
+
+LIGHT = np.zeros((9, 3), np.float32)
+LIGHT[0], LIGHT[1], LIGHT[2], LIGHT[3] = (0.7, 0.75, 0.8), 0.2, (0.3, 0.25, 0.2), (0.2, 0.1, 0.0)
+OTHER = np.zeros((9, 3), np.float32)
+OTHER[0], OTHER[1], OTHER[2], OTHER[3], OTHER[8] = (0.9, 0.7, 0.5), 0.1, 0.2, -0.35, 0.1
+
+
+def ball(size=128, side=160):
+    """A figure whose maps are known: a matte ball, photographed with the network's pixels lying on the photo's."""
+    axis = (np.arange(size) + 0.5) / size * 2 - 1
+    x, y = np.meshgrid(axis / 0.9, -axis / 0.9)
+    mask = np.hypot(x, y) < 1
+    normal = np.stack([x, y, np.sqrt(np.maximum(1 - x * x - y * y, 0))], -1)
+    transport = (unoccluded(normal, 2) * mask[..., None]).astype(np.float32)
+    albedo = (np.array([0.6, 0.4, 0.3]) * (0.75 + 0.25 * np.sin(20 * x)[..., None]) * mask[..., None]).astype(
+        np.float32
+    )
+    coverage = np.zeros((side, side), np.uint8)
+    coverage[10 : 10 + size, 20 : 20 + size] = mask * np.uint8(255)
+    place = frame(coverage, size)
+    place = Frame(10.0, 20.0, float(size), place.rows, place.columns, size)
+    image = albedo * shading(transport, LIGHT)
+    figure = Figure(place, coverage, mask, image, albedo, transport, LIGHT)
+    pixels = np.full((side, side, 3), 90, np.uint8)
+    pixels[10 : 10 + size, 20 : 20 + size][mask] = to_srgb8(image)[mask]
+    return pixels, figure, mask
+
+
+@pytest.mark.parametrize("size", [(180, 140), (141, 333), (200, 200), (64, 30)])
+def test_photo_in_photo_out(relighter, size, draw):
+    """`ratio` with the inferred light returns the very photo, whatever the network says."""
+    pixels, mask = draw(*size, seed=sum(size))
+    figures = relighter.infer(pixels, mask)
+    for background_ in (None, Background("none")):
+        out = render(pixels, figures, [f.light for f in figures], "ratio", background_)
+        inside = (mask == 255) if background_ else np.ones(mask.shape, bool)
+        assert np.array_equal(out[..., :3][inside], pixels[inside])
+    assert 0 < figures[0].error < 1
+
+
+def test_several_people_each_by_their_own_light(relighter, draw):
+    pixels, mask = draw()
+    two = np.concatenate([pixels, pixels[:, ::-1]], 1)
+    both = np.concatenate([mask, mask], 1)
+    figures = relighter.infer(two, both)
+    assert len(figures) == 2
+    assert np.array_equal(render(two, figures, [f.light for f in figures]), two)
+    alone = relighter.infer(pixels, mask)
+    assert np.abs(alone[0].light - figures[0].light).max() < 1e-5  # the neighbour changes nothing
+    assert len(relighter.infer(two, both, split=False)) == 1
+
+
+def test_known_ball_is_relit_right():
+    """The photo of a known ball under a new light equals the picture rendered under it, in both modes."""
+    pixels, figure, mask = ball()
+    expected = figure.albedo * shading(figure.transport, OTHER)
+    floor = floor_of(figure.shading, mask)
+    sure = mask & (figure.shading.min(-1) > 2 * floor) & (expected.max(-1) < 0.75) & (figure.image.min(-1) > 0.05)
+    assert sure.sum() > 0.5 * mask.sum()
+    for mode in ("ratio", "full"):
+        relit = render(pixels, [figure], OTHER, mode)[10:138, 20:148]
+        error = np.abs(LINEAR[relit] - expected)[sure]
+        assert error.max() < 0.02 and error.mean() < 0.002, mode
+        assert np.array_equal(render(pixels, [figure], OTHER, mode)[figure.coverage == 0], pixels[figure.coverage == 0])
+
+
+def test_turning_by_360_degrees_closes(relighter, draw):
+    pixels, mask = draw()
+    start = relighter.relight(pixels, mask, LIGHT, turn=30)
+    assert np.array_equal(relighter.relight(pixels, mask, LIGHT, turn=390), start)
+    light = LIGHT
+    for _ in range(36):
+        light = rotate_y(light, np.radians(10))
+    assert np.abs(light - LIGHT).max() < 1e-6
+    assert (relighter.relight(pixels, mask, LIGHT, turn=120) != start).any()
+
+
+def test_mirrored_ball_under_the_mirrored_light():
+    """All but the network is exactly symmetric."""
+    pixels, figure, mask = ball()
+    mirror = rotation_matrix(np.diag([-1.0, 1, 1]), 2).astype(np.float32)
+    place = figure.frame
+    mirrored = Figure(
+        Frame(
+            place.top,
+            160 - place.left - place.side,
+            place.side,
+            place.rows,
+            tuple(160 - c for c in place.columns[::-1]),
+            128,
+        ),
+        figure.coverage[:, ::-1],
+        mask[:, ::-1],
+        figure.image[:, ::-1],
+        figure.albedo[:, ::-1],
+        (figure.transport @ mirror.T)[:, ::-1],
+        mirror @ figure.light,
+    )
+    one = render(pixels, [figure], OTHER)
+    two = render(np.ascontiguousarray(pixels[:, ::-1]), [mirrored], mirror @ OTHER)
+    assert np.abs(one[:, ::-1].astype(int) - two).max() <= 1
+
+
+def test_exposure_matches_itself_and_does_not_turn():
+    _, figure, mask = ball()
+    assert matched(LIGHT, LIGHT, figure.transport, mask) == pytest.approx(1)
+    assert matched(LIGHT, 5 * LIGHT, figure.transport, mask) == pytest.approx(0.2)
+    factors = [matched(LIGHT, rotate_y(OTHER, a).astype(np.float32), figure.transport, mask) for a in (0, 1, 2.51)]
+    assert np.ptp(factors) < 3e-3 * factors[0]
+    # over a whole turn no figure gets brighter than it could be under the photo's own light
+    turns = np.arange(90) * np.pi / 45
+    under = [
+        max(shading(figure.transport, rotate_y(k * light, a))[mask].mean() for a in turns)
+        for light, k in ((LIGHT, 1.0), (OTHER, factors[0]))
+    ]
+    assert under[1] == pytest.approx(under[0], rel=0.1)  # channels differ, luminance is equal
+
+
+def test_dark_shading_does_not_blow_up():
+    old, new = np.array([[[0.001] * 3, [0.8] * 3]]), np.ones((1, 2, 3))
+    floor = floor_of(old, np.ones((1, 2), bool))
+    assert floor == pytest.approx(FLOOR * 0.4005)
+    assert ratio(old, new, floor).max() <= 1 / floor
+    assert (ratio(old, old, floor) == 1).all()
+    assert (shading(np.array([[1.0, 0, 0, 0]]), np.full((4, 3), -1.0)) == 0).all()
+
+
+def test_strips_do_not_show(relighter, monkeypatch, draw):
+    pixels, mask = draw()
+    figures = relighter.infer(pixels, mask)
+    whole = render(pixels, figures, OTHER, "ratio", Background("color", color=np.array([10, 200, 30])))
+    monkeypatch.setattr(composite, "STRIP", 37)
+    cut = render(pixels, figures, OTHER, "ratio", Background("color", color=np.array([10, 200, 30])))
+    assert np.abs(cut.astype(int) - whole).max() <= 1
+    assert rendering.strips is composite.strips
+
+
+def test_backgrounds(relighter, tmp_path, draw):
+    from PIL import Image
+
+    pixels, mask = draw()
+    figures = relighter.infer(pixels, mask)
+    away = mask == 0
+    keep = render(pixels, figures, OTHER)
+    assert np.array_equal(keep[away], pixels[away]) and (keep[mask == 255] != pixels[mask == 255]).any()
+    green = render(pixels, figures, OTHER, "ratio", background("#10c81e"))
+    assert (green[away] == [16, 200, 30]).all()
+    assert np.array_equal(green[mask == 255], keep[mask == 255])  # the figure does not depend on what is behind
+    rng = np.random.default_rng(0)
+    Image.fromarray(rng.integers(0, 256, (90, 70, 3)).astype(np.uint8)).resize((140, 180), 0).save(tmp_path / "b.png")
+    behind = render(pixels, figures, OTHER, "ratio", background(str(tmp_path / "b.png")))
+    assert np.array_equal(behind[away], np.asarray(Image.open(tmp_path / "b.png"))[away])
+    clear = render(pixels, figures, OTHER, "ratio", background("transparent"))
+    assert clear.shape[2] == 4 and np.array_equal(clear[..., 3], mask)
+    with pytest.raises(UserError, match="no panorama"):
+        background("panorama")
+    with pytest.raises(UserError, match="is not keep"):
+        background("no such colour")
+
+
+def test_python_interface_says_what_is_wrong(relighter, draw):
+    pixels, mask = draw()
+    for image, cover, says in [
+        (pixels / 255.0, mask, "uint8 sRGB"),
+        (pixels[..., 0], mask, "uint8 sRGB"),
+        (pixels, mask[:-1], "must be equal"),
+        (pixels, mask * 0, "empty"),
+        (pixels, pixels, "shape"),
+    ]:
+        with pytest.raises(UserError, match=says):
+            relighter.infer(image, cover)
+    hard = relighter.relight(pixels, mask > 127, LIGHT)
+    assert np.array_equal(hard, relighter.relight(pixels, (mask > 127).astype(np.float32), LIGHT))
+    with pytest.raises(UserError, match="neither ratio nor full"):
+        relighter.relight(pixels, mask, LIGHT, mode="best")
+    brighter = relighter.relight(pixels, mask, LIGHT, stops=1)[mask == 255]
+    assert brighter.mean() > relighter.relight(pixels, mask, LIGHT)[mask == 255].mean() + 10
+
+
+def test_paper_networks_see_coded_values(relighter, weights, draw):
+    """A network trained with color=paper gets the 8-bit values as they are."""
+    from relight.photos.infer import infer
+
+    pixels, mask = draw()
+    paper = infer(relighter.network, {"train": {"color": "paper"}}, pixels, mask)
+    photo = infer(relighter.network, {"train": {"color": "photo"}}, pixels, mask)
+    assert np.abs(to_srgb8(photo.image) / 255.0 - paper.image)[photo.mask].max() < 0.003
+    assert np.array_equal(render(pixels, [paper], paper.light), pixels)
+    assert develop(np.zeros(1))[0] == 0

@@ -1,0 +1,58 @@
+"""The weights that ship: small, readable, and of use on a figure and in rooms that they have not seen."""
+
+import numpy as np
+import pytest
+from omegaconf import OmegaConf
+from scipy.spatial import cKDTree
+
+import relight
+from relight import srgb
+from relight.config import composed
+from relight.photos.api import WEIGHTS
+
+
+@pytest.fixture(scope="module")
+def figure():
+    """Maps of a figure that no training has drawn, at 128 px."""
+    from relight.figures.dress import make_figure
+    from relight.meshes.align import align
+    from relight.transport.bake import bake
+
+    mesh = make_figure(5001, "draft", 256)
+    mesh.info["axes"] = {"up": "+y", "front": "+z"}
+    return bake(align(mesh, OmegaConf.to_object(composed()).align), 128, 64)
+
+
+def photo_of(figure, light: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The figure as an 8-bit photo under a light (9,3), and its true shading (H,W,3)."""
+    shading = np.maximum(figure.transport @ light, 0)
+    return srgb.to_bytes(srgb.encode(figure.albedo * shading)), shading
+
+
+def test_weights_are_small_and_have_a_card():
+    assert WEIGHTS.stat().st_size <= 16 * 2**20
+    card = (WEIGHTS.parent / "README.md").read_text()
+    for words in ("trained on", "held out", "licence", "Limits"):
+        assert words in card
+
+
+def test_shading_goes_with_the_truth(figure):
+    from relight.lights.load import load_light
+
+    relighter = relight.load()
+    assert relighter.lights is not None and relighter.lights.shape[1:] == (9, 3)
+    found = []
+    for seed in (5003, 5004, 5005):
+        photo, truth = photo_of(figure, load_light(f"room:{seed}").normalised(0.8).coefficients)
+        (person,) = relighter.infer(photo, figure.mask)
+        again = relighter.relight(photo, figure.mask, person.light)
+        assert np.abs(again.astype(int) - photo)[figure.mask].max() <= 1
+        relit = srgb.decode(photo / 255.0)[figure.mask].mean(-1)
+        shading = truth[figure.mask].mean(-1)
+        rows, columns = np.nonzero(person.mask)
+        place = np.stack([np.interp(v, (v.min(), v.max()), (0, 1)) for v in (rows, columns)])
+        own = np.stack([np.interp(v, (v.min(), v.max()), (0, 1)) for v in np.nonzero(figure.mask)])
+        inferred = person.shading[rows, columns].mean(-1)[cKDTree(place.T).query(own.T)[1]]
+        found.append((np.corrcoef(inferred, shading)[0, 1], np.corrcoef(relit, shading)[0, 1]))
+    ours, brightness = np.mean(found, 0)
+    assert ours > 0.6 and ours > brightness, found  # better than taking a bright pixel for a lit one

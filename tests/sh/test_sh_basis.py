@@ -1,0 +1,63 @@
+import numpy as np
+import pytest
+from scipy.special import sph_harm_y
+
+from relight.files import UserError
+from relight.sh.basis import basis, cosine_factors, count, order_of, per_coefficient
+from relight.sh.quadrature import project_function, sphere
+
+
+def directions(n, seed=0):
+    d = np.random.default_rng(seed).normal(size=(n, 3))
+    d = np.concatenate([d, np.eye(3), -np.eye(3)])
+    return d / np.linalg.norm(d, axis=1, keepdims=True)
+
+
+def test_basis_is_scipys_without_the_phase():
+    d = directions(300)
+    theta, phi = np.arccos(np.clip(d[:, 2], -1, 1)), np.arctan2(d[:, 1], d[:, 0])
+    ours = basis(d, 6)
+    for l in range(7):
+        for m in range(-l, l + 1):
+            y = sph_harm_y(l, abs(m), theta, phi)
+            part = y.real if m >= 0 else y.imag
+            truth = part * (1 if m == 0 else np.sqrt(2) * (-1) ** m)
+            np.testing.assert_allclose(ours[:, l * l + l + m], truth, atol=1e-12)
+
+
+def test_order_2_is_the_field_s_nine_polynomials():
+    d = directions(50)
+    x, y, z = d.T
+    one = np.ones_like(x)
+    polynomials = np.stack([one, y, z, x, x * y, y * z, 3 * z * z - 1, x * z, x * x - y * y], -1)
+    constants = [0.282095, *[0.488603] * 3, 1.092548, 1.092548, 0.315392, 1.092548, 0.546274]
+    np.testing.assert_allclose(basis(d), polynomials * constants, atol=2e-6)
+
+
+def test_basis_is_orthonormal():
+    d, w = sphere(12)
+    y = basis(d, 6)
+    np.testing.assert_allclose(y.T @ (w[:, None] * y), np.eye(count(6)), atol=1e-13)
+
+
+def test_cosine_factors_project_the_clamped_cosine():
+    # Zonal coefficients of max(cos, 0) are A_l sqrt((2l+1)/4pi); the hemisphere alone is polynomial, so exact.
+    x, w = np.polynomial.legendre.leggauss(20)
+    x, w = (x + 1) / 2, w / 2
+    for l, factor in enumerate(cosine_factors(6)):
+        legendre = np.polynomial.legendre.Legendre.basis(l)(x)
+        assert abs(2 * np.pi * np.sum(w * x * legendre) - factor) < 1e-13
+    np.testing.assert_allclose(cosine_factors(4), [np.pi, 2 * np.pi / 3, np.pi / 4, 0, -np.pi / 24])
+
+
+def test_per_coefficient_and_order_of():
+    assert per_coefficient([1, 2, 3]).tolist() == [1, 2, 2, 2, 3, 3, 3, 3, 3]
+    assert [order_of(k) for k in (1, 4, 9, 16, 49)] == [0, 1, 2, 3, 6]
+    for wrong in (0, 8, 27):
+        with pytest.raises(UserError, match="full set"):
+            order_of(wrong)
+
+
+def test_projection_of_a_function_finds_its_coefficients():
+    truth = np.random.default_rng(1).normal(size=(25, 3))
+    np.testing.assert_allclose(project_function(lambda d: basis(d, 4) @ truth, 4, 8), truth, atol=1e-13)

@@ -1,0 +1,125 @@
+"""Each convention is held against its own formula: the irradiance from six directions, written out as its users do."""
+
+import numpy as np
+import pytest
+
+from relight.files import UserError
+from relight.sh.conventions import CONVENTIONS, as_table, from_relight, to_relight
+from relight.sh.irradiance import irradiance
+
+SIX = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
+DIAGONAL = np.array([[1, 1, 0], [0, 1, 1], [1, 0, 1], [1, -1, 0], [0, 1, -1], [-1, 0, 1]]) / np.sqrt(2)
+NORMALS = np.concatenate([SIX, DIAGONAL])  # the six tell all of bands 0 and 1; the diagonals the rest of band 2
+A = np.pi, 2 * np.pi / 3, np.pi / 4
+
+
+def polynomials(x, y, z):
+    """1, x, y, z, xy, yz, xz, 3z^2-1, x^2-y^2 with their constants and A_l, by name."""
+    return {
+        "1": A[0] * 0.28209479 * np.ones_like(x),
+        "x": A[1] * 0.48860251 * x, "y": A[1] * 0.48860251 * y, "z": A[1] * 0.48860251 * z,
+        "xy": A[2] * 1.09254843 * x * y, "yz": A[2] * 1.09254843 * y * z, "xz": A[2] * 1.09254843 * x * z,
+        "3z2-1": A[2] * 0.31539157 * (3 * z * z - 1), "x2-y2": A[2] * 0.54627422 * (x * x - y * y),
+    }  # fmt: skip
+
+
+OURS = ["1", "y", "z", "x", "xy", "yz", "3z2-1", "xz", "x2-y2"]
+
+
+def shade(light, names, frame):
+    """Irradiance (N, C) by a convention's own order of terms, in its own frame: what `frame` makes of a normal."""
+    terms = polynomials(*frame(*NORMALS.T))
+    return sum(np.outer(terms[name], row) for name, row in zip(names, light))
+
+
+def kanamori(light):
+    names = ["1", "x", "y", "z", "xy", "yz", "xz", "3z2-1", "x2-y2"]
+    return shade(light[:, ::-1], names, lambda x, y, z: (x, y, z))  # columns B, G, R
+
+
+def dpr(light):
+    return shade(light, OURS, lambda x, y, z: (x, -z, y))  # z up, the camera on the side of -y
+
+
+def ramamoorthi(light):
+    """Equation 13 of the paper as printed, with c1..c5, in its left-handed frame."""
+    c1, c2, c3, c4, c5 = 0.429043, 0.511664, 0.743125, 0.886227, 0.247708
+    x, y, z = (a[:, None] for a in (NORMALS * [1, 1, -1]).T)
+    l00, l1m1, l10, l11, l2m2, l2m1, l20, l21, l22 = light
+    return (
+        c1 * l22 * (x * x - y * y) + c3 * l20 * z * z + c4 * l00 - c5 * l20
+        + 2 * c1 * (l2m2 * x * y + l21 * x * z + l2m1 * y * z) + 2 * c2 * (l11 * x + l1m1 * y + l10 * z)
+    )  # fmt: skip
+
+
+def threejs(light):
+    """SphericalHarmonics3.getIrradianceAt."""
+    x, y, z = (a[:, None] for a in NORMALS.T)
+    c = light
+    return (
+        c[0] * 0.886227 + c[1] * 2 * 0.511664 * y + c[2] * 2 * 0.511664 * z + c[3] * 2 * 0.511664 * x
+        + c[4] * 2 * 0.429043 * x * y + c[5] * 2 * 0.429043 * y * z + c[6] * (0.743125 * z * z - 0.247708)
+        + c[7] * 2 * 0.429043 * x * z + c[8] * 0.429043 * (x * x - y * y)
+    )  # fmt: skip
+
+
+def plain(scale):
+    """Coefficients that hold A_l already: the polynomials without it."""
+    bands = np.repeat(A, [1, 3, 5])[:, None]
+    return lambda light: shade(light * scale / bands, OURS, lambda x, y, z: (x, y, z))
+
+
+THEIRS = {
+    "relight": lambda light: shade(light, OURS, lambda x, y, z: (x, y, z)),
+    "kanamori2018": kanamori,
+    "ramamoorthi2001": ramamoorthi,
+    "dpr": dpr,
+    "shtools": dpr,
+    "pifu": lambda light: shade(light, OURS, lambda x, y, z: (x, y, z)),
+    "threejs": threejs,
+    "irradiance": plain(1),
+    "irradiance_pi": plain(np.pi),
+}
+
+
+@pytest.mark.parametrize("name", CONVENTIONS)
+def test_irradiance_by_their_formula_is_irradiance_by_ours(name):
+    light = np.random.default_rng(0).normal(size=(9, 3))
+    np.testing.assert_allclose(THEIRS[name](light), irradiance(to_relight(light, name), NORMALS), atol=2e-5)
+
+
+@pytest.mark.parametrize("name", CONVENTIONS)
+def test_round_trips_are_exact(name):
+    light = np.random.default_rng(1).normal(size=(9, 3))
+    np.testing.assert_allclose(to_relight(from_relight(light, name), name), light, atol=1e-14)
+    np.testing.assert_allclose(from_relight(to_relight(light, name), name), light, atol=1e-14)
+
+
+@pytest.mark.parametrize("name", ["ramamoorthi2001", "dpr"])
+def test_frames_hold_at_higher_orders(name):
+    light = np.random.default_rng(2).normal(size=(25, 3))
+    from relight.sh.basis import basis
+
+    frame = {"ramamoorthi2001": NORMALS * [1, 1, -1], "dpr": NORMALS[:, [0, 2, 1]] * [1, -1, 1]}[name]
+    np.testing.assert_allclose(basis(NORMALS, 4) @ to_relight(light, name), basis(frame, 4) @ light, atol=1e-13)
+
+
+def test_shapes_that_people_store():
+    light = np.arange(27.0).reshape(9, 3)
+    for stored in (light, light.T, light.ravel(), light.ravel().tolist(), light[None]):
+        np.testing.assert_array_equal(as_table(stored), light)
+    np.testing.assert_array_equal(as_table(np.arange(9.0)), np.repeat(np.arange(9.0)[:, None], 3, 1))
+    for wrong in (np.zeros((8, 3)), np.zeros((9, 4)), np.zeros(10), "light", [[1, 2], [3]]):
+        with pytest.raises(UserError):
+            as_table(wrong)
+    with pytest.raises(UserError, match="finite"):
+        as_table(np.full((9, 3), np.nan))
+
+
+def test_what_a_convention_cannot_hold_is_refused():
+    with pytest.raises(UserError, match="one of"):
+        to_relight(np.zeros((9, 3)), "opengl")
+    with pytest.raises(UserError, match="kanamori2018"):
+        to_relight(np.zeros((16, 3)), "kanamori2018")
+    with pytest.raises(UserError, match="order 3"):
+        from_relight(np.zeros((16, 3)), "irradiance")

@@ -1,0 +1,294 @@
+"""What the camera sees: geometry, albedo and transport of scenes that can be computed by hand, and bad scenes."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import trimesh
+
+from relight.files import UserError
+from relight.meshes.mesh import Material, Mesh
+from relight.sh.basis import basis
+from relight.sh.irradiance import unoccluded
+from relight.transport.bake import bake
+from relight.transport.camera import Camera
+from relight.transport.integrate import integrate
+from relight.transport.sampling import frames, vogel
+from relight.transport.scene import Scene
+
+GREY = Material(np.full(3, 0.5, np.float32))
+
+
+def mesh_of(vertices, faces, materials=None, uv=None, color=None):
+    faces = np.asarray(faces, np.int32).reshape(-1, 3)
+    return Mesh(
+        vertices=np.asarray(vertices, np.float32),
+        faces=faces,
+        uv=np.zeros((len(faces), 3, 2), np.float32) if uv is None else np.asarray(uv, np.float32),
+        material=np.zeros(len(faces), np.int16),
+        materials=materials or [GREY],
+        color=color,
+        info={"name": "test", "seed": 5},
+    )
+
+
+def ball(radius=0.5, center=(0, 0, 0), subdivisions=5):
+    sphere = trimesh.creation.icosphere(subdivisions=subdivisions)
+    return mesh_of(sphere.vertices * radius + center, sphere.faces)
+
+
+def screen(texture=None, z=0.0, uv=((0, 0), (1, 0), (1, 1), (0, 1)), **more):
+    """The square that fills the image, its texture upright."""
+    corners = [[-1, -1, z], [1, -1, z], [1, 1, z], [-1, 1, z]]
+    quad = np.array([[0, 1, 2], [0, 2, 3]])
+    return mesh_of(corners, quad, [Material(np.ones(3, np.float32), texture)], np.array(uv)[quad], **more)
+
+
+def decoded(code):
+    value = code / 255
+    return np.where(value <= 0.04045, value / 12.92, ((value + 0.055) / 1.055) ** 2.4)
+
+
+def random_mesh(faces=40, seed=0):
+    rng = np.random.default_rng(seed)
+    corners = rng.uniform(-1, 1, (faces, 1, 3)) + rng.normal(size=(faces, 3, 3)) * 0.3
+    return corners.reshape(-1, 3), np.arange(3 * faces).reshape(-1, 3)
+
+
+def test_ball():
+    maps = bake(ball(0.5, (0.1, 0.2, -0.3)), 96, 256)
+    y, x = 1 - (2 * np.arange(96) + 1) / 96, (2 * np.arange(96) + 1) / 96 - 1
+    dx, dy = np.meshgrid(x - 0.1, y - 0.2)
+    inside = dx**2 + dy**2 < 0.5**2
+    assert np.count_nonzero(maps.mask != inside) < 4
+    both = maps.mask & (dx**2 + dy**2 < 0.49**2)
+    dz = np.sqrt(0.25 - dx[both] ** 2 - dy[both] ** 2)
+    np.testing.assert_allclose(maps.depth[both], 2 - (dz - 0.3), atol=2e-3)
+    normal = np.stack([dx[both], dy[both], dz], -1) / 0.5
+    np.testing.assert_allclose(maps.normal[both], normal, atol=5e-3)
+    np.testing.assert_allclose(maps.transport[both], unoccluded(normal), atol=1e-2)
+    assert maps.ao[both].min() > 0.99 and maps.ao.max() <= 1
+    np.testing.assert_array_equal(maps.albedo[maps.mask], np.float32(0.5))
+    for layer in (maps.albedo, maps.normal, maps.depth, maps.ao, maps.transport, maps.coverage):
+        assert layer.dtype == np.float32 and not layer[~maps.mask].any()
+    assert maps.info["name"] == "test" and maps.info["rays"] == 256 and maps.info["backs"] == 0
+    assert (maps.info["seed"], maps.info["ray_seed"]) == (5, 0)  # the figure's history is not overwritten
+
+
+def test_a_slow_twin_agrees():
+    """Every ray by hand: float64 Moeller-Trumbore against all triangles, the basis in world directions."""
+    vertices, faces = random_mesh()
+    scene = Scene(vertices, faces, threads=1)
+    rng = np.random.default_rng(1)
+    points, normals = rng.uniform(-0.5, 0.5, (30, 3)), rng.normal(size=(30, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    fast, _ = integrate(scene, points, normals, normals, 64, order=3, seed=7)
+
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    world = np.einsum("pij,ni->pnj", frames(normals, 7), vogel(64))
+    slow = np.empty_like(fast)
+    for p, (point, normal) in enumerate(zip(points, normals)):
+        w, start = world[p], point + scene.offset * normal
+        assert (w @ normal > 0).all()
+        q = np.cross(w[:, None], (c - a)[None])
+        det = np.einsum("fx,nfx->nf", b - a, q)
+        s = start - a
+        u = np.einsum("fx,nfx->nf", s, q) / det
+        r = np.cross(s, b - a)
+        v = np.einsum("nx,fx->nf", w, r) / det
+        t = np.einsum("fx,fx->f", c - a, r)[None] / det
+        seen = ~((u >= 0) & (v >= 0) & (u + v <= 1) & (t > 0)).any(1)
+        open_part = np.pi / 64 * (basis(w, 3) * seen[:, None]).sum(0)
+        # The control variate: what the same rays give with nothing in the way, against the exact integral.
+        slow[p] = open_part + unoccluded(normal, 3) - np.pi / 64 * basis(w, 3).sum(0)
+    assert 0.2 < (fast[:, 0] / unoccluded(normals, 0)[:, 0]).mean() < 0.8  # half of it blocked: a real test
+    np.testing.assert_allclose(fast, slow, atol=1e-6)
+
+
+def test_texture_is_upright_decoded_and_bilinear():
+    texture = np.random.default_rng(0).integers(0, 256, (8, 8, 3)).astype(np.uint8)
+    maps = bake(screen(texture), 8, 1)
+    np.testing.assert_allclose(maps.albedo, decoded(texture), atol=1e-5)  # texel centres are pixel centres
+    doubled = bake(screen(texture), 16, 1).albedo
+    a = decoded(texture)
+    expected = (0.75 * a[3, 4] + 0.25 * a[2, 4]) * 0.75 + (0.75 * a[3, 5] + 0.25 * a[2, 5]) * 0.25
+    np.testing.assert_allclose(doubled[6, 9], expected, atol=1e-5)
+
+
+def test_texture_repeats_and_multiplies():
+    texture = np.random.default_rng(0).integers(0, 256, (4, 4, 3)).astype(np.uint8)
+    color = np.tile(np.float32([0.5, 1.0, 0.25]), (4, 1))
+    mesh = screen(texture, uv=((-1, 2), (1, 2), (1, 4), (-1, 4)), color=color)
+    mesh.materials[0].color = np.float32([1, 0.5, 1])
+    maps = bake(mesh, 8, 1)
+    tiled = np.tile(decoded(texture), (2, 2, 1)) * [0.5, 0.5, 0.25]
+    np.testing.assert_allclose(maps.albedo, tiled, atol=1e-5)
+
+
+def test_vertex_colour_is_interpolated():
+    color = np.zeros((4, 3), np.float32)
+    color[1:3, 0] = 1  # red grows to the right
+    maps = bake(screen(color=color), 16, 1)
+    np.testing.assert_allclose(maps.albedo[:, :, 0], np.tile((np.arange(16) + 0.5) / 16, (16, 1)), atol=1e-5)
+
+
+def test_perspective():
+    radius, distance = 0.6, 2.5
+    maps = bake(ball(radius, subdivisions=6), 201, 16, perspective=distance)
+    silhouette = radius / np.sqrt(1 - (radius / distance) ** 2)  # of the tangent cone, in the plane z = 0
+    assert maps.mask.mean() * 4 == pytest.approx(np.pi * silhouette**2, rel=3e-3)
+    assert maps.depth[100, 100] == pytest.approx(distance - radius, abs=1e-3)
+    np.testing.assert_allclose(maps.normal[100, 100], [0, 0, 1], atol=1e-2)
+    ray = Camera(201, distance, True).rays(np.array([150.5]), np.array([40.5]))[0]
+    at_zero = ray[:3] + ray[3:] * distance
+    np.testing.assert_allclose(at_zero, [2 * 150.5 / 201 - 1, 1 - 2 * 40.5 / 201, 0], atol=1e-12)
+    with pytest.raises(UserError, match="behind a perspective camera"):
+        bake(ball(0.6), 16, 1, perspective=0.5)
+
+
+def test_supersampling():
+    mesh = ball(0.7)
+    plain, smooth = bake(mesh, 40, 4), bake(mesh, 40, 4, supersample=8)
+    np.testing.assert_array_equal(plain.mask, smooth.mask)
+    np.testing.assert_array_equal(plain.transport, smooth.transport)
+    np.testing.assert_array_equal(plain.coverage, plain.mask)
+    assert smooth.coverage.mean() * 4 == pytest.approx(np.pi * 0.49, rel=2e-3)
+    assert ((smooth.coverage > 0) & (smooth.coverage < 1)).sum() > 50
+    np.testing.assert_allclose(smooth.albedo[smooth.mask], 0.5, atol=1e-6)  # not darkened at the edge
+    checker = (np.indices((64, 64)).sum(0) % 2 * 255).astype(np.uint8)[..., None].repeat(3, 2)
+    mean = bake(screen(checker), 16, 1, supersample=4).albedo
+    np.testing.assert_allclose(mean, 0.5, atol=1e-5)
+
+
+def test_a_back_counts_as_a_surface():
+    """An open bowl seen from inside has the same maps whichever way its faces are wound."""
+    bowl = trimesh.creation.icosphere(subdivisions=4)
+    lower = bowl.triangles_center[:, 2] < 0
+    right = bake(mesh_of(bowl.vertices * 0.8, bowl.faces[lower][:, ::-1]), 48, 64)
+    wrong = bake(mesh_of(bowl.vertices * 0.8, bowl.faces[lower]), 48, 64)
+    assert right.info["backs"] < 0.01 and wrong.info["backs"] > 0.99
+    np.testing.assert_allclose(wrong.normal, right.normal, atol=1e-6)
+    np.testing.assert_allclose(wrong.transport, right.transport, atol=1e-5)
+    middle = right.mask & (right.normal[..., 2] > 0.99)
+    assert right.ao[middle].mean() == pytest.approx(0.5, abs=5e-3)  # form factor of the opening, half a sphere
+
+
+def test_cloth_on_skin():
+    """A sheet 4e-5 of the diagonal above a surface, a tenth of a millimetre on a person, shuts the light out."""
+    sheet, skin = screen(z=1e-4), screen(z=0)
+    mesh = mesh_of(np.concatenate([sheet.vertices, skin.vertices]), np.concatenate([sheet.faces, skin.faces + 4]))
+    scene = Scene(mesh.vertices, mesh.faces)
+    points, up = np.random.default_rng(0).uniform(-0.5, 0.5, (50, 3)) * [1, 1, 0], np.tile([0.0, 0.0, 1.0], (50, 1))
+    transport, _ = integrate(scene, points, up, up, 256)
+    assert np.abs(transport).max() < 3e-2  # the rule's own error where everything is blocked
+    seen = bake(mesh, 16, 16)
+    np.testing.assert_allclose(seen.transport, np.broadcast_to(unoccluded(up[0]), (16, 16, 9)), atol=1e-6)
+
+
+def test_far_from_the_origin():
+    """Transport doesn't depend on where the mesh is, to what float32 vertices hold there."""
+    vertices, faces = random_mesh()
+    points = np.random.default_rng(1).uniform(-0.5, 0.5, (30, 3))
+    normals = np.tile([0.0, 0.6, 0.8], (30, 1))
+    near, _ = integrate(Scene(vertices, faces), points, normals, normals, 256)
+    far, _ = integrate(Scene(vertices + 1e5, faces), points + 1e5, normals, normals, 256)
+    assert np.sqrt(((near - far) ** 2).mean()) < 1e-3
+
+
+def test_bits_do_not_depend_on_threads_or_batches():
+    vertices, faces = random_mesh()
+    points = np.random.default_rng(1).uniform(-0.5, 0.5, (101, 3))
+    normals = np.tile([0.0, 0.6, 0.8], (101, 1))
+    once, _ = integrate(Scene(vertices, faces, 1), points, normals, normals, 100, order=3, batch=1 << 18)
+    for threads, batch in ((2, 1 << 18), (0, 700), (1, 100), (2, 1)):
+        again, _ = integrate(Scene(vertices, faces, threads), points, normals, normals, 100, order=3, batch=batch)
+        np.testing.assert_array_equal(once, again)
+    other, _ = integrate(Scene(vertices, faces, 1), points, normals, normals, 100, order=3, seed=1)
+    assert (once != other).any()
+    script = """if True:
+        import sys, hashlib, trimesh, numpy as np
+        from relight.meshes.mesh import Material, Mesh
+        from relight.transport.bake import bake
+        m = trimesh.creation.torus(.6, .25)
+        n = len(m.faces)
+        mesh = Mesh(np.float32(m.vertices), np.int32(m.faces), np.zeros((n, 3, 2), np.float32), np.zeros(n, np.int16),
+                    [Material()])
+        maps = bake(mesh, 40, 300, bounces=1, threads=int(sys.argv[1]))
+        print(hashlib.sha256(maps.transport.tobytes() + maps.bounced.tobytes() + maps.albedo.tobytes()).hexdigest())
+    """
+    sums = set()
+    for threads in ("1", "2"):
+        environment = {**os.environ, "OMP_NUM_THREADS": threads, "OPENBLAS_NUM_THREADS": threads}
+        run = subprocess.run([sys.executable, "-c", script, threads], env=environment, capture_output=True, text=True)
+        assert run.returncode == 0, run.stderr
+        sums.add(run.stdout)
+    assert len(sums) == 1
+
+
+def broken(**changes):
+    mesh = ball(0.5, subdivisions=2)
+    for name, value in changes.items():
+        setattr(mesh, name, value)
+    return mesh
+
+
+def test_bad_scenes_are_named():
+    good = ball(0.5, subdivisions=2)
+    poisoned = good.vertices.copy()
+    poisoned[3] = np.nan
+    off_palette = np.full(len(good.faces), 3, np.int16)
+    cases = [
+        (mesh_of(np.zeros((0, 3)), np.zeros((0, 3))), "no faces"),
+        (broken(vertices=poisoned), "not finite"),
+        (broken(vertices=np.zeros_like(good.vertices)), "degenerate"),
+        (broken(faces=good.faces + 10), "162 vertices but its faces use 10 to 171"),
+        (broken(vertices=good.vertices + np.float32([5, 0, 0])), "sees nothing.*x 4.5 to 5.5"),
+        (broken(material=off_palette), "1 materials"),
+        (broken(color=np.full((len(good.vertices), 3), np.nan, np.float32)), "colours that are not finite"),
+    ]
+    for mesh, words in cases:
+        with pytest.raises(UserError, match=words):
+            bake(mesh, 16, 4)
+    textured = broken(materials=[Material(np.ones(3, np.float32), np.zeros((2, 2, 3), np.uint8))])
+    textured.uv[:] = np.inf
+    with pytest.raises(UserError, match="texture coordinates"):
+        bake(textured, 16, 4)
+    settings = ({"rays": 0}, {"order": -1}, {"supersample": 0}, {"bounces": -1}, {"size": 0})
+    for setting in settings:
+        with pytest.raises(UserError, match="at least"):
+            bake(good, **{"size": 8, "rays": 4, **setting})
+    with pytest.raises(ValueError, match="finite"):
+        integrate(Scene(good.vertices, good.faces), np.full((1, 3), np.nan), np.eye(3)[:1], np.eye(3)[:1], 4)
+
+
+def test_bad_parts_of_a_scene_are_survived():
+    """Unused NaN vertices, some degenerate faces, faces outside the image and holes: baked, by the stated rules."""
+    good = ball(0.5, subdivisions=4)
+    expected = bake(good, 32, 64)
+    extra = np.concatenate([good.vertices, np.full((1, 3), np.nan, np.float32)])
+    maps = bake(mesh_of(extra, good.faces), 32, 64)
+    np.testing.assert_array_equal(maps.transport, expected.transport)
+    flat = np.concatenate([good.faces, [[0, 0, 1], [5, 5, 5]]])
+    maps = bake(mesh_of(good.vertices, flat), 32, 64)
+    np.testing.assert_array_equal(maps.transport, expected.transport)
+    assert np.isfinite(maps.transport).all() and np.isfinite(maps.normal).all()
+    half_out = bake(mesh_of(good.vertices + np.float32([1, 0, 0]), good.faces), 32, 16)
+    assert half_out.mask[:, -1].any() and half_out.mask.sum() == pytest.approx(expected.mask.sum() / 2, rel=0.1)
+    holed = np.delete(good.faces, np.flatnonzero(good.vertices[good.faces].mean(1)[:, 2] < -0.45), axis=0)
+    maps = bake(mesh_of(good.vertices, holed), 32, 64)  # open at the back, closed in front: nothing to see of it
+    np.testing.assert_allclose(maps.transport, expected.transport, atol=1e-6)
+
+
+def test_bad_normals_fall_back_to_the_face():
+    """Randomly wound faces of a scan: vertex normals that mean nothing never turn a pixel away from its own face."""
+    good = ball(0.5, subdivisions=4)
+    flip = np.random.default_rng(0).random(len(good.faces)) < 0.5
+    faces = np.where(flip[:, None], good.faces[:, ::-1], good.faces)
+    maps = bake(mesh_of(good.vertices, faces), 48, 64)
+    expected = bake(good, 48, 64)
+    inner = maps.mask & (expected.normal[..., 2] > 0.2)
+    assert np.isfinite(maps.transport).all() and maps.transport[..., 0].max() < 0.8863
+    assert (np.einsum("hwc,hwc->hw", maps.normal, expected.normal)[inner] > 0).all()
+    assert maps.ao[inner].min() > 0.5

@@ -1,0 +1,100 @@
+"""Interreflection against the integrating sphere, where every bounce and every coefficient has a closed form."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from relight.meshes.mesh import Material, Mesh
+from relight.sh.irradiance import unoccluded
+from relight.transport.bake import bake
+from relight.transport.vertices import bake_vertices
+
+ALBEDO = np.float32([0.8, 0.5, 0.2])
+
+
+def integrating_sphere(port=0.8, subdivisions=5):
+    """A unit sphere wound inward, its port a cap about +z of half-angle `port`, and the port's exact z."""
+    sphere = trimesh.creation.icosphere(subdivisions=subdivisions)
+    faces = sphere.faces[(sphere.vertices[sphere.faces][..., 2] < np.cos(port)).all(1)][:, ::-1]
+    mesh = Mesh(
+        vertices=sphere.vertices.astype(np.float32),
+        faces=faces.astype(np.int32),
+        uv=np.zeros((len(faces), 3, 2), np.float32),
+        material=np.zeros(len(faces), np.int16),
+        materials=[Material(ALBEDO)],
+        info={"name": "sphere"},
+    )
+    wall = trimesh.Trimesh(sphere.vertices, faces, process=False).area / sphere.area
+    return mesh, wall
+
+
+@pytest.mark.parametrize("bounces", [1, 2, 4])
+def test_integrating_sphere(bounces):
+    """Form factors between parts of a sphere are all dA / (4 pi R^2), so what has bounced is the same everywhere.
+
+    Flux enters the port as pi R^2 sin^2(port) A_l Y_lm(z), since a direction w lights the port's disc with its
+    cosine; it spreads over the sphere, 4 pi R^2, and each further bounce keeps the share rho * wall of it.
+    """
+    mesh, wall = integrating_sphere()
+    maps = bake(mesh, 48, 256, bounces=bounces)
+    opening = 4 * wall * (1 - wall)  # sin^2 of the port's half-angle, by its solid angle
+    entered = opening / 4 * unoccluded(np.array([0.0, 0.0, 1.0]))
+    series = sum(ALBEDO * (ALBEDO * wall) ** k for k in range(bounces))
+    expected = entered[:, None] * series
+    inside = maps.mask & (np.hypot(*np.meshgrid(*[(2 * np.arange(48) + 1) / 48 - 1] * 2)) < 0.6)
+    bounced = maps.bounced[inside]
+    np.testing.assert_allclose(bounced.mean(0), expected, atol=6e-3 * expected.max())
+    assert (bounced.std(0) < 0.02 * expected.max()).all()  # the same everywhere
+    # AO of the wall under a uniform light: the opening's form factor, for every point of the wall.
+    assert maps.ao[inside].mean() == pytest.approx(1 - wall, abs=2e-3)
+
+
+def corner(times):
+    """A white floor and a red wall at its right that looks left, two triangles each, cut into four `times` times."""
+    floor = [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]
+    wall = [[1, -1, 0], [1, -1, 1], [1, 1, 1], [1, 1, 0]]
+    quad = np.array([[0, 1, 2], [0, 2, 3]])
+    vertices, faces = np.array(floor + wall, float), np.concatenate([quad, quad + 4])
+    for _ in range(times):
+        vertices, faces = trimesh.remesh.subdivide(vertices, faces)
+    return Mesh(
+        vertices=vertices.astype(np.float32),
+        faces=faces.astype(np.int32),
+        uv=np.zeros((len(faces), 3, 2), np.float32),
+        material=(vertices[faces][:, :, 0] == 1).all(1).astype(np.int16),
+        materials=[Material(np.float32([1, 1, 1])), Material(np.float32([1, 0, 0]))],
+    )
+
+
+def test_large_faces_reflect_in_pieces():
+    """Four triangles give what four thousand give, though light falls off along them; the wall sends back red."""
+    coarse, fine = (bake(corner(times), 24, 256, bounces=2).bounced for times in (0, 5))
+    along = coarse[..., 0, 0].mean(0)
+    np.testing.assert_allclose(along, fine[..., 0, 0].mean(0), rtol=0.05)
+    assert along[22] > 8 * along[0]  # close to the wall, far from it
+    assert coarse[..., 1:].max() == 0
+
+
+def test_backs_reflect_nothing():
+    mesh = corner(0)
+    mesh.faces[2:] = mesh.faces[2:, ::-1]
+    assert not bake(mesh, 24, 64, bounces=1).bounced.any()
+
+
+def test_per_vertex():
+    """Bounces per vertex are those per pixel."""
+    mesh, wall = integrating_sphere(subdivisions=4)
+    baked = bake_vertices(mesh, 256, bounces=2)
+    opening = 4 * wall * (1 - wall)
+    expected = opening / 4 * unoccluded(np.array([0.0, 0.0, 1.0]))[:, None] * (ALBEDO + ALBEDO**2 * wall)
+    deep = baked.vertices[:, 2] < 0.3
+    np.testing.assert_allclose(baked.bounced[deep].mean(0), expected, atol=1e-2 * expected.max())
+
+
+def test_no_bounce_without_albedo():
+    mesh, _ = integrating_sphere(subdivisions=3)
+    mesh.materials = [Material(np.zeros(3, np.float32))]
+    maps = bake(mesh, 16, 32, bounces=2)
+    assert maps.bounced.shape == (16, 16, 9, 3) and not maps.bounced.any()
+    assert bake(mesh, 16, 32).bounced is None
+    np.testing.assert_array_equal(maps.transport, bake(mesh, 16, 32).transport)

@@ -1,0 +1,74 @@
+"""`relight bake` as a person runs it."""
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+from typer.testing import CliRunner
+
+from relight.files import UserError
+from relight.maps.exr import read_maps
+from relight.transport.commands import app
+
+
+@pytest.fixture
+def mesh(tmp_path, monkeypatch):
+    """A standing capsule with a nose, z up and facing -y, in millimetres."""
+    body = trimesh.creation.capsule(radius=200, height=1200, count=[24, 24])
+    nose = trimesh.creation.icosphere(subdivisions=2, radius=80)
+    nose.apply_translation([0, -190, 1150])
+    monkeypatch.chdir(tmp_path)
+    path = tmp_path / "thing.obj"
+    trimesh.util.concatenate([body, nose]).export(path)
+    return path
+
+
+def run(*arguments):
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    if isinstance(result.exception, UserError):
+        raise result.exception
+    return result
+
+
+def test_maps_and_vertices(mesh, tmp_path):
+    outs = [tmp_path / f"out/a{suffix}" for suffix in (".exr", ".png", ".ply", ".npz")]
+    options = ["--size", 64, "--rays", 32, "--order", 1, "--up", "+z", "--front=-y"]
+    result = run(mesh, *options, *[word for out in outs for word in ("--out", out)])
+    assert result.exit_code == 0, result.output
+    assert result.stdout.split() == [str(out) for out in outs]
+    maps = read_maps(outs[0])
+    assert maps.transport.shape == (64, 64, 4) and maps.info["name"] == "thing"
+    rows = np.flatnonzero(maps.mask.any(1))
+    assert (rows[0], rows[-1]) == (3, 60)  # 5 % of 64 pixels above and below
+    nose = np.unravel_index(np.argmin(np.where(maps.mask, maps.depth, 9)), maps.mask.shape)
+    assert 3 < nose[0] < 20 and abs(nose[1] - 32) < 3  # in front, near the top, in the middle
+    assert Image.open(outs[1]).size[0] > 50
+    assert np.load(outs[3])["transport"].shape[1] == 4
+    assert len(trimesh.load(outs[2], process=False).vertices) == len(np.load(outs[3])["vertices"])
+
+
+def test_the_default_output_is_beside_the_user(mesh, tmp_path):
+    result = run(mesh, "--size", 16, "--rays", 4)
+    assert result.stdout.split() == ["thing.exr"] and (tmp_path / "thing.exr").exists()
+
+
+def test_errors_name_the_thing(mesh, tmp_path):
+    far = trimesh.creation.box()
+    far.apply_translation([9, 0, 0])
+    far.export(tmp_path / "far.ply")
+    for arguments, words in (
+        ((tmp_path / "none.obj",), "none.obj"),
+        ((mesh, "-o", "a.tif"), "a.tif"),
+        ((mesh, "-o", mesh.with_suffix(".ply"), "--up", "up"), "--up up"),
+        ((mesh, "--padding", "0.7"), "--padding 0.7"),
+        ((tmp_path / "far.ply", "--as-is"), "sees nothing"),
+        ((mesh, "--perspective", "0.05", "--size", "8"), "behind a perspective camera"),
+    ):
+        with pytest.raises(UserError, match=words):
+            run(*arguments)
+    ply = tmp_path / "mesh.ply"
+    trimesh.creation.box().export(ply)
+    before = ply.read_bytes()
+    with pytest.raises(UserError, match="is the mesh itself"):
+        run(ply, "-o", ply)
+    assert ply.read_bytes() == before

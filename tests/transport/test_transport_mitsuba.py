@@ -1,0 +1,75 @@
+"""The nine coefficients against a path tracer that shares no code with the baker (needs the `bench` extra)."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+from relight.meshes.mesh import Material, Mesh
+from relight.sh.basis import basis
+from relight.transport.bake import bake
+
+pytest.importorskip("mitsuba")
+
+ALBEDO = np.float32([0.8, 0.5, 0.3])
+
+
+@pytest.fixture(scope="module")
+def tracer():
+    path = Path(__file__).parents[2] / "benchmarks" / "path_tracing.py"
+    spec = importlib.util.spec_from_file_location("path_tracing", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope="module")
+def knot():
+    """A bumpy ball with a ring around it: every pixel is partly occluded, smoothly shaded."""
+    ball = trimesh.creation.icosphere(subdivisions=5)
+    v = ball.vertices * (0.55 + 0.05 * np.sin(7 * ball.vertices).prod(1, keepdims=True))
+    ring = trimesh.creation.torus(0.75, 0.12, major_sections=128, minor_sections=48)
+    ring.apply_transform(trimesh.transformations.rotation_matrix(1.1, [1, 0.3, 0]))
+    faces = np.concatenate([ball.faces, ring.faces + len(v)])
+    return Mesh(
+        vertices=np.concatenate([v, ring.vertices]).astype(np.float32),
+        faces=faces.astype(np.int32),
+        uv=np.zeros((len(faces), 3, 2), np.float32),
+        material=np.zeros(len(faces), np.int16),
+        materials=[Material(ALBEDO)],
+    )
+
+
+def test_every_coefficient(tracer, knot):
+    """A constant plus one harmonic per colour channel, three renderings."""
+    maps = bake(knot, 128, 256)
+    transport, where = tracer.averaged(maps.transport, 4), tracer.inside(maps.mask, 4)
+    assert where.sum() > 150 and maps.ao[maps.mask].mean() < 0.9
+    values = basis(tracer.sky_directions())
+    for first in (0, 3, 6):
+        light = np.zeros((9, 3))
+        light[0] = 1.5 * np.sqrt(4 * np.pi)
+        light[range(first, first + 3), range(3)] += 1
+        traced = tracer.path_trace(knot, values @ light, 32, 144)[where]
+        baked = (ALBEDO / np.pi * (transport @ light))[where]
+        relative = (baked - traced) / traced.mean(0)
+        assert np.abs(relative.mean(0)).max() < 2.5e-3
+        assert relative.std(0).max() < 0.03  # the tracer's noise
+        fit = [np.polyfit(traced[:, c] - traced[:, c].mean(), baked[:, c], 1)[0] for c in range(3)]
+        np.testing.assert_allclose(fit, 1, atol=0.02)
+
+
+def test_a_bounce_in_colour(tracer, knot):
+    maps = bake(knot, 128, 256, bounces=1)
+    direct, where = tracer.averaged(maps.transport, 4), tracer.inside(maps.mask, 4)
+    bounced = tracer.averaged(maps.bounced, 4)
+    light = np.zeros((9, 3))
+    light[:3] = [[4.0] * 3, [1.5] * 3, [1.0] * 3]
+    traced = tracer.path_trace(knot, basis(tracer.sky_directions()) @ light, 32, 144, bounces=1)[where]
+    first = (ALBEDO / np.pi * (direct @ light))[where]
+    second = (ALBEDO / np.pi * np.einsum("hwkc,kc->hwc", bounced, light))[where]
+    assert (second.mean(0) / traced.mean(0))[0] > 0.03  # it matters here
+    relative = (first + second - traced) / traced.mean(0)
+    assert np.abs(relative.mean(0)).max() < 3e-3

@@ -1,0 +1,65 @@
+"""Transport per vertex, and the files that hold it."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from relight.files import UserError
+from relight.maps.exr import coefficient_names
+from relight.meshes.mesh import Material, Mesh
+from relight.sh.irradiance import unoccluded
+from relight.transport.vertices import bake_vertices
+
+
+def two_balls():
+    """A small ball above a large one, off the origin, and a vertex that no face uses."""
+    ball = trimesh.creation.icosphere(subdivisions=4)
+    n = len(ball.vertices)
+    vertices = np.concatenate([ball.vertices, ball.vertices * 0.3 + [0, 1.6, 0], [[np.nan] * 3]]) + 3
+    faces = np.concatenate([ball.faces, ball.faces + n])
+    uv = np.zeros((len(faces), 3, 2), np.float32)
+    half = np.repeat([0, 1], len(ball.faces)).astype(np.int16)
+    materials = [Material(np.float32([0.2, 0.4, 0.6])), Material(np.float32([0.9, 0.8, 0.7]))]
+    return Mesh(vertices.astype(np.float32), faces.astype(np.int32), uv, half, materials), n
+
+
+def test_balls():
+    mesh, n = two_balls()
+    baked = bake_vertices(mesh, 256)
+    low = baked.vertices[:n, 1] < 3  # the lower half of the large ball sees nothing of the small one
+    np.testing.assert_allclose(baked.transport[:n][low], unoccluded(baked.normals[:n][low]), atol=1e-6)
+    top = np.argmax(baked.vertices[:n, 1])
+    blocked = 0.3**2 / 0.6**2  # a ball of radius .3 straight above, its centre at distance .6: sin^2 of its half-angle
+    assert baked.transport[top, 0] / 0.886227 == pytest.approx(1 - blocked, abs=4e-3)
+    np.testing.assert_array_equal(baked.albedo[0], np.float32([0.2, 0.4, 0.6]))
+    np.testing.assert_array_equal(baked.albedo[n], np.float32([0.9, 0.8, 0.7]))
+    assert not baked.transport[-1].any() and np.isnan(baked.vertices[-1]).all()
+
+
+def test_albedo_is_the_vertex_s_own():
+    mesh, _ = two_balls()
+    mesh.color = np.random.default_rng(0).random((len(mesh.vertices), 3)).astype(np.float32)
+    mesh.materials = [Material(), Material()]
+    np.testing.assert_allclose(bake_vertices(mesh, 1).albedo[:-1], mesh.color[:-1], atol=1e-6)
+
+
+def test_files(tmp_path):
+    mesh, _ = two_balls()
+    baked = bake_vertices(mesh, 16, order=1, bounces=1)
+    baked.save(tmp_path / "a.npz")
+    stored = np.load(tmp_path / "a.npz")
+    np.testing.assert_array_equal(stored["transport"], baked.transport)
+    assert "1/pi" in str(stored["convention"])
+    baked.save(tmp_path / "a.ply")
+    loaded = trimesh.load(tmp_path / "a.ply", process=False)  # a reader that knows nothing of us
+    np.testing.assert_array_equal(np.float32(loaded.vertices), baked.vertices)
+    np.testing.assert_array_equal(loaded.faces, baked.faces)
+    data = loaded.metadata["_ply_raw"]["vertex"]["data"]
+    for i, name in enumerate(coefficient_names(1)):
+        np.testing.assert_array_equal(data[name], baked.transport[:, i])
+        np.testing.assert_array_equal(data[f"bounced_b_{name}"], baked.bounced[:, i, 2])
+    np.testing.assert_array_equal(data["albedo_g"], baked.albedo[:, 1])
+    with pytest.raises(UserError, match=r"\.ply or \.npz"):
+        baked.save(tmp_path / "a.stl")
+    with pytest.raises(UserError, match="rays is 0"):
+        bake_vertices(mesh, 0)

@@ -1,0 +1,222 @@
+"""A small figure with real occlusion, and a real Chromium driven over a pipe (DevTools protocol, no dependency)."""
+
+import base64
+import fcntl
+import json
+import os
+import select
+import shutil
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from relight.maps.maps import Maps
+from relight.sh.basis import basis
+
+SIZE = 96
+BALLS = np.array(  # x, y, z, radius; then albedo
+    [
+        [0.0, 0.62, 0.05, 0.22, 0.80, 0.60, 0.50],
+        [0.0, 0.08, 0.0, 0.34, 0.20, 0.35, 0.70],
+        [-0.42, 0.22, 0.18, 0.15, 0.75, 0.55, 0.45],
+        [0.42, 0.10, 0.25, 0.15, 0.75, 0.55, 0.45],
+        [-0.17, -0.55, 0.05, 0.24, 0.10, 0.10, 0.12],
+        [0.18, -0.58, -0.05, 0.24, 0.90, 0.88, 0.80],
+    ]
+)
+
+
+def strike(origins, directions):
+    """Nearest ball and distance along each ray, (N,), inf and -1 where none is struck."""
+    nearest, which = np.full(len(origins), np.inf), np.full(len(origins), -1)
+    for i, (x, y, z, radius, *_) in enumerate(BALLS):
+        to_centre = np.array([x, y, z]) - origins
+        along = (to_centre * directions).sum(-1)
+        square = radius**2 - (to_centre**2).sum(-1) + along**2
+        distance = along - np.sqrt(np.maximum(square, 0))
+        hit = (square > 0) & (distance > 1e-4) & (distance < nearest)
+        nearest, which = np.where(hit, distance, nearest), np.where(hit, i, which)
+    return nearest, which
+
+
+def make_maps(size=SIZE, rays=300, seed=0):
+    """Balls in front of an orthographic camera, their transport by rays over the sphere (numpy, slow and plain)."""
+    grid = (2 * np.arange(size) + 1) / size - 1
+    x, y = np.meshgrid(grid, -grid)
+    origins = np.stack([x, y, np.full_like(x, 2.0)], -1).reshape(-1, 3)
+    depth, which = strike(origins, np.broadcast_to([0.0, 0.0, -1.0], origins.shape))
+    mask = which >= 0
+    points = origins[mask] - depth[mask, None] * [0, 0, 1]
+    ball = BALLS[which[mask]]
+    normals = (points - ball[:, :3]) / ball[:, 3:4]
+    generator = np.random.default_rng(seed)
+    transport = np.zeros((len(points), 9))
+    for _ in range(rays):
+        direction = generator.normal(size=points.shape)
+        direction /= np.linalg.norm(direction, axis=-1, keepdims=True)
+        cosine = np.maximum((direction * normals).sum(-1), 0)
+        cosine *= strike(points + 1e-3 * normals, direction)[1] < 0
+        transport += basis(direction) * cosine[:, None] * 4 * np.pi / rays
+    maps = {"mask": mask.reshape(size, size)}
+    stripes = 0.75 + 0.25 * np.sign(np.sin(40 * points[:, 1:2]))
+    values = {
+        "albedo": ball[:, 4:7] * stripes,
+        "normal": normals,
+        "transport": transport,
+        "depth": depth[mask],
+        "ao": np.clip(transport[:, 0] / 0.886227, 0, 1),
+    }
+    for name, value in values.items():
+        maps[name] = np.zeros((size * size, *value.shape[1:]), np.float32)
+        maps[name][mask] = value
+        maps[name] = maps[name].reshape(size, size, *value.shape[1:])
+    return Maps(coverage=maps["mask"].astype(np.float32), **maps)
+
+
+@pytest.fixture(scope="session")
+def maps():
+    return make_maps()
+
+
+@pytest.fixture(scope="session")
+def lights():
+    """Lamps of colour over a soft sky: strong enough in bands 1 and 2 to show any slip of sign or order."""
+
+    def light(direction, color, ambient):
+        direction = np.array(direction) / np.linalg.norm(direction)
+        return 0.8 * np.outer(basis(direction), color) + np.outer([1, 0.25, 0, 0, 0, 0, 0, 0, 0], ambient)
+
+    return {
+        "Window": light([-0.7, 0.5, 0.6], [1.0, 0.85, 0.7], [0.35, 0.4, 0.5]),
+        "Lamp": light([0.6, 0.9, 0.2], [1.4, 0.9, 0.4], [0.25, 0.25, 0.3]),
+        "Behind": light([0.3, 0.3, -0.9], [0.7, 0.9, 1.5], [0.3, 0.3, 0.3]),
+    }
+
+
+class Page:
+    """One tab: `run` evaluates JavaScript (awaiting promises) and returns its JSON value."""
+
+    def __init__(self, folder, *flags):
+        program = os.environ.get("CHROMIUM") or next(
+            filter(None, map(shutil.which, ("chromium", "google-chrome"))), None
+        )
+        if program is None:
+            pytest.skip("no Chromium on this machine")
+        here, there = os.pipe(), os.pipe()  # the browser reads descriptor 3 and writes descriptor 4
+        flags = (
+            "--headless --no-sandbox --use-angle=swiftshader --enable-unsafe-swiftshader --no-first-run "
+            "--disable-background-networking --disable-component-update --disable-sync --disable-quic "
+            "--disable-renderer-backgrounding --disable-backgrounding-occluded-windows "
+            f"--hide-scrollbars --remote-debugging-pipe --user-data-dir={folder}"
+        ).split() + list(flags)
+
+        def connect():
+            read, write = fcntl.fcntl(here[0], fcntl.F_DUPFD, 10), fcntl.fcntl(there[1], fcntl.F_DUPFD, 10)
+            os.dup2(read, 3)
+            os.dup2(write, 4)
+
+        self.process = subprocess.Popen(
+            [program, *flags],
+            preexec_fn=connect,
+            pass_fds=(3, 4),
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            start_new_session=True,
+            env=os.environ | {"TMPDIR": str(folder)},
+        )
+        os.close(here[0])
+        os.close(there[1])
+        self.to, self.back, self.buffer, self.number, self.session = here[1], there[0], b"", 0, None
+        self.events = []
+        target = self.send("Target.createTarget", url="about:blank")["targetId"]
+        self.session = self.send("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        self.send("Page.bringToFront")  # a page behind another one draws once a second
+        for domain in ("Page", "Runtime", "Network"):
+            self.send(f"{domain}.enable")
+
+    def send(self, method, timeout=60, **parameters):
+        self.number += 1
+        message = {"id": self.number, "method": method, "params": parameters}
+        if self.session:
+            message["sessionId"] = self.session
+        os.write(self.to, json.dumps(message).encode() + b"\0")
+        end = time.monotonic() + timeout
+        while True:
+            answer = self.receive(end - time.monotonic())
+            if answer.get("id") == self.number:
+                if "error" in answer:
+                    raise RuntimeError(f"{method}: {answer['error']['message']}")
+                return answer["result"]
+            self.events.append(answer)
+
+    def receive(self, timeout):
+        while b"\0" not in self.buffer:
+            if not select.select([self.back], [], [], max(timeout, 0))[0]:
+                raise TimeoutError("Chromium does not answer")
+            self.buffer += os.read(self.back, 1 << 20) or self.lost()
+        message, _, self.buffer = self.buffer.partition(b"\0")
+        return json.loads(message)
+
+    def lost(self):
+        raise OSError("Chromium has ended")
+
+    def open(self, path, width=900, height=640, ratio=1, mobile=False):
+        self.send(
+            "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=ratio, mobile=mobile
+        )
+        self.send("Emulation.setTouchEmulationEnabled", enabled=mobile)
+        self.events.clear()
+        self.send("Page.navigate", url=Path(path).resolve().as_uri())
+        for _ in range(200):
+            if self.run("document.readyState === 'complete' && !!window.relight"):
+                break
+            time.sleep(0.05)
+        self.run("relight.ready")
+
+    def run(self, script):
+        answer = self.send("Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True)
+        if "exceptionDetails" in answer:
+            details = answer["exceptionDetails"]
+            raise RuntimeError(details.get("exception", {}).get("description", details["text"]))
+        return answer["result"].get("value")
+
+    def call(self, function, *arguments):
+        return self.run(f"({function})({', '.join(json.dumps(a) for a in arguments)})")
+
+    def pixels(self, **state):
+        """The picture at the image's own size, (H,W,4) uint8, in the state given."""
+        text = self.call(
+            """(state) => { relight.set(state); const all = relight.pixels(); let text = "";
+            for (let i = 0; i < all.length; i += 8192) text += String.fromCharCode(...all.subarray(i, i + 8192));
+            return btoa(text); }""",
+            state,
+        )
+        size = self.run("[relight.figure().height, relight.figure().width, 4]")
+        return np.frombuffer(base64.b64decode(text), np.uint8).reshape(size)
+
+    def screenshot(self):
+        """PNG bytes of what the window shows, after the next frame."""
+        self.run("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        return base64.b64decode(self.send("Page.captureScreenshot", format="png")["data"])
+
+    def close(self):
+        self.session = None
+        try:
+            self.send("Browser.close", timeout=5)
+            self.process.wait(10)
+        except (OSError, TimeoutError, subprocess.TimeoutExpired):
+            os.killpg(self.process.pid, signal.SIGKILL)
+            self.process.wait()
+        os.close(self.to)
+        os.close(self.back)
+
+
+@pytest.fixture(scope="session")
+def page(tmp_path_factory):
+    page = Page(tmp_path_factory.mktemp("chromium"))
+    yield page
+    page.close()

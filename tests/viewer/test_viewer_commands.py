@@ -1,0 +1,124 @@
+import json
+import re
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.ndimage import gaussian_filter
+from typer.testing import CliRunner
+
+from relight.files import UserError
+from relight.maps.exr import write_left_out, write_maps
+from relight.photos.api import Relighter
+from relight.photos.frame import frame
+from relight.photos.infer import Figure, look
+from relight.photos.mask import people
+from relight.sh.basis import basis
+from relight.sh.irradiance import irradiance, unoccluded
+from relight.viewer.commands import app
+from relight.viewer.source import LIGHTS, baked_figure, named_lights
+
+
+def embedded(path):
+    text = path.read_text()
+    page = json.loads(re.search(r'id="page">(.*?)</script>', text, re.S)[1])
+    return page, [json.loads(f) for f in re.findall(r'class="figure"[^>]*>(.*?)</script>', text, re.S)]
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, [str(a) for a in arguments], catch_exceptions=False)
+
+
+def test_view_writes_a_page_for_baked_maps(tmp_path, maps):
+    maps.info.update(name="balls", order=2)
+    write_maps(tmp_path / "b.exr", maps)
+    result = run(tmp_path / "b.exr", tmp_path / "b.exr", "--title", "Two")
+    assert result.exit_code == 0 and "b.html" in result.output and "MB" in result.output
+    page, figures = embedded(tmp_path / "b.html")
+    assert page["title"] == "Two" and [light["name"] for light in page["lights"]] == list(LIGHTS)
+    assert [figure["title"] for figure in figures] == ["balls", "balls"]
+    assert not any("light" in figure for figure in figures)
+    run(tmp_path / "b.exr", "-l", "key:#ffffff@0,0", "-l", "room:2", "-o", tmp_path / "c.html", "-b", "light")
+    page, _ = embedded(tmp_path / "c.html")
+    assert [light["name"] for light in page["lights"]] == ["key:#ffffff@0,0", "room:2"]
+    assert page["background"] == "light"
+
+
+def test_lights_are_brought_to_one_brightness():
+    lights = named_lights()
+    first = next(iter(lights.values()))
+    assert irradiance(first, np.array([0, 0, 1.0])).max() == pytest.approx(0.8)
+    np.testing.assert_allclose([light[0].sum() for light in lights.values()], first[0].sum())
+    behind = named_lights(["key:#ffffff@180,0,0"])
+    assert irradiance(next(iter(behind.values())), np.array([0, 0, -1.0])).max() < 4
+    with pytest.raises(UserError, match="black"):
+        named_lights(["key:#000000@0,0"])
+
+
+def test_wrong_input_is_told_in_a_sentence(tmp_path):
+    write_left_out(tmp_path / "left.exr", {"name": "x"}, "no faces")
+    with pytest.raises(UserError, match="left out: no faces"):
+        baked_figure(tmp_path / "left.exr")
+    with pytest.raises(UserError, match="no file"):
+        run(tmp_path / "none.exr")
+    with pytest.raises(UserError, match="--mask belongs to one photo"):
+        run(tmp_path / "left.exr", "--mask", tmp_path / "m.png")
+    assert not list(tmp_path.glob("*.html"))
+
+
+class Oracle(Relighter):
+    """A relighter without a network: smooth maps of its own invention on squares of 48 px, a light for each person."""
+
+    order = 2
+
+    def __init__(self):
+        super().__init__(None, {})
+
+    def infer(self, image, mask):
+        return [self.person(image, coverage, i) for i, coverage in enumerate(people(mask))]
+
+    def person(self, image, coverage, i):
+        box = frame(coverage, 48)
+        seen, mask = look(image, coverage, box)
+        y, x = np.mgrid[-1:1:48j, -1:1:48j]
+        normal = np.stack([x, -y, np.ones_like(x)], -1) / np.sqrt(x**2 + y**2 + 1)[..., None]
+        transport = (unoccluded(normal) * (0.8 + 0.2 * np.sin(9 * x))[..., None] * mask[..., None]).astype(np.float32)
+        light = np.outer(basis(np.array([0.6 - i, 0.3, 0.7])), [1.0, 0.8, 0.6]) + np.outer(
+            np.eye(9)[0], [0.6, 0.7, 0.9]
+        )
+        albedo = np.clip(seen * 1.5, 0, 1) * mask[..., None]
+        return Figure(box, coverage, mask, seen, albedo, transport, light.astype(np.float32), self.gamma)
+
+    gamma = 1.0
+
+
+def test_a_photo_of_two_people_is_shown_as_the_photo_command_shows_it(page, tmp_path, monkeypatch):
+    relighter = Oracle()
+    monkeypatch.setattr("relight.photos.api.load", lambda weights: relighter)
+    generator = np.random.default_rng(0)
+    pixels = (gaussian_filter(generator.random((90, 140, 3)), (2, 2, 0)) * 400 - 70).clip(0, 255).astype(np.uint8)
+    y, x = np.mgrid[:90, :140]
+    mask = sum(np.clip((1 - np.hypot((x - c) / 18, (y - 45) / 38)) * 1500, 0, 255) for c in (38, 100))
+    mask = np.rint(mask).astype(np.uint8)
+    Image.fromarray(pixels).save(tmp_path / "me.png")
+    Image.fromarray(mask).save(tmp_path / "me_mask.png")
+    assert run(tmp_path / "me.png", "-l", "room:3").exit_code == 0
+    page.open(tmp_path / "me.html")
+    state = {"light": 0, "background": "photo", "mode": "ratio", "yaw": 0, "tilt": 0, "stops": 0, "view": "relit"}
+    np.testing.assert_array_equal(page.pixels(**state)[..., :3], pixels)
+    own = np.array(page.run("[...relight.lights()[0].values]")).reshape(9, 3)
+    assert page.run("relight.lights().map((light) => light.name)") == ["As taken", "room:3"]
+    figures = relighter.infer(pixels, mask)
+    assert len(figures) == 2
+    shown = page.pixels(**state | {"mode": "full", "stops": 1})[..., :3].astype(int)
+    expected = relighter.relight(pixels, mask, own, "full", match=False, stops=1).astype(int)
+    solid = mask == 255
+    assert np.abs(shown - expected)[solid].max() <= 2
+    np.testing.assert_array_equal(shown[mask == 0], pixels[mask == 0])
+    monkeypatch.setattr(relighter, "gamma", 2.2)
+    with pytest.raises(UserError, match="color=photo"):
+        run(tmp_path / "me.png")
+    monkeypatch.setattr(relighter, "gamma", 1.0)
+    small = run(tmp_path / "me.png", "--size", 70, "-o", tmp_path / "small.html")
+    assert small.exit_code == 0
+    assert embedded(tmp_path / "small.html")[1][0]["width"] == 70

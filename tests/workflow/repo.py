@@ -1,0 +1,48 @@
+"""A copy of this repository in which a test runs the workflow."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+from relight.config import ROOT
+
+LEFT = ("results", ".snakemake", ".venv", ".git", "mlflow.db", "mlruns", ".mlflow.lock", "__pycache__", "docs", "tests")
+
+
+def copy(folder: Path) -> Path:
+    """The repository's files, without results, in `folder`/repo."""
+    target = folder / "repo"
+    shutil.copytree(ROOT, target, ignore=shutil.ignore_patterns(*LEFT))
+    return target
+
+
+def environment(repo: Path) -> dict[str, str]:
+    """Python finds the copy's package before the installed one."""
+    return {**os.environ, "PYTHONPATH": str(repo)}
+
+
+def relight(repo: Path, *words: str, timeout: float = 570) -> subprocess.CompletedProcess:
+    """`relight words...` in the copy; output and errors as one text in .stdout."""
+    command = [sys.executable, "-m", "relight.cli", *words]
+    return subprocess.run(
+        command,
+        cwd=repo,
+        env=environment(repo),
+        text=True,
+        timeout=timeout,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        stdin=subprocess.DEVNULL,
+    )
+
+
+def planned(repo: Path, *words: str) -> dict[str, int]:
+    """What a dry run would do: {rule: jobs}, without the writing of settings."""
+    import re
+
+    run = relight(repo, "run", *words, "--dry-run")
+    assert run.returncode == 0, run.stdout
+    table = re.findall(r"^(\w+) +(\d+)$", run.stdout, re.M)
+    return {rule: int(jobs) for rule, jobs in table if rule not in ("total", "all", "settings", "listing")}

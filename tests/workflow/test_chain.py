@@ -1,0 +1,152 @@
+"""The whole workflow at its smallest, from seeds to the report; what re-runs; and what a kill leaves."""
+
+import csv
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from repo import copy, environment, planned, relight
+
+WORDS = ("scale=smoke", "figures.count=4", "sweep.only=[ours_full,sfsnet_ao,no_tv]")
+OUT = "results/smoke"
+
+
+@pytest.fixture(scope="module")
+def done(tmp_path_factory) -> Path:
+    """A repository in which the workflow ran through, undisturbed."""
+    repo = copy(tmp_path_factory.mktemp("chain"))
+    run = relight(repo, "run", *WORDS)
+    assert run.returncode == 0, run.stdout
+    return repo
+
+
+def test_tables_hold_numbers(done):
+    for name, rows in (("table1", {"ours_full", "sfsnet_ao"}), ("table2", {"ours_full", "no_tv"})):
+        with open(done / OUT / "report" / f"{name}.csv", newline="") as file:
+            table = list(csv.DictReader(file))
+        found = {row["row"] for row in table}
+        assert rows <= found
+        for row in table:
+            if row["row"] in rows:
+                assert math.isfinite(float(row["shading_rmse"])) and float(row["shading_rmse"]) > 0
+        for suffix in (".md", ".tex"):
+            assert (done / OUT / "report" / (name + suffix)).stat().st_size > 500
+
+
+def test_report_is_one_page_with_pictures(done):
+    page = (done / OUT / "report" / "report.html").read_text()
+    assert page.count("data:image/") >= 5
+    assert 'href="viewer.html"' in page and (done / OUT / "report" / "viewer.html").stat().st_size > 50_000
+    assert "http://" not in page.replace("http://www.w3.org", "") and "<script src" not in page
+
+
+def test_maps_open_with_named_layers(done):
+    import OpenEXR
+
+    with OpenEXR.File(str(done / OUT / "maps" / "g0000.exr"), separate_channels=True) as file:
+        channels = set(file.channels())
+    assert {"albedo.R", "normal.X", "mask.A", "ao.Y", "depth.Z", "transport.L0M0.Y"} <= channels
+
+
+def test_runs_are_in_mlflow(done, monkeypatch):
+    import mlflow
+
+    monkeypatch.chdir(done)
+    mlflow.set_tracking_uri("sqlite:///mlflow.db")
+    runs = {run.info.run_name: run for run in mlflow.search_runs(experiment_names=["smoke"], output_format="list")}
+    assert set(runs) == {"ours_full.s0", "sfsnet_ao.s0", "no_tv.s0"}
+    client = mlflow.MlflowClient()
+    for name, run in runs.items():
+        assert run.info.status == "FINISHED"
+        assert run.data.params["train.steps"] == "24" and "test.shading_rmse" in run.data.metrics
+        assert [point.step for point in client.get_metric_history(run.info.run_id, "loss")] == [8, 16, 24]
+        artifacts = {item.path for item in client.list_artifacts(run.info.run_id)}
+        assert {"config.yaml", f"{name}.safetensors", f"{name}.csv", f"{name}.png"} <= artifacts
+
+
+def test_a_second_run_does_nothing(done):
+    start = time.monotonic()
+    run = relight(done, "run", *WORDS)
+    assert run.returncode == 0 and "Nothing to be done" in run.stdout
+    assert time.monotonic() - start < 60
+
+
+AFTER_TRAINING = {"evaluate": 3, "tables": 1, "plates": 1, "report": 1}
+AFTER_BAKING = {"pack": 1, "split": 1, "train": 3, "baselines": 1, "sheets": 1, "viewer": 1, **AFTER_TRAINING}
+
+
+@pytest.mark.parametrize(
+    ("override", "jobs"),
+    [
+        ("name=smoke", {}),
+        ("train.lr=0.5", {"train": 3, **AFTER_TRAINING}),
+        ("bake.rays=8", {"bake": 4, **AFTER_BAKING}),
+        ("align.padding=0.1", {"align": 4, "clean": 4, "bake": 4, **AFTER_BAKING}),
+        ("lights.clusters=5", {"lights": 1, "train": 3, "baselines": 1, "sheets": 1, "viewer": 1, **AFTER_TRAINING}),
+        ("evaluate.bootstrap=99", {"baselines": 1, "sheets": 1, **AFTER_TRAINING}),
+    ],
+)
+def test_a_change_runs_what_it_touches(done, override, jobs):
+    assert planned(done, *WORDS, override) == jobs
+
+
+def test_a_run_by_snakemake_alone_is_the_same_run(done):
+    command = [sys.executable, "-m", "snakemake", "all", "-n", "--config", "hydra=" + " ".join(WORDS)]
+    run = subprocess.run(command, cwd=done, env=environment(done), text=True, capture_output=True, check=True)
+    assert "Nothing to be done" in run.stdout + run.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("train.lrr=1",), "train.lrr: no such setting"),
+        (("train.lr=fast",), "train.lr: 'fast' is not of type Float"),
+        (("figures=scans", "figures.folder=/nowhere/at/all"), "no folder /nowhere/at/all"),
+        (("panoramas=folder", "panoramas.folder=/nowhere/at/all"), "/nowhere/at/all"),
+    ],
+)
+def test_errors_are_one_line(done, words, told):
+    run = relight(done, "run", "scale=smoke", *words)
+    lines = run.stdout.strip().splitlines()
+    assert run.returncode == 1 and len(lines) == 1 and told in lines[0], run.stdout
+
+
+def test_killed_anywhere_it_ends_in_the_same_bytes(done, tmp_path):
+    """kill -9 of the workflow alone (its jobs live on), of everything, while drawing, while training."""
+    repo = copy(tmp_path)
+    command = [sys.executable, "-m", "relight.cli", "run", *WORDS]
+    moments = [
+        lambda: any((repo / OUT / "figures").glob("*.npz")),
+        lambda: any((repo / OUT / "train" / "state").glob("*/state.pt")),
+        lambda: any((repo / OUT / "evaluate").glob("*.csv")),
+    ]
+    for count, moment in enumerate(moments):
+        job = subprocess.Popen(
+            command,
+            cwd=repo,
+            env=environment(repo),
+            start_new_session=True,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+        )
+        deadline = time.monotonic() + 240
+        while not moment() and job.poll() is None and time.monotonic() < deadline:
+            time.sleep(0.05)
+        assert job.poll() is None, "the run ended before it could be killed"
+        if count == 1:
+            os.kill(job.pid, signal.SIGKILL)
+        else:
+            os.killpg(job.pid, signal.SIGKILL)
+        job.wait()
+    run = relight(repo, "run", *WORDS)
+    assert run.returncode == 0, run.stdout
+    same = [f"report/{table}.{kind}" for table in ("table1", "table2") for kind in ("csv", "md", "tex")]
+    same += [f"train/{run}.s0.safetensors" for run in ("ours_full", "sfsnet_ao", "no_tv")]
+    for name in same:
+        assert (repo / OUT / name).read_bytes() == (done / OUT / name).read_bytes(), name
+    assert not [path for path in (repo / OUT).rglob(".*") if path.is_file()], "temporary files were left behind"

@@ -1,0 +1,36 @@
+"""Progress says how much is left, and short stages stay quiet."""
+
+import pytest
+
+import relight.progress
+from relight.progress import progress, span
+
+
+@pytest.mark.parametrize(("seconds", "text"), [(0.4, "0 s"), (59.4, "59 s"), (125, "2 min 05 s"), (4200, "1 h 10 min")])
+def test_span(seconds, text):
+    assert span(seconds) == text
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """A clock that steps by two seconds at each look."""
+    now = [0.0]
+
+    def monotonic():
+        now[0] += 2.0
+        return now[0]
+
+    monkeypatch.setattr(relight.progress.time, "monotonic", monotonic)
+
+
+def test_lines_with_time_left(clock, capsys):
+    assert list(progress(range(10), "bake")) == list(range(10))
+    lines = capsys.readouterr().err.splitlines()
+    # 2 s an item: the first line after three of ten
+    assert lines[0] == "bake 3/10, 14 s left"
+    assert lines[-1].startswith("bake 10/10, took")
+
+
+def test_quiet_when_short(capsys):
+    assert list(progress(iter("abc"), "split")) == list("abc")
+    assert capsys.readouterr().err == ""

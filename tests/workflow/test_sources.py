@@ -1,0 +1,66 @@
+"""The user's own meshes and panoramas as the source, and meshes that cannot be used."""
+
+import json
+
+import numpy as np
+import pytest
+from people import write_people
+from repo import copy, relight
+
+from relight.panoramas.rooms import room
+
+WORDS = ("scale=smoke", "name=mine", "sweep=one", "split.test=0.34", "train.steps=6")
+
+
+def write_hdr(path, pixels) -> None:
+    """A Radiance picture, flat RGBE (G. Ward's format), of (H, W, 3) floats."""
+    mantissa, exponent = np.frexp(pixels.max(-1))
+    scale = np.where(pixels.max(-1) > 1e-32, mantissa * 256 / np.maximum(pixels.max(-1), 1e-32), 0)
+    rgbe = np.concatenate([pixels * scale[..., None], (exponent + 128)[..., None]], -1).astype(np.uint8)
+    height, width = pixels.shape[:2]
+    path.write_bytes(f"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {height} +X {width}\n".encode() + rgbe.tobytes())
+
+
+@pytest.fixture(scope="module")
+def sources(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("sources")
+    write_people(folder / "scans")
+    (folder / "scans" / "broken.ply").write_bytes((folder / "scans" / "coloured.ply").read_bytes()[:500])
+    (folder / "panoramas").mkdir()
+    for seed in (1, 2):
+        write_hdr(folder / "panoramas" / f"room{seed}.hdr", room(seed))
+    return folder
+
+
+def test_three_meshes_and_two_panoramas_give_a_report(sources, tmp_path):
+    repo = copy(tmp_path)
+    run = relight(
+        repo,
+        "run",
+        *WORDS,
+        "figures=scans",
+        f"figures.folder={sources / 'scans'}",
+        "panoramas=folder",
+        f"panoramas.folder={sources / 'panoramas'}",
+    )
+    assert run.returncode == 0, run.stdout
+    record = json.loads((repo / "results/mine/figures.json").read_text())
+    assert set(record["figures"]) == {"broken", "coloured", "plain", "textured"}
+    assert set(record["left_out"]) == {"broken"} and "broken is left out" in run.stdout
+    page = (repo / "results/mine/report/report.html").read_text()
+    assert "broken.ply" in page and page.count("data:image/") >= 5
+    assert (repo / "results/mine/report/table1.csv").stat().st_size > 100
+
+
+def test_too_few_usable_meshes_end_the_run(sources, tmp_path):
+    folder = tmp_path / "scans"
+    folder.mkdir()
+    for name in ("a", "b"):
+        (folder / f"{name}.ply").write_bytes((sources / "scans" / "broken.ply").read_bytes())
+    (folder / "c.ply").write_bytes((sources / "scans" / "coloured.ply").read_bytes())
+    repo = copy(tmp_path)
+    run = relight(
+        repo, "run", *WORDS, "figures=scans", f"figures.folder={folder}", "--target", "results/mine/split.json"
+    )
+    assert run.returncode == 1 and "only 1 of 3 figures are usable" in run.stdout and "Traceback" not in run.stdout
+    assert not (repo / "results/mine/packed.safetensors").exists()

@@ -1,0 +1,60 @@
+import re
+import shlex
+import sys
+
+sys.path.insert(0, workflow.basedir)
+
+from snakemake.exceptions import WorkflowError
+
+from relight.files import UserError
+from relight.workflow import Plan
+
+try:
+    PLAN = Plan(config)
+    PLAN.look()
+except UserError as error:
+    raise WorkflowError(str(error)) from None
+OUT = PLAN.out
+
+
+wildcard_constraints:
+    figure="|".join(map(re.escape, PLAN.figures)),
+    run="|".join(map(re.escape, PLAN.runs)),
+
+
+# The settings of every stage are a file in the graph, so that a change re-runs what reads them, and what follows.
+rule settings:
+    output:
+        f"{OUT}/config/{{stage}}.yaml",
+    localrule: True
+    params:
+        text=lambda wildcards: PLAN.settings(wildcards.stage),
+    shell:
+        "printf %s {params.text:q} > {output}"
+
+
+# Lists that a stage takes as a file: the figures of this plan, the runs of the sweep.
+rule listing:
+    output:
+        f"{OUT}/config/{{listing}}.txt",
+    localrule: True
+    params:
+        text=lambda wildcards: PLAN.listing(wildcards.listing),
+    shell:
+        "printf %s {params.text:q} > {output}"
+
+
+def settings(stage):
+    return f"{OUT}/config/{stage}.yaml"
+
+
+def command(stage):
+    """The command of a stage; its words reach the console and the log."""
+    return (
+        f"{shlex.quote(sys.executable)} -m relight.stages.{stage} "
+        f"--config-dir {OUT}/config --config-name $(basename {{input.cfg}} .yaml) "
+    )
+
+
+LOGGED = " 2>&1 | tee {log}"
+LOGGED_RUN = LOGGED + " | sed -u 's/^/{rule} {wildcards.run}: /'"

@@ -1,0 +1,117 @@
+if PLAN.scans:
+
+    rule scan:
+        input:
+            cfg=settings("scan"),
+            mesh=lambda wildcards: str(PLAN.scans[wildcards.figure].path),
+            table=PLAN.table,
+        output:
+            f"{OUT}/figures/{{figure}}.npz",
+        log:
+            f"{OUT}/log/scan/{{figure}}.log",
+        group:
+            "figures"
+        resources:
+            mem_mb=4000,
+        shell:
+            command("scan") + "io.figure={wildcards.figure} io.out={output}" + LOGGED
+
+else:
+
+    rule figure:
+        input:
+            cfg=settings("figure"),
+        output:
+            f"{OUT}/figures/{{figure}}.npz",
+        log:
+            f"{OUT}/log/figure/{{figure}}.log",
+        benchmark:
+            f"{OUT}/benchmark/figure/{{figure}}.tsv"
+        group:
+            "figures"
+        resources:
+            mem_mb=3000,
+        shell:
+            command("figure") + "io.figure={wildcards.figure} io.out={output}" + LOGGED
+
+
+rule clean:
+    input:
+        cfg=settings("clean"),
+        mesh=f"{OUT}/figures/{{figure}}.npz",
+    output:
+        temp(f"{OUT}/clean/{{figure}}.npz"),
+    log:
+        f"{OUT}/log/clean/{{figure}}.log",
+    group:
+        "figures"
+    resources:
+        mem_mb=3000,
+    shell:
+        command("clean") + "io.mesh={input.mesh} io.out={output}" + LOGGED
+
+
+rule align:
+    input:
+        cfg=settings("align"),
+        mesh=f"{OUT}/clean/{{figure}}.npz",
+        table=PLAN.cfg.align.table or [],
+    output:
+        f"{OUT}/aligned/{{figure}}.npz",
+    log:
+        f"{OUT}/log/align/{{figure}}.log",
+    group:
+        "figures"
+    resources:
+        mem_mb=2000,
+    shell:
+        command("align") + "io.mesh={input.mesh} io.out={output}" + LOGGED
+
+
+rule bake:
+    input:
+        cfg=settings("bake"),
+        mesh=f"{OUT}/aligned/{{figure}}.npz",
+    output:
+        ensure(f"{OUT}/maps/{{figure}}.exr", non_empty=True),
+    log:
+        f"{OUT}/log/bake/{{figure}}.log",
+    benchmark:
+        f"{OUT}/benchmark/bake/{{figure}}.tsv"
+    group:
+        "figures"
+    resources:
+        mem_mb=2000,
+    shell:
+        command("bake") + "io.mesh={input.mesh} io.out={output}" + LOGGED
+
+
+rule pack:
+    input:
+        cfg=settings("pack"),
+        names=f"{OUT}/config/figures.txt",
+        maps=expand(f"{OUT}/maps/{{figure}}.exr", figure=PLAN.figures),
+    output:
+        packed=f"{OUT}/packed.safetensors",
+        record=f"{OUT}/figures.json",
+    log:
+        f"{OUT}/log/pack.log",
+    resources:
+        mem_mb=4000,
+    shell:
+        command("pack")
+        + f"io.names={{input.names}} io.maps={OUT}/maps io.out={{output.packed}} io.record={{output.record}}"
+        + LOGGED
+
+
+rule split:
+    input:
+        cfg=settings("split"),
+        packed=f"{OUT}/packed.safetensors",
+    output:
+        f"{OUT}/split.json",
+    log:
+        f"{OUT}/log/split.log",
+    localrule: True
+    shell:
+        command("split") + "io.packed={input.packed} io.out={output}" + LOGGED

@@ -1,0 +1,14 @@
+rule lights:
+    input:
+        cfg=settings("lights"),
+        panoramas=PLAN.panoramas,
+    output:
+        lights=f"{OUT}/lights/lights.npz",
+        table=f"{OUT}/lights/lights.csv",
+        record=f"{OUT}/lights/chain.json",
+    log:
+        f"{OUT}/log/lights.log",
+    resources:
+        mem_mb=4000,
+    shell:
+        command("lights") + "io.out={output.lights} io.record={output.record}" + LOGGED

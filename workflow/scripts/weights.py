@@ -1,0 +1,82 @@
+"""Turns a trained network into the weights that ship: half precision, with its training lights and a model card.
+
+python workflow/scripts/weights.py results/photo [run]
+"""
+
+import csv
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from relight import config
+from relight.learning.checkpoint import load_network, save_network
+from relight.lights.table import load
+
+OUT = Path(config.ROOT) / "relight" / "weights"
+LIMIT = 16 * 2**20
+CARD = """\
+# Weights for photos
+
+`photo.safetensors` is what `relight photo`, `relight view` and `relight.load()` use: {parameters:.1f} million
+parameters in half precision.
+
+| | |
+|---|---|
+| network | `{model}`, width {width}, {size} px |
+| trained on | {figures} generated figures under {lights} generated rooms, {steps} steps of {batch} on a CPU |
+| colour | a camera's: linear light, exposed, clipped, 8-bit sRGB |
+| held out | {test_figures} figures, {test_lights} lights |
+| licence | Apache-2.0; the training data are generated from public-domain sources (docs/figures.md) |
+
+Errors on what was held out (means over figures and lights; RMSE per pixel vector, as in docs/evaluation.md):
+
+| shading | transport | albedo | light |
+|---|---|---|---|
+| {shading_rmse:.3f} | {transport_rmse:.3f} | {albedo_rmse:.3f} | {light_rmse:.3f} |
+
+Limits: the figures are synthetic, a few dozen, seen from the front, in indoor light. The maps have {size} px: finer
+folds of a photo stay in the picture by the `ratio` way of relighting, but they are not in the maps. Strong colour
+casts, back light, children, several touching people and props are outside of what the network has seen; `relight photo`
+says so when the inferred light is unusual. It recognises nobody, and no photo of a real person was used.
+
+Made by `relight run experiment=photo` and `workflow/scripts/weights.py`.
+"""
+
+
+def main(results: Path, run: str) -> None:
+    network, made_with = load_network(results / "train" / f"{run}.safetensors")
+    chosen = load(results / "lights" / "lights.npz")
+    training = chosen.of("train").coefficients
+    model = config.Model(**made_with["model"])
+    out = OUT / "photo.safetensors"
+    rest = {key: made_with[key] for key in ("loss", "train")}
+    save_network(out, network, model, half=True, **rest, lights=np.round(training, 5).ravel().tolist())
+    if out.stat().st_size > LIMIT:
+        sys.exit(
+            f"{out} has {out.stat().st_size / 2**20:.1f} MiB, over {LIMIT / 2**20:.0f}: give a smaller model.width"
+        )
+    with open(results / "evaluate" / f"{run}.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    names = ("shading_rmse", "transport_rmse", "albedo_rmse", "light_rmse")
+    split = json.loads((results / "split.json").read_text())
+    facts = {
+        "parameters": sum(p.numel() for p in network.parameters()) / 1e6,
+        "model": made_with["model"]["name"] + (" plus" if model.refine else ""),
+        "width": model.width,
+        "size": network.size,
+        "figures": len(split["train"]),
+        "lights": len(training),
+        "steps": made_with["train"]["steps"],
+        "batch": made_with["train"]["batch"],
+        "test_figures": len({row["figure"] for row in rows}),
+        "test_lights": len({row["light"] for row in rows}),
+        **{name: np.mean([float(row[name]) for row in rows]) for name in names},
+    }
+    (OUT / "README.md").write_text(CARD.format(**facts))
+    print(f"{out}: {out.stat().st_size / 2**20:.1f} MiB")
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), sys.argv[2] if len(sys.argv) > 2 else "photo.s0")
