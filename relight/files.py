@@ -1,0 +1,91 @@
+"""Whole-or-nothing outputs, and the one error type that users see."""
+
+import fcntl
+import glob
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+class UserError(Exception):
+    """An error that a user can cause and mend: one sentence on what is wrong with what, and what would be right."""
+
+
+@contextmanager
+def whole(path: Path | str) -> Iterator[Path]:
+    """Yields a temporary path beside `path`, with the same suffix; it becomes `path` when the block succeeds.
+
+    The rename is atomic, so a reader sees the old file or the new one, never a part; a failed block leaves
+    the old file as it was. The temporary name begins with a dot. What a killed writer of the same file left
+    is removed.
+    """
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    sweep(path.parent, f".{path.stem}.", path.suffix)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}.", suffix=path.suffix)
+    temporary = Path(name)
+    try:
+        lock(handle)  # tells the sweeps of others that its writer is alive
+        yield temporary
+        mask = os.umask(0)
+        os.umask(mask)
+        temporary.chmod(0o666 & ~mask)  # mkstemp makes private files; outputs carry the user's usual rights
+        os.replace(temporary, path)
+    finally:
+        os.close(handle)
+        temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def whole_folder(path: Path | str) -> Iterator[Path]:
+    """The same for a folder: yields an empty temporary folder that replaces `path` when the block succeeds."""
+    path = Path(path)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    sweep(path.parent, f".{path.name}.")
+    temporary = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.name}."))
+    handle = os.open(temporary, os.O_RDONLY)
+    try:
+        lock(handle)
+        yield temporary
+        temporary.chmod(0o755)
+        if path.exists():
+            shutil.rmtree(path)
+        os.replace(temporary, path)
+    finally:
+        os.close(handle)
+        shutil.rmtree(temporary, ignore_errors=True)
+
+
+def sweep(folder: Path, prefix: str, suffix: str = "") -> None:
+    """Removes the temporary files and folders of this name whose writers are dead: nobody holds their lock."""
+    for stale in folder.glob(glob.escape(prefix) + 8 * "?" + glob.escape(suffix)):
+        try:
+            handle = os.open(stale, os.O_RDONLY if stale.is_dir() else os.O_RDWR)  # NFS locks only what may be written
+        except OSError:  # its writer has just finished, or it is another user's
+            continue
+        if lock(handle):
+            if stale.is_dir():
+                shutil.rmtree(stale, ignore_errors=True)
+            else:
+                stale.unlink(missing_ok=True)
+        os.close(handle)
+
+
+def lock(handle: int) -> bool:
+    """Takes the lock of an open file until it is closed or its process ends; False when another holds it."""
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:  # also file systems that know no locks: nothing is swept there
+        return False
+    return True
+
+
+def existing(path: Path | str, what: str) -> Path:
+    """`path` as a Path; raises UserError that names `what` when there is no such file."""
+    path = Path(path)
+    if not path.is_file():
+        raise UserError(f"{what}: there is no file {path}")
+    return path
