@@ -1,12 +1,13 @@
 """How much the figures shadow themselves: what separates a data set of folded cloth from one of bare bodies."""
 
 import csv
-from dataclasses import astuple, dataclass, fields
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from relight.files import whole
+from relight.files import UserError, existing, whole
 from relight.maps.exr import LeftOut, read_maps
 from relight.maps.maps import Maps
 from relight.progress import progress
@@ -14,16 +15,37 @@ from relight.sh.basis import order_of
 from relight.sh.irradiance import unoccluded
 
 DARK = 0.5
+BINS = 20  # of ambient occlusion, over [0, 1]
+NUMBERS = ("ao", "dark", "lost")
+UNTOLD = "scan, not told"  # pose or garments of a figure whose info names none
+BETWEEN = "; "  # garments in a cell of the table
 
 
 @dataclass
 class Occlusion:
-    """Of one figure: pixels in the mask, mean AO, share of pixels with AO < .5, and the root mean square over pixels
-    of |T - T_unoccluded|, the vector norm of what occlusion takes from the transport."""
+    """Of one figure: who and in what; pixels in the mask, mean AO, share of pixels with AO < .5, the root mean square
+    over pixels of |T - T_unoccluded| (vector norm of what occlusion takes from the transport), and the share of
+    pixels in each of BINS bins of AO (BINS,)."""
 
     name: str
+    pose: str
+    garments: list[str]
     pixels: int
     ao: float
+    dark: float
+    lost: float
+    histogram: np.ndarray
+
+
+@dataclass
+class Group:
+    """Means over the figures of a group, each counting once whatever its size; least and most: their range of AO."""
+
+    name: str
+    figures: int
+    ao: float
+    least: float
+    most: float
     dark: float
     lost: float
 
@@ -32,12 +54,16 @@ def occlusion(maps: Maps) -> Occlusion:
     """The statistics of one figure's maps."""
     ao, transport = maps.ao[maps.mask], maps.transport[maps.mask]
     lost = transport - unoccluded(maps.normal[maps.mask], order_of(transport.shape[1]))
+    counts = np.histogram(np.clip(ao, 0, 1), BINS, (0, 1))[0]
     return Occlusion(
         maps.info.get("name", ""),
+        maps.info.get("pose", UNTOLD),
+        maps.info.get("garments", [UNTOLD]),
         int(maps.mask.sum()),
         float(ao.mean()),
         float((ao < DARK).mean()),
         float(np.sqrt((lost**2).sum(1).mean())),
+        counts / counts.sum(),
     )
 
 
@@ -49,8 +75,54 @@ def occlusions(maps_paths: list[Path], out: Path) -> list[Occlusion]:
             found.append(occlusion(read_maps(path)))
         except LeftOut:
             continue
+    bins = [f"ao_{i / BINS:.2f}" for i in range(BINS)]
     with whole(out) as tmp, open(tmp, "w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow([field.name for field in fields(Occlusion)])
-        writer.writerows([f"{v:.5f}" if isinstance(v, float) else v for v in astuple(one)] for one in found)
+        writer.writerow(["name", "pose", "garments", "pixels", *NUMBERS, *bins])
+        for one in found:
+            numbers = [*(getattr(one, number) for number in NUMBERS), *one.histogram]
+            names = [one.name, one.pose, BETWEEN.join(one.garments)]
+            writer.writerow([*names, one.pixels, *(f"{value:.5f}" for value in numbers)])
     return found
+
+
+def read_occlusions(path: Path) -> list[Occlusion]:
+    """What `occlusions` wrote, to five decimals. UserError for another table."""
+    with open(existing(path, "occlusion of the figures"), newline="") as file:
+        rows = list(csv.reader(file))
+    if not rows or rows[0][4:7] != list(NUMBERS) or any(len(row) != 7 + BINS for row in rows):
+        raise UserError(
+            f"{path} is not a table of occlusion: it must have name, pose, garments, pixels, ao, dark, lost"
+        )
+    return [
+        Occlusion(
+            *row[:2], row[2].split(BETWEEN), int(row[3]), *map(float, row[4:7]), np.array(row[7:], dtype=np.float64)
+        )
+        for row in rows[1:]
+    ]
+
+
+def group(found: list[Occlusion], name: str) -> Group:
+    """The statistics of some figures together."""
+    ao = [one.ao for one in found]
+    ao_mean, dark, lost = (float(np.mean([getattr(one, number) for one in found])) for number in NUMBERS)
+    return Group(name, len(found), ao_mean, min(ao), max(ao), dark, lost)
+
+
+def groups(found: list[Occlusion], names_of: Callable[[Occlusion], list[str]]) -> list[Group]:
+    """The figures grouped by what `names_of` says of them (a figure may be in several groups), darkest group first."""
+    members: dict[str, list[Occlusion]] = {}
+    for one in found:
+        for name in dict.fromkeys(names_of(one)):
+            members.setdefault(name, []).append(one)
+    return sorted((group(some, name) for name, some in members.items()), key=lambda one: (one.ao, one.name))
+
+
+def by_pose(found: list[Occlusion]) -> list[Group]:
+    """The figures grouped by pose, darkest first."""
+    return groups(found, lambda one: [one.pose])
+
+
+def by_garment(found: list[Occlusion]) -> list[Group]:
+    """The figures grouped by garment, darkest first; one counts for each garment that it wears."""
+    return groups(found, lambda one: one.garments)

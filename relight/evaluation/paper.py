@@ -3,6 +3,10 @@
 They were measured by others, on scanned figures that are not public, at 1024 px, with no spread given.
 """
 
+# Mean ambient occlusion of the paper's scans, and the root mean square of |T - T_unoccluded| over their pixels, as its
+# tables imply them: nothing of the kind is printed.
+IMPLIED_AO, IMPLIED_LOST = 0.83, 0.25
+
 QUANTITIES = ("shading", "transport", "normal", "ao", "light", "albedo")
 
 _PRINTED = {  # RMSE of the six quantities, then SSIM; None where the paper has N/A or no column

@@ -1,4 +1,4 @@
-"""Charts of the report: errors per row with their intervals, and training curves. SVG or PNG, by the file's suffix."""
+"""Charts of the report: errors with their intervals, training curves, occlusion. SVG or PNG, by the file's suffix."""
 
 import csv
 from pathlib import Path
@@ -8,6 +8,8 @@ import matplotlib.lines
 import numpy as np
 
 from relight.evaluation.formats import QUANTITY, READING, split_column
+from relight.evaluation.occlusion import BINS, DARK, Occlusion
+from relight.evaluation.paper import IMPLIED_AO, IMPLIED_LOST
 from relight.evaluation.tables import LABELS, Table, sign
 from relight.files import UserError, existing, whole
 
@@ -77,6 +79,40 @@ def plot_curves(
         handles = [matplotlib.lines.Line2D([], [], color=color_of(row), linewidth=2) for row in rows]
         labels = [LABELS.get(row, row) for row in rows]
         figure.legend(handles, labels, loc="outside lower center", ncols=min(len(rows), 7), frameon=False, fontsize=9)
+        _save(figure, out)
+
+
+def plot_occlusion(found: list[Occlusion], out: Path) -> None:
+    """Ambient occlusion over pixels (mean over figures, and the middle 80 % of them), and what occlusion takes from the
+    transport of each figure; the values that the paper implies beside. UserError without figures."""
+    if not found:
+        raise UserError(f"{out}: there are no figures to chart the occlusion of")
+    shares = 100 * np.array([one.histogram for one in found])
+    middle = (np.arange(BINS) + 0.5) / BINS
+    low, high = np.quantile(shares, [0.1, 0.9], axis=0)
+    paper = {"color": "#ef5675", "linewidth": 1.6}
+    with matplotlib.rc_context(STYLE):
+        figure = _figure(9.2, 3.2)
+        left, right = figure.subplots(1, 2)
+        left.bar(middle, shares.mean(0), 0.9 / BINS, color="#30638e")
+        left.vlines(middle, low, high, color="#1c1c1e", linewidth=1)
+        left.axvline(np.mean([one.ao for one in found]), color="#30638e", linestyle="--", label="mean")
+        left.axvline(IMPLIED_AO, linestyle=":", label="the paper's scans, implied mean", **paper)
+        left.set_xlim(0, 1)
+        left.set_title("Ambient occlusion of pixels", fontsize=10, fontweight="bold")
+        left.set_xlabel(f"AO; lines: 80 % of the figures; under {DARK:g} is deep shade", fontsize=8, color="#777777")
+        left.set_ylabel("% of a figure's pixels", fontsize=8, color="#777777")
+        left.legend(frameon=False, fontsize=8, loc="upper left")
+        right.plot(
+            [one.ao for one in found], [one.lost for one in found], "o", color="#30638e", markersize=4, alpha=0.7
+        )
+        right.plot(IMPLIED_AO, IMPLIED_LOST, "x", markersize=9, markeredgewidth=2, **paper, label="the paper, implied")
+        right.set_title("Each figure", fontsize=10, fontweight="bold")
+        right.set_xlabel("mean AO", fontsize=8, color="#777777")
+        right.set_ylabel("rms of |T - T unoccluded|", fontsize=8, color="#777777")
+        right.legend(frameon=False, fontsize=8)
+        for panel in (left, right):
+            panel.tick_params(labelsize=8, length=0)
         _save(figure, out)
 
 

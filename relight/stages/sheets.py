@@ -14,17 +14,26 @@ from relight.stages.stage import stage
     figures="contact sheet of the figures (.png)",
     spheres="contact sheet of the lights (.png)",
     occlusion="statistics of the figures (.csv)",
+    histogram="chart of their occlusion (.png)",
 )
 def main(
-    evaluate: Evaluate, names: Path, maps: Path, lights: Path, figures: Path, spheres: Path, occlusion: Path
+    evaluate: Evaluate,
+    names: Path,
+    maps: Path,
+    lights: Path,
+    figures: Path,
+    spheres: Path,
+    occlusion: Path,
+    histogram: Path,
 ) -> None:
     from relight.evaluation.contact import contact_sheet
     from relight.evaluation.occlusion import occlusions
+    from relight.evaluation.plots import plot_occlusion
     from relight.lights import show
     from relight.lights.table import load
 
     paths = [maps / f"{name}.exr" for name in names.read_text().split()]
-    occlusions(paths, occlusion)
+    plot_occlusion(occlusions(paths, occlusion), histogram)
     chosen = load(lights)
     show.contact_sheet(chosen, spheres)
     contact_sheet(paths[: evaluate.sheet], chosen.of("test").coefficients[0], figures)

@@ -1,4 +1,3 @@
-import csv
 import re
 from html.parser import HTMLParser
 
@@ -9,12 +8,12 @@ from PIL import Image
 from relight.config import Evaluate
 from relight.evaluation.canvas import box_of, cut_out, fitted, font, heat, light_sphere, transport_bands
 from relight.evaluation.contact import contact_sheet, grown
-from relight.evaluation.occlusion import occlusion, occlusions
+from relight.evaluation.occlusion import UNTOLD, Occlusion, by_garment, by_pose, occlusion, occlusions, read_occlusions
 from relight.evaluation.page import Section, build_page, fold, grid, picture, prose, settings_list
 from relight.evaluation.plates import plates
-from relight.evaluation.plots import plot_curves, plot_errors
+from relight.evaluation.plots import plot_curves, plot_errors, plot_occlusion
 from relight.evaluation.scores import Scores
-from relight.evaluation.tables import COLUMNS2, table1
+from relight.evaluation.tables import COLUMNS2, experiment_table
 from relight.files import UserError
 from relight.maps.exr import read_maps, write_left_out
 from relight.sh.irradiance import unoccluded
@@ -29,12 +28,41 @@ def test_occlusion_has_the_worlds_closed_form(world, tmp_path):
     norm = np.linalg.norm(unoccluded(maps.normal[maps.mask]), axis=1)
     assert found.lost == pytest.approx(np.sqrt((((1 - ao) * norm) ** 2).mean()), rel=2e-3)
     assert (found.ao, found.dark) == pytest.approx((ao.mean(), (ao < 0.5).mean()))
+    np.testing.assert_allclose(found.histogram, np.histogram(ao, 20, (0, 1))[0] / len(ao))
+    assert found.histogram[:10].sum() == pytest.approx(found.dark, abs=2 / len(ao))
+
+
+def test_occlusion_is_a_table_of_all_that_were_not_left_out(world, tmp_path):
     write_left_out(tmp_path / "broken.exr", {"name": "broken"}, "it is a plane")
-    all_of_them = occlusions([*world.maps, tmp_path / "broken.exr"], tmp_path / "occlusion.csv")
-    assert [one.name for one in all_of_them] == [path.stem for path in world.maps]
-    with open(tmp_path / "occlusion.csv", newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert float(rows[0]["lost"]) == pytest.approx(found.lost, abs=1e-5) and int(rows[0]["pixels"]) == maps.mask.sum()
+    made = occlusions([*world.maps, tmp_path / "broken.exr"], tmp_path / "occlusion.csv")
+    assert [one.name for one in made] == [path.stem for path in world.maps]
+    assert {one.pose for one in made} == {UNTOLD} and all(one.garments == [UNTOLD] for one in made)
+    for one, read in zip(made, read_occlusions(tmp_path / "occlusion.csv"), strict=True):
+        assert (read.name, read.pose, read.garments, read.pixels) == (one.name, one.pose, one.garments, one.pixels)
+        assert (read.ao, read.dark, read.lost) == pytest.approx((one.ao, one.dark, one.lost), abs=1e-5)
+        np.testing.assert_allclose(read.histogram, one.histogram, atol=1e-5)
+    (tmp_path / "other.csv").write_text("name,pixels\na,1\n")
+    with pytest.raises(UserError, match="not a table of occlusion"):
+        read_occlusions(tmp_path / "other.csv")
+
+
+def a_figure(name, pose, garments, ao):
+    return Occlusion(name, pose, garments, 100, ao, 1 - ao, 2 * (1 - ao), np.full(20, 0.05))
+
+
+def test_occlusion_is_grouped_by_pose_and_by_garment():
+    found = [
+        a_figure("a", "sitting", ["jeans", "shirt"], 0.7),
+        a_figure("b", "walking", ["jeans", "jeans"], 0.9),
+        a_figure("c", "walking", ["hooded coat"], 0.8),
+    ]
+    sitting, walking = by_pose(found)
+    assert (sitting.name, sitting.figures, sitting.ao) == ("sitting", 1, 0.7)
+    assert (walking.figures, walking.least, walking.most) == (2, 0.8, 0.9)
+    assert (walking.ao, walking.dark, walking.lost) == pytest.approx((0.85, 0.15, 0.3))
+    counts = {one.name: (one.figures, round(one.ao, 6)) for one in by_garment(found)}
+    assert counts == {"shirt": (1, 0.7), "jeans": (2, 0.8), "hooded coat": (1, 0.8)}
+    assert list(counts) == ["shirt", "hooded coat", "jeans"]  # darkest first, then by name
 
 
 def test_bands_of_an_open_surface_that_faces_the_camera():
@@ -116,7 +144,7 @@ def test_charts_are_made_and_are_the_same_again(tmp_path):
     rng = np.random.default_rng(0)
     columns = {c: rng.random((5, 2)) for c in COLUMNS2}
     given = {name: [Scores(list("abcde"), [0, 1], columns)] for name in ("sfsnet", "ours_full")}
-    table = table1(given, {"mean_light": given["sfsnet"]}, Evaluate(100, 1, 6, "test", "cpu", 0, 1))
+    table = experiment_table("table1", given, {"mean_light": given["sfsnet"]}, Evaluate(100, 1, 6, "test", "cpu", 0, 1))
     for name in ("a.svg", "b.svg", "c.png"):
         plot_errors(table, ("shading_rmse", "transport_rmse", "ao_rmse"), tmp_path / name)
     assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
@@ -129,6 +157,15 @@ def test_charts_are_made_and_are_the_same_again(tmp_path):
     (tmp_path / "bad.csv").write_text("a,b\n1,2\n")
     with pytest.raises(UserError, match="not a training curve"):
         plot_curves([tmp_path / "bad.csv"], tmp_path / "none.svg")
+
+
+def test_occlusion_is_charted_beside_what_the_paper_implies(tmp_path):
+    found = [a_figure("a", "sitting", [], 0.7), a_figure("b", "walking", [], 0.9)]
+    for name in ("a.svg", "b.svg"):
+        plot_occlusion(found, tmp_path / name)
+    assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
+    with pytest.raises(UserError, match="no figures"):
+        plot_occlusion([], tmp_path / "none.svg")
 
 
 class Outline(HTMLParser):

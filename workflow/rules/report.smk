@@ -61,12 +61,14 @@ rule sheets:
             f"{OUT}/report/lights.png", category="Data", caption="../report/lights.rst"
         ),
         occlusion=f"{OUT}/report/occlusion.csv",
+        histogram=f"{OUT}/report/occlusion.png",
     log:
         f"{OUT}/log/sheets.log",
     shell:
         command("sheets")
         + f"io.names={{input.names}} io.maps={OUT}/maps io.lights={{input.lights}} "
-        + "io.figures={output.figures} io.spheres={output.lights} io.occlusion={output.occlusion}"
+        + "io.figures={output.figures} io.spheres={output.lights} "
+        + "io.occlusion={output.occlusion} io.histogram={output.histogram}"
         + LOGGED
 
 
@@ -83,6 +85,7 @@ rule report:
         figures=f"{OUT}/report/figures.png",
         lights=f"{OUT}/report/lights.png",
         occlusion=f"{OUT}/report/occlusion.csv",
+        histogram=f"{OUT}/report/occlusion.png",
     output:
         page=report(
             f"{OUT}/report/report.html",
