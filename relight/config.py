@@ -27,6 +27,8 @@ class Figures:
     count: int = MISSING  # how many seeds
     detail: str = MISSING  # draft | full: resolution of the drape
     texture: int = MISSING  # side of the largest baked texture, pixels
+    per_subject: int = MISSING  # so many consecutive seeds are one person in one outfit, in different poses
+    shading: float = MISSING  # 0 to 1: strength of the shading baked into the albedo, to imitate scans
     version: int = MISSING  # raised when the code changes results
 
 
@@ -179,6 +181,18 @@ class Evaluate:
 
 
 @dataclass
+class Experiment:
+    """A question: some runs of the sweep, what they are scored on, and a section of the report."""
+
+    rows: list[str] = MISSING  # runs that the section compares, in order
+    figures: str = "test"  # test | sitting: on which part of the split
+    lights: str = "test"  # test | unusual: under which lights of the set
+    axis: str | None = None  # a setting, such as model.width, against which errors are plotted
+    table: bool = True  # the rows are trained and scored in a table; false: it has stages of its own
+    plates: bool = False  # the rows are shown on test figures side by side
+
+
+@dataclass
 class Sweep:
     runs: dict[str, list[str]] = MISSING  # name of a row -> its overrides
     only: list[str] | None = None  # of the runs; all when not given
@@ -206,6 +220,7 @@ class Config:
     train: Train = field(default_factory=Train)
     evaluate: Evaluate = field(default_factory=Evaluate)
     sweep: Sweep = field(default_factory=Sweep)
+    experiments: dict[str, Experiment] = field(default_factory=dict)
     track: Track = field(default_factory=Track)
 
 
@@ -254,6 +269,7 @@ def composed(overrides: Iterable[str] = ()) -> DictConfig:
 LEAST = {
     "figures.count": 1,
     "figures.texture": 16,
+    "figures.per_subject": 1,
     "bake.size": 64,
     "bake.rays": 1,
     "bake.order": 1,
@@ -292,7 +308,9 @@ CHOICES = {
     "train.optimizer": ("adam", "adamw"),
     "train.only": ("encoder",),
 }
+EXPERIMENT = {"figures": ("test", "sitting"), "lights": ("test", "unusual")}
 RULES = {
+    "figures.shading": (lambda value: 0 <= value <= 1, "must lie in [0, 1]"),
     "bake.size": (lambda value: value % 64 == 0, "must be a multiple of 64"),
     "train.lr": (lambda value: value > 0, "must be greater than 0"),
     "split.test": (lambda value: 0 < value < 1, "must lie between 0 and 1"),
@@ -325,6 +343,12 @@ def check(cfg: DictConfig) -> None:
         raise UserError(f"lights.low {get('lights.low')} must not be above lights.high {get('lights.high')}")
     if get("lights.test") is not None and get("lights.test") >= get("lights.clusters"):
         raise UserError(f"lights.test {get('lights.test')} must be below lights.clusters {get('lights.clusters')}")
+    for name, experiment in (get("experiments") or {}).items():
+        for key, known in EXPERIMENT.items():
+            if experiment[key] not in known:
+                raise UserError(f"experiments.{name}.{key} must be one of {', '.join(known)}, not {experiment[key]}")
+        if unknown := [row for row in experiment.rows if row not in (get("sweep.runs") or {})]:
+            raise UserError(f"experiments.{name}.rows: no run {unknown[0]} in sweep.runs; add it there")
     for group, source in (("figures", "scans"), ("panoramas", "folder")):
         if get(f"{group}.source") == source and not get(f"{group}.folder"):
             raise UserError(f"{group}.source={source} needs {group}.folder=<the folder to read>")

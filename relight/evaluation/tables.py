@@ -40,6 +40,10 @@ LABELS = {
 }
 COLUMNS1 = tuple(f"{quantity}_{reading}" for reading in ("rmse", "ssim") for quantity in QUANTITIES)
 COLUMNS2 = tuple(column for column in COLUMNS1 if not column.startswith(("normal", "ao")))
+TABLES = {  # title and shown columns of the table of an experiment
+    "table1": ("Table 1: inference errors of the networks on figures and lights that they have not seen", COLUMNS1),
+    "table2": ("Table 2: what leaving out a group of losses does to Ours (full)", COLUMNS2),
+}
 
 
 @dataclass
@@ -96,19 +100,16 @@ def gather(paths: list[Path]) -> dict[str, list[Scores]]:
     return rows
 
 
-def table1(rows: dict[str, list[Scores]], baselines: dict[str, list[Scores]], settings: config.Evaluate) -> Table:
-    """The paper's Table 1: SfSNet, SfSNet-AO, Ours (min) and Ours (full), then any run that is no ablation."""
-    names = ["sfsnet", "sfsnet_ao", "ours_min", "ours_full"]
-    names = [n for n in names if n in rows] + [n for n in rows if n not in names and not n.startswith("no_")]
-    title = "Table 1: inference errors of the networks on figures and lights that they have not seen"
-    return build(title, COLUMNS1, {name: rows[name] for name in names}, baselines, settings, rows)
-
-
-def table2(rows: dict[str, list[Scores]], baselines: dict[str, list[Scores]], settings: config.Evaluate) -> Table:
-    """The paper's Table 2, the ablation of the losses, with Ours (full), which the others are to be compared with."""
-    names = [name for name in rows if name == "ours_full" or name.startswith("no_")]
-    title = "Table 2: what leaving out a group of losses does to Ours (full)"
-    return build(title, COLUMNS2, {name: rows[name] for name in names}, baselines, settings, rows)
+def experiment_table(
+    name: str,
+    rows: dict[str, list[Scores]],
+    baselines: dict[str, list[Scores]],
+    settings: config.Evaluate,
+    pool: dict[str, list[Scores]] | None = None,
+) -> Table:
+    """The table of the experiment `name`, a preset's, over its rows; pool: as for `build`."""
+    title, columns = TABLES.get(name, (f"{name}: inference errors", COLUMNS1))
+    return build(title, columns, rows, baselines, settings, pool)
 
 
 def build(

@@ -11,14 +11,15 @@ from relight.stages.tables import tables
 
 @stage(
     "report",
+    experiments="experiments (.json)",
     runs="runs, one per line (.txt)",
     results="folder of the results",
     out="report (.html)",
 )
-def main(evaluate: Evaluate, name: str, runs: Path, results: Path, out: Path) -> None:
+def main(evaluate: Evaluate, name: str, experiments: Path, runs: Path, results: Path, out: Path) -> None:
     from relight.evaluation.page import Section, build_page
 
-    made = tables(evaluate, runs, results / "evaluate", results / "evaluate" / "baselines.csv")
+    made = tables(evaluate, experiments, results / "evaluate", results / "evaluate" / "baselines.csv")
     sections = [
         Section("What came out", verdict(made)),
         *(Section(table.title, words(table)) for table in made.values()),

@@ -1,5 +1,6 @@
-"""Tables 1 and 2 from the scores of all runs, as CSV, Markdown and LaTeX."""
+"""The tables of the experiments from the scores of their runs, as CSV, Markdown and LaTeX."""
 
+import json
 from pathlib import Path
 
 from relight.config import Evaluate
@@ -8,30 +9,30 @@ from relight.stages.stage import stage
 
 @stage(
     "tables",
-    runs="runs, one per line (.txt)",
+    experiments="experiments (.json)",
     scores="folder of the runs' scores",
     baselines="the baselines' scores (.csv)",
     out="folder of the tables",
 )
-def main(evaluate: Evaluate, runs: Path, scores: Path, baselines: Path, out: Path) -> None:
+def main(evaluate: Evaluate, experiments: Path, scores: Path, baselines: Path, out: Path) -> None:
     from relight.evaluation.formats import write_table
 
-    for name, table in tables(evaluate, runs, scores, baselines).items():
+    for name, table in tables(evaluate, experiments, scores, baselines).items():
         write_table(table, out / name)
 
 
-def tables(evaluate: Evaluate, runs: Path, scores: Path, baselines: Path) -> dict:
-    """The tables that the runs allow, by name."""
-    from relight.evaluation.tables import gather, table1, table2
+def tables(evaluate: Evaluate, experiments: Path, scores: Path, baselines: Path) -> dict:
+    """The table of each experiment that is one, by name."""
+    from relight.evaluation.tables import experiment_table, gather
 
-    rows = gather([scores / f"{run}.csv" for run in runs.read_text().split()])
+    asked = {name: one for name, one in json.loads(experiments.read_text()).items() if one["table"]}
+    runs = dict.fromkeys(run for one in asked.values() for runs in one["runs"].values() for run in runs)
+    rows = gather([scores / f"{run}.csv" for run in runs])
     trivial = gather([baselines])
-    made = {}
-    if not all(row.startswith("no_") for row in rows):
-        made["table1"] = table1(rows, trivial, evaluate)
-    if any(row.startswith("no_") for row in rows):
-        made["table2"] = table2(rows, trivial, evaluate)
-    return made
+    return {
+        name: experiment_table(name, {row: rows[row] for row in one["runs"]}, trivial, evaluate, rows)
+        for name, one in asked.items()
+    }
 
 
 if __name__ == "__main__":

@@ -10,7 +10,7 @@ from relight.evaluation.formats import number, split_column, to_html, to_latex, 
 from relight.evaluation.metrics import COLUMNS
 from relight.evaluation.paper import printed
 from relight.evaluation.scores import Scores, write_scores
-from relight.evaluation.tables import COLUMNS1, LABELS, gather, table1, table2
+from relight.evaluation.tables import COLUMNS1, LABELS, experiment_table, gather
 from relight.files import UserError
 
 SETTINGS = Evaluate(4000, 2, 6, "test", "cpu", 0, 1)
@@ -35,7 +35,7 @@ def rows(shift=None, names=("sfsnet", "sfsnet_ao", "ours_min", "ours_full"), see
 
 def test_the_best_and_what_cannot_be_told_from_it():
     given = rows({"ours_min": {"light_rmse": -0.0062}})  # .1988 against .199 of ours_full
-    table = table1(given, {}, SETTINGS)
+    table = experiment_table("table1", given, {}, SETTINGS)
     assert [row.name for row in table.rows] == ["sfsnet", "sfsnet_ao", "ours_min", "ours_full"]
     cells = {row.name: row.cells for row in table.rows}
     best = [name for name, row in cells.items() if row["shading_rmse"].best]
@@ -51,26 +51,25 @@ def test_the_best_and_what_cannot_be_told_from_it():
 
 def test_baselines_do_not_compete():
     baseline = {"mean_figure": [scores("ours_full", 0, {c: -0.1 for c in COLUMNS1})]}
-    table = table1(rows(), baseline, SETTINGS)
+    table = experiment_table("table1", rows(), baseline, SETTINGS)
     last = table.rows[-1]
     assert last.baseline and last.label == LABELS["mean_figure"]
     assert not any(cell.best or cell.p is not None for cell in last.cells.values())
     assert next(r for r in table.rows if r.name == "ours_full").cells["shading_rmse"].best
 
 
-def test_table2_sets_the_ablations_beside_the_full_loss():
-    names = ("sfsnet", "ours_full", "no_tv", "no_shading", "no_reconstruction", "ours_plus")
-    given = {name: [scores(name if printed(name) else "ours_full", 0, {})] for name in names}
-    assert [row.name for row in table2(given, {}, SETTINGS).rows] == [
-        "ours_full", "no_tv", "no_shading", "no_reconstruction"
-    ]  # fmt: skip
-    assert [row.name for row in table1(given, {}, SETTINGS).rows] == ["sfsnet", "ours_full", "ours_plus"]
+def test_an_experiment_shows_its_own_columns_and_its_rows_in_their_order():
+    names = ("ours_full", "no_tv", "no_shading")
+    given = {name: [scores(name, 0, {})] for name in names}
+    table = experiment_table("table2", given, {}, SETTINGS)
+    assert [row.name for row in table.rows] == list(names) and "normal_rmse" not in table.columns
+    assert experiment_table("of my own", given, {}, SETTINGS).title.startswith("of my own")
     with pytest.raises(UserError, match="no run"):
-        table2({"sfsnet": given["sfsnet"]}, {}, SETTINGS)
+        experiment_table("table2", {}, {}, SETTINGS)
 
 
 def test_formats_say_the_same(tmp_path):
-    table = table1(rows(seeds=2), {"mean_figure": [scores("ours_min", 5, {})]}, SETTINGS)
+    table = experiment_table("table1", rows(seeds=2), {"mean_figure": [scores("ours_min", 5, {})]}, SETTINGS)
     paths = write_table(table, tmp_path / "table1")
     assert [path.name for path in paths] == ["table1.csv", "table1.md", "table1.tex"]
     with open(paths[0], newline="") as file:
@@ -92,14 +91,14 @@ def test_formats_say_the_same(tmp_path):
 
 
 def test_bytes_do_not_change():
-    tables = [table1(rows(seeds=3), {}, SETTINGS) for _ in range(2)]
+    tables = [experiment_table("table1", rows(seeds=3), {}, SETTINGS) for _ in range(2)]
     for text in (to_markdown, to_latex, to_html):
         assert text(tables[0]) == text(tables[1])
     assert paragraph(tables[:1]) == paragraph(tables[1:])
 
 
 def test_the_papers_own_numbers_hold_where_they_differ():
-    table = table1(rows(noise=0.0005), {}, SETTINGS)
+    table = experiment_table("table1", rows(noise=0.0005), {}, SETTINGS)
     verdicts = {(c.better, c.worse, c.column): c.verdict for c in claims([table])}
     assert verdicts["ours_min", "sfsnet", "shading_rmse"] == "holds"
     assert verdicts["sfsnet_ao", "ours_full", "albedo_ssim"] == "holds"  # as printed, against the paper's general words
@@ -108,7 +107,7 @@ def test_the_papers_own_numbers_hold_where_they_differ():
 
 
 def test_an_order_that_is_turned_round_is_reported_as_such():
-    table = table1(rows({"ours_full": {"transport_rmse": 0.1}}), {}, SETTINGS)
+    table = experiment_table("table1", rows({"ours_full": {"transport_rmse": 0.1}}), {}, SETTINGS)
     made = {(c.better, c.worse, c.column): c for c in claims([table])}
     claim = made["ours_full", "ours_min", "transport_rmse"]
     assert claim.verdict == "reversed" and claim.ours.low > 0
@@ -127,18 +126,18 @@ def test_nothing_is_claimed_that_noise_can_explain():
             name: [Scores(FIGURES, [0, 1], {c: 0.3 + hard + rng.normal(0, 0.02, (12, 2)) for c in COLUMNS1})]
             for name in ("sfsnet", "sfsnet_ao", "ours_min", "ours_full")
         }
-        stray += any(claim.verdict != "open" for claim in claims([table1(given, {}, quick)]))
+        stray += any(claim.verdict != "open" for claim in claims([experiment_table("table1", given, {}, quick)]))
     assert stray <= 5
 
 
 def test_verdicts_count_up_in_the_paragraph():
-    table = table1(rows(), {}, SETTINGS)
+    table = experiment_table("table1", rows(), {}, SETTINGS)
     pattern = r"\*\*(\d+) hold here, (\d+) the other way round, (\d+) stay open"
     counts = [int(n) for n in re.search(pattern, paragraph([table])).groups()]
     made = claims([table])
     assert counts == [sum(c.verdict == v for c in made) for v in ("holds", "reversed", "open")]
     assert "With one training a row" in paragraph([table])
-    assert "can be compared" in paragraph([table1(rows(names=("sfsnet",)), {}, SETTINGS)])
+    assert "can be compared" in paragraph([experiment_table("table1", rows(names=("sfsnet",)), {}, SETTINGS)])
 
 
 def test_gather_puts_trainings_of_a_row_together(tmp_path):
@@ -154,7 +153,7 @@ def test_gather_puts_trainings_of_a_row_together(tmp_path):
 
 def test_one_figure_gives_numbers_without_certainty():
     one = {n: [Scores(["f"], [1], {c: v[:1, :1] for c, v in s[0].columns.items()})] for n, s in rows().items()}
-    table = table1(one, {}, SETTINGS)
+    table = experiment_table("table1", one, {}, SETTINGS)
     assert "± ∞" in to_markdown(table) and "infty" in to_latex(table)
     assert all(claim.verdict == "open" for claim in claims([table]))
 

@@ -39,10 +39,10 @@ def relight(repo: Path, *words: str, timeout: float = 570) -> subprocess.Complet
 
 
 def planned(repo: Path, *words: str) -> dict[str, int]:
-    """What a dry run would do: {rule: jobs}, without the writing of settings."""
+    """What a dry run would do: {rule: jobs}, without the writing of settings and lists."""
     import re
 
     run = relight(repo, "run", *words, "--dry-run")
     assert run.returncode == 0, run.stdout
     table = re.findall(r"^(\w+) +(\d+)$", run.stdout, re.M)
-    return {rule: int(jobs) for rule, jobs in table if rule not in ("total", "all", "settings", "listing")}
+    return {rule: int(jobs) for rule, jobs in table if rule not in ("total", "all", "settings", "listing", "experiments")}

@@ -9,7 +9,7 @@ from repo import copy, relight
 
 from relight.panoramas.rooms import room
 
-WORDS = ("scale=smoke", "name=mine", "sweep=one", "split.test=0.34", "train.steps=6")
+WORDS = ("scale=smoke", "name=mine", "experiment=one", "split.test=0.34", "train.steps=6")
 
 
 def write_hdr(path, pixels) -> None:
@@ -49,7 +49,7 @@ def test_three_meshes_and_two_panoramas_give_a_report(sources, tmp_path):
     assert set(record["left_out"]) == {"broken"} and "broken is left out" in run.stdout
     page = (repo / "results/mine/report/report.html").read_text()
     assert "broken.ply" in page and page.count("data:image/") >= 5
-    assert (repo / "results/mine/report/table1.csv").stat().st_size > 100
+    assert (repo / "results/mine/report/one.csv").stat().st_size > 100
 
 
 def test_too_few_usable_meshes_end_the_run(sources, tmp_path):

@@ -33,13 +33,24 @@ rule settings:
         "printf %s {params.text:q} > {output}"
 
 
-# Lists that a stage takes as a file: the figures of this plan, the runs of the sweep.
+# Lists that a stage takes as a file: the figures of this plan, the runs that the tables compare.
 rule listing:
     output:
         f"{OUT}/config/{{listing}}.txt",
     localrule: True
     params:
         text=lambda wildcards: PLAN.listing(wildcards.listing),
+    shell:
+        "printf %s {params.text:q} > {output}"
+
+
+# What the report is to answer.
+rule experiments:
+    output:
+        f"{OUT}/config/experiments.json",
+    localrule: True
+    params:
+        text=PLAN.asked(),
     shell:
         "printf %s {params.text:q} > {output}"
 

@@ -1,8 +1,8 @@
 rule tables:
     input:
         cfg=settings("tables"),
-        runs=f"{OUT}/config/runs.txt",
-        scores=expand(f"{OUT}/evaluate/{{run}}.csv", run=PLAN.runs),
+        experiments=f"{OUT}/config/experiments.json",
+        scores=expand(f"{OUT}/evaluate/{{run}}.csv", run=PLAN.scored),
         baselines=f"{OUT}/evaluate/baselines.csv",
     output:
         report(
@@ -18,7 +18,8 @@ rule tables:
         f"{OUT}/log/tables.log",
     shell:
         command("tables")
-        + f"io.runs={{input.runs}} io.scores={OUT}/evaluate io.baselines={{input.baselines}} io.out={OUT}/report"
+        + f"io.experiments={{input.experiments}} io.scores={OUT}/evaluate "
+        + f"io.baselines={{input.baselines}} io.out={OUT}/report"
         + LOGGED
 
 
@@ -26,7 +27,7 @@ rule plates:
     input:
         cfg=settings("plates"),
         runs=f"{OUT}/config/runs.txt",
-        networks=expand(f"{OUT}/train/{{run}}.safetensors", run=PLAN.runs),
+        networks=expand(f"{OUT}/train/{{run}}.safetensors", run=PLAN.scored),
         packed=f"{OUT}/packed.safetensors",
         lights=f"{OUT}/lights/lights.npz",
         split=f"{OUT}/split.json",
@@ -75,12 +76,13 @@ rule sheets:
 rule report:
     input:
         cfg=settings("report"),
+        experiments=f"{OUT}/config/experiments.json",
         runs=f"{OUT}/config/runs.txt",
         record=f"{OUT}/figures.json",
         chain=f"{OUT}/lights/chain.json",
-        scores=expand(f"{OUT}/evaluate/{{run}}.csv", run=PLAN.runs),
+        scores=expand(f"{OUT}/evaluate/{{run}}.csv", run=PLAN.scored),
         baselines=f"{OUT}/evaluate/baselines.csv",
-        curves=expand(f"{OUT}/train/{{run}}.csv", run=PLAN.runs),
+        curves=expand(f"{OUT}/train/{{run}}.csv", run=PLAN.scored),
         plates=f"{OUT}/report/plates.png",
         figures=f"{OUT}/report/figures.png",
         lights=f"{OUT}/report/lights.png",
@@ -98,7 +100,7 @@ rule report:
         f"{OUT}/log/report.log",
     shell:
         command("report")
-        + f"io.runs={{input.runs}} io.results={OUT} io.out={{output.page}}"
+        + f"io.experiments={{input.experiments}} io.runs={{input.runs}} io.results={OUT} io.out={{output.page}}"
         + LOGGED
 
 
