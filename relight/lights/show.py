@@ -56,14 +56,15 @@ def show(light: Light, path: Path | str) -> None:
     figure = Figure(figsize=(11, 5), dpi=130, facecolor=PAPER)
     title = light.source if len(light.source) <= 70 else "…" + light.source[-69:]
     figure.text(0.03, 0.93, title, color=INK, fontsize=14, weight="bold", va="center")
-    panes = [("Diffuse panorama", encode(diffuse_panorama(drawn, 128) * np.pi * ALBEDO), "-z")]
+    panes = [("Diffuse panorama", encode(diffuse_panorama(drawn, 128) * np.pi * ALBEDO))]
     if light.panorama is not None and light.panorama.layout == "latlong":
-        panes.insert(0, ("Panorama, as stored", tone_mapped(light.panorama), light.panorama.front))
-    for i, (name, picture, front) in enumerate(panes):
+        turned = light.panorama.yaw % 360 or light.panorama.flip or light.panorama.front == "+z"
+        panes.insert(0, ("Panorama, as turned" if turned else "Panorama", tone_mapped(seen_pixels(light.panorama))))
+    for i, (name, picture) in enumerate(panes):
         axes = figure.add_axes((0.03, 0.51 - 0.45 * i, 0.36, 0.335))
         axes.imshow(picture, aspect="auto", interpolation="bilinear")
         axes.set_title(name, fontsize=9, color=FAINT, loc="left", pad=4)
-        mark_directions(axes, picture.shape, front)
+        mark_directions(axes, picture.shape)
     night = figure.add_axes((0.415, 0.06, 0.30, 0.785), facecolor=NIGHT)
     night.set(xticks=[], yticks=[])
     night.set_title("Matt ball, from the camera", fontsize=9, color=FAINT, loc="left", pad=4)
@@ -81,25 +82,31 @@ def show(light: Light, path: Path | str) -> None:
         figure.savefig(temporary, format="png")
 
 
-def mark_directions(axes, shape: tuple[int, ...], front: str) -> None:
-    """Names below a lat-long picture: which way its edges, quarters and centre look, seen from the figure."""
-    names = (
-        ("camera", "left", "away", "right", "camera") if front == "-z" else ("away", "right", "camera", "left", "away")
-    )
+def mark_directions(axes, shape: tuple[int, ...]) -> None:
+    """Names below a lat-long picture with its centre at -z: which way its edges, quarters and centre look."""
     axes.set(xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
-    for i, name in enumerate(names):
+    for i, name in enumerate(("camera", "left", "away", "right", "camera")):
         align = "left" if i == 0 else "right" if i == 4 else "center"
-        axes.text(shape[1] * i / 4 - 0.5, shape[0] * 1.02, name, fontsize=7, color=FAINT, ha=align, va="top")
+        axes.text(shape[1] * i / 4 - 0.5, shape[0] * 1.075, name, fontsize=7, color=FAINT, ha=align)
 
 
-def tone_mapped(panorama: Panorama) -> np.ndarray:
-    """A panorama as a picture: exposed for its median, highlights rolled off."""
+def seen_pixels(panorama: Panorama) -> np.ndarray:
+    """Pixels (h, w, 3) of a lat-long panorama as its light is used: flipped, turned, centre at -z, to a column; every
+    n-th row and column of one over 512 rows."""
     pixels = panorama.pixels
     step = max(1, pixels.shape[0] // 512)
-    pixels = pixels[::step, ::step].astype(np.float64)
-    grey = pixels.mean(-1)
-    exposed = pixels * 0.35 / max(float(np.percentile(grey, 60)), 1e-9)
+    width = pixels.shape[1]
+    around = (np.arange(0, width, step) + 0.5) / width + panorama.yaw / 360
+    around = (1 - around if panorama.flip else around) + (0.5 if panorama.front == "+z" else 0)
+    column = np.floor(around % 1 * width + 1e-6).astype(int) % width
+    return pixels[::step, column]
+
+
+def tone_mapped(pixels: np.ndarray) -> np.ndarray:
+    """Linear pixels (h, w, 3) as a picture: exposed for their median, highlights rolled off."""
+    pixels = pixels.astype(np.float64)
+    exposed = pixels * 0.35 / max(float(np.percentile(pixels.mean(-1), 60)), 1e-9)
     return encode(exposed * (1 + exposed / 16) / (1 + exposed * 0.6))
 
 

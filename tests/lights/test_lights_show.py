@@ -1,7 +1,12 @@
-import numpy as np
+from dataclasses import replace
 
-from relight.lights.show import ALBEDO, ball, contact_sheet, diffuse_panorama
+import numpy as np
+import pytest
+
+from relight.lights.show import ALBEDO, ball, contact_sheet, diffuse_panorama, seen_pixels
 from relight.lights.table import LightSet
+from relight.panoramas.panorama import Panorama
+from relight.panoramas.project import project
 from relight.sh.basis import basis
 from relight.srgb import encode
 
@@ -30,6 +35,21 @@ def test_the_diffuse_panorama_looks_away_at_its_centre():
     picture = diffuse_panorama(away, 32)[..., 0]
     assert np.unravel_index(picture.argmax(), picture.shape)[1] in (31, 32)
     np.testing.assert_allclose(diffuse_panorama(constant(np.pi), 8), 1)
+
+
+@pytest.mark.parametrize("yaw", [0, 90, -45, 540])
+@pytest.mark.parametrize("flip", [False, True])
+@pytest.mark.parametrize("front", ["-z", "+z"])
+def test_the_panorama_is_drawn_as_its_light_is_used(yaw, flip, front):
+    panorama = Panorama(
+        np.random.default_rng(0).random((8, 16, 3)).astype(np.float32), "latlong", False, flip, yaw, front
+    )
+    seen = replace(panorama, pixels=seen_pixels(panorama), flip=False, yaw=0.0, front="-z")
+    np.testing.assert_allclose(project(seen), project(panorama), atol=1e-12)
+
+
+def test_a_large_panorama_is_drawn_smaller():
+    assert seen_pixels(Panorama(np.ones((1536, 3072, 3), np.float32), yaw=33.0)).shape == (512, 1024, 3)
 
 
 def test_a_contact_sheet_of_any_size_is_drawn(tmp_path):
