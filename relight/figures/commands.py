@@ -30,6 +30,8 @@ def figures(
     export: Annotated[str, typer.Option(help="glb for any program, npz for relight.")] = "glb",
     detail: Annotated[str, typer.Option(help="full for 1024 px, draft for 128 px.")] = "full",
     texture: Annotated[int, typer.Option(min=64, help="Side of the largest texture in pixels.")] = 1024,
+    per_subject: Annotated[int, typer.Option(min=1, help="Consecutive seeds that are one person, in poses.")] = 1,
+    shading: Annotated[float, typer.Option(min=0, max=1, help="Bakes shading into the albedo, as scans have it.")] = 0,
     jobs: Annotated[int, typer.Option(min=1, help="Figures made at the same time, about 1 GB of memory each.")] = 1,
 ) -> None:
     """Make clothed figures. A seed always makes the same figure; figures.csv tells who, in what, how.
@@ -50,7 +52,8 @@ def figures(
         raise UserError(f"--export {export}: {' or '.join(FORMATS)}")
     if detail not in DETAILS:
         raise UserError(f"--detail {detail}: {' or '.join(DETAILS)}")
-    tasks = [(seed, detail, texture, out / f"g{seed:04d}.{export}") for seed in numbers]
+    asked = [detail, texture, per_subject, shading]
+    tasks = [(seed, asked, out / f"g{seed:04d}.{export}") for seed in numbers]
     with multiprocessing.get_context("spawn").Pool(jobs) as pool:
         rows = list(progress(pool.imap(one, tasks), "figures", total=len(tasks)))
     failed = [str(row["error"]) for row in rows if "error" in row]
@@ -64,7 +67,7 @@ def figures(
         raise UserError(f"{len(failed)} of {len(rows)} figures failed: {failed[0]}")
 
 
-def one(task: tuple[int, str, int, Path]) -> dict:
+def one(task: tuple[int, list, Path]) -> dict:
     """Makes and writes one figure, unless it is there; returns its info, or {"error": why}."""
     import json
 
@@ -72,15 +75,15 @@ def one(task: tuple[int, str, int, Path]) -> dict:
     from relight.figures.export import export
     from relight.files import UserError, whole
 
-    seed, detail, texture, path = task
+    seed, asked, path = task
     note = path.with_suffix(".json")
     if path.is_file() and note.is_file():
         info = json.loads(note.read_text())
-        if info.get("asked") == [detail, texture]:
+        if info.get("asked") == asked:
             return info
     try:
-        mesh = make_figure(seed, detail, texture)
-        mesh.info["asked"] = [detail, texture]
+        mesh = make_figure(seed, *asked)
+        mesh.info["asked"] = asked
         export(mesh, path)
         with whole(note) as tmp:
             tmp.write_text(json.dumps(mesh.info, indent=1) + "\n")

@@ -22,6 +22,7 @@ from relight.figures.body import Body, build_body, sample_person
 from relight.figures.drape import Effort
 from relight.figures.outfits import Outfit, sample_outfit
 from relight.figures.poses import Motion, motion, sample_pose
+from relight.figures.shading import shaded
 from relight.figures.surfaces import loop, thickened
 from relight.files import UserError
 from relight.meshes.mesh import Material, Mesh
@@ -89,35 +90,51 @@ class Builder:
         )
 
 
-def make_figure(seed: int, detail: str = "full", texture: int = 1024) -> Mesh:
+def make_figure(
+    seed: int, detail: str = "full", texture: int = 1024, per_subject: int = 1, shading: float = 0.0
+) -> Mesh:
     """The figure of an integer seed, the same in every process on machines of one kind.
 
-    detail: draft (for maps up to 128 px) or full (1024 px); texture: side of the largest baked texture in pixels.
-    Returns a mesh in metres, y up, facing +z, standing on y = 0. Its info holds name, subject, source, seed, generator
-    version, traits, pose, garments, hair, shoes, and how often it was re-drawn. Raises UserError for a bad argument,
-    and when no attempt passes the gates (none of the seeds tried so far).
+    detail: draft (for maps up to 128 px) or full (1024 px); texture: side of the largest baked texture in pixels;
+    per_subject: n consecutive seeds, from a multiple of n on, are one person in one outfit, in n poses and
+    expressions; shading: strength in [0,1] of the shading that is baked into the albedo, as scans have it. Returns a
+    mesh in metres, y up, facing +z, standing on y = 0. Its info holds name, subject, source, seed, generator version,
+    traits, pose, garments, hair, shoes, and how often it was re-drawn. Raises UserError for a bad argument, and when
+    no attempt passes the gates (none of the seeds tried so far).
     """
     if detail not in DETAILS:
         raise UserError(f"figures.detail is {detail!r}; it must be one of {', '.join(DETAILS)}")
     if seed < 0 or texture < 64:
         raise UserError(f"a figure needs a seed >= 0 and a texture >= 64 pixels, not {seed} and {texture}")
+    if per_subject < 1 or not 0 <= shading <= 1:
+        raise UserError(f"a figure needs per_subject >= 1 and a shading in [0, 1], not {per_subject} and {shading}")
     drape.prepare()
     reasons: list[str] = []
     for attempt in range(ATTEMPTS):
-        mesh, reason = attempt_figure(seed, attempt, DETAILS[detail], texture)
+        mesh, reason = attempt_figure(seed, attempt, DETAILS[detail], texture, per_subject)
         if reason is None:
+            mesh = shaded(mesh, shading)
             mesh.info |= {"detail": detail, "redrawn": attempt, "redrawn_because": reasons}
             return mesh
         reasons.append(reason)
     raise UserError(f"no figure of seed {seed} passed the gates in {ATTEMPTS} attempts: {'; '.join(reasons)}")
 
 
-def attempt_figure(seed: int, attempt: int, detail: Detail, texture: int) -> tuple[Mesh | None, str | None]:
-    """One draw: the mesh, or the reason why it is not good enough. The person stays; pose and clothes change."""
-    person = sample_person(np.random.default_rng([seed, 0]))
-    rng = np.random.default_rng([seed, 1, attempt])
+def subject_of(seed: int, per_subject: int) -> str:
+    """The name of the person whom a seed shows: the figure's own where every seed is somebody else."""
+    return f"g{seed:04d}" if per_subject == 1 else f"s{seed // per_subject:04d}"
+
+
+def attempt_figure(
+    seed: int, attempt: int, detail: Detail, texture: int, per_subject: int
+) -> tuple[Mesh | None, str | None]:
+    """One draw: the mesh, or the reason why it is not good enough. The person stays; pose and clothes change, and the
+    pose only where others wear the same clothes."""
+    subject = seed // per_subject
+    person = sample_person(np.random.default_rng([subject, 0]))
+    rng = np.random.default_rng([subject, 1, attempt if per_subject == 1 else 0])
     outfit = sample_outfit(rng, person)
-    pose = sample_pose(rng, SITTING)
+    pose = sample_pose(rng if per_subject == 1 else np.random.default_rng([seed, 2, attempt]), SITTING)
     body = build_body(person)
     way = motion(body, pose, detail.frames)
     worn = wear(body, way, outfit, detail)
@@ -125,10 +142,10 @@ def attempt_figure(seed: int, attempt: int, detail: Detail, texture: int) -> tup
     if reason:
         return None, reason
     builder = Builder()
-    assemble(builder, body, way, outfit, worn, detail, texture, seed)
+    assemble(builder, body, way, outfit, worn, detail, texture, subject)
     info = {
         "name": f"g{seed:04d}",
-        "subject": f"g{seed:04d}",
+        "subject": subject_of(seed, per_subject),
         "source": "generated",
         "seed": seed,
         "generator": GENERATOR,

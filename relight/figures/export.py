@@ -69,6 +69,8 @@ def write_glb(mesh: Mesh, path: Path) -> None:
             "NORMAL": accessor(normals[index].astype(np.float32), "VEC3", FLOAT, ARRAY),
             "TEXCOORD_0": accessor(np.stack([uv[:, 0], 1 - uv[:, 1]], 1).astype(np.float32), "VEC2", FLOAT, ARRAY),
         }
+        if mesh.color is not None:
+            attributes["COLOR_0"] = accessor(mesh.color[index].astype(np.float32), "VEC3", FLOAT, ARRAY)
         triangles = accessor(faces.astype(np.uint32).reshape(-1), "SCALAR", UINT32, ELEMENT)
         primitives.append({"attributes": attributes, "indices": triangles, "material": len(materials) - 1})
     scene = {

@@ -10,18 +10,19 @@ from relight.stages.step import step
 
 @stage("figure", figure="g and a seed, such as g0012", out="mesh record (.npz)")
 def main(figures: Figures, figure: Path, out: Path) -> None:
-    from relight.figures.dress import make_figure
+    from relight.figures.dress import make_figure, subject_of
 
     name = figure.name
     if not (name.startswith("g") and name[1:].isdigit()):
         raise UserError(f"io.figure must be g and a seed, such as g0012, not {name}")
+    seed = int(name[1:])
 
     def make():
-        mesh = make_figure(int(name[1:]), figures.detail, figures.texture)
-        mesh.info.update(name=name, subject=name, axes={"up": "+y", "front": "+z"})
+        mesh = make_figure(seed, figures.detail, figures.texture, figures.per_subject, figures.shading)
+        mesh.info.update(name=name, axes={"up": "+y", "front": "+z"})
         return mesh
 
-    step(make, {"name": name, "subject": name}, out)
+    step(make, {"name": name, "subject": subject_of(seed, figures.per_subject)}, out)
 
 
 if __name__ == "__main__":

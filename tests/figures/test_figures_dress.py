@@ -105,7 +105,7 @@ def test_bad_arguments_are_one_sentence(seed, detail, texture, said):
 def test_a_failed_attempt_is_drawn_again_and_counted(figure, monkeypatch):
     real, calls = dress.attempt_figure, []
 
-    def failing_first(seed, attempt, detail, texture):
+    def failing_first(seed, attempt, detail, texture, per_subject):
         calls.append(attempt)
         return (None, "torn") if attempt < 2 else (figure[0], None)
 
