@@ -7,7 +7,10 @@ sys.path.insert(0, workflow.basedir)
 from snakemake.exceptions import WorkflowError
 
 from relight.files import UserError
+from relight.scheduling import calm
 from relight.workflow import Plan
+
+calm()
 
 try:
     PLAN = Plan(config)
