@@ -2,8 +2,9 @@
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.installed
+CASES ?= 5000
 
-.PHONY: all env run report test smoke ui lint format lock clean help
+.PHONY: all env run report test fuzz smoke ui lint format lock clean help
 .DEFAULT_GOAL := all
 
 all: run  ## install what is missing, then run the whole workflow on the embedded data
@@ -22,6 +23,10 @@ run: $(STAMP)  ## the workflow; make run ARGS="scale=smoke train.lr=1e-3"
 
 test: $(STAMP)  ## the tests
 	@$(BIN)/python -m pytest -n 2 $(ARGS)
+
+fuzz: $(STAMP)  ## feed the readers 5,000 damaged panoramas and meshes; make fuzz CASES=50000
+	@RELIGHT_FUZZ=$(CASES) $(BIN)/python -m pytest -n 2 tests/panoramas/test_panoramas_fuzz.py \
+		tests/meshes/test_meshes_malformed.py $(ARGS)
 
 smoke: $(STAMP)  ## the whole workflow at the smallest scale
 	@$(BIN)/relight run scale=smoke $(ARGS)

@@ -1,6 +1,6 @@
 """Malformed panoramas: each is an error or a stated repair; no crash, no hang over 2 s, no more than 500 MB.
 
-The suite takes a seeded sample; RELIGHT_FUZZ=5000 takes more. Files are read in a process of their own, so that a crash
+The suite takes a seeded sample, `make fuzz` more (RELIGHT_FUZZ). Files are read in a process of their own, so that a crash
 is seen and memory is measured.
 """
 
