@@ -78,6 +78,7 @@ class Panoramas:
     layout: str = MISSING  # auto, or a layout that relight.panoramas.layouts knows
     yaw: float = MISSING  # degrees by which every light is turned, +z toward +x
     flip: bool = MISSING  # mirror left and right
+    repair: bool = False  # pixels that are not finite get the mean of their neighbours; else the file is left out
     version: int = MISSING
 
 

@@ -31,20 +31,21 @@ def build(panoramas: Panoramas, lights: Lights, order: int, progress: bool = Tru
     """The light set that the settings describe, and the record of what each step dropped and why.
 
     Lights of spherical-harmonic `order`; `progress` shows the time left. The record is that of `select`, and
-    `record["unreadable"]` maps files of a folder that could not be read to what was wrong with them.
+    `record["unreadable"]` maps files of a folder that could not be read to what was wrong with them, and
+    `record["repaired"]` others to what was mended.
     """
-    sources, coefficients, unreadable = coefficients_of(panoramas, order, progress)
+    sources, coefficients, unreadable, repaired = coefficients_of(panoramas, order, progress)
     chosen, record = select(coefficients, sources, lights)
     why = {"unreadable": len(unreadable)} if unreadable else {}
     record["steps"].insert(0, {"step": "read", "in": len(sources) + len(unreadable), "out": len(sources), "why": why})
-    record["unreadable"] = unreadable
+    record |= {"unreadable": unreadable, "repaired": repaired}
     return chosen, record
 
 
 def coefficients_of(
     panoramas: Panoramas, order: int, progress: bool = True
-) -> tuple[list[str], np.ndarray, dict[str, str]]:
-    """Sources, lights (N, K, 3) and what could not be read, of the panoramas that the settings name."""
+) -> tuple[list[str], np.ndarray, dict[str, str], dict[str, str]]:
+    """Sources and lights (N, K, 3) of the panoramas that the settings name, what could not be read, what was mended."""
     if panoramas.source == "generated":
         sources = [f"room:{panoramas.seed + i}" for i in range(panoramas.count)]
         sources += [f"sky:{panoramas.seed + i}" for i in range(panoramas.skies)]
@@ -54,23 +55,23 @@ def coefficients_of(
     elif panoramas.source == "folder":
         folder = Path(panoramas.folder or "")
         sources = panoramas_in(folder)
-        light_of = partial(
-            file_light, folder=folder, order=order, layout=panoramas.layout, yaw=panoramas.yaw, flip=panoramas.flip
-        )
+        light_of = partial(file_light, panoramas=panoramas, order=order)
     else:
         raise UserError(f"panoramas.source={panoramas.source}: generated or folder")
-    found, unreadable = {}, {}
+    found, unreadable, repaired = {}, {}, {}
     results = spread(light_of, sources)
     for source, result in zip(sources, show_progress(results, "panoramas", len(sources)) if progress else results):
         if isinstance(result, str):
             unreadable[source] = result
             log.warning(result)
-        else:
-            found[source] = result
+            continue
+        found[source], mended = result if isinstance(result, tuple) else (result, [])
+        if mended:
+            repaired[source] = "; ".join(mended)
     if not found:
         first = next(iter(unreadable.values()))
         raise UserError(f"{panoramas.folder}: none of its {len(unreadable)} panoramas can be read; the first: {first}")
-    return list(found), np.stack(list(found.values())), unreadable
+    return list(found), np.stack(list(found.values())), unreadable, repaired
 
 
 def generated_light(source: str, order: int, yaw: float = 0.0, flip: bool = False) -> np.ndarray:
@@ -79,10 +80,13 @@ def generated_light(source: str, order: int, yaw: float = 0.0, flip: bool = Fals
     return orient(project(Panorama(GENERATORS[kind](int(seed)), source=source), order), yaw, flip)
 
 
-def file_light(source: str, folder: Path, order: int, layout: str, yaw: float, flip: bool) -> np.ndarray | str:
-    """The light (K, 3) of one file of a folder, or what is wrong with it: one bad file must not end a long run."""
+def file_light(source: str, panoramas: Panoramas, order: int) -> tuple[np.ndarray, list[str]] | str:
+    """The light (K, 3) of one file of a folder and what was mended, or what is wrong with it: one bad file must not end
+    a long run."""
     try:
-        return project(read_panorama(folder / source, layout=layout, yaw=yaw, flip=flip), order)
+        path, p = Path(panoramas.folder or "") / source, panoramas
+        panorama = read_panorama(path, layout=p.layout, yaw=p.yaw, flip=p.flip, repair=p.repair)
+        return project(panorama, order), panorama.repairs
     except UserError as error:
         return str(error)
 

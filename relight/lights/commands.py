@@ -15,6 +15,9 @@ LAYOUT = Annotated[str, typer.Option(help="auto, latlong, angular, ball, cross, 
 YAW = Annotated[float, typer.Option(help="Turn the light about the vertical, degrees; front goes to the right.")]
 FLIP = Annotated[bool, typer.Option("--flip", help="Mirror left and right.")]
 EXPOSURE = Annotated[float, typer.Option(help="Factor on the light.")]
+REPAIR = Annotated[
+    bool, typer.Option("--repair", help="Pixels that are not finite get the mean of their neighbours; else refused.")
+]
 CONVENTION = Annotated[
     str | None,
     typer.Option("--from", help="Convention of a file of coefficients, such as kanamori2018, dpr, ramamoorthi2001."),
@@ -46,6 +49,7 @@ def numbers(
     flip: FLIP = False,
     exposure: EXPOSURE = 1.0,
     convention: CONVENTION = None,
+    repair: REPAIR = False,
 ) -> None:
     """Print the spherical harmonics of a light and what they say of it."""
     from rich.console import Console
@@ -57,7 +61,7 @@ def numbers(
     from relight.sh.basis import bands
     from relight.sh.conventions import from_relight
 
-    loaded = load_light(light, order, layout, yaw, flip, exposure, convention)
+    loaded = load_light(light, order, layout, yaw, flip, exposure, convention, repair)
     table = Table("l, m", "R", "G", "B", title=f"{loaded.source}, convention {to}", title_justify="left")
     for k, (l, row) in enumerate(zip(bands(loaded.order), from_relight(loaded.coefficients, to))):
         name = str(k) if to == "kanamori2018" else f"{l}, {k - l * l - l}"
@@ -82,6 +86,7 @@ def show(
     flip: FLIP = False,
     exposure: EXPOSURE = 1.0,
     convention: CONVENTION = None,
+    repair: REPAIR = False,
 ) -> None:
     """Draw a light: the ball it lights, its diffuse panorama, its numbers. A light set (.npz): a contact sheet."""
     from relight.lights import show as pictures
@@ -91,4 +96,4 @@ def show(
     if Path(light).suffix == ".npz":
         pictures.contact_sheet(load(light), out)
     else:
-        pictures.show(load_light(light, order, layout, yaw, flip, exposure, convention), out)
+        pictures.show(load_light(light, order, layout, yaw, flip, exposure, convention, repair), out)

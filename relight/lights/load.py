@@ -34,6 +34,7 @@ def load_light(
     flip: bool = False,
     exposure: float = 1.0,
     convention: str | None = None,
+    repair: bool = False,
 ) -> Light:
     """The light that `text` names, with (order + 1)^2 coefficients of radiance; not scaled to any brightness.
 
@@ -47,7 +48,7 @@ def load_light(
                                     with a fill of 0.2 of its strength from everywhere
 
     `yaw` (degrees, +z toward +x), `flip` and `exposure` apply to all of them, and to the panorama of those that have
-    one. UserError for anything else.
+    one; `repair` to panoramas from files. UserError for anything else.
     """
     text = str(text)
     if not (np.isfinite(exposure) and exposure > 0 and np.isfinite(yaw)):
@@ -71,7 +72,7 @@ def load_light(
     elif Path(text).suffix.lower() == ".npz":
         raise UserError(f"{text}: a set of lights; say which one ({text}:0)")
     else:
-        panorama = read_panorama(text, layout, yaw, flip, exposure)
+        panorama = read_panorama(text, layout, yaw, flip, exposure, repair)
         light = Light(project(panorama, order), text, panorama, list(panorama.repairs))
     if light.panorama is None:
         light = replace(light, coefficients=orient(light.coefficients, yaw, flip) * exposure)

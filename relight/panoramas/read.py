@@ -9,6 +9,7 @@ from relight.panoramas.exr import read_exr
 from relight.panoramas.hdr import read_hdr
 from relight.panoramas.panorama import LAYOUTS, Panorama
 from relight.panoramas.pfm import read_pfm
+from relight.panoramas.repair import mend
 
 SUFFIXES = (".hdr", ".pic", ".rgbe", ".xyze", ".exr", ".pfm")
 # What files that are no panorama begin with, in place of pixels.
@@ -25,7 +26,12 @@ IMPOSTORS = (
 
 
 def read_panorama(
-    path: Path | str, layout: str = "auto", yaw: float = 0.0, flip: bool = False, exposure: float = 1.0
+    path: Path | str,
+    layout: str = "auto",
+    yaw: float = 0.0,
+    flip: bool = False,
+    exposure: float = 1.0,
+    repair: bool = False,
 ) -> Panorama:
     """Reads a .hdr, .exr or .pfm panorama, told apart by what they hold and not by their names.
 
@@ -33,9 +39,10 @@ def read_panorama(
     yaw       degrees by which the light is turned about the vertical, +z toward +x
     flip      mirror left and right
     exposure  factor on the pixels
+    repair    pixels that are not finite get the mean of their neighbours (relight.panoramas.repair)
 
     Raises UserError for anything that is not a whole panorama with finite pixels and some light; negative pixels are
-    set to zero and counted in `repairs`.
+    set to zero. What was mended is counted in `repairs`.
     """
     path = existing(path, "panorama")
     if layout != "auto" and layout not in LAYOUTS:
@@ -45,7 +52,10 @@ def read_panorama(
     pixels, envmap, repairs = read_pixels(path)
     decided = decide_layout(path, pixels.shape[1], pixels.shape[0], layout, envmap)
     attribute = envmap is not None and decided == {"latlong": "latlong", "cube": "strip"}[envmap]
-    pixels = checked(path, pixels, exposure, repairs)
+    pixels = np.ascontiguousarray(pixels)
+    if exposure != 1.0:
+        pixels *= np.float32(exposure)
+    repairs += mend(path, pixels, repair) + clip_negatives(path, pixels)
     front = "+z" if attribute and decided == "latlong" else "-z"
     return Panorama(pixels, decided, attribute, flip, yaw, front, str(path), repairs)
 
@@ -112,29 +122,21 @@ def decide_layout(path: Path, width: int, height: int, layout: str, envmap: str 
     return layout
 
 
-def checked(path: Path, pixels: np.ndarray, exposure: float, repairs: list[str]) -> np.ndarray:
-    """Pixels times `exposure`: finite, with negatives set to zero and counted, and not all black."""
-    pixels = np.ascontiguousarray(pixels)
+def clip_negatives(path: Path, pixels: np.ndarray) -> list[str]:
+    """Sets negative values of finite pixels (H, W, 3) to zero, in place; returns what was done, a sentence or none.
+    UserError for a picture that is all black then."""
     negative, most = 0, 0.0
     for start in range(0, len(pixels), 256):
         part = pixels[start : start + 256]
-        if exposure != 1.0:
-            part *= np.float32(exposure)
-        if not np.isfinite(part).all():
-            row, column = np.argwhere(~np.isfinite(part))[0][:2]
-            raise UserError(
-                f"{path}: pixel ({start + row}, {column}) is not a finite number; mend the picture (a sun can be too "
-                "bright for half floats)"
-            )
         below = part < 0
         negative += int(below.any(-1).sum())
         part[below] = 0
         most = max(most, float(part.max()))
     if most == 0:
         raise UserError(f"{path}: all black; a panorama has some light")
-    if negative:
-        repairs.append(f"{negative} of {pixels.shape[0] * pixels.shape[1]} pixels had negative values, set to zero")
-    return pixels
+    if not negative:
+        return []
+    return [f"{negative} of {pixels.shape[0] * pixels.shape[1]} pixels had negative values, set to zero"]
 
 
 def panoramas_in(folder: Path | str) -> list[str]:

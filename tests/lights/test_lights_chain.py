@@ -11,7 +11,7 @@ from relight.lights.cluster import farthest_first, features, medoids
 from relight.lights.rules import broken
 from relight.lights.select import select
 from relight.lights.statistics import measure, reference_brightness
-from relight.lights.table import load, save
+from relight.lights.table import SPLITS, load, save
 from relight.sh.basis import basis
 from relight.sh.irradiance import irradiance
 from relight.sh.quadrature import sphere
@@ -39,7 +39,7 @@ def rooms():
 def test_the_chain_keeps_what_it_promises(rooms, order, split):
     sources, coefficients = rooms
     lights, record = select(coefficients, sources, replace(SETTINGS, order=order, split=split))
-    usual = lights.rows(lights.split != "unusual")
+    usual = lights.rows(np.isin(lights.split, ("train", "test")))
     if order == "cut_first":
         assert (lights.split == "train").sum() == 9 and (lights.split == "test").sum() == 3
     assert (lights.split == "test").sum() >= 1
@@ -47,7 +47,13 @@ def test_the_chain_keeps_what_it_promises(rooms, order, split):
     assert reference.min() >= 0.7 - 1e-6 and reference.max() <= 0.9 + 1e-6
     assert len(set(usual.source)) == len(usual)  # one light per room
     assert not np.any(list(broken(usual.coefficients, RULES).values()))
-    assert all(lights.of("unusual").reason) and not any(usual.reason)
+    for mark in ("unusual", "rich"):
+        assert len(lights.of(mark)) and all(lights.of(mark).reason)
+    assert not any(usual.reason)
+    rooms = {mark: set(lights.of(mark).source.tolist()) for mark in SPLITS}
+    assert not rooms["unusual"] & (rooms["train"] | rooms["rich"])
+    assert not rooms["rich"] & (rooms["test"] - rooms["train"])
+    assert abs(len(lights.of("unusual")) - len(lights.of("rich"))) <= len(usual)
     by_source = dict(zip(sources, coefficients))
     for i in range(0, len(lights), 5):  # every row can be made again from what it says of itself
         again = rotate_y(by_source[lights.source[i]], np.radians(lights.yaw[i])) * lights.scale[i]
@@ -192,7 +198,7 @@ def test_table_round_trip(rooms, tmp_path):
     lines = (tmp_path / "set" / "lights.csv").read_text().splitlines()
     assert len(lines) == 1 + len(lights) and "L2-1_G" in lines[0] and lights.source[0] in lines[1]
     with np.load(tmp_path / "set" / "lights.npz") as stored:  # what learning reads, without pandas or pickle
-        assert stored["coefficients"].dtype == np.float32 and set(stored["split"]) <= {"train", "test", "unusual"}
+        assert stored["coefficients"].dtype == np.float32 and set(stored["split"]) <= set(SPLITS)
     (tmp_path / "bad.npz").write_bytes(b"PK nothing")
     with pytest.raises(UserError, match="not a light set"):
         load(tmp_path / "bad.npz")
@@ -204,11 +210,16 @@ def test_a_folder_with_a_broken_file_goes_on(tmp_path):
     for name in ("a.pfm", "deep/b.pfm"):
         pixels = (rng.random((16, 32, 3)) ** 4).astype("<f4")
         (tmp_path / name).write_bytes(b"PF\n32 16\n-1.0\n" + pixels.tobytes())
+    pixels[3, 4] = np.nan
+    (tmp_path / "nan.pfm").write_bytes(b"PF\n32 16\n-1.0\n" + pixels.tobytes())
     (tmp_path / "c.hdr").write_bytes(b"<html>")
     (tmp_path / "notes.txt").write_text("not a panorama")
     folder = replace(GENERATED, source="folder", folder=str(tmp_path))
     lights, record = build(folder, replace(SETTINGS, clusters=6, test=2), 2, progress=False)
     assert set(lights.source) == {"a.pfm", "deep/b.pfm"}
-    assert list(record["unreadable"]) == ["c.hdr"] and record["steps"][0]["why"] == {"unreadable": 1}
+    assert list(record["unreadable"]) == ["c.hdr", "nan.pfm"] and record["steps"][0]["why"] == {"unreadable": 2}
+    assert "1 of 512 pixels are not finite" in record["unreadable"]["nan.pfm"] and record["repaired"] == {}
+    _, record = build(replace(folder, repair=True), replace(SETTINGS, clusters=6, test=2), 2, progress=False)
+    assert list(record["unreadable"]) == ["c.hdr"] and list(record["repaired"]) == ["nan.pfm"]
     with pytest.raises(UserError, match="no such folder"):
         build(replace(folder, folder=str(tmp_path / "nowhere")), SETTINGS, 2)

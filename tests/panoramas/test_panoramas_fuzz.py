@@ -1,7 +1,7 @@
 """Malformed panoramas: each is an error or a stated repair; no crash, no hang over 2 s, no more than 500 MB.
 
-The suite takes a seeded sample, `make fuzz` more (RELIGHT_FUZZ). Files are read in a process of their own, so that a crash
-is seen and memory is measured.
+The suite takes a seeded sample, `make fuzz` more (RELIGHT_FUZZ). Files are read in a process of their own, so that a
+crash is seen and memory is measured.
 """
 
 import os

@@ -106,6 +106,40 @@ def test_negatives_are_clipped_and_counted_and_exposure_multiplies(tmp_path):
     np.testing.assert_allclose(panorama.pixels, 3 * np.maximum(pixels, 0), rtol=1e-6)
 
 
+def test_holes_get_the_mean_of_their_neighbours_when_asked_for(tmp_path):
+    """Twin: ring by ring, each pixel that touches finite ones, by loops."""
+    pixels = noise(40, 80)
+    holes = [(0, 0), (5, 79), (20, 40), *((i, j) for i in range(30, 34) for j in range(60, 65))]
+    broken = pixels.copy()
+    for n, hole in enumerate(holes):
+        broken[hole][n % 3] = (np.nan, np.inf, -np.inf)[n % 3]  # one channel is enough
+    path = pfm(tmp_path / "a.pfm", broken)
+    with pytest.raises(UserError, match=r"23 of 3200 pixels are not finite numbers, the first in row 0, column 0"):
+        read_panorama(path)
+    mended = read_panorama(path, repair=True)
+    expected, left = broken.astype(np.float64), set(holes)
+    while left:
+        around = {
+            (i, j): [
+                expected[r, c]
+                for r in range(max(i - 1, 0), min(i + 2, 40))
+                for c in range(max(j - 1, 0), min(j + 2, 80))
+                if (r, c) not in left
+            ]
+            for i, j in left
+        }
+        for hole, values in around.items():
+            if values:
+                expected[hole] = np.mean(values, 0)
+                left.discard(hole)
+    np.testing.assert_allclose(mended.pixels, expected, rtol=1e-5)
+    assert mended.repairs == ["23 of 3200 pixels are not finite numbers; each has the mean of its neighbours now"]
+    assert read_panorama(pfm(tmp_path / "b.pfm", pixels), repair=True).repairs == []
+    broken[:, :2] = np.nan
+    with pytest.raises(UserError, match="more than 1% cannot be repaired"):
+        read_panorama(pfm(tmp_path / "c.pfm", broken), repair=True)
+
+
 SHAPES = {(32, 64): "latlong", (30, 40): "cross", (40, 30): "cross", (60, 10): "strip", (10, 60): "strip"}
 
 
@@ -168,7 +202,7 @@ def test_exr_bombs_and_kinds_that_are_refused(tmp_path):
         read_panorama(exr(tmp_path / "chroma.exr", chroma))
     nan = noise().astype(np.float16)
     nan[1, 2] = np.inf
-    with pytest.raises(UserError, match=r"pixel \(1, 2\)"):
+    with pytest.raises(UserError, match=r"1 of 512 pixels are not finite.*row 1, column 2.*--repair"):
         read_panorama(exr(tmp_path / "inf.exr", {"RGB": nan}))
     (tmp_path / "cut.exr").write_bytes(small[: len(small) // 2])
     with pytest.raises(UserError, match="OpenEXR"):
