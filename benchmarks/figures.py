@@ -38,7 +38,7 @@ def main() -> None:
     for part in PARTS:
         timed(dress, part, part)
     timed(dress.gates, "figure", "gates")
-    dress.drape.prepare()
+    dress.colliders.prepare()
     start = time.process_time()
     dress.make_figure(0, "draft", 64)  # compiles or loads the kernels, reads the data
     print(json.dumps({"warm-up, CPU s": round(time.process_time() - start, 1)}))

@@ -29,6 +29,7 @@ class Figures:
     texture: int = MISSING  # side of the largest baked texture, pixels
     per_subject: int = MISSING  # so many consecutive seeds are one person in one outfit, in different poses
     shading: float = MISSING  # 0 to 1: strength of the shading baked into the albedo, to imitate scans
+    device: str = MISSING  # cpu | cuda | auto: where cloth is draped; figures are the same on one kind of device only
     version: int = MISSING  # raised when the code changes results
 
 
@@ -289,6 +290,7 @@ LEAST = {
 CHOICES = {
     "figures.source": ("generated", "scans"),
     "figures.detail": ("draft", "full"),
+    "figures.device": ("cpu", "cuda", "auto"),
     "split.kind": ("subject", "paper"),
     "panoramas.source": ("generated", "folder"),
     "lights.order": ("cut_first", "paper"),

@@ -1,6 +1,6 @@
 """A person: sampled traits, and the body that MakeHuman's targets make of them, in its rest pose (arms half down)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
@@ -30,6 +30,18 @@ FACE = (  # (negative target, positive target, spread of the weight)
     ("hip/hip-scale-horiz-decr", "hip/hip-scale-horiz-incr", 0.2),
     ("stomach/stomach-tone-decr", "stomach/stomach-tone-incr", 0.25),
 )
+EXPRESSIONS = {  # face units at full strength; .L and .R: on one side only, and a draw may swap the sides
+    "calm": {},
+    "smile": {"mouthSmile": 0.6, "cheekSquint": 0.5, "eyeSquint": 0.3},
+    "smirk": {"mouthSmile.L": 0.55, "mouthSmile.R": 0.15, "cheekSquint.L": 0.3, "mouthDimple.L": 0.3},
+    "brows raised": {"browInnerUp": 0.9, "browOuterUp": 0.9, "eyeWide": 0.35},
+    "squint": {"eyeSquint": 0.9, "browDown": 0.5, "cheekSquint": 0.5, "noseSneer": 0.15},
+    "stern": {"browDown": 0.8, "mouthPress": 0.6, "mouthFrown": 0.3},
+    "doubtful": {"browOuterUp.L": 0.9, "browDown.R": 0.6, "mouthFrown.R": 0.4},
+    "pressed lips": {"mouthPress": 0.8, "mouthDimple": 0.5, "mouthRollLower": 0.25},
+    "sad": {"browInnerUp": 0.9, "mouthFrown": 0.6, "mouthShrugLower": 0.3},
+}
+WHOLE_FACE = ("browInnerUp", "mouthRollLower", "mouthShrugLower")  # units without sides
 HEADS = ("oval", "round", "square", "rectangular", "diamond", "triangular", "invertedtriangular")
 
 
@@ -48,6 +60,14 @@ class Person:
     ancestry: tuple[float, float, float]
     skin: float
     face: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Expression:
+    """What a face does, with the mouth closed. units: target name -> weight."""
+
+    name: str = "calm"
+    units: dict[str, float] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -124,9 +144,33 @@ def macro_weights(person: Person) -> dict[str, float]:
     return {name: weight for name, weight in out.items() if weight > 1e-4}
 
 
-def build_body(person: Person) -> Body:
+def units(name: str, strength: float = 1.0, swap: bool = False) -> dict[str, float]:
+    """The face units (target name -> weight) of one of EXPRESSIONS."""
+    out = {}
+    for unit, weight in EXPRESSIONS[name].items():
+        unit, _, only = unit.partition(".")
+        for side, long in (("L", "Right"), ("R", "Left")) if swap else (("L", "Left"), ("R", "Right")):
+            if only in ("", side):
+                out["faceunits/" + unit + (long if unit not in WHOLE_FACE else "")] = strength * weight
+    return out
+
+
+def sample_expression(rng: np.random.Generator) -> Expression:
+    """Draws an expression, calm in three of ten cases, its strength, the sides of a lopsided one, and the gaze."""
+    names = list(EXPRESSIONS)
+    name = str(rng.choice(names, p=[0.3, 0.21] + [0.07] * (len(names) - 2)))
+    face = units(name, float(rng.uniform(0.45, 1.0)), rng.random() < 0.5)
+    aside, down = np.clip(rng.normal([0, 0.05], [0.22, 0.12]), -0.5, 0.5)  # shares of the eyes' range, to the left
+    for eye, outward in (("Left", aside), ("Right", -aside)):
+        face[f"faceunits/eyeLook{'Out' if outward > 0 else 'In'}{eye}"] = float(abs(outward))
+        face[f"faceunits/eyeLook{'Down' if down > 0 else 'Up'}{eye}"] = float(abs(down))
+    return Expression(name, face)
+
+
+def build_body(person: Person, expression: Expression | None = None) -> Body:
     """The person's body in the rest pose, mouth closed."""
-    vertices = makehuman.blended(macro_weights(person) | person.face)
+    face = person.face | (expression.units if expression else {})
+    vertices = makehuman.blended(macro_weights(person) | face)
     rig = makehuman.rig()
     joints = {bone: vertices[head].mean(0) for bone, head in zip(rig.bones, rig.heads)}
     return Body(person, vertices, joints)

@@ -2,8 +2,17 @@
 
 import numpy as np
 
+from relight.figures.body import Body
 from relight.figures.fabrics import noise
+from relight.figures.poses import Motion
 from relight.figures.surfaces import border_loops, extruded, thickened
+
+
+def neck_of(body: Body, way: Motion) -> tuple[np.ndarray, np.ndarray]:
+    """The base of the posed neck (3,), metres, and the axes (3,3) of the neck: to its left, up, forward."""
+    bone = way.transforms[-1][way.bones["neck01"]]
+    up, left = bone[:, :3] @ np.array([0.0, 0.94, 0.34]), bone[:, :3] @ np.array([1.0, 0.0, 0.0])
+    return bone[:, :3] @ body.joints["neck01"] + bone[:, 3], np.stack([left, up, np.cross(left, up)])
 
 
 def neckline(vertices: np.ndarray, faces: np.ndarray, neck: np.ndarray) -> tuple[np.ndarray, bool] | None:

@@ -32,6 +32,7 @@ def figures(
     texture: Annotated[int, typer.Option(min=64, help="Side of the largest texture in pixels.")] = 1024,
     per_subject: Annotated[int, typer.Option(min=1, help="Consecutive seeds that are one person, in poses.")] = 1,
     shading: Annotated[float, typer.Option(min=0, max=1, help="Bakes shading into the albedo, as scans have it.")] = 0,
+    device: Annotated[str, typer.Option(help="cpu, cuda or auto: where cloth is draped; bits depend on it.")] = "cpu",
     jobs: Annotated[int, typer.Option(min=1, help="Figures made at the same time, about 1 GB of memory each.")] = 1,
 ) -> None:
     """Make clothed figures. A seed always makes the same figure; figures.csv tells who, in what, how.
@@ -42,6 +43,7 @@ def figures(
     import json
     import multiprocessing
 
+    from relight.figures.colliders import DEVICES
     from relight.figures.dress import DETAILS
     from relight.figures.export import FORMATS
     from relight.files import UserError, whole
@@ -52,7 +54,9 @@ def figures(
         raise UserError(f"--export {export}: {' or '.join(FORMATS)}")
     if detail not in DETAILS:
         raise UserError(f"--detail {detail}: {' or '.join(DETAILS)}")
-    asked = [detail, texture, per_subject, shading]
+    if device not in DEVICES:
+        raise UserError(f"--device {device}: {', '.join(DEVICES)}")
+    asked = [detail, texture, per_subject, shading, device]
     tasks = [(seed, asked, out / f"g{seed:04d}.{export}") for seed in numbers]
     with multiprocessing.get_context("spawn").Pool(jobs) as pool:
         rows = list(progress(pool.imap(one, tasks), "figures", total=len(tasks)))

@@ -9,13 +9,14 @@ from scipy.spatial import ConvexHull
 from relight.figures import makehuman
 from relight.figures.body import Body
 from relight.figures.poses import Motion
-from relight.figures.surfaces import clip, compacted, loop, normals, smoothed, thickened
+from relight.figures.surfaces import clip, compacted, loop, normals, smoothed, split, thickened
 
 
 @dataclass(frozen=True)
 class Shoe:
     """top: metres above the ankle where it ends (below: negative); sole, heel: thickness under toes and heel; point:
-    how much the toe is drawn to a point; straps: only bands of the upper remain; upper, ground: linear albedo."""
+    how much the toe is drawn to a point; straps: only bands of the upper remain; laces: how many bands; cap: share of
+    the length that a toe cap covers."""
 
     name: str
     top: float
@@ -23,16 +24,17 @@ class Shoe:
     heel: float
     point: float = 0.0
     straps: bool = False
-    laces: bool = False
+    laces: int = 0
+    cap: float = 0.0
 
 
 SHOES = (
-    Shoe("sneakers", -0.005, 0.024, 0.028, laces=True),
-    Shoe("high sneakers", 0.055, 0.022, 0.026, laces=True),
-    Shoe("oxfords", -0.018, 0.010, 0.024, 0.4, laces=True),
+    Shoe("sneakers", -0.005, 0.024, 0.028, laces=5, cap=0.16),
+    Shoe("high sneakers", 0.055, 0.022, 0.026, laces=8, cap=0.18),
+    Shoe("oxfords", -0.018, 0.010, 0.024, 0.4, laces=3, cap=0.2),
     Shoe("loafers", -0.026, 0.010, 0.020, 0.3),
     Shoe("ballet flats", -0.046, 0.006, 0.010, 0.3),
-    Shoe("boots", 0.15, 0.018, 0.034, 0.2, laces=True),
+    Shoe("boots", 0.15, 0.018, 0.034, 0.2, laces=9, cap=0.17),
     Shoe("high boots", 0.27, 0.012, 0.036, 0.4),
     Shoe("sandals", 0.0, 0.018, 0.022, straps=True),
 )
@@ -40,11 +42,19 @@ SHOES = (
 
 @dataclass(frozen=True)
 class Part:
-    """vertices (V,3) posed, faces (F,3), name of the piece: upper, sole, lace."""
+    """vertices (V,3) posed, faces (F,3), name of the piece: upper, cap, sole, lace."""
 
     name: str
     vertices: np.ndarray
     faces: np.ndarray
+
+
+def palette(shoe: Shoe, upper: tuple[float, ...], sole: tuple[float, ...]) -> dict[str, np.ndarray]:
+    """Linear albedo (3,) float32 of each piece, from those of the upper and the sole: rubber caps on canvas."""
+    upper, sole = np.array(upper, np.float32), np.array(sole, np.float32)
+    canvas = "sneakers" in shoe.name
+    lace = sole if canvas and sole[0] > 0.3 else 0.35 * upper + np.float32(0.01)
+    return {"upper": upper, "sole": sole, "lace": lace, "cap": sole if shoe.name == "high sneakers" else 0.8 * upper}
 
 
 def build_shoes(body: Body, motion: Motion, shoe: Shoe) -> list[Part]:
@@ -85,17 +95,25 @@ def one_shoe(body: Body, motion: Motion, shoe: Shoe, side: str) -> list[Part]:
         along = (shape[:, 2] - heel) / length
         bands = ((0.60, 0.80), (0.36, 0.44))
         field = np.max([np.minimum(along - a, b - along) for a, b in bands], axis=0)
-        strap = np.minimum(0.016 - np.abs(shape[:, 1] - ankle[1] + 0.008), 0.30 - along)
+        strap = np.minimum(0.009 - np.abs(shape[:, 1] - ankle[1] + 0.012 + 0.10 * along), 0.40 - along)
         keep, cut = clip(sparse.identity(len(shape), format="csr"), faces, np.maximum(field, 4 * strap))
         posed = motion.skin(keep @ weights, keep @ shape)
         vertices, cut, _ = thickened(posed, cut, np.full(len(posed), 0.003), 99)
         parts.append(Part("upper", vertices, cut))
     else:
+        front = np.zeros(len(faces), bool)
+        if shoe.cap:
+            line = shoe.cap + 0.03 * np.clip((shape[:, 1] - ground) / 0.03, 0, 1) - (toes - shape[:, 2]) / length
+            whole, faces, front = split(sparse.identity(len(shape), format="csr"), faces, line)
+            shape, weights = whole @ shape, whole @ weights
         posed = motion.skin(weights, shape)
         vertices, thick, _ = thickened(posed, faces, np.full(len(posed), 0.004), 4)
-        parts.append(Part("upper", vertices, thick))
+        front = np.r_[front, np.zeros(len(thick) - len(faces), bool)]
+        parts.append(Part("upper", vertices, thick[~front]))
+        if shoe.cap:
+            parts.append(Part("cap", vertices, thick[front]))
         if shoe.laces:
-            parts.append(laces(shape, faces, weights, motion, ankle, length, toes))
+            parts.append(laces(shape, faces, weights, motion, ground, length, toes, shoe.laces))
     bottom = shape[shape[:, 1] < ground + 0.022]
     parts.append(Part("sole", *sole(bottom, ground, shoe, motion, foot)))
     return parts
@@ -106,17 +124,20 @@ def laces(
     faces: np.ndarray,
     weights: np.ndarray,
     motion: Motion,
-    ankle: np.ndarray,
+    ground: float,
     length: float,
     toes: float,
+    count: int,
 ) -> Part:
-    """Bands across the instep, standing 2 mm off the upper."""
-    along = (toes - shape[:, 2]) / length
-    top = normals(shape, faces)[:, 1]
-    step = np.abs((along - 0.30) / 0.055 - np.round((along - 0.30) / 0.055)) * 0.055 * length
-    inside = np.minimum(0.024 - np.abs(shape[:, 0] - np.median(shape[:, 0])), (along - 0.29) * 0.1)
-    inside = np.minimum(inside, (0.60 - along) * 0.1)
-    field = np.minimum(np.minimum(0.0028 - step, inside), np.where(top > 0.1, 1.0, -1.0))
+    """`count` bands across the instep and up the shaft, standing 2 mm off the upper."""
+    facing = normals(shape, faces)
+    way = toes - shape[:, 2] + 0.9 * (shape[:, 1] - ground)  # from the toes over the instep up the shaft, metres
+    first, apart = 0.36 * length + 0.03, 0.017
+    number = np.clip(np.round((way - first) / apart), 0, count - 1)
+    off = np.abs(way - first - number * apart)
+    middle = np.median(shape[np.abs(way - first - 0.03) < 0.02, 0])
+    inside = 0.021 - np.abs(shape[:, 0] - middle)
+    field = np.minimum(np.minimum(0.0032 - off, inside), np.where(facing[:, 1] + facing[:, 2] > 0.35, 1.0, -1.0))
     matrix, cut = clip(sparse.identity(len(shape), format="csr"), faces, field, snap=0.1)
     matrix, cut = compacted(matrix, cut)
     rest = matrix @ shape + (matrix @ normals(shape, faces)) * 0.0025

@@ -1,15 +1,19 @@
 """What a figure must pass before it is used: finite, in place, not over-stretched, nothing through the cloth."""
 
 import numpy as np
-import warp as wp
 from scipy import ndimage
 
 from relight.figures import makehuman
 from relight.figures.body import Body
-from relight.figures.drape import Collider, Draped, vectors
+from relight.figures.clearance import shares
+from relight.figures.colliders import Collider
+from relight.figures.crossings import crossing
+from relight.figures.drape import Draped
 from relight.figures.layers import sided
 from relight.figures.patterns import Pattern
 from relight.figures.poses import Motion
+from relight.figures.surfaces import normals, stacked
+from relight.figures.wear import Worn
 from relight.meshes.mesh import Mesh
 
 STRETCH = 1.35  # 95th percentile of an edge's length over its pattern's
@@ -18,6 +22,9 @@ SUNK = 0.012  # share of the cloth inside the body
 PIXEL = 0.003  # metres between the rays that look for what comes through
 SPECK = 40  # pixels: a smaller patch of a lower layer inside a higher one came through the cloth
 THROUGH = 60  # pixels of such patches that a figure may have
+CROSSING = 0.06  # share of a garment's faces that went through cloth
+COVERED = 0.25  # share of a hand, seen from the front, that cloth covers
+SKIN_DEEP = 0.04  # metres: cloth further before a hand merely hangs in front of it
 SPREAD = 0.25  # metres beyond the body that cloth may reach sideways
 
 
@@ -41,31 +48,57 @@ def cloth(pattern: Pattern, draped: Draped, way: Motion, body: Body) -> str | No
         return f"{name}: its hem was swept up by {swept:.2f} m"
     if (share := sunk(x, skin)) > SUNK:
         return f"{name}: {100 * share:.1f} % of it inside the body"
+    if pattern.garment.kind == "scarf":
+        return None
     slid = x[:, 1].max() - way.skin(pattern.levels[0].weights, pattern.levels[0].held)[:, 1].max()
     if slid < -0.12:
         return f"{name}: slid down by {-slid:.2f} m"
     return None
 
 
+def wardrobe(worn: list[Worn], way: Motion, body: Body) -> tuple[str | None, dict[str, float]]:
+    """Why the clothes together are bad, or None; and what was measured: `crossing`, the largest share of a garment's
+    faces that went through cloth, and `covered`, of a hand's skin in front that cloth covers."""
+    flat = [(w.draped.positions[: len(level.pattern)], level) for w in worn for level in [w.pattern.levels[1]]]
+    through_cloth = crossing([(x, level.faces) for x, level in flat], [level.pattern for _, level in flat])
+    hidden = max(covered_hands(worn, way, body))
+    measured = {"crossing": round(max(through_cloth), 4), "covered": round(hidden, 3)}
+    for w, share in zip(worn, through_cloth):
+        if share > CROSSING:
+            return f"{w.pattern.garment.name}: {100 * share:.1f} % of it goes through cloth", measured
+    if hidden > COVERED:
+        return f"{100 * hidden:.0f} % of a hand is sunk in cloth", measured
+    return None, measured
+
+
+def covered_hands(worn: list[Worn], way: Motion, body: Body) -> tuple[float, float]:
+    """For the left and right hand: of its skin that looks forward, with no other skin before it, and no cloth but
+    within SKIN_DEEP, the share that cloth is before. Sleeves do not count: a cuff may fall over the hand."""
+    faces = makehuman.base().faces["body"]
+    skin = way.skin(makehuman.rig().weights[makehuman.BODY], body.skin)
+    parts = [(skin, faces)]
+    for w in worn:
+        level = w.pattern.levels[-1]
+        parts.append((w.draped.positions, level.faces[~w.pattern.sleeve]))
+    vertices, every = stacked(parts)
+    hand = shares("finger", "metacarpal") > 0.7
+    ahead = normals(skin, faces)[:, 2] > 0.2
+    surface, out = Collider(vertices, vertices, every), []
+    for sign in (1, -1):
+        points = skin[hand & ahead & (np.sign(body.skin[:, 0]) == sign)] + [0, 0, 0.001]
+        face, depth = surface.cast(points, np.broadcast_to([0.0, 0.0, 1.0], points.shape))
+        under = (face >= len(faces)) & (depth < SKIN_DEEP)
+        seen_or_under = under | (face < 0)
+        out.append(float(under.sum() / seen_or_under.sum()) if seen_or_under.sum() > 40 else 0.0)
+    return out[0], out[1]
+
+
 def sunk(x: np.ndarray, skin: np.ndarray) -> float:
     """Share of the cloth's vertices more than 12 mm inside the skin, hands left out."""
-    faces, rig = makehuman.base().faces["body"], makehuman.rig()
-    hands = [i for i, bone in enumerate(rig.bones) if bone.startswith(("finger", "metacarpal", "wrist"))]
-    loose = rig.weights[makehuman.BODY][:, hands].sum(1) > 0.3
+    faces = makehuman.base().faces["body"]
+    loose = shares("finger", "metacarpal", "wrist") > 0.3
     _, distance, _ = sided(x, Collider(skin, skin, faces[~loose[faces].any(1)]), 0.12)
     return float((distance < -0.012).mean())
-
-
-@wp.kernel
-def first_hit(
-    mesh: wp.uint64, origin: wp.array(dtype=wp.vec3), face: wp.array(dtype=int), depth: wp.array(dtype=float)
-):
-    i = wp.tid()
-    hit = wp.mesh_query_ray(mesh, origin[i], wp.vec3(0.0, 0.0, -1.0), 10.0)
-    face[i] = -1
-    if hit.result:
-        face[i] = hit.face
-        depth[i] = hit.t
 
 
 def seen(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -73,12 +106,9 @@ def seen(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarra
     low, high = vertices.min(0), vertices.max(0)
     x, y = np.arange(low[0], high[0], PIXEL), np.arange(high[1], low[1], -PIXEL)
     origin = np.stack([*np.meshgrid(x, y), np.full((len(y), len(x)), high[2] + 0.1)], axis=-1).reshape(-1, 3)
-    corner = wp.array(faces.astype(np.int32).ravel(), dtype=int, device="cpu")
-    surface = wp.Mesh(points=vectors(vertices), indices=corner)
-    face = wp.zeros(len(origin), dtype=int, device="cpu")
-    depth = wp.zeros(len(origin), dtype=float, device="cpu")
-    wp.launch(first_hit, dim=len(origin), inputs=[surface.id, vectors(origin), face, depth], device="cpu")
-    return face.numpy().reshape(len(y), len(x)), depth.numpy().reshape(len(y), len(x))
+    ahead = np.broadcast_to([0.0, 0.0, -1.0], origin.shape)
+    face, depth = Collider(vertices, vertices, faces).cast(origin, ahead)
+    return face.reshape(len(y), len(x)), depth.reshape(len(y), len(x))
 
 
 def through(vertices: np.ndarray, faces: np.ndarray, layer: np.ndarray) -> int:

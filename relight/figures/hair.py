@@ -1,120 +1,125 @@
-"""Hair: a shell over the scalp whose thickness, hanging length and grain make the style; hats use the same shell."""
+"""Hair: locks over the scalp, on a round core where hair is dense; hats are shells with what hair they leave free."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from relight.figures import makehuman
 from relight.figures.body import Body
-from relight.figures.drape import Collider
-from relight.figures.fabrics import noise
-from relight.figures.layers import sided
+from relight.figures.colliders import Collider
+from relight.figures.fabrics import lattice, noise
+from relight.figures.locks import Comb, grow, head_centre, tail
 from relight.figures.poses import Motion
 from relight.figures.skin import hairline
-from relight.figures.surfaces import smoothed, thickened
+from relight.figures.surfaces import thickened
 
 COLUMNS, CROWN_ROWS = 180, 34
 
 
 @dataclass(frozen=True)
 class Style:
-    """thick: metres over the scalp; length: metres hanging below the hairline at the back; face: azimuth (radians) of
-    the front edge of what hangs; grain: strands across the shell; rough: depth of the grain; curl: depth of round
-    lumps; part: azimuth of a parting or None; tie: none | bun | ponytail; brim: metres of a hat's brim; hat: fabric."""
+    """comb: how the locks lie, or None; core: metres of the shell under them, or of the hat, over the scalp; lumps:
+    how uneven it is; tie: none | bun | ponytail; hat: none | beanie | cap; scalp: share of cropped hair in [0,1]."""
 
     name: str
-    thick: float
-    length: float = 0.0
-    face: float = 0.9
-    grain: float = 16.0
-    rough: float = 0.006
-    curl: float = 0.0
-    part: float | None = None
+    comb: Comb | None = None
+    core: float = 0.0
+    lumps: float = 0.0
     tie: str = "none"
     hat: str = "none"
-    scalp: float = 1.0
+    scalp: float = 0.9
 
 
+SHORT = Comb(520, 0.028, width=0.012, way="forward", body=0.006, cling=0.8, lift=0.15)
+TIED = Comb(330, 0.1, width=0.016, way="tie", body=0.006, cling=0.9, lift=0.05, weight=0.0)
+LONG = Comb(420, 0.30, width=0.021, lift=0.25, weight=0.4, cling=0.35, body=0.016, taper=0.35)
+TIGHT = Comb(800, 0.05, width=0.011, way="out", lift=1.0, weight=0.06, body=0.010, curl=0.005, pitch=0.026, taper=0.5)
 STYLES = (
-    Style("bald", 0.0, scalp=0.0),
-    Style("shaved", 0.0, scalp=0.75),
-    Style("crop", 0.011, rough=0.005, grain=26),
-    Style("side part", 0.022, rough=0.008, part=0.45),
-    Style("quiff", 0.030, rough=0.012, grain=14),
-    Style("bob", 0.020, length=0.13, face=0.92, rough=0.006, part=0.1),
-    Style("chin length", 0.022, length=0.10, face=0.86, rough=0.007, part=-0.35),
-    Style("long", 0.020, length=0.30, face=0.88, rough=0.008, part=0.0),
-    Style("wavy long", 0.024, length=0.26, face=0.88, rough=0.009, curl=0.010, part=0.3),
-    Style("bun", 0.009, rough=0.004, grain=22, tie="bun"),
-    Style("ponytail", 0.010, rough=0.004, grain=22, tie="ponytail"),
-    Style("curly", 0.034, rough=0.003, curl=0.022),
-    Style("afro", 0.075, rough=0.003, curl=0.014),
-    Style("beanie", 0.012, rough=0.0015, grain=40, hat="beanie"),
-    Style("cap", 0.012, rough=0.0, hat="cap"),
+    Style("bald", scalp=0.0),
+    Style("shaved", scalp=0.75),
+    Style("crop", SHORT),
+    Style("side part", replace(SHORT, length=0.065, sides=0.4, way="aside", part=0.45, body=0.010, lift=0.3)),
+    Style("quiff", replace(SHORT, length=0.075, sides=0.3, way="back", body=0.022, cling=0.5, lift=0.5, weight=0.04)),
+    Style("bob", replace(LONG, length=0.115, fringe=0.9, part=0.1, taper=0.6)),
+    Style("chin length", replace(LONG, length=0.095, part=-0.35, taper=0.5)),
+    Style("long", LONG),
+    Style("wavy long", replace(LONG, length=0.26, part=0.3, body=0.022, curl=0.008, pitch=0.09)),
+    Style("bun", TIED, tie="bun"),
+    Style("ponytail", TIED, tie="ponytail"),
+    Style("curly", replace(TIGHT, length=0.048, weight=0.2, above=0.010), 0.014, 0.5),
+    Style("afro", replace(TIGHT, length=0.028, pitch=0.022, above=0.034), 0.038, 0.15),
+    Style("beanie", replace(SHORT, count=200), 0.011, hat="beanie"),
+    Style("cap", replace(SHORT, count=200), 0.014, hat="cap"),
 )
 
 
 @dataclass(frozen=True)
 class Shell:
-    """vertices (V,3) posed, faces (F,3), uv (V,2): across and down the strands."""
+    """vertices (V,3) posed, faces (F,3), uv (V,2): across and down the strands; cloth: of a hat, not hair."""
 
     name: str
     vertices: np.ndarray
     faces: np.ndarray
     uv: np.ndarray
+    cloth: bool = False
 
 
 def build_hair(
-    body: Body, motion: Motion, style: Style, below: tuple[np.ndarray, np.ndarray], seed: int
+    body: Body, motion: Motion, style: Style, below: tuple[np.ndarray, np.ndarray], seed: int, fine: bool
 ) -> list[Shell]:
-    """The hair at the last frame, pushed off the shoulders: `below` is the posed surface of skin and clothes."""
-    if style.thick == 0:
+    """The hair at the last frame: `below` is the posed surface of skin and clothes that it lies on; fine: all locks,
+    else half of them, wider. The seed varies length, parting, fringe."""
+    if style.comb is None:
         return []
-    eye = body.vertices[makehuman.EYES["L"]].mean(0)
-    centre = np.array([0.0, eye[1] + 0.028, eye[2] - 0.085])
+    parts = core(body, motion, style, seed) if style.core else []
+    comb = varied(style.comb, seed)
+    parts.append(Shell("locks", *grow(body, motion, comb, below, seed, fine, style.hat != "none")))
+    if style.tie != "none":
+        parts.append(Shell(style.tie, *tail(body, motion, style.tie, below, seed, fine)))
+    return parts
+
+
+def varied(comb: Comb, seed: int) -> Comb:
+    """The style as one person wears it."""
+    a, b, c = (float(lattice(np.array(seed), np.array(k), 77)) for k in range(3))
+    return replace(
+        comb,
+        length=comb.length * (0.85 + 0.3 * a),
+        part=comb.part * (1 if b < 0.5 else -1),
+        fringe=comb.fringe if comb.fringe == 0 or c < 0.7 else 0.0,
+    )
+
+
+def core(body: Body, motion: Motion, style: Style, seed: int) -> list[Shell]:
+    """A round shell over the scalp, of hair or of a hat with its peak."""
+    centre = head_centre(body)
     head = Collider(body.skin, body.skin, makehuman.base().faces["body"])
     azimuth = np.linspace(-np.pi, np.pi, COLUMNS, endpoint=False)
     line = hairline(azimuth)
     if style.hat != "none":
-        line = np.interp(np.abs(azimuth), [0, 1.0, 1.5, 1.9, np.pi], [0.34, 0.20, -0.02, -0.12, -0.42])
-    rows, down = [], []
+        front = 0.10 if style.hat == "beanie" else 0.20
+        line = np.interp(np.abs(azimuth), [0, 1.0, 1.5, 1.9, np.pi], [front, front, -0.14, -0.30, -0.46])
     lowest = np.arcsin(line)
-    for s in np.linspace(0, 1, CROWN_ROWS):
-        elevation = np.pi / 2 - 0.02 - (np.pi / 2 - 0.02 - lowest) * s
-        direction = np.stack(
-            [np.sin(azimuth) * np.cos(elevation), np.sin(elevation), np.cos(azimuth) * np.cos(elevation)], 1
-        )
-        rows.append(direction)
-        down.append(np.full(COLUMNS, s))
-    direction = np.stack(rows)
-    radius = scalp_radius(head, centre, direction)
-    s = np.stack(down)
-    thick = thickness(style, azimuth, direction, s, seed)
-    points = centre + direction * (radius + thick)[..., None]
-    uv = np.stack(np.broadcast_arrays(azimuth / (2 * np.pi) + 0.5, 1 - 0.5 * s), -1)
-    if style.length:
-        points, uv = hang(style, body, points, uv, azimuth, centre, seed)
-    faces = grid(len(points))
-    vertices, uv = points.reshape(-1, 3), uv.reshape(-1, 2)
-    if style.length:
-        faces = sewn(vertices, faces)
-    shells = [Shell(style.name, vertices, faces, uv)]
-    if style.tie != "none":
-        backward = np.array([[[0.0, 0.34, -0.94]]])
-        shells.append(tied(style, centre + backward[0, 0] * (scalp_radius(head, centre, backward)[0, 0] - 0.006), seed))
+    s = np.tile(np.linspace(0, 1, CROWN_ROWS)[:, None], (1, COLUMNS))
+    elevation = np.pi / 2 - 0.02 - (np.pi / 2 - 0.02 - lowest) * s
+    around = np.broadcast_to(azimuth, s.shape)
+    direction = np.stack(
+        [np.sin(around) * np.cos(elevation), np.sin(elevation), np.cos(around) * np.cos(elevation)], -1
+    )
+    thick = hat_thickness(style, direction, s) if style.hat != "none" else hair_thickness(style, direction, s, seed)
+    points = centre + direction * (scalp_radius(head, centre, direction) + thick)[..., None]
+    uv = np.stack([around / (2 * np.pi) + 0.5, 1 - 0.5 * s], -1)
+    parts = [(points.reshape(-1, 3), grid(CROWN_ROWS), uv.reshape(-1, 2))]
     if style.hat == "cap":
-        shells.append(brim(points, azimuth))
+        parts.append(brim(points, azimuth))
     weights = np.zeros(len(motion.bones))
     weights[motion.bones["head"]] = 1
     out = []
-    for shell in shells:
-        posed = motion.skin(np.tile(weights, (len(shell.vertices), 1)), shell.vertices)
-        if style.length or style.tie == "ponytail":
-            free = np.arange(len(posed)) >= (COLUMNS * CROWN_ROWS if shell.name == style.name else 8 * COLUMNS)
-            posed = pushed_off(posed, shell.faces, below, free)
-        rings = 6 if style.length or shell.name == "brim" else 0  # a short rim ends inside the skin and needs no edge
-        posed, faces, source = thickened(posed, shell.faces, np.full(len(posed), 0.004), rings)
-        out.append(Shell(shell.name, posed, faces, shell.uv[source]))
+    for vertices, faces, at in parts:
+        posed = motion.skin(np.tile(weights, (len(vertices), 1)), vertices)
+        rings = 6 if style.hat != "none" else 0  # a core of hair ends inside the skin and needs no edge
+        posed, faces, source = thickened(posed, faces, np.full(len(posed), 0.003), rings)
+        out.append(Shell(style.name, posed, faces, at[source], style.hat != "none"))
     return out
 
 
@@ -131,60 +136,24 @@ def scalp_radius(head: Collider, centre: np.ndarray, direction: np.ndarray) -> n
     return np.minimum(radius, 0.125)
 
 
-def thickness(style: Style, azimuth: np.ndarray, direction: np.ndarray, s: np.ndarray, seed: int) -> np.ndarray:
-    """Metres of hair over the scalp at each point of the shell (rows, columns)."""
-    front, top = np.cos(azimuth) * np.ones_like(s), direction[..., 1]
-    thick = style.thick * (0.8 + 0.35 * np.clip(top, 0, 1))
-    if style.name == "quiff":
-        thick = thick * (0.45 + 0.9 * np.clip(front, 0, 1) * np.clip(top, 0, 1))
-    ease = np.clip((1 - s) / 0.16, 0, 1)
-    ease = ease * (2 - ease)
-    if style.length:
-        hanging = np.clip((np.abs(azimuth) - style.face) / 0.25, 0, 1)
-        ease = np.maximum(ease, hanging)
-    if style.part is not None:
-        groove = (
-            np.exp(-((((azimuth - style.part + np.pi) % (2 * np.pi) - np.pi) / 0.07) ** 2))
-            * np.clip(1 - s, 0, 1) ** 0.3
-        )
-        thick = thick * (1 - 0.75 * groove * (front > 0))
-    strands = noise(azimuth * style.grain + 2.5 * noise(azimuth * 3, s * 3, seed), s * 2.5, seed + 1) - 0.5
-    fine = noise(azimuth * style.grain * 3.1, s * 4, seed + 2) - 0.5
-    bumps = style.rough * (strands + 0.5 * fine)
-    if style.curl:
-        d = direction * 13
-        lumps = noise(d[..., 0] + 0.5 * d[..., 2], d[..., 1] + 0.4 * d[..., 2], seed + 3) + 0.6 * noise(
-            2.3 * d[..., 0] - d[..., 2], 2.3 * d[..., 1], seed + 4
-        )
-        bumps = bumps + style.curl * (lumps - 0.8)
-    rim = 0.004 if style.hat != "none" else -0.002
-    return rim + (thick + bumps - rim) * ease
+def hair_thickness(style: Style, direction: np.ndarray, s: np.ndarray, seed: int) -> np.ndarray:
+    """Metres of hair over the scalp at each point of the shell (rows, columns): round, lumpy, nothing at the rim."""
+    ease = np.clip((1 - s) / 0.55, 0, 1)
+    d = direction * 13
+    lumps = noise(d[..., 0] + 0.5 * d[..., 2], d[..., 1] + 0.4 * d[..., 2], seed + 3) - 0.5
+    thick = style.core * (0.9 + 0.2 * direction[..., 1]) * (1 + style.lumps * lumps)
+    return -0.002 + (thick + 0.002) * np.sqrt(ease * (2 - ease))
 
 
-def hang(
-    style: Style, body: Body, points: np.ndarray, uv: np.ndarray, azimuth: np.ndarray, centre: np.ndarray, seed: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Rows that hang from the rim of the shell, beside and behind the face."""
-    rim = points[-1]
-    share = np.clip((np.abs(azimuth) - style.face) / 0.12, 0, 1)
-    back = np.clip((np.abs(azimuth) - 1.2) / 1.2, 0, 1)
-    bottom = rim[:, 1].min() - style.length * (0.9 + 0.1 * np.sin(5 * azimuth + seed % 7))
-    top = np.maximum(rim[:, 1] - bottom, 0)
-    rows = [points]
-    marks = [uv]
-    count = max(6, int(0.5 * np.ceil((style.length + 0.12) / 0.012)))
-    outward = np.stack([np.sin(azimuth), 0 * azimuth, np.cos(azimuth)], 1)
-    for k in range(1, count + 1):
-        s = k / count
-        wave = style.rough * (noise(azimuth * style.grain, np.full_like(azimuth, 3 * s), seed + 6) - 0.5)
-        if style.curl:
-            wave = wave + style.curl * np.sin(14 * s + 3 * noise(azimuth * 4, azimuth * 0, seed + 7))
-        inward = -0.030 * s * (1 - back) - 0.012 * s**3
-        row = rim + outward * (wave + inward)[:, None] * share[:, None]
-        row[:, 1] -= top * s * share
-        rows.append(row[None])
-        marks.append(np.stack([azimuth / (2 * np.pi) + 0.5, np.full_like(azimuth, 0.5 - 0.5 * s)], -1)[None])
-    return np.concatenate(rows), np.concatenate(marks)
+def hat_thickness(style: Style, direction: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """Metres between scalp and hat: slack at the top, and the turned-up edge of a beanie with its ribs."""
+    slack = (0.022 if style.hat == "beanie" else 0.012) * np.clip(direction[..., 1], 0, 1) ** 2
+    thick = style.core * (0.75 + 0.25 * np.clip((1 - s) / 0.3, 0, 1)) + slack
+    if style.hat != "beanie":
+        return thick
+    azimuth = np.arctan2(direction[..., 0], direction[..., 2])
+    edge = np.clip((s - 0.66) / 0.03, 0, 1)
+    return thick + 0.0045 * edge + 0.0008 * np.cos(60 * azimuth)
 
 
 def grid(rows: int) -> np.ndarray:
@@ -197,48 +166,7 @@ def grid(rows: int) -> np.ndarray:
     return np.concatenate(faces)
 
 
-def sewn(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Faces on the first of the vertices that coincide: over the face the hanging rows have no length."""
-    _, first, same = np.unique(np.round(vertices, 6), axis=0, return_index=True, return_inverse=True)
-    faces = first[same.reshape(-1)][faces]
-    a, b, c = faces.T
-    return faces[(a != b) & (b != c) & (c != a)]
-
-
-def tied(style: Style, start: np.ndarray, seed: int) -> Shell:
-    """A bun or a ponytail at the back of the head: a tube of rings along a curve."""
-    if style.tie == "bun":
-        t = np.linspace(0, np.pi, 18)
-        middle = start + np.stack([0 * t, 0.012 - 0.012 * np.cos(t), -0.030 * (1 - np.cos(t))], 1)
-        radius = 0.004 + 0.036 * np.sin(t)
-    else:
-        t = np.linspace(0, 1, 26)
-        middle = start + np.stack(
-            [0 * t, 0.02 * np.sin(3 * t) - 0.26 * t**1.6, -0.055 * np.sin(np.pi * np.minimum(1.4 * t, 1) / 1.3)], 1
-        )
-        radius = 0.010 + 0.026 * np.sin(np.pi * np.clip(0.10 + 0.9 * t, 0, 1)) ** 0.7
-    forward = np.gradient(middle, axis=0)
-    forward /= np.linalg.norm(forward, axis=1, keepdims=True)
-    side = np.array([1.0, 0.0, 0.0])
-    up = np.cross(forward, side)
-    angle = np.linspace(-np.pi, np.pi, COLUMNS, endpoint=False)
-    grain = (
-        1
-        + 0.16 * (noise(angle[None] * 6, t[:, None] * 3, seed + 8) - 0.5)
-        + 0.10 * (noise(angle[None] * 17, t[:, None] * 4, seed + 9) - 0.5)
-    )
-    ring = np.cos(angle)[None, :, None] * side + np.sin(angle)[None, :, None] * up[:, None]
-    points = middle[:, None] + ring * (radius[:, None] * grain)[..., None]
-    uv = np.stack(np.broadcast_arrays(angle[None] / (2 * np.pi) + 0.5, 1 - t[:, None] / t[-1]), -1)
-    faces = grid(len(t))
-    flat = points.reshape(-1, 3)
-    normal = np.cross(flat[faces[:, 1]] - flat[faces[:, 0]], flat[faces[:, 2]] - flat[faces[:, 0]])
-    if (normal * (flat[faces].mean(1) - middle[len(t) // 2])).sum() < 0:
-        faces = faces[:, ::-1]
-    return Shell(style.tie, flat, faces, uv.reshape(-1, 2))
-
-
-def brim(points: np.ndarray, azimuth: np.ndarray) -> Shell:
+def brim(points: np.ndarray, azimuth: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The peak of a cap: a curved plate in front of the rim."""
     front = np.abs(azimuth) < 0.95
     rim, a = points[-1][front], azimuth[front]
@@ -255,18 +183,4 @@ def brim(points: np.ndarray, azimuth: np.ndarray) -> Shell:
         for c in ((k * n + j, (k + 1) * n + j, k * n + j + 1), (k * n + j + 1, (k + 1) * n + j, (k + 1) * n + j + 1))
     ]
     vertices = np.concatenate(rows)
-    return Shell("brim", vertices, np.concatenate(faces), np.full((len(vertices), 2), 0.5))
-
-
-def pushed_off(
-    points: np.ndarray, faces: np.ndarray, below: tuple[np.ndarray, np.ndarray], free: np.ndarray
-) -> np.ndarray:
-    """Moves the `free` (n,) vertices that are in, or within 6 mm of, the surface below out of it, and smooths them."""
-    surface = Collider(below[0], below[0], below[1])
-    for _ in range(4):
-        face, distance, normal = sided(points, surface, 0.08)
-        depth = np.where(free & (face >= 0), np.clip(0.006 - distance, 0, 0.1), 0)
-        move = depth[:, None] * normal
-        spread = np.where(free[:, None], smoothed(move, faces, 4), 0)
-        points = points + np.where(depth[:, None] > 0, move, spread)
-    return smoothed(points, faces, 3, keep=~free)
+    return vertices, np.concatenate(faces), np.full((len(vertices), 2), 0.5)

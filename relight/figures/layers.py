@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from relight.figures.drape import Collider
+from relight.figures.colliders import Collider
 from relight.figures.surfaces import border_distance, smoothed
 
 

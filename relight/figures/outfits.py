@@ -4,13 +4,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from relight.figures import fabrics, garments
+from relight.figures import fabrics, wardrobe
 from relight.figures.body import Person
 from relight.figures.fabrics import Fabric
 from relight.figures.footwear import SHOES, Shoe
 from relight.figures.garments import Garment
 from relight.figures.hair import STYLES, Style
+from relight.figures.scarves import SCARVES
 from relight.figures.skin import HAIR, IRISES
+from relight.figures.stances import Pose
 
 
 @dataclass(frozen=True)
@@ -31,12 +33,22 @@ class Outfit:
 
 def tucked(top: Garment, bottom: Garment) -> list[Garment]:
     """A top inside the waistband of a skirt or trousers, and those over it."""
-    inside = replace(top, hem=0.10, drop=0.0, flare=0.0, slack=0.04, tuck=bottom.waist)
-    return [inside, replace(bottom, over=0.004)]
+    snug = tuple(ease * share for ease, share in zip(top.torso, (0.5, 0.5, 0.7, 1, 1, 1)))
+    inside = replace(top, hem=0.10, drop=0.0, flare=0.0, slack=0.025, torso=snug, tuck=bottom.waist)
+    return [inside, replace(bottom, over=0.005)]
+
+
+def suited(outfit: Outfit, pose: Pose) -> Outfit:
+    """The outfit as the pose allows it: long coats come off to sit, scarves where hands are before the chest."""
+    crossed = min(pose.left.wrist[0], pose.right.wrist[0]) < -0.1
+    off = [
+        g for g, _ in outfit.garments if (pose.sitting and g.open and g.drop > 0.2) or (crossed and g.kind == "scarf")
+    ]
+    return replace(outfit, garments=[(g, fabric) for g, fabric in outfit.garments if g not in off])
 
 
 def pick(rng: np.random.Generator, *names: str) -> Garment:
-    library = (*garments.TOPS, *garments.OUTER, *garments.BOTTOMS, *garments.SKIRTS, *garments.DRESSES)
+    library = (*wardrobe.TOPS, *wardrobe.OUTER, *wardrobe.BOTTOMS, *wardrobe.SKIRTS, *wardrobe.DRESSES)
     by_name = {garment.name: garment for garment in library}
     return by_name[str(rng.choice(names))]
 
@@ -60,7 +72,10 @@ def sample_outfit(rng: np.random.Generator, person: Person) -> Outfit:
     thin = worn[0] if len(worn) == 1 else next(g for g in worn if g.kind == "top")
     if thin.name not in ("sweater", "hoodie", "long dress") and rng.random() < 0.36:
         worn.append(pick(rng, "jacket", "jacket", "blazer", "coat", "cardigan"))
-    cloths = [(g, fabrics.sample_fabric(rng, g.fabrics, g.kind == "trousers" or g in garments.OUTER)) for g in worn]
+        odds = {"coat": 0.5, "jacket": 0.3, "blazer": 0.25, "cardigan": 0.25}[worn[-1].name]
+        if rng.random() < odds and not any(g.name in ("shorts", "tank top") for g in worn):
+            worn.append(SCARVES[int(rng.integers(len(SCARVES)))])
+    cloths = [(g, fabrics.sample_fabric(rng, g.fabrics, g.kind == "trousers" or g in wardrobe.OUTER)) for g in worn]
     shoe = SHOES[int(rng.choice(len(SHOES), p=shoe_odds(woman, worn)))]
     upper = fabrics.sample_fabric(rng, ("leather",) if "sneaker" not in shoe.name else ("plain",), True).first
     pale = "sneaker" in shoe.name and rng.random() < 0.75

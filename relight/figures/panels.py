@@ -37,6 +37,8 @@ def cloth_coordinates(body: Body, pattern: Pattern) -> tuple[list[str], np.ndarr
     level, f, j = pattern.levels[-1], pattern.fields, body.joints
     faces, p = level.faces, level.pattern
     corner = p[faces]
+    if pattern.garment.kind == "scarf":  # both halves carry the same picture, from the middle to the ends
+        return ["scarf"], np.zeros(len(faces), int), np.stack([corner[..., 0], np.abs(corner[..., 1])], axis=-1)
     middle = corner.mean(1)
     cloth = np.zeros((*faces.shape, 2))
     cloth[..., 1] = corner[..., 1] - pattern.crotch

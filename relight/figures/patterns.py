@@ -142,7 +142,20 @@ def build_pattern(body: Body, garment: Garment, levels: int) -> Pattern:
         )
     start = start + 0.7 * (pattern - start)
     sleeve = np.r_[sleeve, np.zeros(len(faces) - len(sleeve), bool)]
-    out, refine = [Level(pattern, start, held, pinned, weights, faces)], []
+    return refined(garment, (pattern, start, held, pinned, weights), faces, f, at["crotch"], sleeve, levels)
+
+
+def refined(
+    garment: Garment,
+    parts: tuple[np.ndarray, ...],
+    faces: np.ndarray,
+    f: dict[str, np.ndarray],
+    crotch: float,
+    sleeve: np.ndarray,
+    levels: int,
+) -> Pattern:
+    """The coarsest level, whose `parts` are pattern, start, held, pinned and weights, refined `levels` times."""
+    out, refine = [Level(*parts, faces)], []
     for _ in range(levels):
         coarse = out[-1]
         up, finer = loop(coarse.faces, len(coarse.pattern))
@@ -151,7 +164,7 @@ def build_pattern(body: Body, garment: Garment, levels: int) -> Pattern:
         parts = (coarse.pattern, coarse.start, coarse.held, coarse.pinned, coarse.weights)
         out.append(Level(*(up @ part for part in parts), finer))
         f = {name: up @ values for name, values in f.items()}
-    return Pattern(garment, out, refine, f, at["crotch"], sleeve)
+    return Pattern(garment, out, refine, f, crotch, sleeve)
 
 
 def largest(matrix: sparse.csr_matrix, faces: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray]:
@@ -196,8 +209,8 @@ def pins(body: Body, garment: Garment, f: dict, at: dict) -> np.ndarray:
         return np.maximum(waist, cuff)
     out = np.clip(1 - neck_field(body, garment, f) / 0.02, 0, 1) * garment.grip * (f["y"] > at["neck"] - 0.2)
     if garment.tuck is not None:  # inside a waistband the cloth lies flat
-        inside = at["waist"] + garment.tuck - 0.004
-        out = np.maximum(out, np.clip((inside - f["y"]) / 0.015, 0, 0.9))
+        edge = at["waist"] + garment.tuck
+        out = np.maximum(out, 0.9 * np.clip((edge + 0.012 - f["y"]) / 0.016, 0, 1))
     out = np.maximum(out, np.clip((arm - (garment.sleeve - 0.07)) / 0.05, 0, 1) * garment.cuff)
     rib = np.clip(1 - (f["y"] - at["crotch"] - garment.hem) / 0.03, 0, 1) * (np.maximum(f["onL"], f["onR"]) < 0.1)
     return np.maximum(out, rib * garment.rib)

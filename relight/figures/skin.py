@@ -115,10 +115,12 @@ def paint_skin(
     nails = np.maximum(region("fingernails", side), region("toenails", side))[inside]
     mix(0.6 * nails, skin * np.array([1.15, 1.0, 0.98]) if makeup < 0.5 else np.array([0.4, 0.03, 0.06]))
     ridge = eye[1] + 0.0225 - 0.30 * np.clip(across - eye[0] - 0.004, 0, 1) - 0.12 * np.clip(eye[0] - across, 0, 1)
-    strokes = 0.55 + 0.6 * noise(x * 1500 + y * 900, y * 500, seed + 2)
-    thick = 0.0040 - 0.0016 * np.clip((across - eye[0]) / 0.02, -0.5, 1) - 0.0006 * person.female
-    brow = np.exp(-(((y - ridge) / thick) ** 4) - ((across - eye[0] - 0.001) / 0.0215) ** 8) * front
-    mix(0.85 * brow * strokes, hair * 0.8)
+    strokes = 0.5 + 0.7 * noise(x * 1100 + y * 1500, y * 350, seed + 2)
+    outward = (across - eye[0]) / 0.023
+    thick = (0.0040 - 0.0006 * person.female) * (1 - 0.35 * np.clip(outward, -0.2, 1))
+    ends = np.clip(1.9 * (1 - np.abs(outward - 0.04)), 0, 1)
+    brow = np.exp(-(((y - ridge) / (thick * (0.35 + 0.65 * ends))) ** 2)) * ends * front
+    mix(0.95 * np.clip(1.5 * brow, 0, 1) * strokes, hair * 0.8)
     if beard > 0:
 
         def ramp(value: np.ndarray, width: float) -> np.ndarray:
@@ -134,7 +136,7 @@ def paint_skin(
         mix(0.85 * beard * hairs * head, hair)
     if scalp > 0:
         mix(
-            scalp * scalp_share(point[inside], 0.012) * (0.75 + 0.35 * noise(x * 700, y * 700 + z * 500, seed + 4)),
+            scalp * scalp_share(point[inside], 0.06) * (0.75 + 0.35 * noise(x * 700, y * 700 + z * 500, seed + 4)),
             hair,
         )
     image = np.broadcast_to(skin, (side, side, 3)).copy()
@@ -143,19 +145,25 @@ def paint_skin(
 
 
 def hairline(azimuth: np.ndarray) -> np.ndarray:
-    """Elevation (sine) above which the head carries hair; azimuth 0 is the face, +-pi the nape."""
-    at = [0, 0.5, 0.85, 1.1, 1.3, 1.5, 1.7, 1.95, 2.35, np.pi]
-    return np.interp(np.abs(azimuth), at, [0.47, 0.45, 0.24, -0.10, -0.28, -0.16, -0.02, -0.30, -0.66, -0.80])
+    """Elevation (sine) above which the head carries hair; azimuth 0 is the face, +-pi the nape, 1.2 a sideburn."""
+    at = [0, 0.5, 0.8, 0.98, 1.10, 1.22, 1.34, 1.62, 1.75, 1.95, 2.35, np.pi]
+    return np.interp(
+        np.abs(azimuth), at, [0.34, 0.33, 0.24, 0.04, -0.22, -0.38, -0.20, -0.20, -0.40, -0.62, -0.74, -0.80]
+    )
+
+
+def above_hairline(points: np.ndarray) -> np.ndarray:
+    """How far points (..., 3) of the base head lie above its hairline, as the sine of elevation; -1 below the head."""
+    eye = makehuman.base().vertices[makehuman.EYES["L"]].mean(0)
+    direction = points - np.array([0.0, eye[1] + 0.028, eye[2] - 0.085])
+    direction = direction / np.linalg.norm(direction, axis=-1, keepdims=True)
+    above = direction[..., 1] - hairline(np.arctan2(direction[..., 0], direction[..., 2]))
+    return np.where(points[..., 1] > eye[1] - 0.12, above, -1.0)
 
 
 def scalp_share(points: np.ndarray, soft: float) -> np.ndarray:
-    """1 where the base head carries hair, falling to 0 over `soft` (sine of elevation times ten) at the hairline."""
-    base = makehuman.base().vertices
-    eye = base[makehuman.EYES["L"]].mean(0)
-    direction = points - np.array([0.0, eye[1] + 0.028, eye[2] - 0.085])
-    direction = direction / np.linalg.norm(direction, axis=1, keepdims=True)
-    above = direction[:, 1] - hairline(np.arctan2(direction[:, 0], direction[:, 2]))
-    return np.clip(above / (10 * soft) - 0.4, 0, 1) * (points[:, 1] > eye[1] - 0.12)
+    """1 where the base head carries hair, falling to 0 over `soft` (sine of elevation) at the hairline."""
+    return np.clip(above_hairline(points) / soft - 0.4, 0, 1)
 
 
 def paint_eye(iris: np.ndarray, side: int, seed: int) -> np.ndarray:

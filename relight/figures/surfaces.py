@@ -6,6 +6,8 @@ A surface is (M, faces): M (n,k) sparse maps attributes of k source vertices (po
 import numpy as np
 import scipy.sparse as sparse
 
+Surface = tuple[np.ndarray, np.ndarray]  # vertices (V,3) and faces (F,3)
+
 
 def edges(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Unique edges (E,2), the edge (F,3) of each side 01, 12, 20, and how many faces (E,) use each edge."""
@@ -212,3 +214,9 @@ def extruded(ring: np.ndarray, rows: list[np.ndarray], offset: int, closed: bool
         faces += [np.stack([b, a, c], 1), np.stack([b, c, d], 1)]
         previous = now
     return np.concatenate(rows), np.concatenate(faces)
+
+
+def stacked(parts: list[Surface]) -> Surface:
+    """Several surfaces as one."""
+    starts = np.cumsum([0] + [len(vertices) for vertices, _ in parts])
+    return np.concatenate([v for v, _ in parts]), np.concatenate([f + s for (_, f), s in zip(parts, starts)])

@@ -18,7 +18,8 @@ def main(figures: Figures, figure: Path, out: Path) -> None:
     seed = int(name[1:])
 
     def make():
-        mesh = make_figure(seed, figures.detail, figures.texture, figures.per_subject, figures.shading)
+        asked = [figures.detail, figures.texture, figures.per_subject, figures.shading, figures.device]
+        mesh = make_figure(seed, *asked)
         mesh.info.update(name=name, axes={"up": "+y", "front": "+z"})
         return mesh
 

@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from relight.figures import body, makehuman, poses
+from relight.figures import body, makehuman, poses, stances
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +66,7 @@ def test_two_bones_keep_their_lengths():
 
 def test_motion_begins_at_rest_and_ends_on_the_ground(person):
     rig = makehuman.rig()
-    for pose in (poses.STANDING[3], poses.STANDING[15], poses.SITTING[0]):
+    for pose in (stances.STANDING[3], stances.STANDING[15], stances.SITTING[0]):
         way = poses.motion(person, pose, 6)
         weights = rig.weights[makehuman.BODY]
         rest = way.skin(weights, person.skin, 0) - person.skin
@@ -77,7 +77,7 @@ def test_motion_begins_at_rest_and_ends_on_the_ground(person):
 
 
 def test_wrists_and_ankles_reach_their_goals(person):
-    pose = poses.STANDING[3]
+    pose = stances.STANDING[3]
     solver = poses.Solver(person)
     solver.solve(pose)
     trunk, _ = solver.placed("spine01")
@@ -94,8 +94,8 @@ def test_wrists_and_ankles_reach_their_goals(person):
 
 def test_a_mirrored_pose_mirrors_hands_and_feet():
     rng = np.random.default_rng(0)
-    pose = poses.STANDING[4]
-    seen = {poses.varied(pose, rng).left.elbow for _ in range(20)}
+    pose = stances.STANDING[4]
+    seen = {stances.varied(pose, rng).left.elbow for _ in range(20)}
     assert seen == {pose.left.elbow, pose.right.elbow}
 
 

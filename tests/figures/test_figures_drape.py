@@ -4,13 +4,15 @@ import numpy as np
 import pytest
 import trimesh
 
-from relight.figures import drape
-from relight.figures.drape import Cloth, Collider, Effort, Sheet
+from relight.figures import colliders, crossings, drape
+from relight.figures.colliders import Collider
+from relight.figures.drape import Cloth, Effort, Sheet
+from relight.files import UserError
 
 
 @pytest.fixture(scope="module", autouse=True)
 def warp():
-    drape.prepare()
+    colliders.prepare()
 
 
 def square(n=21, side=0.4, height=1.0):
@@ -76,3 +78,76 @@ def test_mended_spreads_one_torn_edge():
     before = sheet.strain().max()
     sheet.move_to(drape.mended(torn, faces, sheet.edge, sheet.strain()))
     assert sheet.strain().max() < 0.4 * before
+
+
+def test_no_two_pairs_of_a_colour_share_a_vertex():
+    pairs = np.random.default_rng(0).integers(0, 40, (300, 2))
+    pairs = pairs[pairs[:, 0] != pairs[:, 1]]
+    color = drape.coloured(pairs)
+    for c in range(color.max() + 1):
+        used = pairs[color == c].ravel()
+        assert len(np.unique(used)) == len(used)
+
+
+def test_pairs_solved_by_colour_make_the_same_cloth():
+    vertices, faces = square(15)
+    under = Collider(*([ball()[0]] * 2), ball()[1])
+    hung = []
+    for parallel in (False, True):
+        sheet = Sheet(vertices, faces, Cloth(crumple=0.0, friction=0.6), parallel)
+        assert (len(sheet.bounds) > 2) == parallel
+        for _ in range(30):
+            sheet.frame(under, Effort(10, 4, 0, contact=False), ground=0.0, damp=0.98)
+        assert np.abs(np.percentile(sheet.strain(), [2, 98]) - 1).max() < 0.05
+        hung.append(sheet.positions())
+    assert np.abs(hung[0] - hung[1]).mean() < 0.01
+
+
+def test_the_device_is_the_one_asked_for_or_refused(monkeypatch):
+    monkeypatch.setattr(colliders.wp, "is_cuda_available", lambda: False)
+    for name in ("cpu", "auto"):
+        with colliders.working(name):
+            assert not colliders.wp.get_device().is_cuda
+    with pytest.raises(UserError, match="no usable NVIDIA GPU"):
+        colliders.working("cuda")
+    with pytest.raises(UserError, match="tpu"):
+        colliders.working("tpu")
+
+
+def test_rays_meet_the_first_face():
+    vertices, faces = ball()
+    face, depth = Collider(vertices, vertices, faces).cast(
+        np.array([[0, 0.8, 1.0], [1, 0.8, 1]]), np.array([[0, 0, -1.0]] * 2)
+    )
+    assert face[0] >= 0 and face[1] == -1
+    assert depth[0] == pytest.approx(0.88, abs=1e-3) and depth[1] == np.inf
+
+
+def standing(n=21):
+    """The square of cloth, upright in the plane x = 8 mm and 10 mm up, so that no vertex of one lies in the other."""
+    vertices, faces = square(n)
+    return np.stack([0 * vertices[:, 0] + 0.008, 1.01 + vertices[:, 0], vertices[:, 2]], axis=1), faces
+
+
+def test_crossing_cloth_is_found_and_measured():
+    flat, wall = square(), standing()
+    found = crossings.crossing([flat, wall], [flat[0], wall[0]])
+    for share, (_, faces) in zip(found, (flat, wall)):
+        assert 20 / len(faces) <= share <= 60 / len(faces)  # the faces along a line of 20 edges
+    clear = wall[0] + [0, 0.25, 0], wall[1]
+    assert crossings.crossing([flat, clear], [flat[0], clear[0]]) == [0, 0]
+
+
+def test_a_graze_is_no_crossing():
+    flat, other = square(), square()
+    bent = other[0] + np.stack([0 * other[0][:, 0], 0.002 * np.sin(60 * other[0][:, 0]), 0 * other[0][:, 0]], axis=1)
+    assert crossings.crossing([flat, (bent, other[1])], [flat[0], other[0]]) == [0, 0]
+
+
+def test_a_garment_crosses_itself_only_where_its_pattern_is_apart():
+    flat, wall = square(), standing()
+    both = np.concatenate([flat[0], wall[0]]), np.concatenate([flat[1], wall[1] + len(flat[0])])
+    far = np.concatenate([flat[0], wall[0] + [3, 0, 0]])
+    assert crossings.crossing([both], [far])[0] > 0.02
+    near = np.zeros_like(far)
+    assert crossings.crossing([both], [near]) == [0]

@@ -13,8 +13,9 @@ import pytest
 import trimesh
 from PIL import Image
 
-from relight.figures import dress, garments, gates, poses
+from relight.figures import colliders, dress, gates, patterns, stances, wardrobe
 from relight.figures.commands import seeds_of
+from relight.figures.drape import Draped
 from relight.figures.dress import make_figure
 from relight.figures.export import export
 from relight.files import UserError
@@ -36,7 +37,7 @@ def digest(mesh: Mesh) -> str:
 
 @pytest.fixture(scope="module")
 def figure() -> tuple[Mesh, float]:
-    dress.drape.prepare()
+    colliders.prepare()
     start = time.process_time()
     mesh = make_figure(SEED, "draft", 128)
     return mesh, time.process_time() - start
@@ -62,6 +63,8 @@ def test_the_record_is_complete(figure):
         "age",
         "build",
         "redrawn",
+        "crossing",
+        "covered",
     ):
         assert key in mesh.info
     assert mesh.info["name"] == f"g{SEED:04d}"
@@ -121,10 +124,10 @@ def test_a_failed_attempt_is_drawn_again_and_counted(figure, monkeypatch):
 @pytest.fixture(scope="module")
 def snug():
     """A dress as its pattern lies around a standing body, not draped: a drape that passes."""
-    dress.drape.prepare()
+    colliders.prepare()
     body = dress.build_body(dress.sample_person(np.random.default_rng(3)))
-    way = dress.motion(body, poses.STANDING[1], 4)
-    pattern = dress.patterns.build_pattern(body, garments.DRESSES[0], 0)
+    way = dress.motion(body, stances.STANDING[1], 4)
+    pattern = patterns.build_pattern(body, wardrobe.DRESSES[0], 0)
     level = pattern.levels[0]
     x = way.skin(level.weights, level.pattern)
     return body, way, pattern, x, np.ones(1000)
@@ -152,7 +155,7 @@ def lifted(x, pattern):
 def test_each_gate_bites(snug, spoil, said):
     body, way, pattern, x, strain = snug
     x, strain = spoil(x, strain, pattern)
-    reason = gates.cloth(pattern, dress.drape.Draped(x, [], strain), way, body)
+    reason = gates.cloth(pattern, Draped(x, [], strain), way, body)
     assert reason is None if said is None else re.search(said, reason)
 
 
@@ -171,7 +174,7 @@ def two_walls(hole: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def test_poke_through_is_seen_and_measured():
-    dress.drape.prepare()
+    colliders.prepare()
     assert gates.through(*two_walls(0.0)) == 0
     found = gates.through(*two_walls(0.0051))
     assert 4 <= found <= gates.SPECK

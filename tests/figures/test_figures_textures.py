@@ -3,14 +3,15 @@
 import numpy as np
 import pytest
 
-from relight.figures import fabrics, garments, panels
+from relight.figures import fabrics, panels, wardrobe
 from relight.figures.fabrics import Fabric
+from relight.figures.scarves import SCARVES
 
 LATTICE = [0.212093949, 0.283698976, 0.247471035, 0.376442909]
 KINDS = sorted(
     {
         k
-        for g in (*garments.TOPS, *garments.OUTER, *garments.BOTTOMS, *garments.SKIRTS, *garments.DRESSES)
+        for g in (*wardrobe.TOPS, *wardrobe.OUTER, *wardrobe.BOTTOMS, *wardrobe.SKIRTS, *wardrobe.DRESSES, *SCARVES)
         for k in g.fabrics
     }
 )

@@ -1,0 +1,107 @@
+"""Dressing: the garments of an outfit draped one over the other on a body that moves into its pose."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from relight.figures import collars, drape, makehuman, patterns, scarves
+from relight.figures.body import Body
+from relight.figures.colliders import Collider
+from relight.figures.drape import Effort
+from relight.figures.fabrics import Fabric
+from relight.figures.garments import Garment
+from relight.figures.outfits import Outfit
+from relight.figures.poses import Motion
+from relight.figures.surfaces import Surface, stacked
+
+
+@dataclass(frozen=True)
+class Detail:
+    """refine: subdivisions of a garment; frames of the motion; efforts by level; body: subdivisions of the skin."""
+
+    refine: int
+    frames: int
+    efforts: list[Effort]
+    body: int
+
+
+DETAILS = {
+    "draft": Detail(1, 20, [Effort(12, 2, 8), Effort(10, 3, 8)], 0),
+    "full": Detail(2, 28, [Effort(14, 2, 12), Effort(10, 4, 12), Effort(8, 5, 14, gravity=-5.0)], 1),
+}
+
+
+@dataclass(frozen=True)
+class Worn:
+    """One draped garment: its pattern, its fabric, and how it hangs."""
+
+    pattern: patterns.Pattern
+    fabric: Fabric
+    draped: drape.Draped
+
+
+def wear(body: Body, way: Motion, outfit: Outfit, detail: Detail) -> list[Worn]:
+    """Drapes the garments one over the other."""
+    rig, frames = makehuman.rig(), detail.frames
+    weights = rig.weights[makehuman.BODY]
+    faces = makehuman.base().faces["body"]
+
+    def share(*names: str) -> np.ndarray:
+        return weights[:, [i for i, bone in enumerate(rig.bones) if bone.startswith(names)]].sum(1)
+
+    head = share(
+        "head", "jaw", "eye", "levator", "oris", "special", "temporalis", "risorius", "oculi", "tongue", "orbicularis"
+    )
+    hands = share("finger", "metacarpal") + head
+    arms = hands + share("wrist", "lowerarm", "upperarm")
+    # hands and, for what hangs from the waist, arms are no obstacles: fingers would catch the cloth
+    solid = {"top": faces[(hands[faces] < 0.3).all(1)], "other": faces[(arms[faces] < 0.3).all(1)]}
+    posed = [way.skin(weights, body.skin, t) for t in range(frames + 1)]
+    worn: list[Worn] = []
+    for garment, fabric in outfit.garments:
+        if garment.kind == "scarf":
+            bare = faces[(hands - head)[faces].max(1) < 0.3]
+            worn.append(wrapped(body, way, garment, fabric, (posed[-1], bare), worn, detail))
+            continue
+        pattern = patterns.build_pattern(body, garment, detail.refine)
+        under = solid["top" if garment.kind == "top" else "other"]
+
+        def below(frame: int, fine: bool, under: np.ndarray = under, before: tuple[Worn, ...] = tuple(worn)):
+            parts = [(posed[frame], under)]
+            for w in before:
+                level = w.pattern.levels[-1 if fine else 0]
+                parts.append((w.draped.positions if fine else w.draped.history[frame], level.faces))
+            return stacked(parts)
+
+        draped = drape.drape(
+            pattern.levels, pattern.refine, garment.cloth, detail.efforts, below, way.skin, frames, ground=0.006
+        )
+        worn.append(Worn(pattern, fabric, draped))
+    return worn
+
+
+def wrapped(
+    body: Body, way: Motion, garment: Garment, fabric: Fabric, skin: Surface, below: list[Worn], detail: Detail
+) -> Worn:
+    """A scarf over the posed skin (vertices, faces) and all garments below it; it is laid there, not carried there."""
+    neck, axes = collars.neck_of(body, way)
+    parts = [skin]
+    for w in below:
+        x, cloth = w.draped.positions, w.pattern.levels[-1].faces
+        parts.append((x, cloth))
+        if w.pattern.garment.kind == "top":
+            collar = collars.collar(x, cloth, np.zeros((len(x), 2)), w.pattern.garment.collar, neck, axes[1], 1.0)
+            parts += [collar[:2]] if collar else []
+    vertices, faces = stacked(parts)
+    pattern = scarves.build_scarf(body, way, garment, Collider(vertices, vertices, faces), detail.refine)
+    draped = drape.drape(
+        pattern.levels,
+        pattern.refine,
+        garment.cloth,
+        scarves.EFFORTS[: detail.refine + 1],
+        lambda frame, fine: (vertices, faces),
+        lambda weights, rest, frame: rest,
+        frames=0,
+        ground=0.006,
+    )
+    return Worn(pattern, fabric, draped)

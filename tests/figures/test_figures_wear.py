@@ -1,0 +1,126 @@
+"""Scarves, tucked tops, and hands that stay out of the clothes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from relight.figures import (
+    clearance,
+    collars,
+    colliders,
+    gates,
+    makehuman,
+    outfits,
+    patterns,
+    scarves,
+    stances,
+    wardrobe,
+)
+from relight.figures.body import build_body, sample_person
+from relight.figures.colliders import Collider
+from relight.figures.drape import Draped, Level
+from relight.figures.fabrics import Fabric
+from relight.figures.layers import sided
+from relight.figures.poses import motion
+from relight.figures.wear import DETAILS, Worn, wrapped
+
+CLOTH = Fabric("plain", (0.3, 0.1, 0.05), (0.1, 0.4, 0.7), 1.0, 5)
+
+
+@pytest.fixture(scope="module")
+def person():
+    colliders.prepare()
+    return build_body(sample_person(np.random.default_rng(3)))
+
+
+@pytest.fixture(scope="module")
+def standing(person):
+    way = motion(person, stances.STANDING[1], 1)
+    return way, way.skin(makehuman.rig().weights[makehuman.BODY], person.skin)
+
+
+@pytest.mark.parametrize("garment", scarves.SCARVES, ids=lambda garment: garment.name)
+def test_a_scarf_lies_around_the_neck_and_hangs_in_front(person, standing, garment):
+    way, skin = standing
+    faces = makehuman.base().faces["body"]
+    worn = wrapped(person, way, garment, CLOTH, (skin, faces), [], DETAILS["draft"])
+    x = worn.draped.positions
+    neck, axes = collars.neck_of(person, way)
+    near = (x - neck)[np.linalg.norm(x - neck, axis=1) < 0.17]
+    around = np.unique(np.round(np.degrees(np.arctan2(near @ axes[0], near @ axes[2])) / 20))
+    assert len(around) >= 15  # of 19: all sides but perhaps the front
+    low = x[x[:, 1] < neck[1] - 0.15]
+    assert (low[:, 2] > neck[2]).all() and low[:, 0].min() < -0.03 and low[:, 0].max() > 0.03
+    assert gates.cloth(worn.pattern, worn.draped, way, person) is None
+    _, distance, _ = sided(x, Collider(skin, skin, faces), 0.1)
+    assert np.percentile(distance, 1) > -0.002
+
+
+def test_a_tucked_top_is_held_below_the_waistband_only(person):
+    top, bottom = outfits.tucked(wardrobe.TOPS[0], wardrobe.BOTTOMS[0])
+    pattern = patterns.build_pattern(person, top, 0)
+    edge = patterns.landmarks(person)["waist"] + bottom.waist
+    y, pinned = pattern.fields["y"], pattern.levels[0].pinned
+    assert (pinned[y < edge - 0.01] > 0.89).all()
+    assert (pinned[(y > edge + 0.015) & (pattern.fields["onL"] + pattern.fields["onR"] < 0.1)] == 0).all()
+
+
+def hands(body, pose):
+    skin = motion(body, pose, 1).skin(makehuman.rig().weights[makehuman.BODY], body.skin)
+    faces = makehuman.base().faces["body"]
+    trunk = clearance.shares("root", "pelvis", "spine", "breast", "upperleg", "lowerleg") > 0.5
+    hand = clearance.shares("finger", "metacarpal", "wrist") > 0.5
+    _, distance, _ = sided(skin[hand], Collider(skin, skin, faces[trunk[faces].all(1)]), 0.3)
+    return np.percentile(distance, 5)
+
+
+def test_hands_make_room_for_clothes(person):
+    loose = replace(stances.DOWN, wrist=(0.05, -0.95, 0.06))
+    pose = stances.Pose("", loose, loose)
+    assert hands(person, pose) < 0.0
+    assert hands(person, clearance.cleared(person, pose, (0.04, 0.02))) > 0.025
+
+
+def test_hands_that_rest_come_close(person):
+    far = replace(stances.HIP, wrist=(0.45, -0.66, 0.03))
+    pose = stances.Pose("", far, far)
+    before = hands(person, pose)
+    after = hands(person, clearance.cleared(person, pose, (0.02, 0.02)))
+    assert before > 0.05 and 0.01 < after < 0.035
+
+
+def test_room_grows_with_what_is_worn():
+    jeans, tee, coat = wardrobe.BOTTOMS[0], wardrobe.TOPS[0], wardrobe.OUTER[2]
+    bare, dressed = clearance.room([jeans, tee], False), clearance.room([jeans, tee, coat], False)
+    assert dressed[0] > bare[0] and dressed[1] > bare[1]
+    assert clearance.room([jeans, tee, coat], True)[0] < dressed[0]
+
+
+@pytest.mark.parametrize(("gap", "share"), [(0.02, 1.0), (0.2, 0.0)])
+def test_a_hand_behind_cloth_is_measured(person, standing, gap, share):
+    way, skin = standing
+    left = skin[(clearance.shares("finger", "metacarpal") > 0.7) & (person.skin[:, 0] > 0)]
+    (x0, y0, _), (x1, y1, front) = left.min(0) - 0.05, left.max(0) + 0.05
+    front += gap - 0.05
+    sheet = np.array([[x0, y0, front], [x1, y0, front], [x1, y1, front], [x0, y1, front]])
+    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    level = Level(sheet, sheet, sheet, np.zeros(4), np.zeros((4, 1)), faces)
+    pattern = patterns.Pattern(wardrobe.TOPS[0], [level], [], {}, 0.0, np.zeros(2, bool))
+    covered = gates.covered_hands([Worn(pattern, CLOTH, Draped(sheet, [], np.ones(1)))], way, person)
+    assert covered == (share, 0.0) if share == 0 else covered[0] > 0.5 and covered[1] == 0.0
+
+
+def test_coats_come_off_to_sit_and_scarves_where_arms_are_crossed(person):
+    outfit = outfits.sample_outfit(np.random.default_rng(0), person.person)
+    outfit = replace(
+        outfit, garments=[(g, CLOTH) for g in (wardrobe.BOTTOMS[0], wardrobe.OUTER[2], scarves.SCARVES[0])]
+    )
+    poses = {pose.name: pose for pose in (*stances.STANDING, *stances.SITTING)}
+
+    def left(name):
+        return [g.name for g, _ in outfits.suited(outfit, poses[name]).garments]
+
+    assert left("relaxed") == ["jeans", "coat", "scarf"]
+    assert left("sitting") == ["jeans", "scarf"]
+    assert left("arms crossed") == ["jeans", "coat"]
