@@ -63,7 +63,7 @@ class Bake:
 
 @dataclass
 class Split:
-    kind: str = MISSING  # subject | paper
+    kind: str = MISSING  # subject | paper | disjoint | siblings
     test: float = MISSING  # share of the figures
     least: float = MISSING  # the run ends when less than this share of the figures is usable
     seed: int = MISSING
@@ -166,8 +166,11 @@ class Train:
     mirror: bool = MISSING  # half of the pairs are mirrored left to right
     exposure: float = MISSING  # stops: the exposure is uniform in +-this, on image and light alike
     compile: bool = MISSING  # torch.compile: pays on a GPU
-    start: str | None = None  # a network of the same kind to go on from
+    start: str | None = None  # a network of the same kind to go on from: a file, or the name of a run of the sweep
     only: str | None = None  # encoder: all else stays as it is in `start`
+    part: str = "train"  # train | test: figures of the split; test is for losses that use no truth
+    figures: int | None = None  # so many of them at most, drawn from the seed; fewer are part of more; null: all
+    lights: list[str] = field(default_factory=lambda: ["train"])  # marks of the light table: train, rich, test
     version: int = MISSING
 
 
@@ -176,10 +179,11 @@ class Evaluate:
     bootstrap: int = MISSING  # resamples of the figures
     plates: int = MISSING  # test figures shown in the qualitative figure
     sheet: int = MISSING  # figures shown in the contact sheet
-    lights: str = MISSING  # test | unusual: which lights of the set relight the test figures
+    lights: str = MISSING  # test | unusual: which lights of the set relight them; an experiment says so
     device: str = MISSING  # auto | cpu | cuda
     seed: int = MISSING
     version: int = MISSING
+    figures: str = "test"  # test | sitting: which part of the split is scored; an experiment says so
 
 
 @dataclass
@@ -284,6 +288,7 @@ LEAST = {
     "model.width": 0.01,
     "train.steps": 1,
     "train.batch": 1,
+    "train.figures": 1,
     "train.epoch": 1,
     "evaluate.bootstrap": 1,
 }
@@ -291,7 +296,7 @@ CHOICES = {
     "figures.source": ("generated", "scans"),
     "figures.detail": ("draft", "full"),
     "figures.device": ("cpu", "cuda", "auto"),
-    "split.kind": ("subject", "paper"),
+    "split.kind": ("subject", "paper", "disjoint", "siblings"),
     "panoramas.source": ("generated", "folder"),
     "lights.order": ("cut_first", "paper"),
     "lights.split": ("room", "random"),
@@ -302,6 +307,7 @@ CHOICES = {
     "model.sees": ("image", "mask"),
     "loss.reduction": ("image", "mask"),
     "evaluate.lights": ("test", "unusual"),
+    "evaluate.figures": ("test", "sitting"),
     "evaluate.device": ("auto", "cpu", "cuda"),
     "train.schedule": ("constant", "cosine"),
     "train.color": ("paper", "photo"),
@@ -310,12 +316,18 @@ CHOICES = {
     "train.pairs": ("shuffled", "rows"),
     "train.optimizer": ("adam", "adamw"),
     "train.only": ("encoder",),
+    "train.part": ("train", "test"),
 }
+TRUTH = ("albedo", "transport", "light", "shading", "reconstruction")  # losses that compare with more than the picture
 EXPERIMENT = {"figures": ("test", "sitting"), "lights": ("test", "unusual")}
 RULES = {
     "figures.shading": (lambda value: 0 <= value <= 1, "must lie in [0, 1]"),
     "bake.size": (lambda value: value % 64 == 0, "must be a multiple of 64"),
     "train.lr": (lambda value: value > 0, "must be greater than 0"),
+    "train.lights": (
+        lambda value: value and set(value) <= {"train", "rich", "test"},
+        "must be a list of some of train, rich, test",
+    ),
     "split.test": (lambda value: 0 < value < 1, "must lie between 0 and 1"),
     "split.least": (lambda value: 0 <= value <= 1, "must lie in [0, 1]"),
     "align.padding": (lambda value: 0 <= value < 0.5, "must lie in [0, 0.5)"),
@@ -346,6 +358,11 @@ def check(cfg: DictConfig) -> None:
         raise UserError(f"lights.low {get('lights.low')} must not be above lights.high {get('lights.high')}")
     if get("lights.test") is not None and get("lights.test") >= get("lights.clusters"):
         raise UserError(f"lights.test {get('lights.test')} must be below lights.clusters {get('lights.clusters')}")
+    if get("train.part") == "test" or "test" in (get("train.lights") or ()):
+        if used := [name for name in TRUTH if get(f"loss.{name}")]:
+            raise UserError(
+                f"to train on the test's pictures, no truth may be used: loss.{used[0]} does, loss=self_supervised not"
+            )
     for name, experiment in (get("experiments") or {}).items():
         for key, known in EXPERIMENT.items():
             if experiment[key] not in known:

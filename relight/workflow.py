@@ -15,6 +15,9 @@ HEAD = """\
 defaults: [schema, _self_, override hydra/job_logging: none, override hydra/hydra_logging: none]
 hydra: {run: {dir: .}, output_subdir: null, job: {chdir: false}}
 """
+USUAL = ("test", "test")  # the figures and lights of the tables
+SHARED = ("figures", "clean", "align", "bake", "split", "panoramas", "lights", "evaluate")  # by all runs, but for KIND
+KIND = ("split", "kind")
 
 
 class Plan:
@@ -25,7 +28,7 @@ class Plan:
     file is not as it must be.
 
     rows: what may be trained, name -> overrides; runs: rows x seeds; experiments: the sections of the report, each with
-    those of its rows that `sweep.only` leaves; scored: the runs that the tables among them need.
+    those of its rows that `sweep.only` and the number of figures leave; scored: the runs that their tables need.
     """
 
     def __init__(self, config: dict):
@@ -36,6 +39,10 @@ class Plan:
         self.rows = config.get("runs") or OmegaConf.to_container(self.cfg.sweep.runs)
         self.runs = {f"{row}.s{seed}": (row, seed) for row in self.rows for seed in self.cfg.sweep.seeds}
         self.experiments = self._experiments(swept="runs" in config)
+        if (self.cfg.evaluate.figures, self.cfg.evaluate.lights) != USUAL:
+            raise UserError(
+                "evaluate.figures and evaluate.lights are what an experiment says, such as experiment=sitting"
+            )
         self.gpus = int(self.cfg.train.device == "cuda")  # what a training asks of a cluster
         self.composed: dict[str, DictConfig] = {}
 
@@ -50,14 +57,26 @@ class Plan:
         if swept:
             return {"sweep": Experiment(rows=list(self.rows), plates=True)}
         given = OmegaConf.to_object(self.cfg.experiments)
-        found = {name: replace(e, rows=[row for row in e.rows if row in wanted]) for name, e in given.items()}
+        found = {
+            name: replace(e, rows=[r for r in e.rows if r in wanted and self._fits(r)]) for name, e in given.items()
+        }
         return {name: experiment for name, experiment in found.items() if experiment.rows}
+
+    def _fits(self, row: str) -> bool:
+        """Whether there are more figures than a row asks for: one that asks for all of them is another row again."""
+        asked = [int(word.partition("=")[2]) for word in self.rows[row] if word.startswith("train.figures=")]
+        return not asked or asked[-1] < len(self.figures)
 
     @property
     def scored(self) -> list[str]:
         """The runs that the tables compare."""
         rows = {row for experiment in self.experiments.values() if experiment.table for row in experiment.rows}
         return [run for run, (row, _) in self.runs.items() if row in rows]
+
+    def on(self, experiment: str) -> str:
+        """The folder of an experiment's scores in evaluate/: "" for the usual figures and lights, or sitting-test/."""
+        one = self.experiments[experiment]
+        return "" if (one.figures, one.lights) == USUAL else f"{one.figures}-{one.lights}/"
 
     @cached_property
     def scans(self) -> dict:
@@ -97,16 +116,66 @@ class Plan:
         """The experiments that are tables of trainings."""
         return [name for name, experiment in self.experiments.items() if experiment.table]
 
+    @property
+    def plates(self) -> list[str]:
+        """The experiments whose networks are shown side by side."""
+        return [name for name, experiment in self.experiments.items() if experiment.table and experiment.plates]
+
     def of_run(self, run: str) -> DictConfig:
-        """The settings of one run of the sweep."""
+        """The settings of one run of the sweep; where `train.start` names a run, the network of that, of one seed."""
         if run not in self.composed:
             row, seed = self.runs[run]
-            self.composed[run] = composed([*self.overrides, *self.rows[row], f"train.seed={seed}"])
+            cfg = composed([*self.overrides, *self.rows[row], f"train.seed={seed}"])
+            for group in SHARED:
+                if any(cfg[group][key] != value for key, value in self.cfg[group].items() if (group, key) != KIND):
+                    raise UserError(
+                        f"run {row} changes {group}, which all runs share: change it for all, under a new name"
+                    )
+            if cfg.train.start == row:
+                raise UserError(f"run {row}: train.start={row} is the run itself")
+            if cfg.train.start in self.rows:
+                cfg.train.start = self.network(f"{cfg.train.start}.s{seed}")
+            self.composed[run] = cfg
         return self.composed[run]
 
+    def network(self, run: str) -> str:
+        """The file of a trained network."""
+        return f"{self.out}/train/{run}.safetensors"
+
+    def start(self, run: str) -> list[str]:
+        """The network of the sweep that a run goes on from."""
+        start = self.of_run(run).train.start
+        return [start] if start in map(self.network, self.runs) else []
+
+    def kind(self, experiment: str) -> str:
+        """The split that an experiment's rows are scored on; rows of several splits must share their test."""
+        return self.of_run(self.of_row(self.experiments[experiment].rows[0])[0]).split.kind
+
+    def of_row(self, row: str) -> list[str]:
+        """The runs of a row, one per seed."""
+        return [run for run, (own, _) in self.runs.items() if own == row]
+
+    def scores(self, name: str, usual: bool = False) -> dict[str, list[str]]:
+        """Files of the scores of an experiment's rows, and of its baselines under "": on its own figures and lights, or
+        on the usual ones."""
+        folder = "evaluate/" if usual else f"evaluate/{self.on(name)}"
+        rows = {row: [f"{folder}{run}.csv" for run in self.of_row(row)] for row in self.experiments[name].rows}
+        return {**rows, "": [f"{folder}baselines.{self.kind(name)}.csv"]}
+
+    @property
+    def score_files(self) -> list[str]:
+        """All files of scores that the report needs."""
+        found = [self.scores(name, usual) for name in self.tables for usual in (False, True)]
+        files = (f"{self.out}/{path}" for rows in found for paths in rows.values() for path in paths)
+        return list(dict.fromkeys(files))
+
     def settings(self, stage: str) -> str:
-        """The YAML file that `stage`, or `stage.run`, reads."""
+        """The YAML file that `stage`, `stage.run` or `split.kind` reads."""
         stage, _, run = stage.partition(".")
+        if stage == "split":
+            return HEAD + OmegaConf.to_yaml(
+                OmegaConf.create(view(composed([*self.overrides, f"split.kind={run}"]), stage))
+            )
         if run and run not in self.runs:
             raise UserError(f"no run {run}; there are {', '.join(self.runs)}")
         return HEAD + OmegaConf.to_yaml(OmegaConf.create(view(self.of_run(run) if run else self.cfg, stage)))
@@ -116,10 +185,12 @@ class Plan:
         return "".join(f"{item}\n" for item in {"figures": self.figures, "runs": self.scored}[name])
 
     def asked(self) -> str:
-        """The experiments as JSON: the fields of each, and `runs`, its trainings by row."""
-        runs = {row: [run for run, (own, _) in self.runs.items() if own == row] for row in self.rows}
-        made = {
-            name: {**asdict(experiment), "runs": {row: runs[row] for row in experiment.rows}}
-            for name, experiment in self.experiments.items()
-        }
+        """The experiments as JSON: the fields of each; its `runs` by row; for tables the files in results/<name> of its
+        `scores`, on its own figures and lights and on the `usual` ones, and of the `splits` of its rows."""
+        made = {}
+        for name, one in self.experiments.items():
+            made[name] = {**asdict(one), "runs": {row: self.of_row(row) for row in one.rows}}
+            if one.table:
+                splits = {row: f"split/{self.of_run(self.of_row(row)[0]).split.kind}.json" for row in one.rows}
+                made[name] |= {"scores": self.scores(name), "usual": self.scores(name, usual=True), "splits": splits}
         return json.dumps(made, indent=1)

@@ -7,6 +7,7 @@
 | `nearest_light` | the training light nearest to the true one (an oracle's choice) | true maps, the true light   |
 | `no_occlusion`  | transport of the true normals: the most that SfSNet can reach   | true normals, albedo, light |
 | `ao_occlusion`  | the same times the true AO: the most that SfSNet-AO can reach   | and the true AO             |
+| `cut_2`, ...    | the true transport without bands over 2: the most of order 2    | true maps, the true light    |
 """
 
 from pathlib import Path
@@ -14,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from relight import config
-from relight.evaluation.evaluate import Predictor, score, torch_device
+from relight.evaluation.evaluate import Predictor, nothing, score, torch_device
 from relight.evaluation.metrics import Inferred
 from relight.evaluation.scores import write_scores
 from relight.files import UserError
@@ -31,11 +32,13 @@ def evaluate_baselines(
     color: str = "paper",
     order: int = 2,
 ) -> None:
-    """Writes the scores (CSV) of all baselines, on the same test pairs as `evaluate`.
+    """Writes the scores (CSV) of all baselines, on the same pairs as `evaluate`.
 
-    color and order are those of the networks to be compared with (train.color, model.order).
+    color is that of the networks to be compared with (train.color); order the data's own (bake.order).
     """
     data = RelitSet(packed, lights, order, color, torch_device("cpu"))
+    if nothing(data, split, settings):
+        return write_scores(out, {})
     predictors = make(data, split)
     write_scores(out, {name: score(predictor, data, split, settings) for name, predictor in predictors.items()})
 
@@ -69,12 +72,16 @@ def make(data: RelitSet, split: Path) -> dict[str, Predictor]:
     def ao_occlusion(figure: int, lit: np.ndarray) -> Inferred:
         return Inferred(transport=no_occlusion(figure, lit).transport * true("ao", figure)[..., None])
 
+    def cut(bands: int) -> Predictor:
+        return lambda figure, lit: Inferred(transport=true("transport", figure)[..., : (bands + 1) ** 2])
+
     return {
         "mean_figure": mean_figure,
         "mean_light": lambda figure, lit: Inferred(light=np.repeat(mean_light, len(lit), 0)),
         "nearest_light": nearest_light,
         "no_occlusion": no_occlusion,
         "ao_occlusion": ao_occlusion,
+        **{f"cut_{bands}": cut(bands) for bands in range(2, order)},
     }
 
 

@@ -22,27 +22,41 @@ Predictor = Callable[[int, np.ndarray], Inferred]  # (figure, lights (N,)) of a 
 
 
 def evaluate(checkpoint: Path, packed: Path, lights: Path, split: Path, settings: config.Evaluate, out: Path) -> None:
-    """Writes the scores (CSV) of the network in `checkpoint` on the test side of `split`, under the name of `out`.
+    """Writes the scores (CSV) of the network in `checkpoint`, under the name of `out`.
 
-    Figures are the split's test names, relit by the lights marked `settings.lights`, in the colour model that the
-    network was trained with. The same inputs give the same bytes on the same machine: on a CPU one thread is used.
-    Raises UserError when a file is not what it should be or nothing is left to test on.
+    Figures are those of `settings.figures` in the split, relit by the lights marked `settings.lights`, in the colour
+    model that the network was trained with. The same inputs give the same bytes on the same machine: on a CPU one
+    thread is used. Raises UserError when a file is not what it should be or nothing is left to test on; figures that
+    sit and unusual lights need not be there, and the file then holds no scores.
     """
     network, data = load(checkpoint, packed, lights, settings)
+    if nothing(data, split, settings):
+        return write_scores(out, {})
     scores = score(lambda figure, lit: infer(network, data, figure, lit), data, split, settings)
     write_scores(out, {out.stem: scores})
 
 
 def load(checkpoint: Path, packed: Path, lights: Path, settings: config.Evaluate) -> tuple[Network, RelitSet]:
-    """The network and its data on the device of `settings`, at the network's own order and in its own colour model."""
+    """The network and its data on the device of `settings`, at the network's own order and in its own colour model.
+
+    Sets `network.unlearned`.
+    """
     device = torch_device(settings.device)
     network, made_with = load_network(checkpoint, device)
+    network.unlearned = unlearned(made_with.get("loss"))
     data = RelitSet(packed, lights, network.order, made_with["train"]["color"], device)
     if data.size != network.size:
         raise UserError(
             f"{checkpoint} was trained at {network.size} px and {packed} holds maps of {data.size} px: they must agree"
         )
     return network, data
+
+
+def unlearned(loss: dict[str, float] | None) -> frozenset[str]:
+    """Which of albedo and light no loss of a training asked for: they are noise, and the truth stands in for them."""
+    asked = {"albedo": ("albedo", "tv_albedo"), "light": ("light", "shading")}
+    either = ("reconstruction", "reconstruction_full")
+    return frozenset(name for name, own in asked.items() if loss and not any(loss[key] for key in (*own, *either)))
 
 
 def torch_device(name: str) -> torch.device:
@@ -55,21 +69,29 @@ def torch_device(name: str) -> torch.device:
     return torch.device(kind)
 
 
-def chosen_pairs(data: RelitSet, split: Path, part: str) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of the test figures and of the lights marked `part`. Raises UserError when either is empty."""
-    figures = data.figures(read_split(split)["test"])
-    lights = np.flatnonzero(data.light_split == part)
-    if not len(figures) or not len(lights):
+def chosen_pairs(
+    data: RelitSet, split: Path, lights: str = "test", figures: str = "test"
+) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of the figures of a part of the split and of the lights with a mark. UserError when either is empty."""
+    chosen = data.figures(read_split(split)[figures])
+    lit = np.flatnonzero(data.light_split == lights)
+    if not len(chosen) or not len(lit):
         raise UserError(
-            f"nothing to evaluate: {len(figures)} test figures of {split} are in the packed set and "
-            f"{len(lights)} lights are marked {part}; at least one of each is needed"
+            f"nothing to evaluate: {len(chosen)} {figures} figures of {split} are in the packed set and "
+            f"{len(lit)} lights are marked {lights}; at least one of each is needed"
         )
-    return figures, lights
+    return chosen, lit
+
+
+def nothing(data: RelitSet, split: Path, settings: config.Evaluate) -> bool:
+    """Whether the set has no figure that sits, or no unusual light, where these are to be scored."""
+    sitting = settings.figures == "sitting" and not len(data.figures(read_split(split)["sitting"]))
+    return sitting or (settings.lights == "unusual" and not (data.light_split == "unusual").any())
 
 
 def score(predictor: Predictor, data: RelitSet, split: Path, settings: config.Evaluate) -> Scores:
     """The scores of a predictor on all test pairs; those of a figure are taken together, since they share its truth."""
-    figures, lights = chosen_pairs(data, split, settings.lights)
+    figures, lights = chosen_pairs(data, split, settings.lights, settings.figures)
     parts = [truth(data, f, lights).score(predictor(f, lights)) for f in progress(figures.tolist(), "figures scored")]
     columns = {name: np.stack([part[name] for part in parts]) for name in parts[0]}
     return Scores([data.names[f] for f in figures], lights.tolist(), columns)
@@ -78,11 +100,11 @@ def score(predictor: Predictor, data: RelitSet, split: Path, settings: config.Ev
 def truth(data: RelitSet, figure: int, lights: np.ndarray) -> Truth:
     """The true maps of one figure of the set under `lights` (N,), in the set's colour model."""
     batch = data.batch(np.array([figure]), lights[:1])
-    count = int(data.counts[figure])
-    maps = {name: getattr(batch, name)[0, :count].cpu().numpy() for name in ("transport", "albedo", "normal", "ao")}
+    start, count = int(data.offset[figure]), int(data.counts[figure])
+    maps = {name: getattr(batch, name)[0, :count].cpu().numpy() for name in ("albedo", "normal", "ao")}
     return Truth(
         batch.pixel[:count].cpu().numpy(),
-        maps["transport"],
+        data.transport[start : start + count].float().cpu().numpy(),
         maps["albedo"],
         maps["normal"],
         maps["ao"][:, 0],
@@ -106,6 +128,7 @@ def infer(network: Network, data: RelitSet, figure: int, lights: np.ndarray) -> 
             values = values if name == "light" else values[:, :count]
             found.setdefault(name, []).append(values.cpu().numpy())
     maps = {name: np.concatenate(parts) for name, parts in found.items()}
+    maps |= dict.fromkeys(network.unlearned)
     ao = maps["ao"][..., 0] if "ao" in maps else None
     return Inferred(maps["albedo"], maps["transport"], maps.get("normal"), ao, maps["light"], occlude=ao is not None)
 

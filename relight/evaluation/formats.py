@@ -58,6 +58,8 @@ def blocks(table: Table, columns: tuple[str, ...]) -> dict[str, list[str]]:
 
 def legend(table: Table) -> str:
     """What the numbers are, in words."""
+    if not table.rows:
+        return "The data set has no figure, or no light, of this kind: there is nothing to compare."
     trainings = {row.trainings for row in table.rows if not row.baseline}
     several = f"{min(trainings)} to {max(trainings)}" if len(trainings) > 1 else f"{max(trainings)}"
     once = "1 training" if several == "1" else f"{several} trainings"

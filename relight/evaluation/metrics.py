@@ -33,6 +33,9 @@ RANGE = {
 }
 READINGS = ("rmse", "rmse_element", "ssim", "ssim_range2")
 COLUMNS = tuple(f"{quantity}_{reading}" for quantity in RANGE for reading in READINGS)
+# What tells whether shading and albedo have changed places: of no table, but in the scores.
+SIGNS = ("shading_contrast", "albedo_share")
+COMMON = 9  # coefficients in which maps and lights are compared, whatever their order
 
 
 @dataclass
@@ -114,14 +117,16 @@ class Truth:
     """One figure under N lights, ready to be compared with many predictions.
 
     pixel (P,) flat indices into a `size` x `size` image; transport (P,K), albedo (P,3), normal (P,3), ao (P,) of those
-    pixels; lights (N,K,3). Shadings are clipped at 0: order-2 light may dip below it.
+    pixels; lights (N,K,3). Shadings are clipped at 0: light of few bands may dip below it. They are made with all K
+    coefficients, while transport and light are compared in the first nine: networks of any order stand in one table.
     """
 
     def __init__(self, pixel, transport, albedo, normal, ao, lights, size: int):
         self.maps = {"transport": transport, "albedo": albedo, "normal": normal, "ao": ao[:, None]}
         self.maps = {name: np.asarray(array, np.float32)[None] for name, array in self.maps.items()}
-        self.lights = np.asarray(lights, np.float32)
-        self.maps["shading"] = shade(self.maps["transport"], self.lights)
+        self.transport, self.lights = self.maps["transport"], np.asarray(lights, np.float32)
+        self.maps["transport"] = self.transport[..., :COMMON]
+        self.maps["shading"] = shade(self.transport, self.lights)
         self.maps["reconstruction"] = self.maps["albedo"] * self.maps["shading"]
         self._box(np.asarray(pixel), size)
         self._windows: dict[str, Windows] = {}
@@ -159,20 +164,20 @@ class Truth:
         return _readings(quantity or name, rmse(values, truth), values.shape[-1], similarity)
 
     def score(self, inferred: Inferred) -> dict[str, np.ndarray]:
-        """Every column of COLUMNS that `inferred` has a say in, each (N,) float64.
+        """Every column of COLUMNS that `inferred` has a say in, and SIGNS, each (N,) float64.
 
         The shading and the reconstruction use the truth for what `inferred` leaves out.
         """
         columns: dict[str, np.ndarray] = {}
         for name in ("transport", "albedo", "normal"):
             if (values := getattr(inferred, name)) is not None:
-                columns |= self.compare(name, values)
+                columns |= self.compare(name, values[..., :COMMON])
         if inferred.ao is not None:
             columns |= self.compare("ao", inferred.ao[..., None])
-        transport = self.maps["transport"] if inferred.transport is None else inferred.transport
+        transport = self.transport if inferred.transport is None else inferred.transport
         if inferred.occlude:
             transport = transport * inferred.ao[..., None]
-            columns |= self.compare("transport", transport, "transport_with_ao")
+            columns |= self.compare("transport", transport[..., :COMMON], "transport_with_ao")
         light = self.lights if inferred.light is None else inferred.light
         shading = shade(transport, light)
         columns |= self.compare("shading", shading)
@@ -182,21 +187,44 @@ class Truth:
         columns |= self.compare("reconstruction", albedo * shading)
         if inferred.light is not None:
             columns |= light_errors(inferred.light, self.lights)
+        columns["shading_contrast"] = contrast(shading) / np.maximum(contrast(self.maps["shading"]), 1e-9)
+        columns["albedo_share"] = explained(self.maps["reconstruction"], albedo)
         return {name: np.broadcast_to(values, len(self.lights)) for name, values in columns.items()}
 
 
 def shade(transport: np.ndarray, light: np.ndarray) -> np.ndarray:
-    """Shading (N,P,3) of transport (N or 1,P,K) under light (N or 1,K,3), clipped at 0."""
-    return np.maximum(np.matmul(transport, light), 0)
+    """Shading (N,P,3) of transport (N or 1,P,K) under light (N or 1,K,3), clipped at 0; the fewer bands count."""
+    common = min(transport.shape[-1], light.shape[-2])
+    return np.maximum(np.matmul(transport[..., :common], light[..., :common, :]), 0)
+
+
+def contrast(shading: np.ndarray) -> np.ndarray:
+    """Standard deviation over mean of the grey shading over pixels: (N,P,3) -> (N,); 0 for a bleached one."""
+    grey = shading.mean(-1, dtype=np.float64)
+    return grey.std(-1) / np.maximum(grey.mean(-1), 1e-9)
+
+
+def explained(picture: np.ndarray, albedo: np.ndarray) -> np.ndarray:
+    """Share of the picture's variation over pixels that albedo alone explains: (N,P,3), (N or 1,P,3) -> (N,).
+
+    One factor per colour channel stands for the light, chosen best: 1 is an albedo that is the picture, and 0 one that
+    says no more than a uniform colour.
+    """
+    albedo = np.broadcast_to(albedo, picture.shape).astype(np.float64)
+    factor = (picture * albedo).sum(1) / np.maximum((albedo**2).sum(1), 1e-12)
+    left = ((picture - factor[:, None] * albedo) ** 2).sum((1, 2))
+    return 1 - left / np.maximum(((picture - picture.mean(1, keepdims=True)) ** 2).sum((1, 2)), 1e-12)
 
 
 def light_errors(inferred: np.ndarray, truth: np.ndarray) -> dict[str, np.ndarray]:
-    """Errors of light (N,K,3): of the raw coefficients (RMSE per element, SSIM with a window of 3), and of the sphere
-    that it lights. Both RMSE columns of the raw light are per element: K x 3 numbers have no pixels to take norms at.
+    """Errors of light (N or 1,K,3): of the first nine raw coefficients (RMSE per element, SSIM with a window of 3), and
+    of the sphere that it lights. Both RMSE columns of the raw light are per element: 9 x 3 numbers have no pixels to
+    take norms at.
     """
-    inferred = np.broadcast_to(inferred, truth.shape).astype(np.float64)
-    element = np.sqrt(np.mean((inferred - truth) ** 2, (1, 2)))
-    similarity = ssim(windows(inferred[..., None], 3), windows(truth[..., None], 3), (RANGE["light"], OLD_RANGE))
+    inferred = np.broadcast_to(inferred, (len(truth), *inferred.shape[1:])).astype(np.float64)
+    first, second = inferred[:, :COMMON], truth[:, :COMMON]
+    element = np.sqrt(np.mean((first - second) ** 2, (1, 2)))
+    similarity = ssim(windows(first[..., None], 3), windows(second[..., None], 3), (RANGE["light"], OLD_RANGE))
     columns = dict(zip(_names("light"), (element, element, *similarity)))
 
     disc, basis = sphere(SPHERE, round(np.sqrt(truth.shape[1])) - 1)

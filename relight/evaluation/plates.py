@@ -8,7 +8,7 @@ from PIL import Image
 
 from relight import config
 from relight.evaluation.canvas import FAINT, Sheet, box_of, cut_out, heat, light_sphere, transport_bands
-from relight.evaluation.evaluate import chosen_pairs, infer, load, truth
+from relight.evaluation.evaluate import chosen_pairs, infer, load, nothing, truth
 from relight.evaluation.metrics import Inferred, Truth, shade
 from relight.evaluation.tables import LABELS
 from relight.learning.data import RelitSet
@@ -45,18 +45,20 @@ class Subject:
 def plates(
     checkpoints: dict[str, Path], packed: Path, lights: Path, split: Path, settings: config.Evaluate, out: Path
 ) -> None:
-    """Draws `settings.plates` test figures, spread over the test set, as a PNG: a row of truth, then one per network.
+    """Draws `settings.plates` figures, spread over those of `settings.figures`, as a PNG: rows of truth and networks.
 
-    checkpoints: row name (see tables.LABELS) -> network. Each figure is seen under one test light and relit by the
-    next. Values are shown sRGB-encoded where the network's colour model is linear (photo) and as they are where it
-    takes coded values as linear (paper). Raises UserError as `evaluate` does.
+    checkpoints: row name (see tables.LABELS) -> network. Each figure is seen under one light of `settings.lights` and
+    relit by the next. Values are shown sRGB-encoded where the network's colour model is linear (photo) and as they are
+    where it takes coded values as linear (paper); what no loss asked for is the truth. Raises UserError as `evaluate`.
     """
     subjects: list[Subject] = []
     rows: dict[str, list[list]] = {}
     linear = False
     for name, checkpoint in progress(list(checkpoints.items()), "networks drawn"):
         network, data = load(checkpoint, packed, lights, settings)
-        figures, lit = chosen_pairs(data, split, settings.lights)
+        if nothing(data, split, settings):
+            break
+        figures, lit = chosen_pairs(data, split, settings.lights, settings.figures)
         chosen = figures[np.unique(np.linspace(0, len(figures) - 1, settings.plates).round().astype(int))]
         pairs = [(f, lit[[i % len(lit), (i + 1) % len(lit)]]) for i, f in enumerate(chosen.tolist())]
         if not subjects:
@@ -65,6 +67,10 @@ def plates(
         rows[label] = [
             inferred_cells(s, infer(network, data, f, two[:1]), linear) for s, (f, two) in zip(subjects, pairs)
         ]
+    if not subjects:
+        sheet = Sheet(GUTTER, TOP)
+        sheet.text("nothing to show", GUTTER // 2, TOP // 2, 15, "mm", color=FAINT)
+        return sheet.save(out)
     draw(subjects, {"truth": [true_cells(s, linear) for s in subjects], **rows}, linear).save(out)
 
 
@@ -85,16 +91,17 @@ def maps_of(s: Subject, albedo, transport, light, new, linear: bool, error) -> l
 
 
 def true_cells(s: Subject, linear: bool) -> list[np.ndarray]:
-    transport, albedo = s.truth.maps["transport"][0], s.truth.maps["albedo"][0]
+    transport, albedo = s.truth.transport[0], s.truth.maps["albedo"][0]
     mask = np.full((len(s.pixel), 3), 0.2)
     return maps_of(s, albedo, transport, *s.truth.lights, linear, mask)
 
 
 def inferred_cells(s: Subject, inferred: Inferred, linear: bool) -> list[np.ndarray]:
     transport = inferred.transport[0] * (inferred.ao[0][:, None] if inferred.occlude else 1)
-    shading = shade(transport, inferred.light[0])
-    error = heat(np.linalg.norm(shading - s.truth.maps["shading"][0], axis=-1), WORST)
-    return maps_of(s, inferred.albedo[0], transport, inferred.light[0], s.truth.lights[1], linear, error)
+    albedo = (s.truth.maps["albedo"] if inferred.albedo is None else inferred.albedo)[0]
+    light = (s.truth.lights if inferred.light is None else inferred.light)[0]
+    error = heat(np.linalg.norm(shade(transport, light) - s.truth.maps["shading"][0], axis=-1), WORST)
+    return maps_of(s, albedo, transport, light, s.truth.lights[1], linear, error)
 
 
 def draw(subjects: list[Subject], rows: dict[str, list[list]], linear: bool) -> Sheet:

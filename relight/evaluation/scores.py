@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.evaluation.metrics import COLUMNS
+from relight.evaluation.metrics import COLUMNS, SIGNS
 from relight.files import UserError, existing, whole
 
 KEYS = ("predictor", "figure", "light")
@@ -29,10 +29,10 @@ def write_scores(path: Path, scores: dict[str, Scores]) -> None:
     """Writes the CSV of some predictors, six significant digits, blanks for NaN; whole or not at all."""
     with whole(path) as tmp, open(tmp, "w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
-        writer.writerow([*KEYS, *COLUMNS])
+        writer.writerow([*KEYS, *COLUMNS, *SIGNS])
         for predictor, one in scores.items():
             blank = np.full((len(one.figures), len(one.lights)), np.nan)
-            grid = np.stack([one.columns.get(column, blank) for column in COLUMNS], -1)
+            grid = np.stack([one.columns.get(column, blank) for column in (*COLUMNS, *SIGNS)], -1)
             for figure, rows in zip(one.figures, grid):
                 for light, values in zip(one.lights, rows):
                     cells = ("" if np.isnan(value) else f"{value:.6g}" for value in values)
@@ -40,13 +40,15 @@ def write_scores(path: Path, scores: dict[str, Scores]) -> None:
 
 
 def read_scores(path: Path) -> dict[str, Scores]:
-    """Reads what `write_scores` wrote. UserError on a file that is not full grids of figure x light."""
+    """Reads what `write_scores` wrote: {} where there was nothing to score. UserError on a file that is not full grids
+    of figure x light."""
     with open(existing(path, "scores"), newline="") as file:
-        rows = list(csv.DictReader(file))
+        reader = csv.DictReader(file)
+        rows = list(reader)
     try:
-        if not rows:
-            raise ValueError("it has no rows")
-        names = [name for name in rows[0] if name not in KEYS]
+        if not set(KEYS) <= set(reader.fieldnames or ()):
+            raise ValueError(f"it lacks the columns {', '.join(KEYS)}")
+        names = [name for name in reader.fieldnames if name not in KEYS]
         return {
             predictor: _grid([row for row in rows if row["predictor"] == predictor], names)
             for predictor in dict.fromkeys(row["predictor"] for row in rows)

@@ -100,10 +100,23 @@ def compare(first: Estimate, second: Estimate) -> Difference:
     """The paired difference of two rows on the same figures: Student's t over figures and, where rows were trained
     several times, over trainings as well (their variances added, degrees of freedom by Welch and Satterthwaite)."""
     differences = first.values - second.values
-    figures, mean = len(differences), float(first.mean - second.mean)
-    if figures == 1:
+    return student(first, second, [(differences.var(ddof=1), len(differences))] if len(differences) > 1 else [])
+
+
+def compare_apart(first: Estimate, second: Estimate) -> Difference:
+    """The difference of two means over different figures, by Welch's t."""
+    several = len(first.values) > 1 and len(second.values) > 1
+    return student(
+        first, second, [(one.values.var(ddof=1), len(one.values)) for one in (first, second)] if several else []
+    )
+
+
+def student(first: Estimate, second: Estimate, samples: list[tuple[float, int]]) -> Difference:
+    """The difference of two means whose noise is that of `samples`, (variance, size), and of the trainings."""
+    mean = float(first.mean - second.mean)
+    if not samples:
         return Difference(mean, -np.inf, np.inf, 1.0)
-    parts = [(differences.var(ddof=1) / figures, figures - 1)]
+    parts = [(variance / size, size - 1) for variance, size in samples]
     if freedom := max(first.freedom, second.freedom):
         parts.append((first.error**2 + second.error**2, freedom))
     variance = sum(part for part, _ in parts)

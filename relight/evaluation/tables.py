@@ -32,17 +32,44 @@ LABELS = {
     "no_tv": "w/o TV",
     "no_shading": "w/o shading",
     "no_reconstruction": "w/o reconstruction",
+    "silhouette": "Mask alone",
+    "transport_only": "Picture, same losses",
+    "self_encoder": "Encoder fine-tuned",
+    "self_all": "Everything fine-tuned",
+    "ours_rich": "Ours, richer lights",
+    "ours_disjoint": "Ours, person not seen",
+    "ours_siblings": "Ours, person seen",
     "mean_figure": "mean training figure, mean light",
     "mean_light": "true maps, mean training light",
     "nearest_light": "true maps, nearest training light",
     "no_occlusion": "true light, true normals without occlusion",
     "ao_occlusion": "true light, true normals and AO",
+    **{f"cut_{order}": f"true light, true maps to order {order}" for order in range(2, 8)},
+    **{f"order_{order}": f"Ours, order {order}" for order in range(1, 8)},
+    **{f"figures_{count}": f"Ours, {count} figures" for count in (8, 16, 32, 64, 128)},
+    **{f"width_1_{part}": f"Ours, width 1/{part}" for part in (2, 4, 8)},
 }
 COLUMNS1 = tuple(f"{quantity}_{reading}" for reading in ("rmse", "ssim") for quantity in QUANTITIES)
 COLUMNS2 = tuple(column for column in COLUMNS1 if not column.startswith(("normal", "ao")))
+COLUMNS3 = tuple(
+    f"{quantity}_{reading}"
+    for reading in ("rmse", "ssim")
+    for quantity in ("shading", "shading_true_light", "transport", "light", "albedo")
+)
 TABLES = {  # title and shown columns of the table of an experiment
     "table1": ("Table 1: inference errors of the networks on figures and lights that they have not seen", COLUMNS1),
     "table2": ("Table 2: what leaving out a group of losses does to Ours (full)", COLUMNS2),
+    "silhouette": (
+        "Shape from mask: transport inferred from the silhouette alone",
+        tuple(column for column in COLUMNS3 if column.startswith(("shading_true_light", "transport"))),
+    ),
+    "self_supervised": ("Self-supervised fine-tuning: pictures without truth", COLUMNS3),
+    "sitting": ("Sitting: figures in poses that were not trained on", COLUMNS2),
+    "unusual_lights": ("Unusual lights: the test figures under lights that were cut from the set", COLUMNS2),
+    "splits": ("Splits: what it is worth to have seen the person before", COLUMNS3),
+    "order": ("Order of the spherical harmonics, measured against all bands", COLUMNS3),
+    "data_size": ("Number of training figures", COLUMNS3),
+    "width": ("Width of the network", COLUMNS3),
 }
 
 
@@ -108,8 +135,12 @@ def experiment_table(
     pool: dict[str, list[Scores]] | None = None,
 ) -> Table:
     """The table of the experiment `name`, a preset's, over its rows; pool: as for `build`."""
-    title, columns = TABLES.get(name, (f"{name}: inference errors", COLUMNS1))
-    return build(title, columns, rows, baselines, settings, pool)
+    return build(*titled(name), rows, baselines, settings, pool)
+
+
+def titled(name: str) -> tuple[str, tuple[str, ...]]:
+    """Title and shown columns of the table of an experiment."""
+    return TABLES.get(name, (f"{name}: inference errors", COLUMNS1))
 
 
 def build(
@@ -150,11 +181,11 @@ def values(trainings: list[Scores], column: str) -> np.ndarray:
     return np.stack([scores.figure_means(column) for scores in trainings])
 
 
-def spread_of_trainings(rows: dict[str, list[Scores]]) -> dict[str, Spread]:
+def spread_of_trainings(rows: dict[str, list[Scores]], columns: tuple[str, ...] = COLUMNS) -> dict[str, Spread]:
     """How much the means of each column spread from training to training, pooled over all rows that have it."""
     return {
         column: pooled_spread([values(t, column) for t in rows.values() if all(column in s.columns for s in t)])
-        for column in COLUMNS
+        for column in columns
     }
 
 

@@ -1,6 +1,6 @@
 """Training on a machine that has torch, numpy, hydra and safetensors and nothing else of this project's needs.
 
-    python -m relight.learning --packed packed.safetensors --lights lights.npz --split split.json \\
+    python -m relight.learning --packed packed.safetensors --lights lights.npz --split subject.json \\
         --out ours.safetensors scale=study model=ours loss=full train.seed=1
     torchrun --nproc-per-node 8 -m relight.learning ...        # the same on eight GPUs
 

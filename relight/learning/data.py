@@ -32,7 +32,7 @@ class Batch:
     normal: Tensor  # (B,P,3) unit, camera frame
     ao: Tensor  # (B,P,1)
     light: Tensor  # (B,K,3)
-    shading: Tensor  # (B,P,3) transport . light in [0,10]
+    shading: Tensor  # (B,P,3) transport . light of all bands in [0,10]
     relit: Tensor  # (B,P,3) albedo * shading, before the camera
     inside: Tensor  # (B,P,1) 1 for pixels, 0 for padding
     interior: Tensor  # (B,P,1) 1 for pixels of the mask eroded by one pixel; their right neighbour is the next in line
@@ -64,22 +64,26 @@ class RelitSet:
     """The figures of a packed set and a table of lights, on one device; makes batches of any pairs of them."""
 
     def __init__(self, packed: Path, lights: Path, order: int, color: str, device: torch.device | str = "cpu"):
-        """Coefficients beyond `order` are left out of transport and lights alike.
+        """Networks of `order` are shown pictures that are lit by all bands of the files, and so is the shading of the
+        truth: what they cannot express counts as their error. Their maps and lights end at `order`.
 
         color: `paper` takes the 8-bit sRGB codes of the albedo as if they were linear, `photo` takes linear albedo.
         Raises UserError when the files hold fewer bands than `order` or do not exist.
         """
         figures = Packed(packed)
         table = np.load(existing(lights, "lights"))
-        coefficients = (order + 1) ** 2
-        for path, found in ((packed, figures.order), (lights, math.isqrt(table["coefficients"].shape[1]) - 1)):
+        self.coefficients = (order + 1) ** 2
+        bands = math.isqrt(table["coefficients"].shape[1]) - 1
+        for path, found in ((packed, figures.order), (lights, bands)):
             if found < order:
                 raise UserError(
                     f"{path} has harmonics up to order {found}: model.order={order} needs bake.order={order}"
                 )
         self.names, self.size, self.color = list(figures.names), figures.size, color
         self.light_split = np.asarray(table["split"])
-        self.lights = torch.tensor(table["coefficients"][:, :coefficients], dtype=torch.float32, device=device)
+        self.order = min(figures.order, bands)
+        all_bands = (self.order + 1) ** 2
+        self.lights = torch.tensor(table["coefficients"][:, :all_bands], dtype=torch.float32, device=device)
         arrays = figures.arrays()
         offset = np.asarray(arrays["offset"], np.int64)
         self.counts = np.diff(offset)
@@ -91,10 +95,10 @@ class RelitSet:
 
         self.pixel, self.below, self.interior = load(arrays["pixel"]), load(below), load(interior)
         self.offset, self.count, self.outside = load(offset[:-1]), load(self.counts), load(outside)
-        self.transport = load(arrays["transport"][:, :coefficients])
+        self.transport = load(arrays["transport"][:, :all_bands])
         self.normal, self.ao, albedo = load(arrays["normal"]), load(arrays["ao"]), load(arrays["albedo"])
         self.albedo = quantised(albedo.float()) if color == "paper" else albedo
-        self.signs = mirror_signs(order).to(device)
+        self.signs = mirror_signs(self.order).to(device)
 
     def figures(self, names: list[str]) -> np.ndarray:
         """Indices of the named figures, in order; names that were left out of the packed set are passed over."""
@@ -146,10 +150,10 @@ class RelitSet:
             image=put(photograph(relit, self.color), pixel, size),
             mask=put(inside, pixel, size),
             albedo=albedo,
-            transport=transport,
+            transport=transport[..., : self.coefficients],
             normal=normal,
             ao=self.ao[rows].float()[..., None] * inside,
-            light=lights,
+            light=lights[:, : self.coefficients],
             shading=shading,
             relit=relit,
             inside=inside,
@@ -184,5 +188,5 @@ def neighbours(pixel: np.ndarray, offset: np.ndarray, size: int) -> tuple[np.nda
 
 
 def read_split(path: Path) -> dict[str, list[str]]:
-    """{"train": names, "test": names} from split.json."""
+    """{"train": names, "test": names, "sitting": names} from a split's file."""
     return json.loads(existing(path, "split").read_text())

@@ -28,6 +28,8 @@ STRIDE = 2 ** len(ENCODER)
 class Network(nn.Module):
     """Image and mask to albedo, light, and transport (`ours`) or normal (`sfsnet`) or normal and AO (`sfsnet_ao`)."""
 
+    unlearned: frozenset[str] = frozenset()  # outputs that no loss asked for, where one who scores the network says so
+
     def __init__(self, model: Model, size: int):
         super().__init__()
         self.order, self.size, self.albedo, self.sees = model.order, size, model.albedo, model.sees

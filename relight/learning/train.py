@@ -33,6 +33,7 @@ from relight.learning.state import fingerprint, restore, save_state
 from relight.progress import span
 
 STEP_DRAWS = 1  # the purpose of the random numbers of a step, apart from those that order the pairs
+SUBSET = 2  # of those that choose `train.figures`
 FLOOR = 0.02  # share of the learning rate at which the cosine ends
 
 
@@ -48,7 +49,7 @@ def train(
     curve: Path | None = None,
     log: Callable[[dict[str, float], int], None] | None = None,
 ) -> None:
-    """Trains on the split's figures and the lights marked `train`, and writes the network to `out` (safetensors).
+    """Trains on `material`, figures of the split and lights of the table; writes the network to `out` (safetensors).
 
     After every `train.epoch` steps: a line of progress, `log(means of the losses since the last time, steps done)`,
     then the state to `state`. The next call with the same settings and data goes on from there; a state of other
@@ -65,10 +66,7 @@ def train(
             torch.set_num_threads(1)
         torch.backends.cudnn.benchmark = True
         data = RelitSet(packed, lights, model.order, train.color, device)
-        chosen = data.figures(read_split(split)["train"])
-        lit = np.flatnonzero(data.light_split == "train")
-        if not len(chosen) or not len(lit):
-            raise UserError(f"{len(chosen)} figures and {len(lit)} lights to train on: at least one of each is needed")
+        chosen, lit = material(data, split, train)
 
         torch.manual_seed(train.seed)
         network = build(model, data.size).to(device).train()
@@ -152,6 +150,24 @@ def processes(train: Train):
         yield device, distributed.get_rank(), world
     finally:
         distributed.destroy_process_group()
+
+
+def material(data: RelitSet, split: Path, train: Train) -> tuple[np.ndarray, np.ndarray]:
+    """Indices of the figures and of the lights to train on: `train.part` of the split, the marks `train.lights`.
+
+    With `train.figures` N, the first N of an order drawn from the seed, so that fewer are part of more.
+    Raises UserError when nothing is left.
+    """
+    figures = data.figures(read_split(split)[train.part])
+    lights = np.flatnonzero(np.isin(data.light_split, train.lights))
+    if not len(figures) or not len(lights):
+        raise UserError(f"{len(figures)} figures and {len(lights)} lights to train on: at least one of each is needed")
+    if train.figures:
+        if train.figures > len(figures):
+            say(f"train.figures={train.figures}: there are {len(figures)}, and all of them are trained on")
+        first = generator(train.seed, 0, SUBSET).permutation(len(figures))[: train.figures]
+        figures = figures[np.sort(first)]
+    return figures, lights
 
 
 def adopt(network: Network, model: Model, train: Train) -> None:

@@ -16,13 +16,13 @@ from relight.files import UserError, existing
 from relight.lights.cluster import medoids, split_test
 from relight.lights.rules import BATCH, broken, reasons
 from relight.lights.statistics import measure, reference_brightness
-from relight.lights.table import LightSet
+from relight.lights.table import SPLITS, LightSet
 from relight.sh.basis import order_of
 from relight.sh.rotation import about_y, rotation_matrix
 
 log = logging.getLogger(__name__)
 
-UNUSUAL = 50  # lights that stand for what the rules removed
+UNUSUAL = 80  # lights that stand for what the rules removed, for the tests and to train on
 LEAST = 1e-4  # of the mean irradiance: a front darker than this cannot be scaled to a target
 
 
@@ -51,9 +51,9 @@ def select(coefficients: np.ndarray, sources: list[str], settings: Lights) -> tu
     record["warnings"] += split_warnings(usual, settings)
     if len(unusual):
         unusual = cluster(exposed(unusual, settings.rules.channel), min(UNUSUAL, len(unusual)), settings.seed)
-        unusual.split[:] = "unusual"
+        unusual.split[:] = deal_unusual(unusual, usual)
     lights = concatenate(usual, unusual)
-    record["lights"] = {split: int((lights.split == split).sum()) for split in ("train", "test", "unusual")}
+    record["lights"] = {split: int((lights.split == split).sum()) for split in SPLITS}
     record["panoramas"] = len(set(usual.source.tolist()))
     for warning in record["warnings"]:
         log.warning(warning)
@@ -208,6 +208,22 @@ def cluster(lights: LightSet, clusters: int, seed: int, record: dict[str, Any] |
                 f"{len(set(lights.source.tolist()))} panoramas"
             )
     return found
+
+
+def deal_unusual(unusual: LightSet, usual: LightSet) -> np.ndarray:
+    """Marks (N,) of unusual lights: `unusual` to test on, `rich` to train on; a room's lights get one mark.
+
+    A room that gives a training light is `rich`, one that gives a test light alone is `unusual`, so that no room is on
+    both sides of any test; the others are dealt to the smaller side.
+    """
+    trained, tested = (set(usual.of(split).source.tolist()) for split in ("train", "test"))
+    marks = {room: "rich" if room in trained else "unusual" for room in trained | tested}
+    count = {mark: sum(marks.get(room) == mark for room in unusual.source.tolist()) for mark in ("unusual", "rich")}
+    for room in dict.fromkeys(unusual.source.tolist()):
+        if room not in marks:
+            marks[room] = min(count, key=count.get)
+            count[marks[room]] += int((unusual.source == room).sum())
+    return np.array([marks[room] for room in unusual.source.tolist()])
 
 
 def split_warnings(lights: LightSet, settings: Lights) -> list[str]:

@@ -11,7 +11,7 @@ from relight.lights.statistics import reference_brightness
 from relight.sh.basis import bands, count, order_of
 
 CONVENTION = "relight"  # radiance, orthonormal, no Condon-Shortley, l*l+l+m, +z toward the camera, linear Rec. 709 RGB
-SPLITS = ("train", "test", "unusual")
+SPLITS = ("train", "test", "unusual", "rich")
 
 
 @dataclass(frozen=True)
@@ -19,7 +19,7 @@ class LightSet:
     """N lights, every field an array with a row per light.
 
     coefficients  (N, K, 3) float32, radiance
-    split         "train", "test", or "unusual" (what the rules removed, kept for its own experiment)
+    split         "train", "test"; of what the rules removed "unusual" (for its own test) or "rich" (to train on)
     source        the panorama: "room:12", "sky:3", or a file's path inside its folder
     yaw           degrees by which the panorama's light was turned, +z toward +x
     seed          of the draw of the light's brightness

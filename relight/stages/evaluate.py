@@ -1,4 +1,4 @@
-"""Scores one network on every test figure under every test light, and adds the means to its run in MLflow."""
+"""Scores one network on every figure under every light of a condition, and adds the means to its run in MLflow."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from relight.stages.stage import stage
     split="split (.json)",
     network="network (.safetensors)",
     out="scores (.csv)",
-    plate="pictures of some test figures (.png)",
+    plate="pictures of some of the figures (.png)",
 )
 def main(
     evaluate: Evaluate, track: Track, packed: Path, lights: Path, split: Path, network: Path, out: Path, plate: Path
@@ -25,8 +25,9 @@ def main(
 
     score(network, packed, lights, split, evaluate, out)
     plates({network.stem.rpartition(".s")[0]: network}, packed, lights, split, evaluate, plate)
-    (scores,) = read_scores(out).values()
-    means = {f"test.{name}": float(values.mean()) for name, values in scores.columns.items()}
+    on = "test" if (evaluate.figures, evaluate.lights) == ("test", "test") else f"{evaluate.figures}-{evaluate.lights}"
+    scores = next(iter(read_scores(out).values()), None)
+    means = {f"{on}.{name}": float(values.mean()) for name, values in (scores.columns if scores else {}).items()}
     with tracked(track, network.stem, network.parent / "state" / network.stem / "mlflow.txt") as mlflow:
         mlflow.log_metrics({name: value for name, value in means.items() if value == value})
         mlflow.log_artifact(out)

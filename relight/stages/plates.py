@@ -1,5 +1,6 @@
-"""The qualitative figure: some test figures as each network sees them."""
+"""The qualitative figure of an experiment: some figures as each network sees them."""
 
+import json
 from pathlib import Path
 
 from relight.config import Evaluate
@@ -8,19 +9,28 @@ from relight.stages.stage import stage
 
 @stage(
     "plates",
-    runs="runs, one per line (.txt)",
+    experiments="experiments (.json)",
+    experiment="name of one of them",
     networks="folder of networks",
     packed="packed set (.safetensors)",
     lights="lights (.npz)",
     split="split (.json)",
     out="picture (.png)",
 )
-def main(evaluate: Evaluate, runs: Path, networks: Path, packed: Path, lights: Path, split: Path, out: Path) -> None:
+def main(
+    evaluate: Evaluate,
+    experiments: Path,
+    experiment: Path,
+    networks: Path,
+    packed: Path,
+    lights: Path,
+    split: Path,
+    out: Path,
+) -> None:
     from relight.evaluation.plates import plates
 
-    first: dict[str, Path] = {}  # one training of each row stands for it
-    for run in runs.read_text().split():
-        first.setdefault(run.rpartition(".s")[0], networks / f"{run}.safetensors")
+    runs = json.loads(experiments.read_text())[experiment.name]["runs"]
+    first = {row: networks / f"{trainings[0]}.safetensors" for row, trainings in runs.items()}
     plates(first, packed, lights, split, evaluate, out)
 
 

@@ -1,12 +1,15 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from relight.config import composed
 from relight.evaluation.baselines import evaluate_baselines, make
-from relight.evaluation.evaluate import evaluate, infer
+from relight.evaluation.evaluate import evaluate, infer, unlearned
+from relight.evaluation.plates import plates
 from relight.evaluation.scores import Scores, read_scores, write_scores
 from relight.files import UserError
 from relight.learning.checkpoint import load_network
@@ -78,6 +81,37 @@ def test_the_same_bytes_again_from_another_process(checkpoints, world, tmp_path)
     paths = (checkpoints["ours"], world.packed, world.lights, world.split, there)
     subprocess.run([sys.executable, "-c", code, *map(str, paths)], check=True, env={"OMP_NUM_THREADS": "2", "PATH": ""})
     assert here.read_bytes() == there.read_bytes()
+
+
+def test_figures_that_sit_and_unusual_lights_need_not_be_there(checkpoints, world, tmp_path):
+    parts = {"train": ["snowman00"], "test": ["snowman03"], "sitting": ["snowman04"]}
+    for name, sitting in (("some", ["snowman04"]), ("none", [])):
+        (tmp_path / f"{name}.json").write_text(json.dumps({**parts, "sitting": sitting}))
+
+    def scored(split, **on):
+        settings, out = replace(world.settings, **on), tmp_path / "ours.csv"
+        evaluate(checkpoints["ours"], world.packed, world.lights, tmp_path / split, settings, out)
+        evaluate_baselines(world.packed, world.lights, tmp_path / split, settings, tmp_path / "baselines.csv")
+        plates(
+            {"ours": checkpoints["ours"]}, world.packed, world.lights, tmp_path / split, settings, tmp_path / "p.png"
+        )
+        assert bool(read_scores(tmp_path / "baselines.csv")) == bool(read_scores(out)) and (tmp_path / "p.png").exists()
+        return read_scores(out)
+
+    assert scored("some.json", figures="sitting")["ours"].figures == ["snowman04"]
+    assert scored("none.json", figures="sitting") == {} and scored("some.json", lights="unusual") == {}
+
+
+def test_what_no_loss_asked_for_is_given_the_truth(checkpoints, world, tmp_path, monkeypatch):
+    made_with = {"model": None, "train": {"color": "paper"}, "loss": composed(["loss=transport"]).loss}
+    network, _ = load_network(checkpoints["ours"])
+    monkeypatch.setattr("relight.evaluation.evaluate.load_network", lambda path, device: (network, made_with))
+    out = tmp_path / "ours.csv"
+    evaluate(checkpoints["ours"], world.packed, world.lights, world.split, world.settings, out)
+    columns = read_scores(out)["ours"].columns
+    assert not [name for name in columns if name.startswith(("albedo_r", "albedo_ss", "light", "sphere"))]
+    np.testing.assert_array_equal(columns["shading_rmse"], columns["shading_true_light_rmse"])
+    assert not unlearned(composed(["loss=self_supervised"]).loss) and not unlearned(composed().loss)
 
 
 def test_inference_in_parts_is_inference_at_once(checkpoints, world, monkeypatch):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from skimage.metrics import structural_similarity
 
-from relight.evaluation.metrics import COLUMNS, Inferred, Truth, light_errors, rmse, sphere, ssim, windows
+from relight.evaluation.metrics import COLUMNS, SIGNS, Inferred, Truth, light_errors, rmse, sphere, ssim, windows
 from relight.sh.irradiance import irradiance, unoccluded
 
 RNG = np.random.default_rng(3)
@@ -64,7 +64,7 @@ def test_every_map_agrees_with_scikit_image_and_loops(truth):
         occlude=True,
     )
     columns = one.score(inferred)
-    assert set(columns) == set(COLUMNS)
+    assert set(columns) == {*COLUMNS, *SIGNS}
     lit, ao = inferred.transport * inferred.ao[..., None], inferred.ao[..., None]
     for n in range(3):
         true = {name: values[n if len(values) > 1 else 0] for name, values in one.maps.items()}
@@ -107,8 +107,9 @@ def test_truth_scores_perfectly(truth):
     one, _, lights = truth
     maps = {name: one.maps[name] for name in ("albedo", "transport", "normal")}
     columns = one.score(Inferred(**maps, ao=one.maps["ao"][..., 0], light=lights))
-    for name, values in columns.items():
-        np.testing.assert_allclose(values, 1 if "ssim" in name else 0, atol=1e-6, err_msg=name)
+    np.testing.assert_allclose(columns["shading_contrast"], 1, atol=1e-6)
+    for name in set(columns) - set(SIGNS):
+        np.testing.assert_allclose(columns[name], 1 if "ssim" in name else 0, atol=1e-6, err_msg=name)
 
 
 def test_a_constant_offset_has_a_closed_form(truth):
@@ -145,3 +146,33 @@ def test_ssim_of_batches_is_that_of_each(size):
         for span, found in zip((1.0, 0.3), together):
             expected = structural_similarity(first[n], second[n], win_size=size, channel_axis=-1, data_range=span)
             assert found[n] == pytest.approx(expected, abs=1e-12)
+
+
+def test_bleached_shading_and_an_albedo_that_is_the_picture_show_in_the_signs(truth):
+    truth, _, _ = truth
+    picture = truth.maps["reconstruction"]
+    found = truth.score(Inferred(albedo=picture, transport=np.zeros_like(truth.transport)))
+    np.testing.assert_allclose(found["shading_contrast"], 0, atol=1e-6)
+    np.testing.assert_allclose(found["albedo_share"], 1, atol=1e-6)
+    uniform = truth.score(Inferred(albedo=np.ones_like(truth.maps["albedo"])))
+    np.testing.assert_allclose(uniform["albedo_share"], 0, atol=1e-6)
+    np.testing.assert_allclose(uniform["shading_contrast"], 1, atol=1e-6)
+    assert (0 < truth.score(Inferred())["albedo_share"]).all()
+
+
+def test_networks_of_any_order_are_compared_with_all_bands():
+    """Cutting the true maps costs what the cut bands shade; transport and light are compared in nine coefficients."""
+    rng, pixels = np.random.default_rng(0), 100
+    transport, lights = rng.normal(0, 0.3, (pixels, 25)), rng.normal(0, 0.3, (2, 25, 3)).astype(np.float32)
+    transport[:, 0], lights[:, 0] = 3, 3  # no shading is cut at zero
+    mask = np.add.outer(np.arange(10) * 40, np.arange(10)).ravel()
+    normal = np.tile([0.0, 0, 1], (pixels, 1))
+    truth = Truth(mask, transport, np.ones((pixels, 3)), normal, np.ones(pixels), lights, 40)
+    for order in (2, 3, 4):
+        count = (order + 1) ** 2
+        maps = transport[None, :, :count].astype(np.float32)
+        found = truth.score(Inferred(transport=maps, light=lights[:, :count]))
+        lost = np.einsum("pk,lkc->lpc", transport[:, count:], lights[:, count:])
+        np.testing.assert_allclose(found["shading_rmse"], np.sqrt((lost**2).sum(-1).mean(-1)), atol=1e-5)
+        assert found["transport_rmse"].max() < 1e-6 and found["light_rmse"].max() < 1e-6
+    assert truth.score(Inferred(transport=maps + 1))["transport_rmse"] == pytest.approx(3, rel=1e-5)  # nine ones

@@ -16,7 +16,7 @@ from relight.files import UserError
 from relight.learning.checkpoint import load_network
 from relight.learning.data import RelitSet
 from relight.learning.pairs import pairs
-from relight.learning.train import rate, train
+from relight.learning.train import material, rate, train
 
 ROOT = Path(__file__).parents[2]
 
@@ -227,6 +227,25 @@ def test_rate(schedule):
     assert [rate(cosine, step) for step in (0, 4)] == pytest.approx([0.1, 0.5], rel=0.02)
     assert rate(cosine, 50) == pytest.approx(0.51) and rate(cosine, 99) == pytest.approx(0.02, abs=1e-3)
     assert {rate(schedule(schedule="constant", warmup=0, lr=0.3), step) for step in range(8)} == {0.3}
+
+
+def test_what_is_trained_on(world, schedule, tmp_path):
+    """Marks of lights, parts of the split, and fewer figures that are part of more, another few of another seed."""
+    data = RelitSet(world["packed"], world["lights"], 2, "paper")
+
+    def chosen(**changes):
+        figures, lights = material(data, world["split"], schedule(**changes))
+        return figures.tolist(), lights.tolist()
+
+    assert chosen() == ([0, 1, 2, 3], [0, 2, 3, 5])
+    assert chosen(lights=["train", "test"])[1] == [0, 1, 2, 3, 5]
+    assert chosen(part="test", lights=["test"]) == ([4], [1])
+    for seed in range(5):
+        nested = [set(chosen(figures=count, seed=seed)[0]) for count in (1, 2, 3, 4, 9)]
+        assert [len(figures) for figures in nested] == [1, 2, 3, 4, 4]
+        assert nested[0] < nested[1] < nested[2] < nested[3]
+    assert len({chosen(figures=1, seed=seed)[0][0] for seed in range(9)}) > 1
+    assert chosen(figures=9) == chosen()
 
 
 def test_user_errors(run, world, tmp_path):

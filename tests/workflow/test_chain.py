@@ -3,6 +3,7 @@
 import csv
 import math
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -93,6 +94,23 @@ AFTER_BAKING = {"pack": 1, "split": 1, "train": 3, "baselines": 1, "sheets": 1, 
 )
 def test_a_change_runs_what_it_touches(done, override, jobs):
     assert planned(done, *WORDS, override) == jobs
+
+
+def test_another_experiment_takes_what_is_there(done, tmp_path):
+    """Other lights, and a training that goes on from one that is there: only what is new is made."""
+    repo = tmp_path / "repo"
+    shutil.copytree(done, repo)
+    words = ("scale=smoke", "figures.count=4", "experiment=[unusual_lights,self_supervised]")
+    words += ("sweep.only=[ours_full,self_all]",)
+    new = {"train": 1, "evaluate": 2, "baselines": 1, "tables": 1, "plates": 2, "report": 1}
+    assert planned(repo, *words) == new
+    run = relight(repo, "run", *words)
+    assert run.returncode == 0, run.stdout
+    page = (repo / OUT / "report" / "report.html").read_text()
+    assert "The paper fine-tunes on unlabelled photographs" in page and "nearest training light" in page
+    with open(repo / OUT / "report" / "unusual_lights.csv", newline="") as file:
+        assert "ours_full" in {row["row"] for row in csv.DictReader(file)}
+    assert (repo / OUT / "evaluate" / "test-unusual" / "ours_full.s0.csv").stat().st_size > 500
 
 
 def test_a_run_by_snakemake_alone_is_the_same_run(done):

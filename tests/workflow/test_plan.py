@@ -1,8 +1,11 @@
 """The plan that the Snakefile asks: figures, runs, settings of each stage."""
 
+import json
+
 import pytest
 import yaml
 
+from relight.config import CONF
 from relight.files import UserError
 from relight.run import swept
 from relight.workflow import Plan
@@ -24,6 +27,76 @@ def test_runs_are_rows_times_seeds():
 def test_a_stage_gets_what_it_reads_and_nothing_else():
     settings = yaml.safe_load(Plan({"hydra": "scale=smoke"}).settings("bake"))
     assert set(settings) == {"defaults", "hydra", "bake"}
+
+
+PRESETS = sorted(path.stem for path in (CONF / "experiment").glob("*.yaml"))
+
+
+def test_a_row_means_the_same_in_every_preset():
+    rows: dict[str, list[str]] = {}
+    for preset in PRESETS:
+        for row, words in (
+            yaml.safe_load((CONF / "experiment" / f"{preset}.yaml").read_text())["sweep"]["runs"]
+        ).items():
+            assert rows.setdefault(row, words) == words, (preset, row)
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_every_preset_plans(preset):
+    """Each run of each preset composes, and what its section needs is told."""
+    plan = Plan({"hydra": f"scale=smoke experiment={preset}"})
+    assert list(plan.experiments) == [preset]
+    for run in plan.runs:
+        plan.settings(f"train.{run}")
+    asked = json.loads(plan.asked())[preset]
+    assert list(asked["runs"]) == asked["rows"]
+    if asked["table"]:
+        assert set(asked["scores"]) == set(asked["usual"]) == {*asked["rows"], ""}
+        assert f"{plan.out}/{asked['scores'][''][0]}" in plan.score_files
+
+
+def test_experiments_share_runs_and_keep_their_conditions():
+    plan = Plan({"hydra": "scale=smoke experiment=[table1,table2,sitting,unusual_lights,silhouette]"})
+    assert plan.scored.count("ours_full.s0") == 1
+    asked = json.loads(plan.asked())
+    assert asked["table1"]["scores"]["ours_full"] == ["evaluate/ours_full.s0.csv"]
+    assert asked["sitting"]["scores"]["ours_full"] == ["evaluate/sitting-test/ours_full.s0.csv"]
+    assert asked["sitting"]["usual"]["ours_full"] == ["evaluate/ours_full.s0.csv"]
+    assert asked["unusual_lights"]["scores"][""] == ["evaluate/test-unusual/baselines.subject.csv"]
+    assert len(plan.score_files) == len(set(plan.score_files))
+
+
+def test_a_run_goes_on_from_another_of_its_seed():
+    plan = Plan({"hydra": "scale=smoke experiment=self_supervised sweep.seeds=[0,3] sweep.only=[self_all]"})
+    assert plan.start("self_all.s3") == ["results/smoke/train/ours_full.s3.safetensors"]
+    assert yaml.safe_load(plan.settings("train.self_all.s3"))["train"]["start"] == plan.start("self_all.s3")[0]
+    assert plan.start("ours_full.s0") == [] and plan.scored == ["self_all.s0", "self_all.s3"]
+
+
+def test_rows_that_ask_for_more_figures_than_there_are_are_left_out():
+    plan = Plan({"hydra": "scale=smoke experiment=data_size figures.count=17"})
+    assert plan.experiments["data_size"].rows == ["figures_8", "figures_16", "ours_full"]
+
+
+def test_rows_may_have_splits_of_their_own():
+    plan = Plan({"hydra": "scale=smoke experiment=splits"})
+    splits = json.loads(plan.asked())["splits"]["splits"]
+    assert splits == {"ours_disjoint": "split/disjoint.json", "ours_siblings": "split/siblings.json"}
+    assert yaml.safe_load(plan.settings("split.siblings"))["split"]["kind"] == "siblings"
+
+
+@pytest.mark.parametrize(
+    ("hydra", "told"),
+    [
+        ("evaluate.lights=unusual", "experiment=sitting"),
+        ("sweep.only=[nobody]", "no run nobody"),
+        ("+sweep.runs.wide=['bake.rays=9']", "changes bake"),
+        ("+sweep.runs.wide=['train.start=wide']", "is the run itself"),
+    ],
+)
+def test_plans_that_cannot_be(hydra, told):
+    with pytest.raises(UserError, match=told):
+        Plan({"hydra": ["scale=smoke", hydra]}).of_run("wide.s0")
 
 
 def test_sweep_is_the_product():

@@ -60,7 +60,7 @@ def test_too_few_usable_meshes_end_the_run(sources, tmp_path):
     (folder / "c.ply").write_bytes((sources / "scans" / "coloured.ply").read_bytes())
     repo = copy(tmp_path)
     run = relight(
-        repo, "run", *WORDS, "figures=scans", f"figures.folder={folder}", "--target", "results/mine/split.json"
+        repo, "run", *WORDS, "figures=scans", f"figures.folder={folder}", "--target", "results/mine/split/subject.json"
     )
     assert run.returncode == 1 and "only 1 of 3 figures are usable" in run.stdout and "Traceback" not in run.stdout
     assert not (repo / "results/mine/packed.safetensors").exists()

@@ -5,7 +5,7 @@ import pytest
 
 from relight.config import Split
 from relight.files import UserError
-from relight.learning.split import deal
+from relight.learning.split import deal, sits
 
 NAMES = [f"f{i:02d}" for i in range(40)]
 SUBJECTS = [f"s{i // 4}" for i in range(40)]
@@ -42,3 +42,41 @@ def test_too_few_subjects():
     with pytest.raises(UserError, match="two subjects"):
         deal(NAMES[:3], SUBJECTS[:3], split("subject"))
     assert deal(NAMES[:3], SUBJECTS[:3], split("paper"))["test"]
+
+
+def test_sitting_figures_are_set_apart():
+    sitting = set(NAMES[::7])
+    for kind in ("subject", "paper", "disjoint", "siblings"):
+        parts = deal(NAMES, SUBJECTS, split(kind), sitting)
+        assert parts["sitting"] == [name for name in NAMES if name in sitting]
+        assert not sitting & {*parts["train"], *parts["test"]}
+
+
+def test_paired_splits_differ_only_in_whether_the_person_was_seen():
+    subject = dict(zip(NAMES, SUBJECTS))
+    tests = set()
+    for seed in range(10):
+        apart, together = (deal(NAMES, SUBJECTS, split(kind, 0.2, seed)) for kind in ("disjoint", "siblings"))
+        assert apart["test"] == together["test"] and len(apart["train"]) == len(together["train"])
+        for parts in (apart, together):
+            assert not set(parts["train"]) & set(parts["test"])
+        people = {subject[name] for name in apart["test"]}
+        assert not people & {subject[name] for name in apart["train"]}
+        siblings = [name for name in together["train"] if subject[name] in people]
+        assert {subject[name] for name in siblings} == people and len(siblings) == len(together["test"])
+        assert len(apart["test"]) == pytest.approx(0.2 * len(NAMES), abs=2)
+        tests.add(tuple(apart["test"]))
+    assert len(tests) > 5
+
+
+def test_paired_splits_need_several_figures_of_a_person():
+    for kind in ("disjoint", "siblings"):
+        with pytest.raises(UserError, match=r"several figures of one person.*figures\.per_subject"):
+            deal(NAMES, NAMES, split(kind))
+        with pytest.raises(UserError, match="more of other people"):
+            deal(NAMES[:4], SUBJECTS[:4], split(kind))
+
+
+def test_who_sits():
+    assert sits({"pose": "sitting wide"}) and not sits({"pose": "walking"}) and not sits({})
+    assert sits({"sitting": True}) and not sits({"pose": "sitting", "sitting": False})

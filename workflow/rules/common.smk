@@ -23,6 +23,9 @@ OUT = PLAN.out
 wildcard_constraints:
     figure="|".join(map(re.escape, PLAN.figures)),
     run="|".join(map(re.escape, PLAN.runs)),
+    experiment="|".join(map(re.escape, PLAN.experiments)),
+    kind="subject|paper|disjoint|siblings",
+    on="((test|sitting)-(test|unusual)/)?",
 
 
 # The settings of every stage are a file in the graph, so that a change re-runs what reads them, and what follows.
@@ -53,7 +56,7 @@ rule experiments:
         f"{OUT}/config/experiments.json",
     localrule: True
     params:
-        text=PLAN.asked(),
+        text=lambda wildcards: PLAN.asked(),
     shell:
         "printf %s {params.text:q} > {output}"
 

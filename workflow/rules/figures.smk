@@ -106,12 +106,15 @@ rule pack:
 
 rule split:
     input:
-        cfg=settings("split"),
+        cfg=settings("split.{kind}"),
         packed=f"{OUT}/packed.safetensors",
+        record=f"{OUT}/figures.json",
     output:
-        f"{OUT}/split.json",
+        f"{OUT}/split/{{kind}}.json",
     log:
-        f"{OUT}/log/split.log",
+        f"{OUT}/log/split.{{kind}}.log",
     localrule: True
     shell:
-        command("split") + "io.packed={input.packed} io.out={output}" + LOGGED
+        command("split")
+        + "io.packed={input.packed} io.record={input.record} io.out={output}"
+        + LOGGED

@@ -1,9 +1,21 @@
+def split_of(run):
+    """The split that a run is trained and scored on."""
+    return f"{OUT}/split/{PLAN.of_run(run).split.kind}.json"
+
+
+def condition(on):
+    """Overrides for the figures and lights that a folder of scores is about: "" or "sitting-test/"."""
+    figures, lights = on.rstrip("/").split("-") if on else ("test", "test")
+    return f"evaluate.figures={figures} evaluate.lights={lights}"
+
+
 rule train:
     input:
         cfg=settings("train.{run}"),
         packed=f"{OUT}/packed.safetensors",
-        split=f"{OUT}/split.json",
+        split=lambda wildcards: split_of(wildcards.run),
         lights=f"{OUT}/lights/lights.npz",
+        start=lambda wildcards: PLAN.start(wildcards.run),
     output:
         network=f"{OUT}/train/{{run}}.safetensors",
         curve=f"{OUT}/train/{{run}}.csv",
@@ -26,20 +38,22 @@ rule evaluate:
     input:
         cfg=settings("evaluate"),
         packed=f"{OUT}/packed.safetensors",
-        split=f"{OUT}/split.json",
+        split=lambda wildcards: split_of(wildcards.run),
         lights=f"{OUT}/lights/lights.npz",
         network=f"{OUT}/train/{{run}}.safetensors",
     output:
-        scores=f"{OUT}/evaluate/{{run}}.csv",
-        plate=f"{OUT}/evaluate/{{run}}.png",
+        scores=f"{OUT}/evaluate/{{on}}{{run}}.csv",
+        plate=f"{OUT}/evaluate/{{on}}{{run}}.png",
     log:
-        f"{OUT}/log/evaluate/{{run}}.log",
+        f"{OUT}/log/evaluate/{{on}}{{run}}.log",
     resources:
         mem_mb=8000,
         gpu=PLAN.gpus,
+    params:
+        condition=lambda wildcards: condition(wildcards.on),
     shell:
         command("evaluate")
-        + "io.packed={input.packed} io.split={input.split} io.lights={input.lights} "
+        + "{params.condition} io.packed={input.packed} io.split={input.split} io.lights={input.lights} "
         + "io.network={input.network} io.out={output.scores} io.plate={output.plate}"
         + LOGGED_RUN
 
@@ -48,15 +62,17 @@ rule baselines:
     input:
         cfg=settings("baselines"),
         packed=f"{OUT}/packed.safetensors",
-        split=f"{OUT}/split.json",
+        split=f"{OUT}/split/{{kind}}.json",
         lights=f"{OUT}/lights/lights.npz",
     output:
-        f"{OUT}/evaluate/baselines.csv",
+        f"{OUT}/evaluate/{{on}}baselines.{{kind}}.csv",
     log:
-        f"{OUT}/log/baselines.log",
+        f"{OUT}/log/evaluate/{{on}}baselines.{{kind}}.log",
     resources:
         mem_mb=8000,
+    params:
+        condition=lambda wildcards: condition(wildcards.on),
     shell:
         command("baselines")
-        + "io.packed={input.packed} io.split={input.split} io.lights={input.lights} io.out={output}"
+        + "{params.condition} io.packed={input.packed} io.split={input.split} io.lights={input.lights} io.out={output}"
         + LOGGED

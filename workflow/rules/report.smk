@@ -2,8 +2,7 @@ rule tables:
     input:
         cfg=settings("tables"),
         experiments=f"{OUT}/config/experiments.json",
-        scores=expand(f"{OUT}/evaluate/{{run}}.csv", run=PLAN.scored),
-        baselines=f"{OUT}/evaluate/baselines.csv",
+        scores=lambda wildcards: PLAN.score_files,
     output:
         report(
             expand(
@@ -18,30 +17,35 @@ rule tables:
         f"{OUT}/log/tables.log",
     shell:
         command("tables")
-        + f"io.experiments={{input.experiments}} io.scores={OUT}/evaluate "
-        + f"io.baselines={{input.baselines}} io.out={OUT}/report"
+        + f"io.experiments={{input.experiments}} io.results={OUT} io.out={OUT}/report"
         + LOGGED
 
 
 rule plates:
     input:
         cfg=settings("plates"),
-        runs=f"{OUT}/config/runs.txt",
-        networks=expand(f"{OUT}/train/{{run}}.safetensors", run=PLAN.scored),
+        experiments=f"{OUT}/config/experiments.json",
+        networks=lambda wildcards: [
+            PLAN.network(PLAN.of_row(row)[0])
+            for row in PLAN.experiments[wildcards.experiment].rows
+        ],
         packed=f"{OUT}/packed.safetensors",
         lights=f"{OUT}/lights/lights.npz",
-        split=f"{OUT}/split.json",
+        split=lambda wildcards: f"{OUT}/split/{PLAN.kind(wildcards.experiment)}.json",
     output:
         report(
-            f"{OUT}/report/plates.png",
+            f"{OUT}/report/{{experiment}}_plates.png",
             category="Pictures",
             caption="../report/plates.rst",
         ),
     log:
-        f"{OUT}/log/plates.log",
+        f"{OUT}/log/plates.{{experiment}}.log",
+    params:
+        condition=lambda wildcards: condition(PLAN.on(wildcards.experiment)),
     shell:
         command("plates")
-        + f"io.runs={{input.runs}} io.networks={OUT}/train io.packed={{input.packed}} "
+        + "{params.condition} io.experiments={input.experiments} io.experiment={wildcards.experiment} "
+        + f"io.networks={OUT}/train io.packed={{input.packed}} "
         + "io.lights={input.lights} io.split={input.split} io.out={output}"
         + LOGGED
 
@@ -77,13 +81,11 @@ rule report:
     input:
         cfg=settings("report"),
         experiments=f"{OUT}/config/experiments.json",
-        runs=f"{OUT}/config/runs.txt",
         record=f"{OUT}/figures.json",
         chain=f"{OUT}/lights/chain.json",
-        scores=expand(f"{OUT}/evaluate/{{run}}.csv", run=PLAN.scored),
-        baselines=f"{OUT}/evaluate/baselines.csv",
+        scores=lambda wildcards: PLAN.score_files,
         curves=expand(f"{OUT}/train/{{run}}.csv", run=PLAN.scored),
-        plates=f"{OUT}/report/plates.png",
+        plates=expand(f"{OUT}/report/{{experiment}}_plates.png", experiment=PLAN.plates),
         figures=f"{OUT}/report/figures.png",
         lights=f"{OUT}/report/lights.png",
         occlusion=f"{OUT}/report/occlusion.csv",
@@ -100,14 +102,14 @@ rule report:
         f"{OUT}/log/report.log",
     shell:
         command("report")
-        + f"io.experiments={{input.experiments}} io.runs={{input.runs}} io.results={OUT} io.out={{output.page}}"
+        + f"io.experiments={{input.experiments}} io.results={OUT} io.out={{output.page}}"
         + LOGGED
 
 
 rule viewer:
     input:
         cfg=settings("viewer"),
-        split=f"{OUT}/split.json",
+        split=f"{OUT}/split/{PLAN.cfg.split.kind}.json",
         maps=expand(f"{OUT}/maps/{{figure}}.exr", figure=PLAN.figures),
         lights=f"{OUT}/lights/lights.npz",
     output:

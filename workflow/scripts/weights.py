@@ -60,7 +60,7 @@ def main(results: Path, run: str) -> None:
     with open(results / "evaluate" / f"{run}.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     names = ("shading_rmse", "transport_rmse", "albedo_rmse", "light_rmse")
-    split = json.loads((results / "split.json").read_text())
+    split = json.loads((results / "split" / "subject.json").read_text())
     facts = {
         "parameters": sum(p.numel() for p in network.parameters()) / 1e6,
         "model": made_with["model"]["name"] + (" plus" if model.refine else ""),
