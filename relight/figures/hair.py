@@ -32,7 +32,7 @@ class Style:
 
 SHORT = Comb(520, 0.028, width=0.012, way="forward", body=0.006, cling=0.8, lift=0.15)
 TIED = Comb(330, 0.1, width=0.016, way="tie", body=0.006, cling=0.9, lift=0.05, weight=0.0)
-LONG = Comb(420, 0.30, width=0.021, lift=0.25, weight=0.4, cling=0.35, body=0.016, taper=0.35)
+LONG = Comb(420, 0.30, width=0.021, lift=0.14, weight=0.4, cling=0.35, body=0.016, taper=0.35)
 TIGHT = Comb(800, 0.05, width=0.011, way="out", lift=1.0, weight=0.06, body=0.010, curl=0.005, pitch=0.026, taper=0.5)
 STYLES = (
     Style("bald", scalp=0.0),
@@ -43,7 +43,7 @@ STYLES = (
     Style("bob", replace(LONG, length=0.115, fringe=0.9, part=0.1, taper=0.6)),
     Style("chin length", replace(LONG, length=0.095, part=-0.35, taper=0.5)),
     Style("long", LONG),
-    Style("wavy long", replace(LONG, length=0.26, part=0.3, body=0.022, curl=0.008, pitch=0.09)),
+    Style("wavy long", replace(LONG, length=0.26, part=0.3, curl=0.007, pitch=0.09)),
     Style("bun", TIED, tie="bun"),
     Style("ponytail", TIED, tie="ponytail"),
     Style("curly", replace(TIGHT, length=0.048, weight=0.2, above=0.010), 0.014, 0.5),

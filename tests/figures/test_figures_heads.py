@@ -78,8 +78,25 @@ def test_hair_and_hats_leave_the_face_free(head, heads, style):
     eye = built.vertices[makehuman.EYES["L"]].mean(0)
     for part in heads[style]:
         rest = (part.vertices - turn[:, 3]) @ turn[:, :3] - eye
-        before = (rest[:, 2] > -0.01) & (np.abs(rest[:, 0] + eye[0]) < eye[0]) & (np.abs(rest[:, 1]) < 0.02)
+        before = (rest[:, 2] > -0.01) & (np.abs(rest[:, 0] + eye[0]) < 1.6 * eye[0]) & (np.abs(rest[:, 1]) < 0.02)
         assert before.mean() < 0.002, part.name
+
+
+def test_what_hangs_before_the_face_is_moved_aside_and_on_shoulders_it_does_not_spread(head):
+    built, way, _ = head
+    turn = way.transforms[-1, way.bones["head"]]
+    shy = locks.off_the_face(built, way)
+
+    def moved(last, now) -> float:
+        """The sideways move of points given from the head's centre, in its rest frame."""
+        at, ahead = ((locks.head_centre(built) + np.array([p])) @ turn[:, :3].T + turn[:, 3] for p in (last, now))
+        return float((shy(at, ahead) - ahead)[0] @ turn[:, 0])
+
+    before, behind, low = np.array([0.02, -0.05, 0.10]), np.array([0.02, -0.05, -0.02]), np.array([0.08, -0.2, 0.0])
+    assert moved(before, before) > 0.01 and moved(before * [-1, 1, 1], before * [-1, 1, 1]) < -0.01
+    assert moved(behind, behind) == pytest.approx(0, abs=1e-12) == moved(low, low)
+    assert moved(low, low + [0.01, 0, 0]) == pytest.approx(-0.0075, abs=1e-6)
+    assert moved(low, low - [0.01, 0, 0]) == pytest.approx(0, abs=1e-12)  # inward is free
 
 
 def test_the_same_seed_is_the_same_hair(head, heads):
