@@ -81,7 +81,7 @@ def draw_room(rng: np.random.Generator) -> Room:
 
 def draw_albedo(rng: np.random.Generator) -> np.ndarray:
     """(6, 3): pale walls with an accent wall here and there, a darker floor, a light ceiling."""
-    reflects = log_uniform(rng, *((0.4, 0.9) if rng.random() < 0.75 else (0.1, 0.4)))
+    reflects = log_uniform(rng, *((0.4, 0.9) if rng.random() < 0.62 else (0.1, 0.4)))
     wall = reflects * np.array([1, rng.uniform(0.92, 1.0), rng.uniform(0.84, 1.02)])
     albedo = np.stack([wall] * 6)
     for i in UPRIGHT:
@@ -94,13 +94,14 @@ def draw_albedo(rng: np.random.Generator) -> np.ndarray:
 
 
 def add_daylight(room: Room, rng: np.random.Generator) -> None:
-    """Up to four windows, mostly in one wall, with sky above and ground below; now and then a skylight and the sun."""
+    """Up to four windows, mostly in one wall or in two that face each other, with sky above and ground below; now and
+    then a skylight and the sun."""
     sky = log_uniform(rng, 2, 40)
     temperature = rng.uniform(5200, 9500)
     count = rng.choice(5, p=[0.14, 0.34, 0.27, 0.15, 0.10])
     main = rng.choice(UPRIGHT)
     for _ in range(count):
-        wall = int(main if rng.random() < 0.6 else rng.choice(UPRIGHT))
+        wall = int(rng.choice((main, main ^ 1, rng.choice(UPRIGHT)), p=(0.55, 0.2, 0.25)))
         along = 2 - wall // 2  # a wall across x runs along z and the reverse
         length, height = room.size[along], room.size[1]
         width = min(log_uniform(rng, 0.7, 4.0), 0.8 * length)
@@ -139,41 +140,79 @@ def add_skylight(room: Room, rng: np.random.Generator, radiance: np.ndarray) -> 
 
 
 def add_lamps(room: Room, rng: np.random.Generator) -> None:
-    """Ceiling panels in a grid, or one to six lamps that hang, stand or sit on a wall."""
-    x, y, z = room.size
+    """A ceiling that is lit all over, two lamps on both sides, ceiling panels in a grid, or one to six lamps."""
     ranges = ((2400, 3200), (3200, 4500), (4500, 6500))
     temperature = rng.uniform(*ranges[rng.choice(3, p=[0.42, 0.33, 0.25])])
-    power = log_uniform(rng, 0.3, 3.0) * x * z * 6  # a room's lighting grows with its floor
-    if rng.random() < 0.55:
-        nx, nz = (int(np.clip(side / rng.uniform(1.8, 3.5), 1, 5)) for side in (x, z))
-        sx, sz = min(rng.choice([0.3, 0.6, 0.6]), 0.8 * x / nx), min(rng.choice([0.6, 1.2, 1.2]), 0.8 * z / nz)
-        radiance = kelvin(temperature) * power / (nx * nz * sx * sz * np.pi)
-        works = rng.random((nx, nz)) > 0.12
-        works[0, 0] |= not works.any()
-        for i, j in np.ndindex(nx, nz):
-            if works[i, j]:
-                centre = np.array([(i + 0.5) * x / nx, y, (j + 0.5) * z / nz])
-                half = np.array([sx / 2, 0, sz / 2])
-                room.patches.append(Patch(3, centre - half, centre + half, radiance))
-        return
+    power = log_uniform(rng, 0.3, 3.0) * room.size[0] * room.size[2] * 6  # a room's lighting grows with its floor
+    if rng.random() < 0.25:
+        add_bright_ceiling(room, rng, kelvin(temperature) * power)
+    elif rng.random() < 0.16:
+        add_two_lamps(room, rng, temperature, 2 * power)
+    elif rng.random() < 0.55:
+        add_panels(room, rng, kelvin(temperature) * power)
+    else:
+        add_some_lamps(room, rng, temperature, power)
+
+
+def add_bright_ceiling(room: Room, rng: np.random.Generator, power: np.ndarray) -> None:
+    """Coves, uplights or a luminous ceiling, in a room that is not dark: light that is broad, and directed for all."""
+    room.albedo[list(UPRIGHT)] = np.maximum(room.albedo[list(UPRIGHT)], rng.uniform(0.35, 0.75))
+    low, high = np.array([0, room.size[1], 0]), room.size.copy()
+    margin = rng.uniform(0.02, 0.12) * room.size * [1, 0, 1]
+    low, high = low + margin, high - margin
+    room.patches.append(Patch(3, low, high, power / ((high - low)[0] * (high - low)[2] * np.pi)))
+
+
+def add_two_lamps(room: Room, rng: np.random.Generator, temperature: float, power: float) -> None:
+    """Two lamps on opposite sides of where one stands, in a dark room: light with more structure than direction."""
+    room.albedo *= rng.uniform(0.25, 0.6)
+    heading = rng.uniform(0, 2 * np.pi)
+    for turn, share in ((0.0, 1.0), (np.pi + rng.normal(0, 0.4), rng.uniform(0.35, 0.8))):
+        toward = np.array([np.sin(heading + turn), rng.uniform(0, 0.5), np.cos(heading + turn)])
+        centre = np.clip(room.camera + log_uniform(rng, 0.9, 2.5) * toward, 0.15, room.size - 0.15)
+        room.lamps.append(lamp(rng, centre, 0.1, temperature, share * power / 2))
+
+
+def add_panels(room: Room, rng: np.random.Generator, power: np.ndarray) -> None:
+    """Panels in the ceiling, in a grid, some of them dead."""
+    x, y, z = room.size
+    nx, nz = (int(np.clip(side / rng.uniform(1.8, 3.5), 1, 5)) for side in (x, z))
+    sx, sz = min(rng.choice([0.3, 0.6, 0.6]), 0.8 * x / nx), min(rng.choice([0.6, 1.2, 1.2]), 0.8 * z / nz)
+    radiance = power / (nx * nz * sx * sz * np.pi)
+    works = rng.random((nx, nz)) > 0.12
+    works[0, 0] |= not works.any()
+    for i, j in np.ndindex(nx, nz):
+        if works[i, j]:
+            centre = np.array([(i + 0.5) * x / nx, y, (j + 0.5) * z / nz])
+            half = np.array([sx / 2, 0, sz / 2])
+            room.patches.append(Patch(3, centre - half, centre + half, radiance))
+
+
+def add_some_lamps(room: Room, rng: np.random.Generator, temperature: float, power: float) -> None:
+    """One to six lamps that hang, stand or sit on a wall."""
+    x, y, z = room.size
     count, radius = rng.integers(1, 7), rng.choice([0.06, 0.08, 0.15, 0.22])
     for _ in range(count):
         kind = rng.random()
         centre = np.array([rng.uniform(0.1, 0.9) * x, y - 0.2, rng.uniform(0.1, 0.9) * z])
-        if kind < 0.84:  # hangs
+        if kind < 0.78:  # hangs
             centre[1] = y - rng.uniform(0.1, 0.9) if y > 2.7 else y - 0.2
-        elif kind < 0.92:  # stands
+        elif kind < 0.88:  # stands
             centre[1] = rng.uniform(1.0, 1.7)
         else:  # on a wall
             axis = rng.choice([0, 2])
             centre[axis] = 0.12 if rng.random() < 0.5 else room.size[axis] - 0.12
             centre[1] = rng.uniform(1.6, 2.1)
         if np.linalg.norm(centre - room.camera) > 0.7:
-            tint = kelvin(temperature * rng.uniform(0.93, 1.07))
-            room.lamps.append(Lamp(centre, radius, tint * power / (count * 4 * np.pi**2 * radius**2)))
+            room.lamps.append(lamp(rng, centre, radius, temperature, power / count))
     if not room.lamps:
-        centre = np.array([x * 0.5, y - 0.15, z * 0.5])
-        room.lamps.append(Lamp(centre, radius, kelvin(temperature) * power / (4 * np.pi**2 * radius**2)))
+        room.lamps.append(lamp(rng, np.array([x * 0.5, y - 0.15, z * 0.5]), radius, temperature, power / count))
+
+
+def lamp(rng: np.random.Generator, centre: np.ndarray, radius: float, temperature: float, power: float) -> Lamp:
+    """A lamp whose colour strays a little from the others'."""
+    tint = kelvin(temperature * rng.uniform(0.93, 1.07))
+    return Lamp(centre, radius, tint * power / (4 * np.pi**2 * radius**2))
 
 
 def add_furniture(room: Room, rng: np.random.Generator) -> None:
@@ -198,16 +237,17 @@ def add_furniture(room: Room, rng: np.random.Generator) -> None:
 def room(seed: int) -> np.ndarray:
     """The panorama of room number `seed`: (64, 128, 3) float32 lat-long, linear, centre toward -z, pixel centres.
 
-    White balance is partial, as cameras' is, and the exposure log-normal, as a photographer's is; so about one room in
-    fourteen is darker at the front than the paper's threshold of 0.2.
+    White balance is partial and errs, as cameras' does, and the exposure is log-normal, as a photographer's is; so one
+    room in eighteen is darker at the front than the paper's threshold of 0.2.
     """
     rng = np.random.default_rng([seed, 0x100])
     pixels = render(draw_room(rng))
     weight = latlong_solid_angles(HEIGHT, WIDTH)[:, None, None] / (4 * np.pi)
     mean = (pixels * weight).sum((0, 1))
     mean = np.maximum(mean, 1e-9 * mean.max())
-    tint = np.exp([rng.normal(0.06, 0.13), 0, rng.normal(0.03, 0.11)])
-    balance = (mean / luminance(mean)) ** -rng.uniform(0.3, 0.95)
+    warmer = rng.normal(0, 0.15)
+    tint = np.exp([rng.normal(0.1, 0.12) + warmer, 0, rng.normal(0, 0.09) - warmer])
+    balance = (mean / luminance(mean)) ** -rng.uniform(0.7, 1.0)
     pixels = pixels * balance * tint
     exposure = np.exp(rng.normal(np.log(0.28), 0.6)) / luminance((pixels * weight).sum((0, 1)))
     return (pixels * exposure).astype(np.float32)
