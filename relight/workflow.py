@@ -180,10 +180,6 @@ class Plan:
             raise UserError(f"no run {run}; there are {', '.join(self.runs)}")
         return HEAD + OmegaConf.to_yaml(OmegaConf.create(view(self.of_run(run) if run else self.cfg, stage)))
 
-    def listing(self, name: str) -> str:
-        """`figures`, or `runs` (those that the tables compare), one per line."""
-        return "".join(f"{item}\n" for item in {"figures": self.figures, "runs": self.scored}[name])
-
     def asked(self) -> str:
         """The experiments as JSON: the fields of each; its `runs` by row; for tables the files in results/<name> of its
         `scores`, on its own figures and lights and on the `usual` ones, and of the `splits` of its rows."""

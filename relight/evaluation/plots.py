@@ -14,6 +14,7 @@ from relight.evaluation.tables import LABELS, Row, Table, sign
 from relight.files import UserError, existing, whole
 
 COLORS = ("#7a5195", "#ef5675", "#ffa600", "#00798c", "#30638e", "#6a994e", "#8d99ae", "#bc6c25")
+DASHES = ("--", ":", "-.", (0, (1, 4)), (0, (6, 4)), (0, (4, 1, 1, 1, 1, 1)), (0, (8, 2, 2, 2)))  # of baselines
 STYLE = {
     "font.size": 10,
     "axes.spines.top": False,
@@ -87,42 +88,31 @@ def plot_axis(
 ) -> None:
     """One panel per column: the mean and 95 % interval of each row over its place on a setting (log scale).
 
-    Baselines that have the column are grey levels, named in the first panel that shows them.
+    Baselines that have the column are grey levels.
     """
     with matplotlib.rc_context(STYLE):
-        figure = _figure(2.9 * len(columns), 3.3)
-        named: set[str] = set()
+        figure = _figure(2.9 * len(columns), 3.6)
+        shown: dict[str, matplotlib.lines.Line2D] = {}
         for panel, column in zip(figure.subplots(1, len(columns), squeeze=False)[0], columns):
             own = [(place, row.cells[column].estimate) for place, row in points if column in row.cells]
-            places, means = [place for place, _ in own], [one.mean for _, one in own]
-            panel.plot(places, means, "o-", color=COLORS[3], linewidth=1.6, markersize=5)
+            panel.plot([x for x, _ in own], [one.mean for _, one in own], "o-", color=COLORS[3], linewidth=1.6)
             for place, one in own:
                 low, high = (v if np.isfinite(v) else one.mean for v in (one.low, one.high))
                 panel.plot([place, place], [low, high], color=COLORS[3], linewidth=2.2, solid_capstyle="butt")
-            for row in baselines:
-                if column in row.cells and row.cells[column].estimate.mean > 0:
-                    panel.axhline(row.cells[column].estimate.mean, color="#9a9a9e", linewidth=1, linestyle="--")
-                    if row.name not in named:
-                        height = row.cells[column].estimate.mean
-                        panel.text(
-                            1,
-                            height,
-                            row.label,
-                            fontsize=6.5,
-                            color="#777777",
-                            va="bottom",
-                            ha="right",
-                            transform=panel.get_yaxis_transform(),
-                        )
-                        named.add(row.name)
+            for row, dashes in zip(baselines, DASHES):
+                if column in row.cells:
+                    style = {"color": "#9a9a9e", "linewidth": 1.2, "linestyle": dashes}
+                    shown[row.label] = panel.axhline(row.cells[column].estimate.mean, **style)
+            places = sorted({place for place, _ in own})
             panel.set_xscale("log", base=2)
-            panel.set_xticks(sorted(set(places)), [f"{place:g}" for place in sorted(set(places))])
+            panel.set_xticks(places, [f"{place:g}" for place in places])
             panel.minorticks_off()
             panel.set_ylim(0)
             quantity, reading = split_column(column)
             panel.set_title(f"{QUANTITY[quantity]} {READING[reading]}", fontsize=10, fontweight="bold")
             panel.set_xlabel(label, fontsize=8, color="#777777")
             panel.tick_params(length=0, labelsize=8)
+        figure.legend(shown.values(), shown, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
         _save(figure, out)
 
 

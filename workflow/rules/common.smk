@@ -39,13 +39,13 @@ rule settings:
         "printf %s {params.text:q} > {output}"
 
 
-# Lists that a stage takes as a file: the figures of this plan, the runs that the tables compare.
+# The figures of this plan, one per line.
 rule listing:
     output:
-        f"{OUT}/config/{{listing}}.txt",
+        f"{OUT}/config/figures.txt",
     localrule: True
     params:
-        text=lambda wildcards: PLAN.listing(wildcards.listing),
+        text="".join(f"{figure}\n" for figure in PLAN.figures),
     shell:
         "printf %s {params.text:q} > {output}"
 

@@ -23,6 +23,7 @@ PARAGRAPHS: dict[str, Callable[[Results, str], str]] = {
 }
 # The whole section of an experiment that is no table of trainings.
 SECTIONS: dict[str, Callable[[Results, str], Section]] = {}
+ONCE = "One training a row: what follows speaks of these networks on other figures, not of another training."
 
 
 def section(results: Results, name: str) -> Section:
@@ -40,7 +41,8 @@ def section(results: Results, name: str) -> Section:
         parts.append(
             picture(results.report / f"{name}_plates.png", "Figures unseen in training, as each network sees them.")
         )
-    return Section(table.title, "\n".join(parts))
+    once = name in PARAGRAPHS and all(row.trainings == 1 for row in table.rows)
+    return Section(table.title, "\n".join(parts), ONCE if once else "")
 
 
 def words(table: Table) -> str:

@@ -2,7 +2,7 @@
 
 from relight.evaluation.formats import count, number
 from relight.evaluation.report.results import Results
-from relight.evaluation.report.words import compared, outcome, paired, row, told
+from relight.evaluation.report.words import compared, outcome, paired, row, signed, told
 from relight.evaluation.statistics import compare
 from relight.evaluation.tables import ALPHA
 
@@ -21,7 +21,7 @@ def silhouette(results: Results, name: str) -> str:
     ]
     if mask:
         found = paired(mask, mean, MAPS, compare)
-        better = all(verdict == "better" for verdict in outcome(found).values())
+        better = outcome(found)["transport_rmse"] == "better"
         parts.append(
             f"**Against the mean training figure**, the mask gives {told(found)}: "
             + ("the silhouette does tell shape." if better else "that the silhouette tells shape cannot be seen here.")
@@ -59,10 +59,9 @@ def self_supervised(results: Results, name: str) -> str:
         flatter, fuller = (d.p < ALPHA / 2 and s * d.mean < 0 for d, s in ((flat, 1), (grown, -1)))
         said = {2: "**it collapses as in the paper**", 1: "**half of the collapse is there**", 0: "**no collapse**"}
         parts.append(
-            f"**{one.label}**: contrast {number(contrast[one.name].mean)} (by {number(flat.low)} to "
-            f"{number(flat.high)}), share {share[one.name].mean:.0%} (by {100 * grown.low:.0f} to "
-            f"{100 * grown.high:.0f} points): {said[flatter + fuller]}. Against {base.label}: "
-            f"{told(paired(one, base, ALL, compare))}."
+            f"**{one.label}**: contrast {number(contrast[one.name].mean)}, {signed(flat)} from that; share "
+            f"{share[one.name].mean:.0%}, {100 * grown.low:.0f} to {100 * grown.high:.0f} points from that: "
+            f"{said[flatter + fuller]}. Against {base.label}: {told(paired(one, base, ALL, compare))}."
         )
     return "\n\n".join(parts)
 

@@ -41,9 +41,14 @@ def corrected(found: Compared) -> list[float]:
 def verdict(column: str, difference: Difference, p: float) -> str:
     low, high = sorted((abs(difference.low), abs(difference.high)))
     if p >= ALPHA or difference.low <= 0 <= difference.high:
-        return f"not to be told apart: {number(difference.low)} to {number(difference.high)}"
+        return f"not to be told apart: {signed(difference)}"
     better = "better" if sign(column) * difference.mean < 0 else "worse"
-    return f"{better} by {number(low)} to {number(high)}, p = {p:.2g}"
+    return f"{better} by {number(low)} to {number(high)}, {'p < .001' if p < 0.001 else f'p = {number(p)}'}"
+
+
+def signed(difference: Difference) -> str:
+    """The interval of a difference, with signs."""
+    return " to ".join(number(end).replace("-", "−") for end in (difference.low, difference.high))
 
 
 def outcome(found: Compared) -> dict[str, str]:
