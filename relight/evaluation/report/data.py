@@ -7,26 +7,18 @@ import yaml
 
 from relight.evaluation.page import fold, grid, picture, prose, settings_list
 from relight.evaluation.report.results import Results
+from relight.evaluation.report.shadows import occlusion, redraws
 
 
 def figures(results: Results) -> str:
     """The figures, how much they shadow themselves, what was repaired, and what was left out and why."""
-    record = results.record
-    with open(results.report / "occlusion.csv", newline="") as file:
-        shadowed = list(csv.DictReader(file))
-    mean = {key: sum(float(row[key]) for row in shadowed) / len(shadowed) for key in ("ao", "dark", "lost")}
-    infos, left_out = record["figures"], record["left_out"]
-    text = (
-        f"{len(shadowed)} of {len(infos)} figures are in the data set. Over their pixels the mean ambient occlusion is "
-        f"**{mean['ao']:.3f}**, **{mean['dark']:.1%}** lie under .5, and occlusion takes **{mean['lost']:.2f}** from "
-        "the transport (root mean square of the nine-vector); means over figures."
-    )
-    parts = [prose(text)]
+    infos, left_out = results.record["figures"], results.record["left_out"]
+    shown = min(len(infos), results.settings.sheet)
+    caption = f"The first {shown} of {len(infos)} figures: lit, albedo, normals, ambient occlusion, shading."
+    parts = [prose(f"{len(infos) - len(left_out)} of {len(infos)} figures are in the data set.")]
     if left_out:
         parts.append(grid(["left out", "why"], [[name, reason] for name, reason in left_out.items()]))
-    parts.append(picture(results.report / "figures.png", "Lit, albedo, normals, ambient occlusion, shading."))
-    rows = [[row["name"], *(float(row[key]) for key in ("ao", "dark", "lost"))] for row in shadowed]
-    parts.append(fold("Occlusion of each figure", grid(["figure", "mean AO", "share under .5", "rms lost"], rows)))
+    parts += [redraws(infos), picture(results.report / "figures.png", caption), occlusion(results)]
     repairs = [
         [name, ", ".join(f"{what} {count}" for what, count in info["repairs"].items())]
         for name, info in infos.items()
@@ -54,6 +46,8 @@ def lights(results: Results) -> str:
         parts.insert(1, prose("\n\n".join(warnings)))
     if unreadable := record["unreadable"]:
         parts.append(fold("Panoramas that could not be read", grid(["file", "why"], list(unreadable.items()))))
+    if repaired := record["repaired"]:
+        parts.append(fold("Panoramas that were mended", grid(["file", "how"], list(repaired.items()))))
     return "\n".join(parts)
 
 
