@@ -8,8 +8,8 @@ from relight.evaluation.page import fold, grid, picture, prose
 from relight.evaluation.paper import IMPLIED_AO, IMPLIED_LOST
 from relight.evaluation.report.results import Results
 
-HEADS = ["figures", "mean AO", "least to most", "share under .5", "rms lost"]
-PAPER = ["the paper's scans, as its tables imply", "", IMPLIED_AO, "", "", IMPLIED_LOST]
+HEADS = ["figures", "mean AO", "range", "AO < .5", "rms lost"]
+PAPER = ["the paper, implied", "", IMPLIED_AO, "", "", IMPLIED_LOST]
 
 
 def occlusion(results: Results) -> str:
@@ -31,7 +31,7 @@ def occlusion(results: Results) -> str:
             fold("Occlusion by garment (a figure counts for each)", table("garment", by_garment(found), every)),
             fold(
                 "Occlusion of each figure",
-                grid(["figure", "pose", "garments", "mean AO", "share under .5", "rms lost"], each),
+                grid(["figure", "pose", "garments", "mean AO", "AO < .5", "rms lost"], each),
             ),
         ]
     )
