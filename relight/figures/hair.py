@@ -7,8 +7,9 @@ import numpy as np
 from relight.figures import makehuman
 from relight.figures.body import Body
 from relight.figures.colliders import Collider
+from relight.figures.combing import Comb, head_centre
 from relight.figures.fabrics import lattice, noise
-from relight.figures.locks import Comb, grow, head_centre, tail
+from relight.figures.locks import grow, tail
 from relight.figures.poses import Motion
 from relight.figures.skin import hairline
 from relight.figures.surfaces import thickened

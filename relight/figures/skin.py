@@ -110,7 +110,8 @@ def paint_skin(
     mix(0.5 * np.maximum(cheek, 0.8 * nose), color * blush * 0.95)
     mix(0.35 * region("ears", side)[inside], color * blush * 0.9)
     mix(0.3 * region("eyelids", side)[inside] * (0.6 + makeup), color * np.array([0.62, 0.55, 0.56]))
-    rouge = skin * np.array([0.92, 0.52, 0.52]) * (1 - makeup) + np.array([0.34, 0.035, 0.045]) * (0.4 + 0.6 * person.skin) * makeup
+    rouge = np.array([0.34, 0.035, 0.045]) * (0.4 + 0.6 * person.skin)
+    rouge = skin * np.array([0.92, 0.52, 0.52]) * (1 - makeup) + rouge * makeup
     mix((0.55 + 0.35 * makeup) * region("lips", side)[inside], rouge)
     nails = np.maximum(region("fingernails", side), region("toenails", side))[inside]
     mix(0.6 * nails, skin * np.array([1.15, 1.0, 0.98]) if makeup < 0.5 else np.array([0.4, 0.03, 0.06]))

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from relight.figures import body, colliders, hair, layers, locks, makehuman, poses
+from relight.figures import body, colliders, combing, hair, layers, locks, makehuman, poses
 from relight.figures.stances import STANDING
 
 UPPER_LIP, LOWER_LIP = 474, 494  # vertices of the base mesh where the lips meet, in the middle
@@ -89,7 +89,7 @@ def test_what_hangs_before_the_face_is_moved_aside_and_on_shoulders_it_does_not_
 
     def moved(last, now) -> float:
         """The sideways move of points given from the head's centre, in its rest frame."""
-        at, ahead = ((locks.head_centre(built) + np.array([p])) @ turn[:, :3].T + turn[:, 3] for p in (last, now))
+        at, ahead = ((combing.head_centre(built) + np.array([p])) @ turn[:, :3].T + turn[:, 3] for p in (last, now))
         return float((shy(at, ahead) - ahead)[0] @ turn[:, 0])
 
     before, behind, low = np.array([0.02, -0.05, 0.10]), np.array([0.02, -0.05, -0.02]), np.array([0.08, -0.2, 0.0])
@@ -106,9 +106,9 @@ def test_the_same_seed_is_the_same_hair(head, heads):
 
 def test_a_lock_keeps_its_length_and_a_draft_has_half_of_them(head, heads):
     built, _, below = head
-    comb = locks.Comb(60, 0.2)
-    roots = locks.plant(built, below[0], comb.count, 3)
-    ahead, length = locks.combed(comb, roots)
+    comb = combing.Comb(60, 0.2)
+    roots = combing.plant(built, below[0], comb.count, 3)
+    ahead, length = combing.combed(comb, roots)
     points, _ = locks.grown(comb, roots, ahead, length, colliders.Collider(below[0], below[0], below[1]), 10, 3)
     steps = np.linalg.norm(np.diff(points, axis=1), axis=2)
     np.testing.assert_allclose(steps, np.repeat(length[:, None] / 10, 10, 1), rtol=1e-6)
