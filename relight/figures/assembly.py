@@ -85,7 +85,18 @@ def assemble(
             positions = layers.tucked_under(
                 positions, level.faces, surface[later], 0.003, np.ones(len(positions), bool)
             )
-        clothe(builder, body, way, w, positions, level.faces, keep, detail, texture, number + 1)
+        clothe(
+            builder,
+            body,
+            way,
+            w,
+            positions,
+            level.faces,
+            keep,
+            detail,
+            texture,
+            number + 1 if w.pattern.garment.kind != "scarf" else -1,
+        )
     colours = footwear.palette(outfit.shoe, outfit.upper, outfit.sole)
     for part in footwear.build_shoes(body, way, outfit.shoe):
         vertices = part.vertices
@@ -171,6 +182,10 @@ def clothe(
         extra = collars.collar(positions, faces, by_vertex, w.pattern.garment.collar, at, axes[1], metre)
         if extra is not None:
             builder.add(*extra, material)
+        if w.pattern.garment.collar == "hood":
+            pale = Material(0.5 * (np.array(w.fabric.first, np.float32) + 0.7))
+            for cord in collars.cords(positions, faces[~w.pattern.sleeve], at, axes[0]):
+                builder.add(*cord, None, pale)
 
 
 def hair_material(outfit: Outfit, color: np.ndarray, cloth: bool, side: int, seed: int) -> Material:

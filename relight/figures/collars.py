@@ -3,9 +3,14 @@
 import numpy as np
 
 from relight.figures.body import Body
+from relight.figures.colliders import Collider
 from relight.figures.fabrics import noise
 from relight.figures.poses import Motion
-from relight.figures.surfaces import border_loops, extruded, thickened
+from relight.figures.surfaces import Surface, border_loops, extruded, thickened
+
+CORD = 0.20  # metres of a drawstring
+THIN = 0.0028  # its radius
+STEP = 0.007  # between its rings
 
 
 def neck_of(body: Body, way: Motion) -> tuple[np.ndarray, np.ndarray]:
@@ -107,3 +112,29 @@ def collar(
     torn = np.ptp(corner[..., 0], axis=1) > 0.06 * metre  # across a seam between panels: stay on one of them
     corner[torn] = corner[torn][:, :1]
     return points, solid, np.clip(corner, 0.001, 0.999)
+
+
+def cords(vertices: np.ndarray, faces: np.ndarray, neck: np.ndarray, left: np.ndarray) -> list[Surface]:
+    """The two drawstrings of a hood: tubes that lie on the garment's front (faces of its body only), from the neckline
+    down. neck (3,): base of the posed neck; left (3,): the axis to its left."""
+    surface, out = Collider(vertices, vertices, faces), []
+    for side in (-1, 1):
+        y = neck[1] + 0.05 - STEP * np.arange(60)
+        origin = np.broadcast_to(neck + side * 0.028 * left + [0, 0, 0.6], (60, 3)).copy()
+        origin[:, 1] = y
+        _, depth = surface.cast(origin, np.broadcast_to([0.0, 0.0, -1.0], (60, 3)))
+        on = np.flatnonzero(np.isfinite(depth) & (depth < 0.58))[: round(CORD / STEP)]
+        if len(on) < 12:
+            continue
+        path = origin[on] - [0, 0, 1] * (depth[on] - 1.5 * THIN)[:, None]
+        for _ in range(3):
+            path[1:-1] = 0.5 * path[1:-1] + 0.25 * (path[:-2] + path[2:])
+        turn = 2 * np.pi * np.arange(6) / 6
+        around = THIN * np.stack([np.cos(turn), 0 * turn, -np.sin(turn)], axis=1)
+        rings = [point + around for point in path]
+        strip, tube = extruded(np.arange(6), rings[1:], 6, True)
+        ends = [[0, k, k + 1] for k in range(1, 5)] + [
+            [len(path) * 6 - 6, len(path) * 6 - 6 + k + 1, len(path) * 6 - 6 + k] for k in range(1, 5)
+        ]
+        out.append((np.concatenate([rings[0], strip]), np.concatenate([tube, ends])))
+    return out

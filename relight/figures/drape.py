@@ -145,16 +145,21 @@ class Sheet:
             launch(push_out, self.x, self.p, *contact, *span, cloth.thickness, cloth.friction, ground)
             launch(update_velocity, self.x, self.p, self.v, dt, 3.0)
 
-    def hold(self, index: wp.array, gain: wp.array, goal: np.ndarray, below: Collider, ground: float) -> None:
-        """Pulls the pinned vertices to their goals, then out of what lies below."""
-        wp.launch(pin, dim=len(index), inputs=[self.x, index, gain, vectors(goal)])
+    def hold(self, held: np.ndarray, gain: np.ndarray, goal: np.ndarray, below: Collider, ground: float) -> None:
+        """Pulls the vertices `held` (m,) to their goals (m,3) with gains (m,) in [0,1], then all out of the layers.
+
+        Those held fully end exactly at their goals: folds below must not drag a waistband down.
+        """
+        index, to = wp.array(held.astype(np.int32), dtype=int), vectors(goal)
+        pull, keep = (wp.array(share.astype(np.float32), dtype=float) for share in (gain, gain > 0.99))
+        wp.launch(pin, dim=len(held), inputs=[self.x, index, pull, to])
         contact = [self.face, self.at, below.corner, below.before, below.after, below.normal]
         wp.launch(
             push_out,
             dim=self.n,
             inputs=[self.x, self.x, *contact, 1.0, 1.0, self.cloth.thickness, 0.0, ground],
-            device="cpu",
         )
+        wp.launch(pin, dim=len(held), inputs=[self.x, index, keep, to])
 
 
 @dataclass(frozen=True)
@@ -179,13 +184,15 @@ class Draped:
     strain: np.ndarray
 
 
-def mended(x: np.ndarray, faces: np.ndarray, edge: np.ndarray, strain: np.ndarray) -> np.ndarray:
-    """Spreads single over-stretched edges, where a pin and a contact disagreed, over their neighbourhood."""
+def mended(x: np.ndarray, faces: np.ndarray, edge: np.ndarray, strain: np.ndarray, firm: np.ndarray) -> np.ndarray:
+    """Spreads single over-stretched edges, where a pin and a contact disagreed, over their neighbourhood; vertices in
+    the mask `firm` (n,) stay."""
     torn = np.zeros(len(x))
     torn[edge[strain > 1.5].ravel()] = 1
     near = neighbours(faces, len(x))
     for _ in range(2):
         torn = np.maximum(torn, np.minimum(1, near @ torn * 2))
+    torn[firm] = 0
     for _ in range(8):
         x = x + (0.6 * torn)[:, None] * (near @ x - x)
     return x
@@ -212,8 +219,6 @@ def drape(
         sheet = Sheet(level.pattern, level.faces, cloth)
         sheet.move_to(x)
         held = np.flatnonzero(level.pinned > 0.01)
-        index = wp.array(held.astype(np.int32), dtype=int)
-        gain = wp.array(level.pinned[held].astype(np.float32), dtype=float)
         moving = list(range(1, frames + 1)) if number == 0 else []
         if number == 0:
             history.append(sheet.positions())
@@ -227,12 +232,12 @@ def drape(
             sheet.frame(surface, effort, ground, damp=0.99 if step < len(moving) else 0.9)
             if len(held):
                 goal = skin(level.weights[held], level.held[held], now)
-                sheet.hold(index, gain, goal, surface, ground)
+                sheet.hold(held, level.pinned[held], goal, surface, ground)
             if number == 0 and step < len(moving):
                 history.append(sheet.positions())
         x = sheet.positions()
         if number == len(levels) - 1:
-            x = mended(x, level.faces, sheet.edge, sheet.strain())
+            x = mended(x, level.faces, sheet.edge, sheet.strain(), level.pinned > 0.99)
             sheet.move_to(x)
         strain = sheet.strain()
         if number == 0:

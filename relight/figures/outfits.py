@@ -35,7 +35,7 @@ def tucked(top: Garment, bottom: Garment) -> list[Garment]:
     """A top inside the waistband of a skirt or trousers, and those over it."""
     snug = tuple(ease * share for ease, share in zip(top.torso, (0.5, 0.5, 0.7, 1, 1, 1)))
     inside = replace(top, hem=0.10, drop=0.0, flare=0.0, slack=0.025, torso=snug, tuck=bottom.waist)
-    return [inside, replace(bottom, over=0.005)]
+    return [inside, replace(bottom, over=0.007)]
 
 
 def suited(outfit: Outfit, pose: Pose) -> Outfit:

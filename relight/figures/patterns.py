@@ -210,7 +210,7 @@ def pins(body: Body, garment: Garment, f: dict, at: dict) -> np.ndarray:
     out = np.clip(1 - neck_field(body, garment, f) / 0.02, 0, 1) * garment.grip * (f["y"] > at["neck"] - 0.2)
     if garment.tuck is not None:  # inside a waistband the cloth lies flat
         edge = at["waist"] + garment.tuck
-        out = np.maximum(out, 0.9 * np.clip((edge + 0.012 - f["y"]) / 0.016, 0, 1))
+        out = np.maximum(out, 0.9 * np.clip((edge + 0.03 - f["y"]) / 0.02, 0, 1))
     out = np.maximum(out, np.clip((arm - (garment.sleeve - 0.07)) / 0.05, 0, 1) * garment.cuff)
     rib = np.clip(1 - (f["y"] - at["crotch"] - garment.hem) / 0.03, 0, 1) * (np.maximum(f["onL"], f["onR"]) < 0.1)
     return np.maximum(out, rib * garment.rib)

@@ -76,7 +76,7 @@ def test_mended_spreads_one_torn_edge():
     torn[40, 1] += 0.3
     sheet.move_to(torn)
     before = sheet.strain().max()
-    sheet.move_to(drape.mended(torn, faces, sheet.edge, sheet.strain()))
+    sheet.move_to(drape.mended(torn, faces, sheet.edge, sheet.strain(), np.zeros(81, bool)))
     assert sheet.strain().max() < 0.4 * before
 
 
@@ -151,3 +151,14 @@ def test_a_garment_crosses_itself_only_where_its_pattern_is_apart():
     assert crossings.crossing([both], [far])[0] > 0.02
     near = np.zeros_like(far)
     assert crossings.crossing([both], [near]) == [0]
+
+
+def test_what_is_held_fully_stays_where_it_is_held():
+    vertices, faces = square(9)
+    under = Collider(*([ball(height=0.95)[0]] * 2), ball()[1])
+    sheet = Sheet(vertices, faces, Cloth(crumple=0.0))
+    held, goal = np.array([40, 41]), vertices[[40, 41]] - [0, 0.02, 0]  # inside the ball
+    sheet.frame(under, Effort(8, 2, 0, contact=False), ground=0.0, damp=0.9)
+    sheet.hold(held, np.array([1.0, 0.5]), goal, under, 0.0)
+    np.testing.assert_allclose(sheet.positions()[40], goal[0], atol=1e-6)
+    assert np.linalg.norm(sheet.positions()[41] - [0, 0.95, 0]) > 0.12

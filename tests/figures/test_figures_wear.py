@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 
 from relight.figures import (
     clearance,
@@ -63,7 +64,7 @@ def test_a_tucked_top_is_held_below_the_waistband_only(person):
     edge = patterns.landmarks(person)["waist"] + bottom.waist
     y, pinned = pattern.fields["y"], pattern.levels[0].pinned
     assert (pinned[y < edge - 0.01] > 0.89).all()
-    assert (pinned[(y > edge + 0.015) & (pattern.fields["onL"] + pattern.fields["onR"] < 0.1)] == 0).all()
+    assert (pinned[(y > edge + 0.035) & (pattern.fields["onL"] + pattern.fields["onR"] < 0.1)] == 0).all()
 
 
 def hands(body, pose):
@@ -124,3 +125,14 @@ def test_coats_come_off_to_sit_and_scarves_where_arms_are_crossed(person):
     assert left("relaxed") == ["jeans", "coat", "scarf"]
     assert left("sitting") == ["jeans", "scarf"]
     assert left("arms crossed") == ["jeans", "coat"]
+
+
+def test_drawstrings_are_closed_tubes_on_the_front():
+    colliders.prepare()
+    sheet = np.array([[-0.3, 0, 0.1], [0.3, 0, 0.1], [0.3, 0.5, 0.1], [-0.3, 0.5, 0.1]])
+    found = collars.cords(sheet, np.array([[0, 1, 2], [0, 2, 3]]), np.array([0, 0.52, 0.0]), np.array([1.0, 0, 0]))
+    assert len(found) == 2
+    for vertices, faces in found:
+        tube = trimesh.Trimesh(vertices, faces, process=False)
+        assert tube.is_watertight and tube.is_winding_consistent and tube.volume > 0
+        assert vertices[:, 2].min() > 0.1 and np.ptp(vertices[:, 1]) == pytest.approx(collars.CORD, abs=0.02)
