@@ -3,11 +3,15 @@
     python benchmarks/training.py                       # the CPU, one thread, CPU time: holds on a busy machine too
     python benchmarks/training.py --device cuda         # the first GPU, wall time
     python benchmarks/training.py --cases 256:1:8:f32   # size:width:batch:precision, any number of them
+    python benchmarks/training.py --memory smoke demo study paper
 
 A step is: relight the batch from the packed set ("data"), the network forward and backward, the 15 losses forward and
 backward ("losses"), Adam. GFLOP/s counts two operations per multiply-add of the convolutions and three passes: forward,
 and backward for inputs and for weights. "share" is that over the rate of a large square matrix product, measured on the
 same machine in the same precision.
+
+--memory: "step" is what weights, gradients, Adam's moments, activations and four figures take over the process that has
+merely imported torch; "packed set" is what all figures of the preset take on the device, with masks of 16 % of it.
 """
 
 import argparse
@@ -16,14 +20,17 @@ import statistics
 import tempfile
 import time
 from collections.abc import Callable
+from concurrent.futures import ProcessPoolExecutor
 from contextlib import nullcontext
+from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
 import torch
-from torch.utils.flop_counter import FlopCounterMode
+from omegaconf import OmegaConf
 
-from relight.config import Loss, Model
+from relight.config import Loss, Model, composed
+from relight.evaluation.timing import matmul_rate, multiply_adds
 from relight.learning.data import Batch, RelitSet
 from relight.learning.losses import losses, weights
 from relight.learning.networks import build
@@ -43,7 +50,7 @@ FULL = Loss(
     tv_reference=1024,
     reduction="image",
 )
-TYPES = {"f32": torch.float32, "bf16": torch.bfloat16}
+SHARE = 0.16  # of the image, in the mask of a figure
 
 
 def figure(size: int, name: str) -> Maps:
@@ -91,71 +98,59 @@ class Clock:
         return min(taken) if self.cpu_time else statistics.median(taken)
 
 
-def matmul_rate(clock: Clock, device: str, precision: str) -> float:
-    """Operations per second of a large square matrix product."""
-    side = 8192 if device == "cuda" else 2048
-    a = torch.randn(side, side, device=device, dtype=TYPES[precision])
-    return 2 * side**3 / clock(lambda: a @ a)
+class Case:
+    """A training: its network, its data, and a step of it."""
+
+    def __init__(self, model: Model, size: int, count: int, precision: str, device: str, compiled: bool, folder: Path):
+        self.data, self.count = data_set(size, folder, device), count
+        self.network = build(model, size).to(device).train()
+        self.forward = torch.compile(self.network) if compiled else self.network
+        self.optimizer = torch.optim.Adam(self.network.parameters(), lr=1e-4, fused=True)
+        self.autocast = torch.autocast(device, torch.bfloat16) if precision == "bf16" else nullcontext()
+        self.weight, self.rng = weights(FULL, size), np.random.default_rng(1)
+
+    def draw(self) -> Batch:
+        return self.data.batch(self.rng.integers(0, 4, self.count), self.rng.integers(0, 40, self.count))
+
+    def total(self, outputs: dict, batch: Batch) -> torch.Tensor:
+        return sum(self.weight[name] * value for name, value in losses(outputs, batch, FULL).items())
+
+    def step(self) -> None:
+        batch = self.draw()
+        with self.autocast:
+            outputs = self.forward(batch.image, batch.mask)
+        loss = self.total(outputs, batch)
+        self.optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        self.optimizer.step()
 
 
-def multiply_adds(model: Model, size: int) -> float:
-    """Of the network forward, for one image."""
-    with torch.device("meta"):
-        network, image, mask = build(model, size), torch.empty(1, 3, size, size), torch.empty(1, 1, size, size)
-    with FlopCounterMode(display=False) as counter:
-        network(image, mask)
-    return counter.get_total_flops() / 2
-
-
-def measure(case: str, device: str, clock: Clock, compiled: bool) -> None:
-    size, width, count, precision = case.split(":")
+def measure(text: str, device: str, clock: Clock, compiled: bool) -> None:
+    size, width, count, precision = text.split(":")
     size, count = int(size), int(count)
     model = Model(
         "ours", float(width), "instance" if count == 1 else "batch", 0.5, 2, "clip", "strided", False, "image"
     )
-    with tempfile.TemporaryDirectory() as folder:
-        data = data_set(size, Path(folder), device)
-    network = build(model, size).to(device).train()
-    forward = torch.compile(network) if compiled else network
-    optimizer = torch.optim.Adam(network.parameters(), lr=1e-4, fused=True)
-    autocast = torch.autocast(device, torch.bfloat16) if precision == "bf16" else nullcontext()
-    weight, rng = weights(FULL, size), np.random.default_rng(1)
-
-    def draw() -> Batch:
-        return data.batch(rng.integers(0, 4, count), rng.integers(0, 40, count))
-
-    def total(outputs: dict, batch: Batch) -> torch.Tensor:
-        return sum(weight[name] * value for name, value in losses(outputs, batch, FULL).items())
-
-    def step(batch: Batch) -> None:
-        with autocast:
-            outputs = forward(batch.image, batch.mask)
-        loss = total(outputs, batch)
-        optimizer.zero_grad(set_to_none=True)
-        loss.backward()
-        optimizer.step()
-
-    fixed = draw()
-    with autocast, torch.no_grad():
-        leaves = {name: value.detach().requires_grad_() for name, value in network(fixed.image, fixed.mask).items()}
-
-    def infer() -> None:
-        with autocast, torch.inference_mode():
-            network(fixed.image[:1], fixed.mask[:1])
-
     if device == "cuda":
         torch.cuda.reset_peak_memory_stats()
-    whole, relit = clock(lambda: step(draw())), clock(draw)
-    memory = (
-        torch.cuda.max_memory_allocated()
-        if device == "cuda"
-        else 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    )
-    lost = clock(lambda: total(leaves, fixed).backward())
-    network.eval()
+    with tempfile.TemporaryDirectory() as folder:
+        case = Case(model, size, count, precision, device, compiled, Path(folder))
+    fixed = case.draw()
+    with case.autocast, torch.no_grad():
+        found = case.network(fixed.image, fixed.mask)
+        leaves = {name: value.detach().requires_grad_() for name, value in found.items()}
+
+    def infer() -> None:
+        with case.autocast, torch.inference_mode():
+            case.network(fixed.image[:1], fixed.mask[:1])
+
+    whole, relit = clock(case.step), clock(case.draw)
+    memory = peak(device)
+    lost = clock(lambda: case.total(leaves, fixed).backward())
+    case.network.eval()
     one, macs, rate = clock(infer), multiply_adds(model, size), matmul_rate(clock, device, precision)
     cells = [
-        case,
+        text,
         f"{1e3 * whole:.1f}",
         f"{count / whole:.2f}",
         f"{6 * macs * count / whole / 1e9:.0f}",
@@ -169,6 +164,38 @@ def measure(case: str, device: str, clock: Clock, compiled: bool) -> None:
     print("| " + " | ".join(cells) + " |", flush=True)
 
 
+def peak(device: str) -> int:
+    """Most bytes in use so far: of this process, or of what torch holds on the GPU."""
+    if device == "cuda":
+        return torch.cuda.max_memory_allocated()
+    return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+
+
+def memory(scale: str, device: str) -> str:
+    """A row: what two steps of a preset's training take, in a process that has done nothing else."""
+    before = peak(device)
+    cfg = OmegaConf.to_object(composed([f"scale={scale}"]))
+    with tempfile.TemporaryDirectory() as folder:
+        case = Case(
+            cfg.model, cfg.bake.size, cfg.train.batch, cfg.train.precision, device, cfg.train.compile, Path(folder)
+        )
+    for _ in range(2):
+        case.step()
+    stored = sum(
+        v.nbytes for v in vars(case.data).values() if isinstance(v, torch.Tensor) and len(v) >= len(case.data.pixel)
+    )
+    pixels = cfg.figures.count * SHARE * cfg.bake.size**2
+    cells = [
+        f"`{scale}`",
+        f"{cfg.bake.size} px, {cfg.model.width:g}, {cfg.train.batch}, {cfg.train.precision}",
+        f"{sum(p.numel() for p in case.network.parameters()) / 1e6:.1f} M",
+        f"{(peak(device) - before) / 2**30:.2f}",
+        f"{before / 2**30:.2f}",
+        f"{stored / len(case.data.pixel) * pixels / 2**30:.2f}",
+    ]
+    return "| " + " | ".join(cells) + " |"
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--device", choices=["cpu", "cuda"], default="cpu")
@@ -176,11 +203,19 @@ def main() -> None:
     parser.add_argument("--cases", nargs="+", metavar="SIZE:WIDTH:BATCH:PRECISION", help="f32 or bf16")
     parser.add_argument("--seconds", type=float, default=5.0, help="spent on each measurement at least")
     parser.add_argument("--compile", action="store_true", help="torch.compile the network")
+    parser.add_argument("--memory", nargs="+", metavar="SCALE", help="only the peak memory of these presets' training")
     options = parser.parse_args()
+    if options.memory:
+        print("| preset | size, width, batch, precision | parameters | step, GiB | process, GiB | packed set, GiB |")
+        print("|---" * 6 + "|")
+        for scale in options.memory:
+            with ProcessPoolExecutor(1, get_context("spawn")) as fresh:
+                print(fresh.submit(memory, scale, options.device).result(), flush=True)
+        return
     torch.set_num_threads(options.threads)
     torch.backends.cudnn.benchmark = True
     clock = Clock(options.device, options.threads, options.seconds)
-    for precision in TYPES:
+    for precision in ("f32", "bf16"):
         print(f"matrix products, {precision}: {matmul_rate(clock, options.device, precision) / 1e9:.0f} GFLOP/s")
     print("| case | ms/step | images/s | GFLOP/s | share | data | losses | inference ms | its share | peak GiB |")
     print("|---" * 10 + "|")

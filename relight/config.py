@@ -187,6 +187,22 @@ class Evaluate:
 
 
 @dataclass
+class Trace:
+    figures: int = MISSING  # test figures that are path traced
+    samples: int = MISSING  # paths per pixel
+    bounces: int = MISSING  # of interreflection
+    seed: int = MISSING
+    version: int = MISSING
+
+
+@dataclass
+class Timing:
+    sizes: list[int] = MISSING  # pixels
+    seconds: float = MISSING  # spent on each measurement at least
+    version: int = MISSING
+
+
+@dataclass
 class Experiment:
     """A question: some runs of the sweep, what they are scored on, and a section of the report."""
 
@@ -225,6 +241,8 @@ class Config:
     loss: Loss = field(default_factory=Loss)
     train: Train = field(default_factory=Train)
     evaluate: Evaluate = field(default_factory=Evaluate)
+    trace: Trace = field(default_factory=Trace)
+    timing: Timing = field(default_factory=Timing)
     sweep: Sweep = field(default_factory=Sweep)
     experiments: dict[str, Experiment] = field(default_factory=dict)
     track: Track = field(default_factory=Track)
@@ -248,6 +266,10 @@ READS = {
     "plates": ("evaluate",),
     "sheets": ("evaluate",),
     "viewer": ("name",),
+    "light_transfer": ("evaluate",),
+    "trace": ("evaluate", "trace", "panoramas", "bake.order", "bake.rays"),
+    "path_traced": ("evaluate",),
+    "inference_time": ("model", "timing"),
     "report": ("evaluate", "name"),
 }
 
@@ -291,6 +313,9 @@ LEAST = {
     "train.figures": 1,
     "train.epoch": 1,
     "evaluate.bootstrap": 1,
+    "trace.figures": 1,
+    "trace.samples": 2,
+    "trace.bounces": 0,
 }
 CHOICES = {
     "figures.source": ("generated", "scans"),
@@ -331,6 +356,10 @@ RULES = {
     "split.test": (lambda value: 0 < value < 1, "must lie between 0 and 1"),
     "split.least": (lambda value: 0 <= value <= 1, "must lie in [0, 1]"),
     "align.padding": (lambda value: 0 <= value < 0.5, "must lie in [0, 0.5)"),
+    "timing.sizes": (
+        lambda value: len(value) > 0 and all(size > 0 and size % 64 == 0 for size in value),
+        "must be multiples of 64",
+    ),
     "model.dropout": (lambda value: 0 <= value < 1, "must lie in [0, 1)"),
     "name": (lambda value: re.fullmatch(r"[A-Za-z0-9._-]+", value), "may hold letters, digits, '.', '_' and '-' only"),
 }

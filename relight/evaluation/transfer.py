@@ -51,12 +51,13 @@ class Side:
     def maps(self, step: int, count: int) -> tuple[np.ndarray, np.ndarray]:
         """Albedo (N,P,3) and transport (N,P,K) whose row k was inferred under light k - step."""
         one = self.inferred
+        albedo = self.truth.maps["albedo"] if one.albedo is None else one.albedo
         transport = one.transport * one.ao[..., None] if one.occlude else one.transport
-        return tuple(np.roll(np.broadcast_to(v, (count, *v.shape[1:])), step, 0) for v in (one.albedo, transport))
+        return tuple(np.roll(np.broadcast_to(v, (count, *v.shape[1:])), step, 0) for v in (albedo, transport))
 
     @property
     def true_maps(self) -> tuple[np.ndarray, np.ndarray]:
-        return self.truth.maps["albedo"], self.truth.maps["transport"]
+        return self.truth.maps["albedo"], self.truth.transport
 
 
 def evaluate_transfer(
@@ -117,7 +118,8 @@ def swapped(a: Side, b: Side, mean: np.ndarray, step: int) -> dict[str, tuple[np
 
     Row k is to show a under light k. a was seen under light k - step (cyclic), its partner b under light k itself.
     """
-    true, found = a.truth.lights, b.inferred.light
+    true = a.truth.lights
+    found = true if b.inferred.light is None else b.inferred.light
     own, given = a.maps(step, len(true)), a.true_maps
     put = {
         "": (own, found),

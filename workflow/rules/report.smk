@@ -90,14 +90,17 @@ rule report:
         lights=f"{OUT}/report/lights.png",
         occlusion=f"{OUT}/report/occlusion.csv",
         histogram=f"{OUT}/report/occlusion.png",
+        own=OWN_RESULTS,
     output:
         page=report(
             f"{OUT}/report/report.html",
             category="Report",
             caption="../report/page.rst",
         ),
-        errors=f"{OUT}/report/errors.png",
-        curves=f"{OUT}/report/curves.png",
+        charts=expand(
+            f"{OUT}/report/{{chart}}.png",
+            chart=["errors", "curves"] if PLAN.tables else [],
+        ),
     log:
         f"{OUT}/log/report.log",
     shell:

@@ -14,10 +14,11 @@ from relight.evaluation.report.results import Results
 def build_report(name: str, settings: config.Evaluate, experiments: Path, folder: Path, out: Path) -> None:
     """Writes the page of the run `name` to `out`, with its pictures beside it; folder: results/<name>."""
     results = Results(folder, settings, experiments)
+    compared = results.tables  # none where all experiments have stages of their own
     sections = [
-        Section("What came out", verdict(results)),
+        *([Section("What came out", verdict(results))] if compared else []),
         *(section(results, experiment) for experiment in results.experiments),
-        Section("Training", training(results, out)),
+        *([Section("Training", training(results, out))] if compared else []),
         Section("Figures", data.figures(results)),
         Section("Lights", data.lights(results)),
         Section("Cost and settings", data.costs(results)),

@@ -7,6 +7,7 @@ from relight.evaluation.metrics import COLUMNS
 from relight.evaluation.page import Section, fold, picture, prose
 from relight.evaluation.plots import plot_axis
 from relight.evaluation.report import axes, conditions, inputs
+from relight.evaluation.report.own import SECTIONS
 from relight.evaluation.report.results import Results
 from relight.evaluation.tables import Table, titled
 
@@ -21,8 +22,6 @@ PARAGRAPHS: dict[str, Callable[[Results, str], str]] = {
     "data_size": axes.along,
     "width": axes.along,
 }
-# The whole section of an experiment that is no table of trainings.
-SECTIONS: dict[str, Callable[[Results, str], Section]] = {}
 ONCE = "One training a row: what follows speaks of these networks on other figures, not of another training."
 
 

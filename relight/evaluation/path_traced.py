@@ -1,0 +1,222 @@
+"""Relit pictures against path tracing (paper, section 7.2 and its supplement), their difference told by its causes.
+
+Between what a network relights and a path tracing of the same mesh in the whole panorama stands a chain of pictures.
+Each differs from the next by one cause, which has its name:
+
+    network          albedo^ * max(T^.L, 0), what the network infers, relit
+    clipping         albedo * max(T.L, 0), the true maps relit: what a network is scored against elsewhere
+    sampling         albedo * T.L: a light of few coefficients may bring it below 0
+    baker            the same as the mean over the pixel's area: maps hold what is at its centre
+    truncation       path traced in the panorama cut to the order of T and L
+    interreflection  path traced in the whole panorama, with light from the sky alone
+    (the end)        path traced with interreflection
+
+The mean product of the differences of two independent renderings is free of the noise that one square would hold.
+"""
+
+import csv
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from relight import config
+from relight.evaluation.evaluate import infer, load, truth
+from relight.evaluation.metrics import Inferred, Truth, shade
+from relight.evaluation.panel import Cell, Line, draw_panel
+from relight.evaluation.plain import Plain
+from relight.evaluation.plates import Subject, subject
+from relight.evaluation.statistics import estimate, resample_weights
+from relight.evaluation.tables import LABELS
+from relight.evaluation.tracing import Scene, read_scenes
+from relight.evaluation.transfer import spread
+from relight.files import UserError, existing, whole
+from relight.learning.data import RelitSet
+from relight.progress import progress
+from relight.sh.irradiance import unoccluded
+
+CAUSES = {
+    "network": "what the network infers",
+    "clipping": "shading below 0 cut off",
+    "sampling": "one place per pixel in place of its area",
+    "baker": "transport: baked, not traced",
+    "truncation": "light cut to the order of the transport",
+    "interreflection": "no light from surface to surface",
+}
+ANSWERS = {
+    "truth": "true maps",
+    "ao_occlusion": "true normals and AO",
+    "no_occlusion": "true normals without occlusion",
+    "as_it_is": "the picture as it is",
+}
+COLUMNS = ("rmse", "relative", "bias")
+WORST = 0.3  # error of a picture (vector norm) at the dark end of the scale
+
+
+@dataclass
+class Chain:
+    """The pictures of one scene, (P,3), or (2,P,3) where they are traced; own: answers by name."""
+
+    scene: Scene
+    truth: Truth
+    albedo: np.ndarray
+    own: dict[str, np.ndarray] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, data: RelitSet, scene: Scene) -> "Chain":
+        """The chain without networks. UserError when the scene was traced with other maps or at another order."""
+        true = truth(data, scene.figure, np.array([scene.seen]))
+        albedo, transport = true.maps["albedo"][0], true.transport[0]
+        if len(albedo) != len(scene.area) or transport.shape[1] != len(scene.light):
+            raise UserError(f"{data.names[scene.figure]} was traced with other maps than these: trace it again")
+        normal, ao, light = true.maps["normal"][0], true.maps["ao"][0], scene.light
+        open_sky = unoccluded(normal, round(len(light) ** 0.5) - 1)
+        own = {
+            "truth": albedo * shade(transport, light),
+            "ao_occlusion": albedo * shade(open_sky * ao, light),
+            "no_occlusion": albedo * shade(open_sky, light),
+            "as_it_is": true.maps["reconstruction"][0],
+        }
+        return cls(scene, true, albedo, own)
+
+    def steps(self) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
+        """Cause, picture before it and after it, for all causes but the network."""
+        s, transport = self.scene, self.truth.transport[0]
+        pictures = [self.own["truth"]]
+        pictures += [self.albedo * values for values in (transport @ s.light, s.area, s.cut, s.direct, s.full)]
+        yield from zip(list(CAUSES)[1:], pictures, pictures[1:])
+
+    def relight(self, inferred: Inferred) -> np.ndarray:
+        """The picture (P,3) of what was inferred under one light, under the new one; albedo is true where none was."""
+        transport = inferred.transport * inferred.ao[..., None] if inferred.occlude else inferred.transport
+        albedo = self.albedo if inferred.albedo is None else inferred.albedo[0]
+        return albedo * shade(transport, self.scene.light)[0]
+
+    @property
+    def full(self) -> np.ndarray:
+        """The end of the chain, made twice (2,P,3)."""
+        return self.albedo * self.scene.full
+
+    def measured(self, before: np.ndarray, after: np.ndarray) -> list[float]:
+        """rmse (of the vector norm), the same over the root mean square of the traced picture, and the mean of the
+        difference over the mean of the traced picture; traced noise cancels out of all three but for chance."""
+        first, second = np.broadcast_to(before - after, self.full.shape)
+        rmse = np.sqrt(max((first * second).sum(-1).mean(), 0))
+        level = np.sqrt((self.full[0] * self.full[1]).sum(-1).mean())
+        return [rmse, rmse / level, (before - after).mean() / self.full.mean()]
+
+
+def evaluate_traced(
+    networks: dict[str, Path], packed: Path, lights: Path, traced: Path, settings: config.Evaluate, out: Path
+) -> None:
+    """Writes a CSV: kind (cause | answer), name, figure, light, then COLUMNS.
+
+    An answer is a whole picture against the path tracing with interreflection: of ANSWERS, or of a network
+    (`row.s<seed>` -> checkpoint); a cause is a step of the chain, the network's being `network:row.s<seed>`.
+    """
+    rows: list[list] = []
+    known: set[int] = set()
+    for name, checkpoint in progress(list(networks.items()), "networks against path tracing"):
+        network, data = load(checkpoint, packed, lights, settings)
+        for place, scene in enumerate(read_scenes(traced)):
+            chain, key = Chain.of(data, scene), [data.names[scene.figure], scene.new]
+            relit = chain.relight(infer(network, data, scene.figure, np.array([scene.seen])))
+            made = [("answer", name, relit, chain.full), ("cause", f"network:{name}", relit, chain.own["truth"])]
+            if place not in known:
+                known.add(place)
+                made += [("answer", answer, chain.own[answer], chain.full) for answer in ANSWERS]
+                made += [("cause", *step) for step in chain.steps()]
+            rows += [[kind, label, *key, *chain.measured(before, after)] for kind, label, before, after in made]
+    with whole(out) as tmp, open(tmp, "w", newline="") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(["kind", "name", "figure", "light", *COLUMNS])
+        writer.writerows([*row[:4], *(f"{value:.6g}" for value in row[4:])] for row in rows)
+
+
+def traced_tables(path: Path, settings: config.Evaluate) -> dict[str, Plain]:
+    """The causes and the answers of a CSV of `evaluate_traced`, as tables; the trainings of a row are averaged."""
+    with open(existing(path, "scores against path tracing"), newline="") as file:
+        found = list(csv.DictReader(file))
+    if not found or list(found[0]) != ["kind", "name", "figure", "light", *COLUMNS]:
+        raise UserError(f"{path} is not a table of errors against path tracing")
+    figures = list(dict.fromkeys(row["figure"] for row in found))
+    weights = resample_weights(len(figures), settings.bootstrap, settings.seed)
+
+    def lines(kind: str, labels: dict[str, str]) -> list[list]:
+        """A row per name, networks by row, in the order of `labels`."""
+        values: dict[str, list[list[float]]] = {}
+        for one in found:
+            if one["kind"] == kind:
+                label = labels[re.sub(r"\.s\d+$", "", one["name"])]
+                values.setdefault(label, []).append([100 * float(one[column]) for column in COLUMNS])
+        made = []
+        for label in (label for label in labels.values() if label in values):
+            numbers = np.array(values[label]).reshape(-1, len(figures), len(COLUMNS))
+            estimates = [estimate(numbers[..., i], weights, settings.seed + i) for i in range(len(COLUMNS))]
+            estimates[0] = estimate(numbers[..., 0] / 100, weights, settings.seed)
+            made.append([label, *estimates])
+        return made
+
+    rows = dict.fromkeys(re.sub(r"\.s\d+$", "", row["name"]) for row in found if row["kind"] == "answer")
+    networks = {row: LABELS.get(row, row) for row in rows if row not in ANSWERS}
+    causes = {f"network:{row}": f"{CAUSES['network']}: {label}" for row, label in networks.items()}
+    causes |= {name: words for name, words in CAUSES.items() if name != "network"}
+    heads = {"": None, "RMSE": 4, "relative, %": 1, "mean, %": 1}
+    many = f"Means over {len(figures)} relit test figures, ± half the 95 % interval (bootstrap over figures). "
+    units = (
+        "RMSE is over the mask, of the vector norm; relative is that over the root mean square of the traced picture; "
+        "mean is the mean difference over the mean of the traced picture. The tracer's noise is taken out."
+    )
+    first = many + "Each cause is the difference of two neighbours in the chain of pictures; " + units
+    second = many + "Whole pictures against path tracing with interreflection; " + units
+    answers = lines("answer", {**networks, **ANSWERS})
+    apart = frozenset(range(len(answers) - len(ANSWERS), len(answers)))
+    return {
+        "path_traced_causes": Plain(
+            "What lies between a relit picture and path tracing", heads, lines("cause", causes), first
+        ),
+        "path_traced": Plain("Relit pictures against path tracing", heads, answers, second, apart),
+    }
+
+
+def traced_plate(
+    networks: dict[str, Path], packed: Path, lights: Path, traced: Path, settings: config.Evaluate, out: Path
+) -> None:
+    """Draws up to `settings.plates` of the traced figures as a PNG: the input, relit by each network and by the true
+    maps, and path traced; then the errors of these against the traced picture, and what interreflection adds to it."""
+    chains: list[Chain] = []
+    subjects: list[Subject] = []
+    relit: list[list[np.ndarray]] = []
+    linear = False
+    for checkpoint in networks.values():
+        network, data = load(checkpoint, packed, lights, settings)
+        if not chains:
+            linear = data.color == "photo"
+            chains = [Chain.of(data, scene) for scene in spread(read_scenes(traced), settings.plates)]
+            subjects = [subject(data, c.scene.figure, np.array([c.scene.seen])) for c in chains]
+            relit = [[] for _ in chains]
+        for chain, pictures in zip(chains, relit):
+            said = infer(network, data, chain.scene.figure, np.array([chain.scene.seen]))
+            pictures.append(chain.relight(said))
+    lines = [Line(s.name, s, cells(chain, pictures)) for s, chain, pictures in zip(subjects, chains, relit)]
+    labels = [LABELS.get(name, name) for name in networks]
+    heads = ["input", *(f"relit by {label}" for label in labels), "true maps, relit", "path traced"]
+    heads += [*(f"error of {label}" for label in labels), "error of the true maps", "inter-reflection"]
+    words = (
+        "Relit by the panorama of a test light, whose sphere stands in the corner as networks and maps know it, by its "
+        "coefficients. Errors are against the path traced picture and hold its noise."
+    )
+    draw_panel(heads, lines, linear, WORST, words).save(out)
+
+
+def cells(chain: Chain, relit: list[np.ndarray]) -> list[Cell]:
+    """A row of the plate."""
+    goal, true, light = chain.full.mean(0), chain.own["truth"], chain.scene.light
+    direct = chain.albedo * chain.scene.direct.mean(0)
+    return [
+        Cell(chain.own["as_it_is"], light=chain.truth.lights[0]),
+        *(Cell(picture, light=light) for picture in [*relit, true, goal]),
+        *(Cell(error=np.linalg.norm(picture - goal, axis=-1)) for picture in [*relit, true, direct]),
+    ]

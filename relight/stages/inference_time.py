@@ -1,0 +1,17 @@
+"""Times the network of one row, untrained."""
+
+from pathlib import Path
+
+from relight.config import Model, Timing
+from relight.stages.stage import stage
+
+
+@stage("inference_time", row="its name in the table", out="times (.csv)")
+def main(model: Model, timing: Timing, row: Path, out: Path) -> None:
+    from relight.evaluation.timing import time_networks
+
+    time_networks({row.name: model}, timing, out)
+
+
+if __name__ == "__main__":
+    main.cli()

@@ -1,0 +1,35 @@
+"""Path traces some test figures in the panoramas of test lights."""
+
+from pathlib import Path
+
+from relight.config import Evaluate, Panoramas, Trace
+from relight.stages.stage import stage
+
+
+@stage(
+    "trace",
+    packed="packed set (.safetensors)",
+    lights="lights (.npz)",
+    split="split (.json)",
+    meshes="folder of aligned meshes",
+    out="traced irradiance (.npz)",
+)
+def main(
+    evaluate: Evaluate,
+    trace: Trace,
+    panoramas: Panoramas,
+    order: int,
+    rays: int,
+    packed: Path,
+    lights: Path,
+    split: Path,
+    meshes: Path,
+    out: Path,
+) -> None:
+    from relight.evaluation import tracing
+
+    tracing.trace(packed, lights, split, meshes, panoramas, evaluate, trace, order, rays, out)
+
+
+if __name__ == "__main__":
+    main.cli()

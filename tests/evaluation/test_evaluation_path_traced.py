@@ -1,0 +1,190 @@
+"""Relit pictures against path tracing: chains whose causes are known, and a ball, which lights itself not at all."""
+
+import csv
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+from PIL import Image
+
+from relight.config import Evaluate, Panoramas, Trace
+from relight.evaluation.evaluate import infer, load
+from relight.evaluation.path_traced import ANSWERS, CAUSES, Chain, evaluate_traced, traced_plate, traced_tables
+from relight.evaluation.tracing import Scene, read_scenes, sky_of, trace
+from relight.files import UserError
+from relight.learning.data import RelitSet
+from relight.lights.chain import generated_light
+from relight.lights.table import LightSet, save
+from relight.lights.table import load as load_lights
+from relight.maps.exr import write_maps
+from relight.maps.packed import pack
+from relight.meshes.mesh import Material, Mesh
+from relight.sh.basis import basis
+from relight.transport.bake import bake
+from relight.transport.tracer import sky_directions, sky_weights
+
+GENERATED = Panoramas("generated", None, 3, 0, 0, "auto", 20.0, True, 1)
+
+
+@pytest.fixture(scope="module")
+def data(world):
+    return RelitSet(world.packed, world.lights, 2, "paper")
+
+
+def scene_of(data, figure, seen, new, **changed):
+    """A scene in which every picture of the chain is the same, but for what is `changed`."""
+    start, count = int(data.offset[figure]), int(data.counts[figure])
+    light = data.lights[new].numpy()
+    lit = data.transport[start : start + count].float().numpy() @ light
+    arrays = {"area": lit, "cut": np.stack([lit] * 2), "direct": np.stack([lit] * 2), "full": np.stack([lit] * 2)}
+    return Scene(figure, seen, new, light, **{**arrays, **changed})
+
+
+def test_each_cause_is_told_apart(data):
+    """0.1, .2, .3 on all channels, one after the other, are all that their causes find."""
+    plain = scene_of(data, 3, 4, 5)
+    rng = np.random.default_rng(0)
+
+    def noisy(values):
+        return values + rng.normal(0, 2, (2, *values.shape[-2:]))
+
+    scene = scene_of(data, 3, 4, 5, cut=plain.cut + 0.1, direct=plain.direct + 0.3, full=plain.full + 0.6)
+    chain = Chain.of(data, scene)
+    norm = np.sqrt((chain.albedo**2).sum(-1).mean())
+    wanted = {"clipping": 0, "sampling": 0, "baker": 0.1, "truncation": 0.2, "interreflection": 0.3}
+    total = 0
+    for cause, before, after in chain.steps():
+        rmse, _, bias = chain.measured(before, after)
+        assert rmse == pytest.approx(wanted[cause] * norm, abs=1e-5), cause
+        assert bias < 0 or wanted[cause] == 0
+        total = total + (before - after).mean()
+    assert total == pytest.approx((chain.own["truth"] - chain.full).mean(), rel=1e-4)
+    loud = Chain.of(data, scene_of(data, 3, 4, 5, direct=noisy(plain.direct), full=noisy(plain.full + 0.3)))
+    steps = {cause: loud.measured(before, after)[0] for cause, before, after in loud.steps()}
+    assert steps["interreflection"] < 0.5 and np.sqrt(8) * norm > 1  # noise of that size, were it left in
+
+
+def test_a_light_below_zero_is_cut_off(data):
+    light = data.lights[5].numpy().copy()
+    light[2] -= 2  # from behind
+    chain = Chain.of(data, scene_of(data, 3, 4, 5))
+    chain.scene.light = light
+    chain.own["truth"] = chain.albedo * np.maximum(chain.truth.transport[0] @ light, 0)
+    cause, before, after = next(chain.steps())
+    assert cause == "clipping" and (before >= after).all() and (before > after).any()
+
+
+def test_scores_tables_and_pictures(world, data, small_network, tmp_path):
+    networks = {}
+    for name in ("ours", "sfsnet_ao"):
+        networks[f"{name}.s0"] = tmp_path / f"{name}.safetensors"
+        small_network(networks[f"{name}.s0"], name, "paper")
+    scenes = [scene_of(data, figure, 4, 5) for figure in (3, 4)]
+    scenes[0].full = scenes[0].full * 1.1
+    arrays = {f"{i}.{name}": value for i, scene in enumerate(scenes) for name, value in vars(scene).items()}
+    np.savez(tmp_path / "traced.npz", **arrays)
+    given = world.packed, world.lights, tmp_path / "traced.npz", world.settings
+    evaluate_traced(networks, *given, tmp_path / "scores.csv")
+    with open(tmp_path / "scores.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 2 * (len(ANSWERS) + len(CAUSES) - 1 + 2 * len(networks))
+    found = {(row["kind"], row["name"], row["figure"]): row for row in rows}
+    assert float(found["answer", "truth", "snowman03"]["relative"]) == pytest.approx(0.1 / 1.1, rel=1e-3)
+    assert float(found["answer", "truth", "snowman03"]["bias"]) == pytest.approx(-0.1 / 1.1, rel=1e-3)
+    assert float(found["answer", "truth", "snowman04"]["rmse"]) < 1e-6
+    for name, path in networks.items():
+        network, own = load(path, world.packed, world.lights, world.settings)
+        said = infer(network, own, 4, np.array([4]))
+        transport = said.transport[0] * (said.ao[0][:, None] if said.occlude else 1)
+        relit = said.albedo[0] * np.maximum(transport @ scenes[1].light, 0)
+        chain = Chain.of(own, scenes[1])
+        rmse = np.sqrt(((relit - chain.own["truth"]) ** 2).sum(-1).mean())
+        for kind, label in (("answer", name), ("cause", f"network:{name}")):
+            assert float(found[kind, label, "snowman04"]["rmse"]) == pytest.approx(rmse, rel=1e-4)
+    tables = traced_tables(tmp_path / "scores.csv", world.settings)
+    assert [row[0] for row in tables["path_traced"].rows] == ["ours", "SfSNet-AO", *ANSWERS.values()]
+    assert len(tables["path_traced_causes"].rows) == len(CAUSES) - 1 + len(networks)
+    assert tables["path_traced"].rows[2][2].mean == pytest.approx(50 * 0.1 / 1.1, rel=1e-2)  # percent, of two figures
+    traced_plate({name.partition(".")[0]: path for name, path in networks.items()}, *given, tmp_path / "plate.png")
+    assert Image.open(tmp_path / "plate.png").height > 600
+
+
+def test_another_data_set_is_refused(data, world, tmp_path):
+    scene = scene_of(data, 3, 4, 5)
+    scene.area = scene.area[1:]
+    with pytest.raises(UserError, match="trace it again"):
+        Chain.of(data, scene)
+    (tmp_path / "notes.npz").write_text("no")
+    with pytest.raises(UserError, match="relight-trace"):
+        read_scenes(tmp_path / "notes.npz")
+    (tmp_path / "notes.csv").write_text("a,b\n1,2\n")
+    with pytest.raises(UserError, match="not a table"):
+        traced_tables(tmp_path / "notes.csv", world.settings)
+
+
+@pytest.fixture(scope="module")
+def rooms(tmp_path_factory):
+    """A light set of three generated rooms, turned and scaled."""
+    yaw, scale = np.array([0.0, 70, 190]), np.array([1.0, 2, 0.5])
+    turned = [generated_light(f"room:{i}", 2, yaw=20 + yaw[i], flip=True) * scale[i] for i in range(3)]
+    table = LightSet(
+        coefficients=np.array(turned, np.float32),
+        split=np.array(["train", "test", "test"]),
+        source=np.array([f"room:{i}" for i in range(3)]),
+        yaw=yaw,
+        seed=np.arange(3),
+        scale=scale,
+        cluster=np.arange(3),
+        reason=np.array([""] * 3),
+    )
+    path = tmp_path_factory.mktemp("rooms") / "lights.npz"
+    save(table, path)
+    return path
+
+
+def test_the_sky_is_that_of_the_light(rooms):
+    table = load_lights(rooms)
+    sky = sky_of(table, 1, GENERATED)
+    light = np.einsum("hw,hwk,hwc->kc", sky_weights(), basis(sky_directions()), sky)
+    assert np.linalg.norm(light - table.coefficients[1]) < 5e-3 * np.linalg.norm(light)
+    with pytest.raises(UserError, match=r"lost\.hdr"):
+        sky_of(replace(table, source=np.array(["room:0", "lost.hdr", "room:2"])), 1, GENERATED)
+
+
+def test_a_ball_is_traced(rooms, tmp_path):
+    """Convex, so nothing is occluded and nothing reflects on it: only the truncation is left."""
+    pytest.importorskip("mitsuba")
+    for i, radius in enumerate((0.6, 0.8)):
+        ball = trimesh.creation.icosphere(subdivisions=5)
+        mesh = Mesh(
+            vertices=(ball.vertices * radius).astype(np.float32),
+            faces=ball.faces.astype(np.int32),
+            uv=np.zeros((len(ball.faces), 3, 2), np.float32),
+            material=np.zeros(len(ball.faces), np.int16),
+            materials=[Material(np.float32([0.6, 0.4, 0.2]))],
+            info={"name": f"ball{i}", "subject": f"ball{i}"},
+        )
+        mesh.save(tmp_path / f"ball{i}.npz")
+        write_maps(tmp_path / f"ball{i}.exr", bake(mesh, 64, 32))
+    pack([tmp_path / f"ball{i}.exr" for i in range(2)], tmp_path / "packed.safetensors")
+    (tmp_path / "split.json").write_text('{"train": ["ball0"], "test": ["ball1"], "sitting": []}')
+    paths = tmp_path / "packed.safetensors", rooms, tmp_path / "split.json", tmp_path
+    settings = Evaluate(bootstrap=10, plates=1, sheet=1, lights="test", device="cpu", seed=0, version=1)
+    trace(*paths, GENERATED, settings, Trace(1, 64, 2, 0, 1), 2, 32, tmp_path / "traced.npz")
+    (scene,) = read_scenes(tmp_path / "traced.npz")
+    assert (scene.seen, scene.new) == (1, 2)
+    chain = Chain.of(RelitSet(*paths[:2], 2, "paper"), scene)
+    relative = {cause: chain.measured(before, after)[1:] for cause, before, after in chain.steps()}
+    assert abs(relative["baker"][1]) < 0.01 and relative["baker"][0] < 0.03
+    assert abs(relative["interreflection"][1]) < 0.01 and relative["interreflection"][0] < 0.03
+    assert relative["truncation"][0] > 0.01
+
+
+def test_without_mitsuba_one_sentence_says_so(monkeypatch):
+    from relight.transport.tracer import mitsuba
+
+    monkeypatch.setitem(sys.modules, "mitsuba", None)
+    with pytest.raises(UserError, match="pip install mitsuba"):
+        mitsuba()

@@ -1,0 +1,115 @@
+# Experiments that are no table of trainings: each has stages of its own, and rows that say which networks they use.
+def networks_of(experiment):
+    """All trainings of an experiment's rows."""
+    if experiment not in PLAN.experiments:
+        return []
+    rows = PLAN.experiments[experiment].rows
+    return [PLAN.network(run) for row in rows for run in PLAN.of_row(row)]
+
+
+TEST_SPLIT = f"{OUT}/split/{PLAN.cfg.split.kind}.json"
+
+
+rule light_transfer:
+    input:
+        cfg=settings("light_transfer"),
+        experiments=f"{OUT}/config/experiments.json",
+        networks=networks_of("light_transfer"),
+        packed=f"{OUT}/packed.safetensors",
+        split=TEST_SPLIT,
+        lights=f"{OUT}/lights/lights.npz",
+    output:
+        scores=f"{OUT}/light_transfer/scores.csv",
+        plate=f"{OUT}/light_transfer/swaps.png",
+    log:
+        f"{OUT}/log/light_transfer.log",
+    resources:
+        mem_mb=8000,
+        gpu=PLAN.gpus,
+    shell:
+        command("light_transfer")
+        + f"io.experiments={{input.experiments}} io.networks={OUT}/train io.packed={{input.packed}} "
+        + "io.lights={input.lights} io.split={input.split} io.out={output.scores} io.plate={output.plate}"
+        + LOGGED
+
+
+rule trace:
+    input:
+        cfg=settings("trace"),
+        packed=f"{OUT}/packed.safetensors",
+        split=TEST_SPLIT,
+        lights=f"{OUT}/lights/lights.npz",
+        meshes=expand(f"{OUT}/aligned/{{figure}}.npz", figure=PLAN.figures),
+    output:
+        f"{OUT}/path_traced/traced.npz",
+    log:
+        f"{OUT}/log/trace.log",
+    benchmark:
+        f"{OUT}/benchmark/trace/all.tsv"
+    threads: workflow.cores
+    resources:
+        mem_mb=8000,
+    shell:
+        command("trace")
+        + "io.packed={input.packed} io.split={input.split} io.lights={input.lights} "
+        + f"io.meshes={OUT}/aligned io.out={{output}}"
+        + LOGGED
+
+
+rule path_traced:
+    input:
+        cfg=settings("path_traced"),
+        experiments=f"{OUT}/config/experiments.json",
+        networks=networks_of("path_traced"),
+        packed=f"{OUT}/packed.safetensors",
+        lights=f"{OUT}/lights/lights.npz",
+        traced=f"{OUT}/path_traced/traced.npz",
+    output:
+        scores=f"{OUT}/path_traced/scores.csv",
+        plate=f"{OUT}/path_traced/pictures.png",
+    log:
+        f"{OUT}/log/path_traced.log",
+    resources:
+        mem_mb=8000,
+        gpu=PLAN.gpus,
+    shell:
+        command("path_traced")
+        + f"io.experiments={{input.experiments}} io.networks={OUT}/train io.packed={{input.packed}} "
+        + "io.lights={input.lights} io.traced={input.traced} io.out={output.scores} io.plate={output.plate}"
+        + LOGGED
+
+
+# It takes all cores, so that nothing of this workflow runs beside it.
+rule inference_time:
+    input:
+        cfg=settings("inference_time.{run}"),
+    output:
+        f"{OUT}/inference_time/{{run}}.csv",
+    log:
+        f"{OUT}/log/inference_time/{{run}}.log",
+    threads: workflow.cores
+    resources:
+        mem_mb=8000,
+        gpu=PLAN.gpus,
+    params:
+        row=lambda wildcards: PLAN.runs[wildcards.run][0],
+    shell:
+        command("inference_time") + "io.row={params.row} io.out={output}" + LOGGED_RUN
+
+
+def own_results(experiment):
+    """What the report needs of an experiment that has stages of its own."""
+    if experiment == "light_transfer":
+        return rules.light_transfer.output
+    if experiment == "path_traced":
+        return rules.path_traced.output
+    rows = PLAN.experiments[experiment].rows
+    return [f"{OUT}/inference_time/{PLAN.of_row(row)[0]}.csv" for row in rows]
+
+
+OWN_RESULTS = [
+    path
+    for name, experiment in PLAN.experiments.items()
+    if not experiment.table
+    for path in own_results(name)
+]
