@@ -147,7 +147,9 @@ def panorama_of(source: str, yaw: float, panoramas: config.Panoramas) -> Panoram
 
     yaw = panoramas.yaw + yaw
     if panoramas.source == "folder":
-        return read_panorama(Path(panoramas.folder or "") / source, panoramas.layout, yaw, panoramas.flip, repair=panoramas.repair)
+        return read_panorama(
+            Path(panoramas.folder or "") / source, panoramas.layout, yaw, panoramas.flip, repair=panoramas.repair
+        )
     kind, _, seed = source.partition(":")
     if kind not in GENERATORS:
         raise UserError(f"{source}: path tracing needs the panorama of a light, and this one is in no file")
