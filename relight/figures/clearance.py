@@ -9,7 +9,7 @@ from relight.figures.body import Body
 from relight.figures.colliders import Collider
 from relight.figures.garments import Garment
 from relight.figures.layers import sided
-from relight.figures.poses import Solver, motion
+from relight.figures.poses import Solver, carried, rotation_vectors, skinned
 from relight.figures.stances import Pose
 
 LAYER = 0.005  # metres that each garment adds
@@ -45,11 +45,10 @@ def cleared(body: Body, pose: Pose, needed: tuple[float, float]) -> Pose:
     trunk = shares("root", "pelvis", "spine", "breast", "upperleg", "lowerleg") > 0.5
     solid = faces[trunk[faces].all(1)]
     for _ in range(ROUNDS):
-        way = motion(body, pose, 1)
-        skin = way.skin(weights, body.skin)
-        surface = Collider(skin, skin, solid)
         solver = Solver(body)
-        solver.solve(pose)
+        turns = carried(body, rotation_vectors(solver.solve(pose)), solver.shift)
+        skin = skinned(weights, body.skin, turns)
+        surface = Collider(skin, skin, solid)
         turn, chest = solver.placed("spine01")
         moved = {}
         for side, sign in (("left", 1), ("right", -1)):

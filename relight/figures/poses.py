@@ -24,8 +24,13 @@ class Motion:
 
     def skin(self, weights: np.ndarray, rest: np.ndarray, frame: int = -1) -> np.ndarray:
         """Linear blend skinning: weights (V,B), rest (V,3) -> (V,3) at a frame."""
-        blend = (weights @ self.transforms[frame].reshape(len(self.bones), 12)).reshape(-1, 3, 4)
-        return np.einsum("nij,nj->ni", blend[:, :, :3], rest) + blend[:, :, 3]
+        return skinned(weights, rest, self.transforms[frame])
+
+
+def skinned(weights: np.ndarray, rest: np.ndarray, transforms: np.ndarray) -> np.ndarray:
+    """Linear blend skinning: weights (V,B), rest (V,3), bone transforms (B,3,4) -> (V,3)."""
+    blend = (weights @ transforms.reshape(-1, 12)).reshape(-1, 3, 4)
+    return np.einsum("nij,nj->ni", blend[:, :, :3], rest) + blend[:, :, 3]
 
 
 def arc(a: np.ndarray, b: np.ndarray) -> Rotation:
@@ -141,6 +146,11 @@ class Solver:
         self.local[f"foot.{side}"] = before.inv() * facing * Rotation.from_euler("x", foot.pitch, degrees=True)
 
 
+def rotation_vectors(local: dict[str, Rotation]) -> np.ndarray:
+    """Of all bones (B,3), zero for those that are not turned."""
+    return np.stack([local[bone].as_rotvec() if bone in local else np.zeros(3) for bone in makehuman.rig().bones])
+
+
 def carried(body: Body, vectors: np.ndarray, shift: np.ndarray) -> np.ndarray:
     """Bone transforms (B,3,4) from the rest pose under rotation vectors (B,3) of the bones and a shift (3,) of all."""
     rig = makehuman.rig()
@@ -160,7 +170,7 @@ def motion(body: Body, pose: Pose, frames: int) -> Motion:
     rig = makehuman.rig()
     solver = Solver(body)
     local = solver.solve(pose)
-    vectors = np.stack([local[bone].as_rotvec() if bone in local else np.zeros(3) for bone in rig.bones])
+    vectors = rotation_vectors(local)
     u = np.linspace(0, 1, frames + 1)
     transforms = np.stack([carried(body, vectors * a, solver.shift * a) for a in u * u * (3 - 2 * u)])
     out = Motion(pose.name, transforms, {bone: i for i, bone in enumerate(rig.bones)})
