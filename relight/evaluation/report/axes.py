@@ -43,22 +43,13 @@ def along(results: Results, name: str) -> str:
     if len(found) < 2:
         return f"At this scale there is one {axis} only ({found[0][0]:g}): nothing can be said of its effect."
     (low, first), (before, last_but_one), (high, last) = found[0], found[-2], found[-1]
-    parts = [
-        f"The paper has one {axis}. **From {low:g} to {high:g}**: {told(paired(last, first, ERRORS, compare))}.",
-        f"The last step, {before:g} to {high:g}: {told(paired(last, last_but_one, ERRORS, compare))}. "
-        + still(last, last_but_one),
-    ]
-    return "\n\n".join(parts)
-
-
-def still(last: Row, before: Row) -> str:
-    found = outcome(paired(last, before, ERRORS, compare))
-    falling = [named(column) for column, verdict in found.items() if verdict == "better"]
-    if falling:
-        return f"More would still help: {', '.join(falling)} fell in this step."
-    return (
-        "Whether more would help, these figures cannot tell; a falling curve on the left says more than the last step."
-    )
+    text = f"The paper has one {axis}. **From {low:g} to {high:g}**: {told(paired(last, first, ERRORS, compare))}."
+    step = paired(last, last_but_one, ERRORS, compare)
+    falling = [named(column) for column, verdict in outcome(step).items() if verdict == "better"]
+    said = f"Still falling there: {', '.join(falling)}." if falling else "That more would help cannot be seen there."
+    if len(found) > 2:
+        text += f"\n\nThe last step, {before:g} to {high:g}: {told(step)}."
+    return f"{text} {said}"
 
 
 def order(results: Results, name: str) -> str:

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from relight import config
-from relight.evaluation.claims import matrix, paragraph
+from relight.evaluation.claims import claims, matrix, paragraph
 from relight.evaluation.page import Section, build_page, picture, prose
 from relight.evaluation.plots import plot_curves, plot_errors
 from relight.evaluation.report import data
@@ -34,7 +34,7 @@ def verdict(results: Results) -> str:
     """Which of the paper's orderings hold here, in words and as a table."""
     tables = [results.table(name) for name in results.tables if results.usual(name)]
     link = '<p><a href="viewer.html">Turn the light on the test figures with the mouse</a>'
-    return prose(paragraph(tables)) + matrix(tables) + link
+    return prose(paragraph(tables)) + (matrix(tables) if claims(tables) else "") + link
 
 
 def training(results: Results, out: Path) -> str:
