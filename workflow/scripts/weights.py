@@ -25,7 +25,7 @@ parameters in half precision.
 | | |
 |---|---|
 | network | `{model}`, width {width}, {size} px |
-| trained on | {figures} generated figures under {lights} generated rooms, {steps} steps of {batch} on a CPU |
+| trained on | {figures} generated figures (generator version {generator}) under {lights} generated rooms, {steps} steps of {batch} in {precision} |
 | colour | a camera's: linear light, exposed, clipped, 8-bit sRGB |
 | held out | {test_figures} figures, {test_lights} lights |
 | licence | Apache-2.0; the training data are generated from public-domain sources (docs/figures.md) |
@@ -36,8 +36,8 @@ Errors on what was held out (means over figures and lights; RMSE per pixel vecto
 |---|---|---|---|
 | {shading_rmse:.3f} | {transport_rmse:.3f} | {albedo_rmse:.3f} | {light_rmse:.3f} |
 
-Limits: the figures are synthetic, a few dozen, seen from the front, in indoor light. The maps have {size} px: finer
-folds of a photo stay in the picture by the `ratio` way of relighting, but they are not in the maps. Strong colour
+Limits: the figures are synthetic, seen from the front, in indoor light. The maps have {size} px: finer folds
+of a photo stay in the picture by the `ratio` way of relighting, but they are not in the maps. Strong colour
 casts, back light, children, several touching people and props are outside of what the network has seen; `relight photo`
 says so when the inferred light is unusual. It recognises nobody, and no photo of a real person was used.
 
@@ -61,7 +61,10 @@ def main(results: Path, run: str) -> None:
         rows = list(csv.DictReader(file))
     names = ("shading_rmse", "transport_rmse", "albedo_rmse", "light_rmse")
     split = json.loads((results / "split" / "subject.json").read_text())
+    infos = json.loads((results / "figures.json").read_text())["figures"]
     facts = {
+        "generator": " and ".join(str(version) for version in sorted({info["generator"] for info in infos.values()})),
+        "precision": made_with["train"]["precision"],
         "parameters": sum(p.numel() for p in network.parameters()) / 1e6,
         "model": made_with["model"]["name"] + (" plus" if model.refine else ""),
         "width": model.width,
