@@ -24,6 +24,7 @@ import numpy as np
 
 from relight import config
 from relight.evaluation.evaluate import infer, load, truth
+from relight.evaluation.formats import count
 from relight.evaluation.metrics import Inferred, Truth, shade
 from relight.evaluation.panel import Cell, Line, draw_panel
 from relight.evaluation.plain import Plain
@@ -164,7 +165,7 @@ def traced_tables(path: Path, settings: config.Evaluate) -> dict[str, Plain]:
     causes = {f"network:{row}": f"{CAUSES['network']}: {label}" for row, label in networks.items()}
     causes |= {name: words for name, words in CAUSES.items() if name != "network"}
     heads = {"": None, "RMSE": 4, "relative, %": 1, "mean, %": 1}
-    many = f"Means over {len(figures)} relit test figures, ± half the 95 % interval (bootstrap over figures). "
+    many = f"Means over {count(len(figures), 'relit test figure')}, ± half the 95 % interval (bootstrap over figures). "
     units = (
         "RMSE is over the mask, of the vector norm; relative is that over the root mean square of the traced picture; "
         "mean is the mean difference over the mean of the traced picture. The tracer's noise is taken out."

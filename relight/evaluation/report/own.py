@@ -12,7 +12,7 @@ from relight.evaluation.report.results import Results
 from relight.evaluation.report.words import Compared, compared, told
 from relight.evaluation.scores import Scores
 from relight.evaluation.statistics import Estimate, compare, estimate, resample_weights
-from relight.evaluation.tables import LABELS, gather, spread_of_trainings, values
+from relight.evaluation.tables import ALPHA, LABELS, gather, spread_of_trainings, values
 from relight.evaluation.timing import PRINTED, Time, read_times
 from relight.evaluation.transfer import TRIVIAL, VARIANTS
 
@@ -56,21 +56,25 @@ def swaps(row: str, found: dict[str, Estimate]) -> str:
     def against(*others: str) -> Compared:
         return {"reconstruction_rmse": compared(found[row], found[others[0]], compare)}
 
-    mean = {variant: found[f"{row}:{variant}"].mean for variant in VARIANTS if variant}
-    larger = "maps" if mean["true_light"] > mean["true_maps"] else "light"
+    def surely_more(first: str, second: str) -> bool:
+        difference = compare(found[first], found[second])
+        return difference.mean > 0 and difference.p < ALPHA
+
+    own = {variant: f"{row}:{variant}" for variant in VARIANTS}
+    mean = {variant: number(found[name].mean) for variant, name in own.items() if variant}
+    larger = "which of the two costs more cannot be told"
+    for part, first, second in (("maps", "true_light", "true_maps"), ("light", "true_maps", "true_light")):
+        if surely_more(own[first], own[second]):
+            larger = f"of the two, the {part} cost{'' if part == 'maps' else 's'} more"
     text = (
         f"**{LABELS.get(row, row)}** against the picture as it is: {told(against('as_it_is'))}. Against its own maps "
-        f"under the mean training light, for which no light need be inferred: {told(against(f'{row}:mean_light'))}. "
-        f"With the true light the error is {number(mean['true_light'])}, with the true maps "
-        f"{number(mean['true_maps'])}: of the two, the {larger} cost more. With colour and strength of the light made "
-        f"true the error is {number(mean['true_colour'])}, with its pattern made true {number(mean['true_pattern'])}"
+        f"under the mean training light, for which no light need be inferred: {told(against(own['mean_light']))}. "
+        f"With the true light the error is {mean['true_light']}, with the true maps {mean['true_maps']}: {larger}. "
+        f"With colour and strength of the light made true the error is {mean['true_colour']}, with its pattern made "
+        f"true {mean['true_pattern']}"
     )
-    worse = [
-        what
-        for what, variant in (("colour", "true_colour"), ("pattern", "true_pattern"))
-        if mean[variant] > found[row].mean
-    ]
-    if worse:
+    parts = (("colour", "true_colour"), ("pattern", "true_pattern"))
+    if worse := [what for what, variant in parts if surely_more(own[variant], row)]:
         text += f"; that a true {' or '.join(worse)} makes it worse says that maps and light make up for each other"
     return text + "."
 
