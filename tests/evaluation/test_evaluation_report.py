@@ -125,6 +125,8 @@ def test_self_supervised_measures_the_collapse(tmp_path):
         "it collapses as in the paper" in own["Everything fine-tuned"] and "share 90%" in own["Everything fine-tuned"]
     )
     assert "half of the collapse" in own["Encoder fine-tuned"]
+    rising = {"ours_full": {"albedo_share": 0.1}, "self_all": {"albedo_share": 0.3}}  # less than the true albedo has
+    assert "collapses" not in paragraph(tmp_path / "rising", "self_supervised", rising)
     assert "no collapse" in paragraph(tmp_path / "none", "self_supervised", {})
 
 

@@ -63,7 +63,8 @@ def test_an_experiment_shows_its_own_columns_and_its_rows_in_their_order():
     given = {name: [scores(name, 0, {})] for name in names}
     table = experiment_table("table2", given, {}, SETTINGS)
     assert [row.name for row in table.rows] == list(names) and "normal_rmse" not in table.columns
-    assert experiment_table("of my own", given, {}, SETTINGS).title.startswith("of my own")
+    mine = experiment_table("of my own", given, {}, SETTINGS)
+    assert mine.title.startswith("of my own") and table.printed and not mine.printed
     with pytest.raises(UserError, match="no run"):
         experiment_table("table2", {}, {}, SETTINGS)
 

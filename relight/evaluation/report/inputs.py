@@ -56,7 +56,8 @@ def self_supervised(results: Results, name: str) -> str:
     for one in (r for r in table.rows if not r.baseline and r is not base):
         flat = compared(contrast[one.name], contrast[base.name], compare)[2]
         grown = compared(share[one.name], share[base.name], compare)[2]
-        flatter, fuller = (d.p < ALPHA / 2 and s * d.mean < 0 for d, s in ((flat, 1), (grown, -1)))
+        flatter = flat.p < ALPHA / 2 and flat.mean < 0 and contrast[one.name].mean < 1
+        fuller = grown.p < ALPHA / 2 and grown.mean > 0 and share[one.name].mean > true
         said = {2: "**it collapses as in the paper**", 1: "**half of the collapse is there**", 0: "**no collapse**"}
         parts.append(
             f"**{one.label}**: contrast {number(contrast[one.name].mean)}, {signed(flat)} from that; share "

@@ -48,7 +48,7 @@ def verdict(column: str, difference: Difference, p: float) -> str:
 
 def signed(difference: Difference) -> str:
     """The interval of a difference, with signs."""
-    return " to ".join(number(end).replace("-", "−") for end in (difference.low, difference.high))
+    return " to ".join("−" * (end < 0) + number(abs(end)) for end in (difference.low, difference.high))
 
 
 def outcome(found: Compared) -> dict[str, str]:
