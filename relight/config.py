@@ -65,6 +65,7 @@ class Bake:
 class Split:
     kind: str = MISSING  # subject | paper | disjoint | siblings
     test: float = MISSING  # share of the figures
+    sitting: str = MISSING  # apart | dealt: figures that sit are neither trained nor tested on, or like the others
     least: float = MISSING  # the run ends when less than this share of the figures is usable
     seed: int = MISSING
 
@@ -321,6 +322,7 @@ CHOICES = {
     "figures.source": ("generated", "scans"),
     "figures.detail": ("draft", "full"),
     "figures.device": ("cpu", "cuda", "auto"),
+    "split.sitting": ("apart", "dealt"),
     "split.kind": ("subject", "paper", "disjoint", "siblings"),
     "panoramas.source": ("generated", "folder"),
     "lights.order": ("cut_first", "paper"),

@@ -9,7 +9,8 @@ from relight.files import UserError
 def deal(names: list[str], subjects: list[str], split: Split, sitting: set[str] = frozenset()) -> dict[str, list[str]]:
     """{"train": names, "test": names, "sitting": names}, each in the order of `names`; train and test are never empty.
 
-    Figures in `sitting` are set apart, as in the paper (section 5.1): neither trained on nor in the test. Of the others
+    Figures in `sitting` are set apart, as in the paper (section 5.1): neither trained on nor in the test; with
+    `split.sitting=dealt` there are none of these. Of the others
 
     - `subject` draws whole subjects for the test side until it holds the asked share, so no person is on both sides;
     - `paper` draws figures at random (section 5 of the paper), so frames of one person may fall on both sides;
@@ -19,6 +20,8 @@ def deal(names: list[str], subjects: list[str], split: Split, sitting: set[str] 
 
     Raises UserError when there are too few figures or subjects for that.
     """
+    if split.sitting == "dealt":
+        sitting = set()
     apart = [name for name in names if name in sitting]
     subjects = [subject for name, subject in zip(names, subjects) if name not in sitting]
     names = [name for name in names if name not in sitting]

@@ -1,5 +1,7 @@
 """Training and test figures."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -50,6 +52,12 @@ def test_sitting_figures_are_set_apart():
         parts = deal(NAMES, SUBJECTS, split(kind), sitting)
         assert parts["sitting"] == [name for name in NAMES if name in sitting]
         assert not sitting & {*parts["train"], *parts["test"]}
+
+
+@pytest.mark.parametrize("kind", ["subject", "paper"])
+def test_sitting_figures_are_dealt_where_asked(kind):
+    dealt = replace(split(kind), sitting="dealt")
+    assert deal(NAMES, SUBJECTS, dealt, set(NAMES[::7])) == deal(NAMES, SUBJECTS, split(kind))
 
 
 def test_paired_splits_differ_only_in_whether_the_person_was_seen():

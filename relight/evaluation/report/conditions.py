@@ -14,8 +14,8 @@ def sitting(results: Results, name: str) -> str:
     table, standing = results.table(name), results.table(name, usual=True)
     parts = [
         "The paper finds that poses which were never trained on come out “unexpectedly well”, by eye. Compared: "
-        f"{count(table.figures, 'sitting figure')} with {count(standing.figures, 'standing test figure')} under the same "
-        "lights (other figures on each side, so by Welch's test)."
+        f"{count(table.figures, 'sitting figure')} with {count(standing.figures, 'standing test figure')} under "
+        "the same lights (other figures on each side, so by Welch's test)."
     ]
     for one in (r for r in table.rows if not r.baseline):
         found = paired(one, row(standing, one.name), ALL, compare_apart)
