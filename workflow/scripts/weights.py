@@ -25,7 +25,8 @@ parameters in half precision.
 | | |
 |---|---|
 | network | `{model}`, width {width}, {size} px |
-| trained on | {figures} generated figures (generator version {generator}) under {lights} generated rooms, {steps} steps of {batch} in {precision} |
+| trained on | {figures} generated figures (generator version {generator}) under {lights} generated rooms |
+| training | {steps} steps of {batch} pictures in {precision} |
 | colour | a camera's: linear light, exposed, clipped, 8-bit sRGB |
 | held out | {test_figures} figures, {test_lights} lights |
 | licence | Apache-2.0; the training data are generated from public-domain sources (docs/figures.md) |
