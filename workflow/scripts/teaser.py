@@ -61,4 +61,4 @@ def add_ball(picture: np.ndarray, light: np.ndarray) -> None:
 
 
 if __name__ == "__main__":
-    main([int(word) for word in sys.argv[1:]] or [2])
+    main([int(word) for word in sys.argv[1:]] or [18, 22])
