@@ -29,7 +29,7 @@ from relight.sh.irradiance import unoccluded
 from relight.transport.bake import see
 from relight.transport.camera import Camera
 from relight.transport.integrate import BATCH, integrate
-from relight.transport.sampling import frames, vogel
+from relight.transport.sampling import azimuths, frames, vogel
 from relight.transport.scene import Scene
 from relight.transport.surface import shading_normals
 
@@ -68,7 +68,7 @@ def ours(scene: Scene, points, normals, geometric, rays: int, seed: int) -> np.n
 
 def local_rays(scene: Scene, points, normals, geometric, directions: np.ndarray, seed: int) -> np.ndarray:
     """(P, N, 6) float32: the same offset and frames as ours, with any directions (N, 3) or (P, N, 3) about +z."""
-    world = np.matmul(directions, frames(normals, seed))
+    world = np.matmul(directions, frames(normals, azimuths(len(normals), seed)))
     start = scene.local(points + scene.offset * geometric)
     return np.concatenate([np.broadcast_to(start[:, None], world.shape), world], 2).astype(np.float32)
 

@@ -56,7 +56,7 @@ class Bake:
     rays: int = MISSING  # per pixel
     order: int = MISSING  # of the spherical harmonics
     bounces: int = MISSING
-    supersample: int = MISSING  # k x k samples for mask and albedo
+    supersample: int = MISSING  # k x k places of a pixel, whose mean the maps are
     seed: int = MISSING
     version: int = MISSING
 

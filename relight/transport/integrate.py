@@ -6,7 +6,7 @@ from relight.files import UserError
 from relight.progress import progress
 from relight.sh.basis import basis, count
 from relight.sh.irradiance import unoccluded
-from relight.transport.sampling import frames, to_world, vogel
+from relight.transport.sampling import azimuths, frames, to_world, vogel
 from relight.transport.scene import MISS, Scene
 
 BATCH = 1 << 18  # rays per cast: 6 MB; the rate is flat from 2^14 up
@@ -29,6 +29,8 @@ def integrate(
     seed: int = 0,
     radiosity: np.ndarray | None = None,
     batch: int = BATCH,
+    azimuth: np.ndarray | None = None,
+    share: tuple[int, int] = (0, 1),
 ) -> tuple[np.ndarray, np.ndarray | None]:
     """Transport T_lm = integral of V(w) max(n.w, 0) Y_lm(w) dw at `points` (P, 3), as (P, K) float32. No 1/pi.
 
@@ -42,15 +44,20 @@ def integrate(
 
     `radiosity` (F, K, C): what each face of the scene sends back per unit of light, front side only (see bounce.py);
     the second result is then its gathered transport (P, K, C) float32, else None.
+
+    Points that share one set of rays, as the places of a pixel do, are given its `azimuth` (P,) in radians in place of
+    the seed's, and `share` = (j, m): of the directions the j-th, (j+m)-th, ... only. Every m-th point of Vogel's spiral
+    is again a spiral, so the mean over the m places is as even as the whole set where the surface is.
     """
     if not all(np.isfinite(array).all() for array in (points, normals, geometric)):
         raise ValueError("points and normals must be finite: Embree calls such rays unoccluded")
     total, coefficients = len(points), count(order)
-    directions = vogel(rays)
+    directions = vogel(rays)[share[0] :: share[1]]
+    rays = len(directions)
     spread = np.concatenate([np.ones((rays, 1)), directions], 1).astype(np.float32)
     # Multiples of 2^-32: float64 adds up to 2^20 of them without rounding, hence in any order.
     projector = np.round(basis(directions, order) * 2.0**32) / 2.0**32
-    frame = frames(normals, seed)
+    frame = frames(normals, azimuths(total, seed) if azimuth is None else azimuth)
     start = scene.local(points + scene.offset * geometric)
     blocked = np.empty((total, coefficients))
     gathered = None
@@ -61,7 +68,8 @@ def integrate(
 
     step = max(1, batch // rays)
     buffer = np.empty((min(step, total), rays, 6), np.float32)
-    for begin in progress(range(0, total, step), "casting rays"):
+    steps = range(0, total, step)
+    for begin in progress(steps, "casting rays") if share[1] == 1 else steps:  # who shares rays counts the shares
         part = slice(begin, min(begin + step, total))
         bundle = buffer[: part.stop - begin]
         # One product makes origin and direction: (1, w) @ [[origin, 0], [0, frame]].

@@ -18,10 +18,17 @@ def vogel(rays: int) -> np.ndarray:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), np.sqrt(1 - radius**2)], -1)
 
 
-def frames(normals: np.ndarray, seed: int) -> np.ndarray:
-    """Right-handed frames (P, 3, 3), rows tangent, bitangent, normal, each turned by its own seeded azimuth.
+def azimuths(count: int, seed: int) -> np.ndarray:
+    """Seeded angles (count,) in radians, by which the directions of each point are turned about its normal.
 
-    The azimuths make the sampling error of neighbours independent: noise, where one shared set would give bands.
+    They make the sampling error of neighbours independent: noise, where one shared set would give bands.
+    """
+    return np.random.default_rng(seed).random(count) * (2 * np.pi)
+
+
+def frames(normals: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
+    """Right-handed frames (P, 3, 3), rows tangent, bitangent, normal, each turned by its azimuth (P,) in radians.
+
     Tangents after Duff et al. 2017, "Building an Orthonormal Basis, Revisited" (continuous but at z = 0).
     """
     x, y, z = np.asarray(normals, np.float64).T
@@ -30,8 +37,7 @@ def frames(normals: np.ndarray, seed: int) -> np.ndarray:
     b = x * y * a
     tangent = np.stack([1 + sign * x * x * a, sign * b, -sign * x], -1)
     bitangent = np.stack([b, sign + y * y * a, -y], -1)
-    angle = np.random.default_rng(seed).random(len(x)) * (2 * np.pi)
-    cosine, sine = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    cosine, sine = np.cos(azimuth)[:, None], np.sin(azimuth)[:, None]
     return np.stack([cosine * tangent + sine * bitangent, cosine * bitangent - sine * tangent, normals], 1)
 
 
