@@ -107,8 +107,8 @@ def ribbons(
     across /= np.maximum(np.linalg.norm(across, axis=2, keepdims=True), 1e-9)
     up = np.cross(across, along)
     up /= np.maximum(np.linalg.norm(up, axis=2, keepdims=True), 1e-9)
-    half = 0.5 * comb.width * (0.7 + 0.6 * pick[:, :1]) * np.interp(s, [0, 0.2, 0.6, 0.92, 1.0], [0.7, 1.0, 1.0, comb.taper, 0.08])
-    half = half[..., None]
+    outline = np.interp(s, [0, 0.2, 0.6, 0.92, 1.0], [0.7, 1.0, 1.0, comb.taper, 0.08])  # a cut end would read as paper
+    half = (0.5 * comb.width * (0.7 + 0.6 * pick[:, :1]) * outline)[..., None]
     ring = np.stack([points - across * half, points + up * 0.2 * half, points + across * half], 2)
     base = (np.arange(n)[:, None] * 3 * m + 3 * np.arange(m - 1)).reshape(-1)
     faces = []

@@ -36,10 +36,10 @@ def bake(
     The camera is orthographic; `perspective` is the eye's distance from the origin in scene units (1.8 is the
     figure's height), if given. Mask and depth are those of the pixel's centre. All other maps are means over k x k
     places of the pixel, k = `supersample`, which share out the pixel's rays: a mean over its surface, as pictures are,
-    at no more rays. The mean is over the places that meet the mesh, so nothing is darkened at the edge; normals are made
-    unit again. With `bounces` > 0, `bounced` holds what interreflection adds, with the mesh's albedo. Faces are seen
-    from both sides; a visible back counts with its normal turned to the camera. `threads` = 0 takes every core; threads
-    change no bit of the result. Time and memory: docs/transport.md.
+    at no more rays. The mean is over the places that meet the mesh, so nothing is darkened at the edge; normals are
+    made unit again. With `bounces` > 0, `bounced` holds what interreflection adds, with the mesh's albedo. Faces are
+    seen from both sides; a visible back counts with its normal turned to the camera. `threads` = 0 takes every core;
+    threads change no bit of the result. Time and memory: docs/transport.md.
 
     UserError on settings out of range, on meshes that Scene refuses, and when the camera sees nothing of the mesh.
     """

@@ -24,7 +24,9 @@ def bake(
     rays: Annotated[int, typer.Option(min=1, help="Per pixel or vertex: 64 for drafts, 1024 for ground truth.")] = 256,
     order: Annotated[int, typer.Option(min=0, help="Of the spherical harmonics; 2 gives nine coefficients.")] = 2,
     bounces: Annotated[int, typer.Option(min=0, help="Bounces of light between surfaces, in colour.")] = 0,
-    supersample: Annotated[int, typer.Option(min=1, help="Maps are means over k x k places of a pixel, which share its rays.")] = 1,
+    supersample: Annotated[
+        int, typer.Option(min=1, help="Maps are means over k x k places of a pixel, which share its rays.")
+    ] = 1,
     perspective: Annotated[
         float | None, typer.Option(help="Distance of the eye, where the mesh is 1.8 high; orthographic without.")
     ] = None,
