@@ -41,7 +41,7 @@ from relight.sh.irradiance import unoccluded
 CAUSES = {
     "network": "what the network infers",
     "clipping": "shading below 0 cut off",
-    "sampling": "one place per pixel in place of its area",
+    "sampling": "the maps' samples in place of the pixel's area",
     "baker": "transport: baked, not traced",
     "truncation": "light cut to the order of the transport",
     "interreflection": "no light from surface to surface",
