@@ -5,6 +5,9 @@ from pathlib import Path
 
 from relight.stages.stage import stage
 
+MOST = 24  # figures of the page; more are hard to choose from
+SIZE = 12_000_000  # bytes of the page; large maps leave room for fewer figures
+
 
 @stage(
     "viewer",
@@ -14,8 +17,10 @@ from relight.stages.stage import stage
     out="page (.html)",
 )
 def main(name: str, split: Path, maps: Path, lights: Path, out: Path) -> None:
+    from relight.evaluation.transfer import spread
     from relight.lights.table import load
     from relight.viewer.build import build_gallery
+    from relight.viewer.figure import QUALITIES, coded
     from relight.viewer.source import baked_figure
 
     test = load(lights).of("test")
@@ -23,8 +28,12 @@ def main(name: str, split: Path, maps: Path, lights: Path, out: Path) -> None:
         f"{source.replace(':', ' ')} at {yaw:.0f}°": light
         for source, yaw, light in zip(test.source, test.yaw, test.coefficients)
     }
-    figures = [baked_figure(maps / f"{figure}.exr") for figure in json.loads(split.read_text())["test"]]
-    build_gallery(out, figures, {label: light[:9] for label, light in named.items()}, title=f"relight: {name}")
+    figures = [baked_figure(maps / f"{figure}.exr") for figure in spread(json.loads(split.read_text())["test"], MOST)]
+    each = max(len(coded(figure, QUALITIES[2])) for figure in figures)
+    chosen = spread(figures, max(1, min(MOST, SIZE // (each + 1000))))
+    build_gallery(
+        out, chosen, {label: light[:9] for label, light in named.items()}, title=f"relight: {name}", limit=SIZE
+    )
 
 
 if __name__ == "__main__":

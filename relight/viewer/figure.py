@@ -135,12 +135,17 @@ def pack(figure: Figure, transport_steps: int, background_step: int) -> tuple[di
     return header, b"".join(streams)
 
 
+def coded(figure: Figure, quality: tuple[int, int]) -> str:
+    """JSON of a figure's header and base64 data in one of QUALITIES."""
+    header, data = pack(figure, *quality)
+    text = json.dumps(header | {"data": base64.b64encode(data).decode()}, separators=(",", ":"))
+    return text.replace("<", "\\u003c")  # a title must not close the script element
+
+
 def embed(figure: Figure, limit: int) -> str:
-    """JSON of a figure's header and base64 data within `limit` bytes, as fine as fits; UserError when none fits."""
-    for transport_steps, background_step in QUALITIES:
-        header, data = pack(figure, transport_steps, background_step)
-        text = json.dumps(header | {"data": base64.b64encode(data).decode()}, separators=(",", ":"))
-        text = text.replace("<", "\\u003c")  # a title must not close the script element
+    """A figure coded within `limit` bytes, as fine as fits; UserError when none fits."""
+    for quality in QUALITIES:
+        text = coded(figure, quality)
         if len(text) <= limit:
             return text
     raise UserError(

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from relight.files import UserError
+from relight.maps.exr import write_maps
 from relight.viewer.build import build_gallery, build_viewer
 from relight.viewer.figure import Figure, octahedral, pack
 
@@ -67,3 +68,27 @@ def test_octahedral_map_is_undone_over_the_whole_sphere():
     fold = np.maximum(-z, 0)
     back = np.stack([x - np.copysign(fold, x), y - np.copysign(fold, y), z], -1)
     np.testing.assert_allclose(back / np.linalg.norm(back, axis=-1, keepdims=True), normals, atol=1e-12)
+
+
+def test_the_stage_shows_as_many_figures_as_a_page_holds(tmp_path, maps, monkeypatch):
+    import relight.stages.viewer as page
+    from relight.lights.table import LightSet, save
+
+    names = [f"g{i:04d}" for i in range(40)]
+    for name in names:
+        write_maps(tmp_path / f"{name}.exr", replace(maps, info={"name": name, "order": 2}))
+    (tmp_path / "split.json").write_text(json.dumps({"train": [], "test": names}))
+    text, number = np.array(["test"]), np.zeros(1)
+    light = LightSet(
+        np.ones((1, 9, 3), np.float32), text, text, number, np.zeros(1, int), number, np.zeros(1, int), text
+    )
+    save(light, tmp_path)
+
+    def shown():
+        page.main("a", tmp_path / "split.json", tmp_path, tmp_path / "lights.npz", tmp_path / "a.html")
+        return re.findall(r'data-title="(g\d+)"', (tmp_path / "a.html").read_text())
+
+    few = shown()
+    assert len(few) == page.MOST and few[0] == names[0] and few[-1] == names[-1] and few == sorted(set(few))
+    monkeypatch.setattr(page, "SIZE", 5 * (tmp_path / "a.html").stat().st_size // page.MOST)
+    assert 3 <= len(shown()) <= 8
