@@ -4,9 +4,10 @@ import numpy as np
 
 from relight.figures import collars, fabrics, footwear, hair, layers, makehuman, panels, seams, skin
 from relight.figures.body import Body
+from relight.figures.colliders import Collider
 from relight.figures.outfits import Outfit
 from relight.figures.poses import Motion
-from relight.figures.surfaces import loop, stacked, thickened
+from relight.figures.surfaces import loop, normals, stacked, thickened
 from relight.figures.wear import Detail, Worn
 from relight.meshes.mesh import Material, Mesh
 
@@ -54,13 +55,16 @@ def assemble(
     cut = [w for w in worn if w.pattern.garment.kind != "scarf"]
     flat = [(level := w.pattern.levels[-1], w.pattern.fields["tube"] < 0.02) for w in cut]
     rings = 2 * detail.refine
-    # skin: what clothes and shoes cover in the rest pose is left out
     posed = way.skin(weights, body.skin)
-    hidden = shod(body, outfit)
-    for w, (level, solid) in zip(cut, flat):
-        hidden |= layers.covered(body.skin, posed, level.held, w.draped.positions, level.faces, solid, rings)
-    bare = ~hidden[faces].all(1) & ~mouth_cavity()
     surface = [(w.draped.positions, level.faces) for w, (level, _) in zip(cut, flat)]
+    everything = stacked([(posed, faces), *surface, *scarf])
+    around = Collider(everything[0], *everything)
+    # skin: what clothes and shoes cover for good is left out
+    hidden, facing = shod(body, outfit), normals(posed, faces)
+    for w, (level, solid) in zip(cut, flat):
+        draped = w.draped.positions
+        hidden |= layers.covered(body.skin, posed, facing, level.held, draped, level.faces, solid, rings, around)
+    bare = ~hidden[faces].all(1) & ~mouth_cavity()
     hands = weights[:, [i for i, b in enumerate(rig.bones) if b.startswith(("finger", "metacarpal", "wrist"))]].sum(1)
     for over in surface:
         posed = layers.tucked_under(posed, faces, over, 0.002, hands < 0.3)
@@ -76,11 +80,13 @@ def assemble(
     # clothes
     for number, w in enumerate(worn):
         level, positions = w.pattern.levels[-1], w.draped.positions
-        keep = np.ones(len(level.faces), bool)
+        keep, facing = np.ones(len(level.faces), bool), normals(positions, level.faces)
         for later in range(number + 1, len(cut)):
             outer, solid = flat[later]
             over = cut[later].draped.positions
-            under = layers.covered(level.held, positions, outer.held, over, outer.faces, solid, 2 * rings)
+            under = layers.covered(
+                level.held, positions, facing, outer.held, over, outer.faces, solid, 2 * rings, around
+            )
             keep &= ~under[level.faces].all(1)
             positions = layers.tucked_under(
                 positions, level.faces, surface[later], 0.003, np.ones(len(positions), bool)
@@ -103,7 +109,7 @@ def assemble(
         if part.name != "sole":
             for over in surface:
                 vertices = layers.tucked_under(vertices, part.faces, over, 0.003, np.ones(len(vertices), bool))
-        builder.add(vertices, part.faces, None, Material(colours[part.name]))
+        builder.add(vertices, part.faces, None, Material(colours[part.name]), layer=-1 if part.name == "sole" else 0)
     parts = hair.build_hair(body, way, outfit.hair, below, seed, fine=detail.body > 0)
     for part in parts:
         strands = hair_material(outfit, hair_color, part.cloth, max(64, texture // 4), seed)

@@ -1,22 +1,25 @@
 """From an integer seed to a clothed figure: draws, gates, re-draws, and the mesh record at their end."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from relight.figures import colliders, gates
 from relight.figures.assembly import Builder, assemble
-from relight.figures.body import build_body, sample_expression, sample_person
+from relight.figures.body import Expression, Person, build_body, sample_expression, sample_person
 from relight.figures.clearance import cleared, room
-from relight.figures.outfits import sample_outfit, suited
+from relight.figures.outfits import Outfit, sample_outfit, suited
 from relight.figures.poses import motion
 from relight.figures.shading import shaded
-from relight.figures.stances import sample_pose
+from relight.figures.stances import Pose, sample_pose
 from relight.figures.wear import DETAILS, Detail, wear
 from relight.files import UserError
 from relight.meshes.mesh import Mesh
 
-GENERATOR = 3  # raised when the same seed gives another figure
+GENERATOR = 4  # raised when the same seed gives another figure
 ATTEMPTS = 6
 SITTING = 0.08  # share of the figures that sit
+SIT = 4  # draws after which a figure that was to sit may stand
 
 
 def make_figure(
@@ -43,14 +46,17 @@ def make_figure(
     if per_subject < 1 or not 0 <= shading <= 1:
         raise UserError(f"a figure needs per_subject >= 1 and a shading in [0, 1], not {per_subject} and {shading}")
     reasons: list[str] = []
+    sits = SITTING
     for attempt in range(ATTEMPTS):
         with colliders.working(device):
-            mesh, reason = attempt_figure(seed, attempt, DETAILS[detail], texture, per_subject)
+            draw = sample(seed, attempt, per_subject, sits)
+            mesh, reason = attempt_figure(draw, seed, DETAILS[detail], texture, per_subject)
         if reason is None:
             mesh = shaded(mesh, shading)
             mesh.info |= {"detail": detail, "redrawn": attempt, "redrawn_because": reasons}
             return mesh
         reasons.append(reason)
+        sits = 1.0 if draw.pose.sitting and attempt + 1 < SIT else 0.0  # what is hard to dress is not drawn less for it
     raise UserError(f"no figure of seed {seed} passed the gates in {ATTEMPTS} attempts: {'; '.join(reasons)}")
 
 
@@ -59,19 +65,33 @@ def subject_of(seed: int, per_subject: int) -> str:
     return f"g{seed:04d}" if per_subject == 1 else f"s{seed // per_subject:04d}"
 
 
-def attempt_figure(
-    seed: int, attempt: int, detail: Detail, texture: int, per_subject: int
-) -> tuple[Mesh | None, str | None]:
-    """One draw: the mesh, or the reason why it is not good enough. The person stays; pose and clothes change, and the
-    pose only where others wear the same clothes."""
+@dataclass(frozen=True)
+class Draw:
+    """Who, in what, how: everything about a figure that is left to chance before its cloth is draped."""
+
+    person: Person
+    outfit: Outfit
+    pose: Pose
+    expression: Expression
+
+
+def sample(seed: int, attempt: int, per_subject: int, sits: float) -> Draw:
+    """One draw, sitting with the probability `sits`. The person stays from attempt to attempt; pose and clothes change,
+    and the pose only where others wear the same clothes."""
     subject = seed // per_subject
     person = sample_person(np.random.default_rng([subject, 0]))
     rng = np.random.default_rng([subject, 1, attempt if per_subject == 1 else 0])
     outfit = sample_outfit(rng, person)
-    pose = sample_pose(rng if per_subject == 1 else np.random.default_rng([seed, 2, attempt]), SITTING)
-    expression = sample_expression(np.random.default_rng([seed, 3]))
+    pose = sample_pose(rng if per_subject == 1 else np.random.default_rng([seed, 2, attempt]), sits)
+    return Draw(person, suited(outfit, pose), pose, sample_expression(np.random.default_rng([seed, 3])))
+
+
+def attempt_figure(
+    draw: Draw, seed: int, detail: Detail, texture: int, per_subject: int
+) -> tuple[Mesh | None, str | None]:
+    """One draw carried out: the mesh, or the reason why it is not good enough."""
+    person, outfit, pose, expression = draw.person, draw.outfit, draw.pose, draw.expression
     body = build_body(person, expression)
-    outfit = suited(outfit, pose)
     pose = cleared(body, pose, room([garment for garment, _ in outfit.garments], pose.sitting))
     way = motion(body, pose, detail.frames)
     worn = wear(body, way, outfit, detail)
@@ -82,7 +102,7 @@ def attempt_figure(
     if reason:
         return None, reason
     builder = Builder()
-    assemble(builder, body, way, outfit, worn, detail, texture, subject)
+    assemble(builder, body, way, outfit, worn, detail, texture, seed // per_subject)
     info = {
         "name": f"g{seed:04d}",
         "subject": subject_of(seed, per_subject),

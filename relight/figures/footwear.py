@@ -49,6 +49,20 @@ class Part:
     faces: np.ndarray
 
 
+@dataclass(frozen=True)
+class Shell:
+    """The outside of an upper around the rest pose: shape (n,3), bone weights (n,B), faces (m,3); `foot` (B,), the
+    weights of what is rigid below the ankle; metres: height of the ground, z of toes and heel."""
+
+    shape: np.ndarray
+    weights: np.ndarray
+    faces: np.ndarray
+    foot: np.ndarray
+    ground: float
+    toes: float
+    heel: float
+
+
 def palette(shoe: Shoe, upper: tuple[float, ...], sole: tuple[float, ...]) -> dict[str, np.ndarray]:
     """Linear albedo (3,) float32 of each piece, from those of the upper and the sole: rubber caps on canvas."""
     upper, sole = np.array(upper, np.float32), np.array(sole, np.float32)
@@ -62,7 +76,7 @@ def build_shoes(body: Body, motion: Motion, shoe: Shoe) -> list[Part]:
     return [part for side in "LR" for part in one_shoe(body, motion, shoe, side)]
 
 
-def one_shoe(body: Body, motion: Motion, shoe: Shoe, side: str) -> list[Part]:
+def shell(body: Body, bones: dict[str, int], shoe: Shoe, side: str) -> Shell:
     suit, ankle = body.tights, body.joints[f"foot.{side}"]
     faces = makehuman.base().faces["helper-tights"] - makehuman.TIGHTS.start
     mine = (suit[:, 0] > 0) == (side == "L")
@@ -87,9 +101,17 @@ def one_shoe(body: Body, motion: Motion, shoe: Shoe, side: str) -> list[Part]:
     shape[:, 1] = np.maximum(shape[:, 1], ground + 0.001)
     weights = matrix @ makehuman.rig().weights[makehuman.TIGHTS]
     foot = np.zeros(weights.shape[1])
-    foot[motion.bones[f"foot.{side}"]] = 1
+    foot[bones[f"foot.{side}"]] = 1
     rigid = np.clip((ankle[1] + 0.01 - shape[:, 1]) / 0.03, 0, 1)[:, None]
     weights = weights / weights.sum(1, keepdims=True) * (1 - rigid) + foot * rigid
+    return Shell(shape, weights, faces, foot, ground, toes, heel)
+
+
+def one_shoe(body: Body, motion: Motion, shoe: Shoe, side: str) -> list[Part]:
+    outside, ankle = shell(body, motion.bones, shoe, side), body.joints[f"foot.{side}"]
+    shape, weights, faces = outside.shape, outside.weights, outside.faces
+    ground, toes, heel = outside.ground, outside.toes, outside.heel
+    length = toes - heel
     parts = []
     if shoe.straps:
         along = (shape[:, 2] - heel) / length
@@ -115,7 +137,7 @@ def one_shoe(body: Body, motion: Motion, shoe: Shoe, side: str) -> list[Part]:
         if shoe.laces:
             parts.append(laces(shape, faces, weights, motion, ground, length, toes, shoe.laces))
     bottom = shape[shape[:, 1] < ground + 0.022]
-    parts.append(Part("sole", *sole(bottom, ground, shoe, motion, foot)))
+    parts.append(Part("sole", *sole(bottom, ground, shoe, motion, outside.foot)))
     return parts
 
 

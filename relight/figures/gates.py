@@ -25,6 +25,7 @@ THROUGH = 60  # pixels of such patches that a figure may have
 CROSSING = 0.015  # share of a garment's faces that went through cloth
 COVERED = 0.25  # share of a hand, seen from the front, that cloth covers
 SKIN_DEEP = 0.04  # metres: cloth further before a hand merely hangs in front of it
+TURNED = 0.12  # share of a sleeve at the upper arm that may lie on another side of the arm
 SPREAD = 0.25  # metres beyond the body that cloth may reach sideways
 
 
@@ -53,7 +54,29 @@ def cloth(pattern: Pattern, draped: Draped, way: Motion, body: Body) -> str | No
     slid = x[:, 1].max() - way.skin(pattern.levels[0].weights, pattern.levels[0].held)[:, 1].max()
     if slid < -0.12:
         return f"{name}: slid down by {-slid:.2f} m"
+    if pattern.garment.kind == "top" and (share := max(turned(pattern, x, way, body))) > TURNED:
+        return f"{name}: an arm left its sleeve, {100 * share:.0f} % of which is on its other side"
     return None
+
+
+def turned(pattern: Pattern, x: np.ndarray, way: Motion, body: Body) -> tuple[float, float]:
+    """For the left and right sleeve at the upper arm: of its vertices, from x (n,3), the share that lie on another side
+    of the arm, by over 100 degrees about its axis, than where they were put on. An arm that went through has half."""
+    out = []
+    for side in "LR":
+        upper, lower = (body.joints[f"{bone}.{side}"] for bone in ("upperarm01", "lowerarm01"))
+        bone = way.transforms[-1][way.bones[f"upperarm01.{side}"]]
+        on = (pattern.fields[f"on{side}"] > 0.5) & (np.abs(pattern.fields[f"arm{side}"] - 0.5) < 0.35)
+        axis = (lower - upper) / np.linalg.norm(lower - upper)
+
+        def off(points: np.ndarray, upper: np.ndarray = upper, axis: np.ndarray = axis) -> np.ndarray:
+            return points - upper - ((points - upper) @ axis)[:, None] * axis
+
+        before, after = off(pattern.levels[-1].held[on]), off((x[on] - bone[:, 3]) @ bone[:, :3])
+        cosine = np.einsum("ij,ij->i", before, after)
+        cosine /= np.maximum(np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1), 1e-9)
+        out.append(float((cosine < np.cos(np.radians(100))).mean()) if on.any() else 0.0)
+    return out[0], out[1]
 
 
 def wardrobe(worn: list[Worn], way: Motion, body: Body) -> tuple[str | None, dict[str, float]]:
@@ -73,7 +96,8 @@ def wardrobe(worn: list[Worn], way: Motion, body: Body) -> tuple[str | None, dic
 
 def covered_hands(worn: list[Worn], way: Motion, body: Body) -> tuple[float, float]:
     """For the left and right hand: of its skin that looks forward, with no other skin before it, and no cloth but
-    within SKIN_DEEP, the share that cloth is before. Sleeves do not count: a cuff may fall over the hand."""
+    within SKIN_DEEP, the share that cloth is before. Sleeves do not count: a cuff may fall over the hand. Nor does
+    cloth that turns its outside to the hand, as it does to one behind the back."""
     faces = makehuman.base().faces["body"]
     skin = way.skin(makehuman.rig().weights[makehuman.BODY], body.skin)
     parts = [(skin, faces)]
@@ -83,11 +107,13 @@ def covered_hands(worn: list[Worn], way: Motion, body: Body) -> tuple[float, flo
     vertices, every = stacked(parts)
     hand = shares("finger", "metacarpal") > 0.7
     ahead = normals(skin, faces)[:, 2] > 0.2
+    a, b, c = (vertices[every[:, k]] for k in range(3))
+    forward = np.cross(b - a, c - a)[:, 2] > 0
     surface, out = Collider(vertices, vertices, every), []
     for sign in (1, -1):
         points = skin[hand & ahead & (np.sign(body.skin[:, 0]) == sign)] + [0, 0, 0.001]
         face, depth = surface.cast(points, np.broadcast_to([0.0, 0.0, 1.0], points.shape))
-        under = (face >= len(faces)) & (depth < SKIN_DEEP)
+        under = (face >= len(faces)) & (depth < SKIN_DEEP) & forward[face]
         seen_or_under = under | (face < 0)
         out.append(float(under.sum() / seen_or_under.sum()) if seen_or_under.sum() > 40 else 0.0)
     return out[0], out[1]

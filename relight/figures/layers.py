@@ -5,6 +5,9 @@ import numpy as np
 from relight.figures.colliders import Collider
 from relight.figures.surfaces import border_distance, smoothed
 
+DEEP = 0.006  # metres under a garment: what comes through it does not start from there
+LOOKS = 128  # directions, over the whole sphere, in which a covered point looks for the outside
+
 
 def sided(points: np.ndarray, surface: Collider, far: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """For points (n,3): the nearest face (-1 beyond `far`), the signed distance (n,), positive outside, and the
@@ -20,23 +23,42 @@ def sided(points: np.ndarray, surface: Collider, far: float) -> tuple[np.ndarray
 def covered(
     points: np.ndarray,
     now: np.ndarray,
+    normal: np.ndarray,
     held: np.ndarray,
     draped: np.ndarray,
     faces: np.ndarray,
     solid: np.ndarray,
     rings: int,
+    around: Collider,
 ) -> np.ndarray:
     """Which points (n,) a garment covers for good, so that they can be left out.
 
     Both in the rest pose (points (n,3), the garment snug at `held`) and as it hangs (points `now`, the garment
     `draped`), they must lie under it, further than `rings` edges from its border, on faces whose vertices are all
-    `solid` (no free-hanging drop): a sleeve may slide up an arm, and a hand may come to rest on the cloth.
+    `solid` (no free-hanging drop): a sleeve may slide up an arm, and a hand may come to rest on the cloth. Where the
+    garment hangs off them they must not see out between the surfaces of the figure, `around`, either: an open jacket
+    and an armhole let one look far in. normal (n,3): theirs, unit length, now.
     """
     inner = (border_distance(held, faces, rings + 1) > rings) & solid
     face, distance, _ = sided(points, Collider(held, held, faces), 0.035)
     out = (face >= 0) & (np.abs(distance) < 0.03) & (distance < 0.015) & inner[faces[face]].all(1)
     face, distance, _ = sided(now, Collider(draped, draped, faces), 0.07)
-    return out & (face >= 0) & (distance < 0.012) & inner[faces[face]].all(1)
+    out &= (face >= 0) & (distance < 0.012) & inner[faces[face]].all(1)
+    below = np.flatnonzero(out & (distance < -DEEP))
+    out[below] = ~sees_out(now[below], normal[below], around)
+    return out
+
+
+def sees_out(points: np.ndarray, normal: np.ndarray, around: Collider) -> np.ndarray:
+    """Which of the points (n,3) with unit normals (n,3) see past the surfaces `around` in one of LOOKS directions."""
+    i = np.arange(LOOKS) + 0.5
+    up, turn = 1 - 2 * i / LOOKS, np.pi * (1 + np.sqrt(5)) * i
+    directions = np.stack([np.sqrt(1 - up**2) * np.cos(turn), up, np.sqrt(1 - up**2) * np.sin(turn)], axis=1)
+    out, start = np.zeros(len(points), bool), points + 0.5 * DEEP * normal
+    for direction in directions:
+        ask = np.flatnonzero(~out & (normal @ direction > 0.1))
+        out[ask] = around.cast(start[ask], np.broadcast_to(direction, (len(ask), 3)))[0] < 0
+    return out
 
 
 def tucked_under(

@@ -16,6 +16,7 @@ from relight.figures.surfaces import border_loops, clip, extruded, loop, normals
 NUDE = 0.004  # metres outside the suit at which cuffs, waistbands and necklines are held
 LEG = 0.82  # metres from hip to ankle for which the drops are given
 ROW = 0.028  # metres between the rows of a drop
+TRUNK = 0.35  # share of the arm in the skinning, below which a vertex belongs to the trunk
 
 
 @dataclass(frozen=True)
@@ -91,8 +92,12 @@ def cuts(body: Body, garment: Garment, at: dict[str, float]) -> list:
     if garment.kind == "top":
         hem = at["crotch"] + garment.hem
         out = [lambda f: f["y"] - hem, lambda f: neck_field(body, garment, f)]
-        out.append(lambda f: np.where(left(f), garment.sleeve - f["armL"], 1.0))
-        out.append(lambda f: np.where(right(f), garment.sleeve - f["armR"], 1.0))
+        for side, there in (("L", left), ("R", right)):  # what hardly moves with the arm is no sleeve
+            out.append(
+                lambda f, side=side, there=there: np.where(
+                    there(f), garment.sleeve - f[f"arm{side}"] + 8 * np.clip(TRUNK - f[f"on{side}"], 0, 1), 1.0
+                )
+            )
         if garment.open:
             neck, chest = body.joints["neck01"], at["hip"] + 0.2
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from relight.figures import collars, drape, makehuman, patterns, scarves
+from relight.figures import collars, drape, footwear, makehuman, patterns, scarves
 from relight.figures.body import Body
 from relight.figures.colliders import Collider
 from relight.figures.drape import Effort
@@ -57,6 +57,7 @@ def wear(body: Body, way: Motion, outfit: Outfit, detail: Detail) -> list[Worn]:
     # hands and, for what hangs from the waist, arms are no obstacles: fingers would catch the cloth
     solid = {"top": faces[(hands[faces] < 0.3).all(1)], "other": faces[(arms[faces] < 0.3).all(1)]}
     posed = [way.skin(weights, body.skin, t) for t in range(frames + 1)]
+    shoes = [] if outfit.shoe.straps else [footwear.shell(body, way.bones, outfit.shoe, side) for side in "LR"]
     worn: list[Worn] = []
     for garment, fabric in outfit.garments:
         if garment.kind == "scarf":
@@ -64,10 +65,17 @@ def wear(body: Body, way: Motion, outfit: Outfit, detail: Detail) -> list[Worn]:
             worn.append(wrapped(body, way, garment, fabric, (posed[-1], bare), worn, detail))
             continue
         pattern = patterns.build_pattern(body, garment, detail.refine)
-        under = solid["top" if garment.kind == "top" else "other"]
+        top = garment.kind == "top"
+        under, shod = solid["top" if top else "other"], [] if top else shoes
 
-        def below(frame: int, fine: bool, under: np.ndarray = under, before: tuple[Worn, ...] = tuple(worn)):
-            parts = [(posed[frame], under)]
+        def below(
+            frame: int,
+            fine: bool,
+            under: np.ndarray = under,
+            shod: list[footwear.Shell] = shod,
+            before: tuple[Worn, ...] = tuple(worn),
+        ):
+            parts = [(posed[frame], under), *((way.skin(s.weights, s.shape, frame), s.faces) for s in shod)]
             for w in before:
                 level = w.pattern.levels[-1 if fine else 0]
                 parts.append((w.draped.positions if fine else w.draped.history[frame], level.faces))

@@ -105,20 +105,34 @@ def test_bad_arguments_are_one_sentence(seed, detail, texture, said):
         make_figure(seed, detail, texture)
 
 
+def failing(monkeypatch, times: int, mesh: Mesh) -> list[dress.Draw]:
+    """Lets `times` draws fail without draping them; returns the list of what is drawn."""
+    draws = []
+
+    def attempt(draw, *_):
+        draws.append(draw)
+        return (None, "torn") if len(draws) <= times else (mesh, None)
+
+    monkeypatch.setattr(dress, "attempt_figure", attempt)
+    return draws
+
+
 def test_a_failed_attempt_is_drawn_again_and_counted(figure, monkeypatch):
-    real, calls = dress.attempt_figure, []
-
-    def failing_first(seed, attempt, detail, texture, per_subject):
-        calls.append(attempt)
-        return (None, "torn") if attempt < 2 else (figure[0], None)
-
-    monkeypatch.setattr(dress, "attempt_figure", failing_first)
+    draws = failing(monkeypatch, 2, figure[0])
     mesh = make_figure(SEED, "draft", 128)
-    assert calls == [0, 1, 2] and mesh.info["redrawn"] == 2 and mesh.info["redrawn_because"] == ["torn", "torn"]
-    monkeypatch.setattr(dress, "attempt_figure", lambda *a: (None, "torn"))
+    assert len(draws) == 3 and mesh.info["redrawn"] == 2 and mesh.info["redrawn_because"] == ["torn", "torn"]
+    assert draws[0].person == draws[1].person == draws[2].person and draws[0].outfit != draws[1].outfit
+    failing(monkeypatch, 99, figure[0])
     with pytest.raises(UserError, match="6 attempts"):
         make_figure(SEED, "draft", 128)
-    assert real is not dress.attempt_figure
+
+
+@pytest.mark.parametrize("share", [0.0, 1.0])
+def test_who_was_to_sit_sits_when_drawn_again_but_not_for_ever(figure, monkeypatch, share):
+    monkeypatch.setattr(dress, "SITTING", share)
+    draws = failing(monkeypatch, 5, figure[0])
+    make_figure(SEED, "draft", 128)
+    assert [draw.pose.sitting for draw in draws] == ([True] * 4 + [False] * 2 if share else [False] * 6)
 
 
 @pytest.fixture(scope="module")
@@ -157,6 +171,27 @@ def test_each_gate_bites(snug, spoil, said):
     x, strain = spoil(x, strain, pattern)
     reason = gates.cloth(pattern, Draped(x, [], strain), way, body)
     assert reason is None if said is None else re.search(said, reason)
+
+
+@pytest.mark.parametrize(("moved", "share"), [("none", 0.0), ("through", 1.0), ("half", 0.5)])
+def test_an_arm_that_left_its_sleeve_is_measured(snug, monkeypatch, moved, share):
+    body, way = snug[:2]
+    pattern = patterns.build_pattern(body, wardrobe.TOPS[3], 0)
+    level = pattern.levels[0]
+    x = way.skin(level.weights, level.pattern)
+    assert gates.turned(pattern, x, way, body) == (0, 0)
+    if moved == "none":
+        return
+    bone = way.transforms[-1][way.bones["upperarm01.L"]]
+    upper, lower = (body.joints[name] @ bone[:, :3].T + bone[:, 3] for name in ("upperarm01.L", "lowerarm01.L"))
+    axis = (lower - upper) / np.linalg.norm(lower - upper)
+    off = x - upper - ((x - upper) @ axis)[:, None] * axis
+    arm = (pattern.fields["onL"] > 0.5) & ((moved == "through") | (off[:, 1] > 0))
+    x[arm] -= 2 * off[arm]  # to the other side of the arm
+    left, right = gates.turned(pattern, x, way, body)
+    assert left == pytest.approx(share, abs=0.15) and right == 0
+    monkeypatch.setattr(gates, "sunk", lambda *_: 0.0)  # a sleeve moved by hand touches the trunk, too
+    assert "left its sleeve" in gates.cloth(pattern, Draped(x, [], np.ones(1000)), way, body)
 
 
 def two_walls(hole: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -11,6 +11,7 @@ from relight.figures import (
     collars,
     colliders,
     gates,
+    layers,
     makehuman,
     outfits,
     patterns,
@@ -22,9 +23,10 @@ from relight.figures.body import build_body, sample_person
 from relight.figures.colliders import Collider
 from relight.figures.drape import Draped, Level
 from relight.figures.fabrics import Fabric
+from relight.figures.footwear import SHOES, shell
 from relight.figures.layers import sided
 from relight.figures.poses import motion
-from relight.figures.wear import DETAILS, Worn, wrapped
+from relight.figures.wear import DETAILS, Worn, wear, wrapped
 
 CLOTH = Fabric("plain", (0.3, 0.1, 0.05), (0.1, 0.4, 0.7), 1.0, 5)
 
@@ -67,6 +69,61 @@ def test_a_tucked_top_is_held_below_the_waistband_only(person):
     assert (pinned[(y > edge + 0.035) & (pattern.fields["onL"] + pattern.fields["onR"] < 0.1)] == 0).all()
 
 
+def box(open_side: bool) -> tuple[np.ndarray, np.ndarray]:
+    """A cube of side 2 around the origin, without its +z side if `open_side`."""
+    cube = trimesh.creation.box((2, 2, 2))
+    kept = cube.face_normals[:, 2] < 0.5 if open_side else np.ones(12, bool)
+    return cube.vertices, cube.faces[kept]
+
+
+@pytest.mark.parametrize("open_side", [False, True])
+def test_who_looks_out_of_a_box(open_side):
+    colliders.prepare()
+    vertices, faces = box(open_side)
+    points = np.array([[0, 0, 0], [0.5, 0.3, -0.9], [0, 0, 0]])
+    normal = np.array([[0.0, 0, 1], [0, 0, 1], [0, 0, -1]])  # the last turns its back to the open side
+    out = layers.sees_out(points, normal, Collider(vertices, vertices, faces))
+    assert out.tolist() == ([True, True, False] if open_side else [False] * 3)
+
+
+def test_what_is_seen_under_a_lifted_garment_is_not_left_out():
+    """A sheet of cloth on skin: what it lies on is left out; lifted on one side, only what is still dark."""
+    a = np.linspace(-0.5, 0.5, 41)
+    x, y = np.meshgrid(a, a)
+    i = np.arange(41 * 41).reshape(41, 41)
+    p, q, r, s = i[:-1, :-1].ravel(), i[:-1, 1:].ravel(), i[1:, :-1].ravel(), i[1:, 1:].ravel()
+    faces = np.concatenate([np.stack([p, q, r], 1), np.stack([q, s, r], 1)])
+    skin = np.stack([x, y, 0 * x], -1).reshape(-1, 3)
+    snug = skin + [0, 0, 0.004]
+    lifted = snug + [0, 0, 0.04] * (skin[:, :1] > 0)
+    normal, solid = np.tile([0.0, 0, 1], (len(skin), 1)), np.ones(len(skin), bool)
+
+    def left_out(draped: np.ndarray) -> np.ndarray:
+        around = Collider(*[np.concatenate([skin, draped])] * 2, np.concatenate([faces, faces + len(skin)]))
+        return layers.covered(skin, skin, normal, snug, draped, faces, solid, 2, around)
+
+    inner = np.abs(skin[:, :2]).max(1) < 0.42
+    assert left_out(snug)[inner].all() and not left_out(snug)[~inner & (np.abs(skin[:, :2]).max(1) > 0.46)].any()
+    half = left_out(lifted)
+    assert half[inner & (skin[:, 0] < -0.05)].all()
+    assert not half[inner & (skin[:, 0] > 0.38)].any()  # a look of 4 cm under the hem
+
+
+@pytest.mark.parametrize("name", ["high sneakers", "boots"])
+def test_trousers_hang_over_the_shoes(person, name):
+    shoe = next(s for s in SHOES if s.name == name)
+    outfit = outfits.sample_outfit(np.random.default_rng(0), person.person)
+    outfit = replace(outfit, garments=[(wardrobe.BOTTOMS[0], CLOTH)], shoe=shoe)
+    way = motion(person, stances.STANDING[1], DETAILS["draft"].frames)
+    x = wear(person, way, outfit, DETAILS["draft"])[0].draped.positions
+    for side in "LR":
+        upper = shell(person, way.bones, shoe, side)
+        posed = way.skin(upper.weights, upper.shape)
+        _, distance, _ = sided(x, Collider(posed, posed, upper.faces), 0.03)
+        near = np.isfinite(distance) & (x[:, 1] < posed[:, 1].max() - 0.005)
+        assert near.sum() > 20 and (distance[near] < -0.002).mean() < 0.02
+
+
 def hands(body, pose):
     skin = motion(body, pose, 1).skin(makehuman.rig().weights[makehuman.BODY], body.skin)
     faces = makehuman.base().faces["body"]
@@ -98,14 +155,14 @@ def test_room_grows_with_what_is_worn():
     assert clearance.room([jeans, tee, coat], True)[0] < dressed[0]
 
 
-@pytest.mark.parametrize(("gap", "share"), [(0.02, 1.0), (0.2, 0.0)])
-def test_a_hand_behind_cloth_is_measured(person, standing, gap, share):
+@pytest.mark.parametrize(("gap", "share", "turned"), [(0.02, 1.0, False), (0.2, 0.0, False), (0.02, 0.0, True)])
+def test_a_hand_behind_cloth_is_measured(person, standing, gap, share, turned):
     way, skin = standing
     left = skin[(clearance.shares("finger", "metacarpal") > 0.7) & (person.skin[:, 0] > 0)]
     (x0, y0, _), (x1, y1, front) = left.min(0) - 0.05, left.max(0) + 0.05
     front += gap - 0.05
     sheet = np.array([[x0, y0, front], [x1, y0, front], [x1, y1, front], [x0, y1, front]])
-    faces = np.array([[0, 1, 2], [0, 2, 3]])
+    faces = np.array([[0, 1, 2], [0, 2, 3]])[:, :: -1 if turned else 1]  # the back of a shirt, a hand behind it
     level = Level(sheet, sheet, sheet, np.zeros(4), np.zeros((4, 1)), faces)
     pattern = patterns.Pattern(wardrobe.TOPS[0], [level], [], {}, 0.0, np.zeros(2, bool))
     covered = gates.covered_hands([Worn(pattern, CLOTH, Draped(sheet, [], np.ones(1)))], way, person)
