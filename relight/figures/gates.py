@@ -25,7 +25,7 @@ THROUGH = 60  # pixels of such patches that a figure may have
 CROSSING = 0.015  # share of a garment's faces that went through cloth
 COVERED = 0.25  # share of a hand, seen from the front, that cloth covers
 SKIN_DEEP = 0.04  # metres: cloth further before a hand merely hangs in front of it
-TURNED = 0.12  # share of a sleeve at the upper arm that may lie on another side of the arm
+TURNED = 0.1  # share of a sleeve or leg that may lie on another side of the limb
 SPREAD = 0.25  # metres beyond the body that cloth may reach sideways
 
 
@@ -54,29 +54,39 @@ def cloth(pattern: Pattern, draped: Draped, way: Motion, body: Body) -> str | No
     slid = x[:, 1].max() - way.skin(pattern.levels[0].weights, pattern.levels[0].held)[:, 1].max()
     if slid < -0.12:
         return f"{name}: slid down by {-slid:.2f} m"
-    if pattern.garment.kind == "top" and (share := max(turned(pattern, x, way, body))) > TURNED:
-        return f"{name}: an arm left its sleeve, {100 * share:.0f} % of which is on its other side"
+    if (share := turned(pattern, x, way, body)) > TURNED:
+        return f"{name}: a limb left it, {100 * share:.0f} % of it is on the other side"
     return None
 
 
-def turned(pattern: Pattern, x: np.ndarray, way: Motion, body: Body) -> tuple[float, float]:
-    """For the left and right sleeve at the upper arm: of its vertices, from x (n,3), the share that lie on another side
-    of the arm, by over 100 degrees about its axis, than where they were put on. An arm that went through has half."""
-    out = []
-    for side in "LR":
-        upper, lower = (body.joints[f"{bone}.{side}"] for bone in ("upperarm01", "lowerarm01"))
-        bone = way.transforms[-1][way.bones[f"upperarm01.{side}"]]
-        on = (pattern.fields[f"on{side}"] > 0.5) & (np.abs(pattern.fields[f"arm{side}"] - 0.5) < 0.35)
-        axis = (lower - upper) / np.linalg.norm(lower - upper)
+LIMBS = {  # kind of garment: bone, where it ends, the field along it, where to look; forearms twist too much to tell
+    "top": (("upperarm01", "lowerarm01", "arm", 0.15, 0.85),),
+    "trousers": (("upperleg01", "lowerleg01", "leg", 0.25, 0.85), ("lowerleg01", "foot", "leg", 1.15, 1.9)),
+}
 
-        def off(points: np.ndarray, upper: np.ndarray = upper, axis: np.ndarray = axis) -> np.ndarray:
-            return points - upper - ((points - upper) @ axis)[:, None] * axis
 
-        before, after = off(pattern.levels[-1].held[on]), off((x[on] - bone[:, 3]) @ bone[:, :3])
-        cosine = np.einsum("ij,ij->i", before, after)
-        cosine /= np.maximum(np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1), 1e-9)
-        out.append(float((cosine < np.cos(np.radians(100))).mean()) if on.any() else 0.0)
-    return out[0], out[1]
+def turned(pattern: Pattern, x: np.ndarray, way: Motion, body: Body) -> float:
+    """Of the vertices of a sleeve or leg, from x (n,3), the share that lie on another side of the arm, thigh or shin,
+    by over 100 degrees about its axis, than where they were put on; the worst of all limbs. One that went through its
+    cloth has about half."""
+    worst = 0.0
+    for root, tip, field, low, high in LIMBS.get(pattern.garment.kind, ()):
+        for side in "LR":
+            upper, lower = (body.joints[f"{bone}.{side}"] for bone in (root, tip))
+            bone = way.transforms[-1][way.bones[f"{root}.{side}"]]
+            along, left = pattern.fields[f"{field}{side}"], pattern.fields["x"] > 0
+            on = pattern.fields[f"on{side}"] > 0.5 if field == "arm" else left == (side == "L")
+            on &= (along > low) & (along < high)
+            axis = (lower - upper) / np.linalg.norm(lower - upper)
+
+            def off(points: np.ndarray, upper: np.ndarray = upper, axis: np.ndarray = axis) -> np.ndarray:
+                return points - upper - ((points - upper) @ axis)[:, None] * axis
+
+            before, after = off(pattern.levels[-1].held[on]), off((x[on] - bone[:, 3]) @ bone[:, :3])
+            cosine = np.einsum("ij,ij->i", before, after)
+            cosine /= np.maximum(np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1), 1e-9)
+            worst = max(worst, float((cosine < np.cos(np.radians(100))).mean()) if on.any() else 0.0)
+    return worst
 
 
 def wardrobe(worn: list[Worn], way: Motion, body: Body) -> tuple[str | None, dict[str, float]]:

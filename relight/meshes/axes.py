@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from PIL import Image, ImageDraw
 
 from relight.meshes.mesh import Mesh
 from relight.meshes.parts import areas
@@ -11,7 +12,8 @@ AXES = {sign + axis: (1 if sign == "+" else -1) * np.eye(3)[k] for k, axis in en
 FEET, ANKLES = (0.0, 0.04), (0.05, 0.10)  # of the height, from the soles
 FACE, NECK = (0.05, 0.12), (0.14, 0.17)  # of the height, from the top of the head
 CLEAR = 0.008  # of the height: less ahead than this shows no direction
-SOLES = 0.01  # of the squared height: the flat area of two soles; .015 in the median, a head's top has .0055
+SOLES = 0.01  # of the squared height: the area that two soles cover; .015 in the median, a head's top .006
+GRID = 256  # cells to the height, on which covered area is counted
 
 
 @dataclass
@@ -27,8 +29,9 @@ def find_axes(mesh: Mesh, up: str | None = None, front: str | None = None) -> Ax
     """Finds what is not given.
 
     Up is the longest extent of the file, y before z where they are alike; it is negative when soles and toes are
-    plainly at the other end. Front is where the feet point and the face looks: toes lie ahead of ankles and, half as
-    sure, faces ahead of necks, whatever the arms do. Where neither shows, y-up files face +z and z-up files -y.
+    plainly at the other end. Front is where the feet point and the face looks: each foot's toes lie ahead of its ankle,
+    however far the feet are apart, and, half as sure, faces ahead of necks, whatever the arms do. Where neither shows,
+    y-up files face +z and z-up files -y.
     """
     area = areas(mesh.vertices, mesh.faces)
     points = mesh.vertices[mesh.faces].mean(axis=1, dtype=np.float64)
@@ -37,14 +40,14 @@ def find_axes(mesh: Mesh, up: str | None = None, front: str | None = None) -> Ax
         if front is not None:
             weight[np.abs(AXES[front]).argmax()] = 0
         axis = "xyz"[int(weight.argmax())]
-        flat = {sign: _flat(mesh, points, AXES[sign + axis]) for sign in "+-"}
+        flat = {sign: _flat(mesh, AXES[sign + axis]) for sign in "+-"}
         toes = np.linalg.norm(_ahead(points, area, AXES["-" + axis], FEET, ANKLES))
         inverted = flat["-"] > max(SOLES, 2 * flat["+"]) and toes > 3 * CLEAR
         up = ("-" if inverted else "+") + axis
     if front is not None:
         return Axes(up, front, 1.0)
     head = _near_top(points, area, AXES[up])
-    ahead = _ahead(points, area, AXES[up], FEET, ANKLES) + 0.5 * _ahead(points, area * head, -AXES[up], FACE, NECK)
+    ahead = _toes(points, area, AXES[up]) + 0.5 * _ahead(points, area * head, -AXES[up], FACE, NECK)
     shown = {name: float(ahead @ axis) for name, axis in AXES.items() if not axis @ AXES[up]}
     front = max(shown, key=shown.get)
     if shown[front] > CLEAR:
@@ -52,21 +55,51 @@ def find_axes(mesh: Mesh, up: str | None = None, front: str | None = None) -> Ax
     return Axes(up, "-y" if up[1] == "z" else "+z", 0.0)
 
 
+def _between(points: np.ndarray, up: np.ndarray, slice: tuple[float, float]) -> tuple[np.ndarray, float]:
+    """Which points (n,3) lie between two shares of the height, counted along `up`; and the height."""
+    height = points @ up
+    size = max(np.ptp(height), 1e-30)
+    level = (height - height.min()) / size
+    return (level >= slice[0]) & (level < slice[1]), size
+
+
 def _ahead(points: np.ndarray, area: np.ndarray, up: np.ndarray, slice: tuple, other: tuple) -> np.ndarray:
     """How far the middle of a slice lies ahead of the middle of another, horizontally, in units of the height.
 
     points (F,3) and area (F,) of the faces; slices are (from, to) shares of the height, counted along `up`.
     """
-    height = points @ up
-    size = max(np.ptp(height), 1e-30)
-    level = (height - height.min()) / size
 
     def middle(between: tuple[float, float]) -> np.ndarray:
-        weight = area * ((level >= between[0]) & (level < between[1]))
+        weight = area * _between(points, up, between)[0]
         return points.T @ weight / weight.sum() if weight.any() else np.full(3, np.nan)
 
     offset = middle(slice) - middle(other)
-    return np.nan_to_num((offset - (offset @ up) * up) / size)
+    return np.nan_to_num((offset - (offset @ up) * up) / _between(points, up, slice)[1])
+
+
+def _toes(points: np.ndarray, area: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """How far the toes lie ahead of the ankles, horizontally, in units of the height: the mean of two feet.
+
+    points (F,3) and area (F,) of the faces. The ankles are the two clusters of their slice, begun on both sides of its
+    middle along its longest direction.
+    """
+    ankle, size = _between(points, up, ANKLES)
+    foot = _between(points, up, FEET)[0]
+    if not (area[ankle].any() and area[foot].any()):
+        return np.zeros(3)
+    flat = (points - np.outer(points @ up, up)) / size
+    at, weight = flat[ankle], area[ankle]
+    middle = weight @ at / weight.sum()
+    longest = np.linalg.svd((at - middle) * np.sqrt(weight)[:, None], full_matrices=False)[2][0]
+    second = (at - middle) @ longest > 0
+    for _ in range(8):
+        share = weight * np.stack([~second, second])
+        ankles = share @ at / np.maximum(share.sum(axis=1, keepdims=True), 1e-30)
+        second = np.linalg.norm(at - ankles[1], axis=1) < np.linalg.norm(at - ankles[0], axis=1)
+    second = np.linalg.norm(flat[foot] - ankles[1], axis=1) < np.linalg.norm(flat[foot] - ankles[0], axis=1)
+    share = area[foot] * np.stack([~second, second])
+    there = share.sum(axis=1) > 0
+    return (share[there] @ flat[foot] / share[there].sum(axis=1, keepdims=True) - ankles[there]).mean(axis=0)
 
 
 def _near_top(points: np.ndarray, area: np.ndarray, up: np.ndarray) -> np.ndarray:
@@ -78,10 +111,16 @@ def _near_top(points: np.ndarray, area: np.ndarray, up: np.ndarray) -> np.ndarra
     return np.linalg.norm(away - np.outer(away @ up, up), axis=-1) < 0.09 * size
 
 
-def _flat(mesh: Mesh, points: np.ndarray, up: np.ndarray) -> float:
-    """The horizontal area within 2 % of the height from the lowest point, in units of the squared height."""
-    a, b, c = (mesh.vertices[mesh.faces[:, k]].astype(np.float64) for k in range(3))
-    height = points @ up
-    size = max(np.ptp(height), 1e-30)
-    low = height < height.min() + 0.02 * size
-    return float(np.abs(np.cross(b - a, c - a)[low] @ up).sum() / 2 / size**2)
+def _flat(mesh: Mesh, up: np.ndarray) -> float:
+    """The horizontal area, in units of the squared height, that faces within 2 % of the height from the lowest point
+    cover: layers of hair one over the other count once."""
+    tall = mesh.vertices.astype(np.float64) @ up
+    size = max(np.ptp(tall), 1e-30)
+    low = mesh.faces[tall[mesh.faces].mean(axis=1) < tall.min() + 0.02 * size]
+    corners = mesh.vertices[low][:, :, np.flatnonzero(up == 0)].astype(np.float64) / size * GRID
+    corners -= corners.min(axis=(0, 1))
+    picture = Image.new("1", tuple(np.ceil(corners.max(axis=(0, 1))).astype(int) + 1))
+    draw = ImageDraw.Draw(picture)
+    for corner in corners.reshape(-1, 6).tolist():
+        draw.polygon(corner, fill=1)
+    return float(np.asarray(picture).sum()) / GRID**2

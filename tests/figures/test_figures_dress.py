@@ -173,25 +173,34 @@ def test_each_gate_bites(snug, spoil, said):
     assert reason is None if said is None else re.search(said, reason)
 
 
-@pytest.mark.parametrize(("moved", "share"), [("none", 0.0), ("through", 1.0), ("half", 0.5)])
-def test_an_arm_that_left_its_sleeve_is_measured(snug, monkeypatch, moved, share):
+@pytest.mark.parametrize(
+    ("garment", "root", "tip", "field", "low", "high"),
+    [
+        (wardrobe.TOPS[3], "upperarm01", "lowerarm01", "armL", 0.15, 0.85),
+        (wardrobe.BOTTOMS[0], "upperleg01", "lowerleg01", "legL", 0.25, 0.85),
+        (wardrobe.BOTTOMS[0], "lowerleg01", "foot", "legL", 1.15, 1.9),
+    ],
+    ids=["arm", "thigh", "shin"],
+)
+@pytest.mark.parametrize(("half", "share"), [(False, 1.0), (True, 0.5)])
+def test_a_limb_that_left_its_cloth_is_measured(snug, monkeypatch, garment, root, tip, field, low, high, half, share):
     body, way = snug[:2]
-    pattern = patterns.build_pattern(body, wardrobe.TOPS[3], 0)
+    pattern = patterns.build_pattern(body, garment, 0)
     level = pattern.levels[0]
     x = way.skin(level.weights, level.pattern)
-    assert gates.turned(pattern, x, way, body) == (0, 0)
-    if moved == "none":
-        return
-    bone = way.transforms[-1][way.bones["upperarm01.L"]]
-    upper, lower = (body.joints[name] @ bone[:, :3].T + bone[:, 3] for name in ("upperarm01.L", "lowerarm01.L"))
+    assert gates.turned(pattern, x, way, body) < 0.01
+    bone = way.transforms[-1][way.bones[f"{root}.L"]]
+    upper, lower = (body.joints[f"{name}.L"] @ bone[:, :3].T + bone[:, 3] for name in (root, tip))
     axis = (lower - upper) / np.linalg.norm(lower - upper)
     off = x - upper - ((x - upper) @ axis)[:, None] * axis
-    arm = (pattern.fields["onL"] > 0.5) & ((moved == "through") | (off[:, 1] > 0))
-    x[arm] -= 2 * off[arm]  # to the other side of the arm
-    left, right = gates.turned(pattern, x, way, body)
-    assert left == pytest.approx(share, abs=0.15) and right == 0
-    monkeypatch.setattr(gates, "sunk", lambda *_: 0.0)  # a sleeve moved by hand touches the trunk, too
-    assert "left its sleeve" in gates.cloth(pattern, Draped(x, [], np.ones(1000)), way, body)
+    on = (pattern.fields[field] > low) & (pattern.fields[field] < high) & (pattern.fields["x"] > 0)
+    if field == "armL":
+        on &= pattern.fields["onL"] > 0.5
+    on &= (off[:, 2] > 0) | (not half)
+    x[on] -= 2 * off[on]  # to the other side of the limb
+    assert gates.turned(pattern, x, way, body) == pytest.approx(share, abs=0.15)
+    monkeypatch.setattr(gates, "sunk", lambda *_: 0.0)  # cloth moved by hand touches the body, too
+    assert "limb left it" in gates.cloth(pattern, Draped(x, [], np.ones(1000)), way, body)
 
 
 def two_walls(hole: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

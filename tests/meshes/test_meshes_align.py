@@ -52,6 +52,23 @@ def test_a_figure_on_its_head_is_turned_over(person):
     assert find_axes(mesh).up == "-y"
 
 
+def test_layers_of_hair_are_no_soles(person):
+    """Thirty locks over each other on the crown have twice the area of two soles, but cover no more than a head."""
+    locks = {f"lock {k}": ((0, 1.738 - 0.0005 * k, -0.12), (0.10, 0.004, 0.16)) for k in range(30)}
+    assert find_axes(person(**locks)).up == "+y"
+
+
+def test_feet_wide_apart_point_where_each_of_them_points(person):
+    """One foot on its toes shows little below, so the common middle of the feet lies aside, under the other."""
+    stride = {
+        "left_leg": ((0.35, 0.45, 0), (0.07, 0.45, 0.08)),
+        "left_shoe": ((0.35, 0.04, 0.06), (0.045, 0.04, 0.14)),
+        "right_leg": ((-0.35, 0.47, 0), (0.07, 0.42, 0.08)),
+        "right_shoe": ((-0.35, 0.12, 0.03), (0.045, 0.12, 0.05)),
+    }
+    assert find_axes(person(**stride)).front == "+z"
+
+
 @pytest.mark.parametrize("up, front", PAIRS)
 def test_given_axes_are_obeyed(person, up, front):
     """All 24 frames: the figure comes out as if the file were y-up facing +z."""
