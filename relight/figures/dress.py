@@ -1,6 +1,6 @@
 """From an integer seed to a clothed figure: draws, gates, re-draws, and the mesh record at their end."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,6 +20,7 @@ GENERATOR = 4  # raised when the same seed gives another figure
 ATTEMPTS = 6
 SITTING = 0.08  # share of the figures that sit
 SIT = 4  # draws after which a figure that was to sit may stand
+SLOWER = 2  # times the frames to sit down: legs that swing so far leave trousers behind
 
 
 def make_figure(
@@ -91,6 +92,8 @@ def attempt_figure(
 ) -> tuple[Mesh | None, str | None]:
     """One draw carried out: the mesh, or the reason why it is not good enough."""
     person, outfit, pose, expression = draw.person, draw.outfit, draw.pose, draw.expression
+    if pose.sitting:
+        detail = replace(detail, frames=SLOWER * detail.frames)
     body = build_body(person, expression)
     pose = cleared(body, pose, room([garment for garment, _ in outfit.garments], pose.sitting))
     way = motion(body, pose, detail.frames)
@@ -98,7 +101,7 @@ def attempt_figure(
     reason = next((why for w in worn if (why := gates.cloth(w.pattern, w.draped, way, body))), None)
     if reason:
         return None, reason
-    reason, measured = gates.wardrobe(worn, way, body)
+    reason, measured = gates.wardrobe(worn, way, body, pose.sitting)
     if reason:
         return None, reason
     builder = Builder()

@@ -6,6 +6,7 @@ import re
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +19,13 @@ from relight.figures.commands import seeds_of
 from relight.figures.drape import Draped
 from relight.figures.dress import make_figure
 from relight.figures.export import export
+from relight.figures.fabrics import Fabric
+from relight.figures.wear import Worn
 from relight.files import UserError
 from relight.meshes.mesh import Mesh
 
 SEED = 1
+CLOTH = Fabric("plain", (0.3, 0.1, 0.05), (0.1, 0.4, 0.7), 1.0, 5)
 
 
 def digest(mesh: Mesh) -> str:
@@ -201,6 +205,17 @@ def test_a_limb_that_left_its_cloth_is_measured(snug, monkeypatch, garment, root
     assert gates.turned(pattern, x, way, body) == pytest.approx(share, abs=0.15)
     monkeypatch.setattr(gates, "sunk", lambda *_: 0.0)  # cloth moved by hand touches the body, too
     assert "limb left it" in gates.cloth(pattern, Draped(x, [], np.ones(1000)), way, body)
+
+
+@pytest.mark.parametrize(("share", "stands", "sits"), [(0.01, True, True), (0.02, False, True), (0.04, False, False)])
+def test_how_much_cloth_may_go_through_cloth(snug, monkeypatch, share, stands, sits):
+    body, way, pattern, x, strain = snug
+    worn = [Worn(replace(pattern, levels=pattern.levels * 2), CLOTH, Draped(x, [], strain))]
+    monkeypatch.setattr(gates, "crossing", lambda *_: [share])
+    monkeypatch.setattr(gates, "covered_hands", lambda *_: (0.0, 0.0))
+    for sitting, passes in ((False, stands), (True, sits)):
+        reason, measured = gates.wardrobe(worn, way, body, sitting)
+        assert (reason is None) == passes and measured["crossing"] == share
 
 
 def two_walls(hole: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
