@@ -57,7 +57,8 @@ def wear(body: Body, way: Motion, outfit: Outfit, detail: Detail) -> list[Worn]:
     # hands and, for what hangs from the waist, arms are no obstacles: fingers would catch the cloth
     solid = {"top": faces[(hands[faces] < 0.3).all(1)], "other": faces[(arms[faces] < 0.3).all(1)]}
     posed = [way.skin(weights, body.skin, t) for t in range(frames + 1)]
-    shoes = [] if outfit.shoe.straps else [footwear.shell(body, way.bones, outfit.shoe, side) for side in "LR"]
+    shells = [] if outfit.shoe.straps else [footwear.shell(body, way.bones, outfit.shoe, side) for side in "LR"]
+    shoes = [[(way.skin(s.weights, s.shape, t), s.faces) for s in shells] for t in range(frames + 1)]
     worn: list[Worn] = []
     for garment, fabric in outfit.garments:
         if garment.kind == "scarf":
@@ -66,16 +67,16 @@ def wear(body: Body, way: Motion, outfit: Outfit, detail: Detail) -> list[Worn]:
             continue
         pattern = patterns.build_pattern(body, garment, detail.refine)
         top = garment.kind == "top"
-        under, shod = solid["top" if top else "other"], [] if top else shoes
+        under = solid["top" if top else "other"]
 
         def below(
             frame: int,
             fine: bool,
             under: np.ndarray = under,
-            shod: list[footwear.Shell] = shod,
+            top: bool = top,
             before: tuple[Worn, ...] = tuple(worn),
         ):
-            parts = [(posed[frame], under), *((way.skin(s.weights, s.shape, frame), s.faces) for s in shod)]
+            parts = [(posed[frame], under), *([] if top else shoes[frame])]
             for w in before:
                 level = w.pattern.levels[-1 if fine else 0]
                 parts.append((w.draped.positions if fine else w.draped.history[frame], level.faces))
