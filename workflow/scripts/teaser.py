@@ -20,7 +20,7 @@ from relight.transport.bake import bake
 
 SIZE, WIDTH = 448, 224
 PAPER = 0.97
-LIGHTS = ("room:7", "room:3:120", "sky:5:40", "key:#ffd9b0@60,20")
+LIGHTS = ("room:7", "sky:5:40", "key:#a9c6ff@-75,10", "key:#ffd9b0@60,20")
 
 
 def main(seeds: list[int]) -> None:
@@ -61,4 +61,4 @@ def add_ball(picture: np.ndarray, light: np.ndarray) -> None:
 
 
 if __name__ == "__main__":
-    main([int(word) for word in sys.argv[1:]] or [18, 22])
+    main([int(word) for word in sys.argv[1:]] or [45, 22])
