@@ -6,7 +6,7 @@ from relight.figures.colliders import Collider
 from relight.figures.surfaces import border_distance, smoothed
 
 DEEP = 0.006  # metres under a garment: what comes through it does not start from there
-LOOKS = 128  # directions, over the whole sphere, in which a covered point looks for the outside
+LOOKS = 64  # directions, over the whole sphere, in which a covered point looks for the outside
 
 
 def sided(points: np.ndarray, surface: Collider, far: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
