@@ -5,7 +5,7 @@
 Cycles renders a white matt ball under each lat-long panorama of FOLDER, or under those that Blender brings (measured,
 CC0), from the camera of docs/lights.md: looking at the middle of the panorama. What it renders is irradiance / pi; ours
 comes from the light's harmonics up to order 2, 4, 8 and 16. Printed is the root mean square of the difference over that
-of the ball, which for the highest order is the renderer's noise, and the same for the panorama's mirror image.
+of the ball: the renderer's noise, and what the order leaves out; and the same for the panorama's mirror image.
 """
 
 import argparse

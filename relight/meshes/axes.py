@@ -13,7 +13,7 @@ FEET, ANKLES = (0.0, 0.04), (0.05, 0.10)  # of the height, from the soles
 FACE, NECK = (0.05, 0.12), (0.14, 0.17)  # of the height, from the top of the head
 CLEAR = 0.008  # of the height: less ahead than this shows no direction
 SOLES = 0.01  # of the squared height: the area that two soles cover; .015 in the median, a head's top .006
-GRID = 256  # cells to the height, on which covered area is counted
+GRID = 256  # cells to the longest extent, on which covered area is counted
 
 
 @dataclass
@@ -40,7 +40,7 @@ def find_axes(mesh: Mesh, up: str | None = None, front: str | None = None) -> Ax
         if front is not None:
             weight[np.abs(AXES[front]).argmax()] = 0
         axis = "xyz"[int(weight.argmax())]
-        flat = {sign: _flat(mesh, AXES[sign + axis]) for sign in "+-"}
+        flat = {sign: _flat(mesh, points, AXES[sign + axis]) for sign in "+-"}
         toes = np.linalg.norm(_ahead(points, area, AXES["-" + axis], FEET, ANKLES))
         inverted = flat["-"] > max(SOLES, 2 * flat["+"]) and toes > 3 * CLEAR
         up = ("-" if inverted else "+") + axis
@@ -111,12 +111,12 @@ def _near_top(points: np.ndarray, area: np.ndarray, up: np.ndarray) -> np.ndarra
     return np.linalg.norm(away - np.outer(away @ up, up), axis=-1) < 0.09 * size
 
 
-def _flat(mesh: Mesh, up: np.ndarray) -> float:
-    """The horizontal area, in units of the squared height, that faces within 2 % of the height from the lowest point
-    cover: layers of hair one over the other count once."""
-    tall = mesh.vertices.astype(np.float64) @ up
-    size = max(np.ptp(tall), 1e-30)
-    low = mesh.faces[tall[mesh.faces].mean(axis=1) < tall.min() + 0.02 * size]
+def _flat(mesh: Mesh, points: np.ndarray, up: np.ndarray) -> float:
+    """The horizontal area that the faces within 2 % of the height from the lowest one cover, in units of the squared
+    longest extent: layers of hair one over the other count once. points (F,3): the middles of the faces."""
+    height = points @ up
+    low = mesh.faces[height <= height.min() + 0.02 * np.ptp(height)]
+    size = max(np.ptp(mesh.vertices, axis=0).max(), 1e-30)  # bounds the picture for any mesh; a figure's is its height
     corners = mesh.vertices[low][:, :, np.flatnonzero(up == 0)].astype(np.float64) / size * GRID
     corners -= corners.min(axis=(0, 1))
     picture = Image.new("1", tuple(np.ceil(corners.max(axis=(0, 1))).astype(int) + 1))

@@ -9,6 +9,7 @@ from relight.config import Align
 from relight.files import UserError
 from relight.meshes.align import align, frame, read_table
 from relight.meshes.axes import AXES, find_axes
+from relight.meshes.mesh import Material, Mesh
 
 AUTO = Align(up="auto", front="auto", padding=0.05, version=1)
 PAIRS = [(up, front) for up, front in product(AXES, AXES) if up[1] != front[1]]
@@ -56,6 +57,27 @@ def test_layers_of_hair_are_no_soles(person):
     """Thirty locks over each other on the crown have twice the area of two soles, but cover no more than a head."""
     locks = {f"lock {k}": ((0, 1.738 - 0.0005 * k, -0.12), (0.10, 0.004, 0.16)) for k in range(30)}
     assert find_axes(person(**locks)).up == "+y"
+
+
+@pytest.mark.parametrize(
+    ("vertices", "front"),
+    [
+        ([[0, 0, 0], [1, 3, 0], [-1, 3, 1], [-1, 3, -1]], None),  # on its tip: no face lies at the lowest point
+        ([[0, 0, 0], [0, 0, 9], [1e-9, 0, 9], [0, 1e-9, 9]], "+z"),  # no height where up may be
+    ],
+    ids=["tip", "needle"],
+)
+def test_what_is_no_figure_is_still_some_way_up(vertices, front):
+    faces = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1]], np.int32)
+    mesh = Mesh(
+        np.array(vertices, np.float32),
+        faces,
+        np.zeros((3, 3, 2), np.float32),
+        np.zeros(3, np.int16),
+        [Material(np.ones(3, np.float32))],
+    )
+    found = find_axes(mesh, front=front)
+    assert found.up in AXES and found.front in AXES and found.up[1] != found.front[1]
 
 
 def test_feet_wide_apart_point_where_each_of_them_points(person):
