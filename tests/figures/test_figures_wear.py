@@ -26,6 +26,7 @@ from relight.figures.fabrics import Fabric
 from relight.figures.footwear import SHOES, shell
 from relight.figures.layers import sided
 from relight.figures.poses import motion
+from relight.figures.surfaces import border_loops
 from relight.figures.wear import DETAILS, Worn, wear, wrapped
 
 CLOTH = Fabric("plain", (0.3, 0.1, 0.05), (0.1, 0.4, 0.7), 1.0, 5)
@@ -107,6 +108,20 @@ def test_what_is_seen_under_a_lifted_garment_is_not_left_out():
     half = left_out(lifted)
     assert half[inner & (skin[:, 0] < -0.05)].all()
     assert not half[inner & (skin[:, 0] > 0.38)].any()  # a look of 4 cm under the hem
+
+
+@pytest.mark.parametrize("seed", [3, 5, 9])
+@pytest.mark.parametrize("name", ["tank top", "dress"])
+def test_short_sleeves_leave_the_trunk_whole(name, seed):
+    """Hem, neck and two armholes that end under the arm, not a hand's breadth down the side."""
+    colliders.prepare()
+    body = build_body(sample_person(np.random.default_rng(seed)))
+    garment = next(g for g in (*wardrobe.TOPS, *wardrobe.DRESSES) if g.name == name)
+    level = patterns.build_pattern(body, garment, 0).levels[0]
+    loops = sorted(border_loops(level.faces), key=lambda ring: level.held[ring, 1].mean())
+    assert len(loops) == 4
+    for armhole in loops[1:3]:
+        assert body.joints["upperarm01.L"][1] - level.held[armhole, 1].min() < 0.09
 
 
 @pytest.mark.parametrize("name", ["high sneakers", "boots"])
