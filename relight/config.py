@@ -80,6 +80,7 @@ class Panoramas:
     layout: str = MISSING  # auto, or a layout that relight.panoramas.layouts knows
     yaw: float = MISSING  # degrees by which every light is turned, +z toward +x
     flip: bool = MISSING  # mirror left and right
+    upside_down: bool = False  # files hold their rows from the bottom up
     repair: bool = False  # pixels that are not finite get the mean of their neighbours; else the file is left out
     version: int = MISSING
 

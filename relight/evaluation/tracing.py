@@ -142,15 +142,11 @@ def shifted_directions() -> list[np.ndarray]:
 
 def panorama_of(source: str, yaw: float, panoramas: config.Panoramas) -> Panorama:
     """The panorama of a light set's `source`, turned by `yaw` degrees after what the settings do to all of them."""
-    from relight.lights.chain import GENERATORS
-    from relight.panoramas.read import read_panorama
+    from relight.lights.chain import GENERATORS, file_panorama
 
-    yaw = panoramas.yaw + yaw
     if panoramas.source == "folder":
-        return read_panorama(
-            Path(panoramas.folder or "") / source, panoramas.layout, yaw, panoramas.flip, repair=panoramas.repair
-        )
+        return file_panorama(source, panoramas, yaw)
     kind, _, seed = source.partition(":")
     if kind not in GENERATORS:
         raise UserError(f"{source}: path tracing needs the panorama of a light, and this one is in no file")
-    return Panorama(GENERATORS[kind](int(seed)), flip=panoramas.flip, yaw=yaw, source=source)
+    return Panorama(GENERATORS[kind](int(seed)), flip=panoramas.flip, yaw=panoramas.yaw + yaw, source=source)

@@ -84,11 +84,23 @@ def file_light(source: str, panoramas: Panoramas, order: int) -> tuple[np.ndarra
     """The light (K, 3) of one file of a folder and what was mended, or what is wrong with it: one bad file must not end
     a long run."""
     try:
-        path, p = Path(panoramas.folder or "") / source, panoramas
-        panorama = read_panorama(path, layout=p.layout, yaw=p.yaw, flip=p.flip, repair=p.repair)
+        panorama = file_panorama(source, panoramas)
         return project(panorama, order), panorama.repairs
     except UserError as error:
         return str(error)
+
+
+def file_panorama(source: str, panoramas: Panoramas, yaw: float = 0.0) -> Panorama:
+    """One file of a folder, as the settings say and turned by `yaw` degrees more. UserError as in `read_panorama`."""
+    p = panoramas
+    return read_panorama(
+        Path(p.folder or "") / source,
+        layout=p.layout,
+        yaw=p.yaw + yaw,
+        flip=p.flip,
+        repair=p.repair,
+        upside_down=p.upside_down,
+    )
 
 
 def spread(function: Callable[[str], Any], items: list[str]) -> Iterator[Any]:

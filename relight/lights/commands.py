@@ -14,6 +14,7 @@ ORDER = Annotated[int, typer.Option(min=0, max=6, help="Order of the spherical h
 LAYOUT = Annotated[str, typer.Option(help="auto, latlong, angular, ball, cross, strip, strip-gl; tell squares.")]
 YAW = Annotated[float, typer.Option(help="Turn the light about the vertical, degrees; front goes to the right.")]
 FLIP = Annotated[bool, typer.Option("--flip", help="Mirror left and right.")]
+UPSIDE_DOWN = Annotated[bool, typer.Option("--upside-down", help="The panorama's rows are from the bottom up.")]
 EXPOSURE = Annotated[float, typer.Option(help="Factor on the light.")]
 REPAIR = Annotated[
     bool, typer.Option("--repair", help="Pixels that are not finite get the mean of their neighbours; else refused.")
@@ -47,6 +48,7 @@ def numbers(
     layout: LAYOUT = "auto",
     yaw: YAW = 0.0,
     flip: FLIP = False,
+    upside_down: UPSIDE_DOWN = False,
     exposure: EXPOSURE = 1.0,
     convention: CONVENTION = None,
     repair: REPAIR = False,
@@ -61,7 +63,7 @@ def numbers(
     from relight.sh.basis import bands
     from relight.sh.conventions import from_relight
 
-    loaded = load_light(light, order, layout, yaw, flip, exposure, convention, repair)
+    loaded = load_light(light, order, layout, yaw, flip, exposure, convention, repair, upside_down)
     table = Table("l, m", "R", "G", "B", title=f"{loaded.source}, convention {to}", title_justify="left")
     for k, (l, row) in enumerate(zip(bands(loaded.order), from_relight(loaded.coefficients, to))):
         name = str(k) if to == "kanamori2018" else f"{l}, {k - l * l - l}"
@@ -84,6 +86,7 @@ def show(
     layout: LAYOUT = "auto",
     yaw: YAW = 0.0,
     flip: FLIP = False,
+    upside_down: UPSIDE_DOWN = False,
     exposure: EXPOSURE = 1.0,
     convention: CONVENTION = None,
     repair: REPAIR = False,
@@ -96,4 +99,4 @@ def show(
     if Path(light).suffix == ".npz":
         pictures.contact_sheet(load(light), out)
     else:
-        pictures.show(load_light(light, order, layout, yaw, flip, exposure, convention, repair), out)
+        pictures.show(load_light(light, order, layout, yaw, flip, exposure, convention, repair, upside_down), out)

@@ -35,6 +35,7 @@ def load_light(
     exposure: float = 1.0,
     convention: str | None = None,
     repair: bool = False,
+    upside_down: bool = False,
 ) -> Light:
     """The light that `text` names, with (order + 1)^2 coefficients of radiance; not scaled to any brightness.
 
@@ -48,7 +49,7 @@ def load_light(
                                     with a fill of 0.2 of its strength from everywhere
 
     `yaw` (degrees, +z toward +x), `flip` and `exposure` apply to all of them, and to the panorama of those that have
-    one; `repair` to panoramas from files. UserError for anything else.
+    one; `repair` and `upside_down` to panoramas from files. UserError for anything else.
     """
     text = str(text)
     if not (np.isfinite(exposure) and exposure > 0 and np.isfinite(yaw)):
@@ -72,7 +73,7 @@ def load_light(
     elif Path(text).suffix.lower() == ".npz":
         raise UserError(f"{text}: a set of lights; say which one ({text}:0)")
     else:
-        panorama = read_panorama(text, layout, yaw, flip, exposure, repair)
+        panorama = read_panorama(text, layout, yaw, flip, exposure, repair, upside_down)
         light = Light(project(panorama, order), text, panorama, list(panorama.repairs))
     if light.panorama is None:
         light = replace(light, coefficients=orient(light.coefficients, yaw, flip) * exposure)

@@ -32,14 +32,16 @@ def read_panorama(
     flip: bool = False,
     exposure: float = 1.0,
     repair: bool = False,
+    upside_down: bool = False,
 ) -> Panorama:
     """Reads a .hdr, .exr or .pfm panorama, told apart by what they hold and not by their names.
 
-    layout    "auto" goes by OpenEXR's envmap attribute, else by the aspect; a square picture must be told
-    yaw       degrees by which the light is turned about the vertical, +z toward +x
-    flip      mirror left and right
-    exposure  factor on the pixels
-    repair    pixels that are not finite get the mean of their neighbours (relight.panoramas.repair)
+    layout       "auto" goes by OpenEXR's envmap attribute, else by the aspect; a square picture must be told
+    yaw          degrees by which the light is turned about the vertical, +z toward +x
+    flip         mirror left and right
+    exposure     factor on the pixels
+    repair       pixels that are not finite get the mean of their neighbours (relight.panoramas.repair)
+    upside_down  the file holds its rows from the bottom up, whatever its format says
 
     Raises UserError for anything that is not a whole panorama with finite pixels and some light; negative pixels are
     set to zero. What was mended is counted in `repairs`.
@@ -52,7 +54,7 @@ def read_panorama(
     pixels, envmap, repairs = read_pixels(path)
     decided = decide_layout(path, pixels.shape[1], pixels.shape[0], layout, envmap)
     attribute = envmap is not None and decided == {"latlong": "latlong", "cube": "strip"}[envmap]
-    pixels = np.ascontiguousarray(pixels)
+    pixels = np.ascontiguousarray(pixels[::-1] if upside_down else pixels)
     if exposure != 1.0:
         pixels *= np.float32(exposure)
     repairs += mend(path, pixels, repair) + clip_negatives(path, pixels)

@@ -25,6 +25,7 @@ Together = Annotated[bool, typer.Option("--together", help="One figure, even whe
 Layout = Annotated[str, typer.Option(help="Of a panorama: latlong, angular, ball, cross, strip.")]
 Yaw = Annotated[float, typer.Option(help="Correction of a panorama's front, degrees.")]
 Flip = Annotated[bool, typer.Option("--flip", help="The panorama is mirrored.")]
+UpsideDown = Annotated[bool, typer.Option("--upside-down", help="The panorama's rows are from the bottom up.")]
 Convention = Annotated[str | None, typer.Option(help="Of a file of coefficients without a stated convention.")]
 Weights = Annotated[Path | None, typer.Option("--weights", "-w", help="A checkpoint (.safetensors) of relight.")]
 Size = Annotated[int, typer.Option(min=16, max=4096, help="Pixels of the longer side, at most.")]
@@ -51,6 +52,7 @@ def photo(
     layout: Layout = "auto",
     yaw: Yaw = 0.0,
     flip: Flip = False,
+    upside_down: UpsideDown = False,
     convention: Convention = None,
     weights: Weights = None,
     jobs: Annotated[int | None, typer.Option("--jobs", "-j", min=1, help="Photos side by side, for a folder.")] = None,
@@ -75,6 +77,7 @@ def photo(
         layout=layout,
         yaw=yaw,
         flip=flip,
+        upside_down=upside_down,
         convention=convention,
     )
     out = out or path.with_name(f"{path.stem if path.is_file() else path.name}_relit")
@@ -139,6 +142,7 @@ def movie(
     layout: Layout = "auto",
     yaw: Yaw = 0.0,
     flip: Flip = False,
+    upside_down: UpsideDown = False,
     convention: Convention = None,
     weights: Weights = None,
 ) -> None:
@@ -167,6 +171,7 @@ def movie(
         layout=layout,
         yaw=yaw,
         flip=flip,
+        upside_down=upside_down,
         convention=convention,
     )
     from relight.photos.api import load

@@ -34,6 +34,7 @@ class Wish:
     layout: str = "auto"
     yaw: float = 0.0
     flip: bool = False
+    upside_down: bool = False
     convention: str | None = None
 
     def __post_init__(self) -> None:
@@ -42,7 +43,7 @@ class Wish:
 
     def source(self, relighter: Relighter) -> Source:
         """The light, read."""
-        layout = {"layout": self.layout, "yaw": self.yaw, "flip": self.flip}
+        layout = {"layout": self.layout, "yaw": self.yaw, "flip": self.flip, "upside_down": self.upside_down}
         if self.convention:
             layout["convention"] = self.convention
         return light_source(self.light, relighter, self.light_mask, self.mask_model, **layout)

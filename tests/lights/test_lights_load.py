@@ -5,7 +5,10 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from relight.config import Panoramas
+from relight.evaluation.tracing import panorama_of
 from relight.files import UserError
+from relight.lights.chain import file_light
 from relight.lights.commands import app
 from relight.lights.light import Light
 from relight.lights.load import load_light
@@ -46,6 +49,19 @@ def test_the_panorama_lights_as_the_coefficients_do(tmp_path, monkeypatch, text,
     np.testing.assert_allclose(project(light.panorama), light.coefficients, rtol=1e-12)
     turned = orient(plain.coefficients, yaw + 40 * text.endswith(":40"), flip) * exposure
     np.testing.assert_allclose(light.coefficients, turned, atol=1e-6 * exposure)
+
+
+def test_upside_down_files_are_read_so_everywhere(tmp_path):
+    pixels = np.random.default_rng(0).random((16, 32, 3)).astype(np.float32)
+    path = store_pfm(tmp_path / "a.pfm", pixels[::-1])
+    expected = project(Panorama(pixels))
+    np.testing.assert_allclose(load_light(path, upside_down=True).coefficients, expected, rtol=1e-6)
+    out = tmp_path / "a.json"
+    assert CliRunner().invoke(app, [str(path), "--upside-down", "-o", str(out)]).exit_code == 0
+    np.testing.assert_allclose(load_light(out).coefficients, expected, rtol=1e-6)
+    folder = Panoramas("folder", str(tmp_path), 0, 0, 0, "auto", 0.0, False, upside_down=True, version=1)
+    np.testing.assert_allclose(file_light("a.pfm", folder, 2)[0], expected, rtol=1e-6)
+    np.testing.assert_allclose(project(panorama_of("a.pfm", 0.0, folder)), expected, rtol=1e-6)
 
 
 def test_a_key_light_shines_from_where_it_says():

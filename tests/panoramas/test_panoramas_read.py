@@ -98,6 +98,11 @@ def test_pfm(tmp_path, order):
     np.testing.assert_array_equal(grey.pixels[..., 1], noise()[..., 0])
 
 
+def test_a_file_of_rows_from_the_bottom_up(tmp_path):
+    path = pfm(tmp_path / "a.pfm", noise()[::-1])
+    np.testing.assert_array_equal(read_panorama(path, upside_down=True).pixels, noise())
+
+
 def test_negatives_are_clipped_and_counted_and_exposure_multiplies(tmp_path):
     pixels = noise()
     pixels[2, 3] = -1
