@@ -9,6 +9,7 @@ from scipy.ndimage import distance_transform_edt
 from relight.evaluation.canvas import CELL, FAINT, Sheet, box_of, cut_out, light_sphere
 from relight.evaluation.metrics import shade
 from relight.files import UserError
+from relight.lights.statistics import measure
 from relight.maps.exr import LeftOut, read_info, read_maps
 from relight.maps.maps import Maps
 from relight.progress import progress
@@ -24,8 +25,8 @@ WIDTH = 2400  # pixels that a sheet should not exceed
 def contact_sheet(maps_paths: list[Path], light: np.ndarray, out: Path, height: int = CELL_HEIGHT) -> None:
     """Draws the figures in `maps_paths` (EXR) as a PNG: each lit by `light` (K,3), its albedo, normals, AO and shading.
 
-    Light and shading are linear and sRGB-encoded, white being the 99.5th percentile of the shading but at least 1;
-    normals are shown as (n+1)/2. A figure that was left out has its reason in its place. `height`: pixels of a cell.
+    Light and shading are linear and sRGB-encoded, white being the 99.5th percentile of a figure's shading; normals are
+    shown as (n+1)/2. A figure that was left out has its reason in its place. `height`: pixels of a cell.
     """
     if not maps_paths:
         raise UserError(f"{out}: there are no maps to show")
@@ -56,6 +57,12 @@ def contact_sheet(maps_paths: list[Path], light: np.ndarray, out: Path, height: 
     sheet.save(out)
 
 
+def clearest(lights: np.ndarray) -> np.ndarray:
+    """Of lights (N,K,3) the one (K,3) that shows forms and colours best: directed, from the front, nearly white."""
+    of = measure(lights)
+    return lights[int(np.argmax(of["first"] + of["toward"] - np.abs(of["red"]) - np.abs(of["blue"])))]
+
+
 def read(path: Path) -> tuple[str, Maps | str]:
     """The figure's name and its maps, or the reason for which it was left out."""
     name = read_info(path).get("name", Path(path).stem)
@@ -83,7 +90,7 @@ def grown(colors: np.ndarray, mask: np.ndarray) -> np.ndarray:
 def views(maps: Maps, light: np.ndarray) -> list[np.ndarray]:
     """The pictures of VIEWS (H,W,3), display-coded."""
     shading = shade(maps.transport, light)
-    white = max(1.0, float(np.percentile(shading[maps.mask], 99.5)))
+    white = max(1e-6, float(np.percentile(shading[maps.mask], 99.5)))
     grey = np.repeat(maps.ao[..., None], 3, -1)
     return [
         encode(maps.albedo * shading / white),

@@ -26,7 +26,7 @@ def main(
     occlusion: Path,
     histogram: Path,
 ) -> None:
-    from relight.evaluation.contact import contact_sheet
+    from relight.evaluation.contact import clearest, contact_sheet
     from relight.evaluation.occlusion import occlusions
     from relight.evaluation.plots import plot_occlusion
     from relight.lights import show
@@ -36,7 +36,7 @@ def main(
     plot_occlusion(occlusions(paths, occlusion), histogram)
     chosen = load(lights)
     show.contact_sheet(chosen, spheres)
-    contact_sheet(paths[: evaluate.sheet], chosen.of("test").coefficients[0], figures)
+    contact_sheet(paths[: evaluate.sheet], clearest(chosen.of("test").coefficients), figures)
 
 
 if __name__ == "__main__":

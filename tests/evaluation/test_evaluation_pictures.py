@@ -7,7 +7,7 @@ from PIL import Image
 
 from relight.config import Evaluate
 from relight.evaluation.canvas import box_of, cut_out, fitted, font, heat, light_sphere, transport_bands
-from relight.evaluation.contact import contact_sheet, grown
+from relight.evaluation.contact import clearest, contact_sheet, grown, views
 from relight.evaluation.occlusion import UNTOLD, Occlusion, by_garment, by_pose, occlusion, occlusions, read_occlusions
 from relight.evaluation.page import Section, build_page, fold, grid, picture, prose, settings_list
 from relight.evaluation.plates import plates
@@ -114,6 +114,26 @@ def test_contact_sheet_shows_every_figure(world, tmp_path):
     assert again.read_bytes() == (tmp_path / "sheet.png").read_bytes()
     with pytest.raises(UserError, match="no maps"):
         contact_sheet([], light, tmp_path / "none.png")
+
+
+def test_sheets_are_lit_by_what_shows_forms_and_colours():
+    white, red = np.ones(3), np.array([1.5, 0.8, 0.7])
+    lights = np.zeros((4, 9, 3))
+    lights[:, 0] = 1  # the first is flat
+    lights[1, [2, 3]] = 0.6 * red  # from the front, and red
+    lights[1, 0] = red
+    lights[2, 2] = -0.8 * white  # from behind
+    lights[3, [2, 3]] = 0.6 * white  # from the front and the right
+    assert (clearest(lights) == lights[3]).all()
+    assert (clearest(lights[:1]) == lights[0]).all()
+
+
+def test_a_sheet_is_exposed_for_each_figure(world):
+    maps = read_maps(world.maps[0])
+    light = np.zeros((9, 3), np.float32)
+    light[0] = 0.9
+    for dim, bright in zip(views(maps, 0.1 * light), views(maps, light), strict=True):
+        np.testing.assert_allclose(dim, bright, atol=1e-5)
 
 
 def test_edges_of_a_figure_take_its_colours():
