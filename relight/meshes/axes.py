@@ -14,6 +14,8 @@ FACE, NECK = (0.05, 0.12), (0.14, 0.17)  # of the height, from the top of the he
 CLEAR = 0.008  # of the height: less ahead than this shows no direction
 SOLES = 0.01  # of the squared height: the area that two soles cover; .015 in the median, a head's top .006
 GRID = 256  # cells to the longest extent, on which covered area is counted
+SHINS, LEVELS = (0.06, 0.20), 6  # of the height: where two legs have nothing between them, but no head and no skirt
+APART = 0.03  # of the height: legs are .04 to .2 apart there; loose hair leaves .015
 
 
 @dataclass
@@ -28,10 +30,10 @@ class Axes:
 def find_axes(mesh: Mesh, up: str | None = None, front: str | None = None) -> Axes:
     """Finds what is not given.
 
-    Up is the longest extent of the file, y before z where they are alike; it is negative when soles and toes are
-    plainly at the other end. Front is where the feet point and the face looks: each foot's toes lie ahead of its ankle,
-    however far the feet are apart, and, half as sure, faces ahead of necks, whatever the arms do. Where neither shows,
-    y-up files face +z and z-up files -y.
+    Up is the longest extent of the file, y before z where they are alike; it is negative when legs, or soles and toes,
+    are plainly at the other end. Front is where the feet point and the face looks: each foot's toes lie ahead of its
+    ankle, however far the feet are apart, and, half as sure, faces ahead of necks, whatever the arms do. Where neither
+    shows, y-up files face +z and z-up files -y.
     """
     area = areas(mesh.vertices, mesh.faces)
     points = mesh.vertices[mesh.faces].mean(axis=1, dtype=np.float64)
@@ -42,7 +44,10 @@ def find_axes(mesh: Mesh, up: str | None = None, front: str | None = None) -> Ax
         axis = "xyz"[int(weight.argmax())]
         flat = {sign: _flat(mesh, points, AXES[sign + axis]) for sign in "+-"}
         toes = np.linalg.norm(_ahead(points, area, AXES["-" + axis], FEET, ANKLES))
-        inverted = flat["-"] > max(SOLES, 2 * flat["+"]) and toes > 3 * CLEAR
+        apart = {sign: _apart(mesh, points, area, AXES[sign + axis]) for sign in "+-"}
+        # Raised arms are apart, too: over legs that are, or over a skirt, but not on soles.
+        legs = apart["-"] > APART > 2 * apart["+"] and flat["-"] > 0.8 * flat["+"]
+        inverted = legs or (flat["-"] > max(SOLES, 2 * flat["+"]) and toes > 3 * CLEAR)
         up = ("-" if inverted else "+") + axis
     if front is not None:
         return Axes(up, front, 1.0)
@@ -89,8 +94,7 @@ def _toes(points: np.ndarray, area: np.ndarray, up: np.ndarray) -> np.ndarray:
         return np.zeros(3)
     flat = (points - np.outer(points @ up, up)) / size
     at, weight = flat[ankle], area[ankle]
-    middle = weight @ at / weight.sum()
-    longest = np.linalg.svd((at - middle) * np.sqrt(weight)[:, None], full_matrices=False)[2][0]
+    middle, longest = _spread(at, weight)
     second = (at - middle) @ longest > 0
     for _ in range(8):
         share = weight * np.stack([~second, second])
@@ -100,6 +104,32 @@ def _toes(points: np.ndarray, area: np.ndarray, up: np.ndarray) -> np.ndarray:
     share = area[foot] * np.stack([~second, second])
     there = share.sum(axis=1) > 0
     return (share[there] @ flat[foot] / share[there].sum(axis=1, keepdims=True) - ankles[there]).mean(axis=0)
+
+
+def _spread(at: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The middle of points (n,3) with weights (n,), and the unit direction along which they spread the furthest."""
+    middle = weight @ at / weight.sum()
+    off = (at - middle) * np.sqrt(weight)[:, None]
+    return middle, np.linalg.eigh(off.T @ off)[1][:, -1]
+
+
+def _apart(mesh: Mesh, points: np.ndarray, area: np.ndarray, up: np.ndarray) -> float:
+    """The median, over thin levels of SHINS, of the widest gap between a level's two parts along its longest direction,
+    in units of the height; a part has at least three tenths of the area. points (F,3) and area (F,) of the faces."""
+    widest = np.zeros(LEVELS)
+    low, high = SHINS
+    for i in range(LEVELS):
+        at, size = _between(points, up, (low + (high - low) * i / LEVELS, low + (high - low) * (i + 1) / LEVELS))
+        if not area[at].any():
+            continue
+        _, longest = _spread(points[at] - np.outer(points[at] @ up, up), area[at])
+        along = mesh.vertices[mesh.faces[at]] @ longest
+        order = along.min(axis=1).argsort()
+        start, end = along.min(axis=1)[order], np.maximum.accumulate(along.max(axis=1)[order])
+        share = area[at][order].cumsum() / area[at].sum()
+        between = (start[1:] - end[:-1]) * ((share[:-1] > 0.3) & (share[:-1] < 0.7))
+        widest[i] = max(0.0, between.max(initial=0.0)) / size
+    return float(np.median(widest))
 
 
 def _near_top(points: np.ndarray, area: np.ndarray, up: np.ndarray) -> np.ndarray:

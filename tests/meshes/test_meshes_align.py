@@ -53,6 +53,31 @@ def test_a_figure_on_its_head_is_turned_over(person):
     assert find_axes(mesh).up == "-y"
 
 
+HAT = {"hat": ((0, 1.74, 0), (0.11, 0.015, 0.11))}  # as flat as soles
+GOWN = {f"{side}_leg": ((0, 0.45, 0), (0.25, 0.45, 0.25)) for side in ("left", "right")}
+
+
+@pytest.mark.parametrize("pose", ["standing", "T-pose", "pointing ahead", "walking"])
+def test_legs_tell_a_figure_on_its_head(person, pose):
+    mesh = person(**POSES[pose], **HAT)
+    assert find_axes(mesh).up == "+y"
+    mesh.vertices[:, :2] *= -1
+    assert find_axes(mesh).up == "-y"
+
+
+RAISED = {
+    "both": POSES["arms up"],
+    "one": {"left_arm": POSES["arms up"]["left_arm"]},
+    "both over a gown": POSES["arms up"] | GOWN,
+    "one, beside a hat": {"left_arm": ((0.35, 1.42, 0), (0.09, 0.33, 0.09))} | HAT,
+}
+
+
+@pytest.mark.parametrize("arms", RAISED)
+def test_arms_in_the_air_are_no_legs(person, arms):
+    assert find_axes(person(**RAISED[arms])).up == "+y"
+
+
 def test_layers_of_hair_are_no_soles(person):
     """Thirty locks over each other on the crown have twice the area of two soles, but cover no more than a head."""
     locks = {f"lock {k}": ((0, 1.738 - 0.0005 * k, -0.12), (0.10, 0.004, 0.16)) for k in range(30)}
