@@ -4,6 +4,7 @@ from pathlib import Path
 
 from relight import config
 from relight.evaluation.claims import claims, matrix, paragraph
+from relight.evaluation.formats import count
 from relight.evaluation.page import Section, build_page, picture, prose
 from relight.evaluation.plots import plot_curves, plot_errors
 from relight.evaluation.report import data
@@ -24,7 +25,7 @@ def build_report(name: str, settings: config.Evaluate, experiments: Path, folder
         Section("Cost and settings", data.costs(results)),
     ]
     lead = (
-        f"{len(results.record['figures'])} figures, {len(results.runs)} trainings; numbers were measured in this run, "
+        f"{count(len(results.record['figures']), 'figure')}, {count(len(results.runs), 'training')}; numbers were measured in this run, "
         "but for the rows called “as printed”, which are the paper's."
     )
     build_page(f"relight: {name}", sections, out, lead)
