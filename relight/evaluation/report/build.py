@@ -25,8 +25,8 @@ def build_report(name: str, settings: config.Evaluate, experiments: Path, folder
         Section("Cost and settings", data.costs(results)),
     ]
     lead = (
-        f"{count(len(results.record['figures']), 'figure')}, {count(len(results.runs), 'training')}; numbers were measured in this run, "
-        "but for the rows called “as printed”, which are the paper's."
+        f"{count(len(results.record['figures']), 'figure')}, {count(len(results.runs), 'training')}; numbers were "
+        "measured in this run, but for the rows called “as printed”, which are the paper's."
     )
     build_page(f"relight: {name}", sections, out, lead)
 
