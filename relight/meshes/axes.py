@@ -44,9 +44,12 @@ def find_axes(mesh: Mesh, up: str | None = None, front: str | None = None) -> Ax
         axis = "xyz"[int(weight.argmax())]
         flat = {sign: _flat(mesh, points, AXES[sign + axis]) for sign in "+-"}
         toes = np.linalg.norm(_ahead(points, area, AXES["-" + axis], FEET, ANKLES))
-        apart = {sign: _apart(mesh, points, area, AXES[sign + axis]) for sign in "+-"}
+
+        def apart(sign: str, axis: str = axis) -> float:
+            return _apart(mesh, points, area, AXES[sign + axis])
+
         # Raised arms are apart, too: over legs that are, or over a skirt, but not on soles.
-        legs = apart["-"] > APART > 2 * apart["+"] and flat["-"] > 0.8 * flat["+"]
+        legs = flat["-"] > 0.8 * flat["+"] and apart("-") > APART > 2 * apart("+")
         inverted = legs or (flat["-"] > max(SOLES, 2 * flat["+"]) and toes > 3 * CLEAR)
         up = ("-" if inverted else "+") + axis
     if front is not None:
