@@ -130,9 +130,10 @@ def clip_negatives(path: Path, pixels: np.ndarray) -> list[str]:
     negative, most = 0, 0.0
     for start in range(0, len(pixels), 256):
         part = pixels[start : start + 256]
-        below = part < 0
-        negative += int(below.any(-1).sum())
-        part[below] = 0
+        if part.min() < 0:
+            below = part < 0
+            negative += int(below.any(-1).sum())
+            part[below] = 0
         most = max(most, float(part.max()))
     if most == 0:
         raise UserError(f"{path}: all black; a panorama has some light")

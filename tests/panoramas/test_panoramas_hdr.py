@@ -150,7 +150,7 @@ WRONG = {
     "size that overflows": b"#?RADIANCE\n\n-Y 4294967552 +X 256\n" + bytes(16),
     "too short for its size": b"#?RADIANCE\n\n-Y 4096 +X 8192\n" + bytes(16),
     "cut in a flat line": b"#?RADIANCE\n\n-Y 2 +X 4\n" + bytes(31),
-    "literal of nothing": b"#?RADIANCE\n\n-Y 1 +X 8\n\2\2\0\10" + bytes(64),
+    "literal of nothing": b"#?RADIANCE\n\n-Y 1 +X 8\n\2\2\0\10" + bytes([0] + [128 + 8, 1] * 4),
     "run over the edge": b"#?RADIANCE\n\n-Y 1 +X 8\n\2\2\0\10" + bytes([128 + 9, 1] * 4),
     "another width": b"#?RADIANCE\n\n-Y 1 +X 8\n\2\2\0\11" + bytes([128 + 8, 1] * 4),
     "old run of nothing before it": b"#?RADIANCE\n\n-Y 1 +X 8\n\1\1\1\7" + bytes(28),
