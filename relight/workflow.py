@@ -58,14 +58,21 @@ class Plan:
             return {"sweep": Experiment(rows=list(self.rows), plates=True)}
         given = OmegaConf.to_object(self.cfg.experiments)
         found = {
-            name: replace(e, rows=[r for r in e.rows if r in wanted and self._fits(r)]) for name, e in given.items()
+            name: replace(e, rows=self._different([r for r in e.rows if r in wanted])) for name, e in given.items()
         }
         return {name: experiment for name, experiment in found.items() if experiment.rows}
 
-    def _fits(self, row: str) -> bool:
-        """Whether there are more figures than a row asks for: one that asks for all of them is another row again."""
-        asked = [int(word.partition("=")[2]) for word in self.rows[row] if word.startswith("train.figures=")]
-        return not asked or asked[-1] < len(self.figures)
+    def _different(self, rows: list[str]) -> list[str]:
+        """The rows without those that are another one again: that ask for all figures, or the width of the scale."""
+        plain = {row: [word for word in self.rows[row] if not self._idle(word)] for row in rows}
+        return [r for r in rows if all(plain[r] != self.rows[o] or o == r for o in rows)]
+
+    def _idle(self, word: str) -> bool:
+        """Whether an override asks for what is so without it."""
+        key, _, value = word.partition("=")
+        if key == "train.figures" and value.isdigit():
+            return int(value) >= len(self.figures)
+        return word == f"model.width={self.cfg.model.width}"
 
     @property
     def scored(self) -> list[str]:

@@ -78,6 +78,13 @@ def test_rows_that_ask_for_more_figures_than_there_are_are_left_out():
     assert plan.experiments["data_size"].rows == ["figures_8", "figures_16", "ours_full"]
 
 
+def test_a_row_that_asks_for_the_width_of_the_scale_is_left_out():
+    rows = Plan({"hydra": "scale=laptop experiment=width"}).experiments["width"].rows
+    assert rows == ["width_1_8", "width_1_2", "ours_full"]
+    alone = Plan({"hydra": "scale=laptop experiment=width sweep.only=[width_1_4]"})
+    assert alone.experiments["width"].rows == ["width_1_4"], "it is left out beside its equal only"
+
+
 def test_rows_may_have_splits_of_their_own():
     plan = Plan({"hydra": "scale=smoke experiment=splits"})
     splits = json.loads(plan.asked())["splits"]["splits"]
