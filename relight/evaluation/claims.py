@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from relight.evaluation.formats import QUANTITY, READING, count, number, split_column
+from relight.evaluation.page import grid
 from relight.evaluation.paper import printed
 from relight.evaluation.statistics import Difference, compare, holm
 from relight.evaluation.tables import ALPHA, LABELS, Table, sign
@@ -18,6 +19,7 @@ PAIRS = (
     ("ours_full", "no_reconstruction", "the reconstruction losses matter"),
 )
 COLUMNS = tuple(f"{q}_{reading}" for q in ("shading", "transport", "light", "albedo") for reading in ("rmse", "ssim"))
+SIGNS = {"holds": "✓", "reversed": "✗", "open": "?"}
 
 
 @dataclass
@@ -66,7 +68,7 @@ def claims(tables: list[Table]) -> list[Claim]:
 
 
 def paragraph(tables: list[Table]) -> str:
-    """The verdicts in plain words, as Markdown: what holds, what is reversed, what these figures cannot decide."""
+    """How many of the orderings hold, are reversed, and cannot be decided by these figures; Markdown."""
     made = claims(tables)
     if not made:
         return "None of the paper's rows can be compared here: at least two of them must be trained."
@@ -87,43 +89,45 @@ def paragraph(tables: list[Table]) -> str:
             "With one training a row the tests speak of these networks on other figures of this kind; whether another "
             "training would order them so is not known."
         )
-    for verdict, words in (("holds", "What holds"), ("reversed", "What the paper has and here is the other way round")):
-        if sides[verdict]:
-            out.append(f"**{words}.** " + "; ".join(_by_pair(sides[verdict])) + ".")
-    if sides["open"]:
-        pairs = [{c.better, c.worse} for c in sides["open"]]
-        left = [f"{LABELS[a]} against {LABELS[b]} ({pairs.count({a, b})})" for a, b, _ in PAIRS if {a, b} in pairs]
-        out.append(f"**What stays open.** {', '.join(left)}: these figures cannot tell; the rows need not be equal.")
     return "\n\n".join(out)
 
 
-def _by_pair(made: list[Claim]) -> list[str]:
-    pairs: dict[tuple[str, str], list[Claim]] = {}
-    for claim in made:
-        pairs.setdefault((claim.better, claim.worse), []).append(claim)
-    return [
-        f"{LABELS[better]} better than {LABELS[worse]} in {', '.join(_words(claim) for claim in group)}"
-        for (better, worse), group in pairs.items()
-    ]
+def listed(tables: list[Table]) -> str:
+    """Every comparison with its numbers, as an HTML table: what `matrix` holds in signs."""
+    rows = []
+    for claim in claims(tables):
+        quantity, reading = split_column(claim.column)
+        low, high = sorted((_gain(claim, claim.ours.low), _gain(claim, claim.ours.high)))
+        rows.append(
+            [
+                f"{SIGNS[claim.verdict]} {claim.verdict}",
+                f"{LABELS[claim.better]} before {LABELS[claim.worse]}",
+                f"{QUANTITY[quantity].lower()} {READING[reading]}",
+                f"{number(claim.means[0])} against {number(claim.means[1])}",
+                f"{_signed(low)} to {_signed(high)}",
+                "< .0001" if claim.p < 1e-4 else f"{claim.p:.2g}".lstrip("0"),
+            ]
+        )
+    return grid(["here", "order of the paper", "in", "means here", "better by (95 %)", "p"], rows)
 
 
-def _words(claim: Claim) -> str:
-    quantity, reading = split_column(claim.column)
-    low, high = sorted((abs(claim.ours.low), abs(claim.ours.high)))
-    values = f"{number(claim.means[0])} against {number(claim.means[1])}"
-    return (
-        f"{QUANTITY[quantity].lower()} {READING[reading]} "
-        f"({values}, a difference of {number(low)} to {number(high)}, p = {claim.p:.2g})"
-    )
+def _gain(claim: Claim, difference: float) -> float:
+    """How much better the row is that the paper has ahead."""
+    return -sign(claim.column) * difference
+
+
+def _signed(value: float) -> str:
+    size = number(abs(value))
+    return size if size == number(0.0) else f"{'−' if value < 0 else '+'}{size}"
 
 
 def matrix(tables: list[Table]) -> str:
     """The same as an HTML table: a row per pair, a column per quantity, each cell the verdict with its difference."""
     made = claims(tables)
-    signs = {"holds": "✓", "reversed": "✗", "open": "?"}
     out = [
-        "<p class=aside>✓ the paper's order holds, ✗ it is the other way round here, ? these figures cannot tell. "
-        "The number is how much better the row's first network is here.</p>\n"
+        "<p class=aside>✓ the paper's order holds, ✗ it is the other way round here, ? these figures cannot tell; the "
+        "rows need not be equal. The number is how much better the row's first network is here. In brackets: the "
+        "paper's numbers are against its argument, and the sign is about its numbers.</p>\n"
         "<div class=scroll><table class=scores><thead><tr><th scope=col>In the paper's argument"
     ]
     for column in COLUMNS:
@@ -141,7 +145,7 @@ def matrix(tables: list[Table]) -> str:
                 continue
             turned = " (printed the other way)" if claim.better != first else ""
             hint = f"{LABELS[claim.better]} before {LABELS[claim.worse]}{turned}: {claim.verdict}, p = {claim.p:.2g}"
-            gain = -sign(column) * claim.ours.mean * (1 if claim.better == first else -1)
-            sided = f"{'−' if gain < 0 else '+'}{number(abs(gain))}"
-            out.append(f'<td class={claim.verdict} title="{hint}">{signs[claim.verdict]} <small>{sided}</small>')
+            gain = _gain(claim, claim.ours.mean) * (1 if claim.better == first else -1)
+            mark = f"({SIGNS[claim.verdict]})" if turned else SIGNS[claim.verdict]
+            out.append(f'<td class={claim.verdict} title="{hint}">{mark} <small>{_signed(gain)}</small>')
     return "\n".join([*out, "</table></div>"])

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from relight.config import Evaluate
-from relight.evaluation.claims import claims, matrix, paragraph
+from relight.evaluation.claims import claims, listed, matrix, paragraph
 from relight.evaluation.formats import number, split_column, to_html, to_latex, to_markdown, write_table
 from relight.evaluation.metrics import COLUMNS
 from relight.evaluation.paper import printed
@@ -112,8 +112,10 @@ def test_an_order_that_is_turned_round_is_reported_as_such():
     made = {(c.better, c.worse, c.column): c for c in claims([table])}
     claim = made["ours_full", "ours_min", "transport_rmse"]
     assert claim.verdict == "reversed" and claim.ours.low > 0
-    text = paragraph([table])
-    assert re.search(r"other way round\.\*\* Ours \(full\) better than Ours \(min\) in transport RMSE", text)
+    lines = [re.findall(r"<td[^>]*>([^<]*)", row) for row in listed([table]).split("<tr>")]
+    told = next(line for line in lines if line[1:3] == ["Ours (full) before Ours (min)", "transport RMSE"])
+    low, high = re.fullmatch(r"−(\.\d+) to −(\.\d+)", told[4]).groups()
+    assert told[0] == "✗ reversed" and float(high) < abs(claim.ours.mean) < float(low)
     assert "class=reversed" in matrix([table])
 
 
@@ -136,6 +138,7 @@ def test_verdicts_count_up_in_the_paragraph():
     pattern = r"\*\*(\d+) hold here, (\d+) the other way round, (\d+) stay open"
     counts = [int(n) for n in re.search(pattern, paragraph([table])).groups()]
     made = claims([table])
+    assert [listed([table]).count(f">{sign} ") for sign in "✓✗?"] == counts
     assert counts == [sum(c.verdict == v for c in made) for v in ("holds", "reversed", "open")]
     assert "With one training a row" in paragraph([table])
     assert "can be compared" in paragraph([experiment_table("table1", rows(names=("sfsnet",)), {}, SETTINGS)])

@@ -3,9 +3,9 @@
 from pathlib import Path
 
 from relight import config
-from relight.evaluation.claims import claims, matrix, paragraph
+from relight.evaluation.claims import claims, listed, matrix, paragraph
 from relight.evaluation.formats import count
-from relight.evaluation.page import Section, build_page, picture, prose
+from relight.evaluation.page import Section, build_page, fold, picture, prose
 from relight.evaluation.plots import plot_curves, plot_errors
 from relight.evaluation.report import data
 from relight.evaluation.report.experiments import section
@@ -32,10 +32,12 @@ def build_report(name: str, settings: config.Evaluate, experiments: Path, folder
 
 
 def verdict(results: Results) -> str:
-    """Which of the paper's orderings hold here, in words and as a table."""
+    """Which of the paper's orderings hold here: how many, which, and with what numbers."""
     tables = [results.table(name) for name in results.tables if results.usual(name)]
     link = '<p><a href="viewer.html">Turn the light on the test figures with the mouse</a>'
-    return prose(paragraph(tables)) + (matrix(tables) if claims(tables) else "") + link
+    if not claims(tables):
+        return prose(paragraph(tables)) + link
+    return prose(paragraph(tables)) + matrix(tables) + link + fold("Every comparison in numbers", listed(tables))
 
 
 def training(results: Results, out: Path) -> str:

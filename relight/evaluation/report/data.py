@@ -52,16 +52,19 @@ def lights(results: Results) -> str:
 
 
 def costs(results: Results) -> str:
-    """CPU seconds and memory per rule, and all settings of this run."""
+    """Seconds and memory of a job per rule, and all settings of this run.
+
+    Wall time: of jobs of seconds, Snakemake's samples miss a part of the CPU time.
+    """
     rows = []
     for folder in sorted((results.folder / "benchmark").glob("*")):
         jobs = []
         for path in folder.glob("*.tsv"):
             with open(path, newline="") as file:
                 jobs += list(csv.DictReader(file, delimiter="\t"))
-        seconds = [float(job["cpu_time"]) for job in jobs if job["cpu_time"] not in ("NA", "-")]
+        seconds = [float(job["s"]) for job in jobs]
         memory = [float(job["max_rss"]) for job in jobs if job["max_rss"] not in ("NA", "-")]
-        if seconds and memory:
+        if memory:
             rows.append([folder.name, len(jobs), sum(seconds) / len(seconds), max(memory) / 1024])
     settings: dict = {}
     for path in sorted((results.folder / "config").glob("*.yaml")):
@@ -73,5 +76,5 @@ def costs(results: Results) -> str:
                 key: {**settings.get(key, {}), **value} if isinstance(value, dict) else value
                 for key, value in stage_settings.items()
             }
-    cost = grid(["rule", "jobs", "mean CPU seconds", "largest memory, GB"], rows)
+    cost = grid(["rule", "jobs", "mean seconds, wall", "largest memory, GB"], rows)
     return cost + fold("Settings", settings_list(settings))
