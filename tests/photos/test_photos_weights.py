@@ -1,7 +1,11 @@
 """The weights that ship: small, readable, and of use on a figure and in rooms that they have not seen."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
+import skimage.data
+import skimage.io
 from omegaconf import OmegaConf
 from scipy.spatial import cKDTree
 
@@ -9,6 +13,8 @@ import relight
 from relight import srgb
 from relight.config import composed
 from relight.photos.api import WEIGHTS
+
+DOCS = Path(relight.__file__).parents[1] / "docs"
 
 
 @pytest.fixture(scope="module")
@@ -56,3 +62,21 @@ def test_shading_goes_with_the_truth(figure):
         found.append((np.corrcoef(inferred, shading)[0, 1], np.corrcoef(relit, shading)[0, 1]))
     ours, brightness = np.mean(found, 0)
     assert ours > 0.6 and ours > brightness, found  # better than taking a bright pixel for a lit one
+
+
+def test_a_photograph_of_a_real_person():
+    """Orange is the suit's and not the light's, and a lamp brightens the side on which it stands."""
+    photo = skimage.data.astronaut()
+    mask = skimage.io.imread(DOCS / "images" / "astronaut_mask.png") / 255
+    relighter = relight.load()
+    (person,) = relighter.infer(photo, mask)
+    assert person.error < 0.1
+    suit = (person.mask > 0) & (person.albedo[..., 0] > 0.4) & (person.albedo[..., 2] < 0.5 * person.albedo[..., 0])
+    assert suit.sum() > 0.2 * person.mask.sum()
+    red, _, blue = person.shading[suit].mean(0)
+    assert 0.7 < red / blue < 1.5
+    lit = [relighter.relight(photo, mask, f"key:#ffffff@{side},10,0.1") for side in (-80, 80)]
+    cheeks = [[srgb.decode(one[110:150, x : x + 20] / 255.0).mean() for x in (185, 240)] for one in lit]
+    assert cheeks[0][0] > 1.5 * cheeks[0][1] and cheeks[1][1] > 1.2 * cheeks[1][0]
+    for one in lit:
+        np.testing.assert_array_equal(one[mask == 0], photo[mask == 0])
