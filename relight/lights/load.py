@@ -12,17 +12,20 @@ from relight.lights.chain import GENERATORS
 from relight.lights.light import Light
 from relight.lights.probes import probe
 from relight.lights.table import load as load_set
+from relight.panoramas.colour import luminance
 from relight.panoramas.panorama import Panorama
 from relight.panoramas.project import orient, project
 from relight.panoramas.read import read_panorama
-from relight.sh.basis import basis
+from relight.sh.basis import basis, order_of
 from relight.sh.conventions import CONVENTIONS, as_table, to_relight
+from relight.sh.irradiance import unoccluded
 from relight.srgb import decode
 
 GENERATED = re.compile(r"(room|sky):(\d{1,9})(?::([-+.0-9]+))?")
 KEY = re.compile(r"key:#?([0-9a-fA-F]{6})@([-+.0-9]+),([-+.0-9]+)(?:,([-+.0-9]+))?")
 IN_SET = re.compile(r"(.+\.(?:npz|csv)):(\d{1,9})")
 FILL = 0.2  # of a key light's strength, from everywhere
+BELOW = 1.1  # times as much irradiance from below as from above is worth a word
 LARGEST_FILE = 1 << 20  # bytes of a file of coefficients
 
 
@@ -49,7 +52,8 @@ def load_light(
                                     with a fill of 0.2 of its strength from everywhere
 
     `yaw` (degrees, +z toward +x), `flip` and `exposure` apply to all of them, and to the panorama of those that have
-    one; `repair` and `upside_down` to panoramas from files. UserError for anything else.
+    one; `repair` and `upside_down` to panoramas from files. `notes` of the light say what a user should know of it.
+    UserError for anything else.
     """
     text = str(text)
     if not (np.isfinite(exposure) and exposure > 0 and np.isfinite(yaw)):
@@ -74,10 +78,20 @@ def load_light(
         raise UserError(f"{text}: a set of lights; say which one ({text}:0)")
     else:
         panorama = read_panorama(text, layout, yaw, flip, exposure, repair, upside_down)
-        light = Light(project(panorama, order), text, panorama, list(panorama.repairs))
+        coefficients = project(panorama, order)
+        light = Light(coefficients, text, panorama, panorama.repairs + from_below(text, coefficients, upside_down))
     if light.panorama is None:
         light = replace(light, coefficients=orient(light.coefficients, yaw, flip) * exposure)
     return light.judged().at_order(order)
+
+
+def from_below(text: str, coefficients: np.ndarray, upside_down: bool) -> list[str]:
+    """A sentence for a panorama (K, 3) that is brighter from below than from above: most often it is upside down."""
+    up, down = (luminance(unoccluded(np.array([0, y, 0]), order_of(len(coefficients))) @ coefficients) for y in (1, -1))
+    if down <= BELOW * up:
+        return []
+    told = "without --upside-down" if upside_down else "with --upside-down, if its rows run from the bottom up"
+    return [f"{text}: brighter from below than from above; read it {told}"]
 
 
 def number(text: str, whole: str) -> float:

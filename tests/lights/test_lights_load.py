@@ -17,6 +17,7 @@ from relight.lights.statistics import moment_eigenvalue, reference_brightness
 from relight.lights.store import write_light
 from relight.panoramas.panorama import Panorama
 from relight.panoramas.project import orient, project
+from relight.panoramas.rooms import room
 from relight.sh.irradiance import irradiance
 from relight.sh.rotation import rotate_y
 
@@ -62,6 +63,19 @@ def test_upside_down_files_are_read_so_everywhere(tmp_path):
     folder = Panoramas("folder", str(tmp_path), 0, 0, 0, "auto", 0.0, False, upside_down=True, version=1)
     np.testing.assert_allclose(file_light("a.pfm", folder, 2)[0], expected, rtol=1e-6)
     np.testing.assert_allclose(project(panorama_of("a.pfm", 0.0, folder)), expected, rtol=1e-6)
+
+
+def test_a_file_that_is_brighter_from_below_is_asked_about(tmp_path):
+    right = store_pfm(tmp_path / "a.pfm", room(7))
+    wrong = store_pfm(tmp_path / "b.pfm", room(7)[::-1])
+    assert not load_light(right).notes and not load_light(wrong, upside_down=True).notes
+    for path, upside_down in ((wrong, False), (right, True)):
+        (note,) = load_light(path, upside_down=upside_down).notes
+        assert (
+            note.startswith(f"{path}: brighter from below") and ("with --" if path == wrong else "without --") in note
+        )
+    assert not load_light(store_pfm(tmp_path / "c.pfm", np.ones((8, 16, 3), np.float32))).notes
+    assert "--upside-down" in CliRunner().invoke(app, [str(wrong)]).output
 
 
 def test_a_key_light_shines_from_where_it_says():
