@@ -14,7 +14,7 @@ from relight.evaluation.tables import LABELS, Row, Table, sign
 from relight.files import UserError, existing, whole
 
 COLORS = ("#7a5195", "#ef5675", "#ffa600", "#00798c", "#30638e", "#6a994e", "#8d99ae", "#bc6c25")
-DASHES = ("--", ":", "-.", (0, (1, 4)), (0, (6, 4)), (0, (4, 1, 1, 1, 1, 1)), (0, (8, 2, 2, 2)))  # of baselines
+DASHES = ("--", ":", "-.", (0, (1, 4)), (0, (6, 4)), (0, (4, 1, 1, 1, 1, 1)), (0, (14, 2)))  # of baselines
 STYLE = {
     "font.size": 10,
     "axes.spines.top": False,
@@ -86,9 +86,9 @@ def plot_curves(
 def plot_axis(
     points: list[tuple[float, Row]], baselines: list[Row], columns: tuple[str, ...], label: str, out: Path
 ) -> None:
-    """One panel per column: the mean and 95 % interval of each row over its place on a setting (log scale).
+    """One panel per column: the mean and 95 % interval of each row over its place on a setting.
 
-    Baselines that have the column are grey levels.
+    Places that span a factor of four or more are on a log scale. Baselines that have the column are grey levels.
     """
     with matplotlib.rc_context(STYLE):
         figure = _figure(2.9 * len(columns), 3.6)
@@ -104,7 +104,8 @@ def plot_axis(
                     style = {"color": "#9a9a9e", "linewidth": 1.2, "linestyle": dashes}
                     shown[row.label] = panel.axhline(row.cells[column].estimate.mean, **style)
             places = sorted({place for place, _ in own})
-            panel.set_xscale("log", base=2)
+            if places[-1] >= 4 * places[0]:
+                panel.set_xscale("log", base=2)
             panel.set_xticks(places, [f"{place:g}" for place in places])
             panel.minorticks_off()
             panel.set_ylim(0)
