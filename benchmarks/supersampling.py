@@ -10,8 +10,9 @@ stays within .05 over the 4 x 4, where only the sampling of directions is left. 
 import argparse
 import time
 
-import numpy as np
-from transport import figure
+from transport import figure  # first: it keeps BLAS to one thread
+
+import numpy as np  # isort: skip
 
 from relight.transport.bake import bake
 

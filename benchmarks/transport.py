@@ -14,6 +14,10 @@ the same offset, so only sampling is compared. Errors of shared directions are c
 noise, so those are taken over 24 seeds.
 """
 
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy is there: a second thread of BLAS waits at full CPU time
+
 import argparse
 import platform
 import time
@@ -160,9 +164,6 @@ def machine() -> str:
 
 
 def main() -> None:
-    import os
-
-    os.environ.setdefault("OMP_NUM_THREADS", "1")
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--mesh", type=Path, help="a mesh instead of a generated figure")
     parser.add_argument("--seed", type=int, default=0, help="of the generated figure")
