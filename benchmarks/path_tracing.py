@@ -1,6 +1,6 @@
 """The baked maps against Mitsuba 3, a path tracer that shares no code with them, and what truncating the light costs.
 
-    python benchmarks/path_tracing.py --out docs/images/path_tracing.png
+    python benchmarks/path_tracing.py --size 256 --samples 200 --out docs/images/path_tracing.png
 
 Mitsuba renders a clothed figure of albedo .5 under a panorama band-limited to order 2, pixel by pixel the mean over
 the pixel's area; the baked side is albedo / pi * (T . L), of 1,024 rays shared by 4 x 4 places of a pixel. Then both

@@ -7,12 +7,15 @@ root mean squares over pixels (whole inside the figure) of the 9-vector's length
 stays within .05 over the 4 x 4, where only the sampling of directions is left. CPU time, one thread, one process.
 """
 
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy is there, see transport.py
+
 import argparse
 import time
 
-from transport import figure  # first: it keeps BLAS to one thread
-
-import numpy as np  # isort: skip
+import numpy as np
+from transport import figure
 
 from relight.transport.bake import bake
 

@@ -71,7 +71,7 @@ def paragraph(tables: list[Table]) -> str:
     """How many of the orderings hold, are reversed, and cannot be decided by these figures; Markdown."""
     made = claims(tables)
     if not made:
-        return "None of the paper's rows can be compared here: at least two of them must be trained."
+        return "No two rows that the paper's tables compare are trained in this run."
     table = tables[0]
     numbers = {row.trainings for one in tables for row in one.rows if not row.baseline}
     trainings = count(max(numbers), "training")

@@ -11,14 +11,13 @@ from relight.files import UserError, existing
 from relight.lights.chain import GENERATORS
 from relight.lights.light import Light
 from relight.lights.probes import probe
+from relight.lights.statistics import measure
 from relight.lights.table import load as load_set
-from relight.panoramas.colour import luminance
 from relight.panoramas.panorama import Panorama
 from relight.panoramas.project import orient, project
 from relight.panoramas.read import read_panorama
-from relight.sh.basis import basis, order_of
+from relight.sh.basis import basis
 from relight.sh.conventions import CONVENTIONS, as_table, to_relight
-from relight.sh.irradiance import unoccluded
 from relight.srgb import decode
 
 GENERATED = re.compile(r"(room|sky):(\d{1,9})(?::([-+.0-9]+))?")
@@ -87,8 +86,8 @@ def load_light(
 
 def from_below(text: str, coefficients: np.ndarray, upside_down: bool) -> list[str]:
     """A sentence for a panorama (K, 3) that is brighter from below than from above: most often it is upside down."""
-    up, down = (luminance(unoccluded(np.array([0, y, 0]), order_of(len(coefficients))) @ coefficients) for y in (1, -1))
-    if down <= BELOW * up:
+    found = measure(coefficients[None])
+    if found["down"][0] <= BELOW * found["up"][0]:
         return []
     told = "without --upside-down" if upside_down else "with --upside-down, if its rows run from the bottom up"
     return [f"{text}: brighter from below than from above; read it {told}"]

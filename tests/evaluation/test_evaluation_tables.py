@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from relight.config import Evaluate
-from relight.evaluation.claims import claims, listed, matrix, paragraph
+from relight.evaluation.claims import PAIRS, claims, listed, matrix, paragraph
 from relight.evaluation.formats import number, split_column, to_html, to_latex, to_markdown, write_table
 from relight.evaluation.metrics import COLUMNS
 from relight.evaluation.paper import printed
@@ -104,6 +104,8 @@ def test_the_papers_own_numbers_hold_where_they_differ():
     assert verdicts["ours_min", "sfsnet", "shading_rmse"] == "holds"
     assert verdicts["sfsnet_ao", "ours_full", "albedo_ssim"] == "holds"  # as printed, against the paper's general words
     assert "reversed" not in verdicts.values()
+    against = sum((better, worse) not in {pair[:2] for pair in PAIRS} for better, worse, _ in verdicts)
+    assert len(re.findall(r">\([✓✗?]\) ", matrix([table]))) == against > 0
     assert not any(c[1] == c[0] for c in verdicts)
 
 
@@ -141,7 +143,7 @@ def test_verdicts_count_up_in_the_paragraph():
     assert [listed([table]).count(f">{sign} ") for sign in "✓✗?"] == counts
     assert counts == [sum(c.verdict == v for c in made) for v in ("holds", "reversed", "open")]
     assert "With one training a row" in paragraph([table])
-    assert "can be compared" in paragraph([experiment_table("table1", rows(names=("sfsnet",)), {}, SETTINGS)])
+    assert "No two rows" in paragraph([experiment_table("table1", rows(names=("sfsnet",)), {}, SETTINGS)])
 
 
 def test_gather_puts_trainings_of_a_row_together(tmp_path):

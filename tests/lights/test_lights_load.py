@@ -69,11 +69,9 @@ def test_a_file_that_is_brighter_from_below_is_asked_about(tmp_path):
     right = store_pfm(tmp_path / "a.pfm", room(7))
     wrong = store_pfm(tmp_path / "b.pfm", room(7)[::-1])
     assert not load_light(right).notes and not load_light(wrong, upside_down=True).notes
-    for path, upside_down in ((wrong, False), (right, True)):
+    for path, upside_down, told in ((wrong, False, "with --"), (right, True, "without --")):
         (note,) = load_light(path, upside_down=upside_down).notes
-        assert (
-            note.startswith(f"{path}: brighter from below") and ("with --" if path == wrong else "without --") in note
-        )
+        assert note.startswith(f"{path}: brighter from below") and f"read it {told}" in note
     assert not load_light(store_pfm(tmp_path / "c.pfm", np.ones((8, 16, 3), np.float32))).notes
     assert "--upside-down" in CliRunner().invoke(app, [str(wrong)]).output
 
