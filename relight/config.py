@@ -118,7 +118,7 @@ class Lights:
 
 @dataclass
 class Model:
-    name: str = MISSING  # ours | sfsnet | sfsnet_ao
+    name: str = MISSING  # ours | sfsnet | sfsnet_ao | unet
     width: float = MISSING
     norm: str = MISSING  # instance | batch
     dropout: float = MISSING
@@ -139,6 +139,9 @@ class Loss:
     shading: float = MISSING  # each of the three
     reconstruction: float = MISSING  # each of the six partial combinations
     reconstruction_full: float = MISSING
+    gradient_albedo: float = MISSING  # of the error's differences between neighbours
+    gradient_transport: float = MISSING
+    gradient_shading: float = MISSING  # under the true light
     tv_reference: int = MISSING  # TV weights are multiplied by size / tv_reference
     reduction: str = MISSING  # image | mask
 
@@ -166,14 +169,37 @@ class Train:
         MISSING  # decay of the moving average of the weights that is kept at the end; 0 keeps the last ones
     )
     mirror: bool = MISSING  # half of the pairs are mirrored left to right
-    exposure: float = MISSING  # stops: the exposure is uniform in +-this, on image and light alike
     compile: bool = MISSING  # torch.compile: pays on a GPU
     start: str | None = None  # a network of the same kind to go on from: a file, or the name of a run of the sweep
     only: str | None = None  # encoder: all else stays as it is in `start`
     part: str = "train"  # train | test: figures of the split; test is for losses that use no truth
+    size: int | None = None  # pixels of the images, at most those of the maps; null: those of the maps
     figures: int | None = None  # so many of them at most, drawn from the seed; fewer are part of more; null: all
     lights: list[str] = field(default_factory=lambda: ["train"])  # marks of the light table: train, rich, test
     version: int = MISSING
+
+
+@dataclass
+class Augment:
+    """What photographers, cameras and masks do to pictures, drawn anew for each training pair; 0 turns a part off.
+
+    Pixels are those of the network's image. Framing, tint, exposure and recolouring change picture and truth alike, all
+    else the picture alone.
+    """
+
+    framing: float = MISSING  # share of the pictures that are framed anew
+    cut: float = MISSING  # share of these that end between the chest and the knees
+    zoom: list[float] = MISSING  # least and most size of the figure, as a factor on the usual framing
+    shift: float = MISSING  # of the figure's box from the centre, at most, as a share of the image's side
+    tint: float = MISSING  # standard deviation of ln(B/G) of the white balance
+    exposure: list[float] = MISSING  # least and most stops
+    recolour: float = MISSING  # share of the pictures in which garments get other colours
+    mask: int = MISSING  # pixels by which the mask is too fat or too thin, at most, differently along the outline
+    tone: float = MISSING  # strength of the tone curve and of changes of saturation
+    blur: float = MISSING  # largest standard deviation, pixels
+    sharpen: float = MISSING  # largest weight of the unsharp mask
+    noise: float = MISSING  # largest standard deviation, as a share of white, of coded values
+    jpeg: float = MISSING  # share of the pictures that are compressed, at qualities from 40 to 95
 
 
 @dataclass
@@ -242,6 +268,7 @@ class Config:
     model: Model = field(default_factory=Model)
     loss: Loss = field(default_factory=Loss)
     train: Train = field(default_factory=Train)
+    augment: Augment = field(default_factory=Augment)
     evaluate: Evaluate = field(default_factory=Evaluate)
     trace: Trace = field(default_factory=Trace)
     timing: Timing = field(default_factory=Timing)
@@ -261,7 +288,7 @@ READS = {
     "pack": ("split",),
     "split": ("split",),
     "lights": ("panoramas", "lights", "bake.order"),
-    "train": ("model", "loss", "train", "track"),
+    "train": ("model", "loss", "train", "augment", "track"),
     "evaluate": ("evaluate", "track"),
     "baselines": ("evaluate", "train.color", "bake.order"),
     "tables": ("evaluate",),
@@ -313,6 +340,7 @@ LEAST = {
     "train.steps": 1,
     "train.batch": 1,
     "train.figures": 1,
+    "train.size": 64,
     "train.epoch": 1,
     "evaluate.bootstrap": 1,
     "trace.figures": 1,
@@ -328,7 +356,7 @@ CHOICES = {
     "panoramas.source": ("generated", "folder"),
     "lights.order": ("cut_first", "paper"),
     "lights.split": ("room", "random"),
-    "model.name": ("ours", "sfsnet", "sfsnet_ao"),
+    "model.name": ("ours", "sfsnet", "sfsnet_ao", "unet"),
     "model.norm": ("instance", "batch"),
     "model.albedo": ("clip", "straight_through", "sigmoid"),
     "model.light_head": ("strided", "pooled"),
@@ -351,6 +379,7 @@ EXPERIMENT = {"figures": ("test", "sitting"), "lights": ("test", "unusual")}
 RULES = {
     "figures.shading": (lambda value: 0 <= value <= 1, "must lie in [0, 1]"),
     "bake.size": (lambda value: value % 64 == 0, "must be a multiple of 64"),
+    "train.size": (lambda value: value % 64 == 0, "must be a multiple of 64"),
     "train.lr": (lambda value: value > 0, "must be greater than 0"),
     "train.lights": (
         lambda value: value and set(value) <= {"train", "rich", "test"},

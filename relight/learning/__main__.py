@@ -34,7 +34,7 @@ def main() -> None:
     options = parser.parse_intermixed_args()
     try:
         cfg = composed(options.overrides)
-        groups = (OmegaConf.to_object(cfg[name]) for name in ("model", "loss", "train"))
+        groups = (OmegaConf.to_object(cfg[name]) for name in ("model", "loss", "train", "augment"))
         state, curve = options.out.with_suffix(".state.pt"), options.out.with_suffix(".csv")
         train(*groups, options.packed, options.lights, options.split, options.out, state, curve)
     except UserError as error:

@@ -1,7 +1,7 @@
 """Relit batches from the packed set, made on the device: no loader, no workers, nothing rendered in advance.
 
-Only the pixels inside the masks are stored and computed with: "compact" maps (B, P, C) hold the in-mask pixels of each
-image row by row, padded with zeros to P, the most pixels of any figure, so that shapes never change.
+Only the pixels inside the masks are stored and computed with, as compact maps (relight.learning.compact). Here P is the
+most pixels of any figure, so that shapes never change.
 """
 
 import json
@@ -16,13 +16,14 @@ from torch import Tensor
 
 from relight.files import UserError, existing
 from relight.learning.camera import photograph, quantised, shade
+from relight.learning.compact import Places
 from relight.learning.harmonics import mirror_signs
 from relight.maps.packed import Packed
 from relight.progress import progress
 
 
-@dataclass
-class Batch:
+@dataclass(frozen=True, kw_only=True)
+class Batch(Places):
     """Network input and truth for B pairs of figure and light. Compact maps are zero at their padding."""
 
     image: Tensor  # (B,3,S,S) what the camera saw, zero outside the mask
@@ -34,18 +35,9 @@ class Batch:
     light: Tensor  # (B,K,3)
     shading: Tensor  # (B,P,3) transport . light of all bands in [0,10]
     relit: Tensor  # (B,P,3) albedo * shading, before the camera
-    inside: Tensor  # (B,P,1) 1 for pixels, 0 for padding
-    interior: Tensor  # (B,P,1) 1 for pixels of the mask eroded by one pixel; their right neighbour is the next in line
-    pixel: Tensor  # (B*P,) index of each pixel among the B*S*S
-    below: Tensor  # (B*P,) index of the pixel below each interior pixel among the B*P
+    exposure: Tensor  # (B,) the factor on light and picture between the truth here and what the camera saw
     size: int
     scope: float  # pixels in the masks of one batch, for reduction=mask
-
-    def take(self, dense: Tensor) -> Tensor:
-        """The in-mask pixels (B,P,C), float32, of a dense map (B,C,S,S); no copy of the rest when channels_last."""
-        rows = dense.permute(0, 2, 3, 1).reshape(-1, dense.shape[1])
-        # Pixels are distinct, so the gradient of this gather adds to each place once, in no order: it is deterministic.
-        return rows.index_select(0, self.pixel).float().view(len(dense), -1, dense.shape[1]) * self.inside
 
     def put(self, compact: Tensor) -> Tensor:
         """The dense map (B,C,S,S), zero outside the mask, of a compact one."""
@@ -110,12 +102,10 @@ class RelitSet:
         figure: np.ndarray,
         light: np.ndarray,
         mirror: np.ndarray | None = None,
-        exposure: np.ndarray | None = None,
     ) -> Batch:
         """The batch of pairs figure[i], light[i] (B,) int.
 
         mirror (B,) bool: image, maps and light as in a mirror; compact maps keep the order of the unmirrored pixels.
-        exposure (B,): factors on the light, hence on the image.
         """
         device, size, most = self.pixel.device, self.size, self.most
         chosen = torch.as_tensor(figure, device=device)
@@ -131,8 +121,6 @@ class RelitSet:
             albedo = albedo / 255
         transport, normal = self.transport[rows].float() * inside, self.normal[rows].float() * inside
         lights = self.lights[torch.as_tensor(light, device=device)]
-        if exposure is not None:
-            lights = lights * torch.as_tensor(exposure, dtype=torch.float32, device=device)[:, None, None]
         if mirror is not None:
             flip = torch.as_tensor(mirror, device=device)[:, None]
             pixel = torch.where(flip, pixel + size - 1 - 2 * (pixel % size), pixel)
@@ -160,6 +148,7 @@ class RelitSet:
             interior=self.interior[rows].float()[..., None] * inside,
             pixel=pixel,
             below=(below + image_start * most).flatten(),
+            exposure=torch.ones(len(chosen), device=device),
             size=size,
             scope=float(self.counts[figure].sum()),
         )

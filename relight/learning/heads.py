@@ -34,16 +34,17 @@ class StridedHead(nn.Module):
 
 
 class PooledHead(nn.Module):
-    """A light head that averages its features over the figure only: the same for every size of image."""
+    """A light head that averages its features, of 1/stride of the image's size, over the figure only."""
 
-    def __init__(self, inputs: int, channels: list[int], outputs: int):
+    def __init__(self, inputs: int, channels: list[int], outputs: int, stride: int):
         super().__init__()
+        self.stride = stride
         sizes = [inputs, *channels]
         self.layers = nn.ModuleList(nn.Conv2d(a, b, 1) for a, b in pairwise(sizes))
         self.last = nn.Conv2d(sizes[-1], outputs, 1)
 
     def forward(self, x: Tensor, mask: Tensor) -> Tensor:
-        share = F.adaptive_avg_pool2d(mask, x.shape[-2:])
+        share = F.avg_pool2d(mask, self.stride)
         x = F.leaky_relu(self.layers[0](x), SLOPE)  # before the pool, so that it can choose where to look
         x = (x * share).sum((2, 3), keepdim=True) / share.sum((2, 3), keepdim=True).clamp_min(1e-6)
         for layer in self.layers[1:]:

@@ -1,4 +1,4 @@
-"""The fifteen L1 losses of the paper (section 4), on the in-mask pixels alone.
+"""The fifteen L1 losses of the paper (section 4), and three of gradients for photographs, on the in-mask pixels alone.
 
 Outside the mask both the truth and the masked outputs are zero, so sums over the mask are the sums over the image.
 With A, T, L the truth, ^ what is inferred, S = T.L and I = A*S, of the seven reconstructions four need no new map:
@@ -60,6 +60,12 @@ def losses(outputs: dict[str, Tensor], batch: Batch, loss: Loss) -> dict[str, Te
         shadings["light"] = shade(batch.transport, light)
     if loss.shading or loss.reconstruction or loss.reconstruction_full:
         shadings["transport_light"] = shade(transport, light)
+    if loss.gradient_albedo:
+        values["gradient_albedo"] = mean(variation(albedo - batch.albedo, batch))
+    if loss.gradient_transport:
+        values["gradient_transport"] = mean(variation(transport - batch.transport, batch))
+    if loss.gradient_shading:
+        values["gradient_shading"] = mean(variation(shade(transport, batch.light) - batch.shading, batch))
     if loss.shading or loss.reconstruction:
         errors = {name: (shading - batch.shading).abs() for name, shading in shadings.items()}
     if loss.shading:
@@ -105,4 +111,7 @@ def weights(loss: Loss, size: int) -> dict[str, float]:
         "reconstruction_albedo_light": loss.reconstruction,
         "reconstruction_transport_light": loss.reconstruction,
         "reconstruction_full": loss.reconstruction_full,
+        "gradient_albedo": loss.gradient_albedo,
+        "gradient_transport": loss.gradient_transport,
+        "gradient_shading": loss.gradient_shading,
     }

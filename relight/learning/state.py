@@ -2,18 +2,19 @@
 
 import hashlib
 import json
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import torch
 
-from relight.config import Loss, Model, Train
 from relight.files import whole
 
 
-def fingerprint(model: Model, loss: Loss, train: Train, *files: Path) -> str:
-    """Changes with any setting and with the content of any input."""
-    digest = hashlib.sha256(json.dumps([asdict(part) for part in (model, loss, train)], sort_keys=True).encode())
+def fingerprint(settings: Sequence[Any], *files: Path) -> str:
+    """Changes with any setting (dataclasses) and with the content of any input."""
+    digest = hashlib.sha256(json.dumps([asdict(part) for part in settings], sort_keys=True).encode())
     for path in files:
         with open(path, "rb") as file:
             digest.update(hashlib.file_digest(file, "sha256").digest())

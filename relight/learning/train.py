@@ -12,7 +12,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import contextmanager, nullcontext
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -21,19 +21,21 @@ import torch.distributed as distributed
 from torch import nn
 from torch.nn.parallel import DistributedDataParallel
 
-from relight.config import Loss, Model, Train
+from relight.config import Augment, Loss, Model, Train
 from relight.files import UserError, whole
+from relight.learning.augment import augmented
 from relight.learning.checkpoint import load_network, save_network
 from relight.learning.data import Batch, RelitSet, read_split
 from relight.learning.losses import losses, weights
 from relight.learning.meter import Meter
-from relight.learning.networks import Network, build
+from relight.learning.networks import STRIDE, Network, UNet, build
 from relight.learning.pairs import generator, pairs
 from relight.learning.state import fingerprint, restore, save_state
 from relight.progress import span
 
 STEP_DRAWS = 1  # the purpose of the random numbers of a step, apart from those that order the pairs
 SUBSET = 2  # of those that choose `train.figures`
+PICTURE = 3  # of those that augment a picture
 FLOOR = 0.02  # share of the learning rate at which the cosine ends
 
 
@@ -41,6 +43,7 @@ def train(
     model: Model,
     loss: Loss,
     train: Train,
+    augment: Augment,
     packed: Path,
     lights: Path,
     split: Path,
@@ -69,7 +72,10 @@ def train(
         chosen, lit = material(data, split, train)
 
         torch.manual_seed(train.seed)
-        network = build(model, data.size).to(device).train()
+        size = train.size or data.size
+        if size > data.size:
+            raise UserError(f"train.size={size}: the maps of {packed} have {data.size} px, give at most that")
+        network = build(model, size).to(device).train()
         if train.start:
             adopt(network, model, train)
         elif train.only:
@@ -78,7 +84,7 @@ def train(
         optimizer = make_optimizer(network, train)
         parts = {"network": network, "optimizer": optimizer} | ({"average": average} if average else {})
         origin = [Path(train.start)] if train.start else []
-        digest = fingerprint(model, loss, train, packed, lights, split, *origin)
+        digest = fingerprint((model, loss, train, augment), packed, lights, split, *origin)
         first, history, found = restore(state, digest, parts, device)
         if found and rank == 0:
             say(found)
@@ -89,14 +95,15 @@ def train(
         if train.compile:
             forward = torch.compile(forward)
         autocast = torch.autocast(device.type, torch.bfloat16) if train.precision == "bf16" else nullcontext()
-        weight = weights(loss, data.size)
+        weight = weights(loss, size)
         meter, start = Meter(device), time.monotonic()
         for step in range(first, train.steps):
-            batch = draw(data, chosen, lit, train, step, rank, world)
+            batch = draw(data, chosen, lit, train, augment, step, rank, world)
             for group in optimizer.param_groups:
                 group["lr"] = rate(train, step)
             with autocast:
                 outputs = forward(batch.image, batch.mask)
+            outputs["light"] = outputs["light"] / batch.exposure[:, None, None]
             values = losses(outputs, batch, loss)
             values = {"loss": sum(weight[name] * value for name, value in values.items()), **values}
             optimizer.zero_grad(set_to_none=True)
@@ -121,7 +128,7 @@ def train(
             save_state(state, digest, parts, done, history)
 
         if rank == 0:
-            settings = {"loss": asdict(loss), "train": asdict(train)}
+            settings = {"loss": asdict(loss), "train": asdict(train), "augment": asdict(augment)}
             save_network(out, average or network, model, **settings)
             if curve:
                 write_curve(curve, history)
@@ -173,10 +180,12 @@ def material(data: RelitSet, split: Path, train: Train) -> tuple[np.ndarray, np.
 def adopt(network: Network, model: Model, train: Train) -> None:
     """Takes over the weights of `train.start`; with `only: encoder` all others stay, running statistics included.
 
-    Raises UserError when that network is of another kind or size.
+    Raises UserError when that network is of another kind, or of another size that its layers depend on.
     """
     found, config = load_network(train.start)
     wanted = {"size": network.size, "model": asdict(model)}
+    if isinstance(network, UNet) and min(network.size, config["size"]) > STRIDE:  # one pixel has no norms
+        del wanted["size"]
     if (made := {key: config[key] for key in wanted}) != wanted:
         raise UserError(f"train.start={train.start} is a network of {made}: it must be one of {wanted}")
     network.load_state_dict(found.state_dict())
@@ -208,22 +217,26 @@ def rate(train: Train, step: int) -> float:
 
 
 def draw(
-    data: RelitSet, figures: np.ndarray, lights: np.ndarray, train: Train, step: int, rank: int, world: int
+    data: RelitSet,
+    figures: np.ndarray,
+    lights: np.ndarray,
+    train: Train,
+    augment: Augment,
+    step: int,
+    rank: int,
+    world: int,
 ) -> Batch:
     """The batch of one step, or this process's share of it; also seeds torch, for the dropout of this step."""
     chosen = pairs(train.seed, step, train.batch, len(figures), len(lights), train.pairs)
     rng = generator(train.seed, step, STEP_DRAWS)
     torch.manual_seed(int(rng.integers(2**62)) + rank)
-    mirror, stops = rng.random(train.batch) < 0.5, rng.uniform(-1, 1, train.batch) * train.exposure
+    mirror = rng.random(train.batch) < 0.5
     mine = slice(rank, None, world)
-    batch = data.batch(
-        figures[chosen[mine, 0]],
-        lights[chosen[mine, 1]],
-        mirror=mirror[mine] if train.mirror else None,
-        exposure=2.0 ** stops[mine] if train.exposure else None,
-    )
-    batch.scope = float(data.counts[figures[chosen[:, 0]]].sum()) / world
-    return batch
+    batch = data.batch(figures[chosen[mine, 0]], lights[chosen[mine, 1]], mirror=mirror[mine] if train.mirror else None)
+    batch = replace(batch, scope=float(data.counts[figures[chosen[:, 0]]].sum()) / world)
+    numbers = range(step * train.batch, (step + 1) * train.batch)[mine]
+    generators = [generator(train.seed, number, PICTURE) for number in numbers]
+    return augmented(batch, augment, generators, train.size or data.size)
 
 
 @torch.no_grad()

@@ -82,7 +82,7 @@ class Relighter:
 
     def trust(self, figure: Figure) -> Trust:
         """How far to trust this inference, in numbers and words."""
-        return trust(figure, self.lights, self.config["train"].get("exposure", 0.0))
+        return trust(figure, self.lights, self.config.get("augment", {}).get("exposure", [0.0])[-1])
 
 
 def exposure(figures: Sequence[Figure], light: np.ndarray) -> float:

@@ -7,13 +7,12 @@ from pathlib import Path
 
 import numpy as np
 import torch
-import torch.nn.functional as F
 from torch import Tensor, nn
 from torch.export import Dim
 
 from relight.files import UserError, whole
 from relight.learning.blocks import InstanceNorm
-from relight.learning.heads import SLOPE, PooledHead, Refinement
+from relight.learning.heads import Refinement
 from relight.learning.networks import STRIDE, Network, with_transport
 
 INPUTS = ("image", "mask")
@@ -39,22 +38,6 @@ def finished(maps: dict[str, Tensor], mask: Tensor, order: int) -> tuple[Tensor,
     """albedo (B,3,H,W) and transport (B,K,H,W) of a network's maps, zero outside the mask."""
     maps = with_transport({name: maps[name].permute(0, 2, 3, 1) for name in maps if name != "light"}, order)
     return maps["albedo"].permute(0, 3, 1, 2) * mask, maps["transport"].permute(0, 3, 1, 2) * mask
-
-
-class OpenPooledHead(nn.Module):
-    """PooledHead with its average of the mask in a form that exports at every size."""
-
-    def __init__(self, head: PooledHead):
-        super().__init__()
-        self.layers, self.last = head.layers, head.last
-
-    def forward(self, x: Tensor, mask: Tensor) -> Tensor:
-        share = F.avg_pool2d(mask, STRIDE)
-        x = F.leaky_relu(self.layers[0](x), SLOPE)
-        x = (x * share).sum((2, 3), keepdim=True) / share.sum((2, 3), keepdim=True).clamp_min(1e-6)
-        for layer in self.layers[1:]:
-            x = F.leaky_relu(layer(x), SLOPE)
-        return self.last(x).flatten(1)
 
 
 class OpenRefinement(nn.Module):
@@ -153,8 +136,6 @@ def _open_sized(module: nn.Module) -> nn.Module:
             norm = nn.InstanceNorm2d(len(child.weight), affine=True)
             norm.weight, norm.bias = child.weight, child.bias
             setattr(module, name, norm)
-        elif isinstance(child, PooledHead):
-            setattr(module, name, OpenPooledHead(child))
         elif isinstance(child, Refinement):
             setattr(module, name, OpenRefinement(child))
         else:

@@ -3,7 +3,7 @@
 from dataclasses import asdict
 from pathlib import Path
 
-from relight.config import Loss, Model, Track, Train, flat
+from relight.config import Augment, Loss, Model, Track, Train, flat
 from relight.stages.stage import stage
 
 
@@ -19,6 +19,7 @@ def main(
     model: Model,
     loss: Loss,
     train: Train,
+    augment: Augment,
     track: Track,
     packed: Path,
     lights: Path,
@@ -29,7 +30,8 @@ def main(
     from relight.learning import train as learning
     from relight.track import tracked
 
-    settings = {"model": asdict(model), "loss": asdict(loss), "train": asdict(train)}
+    groups = {"model": model, "loss": loss, "train": train, "augment": augment}
+    settings = {name: asdict(group) for name, group in groups.items()}
     # Beside the outputs but not declared as one: Snakemake deletes declared outputs before a retry.
     state = out.parent / "state" / out.stem
     with tracked(track, out.stem, state / "mlflow.txt", flat(settings)) as mlflow:
@@ -38,6 +40,7 @@ def main(
             model,
             loss,
             train,
+            augment,
             packed,
             lights,
             split,

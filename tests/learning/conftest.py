@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from relight.config import Loss, Model, Train
+from relight.config import Augment, Loss, Model, Train
 from relight.maps.exr import write_maps
 from relight.maps.maps import Maps
 from relight.maps.packed import pack
@@ -81,7 +81,8 @@ def model():
 def loss():
     """Loss settings: `full`."""
     names = "albedo transport light tv_albedo tv_transport shading reconstruction reconstruction_full".split()
-    settings = {**dict.fromkeys(names, 1.0), "tv_reference": 1024, "reduction": "image"}
+    off = dict.fromkeys(["gradient_albedo", "gradient_transport", "gradient_shading"], 0.0)
+    settings = {**dict.fromkeys(names, 1.0), **off, "tv_reference": 1024, "reduction": "image"}
     return lambda **changes: Loss(**{**settings, **changes})
 
 
@@ -90,5 +91,12 @@ def schedule():
     """Training settings: eight steps of the demo's."""
     settings = dict(steps=8, batch=4, lr=2e-3, beta1=0.9, beta2=0.999, schedule="cosine", warmup=2, epoch=4)
     settings |= dict(color="paper", seed=0, device="cpu", precision="f32", version=1, pairs="shuffled")
-    settings |= dict(optimizer="adam", decay=0.0, average=0.0, mirror=False, exposure=0.0, compile=False)
+    settings |= dict(optimizer="adam", decay=0.0, average=0.0, mirror=False, compile=False)
     return lambda **changes: Train(**{**settings, **changes})
+
+
+@pytest.fixture(scope="session")
+def augment():
+    """Settings of augmentation: none of it."""
+    off = dict.fromkeys("framing cut shift tint recolour mask tone blur sharpen noise jpeg".split(), 0)
+    return lambda **changes: Augment(**{**off, "zoom": [1.0, 1.0], "exposure": [0.0, 0.0], **changes})

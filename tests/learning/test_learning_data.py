@@ -103,15 +103,6 @@ def test_mirrored_batch_is_the_mirrored_image(tiny_world):
     assert torch.equal(mixed.light[0, [0, 1, 2, 5, 6, 8]], plain.light[0, [0, 1, 2, 5, 6, 8]])
 
 
-def test_exposure_scales_image_and_light(tiny_world):
-    data = RelitSet(tiny_world["packed"], tiny_world["lights"], 2, "paper")
-    plain, brighter = data.batch(FIGURES, LIGHTS), data.batch(FIGURES, LIGHTS, exposure=np.array([2.0, 1.0, 0.5]))
-    factor = torch.tensor([2.0, 1.0, 0.5])
-    torch.testing.assert_close(brighter.light, plain.light * factor[:, None, None])
-    torch.testing.assert_close(brighter.image, plain.image * factor[:, None, None, None])
-    assert torch.equal(brighter.albedo, plain.albedo)
-
-
 def test_figures_by_name_pass_over_those_left_out(tiny_world):
     data = RelitSet(tiny_world["packed"], tiny_world["lights"], 2, "paper")
     split = read_split(tiny_world["split"])

@@ -19,6 +19,7 @@ FIFTEEN = {
     *("reconstruction_albedo_transport", "reconstruction_albedo_light", "reconstruction_transport_light"),
     "reconstruction_full",
 }
+GRADIENTS = {"gradient_albedo", "gradient_transport", "gradient_shading"}
 CONF = Path(__file__).parents[2] / "conf" / "loss"
 
 
@@ -43,7 +44,7 @@ def inferred(batch, name: str = "ours") -> dict[str, torch.Tensor]:
 
 
 def by_hand(outputs: dict, batch, reduction: str) -> dict[str, float]:
-    """All losses by loops over images, pixels, channels and coefficients: sections 3 and 4 of the paper."""
+    """All losses by loops over images, pixels, channels and coefficients: paper sections 3 and 4, and gradients."""
     size = batch.size
 
     def image(tensor: torch.Tensor) -> np.ndarray:
@@ -55,8 +56,12 @@ def by_hand(outputs: dict, batch, reduction: str) -> dict[str, float]:
     if "transport" not in own:
         own["transport"] = unoccluded(own["normal"], 2) * own.get("ao", np.ones(1))
     light = {"true": batch.light.double().numpy(), "own": outputs["light"].numpy()}
-    sums = dict.fromkeys(FIFTEEN | set(own), 0.0)
+    sums = dict.fromkeys(FIFTEEN | GRADIENTS | set(own), 0.0)
     channels = {"albedo": 3, "transport": 9, "normal": 3, "ao": 1, "tv_albedo": 3, "tv_transport": 9}
+    channels |= {"gradient_transport": 9}
+    errors = {key: own[key] - true[key] for key in ("albedo", "transport")}
+    lit = (np.clip(np.einsum("bijk,bkc->bijc", x["transport"], light["true"]), 0, 10) for x in (own, true))
+    errors["shading"] = next(lit) - next(lit)
     for b, i, j in itertools.product(range(2), range(size), range(size)):
         if not mask[b, i, j]:
             continue
@@ -69,6 +74,9 @@ def by_hand(outputs: dict, batch, reduction: str) -> dict[str, float]:
                 for c in range(channels[key]):
                     here = own[key][b, i, j, c]
                     sums[f"tv_{key}"] += abs(own[key][b, i, j + 1, c] - here) + abs(own[key][b, i + 1, j, c] - here)
+            for key, error in errors.items():
+                right, below = error[b, i, j + 1] - error[b, i, j], error[b, i + 1, j] - error[b, i, j]
+                sums[f"gradient_{key}"] += np.abs(right).sum() + np.abs(below).sum()
         for c in range(3):
             shading = {}
             for t, l in itertools.product(("true", "own"), repeat=2):
@@ -95,13 +103,13 @@ def by_hand(outputs: dict, batch, reduction: str) -> dict[str, float]:
 def test_against_the_formulas(tiny_world, loss, name, reduction):
     batch = batch_of(tiny_world)
     outputs = inferred(batch, name)
-    found = losses(outputs, batch, loss(reduction=reduction))
+    found = losses(outputs, batch, loss(reduction=reduction, **dict.fromkeys(GRADIENTS, 1.0)))
     expected = by_hand(outputs, batch, reduction)
     if name == "ours":
-        assert set(found) == FIFTEEN
+        assert set(found) == FIFTEEN | GRADIENTS
     else:
         own = {"normal"} if name == "sfsnet" else {"normal", "ao"}
-        assert set(found) == FIFTEEN - {"transport"} | own
+        assert set(found) == FIFTEEN - {"transport"} | GRADIENTS | own
     for key, value in found.items():
         assert value.item() == pytest.approx(expected[key], rel=1e-6, abs=1e-6), key
 
@@ -123,16 +131,19 @@ def test_values_outside_the_mask_do_not_matter(tiny_world, loss):
 
 def parts_of(name: str) -> set[str]:
     """The outputs that a loss must teach: those in its name, all of them for `full`."""
+    if name == "gradient_shading":  # under the true light
+        return {"transport"}
     return {"albedo", "transport", "light"} & set(name.split("_")) or {"albedo", "transport", "light"}
 
 
-@pytest.mark.parametrize("name", sorted(FIFTEEN))
+@pytest.mark.parametrize("name", sorted(FIFTEEN | GRADIENTS))
 def test_each_loss_teaches_what_its_name_says_and_nothing_else(tiny_world, loss, name):
     batch = batch_of(tiny_world)
     outputs = {key: value.float() for key, value in inferred(batch).items()}
     outputs["transport"] = batch.put(batch.transport) + 0.1 * outputs["transport"]
     leaves = {key: value.requires_grad_() for key, value in outputs.items()}
-    value = losses(leaves, batch, loss())[name]
+    settings = loss(**dict.fromkeys(GRADIENTS, 1.0))
+    value = losses(leaves, batch, settings)[name]
     value.backward()
     taught = {key for key, leaf in leaves.items() if leaf.grad is not None and leaf.grad.abs().max() > 0}
     assert taught == parts_of(name)
@@ -140,7 +151,7 @@ def test_each_loss_teaches_what_its_name_says_and_nothing_else(tiny_world, loss,
     slope = sum((leaves[key].grad.double() ** 2).sum().item() for key in taught)
     step = 1e-3 * value.item() / slope
     moved = {key: (leaf - step * leaf.grad if key in taught else leaf).detach() for key, leaf in leaves.items()}
-    drop = value.item() - losses(moved, batch, loss())[name].item()
+    drop = value.item() - losses(moved, batch, settings)[name].item()
     assert drop == pytest.approx(step * slope, rel=0.05)
     for key in taught - {"light"}:
         assert (leaves[key].grad * (1 - batch.mask)).abs().max() == 0
@@ -162,6 +173,7 @@ def test_presets_hold_the_losses_of_the_tables(tiny_world, loss):
         "full": FIFTEEN,
         "min": {"albedo", "transport", "light", "reconstruction_full"},
         "plus": FIFTEEN,
+        "photo": FIFTEEN - {"tv_albedo", "tv_transport"} | GRADIENTS,
         "self_supervised": {"reconstruction_full"},
         "transport": {"transport", "tv_transport"},
         "no_tv": FIFTEEN - {"tv_albedo", "tv_transport"},
@@ -177,7 +189,8 @@ def test_presets_hold_the_losses_of_the_tables(tiny_world, loss):
 
 def test_weights_are_one_and_variation_scales_with_the_image(loss):
     at_paper = weights(loss(), 1024)
-    assert set(at_paper) == FIFTEEN | {"normal", "ao"} and set(at_paper.values()) == {1.0}
-    at_demo = weights(loss(tv_albedo=2.0), 128)
+    assert set(at_paper) == FIFTEEN | GRADIENTS | {"normal", "ao"}
+    assert {at_paper.pop(name) for name in GRADIENTS} == {0.0} and set(at_paper.values()) == {1.0}
+    at_demo = weights(loss(tv_albedo=2.0, **dict.fromkeys(GRADIENTS, 1.0)), 128)
     assert at_demo.pop("tv_albedo") == 0.25 and at_demo.pop("tv_transport") == 0.125
     assert set(at_demo.values()) == {1.0}

@@ -10,6 +10,8 @@ from relight.files import UserError
 from relight.learning.heads import PooledHead, Refinement
 from relight.learning.networks import build, limited
 
+HEAD = {"ours": "strided", "unet": "pooled"}
+
 
 def maps_of(network: nn.Module, size: int) -> dict[str, tuple[int, int]]:
     """(channels, side) that each convolution puts out."""
@@ -73,10 +75,11 @@ def test_dropout_acts_in_training_on_the_first_three_deconvolutions_only(model):
 
 @pytest.mark.parametrize("size", [64, 128, 192, 320])
 @pytest.mark.parametrize("norm", ["instance", "batch"])
-def test_every_multiple_of_64_learns_from_every_part(model, size, norm):
+@pytest.mark.parametrize("name", ["ours", "unet"])
+def test_every_multiple_of_64_learns_from_every_part(model, name, size, norm):
     """A norm over one pixel would put out zeros and pass no gradient on: all weights must get one."""
     torch.manual_seed(1)
-    network = build(model(norm=norm, order=3), size).train()
+    network = build(model(name=name, norm=norm, order=3, light_head=HEAD[name]), size).train()
     outputs = network(torch.rand(2, 3, size, size), torch.ones(2, 1, size, size))
     assert outputs["transport"].shape == (2, 16, size, size) and outputs["albedo"].shape == (2, 3, size, size)
     assert outputs["light"].shape == (2, 16, 3)
@@ -109,9 +112,10 @@ def test_instance_norm_is_the_batch_norm_of_one_image(model):
             torch.testing.assert_close(together[key][i : i + 1], batch[key], atol=2e-5, rtol=1e-4)
 
 
-def test_the_background_is_not_seen_and_black_is_not_background(model):
+@pytest.mark.parametrize("name", ["ours", "unet"])
+def test_the_background_is_not_seen_and_black_is_not_background(model, name):
     torch.manual_seed(3)
-    network = build(model(), 64).eval()
+    network = build(model(name=name, light_head=HEAD[name]), 64).eval()
     mask = torch.zeros(1, 1, 64, 64)
     mask[..., 16:48, 20:40] = 1
     image = torch.rand(1, 3, 64, 64)
@@ -161,7 +165,7 @@ def test_initial_weights(model, size, light):
 
 def test_pooled_head_looks_at_the_figure_only():
     torch.manual_seed(6)
-    head = PooledHead(16, [32, 16, 8], 27)
+    head = PooledHead(16, [32, 16, 8], 27, 16)
     mask = torch.zeros(2, 1, 64, 64)
     mask[:, :, 16:48, 16:48] = 1
     x = torch.randn(2, 16, 4, 4)
@@ -216,3 +220,25 @@ def test_shape_from_the_mask_alone(model):
     one, other = (network(torch.rand(2, 3, 64, 64), mask) for _ in range(2))
     assert torch.equal(one["transport"], other["transport"])
     assert (one["transport"][0] - one["transport"][1]).abs().max() > 1e-6
+
+
+def test_the_unet_leaves_no_grid_of_its_own(model):
+    """Where a picture is the same everywhere, so are its maps; transposed convolutions stripe them."""
+    torch.manual_seed(10)
+    ripples = {}
+    for name in ("ours", "unet"):
+        network = build(model(name=name, light_head=HEAD[name], width=0.25), 512).eval()
+        with torch.no_grad():
+            for parameter in network.parameters():
+                parameter.add_(0.02 * torch.randn_like(parameter))
+            maps = network(torch.full((1, 3, 512, 512), 0.4), torch.ones(1, 1, 512, 512))["transport"]
+        middle = maps[..., 240:272, 240:272]
+        ripples[name] = float(middle.diff(dim=-1).abs().mean() / middle.abs().mean())
+    assert ripples["unet"] < 0.02 * ripples["ours"]
+
+
+def test_the_unet_takes_every_size_above_64_px_with_the_same_weights(model):
+    torch.manual_seed(11)
+    small, large = (build(model(name="unet", light_head="pooled", refine=True), size).eval() for size in (128, 192))
+    large.load_state_dict(small.state_dict())
+    assert large(torch.rand(1, 3, 192, 192), torch.ones(1, 1, 192, 192))["albedo"].shape == (1, 3, 192, 192)

@@ -24,9 +24,10 @@ ROOT = Path(__file__).parents[2]
 class Run:
     """One training into a folder of its own."""
 
-    def __init__(self, folder: Path, world: dict, model, loss, schedule):
+    def __init__(self, folder: Path, world: dict, model, loss, schedule, augment):
         self.out, self.state, self.curve = folder / "n.safetensors", folder / "state.pt", folder / "curve.csv"
-        self.arguments = [model, loss, schedule, world["packed"], world["lights"], world["split"], self.out, self.state]
+        paths = [world["packed"], world["lights"], world["split"], self.out, self.state]
+        self.arguments = [model, loss, schedule, augment, *paths]
         self.logged: list[tuple[int, dict]] = []
 
     def __call__(self, log=None) -> bytes:
@@ -35,20 +36,30 @@ class Run:
 
 
 @pytest.fixture
-def run(tmp_path, world, model, loss, schedule):
-    def make(name: str = "run", model_changes=None, loss_changes=None, **changes) -> Run:
+def run(tmp_path, world, model, loss, schedule, augment):
+    def make(name: str = "run", model_changes=None, loss_changes=None, augment_changes=None, **changes) -> Run:
         (tmp_path / name).mkdir(exist_ok=True)
         settings = model(**model_changes or {}), loss(**loss_changes or {}), schedule(**changes)
+        settings += (augment(**augment_changes or {}),)
         return Run(tmp_path / name, world, *settings)
 
     return make
 
 
-PLUS = dict(optimizer="adamw", decay=0.01, average=0.9, mirror=True, exposure=0.5, color="photo", pairs="rows")
+PLUS = dict(optimizer="adamw", decay=0.01, average=0.9, mirror=True, color="photo", pairs="rows")
+PHOTO = {
+    "model_changes": dict(name="unet", light_head="pooled", refine=True),
+    "augment_changes": dict(
+        framing=0.5, cut=0.5, zoom=[0.8, 1.1], tint=0.2, exposure=[-1.0, 0.5], noise=0.01, jpeg=0.5
+    ),
+    "color": "photo",
+}
 
 
 @pytest.mark.parametrize(
-    "changes", [{}, PLUS, {"precision": "bf16", "schedule": "constant"}], ids=["plain", "plus", "bf16"]
+    "changes",
+    [{}, PLUS, {"precision": "bf16", "schedule": "constant"}, PHOTO],
+    ids=["plain", "plus", "bf16", "photo"],
 )
 def test_the_same_again_and_the_same_after_any_interruption(run, changes):
     whole = run("whole", **changes)()
@@ -80,15 +91,15 @@ def test_kill_9_between_the_log_and_the_state(run, tmp_path):
     """The process dies at step 6 after logging it; the next one starts from step 4 and ends with the same bits."""
     whole = run("whole", epoch=2)()
     killed = run("killed", epoch=2)
-    model, loss, schedule, *paths = killed.arguments
+    model, loss, schedule, augment, *paths = killed.arguments
     program = f"""
         import os, signal
         from pathlib import Path
-        from relight.config import Loss, Model, Train
+        from relight.config import Augment, Loss, Model, Train
         from relight.learning.train import train
         die = lambda values, step: os.kill(os.getpid(), signal.SIGKILL) if step == 6 else None
         train(Model(**{asdict(model)}), Loss(**{asdict(loss)}), Train(**{asdict(schedule)}),
-              *map(Path, {[str(path) for path in paths]}), None, die)
+              Augment(**{asdict(augment)}), *map(Path, {[str(path) for path in paths]}), None, die)
     """
     done = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == -9, done.stderr
@@ -117,7 +128,7 @@ def test_a_state_of_other_settings_or_data_is_ignored(run, world, tmp_path, caps
     table = dict(np.load(world["lights"]))
     table["coefficients"] = table["coefficients"] * 1.1
     np.savez(tmp_path / "lights.npz", **table)
-    first.arguments[4] = tmp_path / "lights.npz"
+    first.arguments[5] = tmp_path / "lights.npz"
     first()
     assert "starting from the beginning" in capsys.readouterr().err
 
@@ -131,7 +142,7 @@ def test_one_figure_under_one_light_is_learned_by_heart(run, world, tmp_path, na
     np.savez(tmp_path / "one.npz", **table)
     changes = {"norm": "instance", "dropout": 0.0, "name": name}
     heart = run("heart", changes, {"tv_albedo": 0, "tv_transport": 0}, steps=250, batch=1, epoch=125, lr=4e-3)
-    heart.arguments[4:6] = tmp_path / "one.npz", split
+    heart.arguments[5:7] = tmp_path / "one.npz", split
     heart()
     network, _ = load_network(heart.out)
     data = RelitSet(world["packed"], world["lights"], 2, "paper")
@@ -186,7 +197,7 @@ def test_a_loss_that_is_not_finite_names_its_step_and_keeps_the_last_good_state(
     table["coefficients"][light, 0, 0] = np.nan
     np.savez(tmp_path / "nan.npz", **table)
     bad = run("bad", {"norm": "instance"}, steps=12, epoch=2, batch=1)
-    bad.arguments[4] = tmp_path / "nan.npz"
+    bad.arguments[5] = tmp_path / "nan.npz"
     with pytest.raises(UserError, match=f"not a finite number at step {first}:"):
         bad()
     assert not bad.out.exists()
@@ -250,8 +261,8 @@ def test_what_is_trained_on(world, schedule, tmp_path):
 
 def test_user_errors(run, world, tmp_path):
     nobody = run()
-    nobody.arguments[5] = tmp_path / "split.json"
-    nobody.arguments[5].write_text('{"train": ["nobody"], "test": []}')
+    nobody.arguments[6] = tmp_path / "split.json"
+    nobody.arguments[6].write_text('{"train": ["nobody"], "test": []}')
     with pytest.raises(UserError, match="0 figures and 4 lights to train on"):
         nobody()
     if not torch.cuda.is_available():
@@ -265,14 +276,14 @@ def test_two_processes_train_the_network_that_one_does(run, tmp_path):
     alone = run("alone", changes, {"reduction": "mask"}, steps=4)
     alone()
     pair = run("pair", changes, {"reduction": "mask"}, steps=4)
-    model, loss, schedule, *paths = pair.arguments
+    model, loss, schedule, augment, *paths = pair.arguments
     script = tmp_path / "pair.py"
     script.write_text(
         "from pathlib import Path\n"
-        "from relight.config import Loss, Model, Train\n"
+        "from relight.config import Augment, Loss, Model, Train\n"
         "from relight.learning.train import train\n"
         f"train(Model(**{asdict(model)}), Loss(**{asdict(loss)}), Train(**{asdict(schedule)}),\n"
-        f"      *map(Path, {[str(path) for path in paths]}), Path({str(pair.curve)!r}))\n"
+        f"      Augment(**{asdict(augment)}), *map(Path, {[str(path) for path in paths]}), Path({str(pair.curve)!r}))\n"
     )
     command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2", str(script)]
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}

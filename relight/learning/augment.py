@@ -1,0 +1,269 @@
+"""Training pictures as photographs are: any framing, white balance, exposure, tone curve, and masks that are not exact.
+
+Everything is drawn anew for each picture while it is relit. Framing, recoloured albedo and tint change the picture and
+its truth alike; the camera and the mask change the picture alone. The exposure is kept apart in `Batch.exposure`: the
+truth stays that of the light before it, so that no picture weighs more in the losses because it is bright.
+"""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import torch
+import torch.nn.functional as F
+from torch import Tensor
+
+from relight.config import Augment
+from relight.learning.camera import decode, encode, photograph
+from relight.learning.compact import compact
+from relight.learning.data import Batch
+
+FRAME = 0.9  # share of the image's side that the larger side of a figure's box takes (docs/conventions.md)
+CUT = (0.4, 0.85)  # share of a figure's height that is left of it when it is cut
+RED = -0.6  # ln(R/G) of a white balance for each ln(B/G): about the Planckian locus between 2,500 and 8,000 K in sRGB
+SKIN = ((1.12, 2.2), (1.02, 2.2))  # R/G and G/B of skin: what lies in both is not recoloured
+SPREAD = 0.5  # standard deviation of ln albedo within what is taken for one garment
+QUALITY = (40, 95)
+
+# Quantisation tables of JPEG's Annex K, for luminance and chrominance.
+_LUMA = (
+    "16 11 10 16 24 40 51 61 12 12 14 19 26 58 60 55 14 13 16 24 40 57 69 56 14 17 22 29 51 87 80 62 "
+    "18 22 37 56 68 109 103 77 24 35 55 64 81 104 113 92 49 64 78 87 103 121 120 101 72 92 95 98 112 100 103 99"
+)
+_CHROMA = "17 18 24 47 99 99 99 99 18 21 26 66 99 99 99 99 24 26 56 99 99 99 99 99 47 66 99 99 99 99 99 99 " + " ".join(
+    ["99"] * 32
+)
+_TABLES = torch.tensor([[float(n) for n in table.split()] for table in (_LUMA, _CHROMA, _CHROMA)]).view(3, 8, 8)
+_YCC = torch.tensor([[0.299, 0.587, 0.114], [-0.168736, -0.331264, 0.5], [0.5, -0.418688, -0.081312]])
+
+
+def augmented(batch: Batch, settings: Augment, generators: list[np.random.Generator], size: int) -> Batch:
+    """A batch as if its pictures were photographs, at `size` pixels.
+
+    Args:
+        batch: pictures as they were relit, of the colour model `photo`, at exposure 1.
+        settings: how strong each part is; with all at 0 and the batch's own size it comes back as it is.
+        generators: one for each picture, so that a picture does not depend on those beside it.
+        size: pixels of the new images' side, at most the batch's.
+
+    Returns:
+        A batch of the same pairs. Its `light`, `shading` and `relit` are those before the exposure.
+    """
+    if is_off(settings) and size == batch.size:
+        return batch
+    batch = _recoloured(batch, settings, generators)
+    batch = _tinted(batch, settings, generators)
+    maps = torch.cat([batch.albedo, batch.transport, batch.normal, batch.ao, batch.shading], -1)
+    widths = [x.shape[-1] for x in (batch.albedo, batch.transport, batch.normal, batch.ao, batch.shading)]
+    dense, mask = batch.put(maps), batch.mask
+    dense, mask = _framed(dense, mask, settings, generators, size)
+    seen = _mistaken(mask, settings, generators)
+    stops = [rng.uniform(*settings.exposure) for rng in generators]
+    exposure = torch.tensor([2.0**stop for stop in stops], device=mask.device)
+    albedo, shading = dense[:, : widths[0]], dense[:, -widths[-1] :]
+    scene = albedo * shading * exposure[:, None, None, None]
+    image = _photographed(scene, mask, settings, generators) * seen
+    places = compact(mask * seen > 0)
+    albedo, transport, normal, ao, shading = places.take(dense).split(widths, -1)
+    return replace(
+        batch,
+        image=image,
+        mask=seen,
+        albedo=albedo,
+        transport=transport,
+        normal=F.normalize(normal, dim=-1) * places.inside,
+        ao=ao,
+        shading=shading,
+        relit=albedo * shading,
+        exposure=exposure,
+        inside=places.inside,
+        interior=places.interior,
+        pixel=places.pixel,
+        below=places.below,
+        size=size,
+        scope=float(places.inside.sum()),
+    )
+
+
+def is_off(settings: Augment) -> bool:
+    """Whether no part of the settings changes anything."""
+    shares = (settings.framing, settings.tint, settings.recolour, settings.mask, settings.tone, settings.blur)
+    return not any((*shares, settings.sharpen, settings.noise, settings.jpeg, *settings.exposure))
+
+
+def _recoloured(batch: Batch, settings: Augment, generators: list[np.random.Generator]) -> Batch:
+    """Gives what has the colour of a random pixel another colour, its texture kept: ln albedo is shifted."""
+    albedo = batch.albedo.clone()
+    for i, rng in enumerate(generators):
+        if rng.random() >= settings.recolour:
+            continue
+        own = albedo[i]
+        count = int(batch.inside[i].sum())
+        for place in rng.integers(0, count, rng.integers(1, 4)):
+            colour = own[place].clamp_min(0.02)
+            red, blue = float(colour[0] / colour[1]), float(colour[1] / colour[2])
+            if SKIN[0][0] < red < SKIN[0][1] and SKIN[1][0] < blue < SKIN[1][1]:
+                continue
+            distance = ((own.clamp_min(0.02) / colour).log() ** 2).sum(-1, keepdim=True)
+            weight = torch.exp(-distance / (2 * SPREAD**2))
+            factor = own.new_tensor(_dye(rng)) / colour
+            own = (own * factor**weight).clamp(0.004, 0.95)
+        albedo[i] = own * batch.inside[i]
+    return replace(batch, albedo=albedo)
+
+
+def _dye(rng: np.random.Generator) -> np.ndarray:
+    """The linear albedo (3,) of a random cloth: a quarter nearly black, a quarter nearly white, the rest of any hue."""
+    kind = rng.random()
+    if kind < 0.25:
+        return rng.uniform(0.015, 0.05) * np.exp(rng.normal(0, 0.1, 3))
+    if kind < 0.5:
+        return rng.uniform(0.45, 0.85) * np.exp(rng.normal(0, 0.06, 3))
+    saturation, hue = rng.uniform(0.1, 1.0), rng.uniform(0, 2 * math.pi)
+    angles = hue + np.array([0, 2, 4]) * math.pi / 3
+    return np.exp(rng.uniform(math.log(0.05), math.log(0.5))) * np.exp(saturation * np.cos(angles))
+
+
+def _tinted(batch: Batch, settings: Augment, generators: list[np.random.Generator]) -> Batch:
+    """Another white balance, on the light and hence on the shading; its largest channel keeps its strength."""
+    if not settings.tint:
+        return batch
+    blue = np.array([rng.normal(0, settings.tint) for rng in generators])
+    red = RED * blue + np.array([rng.normal(0, settings.tint / 5) for rng in generators])
+    gains = np.exp(np.stack([red, np.zeros_like(red), blue], 1))
+    gains = batch.light.new_tensor(gains / gains.max(1, keepdims=True))[:, None]
+    return replace(batch, light=batch.light * gains, shading=batch.shading * gains)
+
+
+def _framed(
+    maps: Tensor, mask: Tensor, settings: Augment, generators: list[np.random.Generator], size: int
+) -> tuple[Tensor, Tensor]:
+    """Maps (B,C,S,S) and mask (B,1,S,S) in new squares of `size` pixels, some of figures that are cut.
+
+    Bilinear, without what is outside; at half the size and the same framing that is the mean of four pixels.
+    """
+    side, mask = mask.shape[-1], mask.clone()
+    squares = torch.zeros(len(mask), 2, 3)
+    for i, rng in enumerate(generators):
+        squares[i, 0, 0] = squares[i, 1, 1] = 1
+        if rng.random() >= settings.framing:
+            continue
+        if rng.random() < settings.cut:
+            top, bottom, left, right = _box(mask[i, 0])
+            mask[i, :, top + math.ceil(rng.uniform(*CUT) * (bottom - top)) :] = 0
+            if rng.random() < 0.25:  # beside the photo's edge, too
+                width = math.ceil(rng.uniform(0.6, 0.95) * (right - left))
+                mask[i, ..., *((slice(left + width, None),) if rng.random() < 0.5 else (slice(0, right - width),))] = 0
+        top, bottom, left, right = _box(mask[i, 0])
+        zoom = math.exp(rng.uniform(*np.log(settings.zoom)))
+        scale = max(bottom - top, right - left) / (FRAME * zoom * side)  # of the old square in the new one
+        centre = np.array([(left + right) / 2, (top + bottom) / 2]) / side * 2 - 1
+        shift = rng.uniform(-settings.shift, settings.shift, 2) * 2 * scale
+        squares[i, 0, 0] = squares[i, 1, 1] = scale
+        squares[i, :, 2] = torch.from_numpy(centre + shift)
+    grid = F.affine_grid(squares, [len(mask), 1, size, size], align_corners=False).to(maps.device)
+    share = F.grid_sample(mask, grid, align_corners=False)
+    inside = (share >= 0.5).float()
+    inside[..., 0, 0] = 0  # the padding of compact maps needs a pixel outside
+    maps = F.grid_sample(maps * mask, grid, align_corners=False) / share.clamp_min(0.5)
+    return maps * inside, inside
+
+
+def _box(mask: Tensor) -> tuple[int, int, int, int]:
+    """First and end row, first and end column of what is not 0 in (S,S)."""
+    rows, columns = (torch.nonzero(mask.any(axis))[:, 0] for axis in (1, 0))
+    return int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
+
+
+def _mistaken(mask: Tensor, settings: Augment, generators: list[np.random.Generator]) -> Tensor:
+    """The mask (B,1,S,S) too fat by some pixels, or too thin, by an amount that changes smoothly along the outline."""
+    reach = settings.mask
+    if not reach:
+        return mask
+    fields = []
+    for rng in generators:
+        mean, ripple = rng.uniform(-reach, reach), rng.uniform(0, reach / 2)
+        fields.append(mean + ripple * rng.normal(size=(8, 8)))
+    error = F.interpolate(
+        mask.new_tensor(np.stack(fields))[:, None], mask.shape[-2:], mode="bilinear", align_corners=False
+    ).clamp(-reach, reach)
+    grown = thinned = mask
+    out = mask
+    for step in range(1, reach + 1):
+        grown, thinned = F.max_pool2d(grown, 3, 1, 1), 1 - F.max_pool2d(1 - thinned, 3, 1, 1)
+        out = torch.where(error >= step - 0.5, grown, torch.where(error <= 0.5 - step, thinned, out))
+    out[..., 0, 0] = 0
+    return out
+
+
+def _photographed(scene: Tensor, mask: Tensor, settings: Augment, generators: list[np.random.Generator]) -> Tensor:
+    """What a camera makes of linear values (B,3,S,S) before a background: optics, tone, sharpening, noise, JPEG."""
+    size = scene.shape[-1]
+    fields = []
+    for rng in generators:
+        grain = int(rng.choice([1, 4, 16]))
+        fields.append(np.exp(rng.uniform(-3, 0)) * np.exp(0.6 * rng.normal(size=(3, grain, grain))))
+    behind = torch.cat(
+        [
+            F.interpolate(scene.new_tensor(field)[None], (size, size), mode="bilinear", align_corners=False)
+            for field in fields
+        ]
+    )
+    image = torch.where(mask > 0, scene, behind)
+    image = torch.cat([_blurred(one[None], rng.uniform(0, settings.blur)) for one, rng in zip(image, generators)])
+    coded = encode(image.clamp(0, 1))
+    pictures = []
+    for one, rng in zip(coded, generators):
+        one = _toned(one, settings.tone, rng)
+        one = one + rng.uniform(0, settings.sharpen) * (one - _blurred(one[None], 1.0)[0])
+        source = torch.Generator(one.device).manual_seed(int(rng.integers(2**62)))
+        strength = rng.uniform(0, settings.noise)
+        if strength:
+            one = one + strength * torch.randn(one.shape, generator=source, device=one.device)
+        one = one.clamp(0, 1)
+        if rng.random() < settings.jpeg:
+            one = compressed(one, int(rng.integers(*QUALITY)))
+        pictures.append(one)
+    return photograph(decode(torch.stack(pictures)), "photo")
+
+
+def _toned(coded: Tensor, strength: float, rng: np.random.Generator) -> Tensor:
+    """A gamma, an S-curve and another saturation of coded values (3,S,S) in [0,1]; monotone for strengths below 1."""
+    if not strength:
+        return coded
+    coded = coded ** math.exp(rng.uniform(-strength, strength))
+    coded = coded - rng.uniform(-strength / 2, strength) * torch.sin(2 * math.pi * coded) / (2 * math.pi)
+    grey = coded.mean(0, keepdim=True)
+    return (grey + (coded - grey) * (1 + rng.uniform(-strength, strength))).clamp(0, 1)
+
+
+def _blurred(image: Tensor, sigma: float) -> Tensor:
+    """A Gaussian of `sigma` pixels over (B,3,S,S); the edge's pixels go on outside."""
+    if sigma < 0.2:
+        return image
+    reach = math.ceil(3 * sigma)
+    kernel = torch.exp(-(torch.arange(-reach, reach + 1, device=image.device) ** 2) / (2 * sigma**2))
+    kernel = (kernel / kernel.sum()).expand(3, 1, 1, -1)
+    image = F.conv2d(F.pad(image, (reach, reach, 0, 0), mode="replicate"), kernel, groups=3)
+    return F.conv2d(F.pad(image, (0, 0, reach, reach), mode="replicate"), kernel.mT, groups=3)
+
+
+def compressed(coded: Tensor, quality: int) -> Tensor:
+    """Coded values (3,S,S) in [0,1] after JPEG at `quality` (1 to 100), without subsampled chrominance.
+
+    ITU-T T.81: blocks of 8 x 8 pixels, the cosine transform, the tables of Annex K scaled as libjpeg does. S must be a
+    multiple of 8.
+    """
+    scale = 50 / quality if quality < 50 else 2 - quality / 50
+    tables = (_TABLES.to(coded.device) * scale).round().clamp(1, 255)
+    k, n = torch.arange(8.0, device=coded.device)[:, None], torch.arange(8.0, device=coded.device)
+    cosine = torch.cos(math.pi * (2 * n + 1) * k / 16) * torch.where(k == 0, math.sqrt(1 / 8), 0.5)
+    matrix = _YCC.to(coded.device)
+    size = coded.shape[-1]
+    planes = torch.tensordot(matrix, coded * 255 - 128, 1)  # grey is 0 in all three planes
+    blocks = planes.view(3, size // 8, 8, size // 8, 8).transpose(2, 3)
+    spectrum = cosine @ blocks @ cosine.T
+    tables = tables[:, None, None]
+    blocks = cosine.T @ ((spectrum / tables).round() * tables) @ cosine
+    planes = blocks.transpose(2, 3).reshape(3, size, size)
+    return ((torch.tensordot(torch.linalg.inv(matrix), planes, 1) + 128) / 255).clamp(0, 1)

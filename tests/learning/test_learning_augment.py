@@ -1,0 +1,179 @@
+"""Augmented pictures: truth and picture change together, and each part does what it says."""
+
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+
+from relight.learning.augment import RED, augmented, compressed
+from relight.learning.camera import encode, photograph
+from relight.learning.compact import compact
+from relight.learning.data import RelitSet
+
+ALL = dict(framing=0.9, cut=0.5, zoom=[0.7, 1.1], shift=0.05, tint=0.3, exposure=[-1.0, 1.0], recolour=0.5, mask=1)
+ALL |= dict(tone=0.2, blur=1.0, sharpen=0.5, noise=0.02, jpeg=0.5)
+
+
+@pytest.fixture(scope="module")
+def data(world):
+    return RelitSet(world["packed"], world["lights"], 2, "photo")
+
+
+def batch_of(data, figures=(0, 1, 2, 3)):
+    return data.batch(np.array(figures), np.arange(len(figures)))
+
+
+def generators(count, seed=0):
+    return [np.random.default_rng([seed, i]) for i in range(count)]
+
+
+def test_compact_places_are_those_of_the_packed_set(data):
+    batch = batch_of(data)
+    places = compact(batch.mask > 0)
+    count = int(batch.inside.sum(1).max())
+    for name in ("inside", "interior"):
+        torch.testing.assert_close(getattr(places, name)[:, :count], getattr(batch, name)[:, :count])
+    most, ours = batch.inside.shape[1], places.inside.shape[1]
+    for i in range(4):
+        own = int(batch.inside[i].sum())
+        assert torch.equal(places.pixel.view(4, -1)[i, :own], batch.pixel.view(4, -1)[i, :own]), (
+            "raster order of the mask"
+        )
+        assert torch.equal(places.below.view(4, -1)[i, :own] - i * ours, batch.below.view(4, -1)[i, :own] - i * most)
+    torch.testing.assert_close(places.take(batch.put(batch.albedo))[:, :count], batch.albedo[:, :count])
+
+
+def test_nothing_asked_for_changes_nothing(data, augment):
+    batch = batch_of(data)
+    assert augmented(batch, augment(), generators(4), data.size) is batch
+
+
+def test_a_picture_does_not_depend_on_those_beside_it(data, augment):
+    together = augmented(batch_of(data), augment(**ALL), generators(4), data.size)
+    alone = augmented(batch_of(data, [0, 1, 2, 3]), augment(**ALL), generators(4), data.size)
+    assert torch.equal(together.image, alone.image)
+    last = data.batch(np.array([3]), np.array([3]))
+    single = augmented(last, augment(**ALL), generators(4)[3:], data.size)
+    torch.testing.assert_close(together.image[3:], single.image, atol=0.01, rtol=0)
+    torch.testing.assert_close(together.light[3:], single.light)
+
+
+def test_truth_still_explains_the_picture_after_framing_tint_recolouring_and_exposure(data, augment):
+    settings = augment(**{**ALL, "mask": 0, "tone": 0, "blur": 0, "sharpen": 0, "noise": 0, "jpeg": 0})
+    batch = augmented(batch_of(data), settings, generators(4), data.size)
+    torch.testing.assert_close(batch.relit, batch.albedo * batch.shading)
+    seen = photograph(batch.relit * batch.exposure[:, None, None], "photo")
+    torch.testing.assert_close(batch.take(batch.image), seen * batch.inside, atol=0.02, rtol=0)
+    assert batch.mask.sum() == batch.inside.sum()
+    lengths = batch.normal.norm(dim=-1, keepdim=True)
+    torch.testing.assert_close(lengths, batch.inside)
+
+
+def test_framing_moves_the_maps_as_an_affine_map_says(data, augment):
+    """A field that is linear over the picture, in the place of the albedo, tells where each pixel came from."""
+    batch = batch_of(data)
+    row, column = np.mgrid[: data.size, : data.size]
+    field = torch.tensor(np.stack([row, column, np.ones_like(row)]), dtype=torch.float32)[None].repeat(4, 1, 1, 1)
+    batch = replace(batch, albedo=batch.take(field))
+    settings = augment(framing=1.0, zoom=[0.8, 0.8])
+    new = augmented(batch, settings, generators(4), data.size)
+    for i in range(4):
+        inside = new.interior[i, :, 0] > 0
+        pixel = new.pixel.view(4, -1)[i][inside] % data.size**2
+        place = torch.stack([pixel // data.size, pixel % data.size], 1).float()
+        found = torch.cat([place, torch.ones(len(place), 1)], 1)
+        solution = torch.linalg.lstsq(found, new.albedo[i][inside][:, :2]).solution
+        torch.testing.assert_close(found @ solution, new.albedo[i][inside][:, :2], atol=0.1, rtol=0)
+        rows = torch.nonzero(batch.mask[i, 0].any(1))[:, 0]
+        height = int(rows[-1] - rows[0]) + 1
+        assert float(solution[0, 0]) == pytest.approx(height / (0.9 * 0.8 * data.size), rel=1e-3)
+        rows = torch.nonzero(new.mask[i, 0].any(1))[:, 0]
+        assert float(rows[0] + rows[-1] + 1) / 2 == pytest.approx(data.size / 2, abs=1.0)
+
+
+def test_cut_figures_end_below_and_fill_the_square_again(data, augment):
+    settings = augment(framing=1.0, cut=1.0)
+    batch = augmented(batch_of(data), settings, generators(4, seed=3), data.size)
+    for mask in batch.mask[:, 0]:
+        rows, columns = torch.nonzero(mask.any(1))[:, 0], torch.nonzero(mask.any(0))[:, 0]
+        sides = (int(x[-1] - x[0]) + 1 for x in (rows, columns))
+        assert max(sides) == pytest.approx(0.9 * data.size, abs=2)
+        assert mask[rows[-1]].sum() > 0.25 * mask.sum(1).max(), "a straight edge, not a tip"
+
+
+def test_half_the_size_is_the_mean_of_four_pixels(augment):
+    from relight.learning.augment import _framed
+
+    maps = torch.rand(1, 2, 16, 16)
+    small, mask = _framed(maps, torch.ones(1, 1, 16, 16), augment(), generators(1), 8)
+    expected = torch.nn.functional.avg_pool2d(maps, 2)
+    torch.testing.assert_close(small[..., 1:], expected[..., 1:])
+    assert mask.sum() == 63, "one pixel stays outside for the padding of compact maps"
+
+
+def test_tint_goes_to_the_light_and_follows_the_white_balance_of_lamps(data, augment):
+    batch = batch_of(data)
+    new = augmented(batch, augment(tint=0.4), generators(4), data.size)
+    gains = (new.light / batch.light).mean(1)
+    torch.testing.assert_close(new.light, batch.light * gains[:, None])
+    torch.testing.assert_close(gains.max(1).values, torch.ones(4))
+    red, blue = (gains[:, 0] / gains[:, 1]).log(), (gains[:, 2] / gains[:, 1]).log()
+    assert blue.abs().max() > 0.1 and (red - RED * blue).abs().max() < 0.3
+    torch.testing.assert_close(new.albedo[:, : batch.albedo.shape[1]], batch.albedo[:, : new.albedo.shape[1]])
+
+
+def test_exposure_is_on_the_picture_alone(data, augment):
+    batch = batch_of(data)
+    new = augmented(batch, augment(exposure=[-1.0, -1.0]), generators(4), data.size)
+    assert new.exposure.tolist() == [0.5] * 4
+    torch.testing.assert_close(new.light, batch.light)
+    lit = batch.put(batch.relit).amax(1, keepdim=True) < 0.9
+    torch.testing.assert_close(new.image * lit, batch.image * lit * 0.5, atol=0.01, rtol=0)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_recoloured_albedo_stays_an_albedo_and_keeps_texture(data, seed, augment):
+    batch = batch_of(data)
+    new = augmented(batch, augment(recolour=1.0), generators(4, seed), data.size)
+    inside = new.inside[..., 0] > 0
+    assert 0.003 < new.albedo[inside].min() and new.albedo[inside].max() < 0.96
+    assert (new.light == batch.light).all() and (new.relit == new.albedo * new.shading).all()
+
+
+def test_masks_err_by_a_pixel_at_most_and_the_truth_keeps_to_both(data, augment):
+    batch = batch_of(data)
+    new = augmented(batch, augment(mask=1), generators(4, 5), data.size)
+    pool = torch.nn.functional.max_pool2d
+    fat, thin = pool(batch.mask, 3, 1, 1), 1 - pool(1 - batch.mask, 3, 1, 1)
+    assert (new.mask <= fat).all() and (new.mask >= thin).all() and (new.mask != batch.mask).any()
+    assert new.inside.sum() == (new.mask * batch.mask).sum()
+    assert ((new.image > 0).any(1, keepdim=True) <= (new.mask > 0)).all()
+
+
+@pytest.mark.parametrize("quality", [95, 75, 50, 40])
+def test_jpeg_is_that_of_a_library(quality):
+    """Pillow's codec without chroma subsampling rounds to whole values on the way, which leaves small differences."""
+    rng = np.random.default_rng(1)
+    smooth = torch.tensor(rng.random((1, 3, 8, 8)), dtype=torch.float32)
+    image = torch.nn.functional.interpolate(smooth, (64, 64), mode="bicubic")[0].clamp(0, 1)
+    image = (image + 0.03 * torch.tensor(rng.normal(size=(3, 64, 64)), dtype=torch.float32)).clamp(0, 1)
+    coded = (image * 255).round() / 255
+    file = io.BytesIO()
+    pixels = (coded.permute(1, 2, 0).numpy() * 255).astype(np.uint8)
+    Image.fromarray(pixels).save(file, "JPEG", quality=quality, subsampling=0)
+    expected = torch.tensor(np.asarray(Image.open(file))).permute(2, 0, 1) / 255
+    found = compressed(coded, quality)
+    assert (found - expected).abs().mean() < 0.008
+    lost, theirs = float((found - coded).abs().mean()), float((expected - coded).abs().mean())
+    assert lost == pytest.approx(theirs, rel=0.1)
+
+
+def test_only_photographs_are_augmented_to_codes(data, augment):
+    batch = augmented(batch_of(data), augment(**ALL), generators(4), data.size)
+    codes = encode(batch.image) * 255
+    torch.testing.assert_close(codes, codes.round(), atol=2e-3, rtol=0)
+    for name in ("image", "albedo", "transport", "normal", "shading", "relit", "light"):
+        assert getattr(batch, name).isfinite().all(), name
