@@ -71,6 +71,11 @@ def distance(light: np.ndarray, other: np.ndarray) -> float:
     return float(np.linalg.norm((light - other) * IRRADIANCE) / np.linalg.norm(other * IRRADIANCE))
 
 
+def factor(values: np.ndarray, other: np.ndarray) -> float:
+    """What to multiply `values` by to come nearest to `other`: how bright a scene is, no photograph tells."""
+    return float((values * other).sum() / max((values**2).sum(), 1e-9))
+
+
 def rms(difference: np.ndarray) -> float:
     """Root of the mean over pixels of the squared norm of vectors (P,C)."""
     return float(np.sqrt((difference**2).sum(-1).mean()))
@@ -133,6 +138,10 @@ def judged(relighter: Relighter, maps: Maps, light: np.ndarray) -> dict[str, flo
     true = truth(maps, light, box)
     rows = {f"error of {name}": rms((getattr(usual, name) - true[name])[usual.mask]) for name in true}
     rows = {"error of light": distance(usual.light, light), **rows}
+    rows["error of light, up to a factor"] = distance(usual.light * factor(usual.light, light), light)
+    for name in ("albedo", "shading"):
+        found, expected = getattr(usual, name)[usual.mask], true[name][usual.mask]
+        rows[f"error of {name}, up to a factor"] = rms(found * factor(found, expected) - expected)
 
     def shift(down: float, right: float, larger: float = 1.0) -> float:
         return distance(relighter.look(photo, coverage, moved(box, down, right, larger)).light, usual.light)

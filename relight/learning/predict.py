@@ -2,17 +2,23 @@
 
 import numpy as np
 import torch
+import torch.nn.functional as F
+from torch import Tensor
 
 from relight.files import UserError
 from relight.learning.camera import shade
+from relight.learning.harmonics import mirror_signs
 from relight.learning.networks import Network, with_transport
 
 
-def predict(network: Network, image: np.ndarray, mask: np.ndarray) -> dict[str, np.ndarray]:
+def predict(network: Network, image: np.ndarray, mask: np.ndarray, mirrored: bool = False) -> dict[str, np.ndarray]:
     """The maps of an image (S,S,3), or of several (B,S,S,3), with masks (S,S) or (B,S,S), float or bool.
 
     The image is linear, about [0,1], in the colour model that the network was trained with (config["train"]["color"]);
     what lies outside the mask does not matter. S is the size that the network was trained for.
+
+    mirrored: the mean of what is inferred from the image and from its mirror image, so that a mirrored image has the
+    mirrored maps, at twice the cost.
 
     Returns float32 arrays with the leading axis of the input: albedo (S,S,3) in [0,1]; transport (S,S,K); light (K,3);
     shading (S,S,3) = transport . light in [0,10]; and normal (S,S,3), ao (S,S,1) where the network infers them.
@@ -20,17 +26,35 @@ def predict(network: Network, image: np.ndarray, mask: np.ndarray) -> dict[str, 
     """
     image, mask = np.asarray(image, np.float32), np.asarray(mask, np.float32)
     if image.ndim == 3:
-        return {name: array[0] for name, array in predict(network, image[None], mask[None]).items()}
+        return {name: array[0] for name, array in predict(network, image[None], mask[None], mirrored).items()}
     if image.shape != (*mask.shape, 3) or image.shape[1] != network.size or image.shape[2] != network.size:
         raise UserError(
             f"image {image.shape[1:]} with mask {mask.shape[1:]}: this network takes {network.size}x{network.size} px"
         )
     device = next(network.parameters()).device
-    inside = torch.from_numpy(mask).to(device)[..., None]
+    seen, inside = (torch.from_numpy(x).to(device) for x in (image, mask[..., None]))
     with torch.inference_mode():
-        outputs = network(torch.from_numpy(image).to(device).permute(0, 3, 1, 2), inside.permute(0, 3, 1, 2))
-        light = outputs.pop("light").float()
-        maps = {name: dense.permute(0, 2, 3, 1).float() for name, dense in outputs.items()}
-        maps = {name: values * inside for name, values in with_transport(maps, network.order).items()}
-        shading = shade(maps["transport"].flatten(1, 2), light).view(image.shape)
-    return {name: tensor.cpu().numpy() for name, tensor in {**maps, "light": light, "shading": shading}.items()}
+        maps = _maps(network, seen, inside)
+        if mirrored:
+            other = _unmirrored(_maps(network, seen.flip(2), inside.flip(2)), network.order)
+            maps = {name: (values + other[name]) / 2 for name, values in maps.items()}
+            if "normal" in maps:
+                maps["normal"] = F.normalize(maps["normal"], dim=-1)
+        maps["shading"] = shade(maps["transport"].flatten(1, 2), maps["light"]).view(image.shape)
+    return {name: tensor.cpu().numpy() for name, tensor in maps.items()}
+
+
+def _maps(network: Network, image: Tensor, inside: Tensor) -> dict[str, Tensor]:
+    """The light (B,K,3) and the maps (B,S,S,C), zero outside the mask, of an image (B,S,S,3) and mask (B,S,S,1)."""
+    outputs = network(image.permute(0, 3, 1, 2), inside.permute(0, 3, 1, 2))
+    light = outputs.pop("light").float()
+    maps = {name: dense.permute(0, 2, 3, 1).float() for name, dense in outputs.items()}
+    return {**{name: values * inside for name, values in with_transport(maps, network.order).items()}, "light": light}
+
+
+def _unmirrored(maps: dict[str, Tensor], order: int) -> dict[str, Tensor]:
+    """The maps of a mirror image as those of the image."""
+    signs = {"transport": mirror_signs(order), "light": mirror_signs(order)[:, None], "normal": torch.ones(3)}
+    signs["normal"][0] = -1
+    flipped = {name: values if name == "light" else values.flip(2) for name, values in maps.items()}
+    return {name: values * signs[name].to(values) if name in signs else values for name, values in flipped.items()}

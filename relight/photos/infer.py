@@ -79,7 +79,7 @@ def infer(network: Network, config: dict, pixels: np.ndarray, coverage: np.ndarr
     paper = config.get("train", {}).get("color") == "paper"
     if paper:  # these networks were shown coded values as if they were linear
         image = encode(image).astype(np.float32)
-    maps = predict(network, image, mask)
+    maps = predict(network, image, mask, mirrored=True)
     return Figure(
         frame=box,
         coverage=coverage,
