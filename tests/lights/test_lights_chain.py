@@ -18,7 +18,7 @@ from relight.sh.quadrature import sphere
 from relight.sh.rotation import rotate_y
 
 RULES = Rules(
-    bright=2.0, channel=2.6, dim=0.4, back=1.6, toward=-0.45, contrast=0.03, first=1.25, colour=1.1, below=-15.0
+    bright=2.0, channel=2.6, dim=0.4, back=1.6, toward=-0.45, contrast=0.0, first=1.25, colour=1.1, below=-15.0
 )
 SETTINGS = Lights(
     order="cut_first", threshold=0.2, low=0.7, high=0.9, rotations=36, clusters=12, test=3, split="room", rules=RULES,

@@ -2,11 +2,12 @@ import numpy as np
 import pytest
 
 from relight.lights.statistics import measure
+from relight.panoramas.colour import FROM_XYZ, blackbody, daylight
 from relight.panoramas.layouts import latlong_solid_angles
 from relight.panoramas.panorama import Panorama
 from relight.panoramas.project import project
-from relight.panoramas.radiosity import CELLS, Grid, direct, form_factors, render, sunlit, walls_hit
-from relight.panoramas.rooms import Box, Lamp, Patch, Room, draw_room, room
+from relight.panoramas.radiosity import CELLS, Grid, direct, form_factors, interreflected, render, sunlit, walls_hit
+from relight.panoramas.rooms import CLEARANCE, Box, Lamp, Patch, Room, draw_room, room, white_balance
 from relight.panoramas.skies import sky
 
 COUNT = 160
@@ -47,12 +48,72 @@ def test_rooms_can_exist_and_few_are_dark_or_lit_from_below(rooms):
     assert np.mean(rooms["elevation"] < 0) < 0.06
 
 
-def test_every_room_has_a_source_of_light_and_room_for_the_camera():
+def test_every_room_has_a_source_of_light_and_nothing_is_close_to_the_camera():
+    turn, reach = np.meshgrid(np.linspace(0, 2 * np.pi, 24, endpoint=False), [0.0, 0.3, 0.599])
+    disc = np.stack([reach * np.sin(turn), 0 * turn, reach * np.cos(turn)], -1).reshape(-1, 3)
+    assert CLEARANCE == 0.6
     for seed in range(3000):
         drawn = draw_room(np.random.default_rng(seed))
         assert drawn.patches or drawn.lamps
-        assert (drawn.camera > 0).all() and (drawn.camera < drawn.size).all()
-        assert all(np.any((drawn.camera < box.low) | (drawn.camera > box.high)) for box in drawn.boxes)
+        assert (drawn.camera > 0.3).all() and (drawn.camera < drawn.size - 0.3).all()
+        around = (drawn.camera + disc)[:, [0, 2]]
+        for box in drawn.boxes:  # neither beside the camera nor under it
+            assert not np.all((around > box.low[[0, 2]]) & (around < box.high[[0, 2]]), axis=1).any()
+        for lamp in drawn.lamps:
+            assert np.linalg.norm(lamp.centre - drawn.camera) - lamp.radius > 0.6
+
+
+def planck(temperature):
+    """Linear Rec. 709 of a Planckian radiator: Planck's law against the CIE 1931 functions, as Wyman et al.
+    2013 fit them (JCGT 2(2), table 1)."""
+    nm = np.arange(360, 831.0)
+
+    def lobe(centre, left, right):
+        return np.exp(-0.5 * ((nm - centre) * np.where(nm < centre, left, right)) ** 2)
+
+    x = 0.362 * lobe(442.0, 0.0624, 0.0374) + 1.056 * lobe(599.8, 0.0264, 0.0323) - 0.065 * lobe(501.1, 0.0490, 0.0382)
+    y = 0.821 * lobe(568.8, 0.0213, 0.0247) + 0.286 * lobe(530.9, 0.0613, 0.0322)
+    z = 1.217 * lobe(437.0, 0.0845, 0.0278) + 0.681 * lobe(459.0, 0.0385, 0.0725)
+    spectrum = nm**-5.0 / np.expm1(1.438776877e7 / (nm * temperature))
+    return FROM_XYZ @ [(spectrum * matched).sum() for matched in (x, y, z)]
+
+
+def ratios(rgb):
+    return np.log(rgb[..., [0, 2]] / rgb[..., 1:2])
+
+
+@pytest.mark.parametrize("temperature", [2300, 2856, 3200, 3999, 4001, 5000, 6500, 9000, 16000])
+def test_black_bodies_have_the_colour_of_plancks_law(temperature):
+    np.testing.assert_allclose(ratios(blackbody(temperature)), ratios(planck(temperature)), atol=0.04)
+
+
+def test_daylight_is_white_at_d65_and_a_little_green_of_the_black_body():
+    np.testing.assert_allclose(daylight(6504), 1, atol=2e-3)
+    for temperature in (4500, 5500, 6999, 7001, 9000, 16000):
+        difference = ratios(daylight(temperature)) - ratios(blackbody(temperature))
+        assert (difference < 0).all() and (difference > -0.12).all()
+
+
+def test_lamps_are_black_bodies_from_tungsten_to_daylight():
+    locus = np.linspace(2000, 7500, 800)
+    red, blue = np.array([ratios(blackbody(t)) for t in locus]).T
+    lamps = [lamp.radiance for seed in range(400) for lamp in draw_room(np.random.default_rng(seed)).lamps]
+    found = ratios(np.array(lamps))
+    np.testing.assert_allclose(np.interp(found[:, 0], red[::-1], blue[::-1]), found[:, 1], atol=2e-3)
+    kelvin = np.interp(found[:, 0], red[::-1], locus[::-1])
+    assert 2100 < kelvin.min() < 2400 and 6000 < kelvin.max() < 7000
+    assert 2700 < np.median(kelvin) < 3500
+
+
+def test_cameras_leave_lamps_warm_make_them_white_or_turn_daylight_blue():
+    rng = np.random.default_rng(0)
+    warm, cold = (
+        np.array([ratios(light * white_balance(rng, light))[1] for _ in range(1000)])
+        for light in (blackbody(3000), daylight(6500))
+    )
+    low, middle, high = np.percentile(warm, [10, 50, 90])
+    assert -1.2 < low < -0.9 and -1.0 < middle < -0.7 and -0.2 < high < 0.2
+    assert 0.0 < np.median(cold) < 0.3 and 0.02 < np.mean(cold > 0.5) < 0.1
 
 
 @pytest.mark.parametrize("generate", [room, sky])
@@ -89,6 +150,25 @@ def test_form_factors_close_the_room_and_see_the_floor_from_the_ceiling():
     ceiling, floor = slice(3 * CELLS**2, 4 * CELLS**2), slice(2 * CELLS**2, 3 * CELLS**2)
     # Opposite faces of a cube: 0.1998 (Howell, C-11).
     assert abs(factors[ceiling, floor].sum(1).mean() - 0.1998) < 0.02
+
+
+@pytest.mark.parametrize("albedo", [0.3, 0.78])
+def test_walls_absorb_what_falls_on_them(albedo):
+    """Light that spots of direct light bring is absorbed, no more and no less, in rooms of any shape; evenly lit walls
+    have the closed form E / (1 - albedo)."""
+    rng = np.random.default_rng(0)
+    shares = []
+    for _ in range(12):
+        size = np.array([[rng.uniform(2.8, 14), rng.uniform(2.3, 6), rng.uniform(2.8, 14)]])
+        walls = Grid(np.zeros((1, 3)), size, CELLS, inside=True)
+        factors, reflects = form_factors(walls, walls), np.full((len(walls.area), 3), albedo)
+        falls = np.zeros((len(walls.area), 3))
+        falls[rng.integers(0, len(falls), 30)] = 1
+        total = falls + interreflected(factors, reflects, falls)
+        shares.append(((1 - albedo) * walls.area @ total / (walls.area @ falls)).mean())
+    assert abs(np.mean(shares) - 1) < 0.02 and np.ptp(shares) < 0.15
+    even = np.ones((len(walls.area), 3))
+    np.testing.assert_allclose(even + interreflected(factors, reflects, even), 1 / (1 - albedo), rtol=0.01)
 
 
 def test_a_wall_of_light_gives_the_irradiance_of_half_a_space():
