@@ -278,7 +278,7 @@ def add_furniture(room: Room, rng: np.random.Generator) -> None:
 def room(seed: int) -> np.ndarray:
     """The panorama of room number `seed`: (64, 128, 3) float32 lat-long, linear, centre toward -z, pixel centres.
 
-    The exposure is log-normal, as a photographer's is; so one room in eighteen is darker at the front than the paper's
+    The exposure is log-normal, as a photographer's is; so one room in fourteen is darker at the front than the paper's
     threshold of 0.2.
     """
     rng = np.random.default_rng([seed, 0x100])

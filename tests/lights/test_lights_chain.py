@@ -83,7 +83,7 @@ def test_no_room_is_on_both_sides(rooms):
 
 
 def test_two_panoramas_are_enough(rooms):
-    lights, _ = select(rooms[1][2:4], rooms[0][2:4], replace(SETTINGS, clusters=50, test=10))
+    lights, _ = select(rooms[1][16:18], rooms[0][16:18], replace(SETTINGS, clusters=50, test=10))
     assert len(lights.of("train")) and len(lights.of("test"))
     assert set(lights.of("train").source) != set(lights.of("test").source)
 

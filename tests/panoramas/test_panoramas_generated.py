@@ -30,9 +30,8 @@ def rooms(coefficients):
     return measure(coefficients)
 
 
-# Where the tenth, median and ninetieth of 160 rooms lie, whatever their seeds: four standard deviations about the means
-# of blocks of 160 among 2,000 rooms. Measured maps and the lights that the paper's authors released lie inside of the
-# tails but for ln(R/G) and ln(B/G), which maps that photographers have balanced do not reach (docs/lights.md).
+# Where the tenth, median and ninetieth of 160 rooms lie: four standard deviations and more about the means of twelve
+# blocks of 160 rooms. How they compare with measured maps and with the lights of the paper's authors: docs/lights.md.
 RANGES = {
     "first": ((0.32, 0.62), (0.78, 1.12), (1.25, 1.46)),
     "second": ((0.15, 0.48), (0.82, 1.15), (1.50, 1.76)),
