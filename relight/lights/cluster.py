@@ -17,17 +17,21 @@ def features(lights: np.ndarray) -> np.ndarray:
 def medoids(lights: np.ndarray, sources: np.ndarray, clusters: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """K-means, then the light nearest to each centre: indices (M,) and the cluster of each, M <= `clusters`.
 
-    A centre itself would be a blurred light. At most one light per panorama, or as many as it takes when there are
-    fewer panoramas than clusters. Small clusters choose first: they have the fewest panoramas to choose from.
+    A centre itself would be a blurred light. Every panorama weighs the same, however many of its copies are there: soft
+    light passes the rules at all headings, light from one side at a few. At most one light per panorama, or as many
+    as it takes when there are fewer panoramas than clusters. Small clusters choose first: they have the fewest
+    panoramas to choose from.
     """
     from sklearn.cluster import KMeans
     from threadpoolctl import threadpool_limits
 
     points = features(lights)
     clusters = min(clusters, len(np.unique(points.round(9), axis=0)))
-    each = math.ceil(clusters / len(np.unique(sources)))
+    _, source, copies = np.unique(sources, return_inverse=True, return_counts=True)
+    each = math.ceil(clusters / len(copies))
     with threadpool_limits(1):  # the same sums in the same order on every machine
-        means = KMeans(clusters, random_state=seed, n_init=2, max_iter=60).fit(points)
+        means = KMeans(clusters, random_state=seed, n_init=2, max_iter=60)
+        means.fit(points, sample_weight=1 / copies[source])
     distance = np.linalg.norm(points - means.cluster_centers_[means.labels_], axis=1)
     taken: dict[str, int] = {}
     chosen = []

@@ -1,24 +1,10 @@
-"""Colours of lamps and of light."""
+"""Colours of lamps, of daylight, and of light."""
 
 import numpy as np
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear Rec. 709
-# Linear Rec. 709 of black bodies, and of daylight above 6500 K.
-KELVIN = np.array([2200, 2700, 3000, 3500, 4000, 5000, 6000, 7000, 9000, 12000], float)
-TINT = np.array(
-    [
-        [1.0, 0.44, 0.08],
-        [1.0, 0.57, 0.22],
-        [1.0, 0.63, 0.30],
-        [1.0, 0.71, 0.42],
-        [1.0, 0.78, 0.54],
-        [1.0, 0.90, 0.77],
-        [1.0, 0.97, 0.95],
-        [0.93, 0.96, 1.06],
-        [0.80, 0.90, 1.15],
-        [0.70, 0.85, 1.22],
-    ]
-)
+# Linear Rec. 709 from CIE XYZ with white at D65 (ITU-R BT.709).
+FROM_XYZ = np.array([[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]])
 
 
 def luminance(rgb: np.ndarray) -> np.ndarray:
@@ -26,7 +12,38 @@ def luminance(rgb: np.ndarray) -> np.ndarray:
     return rgb @ LUMINANCE
 
 
-def kelvin(temperature: float) -> np.ndarray:
-    """Linear RGB (3,) of a light of this colour temperature, of luminance 1."""
-    colour = np.array([np.interp(temperature, KELVIN, TINT[:, c]) for c in range(3)])
+def blackbody(temperature: float) -> np.ndarray:
+    """Linear Rec. 709 (3,) of a Planckian radiator of 1,667 to 25,000 K, of luminance 1.
+
+    Chromaticity by the cubic splines of Kim et al. 2002 (J. Korean Phys. Soc. 41, 865). Below 1,900 K blue would be
+    negative and is zero.
+    """
+    t = 1000 / temperature
+    if temperature <= 4000:
+        x = np.polyval((-0.2661239, -0.2343589, 0.8776956, 0.179910), t)
+    else:
+        x = np.polyval((-3.0258469, 2.1070379, 0.2226347, 0.240390), t)
+    if temperature <= 2222:
+        y = np.polyval((-1.1063814, -1.34811020, 2.18555832, -0.20219683), x)
+    elif temperature <= 4000:
+        y = np.polyval((-0.9549476, -1.37418593, 2.09137015, -0.16748867), x)
+    else:
+        y = np.polyval((3.0817580, -5.87338670, 3.75112997, -0.37001483), x)
+    return from_chromaticity(x, y)
+
+
+def daylight(temperature: float) -> np.ndarray:
+    """Linear Rec. 709 (3,) of a phase of daylight of 4,000 to 25,000 K, of luminance 1: the CIE's D illuminants (CIE
+    15:2004, equations 3.3 and 3.4)."""
+    t = 1000 / temperature
+    if temperature <= 7000:
+        x = np.polyval((-4.6070, 2.9678, 0.09911, 0.244063), t)
+    else:
+        x = np.polyval((-2.0064, 1.9018, 0.24748, 0.237040), t)
+    return from_chromaticity(x, np.polyval((-3.0, 2.870, -0.275), x))
+
+
+def from_chromaticity(x: float, y: float) -> np.ndarray:
+    """Linear Rec. 709 (3,) of a CIE 1931 chromaticity, of luminance 1; what lies outside of the gamut is clipped."""
+    colour = np.maximum(FROM_XYZ @ np.array([x / y, 1.0, (1 - x - y) / y]), 0)
     return colour / luminance(colour)

@@ -6,7 +6,7 @@ skyline and the ground below it are lit by both. Overcast, broken, hazy and clea
 
 import numpy as np
 
-from relight.panoramas.colour import kelvin, luminance
+from relight.panoramas.colour import blackbody, daylight, luminance
 from relight.panoramas.layouts import latlong_solid_angles
 from relight.panoramas.radiosity import HEIGHT, WIDTH, view_directions
 
@@ -40,14 +40,15 @@ def sky(seed: int) -> np.ndarray:
     if kind == "broken":
         cover = clouds(rng, direction)
         bright = bright * (1 - 0.6 * cover) + 0.55 * cover * (0.6 + 0.8 * np.exp(-2 * angle)) / np.pi
-    blue = kelvin(12000) * (0.55 + 0.45 * high[:, None] ** 0.5) + kelvin(6000) * (0.45 - 0.45 * high[:, None] ** 0.5)
+    up = high[:, None] ** 0.5
+    blue = daylight(12000) * (0.55 + 0.45 * up) + daylight(6000) * (0.45 - 0.45 * up)
     white = 1.0 if kind == "overcast" else np.clip(1.1 * np.exp(-2.5 * angle), 0, 1)[:, None]
-    image = bright[:, None] * (blue * (1 - white) + kelvin(6300) * white)
+    image = bright[:, None] * (blue * (1 - white) + daylight(6300) * white)
 
     # Beam on a facing surface over the sky's illuminance on the ground: about 5 at noon, nothing at the horizon.
     air = 1 / (np.sin(elevation) + 0.15 * (np.degrees(elevation) + 3.885) ** -1.253)
     strength = 7 * beam * np.exp(-0.21 * air) * rng.uniform(0.6, 1.2)
-    shine = kelvin(2200 + 3400 * (1 - np.exp(-np.degrees(elevation) / 16))) * strength
+    shine = blackbody(2200 + 3400 * (1 - np.exp(-np.degrees(elevation) / 16))) * strength
     horizon = skyline(rng, direction)
     visible = direction @ sun
     lit_sky = (image * (np.maximum(direction[:, 1], 0) * weight * above)[:, None]).sum(0)

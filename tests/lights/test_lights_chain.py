@@ -12,13 +12,14 @@ from relight.lights.rules import broken
 from relight.lights.select import select
 from relight.lights.statistics import measure, reference_brightness
 from relight.lights.table import SPLITS, load, save
+from relight.panoramas.colour import blackbody, daylight
 from relight.sh.basis import basis
 from relight.sh.irradiance import irradiance
 from relight.sh.quadrature import sphere
 from relight.sh.rotation import rotate_y
 
 RULES = Rules(
-    bright=2.0, channel=2.6, dim=0.4, back=1.6, toward=-0.45, contrast=0.03, first=1.25, colour=1.1, below=-15.0
+    bright=2.0, channel=2.6, dim=0.4, back=1.6, toward=-0.45, contrast=0.0, first=1.25, colour=1.1, below=-15.0
 )
 SETTINGS = Lights(
     order="cut_first", threshold=0.2, low=0.7, high=0.9, rotations=36, clusters=12, test=3, split="room", rules=RULES,
@@ -82,7 +83,7 @@ def test_no_room_is_on_both_sides(rooms):
 
 
 def test_two_panoramas_are_enough(rooms):
-    lights, _ = select(rooms[1][2:4], rooms[0][2:4], replace(SETTINGS, clusters=50, test=10))
+    lights, _ = select(rooms[1][16:18], rooms[0][16:18], replace(SETTINGS, clusters=50, test=10))
     assert len(lights.of("train")) and len(lights.of("test"))
     assert set(lights.of("train").source) != set(lights.of("test").source)
 
@@ -151,6 +152,19 @@ def test_rules_see_what_they_are_named_for():
         assert found[name][i], name
 
 
+@pytest.mark.parametrize("kelvin, camera, unusual", [(2900, 5000, False), (3200, 6500, False), (2000, 6500, True)])
+def test_tungsten_as_a_camera_set_to_daylight_sees_it_is_usual_and_candles_are_not(kelvin, camera, unusual):
+    """The lights that the paper's authors released have ln(B/G) down to -.8."""
+    d = np.array([0.3, 0.6, 0.7])
+    white = basis(d / np.linalg.norm(d))
+    white[0] += 0.3
+    light = white[:, None] * (blackbody(kelvin) / daylight(camera))
+    light *= 0.8 / reference_brightness(light)
+    assert measure(light[None])["blue"][0] < -0.8
+    found = {name for name, rule in broken(light[None], RULES).items() if rule[0]}
+    assert "colour" in found if unusual else not found
+
+
 def test_features_measure_the_distance_of_irradiance():
     a, b = np.random.default_rng(0).normal(size=(2, 9, 3))
     d, w = sphere(8)
@@ -166,6 +180,15 @@ def test_medoids_are_members_and_share_the_sources():
     assert len(chosen) == len(set(chosen // 2)) == len(set(label)) == 10
     chosen, _ = medoids(lights, np.repeat(np.arange(5), 12), 10, 0)
     assert np.bincount(chosen // 12).max() <= 2
+
+
+def test_panoramas_weigh_the_same_however_many_copies_they_have():
+    """Two panoramas with forty copies each lie together, twenty with two each far apart: those get the clusters."""
+    rng = np.random.default_rng(0)
+    crowd, few = rng.normal(0, 0.5, (80, 9, 3)), np.repeat(rng.normal(0, 1, (20, 9, 3)), 2, axis=0)
+    sources = np.concatenate([np.repeat([20, 21], 40), np.repeat(np.arange(20), 2)])
+    chosen, _ = medoids(np.concatenate([crowd, few]), sources, 12, 0)
+    assert (sources[chosen] < 20).sum() >= 10
 
 
 def test_farthest_first_starts_at_an_extreme_and_visits_all():
