@@ -59,7 +59,9 @@ class Baker:
         scene = self.scene
         if view == FRONTAL:
             return Camera(size, max(2.0, float(scene.high[2]) + scene.diagonal / 100))
-        vertices = self.mesh.vertices[np.unique(scene.faces)].astype(np.float64)
+        used = np.zeros(len(self.mesh.vertices), bool)
+        used[scene.faces] = True
+        vertices = self.mesh.vertices[used].astype(np.float64)
         placed = pose(view, vertices)
         if view.focal is not None:
             return Camera(size, view.distance, True, placed)

@@ -8,7 +8,7 @@ from relight.files import UserError
 from relight.sh.rotation import about_y
 
 FILM = 18.0  # half the height of the picture on film, mm: the long side of 36 x 24 mm, the camera held upright
-STEPS = 60  # halvings that centre the box: to the last bits of a double
+NEAR = 0.05  # of the longer side of the figure's box: what comes closer to the eye is not seen well
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ def pose(view: View, vertices: np.ndarray) -> Pose:
 
     The box of the figure in the picture is centred, and its longer side is as long as that of the frontal view: a lens
     is not zoomed for that, the eye moves (perspective is a matter of distance). The middle of the figure's depth lies
-    in the plane z = 0. UserError where the figure has no extent in the picture.
+    in the plane z = 0. UserError where the figure has no extent in the picture, and where the eye would touch it.
     """
     low, high = vertices.min(0), vertices.max(0)
     middle, side = (low + high) / 2, float((high - low)[:2].max())
@@ -89,36 +89,41 @@ def pose(view: View, vertices: np.ndarray) -> Pose:
     if view.focal is not None:
         eyes = [eye(axis, seen[:, 2], side / 2, view.distance) for axis in seen.T[:2]]
         away = max(eyes)
-        shift[:2] = [beside(axis, seen[:, 2], side / 2, view.distance, away) for axis in seen.T[:2]]
+        if away - high[2] < NEAR * side:
+            raise UserError(f"focal length {view.focal:g}: the eye would touch the figure; give a longer one")
+        shift[:2] = [beside(axis, seen[:, 2], view.distance, away) for axis in seen.T[:2]]
         scale = view.distance / (away - shift[2])
     return Pose(view.rotation, middle + view.rotation.T @ shift, float(scale))
 
 
-def supports(across: np.ndarray, depth: np.ndarray, half: float, distance: float) -> tuple[float, float]:
-    """How far the points reach toward the right and the left side of the pyramid |x| <= half of the eye's picture.
+def sides(across: np.ndarray, depth: np.ndarray, half: float, distance: float) -> tuple[int, int]:
+    """Which points touch the right and the left side of the pyramid of all that the eye sees within +-half.
 
     The point (x, z), seen from an eye at (t, a), is at distance * (x - t) / (a - z) in the picture, and that is within
-    +-half where distance x + half z <= half a + distance t, and -distance x + half z <= half a - distance t.
+    +-half where distance x + half z <= half a + distance t, and half z - distance x <= half a - distance t.
     """
-    return float((distance * across + half * depth).max()), float((half * depth - distance * across).max())
+    return int((half * depth + distance * across).argmax()), int((half * depth - distance * across).argmax())
 
 
 def eye(across: np.ndarray, depth: np.ndarray, half: float, distance: float) -> float:
     """The place a on the z axis from which points at x = `across`, z = `depth` (V,) just fill +-half, well centred."""
-    return sum(supports(across, depth, half, distance)) / (2 * half)
+    right, left = sides(across, depth, half, distance)
+    return float(depth[right] + depth[left] + distance / half * (across[right] - across[left])) / 2
 
 
-def beside(across: np.ndarray, depth: np.ndarray, half: float, distance: float, away: float) -> float:
-    """The place t of an eye at z = `away` from which the points are centred, where they fill at most +-half."""
-    low = 0.0
-    for _ in range(STEPS):  # to the half-width at which `eye` is at `away`: it comes closer as that grows
-        between = (low + half) / 2
-        if sum(supports(across, depth, between, distance)) > 2 * between * away:
-            low = between
-        else:
-            half = between
-    right, left = supports(across, depth, half, distance)
-    return (right - left) / (2 * distance)
+def beside(across: np.ndarray, depth: np.ndarray, distance: float, away: float) -> float:
+    """The place t beside the z axis from which an eye at z = `away` sees the points centred.
+
+    It looks for the half-width that they fill. That is the root of a convex, piecewise linear function, so that
+    Newton's steps from 0 never pass it and end in it.
+    """
+    half, grown = 0.0, True
+    while grown:
+        right, left = sides(across, depth, half, distance)
+        step = distance * float(across[right] - across[left]) / float(2 * away - depth[right] - depth[left])
+        grown = step > half * (1 + 1e-12)
+        half = max(half, step)
+    return float(across[right] + across[left] + half / distance * (depth[right] - depth[left])) / 2
 
 
 def record(view: View, pose: Pose) -> dict:

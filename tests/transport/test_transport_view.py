@@ -150,12 +150,12 @@ def shown(mesh, view):
 def test_the_figure_fills_the_picture_from_everywhere(offset):
     """Its box is centred, and the longer side that of the frontal view, whatever the lens."""
     rng = np.random.default_rng(2)
-    vertices = rng.normal(size=(200, 3)) * [0.3, 0.8, 0.4] ** rng.random((200, 1)) + offset
-    mesh = mesh_of(vertices, np.arange(198).reshape(-1, 3))
+    vertices = rng.uniform(-1, 1, (198, 3)) ** 3 * [0.5, 0.9, 0.4]
+    mesh = mesh_of(vertices + offset, np.arange(198).reshape(-1, 3))
     long = np.ptp(mesh.vertices.astype(float), axis=0)[:2].max()
     for view in (
         *VIEWS,
-        View(90, 15, 10),
+        View(90, 15, 18),
         View(180, -15, 10000),
         View(20, 90),
         *(random_view(f"a{i}", 0) for i in range(9)),
@@ -221,4 +221,8 @@ def test_views_that_cannot_be():
     line = mesh_of([[0, 0, 0], [0, 0, 1], [0, 0, 2]], [[0, 1, 2]])
     with pytest.raises(UserError, match="no extent"):
         pose(View(30), line.vertices.astype(float))
+    spear = np.array([[-0.5, -0.9, 0], [0.5, -0.9, 0], [0, 0.9, 0], [0, 0, 1.2]])
+    assert pose(View(0, 0, 25), spear).scale > 0
+    with pytest.raises(UserError, match="focal length 10: the eye would touch"):
+        pose(View(0, 0, 10), spear)
     assert Camera(8).pose is None and FRONTAL == View()
