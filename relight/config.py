@@ -57,6 +57,7 @@ class Bake:
     order: int = MISSING  # of the spherical harmonics
     bounces: int = MISSING
     supersample: int = MISSING  # k x k places of a pixel, whose mean the maps are
+    views: int = MISSING  # of each figure beside the frontal one, to train on
     seed: int = MISSING
     version: int = MISSING
 
@@ -211,7 +212,7 @@ class Evaluate:
     device: str = MISSING  # auto | cpu | cuda
     seed: int = MISSING
     version: int = MISSING
-    figures: str = "test"  # test | sitting: which part of the split is scored; an experiment says so
+    figures: str = "test"  # test | sitting | views: which part of the split is scored; an experiment says so
 
 
 @dataclass
@@ -235,7 +236,7 @@ class Experiment:
     """A question: some runs of the sweep, what they are scored on, and a section of the report."""
 
     rows: list[str] = MISSING  # runs that the section compares, in order
-    figures: str = "test"  # test | sitting: on which part of the split
+    figures: str = "test"  # test | sitting | views: on which part of the split
     lights: str = "test"  # test | unusual: under which lights of the set
     axis: str | None = None  # a setting, such as model.width, against which errors are plotted
     table: bool = True  # the rows are trained and scored in a table; false: it has stages of its own
@@ -332,6 +333,7 @@ LEAST = {
     "bake.order": 1,
     "bake.bounces": 0,
     "bake.supersample": 1,
+    "bake.views": 0,
     "panoramas.count": 0,
     "lights.rotations": 1,
     "lights.clusters": 2,
@@ -363,7 +365,7 @@ CHOICES = {
     "model.sees": ("image", "mask"),
     "loss.reduction": ("image", "mask"),
     "evaluate.lights": ("test", "unusual"),
-    "evaluate.figures": ("test", "sitting"),
+    "evaluate.figures": ("test", "sitting", "views"),
     "evaluate.device": ("auto", "cpu", "cuda"),
     "train.schedule": ("constant", "cosine"),
     "train.color": ("paper", "photo"),
@@ -375,7 +377,7 @@ CHOICES = {
     "train.part": ("train", "test"),
 }
 TRUTH = ("albedo", "transport", "light", "shading", "reconstruction")  # losses that compare with more than the picture
-EXPERIMENT = {"figures": ("test", "sitting"), "lights": ("test", "unusual")}
+EXPERIMENT = {"figures": ("test", "sitting", "views"), "lights": ("test", "unusual")}
 RULES = {
     "figures.shading": (lambda value: 0 <= value <= 1, "must lie in [0, 1]"),
     "bake.size": (lambda value: value % 64 == 0, "must be a multiple of 64"),

@@ -108,6 +108,12 @@ class Plan:
         first, count = self.cfg.figures.first, self.cfg.figures.count
         return list(self.scans) or [f"g{seed:04d}" for seed in range(first, first + count)]
 
+    def maps(self, figure: str) -> list[str]:
+        """Names of the maps of a figure: the frontal view is called like the figure."""
+        from relight.transport.view import view_names
+
+        return [figure, *view_names(figure, self.cfg.bake.views)]
+
     @cached_property
     def panoramas(self) -> list[str]:
         """Files of the user's panoramas; empty when rooms are generated."""

@@ -27,7 +27,7 @@ def evaluate(checkpoint: Path, packed: Path, lights: Path, split: Path, settings
     Figures are those of `settings.figures` in the split, relit by the lights marked `settings.lights`, in the colour
     model that the network was trained with. The same inputs give the same bytes on the same machine: on a CPU one
     thread is used. Raises UserError when a file is not what it should be or nothing is left to test on; figures that
-    sit and unusual lights need not be there, and the file then holds no scores.
+    sit, further views and unusual lights need not be there, and the file then holds no scores.
     """
     network, data = load(checkpoint, packed, lights, settings)
     if nothing(data, split, settings):
@@ -73,7 +73,7 @@ def chosen_pairs(
     data: RelitSet, split: Path, lights: str = "test", figures: str = "test"
 ) -> tuple[np.ndarray, np.ndarray]:
     """Indices of the figures of a part of the split and of the lights with a mark. UserError when either is empty."""
-    chosen = data.figures(read_split(split)[figures])
+    chosen = chosen_figures(data, split, figures)
     lit = np.flatnonzero(data.light_split == lights)
     if not len(chosen) or not len(lit):
         raise UserError(
@@ -83,10 +83,16 @@ def chosen_pairs(
     return chosen, lit
 
 
+def chosen_figures(data: RelitSet, split: Path, figures: str) -> np.ndarray:
+    """Indices of the figures of a part of the split, from the front; `views` are the test figures' other views."""
+    parts = read_split(split)
+    return data.views(data.figures(parts["test"])) if figures == "views" else data.figures(parts[figures])
+
+
 def nothing(data: RelitSet, split: Path, settings: config.Evaluate) -> bool:
-    """Whether the set has no figure that sits, or no unusual light, where these are to be scored."""
-    sitting = settings.figures == "sitting" and not len(data.figures(read_split(split)["sitting"]))
-    return sitting or (settings.lights == "unusual" and not (data.light_split == "unusual").any())
+    """Whether the set has no figure that sits, no further view or no unusual light, where these are to be scored."""
+    figures = settings.figures != "test" and not len(chosen_figures(data, split, settings.figures))
+    return figures or (settings.lights == "unusual" and not (data.light_split == "unusual").any())
 
 
 def score(predictor: Predictor, data: RelitSet, split: Path, settings: config.Evaluate) -> Scores:

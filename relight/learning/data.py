@@ -72,6 +72,7 @@ class RelitSet:
                     f"{path} has harmonics up to order {found}: model.order={order} needs bake.order={order}"
                 )
         self.names, self.size, self.color = list(figures.names), figures.size, color
+        self.shown = list(figures.figures)
         self.light_split = np.asarray(table["split"])
         self.order = min(figures.order, bands)
         all_bands = (self.order + 1) ** 2
@@ -96,6 +97,12 @@ class RelitSet:
         """Indices of the named figures, in order; names that were left out of the packed set are passed over."""
         place = {name: i for i, name in enumerate(self.names)}
         return np.array([place[name] for name in names if name in place], np.int64)
+
+    def views(self, figures: np.ndarray) -> np.ndarray:
+        """Indices of the further views of `figures`, which are indices of their frontal views."""
+        chosen = {self.names[figure] for figure in figures}
+        found = [i for i, shown in enumerate(self.shown) if shown in chosen and shown != self.names[i]]
+        return np.array(found, np.int64)
 
     def batch(
         self,

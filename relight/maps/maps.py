@@ -1,4 +1,4 @@
-"""The maps of one figure: what baking makes and training reads."""
+"""The maps of one view of a figure: what baking makes and training reads."""
 
 from dataclasses import dataclass, field
 
@@ -7,7 +7,7 @@ import numpy as np
 
 @dataclass
 class Maps:
-    """Maps of one figure on a square image, row 0 at the top; zero outside the mask.
+    """Maps of one view of a figure on a square image, row 0 at the top; zero outside the mask.
 
     mask (H,W) bool; coverage (H,W) float32 in [0,1], the antialiased mask (equals mask without supersampling);
     albedo (H,W,3) float32 linear; normal (H,W,3) float32 unit shading normals in the camera frame (+x right, +y up,

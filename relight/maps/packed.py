@@ -22,11 +22,11 @@ TYPES = {"uint8": "U8", "int16": "I16", "int64": "I64", "float16": "F16"}
 
 
 def pack(exr_paths: list[Path], out: Path) -> list[str]:
-    """Packs the maps in `exr_paths` into `out`, whole or not at all; returns the names of the packed figures.
+    """Packs the maps in `exr_paths` into `out`, whole or not at all; returns the names of the packed maps.
 
-    Figures that were left out are skipped. With bounces, the packed transport is the direct one plus the mean over
-    colour channels of the bounced one. One figure is in memory at a time. UserError when the sizes or orders differ,
-    or when nothing is left to pack.
+    Maps are called like their figure, or like the view of it that they are. Figures that were left out are skipped.
+    With bounces, the packed transport is the direct one plus the mean over colour channels of the bounced one. One
+    figure is in memory at a time. UserError when the sizes or orders differ, or when nothing is left to pack.
     """
     from relight.maps.exr import read_info, read_maps  # readers of the set need no OpenEXR
 
@@ -50,6 +50,9 @@ def pack(exr_paths: list[Path], out: Path) -> list[str]:
         "mask": (np.uint8, (len(found), -(-size * size // 8))),
     }
     notes = {"names": names, "subjects": subjects, "size": size, "order": first["order"]}
+    if any("view" in info for _, info in found):
+        notes["figures"] = [info.get("figure", name) for name, (_, info) in zip(names, found)]
+        notes["views"] = [info.get("view") for _, info in found]
     with whole(out) as temporary:
         arrays = _create(temporary, layout, {key: json.dumps(value) for key, value in notes.items()})
         arrays["offset"][:] = offset
@@ -67,7 +70,11 @@ def pack(exr_paths: list[Path], out: Path) -> list[str]:
 
 
 class Packed:
-    """A packed data set, memory-mapped: a figure is read from disk when it is asked for."""
+    """A packed data set, memory-mapped: a figure is read from disk when it is asked for.
+
+    names, subjects: of each of its maps; figures: the figure that each shows, called like the maps of its frontal view;
+    views: how it is seen (relight.transport.view.record), None for the frontal view.
+    """
 
     def __init__(self, path: Path | str):
         """Raises UserError when `path` is not a packed data set."""
@@ -76,6 +83,8 @@ class Packed:
             notes = {key: json.loads(value) for key, value in (self._file.metadata() or {}).items()}
             self.names: list[str] = notes["names"]
             self.subjects: list[str] = notes["subjects"]
+            self.figures: list[str] = notes.get("figures", self.names)
+            self.views: list[dict | None] = notes.get("views", [None] * len(self.names))
             self.size: int = notes["size"]
             self.order: int = notes["order"]
             self.offset: np.ndarray = self._file.get_tensor("offset")

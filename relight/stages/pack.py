@@ -11,7 +11,7 @@ from relight.stages.stage import stage
 
 @stage(
     "pack",
-    names="figures, one name per line (.txt)",
+    names="maps of all figures and views, one name per line (.txt)",
     maps="folder of maps",
     out="packed set (.safetensors)",
     record="what was left out (.json)",
@@ -20,21 +20,22 @@ def main(split: Split, names: Path, maps: Path, out: Path, record: Path) -> None
     from relight.maps.exr import read_info
     from relight.maps.packed import pack
 
-    figures = names.read_text().split()
-    infos = {name: read_info(maps / f"{name}.exr") for name in figures}
-    reasons = {name: info["left_out"] for name, info in infos.items() if "left_out" in info}
-    whole_ones = [name for name in figures if name not in reasons]
-    if len(whole_ones) < max(2, split.least * len(figures)):
+    every = names.read_text().split()
+    infos = {name: read_info(maps / f"{name}.exr") for name in every}
+    figures = {name: info for name, info in infos.items() if info.get("figure", name) == name}
+    reasons = {name: info["left_out"] for name, info in figures.items() if "left_out" in info}
+    usable = len(figures) - len(reasons)
+    if usable < max(2, split.least * len(figures)):
         first = "; ".join(f"{name}: {reason}" for name, reason in list(reasons.items())[:3])
         raise UserError(
-            f"only {len(whole_ones)} of {len(figures)} figures are usable, and at least "
+            f"only {usable} of {len(figures)} figures are usable, and at least "
             f"{max(2, int(-(-split.least * len(figures) // 1)))} are needed (split.least={split.least}); {first}"
         )
     for name, reason in reasons.items():
         print(f"left out: {name}: {reason}", file=sys.stderr)
-    pack([maps / f"{name}.exr" for name in whole_ones], out)
+    pack([maps / f"{name}.exr" for name in every], out)
     with whole(record) as tmp:
-        tmp.write_text(json.dumps({"figures": infos, "left_out": reasons}, indent=1))
+        tmp.write_text(json.dumps({"figures": figures, "left_out": reasons}, indent=1))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Deals the figures into training and test parts, and sets those apart that sit."""
+"""Deals the figures, each with all its views, into training and test parts, and sets those apart that sit."""
 
 import json
 from pathlib import Path
@@ -13,9 +13,14 @@ def main(split: Split, packed: Path, record: Path, out: Path) -> None:
     from relight.learning.split import deal, sits
     from relight.maps.packed import Packed
 
-    figures = Packed(packed)
+    packed_maps = Packed(packed)
+    subjects = {
+        name: subject
+        for name, subject, figure in zip(packed_maps.names, packed_maps.subjects, packed_maps.figures)
+        if name == figure
+    }
     sitting = {name for name, info in json.loads(record.read_text())["figures"].items() if sits(info)}
-    parts = deal(figures.names, figures.subjects, split, sitting)
+    parts = deal(list(subjects), list(subjects.values()), split, sitting)
     with whole(out) as tmp:
         tmp.write_text(json.dumps(parts, indent=1))
 

@@ -27,8 +27,15 @@ def bake(
     supersample: Annotated[
         int, typer.Option(min=1, help="Maps are means over k x k places of a pixel, which share its rays.")
     ] = 1,
-    perspective: Annotated[
-        float | None, typer.Option(help="Distance of the eye, where the mesh is 1.8 high; orthographic without.")
+    yaw: Annotated[
+        float, typer.Option(help="Degrees by which the figure is turned, its front toward image right; -180 to 180.")
+    ] = 0,
+    pitch: Annotated[
+        float, typer.Option(help="Degrees by which the camera stands higher, or lower where negative.")
+    ] = 0,
+    focal: Annotated[
+        float | None,
+        typer.Option(help="Of the lens, mm on 36 mm of film over the picture's height; orthographic without."),
     ] = None,
     up: Annotated[str, typer.Option(help="The file's axis that points up: +y, +z, ... or auto.")] = "auto",
     front: Annotated[str, typer.Option(help="The file's axis toward the camera: +z, -y, ... or auto.")] = "auto",
@@ -41,8 +48,9 @@ def bake(
 ) -> None:
     """Bake light transport (spherical harmonics), AO, albedo, normals and depth of a mesh.
 
-    Image = albedo x (transport . light), with any light that `relight light` writes. Transport per vertex is in the
-    file's own frame and order of vertices. Formats and conventions: docs/transport.md and docs/maps.md.
+    Image = albedo x (transport . light), with any light that `relight light` writes. From any view (--yaw, --pitch,
+    --focal) the figure fills the picture, and its maps are in the camera's axes. Transport per vertex is in the file's
+    own frame and order of vertices. Formats and conventions: docs/transport.md and docs/maps.md.
     """
     import time
 
@@ -60,6 +68,9 @@ def bake(
 
     from relight.meshes.axes import AXES
     from relight.meshes.read import read_mesh
+    from relight.transport.view import View
+
+    view = View(yaw, pitch, focal)
 
     for name, axis in (("--up", up), ("--front", front)):
         if axis not in AXES and axis != "auto":
@@ -74,7 +85,7 @@ def bake(
         from relight.transport.bake import bake as bake_maps
 
         ready = given if as_is else _prepared(given, up, front, padding)
-        maps = bake_maps(ready, size, rays, order, seed, supersample, bounces, perspective, threads)
+        maps = bake_maps(ready, size, rays, order, seed, supersample, bounces, view, threads)
         for target in targets:
             if target.suffix.lower() == ".exr":
                 write_maps(target, maps)

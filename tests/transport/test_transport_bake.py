@@ -13,7 +13,6 @@ from relight.meshes.mesh import Material, Mesh
 from relight.sh.basis import basis
 from relight.sh.irradiance import unoccluded
 from relight.transport.bake import bake
-from relight.transport.camera import Camera
 from relight.transport.integrate import integrate
 from relight.transport.sampling import azimuths, frames, vogel
 from relight.transport.scene import Scene
@@ -132,20 +131,6 @@ def test_vertex_colour_is_interpolated():
     color[1:3, 0] = 1  # red grows to the right
     maps = bake(screen(color=color), 16, 1)
     np.testing.assert_allclose(maps.albedo[:, :, 0], np.tile((np.arange(16) + 0.5) / 16, (16, 1)), atol=1e-5)
-
-
-def test_perspective():
-    radius, distance = 0.6, 2.5
-    maps = bake(ball(radius, subdivisions=6), 201, 16, perspective=distance)
-    silhouette = radius / np.sqrt(1 - (radius / distance) ** 2)  # of the tangent cone, in the plane z = 0
-    assert maps.mask.mean() * 4 == pytest.approx(np.pi * silhouette**2, rel=3e-3)
-    assert maps.depth[100, 100] == pytest.approx(distance - radius, abs=1e-3)
-    np.testing.assert_allclose(maps.normal[100, 100], [0, 0, 1], atol=1e-2)
-    ray = Camera(201, distance, True).rays(np.array([150.5]), np.array([40.5]))[0]
-    at_zero = ray[:3] + ray[3:] * distance
-    np.testing.assert_allclose(at_zero, [2 * 150.5 / 201 - 1, 1 - 2 * 40.5 / 201, 0], atol=1e-12)
-    with pytest.raises(UserError, match="behind a perspective camera"):
-        bake(ball(0.6), 16, 1, perspective=0.5)
 
 
 def test_supersampling():

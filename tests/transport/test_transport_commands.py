@@ -52,6 +52,18 @@ def test_the_default_output_is_beside_the_user(mesh, tmp_path):
     assert result.stdout.split() == ["thing.exr"] and (tmp_path / "thing.exr").exists()
 
 
+def test_a_view(mesh, tmp_path):
+    """Turned by a quarter, the nose points to image right; the figure fills the picture as it does from the front."""
+    out = tmp_path / "side.exr"
+    options = ["--size", 64, "--rays", 4, "--up", "+z", "--front=-y", "--yaw", 90, "--pitch", -8, "--focal", 85]
+    assert run(mesh, "-o", out, *options).exit_code == 0
+    maps = read_maps(out)
+    rows, columns = np.nonzero(maps.mask)
+    assert (rows.min(), rows.max()) == (3, 60)
+    assert 3 < rows[columns == columns.max()].mean() < 20
+    assert maps.info["camera"] == "perspective" and maps.info["view"]["pitch"] == -8
+
+
 def test_errors_name_the_thing(mesh, tmp_path):
     far = trimesh.creation.box()
     far.apply_translation([9, 0, 0])
@@ -62,7 +74,9 @@ def test_errors_name_the_thing(mesh, tmp_path):
         ((mesh, "-o", mesh.with_suffix(".ply"), "--up", "up"), "--up up"),
         ((mesh, "--padding", "0.7"), "--padding 0.7"),
         ((tmp_path / "far.ply", "--as-is"), "sees nothing"),
-        ((mesh, "--perspective", "0.05", "--size", "8"), "behind a perspective camera"),
+        ((mesh, "--focal", "5"), "focal length 5.0: it is 10 to 10000 mm"),
+        ((mesh, "--yaw", "270"), "turned by -180 to 180 degrees"),
+        ((mesh, "--pitch", "-91"), "from -90 degrees"),
     ):
         with pytest.raises(UserError, match=words):
             run(*arguments)

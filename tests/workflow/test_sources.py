@@ -7,6 +7,7 @@ import pytest
 from people import write_people
 from repo import copy, relight
 
+from relight.maps.exr import read_info
 from relight.panoramas.rooms import room
 
 WORDS = ("scale=smoke", "name=mine", "experiment=one", "split.test=0.34", "train.steps=6")
@@ -42,11 +43,13 @@ def test_three_meshes_and_two_panoramas_give_a_report(sources, tmp_path):
         f"figures.folder={sources / 'scans'}",
         "panoramas=folder",
         f"panoramas.folder={sources / 'panoramas'}",
+        "bake.views=1",
     )
     assert run.returncode == 0, run.stdout
     record = json.loads((repo / "results/mine/figures.json").read_text())
     assert set(record["figures"]) == {"broken", "coloured", "plain", "textured"}
     assert set(record["left_out"]) == {"broken"} and "broken is left out" in run.stdout
+    assert read_info(repo / "results/mine/maps/plain.v1.exr")["figure"] == "plain"
     page = (repo / "results/mine/report/report.html").read_text()
     assert "broken.ply" in page and page.count("data:image/") >= 5
     assert (repo / "results/mine/report/one.csv").stat().st_size > 100

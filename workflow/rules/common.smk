@@ -25,7 +25,7 @@ wildcard_constraints:
     run="|".join(map(re.escape, PLAN.runs)),
     experiment="|".join(map(re.escape, PLAN.experiments)),
     kind="subject|paper|disjoint|siblings",
-    on="((test|sitting)-(test|unusual)/)?",
+    on="((test|sitting|views)-(test|unusual)/)?",
 
 
 # The settings of every stage are a file in the graph, so that a change re-runs what reads them, and what follows.
@@ -39,15 +39,20 @@ rule settings:
         "printf %s {params.text:q} > {output}"
 
 
-# The figures of this plan, one per line.
+MAPS = [name for figure in PLAN.figures for name in PLAN.maps(figure)]
+
+
+# The figures of this plan, and the maps of all their views, one per line.
 rule listing:
     output:
-        f"{OUT}/config/figures.txt",
+        figures=f"{OUT}/config/figures.txt",
+        maps=f"{OUT}/config/maps.txt",
     localrule: True
     params:
-        text="".join(f"{figure}\n" for figure in PLAN.figures),
+        figures="".join(f"{figure}\n" for figure in PLAN.figures),
+        maps="".join(f"{name}\n" for name in MAPS),
     shell:
-        "printf %s {params.text:q} > {output}"
+        "printf %s {params.figures:q} > {output.figures}; printf %s {params.maps:q} > {output.maps}"
 
 
 # What the report is to answer.

@@ -73,7 +73,7 @@ rule bake:
         cfg=settings("bake"),
         mesh=f"{OUT}/aligned/{{figure}}.npz",
     output:
-        ensure(f"{OUT}/maps/{{figure}}.exr", non_empty=True),
+        [ensure(f"{OUT}/maps/{name}.exr", non_empty=True) for name in PLAN.maps("{figure}")],
     log:
         f"{OUT}/log/bake/{{figure}}.log",
     benchmark:
@@ -83,14 +83,14 @@ rule bake:
     resources:
         mem_mb=2000,
     shell:
-        command("bake") + "io.mesh={input.mesh} io.out={output}" + LOGGED
+        command("bake") + "io.mesh={input.mesh} io.out={output[0]}" + LOGGED
 
 
 rule pack:
     input:
         cfg=settings("pack"),
-        names=f"{OUT}/config/figures.txt",
-        maps=expand(f"{OUT}/maps/{{figure}}.exr", figure=PLAN.figures),
+        names=f"{OUT}/config/maps.txt",
+        maps=expand(f"{OUT}/maps/{{name}}.exr", name=MAPS),
     output:
         packed=f"{OUT}/packed.safetensors",
         record=f"{OUT}/figures.json",
