@@ -10,7 +10,7 @@ from relight.files import UserError
 from relight.photos.api import Relighter
 from relight.photos.background import Background
 from relight.photos.clip import steady
-from relight.photos.color import develop
+from relight.photos.color import to_srgb8
 from relight.photos.frame import frame
 from relight.photos.infer import Figure
 from relight.photos.mask import mask_of
@@ -35,14 +35,12 @@ def turning(
     """`count` frames (H,W,3) uint8 of a photo whose light makes `turns` turns; the last leads on to the first."""
     shape = pixels.shape[:2]
     whole = layers(pixels, coverage_of(figures), 0, len(pixels))
-    still = behind.scene(shape) if behind.kind in ("color", "picture") else None
+    still = behind.linear(shape) if behind.kind in ("color", "picture") else None
     for i in range(count):
         turn = np.radians(wish.turn) + 2 * np.pi * turns * i / count
         maps = relight_maps(figures, rotate_y(light, turn).astype(np.float32), wish.mode)
-        if wish.stops:
-            maps = [relit * np.float32(2**wish.stops) for relit in maps]
-        scene = behind.scene(shape, turn) * np.float32(2**wish.stops) if behind.kind == "panorama" else still
-        yield develop(compose(whole, figures, maps, wish.mode, scene))
+        scene = behind.linear(shape, turn, wish.stops) if behind.kind == "panorama" else still
+        yield to_srgb8(compose(whole, figures, maps, scene, wish.stops))
 
 
 def relit_clip(

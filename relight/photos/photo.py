@@ -8,6 +8,7 @@ import numpy as np
 from relight.files import UserError
 from relight.photos.api import MODES, Relighter, exposure
 from relight.photos.background import Background, background
+from relight.photos.color import DISPLAY, KNEE
 from relight.photos.infer import Figure
 from relight.photos.mask import mask_of
 from relight.photos.read import Photo, read_photo
@@ -89,7 +90,7 @@ def relight_file(
     relit = render(photo.pixels, figures, turned, wish.mode, behind, np.radians(wish.turn), wish.stops)
     judged = [relighter.trust(figure) for figure in figures]
     save_picture(out / "relit.png", relit)
-    save_inference(out, figures)
+    save_inference(out, figures, photo.pixels)
     for i, figure in enumerate(figures, 1):
         name = "light" if len(figures) == 1 else f"light_{i}"
         save_light(out / name, figure.light, f"inferred from {photo.name}")
@@ -98,6 +99,7 @@ def relight_file(
         "photo": str(path),
         "size": [photo.pixels.shape[1], photo.pixels.shape[0]],
         "wish": asdict(wish),
+        "shading_png": {"stops": DISPLAY, "straight_to": KNEE},
         "light": {"name": source.name, "notes": source.notes},
         "people": [
             {"square": [round(v, 2) for v in (f.frame.left, f.frame.top, f.frame.side)], **asdict(trust)}

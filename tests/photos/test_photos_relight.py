@@ -7,7 +7,7 @@ from relight.files import UserError
 from relight.photos import composite
 from relight.photos import render as rendering
 from relight.photos.background import Background, background
-from relight.photos.color import develop, to_srgb8
+from relight.photos.color import to_srgb8
 from relight.photos.frame import Frame, frame
 from relight.photos.infer import Figure
 from relight.photos.relight import FLOOR, floor_of, matched, ratio, shading
@@ -203,4 +203,3 @@ def test_paper_networks_see_coded_values(relighter, weights, draw):
     photo = infer(relighter.network, {"train": {"color": "photo"}}, pixels, mask)
     assert np.abs(to_srgb8(photo.image) / 255.0 - paper.image)[photo.mask].max() < 0.003
     assert np.array_equal(render(pixels, [paper], paper.light), pixels)
-    assert develop(np.zeros(1))[0] == 0
