@@ -57,7 +57,7 @@ def background(text: str, panorama: Panorama | None = None, blur: float = 0.0) -
             )
         return Background("panorama", panorama=panorama, blur=blur)
     if is_picture(text):
-        return Background("picture", picture=read_photo(text).pixels)
+        return Background("picture", picture=read_photo(text, "background").pixels)
     try:
         return Background("color", color=np.array(ImageColor.getrgb(text)[:3], np.uint8))
     except ValueError:

@@ -54,7 +54,8 @@ def relit_clip(
 ) -> tuple[Iterator[np.ndarray], int | None, float]:
     """The frames of a video or a folder of pictures in a new light, how many, and frames per second.
 
-    masks: a folder of masks or a video of them, frame by frame; else the pictures' alpha or the automatic mask. Light
+    masks: a folder of masks or a video of them, frame by frame; else x_mask.png beside a picture x, its alpha or the
+    automatic mask. Light
     and transport are steadied over time (relight.photos.clip), the whole mask of a frame is one figure, and the new
     light's strength is matched to the first frame's and then held.
     """
@@ -65,7 +66,7 @@ def relit_clip(
         return relighter.look(pixels, coverage, box)
 
     def relit() -> Iterator[np.ndarray]:
-        pairs = ((smaller(photo, coverage, size)) for photo, coverage in _masked(frames, masks, wish))
+        pairs = ((smaller(photo, coverage, size)) for photo, coverage in _masked(path, frames, masks, wish))
         light = None
         for i, (pixels, figure) in enumerate(
             steady(pairs, lambda coverage: frame(coverage, relighter.network.size), look)
@@ -91,10 +92,13 @@ def smaller(photo: Photo, coverage: np.ndarray, size: int) -> tuple[np.ndarray, 
     return pixels, coverage
 
 
-def _masked(frames: Iterator[Photo], masks: Path | str | None, wish: Wish) -> Iterator[tuple[Photo, np.ndarray]]:
+def _masked(
+    clip: Path | str, frames: Iterator[Photo], masks: Path | str | None, wish: Wish
+) -> Iterator[tuple[Photo, np.ndarray]]:
     if masks is None:
-        for photo in frames:
-            yield photo, mask_of(photo, model=wish.mask_model)
+        for photo in frames:  # a folder's have their files' names
+            beside = mask_beside(Path(clip) / f"{photo.name}.png") if Path(clip).is_dir() else None
+            yield photo, mask_of(photo, beside, wish.mask_model)
         return
     masks = Path(masks)
     if masks.is_dir():

@@ -13,6 +13,7 @@ from relight.photos.relight import floor_of, ratio, shading
 from relight.photos.upsample import Fitted, fitted, from_inside, luma, root
 from relight.srgb import LINEAR, decode, encode
 
+OPAQUE = 240  # coverage (of 255) from which a pixel shows hardly anything but the figure
 PAPER_GAMMA = 2.2  # what a factor on coded values does to linear ones, for networks trained with color=paper
 
 
@@ -65,11 +66,11 @@ class Figure:
     def detail(self, linear: np.ndarray, rows: tuple[int, int]) -> np.ndarray:
         """(h,w,3): what the guide of the photo's own pixels has beyond that of the square.
 
-        linear (h,w,3): the photo's values in `rows` and in the frame's columns. Where the figure covers a pixel in
-        part, the photo's value is not its own: there it counts less and less.
+        linear (h,w,3): the photo's values in `rows` and in the frame's columns. Where the figure covers a pixel only in
+        part, the photo's value is not its own and does not count.
         """
         solid = self.coverage[slice(*rows), slice(*self.frame.columns)].astype(np.float32)
-        solid = np.maximum(solid - SOLID, 0)[..., None] / (255 - SOLID)
+        solid = np.maximum(solid - OPAQUE, 0)[..., None] / (255 - OPAQUE)
         return (root(linear) - self.frame.place(extend(self.guide, self.mask), rows)) * solid
 
     @cached_property
