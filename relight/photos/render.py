@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from relight.photos.background import Background
-from relight.photos.color import excess, relit, rolled, to_srgb8
+from relight.photos.color import CLIPPING, excess, relit, rolled, to_srgb8
 from relight.photos.composite import REACH, foreground, over, strips
 from relight.photos.infer import Figure
 from relight.photos.upsample import Fitted, luma
@@ -77,11 +77,15 @@ def _lit(figure: Figure, fits: tuple[Fitted, ...], own: np.ndarray, rows: tuple[
     """A figure's own linear colour (h,w,3) in `rows`, relit: by its gain, or as albedo and shading say."""
     detail = figure.detail(own, rows)
     if len(fits) == 1:
-        gain = np.maximum(fits[0].place(figure.frame, luma(detail), rows), 0) * factor  # cubic placing rings
-        return relit(own, gain, excess(own, np.maximum(figure.frame.place(figure.chroma, rows), 0)))
+        gain = fits[0].place(figure.frame, luma(detail), rows) * factor
+        clipped = (own > CLIPPING).any(-1)
+        above = np.zeros_like(own)
+        if clipped.any():
+            above[clipped] = excess(own[clipped], figure.frame.place(figure.chroma, rows, cubic=False)[clipped])
+        return relit(own, gain, above)
     albedo, shading = fits
     lit = albedo.place(figure.frame, detail, rows) ** 2 * shading.place(figure.frame, luma(detail), rows)
-    return rolled(np.maximum(lit, 0) * factor)
+    return rolled(lit * factor)
 
 
 def render(

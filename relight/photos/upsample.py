@@ -43,10 +43,10 @@ class Fitted:
         Held between the values that the map has near: a highlight in the photo does not become a halo in the map.
         """
 
-        def place(maps: np.ndarray) -> np.ndarray:
-            return frame.place(maps, rows).reshape(*detail.shape[:2], -1)
+        def place(maps: np.ndarray, cubic: bool = False) -> np.ndarray:
+            return frame.place(maps, rows, cubic).reshape(*detail.shape[:2], -1)
 
-        values = place(self.base) + place(self.slope) * detail
+        values = place(self.base, cubic=True) + place(self.slope) * detail
         if self.low is None:
             return np.clip(values, 0, 1, out=values)
         return np.clip(values, place(self.low), place(self.high), out=values)

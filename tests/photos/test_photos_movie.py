@@ -95,6 +95,15 @@ def test_movie_of_a_clip(weights, tmp_path, draw):
     words = ["movie", frames, "--mask", masks, "--out", tmp_path / "a.webm", "--light", "room:1", "--weights", weights]
     assert CliRunner().invoke(app, [str(w) for w in words]).exit_code == 0
     assert sum(1 for _ in read_frames(tmp_path / "a.webm")[0]) == 5
+    beside = tmp_path / "beside"
+    beside.mkdir()
+    for path in frames.iterdir():
+        (beside / path.name).hardlink_to(path)
+        (beside / f"{path.stem}_mask.png").hardlink_to(masks / path.name)
+    words = ["movie", beside, "--out", tmp_path / "b.webm", "--light", "room:1", "--weights", weights]
+    assert CliRunner().invoke(app, [str(w) for w in words]).exit_code == 0
+    pairs = zip(read_frames(tmp_path / "a.webm")[0], read_frames(tmp_path / "b.webm")[0], strict=True)
+    assert all(np.array_equal(a.pixels, b.pixels) for a, b in pairs)
     (masks / "4.png").unlink()
     with pytest.raises(UserError, match="holds 4 masks"):
         raise CliRunner().invoke(app, [str(w) for w in words]).exception
