@@ -94,7 +94,7 @@ class Figure:
 def infer(network: Network, config: dict, pixels: np.ndarray, coverage: np.ndarray, box: Frame | None = None) -> Figure:
     """What `network` says about the person under `coverage` (H,W) uint8 of `pixels` (H,W,3) uint8 sRGB.
 
-    Albedo and transport of the silhouette are those of the figure's inside beside it (`upsample.from_inside`).
+    Albedo and transport of the silhouette are held to those of the inside beside it (`upsample.from_inside`).
 
     config: the network's, which says what its images' values are (train.color). box: a square to use instead of the
     coverage's own. Raises UserError when the coverage is empty.
@@ -102,7 +102,6 @@ def infer(network: Network, config: dict, pixels: np.ndarray, coverage: np.ndarr
     box = box or frame(coverage, network.size)
     image, mask = look(pixels, coverage, box)
     paper = config.get("train", {}).get("color") == "paper"
-    guide = root(image)
     if paper:  # these networks were shown coded values as if they were linear
         image = encode(image).astype(np.float32)
     maps = predict(network, image, mask)
@@ -111,8 +110,8 @@ def infer(network: Network, config: dict, pixels: np.ndarray, coverage: np.ndarr
         coverage=coverage,
         mask=mask,
         image=image,
-        albedo=from_inside(root(maps["albedo"]), guide, mask) ** 2,
-        transport=from_inside(maps["transport"], luma(guide), mask),
+        albedo=from_inside(maps["albedo"], mask),
+        transport=from_inside(maps["transport"], mask),
         light=maps["light"],
         gamma=PAPER_GAMMA if paper else 1.0,
     )

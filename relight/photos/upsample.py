@@ -6,7 +6,7 @@ where they multiply what the photo shows beyond the square's resolution: a map t
 changes at that edge, and not a network pixel beside it. The map itself is kept: where the photo shows no more than the
 square, the result is the map.
 
-The rim of the figure, where the network sees least and is wrong most, is taken from the figure's inside.
+The rim of the figure, where the network sees least and is wrong most, is held to the figure's inside.
 """
 
 from dataclasses import dataclass
@@ -17,9 +17,9 @@ from scipy.ndimage import binary_erosion, maximum_filter, minimum_filter, unifor
 from relight.photos.frame import Frame, extend
 
 RADIUS = 2  # of a window, pixels of the square
-RIM = 2  # pixels of the square along the silhouette
-RIM_WEIGHT = 0.01  # of a pixel on the rim: counts only where there is little inside near
-REACH = 4 * RADIUS + 1  # width of the square from which a fit draws: windows, averaged over windows
+RIM = 1  # pixels of the square along the silhouette
+NEAR = 5  # width of the square in which the inside beside the rim is looked at
+SLACK = 0.5
 SMOOTH = 1e-3  # variance of the guide under which a window counts as flat: texture that weak is not copied
 ALIKE = 1e-4  # the same for a map that is as fine as the photo: albedo
 LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
@@ -62,17 +62,19 @@ def fitted(maps: np.ndarray, guide: np.ndarray, mask: np.ndarray, fine: bool = F
     return Fitted(base, slope, *((None, None) if fine else _extremes(base, np.ones_like(mask), 3)))
 
 
-def from_inside(maps: np.ndarray, guide: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """`maps` (S,S,C) with the figure's rim, RIM pixels wide, replaced by what the inside beside it says.
+def from_inside(maps: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """`maps` (S,S,C) with the figure's rim, RIM pixels wide, held to what the inside beside it has.
 
-    By the inside's fit to `guide` as in `fitted`, between the values that the inside has near. A part as thin as its
-    own rim, such as a finger, stays as it is.
+    What differs from the inside's least or most by more than SLACK of their difference is cut there, so that a
+    gradient toward the silhouette goes on and a wrong pixel does not stand out. A part as thin as its own rim, such as
+    a finger, stays as it is.
     """
     inside = binary_erosion(mask, iterations=RIM)
-    slope, offset = _fit(maps, guide, inside + RIM_WEIGHT * (mask & ~inside))
-    low, high = _extremes(maps, inside, REACH)
+    low, high = _extremes(maps, inside, NEAR)
     rim = (mask & ~inside & (low[..., 0] < np.inf))[..., None]
-    return np.where(rim, np.minimum(np.maximum(slope * guide + offset, low), high), maps).astype(np.float32)
+    low, high = (np.where(rim, each, maps) for each in (low, high))
+    slack = SLACK * (high - low)
+    return np.clip(maps, low - slack, high + slack).astype(np.float32)
 
 
 def _fit(

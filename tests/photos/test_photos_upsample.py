@@ -88,18 +88,18 @@ def test_the_fit_is_the_slow_one():
 
 
 def test_the_rim_follows_the_inside():
-    """Noise along the silhouette goes, a slope of the inside goes on, and a thin part keeps what it has."""
+    """Noise along the silhouette is cut, a gradient goes on, and a thin part keeps what it has."""
     y, x = np.mgrid[:SIDE, :SIDE]
     mask = np.hypot(x - 20, y - 24) < 16
     mask[23:25, 34:46] = True  # a finger, two pixels wide
     true = (0.5 + 0.01 * x)[..., None] + np.zeros(3)
-    guide = (0.3 + 0.01 * x)[..., None]
     core = binary_erosion(mask, iterations=RIM)
+    assert np.abs(from_inside(true, mask) - true)[mask].max() < 0.021
     rng = np.random.default_rng(3)
     noisy = np.where(core[..., None], true, true + rng.normal(0, 0.5, true.shape))
-    found = from_inside(noisy, guide, mask)
+    found = from_inside(noisy, mask)
     rim = mask & ~core & (x < 34)
-    assert np.abs(found - true)[rim].mean() < 0.1 * np.abs(noisy - true)[rim].mean()
+    assert np.abs(found - true)[rim].mean() < 0.15 * np.abs(noisy - true)[rim].mean()
     assert np.array_equal(found[23:25, 42:46], noisy[23:25, 42:46].astype(np.float32))
-    assert np.array_equal(found[core], noisy[core].astype(np.float32))
+    assert np.array_equal(found[core | ~mask], noisy[core | ~mask].astype(np.float32))
     assert luma(np.ones((2, 2, 3), np.float32)).shape == (2, 2, 1)
