@@ -12,7 +12,7 @@ from scipy.ndimage import uniform_filter
 from relight.srgb import LINEAR, decode
 
 KNEE = 0.8  # linear value under which nothing is rolled off
-FADE = 0.1  # how fast a colour that is rolled off pales, so that a lamp in it still shows as brightness
+FADE = 0.06  # how fast a colour that is rolled off pales, so that a lamp in it still shows as brightness
 CLIPPING = float(LINEAR[235])  # from here to white a channel passes from measured to clipped
 MOST = 0.6  # by which share a clipped channel is raised at most; below 1, so that brighter light is never darker
 DISPLAY = -1  # stops at which a shading is shown: one of 1, in which white paper is just white, is code 188

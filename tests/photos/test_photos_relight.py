@@ -10,7 +10,7 @@ from relight.photos.background import Background, background
 from relight.photos.color import to_srgb8
 from relight.photos.frame import Frame, frame
 from relight.photos.infer import Figure
-from relight.photos.relight import FLOOR, floor_of, matched, ratio, shading
+from relight.photos.relight import ANGLES, FLOOR, brightest, floor_of, matched, ratio, shading
 from relight.photos.render import render
 from relight.sh.irradiance import unoccluded
 from relight.sh.rotation import rotate_y, rotation_matrix
@@ -131,6 +131,15 @@ def test_exposure_matches_itself_and_does_not_turn():
         for light, k in ((LIGHT, 1.0), (OTHER, factors[0]))
     ]
     assert under[1] == pytest.approx(under[0], rel=0.1)  # channels differ, luminance is equal
+
+
+def test_the_brightest_turn_is_that_of_all_turns():
+    rng = np.random.default_rng(4)
+    for count in (9, 16, 4):
+        transport, light = rng.normal(size=count), rng.normal(size=(count, 3))
+        grey = light @ [0.2126, 0.7152, 0.0722]
+        turns = [transport @ rotate_y(grey[:, None], 2 * np.pi * k / ANGLES)[:, 0] for k in range(ANGLES)]
+        assert brightest(transport, light) == pytest.approx(max(turns), rel=1e-3)
 
 
 def test_dark_shading_does_not_blow_up():

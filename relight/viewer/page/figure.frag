@@ -15,7 +15,7 @@ out vec4 color;
 
 const int RELIT = 0, PHOTO = 1, ALBEDO = 2, SHADING = 3, AO = 4, NORMAL = 5, OPEN = 6;
 const int STUDIO = 0, COLOR = 1, CLEAR = 2, OWN = 3, LIGHT = 4;
-const float KNEE = 0.8, FADE = 0.1, DISPLAY = 0.5;
+const float KNEE = 0.8, FADE = 0.06, DISPLAY = 0.5;
 
 vec3 decode(vec3 v) { return mix(v / 12.92, pow((max(v, 0.04045) + 0.055) / 1.055, vec3(2.4)), step(0.04045, v)); }
 
