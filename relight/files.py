@@ -1,17 +1,73 @@
 """Whole-or-nothing outputs, and the one error type that users see."""
 
+import errno
 import fcntl
 import glob
 import os
 import shutil
 import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
+
+# What a file system answers when nothing is wrong with the program.
+REFUSALS = frozenset(
+    {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOTDIR, errno.EIO}
+)
 
 
 class UserError(Exception):
     """An error that a user can cause and mend: one sentence on what is wrong with what, and what would be right."""
+
+
+@contextmanager
+def _refusals(path: Path) -> Iterator[None]:
+    """Turns what the file system refuses while `path` is written into a UserError."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in REFUSALS:
+            raise
+        raise UserError(f"{path} cannot be written: {os.strerror(error.errno).lower()}") from None
+
+
+def writable_folder(path: Path | str, what: str, needed: int = 0) -> Path:
+    """`path`, if files of `needed` bytes together can be written into it, whether it is there yet or not.
+
+    For a check before long work: it is tried, and nothing is left behind. Raises UserError that names `what`.
+    """
+    path = Path(path)
+    made: list[Path] = []
+    try:
+        missing = [folder for folder in (path, *path.parents) if not folder.exists()]
+        for folder in reversed(missing):
+            folder.mkdir()
+            made.append(folder)
+        if not path.is_dir():
+            raise UserError(f"{what} {path} is a file: give a folder")
+        with tempfile.TemporaryFile(dir=path):
+            free = shutil.disk_usage(path).free
+    except OSError as error:
+        reason = os.strerror(error.errno).lower() if error.errno else error
+        raise UserError(f"{what} {path}: nothing can be written there ({reason})") from None
+    finally:
+        for folder in reversed(made):
+            with suppress(OSError):
+                folder.rmdir()
+    if free < needed:
+        raise UserError(f"{what} {path}: up to {needed / 1e6:.0f} MB are needed, {free / 1e6:.0f} MB are free there")
+    return path
+
+
+def writable_file(path: Path | str, what: str) -> Path:
+    """`path`, if a file can be written there, into a folder that exists. Raises UserError that names `what`."""
+    path = Path(path)
+    if path.is_dir():
+        raise UserError(f"{what} {path} is a folder: give the name of a file")
+    if not path.parent.is_dir():
+        raise UserError(f"{what} {path}: there is no folder {path.parent}")
+    writable_folder(path.parent, what)
+    return path
 
 
 @contextmanager
@@ -23,13 +79,15 @@ def whole(path: Path | str) -> Iterator[Path]:
     is removed.
     """
     path = Path(path)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    sweep(path.parent, f".{path.stem}.", path.suffix)
-    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}.", suffix=path.suffix)
+    with _refusals(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        sweep(path.parent, f".{path.stem}.", path.suffix)
+        handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}.", suffix=path.suffix)
     temporary = Path(name)
     try:
         lock(handle)  # tells the sweeps of others that its writer is alive
-        yield temporary
+        with _refusals(path):
+            yield temporary
         mask = os.umask(0)
         os.umask(mask)
         temporary.chmod(0o666 & ~mask)  # mkstemp makes private files; outputs carry the user's usual rights

@@ -101,7 +101,16 @@ def number(text: str, whole: str) -> float:
 
 
 def key_light(colour: str, azimuth: float, elevation: float, fill: float, order: int) -> np.ndarray:
-    """A distant lamp (K, 3) of irradiance `colour` (sRGB, six hex digits) on a facing surface, and a fill around it."""
+    """A distant lamp (K, 3) of irradiance `colour` (sRGB, six hex digits) on a facing surface, and a fill around it.
+
+    UserError for an elevation beyond straight up or down, a fill below 0 and numbers that are not finite.
+    """
+    if not -90 <= elevation <= 90:
+        raise UserError(f"key:#{colour}: elevation {elevation:g} is outside of -90 (from below) to 90 (from above)")
+    if not (np.isfinite(azimuth) and np.isfinite(fill) and fill >= 0):
+        raise UserError(
+            f"key:#{colour}: azimuth {azimuth:g}, fill {fill:g}: a number of degrees, and a share from 0 up"
+        )
     linear = decode(np.array([int(colour[i : i + 2], 16) for i in (0, 2, 4)]) / 255)
     a, e = np.radians(azimuth), np.radians(elevation)
     toward = np.array([np.sin(a) * np.cos(e), np.sin(e), np.cos(a) * np.cos(e)])

@@ -32,7 +32,7 @@ def moment_eigenvalue(lights: np.ndarray) -> np.ndarray:
 
     Nine coefficients come from some non-negative light if and only if this is not negative (method.md section 1);
     higher orders are judged by their first nine. Lights of order 0 or 1 have no second moments: for those it is the
-    sign of m0, or 1 - |m| / m0.
+    sign of m0, or 1 - |m| / m0. A black channel beside others is left out.
     """
     c = np.moveaxis(np.asarray(lights, np.float64), -1, -2)  # (..., 3, K)
     m0 = c[..., 0] / 0.28209479177387814
@@ -49,7 +49,9 @@ def moment_eigenvalue(lights: np.ndarray) -> np.ndarray:
     x, y, z = m[..., 0], m[..., 1], m[..., 2]
     matrix = np.stack([m0, x, y, z, x, xx, xy, xz, y, xy, yy, yz, z, xz, yz, zz], -1).reshape(*m0.shape, 4, 4)
     least = np.linalg.eigvalsh(matrix)[..., 0]
-    return np.where(m0 > 0, least / positive, -1.0).min(-1)
+    black = (c == 0).all(-1)  # the green and blue of a red lamp: nothing is wrong with them
+    found = np.where(black, np.inf, np.where(m0 > 0, least / positive, -1.0)).min(-1)
+    return np.where(black.all(-1), -1.0, found)
 
 
 def measure(lights: np.ndarray) -> dict[str, np.ndarray]:

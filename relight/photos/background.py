@@ -9,9 +9,10 @@ from PIL import Image, ImageColor
 
 from relight.files import UserError
 from relight.panoramas.panorama import Panorama
-from relight.photos.color import SCENE
+from relight.photos.color import rolled
 from relight.photos.environment import see
 from relight.photos.read import is_picture, read_photo
+from relight.srgb import LINEAR
 
 
 @dataclass
@@ -27,16 +28,17 @@ class Background:
     gain: float = 1.0
     blur: float = 0.0
 
-    def scene(self, shape: tuple[int, int], turn: float = 0.0) -> np.ndarray:
-        """Scene values (H,W,3) float32 behind a photo of `shape` when the light is turned by `turn` radians.
+    def linear(self, shape: tuple[int, int], turn: float = 0.0, stops: float = 0.0) -> np.ndarray:
+        """Linear values (H,W,3) float32 in [0,1] behind a photo of `shape`, when the light is turned by `turn` radians
+        and a panorama exposed by `stops` more.
 
         Not for `keep`, which is the photo itself, nor for `none`.
         """
         if self.kind == "color":
-            return np.broadcast_to(SCENE[self.color], (*shape, 3))
+            return np.broadcast_to(LINEAR[self.color], (*shape, 3))
         if self.kind == "picture":
-            return SCENE[cover(self.picture, shape)]
-        return see(self.panorama, shape, turn, self.blur) * self.gain
+            return LINEAR[cover(self.picture, shape)]
+        return rolled(see(self.panorama, shape, turn, self.blur) * np.float32(self.gain * 2**stops))
 
 
 def background(text: str, panorama: Panorama | None = None, blur: float = 0.0) -> Background:
@@ -55,7 +57,7 @@ def background(text: str, panorama: Panorama | None = None, blur: float = 0.0) -
             )
         return Background("panorama", panorama=panorama, blur=blur)
     if is_picture(text):
-        return Background("picture", picture=read_photo(text).pixels)
+        return Background("picture", picture=read_photo(text, "background").pixels)
     try:
         return Background("color", color=np.array(ImageColor.getrgb(text)[:3], np.uint8))
     except ValueError:

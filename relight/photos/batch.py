@@ -11,8 +11,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from relight import __version__
-from relight.files import UserError
-from relight.photos.movie import pictures_in
+from relight.files import UserError, writable_folder
+from relight.photos.movie import photos_in
 from relight.photos.photo import Wish, relight_file
 from relight.photos.save import save_json
 from relight.photos.source import mask_beside
@@ -49,9 +49,8 @@ def batch(
     """
     from relight.photos.api import load
 
-    photos = [p for p in pictures_in(folder) if not p.stem.endswith("_mask")]
-    if not photos:
-        raise UserError(f"folder {folder} holds masks only")
+    photos = photos_in(folder)
+    writable_folder(out, "--out")
     if masks and not Path(masks).is_dir():
         raise UserError(f"mask {masks}: for a folder of photos give a folder of masks")
     wish.behind(wish.source(load(weights)))  # what is wrong with the wish is said once, not for each photo

@@ -1,57 +1,108 @@
-"""Colour between a photo's bytes and the light in the scene, and back, exactly.
+"""Colour between a photo's bytes and light, and back, exactly.
 
-Three scales are told apart. *Coded* values are the 8-bit sRGB numbers of the file. *Linear* values are those decoded,
-in [0,1]: what a network sees. *Scene* values undo the camera's shoulder on top of that and are unbounded: relighting
-multiplies scene values, so that a highlight that grows brighter rolls off instead of being cut, and one that is
-multiplied by 1 comes back as it was: `develop(SCENE[v]) == v` for all 256 codes.
+A photo's linear values are light up to where the camera clipped it. Relighting multiplies them. What grows beyond
+white is rolled off by its brightest channel, with its hue kept; what shrinks stays as it is; a factor of 1 returns
+every one of the 2^24 colours: `to_srgb8(relit(LINEAR[v], 1)) == v`. A channel that was clipped is rebuilt from the
+others, as far as the factor is below 1.
 """
 
 import numpy as np
+from scipy.ndimage import uniform_filter
 
 from relight.srgb import LINEAR, decode
 
-KNEE = 0.8  # linear value under which the camera's curve is a straight line
+KNEE = 0.8  # linear value under which nothing is rolled off
+FADE = 0.06  # how fast a colour that is rolled off pales, so that a lamp in it still shows as brightness
+CLIPPING = float(LINEAR[235])  # from here to white a channel passes from measured to clipped
+MOST = 0.6  # by which share a clipped channel is raised at most; below 1, so that brighter light is never darker
+DISPLAY = -1  # stops at which a shading is shown: one of 1, in which white paper is just white, is code 188
 
 
-def shoulder(scene: np.ndarray) -> np.ndarray:
-    """Scene values -> linear in [0,1): straight up to KNEE, then an exponential approach to 1 with equal slope."""
-    above = np.maximum(scene - KNEE, 0.0) / (1 - KNEE)
-    return np.where(scene <= KNEE, np.maximum(scene, 0.0), 1 - (1 - KNEE) * np.exp(-above))
+def rolled(color: np.ndarray, white: np.ndarray | float = np.inf) -> np.ndarray:
+    """Light (...,3) >= 0 -> linear values in [0,1], for light whose channels reach `white` (...), at least 1, at most.
+
+    The brightest channel is kept up to KNEE and reaches 1 at `white`: t -> t / (1 + (1 - 1/w) t) above the knee, which
+    is the straight line for w = 1 and Reinhard's curve for w = inf. The others keep their ratio to it and pale slowly,
+    as in the Khronos "PBR Neutral" curve. Smooth, and monotone in the light's strength.
+    """
+    peak = np.maximum(np.maximum(color[..., 0], color[..., 1]), color[..., 2])
+    above = np.maximum(peak - KNEE, 0) / (1 - KNEE)
+    top = np.minimum(peak, KNEE) + (1 - KNEE) * above / (1 + (1 - (1 - KNEE) / (white - KNEE)) * above)
+    fade = 1 - 1 / (1 + FADE * np.maximum(peak - top, 0))
+    scale = (1 - fade) * top / np.maximum(peak, 1e-9)
+    return color * scale[..., None] + (fade * top)[..., None]
 
 
-def unshoulder(linear: np.ndarray) -> np.ndarray:
-    """The inverse of `shoulder`; white is taken a quarter of a code below 1, so that it stays finite (1.86)."""
-    linear = np.minimum(linear, 1 - 1 / 1020)
-    return np.where(linear <= KNEE, linear, KNEE - (1 - KNEE) * np.log((1 - np.maximum(linear, KNEE)) / (1 - KNEE)))
+def relit(linear: np.ndarray, gain: np.ndarray | float, excess: np.ndarray | float = 0.0) -> np.ndarray:
+    """A photo's linear values (...,3) under `gain` (...,3) times the light, rolled off: linear values in [0,1].
+
+    excess (...,3): by which share the light was above what the camera stored (`excess`); it counts as far as the gain
+    is below 1, so that a gain of 1 returns `linear`.
+    """
+    gain = np.asarray(gain, np.float32)
+    light = linear * gain
+    if np.ndim(excess):
+        light = light * (1 + excess * np.maximum(1 - gain, 0))
+    if not (gain > 1).any():
+        return light
+    white = np.maximum(gain.max(-1) if gain.ndim else gain, 1)
+    return rolled(light, white)
 
 
-SCENE = unshoulder(LINEAR.astype(np.float64)).astype(np.float32)  # scene value of each 8-bit code
-
-# Finding the code of a scene value is a search among the 255 values half-way between two codes: faster than the
-# power function, and exactly the inverse of the table.
-_EDGES = ((np.arange(255) + 0.5) / 255).astype(np.float64)
-_LINEAR_EDGES = decode(_EDGES).astype(np.float32)
-_SCENE_EDGES = unshoulder(decode(_EDGES)).astype(np.float32)
-_STEPS = 1 << 15  # cells of the lookup tables; a cell holds at most one edge above 0.001, so one comparison settles it
+def shown(shading: np.ndarray) -> np.ndarray:
+    """A shading (...,3) as linear values in [0,1]: DISPLAY stops, then rolled off, so that nothing is burnt out."""
+    return rolled(np.asarray(shading) * np.float32(2.0**DISPLAY))
 
 
-def _coder(edges: np.ndarray):
-    """A function from values to the count of `edges` below them, by a table over sqrt(value) and one comparison."""
-    top = float(edges[-1]) * 1.0001
-    cells = np.searchsorted(edges, (np.arange(_STEPS + 1) / _STEPS) ** 2 * top, side="right").astype(np.int16)
-    padded = np.append(edges, np.float32(np.inf))
-    assert np.diff(cells).max() <= 1
+def chroma(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """The colour (H,W,3), summing to 1, that bright things have about each pixel of `image` (H,W,3), linear.
 
-    def code(values: np.ndarray) -> np.ndarray:
-        values = np.nan_to_num(np.asarray(values, np.float32), nan=0.0, posinf=top, neginf=0.0)
-        cell = (np.sqrt(np.clip(values, 0.0, top) / np.float32(top)) * np.float32(_STEPS - 1)).astype(np.int32)
-        low = cells[cell]
-        return (low + (values >= padded[low])).astype(np.uint8)
+    Only what is not clipped counts, and brighter things far more, so that dark hair beside a blown-out cheek does not
+    tint it. Means over ever smaller squares, each filled in from the larger ones.
+    """
+    peak = image.max(-1)
+    weight = mask * peak**4 * (1 - _ramp(peak))
+    unit = image / np.maximum(image.sum(-1, keepdims=True), 1e-6)
+    found = np.full_like(image, 1 / 3)
+    for width in (2 * len(image), len(image) // 4, len(image) // 16, len(image) // 64):
+        size = max(width | 1, 3)
+        total = uniform_filter(weight, size, mode="constant")[..., None]
+        means = uniform_filter(unit * weight[..., None], (size, size, 1), mode="constant")
+        found = (np.maximum(means, 0) + 3e-3 * found) / (np.maximum(total, 0) + 3e-3)
+    return found.astype(np.float32)
 
-    return code
+
+def excess(linear: np.ndarray, colors: np.ndarray) -> np.ndarray:
+    """By which share (...,3), in [0, MOST), the light was above the `linear` values (...,3) where these are clipped.
+
+    The channels that are not clipped say how much light there was, and `colors` (`chroma`) what colour it had. Where
+    all are clipped the colour's least channel is taken to be just white.
+    """
+    clipped = _ramp(linear)
+    kept = (1 - clipped) * colors
+    least = 2e-2 * (linear / np.maximum(colors, 1e-3)).max(-1, keepdims=True)
+    amount = ((kept * linear).sum(-1, keepdims=True) + least) / ((kept * colors).sum(-1, keepdims=True) + 2e-2)
+    above = np.maximum(colors * amount / np.maximum(linear, 1e-3) - 1, 0)
+    return (clipped * MOST * (1 - np.exp(-above / MOST))).astype(np.float32)
 
 
-to_srgb8 = _coder(_LINEAR_EDGES)
-to_srgb8.__doc__ = "Linear values -> 8-bit sRGB, clipped; the inverse of LINEAR."
-develop = _coder(_SCENE_EDGES)
-develop.__doc__ = "Scene values -> 8-bit sRGB through the shoulder; the inverse of SCENE, monotone, never cut hard."
+def _ramp(linear: np.ndarray) -> np.ndarray:
+    t = np.clip((linear - CLIPPING) / (1 - CLIPPING), 0, 1)
+    return t * t * (3 - 2 * t)
+
+
+# Finding the code of a linear value is a search among the 255 values half-way between two codes: faster than the power
+# function, and exactly the inverse of the table.
+_EDGES = decode((np.arange(255) + 0.5) / 255).astype(np.float32)
+_TOP = float(_EDGES[-1]) * 1.0001
+_STEPS = 1 << 15  # cells of the lookup table; a cell holds at most one edge above 0.001, so one comparison settles it
+_CELLS = np.searchsorted(_EDGES, (np.arange(_STEPS + 1) / _STEPS) ** 2 * _TOP, side="right").astype(np.int16)
+_PADDED = np.append(_EDGES, np.float32(np.inf))
+
+
+def to_srgb8(linear: np.ndarray) -> np.ndarray:
+    """Linear values -> 8-bit sRGB, clipped; the inverse of LINEAR. By a table over sqrt(value) and one comparison."""
+    values = np.nan_to_num(np.asarray(linear, np.float32), nan=0.0, posinf=_TOP, neginf=0.0)
+    cell = (np.sqrt(np.clip(values, 0.0, _TOP) / np.float32(_TOP)) * np.float32(_STEPS - 1)).astype(np.int32)
+    low = _CELLS[cell]
+    return (low + (values >= _PADDED[low])).astype(np.uint8)

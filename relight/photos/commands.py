@@ -198,7 +198,7 @@ def _text(path: Path | None) -> str | None:
 
 
 def _tell(record: dict) -> None:
-    for note in record["light"]["notes"]:
+    for note in record["light"]["notes"] + record["mask"]["notes"]:
         print(f"note: {note}")
     for number, person in enumerate(record["people"], 1):
         for warning in person["warnings"]:

@@ -1,6 +1,6 @@
 """Putting a relit figure before a background, through a soft mask and without a halo.
 
-All in scene values (relight.photos.color), in strips of rows, so that an 8k photo needs no more than a few of them.
+All in linear values, in strips of rows, so that an 8k photo needs no more than a few of them.
 """
 
 from collections.abc import Iterator
@@ -19,8 +19,8 @@ def strips(first: int, last: int) -> Iterator[tuple[int, int]]:
         yield row, min(row + STRIP, last)
 
 
-def foreground(scene: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-    """The figure's own colour (H,W,3) at each pixel of `scene` (H,W,3), whose coverage is `alpha` (H,W) in [0,1].
+def foreground(linear: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+    """The figure's own colour (H,W,3) at each pixel of `linear` (H,W,3), whose coverage is `alpha` (H,W) in [0,1].
 
     A pixel of a soft edge shows alpha F + (1 - alpha) B; relighting it as if it were all F carries the old background
     along, which is the halo. F and B are first taken as local means of the two sides, then corrected so that together
@@ -29,13 +29,13 @@ def foreground(scene: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     """
     soft = (alpha > 0) & (alpha < 1)
     if not soft.any():
-        return scene
+        return linear
     rows, columns = (np.flatnonzero(soft.any(axis)) for axis in (1, 0))
     part = np.s_[
         max(rows[0] - REACH, 0) : rows[-1] + 1 + REACH,
         max(columns[0] - REACH, 0) : columns[-1] + 1 + REACH,
     ]
-    near, a = scene[part], alpha[part][..., None]
+    near, a = linear[part], alpha[part][..., None]
     figure, behind = near, near
     for radius in (WIDE, NARROW):
         mean_figure = _mean(figure * a, radius) / np.maximum(_mean(a, radius), 1e-4)
@@ -43,13 +43,13 @@ def foreground(scene: np.ndarray, alpha: np.ndarray) -> np.ndarray:
         error = near - a * mean_figure - (1 - a) * mean_behind
         figure = np.maximum(mean_figure + a * error, 0)
         behind = mean_behind
-    out = scene.copy()
+    out = linear.copy()
     out[part] = np.where(soft[part][..., None], figure, near)
     return out
 
 
 def over(figure: np.ndarray, alpha: np.ndarray, background: np.ndarray) -> np.ndarray:
-    """alpha F + (1 - alpha) B, all in scene values; alpha (H,W) in [0,1]."""
+    """alpha F + (1 - alpha) B, all linear; alpha (H,W) in [0,1]."""
     return background + alpha[..., None] * (figure - background)
 
 

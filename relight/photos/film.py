@@ -10,7 +10,7 @@ from relight.files import UserError
 from relight.photos.api import Relighter
 from relight.photos.background import Background
 from relight.photos.clip import steady
-from relight.photos.color import develop
+from relight.photos.color import to_srgb8
 from relight.photos.frame import frame
 from relight.photos.infer import Figure
 from relight.photos.mask import mask_of
@@ -35,14 +35,12 @@ def turning(
     """`count` frames (H,W,3) uint8 of a photo whose light makes `turns` turns; the last leads on to the first."""
     shape = pixels.shape[:2]
     whole = layers(pixels, coverage_of(figures), 0, len(pixels))
-    still = behind.scene(shape) if behind.kind in ("color", "picture") else None
+    still = behind.linear(shape) if behind.kind in ("color", "picture") else None
     for i in range(count):
         turn = np.radians(wish.turn) + 2 * np.pi * turns * i / count
         maps = relight_maps(figures, rotate_y(light, turn).astype(np.float32), wish.mode)
-        if wish.stops:
-            maps = [relit * np.float32(2**wish.stops) for relit in maps]
-        scene = behind.scene(shape, turn) * np.float32(2**wish.stops) if behind.kind == "panorama" else still
-        yield develop(compose(whole, figures, maps, wish.mode, scene))
+        scene = behind.linear(shape, turn, wish.stops) if behind.kind == "panorama" else still
+        yield to_srgb8(compose(whole, figures, maps, scene, wish.stops))
 
 
 def relit_clip(
@@ -56,7 +54,8 @@ def relit_clip(
 ) -> tuple[Iterator[np.ndarray], int | None, float]:
     """The frames of a video or a folder of pictures in a new light, how many, and frames per second.
 
-    masks: a folder of masks or a video of them, frame by frame; else the pictures' alpha or the automatic mask. Light
+    masks: a folder of masks or a video of them, frame by frame; else x_mask.png beside a picture x, its alpha or the
+    automatic mask. Light
     and transport are steadied over time (relight.photos.clip), the whole mask of a frame is one figure, and the new
     light's strength is matched to the first frame's and then held.
     """
@@ -67,7 +66,7 @@ def relit_clip(
         return relighter.look(pixels, coverage, box)
 
     def relit() -> Iterator[np.ndarray]:
-        pairs = ((smaller(photo, coverage, size)) for photo, coverage in _masked(frames, masks, wish))
+        pairs = ((smaller(photo, coverage, size)) for photo, coverage in _masked(path, frames, masks, wish))
         light = None
         for i, (pixels, figure) in enumerate(
             steady(pairs, lambda coverage: frame(coverage, relighter.network.size), look)
@@ -93,10 +92,13 @@ def smaller(photo: Photo, coverage: np.ndarray, size: int) -> tuple[np.ndarray, 
     return pixels, coverage
 
 
-def _masked(frames: Iterator[Photo], masks: Path | str | None, wish: Wish) -> Iterator[tuple[Photo, np.ndarray]]:
+def _masked(
+    clip: Path | str, frames: Iterator[Photo], masks: Path | str | None, wish: Wish
+) -> Iterator[tuple[Photo, np.ndarray]]:
     if masks is None:
-        for photo in frames:
-            yield photo, mask_of(photo, model=wish.mask_model)
+        for photo in frames:  # a folder's have their files' names
+            beside = mask_beside(Path(clip) / f"{photo.name}.png") if Path(clip).is_dir() else None
+            yield photo, mask_of(photo, beside, wish.mask_model)
         return
     masks = Path(masks)
     if masks.is_dir():

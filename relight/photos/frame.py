@@ -61,11 +61,11 @@ class Frame:
             )
         return out[..., 0] if out.shape[2] == 1 else out
 
-    def place(self, maps: np.ndarray, rows: tuple[int, int] | None = None) -> np.ndarray:
+    def place(self, maps: np.ndarray, rows: tuple[int, int] | None = None, cubic: bool = True) -> np.ndarray:
         """(size,size) or (size,size,C) -> (h,w[,C]) float32 at the photo's pixels in `self.window`.
 
         rows: only these rows of the photo (half-open, within self.rows), for pictures too large to hold at once;
-        strips equal the whole but for rounding.
+        strips equal the whole but for rounding. cubic: when enlarging; else linear, which is cheaper and does not ring.
         """
         first, last = rows or self.rows
         scale = self.size / self.side
@@ -73,13 +73,13 @@ class Frame:
         box = (self.columns[0] - self.left, first - self.top, self.columns[1] - self.left, last - self.top)
         box = tuple(edge * scale + margin for edge in box)
         shape = (self.columns[1] - self.columns[0], last - first)
-        kind = Image.Resampling.BICUBIC if scale < 1 else Image.Resampling.BILINEAR
+        kind = Image.Resampling.BICUBIC if scale < 1 and cubic else Image.Resampling.BILINEAR
         maps = maps if maps.ndim == 3 else maps[..., None]
-        out = np.empty((shape[1], shape[0], maps.shape[2]), np.float32)
+        out = np.empty((maps.shape[2], shape[1], shape[0]), np.float32)  # channel by channel, as it is filled and read
         for channel in range(maps.shape[2]):
             padded = np.pad(maps[..., channel].astype(np.float32), margin, mode="edge")
-            out[..., channel] = np.asarray(Image.fromarray(padded).resize(shape, kind, box))
-        return out[..., 0] if out.shape[2] == 1 else out
+            out[channel] = np.asarray(Image.fromarray(padded).resize(shape, kind, box))
+        return out[0] if len(out) == 1 else np.moveaxis(out, 0, -1)
 
     def _beyond(self, scale: float) -> int:
         """How many of the square's own pixels the window reaches past its edges, on the side where it does so most."""

@@ -1,15 +1,19 @@
 """From a photo and its masks to what the network says about each person in it."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from relight.learning.networks import Network
 from relight.learning.predict import predict
+from relight.photos.color import chroma
 from relight.photos.frame import SOLID, Frame, extend, frame
 from relight.photos.relight import floor_of, ratio, shading
+from relight.photos.upsample import Fitted, fitted, from_inside, luma, root
 from relight.srgb import LINEAR, decode, encode
 
+OPAQUE = 240  # coverage (of 255) from which a pixel shows hardly anything but the figure
 PAPER_GAMMA = 2.2  # what a factor on coded values does to linear ones, for networks trained with color=paper
 
 
@@ -42,23 +46,42 @@ class Figure:
         difference = (np.clip(self.albedo * self.shading, 0, 1) - self.image)[self.mask]
         return float(np.sqrt((difference**2).mean()))
 
-    def gain(self, light: np.ndarray) -> np.ndarray:
-        """(S,S,3), for mode `ratio`: the factor on the photo's scene values under `light`."""
+    def gain(self, light: np.ndarray) -> Fitted:
+        """For mode `ratio`: the factor on the photo's linear values under `light`."""
         old = self.shading
         gain = ratio(old, shading(self.transport, light), floor_of(old, self.mask))
-        return self.extended(gain**self.gamma if self.gamma != 1 else gain)
+        return fitted(gain**self.gamma, luma(self.guide), self.mask)
 
-    def full(self, light: np.ndarray) -> np.ndarray:
-        """(S,S,3), for mode `full`: linear albedo * shading under `light`."""
-        return self.extended(self._linear(self.albedo * shading(self.transport, light)))
+    def fitted_albedo(self) -> Fitted:
+        """The square root of the linear albedo: near to linear in that of the photo, wherever the light is even."""
+        return fitted(root(self._linear(self.albedo)), self.guide, self.mask, fine=True)
 
-    def full_albedo(self) -> np.ndarray:
-        """(S,S,3) linear, the figure's edge carried outward."""
-        return self.extended(self._linear(self.albedo))
+    def fitted_shading(self, light: np.ndarray) -> Fitted:
+        """For mode `full`: the shading under `light`, as a factor on linear values."""
+        return fitted(shading(self.transport, light) ** self.gamma, luma(self.guide), self.mask)
 
-    def extended(self, maps: np.ndarray) -> np.ndarray:
-        """`maps` (S,S,C) with the figure's edge carried outward, ready to be placed back."""
-        return extend(maps, self.mask)
+    def fitted_transport(self) -> Fitted:
+        return fitted(self.transport, luma(self.guide), self.mask)
+
+    def detail(self, linear: np.ndarray, rows: tuple[int, int]) -> np.ndarray:
+        """(h,w,3): what the guide of the photo's own pixels has beyond that of the square.
+
+        linear (h,w,3): the photo's values in `rows` and in the frame's columns. Where the figure covers a pixel only in
+        part, the photo's value is not its own and does not count.
+        """
+        solid = self.coverage[slice(*rows), slice(*self.frame.columns)].astype(np.float32)
+        solid = np.maximum(solid - OPAQUE, 0)[..., None] / (255 - OPAQUE)
+        return (root(linear) - self.frame.place(extend(self.guide, self.mask), rows)) * solid
+
+    @cached_property
+    def guide(self) -> np.ndarray:
+        """(S,S,3) on the square, by which maps are brought to the photo's pixels (relight.photos.upsample)."""
+        return root(self._linear(self.image))
+
+    @cached_property
+    def chroma(self) -> np.ndarray:
+        """(S,S,3): the colour about each pixel, by which what is clipped is rebuilt (relight.photos.color.chroma)."""
+        return chroma(self._linear(self.image), self.mask)
 
     def _linear(self, values: np.ndarray) -> np.ndarray:
         return values if self.gamma == 1 else decode(values).astype(np.float32)
@@ -70,6 +93,8 @@ class Figure:
 
 def infer(network: Network, config: dict, pixels: np.ndarray, coverage: np.ndarray, box: Frame | None = None) -> Figure:
     """What `network` says about the person under `coverage` (H,W) uint8 of `pixels` (H,W,3) uint8 sRGB.
+
+    Albedo and transport of the silhouette are held to those of the inside beside it (`upsample.from_inside`).
 
     config: the network's, which says what its images' values are (train.color). box: a square to use instead of the
     coverage's own. Raises UserError when the coverage is empty.
@@ -85,8 +110,8 @@ def infer(network: Network, config: dict, pixels: np.ndarray, coverage: np.ndarr
         coverage=coverage,
         mask=mask,
         image=image,
-        albedo=maps["albedo"],
-        transport=maps["transport"],
+        albedo=from_inside(maps["albedo"], mask),
+        transport=from_inside(maps["transport"], mask),
         light=maps["light"],
         gamma=PAPER_GAMMA if paper else 1.0,
     )

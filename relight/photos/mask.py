@@ -1,7 +1,9 @@
 """Where the figures are: the mask of a photo, and one coverage map per person in it."""
 
 import os
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from PIL import Image
@@ -11,10 +13,16 @@ from relight.files import UserError
 from relight.photos.frame import SOLID
 from relight.photos.read import Photo, read_mask
 
+if TYPE_CHECKING:
+    from relight.photos.infer import Figure
+
 MODEL = "u2net_human_seg"
 SIDE = 320  # pixels that it sees
 MEAN, DEVIATION = np.array([0.485, 0.456, 0.406], np.float32), np.array([0.229, 0.224, 0.225], np.float32)
 LEAST = 8  # pixels: a figure smaller than this in both directions is dirt
+# Of a figure's height: a head is at least so wide and so high, a raised arm is thinner.
+HEAD_WIDTH, HEAD_HEIGHT = 0.085, 0.06
+SIDES = {"upper": np.s_[0], "lower": np.s_[-1], "left": np.s_[:, 0], "right": np.s_[:, -1]}
 
 
 def mask_of(photo: Photo, path: Path | str | None = None, model: Path | str | None = None) -> np.ndarray:
@@ -28,6 +36,8 @@ def mask_of(photo: Photo, path: Path | str | None = None, model: Path | str | No
             raise UserError(f"mask {path} covers the whole photo: it must be white on the person and black elsewhere")
         if not (mask >= SOLID).any():
             raise UserError(f"mask {path} is empty: no pixel of it is at least half white")
+        if _is_the_photo(mask, photo.pixels):
+            raise UserError(f"mask {path} is the photo itself: it must be white on the person and black elsewhere")
         return mask
     if photo.alpha is not None:
         if not (photo.alpha >= SOLID).any():
@@ -101,6 +111,56 @@ def people(coverage: np.ndarray, share: float = 0.05) -> list[np.ndarray]:
     owner = labels[tuple(nearest)]
     whom.sort(key=lambda i: np.flatnonzero((labels == i).any(0)).mean())
     return [np.where(owner == i, coverage, np.uint8(0)) for i in whom]
+
+
+def doubts(figures: Sequence["Figure"]) -> list[str]:
+    """Sentences about masks that look wrong: inverted, a rectangle, several people in one, cut by the photo's edge."""
+    whole = np.maximum.reduce([figure.coverage for figure in figures]) >= SOLID
+    edges = np.concatenate([whole[side] for side in SIDES.values()])
+    if edges.mean() > 0.6 and whole[0].mean() > 0.5:
+        return ["the mask may be inverted, for it is white along the photo's edges: it must be white on the person"]
+    says = []
+    for number, figure in enumerate(figures, 1):
+        who = "the figure" if len(figures) == 1 else f"person {number}"
+        rows, columns = (np.flatnonzero((figure.coverage >= SOLID).any(axis)) for axis in (1, 0))
+        solid = figure.coverage[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] >= SOLID
+        if solid.mean() > 0.98:
+            says.append(f"the mask of {who} is a rectangle: people are relit well only within their outlines")
+        elif heads(solid) > 1:
+            says.append(f"the mask of {who} may hold several people who touch: part them by a black line in --mask")
+        cut = [name for name, side in SIDES.items() if (figure.coverage[side] >= SOLID).sum() > 0.1 * min(solid.shape)]
+        if cut:
+            says.append(
+                f"{who} is cut by the photo's {' and '.join(cut)} edge{'s' * (len(cut) > 1)}: "
+                "whole figures are inferred best"
+            )
+    return says
+
+
+def heads(solid: np.ndarray) -> int:
+    """How many parts of a figure (H,W) bool, cut to its box, stand beside each other in its upper quarter as heads do.
+
+    Those are runs of at least HEAD_WIDTH in a row, which go on for HEAD_HEIGHT.
+    """
+    height = len(solid)
+    wide, high = max(int(HEAD_WIDTH * height), 3), max(int(HEAD_HEIGHT * height), 3)
+    upper = np.pad(solid[: height // 4], ((0, 0), (1, 1))).astype(np.int8)
+    most = lasting = 0
+    for row in np.diff(upper, axis=1):
+        runs = np.flatnonzero(row == -1) - np.flatnonzero(row == 1)
+        count = int((runs >= wide).sum())
+        lasting = lasting + 1 if count > 1 else 0
+        most = max(most, count) if lasting >= high else most
+    return max(most, 1)
+
+
+def _is_the_photo(mask: np.ndarray, pixels: np.ndarray) -> bool:
+    """Whether a mask is mostly grey and goes with the photo's brightness."""
+    part = np.s_[:: max(len(mask) // 256, 1), :: max(mask.shape[1] // 256, 1)]
+    mask, grey = mask[part].astype(np.float64), pixels[part].astype(np.float64) @ [0.299, 0.587, 0.114]
+    if ((mask > 15) & (mask < 240)).mean() < 0.2 or mask.std() < 1 or grey.std() < 1:
+        return False
+    return abs(np.corrcoef(mask.ravel(), grey.ravel())[0, 1]) > 0.98
 
 
 def _large_enough(mask: np.ndarray) -> bool:

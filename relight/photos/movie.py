@@ -8,7 +8,7 @@ import av
 import numpy as np
 from PIL import Image
 
-from relight.files import UserError, whole
+from relight.files import UserError, whole, writable_file
 from relight.photos.read import Photo, is_picture, read_photo
 
 CODECS = {".mp4": ("libx264", {"crf": "18", "preset": "medium"}), ".webm": ("libvpx-vp9", {"crf": "28", "b": "0"})}
@@ -21,7 +21,7 @@ def check_output(path: Path | str) -> Path:
     path = Path(path)
     if path.suffix.lower() not in WRITES:
         raise UserError(f"movie {path}: the name must end in .mp4, .webm or .gif")
-    return path
+    return writable_file(path, "movie")
 
 
 def write_movie(path: Path | str, frames: Iterable[np.ndarray], fps: float = 25.0) -> None:
@@ -82,6 +82,14 @@ def pictures_in(folder: Path | str) -> list[Path]:
     return found
 
 
+def photos_in(folder: Path | str) -> list[Path]:
+    """The same without the masks that lie beside them (x_mask.png). Raises UserError when nothing is left."""
+    found = [path for path in pictures_in(folder) if not path.stem.endswith("_mask")]
+    if not found:
+        raise UserError(f"folder {folder} holds masks only")
+    return found
+
+
 def read_frames(path: Path | str) -> tuple[Iterator[Photo], int | None, float]:
     """The frames of a video file or a folder of pictures; how many there are, if known; frames per second.
 
@@ -89,7 +97,7 @@ def read_frames(path: Path | str) -> tuple[Iterator[Photo], int | None, float]:
     """
     path = Path(path)
     if path.is_dir():
-        files = pictures_in(path)
+        files = photos_in(path)
         return (read_photo(file) for file in files), len(files), 25.0
     if not path.is_file():
         raise UserError(f"movie: there is no file or folder {path}")

@@ -5,16 +5,19 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.files import UserError
+from relight.files import UserError, writable_folder
 from relight.photos.api import MODES, Relighter, exposure
 from relight.photos.background import Background, background
+from relight.photos.color import DISPLAY, KNEE
 from relight.photos.infer import Figure
-from relight.photos.mask import mask_of
+from relight.photos.mask import doubts, mask_of
 from relight.photos.read import Photo, read_photo
 from relight.photos.render import render
 from relight.photos.save import save_inference, save_json, save_light, save_picture
 from relight.photos.source import Source, light_source, mask_beside, mean_light
 from relight.sh.rotation import rotate_y
+
+BYTES = 48  # that the results may take per pixel of the photo: three pictures and 16 maps of half floats
 
 
 @dataclass(frozen=True)
@@ -78,18 +81,17 @@ def relight_file(
 
     Everything is read and computed before the first file is written; each file is whole. Raises UserError.
     """
-    out = Path(out)
-    if out.is_file():
-        raise UserError(f"{out} is a file: --out names a folder")
+    out = writable_folder(out, "--out")
     source = source or wish.source(relighter)
     behind = wish.behind(source)
     photo, figures = look(relighter, path, mask, wish)
+    writable_folder(out, "--out", BYTES * photo.pixels[..., 0].size)
     light, behind = lit(figures, source, behind, wish)
     turned = rotate_y(light, np.radians(wish.turn)).astype(np.float32)
     relit = render(photo.pixels, figures, turned, wish.mode, behind, np.radians(wish.turn), wish.stops)
     judged = [relighter.trust(figure) for figure in figures]
     save_picture(out / "relit.png", relit)
-    save_inference(out, figures)
+    save_inference(out, figures, photo.pixels)
     for i, figure in enumerate(figures, 1):
         name = "light" if len(figures) == 1 else f"light_{i}"
         save_light(out / name, figure.light, f"inferred from {photo.name}")
@@ -98,7 +100,9 @@ def relight_file(
         "photo": str(path),
         "size": [photo.pixels.shape[1], photo.pixels.shape[0]],
         "wish": asdict(wish),
+        "shading_png": {"stops": DISPLAY, "straight_to": KNEE},
         "light": {"name": source.name, "notes": source.notes},
+        "mask": {"notes": doubts(figures)},
         "people": [
             {"square": [round(v, 2) for v in (f.frame.left, f.frame.top, f.frame.side)], **asdict(trust)}
             for f, trust in zip(figures, judged)
@@ -116,6 +120,7 @@ def swap(
     wish: Wish,
 ) -> list[Path]:
     """Relights each of two photos by the other's light, matched to its own exposure; returns the pictures' paths."""
+    writable_folder(out, "--out")
     looked = [look(relighter, path, mask, wish) for path, mask in zip(paths, masks)]
     sources = [Source(photo.name, mean_light(figures)) for photo, figures in looked]
     relit = {}

@@ -14,7 +14,8 @@ from relight.files import UserError, existing
 MAX_PIXELS = 100_000_000  # of a photo; a decoder asks for memory before it finds out that the file is a bomb
 MOST = f"{MAX_PIXELS // 10**6} million pixels"
 MAX_BYTES = 500_000_000
-SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".avif")
+SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".avif", ".heic", ".heif")
+HEIC = (".heic", ".heif")
 
 
 @dataclass
@@ -26,31 +27,32 @@ class Photo:
     name: str
 
 
-def read_photo(path: Path | str) -> Photo:
+def read_photo(path: Path | str, what: str = "photo") -> Photo:
     """A photo as 8-bit sRGB, turned upright by its EXIF and converted from its colour profile.
 
-    Raises UserError in one sentence for what is no picture, is damaged, grey, CMYK, 16-bit, animated or too large.
+    what: it is called in errors. Raises UserError in one sentence for what is no picture, is damaged, grey, CMYK,
+    16-bit, animated or too large.
     """
-    path = existing(path, "photo")
-    with _opened(path, "photo") as image:
-        if getattr(image, "n_frames", 1) > 1:
-            raise UserError(f"photo {path} is animated ({image.n_frames} frames): save one, or use `relight movie`")
+    path = existing(path, what)
+    with _opened(path, what) as image:
+        if getattr(image, "n_frames", 1) > 1 and path.suffix.lower() not in HEIC:  # there the first is the photo
+            raise UserError(f"{what} {path} is animated ({image.n_frames} frames): save one, or use `relight movie`")
         if image.mode in ("L", "LA", "1"):
-            raise UserError(f"photo {path} is grey: give a colour picture, for the light's colour is read from it")
+            raise UserError(f"{what} {path} is grey: give a colour picture, for the light's colour is read from it")
         if image.mode in ("CMYK", "YCCK", "LAB", "HSV"):
-            raise UserError(f"photo {path} is {image.mode}: convert it to 8-bit RGB (sRGB)")
+            raise UserError(f"{what} {path} is {image.mode}: convert it to 8-bit RGB (sRGB)")
         if _bits(path, image) > 8 or image.mode.startswith(("I", "F")):
-            raise UserError(f"photo {path} has more than 8 bits per channel: save it as an 8-bit sRGB picture")
-        image = ImageOps.exif_transpose(_loaded(image, path, "photo"))
+            raise UserError(f"{what} {path} has more than 8 bits per channel: save it as an 8-bit sRGB picture")
+        image = ImageOps.exif_transpose(_loaded(image, path, what))
         alpha = None
         if "A" in image.getbands() or "transparency" in image.info:
             image = image.convert("RGBA")
             alpha = np.asarray(image.getchannel("A"))
             if alpha.min() == alpha.max():
                 alpha = None
-        pixels = np.asarray(_to_srgb(image, path))
+        pixels = np.asarray(_to_srgb(image, path, what))
     if min(pixels.shape[:2]) < 8:
-        raise UserError(f"photo {path} is only {pixels.shape[1]}x{pixels.shape[0]} pixels: 8 a side are the least")
+        raise UserError(f"{what} {path} is only {pixels.shape[1]}x{pixels.shape[0]} pixels: 8 a side are the least")
     return Photo(pixels, alpha, path.stem)
 
 
@@ -89,6 +91,14 @@ def _opened(path: Path, what: str) -> Image.Image:
     """The file's header, with its size checked; no pixel is decoded yet."""
     if path.stat().st_size > MAX_BYTES:
         raise UserError(f"{what} {path} is larger than {MAX_BYTES // 10**6} MB: give a smaller file")
+    if path.suffix.lower() in HEIC:
+        try:
+            from pillow_heif import register_heif_opener
+        except ImportError:
+            raise UserError(
+                f"{what} {path} is HEIC, which needs pillow-heif: pip install 'relight[heic]', or save it as JPEG"
+            ) from None
+        register_heif_opener()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Pillow's own warning of large pictures; ours is an error
@@ -123,7 +133,7 @@ def _bits(path: Path, image: Image.Image) -> int:
     return 8
 
 
-def _to_srgb(image: Image.Image, path: Path) -> Image.Image:
+def _to_srgb(image: Image.Image, path: Path, what: str) -> Image.Image:
     """RGB in sRGB. Phones write Display P3: read as sRGB it would come out pale."""
     profile = image.info.get("icc_profile")
     image = image.convert("RGB")
@@ -135,4 +145,4 @@ def _to_srgb(image: Image.Image, path: Path) -> Image.Image:
             return image
         return ImageCms.profileToProfile(image, source, ImageCms.createProfile("sRGB"), outputMode="RGB")
     except (ImageCms.PyCMSError, OSError):
-        raise UserError(f"photo {path} holds a colour profile that is damaged: save it as sRGB") from None
+        raise UserError(f"{what} {path} holds a colour profile that is damaged: save it as sRGB") from None

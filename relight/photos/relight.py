@@ -3,6 +3,7 @@
 import numpy as np
 
 from relight.panoramas.colour import luminance
+from relight.sh.basis import order_of
 from relight.sh.rotation import rotate_y
 
 ANGLES = 72  # every 5 degrees: a light of order 2 is smooth, the largest value is met to 0.2 %
@@ -34,8 +35,12 @@ def brightest(transport: np.ndarray, light: np.ndarray) -> float:
     """
     count = min(len(transport), len(light))
     grey = luminance(light.astype(np.float64))[:, None]
+    waves = 2 * order_of(count) + 1  # of the angle it is a sum of so many sines and cosines: as many samples tell all
+    samples = [transport[:count] @ rotate_y(grey, 2 * np.pi * k / waves)[:count, 0] for k in range(waves)]
+    weights = np.fft.rfft(samples) / waves
     angles = np.arange(ANGLES) * (2 * np.pi / ANGLES)
-    return max(float(transport[:count] @ rotate_y(grey, angle)[:count, 0]) for angle in angles)
+    phases = np.exp(1j * np.outer(angles, np.arange(len(weights))))
+    return float((phases * weights * np.where(np.arange(len(weights)), 2, 1)).sum(1).real.max())
 
 
 def matched(old: np.ndarray, new: np.ndarray, transport: np.ndarray, mask: np.ndarray) -> float:

@@ -6,18 +6,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from relight.photos.background import Background
-from relight.photos.color import SCENE, develop
+from relight.photos.color import CLIPPING, excess, relit, rolled, to_srgb8
 from relight.photos.composite import REACH, foreground, over, strips
 from relight.photos.infer import Figure
+from relight.photos.upsample import Fitted, luma
+from relight.srgb import LINEAR
 
 
 @dataclass
 class Layers:
-    """Rows [first, last) of a photo: scene values (h,W,3), alpha (h,W) in [0,1], the figures' own colour (h,W,3)."""
+    """Rows [first, last) of a photo, linear: its values (h,W,3), alpha (h,W) in [0,1], the figures' own colour."""
 
     first: int
     last: int
-    scene: np.ndarray
+    linear: np.ndarray
     alpha: np.ndarray
     front: np.ndarray
 
@@ -25,10 +27,10 @@ class Layers:
 def layers(pixels: np.ndarray, coverage: np.ndarray, first: int, last: int) -> Layers:
     """Rows of a photo, taken apart. Equal for every way of cutting the photo into strips."""
     top, bottom = max(first - REACH, 0), min(last + REACH, len(pixels))
-    scene = SCENE[pixels[top:bottom]]
+    linear = LINEAR[pixels[top:bottom]]
     alpha = coverage[top:bottom].astype(np.float32) / 255
     own = slice(first - top, last - top)
-    return Layers(first, last, scene[own], alpha[own], foreground(scene, alpha)[own])
+    return Layers(first, last, linear[own], alpha[own], foreground(linear, alpha)[own])
 
 
 def coverage_of(figures: Sequence[Figure]) -> np.ndarray:
@@ -39,29 +41,51 @@ def coverage_of(figures: Sequence[Figure]) -> np.ndarray:
     return total
 
 
-def relight_maps(figures: Sequence[Figure], light: np.ndarray | Sequence[np.ndarray], mode: str) -> list[np.ndarray]:
-    """The (S,S,3) gain or relit colour of each figure under one light (K,3), or under one each."""
+def relight_maps(
+    figures: Sequence[Figure], light: np.ndarray | Sequence[np.ndarray], mode: str
+) -> list[tuple[Fitted, ...]]:
+    """The gain of each figure, or its albedo and shading, under one light (K,3) or under one each."""
     lights = light if isinstance(light, list | tuple) else [light] * len(figures)
-    return [figure.gain(l) if mode == "ratio" else figure.full(l) for figure, l in zip(figures, lights)]
+    if mode == "ratio":
+        return [(figure.gain(l),) for figure, l in zip(figures, lights)]
+    return [(figure.fitted_albedo(), figure.fitted_shading(l)) for figure, l in zip(figures, lights)]
 
 
 def compose(
-    part: Layers, figures: Sequence[Figure], maps: Sequence[np.ndarray], mode: str, behind: np.ndarray | None
+    part: Layers,
+    figures: Sequence[Figure],
+    maps: Sequence[tuple[Fitted, ...]],
+    behind: np.ndarray | None,
+    stops: float = 0.0,
 ) -> np.ndarray:
-    """Scene values (h,W,3) of some rows. behind: of the same rows, or None for the photo's own background."""
+    """Linear values (h,W,3) of some rows. behind: of the same rows, or None for the photo's own background."""
     front = part.front.copy()
-    for figure, relit in zip(figures, maps):
-        first, last = max(part.first, figure.frame.rows[0]), min(part.last, figure.frame.rows[1])
-        if first >= last:
+    for figure, fits in zip(figures, maps):
+        rows = max(part.first, figure.frame.rows[0]), min(part.last, figure.frame.rows[1])
+        if rows[0] >= rows[1]:
             continue
-        window = slice(first - part.first, last - part.first), slice(*figure.frame.columns)
-        placed = np.maximum(figure.frame.place(relit, (first, last)), 0)
-        mine = figure.coverage[first:last, slice(*figure.frame.columns)] > 0
-        value = front[window] * placed if mode == "ratio" else placed
+        window = slice(rows[0] - part.first, rows[1] - part.first), slice(*figure.frame.columns)
+        mine = figure.coverage[slice(*rows), slice(*figure.frame.columns)] > 0
+        value = _lit(figure, fits, front[window], rows, np.float32(2**stops))
         front[window] = np.where(mine[..., None], value, front[window])
     if behind is None:
-        return part.scene + part.alpha[..., None] * (front - part.front)
+        return part.linear + part.alpha[..., None] * (front - part.front)
     return over(front, part.alpha, behind)
+
+
+def _lit(figure: Figure, fits: tuple[Fitted, ...], own: np.ndarray, rows: tuple[int, int], factor: float) -> np.ndarray:
+    """A figure's own linear colour (h,w,3) in `rows`, relit: by its gain, or as albedo and shading say."""
+    detail = figure.detail(own, rows)
+    if len(fits) == 1:
+        gain = fits[0].place(figure.frame, luma(detail), rows) * factor
+        clipped = (own > CLIPPING).any(-1)
+        above = np.zeros_like(own)
+        if clipped.any():
+            above[clipped] = excess(own[clipped], figure.frame.place(figure.chroma, rows, cubic=False)[clipped])
+        return relit(own, gain, above)
+    albedo, shading = fits
+    lit = albedo.place(figure.frame, detail, rows) ** 2 * shading.place(figure.frame, luma(detail), rows)
+    return rolled(lit * factor)
 
 
 def render(
@@ -81,15 +105,9 @@ def render(
     """
     background = background or Background()
     maps = relight_maps(figures, light, mode)
-    if stops:
-        maps = [relit * np.float32(2**stops) for relit in maps]
     coverage = coverage_of(figures)
     transparent = background.kind == "none"
-    behind = None
-    if background.kind not in ("keep", "none"):
-        behind = background.scene(pixels.shape[:2], turn)
-        if stops and background.kind == "panorama":
-            behind = behind * np.float32(2**stops)
+    behind = None if background.kind in ("keep", "none") else background.linear(pixels.shape[:2], turn, stops)
     out = np.empty((*pixels.shape[:2], 4 if transparent else 3), np.uint8)
     for first, last in strips(0, len(pixels)):
         if behind is None and not coverage[first:last].any():  # nobody there: the photo, untouched
@@ -97,9 +115,10 @@ def render(
             continue
         part = layers(pixels, coverage, first, last)
         if transparent:
-            part.scene, part.alpha = part.front, np.ones_like(part.alpha)
-        values = compose(part, figures, maps, mode, None if behind is None else behind[first:last])
-        out[first:last, :, :3] = develop(values)
+            part.linear, part.alpha = part.front, np.ones_like(part.alpha)
+        out[first:last, :, :3] = to_srgb8(
+            compose(part, figures, maps, None if behind is None else behind[first:last], stops)
+        )
     if transparent:
         out[..., 3] = coverage
     return out

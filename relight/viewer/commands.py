@@ -29,7 +29,7 @@ def view(
     open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
 ) -> None:
     """Writes one self-contained .html: drag to turn the light, choose lights, drop your own .hdr."""
-    from relight.files import UserError
+    from relight.files import UserError, writable_file
     from relight.viewer.build import build_gallery
     from relight.viewer.source import baked_figure, named_lights, photo_figure
 
@@ -38,6 +38,7 @@ def view(
         raise UserError(
             f"--mask belongs to one photo, and {len(photos)} were given; name masks me_mask.png beside me.jpg"
         )
+    out = writable_file(out or paths[0].with_suffix(".html"), "page")
     relighter = None
     figures = []
     for path in paths:
@@ -54,7 +55,6 @@ def view(
         relighter = relighter or load(weights)
         pixels, coverage = smaller(photo, mask_of(photo, mask or mask_beside(path)), size)
         figures.append(photo_figure(relighter, pixels, coverage, photo.name))
-    out = out or paths[0].with_suffix(".html")
     build_gallery(out, figures, named_lights(light or ()), background, title or figures[0].title, int(limit * 1e6))
     typer.echo(f"{out}: {out.stat().st_size / 1e6:.1f} MB")
     if open_:

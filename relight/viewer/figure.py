@@ -8,18 +8,20 @@ import numpy as np
 
 from relight.files import UserError
 from relight.maps.maps import Maps
-from relight.photos.color import SCENE
+from relight.photos.color import CLIPPING, chroma, excess
 from relight.photos.composite import foreground
 from relight.photos.frame import extend
 from relight.photos.relight import floor_of, shading
 from relight.sh.basis import count
+from relight.srgb import LINEAR
 from relight.srgb import encode as encode_srgb
 from relight.viewer.codec import deflate, encode
 
 ALBEDO_STEPS = 510  # per unit of sRGB-coded albedo: a quarter of an 8-bit code is lost at most
 NORMAL_STEPS = 511  # per unit of the octahedral map: .2 degrees
 OPEN = 0.886227  # T00 of a point that nothing occludes
-EDGE_STEPS = 4095  # per unit of sRGB-coded half scene values: a soft edge is a small difference of two colours
+EDGE_STEPS = 4095  # per unit of sRGB-coded half linear values: a soft edge is a small difference of two colours
+EXCESS_STEPS = 255  # per unit of the share by which light was above a clipped channel
 MARGIN = 2  # pixels around the figure, room for the browser to carry colours past the edge before it filters
 # Steps per unit of transport, and step of a photo's codes outside the figure; the first that fits is taken. The finest
 # keeps even a dark pixel at +1.5 stops within 1.2 codes (4096: 2.7, 2048: 3.5), for .14 MB a halving at 1024 px.
@@ -125,9 +127,13 @@ def pack(figure: Figure, transport_steps: int, background_step: int) -> tuple[di
     if figure.photo is not None:
         codes = np.rint(np.clip(figure.photo, 0, 1) * 255).astype(np.uint8)
         soft = (alpha > 0) & (alpha < 255)
+        front = linear = LINEAR[codes]
         if soft.any():
-            front = foreground(SCENE[codes], coverage.astype(np.float32) / 255)[rows, columns]
-            add("edge", differences(np.rint(encode_srgb(front / 2) * EDGE_STEPS)), EDGE_STEPS, soft)
+            front = foreground(linear, coverage.astype(np.float32) / 255)
+            add("edge", differences(np.rint(encode_srgb(front[rows, columns] / 2) * EDGE_STEPS)), EDGE_STEPS, soft)
+        if (front[coverage > 0] > CLIPPING).any():
+            above = excess(front[rows, columns], chroma(linear, maps.mask)[rows, columns])
+            add("excess", np.rint(above * EXCESS_STEPS), EXCESS_STEPS, region)
         if background_step > 1:
             coarse = np.minimum((codes.astype(int) + background_step // 2) // background_step * background_step, 255)
             codes = np.where(coverage[..., None] == 0, coarse, codes)

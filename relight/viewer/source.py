@@ -10,6 +10,8 @@ from relight.files import UserError, existing
 from relight.lights.load import load_light
 from relight.lights.statistics import reference_brightness
 from relight.maps.maps import Maps
+from relight.photos.upsample import luma
+from relight.srgb import LINEAR
 from relight.viewer.figure import OPEN, Figure
 
 if TYPE_CHECKING:
@@ -65,9 +67,11 @@ def photo_figure(relighter: "Relighter", pixels: np.ndarray, coverage: np.ndarra
     shape = coverage.shape
     albedo, transport = np.zeros((*shape, 3), np.float32), np.zeros((*shape, (relighter.order + 1) ** 2), np.float32)
     for person in people:
-        mine = person.coverage[person.frame.window] > 0
-        albedo[person.frame.window][mine] = person.frame.place(person.full_albedo())[mine]
-        transport[person.frame.window][mine] = person.frame.place(person.extended(person.transport))[mine]
+        place, window = person.frame, person.frame.window
+        mine = person.coverage[window] > 0
+        detail = person.detail(LINEAR[pixels[window]], place.rows)
+        albedo[window][mine] = person.fitted_albedo().place(place, detail, place.rows)[mine] ** 2
+        transport[window][mine] = person.fitted_transport().place(place, luma(detail), place.rows)[mine]
     maps = Maps(
         mask=coverage > 0,
         coverage=coverage / np.float32(255),

@@ -112,6 +112,8 @@ def test_impossible_lights_are_noted_not_refused(tmp_path):
     sharp = load_light("key:ffffff@0,30,0").coefficients * np.repeat([1, 1.5, 2.5], [1, 3, 5])[:, None]
     np.save(tmp_path / "a.npy", sharp)
     assert "no real light" in load_light(tmp_path / "a.npy").notes[0]
+    for lamp in ("key:#ff0000@45,30", "key:#00ffff@45,30,0"):  # channels that are black are real
+        assert load_light(lamp).notes == []
 
 
 WRONG = {
@@ -130,7 +132,21 @@ def test_broken_files_are_named(tmp_path, name):
 
 @pytest.mark.parametrize(
     "text",
-    ["room:", "room:x", "room:-1", "key:red@0,0", "key:#ffffff@a,b", "probe:uffizi", "nowhere.hdr", "a.npz", "", "."],
+    [
+        "room:",
+        "room:x",
+        "room:-1",
+        "key:red@0,0",
+        "key:#ffffff@a,b",
+        "key:#ffffff@0,95",
+        "key:#ffffff@0,-90.5",
+        "key:#ffffff@0,0,-1",
+        "probe:uffizi",
+        "nowhere.hdr",
+        "a.npz",
+        "",
+        ".",
+    ],
 )
 def test_names_that_mean_nothing_are_refused(text):
     with pytest.raises(UserError):

@@ -1,42 +1,129 @@
-"""Colour: the 256 codes survive, the fast coder equals the formulas, highlights roll off."""
+"""Colour: every colour survives a gain of 1, highlights roll off with their hue, clipped channels leave no edge."""
 
 import numpy as np
+import pytest
 
-from relight.photos.color import KNEE, SCENE, develop, shoulder, to_srgb8, unshoulder
+from relight.photos.color import KNEE, chroma, excess, relit, rolled, shown, to_srgb8
 from relight.srgb import LINEAR, encode
 
 CODES = np.arange(256)
+HUES = [(1, 1, 1), (1, 0.62, 0.4), (1, 0.3, 0.2), (0.4, 0.6, 1), (0.5, 1, 0.4), (1, 0.9, 0.3), (0.8, 0.3, 1)]
+GAINS = [(0.5, 0.5, 0.5), (0.2, 0.2, 0.2), (2, 2, 2), (3, 1.5, 0.6), (0.3, 0.4, 1.6), (0.15, 0.15, 3), (3, 0.2, 0.2)]
+
+
+def exposures(hue):
+    """Codes (N,3) of a hue that grows through white, as a camera that clips stores it; each code once."""
+    light = np.linspace(0.05, 4, 20_001)[:, None] * np.array(hue) / max(hue)
+    codes = np.round(encode(light) * 255).astype(np.uint8)
+    return codes[np.r_[True, (np.diff(codes.astype(int), axis=0) != 0).any(1)]]
+
+
+def spread(color, like):
+    return np.broadcast_to(np.asarray(color, np.float32), like.shape)
 
 
 def test_every_code_returns():
-    assert np.array_equal(develop(SCENE), CODES)
     assert np.array_equal(to_srgb8(LINEAR), CODES)
 
 
+@pytest.mark.parametrize("first", range(0, 256, 51))
+def test_a_gain_of_one_returns_every_colour(first):
+    """Also where channels are clipped, whatever colour is about."""
+    colors = np.stack(np.meshgrid(np.arange(first, min(first + 5, 256)), CODES, CODES), -1).reshape(-1, 3)
+    linear = LINEAR[colors]
+    above = excess(linear, spread((0.5, 0.3, 0.2), linear))
+    gain = np.ones_like(linear)
+    assert np.array_equal(to_srgb8(relit(linear, gain, above)), colors)
+    gain[0] = 3  # beside a pixel that is rolled off
+    assert np.array_equal(to_srgb8(relit(linear, gain, above))[1:], colors[1:])
+
+
 def test_fast_coder_equals_the_formula():
-    rng = np.random.default_rng(0)
-    scene = np.concatenate([rng.random(200_000) * 3, rng.random(50_000) ** 4, [0, -1, 1e9, np.inf]])
-    exact = encode(shoulder(scene)) * 255
-    assert np.abs(develop(scene.astype(np.float32)) - exact).max() < 0.501
-    linear = rng.random(100_000) * 1.2
+    linear = np.random.default_rng(0).random(100_000) * 1.2
     assert np.abs(to_srgb8(linear.astype(np.float32)) - encode(linear) * 255).max() < 0.501
-    assert develop(np.array([np.nan]))[0] == 0
+    assert to_srgb8(np.array([np.nan]))[0] == 0 and to_srgb8(np.array([np.inf, 1e9, -1]))[:2].min() == 255
 
 
-def test_shoulder_is_smooth_monotone_and_inverted():
-    x = np.linspace(0, 2.5, 100_001)
-    y = shoulder(x)
-    slope = np.diff(y) / np.diff(x)
-    assert (slope > 0).all() and (slope <= 1 + 1e-9).all()
-    assert np.abs(np.diff(slope)).max() < 1e-3  # no kink at the knee
-    assert np.array_equal(y[x < KNEE], x[x < KNEE]) and y.max() < 1
-    linear = np.linspace(0, 0.998, 1000)
-    assert np.abs(shoulder(unshoulder(linear)) - linear).max() < 1e-12
+@pytest.mark.parametrize("white", [1.0, 1.3, 4.0, np.inf])
+def test_grey_is_rolled_smoothly_to_white(white):
+    x = np.linspace(0, min(white, 30), 200_001)
+    y = rolled(np.repeat(x[:, None], 3, 1), white)
+    assert np.ptp(y, axis=1).max() < 1e-12  # grey stays grey
+    slope = np.diff(y[:, 0]) / np.diff(x)
+    assert (slope > 0).all() and (slope <= 1 + 1e-9).all() and np.abs(np.diff(slope)).max() < 2e-3
+    assert np.abs(y[x < KNEE, 0] - x[x < KNEE]).max() < 1e-12
+    assert y.max() < 1 if white == np.inf else y.max() == pytest.approx(1)
 
 
-def test_highlights_keep_their_detail():
-    """Where a hard clip would leave one flat white, the shoulder leaves a gradient."""
-    twice_as_bright = 2 * SCENE[CODES[180:250]]
-    codes = develop(twice_as_bright).astype(int)
-    assert (np.diff(codes) >= 0).all()
-    assert len(set(codes[:60])) > 10 and len(set(to_srgb8(2 * LINEAR[190:240]))) == 1
+def test_hue_is_kept_and_stays_in_the_gamut():
+    """Where each channel is rolled off for itself, skin under a warm lamp turns yellow."""
+    color = np.array([[1.5, 0.9, 0.6], [3.0, 1.2, 0.48], [0.1, 0.3, 9.0]])
+    out = rolled(color)
+    assert (out >= 0).all() and (out <= 1).all()
+    low, middle, high = np.sort(color, 1).T
+    after = np.sort(out, 1).T
+    hue = (middle - low) / (high - low)
+    assert np.abs((after[1] - after[0]) / (after[2] - after[0]) - hue).max() < 1e-9
+    assert (np.argsort(out, 1) == np.argsort(color, 1)).all()
+
+
+@pytest.mark.parametrize("hue", HUES)
+def test_no_edge_on_the_way_through_white(hue):
+    """A code more in the photo is never a visible step more in the result, and never less of the largest channel."""
+    codes = exposures(hue)
+    linear = LINEAR[codes]
+    near = (codes.max(1) >= 235)[1:]  # where codes are not far apart for being dark
+    own = np.array(hue) / sum(hue)
+    for about in (own, (1 / 3, 1 / 3, 1 / 3)):
+        above = excess(linear, spread(about, linear))
+        for gain in GAINS:
+            coded = encode(relit(linear, spread(gain, linear), above)) * 255
+            step = np.diff(coded, axis=0)[near]
+            assert np.abs(step).max() < 2.5, (about, gain)
+            assert np.diff(coded.max(1)).min() > -0.1, (about, gain)
+            if max(gain) < 1:  # nothing is rolled off: each channel grows
+                assert step.min() > -0.6, (about, gain)
+
+
+def test_more_light_is_never_darker():
+    generator = np.random.default_rng(3)
+    linear = LINEAR[generator.integers(0, 256, (500, 3))]
+    linear[:200] = np.where(generator.random((200, 3)) < 0.5, 1, linear[:200])
+    above = excess(linear, spread((0.5, 0.3, 0.2), linear))
+    gains = np.linspace(0, 4, 200)
+    out = np.stack([relit(linear, spread(g, linear), above) for g in gains])
+    assert np.diff(out, axis=0).min() > -1e-6
+
+
+def test_what_was_clipped_is_rebuilt_from_the_others():
+    """A ball of skin colour, twice too bright in the middle, darkened: nearer to the truth than without."""
+    y, x = np.mgrid[:96, :96] / 47.5 - 1
+    light = 2.0 * np.maximum(1 - 0.9 * np.hypot(x, y), 0.02)
+    truth = light[..., None] * np.array([0.9, 0.55, 0.4])
+    photo = np.minimum(truth, 1).astype(np.float32)
+    mask = np.ones(light.shape, bool)
+    colors = chroma(photo, mask)
+    assert np.abs(colors - np.array([0.9, 0.55, 0.4]) / 1.85).max() < 0.03
+    clipped = photo.max(-1) == 1
+    gain = np.full_like(photo, 0.4)
+    with_, without = (np.abs(relit(photo, gain, e) - 0.4 * truth)[clipped].mean() for e in (excess(photo, colors), 0.0))
+    assert with_ < 0.6 * without
+    white = np.full_like(photo, 1.0)
+    white[:8] = [0.5, 0.45, 0.4]
+    assert excess(white, chroma(white, mask)).max() < 0.35  # nothing but a little of what colour there is
+
+
+def test_white_cloth_beside_skin_stays_white():
+    photo = np.empty((64, 64, 3), np.float32)
+    photo[:, :32] = [0.55, 0.35, 0.25]
+    photo[:, 32:] = np.linspace(0.6, 1.05, 32)[:, None]
+    photo = np.minimum(photo, 1)
+    above = excess(photo, chroma(photo, np.ones((64, 64), bool)))
+    assert np.ptp(relit(photo, np.full_like(photo, 0.3), above)[:, 40:], axis=-1).max() < 0.02
+
+
+def test_a_shading_is_shown_without_burning_out():
+    shading = np.repeat(np.linspace(0, 6, 500)[:, None], 3, 1)
+    codes = to_srgb8(shown(shading)).astype(int)
+    assert codes.max() < 255 and (np.diff(codes[:, 0]) >= 0).all()
+    assert abs(int(to_srgb8(shown(np.ones((1, 3))))[0, 0]) - 188) <= 1  # 1, white paper's, at half the light

@@ -126,6 +126,11 @@ def bad(tmp_path, weights):
     yield [me, "--weights", tmp_path / "foreign.safetensors"], "no relight network"
     yield [me, "--weights", tmp_path / "older.safetensors"], "does not fit this version"
     yield [me, "--out", me], "is a file"
+    yield [me, "--out", me / "sub"], "nothing can be written there"
+    yield [me, "--out", "/proc/relight"], "nothing can be written there"
+    yield [me, "--background", tmp_path / "none.png"], "background: there is no file"
+    yield [me, "--light", "key:#ffeedd@45,95"], "elevation 95 is outside"
+    yield [me, "--mask", me], "is the photo itself"
 
 
 def test_bad_input_is_one_line_and_overwrites_nothing(photo_files, weights, tmp_path):
@@ -140,8 +145,18 @@ def test_bad_input_is_one_line_and_overwrites_nothing(photo_files, weights, tmp_
             run("photo", *words)
         assert "\n" not in str(error.value)
         count += 1
-    assert count == 16
+    assert count == 21
     assert [p.name for p in out.iterdir()] == ["relit.png"] and (out / "relit.png").read_bytes() == b"precious"
+
+
+def test_a_mask_that_looks_wrong_is_said(photo_files, weights, tmp_path):
+    me, mask, _, drawn = photo_files
+    out = tmp_path / "out"
+    assert "the mask" not in run("photo", me, "--out", out, "--weights", weights)
+    assert json.loads((out / "photo.json").read_text())["mask"]["notes"] == []
+    Image.fromarray(255 - drawn).save(mask)
+    assert "note: the mask may be inverted" in run("photo", me, "--out", out, "--weights", weights)
+    assert "inverted" in json.loads((out / "photo.json").read_text())["mask"]["notes"][0]
 
 
 def test_a_folder_goes_on_after_failures_and_resumes(weights, tmp_path, draw):

@@ -84,7 +84,7 @@ def test_movie_of_a_photo(photo_files, weights, tmp_path):
 
 
 def test_movie_of_a_clip(weights, tmp_path, draw):
-    """A folder of frames with a folder of masks; too few masks are said."""
+    """A folder of frames with a folder of masks, or with masks beside them; too few masks are said."""
     frames, masks = tmp_path / "frames", tmp_path / "masks"
     frames.mkdir()
     masks.mkdir()
@@ -95,6 +95,15 @@ def test_movie_of_a_clip(weights, tmp_path, draw):
     words = ["movie", frames, "--mask", masks, "--out", tmp_path / "a.webm", "--light", "room:1", "--weights", weights]
     assert CliRunner().invoke(app, [str(w) for w in words]).exit_code == 0
     assert sum(1 for _ in read_frames(tmp_path / "a.webm")[0]) == 5
+    beside = tmp_path / "beside"
+    beside.mkdir()
+    for path in frames.iterdir():
+        (beside / path.name).hardlink_to(path)
+        (beside / f"{path.stem}_mask.png").hardlink_to(masks / path.name)
+    same = ["movie", beside, "--out", tmp_path / "b.webm", *words[6:]]
+    assert CliRunner().invoke(app, [str(w) for w in same]).exit_code == 0
+    pairs = zip(read_frames(tmp_path / "a.webm")[0], read_frames(tmp_path / "b.webm")[0], strict=True)
+    assert all(np.array_equal(a.pixels, b.pixels) for a, b in pairs)
     (masks / "4.png").unlink()
     with pytest.raises(UserError, match="holds 4 masks"):
         raise CliRunner().invoke(app, [str(w) for w in words]).exception

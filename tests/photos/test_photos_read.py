@@ -1,14 +1,16 @@
 """Every broken picture is one clear line, and every good one comes in upright, in sRGB."""
 
 import struct
+import sys
 import zlib
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from PIL import Image, ImageCms
 
 from relight.files import UserError
-from relight.photos.mask import mask_of, people
+from relight.photos.mask import doubts, heads, mask_of, people
 from relight.photos.read import read_mask, read_photo
 
 RGB = np.random.default_rng(0).integers(0, 256, (40, 30, 3)).astype(np.uint8)
@@ -164,6 +166,61 @@ def test_people_are_split_left_to_right():
     assert len(people(right)) == 1
     with pytest.raises(UserError, match="at least 8 pixels"):
         people(np.pad(np.full((3, 3), 255, np.uint8), 10))
+
+
+def person(height=200, width=160, center=0.5):
+    """A standing figure, arms a little out (H,W) bool."""
+    y, x = np.mgrid[:height, :width] / height - np.array([0, center * width / height])[:, None, None]
+    head = np.hypot(x / 0.055, (y - 0.12) / 0.075) < 1
+    body = (np.abs(x) < 0.11) & (y > 0.19) & (y < 0.55)
+    arms = (np.abs(np.abs(x) - 0.11 - (y - 0.2) * 0.5) < 0.028) & (y > 0.2) & (y < 0.5)
+    legs = (np.abs(np.abs(x) - 0.055) < 0.045) & (y >= 0.55) & (y < 0.96)
+    neck = (np.abs(x) < 0.035) & (y > 0.15) & (y < 0.25)
+    return head | body | arms | legs | neck
+
+
+def said(*masks):
+    return " ".join(doubts([SimpleNamespace(coverage=mask * np.uint8(255)) for mask in masks]))
+
+
+def test_masks_that_look_wrong():
+    alone = person()
+    assert said(alone) == ""
+    assert "inverted" in said(~alone)
+    box = np.zeros_like(alone)
+    box[20:180, 50:120] = True
+    assert "the figure is a rectangle" in said(box)
+    pair = person(center=0.35) | person(center=0.65)
+    assert heads(alone[20:, 20:-20]) == 1 and "several people who touch" in said(pair)
+    assert said(person(width=260, center=0.3), person(width=260, center=0.7)) == ""
+    assert "cut by the photo's lower edge:" in said(alone[:120])
+    assert "left and right edges" in said(alone[:, 58:-58])
+    raised = alone.copy()
+    raised[8:60, 48:58] = raised[8:60, 102:112] = True  # arms straight up
+    raised[40:60, 48:112] = True
+    assert said(raised) == ""
+
+
+def test_the_photo_as_its_own_mask_is_refused(tmp_path):
+    rng = np.random.default_rng(0)
+    pixels = np.clip(np.cumsum(rng.normal(0, 4, (60, 50, 3)), 0) + 128, 0, 255).astype(np.uint8)
+    Image.fromarray(pixels).save(tmp_path / "a.png")
+    with pytest.raises(UserError, match="is the photo itself"):
+        mask_of(read_photo(tmp_path / "a.png"), tmp_path / "a.png")
+
+
+def test_heic_needs_its_reader(tmp_path, monkeypatch):
+    (tmp_path / "a.heic").write_bytes(b"....ftypheic")
+    monkeypatch.setitem(sys.modules, "pillow_heif", None)  # as if it were not installed
+    with pytest.raises(UserError, match=r"HEIC, which needs pillow-heif.*or save it as JPEG"):
+        read_photo(tmp_path / "a.heic")
+
+
+def test_heic_is_read_where_its_reader_is_installed(tmp_path):
+    heif = pytest.importorskip("pillow_heif")
+    smooth = np.kron(RGB[:5, :5], np.ones((16, 16, 1), np.uint8))
+    heif.from_pillow(Image.fromarray(smooth)).save(tmp_path / "a.heic", quality=95)
+    assert np.abs(read_photo(tmp_path / "a.heic").pixels.astype(int) - smooth).mean() < 12
 
 
 def brightness_model(path):

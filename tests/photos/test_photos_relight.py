@@ -7,10 +7,10 @@ from relight.files import UserError
 from relight.photos import composite
 from relight.photos import render as rendering
 from relight.photos.background import Background, background
-from relight.photos.color import develop, to_srgb8
+from relight.photos.color import to_srgb8
 from relight.photos.frame import Frame, frame
 from relight.photos.infer import Figure
-from relight.photos.relight import FLOOR, floor_of, matched, ratio, shading
+from relight.photos.relight import ANGLES, FLOOR, brightest, floor_of, matched, ratio, shading
 from relight.photos.render import render
 from relight.sh.irradiance import unoccluded
 from relight.sh.rotation import rotate_y, rotation_matrix
@@ -133,6 +133,15 @@ def test_exposure_matches_itself_and_does_not_turn():
     assert under[1] == pytest.approx(under[0], rel=0.1)  # channels differ, luminance is equal
 
 
+def test_the_brightest_turn_is_that_of_all_turns():
+    rng = np.random.default_rng(4)
+    for count in (9, 16, 4):
+        transport, light = rng.normal(size=count), rng.normal(size=(count, 3))
+        grey = light @ [0.2126, 0.7152, 0.0722]
+        turns = [transport @ rotate_y(grey[:, None], 2 * np.pi * k / ANGLES)[:, 0] for k in range(ANGLES)]
+        assert brightest(transport, light) == pytest.approx(max(turns), rel=1e-3)
+
+
 def test_dark_shading_does_not_blow_up():
     old, new = np.array([[[0.001] * 3, [0.8] * 3]]), np.ones((1, 2, 3))
     floor = floor_of(old, np.ones((1, 2), bool))
@@ -203,4 +212,3 @@ def test_paper_networks_see_coded_values(relighter, weights, draw):
     photo = infer(relighter.network, {"train": {"color": "photo"}}, pixels, mask)
     assert np.abs(to_srgb8(photo.image) / 255.0 - paper.image)[photo.mask].max() < 0.003
     assert np.array_equal(render(pixels, [paper], paper.light), pixels)
-    assert develop(np.zeros(1))[0] == 0

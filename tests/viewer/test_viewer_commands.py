@@ -55,6 +55,13 @@ def test_lights_are_brought_to_one_brightness():
         named_lights(["key:#000000@0,0"])
 
 
+def test_no_folder_is_made_for_a_page(tmp_path, maps):
+    write_maps(tmp_path / "b.exr", maps)
+    with pytest.raises(UserError, match=r"there is no folder .*nosuch"):
+        run(tmp_path / "b.exr", "-o", tmp_path / "nosuch" / "dir" / "x.html")
+    assert [path.name for path in tmp_path.iterdir()] == ["b.exr"]
+
+
 def test_wrong_input_is_told_in_a_sentence(tmp_path):
     write_left_out(tmp_path / "left.exr", {"name": "x"}, "no faces")
     with pytest.raises(UserError, match="left out: no faces"):

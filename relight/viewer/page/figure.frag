@@ -3,7 +3,7 @@ precision highp float;
 precision highp sampler2D;
 
 // One pixel of the stage: the figure under a light, over a background. Colours as in relight/photos/color.py.
-uniform sampler2D transportA, transportB, transportC, surface, photo, front;
+uniform sampler2D transportA, transportB, transportC, surface, photo, front, excess;
 uniform vec3 light[9], photoLight[9], backdrop;
 uniform vec4 box;         // left, top, width, height of the maps in the image, pixels
 uniform vec3 placement;   // image x, y of the stage's top-left corner; image pixels per stage pixel
@@ -15,7 +15,7 @@ out vec4 color;
 
 const int RELIT = 0, PHOTO = 1, ALBEDO = 2, SHADING = 3, AO = 4, NORMAL = 5, OPEN = 6;
 const int STUDIO = 0, COLOR = 1, CLEAR = 2, OWN = 3, LIGHT = 4;
-const float KNEE = 0.8;
+const float KNEE = 0.8, FADE = 0.06, DISPLAY = 0.5;
 
 vec3 decode(vec3 v) { return mix(v / 12.92, pow((max(v, 0.04045) + 0.055) / 1.055, vec3(2.4)), step(0.04045, v)); }
 
@@ -24,16 +24,21 @@ vec3 encode(vec3 v) {
   return mix(12.92 * v, 1.055 * pow(max(v, 0.0031308), vec3(1.0 / 2.4)) - 0.055, step(0.0031308, v));
 }
 
-vec3 shoulder(vec3 v) {
-  return mix(max(v, 0.0), 1.0 - (1.0 - KNEE) * exp(-max(v - KNEE, 0.0) / (1.0 - KNEE)), step(KNEE, v));
+float largest(vec3 v) { return max(max(v.r, v.g), v.b); }
+
+// Light -> linear values in [0,1]. bend: 0 where the light reaches 1 at most, 1 where there is no bound.
+vec3 rolled(vec3 light, float bend) {
+  float peak = largest(light), above = max(peak - KNEE, 0.0) / (1.0 - KNEE);
+  float top = min(peak, KNEE) + (1.0 - KNEE) * above / (1.0 + bend * above);
+  float fade = 1.0 - 1.0 / (1.0 + FADE * max(peak - top, 0.0));
+  return light * (1.0 - fade) * top / max(peak, 1e-9) + fade * top;
 }
 
-vec3 unshoulder(vec3 v) {
-  v = min(v, 1.0 - 1.0 / 1020.0);
-  return mix(v, KNEE - (1.0 - KNEE) * log((1.0 - max(v, KNEE)) / (1.0 - KNEE)), step(KNEE, v));
+// The photo's linear values under `gain` times the light; what was clipped is rebuilt where the gain is below 1.
+vec3 relit(vec3 own, vec3 gain, vec3 above) {
+  float white = max(largest(gain), 1.0);
+  return rolled(own * gain * (1.0 + above * max(1.0 - gain, 0.0)), 1.0 - (1.0 - KNEE) / (white - KNEE));
 }
-
-vec3 develop(vec3 scene) { return encode(shoulder(scene)); }
 
 float[9] basis(vec3 n) {
   return float[9](0.282095, 0.488603 * n.y, 0.488603 * n.z, 0.488603 * n.x, 1.092548 * n.x * n.y, 1.092548 * n.y * n.z,
@@ -59,19 +64,20 @@ vec3 normalAt(vec2 e) {
   return normalize(n);
 }
 
-// Scene values of the figure; what is not light is written so that develop() shows it as it is.
+// Linear values of the figure, in [0,1].
 vec3 figure(int shown, vec2 uv, vec3 own) {
   vec4 a = texture(transportA, uv), b = texture(transportB, uv), c = texture(transportC, uv);
   vec3 albedo = texture(surface, uv).rgb;
-  if (shown == ALBEDO) return unshoulder(albedo);
-  if (shown == AO) return unshoulder(decode(vec3(c.y)));
-  if (shown == NORMAL) return unshoulder(decode(0.5 * normalAt(c.zw) + 0.5));
+  if (shown == ALBEDO) return albedo;
+  if (shown == AO) return decode(vec3(c.y));
+  if (shown == NORMAL) return decode(0.5 * normalAt(c.zw) + 0.5);
   if (shown == PHOTO) return own;
-  if (shown == OPEN) return exposure * albedo * irradiance(normalAt(c.zw));
+  if (shown == OPEN) return rolled(exposure * albedo * irradiance(normalAt(c.zw)), 1.0);
   vec3 lit = shading(a, b, c.x, light);
-  if (shown == SHADING) return exposure * lit;
-  if (!useRatio) return exposure * albedo * lit;
-  return exposure * own * max(lit, floorOfRatio) / max(shading(a, b, c.x, photoLight), floorOfRatio);
+  if (shown == SHADING) return rolled(DISPLAY * exposure * lit, 1.0);
+  if (!useRatio) return rolled(exposure * albedo * lit, 1.0);
+  vec3 gain = max(lit, floorOfRatio) / max(shading(a, b, c.x, photoLight), floorOfRatio);
+  return relit(own, exposure * gain, texture(excess, uv).rgb);
 }
 
 float noise(vec2 p) { return fract(52.9829189 * fract(dot(p, vec2(0.06711056, 0.00583715)))) - 0.5; }
@@ -81,13 +87,13 @@ vec3 studio(vec2 onStage) { // coded
   return mix(vec3(0.205, 0.210, 0.225), vec3(0.045, 0.047, 0.055), smoothstep(0.0, 0.85, far));
 }
 
-// Scene values behind the figure. The light is shown as blurred by a cosine lobe: nine coefficients alone ring below 0,
+// Linear values behind the figure. The light is shown as blurred by a cosine lobe: nine coefficients alone ring below 0,
 // and would leave black holes. The camera sees 50 degrees along the longer side, as in relight/photos/background.py.
 vec3 behind(vec2 at, vec2 onStage) {
-  if (background == COLOR) return unshoulder(decode(backdrop));
+  if (background == COLOR) return decode(backdrop);
   if (background != LIGHT) return decode(studio(onStage));
   vec2 view = 0.46630766 * (2.0 * at - image) / max(image.x, image.y);
-  return exposure * irradiance(normalize(vec3(view.x, -view.y, -1.0))) / 3.1415927;
+  return rolled(exposure * irradiance(normalize(vec3(view.x, -view.y, -1.0))) / 3.1415927, 1.0);
 }
 
 void main() {
@@ -103,16 +109,16 @@ void main() {
     color = vec4(studio(onStage) + dither, 1.0);
     return;
   }
-  vec3 original = hasPhoto ? unshoulder(decode(texture(photo, at / image).rgb)) : vec3(0.0);
-  vec3 own = texture(front, uv).rgb; // scene values already
+  vec3 original = hasPhoto ? decode(texture(photo, at / image).rgb) : vec3(0.0);
+  vec3 own = texture(front, uv).rgb; // linear already
   int shown = onStage.x < split ? before : view;
-  vec3 scene = coverage > 0.0 ? figure(shown, uv, own) : vec3(0.0);
+  vec3 linear = coverage > 0.0 ? figure(shown, uv, own) : vec3(0.0);
   if (background == CLEAR) {
-    color = vec4(develop(scene) * coverage, coverage);
+    color = vec4(encode(linear) * coverage, coverage);
     return;
   }
   // What lies behind a soft edge of the photo is not known: the figure's share is replaced.
-  if (isOwn) scene = original + coverage * (scene - own);
-  else if (coverage < 1.0) scene = mix(behind(at, onStage), scene, coverage);
-  color = vec4(develop(scene) + (coverage == 0.0 && background == LIGHT ? dither : 0.0), 1.0);
+  if (isOwn) linear = original + coverage * (linear - own);
+  else if (coverage < 1.0) linear = mix(behind(at, onStage), linear, coverage);
+  color = vec4(encode(linear) + (coverage == 0.0 && background == LIGHT ? dither : 0.0), 1.0);
 }

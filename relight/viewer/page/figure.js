@@ -18,7 +18,8 @@ async function loadFigure(header) {
   const steps = Object.fromEntries(header.planes.map((plane) => [plane.name, plane.steps]));
   const photo = planes.photo && colors(planes.photo), own = photo && front(photo, planes, steps, header);
   const maps = textures(planes, steps, region, width);
-  return { ...header, data: null, hasNormals: !!planes.normal, maps, photo, front: own };
+  const excess = planes.excess && bytes3(planes.excess);
+  return { ...header, data: null, hasNormals: !!planes.normal, maps, photo, front: own, excess };
 }
 
 // Four RGBA arrays: transport 0-3, transport 4-7, (transport 8, ao, octahedral normal), (linear albedo, coverage).
@@ -80,16 +81,21 @@ function colors([green, red, blue]) {
   return pixels;
 }
 
-// Scene values of the figure's own colour in its box (relight/photos/color.py): the photo's, but for soft edges, where
-// the background's share is taken out.
+// RGBA bytes from three planes of bytes.
+function bytes3(planes) {
+  const pixels = new Uint8Array(4 * planes[0].length);
+  planes.forEach((plane, c) => plane.forEach((value, i) => (pixels[4 * i + c] = value)));
+  return pixels;
+}
+
+// Linear values of the figure's own colour in its box: the photo's, but for soft edges, where the background's share is
+// taken out.
 function front(photo, planes, steps, { width, box: [left, top, boxWidth, boxHeight] }) {
-  const own = new Float32Array(4 * boxWidth * boxHeight), scene = Float32Array.from({ length: 256 }, (_, code) => {
-    const linear = Math.min(decodeSRGB(code / 255), 1 - 1 / 1020);
-    return linear <= 0.8 ? linear : 0.8 - 0.2 * Math.log((1 - linear) / 0.2);
-  });
+  const own = new Float32Array(4 * boxWidth * boxHeight);
+  const linear = Float32Array.from({ length: 256 }, (_, code) => decodeSRGB(code / 255));
   for (let y = 0, k = 0; y < boxHeight; y++) {
     for (let x = 0, from = 4 * ((top + y) * width + left); x < boxWidth; x++, k += 4, from += 4) {
-      for (let c = 0; c < 3; c++) own[k + c] = scene[photo[from + c]];
+      for (let c = 0; c < 3; c++) own[k + c] = linear[photo[from + c]];
     }
   }
   if (!planes.edge) return own;

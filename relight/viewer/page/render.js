@@ -36,11 +36,11 @@ class Renderer {
     }
     gl.useProgram(program);
     this.at = new Proxy({}, { get: (known, name) => (known[name] ??= gl.getUniformLocation(program, name)) });
-    const samplers = ["transportA", "transportB", "transportC", "surface", "photo", "front"];
+    const samplers = ["transportA", "transportB", "transportC", "surface", "photo", "front", "excess"];
     samplers.forEach((name, i) => gl.uniform1i(this.at[name], i));
     // Half floats cost up to one code more in the dark, where a phone cannot filter full ones.
     this.float = gl.getExtension("OES_texture_float_linear") ? gl.RGBA32F : gl.RGBA16F;
-    this.textures = Array.from({ length: 6 }, () => gl.createTexture());
+    this.textures = Array.from({ length: 7 }, () => gl.createTexture());
   }
 
   show(figure) {
@@ -51,12 +51,15 @@ class Renderer {
       this.bind(i);
       gl.texImage2D(gl.TEXTURE_2D, 0, this.float, width, height, 0, gl.RGBA, gl.FLOAT, map);
     });
-    const { photo, front } = figure, [w, h] = photo ? [figure.width, figure.height] : [1, 1];
+    const { photo, front, excess } = figure, [w, h] = photo ? [figure.width, figure.height] : [1, 1];
     this.bind(4);
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, w, h, 0, gl.RGBA, gl.UNSIGNED_BYTE, photo ?? new Uint8Array(4));
     this.bind(5);
     const size = front ? [width, height] : [1, 1];
     gl.texImage2D(gl.TEXTURE_2D, 0, this.float, ...size, 0, gl.RGBA, gl.FLOAT, front ?? new Float32Array(4));
+    const clipped = excess ? [width, height] : [1, 1];
+    this.bind(6);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, ...clipped, 0, gl.RGBA, gl.UNSIGNED_BYTE, excess ?? new Uint8Array(4));
   }
 
   bind(unit) {
@@ -97,7 +100,7 @@ class Renderer {
   pixels(scene) {
     const { gl, figure: { width, height } } = this;
     const target = gl.createTexture(), frame = gl.createFramebuffer(), pixels = new Uint8Array(4 * width * height);
-    gl.activeTexture(gl.TEXTURE6);
+    gl.activeTexture(gl.TEXTURE7);
     gl.bindTexture(gl.TEXTURE_2D, target);
     gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA8, width, height);
     gl.bindFramebuffer(gl.FRAMEBUFFER, frame);

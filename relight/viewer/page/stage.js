@@ -112,6 +112,7 @@ function drawBall(canvas, light, exposure = 1) {
 }
 
 const DEVELOPED = Uint8ClampedArray.from({ length: 2048 }, (_, i) => {
-  const scene = (i + 0.5) / 512, linear = scene <= 0.8 ? scene : 1 - 0.2 * Math.exp((0.8 - scene) / 0.2);
+  const light = (i + 0.5) / 512, above = Math.max(light - 0.8, 0) / 0.2; // as in relight/photos/color.py
+  const linear = Math.min(light, 0.8) + (0.2 * above) / (1 + above);
   return 255 * (linear <= 0.0031308 ? 12.92 * linear : 1.055 * linear ** (1 / 2.4) - 0.055);
 });

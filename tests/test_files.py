@@ -1,0 +1,66 @@
+"""Outputs are checked before the work, and what a file system refuses is one sentence."""
+
+import os
+import resource
+import signal
+
+import pytest
+
+from relight.files import UserError, whole, writable_file, writable_folder
+
+
+def test_a_folder_that_can_be_made_is_left_unmade(tmp_path):
+    assert writable_folder(tmp_path / "a/b/c", "--out") == tmp_path / "a/b/c"
+    assert list(tmp_path.iterdir()) == []
+    (tmp_path / "is").mkdir()
+    writable_folder(tmp_path / "is", "--out")
+    assert list((tmp_path / "is").iterdir()) == []
+
+
+def refused(tmp_path):
+    (tmp_path / "file").write_text("")
+    yield tmp_path / "file", "is a file: give a folder"
+    yield tmp_path / "file" / "sub", "nothing can be written there \\(not a directory\\)"
+    yield "/proc/relight", "nothing can be written there"
+    if os.getuid():  # root may write anywhere
+        (tmp_path / "locked").mkdir(mode=0o555)
+        yield tmp_path / "locked" / "sub", "permission denied"
+
+
+def test_what_cannot_be_written_is_one_sentence(tmp_path):
+    for path, says in refused(tmp_path):
+        with pytest.raises(UserError, match=says) as error:
+            writable_folder(path, "--out")
+        assert "\n" not in str(error.value) and "--out" in str(error.value)
+    with pytest.raises(UserError, match=r"up to 1000000000000 MB are needed, \d+ MB are free"):
+        writable_folder(tmp_path / "large", "--out", 10**18)
+    assert [path.name for path in tmp_path.iterdir() if path.name != "locked"] == ["file"]
+
+
+def test_the_folder_of_a_file_is_not_made(tmp_path):
+    assert writable_file(tmp_path / "a.html", "page") == tmp_path / "a.html"
+    with pytest.raises(UserError, match="there is no folder"):
+        writable_file(tmp_path / "no" / "a.html", "page")
+    with pytest.raises(UserError, match="is a folder"):
+        writable_file(tmp_path, "page")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_is_said_and_leaves_the_old_file(tmp_path):
+    """A limit on the size of files stands for a full disk."""
+    (tmp_path / "a.bin").write_bytes(b"old")
+    usual = resource.getrlimit(resource.RLIMIT_FSIZE)
+    handler = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, usual[1]))
+    try:
+        with (
+            pytest.raises(UserError, match=r"a\.bin cannot be written: file too large"),
+            whole(tmp_path / "a.bin") as out,
+        ):
+            out.write_bytes(bytes(5000))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, usual)
+        signal.signal(signal.SIGXFSZ, handler)
+    assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"old"]
+    with pytest.raises(OSError), whole(tmp_path / "b.bin"):
+        raise OSError("something else")  # an error of the program stays one
