@@ -8,14 +8,15 @@ from pathlib import Path
 import torch
 
 from relight.config import Loss, Model, Train
-from relight.files import whole
+from relight.files import existing, whole
 
 
 def fingerprint(model: Model, loss: Loss, train: Train, *files: Path) -> str:
-    """Changes with any setting and with the content of any input."""
+    """Changes with any setting, `train.version` (raised with the code) among them, and with the content of any input,
+    `train.start` included. Raises UserError for an input that is not there."""
     digest = hashlib.sha256(json.dumps([asdict(part) for part in (model, loss, train)], sort_keys=True).encode())
-    for path in files:
-        with open(path, "rb") as file:
+    for path in [*files, *([train.start] if train.start else [])]:
+        with open(existing(path, "training"), "rb") as file:
             digest.update(hashlib.file_digest(file, "sha256").digest())
     return digest.hexdigest()
 
