@@ -420,8 +420,9 @@ def check(cfg: DictConfig) -> None:
     for sentence in strays(cfg):
         raise UserError(sentence)
     for key, names in (("name", [get("name")]), ("sweep.runs", get("sweep.runs")), ("experiments", get("experiments"))):
-        for name in filter(None, names or ()):
-            check_name(key, name)
+        for name in names or ():
+            if name is not None:
+                check_name(key, name)
     for key, bound in LEAST.items():
         if get(key) is not None and get(key) < bound:
             raise UserError(f"{key} must be at least {bound}, not {get(key)}")

@@ -49,6 +49,7 @@ def run(
     if dry:
         with tempfile.NamedTemporaryFile("w", suffix=".yaml") as file:
             yaml.safe_dump(config, file)
+            file.flush()
             return snakemake([*command, "--configfile", file.name, "--dry-run"])
     with alone():
         command += ["--configfile", str(plan.record(ROOT))]
@@ -86,6 +87,8 @@ def snakemake(command: list[str], **streams) -> int:
     except KeyboardInterrupt:
         end(flow)
         raise
+    finally:
+        signal.signal(signal.SIGTSTP, signal.SIG_DFL)
 
 
 def end(flow: subprocess.Popen) -> None:

@@ -35,10 +35,8 @@ class Plan:
 
     def __init__(self, config: dict):
         if strays := sorted(set(config) - {"hydra", "runs"}):
-            key = strays[0]
-            raise UserError(
-                f'--config {key}={config[key]}: settings are one word, --config hydra="{key}={config[key]}"'
-            )
+            word = f"{strays[0]}={config[strays[0]]}"
+            raise UserError(f'--config {word}: write the settings as one word, --config hydra="{word}"')
         overrides = config.get("hydra") or []
         self.overrides = shlex.split(overrides) if isinstance(overrides, str) else list(overrides)
         self.cfg = composed(self.overrides)

@@ -57,6 +57,8 @@ def list_scans(folder: Path | str) -> dict[str, Scan]:
         counts = Counter(name.lower() for name in names.values())  # file systems may take a and A for one
         names = {path: name if counts[name.lower()] == 1 else longer(path) for path, name in names.items()}
     scans = {name: Scan(path, _subject(relative[path], name)) for path, name in names.items()}
+    if len(scans) < len(files):
+        raise UserError(f"figures.folder: two scans in {folder} would have one name, hashes and all; rename one")
     return dict(sorted(scans.items()))
 
 

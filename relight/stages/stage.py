@@ -2,7 +2,9 @@
 
 import os
 import sys
+import tempfile
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import field, make_dataclass
 from pathlib import Path
 from typing import Any
@@ -52,8 +54,11 @@ def stage(name: str, **ports: str) -> Callable:
             io = make_dataclass("Files", [(port, str, MISSING) for port in ports])
             schema = make_dataclass("StageConfig", [("io", io, field(default_factory=io))], bases=(Config,))
             ConfigStore.instance().store(name="schema", node=schema)
+            several = {"-m", "--multirun"} & set(sys.argv)
             try:
-                hydra.main(config_path=str(CONF), config_name="config", version_base="1.3")(run)()
+                with tempfile.TemporaryDirectory() if several else nullcontext(".") as scratch:
+                    os.environ["RELIGHT_SCRATCH"] = scratch  # Hydra leaves a file multirun.yaml in a folder
+                    hydra.main(config_path=str(CONF), config_name="config", version_base="1.3")(run)()
             except (HydraException, OmegaConfBaseException) as error:
                 sys.exit(f"relight {name}: {explain(error, sys.argv[1:])}")
 

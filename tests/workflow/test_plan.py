@@ -131,7 +131,7 @@ def test_sweep_needs_a_list():
         (["model=glob(*)"], ["model_ours", "model_ours_plus", "model_sfsnet", "model_sfsnet_ao"]),
         (["loss=glob(no_*,exclude=*tv)"], ["loss_no_reconstruction", "loss_no_shading"]),
         (["train.epoch=range(1,3)"], ["epoch_1", "epoch_2"]),
-        (["+train.start='a/b','a.b','a_b'"], ["start_a_b", "start_a.b", None]),
+        (["train.start=a/b,a.b,a_b"], ["start_a_b", "start_a.b", None]),
         (["train.start=" + 150 * "x" + ",y"], [None, "start_y"]),
     ],
 )
@@ -149,8 +149,8 @@ def test_a_sweep_over_an_interval_is_refused():
 
 
 def test_rows_with_the_same_overrides_stay():
-    words = "['+sweep.runs.again=[model=ours,loss=full]','experiments.table2.rows=[ours_full,again]']"
-    plan = Plan({"hydra": ["scale=smoke", "experiment=table2", *yaml.safe_load(words)]})
+    words = ["+sweep.runs.again=['model=ours','loss=full']", "experiments.table2.rows=[ours_full,again]"]
+    plan = Plan({"hydra": ["scale=smoke", "experiment=table2", *words]})
     assert plan.experiments["table2"].rows == ["ours_full", "again"]
 
 
@@ -195,17 +195,17 @@ def test_the_state_of_a_training_goes_when_it_is_recorded(tmp_path, monkeypatch)
     assert not states[0].parent.exists()
 
 
-WORDS_OF_SHELL = re.compile(r"\{+(?!OUT\}|stage\}|shlex|\{?field)[^{}]*\}+")
+WORDS_OF_SHELL = re.compile(r"\{+(?!OUT\}|stage\}|shlex)[^{}]*\}+")
 
 
 def test_every_word_of_every_rule_is_quoted():
     """Names come from users' files and experiments; `params.condition` is two words of a fixed vocabulary."""
     rules = [path.read_text() for path in sorted((ROOT / "workflow" / "rules").glob("*.smk"))]
     shells = [block for text in rules for block in re.findall(r"^ +shell:\n((?: {8,}.*\n|\n)+)", text, re.M)]
-    shells += re.findall(r"^LOGGED.*|^def command.*?\n\n|^def named.*?\n\n", rules[0], re.M | re.S)
+    shells += re.findall(r"^LOGGED.*|^def command.*?\n\n", rules[0], re.M | re.S)
     assert len(shells) > 20
     words = [word.strip("{}") for block in shells for word in WORDS_OF_SHELL.findall(block)]
-    assert len(words) > 80
+    assert len(words) > 60
     assert {word for word in words if not word.endswith(":q")} <= {"params.condition"}
 
 
