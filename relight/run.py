@@ -78,7 +78,7 @@ def snakemake(command: list[str], **streams) -> int:
         cwd=ROOT,
         env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
         process_group=0,  # Ctrl-C is ours to pass on, once
-        preexec_fn=partial(end_with_parent, os.getpid()),
+        preexec_fn=partial(begin, os.getpid()),
         **streams,
     )
     signal.signal(signal.SIGTSTP, partial(pause, flow))
@@ -89,6 +89,12 @@ def snakemake(command: list[str], **streams) -> int:
         raise
     finally:
         signal.signal(signal.SIGTSTP, signal.SIG_DFL)
+
+
+def begin(parent: int) -> None:
+    """Starts Snakemake's process: scripts and cron start programs that ignore INT, and it must not."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    end_with_parent(parent)
 
 
 def end(flow: subprocess.Popen) -> None:

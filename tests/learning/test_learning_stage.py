@@ -40,18 +40,18 @@ class Training:
 
     def killed(self, function: str, count: int) -> None:
         """The stage, as a job of Snakemake, in a process that ends by SIGKILL when `function` was called so often."""
-        module, name = function.rsplit(".", 1)
+        owner, name = function.rsplit(".", 1)
         settings = ", ".join(f"{type(part).__name__}(**{asdict(part)})" for part in (make() for make in self.settings))
         program = f"""if True:
-            import os, signal
+            import os, pkgutil, signal
             os.chdir({os.getcwd()!r})
             os.environ["RELIGHT_SNAKEMAKE"] = "1"
             from pathlib import Path
-            import {module} as module
             from relight.config import Loss, Model, Track, Train
             from relight.stages.train import main
 
-            calls, function = [], module.{name}
+            owner = pkgutil.resolve_name({owner!r})
+            calls, function = [], owner.{name}
 
             def last(*arguments, **options):
                 function(*arguments, **options)
@@ -59,11 +59,11 @@ class Training:
                 if len(calls) == {count}:
                     os.kill(os.getpid(), signal.SIGKILL)
 
-            module.{name} = last
+            owner.{name} = last
             files = {{name: Path(path) for name, path in { {n: str(p) for n, p in self.paths.items()} }.items()}}
             main({settings}, Track({self.uri!r}, "test"), **files, out=Path({str(OUT)!r}), curve=Path({str(CURVE)!r}))
         """
-        process = FORKS.Process(target=exec, args=(program,))
+        process = FORKS.Process(target=exec, args=(program, {}))
         process.start()
         process.join(timeout=240)
         assert process.exitcode == -9

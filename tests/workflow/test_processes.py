@@ -11,8 +11,8 @@ import pytest
 
 from relight.config import ROOT
 
-# Stand-ins for the workflow. Snakemake waits for its jobs when it gets INT and goes on after TERM, as the real one
-# does. A job is a stage that a shell started, whose output goes on through a pipe.
+# Stand-ins for the workflow. Snakemake goes on to the next job when one fails and after TERM; after INT it waits for the
+# job at work. A job is a stage that a shell started, whose output goes on through a pipe.
 STAGE = """
 import time
 from relight.processes import end_with_snakemake
@@ -24,10 +24,15 @@ SNAKEMAKE = f"""
 import os, shlex, signal, subprocess, sys
 from relight.processes import STARTED_BY
 os.environ[STARTED_BY] = str(os.getpid())
-for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
+stopped = []
+for number in (signal.SIGTERM, signal.SIGHUP):
     signal.signal(number, lambda *_: None)
-stage = [sys.executable, "-c", {STAGE!r}]
-sys.exit(subprocess.call(["bash", "-c", "set -o pipefail; " + shlex.join(stage) + " 2>&1 | tee"]))
+if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:
+    signal.signal(signal.SIGINT, lambda *_: stopped.append(True))
+stage = shlex.join([sys.executable, "-c", {STAGE!r}])
+while not stopped:
+    subprocess.call(["bash", "-c", "set -o pipefail; " + stage + " 2>&1 | tee"])
+sys.exit(1)
 """
 RUN = f"""
 import sys
@@ -41,10 +46,16 @@ def family(process: subprocess.Popen) -> list[psutil.Process]:
 
 
 @pytest.fixture
-def run():
-    """A run whose job is at work, and all its processes; what a failing test leaves is killed."""
+def run(request):
+    """A run whose job is at work, and all its processes; what a failing test leaves is killed.
+
+    It ignores INT, as what a script starts in the background does, unless it is tested with that.
+    """
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    background = "SIGINT" not in request.node.name
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN) if background else signal.getsignal(signal.SIGINT)
     job = subprocess.Popen([sys.executable, "-c", RUN], env=environment, stdout=subprocess.PIPE, text=True)
+    signal.signal(signal.SIGINT, before)
     assert job.stdout.readline() == "here\n"
     processes = family(job)
     assert len(processes) >= 5
@@ -59,10 +70,10 @@ def working(processes: list[psutil.Process]) -> list[psutil.Process]:
     return psutil.wait_procs(processes, timeout=20)[1]
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP, signal.SIGINT, signal.SIGKILL])
-def test_nothing_is_left_when_the_run_is_ended(run, number):
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP", "SIGINT", "SIGKILL"])
+def test_nothing_is_left_when_the_run_is_ended(run, name):
     job, processes = run
-    job.send_signal(number)
+    job.send_signal(getattr(signal, name))
     job.wait(timeout=20)
     assert not working(processes[1:])
 
