@@ -2,13 +2,14 @@
 
 import difflib
 import re
-from collections.abc import Iterable
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
 from hydra import compose, initialize_config_dir
 from hydra.core.config_store import ConfigStore
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
@@ -315,16 +316,32 @@ def composed(overrides: Iterable[str] = ()) -> DictConfig:
         raise UserError(f"there is no folder {CONF}: the workflow and its stages run from a clone of the repository")
     overrides = list(overrides)
     try:
+        for text, override in zip(overrides, OverridesParser.create().parse_overrides(overrides)):
+            if override.is_sweep_override():
+                raise UserError(f"{text} is several values: `relight run -m` tries each; one setting's list is [a,b]")
         with initialize_config_dir(str(CONF), version_base="1.3"):
             cfg = compose("config", overrides=overrides)
-        OmegaConf.resolve(cfg)
-        check(cfg)
+        check(resolved(cfg))
     except (HydraException, OmegaConfBaseException) as error:
         raise UserError(explain(error, overrides)) from None
     return cfg
 
 
+def resolved(cfg: DictConfig) -> DictConfig:
+    """`cfg` with the values of its references. Raises UserError for ${oc.env:...} and the like.
+
+    Settings come from people and files that one may not know; the environment holds secrets, and what is resolved is
+    written to results and to MLflow.
+    """
+    for key, value in flat(OmegaConf.to_container(cfg)).items():
+        if call := re.search(r"\$\{\s*[\w.]+\s*:.*?\}", str(value)):
+            raise UserError(f"{key}: {call[0]} is not looked up in settings; write the value itself")
+    OmegaConf.resolve(cfg)
+    return cfg
+
+
 LEAST = {
+    **{f"loss.{weight.name}": 0 for weight in fields(Loss) if weight.type is float},
     "figures.count": 1,
     "figures.texture": 16,
     "figures.per_subject": 1,
@@ -395,8 +412,34 @@ RULES = {
         "must be multiples of 64",
     ),
     "model.dropout": (lambda value: 0 <= value < 1, "must lie in [0, 1)"),
-    "name": (lambda value: re.fullmatch(r"[A-Za-z0-9._-]+", value), "may hold letters, digits, '.', '_' and '-' only"),
 }
+NAME, LONGEST = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._+-]*"), 100
+
+
+def check_name(what: str, name: str) -> None:
+    """Refuses a name that is not safe in paths and in commands. Raises UserError."""
+    if not NAME.fullmatch(str(name)) or len(str(name)) > LONGEST:
+        raise UserError(
+            f"{what}: {str(name)!r} is no name: up to {LONGEST} letters, digits, '_', '.', '+' and '-', none of the "
+            "last three first"
+        )
+
+
+def strays(cfg: DictConfig, above: str = "") -> Iterator[str]:
+    """Sentences about settings that the schema does not have: Hydra adds what an override with + asks for."""
+    known = getattr(OmegaConf.get_type(cfg), "__dataclass_fields__", None)
+    for key in cfg:
+        if known is not None and key not in known:
+            yield no_such(f"{above}{key}", known)
+        elif not OmegaConf.is_missing(cfg, key) and isinstance(cfg[key], DictConfig):
+            yield from strays(cfg[key], f"{above}{key}.")
+
+
+def no_such(key: str, known: Iterable[str]) -> str:
+    """Says that there is no setting `key`, and which there are in its place."""
+    close = difflib.get_close_matches(key.rpartition(".")[2], known, 1)
+    hint = f"did you mean {close[0]}? " if close else ""
+    return f"{key}: no such setting; {hint}there are {', '.join(known)}"
 
 
 def check(cfg: DictConfig) -> None:
@@ -405,9 +448,12 @@ def check(cfg: DictConfig) -> None:
     def get(key: str) -> Any:
         return OmegaConf.select(cfg, key)
 
-    if unknown := set(cfg) - set(Config.__dataclass_fields__) - {"io"}:
-        known = ", ".join(Config.__dataclass_fields__)
-        raise UserError(f"{min(unknown)}: no such group of settings; there are {known}")
+    for sentence in strays(cfg):
+        raise UserError(sentence)
+    for key, names in (("name", [get("name")]), ("sweep.runs", get("sweep.runs")), ("experiments", get("experiments"))):
+        for name in names or ():
+            if name is not None:
+                check_name(key, name)
     for key, bound in LEAST.items():
         if get(key) is not None and get(key) < bound:
             raise UserError(f"{key} must be at least {bound}, not {get(key)}")
@@ -456,9 +502,7 @@ def explain(error: Exception, overrides: Iterable[str] = ()) -> str:
         key, owner = match.groups()
         full = re.search(r"full_key: ([\w.]+)", text)
         known = list(globals()[owner].__dataclass_fields__) if owner in globals() else []
-        close = difflib.get_close_matches(key, known, 1)
-        hint = f"did you mean {close[0]}? " if close else ""
-        return f"{full[1] if full else key}: no such setting; {hint}there are {', '.join(known)}"
+        return no_such(full[1] if full else key, known)
     if match := re.search(r"Value '(.*?)'(?: of type '\w+')? could not be converted to (\w+)", text):
         full = re.search(r"full_key: ([\w.]+)", text)
         return f"{full[1] if full else 'a setting'}: {match[1]!r} is not of type {match[2]}"

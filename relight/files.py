@@ -4,6 +4,7 @@ import errno
 import fcntl
 import glob
 import os
+import re
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -117,6 +118,13 @@ def whole_folder(path: Path | str) -> Iterator[Path]:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
+def discard(folder: Path) -> None:
+    """Removes a folder, and the one around it where that is left empty."""
+    shutil.rmtree(folder, ignore_errors=True)
+    with suppress(OSError):
+        folder.parent.rmdir()
+
+
 def sweep(folder: Path, prefix: str, suffix: str = "") -> None:
     """Removes the temporary files and folders of this name whose writers are dead: nobody holds their lock."""
     for stale in folder.glob(glob.escape(prefix) + 8 * "?" + glob.escape(suffix)):
@@ -139,6 +147,21 @@ def lock(handle: int) -> bool:
     except OSError:  # also file systems that know no locks: nothing is swept there
         return False
     return True
+
+
+def odd(path: Path | str) -> bool:
+    """Whether the workflow cannot name a file: braces are patterns to Snakemake, line breaks end a word in its records,
+    and bytes that are no UTF-8 cannot be written down."""
+    return re.search(r"[{}\x00-\x1f\x7f\ud800-\udfff]", str(path)) is not None
+
+
+def refuse_odd(path: Path | str) -> None:
+    """Raises UserError for an odd name."""
+    if odd(path):
+        raise UserError(
+            f"{ascii(str(path))[1:-1]}: rename it; braces, line breaks and bytes that are no UTF-8 are not read in the "
+            "names of files and folders"
+        )
 
 
 def existing(path: Path | str, what: str) -> Path:

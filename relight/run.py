@@ -1,19 +1,25 @@
 """`relight run`: the whole workflow with Hydra overrides, and a run that was killed taken up again."""
 
 import fcntl
+import hashlib
 import itertools
 import os
 import re
+import signal
 import subprocess
 import sys
+import tempfile
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 
 import yaml
 
-from relight.config import ROOT
+from relight.config import CONF, LONGEST, ROOT
 from relight.files import UserError, whole
+from relight.processes import end_with_parent
 from relight.workflow import Plan
 
 LOGGER = ["--logger", "relight"]  # also what tells a Snakemake of ours from one started by hand
@@ -26,7 +32,8 @@ def run(
     """Checks the settings, then lets Snakemake do what is missing; returns its exit code.
 
     The settings go through a file, results/<name>/run.yaml: nested quotes in `--config` break on the way to Slurm
-    jobs, and the file says afterwards what was asked for. Raises UserError for settings that cannot be.
+    jobs, and the file says afterwards what was asked for. A dry run leaves it alone. Raises UserError for settings that
+    cannot be.
     """
     config: dict = {"hydra": overrides}
     if multirun:
@@ -36,15 +43,16 @@ def run(
     plan.look()
     for name in plan.runs:
         plan.of_run(name)  # a wrong override of the sweep is told now, not when its turn comes
-    file = ROOT / plan.out / "run.yaml"
-    with whole(file) as tmp:
-        tmp.write_text(yaml.safe_dump(config))
-    command = [sys.executable, "-m", "snakemake", *targets, "--configfile", str(file), *extra]
+    command = [sys.executable, "-m", "snakemake", *targets, *extra]
     if cores:
         command += ["--cores", str(cores)]
     if dry:
-        return subprocess.call([*command, "--dry-run"], cwd=ROOT)
+        with tempfile.NamedTemporaryFile("w", suffix=".yaml") as file:
+            yaml.safe_dump(config, file)
+            file.flush()
+            return snakemake([*command, "--configfile", file.name, "--dry-run"])
     with alone():
+        command += ["--configfile", str(plan.record(ROOT))]
         code = snakemake([*command, *LOGGER])
         page = ROOT / plan.out / "report" / "snakemake.html"
         if code == 0 and targets == ["all"] and stale(page, page.with_name("report.html")):
@@ -56,9 +64,62 @@ def run(
 
 
 def snakemake(command: list[str], **streams) -> int:
-    """Runs Snakemake in this repository, with our plugins; returns its exit code."""
+    """Runs Snakemake in this repository, with our plugins; returns its exit code.
+
+    It ends with this process, and its jobs with it. INT, TERM and HUP reach them through `end`; when this process is
+    killed outright, the kernel kills Snakemake, and the jobs notice (`relight.processes`).
+    """
     paths = [str(ROOT / "workflow" / "plugins"), *filter(None, [os.environ.get("PYTHONPATH")])]
-    return subprocess.call(command, cwd=ROOT, env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)}, **streams)
+    for number in (signal.SIGTERM, signal.SIGHUP):
+        if signal.getsignal(number) == signal.SIG_DFL:  # nohup ignores HUP
+            signal.signal(number, signal.default_int_handler)
+    flow = subprocess.Popen(
+        command,
+        cwd=ROOT,
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+        process_group=0,  # Ctrl-C is ours to pass on, once
+        preexec_fn=partial(begin, os.getpid()),
+        **streams,
+    )
+    signal.signal(signal.SIGTSTP, partial(pause, flow))
+    try:
+        return flow.wait()
+    except KeyboardInterrupt:
+        end(flow)
+        raise
+    finally:
+        signal.signal(signal.SIGTSTP, signal.SIG_DFL)
+
+
+def begin(parent: int) -> None:
+    """Starts Snakemake's process: scripts and cron start programs that ignore INT, and it must not."""
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    end_with_parent(parent)
+
+
+def end(flow: subprocess.Popen) -> None:
+    """Ends Snakemake and its jobs, and waits for that.
+
+    Snakemake takes INT for: start nothing more, cancel what a cluster runs, wait for the jobs on this machine. Those
+    are ended here.
+    """
+    import psutil
+
+    flow.send_signal(signal.SIGINT)
+    while flow.poll() is None:
+        with suppress(psutil.NoSuchProcess):
+            for job in psutil.Process(flow.pid).children(recursive=True):
+                job.terminate()
+        time.sleep(0.2)
+
+
+def pause(flow: subprocess.Popen, *_) -> None:
+    """Ctrl-Z stops the jobs, too; they go on when this process does."""
+    os.killpg(flow.pid, signal.SIGSTOP)
+    try:
+        os.kill(os.getpid(), signal.SIGSTOP)
+    finally:  # also when another signal comes with the one that continues
+        os.killpg(flow.pid, signal.SIGCONT)
 
 
 def stale(made: Path, source: Path) -> bool:
@@ -71,25 +132,34 @@ def swept(overrides: list[str]) -> tuple[list[str], dict[str, list[str]]]:
 
     train.lr=1e-4,2e-4 loss=min,full scale=demo -> [scale=demo], {"lr_0.0001-loss_min": [...], ...}
     """
+    from hydra import initialize_config_dir
+    from hydra.core.global_hydra import GlobalHydra
     from hydra.core.override_parser.overrides_parser import OverridesParser
     from hydra.errors import HydraException
 
+    fixed, axes = [], []
     try:
-        parsed = OverridesParser.create().parse_overrides(overrides)
+        with initialize_config_dir(str(CONF), version_base="1.3"):
+            parser = OverridesParser.create(GlobalHydra.instance().config_loader())  # knows what glob(*) stands for
+            for text, override in zip(overrides, parser.parse_overrides(overrides)):
+                if not override.is_sweep_override():
+                    fixed.append(text)
+                elif override.is_interval_sweep():
+                    raise UserError(f"{text} is no list of values: write them out, as in train.lr=1e-4,2e-4")
+                else:
+                    axes.append([(override.get_key_element(), value) for value in override.sweep_string_iterator()])
     except HydraException as error:
         raise UserError(f"cannot read the overrides: {' '.join(str(error).split())}") from None
-    fixed = [text for text, override in zip(overrides, parsed) if not override.is_sweep_override()]
-    axes = [
-        [(override.get_key_element(), value) for value in override.sweep_string_iterator()]
-        for override in parsed
-        if override.is_sweep_override()
-    ]
     if not axes:
         raise UserError("-m sweeps over lists, such as train.lr=1e-4,2e-4: none of the overrides is one")
-    runs = {}
+    runs: dict[str, list[str]] = {}
     for choice in itertools.product(*axes):
-        name = "-".join(f"{key.rpartition('.')[2]}_{value}" for key, value in choice)
-        runs[re.sub(r"[^A-Za-z0-9._+-]+", "_", name)] = [f"{key}={value}" for key, value in choice]
+        words = [f"{key}={value}" for key, value in choice]
+        name = "-".join(f"{key.lstrip('+').rpartition('.')[2]}_{value}" for key, value in choice)
+        plain = re.sub(r"[^A-Za-z0-9._+-]+", "_", name)
+        if len(plain) > LONGEST or runs.get(plain, words) != words:
+            plain = f"{plain[: LONGEST - 9]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
+        runs[plain] = words
     return fixed, runs
 
 

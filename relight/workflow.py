@@ -4,12 +4,14 @@ import json
 import shlex
 from dataclasses import asdict, replace
 from functools import cached_property
+from importlib.util import find_spec
 from pathlib import Path
 
+import yaml
 from omegaconf import DictConfig, OmegaConf
 
-from relight.config import Experiment, composed, view
-from relight.files import UserError
+from relight.config import Experiment, check_name, composed, view
+from relight.files import UserError, discard, whole
 
 HEAD = """\
 defaults: [schema, _self_, override hydra/job_logging: none, override hydra/hydra_logging: none]
@@ -32,13 +34,19 @@ class Plan:
     """
 
     def __init__(self, config: dict):
+        if strays := sorted(set(config) - {"hydra", "runs"}):
+            word = f"{strays[0]}={config[strays[0]]}"
+            raise UserError(f'--config {word}: write the settings as one word, --config hydra="{word}"')
         overrides = config.get("hydra") or []
         self.overrides = shlex.split(overrides) if isinstance(overrides, str) else list(overrides)
         self.cfg = composed(self.overrides)
         self.out = f"results/{self.cfg.name}"
+        for row in config.get("runs") or ():
+            check_name("runs", row)
         self.rows = config.get("runs") or OmegaConf.to_container(self.cfg.sweep.runs)
         self.runs = {f"{row}.s{seed}": (row, seed) for row in self.rows for seed in self.cfg.sweep.seeds}
-        self.experiments = self._experiments(swept="runs" in config)
+        self.swept = "runs" in config
+        self.experiments = self._experiments()
         if (self.cfg.evaluate.figures, self.cfg.evaluate.lights) != USUAL:
             raise UserError(
                 "evaluate.figures and evaluate.lights are what an experiment says, such as experiment=sitting"
@@ -47,14 +55,38 @@ class Plan:
         self.composed: dict[str, DictConfig] = {}
 
     def look(self) -> None:
-        """Looks at the user's folders: what is wrong with them is told before anything runs."""
+        """Looks at the user's folders and packages: what is wrong with them is told before anything runs."""
         _ = self.figures, self.panoramas
+        if "path_traced" in self.experiments and find_spec("mitsuba") is None:
+            raise UserError("experiment=path_traced needs Mitsuba, which is not installed here: pip install mitsuba")
 
-    def _experiments(self, swept: bool) -> dict[str, Experiment]:
+    def record(self, folder: Path | str) -> Path:
+        """Writes what was asked for to run.yaml in the results of this repository; returns that path."""
+        asked = {"hydra": self.overrides, **({"runs": self.rows} if self.swept else {})}
+        file, text = Path(folder) / self.out / "run.yaml", yaml.safe_dump(json.loads(json.dumps(asked)))
+        if not file.exists() or file.read_text() != text:
+            with whole(file) as tmp:
+                tmp.write_text(text)
+        return file
+
+    def settle(self, made: set[str]) -> None:
+        """Tidies up after a workflow that ended well: `made` are the files of all its jobs.
+
+        A training's state goes here and not earlier: Snakemake deletes the outputs of a job that was killed before
+        Snakemake could record them. A page of provenance that is older than the report tells of another one.
+        """
+        for network in filter(made.__contains__, map(self.network, self.runs)):
+            discard(Path(network).parent / "state" / Path(network).stem)
+        report = Path(self.out, "report", "report.html")
+        page = report.with_name("snakemake.html")
+        if page.exists() and report.exists() and page.stat().st_mtime < report.stat().st_mtime:
+            page.unlink()
+
+    def _experiments(self) -> dict[str, Experiment]:
         wanted = set(self.cfg.sweep.only or self.rows)
         if unknown := wanted - set(self.rows):
             raise UserError(f"sweep.only: no run {min(unknown)}; there are {', '.join(self.rows)}")
-        if swept:
+        if self.swept:
             return {"sweep": Experiment(rows=list(self.rows), plates=True)}
         given = OmegaConf.to_object(self.cfg.experiments)
         found = {
@@ -65,7 +97,7 @@ class Plan:
     def _different(self, rows: list[str]) -> list[str]:
         """The rows without those that are another one again: that ask for all figures, or the width of the scale."""
         plain = {row: [word for word in self.rows[row] if not self._idle(word)] for row in rows}
-        return [r for r in rows if all(plain[r] != self.rows[o] or o == r for o in rows)]
+        return [r for r in rows if plain[r] == self.rows[r] or all(plain[r] != self.rows[o] for o in rows)]
 
     def _idle(self, word: str) -> bool:
         """Whether an override asks for what is so without it."""

@@ -9,6 +9,7 @@ The overrides are those of `relight run`. Beside the network come its losses (.c
 """
 
 import argparse
+import os
 import sys
 from pathlib import Path
 
@@ -37,6 +38,8 @@ def main() -> None:
         groups = (OmegaConf.to_object(cfg[name]) for name in ("model", "loss", "train", "augment"))
         state, curve = options.out.with_suffix(".state.pt"), options.out.with_suffix(".csv")
         train(*groups, options.packed, options.lights, options.split, options.out, state, curve)
+        if os.environ.get("RANK", "0") == "0":  # the process that wrote the outputs
+            state.unlink(missing_ok=True)
     except UserError as error:
         sys.exit(f"relight.learning: {error}")
 

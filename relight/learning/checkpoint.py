@@ -27,22 +27,29 @@ def save_network(path: Path, network: Network, model: Model, half: bool = False,
         save_file(weights, tmp, metadata={"relight": json.dumps(config)})
 
 
+def read_config(path: Path | str) -> dict:
+    """What was saved beside the weights, alone. Raises UserError as `load_network` does."""
+    path = existing(path, "network")
+    try:
+        with safe_open(path, "np") as file:
+            metadata = file.metadata() or {}
+    except (SafetensorError, OSError) as error:
+        raise UserError(f"{path} is not a safetensors file ({error}): give one that relight's training wrote") from None
+    try:
+        return json.loads(metadata["relight"])
+    except (KeyError, ValueError):
+        raise UserError(f"{path} holds no relight network: give a file that relight's training wrote") from None
+
+
 def load_network(path: Path | str, device: str | torch.device = "cpu") -> tuple[Network, dict]:
     """The network, float32 and in evaluation mode, and its config: size, model, and whatever was saved beside them.
 
     Raises UserError for a file that is not there, not safetensors, or not a network of this project.
     """
-    path = existing(path, "network")
+    config = read_config(path)
     try:
         with safe_open(path, "pt") as file:
-            metadata = file.metadata() or {}
             weights = {name: file.get_tensor(name) for name in file.keys()}
-    except (SafetensorError, OSError) as error:
-        raise UserError(f"{path} is not a safetensors file ({error}): give one that relight's training wrote") from None
-    if "relight" not in metadata:
-        raise UserError(f"{path} holds no relight network: give a file that relight's training wrote")
-    config = json.loads(metadata["relight"])
-    try:
         model = Model(**config["model"])
         if unset := [name for name, value in vars(model).items() if value == MISSING]:
             raise KeyError(f"it does not say model.{unset[0]}")

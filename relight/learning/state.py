@@ -2,21 +2,22 @@
 
 import hashlib
 import json
-from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import torch
 
-from relight.files import whole
+from relight.config import Augment, Loss, Model, Train
+from relight.files import existing, whole
 
 
-def fingerprint(settings: Sequence[Any], *files: Path) -> str:
-    """Changes with any setting (dataclasses) and with the content of any input."""
-    digest = hashlib.sha256(json.dumps([asdict(part) for part in settings], sort_keys=True).encode())
-    for path in files:
-        with open(path, "rb") as file:
+def fingerprint(model: Model, loss: Loss, train: Train, augment: Augment, *files: Path) -> str:
+    """Changes with any setting, `train.version` (raised with the code) among them, and with the content of any input,
+    `train.start` included. Raises UserError for an input that is not there."""
+    settings = [asdict(part) for part in (model, loss, train, augment)]
+    digest = hashlib.sha256(json.dumps(settings, sort_keys=True).encode())
+    for path in [*files, *([train.start] if train.start else [])]:
+        with open(existing(path, "training"), "rb") as file:
             digest.update(hashlib.file_digest(file, "sha256").digest())
     return digest.hexdigest()
 

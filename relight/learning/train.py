@@ -57,7 +57,7 @@ def train(
     After every `train.epoch` steps: a line of progress, `log(means of the losses since the last time, steps done)`,
     then the state to `state`. The next call with the same settings and data goes on from there; a state of other
     settings is ignored, with a line that says so. `curve` (CSV) gets all that was logged, a row per epoch. Both
-    outputs are written whole at the end, and the state is removed.
+    outputs are written whole at the end. The state stays: the caller removes it when it has the outputs safe.
 
     Under torchrun each process takes its share of the batch and the gradients are averaged. On a CPU the training keeps
     to one thread: results then do not depend on the machine's load, and several trainings run side by side.
@@ -83,8 +83,7 @@ def train(
         average = copy.deepcopy(network) if train.average else None
         optimizer = make_optimizer(network, train)
         parts = {"network": network, "optimizer": optimizer} | ({"average": average} if average else {})
-        origin = [Path(train.start)] if train.start else []
-        digest = fingerprint((model, loss, train, augment), packed, lights, split, *origin)
+        digest = fingerprint(model, loss, train, augment, packed, lights, split)
         first, history, found = restore(state, digest, parts, device)
         if found and rank == 0:
             say(found)
@@ -128,11 +127,10 @@ def train(
             save_state(state, digest, parts, done, history)
 
         if rank == 0:
-            settings = {"loss": asdict(loss), "train": asdict(train), "augment": asdict(augment)}
+            settings = {"loss": asdict(loss), "train": asdict(train), "augment": asdict(augment), "fingerprint": digest}
             save_network(out, average or network, model, **settings)
             if curve:
                 write_curve(curve, history)
-            state.unlink(missing_ok=True)
 
 
 @contextmanager

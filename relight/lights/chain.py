@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from relight.config import Lights, Panoramas
-from relight.files import UserError
+from relight.files import UserError, refuse_odd
 from relight.lights.select import select
 from relight.lights.table import LightSet
 from relight.panoramas.panorama import Panorama
@@ -19,6 +19,7 @@ from relight.panoramas.project import orient, project
 from relight.panoramas.read import panoramas_in, read_panorama
 from relight.panoramas.rooms import room
 from relight.panoramas.skies import sky
+from relight.processes import end_with_parent
 from relight.progress import progress as show_progress
 
 log = logging.getLogger(__name__)
@@ -92,9 +93,10 @@ def file_light(source: str, panoramas: Panoramas, order: int) -> tuple[np.ndarra
 
 def file_panorama(source: str, panoramas: Panoramas, yaw: float = 0.0) -> Panorama:
     """One file of a folder, as the settings say and turned by `yaw` degrees more. UserError as in `read_panorama`."""
-    p = panoramas
+    p, path = panoramas, Path(panoramas.folder or "") / source
+    refuse_odd(path)
     return read_panorama(
-        Path(p.folder or "") / source,
+        path,
         layout=p.layout,
         yaw=p.yaw + yaw,
         flip=p.flip,
@@ -109,11 +111,13 @@ def spread(function: Callable[[str], Any], items: list[str]) -> Iterator[Any]:
     if len(items) < SERIAL or workers == 1:
         yield from map(function, items)
         return
-    with ProcessPoolExecutor(workers, initializer=single_threaded) as pool:
+    with ProcessPoolExecutor(workers, initializer=begin, initargs=(os.getpid(),)) as pool:
         yield from pool.map(function, items, chunksize=8)
 
 
-def single_threaded() -> None:
+def begin(parent: int) -> None:
+    """Starts a process of the pool: one thread, and no longer than its parent."""
     from threadpoolctl import threadpool_limits
 
+    end_with_parent(parent)
     threadpool_limits(1)

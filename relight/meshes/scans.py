@@ -1,7 +1,11 @@
 """A folder of scans as named figures."""
 
 import csv
+import hashlib
+import os
 import re
+import unicodedata
+from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,6 +13,7 @@ from relight.files import UserError
 from relight.meshes.read import READERS, kinds
 
 TABLE = "scans.csv"
+LONGEST = 71  # letters of a name, before the hash
 
 
 @dataclass(frozen=True)
@@ -23,9 +28,9 @@ def list_scans(folder: Path | str) -> dict[str, Scan]:
     """The scans of a folder by name, in the order of their names, or of the table where there is one.
 
     A file `scans.csv` in the folder (columns path, and if wanted use, name, subject; `pick` writes one for BUFF) says
-    which files are figures. Without it all mesh files in the folder and its subfolders are. A scan is called like its
-    file, with the folders before it where that is not enough. The subject is the folder right under `folder`, the
-    person of a RenderPeople name (rp_<person>_...), or the scan's own name.
+    which files are figures. Without it all mesh files in the folder and its subfolders are, hidden ones aside. A scan
+    is called like its file, with the folders before it or a hash of its path where that is not enough. The subject is
+    the folder right under `folder`, the person of a RenderPeople name (rp_<person>_...), or the scan's own name.
     Raises UserError for a folder that is missing or holds no mesh, and for a table that contradicts the folder.
     """
     folder = Path(folder)
@@ -36,25 +41,41 @@ def list_scans(folder: Path | str) -> dict[str, Scan]:
     files = sorted(
         path
         for path in folder.rglob("*")
-        if path.suffix.lower() in READERS and path.is_file() and not any(p.startswith(".") for p in path.parts)
+        if path.suffix.lower() in READERS
+        and path.is_file()
+        and not any(part.startswith(".") for part in path.relative_to(folder).parts)
     )
     files = _finest(files)
     if not files:
         raise UserError(f"figures.folder: {folder} holds no scans; {kinds()} files are read, in subfolders too")
     relative = {path: path.relative_to(folder).with_suffix("") for path in files}
-    plain = [safe(path.stem) for path in files]
-    scans = {}
-    for path, name in zip(files, plain):
-        name = name if plain.count(name) == 1 else safe("_".join(relative[path].parts))
-        if name in scans:
-            raise UserError(f"figures.folder: {path} and {scans[name].path} would both be called {name}; rename one")
-        scans[name] = Scan(path, _subject(relative[path], name))
+    names = {path: safe(path.stem) for path in files}
+    for longer in (
+        lambda path: safe("_".join(relative[path].parts)),
+        lambda path: f"{safe(path.stem)}_{hashed(str(relative[path]))}",
+    ):
+        counts = Counter(name.lower() for name in names.values())  # file systems may take a and A for one
+        names = {path: name if counts[name.lower()] == 1 else longer(path) for path, name in names.items()}
+    scans = {name: Scan(path, _subject(relative[path], name)) for path, name in names.items()}
+    if len(scans) < len(files):
+        raise UserError(f"figures.folder: two scans in {folder} would have one name, hashes and all; rename one")
     return dict(sorted(scans.items()))
 
 
 def safe(text: str) -> str:
-    """`text` as a name that can be a file's on any system: letters, digits, - and _."""
-    return re.sub(r"[^\w-]+", "_", text).strip("_") or "scan"
+    """`text` as a name that can be a file's on any system: at most 80 letters of ASCII, digits, - and _.
+
+    Accents are dropped (Zoë is Zoe). Where letters or the end are lost, a hash of `text` keeps names apart.
+    """
+    bare = "".join(c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))
+    name = re.sub(r"[^A-Za-z0-9_-]+", "_", bare)[:LONGEST].strip("_-") or "scan"
+    whole = len(bare) <= LONGEST and not any(c.isalnum() for c in bare if not c.isascii())
+    return name if whole else f"{name}_{hashed(text)}"
+
+
+def hashed(text: str) -> str:
+    """Eight digits that stand for `text`."""
+    return hashlib.sha256(os.fsencode(text)).hexdigest()[:8]
 
 
 def _subject(relative: Path, name: str) -> str:

@@ -1,5 +1,6 @@
 """Scores one network on every figure under every light of a condition, and adds the means to its run in MLflow."""
 
+import hashlib
 from pathlib import Path
 
 from relight.config import Evaluate, Track
@@ -21,17 +22,21 @@ def main(
     from relight.evaluation.evaluate import evaluate as score
     from relight.evaluation.plates import plates
     from relight.evaluation.scores import read_scores
-    from relight.track import tracked
+    from relight.learning.checkpoint import read_config
+    from relight.track import Run
 
     score(network, packed, lights, split, evaluate, out)
     plates({network.stem.rpartition(".s")[0]: network}, packed, lights, split, evaluate, plate)
     on = "test" if (evaluate.figures, evaluate.lights) == ("test", "test") else f"{evaluate.figures}-{evaluate.lights}"
     scores = next(iter(read_scores(out).values()), None)
     means = {f"{on}.{name}": float(values.mean()) for name, values in (scores.columns if scores else {}).items()}
-    with tracked(track, network.stem, network.parent / "state" / network.stem / "mlflow.txt") as mlflow:
-        mlflow.log_metrics({name: value for name, value in means.items() if value == value})
-        mlflow.log_artifact(out)
-        mlflow.log_artifact(plate)
+    trained = read_config(network)
+    settings = {part: trained[part] for part in ("model", "loss", "train", "augment") if part in trained}
+    # A network that was trained elsewhere has a run of its own.
+    own = trained.get("fingerprint") or hashlib.sha256(network.read_bytes()).hexdigest()
+    Run(track, network.stem, own, settings).add(
+        {name: value for name, value in means.items() if value == value}, out, plate
+    )
 
 
 if __name__ == "__main__":

@@ -2,7 +2,9 @@
 
 import os
 import sys
+import tempfile
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import field, make_dataclass
 from pathlib import Path
 from typing import Any
@@ -13,8 +15,9 @@ from hydra.errors import HydraException
 from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from relight.config import CONF, READS, Config, check, explain
+from relight.config import CONF, READS, Config, check, explain, resolved
 from relight.files import UserError
+from relight.processes import end_with_snakemake
 
 
 def stage(name: str, **ports: str) -> Callable:
@@ -38,8 +41,7 @@ def stage(name: str, **ports: str) -> Callable:
             unset = [f"io.{port}=<{what}>" for port, what in ports.items() if OmegaConf.is_missing(cfg.io, port)]
             if unset:
                 raise UserError(f"missing: {' '.join(unset)}")
-            OmegaConf.resolve(cfg)
-            check(cfg)
+            check(resolved(cfg))
             settings = {key.rpartition(".")[2]: plain(OmegaConf.select(cfg, key)) for key in READS[name]}
             function(**settings, **{port: Path(cfg.io[port]) for port in ports})
 
@@ -47,12 +49,16 @@ def stage(name: str, **ports: str) -> Callable:
             # One thread a job: several jobs side by side use all cores, and spinning thread pools don't fight.
             for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
                 os.environ.setdefault(variable, "1")
+            end_with_snakemake()
             os.environ["HYDRA_FULL_ERROR"] = "1"  # errors reach us instead of being printed with a trace
             io = make_dataclass("Files", [(port, str, MISSING) for port in ports])
             schema = make_dataclass("StageConfig", [("io", io, field(default_factory=io))], bases=(Config,))
             ConfigStore.instance().store(name="schema", node=schema)
+            several = {"-m", "--multirun"} & set(sys.argv)
             try:
-                hydra.main(config_path=str(CONF), config_name="config", version_base="1.3")(run)()
+                with tempfile.TemporaryDirectory() if several else nullcontext(".") as scratch:
+                    os.environ["RELIGHT_SCRATCH"] = scratch  # Hydra leaves a file multirun.yaml in a folder
+                    hydra.main(config_path=str(CONF), config_name="config", version_base="1.3")(run)()
             except (HydraException, OmegaConfBaseException) as error:
                 sys.exit(f"relight {name}: {explain(error, sys.argv[1:])}")
 

@@ -14,6 +14,10 @@ def main(evaluate: Evaluate, experiments: Path, results: Path, out: Path) -> Non
     made = Results(results, evaluate, experiments)
     for name in made.tables:
         write_table(made.table(name), out / name)
+    # Tables of earlier experiments, which the report does not tell of.
+    for earlier in {path.stem for path in out.glob("*.tex")} - set(made.tables):
+        for end in (".csv", ".md", ".tex", "_plates.png"):
+            (out / f"{earlier}{end}").unlink(missing_ok=True)
 
 
 if __name__ == "__main__":

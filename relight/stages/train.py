@@ -1,9 +1,12 @@
 """Trains one network, with its run in MLflow."""
 
+import os
 from dataclasses import asdict
 from pathlib import Path
 
-from relight.config import Augment, Loss, Model, Track, Train, flat
+from relight.config import Augment, Loss, Model, Track, Train
+from relight.files import discard
+from relight.processes import STARTED_BY
 from relight.stages.stage import stage
 
 
@@ -28,28 +31,19 @@ def main(
     curve: Path,
 ) -> None:
     from relight.learning import train as learning
+    from relight.learning.state import fingerprint
     from relight.track import tracked
 
     groups = {"model": model, "loss": loss, "train": train, "augment": augment}
     settings = {name: asdict(group) for name, group in groups.items()}
     # Beside the outputs but not declared as one: Snakemake deletes declared outputs before a retry.
     state = out.parent / "state" / out.stem
-    with tracked(track, out.stem, state / "mlflow.txt", flat(settings)) as mlflow:
-        mlflow.log_dict(settings, "config.yaml")
-        learning.train(
-            model,
-            loss,
-            train,
-            augment,
-            packed,
-            lights,
-            split,
-            out,
-            state / "state.pt",
-            curve,
-            lambda values, step: mlflow.log_metrics(values, step=step),
-        )
-        mlflow.log_artifact(out)
+    digest = fingerprint(*groups.values(), packed, lights, split)
+    with tracked(track, out.stem, digest, settings) as run:
+        learning.train(*groups.values(), packed, lights, split, out, state / "state.pt", curve, run.log)
+        run.finish(curve, out)
+    if STARTED_BY not in os.environ:  # else Snakemake has yet to record the outputs (`Plan.settle`)
+        discard(state)
 
 
 if __name__ == "__main__":

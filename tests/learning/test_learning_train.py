@@ -32,6 +32,7 @@ class Run:
 
     def __call__(self, log=None) -> bytes:
         train(*self.arguments, self.curve, log or (lambda values, step: self.logged.append((step, values))))
+        self.state.unlink(missing_ok=True)
         return self.out.read_bytes()
 
 

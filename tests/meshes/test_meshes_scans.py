@@ -1,13 +1,23 @@
 """Folders of scans as the sources deliver them."""
 
+import os
+import re
+import shlex
+import tempfile
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from omegaconf import OmegaConf
+from snakemake.io import apply_wildcards
 
-from relight.files import UserError
+from relight.files import UserError, odd, whole
 from relight.meshes.buff import Frame, list_frames, pick, representatives
+from relight.meshes.mesh import Mesh
 from relight.meshes.scans import list_scans
 
 
@@ -75,9 +85,79 @@ def test_folders_that_hold_nothing_are_refused(tmp_path):
     touch(tmp_path, "a.fbx", "skin.png")
     with pytest.raises(UserError, match=r"holds no scans; \.ply"):
         list_scans(tmp_path)
-    touch(tmp_path, "a b.ply", "a_b.ply")
-    with pytest.raises(UserError, match="rename one"):
-        list_scans(tmp_path)
+
+
+def test_what_is_around_the_folder_does_not_matter(tmp_path, monkeypatch):
+    touch(tmp_path / ".data" / "scans", "a.ply", ".hidden/b.ply", "c/.d.ply")
+    assert list(list_scans(tmp_path / ".data" / "scans")) == ["a"]
+    (tmp_path / "here").mkdir()
+    monkeypatch.chdir(tmp_path / "here")
+    assert list(list_scans("../.data/scans")) == ["a"]
+
+
+def test_names_are_plain_and_no_two_are_one(tmp_path):
+    touch(tmp_path, "Zoë.obj", "null.obj", "1e5.obj", "a b.ply", "a_b.ply", "Eve.ply", "eve.glb", "人.obj", "火.obj")
+    names = list_scans(tmp_path)
+    assert {"Zoe", "null", "1e5"} < set(names)
+    for start, count in (("a_b_", 2), ("Eve_", 1), ("eve_", 1), ("scan_", 2)):
+        assert sum(re.fullmatch(start + "[0-9a-f]{8}", name) is not None for name in names) == count
+    before = {scan.path.name: name for name, scan in names.items()}
+    touch(tmp_path, "other.ply")
+    assert {scan.path.name: name for name, scan in list_scans(tmp_path).items()}.items() > before.items()
+
+
+# Everything that Linux lets into a file's name: any bytes but / and 0, up to 255 with the suffix.
+LEGAL = st.one_of(
+    st.text(st.characters(blacklist_characters="/\0", blacklist_categories=("Cs",)), min_size=1, max_size=60),
+    st.text("aA1_-.'\"${}()`;&|\\ \n\t*?[]~#%=,:", min_size=1, max_size=251),
+    st.binary(min_size=1, max_size=251).map(lambda b: os.fsdecode(b.replace(b"/", b"a").replace(b"\0", b"b"))),
+    st.sampled_from(
+        ["null", "true", "1e5", "1_000", "a{output}", "-rf", "Zoe\u0308", "Zo\u00eb", "A" * 251, "a" * 251]
+    ),
+)
+
+
+@settings(max_examples=150, deadline=None, derandomize=True)
+@given(st.lists(LEGAL, min_size=1, max_size=5))
+def test_any_legal_file_name_gives_a_name_that_passes_through_the_workflow(stems):
+    with tempfile.TemporaryDirectory() as folder:
+        files = set()
+        for stem in stems:
+            path = Path(folder) / f"{os.fsdecode(os.fsencode(stem)[:250])}.ply"
+            if not path.name.startswith("."):
+                path.write_bytes(b"x")
+                files.add(path)
+        if not files:
+            return
+        scans = list_scans(folder)
+        finest = {path for path in files if not re.search(r"_\d+k$", path.stem, re.IGNORECASE)}
+        assert finest <= {scan.path for scan in scans.values()} <= files
+        assert len({name.lower() for name in scans}) == len(scans)
+        for name, scan in scans.items():
+            assert re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,99}", name)
+            assert re.fullmatch(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,99}", scan.subject)
+            word = shlex.split(f'io.figure="\'"{shlex.quote(name)}"\'" ')[0]  # as the rules quote it
+            (override,) = OverridesParser.create().parse_overrides([word])
+            assert override.value() == name and isinstance(override.value(), str)
+            if not odd(scan.path):
+                assert apply_wildcards(str(scan.path), {"figure": name}) == str(scan.path)
+            with whole(Path(folder) / "out" / f"{name}.safetensors") as temporary:
+                temporary.write_bytes(b"x")
+
+
+def test_a_file_that_the_workflow_cannot_name_is_left_out_with_a_line(tmp_path, capsys, monkeypatch):
+    from relight.config import composed
+    from relight.stages.scan import main
+
+    odd_ones = ("a{output}.ply", "b\nc.ply", os.fsdecode(b"\xff.ply"))
+    touch(tmp_path, *odd_ones)
+    figures = OmegaConf.to_object(composed(["figures=scans", f"figures.folder={tmp_path}"]).figures)
+    for name, scan in list_scans(tmp_path).items():
+        main(figures, Path(name), tmp_path / "out.npz")
+        reason = Mesh.load(tmp_path / "out.npz").info["left_out"]
+        assert "rename it" in reason and reason.isascii() and reason.isprintable()
+        assert f"{name} is left out: {reason}\n" == capsys.readouterr().err
+        assert scan.path.name in odd_ones
 
 
 def buff(folder, person, frames=12):

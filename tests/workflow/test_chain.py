@@ -10,6 +10,7 @@ import sys
 import time
 from pathlib import Path
 
+import psutil
 import pytest
 from repo import copy, environment, planned, relight
 
@@ -54,20 +55,25 @@ def test_maps_open_with_named_layers(done):
     assert {"albedo.R", "normal.X", "mask.A", "ao.Y", "depth.Z", "transport.L0M0.Y"} <= channels
 
 
-def test_runs_are_in_mlflow(done, monkeypatch):
-    import mlflow
+def check_mlflow(repo):
+    """Each training has one run that ended well, with its losses once."""
+    from mlflow import MlflowClient
 
-    monkeypatch.chdir(done)
-    mlflow.set_tracking_uri("sqlite:///mlflow.db")
-    runs = {run.info.run_name: run for run in mlflow.search_runs(experiment_names=["smoke"], output_format="list")}
-    assert set(runs) == {"ours_full.s0", "sfsnet_ao.s0", "no_tv.s0"}
-    client = mlflow.MlflowClient()
-    for name, run in runs.items():
+    client = MlflowClient(f"sqlite:///{repo / 'mlflow.db'}")
+    runs = client.search_runs([client.get_experiment_by_name("smoke").experiment_id])
+    assert sorted(run.info.run_name for run in runs) == ["no_tv.s0", "ours_full.s0", "sfsnet_ao.s0"]
+    for run in runs:
+        name = run.info.run_name
         assert run.info.status == "FINISHED"
         assert run.data.params["train.steps"] == "24" and "test.shading_rmse" in run.data.metrics
         assert [point.step for point in client.get_metric_history(run.info.run_id, "loss")] == [8, 16, 24]
-        artifacts = {item.path for item in client.list_artifacts(run.info.run_id)}
+        artifacts = {path.name for path in (repo / run.info.artifact_uri).iterdir()}
         assert {"config.yaml", f"{name}.safetensors", f"{name}.csv", f"{name}.png"} <= artifacts
+    assert not (repo / OUT / "train" / "state").exists(), "no training is under way"
+
+
+def test_runs_are_in_mlflow(done):
+    check_mlflow(done)
 
 
 def test_a_second_run_does_nothing(done):
@@ -136,7 +142,7 @@ def test_errors_are_one_line(done, words, told):
 
 
 def test_killed_anywhere_it_ends_in_the_same_bytes(done, tmp_path):
-    """kill -9 of the workflow alone (its jobs live on), of everything, while drawing, while training."""
+    """kill -9 of `relight run` alone or with its group, while drawing, training, scoring: nothing of it lives on."""
     repo = copy(tmp_path)
     command = [sys.executable, "-m", "relight.cli", "run", *WORDS]
     moments = [
@@ -162,6 +168,8 @@ def test_killed_anywhere_it_ends_in_the_same_bytes(done, tmp_path):
         else:
             os.killpg(job.pid, signal.SIGKILL)
         job.wait()
+        here = [process for process in psutil.process_iter(["cwd"]) if process.info["cwd"] == str(repo)]
+        assert not psutil.wait_procs(here, timeout=60)[1], "something works on"
     run = relight(repo, "run", *WORDS)
     assert run.returncode == 0, run.stdout
     same = [f"report/{table}.{kind}" for table in ("table1", "table2") for kind in ("csv", "md", "tex")]
@@ -169,3 +177,4 @@ def test_killed_anywhere_it_ends_in_the_same_bytes(done, tmp_path):
     for name in same:
         assert (repo / OUT / name).read_bytes() == (done / OUT / name).read_bytes(), name
     assert not [path for path in (repo / OUT).rglob(".*") if path.is_file()], "temporary files were left behind"
+    check_mlflow(repo)

@@ -1,11 +1,14 @@
 """The plan that the Snakefile asks: figures, runs, settings of each stage."""
 
 import json
+import os
+import re
+import sys
 
 import pytest
 import yaml
 
-from relight.config import CONF
+from relight.config import CONF, ROOT
 from relight.files import UserError
 from relight.run import swept
 from relight.workflow import Plan
@@ -120,6 +123,90 @@ def test_sweep_is_the_product():
 def test_sweep_needs_a_list():
     with pytest.raises(UserError, match="-m sweeps over lists"):
         swept(["loss=min"])
+
+
+@pytest.mark.parametrize(
+    ("words", "names"),
+    [
+        (["model=glob(*)"], ["model_ours", "model_ours_plus", "model_sfsnet", "model_sfsnet_ao"]),
+        (["loss=glob(no_*,exclude=*tv)"], ["loss_no_reconstruction", "loss_no_shading"]),
+        (["train.epoch=range(1,3)"], ["epoch_1", "epoch_2"]),
+        (["train.start=a/b,a.b,a_b"], ["start_a_b", "start_a.b", None]),
+        (["train.start=" + 150 * "x" + ",y"], [None, "start_y"]),
+    ],
+)
+def test_sweeps_are_named(words, names):
+    runs = swept(words)[1]
+    assert len(runs) == len(names)
+    for name, wanted in zip(runs, names):
+        assert name == wanted if wanted else re.fullmatch(r"start_[\w-]{6,94}", name)
+    Plan({"hydra": ["scale=smoke"], "runs": runs})
+
+
+def test_a_sweep_over_an_interval_is_refused():
+    with pytest.raises(UserError, match=r"train.lr=interval\(1e-4,1e-3\) is no list of values"):
+        swept(["train.lr=interval(1e-4,1e-3)"])
+
+
+def test_rows_with_the_same_overrides_stay():
+    words = ["+sweep.runs.again=['model=ours','loss=full']", "experiments.table2.rows=[ours_full,again]"]
+    plan = Plan({"hydra": ["scale=smoke", "experiment=table2", *words]})
+    assert plan.experiments["table2"].rows == ["ours_full", "again"]
+
+
+def test_what_snakemake_is_given_in_other_words_is_refused():
+    with pytest.raises(UserError, match=r'--config scale=smoke: write .* --config hydra="scale=smoke"'):
+        Plan({"scale": "smoke"})
+    with pytest.raises(UserError, match=r"runs: '\$\(touch x\)' is no name"):
+        Plan({"hydra": "scale=smoke", "runs": {"$(touch x)": []}})
+
+
+def test_a_package_that_is_missing_is_told_with_the_plan(monkeypatch):
+    plan = Plan({"hydra": "scale=smoke experiment=path_traced"})
+    monkeypatch.setitem(sys.modules, "mitsuba", None)
+    with pytest.raises(UserError, match="pip install mitsuba"):
+        plan.look()
+
+
+def test_what_was_asked_for_is_written_down(tmp_path):
+    runs = {"a": ["train.lr=0.1"]}
+    for config in ({"hydra": "scale=smoke name=x"}, {"hydra": ["scale=smoke", "name=x"], "runs": runs}):
+        file = Plan(config).record(tmp_path)
+        assert file == tmp_path / "results/x/run.yaml"
+        found = yaml.safe_load(file.read_text())
+        assert found == {**config, "hydra": ["scale=smoke", "name=x"]} and Plan(found).runs == Plan(config).runs
+
+
+def test_the_state_of_a_training_goes_when_it_is_recorded(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    plan = Plan({"hydra": "scale=smoke experiment=table1"})
+    states = [tmp_path / plan.out / "train/state" / run for run in ("ours_full.s0", "sfsnet.s0")]
+    for state in states:
+        state.mkdir(parents=True)
+        (state / "state.pt").write_bytes(b"x")
+    report, page = (tmp_path / plan.out / "report" / name for name in ("report.html", "snakemake.html"))
+    report.parent.mkdir()
+    for file, age in ((report, 5), (page, 9)):
+        file.write_text("x")
+        os.utime(file, (1e9 - age, 1e9 - age))
+    plan.settle({plan.network("ours_full.s0")})
+    assert [state.exists() for state in states] == [False, True] and not page.exists() and report.exists()
+    plan.settle({plan.network("sfsnet.s0")})
+    assert not states[0].parent.exists()
+
+
+WORDS_OF_SHELL = re.compile(r"\{+(?!OUT\}|stage\}|shlex)[^{}]*\}+")
+
+
+def test_every_word_of_every_rule_is_quoted():
+    """Names come from users' files and experiments; `params.condition` is two words of a fixed vocabulary."""
+    rules = [path.read_text() for path in sorted((ROOT / "workflow" / "rules").glob("*.smk"))]
+    shells = [block for text in rules for block in re.findall(r"^ +shell:\n((?: {8,}.*\n|\n)+)", text, re.M)]
+    shells += re.findall(r"^LOGGED.*|^def command.*?\n\n", rules[0], re.M | re.S)
+    assert len(shells) > 20
+    words = [word.strip("{}") for block in shells for word in WORDS_OF_SHELL.findall(block)]
+    assert len(words) > 60
+    assert {word for word in words if not word.endswith(":q")} <= {"params.condition"}
 
 
 @pytest.mark.parametrize("folder", ["missing", "empty"])

@@ -1,63 +1,88 @@
-"""MLflow: the store is made once under contention, and a killed job finds its run again."""
+"""MLflow: the store is made once under contention, whole or not at all, and a killed job finds its run again."""
 
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+from mlflow import MlflowClient
 
-from relight.config import Track
+from relight.config import ROOT, Track
+from relight.track import Run
 
+URI = "sqlite:///mlflow.db"
 CODE = """
 import sys
-from pathlib import Path
 from relight.config import Track
-from relight.track import tracked
-name = sys.argv[1]
-with tracked(Track("sqlite:///mlflow.db", "test"), name, Path(name) / "mlflow.txt", {"lr": 1}) as mlflow:
-    mlflow.log_metrics({"loss": 0.5}, step=int(sys.argv[2]))
+from relight.track import Run
+Run(Track("sqlite:///mlflow.db", "test"), sys.argv[1], "1" * 64, {"lr": 1}).log({"loss": 0.5}, 0)
 """
+KILLED = """
+import os, signal
+from mlflow.store.tracking import sqlalchemy_store
+from relight.track import create
+
+class Store:
+    def __init__(self, uri, *_):
+        path = uri.removeprefix("sqlite:///")
+        for name in (path, path + "-journal"):
+            open(name, "w").close()
+        os.kill(os.getpid(), signal.SIGKILL)
+
+sqlalchemy_store.SqlAlchemyStore = Store
+create("sqlite:///mlflow.db")
+"""
+
+
+def python(code: str, *words: str, folder: Path) -> subprocess.Popen:
+    return subprocess.Popen([sys.executable, "-c", code, *words], cwd=folder, env={"PYTHONPATH": str(ROOT)})
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
-    """A folder in which three processes started runs at once, with no store there."""
+    """A folder in which a process was killed while it made the store, and then three started runs at once."""
     folder = tmp_path_factory.mktemp("track")
-    jobs = [subprocess.Popen([sys.executable, "-c", CODE, f"run{i}", "0"], cwd=folder) for i in range(3)]
-    assert [job.wait(timeout=120) for job in jobs] == [0, 0, 0]
+    assert python(KILLED, folder=folder).wait(timeout=120) == -9
+    assert not list(folder.glob("*-journal")) and not list(folder.glob(".*-journal"))
+    jobs = [python(CODE, f"run{i}", folder=folder) for i in range(3)]
+    assert [job.wait(timeout=300) for job in jobs] == [0, 0, 0]
     return folder
 
 
-def test_processes_share_a_new_store(folder, monkeypatch):
-    import mlflow
-
+@pytest.fixture
+def client(folder, monkeypatch) -> MlflowClient:
     monkeypatch.chdir(folder)
-    mlflow.set_tracking_uri("sqlite:///mlflow.db")
-    runs = mlflow.search_runs(experiment_names=["test"], output_format="list")
-    assert sorted(run.info.run_name for run in runs) == ["run0", "run1", "run2"]
-    assert {run.data.params["lr"] for run in runs} == {"1"}
+    return MlflowClient(URI)
 
 
-def test_a_run_is_found_again(folder, monkeypatch):
-    from relight.track import tracked
-
-    monkeypatch.chdir(folder)
-    record = Path("run1/mlflow.txt")
-    before = record.read_text()
-    with tracked(Track("sqlite:///mlflow.db", "test"), "run1", record, {"lr": 1}) as mlflow:
-        run_id = mlflow.active_run().info.run_id
-        mlflow.log_metrics({"loss": 0.25}, step=1)
-    assert run_id == before
-    history = mlflow.MlflowClient().get_metric_history(run_id, "loss")
-    assert [(point.step, point.value) for point in history] == [(0, 0.5), (1, 0.25)]
+def runs(client) -> list:
+    return client.search_runs([client.get_experiment_by_name("test").experiment_id], order_by=["attributes.run_name"])
 
 
-def test_a_forgotten_run_is_made_anew(folder, monkeypatch):
-    from relight.track import tracked
+def test_processes_share_a_new_store(client, folder):
+    assert {path.name for path in folder.iterdir()} == {"mlflow.db", ".mlflow.lock"}
+    assert [run.info.run_name for run in runs(client)] == ["run0", "run1", "run2"]
+    assert {run.data.params["lr"] for run in runs(client)} == {"1"}
+    assert {run.info.artifact_uri.split("/")[0] for run in runs(client)} == {"mlruns"}
 
-    monkeypatch.chdir(folder)
-    record = folder / "gone.txt"
-    record.write_text("0" * 32)
-    with tracked(Track("sqlite:///mlflow.db", "test"), "gone", record) as mlflow:
-        run_id = mlflow.active_run().info.run_id
-        assert run_id != "0" * 32 and record.read_text() == run_id
+
+def test_a_run_is_found_again_by_name_and_fingerprint(client):
+    before = {run.info.run_id for run in runs(client)}
+    again = Run(Track(URI, "test"), "run1", "1" * 64, {"lr": 1})
+    again.log({"loss": 0.5}, 0)
+    again.log({"loss": 0.25}, 1)
+    assert {run.info.run_id for run in runs(client)} == before
+    assert [(point.step, point.value) for point in client.get_metric_history(again.id, "loss")] == [(0, 0.5), (1, 0.25)]
+    other = Run(Track(URI, "test"), "run1", "2" * 64, {"lr": 2})
+    other.log({"loss": 0.5}, 0)
+    assert other.id not in before and client.get_run(other.id).data.params["lr"] == "2"
+    client.delete_run(other.id)
+
+
+def test_a_deleted_run_is_made_anew(client):
+    runs_of_one = [Run(Track(URI, "test"), "gone", "3" * 64, {}) for _ in range(2)]
+    runs_of_one[0].log({"loss": 0.5}, 0)
+    client.delete_run(runs_of_one[0].id)
+    runs_of_one[1].log({"loss": 0.5}, 0)
+    assert runs_of_one[1].id not in (None, runs_of_one[0].id)
+    client.delete_run(runs_of_one[1].id)

@@ -1,3 +1,4 @@
+import os
 import re
 import shlex
 import sys
@@ -6,11 +7,13 @@ sys.path.insert(0, workflow.basedir)
 
 from snakemake.exceptions import WorkflowError
 
-from relight.files import UserError
+from relight.files import UserError, odd
+from relight.processes import STARTED_BY
 from relight.scheduling import calm
 from relight.workflow import Plan
 
 calm()
+os.environ[STARTED_BY] = str(os.getpid())
 
 try:
     PLAN = Plan(config)
@@ -18,6 +21,14 @@ try:
 except UserError as error:
     raise WorkflowError(str(error)) from None
 OUT = PLAN.out
+
+
+onstart:
+    PLAN.record(".")
+
+
+onsuccess:
+    PLAN.settle({str(path) for job in workflow.dag.jobs for path in job.output})
 
 
 wildcard_constraints:
@@ -36,7 +47,7 @@ rule settings:
     params:
         text=lambda wildcards: PLAN.settings(wildcards.stage),
     shell:
-        "printf %s {params.text:q} > {output}"
+        "printf %s {params.text:q} > {output:q}"
 
 
 MAPS = [name for figure in PLAN.figures for name in PLAN.maps(figure)]
@@ -52,7 +63,7 @@ rule listing:
         figures="".join(f"{figure}\n" for figure in PLAN.figures),
         maps="".join(f"{name}\n" for name in MAPS),
     shell:
-        "printf %s {params.figures:q} > {output.figures}; printf %s {params.maps:q} > {output.maps}"
+        "printf %s {params.figures:q} > {output.figures:q}; printf %s {params.maps:q} > {output.maps:q}"
 
 
 # What the report is to answer.
@@ -63,7 +74,7 @@ rule experiments:
     params:
         text=lambda wildcards: PLAN.asked(),
     shell:
-        "printf %s {params.text:q} > {output}"
+        "printf %s {params.text:q} > {output:q}"
 
 
 def settings(stage):
@@ -74,9 +85,19 @@ def command(stage):
     """The command of a stage; its words reach the console and the log."""
     return (
         f"{shlex.quote(sys.executable)} -m relight.stages.{stage} "
-        f"--config-dir {OUT}/config --config-name $(basename {{input.cfg}} .yaml) "
+        f'--config-dir {OUT}/config --config-name "$(basename {{input.cfg:q}} .yaml)" '
     )
 
 
-LOGGED = " 2>&1 | tee {log}"
-LOGGED_RUN = LOGGED + " | sed -u 's/^/{rule} {wildcards.run}: /'"
+def named(port, field):
+    """A word `port=name`, quoted for the shell and for Hydra, which takes null, true and 1e5 for values."""
+    return f'{port}="\'"{{{field}:q}}"\'" '
+
+
+def files(paths):
+    """The user's files as inputs, without those whose names Snakemake would read as patterns; their stage says so."""
+    return [str(path) for path in paths if not odd(path)]
+
+
+LOGGED = " 2>&1 | tee {log:q}"
+LOGGED_RUN = LOGGED + """ | sed -u s/^/{rule:q}" "{wildcards.run:q}": "/"""

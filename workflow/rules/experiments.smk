@@ -28,8 +28,8 @@ rule light_transfer:
         gpu=PLAN.gpus,
     shell:
         command("light_transfer")
-        + f"io.experiments={{input.experiments}} io.networks={OUT}/train io.packed={{input.packed}} "
-        + "io.lights={input.lights} io.split={input.split} io.out={output.scores} io.plate={output.plate}"
+        + f"io.experiments={{input.experiments:q}} io.networks={OUT}/train io.packed={{input.packed:q}} "
+        + "io.lights={input.lights:q} io.split={input.split:q} io.out={output.scores:q} io.plate={output.plate:q}"
         + LOGGED
 
 
@@ -51,8 +51,8 @@ rule trace:
         mem_mb=8000,
     shell:
         command("trace")
-        + "io.packed={input.packed} io.split={input.split} io.lights={input.lights} "
-        + f"io.meshes={OUT}/aligned io.out={{output}}"
+        + "io.packed={input.packed:q} io.split={input.split:q} io.lights={input.lights:q} "
+        + f"io.meshes={OUT}/aligned io.out={{output:q}}"
         + LOGGED
 
 
@@ -74,8 +74,8 @@ rule path_traced:
         gpu=PLAN.gpus,
     shell:
         command("path_traced")
-        + f"io.experiments={{input.experiments}} io.networks={OUT}/train io.packed={{input.packed}} "
-        + "io.lights={input.lights} io.traced={input.traced} io.out={output.scores} io.plate={output.plate}"
+        + f"io.experiments={{input.experiments:q}} io.networks={OUT}/train io.packed={{input.packed:q}} "
+        + "io.lights={input.lights:q} io.traced={input.traced:q} io.out={output.scores:q} io.plate={output.plate:q}"
         + LOGGED
 
 
@@ -94,7 +94,10 @@ rule inference_time:
     params:
         row=lambda wildcards: PLAN.runs[wildcards.run][0],
     shell:
-        command("inference_time") + "io.row={params.row} io.out={output}" + LOGGED_RUN
+        command("inference_time")
+        + named("io.row", "params.row")
+        + "io.out={output:q}"
+        + LOGGED_RUN
 
 
 def own_results(experiment):

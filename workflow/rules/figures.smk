@@ -3,7 +3,7 @@ if PLAN.scans:
     rule scan:
         input:
             cfg=settings("scan"),
-            mesh=lambda wildcards: str(PLAN.scans[wildcards.figure].path),
+            mesh=lambda wildcards: files([PLAN.scans[wildcards.figure].path]),
             table=PLAN.table,
         output:
             f"{OUT}/figures/{{figure}}.npz",
@@ -14,7 +14,10 @@ if PLAN.scans:
         resources:
             mem_mb=4000,
         shell:
-            command("scan") + "io.figure={wildcards.figure} io.out={output}" + LOGGED
+            command("scan")
+            + named("io.figure", "wildcards.figure")
+            + "io.out={output:q}"
+            + LOGGED
 
 else:
 
@@ -32,7 +35,10 @@ else:
         resources:
             mem_mb=3000,
         shell:
-            command("figure") + "io.figure={wildcards.figure} io.out={output}" + LOGGED
+            command("figure")
+            + named("io.figure", "wildcards.figure")
+            + "io.out={output:q}"
+            + LOGGED
 
 
 rule clean:
@@ -48,7 +54,7 @@ rule clean:
     resources:
         mem_mb=3000,
     shell:
-        command("clean") + "io.mesh={input.mesh} io.out={output}" + LOGGED
+        command("clean") + "io.mesh={input.mesh:q} io.out={output:q}" + LOGGED
 
 
 rule align:
@@ -65,7 +71,7 @@ rule align:
     resources:
         mem_mb=2000,
     shell:
-        command("align") + "io.mesh={input.mesh} io.out={output}" + LOGGED
+        command("align") + "io.mesh={input.mesh:q} io.out={output:q}" + LOGGED
 
 
 rule bake:
@@ -83,7 +89,7 @@ rule bake:
     resources:
         mem_mb=2000,
     shell:
-        command("bake") + "io.mesh={input.mesh} io.out={output[0]}" + LOGGED
+        command("bake") + "io.mesh={input.mesh:q} io.out={output[0]:q}" + LOGGED
 
 
 rule pack:
@@ -100,7 +106,7 @@ rule pack:
         mem_mb=4000,
     shell:
         command("pack")
-        + f"io.names={{input.names}} io.maps={OUT}/maps io.out={{output.packed}} io.record={{output.record}}"
+        + f"io.names={{input.names:q}} io.maps={OUT}/maps io.out={{output.packed:q}} io.record={{output.record:q}}"
         + LOGGED
 
 
@@ -116,5 +122,5 @@ rule split:
     localrule: True
     shell:
         command("split")
-        + "io.packed={input.packed} io.record={input.record} io.out={output}"
+        + "io.packed={input.packed:q} io.record={input.record:q} io.out={output:q}"
         + LOGGED

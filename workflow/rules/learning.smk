@@ -29,8 +29,8 @@ rule train:
         gpu=PLAN.gpus,
     shell:
         command("train")
-        + "io.packed={input.packed} io.split={input.split} io.lights={input.lights} "
-        + "io.out={output.network} io.curve={output.curve}"
+        + "io.packed={input.packed:q} io.split={input.split:q} io.lights={input.lights:q} "
+        + "io.out={output.network:q} io.curve={output.curve:q}"
         + LOGGED_RUN
 
 
@@ -53,8 +53,8 @@ rule evaluate:
         condition=lambda wildcards: condition(wildcards.on),
     shell:
         command("evaluate")
-        + "{params.condition} io.packed={input.packed} io.split={input.split} io.lights={input.lights} "
-        + "io.network={input.network} io.out={output.scores} io.plate={output.plate}"
+        + "{params.condition} io.packed={input.packed:q} io.split={input.split:q} io.lights={input.lights:q} "
+        + "io.network={input.network:q} io.out={output.scores:q} io.plate={output.plate:q}"
         + LOGGED_RUN
 
 
@@ -74,5 +74,6 @@ rule baselines:
         condition=lambda wildcards: condition(wildcards.on),
     shell:
         command("baselines")
-        + "{params.condition} io.packed={input.packed} io.split={input.split} io.lights={input.lights} io.out={output}"
+        + "{params.condition} io.packed={input.packed:q} io.split={input.split:q} io.lights={input.lights:q} "
+        + "io.out={output:q}"
         + LOGGED

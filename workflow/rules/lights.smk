@@ -1,7 +1,7 @@
 rule lights:
     input:
         cfg=settings("lights"),
-        panoramas=PLAN.panoramas,
+        panoramas=files(PLAN.panoramas),
     output:
         lights=f"{OUT}/lights/lights.npz",
         table=f"{OUT}/lights/lights.csv",
@@ -11,4 +11,6 @@ rule lights:
     resources:
         mem_mb=4000,
     shell:
-        command("lights") + "io.out={output.lights} io.record={output.record}" + LOGGED
+        command("lights")
+        + "io.out={output.lights:q} io.record={output.record:q}"
+        + LOGGED

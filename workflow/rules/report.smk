@@ -17,7 +17,7 @@ rule tables:
         f"{OUT}/log/tables.log",
     shell:
         command("tables")
-        + f"io.experiments={{input.experiments}} io.results={OUT} io.out={OUT}/report"
+        + f"io.experiments={{input.experiments:q}} io.results={OUT} io.out={OUT}/report"
         + LOGGED
 
 
@@ -44,9 +44,10 @@ rule plates:
         condition=lambda wildcards: condition(PLAN.on(wildcards.experiment)),
     shell:
         command("plates")
-        + "{params.condition} io.experiments={input.experiments} io.experiment={wildcards.experiment} "
-        + f"io.networks={OUT}/train io.packed={{input.packed}} "
-        + "io.lights={input.lights} io.split={input.split} io.out={output}"
+        + "{params.condition} io.experiments={input.experiments:q} "
+        + named("io.experiment", "wildcards.experiment")
+        + f"io.networks={OUT}/train io.packed={{input.packed:q}} "
+        + "io.lights={input.lights:q} io.split={input.split:q} io.out={output:q}"
         + LOGGED
 
 
@@ -71,9 +72,9 @@ rule sheets:
         f"{OUT}/log/sheets.log",
     shell:
         command("sheets")
-        + f"io.names={{input.names}} io.maps={OUT}/maps io.lights={{input.lights}} "
-        + "io.figures={output.figures} io.spheres={output.lights} "
-        + "io.occlusion={output.occlusion} io.histogram={output.histogram}"
+        + f"io.names={{input.names:q}} io.maps={OUT}/maps io.lights={{input.lights:q}} "
+        + "io.figures={output.figures:q} io.spheres={output.lights:q} "
+        + "io.occlusion={output.occlusion:q} io.histogram={output.histogram:q}"
         + LOGGED
 
 
@@ -105,7 +106,7 @@ rule report:
         f"{OUT}/log/report.log",
     shell:
         command("report")
-        + f"io.experiments={{input.experiments}} io.results={OUT} io.out={{output.page}}"
+        + f"io.experiments={{input.experiments:q}} io.results={OUT} io.out={{output.page:q}}"
         + LOGGED
 
 
@@ -121,5 +122,5 @@ rule viewer:
         f"{OUT}/log/viewer.log",
     shell:
         command("viewer")
-        + f"io.split={{input.split}} io.maps={OUT}/maps io.lights={{input.lights}} io.out={{output}}"
+        + f"io.split={{input.split:q}} io.maps={OUT}/maps io.lights={{input.lights:q}} io.out={{output:q}}"
         + LOGGED

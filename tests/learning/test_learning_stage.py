@@ -1,0 +1,230 @@
+"""The stage that trains: no kill and no failure of MLflow loses a training, and its run in MLflow tells the truth."""
+
+import csv
+import json
+import multiprocessing
+import os
+import shutil
+import sqlite3
+from contextlib import closing
+from dataclasses import asdict
+from pathlib import Path
+
+import pytest
+import yaml
+from mlflow import MlflowClient
+from safetensors import safe_open
+
+from relight import track
+from relight.config import Track, flat
+from relight.files import UserError
+from relight.stages.train import main as stage
+from relight.track import create
+
+OUT, CURVE, STATE = (Path("train") / name for name in ("one.s0.safetensors", "one.s0.csv", "state/one.s0/state.pt"))
+
+
+class Training:
+    """The stage in a folder of its own, with a database of its own, as a function of changed settings."""
+
+    def __init__(self, world, model, loss, schedule):
+        self.settings = model, loss, schedule
+        self.paths = {name: world[name] for name in ("packed", "lights", "split")}
+        self.database = Path(f"{Path.cwd().name}.db")  # MLflow keeps the connection to a name
+        self.uri = f"sqlite:///{self.database}"
+
+    def __call__(self, paths: dict | None = None, **changes) -> None:
+        model, loss, schedule = self.settings
+        track = Track(changes.pop("uri", self.uri), "test")
+        stage(model(), loss(), schedule(**changes), track, **{**self.paths, **(paths or {})}, out=OUT, curve=CURVE)
+
+    def killed(self, function: str, count: int) -> None:
+        """The stage, as a job of Snakemake, in a process that ends by SIGKILL when `function` was called so often."""
+        owner, name = function.rsplit(".", 1)
+        settings = ", ".join(f"{type(part).__name__}(**{asdict(part)})" for part in (make() for make in self.settings))
+        program = f"""if True:
+            import os, pkgutil, signal
+            os.chdir({os.getcwd()!r})
+            os.environ["RELIGHT_SNAKEMAKE"] = "1"
+            from pathlib import Path
+            from relight.config import Loss, Model, Track, Train
+            from relight.stages.train import main
+
+            owner = pkgutil.resolve_name({owner!r})
+            calls, function = [], owner.{name}
+
+            def last(*arguments, **options):
+                function(*arguments, **options)
+                calls.append(1)
+                if len(calls) == {count}:
+                    os.kill(os.getpid(), signal.SIGKILL)
+
+            owner.{name} = last
+            files = {{name: Path(path) for name, path in { {n: str(p) for n, p in self.paths.items()} }.items()}}
+            main({settings}, Track({self.uri!r}, "test"), **files, out=Path({str(OUT)!r}), curve=Path({str(CURVE)!r}))
+        """
+        process = FORKS.Process(target=exec, args=(program, {}))
+        process.start()
+        process.join(timeout=240)
+        assert process.exitcode == -9
+
+    def runs(self) -> list:
+        client = MlflowClient(self.uri)
+        found = client.get_experiment_by_name("test")
+        return client.search_runs([found.experiment_id], order_by=["attributes.start_time"]) if found else []
+
+    def logged(self, run) -> list[tuple[int, float]]:
+        return [(m.step, m.value) for m in MlflowClient(self.uri).get_metric_history(run.info.run_id, "loss")]
+
+
+FORKS = multiprocessing.get_context("forkserver")  # to import torch and MLflow once for all that are killed
+FORKS.set_forkserver_preload(["relight.learning.train", "mlflow", "mlflow.store.tracking.sqlalchemy_store"])
+
+
+@pytest.fixture(scope="module")
+def empty(tmp_path_factory) -> Path:
+    """A database without runs: to make one takes seconds."""
+    folder = tmp_path_factory.mktemp("store")
+    create(f"sqlite:///{folder}/empty.db")
+    return folder / "empty.db"
+
+
+@pytest.fixture
+def training(tmp_path, monkeypatch, empty, world, model, loss, schedule) -> Training:
+    monkeypatch.chdir(tmp_path)
+    made = Training(world, model, loss, schedule)
+    shutil.copy(empty, made.database)
+    return made
+
+
+def curve() -> list[tuple[int, float]]:
+    with open(CURVE, newline="") as file:
+        return [(int(row["step"]), float(row["loss"])) for row in csv.DictReader(file)]
+
+
+def header() -> dict:
+    with safe_open(OUT, "np") as file:
+        return json.loads(file.metadata()["relight"])
+
+
+def test_other_settings_are_another_run_and_each_tells_its_own(training):
+    told = []
+    for lr in (2e-3, 1e-3):
+        training(lr=lr)
+        told.append((header(), curve()))
+    for run, (made, points) in zip(training.runs(), told, strict=True):
+        assert run.info.status == "FINISHED" and run.info.run_name == "one.s0"
+        assert run.data.tags["fingerprint"] == made["fingerprint"]
+        settings = {part: made[part] for part in ("model", "loss", "train")}
+        assert run.data.params == {key: str(value) for key, value in flat(settings).items()}
+        folder = Path("mlruns") / run.info.experiment_id / run.info.run_id / "artifacts"
+        assert yaml.safe_load((folder / "config.yaml").read_text()) == settings
+        assert training.logged(run) == points
+    assert (folder / OUT.name).read_bytes() == OUT.read_bytes()
+
+
+@pytest.mark.parametrize("broken", ["artifacts", "database", "lock", "server"])
+def test_what_fails_in_mlflow_is_a_warning(training, capsys, monkeypatch, broken):
+    monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
+    if broken == "artifacts":
+        Path("mlruns").write_text("in the way of the folder")
+    elif broken == "database":
+        training.database.write_text("no database")
+    elif broken == "lock":
+        Path(".mlflow.lock").mkdir()
+    training(uri="http://127.0.0.1:9" if broken == "server" else training.uri)
+    assert OUT.exists() and [step for step, _ in curve()] == [4, 8]
+    told = [line for line in capsys.readouterr().err.splitlines() if "MLflow" in line]
+    assert len(told) == 1 and "is not recorded" in told[0], told
+    if broken == "artifacts":
+        (run,) = training.runs()
+        assert run.info.status == "FINISHED" and training.logged(run) == curve()
+
+
+def test_what_a_locked_store_missed_is_there_at_the_end(training, capsys, monkeypatch):
+    """Another process holds the database while the first epoch ends."""
+    monkeypatch.setattr(track, "PATIENCE", 0.1)
+    holder, log = sqlite3.connect(training.database, isolation_level=None), track.Run.log
+    holder.execute("BEGIN EXCLUSIVE")
+
+    def locked_once(run, values, step):
+        log(run, values, step)
+        if holder.in_transaction:
+            holder.rollback()
+
+    monkeypatch.setattr(track.Run, "log", locked_once)
+    training()
+    assert "database is locked" in capsys.readouterr().err
+    (run,) = training.runs()
+    assert run.info.status == "FINISHED" and training.logged(run) == curve()
+
+
+@pytest.mark.parametrize(
+    ("function", "count", "left"),
+    [
+        ("mlflow.MlflowClient.log_batch", 3, 4),
+        ("relight.learning.train.save_state", 2, 8),
+        ("relight.learning.train.write_curve", 1, 8),
+        ("mlflow.MlflowClient.set_terminated", 1, 8),
+    ],
+)
+def test_killed_anywhere_it_goes_on_in_its_own_run(training, capsys, function, count, left):
+    """Snakemake deletes what a killed job had written; the state stays, and each step is logged once."""
+    training.killed(function, count)
+    for path in (OUT, CURVE):
+        path.unlink(missing_ok=True)
+    training()
+    assert f"going on from step {left}" in capsys.readouterr().err
+    (run,) = training.runs()
+    assert run.info.status == "FINISHED" and training.logged(run) == curve()
+
+
+def test_the_same_training_again_adds_nothing(training, monkeypatch):
+    training()
+    before, network = training.runs(), OUT.read_bytes()
+    assert not STATE.parent.parent.exists()
+    monkeypatch.setenv("RELIGHT_SNAKEMAKE", str(os.getpid()))
+    training()
+    assert OUT.read_bytes() == network and STATE.exists(), "Snakemake has yet to record the outputs"
+    assert [training.logged(run) for run in training.runs()] == [curve()]
+    assert [run.info.end_time for run in training.runs()] == [run.info.end_time for run in before]
+
+
+def test_scores_are_added_to_the_run_of_their_network(training):
+    from relight.track import Run
+
+    training()
+    one = Run(Track(training.uri, "test"), OUT.stem, header()["fingerprint"], {})
+    for _ in range(2):
+        one.add({"test.light_rmse": 0.5}, CURVE)
+    one.add({"test.light_rmse": 0.25})
+    (run,) = training.runs()
+    history = MlflowClient(training.uri).get_metric_history(run.info.run_id, "test.light_rmse")
+    assert [point.value for point in history] == [0.5, 0.25]
+
+
+def test_a_moved_folder_keeps_its_artifacts_with_it(training, tmp_path, monkeypatch):
+    """Also one whose database was made when places were absolute."""
+    training()
+    moved = tmp_path.with_name(f"{tmp_path.name}_moved")
+    with closing(sqlite3.connect(training.database)) as store, store:
+        store.execute(f"UPDATE experiments SET artifact_location = '{tmp_path}/' || artifact_location")
+        store.execute(f"UPDATE runs SET artifact_uri = '{tmp_path}/' || artifact_uri")
+    tmp_path.rename(moved)
+    monkeypatch.chdir(moved)
+    training.database = training.database.rename(f"{moved.name}.db")
+    training.uri = f"sqlite:///{training.database}"
+    training(lr=1e-3)
+    assert not tmp_path.exists()
+    client = MlflowClient(training.uri)
+    for run in training.runs():
+        names = {item.path for item in client.list_artifacts(run.info.run_id)}
+        assert names == {"config.yaml", OUT.name} and len(list(Path("mlruns").rglob(f"{run.info.run_id}/*/*"))) == 2
+
+
+def test_a_command_that_fails_leaves_nothing(training, tmp_path):
+    (tmp_path / "split.json").write_text('{"train": ["nobody"], "test": []}')
+    for paths in ({"split": tmp_path / "split.json"}, {"packed": tmp_path / "nothing.safetensors"}):
+        with pytest.raises(UserError):
+            training(paths)
+    assert {path.name for path in tmp_path.iterdir()} == {training.database.name, "split.json"}

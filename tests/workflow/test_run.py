@@ -1,0 +1,84 @@
+"""`relight run` and the stages leave the record of another workflow alone, and nothing beside their outputs."""
+
+import fcntl
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+import yaml
+
+from relight import run as module
+from relight.config import ROOT
+from relight.files import UserError
+
+
+@pytest.fixture
+def calls(tmp_path, monkeypatch) -> list:
+    """What Snakemake was called with, (its words, what its configuration file held), in a repository of its own."""
+    found = []
+
+    def snakemake(words, **streams):
+        file = Path(words[words.index("--configfile") + 1])
+        found.append((words, yaml.safe_load(file.read_text()), file))
+        return 1
+
+    monkeypatch.setattr(module, "snakemake", snakemake)
+    monkeypatch.setattr(module, "ROOT", tmp_path)
+    monkeypatch.setattr(module, "LOCK", tmp_path / ".snakemake" / "relight.lock")
+    return found
+
+
+def run(*overrides: str, dry: bool = False) -> int:
+    return module.run(["scale=smoke", *overrides], False, None, dry, ["all"], [])
+
+
+def test_a_dry_run_leaves_the_record_alone(calls, tmp_path):
+    record = tmp_path / "results" / "smoke" / "run.yaml"
+    run("train.lr=0.1")
+    assert calls[0][2] == record
+    run("train.lr=0.2", dry=True)
+    assert "--dry-run" in calls[1][0] and calls[1][1] == {"hydra": ["scale=smoke", "train.lr=0.2"]}
+    assert yaml.safe_load(record.read_text()) == {"hydra": ["scale=smoke", "train.lr=0.1"]}
+    assert calls[1][2] != record and not calls[1][2].exists()
+
+
+def test_the_record_is_of_the_workflow_that_holds_the_folder(calls, tmp_path):
+    run("train.lr=0.1")
+    with open(module.LOCK, "w") as holder:
+        fcntl.flock(holder, fcntl.LOCK_EX)
+        with pytest.raises(UserError, match="another `relight run`"):
+            run("train.lr=0.2")
+    record = yaml.safe_load((tmp_path / "results" / "smoke" / "run.yaml").read_text())
+    assert record["hydra"][-1] == "train.lr=0.1" and len(calls) == 1
+
+
+def test_tables_of_other_experiments_leave_the_report(tmp_path, monkeypatch):
+    from relight.evaluation import formats
+    from relight.evaluation.report import results
+    from relight.stages.tables import main
+
+    class Results:
+        tables = ("table1",)
+
+        def __init__(self, *_):
+            self.table = lambda name: name
+
+    ends = (".csv", ".md", ".tex")
+    monkeypatch.setattr(results, "Results", Results)
+    monkeypatch.setattr(formats, "write_table", lambda table, out: [Path(f"{out}{e}").write_text("") for e in ends])
+    kept = {"occlusion.csv", "notes.md", "table1_plates.png"}
+    for name in (*kept, "order_plates.png", *(f"order{end}" for end in ends)):
+        (tmp_path / name).write_text("")
+    main(None, tmp_path, tmp_path, tmp_path)
+    assert {path.name for path in tmp_path.iterdir()} == kept | {f"table1{end}" for end in ends}
+
+
+def test_a_sweep_of_a_stage_leaves_its_outputs_alone(tmp_path):
+    (tmp_path / "record.json").write_text(json.dumps({"figures": {}}))
+    words = ["-m", "split.seed=1,2", "io.packed=none", "io.record=record.json", "io.out=out"]
+    command = [sys.executable, "-m", "relight.stages.split", *words]
+    stage = subprocess.run(command, cwd=tmp_path, env={"PYTHONPATH": str(ROOT)}, capture_output=True, text=True)
+    assert "there is no file none" in stage.stderr and "Traceback" not in stage.stderr
+    assert [path.name for path in tmp_path.iterdir()] == ["record.json"]
