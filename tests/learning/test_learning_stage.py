@@ -27,16 +27,17 @@ OUT, CURVE, STATE = (Path("train") / name for name in ("one.s0.safetensors", "on
 class Training:
     """The stage in a folder of its own, with a database of its own, as a function of changed settings."""
 
-    def __init__(self, world, model, loss, schedule):
-        self.settings = model, loss, schedule
+    def __init__(self, world, model, loss, schedule, augment):
+        self.settings = model, loss, schedule, augment
         self.paths = {name: world[name] for name in ("packed", "lights", "split")}
         self.database = Path(f"{Path.cwd().name}.db")  # MLflow keeps the connection to a name
         self.uri = f"sqlite:///{self.database}"
 
     def __call__(self, paths: dict | None = None, **changes) -> None:
-        model, loss, schedule = self.settings
+        model, loss, schedule, augment = self.settings
         track = Track(changes.pop("uri", self.uri), "test")
-        stage(model(), loss(), schedule(**changes), track, **{**self.paths, **(paths or {})}, out=OUT, curve=CURVE)
+        groups = model(), loss(), schedule(**changes), augment()
+        stage(*groups, track, **{**self.paths, **(paths or {})}, out=OUT, curve=CURVE)
 
     def killed(self, function: str, count: int) -> None:
         """The stage, as a job of Snakemake, in a process that ends by SIGKILL when `function` was called so often."""
@@ -47,7 +48,7 @@ class Training:
             os.chdir({os.getcwd()!r})
             os.environ["RELIGHT_SNAKEMAKE"] = "1"
             from pathlib import Path
-            from relight.config import Loss, Model, Track, Train
+            from relight.config import Augment, Loss, Model, Track, Train
             from relight.stages.train import main
 
             owner = pkgutil.resolve_name({owner!r})
@@ -90,9 +91,9 @@ def empty(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def training(tmp_path, monkeypatch, empty, world, model, loss, schedule) -> Training:
+def training(tmp_path, monkeypatch, empty, world, model, loss, schedule, augment) -> Training:
     monkeypatch.chdir(tmp_path)
-    made = Training(world, model, loss, schedule)
+    made = Training(world, model, loss, schedule, augment)
     shutil.copy(empty, made.database)
     return made
 
