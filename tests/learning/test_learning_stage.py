@@ -116,7 +116,7 @@ def test_other_settings_are_another_run_and_each_tells_its_own(training):
     for run, (made, points) in zip(training.runs(), told, strict=True):
         assert run.info.status == "FINISHED" and run.info.run_name == "one.s0"
         assert run.data.tags["fingerprint"] == made["fingerprint"]
-        settings = {part: made[part] for part in ("model", "loss", "train")}
+        settings = {part: made[part] for part in ("model", "loss", "train", "augment")}
         assert run.data.params == {key: str(value) for key, value in flat(settings).items()}
         folder = Path("mlruns") / run.info.experiment_id / run.info.run_id / "artifacts"
         assert yaml.safe_load((folder / "config.yaml").read_text()) == settings

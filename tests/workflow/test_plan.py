@@ -128,7 +128,7 @@ def test_sweep_needs_a_list():
 @pytest.mark.parametrize(
     ("words", "names"),
     [
-        (["model=glob(*)"], ["model_ours", "model_ours_plus", "model_sfsnet", "model_sfsnet_ao"]),
+        (["model=glob(*)"], ["model_ours", "model_ours_plus", "model_sfsnet", "model_sfsnet_ao", "model_unet"]),
         (["loss=glob(no_*,exclude=*tv)"], ["loss_no_reconstruction", "loss_no_shading"]),
         (["train.epoch=range(1,3)"], ["epoch_1", "epoch_2"]),
         (["train.start=a/b,a.b,a_b"], ["start_a_b", "start_a.b", None]),

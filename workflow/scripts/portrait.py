@@ -1,4 +1,4 @@
-"""Makes docs/images/photo.jpg: a photograph (NASA, from scikit-image), what is inferred of it, and it under other lights.
+"""Makes docs/images/photo.jpg: a photograph (NASA, by scikit-image), what is inferred of it, and it in other lights.
 
 python workflow/scripts/portrait.py [--weights FILE] [--out FILE.jpg]
 """
