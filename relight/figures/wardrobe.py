@@ -27,7 +27,7 @@ TOPS = (
         drop=0.03,
         slack=0.02,
         cloth=JERSEY,
-        fabrics=("plain", "stripes", "print", "melange", "logo"),
+        fabrics=("jersey", "stripes", "print", "melange", "logo"),
     ),
     Garment(
         "fitted t-shirt",
@@ -47,7 +47,7 @@ TOPS = (
         neck=(0.095, 0.11, 0.11),
         torso=(0.018, 0.018, 0.014, 0.008, 0.006, 0.005),
         cloth=JERSEY,
-        fabrics=("plain", "stripes", "melange"),
+        fabrics=("jersey", "stripes", "melange"),
     ),
     Garment(
         "long sleeve",
@@ -59,7 +59,7 @@ TOPS = (
         arm=SLEEVE,
         cuff=0.4,
         cloth=JERSEY,
-        fabrics=("stripes", "plain", "melange", "stripes"),
+        fabrics=("stripes", "jersey", "melange", "stripes"),
     ),
     Garment(
         "shirt",
@@ -119,7 +119,7 @@ TOPS = (
         neck=(0.075, 0.066, 0.085),
         collar="hood",
         cloth=KNIT,
-        fabrics=("plain", "melange", "logo", "plain"),
+        fabrics=("jersey", "melange", "logo", "jersey"),
     ),
 )
 OUTER = (
@@ -156,7 +156,7 @@ OUTER = (
         neck=(0.08, 0.07, 0.1),
         collar="lapel",
         cloth=WOOL,
-        fabrics=("plain", "pinstripe", "tweed", "check"),
+        fabrics=("plain", "pinstripe", "tweed", "check", "corduroy"),
     ),
     Garment(
         "coat",
@@ -224,7 +224,7 @@ BOTTOMS = (
         cuff=0.15,
         waist=-0.01,
         cloth=POPLIN,
-        fabrics=("plain", "plain", "pinstripe", "tweed", "check"),
+        fabrics=("plain", "plain", "pinstripe", "tweed", "check", "corduroy"),
     ),
     Garment(
         "wide trousers",

@@ -65,7 +65,8 @@ def test_panels_do_not_overlap_and_uv_finds_the_paint():
     assert owner.max() == 1
     assert laid.uv.min() >= 0 and laid.uv.max() <= 1
     picture = panels.draw(
-        laid, lambda name, u, v: np.stack([u / 10 + 0.3, v / 10 + 0.3, np.full_like(u, "abcd".index(name) / 4)], -1)
+        laid,
+        lambda name, u, v, place: np.stack([u / 10 + 0.3, v / 10 + 0.3, np.full_like(u, "abcd".index(name) / 4)], -1),
     )
     at = laid.uv.mean(1)
     seen = picture[(256 * (1 - at[:, 1])).astype(int), (256 * at[:, 0]).astype(int)]
