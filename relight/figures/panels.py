@@ -9,6 +9,7 @@ from relight.figures.patterns import Pattern
 from relight.srgb import encode
 
 GUTTER = 2  # pixels between panels and around them
+CODES = (255 * encode(np.arange(65536) / 65535) + 0.5).astype(np.uint8)
 
 
 @dataclass(frozen=True)
@@ -147,5 +148,5 @@ def draw(panels: Panels, paint) -> np.ndarray:
 
 
 def coded(linear: np.ndarray) -> np.ndarray:
-    """Linear values, clipped to [0,1], as 8-bit sRGB."""
-    return (255 * encode(linear) + 0.5).astype(np.uint8)
+    """Linear values, clipped to [0,1], as 8-bit sRGB, from 16 bits."""
+    return CODES[(65535 * np.clip(linear, 0, 1) + 0.5).astype(np.uint16)]
