@@ -15,13 +15,14 @@ from relight.figures.drape import Crimp, Level
 from relight.figures.surfaces import neighbours, normals, smoothed
 
 NEAR = 26  # vertices that a point of a crest may lift
-STEEP = 0.10  # most height of a crest per width
-SCALES = (1.0, 1.9, 3.4)  # widths of the folds of each level, from fine to coarse, over the finest
-SHARES = (0.6, 0.4, 0.5)  # of the length to lose in each; the drape has the widest, but where cloth hangs free
+STEEP = 0.14  # most height of a crest per width
+TAPER = 1.4  # height of a crest's middle over that of an endless one which uses up as much length
+SCALES = (1.0, 1.9, 2.6)  # widths of the folds of each level, from fine to coarse, over the finest
+SHARES = (0.6, 0.4, 0.7)  # of the length to lose in each; the drape has the widest, but where cloth hangs free
 PROFILE = 4.4  # a fold's width over the length in its profile, (1 - t^2) exp(-t^2 / 2)
 VERTICES = 2.7  # of a level to a fold's width, at least
 CROWD = 2.2  # most crests on the area of one
-PRESSED = 0.16  # most length to lose, per length
+PRESSED = 0.20  # most length to lose, per length
 HIGH = 0.28  # most height of all crests together, in widths of the finest folds, at the finest scale
 
 
@@ -129,7 +130,7 @@ def ridges(
         tensor[:, k, other] += skew
         tensor[:, other, k] += skew
     level = np.stack([normal[:, 2], 0 * hang, -normal[:, 0]], axis=1)  # what hangs free falls into upright folds
-    tensor -= (0.06 * hang)[:, None, None] * level[:, :, None] * level[:, None, :]
+    tensor -= (0.10 * hang)[:, None, None] * level[:, :, None] * level[:, None, :]
     least, across = principal(tensor, normal)
     old = np.clip(1 + 0.6 * field(pattern, 0.10, seed + 7), 0.1, 2.2)
     room = np.sqrt(share * free * np.clip(crimp.slack * old + 1 - least, 0, PRESSED))
@@ -146,7 +147,7 @@ def ridges(
     tall = np.where(rng.random(len(start)) < 0.75, 1.0, -0.7) * np.exp(rng.normal(0, 0.25, len(start)))
     step = 1.25 * mean
     place, vertex, line, at = crests(pattern, normal, along, start, length, step)
-    rise = tall[line] * wide[line] * np.minimum(room[vertex] / np.pi, STEEP)  # A k = 2 sqrt(excess)
+    rise = tall[line] * wide[line] * np.minimum(TAPER * room[vertex] / np.pi, STEEP)  # A k = 2 sqrt(excess)
     rise *= np.cos(0.5 * np.pi * np.clip(at, -1, 1)) ** 0.8
     _, near = cKDTree(pattern).query(place, NEAR)
     offset = pattern[near] - place[:, None]
