@@ -147,7 +147,7 @@ def aged(
     worn = np.clip(at["rub"] * (0.75 + 0.25 * uneven) + 0.35 * pucker * np.clip(rope, 0, 2), 0, 1)
     pale = 0.5 * color + 0.5 * np.array([0.48, 0.51, 0.55]) if kind == "denim" else 1.5 * color + 0.01
     color = color + (pale - color) * np.clip(0.55 * fades * worn, 0, 1)[..., None]
-    log += (0.04 + 0.16 * fades) * at["crease"] * (1 + 0.4 * uneven)
+    log += (0.02 + 0.10 * fades) * at["crease"] * (1 + 0.4 * uneven)
     # soiled
     low = np.exp(-at["edge"] / 0.035) * (garment.kind == "trousers")
     log -= 0.25 * soil * low * np.clip(0.6 + 0.5 * uneven, 0, 2)
