@@ -159,6 +159,14 @@ def ridges(
     return free * most * np.tanh(height / most)
 
 
+def smoothness(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """1 where a surface (n,3) is smooth, falling to 0 (n,) where it turns sharply: in a pleat, folds find no room."""
+    normal = normals(points, faces)
+    mean = smoothed(normal, faces, 6)
+    mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-9)
+    return np.clip((np.einsum("nx,nx->n", normal, mean) - 0.55) / 0.3, 0, 1)
+
+
 def folds(levels: list[Level], refine: list, x: np.ndarray, crimp: Crimp, hang: np.ndarray, seed: int) -> np.ndarray:
     """Heights (n,), metres, of the folds of a cloth that hangs at x (n,3), finest level.
 
@@ -166,19 +174,20 @@ def folds(levels: list[Level], refine: list, x: np.ndarray, crimp: Crimp, hang: 
     hangs down.
     """
     height = np.zeros(len(x))
+    calm = np.minimum(*(smoothness(points, levels[-1].faces) for points in (levels[-1].pattern, x)))
     for back, (scale, share) in enumerate(zip(SCALES[: len(levels)], SHARES), 1):
         level = levels[-back]
         n = len(level.pattern)  # subdivision keeps the vertices of the coarser levels, and begins with them
         mean = float(np.linalg.norm(level.pattern[level.faces[:, 0]] - level.pattern[level.faces[:, 1]], axis=1).mean())
         wide = max(crimp.width * scale, VERTICES * mean)
         this = replace(crimp, width=wide, length=crimp.length * max(1.0, wide / crimp.width) ** 0.7)
-        free = (1 - np.clip(1.5 * level.pinned, 0, 1)) * (hang[:n] if scale == SCALES[-1] else 1)
+        free = calm[:n] * (1 - np.clip(1.5 * level.pinned, 0, 1)) * (hang[:n] if scale == SCALES[-1] else 1)
         most = HIGH * crimp.width * np.sqrt(scale)
         more = ridges(level.pattern, x[:n], level.faces, this, share, free, hang[:n], most, seed + 100 * back)
         for up in refine[len(refine) - back + 1 :]:
             more = up @ more
         height += more
-    return height
+    return calm * height
 
 
 def of_one_garment(crimp: Crimp, seed: int) -> Crimp:
