@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from relight.figures import collars, fabrics, footwear, hair, layers, makehuman, panels, seams, skin
+from relight.figures import aging, collars, fabrics, footwear, hair, layers, makehuman, panels, seams, skin
 from relight.figures.body import Body
 from relight.figures.colliders import Collider
 from relight.figures.outfits import Outfit
@@ -166,9 +166,14 @@ def clothe(
     laid = panels.lay_out(names, panel, cloth, texture)
     top = {name: cloth[panel == k][..., 1].max(initial=0.0) for k, name in enumerate(names)}
 
-    def paint(name: str, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-        color = fabrics.weave(w.fabric, name, u, v)
-        return seams.stitched(w.pattern.garment, w.fabric.kind, name, u, v, top[name], color)
+    texel = 1 / laid.scale
+    marks = aging.images(laid, aging.marks(body, w.pattern, w.draped.positions))
+
+    def paint(name: str, u: np.ndarray, v: np.ndarray, place: tuple[slice, slice]) -> np.ndarray:
+        color = fabrics.weave(w.fabric, name, u, v, texel)
+        color = seams.stitched(w.pattern.garment, w.fabric.kind, name, u, v, top[name], color)
+        at = {mark: picture[place] for mark, picture in marks.items()}
+        return aging.aged(w.pattern.garment, w.fabric, name, u, v, at, texel, color)
 
     material = Material(texture=panels.draw(laid, paint))
     count = len(faces)
@@ -198,6 +203,6 @@ def hair_material(outfit: Outfit, color: np.ndarray, cloth: bool, side: int, see
     """Strands along v, each column of locks a little lighter or darker, or the fabric of a hat."""
     u, v = np.meshgrid((np.arange(side) + 0.5) / side, (np.arange(side) + 0.5) / side)
     if cloth:
-        return Material(texture=panels.coded(fabrics.weave(outfit.hat, "front", 0.6 * u, -0.3 * v)))
+        return Material(texture=panels.coded(fabrics.weave(outfit.hat, "front", 0.6 * u, -0.3 * v, 0.6 / side)))
     streaks = 0.55 + 0.6 * fabrics.noise(u * 120, v * 5, seed) + 0.45 * fabrics.noise(u * 31, v * 3, seed + 1)
     return Material(texture=panels.coded(np.array(color) * streaks[..., None]))

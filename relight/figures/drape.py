@@ -27,18 +27,32 @@ from relight.figures.surfaces import edges, neighbours
 
 GRAVITY = -9.8
 NEIGHBOURS = 8  # self-contact: as many close vertices as one vertex looks at
+EDGE = 0.025  # metres: the edges at which `Cloth.bend` is given
 FAR = 0.15  # metres within which a layer below is looked for
 
 
 @dataclass(frozen=True)
+class Crimp:
+    """How a cloth folds more finely than it is draped. width: metres from crest to crest of its finest folds; slack:
+    how much longer it is than its pattern, for these folds; often: crests for the room there is; length: metres of a
+    usual crest."""
+
+    width: float = 0.026
+    slack: float = 0.06
+    often: float = 2.0
+    length: float = 0.07
+
+
+@dataclass(frozen=True)
 class Cloth:
-    """What the fabric is like. bend: 0 silk to 0.6 leather; crumple: how much longer the cloth is than its pattern;
-    thickness: metres between the layers; friction in [0,1]."""
+    """What the fabric is like. bend: 0 silk to 0.6 leather, at edges of 25 mm; crumple: how much longer the cloth is
+    than its pattern; thickness: metres between the layers; friction in [0,1]; crimp: its fine folds."""
 
     bend: float = 0.15
     crumple: float = 0.02
     thickness: float = 0.004
     friction: float = 0.25
+    crimp: Crimp = Crimp()
 
 
 @dataclass(frozen=True)
@@ -81,8 +95,9 @@ class Sheet:
             across[edge[~first], 1] = faces[~first, opposite]
         bend = across[(uses == 2) & (across >= 0).all(1)]
         pairs = np.concatenate([bend, stretch])
-        gain = np.r_[np.full(len(bend), cloth.bend), np.ones(len(stretch))]
         length = np.linalg.norm(pattern[pairs[:, 0]] - pattern[pairs[:, 1]], axis=1)
+        softer = min(1.0, length[len(bend) :].mean() / EDGE) ** 1.5  # else finer cloth would be stiffer cloth
+        gain = np.r_[np.full(len(bend), cloth.bend * softer), np.ones(len(stretch))]
         self.edge, self.edge_rest = stretch, length[len(bend) :]
         self.mean = float(self.edge_rest.mean())
         self.bounds = [0, len(pairs)]

@@ -43,6 +43,25 @@ DENIMS = ((0.030, 0.055, 0.135), (0.075, 0.135, 0.27), (0.20, 0.30, 0.46), (0.01
 LEATHERS = ((0.022, 0.020, 0.020), (0.085, 0.038, 0.020), (0.17, 0.075, 0.032), (0.12, 0.016, 0.018))
 
 
+SAMPLES = 1.4  # texels that a feature needs
+GRAINS = {  # standard deviations of ln albedo: warp, weft, flecks, blotches
+    "plain": (0.085, 0.10, 0.055, 0.055),
+    "jersey": (0.02, 0.04, 0.09, 0.055),
+    "stripes": (0.05, 0.06, 0.06, 0.045),
+    "fine stripes": (0.05, 0.05, 0.04, 0.045),
+    "pinstripe": (0.07, 0.05, 0.06, 0.045),
+    "check": (0.06, 0.06, 0.06, 0.045),
+    "print": (0.05, 0.06, 0.05, 0.045),
+    "logo": (0.06, 0.06, 0.075, 0.05),
+    "melange": (0.04, 0.04, 0.07, 0.045),
+    "tweed": (0.04, 0.04, 0.07, 0.045),
+    "knit": (0.05, 0.08, 0.08, 0.06),
+    "corduroy": (0.08, 0.02, 0.06, 0.06),
+    "denim": (0.04, 0.03, 0.05, 0.05),
+    "leather": (0.0, 0.0, 0.06, 0.07),
+}
+
+
 @dataclass(frozen=True)
 class Fabric:
     """kind: see `weave`; first, second: names or linear albedo of the ground and the figure; size: of the repeat, a
@@ -89,13 +108,38 @@ def lattice(i: np.ndarray, j: np.ndarray, seed: int) -> np.ndarray:
 
 
 def noise(x: np.ndarray, y: np.ndarray, seed: int = 0) -> np.ndarray:
-    """Value noise in [0,1] with unit features."""
+    """Value noise in [0,1] with unit features; on a grid whose rows and columns are views, at a tenth of the time."""
+    if x.ndim == 2 and x.strides[0] == 0 and y.strides[1] == 0:
+        return separable(x[0], y[:, 0], seed)
     i, j = np.floor(x), np.floor(y)
     a, b = x - i, y - j
     a, b = a * a * (3 - 2 * a), b * b * (3 - 2 * b)
     low = lattice(i, j, seed) * (1 - a) + lattice(i + 1, j, seed) * a
     high = lattice(i, j + 1, seed) * (1 - a) + lattice(i + 1, j + 1, seed) * a
     return low * (1 - b) + high * b
+
+
+def separable(x: np.ndarray, y: np.ndarray, seed: int) -> np.ndarray:
+    """`noise` (h,w) at the points of a grid with columns x (w,) and rows y (h,)."""
+    i, j = np.floor(x).astype(int), np.floor(y).astype(int)
+    a, b = (x - i).astype(x.dtype), (y - j).astype(y.dtype)
+    a, b = a * a * (3 - 2 * a), (b * b * (3 - 2 * b))[:, None]
+    columns, rows = np.arange(i.min(), i.max() + 2), np.arange(j.min(), j.max() + 2)
+    values = lattice(columns[None], rows[:, None], seed).astype(x.dtype)
+    left = np.take(values, i - columns[0], 1) * (1 - a) + np.take(values, i + 1 - columns[0], 1) * a
+    return left[j - rows[0]] * (1 - b) + left[j + 1 - rows[0]] * b
+
+
+def grain(
+    u: np.ndarray, v: np.ndarray, wide: float, high: float, texel: float, seed: int, offset: float = 0.0
+) -> np.ndarray:
+    """Noise of mean 0 and standard deviation about 1 with features `wide` by `high` metres.
+
+    What is finer than SAMPLES texels is averaged away as the mean of so many independent features would be.
+    """
+    least = SAMPLES * texel
+    x, y = max(wide, least), max(high, least)
+    return float(np.sqrt(wide / x * high / y)) * 5.0 * (noise(u / x + offset, v / y, seed) - 0.5)
 
 
 def band(x: np.ndarray, period: float, share: float, soft: float = 0.0012) -> np.ndarray:
@@ -122,56 +166,188 @@ def motif(kind: int, u: np.ndarray, v: np.ndarray, cell: float, seed: int) -> np
     return inside - 0.6 * heart
 
 
-def weave(fabric: Fabric, name: str, u: np.ndarray, v: np.ndarray) -> np.ndarray:
-    """Linear albedo (...,3) of the fabric at cloth coordinates u across, v along (metres) of the panel `name`."""
-    first, second, s = np.array(fabric.first), np.array(fabric.second), fabric.size
-    offset = 7.31 * (sum(map(ord, name)) % 17)
-    fine = (
-        1
-        + 0.10 * (noise(u * 800 + offset, v * 800, fabric.seed) - 0.5)
-        + 0.08 * (noise(u * 14 + offset, v * 14, fabric.seed + 9) - 0.5)
-    )
-    share = np.zeros_like(u)
+def trait(fabric: Fabric, number: int) -> float:
+    """A property in [0,1) of this piece of cloth, one for each number."""
+    return float(lattice(np.array(number), np.array(77), fabric.seed))
+
+
+def palette(fabric: Fabric, number: int) -> np.ndarray:
+    """A further colour (3,) of the fabric."""
+    every = [*NEUTRALS.values(), *COLOURS.values()]
+    return np.array(every[int(trait(fabric, 20 + number) * len(every))])
+
+
+def irregular(fabric: Fabric, u: np.ndarray, v: np.ndarray, offset: float, texel: float) -> np.ndarray:
+    """Logarithm of the factor (h,w) by which yarn and dye make the cloth lighter or darker from place to place."""
+    warp, weft, fleck, blotch = GRAINS.get(fabric.kind, GRAINS["plain"])
+    much, linen = 0.7 + 0.6 * trait(fabric, 0), trait(fabric, 7)
+    warp, weft, fleck = warp * (0.25 + linen), weft * (0.25 + linen), fleck * (1.6 - linen)
+    yarn = 0.0012 + 0.0014 * trait(fabric, 1)
+    seed = fabric.seed
+    out = warp * grain(u, v, yarn, 0.045, texel, seed + 31, offset)
+    out = out + weft * grain(u, v, 0.038, yarn, texel, seed + 32, offset)
+    out += fleck * grain(u, v, 0.0022, 0.0030, texel, seed + 33, offset)
+    out += blotch * grain(u, v, 0.0055, 0.0075, texel, seed + 34, offset)
+    out += 0.6 * blotch * grain(u, v, 0.016, 0.021, texel, seed + 35, offset)
+    return much * out + 0.035 * grain(u, v, 0.09, 0.13, texel, seed + 36, offset)
+
+
+def weave(fabric: Fabric, name: str, u: np.ndarray, v: np.ndarray, texel: float = 0.001) -> np.ndarray:
+    """Linear albedo (...,3) of the fabric at cloth coordinates u across, v along (metres) of the panel `name`; texel:
+    metres between the samples, for what is too fine for them."""
+    first, second, s = np.array(fabric.first, u.dtype), np.array(fabric.second, u.dtype), fabric.size
+    seed, offset = fabric.seed, 7.31 * (sum(map(ord, name)) % 17)
+    soft = max(0.0012, texel)
+    share, color = np.zeros(u.shape, u.dtype), None
     if fabric.kind == "stripes":
-        share = band(v, 0.055 * s, 0.42)
+        share = band(v, 0.055 * s, 0.25 + 0.4 * trait(fabric, 2), soft)
+        if trait(fabric, 3) < 0.45:  # a third colour in every other gap
+            line = band(v + 0.0275 * s, 0.055 * s * (1 + (trait(fabric, 4) < 0.5)), 0.12, soft)
+            color = mixed(mixed(first, second, share), palette(fabric, 0), line)
     elif fabric.kind == "fine stripes":
         share = band(u, 0.016 * s, 0.38, 0.0008)
     elif fabric.kind == "pinstripe":
         share = 0.55 * band(u, 0.022 * s, 0.07, 0.0008)
     elif fabric.kind == "check":
-        share = 0.5 * band(u, 0.06 * s, 0.45) + 0.5 * band(v, 0.06 * s, 0.45)
+        period = 0.06 * s
+        share = 0.5 * band(u, period, 0.45, soft) + 0.5 * band(v, period, 0.45, soft)
+        if trait(fabric, 2) < 0.6:  # tartan
+            line = 0.6 * np.maximum(
+                band(u + 0.3 * period, period, 0.07, soft), band(v + 0.3 * period, period, 0.07, soft)
+            )
+            color = mixed(mixed(first, second, share), palette(fabric, 0), line)
     elif fabric.kind == "print":
-        share = motif(fabric.seed % 3, u + offset, v, 0.055 * s, fabric.seed)
-    elif fabric.kind == "logo" and name == "front":
-        x, y = u / 0.09, (v - 0.36) / 0.09
-        r = np.hypot(x, y)
-        shapes = (
-            (np.abs(r - 0.85) < 0.15) | ((np.abs(x) < 0.45) & (np.abs(y) < 0.14)),
-            (np.abs(y) < 0.9 - np.abs(x) * 1.2) & (np.abs(y) > 0.45 - np.abs(x) * 1.2),
-            (np.abs(x) < 1.3) & (band(v - 0.36, 0.03, 0.5) > 0.5) & (np.abs(y) < 0.8),
-        )
-        share = shapes[fabric.seed % 3].astype(float)
+        color = printed(fabric, u, v, offset, soft)
+    elif fabric.kind == "logo":
+        color = emblem(fabric, name, u, v, soft)
     elif fabric.kind == "melange":
-        share = 0.28 * noise(u * 260 + offset, v * 900, fabric.seed + 1)
+        share = 0.22 + 0.055 * grain(u, v, 0.0025, 0.009, texel, seed + 1, offset)
         second = 0.5 * (second + 0.5)
     elif fabric.kind == "tweed":
-        share = 0.45 * (noise(u * 420 + offset, v * 420, fabric.seed + 1) > 0.62) + 0.15 * band(u + v, 0.012, 0.5)
+        fleck = grain(u, v, 0.0026, 0.0026, texel, seed + 1, offset)
+        share = 0.30 + 0.15 * np.clip(fleck, -1.4, 1.6) + 0.12 * band(u + v, 0.012, 0.5, soft)
         second = 0.5 * (first + second)
     elif fabric.kind == "knit":
-        column = np.abs((u / 0.006) % 1 - 0.5)
-        share = 0.35 * np.clip(band(v + 0.004 * column, 0.006, 0.35, 0.002) + 0.6 * (column < 0.08), 0, 1)
+        period = 0.006 * (0.8 + 0.8 * trait(fabric, 2))
+        column = np.abs((u / period) % 1 - 0.5)
+        kept = 1 / (1 + (1.5 * texel / period) ** 4)  # stitches finer than two texels are grey
+        stitch = np.clip(band(v + 0.7 * period * column, period, 0.35, 0.002) + 0.6 * (column < 0.08), 0, 1)
+        share = 0.35 * (0.4 + kept * (stitch - 0.4))
+        if trait(fabric, 3) < 0.4:  # ribs
+            share = share + 0.22 * band(u, 0.012 + 0.012 * trait(fabric, 4), 0.4, 0.003)
+        second = 0.45 * first
+    elif fabric.kind == "corduroy":
+        share = 0.42 * band(u, 0.0045 + 0.003 * trait(fabric, 2), 0.45, max(0.0020, texel))
         second = 0.45 * first
     elif fabric.kind == "denim":
-        twill = band(u + 0.6 * v, 0.0035, 0.5, 0.0015)
-        worn = np.exp(-((np.abs(u) - 0.01) ** 2) / 0.0035) * np.clip(
-            noise(u * 9 + offset, v * 4, fabric.seed) + 0.1, 0, 1
-        )
-        share = 0.10 * twill + 0.16 * noise(u * 500 + offset, v * 130, fabric.seed + 3) + 0.34 * worn
+        twill = band(u + 0.6 * v, 0.0035, 0.5, max(0.0015, texel))
+        streak = grain(u, v, 0.0016, 0.030, texel, seed + 3, offset)
+        slub = grain(u, v, 0.004, 0.09, texel, seed + 4, offset)
+        share = 0.05 * twill + 0.16 + (0.06 + 0.06 * trait(fabric, 2)) * streak + 0.03 * slub
         second = 0.5 * first + 0.5 * np.array([0.48, 0.53, 0.60])
     elif fabric.kind == "leather":
-        share = (
-            0.25 * noise(u * 300 + offset, v * 300, fabric.seed)
-            + 0.3 * noise(u * 30 + offset, v * 22, fabric.seed + 1) ** 3
-        )
+        pore = grain(u, v, 0.003, 0.003, texel, seed, offset)
+        scuff = np.clip(grain(u, v, 0.03, 0.045, texel, seed + 1, offset), 0, 2) ** 2
+        share = 0.15 + 0.07 * pore + 0.05 * scuff
         second = 2.2 * first
-    return (first + (second - first) * share[..., None]) * fine[..., None]
+    if color is None:
+        color = mixed(first, second, np.clip(share, 0, 1))
+    return np.clip(color * np.exp(irregular(fabric, u, v, offset, texel))[..., None], 0.008, 0.88)
+
+
+def mixed(ground: np.ndarray, figure: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Colours (...,3) between `ground` and `figure`, each (3,) or (...,3), by a share (...)."""
+    return ground + (figure - ground) * share[..., None]
+
+
+def printed(fabric: Fabric, u: np.ndarray, v: np.ndarray, offset: float, soft: float) -> np.ndarray:
+    """An all-over print (...,3): dots, flowers or leaves in one or two colours, camouflage, or tie-dye."""
+    first, second, seed = np.array(fabric.first), np.array(fabric.second), fabric.seed
+    kind, size = int(trait(fabric, 2) * 8), fabric.size * (0.5 + 1.2 * trait(fabric, 3) ** 2)
+    if kind == 6:
+        patch = [
+            0.6 * noise(u / (0.07 * size) + offset, v / (0.05 * size), seed + k)
+            + 0.4 * noise(u / (0.026 * size) + offset, v / (0.02 * size), seed + 10 + k)
+            for k in range(3)
+        ]
+        color = np.broadcast_to(first, (*u.shape, 3))
+        for field, share in zip(patch, (0.6, 1.0, 0.35)):
+            target = first + (second - first) * share if share > 0.4 else 0.4 * first
+            color = mixed(color, target, np.clip((field - 0.55) / 0.03, 0, 1))
+        return color
+    if kind == 7:
+        field = noise(u / 0.12 + offset, v / 0.09, seed) + 0.5 * noise(u / 0.035 + offset, v / 0.03, seed + 1)
+        rings = 0.5 + 0.5 * np.sin(9 * field)
+        return mixed(mixed(first, second, rings), palette(fabric, 0), np.clip(2.5 * field - 2.2, 0, 0.8))
+    cell = 0.055 * size
+    color = mixed(first, second, motif(kind % 3, u + offset, v, cell, seed))
+    if kind >= 3:
+        small = motif((kind + 1) % 3, u + offset + 0.37 * cell, v + 0.45 * cell, 0.61 * cell, seed + 50)
+        color = mixed(color, palette(fabric, 0), 0.9 * np.clip(small, 0, 1))
+    return color
+
+
+GLYPHS = (31599, 29847, 29671, 31143, 29391, 4687, 31567, 23533, 29847, 24914, 23469, 29257, 23421, 23533, 31599)
+
+
+def lettering(x: np.ndarray, y: np.ndarray, seed: int, count: int) -> np.ndarray:
+    """Coverage (...) of a line of `count` block letters, each a unit square, centred at the origin."""
+    x = x + count / 2
+    at = np.floor(x)
+    glyph = np.array(GLYPHS)[(lattice(at, 0 * at, seed) * len(GLYPHS)).astype(int)]
+    column, row = np.floor((x - at) * 4), np.floor((0.5 - y) * 5)
+    inside = (column < 3) & (row >= 0) & (row < 5) & (at >= 0) & (at < count)
+    bit = np.clip(row * 3 + column, 0, 14).astype(int)
+    return (inside & (np.right_shift(glyph, bit) & 1 == 1)).astype(float)
+
+
+def emblem(fabric: Fabric, name: str, u: np.ndarray, v: np.ndarray, soft: float) -> np.ndarray:
+    """A plain ground (...,3) with a print on the chest, large or small, or on the back, and perhaps on the sleeves."""
+    first, second, third = np.array(fabric.first), np.array(fabric.second), palette(fabric, 0)
+    color = np.broadcast_to(first, (*np.broadcast(u, v).shape, 3))
+    kind, place = int(trait(fabric, 2) * 9), trait(fabric, 3)
+    if "sleeve" in name:
+        if trait(fabric, 4) < 0.25:  # stripes down the sleeves
+            color = mixed(color, second, band(u, 0.024, 0.45, soft) * (np.abs(u) < 0.036))
+        return color
+    if (name == "back") != (place > 0.85):
+        return color
+    small = 0.55 < place < 0.85
+    reach = (0.032 if small else 0.075 + 0.07 * trait(fabric, 5)) * min(fabric.size, 1.3)
+    x, y = (u - (0.085 if small else 0.0)) / reach, (v - (0.41 if small else 0.35)) / reach
+    r, turn = np.hypot(x, y), np.arctan2(y, x)
+
+    def cover(distance: np.ndarray) -> np.ndarray:
+        return np.clip(0.5 - distance * reach / soft, 0, 1)
+
+    if kind == 0:
+        color = mixed(
+            color,
+            second,
+            np.maximum(cover(np.abs(r - 0.85) - 0.15), cover(np.maximum(np.abs(x) - 0.45, np.abs(y) - 0.14))),
+        )
+    elif kind == 1:
+        color = mixed(color, second, cover(np.abs(np.abs(y) + 1.2 * np.abs(x) - 0.68) - 0.22))
+    elif kind == 2:
+        color = mixed(color, second, band(v, 0.03, 0.5, soft) * cover(np.maximum(np.abs(x) - 1.3, np.abs(y) - 0.8)))
+    elif kind in (3, 4):
+        count = 4 + int(5 * trait(fabric, 6))
+        color = mixed(color, second, lettering(x * 0.5 * count / 1.2, y * 1.6, fabric.seed, count))
+        if kind == 4:
+            low = lettering(x * 0.5 * 14 / 1.2, (y + 0.55) * 5.5, fabric.seed + 1, 14)
+            color = mixed(color, third, low)
+    elif kind == 5:  # a number
+        color = mixed(color, second, lettering(x * 0.9, y * 0.55, fabric.seed, 2))
+    elif kind == 6:
+        star = cover(r - 0.55 - 0.4 * np.cos(5 * (turn - np.pi / 2)))
+        color = mixed(mixed(color, third, cover(r - 1.1)), second, star)
+    elif kind == 7:  # a picture: sun, hills and lines in a box
+        inside = cover(np.maximum(np.abs(x), np.abs(y)) - 1)
+        hill = cover(y + 0.25 + 0.5 * (noise(x * 1.7 + 9, 0 * x, fabric.seed) - 0.5))
+        picture = mixed(np.broadcast_to(second, color.shape), palette(fabric, 1), np.clip(0.5 + 0.5 * y, 0, 1))
+        picture = mixed(mixed(picture, third, cover(np.hypot(x - 0.2, y - 0.3) - 0.35)), 0.4 * third, hill)
+        color = mixed(color, picture, inside)
+    else:  # a band across the chest
+        color = mixed(color, second, cover(np.abs(y) - 0.5))
+        color = mixed(color, third, cover(np.abs(np.abs(y) - 0.72) - 0.07))
+    return color

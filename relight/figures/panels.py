@@ -9,6 +9,7 @@ from relight.figures.patterns import Pattern
 from relight.srgb import encode
 
 GUTTER = 2  # pixels between panels and around them
+CODES = (255 * encode(np.arange(65536) / 65535) + 0.5).astype(np.uint8)
 
 
 @dataclass(frozen=True)
@@ -32,9 +33,42 @@ def around(sideways: np.ndarray, forward: np.ndarray) -> np.ndarray:
     return angle * np.hypot(sideways, forward)
 
 
+def side_plane(pattern: Pattern) -> float:
+    """The z of the plane between front and back of what is cut from the trunk."""
+    p, y = pattern.levels[-1].pattern, pattern.fields["y"]
+    return float(np.median(p[y > np.median(y), 2]))
+
+
+def limb_frame(body: Body, pattern: Pattern, side: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Which faces (F,) are of the sleeve or trouser leg of a side; of their corners (m,3), metres from the limb's axis:
+    outward and forward of a leg, upward and forward of an arm."""
+    level, j = pattern.levels[-1], body.joints
+    corner = level.pattern[level.faces]
+    middle = corner.mean(1)[:, 0]
+    sign = 1 if side == "L" else -1
+    mine = middle > 0 if side == "L" else middle <= 0
+    if pattern.garment.kind == "trousers":
+        line = np.stack([j[f"{bone}.{side}"] for bone in ("foot", "lowerleg01", "upperleg01")])
+        centre = [np.interp(corner[mine][..., 1], line[:, 1], line[:, axis]) for axis in (0, 2)]
+        return mine, (corner[mine][..., 0] - centre[0]) * sign, corner[mine][..., 2] - centre[1]
+    mine = pattern.sleeve & ((middle > 0) == (side == "L"))
+    _, up, forward = arm_axes(body, side)
+    r = corner[mine] - j[f"upperarm01.{side}"]
+    return mine, r @ up, r @ forward
+
+
+def arm_axes(body: Body, side: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Unit vectors (3,) along the arm of the rest pose, up, and forward."""
+    start, end = body.joints[f"upperarm01.{side}"], body.joints[f"wrist.{side}"]
+    along = (end - start) / np.linalg.norm(end - start)
+    up = np.array([0.0, 1.0, 0.0]) - along * along[1]
+    up /= np.linalg.norm(up)
+    return along, up, np.cross(along, up) * (-1 if side == "L" else 1)
+
+
 def cloth_coordinates(body: Body, pattern: Pattern) -> tuple[list[str], np.ndarray, np.ndarray]:
     """Names, panel of each face (F,), cloth coordinates (F,3,2) of its corners in metres."""
-    level, f, j = pattern.levels[-1], pattern.fields, body.joints
+    level = pattern.levels[-1]
     faces, p = level.faces, level.pattern
     corner = p[faces]
     if pattern.garment.kind == "scarf":  # both halves carry the same picture, from the middle to the ends
@@ -46,34 +80,25 @@ def cloth_coordinates(body: Body, pattern: Pattern) -> tuple[list[str], np.ndarr
     if pattern.garment.kind == "trousers":
         names = ["front left", "front right", "back left", "back right"]
         for k, side in enumerate("LR"):
-            line = np.stack([j[f"{bone}.{side}"] for bone in ("foot", "lowerleg01", "upperleg01")])
             sign = 1 if side == "L" else -1
-            mine = middle[:, 0] > 0 if side == "L" else middle[:, 0] <= 0
-            centre = [np.interp(corner[mine][..., 1], line[:, 1], line[:, axis]) for axis in (0, 2)]
-            out, forward = (corner[mine][..., 0] - centre[0]) * sign, corner[mine][..., 2] - centre[1]
+            mine, out, forward = limb_frame(body, pattern, side)
             back = forward.mean(1) < 0
             panel[mine] = k + 2 * back
             turn = np.where(back, -1, 1)[:, None]
             cloth[mine, :, 0] = around(out * turn, forward * turn) * turn * sign
         return names, panel, cloth
     names = ["front", "back", "left sleeve", "right sleeve"]
-    axis = np.median(p[f["y"] > np.median(f["y"]), 2])
+    axis = side_plane(pattern)
     back = middle[:, 2] < axis
     turn = np.where(back, -1, 1)[:, None]
     panel[back] = 1
     cloth[..., 0] = around(corner[..., 0] * turn, (corner[..., 2] - axis) * turn)
     if pattern.garment.kind == "top":
         for k, side in enumerate("LR"):
-            mine = pattern.sleeve & ((middle[:, 0] > 0) == (side == "L"))
+            mine, up, forward = limb_frame(body, pattern, side)
             panel[mine] = 2 + k
-            start, end = j[f"upperarm01.{side}"], j[f"wrist.{side}"]
-            along = (end - start) / np.linalg.norm(end - start)
-            up = np.array([0.0, 1.0, 0.0]) - along * along[1]
-            up /= np.linalg.norm(up)
-            forward = np.cross(along, up) * (-1 if side == "L" else 1)
-            r = corner[mine] - start
-            cloth[mine, :, 0] = around(r @ forward, r @ up)
-            cloth[mine, :, 1] = -(r @ along)
+            cloth[mine, :, 0] = around(forward, up)
+            cloth[mine, :, 1] = -((corner[mine] - body.joints[f"upperarm01.{side}"]) @ arm_axes(body, side)[0])
     return names, panel, cloth
 
 
@@ -110,16 +135,18 @@ def lay_out(names: list[str], panel: np.ndarray, cloth: np.ndarray, side: int) -
 
 
 def draw(panels: Panels, paint) -> np.ndarray:
-    """The atlas: paint(name, u (h,w), v (h,w)) -> (h,w,3) linear albedo, for each panel. (side,side,3) uint8 sRGB."""
+    """The atlas: paint(name, u (h,w), v (h,w), place) -> (h,w,3) linear albedo, for each panel, which takes up `place`
+    (two slices, rows from the bottom up) of it. (side,side,3) uint8 sRGB."""
     image = np.full((panels.side, panels.side, 3), 128, np.uint8)
     for k, (u0, v0, x, y, w, h) in panels.boxes.items():
         u = u0 + (np.arange(w) + 0.5 - GUTTER) / panels.scale
         v = v0 + (np.arange(h) + 0.5 - GUTTER) / panels.scale
-        u, v = np.meshgrid(u, v)
-        image[y : y + h, x : x + w] = coded(paint(panels.names[k], u, v))
+        u, v = np.broadcast_arrays(u[None].astype(np.float32), v[:, None].astype(np.float32))
+        place = (slice(y, y + h), slice(x, x + w))
+        image[place] = coded(paint(panels.names[k], u, v, place))
     return image[::-1].copy()  # rows run from the top, v from the bottom
 
 
 def coded(linear: np.ndarray) -> np.ndarray:
-    """Linear values, clipped to [0,1], as 8-bit sRGB."""
-    return (255 * encode(linear) + 0.5).astype(np.uint8)
+    """Linear values, clipped to [0,1], as 8-bit sRGB, from 16 bits."""
+    return CODES[(65535 * np.clip(linear, 0, 1) + 0.5).astype(np.uint16)]

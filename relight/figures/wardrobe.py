@@ -1,6 +1,6 @@
 """The wardrobe: garments by kind, with their cuts, ease, cloth and fabrics."""
 
-from relight.figures.drape import Cloth
+from relight.figures.drape import Cloth, Crimp
 from relight.figures.garments import Garment
 
 SLIM = (0.004, 0.005, 0.006, 0.008, 0.009, 0.010, 0.011, 0.008)
@@ -11,13 +11,13 @@ SLEEVE = (0.010, 0.018, 0.024, 0.025, 0.022, 0.016, 0.006)
 COAT_SLEEVE = (0.022, 0.028, 0.030, 0.030, 0.026, 0.022, 0.014)
 NARROW_NECK = (0.070, 0.058, 0.082)
 SHIRT_NECK = (0.072, 0.072, 0.092)
-KNIT = Cloth(bend=0.35, thickness=0.006, crumple=0.02)
-JERSEY = Cloth(bend=0.12, crumple=0.04)
-POPLIN = Cloth(bend=0.18, crumple=0.035)
-DENIM = Cloth(bend=0.35, crumple=0.025, thickness=0.005)
-WOOL = Cloth(bend=0.30, crumple=0.02, thickness=0.006)
-LEATHER = Cloth(bend=0.50, crumple=0.02, thickness=0.006)
-SILK = Cloth(bend=0.05, crumple=0.02)
+KNIT = Cloth(bend=0.35, thickness=0.006, crumple=0.02, crimp=Crimp(0.034, 0.06, 1.3, 0.08))
+JERSEY = Cloth(bend=0.12, crumple=0.04, crimp=Crimp(0.026, 0.09, 2.0, 0.09))
+POPLIN = Cloth(bend=0.18, crumple=0.035, crimp=Crimp(0.022, 0.11, 2.4, 0.07))
+DENIM = Cloth(bend=0.35, crumple=0.025, thickness=0.005, crimp=Crimp(0.028, 0.07, 2.2, 0.06))
+WOOL = Cloth(bend=0.30, crumple=0.02, thickness=0.006, crimp=Crimp(0.036, 0.055, 1.6, 0.09))
+LEATHER = Cloth(bend=0.50, crumple=0.02, thickness=0.006, crimp=Crimp(0.034, 0.055, 2.0, 0.06))
+SILK = Cloth(bend=0.05, crumple=0.02, crimp=Crimp(0.026, 0.13, 2.6, 0.11))
 
 TOPS = (
     Garment(
@@ -27,7 +27,7 @@ TOPS = (
         drop=0.03,
         slack=0.02,
         cloth=JERSEY,
-        fabrics=("plain", "stripes", "print", "melange", "logo"),
+        fabrics=("jersey", "stripes", "print", "melange", "logo"),
     ),
     Garment(
         "fitted t-shirt",
@@ -47,7 +47,7 @@ TOPS = (
         neck=(0.095, 0.11, 0.11),
         torso=(0.018, 0.018, 0.014, 0.008, 0.006, 0.005),
         cloth=JERSEY,
-        fabrics=("plain", "stripes", "melange"),
+        fabrics=("jersey", "stripes", "melange"),
     ),
     Garment(
         "long sleeve",
@@ -59,7 +59,7 @@ TOPS = (
         arm=SLEEVE,
         cuff=0.4,
         cloth=JERSEY,
-        fabrics=("stripes", "plain", "melange", "stripes"),
+        fabrics=("stripes", "jersey", "melange", "stripes"),
     ),
     Garment(
         "shirt",
@@ -119,7 +119,7 @@ TOPS = (
         neck=(0.075, 0.066, 0.085),
         collar="hood",
         cloth=KNIT,
-        fabrics=("plain", "melange", "logo", "plain"),
+        fabrics=("jersey", "melange", "logo", "jersey"),
     ),
 )
 OUTER = (
@@ -156,7 +156,7 @@ OUTER = (
         neck=(0.08, 0.07, 0.1),
         collar="lapel",
         cloth=WOOL,
-        fabrics=("plain", "pinstripe", "tweed", "check"),
+        fabrics=("plain", "pinstripe", "tweed", "check", "corduroy"),
     ),
     Garment(
         "coat",
@@ -224,7 +224,7 @@ BOTTOMS = (
         cuff=0.15,
         waist=-0.01,
         cloth=POPLIN,
-        fabrics=("plain", "plain", "pinstripe", "tweed", "check"),
+        fabrics=("plain", "plain", "pinstripe", "tweed", "check", "corduroy"),
     ),
     Garment(
         "wide trousers",

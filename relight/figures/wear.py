@@ -1,10 +1,10 @@
 """Dressing: the garments of an outfit draped one over the other on a body that moves into its pose."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from relight.figures import collars, drape, footwear, makehuman, patterns, scarves
+from relight.figures import collars, drape, footwear, layers, makehuman, patterns, scarves, wrinkles
 from relight.figures.body import Body
 from relight.figures.colliders import Collider
 from relight.figures.drape import Effort
@@ -13,6 +13,9 @@ from relight.figures.garments import Garment
 from relight.figures.outfits import Outfit
 from relight.figures.poses import Motion
 from relight.figures.surfaces import Surface, stacked
+
+HANGS = 0.2  # metres of a drop from which on cloth hangs free in it
+CLOSE = 0.6  # of a cloth's thickness: its folds come no nearer to what lies below
 
 
 @dataclass(frozen=True)
@@ -85,8 +88,21 @@ def wear(body: Body, way: Motion, outfit: Outfit, detail: Detail) -> list[Worn]:
         draped = drape.drape(
             pattern.levels, pattern.refine, garment.cloth, detail.efforts, below, way.skin, frames, ground=0.006
         )
-        worn.append(Worn(pattern, fabric, draped))
+        surface, corners = below(frames, True)
+        worn.append(Worn(pattern, fabric, finished(pattern, draped, fabric, Collider(surface, surface, corners))))
     return worn
+
+
+def finished(pattern: patterns.Pattern, draped: drape.Draped, fabric: Fabric, below: Collider) -> drape.Draped:
+    """The drape with the fine folds of its cloth, which stay outside what lies below."""
+    garment, level = pattern.garment, pattern.levels[-1]
+    crimp = wrinkles.of_one_garment(garment.cloth.crimp, fabric.seed)
+    hang = np.clip(4 * pattern.fields["tube"], 0, 1) * (garment.drop > HANGS)
+    x = wrinkles.folded(pattern.levels, pattern.refine, draped.positions, crimp, hang, fabric.seed)
+    face, distance, out = layers.sided(x, below, 2 * garment.cloth.thickness)
+    lacking = np.clip(CLOSE * garment.cloth.thickness - distance, 0, garment.cloth.thickness)
+    x = x + np.where((face >= 0) & (level.pinned < 0.5), lacking, 0)[:, None] * out
+    return replace(draped, positions=x)
 
 
 def wrapped(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from relight.figures import fabrics, panels, wardrobe
+from relight.figures import aging, fabrics, panels, wardrobe
 from relight.figures.fabrics import Fabric
 from relight.figures.scarves import SCARVES
 
@@ -65,7 +65,8 @@ def test_panels_do_not_overlap_and_uv_finds_the_paint():
     assert owner.max() == 1
     assert laid.uv.min() >= 0 and laid.uv.max() <= 1
     picture = panels.draw(
-        laid, lambda name, u, v: np.stack([u / 10 + 0.3, v / 10 + 0.3, np.full_like(u, "abcd".index(name) / 4)], -1)
+        laid,
+        lambda name, u, v, place: np.stack([u / 10 + 0.3, v / 10 + 0.3, np.full_like(u, "abcd".index(name) / 4)], -1),
     )
     at = laid.uv.mean(1)
     seen = picture[(256 * (1 - at[:, 1])).astype(int), (256 * at[:, 0]).astype(int)]
@@ -76,3 +77,75 @@ def test_panels_do_not_overlap_and_uv_finds_the_paint():
 
 def test_srgb_code_points():
     np.testing.assert_array_equal(panels.coded(np.array([0.0, 0.0031308, 0.2140, 1.0])), [0, 10, 127, 255])
+
+
+def test_noise_on_a_grid_is_the_same_noise():
+    a, b = np.linspace(-3, 9, 70), np.linspace(-2, 5, 40)
+    u, v = np.broadcast_arrays(a[None], b[:, None])
+    np.testing.assert_allclose(fabrics.noise(u, v, 3), fabrics.noise(u.copy(), v.copy(), 3), atol=1e-12)
+
+
+def test_grain_finer_than_a_texel_leaves_its_mean():
+    """Averages of a fine grain over texels, against what is drawn at once for texels of that size."""
+    side, coarse = 1600, 0.008
+    a = (np.arange(side) + 0.5) * 0.0005
+    u, v = np.broadcast_arrays(a[None], a[:, None])
+    fine = fabrics.grain(u, v, 0.002, 0.002, 0.0005, 1)
+    assert fine.std() == pytest.approx(1, abs=0.15)
+    k = round(coarse / 0.0005)
+    means = fine.reshape(side // k, k, side // k, k).mean((1, 3))
+    drawn = fabrics.grain(u[::k, ::k].copy(), v[::k, ::k].copy(), 0.002, 0.002, coarse, 1)
+    assert 0.5 < drawn.std() / means.std() < 2
+    assert drawn.std() < 0.4
+
+
+@pytest.mark.parametrize("kind", [*KINDS, "denim"])
+def test_no_cloth_has_one_colour(kind):
+    """The scatter of ln albedo between places 2.5 mm apart, which scans of cloth have as well."""
+    a = np.arange(240) * 0.0013
+    u, v = np.broadcast_arrays(a[None].astype(np.float32), a[:, None].astype(np.float32))
+    color = fabrics.weave(Fabric(kind, (0.3, 0.2, 0.15), (0.1, 0.4, 0.7), 1.0, 11), "back", u, v, 0.0013)
+    log = np.log(color.mean(-1).reshape(120, 2, 120, 2).mean((1, 3)))
+    assert np.diff(log, axis=1).std() > 0.03
+
+
+def test_letters_are_black_or_white_and_in_their_line():
+    x, y = np.meshgrid(np.linspace(-4, 4, 400), np.linspace(-1, 1, 100))
+    cover = fabrics.lettering(x, y, 3, 5)
+    assert set(np.unique(cover)) == {0.0, 1.0}
+    assert not cover[np.abs(x) > 2.5].any() and not cover[np.abs(y) > 0.5].any()
+    assert 0.2 < cover[(np.abs(x) < 2.5) & (np.abs(y) < 0.5)].mean() < 0.8
+
+
+def test_marks_are_found_again_in_the_atlas():
+    a = np.linspace(0, 0.4, 65)
+    x, y = np.meshgrid(a, a)
+    i = np.arange(65 * 65).reshape(65, 65)
+    p, q, r, s = i[:-1, :-1].ravel(), i[:-1, 1:].ravel(), i[1:, :-1].ravel(), i[1:, 1:].ravel()
+    faces = np.concatenate([np.stack([p, q, r], 1), np.stack([q, s, r], 1)])
+    cloth = np.stack([x, y], -1).reshape(-1, 2)[faces]
+    laid = panels.lay_out(["front"], np.zeros(len(faces), int), cloth, 256)
+    far = np.abs(cloth[..., 0] - 0.2)
+    found = aging.images(laid, aging.Marks(far, far / 2, 0 * far, far - 0.1))
+    u0, _, column, row, w, h = laid.boxes[0]
+    u = u0 + (np.arange(w) + 0.5 - panels.GUTTER) / laid.scale
+    inside = (slice(row + 8, row + h - 8), slice(column + 8, column + w - 8))
+    want = np.abs(u - 0.2)[8:-8]
+    assert np.abs(found["seam"][inside] - want).max() < 0.003
+    assert np.abs(found["edge"][inside] - want / 2).max() < 0.0015
+
+
+def test_seams_and_hems_are_sewn_and_knees_fade():
+    u, v = grid(100, 0.2)
+    far = np.full(u.shape, 0.1)
+    at = {"seam": far, "edge": far, "rub": 0 * u, "crease": 0 * u}
+    denim = Fabric("denim", (0.03, 0.055, 0.135), (0.5, 0.5, 0.5), 1.0, 5)
+    trousers, ground = wardrobe.BOTTOMS[0], np.full((100, 100, 3), 0.1)
+
+    def mean(**marks):
+        return aging.aged(trousers, denim, "front left", u, v, at | marks, 0.002, ground).mean()
+
+    plain = mean()
+    assert mean(rub=0 * u + 1) > 1.05 * plain
+    assert mean(seam=0 * u) < 0.85 * plain
+    assert mean(crease=0 * u + 1) > 1.03 * plain > 1.06 * mean(crease=0 * u - 1)

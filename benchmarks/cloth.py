@@ -1,0 +1,174 @@
+"""How rough the clothes of generated figures are beside photographs: log-luminance by wavelength.
+
+    python benchmarks/cloth.py --seeds 5000-5009
+
+Each figure is baked at 768 px, where a person is 691 px high (2.5 mm a pixel), and lit by generated rooms (order 2).
+In every garment, the standard deviation of what lies between two Gaussians of ln luminance, for three pairs of them:
+in the picture, in its shading alone (no pattern), and in the albedo alone; medians over garments of a kind, or of a
+fabric. The last rows are the photographs' (one garment of each, hand-picked boxes, with tone curve and sharpening) and
+the cloth of real scans. AO is over all pixels; `lost` is the root mean square of |T - T open|.
+"""
+
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy is there, see transport.py
+
+import argparse
+import json
+import time
+import warnings
+from collections import defaultdict
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt, gaussian_filter
+
+from relight.figures import assembly, dress
+from relight.figures.commands import seeds_of
+from relight.meshes.mesh import Mesh
+from relight.sh.irradiance import unoccluded
+from relight.transport.bake import bake, see
+from relight.transport.camera import Camera
+from relight.transport.scene import Scene
+
+SIGMAS = ((0.7, 1.4), (1.4, 2.8), (2.8, 5.6))  # pixels: wavelengths around 14, 27 and 55 mm of a person 691 px high
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear sRGB
+SIZE = 768  # pixels of the image
+LEAST = 400  # pixels of a garment that is measured
+ROOMS = (3, 11, 19, 27)
+PHOTOGRAPHS = {
+    "dress": (0.084, 0.129, 0.193),
+    "denim trousers": (0.119, 0.109, 0.098),
+    "coat, jacket": (0.083, 0.078, 0.073),
+}
+SCANS = (0.037, 0.069)  # of albedo alone, the finest band
+
+
+def roughness(luminance: np.ndarray, mask: np.ndarray) -> list[float]:
+    """Standard deviation of ln luminance (H,W) in the mask (H,W), between the Gaussians of each pair of SIGMAS.
+
+    The Gaussians are normalised, so that nothing outside the mask is seen, and the mask is eroded by 1.5 of the larger
+    sigma. Not a number where fewer than LEAST pixels are left.
+    """
+    inside = mask.astype(float)
+    log = np.log(np.maximum(luminance, 0.01 * np.median(luminance[mask]))) if mask.any() else np.zeros_like(luminance)
+    depth = distance_transform_edt(np.pad(mask, 1))[1:-1, 1:-1]
+
+    def blurred(sigma: float) -> np.ndarray:
+        return gaussian_filter(log * inside, sigma) / np.maximum(gaussian_filter(inside, sigma), 1e-9)
+
+    out = []
+    for small, large in SIGMAS:
+        kept = depth > 1.5 * large
+        out.append(float((blurred(small) - blurred(large))[kept].std()) if kept.sum() >= LEAST else np.nan)
+    return out
+
+
+def figure(seed: int, detail: str, texture: int) -> tuple[Mesh, list[set[int]], float]:
+    """The aligned figure of a seed, the materials of each of its garments, and its CPU seconds."""
+    from relight.config import composed
+    from relight.meshes.align import align
+
+    inner, mine = assembly.clothe, []
+
+    def clothe(builder, *args) -> None:
+        first = len(builder.materials)
+        mine.append((builder, first))
+        inner(builder, *args)
+        mine[-1] = (builder, set(range(first, len(builder.materials))))
+
+    assembly.clothe = clothe
+    start = time.process_time()
+    try:
+        mesh = dress.make_figure(seed, detail, texture)
+    finally:
+        assembly.clothe = inner
+    seconds = time.process_time() - start
+    last = mine[-1][0]
+    return align(mesh, composed().align), [materials for builder, materials in mine if builder is last], seconds
+
+
+def visible(mesh: Mesh) -> np.ndarray:
+    """The material (SIZE,SIZE) that each pixel shows, -1 for none."""
+    scene = Scene(mesh.vertices, mesh.faces)
+    row, column = np.divmod(np.arange(SIZE * SIZE), SIZE)
+    camera = Camera(SIZE, max(2.0, float(scene.high[2]) + scene.diagonal / 100))
+    pixel, face, _ = see(scene, camera, column + 0.5, row + 0.5)
+    out = np.full(SIZE * SIZE, -1)
+    out[pixel] = mesh.material[face]
+    return out.reshape(SIZE, SIZE)
+
+
+def kind(name: str, fabric: str) -> str:
+    if name in ("jeans", "slim trousers", "trousers", "wide trousers", "shorts"):
+        return "denim trousers" if fabric == "denim" else "trousers"
+    groups = {
+        "dress": ("dress", "long dress", "shift dress"),
+        "skirt": ("a-line skirt", "short skirt", "long skirt"),
+        "coat, jacket": ("jacket", "blazer", "coat"),
+        "knitwear": ("sweater", "hoodie", "cardigan"),
+        "scarf": ("scarf", "wrapped scarf"),
+    }
+    return next((group for group, names in groups.items() if name in names), "shirt")
+
+
+def lights() -> list[np.ndarray]:
+    from relight.panoramas.panorama import Panorama
+    from relight.panoramas.project import project
+    from relight.panoramas.rooms import room
+
+    return [project(Panorama(room(seed))) @ LUMINANCE for seed in ROOMS]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", default="5000-5009")
+    parser.add_argument("--detail", default="full", choices=dress.DETAILS)
+    parser.add_argument("--texture", type=int, default=1024)
+    parser.add_argument("--rays", type=int, default=144)
+    args = parser.parse_args()
+    lit, shading, bare = defaultdict(list), defaultdict(list), defaultdict(list)
+    whole, seconds, sky = [], [], lights()
+    for seed in seeds_of(args.seeds):
+        mesh, garments, spent = figure(seed, args.detail, args.texture)
+        maps = bake(mesh, SIZE, args.rays, supersample=3)
+        material = visible(mesh)
+        albedo = maps.albedo @ LUMINANCE
+        for name, fabric, mine in zip(mesh.info["garments"], mesh.info["fabrics"], garments):
+            mask = np.isin(material, list(mine))
+            alone = roughness(albedo, mask)
+            shades = [maps.transport @ light for light in sky]
+            pair = [
+                np.sqrt(np.mean([np.square(roughness(paint * shade, mask)) for shade in shades], axis=0))
+                for paint in (albedo, 1.0)
+            ]
+            for table, key, values in zip((lit, shading, bare), [kind(name, fabric)] * 2 + [fabric], [*pair, alone]):
+                table[key].append(values)
+            record = {"seed": seed, "garment": name, "fabric": fabric, "lit": pair[0].round(3).tolist()}
+            record |= {"shading": pair[1].round(3).tolist(), "albedo": np.round(alone, 3).tolist()}
+            print(json.dumps(record), flush=True)
+        lost = np.linalg.norm(maps.transport - unoccluded(maps.normal.astype(float)), axis=-1)[maps.mask]
+        ao = maps.ao[maps.mask]
+        whole.append([ao.mean(), (ao < 0.5).mean(), np.sqrt((lost**2).mean())])
+        seconds.append(spent)
+        record = {"seed": seed, "ao": np.round(whole[-1], 3).tolist(), "CPU s": round(spent, 1)}
+        print(json.dumps(record | {"vertices": len(mesh.vertices), "redrawn": mesh.info["redrawn"]}), flush=True)
+    for title, table, truth in (("lit", lit, PHOTOGRAPHS), ("shading alone", shading, {}), ("albedo alone", bare, {})):
+        print(f"\n| {title} | garments | 14 mm | 27 mm | 55 mm |\n|---|---|---|---|---|")
+        for name in sorted(table):
+            print(f"| {name} | {len(table[name])} | " + " | ".join(f"{x:.3f}" for x in middle(table[name])) + " |")
+        for name, values in truth.items():
+            print(f"| photograph: {name} | 1 | " + " | ".join(f"{x:.3f}" for x in values) + " |")
+    print(f"| cloth of scans | | {SCANS[0]}-{SCANS[1]} | | |")
+    ao, dark, lost = np.mean(whole, axis=0)
+    print(f"\nAO {ao:.3f}, {100 * dark:.1f} % under .5, lost {lost:.3f}; {np.mean(seconds):.1f} CPU s a figure")
+
+
+def middle(rows: list) -> np.ndarray:
+    """The median (3,) of the garments that were large enough, band by band."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # no garment of this kind was
+        return np.nanmedian(np.array(rows, float), axis=0)
+
+
+if __name__ == "__main__":
+    main()
