@@ -60,13 +60,14 @@ def vectors(values: np.ndarray) -> wp.array:
 
 
 class Collider:
-    """A closed or open surface (V,3), (F,3) that moves from `before` to `after` during a frame."""
+    """A closed or open surface (V,3), (F,3) that moves from `before` to `after` during a frame. What is nearest is
+    looked for on `before`, where cloth still is: limbs move further in a frame than they are thick."""
 
     def __init__(self, before: np.ndarray, after: np.ndarray, faces: np.ndarray):
         self.corner = wp.array(faces.astype(np.int32).ravel(), dtype=int)
         self.before, self.after = vectors(before), vectors(after)
         self.normal = vectors(normals(after, faces))
-        self.mesh = wp.Mesh(points=self.after, indices=self.corner)
+        self.mesh = wp.Mesh(points=self.before, indices=self.corner)
 
     def nearest(self, points: np.ndarray, far: float) -> tuple[np.ndarray, np.ndarray]:
         """For points (n,3): the face (n,) nearest to each, -1 beyond `far`, and its barycentric weights (n,3)."""

@@ -12,6 +12,7 @@ from relight.figures.drape import Draped
 from relight.figures.layers import sided
 from relight.figures.patterns import Pattern
 from relight.figures.poses import Motion
+from relight.figures.rings import unwound
 from relight.figures.surfaces import normals, stacked
 from relight.figures.wear import Worn
 from relight.meshes.mesh import Mesh
@@ -26,7 +27,6 @@ CROSSING = 0.015  # share of a garment's faces that went through cloth
 CREASED = 0.03  # the same for figures that sit: trousers crease through themselves deep in the fold of the hip
 COVERED = 0.25  # share of a hand, seen from the front, that cloth covers
 SKIN_DEEP = 0.04  # metres: cloth further before a hand merely hangs in front of it
-TURNED = 0.1  # share of a sleeve or leg that may lie on another side of the limb
 SPREAD = 0.25  # metres beyond the body that cloth may reach sideways
 
 
@@ -55,39 +55,10 @@ def cloth(pattern: Pattern, draped: Draped, way: Motion, body: Body) -> str | No
     slid = x[:, 1].max() - way.skin(pattern.levels[0].weights, pattern.levels[0].held)[:, 1].max()
     if slid < -0.12:
         return f"{name}: slid down by {-slid:.2f} m"
-    if (share := turned(pattern, x, way, body)) > TURNED:
-        return f"{name}: a limb left it, {100 * share:.0f} % of it is on the other side"
+    for limb, (lost, rings) in unwound(pattern, x, way, body).items():
+        if lost:
+            return f"{name}: the {limb} left it, {lost} of {rings} rings do not go around it"
     return None
-
-
-LIMBS = {  # kind of garment: bone, where it ends, the field along it, where to look; forearms twist too much to tell
-    "top": (("upperarm01", "lowerarm01", "arm", 0.15, 0.85),),
-    "trousers": (("upperleg01", "lowerleg01", "leg", 0.25, 0.85), ("lowerleg01", "foot", "leg", 1.15, 1.9)),
-}
-
-
-def turned(pattern: Pattern, x: np.ndarray, way: Motion, body: Body) -> float:
-    """Of the vertices of a sleeve or leg, from x (n,3), the share that lie on another side of the arm, thigh or shin,
-    by over 100 degrees about its axis, than where they were put on; the worst of all limbs. One that went through its
-    cloth has about half."""
-    worst = 0.0
-    for root, tip, field, low, high in LIMBS.get(pattern.garment.kind, ()):
-        for side in "LR":
-            upper, lower = (body.joints[f"{bone}.{side}"] for bone in (root, tip))
-            bone = way.transforms[-1][way.bones[f"{root}.{side}"]]
-            along, left = pattern.fields[f"{field}{side}"], pattern.fields["x"] > 0
-            on = pattern.fields[f"on{side}"] > 0.5 if field == "arm" else left == (side == "L")
-            on &= (along > low) & (along < high)
-            axis = (lower - upper) / np.linalg.norm(lower - upper)
-
-            def off(points: np.ndarray, upper: np.ndarray = upper, axis: np.ndarray = axis) -> np.ndarray:
-                return points - upper - ((points - upper) @ axis)[:, None] * axis
-
-            before, after = off(pattern.levels[-1].held[on]), off((x[on] - bone[:, 3]) @ bone[:, :3])
-            cosine = np.einsum("ij,ij->i", before, after)
-            cosine /= np.maximum(np.linalg.norm(before, axis=1) * np.linalg.norm(after, axis=1), 1e-9)
-            worst = max(worst, float((cosine < np.cos(np.radians(100))).mean()) if on.any() else 0.0)
-    return worst
 
 
 def wardrobe(worn: list[Worn], way: Motion, body: Body, sitting: bool) -> tuple[str | None, dict[str, float]]:

@@ -7,6 +7,7 @@ import trimesh
 from relight.figures import colliders, crossings, drape
 from relight.figures.colliders import Collider
 from relight.figures.drape import Cloth, Effort, Sheet
+from relight.figures.rings import winding
 from relight.files import UserError
 
 
@@ -67,6 +68,27 @@ def test_nearest_is_the_true_nearest_point():
     found = np.einsum("nk,nkd->nd", weights, vertices[faces[face]])
     true, _, _ = trimesh.proximity.closest_point_naive(trimesh.Trimesh(vertices, faces, process=False), points)
     np.testing.assert_allclose(np.linalg.norm(found - points, axis=1), np.linalg.norm(true - points, axis=1), atol=2e-6)
+
+
+def test_a_sleeve_follows_an_arm_that_moves_further_in_a_frame_than_it_is_thick():
+    def tube(radius: float, length: float) -> tuple[np.ndarray, np.ndarray]:
+        angle, y = np.meshgrid(np.arange(20) / 20 * 2 * np.pi, np.linspace(-length / 2, length / 2, 25))
+        i = np.arange(500).reshape(25, 20)
+        p, q, r, s = i[:-1], np.roll(i, -1, 1)[:-1], i[1:], np.roll(i, -1, 1)[1:]
+        faces = np.stack([p, r, q, q, r, s], -1).reshape(-1, 3)
+        return np.stack([radius * np.cos(angle), 1 + y, radius * np.sin(angle)], -1).reshape(-1, 3), faces
+
+    (arm, solid), (sleeve, faces) = tube(0.03, 0.5), tube(0.04, 0.3)
+    sheet = Sheet(sleeve, faces, Cloth(crumple=0.0))
+    step = np.array([0.07, 0, 0])
+    for k in range(8):
+        below = Collider(arm + k * step, arm + (k + 1) * step, solid)
+        sheet.frame(below, Effort(12, 2, 0), ground=0.0, damp=0.99)
+    x = sheet.positions()
+    for row in (5, 12, 19):
+        ring = x[20 * row : 20 * row + 20]
+        bone = np.array([[0, 0, 0], [0, 2, 0]]) + 8 * step
+        assert abs(winding(np.stack([ring, np.roll(ring, -1, 0)], axis=1), bone)) == 1
 
 
 def test_mended_spreads_one_torn_edge():

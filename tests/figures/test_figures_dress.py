@@ -20,6 +20,7 @@ from relight.figures.drape import Draped
 from relight.figures.dress import make_figure
 from relight.figures.export import export
 from relight.figures.fabrics import Fabric
+from relight.figures.rings import unwound
 from relight.figures.wear import Worn
 from relight.files import UserError
 from relight.meshes.mesh import Mesh
@@ -178,33 +179,40 @@ def test_each_gate_bites(snug, spoil, said):
 
 
 @pytest.mark.parametrize(
-    ("garment", "root", "tip", "field", "low", "high"),
+    ("garment", "limb", "root", "tip", "middle"),
     [
-        (wardrobe.TOPS[3], "upperarm01", "lowerarm01", "armL", 0.15, 0.85),
-        (wardrobe.BOTTOMS[0], "upperleg01", "lowerleg01", "legL", 0.25, 0.85),
-        (wardrobe.BOTTOMS[0], "lowerleg01", "foot", "legL", 1.15, 1.9),
+        (wardrobe.TOPS[3], "arm", "upperarm01", "lowerarm01", 0.5),
+        (wardrobe.TOPS[3], "arm", "lowerarm01", "wrist", 1.5),
+        (wardrobe.BOTTOMS[0], "leg", "upperleg01", "lowerleg01", 0.55),
+        (wardrobe.BOTTOMS[0], "leg", "lowerleg01", "foot", 1.5),
     ],
-    ids=["arm", "thigh", "shin"],
+    ids=["upper arm", "forearm", "thigh", "shin"],
 )
-@pytest.mark.parametrize(("half", "share"), [(False, 1.0), (True, 0.5)])
-def test_a_limb_that_left_its_cloth_is_measured(snug, monkeypatch, garment, root, tip, field, low, high, half, share):
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_limb_that_left_its_cloth_is_found_and_one_that_twists_it_is_not(
+    snug, monkeypatch, garment, limb, root, tip, middle, turned
+):
     body, way = snug[:2]
     pattern = patterns.build_pattern(body, garment, 0)
     level = pattern.levels[0]
     x = way.skin(level.weights, level.pattern)
-    assert gates.turned(pattern, x, way, body) < 0.01
+    rings = unwound(pattern, x, way, body)
+    assert set(rings) == {f"left {limb}", f"right {limb}"}
+    assert all(lost == 0 and found > 25 for lost, found in rings.values())
     bone = way.transforms[-1][way.bones[f"{root}.L"]]
     upper, lower = (body.joints[f"{name}.L"] @ bone[:, :3].T + bone[:, 3] for name in (root, tip))
     axis = (lower - upper) / np.linalg.norm(lower - upper)
     off = x - upper - ((x - upper) @ axis)[:, None] * axis
-    on = (pattern.fields[field] > low) & (pattern.fields[field] < high) & (pattern.fields["x"] > 0)
-    if field == "armL":
-        on &= pattern.fields["onL"] > 0.5
-    on &= (off[:, 2] > 0) | (not half)
-    x[on] -= 2 * off[on]  # to the other side of the limb
-    assert gates.turned(pattern, x, way, body) == pytest.approx(share, abs=0.15)
+    on = (np.abs(pattern.fields[f"{limb}L"] - middle) < 0.3) & (pattern.fields["x"] > 0)
+    on &= (pattern.fields["onL"] > 0.5) | (limb == "leg")
+    away = -2 * off  # half a turn about the limb, or all to one side of it
+    x[on] += away[on] if turned else away[on] * (off[on, 2] > 0)[:, None]
+    rings = unwound(pattern, x, way, body)
+    assert rings[f"right {limb}"][0] == 0
+    assert rings[f"left {limb}"][0] == 0 if turned else rings[f"left {limb}"][0] >= 5
     monkeypatch.setattr(gates, "sunk", lambda *_: 0.0)  # cloth moved by hand touches the body, too
-    assert "limb left it" in gates.cloth(pattern, Draped(x, [], np.ones(1000)), way, body)
+    reason = gates.cloth(pattern, Draped(x, [], np.ones(1000)), way, body)
+    assert reason is None if turned else f"the left {limb} left it" in reason
 
 
 @pytest.mark.parametrize(("share", "stands", "sits"), [(0.01, True, True), (0.02, False, True), (0.04, False, False)])
