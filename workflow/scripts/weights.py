@@ -26,8 +26,8 @@ parameters in half precision.
 |---|---|
 | network | `{model}`, width {width}, {size} px |
 | trained on | {figures} generated figures (generator version {generator}) under {lights} generated rooms |
-| training | {steps} steps of {batch} pictures in {precision} |
-| colour | a camera's: linear light, exposed, clipped, 8-bit sRGB |
+| training | {training}, in {precision} |
+| pictures | a camera's: linear light, exposed, clipped, 8-bit sRGB; augmented as docs/training.md says |
 | held out | {test_figures} figures, {test_lights} lights |
 | licence | Apache-2.0; the training data are generated from public-domain sources (docs/figures.md) |
 
@@ -38,11 +38,13 @@ Errors on what was held out (means over figures and lights; RMSE per pixel vecto
 | {shading_rmse:.3f} | {transport_rmse:.3f} | {albedo_rmse:.3f} | {light_rmse:.3f} |
 
 Limits: the figures are synthetic, seen from the front, in indoor light. The maps have {size} px: finer folds
-of a photo stay in the picture by the `ratio` way of relighting, but they are not in the maps. Strong colour
-casts, back light, children, several touching people and props are outside of what the network has seen; `relight photo`
-says so when the inferred light is unusual. It recognises nobody, and no photo of a real person was used.
+of a photo stay in the picture by the `ratio` way of relighting, but they are not in the maps. How bright a scene is,
+no photograph tells: albedo and light hold up to a factor. Back light, children, several touching people and props are
+outside of what the network has seen; `relight photo` says so when the inferred light is unusual. It recognises nobody,
+and no photo of a real person was used.
 
-Made by `relight run experiment=photo` and `workflow/scripts/weights.py`.
+Made by `relight run experiment=photo` and `workflow/scripts/weights.py`; how its light moves with framing, mask and
+white balance: `python benchmarks/invariance.py relight/weights/photo.safetensors`.
 """
 
 
@@ -52,7 +54,11 @@ def main(results: Path, run: str) -> None:
     training = chosen.of("train").coefficients
     model = config.Model(**made_with["model"])
     out = OUT / "photo.safetensors"
-    rest = {key: made_with[key] for key in ("loss", "train")}
+    stages = [made_with]
+    while stages[0]["train"]["start"]:
+        stages.insert(0, load_network(stages[0]["train"]["start"])[1])
+    rest = {key: made_with[key] for key in ("loss", "train", "augment")}
+    rest["train"] = {**rest["train"], "start": None}  # a path of this machine
     save_network(out, network, model, half=True, **rest, lights=np.round(training, 5).ravel().tolist())
     if out.stat().st_size > LIMIT:
         sys.exit(
@@ -67,13 +73,15 @@ def main(results: Path, run: str) -> None:
         "generator": " and ".join(str(version) for version in sorted({info["generator"] for info in infos.values()})),
         "precision": made_with["train"]["precision"],
         "parameters": sum(p.numel() for p in network.parameters()) / 1e6,
-        "model": made_with["model"]["name"] + (" plus" if model.refine else ""),
+        "model": made_with["model"]["name"],
         "width": model.width,
         "size": network.size,
         "figures": len(split["train"]),
         "lights": len(training),
-        "steps": made_with["train"]["steps"],
-        "batch": made_with["train"]["batch"],
+        "training": ", then ".join(
+            f"{stage['train']['steps']:,} steps of {stage['train']['batch']} pictures at {stage['size']} px"
+            for stage in stages
+        ),
         "test_figures": len({row["figure"] for row in rows}),
         "test_lights": len({row["light"] for row in rows}),
         **{name: np.mean([float(row[name]) for row in rows]) for name in names},
