@@ -203,10 +203,13 @@ def test_a_limb_that_left_its_cloth_is_found_and_one_that_twists_it_is_not(
     upper, lower = (body.joints[f"{name}.L"] @ bone[:, :3].T + bone[:, 3] for name in (root, tip))
     axis = (lower - upper) / np.linalg.norm(lower - upper)
     off = x - upper - ((x - upper) @ axis)[:, None] * axis
-    on = (np.abs(pattern.fields[f"{limb}L"] - middle) < 0.3) & (pattern.fields["x"] > 0)
-    on &= (pattern.fields["onL"] > 0.5) | (limb == "leg")
-    away = -2 * off  # half a turn about the limb, or all to one side of it
-    x[on] += away[on] if turned else away[on] * (off[on, 2] > 0)[:, None]
+    middling = 1 - np.abs(pattern.fields[f"{limb}L"] - middle) / 0.3
+    on = (middling > 0) & (pattern.fields["x"] > 0) & ((pattern.fields["onL"] > 0.5) | (limb == "leg"))
+    if turned:  # up to half a turn about the limb
+        angle = np.pi * middling[on, None]
+        x[on] += (np.cos(angle) - 1) * off[on] + np.sin(angle) * np.cross(axis, off[on])
+    else:  # all to one side of it
+        x[on] -= 2 * off[on] * (off[on, 2:] > 0)
     rings = unwound(pattern, x, way, body)
     assert rings[f"right {limb}"][0] == 0
     assert rings[f"left {limb}"][0] == 0 if turned else rings[f"left {limb}"][0] >= 5
