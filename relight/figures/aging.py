@@ -12,11 +12,10 @@ from relight.figures.garments import Garment
 from relight.figures.panels import Panels, limb_frame, side_plane
 from relight.figures.patterns import Pattern
 from relight.figures.seams import line
-from relight.figures.surfaces import normals, rim, smoothed
+from relight.figures.surfaces import rim
 
 FAR = 0.2  # metres: distances are not told beyond
 COARSE = 2  # pixels of the atlas to a cell of the fields
-FOLD = 0.0012  # metres out of their surroundings at which folds are marked
 RIB = 0.055  # metres of ribbing at hems and cuffs
 FADES = {"denim": 1.0, "leather": 0.45, "corduroy": 0.35, "knit": 0.1, "melange": 0.1, "tweed": 0.08}  # others .2
 
@@ -24,23 +23,17 @@ FADES = {"denim": 1.0, "leather": 0.45, "corduroy": 0.35, "knit": 0.1, "melange"
 @dataclass(frozen=True)
 class Marks:
     """Where on a garment things are, at the corners (F,3) of its faces: `seam`, `edge`: metres to the nearest seam
-    between panels and to the nearest border; `rub` in [0,1]: how much knees, seat, elbows rub; `crease` in [-1,1]: from
-    the bottom to the ridge of folds."""
+    between panels and to the nearest border; `rub`, `bend` in [0,1]: how much the cloth there rubs and is bent when
+    worn."""
 
     seam: np.ndarray
     edge: np.ndarray
     rub: np.ndarray
-    crease: np.ndarray
+    bend: np.ndarray
 
 
-def relief(positions: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """How far each vertex (n,) stands out of the cloth around it, -1 in the bottom of folds to 1 on their ridges."""
-    out = np.einsum("nx,nx->n", positions - smoothed(positions, faces, 5), normals(positions, faces))
-    return np.tanh(out / FOLD)
-
-
-def marks(body: Body, pattern: Pattern, positions: np.ndarray) -> Marks:
-    """The marks of a garment that hangs at `positions` (n,3)."""
+def marks(body: Body, pattern: Pattern) -> Marks:
+    """The marks of a garment, whatever pose it is worn in."""
     level, f = pattern.levels[-1], pattern.fields
     faces, p = level.faces, level.pattern
     sides = rim(faces)
@@ -48,17 +41,19 @@ def marks(body: Body, pattern: Pattern, positions: np.ndarray) -> Marks:
     border = np.concatenate([ends[:, 0] + t * (ends[:, 1] - ends[:, 0]) for t in (0.0, 0.25, 0.5, 0.75)])
     edge = np.minimum(cKDTree(border).query(p, distance_upper_bound=FAR)[0], FAR)[faces]
     seam = seam_distance(body, pattern)
-    rub = np.zeros(len(p))
+    rub, bend = np.zeros(len(p)), np.zeros(len(p))
     if pattern.garment.kind == "trousers":
         leg = np.where(f["x"] > 0, f["legL"], f["legR"])
         middle = np.abs(f["z"] - np.median(f["z"]))
         thigh = np.exp(-(((leg - 0.45) / 0.4) ** 2))
         rub = np.maximum(np.exp(-(((leg - 1.0) / 0.14) ** 2)), 0.8 * thigh) * np.clip(middle / 0.05, 0, 1)
+        bend = np.maximum(np.exp(-(((leg - 0.05) / 0.22) ** 2)), np.exp(-(((leg - 1.0) / 0.2) ** 2)))
     elif pattern.garment.kind == "top":
         arm, on = np.maximum(f["armL"], f["armR"]), np.maximum(f["onL"], f["onR"])
         rub = np.clip(on, 0, 1) * np.exp(-(((arm - 1.0) / 0.15) ** 2))
+        bend = np.clip(on, 0, 1) * np.exp(-(((arm - 1.0) / 0.25) ** 2))
     rub = np.maximum(rub[faces], 0.7 * np.exp(-edge / 0.004))
-    return Marks(seam, edge, rub, relief(positions, faces)[faces])
+    return Marks(seam, edge, rub, 0.3 + 0.7 * bend[faces])
 
 
 def seam_distance(body: Body, pattern: Pattern) -> np.ndarray:
@@ -95,7 +90,7 @@ def images(panels: Panels, marks: Marks) -> dict[str, np.ndarray]:
     cell = (at[..., 1] * side + at[..., 0]).ravel()
     count = gaussian_filter(np.bincount(cell, minlength=side * side).reshape(side, side).astype(float), 0.8)
     out = {}
-    for name in ("seam", "edge", "rub", "crease"):
+    for name in ("seam", "edge", "rub", "bend"):
         values = np.einsum("wk,fk->wf", weights, getattr(marks, name)).ravel()
         total = np.bincount(cell, values, side * side).reshape(side, side)
         mean = gaussian_filter(total, 0.8) / np.maximum(count, 1e-6)
@@ -147,7 +142,8 @@ def aged(
     worn = np.clip(at["rub"] * (0.75 + 0.25 * uneven) + 0.35 * pucker * np.clip(rope, 0, 2), 0, 1)
     pale = 0.5 * color + 0.5 * np.array([0.48, 0.51, 0.55]) if kind == "denim" else 1.5 * color + 0.01
     color = color + (pale - color) * np.clip(0.55 * fades * worn, 0, 1)[..., None]
-    log += (0.02 + 0.10 * fades) * at["crease"] * (1 + 0.4 * uneven)
+    lines = np.abs(grain(u, v, 0.055, 0.011, texel, fabric.seed + 62, offset))  # the dye that old creases lost
+    log += (0.02 + 0.13 * fades) * at["bend"] * np.clip(1 - 1.8 * lines, -0.3, 1)
     # soiled
     low = np.exp(-at["edge"] / 0.035) * (garment.kind == "trousers")
     log -= 0.25 * soil * low * np.clip(0.6 + 0.5 * uneven, 0, 2)

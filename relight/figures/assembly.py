@@ -167,7 +167,7 @@ def clothe(
     top = {name: cloth[panel == k][..., 1].max(initial=0.0) for k, name in enumerate(names)}
 
     texel = 1 / laid.scale
-    marks = aging.images(laid, aging.marks(body, w.pattern, w.draped.positions))
+    marks = aging.images(laid, aging.marks(body, w.pattern))
 
     def paint(name: str, u: np.ndarray, v: np.ndarray, place: tuple[slice, slice]) -> np.ndarray:
         color = fabrics.weave(w.fabric, name, u, v, texel)

@@ -9,10 +9,11 @@ fold is a crest of its own, traced through that field, that rises and ends somew
 from dataclasses import replace
 
 import numpy as np
+import scipy.sparse as sparse
 from scipy.spatial import cKDTree
 
 from relight.figures.drape import Crimp, Level
-from relight.figures.surfaces import neighbours, normals, smoothed
+from relight.figures.surfaces import neighbours, normals
 
 NEAR = 26  # vertices that a point of a crest may lift
 STEEP = 0.14  # most height of a crest per width
@@ -70,14 +71,15 @@ def field(points: np.ndarray, size: float, seed: int) -> np.ndarray:
 
 
 def crests(
-    points: np.ndarray, normal: np.ndarray, along: np.ndarray, start: np.ndarray, length: np.ndarray, step: float
+    tree: cKDTree, normal: np.ndarray, along: np.ndarray, start: np.ndarray, length: np.ndarray, step: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Lines through the direction field `along` (n,3) of a surface (n,3), from its vertices `start` (m,), both ways.
+    """Lines through the direction field `along` (n,3) of a surface with the vertices of `tree` and normals (n,3), from
+    its vertices `start` (m,), both ways.
 
     Returns, for each point of a line, its place (k,3), the nearest vertex (k,), its line (k,) and its distance (k,)
     from the middle over half the line's length, in [-1,1].
     """
-    tree = cKDTree(points)
+    points = tree.data
     places, nearest, lines, at = [], [], [], []
     for way in (1.0, -1.0):
         place, vertex = points[start].copy(), start.copy()
@@ -104,6 +106,7 @@ def ridges(
     pattern: np.ndarray,
     x: np.ndarray,
     faces: np.ndarray,
+    around: sparse.csr_matrix,
     crimp: Crimp,
     share: float,
     free: np.ndarray,
@@ -114,10 +117,8 @@ def ridges(
     """Heights (n,), metres, at `most`, of the folds of one width; see `folds`. share: of the length to lose that they
     take."""
     mean = float(np.linalg.norm(pattern[faces[:, 0]] - pattern[faces[:, 1]], axis=1).mean())
-    around = neighbours(faces, len(x))
-    flat, hung = pattern, x
-    for _ in range(int(np.ceil(6 * (0.0062 / mean) ** 2))):  # over the same centimetre at every level
-        flat, hung = 0.5 * flat + 0.5 * (around @ flat), 0.5 * hung + 0.5 * (around @ hung)
+    times = int(np.ceil(6 * (0.0062 / mean) ** 2))  # over the same centimetre at every level
+    flat, hung = (averaged(points, around, times) for points in (pattern, x))
     normal = normals(pattern, faces)
     tensor = stretch(flat, hung, faces).reshape(-1, 9)
     for _ in range(3):
@@ -145,11 +146,12 @@ def ridges(
     length = crimp.length * longer[start] * np.exp(rng.normal(0, 0.45, len(start)))
     wide = crimp.width * np.exp(rng.normal(0, 0.22, len(start)))
     tall = np.where(rng.random(len(start)) < 0.75, 1.0, -0.7) * np.exp(rng.normal(0, 0.25, len(start)))
-    step = 1.25 * mean
-    place, vertex, line, at = crests(pattern, normal, along, start, length, step)
+    step = 1.5 * mean
+    tree = cKDTree(pattern)
+    place, vertex, line, at = crests(tree, normal, along, start, length, step)
     rise = tall[line] * wide[line] * np.minimum(TAPER * room[vertex] / np.pi, STEEP)  # A k = 2 sqrt(excess)
     rise *= np.cos(0.5 * np.pi * np.clip(at, -1, 1)) ** 0.8
-    _, near = cKDTree(pattern).query(place, NEAR)
+    _, near = tree.query(place, NEAR)
     offset = pattern[near] - place[:, None]
     s = np.einsum("kjx,kx->kj", offset, along[vertex]) / step
     t = np.einsum("kjx,kx->kj", offset, across[vertex]) * (PROFILE / wide[line])[:, None]
@@ -159,10 +161,17 @@ def ridges(
     return free * most * np.tanh(height / most)
 
 
-def smoothness(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
+def averaged(values: np.ndarray, around: sparse.csr_matrix, times: int) -> np.ndarray:
+    """Vertex values (n,...) averaged `times` with those of their neighbours."""
+    for _ in range(times):
+        values = 0.5 * values + 0.5 * (around @ values)
+    return values
+
+
+def smoothness(points: np.ndarray, faces: np.ndarray, around: sparse.csr_matrix) -> np.ndarray:
     """1 where a surface (n,3) is smooth, falling to 0 (n,) where it turns sharply: in a pleat, folds find no room."""
     normal = normals(points, faces)
-    mean = smoothed(normal, faces, 6)
+    mean = averaged(normal, around, 6)
     mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-9)
     return np.clip((np.einsum("nx,nx->n", normal, mean) - 0.55) / 0.3, 0, 1)
 
@@ -173,17 +182,21 @@ def folds(levels: list[Level], refine: list, x: np.ndarray, crimp: Crimp, hang: 
     Wider folds are made on coarser levels. Where pins hold the cloth there are none; hang (n,) in [0,1]: how freely it
     hangs down.
     """
-    height = np.zeros(len(x))
-    calm = np.minimum(*(smoothness(points, levels[-1].faces) for points in (levels[-1].pattern, x)))
+    finest, height = levels[-1], np.zeros(len(x))
+    around = neighbours(finest.faces, len(x))
+    calm = np.minimum(*(smoothness(points, finest.faces, around) for points in (finest.pattern, x)))
     for back, (scale, share) in enumerate(zip(SCALES[: len(levels)], SHARES), 1):
         level = levels[-back]
+        if scale == SCALES[-1] and not hang.any():
+            continue
         n = len(level.pattern)  # subdivision keeps the vertices of the coarser levels, and begins with them
         mean = float(np.linalg.norm(level.pattern[level.faces[:, 0]] - level.pattern[level.faces[:, 1]], axis=1).mean())
         wide = max(crimp.width * scale, VERTICES * mean)
         this = replace(crimp, width=wide, length=crimp.length * max(1.0, wide / crimp.width) ** 0.7)
         free = calm[:n] * (1 - np.clip(1.5 * level.pinned, 0, 1)) * (hang[:n] if scale == SCALES[-1] else 1)
         most = HIGH * crimp.width * np.sqrt(scale)
-        more = ridges(level.pattern, x[:n], level.faces, this, share, free, hang[:n], most, seed + 100 * back)
+        near = around if back == 1 else neighbours(level.faces, n)
+        more = ridges(level.pattern, x[:n], level.faces, near, this, share, free, hang[:n], most, seed + 100 * back)
         for up in refine[len(refine) - back + 1 :]:
             more = up @ more
         height += more
@@ -204,6 +217,6 @@ def of_one_garment(crimp: Crimp, seed: int) -> Crimp:
 def folded(levels: list[Level], refine: list, x: np.ndarray, crimp: Crimp, hang: np.ndarray, seed: int) -> np.ndarray:
     """The cloth at x (n,3) with its `folds`, raised along its smooth normals."""
     faces = levels[-1].faces
-    out = smoothed(normals(x, faces), faces, 3)
+    out = averaged(normals(x, faces), neighbours(faces, len(x)), 3)
     out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-9)
     return x + folds(levels, refine, x, crimp, hang, seed)[:, None] * out
