@@ -1,0 +1,95 @@
+"""Errors of networks for photographs on held-out figures: in pictures as relit, and in pictures as photographs are.
+
+    python benchmarks/photographs.py results/photo relight/weights/photo.safetensors [other.safetensors ...]
+
+The first argument is a folder of `relight run experiment=photo`: its packed set, lights and split. Each test figure is
+seen under three test lights. "Photographs" have the framing, masks, exposures and camera of augment=photo; "and tints"
+its white balances and recoloured clothes, too. Light errors are of irradiance, the norm of the difference over the norm;
+others are root mean squares of vectors in the mask. Columns with a star are up to one factor a picture, since how bright
+a scene is, no photograph tells.
+"""
+
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+import torch
+from omegaconf import OmegaConf
+from torch import Tensor
+
+from relight.config import composed
+from relight.learning.augment import augmented
+from relight.learning.camera import shade
+from relight.learning.checkpoint import load_network
+from relight.learning.data import RelitSet, read_split
+from relight.sh.basis import cosine_factors, per_coefficient
+
+KINDS = {
+    "as relit": ["augment=none"],
+    "photographs": ["augment=photo", "augment.tint=0", "augment.recolour=0"],
+    "and tints": ["augment=photo"],
+}
+SEEN = 3  # lights for each figure
+COLUMNS = ("light", "light*", "albedo", "albedo*", "transport", "shading", "shading*")
+
+
+def factor(values: Tensor, other: Tensor) -> Tensor:
+    """What to multiply `values` by to come nearest to `other`."""
+    return (values * other).sum() / (values**2).sum().clamp_min(1e-9)
+
+
+def rms(difference: Tensor) -> Tensor:
+    """Root of the mean over pixels of the squared norm of vectors (P,C)."""
+    return (difference**2).sum(-1).mean().sqrt()
+
+
+@torch.inference_mode()
+def errors(network: torch.nn.Module, data: RelitSet, figures: np.ndarray, kind: list[str]) -> np.ndarray:
+    """Means of COLUMNS over figures and lights."""
+    settings = OmegaConf.to_object(composed(kind).augment)
+    lights = np.flatnonzero(data.light_split == "test")
+    weight = torch.tensor(per_coefficient(cosine_factors(network.order)), dtype=torch.float32)[:, None]
+    rows = []
+    for i, figure in enumerate(figures):
+        lit = lights[(i + np.arange(SEEN) * len(lights) // SEEN) % len(lights)]
+        generators = [np.random.default_rng([i, j]) for j in range(SEEN)]
+        batch = augmented(data.batch(np.full(SEEN, figure), lit), settings, generators, network.size)
+        outputs = network(batch.image, batch.mask)
+        light = outputs.pop("light") / batch.exposure[:, None, None]
+        maps = {name: batch.take(dense) for name, dense in outputs.items()}
+        maps["shading"] = shade(maps["transport"], light)
+        for j in range(SEEN):
+            inside = batch.inside[j, :, 0] > 0
+            found, true = light[j] * weight, batch.light[j] * weight
+            row = [(found * f - true).norm() / true.norm() for f in (1, factor(found, true))]
+            for name in ("albedo", "transport", "shading"):
+                found, true = maps[name][j][inside], getattr(batch, name)[j][inside]
+                row += [rms(found * f - true) for f in ((1, factor(found, true)) if name != "transport" else (1,))]
+            rows.append(row)
+    return np.array(rows, float).mean(0)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("results", type=Path)
+    parser.add_argument("weights", type=Path, nargs="+")
+    args = parser.parse_args()
+    torch.set_num_threads(1)
+    print("| pictures | weights | " + " | ".join(COLUMNS) + " |\n|---|---|" + "---|" * len(COLUMNS))
+    for title, kind in KINDS.items():
+        for path in args.weights:
+            network, _ = load_network(path)
+            data = RelitSet(
+                args.results / "packed.safetensors", args.results / "lights" / "lights.npz", network.order, "photo"
+            )
+            figures = data.figures(read_split(args.results / "split" / "subject.json")["test"])
+            means = errors(network, data, figures, kind)
+            print(f"| {title} | {path} | " + " | ".join(f"{value:.3f}" for value in means) + " |")
+
+
+if __name__ == "__main__":
+    main()
