@@ -51,7 +51,7 @@ white balance: `python benchmarks/invariance.py relight/weights/photo.safetensor
 def main(results: Path, run: str) -> None:
     network, made_with = load_network(results / "train" / f"{run}.safetensors")
     chosen = load(results / "lights" / "lights.npz")
-    training = chosen.of("train").coefficients
+    training = np.concatenate([chosen.of(mark).coefficients for mark in made_with["train"]["lights"]])
     model = config.Model(**made_with["model"])
     out = OUT / "photo.safetensors"
     stages = [made_with]
