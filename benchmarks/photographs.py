@@ -5,8 +5,8 @@
 The first argument is a folder of `relight run experiment=photo`: its packed set, lights and split. Each test figure is
 seen under three test lights. "Photographs" have the framing, masks, exposures and camera of augment=photo; "and tints"
 its white balances and recoloured clothes, too. Light errors are of irradiance, norm of the difference over the norm;
-others are root mean squares of vectors in the mask. Columns with a star are up to one factor a picture, since how bright
-a scene is, no photograph tells.
+others are root mean squares of vectors in the mask. Columns with a star are up to one factor a picture: how bright a
+scene is, no photograph tells.
 """
 
 import os
