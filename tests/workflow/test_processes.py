@@ -49,13 +49,16 @@ def family(process: subprocess.Popen) -> list[psutil.Process]:
 def run(request):
     """A run whose job is at work, and all its processes; what a failing test leaves is killed.
 
-    It ignores INT, as what a script starts in the background does, unless it is tested with that.
+    It ignores INT, as what a script starts in the background does, unless it is tested with that; it does not ignore
+    HUP, even if these tests were started with nohup.
     """
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     background = "SIGINT" not in request.node.name
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN) if background else signal.getsignal(signal.SIGINT)
+    inherited = {signal.SIGINT: signal.SIG_IGN if background else signal.SIG_DFL, signal.SIGHUP: signal.SIG_DFL}
+    before = {number: signal.signal(number, how) for number, how in inherited.items()}
     job = subprocess.Popen([sys.executable, "-c", RUN], env=environment, stdout=subprocess.PIPE, text=True)
-    signal.signal(signal.SIGINT, before)
+    for number, how in before.items():
+        signal.signal(number, how)
     assert job.stdout.readline() == "here\n"
     processes = family(job)
     assert len(processes) >= 5
