@@ -1,6 +1,6 @@
 """relight: the open laboratory for occlusion-aware relighting of people."""
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 
 def __getattr__(name: str):
