@@ -352,6 +352,8 @@ LEAST = {
     "bake.supersample": 1,
     "bake.views": 0,
     "panoramas.count": 0,
+    **{f"augment.{name}": 0 for name in ("framing", "cut", "shift", "tint", "recolour", "mask", "tone", "blur")},
+    **{f"augment.{name}": 0 for name in ("sharpen", "noise", "jpeg")},
     "lights.rotations": 1,
     "lights.clusters": 2,
     "lights.test": 1,
@@ -404,6 +406,8 @@ RULES = {
         lambda value: value and set(value) <= {"train", "rich", "test"},
         "must be a list of some of train, rich, test",
     ),
+    "augment.zoom": (lambda value: len(value) == 2 and 0 < value[0] <= value[1], "must be [least, most] above 0"),
+    "augment.exposure": (lambda value: len(value) == 2 and value[0] <= value[1], "must be [least, most], in stops"),
     "split.test": (lambda value: 0 < value < 1, "must lie between 0 and 1"),
     "split.least": (lambda value: 0 <= value <= 1, "must lie in [0, 1]"),
     "align.padding": (lambda value: 0 <= value < 0.5, "must lie in [0, 0.5)"),
@@ -467,6 +471,10 @@ def check(cfg: DictConfig) -> None:
         raise UserError(f"lights.low {get('lights.low')} must not be above lights.high {get('lights.high')}")
     if get("lights.test") is not None and get("lights.test") >= get("lights.clusters"):
         raise UserError(f"lights.test {get('lights.test')} must be below lights.clusters {get('lights.clusters')}")
+    if get("train.color") == "paper" and (get("train.size") or any(augmentation(get("augment")))):
+        raise UserError("augment and train.size make pictures as cameras do: they need train.color=photo")
+    if get("model.name") == "unet" and get("model.light_head") != "pooled":
+        raise UserError("model.name=unet has a pooled light head only: give model=unet or model.light_head=pooled")
     if get("train.part") == "test" or "test" in (get("train.lights") or ()):
         if used := [name for name in TRUTH if get(f"loss.{name}")]:
             raise UserError(
@@ -481,6 +489,12 @@ def check(cfg: DictConfig) -> None:
     for group, source in (("figures", "scans"), ("panoramas", "folder")):
         if get(f"{group}.source") == source and not get(f"{group}.folder"):
             raise UserError(f"{group}.source={source} needs {group}.folder=<the folder to read>")
+
+
+def augmentation(settings: Augment | DictConfig) -> list[float]:
+    """The strengths of all parts of an augmentation: with each at 0, pictures stay as they were relit."""
+    names = ("framing", "tint", "recolour", "mask", "tone", "blur", "sharpen", "noise", "jpeg")
+    return [*(getattr(settings, name) for name in names), *settings.exposure]
 
 
 def view(cfg: DictConfig, stage: str) -> dict[str, Any]:

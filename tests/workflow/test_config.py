@@ -10,7 +10,11 @@ from relight.files import UserError
 
 GROUPS = sorted(path.name for path in CONF.iterdir() if path.is_dir() and any(path.iterdir()))
 OPTIONS = [f"{group}={path.stem}" for group in GROUPS for path in sorted((CONF / group).glob("*.yaml"))]
-NEEDS = {"figures=scans": ["figures.folder=x"], "panoramas=folder": ["panoramas.folder=x"]}
+NEEDS = {
+    "augment=photo": ["train=photo"],
+    "figures=scans": ["figures.folder=x"],
+    "panoramas=folder": ["panoramas.folder=x"],
+}
 
 
 @pytest.mark.parametrize("option", OPTIONS)
@@ -83,3 +87,18 @@ def test_view_hands_over_what_is_read():
     cfg = composed(["train.lr=0.5"])
     assert set(view(cfg, "bake")) == {"bake"}
     assert view(cfg, "train")["train"]["lr"] == 0.5
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["augment=photo"], "need train.color=photo"),
+        (["train.size=64"], "need train.color=photo"),
+        (["model=unet", "model.light_head=strided"], "pooled light head only"),
+        (["augment.zoom=[1.2,0.8]"], "augment.zoom must be"),
+        (["augment.noise=-1"], "augment.noise must be at least 0"),
+    ],
+)
+def test_settings_for_photographs_are_checked(words, said):
+    with pytest.raises(UserError, match=said):
+        composed(words)

@@ -12,6 +12,7 @@ from skimage import data
 
 from relight.photos.api import load
 from relight.photos.background import background
+from relight.photos.frame import extend
 from relight.srgb import encode, to_bytes
 
 IMAGES = Path(__file__).parents[2] / "docs" / "images"
@@ -28,12 +29,12 @@ def main() -> None:
     person = relighter.infer(photo, mask)[0]
     grey = background("#808080")
     relit = [relighter.relight(photo, mask, light, behind=grey) for light in LIGHTS]
-    maps = [to_bytes(encode(np.clip(m, 0, 1))) for m in (person.albedo, person.shading / 2)]
-    side = photo.shape[0]
-    shown = []
-    for values in maps:
-        behind = np.where(person.mask[..., None], values, 128).astype(np.uint8)
-        shown.append(np.asarray(Image.fromarray(behind).resize((side, side), Image.Resampling.LANCZOS)))
+    inside = person.coverage[..., None] / 255
+    side, shown = photo.shape[0], []
+    for values in (person.albedo, person.shading / 2):
+        placed = np.zeros(photo.shape)
+        placed[person.frame.window] = person.frame.place(extend(values, person.mask))
+        shown.append(np.uint8(to_bytes(encode(np.clip(placed, 0, 1))) * inside + 128 * (1 - inside)))
     sheet = np.concatenate([photo, *shown, *(picture[..., :3] for picture in relit)], 1)
     Image.fromarray(sheet).resize((sheet.shape[1] // 2, side // 2), Image.Resampling.LANCZOS).save(args.out, quality=90)
 
