@@ -340,7 +340,12 @@ def resolved(cfg: DictConfig) -> DictConfig:
     return cfg
 
 
+# What augments pictures, beside augment.exposure: with each at 0 they stay as they were relit.
+STRENGTHS = [
+    f"augment.{name}" for name in ("framing", "tint", "recolour", "mask", "tone", "blur", "sharpen", "noise", "jpeg")
+]
 LEAST = {
+    **dict.fromkeys([*STRENGTHS, "augment.cut", "augment.shift"], 0),
     **{f"loss.{weight.name}": 0 for weight in fields(Loss) if weight.type is float},
     "figures.count": 1,
     "figures.texture": 16,
@@ -352,8 +357,6 @@ LEAST = {
     "bake.supersample": 1,
     "bake.views": 0,
     "panoramas.count": 0,
-    **{f"augment.{name}": 0 for name in ("framing", "cut", "shift", "tint", "recolour", "mask", "tone", "blur")},
-    **{f"augment.{name}": 0 for name in ("sharpen", "noise", "jpeg")},
     "lights.rotations": 1,
     "lights.clusters": 2,
     "lights.test": 1,
@@ -471,9 +474,11 @@ def check(cfg: DictConfig) -> None:
         raise UserError(f"lights.low {get('lights.low')} must not be above lights.high {get('lights.high')}")
     if get("lights.test") is not None and get("lights.test") >= get("lights.clusters"):
         raise UserError(f"lights.test {get('lights.test')} must be below lights.clusters {get('lights.clusters')}")
-    if get("train.color") == "paper" and (get("train.size") or any(augmentation(get("augment")))):
+    if get("train.color") == "paper" and (
+        get("train.size") or any([*map(get, STRENGTHS), *(get("augment.exposure") or ())])
+    ):
         raise UserError("augment and train.size make pictures as cameras do: they need train.color=photo")
-    if get("model.name") == "unet" and get("model.light_head") != "pooled":
+    if get("model.name") == "unet" and get("model.light_head") == "strided":
         raise UserError("model.name=unet has a pooled light head only: give model=unet or model.light_head=pooled")
     if get("train.part") == "test" or "test" in (get("train.lights") or ()):
         if used := [name for name in TRUTH if get(f"loss.{name}")]:
@@ -489,12 +494,6 @@ def check(cfg: DictConfig) -> None:
     for group, source in (("figures", "scans"), ("panoramas", "folder")):
         if get(f"{group}.source") == source and not get(f"{group}.folder"):
             raise UserError(f"{group}.source={source} needs {group}.folder=<the folder to read>")
-
-
-def augmentation(settings: Augment | DictConfig) -> list[float]:
-    """The strengths of all parts of an augmentation: with each at 0, pictures stay as they were relit."""
-    names = ("framing", "tint", "recolour", "mask", "tone", "blur", "sharpen", "noise", "jpeg")
-    return [*(getattr(settings, name) for name in names), *settings.exposure]
 
 
 def view(cfg: DictConfig, stage: str) -> dict[str, Any]:

@@ -13,7 +13,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from relight.config import Augment, augmentation
+from relight.config import STRENGTHS, Augment
 from relight.learning.camera import decode, encode, photograph
 from relight.learning.compact import compact
 from relight.learning.data import Batch
@@ -49,7 +49,7 @@ def augmented(batch: Batch, settings: Augment, generators: list[np.random.Genera
     Returns:
         A batch of the same pairs. Its `light`, `shading` and `relit` are those before the exposure.
     """
-    if not any(augmentation(settings)) and size == batch.size:
+    if is_off(settings) and size == batch.size:
         return batch
     batch = _recoloured(batch, settings, generators)
     batch = _tinted(batch, settings, generators)
@@ -83,6 +83,12 @@ def augmented(batch: Batch, settings: Augment, generators: list[np.random.Genera
         size=size,
         scope=float(places.inside.sum()),
     )
+
+
+def is_off(settings: Augment) -> bool:
+    """Whether no part of the settings changes a picture."""
+    strengths = [getattr(settings, key.rpartition(".")[2]) for key in STRENGTHS]
+    return not any([*strengths, *settings.exposure])
 
 
 def _recoloured(batch: Batch, settings: Augment, generators: list[np.random.Generator]) -> Batch:

@@ -5,7 +5,7 @@ from dataclasses import fields
 import pytest
 from omegaconf import OmegaConf
 
-from relight.config import CHOICES, CONF, LEAST, READS, RULES, Config, composed, view
+from relight.config import CHOICES, CONF, LEAST, READS, RULES, Config, check, composed, view
 from relight.files import UserError
 
 GROUPS = sorted(path.name for path in CONF.iterdir() if path.is_dir() and any(path.iterdir()))
@@ -102,3 +102,7 @@ def test_view_hands_over_what_is_read():
 def test_settings_for_photographs_are_checked(words, said):
     with pytest.raises(UserError, match=said):
         composed(words)
+
+
+def test_a_stage_that_reads_no_augmentation_is_not_asked_for_one():
+    check(OmegaConf.merge(OmegaConf.structured(Config), {"train": {"color": "paper"}}))
