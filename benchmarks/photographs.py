@@ -30,7 +30,7 @@ from relight.sh.basis import cosine_factors, per_coefficient
 
 KINDS = {
     "as relit": ["augment=none"],
-    "photographs": ["augment=photo", "augment.tint=0", "augment.recolour=0"],
+    "photographs": ["augment=photo", "augment.tint=0", "augment.recolour=0", "augment.prints=0"],
     "and tints": ["augment=photo"],
 }
 SEEN = 3  # lights for each figure

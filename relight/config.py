@@ -196,6 +196,7 @@ class Augment:
     tint: float = MISSING  # standard deviation of ln(B/G) of the white balance
     exposure: list[float] = MISSING  # least and most stops
     recolour: float = MISSING  # share of the pictures in which garments get other colours
+    prints: float = MISSING  # share of the pictures in which garments get stripes, checks, dots or blots
     mask: int = MISSING  # pixels by which the mask is too fat or too thin, at most, differently along the outline
     tone: float = MISSING  # strength of the tone curve and of changes of saturation
     blur: float = MISSING  # largest standard deviation, pixels
@@ -342,7 +343,8 @@ def resolved(cfg: DictConfig) -> DictConfig:
 
 # What augments pictures, beside augment.exposure: with each at 0 they stay as they were relit.
 STRENGTHS = [
-    f"augment.{name}" for name in ("framing", "tint", "recolour", "mask", "tone", "blur", "sharpen", "noise", "jpeg")
+    f"augment.{name}"
+    for name in ("framing", "tint", "recolour", "prints", "mask", "tone", "blur", "sharpen", "noise", "jpeg")
 ]
 LEAST = {
     **dict.fromkeys([*STRENGTHS, "augment.cut", "augment.shift"], 0),

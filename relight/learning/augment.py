@@ -23,6 +23,8 @@ CUT = (0.4, 0.85)  # share of a figure's height that is left of it when it is cu
 RED = -0.6  # ln(R/G) of a white balance for each ln(B/G): about the Planckian locus between 2,500 and 8,000 K in sRGB
 SKIN = ((1.12, 2.2), (1.02, 2.2))  # R/G and G/B of skin: what lies in both is not recoloured
 SPREAD = 0.5  # standard deviation of ln albedo within what is taken for one garment
+PRINT_DEPTH = 0.03  # shift of a print over a tilted surface, of the image's side: it bends with the folds
+PERIOD = (0.012, 0.2)  # of a print, of the image's side
 QUALITY = (40, 95)
 
 # Quantisation tables of JPEG's Annex K, for luminance and chrominance.
@@ -92,24 +94,52 @@ def is_off(settings: Augment) -> bool:
 
 
 def _recoloured(batch: Batch, settings: Augment, generators: list[np.random.Generator]) -> Batch:
-    """Gives what has the colour of a random pixel another colour, its texture kept: ln albedo is shifted."""
-    albedo = batch.albedo.clone()
+    """Gives what has the colour of a random pixel another colour or a print, its texture kept: ln albedo is shifted."""
+    albedo, normal = batch.albedo.clone(), batch.normal
     for i, rng in enumerate(generators):
-        if rng.random() >= settings.recolour:
-            continue
         own = albedo[i]
         count = int(batch.inside[i].sum())
-        for place in rng.integers(0, count, rng.integers(1, 4)):
-            colour = own[place].clamp_min(0.02)
-            red, blue = float(colour[0] / colour[1]), float(colour[1] / colour[2])
-            if SKIN[0][0] < red < SKIN[0][1] and SKIN[1][0] < blue < SKIN[1][1]:
-                continue
-            distance = ((own.clamp_min(0.02) / colour).log() ** 2).sum(-1, keepdim=True)
-            weight = torch.exp(-distance / (2 * SPREAD**2))
-            factor = own.new_tensor(_dye(rng)) / colour
-            own = (own * factor**weight).clamp(0.004, 0.95)
+        if rng.random() < settings.recolour:
+            for place in rng.integers(0, count, rng.integers(1, 4)):
+                own = _dyed(own, own[place], _dye(rng))
+        if rng.random() < settings.prints:
+            pixel = batch.pixel.view(len(generators), -1)[i]
+            across, down = pixel % batch.size, pixel // batch.size % batch.size
+            places = torch.stack([across, down], -1) / batch.size + PRINT_DEPTH * normal[i, :, :2]
+            for place in rng.integers(0, count, rng.integers(1, 3)):
+                own = _dyed(own, own[place], _dye(rng), _print(places, rng))
         albedo[i] = own * batch.inside[i]
     return replace(batch, albedo=albedo)
+
+
+def _dyed(albedo: Tensor, colour: Tensor, dye: np.ndarray, strength: Tensor | float = 1.0) -> Tensor:
+    """The albedo (P,3) with what looks like `colour` (3,) shifted toward `dye` by `strength` (P,1); skin stays."""
+    colour = colour.clamp_min(0.02)
+    red, blue = float(colour[0] / colour[1]), float(colour[1] / colour[2])
+    if SKIN[0][0] < red < SKIN[0][1] and SKIN[1][0] < blue < SKIN[1][1]:
+        return albedo
+    distance = ((albedo.clamp_min(0.02) / colour).log() ** 2).sum(-1, keepdim=True)
+    weight = strength * torch.exp(-distance / (2 * SPREAD**2))
+    return (albedo * (albedo.new_tensor(dye) / colour) ** weight).clamp(0.004, 0.95)
+
+
+def _print(places: Tensor, rng: np.random.Generator) -> Tensor:
+    """Where the ink of a random print lies, (P,1) in [0,1]: stripes, checks, dots or blots over `places` (P,2)."""
+    period, angle, phase = np.exp(rng.uniform(*np.log(PERIOD))), rng.uniform(0, math.pi), rng.uniform(0, 1, 2)
+    turn = places.new_tensor([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
+    waves = torch.cos(2 * math.pi * (places @ turn / period + places.new_tensor(phase)))
+    kind = rng.integers(4)
+    if kind == 0:
+        height = waves[:, :1]
+    elif kind == 1:
+        height = waves[:, :1] * waves[:, 1:]
+    elif kind == 2:
+        height = waves.sum(-1, keepdim=True) - 1
+    else:
+        cells = math.ceil(2 / period)
+        field = places.new_tensor(rng.normal(size=(1, 1, cells, cells)))
+        height = F.grid_sample(field, (2 * places - 1)[None, None], align_corners=False)[0, 0, 0, :, None] - 0.3
+    return torch.sigmoid(rng.uniform(2, 30) * (height - rng.uniform(-0.4, 0.4)))
 
 
 def _dye(rng: np.random.Generator) -> np.ndarray:

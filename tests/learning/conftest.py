@@ -98,5 +98,5 @@ def schedule():
 @pytest.fixture(scope="session")
 def augment():
     """Settings of augmentation: none of it."""
-    off = dict.fromkeys("framing cut shift tint recolour mask tone blur sharpen noise jpeg".split(), 0)
+    off = dict.fromkeys("framing cut shift tint recolour prints mask tone blur sharpen noise jpeg".split(), 0)
     return lambda **changes: Augment(**{**off, "zoom": [1.0, 1.0], "exposure": [0.0, 0.0], **changes})

@@ -13,8 +13,8 @@ from relight.learning.camera import encode, photograph
 from relight.learning.compact import compact
 from relight.learning.data import RelitSet
 
-ALL = dict(framing=0.9, cut=0.5, zoom=[0.7, 1.1], shift=0.05, tint=0.3, exposure=[-1.0, 1.0], recolour=0.5, mask=1)
-ALL |= dict(tone=0.2, blur=1.0, sharpen=0.5, noise=0.02, jpeg=0.5)
+ALL = dict(framing=0.9, cut=0.5, zoom=[0.7, 1.1], shift=0.05, tint=0.3, exposure=[-1.0, 1.0], recolour=0.5, prints=0.5)
+ALL |= dict(mask=1, tone=0.2, blur=1.0, sharpen=0.5, noise=0.02, jpeg=0.5)
 
 
 @pytest.fixture(scope="module")
