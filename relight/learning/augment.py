@@ -15,8 +15,7 @@ from torch import Tensor
 
 from relight.config import STRENGTHS, Augment
 from relight.learning.camera import decode, encode, photograph
-from relight.learning.compact import compact
-from relight.learning.data import Batch
+from relight.learning.data import Batch, index_of
 
 FRAME = 0.9  # share of the image's side that the larger side of a figure's box takes (docs/conventions.md)
 CUT = (0.4, 0.85)  # share of a figure's height that is left of it when it is cut
@@ -65,25 +64,25 @@ def augmented(batch: Batch, settings: Augment, generators: list[np.random.Genera
     albedo, shading = dense[:, : widths[0]], dense[:, -widths[-1] :]
     scene = albedo * shading * exposure[:, None, None, None]
     image = _photographed(scene, mask, settings, generators) * seen
-    places = compact(mask * seen > 0)
-    albedo, transport, normal, ao, shading = places.take(dense).split(widths, -1)
+    index = index_of(mask * seen > 0)
+    albedo, transport, normal, ao, shading = index.take(dense).split(widths, -1)
     return replace(
         batch,
         image=image,
         mask=seen,
         albedo=albedo,
         transport=transport,
-        normal=F.normalize(normal, dim=-1) * places.inside,
+        normal=F.normalize(normal, dim=-1) * index.inside,
         ao=ao,
         shading=shading,
         relit=albedo * shading,
         exposure=exposure,
-        inside=places.inside,
-        interior=places.interior,
-        pixel=places.pixel,
-        below=places.below,
+        inside=index.inside,
+        interior=index.interior,
+        pixel=index.pixel,
+        below=index.below,
         size=size,
-        scope=float(places.inside.sum()),
+        scope=float(index.inside.sum()),
     )
 
 

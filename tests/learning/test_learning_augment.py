@@ -10,8 +10,7 @@ from PIL import Image
 
 from relight.learning.augment import RED, augmented, compressed
 from relight.learning.camera import encode, photograph
-from relight.learning.compact import compact
-from relight.learning.data import RelitSet
+from relight.learning.data import RelitSet, index_of
 
 ALL = dict(framing=0.9, cut=0.5, zoom=[0.7, 1.1], shift=0.05, tint=0.3, exposure=[-1.0, 1.0], recolour=0.5, prints=0.5)
 ALL |= dict(mask=1, tone=0.2, blur=1.0, sharpen=0.5, noise=0.02, jpeg=0.5)
@@ -32,7 +31,7 @@ def generators(count, seed=0):
 
 def test_compact_places_are_those_of_the_packed_set(data):
     batch = batch_of(data)
-    places = compact(batch.mask > 0)
+    places = index_of(batch.mask > 0)
     count = int(batch.inside.sum(1).max())
     for name in ("inside", "interior"):
         torch.testing.assert_close(getattr(places, name)[:, :count], getattr(batch, name)[:, :count])
