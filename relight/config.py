@@ -144,7 +144,7 @@ class Loss:
     gradient_albedo: float = MISSING  # of the error's differences between neighbours
     gradient_transport: float = MISSING
     gradient_shading: float = MISSING  # under the true light
-    tv_reference: int = MISSING  # TV weights are multiplied by size / tv_reference
+    tv_reference: int = MISSING  # pixels; the weight of tv_transport is multiplied by size / tv_reference
     reduction: str = MISSING  # image | mask
 
 
