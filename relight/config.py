@@ -17,7 +17,8 @@ from omegaconf.errors import OmegaConfBaseException
 from relight.files import UserError
 
 ROOT = Path(__file__).resolve().parent.parent
-CONF = ROOT / "conf"
+IS_CLONE = (ROOT / "Snakefile").exists()  # else relight was installed from a wheel, which holds conf/ in the package
+CONF = ROOT / "conf" if IS_CLONE else Path(__file__).resolve().parent / "conf"
 
 
 @dataclass
