@@ -76,7 +76,7 @@ def main(results: Path, run: str) -> None:
         "size": network.size,
         "lights": len(training),
         "training": "; ".join(
-            f"{stage['steps']:,} steps of {stage['batch']} pictures at {stage['size']} px, of {stage['figures']} figures "
+            f"{stage['steps']:,} steps of {stage['batch']} images at {stage['size']} px, of {stage['figures']} figures "
             f"(generator version {' and '.join(map(str, stage['generator']))})"
             for stage in stages
         ),
