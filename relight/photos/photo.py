@@ -10,7 +10,7 @@ from relight.photos.api import MODES, Relighter, exposure
 from relight.photos.background import Background, background
 from relight.photos.color import DISPLAY, KNEE
 from relight.photos.infer import Figure
-from relight.photos.mask import doubts, mask_of
+from relight.photos.mask import AUTOMATIC, doubts, mask_of
 from relight.photos.read import Photo, read_photo
 from relight.photos.render import render
 from relight.photos.save import save_inference, save_json, save_light, save_picture
@@ -96,13 +96,14 @@ def relight_file(
         name = "light" if len(figures) == 1 else f"light_{i}"
         save_light(out / name, figure.light, f"inferred from {photo.name}")
     save_light(out / "new_light", turned, f"{source.name}, turned by {wish.turn:g} degrees")
+    automatic = photo.alpha is None and not (mask or mask_beside(path))
     record = {
         "photo": str(path),
         "size": [photo.pixels.shape[1], photo.pixels.shape[0]],
         "wish": asdict(wish),
         "shading_png": {"stops": DISPLAY, "straight_to": KNEE},
         "light": {"name": source.name, "notes": source.notes},
-        "mask": {"notes": doubts(figures)},
+        "mask": {"automatic": automatic, "notes": doubts(figures) + [AUTOMATIC] * automatic},
         "people": [
             {"square": [round(v, 2) for v in (f.frame.left, f.frame.top, f.frame.side)], **asdict(trust)}
             for f, trust in zip(figures, judged)

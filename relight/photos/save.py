@@ -25,9 +25,11 @@ from relight.srgb import LINEAR
 
 
 def save_picture(path: Path, pixels: np.ndarray) -> None:
-    """(H,W,3|4) uint8 as a PNG; fast rather than small for pictures of more than a megapixel."""
+    """(H,W) or (H,W,3|4) uint8 as a PNG; fast rather than small for pictures of more than a megapixel."""
     with whole(path) as tmp:
-        Image.fromarray(pixels).save(tmp, format="PNG", compress_level=6 if pixels[..., 0].size < 1e6 else 1)
+        Image.fromarray(pixels).save(
+            tmp, format="PNG", compress_level=6 if pixels.shape[0] * pixels.shape[1] < 1e6 else 1
+        )
 
 
 def save_inference(folder: Path, figures: Sequence[Figure], pixels: np.ndarray) -> None:
