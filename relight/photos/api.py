@@ -84,7 +84,11 @@ class Relighter:
         photo, coverage = _given(image, mask)
         figures = self._infer(photo, coverage)
         behind = background(behind) if isinstance(behind, str) else behind
-        turned = rotate_y(self.light(light, figures, match), np.radians(turn)).astype(np.float32)
+        light = self.light(light)
+        needed = exposure(figures, light)
+        factor = needed if match else 1.0
+        behind = behind.under(light * factor, factor, factor / needed)
+        turned = rotate_y(light * factor, np.radians(turn)).astype(np.float32)
         return Relit.of(render(photo.pixels, figures, turned, mode, behind, np.radians(turn), stops), photo.pixels)
 
     def trust(self, figure: Figure) -> Trust:

@@ -19,6 +19,7 @@ BackgroundText = Annotated[
     str, typer.Option("--background", "-b", help="keep, transparent, panorama, a colour (#334455), or a picture.")
 ]
 Blur = Annotated[float, typer.Option(min=0, max=60, help="Blur of a panorama behind, degrees.")]
+Shadow = Annotated[bool, typer.Option("--shadow/--no-shadow", help="Shadows on the ground of a new background.")]
 Turn = Annotated[float, typer.Option(help="Turn of the light about the vertical, degrees.")]
 Stops = Annotated[float, typer.Option(min=-8, max=8, help="Brighter by so many stops.")]
 Absolute = Annotated[bool, typer.Option("--absolute", help="The light's own strength, not matched to the photo.")]
@@ -44,6 +45,7 @@ def photo(
     mode: Mode = "ratio",
     background: BackgroundText = "keep",
     blur: Blur = 0.0,
+    shadow: Shadow = True,
     turn: Turn = 0.0,
     stops: Stops = 0.0,
     absolute: Absolute = False,
@@ -69,6 +71,7 @@ def photo(
         mode=mode,
         background=background,
         blur=blur,
+        shadow=shadow,
         turn=turn,
         stops=stops,
         match=not absolute,
@@ -107,6 +110,7 @@ def transfer(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the two results.")] = Path("transfer"),
     mode: Mode = "ratio",
     background: BackgroundText = "keep",
+    shadow: Shadow = True,
     stops: Stops = 0.0,
     mask_model: MaskModel = None,
     weights: Weights = None,
@@ -115,7 +119,7 @@ def transfer(
     from relight.photos.api import load
     from relight.photos.photo import Wish, swap
 
-    wish = Wish(mode=mode, background=background, stops=stops, mask_model=_text(mask_model))
+    wish = Wish(mode=mode, background=background, shadow=shadow, stops=stops, mask_model=_text(mask_model))
     for path in swap(load(weights), (first, second), (first_mask, second_mask), out, wish):
         print(path)
 
@@ -135,6 +139,7 @@ def movie(
     mode: Mode = "ratio",
     background: BackgroundText = "keep",
     blur: Blur = 0.0,
+    shadow: Shadow = True,
     turn: Turn = 0.0,
     stops: Stops = 0.0,
     absolute: Absolute = False,
@@ -164,6 +169,7 @@ def movie(
         mode=mode,
         background=background,
         blur=blur,
+        shadow=shadow,
         turn=turn,
         stops=stops,
         match=not absolute,

@@ -17,7 +17,7 @@ from relight.photos.mask import mask_of
 from relight.photos.movie import is_movie, pictures_in, read_frames, write_movie
 from relight.photos.photo import Wish, lit
 from relight.photos.read import Photo, read_photo
-from relight.photos.render import compose, coverage_of, layers, relight_maps, render
+from relight.photos.render import compose, coverage_of, ground_of, layers, relight_maps, render
 from relight.photos.source import Source, mask_beside
 from relight.progress import progress
 from relight.sh.rotation import rotate_y
@@ -35,11 +35,15 @@ def turning(
     """`count` frames (H,W,3) uint8 of a photo whose light makes `turns` turns; the last leads on to the first."""
     shape = pixels.shape[:2]
     whole = layers(pixels, coverage_of(figures), 0, len(pixels))
-    still = behind.linear(shape) if behind.kind in ("color", "picture") else None
+    still = behind.linear(shape, stops=wish.stops) if behind.kind in ("color", "picture") else None
+    floor = ground_of(figures) if behind.replaced and behind.shadow else None
     for i in range(count):
         turn = np.radians(wish.turn) + 2 * np.pi * turns * i / count
-        maps = relight_maps(figures, rotate_y(light, turn).astype(np.float32), wish.mode)
+        turned = rotate_y(light, turn).astype(np.float32)
+        maps = relight_maps(figures, turned, wish.mode)
         scene = behind.linear(shape, turn, wish.stops) if behind.kind == "panorama" else still
+        if floor:
+            scene = floor.darkened(scene, turned)
         yield to_srgb8(compose(whole, figures, maps, scene, wish.stops))
 
 

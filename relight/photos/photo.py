@@ -28,6 +28,7 @@ class Wish:
     mode: str = "ratio"
     background: str = "keep"
     blur: float = 0.0  # of a panorama behind, degrees
+    shadow: bool = True  # of the people, on a new background
     turn: float = 0.0  # of the light, degrees about the vertical, its front toward +x
     stops: float = 0.0
     match: bool = True  # the light's strength to the photo's exposure
@@ -53,7 +54,7 @@ class Wish:
 
     def behind(self, source: Source) -> Background:
         """The background, read."""
-        return background(self.background, source.panorama, self.blur)
+        return replace(background(self.background, source.panorama, self.blur), shadow=self.shadow)
 
 
 def look(relighter: Relighter, path: Path | str, mask: Path | str | None, wish: Wish) -> tuple[Photo, list[Figure]]:
@@ -64,9 +65,11 @@ def look(relighter: Relighter, path: Path | str, mask: Path | str | None, wish: 
 
 
 def lit(figures: list[Figure], source: Source, behind: Background, wish: Wish) -> tuple[np.ndarray, Background]:
-    """The light in the photo's exposure, not turned yet, and a panorama behind in the same."""
-    factor = exposure(figures, source.coefficients) if wish.match else 1.0
-    return source.coefficients * np.float32(factor), replace(behind, gain=factor)
+    """The light in the photo's exposure, not turned yet, and the background in the same."""
+    needed = exposure(figures, source.coefficients)
+    factor = needed if wish.match else 1.0
+    light = source.coefficients * np.float32(factor)
+    return light, behind.under(light, factor, factor / needed)
 
 
 def relight_file(

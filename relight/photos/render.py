@@ -8,8 +8,10 @@ import numpy as np
 from relight.photos.background import Background
 from relight.photos.color import CLIPPING, excess, relit, rolled, to_srgb8
 from relight.photos.composite import REACH, foreground, over, strips
+from relight.photos.ground import Ground, ground
 from relight.photos.infer import Figure
 from relight.photos.upsample import Fitted, luma
+from relight.sh.basis import order_of
 from relight.srgb import LINEAR
 
 
@@ -39,6 +41,11 @@ def coverage_of(figures: Sequence[Figure]) -> np.ndarray:
     for figure in figures[1:]:
         total = np.maximum(total, figure.coverage)
     return total
+
+
+def ground_of(figures: Sequence[Figure]) -> Ground | None:
+    """The ground that the people stand on, for their shadows; None when nobody's feet are in the picture."""
+    return ground([figure.coverage for figure in figures], order_of(figures[0].transport.shape[-1]))
 
 
 def relight_maps(
@@ -107,7 +114,12 @@ def render(
     maps = relight_maps(figures, light, mode)
     coverage = coverage_of(figures)
     transparent = background.kind == "none"
-    behind = None if background.kind in ("keep", "none") else background.linear(pixels.shape[:2], turn, stops)
+    behind = None
+    if background.replaced:
+        behind = background.linear(pixels.shape[:2], turn, stops)
+        floor = ground_of(figures) if background.shadow else None
+        if floor:
+            behind = floor.darkened(behind, np.mean(light, 0) if isinstance(light, list | tuple) else light)
     out = np.empty((*pixels.shape[:2], 4 if transparent else 3), np.uint8)
     for first, last in strips(0, len(pixels)):
         if behind is None and not coverage[first:last].any():  # nobody there: the photo, untouched
