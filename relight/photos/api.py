@@ -42,9 +42,7 @@ class Relighter:
         split: people that do not touch are inferred one by one. Raises UserError for what is none of these, and for
         empty masks.
         """
-        return self._infer(*_given(image, mask), split)
-
-    def _infer(self, photo: Photo, coverage: np.ndarray, split: bool = True) -> list[Figure]:
+        photo, coverage = _given(image, mask)
         figures = people(coverage) if split else [coverage]
         return [infer(self.network, self.config, photo.pixels, figure) for figure in figures]
 
@@ -82,7 +80,7 @@ class Relighter:
         if mode not in MODES:
             raise UserError(f"mode {mode!r} is neither ratio nor full")
         photo, coverage = _given(image, mask)
-        figures = self._infer(photo, coverage)
+        figures = self.infer(photo.pixels, coverage)
         behind = background(behind) if isinstance(behind, str) else behind
         light = self.light(light)
         needed = exposure(figures, light)

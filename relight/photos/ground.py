@@ -70,17 +70,16 @@ class Ground:
         left = np.maximum(self.open[:count] @ light - self.hidden[..., :count] @ light, 0)
         return np.minimum((left + least) / (whole + least), 1)
 
-    def darkened(self, background: np.ndarray, light: np.ndarray) -> np.ndarray:
-        """`background` (H,W,3), linear, with the shadows under `light` (K,3)."""
+    def darken(self, background: np.ndarray, light: np.ndarray, top: int = 0, left: int = 0) -> None:
+        """Puts the shadows under `light` (K,3) on `background` (h,w,3), linear, in place. That holds all of the ground,
+        and its first pixel is the photo's at `top` and `left`.
+        """
         shade = self.shade(light)
-        size = self.columns[1] - self.columns[0], self.rows[1] - self.rows[0]
-        out = np.array(background, np.float32)
+        (first, last), (start, stop) = self.rows, self.columns
+        part = background[first - top : last - top, start - left : stop - left]
         for channel in range(3):
             small = Image.fromarray(np.ascontiguousarray(shade[..., channel]))
-            out[slice(*self.rows), slice(*self.columns), channel] *= np.asarray(
-                small.resize(size, Image.Resampling.BILINEAR)
-            )
-        return out
+            part[..., channel] *= np.asarray(small.resize((stop - start, last - first), Image.Resampling.BILINEAR))
 
 
 def ground(coverages: Sequence[np.ndarray], order: int = 2) -> Ground | None:

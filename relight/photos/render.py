@@ -17,30 +17,66 @@ from relight.srgb import LINEAR
 
 @dataclass
 class Layers:
-    """Rows [first, last) of a photo, linear: its values (h,W,3), alpha (h,W) in [0,1], the figures' own colour."""
+    """A part of a photo, its first row and column `top` and `left`; linear: its values (h,w,3), alpha (h,w) in [0,1],
+    the figures' own colour, and what relighting needs of each figure; None for those that are not in it.
+    """
 
-    first: int
-    last: int
+    top: int
+    left: int
     linear: np.ndarray
     alpha: np.ndarray
     front: np.ndarray
+    seen: list["Seen | None"]
 
 
-def layers(pixels: np.ndarray, coverage: np.ndarray, first: int, last: int) -> Layers:
-    """Rows of a photo, taken apart. Equal for every way of cutting the photo into strips."""
+@dataclass
+class Seen:
+    """The pixels of a figure in a part of a photo: where (h,w) in the `window` of that part, in `rows` of the photo.
+
+    own (N,3): their linear values; detail (N,3): as `Figure.detail`; above (N,3): as `color.excess`.
+    """
+
+    figure: Figure
+    rows: tuple[int, int]
+    window: tuple[slice, slice]
+    where: np.ndarray
+    own: np.ndarray
+    detail: np.ndarray
+    above: np.ndarray
+
+
+def layers(
+    pixels: np.ndarray, figures: Sequence[Figure], rows: tuple[int, int], columns: tuple[int, int] | None = None
+) -> Layers:
+    """Part of a photo, taken apart, with the figures' frames within `columns`. Equal for every way of cutting rows."""
+    (first, last), columns = rows, slice(*(columns or (0, pixels.shape[1])))
     top, bottom = max(first - REACH, 0), min(last + REACH, len(pixels))
     linear = LINEAR[pixels[top:bottom]]
-    alpha = coverage[top:bottom].astype(np.float32) / 255
-    own = slice(first - top, last - top)
-    return Layers(first, last, linear[own], alpha[own], foreground(linear, alpha)[own])
+    alpha = coverage_of(figures, slice(top, bottom)).astype(np.float32) / 255
+    own = slice(first - top, last - top), columns
+    front = foreground(linear, alpha)[own]
+    seen = [_seen(figure, front, first, columns.start) for figure in figures]
+    return Layers(first, columns.start, linear[own], alpha[own], front, seen)
 
 
-def coverage_of(figures: Sequence[Figure]) -> np.ndarray:
-    """(H,W) uint8 coverage of all the people together."""
-    total = figures[0].coverage
-    for figure in figures[1:]:
-        total = np.maximum(total, figure.coverage)
-    return total
+def _seen(figure: Figure, front: np.ndarray, top: int, left: int) -> Seen | None:
+    rows = max(top, figure.frame.rows[0]), min(top + len(front), figure.frame.rows[1])
+    if rows[0] >= rows[1]:
+        return None
+    columns = slice(*figure.frame.columns)
+    window = slice(rows[0] - top, rows[1] - top), slice(columns.start - left, columns.stop - left)
+    where = figure.coverage[slice(*rows), columns] > 0
+    own = front[window][where]
+    clipped = (own > CLIPPING).any(-1)
+    above = np.zeros_like(own)
+    if clipped.any():
+        above[clipped] = excess(own[clipped], figure.frame.place(figure.chroma, rows, cubic=False)[where][clipped])
+    return Seen(figure, rows, window, where, own, figure.detail(front[window], rows)[where], above)
+
+
+def coverage_of(figures: Sequence[Figure], rows: slice = slice(None)) -> np.ndarray:
+    """(H,W) uint8 coverage of all the people together, or its `rows`."""
+    return np.maximum.reduce([figure.coverage[rows] for figure in figures])
 
 
 def ground_of(figures: Sequence[Figure]) -> Ground | None:
@@ -55,44 +91,32 @@ def relight_maps(
     lights = light if isinstance(light, list | tuple) else [light] * len(figures)
     if mode == "ratio":
         return [(figure.gain(l),) for figure, l in zip(figures, lights)]
-    return [(figure.fitted_albedo(), figure.fitted_shading(l)) for figure, l in zip(figures, lights)]
+    return [(figure.fitted_albedo, figure.fitted_shading(l)) for figure, l in zip(figures, lights)]
 
 
 def compose(
-    part: Layers,
-    figures: Sequence[Figure],
-    maps: Sequence[tuple[Fitted, ...]],
-    behind: np.ndarray | None,
-    stops: float = 0.0,
+    part: Layers, maps: Sequence[tuple[Fitted, ...]], behind: np.ndarray | None, stops: float = 0.0
 ) -> np.ndarray:
-    """Linear values (h,W,3) of some rows. behind: of the same rows, or None for the photo's own background."""
+    """Linear values (h,w,3) of a part of a photo, its figures relit by their `maps`.
+
+    behind: of the same part, or None for the photo's own background.
+    """
     front = part.front.copy()
-    for figure, fits in zip(figures, maps):
-        rows = max(part.first, figure.frame.rows[0]), min(part.last, figure.frame.rows[1])
-        if rows[0] >= rows[1]:
-            continue
-        window = slice(rows[0] - part.first, rows[1] - part.first), slice(*figure.frame.columns)
-        mine = figure.coverage[slice(*rows), slice(*figure.frame.columns)] > 0
-        value = _lit(figure, fits, front[window], rows, np.float32(2**stops))
-        front[window] = np.where(mine[..., None], value, front[window])
+    for seen, fits in zip(part.seen, maps):
+        if seen:
+            front[seen.window][seen.where] = _lit(seen, fits, np.float32(2**stops))
     if behind is None:
         return part.linear + part.alpha[..., None] * (front - part.front)
     return over(front, part.alpha, behind)
 
 
-def _lit(figure: Figure, fits: tuple[Fitted, ...], own: np.ndarray, rows: tuple[int, int], factor: float) -> np.ndarray:
-    """A figure's own linear colour (h,w,3) in `rows`, relit: by its gain, or as albedo and shading say."""
-    detail = figure.detail(own, rows)
-    if len(fits) == 1:
-        gain = fits[0].place(figure.frame, luma(detail), rows) * factor
-        clipped = (own > CLIPPING).any(-1)
-        above = np.zeros_like(own)
-        if clipped.any():
-            above[clipped] = excess(own[clipped], figure.frame.place(figure.chroma, rows, cubic=False)[clipped])
-        return relit(own, gain, above)
-    albedo, shading = fits
-    lit = albedo.place(figure.frame, detail, rows) ** 2 * shading.place(figure.frame, luma(detail), rows)
-    return rolled(lit * factor)
+def _lit(seen: Seen, fits: tuple[Fitted, ...], factor: float) -> np.ndarray:
+    """A figure's own linear colour (N,3), relit: by its gain, or as albedo and shading say."""
+    *albedo, last = fits
+    values = last.place(seen.figure.frame, luma(seen.detail), seen.rows, seen.where) * factor
+    if not albedo:
+        return relit(seen.own, values, seen.above)
+    return rolled(albedo[0].place(seen.figure.frame, seen.detail, seen.rows, seen.where) ** 2 * values)
 
 
 def render(
@@ -119,18 +143,17 @@ def render(
         behind = background.linear(pixels.shape[:2], turn, stops)
         floor = ground_of(figures) if background.shadow else None
         if floor:
-            behind = floor.darkened(behind, np.mean(light, 0) if isinstance(light, list | tuple) else light)
+            behind = np.array(behind)
+            floor.darken(behind, np.mean(light, 0) if isinstance(light, list | tuple) else light)
     out = np.empty((*pixels.shape[:2], 4 if transparent else 3), np.uint8)
     for first, last in strips(0, len(pixels)):
         if behind is None and not coverage[first:last].any():  # nobody there: the photo, untouched
             out[first:last, :, :3] = pixels[first:last]
             continue
-        part = layers(pixels, coverage, first, last)
+        part = layers(pixels, figures, (first, last))
         if transparent:
             part.linear, part.alpha = part.front, np.ones_like(part.alpha)
-        out[first:last, :, :3] = to_srgb8(
-            compose(part, figures, maps, None if behind is None else behind[first:last], stops)
-        )
+        out[first:last, :, :3] = to_srgb8(compose(part, maps, None if behind is None else behind[first:last], stops))
     if transparent:
         out[..., 3] = coverage
     return out

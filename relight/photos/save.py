@@ -50,7 +50,7 @@ def save_inference(folder: Path, figures: Sequence[Figure], pixels: np.ndarray) 
         picture[..., 3] = coverage_of(figures)
     channels["coverage.A"] = (pictures["albedo"][top:bottom, left:right, 3] / np.float32(255)).astype(np.float16)
     for figure in figures:
-        fits = figure.fitted_albedo(), figure.fitted_transport()
+        fits = figure.fitted_albedo, figure.fitted_transport
         columns = slice(*figure.frame.columns)
         for rows in strips(*figure.frame.rows):  # all of an 8k figure's maps at once would be gigabytes
             mine = figure.coverage[slice(*rows), columns] > 0
