@@ -50,13 +50,13 @@ def turning(
     for i in range(count):
         turn = np.radians(wish.turn) + 2 * np.pi * turns * i / count
         turned = rotate_y(light, turn).astype(np.float32)
-        scene = behind.linear(shape, turn, wish.stops) if behind.kind == "panorama" else still
-        if scene is not None:
-            scene = np.array(scene[window])
+        scene = None if still is None else still[window].copy()
+        if behind.kind == "panorama":
+            scene = behind.linear(shape, turn, wish.stops)
         if floor:
             floor.darken(scene, turned, rows[0], columns[0])
         frame = frame.copy()
-        frame[window] = to_srgb8(compose(part, relight_maps(figures, turned, wish.mode), scene, wish.stops))
+        compose(frame[window], part, relight_maps(figures, turned, wish.mode), scene, wish.stops)
         yield frame
 
 

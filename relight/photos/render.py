@@ -31,15 +31,19 @@ class Layers:
 
 @dataclass
 class Seen:
-    """The pixels of a figure in a part of a photo: where (h,w) in the `window` of that part, in `rows` of the photo.
+    """The N pixels of a figure in a part of a photo: flat indices `where` (N,) into a window of that part, which is in
+    `rows` of the photo, and their `place` in the part. Their arrays lie channel by channel, as placed maps do.
 
-    own (N,3): their linear values; detail (N,3): as `Figure.detail`; above (N,3): as `color.excess`.
+    linear (N,3): the photo's values; share (N,1): of the figure in them; own (N,3): its own colour; detail (N,3): as
+    `Figure.detail`; above (N,3): as `color.excess`.
     """
 
     figure: Figure
     rows: tuple[int, int]
-    window: tuple[slice, slice]
     where: np.ndarray
+    place: tuple[np.ndarray, np.ndarray]
+    linear: np.ndarray
+    share: np.ndarray
     own: np.ndarray
     detail: np.ndarray
     above: np.ndarray
@@ -54,24 +58,28 @@ def layers(
     linear = LINEAR[pixels[top:bottom]]
     alpha = coverage_of(figures, slice(top, bottom)).astype(np.float32) / 255
     own = slice(first - top, last - top), columns
-    front = foreground(linear, alpha)[own]
-    seen = [_seen(figure, front, first, columns.start) for figure in figures]
-    return Layers(first, columns.start, linear[own], alpha[own], front, seen)
+    part = Layers(first, columns.start, linear[own], alpha[own], foreground(linear, alpha)[own], [])
+    part.seen = [_seen(figure, part) for figure in figures]
+    return part
 
 
-def _seen(figure: Figure, front: np.ndarray, top: int, left: int) -> Seen | None:
-    rows = max(top, figure.frame.rows[0]), min(top + len(front), figure.frame.rows[1])
+def _seen(figure: Figure, part: Layers) -> Seen | None:
+    rows = max(part.top, figure.frame.rows[0]), min(part.top + len(part.front), figure.frame.rows[1])
     if rows[0] >= rows[1]:
         return None
-    columns = slice(*figure.frame.columns)
-    window = slice(rows[0] - top, rows[1] - top), slice(columns.start - left, columns.stop - left)
-    where = figure.coverage[slice(*rows), columns] > 0
-    own = front[window][where]
-    clipped = (own > CLIPPING).any(-1)
+    first, last = figure.frame.columns
+    where = np.flatnonzero(figure.coverage[slice(*rows), first:last])
+    down, right = np.divmod(where, last - first)
+    place = down + rows[0] - part.top, right + first - part.left
+    linear, own = (np.asfortranarray(image[place]) for image in (part.linear, part.front))
+    window = part.front[rows[0] - part.top : rows[1] - part.top, first - part.left : last - part.left]
+    detail = np.asfortranarray(figure.detail(window, rows)[down, right])
     above = np.zeros_like(own)
+    clipped = (own > CLIPPING).any(-1)
     if clipped.any():
-        above[clipped] = excess(own[clipped], figure.frame.place(figure.chroma, rows, cubic=False)[where][clipped])
-    return Seen(figure, rows, window, where, own, figure.detail(front[window], rows)[where], above)
+        chroma = figure.frame.place(figure.chroma, rows, cubic=False, where=where[clipped])
+        above[clipped] = excess(own[clipped], chroma)
+    return Seen(figure, rows, where, place, linear, part.alpha[place][:, None], own, detail, above)
 
 
 def coverage_of(figures: Sequence[Figure], rows: slice = slice(None)) -> np.ndarray:
@@ -95,19 +103,23 @@ def relight_maps(
 
 
 def compose(
-    part: Layers, maps: Sequence[tuple[Fitted, ...]], behind: np.ndarray | None, stops: float = 0.0
-) -> np.ndarray:
-    """Linear values (h,w,3) of a part of a photo, its figures relit by their `maps`.
+    out: np.ndarray, part: Layers, maps: Sequence[tuple[Fitted, ...]], behind: np.ndarray | None, stops: float = 0.0
+) -> None:
+    """Writes a part of a photo, (h,w,3) uint8, its figures relit by their `maps`, into `out`.
 
-    behind: of the same part, or None for the photo's own background.
+    behind: linear values (h,w,3) of the same part; None leaves the photo's own background, which `out` holds.
     """
-    front = part.front.copy()
+    front = None if behind is None else part.front.copy()
     for seen, fits in zip(part.seen, maps):
-        if seen:
-            front[seen.window][seen.where] = _lit(seen, fits, np.float32(2**stops))
-    if behind is None:
-        return part.linear + part.alpha[..., None] * (front - part.front)
-    return over(front, part.alpha, behind)
+        if seen is None:
+            continue
+        values = _lit(seen, fits, np.float32(2**stops))
+        if behind is None:
+            out[seen.place] = to_srgb8(seen.linear + seen.share * (values - seen.own))
+        else:
+            front[seen.place] = values
+    if behind is not None:
+        out[:] = to_srgb8(over(front, part.alpha, behind))
 
 
 def _lit(seen: Seen, fits: tuple[Fitted, ...], factor: float) -> np.ndarray:
@@ -143,17 +155,20 @@ def render(
         behind = background.linear(pixels.shape[:2], turn, stops)
         floor = ground_of(figures) if background.shadow else None
         if floor:
-            behind = np.array(behind)
+            behind = np.require(behind, requirements="W")
             floor.darken(behind, np.mean(light, 0) if isinstance(light, list | tuple) else light)
     out = np.empty((*pixels.shape[:2], 4 if transparent else 3), np.uint8)
     for first, last in strips(0, len(pixels)):
+        rows = out[first:last, :, :3]
+        rows[:] = pixels[first:last]
         if behind is None and not coverage[first:last].any():  # nobody there: the photo, untouched
-            out[first:last, :, :3] = pixels[first:last]
             continue
         part = layers(pixels, figures, (first, last))
         if transparent:
-            part.linear, part.alpha = part.front, np.ones_like(part.alpha)
-        out[first:last, :, :3] = to_srgb8(compose(part, maps, None if behind is None else behind[first:last], stops))
+            rows[:] = to_srgb8(part.front)
+            for seen in filter(None, part.seen):
+                seen.linear, seen.share = seen.own, np.ones_like(seen.share)
+        compose(rows, part, maps, None if behind is None else behind[first:last], stops)
     if transparent:
         out[..., 3] = coverage
     return out

@@ -68,17 +68,17 @@ class Fitted:
     high: np.ndarray | None
 
     def place(
-        self, frame: Frame, detail: np.ndarray, rows: tuple[int, int], where: np.ndarray | tuple = ()
+        self, frame: Frame, detail: np.ndarray, rows: tuple[int, int], where: np.ndarray | None = None
     ) -> np.ndarray:
-        """(h,w,C) at the photo's pixels of `rows`, or (N,C) of those that are True in `where` (h,w).
+        """(h,w,C) at the photo's pixels of `rows`, or (N,C) at those with the flat indices `where` (N,).
 
         detail: what the guide has beyond the square at the same pixels, (h,w,1) or (h,w,C), or (N,...). The result is
         held between the values that the map has near: a highlight in the photo does not become a halo in the map.
         """
 
         def place(maps: np.ndarray, cubic: bool = False) -> np.ndarray:
-            placed = frame.place(maps, rows, cubic)
-            return placed.reshape(*placed.shape[:2], -1)[where]
+            placed = frame.place(maps, rows, cubic, where)
+            return placed if maps.shape[2] > 1 else placed[..., None]
 
         values = place(self.base, cubic=True) + place(self.slope) * detail
         if self.low is None:
