@@ -11,6 +11,7 @@ from relight.files import UserError
 from relight.lights.commands import app as lights
 from relight.meshes.commands import app as scans
 from relight.photos.commands import app as photos
+from relight.photos.commands import mask_app as masks
 from relight.transport.commands import app as transport
 from relight.viewer.commands import app as viewer
 
@@ -26,6 +27,7 @@ for tool in (photos, viewer, transport, figures):
     app.add_typer(tool)
 app.add_typer(lights, name="light")
 app.add_typer(scans, name="scans")
+app.add_typer(masks, name="mask")
 
 
 @app.callback(invoke_without_command=True)

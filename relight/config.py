@@ -7,10 +7,6 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from hydra import compose, initialize_config_dir
-from hydra.core.config_store import ConfigStore
-from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.errors import HydraException
 from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
@@ -306,17 +302,21 @@ READS = {
     "report": ("evaluate", "name"),
 }
 
-ConfigStore.instance().store(name="schema", node=Config)
-
 
 def composed(overrides: Iterable[str] = ()) -> DictConfig:
     """The whole tree under conf/ with Hydra overrides, resolved and checked.
 
     Raises UserError in one line that names the setting and what is accepted.
     """
+    from hydra import compose, initialize_config_dir  # half a second, which inference can do without
+    from hydra.core.config_store import ConfigStore
+    from hydra.core.override_parser.overrides_parser import OverridesParser
+    from hydra.errors import HydraException
+
     if not CONF.is_dir():
         raise UserError(f"there is no folder {CONF}: the workflow and its stages run from a clone of the repository")
     overrides = list(overrides)
+    ConfigStore.instance().store(name="schema", node=Config)
     try:
         for text, override in zip(overrides, OverridesParser.create().parse_overrides(overrides)):
             if override.is_sweep_override():

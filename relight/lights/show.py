@@ -1,6 +1,7 @@
 """Pictures of lights: the ball that a light makes, the diffuse panorama, its numbers; and a sheet of a whole set."""
 
 import textwrap
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,8 @@ from relight.lights.light import Light
 from relight.lights.statistics import measure, reference_brightness
 from relight.lights.table import LightSet
 from relight.panoramas.panorama import Panorama
-from relight.sh.irradiance import irradiance
+from relight.sh.basis import order_of
+from relight.sh.irradiance import irradiance, unoccluded
 from relight.srgb import encode
 
 ALBEDO = 0.5  # of the balls: leaves room above the reference brightness
@@ -20,18 +22,23 @@ UNUSUAL_SHOWN = 20
 
 def ball(coefficients: np.ndarray, size: int, samples: int = 3) -> np.ndarray:
     """(size, size, 4) sRGB and alpha: a matt ball under a light (K, 3), seen from the front."""
-    n = size * samples
-    t = (2 * np.arange(n) + 1) / n - 1
-    x, y = np.meshgrid(t, -t)
-    inside = x * x + y * y < 1
-    z = np.sqrt(np.maximum(1 - x * x - y * y, 0))
-    normals = np.stack([x, y, z], -1)[inside]
-    picture = np.zeros((n, n, 4))
-    picture[inside, :3] = np.maximum(ALBEDO * irradiance(coefficients, normals), 0)
+    inside, transport = _open_ball(size * samples, order_of(len(coefficients)))
+    picture = np.zeros((*inside.shape, 4))
+    picture[inside, :3] = np.maximum(ALBEDO * (transport @ coefficients), 0)
     picture[inside, 3] = 1
     picture = picture.reshape(size, samples, size, samples, 4).mean((1, 3))
     colour = picture[..., :3] / np.maximum(picture[..., 3:], 1e-6)
     return np.concatenate([encode(colour), picture[..., 3:]], -1)
+
+
+@lru_cache(maxsize=2)
+def _open_ball(size: int, order: int) -> tuple[np.ndarray, np.ndarray]:
+    """Where a ball is in a picture (size, size) bool, and the unoccluded transport of its pixels (P, K)."""
+    t = (2 * np.arange(size) + 1) / size - 1
+    x, y = np.meshgrid(t, -t)
+    inside = x * x + y * y < 1
+    z = np.sqrt(np.maximum(1 - x * x - y * y, 0))
+    return inside, unoccluded(np.stack([x, y, z], -1)[inside], order)
 
 
 def diffuse_panorama(coefficients: np.ndarray, height: int) -> np.ndarray:

@@ -25,9 +25,11 @@ from relight.srgb import LINEAR
 
 
 def save_picture(path: Path, pixels: np.ndarray) -> None:
-    """(H,W,3|4) uint8 as a PNG; fast rather than small for pictures of more than a megapixel."""
+    """(H,W) or (H,W,3|4) uint8 as a PNG; fast rather than small for pictures of more than a megapixel."""
     with whole(path) as tmp:
-        Image.fromarray(pixels).save(tmp, format="PNG", compress_level=6 if pixels[..., 0].size < 1e6 else 1)
+        Image.fromarray(pixels).save(
+            tmp, format="PNG", compress_level=6 if pixels.shape[0] * pixels.shape[1] < 1e6 else 1
+        )
 
 
 def save_inference(folder: Path, figures: Sequence[Figure], pixels: np.ndarray) -> None:
@@ -48,19 +50,22 @@ def save_inference(folder: Path, figures: Sequence[Figure], pixels: np.ndarray) 
         picture[..., 3] = coverage_of(figures)
     channels["coverage.A"] = (pictures["albedo"][top:bottom, left:right, 3] / np.float32(255)).astype(np.float16)
     for figure in figures:
-        fits = figure.fitted_albedo(), figure.fitted_transport()
+        fits = figure.fitted_albedo, figure.fitted_transport
         columns = slice(*figure.frame.columns)
         for rows in strips(*figure.frame.rows):  # all of an 8k figure's maps at once would be gigabytes
             mine = figure.coverage[slice(*rows), columns] > 0
-            detail = figure.detail(LINEAR[pixels[slice(*rows), columns]], rows)
-            albedo = fits[0].place(figure.frame, detail, rows) ** 2
-            transport = fits[1].place(figure.frame, luma(detail), rows)
+            detail = figure.detail(LINEAR[pixels[slice(*rows), columns]], rows)[mine]
+            albedo, transport = (
+                fit.place(figure.frame, guide, rows, np.flatnonzero(mine))
+                for fit, guide in zip(fits, (detail, luma(detail)))
+            )
+            albedo = albedo**2
             lit = shading(transport, figure.light)
             for name, codes in (("albedo", to_srgb8(albedo)), ("shading", to_srgb8(shown(lit)))):
-                np.copyto(pictures[name][slice(*rows), columns, :3], codes, where=mine[..., None])
+                pictures[name][slice(*rows), columns, :3][mine] = codes
             window = slice(rows[0] - top, rows[1] - top), slice(columns.start - left, columns.stop - left)
-            for name, values in zip(names, np.moveaxis(np.concatenate([albedo, lit, transport], -1), -1, 0)):
-                np.copyto(channels[name][window], values, where=mine, casting="same_kind")
+            for name, values in zip(names, np.concatenate([albedo, lit, transport], -1).T):
+                channels[name][window][mine] = values
     for name, picture in pictures.items():
         save_picture(folder / f"{name}.png", picture)
     header = {

@@ -76,8 +76,9 @@ def photo_figure(relighter: "Relighter", pixels: np.ndarray, coverage: np.ndarra
         place, window = person.frame, person.frame.window
         mine = person.coverage[window] > 0
         detail = person.detail(LINEAR[pixels[window]], place.rows)
-        albedo[window][mine] = person.fitted_albedo().place(place, detail, place.rows)[mine] ** 2
-        transport[window][mine] = person.fitted_transport().place(place, luma(detail), place.rows)[mine]
+        where = np.flatnonzero(mine)
+        albedo[window][mine] = person.fitted_albedo.place(place, detail[mine], place.rows, where) ** 2
+        transport[window][mine] = person.fitted_transport.place(place, luma(detail[mine]), place.rows, where)
     maps = Maps(
         mask=coverage > 0,
         coverage=coverage / np.float32(255),

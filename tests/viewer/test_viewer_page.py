@@ -183,7 +183,7 @@ def test_soft_photo_equals_the_photo_command(page, tmp_path, maps, lights, photo
     figure = Inferred(square, coverage, maps.mask, LINEAR[photo], maps.albedo, maps.transport, light)
     new = turned(lights["Behind"] * exposure([figure], lights["Behind"]), -60, 20)
     state = START | {"light": 3, "yaw": -60, "tilt": 20, "stops": 0.5, "color": "#4080c0"}
-    color = Background("color", color=np.array([0x40, 0x80, 0xC0], np.uint8))
+    color = Background("color", color=np.array([0x40, 0x80, 0xC0], np.uint8), shadow=False)
     for mode in ("ratio", "full"):
         for name, behind in {"photo": Background("keep"), "color": color}.items():
             expected = render(photo, [figure], new, mode, behind, stops=0.5)
