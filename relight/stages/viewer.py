@@ -17,7 +17,7 @@ SIZE = 12_000_000  # bytes of the page; large maps leave room for fewer figures
     out="page (.html)",
 )
 def main(name: str, split: Path, maps: Path, lights: Path, out: Path) -> None:
-    from relight.evaluation.transfer import spread
+    from relight.evaluation.panels import spaced
     from relight.lights.table import load
     from relight.viewer.build import build_gallery
     from relight.viewer.figure import QUALITIES, coded
@@ -28,9 +28,10 @@ def main(name: str, split: Path, maps: Path, lights: Path, out: Path) -> None:
         f"{source.replace(':', ' ')} at {yaw:.0f}°": light
         for source, yaw, light in zip(test.source, test.yaw, test.coefficients)
     }
-    figures = [baked_figure(maps / f"{figure}.exr") for figure in spread(json.loads(split.read_text())["test"], MOST)]
+    names = json.loads(split.read_text())["test"]
+    figures = [baked_figure(maps / f"{names[i]}.exr") for i in spaced(len(names), MOST)]
     each = max(len(coded(figure, QUALITIES[2])) for figure in figures)
-    chosen = spread(figures, max(1, min(MOST, SIZE // (each + 1000))))
+    chosen = [figures[i] for i in spaced(len(figures), max(1, min(MOST, SIZE // (each + 1000))))]
     build_gallery(
         out, chosen, {label: light[:9] for label, light in named.items()}, title=f"relight: {name}", limit=SIZE
     )

@@ -55,19 +55,20 @@ def test_the_record_is_of_the_workflow_that_holds_the_folder(calls, tmp_path):
 
 
 def test_tables_of_other_experiments_leave_the_report(tmp_path, monkeypatch):
-    from relight.evaluation import formats
-    from relight.evaluation.report import results
+    from relight.evaluation.report import results, sections
     from relight.stages.tables import main
 
     class Results:
         tables = ("table1",)
 
         def __init__(self, *_):
-            self.table = lambda name: name
+            self.table = self.title = lambda name: name
 
     ends = (".csv", ".md", ".tex")
     monkeypatch.setattr(results, "Results", Results)
-    monkeypatch.setattr(formats, "write_table", lambda table, out: [Path(f"{out}{e}").write_text("") for e in ends])
+    monkeypatch.setattr(
+        sections, "write_score_table", lambda table, title, out: [Path(f"{out}{end}").write_text("") for end in ends]
+    )
     kept = {"occlusion.csv", "notes.md", "table1_plates.png"}
     for name in (*kept, "order_plates.png", *(f"order{end}" for end in ends)):
         (tmp_path / name).write_text("")
