@@ -235,7 +235,8 @@ def interval(ends: tuple[float, float]) -> str:
 
 
 def percent(value: float) -> str:
-    return f"{signed(100 * value, 1)} %"
+    text = f"{100 * value:+.1f} %".replace("-", "−")
+    return text if text[1:] != "0.0 %" else text[1:]
 
 
 def p_value(p: float) -> str:

@@ -23,7 +23,7 @@ SETTINGS = Evaluate(bootstrap=500, plates=1, sheet=6, lights="test", device="cpu
 def results(tmp_path):
     runs = {"ours_full": ["ours_full.s0", "ours_full.s1"]}
     experiments = {name: {"runs": runs, "title": name, "question": "How?"} for name in own.OWN}
-    for name in ("light_transfer/swaps.png", "path_traced/pictures.png"):
+    for name in ("light_transfer/plate.png", "path_traced/plate.png"):
         (tmp_path / name).parent.mkdir()
         Image.new("RGB", (9, 9)).save(tmp_path / name)
     return SimpleNamespace(folder=tmp_path, report=tmp_path, settings=SETTINGS, experiments=experiments, title=str)
@@ -53,8 +53,8 @@ def test_what_swapping_lights_is_worth(results):
     write_scores(results.folder / "light_transfer" / "scores.csv", rows)
     made = own.light_transfer(results, "light_transfer")
     verdicts = made["comparisons"].frame["the first is"].to_dict()
-    assert verdicts["Ours (full), the picture as it is"] is Verdict.BETTER
-    assert verdicts["Ours (full), its maps, mean light"] not in (Verdict.BETTER, Verdict.WORSE)
+    assert verdicts["Ours (full) against the picture as it is"] is Verdict.BETTER
+    assert verdicts["Ours (full) against its maps, mean light"] not in (Verdict.BETTER, Verdict.WORSE)
     assert made["costly"] == {"ours_full": "maps"} and made["worse"] == {"ours_full": ["colour"]}
     assert "<table" in page.section("sections/light_transfer.md", **made)
     with open(results.folder / "light_transfer.csv", newline="") as file:

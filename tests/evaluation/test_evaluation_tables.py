@@ -254,7 +254,11 @@ def test_numbers_and_columns():
     values = {0.1234: ".123", -0.5: "−.500", 10.1234: "10.123", 1.0: "1.000", 0.0: ".000", -1e-9: ".000"}
     assert {value: number(value) for value in values} == values and number(np.inf) == "∞"
     assert [signed(v) for v in (0.5, -0.5, 1e-9)] == ["+.500", "−.500", ".000"]
-    assert interval((-0.1, 0.2)) == "−.100 to +.200" and percent(-0.0312) == "−3.1 %"
+    assert interval((-0.1, 0.2)) == "−.100 to +.200" and [percent(v) for v in (-0.0312, 0.005, -1e-9)] == [
+        "−3.1 %",
+        "+0.5 %",
+        "0.0 %",
+    ]
     assert [p_value(p) for p in (1e-5, 0.0123, 1.0)] == ["< .0001", ".012", "1"]
     assert split_column("shading_true_light_rmse_element") == ("shading_true_light", "rmse_element")
     assert split_column("light_ssim_range2") == ("light", "ssim_range2")

@@ -51,6 +51,8 @@ rule plates:
         ),
     log:
         f"{OUT}/log/plates.{{experiment}}.log",
+    benchmark:
+        f"{OUT}/benchmark/plates/{{experiment}}.tsv"
     params:
         condition=lambda wildcards: condition(PLAN.on(wildcards.experiment)),
     shell:
@@ -82,6 +84,8 @@ rule sheets:
         histogram=f"{OUT}/report/occlusion.png",
     log:
         f"{OUT}/log/sheets.log",
+    benchmark:
+        f"{OUT}/benchmark/sheets/all.tsv"
     shell:
         command("sheets")
         + f"io.names={{input.names:q}} io.maps={OUT}/maps io.lights={{input.lights:q}} "
@@ -136,6 +140,8 @@ rule viewer:
         f"{OUT}/report/viewer.html",
     log:
         f"{OUT}/log/viewer.log",
+    benchmark:
+        f"{OUT}/benchmark/viewer/all.tsv"
     shell:
         command("viewer")
         + f"io.split={{input.split:q}} io.maps={OUT}/maps io.lights={{input.lights:q}} io.out={{output:q}}"

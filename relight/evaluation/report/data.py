@@ -35,7 +35,7 @@ def figures(results: Results) -> Numbers:
     each = [[one.name, one.pose, ", ".join(one.garments), one.ao, one.dark, one.lost] for one in found]
     return {
         "infos": infos,
-        "left_out": Grid.of(["left out", "reason"], [list(item) for item in left_out.items()]),
+        "left_out": pairs(["left out", "reason"], left_out),
         "shown": min(len(infos), results.settings.sheet),
         "sheet": results.report / "figures.png",
         "histogram": results.report / "occlusion.png",
@@ -105,8 +105,9 @@ def lights(results: Results) -> Numbers:
                 for s, y, r, k in zip(unusual.source, unusual.yaw, unusual.reason, unusual.split)
             ],
         ),
-        "unreadable": Grid.of(["file", "reason"], [list(item) for item in record["unreadable"].items()]),
-        "repaired": Grid.of(["file", "how"], [list(item) for item in record["repaired"].items()]),
+        "rejected": pairs(["panorama", "rules broken, by copies"], record["rejected"]),
+        "unreadable": pairs(["file", "reason"], record["unreadable"]),
+        "repaired": pairs(["file", "how"], record["repaired"]),
     }
 
 
@@ -134,6 +135,10 @@ def costs_and_settings(results: Results) -> Numbers:
         "shared": Grid.of(["setting", "value"], [[key, value_text(shared[key])] for key in sorted(shared)]),
         "differing": Grid.of(["setting", *trained], differ),
     }
+
+
+def pairs(heads: list[str], found: dict[str, str]) -> Grid:
+    return Grid.of(heads, [list(item) for item in found.items()])
 
 
 def value_text(value: Any) -> str:

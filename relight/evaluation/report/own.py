@@ -34,7 +34,7 @@ def light_transfer(results: Results, name: str) -> Numbers:
             kinds.append("baseline" if variant else "network")
         others = {"the picture as it is": "as_it_is", "its maps, mean light": f"{row}:mean_light"}
         for words, other in others.items():
-            comparisons[f"{label}, {words}"] = {"": compared("reconstruction_rmse", relit[row], relit[other])}
+            comparisons[f"{label} against {words}"] = {"": compared("reconstruction_rmse", relit[row], relit[other])}
         parts = compared("reconstruction_rmse", relit[f"{row}:true_light"], relit[f"{row}:true_maps"])
         costly[row] = {Verdict.WORSE: "maps", Verdict.BETTER: "light"}.get(parts.verdict)
         true = {part: compared("reconstruction_rmse", relit[f"{row}:true_{part}"], relit[row]) for part in PARTS}
@@ -52,7 +52,7 @@ def light_transfer(results: Results, name: str) -> Numbers:
         "costly": costly,
         "worse": worse,
         "comparisons": comparison_grid(comparisons),
-        "plate": results.folder / "light_transfer" / "swaps.png",
+        "plate": results.folder / "light_transfer" / "plate.png",
     }
     return written(results, name, {name: grid}, made)
 
@@ -70,7 +70,7 @@ def traced(results: Results, name: str) -> Numbers:
         "answers": {key: answers[label] for key, label in path_traced.ANSWERS.items()},
         "networks": {row: value for row, value in answers.items() if row not in path_traced.ANSWERS.values()},
         "largest": {cause: sizes[cause] for cause in largest},
-        "plate": results.folder / "path_traced" / "pictures.png",
+        "plate": results.folder / "path_traced" / "plate.png",
     }
     return written(results, name, tables, made)
 

@@ -79,14 +79,14 @@ def costs(folder: Path) -> tuple[pd.DataFrame, float]:
     Of jobs of a few seconds, Snakemake's samples miss a part of the CPU time and of the memory.
     """
     lines, times = [], []
-    for path in sorted(folder.glob("benchmark/*/*.tsv")):
+    top = folder / "benchmark"
+    for path in sorted(top.rglob("*.tsv")):
         jobs = pd.read_csv(path, sep="\t", na_values=["-", "NA"])
         seconds = float(jobs["s"].sum())
         times.append((path.stat().st_mtime - seconds, path.stat().st_mtime))
         cpu = float(jobs["cpu_time"].sum()) if "cpu_time" in jobs else float("nan")
-        lines.append(
-            {"stage": path.parent.name, "seconds": seconds, "cpu": cpu, "memory": jobs["max_rss"].max() / 1024}
-        )
+        stage, memory = path.relative_to(top).parts[0], jobs["max_rss"].max() / 1024
+        lines.append([stage, seconds, cpu, memory])
     frame = pd.DataFrame(lines, columns=["stage", "seconds", "cpu", "memory"])
     found = frame.groupby("stage").agg(
         jobs=("seconds", "size"),

@@ -31,6 +31,7 @@ from relight.evaluation.formats import (
     p_value,
     percent,
     score_grid,
+    signed,
     write_tables,
 )
 from relight.evaluation.paper import ARGUMENTS
@@ -85,10 +86,14 @@ def table1(results: Results, name: str) -> Numbers:
     """Transport beside what needs no picture, and Ours (min) beside the network with AO and the same losses."""
     table = results.table(name)
     own, trivial = [row for row in table.networks if "transport_rmse" in row.cells], table.row("mean_figure")
-    found = {f"{row.label}, mean figure": compare_rows(row, trivial, ("transport_rmse",)) for row in own if trivial}
+    found = {
+        f"{row.label} against the mean figure": compare_rows(row, trivial, ("transport_rmse",))
+        for row in own
+        if trivial
+    }
     equal = [table.row("ours_min"), table.row("sfsnet_ao")]
     if all(equal):
-        found["Ours (min), SfSNet-AO: the same losses"] = compare_rows(*equal, ERRORS)
+        found["Ours (min) against SfSNet-AO, with equal losses"] = compare_rows(*equal, ERRORS)
     return {"comparisons": comparison_grid(found)}
 
 
@@ -96,12 +101,12 @@ def sitting(results: Results, name: str) -> Numbers:
     """Sitting against standing test figures, and against what looks at no picture."""
     table, standing = results.table(name), results.table(name, usual=True)
     found = {
-        f"{row.label}: sitting, standing": compare_rows(row, standing.row(row.name), ERRORS, compare_apart)
+        f"{row.label}, sitting against standing": compare_rows(row, standing.row(row.name), ERRORS, compare_apart)
         for row in table.networks
     }
     first = table.networks[0]
     trivial = compare_rows(first, table.row("mean_figure"), MAPS)
-    grid = comparison_grid({**found, f"{first.label}, mean figure": trivial})
+    grid = comparison_grid({**found, f"{first.label} against the mean figure": trivial})
     return {"standing": standing.figures, "comparisons": grid, "first": first, "trivial": won(trivial)}
 
 
@@ -111,10 +116,13 @@ def unusual_lights(results: Results, name: str) -> Numbers:
     first, nearest = table.networks[0], table.row("nearest_light")
     against = compare_rows(first, usual.row(first.name), ERRORS)
     found = compare_rows(first, nearest, ("light_rmse",))
-    rows = {f"{first.label}: unusual, usual lights": against, f"{first.label}, nearest training light": found}
+    rows = {
+        f"{first.label}, unusual against usual lights": against,
+        f"{first.label} against the nearest training light": found,
+    }
     if rich := table.row("ours_rich"):
-        rows[f"{rich.label}, {first.label}: unusual lights"] = compare_rows(rich, first, ERRORS)
-        rows[f"{rich.label}, {first.label}: usual lights"] = compare_rows(
+        rows[f"{rich.label} against {first.label}, unusual lights"] = compare_rows(rich, first, ERRORS)
+        rows[f"{rich.label} against {first.label}, usual lights"] = compare_rows(
             usual.row(rich.name), usual.row(first.name), ERRORS
         )
     return {
@@ -137,7 +145,7 @@ def silhouette(results: Results, name: str) -> Numbers:
     table, columns = results.table(name), ("transport_rmse", "shading_true_light_rmse")
     mask, image = table.row("silhouette"), table.row("transport_only")
     others = [table.row("mean_figure"), table.row("no_occlusion"), image]
-    found = {f"{mask.label}, {row.label}": compare_rows(mask, row, columns) for row in others if mask and row}
+    found = {f"{mask.label} against {row.label}": compare_rows(mask, row, columns) for row in others if mask and row}
     tells = bool(mask) and compare_rows(mask, others[0], columns)["transport_rmse"].verdict is Verdict.BETTER
     part = None
     if mask and image and won(compare_rows(image, others[0], ("transport_rmse",))):
@@ -162,7 +170,7 @@ def self_supervised(results: Results, name: str) -> Numbers:
         flatter = sure(flat) and flat.difference.mean < 0 and flat.first < 1
         fuller = sure(grown) and grown.difference.mean > 0 and grown.first > true
         collapsed[row.name] = flatter + fuller
-        found[f"{row.label}, {base.label}"] = compare_rows(row, base, PARTS)
+        found[f"{row.label} against {base.label}"] = compare_rows(row, base, PARTS)
     rows = [[row.label, contrast[row.name], share[row.name]] for row in table.networks]
     rows.append(["truth", 1.0, true])
     signs = Grid.of(["", "contrast of the shading", "share explained by the albedo"], rows)
@@ -174,14 +182,18 @@ def splits(results: Results, name: str) -> Numbers:
     table = results.table(name)
     seen, unseen = table.row("ours_siblings"), table.row("ours_disjoint")
     found = compare_rows(seen, unseen, PARTS) if seen and unseen else {}
-    return {"comparisons": comparison_grid({"person seen, not seen": found}), "flattered": won(found), "of": len(found)}
+    return {
+        "comparisons": comparison_grid({"person seen against not seen": found}),
+        "flattered": won(found),
+        "of": len(found),
+    }
 
 
 def along(results: Results, name: str) -> Numbers:
     """The first and the last point of an axis, and the last step: whether more still helps."""
     found = points(results, name)
     ends = dict.fromkeys([(0, len(found) - 1), (len(found) - 2, len(found) - 1)]) if len(found) > 1 else {}
-    rows = {f"{found[b][0]:g}, {found[a][0]:g}": compare_rows(found[b][1], found[a][1], ERRORS) for a, b in ends}
+    rows = {f"{found[b][0]:g} against {found[a][0]:g}": compare_rows(found[b][1], found[a][1], ERRORS) for a, b in ends}
     last = list(rows.values())[-1] if rows else {}
     falling = [column for column, one in last.items() if one.verdict is Verdict.BETTER]
     axis = AXES.get(results.experiments[name]["axis"])
@@ -197,7 +209,7 @@ def order(results: Results, name: str) -> Numbers:
         for place, row in found
         if (floor := floors.get(f"cut_{place:.0f}")) is not None
     ]
-    steps = {f"order {b:g}, {a:g}": compare_rows(two, one, ERRORS) for (a, one), (b, two) in pairwise(found)}
+    steps = {f"order {b:g} against {a:g}": compare_rows(two, one, ERRORS) for (a, one), (b, two) in pairwise(found)}
     heads = ["", "shading RMSE", "of the cut alone", "share of the squared error"]
     return {"floors": Grid.of(heads, rows), "comparisons": comparison_grid(steps)}
 
@@ -276,7 +288,7 @@ def summary(results: Results) -> Numbers:
         [
             f"{LABELS[one.better]} before {LABELS[one.worse]}",
             column_name(one.here.column),
-            percent(one.gap) + " *" * (not one.argued),
+            f"{100 * one.gap:.1f} %{' *' * (not one.argued)}",
             *(number(value) for value in (one.here.first, one.here.second)),
             percent(one.here.relative),
             interval(one.here.gains),
@@ -310,7 +322,7 @@ def matrix(found: list[Ordering]) -> Grid:
 
 
 def mark(one: Ordering) -> str:
-    """A cell of the matrix: how much better the pair's first row is here; in brackets where the paper's numbers are
-    against its argument."""
-    words = f"{SIGNS[one.here.verdict]} {percent(one.here.relative if one.argued else -one.here.relative)}"
+    """A cell of the matrix: how much better the pair's first row is here, in percent; in brackets where the paper's
+    numbers are against its argument."""
+    words = f"{SIGNS[one.here.verdict]} {signed(100 * (one.here.relative if one.argued else -one.here.relative), 1)}"
     return words if one.argued else f"({words})"
