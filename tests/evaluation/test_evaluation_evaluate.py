@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from relight.evaluation.plates import plates
 
 from relight.config import composed
 from relight.evaluation.baselines import evaluate_baselines, make
 from relight.evaluation.evaluate import evaluate, infer, unlearned
+from relight.evaluation.panels import plates
 from relight.evaluation.scores import Scores, read_scores, write_scores
 from relight.files import UserError
 from relight.learning.checkpoint import load_network

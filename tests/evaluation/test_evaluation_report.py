@@ -1,6 +1,7 @@
 """The sections of the report: each verdict from scores that are made so that it must come out, and the page itself."""
 
 import json
+import os
 import re
 from html import unescape
 from html.parser import HTMLParser
@@ -14,7 +15,7 @@ from relight.config import CONF, Evaluate
 from relight.evaluation import occlusion
 from relight.evaluation.comparisons import Verdict
 from relight.evaluation.metrics import COLUMNS
-from relight.evaluation.report import build, page, sections
+from relight.evaluation.report import build, page, provenance, sections
 from relight.evaluation.report.data import redraws
 from relight.evaluation.report.results import Results
 from relight.evaluation.scores import Scores, write_scores
@@ -296,6 +297,29 @@ def check(html: str) -> Outline:
     assert found.open == [] and not re.search(r"\*\*|\{\{|\{%|&amp;lt;|None<|Markup\(", html)
     assert "<p><div" not in html and "<p><table" not in html and "<p><figure" not in html
     return found
+
+
+def test_the_cost_is_the_time_in_which_anything_ran(tmp_path):
+    """Two jobs side by side, a pause, and a third: 4 + 2 s of wall time, 9 s of jobs."""
+    for stage, name, seconds, end in (("bake", "a", 4, 104), ("bake", "b", 3, 103), ("evaluate/x-y", "c", 2, 202)):
+        path = tmp_path / "benchmark" / stage / f"{name}.tsv"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(f"s\tmax_rss\tcpu_time\n{seconds}\t{1024 * seconds}\t-\n")
+        os.utime(path, (end, end))
+    found, wall = provenance.costs(tmp_path)
+    assert wall == pytest.approx(6) and found.seconds.to_dict() == {"bake": 7, "evaluate": 2}
+    assert found.loc["bake"].to_dict() == {"jobs": 2, "mean": 3.5, "seconds": 7, "cpu": 0, "memory": 4}
+    assert provenance.costs(tmp_path / "none")[1] == 0
+
+
+def test_a_run_says_how_to_repeat_it(tmp_path):
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    assert provenance.command(folder) == "relight run"
+    (folder / "run.yaml").write_text(yaml.safe_dump({"hydra": ["name=mine", "experiment=[a,b]"]}))
+    assert provenance.command(folder) == "relight run name=mine 'experiment=[a,b]'"
+    (folder / "run.yaml").write_text(yaml.safe_dump({"hydra": ["name=mine"], "runs": {"a": []}}))
+    assert provenance.command(folder) == "snakemake all --configfile results/mine/run.yaml"
 
 
 def test_pictures_are_inside_the_page(tmp_path):

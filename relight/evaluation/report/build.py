@@ -98,7 +98,6 @@ def head(name: str, results: Results, failed: int) -> Markup:
     shown = [one for one in results.tables if results.experiments[one]["plates"]]
     hero = next((results.report / f"{one}_overview.png" for one in shown), results.report / "figures.png")
     questions = [(one, results.title(one), about["question"]) for one, about in results.experiments.items()]
-    beside = [path for path in ("viewer.html", "snakemake.html") if (results.report / path).exists()]
     return page.section(
         "head.md",
         title=f"relight: {name}",
@@ -114,7 +113,6 @@ def head(name: str, results: Results, failed: int) -> Markup:
         origin=provenance(results.folder),
         wall=wall,
         seconds=float(found.seconds.sum()),
-        beside=beside,
     )
 
 
