@@ -57,7 +57,7 @@ Numbers = dict[str, Any]
 def experiment(results: Results, name: str) -> Numbers:
     """What the section of any table of trainings shows, and what its own words need."""
     table, one = results.table(name), results.experiments[name]
-    made = {"name": name, "experiment": one, "table_": table, "grid": None, "plot": None, "plates": []}
+    made = {"name": name, "experiment": one, "scored": table, "grid": None, "plot": None, "plates": []}
     if not table.rows:
         return made
     made |= {"grid": score_grid(table, table.columns), "others": score_grid(table, other_columns(table))}
@@ -74,7 +74,7 @@ def experiment(results: Results, name: str) -> Numbers:
 
 def write_score_table(table: Table, title: str, stem: Path) -> None:
     """The table as stem.csv (every column), stem.md and stem.tex."""
-    note = text("note.md", table_=table)
+    note = text("note.md", scored=table)
     if not table.rows:
         empty = Grid.of(["row", "nothing to compare"], [])
         return write_tables(stem, title, note, table.statistics(), empty)
