@@ -192,7 +192,7 @@ def test_charts_are_made_and_are_the_same_again(tmp_path):
     plot_curves(sorted(tmp_path.glob("*.csv")), tmp_path / "curves.svg")
     assert (tmp_path / "curves.svg").stat().st_size > 5000
     (tmp_path / "bad.csv").write_text("a,b\n1,2\n")
-    with pytest.raises(UserError, match="not a training curve"):
+    with pytest.raises(UserError, match="table of training curve"):
         plot_curves([tmp_path / "bad.csv"], tmp_path / "none.svg")
 
 
