@@ -12,7 +12,7 @@ from relight.config import composed
 from relight.evaluation.evaluate import chosen_pairs, has_pairs
 from relight.files import UserError
 from relight.learning.data import RelitSet
-from relight.learning.train import material
+from relight.learning.train import selection
 from relight.maps.exr import read_info, read_maps
 from relight.maps.packed import Packed
 from relight.meshes.align import align
@@ -94,10 +94,10 @@ def test_views_are_on_the_side_of_their_figure(made, settings):
     parts = json.loads((made / "split").read_text())
     assert sorted(parts["train"] + parts["test"]) == ["ann", "bob"], "the split deals figures"
     data = RelitSet(made / "packed", made / "lights.npz", 2, "photo")
-    trained = [data.names[i] for i in material(data, made / "split", settings.train)[0]]
+    trained = [data.names[i] for i in selection(data, made / "split", settings.train)[0]]
     own = parts["train"][0]
     assert trained == [own, f"{own}.v1", f"{own}.v2"]
-    assert len(material(data, made / "split", replace(settings.train, figures=1))[0]) == 3, "figures are counted"
+    assert len(selection(data, made / "split", replace(settings.train, figures=1))[0]) == 3, "figures are counted"
 
 
 def test_the_front_is_evaluated_unless_views_are_asked_for(made, settings):
