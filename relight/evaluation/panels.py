@@ -1,5 +1,6 @@
 """Pictures of experiments: a row per figure and network, a column per view (as the paper's figures 5 and 7)."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -116,9 +117,17 @@ def draw(heads: list[str], lines: list[Line], linear: bool, worst: float, note: 
 
 
 def draw_view(
-    sheet: Sheet, view: View, subject: Subject, box, x: int, y: int, size: tuple[int, int], linear: bool, worst: float
+    sheet: Sheet,
+    view: View,
+    subject: Subject,
+    box: tuple[slice, slice],
+    x: int,
+    y: int,
+    size: tuple[int, int],
+    linear: bool,
+    worst: float,
 ) -> None:
-    """One cell of `size` (width, height) at (x, y)."""
+    """One cell of `size` (width, height) at (x, y): the subject's pixels in `box`."""
     width, height = size
     if view.colors is None and view.error is None:
         return sheet.cell(light_sphere(view.light, round(0.8 * width), subject.white, linear), x, y, width, height)
@@ -152,14 +161,22 @@ def plates(
     draw_plates(networks, packed, lights, split, settings, lambda names: spaced(len(names), settings.plates), out)
 
 
-def overview(networks: dict[str, Path], packed: Path, lights: Path, split: Path, settings, out: Path) -> None:
+def overview(
+    networks: dict[str, Path], packed: Path, lights: Path, split: Path, settings: config.Evaluate, out: Path
+) -> None:
     """The same for one figure and the last network."""
     last = dict([list(networks.items())[-1]])
     draw_plates(last, packed, lights, split, settings, lambda names: [len(names) // 2], out)
 
 
 def extremes(
-    networks: dict[str, Path], scores: list[Path], packed: Path, lights: Path, split: Path, settings, out: Path
+    networks: dict[str, Path],
+    scores: list[Path],
+    packed: Path,
+    lights: Path,
+    split: Path,
+    settings: config.Evaluate,
+    out: Path,
 ) -> None:
     """The same for the figures with the least and the largest shading error, mean over the networks.
 
@@ -175,7 +192,15 @@ def extremes(
     draw_plates(networks, packed, lights, split, settings, ends, out)
 
 
-def draw_plates(networks, packed, lights, split, settings, choose, out: Path) -> None:
+def draw_plates(
+    networks: dict[str, Path],
+    packed: Path,
+    lights: Path,
+    split: Path,
+    settings: config.Evaluate,
+    choose: Callable[[list[str]], list[int]],
+    out: Path,
+) -> None:
     """Draws the figures whose places `choose` picks from the names of those that are tested."""
     blocks: list[list[Line]] = []
     linear = False

@@ -5,7 +5,7 @@ from PIL import Image
 from relight.config import Evaluate
 from relight.evaluation.canvas import box_of, cut_out, fitted, font, heat, light_sphere, transport_bands
 from relight.evaluation.charts import plot_curves, plot_errors, plot_occlusion
-from relight.evaluation.contact import clearest, contact_sheet, grown, views
+from relight.evaluation.contact import clearest, contact_sheet, views
 from relight.evaluation.occlusion import UNKNOWN, Occlusion, by_garment, by_pose, occlusion, occlusions, read_occlusions
 from relight.evaluation.panels import COLUMNS, extremes, overview, plates
 from relight.evaluation.scores import Scores, write_scores
@@ -130,13 +130,6 @@ def test_a_sheet_is_exposed_for_each_figure(world):
     light[0] = 0.9
     for dim, bright in zip(views(maps, 0.1 * light), views(maps, light), strict=True):
         np.testing.assert_allclose(dim, bright, atol=1e-5)
-
-
-def test_edges_of_a_figure_take_its_colours():
-    mask = np.zeros((8, 8), bool)
-    mask[2:6, 2:6] = True
-    colors = np.where(mask[..., None], 0.7, 0.0)
-    assert (grown(colors, mask) == 0.7).all()
 
 
 def test_plates_show_the_truth_and_each_network(world, small_network, tmp_path):
