@@ -235,6 +235,8 @@ class Experiment:
     """A question: some runs of the sweep, what they are scored on, and a section of the report."""
 
     rows: list[str] = MISSING  # runs that the section compares, in order
+    title: str = ""  # of its section and table; the experiment's name if empty
+    question: str = ""  # what it asks, in a sentence
     figures: str = "test"  # test | sitting | views: on which part of the split
     lights: str = "test"  # test | unusual: under which lights of the set
     axis: str | None = None  # a setting, such as model.width, against which errors are plotted

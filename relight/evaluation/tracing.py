@@ -12,7 +12,7 @@ import numpy as np
 
 from relight import config
 from relight.evaluation.evaluate import chosen_pairs, torch_device
-from relight.evaluation.transfer import spread
+from relight.evaluation.panels import spaced
 from relight.files import UserError, existing, whole
 from relight.learning.data import RelitSet
 from relight.lights.table import LightSet
@@ -65,7 +65,7 @@ def trace(
     """
     data = RelitSet(packed, lights, order, "paper", torch_device("cpu"))
     figures, lit = chosen_pairs(data, split, evaluate.lights)
-    chosen = spread(figures.tolist(), settings.figures)
+    chosen = figures[spaced(len(figures), settings.figures)].tolist()
     table, scenes = load_lights(lights), []
     for i, figure in enumerate(progress(chosen, "figures traced")):
         seen, new = (int(lit[(i + k) % len(lit)]) for k in (0, 1))

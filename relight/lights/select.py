@@ -5,6 +5,7 @@ take most clusters; `order: paper` clusters first, as the paper says it.
 """
 
 import logging
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -42,9 +43,11 @@ def select(coefficients: np.ndarray, sources: list[str], settings: Lights) -> tu
         # 100 clusters for 50 lights: the authors' removal by hand took about half.
         copies = cluster(copies, 2 * settings.clusters, settings.seed, record)
         usual, unusual = cut(copies, settings, record)
+        record["rejected"] = {}  # clusters stand for many panoramas here
         usual = usual.rows(np.sort(np.random.default_rng(settings.seed).permutation(len(usual))[: settings.clusters]))
     else:
         usual, unusual = cut(copies, settings, record)
+        record["rejected"] = rejected_panoramas(sources, usual, unusual)
         usual = cluster(usual, settings.clusters, settings.seed, record)
     test = split_test(usual.coefficients, usual.source, settings)
     usual.split[test] = "test"
@@ -58,6 +61,16 @@ def select(coefficients: np.ndarray, sources: list[str], settings: Lights) -> tu
     for warning in record["warnings"]:
         log.warning(warning)
     return lights, record
+
+
+def rejected_panoramas(sources: list[str], usual: LightSet, unusual: LightSet) -> dict[str, str]:
+    """Panoramas of which no copy passed the rules, each with the rules that its copies break and how many do."""
+    found = {}
+    for source in dict.fromkeys(sources):
+        if not (usual.source == source).any():
+            broke = Counter(" ".join(map(str, unusual.reason[unusual.source == source])).split())
+            found[source] = ", ".join(f"{rule} {n}" for rule, n in broke.most_common()) or "too dark, or vetoed"
+    return found
 
 
 def check(coefficients: np.ndarray, sources: list[str], settings: Lights) -> None:

@@ -26,9 +26,9 @@ def main(
     occlusion: Path,
     histogram: Path,
 ) -> None:
+    from relight.evaluation.charts import plot_occlusion
     from relight.evaluation.contact import clearest, contact_sheet
     from relight.evaluation.occlusion import occlusions
-    from relight.evaluation.plots import plot_occlusion
     from relight.lights import show
     from relight.lights.table import load
 

@@ -18,7 +18,7 @@ OWN = 100_000  # of these, bytes that the page takes without a figure
     out="page (.html)",
 )
 def main(name: str, split: Path, maps: Path, lights: Path, out: Path) -> None:
-    from relight.evaluation.transfer import spread
+    from relight.evaluation.panels import spaced
     from relight.lights.table import load
     from relight.viewer.build import build_gallery
     from relight.viewer.figure import QUALITIES, coded
@@ -29,9 +29,11 @@ def main(name: str, split: Path, maps: Path, lights: Path, out: Path) -> None:
         f"{source.replace(':', ' ')} at {yaw:.0f}°": light
         for source, yaw, light in zip(test.source, test.yaw, test.coefficients)
     }
-    figures = [baked_figure(maps / f"{figure}.exr") for figure in spread(json.loads(split.read_text())["test"], MOST)]
+    names = json.loads(split.read_text())["test"]
+    figures = [baked_figure(maps / f"{names[i]}.exr") for i in spaced(len(names), MOST)]
     each = max(len(coded(figure, QUALITIES[2])) for figure in figures)
-    chosen = spread(figures, max(1, min(MOST, (SIZE - OWN) // (each + 1000))))
+    room = max(1, min(MOST, (SIZE - OWN) // (each + 1000)))
+    chosen = [figures[i] for i in spaced(len(figures), room)]
     build_gallery(
         out, chosen, {label: light[:9] for label, light in named.items()}, title=f"relight: {name}", limit=SIZE
     )

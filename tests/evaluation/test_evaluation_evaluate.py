@@ -9,7 +9,7 @@ import pytest
 from relight.config import composed
 from relight.evaluation.baselines import evaluate_baselines, make
 from relight.evaluation.evaluate import evaluate, infer, unlearned
-from relight.evaluation.plates import plates
+from relight.evaluation.panels import plates
 from relight.evaluation.scores import Scores, read_scores, write_scores
 from relight.files import UserError
 from relight.learning.checkpoint import load_network

@@ -11,7 +11,7 @@ from PIL import Image
 
 from relight.config import Evaluate, Panoramas, Trace
 from relight.evaluation.evaluate import infer, load
-from relight.evaluation.path_traced import ANSWERS, CAUSES, Chain, evaluate_traced, traced_plate, traced_tables
+from relight.evaluation.path_traced import ANSWERS, CAUSES, Chain, evaluate_traced, tables, traced_plate
 from relight.evaluation.tracing import Scene, read_scenes, sky_of, trace
 from relight.files import UserError
 from relight.learning.data import RelitSet
@@ -104,10 +104,12 @@ def test_scores_tables_and_pictures(world, data, small_network, tmp_path):
         rmse = np.sqrt(((relit - chain.own["truth"]) ** 2).sum(-1).mean())
         for kind, label in (("answer", name), ("cause", f"network:{name}")):
             assert float(found[kind, label, "snowman04"]["rmse"]) == pytest.approx(rmse, rel=1e-4)
-    tables = traced_tables(tmp_path / "scores.csv", world.settings)
-    assert [row[0] for row in tables["path_traced"].rows] == ["ours", "SfSNet-AO", *ANSWERS.values()]
-    assert len(tables["path_traced_causes"].rows) == len(CAUSES) - 1 + len(networks)
-    assert tables["path_traced"].rows[2][2].mean == pytest.approx(50 * 0.1 / 1.1, rel=1e-2)  # percent, of two figures
+    found = tables(tmp_path / "scores.csv", world.settings)
+    assert list(found["path_traced"].frame.index) == ["ours", "SfSNet-AO", *ANSWERS.values()]
+    assert len(found["path_traced_causes"].frame) == len(CAUSES) - 1 + len(networks)
+    assert found["path_traced"].frame["relative, %"].iloc[2].mean == pytest.approx(
+        50 * 0.1 / 1.1, rel=1e-2
+    )  # percent, of two figures
     traced_plate({name.partition(".")[0]: path for name, path in networks.items()}, *given, tmp_path / "plate.png")
     assert Image.open(tmp_path / "plate.png").height > 600
 
@@ -122,7 +124,7 @@ def test_another_data_set_is_refused(data, world, tmp_path):
         read_scenes(tmp_path / "notes.npz")
     (tmp_path / "notes.csv").write_text("a,b\n1,2\n")
     with pytest.raises(UserError, match="not a table"):
-        traced_tables(tmp_path / "notes.csv", world.settings)
+        tables(tmp_path / "notes.csv", world.settings)
 
 
 @pytest.fixture(scope="module")

@@ -130,6 +130,17 @@ def test_impossible_settings_are_refused(rooms):
             select(coefficients, sources, replace(SETTINGS, **wrong))
 
 
+def test_panoramas_of_which_no_copy_is_usual_are_named():
+    """Three lamps from the front, one deep red: each of its 36 copies breaks the rule of colour."""
+    lamps = np.zeros((3, 9, 3))
+    lamps[:, 0], lamps[:, 2], lamps[:, 3] = 1, 0.2, np.array([0, 0.2, -0.2])[:, None]
+    lamps[2] *= [1, 0.02, 0.01]
+    settings = replace(SETTINGS, clusters=2, test=1)
+    lights, record = select(lamps, ["a", "b", "red"], settings)
+    assert list(record["rejected"]) == ["red"] and "colour 36" in record["rejected"]["red"]
+    assert set(lights.source[np.isin(lights.split, ("train", "test"))]) == {"a", "b"}
+
+
 def test_rules_see_what_they_are_named_for():
     def lamp(x, y, z, fill=0.3):
         d = np.array([x, y, z], float)

@@ -9,7 +9,7 @@ from omegaconf import OmegaConf
 from people import person
 
 from relight.config import composed
-from relight.evaluation.evaluate import chosen_pairs, nothing
+from relight.evaluation.evaluate import chosen_pairs, has_pairs
 from relight.files import UserError
 from relight.learning.data import RelitSet
 from relight.learning.train import selection
@@ -107,8 +107,8 @@ def test_the_front_is_evaluated_unless_views_are_asked_for(made, settings):
         part: [data.names[i] for i in chosen_pairs(data, made / "split", figures=part)[0]] for part in ("test", "views")
     }
     assert found == {"test": [own], "views": [f"{own}.v1", f"{own}.v2"]}
-    assert not nothing(data, made / "split", replace(settings.evaluate, figures="views"))
-    assert nothing(data, made / "split", replace(settings.evaluate, figures="sitting"))
+    assert has_pairs(data, made / "split", replace(settings.evaluate, figures="views"))
+    assert not has_pairs(data, made / "split", replace(settings.evaluate, figures="sitting"))
 
 
 def test_plan_names_the_maps():

@@ -1,17 +1,16 @@
 """Charts of the report: errors with their intervals, training curves, occlusion. SVG or PNG, by the file's suffix."""
 
-import csv
 from pathlib import Path
 
 import matplotlib
 import matplotlib.lines
 import numpy as np
 
-from relight.evaluation.formats import QUANTITY, READING, split_column
 from relight.evaluation.occlusion import BINS, DARK, Occlusion
 from relight.evaluation.paper import IMPLIED_AO, IMPLIED_LOST
-from relight.evaluation.tables import LABELS, Row, Table, sign
-from relight.files import UserError, existing, whole
+from relight.evaluation.scores import read_table, row_of
+from relight.evaluation.tables import LABELS, QUANTITY, READING, Row, Table, sign, split_column
+from relight.files import UserError, whole
 
 COLORS = ("#7a5195", "#ef5675", "#ffa600", "#00798c", "#30638e", "#6a994e", "#8d99ae", "#bc6c25")
 DASHES = ("--", ":", "-.", (0, (1, 4)), (0, (6, 4)), (0, (4, 1, 1, 1, 1, 1)), (0, (14, 2)))  # of baselines
@@ -56,21 +55,21 @@ def plot_errors(table: Table, columns: tuple[str, ...], out: Path) -> None:
 
 
 def plot_curves(
-    curves: list[Path], out: Path, losses: tuple[str, ...] = ("loss", "transport", "albedo", "light")
+    curves: list[Path], out: Path, losses: tuple[str, ...] = ("transport", "albedo", "light", "reconstruction")
 ) -> None:
     """Training curves from the CSV files of `learning.train` (file name: row.s<seed>...), a panel per loss, log scale.
 
     Trainings of one row share a colour. A loss that no file has gets no panel. UserError on a file without steps.
     """
-    data = {path: _read_curve(path) for path in curves}
+    data = {path: read_table(path, "training curve", ["step"], "relight-train") for path in curves}
     shown = [name for name in losses if any(name in curve for curve in data.values())]
-    rows = list(dict.fromkeys(_row(path) for path in curves))
+    rows = list(dict.fromkeys(row_of(path.stem) for path in curves))
     with matplotlib.rc_context(STYLE):
         figure = _figure(3.1 * len(shown), 3.2)
         for panel, name in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown):
             for path, curve in data.items():
                 if name in curve:
-                    panel.plot(curve["step"], curve[name], color=color_of(_row(path)), linewidth=1.4, alpha=0.9)
+                    panel.plot(curve["step"], curve[name], color=color_of(row_of(path.stem)), linewidth=1.4, alpha=0.9)
             panel.set_yscale("log")
             panel.yaxis.set_major_formatter("{x:g}")
             panel.yaxis.set_minor_formatter("{x:g}")
@@ -167,15 +166,3 @@ def _save(figure, out: Path) -> None:
     with whole(out) as tmp:
         dated = {"metadata": {"Date": None}} if out.suffix == ".svg" else {"dpi": 160}  # a date would change the bytes
         figure.savefig(tmp, **dated)
-
-
-def _row(path: Path) -> str:
-    return path.name.split(".")[0]
-
-
-def _read_curve(path: Path) -> dict[str, np.ndarray]:
-    with open(existing(path, "training curve"), newline="") as file:
-        rows = list(csv.DictReader(file))
-    if not rows or "step" not in rows[0]:
-        raise UserError(f"{path} is not a training curve: it has no column 'step' with rows under it")
-    return {name: np.array([float(row[name] or "nan") for row in rows]) for name in rows[0]}
