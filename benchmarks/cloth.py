@@ -25,10 +25,11 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter
 from relight.figures import assembly, dress
 from relight.figures.commands import seeds_of
 from relight.meshes.mesh import Mesh
-from relight.sh.irradiance import unoccluded
-from relight.transport.bake import bake, see
+from relight.sh import unoccluded
+from relight.transport import bake
+from relight.transport.baker import primary_hits
 from relight.transport.camera import Camera
-from relight.transport.scene import Scene
+from relight.transport.raycaster import RayCaster
 
 SIGMAS = ((0.7, 1.4), (1.4, 2.8), (2.8, 5.6))  # pixels: wavelengths around 14, 27 and 55 mm of a person 691 px high
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear sRGB
@@ -89,10 +90,10 @@ def figure(seed: int, detail: str, texture: int) -> tuple[Mesh, list[set[int]], 
 
 def visible(mesh: Mesh) -> np.ndarray:
     """The material (SIZE,SIZE) that each pixel shows, -1 for none."""
-    scene = Scene(mesh.vertices, mesh.faces)
+    scene = RayCaster(mesh.vertices, mesh.faces)
     row, column = np.divmod(np.arange(SIZE * SIZE), SIZE)
     camera = Camera(SIZE, max(2.0, float(scene.high[2]) + scene.diagonal / 100))
-    pixel, face, _ = see(scene, camera, column + 0.5, row + 0.5)
+    pixel, face, _ = primary_hits(scene, camera, column + 0.5, row + 0.5)
     out = np.full(SIZE * SIZE, -1)
     out[pixel] = mesh.material[face]
     return out.reshape(SIZE, SIZE)

@@ -18,7 +18,7 @@ import OpenEXR
 
 from relight.panoramas.project import project
 from relight.panoramas.read import read_panorama
-from relight.sh.irradiance import irradiance
+from relight.sh import irradiance
 
 SIDE = 64  # pixels of the picture of the ball
 SAMPLES = 1024  # per pixel

@@ -28,13 +28,12 @@ from scipy.stats import qmc
 
 from relight.meshes.mesh import Mesh
 from relight.meshes.normals import vertex_normals
-from relight.sh.basis import basis
-from relight.sh.irradiance import unoccluded
-from relight.transport.bake import see
+from relight.sh import basis, unoccluded
+from relight.transport.baker import primary_hits
 from relight.transport.camera import Camera
 from relight.transport.integrate import BATCH, integrate
-from relight.transport.sampling import azimuths, frames, vogel
-from relight.transport.scene import Scene
+from relight.transport.raycaster import RayCaster
+from relight.transport.sampling import random_azimuths, tangent_frames, vogel_directions
 from relight.transport.surface import shading_normals
 
 
@@ -55,24 +54,24 @@ def figure(path: Path | None, seed: int) -> Mesh:
     return align(clean(mesh, cfg.clean), cfg.align)
 
 
-def pixels(mesh: Mesh, scene: Scene, size: int, every: int) -> tuple[np.ndarray, ...]:
+def pixels(mesh: Mesh, scene: RayCaster, size: int, every: int) -> tuple[np.ndarray, ...]:
     """Points, shading normals and geometric normals of every `every`-th row of a `size` px image, in raster order."""
     row, column = np.divmod(np.arange(size * size), size)
     keep = row % every == every // 2
-    _, face, weights = see(scene, Camera(size), column[keep] + 0.5, row[keep] + 0.5)
+    _, face, weights = primary_hits(scene, Camera(size), column[keep] + 0.5, row[keep] + 0.5)
     geometric = scene.normals[face]
     normals = shading_normals(vertex_normals(mesh), mesh.faces, face, weights, geometric)
     side = np.where(geometric[:, 2:] < 0, -1.0, 1.0)
     return scene.points(face, weights), normals * side, geometric * side
 
 
-def ours(scene: Scene, points, normals, geometric, rays: int, seed: int) -> np.ndarray:
+def ours(scene: RayCaster, points, normals, geometric, rays: int, seed: int) -> np.ndarray:
     return integrate(scene, points, normals, geometric, rays, seed=seed)[0]
 
 
-def local_rays(scene: Scene, points, normals, geometric, directions: np.ndarray, seed: int) -> np.ndarray:
+def local_rays(scene: RayCaster, points, normals, geometric, directions: np.ndarray, seed: int) -> np.ndarray:
     """(P, N, 6) float32: the same offset and frames as ours, with any directions (N, 3) or (P, N, 3) about +z."""
-    world = np.matmul(directions, frames(normals, azimuths(len(normals), seed)))
+    world = np.matmul(directions, tangent_frames(normals, random_azimuths(len(normals), seed)))
     start = scene.local(points + scene.offset * geometric)
     return np.concatenate([np.broadcast_to(start[:, None], world.shape), world], 2).astype(np.float32)
 
@@ -82,7 +81,7 @@ def cosine_directions(uniform: np.ndarray) -> np.ndarray:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), np.sqrt(1 - uniform[..., 0])], -1)
 
 
-def cosine(scene: Scene, points, normals, geometric, rays: int, seed: int) -> np.ndarray:
+def cosine(scene: RayCaster, points, normals, geometric, rays: int, seed: int) -> np.ndarray:
     rng = np.random.default_rng(seed)
     result = np.empty((len(points), 9))
     step = max(1, BATCH // rays)
@@ -101,7 +100,7 @@ def sphere_directions(uniform: np.ndarray) -> np.ndarray:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], -1)
 
 
-def pifu(caster, scene: Scene, points, normals, geometric, n: int, seed: int) -> np.ndarray:
+def pifu(caster, scene: RayCaster, points, normals, geometric, n: int, seed: int) -> np.ndarray:
     """The published procedure: for n slices of n directions, every pair of point and direction is written out."""
     directions = sphere_directions(np.random.default_rng(seed).random((n * n, 2)))
     values = basis(directions)
@@ -117,7 +116,7 @@ def pifu(caster, scene: Scene, points, normals, geometric, n: int, seed: int) ->
     return 4 * np.pi / n**2 * result
 
 
-def stratified(caster, scene: Scene, points, normals, geometric, n: int, seed: int) -> np.ndarray:
+def stratified(caster, scene: RayCaster, points, normals, geometric, n: int, seed: int) -> np.ndarray:
     """The same scheme at its best: a jittered n x n grid of directions, and matrix products for the sums."""
     cell = np.indices((n, n)).reshape(2, -1).T
     directions = sphere_directions((cell + np.random.default_rng(seed).random((n * n, 2))) / n)
@@ -131,7 +130,7 @@ def stratified(caster, scene: Scene, points, normals, geometric, n: int, seed: i
     return 4 * np.pi / n**2 * result
 
 
-def reference(scene: Scene, points, normals, geometric, power: int = 15) -> tuple[np.ndarray, float]:
+def reference(scene: RayCaster, points, normals, geometric, power: int = 15) -> tuple[np.ndarray, float]:
     """Transport by two independent sets of 2^power Sobol rays, and the RMSE of one half against the other, halved."""
     halves = []
     for seed in (1, 2):
@@ -176,7 +175,7 @@ def main() -> None:
     from trimesh.ray.ray_pyembree import RayMeshIntersector
 
     mesh = figure(options.mesh, options.seed)
-    scene = Scene(mesh.vertices, mesh.faces, threads=1)
+    scene = RayCaster(mesh.vertices, mesh.faces, threads=1)
     caster = RayMeshIntersector(trimesh.Trimesh(mesh.vertices, mesh.faces, process=False))
     everything = pixels(mesh, scene, 1024, 16)
     some = tuple(array[np.random.default_rng(0).permutation(len(array))[: options.points]] for array in everything)
@@ -212,7 +211,7 @@ def main() -> None:
         ratio = cost / np.exp(np.interp(np.log(error), *mine.T))
         print(f"\nAt the error of {name} with 1600 rays, {error:.1e}: {ratio:.0f} times less CPU time")
 
-    cast = local_rays(scene, *everything, vogel(256), 0).reshape(-1, 6)
+    cast = local_rays(scene, *everything, vogel_directions(256), 0).reshape(-1, 6)
     ratios = []
     for _ in range(max(options.rounds, 9)):
         raw = cpu(lambda: [scene.occluded(cast[i : i + BATCH]) for i in range(0, len(cast), BATCH)])

@@ -142,7 +142,7 @@ class Plan:
 
     def maps(self, figure: str) -> list[str]:
         """Names of the maps of a figure: the frontal view is called like the figure."""
-        from relight.transport.view import view_names
+        from relight.transport import view_names
 
         return [figure, *view_names(figure, self.cfg.bake.views)]
 

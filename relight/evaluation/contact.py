@@ -9,9 +9,8 @@ from scipy.ndimage import distance_transform_edt
 from relight.evaluation.canvas import CELL, FAINT, Sheet, box_of, cut_out, light_sphere
 from relight.evaluation.metrics import shade
 from relight.files import UserError
-from relight.lights.statistics import measure
-from relight.maps.exr import LeftOut, read_info, read_maps
-from relight.maps.maps import Maps
+from relight.lights import measure
+from relight.maps import LeftOut, Maps, read_info, read_maps
 from relight.progress import progress
 from relight.srgb import encode
 

@@ -8,11 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from relight.files import UserError, existing, whole
-from relight.maps.exr import LeftOut, read_maps
-from relight.maps.maps import Maps
+from relight.maps import LeftOut, Maps, read_maps
 from relight.progress import progress
-from relight.sh.basis import order_of
-from relight.sh.irradiance import unoccluded
+from relight.sh import order_of, unoccluded
 
 DARK = 0.5
 BINS = 20  # of ambient occlusion, over [0, 1]

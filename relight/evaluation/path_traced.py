@@ -36,7 +36,7 @@ from relight.evaluation.transfer import spread
 from relight.files import UserError, existing, whole
 from relight.learning.data import RelitSet
 from relight.progress import progress
-from relight.sh.irradiance import unoccluded
+from relight.sh import unoccluded
 
 CAUSES = {
     "network": "what the network infers",

@@ -9,8 +9,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from relight.sh.basis import bands, basis, count
-from relight.sh.rotation import rotation_matrix
+from relight.sh import bands, basis, coefficient_count, rotation_matrix
 
 # Faces of a cube as seen from its centre: the axis of the face, image right, image down.
 FACES = {
@@ -75,7 +74,7 @@ def project_latlong(pixels: np.ndarray, order: int, corners: bool = False) -> np
     for start in range(0, height, 64):  # in slices: the product is in double, the picture is not
         part = pixels[start : start + 64]
         harmonic[start : start + 64] = np.einsum("hwc,wm->hmc", part, column, optimize=True)
-    k = np.arange(count(order))
+    k = np.arange(coefficient_count(order))
     l = bands(order)
     m = k - l * l - l
     profile = row[:, l * l + l + abs(m)]
@@ -101,7 +100,7 @@ def project_plane(
     x, w = gauss(int(np.clip(1024 // n, 2, 8)))
     edges = 2 * np.arange(cells + 1) / cells - 1
     rows = np.arcsin(edges) if disc else edges
-    total = np.zeros((count(order), pixels.shape[2]))
+    total = np.zeros((coefficient_count(order), pixels.shape[2]))
     step = max(1, 65536 // n)
     for start in range(0, cells, step):
         stop = min(start + step, cells)

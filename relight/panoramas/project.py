@@ -11,8 +11,7 @@ from relight.panoramas.layouts import (
     project_plane,
 )
 from relight.panoramas.panorama import Panorama
-from relight.sh.basis import order_of
-from relight.sh.rotation import rotate_y, rotation_matrix
+from relight.sh import order_of, rotate_y, rotation_matrix
 
 MIRROR = np.diag([-1.0, 1.0, 1.0])
 

@@ -13,7 +13,7 @@ from relight.photos.mask import people
 from relight.photos.relight import matched
 from relight.photos.render import render
 from relight.photos.trust import Trust, trust
-from relight.sh.rotation import rotate_y
+from relight.sh import rotate_y
 
 WEIGHTS = Path(__file__).parent.parent / "weights" / "photo.safetensors"
 MODES = ("ratio", "full")

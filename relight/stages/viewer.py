@@ -18,12 +18,12 @@ SIZE = 12_000_000  # bytes of the page; large maps leave room for fewer figures
 )
 def main(name: str, split: Path, maps: Path, lights: Path, out: Path) -> None:
     from relight.evaluation.transfer import spread
-    from relight.lights.table import load
+    from relight.lights import read_light_set
     from relight.viewer.build import build_gallery
     from relight.viewer.figure import QUALITIES, coded
     from relight.viewer.source import baked_figure
 
-    test = load(lights).of("test")
+    test = read_light_set(lights).of("test")
     named = {
         f"{source.replace(':', ' ')} at {yaw:.0f}°": light
         for source, yaw, light in zip(test.source, test.yaw, test.coefficients)

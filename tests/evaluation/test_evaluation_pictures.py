@@ -15,8 +15,8 @@ from relight.evaluation.plots import plot_curves, plot_errors, plot_occlusion
 from relight.evaluation.scores import Scores
 from relight.evaluation.tables import COLUMNS2, experiment_table
 from relight.files import UserError
-from relight.maps.exr import read_maps, write_left_out
-from relight.sh.irradiance import unoccluded
+from relight.maps import read_maps, write_left_out
+from relight.sh import unoccluded
 from relight.srgb import encode
 
 

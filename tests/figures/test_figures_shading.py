@@ -8,7 +8,7 @@ from relight.figures.export import export
 from relight.files import UserError
 from relight.meshes.mesh import Material, Mesh
 from relight.meshes.read import read_mesh
-from relight.sh.basis import basis
+from relight.sh import basis
 
 
 def ball_and_plate() -> Mesh:

@@ -8,18 +8,15 @@ from typer.testing import CliRunner
 from relight.config import Panoramas
 from relight.evaluation.tracing import panorama_of
 from relight.files import UserError
+from relight.lights import Light, load_light, reference_brightness, write_light
 from relight.lights.chain import file_light
 from relight.lights.commands import app
-from relight.lights.light import Light
-from relight.lights.load import load_light
-from relight.lights.probes import PROBES, printed, probe
-from relight.lights.statistics import moment_eigenvalue, reference_brightness
-from relight.lights.store import write_light
+from relight.lights.load import PROBES, printed_probe, probe
+from relight.lights.statistics import moment_eigenvalue
 from relight.panoramas.panorama import Panorama
 from relight.panoramas.project import orient, project
 from relight.panoramas.rooms import room
-from relight.sh.irradiance import irradiance
-from relight.sh.rotation import rotate_y
+from relight.sh import irradiance, rotate_y
 
 
 def store_pfm(path, pixels):
@@ -69,9 +66,9 @@ def test_a_file_that_is_brighter_from_below_is_asked_about(tmp_path):
     right = store_pfm(tmp_path / "a.pfm", room(7))
     wrong = store_pfm(tmp_path / "b.pfm", room(7)[::-1])
     assert not load_light(right).notes and not load_light(wrong, upside_down=True).notes
-    for path, upside_down, told in ((wrong, False, "with --"), (right, True, "without --")):
+    for path, upside_down, option in ((wrong, False, "with --"), (right, True, "without --")):
         (note,) = load_light(path, upside_down=upside_down).notes
-        assert note.startswith(f"{path}: brighter from below") and f"read it {told}" in note
+        assert note.startswith(f"{path}: brighter from below") and f"read it {option}" in note
     assert not load_light(store_pfm(tmp_path / "c.pfm", np.ones((8, 16, 3), np.float32))).notes
     assert "--upside-down" in CliRunner().invoke(app, [str(wrong)]).output
 
@@ -185,7 +182,7 @@ def angular_map_of_the_paper(coefficients, n=600):
 @pytest.mark.parametrize("name", PROBES)
 def test_printed_tables_come_back_from_their_own_kind_of_map(name):
     """The whole way of the paper's light probes: their frame, the angular layout, our projection, our convention."""
-    table = printed(name)
+    table = printed_probe(name)
     light = project(Panorama(angular_map_of_the_paper(table), "angular"))
     np.testing.assert_allclose(light, probe(name), atol=1e-3 * abs(table).max())
     assert moment_eigenvalue(probe(name)) > (-0.02 if name == "galileo" else -1e-9) - 0.01  # two printed digits

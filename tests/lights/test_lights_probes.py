@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from relight.lights.load import load_light
-from relight.lights.probes import PROBES, printed
+from relight.lights import load_light
+from relight.lights.load import PROBES, printed_probe
 from relight.panoramas.panorama import Panorama
 from relight.panoramas.project import project
 from relight.panoramas.read import SUFFIXES, read_panorama
-from relight.sh.conventions import from_relight
+from relight.sh import from_relight
 
 FOLDER = Path(os.environ.get("RELIGHT_PROBES", ""))
 # What names of probe files begin with, their table, and the scale of figure 2 of the paper over the file's; the scale
@@ -105,7 +105,7 @@ def probe_files():
 def test_a_measured_probe_gives_the_printed_table(file):
     """Grace to 1 % of L00; the others to their two digits and 1 %; unknown scales are fitted."""
     name, scale = next(entry for start, entry in TABLES.items() if file.stem.lower().startswith(start))
-    table = printed(name)
+    table = printed_probe(name)
     tolerance = 0.01 * abs(table[0]) + (0 if name == "grace" else 0.006)
     tried = []
     for upside_down in (False, True):  # pbrt's grace_latlong.exr has its rows from the bottom up

@@ -3,8 +3,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from relight.config import composed
-from relight.lights.select import select
-from relight.lights.statistics import measure
+from relight.lights import measure, select_lights
 from relight.panoramas.colour import FROM_XYZ, blackbody, daylight
 from relight.panoramas.layouts import latlong_solid_angles
 from relight.panoramas.panorama import Panorama
@@ -59,7 +58,7 @@ def test_rooms_can_exist_and_few_are_dark_or_lit_from_below(rooms):
 
 def test_selection_keeps_tungsten_and_dark_sides_on_both_sides_of_the_split(coefficients):
     settings = OmegaConf.to_object(composed(["lights.rotations=12", "lights.clusters=25", "lights.test=5"])).lights
-    chosen, record = select(coefficients, [f"room:{seed}" for seed in range(COUNT)], settings)
+    chosen, record = select_lights(coefficients, [f"room:{seed}" for seed in range(COUNT)], settings)
     assert record["lights"]["train"] == 20 and record["lights"]["test"] == 5
     for split, spread in (("train", 0.25), ("test", 0.15)):
         m = measure(chosen.of(split).coefficients)

@@ -5,7 +5,7 @@ import pytest
 from relight.files import UserError
 from relight.panoramas.project import project
 from relight.panoramas.read import panoramas_in, read_panorama
-from relight.sh.irradiance import irradiance
+from relight.sh import irradiance
 
 SIX = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
 

@@ -7,7 +7,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from relight.files import UserError
-from relight.maps.exr import read_maps
+from relight.maps import read_maps
 from relight.transport.commands import app
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 from scipy.ndimage import gaussian_filter
+from scipy.spatial.transform import Rotation
 
 from relight.panoramas.panorama import Panorama
 from relight.panoramas.project import project
@@ -18,8 +19,7 @@ from relight.photos.frame import Frame
 from relight.photos.infer import Figure as Inferred
 from relight.photos.relight import floor_of, matched, ratio, shading
 from relight.photos.render import render
-from relight.sh.irradiance import irradiance
-from relight.sh.rotation import about, about_y, rotation_matrix
+from relight.sh import irradiance, rotation_about_y, rotation_matrix
 from relight.srgb import LINEAR, decode, encode
 from relight.viewer.build import build_gallery, build_viewer
 from relight.viewer.codec import encode as encode_planes
@@ -32,7 +32,7 @@ START = {
 
 
 def turned(light, yaw, tilt):
-    rotation = about([1, 0, 0], -np.radians(tilt)) @ about_y(np.radians(yaw))
+    rotation = Rotation.from_rotvec([-np.radians(tilt), 0, 0]).as_matrix() @ rotation_about_y(np.radians(yaw))
     return rotation_matrix(rotation, 2) @ light
 
 

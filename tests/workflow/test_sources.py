@@ -7,7 +7,7 @@ import pytest
 from people import write_people
 from repo import copy, relight
 
-from relight.maps.exr import read_info
+from relight.maps import read_info
 from relight.panoramas.rooms import room
 
 WORDS = ("scale=smoke", "name=mine", "experiment=one", "split.test=0.34", "train.steps=6")
