@@ -21,9 +21,9 @@ from relight.transport.tracer import interior_blocks, sky_directions, sky_weight
 
 def panorama(seed: int) -> np.ndarray:
     """A generated room on Mitsuba's texels, (256, 512, 3), scaled to mean radiance 1."""
-    from relight.panoramas.rooms import room
+    from relight.panoramas import generate_room
 
-    pixels = room(seed)  # lat-long: the centre looks along -z, +x is to its right
+    pixels = generate_room(seed)  # lat-long: the centre looks along -z, +x is to its right
     height, width = pixels.shape[:2]
     x, y, z = np.moveaxis(sky_directions(), -1, 0)
     row = np.clip(np.arccos(np.clip(y, -1, 1)) / np.pi * height, 0, height - 1).astype(int)

@@ -151,10 +151,10 @@ class Plan:
         """Files of the user's panoramas; empty when rooms are generated."""
         if self.cfg.panoramas.source == "generated":
             return []
-        from relight.panoramas.read import panoramas_in
+        from relight.panoramas import list_panoramas
 
         folder = self.cfg.panoramas.folder
-        return [f"{folder}/{name}" for name in panoramas_in(folder)]
+        return [f"{folder}/{name}" for name in list_panoramas(folder)]
 
     @property
     def tables(self) -> list[str]:

@@ -14,17 +14,13 @@ from relight.config import Lights, Panoramas
 from relight.files import UserError, refuse_odd
 from relight.lights.select import select_lights
 from relight.lights.table import LightSet
-from relight.panoramas.panorama import Panorama
-from relight.panoramas.project import orient, project
-from relight.panoramas.read import panoramas_in, read_panorama
-from relight.panoramas.rooms import room
-from relight.panoramas.skies import sky
+from relight.panoramas import Panorama, generate_room, generate_sky, list_panoramas, orient, project, read_panorama
 from relight.processes import end_with_parent
 from relight.progress import progress as show_progress
 
 log = logging.getLogger(__name__)
 
-GENERATORS: dict[str, Callable[[int], np.ndarray]] = {"room": room, "sky": sky}
+GENERATORS: dict[str, Callable[[int], np.ndarray]] = {"room": generate_room, "sky": generate_sky}
 MIN_PARALLEL = 48  # for fewer panoramas, worker processes take longer to start than they save
 
 
@@ -74,7 +70,7 @@ def project_panoramas(
         light_of = partial(generated_light, order=order, yaw=panoramas.yaw, flip=panoramas.flip)
     elif panoramas.source == "folder":
         folder = Path(panoramas.folder or "")
-        sources = panoramas_in(folder)
+        sources = list_panoramas(folder)
         light_of = partial(file_light, panoramas=panoramas, order=order)
     else:
         raise UserError(f"panoramas.source={panoramas.source}: generated or folder")

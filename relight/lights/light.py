@@ -8,7 +8,7 @@ import numpy as np
 
 from relight.files import UserError, whole
 from relight.lights.statistics import moment_eigenvalue, reference_brightness
-from relight.panoramas.panorama import Panorama
+from relight.panoramas import Panorama
 from relight.sh import coefficient_count, from_relight, order_of
 
 TOLERANCE = -1e-3  # of the moment eigenvalue: coefficients in files are rounded, colours truncated

@@ -12,9 +12,7 @@ from relight.lights.chain import GENERATORS
 from relight.lights.light import Light
 from relight.lights.statistics import measure
 from relight.lights.table import read_light_set
-from relight.panoramas.panorama import Panorama
-from relight.panoramas.project import orient, project
-from relight.panoramas.read import read_panorama
+from relight.panoramas import Panorama, orient, project, read_panorama
 from relight.sh import basis
 from relight.sh.conventions import CONVENTIONS, as_table, to_relight
 from relight.srgb import decode

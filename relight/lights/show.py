@@ -9,7 +9,7 @@ from relight.files import whole
 from relight.lights.light import Light
 from relight.lights.statistics import measure, reference_brightness
 from relight.lights.table import LightSet
-from relight.panoramas.panorama import Panorama
+from relight.panoramas import Panorama
 from relight.sh import irradiance
 from relight.srgb import encode
 

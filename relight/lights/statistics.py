@@ -4,7 +4,7 @@ from functools import cache
 
 import numpy as np
 
-from relight.panoramas.colour import luminance
+from relight.panoramas import luminance
 from relight.sh import order_of, unoccluded
 
 FRONT = np.array([0.0, 0.0, 1.0])

@@ -4,8 +4,8 @@ import numpy as np
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
-from relight.panoramas.layouts import FACES, cut_faces
-from relight.panoramas.panorama import Panorama
+from relight.panoramas import Panorama
+from relight.panoramas.projection import CUBE_FACES, cut_faces
 from relight.sh import rotation_about_y
 
 VIEW = 50.0  # degrees that the longer side of a photo sees: a 38 mm lens on 35 mm film
@@ -68,9 +68,9 @@ def lookup(panorama: Panorama, directions: np.ndarray) -> np.ndarray:
     nearest = np.full(x.shape, -np.inf)
     faces = cut_faces(pixels, panorama.layout)
     for name in faces:  # the face whose axis is nearest is the one that a direction meets
-        nearest = np.maximum(nearest, np.stack([x, y, z], -1) @ np.array(FACES[name][0], float))
+        nearest = np.maximum(nearest, np.stack([x, y, z], -1) @ np.array(CUBE_FACES[name][0], float))
     for name, face in faces.items():
-        axis, right, down = np.array(FACES[name], float)
+        axis, right, down = np.array(CUBE_FACES[name], float)
         on = np.stack([x, y, z], -1) @ axis >= nearest
         d = np.stack([x[on], y[on], z[on]], -1)
         depth = d @ axis

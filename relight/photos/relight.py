@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from relight.panoramas.colour import luminance
+from relight.panoramas import luminance
 from relight.sh import order_of, rotate_y
 
 ANGLES = 72  # every 5 degrees: a light of order 2 is smooth, the largest value is met to 0.2 %

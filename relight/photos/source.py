@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from relight.panoramas.panorama import Panorama
+from relight.panoramas import Panorama
 from relight.photos.infer import Figure
 from relight.photos.mask import mask_of
 from relight.photos.read import is_picture, read_photo

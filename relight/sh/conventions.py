@@ -91,7 +91,7 @@ def irradiance_factors(light: np.ndarray) -> np.ndarray:
     """Returns A_l (K,1) for the coefficients of a light (K,3); raises UserError if some are zero, above order 2."""
     order = order_of(len(light))
     if order > 2:
-        raise UserError(f"irradiance has nothing of bands 3, 5, ...: a light of order {order} cannot be told from it")
+        raise UserError(f"irradiance has no bands 3, 5, ...: a light of order {order} cannot be computed from it")
     return per_coefficient(cosine_factors(order))[:, None]
 
 

@@ -40,7 +40,7 @@ def rooms():
 
 @pytest.mark.parametrize("order", ["cut_first", "paper"])
 @pytest.mark.parametrize("split", ["room", "random"])
-def test_the_chain_keeps_what_it_promises(rooms, order, split):
+def test_the_light_set_has_the_properties_that_the_settings_ask_for(rooms, order, split):
     sources, coefficients = rooms
     lights, record = select_lights(coefficients, sources, replace(SETTINGS, order=order, split=split))
     usual = lights.rows(np.isin(lights.split, ("train", "test")))
@@ -85,7 +85,7 @@ def test_no_room_is_on_both_sides(rooms):
     assert len(lights.of("test"))
 
 
-def test_two_panoramas_are_enough(rooms):
+def test_two_panoramas_make_a_light_set(rooms):
     lights, _ = select_lights(rooms[1][16:18], rooms[0][16:18], replace(SETTINGS, clusters=50, test=10))
     assert len(lights.of("train")) and len(lights.of("test"))
     assert set(lights.of("train").source) != set(lights.of("test").source)
@@ -99,15 +99,15 @@ def test_smoke_size():
     assert record["steps"][0] == {"step": "read", "in": 12, "out": 12, "why": {}}
 
 
-def test_one_lamp_from_behind_still_gives_a_set(caplog):
-    """Nothing passes the rules: the least unusual copies are used, and it is said."""
+def test_a_single_lamp_from_behind_makes_a_light_set_with_a_warning(caplog):
+    """Nothing passes the rules: the least unusual copies are used, with a warning."""
     lamp = basis(np.array([0.0, -0.8, -0.6]))[:, None] * np.ones((1, 3)) * 5
     lights, record = select_lights(lamp[None], ["lamp"], replace(SETTINGS, clusters=6, test=2))
     assert len(lights.of("test")) and len(lights.of("train"))
     assert any("rules" in warning for warning in record["warnings"]) and "rules" in caplog.text
 
 
-def test_threshold_drops_dark_rooms_and_gives_way_to_other_units(rooms):
+def test_the_threshold_removes_dark_rooms_unless_the_units_differ(rooms):
     sources, coefficients = rooms
     _, record = select_lights(coefficients, sources, SETTINGS)
     dark = int((reference_brightness(coefficients) < 0.2).sum())
@@ -135,7 +135,7 @@ def test_impossible_settings_are_refused(rooms):
             select_lights(coefficients, sources, replace(SETTINGS, **wrong))
 
 
-def test_rules_see_what_they_are_named_for():
+def test_each_rule_finds_its_kind_of_light():
     def lamp(x, y, z, fill=0.3):
         d = np.array([x, y, z], float)
         light = basis(d / np.linalg.norm(d))[:, None] * np.ones((1, 3))
@@ -158,7 +158,7 @@ def test_rules_see_what_they_are_named_for():
 
 
 @pytest.mark.parametrize("kelvin, camera, unusual", [(2900, 5000, False), (3200, 6500, False), (2000, 6500, True)])
-def test_tungsten_as_a_camera_set_to_daylight_sees_it_is_usual_and_candles_are_not(kelvin, camera, unusual):
+def test_tungsten_under_a_daylight_white_balance_is_usual_and_candles_are_not(kelvin, camera, unusual):
     """The lights that the paper's authors released have ln(B/G) down to -.8."""
     d = np.array([0.3, 0.6, 0.7])
     white = basis(d / np.linalg.norm(d))
@@ -178,7 +178,7 @@ def test_features_measure_the_distance_of_irradiance():
     assert abs(distance - np.sqrt(squared)) < 1e-12
 
 
-def test_medoids_are_members_and_share_the_sources():
+def test_medoids_are_lights_of_the_set_from_different_sources():
     rng = np.random.default_rng(0)
     lights = rng.normal(size=(60, 9, 3))
     chosen, label = medoids(lights, np.repeat(np.arange(30), 2), 10, 0)
@@ -187,7 +187,7 @@ def test_medoids_are_members_and_share_the_sources():
     assert np.bincount(chosen // 12).max() <= 2
 
 
-def test_panoramas_weigh_the_same_however_many_copies_they_have():
+def test_the_weight_of_a_panorama_does_not_depend_on_its_number_of_copies():
     """Two panoramas with forty copies each lie together, twenty with two each far apart: those get the clusters."""
     rng = np.random.default_rng(0)
     crowd, few = rng.normal(0, 0.5, (80, 9, 3)), np.repeat(rng.normal(0, 1, (20, 9, 3)), 2, axis=0)
@@ -232,7 +232,7 @@ def test_table_round_trip(rooms, tmp_path):
         read_light_set(tmp_path / "bad.npz")
 
 
-def test_a_folder_with_a_broken_file_goes_on(tmp_path):
+def test_broken_files_of_a_folder_are_skipped_and_recorded(tmp_path):
     rng = np.random.default_rng(0)
     (tmp_path / "deep").mkdir()
     for name in ("a.pfm", "deep/b.pfm"):

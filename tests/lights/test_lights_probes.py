@@ -12,9 +12,8 @@ import pytest
 
 from relight.lights import load_light
 from relight.lights.load import PROBES, printed_probe
-from relight.panoramas.panorama import Panorama
-from relight.panoramas.project import project
-from relight.panoramas.read import SUFFIXES, read_panorama
+from relight.panoramas import Panorama, project, read_panorama
+from relight.panoramas.read import SUFFIXES
 from relight.sh import from_relight
 
 FOLDER = Path(os.environ.get("RELIGHT_PROBES", ""))
@@ -77,7 +76,7 @@ def latlong(h):
     return scene(np.stack([x, y, z], -1)).astype(np.float32)
 
 
-def test_an_angular_map_gives_what_the_papers_program_gives(tmp_path):
+def test_an_angular_map_agrees_with_a_twin_of_prefilter_c(tmp_path):
     """But for its half pixel, which is 3 % of L00 here and .3 % at the 1,000 px of a probe; a wrong sign is 30 %."""
     pixels = angular(100)
     (tmp_path / "a_probe.pfm").write_bytes(b"PF\n100 100\n-1.0\n" + pixels[::-1].tobytes())
@@ -127,5 +126,5 @@ def layout_of(file):
         return "angular"
 
 
-def test_every_table_can_be_tried():
+def test_every_printed_table_has_a_test():
     assert {name for name, _ in TABLES.values()} == set(PROBES)

@@ -5,8 +5,7 @@ import pytest
 
 from relight.lights import LightSet, lit_ball, write_contact_sheet
 from relight.lights.show import ALBEDO, diffuse_panorama, oriented_pixels
-from relight.panoramas.panorama import Panorama
-from relight.panoramas.project import project
+from relight.panoramas import Panorama, project
 from relight.sh import basis
 from relight.srgb import encode
 
@@ -40,7 +39,7 @@ def test_the_centre_of_the_diffuse_panorama_is_minus_z():
 @pytest.mark.parametrize("yaw", [0, 90, -45, 540])
 @pytest.mark.parametrize("flip", [False, True])
 @pytest.mark.parametrize("front", ["-z", "+z"])
-def test_the_panorama_is_drawn_as_its_light_is_used(yaw, flip, front):
+def test_the_drawn_panorama_has_the_orientation_of_its_light(yaw, flip, front):
     panorama = Panorama(
         np.random.default_rng(0).random((8, 16, 3)).astype(np.float32), "latlong", False, flip, yaw, front
     )

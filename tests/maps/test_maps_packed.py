@@ -37,7 +37,7 @@ def folder(tmp_path):
     return tmp_path
 
 
-def test_pixels_come_back(folder):
+def test_packed_pixels_are_those_of_the_maps(folder):
     names = pack_maps([folder / f"{name}.exr" for name in ("a1", "c", "b1", "b2")], folder / "packed.safetensors")
     packed = PackedMaps(folder / "packed.safetensors")
     assert names == packed.names == ["a1", "b1", "b2"] and packed.subjects == ["a", "b", "b"]
@@ -91,7 +91,7 @@ def test_octahedral_normals():
     assert np.linalg.norm(back - normals, axis=1).max() < 7e-5
 
 
-def test_mixtures_and_strangers_are_refused(folder):
+def test_different_sizes_and_other_files_are_refused(folder):
     write_maps(folder / "large.exr", random_maps("large", size=12))
     with pytest.raises(UserError, match="one size: these have 9, 12"):
         pack_maps([folder / "a1.exr", folder / "large.exr"], folder / "packed.safetensors")

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from relight.panoramas.panorama import Panorama
-from relight.panoramas.project import project
+from relight.panoramas import Panorama, project
 from relight.photos.environment import lookup, see
 from relight.sh import basis, sphere_quadrature
 

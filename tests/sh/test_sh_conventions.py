@@ -104,7 +104,7 @@ def test_frames_hold_at_higher_orders(name):
     np.testing.assert_allclose(basis(NORMALS, 4) @ to_relight(light, name), basis(frame, 4) @ light, atol=1e-13)
 
 
-def test_shapes_that_people_store():
+def test_stored_shapes_become_one():
     light = np.arange(27.0).reshape(9, 3)
     for stored in (light, light.T, light.ravel(), light.ravel().tolist(), light[None]):
         np.testing.assert_array_equal(as_table(stored), light)
@@ -116,7 +116,7 @@ def test_shapes_that_people_store():
         as_table(np.full((9, 3), np.nan))
 
 
-def test_what_a_convention_cannot_hold_is_refused():
+def test_lights_that_a_convention_cannot_hold_are_refused():
     with pytest.raises(UserError, match="one of"):
         to_relight(np.zeros((9, 3)), "opengl")
     with pytest.raises(UserError, match="kanamori2018"):

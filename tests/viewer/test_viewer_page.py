@@ -10,8 +10,7 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 from scipy.spatial.transform import Rotation
 
-from relight.panoramas.panorama import Panorama
-from relight.panoramas.project import project
+from relight.panoramas import Panorama, project
 from relight.photos.api import exposure
 from relight.photos.background import Background
 from relight.photos.color import chroma, excess, relit, rolled, shown
