@@ -122,7 +122,7 @@ class Plan:
         """The user's meshes by name; empty when figures are generated."""
         if self.cfg.figures.source == "generated":
             return {}
-        from relight.meshes.scans import list_scans
+        from relight.meshes import list_scans
 
         return list_scans(self.cfg.figures.folder)
 

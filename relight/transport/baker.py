@@ -7,8 +7,7 @@ import numpy as np
 
 from relight.files import UserError
 from relight.maps.exr import Maps
-from relight.meshes.mesh import Mesh
-from relight.meshes.normals import vertex_normals
+from relight.meshes import Mesh, vertex_normals
 from relight.progress import progress
 from relight.sh import UNOCCLUDED_T00, rotation_matrix
 from relight.transport.bounce import solve_radiosity

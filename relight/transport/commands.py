@@ -66,8 +66,8 @@ def bake(
     if not 0 <= padding < 0.5:
         raise UserError(f"--padding {padding}: a share of the image's height, from 0 to under 0.5")
 
+    from relight.meshes import read_mesh
     from relight.meshes.axes import AXES
-    from relight.meshes.read import read_mesh
     from relight.transport.view import View
 
     view = View(yaw, pitch, focal)
@@ -116,8 +116,7 @@ def _cleaned_and_aligned(mesh, up: str, front: str, padding: float):
     from omegaconf import OmegaConf
 
     from relight.config import composed
-    from relight.meshes.align import align
-    from relight.meshes.clean import clean
+    from relight.meshes import align, clean
 
     cfg = composed()
     settings = replace(OmegaConf.to_object(cfg.align), up=up, front=front, padding=padding)

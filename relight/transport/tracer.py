@@ -6,8 +6,7 @@ Mitsuba is optional (`pip install mitsuba`). Its scalar variant is used, which n
 import numpy as np
 
 from relight.files import UserError
-from relight.meshes.mesh import Mesh
-from relight.meshes.normals import vertex_normals
+from relight.meshes import Mesh, vertex_normals
 from relight.transport.surface import sample_albedo
 
 ROWS = 256  # of an environment map

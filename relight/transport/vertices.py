@@ -8,8 +8,7 @@ import numpy as np
 from relight.files import UserError, whole
 from relight.maps import coefficient_names
 from relight.maps.exr import CONVENTION
-from relight.meshes.mesh import Mesh
-from relight.meshes.normals import vertex_normals
+from relight.meshes import Mesh, vertex_normals
 from relight.sh import order_of
 from relight.transport.bounce import solve_radiosity
 from relight.transport.integrate import integrate, require_at_least

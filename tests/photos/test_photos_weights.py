@@ -21,7 +21,7 @@ DOCS = Path(relight.__file__).parents[1] / "docs"
 def figure():
     """Maps of a figure that no training has drawn, at 128 px."""
     from relight.figures.dress import make_figure
-    from relight.meshes.align import align
+    from relight.meshes import align
     from relight.transport import bake
 
     mesh = make_figure(5001, "draft", 256)

@@ -174,7 +174,7 @@ def test_supersampled_maps_are_means_of_a_finer_image():
     np.testing.assert_array_equal(shared.depth, coarse.depth)
 
 
-def test_what_no_place_meets_is_seen_at_the_centre():
+def test_surfaces_that_all_samples_miss_are_sampled_at_the_centre():
     """A thread through the pixels' centres, thinner than the places lie apart."""
     y = 1 - 2 * 8.5 / 16
     thread = np.array([[-1, y - 1e-3, 0], [1, y - 1e-3, 0], [1, y + 1e-3, 0], [-1, y + 1e-3, 0]], np.float32)
@@ -186,7 +186,7 @@ def test_what_no_place_meets_is_seen_at_the_centre():
         bake(ball(0.5), 16, 15, supersample=4)
 
 
-def test_a_back_counts_as_a_surface():
+def test_backs_are_surfaces():
     """An open bowl seen from inside has the same maps whichever way its faces are wound."""
     bowl = trimesh.creation.icosphere(subdivisions=4)
     lower = bowl.triangles_center[:, 2] < 0
@@ -221,7 +221,7 @@ def test_far_from_the_origin():
     assert np.sqrt(((near - far) ** 2).mean()) < 1e-3
 
 
-def test_bits_do_not_depend_on_threads_or_batches():
+def test_results_do_not_depend_on_threads_or_batches():
     vertices, faces = random_mesh()
     points = np.random.default_rng(1).uniform(-0.5, 0.5, (101, 3))
     normals = np.tile([0.0, 0.6, 0.8], (101, 1))
@@ -258,7 +258,7 @@ def broken(**changes):
     return mesh
 
 
-def test_bad_scenes_are_named():
+def test_bad_meshes_are_named():
     good = ball(0.5, subdivisions=2)
     poisoned = good.vertices.copy()
     poisoned[3] = np.nan
@@ -287,7 +287,7 @@ def test_bad_scenes_are_named():
         integrate(RayCaster(good.vertices, good.faces), np.full((1, 3), np.nan), np.eye(3)[:1], np.eye(3)[:1], 4)
 
 
-def test_bad_parts_of_a_scene_are_survived():
+def test_bad_parts_of_a_mesh_are_ignored():
     """Unused NaN vertices, some degenerate faces, faces outside the image and holes: baked, by the stated rules."""
     good = ball(0.5, subdivisions=4)
     expected = bake(good, 32, 64)

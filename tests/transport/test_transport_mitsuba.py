@@ -64,7 +64,7 @@ def test_a_bounce_in_colour(knot):
     assert np.abs(relative.mean(0)).max() < 3e-3
 
 
-def test_irradiance_of_a_cut_light(knot):
+def test_irradiance_of_a_truncated_light(knot):
     """Light of both signs, and an albedo that varies within pixels: neither may show."""
     rng = np.random.default_rng(0)
     striped = Mesh(**{**vars(knot), "color": rng.uniform(0.2, 1, (len(knot.vertices), 3)).astype(np.float32)})

@@ -47,13 +47,13 @@ def pixels(size):
     return x.ravel(), y.ravel()
 
 
-def struck(view, said, distance, size):
+def hits_of_spheres(view, record, distance, size):
     """Every pixel's ray against the four spheres: depth (size^2, 4), inf where it misses; the ray; spheres in camera.
 
-    said: the header's record of the view. |start + t step - centre|^2 = r^2, and t is the depth, since step_z = -1.
+    record: the header's record of the view. |start + t step - centre|^2 = r^2, and t is the depth, since step_z = -1.
     """
-    centres = said["scale"] * (CENTRES - said["centre"]) @ np.array(said["rotation"]).T
-    radii, (x, y) = said["scale"] * RADII, pixels(size)
+    centres = record["scale"] * (CENTRES - record["centre"]) @ np.array(record["rotation"]).T
+    radii, (x, y) = record["scale"] * RADII, pixels(size)
     zero, one = np.zeros_like(x), np.ones_like(x)
     if view.focal is None:
         start, step = np.stack([x, y, distance * one], -1), np.stack([zero, zero, -one], -1)
@@ -73,7 +73,7 @@ def test_balls_in_closed_form(view):
     distance = maps.info["camera_distance"]
     if view.focal is not None:
         assert maps.info["camera"] == "perspective" and distance == pytest.approx(view.focal / 18, abs=1e-6)
-    depth, start, step, centres, radii = struck(view, maps.info["view"], distance, size)
+    depth, start, step, centres, radii = hits_of_spheres(view, maps.info["view"], distance, size)
     mask, which, nearest = np.isfinite(depth).any(1), depth.argmin(1), depth.min(1)
     assert np.count_nonzero(maps.mask.ravel() != mask) < 0.01 * mask.sum()  # facets lie inside of their sphere
     both = mask & maps.mask.ravel()
@@ -120,7 +120,7 @@ def test_transport_is_the_frontal_one_turned(view):
     np.testing.assert_allclose(found, there @ rotation_matrix(rotation, order).T, atol=1e-5)
 
 
-def test_bounces_turn_too():
+def test_bounced_transport_is_rotated_too():
     baker, view = Baker(balls(3), 32, bounces=1), View(-120, 10)
     maps, camera = baker.maps(24, view=view), baker.camera(24, view)
     x, y = pixels(24)
@@ -194,7 +194,7 @@ def test_the_frontal_view_is_left_as_it_is():
     np.testing.assert_allclose(turned.normal[both], plain.normal[both], atol=1e-3)
 
 
-def test_bits_of_a_view_do_not_depend_on_threads():
+def test_results_of_a_view_do_not_depend_on_threads():
     one, two = (bake(balls(3), 32, 16, view=View(40, -8, 50), threads=threads) for threads in (1, 2))
     for name in ("mask", "normal", "depth", "transport"):
         np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
@@ -216,7 +216,7 @@ def test_random_views():
     assert np.median(lenses) == pytest.approx(np.sqrt(25 * 120), rel=0.06)
 
 
-def test_views_that_cannot_be():
+def test_invalid_views_are_refused():
     for view, words in (((181,), "yaw 181"), ((float("nan"),), "yaw nan"), ((0, 91), "pitch 91"), ((0, 0, 9), "10 to")):
         with pytest.raises(UserError, match=words):
             View(*view)

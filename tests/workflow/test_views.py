@@ -14,8 +14,7 @@ from relight.files import UserError
 from relight.learning.data import RelitSet
 from relight.learning.train import selection
 from relight.maps import PackedMaps, read_info, read_maps
-from relight.meshes.align import align
-from relight.meshes.mesh import Material, Mesh
+from relight.meshes import Material, Mesh, align
 from relight.stages import bake, pack, split
 from relight.transport import random_view
 from relight.workflow import Plan

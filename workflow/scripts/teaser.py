@@ -13,8 +13,7 @@ from relight import srgb
 from relight.config import ROOT, composed
 from relight.figures.dress import make_figure
 from relight.lights import lit_ball, load_light
-from relight.meshes.align import align
-from relight.meshes.clean import clean
+from relight.meshes import align, clean
 from relight.transport import bake
 
 SIZE, WIDTH = 448, 224
