@@ -7,6 +7,7 @@ from relight.stages.stage import stage
 
 MOST = 24  # figures of the page; more are hard to choose from
 SIZE = 12_000_000  # bytes of the page; large maps leave room for fewer figures
+OWN = 100_000  # of these, bytes that the page takes without a figure
 
 
 @stage(
@@ -30,7 +31,7 @@ def main(name: str, split: Path, maps: Path, lights: Path, out: Path) -> None:
     }
     figures = [baked_figure(maps / f"{figure}.exr") for figure in spread(json.loads(split.read_text())["test"], MOST)]
     each = max(len(coded(figure, QUALITIES[2])) for figure in figures)
-    chosen = spread(figures, max(1, min(MOST, SIZE // (each + 1000))))
+    chosen = spread(figures, max(1, min(MOST, (SIZE - OWN) // (each + 1000))))
     build_gallery(
         out, chosen, {label: light[:9] for label, light in named.items()}, title=f"relight: {name}", limit=SIZE
     )

@@ -17,10 +17,16 @@ if TYPE_CHECKING:
     from relight.photos.api import Relighter
 
 BRIGHTNESS = 0.8  # the first light's irradiance toward the viewer, the middle of the paper's [.7, .9]
-LIGHTS = {f"Room {seed}": f"room:{seed}" for seed in (8, 3, 5, 17, 26, 11)} | {
+LIGHTS = {
+    "Warm, from the right": "room:8",
+    "From behind": "room:3",
+    "Cool, from the right": "room:5",
+    "Soft and grey": "room:17",
+    "Tungsten": "room:26",
+    "Soft, from the front": "room:11",
     "Open sky": "sky:1",
-    "Key, warm": "key:#ffd9a8@-50,35,0.25",
-    "Rim, blue": "key:#b8ccff@125,25,0.35",
+    "Warm key light": "key:#ffd9a8@-50,35,0.25",
+    "Blue rim light": "key:#b8ccff@125,25,0.35",
 }
 
 
