@@ -76,7 +76,7 @@ class Panoramas:
     count: int = MISSING  # generated rooms
     skies: int = MISSING  # generated outdoor skies beside them
     seed: int = MISSING
-    layout: str = MISSING  # auto, or a layout that relight.panoramas.layouts knows
+    layout: str = MISSING  # auto, or a layout that relight.panoramas.projection knows
     yaw: float = MISSING  # degrees by which every light is turned, +z toward +x
     flip: bool = MISSING  # mirror left and right
     upside_down: bool = False  # files hold their rows from the bottom up

@@ -17,7 +17,7 @@ from relight.photos.relit import Relit
 from relight.photos.render import render
 from relight.photos.source import mask_beside
 from relight.photos.trust import Trust, trust
-from relight.sh.rotation import rotate_y
+from relight.sh import rotate_y
 
 WEIGHTS = Path(__file__).parent.parent / "weights" / "photo.safetensors"
 MODES = ("ratio", "full")

@@ -8,8 +8,8 @@ import numpy as np
 from PIL import Image, ImageColor
 
 from relight.files import UserError
+from relight.panoramas import Panorama
 from relight.panoramas.colour import luminance
-from relight.panoramas.panorama import Panorama
 from relight.photos.color import relit, rolled
 from relight.photos.environment import see
 from relight.photos.read import is_picture, read_photo

@@ -20,7 +20,7 @@ from relight.photos.read import Photo, read_photo
 from relight.photos.render import compose, ground_of, layers, relight_maps, render
 from relight.photos.source import Source, mask_beside
 from relight.progress import progress
-from relight.sh.rotation import rotate_y
+from relight.sh import rotate_y
 
 
 def turning(

@@ -18,8 +18,8 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter, label
 
 from relight.photos.environment import VIEW
 from relight.photos.frame import SOLID
-from relight.sh.basis import basis
-from relight.transport.sampling import vogel
+from relight.sh import basis
+from relight.transport.sampling import vogel_directions
 
 RAYS = 160  # of each point of the ground
 FINE = 150  # points of the ground to a figure's height
@@ -114,7 +114,7 @@ def ground(coverages: Sequence[np.ndarray], order: int = 2) -> Ground | None:
 
 def _transport(points: np.ndarray, balls: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
     """For points (P,3) that face up: the transport that `balls` (N,4) hide (P,K), and that of the open sky (K,)."""
-    directions = vogel(RAYS)[:, [1, 2, 0]].astype(np.float32)  # about +y
+    directions = vogel_directions(RAYS)[:, [1, 2, 0]].astype(np.float32)  # about +y
     values = basis(directions, order) * (np.pi / RAYS)
     points, balls = points.astype(np.float32), balls.astype(np.float32)
     along = balls[:, :3] @ directions.T

@@ -15,7 +15,7 @@ from relight.photos.read import Photo, read_photo
 from relight.photos.render import render
 from relight.photos.save import save_inference, save_json, save_light, save_picture
 from relight.photos.source import Source, light_source, mask_beside, mean_light
-from relight.sh.rotation import rotate_y
+from relight.sh import rotate_y
 
 BYTES = 48  # that the results may take per pixel of the photo: three pictures and 16 maps of half floats
 

@@ -11,7 +11,7 @@ from relight.photos.composite import REACH, foreground, over, strips
 from relight.photos.ground import Ground, ground
 from relight.photos.infer import Figure
 from relight.photos.upsample import Fitted, luma
-from relight.sh.basis import order_of
+from relight.sh import order_of
 from relight.srgb import LINEAR
 
 

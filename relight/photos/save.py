@@ -10,17 +10,16 @@ from PIL import Image
 
 from relight import __version__
 from relight.files import whole
-from relight.lights.light import Light
-from relight.lights.show import ball
-from relight.lights.store import write_light
-from relight.maps.exr import CONVENTION, FRAME, coefficient_names
+from relight.lights import Light, lit_ball, write_light
+from relight.maps import coefficient_names
+from relight.maps.exr import CONVENTION, FRAME
 from relight.photos.color import shown, to_srgb8
 from relight.photos.composite import strips
 from relight.photos.infer import Figure
 from relight.photos.relight import shading
 from relight.photos.render import coverage_of
 from relight.photos.upsample import luma
-from relight.sh.basis import order_of
+from relight.sh import order_of
 from relight.srgb import LINEAR
 
 
@@ -86,7 +85,7 @@ def save_light(stem: Path, coefficients: np.ndarray, source: str) -> None:
     light = Light(np.asarray(coefficients, np.float64), source)
     write_light(light, stem.with_name(f"{stem.name}.json"))
     write_light(light, stem.with_name(f"{stem.name}.npy"))
-    save_picture(stem.with_name(f"{stem.name}.png"), np.round(ball(light.coefficients, 256) * 255).astype(np.uint8))
+    save_picture(stem.with_name(f"{stem.name}.png"), np.round(lit_ball(light.coefficients, 256) * 255).astype(np.uint8))
 
 
 def save_json(path: Path, record: dict) -> None:

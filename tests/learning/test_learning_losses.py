@@ -10,7 +10,7 @@ import yaml
 
 from relight.learning.data import RelitSet
 from relight.learning.losses import losses, weights
-from relight.sh.irradiance import unoccluded
+from relight.sh import unoccluded
 
 FIFTEEN = {
     *("albedo", "transport", "light", "tv_albedo", "tv_transport"),

@@ -13,8 +13,7 @@ from relight.photos.film import turning
 from relight.photos.ground import Camera, _balls, _box, _transport, ground
 from relight.photos.photo import Wish
 from relight.photos.render import render
-from relight.sh.basis import basis
-from relight.sh.irradiance import unoccluded
+from relight.sh import basis, unoccluded
 from relight.srgb import LINEAR
 
 Y00 = 0.5 / np.sqrt(np.pi)

@@ -14,8 +14,7 @@ from relight.photos.frame import Frame, frame
 from relight.photos.infer import Figure
 from relight.photos.relight import ANGLES, FLOOR, brightest, floor_of, matched, ratio, shading
 from relight.photos.render import render
-from relight.sh.irradiance import unoccluded
-from relight.sh.rotation import rotate_y, rotation_matrix
+from relight.sh import rotate_y, rotation_matrix, unoccluded
 from relight.srgb import LINEAR
 
 LIGHT = np.zeros((9, 3), np.float32)

@@ -13,13 +13,12 @@ from omegaconf import OmegaConf
 from relight import srgb
 from relight.config import ROOT, composed
 from relight.figures.dress import make_figure
-from relight.lights.load import load_light
-from relight.lights.show import ball
-from relight.meshes.align import align
-from relight.meshes.clean import clean
-from relight.sh.basis import basis
-from relight.transport.bake import bake
-from relight.transport.scene import Scene
+from relight.lights import lit_ball as ball
+from relight.lights import load_light
+from relight.meshes import align, clean
+from relight.sh import basis
+from relight.transport import bake
+from relight.transport.raycaster import RayCaster
 
 SIZE, BALL = 720, 96
 LIGHT = "key:#ffd9b0@-40,35,0.3"
@@ -42,7 +41,7 @@ def main(seed: int) -> None:
     rows, columns = np.flatnonzero(maps.mask.any(1)), np.flatnonzero(maps.mask.any(0))
     box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
     show(axis, np.where(maps.mask[box][..., None], srgb.encode(maps.albedo[box] * maps.ao[box][..., None]), 1))
-    scene = Scene(mesh.vertices, mesh.faces)
+    scene = RayCaster(mesh.vertices, mesh.faces)
     for k, (name, point) in enumerate({"shoulder": open_point, "armpit": dark_point}.items()):
         at = np.array(point) - [box[0].start, box[1].start]
         axis.plot(*at[::-1], "o", ms=11, mfc="none", mec="crimson", mew=2)
@@ -92,7 +91,7 @@ def chosen(maps) -> tuple[tuple[int, int], tuple[int, int]]:
     return np.unravel_index(np.nanargmax(score), score.shape), np.unravel_index(np.nanargmin(score), score.shape)
 
 
-def visibility(scene: Scene, maps, point: tuple[int, int]) -> np.ndarray:
+def visibility(scene: RayCaster, maps, point: tuple[int, int]) -> np.ndarray:
     """The sphere as seen from a pixel, its front half as a disc: grey where light can arrive, red where not."""
     row, column = point
     size = len(maps.mask)
@@ -100,7 +99,9 @@ def visibility(scene: Scene, maps, point: tuple[int, int]) -> np.ndarray:
     start = scene_point(scene, place)
     disc, direction = front()
     normal = maps.normal[point]
-    rays = np.concatenate([np.broadcast_to(scene.local(start + scene.offset * normal), direction.shape), direction], 1)
+    rays = np.concatenate(
+        [np.broadcast_to(scene.to_local(start + scene.offset * normal), direction.shape), direction], 1
+    )
     blocked = scene.occluded(np.ascontiguousarray(rays, np.float32))
     cosine = np.maximum(direction @ normal, 0)
     picture = np.ones((BALL, BALL, 3))
@@ -109,10 +110,10 @@ def visibility(scene: Scene, maps, point: tuple[int, int]) -> np.ndarray:
     return picture
 
 
-def scene_point(scene: Scene, place: np.ndarray) -> np.ndarray:
+def scene_point(scene: RayCaster, place: np.ndarray) -> np.ndarray:
     """The first point of the mesh behind (x, y) of the aligned frame."""
-    ray = np.concatenate([scene.local(place + [0, 0, 2 * scene.diagonal]), [0, 0, -1]]).astype(np.float32)[None]
-    return scene.points(*scene.first(ray))[0]
+    ray = np.concatenate([scene.to_local(place + [0, 0, 2 * scene.diagonal]), [0, 0, -1]]).astype(np.float32)[None]
+    return scene.points(*scene.intersect(ray))[0]
 
 
 def front() -> tuple[np.ndarray, np.ndarray]:

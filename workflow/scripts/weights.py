@@ -12,7 +12,7 @@ import numpy as np
 
 from relight import config
 from relight.learning.checkpoint import load_network, save_network
-from relight.lights.table import load
+from relight.lights import read_light_set
 
 OUT = Path(config.ROOT) / "relight" / "weights"
 LIMIT = 16 * 2**20
@@ -50,7 +50,7 @@ white balance: `python benchmarks/invariance.py relight/weights/photo.safetensor
 
 def main(results: Path, run: str) -> None:
     network, made_with = load_network(results / "train" / f"{run}.safetensors")
-    chosen = load(results / "lights" / "lights.npz")
+    chosen = read_light_set(results / "lights" / "lights.npz")
     training = np.concatenate([chosen.of(mark).coefficients for mark in made_with["train"]["lights"]])
     model = config.Model(**made_with["model"])
     out = OUT / "photo.safetensors"
