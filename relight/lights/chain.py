@@ -13,6 +13,7 @@ import numpy as np
 from relight.config import Lights, Panoramas
 from relight.files import UserError, refuse_odd
 from relight.lights.select import select
+from relight.lights.statistics import from_below, measure
 from relight.lights.table import LightSet
 from relight.panoramas.panorama import Panorama
 from relight.panoramas.project import orient, project
@@ -26,6 +27,7 @@ log = logging.getLogger(__name__)
 
 GENERATORS: dict[str, Callable[[int], np.ndarray]] = {"room": room, "sky": sky}
 SERIAL = 48  # fewer panoramas than this are not worth the start of worker processes
+NAMED = 8  # panoramas in one sentence
 
 
 def build(panoramas: Panoramas, lights: Lights, order: int, progress: bool = True) -> tuple[LightSet, dict[str, Any]]:
@@ -37,10 +39,41 @@ def build(panoramas: Panoramas, lights: Lights, order: int, progress: bool = Tru
     """
     sources, coefficients, unreadable, repaired = coefficients_of(panoramas, order, progress)
     chosen, record = select(coefficients, sources, lights)
+    if panoramas.source == "folder":
+        told = [*told_of_unlit(record["unlit"], len(sources)), *told_of_below(sources, coefficients, panoramas)]
+        record["warnings"] += told
+        for warning in told:
+            log.warning(warning)
     why = {"unreadable": len(unreadable)} if unreadable else {}
     record["steps"].insert(0, {"step": "read", "in": len(sources) + len(unreadable), "out": len(sources), "why": why})
     record |= {"unreadable": unreadable, "repaired": repaired}
     return chosen, record
+
+
+def told_of_unlit(unlit: dict[str, str], of: int) -> list[str]:
+    """A sentence about the panoramas that gave no light, `unlit` of `select`; none when all gave one."""
+    if not unlit:
+        return []
+    named = "; ".join(f"{source}: {why}" for source, why in list(unlit.items())[:NAMED])
+    more = f"; and {len(unlit) - NAMED} more, which chain.json names" if len(unlit) > NAMED else ""
+    return [
+        f"{len(unlit)} of {of} panoramas gave no light, since the rules for unusual lights are made for rooms, and open "
+        f"sky breaks them (lights.rules): {named}{more}"
+    ]
+
+
+def told_of_below(sources: list[str], coefficients: np.ndarray, panoramas: Panoramas) -> list[str]:
+    """A sentence about the panoramas whose lights (N, K, 3) are brighter from below than from above, if any."""
+    found = measure(coefficients)
+    below = [source for source, odd in zip(sources, from_below(found)) if odd]
+    if not below:
+        return []
+    named = ", ".join(below[:NAMED]) + (f" and {len(below) - NAMED} more" if len(below) > NAMED else "")
+    remedy = f"panoramas.upside_down={'false' if panoramas.upside_down else 'true'}"
+    return [
+        f"{len(below)} of {len(sources)} panoramas are brighter from below than from above: {named}; where the rows of "
+        f"files run {'from the top down' if panoramas.upside_down else 'from the bottom up'}, give {remedy}"
+    ]
 
 
 def coefficients_of(

@@ -11,7 +11,7 @@ from relight.files import UserError, existing
 from relight.lights.chain import GENERATORS
 from relight.lights.light import Light
 from relight.lights.probes import probe
-from relight.lights.statistics import measure
+from relight.lights.statistics import from_below, measure
 from relight.lights.table import load as load_set
 from relight.panoramas.panorama import Panorama
 from relight.panoramas.project import orient, project
@@ -24,7 +24,6 @@ GENERATED = re.compile(r"(room|sky):(\d{1,9})(?::([-+.0-9]+))?")
 KEY = re.compile(r"key:#?([0-9a-fA-F]{6})@([-+.0-9]+),([-+.0-9]+)(?:,([-+.0-9]+))?")
 IN_SET = re.compile(r"(.+\.(?:npz|csv)):(\d{1,9})")
 FILL = 0.2  # of a key light's strength, from everywhere
-BELOW = 1.1  # times as much irradiance from below as from above is worth a word
 LARGEST_FILE = 1 << 20  # bytes of a file of coefficients
 
 
@@ -78,16 +77,15 @@ def load_light(
     else:
         panorama = read_panorama(text, layout, yaw, flip, exposure, repair, upside_down)
         coefficients = project(panorama, order)
-        light = Light(coefficients, text, panorama, panorama.repairs + from_below(text, coefficients, upside_down))
+        light = Light(coefficients, text, panorama, panorama.repairs + told_of_below(text, coefficients, upside_down))
     if light.panorama is None:
         light = replace(light, coefficients=orient(light.coefficients, yaw, flip) * exposure)
     return light.judged().at_order(order)
 
 
-def from_below(text: str, coefficients: np.ndarray, upside_down: bool) -> list[str]:
+def told_of_below(text: str, coefficients: np.ndarray, upside_down: bool) -> list[str]:
     """A sentence for a panorama (K, 3) that is brighter from below than from above: most often it is upside down."""
-    found = measure(coefficients[None])
-    if found["down"][0] <= BELOW * found["up"][0]:
+    if not from_below(measure(coefficients[None]))[0]:
         return []
     told = "without --upside-down" if upside_down else "with --upside-down, if its rows run from the bottom up"
     return [f"{text}: brighter from below than from above; read it {told}"]

@@ -5,6 +5,7 @@ take most clusters; `order: paper` clusters first, as the paper says it.
 """
 
 import logging
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -30,10 +31,10 @@ def select(coefficients: np.ndarray, sources: list[str], settings: Lights) -> tu
     """The light set from the lights of panoramas, (N, K, 3) radiance coefficients in the panoramas' own units.
 
     Also returns a record, ready for JSON: for each step how many lights went in, how many stayed, and why the others
-    went; and the warnings. UserError when nothing can be selected.
+    went; the warnings; and in `unlit` the panoramas that no usual light is of. UserError when nothing can be selected.
     """
     check(coefficients, sources, settings)
-    record: dict[str, Any] = {"order": settings.order, "steps": [], "warnings": []}
+    record: dict[str, Any] = {"order": settings.order, "steps": [], "warnings": [], "unlit": {}}
     kept = above_threshold(coefficients, settings.threshold, record)
     copies = rotated_copies(coefficients[kept], np.asarray(sources)[kept], settings)
     note(record, "rotate and scale", len(kept), len(copies), {})
@@ -45,6 +46,7 @@ def select(coefficients: np.ndarray, sources: list[str], settings: Lights) -> tu
         usual = usual.rows(np.sort(np.random.default_rng(settings.seed).permutation(len(usual))[: settings.clusters]))
     else:
         usual, unusual = cut(copies, settings, record)
+        record["unlit"] = unlit(sources, copies, usual)
         usual = cluster(usual, settings.clusters, settings.seed, record)
     test = split_test(usual.coefficients, usual.source, settings)
     usual.split[test] = "test"
@@ -182,6 +184,17 @@ def cut(copies: LightSet, settings: Lights, record: dict[str, Any]) -> tuple[Lig
     return copies.rows(usual), rejected
 
 
+def unlit(sources: list[str], copies: LightSet, usual: LightSet) -> dict[str, str]:
+    """The panoramas of `sources` that no heading makes a usual light of: each with the rules that its copies break."""
+    left = set(sources) - set(usual.source.tolist())
+    why = {}
+    for source in filter(left.__contains__, sources):
+        own = copies.reason[copies.source == source].tolist()
+        broken = Counter(word for reason in own for word in reason.split(" ") if word)
+        why[source] = ", ".join(f"{word} at {n} of {len(own)} headings" for word, n in broken.most_common())
+    return {source: words or "below lights.threshold, or vetoed" for source, words in why.items()}
+
+
 def exposed(lights: LightSet, most: float) -> LightSet:
     """The lights, those darkened that are brighter than `most` somewhere on the front, as a camera would expose them.
 
@@ -227,10 +240,17 @@ def deal_unusual(unusual: LightSet, usual: LightSet) -> np.ndarray:
 
 
 def split_warnings(lights: LightSet, settings: Lights) -> list[str]:
-    both = set(lights.of("train").source.tolist()) & set(lights.of("test").source.tolist())
+    trained, tested = (set(lights.of(split).source.tolist()) for split in ("train", "test"))
+    both, told = trained & tested, []
     if both and settings.split == "room":
-        return [f"a single panorama ({both.pop()}) gives both training and test lights: the test is not independent"]
-    return []
+        told.append(f"a single panorama ({both.pop()}) gives both training and test lights: the test is not independent")
+    if len(tested) < len(lights.of("test")):
+        told.append(
+            f"the {len(lights.of('test'))} test lights come from {len(tested)} panoramas, the "
+            f"{len(lights.of('train'))} training lights from {len(trained)}: lights of one panorama differ in heading and "
+            "brightness alone"
+        )
+    return told
 
 
 def concatenate(first: LightSet, second: LightSet) -> LightSet:

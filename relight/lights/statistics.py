@@ -10,6 +10,7 @@ from relight.sh.irradiance import unoccluded
 
 FRONT = np.array([0.0, 0.0, 1.0])
 STEPS = 1000
+BELOW = 1.1  # times as much irradiance from below as from above is worth a word
 
 
 @cache
@@ -114,3 +115,11 @@ def measure(lights: np.ndarray) -> dict[str, np.ndarray]:
         "blue": colour[:, 2] - colour[:, 1],
         "moment": moment_eigenvalue(lights),
     }
+
+
+def from_below(measured: dict[str, np.ndarray]) -> np.ndarray:
+    """Whether lights, as `measure` has them, are brighter from below than from above: (N,) bool.
+
+    Most often the rows of such a panorama run from the bottom up.
+    """
+    return measured["down"] > BELOW * measured["up"]

@@ -5,6 +5,7 @@ import pytest
 
 from relight.lights.show import ALBEDO, ball, contact_sheet, diffuse_panorama, seen_pixels
 from relight.lights.table import LightSet
+from relight.panoramas.layouts import directions
 from relight.panoramas.panorama import Panorama
 from relight.panoramas.project import project
 from relight.sh.basis import basis
@@ -46,6 +47,24 @@ def test_the_panorama_is_drawn_as_its_light_is_used(yaw, flip, front):
     )
     seen = replace(panorama, pixels=seen_pixels(panorama), flip=False, yaw=0.0, front="-z")
     np.testing.assert_allclose(project(seen), project(panorama), atol=1e-12)
+
+
+SHAPES = {"angular": (240, 240), "ball": (240, 240), "cross": (240, 320), "strip": (480, 80), "strip-gl": (80, 480)}
+
+
+@pytest.mark.parametrize("yaw", [0, 75])
+@pytest.mark.parametrize("layout", SHAPES)
+@pytest.mark.parametrize("corners", [False, True])
+def test_other_layouts_are_drawn_as_their_light_is_used(layout, yaw, corners):
+    """Nearest pixels of a smooth scene: the light of the drawing is that of the map, to the size of a pixel."""
+    if corners and layout != "strip":
+        pytest.skip("only OpenEXR's cubes have samples on corners")
+    empty = Panorama(np.zeros((*SHAPES[layout], 3), np.float32), layout, corners, True, yaw)
+    toward = np.nan_to_num(directions(empty))
+    panorama = replace(empty, pixels=(1 + toward @ np.array([[0.5, 0, 0.2], [0.3, 0.6, 0], [0, 0.3, 0.7]])))
+    seen = seen_pixels(panorama)
+    assert seen.shape == (256, 512, 3)
+    np.testing.assert_allclose(project(Panorama(seen)), project(panorama), atol=0.02)
 
 
 def test_a_large_panorama_is_drawn_smaller():
