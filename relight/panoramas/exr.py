@@ -3,6 +3,7 @@
 Only `OpenEXR.File` is used: the older `InputFile` crashes the process on truncated files.
 """
 
+import ctypes
 import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -109,13 +110,16 @@ def hushed() -> Iterator[None]:
     """
     nowhere = os.open(os.devnull, os.O_WRONLY)
     kept = {}
+    flush = ctypes.CDLL(None).fflush  # of all of C's streams, which keep lines back where there is no terminal
     try:
+        flush(None)
         for stream in (1, 2):
             with suppress(OSError):  # a stream that its process has closed
                 kept[stream] = os.dup(stream)
                 os.dup2(nowhere, stream)
         yield
     finally:
+        flush(None)
         for stream, copy in kept.items():
             os.dup2(copy, stream)
             os.close(copy)
