@@ -3,10 +3,10 @@
 Only `OpenEXR.File` is used: the older `InputFile` crashes the process on truncated files.
 """
 
-import ctypes
+import io
 import os
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -104,25 +104,18 @@ def read_headers(path: Path, OpenEXR: Any) -> list[Header]:
 
 @contextmanager
 def hushed() -> Iterator[None]:
-    """Keeps what C libraries write to this process's output and error streams from the user.
-
-    OpenEXR writes up to a screenful of lines about a damaged file, from C, past Python's `sys.stderr`.
-    """
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    kept = {}
-    flush = ctypes.CDLL(None).fflush  # of all of C's streams, which keep lines back where there is no terminal
+    """Keeps from the user what OpenEXR prints of a damaged file: a screenful of lines from C, and some by `print`."""
+    nowhere, kept = os.open(os.devnull, os.O_WRONLY), None
     try:
-        flush(None)
-        for stream in (1, 2):
-            with suppress(OSError):  # a stream that its process has closed
-                kept[stream] = os.dup(stream)
-                os.dup2(nowhere, stream)
-        yield
+        with suppress(OSError):  # a process may have closed its error stream
+            kept = os.dup(2)
+            os.dup2(nowhere, 2)
+        with redirect_stdout(io.StringIO()):
+            yield
     finally:
-        flush(None)
-        for stream, copy in kept.items():
-            os.dup2(copy, stream)
-            os.close(copy)
+        if kept is not None:
+            os.dup2(kept, 2)
+            os.close(kept)
         os.close(nowhere)
 
 
