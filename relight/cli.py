@@ -55,18 +55,18 @@ def run(
 
 
 @app.command()
-def ui(port: Annotated[int, typer.Option(help="Port on this machine.")] = 5000) -> None:
+def ui(
+    overrides: Annotated[
+        list[str] | None,
+        typer.Argument(help="Settings that say which: name=mine, track.uri=sqlite:///other.db ..."),
+    ] = None,
+    port: Annotated[int, typer.Option(help="Port on this machine.")] = 5000,
+) -> None:
     """Browse the runs in MLflow, on this machine only."""
-    import subprocess
+    from relight.config import composed
+    from relight.track import browse
 
-    from relight.config import ROOT, composed
-    from relight.track import create
-
-    uri = composed().track.uri
-    create(uri)
-    print(f"MLflow: http://127.0.0.1:{port}/#/experiments (Ctrl-C ends it)")
-    command = [sys.executable, "-m", "mlflow", "server", "--backend-store-uri", uri, "--host", "127.0.0.1"]
-    raise typer.Exit(subprocess.call([*command, "--port", str(port)], cwd=ROOT))
+    browse(composed(overrides or []).track, port)
 
 
 def main() -> None:

@@ -1,7 +1,9 @@
 """What the Snakefile asks: the figures, the runs and the settings of a plan."""
 
+import hashlib
 import json
 import shlex
+import subprocess
 from dataclasses import asdict, replace
 from functools import cached_property
 from importlib.util import find_spec
@@ -10,8 +12,9 @@ from pathlib import Path
 import yaml
 from omegaconf import DictConfig, OmegaConf
 
-from relight.config import Experiment, check_name, composed, view
+from relight.config import ROOT, Experiment, Track, check_name, composed, view
 from relight.files import UserError, discard, whole
+from relight.track import Workflow, milliseconds
 
 HEAD = """\
 defaults: [schema, _self_, override hydra/job_logging: none, override hydra/hydra_logging: none]
@@ -183,6 +186,29 @@ class Plan:
             self.composed[run] = cfg
         return self.composed[run]
 
+    def tracked(self) -> Workflow:
+        """What MLflow is told of this workflow.
+
+        A sweep of -m has an experiment of its own there, so that its runs do not stand among those of the tables.
+        """
+        settings = OmegaConf.to_container(self.cfg)
+        track = Track(**settings.pop("track"))
+        settings["sweep"]["runs"] = {row: list(words) for row, words in self.rows.items()}
+        if self.swept:
+            track.experiment += " sweeps"
+        rows = {row: [name for name, e in self.experiments.items() if row in e.rows] for row in self.rows}
+        commit, changed = (git(*words) for words in (("rev-parse", "HEAD"), ("status", "--porcelain")))
+        tags = {"workflow": self.cfg.name, "sweep": str(self.swept).lower()}
+        if commit:
+            tags |= {"mlflow.source.git.commit": commit, "git.dirty": str(bool(changed)).lower()}
+        mark = hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()
+        return Workflow(track, self.cfg.name, mark, settings, rows, tags, milliseconds())
+
+    @property
+    def networks(self) -> dict[str, str]:
+        """The files of the networks that the tables compare, by run."""
+        return {run: self.network(run) for run in self.scored}
+
     def network(self, run: str) -> str:
         """The file of a trained network."""
         return f"{self.out}/train/{run}.safetensors"
@@ -235,3 +261,11 @@ class Plan:
                 splits = {row: f"split/{self.of_run(self.of_row(row)[0]).split.kind}.json" for row in one.rows}
                 made[name] |= {"scores": self.scores(name), "usual": self.scores(name, usual=True), "splits": splits}
         return json.dumps(made, indent=1)
+
+
+def git(*words: str) -> str:
+    """What git says of this repository; nothing where there is no git or no repository."""
+    try:
+        return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True).stdout.strip()
+    except OSError:
+        return ""

@@ -31,6 +31,7 @@ from relight.learning.meter import Meter
 from relight.learning.networks import STRIDE, Network, UNet, build
 from relight.learning.pairs import generator, pairs
 from relight.learning.state import fingerprint, restore, save_state
+from relight.learning.validation import Validation
 from relight.progress import span
 
 STEP_DRAWS = 1  # the purpose of the random numbers of a step, apart from those that order the pairs
@@ -51,13 +52,16 @@ def train(
     state: Path,
     curve: Path | None = None,
     log: Callable[[dict[str, float], int], None] | None = None,
+    show: Callable[[np.ndarray, int], None] | None = None,
 ) -> None:
     """Trains on `material`, figures of the split and lights of the table; writes the network to `out` (safetensors).
 
-    After every `train.epoch` steps: a line of progress, `log(means of the losses since the last time, steps done)`,
-    then the state to `state`. The next call with the same settings and data goes on from there; a state of other
-    settings is ignored, with a line that says so. `curve` (CSV) gets all that was logged, a row per epoch. Both
-    outputs are written whole at the end. The state stays: the caller removes it when it has the outputs safe.
+    After every `train.epoch` steps: a line of progress; `show(picture, steps done)` of what is inferred of fixed pairs
+    of the test; `log(values, steps done)`, the learning rate, the means of the losses since the last time, and the
+    losses on those pairs as `validation.*`; then the state to `state`. The next call with the same settings and data
+    goes on from there; a state of other settings is ignored, with a line that says so. `curve` (CSV) gets all that was
+    logged, a row per epoch. Both outputs are written whole at the end. The state stays: the caller removes it when it
+    has the outputs safe.
 
     Under torchrun each process takes its share of the batch and the gradients are averaged. On a CPU the training keeps
     to one thread: results then do not depend on the machine's load, and several trainings run side by side.
@@ -95,6 +99,7 @@ def train(
             forward = torch.compile(forward)
         autocast = torch.autocast(device.type, torch.bfloat16) if train.precision == "bf16" else nullcontext()
         weight = weights(loss, size)
+        validation = Validation(data, split, loss, size) if rank == 0 else None
         meter, start = Meter(device), time.monotonic()
         for step in range(first, train.steps):
             batch = draw(data, chosen, lit, train, augment, step, rank, world)
@@ -121,9 +126,13 @@ def train(
             seconds = (time.monotonic() - start) / (done - first)
             line = f"step {done}/{train.steps}, loss {means['loss']:.4f}, {1e3 * seconds:.0f} ms a step"
             say(f"{line}, {span(seconds * (train.steps - done))} left")
+            validated, picture = validation(average or network, drawn=show is not None)
+            values = {"lr": rate(train, step), **means, **{f"validation.{name}": v for name, v in validated.items()}}
+            if picture is not None:
+                show(picture, done)
             if log:
-                log(means, done)  # before the state: a state that is found again has been logged
-            history.append({"step": done, "lr": rate(train, step), **means})
+                log(values, done)  # before the state: a state that is found again has been logged
+            history.append({"step": done, **values})
             save_state(state, digest, parts, done, history)
 
         if rank == 0:
@@ -251,8 +260,8 @@ def say(line: str) -> None:
 
 
 def write_curve(path: Path, history: list[dict]) -> None:
-    """The log as CSV: step, learning rate, total and each named loss."""
+    """The log as CSV: step, learning rate, total and each named loss, and the same on the validation's pairs."""
     with whole(path) as tmp, open(tmp, "w", newline="") as file:
-        writer = csv.DictWriter(file, list(history[0]))
+        writer = csv.DictWriter(file, list(history[-1]))
         writer.writeheader()
         writer.writerows(history)

@@ -57,8 +57,8 @@ def told_of_unlit(unlit: dict[str, str], of: int) -> list[str]:
     named = "; ".join(f"{source}: {why}" for source, why in list(unlit.items())[:NAMED])
     more = f"; and {len(unlit) - NAMED} more, which chain.json names" if len(unlit) > NAMED else ""
     return [
-        f"{len(unlit)} of {of} panoramas gave no light, since the rules for unusual lights are made for rooms, and open "
-        f"sky breaks them (lights.rules): {named}{more}"
+        f"{len(unlit)} of {of} panoramas gave no light; the rules for unusual lights (lights.rules) are for rooms, "
+        f"and open sky breaks them: {named}{more}"
     ]
 
 

@@ -243,12 +243,14 @@ def split_warnings(lights: LightSet, settings: Lights) -> list[str]:
     trained, tested = (set(lights.of(split).source.tolist()) for split in ("train", "test"))
     both, told = trained & tested, []
     if both and settings.split == "room":
-        told.append(f"a single panorama ({both.pop()}) gives both training and test lights: the test is not independent")
+        told.append(
+            f"a single panorama ({both.pop()}) gives both training and test lights: the test is not independent"
+        )
     if len(tested) < len(lights.of("test")):
         told.append(
             f"the {len(lights.of('test'))} test lights come from {len(tested)} panoramas, the "
-            f"{len(lights.of('train'))} training lights from {len(trained)}: lights of one panorama differ in heading and "
-            "brightness alone"
+            f"{len(lights.of('train'))} training lights from {len(trained)}: lights of one panorama differ in heading "
+            "and brightness alone"
         )
     return told
 

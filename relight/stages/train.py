@@ -39,8 +39,10 @@ def main(
     # Beside the outputs but not declared as one: Snakemake deletes declared outputs before a retry.
     state = out.parent / "state" / out.stem
     digest = fingerprint(*groups.values(), packed, lights, split)
-    with tracked(track, out.stem, digest, settings) as run:
-        learning.train(*groups.values(), packed, lights, split, out, state / "state.pt", curve, run.log)
+    data = {"figures": packed, "lights": lights, "split": split}
+    with tracked(track, out.stem, digest, settings, data) as run:
+        shown = run.show if run.track.uri else None
+        learning.train(*groups.values(), *data.values(), out, state / "state.pt", curve, run.log, shown)
         run.finish(curve, out)
     if STARTED_BY not in os.environ:  # else Snakemake has yet to record the outputs (`Plan.settle`)
         discard(state)

@@ -2,6 +2,7 @@ import os
 import re
 import shlex
 import sys
+from pathlib import Path
 
 sys.path.insert(0, workflow.basedir)
 
@@ -10,6 +11,7 @@ from snakemake.exceptions import WorkflowError
 from relight.files import UserError, odd
 from relight.processes import STARTED_BY
 from relight.scheduling import calm
+from relight.track import WORKFLOW, conclude
 from relight.workflow import Plan
 
 calm()
@@ -21,6 +23,8 @@ try:
 except UserError as error:
     raise WorkflowError(str(error)) from None
 OUT = PLAN.out
+FLOW = PLAN.tracked()
+os.environ[WORKFLOW] = FLOW.dumps()
 
 
 onstart:
@@ -29,6 +33,11 @@ onstart:
 
 onsuccess:
     PLAN.settle({str(path) for job in workflow.dag.jobs for path in job.output})
+    conclude(FLOW, PLAN.networks, Path(OUT, "report"))
+
+
+onerror:
+    conclude(FLOW, PLAN.networks, Path(OUT, "report"), failed=True)
 
 
 wildcard_constraints:

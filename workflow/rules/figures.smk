@@ -79,7 +79,10 @@ rule bake:
         cfg=settings("bake"),
         mesh=f"{OUT}/aligned/{{figure}}.npz",
     output:
-        [ensure(f"{OUT}/maps/{name}.exr", non_empty=True) for name in PLAN.maps("{figure}")],
+        [
+            ensure(f"{OUT}/maps/{name}.exr", non_empty=True)
+            for name in PLAN.maps("{figure}")
+        ],
     log:
         f"{OUT}/log/bake/{{figure}}.log",
     benchmark:

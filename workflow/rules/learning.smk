@@ -42,8 +42,7 @@ rule evaluate:
         lights=f"{OUT}/lights/lights.npz",
         network=f"{OUT}/train/{{run}}.safetensors",
     output:
-        scores=f"{OUT}/evaluate/{{on}}{{run}}.csv",
-        plate=f"{OUT}/evaluate/{{on}}{{run}}.png",
+        f"{OUT}/evaluate/{{on}}{{run}}.csv",
     log:
         f"{OUT}/log/evaluate/{{on}}{{run}}.log",
     resources:
@@ -54,7 +53,7 @@ rule evaluate:
     shell:
         command("evaluate")
         + "{params.condition} io.packed={input.packed:q} io.split={input.split:q} io.lights={input.lights:q} "
-        + "io.network={input.network:q} io.out={output.scores:q} io.plate={output.plate:q}"
+        + "io.network={input.network:q} io.out={output:q}"
         + LOGGED_RUN
 
 
