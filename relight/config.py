@@ -250,7 +250,7 @@ class Experiment:
 class Sweep:
     runs: dict[str, list[str]] = MISSING  # name of a row -> its overrides
     only: list[str] | None = None  # of the runs; all when not given
-    seeds: list[int] = MISSING
+    seeds: list[int] = MISSING  # each row is trained once for each of them
 
 
 @dataclass
@@ -261,7 +261,7 @@ class Track:
 
 @dataclass
 class Config:
-    name: str = MISSING
+    name: str = MISSING  # of the folder in results/, and of the experiment in MLflow
     figures: Figures = field(default_factory=Figures)
     clean: Clean = field(default_factory=Clean)
     align: Align = field(default_factory=Align)

@@ -34,8 +34,15 @@ logging.getLogger("alembic").setLevel(logging.WARNING)
 
 WORKFLOW = "RELIGHT_WORKFLOW"  # in a stage's environment: the Workflow that it works for, as JSON
 MODEL = "relight"  # the registered model
-RUNS = "?searchFilter=&orderByKey=attributes.start_time&orderByAsc=false"  # of the runs' page: newest first
-SCORE = "test.shading_rmse"  # by which the best network of a workflow is chosen
+RUNS = "?workflowType=machine_learning&orderByKey=attributes.start_time&orderByAsc=false"  # of the runs' page
+NOTE = """\
+`loss` and its parts are means over the steps since the last point, `validation/` the same on a few fixed pairs of test
+figures and test lights, `test/` the means over all of them (docs/evaluation.md). Pictures have a column each for the
+picture, the albedo, the shading, a ball in the light, and the figure in another light; the truth stands above what was
+inferred. Nothing is chosen by them but the registered model.
+"""
+KIND = {"mlflow.experimentKind": "custom_model_development"}  # else MLflow shows what language models need
+SCORE = "test/shading_rmse"  # by which the best network of a workflow is chosen
 LOCK = Path(".mlflow.lock")
 ARTIFACTS = "mlruns"
 PATIENCE = 5.0  # seconds that a locked database is waited for
@@ -107,7 +114,7 @@ class Run:
         """Writes the values of an epoch."""
         self.rows[step] = milliseconds(), values
         if time.monotonic() > self.again:
-            self._attempt(self._send)
+            self._attempt(lambda client: (self._send(client), self._draw(client)))
 
     def show(self, picture: np.ndarray, step: int) -> None:
         """Keeps the picture (H,W,3) uint8 of an epoch for the next `log`."""
@@ -166,16 +173,18 @@ class Run:
     def _send(self, client) -> None:
         from mlflow.entities import Metric
 
-        for step, picture in sorted(self.pictures.items()):
-            if step not in self.shown:
-                client.log_image(self.id, picture, key="validation", step=step, synchronous=True)
-            self.shown.add(step)
-            del self.pictures[step]
         for step, (when, values) in sorted(self.rows.items()):
             if step not in self.held:
                 client.log_batch(self.id, metrics=[Metric(name, value, when, step) for name, value in values.items()])
             self.held.add(step)
             del self.rows[step]
+
+    def _draw(self, client) -> None:
+        for step, picture in sorted(self.pictures.items()):
+            if step not in self.shown:
+                client.log_image(self.id, picture, key="validation", step=step, synchronous=True)
+            self.shown.add(step)
+            del self.pictures[step]
 
     def _end(self, client, status: str = "FINISHED") -> None:
         if self.status != "FINISHED":  # once: its end is that of its training
@@ -200,6 +209,7 @@ class Training(Run):
         tags = {"row": row[0] or name, "seed": row[2]} if row[0] else {"row": name}
         if flow:
             tags |= {**flow.tags, "experiment": ", ".join(flow.rows.get(tags["row"], []))}
+        tags["mlflow.note.content"] = NOTE
         super().__init__(flow.track if flow else track, name, fingerprint, settings, tags, flow and overall(flow))
         self.data = dict(data or {})
         self.monitors: list = []
@@ -253,6 +263,7 @@ class Training(Run):
         def send(client) -> None:
             self._send(client)
             self._end(client)
+            self._draw(client)
             self._keep(client, [curve])
             from relight.served import log_network
 
@@ -450,7 +461,7 @@ def identify(client, track: Track) -> str:
     """The id of the experiment, which is made where it is missing."""
     if found := client.get_experiment_by_name(track.experiment):
         return found.experiment_id
-    made = client.create_experiment(track.experiment)
+    made = client.create_experiment(track.experiment, tags=KIND)
     create(track.uri)  # the place of its artifacts
     return made
 

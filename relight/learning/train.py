@@ -58,7 +58,7 @@ def train(
 
     After every `train.epoch` steps: a line of progress; `show(picture, steps done)` of what is inferred of fixed pairs
     of the test; `log(values, steps done)`, the learning rate, the means of the losses since the last time, and the
-    losses on those pairs as `validation.*`; then the state to `state`. The next call with the same settings and data
+    losses on those pairs as `validation/*`; then the state to `state`. The next call with the same settings and data
     goes on from there; a state of other settings is ignored, with a line that says so. `curve` (CSV) gets all that was
     logged, a row per epoch. Both outputs are written whole at the end. The state stays: the caller removes it when it
     has the outputs safe.
@@ -127,7 +127,7 @@ def train(
             line = f"step {done}/{train.steps}, loss {means['loss']:.4f}, {1e3 * seconds:.0f} ms a step"
             say(f"{line}, {span(seconds * (train.steps - done))} left")
             validated, picture = validation(average or network, drawn=show is not None)
-            values = {"lr": rate(train, step), **means, **{f"validation.{name}": v for name, v in validated.items()}}
+            values = {"lr": rate(train, step), **means, **{f"validation/{name}": v for name, v in validated.items()}}
             if picture is not None:
                 show(picture, done)
             if log:

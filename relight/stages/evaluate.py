@@ -24,7 +24,7 @@ def main(evaluate: Evaluate, track: Track, packed: Path, lights: Path, split: Pa
     score(network, packed, lights, split, evaluate, out)
     on = "test" if (evaluate.figures, evaluate.lights) == ("test", "test") else f"{evaluate.figures}-{evaluate.lights}"
     scores = next(iter(read_scores(out).values()), None)
-    means = {f"{on}.{name}": float(values.mean()) for name, values in (scores.columns if scores else {}).items()}
+    means = {f"{on}/{name}": float(values.mean()) for name, values in (scores.columns if scores else {}).items()}
     trained = read_config(network)
     settings = {part: trained[part] for part in ("model", "loss", "train", "augment") if part in trained}
     # A network that was trained elsewhere has a run of its own.

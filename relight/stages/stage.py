@@ -15,9 +15,15 @@ from hydra.errors import HydraException
 from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from relight.config import CONF, READS, Config, check, explain, resolved
+from relight.config import CONF, READS, Config, check, composed, explain, resolved
 from relight.files import UserError
 from relight.processes import end_with_snakemake
+from relight.settings import listing
+
+FLAGS = """
+  --cfg job          print the settings, and do nothing
+  --multirun, -m     each of several values: train.lr=1e-4,2e-4
+  --hydra-help       more of Hydra"""
 
 
 def stage(name: str, **ports: str) -> Callable:
@@ -45,11 +51,19 @@ def stage(name: str, **ports: str) -> Callable:
             settings = {key.rpartition(".")[2]: plain(OmegaConf.select(cfg, key)) for key in READS[name]}
             function(**settings, **{port: Path(cfg.io[port]) for port in ports})
 
+        def told() -> str:
+            files = "\n".join(f"    {f'io.{port}=FILE':34s}  {what}" for port, what in ports.items())
+            about = sys.modules[function.__module__].__doc__.strip()
+            settings = listing(composed(), READS[name])
+            return f"{about}\n\nFiles:\n{files}\n\nSettings that it reads, as key=value:\n{settings}\n{FLAGS}"
+
         def cli() -> None:
             # One thread a job: several jobs side by side use all cores, and spinning thread pools don't fight.
             for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
                 os.environ.setdefault(variable, "1")
             end_with_snakemake()
+            if {"-h", "--help"} & set(sys.argv[1:]):
+                return print(told())
             os.environ["HYDRA_FULL_ERROR"] = "1"  # errors reach us instead of being printed with a trace
             io = make_dataclass("Files", [(port, str, MISSING) for port in ports])
             schema = make_dataclass("StageConfig", [("io", io, field(default_factory=io))], bases=(Config,))

@@ -204,10 +204,10 @@ def test_scores_are_added_to_the_run_of_their_network(training):
     training()
     one = track.Training(Track(training.uri, "test"), OUT.stem, header()["fingerprint"], {})
     for _ in range(2):
-        one.add({"test.light_rmse": 0.5}, CURVE)
-    one.add({"test.light_rmse": 0.25})
+        one.add({"test/light_rmse": 0.5}, CURVE)
+    one.add({"test/light_rmse": 0.25})
     (run,) = training.runs()
-    history = MlflowClient(training.uri).get_metric_history(run.info.run_id, "test.light_rmse")
+    history = MlflowClient(training.uri).get_metric_history(run.info.run_id, "test/light_rmse")
     assert [point.value for point in history] == [0.5, 0.25]
 
 

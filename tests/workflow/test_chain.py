@@ -71,7 +71,7 @@ def check_mlflow(repo):
     for run in runs:
         name = run.info.run_name
         assert run.info.status == "FINISHED"
-        assert run.data.params["train.steps"] == "24" and "test.shading_rmse" in run.data.metrics
+        assert run.data.params["train.steps"] == "24" and "test/shading_rmse" in run.data.metrics
         assert [point.step for point in client.get_metric_history(run.info.run_id, "loss")] == [8, 16, 24]
         artifacts = {path.name for path in (repo / run.info.artifact_uri).iterdir()}
         assert {"config.yaml", f"{name}.csv", "images"} <= artifacts and run.outputs.model_outputs

@@ -137,7 +137,7 @@ def trained(name: str, mark: str, score: float, curve: Path) -> Path:
     save_network(network, build(NETWORK, 64), NETWORK, fingerprint=mark, train={"color": "photo"})
     run = Training(Track(), name, mark, {"train": {"color": "photo"}})
     run.finish(curve, network)
-    run.add({"test.shading_rmse": score})
+    run.add({"test/shading_rmse": score})
     assert not run.told
     return network
 
@@ -155,7 +155,7 @@ def test_the_end_of_a_workflow(tmp_path, folder, client, monkeypatch):
     for name in ("report/report.html", "report/table1.csv", "report/notes.bin", "run.yaml"):
         (folder / name).write_text("x")
     curve = tmp_path / "curve.csv"
-    curve.write_text("step,loss,validation.loss\n4,0.5,0.75\n")
+    curve.write_text("step,loss,validation/loss\n4,0.5,0.75\n")
     scores = {"ours.s0": 0.3, "ours.s1": 0.2}
     networks = {name: trained(name, name, score, curve) for name, score in scores.items()}
     conclude(flow, networks, folder / "report")
