@@ -35,10 +35,10 @@ ui: $(STAMP)  ## browse the runs in MLflow on this machine
 	@$(BIN)/relight ui
 
 lint: $(STAMP)  ## style of Python and Snakemake files
-	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/snakefmt --check Snakefile workflow
+	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/snakefmt --check workflow
 
 format: $(STAMP)  ## put Python and Snakemake files into style
-	@$(BIN)/ruff check --fix . ; $(BIN)/ruff format . && $(BIN)/snakefmt Snakefile workflow
+	@$(BIN)/ruff check --fix . ; $(BIN)/ruff format . && $(BIN)/snakefmt workflow
 
 lock: $(STAMP)  ## write constraints.txt anew from pyproject.toml, and environment.yml with it
 	@$(BIN)/python workflow/scripts/lock.py

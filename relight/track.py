@@ -363,7 +363,10 @@ def described(flow: Workflow, trained: Mapping[str, object]) -> str:
     lines = [f"The workflow of `results/{flow.name}`. Its tables, pictures and report are among the artifacts."]
     ids = {name: (one.info.experiment_id, one.info.run_id) for name, one in trained.items()}
     if len(ids) > 1:
-        runs, (experiment, _) = json.dumps([run for _, run in ids.values()]), next(iter(ids.values()))
+        runs, (experiment, _) = (
+            json.dumps([run for _, run in ids.values()], separators=(",", ":")),
+            next(iter(ids.values())),
+        )
         lines.append(f"[Compare them](#/compare-runs?runs={runs}&experiments=[%22{experiment}%22])".replace('"', "%22"))
     for experiment in dict.fromkeys(name for names in flow.rows.values() for name in names):
         shown = {name: one for name, one in trained.items() if experiment in flow.rows.get(one.data.tags["row"], [])}

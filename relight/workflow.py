@@ -1,9 +1,11 @@
 """What the Snakefile asks: the figures, the runs and the settings of a plan."""
 
+import copy
 import hashlib
 import json
 import shlex
 import subprocess
+from collections import Counter
 from dataclasses import asdict, replace
 from functools import cached_property
 from importlib.util import find_spec
@@ -56,6 +58,7 @@ class Plan:
             )
         self.gpus = int(self.cfg.train.device == "cuda")  # what a training asks of a cluster
         self.composed: dict[str, DictConfig] = {}
+        self.rows_composed: dict[str, DictConfig] = {}
 
     def look(self) -> None:
         """Looks at the user's folders and packages: what is wrong with them is told before anything runs."""
@@ -143,6 +146,24 @@ class Plan:
         first, count = self.cfg.figures.first, self.cfg.figures.count
         return list(self.scans) or [f"g{seed:04d}" for seed in range(first, first + count)]
 
+    @cached_property
+    def tens(self) -> list[str]:
+        """The decades of generated figures that are whole in the plan, as the beginnings of their names: g012."""
+        count = Counter(name[:-1] for name in self.figures) if not self.scans else {}
+        return [name for name, found in count.items() if found == 10]
+
+    @cached_property
+    def alone(self) -> list[str]:
+        """The figures outside of whole decades, each made by jobs of its own."""
+        whole_decades = set(self.tens)
+        return [name for name in self.figures if self.scans or name[:-1] not in whole_decades]
+
+    @property
+    def portions(self) -> list[tuple[str, str, list[str]]]:
+        """How figures are dealt to jobs: a suffix of rules, and the names of a job and of its figures as patterns."""
+        found = [("", "{figure}", ["{figure}"])] if self.alone else []
+        return found + ([("_tens", "{tens}", [f"{{tens}}{digit}" for digit in range(10)])] if self.tens else [])
+
     def maps(self, figure: str) -> list[str]:
         """Names of the maps of a figure: the frontal view is called like the figure."""
         from relight.transport.view import view_names
@@ -173,14 +194,8 @@ class Plan:
         """The settings of one run of the sweep; where `train.start` names a run, the network of that, of one seed."""
         if run not in self.composed:
             row, seed = self.runs[run]
-            cfg = composed([*self.overrides, *self.rows[row], f"train.seed={seed}"])
-            for group in SHARED:
-                if any(cfg[group][key] != value for key, value in self.cfg[group].items() if (group, key) != KIND):
-                    raise UserError(
-                        f"run {row} changes {group}, which all runs share: change it for all, under a new name"
-                    )
-            if cfg.train.start == row:
-                raise UserError(f"run {row}: train.start={row} is the run itself")
+            cfg = copy.deepcopy(self._of_row(row))
+            cfg.train.seed = seed
             if cfg.train.start in self.rows:
                 cfg.train.start = self.network(f"{cfg.train.start}.s{seed}")
             self.composed[run] = cfg
@@ -208,6 +223,20 @@ class Plan:
     def networks(self) -> dict[str, str]:
         """The files of the networks that the tables compare, by run."""
         return {run: self.network(run) for run in self.scored}
+
+    def _of_row(self, row: str) -> DictConfig:
+        """The settings that the runs of a row have in common, composed once: that takes longer than all else here."""
+        if row not in self.rows_composed:
+            cfg = composed([*self.overrides, *self.rows[row]])
+            for group in SHARED:
+                if any(cfg[group][key] != value for key, value in self.cfg[group].items() if (group, key) != KIND):
+                    raise UserError(
+                        f"run {row} changes {group}, which all runs share: change it for all, under a new name"
+                    )
+            if cfg.train.start == row:
+                raise UserError(f"run {row}: train.start={row} is the run itself")
+            self.rows_composed[row] = cfg
+        return self.rows_composed[row]
 
     def network(self, run: str) -> str:
         """The file of a trained network."""

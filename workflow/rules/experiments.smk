@@ -1,12 +1,4 @@
 # Experiments that are no table of trainings: each has stages of its own, and rows that say which networks they use.
-def networks_of(experiment):
-    """All trainings of an experiment's rows."""
-    if experiment not in PLAN.experiments:
-        return []
-    rows = PLAN.experiments[experiment].rows
-    return [PLAN.network(run) for row in rows for run in PLAN.of_row(row)]
-
-
 TEST_SPLIT = f"{OUT}/split/{PLAN.cfg.split.kind}.json"
 
 
@@ -98,16 +90,6 @@ rule inference_time:
         + named("io.row", "params.row")
         + "io.out={output:q}"
         + LOGGED_RUN
-
-
-def own_results(experiment):
-    """What the report needs of an experiment that has stages of its own."""
-    if experiment == "light_transfer":
-        return rules.light_transfer.output
-    if experiment == "path_traced":
-        return rules.path_traced.output
-    rows = PLAN.experiments[experiment].rows
-    return [f"{OUT}/inference_time/{PLAN.of_row(row)[0]}.csv" for row in rows]
 
 
 OWN_RESULTS = [

@@ -1,14 +1,3 @@
-def split_of(run):
-    """The split that a run is trained and scored on."""
-    return f"{OUT}/split/{PLAN.of_run(run).split.kind}.json"
-
-
-def condition(on):
-    """Overrides for the figures and lights that a folder of scores is about: "" or "sitting-test/"."""
-    figures, lights = on.rstrip("/").split("-") if on else ("test", "test")
-    return f"evaluate.figures={figures} evaluate.lights={lights}"
-
-
 rule train:
     input:
         cfg=settings("train.{run}"),
