@@ -320,8 +320,11 @@ def overall(flow: Workflow) -> Run:
 def conclude(flow: Workflow, networks: Mapping[str, Path], folder: Path, failed: bool = False) -> None:
     """Ends the run of a workflow: what came out as its artifacts and description, its best network registered.
 
-    networks: the files of its trainings, by name; folder: of its report. Of a workflow that `failed` it notes that.
+    networks: the files of its trainings, by name; folder: of its report. Of a workflow that `failed` it notes that; one
+    that ended before its first training has no run.
     """
+    if failed and not (folder.parent / "train").exists():
+        return
     from safetensors import safe_open
 
     run = overall(flow)

@@ -57,7 +57,7 @@ def train(
     """Trains on `material`, figures of the split and lights of the table; writes the network to `out` (safetensors).
 
     After every `train.epoch` steps: a line of progress; `show(picture, steps done)` of what is inferred of fixed pairs
-    of the test; `log(values, steps done)`, the learning rate, the means of the losses since the last time, and the
+    of the test; `log(values, steps done)`, the means of the losses since the last time, the learning rate, and the
     losses on those pairs as `validation/*`; then the state to `state`. The next call with the same settings and data
     goes on from there; a state of other settings is ignored, with a line that says so. `curve` (CSV) gets all that was
     logged, a row per epoch. Both outputs are written whole at the end. The state stays: the caller removes it when it
@@ -127,7 +127,7 @@ def train(
             line = f"step {done}/{train.steps}, loss {means['loss']:.4f}, {1e3 * seconds:.0f} ms a step"
             say(f"{line}, {span(seconds * (train.steps - done))} left")
             validated, picture = validation(average or network, drawn=show is not None)
-            values = {"lr": rate(train, step), **means, **{f"validation/{name}": v for name, v in validated.items()}}
+            values = {**means, "lr": rate(train, step), **{f"validation/{name}": v for name, v in validated.items()}}
             if picture is not None:
                 show(picture, done)
             if log:
@@ -260,7 +260,7 @@ def say(line: str) -> None:
 
 
 def write_curve(path: Path, history: list[dict]) -> None:
-    """The log as CSV: step, learning rate, total and each named loss, and the same on the validation's pairs."""
+    """The log as CSV: step, total and each named loss, learning rate, and the losses on the validation's pairs."""
     with whole(path) as tmp, open(tmp, "w", newline="") as file:
         writer = csv.DictWriter(file, list(history[-1]))
         writer.writeheader()
