@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from relight.lights.load import load_light
-from relight.panoramas.panorama import Panorama
+from relight.lights import load_light
+from relight.panoramas import Panorama
 from relight.photos.background import Background, background, white
 from relight.photos.color import to_srgb8
 from relight.photos.film import turning

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from relight.meshes.mesh import Material, Mesh
+from relight.meshes import Material, Mesh
 from relight.sh import basis
 from relight.transport import PathTracer, bake
 from relight.transport.tracer import block_means, interior_blocks, sky_directions, sky_weights
