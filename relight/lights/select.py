@@ -180,14 +180,14 @@ def parse_yaw(text: str) -> float:
 
 
 def broken_rules(lights: np.ndarray, rules: Rules) -> dict[str, np.ndarray]:
-    """Finds the rules for unusual lights that lights break: what the paper's authors removed by hand.
+    """Tests lights by the rules that replace the authors' removal of unusual lights by hand.
 
     Args:
         lights: (N,K,3), scaled to their reference brightness.
         rules: limits.
 
     Returns:
-        (N,) bool by the name of the rule.
+        (N,) bool by the name of the rule, true where a light breaks it.
     """
     parts = [_broken_rules(lights[start : start + BATCH], rules) for start in range(0, len(lights), BATCH)]
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]} if parts else {}
