@@ -125,7 +125,7 @@ class Plan:
         """The user's meshes by name; empty when figures are generated."""
         if self.cfg.figures.source == "generated":
             return {}
-        from relight.meshes.scans import list_scans
+        from relight.meshes import list_scans
 
         return list_scans(self.cfg.figures.folder)
 
@@ -145,7 +145,7 @@ class Plan:
 
     def maps(self, figure: str) -> list[str]:
         """Names of the maps of a figure: the frontal view is called like the figure."""
-        from relight.transport.view import view_names
+        from relight.transport import view_names
 
         return [figure, *view_names(figure, self.cfg.bake.views)]
 
@@ -154,10 +154,10 @@ class Plan:
         """Files of the user's panoramas; empty when rooms are generated."""
         if self.cfg.panoramas.source == "generated":
             return []
-        from relight.panoramas.read import panoramas_in
+        from relight.panoramas import list_panoramas
 
         folder = self.cfg.panoramas.folder
-        return [f"{folder}/{name}" for name in panoramas_in(folder)]
+        return [f"{folder}/{name}" for name in list_panoramas(folder)]
 
     @property
     def tables(self) -> list[str]:

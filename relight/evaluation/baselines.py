@@ -20,7 +20,7 @@ from relight.evaluation.metrics import Inferred
 from relight.evaluation.scores import write_scores
 from relight.files import UserError
 from relight.learning.data import RelitSet, read_split
-from relight.sh.irradiance import unoccluded
+from relight.sh import unoccluded
 
 
 def evaluate_baselines(

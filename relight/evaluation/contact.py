@@ -8,9 +8,8 @@ from PIL import Image
 from relight.evaluation.canvas import CELL, FAINT, Sheet, box_of, cut_out, light_sphere
 from relight.evaluation.metrics import shade
 from relight.files import UserError
-from relight.lights.statistics import measure
-from relight.maps.exr import LeftOut, read_info, read_maps
-from relight.maps.maps import Maps
+from relight.lights import measure
+from relight.maps import LeftOut, Maps, read_info, read_maps
 from relight.photos.frame import extend
 from relight.progress import progress
 from relight.srgb import encode

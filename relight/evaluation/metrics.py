@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from relight.sh.irradiance import unoccluded
+from relight.sh import unoccluded
 
 WINDOW = 7  # scikit-image's default
 OLD_RANGE = 2.0  # what scikit-image < 0.16 took for float images

@@ -9,11 +9,9 @@ import pandas as pd
 
 from relight.evaluation.scores import read_table
 from relight.files import whole
-from relight.maps.exr import LeftOut, read_maps
-from relight.maps.maps import Maps
+from relight.maps import LeftOut, Maps, read_maps
 from relight.progress import progress
-from relight.sh.basis import order_of
-from relight.sh.irradiance import unoccluded
+from relight.sh import order_of, unoccluded
 
 DARK = 0.5
 BINS = 20  # of ambient occlusion, over [0, 1]

@@ -33,7 +33,7 @@ from relight.evaluation.tracing import Scene, read_scenes
 from relight.files import UserError, whole
 from relight.learning.data import RelitSet
 from relight.progress import progress
-from relight.sh.irradiance import unoccluded
+from relight.sh import unoccluded
 
 CAUSES = {
     "network": "what the network infers",

@@ -20,7 +20,7 @@ from torch import Tensor
 from relight.files import UserError, existing
 from relight.learning.camera import photograph, quantised, shade
 from relight.learning.harmonics import mirror_signs
-from relight.maps.packed import Packed
+from relight.maps import PackedMaps
 from relight.progress import progress
 
 MULTIPLE = 64  # P is a multiple of it
@@ -110,8 +110,8 @@ class RelitSet:
         network of that order cannot express counts as its error.
 
         Args:
-            packed: packed set (relight.maps.packed).
-            lights: light table (relight.lights.table).
+            packed: packed maps (relight.maps.packed).
+            lights: light set (relight.lights.table).
             order: of the harmonics that the network infers.
             color: `paper` takes the 8-bit sRGB codes of the albedo as if they were linear; `photo` takes linear albedo.
             device: of all tensors.
@@ -119,7 +119,7 @@ class RelitSet:
         Raises:
             UserError: if a file does not exist or holds fewer bands than `order`.
         """
-        figures = Packed(packed)
+        figures = PackedMaps(packed)
         table = np.load(existing(lights, "lights"))
         self.coefficients = (order + 1) ** 2
         bands = math.isqrt(table["coefficients"].shape[1]) - 1

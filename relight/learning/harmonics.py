@@ -5,11 +5,11 @@ import math
 import torch
 from torch import Tensor
 
-from relight.sh.basis import cosine_factors
+from relight.sh import cosine_factors
 
 
 def basis(directions: Tensor, order: int) -> Tensor:
-    """Real orthonormal spherical harmonics, the torch twin of `relight.sh.basis.basis`.
+    """Real orthonormal spherical harmonics, the torch twin of `relight.sh.basis`.
 
     No Condon-Shortley phase, pole +z, sines for m < 0. With c_m + i s_m = (x + iy)^m the functions are polynomials in
     x, y and z, so the gradient exists at the poles, too.

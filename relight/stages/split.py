@@ -11,9 +11,9 @@ from relight.stages.stage import stage
 @stage("split", packed="packed set (.safetensors)", record="what the figures are (.json)", out="split (.json)")
 def main(split: Split, packed: Path, record: Path, out: Path) -> None:
     from relight.learning.split import is_seated, split_figures
-    from relight.maps.packed import Packed
+    from relight.maps import PackedMaps
 
-    packed_maps = Packed(packed)
+    packed_maps = PackedMaps(packed)
     subjects = {
         name: subject
         for name, subject, figure in zip(packed_maps.names, packed_maps.subjects, packed_maps.figures)

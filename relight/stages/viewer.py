@@ -19,12 +19,12 @@ OWN = 100_000  # of these, bytes that the page takes without a figure
 )
 def main(name: str, split: Path, maps: Path, lights: Path, out: Path) -> None:
     from relight.evaluation.panels import spaced
-    from relight.lights.table import load
+    from relight.lights import read_light_set
     from relight.viewer.build import build_gallery
     from relight.viewer.figure import QUALITIES, coded
     from relight.viewer.source import baked_figure
 
-    test = load(lights).of("test")
+    test = read_light_set(lights).of("test")
     named = {
         f"{source.replace(':', ' ')} at {yaw:.0f}°": light
         for source, yaw, light in zip(test.source, test.yaw, test.coefficients)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from relight.files import UserError, whole
-from relight.maps.maps import Maps
+from relight.maps import Maps
 from relight.viewer.bundle import bundle
 from relight.viewer.figure import Figure, embed
 

@@ -15,8 +15,8 @@ from relight.files import UserError
 from relight.learning.checkpoint import load_network
 from relight.learning.data import RelitSet
 from relight.learning.predict import predict
-from relight.maps.exr import read_maps
-from relight.sh.irradiance import unoccluded
+from relight.maps import read_maps
+from relight.sh import unoccluded
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@ import pytest
 from skimage.metrics import structural_similarity
 
 from relight.evaluation.metrics import COLLAPSE, COLUMNS, Inferred, Truth, light_errors, rmse, sphere, ssim, windows
-from relight.sh.irradiance import irradiance, unoccluded
+from relight.sh import irradiance, unoccluded
 
 RNG = np.random.default_rng(3)
 

@@ -11,8 +11,8 @@ from relight.evaluation.panels import COLUMNS, extremes, overview, plates
 from relight.evaluation.scores import Scores, write_scores
 from relight.evaluation.tables import MAPS, experiment_table
 from relight.files import UserError
-from relight.maps.exr import read_maps, write_left_out
-from relight.sh.irradiance import unoccluded
+from relight.maps import read_maps, write_left_out
+from relight.sh import unoccluded
 from relight.srgb import encode
 
 

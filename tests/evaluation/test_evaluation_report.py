@@ -213,14 +213,16 @@ def whole_run(folder, *presets: str, **options):
 
 
 def save_lights(folder):
-    from relight.lights.table import LightSet, save
+    from relight.lights.table import LightSet, write_light_set
 
     split, reason = np.array(["train", "train", "train", "test", "unusual"]), np.array(["", "", "", "", "bright back"])
     plain = np.zeros(5)
     lights = np.zeros((5, 9, 3), np.float32)
     lights[:, 0] = 1
     sources = np.array([f"room:{i}" for i in range(5)])
-    save(LightSet(lights, split, sources, plain, plain.astype(int), plain + 1, plain.astype(int), reason), folder)
+    write_light_set(
+        LightSet(lights, split, sources, plain, plain.astype(int), plain + 1, plain.astype(int), reason), folder
+    )
 
 
 def test_the_page_is_whole_and_stands_alone(tmp_path):

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from relight.maps.maps import Maps
-from relight.sh.basis import basis
+from relight.maps import Maps
+from relight.sh import basis
 
 SIZE = 96
 BALLS = np.array(  # x, y, z, radius; then albedo

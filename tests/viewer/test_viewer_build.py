@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from relight.files import UserError
-from relight.maps.exr import write_maps
+from relight.maps import write_maps
 from relight.viewer.build import build_gallery, build_viewer
 from relight.viewer.figure import Figure, octahedral, pack
 
@@ -81,7 +81,7 @@ def test_octahedral_map_is_undone_over_the_whole_sphere():
 
 def test_the_stage_shows_as_many_figures_as_a_page_holds(tmp_path, maps, monkeypatch):
     import relight.stages.viewer as page
-    from relight.lights.table import LightSet, save
+    from relight.lights import LightSet, write_light_set
 
     names = [f"g{i:04d}" for i in range(40)]
     for name in names:
@@ -91,7 +91,7 @@ def test_the_stage_shows_as_many_figures_as_a_page_holds(tmp_path, maps, monkeyp
     light = LightSet(
         np.ones((1, 9, 3), np.float32), text, text, number, np.zeros(1, int), number, np.zeros(1, int), text
     )
-    save(light, tmp_path)
+    write_light_set(light, tmp_path)
 
     def shown():
         page.main("a", tmp_path / "split.json", tmp_path, tmp_path / "lights.npz", tmp_path / "a.html")

@@ -13,12 +13,10 @@ from relight.evaluation.evaluate import chosen_pairs, has_pairs
 from relight.files import UserError
 from relight.learning.data import RelitSet
 from relight.learning.train import selection
-from relight.maps.exr import read_info, read_maps
-from relight.maps.packed import Packed
-from relight.meshes.align import align
-from relight.meshes.mesh import Material, Mesh
+from relight.maps import PackedMaps, read_info, read_maps
+from relight.meshes import Material, Mesh, align
 from relight.stages import bake, pack, split
-from relight.transport.view import random_view
+from relight.transport import random_view
 from relight.workflow import Plan
 
 FIGURES = ("ann", "bob", "eve")
@@ -86,7 +84,7 @@ def test_a_figure_is_left_out_with_all_its_views(made):
 
 
 def test_views_are_on_the_side_of_their_figure(made, settings):
-    packed = Packed(made / "packed")
+    packed = PackedMaps(made / "packed")
     assert packed.names == ["ann", "ann.v1", "ann.v2", "bob", "bob.v1", "bob.v2"]
     assert packed.figures == 3 * ["ann"] + 3 * ["bob"] and packed.subjects == 3 * ["annie"] + 3 * ["bob"]
     assert [view is None for view in packed.views] == 2 * [True, False, False]

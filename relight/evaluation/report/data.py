@@ -80,9 +80,9 @@ def redraws(infos: dict[str, dict]) -> Numbers:
 
 def lights(results: Results) -> Numbers:
     """The illumination set, what each step of its chain dropped, and which panoramas gave no light."""
-    from relight.lights.table import load
+    from relight.lights import read_light_set
 
-    record, chosen = results.lights, load(results.folder / "lights")
+    record, chosen = results.lights, read_light_set(results.folder / "lights")
     steps = [
         [one["step"], one["in"], one["out"], ", ".join(f"{why} {n}" for why, n in one["why"].items() if n)]
         for one in record["steps"]

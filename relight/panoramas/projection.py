@@ -1,19 +1,19 @@
-"""Which direction each pixel of a panorama looks along, and the integrals of Y_lm over its pixels.
+"""From panoramas to lights: the direction of each pixel in each layout, and the integrals of Y_lm over the pixels.
 
-Every layout is integrated as the image that its samples stand for: constant over each pixel or, when samples lie on the
-corners, bilinear between them. So a constant map has L00 = sqrt(4 pi) c and nothing else, at any size, and one bright
-pixel weighs its own solid angle. Directions are in the camera frame: +x right, +y up, +z toward the camera.
+The integrated function is constant over each pixel or, where samples lie on the corners, bilinear between them. So a
+constant panorama of any size has L00 = sqrt(4 pi) c and no other coefficients, and the weight of a pixel is its solid
+angle. Directions are in the camera frame: +x right, +y up, +z toward the camera.
 """
 
 from collections.abc import Callable
 
 import numpy as np
 
-from relight.sh.basis import bands, basis, count
-from relight.sh.rotation import rotation_matrix
+from relight.panoramas.panorama import Panorama
+from relight.sh import bands, basis, coefficient_count, order_of, rotate_y, rotation_matrix
 
-# Faces of a cube as seen from its centre: the axis of the face, image right, image down.
-FACES = {
+# Faces of a cube, seen from its centre: the axis of the face, image right, image down.
+CUBE_FACES = {
     "+x": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
     "-x": ((-1, 0, 0), (0, 0, -1), (0, -1, 0)),
     "+y": ((0, 1, 0), (1, 0, 0), (0, 0, -1)),
@@ -22,25 +22,71 @@ FACES = {
     "-z": ((0, 0, -1), (1, 0, 0), (0, -1, 0)),
 }
 STRIP = ("+x", "-x", "+y", "-y", "+z", "-z")  # OpenEXR
-# OpenGL, Direct3D and three.js count +z forward, left-handed: their fifth face is the one in front of our camera.
+# In OpenGL, Direct3D and three.js +z is forward, left-handed: their fifth face is the one in front of our camera.
 STRIP_GL = ("+x", "-x", "+y", "-y", "-z", "+z")
-CROSS = {"+y": (0, 1), "-x": (1, 0), "-z": (1, 1), "+x": (1, 2), "-y": (2, 1)}  # (row, column), both kinds; +z differs
+# Row and column of the faces of a cross; that of +z differs between standing and lying ones.
+CROSS = {"+y": (0, 1), "-x": (1, 0), "-z": (1, 1), "+x": (1, 2), "-y": (2, 1)}
 LATLONG_FRAME = np.array([[0, 0, -1], [1, 0, 0], [0, 1, 0]])  # camera frame to (image centre, image right, up)
+MIRROR = np.diag([-1.0, 1.0, 1.0])
 
 ToSphere = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 
 
+def project(panorama: Panorama, order: int = 2) -> np.ndarray:
+    """Projects a panorama to spherical harmonics.
+
+    Args:
+        panorama: of any layout.
+        order: of the spherical harmonics.
+
+    Returns:
+        The light (K,3) float64: radiance coefficients, without A_l, in the camera frame.
+
+    >>> white = Panorama(np.ones((4, 8, 3), np.float32))
+    >>> project(white)[0].round(3).tolist()  # sqrt(4 pi)
+    [3.545, 3.545, 3.545]
+    """
+    pixels, corners = panorama.pixels, panorama.corners
+    match panorama.layout:
+        case "latlong":
+            light = project_latlong(pixels, order, corners)
+            if panorama.front == "+z":
+                light = rotate_y(light, np.pi)
+        case "angular":
+            light = project_plane(pixels, angular_to_sphere, order, corners, disc=True)
+        case "ball":
+            light = project_plane(pixels, ball_to_sphere, order, corners, disc=True)
+        case _:
+            light = project_cube(cut_faces(pixels, panorama.layout), order, corners)
+    return orient(light, panorama.yaw, panorama.flip)
+
+
+def orient(light: np.ndarray, yaw: float = 0.0, flip: bool = False) -> np.ndarray:
+    """Mirrors a light (K,C) left to right if `flip`, then rotates it by `yaw` degrees, from +z toward +x."""
+    if flip:
+        light = rotation_matrix(MIRROR, order_of(len(light))) @ light
+    return rotate_y(light, np.radians(yaw)) if yaw else light
+
+
 def gauss(nodes: int) -> tuple[np.ndarray, np.ndarray]:
-    """Gauss-Legendre nodes and weights on [0, 1]."""
+    """Returns Gauss-Legendre nodes and weights on [0,1]."""
     x, w = np.polynomial.legendre.leggauss(nodes)
     return (x + 1) / 2, w / 2
 
 
 def profile_integrals(function: Callable[[np.ndarray], np.ndarray], samples: int, corners: bool) -> np.ndarray:
-    """Integrals over [0, 1] of `function` (N,) -> (N, K) times the shape of each of `samples` in a row: (samples, K).
+    """Integrates a function over [0,1] times the basis function of each of some samples in a row.
 
-    The shape is the box of a pixel, or the hat between neighbours when samples lie on the `corners`. Sixteen nodes per
-    cell are exact to rounding for low orders, even with a single cell from pole to pole.
+    The basis function is the box of a pixel or, where samples lie on the corners, the hat between the neighbours.
+    Sixteen nodes per cell are exact to rounding for low orders, even with a single cell from pole to pole.
+
+    Args:
+        function: from (N,) in [0,1] to (N,K).
+        samples: their number.
+        corners: whether the first and last sample lie at 0 and 1.
+
+    Returns:
+        (samples,K) integrals.
     """
     cells = samples - 1 if corners else samples
     x, w = gauss(16)
@@ -54,10 +100,10 @@ def profile_integrals(function: Callable[[np.ndarray], np.ndarray], samples: int
 
 
 def project_latlong(pixels: np.ndarray, order: int, corners: bool = False) -> np.ndarray:
-    """Coefficients (K, C) of a lat-long image (H, W, C) whose centre looks along -z, with +x to the right.
+    """Projects a lat-long image (H,W,C) with -z at its centre and +x to the right to coefficients (K,C).
 
-    Y_lm with the image's own pole is a profile of the row times cos or sin of m times the column's azimuth, so a
-    picture of any size costs one product with 2 order + 1 columns; a fixed rotation then brings the pole to z.
+    With the pole of the image, Y_lm is a function of the row times cos or sin of m times the azimuth, so an image of
+    any size takes one product with 2 order + 1 columns; a fixed rotation then brings the pole to z.
     """
     height, width = pixels.shape[:2]
 
@@ -72,10 +118,10 @@ def project_latlong(pixels: np.ndarray, order: int, corners: bool = False) -> np
 
     row, column = profile_integrals(rows, height, corners), profile_integrals(columns, width, corners)
     harmonic = np.empty((height, 2 * order + 1, pixels.shape[2]))
-    for start in range(0, height, 64):  # in slices: the product is in double, the picture is not
+    for start in range(0, height, 64):  # in slices: the product is in double precision
         part = pixels[start : start + 64]
         harmonic[start : start + 64] = np.einsum("hwc,wm->hmc", part, column, optimize=True)
-    k = np.arange(count(order))
+    k = np.arange(coefficient_count(order))
     l = bands(order)
     m = k - l * l - l
     profile = row[:, l * l + l + abs(m)]
@@ -84,24 +130,31 @@ def project_latlong(pixels: np.ndarray, order: int, corners: bool = False) -> np
 
 
 def latlong_solid_angles(height: int, width: int) -> np.ndarray:
-    """Steradians of one pixel in each row of a lat-long image, (height,); exact, so that all pixels sum to 4 pi."""
+    """Returns the solid angle (height,) of a pixel in each row of a lat-long image; all pixels sum to 4 pi."""
     return -np.diff(np.cos(np.arange(height + 1) / height * np.pi)) * 2 * np.pi / width
 
 
 def project_plane(
     pixels: np.ndarray, to_sphere: ToSphere, order: int, corners: bool = False, disc: bool = False
 ) -> np.ndarray:
-    """Coefficients (K, C) of an image (n, n, C) that `to_sphere` lays on the sphere.
+    """Projects a square image that is mapped to the sphere.
 
-    `to_sphere(u, v)` gives directions (..., 3) and solid angle per area for u right, v down, both in [-1, 1]. With
-    `disc` only the part of each pixel inside the unit circle counts; its samples are pixels, not corners.
+    Args:
+        pixels: (n,n,C).
+        to_sphere: from (u,v), u right and v down in [-1,1], to directions (...,3) and solid angle per area.
+        order: of the spherical harmonics.
+        corners: whether the outermost samples lie on the edges of the image.
+        disc: whether only the part of each pixel inside the unit circle counts; not with `corners`.
+
+    Returns:
+        Coefficients (K,C).
     """
     n = pixels.shape[0]
     cells = n - 1 if corners else n
     x, w = gauss(int(np.clip(1024 // n, 2, 8)))
     edges = 2 * np.arange(cells + 1) / cells - 1
     rows = np.arcsin(edges) if disc else edges
-    total = np.zeros((count(order), pixels.shape[2]))
+    total = np.zeros((coefficient_count(order), pixels.shape[2]))
     step = max(1, 65536 // n)
     for start in range(0, cells, step):
         stop = min(start + step, cells)
@@ -109,7 +162,7 @@ def project_plane(
         height = np.diff(rows[start : stop + 1])[:, None]
         for y, wy in zip(x, w):
             v = rows[start:stop, None] + y * height
-            if disc:  # v = sin t, u = cos t sin s: nothing is singular at the rim, so pixels cut by it are exact too
+            if disc:  # v = sin t, u = cos t sin s is regular at the rim, so pixels that it cuts are exact, too
                 reach = np.cos(v)
                 v = np.sin(v)
                 columns = np.arcsin(np.clip(edges / reach, -1, 1))
@@ -132,7 +185,7 @@ def project_plane(
 
 
 def angular_to_sphere(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Debevec's angular map: the centre looks along -z and the angle from it grows with the radius, pi at the rim."""
+    """Maps an angular map (Debevec) to the sphere: -z is at the centre, the angle from it is pi times the radius."""
     r = np.hypot(u, v)
     sinc = np.sinc(r)  # sin(pi r) / (pi r)
     direction = np.stack([np.pi * u * sinc, -np.pi * v * sinc, -np.cos(np.pi * r)], -1)
@@ -140,7 +193,7 @@ def angular_to_sphere(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def ball_to_sphere(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """An orthographic photo of a chrome ball: the centre reflects the camera (+z), the rim what is behind the ball."""
+    """Maps an orthographic photo of a mirror ball to the sphere: the centre reflects +z, the rim what is behind it."""
     r2 = np.minimum(u * u + v * v, 1.0)
     forward = 2 * np.sqrt(1 - r2)  # reflection of +z about the normal (u, -v, sqrt(1 - r2))
     direction = np.stack([u * forward, -v * forward, 1 - 2 * r2], -1)
@@ -148,14 +201,14 @@ def ball_to_sphere(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def face_to_sphere(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The face of a cube that lies on +z, image right along +x and image down along -y."""
+    """Maps the face of a cube at +z to the sphere, image right along +x and image down along -y."""
     u, v = np.broadcast_arrays(u, v)
     length = np.sqrt(1 + u * u + v * v)
     return np.stack([u, -v, np.ones_like(u)], -1) / length[..., None], length**-3
 
 
 def cut_faces(pixels: np.ndarray, layout: str) -> dict[str, np.ndarray]:
-    """The six faces (n, n, C) of a cross (3:4 or 4:3) or strip (1:6 or 6:1), each upright as in FACES."""
+    """Cuts a cross (3:4 or 4:3) or strip (1:6 or 6:1) into six faces (n,n,C), each upright as in CUBE_FACES."""
     height, width = pixels.shape[:2]
     if layout == "cross":
         n = height // (4 if height > width else 3)
@@ -166,17 +219,17 @@ def cut_faces(pixels: np.ndarray, layout: str) -> dict[str, np.ndarray]:
         places = {face: (i, 0) if height > width else (0, i) for i, face in enumerate(order)}
     faces = {face: pixels[n * i : n * (i + 1), n * j : n * (j + 1)] for face, (i, j) in places.items()}
     if layout == "cross" and height > width:
-        faces["+z"] = faces["+z"][::-1, ::-1]  # the foot of a standing cross is upside down
+        faces["+z"] = faces["+z"][::-1, ::-1]  # the lowest face of a standing cross is upside down
     return faces
 
 
 def project_cube(faces: dict[str, np.ndarray], order: int, corners: bool = False) -> np.ndarray:
-    """Coefficients (K, C) of six faces (n, n, C): all projected as if on +z, then each turned to its place."""
+    """Projects six faces (n,n,C) to coefficients (K,C): all as if at +z, then each is rotated to its axis."""
     channels = next(iter(faces.values())).shape[2]
     together = project_plane(np.concatenate(list(faces.values()), -1), face_to_sphere, order, corners)
     total = np.zeros((together.shape[0], channels))
     for i, face in enumerate(faces):
-        axis, right, down = np.array(FACES[face], float)
+        axis, right, down = np.array(CUBE_FACES[face], float)
         turn = np.stack([right, -down, axis], -1)
         total += rotation_matrix(turn, order) @ together[:, channels * i : channels * (i + 1)]
     return total

@@ -1,4 +1,4 @@
-"""Figures into the camera frame: up, front, centre and size."""
+"""Aligns figures to the camera frame: up, front, centre and size."""
 
 import csv
 from dataclasses import replace
@@ -10,38 +10,48 @@ from relight.config import Align
 from relight.files import UserError, existing
 from relight.meshes.axes import AXES, find_axes
 from relight.meshes.mesh import Mesh
+from relight.sh import rotation_about_y
 
-DOUBT = 0.3  # certainty of the front under which a person should look
+MIN_CERTAINTY = 0.3  # of the front, below which there is a warning
 
 
 def align(mesh: Mesh, settings: Align) -> Mesh:
-    """The mesh in scene units of the image plane: +x image right, +y up, +z toward the camera.
+    """Aligns a mesh: +x image right, +y up, +z toward the camera, in units of the image plane.
 
-    The bounding box is centred at the origin and 2 (1 - 2 padding) high, or so wide when it is wider than high. Units
-    do not matter. `up` and `front` are axes of the file; auto takes them from info["axes"] where the mesh's maker knows
-    them (generated figures), and finds them otherwise (`find_axes`). A row of `settings.table` with the figure's name
-    comes before both, and may turn the figure by degrees about its vertical. info["align"] records
-    rotation (3,3), centre and scale: aligned = scale * rotation @ (file - centre).
-    Raises UserError on settings that name no axis or contradict.
+    The bounding box is centred at the origin and 2 (1 - 2 padding) high, or so wide if it is wider than high. The units
+    of the file do not matter. The axes are those of a row of `settings.table` with the figure's name, else of the
+    settings, else of info["axes"] (generated figures), else those that `find_axes` finds.
+
+    Args:
+        mesh: in the file's frame.
+        settings: up and front, axes of the file or `auto`; padding; table.
+
+    Returns:
+        The aligned mesh. Its info["align"] has rotation (3,3), centre and scale, with
+        aligned = scale * rotation @ (file - centre).
+
+    Raises:
+        UserError: if a setting names no axis, up and front are the same, or the mesh has no extent.
     """
     name = str(mesh.info.get("name", ""))
-    row = read_table(settings.table).get(name, {}) if settings.table else {}
+    row = read_align_table(settings.table).get(name, {}) if settings.table else {}
     up, front = (
-        _axis(key, row.get(key), getattr(settings, key), mesh.info.get("axes", {}).get(key)) for key in ("up", "front")
+        _first_axis(key, row.get(key), getattr(settings, key), mesh.info.get("axes", {}).get(key))
+        for key in ("up", "front")
     )
     turn = float(row.get("turn") or 0)
     warnings = list(mesh.info.get("warnings", []))
     if up is None or front is None:
         axes = find_axes(mesh, up, front)
         up, front = axes.up, axes.front
-        if axes.certainty < DOUBT:
-            warnings.append(f"its front is a guess ({front} with {up} up): look at it, and correct it in align.table")
-    rotation = _turn(turn) @ frame(up, front)
+        if axes.certainty < MIN_CERTAINTY:
+            warnings.append(f"its front is a guess ({front} with {up} up): check it, and correct it in align.table")
+    rotation = rotation_about_y(np.radians(turn)) @ axes_rotation(up, front)
     vertices = mesh.vertices.astype(np.float64) @ rotation.T
     low, high = vertices.min(axis=0), vertices.max(axis=0)
     extent = (high - low)[:2].max()
     if not extent > 0:
-        raise UserError(f"{name or 'the mesh'} has no extent seen from {front} with {up} up")
+        raise UserError(f"{name or 'the mesh'} has no extent in the view from {front} with {up} up")
     scale = float(2 * (1 - 2 * settings.padding) / extent)
     centre = (low + high) / 2
     record = {
@@ -59,18 +69,22 @@ def align(mesh: Mesh, settings: Align) -> Mesh:
     )
 
 
-def _axis(key: str, *said: str | None) -> str | None:
-    """The first that says something, or None. Raises UserError when that is no axis."""
-    axis = next((axis for axis in said if axis not in (None, "", "auto")), None)
+def _first_axis(key: str, *values: str | None) -> str | None:
+    """Returns the first value that is neither empty nor auto, or None; raises UserError if it is no axis."""
+    axis = next((axis for axis in values if axis not in (None, "", "auto")), None)
     if axis is not None and axis not in AXES:
         raise UserError(f"align.{key} {axis!r} is not an axis; {', '.join(AXES)} and auto are")
     return axis
 
 
-def frame(up: str, front: str) -> np.ndarray:
-    """The rotation (3,3) that takes the file's axis `up` to +y and `front` to +z, names in AXES.
+def axes_rotation(up: str, front: str) -> np.ndarray:
+    """Returns the rotation (3,3) that takes the file's axis `up` to +y and `front` to +z, names in AXES.
 
-    Raises UserError when they are not at right angles.
+    Raises:
+        UserError: if the axes are not perpendicular.
+
+    >>> axes_rotation("+z", "-y") @ np.array([0, 0, 1])
+    array([0., 1., 0.])
     """
     y, z = AXES[up], AXES[front]
     if y @ z:
@@ -78,16 +92,14 @@ def frame(up: str, front: str) -> np.ndarray:
     return np.stack([np.cross(y, z), y, z])
 
 
-def _turn(degrees: float) -> np.ndarray:
-    """Rotation about +y; a positive angle turns the figure toward image right, z toward x."""
-    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-    return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+def read_align_table(path: Path | str) -> dict[str, dict[str, str]]:
+    """Reads a CSV table with a column `name` and any of up, front and turn (degrees); cells may be empty.
 
+    Returns:
+        Rows by name.
 
-def read_table(path: Path | str) -> dict[str, dict[str, str]]:
-    """Rows by `name` of a CSV table with any of the columns up, front and turn (degrees); empty cells mean nothing.
-
-    Raises UserError on a missing file, a table without `name`, a name given twice and a cell that means nothing.
+    Raises:
+        UserError: if the file does not exist, has no column `name`, has a name twice, or a cell cannot be parsed.
     """
     path = existing(path, "align.table")
     with open(path, newline="", encoding="utf-8-sig") as file:
