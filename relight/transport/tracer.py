@@ -3,15 +3,23 @@
 Mitsuba is an optional part (`pip install mitsuba`). Its scalar variant is used, which needs no LLVM on the machine.
 """
 
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
 from relight.files import UserError
 from relight.meshes.mesh import Mesh
 from relight.meshes.normals import vertex_normals
+from relight.srgb import LINEAR
+from relight.transport.camera import Camera
 from relight.transport.surface import albedo
+from relight.transport.view import turned
 
 ROWS = 256  # of an environment map
-EYE = 4.0  # distance of the orthographic camera from the origin
+COAT = 1.5
+EYE = 4.0  # least distance of the orthographic camera from the origin
 
 
 def mitsuba():
@@ -25,25 +33,84 @@ def mitsuba():
     return mitsuba
 
 
-class Tracer:
-    """An aligned mesh before the camera of `bake`, its albedo that of its corners, linear between them."""
+@dataclass(frozen=True)
+class Coat:
+    """What makes a material glossy: a clear coat of refractive index COAT. roughness: GGX alpha; strength: a factor on
+    what it reflects."""
 
-    def __init__(self, mesh: Mesh, size: int):
-        """Pictures have size x size pixels, each the mean over the pixel's area."""
-        self.mi, self.size = mitsuba(), size
-        count = len(mesh.faces)
-        corners = mesh.faces.ravel()
-        color = albedo(mesh, np.repeat(np.arange(count), 3), np.tile(np.eye(3), (count, 1)))
-        diffuse = {"type": "diffuse", "reflectance": {"type": "mesh_attribute", "name": "vertex_color"}}
-        properties = self.mi.Properties()
-        properties["bsdf"] = self.mi.load_dict({"type": "twosided", "bsdf": diffuse})
-        self.shape = self.mi.Mesh("figure", 3 * count, count, has_vertex_normals=True, props=properties)
-        self.shape.add_attribute("vertex_color", 3, np.ascontiguousarray(color.ravel(), np.float32))
-        parameters = self.mi.traverse(self.shape)
-        parameters["vertex_positions"] = np.ascontiguousarray(mesh.vertices[corners].ravel(), np.float32)
-        parameters["vertex_normals"] = np.ascontiguousarray(vertex_normals(mesh)[corners].ravel(), np.float32)
-        parameters["faces"] = np.arange(3 * count, dtype=np.uint32)
-        parameters.update()
+    roughness: float
+    strength: float
+
+
+class Tracer:
+    """A mesh before the camera of `bake`, one shape for each of its materials.
+
+    Albedo is that of the textures; where a mesh has vertex colours too it is that of the corners, linear between them.
+    """
+
+    def __init__(self, mesh: Mesh, size: int, camera: Camera | None = None, coats: Sequence[Coat] = ()):
+        """Pictures have size x size pixels, each the mean over the pixel's area.
+
+        camera: where the mesh is seen from (`Baker.camera`), from the front by default. coats: one over each of the
+        mesh's materials; without them all are diffuse.
+        """
+        self.mi, self.size, self.camera = mitsuba(), size, camera or Camera(size, EYE)
+        vertices, normals = mesh.vertices.astype(np.float64), vertex_normals(mesh).astype(np.float64)
+        if pose := self.camera.pose:
+            vertices, normals = pose.to_camera(vertices), turned(pose.rotation, normals)
+        self.front = float(vertices[:, 2].max())
+        self.shapes = {}
+        for number in np.unique(mesh.material):
+            chosen = mesh.material == number
+            surface = self._diffuse(mesh, number)
+            if coats:
+                surface = self._coated(surface["reflectance"], coats[number])
+            properties = self.mi.Properties()
+            properties["bsdf"] = self.mi.load_dict({"type": "twosided", "bsdf": surface})
+            count, corners = int(chosen.sum()), mesh.faces[chosen].ravel()
+            shape = self.mi.Mesh(
+                f"material{number}",
+                3 * count,
+                count,
+                has_vertex_normals=True,
+                has_vertex_texcoords=True,
+                props=properties,
+            )
+            if mesh.color is not None:
+                color = albedo(mesh, np.repeat(np.flatnonzero(chosen), 3), np.tile(np.eye(3), (count, 1)))
+                shape.add_attribute("vertex_color", 3, np.ascontiguousarray(color.ravel(), np.float32))
+            parameters = self.mi.traverse(shape)
+            for name, values in (("positions", vertices[corners]), ("normals", normals[corners])):
+                parameters[f"vertex_{name}"] = np.ascontiguousarray(values.ravel(), np.float32)
+            # Rows of a texture run from the top, and Mitsuba's second coordinate with them.
+            uv = mesh.uv[chosen].reshape(-1, 2) * [1, -1] + [0, 1]
+            parameters["vertex_texcoords"] = np.ascontiguousarray(uv.ravel(), np.float32)
+            parameters["faces"] = np.arange(3 * count, dtype=np.uint32)
+            parameters.update()
+            self.shapes[f"material{number}"] = shape
+
+    def _diffuse(self, mesh: Mesh, number: int) -> dict:
+        """The material of this number, without a coat."""
+        material = mesh.materials[number]
+        if mesh.color is not None:
+            reflectance = {"type": "mesh_attribute", "name": "vertex_color"}
+        elif material.texture is not None:
+            values = LINEAR[material.texture] * np.asarray(material.color, np.float32)
+            bitmap = self.mi.Bitmap(np.ascontiguousarray(values.clip(0, 1), np.float32))
+            reflectance = {"type": "bitmap", "bitmap": bitmap, "raw": True}
+        else:
+            reflectance = {"type": "rgb", "value": np.clip(material.color, 0, 1).tolist()}
+        return {"type": "diffuse", "reflectance": reflectance}
+
+    def _coated(self, reflectance: dict, coat: Coat) -> dict:
+        return {
+            "type": "roughplastic",
+            "distribution": "ggx",
+            "diffuse_reflectance": reflectance,
+            "specular_reflectance": coat.strength,
+            "alpha": coat.roughness,
+            "int_ior": COAT,
+        }
 
     def radiance(self, sky: np.ndarray, samples: int, bounces: int = 0, seed: int = 0) -> np.ndarray:
         """Radiance (S,S,3) toward the camera under `sky` (H,W,3), which may not be negative (`sky_directions`).
@@ -72,10 +139,9 @@ class Tracer:
             {
                 "type": "scene",
                 "light": {"type": "envmap", "bitmap": self.mi.Bitmap(np.ascontiguousarray(sky, np.float32))},
-                "shape": self.shape,
+                **self.shapes,
                 "sensor": {
-                    "type": "orthographic",
-                    "to_world": self.mi.ScalarTransform4f().look_at(origin=[0, 0, EYE], target=[0, 0, 0], up=[0, 1, 0]),
+                    **self._sensor(),
                     "film": {
                         "type": "hdrfilm",
                         "width": self.size,
@@ -90,6 +156,13 @@ class Tracer:
             }
         )
         return np.array(self.mi.render(scene, seed=seed))
+
+    def _sensor(self) -> dict:
+        eye = self.camera.distance if self.camera.perspective else max(EYE, self.front + 1)
+        look = self.mi.ScalarTransform4f().look_at(origin=[0, 0, eye], target=[0, 0, 0], up=[0, 1, 0])
+        if not self.camera.perspective:
+            return {"type": "orthographic", "to_world": look}
+        return {"type": "perspective", "fov": 2 * math.degrees(math.atan(1 / eye)), "near_clip": 1e-3, "to_world": look}
 
 
 def path(bounces: int) -> dict:
