@@ -17,6 +17,7 @@ from relight.sh.basis import cosine_factors, per_coefficient
 IRRADIANCE = per_coefficient(cosine_factors(2))[:, None]
 MIRROR = np.ones(9)
 MIRROR[[3, 4, 7]] = -1  # the coefficients that are odd in x
+LEAST = 1e-12  # to divide by
 WINDOW = 7  # of the structural similarity, pixels
 
 # What moves, for each invariance; the variants that tell it are those of `relight.benchmark.shots`.
@@ -103,7 +104,7 @@ def errors(seen: Seen, true: Seen) -> dict[str, float]:
 
 
 def leaks(seen: Seen) -> dict[str, float]:
-    """LEAKS of maps that are both said; {} otherwise.
+    """LEAKS of maps that are both said, in a mask that is thick enough; {} otherwise. A map without edges has none.
 
     edges: correlation of the differences between neighbours of ln albedo and ln shading; transfer: regression of the
     shading's on the albedo's at the strongest 5 % of these; gradient: mean |difference| of ln shading; stripes:
@@ -114,13 +115,16 @@ def leaks(seen: Seen) -> dict[str, float]:
     inside = binary_erosion(seen.mask, iterations=4)
     albedo, shading = (np.log(np.maximum(x.mean(-1), 0.02)) for x in (seen.albedo, seen.shading))
     a, s = (np.concatenate([steps(x, inside, axis) for axis in (0, 1)]) for x in (albedo, shading))
+    if not len(a):
+        return {}
     strong = np.abs(a) > np.quantile(np.abs(a), 0.95)
     folded = [[np.abs(steps(shading, inside, axis, phase)).mean() for phase in (0, 1)] for axis in (0, 1)]
+    centred = a - a.mean(), s - s.mean()
     return {
-        "edges": float(np.corrcoef(a, s)[0, 1]),
-        "transfer": float((a[strong] * s[strong]).sum() / (a[strong] ** 2).sum()),
+        "edges": float((centred[0] * centred[1]).sum() / max(np.prod([np.linalg.norm(x) for x in centred]), LEAST)),
+        "transfer": float((a[strong] * s[strong]).sum() / max((a[strong] ** 2).sum(), LEAST)),
         "gradient": float(np.abs(s).mean()),
-        "stripes": float(np.mean([(max(means) - min(means)) / np.mean(means) for means in folded])),
+        "stripes": float(np.mean([(max(means) - min(means)) / max(np.mean(means), LEAST) for means in folded])),
     }
 
 
