@@ -20,13 +20,14 @@ from pathlib import Path
 import numpy as np
 
 from relight.benchmark.measures import INVARIANCES, LEAKS, Seen, errors, invariances, leaks
+from relight.benchmark.picture import on_square
 from relight.benchmark.shots import variants
 from relight.lights.chain import generated_light
 from relight.lights.light import Light
 from relight.maps.exr import read_maps, write_maps
 from relight.maps.maps import Maps
 from relight.photos.api import Relighter, load
-from relight.photos.frame import SOLID, Frame, frame
+from relight.photos.frame import Frame, frame
 from relight.progress import progress
 from relight.srgb import encode, to_bytes
 
@@ -68,10 +69,7 @@ def photographed(maps: Maps, light: np.ndarray, gain: np.ndarray | float = 1.0) 
 
 def truth(maps: Maps, light: np.ndarray, box: Frame) -> Seen:
     """The true maps on the square."""
-    coverage = box.crop(maps.coverage)
-    share = np.maximum(coverage, 1e-3)[..., None]
-    albedo, transport = (box.crop(x * maps.coverage[..., None]) / share for x in (maps.albedo, maps.transport))
-    return Seen(coverage * 255 >= SOLID, albedo, transport, np.maximum(transport @ light, 0), light)
+    return on_square(maps, np.maximum(maps.transport @ light, 0), light, box)
 
 
 def judged(relighter: Relighter, maps: Maps, light: np.ndarray) -> dict[str, float]:

@@ -78,8 +78,8 @@ def recipe(seed: int, number: int) -> Recipe:
 def coats(seed: int, materials: int) -> list[Coat]:
     """How glossy each material of a figure is: from satin to nearly matt."""
     rng = np.random.default_rng([seed, 0xC0A7])
-    draws = [(rng.uniform(*np.log([0.2, 0.6])), rng.uniform(0.2, 0.8)) for _ in range(materials)]
-    return [Coat(round(float(np.exp(log)), 3), round(float(strength), 3)) for log, strength in draws]
+    draws = [(rng.uniform(0.4, 0.8), rng.uniform(0.2, 1.0)) for _ in range(materials)]
+    return [Coat(*(round(float(value), 3) for value in draw)) for draw in draws]
 
 
 def digest(made: list[Recipe]) -> str:

@@ -18,7 +18,6 @@ from relight.transport.surface import albedo
 from relight.transport.view import turned
 
 ROWS = 256  # of an environment map
-COAT = 1.5
 EYE = 4.0  # least distance of the orthographic camera from the origin
 
 
@@ -35,8 +34,10 @@ def mitsuba():
 
 @dataclass(frozen=True)
 class Coat:
-    """What makes a material glossy: a clear coat of refractive index COAT. roughness: GGX alpha; strength: a factor on
-    what it reflects."""
+    """What makes a material glossy: reflection at a clear surface (Burley 2012, "Physically-based shading at Disney").
+
+    roughness in [0,1], the square root of GGX's alpha; strength in [0,1] of a reflectance of 4 % at right angles.
+    """
 
     roughness: float
     strength: float
@@ -103,13 +104,12 @@ class Tracer:
         return {"type": "diffuse", "reflectance": reflectance}
 
     def _coated(self, reflectance: dict, coat: Coat) -> dict:
+        """Its diffuse part is not quite Lambertian where one looks along the surface (Burley 2012, section 5.3)."""
         return {
-            "type": "roughplastic",
-            "distribution": "ggx",
-            "diffuse_reflectance": reflectance,
-            "specular_reflectance": coat.strength,
-            "alpha": coat.roughness,
-            "int_ior": COAT,
+            "type": "principled",
+            "base_color": reflectance,
+            "roughness": coat.roughness,
+            "specular": 0.5 * coat.strength,
         }
 
     def radiance(self, sky: np.ndarray, samples: int, bounces: int = 0, seed: int = 0) -> np.ndarray:
