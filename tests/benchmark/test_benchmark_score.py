@@ -179,6 +179,14 @@ def test_a_network_answers_all_of_it(drawn, weights, tmp_path):
     changed(out / f"{entry.name}.npz", albedo=None)
     with pytest.raises(UserError, match=r"g900000\.1\+mirror\.npz holds"):
         score(drawn, out)
+    (out / f"{entry.name}.npz").unlink()
+    with pytest.raises(UserError, match=r"there is no .*g900000\.1\+mirror\.npz"):
+        score(drawn, out)
+    for entry in entries:
+        if entry.of:
+            (out / f"{entry.name}.npz").unlink(missing_ok=True)
+    score(drawn, out)  # all variants may be left out
+    assert np.isnan(read_row(out).columns["knee"]).all()
 
 
 def test_rows_beside_each_other(drawn, truth, tmp_path):
@@ -194,6 +202,8 @@ def test_rows_beside_each_other(drawn, truth, tmp_path):
     }
     rows = [read_row(truth), read_row(tmp_path / "as_it_is")]
     made = tables(rows, 200)
+    moves = made["benchmark_invariance"]
+    assert list(moves.heads) == ["", "truth"] and len(moves.rows) == len(INVARIANCES | LEAKS)  # as_it_is says nothing
     head = list(made["benchmark_pictures"].heads).index("ratio: RMSE")
     values = rows[1].columns["ratio"]
     by_figure = [values[:2].mean(), values[2]]
