@@ -22,7 +22,7 @@ def make(
     ] = "report",
     count: Annotated[int | None, typer.Option(help="Only so many of its pictures; all 128 by default.")] = None,
     size: Annotated[int, typer.Option(help="Pixels of a whole person's picture.")] = 512,
-    samples: Annotated[int, typer.Option(min=1, help="Paths per pixel.")] = 128,
+    samples: Annotated[int, typer.Option(min=1, help="Paths per pixel.")] = 64,
     detail: Annotated[str, typer.Option(help="Of the figures: full, or draft for 128 px.")] = "full",
 ) -> None:
     """Draws the pictures of a set. It goes on where it was stopped. Needs Mitsuba (the extra `bench`)."""

@@ -24,6 +24,7 @@ from relight.transport.tracer import Coat, Tracer
 
 BRIGHTNESS = 0.8  # reference brightness of each light at exposure 1, as in training (docs/conventions.md)
 BOUNCES = 1
+DARKEST = 4e-3  # albedo, as recoloured ones in training
 PLACES = 4  # k x k places of a pixel, whose mean the true maps are
 MARGIN = 0.06  # about half a person, of the height of the picture
 
@@ -40,7 +41,7 @@ class Settings:
     detail, texture: of the figures (relight.figures.dress.make_figure)."""
 
     size: int = 512
-    samples: int = 128
+    samples: int = 64
     rays: int = 256
     detail: str = "full"
     texture: int = 1024
@@ -82,7 +83,9 @@ def draw(recipe: Recipe, mesh: Mesh, coats: list[Coat], settings: Settings) -> P
     behind = math.pi * see(light, (size, size))  # as bright as a white matt surface that faces it
     linear = scene(light, 1) + (1 - coverage) * behind
     relit = [to_bytes(encode(scene(one, 2 + i))) for i, one in enumerate(new)]
-    shading = Tracer(mesh, size, camera).irradiance(sky_of(light), settings.samples, BOUNCES, 0)
+    # `Tracer.irradiance` divides by the albedo of the same samples; it costs six times as much.
+    matt = math.pi * Tracer(mesh, size, camera).radiance(sky_of(light), settings.samples, BOUNCES, 0)
+    shading = matt / np.maximum(maps.albedo * coverage, DARKEST)
     window = part(maps.mask, recipe.cut)
 
     def expose(gain: np.ndarray | float) -> np.ndarray:
@@ -117,11 +120,11 @@ def cropped(maps: Maps, window: tuple[slice, slice]) -> Maps:
 
 def on_square(maps: Maps, shading: np.ndarray, light: np.ndarray, box: Frame) -> Seen:
     """The truth on a square: means over what of the figure is in each of its pixels."""
-    coverage = box.crop(maps.coverage)
-    share = np.maximum(coverage, 1e-3)[..., None]
+    inside = box.crop(to_bytes(maps.coverage)) >= SOLID
+    known = maps.coverage * maps.mask  # maps are zero where the pixel's centre shows no figure
+    share = np.maximum(box.crop(known), 1e-3)[..., None]
 
     def mean(values: np.ndarray) -> np.ndarray:
-        return box.crop(values * maps.coverage[..., None]) / share * inside[..., None]
+        return box.crop(values * known[..., None]) / share * inside[..., None]
 
-    inside = box.crop(to_bytes(maps.coverage)) >= SOLID
     return Seen(inside, *(mean(values) for values in (maps.albedo, maps.transport, shading)), light)
