@@ -7,6 +7,7 @@ import typer
 from typer.core import TyperCommand
 
 from relight import __version__
+from relight.benchmark.commands import app as benchmark
 from relight.figures.commands import app as figures
 from relight.files import UserError
 from relight.lights.commands import app as lights
@@ -29,6 +30,7 @@ for tool in (photos, viewer, transport, figures):
 app.add_typer(lights, name="light")
 app.add_typer(scans, name="scans")
 app.add_typer(masks, name="mask")
+app.add_typer(benchmark, name="benchmark")
 
 
 @app.callback(invoke_without_command=True)

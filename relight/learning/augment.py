@@ -63,7 +63,7 @@ def augmented(batch: Batch, settings: Augment, generators: list[np.random.Genera
     exposure = torch.tensor([2.0**stop for stop in stops], device=mask.device)
     albedo, shading = dense[:, : widths[0]], dense[:, -widths[-1] :]
     scene = albedo * shading * exposure[:, None, None, None]
-    image = _photographed(scene, mask, settings, generators) * seen
+    image = developed(_before_background(scene, mask, generators), settings, generators) * seen
     index = index_of(mask * seen > 0)
     albedo, transport, normal, ao, shading = index.take(dense).split(widths, -1)
     return replace(
@@ -231,11 +231,8 @@ def _inexact(mask: Tensor, settings: Augment, generators: list[np.random.Generat
     return out
 
 
-def _photographed(scene: Tensor, mask: Tensor, settings: Augment, generators: list[np.random.Generator]) -> Tensor:
-    """Takes photographs of linear radiance (B,3,S,S) before random backgrounds.
-
-    In the order of a camera: blur, clipping, tone curve, sharpening, noise, JPEG.
-    """
+def _before_background(scene: Tensor, mask: Tensor, generators: list[np.random.Generator]) -> Tensor:
+    """Puts random colours behind linear radiance (B,3,S,S), where the mask (B,1,S,S) is 0."""
     size = scene.shape[-1]
     fields = []
     for rng in generators:
@@ -247,7 +244,14 @@ def _photographed(scene: Tensor, mask: Tensor, settings: Augment, generators: li
             for field in fields
         ]
     )
-    image = torch.where(mask > 0, scene, behind)
+    return torch.where(mask > 0, scene, behind)
+
+
+def developed(image: Tensor, settings: Augment, generators: list[np.random.Generator]) -> Tensor:
+    """What a camera makes of linear values (B,3,S,S): blur, tone, sharpening, noise, JPEG; linear values of 8 bits.
+
+    S must be a multiple of 8 where `settings.jpeg` is not 0; `generators`: one for each picture.
+    """
     image = torch.cat([_blurred(one[None], rng.uniform(0, settings.blur)) for one, rng in zip(image, generators)])
     coded = encode(image.clamp(0, 1))
     pictures = []

@@ -3,14 +3,21 @@
 Mitsuba is optional (`pip install mitsuba`). Its scalar variant is used, which needs no LLVM on the machine.
 """
 
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
 from relight.files import UserError
 from relight.meshes import Mesh, vertex_normals
+from relight.srgb import LINEAR
+from relight.transport.camera import Camera
 from relight.transport.surface import sample_albedo
+from relight.transport.view import rotated
 
 ROWS = 256  # of an environment map
-EYE = 4.0  # distance of the orthographic camera from the origin
+EYE = 4.0  # least distance of the orthographic camera from the origin
 
 
 def import_mitsuba():
@@ -24,33 +31,85 @@ def import_mitsuba():
     return mitsuba
 
 
+@dataclass(frozen=True)
+class Coat:
+    """What makes a material glossy: reflection at a clear surface (Burley 2012, "Physically-based shading at Disney").
+
+    roughness in [0,1], the square root of GGX's alpha; strength in [0,1] of a reflectance of 4 % at right angles.
+    """
+
+    roughness: float
+    strength: float
+
+
 class PathTracer:
-    """Renders an aligned mesh with the camera of `bake`; its albedo is interpolated from the corners of faces."""
+    """A mesh before the camera of `bake`, one shape for each of its materials.
 
-    def __init__(self, mesh: Mesh, size: int):
-        """Loads a mesh.
+    Albedo is that of the textures; where a mesh has vertex colours too it is that of the corners, linear between them.
+    """
 
-        Args:
-            mesh: aligned.
-            size: of the images in pixels; a pixel is the mean over its area.
+    def __init__(self, mesh: Mesh, size: int, camera: Camera | None = None, coats: Sequence[Coat] = ()):
+        """Pictures have size x size pixels, each the mean over the pixel's area.
 
-        Raises:
-            UserError: if Mitsuba is not installed.
+        camera: where the mesh is seen from (`Baker.camera`), from the front by default. coats: one over each of the
+        mesh's materials; without them all are diffuse.
         """
-        self.mi, self.size = import_mitsuba(), size
-        count = len(mesh.faces)
-        corners = mesh.faces.ravel()
-        color = sample_albedo(mesh, np.repeat(np.arange(count), 3), np.tile(np.eye(3), (count, 1)))
-        diffuse = {"type": "diffuse", "reflectance": {"type": "mesh_attribute", "name": "vertex_color"}}
-        properties = self.mi.Properties()
-        properties["bsdf"] = self.mi.load_dict({"type": "twosided", "bsdf": diffuse})
-        self.shape = self.mi.Mesh("figure", 3 * count, count, has_vertex_normals=True, props=properties)
-        self.shape.add_attribute("vertex_color", 3, np.ascontiguousarray(color.ravel(), np.float32))
-        parameters = self.mi.traverse(self.shape)
-        parameters["vertex_positions"] = np.ascontiguousarray(mesh.vertices[corners].ravel(), np.float32)
-        parameters["vertex_normals"] = np.ascontiguousarray(vertex_normals(mesh)[corners].ravel(), np.float32)
-        parameters["faces"] = np.arange(3 * count, dtype=np.uint32)
-        parameters.update()
+        self.mi, self.size, self.camera = import_mitsuba(), size, camera or Camera(size, EYE)
+        vertices, normals = mesh.vertices.astype(np.float64), vertex_normals(mesh).astype(np.float64)
+        if pose := self.camera.pose:
+            vertices, normals = pose.to_camera(vertices), rotated(pose.rotation, normals)
+        self.front = float(vertices[:, 2].max())
+        self.shapes = {}
+        for number in np.unique(mesh.material):
+            chosen = mesh.material == number
+            surface = self._diffuse(mesh, number)
+            if coats:
+                surface = self._coated(surface["reflectance"], coats[number])
+            properties = self.mi.Properties()
+            properties["bsdf"] = self.mi.load_dict({"type": "twosided", "bsdf": surface})
+            count, corners = int(chosen.sum()), mesh.faces[chosen].ravel()
+            shape = self.mi.Mesh(
+                f"material{number}",
+                3 * count,
+                count,
+                has_vertex_normals=True,
+                has_vertex_texcoords=True,
+                props=properties,
+            )
+            if mesh.color is not None:
+                color = sample_albedo(mesh, np.repeat(np.flatnonzero(chosen), 3), np.tile(np.eye(3), (count, 1)))
+                shape.add_attribute("vertex_color", 3, np.ascontiguousarray(color.ravel(), np.float32))
+            parameters = self.mi.traverse(shape)
+            for name, values in (("positions", vertices[corners]), ("normals", normals[corners])):
+                parameters[f"vertex_{name}"] = np.ascontiguousarray(values.ravel(), np.float32)
+            # Rows of a texture run from the top, and Mitsuba's second coordinate with them.
+            uv = mesh.uv[chosen].reshape(-1, 2) * [1, -1] + [0, 1]
+            parameters["vertex_texcoords"] = np.ascontiguousarray(uv.ravel(), np.float32)
+            parameters["faces"] = np.arange(3 * count, dtype=np.uint32)
+            parameters.update()
+            self.shapes[f"material{number}"] = shape
+
+    def _diffuse(self, mesh: Mesh, number: int) -> dict:
+        """The material of this number, without a coat."""
+        material = mesh.materials[number]
+        if mesh.color is not None:
+            reflectance = {"type": "mesh_attribute", "name": "vertex_color"}
+        elif material.texture is not None:
+            values = LINEAR[material.texture] * np.asarray(material.color, np.float32)
+            bitmap = self.mi.Bitmap(np.ascontiguousarray(values.clip(0, 1), np.float32))
+            reflectance = {"type": "bitmap", "bitmap": bitmap, "raw": True}
+        else:
+            reflectance = {"type": "rgb", "value": np.clip(material.color, 0, 1).tolist()}
+        return {"type": "diffuse", "reflectance": reflectance}
+
+    def _coated(self, reflectance: dict, coat: Coat) -> dict:
+        """Its diffuse part is not quite Lambertian where one looks along the surface (Burley 2012, section 5.3)."""
+        return {
+            "type": "principled",
+            "base_color": reflectance,
+            "roughness": coat.roughness,
+            "specular": 0.5 * coat.strength,
+        }
 
     def radiance(self, sky: np.ndarray, samples: int, bounces: int = 0, seed: int = 0) -> np.ndarray:
         """Renders the radiance toward the camera.
@@ -93,10 +152,9 @@ class PathTracer:
             {
                 "type": "scene",
                 "light": {"type": "envmap", "bitmap": self.mi.Bitmap(np.ascontiguousarray(sky, np.float32))},
-                "shape": self.shape,
+                **self.shapes,
                 "sensor": {
-                    "type": "orthographic",
-                    "to_world": self.mi.ScalarTransform4f().look_at(origin=[0, 0, EYE], target=[0, 0, 0], up=[0, 1, 0]),
+                    **self._sensor(),
                     "film": {
                         "type": "hdrfilm",
                         "width": self.size,
@@ -111,6 +169,13 @@ class PathTracer:
             }
         )
         return np.array(self.mi.render(scene, seed=seed))
+
+    def _sensor(self) -> dict:
+        eye = self.camera.distance if self.camera.perspective else max(EYE, self.front + 1)
+        look = self.mi.ScalarTransform4f().look_at(origin=[0, 0, eye], target=[0, 0, 0], up=[0, 1, 0])
+        if not self.camera.perspective:
+            return {"type": "orthographic", "to_world": look}
+        return {"type": "perspective", "fov": 2 * math.degrees(math.atan(1 / eye)), "near_clip": 1e-3, "to_world": look}
 
 
 def path_integrator(bounces: int) -> dict:

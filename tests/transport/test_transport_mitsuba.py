@@ -6,8 +6,8 @@ import trimesh
 
 from relight.meshes import Material, Mesh
 from relight.sh import basis
-from relight.transport import PathTracer, bake
-from relight.transport.tracer import block_means, interior_blocks, sky_directions, sky_weights
+from relight.transport import Baker, PathTracer, View, bake
+from relight.transport.tracer import Coat, block_means, interior_blocks, sky_directions, sky_weights
 
 pytest.importorskip("mitsuba")
 
@@ -81,3 +81,42 @@ def test_irradiance_of_a_truncated_light(knot):
     assert np.abs((traced - baked)[where].mean(0)).max() < 0.02
     assert (traced - baked)[where].std(0).max() < 0.3  # the tracer's noise
     assert (traced[:, [0, -1]] == 0).all()  # no mesh
+
+
+@pytest.fixture
+def plate():
+    """A square that faces the camera and fills its picture, with a texture of 16 x 16 random colours."""
+    corners = np.float32([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    faces = np.int32([[0, 1, 2], [0, 2, 3]])
+    uv = ((corners[:, :2] + 1) / 2)[faces]
+    texture = np.random.default_rng(4).integers(60, 250, (16, 16, 3)).astype(np.uint8)
+    return Mesh(corners, faces, uv.astype(np.float32), np.zeros(2, np.int16), [Material(texture=texture)])
+
+
+def test_textures_are_those_that_are_baked(plate):
+    """An open surface under an even sky of radiance 1 shows its albedo."""
+    traced = PathTracer(plate, 64).radiance(np.ones((64, 128, 3)), 64)
+    albedo = bake(plate, 64, 16, supersample=4).albedo
+    assert np.abs(traced - albedo).mean() < 0.01 and np.abs((traced - albedo).mean()) < 0.003
+    assert np.abs(traced[::-1] - albedo).mean() > 0.1 < np.abs(traced[:, ::-1] - albedo).mean()
+
+
+def test_a_coat_adds_four_percent(plate):
+    """Fresnel's ((n - 1) / (n + 1))^2 of n = 1.5 at right angles, on top of the albedo."""
+    for albedo, strength in ((0.0, 1.0), (0.0, 0.5), (0.5, 1.0)):
+        plate.materials = [Material(np.full(3, albedo, np.float32))]
+        found = PathTracer(plate, 16, coats=[Coat(0.2, strength)]).radiance(np.ones((64, 128, 3)), 256)
+        assert np.isclose(found.mean(), albedo + 0.04 * strength, atol=0.003 + 0.02 * albedo)
+
+
+def test_any_camera_sees_what_the_baker_sees(knot):
+    """In perspective, turned and from above: the same pixels, and the light is in the camera's frame."""
+    view, light = View(35, 12, 30.0), np.zeros((9, 3))
+    light[0], light[1], light[3] = 2.0, [0.9, 0.5, 0.1], [0.1, 0.5, 0.9]
+    baker = Baker(knot, 256)
+    maps = baker.maps(128, view=view)
+    transport, where = block_means(maps.transport, 4), interior_blocks(maps.mask, 4)
+    traced = PathTracer(knot, 32, baker.camera(32, view)).radiance(basis(sky_directions()) @ light, 144)
+    relative = ((ALBEDO / np.pi * (transport @ light)) - traced)[where] / traced[where].mean(0)
+    assert where.sum() > 150 and (traced[block_means(maps.mask.astype(float), 4) == 0] == 0).mean() > 0.99
+    assert np.abs(relative.mean(0)).max() < 4e-3 and relative.std(0).max() < 0.03

@@ -1,0 +1,90 @@
+"""What is in the sets is fixed, and apart from all that is trained on and from each other."""
+
+import numpy as np
+import pytest
+
+from relight.benchmark import recipes as recipes_module
+from relight.benchmark.lights import KINDS, Lamplight, panorama, sky_of
+from relight.benchmark.recipes import HASHES, SPARE, coats, digest, recipe, recipes
+from relight.files import UserError
+from relight.lights import reference_brightness
+from relight.panoramas import Panorama, project
+from relight.sh import basis, rotation_matrix
+from relight.transport import View
+from relight.transport.tracer import sky_directions, sky_weights
+
+
+def test_the_sets_are_those_that_were_published():
+    for kind, expected in HASHES.items():
+        assert digest(recipes(kind)) == expected
+
+
+def test_no_seed_is_shared():
+    made = {kind: recipes(kind) for kind in HASHES}
+    for seeds in ([{r.seed + k * SPARE for r in made[kind] for k in range(3)} for kind in HASHES],):
+        assert not set.intersection(*seeds) and min(map(min, seeds)) >= 900_000
+    lights = [(one.kind, one.seed) for kind in HASHES for r in made[kind] for one in (r.light, *r.new)]
+    assert len(lights) == len(set(lights)) == 2 * 128 * 5 and min(seed for _, seed in lights) >= 900_000
+    for kind in HASHES:
+        names = [r.name for r in made[kind]]
+        assert len(set(names)) == 128 and len({r.seed for r in made[kind]}) == 64
+        assert sum(r.varied for r in made[kind]) == 32 and not any(r.varied and r.cut for r in made[kind])
+
+
+def test_a_change_of_the_recipes_is_noticed(monkeypatch, painter, tmp_path, settings):
+    from relight.benchmark.make import make
+
+    monkeypatch.setattr(recipes_module, "TINT", 0.16)
+    with pytest.raises(RuntimeError, match="may not change"):
+        make(tmp_path, "report", None, settings)
+
+
+def test_names_and_numbers_that_are_none():
+    with pytest.raises(UserError, match="--set best: report or choose"):
+        recipes("best")
+    with pytest.raises(UserError, match="--count 0"):
+        recipes("report", 0)
+    assert recipes("choose", 5) == recipes("choose")[:5]
+
+
+def test_coats_belong_to_the_figure():
+    assert coats(7, 5)[:3] == coats(7, 3) and coats(7, 3) != coats(8, 3)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_lights_are_scaled_tinted_and_seen_from_above(kind):
+    level = panorama(Lamplight(kind, 7, 0.0, 0.0), 0.0, 0.6)
+    assert np.allclose(level.pixels / level.pixels.max(), KINDS[kind](7) / KINDS[kind](7).max(), atol=1e-5)
+    assert float(reference_brightness(project(level, 2))) <= 0.6 + 1e-6
+    # Tipped by the pitch of the camera, as its frame is; what is at the poles and in small lamps is resampled.
+    tipped = panorama(Lamplight(kind, 7, 0.0, 0.0), 20.0, 0.6)
+    light = project(level, 2)
+    expected = rotation_matrix(View(pitch=20).rotation, 2) @ light
+    found = project(tipped, 2) * light[0, 1] / project(tipped, 2)[0, 1]
+    assert np.linalg.norm(found - expected) < 0.05 * np.linalg.norm(expected)
+    assert np.linalg.norm(found - light) > 0.05 * np.linalg.norm(expected)
+    warm = panorama(Lamplight(kind, 7, -0.4, 0.0), 0.0, 0.6)
+    change = warm.pixels.mean((0, 1)) / level.pixels.mean((0, 1))
+    assert np.isclose(np.log(change[2] / change[1]), -0.4, atol=1e-4) and change[0] > change[1]
+
+
+def test_the_path_tracers_sky_holds_the_same_light():
+    found = panorama(Lamplight("room", 11, 0.1, 30.0), 5.0, 0.7)
+    light = np.einsum("hw,hwk,hwc->kc", sky_weights(), basis(sky_directions()), sky_of(found))
+    assert np.allclose(light, project(found, 2), atol=0.01 * np.abs(light).max())
+
+
+def test_lamps_are_lamps():
+    for seed in range(6):
+        pixels = KINDS["lamps"](seed)
+        assert pixels.shape == (64, 128, 3) and pixels.min() > 0
+        assert pixels.max() > 3 * np.median(pixels)
+        light = project(Panorama(pixels), 2)
+        assert np.isfinite(light).all() and (light[0] > 0).all()
+
+
+def test_half_a_person_is_one_in_four():
+    made = [recipe(950_000 + i, number) for i in range(200) for number in (1, 2)]
+    cuts = [r.cut for r in made if r.cut]
+    assert all(r.name.endswith(".2") for r in made if r.cut) and 70 < len(cuts) < 130
+    assert 0.4 <= min(cuts) and max(cuts) <= 0.85

@@ -1,0 +1,231 @@
+"""Folders of answers: what scores zero, what scores by hand, and what is refused in one sentence."""
+
+import hashlib
+import json
+import shutil
+
+import numpy as np
+import pytest
+from PIL import Image
+from skimage.metrics import structural_similarity
+from typer.testing import CliRunner
+
+from relight.benchmark.files import KEYS, MAPS, PICTURES, Set, arrays_of
+from relight.benchmark.measures import INVARIANCES, LEAKS
+from relight.benchmark.rows import answer
+from relight.benchmark.score import COLUMNS, read_row, score, tables
+from relight.cli import app
+from relight.files import UserError
+from relight.photos.infer import OPAQUE
+
+
+@pytest.fixture
+def truth(drawn, tmp_path):
+    """A folder of answers that are the truth."""
+    out = tmp_path / "truth"
+    out.mkdir()
+    for entry in Set(drawn).entries:
+        if not entry.of:
+            shutil.copy(drawn / "truth" / f"{entry.name}.npz", out)
+    return out
+
+
+def changed(path, **arrays):
+    """The answer in `path` with other arrays; None takes one away."""
+    found = {**arrays_of(path), **arrays}
+    photo = str(found.pop("photo"))
+    np.savez(path, photo=np.array(photo), **{name: values for name, values in found.items() if values is not None})
+
+
+def test_the_truth_is_an_answer_that_scores_nothing(drawn, truth):
+    row = read_row(score(drawn, truth).parent)
+    assert len(row.keys) == 3
+    for name in COLUMNS:
+        values = row.columns[name]
+        if name in INVARIANCES or name.startswith("ratio"):
+            assert np.isnan(values).all(), name
+        elif name.endswith("_ssim"):
+            assert np.allclose(values, 1), name
+        elif name not in LEAKS:
+            assert np.allclose(values, 0, atol=1e-6), name
+
+
+def test_the_untouched_picture_scores_what_it_differs_by(drawn, tmp_path):
+    out = tmp_path / "as_it_is"
+    assert answer(drawn, out, "as_it_is") == 3
+    row = read_row(score(drawn, out).parent)
+    for i, entry in enumerate(e for e in Set(drawn).entries if not e.of):
+        photo = np.asarray(Image.open(entry.folder / "photo.png")) / 255
+        solid = np.asarray(Image.open(entry.folder / "mask.png")) >= OPAQUE
+        rows, columns = (np.flatnonzero(solid.any(axis)) for axis in (1, 0))
+        box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+        errors, alike = [], []
+        for true in arrays_of(drawn / "truth" / f"{entry.name}.npz")["full"] / 255:
+            errors.append(np.sqrt(((photo - true)[solid] ** 2).sum(-1).mean()))
+            pair = (np.where(solid[..., None], x, 0)[box] for x in (photo, true))
+            alike.append(structural_similarity(*pair, channel_axis=-1, data_range=1.0))
+        assert np.isclose(row.columns["ratio"][i], np.mean(errors), rtol=1e-5)
+        assert np.isclose(row.columns["ratio_ssim"][i], np.mean(alike), rtol=1e-5)
+        assert row.columns["ratio"][i] > 0.02 and row.columns["ratio_factor"][i] < row.columns["ratio"][i] + 0.02
+    assert all(np.isnan(row.columns[name]).all() for name in COLUMNS if not name.startswith("ratio"))
+
+
+def test_true_maps_are_right_where_the_formulation_is_the_truth(drawn, tmp_path):
+    """The set is painted by albedo * max(T.L, 0): only rounding to 8 bits and half floats is left, and highlights."""
+    out = tmp_path / "true_maps"
+    answer(drawn, out, "true_maps")
+    row = read_row(score(drawn, out).parent)
+    assert row.columns["full"].max() < 0.003 and row.columns["full_ssim"].min() > 0.999
+    assert row.columns["light"].max() < 1e-5 and row.columns["albedo"].max() < 1e-5
+    assert row.columns["shading"].max() < 0.01  # the mean of max(T.L, 0), and max of the mean, in a pixel of the square
+    assert row.columns["ratio"].max() < 0.1
+
+
+def test_the_mean_light_is_told_from_the_true_one(drawn, tmp_path):
+    answer(drawn, tmp_path / "mean", "mean_light")
+    row = read_row(score(drawn, tmp_path / "mean").parent)
+    assert row.columns["light"].min() > 0.05 and np.isnan(row.columns["albedo"]).all()
+    assert row.columns["light_factor"].mean() <= row.columns["light"].mean()
+
+
+def test_a_permuted_folder_is_refused(drawn, truth):
+    first, second = (truth / f"g900000.{n}.npz" for n in (1, 2))
+    first.rename(truth / "other")
+    second.rename(first)
+    (truth / "other").rename(second)
+    with pytest.raises(UserError, match=r"g900000\.1\.npz answers another picture: its `photo` must be the SHA-256 of"):
+        score(drawn, truth)
+
+
+def test_what_else_is_refused(drawn, truth, tmp_path):
+    path = truth / "g900000.1.npz"
+    kept = path.read_bytes()
+    arrays = arrays_of(path)
+    for changes, words in (
+        ({"albedo": arrays["albedo"][1:]}, r"albedo has the shape \(31, 32, 3\), and \(32, 32, 3\) is asked for"),
+        ({"full": arrays["full"][:3]}, r"full has the shape \(3, 64, 64, 3\), and \(4, 64, 64, 3\)"),
+        ({"light": arrays["light"][:4]}, r"light has the shape \(4, 3\)"),
+        ({"full": arrays["full"] / 255}, "full is float64; pictures are uint8, sRGB"),
+        ({"shading": arrays["shading"] * np.nan}, "shading has values that are no finite numbers"),
+        ({"relit": arrays["full"]}, "holds relit: it may hold photo, ratio, full, albedo, shading, transport, light"),
+        ({"albedo": None}, "all answers of a folder must hold the same"),
+        (dict.fromkeys(KEYS), "answers nothing: give one at least of ratio, full"),
+    ):
+        changed(path, **changes)
+        with pytest.raises(UserError, match=words) as caught:
+            score(drawn, truth)
+        assert str(caught.value).count("\n") == 0
+        path.write_bytes(kept)
+    path.write_bytes(kept[:200])
+    with pytest.raises(UserError, match=r"is not an \.npz of arrays"):
+        score(drawn, truth)
+    path.unlink()
+    with pytest.raises(UserError, match=r"there is no .*g900000\.1\.npz: a folder of answers has one .npz for each"):
+        score(drawn, truth)
+    with pytest.raises(UserError, match="there is no such folder of answers"):
+        score(drawn, tmp_path / "nowhere")
+    with pytest.raises(UserError, match="there is no finished benchmark there"):
+        score(tmp_path, truth)
+    with pytest.raises(UserError, match="--method best: network, as_it_is, mean_light, true_maps"):
+        answer(drawn, tmp_path / "best", "best")
+
+
+def test_a_set_that_was_touched_is_refused(drawn, truth, tmp_path):
+    copy = tmp_path / "copy"
+    shutil.copytree(drawn, copy)
+    picture = copy / "inputs" / "g900000.2" / "photo.png"
+    Image.fromarray(255 - np.asarray(Image.open(picture))).save(picture)
+    with pytest.raises(UserError, match=r"photo\.png has changed since the benchmark was made"):
+        score(copy, truth)
+
+
+@pytest.fixture(scope="module")
+def weights(tmp_path_factory):
+    """A network of random weights at another size than the square's."""
+    import torch
+
+    from relight.config import Model, composed
+    from relight.learning.checkpoint import save_network
+    from relight.learning.networks import build
+
+    torch.manual_seed(0)
+    model = Model(**{**dict(composed().model), "width": 0.125, "norm": "instance"})
+    path = tmp_path_factory.mktemp("weights") / "tiny.safetensors"
+    save_network(path, build(model, 64), model, train={"color": "photo"})
+    return path
+
+
+def test_a_network_answers_all_of_it(drawn, weights, tmp_path):
+    out = tmp_path / "tiny"
+    says = CliRunner().invoke(app, ["benchmark", "answer", str(out), "--truth", str(drawn), "-w", str(weights)])
+    entries = Set(drawn).entries
+    assert says.exit_code == 0 and f"{len(entries)} answers written" in says.output
+    base = entries[0]
+    given = arrays_of(out / f"{base.name}.npz")
+    assert set(given) == {"photo", *KEYS}
+    assert str(given["photo"]) == hashlib.sha256((base.folder / "photo.png").read_bytes()).hexdigest()
+    assert all(given[name].shape == (32, 32, n) for name, n in MAPS.items())
+    outside = np.asarray(Image.open(base.folder / "mask.png")) == 0
+    photo = np.asarray(Image.open(base.folder / "photo.png"))
+    assert all((given[mode][:, outside] == photo[outside]).all() for mode in PICTURES)
+    assert answer(drawn, out, "network", weights) == 0  # what is there is kept
+    says = CliRunner().invoke(app, ["benchmark", "score", str(out), "--truth", str(drawn)])
+    assert says.exit_code == 0 and "Relit pictures" in says.output and "light: square shifted by 4 px" in says.output
+    row = read_row(out)
+    assert np.isfinite([row.columns[name][0] for name in COLUMNS]).all()
+    varied = [not np.isnan(v) for v in row.columns["knee"]]
+    assert varied == [True, False, False] and np.isfinite(row.columns["full"]).all()
+    entry = next(e for e in entries if e.variant == "mirror")
+    changed(out / f"{entry.name}.npz", albedo=None)
+    with pytest.raises(UserError, match=r"g900000\.1\+mirror\.npz holds"):
+        score(drawn, out)
+    (out / f"{entry.name}.npz").unlink()
+    with pytest.raises(UserError, match=r"there is no .*g900000\.1\+mirror\.npz"):
+        score(drawn, out)
+    for entry in entries:
+        if entry.of:
+            (out / f"{entry.name}.npz").unlink(missing_ok=True)
+    score(drawn, out)  # all variants may be left out
+    assert np.isnan(read_row(out).columns["knee"]).all()
+
+
+def test_rows_beside_each_other(drawn, truth, tmp_path):
+    answer(drawn, tmp_path / "as_it_is", "as_it_is")
+    for folder in (truth, tmp_path / "as_it_is"):
+        score(drawn, folder)
+    out = tmp_path / "tables"
+    out.mkdir()
+    says = CliRunner().invoke(app, ["benchmark", "report", str(truth), str(tmp_path / "as_it_is"), "-o", str(out)])
+    assert says.exit_code == 0 and "| as_it_is |" in says.output
+    assert {p.name for p in out.iterdir()} == {
+        f"benchmark_{name}.{suffix}" for name in ("pictures", "maps", "invariance") for suffix in ("csv", "md", "tex")
+    }
+    rows = [read_row(truth), read_row(tmp_path / "as_it_is")]
+    made = tables(rows, 200)
+    moves = made["benchmark_invariance"].grid.frame
+    assert list(moves.columns) == ["truth"] and len(moves) == len(INVARIANCES | LEAKS)  # as_it_is says nothing
+    pictures = made["benchmark_pictures"].grid.frame["ratio: RMSE"]
+    values = rows[1].columns["ratio"]
+    by_figure = [values[:2].mean(), values[2]]
+    assert pictures["truth"] is None
+    found = pictures["as_it_is"]
+    assert np.isclose(found.mean, np.mean(by_figure)) and np.allclose(found.values, by_figure)
+    assert found.low < found.mean < found.high
+    lines = (tmp_path / "as_it_is" / "scores.csv").read_text().replace(rows[1].keys[0][0], "0" * 16)
+    (tmp_path / "as_it_is" / "scores.csv").write_text(lines)
+    with pytest.raises(UserError, match="as_it_is and truth were scored on different sets"):
+        tables([read_row(truth), read_row(tmp_path / "as_it_is")])
+    (truth / "scores.csv").write_text("picture,error\na,1\n")
+    with pytest.raises(UserError, match="is not what relight benchmark score writes"):
+        read_row(truth)
+
+
+def test_the_index_tells_what_methods_need(drawn):
+    index = json.loads((drawn / "index.json").read_text())
+    assert index["set"] == "report" and len(index["sha256"]) == 64
+    varied = [one for one in index["pictures"] if one["of"]]
+    assert len(index["pictures"]) - len(varied) == 3 and len(varied) == 14
+    assert {one["name"].partition("+")[0] for one in varied} == {"g900000.1"}
+    cut = next(one for one in index["pictures"] if one["recipe"]["cut"] and not one["of"])
+    height, width = np.asarray(Image.open(drawn / "inputs" / cut["name"] / "photo.png")).shape[:2]
+    assert [height, width] == cut["size"] and height < 64 and width < 64
