@@ -27,6 +27,7 @@ COARSE = 120  # pixels to which a figure is reduced to be filled
 BALLS, LEAST = 200, 1.4  # at most so many, with a radius of so many of those pixels at least
 SPACING = 0.9  # of a ball's radius, from its centre to the next one's
 FEET, LEGS = 0.12, 0.45  # of the height: where feet are told apart, and up to where each leg stands over its foot
+SUNK = 1.0  # of those pixels: how deep soles are in the ground, for balls leave a gap under what is flat
 RISE = 0.35  # of the height: that the horizon is above the feet at least
 REACH = 1.6  # heights from the feet to where the shadow has faded
 DIMMEST = 0.1  # of the mean irradiance: what reaches the deepest shadow by further bounces
@@ -152,7 +153,7 @@ def _balls(coverage: np.ndarray, box: tuple[int, int, int, int], camera: Camera)
         found.append((column, row, radius))
         room = np.where(np.hypot(x - column, y - row) < SPACING * radius, 0, room)
     column, row, radius = (np.array(found).reshape(-1, 3).T + [[0.5], [0.5], [0.0]]) / scale
-    foot = bottom - _lift(solid, column * scale) / scale
+    foot = bottom - (_lift(solid, column * scale) + SUNK) / scale
     upright = np.clip((bottom - top - row) / (LEGS * (bottom - top)), 0, 1)
     depth = camera.depth(foot) * (1 - upright) + camera.depth(bottom) * upright
     centres = camera.at(left + column, top + row, depth)

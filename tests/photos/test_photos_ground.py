@@ -73,7 +73,7 @@ def test_a_figure_is_filled_and_stands_on_the_ground():
     solid = coverage > 127
     assert (drawn & solid).sum() > 0.9 * solid.sum() and (drawn & ~solid).sum() < 0.02 * solid.sum()
     lowest = balls[np.argmax(y + radius)]
-    assert lowest[1] - lowest[3] == pytest.approx(-1, abs=0.02)  # the ground, in heights of the camera
+    assert lowest[1] - lowest[3] == pytest.approx(-1, abs=0.03)  # the ground, in heights of the camera
 
 
 def test_each_foot_stands_where_it_is_seen():
@@ -84,8 +84,8 @@ def test_each_foot_stands_where_it_is_seen():
     balls = _balls(coverage, _box(coverage), camera)
     low = balls[balls[:, 1] < -0.85]
     left, right = low[low[:, 0] < 0], low[low[:, 0] > 0]
-    assert -left[:, 2].mean() == pytest.approx(300 / 115, rel=0.04)
-    assert -right[:, 2].mean() == pytest.approx(300 / 130, rel=0.01)
+    assert -left[:, 2].mean() == pytest.approx(300 / 115, rel=0.03)
+    assert -right[:, 2].mean() == pytest.approx(300 / 130, rel=0.02)
 
 
 def test_shadows_fall_away_from_the_light_and_end():
