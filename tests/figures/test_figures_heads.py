@@ -132,7 +132,7 @@ def test_hair_falls_with_gravity_and_lies_on_the_shoulders(head, heads):
 
 @pytest.mark.parametrize("name", [style.name for style in hair.STYLES if style.comb and style.hat == "none"])
 def test_little_scalp_shows_from_any_side(head, name):
-    """Rays from all around toward the scalp inside the hairline meet hair first; half as many strands show 30 % of it."""
+    """Rays from all around toward the scalp inside the hairline meet hair first."""
     _, _, (posed, faces) = head
     parts = [part for part in grown(head, name, fine=True) if part.what == "hair"]
     base = makehuman.base().vertices[makehuman.BODY]
