@@ -3,7 +3,7 @@
 import numpy as np
 
 from relight.figures import aging, collars, fabrics, footwear, hair, layers, makehuman, panels, seams, skin
-from relight.figures.body import Body
+from relight.figures.body import Body, Person
 from relight.figures.colliders import Collider
 from relight.figures.outfits import Outfit
 from relight.figures.poses import Motion
@@ -73,8 +73,7 @@ def assemble(
     for _ in range(detail.body):
         up, finer = loop(shown, len(vertices))
         vertices, shown, corners = up @ vertices, finer, split_corners(corners)
-    hair_color = np.array(outfit.hair_color)
-    picture = skin.paint_skin(body.person, hair_color, outfit.hair.scalp, outfit.beard, outfit.makeup, texture, seed)
+    picture = skin_picture(body.person, outfit, texture, seed)
     builder.add(vertices, shown, corners, Material(texture=picture), layer=0)
     eyes(builder, body, way, outfit, texture, seed)
     # clothes
@@ -110,10 +109,7 @@ def assemble(
             for over in surface:
                 vertices = layers.tucked_under(vertices, part.faces, over, 0.003, np.ones(len(vertices), bool))
         builder.add(vertices, part.faces, None, Material(colours[part.name]), layer=-1 if part.name == "sole" else 0)
-    parts = hair.build_hair(body, way, outfit.hair, below, seed, fine=detail.body > 0)
-    for part in parts:
-        strands = hair_material(outfit, hair_color, part.cloth, max(64, texture // 4), seed)
-        builder.add(part.vertices, part.faces, part.uv[part.faces], strands)
+    head_of_hair(builder, body, way, outfit, below, detail, texture, seed)
 
 
 def split_corners(uv: np.ndarray) -> np.ndarray:
@@ -147,6 +143,31 @@ def eyes(builder: Builder, body: Body, way: Motion, outfit: Outfit, texture: int
         flat = base.vertices[part, :2] - base.vertices[part, :2].mean(0)  # seen from in front where the gaze is level
         uv = 0.5 + 0.49 * flat / np.abs(flat).max()
         builder.add(way.skin(rig.weights[part], rest), faces, uv[faces], picture)
+
+
+def skin_picture(person: Person, outfit: Outfit, texture: int, seed: int) -> np.ndarray:
+    """The texture (texture,texture,3) of a person's skin."""
+    hair_color = np.array(outfit.hair_color)
+    return skin.paint_skin(person, hair_color, outfit.hair.scalp, outfit.beard, outfit.makeup, texture, seed)
+
+
+def head_of_hair(
+    builder: Builder,
+    body: Body,
+    way: Motion,
+    outfit: Outfit,
+    below: tuple[np.ndarray, np.ndarray],
+    detail: Detail,
+    texture: int,
+    seed: int,
+) -> list[hair.Shell]:
+    """Adds hair, beard, brows, lashes and hat, each a material of its own, over the surface `below` (vertices, faces),
+    and returns them in that order."""
+    parts = hair.build_hair(body, way, outfit.hair, outfit.beard, below, seed, fine=detail.body > 0)
+    for part in parts:
+        strands = hair_material(outfit, part.what, max(64, texture // 4), seed)
+        builder.add(part.vertices, part.faces, part.uv[part.faces], strands)
+    return parts
 
 
 def clothe(
@@ -199,10 +220,18 @@ def clothe(
                 builder.add(*cord, None, pale)
 
 
-def hair_material(outfit: Outfit, color: np.ndarray, cloth: bool, side: int, seed: int) -> Material:
-    """Strands along v, each column of locks a little lighter or darker, or the fabric of a hat."""
+def hair_material(outfit: Outfit, what: str, side: int, seed: int) -> Material:
+    """Strands along v, each a little lighter or darker than the next, paler and darker ones side by side where hair
+    greys; or the fabric of a hat."""
     u, v = np.meshgrid((np.arange(side) + 0.5) / side, (np.arange(side) + 0.5) / side)
-    if cloth:
+    if what == "hat":
         return Material(texture=panels.coded(fabrics.weave(outfit.hat, "front", 0.6 * u, -0.3 * v, 0.6 / side)))
-    streaks = 0.55 + 0.6 * fabrics.noise(u * 120, v * 5, seed) + 0.45 * fabrics.noise(u * 31, v * 3, seed + 1)
-    return Material(texture=panels.coded(np.array(color) * streaks[..., None]))
+    color = np.array(outfit.hair_color)
+    if what == "lashes":
+        return Material(color=(0.3 * np.minimum(color, 0.12)).astype(np.float32))
+    if what == "brows":
+        color = skin.brow_color(color)
+    pale = float(np.clip(color.mean() / 0.3, 0, 1))  # light hair varies less, in shares of its own albedo
+    spread = 0.30 - 0.16 * pale
+    streaks = fabrics.noise(u * 120, v * 5, seed) + 0.7 * fabrics.noise(u * 31, v * 3, seed + 1) - 0.85
+    return Material(texture=panels.coded(color * np.exp(2.4 * spread * streaks)[..., None]))

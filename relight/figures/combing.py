@@ -1,5 +1,6 @@
-"""How hair is worn: where locks are rooted in the scalp, which way they are combed, how long they are."""
+"""How hair is worn: where it is rooted, which way it is combed, how long it is."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,20 +10,27 @@ from relight.figures.body import Body
 from relight.figures.fabrics import lattice
 from relight.figures.poses import Motion
 from relight.figures.skin import above_hairline
+from relight.figures.surfaces import normals
+
+WHORL = np.array([0.12, 0.80, -0.59])  # from the head's centre: where short hair parts in all directions
 
 
 @dataclass(frozen=True)
 class Comb:
-    """How hair is worn. count: locks; length: metres on the top; sides: their length over that; width: of a lock,
-    metres; way: forward | aside | back | down | out, where the top is combed; fringe: share of the front that falls
-    on the forehead; part: azimuth of the parting; lift: 0 lies flat to 1 stands up; weight: how soon it falls;
-    cling: how close it keeps to the head; body: metres of the topmost lock over the skin; curl: radius of its turns,
-    and pitch: metres from one turn to the next; taper: width at the tip over that in the middle."""
+    """How hair is worn. count: guides; strands: of each guide; length: metres on the top; sides: their length over
+    that; width: of a strand, metres; way: forward | aside | back | down | out | tie, where the top is combed; fringe:
+    share of the front that falls on the forehead; part: azimuth of the parting; lift: 0 lies flat to 1 stands up;
+    weight: how soon it falls; cling: how close it keeps to the head; body: metres of the topmost strand over the skin;
+    curl: radius of its turns, and pitch: metres from one turn to the next; clump: how far the strands of a guide draw
+    together at their tips, in [0,1]; fray: metres by which they stray; wander: how much guides turn at each step;
+    roll: radians by which strands are turned about themselves, to either side; above: metres over the skin where
+    they start."""
 
     count: int
     length: float
+    strands: int = 10
     sides: float = 1.0
-    width: float = 0.011
+    width: float = 0.0022
     way: str = "down"
     fringe: float = 0.0
     part: float = 0.0
@@ -32,13 +40,16 @@ class Comb:
     body: float = 0.014
     curl: float = 0.0
     pitch: float = 0.08
-    taper: float = 0.25
+    clump: float = 0.5
+    fray: float = 0.0012
+    wander: float = 0.1
+    roll: float = 0.3
     above: float = 0.0
 
 
 @dataclass(frozen=True)
 class Roots:
-    """Where locks grow: points, normals (n,3) posed; sides (n,3) unit, from the head's centre in its rest frame;
+    """Where hair grows: points, normals (n,3) posed; sides (n,3) unit, from the head's centre in its rest frame;
     rim (n,): 0 at the hairline to 1 well inside; pick (n,4) random numbers in [0,1]."""
 
     points: np.ndarray
@@ -53,35 +64,46 @@ def head_centre(body: Body) -> np.ndarray:
     return np.array([0.0, eye[1] + 0.028, eye[2] - 0.085])
 
 
-def plant(body: Body, posed: np.ndarray, count: int, seed: int, below_hat: bool = False) -> Roots:
-    """`count` roots, even over the part of the scalp that carries hair; `posed` (13380,3) is the skin.
+def scalp_roots(points: np.ndarray) -> np.ndarray:
+    """How densely the scalp carries hair: thinner within a centimetre of the hairline."""
+    return np.clip(above_hairline(points) / 0.08, 0, 1)
 
-    With below_hat only what a hat leaves free.
-    """
-    faces = makehuman.base().faces["body"]
-    base = makehuman.base().vertices
-    above = above_hairline(base[faces].mean(1))
-    keep = above > 0.02
-    if below_hat:
-        keep &= base[faces].mean(1)[:, 1] < base[makehuman.EYES["L"]].mean(0)[1] + 0.02
-    grown = faces[keep]
-    corner = posed[grown]
+
+def below_hat(points: np.ndarray) -> np.ndarray:
+    """The same where a hat leaves it free."""
+    eye = makehuman.base().vertices[makehuman.EYES["L"]].mean(0)
+    return scalp_roots(points) * (points[:, 1] < eye[1] + 0.02)
+
+
+def plant(
+    body: Body, posed: np.ndarray, count: int, seed: int, share: Callable[[np.ndarray], np.ndarray] = scalp_roots
+) -> Roots:
+    """Up to `count` roots, even over the skin where hair grows. posed (13380,3): the skin; share: how densely hair
+    grows at points (n,3) of the base body, in [0,1]."""
+    faces, base = makehuman.base().faces["body"], makehuman.base().vertices
+    faces = faces[share(base[faces].reshape(-1, 3)).reshape(-1, 3).max(1) > 0]
+    corner = posed[faces]
     area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
     total = np.cumsum(area) / area.sum()
     number = np.arange(count)
-    random = np.stack([lattice(number, np.full(count, k), seed) for k in range(7)], -1)
-    chosen = np.minimum(np.searchsorted(total, (number + random[:, 0]) / count), len(grown) - 1)
+    random = np.stack([lattice(number, np.full(count, k), seed) for k in range(8)], -1)
+    chosen = faces[np.minimum(np.searchsorted(total, (number + random[:, 0]) / count), len(faces) - 1)]
     a, b = np.sqrt(random[:, 1]), random[:, 2]
     weights = np.stack([1 - a, a * (1 - b), a * b], -1)
-    flat = np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0])
-    flat /= np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-12)
-    side = np.einsum("nk,nkd->nd", weights, body.skin[grown[chosen]]) - head_centre(body)
+
+    def at(values: np.ndarray) -> np.ndarray:
+        return np.einsum("nk,nkd->nd", weights, values[chosen])
+
+    point = at(base)
+    grows = share(point) > random[:, 3]
+    chosen, weights = chosen[grows], weights[grows]
+    side, normal = at(body.skin) - head_centre(body), at(normals(posed, makehuman.base().faces["body"]))
     return Roots(
-        np.einsum("nk,nkd->nd", weights, corner[chosen]),
-        flat[chosen],
+        at(posed),
+        normal / np.linalg.norm(normal, axis=1, keepdims=True),
         side / np.linalg.norm(side, axis=1, keepdims=True),
-        np.clip(above[keep][chosen] / 0.35, 0, 1),
-        random[:, 3:],
+        np.clip(above_hairline(point[grows]) / 0.35, 0, 1),
+        random[grows, 4:],
     )
 
 
@@ -91,24 +113,28 @@ def ramp(value: np.ndarray, low: float, high: float) -> np.ndarray:
 
 
 def combed(comb: Comb, roots: Roots) -> tuple[np.ndarray, np.ndarray]:
-    """The way (n,3) each lock is combed, in the head's rest frame, and its length (n,) in metres."""
+    """The way (n,3) each guide is combed, in the head's rest frame, and its length (n,) in metres."""
     x, y, z = roots.sides.T
     azimuth = np.arctan2(x, z)
     top = ramp(y, 0.25, 0.75)[:, None]
     front = (ramp(z, 0.05, 0.55) * ramp(y, 0.15, 0.45))[:, None]
-    aside = np.where(azimuth > comb.part, 1.0, -1.0)
+    behind = ramp(-z, -0.1, 0.5)  # a parting ends at the crown
+    aside = np.where(azimuth > comb.part, 1.0, -1.0) * (1 - behind) + np.clip(3 * x, -1, 1) * behind
     left, down, ahead = np.eye(3)[0] * aside[:, None], np.array([0.0, -1, 0]), np.array([0.0, 0, 1])
     fall = down + 0.25 * left - 0.25 * ahead * (1 - front)
+    away = roots.sides - WHORL
+    away = away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 0.15) + 0.5 * (1 - top) * down
     if comb.way == "forward":
-        way = top * (ahead + 0.25 * left) + (1 - top) * (down - 0.3 * ahead)
+        way = away + 0.4 * top * left * front
     elif comb.way == "aside":
-        way = top * (left + 0.25 * ahead) + (1 - top) * (down - 0.3 * ahead)
+        way = away * (1 - front) + top * (left + 0.25 * ahead)
     elif comb.way == "back":
         way = top * (0.2 * left - ahead) + (1 - top) * (down - 0.7 * ahead) + front * np.array([0.0, 1.6, 0])
     elif comb.way == "out":
         way = 2 * roots.pick[:, :3] - 1
     else:
-        way = top * (1.4 * left + 0.3 * down) + (1 - top) * fall + front * (1.6 * left - 0.7 * ahead - 0.3 * down)
+        crown = 1.4 * left + 0.3 * down - 0.8 * ahead * behind[:, None]
+        way = top * crown + (1 - top) * fall + front * (1.6 * left - 0.7 * ahead - 0.3 * down)
     length = comb.length * (comb.sides + (1 - comb.sides) * top[:, 0]) * (0.82 + 0.3 * roots.pick[:, 0])
     if comb.fringe:
         falls = front[:, 0] * (np.abs(azimuth) < 0.75 * comb.fringe + 0.12) > 0.3

@@ -1,17 +1,16 @@
-"""Hair: locks over the scalp, on a round core where hair is dense; hats are shells with what hair they leave free."""
+"""Hair of head and face in strands; hats are shells, with what hair they leave free."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from relight.figures import makehuman
+from relight.figures import facial, makehuman
 from relight.figures.body import Body
 from relight.figures.colliders import Collider
 from relight.figures.combing import Comb, head_centre
-from relight.figures.fabrics import lattice, noise
+from relight.figures.fabrics import lattice
 from relight.figures.locks import grow, tail
 from relight.figures.poses import Motion
-from relight.figures.skin import hairline
 from relight.figures.surfaces import thickened
 
 COLUMNS, CROWN_ROWS = 180, 34
@@ -19,60 +18,86 @@ COLUMNS, CROWN_ROWS = 180, 34
 
 @dataclass(frozen=True)
 class Style:
-    """comb: how the locks lie, or None; core: metres of the shell under them, or of the hat, over the scalp; lumps:
-    how uneven it is; tie: none | bun | ponytail; hat: none | beanie | cap; scalp: share of cropped hair in [0,1]."""
+    """comb: how the hair lies, or None; tie: none | bun | ponytail; hat: none | beanie | cap; slack: metres between
+    scalp and hat; scalp: share of cropped hair in [0,1]."""
 
     name: str
     comb: Comb | None = None
-    core: float = 0.0
-    lumps: float = 0.0
     tie: str = "none"
     hat: str = "none"
-    scalp: float = 0.9
+    slack: float = 0.0
+    scalp: float = 1.0
 
 
-SHORT = Comb(520, 0.028, width=0.012, way="forward", body=0.006, cling=0.8, lift=0.15)
-TIED = Comb(330, 0.1, width=0.016, way="tie", body=0.006, cling=0.9, lift=0.05, weight=0.0)
-LONG = Comb(420, 0.30, width=0.021, lift=0.14, weight=0.4, cling=0.35, body=0.016, taper=0.35)
-TIGHT = Comb(800, 0.05, width=0.011, way="out", lift=1.0, weight=0.06, body=0.010, curl=0.005, pitch=0.026, taper=0.5)
+SHORT = Comb(500, 0.028, 18, width=0.0024, way="forward", body=0.005, cling=0.8, lift=0.12, clump=0.2, fray=0.0006)
+TIED = Comb(260, 0.1, 12, width=0.0025, way="tie", body=0.004, cling=0.9, lift=0.05, weight=0.0, clump=0.8)
+TIED = replace(TIED, fray=0.001, wander=0.05)
+LONG = Comb(380, 0.30, 9, width=0.0030, lift=0.14, weight=0.4, cling=0.5, body=0.014, clump=0.45, fray=0.0016)
+TIGHT = Comb(
+    400, 0.05, 10, width=0.0028, way="out", lift=1.3, weight=0.06, body=0.010, curl=0.0045, pitch=0.017, clump=0
+)
 STYLES = (
     Style("bald", scalp=0.0),
     Style("shaved", scalp=0.75),
     Style("crop", SHORT),
     Style("side part", replace(SHORT, length=0.065, sides=0.4, way="aside", part=0.45, body=0.010, lift=0.3)),
     Style("quiff", replace(SHORT, length=0.075, sides=0.3, way="back", body=0.022, cling=0.5, lift=0.5, weight=0.04)),
-    Style("bob", replace(LONG, length=0.115, fringe=0.9, part=0.1, taper=0.6)),
-    Style("chin length", replace(LONG, length=0.095, part=-0.35, taper=0.5)),
+    Style("bob", replace(LONG, length=0.115, fringe=0.9, part=0.1)),
+    Style("chin length", replace(LONG, length=0.095, part=-0.35)),
     Style("long", LONG),
     Style("wavy long", replace(LONG, length=0.26, part=0.3, curl=0.007, pitch=0.09)),
     Style("bun", TIED, tie="bun"),
     Style("ponytail", TIED, tie="ponytail"),
-    Style("curly", replace(TIGHT, length=0.048, weight=0.2, above=0.010), 0.014, 0.5),
-    Style("afro", replace(TIGHT, length=0.028, pitch=0.022, above=0.034), 0.038, 0.15),
-    Style("beanie", replace(SHORT, count=200), 0.011, hat="beanie"),
-    Style("cap", replace(SHORT, count=200), 0.014, hat="cap"),
+    Style("curly", replace(TIGHT, length=0.055, weight=0.2, above=0.003)),
+    Style("afro", replace(TIGHT, length=0.050, pitch=0.014, above=0.014)),
+    Style("beanie", replace(SHORT, count=160), hat="beanie", slack=0.011),
+    Style("cap", replace(SHORT, count=160), hat="cap", slack=0.014),
 )
 
 
 @dataclass(frozen=True)
 class Shell:
-    """vertices (V,3) posed, faces (F,3), uv (V,2): across and down the strands; cloth: of a hat, not hair."""
+    """vertices (V,3) posed, faces (F,3), uv (V,2): across and down the strands; what: hair | hat | brows | lashes |
+    beard, which differ in colour."""
 
     name: str
     vertices: np.ndarray
     faces: np.ndarray
     uv: np.ndarray
-    cloth: bool = False
+    what: str = "hair"
 
 
 def build_hair(
-    body: Body, motion: Motion, style: Style, below: tuple[np.ndarray, np.ndarray], seed: int, fine: bool
+    body: Body,
+    motion: Motion,
+    style: Style,
+    bearded: float,
+    below: tuple[np.ndarray, np.ndarray],
+    seed: int,
+    fine: bool,
 ) -> list[Shell]:
-    """The hair at the last frame: `below` is the posed surface of skin and clothes that it lies on; fine: all locks,
-    else half of them, wider. The seed varies length, parting, fringe."""
+    """The hair of head and face, and the hat, at the last frame.
+
+    Args:
+        body: in its rest pose.
+        motion: the motion into the pose.
+        style: how the hair is worn.
+        bearded: amount of beard, in [0,1].
+        below: posed surface (vertices, faces) of skin and clothes that hair lies on.
+        seed: of length, parting, fringe, and of each strand.
+        fine: all strands, else fewer, wider ones.
+    """
+    parts = [
+        Shell("brows", *facial.brows(body, motion, seed, fine), "brows"),
+        Shell("lashes", *facial.lashes(body, motion, seed, fine), "lashes"),
+    ]
+    beard = facial.beard(body, motion, bearded, below, seed, fine)
+    if beard is not None:
+        parts.append(Shell("beard", *beard, "beard"))
     if style.comb is None:
-        return []
-    parts = core(body, motion, style, seed) if style.core else []
+        return parts
+    if style.hat != "none":
+        parts += hat(body, motion, style)
     comb = varied(style.comb, seed)
     parts.append(Shell("locks", *grow(body, motion, comb, below, seed, fine, style.hat != "none")))
     if style.tie != "none":
@@ -91,23 +116,20 @@ def varied(comb: Comb, seed: int) -> Comb:
     )
 
 
-def core(body: Body, motion: Motion, style: Style, seed: int) -> list[Shell]:
-    """A round shell over the scalp, of hair or of a hat with its peak."""
+def hat(body: Body, motion: Motion, style: Style) -> list[Shell]:
+    """A round shell over the scalp, and the peak of a cap."""
     centre = head_centre(body)
     head = Collider(body.skin, body.skin, makehuman.base().faces["body"])
     azimuth = np.linspace(-np.pi, np.pi, COLUMNS, endpoint=False)
-    line = hairline(azimuth)
-    if style.hat != "none":
-        front = 0.10 if style.hat == "beanie" else 0.20
-        line = np.interp(np.abs(azimuth), [0, 1.0, 1.5, 1.9, np.pi], [front, front, -0.14, -0.30, -0.46])
-    lowest = np.arcsin(line)
+    front = 0.10 if style.hat == "beanie" else 0.20
+    lowest = np.arcsin(np.interp(np.abs(azimuth), [0, 1.0, 1.5, 1.9, np.pi], [front, front, -0.14, -0.30, -0.46]))
     s = np.tile(np.linspace(0, 1, CROWN_ROWS)[:, None], (1, COLUMNS))
     elevation = np.pi / 2 - 0.02 - (np.pi / 2 - 0.02 - lowest) * s
     around = np.broadcast_to(azimuth, s.shape)
     direction = np.stack(
         [np.sin(around) * np.cos(elevation), np.sin(elevation), np.cos(around) * np.cos(elevation)], -1
     )
-    thick = hat_thickness(style, direction, s) if style.hat != "none" else hair_thickness(style, direction, s, seed)
+    thick = hat_thickness(style, direction, s)
     points = centre + direction * (scalp_radius(head, centre, direction) + thick)[..., None]
     uv = np.stack([around / (2 * np.pi) + 0.5, 1 - 0.5 * s], -1)
     parts = [(points.reshape(-1, 3), grid(CROWN_ROWS), uv.reshape(-1, 2))]
@@ -118,9 +140,8 @@ def core(body: Body, motion: Motion, style: Style, seed: int) -> list[Shell]:
     out = []
     for vertices, faces, at in parts:
         posed = motion.skin(np.tile(weights, (len(vertices), 1)), vertices)
-        rings = 6 if style.hat != "none" else 0  # a core of hair ends inside the skin and needs no edge
-        posed, faces, source = thickened(posed, faces, np.full(len(posed), 0.003), rings)
-        out.append(Shell(style.name, posed, faces, at[source], style.hat != "none"))
+        posed, faces, source = thickened(posed, faces, np.full(len(posed), 0.003), 6)
+        out.append(Shell(style.name, posed, faces, at[source], "hat"))
     return out
 
 
@@ -137,19 +158,10 @@ def scalp_radius(head: Collider, centre: np.ndarray, direction: np.ndarray) -> n
     return np.minimum(radius, 0.125)
 
 
-def hair_thickness(style: Style, direction: np.ndarray, s: np.ndarray, seed: int) -> np.ndarray:
-    """Metres of hair over the scalp at each point of the shell (rows, columns): round, lumpy, nothing at the rim."""
-    ease = np.clip((1 - s) / 0.55, 0, 1)
-    d = direction * 13
-    lumps = noise(d[..., 0] + 0.5 * d[..., 2], d[..., 1] + 0.4 * d[..., 2], seed + 3) - 0.5
-    thick = style.core * (0.9 + 0.2 * direction[..., 1]) * (1 + style.lumps * lumps)
-    return -0.002 + (thick + 0.002) * np.sqrt(ease * (2 - ease))
-
-
 def hat_thickness(style: Style, direction: np.ndarray, s: np.ndarray) -> np.ndarray:
     """Metres between scalp and hat: slack at the top, and the turned-up edge of a beanie with its ribs."""
-    slack = (0.022 if style.hat == "beanie" else 0.012) * np.clip(direction[..., 1], 0, 1) ** 2
-    thick = style.core * (0.75 + 0.25 * np.clip((1 - s) / 0.3, 0, 1)) + slack
+    room = (0.022 if style.hat == "beanie" else 0.012) * np.clip(direction[..., 1], 0, 1) ** 2
+    thick = style.slack * (0.75 + 0.25 * np.clip((1 - s) / 0.3, 0, 1)) + room
     if style.hat != "beanie":
         return thick
     azimuth = np.arctan2(direction[..., 0], direction[..., 2])

@@ -41,6 +41,9 @@ IRISES = (
 )
 
 
+UPPER_LIP, LOWER_LIP = 474, 494  # vertices of the base mesh where the lips meet, in the middle
+
+
 @cache
 def texels(side: int) -> np.ndarray:
     """The point of the base body (metres) at each texel of its UV map: (side, side, 3), NaN outside the islands."""
@@ -98,13 +101,17 @@ def paint_skin(
         + 0.06 * (noise(x * 400, y * 400 + z * 300, seed + 1) - 0.5)
     )[:, None]
     across, front = np.abs(x), z > eye[2] - 0.035
-    head = y > eye[1] - 0.16
 
     def mix(share: np.ndarray, goal: np.ndarray) -> None:
         nonlocal color
         share = np.clip(share, 0, 1)[:, None]
         color = color * (1 - share) + goal * share
 
+    fleck = noise(x * 330, y * 330 + z * 250, seed + 5)
+    sunny = np.exp(-(((y - eye[1] + 0.04) / 0.035) ** 2)) * front + 0.25  # freckles: most across nose and cheeks
+    mix(0.5 * freckles(person, seed) * sunny * np.clip((fleck - 0.66) / 0.12, 0, 1), skin * [0.66, 0.52, 0.44])
+    mole = noise(x * 170, y * 170 + z * 130, seed + 6)
+    mix(0.7 * np.clip((mole - 0.965) / 0.015, 0, 1), skin * [0.42, 0.33, 0.30])
     cheek = np.exp(-(((across - 0.043) / 0.022) ** 2) - ((y - eye[1] + 0.045) / 0.020) ** 2) * front
     nose = np.exp(-((across / 0.016) ** 2) - ((y - eye[1] + 0.045) / 0.018) ** 2) * front
     mix(0.5 * np.maximum(cheek, 0.8 * nose), color * blush * 0.95)
@@ -115,34 +122,63 @@ def paint_skin(
     mix((0.55 + 0.35 * makeup) * region("lips", side)[inside], rouge)
     nails = np.maximum(region("fingernails", side), region("toenails", side))[inside]
     mix(0.6 * nails, skin * np.array([1.15, 1.0, 0.98]) if makeup < 0.5 else np.array([0.4, 0.03, 0.06]))
-    ridge = eye[1] + 0.0225 - 0.30 * np.clip(across - eye[0] - 0.004, 0, 1) - 0.12 * np.clip(eye[0] - across, 0, 1)
     strokes = 0.5 + 0.7 * noise(x * 1100 + y * 1500, y * 350, seed + 2)
-    outward = (across - eye[0]) / 0.023
-    thick = (0.0040 - 0.0006 * person.female) * (1 - 0.35 * np.clip(outward, -0.2, 1))
-    ends = np.clip(1.9 * (1 - np.abs(outward - 0.04)), 0, 1)
-    brow = np.exp(-(((y - ridge) / (thick * (0.35 + 0.65 * ends))) ** 2)) * ends * front
-    mix(0.95 * np.clip(1.5 * brow, 0, 1) * strokes, hair * 0.8)
+    mix(0.8 * brow_share(point[inside], person) * strokes, brow_color(hair))
     if beard > 0:
-
-        def ramp(value: np.ndarray, width: float) -> np.ndarray:
-            return np.clip(value / width + 0.5, 0, 1)
-
-        down, back = eye[1] - y, eye[2] - z  # metres below and behind the eye
-        cheek_line = 0.062 - 0.55 * np.clip(across - 0.030, 0, 0.05)  # the beard climbs toward the ear
-        jaw = ramp(down - cheek_line, 0.014) * ramp(0.122 - down, 0.022) * ramp(0.082 - back, 0.018)
-        lip = ramp(0.026 - across, 0.008) * ramp(down - 0.052, 0.006) * ramp(0.07 - down, 0.006)
-        hairs = (
-            np.maximum(jaw, lip) * (1 - region("lips", side)[inside]) * (0.6 + 0.5 * noise(x * 900, y * 900, seed + 3))
-        )
-        mix(0.85 * beard * hairs * head, hair)
+        hairs = beard_share(point[inside]) * (1 - region("lips", side)[inside])
+        mix(min(0.8, beard) * hairs * (0.6 + 0.5 * noise(x * 900, y * 900, seed + 3)), 0.8 * brow_color(hair))
     if scalp > 0:
         mix(
-            scalp * scalp_share(point[inside], 0.06) * (0.75 + 0.35 * noise(x * 700, y * 700 + z * 500, seed + 4)),
-            hair,
+            scalp * scalp_share(point[inside], 0.06) * (0.85 + 0.25 * noise(x * 700, y * 700 + z * 500, seed + 4)),
+            np.minimum(brow_color(hair), skin),
         )
     image = np.broadcast_to(skin, (side, side, 3)).copy()
     image[inside] = color
     return coded(image)
+
+
+def brow_color(hair: np.ndarray) -> np.ndarray:
+    """Linear albedo (3,) of brows, and of cropped beards: white hair is thin there, and skin shows through."""
+    return 0.8 * hair * min(1.0, (0.09 / max(float(hair.mean()), 1e-6)) ** 0.7)
+
+
+def brow_share(points: np.ndarray, person: Person) -> np.ndarray:
+    """How densely brows grow at points (n,3) of the base body, in [0,1]."""
+    eye = makehuman.base().vertices[makehuman.EYES["L"]].mean(0)
+    across, y = np.abs(points[:, 0]), points[:, 1]
+    ridge = eye[1] + 0.0225 - 0.30 * np.clip(across - eye[0] - 0.004, 0, 1) - 0.12 * np.clip(eye[0] - across, 0, 1)
+    outward = (across - eye[0]) / 0.023
+    thick = (0.0040 - 0.0006 * person.female) * (1 - 0.35 * np.clip(outward, -0.2, 1))
+    ends = np.clip(1.9 * (1 - np.abs(outward - 0.04)), 0, 1)
+    share = np.exp(-(((y - ridge) / (thick * (0.35 + 0.65 * ends))) ** 2)) * ends
+    return np.clip(1.5 * share, 0, 1) * (points[:, 2] > eye[2] - 0.035)
+
+
+def beard_share(points: np.ndarray) -> np.ndarray:
+    """How densely beards grow at points (n,3) of the base body, in [0,1]: jaw, chin, and upper lip."""
+    eye = makehuman.base().vertices[makehuman.EYES["L"]].mean(0)
+
+    def ramp(value: np.ndarray, width: float) -> np.ndarray:
+        return np.clip(value / width + 0.5, 0, 1)
+
+    across, down, back = np.abs(points[:, 0]), eye[1] - points[:, 1], eye[2] - points[:, 2]  # of the eye, metres
+    cheek_line = 0.062 - 0.55 * np.clip(across - 0.030, 0, 0.05)  # the beard climbs toward the ear
+    jaw = ramp(down - cheek_line, 0.014) * ramp(0.122 - down, 0.022) * ramp(0.082 - back, 0.018)
+    lip = ramp(0.026 - across, 0.008) * ramp(down - 0.052, 0.006) * ramp(0.07 - down, 0.006) * (back < 0.03)
+    return np.maximum(jaw, lip) * (down < 0.16) * (1 - mouth_share(points))
+
+
+def mouth_share(points: np.ndarray) -> np.ndarray:
+    """1 at points (n,3) of the base body on the lips and in the mouth, where nothing grows, else 0."""
+    lips = makehuman.base().vertices[[UPPER_LIP, LOWER_LIP]].mean(0)
+    off = (points - lips) / [0.027, 0.009, 0.03]
+    return ((off**2).sum(1) < 1).astype(float)
+
+
+def freckles(person: Person, seed: int) -> float:
+    """How freckled somebody is, in [0,1]: one in two with light skin."""
+    drawn = float(lattice(np.array(seed), np.array(1), 91))
+    return max(0.0, 2 * drawn - 1) * float(np.clip(3 * (person.skin - 0.5), 0, 1))
 
 
 def hairline(azimuth: np.ndarray) -> np.ndarray:

@@ -1,12 +1,11 @@
-"""Faces and hair: expressions with the mouth closed, locks that stay off the face and outside of the head."""
+"""Faces and hair: expressions with the mouth closed, strands that cover the scalp, off the face and out of the head."""
 
 import numpy as np
 import pytest
 
-from relight.figures import body, colliders, combing, hair, layers, locks, makehuman, poses
+from relight.figures import body, colliders, combing, facial, hair, layers, locks, makehuman, poses, skin, strands
 from relight.figures.stances import STANDING
-
-UPPER_LIP, LOWER_LIP = 474, 494  # vertices of the base mesh where the lips meet, in the middle
+from relight.figures.surfaces import normals
 
 
 @pytest.fixture(scope="module")
@@ -20,13 +19,17 @@ def head(person):
     colliders.prepare()
     built = body.build_body(person)
     way = poses.motion(built, STANDING[0], 1)
-    skin = way.skin(makehuman.rig().weights[makehuman.BODY], built.skin)
-    return built, way, (skin, makehuman.base().faces["body"])
+    posed = way.skin(makehuman.rig().weights[makehuman.BODY], built.skin)
+    return built, way, (posed, makehuman.base().faces["body"])
 
 
 def grown(head, name: str, fine: bool = False) -> list[hair.Shell]:
     style = next(style for style in hair.STYLES if style.name == name)
-    return hair.build_hair(*head[:2], style, head[2], 5, fine)
+    return hair.build_hair(*head[:2], style, 0.8, head[2], 5, fine)
+
+
+def named(parts: list[hair.Shell], name: str) -> hair.Shell:
+    return next(part for part in parts if part.name == name)
 
 
 @pytest.fixture(scope="module")
@@ -39,8 +42,8 @@ def heads(head):
 def test_an_expression_moves_the_face_and_keeps_the_mouth_closed(person, name):
     calm = body.build_body(person).vertices
     face = body.build_body(person, body.Expression(name, body.units(name))).vertices
-    gap = face[UPPER_LIP, 1] - face[LOWER_LIP, 1]
-    assert gap < calm[UPPER_LIP, 1] - calm[LOWER_LIP, 1] + 0.001
+    gap = face[skin.UPPER_LIP, 1] - face[skin.LOWER_LIP, 1]
+    assert gap < calm[skin.UPPER_LIP, 1] - calm[skin.LOWER_LIP, 1] + 0.001
     moved = np.linalg.norm(face - calm, axis=1)
     neck = makehuman.base().vertices[:, 1] < 0.5
     assert moved[neck].max() == 0
@@ -63,11 +66,11 @@ def test_a_lopsided_expression_swaps_its_sides():
 
 @pytest.mark.parametrize("style", [style.name for style in hair.STYLES if style.comb])
 def test_hair_is_finite_and_outside_of_the_head(head, heads, style):
-    skin = colliders.Collider(head[2][0], head[2][0], head[2][1])
+    surface = colliders.Collider(head[2][0], *head[2])
     for part in heads[style]:
         assert np.isfinite(part.vertices).all() and part.uv.min() >= 0 and part.uv.max() <= 1
         assert part.faces.max() < len(part.vertices) == len(part.uv)
-        _, distance, _ = layers.sided(part.vertices, skin, 0.05)
+        _, distance, _ = layers.sided(part.vertices, surface, 0.05)
         assert np.mean(distance < -0.008) < 0.01, part.name
 
 
@@ -76,7 +79,7 @@ def test_hair_and_hats_leave_the_face_free(head, heads, style):
     built, way, _ = head
     turn = way.transforms[-1, way.bones["head"]]
     eye = built.vertices[makehuman.EYES["L"]].mean(0)
-    for part in heads[style]:
+    for part in (part for part in heads[style] if part.what in ("hair", "hat")):
         rest = (part.vertices - turn[:, 3]) @ turn[:, :3] - eye
         before = (rest[:, 2] > -0.01) & (np.abs(rest[:, 0] + eye[0]) < 1.6 * eye[0]) & (np.abs(rest[:, 1]) < 0.02)
         assert before.mean() < 0.002, part.name
@@ -113,14 +116,109 @@ def test_a_lock_keeps_its_length_and_a_draft_has_half_of_them(head, heads):
     steps = np.linalg.norm(np.diff(points, axis=1), axis=2)
     np.testing.assert_allclose(steps, np.repeat(length[:, None] / 10, 10, 1), rtol=1e-6)
     assert (roots.rim > 0).all()
-    assert len(heads["long"][0].vertices) < 0.6 * len(grown(head, "long", fine=True)[0].vertices)
+    full = named(grown(head, "long", fine=True), "locks")
+    assert len(named(heads["long"], "locks").vertices) < 0.6 * len(full.vertices)
 
 
 def test_hair_falls_with_gravity_and_lies_on_the_shoulders(head, heads):
-    _, _, (skin, faces) = head
-    part = heads["long"][0]
-    neck = np.ptp(skin[:, 1]) * 0.8
+    _, _, (posed, faces) = head
+    part = named(heads["long"], "locks")
+    neck = np.ptp(posed[:, 1]) * 0.8
     assert part.vertices[:, 1].min() < neck  # it reaches below the shoulders
-    _, distance, _ = layers.sided(part.vertices, colliders.Collider(skin, skin, faces), 0.1)
+    _, distance, _ = layers.sided(part.vertices, colliders.Collider(posed, posed, faces), 0.1)
     low = part.vertices[:, 1] < neck + 0.02
     assert np.median(distance[low & np.isfinite(distance)]) < 0.04
+
+
+@pytest.mark.parametrize("name", [style.name for style in hair.STYLES if style.comb and style.hat == "none"])
+def test_little_scalp_shows_from_any_side(head, name):
+    """Rays from all around toward the scalp inside the hairline meet hair first."""
+    _, _, (posed, faces) = head
+    parts = [part for part in grown(head, name, fine=True) if part.what == "hair"]
+    base = makehuman.base().vertices[makehuman.BODY]
+    inside = skin.above_hairline(base) > 0.12
+    out = normals(posed, faces)
+    hairy = np.concatenate([part.vertices for part in parts])
+    offsets = np.cumsum([0] + [len(part.vertices) for part in parts])
+    strips = np.concatenate([part.faces + offset for part, offset in zip(parts, offsets)])
+    cover = colliders.Collider(hairy, hairy, strips)
+    seen = total = 0
+    for way in np.random.default_rng(2).normal(size=(24, 3)):
+        way /= np.linalg.norm(way)
+        facing = np.flatnonzero(inside & (out @ way > 0.3))
+        start = posed[facing] + 0.4 * way
+        _, depth = cover.cast(start, np.broadcast_to(-way, start.shape))
+        seen, total = seen + int((depth > 0.4).sum()), total + len(facing)
+    assert seen / total < 0.15
+
+
+def test_strands_start_at_their_roots_and_draw_together(head):
+    built, _, below = head
+    comb = combing.Comb(40, 0.15, clump=0.6, fray=0.0)
+    guides, roots = (combing.plant(built, below[0], count, 3 + count) for count in (40, 600))
+    way, length = combing.combed(comb, guides)
+    points, facing = locks.grown(comb, guides, way, length, colliders.Collider(below[0], *below), 8, 3)
+    lines, _ = strands.spread(comb, guides, points, facing, roots, length, 9, 4)
+    own = np.linalg.norm(guides.points[None] - roots.points[:, None], axis=2).argmin(1)
+    sunk = points[:, 0] - guides.points  # guides start a little inside the skin
+    np.testing.assert_allclose(np.linalg.norm(sunk, axis=1), 0.002, rtol=1e-6)
+    np.testing.assert_allclose(lines[:, 0], roots.points + sunk[own], atol=1e-9)
+
+    def widths(at: int) -> np.ndarray:
+        """Distances between strands of one guide that end alike, at one of their points."""
+        alike = (own[:, None] == own) & (np.abs(roots.pick[:, :1] - roots.pick[:, 0]) < 0.05)
+        i, j = np.nonzero(np.triu(alike, 1))
+        return np.linalg.norm(lines[i, at] - lines[j, at], axis=1)
+
+    assert np.median(widths(-1) / widths(0)) == pytest.approx(0.4, abs=0.12)
+
+
+def test_ribbons_are_as_wide_as_asked_and_face_outward():
+    line = np.stack([np.zeros(6), -np.linspace(0, 0.1, 6), np.zeros(6)], 1)[None]
+    pick = np.array([[0.5, 0.5, 0.5, 0.5]])  # of middle width, not turned
+    vertices, faces, uv = strands.ribbons(0.003, line, np.broadcast_to([0.0, 0, 1], line.shape), pick, 0.4)
+    across = vertices.reshape(6, 2, 3)
+    np.testing.assert_allclose(
+        np.linalg.norm(across[:, 1] - across[:, 0], axis=1), 0.003 * np.interp(np.linspace(0, 1, 6), *strands.OUTLINE)
+    )
+    a, b, c = vertices[faces].swapaxes(0, 1)
+    assert (np.cross(b - a, c - a)[:, 2] > 0).all()
+    assert (np.diff(uv.reshape(6, 2, 2)[:, 0, 1]) < 0).all() and np.ptp(uv[:, 0]) < 0.05
+
+
+def test_beards_grow_on_jaw_and_lip_only(head, heads):
+    built, way, below = head
+    base = makehuman.base().vertices[makehuman.BODY]
+    share = skin.beard_share(base)
+    eye = makehuman.base().vertices[makehuman.EYES["L"]].mean(0)
+    assert share.max() > 0.9 and (share[base[:, 1] > eye[1] - 0.02] == 0).all()
+    assert (share[base[:, 2] < eye[2] - 0.1] == 0).all()  # not on the nape
+    lips = base[[skin.UPPER_LIP, skin.LOWER_LIP]]
+    assert (skin.beard_share(lips) == 0).all()
+    assert facial.beard(built, way, facial.STUBBLE, below, 5, False) is None
+    surface = colliders.Collider(below[0], *below)
+    _, distance, _ = layers.sided(named(heads["bald"], "beard").vertices, surface, 0.1)
+    assert np.mean(distance < -0.004) < 0.02 and distance.max() < 0.05
+
+
+@pytest.mark.parametrize("color", skin.HAIR)
+def test_brows_are_of_the_hair_and_never_white(color):
+    hair_color = np.array(skin.HAIR[color])
+    brow = skin.brow_color(hair_color)
+    np.testing.assert_allclose(brow / brow.sum(), hair_color / hair_color.sum())
+    assert (brow < hair_color).all() and brow.max() < 0.27
+
+
+def test_lashes_stand_on_the_lids_of_both_eyes(head):
+    built, way, _ = head
+    for lid, tip in (facial.UPPER, facial.LOWER):
+        left, right = built.vertices[list(lid + tip)], built.vertices[np.array(lid + tip) + facial.MIRRORED]
+        np.testing.assert_allclose(left, right * [-1, 1, 1], atol=2e-3)
+    vertices, _, _ = facial.lashes(built, way, 5, True)
+    turn = way.transforms[-1, way.bones["head"]]
+    rest = (vertices - turn[:, 3]) @ turn[:, :3]
+    for eye in ("L", "R"):
+        centre = built.vertices[makehuman.EYES[eye]].mean(0)
+        off = np.linalg.norm(rest - centre, axis=1)
+        near = off[off < 0.04]
+        assert len(near) == len(vertices) / 2 and near.min() > 0.011 and near.max() < 0.030

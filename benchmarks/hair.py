@@ -1,0 +1,195 @@
+"""How the hair of generated heads looks from eight sides: scalp that shows, black inside, and how soft its outline is.
+
+    python benchmarks/hair.py --seeds 20000-20011 --sheet heads.png
+
+Heads are drawn alone, without clothes, in the pose, style and colours of each seed, and baked from eight directions.
+Scalp: pixels of skin inside the hairline over those of hair and scalp together. Black: hair pixels that face the camera
+(seen from the head's centre, above the jaw) with ambient occlusion under .1. Edge: millimetres over which coverage
+falls at the outline, the integral of 4 c (1 - c) over the image by the length of the outline of the smoothed
+coverage. Grain: the standard deviation of ln luminance between Gaussians of 1 and 3 mm, in albedo and in its
+shading. The sheet shows each head lit by a generated room.
+"""
+
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy is there, see transport.py
+
+import argparse
+import json
+import time
+
+import numpy as np
+from PIL import Image
+from scipy.ndimage import gaussian_filter
+
+from relight.figures import assembly, colliders, dress, makehuman, skin
+from relight.figures.assembly import Builder, split_corners
+from relight.figures.body import build_body
+from relight.figures.combing import head_centre
+from relight.figures.commands import seeds_of
+from relight.figures.hair import STYLES
+from relight.figures.poses import motion
+from relight.figures.surfaces import loop
+from relight.figures.wear import DETAILS
+from relight.meshes.mesh import Material
+from relight.srgb import encode, to_bytes
+from relight.transport.bake import Baker, see
+from relight.transport.view import View
+
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear sRGB
+BELOW = 0.17  # metres under the eyes at which a head is cut off
+ROOM = 11
+
+
+class Head:
+    """The head of a seed, made ready to be baked: its picture's scale, and what each face is."""
+
+    def __init__(self, seed: int, style: str | None, detail: str, texture: int, rays: int):
+        draw = dress.sample(seed, 0, 1, 0.0)
+        outfit, detail = draw.outfit, DETAILS[detail]
+        if style is not None:
+            outfit = dress.replace(outfit, hair=next(one for one in STYLES if one.name == style))
+        body = build_body(draw.person, draw.expression)
+        way = motion(body, draw.pose, 1)
+        base = makehuman.base()
+        faces, uv = base.faces["body"], base.uv[base.uv_faces["body"]]
+        posed = way.skin(makehuman.rig().weights[makehuman.BODY], body.skin)
+        eye = body.vertices[makehuman.EYES["L"]].mean(0)
+        near = (body.skin[:, 1] > eye[1] - BELOW) & (np.abs(body.skin[:, 0]) < 0.14)
+        shown = near[faces].all(1) & ~assembly.mouth_cavity()
+        self.name, self.style, self.sex = f"g{seed:05d}", outfit.hair.name, draw.person.female > 0.5
+        builder = Builder()
+        vertices, corners, rest, shown = posed, uv[shown], base.vertices[makehuman.BODY], faces[shown]
+        for _ in range(detail.body):
+            up, finer = loop(shown, len(vertices))
+            vertices, rest, shown, corners = up @ vertices, up @ rest, finer, split_corners(corners)
+        picture = assembly.skin_picture(body.person, outfit, texture, seed)
+        builder.add(vertices, shown, corners, Material(texture=picture), layer=0)
+        inside = skin.above_hairline(rest[shown].mean(1)) > 0.1
+        start = time.process_time()
+        assembly.eyes(builder, body, way, outfit, texture, seed)
+        first = len(builder.materials)
+        colliders.prepare()
+        parts = assembly.head_of_hair(builder, body, way, outfit, (posed, faces), detail, texture, seed)
+        self.seconds = time.process_time() - start
+        mesh = builder.mesh({"name": self.name})
+        low, high = mesh.vertices.min(0), mesh.vertices.max(0)
+        self.scale = 1.9 / float((high - low).max())
+        mesh.vertices = ((mesh.vertices - (low + high) / 2) * self.scale).astype(np.float32)
+        self.kind = np.full(len(mesh.faces), 2)  # of each face: 0 skin, 1 scalp, 2 hair, 3 others
+        self.kind[: len(inside)] = inside
+        self.kind[(mesh.material > 0) & (mesh.material < first)] = 3
+        for number, part in enumerate(parts):
+            if part.what != "hair":
+                self.kind[mesh.material == first + number] = 3
+        self.faces = len(mesh.faces)
+        centre = way.transforms[-1, way.bones["head"]]
+        centre = centre[:, :3] @ head_centre(body) + centre[:, 3]
+        grounded = np.concatenate(builder.vertices)[:, 1].min()
+        self.centre = (centre - [0, grounded, 0] - (low + high) / 2) * self.scale
+        self.baker = Baker(mesh, rays)
+
+    def seen(self, size: int, supersample: int, yaw: float) -> dict:
+        """Maps from one side, what each pixel shows (-1 nothing), which pixels face the camera, metres of a pixel."""
+        view = View(yaw)
+        maps = self.baker.maps(size, supersample, view)
+        camera = self.baker.camera(size, view)
+        row, column = np.divmod(np.arange(size * size), size)
+        pixel, face, weights = see(self.baker.scene, camera, column + 0.5, row + 0.5)
+        kind = np.full(size * size, -1)
+        kind[pixel] = self.kind[face]
+        off = self.baker.scene.points(face, weights) + self.baker.scene.centre - self.centre
+        ahead = np.zeros(size * size, bool)
+        scale = 1.0 if camera.pose is None else camera.pose.scale
+        toward = view.rotation[2]
+        ahead[pixel] = (off @ toward > 0) & (off[:, 1] > -0.10 * self.scale)
+        metres = 2 / size / (scale * self.scale)
+        return {"maps": maps, "kind": kind.reshape(size, size), "ahead": ahead.reshape(size, size), "metres": metres}
+
+
+def measured(view: dict) -> dict[str, tuple[float, float]]:
+    """Numerators and denominators of what is counted in one view."""
+    maps, kind, pixel = view["maps"], view["kind"], 1000 * view["metres"]
+    hair, outside = kind == 2, view["ahead"] & (kind == 2)
+    scalp = kind == 1
+    cover = maps.coverage.astype(float)
+    smooth = gaussian_filter(cover, 4 / pixel) > 0.5
+    outline = np.abs(np.diff(smooth.astype(float), axis=0)).sum() + np.abs(np.diff(smooth.astype(float), axis=1)).sum()
+    outline *= np.pi / 4  # of the steps of a raster, on average over directions
+    out = {
+        "scalp": (scalp.sum(), (scalp | hair).sum()),
+        "black": ((outside & (maps.ao < 0.1)).sum(), outside.sum()),
+        "ao": (maps.ao[outside].sum(), outside.sum()),
+        "edge": ((4 * cover * (1 - cover)).sum() * pixel, outline),
+    }
+    shading = maps.transport[..., 0]
+    for name, values in (("albedo", maps.albedo @ LUMINANCE), ("shading", shading)):
+        log = np.log(np.maximum(values, 1e-3))
+        weight = outside.astype(float)
+        fine, coarse = (
+            gaussian_filter(log * weight, s / pixel) / np.maximum(gaussian_filter(weight, s / pixel), 1e-9)
+            for s in (1.0, 3.0)
+        )
+        out[f"grain of {name}"] = (np.square((fine - coarse)[outside]).sum(), outside.sum())
+    return out
+
+
+def lit(maps, light: np.ndarray) -> np.ndarray:
+    """The picture (H,W,3) uint8 under `light` (9,3), before grey."""
+    picture = maps.albedo * np.maximum(maps.transport @ light, 0)
+    cover = (maps.coverage * maps.mask)[..., None]
+    return to_bytes(encode(picture * cover + 0.35 * (1 - cover)))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--seeds", default="20000-20011")
+    parser.add_argument("--styles", nargs="*", help="hair styles instead of the seeds' own, one a seed, in turn")
+    parser.add_argument("--detail", default="full", choices=DETAILS)
+    parser.add_argument("--texture", type=int, default=1024)
+    parser.add_argument("--size", type=int, default=256)
+    parser.add_argument("--supersample", type=int, default=3)
+    parser.add_argument("--rays", type=int, default=64)
+    parser.add_argument("--yaws", type=int, nargs="+", default=list(range(-180, 180, 45)))
+    parser.add_argument("--sheet", help="a picture of all heads, one a row")
+    parser.add_argument("--columns", type=int, default=1, help="heads in a row of the sheet")
+    args = parser.parse_args()
+    from relight.panoramas.panorama import Panorama
+    from relight.panoramas.project import project
+    from relight.panoramas.rooms import room
+
+    light = project(Panorama(room(ROOM)))
+    light = light * (0.5 / (light[0] @ LUMINANCE * 0.8862))
+    rows, total = [], []
+    for number, seed in enumerate(seeds_of(args.seeds)):
+        style = args.styles[number % len(args.styles)] if args.styles else None
+        head = Head(seed, style, args.detail, args.texture, args.rays)
+        sums: dict[str, np.ndarray] = {}
+        pictures, start = [], time.process_time()
+        for yaw in args.yaws:
+            view = head.seen(args.size, args.supersample, yaw)
+            for name, pair in measured(view).items():
+                sums[name] = sums.get(name, 0) + np.array(pair, float)
+            pictures.append(lit(view["maps"], light))
+        rows.append(np.concatenate(pictures, 1))
+        values = {name: float(a / b) if b else None for name, (a, b) in sums.items()}
+        for name in values:
+            if name.startswith("grain") and values[name] is not None:
+                values[name] **= 0.5
+        total.append(values)
+        record = {"head": head.name, "hair": head.style, "CPU s": round(head.seconds, 2), "faces": head.faces}
+        record["bake, CPU s"] = round(time.process_time() - start, 1)
+        record |= {name: None if value is None else round(value, 4) for name, value in values.items()}
+        print(json.dumps(record), flush=True)
+    for name in total[0]:
+        known = [values[name] for values in total if values[name] is not None]
+        print(f"{name}: {np.mean(known):.4f} (worst {max(known):.4f}, least {min(known):.4f}; {len(known)} heads)")
+    if args.sheet:
+        blank = np.zeros_like(rows[0])
+        rows += [blank] * (-len(rows) % args.columns)
+        lines = [np.concatenate(rows[i : i + args.columns], 1) for i in range(0, len(rows), args.columns)]
+        Image.fromarray(np.concatenate(lines)).save(args.sheet)
+
+
+if __name__ == "__main__":
+    main()
