@@ -89,17 +89,18 @@ vec3 studio(vec2 onStage) { // coded
 }
 
 // Linear values behind the figure: of a light with a panorama, the panorama; else the light as blurred by a cosine lobe,
-// since nine coefficients alone ring below 0 and would leave black holes. The camera sees 50 degrees along the longer
-// side, as in relight/photos/background.py.
+// since nine coefficients alone ring below 0 and would leave black holes. Pictures are albedo times irradiance, so
+// radiance is shown times pi: a white figure in even light is as bright as what is behind it. The camera sees 50 degrees
+// along the longer side, as in relight/photos/background.py.
 vec3 behind(vec2 at, vec2 onStage) {
   if (background == COLOR) return decode(backdrop);
   if (background != LIGHT) return decode(studio(onStage));
   vec2 view = 0.46630766 * (2.0 * at - image) / max(image.x, image.y);
   vec3 toward = normalize(vec3(view.x, -view.y, -1.0));
-  if (panoramaGain == 0.0) return rolled(exposure * irradiance(toward) / 3.1415927, 1.0);
+  if (panoramaGain == 0.0) return rolled(exposure * irradiance(toward), 1.0);
   vec3 d = toPanorama * toward;
   vec2 uv = vec2(atan(d.x, -d.z) / 6.2831853 + 0.5, acos(clamp(d.y, -1.0, 1.0)) / 3.1415927);
-  return rolled(exposure * panoramaGain * max(textureLod(panorama, uv, 0.0).rgb, 0.0), 1.0);
+  return rolled(exposure * 3.1415927 * panoramaGain * max(textureLod(panorama, uv, 0.0).rgb, 0.0), 1.0);
 }
 
 void main() {
