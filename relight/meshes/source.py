@@ -8,6 +8,8 @@ import numpy as np
 from relight.files import UserError
 from relight.meshes.mesh import Material, Mesh
 
+LARGEST = 1e12  # of a coordinate
+COARSE = 1e-4  # of the size: steps of a figure's coordinates from which on its small faces are lost
 MAX_FACES = 20_000_000  # 2.5 GB as a record; the largest body scans have 5 to 10 million
 
 
@@ -43,17 +45,21 @@ def record(source: Source, path: Path) -> Mesh:
     if low < 0 or high >= len(vertices):
         wrong = low if low < 0 else high
         raise UserError(f"{path}: a face names vertex {wrong} (counted from 0), but there are {len(vertices)} vertices")
-    finite = np.isfinite(vertices).all(axis=-1) & (np.abs(vertices) < 1e12).all(axis=-1)
-    broken = int(len(vertices) - finite.sum())
-    if broken > 0.01 * len(vertices):
-        raise UserError(f"{path}: {broken} of {len(vertices)} vertices are not finite numbers; at most 1 % may be")
-    vertices = np.where(finite[:, None], vertices, np.nan)
+    finite = np.isfinite(vertices).all(axis=-1)
+    usable = finite & (np.abs(vertices) < LARGEST).all(axis=-1)
+    if (~usable).sum() > 0.01 * len(vertices):
+        count, what = int((~finite).sum()), "are not finite numbers"
+        if not count:
+            count, what = int((~usable).sum()), f"have coordinates beyond {LARGEST:g}"
+        raise UserError(f"{path}: {count} of {len(vertices)} vertices {what}; 1 % is let pass")
+    vertices = np.where(usable[:, None], vertices, np.nan)
     lowest, highest = np.nanmin(vertices, axis=0), np.nanmax(vertices, axis=0)
     size = float((highest - lowest).max())
     if size == 0:
         raise UserError(f"{path}: all vertices lie at one point")
     centre = (lowest + highest) / 2
-    info = {"name": path.stem, "source": path.name, "warnings": source.warnings}
+    warnings = [*source.warnings, *_rounded(vertices, size)]
+    info = {"name": path.stem, "source": path.name, "warnings": warnings}
     if np.abs(centre).max() > 1000 * size:  # float32 would leave under 14 bits for the figure itself
         vertices = vertices - centre
         info["origin"] = centre.tolist()
@@ -67,3 +73,14 @@ def record(source: Source, path: Path) -> Mesh:
         color=None if source.color is None else np.nan_to_num(source.color).clip(0, 1).astype(np.float32),
         info=info,
     )
+
+
+def _rounded(vertices: np.ndarray, size: float) -> list[str]:
+    """A warning where whoever wrote the file rounded the coordinates (V,3) to single precision far from the origin."""
+    step = float(np.spacing(np.float32(np.nanmax(np.abs(vertices)))))
+    if step < COARSE * size or not (np.isnan(vertices) | (vertices.astype(np.float32) == vertices)).all():
+        return []
+    return [
+        f"its coordinates are rounded to steps of {step:.2g}, {step / size:.1%} of its size: move it to the origin "
+        "before it is exported in single precision"
+    ]

@@ -89,11 +89,12 @@ class Baker:
         row, column = np.divmod(np.arange(size * size), size)
         pixel, face, weights = see(scene, camera, column + 0.5, row + 0.5)
         if len(pixel) == 0:
-            raise UserError(
-                "the camera sees nothing of the mesh: it spans "
-                + ", ".join(f"{axis} {a:.3g} to {b:.3g}" for axis, a, b in zip("xyz", scene.low, scene.high))
-                + ", and the image shows x and y from -1 to 1; align it first"
-            )
+            span = ", ".join(f"{axis} {a:.3g} to {b:.3g}" for axis, a, b in zip("xyz", scene.low, scene.high))
+            if view != FRONTAL or (np.abs([scene.low[:2], scene.high[:2]]) <= 1).all():
+                cure = f"it is thinner than the pixels of an image of {size} x {size}: give a larger size"
+            else:
+                cure = "the image shows x and y from -1 to 1: align it first"
+            raise UserError(f"the camera sees nothing of the mesh, which spans {span}; {cure}")
         points = scene.points(face, weights)
         backs = np.einsum("nx,nx->n", scene.normals[face], camera.toward(points)) < 0
 

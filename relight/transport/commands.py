@@ -67,6 +67,7 @@ def bake(
         raise UserError(f"--padding {padding}: a share of the image's height, from 0 to under 0.5")
 
     from relight.meshes.axes import AXES
+    from relight.meshes.clean import opposed
     from relight.meshes.read import read_mesh
     from relight.transport.view import View
 
@@ -79,6 +80,13 @@ def bake(
     for note in given.info.get("warnings", []):
         typer.echo(f"{mesh.name}: {note}", err=True)
     start = time.monotonic()
+    per_vertex = any(target.suffix.lower() in (".ply", ".npz") for target in targets)
+    if (as_is or per_vertex) and (count := opposed(given)):
+        cure = (
+            "remove them: what is baked per vertex is not repaired" if per_vertex else "leave out --as-is, to repair it"
+        )
+        note = f"{count} faces lie on others and are turned the other way, so normals cancel there; {cure}"
+        typer.echo(f"{mesh.name}: {note}", err=True)
     if any(target.suffix.lower() in (".exr", ".png") for target in targets):
         from relight.maps.exr import write_maps
         from relight.maps.show import write_picture
@@ -97,7 +105,7 @@ def bake(
             f"{maps.ao[maps.mask].mean():.3f}",
             err=True,
         )
-    if any(target.suffix.lower() in (".ply", ".npz") for target in targets):
+    if per_vertex:
         from relight.transport.vertices import bake_vertices
 
         baked = bake_vertices(given, rays, order, seed, bounces, threads)
@@ -128,6 +136,8 @@ def _prepared(mesh, up: str, front: str, padding: float):
         done = ", ".join(f"{name} {count}" for name, count in repairs.items())
         typer.echo(f"{mesh.info['name']}: repaired ({done})", err=True)
     aligned = align(cleaned, settings)
+    for note in aligned.info["warnings"][len(mesh.info.get("warnings", [])) :]:  # those of the file are told
+        typer.echo(f"{mesh.info['name']}: {note}", err=True)
     record = aligned.info["align"]
     if "auto" in (up, front):
         typer.echo(f"{mesh.info['name']}: up is {record['up']}, front is {record['front']} (--up, --front)", err=True)

@@ -1,6 +1,6 @@
 """Light transport per vertex, for tools that shade meshes rather than images."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,8 @@ from relight.transport.bounce import reflectors
 from relight.transport.integrate import at_least, integrate
 from relight.transport.scene import Scene
 from relight.transport.surface import albedo
+
+SMALLEST = 1e-6  # units: the extent from which on single precision is enough
 
 
 @dataclass
@@ -70,6 +72,8 @@ def bake_vertices(
     """
     at_least(1, rays=rays)
     at_least(0, order=order, bounces=bounces)
+    given = mesh.vertices
+    mesh = _at_least_visible(mesh)
     scene = Scene(mesh.vertices, mesh.faces, threads)
     lit, radiosity = reflectors(mesh, scene, rays, order, seed, bounces) if bounces else (scene, None)
     used, first = np.unique(mesh.faces.reshape(-1), return_index=True)
@@ -85,10 +89,23 @@ def bake_vertices(
         return whole_mesh
 
     return VertexTransport(
-        vertices=np.asarray(mesh.vertices, np.float32),
+        vertices=np.asarray(given, np.float32),
         faces=np.asarray(mesh.faces, np.int32),
         normals=spread(normals),
         albedo=spread(albedo(mesh, face, np.eye(3)[corner])),
         transport=spread(transport),
         bounced=None if gathered is None else spread(gathered),
     )
+
+
+def _at_least_visible(mesh: Mesh) -> Mesh:
+    """`mesh`, or one that is too small for single precision scaled up by a power of two.
+
+    Transport does not depend on the scale, and such a scaling rounds nothing. Normals and the ray caster multiply edges
+    with each other: from 1e-12 units on the products are lost without a word.
+    """
+    finite = mesh.vertices[np.isfinite(mesh.vertices).all(axis=1)]
+    extent = float(np.ptp(finite, axis=0).max()) if len(finite) else 0.0
+    if not 0 < extent < SMALLEST:
+        return mesh
+    return replace(mesh, vertices=np.asarray(mesh.vertices, np.float64) * 2.0 ** -np.floor(np.log2(extent)))
