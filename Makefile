@@ -2,6 +2,7 @@
 PYTHON ?= python3
 BIN := .venv/bin
 STAMP := .venv/.installed
+PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 CASES ?= 5000
 
 .PHONY: all env run report test fuzz smoke ui lint format lock clean help
@@ -9,13 +10,15 @@ CASES ?= 5000
 
 all: run  ## install what is missing, then run the whole workflow on the embedded data
 
-env: $(STAMP)  ## create .venv with the versions of constraints.txt
+env: $(STAMP)  ## create .venv with the packages of requirements.txt, checked against its hashes
 
-$(STAMP): pyproject.toml constraints.txt workflow/scripts/system.py
+$(STAMP): pyproject.toml requirements.txt constraints.txt workflow/scripts/system.py
 	@$(PYTHON) workflow/scripts/system.py
 	@test -x $(BIN)/python || { rm -rf .venv; $(PYTHON) -m venv .venv; }
-	@echo "installing the packages of constraints.txt into .venv (some minutes the first time)"
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev]'
+	@echo "installing the packages of requirements.txt into .venv (some minutes the first time)"
+	@$(PIP) --require-hashes --no-deps --requirement requirements.txt
+	@$(PIP) --constraint constraints.txt torch
+	@$(PIP) --no-deps --no-build-isolation --editable .
 	@touch $@
 
 run: $(STAMP)  ## the workflow; make run ARGS="scale=smoke train.lr=1e-3"
@@ -40,7 +43,7 @@ lint: $(STAMP)  ## style of Python and Snakemake files
 format: $(STAMP)  ## put Python and Snakemake files into style
 	@$(BIN)/ruff check --fix . ; $(BIN)/ruff format . && $(BIN)/snakefmt Snakefile workflow
 
-lock: $(STAMP)  ## write constraints.txt anew from pyproject.toml, and environment.yml with it
+lock: $(STAMP)  ## write requirements.txt and constraints.txt anew from pyproject.toml
 	@$(BIN)/python workflow/scripts/lock.py
 
 clean:  ## remove results and runs (not .venv)

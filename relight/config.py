@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+import yaml
 from hydra import compose, initialize_config_dir
 from hydra.core.config_store import ConfigStore
 from hydra.core.override_parser.overrides_parser import OverridesParser
@@ -323,7 +324,7 @@ def composed(overrides: Iterable[str] = ()) -> DictConfig:
         with initialize_config_dir(str(CONF), version_base="1.3"):
             cfg = compose("config", overrides=overrides)
         check(resolved(cfg))
-    except (HydraException, OmegaConfBaseException) as error:
+    except (HydraException, OmegaConfBaseException, yaml.YAMLError) as error:
         raise UserError(explain(error, overrides)) from None
     return cfg
 
@@ -508,6 +509,8 @@ def view(cfg: DictConfig, stage: str) -> dict[str, Any]:
 
 def explain(error: Exception, overrides: Iterable[str] = ()) -> str:
     """Hydra's and OmegaConf's errors as one line that names the setting and what is accepted."""
+    if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark:
+        return f"{error.problem_mark.name}, line {error.problem_mark.line + 1}: {error.problem}"
     chain, link = [], error
     while link is not None:
         chain.append(str(link))

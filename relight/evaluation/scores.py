@@ -42,10 +42,10 @@ def write_scores(path: Path, scores: dict[str, Scores]) -> None:
 def read_scores(path: Path) -> dict[str, Scores]:
     """Reads what `write_scores` wrote: {} where there was nothing to score. UserError on a file that is not full grids
     of figure x light."""
-    with open(existing(path, "scores"), newline="") as file:
-        reader = csv.DictReader(file)
-        rows = list(reader)
     try:
+        with open(existing(path, "scores"), newline="") as file:
+            reader = csv.DictReader(file)
+            rows = list(reader)
         if not set(KEYS) <= set(reader.fieldnames or ()):
             raise ValueError(f"it lacks the columns {', '.join(KEYS)}")
         names = [name for name in reader.fieldnames if name not in KEYS]
@@ -53,7 +53,7 @@ def read_scores(path: Path) -> dict[str, Scores]:
             predictor: _grid([row for row in rows if row["predictor"] == predictor], names)
             for predictor in dict.fromkeys(row["predictor"] for row in rows)
         }
-    except (KeyError, ValueError, TypeError) as error:
+    except (KeyError, ValueError, TypeError, csv.Error) as error:
         raise UserError(f"{path} is not a table of scores, as relight-evaluate writes it ({error})") from None
 
 

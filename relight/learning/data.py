@@ -19,6 +19,7 @@ from relight.learning.camera import photograph, quantised, shade
 from relight.learning.compact import Places
 from relight.learning.harmonics import mirror_signs
 from relight.maps.packed import Packed
+from relight.npz import read_npz
 from relight.progress import progress
 
 
@@ -63,7 +64,9 @@ class RelitSet:
         Raises UserError when the files hold fewer bands than `order` or do not exist.
         """
         figures = Packed(packed)
-        table = np.load(existing(lights, "lights"))
+        table = read_npz(lights, "light set")
+        if not {"coefficients", "split"} <= set(table) or table["coefficients"].ndim != 3:
+            raise UserError(f"{lights} is not a light set of relight (it lacks coefficients (N, K, 3), or the split)")
         self.coefficients = (order + 1) ** 2
         bands = math.isqrt(table["coefficients"].shape[1]) - 1
         for path, found in ((packed, figures.order), (lights, bands)):
@@ -184,5 +187,11 @@ def neighbours(pixel: np.ndarray, offset: np.ndarray, size: int) -> tuple[np.nda
 
 
 def read_split(path: Path) -> dict[str, list[str]]:
-    """{"train": names, "test": names, "sitting": names} from a split's file."""
-    return json.loads(existing(path, "split").read_text())
+    """{"train": names, "test": names, "sitting": names} from a split's file. Raises UserError on any other."""
+    try:
+        parts = json.loads(existing(path, "split").read_text())
+        if all(isinstance(name, str) for names in parts.values() for name in names):
+            return parts
+    except (ValueError, AttributeError, TypeError, RecursionError):
+        pass
+    raise UserError(f"{path} is not a split of relight: it has lists of names of figures, such as train and test")

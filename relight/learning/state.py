@@ -26,7 +26,8 @@ def save_state(path: Path, digest: str, parts: dict, step: int, history: list[di
     """What a killed training needs, whole or not at all."""
     with whole(path) as tmp:
         states = {name: part.state_dict() for name, part in parts.items()}
-        torch.save({"settings": digest, "step": step, "history": history, **states}, tmp)
+        with open(tmp, "wb") as file:  # torch's own file would hide why a write failed
+            torch.save({"settings": digest, "step": step, "history": history, **states}, file)
 
 
 def restore(path: Path, digest: str, parts: dict, device: torch.device) -> tuple[int, list[dict], str]:
@@ -36,8 +37,12 @@ def restore(path: Path, digest: str, parts: dict, device: torch.device) -> tuple
     """
     if not path.exists():
         return 0, [], ""
-    found = torch.load(path, map_location=device, weights_only=True)
-    if found["settings"] != digest:
+    try:
+        found = torch.load(path, map_location=device, weights_only=True)
+        same = found["settings"] == digest
+    except Exception as error:  # of pickle, zipfile and torch: it was damaged on its disk, for it is written whole
+        return 0, [], f"{path} cannot be read ({type(error).__name__}): starting from the beginning"
+    if not same:
         return 0, [], f"{path} belongs to other settings or data: starting from the beginning"
     for name, part in parts.items():
         part.load_state_dict(found[name])

@@ -13,6 +13,7 @@ from relight.lights.light import Light
 from relight.lights.probes import probe
 from relight.lights.statistics import measure
 from relight.lights.table import load as load_set
+from relight.npz import read_npy
 from relight.panoramas.panorama import Panorama
 from relight.panoramas.project import orient, project
 from relight.panoramas.read import read_panorama
@@ -135,7 +136,7 @@ def coefficients_file(path: Path, convention: str | None) -> Light:
     said = named if named in CONVENTIONS else None
     try:
         if path.suffix.lower() == ".npy":
-            array = np.load(path, allow_pickle=False)
+            array = read_npy(path)
         elif path.suffix.lower() == ".json":
             content = json.loads(path.read_text(encoding="utf-8"))
             array, inside = (content, None) if isinstance(content, list) else json_light(path, content)
@@ -153,7 +154,7 @@ def json_light(path: Path, content: object) -> tuple[object, str | None]:
     if isinstance(content, dict):
         if "coefficients" in content:
             said = content.get("convention")
-            if said is not None and said not in CONVENTIONS:
+            if said is not None and (not isinstance(said, str) or said not in CONVENTIONS):
                 raise UserError(f"{path}: its convention is {said!r}; known are {', '.join(CONVENTIONS)}")
             return content["coefficients"], said
         inner = content.get("object", content)

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.files import UserError, existing, whole
+from relight.files import UserError, whole
 from relight.lights.statistics import reference_brightness
+from relight.npz import read_npz
 from relight.sh.basis import bands, count, order_of
 
 CONVENTION = "relight"  # radiance, orthonormal, no Condon-Shortley, l*l+l+m, +z toward the camera, linear Rec. 709 RGB
@@ -84,13 +85,18 @@ def save(lights: LightSet, path: Path | str) -> None:
 def load(path: Path | str) -> LightSet:
     """Reads lights.npz, named by itself, by its folder or by the .csv beside it."""
     packed, _ = table_paths(path)
-    existing(packed, "light set")
-    try:
-        with np.load(packed, allow_pickle=False) as stored:
-            convention = str(stored["convention"])
-            lights = LightSet(**{f.name: stored[f.name] for f in fields(LightSet)})
-    except (ValueError, KeyError, OSError, EOFError) as error:
-        raise UserError(f"{packed}: not a light set of relight ({error})") from error
-    if convention != CONVENTION:
-        raise UserError(f"{packed}: its convention is {convention!r}, a light set of relight says {CONVENTION!r}")
+    stored = read_npz(packed, "light set")
+    names = [f.name for f in fields(LightSet)]
+    if missing := {"convention", *names} - set(stored):
+        raise UserError(f"{packed} is not a light set of relight (it lacks {', '.join(sorted(missing))})")
+    if str(stored["convention"]) != CONVENTION:
+        said = str(stored["convention"])
+        raise UserError(f"{packed}: its convention is {said!r}, a light set of relight says {CONVENTION!r}")
+    lights = LightSet(**{name: stored[name] for name in names})
+    table = lights.coefficients
+    if table.ndim != 3 or table.shape[2] != 3 or table.dtype.kind != "f" or not np.isfinite(table).all():
+        raise UserError(f"{packed} is not a light set of relight (its coefficients are no finite numbers (N, K, 3))")
+    if any(getattr(lights, name).shape != (len(lights),) for name in names if name != "coefficients"):
+        raise UserError(f"{packed} is not a light set of relight (its columns differ in length)")
+    lights.order  # noqa: B018  (raises where K is no number of coefficients)
     return lights

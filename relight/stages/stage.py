@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import hydra
+import yaml
 from hydra.core.config_store import ConfigStore
 from hydra.errors import HydraException
 from omegaconf import MISSING, DictConfig, OmegaConf
@@ -59,7 +60,7 @@ def stage(name: str, **ports: str) -> Callable:
                 with tempfile.TemporaryDirectory() if several else nullcontext(".") as scratch:
                     os.environ["RELIGHT_SCRATCH"] = scratch  # Hydra leaves a file multirun.yaml in a folder
                     hydra.main(config_path=str(CONF), config_name="config", version_base="1.3")(run)()
-            except (HydraException, OmegaConfBaseException) as error:
+            except (HydraException, OmegaConfBaseException, yaml.YAMLError) as error:
                 sys.exit(f"relight {name}: {explain(error, sys.argv[1:])}")
 
         function.cli = cli
