@@ -144,7 +144,7 @@ def coefficients_file(path: Path, convention: str | None) -> Light:
         else:
             lines = (line.split("#")[0].replace(",", " ") for line in path.read_text(encoding="utf-8").splitlines())
             array = np.array([[float(word) for word in line.split()] for line in lines if line.strip()])
-    except (ValueError, EOFError, UnicodeDecodeError, RecursionError) as error:
+    except (ValueError, TypeError, OverflowError, EOFError, RecursionError) as error:
         raise UserError(f"{path}: not a table of coefficients ({str(error).splitlines()[0][:120]})") from error
     return Light(to_relight(as_table(array, str(path)), convention or said or "relight"), str(path))
 

@@ -46,6 +46,7 @@ def figure() -> Mesh:
     return make_figure(SEED, "draft", 128, SUBJECT)
 
 
+@pytest.mark.slow
 def test_the_record_is_complete(figure):
     mesh = figure
     assert mesh.vertices.dtype == np.float32 and mesh.vertices.shape[1] == 3 and np.isfinite(mesh.vertices).all()
@@ -74,6 +75,7 @@ def test_the_record_is_complete(figure):
     assert len(mesh.info["garments"]) >= 1
 
 
+@pytest.mark.slow
 def test_the_figure_faces_forward(figure):
     mesh = figure
     face, _ = gates.seen(mesh.vertices, mesh.faces)
@@ -82,6 +84,7 @@ def test_the_figure_faces_forward(figure):
     assert (np.isin(mesh.material[upper[upper >= 0]], [1, 2])).sum() >= 4  # eyes are seen from +z
 
 
+@pytest.mark.slow
 def test_the_same_seed_is_the_same_figure_in_another_process(figure):
     code = (
         "import sys; sys.path.insert(0, sys.argv[1]);"
@@ -94,6 +97,7 @@ def test_the_same_seed_is_the_same_figure_in_another_process(figure):
     assert out.stdout.split()[-1] == digest(figure)
 
 
+@pytest.mark.slow
 def test_seeds_of_one_subject_are_one_person_in_other_poses(figure):
     other = make_figure(SEED + 1, "draft", 128, SUBJECT)
     assert figure.info["subject"] == other.info["subject"] == "s0000" and figure.info["name"] != other.info["name"]
@@ -112,6 +116,7 @@ def shaded(figure, monkeypatch) -> Mesh:
     return dress.make_figure(SEED, "draft", 128, SUBJECT, shading=0.6)
 
 
+@pytest.mark.slow
 def test_a_shaded_figure_is_darker_by_a_sensible_share_and_keeps_its_shape(figure, shaded):
     assert figure.color is None and "shading" not in figure.info
     for field in ("vertices", "faces", "uv", "material"):
@@ -120,6 +125,7 @@ def test_a_shaded_figure_is_darker_by_a_sensible_share_and_keeps_its_shape(figur
     assert 0.6 < shaded.color.mean() < 0.85 and shaded.color.min() >= 0.4 - 1e-6 and shaded.color.max() > 0.95
 
 
+@pytest.mark.slow
 def test_vertex_colours_survive_the_glb(shaded, tmp_path):
     export(shaded, tmp_path / "f.glb")
     assert read_mesh(tmp_path / "f.glb").color.mean() == pytest.approx(shaded.color.mean(), abs=0.02)
@@ -150,6 +156,7 @@ def failing(monkeypatch, times: int, mesh: Mesh) -> list[dress.Draw]:
     return draws
 
 
+@pytest.mark.slow
 def test_a_failed_attempt_is_drawn_again_and_counted(figure, monkeypatch):
     draws = failing(monkeypatch, 2, figure)
     mesh = make_figure(SEED, "draft", 128)
@@ -160,6 +167,7 @@ def test_a_failed_attempt_is_drawn_again_and_counted(figure, monkeypatch):
         make_figure(SEED, "draft", 128)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.0, 1.0])
 def test_who_was_to_sit_sits_when_drawn_again_but_not_for_ever(figure, monkeypatch, share):
     monkeypatch.setattr(dress, "SITTING", share)
@@ -279,6 +287,7 @@ def test_poke_through_is_seen_and_measured():
     assert gates.through(*two_walls(0.2)) == 0  # a large opening is no speck
 
 
+@pytest.mark.slow
 def test_glb_says_what_the_mesh_says(figure, tmp_path):
     mesh = figure
     export(mesh, tmp_path / "f.glb")
@@ -303,6 +312,7 @@ def test_glb_says_what_the_mesh_says(figure, tmp_path):
     np.testing.assert_allclose(skin.visual.uv[skin.faces], mesh.uv[mine], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_npz_round_trip_and_unknown_suffix(figure, tmp_path):
     export(figure, tmp_path / "f.npz")
     assert digest(Mesh.load(tmp_path / "f.npz")) == digest(figure)
@@ -311,6 +321,7 @@ def test_npz_round_trip_and_unknown_suffix(figure, tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir()) == ["f.npz"]
 
 
+@pytest.mark.slow
 def test_textures_are_pictures(figure):
     for material in figure.materials:
         if material.texture is not None:

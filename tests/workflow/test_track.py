@@ -11,6 +11,8 @@ from relight.config import ROOT, Track
 from relight.track import Run
 
 URI = "sqlite:///mlflow.db"
+
+pytestmark = pytest.mark.slow
 CODE = """
 import sys
 from relight.config import Track
