@@ -202,3 +202,9 @@ def read_table(path: Path) -> tuple[list[str], list[dict[str, str]]]:
             return list(reader.fieldnames or []), rows
     except (UnicodeDecodeError, csv.Error) as error:
         raise UserError(f"{path} is no CSV table in UTF-8 ({error})") from None
+
+
+def out_of_memory(error: MemoryError) -> str:
+    """What to tell a user whose machine has not the memory that was asked for."""
+    asked = str(error).strip().split("\n")[0]
+    return f"there is not enough memory{f' ({asked})' if asked else ''}: take a smaller size, or run fewer jobs at once"

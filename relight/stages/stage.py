@@ -17,7 +17,7 @@ from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from relight.config import CONF, READS, Config, check, explain, resolved
-from relight.files import UserError
+from relight.files import UserError, out_of_memory
 from relight.processes import end_with_snakemake
 
 
@@ -37,6 +37,8 @@ def stage(name: str, **ports: str) -> Callable:
                 sys.exit(f"relight {name}: {error}")
             except OmegaConfBaseException as error:
                 sys.exit(f"relight {name}: {explain(error, sys.argv[1:])}")
+            except MemoryError as error:
+                sys.exit(f"relight {name}: {out_of_memory(error)}")
 
         def call(cfg: DictConfig) -> None:
             unset = [f"io.{port}=<{what}>" for port, what in ports.items() if OmegaConf.is_missing(cfg.io, port)]

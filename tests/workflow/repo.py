@@ -24,7 +24,7 @@ def environment(repo: Path) -> dict[str, str]:
     return {**os.environ, "PYTHONPATH": str(repo)}
 
 
-def relight(repo: Path, *words: str, timeout: float = 570) -> subprocess.CompletedProcess:
+def relight(repo: Path, *words: str) -> subprocess.CompletedProcess:
     """`relight words...` in the copy; output and errors as one text in .stdout."""
     command = [sys.executable, "-m", "relight.cli", *words]
     return subprocess.run(
@@ -32,7 +32,6 @@ def relight(repo: Path, *words: str, timeout: float = 570) -> subprocess.Complet
         cwd=repo,
         env=environment(repo),
         text=True,
-        timeout=timeout,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
         stdin=subprocess.DEVNULL,
