@@ -11,7 +11,9 @@ import numpy as np
 HEAD = 400  # bytes that most formats say their sizes in
 ABSURD = (0, 1, -1, 255, 65535, 2**31 - 1, -(2**31), 2**32 + 256, 2**63 - 1)
 LOOP = """
-import importlib, sys, time
+import sys, time
+sys.path.insert(0, sys.argv[1])
+import readers
 from relight.files import UserError
 def most_memory():  # of this program alone, in kilobytes; getrusage would count the parent's before the exec
     try:
@@ -19,13 +21,11 @@ def most_memory():  # of this program alone, in kilobytes; getrusage would count
     except OSError:
         return 0
     return int(status.split("VmHWM:")[1].split()[0])
-module, name = sys.argv[1].rsplit(".", 1)
-sys.path.insert(0, sys.argv[2])
-read = getattr(importlib.import_module(module), name)
-for path in sys.stdin.read().splitlines():
+for line in sys.stdin.read().splitlines():
+    reader, path = line.split(" ", 1)
     start = time.process_time()
     try:
-        read(path)
+        getattr(readers, reader)(path)
         outcome = "read"
     except UserError as error:
         assert len(str(error)) > 20 and "\\n" not in str(error), repr(str(error))
@@ -66,19 +66,19 @@ def damaged(data: bytes, rng: np.random.Generator) -> tuple[bytes, str]:
     return bytes(data), kind
 
 
-def outcomes(reader: str, paths: list[Path], seconds: float, memory: int) -> dict[Path, str]:
-    """What `module.reader` makes of each file: "read" or "error".
+def outcomes(jobs: list[tuple[str, Path]], seconds: float, memory: int) -> list[str]:
+    """What readers, functions of readers.py by name, make of files: "read" or "error" for each (reader, path).
 
-    Fails where it ends otherwise than by UserError in one line, takes more CPU `seconds` for a file, or more `memory`
+    Fails where one ends otherwise than by UserError in one line, takes more CPU `seconds` for a file, or more `memory`
     (kilobytes) for the worst of them.
     """
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
-    command = [sys.executable, "-c", LOOP, reader, str(Path(__file__).parent)]
-    text = "\n".join(map(str, paths))
+    command = [sys.executable, "-c", LOOP, str(Path(__file__).parent)]
+    text = "\n".join(f"{reader} {path}" for reader, path in jobs)
     done = subprocess.run(command, input=text, capture_output=True, text=True, env=environment)
     lines = [line.split(" ", 3) for line in done.stdout.splitlines() if line.startswith(("read ", "error "))]
-    last = paths[len(lines)] if len(lines) < len(paths) else "the last"
-    assert done.returncode == 0 and len(lines) == len(paths), f"at {last}: {done.stderr[-2000:]}"
+    last = jobs[len(lines)] if len(lines) < len(jobs) else "the last"
+    assert done.returncode == 0 and len(lines) == len(jobs), f"at {last}: {done.stderr[-2000:]}"
     assert not [line for line in lines if float(line[1]) > seconds]
     assert int(lines[-1][2]) < memory
-    return {path: line[0] for path, line in zip(paths, lines)}
+    return [line[0] for line in lines]
