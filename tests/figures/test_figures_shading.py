@@ -5,8 +5,8 @@ import pytest
 
 from relight.figures import dress, shading
 from relight.files import UserError
-from relight.meshes.mesh import Material, Mesh
-from relight.sh.basis import basis
+from relight.meshes import Material, Mesh
+from relight.sh import basis
 
 
 def ball_and_plate() -> Mesh:

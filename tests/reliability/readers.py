@@ -16,9 +16,9 @@ def light(path: str) -> None:
 
 
 def light_set(path: str) -> None:
-    from relight.lights.table import load
+    from relight.lights import read_light_set
 
-    lights = load(path)
+    lights = read_light_set(path)
     assert np.isfinite(lights.coefficients).all() and len(lights.of("train")) <= len(lights)
 
 
@@ -49,9 +49,9 @@ def maps(path: str) -> None:
 
 
 def packed(path: str) -> None:
-    from relight.maps.packed import Packed
+    from relight.maps import PackedMaps
 
-    found = Packed(path)
+    found = PackedMaps(path)
     for i in range(len(found)):
         found.figure(i)
     found.arrays()
@@ -82,9 +82,9 @@ def scores(path: str) -> None:
 
 
 def axes(path: str) -> None:
-    from relight.meshes.align import read_table
+    from relight.meshes.alignment import read_align_table
 
-    read_table(path)
+    read_align_table(path)
 
 
 def textured(path: str) -> None:
@@ -117,12 +117,11 @@ def write_whole(folder: Path) -> dict[str, list[Path]]:
     from relight.config import Model
     from relight.learning.checkpoint import save_network
     from relight.learning.networks import build
-    from relight.lights.light import Light
-    from relight.lights.store import write_light
-    from relight.lights.table import LightSet, save
+    from relight.lights.light import Light, write_light
+    from relight.lights.table import LightSet, write_light_set
+    from relight.maps import Maps
     from relight.maps.exr import write_left_out, write_maps
-    from relight.maps.maps import Maps
-    from relight.maps.packed import pack
+    from relight.maps.packed import pack_maps
     from relight.meshes.mesh import Material, Mesh
 
     rng = np.random.default_rng(0)
@@ -143,7 +142,9 @@ def write_whole(folder: Path) -> dict[str, list[Path]]:
     add("light", "probe.json", json.dumps({"object": {"sh": coefficients.tolist(), "intensity": 1}}))
     text, number = np.array(["room:1", "room:2"]), np.arange(2)
     table = np.stack([coefficients, coefficients]).astype(np.float32)
-    save(LightSet(table, np.array(["train", "test"]), text, 1.0 * number, number, 1.0 * number, number, text), folder)
+    write_light_set(
+        LightSet(table, np.array(["train", "test"]), text, 1.0 * number, number, 1.0 * number, number, text), folder
+    )
     for reader in ("light_set", "training_lights"):
         add(reader, f"{reader}.npz", (folder / "lights.npz").read_bytes())
     add("split", "split.json", json.dumps({"train": ["a", "b"], "test": ["c"]}))
@@ -159,7 +160,7 @@ def write_whole(folder: Path) -> dict[str, list[Path]]:
         add("maps", "maps.exr"), Maps(mask=inside, info={"name": "a", "size": size, "order": 2}, **layers, **planes)
     )
     write_left_out(add("maps", "left_out.exr"), {"name": "b"}, "torn")
-    pack([folder / "whole.maps.exr"], add("packed", "packed.safetensors"))
+    pack_maps([folder / "whole.maps.exr"], add("packed", "packed.safetensors"))
     triangle = Mesh(
         vertices=np.eye(3, dtype=np.float32),
         faces=np.array([[0, 1, 2]], np.int32),

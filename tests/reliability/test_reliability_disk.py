@@ -14,14 +14,12 @@ import pytest
 
 from relight.config import ROOT, Model
 from relight.files import UserError, refusal, whole
-from relight.learning.checkpoint import save_network
+from relight.learning.checkpoint import restore, save_network, save_state
 from relight.learning.networks import build
-from relight.learning.state import restore, save_state
-from relight.lights.light import Light
-from relight.lights.store import write_light
+from relight.lights.light import Light, write_light
+from relight.maps import Maps
 from relight.maps.exr import write_maps
-from relight.maps.maps import Maps
-from relight.maps.packed import pack
+from relight.maps.packed import pack_maps
 from relight.meshes.mesh import Material, Mesh
 
 SIZE = 32
@@ -44,7 +42,7 @@ def writers(folder: Path) -> dict:
     return {
         "maps.exr": lambda path: write_maps(path, maps),
         "mesh.npz": mesh.save,
-        "packed.safetensors": lambda path: pack([folder / "a.exr"], path),
+        "packed.safetensors": lambda path: pack_maps([folder / "a.exr"], path),
         "network.safetensors": lambda path: save_network(path, network, MODEL),
         "state.pt": lambda path: save_state(path, "digest", {"network": network}, 1, []),
         "light.json": lambda path: write_light(Light(noise[0, :9, :3].astype(float), "test"), path),

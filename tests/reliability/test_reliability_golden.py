@@ -22,13 +22,14 @@ from relight.figures.body import build_body, sample_person
 from relight.learning.camera import shade
 from relight.learning.networks import build
 from relight.lights.load import load_light
-from relight.meshes.align import align
+from relight.meshes import align
 from relight.meshes.mesh import Material, Mesh
-from relight.sh.rotation import rotation_matrix
-from relight.transport.bake import OPEN, bake
+from relight.sh import rotation_matrix
+from relight.transport import bake
 from relight.transport.vertices import bake_vertices
 
 GOLDEN = Path(__file__).parent / "golden.json"
+OPEN = np.sqrt(np.pi) / 2  # T00 of a point that nothing occludes
 TOLERANCE = 1e-4  # relative; a tenth of it absolute
 
 

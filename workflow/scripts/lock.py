@@ -30,9 +30,10 @@ dependencies:
 """
 
 
-def compiled(inputs: list[str], extras: tuple[str, ...], constraints: str, *options: str) -> str:
-    """The lock of `inputs` with these extras, for all platforms and Python versions."""
-    command = [sys.executable, "-m", "uv", "pip", "compile", *inputs, *(f"--extra={extra}" for extra in extras)]
+def compiled(extras: tuple[str, ...], constraints: str, *options: str) -> str:
+    """The lock of pyproject.toml with these extras, for all platforms and Python versions."""
+    command = [sys.executable, "-m", "uv", "pip", "compile", "pyproject.toml"]
+    command += [f"--extra={extra}" for extra in extras]
     command += ["--universal", "--no-header", "--no-annotate", "--python-version=3.11", "--quiet"]
     done = subprocess.run([*command, "-c", constraints, *options], check=True, capture_output=True, text=True)
     return done.stdout
@@ -45,14 +46,13 @@ def packages(text: str) -> list[str]:
 
 def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
-        pins, build = Path(folder) / "pins.txt", Path(folder) / "build.txt"
+        pins = Path(folder) / "pins.txt"
         pins.write_text(PINS)
-        text = compiled(["pyproject.toml"], ("dev", "slurm", "bench", "export"), str(pins))
+        text = compiled(("dev", "docs", "slurm", "bench", "export"), str(pins))
         # No local build tag: the same line takes the CUDA build where there is one, and the CPU build where pip prefers
         # it.
         Path("constraints.txt").write_text(CONSTRAINTS + re.sub(r"(==[\w.]+)\+[\w.]+", r"\1", text))
-        build.write_text("setuptools>=77\n")  # builds this package, without a download of its own
-        hashed = compiled(["pyproject.toml", str(build)], ("dev",), "constraints.txt", "--generate-hashes")
+        hashed = compiled(("dev",), "constraints.txt", "--generate-hashes")
     kept = [package for package in packages(hashed) if not OWN_BUILD.match(package)]
     Path("requirements.txt").write_text(REQUIREMENTS + "".join(kept))
     Path("environment.yml").write_text(ENVIRONMENT)
