@@ -9,7 +9,7 @@ from typer.core import TyperCommand
 from relight import __version__
 from relight.benchmark.commands import app as benchmark
 from relight.figures.commands import app as figures
-from relight.files import UserError
+from relight.files import UserError, out_of_memory
 from relight.lights.commands import app as lights
 from relight.meshes.commands import app as scans
 from relight.photos.commands import app as photos
@@ -117,6 +117,8 @@ def main() -> None:
         app()
     except UserError as error:
         sys.exit(f"relight: {error}")
+    except MemoryError as error:
+        sys.exit(f"relight: {out_of_memory(error)}")
 
 
 if __name__ == "__main__":

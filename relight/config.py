@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
+import yaml
 from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
@@ -341,7 +342,7 @@ def composed(overrides: Iterable[str] = ()) -> DictConfig:
         with initialize_config_dir(str(CONF), version_base="1.3"):
             cfg = compose("config", overrides=overrides)
         check(resolved(cfg))
-    except (HydraException, OmegaConfBaseException) as error:
+    except (HydraException, OmegaConfBaseException, yaml.YAMLError) as error:
         raise UserError(explain(error, overrides)) from None
     return cfg
 
@@ -530,6 +531,8 @@ def view(cfg: DictConfig, stage: str) -> dict[str, Any]:
 
 def explain(error: Exception, overrides: Iterable[str] = ()) -> str:
     """Hydra's and OmegaConf's errors as one line that names the setting and what is accepted."""
+    if isinstance(error, yaml.MarkedYAMLError) and error.problem_mark:
+        return f"{error.problem_mark.name}, line {error.problem_mark.line + 1}: {error.problem}"
     chain, link = [], error
     while link is not None:
         chain.append(str(link))

@@ -1,5 +1,6 @@
 """Whole-or-nothing outputs, and the one error type that users see."""
 
+import csv
 import errno
 import fcntl
 import glob
@@ -26,10 +27,27 @@ def _refusals(path: Path) -> Iterator[None]:
     """Turns what the file system refuses while `path` is written into a UserError."""
     try:
         yield
-    except OSError as error:
-        if error.errno not in REFUSALS:
+    except UserError:
+        raise
+    except Exception as error:
+        if (number := refusal(error)) is None:
             raise
-        raise UserError(f"{path} cannot be written: {os.strerror(error.errno).lower()}") from None
+        raise UserError(f"{path} cannot be written: {os.strerror(number).lower()}") from None
+
+
+def refusal(error: BaseException | None) -> int | None:
+    """The errno in REFUSALS that an exception comes from, if any.
+
+    Libraries of other languages have exceptions of their own, which tell the reason in words or hide it in their cause.
+    """
+    while error is not None:
+        if isinstance(error, OSError) and error.errno in REFUSALS:
+            return error.errno
+        for number in REFUSALS:
+            if os.strerror(number) in str(error) or f"(os error {number})" in str(error):
+                return number
+        error = error.__cause__ or error.__context__
+    return None
 
 
 def writable_folder(path: Path | str, what: str, needed: int = 0) -> Path:
@@ -170,3 +188,23 @@ def existing(path: Path | str, what: str) -> Path:
     if not path.is_file():
         raise UserError(f"{what}: there is no file {path}")
     return path
+
+
+def read_table(path: Path) -> tuple[list[str], list[dict[str, str]]]:
+    """The columns of a user's CSV table, and its rows: blanks are taken off, cells without a column left out.
+
+    Raises UserError for what is no CSV in UTF-8.
+    """
+    try:
+        with open(path, newline="", encoding="utf-8-sig") as file:
+            reader = csv.DictReader(file)
+            rows = [{key: (value or "").strip() for key, value in row.items() if key is not None} for row in reader]
+            return list(reader.fieldnames or []), rows
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise UserError(f"{path} is no CSV table in UTF-8 ({error})") from None
+
+
+def out_of_memory(error: MemoryError) -> str:
+    """What to tell a user whose machine has not the memory that was asked for."""
+    asked = str(error).strip().split("\n")[0]
+    return f"there is not enough memory{f' ({asked})' if asked else ''}: take a smaller size, or run fewer jobs at once"

@@ -18,7 +18,7 @@ from pathlib import Path
 import yaml
 
 from relight.config import CONF, LONGEST, ROOT
-from relight.files import UserError, whole
+from relight.files import UserError, whole, writable_folder
 from relight.processes import end_with_parent
 from relight.workflow import Plan
 
@@ -99,7 +99,7 @@ def snakemake(command: list[str], **streams) -> int:
     flow = subprocess.Popen(
         command,
         cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+        env={**os.environ, **cache(), "PYTHONPATH": os.pathsep.join(paths)},
         process_group=0,  # Ctrl-C is ours to pass on, once
         preexec_fn=partial(begin, os.getpid()),
         **streams,
@@ -112,6 +112,18 @@ def snakemake(command: list[str], **streams) -> int:
         raise
     finally:
         signal.signal(signal.SIGTSTP, signal.SIG_DFL)
+
+
+def cache() -> dict[str, str]:
+    """Variables that keep the caches of Snakemake and of the stages in this folder, where the user's own one is not to
+    be written: Snakemake ends with a trace without."""
+    import platformdirs
+
+    try:
+        writable_folder(platformdirs.user_cache_dir(), "cache")
+    except UserError:
+        return {"XDG_CACHE_HOME": str(ROOT / ".snakemake" / "cache")}
+    return {}
 
 
 def begin(parent: int) -> None:
@@ -192,8 +204,13 @@ def alone() -> Iterator[None]:
 
     Raises UserError while another workflow is alive in the folder.
     """
-    LOCK.parent.mkdir(exist_ok=True)
-    with open(LOCK, "w") as file:
+    try:
+        LOCK.parent.mkdir(exist_ok=True)
+        file = open(LOCK, "w")
+    except OSError as error:
+        reason = os.strerror(error.errno).lower()
+        raise UserError(f"nothing can be written in {ROOT} ({reason}): the workflow keeps its records there") from None
+    with file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:

@@ -69,7 +69,8 @@ def read_table(path: Path, what: str, columns: list[str], writer: str) -> pd.Dat
         names = {"predictor": str, "figure": str, "name": str}
         table = pd.read_csv(existing(path, what), dtype=names, keep_default_na=False, na_values=[""])
     except ValueError as error:
-        raise UserError(f"{path} is not a table of {what}, as {writer} writes it ({error})") from None
+        reason = " ".join(str(error).split())
+        raise UserError(f"{path} is not a table of {what}, as {writer} writes it ({reason})") from None
     if missing := [column for column in columns if column not in table]:
         raise UserError(f"{path} is not a table of {what}, as {writer} writes it (no column {', '.join(missing)})")
     return table

@@ -13,10 +13,11 @@ import numpy as np
 from relight import config
 from relight.evaluation.evaluate import chosen_pairs, torch_device
 from relight.evaluation.panels import spaced
-from relight.files import UserError, existing, whole
+from relight.files import UserError, whole
 from relight.learning.data import RelitSet
 from relight.lights import LightSet, read_light_set
 from relight.meshes import Mesh
+from relight.npz import read_npz
 from relight.panoramas import Panorama
 from relight.progress import progress
 from relight.sh import basis
@@ -79,12 +80,12 @@ def trace(
 
 def read_scenes(path: Path) -> list[Scene]:
     """What `trace` wrote. UserError on another file."""
+    stored = read_npz(path, "set of traced pictures")
+    count = len({name.partition(".")[0] for name in stored})
+    names = [field.name for field in fields(Scene)]
     try:
-        with np.load(existing(path, "traced pictures"), allow_pickle=False) as stored:
-            count = len({name.partition(".")[0] for name in stored})
-            names = [field.name for field in fields(Scene)]
-            found = [{name: stored[f"{i}.{name}"] for name in names} for i in range(count)]
-    except (ValueError, KeyError, OSError, EOFError) as error:
+        found = [{name: stored[f"{i}.{name}"] for name in names} for i in range(count)]
+    except KeyError as error:
         raise UserError(f"{path}: not what relight-trace writes ({error})") from None
     return [Scene(**{**one, **{name: int(one[name]) for name in ("figure", "seen", "new")}}) for one in found]
 

@@ -17,6 +17,8 @@ from relight.config import Model
 from relight.files import UserError, existing, whole
 from relight.learning.networks import Network, build
 
+LARGEST = 8192  # px of the pictures of a network that is read
+
 
 def save_network(path: Path, network: Network, model: Model, half: bool = False, **config: dict) -> None:
     """Writes a network, whole or not at all.
@@ -50,7 +52,7 @@ def read_config(path: Path | str) -> dict:
         raise UserError(f"{path} is not a safetensors file ({error}): give one that relight's training wrote") from None
     try:
         return json.loads(metadata["relight"])
-    except (KeyError, ValueError):
+    except (KeyError, ValueError, RecursionError):
         raise UserError(f"{path} holds no relight network: give a file that relight's training wrote") from None
 
 
@@ -65,17 +67,22 @@ def load_network(path: Path | str, device: str | torch.device = "cpu") -> tuple[
     """
     config = read_config(path)
     try:
-        with safe_open(path, "pt") as file:
-            weights = {name: file.get_tensor(name) for name in file.keys()}
-        model = Model(**config["model"])
+        model, size = Model(**config["model"]), config["size"]
         if unset := [name for name, value in vars(model).items() if value == MISSING]:
             raise KeyError(f"it does not say model.{unset[0]}")
-        with torch.random.fork_rng(devices=[]):  # building draws weights; the caller's random state is not ours
-            network = build(model, config["size"])
-        network.load_state_dict(weights)
-    except (TypeError, KeyError, RuntimeError) as error:
-        raise UserError(f"{path} does not fit this version of relight: {str(error).splitlines()[0]}") from None
-    return network.to(device).eval(), config
+        if not size <= LARGEST:
+            raise ValueError(f"it is of {size} px; {LARGEST} are the most")
+        with torch.device("meta"):  # shapes without memory: what a header asks for is compared with the file first
+            network = build(model, size)
+        with safe_open(path, "pt") as file:
+            weights = {name: file.get_tensor(name) for name in file.keys()}
+        kinds = {name: tensor.dtype for name, tensor in network.state_dict().items()}
+        weights = {name: tensor.to(kinds.get(name, tensor.dtype)) for name, tensor in weights.items()}
+        network.load_state_dict(weights, assign=True)
+    except (TypeError, KeyError, ValueError, RuntimeError, OverflowError, AttributeError, SafetensorError) as error:
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        raise UserError(f"{path} does not fit this version of relight: {reason}") from None
+    return network.to(device, memory_format=network.layout).eval(), config
 
 
 def save_state(path: Path, digest: str, parts: dict, step: int, history: list[dict]) -> None:
@@ -90,7 +97,8 @@ def save_state(path: Path, digest: str, parts: dict, step: int, history: list[di
     """
     with whole(path) as tmp:
         states = {name: part.state_dict() for name, part in parts.items()}
-        torch.save({"settings": digest, "step": step, "history": history, **states}, tmp)
+        with open(tmp, "wb") as file:  # torch's own file would hide why a write failed
+            torch.save({"settings": digest, "step": step, "history": history, **states}, file)
 
 
 def restore(path: Path, digest: str, parts: dict, device: torch.device) -> tuple[int, list[dict], str]:
@@ -101,8 +109,12 @@ def restore(path: Path, digest: str, parts: dict, device: torch.device) -> tuple
     """
     if not path.exists():
         return 0, [], ""
-    found = torch.load(path, map_location=device, weights_only=True)
-    if found["settings"] != digest:
+    try:
+        found = torch.load(path, map_location=device, weights_only=True)
+        same = found["settings"] == digest
+    except Exception as error:  # of pickle, zipfile and torch: it was damaged on its disk, for it is written whole
+        return 0, [], f"{path} cannot be read ({type(error).__name__}): starting from the beginning"
+    if not same:
         return 0, [], f"{path} belongs to other settings or data: starting from the beginning"
     for name, part in parts.items():
         part.load_state_dict(found[name])

@@ -21,6 +21,7 @@ from relight.files import UserError, existing
 from relight.learning.camera import photograph, quantised, shade
 from relight.learning.harmonics import mirror_signs
 from relight.maps import PackedMaps
+from relight.npz import read_npz
 from relight.progress import progress
 
 MULTIPLE = 64  # P is a multiple of it
@@ -120,7 +121,9 @@ class RelitSet:
             UserError: if a file does not exist or holds fewer bands than `order`.
         """
         figures = PackedMaps(packed)
-        table = np.load(existing(lights, "lights"))
+        table = read_npz(lights, "light set")
+        if not {"coefficients", "split"} <= set(table) or table["coefficients"].ndim != 3:
+            raise UserError(f"{lights} is not a light set of relight (it lacks coefficients (N, K, 3), or the split)")
         self.coefficients = (order + 1) ** 2
         bands = math.isqrt(table["coefficients"].shape[1]) - 1
         for path, found in ((packed, figures.order), (lights, bands)):
@@ -251,8 +254,14 @@ def neighbours(pixel: np.ndarray, offset: np.ndarray, size: int) -> tuple[np.nda
 
 
 def read_split(path: Path) -> dict[str, list[str]]:
-    """Reads a split: names of figures by part, `train`, `test` and `sitting`."""
-    return json.loads(existing(path, "split").read_text())
+    """Reads a split: names of figures by part, `train`, `test` and `sitting`; raises UserError on any other file."""
+    try:
+        parts = json.loads(existing(path, "split").read_text())
+        if all(isinstance(name, str) for names in parts.values() for name in names):
+            return parts
+    except (ValueError, AttributeError, TypeError, RecursionError):
+        pass
+    raise UserError(f"{path} is not a split of relight: it has lists of names of figures, such as train and test")
 
 
 def pairs(seed: int, step: int, batch: int, figures: int, lights: int, order: str = "shuffled") -> np.ndarray:

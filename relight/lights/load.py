@@ -12,6 +12,7 @@ from relight.lights.chain import GENERATORS
 from relight.lights.light import Light
 from relight.lights.statistics import from_below, measure
 from relight.lights.table import read_light_set
+from relight.npz import read_npy
 from relight.panoramas import Panorama, orient, project, read_panorama
 from relight.sh import CONVENTIONS, basis, to_relight
 from relight.sh.conventions import as_table
@@ -191,7 +192,7 @@ def read_coefficients(path: Path, convention: str | None) -> Light:
     own = suffix if suffix in CONVENTIONS else None
     try:
         if path.suffix.lower() == ".npy":
-            array = np.load(path, allow_pickle=False)
+            array = read_npy(path)
         elif path.suffix.lower() == ".json":
             content = json.loads(path.read_text(encoding="utf-8"))
             array, inside = (content, None) if isinstance(content, list) else parse_json(path, content)
@@ -199,7 +200,7 @@ def read_coefficients(path: Path, convention: str | None) -> Light:
         else:
             lines = (line.split("#")[0].replace(",", " ") for line in path.read_text(encoding="utf-8").splitlines())
             array = np.array([[float(word) for word in line.split()] for line in lines if line.strip()])
-    except (ValueError, EOFError, UnicodeDecodeError, RecursionError) as error:
+    except (ValueError, TypeError, OverflowError, EOFError, RecursionError) as error:
         raise UserError(f"{path}: not a table of coefficients ({str(error).splitlines()[0][:120]})") from error
     return Light(to_relight(as_table(array, str(path)), convention or own or "relight"), str(path))
 
@@ -209,7 +210,7 @@ def parse_json(path: Path, content: object) -> tuple[object, str | None]:
     if isinstance(content, dict):
         if "coefficients" in content:
             convention = content.get("convention")
-            if convention is not None and convention not in CONVENTIONS:
+            if convention is not None and (not isinstance(convention, str) or convention not in CONVENTIONS):
                 raise UserError(f"{path}: its convention is {convention!r}; known are {', '.join(CONVENTIONS)}")
             return content["coefficients"], convention
         inner = content.get("object", content)

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.files import UserError, existing, whole
+from relight.files import UserError, whole
 from relight.lights.statistics import reference_brightness
+from relight.npz import read_npz
 from relight.sh import bands, coefficient_count, order_of
 
 CONVENTION = "relight"  # radiance, orthonormal, no Condon-Shortley, l*l+l+m, +z toward the camera, linear Rec. 709 RGB
@@ -98,13 +99,18 @@ def read_light_set(path: Path | str) -> LightSet:
         UserError: if there is no such file, if it is no light set, or if it has another convention.
     """
     archive, _ = table_paths(path)
-    existing(archive, "light set")
-    try:
-        with np.load(archive, allow_pickle=False) as stored:
-            convention = str(stored["convention"])
-            lights = LightSet(**{f.name: stored[f.name] for f in fields(LightSet)})
-    except (ValueError, KeyError, OSError, EOFError) as error:
-        raise UserError(f"{archive}: not a light set of relight ({error})") from error
-    if convention != CONVENTION:
-        raise UserError(f"{archive}: its convention is {convention!r}, a light set of relight says {CONVENTION!r}")
+    stored = read_npz(archive, "light set")
+    names = [f.name for f in fields(LightSet)]
+    if missing := {"convention", *names} - set(stored):
+        raise UserError(f"{archive} is not a light set of relight (it lacks {', '.join(sorted(missing))})")
+    if str(stored["convention"]) != CONVENTION:
+        said = str(stored["convention"])
+        raise UserError(f"{archive}: its convention is {said!r}, a light set of relight says {CONVENTION!r}")
+    lights = LightSet(**{name: stored[name] for name in names})
+    table = lights.coefficients
+    if table.ndim != 3 or table.shape[2] != 3 or table.dtype.kind != "f" or not np.isfinite(table).all():
+        raise UserError(f"{archive} is not a light set of relight (its coefficients are no finite numbers (N, K, 3))")
+    if any(getattr(lights, name).shape != (len(lights),) for name in names if name != "coefficients"):
+        raise UserError(f"{archive} is not a light set of relight (its columns differ in length)")
+    lights.order  # noqa: B018  (raises where K is no number of coefficients)
     return lights

@@ -18,6 +18,7 @@ from relight.sh import order_of
 
 FRAME = "right-handed, +x image right, +y up, +z toward the camera"
 CONVENTION = "real orthonormal spherical harmonics, no Condon-Shortley phase, index l*l+l+m; transport without 1/pi"
+LARGEST_SIZE, LARGEST_ORDER = 8192, 30  # of maps that are read: 3 GB at order 2
 
 
 @dataclass
@@ -154,12 +155,25 @@ def _write(path: Path | str, channels: dict[str, np.ndarray], info: dict) -> Non
 def _read(path: Path | str, header_only: bool = False) -> tuple[dict, dict[str, OpenEXR.Channel]]:
     """Reads `Maps.info` and the channels; no channels with `header_only`."""
     path = existing(path, "maps")
+
     try:
-        file = OpenEXR.File(str(path), separate_channels=True, header_only=header_only)
-        header, channels = file.header(), {} if header_only else file.channels()
+        header = OpenEXR.File(str(path), separate_channels=True, header_only=True).header()
     except Exception as error:  # the library raises RuntimeError, ValueError and worse on broken files
         raise UserError(f"{path} is not a readable OpenEXR file ({error})") from None
     try:
-        return json.loads(header["relight"]), channels
-    except (KeyError, ValueError):
-        raise UserError(f"{path} holds no maps of relight: its header lacks the 'relight' record") from None
+        info = json.loads(header["relight"])
+        low, high = header["dataWindow"]
+        side = 1 if "left_out" in info else info["size"]
+        sound = "left_out" in info or (type(info["order"]) is int and 0 <= info["order"] <= LARGEST_ORDER)
+        if not (sound and 1 <= side <= LARGEST_SIZE and (high - low + 1 == side).all()):
+            raise ValueError
+    except (KeyError, ValueError, TypeError, RecursionError):
+        raise UserError(
+            f"{path} holds no maps of relight: its header lacks the 'relight' record, or contradicts it"
+        ) from None
+    if header_only:
+        return info, {}
+    try:
+        return info, OpenEXR.File(str(path), separate_channels=True).channels()
+    except Exception:  # it prints why, and goes on without the pixels until they are asked for
+        raise UserError(f"{path} is damaged: OpenEXR cannot read all of its pixels; make it again") from None

@@ -14,6 +14,7 @@ Ambient occlusion is not stored; it is T_00 / .8862.
 
 import json
 import math
+import os
 from pathlib import Path
 
 import numpy as np
@@ -113,10 +114,26 @@ class PackedMaps:
             self.size: int = notes["size"]
             self.order: int = notes["order"]
             self.offset: np.ndarray = self._file.get_tensor("offset")
+            self._check()
         except UserError:
             raise
         except Exception as error:  # safetensors has an exception type of its own beside KeyError and ValueError
             raise UserError(f"{path} is not a packed data set of relight ({error})") from None
+
+    def _check(self) -> None:
+        """Raises ValueError where header and arrays contradict, before anything is made of the sizes they name."""
+        maps, pixels = len(self.names), int(self.offset[-1])
+        coefficients, bits = (self.order + 1) ** 2, -(-self.size * self.size // 8)
+        wanted = {"transport": [pixels, coefficients], "albedo": [pixels, 3], "normal": [pixels, 2]}
+        wanted |= {"offset": [maps + 1], "mask": [maps, bits]}
+        for name, shape in wanted.items():
+            found = self._file.get_slice(name).get_shape()
+            if found != shape:
+                raise ValueError(f"{name} has the shape {found}, not {shape}")
+        if self.offset[0] or (np.diff(self.offset) < 0).any():
+            raise ValueError("its offsets do not ascend from 0")
+        if not len(self.subjects) == len(self.figures) == len(self.views) == maps:
+            raise ValueError("its lists of names, subjects, figures and views differ in length")
 
     def __len__(self) -> int:
         return len(self.names)
@@ -203,7 +220,10 @@ def _create(path: Path, layout: dict[str, tuple], notes: dict[str, str]) -> dict
     base = 8 + len(text)
     with open(path, "wb") as file:
         file.write(len(text).to_bytes(8, "little") + text)
-        file.truncate(base + end)
+        if hasattr(os, "posix_fallocate"):  # a full disk is told here; a write to a hole of a mapped file would kill us
+            os.posix_fallocate(file.fileno(), 0, base + end)
+        else:
+            file.truncate(base + end)
     return {
         name: np.memmap(path, kind, "r+", base + header[name]["data_offsets"][0], tuple(map(int, shape)))
         for name, (kind, shape) in layout.items()

@@ -1,11 +1,12 @@
 """Aligns figures to the camera frame: up, front, centre and size."""
 
-import csv
+import math
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
+from relight import files
 from relight.config import Align
 from relight.files import UserError, existing
 from relight.meshes.axes import AXES, find_axes
@@ -102,23 +103,21 @@ def read_align_table(path: Path | str) -> dict[str, dict[str, str]]:
         UserError: if the file does not exist, has no column `name`, has a name twice, or a cell cannot be parsed.
     """
     path = existing(path, "align.table")
-    with open(path, newline="", encoding="utf-8-sig") as file:
-        reader = csv.DictReader(file)
-        if "name" not in (reader.fieldnames or []):
-            raise UserError(f"{path} has no column `name`; a table of overrides has name, up, front, turn")
-        rows: dict[str, dict[str, str]] = {}
-        for row in reader:
-            row = {key: (value or "").strip() for key, value in row.items() if isinstance(key, str)}
-            if row["name"] in rows:
-                raise UserError(f"{path} names {row['name']} twice")
-            for key in ("up", "front"):
-                if row.get(key) and row[key] not in (*AXES, "auto"):
-                    raise UserError(
-                        f"{path}: {key} {row[key]!r} of {row['name']}; {', '.join(AXES)} and auto are known"
-                    )
-            try:
-                float(row.get("turn") or 0)
-            except ValueError:
-                raise UserError(f"{path}: turn {row['turn']!r} of {row['name']} is not a number of degrees") from None
-            rows[row["name"]] = row
+    columns, found = files.read_table(path)
+    if "name" not in columns:
+        raise UserError(f"{path} has no column `name`; a table of overrides has name, up, front, turn")
+    rows: dict[str, dict[str, str]] = {}
+    for row in found:
+        if row["name"] in rows:
+            raise UserError(f"{path} names {row['name']} twice")
+        for key in ("up", "front"):
+            if row.get(key) and row[key] not in (*AXES, "auto"):
+                raise UserError(f"{path}: {key} {row[key]!r} of {row['name']}; {', '.join(AXES)} and auto are known")
+        try:
+            known = math.isfinite(float(row.get("turn") or 0))
+        except ValueError:
+            known = False
+        if not known:
+            raise UserError(f"{path}: turn {row['turn']!r} of {row['name']} is not a number of degrees")
+        rows[row["name"]] = row
     return rows

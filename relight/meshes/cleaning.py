@@ -14,6 +14,7 @@ MAX_SPECK = 0.03  # of the figure's diagonal: larger parts are never dropped (a 
 MIN_KEPT = 0.5  # of the surface: a mesh of which less is left was no figure
 MAIN_PART = 0.5  # least share of the surface of a part that is most of the figure
 MIN_SOLIDITY = 0.1  # of a part that has an inside; hair cards and collars have about 0
+MAX_LOST = 0.1  # of the faces, without area, before the figure is warned of
 
 
 def clean(mesh: Mesh, settings: Clean) -> Mesh:
@@ -33,6 +34,7 @@ def clean(mesh: Mesh, settings: Clean) -> Mesh:
     Raises:
         UserError: if less than half of the surface is left.
     """
+    given = len(mesh.faces)
     repairs = {"unused vertices": len(mesh.vertices) - len(np.unique(mesh.faces))}
     finite = np.isfinite(mesh.vertices).all(axis=-1)[mesh.faces].all(axis=-1)
     repairs["faces with non-finite corners"] = int((~finite).sum())
@@ -47,7 +49,23 @@ def clean(mesh: Mesh, settings: Clean) -> Mesh:
         repairs["faces before decimation"] = len(mesh.faces)
         mesh = decimate(mesh, settings.max_faces)
     mesh.info = {**mesh.info, "repairs": {what: count for what, count in repairs.items() if count}}
+    if repairs["faces without area"] > MAX_LOST * given:
+        share = repairs["faces without area"] / given
+        warning = f"{share:.0%} of its {given} faces have no area and were dropped: look at what is left"
+        mesh.info["warnings"] = [*mesh.info.get("warnings", []), warning]
     return mesh
+
+
+def opposed(mesh: Mesh) -> int:
+    """Returns how many faces lie on another one, turned the other way: vertex normals cancel there."""
+    place = np.ascontiguousarray(mesh.vertices + 0.0, np.float32).view("V12").reshape(-1)  # + 0.0: no negative zeros
+    faces = np.unique(place, return_inverse=True)[1].reshape(-1)[mesh.faces].astype(np.int64)
+    faces = np.take_along_axis(faces, (faces.argmin(axis=1)[:, None] + np.arange(3)) % 3, axis=1)  # the least first
+    turned = faces[:, 1] > faces[:, 2]
+    faces.sort(axis=1)
+    _, group = np.unique(faces, axis=0, return_inverse=True)
+    ways = np.stack([np.bincount(group.reshape(-1), way, minlength=len(faces)) for way in (turned, ~turned)])
+    return int(ways.min(axis=0).sum())
 
 
 def submesh(mesh: Mesh, faces: np.ndarray) -> Mesh:

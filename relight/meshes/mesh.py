@@ -3,11 +3,11 @@
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 
 from relight.files import UserError, whole
+from relight.npz import read_npz
 
 
 @dataclass
@@ -60,20 +60,11 @@ class Mesh:
     @classmethod
     def load(cls, path: Path) -> "Mesh":
         """Reads a mesh that `save` wrote; raises UserError on any other file."""
+        data = read_npz(path, "mesh record")
         try:
-            with np.load(path, allow_pickle=False) as data:
-                materials = [
-                    Material(data[f"color{i}"], data[f"texture{i}"] if f"texture{i}" in data else None)
-                    for i in range(int(data["count"]))
-                ]
-                return cls(
-                    vertices=data["vertices"],
-                    faces=data["faces"],
-                    uv=data["uv"],
-                    material=data["material"],
-                    materials=materials,
-                    color=data["color"] if "color" in data else None,
-                    info=json.loads(str(data["info"])),
-                )
-        except (OSError, KeyError, ValueError, EOFError, BadZipFile) as error:
+            materials = [Material(data[f"color{i}"], data.get(f"texture{i}")) for i in range(int(data["count"]))]
+            info = json.loads(str(data["info"]))
+            names = ("vertices", "faces", "uv", "material")
+            return cls(**{name: data[name] for name in names}, materials=materials, color=data.get("color"), info=info)
+        except (KeyError, ValueError, TypeError, RecursionError) as error:
             raise UserError(f"{path} is not a mesh record of relight ({error})") from None

@@ -11,6 +11,8 @@ from relight.files import UserError
 from relight.meshes.mesh import Material, Mesh
 from relight.srgb import LINEAR, decode
 
+MAX_COORDINATE = 1e12
+MAX_STEP = 1e-4  # of the size, between neighbouring coordinates; above it a figure's small faces are lost
 MAX_FACES = 20_000_000  # 2.5 GB in memory; the largest body scans have 5 to 10 million
 
 
@@ -60,17 +62,20 @@ def checked_mesh(raw: RawMesh, path: Path) -> Mesh:
     if low < 0 or high >= len(vertices):
         wrong = low if low < 0 else high
         raise UserError(f"{path}: a face names vertex {wrong} (counted from 0), but there are {len(vertices)} vertices")
-    finite = np.isfinite(vertices).all(axis=-1) & (np.abs(vertices) < 1e12).all(axis=-1)
-    broken = int(len(vertices) - finite.sum())
-    if broken > 0.01 * len(vertices):
-        raise UserError(f"{path}: {broken} of {len(vertices)} vertices are not finite numbers; at most 1 % may be")
-    vertices = np.where(finite[:, None], vertices, np.nan)
+    finite = np.isfinite(vertices).all(axis=-1)
+    usable = finite & (np.abs(vertices) < MAX_COORDINATE).all(axis=-1)
+    if (~usable).sum() > 0.01 * len(vertices):
+        count, what = int((~finite).sum()), "are not finite numbers"
+        if not count:
+            count, what = int((~usable).sum()), f"have coordinates beyond {MAX_COORDINATE:g}"
+        raise UserError(f"{path}: {count} of {len(vertices)} vertices {what}; 1 % is let pass")
+    vertices = np.where(usable[:, None], vertices, np.nan)
     lowest, highest = np.nanmin(vertices, axis=0), np.nanmax(vertices, axis=0)
     size = float((highest - lowest).max())
     if size == 0:
         raise UserError(f"{path}: all vertices lie at one point")
     centre = (lowest + highest) / 2
-    info = {"name": path.stem, "source": path.name, "warnings": raw.warnings}
+    info = {"name": path.stem, "source": path.name, "warnings": [*raw.warnings, *_rounding(vertices, size)]}
     if np.abs(centre).max() > 1000 * size:  # float32 would leave under 14 bits for the figure itself
         vertices = vertices - centre
         info["origin"] = centre.tolist()
@@ -84,6 +89,17 @@ def checked_mesh(raw: RawMesh, path: Path) -> Mesh:
         color=None if raw.color is None else np.nan_to_num(raw.color).clip(0, 1).astype(np.float32),
         info=info,
     )
+
+
+def _rounding(vertices: np.ndarray, size: float) -> list[str]:
+    """Returns a warning if coordinates (V,3) far from the origin were rounded to single precision before they came."""
+    step = float(np.spacing(np.float32(np.nanmax(np.abs(vertices)))))
+    if step < MAX_STEP * size or not (np.isnan(vertices) | (vertices.astype(np.float32) == vertices)).all():
+        return []
+    return [
+        f"its coordinates are rounded to steps of {step:.2g}, {step / size:.1%} of its size: move it to the origin "
+        "before it is exported in single precision"
+    ]
 
 
 def fan(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -144,5 +160,6 @@ def read_texture(source: Path | bytes, what: str) -> np.ndarray:
         raise UserError(f"{what} is not a picture; PNG, JPEG, TIFF, TGA, BMP and WebP are read") from None
     except Image.DecompressionBombError:
         raise UserError(f"{what} has more than 178 million pixels: scale it down") from None
-    except (OSError, ValueError, SyntaxError) as error:
-        raise UserError(f"{what} cannot be read ({str(error).splitlines()[0]}): it is damaged") from None
+    except Exception as error:  # Pillow's decoders raise a dozen types over damaged files
+        reason = str(error).split("\n")[0] or type(error).__name__
+        raise UserError(f"{what} cannot be read ({reason}): it is damaged") from None

@@ -1,6 +1,5 @@
 """Lists the scans of a folder as named figures."""
 
-import csv
 import hashlib
 import os
 import re
@@ -9,7 +8,7 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-from relight.files import UserError
+from relight.files import UserError, read_table
 from relight.meshes.read import READERS, suffix_list
 
 TABLE = "scans.csv"
@@ -116,11 +115,9 @@ def _finest_versions(files: list[Path]) -> list[Path]:
 
 def _from_table(table: Path) -> dict[str, Scan]:
     """Reads the scans of a table."""
-    with open(table, newline="", encoding="utf-8-sig") as file:
-        reader = csv.DictReader(file)
-        if "path" not in (reader.fieldnames or []):
-            raise UserError(f"{table} has no column `path`; it may have use, name, subject and path")
-        rows = [{k: (v or "").strip() for k, v in row.items() if isinstance(k, str)} for row in reader]
+    columns, rows = read_table(table)
+    if "path" not in columns:
+        raise UserError(f"{table} has no column `path`; it may have use, name, subject and path")
     scans: dict[str, Scan] = {}
     for row in rows:
         if row.get("use", "1").lower() in ("0", "no", "false"):

@@ -1,13 +1,14 @@
 """Reading photos and masks: everything that can be wrong with a picture file is said in one line before pixels load."""
 
 import io
-import struct
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, ImageCms, ImageOps, UnidentifiedImageError
+from PIL import Image, ImageCms, ImageOps
 
 from relight.files import UserError, existing
 
@@ -34,7 +35,7 @@ def read_photo(path: Path | str, what: str = "photo") -> Photo:
     16-bit, animated or too large.
     """
     path = existing(path, what)
-    with _opened(path, what) as image:
+    with _whole(f"{what} {path}"), _opened(path, what) as image:
         if _bits(path, image) > 8:
             raise UserError(f"{what} {path} has more than 8 bits per channel: save it as an 8-bit sRGB picture")
         return photo_of(image, f"{what} {path}", path.stem)
@@ -50,7 +51,7 @@ def photo_of(image: Image.Image, what: str = "the image", name: str = "image") -
         raise UserError(f"{what} is {image.mode}: convert it to 8-bit RGB (sRGB)")
     if image.mode.startswith(("I", "F")):
         raise UserError(f"{what} has more than 8 bits per channel: save it as an 8-bit sRGB picture")
-    image = ImageOps.exif_transpose(_loaded(image, what))
+    image = ImageOps.exif_transpose(image)
     alpha = None
     if "A" in image.getbands() or "transparency" in image.info:
         image = image.convert("RGBA")
@@ -69,7 +70,7 @@ def read_mask(path: Path | str, size: tuple[int, int]) -> np.ndarray:
     size: (height, width) of the upright photo, which the mask must share. Raises UserError.
     """
     path = existing(path, "mask")
-    with _opened(path, "mask") as image:
+    with _whole(f"mask {path}"), _opened(path, "mask") as image:
         return mask_image(image, size, f"mask {path}")
 
 
@@ -77,7 +78,7 @@ def mask_image(image: Image.Image, size: tuple[int, int], what: str = "the mask"
     """The same of Pillow's image. what: it is called in errors."""
     if getattr(image, "n_frames", 1) > 1:
         raise UserError(f"{what} is animated: give a still picture")
-    image = ImageOps.exif_transpose(_loaded(image, what))
+    image = ImageOps.exif_transpose(image)
     if image.mode.startswith(("I", "F")):
         values = np.asarray(image, np.float32)
         mask = np.round(values * (255 / max(float(values.max()), 1))).astype(np.uint8)
@@ -117,7 +118,7 @@ def _opened(path: Path, what: str) -> Image.Image:
             image = Image.open(path)
     except Image.DecompressionBombError:
         raise UserError(f"{what} {path} is too large: at most {MOST} are read") from None
-    except (UnidentifiedImageError, OSError, SyntaxError, ValueError, struct.error):
+    except Exception:
         raise UserError(f"{what} {path} cannot be read as a picture: give JPEG, PNG, WebP, TIFF or AVIF") from None
     width, height = image.size
     if width * height > MAX_PIXELS:
@@ -126,12 +127,15 @@ def _opened(path: Path, what: str) -> Image.Image:
     return image
 
 
-def _loaded(image: Image.Image, what: str) -> Image.Image:
+@contextmanager
+def _whole(what: str) -> Iterator[None]:
+    """Turns whatever Pillow raises over a damaged file into a UserError; its decoders raise a dozen types."""
     try:
-        image.load()
-    except (OSError, SyntaxError, ValueError, struct.error, EOFError) as error:
-        raise UserError(f"{what} is damaged or cut short ({error})") from None
-    return image
+        yield
+    except UserError:
+        raise
+    except Exception as error:
+        raise UserError(f"{what} is damaged or cut short ({str(error).split(chr(10))[0]})") from None
 
 
 def _bits(path: Path, image: Image.Image) -> int:

@@ -22,7 +22,7 @@ from omegaconf.errors import OmegaConfBaseException
 
 from relight import __version__
 from relight.config import CONF, READS, Config, check, composed, explain, resolved
-from relight.files import UserError
+from relight.files import UserError, out_of_memory
 from relight.processes import STARTED_BY, end_with_snakemake
 from relight.settings import listing
 
@@ -50,6 +50,8 @@ def stage(name: str, **ports: str) -> Callable:
                 sys.exit(f"relight {name}: {error}")
             except OmegaConfBaseException as error:
                 sys.exit(f"relight {name}: {explain(error, sys.argv[1:])}")
+            except MemoryError as error:
+                sys.exit(f"relight {name}: {out_of_memory(error)}")
 
         def call(cfg: DictConfig) -> None:
             unset = [f"io.{port}=<{what}>" for port, what in ports.items() if OmegaConf.is_missing(cfg.io, port)]
@@ -87,7 +89,7 @@ def stage(name: str, **ports: str) -> Callable:
                 with tempfile.TemporaryDirectory() if several else nullcontext(".") as scratch:
                     os.environ["RELIGHT_SCRATCH"] = scratch  # Hydra leaves a file multirun.yaml in a folder
                     hydra.main(config_path=str(CONF), config_name="config", version_base="1.3")(run)()
-            except (HydraException, OmegaConfBaseException) as error:
+            except (HydraException, OmegaConfBaseException, yaml.YAMLError) as error:
                 sys.exit(f"relight {name}: {explain(error, sys.argv[1:])}")
 
         function.cli = cli

@@ -117,11 +117,12 @@ class Baker:
         centres = primary_hits(self.caster, camera, *pixel_corners(size) + 0.5)
         if not len(centres.index):
             low, high = self.caster.low, self.caster.high
-            raise UserError(
-                "the camera sees nothing of the mesh: it spans "
-                + ", ".join(f"{axis} {a:.3g} to {b:.3g}" for axis, a, b in zip("xyz", low, high))
-                + ", and the image shows x and y from -1 to 1; align it first"
-            )
+            span = ", ".join(f"{axis} {a:.3g} to {b:.3g}" for axis, a, b in zip("xyz", low, high))
+            if view != FRONTAL or (np.abs([low[:2], high[:2]]) <= 1).all():
+                cure = f"it is thinner than the pixels of an image of {size} x {size}: give a larger size"
+            else:
+                cure = "the image shows x and y from -1 to 1: align it first"
+            raise UserError(f"the camera sees nothing of the mesh, which spans {span}; {cure}")
         means, coverage = self._pixel_means(camera, centres, supersample)
         self._rotate_to_camera(means, camera)
         return self._assembled(means, coverage, centres, camera, supersample, view)

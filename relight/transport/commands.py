@@ -68,6 +68,7 @@ def bake(
 
     from relight.meshes import read_mesh
     from relight.meshes.axes import AXES
+    from relight.meshes.cleaning import opposed
     from relight.transport.view import View
 
     view = View(yaw, pitch, focal)
@@ -79,6 +80,13 @@ def bake(
     for note in source.info.get("warnings", []):
         typer.echo(f"{mesh.name}: {note}", err=True)
     start = time.monotonic()
+    per_vertex = any(target.suffix.lower() in (".ply", ".npz") for target in targets)
+    if (as_is or per_vertex) and (count := opposed(source)):
+        cure = (
+            "remove them: what is baked per vertex is not repaired" if per_vertex else "leave out --as-is, to repair it"
+        )
+        note = f"{count} faces lie on others and are turned the other way, so normals cancel there; {cure}"
+        typer.echo(f"{mesh.name}: {note}", err=True)
     if any(target.suffix.lower() in (".exr", ".png") for target in targets):
         from relight.maps import write_maps, write_maps_picture
         from relight.transport.baker import bake as bake_maps
@@ -96,7 +104,7 @@ def bake(
             f"{maps.ao[maps.mask].mean():.3f}",
             err=True,
         )
-    if any(target.suffix.lower() in (".ply", ".npz") for target in targets):
+    if per_vertex:
         from relight.transport.vertices import bake_vertices
 
         baked = bake_vertices(source, rays, order, seed, bounces, threads)
@@ -126,6 +134,8 @@ def _cleaned_and_aligned(mesh, up: str, front: str, padding: float):
         counts = ", ".join(f"{name} {count}" for name, count in repairs.items())
         typer.echo(f"{mesh.info['name']}: repaired ({counts})", err=True)
     aligned = align(cleaned, settings)
+    for note in aligned.info["warnings"][len(mesh.info.get("warnings", [])) :]:  # those of the file are told
+        typer.echo(f"{mesh.info['name']}: {note}", err=True)
     record = aligned.info["align"]
     if "auto" in (up, front):
         typer.echo(f"{mesh.info['name']}: up is {record['up']}, front is {record['front']} (--up, --front)", err=True)

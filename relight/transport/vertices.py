@@ -1,6 +1,6 @@
 """Light transport per vertex, for tools that shade meshes rather than images."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +14,8 @@ from relight.transport.bounce import solve_radiosity
 from relight.transport.integrate import integrate, require_at_least
 from relight.transport.raycaster import RayCaster
 from relight.transport.surface import sample_albedo
+
+SMALLEST = 1e-6  # units: the extent from which on single precision is enough
 
 
 @dataclass
@@ -92,6 +94,8 @@ def bake_vertices(
     """
     require_at_least(1, rays=rays)
     require_at_least(0, order=order, bounces=bounces)
+    given = mesh.vertices
+    mesh = _at_least_visible(mesh)
     caster, radiosity = RayCaster(mesh.vertices, mesh.faces, threads), None
     if bounces:
         caster, radiosity = solve_radiosity(mesh, caster, rays, order, seed, bounces)
@@ -108,10 +112,23 @@ def bake_vertices(
         return array
 
     return VertexTransport(
-        vertices=np.asarray(mesh.vertices, np.float32),
+        vertices=np.asarray(given, np.float32),
         faces=np.asarray(mesh.faces, np.int32),
         normals=for_all(normals),
         albedo=for_all(sample_albedo(mesh, face, np.eye(3)[corner])),
         transport=for_all(transport),
         bounced=None if gathered is None else for_all(gathered),
     )
+
+
+def _at_least_visible(mesh: Mesh) -> Mesh:
+    """`mesh`, or one that is too small for single precision scaled up by a power of two.
+
+    Transport does not depend on the scale, and such a scaling rounds nothing. Normals and the ray caster multiply edges
+    with each other: from 1e-12 units on the products are lost without a word.
+    """
+    finite = mesh.vertices[np.isfinite(mesh.vertices).all(axis=1)]
+    extent = float(np.ptp(finite, axis=0).max()) if len(finite) else 0.0
+    if not 0 < extent < SMALLEST:
+        return mesh
+    return replace(mesh, vertices=np.asarray(mesh.vertices, np.float64) * 2.0 ** -np.floor(np.log2(extent)))

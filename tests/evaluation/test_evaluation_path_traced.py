@@ -117,7 +117,7 @@ def test_another_data_set_is_refused(data, world, tmp_path):
     with pytest.raises(UserError, match="trace it again"):
         Chain.of(data, scene)
     (tmp_path / "notes.npz").write_text("no")
-    with pytest.raises(UserError, match="relight-trace"):
+    with pytest.raises(UserError, match="set of traced pictures"):
         read_scenes(tmp_path / "notes.npz")
     (tmp_path / "notes.csv").write_text("a,b\n1,2\n")
     with pytest.raises(UserError, match="not a table"):

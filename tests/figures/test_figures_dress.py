@@ -5,7 +5,6 @@ import io
 import re
 import subprocess
 import sys
-import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -23,9 +22,9 @@ from relight.figures.fabrics import Fabric
 from relight.figures.rings import unwound
 from relight.figures.wear import Worn
 from relight.files import UserError
-from relight.meshes import Mesh
+from relight.meshes import Mesh, read_mesh
 
-SEED = 1
+SEED, SUBJECT = 1, 3  # the second of three figures of one person
 CLOTH = Fabric("plain", (0.3, 0.1, 0.05), (0.1, 0.4, 0.7), 1.0, 5)
 
 
@@ -41,15 +40,14 @@ def digest(mesh: Mesh) -> str:
 
 
 @pytest.fixture(scope="module")
-def figure() -> tuple[Mesh, float]:
+def figure() -> Mesh:
     colliders.prepare()
-    start = time.process_time()
-    mesh = make_figure(SEED, "draft", 128)
-    return mesh, time.process_time() - start
+    return make_figure(SEED, "draft", 128, SUBJECT)
 
 
+@pytest.mark.slow
 def test_the_record_is_complete(figure):
-    mesh, seconds = figure
+    mesh = figure
     assert mesh.vertices.dtype == np.float32 and mesh.vertices.shape[1] == 3 and np.isfinite(mesh.vertices).all()
     assert mesh.vertices[:, 1].min() == 0 and 1.3 < mesh.vertices[:, 1].max() < 2.6
     assert mesh.faces.max() == len(mesh.vertices) - 1 and len(np.unique(mesh.faces)) == len(mesh.vertices)
@@ -74,27 +72,62 @@ def test_the_record_is_complete(figure):
         assert key in mesh.info
     assert mesh.info["name"] == f"g{SEED:04d}"
     assert len(mesh.info["garments"]) >= 1
-    assert seconds < 30  # 3 s on a free core, with room for a kernel's first compilation
 
 
+@pytest.mark.slow
 def test_the_figure_faces_forward(figure):
-    mesh, _ = figure
+    mesh = figure
     face, _ = gates.seen(mesh.vertices, mesh.faces)
     rows = np.flatnonzero((face >= 0).any(1))
     upper = face[rows[: len(rows) // 3]]
     assert (np.isin(mesh.material[upper[upper >= 0]], [1, 2])).sum() >= 4  # eyes are seen from +z
 
 
+@pytest.mark.slow
 def test_the_same_seed_is_the_same_figure_in_another_process(figure):
     code = (
         "import sys; sys.path.insert(0, sys.argv[1]);"
         "from test_figures_dress import digest; from relight.figures.dress import make_figure;"
-        f"print(digest(make_figure({SEED}, 'draft', 128)))"
+        f"print(digest(make_figure({SEED}, 'draft', 128, {SUBJECT})))"
     )
     out = subprocess.run(
         [sys.executable, "-c", code, str(Path(__file__).parent)], capture_output=True, text=True, check=True
     )
-    assert out.stdout.split()[-1] == digest(figure[0])
+    assert out.stdout.split()[-1] == digest(figure)
+
+
+@pytest.mark.slow
+def test_seeds_of_one_subject_are_one_person_in_other_poses(figure):
+    other = make_figure(SEED + 1, "draft", 128, SUBJECT)
+    assert figure.info["subject"] == other.info["subject"] == "s0000" and figure.info["name"] != other.info["name"]
+    for trait in ("sex", "age", "height", "build", "skin", "garments", "fabrics", "shoes", "hair"):
+        assert figure.info[trait] == other.info[trait], trait
+    for mine, theirs in zip(figure.materials, other.materials, strict=True):
+        assert np.array_equal(mine.color, theirs.color) and np.array_equal(mine.texture, theirs.texture)
+    assert not np.array_equal(figure.vertices[:1000], other.vertices[:1000])
+    assert dress.subject_of(5, 3) == "s0001" and dress.subject_of(6, 3) == "s0002" and dress.subject_of(6, 1) == "g0006"
+
+
+@pytest.fixture
+def shaded(figure, monkeypatch) -> Mesh:
+    """The figure, as make_figure shades it, without another drape."""
+    monkeypatch.setattr(dress, "attempt_figure", lambda *_: (figure, None))
+    return dress.make_figure(SEED, "draft", 128, SUBJECT, shading=0.6)
+
+
+@pytest.mark.slow
+def test_a_shaded_figure_is_darker_by_a_sensible_share_and_keeps_its_shape(figure, shaded):
+    assert figure.color is None and "shading" not in figure.info
+    for field in ("vertices", "faces", "uv", "material"):
+        assert np.array_equal(getattr(shaded, field), getattr(figure, field))
+    assert shaded.info["shading"] == 0.6
+    assert 0.6 < shaded.color.mean() < 0.85 and shaded.color.min() >= 0.4 - 1e-6 and shaded.color.max() > 0.95
+
+
+@pytest.mark.slow
+def test_vertex_colours_survive_the_glb(shaded, tmp_path):
+    export(shaded, tmp_path / "f.glb")
+    assert read_mesh(tmp_path / "f.glb").color.mean() == pytest.approx(shaded.color.mean(), abs=0.02)
 
 
 def test_another_seed_is_another_figure():
@@ -122,20 +155,22 @@ def failing(monkeypatch, times: int, mesh: Mesh) -> list[dress.Draw]:
     return draws
 
 
+@pytest.mark.slow
 def test_a_failed_attempt_is_drawn_again_and_counted(figure, monkeypatch):
-    draws = failing(monkeypatch, 2, figure[0])
+    draws = failing(monkeypatch, 2, figure)
     mesh = make_figure(SEED, "draft", 128)
     assert len(draws) == 3 and mesh.info["redrawn"] == 2 and mesh.info["redrawn_because"] == ["torn", "torn"]
     assert draws[0].person == draws[1].person == draws[2].person and draws[0].outfit != draws[1].outfit
-    failing(monkeypatch, 99, figure[0])
+    failing(monkeypatch, 99, figure)
     with pytest.raises(UserError, match="6 attempts"):
         make_figure(SEED, "draft", 128)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("share", [0.0, 1.0])
 def test_who_was_to_sit_sits_when_drawn_again_but_not_for_ever(figure, monkeypatch, share):
     monkeypatch.setattr(dress, "SITTING", share)
-    draws = failing(monkeypatch, 5, figure[0])
+    draws = failing(monkeypatch, 5, figure)
     make_figure(SEED, "draft", 128)
     assert [draw.pose.sitting for draw in draws] == ([True] * 4 + [False] * 2 if share else [False] * 6)
 
@@ -251,8 +286,9 @@ def test_poke_through_is_seen_and_measured():
     assert gates.through(*two_walls(0.2)) == 0  # a large opening is no speck
 
 
+@pytest.mark.slow
 def test_glb_says_what_the_mesh_says(figure, tmp_path):
-    mesh, _ = figure
+    mesh = figure
     export(mesh, tmp_path / "f.glb")
     scene = trimesh.load(tmp_path / "f.glb", process=False)
     parts = list(scene.geometry.values())
@@ -275,16 +311,18 @@ def test_glb_says_what_the_mesh_says(figure, tmp_path):
     np.testing.assert_allclose(skin.visual.uv[skin.faces], mesh.uv[mine], atol=1e-6)
 
 
+@pytest.mark.slow
 def test_npz_round_trip_and_unknown_suffix(figure, tmp_path):
-    export(figure[0], tmp_path / "f.npz")
-    assert digest(Mesh.load(tmp_path / "f.npz")) == digest(figure[0])
+    export(figure, tmp_path / "f.npz")
+    assert digest(Mesh.load(tmp_path / "f.npz")) == digest(figure)
     with pytest.raises(UserError, match="fbx"):
-        export(figure[0], tmp_path / "f.fbx")
+        export(figure, tmp_path / "f.fbx")
     assert sorted(p.name for p in tmp_path.iterdir()) == ["f.npz"]
 
 
+@pytest.mark.slow
 def test_textures_are_pictures(figure):
-    for material in figure[0].materials:
+    for material in figure.materials:
         if material.texture is not None:
             assert material.texture.dtype == np.uint8 and material.texture.ndim == 3
             Image.fromarray(material.texture).save(io.BytesIO(), "png")

@@ -24,6 +24,8 @@ from relight.track import create
 
 OUT, CURVE, STATE = (Path("train") / name for name in ("one.s0.safetensors", "one.s0.csv", "state/one.s0/state.pt"))
 
+pytestmark = pytest.mark.slow
+
 
 class Training:
     """The stage in a folder of its own, with a database of its own, as a function of changed settings."""

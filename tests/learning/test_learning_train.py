@@ -67,6 +67,7 @@ PHOTO = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "changes",
     [{}, PLUS, {"precision": "bf16", "schedule": "constant"}, PHOTO],
@@ -98,6 +99,7 @@ def test_the_same_again_and_the_same_after_any_interruption(run, changes):
     assert not broken.state.exists()
 
 
+@pytest.mark.slow
 def test_kill_9_between_the_log_and_the_state(run, tmp_path):
     """The process dies at step 6 after logging it; the next one starts from step 4 and ends with the same bits."""
     whole = run("whole", epoch=2)()
@@ -136,6 +138,7 @@ def test_a_state_of_other_settings_or_data_is_ignored(run, world, tmp_path, caps
     assert "starting from the beginning" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["ours", "sfsnet_ao"])
 def test_one_figure_under_one_light_is_learned_by_heart(run, world, tmp_path, name):
     split = tmp_path / "one.json"
@@ -275,6 +278,7 @@ def test_user_errors(run, world, tmp_path):
             run(device="cuda")()
 
 
+@pytest.mark.slow
 def test_two_processes_train_the_network_that_one_does(run, tmp_path):
     """torchrun with gloo. Without dropout and with instance statistics the averaged gradient is that of the batch."""
     changes = {"norm": "instance", "dropout": 0.0}
@@ -295,6 +299,7 @@ def test_two_processes_train_the_network_that_one_does(run, tmp_path):
     assert float(rows[0]["loss"]) == pytest.approx(float(rows[1]["loss"]), rel=1e-4)
 
 
+@pytest.mark.slow
 def test_learning_needs_torch_alone():
     """A bare GPU node has torch, numpy, hydra and safetensors."""
     names = "checkpoint data losses predict train"

@@ -9,6 +9,7 @@ import pytest
 import trimesh
 from PIL import Image
 
+from relight.files import UserError
 from relight.meshes import read_mesh
 from relight.meshes.raw import linear
 
@@ -296,3 +297,19 @@ def test_coordinates_far_from_the_origin_keep_their_shape(tmp_path, truth):
     (tmp_path / "a.obj").write_text("\n".join(lines))
     mesh = read_mesh(tmp_path / "a.obj")
     np.testing.assert_allclose(mesh.vertices + np.array(mesh.info["origin"]) - far, truth.vertices, atol=2e-6)
+
+
+@pytest.mark.parametrize(("far", "kind", "warned"), [(1e6, "f4", True), (1e6, "f8", False), (100, "f4", False)])
+def test_coordinates_rounded_far_from_the_origin_are_warned_of(tmp_path, truth, far, kind, warned):
+    vertices = (truth.vertices + far).astype(kind)
+    lines = [*("v {} {} {}".format(*map(repr, map(float, place))) for place in vertices)]
+    lines += ["f {} {} {}".format(*face) for face in truth.faces + 1]
+    (tmp_path / "a.obj").write_text("\n".join(lines))
+    told = " ".join(read_mesh(tmp_path / "a.obj").info["warnings"])
+    assert ("rounded to steps of 0.062, 3.6% of its size" in told) == ("rounded" in told) == warned
+
+
+def test_coordinates_that_are_too_large_are_not_called_infinite(tmp_path):
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 2e12 0 0\nv 0 2e12 0\nf 1 2 3\n")
+    with pytest.raises(UserError, match=r"2 of 3 vertices have coordinates beyond 1e\+12"):
+        read_mesh(tmp_path / "a.obj")

@@ -11,6 +11,7 @@ import sys
 import numpy as np
 import OpenEXR
 import pytest
+from damage import damaged
 
 CASES = int(os.environ.get("RELIGHT_FUZZ", "400"))
 READER = """
@@ -93,37 +94,19 @@ def write_seeds(folder):
 
 
 def malformed(data, rng):
-    """One damaged copy of a whole file, and what was done to it."""
+    """One damaged copy of a whole file, and what was done to it: also sizes of pictures that cannot be."""
+    if rng.random() > 1 / 8:
+        return damaged(data, rng)
     data = bytearray(data)
-    kind = rng.choice(["cut", "flip", "head", "size", "insert", "remove", "zeros", "tail"])
-    place = int(rng.integers(len(data)))
-    match kind:
-        case "cut":
-            data = data[:place]
-        case "flip":
-            for i in rng.integers(0, len(data), rng.integers(1, 20)):
-                data[i] = rng.integers(256)
-        case "head":
-            for i in rng.integers(0, min(len(data), 400), rng.integers(1, 6)):
-                data[i] = rng.integers(256)
-        case "size":
-            absurd = [b"99999999", b"0", b"-1", b"4294967552", b"1e9", b"8192"]
-            for number in (b"48", b"24"):
-                if rng.random() < 0.7:
-                    data = data.replace(number, absurd[rng.integers(len(absurd))], 1)
-            window = data.find(b"Window\0box2i\0")
-            if window > 0:
-                words = rng.choice(np.array([0, -1, 47, 2**31 - 1, -(2**31), 8191, 65535], np.int64), 4).astype("<i4")
-                data[window + 17 : window + 33] = words.tobytes()
-        case "insert":
-            data[place:place] = rng.integers(0, 256, rng.integers(1, 64), np.uint8).tobytes()
-        case "remove":
-            del data[place : place + int(rng.integers(1, 64))]
-        case "zeros":
-            data[place:] = bytes(len(data) - place)
-        case "tail":
-            data += data[place:]
-    return bytes(data), kind
+    absurd = [b"99999999", b"0", b"-1", b"4294967552", b"1e9", b"8192"]
+    for number in (b"48", b"24"):
+        if rng.random() < 0.7:
+            data = data.replace(number, absurd[rng.integers(len(absurd))], 1)
+    window = data.find(b"Window\0box2i\0")
+    if window > 0:
+        words = rng.choice(np.array([0, -1, 47, 2**31 - 1, -(2**31), 8191, 65535], np.int64), 4).astype("<i4")
+        data[window + 17 : window + 33] = words.tobytes()
+    return bytes(data), "size"
 
 
 def test_malformed_panoramas_neither_crash_nor_hang_nor_fill_the_memory(tmp_path):

@@ -42,6 +42,7 @@ def test_weights_are_small_and_have_a_card():
         assert words in card
 
 
+@pytest.mark.slow
 def test_shading_goes_with_the_truth(figure):
     from relight.lights import load_light
 

@@ -68,12 +68,14 @@ def test_errors_name_their_cause(mesh, tmp_path):
     far = trimesh.creation.box()
     far.apply_translation([9, 0, 0])
     far.export(tmp_path / "far.ply")
+    trimesh.creation.box((1e-4, 1, 1e-4)).export(tmp_path / "thread.ply")
     for arguments, words in (
         ((tmp_path / "none.obj",), "none.obj"),
         ((mesh, "-o", "a.tif"), "a.tif"),
         ((mesh, "-o", mesh.with_suffix(".ply"), "--up", "up"), "--up up"),
         ((mesh, "--padding", "0.7"), "--padding 0.7"),
-        ((tmp_path / "far.ply", "--as-is"), "sees nothing"),
+        ((tmp_path / "far.ply", "--as-is"), "sees nothing.*align it first"),
+        ((tmp_path / "thread.ply", "--size", "16", "--rays", "1"), "sees nothing.*thinner than the pixels.*16 x 16"),
         ((mesh, "--focal", "5"), "focal length 5.0: it is 10 to 10000 mm"),
         ((mesh, "--yaw", "270"), "turned by -180 to 180 degrees"),
         ((mesh, "--pitch", "-91"), "from -90 degrees"),
@@ -86,3 +88,15 @@ def test_errors_name_their_cause(mesh, tmp_path):
     with pytest.raises(UserError, match="is the mesh itself"):
         run(ply, "-o", ply)
     assert ply.read_bytes() == before
+
+
+def test_faces_turned_both_ways_are_told_of(tmp_path):
+    box = trimesh.creation.box()
+    box.faces = np.concatenate([box.faces, box.faces[:2, ::-1]])
+    path = tmp_path / "box.ply"
+    path.write_bytes(trimesh.exchange.ply.export_ply(box))
+    options = ["-o", tmp_path / "a.exr", "--size", 16, "--rays", 1]
+    told = "2 faces lie on others and are turned the other way, so normals cancel there; "
+    assert told + "leave out --as-is" in run(path, *options, "--as-is").output
+    assert told + "remove them" in run(path, *options, "-o", tmp_path / "a.npz").output
+    assert "lie on others" not in run(path, *options).output

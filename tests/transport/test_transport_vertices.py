@@ -63,3 +63,15 @@ def test_files(tmp_path):
         baked.save(tmp_path / "a.stl")
     with pytest.raises(UserError, match="rays is 0"):
         bake_vertices(mesh, 0)
+
+
+@pytest.mark.parametrize("scale", [2.0**-40, 2.0**-53])
+def test_the_smallest_meshes_have_the_transport_of_large_ones(scale):
+    """Powers of two round nothing, so not a bit may differ but the positions'."""
+    mesh, _ = two_balls()
+    large = bake_vertices(mesh, 16)
+    mesh.vertices = mesh.vertices * np.float32(scale)
+    small = bake_vertices(mesh, 16)
+    np.testing.assert_array_equal(small.transport, large.transport)
+    np.testing.assert_array_equal(small.normals, large.normals)
+    np.testing.assert_array_equal(small.vertices, large.vertices * np.float32(scale))

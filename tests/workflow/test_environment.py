@@ -11,6 +11,8 @@ from packaging.requirements import Requirement
 from relight.config import ROOT
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+HASHED = re.findall(r"^(\S+)==(\S+?)( ; .*)? \\\n((?: +--hash=sha256:[0-9a-f]{64}(?: \\)?\n)+)",
+                    (ROOT / "requirements.txt").read_text(), re.M)  # fmt: skip
 PINS = [Requirement(line) for line in (ROOT / "constraints.txt").read_text().splitlines() if not line.startswith("#")]
 OPTIONAL_LOCKED = ("dev", "slurm", "bench", "export")
 
@@ -39,9 +41,36 @@ def test_conda_installs_what_pip_installs():
     environment = yaml.safe_load((ROOT / "environment.yml").read_text())
     pip = next(item["pip"] for item in environment["dependencies"] if isinstance(item, dict))
     assert "--constraint constraints.txt" in pip and "--editable .[dev]" in pip
-    assert "--constraint constraints.txt --editable '.[dev]'" in (ROOT / "Makefile").read_text()
     python = next(item for item in environment["dependencies"] if str(item).startswith("python="))
     assert Requirement(f"python{PROJECT['requires-python']}").specifier.contains(python.removeprefix("python=") + ".0")
+
+
+def test_make_installs_by_hash_what_is_locked():
+    """Each line of requirements.txt is a pin with hashes, of the version in constraints.txt; only torch is without."""
+    lines = (ROOT / "requirements.txt").read_text().splitlines()
+    assert len(HASHED) == sum(not line.startswith(("#", " ")) for line in lines) > 150
+    pins = {(canonical(pin.name), str(pin.specifier)) for pin in PINS}
+    hashed = {(canonical(name), f"=={version}") for name, version, _, _ in HASHED}
+    assert hashed <= pins
+    names = {name for name, _ in hashed}
+    needed = [Requirement(line) for line in PROJECT["dependencies"] + PROJECT["optional-dependencies"]["dev"]]
+    assert {canonical(requirement.name) for requirement in needed} - names == {"torch", PROJECT["name"]}
+    assert not any(re.match("triton|cuda-|nvidia-", name) for name in names)
+    rules = (ROOT / "Makefile").read_text()
+    assert "--require-hashes --no-deps --requirement requirements.txt" in rules
+    assert "--constraint constraints.txt torch" in rules
+
+
+def test_licences_of_all_packages_are_told():
+    """And that of pymeshlab, which binds who passes it on, where one looks first."""
+    listed = re.findall(r"^\| ([\w.-]+) \| \S+ \| (.+?) \|", (ROOT / "docs" / "licences.md").read_text(), re.M)
+    told = {canonical(name): licence for name, licence in listed}
+    others = (ROOT / "docs" / "licences.md").read_text().rpartition("\n\n")[2]
+    assert not [name for name, *_ in HASHED if canonical(name) not in told and name not in others]
+    assert told["torch"] and told["pymeshlab"].startswith("GPL") and "not stated" not in told.values()
+    for page in ("README.md", "NOTICE"):
+        text = (ROOT / page).read_text()
+        assert "pymeshlab" in text and re.search(r"GPL-3|General Public License, version 3", text)
 
 
 def test_console_scripts_exist():

@@ -44,6 +44,7 @@ def test_a_row_means_the_same_in_every_preset():
             assert rows.setdefault(row, words) == words, (preset, row)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", PRESETS)
 def test_every_preset_plans(preset):
     """Each run of each preset composes, and what its section needs is told."""

@@ -11,6 +11,8 @@ import pytest
 
 from relight.config import ROOT
 
+pytestmark = pytest.mark.slow
+
 # Stand-ins for the workflow. Snakemake goes on to the next job when one fails and after TERM; after INT it waits for
 # the job at work. A job is a stage that a shell started, whose output goes on through a pipe.
 STAGE = """

@@ -31,8 +31,11 @@ def calls(tmp_path, monkeypatch) -> list:
     return found
 
 
+WORDS = ["scale=smoke", "experiment=one"]
+
+
 def run(*overrides: str, dry: bool = False) -> int:
-    return module.run(["scale=smoke", *overrides], False, None, dry, ["all"], [])
+    return module.run([*WORDS, *overrides], False, None, dry, ["all"], [])
 
 
 def test_a_dry_run_leaves_the_record_alone(calls, tmp_path):
@@ -40,8 +43,8 @@ def test_a_dry_run_leaves_the_record_alone(calls, tmp_path):
     run("train.lr=0.1")
     assert calls[0][2] == record
     run("train.lr=0.2", dry=True)
-    assert "--dry-run" in calls[1][0] and calls[1][1] == {"hydra": ["scale=smoke", "train.lr=0.2"]}
-    assert yaml.safe_load(record.read_text()) == {"hydra": ["scale=smoke", "train.lr=0.1"]}
+    assert "--dry-run" in calls[1][0] and calls[1][1] == {"hydra": [*WORDS, "train.lr=0.2"]}
+    assert yaml.safe_load(record.read_text()) == {"hydra": [*WORDS, "train.lr=0.1"]}
     assert calls[1][2] != record and not calls[1][2].exists()
 
 

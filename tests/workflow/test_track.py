@@ -34,6 +34,8 @@ WRITERS = 8
 FLOW = Workflow(Track(URI, "test"), "demo", "9" * 64, {"a": {"b": 1}}, {"ours": ["table1", "table2"]}, {"sweep": "no"})
 FORKS = multiprocessing.get_context("forkserver")  # to import MLflow once for all writers
 FORKS.set_forkserver_preload(["mlflow", "mlflow.store.tracking.sqlalchemy_store", "relight.track"])
+
+pytestmark = pytest.mark.slow
 KILLED = """
 import os, signal
 from mlflow.store.tracking import sqlalchemy_store

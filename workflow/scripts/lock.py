@@ -1,4 +1,4 @@
-"""Writes constraints.txt (exact versions, all platforms) from pyproject.toml, and environment.yml with the same."""
+"""Writes the locks from pyproject.toml: constraints.txt, requirements.txt with hashes, and environment.yml."""
 
 import re
 import subprocess
@@ -8,8 +8,15 @@ from pathlib import Path
 
 # Releases that everything was measured with; raise them with the numbers in docs/.
 PINS = "torch==2.13.0\n"
+# torch and what its CUDA builds bring: a machine may take a build of its own (CPU, another CUDA, a cluster's), of the
+# same version and other bytes.
+OWN_BUILD = re.compile(r"(torch|triton|cuda-[\w-]+|nvidia-[\w-]+)==")
 
-HEAD = "# Exact versions of everything, from pyproject.toml by `make lock`; used as pip's constraints.\n"
+CONSTRAINTS = "# Exact versions of everything, from pyproject.toml by `make lock`; used as pip's constraints.\n"
+REQUIREMENTS = """\
+# What `make` installs, with the hashes of every file of these versions, by `make lock`; for pip's --require-hashes.
+# torch and its CUDA libraries are not here: docs/reliability.md#what-is-installed says why.
+"""
 ENVIRONMENT = """\
 # conda env create -f environment.yml: the versions of constraints.txt, which `make` installs too.
 name: relight
@@ -23,16 +30,31 @@ dependencies:
 """
 
 
-def main() -> None:
-    extras = [f"--extra={extra}" for extra in ("dev", "docs", "slurm", "bench", "export")]
-    command = [sys.executable, "-m", "uv", "pip", "compile", "pyproject.toml", *extras]
+def compiled(extras: tuple[str, ...], constraints: str, *options: str) -> str:
+    """The lock of pyproject.toml with these extras, for all platforms and Python versions."""
+    command = [sys.executable, "-m", "uv", "pip", "compile", "pyproject.toml"]
+    command += [f"--extra={extra}" for extra in extras]
     command += ["--universal", "--no-header", "--no-annotate", "--python-version=3.11", "--quiet"]
-    with tempfile.NamedTemporaryFile("w", suffix=".txt") as pins:
-        pins.write(PINS)
-        pins.flush()
-        text = subprocess.run([*command, "-c", pins.name], check=True, capture_output=True, text=True).stdout
-    # No local build tag: the same line takes the CUDA build where there is one, and the CPU build where pip prefers it.
-    Path("constraints.txt").write_text(HEAD + re.sub(r"(==[\w.]+)\+[\w.]+", r"\1", text))
+    done = subprocess.run([*command, "-c", constraints, *options], check=True, capture_output=True, text=True)
+    return done.stdout
+
+
+def packages(text: str) -> list[str]:
+    """The entries of a lock, each with the lines of its hashes."""
+    return re.findall(r"^\S.*(?:\n[ \t]+.*)*\n", text, re.M)
+
+
+def main() -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        pins = Path(folder) / "pins.txt"
+        pins.write_text(PINS)
+        text = compiled(("dev", "docs", "slurm", "bench", "export"), str(pins))
+        # No local build tag: the same line takes the CUDA build where there is one, and the CPU build where pip prefers
+        # it.
+        Path("constraints.txt").write_text(CONSTRAINTS + re.sub(r"(==[\w.]+)\+[\w.]+", r"\1", text))
+        hashed = compiled(("dev",), "constraints.txt", "--generate-hashes")
+    kept = [package for package in packages(hashed) if not OWN_BUILD.match(package)]
+    Path("requirements.txt").write_text(REQUIREMENTS + "".join(kept))
     Path("environment.yml").write_text(ENVIRONMENT)
 
 

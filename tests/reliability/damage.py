@@ -1,0 +1,84 @@
+"""Damaged copies of whole files, and readers in a process of their own, so that a crash is seen and memory measured."""
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+HEAD = 400  # bytes that most formats say their sizes in
+ABSURD = (0, 1, -1, 255, 65535, 2**31 - 1, -(2**31), 2**32 + 256, 2**63 - 1)
+LOOP = """
+import sys, time
+sys.path.insert(0, sys.argv[1])
+import readers
+from relight.files import UserError
+def most_memory():  # of this program alone, in kilobytes; getrusage would count the parent's before the exec
+    try:
+        status = open("/proc/self/status").read()
+    except OSError:
+        return 0
+    return int(status.split("VmHWM:")[1].split()[0])
+for line in sys.stdin.read().splitlines():
+    reader, path = line.split(" ", 1)
+    start = time.process_time()
+    try:
+        getattr(readers, reader)(path)
+        outcome = "read"
+    except UserError as error:
+        assert len(str(error)) > 20 and "\\n" not in str(error), repr(str(error))
+        outcome = "error"
+    print(outcome, time.process_time() - start, most_memory(), path, flush=True)
+"""
+
+
+def damaged(data: bytes, rng: np.random.Generator) -> tuple[bytes, str]:
+    """One damaged copy of a file, and the kind of the damage."""
+    data = bytearray(data)
+    kind = str(rng.choice(["cut", "flip", "head", "number", "word", "insert", "remove", "zeros", "tail"]))
+    place = int(rng.integers(len(data)))
+    match kind:
+        case "cut":
+            data = data[:place]
+        case "flip":
+            for i in rng.integers(0, len(data), rng.integers(1, 20)):
+                data[i] = rng.integers(256)
+        case "head":
+            for i in rng.integers(0, min(len(data), HEAD), rng.integers(1, 6)):
+                data[i] = rng.integers(256)
+        case "number":
+            found = list(re.finditer(rb"\d+", data[: 10 * HEAD])) or [re.match(b"", data)]
+            chosen = found[rng.integers(len(found))]
+            data[chosen.start() : chosen.end()] = str(ABSURD[rng.integers(len(ABSURD))]).encode()
+        case "word":
+            word = ABSURD[rng.integers(len(ABSURD))].to_bytes(9, "little", signed=True)[: rng.choice([4, 8])]
+            data[place : place + len(word)] = word
+        case "insert":
+            data[place:place] = rng.integers(0, 256, rng.integers(1, 64), np.uint8).tobytes()
+        case "remove":
+            del data[place : place + int(rng.integers(1, 64))]
+        case "zeros":
+            data[place:] = bytes(len(data) - place)
+        case "tail":
+            data += data[place:]
+    return bytes(data), kind
+
+
+def outcomes(jobs: list[tuple[str, Path]], seconds: float, memory: int) -> list[str]:
+    """What readers, functions of readers.py by name, make of files: "read" or "error" for each (reader, path).
+
+    Fails where one ends otherwise than by UserError in one line, takes more CPU `seconds` for a file, or more `memory`
+    (kilobytes) for the worst of them.
+    """
+    environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    command = [sys.executable, "-c", LOOP, str(Path(__file__).parent)]
+    text = "\n".join(f"{reader} {path}" for reader, path in jobs)
+    done = subprocess.run(command, input=text, capture_output=True, text=True, env=environment)
+    lines = [line.split(" ", 3) for line in done.stdout.splitlines() if line.startswith(("read ", "error "))]
+    last = jobs[len(lines)] if len(lines) < len(jobs) else "the last"
+    assert done.returncode == 0 and len(lines) == len(jobs), f"at {last}: {done.stderr[-2000:]}"
+    assert not [line for line in lines if float(line[1]) > seconds]
+    assert int(lines[-1][2]) < memory
+    return [line[0] for line in lines]

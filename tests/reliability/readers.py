@@ -1,0 +1,185 @@
+"""Every reader of a file that may come from elsewhere, as a function of the path; and a whole file of each kind."""
+
+import io
+import json
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+
+def light(path: str) -> None:
+    from relight.lights import load_light
+
+    assert np.isfinite(load_light(path).coefficients).all()
+
+
+def light_set(path: str) -> None:
+    from relight.lights import read_light_set
+
+    lights = read_light_set(path)
+    assert np.isfinite(lights.coefficients).all() and len(lights.of("train")) <= len(lights)
+
+
+def training_lights(path: str) -> None:
+    from relight.learning.data import RelitSet
+
+    RelitSet(Path(path).parent / "whole.packed.safetensors", path, 1, "paper")
+
+
+def split(path: str) -> None:
+    from relight.learning.data import read_split
+
+    assert all(isinstance(name, str) for names in read_split(path).values() for name in names)
+
+
+def record(path: str) -> None:
+    from relight.meshes import Mesh
+
+    Mesh.load(Path(path))
+
+
+def maps(path: str) -> None:
+    from relight.maps import LeftOut, read_info, read_maps
+
+    read_info(path)
+    with suppress(LeftOut):
+        read_maps(path)
+
+
+def packed(path: str) -> None:
+    from relight.maps import PackedMaps
+
+    found = PackedMaps(path)
+    for i in range(len(found)):
+        found.figure(i)
+    found.arrays()
+
+
+def network(path: str) -> None:
+    from relight.learning.checkpoint import load_network
+
+    load_network(path)
+
+
+def photo(path: str) -> None:
+    from relight.photos.read import read_photo
+
+    read_photo(path)
+
+
+def mask(path: str) -> None:
+    from relight.photos.read import read_mask
+
+    assert read_mask(path, (12, 16)).shape == (12, 16)
+
+
+def scores(path: str) -> None:
+    from relight.evaluation.scores import read_scores
+
+    read_scores(path)
+
+
+def axes(path: str) -> None:
+    from relight.meshes.alignment import read_align_table
+
+    read_align_table(path)
+
+
+def textured(path: str) -> None:
+    """An .obj whose material or texture is damaged: the file itself is only named by it."""
+    from relight.meshes import read_mesh
+
+    path = Path(path)
+    body = "v 0 0 0\nv 1 0 0\nv 0 1 0\nvt 0 0\nvt 1 0\nvt 0 1\nusemtl skin\nf 1/1 2/2 3/3\n"
+    library = path if path.suffix == ".mtl" else path.with_name("names.mtl")
+    if library != path:
+        library.write_text(f"newmtl skin\nmap_Kd {path.name}\n")
+    mesh = path.with_name("names.obj")
+    mesh.write_text(f"mtllib {library.name}\n{body}")
+    read_mesh(mesh)
+
+
+def pixels(mode: str = "RGB") -> Image.Image:
+    rng = np.random.default_rng(0)
+    return Image.fromarray(rng.integers(0, 256, (12, 16, 3), np.uint8)).convert(mode)
+
+
+def encoded(image: Image.Image, kind: str, **options) -> bytes:
+    file = io.BytesIO()
+    image.save(file, kind, **options)
+    return file.getvalue()
+
+
+def write_whole(folder: Path) -> dict[str, list[Path]]:
+    """Files of each kind, by the name of the reader."""
+    from relight.config import Model
+    from relight.learning.checkpoint import save_network
+    from relight.learning.networks import build
+    from relight.lights import Light, LightSet, write_light, write_light_set
+    from relight.maps import Maps, pack_maps, write_left_out, write_maps
+    from relight.meshes import Material, Mesh
+
+    rng = np.random.default_rng(0)
+    found: dict[str, list[Path]] = {}
+
+    def add(reader: str, name: str, content: bytes | str | None = None) -> Path:
+        path = folder / f"whole.{name}"
+        if content is not None:
+            path.write_bytes(content.encode() if isinstance(content, str) else content)
+        found.setdefault(reader, []).append(path)
+        return path
+
+    coefficients = rng.uniform(0.1, 1, (9, 3))
+    for suffix in ("json", "npy"):
+        path = write_light(Light(coefficients, "test"), folder / f"whole.light.{suffix}")
+        found.setdefault("light", []).append(path)
+    add("light", "light.txt", "\n".join(" ".join(map(str, row)) for row in coefficients))
+    add("light", "probe.json", json.dumps({"object": {"sh": coefficients.tolist(), "intensity": 1}}))
+    text, number = np.array(["room:1", "room:2"]), np.arange(2)
+    table = np.stack([coefficients, coefficients]).astype(np.float32)
+    write_light_set(
+        LightSet(table, np.array(["train", "test"]), text, 1.0 * number, number, 1.0 * number, number, text), folder
+    )
+    for reader in ("light_set", "training_lights"):
+        add(reader, f"{reader}.npz", (folder / "lights.npz").read_bytes())
+    add("split", "split.json", json.dumps({"train": ["a", "b"], "test": ["c"]}))
+
+    size, image = 12, rng.random((12, 12))
+    inside = image < 0.5
+    layers = {
+        name: (rng.random((size, size, 3)) * inside[..., None]).astype(np.float32) for name in ("albedo", "normal")
+    }
+    layers["transport"] = rng.random((size, size, 9)).astype(np.float32)
+    planes = {name: inside.astype(np.float32) for name in ("coverage", "ao", "depth")}
+    write_maps(
+        add("maps", "maps.exr"), Maps(mask=inside, info={"name": "a", "size": size, "order": 2}, **layers, **planes)
+    )
+    write_left_out(add("maps", "left_out.exr"), {"name": "b"}, "torn")
+    pack_maps([folder / "whole.maps.exr"], add("packed", "packed.safetensors"))
+    triangle = Mesh(
+        vertices=np.eye(3, dtype=np.float32),
+        faces=np.array([[0, 1, 2]], np.int32),
+        uv=np.zeros((1, 3, 2), np.float32),
+        material=np.zeros(1, np.int16),
+        materials=[Material(texture=np.zeros((2, 2, 3), np.uint8))],
+        info={"name": "a"},
+    )
+    triangle.save(add("record", "record.npz"))
+    model = Model(name="unet", width=0.1, norm="batch", dropout=0.0, order=1, albedo="clip", light_head="pooled",
+                  refine=False, sees="image")  # fmt: skip
+    save_network(add("network", "network.safetensors"), build(model, 64), model)
+
+    for kind in ("PNG", "JPEG", "TIFF", "WEBP", "BMP"):
+        add("photo", f"photo.{kind.lower()}", encoded(pixels(), kind))
+    add("photo", "cutout.png", encoded(pixels("RGBA"), "PNG"))
+    add("mask", "mask.png", encoded(pixels("L"), "PNG"))
+    add("mask", "mask.tiff", encoded(pixels("I"), "TIFF"))
+    add("textured", "skin.png", encoded(pixels(), "PNG"))
+    add("textured", "skin.jpeg", encoded(pixels(), "JPEG"))
+    add("textured", "skin.mtl", "newmtl skin\nKd 0.5 0.25 1\nmap_Kd -s 2 2 -o 0.5 0 whole.skin.png\nnewmtl hair\n")
+    rows = "".join(f"ours,{figure},{light},0.5,\n" for figure in "ab" for light in (3, 4))
+    add("scores", "scores.csv", "predictor,figure,light,shading_rmse,relit_psnr\n" + rows)
+    add("axes", "axes.csv", "name,up,front,turn\na,+y,+z,30\nb,auto,,\n")
+    return found

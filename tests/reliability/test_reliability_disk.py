@@ -1,0 +1,186 @@
+"""Disks that are full, and folders that cannot be written: one line each, the old file kept, nothing left behind."""
+
+import errno
+import os
+import resource
+import shutil
+import subprocess
+import sys
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from relight.config import ROOT, Model
+from relight.files import UserError, refusal, whole
+from relight.learning.checkpoint import restore, save_network, save_state
+from relight.learning.networks import build
+from relight.lights import Light, write_light
+from relight.maps import Maps, pack_maps, write_maps
+from relight.meshes import Material, Mesh
+
+SIZE = 32
+MODEL = Model(name="unet", width=0.1, norm="batch", dropout=0.0, order=1, albedo="clip", light_head="pooled",
+              refine=False, sees="image")  # fmt: skip
+
+
+def writers(folder: Path) -> dict:
+    """What writes results, as functions of a path; what they read is made in `folder`."""
+    rng = np.random.default_rng(0)
+    noise = rng.random((SIZE, SIZE, 9)).astype(np.float32)
+    plane = np.ones((SIZE, SIZE), np.float32)
+    maps = Maps(mask=plane > 0, coverage=plane, albedo=noise[..., :3], normal=noise[..., 3:6], depth=plane, ao=plane,
+                transport=noise, info={"name": "a", "size": SIZE, "order": 2})  # fmt: skip
+    write_maps(folder / "a.exr", maps)
+    texture = rng.integers(0, 256, (64, 64, 3), np.uint8)
+    mesh = Mesh(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]], np.int32), np.zeros((1, 3, 2), np.float32),
+                np.zeros(1, np.int16), [Material(texture=texture)])  # fmt: skip
+    network = build(MODEL, 64)
+    return {
+        "maps.exr": lambda path: write_maps(path, maps),
+        "mesh.npz": mesh.save,
+        "packed.safetensors": lambda path: pack_maps([folder / "a.exr"], path),
+        "network.safetensors": lambda path: save_network(path, network, MODEL),
+        "state.pt": lambda path: save_state(path, "digest", {"network": network}, 1, []),
+        "light.json": lambda path: write_light(Light(noise[0, :9, :3].astype(float), "test"), path),
+    }
+
+
+@contextmanager
+def limited(size: int):
+    """No file may grow beyond `size` bytes: the file system answers EFBIG, and no privilege is needed."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+@pytest.fixture(scope="module")
+def write(tmp_path_factory) -> dict:
+    return writers(tmp_path_factory.mktemp("inputs"))
+
+
+@pytest.mark.parametrize(
+    "name", ["maps.exr", "mesh.npz", "packed.safetensors", "network.safetensors", "state.pt", "light.json"]
+)
+def test_a_write_that_fails_anywhere_leaves_the_old_file_and_says_so(write, tmp_path, name):
+    path = tmp_path / name
+    write[name](path)
+    old, rng = path.read_bytes(), np.random.default_rng(0)
+    for size in (0, 1, len(old) - 1, *rng.integers(2, len(old), 3)):
+        with limited(int(size)), pytest.raises(UserError, match="cannot be written: file too large") as error:
+            write[name](path)
+        assert str(path) in str(error.value) and "\n" not in str(error.value)
+        assert path.read_bytes() == old and [found.name for found in tmp_path.iterdir()] == [name]
+
+
+def test_a_refusal_is_known_through_any_library():
+    hidden = RuntimeError("unexpected pos 64 vs 0")
+    hidden.__context__ = OSError(errno.ENOSPC, "x")
+    assert refusal(hidden) == refusal(ValueError("I/O error: (os error 28)")) == errno.ENOSPC
+    assert refusal(RuntimeError("Read-only file system: a.exr")) == errno.EROFS
+    assert refusal(ValueError("shape")) is None and refusal(OSError(errno.EINTR, "x")) is None
+
+
+def test_what_is_no_refusal_is_not_called_one(tmp_path):
+    with pytest.raises(ValueError, match="a bug"), whole(tmp_path / "a"):
+        raise ValueError("a bug")
+    assert not list(tmp_path.iterdir())
+
+
+# In a mount namespace of its own: `place` is a file system of four megabytes.
+FULL = """
+import sys
+from pathlib import Path
+sys.path.insert(0, sys.argv[1])
+import os, subprocess, numpy as np
+from test_reliability_disk import writers
+from relight.files import UserError
+inputs, place = Path(sys.argv[2]), Path(sys.argv[3])
+write, rng = writers(inputs), np.random.default_rng(1)
+def told(name, why):
+    try:
+        write[name](place / name)
+    except UserError as error:
+        assert str(error) == f"{place / name} cannot be written: {why}", error
+        return True
+    return False
+failed = 0
+for name in write:
+    write[name](place / name)
+    old = (place / name).read_bytes()
+    for size in rng.integers(0, len(old), 4):
+        free = os.statvfs(place).f_bavail * os.statvfs(place).f_bsize
+        (place / "ballast").write_bytes(bytes(max(0, free - int(size))))
+        failed += told(name, "no space left on device")
+        assert (place / name).read_bytes() == old, name
+        assert {path.name for path in place.iterdir()} == {name, "ballast"}, name
+        (place / "ballast").unlink()
+    (place / name).unlink()
+assert failed > 12, failed
+subprocess.run(["mount", "-o", "remount,ro", str(place)], check=True)
+assert all(told(name, "read-only file system") for name in write)
+"""
+
+
+def namespaced() -> bool:
+    """Whether this user may mount in a namespace."""
+    command = ["unshare", "-rm", "mount", "-t", "tmpfs", "none", "/mnt"]
+    return bool(shutil.which("unshare")) and not subprocess.run(command, capture_output=True).returncode
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not namespaced(), reason="no mount namespaces here")
+def test_full_and_read_only_disks(tmp_path):
+    """Four random amounts of free space for each writer, then a disk that is read-only."""
+    inputs, place = tmp_path / "inputs", tmp_path / "disk"
+    inputs.mkdir()
+    place.mkdir()
+    mounted = 'mount -t tmpfs -o size=4m none "$4" && exec "$0" -c "$1" "$2" "$3" "$4"'
+    command = ["unshare", "-rm", "sh", "-c", mounted, sys.executable, FULL, str(Path(__file__).parent)]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+    done = subprocess.run([*command, str(inputs), str(place)], env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-3000:]
+
+
+def test_a_state_that_is_damaged_begins_anew(tmp_path):
+    path = tmp_path / "state.pt"
+    for content in (b"", b"no state", b"PK\x03\x04" + bytes(100)):
+        path.write_bytes(content)
+        step, history, told = restore(path, "digest", {}, "cpu")
+        assert (step, history) == (0, []) and "cannot be read" in told and "beginning" in told
+
+
+def test_a_cache_that_cannot_be_written_is_kept_here(monkeypatch, tmp_path):
+    from relight import run
+
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    assert run.cache() == {} and not (tmp_path / "cache").exists()
+    (tmp_path / "cache").write_text("a file is in the way")
+    assert run.cache() == {"XDG_CACHE_HOME": str(ROOT / ".snakemake" / "cache")}
+
+
+MEMORY = """
+import resource, sys
+from relight import cli
+import numpy, open3d
+used = int(open("/proc/self/statm").read().split()[0]) * resource.getpagesize()
+resource.setrlimit(resource.RLIMIT_AS, (used + (256 << 20),) * 2)
+cli.main()
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="Linux only")
+def test_too_little_memory_is_one_line(tmp_path):
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n")
+    words = ["bake", "a.obj", "--as-is", "--size", "16384", "--threads", "1"]
+    environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
+    command = [sys.executable, "-c", MEMORY, *words]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    last = done.stderr.strip().splitlines()[-1]
+    assert done.returncode == 1 and last.startswith("relight: there is not enough memory"), done.stderr[-2000:]
+    assert "Traceback" not in done.stderr and [path.name for path in tmp_path.iterdir()] == ["a.obj"]

@@ -1,0 +1,132 @@
+"""Golden numbers, so that a change of results shows in review, and properties that hold whatever the input.
+
+`RELIGHT_GOLDEN=write make test ARGS=tests/reliability/test_reliability_golden.py` writes golden.json anew. Numbers may
+differ in the last digits between kinds of CPUs: TOLERANCE is far above that, and far below any change of a method.
+"""
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from people import person
+from scipy.spatial.transform import Rotation
+
+from relight.config import Align, Model
+from relight.evaluation.statistics import compare, estimate, resample_weights
+from relight.figures.body import build_body, sample_person
+from relight.learning.camera import shade
+from relight.learning.networks import build
+from relight.lights import load_light
+from relight.meshes import Material, Mesh, align
+from relight.sh import rotation_matrix
+from relight.transport import bake, bake_vertices
+
+GOLDEN = Path(__file__).parent / "golden.json"
+OPEN = np.sqrt(np.pi) / 2  # T00 of a point that nothing occludes
+TOLERANCE = 1e-4  # relative; a tenth of it absolute
+
+
+def mesh_of(vertices: np.ndarray, faces: np.ndarray) -> Mesh:
+    faces = np.asarray(faces, np.int32)
+    zeros = np.zeros((len(faces), 3, 2), np.float32), np.zeros(len(faces), np.int16)
+    return Mesh(np.asarray(vertices, np.float32), faces, *zeros, [Material()], info={"name": "a"})
+
+
+def body() -> list[float]:
+    """The skin of a body: number of vertices, extents in metres, and its centre."""
+    skin = build_body(sample_person(np.random.default_rng(1))).skin
+    return [len(skin), *np.ptp(skin, axis=0), *skin.mean(axis=0)]
+
+
+def maps() -> list[float]:
+    """A person of capsules at 64 px: pixels, mean AO, mean transport."""
+    solid = person(0)
+    aligned = align(mesh_of(solid.vertices, solid.faces), Align(up="+y", front="+z", padding=0.05, version=0))
+    found = bake(aligned, 64, 64)
+    return [int(found.mask.sum()), found.ao[found.mask].mean(), *found.transport[found.mask].mean(axis=0)]
+
+
+def light() -> list[float]:
+    """A generated room, up to order 1."""
+    return list(load_light("room:7").coefficients[:4].ravel())
+
+
+def network() -> list[float]:
+    """What a fresh network of each kind makes of a fixed picture: the means of its outputs."""
+    found = []
+    image = torch.linspace(0, 1, 3 * 64 * 64).reshape(1, 3, 64, 64)
+    for name, head in (("ours", "strided"), ("sfsnet_ao", "strided"), ("unet", "pooled")):
+        torch.manual_seed(0)
+        model = Model(name=name, width=0.125, norm="instance", dropout=0.0, order=2, albedo="clip", light_head=head,
+                      refine=False, sees="image")  # fmt: skip
+        with torch.no_grad():
+            outputs = build(model, 64).eval()(image, torch.ones(1, 1, 64, 64))
+        found += [outputs[key].abs().mean().item() for key in sorted(outputs)]
+    return found
+
+
+def table() -> list[float]:
+    """Two rows of a table: their means and intervals, and their difference with its p-value."""
+    rng = np.random.default_rng(0)
+    weights = resample_weights(12, 500, 0)
+    first, second = (estimate(rng.normal(mean, 0.1, (1, 12)), weights, seed) for seed, mean in ((0, 0.5), (1, 0.45)))
+    difference = compare(first, second)
+    rows = [number for one in (first, second) for number in (one.mean, one.low, one.high)]
+    return [*rows, difference.mean, difference.low, difference.high, difference.p]
+
+
+@pytest.mark.parametrize("what", [body, maps, light, network, table], ids=lambda what: what.__name__)
+def test_numbers_are_those_of_the_last_review(what):
+    found = [float(f"{number:.7g}") for number in what()]
+    golden = json.loads(GOLDEN.read_text()) if GOLDEN.exists() else {}
+    if os.environ.get("RELIGHT_GOLDEN") == "write":
+        GOLDEN.write_text(json.dumps({**golden, what.__name__: found}, indent=1, sort_keys=True) + "\n")
+        return
+    np.testing.assert_allclose(found, golden[what.__name__], rtol=TOLERANCE, atol=TOLERANCE / 10)
+
+
+@st.composite
+def soups(draw) -> Mesh:
+    """A few triangles anywhere: open, crossing, of any orientation."""
+    count = draw(st.integers(1, 12))
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    corners = rng.uniform(-1, 1, (3 * count, 3)) * rng.uniform(0.01, 1, (3 * count, 1))
+    return mesh_of(corners, np.arange(3 * count).reshape(-1, 3))
+
+
+@given(soups())
+@settings(max_examples=40, deadline=None)
+def test_no_surface_receives_more_than_an_open_one(mesh):
+    """T00 lies between 0 and that of an open point, so AO in [0,1]; no transport exceeds its coefficient's bound."""
+    transport = bake_vertices(mesh, 64).transport
+    assert np.isfinite(transport).all()
+    assert transport[:, 0].min() >= -1e-6 and transport[:, 0].max() <= OPEN + 1e-6
+    # Cauchy-Schwarz over the hemisphere: |T_lm|^2 <= int cos^2 * int Y^2 <= (2 pi / 3) * 1
+    assert np.abs(transport).max() <= np.sqrt(2 * np.pi / 3)
+
+
+@given(soups(), st.integers(0, 2**32 - 1))
+@settings(max_examples=10, deadline=None)
+def test_transport_turns_with_the_mesh(mesh, seed):
+    """Each vertex has rays of its own azimuth, so both are estimates: their difference is that of two of 4096 rays."""
+    rotation = Rotation.random(rng=seed).as_matrix()
+    turned = mesh_of(mesh.vertices @ rotation.T, mesh.faces)
+    there, back = bake_vertices(mesh, 4096).transport, bake_vertices(turned, 4096).transport
+    difference = there @ rotation_matrix(rotation).T - back
+    assert np.sqrt(np.mean(difference**2)) < 2e-3 and np.abs(difference).max() < 2e-2
+
+
+@given(st.integers(0, 2**32 - 1), st.floats(0, 10), st.floats(0, 10))
+@settings(max_examples=50, deadline=None)
+def test_shading_is_linear_in_the_light(seed, a, b):
+    """Where no light is negative: the camera's and the truth's shading are clipped at 0 and 10."""
+    generator = torch.Generator().manual_seed(seed)
+    transport = torch.rand(2, 5, 9, generator=generator)
+    one, other = (torch.rand(2, 9, 3, generator=generator) / 20 for _ in range(2))
+    mixed = shade(transport, (a * one + b * other) / 10)
+    torch.testing.assert_close(mixed, (a * shade(transport, one) + b * shade(transport, other)) / 10)

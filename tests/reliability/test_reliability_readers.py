@@ -1,0 +1,101 @@
+"""Damaged and hostile files of every kind: read, or refused in one sentence, in little time and memory.
+
+Panoramas and meshes have tests of their own beside their readers. The suite takes a seeded sample, `make fuzz` more
+(RELIGHT_FUZZ: damaged files of all kinds together). Files that once broke a reader are in `found/`.
+"""
+
+import json
+import os
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from damage import damaged, outcomes
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from readers import write_whole
+
+from relight.files import UserError
+from relight.lights import load_light
+
+CASES = int(os.environ.get("RELIGHT_FUZZ", "320"))
+READERS = ("light", "light_set", "training_lights", "split", "record", "maps", "packed", "network", "photo", "mask",
+           "textured", "scores", "axes")  # fmt: skip
+FOUND = Path(__file__).parent / "found"
+SECONDS, MEMORY = 5, 900_000  # of CPU for a file; kilobytes of one reader, torch and its libraries among them
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory) -> dict[str, list[Path]]:
+    return write_whole(tmp_path_factory.mktemp("whole"))
+
+
+@pytest.mark.slow
+def test_no_damaged_file_crashes_hangs_or_swells(whole):
+    rng = np.random.default_rng(0)
+    jobs = [(reader, path) for reader, paths in whole.items() for path in paths]
+    sound = len(jobs)
+    for i in range(CASES):
+        reader = READERS[i % len(READERS)]
+        source = whole[reader][i // len(READERS) % len(whole[reader])]
+        data, kind = damaged(source.read_bytes(), rng)
+        path = source.with_name(f"{i}-{kind}-{source.name}")
+        path.write_bytes(data)
+        jobs.append((reader, path))
+    jobs += [(path.name.partition("-")[0], path) for path in sorted(FOUND.glob("*-*"))]
+    outcome = outcomes(jobs, SECONDS, MEMORY)
+    refused = [job for job, word in zip(jobs[:sound], outcome) if word == "error"]
+    assert not refused, "a whole file is refused"
+    for reader in READERS:
+        words = [word for (one, _), word in zip(jobs[sound:], outcome[sound:]) if one == reader]
+        assert words.count("error") > 0.2 * len(words), reader
+
+
+def safetensors(header: dict, body: bytes = b"") -> bytes:
+    text = json.dumps(header).encode()
+    return struct.pack("<Q", len(text)) + text + body
+
+
+def test_what_a_header_promises_is_not_allocated(whole, tmp_path):
+    """Networks and data sets whose metadata ask for more memory than there is."""
+    sizes, jobs = (10**6, 10**9, 10**300, -64, 0, "64", None, 64.5, [64]), []
+    for reader in ("network", "packed"):
+        data = whole[reader][0].read_bytes()
+        length = struct.unpack("<Q", data[:8])[0]
+        header, body = json.loads(data[8 : 8 + length]), data[8 + length :]
+        paths = []
+        for key in ("size", "order", "width"):
+            for value in sizes:
+                notes = json.loads(json.dumps(header["__metadata__"]))
+                if reader == "network":
+                    config = json.loads(notes["relight"])
+                    (config if key == "size" else config["model"])[key] = value
+                    notes["relight"] = json.dumps(config)
+                elif key != "width":
+                    notes[key] = json.dumps(value)
+                else:
+                    notes["names"] = json.dumps(["a"] * (value if value == 10**6 else 2))
+                paths.append(tmp_path / f"{reader}-{key}-{len(paths)}")
+                paths[-1].write_bytes(safetensors({**header, "__metadata__": notes}, body))
+        paths.append(tmp_path / f"{reader}-nested")
+        nested = {**header["__metadata__"], "relight": "[" * 10**5, "names": "[" * 10**5}
+        paths[-1].write_bytes(safetensors({**header, "__metadata__": nested}, body))
+        jobs += [(reader, path) for path in paths]
+    assert set(outcomes(jobs, SECONDS, MEMORY)) == {"error"}
+
+
+@given(st.recursive(st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=8),
+                    lambda inner: st.lists(inner, max_size=10) | st.dictionaries(
+                        st.sampled_from(["coefficients", "convention", "object", "sh", "intensity", "x"]), inner
+                    ), max_leaves=40))  # fmt: skip
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_any_json_is_a_light_or_refused(tmp_path, content):
+    path = tmp_path / "light.json"
+    path.write_text(json.dumps(content))
+    try:
+        light = load_light(path)
+    except UserError as error:
+        assert "\n" not in str(error) and str(path) in str(error)
+    else:
+        assert np.isfinite(light.coefficients).all() and light.coefficients.shape == (9, 3)
