@@ -265,6 +265,7 @@ def test_a_failed_section_takes_no_other_along(tmp_path, capsys):
     found = check(out.read_text())
     # The summary needs table2, and so does the chart of the first table.
     assert found.classes.count("failed") >= 3 and {"table1", "figures", "inference_time"} <= set(found.names)
+    assert "sections could not be made" in out.read_text()
     assert "inference_time/a.csv" in out.read_text() and "no_tv.s0.csv" in out.read_text()
     assert "Traceback" in capsys.readouterr().err
 

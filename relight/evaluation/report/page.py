@@ -30,17 +30,13 @@ def environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
         undefined=StrictUndefined,
-        extensions=["jinja2.ext.do"],
     )
     made.filters |= {
         "number": formats.number,
-        "signed": formats.signed,
-        "percent": formats.percent,
         "count": formats.count,
         "column": formats.column_name,
         "label": lambda row: LABELS.get(row, row),
         "span": span,
-        "slug": slug,
     }
     made.globals |= {"table": table, "picture": picture, "ALPHA": ALPHA, "MARGIN": MARGIN, "Verdict": Verdict}
     return made
@@ -84,8 +80,3 @@ def picture(path: Path, caption: str, alt: str = "") -> Markup:
         data, kind = buffer.getvalue(), "image/jpeg"
     source = f"data:{kind};base64,{base64.b64encode(data).decode()}"
     return Markup(page("picture.html", source=source, caption=caption, alt=alt or caption).strip())
-
-
-def slug(words: str) -> str:
-    """A name for a link: lower case, hyphens."""
-    return re.sub(r"[^a-z0-9_]+", "-", words.lower()).strip("-") or "section"
