@@ -22,10 +22,9 @@ import numpy as np
 from relight.benchmark.measures import INVARIANCES, LEAKS, Seen, errors, invariances, leaks
 from relight.benchmark.picture import on_square
 from relight.benchmark.shots import variants
+from relight.lights import Light
 from relight.lights.chain import generated_light
-from relight.lights.light import Light
-from relight.maps.exr import read_maps, write_maps
-from relight.maps.maps import Maps
+from relight.maps import Maps, read_maps, write_maps
 from relight.photos.api import Relighter, load
 from relight.photos.frame import Frame, frame
 from relight.progress import progress
@@ -50,7 +49,7 @@ def figures(cache: Path) -> list[Maps]:
     """The baked figures; drawn and baked where `cache` has none."""
     from transport import figure
 
-    from relight.transport.bake import bake
+    from relight.transport import bake
 
     cache.mkdir(parents=True, exist_ok=True)
     for seed in progress(SEEDS, "figures"):

@@ -12,6 +12,7 @@ from relight.files import UserError
 from relight.lights.commands import app as lights
 from relight.meshes.commands import app as scans
 from relight.photos.commands import app as photos
+from relight.photos.commands import mask_app as masks
 from relight.transport.commands import app as transport
 from relight.viewer.commands import app as viewer
 
@@ -28,6 +29,7 @@ for tool in (photos, viewer, transport, figures):
 app.add_typer(lights, name="light")
 app.add_typer(scans, name="scans")
 app.add_typer(benchmark, name="benchmark")
+app.add_typer(masks, name="mask")
 
 
 @app.callback(invoke_without_command=True)
@@ -51,6 +53,7 @@ def run(
     """The whole workflow, from figures and panoramas to the report; does only what is missing."""
     import shlex
 
+    need_clone("run")
     from relight.run import run as workflow
 
     raise typer.Exit(workflow(overrides or [], multirun, cores, dry, target, shlex.split(snakemake)))
@@ -61,6 +64,7 @@ def ui(port: Annotated[int, typer.Option(help="Port on this machine.")] = 5000) 
     """Browse the runs in MLflow, on this machine only."""
     import subprocess
 
+    need_clone("ui")
     from relight.config import ROOT, composed
     from relight.track import create
 
@@ -69,6 +73,14 @@ def ui(port: Annotated[int, typer.Option(help="Port on this machine.")] = 5000) 
     print(f"MLflow: http://127.0.0.1:{port}/#/experiments (Ctrl-C ends it)")
     command = [sys.executable, "-m", "mlflow", "server", "--backend-store-uri", uri, "--host", "127.0.0.1"]
     raise typer.Exit(subprocess.call([*command, "--port", str(port)], cwd=ROOT))
+
+
+def need_clone(command: str) -> None:
+    """Raises UserError when relight was installed from a wheel, which holds no workflow."""
+    from relight.config import IS_CLONE
+
+    if not IS_CLONE:
+        raise UserError(f"relight {command} needs the repository with its Snakefile: clone it and type `make` there")
 
 
 def main() -> None:

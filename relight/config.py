@@ -7,17 +7,14 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from hydra import compose, initialize_config_dir
-from hydra.core.config_store import ConfigStore
-from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.errors import HydraException
 from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from relight.files import UserError
 
 ROOT = Path(__file__).resolve().parent.parent
-CONF = ROOT / "conf"
+IS_CLONE = (ROOT / "Snakefile").exists()  # else relight was installed from a wheel, which holds conf/ in the package
+CONF = ROOT / "conf" if IS_CLONE else Path(__file__).resolve().parent / "conf"
 
 
 @dataclass
@@ -79,7 +76,7 @@ class Panoramas:
     count: int = MISSING  # generated rooms
     skies: int = MISSING  # generated outdoor skies beside them
     seed: int = MISSING
-    layout: str = MISSING  # auto, or a layout that relight.panoramas.layouts knows
+    layout: str = MISSING  # auto, or a layout that relight.panoramas.projection knows
     yaw: float = MISSING  # degrees by which every light is turned, +z toward +x
     flip: bool = MISSING  # mirror left and right
     upside_down: bool = False  # files hold their rows from the bottom up
@@ -144,7 +141,7 @@ class Loss:
     gradient_albedo: float = MISSING  # of the error's differences between neighbours
     gradient_transport: float = MISSING
     gradient_shading: float = MISSING  # under the true light
-    tv_reference: int = MISSING  # TV weights are multiplied by size / tv_reference
+    tv_reference: int = MISSING  # pixels; the weight of tv_transport is multiplied by size / tv_reference
     reduction: str = MISSING  # image | mask
 
 
@@ -238,6 +235,8 @@ class Experiment:
     """A question: some runs of the sweep, what they are scored on, and a section of the report."""
 
     rows: list[str] = MISSING  # runs that the section compares, in order
+    title: str = ""  # of its section and table; the experiment's name if empty
+    question: str = ""  # what it asks, in a sentence
     figures: str = "test"  # test | sitting | views: on which part of the split
     lights: str = "test"  # test | unusual: under which lights of the set
     axis: str | None = None  # a setting, such as model.width, against which errors are plotted
@@ -305,17 +304,21 @@ READS = {
     "report": ("evaluate", "name"),
 }
 
-ConfigStore.instance().store(name="schema", node=Config)
-
 
 def composed(overrides: Iterable[str] = ()) -> DictConfig:
     """The whole tree under conf/ with Hydra overrides, resolved and checked.
 
     Raises UserError in one line that names the setting and what is accepted.
     """
+    from hydra import compose, initialize_config_dir  # half a second, which inference can do without
+    from hydra.core.config_store import ConfigStore
+    from hydra.core.override_parser.overrides_parser import OverridesParser
+    from hydra.errors import HydraException
+
     if not CONF.is_dir():
         raise UserError(f"there is no folder {CONF}: the workflow and its stages run from a clone of the repository")
     overrides = list(overrides)
+    ConfigStore.instance().store(name="schema", node=Config)
     try:
         for text, override in zip(overrides, OverridesParser.create().parse_overrides(overrides)):
             if override.is_sweep_override():

@@ -25,16 +25,17 @@ KIND = ("split", "kind")
 class Plan:
     """The settings of one invocation, composed once; those of a run of the sweep, when they are asked for.
 
-    `config` is Snakemake's: `hydra` holds overrides (a list, or one string of words), `runs` (optional) replaces the
-    sweep's runs and all experiments but one table of them. Raises UserError in one line when a setting, a folder or a
-    file is not as it must be.
+    `config` is Snakemake's: `hydra` holds overrides (a list, or one string of words); `runs` (optional) replaces the
+    sweep's runs, and all experiments but one table of them; `failed` (optional) maps experiments that are left out to
+    their files that could not be made. Raises UserError in one line when a setting, a folder or a file is not as it
+    must be.
 
     rows: what may be trained, name -> overrides; runs: rows x seeds; experiments: the sections of the report, each with
     those of its rows that `sweep.only` and the number of figures leave; scored: the runs that their tables need.
     """
 
     def __init__(self, config: dict):
-        if strays := sorted(set(config) - {"hydra", "runs"}):
+        if strays := sorted(set(config) - {"hydra", "runs", "failed"}):
             word = f"{strays[0]}={config[strays[0]]}"
             raise UserError(f'--config {word}: write the settings as one word, --config hydra="{word}"')
         overrides = config.get("hydra") or []
@@ -46,7 +47,9 @@ class Plan:
         self.rows = config.get("runs") or OmegaConf.to_container(self.cfg.sweep.runs)
         self.runs = {f"{row}.s{seed}": (row, seed) for row in self.rows for seed in self.cfg.sweep.seeds}
         self.swept = "runs" in config
-        self.experiments = self._experiments()
+        self.asked = self._experiments()
+        self.failed: dict[str, list[str]] = config.get("failed") or {}
+        self.experiments = {name: one for name, one in self.asked.items() if name not in self.failed}
         if (self.cfg.evaluate.figures, self.cfg.evaluate.lights) != USUAL:
             raise UserError(
                 "evaluate.figures and evaluate.lights are what an experiment says, such as experiment=sitting"
@@ -122,7 +125,7 @@ class Plan:
         """The user's meshes by name; empty when figures are generated."""
         if self.cfg.figures.source == "generated":
             return {}
-        from relight.meshes.scans import list_scans
+        from relight.meshes import list_scans
 
         return list_scans(self.cfg.figures.folder)
 
@@ -142,7 +145,7 @@ class Plan:
 
     def maps(self, figure: str) -> list[str]:
         """Names of the maps of a figure: the frontal view is called like the figure."""
-        from relight.transport.view import view_names
+        from relight.transport import view_names
 
         return [figure, *view_names(figure, self.cfg.bake.views)]
 
@@ -151,10 +154,10 @@ class Plan:
         """Files of the user's panoramas; empty when rooms are generated."""
         if self.cfg.panoramas.source == "generated":
             return []
-        from relight.panoramas.read import panoramas_in
+        from relight.panoramas import list_panoramas
 
         folder = self.cfg.panoramas.folder
-        return [f"{folder}/{name}" for name in panoramas_in(folder)]
+        return [f"{folder}/{name}" for name in list_panoramas(folder)]
 
     @property
     def tables(self) -> list[str]:
@@ -214,6 +217,31 @@ class Plan:
         files = (f"{self.out}/{path}" for rows in found for paths in rows.values() for path in paths)
         return list(dict.fromkeys(files))
 
+    def own_files(self, name: str) -> list[str]:
+        """What the stages of an experiment without a table write for the report."""
+        if name == "inference_time":
+            return [f"{self.out}/{name}/{self.of_row(row)[0]}.csv" for row in self.asked[name].rows]
+        return [f"{self.out}/{name}/scores.csv", f"{self.out}/{name}/plate.png"]
+
+    def failures(self, folder: Path | str) -> dict[str, list[str]]:
+        """After a workflow that failed: experiment -> its files that are missing, in the repository `folder`.
+
+        Empty when what all experiments share is missing, or none of them is complete: then there is nothing to report.
+        """
+
+        def missing(paths: list[str]) -> list[str]:
+            return [path for path in dict.fromkeys(paths) if not Path(folder, path).exists()]
+
+        shared = [f"{self.out}/{path}" for path in ("packed.safetensors", "figures.json", "lights/lights.npz")]
+        found = {}
+        for name, one in self.experiments.items():
+            trained = [self.network(run) for row in one.rows for run in self.of_row(row) if name != "inference_time"]
+            scores = [path for usual in (False, True) for paths in self.scores(name, usual).values() for path in paths]
+            files = [f"{self.out}/{path}" for path in scores] if one.table else self.own_files(name)
+            if lost := missing([*trained, *files]):
+                found[name] = lost
+        return {} if missing(shared) or len(found) == len(self.experiments) else found
+
     def settings(self, stage: str) -> str:
         """The YAML file that `stage`, `stage.run` or `split.kind` reads."""
         stage, _, run = stage.partition(".")
@@ -225,13 +253,16 @@ class Plan:
             raise UserError(f"no run {run}; there are {', '.join(self.runs)}")
         return HEAD + OmegaConf.to_yaml(OmegaConf.create(view(self.of_run(run) if run else self.cfg, stage)))
 
-    def asked(self) -> str:
+    def questions(self) -> str:
         """The experiments as JSON: the fields of each; its `runs` by row; for tables the files in results/<name> of its
-        `scores`, on its own figures and lights and on the `usual` ones, and of the `splits` of its rows."""
+        `scores`, on its own figures and lights and on the `usual` ones, and of the `splits` of its rows; of those that
+        are left out, what `failed`."""
         made = {}
-        for name, one in self.experiments.items():
+        for name, one in self.asked.items():
             made[name] = {**asdict(one), "runs": {row: self.of_row(row) for row in one.rows}}
-            if one.table:
+            if name in self.failed:
+                made[name] |= {"failed": self.failed[name]}
+            elif one.table:
                 splits = {row: f"split/{self.of_run(self.of_row(row)[0]).split.kind}.json" for row in one.rows}
                 made[name] |= {"scores": self.scores(name), "usual": self.scores(name, usual=True), "splits": splits}
         return json.dumps(made, indent=1)

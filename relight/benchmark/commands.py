@@ -58,13 +58,11 @@ def score(
     truth: SetFolder = BENCHMARK,
 ) -> None:
     """Scores anyone's answers (docs/benchmark.md says what they are): FOLDER/scores.csv, and their means here."""
-    from relight.benchmark.score import read_row, tables
+    from relight.benchmark.score import read_row
     from relight.benchmark.score import score as judge
-    from relight.evaluation.plain import plain_markdown
 
     path = judge(truth, answers)
-    for table in tables([read_row(answers)]).values():
-        print(plain_markdown(table))
+    show([read_row(answers)])
     print(path)
 
 
@@ -74,9 +72,19 @@ def report(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the tables.")] = Path("."),
 ) -> None:
     """Sets scored answers beside each other: CSV, Markdown and LaTeX."""
-    from relight.benchmark.score import read_row, tables
-    from relight.evaluation.plain import plain_markdown, write_plain
+    from relight.benchmark.score import read_row
+    from relight.evaluation.formats import write_tables
 
-    for name, table in tables([read_row(folder) for folder in answers]).items():
-        write_plain(table, out / name)
-        print(plain_markdown(table))
+    for name, section in show([read_row(folder) for folder in answers]).items():
+        write_tables(out / name, section.title, section.note, section.grid.statistics(), section.grid)
+
+
+def show(rows: list) -> dict:
+    """Prints the tables of rows, and returns them."""
+    from relight.benchmark.score import tables
+    from relight.evaluation.formats import to_markdown
+
+    found = tables(rows)
+    for section in found.values():
+        print(f"## {section.title}\n\n{section.note}\n\n{to_markdown(section.grid)}\n")
+    return found

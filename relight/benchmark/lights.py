@@ -6,12 +6,9 @@ import numpy as np
 
 from relight.learning.augment import RED
 from relight.lights.light import Light
+from relight.panoramas import Panorama, generate_room, generate_sky, project
 from relight.panoramas.colour import blackbody, daylight
-from relight.panoramas.panorama import Panorama
-from relight.panoramas.project import project
 from relight.panoramas.radiosity import HEIGHT, WIDTH, view_directions
-from relight.panoramas.rooms import room
-from relight.panoramas.skies import sky
 from relight.photos.environment import lookup
 from relight.transport.tracer import sky_directions
 from relight.transport.view import View
@@ -42,7 +39,7 @@ def lamps(seed: int) -> np.ndarray:
     return image.reshape(HEIGHT, WIDTH, 3).astype(np.float32)
 
 
-KINDS = {"room": room, "sky": sky, "lamps": lamps}
+KINDS = {"room": generate_room, "sky": generate_sky, "lamps": lamps}
 
 
 def panorama(light: Lamplight, pitch: float, brightness: float) -> Panorama:

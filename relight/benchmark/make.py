@@ -16,12 +16,11 @@ from relight.benchmark.picture import Picture, Settings, draw
 from relight.benchmark.recipes import FIGURES, HASHES, SPARE, VIEWS, Recipe, coats, digest, recipes
 from relight.config import Align
 from relight.files import UserError, whole, whole_folder, writable_folder
-from relight.maps.exr import write_maps
-from relight.meshes.align import align
-from relight.meshes.mesh import Mesh
-from relight.panoramas.panorama import Panorama
+from relight.maps import write_maps
+from relight.meshes import Mesh, align
+from relight.panoramas import Panorama
 from relight.progress import progress
-from relight.transport.tracer import mitsuba
+from relight.transport.tracer import import_mitsuba
 
 PADDING = 0.05  # of the picture's height, above and below a whole person
 FORMAT = 1  # of the files; raised when they change
@@ -39,7 +38,7 @@ def make(folder: Path | str, kind: str = "report", count: int | None = None, set
     made = recipes(kind, count)
     if len(made) == FIGURES * VIEWS and digest(made) != HASHES[kind]:
         raise RuntimeError(f"the recipes of {kind} are not those that were published: its pictures may not change")
-    mitsuba()
+    import_mitsuba()
     writable_folder(folder, "--out", int(BYTES * len(made) * (settings.size / 512) ** 2))
     same(folder, {"format": FORMAT, "set": kind, "settings": asdict(settings)})
     missing = [one for one in made if not (folder / "inputs" / one.name).is_dir()]

@@ -12,7 +12,7 @@ from scipy.ndimage import binary_erosion
 from skimage.metrics import structural_similarity
 
 from relight.evaluation.metrics import rmse
-from relight.sh.basis import cosine_factors, per_coefficient
+from relight.sh import cosine_factors, per_coefficient
 
 IRRADIANCE = per_coefficient(cosine_factors(2))[:, None]
 MIRROR = np.ones(9)

@@ -12,15 +12,14 @@ from relight.benchmark.recipes import Recipe
 from relight.benchmark.shots import Shot, variants
 from relight.config import Augment
 from relight.learning.augment import developed
-from relight.maps.maps import Maps
-from relight.meshes.mesh import Mesh
-from relight.panoramas.panorama import Panorama
-from relight.panoramas.project import project
+from relight.maps import Maps
+from relight.meshes import Mesh
+from relight.panoramas import Panorama, project
 from relight.photos.environment import see
 from relight.photos.frame import SOLID, Frame
 from relight.srgb import encode, to_bytes
-from relight.transport.bake import Baker
-from relight.transport.tracer import Coat, Tracer
+from relight.transport import Baker
+from relight.transport.tracer import Coat, PathTracer
 
 BRIGHTNESS = 0.8  # reference brightness of each light at exposure 1, as in training (docs/conventions.md)
 BOUNCES = 1
@@ -74,7 +73,7 @@ def draw(recipe: Recipe, mesh: Mesh, coats: list[Coat], settings: Settings) -> P
     camera = baker.camera(size, recipe.view)
     brightness = BRIGHTNESS * 2**recipe.stops
     light, *new = (panorama(one, recipe.view.pitch, brightness) for one in (recipe.light, *recipe.new))
-    glossy = Tracer(mesh, size, camera, coats)
+    glossy = PathTracer(mesh, size, camera, coats)
 
     def scene(source: Panorama, seed: int) -> np.ndarray:
         return math.pi * glossy.radiance(sky_of(source), settings.samples, BOUNCES, seed)
@@ -83,8 +82,8 @@ def draw(recipe: Recipe, mesh: Mesh, coats: list[Coat], settings: Settings) -> P
     behind = math.pi * see(light, (size, size))  # as bright as a white matt surface that faces it
     linear = scene(light, 1) + (1 - coverage) * behind
     relit = [to_bytes(encode(scene(one, 2 + i))) for i, one in enumerate(new)]
-    # `Tracer.irradiance` divides by the albedo of the same samples; it costs six times as much.
-    matt = math.pi * Tracer(mesh, size, camera).radiance(sky_of(light), settings.samples, BOUNCES, 0)
+    # `PathTracer.irradiance` divides by the albedo of the same samples; it costs six times as much.
+    matt = math.pi * PathTracer(mesh, size, camera).radiance(sky_of(light), settings.samples, BOUNCES, 0)
     shading = matt / np.maximum(maps.albedo * coverage, DARKEST)
     window = part(maps.mask, recipe.cut)
 

@@ -9,9 +9,8 @@ from PIL import Image
 
 from relight.benchmark.files import Entry, Set, inside_of, sha256, write_arrays
 from relight.files import UserError, writable_folder
-from relight.maps.exr import read_maps
-from relight.panoramas.project import project
-from relight.panoramas.read import read_panorama
+from relight.maps import read_maps
+from relight.panoramas import project, read_panorama
 from relight.photos.api import Relighter, load
 from relight.photos.color import relit, to_srgb8
 from relight.photos.frame import extend

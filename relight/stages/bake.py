@@ -12,9 +12,8 @@ from relight.stages.stage import stage
 @stage("bake", mesh="aligned mesh record (.npz)", out="maps (.exr); those of further views go beside them")
 def main(bake: Bake, mesh: Path, out: Path) -> None:
     """A figure is left out with all its views, so that a data set holds either all of its maps or none."""
-    from relight.maps.exr import write_left_out, write_maps
-    from relight.transport.bake import Baker
-    from relight.transport.view import FRONTAL, random_view, view_names
+    from relight.maps import write_left_out, write_maps
+    from relight.transport import FRONTAL, Baker, random_view, view_names
 
     given = Mesh.load(mesh)
     name = given.info.get("name", out.stem)

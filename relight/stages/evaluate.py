@@ -20,7 +20,7 @@ def main(
     evaluate: Evaluate, track: Track, packed: Path, lights: Path, split: Path, network: Path, out: Path, plate: Path
 ) -> None:
     from relight.evaluation.evaluate import evaluate as score
-    from relight.evaluation.plates import plates
+    from relight.evaluation.panels import plates
     from relight.evaluation.scores import read_scores
     from relight.learning.checkpoint import read_config
     from relight.track import Run

@@ -1,6 +1,6 @@
-"""Path tracing of a mesh by Mitsuba 3, which shares no code with the baker: what the maps are checked against.
+"""Path tracing of a mesh by Mitsuba 3, which shares no code with the baker: an independent check of the maps.
 
-Mitsuba is an optional part (`pip install mitsuba`). Its scalar variant is used, which needs no LLVM on the machine.
+Mitsuba is optional (`pip install mitsuba`). Its scalar variant is used, which needs no LLVM on the machine.
 """
 
 import math
@@ -10,19 +10,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from relight.files import UserError
-from relight.meshes.mesh import Mesh
-from relight.meshes.normals import vertex_normals
+from relight.meshes import Mesh, vertex_normals
 from relight.srgb import LINEAR
 from relight.transport.camera import Camera
-from relight.transport.surface import albedo
-from relight.transport.view import turned
+from relight.transport.surface import sample_albedo
+from relight.transport.view import rotated
 
 ROWS = 256  # of an environment map
 EYE = 4.0  # least distance of the orthographic camera from the origin
 
 
-def mitsuba():
-    """The module, with its variant set. Raises UserError where it is not installed."""
+def import_mitsuba():
+    """Returns the module with its variant set; raises UserError if it is not installed."""
     try:
         import mitsuba
     except ImportError:
@@ -43,7 +42,7 @@ class Coat:
     strength: float
 
 
-class Tracer:
+class PathTracer:
     """A mesh before the camera of `bake`, one shape for each of its materials.
 
     Albedo is that of the textures; where a mesh has vertex colours too it is that of the corners, linear between them.
@@ -55,10 +54,10 @@ class Tracer:
         camera: where the mesh is seen from (`Baker.camera`), from the front by default. coats: one over each of the
         mesh's materials; without them all are diffuse.
         """
-        self.mi, self.size, self.camera = mitsuba(), size, camera or Camera(size, EYE)
+        self.mi, self.size, self.camera = import_mitsuba(), size, camera or Camera(size, EYE)
         vertices, normals = mesh.vertices.astype(np.float64), vertex_normals(mesh).astype(np.float64)
         if pose := self.camera.pose:
-            vertices, normals = pose.to_camera(vertices), turned(pose.rotation, normals)
+            vertices, normals = pose.to_camera(vertices), rotated(pose.rotation, normals)
         self.front = float(vertices[:, 2].max())
         self.shapes = {}
         for number in np.unique(mesh.material):
@@ -78,7 +77,7 @@ class Tracer:
                 props=properties,
             )
             if mesh.color is not None:
-                color = albedo(mesh, np.repeat(np.flatnonzero(chosen), 3), np.tile(np.eye(3), (count, 1)))
+                color = sample_albedo(mesh, np.repeat(np.flatnonzero(chosen), 3), np.tile(np.eye(3), (count, 1)))
                 shape.add_attribute("vertex_color", 3, np.ascontiguousarray(color.ravel(), np.float32))
             parameters = self.mi.traverse(shape)
             for name, values in (("positions", vertices[corners]), ("normals", normals[corners])):
@@ -113,19 +112,33 @@ class Tracer:
         }
 
     def radiance(self, sky: np.ndarray, samples: int, bounces: int = 0, seed: int = 0) -> np.ndarray:
-        """Radiance (S,S,3) toward the camera under `sky` (H,W,3), which may not be negative (`sky_directions`).
+        """Renders the radiance toward the camera.
 
-        bounces: of interreflection; samples: per pixel.
+        Args:
+            sky: (H,W,3) radiance, not negative, at `sky_directions`.
+            samples: per pixel.
+            bounces: of interreflection.
+            seed: of the samples.
+
+        Returns:
+            (S,S,3) float32.
         """
-        return self._render(sky, samples, path(bounces), seed)
+        return self._render(sky, samples, path_integrator(bounces), seed)
 
     def irradiance(self, sky: np.ndarray, samples: int, bounces: int = 0, seed: int = 0) -> np.ndarray:
-        """Irradiance (S,S,3) of what each pixel sees: its radiance times pi over its albedo, of the same samples.
+        """Renders the irradiance of the visible surface: radiance times pi over the albedo of the same samples.
 
-        Where the mesh covers a part of the pixel, it is the mean over that part; zero where it shows no mesh. `sky` may
-        have values of either sign, as a truncated series has: light is additive, so both signs are traced apart.
+        Args:
+            sky: (H,W,3) radiance; may be negative, as truncated series are. Both signs are rendered separately, since
+                light is additive.
+            samples: per pixel.
+            bounces: of interreflection.
+            seed: of the samples.
+
+        Returns:
+            (S,S,3) float64, the mean over the covered part of each pixel; zero where there is no mesh.
         """
-        both = {"type": "aov", "aovs": "albedo:albedo", "path": path(bounces)}
+        both = {"type": "aov", "aovs": "albedo:albedo", "path": path_integrator(bounces)}
         total = np.zeros((self.size, self.size, 3))
         for sign in (1, -1):
             part = np.maximum(sign * sky, 0)
@@ -165,13 +178,13 @@ class Tracer:
         return {"type": "perspective", "fov": 2 * math.degrees(math.atan(1 / eye)), "near_clip": 1e-3, "to_world": look}
 
 
-def path(bounces: int) -> dict:
-    """Mitsuba's path tracer, all paths of this length and shorter, the sky itself unseen."""
+def path_integrator(bounces: int) -> dict:
+    """Returns Mitsuba's settings for all paths of up to `bounces` bounces, with the sky itself invisible."""
     return {"type": "path", "max_depth": 2 + bounces, "rr_depth": 100, "hide_emitters": True}
 
 
 def sky_directions(rows: int = ROWS) -> np.ndarray:
-    """Directions (rows, 2 rows, 3) of the texels of a Mitsuba environment map, in our frame.
+    """Returns the directions (rows, 2 rows, 3) of the texels of a Mitsuba environment map, in the camera frame.
 
     Measured on mi.load_dict({"type": "envmap"}).eval: rows run from pole to pole inclusive, columns are centres, and
     u = 1/4 is +x, u = 1/2 is +z.
@@ -182,20 +195,20 @@ def sky_directions(rows: int = ROWS) -> np.ndarray:
 
 
 def sky_weights(rows: int = ROWS) -> np.ndarray:
-    """Solid angle of each texel, (rows, 2 rows); sums to 4 pi."""
+    """Returns the solid angles (rows, 2 rows) of the texels of a Mitsuba environment map; their sum is 4 pi."""
     sine = np.sin(np.linspace(0, np.pi, rows))
     return np.repeat((sine / sine.sum() * 2 * np.pi / rows)[:, None], 2 * rows, 1)
 
 
-def averaged(image: np.ndarray, k: int) -> np.ndarray:
-    """The mean over k x k blocks of (H, W, ...)."""
+def block_means(image: np.ndarray, k: int) -> np.ndarray:
+    """Returns the means (H/k,W/k,...) over the k x k blocks of an image (H,W,...)."""
     height, width = image.shape[0] // k, image.shape[1] // k
     return image.reshape(height, k, width, k, *image.shape[2:]).mean((1, 3))
 
 
-def inside(mask: np.ndarray, k: int) -> np.ndarray:
-    """Pixels whose k x k block lies in the mask, and those of their eight neighbours too."""
-    full = averaged(mask.astype(float), k) == 1
+def interior_blocks(mask: np.ndarray, k: int) -> np.ndarray:
+    """Returns which k x k blocks, (H/k,W/k) bool, lie in a mask (H,W) together with their eight neighbours."""
+    full = block_means(mask.astype(float), k) == 1
     padded = np.pad(full, 1)
     rows, columns = full.shape
     return np.all([padded[i : i + rows, j : j + columns] for i in range(3) for j in range(3)], 0)

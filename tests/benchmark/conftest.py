@@ -7,10 +7,10 @@ from relight.benchmark import make as making
 from relight.benchmark.lights import panorama
 from relight.benchmark.picture import Picture, Settings, cropped, on_square, part
 from relight.benchmark.shots import variants
-from relight.maps.maps import Maps
-from relight.meshes.mesh import Mesh
-from relight.panoramas.project import project
-from relight.sh.irradiance import unoccluded
+from relight.maps import Maps
+from relight.meshes import Mesh
+from relight.panoramas import project
+from relight.sh import unoccluded
 from relight.srgb import encode, to_bytes
 
 SIZE = 64
@@ -67,7 +67,7 @@ def settings():
 @pytest.fixture
 def painter(monkeypatch):
     """Makes `make` paint; the function that paints one picture."""
-    monkeypatch.setattr(making, "mitsuba", lambda: None)
+    monkeypatch.setattr(making, "import_mitsuba", lambda: None)
     monkeypatch.setattr(making, "figure", someone)
     monkeypatch.setattr(making, "draw", painted)
     return painted
@@ -78,7 +78,7 @@ def drawn(tmp_path_factory):
     """The folder of a set of three pictures: one in variants, one of half a person."""
     folder = tmp_path_factory.mktemp("benchmark")
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(making, "mitsuba", lambda: None)
+        patch.setattr(making, "import_mitsuba", lambda: None)
         patch.setattr(making, "figure", someone)
         patch.setattr(making, "draw", painted)
         making.make(folder, "report", 3, SETTINGS)

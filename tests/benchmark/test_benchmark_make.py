@@ -11,9 +11,7 @@ from relight.benchmark.make import make, write_panorama
 from relight.benchmark.picture import Settings
 from relight.benchmark.rows import new_lights
 from relight.files import UserError
-from relight.panoramas.panorama import Panorama
-from relight.panoramas.project import project
-from relight.panoramas.read import read_panorama
+from relight.panoramas import Panorama, project, read_panorama
 
 
 def test_a_set_that_was_interrupted_goes_on(painter, drawn, settings, tmp_path, monkeypatch):

@@ -18,8 +18,7 @@ from relight.benchmark.measures import (
 from relight.benchmark.score import relit_errors
 from relight.benchmark.shots import variants
 from relight.photos.frame import frame
-from relight.sh.irradiance import irradiance
-from relight.sh.quadrature import sphere
+from relight.sh import irradiance, sphere_quadrature
 from relight.srgb import decode, encode, to_bytes
 
 SIDE = 24
@@ -77,7 +76,7 @@ def test_errors_are_those_of_the_slow_twin(two):
         assert np.isclose(found[f"{name}_factor"], slow_rmse(best * values, expected, true.mask), atol=1e-4)
         assert np.isclose(found[f"{name}_ssim"], slow_ssim(values, expected, true.mask))
     # The norm of irradiance over the sphere, by quadrature.
-    directions, weights = sphere(8)
+    directions, weights = sphere_quadrature(8)
     first, second = (irradiance(one.light, directions) for one in (seen, true))
     norm = np.sqrt((weights[:, None] * (first - second) ** 2).sum() / (weights[:, None] * second**2).sum())
     assert np.isclose(found["light"], norm) and found["light_factor"] <= found["light"]

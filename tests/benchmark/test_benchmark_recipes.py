@@ -8,10 +8,8 @@ from relight.benchmark.lights import KINDS, Lamplight, panorama, sky_of
 from relight.benchmark.recipes import HASHES, SPARE, coats, digest, recipe, recipes
 from relight.files import UserError
 from relight.lights.statistics import reference_brightness
-from relight.panoramas.panorama import Panorama
-from relight.panoramas.project import project
-from relight.sh.basis import basis
-from relight.sh.rotation import rotation_matrix
+from relight.panoramas import Panorama, project
+from relight.sh import basis, rotation_matrix
 from relight.transport.tracer import sky_directions, sky_weights
 from relight.transport.view import View
 

@@ -196,19 +196,19 @@ def test_rows_beside_each_other(drawn, truth, tmp_path):
     out = tmp_path / "tables"
     out.mkdir()
     says = CliRunner().invoke(app, ["benchmark", "report", str(truth), str(tmp_path / "as_it_is"), "-o", str(out)])
-    assert says.exit_code == 0 and "| as_it_is |" in says.output
+    assert says.exit_code == 0 and "| as_it_is " in says.output
     assert {p.name for p in out.iterdir()} == {
         f"benchmark_{name}.{suffix}" for name in ("pictures", "maps", "invariance") for suffix in ("csv", "md", "tex")
     }
     rows = [read_row(truth), read_row(tmp_path / "as_it_is")]
     made = tables(rows, 200)
-    moves = made["benchmark_invariance"]
-    assert list(moves.heads) == ["", "truth"] and len(moves.rows) == len(INVARIANCES | LEAKS)  # as_it_is says nothing
-    head = list(made["benchmark_pictures"].heads).index("ratio: RMSE")
+    moves = made["benchmark_invariance"].grid.frame
+    assert list(moves.columns) == ["truth"] and len(moves) == len(INVARIANCES | LEAKS)  # as_it_is says nothing
     values = rows[1].columns["ratio"]
     by_figure = [values[:2].mean(), values[2]]
-    assert made["benchmark_pictures"].rows[0][head] is None
-    found = made["benchmark_pictures"].rows[1][head]
+    cells = made["benchmark_pictures"].grid.frame["ratio: RMSE"]
+    assert cells["truth"] is None
+    found = cells["as_it_is"]
     assert np.isclose(found.mean, np.mean(by_figure)) and np.allclose(found.values, by_figure)
     assert found.low < found.mean < found.high
     lines = (tmp_path / "as_it_is" / "scores.csv").read_text().replace(rows[1].keys[0][0], "0" * 16)

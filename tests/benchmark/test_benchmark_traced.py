@@ -11,10 +11,10 @@ from relight.benchmark.lights import Lamplight
 from relight.benchmark.picture import Settings, draw
 from relight.benchmark.recipes import recipe
 from relight.benchmark.rows import true_maps
-from relight.meshes.mesh import Material, Mesh
-from relight.panoramas.panorama import Panorama
+from relight.meshes import Material, Mesh
+from relight.panoramas import Panorama
 from relight.panoramas.radiosity import view_directions
-from relight.sh.basis import basis
+from relight.sh import basis
 from relight.srgb import decode
 from relight.transport.view import View
 

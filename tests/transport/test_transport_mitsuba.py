@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from relight.meshes.mesh import Material, Mesh
-from relight.sh.basis import basis
-from relight.transport.bake import Baker, bake
-from relight.transport.tracer import Coat, Tracer, averaged, inside, sky_directions, sky_weights
+from relight.meshes import Material, Mesh
+from relight.sh import basis
+from relight.transport import Baker, PathTracer, bake
+from relight.transport.tracer import Coat, block_means, interior_blocks, sky_directions, sky_weights
 from relight.transport.view import View
 
 pytest.importorskip("mitsuba")
@@ -35,9 +35,9 @@ def knot():
 def test_every_coefficient(knot):
     """A constant plus one harmonic per colour channel, three renderings."""
     maps = bake(knot, 128, 256)
-    transport, where = averaged(maps.transport, 4), inside(maps.mask, 4)
+    transport, where = block_means(maps.transport, 4), interior_blocks(maps.mask, 4)
     assert where.sum() > 150 and maps.ao[maps.mask].mean() < 0.9
-    tracer, values = Tracer(knot, 32), basis(sky_directions())
+    tracer, values = PathTracer(knot, 32), basis(sky_directions())
     for first in (0, 3, 6):
         light = np.zeros((9, 3))
         light[0] = 1.5 * np.sqrt(4 * np.pi)
@@ -53,11 +53,11 @@ def test_every_coefficient(knot):
 
 def test_a_bounce_in_colour(knot):
     maps = bake(knot, 128, 256, bounces=1)
-    direct, where = averaged(maps.transport, 4), inside(maps.mask, 4)
-    bounced = averaged(maps.bounced, 4)
+    direct, where = block_means(maps.transport, 4), interior_blocks(maps.mask, 4)
+    bounced = block_means(maps.bounced, 4)
     light = np.zeros((9, 3))
     light[:3] = [[4.0] * 3, [1.5] * 3, [1.0] * 3]
-    traced = Tracer(knot, 32).radiance(basis(sky_directions()) @ light, 144, bounces=1)[where]
+    traced = PathTracer(knot, 32).radiance(basis(sky_directions()) @ light, 144, bounces=1)[where]
     first = (ALBEDO / np.pi * (direct @ light))[where]
     second = (ALBEDO / np.pi * np.einsum("hwkc,kc->hwc", bounced, light))[where]
     assert (second.mean(0) / traced.mean(0))[0] > 0.03  # it matters here
@@ -65,7 +65,7 @@ def test_a_bounce_in_colour(knot):
     assert np.abs(relative.mean(0)).max() < 3e-3
 
 
-def test_irradiance_of_a_cut_light(knot):
+def test_irradiance_of_a_truncated_light(knot):
     """Light of both signs, and an albedo that varies within pixels: neither may show."""
     rng = np.random.default_rng(0)
     striped = Mesh(**{**vars(knot), "color": rng.uniform(0.2, 1, (len(knot.vertices), 3)).astype(np.float32)})
@@ -77,8 +77,8 @@ def test_irradiance_of_a_cut_light(knot):
         np.einsum("hw,hwk,hwc->kc", sky_weights(), basis(sky_directions()), sky), light, atol=1e-3
     )
     maps = bake(knot, 128, 64)
-    baked, where = averaged(maps.transport, 4) @ light, inside(maps.mask, 4)
-    traced = Tracer(striped, 32).irradiance(sky, 64)
+    baked, where = block_means(maps.transport, 4) @ light, interior_blocks(maps.mask, 4)
+    traced = PathTracer(striped, 32).irradiance(sky, 64)
     assert np.abs((traced - baked)[where].mean(0)).max() < 0.02
     assert (traced - baked)[where].std(0).max() < 0.3  # the tracer's noise
     assert (traced[:, [0, -1]] == 0).all()  # no mesh
@@ -96,7 +96,7 @@ def plate():
 
 def test_textures_are_those_that_are_baked(plate):
     """An open surface under an even sky of radiance 1 shows its albedo."""
-    traced = Tracer(plate, 64).radiance(np.ones((64, 128, 3)), 64)
+    traced = PathTracer(plate, 64).radiance(np.ones((64, 128, 3)), 64)
     albedo = bake(plate, 64, 16, supersample=4).albedo
     assert np.abs(traced - albedo).mean() < 0.01 and np.abs((traced - albedo).mean()) < 0.003
     assert np.abs(traced[::-1] - albedo).mean() > 0.1 < np.abs(traced[:, ::-1] - albedo).mean()
@@ -106,7 +106,7 @@ def test_a_coat_adds_four_percent(plate):
     """Fresnel's ((n - 1) / (n + 1))^2 of n = 1.5 at right angles, on top of the albedo."""
     for albedo, strength in ((0.0, 1.0), (0.0, 0.5), (0.5, 1.0)):
         plate.materials = [Material(np.full(3, albedo, np.float32))]
-        found = Tracer(plate, 16, coats=[Coat(0.2, strength)]).radiance(np.ones((64, 128, 3)), 256)
+        found = PathTracer(plate, 16, coats=[Coat(0.2, strength)]).radiance(np.ones((64, 128, 3)), 256)
         assert np.isclose(found.mean(), albedo + 0.04 * strength, atol=0.003 + 0.02 * albedo)
 
 
@@ -116,8 +116,8 @@ def test_any_camera_sees_what_the_baker_sees(knot):
     light[0], light[1], light[3] = 2.0, [0.9, 0.5, 0.1], [0.1, 0.5, 0.9]
     baker = Baker(knot, 256)
     maps = baker.maps(128, view=view)
-    transport, where = averaged(maps.transport, 4), inside(maps.mask, 4)
-    traced = Tracer(knot, 32, baker.camera(32, view)).radiance(basis(sky_directions()) @ light, 144)
+    transport, where = block_means(maps.transport, 4), interior_blocks(maps.mask, 4)
+    traced = PathTracer(knot, 32, baker.camera(32, view)).radiance(basis(sky_directions()) @ light, 144)
     relative = ((ALBEDO / np.pi * (transport @ light)) - traced)[where] / traced[where].mean(0)
-    assert where.sum() > 150 and (traced[averaged(maps.mask.astype(float), 4) == 0] == 0).mean() > 0.99
+    assert where.sum() > 150 and (traced[block_means(maps.mask.astype(float), 4) == 0] == 0).mean() > 0.99
     assert np.abs(relative.mean(0)).max() < 4e-3 and relative.std(0).max() < 0.03

@@ -55,19 +55,20 @@ def test_the_record_is_of_the_workflow_that_holds_the_folder(calls, tmp_path):
 
 
 def test_tables_of_other_experiments_leave_the_report(tmp_path, monkeypatch):
-    from relight.evaluation import formats
-    from relight.evaluation.report import results
+    from relight.evaluation.report import results, sections
     from relight.stages.tables import main
 
     class Results:
         tables = ("table1",)
 
         def __init__(self, *_):
-            self.table = lambda name: name
+            self.table = self.title = lambda name: name
 
     ends = (".csv", ".md", ".tex")
     monkeypatch.setattr(results, "Results", Results)
-    monkeypatch.setattr(formats, "write_table", lambda table, out: [Path(f"{out}{e}").write_text("") for e in ends])
+    monkeypatch.setattr(
+        sections, "write_score_table", lambda table, title, out: [Path(f"{out}{end}").write_text("") for end in ends]
+    )
     kept = {"occlusion.csv", "notes.md", "table1_plates.png"}
     for name in (*kept, "order_plates.png", *(f"order{end}" for end in ends)):
         (tmp_path / name).write_text("")
@@ -82,3 +83,31 @@ def test_a_sweep_of_a_stage_leaves_its_outputs_alone(tmp_path):
     stage = subprocess.run(command, cwd=tmp_path, env={"PYTHONPATH": str(ROOT)}, capture_output=True, text=True)
     assert "there is no file none" in stage.stderr and "Traceback" not in stage.stderr
     assert [path.name for path in tmp_path.iterdir()] == ["record.json"]
+
+
+def test_what_failed_leaves_the_report_of_the_others(calls, tmp_path, monkeypatch, capsys):
+    """Only inference_time has no results: its section is left out in a second call, and the first code is kept."""
+    words = ("experiment=[table1,inference_time]", "sweep.only=[sfsnet,ours_full]")
+    plan = module.Plan({"hydra": ["scale=smoke", *words]})
+    wanted = [*plan.score_files, *(plan.network(run) for run in plan.scored)]
+    wanted += [f"{plan.out}/{path}" for path in ("packed.safetensors", "figures.json", "lights/lights.npz")]
+
+    def snakemake(command, **streams):
+        file = Path(command[command.index("--configfile") + 1])
+        calls.append(yaml.safe_load(file.read_text()))
+        return int(len(calls) == 1)
+
+    monkeypatch.setattr(module, "snakemake", snakemake)
+    assert run(*words) == 1 and len(calls) == 1  # nothing is there: nothing to report
+    for path in wanted:
+        (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / path).write_text("")
+    calls.clear()
+    assert run(*words) == 1
+    failed = {"inference_time": [f"{plan.out}/inference_time/ours_full.s0.csv"]}
+    assert [call.get("failed") for call in calls] == [None, failed]
+    assert not (tmp_path / plan.out / "failed.yaml").exists() and "failed: inference_time" in capsys.readouterr().err
+    without = module.Plan(calls[1])
+    assert list(without.experiments) == ["table1"] and without.tables == ["table1"]
+    asked = json.loads(without.questions())
+    assert asked["inference_time"]["failed"] == failed["inference_time"] and "scores" in asked["table1"]

@@ -9,16 +9,14 @@ from omegaconf import OmegaConf
 from people import person
 
 from relight.config import composed
-from relight.evaluation.evaluate import chosen_pairs, nothing
+from relight.evaluation.evaluate import chosen_pairs, has_pairs
 from relight.files import UserError
 from relight.learning.data import RelitSet
-from relight.learning.train import material
-from relight.maps.exr import read_info, read_maps
-from relight.maps.packed import Packed
-from relight.meshes.align import align
-from relight.meshes.mesh import Material, Mesh
+from relight.learning.train import selection
+from relight.maps import PackedMaps, read_info, read_maps
+from relight.meshes import Material, Mesh, align
 from relight.stages import bake, pack, split
-from relight.transport.view import random_view
+from relight.transport import random_view
 from relight.workflow import Plan
 
 FIGURES = ("ann", "bob", "eve")
@@ -86,7 +84,7 @@ def test_a_figure_is_left_out_with_all_its_views(made):
 
 
 def test_views_are_on_the_side_of_their_figure(made, settings):
-    packed = Packed(made / "packed")
+    packed = PackedMaps(made / "packed")
     assert packed.names == ["ann", "ann.v1", "ann.v2", "bob", "bob.v1", "bob.v2"]
     assert packed.figures == 3 * ["ann"] + 3 * ["bob"] and packed.subjects == 3 * ["annie"] + 3 * ["bob"]
     assert [view is None for view in packed.views] == 2 * [True, False, False]
@@ -94,10 +92,10 @@ def test_views_are_on_the_side_of_their_figure(made, settings):
     parts = json.loads((made / "split").read_text())
     assert sorted(parts["train"] + parts["test"]) == ["ann", "bob"], "the split deals figures"
     data = RelitSet(made / "packed", made / "lights.npz", 2, "photo")
-    trained = [data.names[i] for i in material(data, made / "split", settings.train)[0]]
+    trained = [data.names[i] for i in selection(data, made / "split", settings.train)[0]]
     own = parts["train"][0]
     assert trained == [own, f"{own}.v1", f"{own}.v2"]
-    assert len(material(data, made / "split", replace(settings.train, figures=1))[0]) == 3, "figures are counted"
+    assert len(selection(data, made / "split", replace(settings.train, figures=1))[0]) == 3, "figures are counted"
 
 
 def test_the_front_is_evaluated_unless_views_are_asked_for(made, settings):
@@ -107,8 +105,8 @@ def test_the_front_is_evaluated_unless_views_are_asked_for(made, settings):
         part: [data.names[i] for i in chosen_pairs(data, made / "split", figures=part)[0]] for part in ("test", "views")
     }
     assert found == {"test": [own], "views": [f"{own}.v1", f"{own}.v2"]}
-    assert not nothing(data, made / "split", replace(settings.evaluate, figures="views"))
-    assert nothing(data, made / "split", replace(settings.evaluate, figures="sitting"))
+    assert has_pairs(data, made / "split", replace(settings.evaluate, figures="views"))
+    assert not has_pairs(data, made / "split", replace(settings.evaluate, figures="sitting"))
 
 
 def test_plan_names_the_maps():

@@ -72,7 +72,7 @@ rule experiments:
         f"{OUT}/config/experiments.json",
     localrule: True
     params:
-        text=lambda wildcards: PLAN.asked(),
+        text=lambda wildcards: PLAN.questions(),
     shell:
         "printf %s {params.text:q} > {output:q}"
 

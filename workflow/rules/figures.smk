@@ -49,6 +49,8 @@ rule clean:
         temp(f"{OUT}/clean/{{figure}}.npz"),
     log:
         f"{OUT}/log/clean/{{figure}}.log",
+    benchmark:
+        f"{OUT}/benchmark/clean/{{figure}}.tsv"
     group:
         "figures"
     resources:
@@ -79,7 +81,10 @@ rule bake:
         cfg=settings("bake"),
         mesh=f"{OUT}/aligned/{{figure}}.npz",
     output:
-        [ensure(f"{OUT}/maps/{name}.exr", non_empty=True) for name in PLAN.maps("{figure}")],
+        [
+            ensure(f"{OUT}/maps/{name}.exr", non_empty=True)
+            for name in PLAN.maps("{figure}")
+        ],
     log:
         f"{OUT}/log/bake/{{figure}}.log",
     benchmark:

@@ -46,6 +46,8 @@ rule evaluate:
         plate=f"{OUT}/evaluate/{{on}}{{run}}.png",
     log:
         f"{OUT}/log/evaluate/{{on}}{{run}}.log",
+    benchmark:
+        f"{OUT}/benchmark/evaluate/{{on}}{{run}}.tsv"
     resources:
         mem_mb=8000,
         gpu=PLAN.gpus,
@@ -68,6 +70,8 @@ rule baselines:
         f"{OUT}/evaluate/{{on}}baselines.{{kind}}.csv",
     log:
         f"{OUT}/log/evaluate/{{on}}baselines.{{kind}}.log",
+    benchmark:
+        f"{OUT}/benchmark/baselines/{{on}}{{kind}}.tsv"
     resources:
         mem_mb=8000,
     params:
