@@ -40,10 +40,10 @@ docs: $(STAMP)  ## the site of docs/, in results/site
 	@echo "the site is in results/site; to read it with its search: python3 -m http.server --bind 127.0.0.1 --directory results/site"
 
 lint: $(STAMP)  ## style of Python and Snakemake files
-	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/snakefmt --check Snakefile workflow
+	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/snakefmt --check workflow
 
 format: $(STAMP)  ## put Python and Snakemake files into style
-	@$(BIN)/ruff check --fix . ; $(BIN)/ruff format . && $(BIN)/snakefmt Snakefile workflow
+	@$(BIN)/ruff check --fix . ; $(BIN)/ruff format . && $(BIN)/snakefmt workflow
 
 lock: $(STAMP)  ## write constraints.txt anew from pyproject.toml, and environment.yml with it
 	@$(BIN)/python workflow/scripts/lock.py

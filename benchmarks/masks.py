@@ -21,8 +21,8 @@ import numpy as np
 import torch
 from PIL import Image
 
-from relight.lights.load import load_light
-from relight.maps.exr import read_maps
+from relight.lights import load_light
+from relight.maps import read_maps
 from relight.photos import selfie
 from relight.photos.color import rolled, to_srgb8
 from relight.photos.composite import over

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.meshes.mesh import Material
+from relight.meshes import Material
 from relight.sh import basis
 from relight.transport import PathTracer
 from relight.transport.tracer import interior_blocks, sky_directions, sky_weights

@@ -204,13 +204,14 @@ class Augment:
 
 @dataclass
 class Evaluate:
-    bootstrap: int = MISSING  # resamples of the figures
-    plates: int = MISSING  # test figures shown in the qualitative figure
-    sheet: int = MISSING  # figures shown in the contact sheet
     lights: str = MISSING  # test | unusual: which lights of the set relight them; an experiment says so
     device: str = MISSING  # auto | cpu | cuda
-    seed: int = MISSING
     version: int = MISSING
+    # What tables and pictures are made with, and no scores: the workflow does not hand it to stages that do not use it.
+    bootstrap: int = 2000  # resamples of the figures
+    plates: int = 4  # test figures shown in the qualitative figure
+    sheet: int = 48  # figures shown in the contact sheet
+    seed: int = 0
     figures: str = "test"  # test | sitting | views: which part of the split is scored; an experiment says so
 
 
@@ -248,18 +249,18 @@ class Experiment:
 class Sweep:
     runs: dict[str, list[str]] = MISSING  # name of a row -> its overrides
     only: list[str] | None = None  # of the runs; all when not given
-    seeds: list[int] = MISSING
+    seeds: list[int] = MISSING  # each row is trained once for each of them
 
 
 @dataclass
 class Track:
-    uri: str = MISSING
-    experiment: str = MISSING
+    uri: str | None = None  # where MLflow keeps the runs: sqlite:///FILE, or the address of a server; null: nowhere
+    experiment: str = "relight"  # MLflow's name for what the runs belong to
 
 
 @dataclass
 class Config:
-    name: str = MISSING
+    name: str = MISSING  # of the folder in results/, and of the experiment in MLflow
     figures: Figures = field(default_factory=Figures)
     clean: Clean = field(default_factory=Clean)
     align: Align = field(default_factory=Align)
@@ -302,6 +303,20 @@ READS = {
     "path_traced": ("evaluate",),
     "inference_time": ("model", "timing"),
     "report": ("evaluate", "name"),
+}
+
+# What a stage reads and its outputs do not depend on: the workflow tells it in other ways or not at all, so that a
+# change re-runs nothing.
+PASSED_OVER = {
+    "train": ("track",),
+    "evaluate": ("track", "evaluate.bootstrap", "evaluate.plates", "evaluate.sheet", "evaluate.seed"),
+    "baselines": ("evaluate.bootstrap", "evaluate.plates", "evaluate.sheet", "evaluate.seed"),
+    "tables": ("evaluate.plates", "evaluate.sheet"),
+    "plates": ("evaluate.bootstrap", "evaluate.sheet", "evaluate.seed"),
+    "sheets": ("evaluate.bootstrap", "evaluate.plates", "evaluate.seed"),
+    "trace": ("evaluate.bootstrap", "evaluate.plates", "evaluate.sheet", "evaluate.seed"),
+    "light_transfer": ("evaluate.sheet",),
+    "path_traced": ("evaluate.sheet",),
 }
 
 
@@ -502,11 +517,15 @@ def check(cfg: DictConfig) -> None:
 
 
 def view(cfg: DictConfig, stage: str) -> dict[str, Any]:
-    """The part of the tree that a stage reads, as plain values."""
+    """The part of the tree that a stage's outputs depend on, as plain values."""
     part = OmegaConf.create()
     for key in READS[stage]:
         OmegaConf.update(part, key, OmegaConf.select(cfg, key))
-    return OmegaConf.to_container(part, resolve=True)
+    plain = OmegaConf.to_container(part, resolve=True)
+    for key in PASSED_OVER.get(stage, ()):
+        group, _, name = key.partition(".")
+        plain[group].pop(name) if name else plain.pop(group)
+    return plain
 
 
 def explain(error: Exception, overrides: Iterable[str] = ()) -> str:

@@ -43,6 +43,9 @@ def run(
     plan.look()
     for name in plan.runs:
         plan.of_run(name)  # a wrong override of the sweep is told now, not when its turn comes
+    if multirun:
+        for row, words in plan.rows.items():
+            print(f"{row}: {' '.join(words)}")
     command = [sys.executable, "-m", "snakemake", *targets, *extra]
     if cores:
         command += ["--cores", str(cores)]

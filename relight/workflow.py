@@ -1,7 +1,11 @@
 """What the Snakefile asks: the figures, the runs and the settings of a plan."""
 
+import copy
+import hashlib
 import json
 import shlex
+import subprocess
+from collections import Counter
 from dataclasses import asdict, replace
 from functools import cached_property
 from importlib.util import find_spec
@@ -10,8 +14,9 @@ from pathlib import Path
 import yaml
 from omegaconf import DictConfig, OmegaConf
 
-from relight.config import Experiment, check_name, composed, view
+from relight.config import ROOT, Experiment, Track, check_name, composed, view
 from relight.files import UserError, discard, whole
+from relight.track import Workflow, milliseconds
 
 HEAD = """\
 defaults: [schema, _self_, override hydra/job_logging: none, override hydra/hydra_logging: none]
@@ -56,6 +61,7 @@ class Plan:
             )
         self.gpus = int(self.cfg.train.device == "cuda")  # what a training asks of a cluster
         self.composed: dict[str, DictConfig] = {}
+        self.rows_composed: dict[str, DictConfig] = {}
 
     def look(self) -> None:
         """Looks at the user's folders and packages: what is wrong with them is told before anything runs."""
@@ -143,6 +149,24 @@ class Plan:
         first, count = self.cfg.figures.first, self.cfg.figures.count
         return list(self.scans) or [f"g{seed:04d}" for seed in range(first, first + count)]
 
+    @cached_property
+    def tens(self) -> list[str]:
+        """The decades of generated figures that are whole in the plan, as the beginnings of their names: g012."""
+        count = Counter(name[:-1] for name in self.figures) if not self.scans else {}
+        return [name for name, found in count.items() if found == 10]
+
+    @cached_property
+    def alone(self) -> list[str]:
+        """The figures outside of whole decades, each made by jobs of its own."""
+        whole_decades = set(self.tens)
+        return [name for name in self.figures if self.scans or name[:-1] not in whole_decades]
+
+    @property
+    def portions(self) -> list[tuple[str, str, list[str]]]:
+        """How figures are dealt to jobs: a suffix of rules, and the names of a job and of its figures as patterns."""
+        found = [("", "{figure}", ["{figure}"])] if self.alone else []
+        return found + ([("_tens", "{tens}", [f"{{tens}}{digit}" for digit in range(10)])] if self.tens else [])
+
     def maps(self, figure: str) -> list[str]:
         """Names of the maps of a figure: the frontal view is called like the figure."""
         from relight.transport import view_names
@@ -173,7 +197,40 @@ class Plan:
         """The settings of one run of the sweep; where `train.start` names a run, the network of that, of one seed."""
         if run not in self.composed:
             row, seed = self.runs[run]
-            cfg = composed([*self.overrides, *self.rows[row], f"train.seed={seed}"])
+            cfg = copy.deepcopy(self._of_row(row))
+            cfg.train.seed = seed
+            if cfg.train.start in self.rows:
+                cfg.train.start = self.network(f"{cfg.train.start}.s{seed}")
+            self.composed[run] = cfg
+        return self.composed[run]
+
+    def tracked(self) -> Workflow:
+        """What MLflow is told of this workflow.
+
+        A sweep of -m has an experiment of its own there, so that its runs do not stand among those of the tables.
+        """
+        settings = OmegaConf.to_container(self.cfg)
+        track = Track(**settings.pop("track"))
+        settings["sweep"]["runs"] = {row: list(words) for row, words in self.rows.items()}
+        if self.swept:
+            track.experiment += " sweeps"
+        rows = {row: [name for name, e in self.experiments.items() if row in e.rows] for row in self.rows}
+        commit, changed = (git(*words) for words in (("rev-parse", "HEAD"), ("status", "--porcelain")))
+        tags = {"workflow": self.cfg.name, "sweep": str(self.swept).lower()}
+        if commit:
+            tags |= {"mlflow.source.git.commit": commit, "git.dirty": str(bool(changed)).lower()}
+        mark = hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()
+        return Workflow(track, self.cfg.name, mark, settings, rows, tags, milliseconds())
+
+    @property
+    def networks(self) -> dict[str, str]:
+        """The files of the networks that the tables compare, by run."""
+        return {run: self.network(run) for run in self.scored}
+
+    def _of_row(self, row: str) -> DictConfig:
+        """The settings that the runs of a row have in common, composed once: that takes longer than all else here."""
+        if row not in self.rows_composed:
+            cfg = composed([*self.overrides, *self.rows[row]])
             for group in SHARED:
                 if any(cfg[group][key] != value for key, value in self.cfg[group].items() if (group, key) != KIND):
                     raise UserError(
@@ -181,10 +238,8 @@ class Plan:
                     )
             if cfg.train.start == row:
                 raise UserError(f"run {row}: train.start={row} is the run itself")
-            if cfg.train.start in self.rows:
-                cfg.train.start = self.network(f"{cfg.train.start}.s{seed}")
-            self.composed[run] = cfg
-        return self.composed[run]
+            self.rows_composed[row] = cfg
+        return self.rows_composed[row]
 
     def network(self, run: str) -> str:
         """The file of a trained network."""
@@ -266,3 +321,11 @@ class Plan:
                 splits = {row: f"split/{self.of_run(self.of_row(row)[0]).split.kind}.json" for row in one.rows}
                 made[name] |= {"scores": self.scores(name), "usual": self.scores(name, usual=True), "splits": splits}
         return json.dumps(made, indent=1)
+
+
+def git(*words: str) -> str:
+    """What git says of this repository; nothing where there is no git or no repository."""
+    try:
+        return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True).stdout.strip()
+    except OSError:
+        return ""

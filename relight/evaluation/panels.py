@@ -104,8 +104,7 @@ def draw(heads: list[str], lines: list[Line], linear: bool, worst: float, note: 
     y = TOP
     for line in lines:
         y += 4 * GAP * line.first
-        label = f"{line.label}\n{line.subject.name}" if line.first else line.label
-        sheet.text(label, GUTTER - 14, y + height // 2, 18, "rm", bold=line.first, width=GUTTER - 24)
+        sheet.text(line.label, GUTTER - 14, y + height // 2, 18, "rm", bold=line.first, width=GUTTER - 24)
         for c, view in enumerate(line.views):
             draw_view(sheet, view, line.subject, box, GUTTER + c * (width + GAP), y, (width, height), linear, worst)
         y += height + GAP
@@ -214,7 +213,7 @@ def draw_plates(
         if not blocks:
             linear = data.color == "photo"
             subjects = [Subject.of(data, *pair) for pair in pairs]
-            blocks = [[Line("truth", one, true_views(one), first=True)] for one in subjects]
+            blocks = [[Line(f"truth {one.name}", one, true_views(one), first=True)] for one in subjects]
         for block, (figure, two) in zip(blocks, pairs):
             one = block[0].subject
             block.append(Line(LABELS.get(name, name), one, inferred_views(one, infer(network, data, figure, two[:1]))))

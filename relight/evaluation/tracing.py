@@ -16,7 +16,7 @@ from relight.evaluation.panels import spaced
 from relight.files import UserError, existing, whole
 from relight.learning.data import RelitSet
 from relight.lights import LightSet, read_light_set
-from relight.meshes.mesh import Mesh
+from relight.meshes import Mesh
 from relight.panoramas import Panorama
 from relight.progress import progress
 from relight.sh import basis

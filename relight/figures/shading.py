@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from relight.figures.surfaces import smoothed
-from relight.meshes.mesh import Mesh
+from relight.meshes import Mesh
 from relight.sh import basis
 
 OVERHEAD = 0.5  # the sky's radiance is 1 + OVERHEAD * y: 1.5 from above, .5 from below

@@ -30,6 +30,7 @@ from relight.learning.checkpoint import load_network, restore, save_network, sav
 from relight.learning.data import Batch, RelitSet, generator, pairs, read_split
 from relight.learning.losses import losses, weights
 from relight.learning.networks import STRIDE, Network, UNet, build
+from relight.learning.validation import Validation
 from relight.progress import span
 
 # Purposes of random numbers (`data.generator`); 0 orders the pairs.
@@ -82,12 +83,13 @@ def train(
     state: Path,
     curve: Path | None = None,
     log: Callable[[dict[str, float], int], None] | None = None,
+    show: Callable[[np.ndarray, int], None] | None = None,
 ) -> None:
     """Trains a network on `selection`, pairs of figures of the split and lights of the table.
 
-    After every `train.epoch` steps it prints a line of progress, calls `log`, and writes `state`. The next call with
-    the same recipe and inputs goes on from there; the state of another training is ignored, with a line that says so.
-    The state stays at the end: the caller removes it once the outputs are safe.
+    After every `train.epoch` steps it prints a line of progress, calls `show` and `log`, and writes `state`. The next
+    call with the same recipe and inputs goes on from there; the state of another training is ignored, with a line that
+    says so. The state stays at the end: the caller removes it once the outputs are safe.
 
     Under torchrun each process takes its share of the batch and the gradients are averaged. On a CPU the training keeps
     to one thread: its results then do not depend on the machine's load, and several trainings run side by side.
@@ -98,7 +100,9 @@ def train(
         out: the network (.safetensors), written whole at the end.
         state: what an interrupted training goes on from.
         curve: all that was logged (.csv), a row per epoch, written whole at the end.
-        log: receives the means of the losses since the last call, and the steps done.
+        log: receives the steps done and, by name, the means of the losses since the last call, the learning rate `lr`,
+            and the losses on fixed pairs of the test as `validation/*`.
+        show: receives a picture of what is inferred of these pairs, and the steps done.
 
     Raises:
         UserError: if the loss is not finite; it names the step, and the last good state stays.
@@ -125,6 +129,7 @@ def train(
             forward = torch.compile(forward)
         autocast = torch.autocast(device.type, torch.bfloat16) if settings.precision == "bf16" else nullcontext()
         weight = weights(recipe.loss, network.size)
+        validation = Validation(data, inputs.split, recipe.loss, network.size) if rank == 0 else None
         meter, began = Meter(device), time.monotonic()
         for step in range(first, settings.steps):
             batch = draw_batch(data, figures, lights, recipe, step, rank, world)
@@ -151,9 +156,14 @@ def train(
             seconds = (time.monotonic() - began) / (done - first)
             line = f"step {done}/{settings.steps}, loss {means['loss']:.4f}, {1e3 * seconds:.0f} ms a step"
             say(f"{line}, {span(seconds * (settings.steps - done))} left")
+            validated, picture = validation(average or network, drawn=show is not None)
+            values = {**means, "lr": learning_rate(settings, step)}
+            values |= {f"validation/{name}": value for name, value in validated.items()}
+            if picture is not None:
+                show(picture, done)
             if log:
-                log(means, done)  # before the state: a state that is found again has been logged
-            history.append({"step": done, "lr": learning_rate(settings, step), **means})
+                log(values, done)  # before the state: a state that is found again has been logged
+            history.append({"step": done, **values})
             save_state(state, digest, parts, done, history)
 
         if rank == 0:
@@ -343,8 +353,8 @@ def say(line: str) -> None:
 
 
 def write_curve(path: Path, history: list[dict]) -> None:
-    """The log as CSV: step, learning rate, total and each named loss."""
+    """The log as CSV: step, total and each named loss, learning rate, and the losses on the validation's pairs."""
     with whole(path) as tmp, open(tmp, "w", newline="") as file:
-        writer = csv.DictWriter(file, list(history[0]))
+        writer = csv.DictWriter(file, list(history[-1]))
         writer.writeheader()
         writer.writerows(history)

@@ -13,6 +13,7 @@ import numpy as np
 from relight.config import Lights, Panoramas
 from relight.files import UserError, refuse_odd
 from relight.lights.select import select_lights
+from relight.lights.statistics import from_below, measure
 from relight.lights.table import LightSet
 from relight.panoramas import Panorama, generate_room, generate_sky, list_panoramas, orient, project, read_panorama
 from relight.processes import end_with_parent
@@ -22,6 +23,7 @@ log = logging.getLogger(__name__)
 
 GENERATORS: dict[str, Callable[[int], np.ndarray]] = {"room": generate_room, "sky": generate_sky}
 MIN_PARALLEL = 48  # for fewer panoramas, worker processes take longer to start than they save
+MAX_NAMED = 8  # panoramas in one sentence
 
 
 def build_light_set(
@@ -44,10 +46,40 @@ def build_light_set(
     """
     sources, coefficients, unreadable, repaired = project_panoramas(panoramas, order, progress)
     selected, record = select_lights(coefficients, sources, lights)
+    if panoramas.source == "folder":
+        warnings = [*warn_unlit(record["unlit"], len(sources)), *warn_below(sources, coefficients, panoramas)]
+        record["warnings"] += warnings
+        for warning in warnings:
+            log.warning(warning)
     why = {"unreadable": len(unreadable)} if unreadable else {}
     record["steps"].insert(0, {"step": "read", "in": len(sources) + len(unreadable), "out": len(sources), "why": why})
     record |= {"unreadable": unreadable, "repaired": repaired}
     return selected, record
+
+
+def warn_unlit(unlit: dict[str, str], total: int) -> list[str]:
+    """Returns a warning that names the panoramas which gave no light (`unlit` of `select_lights`), of `total`."""
+    if not unlit:
+        return []
+    named = "; ".join(f"{source}: {why}" for source, why in list(unlit.items())[:MAX_NAMED])
+    more = f"; and {len(unlit) - MAX_NAMED} more, which chain.json names" if len(unlit) > MAX_NAMED else ""
+    return [
+        f"{len(unlit)} of {total} panoramas gave no light; the rules for unusual lights (lights.rules) are for rooms, "
+        f"and open sky breaks them: {named}{more}"
+    ]
+
+
+def warn_below(sources: list[str], coefficients: np.ndarray, panoramas: Panoramas) -> list[str]:
+    """Returns a warning that names the panoramas whose lights (N,K,3) are brighter from below than from above."""
+    below = [source for source, is_below in zip(sources, from_below(measure(coefficients))) if is_below]
+    if not below:
+        return []
+    named = ", ".join(below[:MAX_NAMED]) + (f" and {len(below) - MAX_NAMED} more" if len(below) > MAX_NAMED else "")
+    remedy = f"panoramas.upside_down={'false' if panoramas.upside_down else 'true'}"
+    return [
+        f"{len(below)} of {len(sources)} panoramas are brighter from below than from above: {named}; where the rows of "
+        f"files run {'from the top down' if panoramas.upside_down else 'from the bottom up'}, give {remedy}"
+    ]
 
 
 def project_panoramas(

@@ -28,7 +28,7 @@ def medoids(lights: np.ndarray, sources: np.ndarray, clusters: int, seed: int) -
     Args:
         lights: (N,K,3).
         sources: (N,) the panorama of each light.
-        clusters: wanted at most.
+        clusters: the largest number of medoids.
         seed: of k-means.
 
     Returns:

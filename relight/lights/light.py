@@ -1,4 +1,4 @@
-"""One light, whatever it came from, and its files."""
+"""The light record and its files."""
 
 import json
 from dataclasses import dataclass, field, replace

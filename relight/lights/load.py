@@ -10,18 +10,17 @@ import numpy as np
 from relight.files import UserError, existing
 from relight.lights.chain import GENERATORS
 from relight.lights.light import Light
-from relight.lights.statistics import measure
+from relight.lights.statistics import from_below, measure
 from relight.lights.table import read_light_set
 from relight.panoramas import Panorama, orient, project, read_panorama
-from relight.sh import basis
-from relight.sh.conventions import CONVENTIONS, as_table, to_relight
+from relight.sh import CONVENTIONS, basis, to_relight
+from relight.sh.conventions import as_table
 from relight.srgb import decode
 
 GENERATED = re.compile(r"(room|sky):(\d{1,9})(?::([-+.0-9]+))?")
 KEY = re.compile(r"key:#?([0-9a-fA-F]{6})@([-+.0-9]+),([-+.0-9]+)(?:,([-+.0-9]+))?")
 IN_SET = re.compile(r"(.+\.(?:npz|csv)):(\d{1,9})")
 FILL = 0.2  # default irradiance of the fill, relative to the key light's
-BELOW = 1.1  # ratio of the irradiance from below to that from above from which on the user gets a note
 MAX_BYTES = 1 << 20  # of a file of coefficients
 
 # Measured lights in print. Grace, Eucalyptus and St. Peter's: Ramamoorthi & Hanrahan 2001, figure 2 (Grace to the six
@@ -119,8 +118,7 @@ def load_light(
 
 def notes_below(text: str, coefficients: np.ndarray, upside_down: bool) -> list[str]:
     """Returns a note if a panorama (K,3) gives more light from below than from above, as one that is upside down."""
-    statistics = measure(coefficients[None])
-    if statistics["down"][0] <= BELOW * statistics["up"][0]:
+    if not from_below(measure(coefficients[None]))[0]:
         return []
     option = "without --upside-down" if upside_down else "with --upside-down, if its rows run from the bottom up"
     return [f"{text}: brighter from below than from above; read it {option}"]

@@ -37,13 +37,13 @@ def select_lights(coefficients: np.ndarray, sources: list[str], settings: Lights
 
     Returns:
         The light set, and a record of plain values: for each step the number of lights before and after it and why
-        lights were removed; and the warnings.
+        lights were removed; the warnings; and in `unlit` the panoramas without a usual light, each with the reason.
 
     Raises:
         UserError: if the settings are out of range or no light can be selected.
     """
     check_settings(coefficients, sources, settings)
-    record: dict[str, Any] = {"order": settings.order, "steps": [], "warnings": []}
+    record: dict[str, Any] = {"order": settings.order, "steps": [], "warnings": [], "unlit": {}}
     kept = above_threshold(coefficients, settings.threshold, record)
     copies = rotated_copies(coefficients[kept], np.asarray(sources)[kept], settings)
     record_step(record, "rotate and scale", len(kept), len(copies), {})
@@ -52,11 +52,10 @@ def select_lights(coefficients: np.ndarray, sources: list[str], settings: Lights
         # 100 clusters for 50 lights: the authors removed about half of theirs by hand.
         copies = cluster(copies, 2 * settings.clusters, settings.seed, record)
         usual, unusual = split_by_rules(copies, settings, record)
-        record["rejected"] = {}  # clusters stand for many panoramas here
         usual = usual.rows(np.sort(np.random.default_rng(settings.seed).permutation(len(usual))[: settings.clusters]))
     else:
         usual, unusual = split_by_rules(copies, settings, record)
-        record["rejected"] = rejected_panoramas(sources, usual, unusual)
+        record["unlit"] = unlit_panoramas(sources, copies, usual)
         usual = cluster(usual, settings.clusters, settings.seed, record)
     test = choose_test_lights(usual.coefficients, usual.source, settings)
     usual.split[test] = "test"
@@ -71,16 +70,6 @@ def select_lights(coefficients: np.ndarray, sources: list[str], settings: Lights
     for warning in record["warnings"]:
         log.warning(warning)
     return lights, record
-
-
-def rejected_panoramas(sources: list[str], usual: LightSet, unusual: LightSet) -> dict[str, str]:
-    """Panoramas of which no copy passed the rules, each with the rules that its copies break and how many do."""
-    found = {}
-    for source in dict.fromkeys(sources):
-        if not (usual.source == source).any():
-            broke = Counter(" ".join(map(str, unusual.reason[unusual.source == source])).split())
-            found[source] = ", ".join(f"{rule} {n}" for rule, n in broke.most_common()) or "too dark, or vetoed"
-    return found
 
 
 def check_settings(coefficients: np.ndarray, sources: list[str], settings: Lights) -> None:
@@ -191,14 +180,14 @@ def parse_yaw(text: str) -> float:
 
 
 def broken_rules(lights: np.ndarray, rules: Rules) -> dict[str, np.ndarray]:
-    """Finds the rules for unusual lights that lights break: what the paper's authors removed by hand.
+    """Tests lights by the rules that replace the authors' removal of unusual lights by hand.
 
     Args:
         lights: (N,K,3), scaled to their reference brightness.
         rules: limits.
 
     Returns:
-        (N,) bool by the name of the rule.
+        (N,) bool by the name of the rule, true where a light breaks it.
     """
     parts = [_broken_rules(lights[start : start + BATCH], rules) for start in range(0, len(lights), BATCH)]
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]} if parts else {}
@@ -247,6 +236,17 @@ def split_by_rules(copies: LightSet, settings: Lights, record: dict[str, Any]) -
     why = {name: int((rule & ~usual).sum()) for name, rule in broken.items()}
     record_step(record, "unusual", len(copies), int(usual.sum()), why)
     return copies.rows(usual), copies.rows(~usual & ~broken["dark"])
+
+
+def unlit_panoramas(sources: list[str], copies: LightSet, usual: LightSet) -> dict[str, str]:
+    """Returns the panoramas without a usual light at any heading, each with the rules that its copies break."""
+    left = set(sources) - set(usual.source.tolist())
+    why = {}
+    for source in filter(left.__contains__, sources):
+        own = copies.reason[copies.source == source].tolist()
+        broken = Counter(word for reason in own for word in reason.split(" ") if word)
+        why[source] = ", ".join(f"{word} at {n} of {len(own)} headings" for word, n in broken.most_common())
+    return {source: words or "below lights.threshold, or vetoed" for source, words in why.items()}
 
 
 def darkened(lights: LightSet, limit: float) -> LightSet:
@@ -298,11 +298,20 @@ def split_unusual(unusual: LightSet, usual: LightSet) -> np.ndarray:
 
 
 def split_warnings(lights: LightSet, settings: Lights) -> list[str]:
-    """Returns a warning if a panorama gives both training and test lights although the split is by room."""
-    both = set(lights.of("train").source.tolist()) & set(lights.of("test").source.tolist())
+    """Returns warnings about test lights that are not independent of the training lights or of each other."""
+    trained, tested = (set(lights.of(split).source.tolist()) for split in ("train", "test"))
+    both, warnings = trained & tested, []
     if both and settings.split == "room":
-        return [f"a single panorama ({both.pop()}) gives both training and test lights: the test is not independent"]
-    return []
+        warnings.append(
+            f"a single panorama ({both.pop()}) gives both training and test lights: the test is not independent"
+        )
+    if len(tested) < len(lights.of("test")):
+        warnings.append(
+            f"the {len(lights.of('test'))} test lights come from {len(tested)} panoramas, the "
+            f"{len(lights.of('train'))} training lights from {len(trained)}: lights of one panorama differ in heading "
+            "and brightness alone"
+        )
+    return warnings
 
 
 def concatenate(first: LightSet, second: LightSet) -> LightSet:

@@ -11,6 +11,7 @@ from relight.lights.light import Light
 from relight.lights.statistics import measure, reference_brightness
 from relight.lights.table import LightSet
 from relight.panoramas import Panorama
+from relight.panoramas.projection import directions
 from relight.sh import irradiance, order_of, unoccluded
 from relight.srgb import encode
 
@@ -59,12 +60,8 @@ def diffuse_panorama(coefficients: np.ndarray, height: int) -> np.ndarray:
     Returns:
         (height, 2 height, 3) linear, lat-long with -z at the centre.
     """
-    theta = (np.arange(height) + 0.5)[:, None] / height * np.pi
-    phi = (2 * (np.arange(2 * height) + 0.5) / (2 * height) - 1) * np.pi
-    normals = np.stack(
-        np.broadcast_arrays(np.sin(theta) * np.sin(phi), np.cos(theta), -np.sin(theta) * np.cos(phi)), -1
-    )
-    return np.maximum(irradiance(coefficients, normals.reshape(-1, 3)), 0).reshape(height, 2 * height, 3) / np.pi
+    lit = irradiance(coefficients, latlong_normals(height))
+    return np.maximum(lit, 0).reshape(height, 2 * height, 3) / np.pi
 
 
 def write_light_picture(light: Light, path: Path | str) -> None:
@@ -80,7 +77,7 @@ def write_light_picture(light: Light, path: Path | str) -> None:
     title = light.source if len(light.source) <= 70 else "…" + light.source[-69:]
     figure.text(0.03, 0.93, title, color=INK, fontsize=14, weight="bold", va="center")
     panes = [("Diffuse panorama", encode(diffuse_panorama(drawn, 128) * np.pi * ALBEDO))]
-    if light.panorama is not None and light.panorama.layout == "latlong":
+    if light.panorama is not None:
         turned = light.panorama.yaw % 360 or light.panorama.flip or light.panorama.front == "+z"
         panes.insert(0, ("Panorama, as turned" if turned else "Panorama", tone_mapped(oriented_pixels(light.panorama))))
     for i, (name, picture) in enumerate(panes):
@@ -115,17 +112,44 @@ def label_directions(axes, shape: tuple[int, ...]) -> None:
 
 
 def oriented_pixels(panorama: Panorama) -> np.ndarray:
-    """Returns the pixels (h,w,3) of a lat-long panorama with its flip and yaw applied and -z at the centre.
+    """Returns the pixels (h,w,3) of a panorama as a lat-long with its flip and yaw applied and -z at the centre.
 
-    The rotation is by whole columns. Of panoramas with over 512 rows only every n-th row and column is returned.
+    A lat-long is rotated by whole columns, and of one with over 512 rows only every n-th row and column is returned.
+    Other layouts give their nearest pixels.
     """
     pixels = panorama.pixels
+    if panorama.layout != "latlong":
+        return nearest_pixels(panorama, 256)
     step = max(1, pixels.shape[0] // 512)
     width = pixels.shape[1]
     around = (np.arange(0, width, step) + 0.5) / width + panorama.yaw / 360
     around = (1 - around if panorama.flip else around) + (0.5 if panorama.front == "+z" else 0)
     column = np.floor(around % 1 * width + 1e-6).astype(int) % width
     return pixels[::step, column]
+
+
+def nearest_pixels(panorama: Panorama, height: int) -> np.ndarray:
+    """(height, 2 height, 3): the pixel that looks nearest to each direction of a lat-long, after flip and yaw."""
+    from scipy.spatial import KDTree
+
+    step = max(1, max(panorama.pixels.shape[:2]) // 1024)
+    toward = directions(panorama)[::step, ::step].reshape(-1, 3)
+    shown = np.isfinite(toward[:, 0])
+    x, y, z = toward[shown].T
+    x, yaw = -x if panorama.flip else x, np.radians(panorama.yaw)
+    turned = np.stack([x * np.cos(yaw) + z * np.sin(yaw), y, z * np.cos(yaw) - x * np.sin(yaw)], -1)
+    nearest = KDTree(turned).query(latlong_normals(height))[1]
+    return panorama.pixels[::step, ::step].reshape(-1, 3)[shown][nearest].reshape(height, 2 * height, 3)
+
+
+def latlong_normals(height: int) -> np.ndarray:
+    """The directions (height * 2 height, 3) of the pixels of a lat-long with its centre at -z."""
+    theta = (np.arange(height) + 0.5)[:, None] / height * np.pi
+    phi = (2 * (np.arange(2 * height) + 0.5) / (2 * height) - 1) * np.pi
+    normals = np.stack(
+        np.broadcast_arrays(np.sin(theta) * np.sin(phi), np.cos(theta), -np.sin(theta) * np.cos(phi)), -1
+    )
+    return normals.reshape(-1, 3)
 
 
 def tone_mapped(pixels: np.ndarray) -> np.ndarray:
@@ -136,9 +160,11 @@ def tone_mapped(pixels: np.ndarray) -> np.ndarray:
 
 
 def described(light: Light) -> list[tuple[str, str]]:
-    """Returns statistics of a light as labels and formatted values."""
+    """Returns the layout of a light's panorama and its statistics as labels and formatted values."""
     m = {name: float(value[0]) for name, value in measure(light.coefficients[None]).items()}
+    layout = [("layout of the panorama", light.panorama.layout)] if light.panorama else []
     return [
+        *layout,
         ("reference brightness, E(0,0,1)", f"{m['reference']:.3f}"),
         ("mean irradiance", f"{m['mean']:.3f}"),
         ("darkest, brightest / mean", f"{m['least'] / m['mean']:.2f}  {m['most'] / m['mean']:.2f}"),

@@ -9,6 +9,7 @@ from relight.sh import order_of, unoccluded
 
 FRONT = np.array([0.0, 0.0, 1.0])
 NORMALS = 1000  # on which the irradiance is sampled
+BELOW = 1.1  # ratio of the irradiance from below to that from above from which on the user gets a note
 
 
 @cache
@@ -126,3 +127,11 @@ def measure(lights: np.ndarray) -> dict[str, np.ndarray]:
         "blue": colour[:, 2] - colour[:, 1],
         "moment": moment_eigenvalue(lights),
     }
+
+
+def from_below(measured: dict[str, np.ndarray]) -> np.ndarray:
+    """Whether lights, as `measure` has them, are brighter from below than from above: (N,) bool.
+
+    Most often the rows of such a panorama run from the bottom up.
+    """
+    return measured["down"] > BELOW * measured["up"]

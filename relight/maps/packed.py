@@ -43,7 +43,7 @@ def pack_maps(exr_paths: list[Path], out: Path) -> list[str]:
     Raises:
         UserError: if sizes or orders differ, or all figures were left out.
     """
-    from relight.maps.exr import read_info, read_maps  # training reads packed maps and needs no OpenEXR
+    from relight.maps.exr import read_info, read_maps
 
     found = [(path, info) for path in exr_paths if "left_out" not in (info := read_info(path))]
     if not found:

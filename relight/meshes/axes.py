@@ -49,11 +49,8 @@ def find_axes(mesh: Mesh, up: str | None = None, front: str | None = None) -> Ax
     area = face_areas(mesh.vertices, mesh.faces)
     points = mesh.vertices[mesh.faces].mean(axis=1, dtype=np.float64)
     if up is None:
-        weight = np.ptp(mesh.vertices, axis=0) * [
-            0.8,
-            1.0,
-            0.95,
-        ]  # a T-pose is as wide as high; hardly any file is x-up
+        # A T-pose is as wide as high, and hardly any file is x-up.
+        weight = np.ptp(mesh.vertices, axis=0) * [0.8, 1.0, 0.95]
         if front is not None:
             weight[np.abs(AXES[front]).argmax()] = 0
         axis = "xyz"[int(weight.argmax())]

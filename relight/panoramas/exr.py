@@ -3,7 +3,10 @@
 Only `OpenEXR.File` is used: the older `InputFile` crashes the process on truncated files.
 """
 
-from collections.abc import Callable
+import io
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -63,7 +66,12 @@ def read_exr(path: Path) -> ExrPicture:
     number = choose_part(path, headers)
     header = headers[number]
     try:
-        stored = OpenEXR.File(str(path), separate_channels=True, num_threads=1).parts[number].channels
+        with hushed():
+            parts = OpenEXR.File(str(path), separate_channels=True, num_threads=1).parts
+        if len(parts) < len(headers):  # the binding leaves out a part that it cannot read, and the others move up
+            found = "its pixels" if len(headers) == 1 else f"the pixels of {len(headers) - len(parts)} of its parts"
+            raise UserError(f"{path}: cut short or damaged: {found} cannot be read; get the file anew")
+        stored = parts[number].channels
         planes = colour_planes(path, set(header.channels), lambda name: np.asarray(stored.pop(name).pixels))
     except UserError:
         raise
@@ -84,7 +92,9 @@ def read_headers(path: Path, OpenEXR: Any) -> list[Header]:
     envmaps = {OpenEXR.ENVMAP_LATLONG: "latlong", OpenEXR.ENVMAP_CUBE: "cube"}
     try:
         headers = []
-        for part in OpenEXR.File(str(path), header_only=True).parts:
+        with hushed():
+            parts = OpenEXR.File(str(path), header_only=True).parts
+        for part in parts:
             header = dict(part.header)
             data, display = (window(header[name]) for name in ("dataWindow", "displayWindow"))
             colours = header.get("chromaticities")
@@ -101,6 +111,23 @@ def read_headers(path: Path, OpenEXR: Any) -> list[Header]:
         return headers
     except Exception as error:
         raise UserError(f"{path}: OpenEXR cannot read its header ({one_line(error)})") from error
+
+
+@contextmanager
+def hushed() -> Iterator[None]:
+    """Keeps from the user what OpenEXR prints of a damaged file: a screenful of lines from C, and some by `print`."""
+    nowhere, kept = os.open(os.devnull, os.O_WRONLY), None
+    try:
+        with suppress(OSError):  # a process may have closed its error stream
+            kept = os.dup(2)
+            os.dup2(nowhere, 2)
+        with redirect_stdout(io.StringIO()):
+            yield
+    finally:
+        if kept is not None:
+            os.dup2(kept, 2)
+            os.close(kept)
+        os.close(nowhere)
 
 
 def window(box: Any) -> tuple[int, int, int, int]:

@@ -233,3 +233,29 @@ def project_cube(faces: dict[str, np.ndarray], order: int, corners: bool = False
         turn = np.stack([right, -down, axis], -1)
         total += rotation_matrix(turn, order) @ together[:, channels * i : channels * (i + 1)]
     return total
+
+
+def directions(panorama: Panorama) -> np.ndarray:
+    """Where the pixels of a panorama that is no lat-long look, in the camera's frame before flip and yaw: (H, W, 3).
+
+    What shows nothing (beside the disc of an angular map, beside the arms of a cross) has nan.
+    """
+    height, width = panorama.pixels.shape[:2]
+    found = np.full((height, width, 3), np.nan)
+    if panorama.layout in ("angular", "ball"):
+        to_sphere = angular_to_sphere if panorama.layout == "angular" else ball_to_sphere
+        u, v = np.meshgrid(middles(width), middles(height))
+        inside = np.hypot(u, v) < 1
+        found[inside] = to_sphere(u[inside], v[inside])[0]
+        return found
+    for face, place in cut_faces(found, panorama.layout).items():  # views of `found`
+        n = len(place)
+        grid = np.linspace(-1, 1, n) if panorama.corners else middles(n)
+        axis, right, down = np.array(CUBE_FACES[face], float)
+        place[:] = face_to_sphere(grid[None, :], grid[:, None])[0] @ np.stack([right, -down, axis])
+    return found
+
+
+def middles(n: int) -> np.ndarray:
+    """The centres of n pixels side by side on [-1, 1]."""
+    return (2 * np.arange(n) + 1) / n - 1

@@ -100,7 +100,8 @@ def exposure(figures: Sequence[Figure], light: np.ndarray) -> float:
 
 
 def load(path: Path | str | None = None, threads: int | None = None) -> Relighter:
-    """The network that comes with the package, or that of a .safetensors checkpoint of ours.
+    """The network that comes with the package, that of a .safetensors checkpoint of ours, or a model in MLflow, such as
+    models:/relight@photo.
 
     threads: of torch; its own choice by default. Raises UserError for anything that is no such checkpoint.
     """
@@ -110,6 +111,10 @@ def load(path: Path | str | None = None, threads: int | None = None) -> Relighte
 
     if path is None and not WEIGHTS.is_file():
         raise UserError("this installation has no weights: give a checkpoint with --weights FILE.safetensors")
+    if str(path).startswith("models:/"):
+        from relight.track import downloaded
+
+        path = downloaded(str(path))
     path = Path(path or WEIGHTS)
     if path.is_file() and path.suffix in (".pt", ".pth", ".pkl", ".pickle", ".ckpt"):
         raise UserError(

@@ -8,8 +8,7 @@ import numpy as np
 from PIL import Image, ImageColor
 
 from relight.files import UserError
-from relight.panoramas import Panorama
-from relight.panoramas.colour import luminance
+from relight.panoramas import Panorama, luminance
 from relight.photos.color import relit, rolled
 from relight.photos.environment import see
 from relight.photos.read import is_picture, read_photo

@@ -29,7 +29,10 @@ Yaw = Annotated[float, typer.Option(help="Correction of a panorama's front, degr
 Flip = Annotated[bool, typer.Option("--flip", help="The panorama is mirrored.")]
 UpsideDown = Annotated[bool, typer.Option("--upside-down", help="The panorama's rows are from the bottom up.")]
 Convention = Annotated[str | None, typer.Option(help="Of a file of coefficients without a stated convention.")]
-Weights = Annotated[Path | None, typer.Option("--weights", "-w", help="A checkpoint (.safetensors) of relight.")]
+Weights = Annotated[
+    Path | None,
+    typer.Option("--weights", "-w", help="A checkpoint (.safetensors) of relight, or models:/relight@photo of MLflow."),
+]
 Size = Annotated[int, typer.Option(min=16, max=4096, help="Pixels of the longer side, at most.")]
 DEFAULT = "room:7"
 

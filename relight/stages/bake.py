@@ -5,7 +5,7 @@ from pathlib import Path
 
 from relight.config import Bake
 from relight.files import UserError
-from relight.meshes.mesh import Mesh
+from relight.meshes import Mesh
 from relight.stages.stage import stage
 
 

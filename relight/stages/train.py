@@ -36,8 +36,10 @@ def main(
     recipe, inputs = Recipe(model, loss, train, augment), Inputs(packed, lights, split)
     # Beside the outputs but not declared as one: Snakemake deletes declared outputs before a retry.
     state = out.parent / "state" / out.stem
-    with tracked(track, out.stem, fingerprint(recipe, inputs), recipe.as_dict()) as run:
-        train_network(recipe, inputs, out, state / "state.pt", curve, run.log)
+    data = {"figures": packed, "lights": lights, "split": split}
+    with tracked(track, out.stem, fingerprint(recipe, inputs), recipe.as_dict(), data) as run:
+        show = run.show if run.track.uri else None
+        train_network(recipe, inputs, out, state / "state.pt", curve, run.log, show)
         run.finish(curve, out)
     if STARTED_BY not in os.environ:  # else Snakemake has yet to record the outputs (`Plan.settle`)
         discard(state)

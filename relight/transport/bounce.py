@@ -7,7 +7,7 @@ bounce (Sloan, Kautz & Snyder 2002, section 5, without the SH projection in betw
 
 import numpy as np
 
-from relight.meshes.mesh import Mesh
+from relight.meshes import Mesh
 from relight.transport.integrate import integrate
 from relight.transport.raycaster import RayCaster
 from relight.transport.surface import sample_albedo

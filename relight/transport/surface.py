@@ -3,7 +3,7 @@
 import numpy as np
 
 from relight.files import UserError
-from relight.meshes.mesh import Mesh
+from relight.meshes import Mesh
 from relight.srgb import LINEAR
 
 

@@ -54,7 +54,7 @@ def test_what_swapping_lights_is_worth(results):
     made = own.light_transfer(results, "light_transfer")
     verdicts = made["comparisons"].frame["the first is"].to_dict()
     assert verdicts["Ours (full) against the picture as it is"] is Verdict.BETTER
-    assert verdicts["Ours (full) against its maps, mean light"] not in (Verdict.BETTER, Verdict.WORSE)
+    assert verdicts["Ours (full) against its own maps under the mean light"] not in (Verdict.BETTER, Verdict.WORSE)
     assert made["costly"] == {"ours_full": "maps"} and made["worse"] == {"ours_full": ["colour"]}
     assert "<table" in page.section("sections/light_transfer.md", **made)
     with open(results.folder / "light_transfer.csv", newline="") as file:

@@ -18,7 +18,7 @@ from relight.learning.data import RelitSet
 from relight.lights import LightSet, read_light_set, write_light_set
 from relight.lights.chain import generated_light
 from relight.maps import pack_maps, write_maps
-from relight.meshes.mesh import Material, Mesh
+from relight.meshes import Material, Mesh
 from relight.sh import basis, unoccluded
 from relight.transport import bake
 from relight.transport.tracer import sky_directions, sky_weights

@@ -202,7 +202,7 @@ def whole_run(folder, *presets: str, **options):
     (folder / "lights").mkdir()
     steps = [{"step": "read", "in": 5, "out": 4, "why": {"dark": 1}}]
     chain = {"steps": steps, "lights": {"train": 3, "test": 1}, "warnings": [], "repaired": {}}
-    chain |= {"unreadable": {"x.hdr": "empty"}, "rejected": {"room:9": "bright 36"}}
+    chain |= {"unreadable": {"x.hdr": "empty"}, "unlit": {"room:9": "bright at 36 of 36 headings"}}
     (folder / "lights" / "chain.json").write_text(json.dumps(chain))
     save_lights(folder / "lights")
     (folder / "run.yaml").write_text(yaml.safe_dump({"hydra": ["scale=smoke", "model=glob(*)"]}))
@@ -213,7 +213,7 @@ def whole_run(folder, *presets: str, **options):
 
 
 def save_lights(folder):
-    from relight.lights.table import LightSet, write_light_set
+    from relight.lights import LightSet, write_light_set
 
     split, reason = np.array(["train", "train", "train", "test", "unusual"]), np.array(["", "", "", "", "bright back"])
     plain = np.zeros(5)

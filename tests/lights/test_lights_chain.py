@@ -135,17 +135,6 @@ def test_impossible_settings_are_refused(rooms):
             select_lights(coefficients, sources, replace(SETTINGS, **wrong))
 
 
-def test_panoramas_of_which_no_copy_is_usual_are_named():
-    """Three lamps from the front, one deep red: each of its 36 copies breaks the rule of colour."""
-    lamps = np.zeros((3, 9, 3))
-    lamps[:, 0], lamps[:, 2], lamps[:, 3] = 1, 0.2, np.array([0, 0.2, -0.2])[:, None]
-    lamps[2] *= [1, 0.02, 0.01]
-    settings = replace(SETTINGS, clusters=2, test=1)
-    lights, record = select_lights(lamps, ["a", "b", "red"], settings)
-    assert list(record["rejected"]) == ["red"] and "colour 36" in record["rejected"]["red"]
-    assert set(lights.source[np.isin(lights.split, ("train", "test"))]) == {"a", "b"}
-
-
 def test_each_rule_finds_its_kind_of_light():
     def lamp(x, y, z, fill=0.3):
         d = np.array([x, y, z], float)
@@ -262,3 +251,21 @@ def test_broken_files_of_a_folder_are_skipped_and_recorded(tmp_path):
     assert list(record["unreadable"]) == ["c.hdr"] and list(record["repaired"]) == ["nan.pfm"]
     with pytest.raises(UserError, match="no such folder"):
         build_light_set(replace(folder, folder=str(tmp_path / "nowhere")), SETTINGS, 2)
+
+
+def test_what_a_folder_does_not_give_is_said(tmp_path):
+    """A map that the rules cut at every heading, one that is upside down, and few maps behind many lights."""
+    rng = np.random.default_rng(0)
+    sky = np.linspace(1, 0.3, 16)[:, None, None] * np.ones((16, 32, 3)) * (1 + rng.random((16, 32, 3)))
+    blue = sky * np.array([0.05, 0.2, 3])
+    for name, pixels in {"a": sky, "b": sky[:, ::-1] ** 1.3, "blue": blue, "down": sky[::-1]}.items():
+        (tmp_path / f"{name}.pfm").write_bytes(b"PF\n32 16\n-1.0\n" + pixels[::-1].astype("<f4").tobytes())
+    folder = replace(GENERATED, source="folder", folder=str(tmp_path))
+    lights, record = build_light_set(folder, replace(SETTINGS, clusters=8, test=3), 2, progress=False)
+    assert record["unlit"] == {"blue.pfm": "dim at 36 of 36 headings, colour at 36 of 36 headings"}
+    assert "blue.pfm" not in lights.of("train").source
+    told = " | ".join(record["warnings"])
+    assert "1 of 4 panoramas gave no light" in told and "blue.pfm: dim at 36 of 36 headings" in told
+    assert "1 of 4 panoramas are brighter from below than from above: down.pfm" in told
+    assert "panoramas.upside_down=true" in told
+    assert "the 3 test lights come from" in told

@@ -6,6 +6,7 @@ import pytest
 from relight.lights import LightSet, lit_ball, write_contact_sheet
 from relight.lights.show import ALBEDO, diffuse_panorama, oriented_pixels
 from relight.panoramas import Panorama, project
+from relight.panoramas.projection import directions
 from relight.sh import basis
 from relight.srgb import encode
 
@@ -45,6 +46,24 @@ def test_the_drawn_panorama_has_the_orientation_of_its_light(yaw, flip, front):
     )
     oriented = replace(panorama, pixels=oriented_pixels(panorama), flip=False, yaw=0.0, front="-z")
     np.testing.assert_allclose(project(oriented), project(panorama), atol=1e-12)
+
+
+SHAPES = {"angular": (240, 240), "ball": (240, 240), "cross": (240, 320), "strip": (480, 80), "strip-gl": (80, 480)}
+
+
+@pytest.mark.parametrize("yaw", [0, 75])
+@pytest.mark.parametrize("layout", SHAPES)
+@pytest.mark.parametrize("corners", [False, True])
+def test_other_layouts_are_drawn_as_their_light_is_used(layout, yaw, corners):
+    """Nearest pixels of a smooth scene: the light of the drawing is that of the map, to the size of a pixel."""
+    if corners and layout != "strip":
+        pytest.skip("only OpenEXR's cubes have samples on corners")
+    empty = Panorama(np.zeros((*SHAPES[layout], 3), np.float32), layout, corners, True, yaw)
+    toward = np.nan_to_num(directions(empty))
+    panorama = replace(empty, pixels=(1 + toward @ np.array([[0.5, 0, 0.2], [0.3, 0.6, 0], [0, 0.3, 0.7]])))
+    seen = oriented_pixels(panorama)
+    assert seen.shape == (256, 512, 3)
+    np.testing.assert_allclose(project(Panorama(seen)), project(panorama), atol=0.02)
 
 
 def test_a_large_panorama_is_drawn_smaller():

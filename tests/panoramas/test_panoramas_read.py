@@ -208,9 +208,24 @@ def test_exr_bombs_and_kinds_that_are_refused(tmp_path):
     nan[1, 2] = np.inf
     with pytest.raises(UserError, match=r"1 of 512 pixels are not finite.*row 1, column 2.*--repair"):
         read_panorama(exr(tmp_path / "inf.exr", {"RGB": nan}))
-    (tmp_path / "cut.exr").write_bytes(small[: len(small) // 2])
-    with pytest.raises(UserError, match="OpenEXR"):
-        read_panorama(tmp_path / "cut.exr")
+
+
+def test_a_damaged_exr_is_one_sentence_and_no_other_part_of_it_is_read(tmp_path, capfd):
+    whole = exr(tmp_path / "a.exr", {"RGB": noise(64, 128)}).read_bytes()
+    parts = [OpenEXR.Part({"name": name}, {"RGB": noise(64, 128, seed)}) for seed, name in enumerate("ab")]
+    OpenEXR.File(parts).write(str(tmp_path / "two.exr"))
+    two = (tmp_path / "two.exr").read_bytes()
+    assert read_panorama(tmp_path / "two.exr").repairs == ["part 0 of 2 was read"]
+    # Two tables of four places each, then the first part's first rows.
+    table = next(i for i in range(len(two)) if int.from_bytes(two[i : i + 8], "little") == i + 64)
+    first = two[: table + 64] + b"\xff" * 20 + two[table + 84 :]
+    files = {"cut": whole[: len(whole) // 2], "half": two[: 2 * len(two) // 3], "first": first}
+    for name, content in files.items():
+        (tmp_path / f"{name}.exr").write_bytes(content)
+        with pytest.raises(UserError, match=rf"{name}.exr: cut short or damaged: .* cannot be read") as error:
+            read_panorama(tmp_path / f"{name}.exr")
+        assert "\n" not in str(error.value)
+    assert capfd.readouterr() == ("", ""), "the library's noise"
 
 
 def test_a_folder_lists_panoramas_only(tmp_path):

@@ -5,15 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from relight.lights.load import load_light
-from relight.panoramas.panorama import Panorama
+from relight.lights import load_light
+from relight.panoramas import Panorama
 from relight.photos.background import Background, background, white
 from relight.photos.color import to_srgb8
 from relight.photos.film import turning
 from relight.photos.ground import Camera, _balls, _box, _transport, ground
 from relight.photos.photo import Wish
 from relight.photos.render import render
-from relight.sh import basis, unoccluded
+from relight.sh import basis, rotate_y, unoccluded
 from relight.srgb import LINEAR
 
 Y00 = 0.5 / np.sqrt(np.pi)
@@ -143,7 +143,10 @@ def test_shadows_are_on_new_backgrounds_only(kind, relighter, draw):
     assert np.array_equal(shaded[mask == 255], without[mask == 255]) and np.array_equal(
         shaded[:60][away[:60]], without[:60][away[:60]]
     )
-    assert np.array_equal(next(turning(pixels, figures, light, Wish(), behind, 1)), shaded)
+    first, second = turning(pixels, figures, light, Wish(), behind, 2)
+    turned = rotate_y(light, np.pi).astype(np.float32)
+    assert np.array_equal(first, shaded)
+    assert np.array_equal(second, render(pixels, figures, turned, "ratio", behind, turn=np.pi))
     keep = render(pixels, figures, light)
     assert np.array_equal(keep[away], pixels[away])
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from relight.files import UserError
-from relight.sh import irradiance
-from relight.sh.conventions import CONVENTIONS, as_table, from_relight, to_relight
+from relight.sh import CONVENTIONS, from_relight, irradiance, to_relight
+from relight.sh.conventions import as_table
 
 SIX = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
 DIAGONAL = np.array([[1, 1, 0], [0, 1, 1], [1, 0, 1], [1, -1, 0], [0, 1, -1], [-1, 0, 1]]) / np.sqrt(2)

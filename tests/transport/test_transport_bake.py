@@ -9,7 +9,7 @@ import pytest
 import trimesh
 
 from relight.files import UserError
-from relight.meshes.mesh import Material, Mesh
+from relight.meshes import Material, Mesh
 from relight.sh import basis, unoccluded
 from relight.transport import bake
 from relight.transport.integrate import integrate
@@ -233,7 +233,7 @@ def test_results_do_not_depend_on_threads_or_batches():
     assert (once != other).any()
     script = """if True:
         import sys, hashlib, trimesh, numpy as np
-        from relight.meshes.mesh import Material, Mesh
+        from relight.meshes import Material, Mesh
         from relight.transport import bake
         m = trimesh.creation.torus(.6, .25)
         n = len(m.faces)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from relight.meshes.mesh import Material, Mesh
+from relight.meshes import Material, Mesh
 from relight.sh import unoccluded
 from relight.transport import bake, bake_vertices
 

@@ -6,7 +6,7 @@ import trimesh
 
 from relight.files import UserError
 from relight.maps import coefficient_names
-from relight.meshes.mesh import Material, Mesh
+from relight.meshes import Material, Mesh
 from relight.sh import unoccluded
 from relight.transport import bake_vertices
 

@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from relight.files import UserError
-from relight.meshes.mesh import Material, Mesh
+from relight.meshes import Material, Mesh
 from relight.sh import rotation_matrix, unoccluded
 from relight.transport import FRONTAL, Baker, View, bake, random_view, view_names
 from relight.transport.baker import primary_hits

@@ -2,6 +2,7 @@
 
 import fcntl
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -111,3 +112,30 @@ def test_what_failed_leaves_the_report_of_the_others(calls, tmp_path, monkeypatc
     assert list(without.experiments) == ["table1"] and without.tables == ["table1"]
     asked = json.loads(without.questions())
     assert asked["inference_time"]["failed"] == failed["inference_time"] and "scores" in asked["table1"]
+
+
+def test_a_job_takes_lists_of_files_and_its_log_says_what_it_was(tmp_path):
+    """As the workflow calls it: the settings, versions and command are lines that begin with "# "."""
+    from relight.meshes import Mesh
+    from relight.stages.step import left_out
+
+    for name in ("a", "b"):
+        left_out({"name": name}, f"{name} is no figure").save(tmp_path / f"{name}.npz")
+    words = ["io.mesh=[a.npz,b.npz]", "io.out=[c.npz,d.npz]", "clean.close_holes=7"]
+    command = [sys.executable, "-m", "relight.stages.clean", *words]
+    environment = {"PYTHONPATH": str(ROOT), "RELIGHT_SNAKEMAKE": str(os.getpid())}
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
+    made = [Mesh.load(tmp_path / f"{name}.npz").info["left_out"] for name in ("c", "d")]
+    assert made == ["a is no figure", "b is no figure"]
+    lines = done.stdout.splitlines()
+    assert all(line.startswith("# ") for line in lines)
+    assert "relight" in lines[1] and "numpy" in lines[1] and "io.mesh=[a.npz,b.npz]" in lines[2]
+    assert yaml.safe_load("\n".join(line[2:] for line in lines[3:]))["clean"]["close_holes"] == 7
+    words[1] = "io.out=[c.npz]"
+    wrong = subprocess.run([*command[:3], *words], cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert wrong.returncode == 1 and "equally long: io.mesh, io.out" in wrong.stderr
+
+
+def test_a_sweep_tells_its_runs_once(calls, capsys):
+    module.run(["scale=smoke", "train.lr=0.1,0.2"], True, None, True, ["all"], [])
+    assert capsys.readouterr().out == "lr_0.1: train.lr=0.1\nlr_0.2: train.lr=0.2\n"

@@ -1,12 +1,4 @@
 # Experiments that are no table of trainings: each has stages of its own, and rows that say which networks they use.
-def networks_of(experiment):
-    """All trainings of an experiment's rows."""
-    if experiment not in PLAN.experiments:
-        return []
-    rows = PLAN.experiments[experiment].rows
-    return [PLAN.network(run) for row in rows for run in PLAN.of_row(row)]
-
-
 TEST_SPLIT = f"{OUT}/split/{PLAN.cfg.split.kind}.json"
 
 

@@ -105,7 +105,7 @@ def lights(results: Results) -> Numbers:
                 for s, y, r, k in zip(unusual.source, unusual.yaw, unusual.reason, unusual.split)
             ],
         ),
-        "rejected": pairs(["panorama", "rules broken, by copies"], record["rejected"]),
+        "unlit": pairs(["panorama", "rules broken"], record["unlit"]),
         "unreadable": pairs(["file", "reason"], record["unreadable"]),
         "repaired": pairs(["file", "how"], record["repaired"]),
     }

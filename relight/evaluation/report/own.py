@@ -32,7 +32,7 @@ def light_transfer(results: Results, name: str) -> Numbers:
             own = f"{row}:{variant}" if variant else row
             lines.append([f"{label}: {words}", *(found[column][own] for column in heads)])
             kinds.append("baseline" if variant else "network")
-        others = {"the picture as it is": "as_it_is", "its maps, mean light": f"{row}:mean_light"}
+        others = {"the picture as it is": "as_it_is", "its own maps under the mean light": f"{row}:mean_light"}
         for words, other in others.items():
             comparisons[f"{label} against {words}"] = {"": compared("reconstruction_rmse", relit[row], relit[other])}
         parts = compared("reconstruction_rmse", relit[f"{row}:true_light"], relit[f"{row}:true_maps"])

@@ -31,7 +31,6 @@ from relight.evaluation.formats import (
     p_value,
     percent,
     score_grid,
-    signed,
     write_tables,
 )
 from relight.evaluation.paper import ARGUMENTS
@@ -324,5 +323,5 @@ def matrix(found: list[Ordering]) -> Grid:
 def mark(one: Ordering) -> str:
     """A cell of the matrix: how much better the pair's first row is here, in percent; in brackets where the paper's
     numbers are against its argument."""
-    words = f"{SIGNS[one.here.verdict]} {signed(100 * (one.here.relative if one.argued else -one.here.relative), 1)}"
+    words = f"{SIGNS[one.here.verdict]} {percent(one.here.relative if one.argued else -one.here.relative)}".rstrip(" %")
     return words if one.argued else f"({words})"
