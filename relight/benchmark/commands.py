@@ -1,12 +1,9 @@
 """`relight benchmark`: makes a set of pictures, answers it, scores answers, and sets them beside each other."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
-
-if TYPE_CHECKING:
-    from relight.benchmark.score import ScoreTable
 
 app = typer.Typer(
     help="A benchmark of relighting: path traced people whose truth is known.",
@@ -61,12 +58,11 @@ def score(
     truth: SetFolder = BENCHMARK,
 ) -> None:
     """Scores anyone's answers (docs/benchmark.md says what they are): FOLDER/scores.csv, and their means here."""
-    from relight.benchmark.score import read_row, tables
+    from relight.benchmark.score import read_row
     from relight.benchmark.score import score as judge
 
     path = judge(truth, answers)
-    for table in tables([read_row(answers)]).values():
-        print_table(table)
+    show([read_row(answers)])
     print(path)
 
 
@@ -76,16 +72,19 @@ def report(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the tables.")] = Path("."),
 ) -> None:
     """Sets scored answers beside each other: CSV, Markdown and LaTeX."""
-    from relight.benchmark.score import read_row, tables
+    from relight.benchmark.score import read_row
     from relight.evaluation.formats import write_tables
 
-    for name, table in tables([read_row(folder) for folder in answers]).items():
-        write_tables(out / name, table.title, table.note, table.grid.statistics(), table.grid)
-        print_table(table)
+    for name, section in show([read_row(folder) for folder in answers]).items():
+        write_tables(out / name, section.title, section.note, section.grid.statistics(), section.grid)
 
 
-def print_table(table: "ScoreTable") -> None:
-    """Prints a table of scores as Markdown, with its title and note."""
+def show(rows: list) -> dict:
+    """Prints the tables of rows, and returns them."""
+    from relight.benchmark.score import tables
     from relight.evaluation.formats import to_markdown
 
-    print(f"## {table.title}\n\n{table.note}\n\n{to_markdown(table.grid)}\n")
+    found = tables(rows)
+    for section in found.values():
+        print(f"## {section.title}\n\n{section.note}\n\n{to_markdown(section.grid)}\n")
+    return found

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from relight.learning.augment import RED
-from relight.lights import Light
+from relight.lights.light import Light
 from relight.panoramas import Panorama, generate_room, generate_sky, project
 from relight.panoramas.colour import blackbody, daylight
 from relight.panoramas.radiosity import HEIGHT, WIDTH, view_directions
 from relight.photos.environment import lookup
-from relight.transport import View
 from relight.transport.tracer import sky_directions
+from relight.transport.view import View
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,8 @@ from relight.panoramas import Panorama, project
 from relight.photos.environment import see
 from relight.photos.frame import SOLID, Frame
 from relight.srgb import encode, to_bytes
-from relight.transport import Baker, PathTracer
-from relight.transport.tracer import Coat
+from relight.transport import Baker
+from relight.transport.tracer import Coat, PathTracer
 
 BRIGHTNESS = 0.8  # reference brightness of each light at exposure 1, as in training (docs/conventions.md)
 BOUNCES = 1
@@ -82,7 +82,7 @@ def draw(recipe: Recipe, mesh: Mesh, coats: list[Coat], settings: Settings) -> P
     behind = math.pi * see(light, (size, size))  # as bright as a white matt surface that faces it
     linear = scene(light, 1) + (1 - coverage) * behind
     relit = [to_bytes(encode(scene(one, 2 + i))) for i, one in enumerate(new)]
-    # `Tracer.irradiance` divides by the albedo of the same samples; it costs six times as much.
+    # `PathTracer.irradiance` divides by the albedo of the same samples; it costs six times as much.
     matt = math.pi * PathTracer(mesh, size, camera).radiance(sky_of(light), settings.samples, BOUNCES, 0)
     shading = matt / np.maximum(maps.albedo * coverage, DARKEST)
     window = part(maps.mask, recipe.cut)

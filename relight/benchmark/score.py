@@ -114,16 +114,16 @@ def read_row(answers: Path | str) -> Row:
     return Row(Path(answers).resolve().name, [tuple(row[key] for key in KEYS) for row in rows], columns)
 
 
-@dataclass(frozen=True)
-class ScoreTable:
-    """A table to be read, with its title and a note on what the numbers are."""
+@dataclass
+class Section:
+    """A table with its title, and a note on what its numbers are."""
 
     title: str
     note: str
     grid: Grid
 
 
-def tables(rows: list[Row], bootstrap: int = RESAMPLES) -> dict[str, ScoreTable]:
+def tables(rows: list[Row], bootstrap: int = RESAMPLES) -> dict[str, Section]:
     """The rows beside each other: relit pictures, maps and light, what moves. Means over pictures with their intervals.
 
     Figures are resampled, whole. Raises UserError when the rows are of different sets.
@@ -144,18 +144,18 @@ def tables(rows: list[Row], bootstrap: int = RESAMPLES) -> dict[str, ScoreTable]
             return None
         return estimate(np.array([list(means.values())]), resample_weights(len(means), bootstrap, 0), 0)
 
-    def table(title: str, heads: dict[str, str], words: str) -> ScoreTable:
+    def table(title: str, heads: dict[str, str], words: str) -> Section:
         kept = {name: head for name, head in heads.items() if any(cell(row, name) for row in rows)}
         lines = [[row.name, *(cell(row, name) for name in kept)] for row in rows]
-        return ScoreTable(title, f"{words} {many}", Grid.of(["", *kept.values()], lines))
+        return Section(title, f"{words} {many}", Grid.of(["method", *kept.values()], lines))
 
-    def moves() -> ScoreTable:
+    def moves() -> Section:
         """The other way round, since there are more measures than methods."""
         telling = [row for row in rows if any(cell(row, name) for name in MOVES)]
         lines = [[words, *(cell(row, name) for row in telling)] for name, words in MOVES.items()]
         words = "All should be 0, but for albedo at exposure x .5 (1), shading (.5), a tint (1), and the last four."
-        grid = Grid.of(["", *(row.name for row in telling)], lines)
-        return ScoreTable("What moves and must not", f"{words} {many}", grid)
+        grid = Grid.of(["measure", *(row.name for row in telling)], lines)
+        return Section("What moves and must not", f"{words} {many}", grid)
 
     pictures, people = count(len(figures), "picture"), count(len(names), "figure")
     many = (

@@ -75,7 +75,7 @@ def test_errors_are_those_of_the_slow_twin(two):
         best = min(np.linspace(0.01, 2, 400), key=lambda f: slow_rmse(f * values, expected, true.mask))
         assert np.isclose(found[f"{name}_factor"], slow_rmse(best * values, expected, true.mask), atol=1e-4)
         assert np.isclose(found[f"{name}_ssim"], slow_ssim(values, expected, true.mask))
-    # The norm of irradiance over the sphere_quadrature, by quadrature.
+    # The norm of irradiance over the sphere, by quadrature.
     directions, weights = sphere_quadrature(8)
     first, second = (irradiance(one.light, directions) for one in (seen, true))
     norm = np.sqrt((weights[:, None] * (first - second) ** 2).sum() / (weights[:, None] * second**2).sum())

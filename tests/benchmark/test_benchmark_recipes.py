@@ -7,11 +7,11 @@ from relight.benchmark import recipes as recipes_module
 from relight.benchmark.lights import KINDS, Lamplight, panorama, sky_of
 from relight.benchmark.recipes import HASHES, SPARE, coats, digest, recipe, recipes
 from relight.files import UserError
-from relight.lights import reference_brightness
+from relight.lights.statistics import reference_brightness
 from relight.panoramas import Panorama, project
 from relight.sh import basis, rotation_matrix
-from relight.transport import View
 from relight.transport.tracer import sky_directions, sky_weights
+from relight.transport.view import View
 
 
 def test_the_sets_are_those_that_were_published():
