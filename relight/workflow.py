@@ -161,12 +161,6 @@ class Plan:
         whole_decades = set(self.tens)
         return [name for name in self.figures if self.scans or name[:-1] not in whole_decades]
 
-    @property
-    def portions(self) -> list[tuple[str, str, list[str]]]:
-        """How figures are dealt to jobs: a suffix of rules, and the names of a job and of its figures as patterns."""
-        found = [("", "{figure}", ["{figure}"])] if self.alone else []
-        return found + ([("_tens", "{tens}", [f"{{tens}}{digit}" for digit in range(10)])] if self.tens else [])
-
     def maps(self, figure: str) -> list[str]:
         """Names of the maps of a figure: the frontal view is called like the figure."""
         from relight.transport import view_names

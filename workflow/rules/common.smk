@@ -41,8 +41,8 @@ onerror:
 
 
 wildcard_constraints:
-    figure="|".join(map(re.escape, PLAN.alone)),
-    tens="|".join(PLAN.tens),
+    figure="|".join(map(re.escape, PLAN.alone)) or "(?!)",
+    tens="|".join(PLAN.tens) or "(?!)",
     run="|".join(map(re.escape, PLAN.runs)),
     experiment="|".join(map(re.escape, PLAN.experiments)),
     kind="subject|paper|disjoint|siblings",
@@ -71,9 +71,26 @@ def files(paths):
     return [str(path) for path in paths if not odd(path)]
 
 
-def several(port, words, suffix):
-    """A word `port=path`, or `port=[path,...]` where a rule makes several; their names need no quotes for Hydra."""
-    return f'{port}="[$(echo {words} | tr " " ,)]" ' if suffix else f"{port}={words} "
+def several(port, words):
+    """A word `port=[path,...]` for Hydra. Generated names need no quotes; scans, whose may, come one by one."""
+    if PLAN.scans:
+        return f"{port}={words} "
+    return f'{port}="[$(echo {words} | tr " " ,)]" '
+
+
+def ten(folder):
+    """The records of the figures of a decade in a folder, as patterns."""
+    return [f"{OUT}/{folder}/{{tens}}{digit}.npz" for digit in range(10)]
+
+
+def maps_of(names):
+    """The maps of figures, from the front and from other sides, as patterns."""
+    views = [view for name in names for view in PLAN.maps(name)[1:]]
+    found = {"frontal": names, "views": views}
+    return {
+        kind: [ensure(f"{OUT}/maps/{name}.exr", non_empty=True) for name in paths]
+        for kind, paths in found.items()
+    }
 
 
 def split_of(run):

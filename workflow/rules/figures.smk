@@ -1,127 +1,156 @@
 # From seeds or scans to the packed set. Where ten figures of one decade (g0120 to g0129) are all in the plan, one job makes
-# them: a process takes seconds to start, as long as it takes for its work on a figure. Which these are does not
-# depend on the machine, nor on how many other figures there are.
-for SUFFIX, ONE, NAMES in PLAN.portions:
+# them: a process takes seconds to start, as long as its work on a figure takes. Which these are does not depend on the
+# machine, nor on how many other figures there are.
+if PLAN.scans:
 
-    if PLAN.scans:
-
-        rule:
-            name:
-                "scan"
-            input:
-                cfg=settings("scan"),
-                mesh=lambda wildcards: files([PLAN.scans[wildcards.figure].path]),
-                table=PLAN.table,
-            output:
-                f"{OUT}/figures/{{figure}}.npz",
-            log:
-                f"{OUT}/log/scan/{{figure}}.log",
-            group:
-                "figures"
-            resources:
-                mem_mb=4000,
-            shell:
-                command("scan")
-                + named("io.figure", "wildcards.figure")
-                + "io.out={output:q}"
-                + LOGGED
-
-    else:
-
-        rule:
-            name:
-                f"figure{SUFFIX}"
-            input:
-                cfg=settings("figure"),
-            output:
-                [f"{OUT}/figures/{name}.npz" for name in NAMES],
-            log:
-                f"{OUT}/log/figure/{ONE}.log",
-            benchmark:
-                f"{OUT}/benchmark/figure/{ONE}.tsv"
-            group:
-                "figures"
-            resources:
-                mem_mb=3000,
-            shell:
-                command("figure")
-                + several(
-                    "io.figure", " ".join(NAMES).replace("{", "{wildcards."), SUFFIX
-                )
-                + several("io.out", "{output:q}", SUFFIX)
-                + LOGGED
-
-    rule:
-        name:
-            f"clean{SUFFIX}"
+    rule scan:
         input:
-            cfg=settings("clean"),
-            mesh=[f"{OUT}/figures/{name}.npz" for name in NAMES],
+            cfg=settings("scan"),
+            mesh=lambda wildcards: files([PLAN.scans[wildcards.figure].path]),
+            table=PLAN.table,
         output:
-            [temp(f"{OUT}/clean/{name}.npz") for name in NAMES],
+            f"{OUT}/figures/{{figure}}.npz",
         log:
-            f"{OUT}/log/clean/{ONE}.log",
+            f"{OUT}/log/scan/{{figure}}.log",
+        group:
+            "figures"
+        resources:
+            mem_mb=4000,
+        shell:
+            command("scan")
+            + named("io.figure", "wildcards.figure")
+            + "io.out={output:q}"
+            + LOGGED
+
+else:
+
+    rule figure:
+        input:
+            cfg=settings("figure"),
+        output:
+            f"{OUT}/figures/{{figure}}.npz",
+        log:
+            f"{OUT}/log/figure/{{figure}}.log",
         benchmark:
-            f"{OUT}/benchmark/clean/{ONE}.tsv"
+            f"{OUT}/benchmark/figure/{{figure}}.tsv"
         group:
             "figures"
         resources:
             mem_mb=3000,
         shell:
-            command("clean")
-            + several("io.mesh", "{input.mesh:q}", SUFFIX)
-            + several("io.out", "{output:q}", SUFFIX)
+            command("figure")
+            + several("io.figure", "$(basename -s .npz {output:q})")
+            + several("io.out", "{output:q}")
             + LOGGED
 
-    rule:
-        name:
-            f"align{SUFFIX}"
+
+rule clean:
+    input:
+        cfg=settings("clean"),
+        mesh=f"{OUT}/figures/{{figure}}.npz",
+    output:
+        temp(f"{OUT}/clean/{{figure}}.npz"),
+    log:
+        f"{OUT}/log/clean/{{figure}}.log",
+    benchmark:
+        f"{OUT}/benchmark/clean/{{figure}}.tsv"
+    group:
+        "figures"
+    resources:
+        mem_mb=3000,
+    shell:
+        command("clean")
+        + several("io.mesh", "{input.mesh:q}")
+        + several("io.out", "{output:q}")
+        + LOGGED
+
+
+rule align:
+    input:
+        cfg=settings("align"),
+        mesh=f"{OUT}/clean/{{figure}}.npz",
+        table=PLAN.cfg.align.table or [],
+    output:
+        f"{OUT}/aligned/{{figure}}.npz",
+    log:
+        f"{OUT}/log/align/{{figure}}.log",
+    benchmark:
+        f"{OUT}/benchmark/align/{{figure}}.tsv"
+    group:
+        "figures"
+    resources:
+        mem_mb=2000,
+    shell:
+        command("align")
+        + several("io.mesh", "{input.mesh:q}")
+        + several("io.out", "{output:q}")
+        + LOGGED
+
+
+rule bake:
+    input:
+        cfg=settings("bake"),
+        mesh=f"{OUT}/aligned/{{figure}}.npz",
+    output:
+        **maps_of(["{figure}"]),
+    log:
+        f"{OUT}/log/bake/{{figure}}.log",
+    benchmark:
+        f"{OUT}/benchmark/bake/{{figure}}.tsv"
+    group:
+        "figures"
+    resources:
+        mem_mb=2000,
+    shell:
+        command("bake")
+        + several("io.mesh", "{input.mesh:q}")
+        + several("io.out", "{output.frontal:q}")
+        + LOGGED
+
+
+if PLAN.tens:
+
+    use rule figure as figure_tens with:
+        output:
+            ten("figures"),
+        log:
+            f"{OUT}/log/figure/{{tens}}.log",
+        benchmark:
+            f"{OUT}/benchmark/figure/{{tens}}.tsv"
+
+    use rule clean as clean_tens with:
+        input:
+            cfg=settings("clean"),
+            mesh=ten("figures"),
+        output:
+            [temp(path) for path in ten("clean")],
+        log:
+            f"{OUT}/log/clean/{{tens}}.log",
+        benchmark:
+            f"{OUT}/benchmark/clean/{{tens}}.tsv"
+
+    use rule align as align_tens with:
         input:
             cfg=settings("align"),
-            mesh=[f"{OUT}/clean/{name}.npz" for name in NAMES],
+            mesh=ten("clean"),
             table=PLAN.cfg.align.table or [],
         output:
-            [f"{OUT}/aligned/{name}.npz" for name in NAMES],
+            ten("aligned"),
         log:
-            f"{OUT}/log/align/{ONE}.log",
+            f"{OUT}/log/align/{{tens}}.log",
         benchmark:
-            f"{OUT}/benchmark/align/{ONE}.tsv"
-        group:
-            "figures"
-        resources:
-            mem_mb=2000,
-        shell:
-            command("align")
-            + several("io.mesh", "{input.mesh:q}", SUFFIX)
-            + several("io.out", "{output:q}", SUFFIX)
-            + LOGGED
+            f"{OUT}/benchmark/align/{{tens}}.tsv"
 
-    rule:
-        name:
-            f"bake{SUFFIX}"
+    use rule bake as bake_tens with:
         input:
             cfg=settings("bake"),
-            mesh=[f"{OUT}/aligned/{name}.npz" for name in NAMES],
+            mesh=ten("aligned"),
         output:
-            frontal=[ensure(f"{OUT}/maps/{name}.exr", non_empty=True) for name in NAMES],
-            views=[
-                ensure(f"{OUT}/maps/{view}.exr", non_empty=True)
-                for name in NAMES
-                for view in PLAN.maps(name)[1:]
-            ],
+            **maps_of([f"{{tens}}{digit}" for digit in range(10)]),
         log:
-            f"{OUT}/log/bake/{ONE}.log",
+            f"{OUT}/log/bake/{{tens}}.log",
         benchmark:
-            f"{OUT}/benchmark/bake/{ONE}.tsv"
-        group:
-            "figures"
-        resources:
-            mem_mb=2000,
-        shell:
-            command("bake")
-            + several("io.mesh", "{input.mesh:q}", SUFFIX)
-            + several("io.out", "{output.frontal:q}", SUFFIX)
-            + LOGGED
+            f"{OUT}/benchmark/bake/{{tens}}.tsv"
 
 
 rule pack:
