@@ -158,7 +158,7 @@ def processes(train: Train):
 
 
 def material(data: RelitSet, split: Path, train: Train) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of the maps and of the lights to train on: figures of `train.part` of the split, from all views that the
+    """Indices of the maps and of the lights to train on: figures of `train.part` of the split, in all looks that the
     set has of them, and the marks `train.lights`.
 
     With `train.figures` N, the first N of an order drawn from the seed, so that fewer are part of more.
@@ -173,7 +173,7 @@ def material(data: RelitSet, split: Path, train: Train) -> tuple[np.ndarray, np.
             say(f"train.figures={train.figures}: there are {len(figures)}, and all of them are trained on")
         first = generator(train.seed, 0, SUBSET).permutation(len(figures))[: train.figures]
         figures = figures[np.sort(first)]
-    return np.concatenate([figures, data.views(figures)]), lights
+    return np.concatenate([figures, data.others(figures)]), lights
 
 
 def adopt(network: Network, model: Model, train: Train) -> None:

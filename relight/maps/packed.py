@@ -24,9 +24,9 @@ TYPES = {"uint8": "U8", "int16": "I16", "int64": "I64", "float16": "F16"}
 def pack(exr_paths: list[Path], out: Path) -> list[str]:
     """Packs the maps in `exr_paths` into `out`, whole or not at all; returns the names of the packed maps.
 
-    Maps are called like their figure, or like the view of it that they are. Figures that were left out are skipped.
-    With bounces, the packed transport is the direct one plus the mean over colour channels of the bounced one. One
-    figure is in memory at a time. UserError when the sizes or orders differ, or when nothing is left to pack.
+    Maps are called like their figure, or like the view or the outfit of it that they are. Figures that were left out
+    are skipped. With bounces, the packed transport is the direct one plus the mean over colour channels of the bounced
+    one. One figure is in memory at a time. UserError when the sizes or orders differ, or when nothing is left to pack.
     """
     from relight.maps.exr import read_info, read_maps  # readers of the set need no OpenEXR
 
@@ -50,7 +50,7 @@ def pack(exr_paths: list[Path], out: Path) -> list[str]:
         "mask": (np.uint8, (len(found), -(-size * size // 8))),
     }
     notes = {"names": names, "subjects": subjects, "size": size, "order": first["order"]}
-    if any("view" in info for _, info in found):
+    if any("figure" in info for _, info in found):
         notes["figures"] = [info.get("figure", name) for name, (_, info) in zip(names, found)]
         notes["views"] = [info.get("view") for _, info in found]
     with whole(out) as temporary:
@@ -72,8 +72,8 @@ def pack(exr_paths: list[Path], out: Path) -> list[str]:
 class Packed:
     """A packed data set, memory-mapped: a figure is read from disk when it is asked for.
 
-    names, subjects: of each of its maps; figures: the figure that each shows, called like the maps of its frontal view;
-    views: how it is seen (relight.transport.view.record), None for the frontal view.
+    names, subjects: of each of its maps; figures: the figure that each shows, called like the maps of its frontal view
+    in its own outfit; views: how it is seen (relight.transport.view.record), None for the frontal view.
     """
 
     def __init__(self, path: Path | str):

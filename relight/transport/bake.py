@@ -1,6 +1,7 @@
 """Bakes maps of a mesh: what a camera sees, and the light transport at each pixel."""
 
 import math
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -69,7 +70,14 @@ class Baker:
         return Camera(size, max(2.0, front + placed.scale * scene.diagonal / 100), pose=placed)
 
     def maps(self, size: int, supersample: int = 1, view: View = FRONTAL) -> Maps:
-        """Maps of one view on a `size` px image: normals and transport in the camera's axes, depth in its units.
+        """`outfits`, of a mesh that has one or of which only its own is asked for."""
+        return self.outfits(size, supersample, view)[0]
+
+    def outfits(self, size: int, supersample: int = 1, view: View = FRONTAL) -> list[Maps]:
+        """Maps of one view on a `size` px image, for each outfit of the mesh, its own first.
+
+        Normals and transport are in the camera's axes, depth in its units. Outfits differ in albedo only, and cost no
+        rays.
 
         Mask and depth are those of the pixel's centre. All other maps are means over k x k places of the pixel,
         k = `supersample`, which share out the pixel's rays: a mean over its surface, as pictures are, at no more rays.
@@ -86,6 +94,9 @@ class Baker:
                 f"x {supersample} places (supersample)"
             )
         mesh, scene, camera = self.mesh, self.scene, self.camera(size, view)
+        looks = [mesh.dressed(outfit) for outfit in range(len(mesh.outfits) + 1)]
+        if self.bounces and len(looks) > 1:
+            raise UserError("what surfaces reflect depends on their albedo: with outfits, bounces must be 0")
         row, column = np.divmod(np.arange(size * size), size)
         pixel, face, weights = see(scene, camera, column + 0.5, row + 0.5)
         if len(pixel) == 0:
@@ -120,7 +131,8 @@ class Baker:
                 azimuth=azimuth[at],
                 share=share,
             )
-            values = {"transport": transport, "normal": normals, "albedo": albedo(mesh, face, weights)}
+            painted = np.stack([albedo(look, face, weights) for look in looks], axis=1)
+            values = {"transport": transport, "normal": normals, "albedo": painted}
             if bounced is not None:
                 values["bounced"] = bounced
             for name, value in values.items():
@@ -152,10 +164,11 @@ class Baker:
             image[pixel] = values
             return image.reshape(size, size, *values.shape[1:])
 
-        return Maps(
+        painted = mean["albedo"].astype(np.float32)
+        own = Maps(
             mask=spread(np.ones(len(pixel), bool)),
             coverage=(met / len(grid)).astype(np.float32).reshape(size, size),
-            albedo=spread(mean["albedo"].astype(np.float32)),
+            albedo=spread(painted[:, 0]),
             normal=spread((mean["normal"] / length).astype(np.float32)),
             depth=spread(camera.depth(points).astype(np.float32)),
             ao=spread((transport[:, 0] / np.float32(OPEN)).clip(0, 1)),
@@ -176,6 +189,8 @@ class Baker:
                 **({} if camera.pose is None else {"view": record(view, camera.pose)}),
             },
         )
+        others = (painted[:, number] for number in range(1, len(looks)))
+        return [own, *(replace(own, albedo=spread(other), info=dict(own.info)) for other in others)]
 
 
 def see(scene: Scene, camera: Camera, column: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, ...]:
