@@ -141,10 +141,10 @@ def laid(
         t = share * STEPS - k
         row, raised = (part[k] * (1 - t) + part[k + 1] * t for part in (points, out))
         crease = 0.25 * (noise(turn, np.full_like(turn, 5 * share), 5) - 0.5) if kind == "hood" else 0.0
-        rows.append(evened(row + raised * ((height + crease) * thick)[:, None], 2, False))
-    if kind == "hood":  # the edge of the opening stands up around the neck
-        for row, rise in zip(rows[-3:], (0.006, 0.010, 0.004)):
-            row += rise * up
+        rows.append(evened(row + raised * ((height + crease) * thick)[:, None], 8 if kind == "hood" else 2, False))
+    if kind == "hood":  # the edge of the opening stands up around the neck, and spans the hollow behind it
+        for row, rise in zip(rows[-4:], (0.006, 0.010, 0.012, 0.006)):
+            row += np.outer(rise + 0.016 * back, up)
     return rows
 
 
