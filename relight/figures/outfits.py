@@ -45,6 +45,7 @@ NECKS = (  # of what is cut like a t-shirt: radii of the opening, and the depth 
 TUCKS = ("shirt", "t-shirt", "fitted t-shirt", "long sleeve", "polo shirt", "roll-neck")  # may be worn inside trousers
 ROUND = ("t-shirt", "fitted t-shirt", "long sleeve", "sweater", "dress", "long dress")  # cut like a t-shirt at the neck
 TIES = ("plain", "stripes", "print", "check")
+LAP = 0.10  # metres above the crotch: where tops of who sits end
 LEAST = 0.004  # metres of ease that no piece is cut below
 
 
@@ -95,15 +96,23 @@ def tucked(top: Garment, bottom: Garment) -> list[Garment]:
     return [inside, replace(bottom, over=0.007)]
 
 
+def straightened(garment: Garment) -> Garment:
+    """A top as it is pulled straight to sit: without the length that the lap would push up under the chest."""
+    if garment.kind != "top" or garment.drop > 0.2:
+        return garment
+    return replace(garment, slack=0.0, drop=0.0, hem=max(garment.hem, LAP))
+
+
 def suited(outfit: Outfit, pose: Pose) -> Outfit:
     """The outfit as the pose allows it: long coats come off to sit, scarves where hands are before the chest."""
     crossed = min(pose.left.wrist[0], pose.right.wrist[0]) < -0.1
-    off = [
-        g
-        for g, _ in outfit.garments
-        if (pose.sitting and g.collar == "lapel" and g.drop > 0.2) or (crossed and g.kind == "scarf")
-    ]
-    return replace(outfit, garments=[(g, fabric) for g, fabric in outfit.garments if g not in off])
+
+    def stays(garment: Garment) -> bool:
+        long_coat = garment.collar == "lapel" and garment.drop > 0.2
+        return not (pose.sitting and long_coat) and not (crossed and garment.kind == "scarf")
+
+    kept = [(g, fabric) for g, fabric in outfit.garments if stays(g)]
+    return replace(outfit, garments=[(straightened(g), fabric) for g, fabric in kept] if pose.sitting else kept)
 
 
 def pick(rng: np.random.Generator, *names: str) -> Garment:
