@@ -16,7 +16,7 @@ from relight.figures.wear import DETAILS, Detail, wear
 from relight.files import UserError
 from relight.meshes.mesh import Mesh
 
-GENERATOR = 5  # raised when the same seed gives another figure
+GENERATOR = 6  # raised when the same seed gives another figure
 ATTEMPTS = 6
 SITTING = 0.08  # share of the figures that sit
 SIT = 4  # draws after which a figure that was to sit may stand

@@ -45,6 +45,7 @@ NECKS = (  # of what is cut like a t-shirt: radii of the opening, and the depth 
 TUCKS = ("shirt", "t-shirt", "fitted t-shirt", "long sleeve", "polo shirt", "roll-neck")  # may be worn inside trousers
 ROUND = ("t-shirt", "fitted t-shirt", "long sleeve", "sweater", "dress", "long dress")  # cut like a t-shirt at the neck
 TIES = ("plain", "stripes", "print", "check")
+BENT = 0.009  # metres of ease of trousers that sit, unless they stretch
 LAP = 0.10  # metres above the crotch: where tops of who sits end
 LEAST = 0.004  # metres of ease that no piece is cut below
 
@@ -97,7 +98,11 @@ def tucked(top: Garment, bottom: Garment) -> list[Garment]:
 
 
 def straightened(garment: Garment) -> Garment:
-    """A top as it is pulled straight to sit: without the length that the lap would push up under the chest."""
+    """Clothes as they are pulled straight to sit: tops without the length that the lap would push up under the chest,
+    trousers with room to bend in, and shorts no wider, as they would gape below the thighs."""
+    if garment.kind == "trousers":
+        most = 1.4 * BENT if garment.leg < 1.2 else np.inf
+        return replace(garment, legs=tuple(min(max(e, BENT), most) if e > 0.003 else e for e in garment.legs))
     if garment.kind != "top" or garment.drop > 0.2:
         return garment
     return replace(garment, slack=0.0, drop=0.0, hem=max(garment.hem, LAP))
