@@ -169,7 +169,7 @@ def sample_outfit(rng: np.random.Generator, person: Person) -> Outfit:
             worn.append(SCARVES[int(rng.integers(len(SCARVES)))])
     names = {g.name for g in worn}
     ties = "shirt" in names and not woman and not names & {"scarf", "wrapped scarf", "shorts"}
-    tie = ties and rng.random() < (0.6 if names & {"blazer", "waistcoat"} else 0.15)
+    tie = ties and rng.random() < (0.85 if names & {"blazer", "waistcoat"} else 0.3)
     waisted = thin.tuck is not None and worn[1].kind == "trousers" and not names & {"leggings", "joggers"}
     belt = rng.random() < (0.6 if waisted else 0.35 if thin.seam is not None else 0.4 * (thin.name == "robe"))
     cloths = [(g, fabrics.sample_fabric(rng, g.fabrics, is_muted(g))) for g in worn]
