@@ -263,7 +263,11 @@ def accessories(
             uv = (vertices[:, :2] - vertices[:, :2].min(0)) / np.ptp(vertices[:, 1])
             side = max(64, texture // 4)
             builder.add(vertices, solid, uv[solid], lambda look: square(look.tie, trims.TIE, side))
-    waist = [k for k, w in enumerate(cut) if w.pattern.garment.kind == "trousers" or w.pattern.garment.drop > 0.4]
+    waist = [
+        k
+        for k, w in enumerate(cut)
+        if w.pattern.garment.kind == "trousers" or (w.pattern.garment.drop > 0.4 and not w.pattern.garment.open)
+    ]
     if outfit.belt is not None and waist:
         w, level = cut[waist[-1]], cut[waist[-1]].pattern.levels[-1]
         height = w.pattern.fields["y"]

@@ -156,15 +156,15 @@ def cuts(body: Body, garment: Garment, at: dict[str, float]) -> list:
         low = hem(garment, at)
         out = [lambda f: f["y"] - low, lambda f: neck_field(body, garment, f)]
         for side, there in (("L", left), ("R", right)):  # what hardly moves with the arm is no sleeve
-            sleeve = garment.sleeve
-            if garment.armhole:
-                sleeve = SLEEVELESS
-                out.append(lambda f, side=side: armhole_field(body, garment, f, side))
-            out.append(
-                lambda f, side=side, there=there, sleeve=sleeve: np.where(
-                    there(f), sleeve - f[f"arm{side}"] + 8 * np.clip(TRUNK - f[f"on{side}"], 0, 1), 1.0
-                )
-            )
+
+            def sleeve(f: dict[str, np.ndarray], side: str = side, there=there) -> np.ndarray:
+                end = SLEEVELESS if garment.armhole else garment.sleeve
+                within = end - f[f"arm{side}"] + 8 * np.clip(TRUNK - f[f"on{side}"], 0, 1)
+                if garment.armhole:  # one cut, not two: there would be slivers between them
+                    within = np.minimum(within, armhole_field(body, garment, f, side))
+                return np.where(there(f), within, 1.0)
+
+            out.append(sleeve)
         if garment.open:
             neck, chest = body.joints["neck01"], at["hip"] + 0.2
 
