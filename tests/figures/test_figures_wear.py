@@ -121,7 +121,7 @@ def test_short_sleeves_leave_the_trunk_whole(name, seed):
     loops = sorted(border_loops(level.faces), key=lambda ring: level.held[ring, 1].mean())
     assert len(loops) == 4
     for armhole in loops[1:3]:
-        assert body.joints["upperarm01.L"][1] - level.held[armhole, 1].min() < 0.09
+        assert body.joints["upperarm01.L"][1] - level.held[armhole, 1].min() < (0.10 if garment.armhole else 0.09)
 
 
 @pytest.mark.parametrize("name", ["high sneakers", "boots"])
