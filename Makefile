@@ -4,7 +4,7 @@ BIN := .venv/bin
 STAMP := .venv/.installed
 CASES ?= 5000
 
-.PHONY: all env run report test fuzz smoke ui lint format lock clean help
+.PHONY: all env run report test fuzz smoke ui docs lint format lock clean help
 .DEFAULT_GOAL := all
 
 all: run  ## install what is missing, then run the whole workflow on the embedded data
@@ -34,11 +34,16 @@ smoke: $(STAMP)  ## the whole workflow at the smallest scale
 ui: $(STAMP)  ## browse the runs in MLflow on this machine
 	@$(BIN)/relight ui
 
+docs: $(STAMP)  ## the site of docs/, in results/site
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt --editable '.[dev,docs]'
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+	@echo "the site is in results/site; to read it with its search: python3 -m http.server --bind 127.0.0.1 --directory results/site"
+
 lint: $(STAMP)  ## style of Python and Snakemake files
-	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/snakefmt --check Snakefile workflow
+	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/snakefmt --check workflow
 
 format: $(STAMP)  ## put Python and Snakemake files into style
-	@$(BIN)/ruff check --fix . ; $(BIN)/ruff format . && $(BIN)/snakefmt Snakefile workflow
+	@$(BIN)/ruff check --fix . ; $(BIN)/ruff format . && $(BIN)/snakefmt workflow
 
 lock: $(STAMP)  ## write constraints.txt anew from pyproject.toml, and environment.yml with it
 	@$(BIN)/python workflow/scripts/lock.py

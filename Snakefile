@@ -1,10 +1,15 @@
 # From meshes and panoramas to a finished report. Settings come from conf/ (Hydra); see docs/workflow.md.
+#
+# What `snakemake --lint` finds, and why it stays: no conda environment or container for each rule, since one environment
+# is locked for all stages (constraints.txt, environment.yml, Dockerfile); no log of the rules in settings.smk, which
+# write a few lines by `printf`.
 from snakemake.utils import min_version
 
 min_version("9.0")
 
 
 include: "workflow/rules/common.smk"
+include: "workflow/rules/settings.smk"
 include: "workflow/rules/figures.smk"
 include: "workflow/rules/lights.smk"
 include: "workflow/rules/learning.smk"

@@ -24,11 +24,12 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from relight.figures import assembly, dress, wardrobe
 from relight.figures.commands import seeds_of
-from relight.meshes.mesh import Mesh
-from relight.sh.irradiance import unoccluded
-from relight.transport.bake import bake, see
+from relight.meshes import Mesh
+from relight.sh import unoccluded
+from relight.transport import bake
+from relight.transport.baker import primary_hits
 from relight.transport.camera import Camera
-from relight.transport.scene import Scene
+from relight.transport.raycaster import RayCaster
 
 SIGMAS = ((0.7, 1.4), (1.4, 2.8), (2.8, 5.6))  # pixels: wavelengths around 14, 27 and 55 mm of a person 691 px high
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear sRGB
@@ -66,7 +67,7 @@ def roughness(luminance: np.ndarray, mask: np.ndarray) -> list[float]:
 def figure(seed: int, detail: str, texture: int) -> tuple[Mesh, list[set[int]], float]:
     """The aligned figure of a seed, the materials of each of its garments, and its CPU seconds."""
     from relight.config import composed
-    from relight.meshes.align import align
+    from relight.meshes import align
 
     inner, mine = assembly.clothe, []
 
@@ -89,10 +90,10 @@ def figure(seed: int, detail: str, texture: int) -> tuple[Mesh, list[set[int]], 
 
 def visible(mesh: Mesh) -> np.ndarray:
     """The material (SIZE,SIZE) that each pixel shows, -1 for none."""
-    scene = Scene(mesh.vertices, mesh.faces)
+    caster = RayCaster(mesh.vertices, mesh.faces)
     row, column = np.divmod(np.arange(SIZE * SIZE), SIZE)
-    camera = Camera(SIZE, max(2.0, float(scene.high[2]) + scene.diagonal / 100))
-    pixel, face, _ = see(scene, camera, column + 0.5, row + 0.5)
+    camera = Camera(SIZE, max(2.0, float(caster.high[2]) + caster.diagonal / 100))
+    pixel, face, _ = primary_hits(caster, camera, column + 0.5, row + 0.5)
     out = np.full(SIZE * SIZE, -1)
     out[pixel] = mesh.material[face]
     return out.reshape(SIZE, SIZE)
@@ -112,11 +113,9 @@ def kind(name: str, fabric: str) -> str:
 
 
 def lights() -> list[np.ndarray]:
-    from relight.panoramas.panorama import Panorama
-    from relight.panoramas.project import project
-    from relight.panoramas.rooms import room
+    from relight.panoramas import Panorama, generate_room, project
 
-    return [project(Panorama(room(seed))) @ LUMINANCE for seed in ROOMS]
+    return [project(Panorama(generate_room(seed))) @ LUMINANCE for seed in ROOMS]
 
 
 def main() -> None:

@@ -16,9 +16,8 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 
-from relight.panoramas.project import project
-from relight.panoramas.read import read_panorama
-from relight.sh.irradiance import irradiance
+from relight.panoramas import project, read_panorama
+from relight.sh import irradiance
 
 SIDE = 64  # pixels of the picture of the ball
 SAMPLES = 1024  # per pixel

@@ -20,15 +20,14 @@ from pathlib import Path
 import numpy as np
 from scipy.ndimage import binary_dilation, binary_erosion
 
+from relight.lights import Light
 from relight.lights.chain import generated_light
-from relight.lights.light import Light
-from relight.maps.exr import read_maps, write_maps
-from relight.maps.maps import Maps
+from relight.maps import Maps, read_maps, write_maps
 from relight.photos.api import Relighter, load
 from relight.photos.frame import Frame, frame
 from relight.photos.infer import Figure
 from relight.progress import progress
-from relight.sh.basis import cosine_factors, per_coefficient
+from relight.sh import cosine_factors, per_coefficient
 from relight.srgb import encode, to_bytes
 
 SEEDS = range(9000, 9006)
@@ -44,7 +43,7 @@ def figures(cache: Path) -> list[Maps]:
     """The baked figures; drawn and baked where `cache` has none."""
     from transport import figure
 
-    from relight.transport.bake import bake
+    from relight.transport import bake
 
     cache.mkdir(parents=True, exist_ok=True)
     for seed in progress(SEEDS, "figures"):

@@ -19,11 +19,7 @@ from pathlib import Path
 import numpy as np
 import OpenEXR
 
-from relight.panoramas.panorama import Panorama
-from relight.panoramas.project import project
-from relight.panoramas.read import read_panorama
-from relight.panoramas.rooms import room
-from relight.panoramas.skies import sky
+from relight.panoramas import Panorama, generate_room, generate_sky, project, read_panorama
 
 
 def hdr_bytes(height: int, width: int, runs: bool) -> bytes:
@@ -77,7 +73,7 @@ def main() -> None:
         start = time.process_time()
         project(read_panorama(folder / "large.exr"))
         report("4096 x 2048 .exr, half, ZIP", start)
-    for what, generate in (("room", room), ("sky", sky)):
+    for what, generate in (("room", generate_room), ("sky", generate_sky)):
         start = time.process_time()
         for seed in range(50):
             project(Panorama(generate(seed)))

@@ -13,16 +13,17 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.meshes.mesh import Material
-from relight.sh.basis import basis
-from relight.transport.tracer import Tracer, inside, sky_directions, sky_weights
+from relight.meshes import Material
+from relight.sh import basis
+from relight.transport import PathTracer
+from relight.transport.tracer import interior_blocks, sky_directions, sky_weights
 
 
 def panorama(seed: int) -> np.ndarray:
     """A generated room on Mitsuba's texels, (256, 512, 3), scaled to mean radiance 1."""
-    from relight.panoramas.rooms import room
+    from relight.panoramas import generate_room
 
-    pixels = room(seed)  # lat-long: the centre looks along -z, +x is to its right
+    pixels = generate_room(seed)  # lat-long: the centre looks along -z, +x is to its right
     height, width = pixels.shape[:2]
     x, y, z = np.moveaxis(sky_directions(), -1, 0)
     row = np.clip(np.arccos(np.clip(y, -1, 1)) / np.pi * height, 0, height - 1).astype(int)
@@ -49,7 +50,7 @@ def compare(name: str, traced: np.ndarray, baked: np.ndarray, where: np.ndarray,
 def main() -> None:
     from transport import figure, machine
 
-    from relight.transport.bake import bake
+    from relight.transport import bake
 
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--mesh", type=Path, help="a mesh instead of a generated figure")
@@ -63,9 +64,9 @@ def main() -> None:
     mesh = figure(options.mesh, options.seed)
     mesh.materials, mesh.color = [Material(np.full(3, albedo, np.float32))], None
     mesh.material = np.zeros(len(mesh.faces), np.int16)
-    tracer = Tracer(mesh, size)
+    tracer = PathTracer(mesh, size)
     maps = bake(mesh, size, 1024, order=4, supersample=4, bounces=1)
-    transport, bounced, where = maps.transport, maps.bounced[..., 0], inside(maps.mask, 1)
+    transport, bounced, where = maps.transport, maps.bounced[..., 0], interior_blocks(maps.mask, 1)
     print(f"{machine()}; {len(mesh.faces)} triangles, {where.sum()} pixels, {samples} samples per pixel\n")
 
     def shade(light: np.ndarray, vectors: np.ndarray) -> np.ndarray:

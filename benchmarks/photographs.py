@@ -26,7 +26,7 @@ from relight.learning.augment import augmented
 from relight.learning.camera import shade
 from relight.learning.checkpoint import load_network
 from relight.learning.data import RelitSet, read_split
-from relight.sh.basis import cosine_factors, per_coefficient
+from relight.sh import cosine_factors, per_coefficient
 
 KINDS = {
     "as relit": ["augment=none"],

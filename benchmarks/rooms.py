@@ -10,8 +10,8 @@ import argparse
 
 import numpy as np
 
+from relight.lights import measure
 from relight.lights.chain import generated_light
-from relight.lights.statistics import measure
 
 PERCENTILES = (10, 50, 90)
 MAPS = 16

@@ -17,7 +17,7 @@ import time
 import numpy as np
 from transport import figure
 
-from relight.transport.bake import bake
+from relight.transport import bake
 
 
 def blocks(values: np.ndarray, k: int) -> np.ndarray:

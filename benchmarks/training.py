@@ -34,10 +34,8 @@ from relight.evaluation.timing import matmul_rate, multiply_adds
 from relight.learning.data import Batch, RelitSet
 from relight.learning.losses import losses, weights
 from relight.learning.networks import build
-from relight.maps.exr import write_maps
-from relight.maps.maps import Maps
-from relight.maps.packed import pack
-from relight.sh.irradiance import unoccluded
+from relight.maps import Maps, pack_maps, write_maps
+from relight.sh import unoccluded
 
 CASES = {
     "cpu": ["128:0.25:4:f32", "128:0.25:4:bf16", "256:1:8:f32", "1024:1:1:f32"],
@@ -71,7 +69,7 @@ def data_set(size: int, folder: Path, device: str) -> RelitSet:
     paths = [folder / f"{i}.exr" for i in range(4)]
     for path in paths:
         write_maps(path, figure(size, path.stem))
-    pack(paths, folder / "packed.safetensors")
+    pack_maps(paths, folder / "packed.safetensors")
     lights = np.random.default_rng(0).normal(0.3, 0.1, (40, 9, 3)).astype(np.float32)
     np.savez(folder / "lights.npz", coefficients=lights, split=np.full(40, "train"), source=np.full(40, "room"))
     return RelitSet(folder / "packed.safetensors", folder / "lights.npz", 2, "paper", device)

@@ -26,24 +26,20 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import qmc
 
-from relight.meshes.mesh import Mesh
-from relight.meshes.normals import vertex_normals
-from relight.sh.basis import basis
-from relight.sh.irradiance import unoccluded
-from relight.transport.bake import see
+from relight.meshes import Mesh, vertex_normals
+from relight.sh import basis, unoccluded
+from relight.transport.baker import primary_hits
 from relight.transport.camera import Camera
 from relight.transport.integrate import BATCH, integrate
-from relight.transport.sampling import azimuths, frames, vogel
-from relight.transport.scene import Scene
+from relight.transport.raycaster import RayCaster
+from relight.transport.sampling import random_azimuths, tangent_frames, vogel_directions
 from relight.transport.surface import shading_normals
 
 
 def figure(path: Path | None, seed: int) -> Mesh:
     """The aligned mesh of `path` (any format), or a generated clothed figure."""
     from relight.config import composed
-    from relight.meshes.align import align
-    from relight.meshes.clean import clean
-    from relight.meshes.read import read_mesh
+    from relight.meshes import align, clean, read_mesh
 
     cfg = composed()
     if path is None:
@@ -55,25 +51,25 @@ def figure(path: Path | None, seed: int) -> Mesh:
     return align(clean(mesh, cfg.clean), cfg.align)
 
 
-def pixels(mesh: Mesh, scene: Scene, size: int, every: int) -> tuple[np.ndarray, ...]:
+def pixels(mesh: Mesh, caster: RayCaster, size: int, every: int) -> tuple[np.ndarray, ...]:
     """Points, shading normals and geometric normals of every `every`-th row of a `size` px image, in raster order."""
     row, column = np.divmod(np.arange(size * size), size)
     keep = row % every == every // 2
-    _, face, weights = see(scene, Camera(size), column[keep] + 0.5, row[keep] + 0.5)
-    geometric = scene.normals[face]
+    _, face, weights = primary_hits(caster, Camera(size), column[keep] + 0.5, row[keep] + 0.5)
+    geometric = caster.normals[face]
     normals = shading_normals(vertex_normals(mesh), mesh.faces, face, weights, geometric)
     side = np.where(geometric[:, 2:] < 0, -1.0, 1.0)
-    return scene.points(face, weights), normals * side, geometric * side
+    return caster.points(face, weights), normals * side, geometric * side
 
 
-def ours(scene: Scene, points, normals, geometric, rays: int, seed: int) -> np.ndarray:
-    return integrate(scene, points, normals, geometric, rays, seed=seed)[0]
+def ours(caster: RayCaster, points, normals, geometric, rays: int, seed: int) -> np.ndarray:
+    return integrate(caster, points, normals, geometric, rays, seed=seed)[0]
 
 
-def local_rays(scene: Scene, points, normals, geometric, directions: np.ndarray, seed: int) -> np.ndarray:
+def local_rays(caster: RayCaster, points, normals, geometric, directions: np.ndarray, seed: int) -> np.ndarray:
     """(P, N, 6) float32: the same offset and frames as ours, with any directions (N, 3) or (P, N, 3) about +z."""
-    world = np.matmul(directions, frames(normals, azimuths(len(normals), seed)))
-    start = scene.local(points + scene.offset * geometric)
+    world = np.matmul(directions, tangent_frames(normals, random_azimuths(len(normals), seed)))
+    start = caster.to_local(points + caster.offset * geometric)
     return np.concatenate([np.broadcast_to(start[:, None], world.shape), world], 2).astype(np.float32)
 
 
@@ -82,15 +78,15 @@ def cosine_directions(uniform: np.ndarray) -> np.ndarray:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), np.sqrt(1 - uniform[..., 0])], -1)
 
 
-def cosine(scene: Scene, points, normals, geometric, rays: int, seed: int) -> np.ndarray:
+def cosine(caster: RayCaster, points, normals, geometric, rays: int, seed: int) -> np.ndarray:
     rng = np.random.default_rng(seed)
     result = np.empty((len(points), 9))
     step = max(1, BATCH // rays)
     for begin in range(0, len(points), step):
         part = slice(begin, begin + step)
         directions = cosine_directions(rng.random((len(points[part]), rays, 2)))
-        cast = local_rays(scene, points[part], normals[part], geometric[part], directions, seed)
-        seen = ~scene.occluded(cast.reshape(-1, 6)).reshape(-1, rays)
+        cast = local_rays(caster, points[part], normals[part], geometric[part], directions, seed)
+        seen = ~caster.occluded(cast.reshape(-1, 6)).reshape(-1, rays)
         result[part] = np.pi / rays * np.einsum("pn,pnk->pk", seen, basis(cast[..., 3:]))
     return result
 
@@ -101,37 +97,37 @@ def sphere_directions(uniform: np.ndarray) -> np.ndarray:
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), z], -1)
 
 
-def pifu(caster, scene: Scene, points, normals, geometric, n: int, seed: int) -> np.ndarray:
+def pifu(intersector, caster: RayCaster, points, normals, geometric, n: int, seed: int) -> np.ndarray:
     """The published procedure: for n slices of n directions, every pair of point and direction is written out."""
     directions = sphere_directions(np.random.default_rng(seed).random((n * n, 2)))
     values = basis(directions)
-    starts = np.repeat(points + scene.offset * geometric, n, 0)
+    starts = np.repeat(points + caster.offset * geometric, n, 0)
     repeated = np.repeat(normals, n, 0)
     result = np.zeros((len(points), 9))
     for i in range(0, n * n, n):
         vectors = np.tile(directions[i : i + n], (len(points), 1))
         dots = (vectors * repeated).sum(1)
-        seen = (dots > 0) & ~caster.intersects_any(starts, vectors)
+        seen = (dots > 0) & ~intersector.intersects_any(starts, vectors)
         product = (seen * dots)[:, None] * np.tile(values[i : i + n], (len(points), 1))
         result += product.reshape(len(points), n, 9).sum(1)
     return 4 * np.pi / n**2 * result
 
 
-def stratified(caster, scene: Scene, points, normals, geometric, n: int, seed: int) -> np.ndarray:
+def stratified(intersector, caster: RayCaster, points, normals, geometric, n: int, seed: int) -> np.ndarray:
     """The same scheme at its best: a jittered n x n grid of directions, and matrix products for the sums."""
     cell = np.indices((n, n)).reshape(2, -1).T
     directions = sphere_directions((cell + np.random.default_rng(seed).random((n * n, 2))) / n)
     values = basis(directions)
-    starts = np.repeat(points + scene.offset * geometric, n, 0)
+    starts = np.repeat(points + caster.offset * geometric, n, 0)
     result = np.zeros((len(points), 9))
     for i in range(0, n * n, n):
         w = directions[i : i + n]
-        seen = ~caster.intersects_any(starts, np.tile(w, (len(points), 1))).reshape(len(points), n)
+        seen = ~intersector.intersects_any(starts, np.tile(w, (len(points), 1))).reshape(len(points), n)
         result += (seen * np.clip(normals @ w.T, 0, None)) @ values[i : i + n]
     return 4 * np.pi / n**2 * result
 
 
-def reference(scene: Scene, points, normals, geometric, power: int = 15) -> tuple[np.ndarray, float]:
+def reference(caster: RayCaster, points, normals, geometric, power: int = 15) -> tuple[np.ndarray, float]:
     """Transport by two independent sets of 2^power Sobol rays, and the RMSE of one half against the other, halved."""
     halves = []
     for seed in (1, 2):
@@ -139,8 +135,8 @@ def reference(scene: Scene, points, normals, geometric, power: int = 15) -> tupl
         values = np.empty((len(points), 9))
         for p in range(len(points)):
             one = slice(p, p + 1)
-            cast = local_rays(scene, points[one], normals[one], geometric[one], directions, seed * 1000 + p)
-            blocked = scene.occluded(cast.reshape(-1, 6))
+            cast = local_rays(caster, points[one], normals[one], geometric[one], directions, seed * 1000 + p)
+            blocked = caster.occluded(cast.reshape(-1, 6))
             values[p] = unoccluded(normals[p]) - np.pi / len(directions) * basis(cast[0, blocked, 3:]).sum(0)
         halves.append(values)
     return (halves[0] + halves[1]) / 2, float(np.sqrt(((halves[0] - halves[1]) ** 2).mean()) / 2)
@@ -176,11 +172,11 @@ def main() -> None:
     from trimesh.ray.ray_pyembree import RayMeshIntersector
 
     mesh = figure(options.mesh, options.seed)
-    scene = Scene(mesh.vertices, mesh.faces, threads=1)
-    caster = RayMeshIntersector(trimesh.Trimesh(mesh.vertices, mesh.faces, process=False))
-    everything = pixels(mesh, scene, 1024, 16)
+    caster = RayCaster(mesh.vertices, mesh.faces, threads=1)
+    intersector = RayMeshIntersector(trimesh.Trimesh(mesh.vertices, mesh.faces, process=False))
+    everything = pixels(mesh, caster, 1024, 16)
     some = tuple(array[np.random.default_rng(0).permutation(len(array))[: options.points]] for array in everything)
-    truth, doubt = reference(scene, *some)
+    truth, doubt = reference(caster, *some)
     print(
         f"{machine()}; {len(mesh.faces)} triangles, {len(everything[0])} points timed, {len(truth)} points for errors"
     )
@@ -188,12 +184,12 @@ def main() -> None:
 
     methods = {}  # (name, rays): function, what it takes for its rays, seeds that the error is taken over
     for rays in (16, 24, 64, 256, 1024):
-        methods["ours", rays] = (lambda *a: ours(scene, *a), rays, 2)
+        methods["ours", rays] = (lambda *a: ours(caster, *a), rays, 2)
     for rays in (64, 256, 1024):
-        methods["cosine", rays] = (lambda *a: cosine(scene, *a), rays, 2)
+        methods["cosine", rays] = (lambda *a: cosine(caster, *a), rays, 2)
     for n in (8, 16, 32, 40):
-        methods["PIFu", n * n] = (lambda *a: pifu(caster, scene, *a), n, 24)
-        methods["stratified", n * n] = (lambda *a: stratified(caster, scene, *a), n, 24)
+        methods["PIFu", n * n] = (lambda *a: pifu(intersector, caster, *a), n, 24)
+        methods["stratified", n * n] = (lambda *a: stratified(intersector, caster, *a), n, 24)
     seconds = {key: [] for key in methods}
     for _ in range(options.rounds):
         for key, (function, effort, _) in methods.items():
@@ -212,11 +208,11 @@ def main() -> None:
         ratio = cost / np.exp(np.interp(np.log(error), *mine.T))
         print(f"\nAt the error of {name} with 1600 rays, {error:.1e}: {ratio:.0f} times less CPU time")
 
-    cast = local_rays(scene, *everything, vogel(256), 0).reshape(-1, 6)
+    cast = local_rays(caster, *everything, vogel_directions(256), 0).reshape(-1, 6)
     ratios = []
     for _ in range(max(options.rounds, 9)):
-        raw = cpu(lambda: [scene.occluded(cast[i : i + BATCH]) for i in range(0, len(cast), BATCH)])
-        ratios.append((raw / cpu(ours, scene, *everything, 256, 0), len(cast) / raw * 1e-6))
+        raw = cpu(lambda: [caster.occluded(cast[i : i + BATCH]) for i in range(0, len(cast), BATCH)])
+        ratios.append((raw / cpu(ours, caster, *everything, 256, 0), len(cast) / raw * 1e-6))
     share, rate = np.median(ratios, 0)
     print(
         f"Raw test_occlusions on the same rays: {rate:.1f} Mray per CPU-s; the baker reaches {100 * share:.0f} % of it"

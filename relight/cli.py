@@ -1,9 +1,10 @@
 """The command line."""
 
 import sys
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
+from typer.core import TyperCommand
 
 from relight import __version__
 from relight.figures.commands import app as figures
@@ -11,6 +12,7 @@ from relight.files import UserError
 from relight.lights.commands import app as lights
 from relight.meshes.commands import app as scans
 from relight.photos.commands import app as photos
+from relight.photos.commands import mask_app as masks
 from relight.transport.commands import app as transport
 from relight.viewer.commands import app as viewer
 
@@ -26,6 +28,7 @@ for tool in (photos, viewer, transport, figures):
     app.add_typer(tool)
 app.add_typer(lights, name="light")
 app.add_typer(scans, name="scans")
+app.add_typer(masks, name="mask")
 
 
 @app.callback(invoke_without_command=True)
@@ -35,38 +38,75 @@ def version(show: Annotated[bool, typer.Option("--version", help="Print the vers
         raise typer.Exit
 
 
-@app.command(context_settings={"ignore_unknown_options": False})
+class RunCommand(TyperCommand):
+    """`relight run`, whose help tells the settings, too."""
+
+    def format_help(self, ctx, formatter) -> None:
+        from relight.config import composed
+        from relight.settings import overview
+
+        super().format_help(ctx, formatter)
+        print("Settings, as key=value, and their values without any (docs/workflow.md):\n" + overview(composed()))
+
+
+def completed(ctx: typer.Context, incomplete: str) -> list[str]:
+    """What a shell may put in the place of an unfinished override."""
+    from relight.settings import complete
+
+    return complete(ctx.params.get("overrides") or [], incomplete)
+
+
+@app.command(cls=RunCommand)
 def run(
     overrides: Annotated[
-        list[str] | None, typer.Argument(help="Settings: scale=smoke, train.lr=1e-3, figures=scans ...")
+        list[str] | None,
+        typer.Argument(help="Settings: scale=smoke, train.lr=1e-3, figures=scans ...", autocompletion=completed),
     ] = None,
     multirun: Annotated[bool, typer.Option("--multirun", "-m", help="Sweep over comma-separated values.")] = False,
     cores: Annotated[int | None, typer.Option("--cores", "-j", help="Jobs side by side; all cores by default.")] = None,
     dry: Annotated[bool, typer.Option("--dry-run", "-n", help="Only say what would run.")] = False,
+    cfg: Annotated[Literal["job"] | None, typer.Option(help="Print the settings, and do nothing.")] = None,
     target: Annotated[list[str], typer.Option(help="Rule or file to make.")] = ["all"],  # noqa: B006
     snakemake: Annotated[str, typer.Option(help="More arguments for Snakemake, in one string.")] = "",
 ) -> None:
     """The whole workflow, from figures and panoramas to the report; does only what is missing."""
     import shlex
 
+    need_clone("run")
+    if cfg:
+        from omegaconf import OmegaConf
+
+        from relight.config import composed
+
+        print(OmegaConf.to_yaml(composed(overrides or [])), end="")
+        return
     from relight.run import run as workflow
 
     raise typer.Exit(workflow(overrides or [], multirun, cores, dry, target, shlex.split(snakemake)))
 
 
 @app.command()
-def ui(port: Annotated[int, typer.Option(help="Port on this machine.")] = 5000) -> None:
+def ui(
+    overrides: Annotated[
+        list[str] | None,
+        typer.Argument(help="Settings that say which: name=mine, track.uri=sqlite:///other.db ..."),
+    ] = None,
+    port: Annotated[int, typer.Option(help="Port on this machine.")] = 5000,
+) -> None:
     """Browse the runs in MLflow, on this machine only."""
-    import subprocess
+    from relight.config import composed
+    from relight.track import browse
 
-    from relight.config import ROOT, composed
-    from relight.track import create
+    need_clone("ui")
+    browse(composed(overrides or []).track, port)
 
-    uri = composed().track.uri
-    create(uri)
-    print(f"MLflow: http://127.0.0.1:{port}/#/experiments (Ctrl-C ends it)")
-    command = [sys.executable, "-m", "mlflow", "server", "--backend-store-uri", uri, "--host", "127.0.0.1"]
-    raise typer.Exit(subprocess.call([*command, "--port", str(port)], cwd=ROOT))
+
+def need_clone(command: str) -> None:
+    """Raises UserError when relight was installed from a wheel, which holds no workflow."""
+    from relight.config import IS_CLONE
+
+    if not IS_CLONE:
+        raise UserError(f"relight {command} needs the repository with its Snakefile: clone it and type `make` there")
 
 
 def main() -> None:

@@ -7,17 +7,14 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from hydra import compose, initialize_config_dir
-from hydra.core.config_store import ConfigStore
-from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.errors import HydraException
 from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from relight.files import UserError
 
 ROOT = Path(__file__).resolve().parent.parent
-CONF = ROOT / "conf"
+IS_CLONE = (ROOT / "Snakefile").exists()  # else relight was installed from a wheel, which holds conf/ in the package
+CONF = ROOT / "conf" if IS_CLONE else Path(__file__).resolve().parent / "conf"
 
 
 @dataclass
@@ -80,7 +77,7 @@ class Panoramas:
     count: int = MISSING  # generated rooms
     skies: int = MISSING  # generated outdoor skies beside them
     seed: int = MISSING
-    layout: str = MISSING  # auto, or a layout that relight.panoramas.layouts knows
+    layout: str = MISSING  # auto, or a layout that relight.panoramas.projection knows
     yaw: float = MISSING  # degrees by which every light is turned, +z toward +x
     flip: bool = MISSING  # mirror left and right
     upside_down: bool = False  # files hold their rows from the bottom up
@@ -145,7 +142,7 @@ class Loss:
     gradient_albedo: float = MISSING  # of the error's differences between neighbours
     gradient_transport: float = MISSING
     gradient_shading: float = MISSING  # under the true light
-    tv_reference: int = MISSING  # TV weights are multiplied by size / tv_reference
+    tv_reference: int = MISSING  # pixels; the weight of tv_transport is multiplied by size / tv_reference
     reduction: str = MISSING  # image | mask
 
 
@@ -208,13 +205,14 @@ class Augment:
 
 @dataclass
 class Evaluate:
-    bootstrap: int = MISSING  # resamples of the figures
-    plates: int = MISSING  # test figures shown in the qualitative figure
-    sheet: int = MISSING  # figures shown in the contact sheet
     lights: str = MISSING  # test | unusual: which lights of the set relight them; an experiment says so
     device: str = MISSING  # auto | cpu | cuda
-    seed: int = MISSING
     version: int = MISSING
+    # What tables and pictures are made with, and no scores: the workflow does not hand it to stages that do not use it.
+    bootstrap: int = 2000  # resamples of the figures
+    plates: int = 4  # test figures shown in the qualitative figure
+    sheet: int = 48  # figures shown in the contact sheet
+    seed: int = 0
     figures: str = "test"  # test | sitting | views: which part of the split is scored; an experiment says so
 
 
@@ -239,6 +237,8 @@ class Experiment:
     """A question: some runs of the sweep, what they are scored on, and a section of the report."""
 
     rows: list[str] = MISSING  # runs that the section compares, in order
+    title: str = ""  # of its section and table; the experiment's name if empty
+    question: str = ""  # what it asks, in a sentence
     figures: str = "test"  # test | sitting | views: on which part of the split
     lights: str = "test"  # test | unusual: under which lights of the set
     axis: str | None = None  # a setting, such as model.width, against which errors are plotted
@@ -250,18 +250,18 @@ class Experiment:
 class Sweep:
     runs: dict[str, list[str]] = MISSING  # name of a row -> its overrides
     only: list[str] | None = None  # of the runs; all when not given
-    seeds: list[int] = MISSING
+    seeds: list[int] = MISSING  # each row is trained once for each of them
 
 
 @dataclass
 class Track:
-    uri: str = MISSING
-    experiment: str = MISSING
+    uri: str | None = None  # where MLflow keeps the runs: sqlite:///FILE, or the address of a server; null: nowhere
+    experiment: str = "relight"  # MLflow's name for what the runs belong to
 
 
 @dataclass
 class Config:
-    name: str = MISSING
+    name: str = MISSING  # of the folder in results/, and of the experiment in MLflow
     figures: Figures = field(default_factory=Figures)
     clean: Clean = field(default_factory=Clean)
     align: Align = field(default_factory=Align)
@@ -306,7 +306,19 @@ READS = {
     "report": ("evaluate", "name"),
 }
 
-ConfigStore.instance().store(name="schema", node=Config)
+# What a stage reads and its outputs do not depend on: the workflow tells it in other ways or not at all, so that a
+# change re-runs nothing.
+PASSED_OVER = {
+    "train": ("track",),
+    "evaluate": ("track", "evaluate.bootstrap", "evaluate.plates", "evaluate.sheet", "evaluate.seed"),
+    "baselines": ("evaluate.bootstrap", "evaluate.plates", "evaluate.sheet", "evaluate.seed"),
+    "tables": ("evaluate.plates", "evaluate.sheet"),
+    "plates": ("evaluate.bootstrap", "evaluate.sheet", "evaluate.seed"),
+    "sheets": ("evaluate.bootstrap", "evaluate.plates", "evaluate.seed"),
+    "trace": ("evaluate.bootstrap", "evaluate.plates", "evaluate.sheet", "evaluate.seed"),
+    "light_transfer": ("evaluate.sheet",),
+    "path_traced": ("evaluate.sheet",),
+}
 
 
 def composed(overrides: Iterable[str] = ()) -> DictConfig:
@@ -314,9 +326,15 @@ def composed(overrides: Iterable[str] = ()) -> DictConfig:
 
     Raises UserError in one line that names the setting and what is accepted.
     """
+    from hydra import compose, initialize_config_dir  # half a second, which inference can do without
+    from hydra.core.config_store import ConfigStore
+    from hydra.core.override_parser.overrides_parser import OverridesParser
+    from hydra.errors import HydraException
+
     if not CONF.is_dir():
         raise UserError(f"there is no folder {CONF}: the workflow and its stages run from a clone of the repository")
     overrides = list(overrides)
+    ConfigStore.instance().store(name="schema", node=Config)
     try:
         for text, override in zip(overrides, OverridesParser.create().parse_overrides(overrides)):
             if override.is_sweep_override():
@@ -503,11 +521,15 @@ def check(cfg: DictConfig) -> None:
 
 
 def view(cfg: DictConfig, stage: str) -> dict[str, Any]:
-    """The part of the tree that a stage reads, as plain values."""
+    """The part of the tree that a stage's outputs depend on, as plain values."""
     part = OmegaConf.create()
     for key in READS[stage]:
         OmegaConf.update(part, key, OmegaConf.select(cfg, key))
-    return OmegaConf.to_container(part, resolve=True)
+    plain = OmegaConf.to_container(part, resolve=True)
+    for key in PASSED_OVER.get(stage, ()):
+        group, _, name = key.partition(".")
+        plain[group].pop(name) if name else plain.pop(group)
+    return plain
 
 
 def explain(error: Exception, overrides: Iterable[str] = ()) -> str:

@@ -43,6 +43,9 @@ def run(
     plan.look()
     for name in plan.runs:
         plan.of_run(name)  # a wrong override of the sweep is told now, not when its turn comes
+    if multirun:
+        for row, words in plan.rows.items():
+            print(f"{row}: {' '.join(words)}")
     command = [sys.executable, "-m", "snakemake", *targets, *extra]
     if cores:
         command += ["--cores", str(cores)]
@@ -54,6 +57,8 @@ def run(
     with alone():
         command += ["--configfile", str(plan.record(ROOT))]
         code = snakemake([*command, *LOGGER])
+        if code > 0 and targets == ["all"] and (failed := plan.failures(ROOT)):
+            report_without(failed, plan, config, command)
         page = ROOT / plan.out / "report" / "snakemake.html"
         if code == 0 and targets == ["all"] and stale(page, page.with_name("report.html")):
             with whole(page) as tmp:
@@ -61,6 +66,24 @@ def run(
         if code == 0 and targets == ["all"]:
             print(f"the report: {page.with_name('report.html')}")
         return code
+
+
+def report_without(failed: dict[str, list[str]], plan: Plan, config: dict, command: list[str]) -> None:
+    """Makes the report of the experiments that did not fail; those that did have a section that says so.
+
+    What failed is tried again by the next run, whose files are still missing.
+    """
+    file = ROOT / plan.out / "failed.yaml"  # beside run.yaml, where a cluster's jobs can read it
+    with whole(file) as tmp:
+        tmp.write_text(yaml.safe_dump({**config, "failed": failed}))
+    try:
+        place = command.index("--configfile") + 1
+        again = snakemake([*command[:place], str(file), *command[place + 1 :], *LOGGER])
+    finally:
+        file.unlink()
+    if again == 0:
+        page = ROOT / plan.out / "report" / "report.html"
+        print(f"failed: {', '.join(failed)}; the report of the others: {page}", file=sys.stderr)
 
 
 def snakemake(command: list[str], **streams) -> int:

@@ -1,7 +1,11 @@
 """What the Snakefile asks: the figures, the runs and the settings of a plan."""
 
+import copy
+import hashlib
 import json
 import shlex
+import subprocess
+from collections import Counter
 from dataclasses import asdict, replace
 from functools import cached_property
 from importlib.util import find_spec
@@ -10,8 +14,9 @@ from pathlib import Path
 import yaml
 from omegaconf import DictConfig, OmegaConf
 
-from relight.config import Experiment, check_name, composed, view
+from relight.config import ROOT, Experiment, Track, check_name, composed, view
 from relight.files import UserError, discard, whole
+from relight.track import Workflow, milliseconds
 
 HEAD = """\
 defaults: [schema, _self_, override hydra/job_logging: none, override hydra/hydra_logging: none]
@@ -25,16 +30,17 @@ KIND = ("split", "kind")
 class Plan:
     """The settings of one invocation, composed once; those of a run of the sweep, when they are asked for.
 
-    `config` is Snakemake's: `hydra` holds overrides (a list, or one string of words), `runs` (optional) replaces the
-    sweep's runs and all experiments but one table of them. Raises UserError in one line when a setting, a folder or a
-    file is not as it must be.
+    `config` is Snakemake's: `hydra` holds overrides (a list, or one string of words); `runs` (optional) replaces the
+    sweep's runs, and all experiments but one table of them; `failed` (optional) maps experiments that are left out to
+    their files that could not be made. Raises UserError in one line when a setting, a folder or a file is not as it
+    must be.
 
     rows: what may be trained, name -> overrides; runs: rows x seeds; experiments: the sections of the report, each with
     those of its rows that `sweep.only` and the number of figures leave; scored: the runs that their tables need.
     """
 
     def __init__(self, config: dict):
-        if strays := sorted(set(config) - {"hydra", "runs"}):
+        if strays := sorted(set(config) - {"hydra", "runs", "failed"}):
             word = f"{strays[0]}={config[strays[0]]}"
             raise UserError(f'--config {word}: write the settings as one word, --config hydra="{word}"')
         overrides = config.get("hydra") or []
@@ -46,13 +52,16 @@ class Plan:
         self.rows = config.get("runs") or OmegaConf.to_container(self.cfg.sweep.runs)
         self.runs = {f"{row}.s{seed}": (row, seed) for row in self.rows for seed in self.cfg.sweep.seeds}
         self.swept = "runs" in config
-        self.experiments = self._experiments()
+        self.asked = self._experiments()
+        self.failed: dict[str, list[str]] = config.get("failed") or {}
+        self.experiments = {name: one for name, one in self.asked.items() if name not in self.failed}
         if (self.cfg.evaluate.figures, self.cfg.evaluate.lights) != USUAL:
             raise UserError(
                 "evaluate.figures and evaluate.lights are what an experiment says, such as experiment=sitting"
             )
         self.gpus = int(self.cfg.train.device == "cuda")  # what a training asks of a cluster
         self.composed: dict[str, DictConfig] = {}
+        self.rows_composed: dict[str, DictConfig] = {}
 
     def look(self) -> None:
         """Looks at the user's folders and packages: what is wrong with them is told before anything runs."""
@@ -122,7 +131,7 @@ class Plan:
         """The user's meshes by name; empty when figures are generated."""
         if self.cfg.figures.source == "generated":
             return {}
-        from relight.meshes.scans import list_scans
+        from relight.meshes import list_scans
 
         return list_scans(self.cfg.figures.folder)
 
@@ -140,9 +149,28 @@ class Plan:
         first, count = self.cfg.figures.first, self.cfg.figures.count
         return list(self.scans) or [f"g{seed:04d}" for seed in range(first, first + count)]
 
+    @cached_property
+    def tens(self) -> list[str]:
+        """The decades of generated figures that are whole in the plan, as the beginnings of their names: g012."""
+        count = Counter(name[:-1] for name in self.figures) if not self.scans else {}
+        return [name for name, found in count.items() if found == 10]
+
+    @cached_property
+    def alone(self) -> list[str]:
+        """The figures outside of whole decades, each made by jobs of its own."""
+        whole_decades = set(self.tens)
+        return [name for name in self.figures if self.scans or name[:-1] not in whole_decades]
+
+    @property
+    def portions(self) -> list[tuple[str, str, list[str]]]:
+        """How figures are dealt to jobs: a suffix of rules, and the names of a job and of its figures as patterns."""
+        found = [("", "{figure}", ["{figure}"])] if self.alone else []
+        return found + ([("_tens", "{tens}", [f"{{tens}}{digit}" for digit in range(10)])] if self.tens else [])
+
     def maps(self, figure: str) -> list[str]:
         """Names of the maps of a figure: the frontal view of its own outfit is called like the figure."""
-        from relight.transport.view import outfit_names, view_names
+        from relight.transport import view_names
+        from relight.transport.view import outfit_names
 
         looks = outfit_names(figure, self.cfg.figures.outfits)
         return [name for look in looks for name in (look, *view_names(look, self.cfg.bake.views))]
@@ -152,10 +180,10 @@ class Plan:
         """Files of the user's panoramas; empty when rooms are generated."""
         if self.cfg.panoramas.source == "generated":
             return []
-        from relight.panoramas.read import panoramas_in
+        from relight.panoramas import list_panoramas
 
         folder = self.cfg.panoramas.folder
-        return [f"{folder}/{name}" for name in panoramas_in(folder)]
+        return [f"{folder}/{name}" for name in list_panoramas(folder)]
 
     @property
     def tables(self) -> list[str]:
@@ -171,7 +199,40 @@ class Plan:
         """The settings of one run of the sweep; where `train.start` names a run, the network of that, of one seed."""
         if run not in self.composed:
             row, seed = self.runs[run]
-            cfg = composed([*self.overrides, *self.rows[row], f"train.seed={seed}"])
+            cfg = copy.deepcopy(self._of_row(row))
+            cfg.train.seed = seed
+            if cfg.train.start in self.rows:
+                cfg.train.start = self.network(f"{cfg.train.start}.s{seed}")
+            self.composed[run] = cfg
+        return self.composed[run]
+
+    def tracked(self) -> Workflow:
+        """What MLflow is told of this workflow.
+
+        A sweep of -m has an experiment of its own there, so that its runs do not stand among those of the tables.
+        """
+        settings = OmegaConf.to_container(self.cfg)
+        track = Track(**settings.pop("track"))
+        settings["sweep"]["runs"] = {row: list(words) for row, words in self.rows.items()}
+        if self.swept:
+            track.experiment += " sweeps"
+        rows = {row: [name for name, e in self.experiments.items() if row in e.rows] for row in self.rows}
+        commit, changed = (git(*words) for words in (("rev-parse", "HEAD"), ("status", "--porcelain")))
+        tags = {"workflow": self.cfg.name, "sweep": str(self.swept).lower()}
+        if commit:
+            tags |= {"mlflow.source.git.commit": commit, "git.dirty": str(bool(changed)).lower()}
+        mark = hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()
+        return Workflow(track, self.cfg.name, mark, settings, rows, tags, milliseconds())
+
+    @property
+    def networks(self) -> dict[str, str]:
+        """The files of the networks that the tables compare, by run."""
+        return {run: self.network(run) for run in self.scored}
+
+    def _of_row(self, row: str) -> DictConfig:
+        """The settings that the runs of a row have in common, composed once: that takes longer than all else here."""
+        if row not in self.rows_composed:
+            cfg = composed([*self.overrides, *self.rows[row]])
             for group in SHARED:
                 if any(cfg[group][key] != value for key, value in self.cfg[group].items() if (group, key) != KIND):
                     raise UserError(
@@ -179,10 +240,8 @@ class Plan:
                     )
             if cfg.train.start == row:
                 raise UserError(f"run {row}: train.start={row} is the run itself")
-            if cfg.train.start in self.rows:
-                cfg.train.start = self.network(f"{cfg.train.start}.s{seed}")
-            self.composed[run] = cfg
-        return self.composed[run]
+            self.rows_composed[row] = cfg
+        return self.rows_composed[row]
 
     def network(self, run: str) -> str:
         """The file of a trained network."""
@@ -215,6 +274,31 @@ class Plan:
         files = (f"{self.out}/{path}" for rows in found for paths in rows.values() for path in paths)
         return list(dict.fromkeys(files))
 
+    def own_files(self, name: str) -> list[str]:
+        """What the stages of an experiment without a table write for the report."""
+        if name == "inference_time":
+            return [f"{self.out}/{name}/{self.of_row(row)[0]}.csv" for row in self.asked[name].rows]
+        return [f"{self.out}/{name}/scores.csv", f"{self.out}/{name}/plate.png"]
+
+    def failures(self, folder: Path | str) -> dict[str, list[str]]:
+        """After a workflow that failed: experiment -> its files that are missing, in the repository `folder`.
+
+        Empty when what all experiments share is missing, or none of them is complete: then there is nothing to report.
+        """
+
+        def missing(paths: list[str]) -> list[str]:
+            return [path for path in dict.fromkeys(paths) if not Path(folder, path).exists()]
+
+        shared = [f"{self.out}/{path}" for path in ("packed.safetensors", "figures.json", "lights/lights.npz")]
+        found = {}
+        for name, one in self.experiments.items():
+            trained = [self.network(run) for row in one.rows for run in self.of_row(row) if name != "inference_time"]
+            scores = [path for usual in (False, True) for paths in self.scores(name, usual).values() for path in paths]
+            files = [f"{self.out}/{path}" for path in scores] if one.table else self.own_files(name)
+            if lost := missing([*trained, *files]):
+                found[name] = lost
+        return {} if missing(shared) or len(found) == len(self.experiments) else found
+
     def settings(self, stage: str) -> str:
         """The YAML file that `stage`, `stage.run` or `split.kind` reads."""
         stage, _, run = stage.partition(".")
@@ -226,13 +310,24 @@ class Plan:
             raise UserError(f"no run {run}; there are {', '.join(self.runs)}")
         return HEAD + OmegaConf.to_yaml(OmegaConf.create(view(self.of_run(run) if run else self.cfg, stage)))
 
-    def asked(self) -> str:
+    def questions(self) -> str:
         """The experiments as JSON: the fields of each; its `runs` by row; for tables the files in results/<name> of its
-        `scores`, on its own figures and lights and on the `usual` ones, and of the `splits` of its rows."""
+        `scores`, on its own figures and lights and on the `usual` ones, and of the `splits` of its rows; of those that
+        are left out, what `failed`."""
         made = {}
-        for name, one in self.experiments.items():
+        for name, one in self.asked.items():
             made[name] = {**asdict(one), "runs": {row: self.of_row(row) for row in one.rows}}
-            if one.table:
+            if name in self.failed:
+                made[name] |= {"failed": self.failed[name]}
+            elif one.table:
                 splits = {row: f"split/{self.of_run(self.of_row(row)[0]).split.kind}.json" for row in one.rows}
                 made[name] |= {"scores": self.scores(name), "usual": self.scores(name, usual=True), "splits": splits}
         return json.dumps(made, indent=1)
+
+
+def git(*words: str) -> str:
+    """What git says of this repository; nothing where there is no git or no repository."""
+    try:
+        return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True).stdout.strip()
+    except OSError:
+        return ""

@@ -15,12 +15,12 @@ from pathlib import Path
 import numpy as np
 
 from relight import config
-from relight.evaluation.evaluate import Predictor, nothing, score, torch_device
+from relight.evaluation.evaluate import Predictor, has_pairs, score, torch_device
 from relight.evaluation.metrics import Inferred
 from relight.evaluation.scores import write_scores
 from relight.files import UserError
 from relight.learning.data import RelitSet, read_split
-from relight.sh.irradiance import unoccluded
+from relight.sh import unoccluded
 
 
 def evaluate_baselines(
@@ -37,7 +37,7 @@ def evaluate_baselines(
     color is that of the networks to be compared with (train.color); order the data's own (bake.order).
     """
     data = RelitSet(packed, lights, order, color, torch_device("cpu"))
-    if nothing(data, split, settings):
+    if not has_pairs(data, split, settings):
         return write_scores(out, {})
     predictors = make(data, split)
     write_scores(out, {name: score(predictor, data, split, settings) for name, predictor in predictors.items()})

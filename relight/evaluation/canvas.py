@@ -9,7 +9,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from relight.evaluation.metrics import sphere
 from relight.files import whole
-from relight.sh.basis import basis
+from relight.sh import basis
 from relight.srgb import encode
 
 PAPER, CELL, INK, FAINT = (255, 255, 255), (243, 243, 240), (28, 28, 30), (120, 120, 124)

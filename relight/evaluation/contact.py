@@ -4,14 +4,13 @@ from pathlib import Path
 
 import numpy as np
 from PIL import Image
-from scipy.ndimage import distance_transform_edt
 
 from relight.evaluation.canvas import CELL, FAINT, Sheet, box_of, cut_out, light_sphere
 from relight.evaluation.metrics import shade
 from relight.files import UserError
-from relight.lights.statistics import measure
-from relight.maps.exr import LeftOut, read_info, read_maps
-from relight.maps.maps import Maps
+from relight.lights import measure
+from relight.maps import LeftOut, Maps, read_info, read_maps
+from relight.photos.frame import extend
 from relight.progress import progress
 from relight.srgb import encode
 
@@ -48,7 +47,8 @@ def contact_sheet(maps_paths: list[Path], light: np.ndarray, out: Path, height: 
         if isinstance(maps, Maps):
             for v, colors in enumerate(views(maps, light)):
                 cell = Image.new("RGB", (width, height), CELL)
-                cell.paste(*fitted(grown(colors, maps.mask), maps, rows, (width, height)))
+                # Extended, for pixels that a figure covers in part but not at their centre.
+                cell.paste(*placed(extend(colors, maps.mask), maps, rows, (width, height)))
                 sheet.cell(cell, x + v * (width + GAP), y)
         else:
             room = len(VIEWS) * (width + GAP) - GAP
@@ -72,19 +72,13 @@ def read(path: Path) -> tuple[str, Maps | str]:
         return name, str(reason)
 
 
-def fitted(colors: np.ndarray, maps: Maps, rows: slice, size: tuple[int, int]) -> tuple[Image.Image, tuple[int, int]]:
+def placed(colors: np.ndarray, maps: Maps, rows: slice, size: tuple[int, int]) -> tuple[Image.Image, tuple[int, int]]:
     """The figure's own columns of a picture, and their place in a cell that `rows` fill, if they are not too wide."""
     box = rows, box_of([maps.mask])[1]
     high, wide = (side.stop - side.start for side in box)
     scale = min(size[1] / high, size[0] / wide)
     shown = max(1, round(wide * scale)), max(1, round(high * scale))
     return cut_out(colors[box], maps.coverage[box], shown), ((size[0] - shown[0]) // 2, size[1] - shown[1])
-
-
-def grown(colors: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Colours (H,W,3) of `mask` carried outward, for pixels that a figure covers in part but not at their centre."""
-    nearest = distance_transform_edt(~mask, return_distances=False, return_indices=True)
-    return colors[tuple(nearest)]
 
 
 def views(maps: Maps, light: np.ndarray) -> list[np.ndarray]:

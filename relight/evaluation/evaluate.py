@@ -30,7 +30,7 @@ def evaluate(checkpoint: Path, packed: Path, lights: Path, split: Path, settings
     sit, further views and unusual lights need not be there, and the file then holds no scores.
     """
     network, data = load(checkpoint, packed, lights, settings)
-    if nothing(data, split, settings):
+    if not has_pairs(data, split, settings):
         return write_scores(out, {})
     scores = score(lambda figure, lit: infer(network, data, figure, lit), data, split, settings)
     write_scores(out, {out.stem: scores})
@@ -92,10 +92,10 @@ def chosen_figures(data: RelitSet, split: Path, figures: str) -> np.ndarray:
     return others[data.turned[others]]
 
 
-def nothing(data: RelitSet, split: Path, settings: config.Evaluate) -> bool:
-    """Whether the set has no figure that sits, no further view or no unusual light, where these are to be scored."""
-    figures = settings.figures != "test" and not len(chosen_figures(data, split, settings.figures))
-    return figures or (settings.lights == "unusual" and not (data.light_split == "unusual").any())
+def has_pairs(data: RelitSet, split: Path, settings: config.Evaluate) -> bool:
+    """Whether the set has a figure that sits, a further view or an unusual light, where these are to be scored."""
+    figures = settings.figures == "test" or len(chosen_figures(data, split, settings.figures)) > 0
+    return figures and (settings.lights != "unusual" or bool((data.light_split == "unusual").any()))
 
 
 def score(predictor: Predictor, data: RelitSet, split: Path, settings: config.Evaluate) -> Scores:

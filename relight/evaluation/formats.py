@@ -1,221 +1,248 @@
-"""Tables as CSV (everything), Markdown, LaTeX and HTML (what is shown).
+"""Tables to be read: pandas frames of cells, written as CSV, Markdown, LaTeX and HTML.
 
 Bold is the best network of a column; n.s. (not significant) marks what the figures at hand cannot tell from it.
 """
 
-import csv
-import io
 import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
 from html import escape
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
+from relight.evaluation.comparisons import Comparison, Verdict
 from relight.evaluation.metrics import COLUMNS
-from relight.evaluation.tables import ALPHA, Cell, Row, Table, sign
+from relight.evaluation.statistics import Estimate
+from relight.evaluation.tables import LABELS, QUANTITY, READING, Cell, Table, sign, split_column
 from relight.files import whole
 
-QUANTITY = {
-    "shading": "Shading",
-    "shading_true_light": "Shading, true light",
-    "transport": "Transport",
-    "transport_with_ao": "Transport × AO",
-    "normal": "Normal",
-    "ao": "AO",
-    "light": "Light",
-    "sphere": "Sphere",
-    "albedo": "Albedo",
-    "reconstruction": "Reconstruction",
-}
-READING = {"rmse": "RMSE", "rmse_element": "RMSE per element", "ssim": "SSIM", "ssim_range2": "SSIM, range 2"}
+SIGNS = {Verdict.BETTER: "✓", Verdict.WORSE: "✗", Verdict.EQUIVALENT: "≈", Verdict.OPEN: "?"}
+LATEX = {"%": r"\%", "&": r"\&", "_": r"\_", "#": r"\#", "×": r"$\times$", "²": "$^2$", "–": "--", "∞": r"$\infty$"}
+LATEX |= {"↓": r"$\downarrow$", "↑": r"$\uparrow$", "≈": r"$\approx$", "✓": "", "✗": "", "−": "$-$"}
 
 
-def write_table(table: Table, stem: Path) -> list[Path]:
-    """Writes stem.csv, stem.md and stem.tex, each whole or not at all; returns their paths."""
-    paths = []
-    for suffix, text in (("csv", to_csv), ("md", to_markdown), ("tex", to_latex)):
-        paths.append(stem.with_suffix(f".{suffix}"))
-        with whole(paths[-1]) as tmp:
-            tmp.write_text(text(table), encoding="utf-8")
-    return paths
+@dataclass
+class Grid:
+    """A table to be read.
+
+    frame: a row per label, its cells Cell, Estimate, Verdict, str, int, float or None; its columns are flat, or pairs
+    (block, column). kinds: what each row is: "network", "baseline" or "paper"; "" where that has no meaning.
+    digits: decimals of the numbers of a column, 3 if not given.
+    """
+
+    frame: pd.DataFrame
+    kinds: list[str] = field(default_factory=list)
+    digits: dict[str, int] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, columns: list[str], rows: list[list], kinds: list[str] | None = None, **digits: int) -> "Grid":
+        """From rows of cells, of which the first is the label; `columns` names it and the others."""
+        index = pd.Index([row[0] for row in rows], name=columns[0], dtype=object)
+        frame = pd.DataFrame([row[1:] for row in rows], index, columns[1:], dtype=object)
+        return cls(frame.where(frame.notna(), None), kinds or [""] * len(rows), digits)
+
+    def blocks(self) -> list["Grid"]:
+        """One grid per block of columns, without the rows that have nothing in it."""
+        found = []
+        for block in dict.fromkeys(self.frame.columns.get_level_values(0)):
+            part = self.frame[block]
+            kept = part.notna().any(axis=1).to_numpy()
+            part = part[kept].rename_axis(index=block)
+            found.append(Grid(part, [kind for kind, one in zip(self.kinds, kept) if one], self.digits))
+        return found
+
+    def texts(self, style: "Style") -> pd.DataFrame:
+        """The frame with every cell, label and head as text."""
+        heads = [h if isinstance(h, tuple) else (h,) for h in self.frame.columns]
+        cells = [
+            [style.cell(value, self.digits.get(head[-1], 3)) for value, head in zip(row, heads)]
+            for row in self.frame.itertuples(index=False, name=None)
+        ]
+        labels = [style.label(str(label), kind) for label, kind in zip(self.frame.index, self.kinds)]
+        escaped = [tuple(map(style.escape, head)) for head in heads]
+        columns = pd.MultiIndex.from_tuples(escaped) if heads and len(heads[0]) > 1 else [head[0] for head in escaped]
+        return pd.DataFrame(cells, pd.Index(labels, name=style.escape(self.frame.index.name or "")), columns)
+
+    def statistics(self) -> pd.DataFrame:
+        """The frame for programs: each estimate as its mean, low and high, to six significant digits."""
+        made = {}
+        for column in self.frame:
+            values = list(self.frame[column])
+            if any(isinstance(value, Estimate) for value in values):
+                for end, name in (("", "mean"), (", low", "low"), (", high", "high")):
+                    made[f"{column}{end}"] = [getattr(value, name, np.nan) for value in values]
+            else:
+                made[column] = values
+        return pd.DataFrame(made, self.frame.index).map(lambda v: float(f"{v:.6g}") if isinstance(v, float) else v)
 
 
-def split_column(column: str) -> tuple[str, str]:
-    """shading_true_light_rmse -> (shading_true_light, rmse)."""
-    reading = max((r for r in READING if column.endswith(f"_{r}")), key=len)
-    return column.removesuffix(f"_{reading}"), reading
+@dataclass
+class Style:
+    """How a format writes a label, a number, its margin and its marks; {} stands for the text."""
+
+    bold: str
+    italic: str
+    margin: str
+    undecided: str
+    escape: Callable[[str], str]
+
+    def label(self, text: str, kind: str) -> str:
+        text = self.escape(text if kind != "paper" else f"{text}, as printed")
+        return self.italic.format(text) if kind == "baseline" else text
+
+    def cell(self, value: object, digits: int) -> str:
+        if value is None:
+            return ""
+        if isinstance(value, Cell):
+            return self.estimate(value.estimate, digits, value.best) + self.undecided * value.undecided
+        if isinstance(value, Estimate):
+            return self.estimate(value, digits)
+        if isinstance(value, Verdict):
+            return self.escape(f"{SIGNS[value]} {value.value}").strip()
+        if isinstance(value, float):
+            return self.escape(number(value, digits))
+        return self.escape(str(value))
+
+    def estimate(self, one: Estimate, digits: int, best: bool = False) -> str:
+        mean, margin = (self.escape(number(value, digits)) for value in (one.mean, one.margin))
+        return (self.bold if best else "{}").format(mean) + self.margin.format(margin)
 
 
-def blocks(table: Table, columns: tuple[str, ...]) -> dict[str, list[str]]:
-    """The columns by reading, without those that no row has."""
-    found: dict[str, list[str]] = {}
-    for column in columns:
-        if any(column in row.cells for row in table.rows):
-            found.setdefault(split_column(column)[1], []).append(column)
-    return found
+MARKDOWN = Style("**{}**", "*{}*", " ± {}", " n.s.", lambda text: text.replace("|", "\\|"))
+TEX = Style(
+    r"\textbf{{{}}}",
+    r"\textit{{{}}}",
+    r"{{\tiny$\pm${}}}",
+    r"$^{\mathrm{n.s.}}$",
+    lambda text: text.translate(str.maketrans(LATEX)),
+)
+HTML = Style("<b>{}</b>", "{}", "<small>±{}</small>", "<i>n.s.</i>", escape)
 
 
-def legend(table: Table) -> str:
-    """What the numbers are, in words."""
-    if not table.rows:
-        return "The data set has no figure, or no light, of this kind: there is nothing to compare."
-    trainings = {row.trainings for row in table.rows if not row.baseline}
-    several = f"{min(trainings)} to {max(trainings)}" if len(trainings) > 1 else f"{max(trainings)}"
-    once = "1 training" if several == "1" else f"{several} trainings"
-    text = (
-        f"Means over {count(table.figures, 'test figure')} under {count(table.lights, 'test light')}, {once} a row; "
-        "± is half the 95 % interval, from a bootstrap over figures"
+def to_markdown(grid: Grid) -> str:
+    return grid.texts(MARKDOWN).to_markdown(disable_numparse=True)
+
+
+def to_latex(grid: Grid) -> str:
+    """A tabular (package booktabs), with a rule before baselines and before printed values."""
+    texts = grid.texts(TEX).rename_axis(index=None)
+    lines = texts.to_latex(escape=False, multicolumn_format="c", column_format="l" + "c" * texts.shape[1]).splitlines()
+    body = lines.index(r"\midrule") + 1
+    for place in range(len(grid.kinds) - 1, 0, -1):
+        if grid.kinds[place] != grid.kinds[place - 1]:
+            lines.insert(body + place, r"\midrule")
+    return "\n".join([*lines, ""])
+
+
+def write_tables(
+    stem: Path, title: str, note: str, statistics: pd.DataFrame, shown: Grid, more: Sequence[Grid] = ()
+) -> None:
+    """Writes stem.csv (all numbers), stem.md and stem.tex (what is shown), each whole or not at all.
+
+    Args:
+        stem: path without suffix.
+        title: of the table, plain text.
+        note: what the numbers are, in Markdown.
+        statistics: the numbers, each in a column.
+        shown: the table itself; LaTeX has it whole, Markdown by blocks where it has any.
+        more: further grids for the Markdown file.
+    """
+    parts = [f"## {title}", note, *map(to_markdown, blocks(shown))]
+    parts += ["### Other readings of the same scores"] * bool(more) + [to_markdown(grid) for grid in more]
+    comments = [f"% {line}" for line in [f"{title}. Needs \\usepackage{{booktabs}}.", *note.splitlines()]]
+    texts = {
+        ".csv": statistics.to_csv(index=statistics.index.name is not None, lineterminator="\n"),
+        ".md": "\n\n".join(parts) + "\n",
+        ".tex": "\n".join([*comments, to_latex(shown)]),
+    }
+    for suffix, text in texts.items():
+        with whole(stem.with_suffix(suffix)) as tmp:
+            tmp.write_text(text, encoding="utf-8")
+
+
+def blocks(grid: Grid) -> list[Grid]:
+    """The grid by blocks of columns, or alone where it has none."""
+    return grid.blocks() if grid.frame.columns.nlevels > 1 else [grid]
+
+
+def score_grid(table: Table, columns: tuple[str, ...]) -> Grid:
+    """The cells of a table in some of its columns, a block per reading."""
+    found = [column for part in table.blocks(columns).values() for column in part]
+    heads = []
+    for quantity, reading in map(split_column, found):
+        heads.append((f"{READING[reading]} {'↓' if sign(f'_{reading}') > 0 else '↑'}", QUANTITY[quantity]))
+    rows = [row for row in table.rows if any(column in row.cells for column in found)]
+    printed = {row: v for row, v in table.printed.items() if any(column in v for column in found)}
+    cells = [[row.cells.get(c) for c in found] for row in rows] + [[v.get(c) for c in found] for v in printed.values()]
+    labels = [row.label for row in rows] + [LABELS[row] for row in printed]
+    kinds = ["baseline" if row.baseline else "network" for row in rows] + ["paper"] * len(printed)
+    frame = pd.DataFrame(
+        cells, labels, pd.MultiIndex.from_arrays([[head[i] for head in heads] for i in (0, 1)]), dtype=object
     )
-    text += " and the spread of the trainings" if max(trainings) > 1 else ""
-    return text + (
-        ". Bold: the best network of the column; n.s.: a paired test cannot tell it from the best "
-        f"(p ≥ {ALPHA}, Holm's correction over the table). RMSE is inside the mask, over pixels of the vector norm "
-        "(light: over coefficients); SSIM is inside the mask's bounding box. Rows in italics look at no picture."
-    )
+    return Grid(frame.where(frame.notna(), None), kinds)
 
 
-def count(number: int, noun: str) -> str:
-    return f"{number} {noun}" if number == 1 else f"{number} {noun}s"
+def other_columns(table: Table) -> tuple[str, ...]:
+    """The columns that a table holds and does not show."""
+    return tuple(column for column in COLUMNS if column not in table.columns)
 
 
-def to_csv(table: Table) -> str:
-    """All columns, shown or not: mean, interval, and Holm-corrected p-value of the difference from the best network."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    columns = [column for part in blocks(table, COLUMNS).values() for column in part]
-    parts = ("", "_low", "_high", "_p")
-    writer.writerow(["row", "kind", "trainings", *(column + part for column in columns for part in parts)])
-    for row in table.rows:
-        values = [_csv(row.cells.get(column)) for column in columns]
-        kind = "baseline" if row.baseline else "network"
-        writer.writerow([row.name, kind, row.trainings, *(value for cell in values for value in cell)])
-    for label, printed in table.printed.items():
-        values = [(f"{printed[c]:.3f}" if c in printed else "", "", "", "") for c in columns]
-        writer.writerow([label, "paper", 1, *(value for cell in values for value in cell)])
-    return out.getvalue()
-
-
-def _csv(cell: Cell | None) -> tuple[str, str, str, str]:
-    if cell is None:
-        return "", "", "", ""
-    one = cell.estimate
-    p = "" if cell.p is None else f"{cell.p:.4g}"
-    return f"{one.mean:.5f}", f"{one.low:.5f}", f"{one.high:.5f}", p
-
-
-def number(value: float) -> str:
-    """Three decimals, without the leading zero, as the margins are written."""
-    return "∞" if np.isinf(value) else re.sub(r"^(-?)0\.", r"\1.", f"{value:.3f}")
-
-
-def to_markdown(table: Table) -> str:
-    """One table per reading, the shown columns; then the paper's own numbers, then all other columns."""
-    out = [f"## {table.title}", "", legend(table), ""]
-    for part in (table.columns, tuple(column for column in COLUMNS if column not in table.columns)):
-        if part is not table.columns:
-            out += ["### Other readings of the same scores", ""]
-        for reading, columns in blocks(table, part).items():
-            arrow = "↓" if sign(columns[0]) > 0 else "↑"
-            out += [
-                f"| {READING[reading]} {arrow} | " + " | ".join(QUANTITY[split_column(c)[0]] for c in columns) + " |"
-            ]
-            out += ["|---|" + "---|" * len(columns)]
-            for row in table.rows:
-                if not any(column in row.cells for column in columns):
-                    continue
-                label = f"*{row.label}*" if row.baseline else row.label
-                out += [f"| {label} | " + " | ".join(_markdown(row.cells.get(c)) for c in columns) + " |"]
-            for label, printed in table.printed.items():
-                if any(column in printed for column in columns):
-                    values = (number(printed[c]) if c in printed else "" for c in columns)
-                    out += [f"| {label} | " + " | ".join(values) + " |"]
-            out += [""]
-    return "\n".join(out)
-
-
-def _markdown(cell: Cell | None) -> str:
-    if cell is None:
-        return ""
-    mean = number(cell.estimate.mean)
-    mark = " n.s." if cell.undecided else ""
-    return f"{f'**{mean}**' if cell.best else mean} ± {number(cell.estimate.margin)}{mark}"
-
-
-def to_latex(table: Table) -> str:
-    """A tabular of the shown columns (package booktabs)."""
-    parts = blocks(table, table.columns)
-    columns = [column for part in parts.values() for column in part]
-    rules = " ".join(f"\\cmidrule(lr){{{a}-{b}}}" for a, b in _spans(parts))
-    arrows = {reading: "\\downarrow" if sign(part[0]) > 0 else "\\uparrow" for reading, part in parts.items()}
-    heads = [f"\\multicolumn{{{len(part)}}}{{c}}{{{READING[r]} ${arrows[r]}$}}" for r, part in parts.items()]
-    lines = [
-        f"% {table.title}. Needs \\usepackage{{booktabs}}.",
-        f"% {legend(table).replace('%', chr(92) + '%')}",
-        "\\begin{tabular}{l" + "".join("c" * len(part) for part in parts.values()) + "}",
-        "\\toprule",
-        " & " + " & ".join(heads) + " \\\\ " + rules,
-        " & " + " & ".join(QUANTITY[split_column(c)[0]].replace("×", "$\\times$") for c in columns) + " \\\\",
-        "\\midrule",
+def comparison_grid(found: dict[str, dict[str, Comparison]]) -> Grid:
+    """Comparisons by what is compared and column: both means, the relative gain, its interval, p and verdict."""
+    rows = [
+        [
+            what,
+            column_name(c.column),
+            c.first,
+            c.second,
+            percent(c.relative),
+            interval(c.gains),
+            p_value(c.p),
+            c.verdict,
+        ]
+        for what, ones in found.items()
+        for c in ones.values()
     ]
-    baseline = False
-    for row in table.rows:
-        if row.baseline and not baseline:
-            lines.append("\\midrule")
-            baseline = True
-        if any(column in row.cells for column in columns):
-            label = f"\\textit{{{row.label}}}" if row.baseline else row.label
-            lines.append(" & ".join([label, *(_latex(row.cells.get(c)) for c in columns)]) + " \\\\")
-    if table.printed:
-        lines.append("\\midrule")
-    for label, printed in table.printed.items():
-        values = [number(printed[c]) if c in printed else "--" for c in columns]
-        lines.append(" & ".join([label, *values]) + " \\\\")
-    return "\n".join([*lines, "\\bottomrule", "\\end{tabular}", ""])
+    heads = ["compared", "in", "first", "second", "first better by", "95 % interval", "p", "the first is"]
+    return Grid.of(heads, rows)
 
 
-def _spans(parts: dict[str, list[str]]) -> list[tuple[int, int]]:
-    ends = np.cumsum([1, *(len(part) for part in parts.values())])
-    return [(int(a) + 1, int(b)) for a, b in pairwise(ends)]
+def column_name(column: str) -> str:
+    """shading_rmse -> shading RMSE."""
+    quantity, reading = split_column(column)
+    words = QUANTITY[quantity]
+    return f"{words if words.isupper() else words[0].lower() + words[1:]} {READING[reading]}"
 
 
-def _latex(cell: Cell | None) -> str:
-    if cell is None:
-        return "--"
-    mean = number(cell.estimate.mean)
-    margin = number(cell.estimate.margin).replace("∞", "$\\infty$")
-    text = f"{f'{chr(92)}textbf{{{mean}}}' if cell.best else mean}{{\\tiny$\\pm${margin}}}"
-    return f"{text}$^{{\\mathrm{{n.s.}}}}$" if cell.undecided else text
+def number(value: float, digits: int = 3) -> str:
+    """Fixed decimals without the leading zero, as the margins are written: .123, −.5, ∞."""
+    if not np.isfinite(value):
+        return "∞" if value > 0 else "−∞"
+    text = re.sub(r"^(-?)0\.", r"\1.", f"{value:.{digits}f}")
+    return text.replace("-", "−") if float(f"{value:.{digits}f}") else text.removeprefix("-")
 
 
-def to_html(table: Table, columns: tuple[str, ...] | None = None) -> str:
-    """The tables of `columns` (the shown ones if None), one per reading, as a fragment for `page.build_page`."""
-    out = []
-    for reading, part in blocks(table, columns or table.columns).items():
-        arrow = "lower is better" if sign(part[0]) > 0 else "higher is better"
-        heads = "".join(f"<th scope=col>{QUANTITY[split_column(c)[0]]}" for c in part)
-        out.append("<div class=scroll><table class=scores><thead><tr>")
-        out.append(f"<th scope=col>{READING[reading]} <small>{arrow}</small>{heads}<tbody>")
-        rows = [row for row in table.rows if any(c in row.cells for c in part)]
-        for row in rows:
-            out.append(f"<tr{' class=baseline' if row.baseline else ''}><th scope=row>{escape(row.label)}")
-            out.extend(_html(row, c) for c in part)
-        for label, printed in table.printed.items():
-            if any(c in printed for c in part):
-                out.append(f"<tr class=paper><th scope=row>{escape(label)}")
-                out.extend(f"<td>{number(printed[c]) if c in printed else ''}" for c in part)
-        out.append("</table></div>")
-    return "\n".join(out)
+def signed(value: float, digits: int = 3) -> str:
+    """With its sign, + too; none for what rounds to zero."""
+    text = number(value, digits)
+    return f"+{text}" if value > 0 and float(f"{value:.{digits}f}") else text
 
 
-def _html(row: Row, column: str) -> str:
-    cell = row.cells.get(column)
-    if cell is None:
-        return "<td>"
-    one, mean = cell.estimate, number(cell.estimate.mean)
-    hint = f"{mean}, 95 % interval {number(one.low)} to {number(one.high)}"
-    if cell.against is not None:
-        hint += f"; {number(abs(cell.against.mean))} from the best, p = {cell.p:.3g}"
-    text = f"<b>{mean}</b>" if cell.best else mean
-    mark = "<i>n.s.</i>" if cell.undecided else ""
-    return f'<td title="{hint}">{text}<small>±{number(one.margin)}</small>{mark}'
+def interval(ends: tuple[float, float]) -> str:
+    return " to ".join(map(signed, ends))
+
+
+def percent(value: float) -> str:
+    text = f"{100 * value:+.1f} %".replace("-", "−")
+    return text if text[1:] != "0.0 %" else text[1:]
+
+
+def p_value(p: float) -> str:
+    return "< .0001" if p < 1e-4 else f"{p:.2g}".removeprefix("0")
+
+
+def count(many: int, noun: str) -> str:
+    """1 figure, 2 figures."""
+    return f"{many} {noun}" if many == 1 else f"{many} {noun}s"

@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from relight.sh.irradiance import unoccluded
+from relight.sh import unoccluded
 
 WINDOW = 7  # scikit-image's default
 OLD_RANGE = 2.0  # what scikit-image < 0.16 took for float images
@@ -34,7 +34,7 @@ RANGE = {
 READINGS = ("rmse", "rmse_element", "ssim", "ssim_range2")
 COLUMNS = tuple(f"{quantity}_{reading}" for quantity in RANGE for reading in READINGS)
 # What tells whether shading and albedo have changed places: of no table, but in the scores.
-SIGNS = ("shading_contrast", "albedo_share")
+COLLAPSE = ("shading_contrast", "albedo_share")
 COMMON = 9  # coefficients in which maps and lights are compared, whatever their order
 
 
@@ -164,7 +164,7 @@ class Truth:
         return _readings(quantity or name, rmse(values, truth), values.shape[-1], similarity)
 
     def score(self, inferred: Inferred) -> dict[str, np.ndarray]:
-        """Every column of COLUMNS that `inferred` has a say in, and SIGNS, each (N,) float64.
+        """Every column of COLUMNS that `inferred` has a say in, and COLLAPSE, each (N,) float64.
 
         The shading and the reconstruction use the truth for what `inferred` leaves out.
         """

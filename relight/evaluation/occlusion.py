@@ -1,24 +1,24 @@
 """How much the figures shadow themselves: what separates a data set of folded cloth from one of bare bodies."""
 
-import csv
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
-from relight.files import UserError, existing, whole
-from relight.maps.exr import LeftOut, read_maps
-from relight.maps.maps import Maps
+from relight.evaluation.scores import read_table
+from relight.files import whole
+from relight.maps import LeftOut, Maps, read_maps
 from relight.progress import progress
-from relight.sh.basis import order_of
-from relight.sh.irradiance import unoccluded
+from relight.sh import order_of, unoccluded
 
 DARK = 0.5
 BINS = 20  # of ambient occlusion, over [0, 1]
 NUMBERS = ("ao", "dark", "lost")
-UNTOLD = "scan, not told"  # pose or garments of a figure whose info names none
-BETWEEN = "; "  # garments in a cell of the table
+UNKNOWN = "scan, unknown"  # pose or garments of a figure whose info names none
+SEPARATOR = "; "  # between garments in a cell of the table
+HEADS = ["name", "pose", "garments", "pixels", *NUMBERS, *(f"ao_{i / BINS:.2f}" for i in range(BINS))]
 
 
 @dataclass
@@ -57,8 +57,8 @@ def occlusion(maps: Maps) -> Occlusion:
     counts = np.histogram(np.clip(ao, 0, 1), BINS, (0, 1))[0]
     return Occlusion(
         maps.info.get("name", ""),
-        maps.info.get("pose", UNTOLD),
-        maps.info.get("garments", [UNTOLD]),
+        maps.info.get("pose", UNKNOWN),
+        maps.info.get("garments", [UNKNOWN]),
         int(maps.mask.sum()),
         float(ao.mean()),
         float((ao < DARK).mean()),
@@ -75,30 +75,25 @@ def occlusions(maps_paths: list[Path], out: Path) -> list[Occlusion]:
             found.append(occlusion(read_maps(path)))
         except LeftOut:
             continue
-    bins = [f"ao_{i / BINS:.2f}" for i in range(BINS)]
-    with whole(out) as tmp, open(tmp, "w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["name", "pose", "garments", "pixels", *NUMBERS, *bins])
-        for one in found:
-            numbers = [*(getattr(one, number) for number in NUMBERS), *one.histogram]
-            names = [one.name, one.pose, BETWEEN.join(one.garments)]
-            writer.writerow([*names, one.pixels, *(f"{value:.5f}" for value in numbers)])
+    rows = [
+        [one.name, one.pose, SEPARATOR.join(one.garments), one.pixels, one.ao, one.dark, one.lost, *one.histogram]
+        for one in found
+    ]
+    with whole(out) as tmp:
+        pd.DataFrame(rows, columns=HEADS).to_csv(tmp, index=False, float_format="%.5f", lineterminator="\n")
     return found
 
 
 def read_occlusions(path: Path) -> list[Occlusion]:
-    """What `occlusions` wrote, to five decimals. UserError for another table."""
-    with open(existing(path, "occlusion of the figures"), newline="") as file:
-        rows = list(csv.reader(file))
-    if not rows or rows[0][4:7] != list(NUMBERS) or any(len(row) != 7 + BINS for row in rows):
-        raise UserError(
-            f"{path} is not a table of occlusion: it must have name, pose, garments, pixels, ao, dark, lost"
-        )
+    """What `occlusions` wrote, to five decimals.
+
+    Raises:
+        UserError: it is another table.
+    """
+    table = read_table(path, "occlusion", HEADS, "relight-sheets")
     return [
-        Occlusion(
-            *row[:2], row[2].split(BETWEEN), int(row[3]), *map(float, row[4:7]), np.array(row[7:], dtype=np.float64)
-        )
-        for row in rows[1:]
+        Occlusion(row[0], row[1], row[2].split(SEPARATOR), *row[3:7], np.array(row[7:], np.float64))
+        for row in table[HEADS].itertuples(index=False, name=None)
     ]
 
 

@@ -1,13 +1,32 @@
-"""The numbers printed in the paper (Kanamori and Endo 2018, Tables 1 and 2): facts to compare with.
+"""What the paper prints (Kanamori and Endo 2018): its reference, its tables, and what it argues with.
 
-They were measured by others, on scanned figures that are not public, at 1024 px, with no spread given.
+The values were measured by others, on scanned figures that are not public, at 1024 px, with no spread given.
 """
+
+CITATION = {
+    "authors": "Yoshihiro Kanamori and Yuki Endo",
+    "title": "Relighting Humans: Occlusion-Aware Inverse Rendering for Full-Body Human Images",
+    "venue": "ACM Transactions on Graphics 37(6), article 270, 2018 (SIGGRAPH Asia)",
+    "doi": "10.1145/3272127.3275104",
+}
 
 # Mean ambient occlusion of the paper's scans, and the root mean square of |T - T_unoccluded| over their pixels, as its
 # tables imply them: nothing of the kind is printed.
 IMPLIED_AO, IMPLIED_LOST = 0.83, 0.25
+SECONDS = 0.43  # to infer a picture of 1024 px on a GeForce GTX 1080 Ti (section 1)
 
 QUANTITIES = ("shading", "transport", "normal", "ao", "light", "albedo")
+
+# (the better row in the paper's words, the worse, what it shows): section 6.1 and the discussion of Table 2.
+ARGUMENTS = (
+    ("ours_min", "sfsnet", "knowing occlusion helps"),
+    ("ours_full", "sfsnet", "knowing occlusion helps"),
+    ("ours_full", "sfsnet_ao", "transport beats ambient occlusion"),
+    ("ours_full", "ours_min", "the fifteen losses beat four"),
+    ("ours_full", "no_tv", "total variation matters"),
+    ("ours_full", "no_shading", "the shading losses matter"),
+    ("ours_full", "no_reconstruction", "the reconstruction losses matter"),
+)
 
 _PRINTED = {  # RMSE of the six quantities, then SSIM; None where the paper has N/A or no column
     "sfsnet": (0.299, 0.526, 0.346, None, 0.207, 0.135, 0.884, 0.755, 0.776, None, 0.446, 0.954),

@@ -14,29 +14,26 @@ Each differs from the next by one cause, which has its name:
 The mean product of the differences of two independent renderings is free of the noise that one square would hold.
 """
 
-import csv
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from relight import config
 from relight.evaluation.evaluate import infer, load, truth
-from relight.evaluation.formats import count
+from relight.evaluation.formats import Grid
 from relight.evaluation.metrics import Inferred, Truth, shade
-from relight.evaluation.panel import Cell, Line, draw_panel
-from relight.evaluation.plain import Plain
-from relight.evaluation.plates import Subject, subject
+from relight.evaluation.panels import Line, Subject, View, draw, spaced
+from relight.evaluation.scores import read_table, row_of
 from relight.evaluation.statistics import estimate, resample_weights
 from relight.evaluation.tables import LABELS
 from relight.evaluation.tracing import Scene, read_scenes
-from relight.evaluation.transfer import spread
-from relight.files import UserError, existing, whole
+from relight.files import UserError, whole
 from relight.learning.data import RelitSet
 from relight.progress import progress
-from relight.sh.irradiance import unoccluded
+from relight.sh import unoccluded
 
 CAUSES = {
     "network": "what the network infers",
@@ -130,56 +127,43 @@ def evaluate_traced(
                 made += [("answer", answer, chain.own[answer], chain.full) for answer in ANSWERS]
                 made += [("cause", *step) for step in chain.steps()]
             rows += [[kind, label, *key, *chain.measured(before, after)] for kind, label, before, after in made]
-    with whole(out) as tmp, open(tmp, "w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow(["kind", "name", "figure", "light", *COLUMNS])
-        writer.writerows([*row[:4], *(f"{value:.6g}" for value in row[4:])] for row in rows)
+    table = pd.DataFrame(rows, columns=["kind", "name", "figure", "light", *COLUMNS])
+    with whole(out) as tmp:
+        table.to_csv(tmp, index=False, float_format="%.6g", lineterminator="\n")
 
 
-def traced_tables(path: Path, settings: config.Evaluate) -> dict[str, Plain]:
-    """The causes and the answers of a CSV of `evaluate_traced`, as tables; the trainings of a row are averaged."""
-    with open(existing(path, "scores against path tracing"), newline="") as file:
-        found = list(csv.DictReader(file))
-    if not found or list(found[0]) != ["kind", "name", "figure", "light", *COLUMNS]:
-        raise UserError(f"{path} is not a table of errors against path tracing")
-    figures = list(dict.fromkeys(row["figure"] for row in found))
-    weights = resample_weights(len(figures), settings.bootstrap, settings.seed)
+def tables(path: Path, settings: config.Evaluate) -> dict[str, Grid]:
+    """The answers and the causes of a CSV of `evaluate_traced`, as tables; the trainings of a row are averaged.
 
-    def lines(kind: str, labels: dict[str, str]) -> list[list]:
-        """A row per name, networks by row, in the order of `labels`."""
-        values: dict[str, list[list[float]]] = {}
-        for one in found:
-            if one["kind"] == kind:
-                label = labels[re.sub(r"\.s\d+$", "", one["name"])]
-                values.setdefault(label, []).append([100 * float(one[column]) for column in COLUMNS])
-        made = []
-        for label in (label for label in labels.values() if label in values):
-            numbers = np.array(values[label]).reshape(-1, len(figures), len(COLUMNS))
-            estimates = [estimate(numbers[..., i], weights, settings.seed + i) for i in range(len(COLUMNS))]
-            estimates[0] = estimate(numbers[..., 0] / 100, weights, settings.seed)
-            made.append([label, *estimates])
-        return made
-
-    rows = dict.fromkeys(re.sub(r"\.s\d+$", "", row["name"]) for row in found if row["kind"] == "answer")
-    networks = {row: LABELS.get(row, row) for row in rows if row not in ANSWERS}
+    Raises:
+        UserError: the file is no such table.
+    """
+    found = read_table(
+        path, "errors against path tracing", ["kind", "name", "figure", "light", *COLUMNS], "relight-path-traced"
+    )
+    found["row"] = found["name"].map(row_of)
+    figures = found["figure"].nunique()
+    weights = resample_weights(figures, settings.bootstrap, settings.seed)
+    networks = {row: LABELS.get(row, row) for row in found[found.kind == "answer"].row.unique() if row not in ANSWERS}
     causes = {f"network:{row}": f"{CAUSES['network']}: {label}" for row, label in networks.items()}
     causes |= {name: words for name, words in CAUSES.items() if name != "network"}
-    heads = {"": None, "RMSE": 4, "relative, %": 1, "mean, %": 1}
-    many = f"Means over {count(len(figures), 'relit test figure')}, ± half the 95 % interval (bootstrap over figures). "
-    units = (
-        "RMSE is over the mask, of the vector norm; relative is that over the root mean square of the traced picture; "
-        "mean is the mean difference over the mean of the traced picture. The tracer's noise is taken out."
-    )
-    first = many + "Each cause is the difference of two neighbours in the chain of pictures; " + units
-    second = many + "Whole pictures against path tracing with interreflection; " + units
-    answers = lines("answer", {**networks, **ANSWERS})
-    apart = frozenset(range(len(answers) - len(ANSWERS), len(answers)))
-    return {
-        "path_traced_causes": Plain(
-            "What lies between a relit picture and path tracing", heads, lines("cause", causes), first
-        ),
-        "path_traced": Plain("Relit pictures against path tracing", heads, answers, second, apart),
-    }
+
+    def grid(kind: str, labels: dict[str, str]) -> Grid:
+        """A row per name, in the order of `labels`."""
+        rows, kinds = [], []
+        for name, label in labels.items():
+            values = found.loc[(found.kind == kind) & (found.row == name), list(COLUMNS)].to_numpy()
+            if len(values):
+                numbers = values.reshape(-1, figures, len(COLUMNS)) * [1, 100, 100]
+                rows.append(
+                    [label, *(estimate(numbers[..., i], weights, settings.seed + i) for i in range(len(COLUMNS)))]
+                )
+                kinds.append("baseline" if name in ANSWERS else "network")
+        return Grid.of(
+            ["", "RMSE", "relative, %", "mean, %"], rows, kinds, **{"RMSE": 4, "relative, %": 1, "mean, %": 1}
+        )
+
+    return {"path_traced_causes": grid("cause", causes), "path_traced": grid("answer", {**networks, **ANSWERS})}
 
 
 def traced_plate(
@@ -195,13 +179,14 @@ def traced_plate(
         network, data = load(checkpoint, packed, lights, settings)
         if not chains:
             linear = data.color == "photo"
-            chains = [Chain.of(data, scene) for scene in spread(read_scenes(traced), settings.plates)]
-            subjects = [subject(data, c.scene.figure, np.array([c.scene.seen])) for c in chains]
+            scenes = read_scenes(traced)
+            chains = [Chain.of(data, scenes[i]) for i in spaced(len(scenes), settings.plates)]
+            subjects = [Subject.of(data, c.scene.figure, np.array([c.scene.seen])) for c in chains]
             relit = [[] for _ in chains]
         for chain, pictures in zip(chains, relit):
             said = infer(network, data, chain.scene.figure, np.array([chain.scene.seen]))
             pictures.append(chain.relight(said))
-    lines = [Line(s.name, s, cells(chain, pictures)) for s, chain, pictures in zip(subjects, chains, relit)]
+    lines = [Line(s.name, s, views(chain, pictures)) for s, chain, pictures in zip(subjects, chains, relit)]
     labels = [LABELS.get(name, name) for name in networks]
     heads = ["input", *(f"relit by {label}" for label in labels), "true maps, relit", "path traced"]
     heads += [*(f"error of {label}" for label in labels), "error of the true maps", "inter-reflection"]
@@ -209,15 +194,15 @@ def traced_plate(
         "Relit by the panorama of a test light, whose sphere stands in the corner as networks and maps know it, by its "
         "coefficients. Errors are against the path traced picture and hold its noise."
     )
-    draw_panel(heads, lines, linear, WORST, words).save(out)
+    draw(heads, lines, linear, WORST, words).save(out)
 
 
-def cells(chain: Chain, relit: list[np.ndarray]) -> list[Cell]:
+def views(chain: Chain, relit: list[np.ndarray]) -> list[View]:
     """A row of the plate."""
     goal, true, light = chain.full.mean(0), chain.own["truth"], chain.scene.light
     direct = chain.albedo * chain.scene.direct.mean(0)
     return [
-        Cell(chain.own["as_it_is"], light=chain.truth.lights[0]),
-        *(Cell(picture, light=light) for picture in [*relit, true, goal]),
-        *(Cell(error=np.linalg.norm(picture - goal, axis=-1)) for picture in [*relit, true, direct]),
+        View(chain.own["as_it_is"], light=chain.truth.lights[0]),
+        *(View(picture, light=light) for picture in [*relit, true, goal]),
+        *(View(error=np.linalg.norm(picture - goal, axis=-1)) for picture in [*relit, true, direct]),
     ]

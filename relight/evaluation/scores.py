@@ -1,15 +1,16 @@
 """The scores of predictors: a table with one row per predictor, test figure and test light, as CSV and in memory."""
 
-import csv
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
-from relight.evaluation.metrics import COLUMNS, SIGNS
+from relight.evaluation.metrics import COLLAPSE, COLUMNS
 from relight.files import UserError, existing, whole
 
-KEYS = ("predictor", "figure", "light")
+KEYS = ["predictor", "figure", "light"]
 
 
 @dataclass
@@ -24,45 +25,81 @@ class Scores:
         """(F,) the mean over lights of each figure: what the bootstrap over figures resamples."""
         return self.columns[column].mean(1)
 
+    def frame(self, predictor: str) -> pd.DataFrame:
+        """One row per figure and light, under the name of the predictor."""
+        pairs = pd.MultiIndex.from_product([[predictor], self.figures, self.lights], names=KEYS)
+        frame = pd.DataFrame({name: values.ravel() for name, values in self.columns.items()}, pairs)
+        return frame.reindex(columns=[*COLUMNS, *COLLAPSE]).reset_index()
+
 
 def write_scores(path: Path, scores: dict[str, Scores]) -> None:
-    """Writes the CSV of some predictors, six significant digits, blanks for NaN; whole or not at all."""
-    with whole(path) as tmp, open(tmp, "w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow([*KEYS, *COLUMNS, *SIGNS])
-        for predictor, one in scores.items():
-            blank = np.full((len(one.figures), len(one.lights)), np.nan)
-            grid = np.stack([one.columns.get(column, blank) for column in (*COLUMNS, *SIGNS)], -1)
-            for figure, rows in zip(one.figures, grid):
-                for light, values in zip(one.lights, rows):
-                    cells = ("" if np.isnan(value) else f"{value:.6g}" for value in values)
-                    writer.writerow([predictor, figure, light, *cells])
+    """Writes the scores of some predictors as CSV, six significant digits, blanks for NaN; whole or not at all."""
+    frames = [one.frame(predictor) for predictor, one in scores.items()]
+    table = pd.concat(frames) if frames else pd.DataFrame(columns=[*KEYS, *COLUMNS, *COLLAPSE])
+    with whole(path) as tmp:
+        table.to_csv(tmp, index=False, float_format="%.6g", lineterminator="\n")
 
 
 def read_scores(path: Path) -> dict[str, Scores]:
-    """Reads what `write_scores` wrote: {} where there was nothing to score. UserError on a file that is not full grids
-    of figure x light."""
-    with open(existing(path, "scores"), newline="") as file:
-        reader = csv.DictReader(file)
-        rows = list(reader)
+    """Reads what `write_scores` wrote; {} where there was nothing to score.
+
+    Raises:
+        UserError: the file is no table of scores, or not every figure has every light.
+    """
+    table = read_table(path, "scores", KEYS, "relight-evaluate")
     try:
-        if not set(KEYS) <= set(reader.fieldnames or ()):
-            raise ValueError(f"it lacks the columns {', '.join(KEYS)}")
-        names = [name for name in reader.fieldnames if name not in KEYS]
-        return {
-            predictor: _grid([row for row in rows if row["predictor"] == predictor], names)
-            for predictor in dict.fromkeys(row["predictor"] for row in rows)
-        }
-    except (KeyError, ValueError, TypeError) as error:
+        return {name: _grid(rows) for name, rows in table.groupby("predictor", sort=False)}
+    except ValueError as error:
         raise UserError(f"{path} is not a table of scores, as relight-evaluate writes it ({error})") from None
 
 
-def _grid(rows: list[dict[str, str]], names: list[str]) -> Scores:
-    figures = list(dict.fromkeys(row["figure"] for row in rows))
-    lights = list(dict.fromkeys(int(row["light"]) for row in rows))
-    if [(row["figure"], int(row["light"])) for row in rows] != [(f, l) for f in figures for l in lights]:
+def read_table(path: Path, what: str, columns: list[str], writer: str) -> pd.DataFrame:
+    """Reads a CSV that a stage wrote; blanks are NaN, and no other word is.
+
+    Args:
+        path: the file.
+        what: what it holds, for messages.
+        columns: those that it must have.
+        writer: the command that writes such files.
+
+    Raises:
+        UserError: the file is missing, is not CSV, or lacks one of the columns.
+    """
+    try:
+        names = {"predictor": str, "figure": str, "name": str}
+        table = pd.read_csv(existing(path, what), dtype=names, keep_default_na=False, na_values=[""])
+    except ValueError as error:
+        raise UserError(f"{path} is not a table of {what}, as {writer} writes it ({error})") from None
+    if missing := [column for column in columns if column not in table]:
+        raise UserError(f"{path} is not a table of {what}, as {writer} writes it (no column {', '.join(missing)})")
+    return table
+
+
+def row_of(run: str) -> str:
+    """The row of a training: `ours_full.s0` -> `ours_full`."""
+    return re.sub(r"\.s\d+$", "", run)
+
+
+def gather(paths: list[Path]) -> dict[str, list[Scores]]:
+    """Scores by row, one per training, from files whose predictors are called `row` or `row.s<seed>`.
+
+    Raises:
+        UserError: they were not taken on the same figures and lights.
+    """
+    rows: dict[str, list[Scores]] = {}
+    first: tuple[Path, Scores] | None = None
+    for path in paths:
+        for name, scores in read_scores(path).items():
+            first = first or (path, scores)
+            if (scores.figures, scores.lights) != (first[1].figures, first[1].lights):
+                raise UserError(f"{path} and {first[0]} are scores of different test pairs: evaluate both on one split")
+            rows.setdefault(row_of(name), []).append(scores)
+    return rows
+
+
+def _grid(rows: pd.DataFrame) -> Scores:
+    figures, lights = list(rows["figure"].unique()), [int(light) for light in rows["light"].unique()]
+    if list(zip(rows["figure"], rows["light"])) != [(f, l) for f in figures for l in lights]:
         raise ValueError("its rows are not every figure under every light")
-    values = np.array([[float(row[name] or "nan") for name in names] for row in rows])
-    values = values.reshape(len(figures), len(lights), len(names))
-    columns = {name: values[..., i] for i, name in enumerate(names)}
-    return Scores(figures, lights, {name: v for name, v in columns.items() if not np.isnan(v).all()})
+    values = rows.drop(columns=KEYS).dropna(axis=1, how="all").astype(np.float64)
+    return Scores(figures, lights, {name: values[name].to_numpy().reshape(len(figures), -1) for name in values})

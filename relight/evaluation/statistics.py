@@ -37,12 +37,24 @@ class Estimate:
 
 @dataclass
 class Difference:
-    """First minus second: the mean, its interval, and the two-sided p-value of "no difference"."""
+    """First minus second: the mean, its interval, and the two-sided p-value of "no difference".
+
+    error, freedom: the standard error of the mean and its degrees of freedom (Student's t); infinite and 1 where there
+    are too few figures to know it.
+    """
 
     mean: float
     low: float
     high: float
     p: float
+    error: float = np.inf
+    freedom: float = 1.0
+
+    def p_equivalent(self, bound: float) -> float:
+        """The p-value of "the two differ by `bound` or more": the larger of two one-sided t-tests (Schuirmann 1987)."""
+        if self.error == 0:
+            return float(abs(self.mean) >= bound)
+        return float(t.sf((bound - abs(self.mean)) / self.error, self.freedom))
 
 
 def resample_weights(figures: int, resamples: int, seed: int) -> np.ndarray:
@@ -121,11 +133,11 @@ def student(first: Estimate, second: Estimate, samples: list[tuple[float, int]])
         parts.append((first.error**2 + second.error**2, freedom))
     variance = sum(part for part, _ in parts)
     if variance == 0:
-        return Difference(mean, mean, mean, float(mean == 0))
+        return Difference(mean, mean, mean, float(mean == 0), 0.0)
     freedom = variance**2 / sum(part**2 / n for part, n in parts)
     reach = t.ppf((1 + CONFIDENCE) / 2, freedom) * np.sqrt(variance)
     p = 2 * t.sf(abs(mean) / np.sqrt(variance), freedom)
-    return Difference(mean, float(mean - reach), float(mean + reach), float(p))
+    return Difference(mean, *map(float, (mean - reach, mean + reach, p, np.sqrt(variance), freedom)))
 
 
 def holm(p: list[float]) -> np.ndarray:

@@ -1,15 +1,15 @@
-"""Tables 1 and 2 of the paper from scores of runs: means, intervals, each column's best and what differs from it."""
+"""Tables of experiments from the scores of their runs: means, intervals, each column's best."""
 
-import re
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 
 import numpy as np
+import pandas as pd
 
 from relight import config
 from relight.evaluation.metrics import COLUMNS
 from relight.evaluation.paper import QUANTITIES, printed
-from relight.evaluation.scores import Scores, read_scores
+from relight.evaluation.scores import Scores
 from relight.evaluation.statistics import (
     Difference,
     Estimate,
@@ -49,29 +49,36 @@ LABELS = {
     **{f"figures_{count}": f"Ours, {count} figures" for count in (8, 16, 32, 64, 128)},
     **{f"width_1_{part}": f"Ours, width 1/{part}" for part in (2, 4, 8)},
 }
-COLUMNS1 = tuple(f"{quantity}_{reading}" for reading in ("rmse", "ssim") for quantity in QUANTITIES)
-COLUMNS2 = tuple(column for column in COLUMNS1 if not column.startswith(("normal", "ao")))
-COLUMNS3 = tuple(
-    f"{quantity}_{reading}"
-    for reading in ("rmse", "ssim")
-    for quantity in ("shading", "shading_true_light", "transport", "light", "albedo")
-)
-PAPER = ("table1", "table2")
-TABLES = {  # title and shown columns of the table of an experiment
-    "table1": ("Table 1: inference errors of the networks on figures and lights that they have not seen", COLUMNS1),
-    "table2": ("Table 2: what leaving out a group of losses does to Ours (full)", COLUMNS2),
-    "silhouette": (
-        "Shape from mask: transport inferred from the silhouette alone",
-        tuple(column for column in COLUMNS3 if column.startswith(("shading_true_light", "transport"))),
-    ),
-    "self_supervised": ("Self-supervised fine-tuning: pictures without truth", COLUMNS3),
-    "sitting": ("Sitting: figures in poses that were not trained on", COLUMNS2),
-    "unusual_lights": ("Unusual lights: the test figures under lights that were cut from the set", COLUMNS2),
-    "splits": ("Splits: what it is worth to have seen the person before", COLUMNS3),
-    "order": ("Order of the spherical harmonics, measured against all bands", COLUMNS3),
-    "data_size": ("Number of training figures", COLUMNS3),
-    "width": ("Width of the network", COLUMNS3),
+QUANTITY = {
+    "shading": "Shading",
+    "shading_true_light": "Shading, true light",
+    "transport": "Transport",
+    "transport_with_ao": "Transport × AO",
+    "normal": "Normal",
+    "ao": "AO",
+    "light": "Light",
+    "sphere": "Sphere",
+    "albedo": "Albedo",
+    "reconstruction": "Reconstruction",
 }
+READING = {"rmse": "RMSE", "rmse_element": "RMSE per element", "ssim": "SSIM", "ssim_range2": "SSIM, range 2"}
+
+
+def _columns(*quantities: str) -> tuple[str, ...]:
+    return tuple(f"{quantity}_{reading}" for reading in ("rmse", "ssim") for quantity in quantities)
+
+
+ALL = _columns(*QUANTITIES)  # of Table 1
+MAPS = _columns("shading", "transport", "light", "albedo")  # of Table 2
+PARTS = _columns("shading", "shading_true_light", "transport", "light", "albedo")
+SHOWN = {  # the columns that the table of an experiment shows; ALL where nothing else is said
+    "table2": MAPS,
+    "sitting": MAPS,
+    "unusual_lights": MAPS,
+    "silhouette": _columns("shading_true_light", "transport"),
+    **dict.fromkeys(("self_supervised", "splits", "order", "data_size", "width"), PARTS),
+}
+PRINTED = ("table1", "table2")  # the tables that the paper prints
 
 
 @dataclass
@@ -92,91 +99,105 @@ class Cell:
 
 @dataclass
 class Row:
+    """A network, or a baseline, with its cells by column."""
+
     name: str
-    label: str
     baseline: bool
     trainings: int
     cells: dict[str, Cell]
 
+    @property
+    def label(self) -> str:
+        return LABELS.get(self.name, self.name)
+
 
 @dataclass
 class Table:
-    """rows: networks, then baselines; columns: those that are shown, of all that the cells hold; figures and lights:
-    how many the test has; printed: row label -> column -> the paper's own value."""
+    """rows: networks, then baselines; columns: those that are shown, of all that the cells hold; figures, lights: how
+    many the test has; printed: row name -> column -> the paper's own value."""
 
-    title: str
     columns: tuple[str, ...]
-    rows: list[Row]
-    figures: int
-    lights: int
+    rows: list[Row] = field(default_factory=list)
+    figures: int = 0
+    lights: int = 0
     printed: dict[str, dict[str, float]] = field(default_factory=dict)
 
+    def row(self, name: str) -> Row | None:
+        """The row of a network or a baseline, if the table has it."""
+        return next((one for one in self.rows if one.name == name), None)
 
-def gather(paths: list[Path]) -> dict[str, list[Scores]]:
-    """Scores by row, one per training, from CSV files whose predictors are called `row` or `row.s<seed>`.
+    @property
+    def networks(self) -> list[Row]:
+        return [row for row in self.rows if not row.baseline]
 
-    Raises UserError when they were not taken on the same figures and lights.
-    """
-    rows: dict[str, list[Scores]] = {}
-    first: tuple[Path, Scores] | None = None
-    for path in paths:
-        for name, scores in read_scores(path).items():
-            first = first or (path, scores)
-            if (scores.figures, scores.lights) != (first[1].figures, first[1].lights):
-                raise UserError(f"{path} and {first[0]} are scores of different test pairs: evaluate both on one split")
-            rows.setdefault(re.sub(r"\.s\d+$", "", name), []).append(scores)
-    return rows
+    @property
+    def trainings(self) -> list[int]:
+        """How many trainings the networks' rows have: the least and the most."""
+        counts = [row.trainings for row in self.networks] or [0]
+        return [min(counts), max(counts)]
+
+    def blocks(self, columns: tuple[str, ...]) -> dict[str, list[str]]:
+        """Those of `columns` that some row has, by reading."""
+        found: dict[str, list[str]] = {}
+        for column in columns:
+            if any(column in row.cells for row in self.rows):
+                found.setdefault(split_column(column)[1], []).append(column)
+        return found
+
+    def statistics(self) -> pd.DataFrame:
+        """All columns, shown or not: mean, 95 % interval, and the p-value of the difference from the best network."""
+        columns = [column for part in self.blocks(COLUMNS).values() for column in part]
+        lines = []
+        for row in self.rows:
+            line = {"row": row.name, "kind": "baseline" if row.baseline else "network", "trainings": row.trainings}
+            for column, cell in row.cells.items():
+                one = cell.estimate
+                line |= {f"{column}{end}": round(getattr(one, end.strip("_") or "mean"), 5) for end in ENDS[:-1]}
+                line[f"{column}_p"] = np.nan if cell.p is None else float(f"{cell.p:.4g}")
+            lines.append(line)
+        lines += [{"row": name, "kind": "paper", "trainings": 1, **values} for name, values in self.printed.items()]
+        return pd.DataFrame(lines, columns=["row", "kind", "trainings", *(c + end for c in columns for end in ENDS)])
+
+
+ENDS = ("", "_low", "_high", "_p")  # of the columns of `Table.statistics`
 
 
 def experiment_table(
     name: str,
-    rows: dict[str, list[Scores]],
-    baselines: dict[str, list[Scores]],
-    settings: config.Evaluate,
-    pool: dict[str, list[Scores]] | None = None,
-) -> Table:
-    """The table of the experiment `name`, a preset's, over its rows; pool: as for `build`. The paper's own values stand
-    in those that it prints: they are of other figures, lights and trainings than those of the others."""
-    table = build(*titled(name), rows, baselines, settings, pool)
-    return table if name in PAPER else replace(table, printed={})
-
-
-def titled(name: str) -> tuple[str, tuple[str, ...]]:
-    """Title and shown columns of the table of an experiment."""
-    return TABLES.get(name, (f"{name}: inference errors", COLUMNS1))
-
-
-def build(
-    title: str,
-    columns: tuple[str, ...],
     networks: dict[str, list[Scores]],
     baselines: dict[str, list[Scores]],
     settings: config.Evaluate,
     pool: dict[str, list[Scores]] | None = None,
 ) -> Table:
-    """A table of any runs: every column of the scores is estimated, `columns` are those to show.
+    """The table of an experiment: every column of the scores is estimated, SHOWN are those to show.
 
-    pool: the runs that tell how much trainings spread, those of the table if None.
+    Args:
+        name: of the experiment, as in conf/experiment. The paper's own values stand in the tables that it prints.
+        networks: row -> its trainings, in the order of the table.
+        baselines: the same; they follow, and do not compete.
+        settings: how many resamples, and their seed.
+        pool: the runs that tell how much trainings spread; those of the table if None.
+
+    Raises:
+        UserError: there is no run.
     """
     if not networks:
-        raise UserError(f"{title}: there is no run to put in it")
+        raise UserError(f"{name}: there is no run to put in its table")
     some = next(iter(networks.values()))[0]
     weights = resample_weights(len(some.figures), settings.bootstrap, settings.seed)
     spreads = spread_of_trainings(networks if pool is None else pool)
-    rows = []
-    for place, (name, trainings) in enumerate([*networks.items(), *baselines.items()]):
+    columns, rows = SHOWN.get(name, ALL), []
+    for place, (row, trainings) in enumerate([*networks.items(), *baselines.items()]):
         seed, known = settings.seed + place, spreads if place < len(networks) else {}
         cells = {
             column: Cell(estimate(values(trainings, column), weights, seed, known.get(column)))
             for column in COLUMNS
             if all(column in scores.columns for scores in trainings)
         }
-        rows.append(Row(name, LABELS.get(name, name), place >= len(networks), len(trainings), cells))
+        rows.append(Row(row, place >= len(networks), len(trainings), cells))
     rank(rows, columns)
-    known = {f"{row.label}, as printed": printed(row.name) for row in rows}
-    return Table(
-        title, columns, rows, len(some.figures), len(some.lights), {label: v for label, v in known.items() if v}
-    )
+    known = {row.name: printed(row.name) for row in rows if name in PRINTED}
+    return Table(columns, rows, len(some.figures), len(some.lights), {row: v for row, v in known.items() if v})
 
 
 def values(trainings: list[Scores], column: str) -> np.ndarray:
@@ -192,11 +213,33 @@ def spread_of_trainings(rows: dict[str, list[Scores]], columns: tuple[str, ...] 
     }
 
 
+def estimates(
+    rows: dict[str, list[Scores]],
+    column: str,
+    settings: config.Evaluate,
+    pool: dict[str, list[Scores]],
+    fixed: Iterable[str] = (),
+) -> dict[str, Estimate]:
+    """Row -> mean and interval of any column of the scores, in a table or not; rows without the column are left out.
+
+    pool: the rows that tell how much trainings spread; fixed: rows that no training is behind.
+    """
+    if not rows:
+        return {}
+    weights = resample_weights(len(next(iter(rows.values()))[0].figures), settings.bootstrap, settings.seed)
+    spread = spread_of_trainings(pool, (column,))[column]
+    return {
+        row: estimate(values(trainings, column), weights, settings.seed + i, None if row in fixed else spread)
+        for i, (row, trainings) in enumerate(rows.items())
+        if all(column in scores.columns for scores in trainings)
+    }
+
+
 def rank(rows: list[Row], columns: tuple[str, ...]) -> None:
     """Marks the best network of each column and compares the others with it. The p-values of `columns` are corrected
     together, and so are those of all other columns."""
     for group in (columns, tuple(column for column in COLUMNS if column not in columns)):
-        compared = []
+        found = []
         for column in group:
             cells = [row.cells[column] for row in rows if not row.baseline and column in row.cells]
             if len(cells) < 2:
@@ -206,11 +249,17 @@ def rank(rows: list[Row], columns: tuple[str, ...]) -> None:
             for cell in cells:
                 if cell is not best:
                     cell.against = compare(cell.estimate, best.estimate)
-                    compared.append(cell)
-        for cell, p in zip(compared, holm([cell.against.p for cell in compared])):
+                    found.append(cell)
+        for cell, p in zip(found, holm([cell.against.p for cell in found])):
             cell.p = float(p)
 
 
 def sign(column: str) -> int:
     """1 where less is better (errors), -1 where more is (similarities)."""
     return -1 if "_ssim" in column else 1
+
+
+def split_column(column: str) -> tuple[str, str]:
+    """shading_true_light_rmse -> (shading_true_light, rmse)."""
+    reading = max((r for r in READING if column.endswith(f"_{r}")), key=len)
+    return column.removesuffix(f"_{reading}"), reading

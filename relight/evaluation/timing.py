@@ -1,47 +1,26 @@
 """How long a network takes for a picture (paper, section 1: .43 s at 1024 px), and what the machine could do."""
 
-import csv
 import os
 import time
 from collections.abc import Callable
-from dataclasses import astuple, dataclass, fields
 from functools import partial
 from pathlib import Path
 
+import pandas as pd
 import torch
+from torch._subclasses.fake_tensor import FakeTensorMode
 from torch.utils.flop_counter import FlopCounterMode
 
 from relight.config import Model, Timing
-from relight.files import UserError, existing, whole
+from relight.evaluation.scores import read_table
+from relight.files import whole
 from relight.learning.networks import build
 from relight.progress import progress
 
 TYPES = {"f32": torch.float32, "bf16": torch.bfloat16}
-PRINTED = 0.43  # seconds for a picture of 1024 px, on a GeForce GTX 1080 Ti
 
 
-@dataclass
-class Time:
-    """One network at one size, batch 1, float32. wall, cpu: seconds for a picture; cpu counts all threads, 0 on a GPU.
-
-    gflop: two operations per multiply-add; rate: GFLOP/s of a large matrix product on the same threads or GPU.
-    """
-
-    row: str
-    width: float
-    parameters: int
-    size: int
-    device: str
-    threads: int
-    wall: float
-    cpu: float
-    gflop: float
-    rate: float
-
-    @property
-    def share(self) -> float:
-        """Of the matrix rate that the network reaches, in wall time."""
-        return self.gflop / self.wall / self.rate
+COLUMNS = ["row", "width", "parameters", "size", "device", "threads", "wall", "cpu", "gflop", "rate"]
 
 
 def matmul_rate(clock: Callable[[Callable[[], object]], float], device: str, precision: str) -> float:
@@ -52,11 +31,11 @@ def matmul_rate(clock: Callable[[Callable[[], object]], float], device: str, pre
 
 
 def multiply_adds(model: Model, size: int) -> float:
-    """Of the network forward, for one image."""
-    with torch.device("meta"):
-        network, image, mask = build(model, size), torch.empty(1, 3, size, size), torch.empty(1, 1, size, size)
-    with FlopCounterMode(display=False) as counter:
-        network(image, mask)
+    """Of the network forward, for one image. Its tensors are fakes: they have a device, as autocast needs, and no
+    numbers."""
+    network = build(model, size)
+    with FakeTensorMode(allow_non_fake_inputs=True), FlopCounterMode(display=False) as counter:
+        network(torch.empty(1, 3, size, size), torch.empty(1, 1, size, size))
     return counter.get_total_flops() / 2
 
 
@@ -89,51 +68,55 @@ def least(call: Callable[[], object], device: str, seconds: float) -> tuple[floa
 
 
 def time_networks(models: dict[str, Model], settings: Timing, out: Path) -> None:
-    """Times each model (row -> settings) at each of `settings.sizes`, on one thread, on all, and on a GPU where there
-    is one, and writes the Times (CSV). Weights are untrained: they take no part in how long a network needs."""
+    """Times networks, one picture at a time in float32, on one thread, on all, and on a GPU where there is one.
+
+    Weights are untrained: they take no part in how long a network needs.
+
+    Args:
+        models: row -> settings of its network.
+        settings: at which sizes, and for how many seconds each.
+        out: the table (.csv) of COLUMNS. wall, cpu: seconds for a picture; cpu counts all threads, 0 on a GPU. gflop:
+            two operations per multiply-add. rate: GFLOP/s of a large matrix product on the same threads or GPU.
+    """
     before, all_of_them = torch.get_num_threads(), cores()
     places = [("cpu", 1)] + [("cpu", all_of_them)] * (all_of_them > 1) + [("cuda", 1)] * torch.cuda.is_available()
-    found: list[Time] = []
+    found: list[dict] = []
     try:
         for device, threads in places:
             torch.set_num_threads(threads)
             rate = matmul_rate(partial(wall, device=device, seconds=settings.seconds), device, "f32") / 1e9
             cases = [(row, size) for row in models for size in settings.sizes]
             for row, size in progress(cases, f"networks timed on {device}, threads {threads}"):
-                found.append(timed(row, models[row], size, device, threads, rate, settings.seconds))
+                made = timed(models[row], size, device, settings.seconds)
+                found.append({"row": row, "device": device, "threads": threads, "rate": rate, **made})
     finally:
         torch.set_num_threads(before)
-    with whole(out) as tmp, open(tmp, "w", newline="") as file:
-        writer = csv.writer(file, lineterminator="\n")
-        writer.writerow([field.name for field in fields(Time)])
-        writer.writerows([f"{v:.6g}" if isinstance(v, float) else v for v in astuple(one)] for one in found)
+    with whole(out) as tmp:
+        pd.DataFrame(found)[COLUMNS].to_csv(tmp, index=False, float_format="%.6g", lineterminator="\n")
 
 
 @torch.inference_mode()
-def timed(row: str, model: Model, size: int, device: str, threads: int, rate: float, seconds: float) -> Time:
-    """One Time; rate: that of matrix products, GFLOP/s."""
+def timed(model: Model, size: int, device: str, seconds: float) -> dict[str, float]:
+    """What is measured of one network at one size."""
     network = build(model, size).to(device).eval()
     image = torch.rand(1, 3, size, size, device=device).contiguous(memory_format=torch.channels_last)
     mask = torch.ones(1, 1, size, size, device=device)
     taken, busy = least(lambda: network(image, mask), device, seconds)
-    return Time(
-        row=row,
-        width=model.width,
-        parameters=sum(p.numel() for p in network.parameters()),
-        size=size,
-        device=device,
-        threads=threads,
-        wall=taken,
-        cpu=0.0 if device == "cuda" else busy,
-        gflop=2 * multiply_adds(model, size) / 1e9,
-        rate=rate,
-    )
+    return {
+        "width": model.width,
+        "parameters": sum(p.numel() for p in network.parameters()),
+        "size": size,
+        "wall": taken,
+        "cpu": 0.0 if device == "cuda" else busy,
+        "gflop": 2 * multiply_adds(model, size) / 1e9,
+    }
 
 
-def read_times(path: Path) -> list[Time]:
-    """What `time_networks` wrote. UserError on another file."""
-    with open(existing(path, "times"), newline="") as file:
-        rows = list(csv.DictReader(file))
-    if not rows or list(rows[0]) != [field.name for field in fields(Time)]:
-        raise UserError(f"{path} is not a table of times, as relight-inference-time writes it")
-    return [Time(**{field.name: field.type(row[field.name]) for field in fields(Time)}) for row in rows]
+def read_times(path: Path) -> pd.DataFrame:
+    """What `time_networks` wrote, and `share`: of the matrix rate that a network reaches, in wall time.
+
+    Raises:
+        UserError: it is another table.
+    """
+    table = read_table(path, "times", COLUMNS, "relight-inference-time")
+    return table.assign(share=table.gflop / table.wall / table.rate)

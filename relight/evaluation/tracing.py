@@ -12,16 +12,16 @@ import numpy as np
 
 from relight import config
 from relight.evaluation.evaluate import chosen_pairs, torch_device
-from relight.evaluation.transfer import spread
+from relight.evaluation.panels import spaced
 from relight.files import UserError, existing, whole
 from relight.learning.data import RelitSet
-from relight.lights.table import LightSet
-from relight.lights.table import load as load_lights
-from relight.meshes.mesh import Mesh
-from relight.panoramas.panorama import Panorama
+from relight.lights import LightSet, read_light_set
+from relight.meshes import Mesh
+from relight.panoramas import Panorama
 from relight.progress import progress
-from relight.sh.basis import basis
-from relight.transport.tracer import ROWS, Tracer, averaged, sky_directions, sky_weights
+from relight.sh import basis
+from relight.transport import PathTracer
+from relight.transport.tracer import ROWS, block_means, sky_directions, sky_weights
 
 FINE = 4  # k x k transports in a pixel stand for its area
 OVER = 4  # k x k looks into the panorama per texel of the sky
@@ -65,8 +65,8 @@ def trace(
     """
     data = RelitSet(packed, lights, order, "paper", torch_device("cpu"))
     figures, lit = chosen_pairs(data, split, evaluate.lights)
-    chosen = spread(figures.tolist(), settings.figures)
-    table, scenes = load_lights(lights), []
+    chosen = figures[spaced(len(figures), settings.figures)].tolist()
+    table, scenes = read_light_set(lights), []
     for i, figure in enumerate(progress(chosen, "figures traced")):
         seen, new = (int(lit[(i + k) % len(lit)]) for k in (0, 1))
         mesh = Mesh.load(meshes / f"{data.names[figure]}.npz")
@@ -98,7 +98,7 @@ def traced(
     light = np.einsum("hw,hwk,hwc->kc", sky_weights(), harmonics, sky)
     start, count = int(data.offset[figure]), int(data.counts[figure])
     pixel = data.pixel[start : start + count].numpy()
-    tracer, samples = Tracer(mesh, data.size), max(1, settings.samples // 2)
+    tracer, samples = PathTracer(mesh, data.size), max(1, settings.samples // 2)
 
     def twice(source: np.ndarray, bounces: int, first: int) -> np.ndarray:
         images = [tracer.irradiance(source, samples, bounces, 10 * settings.seed + first + k) for k in (0, 1)]
@@ -110,11 +110,11 @@ def traced(
 
 def area_irradiance(mesh: Mesh, size: int, light: np.ndarray, order: int, rays: int) -> np.ndarray:
     """T.L (size^2, 3) as the mean over each pixel's area, its albedo being the weight, as in `Tracer.irradiance`."""
-    from relight.transport.bake import bake
+    from relight.transport import bake
 
     fine = bake(mesh, FINE * size, max(16, rays // FINE), order)  # the mean over FINE^2 places takes noise away
     color = np.maximum(fine.albedo, 1e-6) * fine.mask[..., None]
-    lit = averaged(color * (fine.transport @ light), FINE) / np.maximum(averaged(color, FINE), 1e-12)
+    lit = block_means(color * (fine.transport @ light), FINE) / np.maximum(block_means(color, FINE), 1e-12)
     return lit.reshape(-1, 3).astype(np.float32)
 
 
@@ -142,10 +142,10 @@ def shifted_directions() -> list[np.ndarray]:
 
 def panorama_of(source: str, yaw: float, panoramas: config.Panoramas) -> Panorama:
     """The panorama of a light set's `source`, turned by `yaw` degrees after what the settings do to all of them."""
-    from relight.lights.chain import GENERATORS, file_panorama
+    from relight.lights.chain import GENERATORS, read_from_folder
 
     if panoramas.source == "folder":
-        return file_panorama(source, panoramas, yaw)
+        return read_from_folder(source, panoramas, yaw)
     kind, _, seed = source.partition(":")
     if kind not in GENERATORS:
         raise UserError(f"{source}: path tracing needs the panorama of a light, and this one is in no file")

@@ -15,8 +15,7 @@ import numpy as np
 from relight import config
 from relight.evaluation.evaluate import Predictor, chosen_pairs, infer, load, truth
 from relight.evaluation.metrics import Inferred, Truth, light_errors, shade
-from relight.evaluation.panel import Cell, Line, draw_panel
-from relight.evaluation.plates import Subject, subject
+from relight.evaluation.panels import Line, Subject, View, draw, spaced
 from relight.evaluation.scores import Scores, write_scores
 from relight.evaluation.tables import LABELS
 from relight.files import UserError
@@ -156,34 +155,25 @@ def transfer_plate(
     for checkpoint in networks.values():
         network, data = load(checkpoint, packed, lights, settings)
         figures, lit = chosen_pairs(data, split, settings.lights)
-        pairs = spread(couples(figures), settings.plates)
+        pairs = couples(figures)
+        pairs = [pairs[i] for i in spaced(len(pairs), settings.plates)]
         swaps = [lit[[i % len(lit), (i + 1) % len(lit)]] for i in range(len(pairs))]
         if not lines:
             linear = data.color == "photo"
-            subjects = [subject(data, f, two) for pair, two in zip(pairs, swaps) for f in pair]
-            lines = [Line(s.name, s, [shown(s, i % 2)], i % 2 == 0) for i, s in enumerate(subjects)]
+            subjects = [Subject.of(data, f, two) for pair, two in zip(pairs, swaps) for f in pair]
+            lines = [Line(s.name, s, [s.picture(i % 2)], i % 2 == 0) for i, s in enumerate(subjects)]
         for i, (pair, two) in enumerate(zip(pairs, swaps)):
             sides = [Side(truth(data, f, two), infer(network, data, f, two)) for f in pair]
             for own in (0, 1):  # the light that the figure was seen in; it goes to the other
                 pictures, found = swapped(sides[own], sides[1 - own], mean_light(data), 1)[""]
                 error = pictures[1 - own] - sides[own].truth.maps["reconstruction"][1 - own]
-                relit = Cell(pictures[1 - own], light=found[1 - own])
-                lines[2 * i + own].cells += [relit, Cell(error=np.linalg.norm(error, axis=-1))]
+                relit = View(pictures[1 - own], light=found[1 - own])
+                lines[2 * i + own].views += [relit, View(error=np.linalg.norm(error, axis=-1))]
     for i, line in enumerate(lines):
-        line.cells.append(shown(line.subject, 1 - i % 2))
+        line.views.append(line.subject.picture(1 - i % 2))
     heads = ["input", *(h for name in networks for h in (f"relit by {LABELS.get(name, name)}", "its error")), "truth"]
     words = (
         "Two figures in two lights, each relit by the light inferred from the other's picture. The spheres show the "
         "light of each picture: the true one in input and truth, the inferred one where it was relit."
     )
-    draw_panel(heads, lines, linear, WORST, words).save(out)
-
-
-def spread(items: list, count: int) -> list:
-    """At most `count` of the items, from first to last."""
-    return [items[i] for i in np.unique(np.linspace(0, len(items) - 1, count).round().astype(int))]
-
-
-def shown(s: Subject, light: int) -> Cell:
-    """The true picture of a subject under its light of this number, with that light."""
-    return Cell(s.truth.maps["reconstruction"][light], light=s.truth.lights[light])
+    draw(heads, lines, linear, WORST, words).save(out)

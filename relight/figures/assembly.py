@@ -25,7 +25,7 @@ from relight.figures.outfits import Outfit
 from relight.figures.poses import Motion
 from relight.figures.surfaces import loop, normals, stacked, thickened
 from relight.figures.wear import Detail, Worn
-from relight.meshes.mesh import Material, Mesh
+from relight.meshes import Material, Mesh
 
 Paint = Material | Callable[[Outfit], Material]  # what depends on the outfit's colours is painted for each of them
 

@@ -14,7 +14,7 @@ from relight.figures.shading import shaded
 from relight.figures.stances import Pose, sample_pose
 from relight.figures.wear import DETAILS, Detail, wear
 from relight.files import UserError
-from relight.meshes.mesh import Mesh
+from relight.meshes import Mesh
 
 GENERATOR = 6  # raised when the same seed gives another figure
 ATTEMPTS = 6

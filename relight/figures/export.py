@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image
 
 from relight.files import UserError, whole
-from relight.meshes.mesh import Mesh
+from relight.meshes import Mesh
 
 FORMATS = ("glb", "npz")
 FLOAT, UINT32 = 5126, 5125  # glTF 2.0, component types
@@ -28,7 +28,7 @@ def corners(mesh: Mesh, number: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
 def write_glb(mesh: Mesh, path: Path) -> None:
     """Binary glTF 2.0: one node, a primitive and a double-sided matte material for each of the mesh's; the mesh's info
     as `extras`. Units and frame are glTF's own: metres, y up, facing +z."""
-    from relight.meshes.normals import vertex_normals
+    from relight.meshes import vertex_normals
 
     normals = vertex_normals(mesh)
     blob, views, accessors, primitives, materials, images = bytearray(), [], [], [], [], []

@@ -15,7 +15,7 @@ from relight.figures.poses import Motion
 from relight.figures.rings import unwound
 from relight.figures.surfaces import normals, stacked
 from relight.figures.wear import Worn
-from relight.meshes.mesh import Mesh
+from relight.meshes import Mesh
 
 STRETCH = 1.35  # 95th percentile of an edge's length over its pattern's
 TORN = 2.5  # 99.9th percentile

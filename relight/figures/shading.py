@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from relight.figures.surfaces import smoothed
-from relight.meshes.mesh import Mesh
-from relight.sh.basis import basis
+from relight.meshes import Mesh
+from relight.sh import basis
 
 OVERHEAD = 0.5  # the sky's radiance is 1 + OVERHEAD * y: 1.5 from above, .5 from below
 RAYS = 64  # of each vertex
@@ -28,7 +28,7 @@ def shaded(mesh: Mesh, strength: float) -> Mesh:
     """
     if strength == 0:
         return mesh
-    from relight.transport.vertices import bake_vertices
+    from relight.transport import bake_vertices
 
     received = bake_vertices(mesh, RAYS, order=1).transport.astype(np.float64) @ overhead()
     received = smoothed(np.clip(received, 0, 1), mesh.faces, SOFTENED)

@@ -11,13 +11,14 @@ The overrides are those of `relight run`. Beside the network come its losses (.c
 import argparse
 import os
 import sys
+from dataclasses import fields
 from pathlib import Path
 
 from omegaconf import OmegaConf
 
 from relight.config import composed
 from relight.files import UserError
-from relight.learning.train import train
+from relight.learning.train import Inputs, Recipe, train
 
 
 def main() -> None:
@@ -35,9 +36,10 @@ def main() -> None:
     options = parser.parse_intermixed_args()
     try:
         cfg = composed(options.overrides)
-        groups = (OmegaConf.to_object(cfg[name]) for name in ("model", "loss", "train", "augment"))
+        recipe = Recipe(*(OmegaConf.to_object(cfg[part.name]) for part in fields(Recipe)))
+        inputs = Inputs(options.packed, options.lights, options.split)
         state, curve = options.out.with_suffix(".state.pt"), options.out.with_suffix(".csv")
-        train(*groups, options.packed, options.lights, options.split, options.out, state, curve)
+        train(recipe, inputs, options.out, state, curve)
         if os.environ.get("RANK", "0") == "0":  # the process that wrote the outputs
             state.unlink(missing_ok=True)
     except UserError as error:

@@ -1,8 +1,8 @@
-"""Training pictures as photographs are: any framing, white balance, exposure, tone curve, and masks that are not exact.
+"""Data augmentation that makes relit images look like photographs.
 
-Everything is drawn anew for each picture while it is relit. Framing, recoloured albedo and tint change the picture and
-its truth alike; the camera and the mask change the picture alone. The exposure is kept apart in `Batch.exposure`: the
-truth stays that of the light before it, so that no picture weighs more in the losses because it is bright.
+All parts are drawn anew for each image while it is relit. Framing, new albedo and white balance change the image and
+its ground truth; camera and mask change the image alone. The exposure is kept apart in `Batch.exposure`: the ground
+truth is that of the light before it, so that bright images do not weigh more in the losses.
 """
 
 import math
@@ -15,17 +15,16 @@ from torch import Tensor
 
 from relight.config import STRENGTHS, Augment
 from relight.learning.camera import decode, encode, photograph
-from relight.learning.compact import compact
-from relight.learning.data import Batch
+from relight.learning.data import Batch, index_of
 
-FRAME = 0.9  # share of the image's side that the larger side of a figure's box takes (docs/conventions.md)
-CUT = (0.4, 0.85)  # share of a figure's height that is left of it when it is cut
+FRAME = 0.9  # larger side of a figure's bounding box over the image's side (docs/conventions.md)
+CUT = (0.4, 0.85)  # share of a figure's height that a cut leaves
 RED = -0.6  # ln(R/G) of a white balance for each ln(B/G): about the Planckian locus between 2,500 and 8,000 K in sRGB
-SKIN = ((1.12, 2.2), (1.02, 2.2))  # R/G and G/B of skin: what lies in both is not recoloured
-SPREAD = 0.5  # standard deviation of ln albedo within what is taken for one garment
-PRINT_DEPTH = 0.03  # shift of a print over a tilted surface, of the image's side: it bends with the folds
-PERIOD = (0.012, 0.2)  # of a print, of the image's side
-QUALITY = (40, 95)
+SKIN = ((1.12, 2.2), (1.02, 2.2))  # ranges of R/G and G/B of skin, which keeps its colour
+SPREAD = 0.5  # standard deviation of ln albedo within one garment
+PRINT_BEND = 0.03  # shift of a print across a surface that turns by 90 degrees, as a share of the image's side
+PERIOD = (0.012, 0.2)  # of a print, as a share of the image's side
+QUALITY = (40, 95)  # of JPEG
 
 # Quantisation tables of JPEG's Annex K, for luminance and chrominance.
 _LUMA = (
@@ -40,16 +39,16 @@ _YCC = torch.tensor([[0.299, 0.587, 0.114], [-0.168736, -0.331264, 0.5], [0.5, -
 
 
 def augmented(batch: Batch, settings: Augment, generators: list[np.random.Generator], size: int) -> Batch:
-    """A batch as if its pictures were photographs, at `size` pixels.
+    """Augments a batch.
 
     Args:
-        batch: pictures as they were relit, of the colour model `photo`, at exposure 1.
-        settings: how strong each part is; with all at 0 and the batch's own size it comes back as it is.
-        generators: one for each picture, so that a picture does not depend on those beside it.
-        size: pixels of the new images' side, at most the batch's.
+        batch: relit images of the colour model `photo`, at exposure 1.
+        settings: strength of each part; with all at 0 and the batch's own size the batch is returned unchanged.
+        generators: one per image, so that an image does not depend on its neighbours in the batch.
+        size: of the new images in pixels, at most the batch's.
 
     Returns:
-        A batch of the same pairs. Its `light`, `shading` and `relit` are those before the exposure.
+        A batch of the same pairs, of the size asked for. Its `light`, `shading` and `relit` are those before exposure.
     """
     if is_off(settings) and size == batch.size:
         return batch
@@ -59,42 +58,45 @@ def augmented(batch: Batch, settings: Augment, generators: list[np.random.Genera
     widths = [x.shape[-1] for x in (batch.albedo, batch.transport, batch.normal, batch.ao, batch.shading)]
     dense, mask = batch.put(maps), batch.mask
     dense, mask = _framed(dense, mask, settings, generators, size)
-    seen = _mistaken(mask, settings, generators)
+    seen = _inexact(mask, settings, generators)
     stops = [rng.uniform(*settings.exposure) for rng in generators]
     exposure = torch.tensor([2.0**stop for stop in stops], device=mask.device)
     albedo, shading = dense[:, : widths[0]], dense[:, -widths[-1] :]
     scene = albedo * shading * exposure[:, None, None, None]
     image = _photographed(scene, mask, settings, generators) * seen
-    places = compact(mask * seen > 0)
-    albedo, transport, normal, ao, shading = places.take(dense).split(widths, -1)
+    index = index_of(mask * seen > 0)
+    albedo, transport, normal, ao, shading = index.take(dense).split(widths, -1)
     return replace(
         batch,
         image=image,
         mask=seen,
         albedo=albedo,
         transport=transport,
-        normal=F.normalize(normal, dim=-1) * places.inside,
+        normal=F.normalize(normal, dim=-1) * index.inside,
         ao=ao,
         shading=shading,
         relit=albedo * shading,
         exposure=exposure,
-        inside=places.inside,
-        interior=places.interior,
-        pixel=places.pixel,
-        below=places.below,
+        inside=index.inside,
+        interior=index.interior,
+        pixel=index.pixel,
+        below=index.below,
         size=size,
-        scope=float(places.inside.sum()),
+        scope=float(index.inside.sum()),
     )
 
 
 def is_off(settings: Augment) -> bool:
-    """Whether no part of the settings changes a picture."""
+    """Whether the settings leave every image as it is."""
     strengths = [getattr(settings, key.rpartition(".")[2]) for key in STRENGTHS]
     return not any([*strengths, *settings.exposure])
 
 
 def _recoloured(batch: Batch, settings: Augment, generators: list[np.random.Generator]) -> Batch:
-    """Gives what has the colour of a random pixel another colour or a print, its texture kept: ln albedo is shifted."""
+    """Gives garments another colour or a print and keeps their texture, by shifts of ln albedo.
+
+    A garment is what has about the colour of a random pixel.
+    """
     albedo, normal = batch.albedo.clone(), batch.normal
     for i, rng in enumerate(generators):
         own = albedo[i]
@@ -105,7 +107,7 @@ def _recoloured(batch: Batch, settings: Augment, generators: list[np.random.Gene
         if rng.random() < settings.prints:
             pixel = batch.pixel.view(len(generators), -1)[i]
             across, down = pixel % batch.size, pixel // batch.size % batch.size
-            places = torch.stack([across, down], -1) / batch.size + PRINT_DEPTH * normal[i, :, :2]
+            places = torch.stack([across, down], -1) / batch.size + PRINT_BEND * normal[i, :, :2]
             for place in rng.integers(0, count, rng.integers(1, 3)):
                 own = _dyed(own, own[place], _dye(rng), _print(places, rng))
         albedo[i] = own * batch.inside[i]
@@ -113,7 +115,10 @@ def _recoloured(batch: Batch, settings: Augment, generators: list[np.random.Gene
 
 
 def _dyed(albedo: Tensor, colour: Tensor, dye: np.ndarray, strength: Tensor | float = 1.0) -> Tensor:
-    """The albedo (P,3) with what looks like `colour` (3,) shifted toward `dye` by `strength` (P,1); skin stays."""
+    """Shifts the pixels of an albedo (P,3) that look like `colour` (3,) toward `dye` (3,), by `strength` (P,1).
+
+    Where `colour` is that of skin, the albedo is returned unchanged.
+    """
     colour = colour.clamp_min(0.02)
     red, blue = float(colour[0] / colour[1]), float(colour[1] / colour[2])
     if SKIN[0][0] < red < SKIN[0][1] and SKIN[1][0] < blue < SKIN[1][1]:
@@ -124,7 +129,7 @@ def _dyed(albedo: Tensor, colour: Tensor, dye: np.ndarray, strength: Tensor | fl
 
 
 def _print(places: Tensor, rng: np.random.Generator) -> Tensor:
-    """Where the ink of a random print lies, (P,1) in [0,1]: stripes, checks, dots or blots over `places` (P,2)."""
+    """The amount of ink (P,1) in [0,1] of a random print of stripes, checks, dots or blots at `places` (P,2)."""
     period, angle, phase = np.exp(rng.uniform(*np.log(PERIOD))), rng.uniform(0, math.pi), rng.uniform(0, 1, 2)
     turn = places.new_tensor([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
     waves = torch.cos(2 * math.pi * (places @ turn / period + places.new_tensor(phase)))
@@ -143,7 +148,7 @@ def _print(places: Tensor, rng: np.random.Generator) -> Tensor:
 
 
 def _dye(rng: np.random.Generator) -> np.ndarray:
-    """The linear albedo (3,) of a random cloth: a quarter nearly black, a quarter nearly white, the rest of any hue."""
+    """A random linear albedo (3,) of cloth: a quarter nearly black, a quarter nearly white, the rest of any hue."""
     kind = rng.random()
     if kind < 0.25:
         return rng.uniform(0.015, 0.05) * np.exp(rng.normal(0, 0.1, 3))
@@ -155,7 +160,7 @@ def _dye(rng: np.random.Generator) -> np.ndarray:
 
 
 def _tinted(batch: Batch, settings: Augment, generators: list[np.random.Generator]) -> Batch:
-    """Another white balance, on the light and hence on the shading; its largest channel keeps its strength."""
+    """Changes the white balance of light and shading; the largest gain is 1."""
     if not settings.tint:
         return batch
     blue = np.array([rng.normal(0, settings.tint) for rng in generators])
@@ -168,9 +173,9 @@ def _tinted(batch: Batch, settings: Augment, generators: list[np.random.Generato
 def _framed(
     maps: Tensor, mask: Tensor, settings: Augment, generators: list[np.random.Generator], size: int
 ) -> tuple[Tensor, Tensor]:
-    """Maps (B,C,S,S) and mask (B,1,S,S) in new squares of `size` pixels, some of figures that are cut.
+    """Resamples maps (B,C,S,S) and mask (B,1,S,S) into new squares of `size` pixels, some with figures that are cut.
 
-    Bilinear, without what is outside; at half the size and the same framing that is the mean of four pixels.
+    Bilinear over the pixels inside the mask; at half the size and unchanged framing that is the mean of four pixels.
     """
     side, mask = mask.shape[-1], mask.clone()
     squares = torch.zeros(len(mask), 2, 3)
@@ -181,7 +186,7 @@ def _framed(
         if rng.random() < settings.cut:
             top, bottom, left, right = _box(mask[i, 0])
             mask[i, :, top + math.ceil(rng.uniform(*CUT) * (bottom - top)) :] = 0
-            if rng.random() < 0.25:  # beside the photo's edge, too
+            if rng.random() < 0.25:  # at a side of the photograph, too
                 width = math.ceil(rng.uniform(0.6, 0.95) * (right - left))
                 mask[i, ..., *((slice(left + width, None),) if rng.random() < 0.5 else (slice(0, right - width),))] = 0
         top, bottom, left, right = _box(mask[i, 0])
@@ -200,13 +205,13 @@ def _framed(
 
 
 def _box(mask: Tensor) -> tuple[int, int, int, int]:
-    """First and end row, first and end column of what is not 0 in (S,S)."""
+    """Bounding box of what is not 0 in (S,S): first and end row, first and end column."""
     rows, columns = (torch.nonzero(mask.any(axis))[:, 0] for axis in (1, 0))
     return int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
 
 
-def _mistaken(mask: Tensor, settings: Augment, generators: list[np.random.Generator]) -> Tensor:
-    """The mask (B,1,S,S) too fat by some pixels, or too thin, by an amount that changes smoothly along the outline."""
+def _inexact(mask: Tensor, settings: Augment, generators: list[np.random.Generator]) -> Tensor:
+    """Dilates or erodes masks (B,1,S,S) by up to `settings.mask` pixels, by amounts that vary along the outline."""
     reach = settings.mask
     if not reach:
         return mask
@@ -227,7 +232,10 @@ def _mistaken(mask: Tensor, settings: Augment, generators: list[np.random.Genera
 
 
 def _photographed(scene: Tensor, mask: Tensor, settings: Augment, generators: list[np.random.Generator]) -> Tensor:
-    """What a camera makes of linear values (B,3,S,S) before a background: optics, tone, sharpening, noise, JPEG."""
+    """Takes photographs of linear radiance (B,3,S,S) before random backgrounds.
+
+    In the order of a camera: blur, clipping, tone curve, sharpening, noise, JPEG.
+    """
     size = scene.shape[-1]
     fields = []
     for rng in generators:
@@ -258,7 +266,7 @@ def _photographed(scene: Tensor, mask: Tensor, settings: Augment, generators: li
 
 
 def _toned(coded: Tensor, strength: float, rng: np.random.Generator) -> Tensor:
-    """A gamma, an S-curve and another saturation of coded values (3,S,S) in [0,1]; monotone for strengths below 1."""
+    """Applies a gamma, an S-curve and a saturation to coded values (3,S,S); monotone for strengths below 1."""
     if not strength:
         return coded
     coded = coded ** math.exp(rng.uniform(-strength, strength))
@@ -268,7 +276,7 @@ def _toned(coded: Tensor, strength: float, rng: np.random.Generator) -> Tensor:
 
 
 def _blurred(image: Tensor, sigma: float) -> Tensor:
-    """A Gaussian of `sigma` pixels over (B,3,S,S); the edge's pixels go on outside."""
+    """Blurs (B,3,S,S) by a Gaussian of `sigma` pixels; the border's pixels are repeated outside."""
     if sigma < 0.2:
         return image
     reach = math.ceil(3 * sigma)
@@ -279,10 +287,11 @@ def _blurred(image: Tensor, sigma: float) -> Tensor:
 
 
 def compressed(coded: Tensor, quality: int) -> Tensor:
-    """Coded values (3,S,S) in [0,1] after JPEG at `quality` (1 to 100), without subsampled chrominance.
+    """Coded values after JPEG compression without chroma subsampling (ITU-T T.81).
 
-    ITU-T T.81: blocks of 8 x 8 pixels, the cosine transform, the tables of Annex K scaled as libjpeg does. S must be a
-    multiple of 8.
+    Args:
+        coded: (3,S,S) in [0,1]; S is a multiple of 8.
+        quality: 1 to 100; scales the quantisation tables of Annex K as libjpeg does.
     """
     scale = 50 / quality if quality < 50 else 2 - quality / 50
     tables = (_TABLES.to(coded.device) * scale).round().clamp(1, 255)

@@ -1,4 +1,4 @@
-"""From light in the scene to the pixels that a network sees: the colour models `paper` and `photo`."""
+"""From radiance to the pixels that a network sees: the colour models `paper` and `photo`."""
 
 import torch
 from torch import Tensor
@@ -7,17 +7,17 @@ BRIGHTEST = 10.0  # shadings are clipped to [0, 10], as the authors do
 
 
 def decode(coded: Tensor) -> Tensor:
-    """sRGB in [0,1] -> linear in [0,1] (IEC 61966-2-1)."""
+    """Linear values of sRGB codes, both in [0,1] (IEC 61966-2-1)."""
     return torch.where(coded <= 0.04045, coded / 12.92, ((coded.clamp_min(0.04045) + 0.055) / 1.055) ** 2.4)
 
 
 def encode(linear: Tensor) -> Tensor:
-    """Linear in [0,1] -> sRGB in [0,1]."""
+    """sRGB codes of linear values, both in [0,1] (IEC 61966-2-1)."""
     return torch.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear.clamp_min(0.0031308) ** (1 / 2.4) - 0.055)
 
 
 def quantised(linear: Tensor) -> Tensor:
-    """Linear values as the sRGB codes 0..255 of an 8-bit image, uint8."""
+    """The 8-bit sRGB codes (uint8) of linear values, clipped to [0,1]."""
     return (encode(linear.clamp(0, 1)) * 255).round().to(torch.uint8)
 
 
@@ -30,9 +30,11 @@ def shade(transport: Tensor, light: Tensor) -> Tensor:
 
 
 def photograph(relit: Tensor, color: str) -> Tensor:
-    """What a network sees of the relit values albedo * shading.
+    """What a network sees of relit radiance.
 
-    `paper`: just these, unclipped, as the authors do. `photo`: as a camera leaves them: clipped to [0,1], stored in
-    8 bits of sRGB, and decoded. The exposure is part of the light, which is scaled to a reference brightness.
+    Args:
+        relit: albedo * shading.
+        color: `paper` returns the values unchanged, as the authors do; `photo` records them as a camera does: clipped
+            to [0,1], stored as 8-bit sRGB, and decoded.
     """
     return relit if color == "paper" else LINEAR.to(relit.device)[quantised(relit).int()]

@@ -1,4 +1,8 @@
-"""Networks on disk: safetensors that hold the weights and, in their header, all that is needed to build the network."""
+"""Networks and interrupted trainings on disk.
+
+A network is a safetensors file whose header holds all that is needed to build it. The state of a training is a file of
+torch that is read with `weights_only=True`, so that neither can run code.
+"""
 
 import json
 from dataclasses import asdict
@@ -15,9 +19,14 @@ from relight.learning.networks import Network, build
 
 
 def save_network(path: Path, network: Network, model: Model, half: bool = False, **config: dict) -> None:
-    """Writes the weights (float32, or float16 if `half`) with the network's size, its `model` settings and `config`.
+    """Writes a network, whole or not at all.
 
-    `config` is any plain values worth keeping beside them (settings of loss and training, a model card's facts).
+    Args:
+        path: .safetensors.
+        network: its weights are written as float32.
+        model: the settings that it was built with.
+        half: write float16 instead.
+        config: plain values to keep beside them, such as the settings of the training.
     """
     weights = {name: tensor.detach().cpu().contiguous() for name, tensor in network.state_dict().items()}
     if half:
@@ -28,7 +37,11 @@ def save_network(path: Path, network: Network, model: Model, half: bool = False,
 
 
 def read_config(path: Path | str) -> dict:
-    """What was saved beside the weights, alone. Raises UserError as `load_network` does."""
+    """Reads what was saved beside the weights, without the weights.
+
+    Raises:
+        UserError: if the file does not exist, is not safetensors, or holds no network of this project.
+    """
     path = existing(path, "network")
     try:
         with safe_open(path, "np") as file:
@@ -42,9 +55,13 @@ def read_config(path: Path | str) -> dict:
 
 
 def load_network(path: Path | str, device: str | torch.device = "cpu") -> tuple[Network, dict]:
-    """The network, float32 and in evaluation mode, and its config: size, model, and whatever was saved beside them.
+    """Reads a network.
 
-    Raises UserError for a file that is not there, not safetensors, or not a network of this project.
+    Returns:
+        The network, float32 and in evaluation mode; and its config: size, model, and what else was saved beside them.
+
+    Raises:
+        UserError: if the file does not exist, is not safetensors, or holds no network of this version.
     """
     config = read_config(path)
     try:
@@ -59,3 +76,34 @@ def load_network(path: Path | str, device: str | torch.device = "cpu") -> tuple[
     except (TypeError, KeyError, RuntimeError) as error:
         raise UserError(f"{path} does not fit this version of relight: {str(error).splitlines()[0]}") from None
     return network.to(device).eval(), config
+
+
+def save_state(path: Path, digest: str, parts: dict, step: int, history: list[dict]) -> None:
+    """Writes what an interrupted training needs, whole or not at all.
+
+    Args:
+        path: .pt.
+        digest: the training's fingerprint.
+        parts: modules and optimiser by name.
+        step: steps done.
+        history: rows of the log.
+    """
+    with whole(path) as tmp:
+        states = {name: part.state_dict() for name, part in parts.items()}
+        torch.save({"settings": digest, "step": step, "history": history, **states}, tmp)
+
+
+def restore(path: Path, digest: str, parts: dict, device: torch.device) -> tuple[int, list[dict], str]:
+    """Loads the state of the same training into `parts`, if there is one.
+
+    Returns:
+        The step to go on with, the rows logged before, and a line that says what was found, "" if nothing was.
+    """
+    if not path.exists():
+        return 0, [], ""
+    found = torch.load(path, map_location=device, weights_only=True)
+    if found["settings"] != digest:
+        return 0, [], f"{path} belongs to other settings or data: starting from the beginning"
+    for name, part in parts.items():
+        part.load_state_dict(found[name])
+    return found["step"], found["history"], f"going on from step {found['step']} ({path})"

@@ -1,32 +1,80 @@
 """Relit batches from the packed set, made on the device: no loader, no workers, nothing rendered in advance.
 
-Only the pixels inside the masks are stored and computed with, as compact maps (relight.learning.compact). Here P is the
-most pixels of any figure, so that shapes never change.
+Only the pixels inside the masks are stored and computed with, as compact maps (B,P,C): the in-mask pixels of each image
+row by row, padded with zeros to P. In a batch of the packed set P is the most pixels of any figure, so that shapes
+never change.
 """
 
 import json
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import torch
+import torch.nn.functional as F
 from torch import Tensor
 
 from relight.files import UserError, existing
 from relight.learning.camera import photograph, quantised, shade
-from relight.learning.compact import Places
 from relight.learning.harmonics import mirror_signs
-from relight.maps.packed import Packed
+from relight.maps import PackedMaps
 from relight.progress import progress
+
+MULTIPLE = 64  # P is a multiple of it
 
 
 @dataclass(frozen=True, kw_only=True)
-class Batch(Places):
-    """Network input and truth for B pairs of figure and light. Compact maps are zero at their padding."""
+class CompactIndex:
+    """Where the pixels of compact maps are in their images; differences between neighbours need it."""
 
-    image: Tensor  # (B,3,S,S) what the camera saw, zero outside the mask
+    pixel: Tensor  # (B*P,) index of each pixel among the B*S*S; that of the padding is outside the mask
+    inside: Tensor  # (B,P,1) 1 for pixels, 0 for padding
+    interior: Tensor  # (B,P,1) 1 where all four neighbours are in the mask; the right one is the next in the row
+    below: Tensor  # (B*P,) index among the B*P of the pixel below each interior pixel, else its own
+
+    def take(self, dense: Tensor) -> Tensor:
+        """The in-mask pixels (B,P,C), float32, of a dense map (B,C,S,S)."""
+        rows = dense.permute(0, 2, 3, 1).reshape(-1, dense.shape[1])  # no copy when channels_last
+        # Pixels are distinct, so the gradient of this gather adds to each place once, in no order: it is deterministic.
+        return rows.index_select(0, self.pixel).float().view(len(dense), -1, dense.shape[1]) * self.inside
+
+
+def index_of(mask: Tensor) -> CompactIndex:
+    """The index of masks (B,1,S,S) bool; each image needs a pixel outside its mask."""
+    batch, size = len(mask), mask.shape[-1]
+    padded = F.pad(mask[:, 0], (1, 1, 1, 1))
+    eroded = mask[:, 0] & padded[:, :-2, 1:-1] & padded[:, 2:, 1:-1] & padded[:, 1:-1, :-2] & padded[:, 1:-1, 2:]
+    flat, eroded = mask.flatten(1), eroded.flatten(1)
+    most = -(-int(flat.sum(1).max()) // MULTIPLE) * MULTIPLE
+    place = flat.cumsum(1) - 1
+    image, at = flat.nonzero(as_tuple=True)
+    slot = place[image, at]
+    pixel = (~flat).int().argmax(1)[:, None].repeat(1, most)
+    pixel[image, slot] = at
+    below = torch.arange(most, device=mask.device).repeat(batch, 1)
+    under = place[image, (at + size).clamp_max(size * size - 1)]
+    inner = eroded[image, at]
+    below[image, slot] = torch.where(inner, under, slot)
+    inside, interior = (torch.zeros(batch, most, 1, device=mask.device) for _ in range(2))
+    inside[image, slot] = 1
+    interior[image, slot, 0] = inner.float()
+    start = torch.arange(batch, device=mask.device)[:, None]
+    return CompactIndex(
+        pixel=(pixel + start * size * size).flatten(),
+        inside=inside,
+        interior=interior,
+        below=(below + start * most).flatten(),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Batch(CompactIndex):
+    """Input of the network and ground truth for B pairs of figure and light. Compact maps are zero at their padding."""
+
+    image: Tensor  # (B,3,S,S) what the camera records, zero outside the mask
     mask: Tensor  # (B,1,S,S) of 0 and 1
     albedo: Tensor  # (B,P,3)
     transport: Tensor  # (B,P,K)
@@ -35,8 +83,8 @@ class Batch(Places):
     light: Tensor  # (B,K,3)
     shading: Tensor  # (B,P,3) transport . light of all bands in [0,10]
     relit: Tensor  # (B,P,3) albedo * shading, before the camera
-    exposure: Tensor  # (B,) the factor on light and picture between the truth here and what the camera saw
-    size: int
+    exposure: Tensor  # (B,) of the camera: a factor on the light that `light`, `shading` and `relit` do not have
+    size: int  # S
     scope: float  # pixels in the masks of one batch, for reduction=mask
 
     def put(self, compact: Tensor) -> Tensor:
@@ -53,16 +101,25 @@ def put(compact: Tensor, pixel: Tensor, size: int) -> Tensor:
 
 
 class RelitSet:
-    """The figures of a packed set and a table of lights, on one device; makes batches of any pairs of them."""
+    """The figures of a packed set and a table of lights on one device; relights any pairs of them."""
 
     def __init__(self, packed: Path, lights: Path, order: int, color: str, device: torch.device | str = "cpu"):
-        """Networks of `order` are shown pictures that are lit by all bands of the files, and so is the shading of the
-        truth: what they cannot express counts as their error. Their maps and lights end at `order`.
+        """Loads the files.
 
-        color: `paper` takes the 8-bit sRGB codes of the albedo as if they were linear, `photo` takes linear albedo.
-        Raises UserError when the files hold fewer bands than `order` or do not exist.
+        Images and shadings are lit by all bands of the files; transport and lights of a batch end at `order`. So what a
+        network of that order cannot express counts as its error.
+
+        Args:
+            packed: packed maps (relight.maps.packed).
+            lights: light set (relight.lights.table).
+            order: of the harmonics that the network infers.
+            color: `paper` takes the 8-bit sRGB codes of the albedo as if they were linear; `photo` takes linear albedo.
+            device: of all tensors.
+
+        Raises:
+            UserError: if a file does not exist or holds fewer bands than `order`.
         """
-        figures = Packed(packed)
+        figures = PackedMaps(packed)
         table = np.load(existing(lights, "lights"))
         self.coefficients = (order + 1) ** 2
         bands = math.isqrt(table["coefficients"].shape[1]) - 1
@@ -94,7 +151,7 @@ class RelitSet:
         self.signs = mirror_signs(self.order).to(device)
 
     def figures(self, names: list[str]) -> np.ndarray:
-        """Indices of the named figures, in order; names that were left out of the packed set are passed over."""
+        """Indices of the named figures, in order, without those that the packed set lacks."""
         place = {name: i for i, name in enumerate(self.names)}
         return np.array([place[name] for name in names if name in place], np.int64)
 
@@ -110,9 +167,13 @@ class RelitSet:
         light: np.ndarray,
         mirror: np.ndarray | None = None,
     ) -> Batch:
-        """The batch of pairs figure[i], light[i] (B,) int.
+        """Relights B pairs.
 
-        mirror (B,) bool: image, maps and light as in a mirror; compact maps keep the order of the unmirrored pixels.
+        Args:
+            figure: (B,) int indices.
+            light: (B,) int indices.
+            mirror: (B,) bool, which pairs are mirrored left to right: image, maps and light. Their compact maps keep
+                the order of the unmirrored pixels.
         """
         device, size, most = self.pixel.device, self.size, self.most
         chosen = torch.as_tensor(figure, device=device)
@@ -162,10 +223,16 @@ class RelitSet:
 
 
 def neighbours(pixel: np.ndarray, offset: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """What total variation needs to know of masks given as ascending flat pixel indices, figure after figure.
+    """Finds the neighbours of pixels in masks.
 
-    Returns below (pixels,) int32, the place of the pixel underneath within its figure (its own place if not interior);
-    interior (pixels,) bool, whether all four neighbours are in the mask; outside (figures,) int32, a background pixel.
+    Args:
+        pixel: flat indices of all masks' pixels, ascending within each figure.
+        offset: (figures+1,) where each figure's pixels begin.
+        size: of the images, pixels.
+
+    Returns:
+        below (pixels,) int32, the place of the pixel underneath within its figure, its own if not interior; interior
+        (pixels,) bool, whether all four neighbours are in the mask; outside (figures,) int32, a background pixel.
     """
     below, interior = np.empty(len(pixel), np.int32), np.empty(len(pixel), bool)
     outside = np.zeros(len(offset) - 1, np.int32)
@@ -184,5 +251,42 @@ def neighbours(pixel: np.ndarray, offset: np.ndarray, size: int) -> tuple[np.nda
 
 
 def read_split(path: Path) -> dict[str, list[str]]:
-    """{"train": names, "test": names, "sitting": names} from a split's file."""
+    """Reads a split: names of figures by part, `train`, `test` and `sitting`."""
     return json.loads(existing(path, "split").read_text())
+
+
+def pairs(seed: int, step: int, batch: int, figures: int, lights: int, order: str = "shuffled") -> np.ndarray:
+    """Which figure is seen under which light at a step: a function of seed and step alone, so nothing needs saving.
+
+    Each epoch shows every pair exactly once. A batch may reach over the end of an epoch into the next.
+
+    Args:
+        seed: of the training.
+        step: from 0.
+        batch: pairs of a step.
+        figures: how many there are.
+        lights: how many there are.
+        order: `shuffled`, all pairs of an epoch in random order; or `rows`, the figures in random order and the lights
+            of each in a row, as the authors do.
+
+    Returns:
+        (batch, 2) int64 indices of figure and light.
+    """
+    epoch, place = np.divmod(step * batch + np.arange(batch), figures * lights)
+    chosen = np.array([epoch_order(seed, int(e), figures, lights, order)[p] for e, p in zip(epoch, place)])
+    return np.stack([chosen // lights, chosen % lights], 1)
+
+
+@lru_cache(maxsize=4)
+def epoch_order(seed: int, epoch: int, figures: int, lights: int, order: str) -> np.ndarray:
+    """The order (figures * lights,) in which an epoch shows the pairs, numbered figure * lights + light."""
+    rng = generator(seed, epoch)
+    if order == "shuffled":
+        return rng.permutation(figures * lights)
+    rows = rng.permutation(figures)[:, None] * lights
+    return (rows + rng.permuted(np.tile(np.arange(lights), (figures, 1)), axis=1)).ravel()
+
+
+def generator(seed: int, counter: int, purpose: int = 0) -> np.random.Generator:
+    """The random numbers of (seed, counter, purpose), independent of all others."""
+    return np.random.Generator(np.random.Philox(key=[seed, (purpose << 48) + counter]))

@@ -1,18 +1,25 @@
-"""Spherical harmonics in torch: the transport of unoccluded normals, differentiable, for the SfSNet rows of Table 1."""
+"""Spherical harmonics in torch: the differentiable transport of unoccluded normals, for SfSNet's networks."""
 
 import math
 
 import torch
 from torch import Tensor
 
-from relight.sh.basis import cosine_factors
+from relight.sh import cosine_factors
 
 
 def basis(directions: Tensor, order: int) -> Tensor:
-    """Real orthonormal harmonics Y_lm of unit directions (..., 3), as (..., (order+1)^2), index l*l+l+m, any order.
+    """Real orthonormal spherical harmonics, the torch twin of `relight.sh.basis`.
 
-    The torch twin of `relight.sh.basis.basis`: no Condon-Shortley phase, pole +z, m < 0 the sines.
-    With c_m + i s_m = (x + iy)^m the functions are polynomials in x, y, z, so the gradient exists at the poles too.
+    No Condon-Shortley phase, pole +z, sines for m < 0. With c_m + i s_m = (x + iy)^m the functions are polynomials in
+    x, y and z, so the gradient exists at the poles, too.
+
+    Args:
+        directions: unit vectors (..., 3).
+        order: highest band, any.
+
+    Returns:
+        Y_lm at index l*l+l+m, (..., (order+1)^2).
     """
     x, y, z = directions.unbind(-1)
     cosine, sine = [torch.ones_like(x)], [torch.zeros_like(x)]
@@ -37,14 +44,14 @@ def basis(directions: Tensor, order: int) -> Tensor:
 
 
 def unoccluded(normals: Tensor, order: int) -> Tensor:
-    """Transport T_lm(n) = A_l Y_lm(n) of unit normals (..., 3) that see the whole hemisphere, as (..., (order+1)^2)."""
+    """Transport T_lm(n) = A_l Y_lm(n), (..., (order+1)^2), of unit normals (..., 3) without occlusion."""
     factors = cosine_factors(order)
     bands = [float(factors[l]) for l in range(order + 1) for _ in range(2 * l + 1)]
     return basis(normals, order) * normals.new_tensor(bands)
 
 
 def mirror_signs(order: int) -> Tensor:
-    """The factor +1 or -1 of each coefficient ((order+1)^2,) under the mirror x -> -x."""
+    """The sign ((order+1)^2,) that each coefficient takes under the reflection x -> -x."""
     direction = torch.tensor([0.48, 0.6, 0.64], dtype=torch.float64)
     mirrored = direction * torch.tensor([-1.0, 1.0, 1.0], dtype=torch.float64)
     odd = (basis(direction, order) - basis(mirrored, order)).abs() > 1e-9

@@ -1,13 +1,17 @@
-"""The networks: that of the paper with its two predecessors (section 5), and one for photographs.
+"""The networks: the paper's with its two predecessors (section 5), and one for photographs.
 
-Level sizes of the paper's at 1024 px and width 1:
+Channels and sizes of the paper's network at 1024 px and width 1:
 
     encoder   conv 4, stride 2   64@512 128@256 256@128 512@64 512@32 512@16
     decoder   residual block     512@16
-              deconv 4, stride 2 512@32 512@64 256@128 128@256 64@512 maps@1024; after all but the last, the encoder's
-                                 features of the same size are appended
+              deconv 4, stride 2 512@32 512@64 256@128 128@256 64@512 maps@1024; skip connections append the
+                                 encoder's features of the same size after all but the last
     light     conv 4, stride 2   (encoder and residual outputs) -> 512@8 256@4 128@2 27@1
+
+A map of one pixel is its own mean, so a norm would turn it into zeros: there the convolution keeps its bias instead.
 """
+
+from itertools import pairwise
 
 import torch
 import torch.nn.functional as F
@@ -15,44 +19,222 @@ from torch import Tensor, nn
 
 from relight.config import Model
 from relight.files import UserError
-from relight.learning.blocks import Decoder, Residual, normalised
 from relight.learning.harmonics import unoccluded
-from relight.learning.heads import SLOPE, PooledHead, Refinement, StridedHead
 
-ENCODER = (64, 128, 256, 512, 512, 512)
+ENCODER = (64, 128, 256, 512, 512, 512)  # channels at 1/2 to 1/64 of the size, at width 1
 DECODER = (512, 512, 256, 128, 64)
-LIGHT = (512, 256, 128)
-STRIDE = 2 ** len(ENCODER)
+LIGHT = (512, 256, 128)  # channels of the light head
+STRIDE = 2 ** len(ENCODER)  # image sizes are multiples of it
 UNET = (64, 128, 192, 256, 384, 384)  # channels at 1/2 to 1/64 of the size, at width 1
-SHARP = 32  # channels at full size, at width 1
-DEEP = 2  # levels from the finest one that have no residual block
+FULL_SIZE = 32  # channels at full size of the U-Net, at width 1
+PLAIN_LEVELS = 2  # finest levels of the U-Net, without residual blocks
+SLOPE = 0.2  # of the leaky ReLUs
+DROPOUT_LAYERS = 3  # deconvolutions of each decoder of the paper's network that are followed by dropout
+
+
+class InstanceNorm(nn.Module):
+    """Normalises each channel of each image by its own mean and variance, then applies a scale and an offset."""
+
+    def __init__(self, channels: int):
+        super().__init__()
+        self.weight = nn.Parameter(torch.ones(channels))
+        self.bias = nn.Parameter(torch.zeros(channels))
+
+    def forward(self, x: Tensor) -> Tensor:
+        if len(x) == 1:  # the same thing, and these kernels keep channels_last
+            return F.batch_norm(x, None, None, self.weight, self.bias, training=True)
+        return F.group_norm(x, x.shape[1], self.weight, self.bias)  # twice as fast as instance_norm in channels_last
+
+
+NORMS = {"instance": InstanceNorm, "batch": nn.BatchNorm2d}
+
+
+def normalised(conv: type, inputs: int, outputs: int, kernel: tuple[int, int, int], side: int, norm: str) -> nn.Module:
+    """A (de)convolution and its norm; without a norm where the output has one pixel.
+
+    Args:
+        conv: `nn.Conv2d` or `nn.ConvTranspose2d`.
+        inputs: channels in.
+        outputs: channels out.
+        kernel: (size, stride, padding).
+        side: pixels of the output's side.
+        norm: `instance` or `batch`.
+    """
+    if side == 1:
+        return conv(inputs, outputs, *kernel)
+    return nn.Sequential(conv(inputs, outputs, *kernel, bias=False), NORMS[norm](outputs))
+
+
+class Residual(nn.Module):
+    """x + norm(conv(relu(norm(conv(x))))), nothing after the sum."""
+
+    def __init__(self, channels: int, side: int, norm: str):
+        super().__init__()
+        self.first = normalised(nn.Conv2d, channels, channels, (3, 1, 1), side, norm)
+        self.second = normalised(nn.Conv2d, channels, channels, (3, 1, 1), side, norm)
+
+    def forward(self, x: Tensor) -> Tensor:
+        return x + self.second(F.relu(self.first(x)))
+
+
+class Decoder(nn.Module):
+    """The paper's decoder: a residual block, then six deconvolutions to a map of `outputs` channels at full size."""
+
+    def __init__(self, encoder: list[int], channels: list[int], outputs: int, side: int, norm: str, dropout: float):
+        super().__init__()
+        self.dropout = dropout
+        self.residual = Residual(encoder[-1], side, norm)
+        self.up = nn.ModuleList()
+        inputs = encoder[-1]
+        for width, skip in zip(channels, reversed(encoder[:-1])):
+            side *= 2
+            self.up.append(normalised(nn.ConvTranspose2d, inputs, width, (4, 2, 1), side, norm))
+            inputs = width + skip
+        self.last = nn.ConvTranspose2d(inputs, outputs, 4, 2, 1)
+
+    def forward(self, features: list[Tensor]) -> tuple[Tensor, Tensor]:
+        """Decodes the encoder's features.
+
+        Args:
+            features: of all levels, finest first.
+
+        Returns:
+            The output of the residual block (B,C,S/64,S/64), and the map (B,outputs,S,S).
+        """
+        residual = x = self.residual(features[-1])
+        for level, (up, skip) in enumerate(zip(self.up, reversed(features[:-1]))):
+            x = up(x)
+            if level < DROPOUT_LAYERS:
+                x = F.dropout(x, self.dropout, self.training)
+            x = torch.cat([F.relu(x), skip], 1)
+        return residual, self.last(x)
+
+
+class StridedHead(nn.Module):
+    """The paper's light head: four strided convolutions down to one pixel.
+
+    At 1024 px the sides are 16 -> 8 -> 4 -> 2 -> 1. A smaller bottleneck reaches one pixel early; the remaining layers
+    are then 1x1 convolutions. A larger one ends with several pixels, which are averaged.
+    """
+
+    def __init__(self, inputs: int, channels: list[int], outputs: int, side: int, norm: str):
+        super().__init__()
+        self.layers = nn.ModuleList()
+        for width in channels:
+            kernel, side = ((4, 2, 1), side // 2) if side > 1 else ((1, 1, 0), 1)
+            self.layers.append(normalised(nn.Conv2d, inputs, width, kernel, side, norm))
+            inputs = width
+        self.last = nn.Conv2d(inputs, outputs, *((4, 2, 1) if side > 1 else (1, 1, 0)))
+
+    def forward(self, x: Tensor, mask: Tensor) -> Tensor:
+        for layer in self.layers:
+            x = F.leaky_relu(layer(x), SLOPE)
+        return self.last(x).mean((2, 3))
+
+
+class PooledHead(nn.Module):
+    """A light head that averages features over the figure alone; their size is 1/stride of the image's."""
+
+    def __init__(self, inputs: int, channels: list[int], outputs: int, stride: int):
+        super().__init__()
+        self.stride = stride
+        sizes = [inputs, *channels]
+        self.layers = nn.ModuleList(nn.Conv2d(a, b, 1) for a, b in pairwise(sizes))
+        self.last = nn.Conv2d(sizes[-1], outputs, 1)
+
+    def forward(self, x: Tensor, mask: Tensor) -> Tensor:
+        share = F.avg_pool2d(mask, self.stride)
+        x = F.leaky_relu(self.layers[0](x), SLOPE)  # before the pooling, so that pixels can be weighted
+        x = (x * share).sum((2, 3), keepdim=True) / share.sum((2, 3), keepdim=True).clamp_min(1e-6)
+        for layer in self.layers[1:]:
+            x = F.leaky_relu(layer(x), SLOPE)
+        return self.last(x).flatten(1)
+
+
+class Refinement(nn.Module):
+    """Refines a light by ridge regression so that, with the inferred maps, it explains the image (not in the paper).
+
+    For each colour channel the refined L minimises mean_p (a_p T_p.L - I_p)^2 + sum_k w_k (L_k - L0_k)^2 over the
+    pixels p of the figure, in closed form. a is the inferred albedo, T the inferred transport, I the image, L0 the
+    light of the head. The weights w, the trust in the head, are learned. The maps get no gradient from here, so that
+    an error of the light does not bend them.
+    """
+
+    SIDE = 64  # maps are subsampled to about so many pixels a side: hundreds of equations for nine unknowns
+
+    def __init__(self, coefficients: int):
+        super().__init__()
+        self.trust = nn.Parameter(torch.full((coefficients,), -4.0))  # ln w
+
+    def forward(self, light: Tensor, albedo: Tensor, transport: Tensor, image: Tensor, mask: Tensor) -> Tensor:
+        """Solves the regression.
+
+        Args:
+            light: the head's (B,K,3).
+            albedo: inferred (B,3,S,S).
+            transport: inferred (B,K,S,S).
+            image: linear (B,3,S,S).
+            mask: (B,1,S,S).
+
+        Returns:
+            The refined light (B,K,3).
+        """
+        with torch.autocast(light.device.type, enabled=False):
+            every = max(1, image.shape[-1] // self.SIDE)
+            albedo, transport, image, mask = (
+                x[..., ::every, ::every].flatten(2).float().detach() for x in (albedo, transport, image, mask)
+            )
+            transport = transport * mask
+            weighted = (albedo**2)[:, :, None] * transport[:, None]  # (B,3,K,P)
+            pixels = mask.sum((1, 2)).clamp_min(1)[:, None, None]
+            trust = self.trust.exp()
+            left = weighted @ transport[:, None].mT / pixels[..., None] + torch.diag(trust)
+            right = (albedo * image) @ transport.mT / pixels + trust * light.float().mT
+            return torch.linalg.solve(left, right).mT
 
 
 class Network(nn.Module):
-    """Image and mask to albedo, light, and transport (`ours`, `unet`), normal (`sfsnet`), or normal and AO
-    (`sfsnet_ao`). Subclasses give `infer`."""
+    """From an image and its mask to albedo, light and a shape map.
+
+    The shape map is transport (`ours`, `unet`), normal (`sfsnet`), or normal and AO (`sfsnet_ao`). Subclasses
+    implement `infer`.
+    """
 
     layout = torch.channels_last  # of the features
-    unlearned: frozenset[str] = frozenset()  # outputs that no loss asked for, where one who scores the network says so
+    unlearned: frozenset[str] = frozenset()  # outputs that no loss trained; the evaluation sets it
 
     def __init__(self, model: Model, size: int):
         super().__init__()
         self.order, self.size, self.albedo, self.sees = model.order, size, model.albedo, model.sees
 
     def infer(self, seen: Tensor, mask: Tensor) -> tuple[dict[str, Tensor], Tensor]:
-        """What the layers put out for seen (B,3,S,S) in [-1,1], 0 outside the mask: maps by name, and light (B,3K)."""
+        """Runs the layers.
+
+        Args:
+            seen: image (B,3,S,S) scaled to [-1,1], 0 outside the mask.
+            mask: (B,1,S,S).
+
+        Returns:
+            The unconstrained maps (B,C,S,S) by name, and the light (B,3K).
+        """
         raise NotImplementedError
 
     def forward(self, image: Tensor, mask: Tensor) -> dict[str, Tensor]:
-        """image (B,3,S,S) linear, about [0,1]; mask (B,1,S,S) of 0 and 1; S a multiple of 64.
+        """Infers the maps and the light.
 
-        Returns albedo (B,3,S,S) in [0,1]; light (B,K,3) radiance coefficients; and transport (B,K,S,S), or
-        normal (B,3,S,S) unit in the camera frame, with ao (B,1,S,S) for `sfsnet_ao`. The maps hold inside the mask.
+        Args:
+            image: (B,3,S,S) linear, about [0,1]; S is a multiple of 64.
+            mask: (B,1,S,S) of 0 and 1.
+
+        Returns:
+            `albedo` (B,3,S,S) in [0,1]; `light` (B,K,3), radiance coefficients; and `transport` (B,K,S,S), or `normal`
+            (B,3,S,S), unit vectors in the camera frame, with `ao` (B,1,S,S) for `sfsnet_ao`. Maps are valid inside the
+            mask only.
         """
         x = (2 * image - 1) * mask if self.sees == "image" else mask.expand_as(image)
         outputs, light = self.infer(x.contiguous(memory_format=self.layout), mask)
         outputs["light"] = light.unflatten(1, (-1, 3))
-        outputs["albedo"] = limited(outputs["albedo"], self.albedo)
+        outputs["albedo"] = constrained(outputs["albedo"], self.albedo)
         if "normal" in outputs:
             outputs["normal"] = F.normalize(outputs["normal"].float(), dim=1, eps=1e-6)
         if self.refinement:
@@ -71,7 +253,7 @@ class PaperNetwork(Network):
         super().__init__(model, size)
         coefficients = (model.order + 1) ** 2
         maps = {"ours": {"transport": coefficients}, "sfsnet": {"normal": 3}, "sfsnet_ao": {"normal": 3, "ao": 1}}
-        encoder, decoder, light = ([channels(c, model.width) for c in sizes] for sizes in (ENCODER, DECODER, LIGHT))
+        encoder, decoder, light = ([scaled(c, model.width) for c in sizes] for sizes in (ENCODER, DECODER, LIGHT))
         side, inputs = size // 2, encoder[0]
         self.encoder = nn.ModuleList([nn.Conv2d(3, inputs, 4, 2, 1)])
         for width in encoder[1:]:
@@ -91,8 +273,10 @@ class PaperNetwork(Network):
         self.initialise(scaled=model.light_head == "pooled" or side < 16)
 
     def initialise(self, scaled: bool) -> None:
-        """N(0, .02), the residual convolutions He. A `scaled` light head is He too: with the few inputs that its
-        kernels see below 1024 px, N(0, .02) would shrink the signal at each layer until only the mean light is left.
+        """Draws the weights from N(0, .02), those of residual blocks by He's rule.
+
+        A `scaled` light head follows He's rule, too. Below 1024 px its kernels see few inputs, and N(0, .02) would
+        shrink the signal at each layer until only the mean light is left.
         """
         for module in self.modules():
             if isinstance(module, nn.Conv2d | nn.ConvTranspose2d):
@@ -124,9 +308,9 @@ class PaperNetwork(Network):
 class UNet(Network):
     """One encoder and one decoder for all maps, made for photographs.
 
-    What the paper's form leaves in a photograph's maps is avoided: transposed convolutions stripe them, and without the
-    picture at full size they blur. Here the decoder enlarges bilinearly, and its last two convolutions see the picture.
-    The light is pooled over the figure from decoder features at 1/8 of the size, which know the shape already.
+    Transposed convolutions leave stripes in the maps, and without the image at full size the maps blur. So the decoder
+    upsamples bilinearly, and its last two convolutions see the image. The light is pooled over the figure from decoder
+    features at 1/8 of the size, which already describe the shape.
     """
 
     layout = torch.contiguous_format  # a training step on a CPU takes 1.25 times as long in channels_last
@@ -134,13 +318,13 @@ class UNet(Network):
     def __init__(self, model: Model, size: int):
         super().__init__(model, size)
         self.coefficients = (model.order + 1) ** 2
-        sizes = [channels(c, model.width) for c in UNET]
+        sizes = [scaled(c, model.width) for c in UNET]
         side, inputs = size, 4
         self.encoder = nn.ModuleList()
         for level, width in enumerate(sizes):
             side //= 2
             block = [normalised(nn.Conv2d, inputs, width, (4, 2, 1), side, model.norm), nn.LeakyReLU(SLOPE)]
-            if level >= DEEP:
+            if level >= PLAIN_LEVELS:
                 block.append(Residual(width, side, model.norm))
             self.encoder.append(nn.Sequential(*block))
             inputs = width
@@ -149,16 +333,16 @@ class UNet(Network):
             side *= 2
             self.reduce.append(nn.Conv2d(inputs, width, 1))  # before the map is enlarged: a quarter of the work
             block = [normalised(nn.Conv2d, 2 * width, width, (3, 1, 1), side, model.norm), nn.ReLU()]
-            if level >= DEEP:
+            if level >= PLAIN_LEVELS:
                 block.append(Residual(width, side, model.norm))
             self.decoder.append(nn.Sequential(*block))
             inputs = width
-        sharp = channels(SHARP, model.width)
+        sharp = scaled(FULL_SIZE, model.width)
         self.reduce.append(nn.Conv2d(inputs, sharp, 1))
         self.sharpen = nn.Conv2d(sharp + 4, sharp, 3, 1, 1)
         self.last = nn.Conv2d(sharp, self.coefficients + 3, 3, 1, 1)
-        head = [channels(c, model.width) for c in LIGHT]
-        self.light = PooledHead(sizes[DEEP], head, 3 * self.coefficients, 2 ** (DEEP + 1))
+        head = [scaled(c, model.width) for c in LIGHT]
+        self.light = PooledHead(sizes[PLAIN_LEVELS], head, 3 * self.coefficients, 2 ** (PLAIN_LEVELS + 1))
         self.refinement = Refinement(self.coefficients) if model.refine else None
         for module in self.modules():
             if isinstance(module, nn.Conv2d):
@@ -176,26 +360,26 @@ class UNet(Network):
             features.append(x)
         light = None
         for level, reduce, layer in zip(reversed(range(len(self.decoder))), self.reduce, self.decoder):
-            x = layer(torch.cat([twice(reduce(x)), features[level]], 1))
-            if level == DEEP:
+            x = layer(torch.cat([upsampled(reduce(x)), features[level]], 1))
+            if level == PLAIN_LEVELS:
                 light = self.light(x, mask)
-        x = F.relu(self.sharpen(torch.cat([twice(self.reduce[-1](x)), picture], 1)))
+        x = F.relu(self.sharpen(torch.cat([upsampled(self.reduce[-1](x)), picture], 1)))
         transport, albedo = self.last(x).split([self.coefficients, 3], 1)
         return {"transport": transport, "albedo": albedo}, light
 
 
-def twice(x: Tensor) -> Tensor:
-    """(B,C,H,W) at twice the size, bilinear."""
+def upsampled(x: Tensor) -> Tensor:
+    """A map (B,C,H,W) at twice the size, bilinear."""
     return F.interpolate(x, scale_factor=2, mode="bilinear", align_corners=False)
 
 
-def channels(count: int, width: float) -> int:
-    """`count` channels at a relative `width`, a multiple of 8 (whole vectors of every device)."""
+def scaled(count: int, width: float) -> int:
+    """`count` channels times a relative `width`, rounded to a multiple of 8 (whole vectors on every device)."""
     return max(8, 8 * round(count * width / 8))
 
 
-def limited(albedo: Tensor, how: str) -> Tensor:
-    """Albedo into [0,1]: `clip` (the paper; no gradient outside), `straight_through` (with gradient), `sigmoid`."""
+def constrained(albedo: Tensor, how: str) -> Tensor:
+    """Albedo in [0,1] by `clip` (the paper's; no gradient outside), `straight_through` (with gradient) or `sigmoid`."""
     if how == "sigmoid":
         return torch.sigmoid(albedo)
     clipped = albedo.clamp(0, 1)
@@ -203,7 +387,15 @@ def limited(albedo: Tensor, how: str) -> Tensor:
 
 
 def with_transport(maps: dict[str, Tensor], order: int) -> dict[str, Tensor]:
-    """`maps`, channels last, and their transport (..., K): inferred, or AO * T(normal) where normals are."""
+    """Adds the transport to maps that lack it.
+
+    Args:
+        maps: inferred maps (..., C), channels last.
+        order: of the harmonics.
+
+    Returns:
+        The maps with `transport` (..., K): the inferred one, or that of the unoccluded normals, times `ao` if inferred.
+    """
     if "transport" in maps:
         return maps
     transport = unoccluded(maps["normal"], order)
@@ -211,9 +403,10 @@ def with_transport(maps: dict[str, Tensor], order: int) -> dict[str, Tensor]:
 
 
 def build(model: Model, size: int) -> Network:
-    """A fresh network for square images of `size` pixels; its weights come from torch's generator.
+    """A new network for square images of `size` pixels, its weights drawn by torch's generator.
 
-    Raises UserError for a size that is no multiple of 64.
+    Raises:
+        UserError: if the size is not a multiple of 64.
     """
     if size < STRIDE or size % STRIDE:
         raise UserError(f"the image size is {size} px: the network halves it six times, so give a multiple of {STRIDE}")

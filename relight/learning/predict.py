@@ -1,4 +1,4 @@
-"""Inference: what a network says about an image, as arrays."""
+"""Inference on arrays."""
 
 import numpy as np
 import torch
@@ -12,17 +12,23 @@ from relight.learning.networks import Network, with_transport
 
 
 def predict(network: Network, image: np.ndarray, mask: np.ndarray, mirrored: bool = False) -> dict[str, np.ndarray]:
-    """The maps of an image (S,S,3), or of several (B,S,S,3), with masks (S,S) or (B,S,S), float or bool.
+    """Infers the maps and the light of one image or of several.
 
-    The image is linear, about [0,1], in the colour model that the network was trained with (config["train"]["color"]);
-    what lies outside the mask does not matter. S is the size that the network was trained for.
+    Args:
+        network: in evaluation mode.
+        image: (S,S,3) or (B,S,S,3), linear, about [0,1], in the colour model of the training (`train.color`).
+            S is the size that the network was trained for. Values outside the mask do not matter.
+        mask: (S,S) or (B,S,S), float or bool.
+        mirrored: average with what is inferred from the mirror image, so that a mirrored image has the mirrored maps,
+            at twice the cost.
 
-    mirrored: the mean of what is inferred from the image and from its mirror image, so that a mirrored image has the
-    mirrored maps, at twice the cost.
+    Returns:
+        float32 arrays with the leading axis of the input: `albedo` (S,S,3) in [0,1]; `transport` (S,S,K); `light`
+        (K,3); `shading` (S,S,3), transport . light in [0,10]; `normal` (S,S,3) and `ao` (S,S,1) if the
+        network infers them. Maps are zero outside the mask.
 
-    Returns float32 arrays with the leading axis of the input: albedo (S,S,3) in [0,1]; transport (S,S,K); light (K,3);
-    shading (S,S,3) = transport . light in [0,10]; and normal (S,S,3), ao (S,S,1) where the network infers them.
-    Maps are zero outside the mask. Raises UserError when the size does not fit.
+    Raises:
+        UserError: if the size does not fit the network.
     """
     image, mask = np.asarray(image, np.float32), np.asarray(mask, np.float32)
     if image.ndim == 3:
@@ -45,7 +51,7 @@ def predict(network: Network, image: np.ndarray, mask: np.ndarray, mirrored: boo
 
 
 def _maps(network: Network, image: Tensor, inside: Tensor) -> dict[str, Tensor]:
-    """The light (B,K,3) and the maps (B,S,S,C), zero outside the mask, of an image (B,S,S,3) and mask (B,S,S,1)."""
+    """Light (B,K,3) and maps (B,S,S,C), zero outside the mask, of images (B,S,S,3) with masks (B,S,S,1)."""
     outputs = network(image.permute(0, 3, 1, 2), inside.permute(0, 3, 1, 2))
     light = outputs.pop("light").float()
     maps = {name: dense.permute(0, 2, 3, 1).float() for name, dense in outputs.items()}
@@ -53,7 +59,7 @@ def _maps(network: Network, image: Tensor, inside: Tensor) -> dict[str, Tensor]:
 
 
 def _unmirrored(maps: dict[str, Tensor], order: int) -> dict[str, Tensor]:
-    """The maps of a mirror image as those of the image."""
+    """Turns the maps of a mirror image into those of the image."""
     signs = {"transport": mirror_signs(order), "light": mirror_signs(order)[:, None], "normal": torch.ones(3)}
     signs["normal"][0] = -1
     flipped = {name: values if name == "light" else values.flip(2) for name, values in maps.items()}

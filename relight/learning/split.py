@@ -1,4 +1,4 @@
-"""Training and test figures, and those that sit."""
+"""Splits of the figures into training and test, with seated figures apart."""
 
 import numpy as np
 
@@ -6,19 +6,31 @@ from relight.config import Split
 from relight.files import UserError
 
 
-def deal(names: list[str], subjects: list[str], split: Split, sitting: set[str] = frozenset()) -> dict[str, list[str]]:
-    """{"train": names, "test": names, "sitting": names}, each in the order of `names`; train and test are never empty.
+def split_figures(
+    names: list[str], subjects: list[str], split: Split, sitting: set[str] = frozenset()
+) -> dict[str, list[str]]:
+    """Splits figures into parts.
 
-    Figures in `sitting` are set apart, as in the paper (section 5.1): neither trained on nor in the test; with
-    `split.sitting=dealt` there are none of these. Of the others
+    Seated figures are a part of their own, as in the paper (section 5.1), unless `split.sitting=dealt`. The others are
+    split by `split.kind`:
 
-    - `subject` draws whole subjects for the test side until it holds the asked share, so no person is on both sides;
-    - `paper` draws figures at random (section 5 of the paper), so frames of one person may fall on both sides;
-    - `disjoint` and `siblings` are a pair of splits with one test set and as many training figures each: figures of the
-      test subjects are dealt in turn to the test and to their siblings, which `siblings` trains on in the place of as
-      many figures of other people. What differs is whether a network has seen the person that it is tested on.
+    - `subject` draws whole subjects for the test until it holds the share asked for: no person is on both sides.
+    - `paper` draws figures at random (section 5): figures of one person may be on both sides.
+    - `disjoint` and `siblings` have the same test figures and equally many training figures. Every second figure of the
+      test subjects is a test figure, the others are their siblings. `siblings` trains on these in place of as many
+      figures of other people. So the two differ in whether the network has seen the person that it is tested on.
 
-    Raises UserError when there are too few figures or subjects for that.
+    Args:
+        names: of all figures.
+        subjects: the person of each.
+        split: settings.
+        sitting: names of the seated figures.
+
+    Returns:
+        Names by part, `train`, `test` and `sitting`, each in the order of `names`; train and test are never empty.
+
+    Raises:
+        UserError: if there are too few figures or subjects.
     """
     if split.sitting == "dealt":
         sitting = set()
@@ -26,7 +38,7 @@ def deal(names: list[str], subjects: list[str], split: Split, sitting: set[str] 
     subjects = [subject for name, subject in zip(names, subjects) if name not in sitting]
     names = [name for name in names if name not in sitting]
     if split.kind in ("disjoint", "siblings"):
-        return {**paired(names, subjects, split), "sitting": apart}
+        return {**sibling_split(names, subjects, split), "sitting": apart}
     units = subjects if split.kind == "subject" else names
     order = sorted(set(units))
     if len(order) < 2:
@@ -48,8 +60,8 @@ def deal(names: list[str], subjects: list[str], split: Split, sitting: set[str] 
     }
 
 
-def paired(names: list[str], subjects: list[str], split: Split) -> dict[str, list[str]]:
-    """One of the two splits that differ only in whether the test subjects' other figures are trained on."""
+def sibling_split(names: list[str], subjects: list[str], split: Split) -> dict[str, list[str]]:
+    """The split `disjoint` or `siblings` (see `split_figures`)."""
     own: dict[str, list[str]] = {}
     for name, subject in zip(names, subjects):
         own.setdefault(subject, []).append(name)
@@ -74,6 +86,6 @@ def paired(names: list[str], subjects: list[str], split: Split) -> dict[str, lis
     return {"train": [n for n in names if n in trained], "test": [n for n in names if n in test]}
 
 
-def sits(info: dict) -> bool:
-    """Whether the figure of a record (`Maps.info`) sits, by its `sitting`, or else by the name of its pose."""
+def is_seated(info: dict) -> bool:
+    """Whether the figure of a record (`Maps.info`) is seated, by its `sitting`, else by the name of its pose."""
     return bool(info.get("sitting", str(info.get("pose", "")).startswith("sitting")))

@@ -1,89 +1,123 @@
-"""Trains one network: a fixed number of steps, each relit on the fly; killed at any moment it goes on bit by bit.
+"""Trains one network: a fixed number of steps on pairs that are relit on the fly.
 
-All randomness is a function of (seed, step), so the state file needs no generators and no place in the data: the
-weights, the optimiser's moments and the step are enough.
+All randomness is a function of (seed, step). So the weights, the optimiser's moments and the step are the whole state,
+and a training that was killed at any moment ends with the same bytes.
 """
 
 import copy
 import csv
+import hashlib
+import json
 import math
 import os
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 
 import numpy as np
 import torch
 import torch.distributed as distributed
-from torch import nn
+from torch import Tensor, nn
 from torch.nn.parallel import DistributedDataParallel
 
 from relight.config import Augment, Loss, Model, Train
-from relight.files import UserError, whole
+from relight.files import UserError, existing, whole
 from relight.learning.augment import augmented
-from relight.learning.checkpoint import load_network, save_network
-from relight.learning.data import Batch, RelitSet, read_split
+from relight.learning.checkpoint import load_network, restore, save_network, save_state
+from relight.learning.data import Batch, RelitSet, generator, pairs, read_split
 from relight.learning.losses import losses, weights
-from relight.learning.meter import Meter
 from relight.learning.networks import STRIDE, Network, UNet, build
-from relight.learning.pairs import generator, pairs
-from relight.learning.state import fingerprint, restore, save_state
+from relight.learning.validation import Validation
 from relight.progress import span
 
-STEP_DRAWS = 1  # the purpose of the random numbers of a step, apart from those that order the pairs
-SUBSET = 2  # of those that choose `train.figures`
-PICTURE = 3  # of those that augment a picture
+# Purposes of random numbers (`data.generator`); 0 orders the pairs.
+STEP_DRAWS = 1
+SUBSET = 2
+PICTURE = 3
 FLOOR = 0.02  # share of the learning rate at which the cosine ends
 
 
+@dataclass(frozen=True)
+class Recipe:
+    """All settings of a training."""
+
+    model: Model
+    loss: Loss
+    train: Train
+    augment: Augment
+
+    def as_dict(self) -> dict[str, dict]:
+        return {part.name: asdict(getattr(self, part.name)) for part in fields(self)}
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """The files that a training reads, beside `train.start`."""
+
+    packed: Path
+    lights: Path
+    split: Path
+
+
+def fingerprint(recipe: Recipe, inputs: Inputs) -> str:
+    """A hash of all settings, `train.version` among them, and of the content of all inputs, `train.start` included.
+
+    Raises:
+        UserError: if an input does not exist.
+    """
+    digest = hashlib.sha256(json.dumps(list(recipe.as_dict().values()), sort_keys=True).encode())
+    start = recipe.train.start
+    for path in [inputs.packed, inputs.lights, inputs.split, *([start] if start else [])]:
+        with open(existing(path, "training"), "rb") as file:
+            digest.update(hashlib.file_digest(file, "sha256").digest())
+    return digest.hexdigest()
+
+
 def train(
-    model: Model,
-    loss: Loss,
-    train: Train,
-    augment: Augment,
-    packed: Path,
-    lights: Path,
-    split: Path,
+    recipe: Recipe,
+    inputs: Inputs,
     out: Path,
     state: Path,
     curve: Path | None = None,
     log: Callable[[dict[str, float], int], None] | None = None,
+    show: Callable[[np.ndarray, int], None] | None = None,
 ) -> None:
-    """Trains on `material`, figures of the split and lights of the table; writes the network to `out` (safetensors).
+    """Trains a network on `selection`, pairs of figures of the split and lights of the table.
 
-    After every `train.epoch` steps: a line of progress, `log(means of the losses since the last time, steps done)`,
-    then the state to `state`. The next call with the same settings and data goes on from there; a state of other
-    settings is ignored, with a line that says so. `curve` (CSV) gets all that was logged, a row per epoch. Both
-    outputs are written whole at the end. The state stays: the caller removes it when it has the outputs safe.
+    After every `train.epoch` steps it prints a line of progress, calls `show` and `log`, and writes `state`. The next
+    call with the same recipe and inputs goes on from there; the state of another training is ignored, with a line that
+    says so. The state stays at the end: the caller removes it once the outputs are safe.
 
     Under torchrun each process takes its share of the batch and the gradients are averaged. On a CPU the training keeps
-    to one thread: results then do not depend on the machine's load, and several trainings run side by side.
+    to one thread: its results then do not depend on the machine's load, and several trainings run side by side.
 
-    Raises UserError when the loss is no longer a finite number, naming the step; the last good state is kept.
+    Args:
+        recipe: all settings.
+        inputs: the files to train on.
+        out: the network (.safetensors), written whole at the end.
+        state: what an interrupted training goes on from.
+        curve: all that was logged (.csv), a row per epoch, written whole at the end.
+        log: receives the steps done and, by name, the means of the losses since the last call, the learning rate `lr`,
+            and the losses on fixed pairs of the test as `validation/*`.
+        show: receives a picture of what is inferred of these pairs, and the steps done.
+
+    Raises:
+        UserError: if the loss is not finite; it names the step, and the last good state stays.
     """
-    with processes(train) as (device, rank, world):
-        if device.type == "cpu":
-            torch.set_num_threads(1)
-        torch.backends.cudnn.benchmark = True
-        data = RelitSet(packed, lights, model.order, train.color, device)
-        chosen, lit = material(data, split, train)
+    settings = recipe.train
+    with processes(settings) as (device, rank, world), torch_settings(device):
+        data = RelitSet(inputs.packed, inputs.lights, recipe.model.order, settings.color, device)
+        figures, lights = selection(data, inputs.split, settings)
 
-        torch.manual_seed(train.seed)
-        size = train.size or data.size
-        if size > data.size:
-            raise UserError(f"train.size={size}: the maps of {packed} have {data.size} px, give at most that")
-        network = build(model, size).to(device).train()
-        if train.start:
-            adopt(network, model, train)
-        elif train.only:
-            raise UserError(f"train.only={train.only} needs train.start=<the network whose other parts stay>")
-        average = copy.deepcopy(network) if train.average else None
-        optimizer = make_optimizer(network, train)
+        torch.manual_seed(settings.seed)
+        network = start_network(recipe, data, inputs.packed).to(device)
+        average = copy.deepcopy(network) if settings.average else None
+        optimizer = make_optimizer(network, settings)
         parts = {"network": network, "optimizer": optimizer} | ({"average": average} if average else {})
-        digest = fingerprint(model, loss, train, augment, packed, lights, split)
+        digest = fingerprint(recipe, inputs)
         first, history, found = restore(state, digest, parts, device)
         if found and rank == 0:
             say(found)
@@ -91,51 +125,72 @@ def train(
         forward: nn.Module = network
         if world > 1:
             forward = DistributedDataParallel(forward)
-        if train.compile:
+        if settings.compile:
             forward = torch.compile(forward)
-        autocast = torch.autocast(device.type, torch.bfloat16) if train.precision == "bf16" else nullcontext()
-        weight = weights(loss, size)
-        meter, start = Meter(device), time.monotonic()
-        for step in range(first, train.steps):
-            batch = draw(data, chosen, lit, train, augment, step, rank, world)
+        autocast = torch.autocast(device.type, torch.bfloat16) if settings.precision == "bf16" else nullcontext()
+        weight = weights(recipe.loss, network.size)
+        validation = Validation(data, inputs.split, recipe.loss, network.size) if rank == 0 else None
+        meter, began = Meter(device), time.monotonic()
+        for step in range(first, settings.steps):
+            batch = draw_batch(data, figures, lights, recipe, step, rank, world)
             for group in optimizer.param_groups:
-                group["lr"] = rate(train, step)
+                group["lr"] = learning_rate(settings, step)
             with autocast:
                 outputs = forward(batch.image, batch.mask)
             outputs["light"] = outputs["light"] / batch.exposure[:, None, None]
-            values = losses(outputs, batch, loss)
+            values = losses(outputs, batch, recipe.loss)
             values = {"loss": sum(weight[name] * value for name, value in values.items()), **values}
             optimizer.zero_grad(set_to_none=True)
             values["loss"].backward()
             optimizer.step()
             if average:
-                follow(average, network, min(train.average, (1 + step) / (10 + step)))
+                update_average(average, network, min(settings.average, (1 + step) / (10 + step)))
             meter.add(values, step)
 
             done = step + 1
-            if done % train.epoch and done < train.steps:
+            if done % settings.epoch and done < settings.steps:
                 continue
             means = meter.means(world)
             if rank:
                 continue
-            seconds = (time.monotonic() - start) / (done - first)
-            line = f"step {done}/{train.steps}, loss {means['loss']:.4f}, {1e3 * seconds:.0f} ms a step"
-            say(f"{line}, {span(seconds * (train.steps - done))} left")
+            seconds = (time.monotonic() - began) / (done - first)
+            line = f"step {done}/{settings.steps}, loss {means['loss']:.4f}, {1e3 * seconds:.0f} ms a step"
+            say(f"{line}, {span(seconds * (settings.steps - done))} left")
+            validated, picture = validation(average or network, drawn=show is not None)
+            values = {**means, "lr": learning_rate(settings, step)}
+            values |= {f"validation/{name}": value for name, value in validated.items()}
+            if picture is not None:
+                show(picture, done)
             if log:
-                log(means, done)  # before the state: a state that is found again has been logged
-            history.append({"step": done, "lr": rate(train, step), **means})
+                log(values, done)  # before the state: a state that is found again has been logged
+            history.append({"step": done, **values})
             save_state(state, digest, parts, done, history)
 
         if rank == 0:
-            settings = {"loss": asdict(loss), "train": asdict(train), "augment": asdict(augment), "fingerprint": digest}
-            save_network(out, average or network, model, **settings)
+            kept = {name: values for name, values in recipe.as_dict().items() if name != "model"}
+            save_network(out, average or network, recipe.model, **kept, fingerprint=digest)
             if curve:
                 write_curve(curve, history)
 
 
 @contextmanager
-def processes(train: Train):
-    """Yields (device, rank, world size): one process alone, or one of torchrun's, joined to the others."""
+def torch_settings(device: torch.device) -> Iterator[None]:
+    """One thread on a CPU, the fastest algorithms on a GPU, and a random state of its own; restores all at the end."""
+    threads, benchmark = torch.get_num_threads(), torch.backends.cudnn.benchmark
+    if device.type == "cpu":
+        torch.set_num_threads(1)
+    torch.backends.cudnn.benchmark = True
+    try:
+        with torch.random.fork_rng(devices=[device] if device.type == "cuda" else []):
+            yield
+    finally:
+        torch.set_num_threads(threads)
+        torch.backends.cudnn.benchmark = benchmark
+
+
+@contextmanager
+def processes(train: Train) -> Iterator[tuple[torch.device, int, int]]:
+    """Yields device, rank and number of processes: one process alone, or one of torchrun's, joined to the others."""
     if train.device == "cuda" and not torch.cuda.is_available():
         raise UserError("train.device is cuda and torch sees no GPU here: give train.device=cpu or auto")
     kind = "cuda" if train.device != "cpu" and torch.cuda.is_available() else "cpu"
@@ -157,12 +212,16 @@ def processes(train: Train):
         distributed.destroy_process_group()
 
 
-def material(data: RelitSet, split: Path, train: Train) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of the maps and of the lights to train on: figures of `train.part` of the split, in all looks that the
-    set has of them, and the marks `train.lights`.
+def selection(data: RelitSet, split: Path, train: Train) -> tuple[np.ndarray, np.ndarray]:
+    """Selects what to train on: figures of `train.part` of the split, and lights with the marks `train.lights`.
 
-    With `train.figures` N, the first N of an order drawn from the seed, so that fewer are part of more.
-    Raises UserError when nothing is left.
+    With `train.figures` N, the figures are the first N of an order drawn from the seed, so that fewer are part of more.
+
+    Returns:
+        Indices of the figures' maps, those of all their views and outfits included, and indices of the lights.
+
+    Raises:
+        UserError: if nothing is left.
     """
     figures = data.figures(read_split(split)[train.part])
     lights = np.flatnonzero(np.isin(data.light_split, train.lights))
@@ -176,22 +235,35 @@ def material(data: RelitSet, split: Path, train: Train) -> tuple[np.ndarray, np.
     return np.concatenate([figures, data.others(figures)]), lights
 
 
-def adopt(network: Network, model: Model, train: Train) -> None:
-    """Takes over the weights of `train.start`; with `only: encoder` all others stay, running statistics included.
+def start_network(recipe: Recipe, data: RelitSet, packed: Path) -> Network:
+    """The network at step 0: new, or that of `train.start`.
 
-    Raises UserError when that network is of another kind, or of another size that its layers depend on.
+    With `train.only=encoder` all other parts keep their weights and running statistics.
+
+    Raises:
+        UserError: if the size does not fit the maps, or `train.start` not the network.
     """
-    found, config = load_network(train.start)
-    wanted = {"size": network.size, "model": asdict(model)}
-    if isinstance(network, UNet) and min(network.size, config["size"]) > STRIDE:  # one pixel has no norms
+    settings = recipe.train
+    size = settings.size or data.size
+    if size > data.size:
+        raise UserError(f"train.size={size}: the maps of {packed} have {data.size} px, give at most that")
+    network = build(recipe.model, size).train()
+    if not settings.start:
+        if settings.only:
+            raise UserError(f"train.only={settings.only} needs train.start=<the network whose other parts stay>")
+        return network
+    found, config = load_network(settings.start)
+    wanted = {"size": network.size, "model": asdict(recipe.model)}
+    if isinstance(network, UNet) and min(network.size, config["size"]) > STRIDE:  # its layers fit every size
         del wanted["size"]
-    if (made := {key: config[key] for key in wanted}) != wanted:
-        raise UserError(f"train.start={train.start} is a network of {made}: it must be one of {wanted}")
+    if (given := {key: config[key] for key in wanted}) != wanted:
+        raise UserError(f"train.start={settings.start} is a network of {given}: it must be one of {wanted}")
     network.load_state_dict(found.state_dict())
-    if train.only == "encoder":
+    if settings.only == "encoder":
         for name, part in network.named_children():
             if name != "encoder":
                 part.requires_grad_(False).eval()
+    return network
 
 
 def make_optimizer(network: nn.Module, train: Train) -> torch.optim.Optimizer:
@@ -207,7 +279,7 @@ def make_optimizer(network: nn.Module, train: Train) -> torch.optim.Optimizer:
     )
 
 
-def rate(train: Train, step: int) -> float:
+def learning_rate(train: Train, step: int) -> float:
     """The learning rate of `step`: a linear warm-up, then constant or half a cosine down to 2 %."""
     warm = min(1.0, (step + 1) / train.warmup) if train.warmup else 1.0
     if train.schedule == "constant":
@@ -215,35 +287,65 @@ def rate(train: Train, step: int) -> float:
     return train.lr * warm * (FLOOR + (1 - FLOOR) * 0.5 * (1 + math.cos(math.pi * step / train.steps)))
 
 
-def draw(
-    data: RelitSet,
-    figures: np.ndarray,
-    lights: np.ndarray,
-    train: Train,
-    augment: Augment,
-    step: int,
-    rank: int,
-    world: int,
+def draw_batch(
+    data: RelitSet, figures: np.ndarray, lights: np.ndarray, recipe: Recipe, step: int, rank: int, world: int
 ) -> Batch:
-    """The batch of one step, or this process's share of it; also seeds torch, for the dropout of this step."""
-    chosen = pairs(train.seed, step, train.batch, len(figures), len(lights), train.pairs)
-    rng = generator(train.seed, step, STEP_DRAWS)
+    """The batch of a step, or this process's share of it; it also seeds torch for the dropout of the step."""
+    settings = recipe.train
+    chosen = pairs(settings.seed, step, settings.batch, len(figures), len(lights), settings.pairs)
+    rng = generator(settings.seed, step, STEP_DRAWS)
     torch.manual_seed(int(rng.integers(2**62)) + rank)
-    mirror = rng.random(train.batch) < 0.5
+    mirror = rng.random(settings.batch) < 0.5
     mine = slice(rank, None, world)
-    batch = data.batch(figures[chosen[mine, 0]], lights[chosen[mine, 1]], mirror=mirror[mine] if train.mirror else None)
+    figure, light = figures[chosen[mine, 0]], lights[chosen[mine, 1]]
+    batch = data.batch(figure, light, mirror=mirror[mine] if settings.mirror else None)
     batch = replace(batch, scope=float(data.counts[figures[chosen[:, 0]]].sum()) / world)
-    numbers = range(step * train.batch, (step + 1) * train.batch)[mine]
-    generators = [generator(train.seed, number, PICTURE) for number in numbers]
-    return augmented(batch, augment, generators, train.size or data.size)
+    numbers = range(step * settings.batch, (step + 1) * settings.batch)[mine]
+    generators = [generator(settings.seed, number, PICTURE) for number in numbers]
+    return augmented(batch, recipe.augment, generators, settings.size or data.size)
 
 
 @torch.no_grad()
-def follow(average: nn.Module, network: nn.Module, decay: float) -> None:
+def update_average(average: nn.Module, network: nn.Module, decay: float) -> None:
     """average = decay * average + (1 - decay) * network; buffers are copied."""
     torch._foreach_lerp_(list(average.parameters()), list(network.parameters()), 1 - decay)
     for mine, other in zip(average.buffers(), network.buffers()):
         mine.copy_(other)
+
+
+class Meter:
+    """Means of the losses over an epoch, summed on the device, so that no step waits for a number."""
+
+    def __init__(self, device: torch.device):
+        self.device = device
+        self.clear()
+
+    def clear(self) -> None:
+        self.names, self.sums, self.steps = [], 0.0, 0
+        self.bad = torch.tensor(torch.inf, device=self.device)
+
+    def add(self, values: dict[str, Tensor], step: int) -> None:
+        row = torch.stack([value.detach() for value in values.values()])
+        self.names, self.sums, self.steps = list(values), self.sums + row, self.steps + 1
+        self.bad = torch.where(row[0].isfinite(), self.bad, self.bad.clamp_max(step))
+
+    def means(self, world: int) -> dict[str, float]:
+        """The means over steps and processes since the last call.
+
+        Raises:
+            UserError: if a loss was not finite; it names the first such step.
+        """
+        if world > 1:
+            distributed.all_reduce(self.sums)
+            distributed.all_reduce(self.bad, op=distributed.ReduceOp.MIN)
+        means, bad = (self.sums / (self.steps * world)).tolist(), self.bad.item()
+        if bad < math.inf:
+            raise UserError(
+                f"the loss is not a finite number at step {int(bad)}: the last good state is kept; try a lower train.lr"
+            )
+        names = self.names
+        self.clear()
+        return dict(zip(names, means))
 
 
 def say(line: str) -> None:
@@ -251,8 +353,8 @@ def say(line: str) -> None:
 
 
 def write_curve(path: Path, history: list[dict]) -> None:
-    """The log as CSV: step, learning rate, total and each named loss."""
+    """The log as CSV: step, total and each named loss, learning rate, and the losses on the validation's pairs."""
     with whole(path) as tmp, open(tmp, "w", newline="") as file:
-        writer = csv.DictWriter(file, list(history[0]))
+        writer = csv.DictWriter(file, list(history[-1]))
         writer.writeheader()
         writer.writerows(history)

@@ -1,4 +1,4 @@
-"""From panoramas to the light set: generate or read, project, select."""
+"""From panoramas to the light set: read or generate, project, select."""
 
 import logging
 import os
@@ -12,41 +12,88 @@ import numpy as np
 
 from relight.config import Lights, Panoramas
 from relight.files import UserError, refuse_odd
-from relight.lights.select import select
+from relight.lights.select import select_lights
+from relight.lights.statistics import from_below, measure
 from relight.lights.table import LightSet
-from relight.panoramas.panorama import Panorama
-from relight.panoramas.project import orient, project
-from relight.panoramas.read import panoramas_in, read_panorama
-from relight.panoramas.rooms import room
-from relight.panoramas.skies import sky
+from relight.panoramas import Panorama, generate_room, generate_sky, list_panoramas, orient, project, read_panorama
 from relight.processes import end_with_parent
 from relight.progress import progress as show_progress
 
 log = logging.getLogger(__name__)
 
-GENERATORS: dict[str, Callable[[int], np.ndarray]] = {"room": room, "sky": sky}
-SERIAL = 48  # fewer panoramas than this are not worth the start of worker processes
+GENERATORS: dict[str, Callable[[int], np.ndarray]] = {"room": generate_room, "sky": generate_sky}
+MIN_PARALLEL = 48  # for fewer panoramas, worker processes take longer to start than they save
+MAX_NAMED = 8  # panoramas in one sentence
 
 
-def build(panoramas: Panoramas, lights: Lights, order: int, progress: bool = True) -> tuple[LightSet, dict[str, Any]]:
-    """The light set that the settings describe, and the record of what each step dropped and why.
+def build_light_set(
+    panoramas: Panoramas, lights: Lights, order: int, progress: bool = True
+) -> tuple[LightSet, dict[str, Any]]:
+    """Builds the light set that the settings describe.
 
-    Lights of spherical-harmonic `order`; `progress` shows the time left. The record is that of `select`, and
-    `record["unreadable"]` maps files of a folder that could not be read to what was wrong with them, and
-    `record["repaired"]` others to what was mended.
+    Args:
+        panoramas: which panoramas are generated or read.
+        lights: how lights are selected.
+        order: of the spherical harmonics.
+        progress: whether the remaining time is shown.
+
+    Returns:
+        The light set, and the record of `select_lights` with two more entries: `unreadable` and `repaired` map files
+        of a folder to what was wrong with them and to what was repaired in them.
+
+    Raises:
+        UserError: if the settings name no panorama, if none can be read, or if no light can be selected.
     """
-    sources, coefficients, unreadable, repaired = coefficients_of(panoramas, order, progress)
-    chosen, record = select(coefficients, sources, lights)
+    sources, coefficients, unreadable, repaired = project_panoramas(panoramas, order, progress)
+    selected, record = select_lights(coefficients, sources, lights)
+    if panoramas.source == "folder":
+        warnings = [*warn_unlit(record["unlit"], len(sources)), *warn_below(sources, coefficients, panoramas)]
+        record["warnings"] += warnings
+        for warning in warnings:
+            log.warning(warning)
     why = {"unreadable": len(unreadable)} if unreadable else {}
     record["steps"].insert(0, {"step": "read", "in": len(sources) + len(unreadable), "out": len(sources), "why": why})
     record |= {"unreadable": unreadable, "repaired": repaired}
-    return chosen, record
+    return selected, record
 
 
-def coefficients_of(
+def warn_unlit(unlit: dict[str, str], total: int) -> list[str]:
+    """Returns a warning that names the panoramas which gave no light (`unlit` of `select_lights`), of `total`."""
+    if not unlit:
+        return []
+    named = "; ".join(f"{source}: {why}" for source, why in list(unlit.items())[:MAX_NAMED])
+    more = f"; and {len(unlit) - MAX_NAMED} more, which chain.json names" if len(unlit) > MAX_NAMED else ""
+    return [
+        f"{len(unlit)} of {total} panoramas gave no light; the rules for unusual lights (lights.rules) are for rooms, "
+        f"and open sky breaks them: {named}{more}"
+    ]
+
+
+def warn_below(sources: list[str], coefficients: np.ndarray, panoramas: Panoramas) -> list[str]:
+    """Returns a warning that names the panoramas whose lights (N,K,3) are brighter from below than from above."""
+    below = [source for source, is_below in zip(sources, from_below(measure(coefficients))) if is_below]
+    if not below:
+        return []
+    named = ", ".join(below[:MAX_NAMED]) + (f" and {len(below) - MAX_NAMED} more" if len(below) > MAX_NAMED else "")
+    remedy = f"panoramas.upside_down={'false' if panoramas.upside_down else 'true'}"
+    return [
+        f"{len(below)} of {len(sources)} panoramas are brighter from below than from above: {named}; where the rows of "
+        f"files run {'from the top down' if panoramas.upside_down else 'from the bottom up'}, give {remedy}"
+    ]
+
+
+def project_panoramas(
     panoramas: Panoramas, order: int, progress: bool = True
 ) -> tuple[list[str], np.ndarray, dict[str, str], dict[str, str]]:
-    """Sources and lights (N, K, 3) of the panoramas that the settings name, what could not be read, what was mended."""
+    """Projects all panoramas that the settings name.
+
+    Returns:
+        The sources of the N panoramas that could be read; their lights (N,K,3); the reason for each that could not be
+        read, by source; what was repaired, by source.
+
+    Raises:
+        UserError: if the settings name no panorama or none can be read.
+    """
     if panoramas.source == "generated":
         sources = [f"room:{panoramas.seed + i}" for i in range(panoramas.count)]
         sources += [f"sky:{panoramas.seed + i}" for i in range(panoramas.skies)]
@@ -55,68 +102,91 @@ def coefficients_of(
         light_of = partial(generated_light, order=order, yaw=panoramas.yaw, flip=panoramas.flip)
     elif panoramas.source == "folder":
         folder = Path(panoramas.folder or "")
-        sources = panoramas_in(folder)
+        sources = list_panoramas(folder)
         light_of = partial(file_light, panoramas=panoramas, order=order)
     else:
         raise UserError(f"panoramas.source={panoramas.source}: generated or folder")
-    found, unreadable, repaired = {}, {}, {}
-    results = spread(light_of, sources)
+    projected, unreadable, repaired = {}, {}, {}
+    results = parallel_map(light_of, sources)
     for source, result in zip(sources, show_progress(results, "panoramas", len(sources)) if progress else results):
         if isinstance(result, str):
             unreadable[source] = result
             log.warning(result)
             continue
-        found[source], mended = result if isinstance(result, tuple) else (result, [])
-        if mended:
-            repaired[source] = "; ".join(mended)
-    if not found:
+        projected[source], repairs = result if isinstance(result, tuple) else (result, [])
+        if repairs:
+            repaired[source] = "; ".join(repairs)
+    if not projected:
         first = next(iter(unreadable.values()))
         raise UserError(f"{panoramas.folder}: none of its {len(unreadable)} panoramas can be read; the first: {first}")
-    return list(found), np.stack(list(found.values())), unreadable, repaired
+    return list(projected), np.stack(list(projected.values())), unreadable, repaired
 
 
 def generated_light(source: str, order: int, yaw: float = 0.0, flip: bool = False) -> np.ndarray:
-    """The light (K, 3) of "room:12" or "sky:3"."""
+    """Generates a panorama and projects it.
+
+    Args:
+        source: such as "room:12" or "sky:3".
+        order: of the spherical harmonics.
+        yaw: degrees by which the light is rotated about the vertical, from +z toward +x.
+        flip: whether left and right are mirrored first.
+
+    Returns:
+        The light (K,3).
+    """
     kind, seed = source.split(":")
     return orient(project(Panorama(GENERATORS[kind](int(seed)), source=source), order), yaw, flip)
 
 
 def file_light(source: str, panoramas: Panoramas, order: int) -> tuple[np.ndarray, list[str]] | str:
-    """The light (K, 3) of one file of a folder and what was mended, or what is wrong with it: one bad file must not end
-    a long run."""
+    """Reads one panorama of a folder and projects it.
+
+    Returns:
+        The light (K,3) and the reader's repairs; for a file that cannot be read, the reason instead of an exception,
+        so that one bad file does not end a long run.
+    """
     try:
-        panorama = file_panorama(source, panoramas)
+        panorama = read_from_folder(source, panoramas)
         return project(panorama, order), panorama.repairs
     except UserError as error:
         return str(error)
 
 
-def file_panorama(source: str, panoramas: Panoramas, yaw: float = 0.0) -> Panorama:
-    """One file of a folder, as the settings say and turned by `yaw` degrees more. UserError as in `read_panorama`."""
-    p, path = panoramas, Path(panoramas.folder or "") / source
+def read_from_folder(source: str, panoramas: Panoramas, yaw: float = 0.0) -> Panorama:
+    """Reads one panorama of a folder as the settings say.
+
+    Args:
+        source: path of the file within `panoramas.folder`.
+        panoramas: layout, orientation and repair.
+        yaw: degrees of rotation in addition to `panoramas.yaw`.
+
+    Raises:
+        UserError: as `read_panorama`.
+    """
+    path = Path(panoramas.folder or "") / source
     refuse_odd(path)
     return read_panorama(
         path,
-        layout=p.layout,
-        yaw=p.yaw + yaw,
-        flip=p.flip,
-        repair=p.repair,
-        upside_down=p.upside_down,
+        layout=panoramas.layout,
+        yaw=panoramas.yaw + yaw,
+        flip=panoramas.flip,
+        repair=panoramas.repair,
+        upside_down=panoramas.upside_down,
     )
 
 
-def spread(function: Callable[[str], Any], items: list[str]) -> Iterator[Any]:
-    """`function` of each item, in order, on all cores that this process may use."""
+def parallel_map(function: Callable[[str], Any], items: list[str]) -> Iterator[Any]:
+    """Yields `function` of each item, in order, computed on all cores that this process may use."""
     workers = min(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1, 16)
-    if len(items) < SERIAL or workers == 1:
+    if len(items) < MIN_PARALLEL or workers == 1:
         yield from map(function, items)
         return
-    with ProcessPoolExecutor(workers, initializer=begin, initargs=(os.getpid(),)) as pool:
+    with ProcessPoolExecutor(workers, initializer=start_worker, initargs=(os.getpid(),)) as pool:
         yield from pool.map(function, items, chunksize=8)
 
 
-def begin(parent: int) -> None:
-    """Starts a process of the pool: one thread, and no longer than its parent."""
+def start_worker(parent: int) -> None:
+    """Limits a worker process to one thread and to the lifetime of its parent."""
     from threadpoolctl import threadpool_limits
 
     end_with_parent(parent)

@@ -1,31 +1,43 @@
-"""Clusters of lights, the light that stands for each, and the split into training and test lights."""
+"""Clusters of lights, their medoids, and the split into training and test lights."""
 
 import math
 
 import numpy as np
 
 from relight.config import Lights
-from relight.sh.basis import cosine_factors, order_of, per_coefficient
+from relight.sh import cosine_factors, order_of, per_coefficient
 
 
-def features(lights: np.ndarray) -> np.ndarray:
-    """Lights (N, K, 3) as points (N, 3K) whose distance is the L2 distance of their irradiance over the sphere."""
+def irradiance_features(lights: np.ndarray) -> np.ndarray:
+    """Maps lights (N,K,3) to points (N,3K) whose distances are the L2 distances of the lights' irradiance.
+
+    The irradiance on the sphere of normals has the coefficients A_l L_lm, and the basis is orthonormal.
+    """
     weight = per_coefficient(cosine_factors(order_of(lights.shape[1])))
     return (np.asarray(lights, np.float64) * weight[:, None]).reshape(len(lights), -1)
 
 
 def medoids(lights: np.ndarray, sources: np.ndarray, clusters: int, seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """K-means, then the light nearest to each centre: indices (M,) and the cluster of each, M <= `clusters`.
+    """Finds k-means clusters of lights and the light nearest to the mean of each.
 
-    A centre itself would be a blurred light. Every panorama weighs the same, however many of its copies are there: soft
-    light passes the rules at all headings, light from one side at a few. At most one light per panorama, or as many
-    as it takes when there are fewer panoramas than clusters. Small clusters choose first: they have the fewest
-    panoramas to choose from.
+    The mean itself would be a blurred light. All panoramas have the same weight, no matter how many of their copies
+    are left: soft light passes the rules at all headings, light from one side only at a few. A panorama gives at most
+    one medoid, or the fewest possible where there are more clusters than panoramas. Small clusters choose first, as
+    they have the fewest panoramas to choose from.
+
+    Args:
+        lights: (N,K,3).
+        sources: (N,) the panorama of each light.
+        clusters: the largest number of medoids.
+        seed: of k-means.
+
+    Returns:
+        Indices (M,) of the medoids, ascending, and the cluster (M,) of each, with M <= `clusters`.
     """
     from sklearn.cluster import KMeans
     from threadpoolctl import threadpool_limits
 
-    points = features(lights)
+    points = irradiance_features(lights)
     clusters = min(clusters, len(np.unique(points.round(9), axis=0)))
     _, source, copies = np.unique(sources, return_inverse=True, return_counts=True)
     each = math.ceil(clusters / len(copies))
@@ -47,7 +59,14 @@ def medoids(lights: np.ndarray, sources: np.ndarray, clusters: int, seed: int) -
 
 
 def farthest_first(points: np.ndarray) -> np.ndarray:
-    """An order of points (N, D) in which each is the farthest from those before it; starts far from the mean."""
+    """Orders points (N,D) by farthest-first traversal, from the point that is farthest from the mean.
+
+    Returns:
+        Indices (N,): each point is the farthest from all points before it.
+
+    >>> farthest_first(np.array([[0.0], [1.0], [9.0]])).tolist()
+    [2, 0, 1]
+    """
     order = [int(np.linalg.norm(points - points.mean(0), axis=1).argmax())]
     nearest = np.linalg.norm(points - points[order[0]], axis=1)
     for _ in range(len(points) - 1):
@@ -57,11 +76,20 @@ def farthest_first(points: np.ndarray) -> np.ndarray:
     return np.array(order)
 
 
-def split_test(lights: np.ndarray, sources: np.ndarray, settings: Lights) -> np.ndarray:
-    """Which lights (N,) are for the test, `settings.test` in `settings.clusters` of them and at least one.
+def choose_test_lights(lights: np.ndarray, sources: np.ndarray, settings: Lights) -> np.ndarray:
+    """Chooses the test lights, a share `settings.test` / `settings.clusters` of all and at least one.
 
-    `random` draws lights; `room` puts all lights of a panorama on one side and takes the panoramas evenly from the
-    farthest-first order, so that the test spans the set. A lone panorama is split by light.
+    With `settings.split` = `random` they are drawn at random. With `room`, all lights of a panorama are on the same
+    side of the split, and the test panoramas are spaced evenly in farthest-first order, so that they span the set.
+    Lights of a single panorama are split at random.
+
+    Args:
+        lights: (N,K,3).
+        sources: (N,) the panorama of each light.
+        settings: test, clusters, split and seed.
+
+    Returns:
+        (N,) bool, true for test lights.
     """
     n = len(lights)
     wanted = settings.test if n >= settings.clusters else max(1, round(n * settings.test / settings.clusters))
@@ -69,10 +97,11 @@ def split_test(lights: np.ndarray, sources: np.ndarray, settings: Lights) -> np.
     if settings.split == "random" or len(np.unique(sources)) == 1:
         test[np.random.default_rng(settings.seed).permutation(n)[:wanted]] = True
         return test
-    _, first = np.unique(sources[farthest_first(features(lights))], return_index=True)
-    rooms = sources[farthest_first(features(lights))][np.sort(first)]
+    ordered = sources[farthest_first(irradiance_features(lights))]
+    _, first = np.unique(ordered, return_index=True)
+    rooms = ordered[np.sort(first)]
     stride = len(rooms) / wanted
-    # Every `stride`-th room first, then the others, until there are enough lights; one room always stays.
+    # Every `stride`-th room, then the others, until there are enough lights; one room is left for training.
     even = list(dict.fromkeys(int((i + 0.5) * stride) for i in range(wanted) if (i + 0.5) * stride < len(rooms)))
     queue = even + [i for i in range(len(rooms)) if i not in even]
     for i in queue[: len(rooms) - 1]:

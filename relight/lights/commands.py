@@ -1,4 +1,4 @@
-"""`relight light`: the light of a panorama or of a file of coefficients, as numbers, as files, as a picture."""
+"""`relight light`: the coefficients and statistics of a light, on the terminal, as files and as a picture."""
 
 from pathlib import Path
 from typing import Annotated
@@ -11,13 +11,16 @@ LIGHT = Annotated[
     typer.Argument(help="A panorama (.hdr, .exr), coefficients (.npy, .json), probe:grace, room:7, key:#ffeedd@45,30."),
 ]
 ORDER = Annotated[int, typer.Option(min=0, max=6, help="Order of the spherical harmonics; 2 gives nine coefficients.")]
-LAYOUT = Annotated[str, typer.Option(help="auto, latlong, angular, ball, cross, strip, strip-gl; tell squares.")]
-YAW = Annotated[float, typer.Option(help="Turn the light about the vertical, degrees; front goes to the right.")]
+LAYOUT = Annotated[
+    str, typer.Option(help="auto, latlong, angular, ball, cross, strip, strip-gl; square pictures need one.")
+]
+YAW = Annotated[float, typer.Option(help="Rotate the light about the vertical, degrees; front goes to the right.")]
 FLIP = Annotated[bool, typer.Option("--flip", help="Mirror left and right.")]
-UPSIDE_DOWN = Annotated[bool, typer.Option("--upside-down", help="The panorama's rows are from the bottom up.")]
+UPSIDE_DOWN = Annotated[bool, typer.Option("--upside-down", help="The panorama's rows run from the bottom up.")]
 EXPOSURE = Annotated[float, typer.Option(help="Factor on the light.")]
 REPAIR = Annotated[
-    bool, typer.Option("--repair", help="Pixels that are not finite get the mean of their neighbours; else refused.")
+    bool,
+    typer.Option("--repair", help="Pixels that are not finite get the mean of their neighbours."),
 ]
 CONVENTION = Annotated[
     str | None,
@@ -26,22 +29,23 @@ CONVENTION = Annotated[
 
 
 class LightGroup(TyperGroup):
-    """`relight light my.hdr` is `relight light numbers my.hdr`."""
+    """Makes `relight light my.hdr` short for `relight light numbers my.hdr`."""
 
     def parse_args(self, ctx, args):
+        """Inserts the command `numbers` where no command is given."""
         if args and args[0] not in self.commands and args[0] not in ("--help", "-h"):
             args = ["numbers", *args]
         return super().parse_args(ctx, args)
 
 
-app = typer.Typer(cls=LightGroup, no_args_is_help=True, help="Turn panoramas into lights, and look at them.")
+app = typer.Typer(cls=LightGroup, no_args_is_help=True, help="Turn panoramas into lights, and draw them.")
 
 
 @app.command()
 def numbers(
     light: LIGHT,
     out: Annotated[
-        list[Path] | None, typer.Option("--out", "-o", help="Also write it: a .json or .npy file; may be repeated.")
+        list[Path] | None, typer.Option("--out", "-o", help="Also write a .json or .npy file; may be repeated.")
     ] = None,
     to: Annotated[str, typer.Option(help="Convention to print and write in.")] = "relight",
     order: ORDER = 2,
@@ -53,15 +57,14 @@ def numbers(
     convention: CONVENTION = None,
     repair: REPAIR = False,
 ) -> None:
-    """Print the spherical harmonics of a light and what they say of it."""
+    """Print the spherical harmonics of a light and its statistics."""
     from rich.console import Console
     from rich.table import Table
 
+    from relight.lights.light import write_light
     from relight.lights.load import load_light
-    from relight.lights.show import numbers as statistics
-    from relight.lights.store import write_light
-    from relight.sh.basis import bands
-    from relight.sh.conventions import from_relight
+    from relight.lights.show import described
+    from relight.sh import bands, from_relight
 
     loaded = load_light(light, order, layout, yaw, flip, exposure, convention, repair, upside_down)
     table = Table("l, m", "R", "G", "B", title=f"{loaded.source}, convention {to}", title_justify="left")
@@ -70,7 +73,7 @@ def numbers(
         table.add_row(name, *(f"{value: .6f}" for value in row))
     console = Console(highlight=False)
     console.print(table)
-    for name, value in statistics(loaded):
+    for name, value in described(loaded):
         console.print(f"  {name:32s} {value}")
     for note in loaded.notes:
         typer.echo(note, err=True)
@@ -91,12 +94,13 @@ def show(
     convention: CONVENTION = None,
     repair: REPAIR = False,
 ) -> None:
-    """Draw a light: the ball it lights, its diffuse panorama, its numbers. A light set (.npz): a contact sheet."""
-    from relight.lights import show as pictures
+    """Draw a light: a lit ball, its diffuse panorama, its statistics. A light set (.npz): a contact sheet."""
     from relight.lights.load import load_light
-    from relight.lights.table import load
+    from relight.lights.show import write_contact_sheet, write_light_picture
+    from relight.lights.table import read_light_set
 
     if Path(light).suffix == ".npz":
-        pictures.contact_sheet(load(light), out)
+        write_contact_sheet(read_light_set(light), out)
     else:
-        pictures.show(load_light(light, order, layout, yaw, flip, exposure, convention, repair, upside_down), out)
+        loaded = load_light(light, order, layout, yaw, flip, exposure, convention, repair, upside_down)
+        write_light_picture(loaded, out)

@@ -1,22 +1,29 @@
-"""One light, whatever it came from."""
+"""The light record and its files."""
 
+import json
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
-from relight.files import UserError
+from relight.files import UserError, whole
 from relight.lights.statistics import moment_eigenvalue, reference_brightness
-from relight.panoramas.panorama import Panorama
-from relight.sh.basis import count, order_of
+from relight.panoramas import Panorama
+from relight.sh import coefficient_count, from_relight, order_of
 
-TOLERANCE = -1e-3  # of the moment eigenvalue: rounding of stored files, and of truncated colour
+TOLERANCE = -1e-3  # of the moment eigenvalue: coefficients in files are rounded, colours truncated
+FRAMES = "x right, y up, z toward the camera, unless the convention says otherwise"
 
 
 @dataclass(frozen=True)
 class Light:
-    """Radiance coefficients (K, 3) float64 in relight's convention; where they came from; the panorama if there is one.
+    """Distant illumination in spherical harmonics.
 
-    `notes` are sentences for the user: what was mended on the way, and whether such a light can exist.
+    Attributes:
+        coefficients: (K,3) float64 radiance, RGB, in relight's convention (docs/conventions.md).
+        source: what the light was made from, such as a file's path or "room:7".
+        panorama: that the coefficients were projected from, if there is one.
+        notes: sentences for the user: what was repaired, and whether such a light is physically possible.
     """
 
     coefficients: np.ndarray
@@ -26,12 +33,17 @@ class Light:
 
     @property
     def order(self) -> int:
+        """The highest band of the spherical harmonics."""
         return order_of(len(self.coefficients))
 
     def normalised(self, target: float = 0.8) -> "Light":
-        """The light scaled to the reference brightness `target`: E(0, 0, 1) of the brightest channel.
+        """Scales the light to the reference brightness `target`, the irradiance E(0,0,1) of the brightest channel.
 
-        A light that leaves the front dark is scaled by its mean irradiance, so that it does not blow up the rest.
+        A light whose front is dark is scaled by its mean irradiance instead, so that the other sides do not become too
+        bright.
+
+        Raises:
+            UserError: if the mean radiance is not positive.
         """
         brightness = float(reference_brightness(self.coefficients))
         mean = float(self.coefficients[0].max()) * np.pi * 0.28209479177387814
@@ -41,14 +53,14 @@ class Light:
         return replace(self, coefficients=self.coefficients * scale)
 
     def at_order(self, order: int) -> "Light":
-        """The light cut to `order`, or filled up with zeros to it."""
-        coefficients = np.zeros((count(order), 3))
+        """Truncates the light to `order`, or pads it with zeros to it."""
+        coefficients = np.zeros((coefficient_count(order), 3))
         kept = min(len(coefficients), len(self.coefficients))
         coefficients[:kept] = self.coefficients[:kept]
         return replace(self, coefficients=coefficients)
 
-    def judged(self) -> "Light":
-        """With a note if no real light has these coefficients (method.md section 1)."""
+    def checked(self) -> "Light":
+        """Adds a note if no non-negative radiance has these coefficients (`moment_eigenvalue`)."""
         if moment_eigenvalue(self.coefficients) >= TOLERANCE:
             return self
         note = (
@@ -56,3 +68,39 @@ class Light:
             "another convention, or sharpened"
         )
         return replace(self, notes=[*self.notes, note])
+
+
+def write_light(light: Light, path: Path, convention: str = "relight") -> Path:
+    """Writes a light, whole or not at all.
+
+    Args:
+        light: to write.
+        path: .json (coefficients, convention, frame and source) or .npy ((K,3) float64). The name of a .npy gets the
+            convention, which the format cannot hold: kitchen.npy becomes kitchen.relight.npy.
+        convention: of the coefficients in the file (relight.sh.conventions).
+
+    Returns:
+        The path of the file.
+
+    Raises:
+        UserError: if the path has another suffix or the convention cannot express the light.
+    """
+    coefficients = from_relight(light.coefficients, convention)
+    if path.suffix == ".json":
+        content = {
+            "convention": convention,
+            "frame": FRAMES,
+            "order": light.order,
+            "source": light.source,
+            "coefficients": coefficients.tolist(),
+        }
+        with whole(path) as temporary:
+            temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    elif path.suffix == ".npy":
+        if not path.stem.endswith(f".{convention}"):
+            path = path.with_name(f"{path.stem}.{convention}.npy")
+        with whole(path) as temporary, open(temporary, "wb") as file:
+            np.save(file, coefficients)
+    else:
+        raise UserError(f"{path}: a light is written as .json or .npy")
+    return path

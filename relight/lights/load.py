@@ -1,4 +1,4 @@
-"""Any light that a user can name, as a Light."""
+"""Reads or makes any light that a user can name."""
 
 import json
 import re
@@ -10,22 +10,36 @@ import numpy as np
 from relight.files import UserError, existing
 from relight.lights.chain import GENERATORS
 from relight.lights.light import Light
-from relight.lights.probes import probe
-from relight.lights.statistics import measure
-from relight.lights.table import load as load_set
-from relight.panoramas.panorama import Panorama
-from relight.panoramas.project import orient, project
-from relight.panoramas.read import read_panorama
-from relight.sh.basis import basis
-from relight.sh.conventions import CONVENTIONS, as_table, to_relight
+from relight.lights.statistics import from_below, measure
+from relight.lights.table import read_light_set
+from relight.panoramas import Panorama, orient, project, read_panorama
+from relight.sh import CONVENTIONS, basis, to_relight
+from relight.sh.conventions import as_table
 from relight.srgb import decode
 
 GENERATED = re.compile(r"(room|sky):(\d{1,9})(?::([-+.0-9]+))?")
 KEY = re.compile(r"key:#?([0-9a-fA-F]{6})@([-+.0-9]+),([-+.0-9]+)(?:,([-+.0-9]+))?")
 IN_SET = re.compile(r"(.+\.(?:npz|csv)):(\d{1,9})")
-FILL = 0.2  # of a key light's strength, from everywhere
-BELOW = 1.1  # times as much irradiance from below as from above is worth a word
-LARGEST_FILE = 1 << 20  # bytes of a file of coefficients
+FILL = 0.2  # default irradiance of the fill, relative to the key light's
+MAX_BYTES = 1 << 20  # of a file of coefficients
+
+# Measured lights in print. Grace, Eucalyptus and St. Peter's: Ramamoorthi & Hanrahan 2001, figure 2 (Grace to the six
+# digits of their prefilter.c, in the units of the file). Kitchen and Galileo: the continuation of that table in the
+# OpenGL Shading Language book. Rows in the order and frame of `ramamoorthi2001` (relight.sh.conventions), columns red,
+# green, blue. Copies in circulation have errors (Grace L22 green -.5 for -.05; Eucalyptus L2-2 blue +.04, L2-1 green
+# +.01).
+GRACE = """ .078908  .043710  .054161   .039499  .034989  .060488  -.033974 -.018236 -.026940
+           -.029213 -.005562  .000944  -.011141 -.005090 -.012231  -.026240 -.022401 -.047479
+           -.015570 -.009471 -.014733   .056014  .021444  .013915   .021205 -.005432 -.030374"""
+EUCALYPTUS = """ .38 .43 .45   .29 .36 .41   .04 .03 .01  -.10 -.10 -.09  -.06 -.06 -.04
+                 .01 -.01 -.05  -.09 -.13 -.15  -.06 -.05 -.04   .02 .00 -.05"""
+ST_PETERS = """ .36 .26 .23   .18 .14 .13  -.02 -.01 .00   .03 .02 .00   .02 .01 .00
+               -.05 -.03 -.01  -.09 -.08 -.07   .01 .00 .00  -.08 -.03 .00"""
+KITCHEN = """ .64 .67 .73   .28 .32 .33   .42 .60 .77  -.05 -.04 -.02  -.10 -.08 -.05
+              .25 .39 .53   .38 .54 .71   .06 .01 -.02  -.03 -.02 -.03"""
+GALILEO = """1.04 .76 .71   .44 .34 .34  -.22 -.18 -.17   .71 .54 .56   .64 .50 .52
+             -.12 -.09 -.08  -.37 -.28 -.29  -.17 -.13 -.13   .55 .42 .42"""
+PROBES = {"grace": GRACE, "eucalyptus": EUCALYPTUS, "stpeters": ST_PETERS, "kitchen": KITCHEN, "galileo": GALILEO}
 
 
 def load_light(
@@ -39,20 +53,36 @@ def load_light(
     repair: bool = False,
     upside_down: bool = False,
 ) -> Light:
-    """The light that `text` names, with (order + 1)^2 coefficients of radiance; not scaled to any brightness.
+    """Reads or makes the light that `text` names. Its brightness is not normalised.
 
-    kitchen.hdr, .exr, .pfm         a panorama (`layout`, see relight.panoramas.read)
-    probe.npy, .txt, .csv, .json    coefficients, in `convention`, else the one the file says, else relight's; a file
-                                    says it in its JSON or in its name (lights.kanamori2018.npy)
+    kitchen.hdr, .exr, .pfm         a panorama
+    probe.npy, .txt, .csv, .json    coefficients
     lights.npz:12                   row 12 of a light set
-    room:7, sky:3, room:7:40        a generated panorama, turned by 40 degrees
+    room:7, sky:3, room:7:40        a generated panorama, the last one rotated by 40 degrees
     probe:grace                     a measured light in print: grace, eucalyptus, stpeters, kitchen, galileo
-    key:#ffeedd@45,30,0.2           a lamp of this sRGB colour, 45 degrees to the right of the camera, 30 degrees up,
-                                    with a fill of 0.2 of its strength from everywhere
+    key:#ffeedd@45,30,0.2           a distant lamp of this sRGB colour, 45 degrees to the right of the camera and 30
+                                    degrees up, with a constant fill of 0.2 times its irradiance
 
-    `yaw` (degrees, +z toward +x), `flip` and `exposure` apply to all of them, and to the panorama of those that have
-    one; `repair` and `upside_down` to panoramas from files. `notes` of the light say what a user should know of it.
-    UserError for anything else.
+    Args:
+        text: as above.
+        order: of the spherical harmonics.
+        layout: of a panorama's file (`read_panorama`).
+        yaw: degrees of rotation about the vertical, from +z toward +x.
+        flip: mirrors left and right, before the rotation.
+        exposure: factor on the radiance.
+        convention: of a file of coefficients; by default the one in its JSON or its name (lights.kanamori2018.npy),
+            else relight's.
+        repair: whether pixels of a panorama's file that are not finite are replaced; without it they are an error.
+        upside_down: whether the rows of a panorama's file run from the bottom up.
+
+    Returns:
+        The light with (order + 1)^2 coefficients; its `notes` are for the user.
+
+    Raises:
+        UserError: if `text` names no light or an argument is out of range.
+
+    >>> load_light("key:#ffffff@90,0,0", order=1).coefficients[:, 0].round(2).tolist()  # from +x
+    [0.28, 0.0, 0.0, 0.49]
     """
     text = str(text)
     if not (np.isfinite(exposure) and exposure > 0 and np.isfinite(yaw)):
@@ -61,49 +91,74 @@ def load_light(
         raise UserError(f"convention {convention!r}: one of {', '.join(CONVENTIONS)}")
     if match := GENERATED.fullmatch(text):
         pixels = GENERATORS[match[1]](int(match[2])) * np.float32(exposure)
-        panorama = Panorama(pixels, flip=flip, yaw=yaw + number(match[3] or "0", text), source=text)
+        panorama = Panorama(pixels, flip=flip, yaw=yaw + parse_number(match[3] or "0", text), source=text)
         light = Light(project(panorama, order), text, panorama)
     elif match := KEY.fullmatch(text):
-        light = Light(key_light(match[1], *(number(n or str(FILL), text) for n in match.groups()[1:]), order), text)
+        light = Light(
+            key_light(match[1], *(parse_number(n or str(FILL), text) for n in match.groups()[1:]), order), text
+        )
     elif text.startswith("probe:"):
         light = Light(probe(text.removeprefix("probe:")), text)
     elif (match := IN_SET.fullmatch(text)) and not Path(text).exists():
-        light = row_of_set(match[1], int(match[2]))
+        light = read_row(match[1], int(match[2]))
     elif text.startswith(("room:", "sky:", "key:")):
         raise UserError(f"{text}: a generated light is like room:7, sky:3 or key:#ffeedd@45,30")
     elif Path(text).suffix.lower() in (".npy", ".txt", ".csv", ".json"):
-        light = coefficients_file(existing(text, "light"), convention)
+        light = read_coefficients(existing(text, "light"), convention)
     elif Path(text).suffix.lower() == ".npz":
         raise UserError(f"{text}: a set of lights; say which one ({text}:0)")
     else:
         panorama = read_panorama(text, layout, yaw, flip, exposure, repair, upside_down)
         coefficients = project(panorama, order)
-        light = Light(coefficients, text, panorama, panorama.repairs + from_below(text, coefficients, upside_down))
+        light = Light(coefficients, text, panorama, panorama.repairs + notes_below(text, coefficients, upside_down))
     if light.panorama is None:
         light = replace(light, coefficients=orient(light.coefficients, yaw, flip) * exposure)
-    return light.judged().at_order(order)
+    return light.checked().at_order(order)
 
 
-def from_below(text: str, coefficients: np.ndarray, upside_down: bool) -> list[str]:
-    """A sentence for a panorama (K, 3) that is brighter from below than from above: most often it is upside down."""
-    found = measure(coefficients[None])
-    if found["down"][0] <= BELOW * found["up"][0]:
+def notes_below(text: str, coefficients: np.ndarray, upside_down: bool) -> list[str]:
+    """Returns a note if a panorama (K,3) gives more light from below than from above, as one that is upside down."""
+    if not from_below(measure(coefficients[None]))[0]:
         return []
-    told = "without --upside-down" if upside_down else "with --upside-down, if its rows run from the bottom up"
-    return [f"{text}: brighter from below than from above; read it {told}"]
+    option = "without --upside-down" if upside_down else "with --upside-down, if its rows run from the bottom up"
+    return [f"{text}: brighter from below than from above; read it {option}"]
 
 
-def number(text: str, whole: str) -> float:
+def parse_number(part: str, text: str) -> float:
+    """Parses `part` of `text`; raises UserError if it is no number."""
     try:
-        return float(text)
+        return float(part)
     except ValueError:
-        raise UserError(f"{whole}: {text!r} is not a number") from None
+        raise UserError(f"{text}: {part!r} is not a number") from None
+
+
+def printed_probe(name: str) -> np.ndarray:
+    """Returns the table (9,3) of a measured light as printed, in the convention `ramamoorthi2001`."""
+    if name not in PROBES:
+        raise UserError(f"probe:{name}: one of {', '.join(f'probe:{known}' for known in PROBES)}")
+    return np.array(PROBES[name].split(), float).reshape(9, 3)
+
+
+def probe(name: str) -> np.ndarray:
+    """Returns a measured light (9,3) in relight's convention. Scales differ between the probes."""
+    return to_relight(printed_probe(name), "ramamoorthi2001")
 
 
 def key_light(colour: str, azimuth: float, elevation: float, fill: float, order: int) -> np.ndarray:
-    """A distant lamp (K, 3) of irradiance `colour` (sRGB, six hex digits) on a facing surface, and a fill around it.
+    """Makes the light of a distant lamp and a constant fill.
 
-    UserError for an elevation beyond straight up or down, a fill below 0 and numbers that are not finite.
+    Args:
+        colour: irradiance of the lamp on a surface that faces it, six hexadecimal digits of sRGB.
+        azimuth: degrees from the camera toward +x.
+        elevation: degrees above the horizon, -90 to 90.
+        fill: irradiance of the fill over that of the lamp.
+        order: of the spherical harmonics.
+
+    Returns:
+        The light (K,3).
+
+    Raises:
+        UserError: if a number is out of range.
     """
     if not -90 <= elevation <= 90:
         raise UserError(f"key:#{colour}: elevation {elevation:g} is outside of -90 (from below) to 90 (from above)")
@@ -119,43 +174,44 @@ def key_light(colour: str, azimuth: float, elevation: float, fill: float, order:
     return coefficients
 
 
-def row_of_set(path: str, row: int) -> Light:
-    lights = load_set(path)
+def read_row(path: str, row: int) -> Light:
+    """Reads one row of a light set, counted from 0."""
+    lights = read_light_set(path)
     if row >= len(lights):
         raise UserError(f"{path}: has {len(lights)} lights, numbered from 0; there is no {row}")
     source = f"{lights.source[row]}:{lights.yaw[row]:g}"
     return Light(lights.coefficients[row].astype(np.float64), source)
 
 
-def coefficients_file(path: Path, convention: str | None) -> Light:
-    """A light from a file of coefficients; its convention from the caller, the JSON, the name, or relight's."""
-    if path.stat().st_size > LARGEST_FILE:
+def read_coefficients(path: Path, convention: str | None) -> Light:
+    """Reads a file of coefficients in `convention`; if None, in that of the JSON, else of the name, else relight's."""
+    if path.stat().st_size > MAX_BYTES:
         raise UserError(f"{path}: {path.stat().st_size >> 20} MB are too many for one light's coefficients")
-    named = path.stem.split(".")[-1]
-    said = named if named in CONVENTIONS else None
+    suffix = path.stem.split(".")[-1]
+    own = suffix if suffix in CONVENTIONS else None
     try:
         if path.suffix.lower() == ".npy":
             array = np.load(path, allow_pickle=False)
         elif path.suffix.lower() == ".json":
             content = json.loads(path.read_text(encoding="utf-8"))
-            array, inside = (content, None) if isinstance(content, list) else json_light(path, content)
-            said = inside or said
+            array, inside = (content, None) if isinstance(content, list) else parse_json(path, content)
+            own = inside or own
         else:
             lines = (line.split("#")[0].replace(",", " ") for line in path.read_text(encoding="utf-8").splitlines())
             array = np.array([[float(word) for word in line.split()] for line in lines if line.strip()])
     except (ValueError, EOFError, UnicodeDecodeError, RecursionError) as error:
         raise UserError(f"{path}: not a table of coefficients ({str(error).splitlines()[0][:120]})") from error
-    return Light(to_relight(as_table(array, str(path)), convention or said or "relight"), str(path))
+    return Light(to_relight(as_table(array, str(path)), convention or own or "relight"), str(path))
 
 
-def json_light(path: Path, content: object) -> tuple[object, str | None]:
-    """Coefficients and convention from relight's JSON, or from a three.js LightProbe."""
+def parse_json(path: Path, content: object) -> tuple[object, str | None]:
+    """Returns coefficients and convention of relight's JSON or of a three.js LightProbe."""
     if isinstance(content, dict):
         if "coefficients" in content:
-            said = content.get("convention")
-            if said is not None and said not in CONVENTIONS:
-                raise UserError(f"{path}: its convention is {said!r}; known are {', '.join(CONVENTIONS)}")
-            return content["coefficients"], said
+            convention = content.get("convention")
+            if convention is not None and convention not in CONVENTIONS:
+                raise UserError(f"{path}: its convention is {convention!r}; known are {', '.join(CONVENTIONS)}")
+            return content["coefficients"], convention
         inner = content.get("object", content)
         if isinstance(inner, dict) and "sh" in inner:
             return np.asarray(inner["sh"], np.float64) * float(inner.get("intensity", 1)), "threejs"

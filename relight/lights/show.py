@@ -1,6 +1,7 @@
-"""Pictures of lights: the ball that a light makes, the diffuse panorama, its numbers; and a sheet of a whole set."""
+"""Pictures of lights: a lit ball, the diffuse panorama and the statistics of one; a contact sheet of a set."""
 
 import textwrap
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -9,45 +10,64 @@ from relight.files import whole
 from relight.lights.light import Light
 from relight.lights.statistics import measure, reference_brightness
 from relight.lights.table import LightSet
-from relight.panoramas.panorama import Panorama
-from relight.sh.irradiance import irradiance
+from relight.panoramas import Panorama
+from relight.panoramas.projection import directions
+from relight.sh import irradiance, order_of, unoccluded
 from relight.srgb import encode
 
-ALBEDO = 0.5  # of the balls: leaves room above the reference brightness
+ALBEDO = 0.5  # of the balls: lights brighter than the reference brightness are not clipped
 INK, FAINT, PAPER, TEST, NIGHT = "#1c1f24", "#7a808a", "#ffffff", "#c2410c", "#15171b"
-UNUSUAL_SHOWN = 20
+MAX_UNUSUAL = 20  # on a contact sheet
 
 
-def ball(coefficients: np.ndarray, size: int, samples: int = 3) -> np.ndarray:
-    """(size, size, 4) sRGB and alpha: a matt ball under a light (K, 3), seen from the front."""
-    n = size * samples
-    t = (2 * np.arange(n) + 1) / n - 1
-    x, y = np.meshgrid(t, -t)
-    inside = x * x + y * y < 1
-    z = np.sqrt(np.maximum(1 - x * x - y * y, 0))
-    normals = np.stack([x, y, z], -1)[inside]
-    picture = np.zeros((n, n, 4))
-    picture[inside, :3] = np.maximum(ALBEDO * irradiance(coefficients, normals), 0)
+def lit_ball(coefficients: np.ndarray, size: int, samples: int = 3) -> np.ndarray:
+    """Renders a diffuse ball under a light, as the camera sees it.
+
+    Args:
+        coefficients: (K,3) of the light.
+        size: of the picture in pixels.
+        samples: per pixel in each direction.
+
+    Returns:
+        (size,size,4) float64 sRGB codes and alpha in [0,1].
+    """
+    inside, transport = _open_ball(size * samples, order_of(len(coefficients)))
+    picture = np.zeros((*inside.shape, 4))
+    picture[inside, :3] = np.maximum(ALBEDO * (transport @ coefficients), 0)
     picture[inside, 3] = 1
     picture = picture.reshape(size, samples, size, samples, 4).mean((1, 3))
     colour = picture[..., :3] / np.maximum(picture[..., 3:], 1e-6)
     return np.concatenate([encode(colour), picture[..., 3:]], -1)
 
 
+@lru_cache(maxsize=2)
+def _open_ball(size: int, order: int) -> tuple[np.ndarray, np.ndarray]:
+    """Where a ball is in a picture (size, size) bool, and the unoccluded transport of its pixels (P, K)."""
+    t = (2 * np.arange(size) + 1) / size - 1
+    x, y = np.meshgrid(t, -t)
+    inside = x * x + y * y < 1
+    z = np.sqrt(np.maximum(1 - x * x - y * y, 0))
+    return inside, unoccluded(np.stack([x, y, z], -1)[inside], order)
+
+
 def diffuse_panorama(coefficients: np.ndarray, height: int) -> np.ndarray:
-    """(height, 2 height, 3) linear: what a white diffuser reflects, E / pi, toward each direction; centre at -z."""
-    theta = (np.arange(height) + 0.5)[:, None] / height * np.pi
-    phi = (2 * (np.arange(2 * height) + 0.5) / (2 * height) - 1) * np.pi
-    normals = np.stack(
-        np.broadcast_arrays(np.sin(theta) * np.sin(phi), np.cos(theta), -np.sin(theta) * np.cos(phi)), -1
-    )
-    return np.maximum(irradiance(coefficients, normals.reshape(-1, 3)), 0).reshape(height, 2 * height, 3) / np.pi
+    """Returns the radiance E(n) / pi of a white diffuser for all normals n.
+
+    Args:
+        coefficients: (K,3) of the light.
+        height: of the panorama in pixels.
+
+    Returns:
+        (height, 2 height, 3) linear, lat-long with -z at the centre.
+    """
+    lit = irradiance(coefficients, latlong_normals(height))
+    return np.maximum(lit, 0).reshape(height, 2 * height, 3) / np.pi
 
 
-def show(light: Light, path: Path | str) -> None:
-    """Draws a light as a PNG: the panorama if there is one, its diffuse panorama, the lit ball, and the numbers.
+def write_light_picture(light: Light, path: Path | str) -> None:
+    """Writes a picture of a light as PNG: its panorama if it has one, diffuse panorama, lit ball and statistics.
 
-    The pictures are exposed for the light's brightest normal; the numbers are the light's own.
+    The pictures are exposed for the brightest normal; the statistics are of the light as it is.
     """
     from matplotlib.figure import Figure
 
@@ -57,22 +77,22 @@ def show(light: Light, path: Path | str) -> None:
     title = light.source if len(light.source) <= 70 else "…" + light.source[-69:]
     figure.text(0.03, 0.93, title, color=INK, fontsize=14, weight="bold", va="center")
     panes = [("Diffuse panorama", encode(diffuse_panorama(drawn, 128) * np.pi * ALBEDO))]
-    if light.panorama is not None and light.panorama.layout == "latlong":
+    if light.panorama is not None:
         turned = light.panorama.yaw % 360 or light.panorama.flip or light.panorama.front == "+z"
-        panes.insert(0, ("Panorama, as turned" if turned else "Panorama", tone_mapped(seen_pixels(light.panorama))))
+        panes.insert(0, ("Panorama, as turned" if turned else "Panorama", tone_mapped(oriented_pixels(light.panorama))))
     for i, (name, picture) in enumerate(panes):
         axes = figure.add_axes((0.03, 0.51 - 0.45 * i, 0.36, 0.335))
         axes.imshow(picture, aspect="auto", interpolation="bilinear")
         axes.set_title(name, fontsize=9, color=FAINT, loc="left", pad=4)
-        mark_directions(axes, picture.shape)
+        label_directions(axes, picture.shape)
     night = figure.add_axes((0.415, 0.06, 0.30, 0.785), facecolor=NIGHT)
     night.set(xticks=[], yticks=[])
     night.set_title("Matt ball, from the camera", fontsize=9, color=FAINT, loc="left", pad=4)
     night.spines[:].set_visible(False)
     axes = figure.add_axes((0.425, 0.06, 0.28, 0.785))
-    axes.imshow(ball(drawn, 420))
+    axes.imshow(lit_ball(drawn, 420))
     axes.axis("off")
-    for i, (name, value) in enumerate(numbers(light)):
+    for i, (name, value) in enumerate(described(light)):
         y = 0.815 - 0.052 * i
         figure.text(0.74, y, name, color=FAINT, fontsize=9)
         figure.text(0.975, y, value, color=INK, fontsize=9, ha="right", family="monospace")
@@ -82,8 +102,8 @@ def show(light: Light, path: Path | str) -> None:
         figure.savefig(temporary, format="png")
 
 
-def mark_directions(axes, shape: tuple[int, ...]) -> None:
-    """Names below a lat-long picture with its centre at -z: which way its edges, quarters and centre look."""
+def label_directions(axes, shape: tuple[int, ...]) -> None:
+    """Labels the directions of columns below a lat-long picture whose centre is -z."""
     axes.set(xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
     for i, name in enumerate(("camera", "left", "away", "right", "camera")):
@@ -91,10 +111,15 @@ def mark_directions(axes, shape: tuple[int, ...]) -> None:
         axes.text(shape[1] * i / 4 - 0.5, shape[0] * 1.075, name, fontsize=7, color=FAINT, ha=align)
 
 
-def seen_pixels(panorama: Panorama) -> np.ndarray:
-    """Pixels (h, w, 3) of a lat-long panorama as its light is used: flipped, turned, centre at -z, to a column; every
-    n-th row and column of one over 512 rows."""
+def oriented_pixels(panorama: Panorama) -> np.ndarray:
+    """Returns the pixels (h,w,3) of a panorama as a lat-long with its flip and yaw applied and -z at the centre.
+
+    A lat-long is rotated by whole columns, and of one with over 512 rows only every n-th row and column is returned.
+    Other layouts give their nearest pixels.
+    """
     pixels = panorama.pixels
+    if panorama.layout != "latlong":
+        return nearest_pixels(panorama, 256)
     step = max(1, pixels.shape[0] // 512)
     width = pixels.shape[1]
     around = (np.arange(0, width, step) + 0.5) / width + panorama.yaw / 360
@@ -103,17 +128,43 @@ def seen_pixels(panorama: Panorama) -> np.ndarray:
     return pixels[::step, column]
 
 
+def nearest_pixels(panorama: Panorama, height: int) -> np.ndarray:
+    """(height, 2 height, 3): the pixel that looks nearest to each direction of a lat-long, after flip and yaw."""
+    from scipy.spatial import KDTree
+
+    step = max(1, max(panorama.pixels.shape[:2]) // 1024)
+    toward = directions(panorama)[::step, ::step].reshape(-1, 3)
+    shown = np.isfinite(toward[:, 0])
+    x, y, z = toward[shown].T
+    x, yaw = -x if panorama.flip else x, np.radians(panorama.yaw)
+    turned = np.stack([x * np.cos(yaw) + z * np.sin(yaw), y, z * np.cos(yaw) - x * np.sin(yaw)], -1)
+    nearest = KDTree(turned).query(latlong_normals(height))[1]
+    return panorama.pixels[::step, ::step].reshape(-1, 3)[shown][nearest].reshape(height, 2 * height, 3)
+
+
+def latlong_normals(height: int) -> np.ndarray:
+    """The directions (height * 2 height, 3) of the pixels of a lat-long with its centre at -z."""
+    theta = (np.arange(height) + 0.5)[:, None] / height * np.pi
+    phi = (2 * (np.arange(2 * height) + 0.5) / (2 * height) - 1) * np.pi
+    normals = np.stack(
+        np.broadcast_arrays(np.sin(theta) * np.sin(phi), np.cos(theta), -np.sin(theta) * np.cos(phi)), -1
+    )
+    return normals.reshape(-1, 3)
+
+
 def tone_mapped(pixels: np.ndarray) -> np.ndarray:
-    """Linear pixels (h, w, 3) as a picture: exposed for their median, highlights rolled off."""
+    """Tone-maps linear pixels (h,w,3) to sRGB codes: exposed for their 60th percentile, with soft highlights."""
     pixels = pixels.astype(np.float64)
     exposed = pixels * 0.35 / max(float(np.percentile(pixels.mean(-1), 60)), 1e-9)
     return encode(exposed * (1 + exposed / 16) / (1 + exposed * 0.6))
 
 
-def numbers(light: Light) -> list[tuple[str, str]]:
-    """Statistics of a light as pairs of name and value, for people."""
+def described(light: Light) -> list[tuple[str, str]]:
+    """Returns the layout of a light's panorama and its statistics as labels and formatted values."""
     m = {name: float(value[0]) for name, value in measure(light.coefficients[None]).items()}
+    layout = [("layout of the panorama", light.panorama.layout)] if light.panorama else []
     return [
+        *layout,
         ("reference brightness, E(0,0,1)", f"{m['reference']:.3f}"),
         ("mean irradiance", f"{m['mean']:.3f}"),
         ("darkest, brightest / mean", f"{m['least'] / m['mean']:.2f}  {m['most'] / m['mean']:.2f}"),
@@ -128,17 +179,17 @@ def numbers(light: Light) -> list[tuple[str, str]]:
     ]
 
 
-def contact_sheet(lights: LightSet, path: Path | str) -> None:
-    """Draws a light set as a PNG: every training and test light as a lit ball, then samples of the unusual ones.
+def write_contact_sheet(lights: LightSet, path: Path | str) -> None:
+    """Writes a contact sheet of a light set as PNG: all training and test lights, and some of the unusual ones.
 
-    A ball is drawn as bright as its light is, so that they compare; below it the horizon of the diffuse panorama.
+    Each cell holds a lit ball, all at the same exposure, and the horizon of the diffuse panorama.
     """
     from matplotlib.figure import Figure
 
     train, test, unusual = (lights.of(split) for split in ("train", "test", "unusual"))
-    # Unusual lights evenly over their reasons, so that a common one does not hide the others.
+    # Unusual lights are taken evenly from all reasons, so that a common one does not crowd out the others.
     order = np.argsort([reason.split(" ")[0] for reason in unusual.reason], kind="stable")
-    picked = order[np.unique(np.linspace(0, len(order) - 1, min(len(order), UNUSUAL_SHOWN)).round().astype(int))]
+    picked = order[np.unique(np.linspace(0, len(order) - 1, min(len(order), MAX_UNUSUAL)).round().astype(int))]
     parts = [
         (f"{len(train)} training lights", train, INK),
         (f"{len(test)} test lights", test, TEST),
@@ -163,13 +214,13 @@ def contact_sheet(lights: LightSet, path: Path | str) -> None:
 
 
 def draw_cell(figure, light: LightSet, x: float, y: float, cell: float, width: float, height: float) -> None:
-    """One light of a contact sheet, in the cell whose lower left corner is (x, y) inches."""
+    """Draws one light of a contact sheet into the cell whose lower left corner is at (x,y) inches."""
     coefficients = light.coefficients[0]
     night = figure.add_axes(((x + 0.05) / width, (y + 0.30) / height, (cell - 0.1) / width, (cell - 0.02) / height))
     night.set(xticks=[], yticks=[], facecolor=NIGHT)
     night.spines[:].set_visible(False)
     axes = figure.add_axes(((x + 0.11) / width, (y + 0.44) / height, (cell - 0.22) / width, (cell - 0.22) / height))
-    axes.imshow(ball(coefficients, 120), interpolation="bilinear")
+    axes.imshow(lit_ball(coefficients, 120), interpolation="bilinear")
     axes.axis("off")
     band = figure.add_axes(((x + 0.11) / width, (y + 0.34) / height, (cell - 0.22) / width, 0.06 / height))
     strip = diffuse_panorama(coefficients, 24)[11:13].mean(0, keepdims=True)

@@ -1,38 +1,44 @@
-"""What can be said of a light in numbers: brightness, contrast, direction, colour, and whether it can exist."""
+"""Statistics of lights: brightness, contrast, direction, colour, and whether the light is physically possible."""
 
 from functools import cache
 
 import numpy as np
 
-from relight.panoramas.colour import luminance
-from relight.sh.basis import order_of
-from relight.sh.irradiance import unoccluded
+from relight.panoramas import luminance
+from relight.sh import order_of, unoccluded
 
 FRONT = np.array([0.0, 0.0, 1.0])
-STEPS = 1000
+NORMALS = 1000  # on which the irradiance is sampled
+BELOW = 1.1  # ratio of the irradiance from below to that from above from which on the user gets a note
 
 
 @cache
-def normals() -> np.ndarray:
-    """(STEPS, 3) unit normals, evenly spread (a Fibonacci spiral)."""
-    i = np.arange(STEPS)
-    z = 1 - (2 * i + 1) / STEPS
+def sphere_normals() -> np.ndarray:
+    """Returns unit normals (NORMALS,3), spread evenly over the sphere by a Fibonacci spiral."""
+    i = np.arange(NORMALS)
+    z = 1 - (2 * i + 1) / NORMALS
     azimuth = np.pi * (3 - np.sqrt(5)) * i
     s = np.sqrt(1 - z * z)
     return np.stack([s * np.cos(azimuth), s * np.sin(azimuth), z], -1)
 
 
 def reference_brightness(lights: np.ndarray) -> np.ndarray:
-    """Irradiance at (0, 0, 1) of the brightest channel of lights (..., K, 3): (...,) (method.md section 1)."""
+    """Returns the irradiance E(0,0,1) of the brightest channel (...,) of lights (...,K,3) (method.md section 1)."""
     return np.max(unoccluded(FRONT, order_of(lights.shape[-2])) @ lights, axis=-1)
 
 
 def moment_eigenvalue(lights: np.ndarray) -> np.ndarray:
-    """The least eigenvalue of the 4 x 4 moment matrix over m0, least over channels: (..., K, 3) to (...,).
+    """Returns the smallest eigenvalue of the 4 x 4 moment matrix over m0, the smallest over the channels.
 
-    Nine coefficients come from some non-negative light if and only if this is not negative (method.md section 1);
-    higher orders are judged by their first nine. Lights of order 0 or 1 have no second moments: for those it is the
-    sign of m0, or 1 - |m| / m0. A black channel beside others is left out.
+    Nine coefficients are those of a non-negative radiance if and only if this is not negative (method.md section 1).
+    Of higher orders, the first nine coefficients are tested. Lights of order 0 or 1 have no second moments: for those
+    it is the sign of m0, or 1 - |m| / m0. A black channel beside others is skipped.
+
+    Args:
+        lights: (...,K,3).
+
+    Returns:
+        (...,) float64; -1 for a light that is black.
     """
     c = np.moveaxis(np.asarray(lights, np.float64), -1, -2)  # (..., 3, K)
     m0 = c[..., 0] / 0.28209479177387814
@@ -48,33 +54,40 @@ def moment_eigenvalue(lights: np.ndarray) -> np.ndarray:
     xx, yy = ((m0 - zz) + difference) / 2, ((m0 - zz) - difference) / 2
     x, y, z = m[..., 0], m[..., 1], m[..., 2]
     matrix = np.stack([m0, x, y, z, x, xx, xy, xz, y, xy, yy, yz, z, xz, yz, zz], -1).reshape(*m0.shape, 4, 4)
-    least = np.linalg.eigvalsh(matrix)[..., 0]
-    black = (c == 0).all(-1)  # the green and blue of a red lamp: nothing is wrong with them
-    found = np.where(black, np.inf, np.where(m0 > 0, least / positive, -1.0)).min(-1)
-    return np.where(black.all(-1), -1.0, found)
+    smallest = np.linalg.eigvalsh(matrix)[..., 0]
+    black = (c == 0).all(-1)  # valid: the green and blue channels of a red lamp
+    normalised = np.where(black, np.inf, np.where(m0 > 0, smallest / positive, -1.0)).min(-1)
+    return np.where(black.all(-1), -1.0, normalised)
 
 
 def measure(lights: np.ndarray) -> dict[str, np.ndarray]:
-    """The statistics of lights (N, K, 3), each as (N,). Of luminance, unless a channel is named.
+    """Computes the statistics of lights.
 
-    reference    E(0, 0, 1) of the brightest channel
-    front        E(0, 0, 1)
-    mean         mean irradiance over all normals
-    least, most  irradiance of the darkest and brightest normal
-    front_most, front_least, front_mean, back_mean   over normals that face the camera (z > 0), or do not
-    channel_most the brightest channel on normals that face the camera
-    up, down     irradiance from straight above and below, over the mean
-    side_least, side_most   of upright surfaces (normals with y = 0), over the mean
-    first, second  |L1| / L00 and |L2| / L00: how directed, how structured the light is
-    elevation    of the light's main direction, degrees above the horizon
-    azimuth      of it, degrees from the camera toward +x
-    toward       share of the main direction that points to the camera, -1 to 1
-    red, blue    ln(R/G) and ln(B/G) of the mean light
-    moment       least moment eigenvalue over m0; negative means that no real light has these coefficients
+    Args:
+        lights: (N,K,3).
+
+    Returns:
+        Arrays (N,) by name. All are of luminance, unless a channel is named.
+
+        reference: irradiance E(0,0,1) of the brightest channel
+        front: irradiance E(0,0,1)
+        mean: irradiance, mean over all normals
+        least, most: irradiance of the darkest and of the brightest normal
+        front_least, front_most, front_mean: the same over the normals that face the camera (z > 0)
+        back_mean: over the other normals
+        channel_most: irradiance of the brightest channel on the normals that face the camera
+        up, down: irradiance of the normals (0,1,0) and (0,-1,0), over the mean
+        side_least, side_most: of upright surfaces (normals with y = 0), over the mean
+        first, second: |L1| / L00 and |L2| / L00, how directed and how structured the light is
+        elevation: of the main direction, degrees above the horizon
+        azimuth: of the main direction, degrees from the camera toward +x
+        toward: cosine between the main direction and the direction to the camera
+        red, blue: ln(R/G) and ln(B/G) of the mean radiance
+        moment: `moment_eigenvalue`; no physically possible light has a negative one
     """
     lights = np.asarray(lights, np.float64)
     order = order_of(lights.shape[-2])
-    n = normals()
+    n = sphere_normals()
     transport = unoccluded(n, order)
     grey = luminance(lights)
     e = grey @ transport.T
@@ -114,3 +127,11 @@ def measure(lights: np.ndarray) -> dict[str, np.ndarray]:
         "blue": colour[:, 2] - colour[:, 1],
         "moment": moment_eigenvalue(lights),
     }
+
+
+def from_below(measured: dict[str, np.ndarray]) -> np.ndarray:
+    """Whether lights, as `measure` has them, are brighter from below than from above: (N,) bool.
+
+    Most often the rows of such a panorama run from the bottom up.
+    """
+    return measured["down"] > BELOW * measured["up"]

@@ -1,4 +1,4 @@
-"""The light set: one table of lights, as lights.npz for programs and lights.csv for people."""
+"""The light set: a table of lights, stored as lights.npz for programs and lights.csv for people."""
 
 import csv
 from dataclasses import dataclass, fields, replace
@@ -8,7 +8,7 @@ import numpy as np
 
 from relight.files import UserError, existing, whole
 from relight.lights.statistics import reference_brightness
-from relight.sh.basis import bands, count, order_of
+from relight.sh import bands, coefficient_count, order_of
 
 CONVENTION = "relight"  # radiance, orthonormal, no Condon-Shortley, l*l+l+m, +z toward the camera, linear Rec. 709 RGB
 SPLITS = ("train", "test", "unusual", "rich")
@@ -16,16 +16,17 @@ SPLITS = ("train", "test", "unusual", "rich")
 
 @dataclass(frozen=True)
 class LightSet:
-    """N lights, every field an array with a row per light.
+    """N lights; every attribute is an array with one row per light.
 
-    coefficients  (N, K, 3) float32, radiance
-    split         "train", "test"; of what the rules removed "unusual" (for its own test) or "rich" (to train on)
-    source        the panorama: "room:12", "sky:3", or a file's path inside its folder
-    yaw           degrees by which the panorama's light was turned, +z toward +x
-    seed          of the draw of the light's brightness
-    scale         factor from the panorama's units
-    cluster       number of the k-means cluster that the light stands for
-    reason        the rules that an unusual light breaks, separated by spaces; empty otherwise
+    Attributes:
+        coefficients: (N,K,3) float32 radiance.
+        split: (N,) str, "train" or "test"; for unusual lights "unusual" (to test on) or "rich" (to train on).
+        source: (N,) str, the panorama: "room:12", "sky:3", or a file's path within its folder.
+        yaw: (N,) degrees by which the panorama's light was rotated about the vertical, from +z toward +x.
+        seed: (N,) int, that the light's reference brightness was drawn with.
+        scale: (N,) factor from the panorama's units.
+        cluster: (N,) int, the k-means cluster that the light is the medoid of.
+        reason: (N,) str, the rules that an unusual light breaks, separated by spaces; empty for the others.
     """
 
     coefficients: np.ndarray
@@ -42,32 +43,38 @@ class LightSet:
 
     @property
     def order(self) -> int:
+        """The highest band of the spherical harmonics."""
         return order_of(self.coefficients.shape[1])
 
     def rows(self, which: np.ndarray) -> "LightSet":
-        """The lights that `which` (a mask or indices) selects."""
+        """Selects lights by a mask (N,) or by indices."""
         return replace(self, **{f.name: getattr(self, f.name)[which] for f in fields(self)})
 
     def of(self, split: str) -> "LightSet":
-        """The lights of one split."""
+        """Selects the lights of one split."""
         return self.rows(self.split == split)
 
 
 def table_paths(path: Path | str) -> tuple[Path, Path]:
-    """The .npz and the .csv of a set that is named by its folder or by either file."""
+    """Returns the .npz and the .csv of a light set, given its folder or either file."""
     path = Path(path)
     if path.suffix not in (".npz", ".csv"):
         path = path / "lights.npz"
     return path.with_suffix(".npz"), path.with_suffix(".csv")
 
 
-def save(lights: LightSet, path: Path | str) -> None:
-    """Writes lights.npz and lights.csv into the folder `path`, or beside each other when `path` names one of them."""
-    packed, table = table_paths(path)
-    with whole(packed) as temporary, open(temporary, "wb") as file:
+def write_light_set(lights: LightSet, path: Path | str) -> None:
+    """Writes a light set as .npz and as .csv.
+
+    Args:
+        lights: to write.
+        path: either file, or a folder, which gets lights.npz and lights.csv.
+    """
+    archive, table = table_paths(path)
+    with whole(archive) as temporary, open(temporary, "wb") as file:
         arrays = {f.name: getattr(lights, f.name) for f in fields(lights)}
         np.savez(file, convention=np.array(CONVENTION), **arrays)
-    k = np.arange(count(lights.order))
+    k = np.arange(coefficient_count(lights.order))
     l = bands(lights.order)
     names = [f"L{a}{b:+d}_{c}" for a, b in zip(l, k - l * l - l) for c in "RGB"]
     plain = [f.name for f in fields(lights) if f.name != "coefficients"]
@@ -81,16 +88,23 @@ def save(lights: LightSet, path: Path | str) -> None:
             writer.writerow([*own, f"{reference[i]:.4f}", CONVENTION, *numbers])
 
 
-def load(path: Path | str) -> LightSet:
-    """Reads lights.npz, named by itself, by its folder or by the .csv beside it."""
-    packed, _ = table_paths(path)
-    existing(packed, "light set")
+def read_light_set(path: Path | str) -> LightSet:
+    """Reads the .npz of a light set.
+
+    Args:
+        path: the .npz, the .csv beside it, or a folder that holds lights.npz.
+
+    Raises:
+        UserError: if there is no such file, if it is no light set, or if it has another convention.
+    """
+    archive, _ = table_paths(path)
+    existing(archive, "light set")
     try:
-        with np.load(packed, allow_pickle=False) as stored:
+        with np.load(archive, allow_pickle=False) as stored:
             convention = str(stored["convention"])
             lights = LightSet(**{f.name: stored[f.name] for f in fields(LightSet)})
     except (ValueError, KeyError, OSError, EOFError) as error:
-        raise UserError(f"{packed}: not a light set of relight ({error})") from error
+        raise UserError(f"{archive}: not a light set of relight ({error})") from error
     if convention != CONVENTION:
-        raise UserError(f"{packed}: its convention is {convention!r}, a light set of relight says {CONVENTION!r}")
+        raise UserError(f"{archive}: its convention is {convention!r}, a light set of relight says {CONVENTION!r}")
     return lights

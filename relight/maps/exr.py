@@ -1,11 +1,12 @@
-"""Maps as OpenEXR files with named layers, which Blender, Nuke and tev open.
+"""Maps of a view of a figure, and their OpenEXR files with named layers, which Blender, Nuke and tev open.
 
 `albedo.R/G/B`, `normal.X/Y/Z`, `ao.Y`, `mask.A`, `coverage.A`, `transport.L0M0.Y`, `transport.L1Mn1.Y` ... half
 floats, `depth.Z` a float, and with bounces `bounced.L0M0.R/G/B` ... "n" stands for a minus sign. A name ends in one
-letter because Blender drops channels whose last part is longer; letters and digits only because Nuke wants those.
+letter because Blender drops channels whose last part is longer, and has letters and digits only because of Nuke.
 """
 
 import json
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -13,24 +14,60 @@ import OpenEXR
 
 from relight import __version__
 from relight.files import UserError, existing, whole
-from relight.maps.maps import Maps
-from relight.sh.basis import order_of
+from relight.sh import order_of
 
 FRAME = "right-handed, +x image right, +y up, +z toward the camera"
 CONVENTION = "real orthonormal spherical harmonics, no Condon-Shortley phase, index l*l+l+m; transport without 1/pi"
 
 
+@dataclass
+class Maps:
+    """Maps of one view of a figure: square images of S px, row 0 at the top, zero outside the mask.
+
+    The image under a light is albedo * ((transport[..., None] + bounced) . light, summed over K).
+
+    Attributes:
+        mask: (S,S) bool, whether the centre of a pixel shows the figure.
+        coverage: (S,S) float32 in [0,1], the share of a pixel that the figure covers; the mask without supersampling.
+        albedo: (S,S,3) float32, linear.
+        normal: (S,S,3) float32 unit shading normals in the camera frame (+x right, +y up, +z toward the camera).
+        depth: (S,S) float32 distance from the camera plane along -z, in scene units.
+        ao: (S,S) float32 in [0,1], ambient occlusion T_00 / .8862.
+        transport: (S,S,K) float32, direct, without 1/pi, index l*l + l + m.
+        bounced: (S,S,K,3) float32, what interreflection adds to the transport of each colour channel; None if the maps
+            were baked without bounces.
+        info: plain JSON values (name, subject, rays, order, ...), stored in the header of the file (docs/maps.md).
+    """
+
+    mask: np.ndarray
+    coverage: np.ndarray
+    albedo: np.ndarray
+    normal: np.ndarray
+    depth: np.ndarray
+    ao: np.ndarray
+    transport: np.ndarray
+    bounced: np.ndarray | None = None
+    info: dict = field(default_factory=dict)
+
+
 class LeftOut(Exception):
-    """The file stands for a figure that was left out of the data set; the message is the reason."""
+    """Raised for the file of a figure that was left out of the data set; the message is the reason."""
 
 
 def coefficient_names(order: int) -> list[str]:
-    """L0M0, L1Mn1, L1M0, L1M1, L2Mn2 ... in the order of the coefficients."""
+    """Returns the names of the coefficients in their order.
+
+    >>> coefficient_names(1)
+    ['L0M0', 'L1Mn1', 'L1M0', 'L1M1']
+    """
     return [f"L{l}M{'n' if m < 0 else ''}{abs(m)}" for l in range(order + 1) for m in range(-l, l + 1)]
 
 
 def write_maps(path: Path | str, maps: Maps) -> None:
-    """Writes `maps` whole or not at all. Half floats hold transport to 2^-11 of its value, depth is kept in full."""
+    """Writes maps, whole or not at all.
+
+    Depth is stored as float32, all others as half floats, with a relative error of at most 2^-11.
+    """
     layers = {f"albedo.{c}": maps.albedo[..., i] for i, c in enumerate("RGB")}
     layers |= {f"normal.{c}": maps.normal[..., i] for i, c in enumerate("XYZ")}
     layers |= {"ao.Y": maps.ao, "mask.A": maps.mask, "coverage.A": maps.coverage}
@@ -46,17 +83,32 @@ def write_maps(path: Path | str, maps: Maps) -> None:
 
 
 def write_left_out(path: Path | str, info: dict, reason: str) -> None:
-    """Writes a 1 x 1 file whose header says why the figure has no maps, so that a data set can go on without it."""
+    """Writes a file of 1 x 1 px in place of the maps of a figure that is left out of the data set.
+
+    Args:
+        path: of the file.
+        info: as `Maps.info`.
+        reason: why the figure has no maps.
+    """
     _write(path, {"mask.A": np.zeros((1, 1), np.float16)}, {**info, "left_out": reason})
 
 
 def read_info(path: Path | str) -> dict:
-    """What the header says about the figure (`Maps.info`, and `pixels`, the size of the mask), without the pixels."""
+    """Reads the header alone: `Maps.info` and `pixels`, the number of pixels in the mask.
+
+    Raises:
+        UserError: if the file does not exist or holds no maps.
+    """
     return _read(path, header_only=True)[0]
 
 
 def read_maps(path: Path | str) -> Maps:
-    """Reads what `write_maps` wrote. Raises LeftOut for a figure that was left out, UserError on any other file."""
+    """Reads maps.
+
+    Raises:
+        LeftOut: if the figure was left out of the data set.
+        UserError: if the file does not exist or holds no maps.
+    """
     info, channels = _read(path)
     if "left_out" in info:
         raise LeftOut(info["left_out"])
@@ -100,7 +152,7 @@ def _write(path: Path | str, channels: dict[str, np.ndarray], info: dict) -> Non
 
 
 def _read(path: Path | str, header_only: bool = False) -> tuple[dict, dict[str, OpenEXR.Channel]]:
-    """The figure's record and the channels (empty when only the header is asked for)."""
+    """Reads `Maps.info` and the channels; no channels with `header_only`."""
     path = existing(path, "maps")
     try:
         file = OpenEXR.File(str(path), separate_channels=True, header_only=header_only)

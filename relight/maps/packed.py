@@ -1,9 +1,15 @@
-"""A data set for training: the foreground pixels of all figures in one memory-mapped safetensors file.
+"""Packed maps, the data set for training: the foreground pixels of all maps in one memory-mapped safetensors file.
 
-25 bytes per foreground pixel and a bit per pixel of the image, so that 345 figures at 1024 px take 1.35 GB:
-`mask` (F, ceil(size^2 / 8)) uint8 bits in raster order; `offset` (F+1,) int64, the pixels of figure i are
-offset[i] to offset[i+1]; `transport` (P, K) f16; `albedo` (P, 3) uint8 sRGB codes, as textures are; `normal` (P, 2)
-int16, octahedral (Cigolle et al. 2014), which holds a unit vector to 7e-5 in 4 bytes. AO is T00/.8862.
+A foreground pixel takes 25 bytes, a pixel of the image one bit; 345 figures at 1024 px take 1.35 GB. For F maps with P
+foreground pixels in all, the tensors are
+
+mask       (F, ceil(size^2 / 8)) uint8, bits in raster order
+offset     (F+1,) int64; the pixels of map i are offset[i] to offset[i+1]
+transport  (P,K) float16
+albedo     (P,3) uint8 sRGB codes
+normal     (P,2) int16, octahedral (Cigolle et al. 2014): a unit vector to 7e-5 in 4 bytes
+
+Ambient occlusion is not stored; it is T_00 / .8862.
 """
 
 import json
@@ -15,20 +21,29 @@ from safetensors import safe_open
 
 from relight.files import UserError, existing, whole
 from relight.progress import progress
+from relight.sh import UNOCCLUDED_T00
 from relight.srgb import LINEAR, encode, to_bytes
 
-OPEN = math.sqrt(math.pi) / 2  # T00 of a point that nothing occludes, .8862
 TYPES = {"uint8": "U8", "int16": "I16", "int64": "I64", "float16": "F16"}
 
 
-def pack(exr_paths: list[Path], out: Path) -> list[str]:
-    """Packs the maps in `exr_paths` into `out`, whole or not at all; returns the names of the packed maps.
+def pack_maps(exr_paths: list[Path], out: Path) -> list[str]:
+    """Packs maps into one file, whole or not at all, with one of them in memory at a time.
 
-    Maps are called like their figure, or like the view or the outfit of it that they are. Figures that were left out
-    are skipped. With bounces, the packed transport is the direct one plus the mean over colour channels of the bounced
-    one. One figure is in memory at a time. UserError when the sizes or orders differ, or when nothing is left to pack.
+    Figures that were left out are skipped. With bounces, the packed transport is the direct one plus the mean over the
+    colour channels of the bounced one.
+
+    Args:
+        exr_paths: files of maps.
+        out: the packed file (.safetensors).
+
+    Returns:
+        The names of the packed maps: of the figure, or of a further view or outfit of it.
+
+    Raises:
+        UserError: if sizes or orders differ, or all figures were left out.
     """
-    from relight.maps.exr import read_info, read_maps  # readers of the set need no OpenEXR
+    from relight.maps.exr import read_info, read_maps
 
     found = [(path, info) for path in exr_paths if "left_out" not in (info := read_info(path))]
     if not found:
@@ -69,15 +84,25 @@ def pack(exr_paths: list[Path], out: Path) -> list[str]:
     return names
 
 
-class Packed:
-    """A packed data set, memory-mapped: a figure is read from disk when it is asked for.
+class PackedMaps:
+    """Packed maps, memory-mapped: the pixels of a map are read from disk when they are used.
 
-    names, subjects: of each of its maps; figures: the figure that each shows, called like the maps of its frontal view
-    in its own outfit; views: how it is seen (relight.transport.view.record), None for the frontal view.
+    Attributes:
+        names: of the F maps.
+        subjects: of the maps.
+        figures: the figure that each map shows, by the name of the map of its frontal view in its own outfit.
+        views: how each map is seen (`relight.transport.view.view_record`), None for the frontal view.
+        size: of the images in pixels.
+        order: of the spherical harmonics.
+        offset: (F+1,) int64, where the pixels of each map begin.
     """
 
     def __init__(self, path: Path | str):
-        """Raises UserError when `path` is not a packed data set."""
+        """Opens packed maps.
+
+        Raises:
+            UserError: if the file does not exist or holds no packed maps.
+        """
         try:
             self._file = safe_open(str(existing(path, "packed maps")), framework="np")
             notes = {key: json.loads(value) for key, value in (self._file.metadata() or {}).items()}
@@ -97,14 +122,24 @@ class Packed:
         return len(self.names)
 
     def figure(self, index: int) -> dict[str, np.ndarray]:
-        """The foreground pixels of one figure: `pixel` (P,) int32 flat indices in raster order, `transport` (P, K),
-        `albedo` (P, 3) linear, `normal` (P, 3) unit and `ao` (P,), all float16."""
+        """Reads the foreground pixels of one map.
+
+        Args:
+            index: of the map, from 0.
+
+        Returns:
+            `pixel` (P,) int32, flat indices in raster order; `transport` (P,K), `albedo` (P,3) linear, `normal` (P,3)
+            unit vectors and `ao` (P,), all float16.
+
+        Raises:
+            IndexError: if there is no such map.
+        """
         if not 0 <= index < len(self):
             raise IndexError(f"figure {index} of {len(self)}")
         return self._read(index, index + 1)
 
     def arrays(self) -> dict[str, np.ndarray]:
-        """The same for all figures at once, one after the other, with `offset` (F+1,) int64."""
+        """Reads the foreground pixels of all maps, one map after another, and `offset` (F+1,) int64."""
         return {"offset": self.offset, **self._read(0, len(self))}
 
     def _read(self, begin: int, end: int) -> dict[str, np.ndarray]:
@@ -116,19 +151,25 @@ class Packed:
             "transport": stored["transport"],
             "albedo": LINEAR.astype(np.float16)[stored["albedo"]],
             "normal": decode_normals(stored["normal"]).astype(np.float16),
-            "ao": (stored["transport"][:, 0].astype(np.float32) / np.float32(OPEN)).clip(0, 1).astype(np.float16),
+            "ao": (stored["transport"][:, 0].astype(np.float32) / np.float32(UNOCCLUDED_T00))
+            .clip(0, 1)
+            .astype(np.float16),
         }
 
 
 def encode_normals(normals: np.ndarray) -> np.ndarray:
-    """Unit vectors (P, 3) on the octahedron, unfolded to a square: (P, 2) int16."""
+    """Encodes unit vectors (P,3) as points (P,2) int16 of the octahedron unfolded to a square.
+
+    >>> encode_normals(np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])).tolist()
+    [[0, 0], [32767, 0]]
+    """
     flat = normals / np.abs(normals).sum(1, keepdims=True)
     square = np.where(flat[:, 2:] < 0, _fold(flat[:, :2]), flat[:, :2])
     return np.round(square * 32767).astype(np.int16)
 
 
 def decode_normals(encoded: np.ndarray) -> np.ndarray:
-    """Unit vectors (P, 3) float32 of what `encode_normals` gave."""
+    """Decodes points (P,2) int16 of `encode_normals` to unit vectors (P,3) float32."""
     square = encoded.astype(np.float32) / np.float32(32767)
     z = 1 - np.abs(square[:, 0]) - np.abs(square[:, 1])
     behind = z < 0
@@ -138,14 +179,19 @@ def decode_normals(encoded: np.ndarray) -> np.ndarray:
 
 
 def _fold(square: np.ndarray) -> np.ndarray:
-    """Reflects points of the square about the nearest edge of its inner diamond: z > 0 lies inside, z < 0 outside."""
+    """Reflects points of the square about the nearest edge of the diamond that divides z > 0 inside from z < 0."""
     return (1 - np.abs(square[:, ::-1])) * np.where(square < 0, np.float32(-1), np.float32(1))
 
 
 def _create(path: Path, layout: dict[str, tuple], notes: dict[str, str]) -> dict[str, np.memmap]:
-    """A safetensors file of this layout, as arrays mapped for writing.
+    """Creates a safetensors file and maps its arrays for writing.
 
-    The library's own writer wants every array in memory; the format is a length, a JSON header and the raw arrays.
+    The library's own writer needs all arrays in memory. The format is a length, a JSON header and the raw arrays.
+
+    Args:
+        path: of the file.
+        layout: type and shape of each array, by name.
+        notes: metadata of the header.
     """
     header, end = {"__metadata__": notes}, 0
     for name, (kind, shape) in layout.items():

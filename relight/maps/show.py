@@ -1,4 +1,4 @@
-"""Maps as one picture, to look at."""
+"""Maps as one picture."""
 
 from pathlib import Path
 
@@ -6,16 +6,21 @@ import numpy as np
 from PIL import Image
 
 from relight.files import whole
-from relight.maps.maps import Maps
+from relight.maps.exr import Maps
 from relight.srgb import encode, to_bytes
 
-KEY = np.array([0.5, 0.6, 0.62])  # toward the light of the shaded view: from the upper right, in front
+KEY = np.array([0.5, 0.6, 0.62])  # direction toward the light of the shaded view: upper right, in front
 GROUND = 0.2  # grey behind the figure: neither a white albedo nor a zero coefficient vanishes on it
 
 
-def picture(maps: Maps) -> np.ndarray:
-    """(H', W', 3) uint8, cropped to the figure: a row of albedo, normal, AO and a shaded view, and a row of the first
-    nine coefficients, red where positive and blue where negative."""
+def draw_maps(maps: Maps) -> np.ndarray:
+    """Draws maps in two rows, cropped to the figure: albedo, normal, AO and a shaded view; up to nine coefficients.
+
+    Coefficients are red where positive and blue where negative.
+
+    Returns:
+        (height,width,3) uint8 sRGB.
+    """
     rows, columns = np.nonzero(maps.mask)
     margin = max(1, len(maps.mask) // 50)
     crop = tuple(slice(max(0, at.min() - margin), at.max() + 1 + margin) for at in (rows, columns))
@@ -47,7 +52,7 @@ def picture(maps: Maps) -> np.ndarray:
     return np.concatenate([to_bytes(top), np.asarray(bottom)])
 
 
-def write_picture(path: Path | str, maps: Maps) -> None:
-    """Writes `picture(maps)` as a PNG, whole or not at all."""
+def write_maps_picture(path: Path | str, maps: Maps) -> None:
+    """Writes the picture of `draw_maps` as PNG, whole or not at all."""
     with whole(path) as temporary:
-        Image.fromarray(picture(maps)).save(temporary)
+        Image.fromarray(draw_maps(maps)).save(temporary)

@@ -1,0 +1,15 @@
+"""Meshes: read, cleaned and aligned."""
+
+from relight.lazy import entry_points
+
+__getattr__, __dir__, __all__ = entry_points(
+    __name__,
+    {
+        "alignment": "align",
+        "cleaning": "clean",
+        "geometry": "vertex_normals",
+        "mesh": "Material Mesh",
+        "read": "read_mesh",
+        "scans": "list_scans",
+    },
+)

@@ -1,26 +1,32 @@
-"""Which axis of a file points up, and which way the figure faces: read from the figure itself."""
+"""Finds which axis of a file points up and which way the figure faces, from the shape of the figure."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from PIL import Image, ImageDraw
 
+from relight.meshes.geometry import face_areas
 from relight.meshes.mesh import Mesh
-from relight.meshes.parts import areas
 
 AXES = {sign + axis: (1 if sign == "+" else -1) * np.eye(3)[k] for k, axis in enumerate("xyz") for sign in "+-"}
 FEET, ANKLES = (0.0, 0.04), (0.05, 0.10)  # of the height, from the soles
 FACE, NECK = (0.05, 0.12), (0.14, 0.17)  # of the height, from the top of the head
-CLEAR = 0.008  # of the height: less ahead than this shows no direction
-SOLES = 0.01  # of the squared height: the area that two soles cover; .015 in the median, a head's top .006
-GRID = 256  # cells to the longest extent, on which covered area is counted
-SHINS, LEVELS = (0.06, 0.20), 6  # of the height: where two legs have nothing between them, but no head and no skirt
-APART = 0.03  # of the height: legs are .04 to .2 apart there; loose hair leaves .015
+MIN_OFFSET = 0.008  # of the height: smaller horizontal offsets show no direction
+SOLES = 0.01  # least area of two soles, over the squared height: .015 in the median; the top of a head has .006
+GRID = 256  # cells along the longest extent, in which covered areas are counted
+SHINS, LEVELS = (0.06, 0.20), 6  # of the height: where there is a gap between two legs, but none in a head or skirt
+MIN_GAP = 0.03  # of the height: that between legs is .04 to .2; loose hair has .015
 
 
 @dataclass
 class Axes:
-    """The file's axes `up` and `front`; certainty in [0,1] is 0 where a convention stood in for evidence."""
+    """Axes of a file.
+
+    Attributes:
+        up: name in AXES.
+        front: name in AXES.
+        certainty: of the front, in [0,1]; 0 if it is that of a convention for lack of evidence.
+    """
 
     up: str
     front: str
@@ -28,76 +34,91 @@ class Axes:
 
 
 def find_axes(mesh: Mesh, up: str | None = None, front: str | None = None) -> Axes:
-    """Finds what is not given.
+    """Finds the axes that are not given.
 
-    Up is the longest extent of the file, y before z where they are alike; it is negative when legs, or soles and toes,
-    are plainly at the other end. Front is where the feet point and the face looks: each foot's toes lie ahead of its
-    ankle, however far the feet are apart, and, half as sure, faces ahead of necks, whatever the arms do. Where neither
-    shows, y-up files face +z and z-up files -y.
+    Up is the longest extent of the file, y before z where they are similar; negative if legs, or soles and toes, are
+    clearly at the other end. Front is where feet and face point: toes are ahead of their ankle and, with half the
+    weight, the face is ahead of the neck, whatever the arms do. Without such evidence, y-up files face +z and z-up
+    files -y.
+
+    Args:
+        mesh: in the file's frame.
+        up: name in AXES, or None.
+        front: name in AXES, or None.
     """
-    area = areas(mesh.vertices, mesh.faces)
+    area = face_areas(mesh.vertices, mesh.faces)
     points = mesh.vertices[mesh.faces].mean(axis=1, dtype=np.float64)
     if up is None:
-        weight = np.ptp(mesh.vertices, axis=0) * [0.8, 1.0, 0.95]  # a T-pose is as wide as high; hardly a file is x-up
+        # A T-pose is as wide as high, and hardly any file is x-up.
+        weight = np.ptp(mesh.vertices, axis=0) * [0.8, 1.0, 0.95]
         if front is not None:
             weight[np.abs(AXES[front]).argmax()] = 0
         axis = "xyz"[int(weight.argmax())]
-        flat = {sign: _flat(mesh, points, AXES[sign + axis]) for sign in "+-"}
-        toes = np.linalg.norm(_ahead(points, area, AXES["-" + axis], FEET, ANKLES))
+        soles = {sign: _sole_area(mesh, points, AXES[sign + axis]) for sign in "+-"}
+        toes = np.linalg.norm(_horizontal_offset(points, area, AXES["-" + axis], FEET, ANKLES))
 
-        def apart(sign: str, axis: str = axis) -> float:
-            return _apart(mesh, points, area, AXES[sign + axis])
+        def gap(sign: str, axis: str = axis) -> float:
+            return _gap(mesh, points, area, AXES[sign + axis])
 
-        # Raised arms are apart, too: over legs that are, or over a skirt, but not on soles.
-        legs = flat["-"] > 0.8 * flat["+"] and apart("-") > APART > 2 * apart("+")
-        inverted = legs or (flat["-"] > max(SOLES, 2 * flat["+"]) and toes > 3 * CLEAR)
+        # Raised arms have a gap, too, but it is above legs that have one or above a skirt, and they have no soles.
+        legs = soles["-"] > 0.8 * soles["+"] and gap("-") > MIN_GAP > 2 * gap("+")
+        inverted = legs or (soles["-"] > max(SOLES, 2 * soles["+"]) and toes > 3 * MIN_OFFSET)
         up = ("-" if inverted else "+") + axis
     if front is not None:
         return Axes(up, front, 1.0)
-    head = _near_top(points, area, AXES[up])
-    ahead = _toes(points, area, AXES[up]) + 0.5 * _ahead(points, area * head, -AXES[up], FACE, NECK)
+    head = _head_faces(points, area, AXES[up])
+    ahead = _toe_offset(points, area, AXES[up]) + 0.5 * _horizontal_offset(points, area * head, -AXES[up], FACE, NECK)
     shown = {name: float(ahead @ axis) for name, axis in AXES.items() if not axis @ AXES[up]}
     front = max(shown, key=shown.get)
-    if shown[front] > CLEAR:
-        return Axes(up, front, min(1.0, shown[front] / (4 * CLEAR)))
+    if shown[front] > MIN_OFFSET:
+        return Axes(up, front, min(1.0, shown[front] / (4 * MIN_OFFSET)))
     return Axes(up, "-y" if up[1] == "z" else "+z", 0.0)
 
 
-def _between(points: np.ndarray, up: np.ndarray, slice: tuple[float, float]) -> tuple[np.ndarray, float]:
-    """Which points (n,3) lie between two shares of the height, counted along `up`; and the height."""
+def _in_band(points: np.ndarray, up: np.ndarray, band: tuple[float, float]) -> tuple[np.ndarray, float]:
+    """Returns which points (N,3) are between two shares of the height, along `up`, and the height."""
     height = points @ up
     size = max(np.ptp(height), 1e-30)
     level = (height - height.min()) / size
-    return (level >= slice[0]) & (level < slice[1]), size
+    return (level >= band[0]) & (level < band[1]), size
 
 
-def _ahead(points: np.ndarray, area: np.ndarray, up: np.ndarray, slice: tuple, other: tuple) -> np.ndarray:
-    """How far the middle of a slice lies ahead of the middle of another, horizontally, in units of the height.
+def _horizontal_offset(points: np.ndarray, area: np.ndarray, up: np.ndarray, band: tuple, other: tuple) -> np.ndarray:
+    """Returns the horizontal offset (3,) of the centroid of one band from that of another, over the height.
 
-    points (F,3) and area (F,) of the faces; slices are (from, to) shares of the height, counted along `up`.
+    Args:
+        points: (F,3) centres of the faces.
+        area: (F,) of the faces.
+        up: (3,) unit vector.
+        band: from and to, as shares of the height.
+        other: the same.
     """
 
-    def middle(between: tuple[float, float]) -> np.ndarray:
-        weight = area * _between(points, up, between)[0]
+    def centroid(of: tuple[float, float]) -> np.ndarray:
+        weight = area * _in_band(points, up, of)[0]
         return points.T @ weight / weight.sum() if weight.any() else np.full(3, np.nan)
 
-    offset = middle(slice) - middle(other)
-    return np.nan_to_num((offset - (offset @ up) * up) / _between(points, up, slice)[1])
+    offset = centroid(band) - centroid(other)
+    return np.nan_to_num((offset - (offset @ up) * up) / _in_band(points, up, band)[1])
 
 
-def _toes(points: np.ndarray, area: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """How far the toes lie ahead of the ankles, horizontally, in units of the height: the mean of two feet.
+def _toe_offset(points: np.ndarray, area: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Returns the horizontal offset (3,) of the toes from their ankle, over the height, as the mean of two feet.
 
-    points (F,3) and area (F,) of the faces. The ankles are the two clusters of their slice, begun on both sides of its
-    middle along its longest direction.
+    The ankles are two clusters of their band, initialised on both sides of its centroid along its longest direction.
+
+    Args:
+        points: (F,3) centres of the faces.
+        area: (F,) of the faces.
+        up: (3,) unit vector.
     """
-    ankle, size = _between(points, up, ANKLES)
-    foot = _between(points, up, FEET)[0]
+    ankle, size = _in_band(points, up, ANKLES)
+    foot = _in_band(points, up, FEET)[0]
     if not (area[ankle].any() and area[foot].any()):
         return np.zeros(3)
     flat = (points - np.outer(points @ up, up)) / size
     at, weight = flat[ankle], area[ankle]
-    middle, longest = _spread(at, weight)
+    middle, longest = _principal_direction(at, weight)
     second = (at - middle) @ longest > 0
     for _ in range(8):
         share = weight * np.stack([~second, second])
@@ -109,23 +130,31 @@ def _toes(points: np.ndarray, area: np.ndarray, up: np.ndarray) -> np.ndarray:
     return (share[there] @ flat[foot] / share[there].sum(axis=1, keepdims=True) - ankles[there]).mean(axis=0)
 
 
-def _spread(at: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The middle of points (n,3) with weights (n,), and the unit direction along which they spread the furthest."""
+def _principal_direction(at: np.ndarray, weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the centroid (3,) of points (N,3) with weights (N,), and their first principal direction (3,)."""
     middle = weight @ at / weight.sum()
     off = (at - middle) * np.sqrt(weight)[:, None]
     return middle, np.linalg.eigh(off.T @ off)[1][:, -1]
 
 
-def _apart(mesh: Mesh, points: np.ndarray, area: np.ndarray, up: np.ndarray) -> float:
-    """The median, over thin levels of SHINS, of the widest gap between a level's two parts along its longest direction,
-    in units of the height; a part has at least three tenths of the area. points (F,3) and area (F,) of the faces."""
+def _gap(mesh: Mesh, points: np.ndarray, area: np.ndarray, up: np.ndarray) -> float:
+    """Returns the gap between two legs over the height: the median over LEVELS bands of SHINS.
+
+    The gap of a band is the widest one along its longest direction with at least 30 % of the area on each side.
+
+    Args:
+        mesh: in the file's frame.
+        points: (F,3) centres of the faces.
+        area: (F,) of the faces.
+        up: (3,) unit vector.
+    """
     widest = np.zeros(LEVELS)
     low, high = SHINS
     for i in range(LEVELS):
-        at, size = _between(points, up, (low + (high - low) * i / LEVELS, low + (high - low) * (i + 1) / LEVELS))
+        at, size = _in_band(points, up, (low + (high - low) * i / LEVELS, low + (high - low) * (i + 1) / LEVELS))
         if not area[at].any():
             continue
-        _, longest = _spread(points[at] - np.outer(points[at] @ up, up), area[at])
+        _, longest = _principal_direction(points[at] - np.outer(points[at] @ up, up), area[at])
         along = mesh.vertices[mesh.faces[at]] @ longest
         order = along.min(axis=1).argsort()
         start, end = along.min(axis=1)[order], np.maximum.accumulate(along.max(axis=1)[order])
@@ -135,8 +164,8 @@ def _apart(mesh: Mesh, points: np.ndarray, area: np.ndarray, up: np.ndarray) -> 
     return float(np.median(widest))
 
 
-def _near_top(points: np.ndarray, area: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """Which faces are near the vertical through the highest ones: a head and a neck without arms beside them (F,)."""
+def _head_faces(points: np.ndarray, area: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Returns which faces, (F,) bool, are near the vertical through the highest ones: head and neck, no arms."""
     height = points @ up
     size = max(np.ptp(height), 1e-30)
     weight = area * (height > height.max() - 0.05 * size)
@@ -144,12 +173,21 @@ def _near_top(points: np.ndarray, area: np.ndarray, up: np.ndarray) -> np.ndarra
     return np.linalg.norm(away - np.outer(away @ up, up), axis=-1) < 0.09 * size
 
 
-def _flat(mesh: Mesh, points: np.ndarray, up: np.ndarray) -> float:
-    """The horizontal area that the faces within 2 % of the height from the lowest one cover, in units of the squared
-    longest extent: layers of hair one over the other count once. points (F,3): the middles of the faces."""
+def _sole_area(mesh: Mesh, points: np.ndarray, up: np.ndarray) -> float:
+    """Returns the horizontal area that the lowest 2 % of the figure cover, over the squared longest extent.
+
+    Layers that are on top of each other, as of hair, are counted once.
+
+    Args:
+        mesh: in the file's frame.
+        points: (F,3) centres of the faces.
+        up: (3,) unit vector.
+    """
     height = points @ up
     low = mesh.faces[height <= height.min() + 0.02 * np.ptp(height)]
-    size = max(np.ptp(mesh.vertices, axis=0).max(), 1e-30)  # bounds the picture for any mesh; a figure's is its height
+    size = max(
+        np.ptp(mesh.vertices, axis=0).max(), 1e-30
+    )  # bounds the picture for any mesh; for figures it is the height
     corners = mesh.vertices[low][:, :, np.flatnonzero(up == 0)].astype(np.float64) / size * GRID
     corners -= corners.min(axis=(0, 1))
     picture = Image.new("1", tuple(np.ceil(corners.max(axis=(0, 1))).astype(int) + 1))

@@ -1,10 +1,10 @@
-"""BUFF: sequences of clothed scans, and a choice of frames that stand for them.
+"""Selects representative frames of BUFF, sequences of scans of clothed people.
 
 BUFF (Zhang et al. 2017) is unpacked as `sequences/<subject>/<outfit>_<motion>/<...><frame>.ply`: subjects are numbers
-of five digits, outfits such as `shortlong` and `shortshort`, motions such as `hips` and `tilt_twist_left`. Frames
-follow each other closely in time, so that a random choice of 74 among 9,613 would show the same few stances; the
-paper's authors picked theirs by hand. Here k-means clusters the silhouettes of each subject and outfit, from the front
-and from the side, and the frame nearest to each centre is chosen.
+of five digits, outfits such as `shortlong` and `shortshort`, motions such as `hips` and `tilt_twist_left`. Consecutive
+frames hardly differ, so a random selection of 74 of the 9,613 would show the same few poses; the paper's authors
+selected theirs by hand. Here k-means clusters the silhouettes of each subject and outfit, from the front and from the
+side, and the frame nearest to each mean is selected.
 """
 
 import csv
@@ -21,13 +21,21 @@ from relight.progress import progress
 
 SUBJECT = re.compile(r"\d{5}")
 SEQUENCE = re.compile(r"([a-z]+)_(\w+)", re.IGNORECASE)
-FRAME = re.compile(r"(\d+)$")
+FRAME_NUMBER = re.compile(r"(\d+)$")
 CELLS = 40  # of a silhouette's height and width; 4.5 cm at 1.8 m
 
 
 @dataclass(frozen=True)
-class Frame:
-    """One scan of a sequence."""
+class BuffFrame:
+    """One scan of a sequence.
+
+    Attributes:
+        path: of the mesh.
+        subject: five digits.
+        outfit: such as `shortlong`.
+        motion: such as `hips`.
+        number: of the frame in the sequence.
+    """
 
     path: Path
     subject: str
@@ -37,31 +45,42 @@ class Frame:
 
     @property
     def name(self) -> str:
+        """The figure's name."""
         return f"{self.subject}_{self.outfit}_{self.motion}_{self.number:06d}"
 
 
-def list_frames(folder: Path | str) -> list[Frame]:
-    """The frames of a BUFF folder (the release, its `sequences`, or one subject's folder above sequences), in order.
+def list_frames(folder: Path | str) -> list[BuffFrame]:
+    """Lists the frames of BUFF, sorted by name, without the release's minimal body shapes.
 
-    The release's minimal body shapes are not frames. Raises UserError where nothing has BUFF's layout.
+    Args:
+        folder: of the release, its `sequences`, or one subject.
+
+    Raises:
+        UserError: if no file has BUFF's layout.
     """
     frames = []
     for path in Path(folder).rglob("*"):
         if path.suffix.lower() not in READERS or len(path.parts) < 3:
             continue
-        subject, sequence, number = path.parts[-3], SEQUENCE.fullmatch(path.parts[-2]), FRAME.search(path.stem)
+        subject, sequence, number = path.parts[-3], SEQUENCE.fullmatch(path.parts[-2]), FRAME_NUMBER.search(path.stem)
         if SUBJECT.fullmatch(subject) and sequence and number:
-            frames.append(Frame(path, subject, sequence[1].lower(), sequence[2].lower(), int(number[1])))
+            frames.append(BuffFrame(path, subject, sequence[1].lower(), sequence[2].lower(), int(number[1])))
     if not frames:
         raise UserError(f"{folder} holds no BUFF sequences; <subject>/<outfit>_<motion>/<frame>.ply is their layout")
     return sorted(frames, key=lambda frame: frame.name)
 
 
 def silhouettes(vertices: np.ndarray) -> np.ndarray:
-    """Blurred silhouettes from the front and the side (2 * CELLS * CELLS,) of vertices (V,3), y up, at one height.
+    """Returns blurred silhouettes from the front and the side, scaled to one height.
 
-    The vertices of a scan are dense, so that the cells that hold one are the silhouette; the blur makes the distance
-    of two of them grow with how far an arm has moved.
+    Scans are dense, so the cells that contain a vertex are the silhouette. With the blur, the distance of two
+    silhouettes grows with the distance that an arm has moved.
+
+    Args:
+        vertices: (V,3), y up.
+
+    Returns:
+        (2 * CELLS * CELLS,) float32.
     """
     from scipy.ndimage import gaussian_filter
 
@@ -77,20 +96,31 @@ def silhouettes(vertices: np.ndarray) -> np.ndarray:
     return np.stack(images).reshape(-1)
 
 
-def pick(folder: Path | str, out: Path | str, count: int = 74, stride: int = 5, seed: int = 0) -> int:
-    """Chooses `count` frames of a BUFF folder and writes them as a table; returns how many were chosen.
+def select_frames(folder: Path | str, out: Path | str, count: int = 74, stride: int = 5, seed: int = 0) -> int:
+    """Selects frames of BUFF and writes them to a table that `list_scans` reads and a user may edit.
 
-    Every `stride`-th frame of a sequence is looked at. Subjects and outfits share the choice evenly, and by chance
-    where it does not divide. `out` (scans.csv, best in `folder`) has one row per chosen frame: use, name, subject,
-    path, outfit, motion, frame, stands_for (how many frames its cluster has). A person may edit it: set `use` to 0, add
-    a row, change a path; `list_scans` reads it. Frames that cannot be read are passed over. Raises UserError when no
-    frame can be read, and when `out` is there already.
+    All combinations of subject and outfit get the same number of frames; the remainder is distributed at random. Frames
+    that cannot be read are skipped. The table has one row per frame: use, name, subject, path, outfit, motion, frame,
+    and stands_for, the number of frames in its cluster.
+
+    Args:
+        folder: of BUFF.
+        out: the table, best `scans.csv` in the folder.
+        count: of the frames.
+        stride: every `stride`-th frame of a sequence is read.
+        seed: of the clustering.
+
+    Returns:
+        How many frames were selected.
+
+    Raises:
+        UserError: if no frame can be read, or if `out` exists.
     """
     folder, out = Path(folder), Path(out)
     if out.exists():
         raise UserError(f"{out} is there already, and may have been edited: delete it, or name another file")
-    groups: dict[tuple[str, str], dict[Frame, np.ndarray]] = {}
-    for frame in progress(list(_every(list_frames(folder), stride)), "BUFF frames"):
+    groups: dict[tuple[str, str], dict[BuffFrame, np.ndarray]] = {}
+    for frame in progress(list(_strided(list_frames(folder), stride)), "BUFF frames"):
         try:
             shape = silhouettes(read_mesh(frame.path).vertices)
         except UserError:
@@ -98,18 +128,20 @@ def pick(folder: Path | str, out: Path | str, count: int = 74, stride: int = 5, 
         groups.setdefault((frame.subject, frame.outfit), {})[frame] = shape
     if not groups:
         raise UserError(f"{folder}: no frame can be read")
-    shares = _shares([len(group) for group in groups.values()], count, seed)
-    chosen = [row for group, share in zip(groups.values(), shares) for row in representatives(group, share, seed)]
-    _write(sorted(chosen, key=lambda row: row[0].name), stride, out)
+    shares = _even_shares([len(group) for group in groups.values()], count, seed)
+    chosen = [
+        row for group, share in zip(groups.values(), shares) for row in cluster_representatives(group, share, seed)
+    ]
+    _write_table(sorted(chosen, key=lambda row: row[0].name), stride, out)
     return len(chosen)
 
 
-def representatives(shapes: dict[Frame, np.ndarray], count: int, seed: int) -> list[tuple[Frame, int]]:
-    """The frames nearest to the centres of `count` clusters, and how many frames each cluster has."""
+def cluster_representatives(shapes: dict[BuffFrame, np.ndarray], count: int, seed: int) -> list[tuple[BuffFrame, int]]:
+    """Returns the frames nearest to the means of `count` clusters of silhouettes, and the sizes of the clusters."""
     from sklearn.cluster import KMeans
 
     frames, features = list(shapes), np.stack(list(shapes.values()))
-    count = min(count, len(np.unique(features, axis=0)))  # frames may be alike to the last vertex
+    count = min(count, len(np.unique(features, axis=0)))  # frames may be identical
     if not count:
         return []
     means = KMeans(count, n_init=4, random_state=seed).fit(features)
@@ -118,8 +150,8 @@ def representatives(shapes: dict[Frame, np.ndarray], count: int, seed: int) -> l
     return [(frames[inside[distance[inside].argmin()]], len(inside)) for inside in members]
 
 
-def _write(rows: list[tuple[Frame, int]], stride: int, out: Path) -> None:
-    """The table; paths start at its folder where they can."""
+def _write_table(rows: list[tuple[BuffFrame, int]], stride: int, out: Path) -> None:
+    """Writes the table; paths inside its folder are relative."""
     home = out.parent.resolve()
     with whole(out) as tmp, open(tmp, "w", newline="", encoding="utf-8") as file:
         table = csv.writer(file, lineterminator="\n")
@@ -132,8 +164,8 @@ def _write(rows: list[tuple[Frame, int]], stride: int, out: Path) -> None:
             )
 
 
-def _every(frames: list[Frame], stride: int) -> Iterator[Frame]:
-    """Every `stride`-th frame of each sequence."""
+def _strided(frames: list[BuffFrame], stride: int) -> Iterator[BuffFrame]:
+    """Yields every `stride`-th frame of each sequence."""
     seen: dict[tuple[str, str, str], int] = {}
     for frame in frames:
         key = (frame.subject, frame.outfit, frame.motion)
@@ -142,8 +174,8 @@ def _every(frames: list[Frame], stride: int) -> Iterator[Frame]:
         seen[key] += 1
 
 
-def _shares(sizes: list[int], count: int, seed: int) -> list[int]:
-    """`count` shared out evenly over groups of these sizes, none above its size."""
+def _even_shares(sizes: list[int], count: int, seed: int) -> list[int]:
+    """Distributes `count` evenly over groups of these sizes, to each no more than its size."""
     shares = [0] * len(sizes)
     order = np.random.default_rng(seed).permutation(len(sizes))
     while sum(shares) < min(count, sum(sizes)):

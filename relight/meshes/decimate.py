@@ -1,4 +1,4 @@
-"""Fewer faces, by quadric edge collapse that keeps uv, materials and colours exact."""
+"""Decimation by quadric edge collapse that keeps uv, materials and colours."""
 
 from dataclasses import replace
 
@@ -8,11 +8,10 @@ from relight.meshes.mesh import Mesh
 
 
 def decimate(mesh: Mesh, faces: int) -> Mesh:
-    """The mesh at about `faces` faces; its vertices are a subset of the given ones.
+    """Decimates a mesh to about `faces` faces; its vertices are a subset of the given ones.
 
-    The surface is cut where uv or material jump, and cuts and borders are kept as they are, so that a texture stays
-    where it was to the last texel and no crack opens. A texture atlas of very many small charts can stop the collapse
-    above `faces` for that reason.
+    Seams of uv and material are kept like borders, so textures stay in place and no cracks open. A texture atlas with
+    very many small charts can therefore stop the decimation above `faces`.
     """
     import pymeshlab
 
@@ -25,8 +24,7 @@ def decimate(mesh: Mesh, faces: int) -> Mesh:
             v_scalar_array=np.arange(len(first), dtype=np.float64),
         )
     )
-    # With vertices that stay where they are (no optimal placement) every kept vertex is one of the old, and its number
-    # tells its uv, material and colour.
+    # Without optimal placement, every vertex is one of the old, and has its uv, material and colour.
     work.meshing_decimation_quadric_edge_collapse(
         targetfacenum=faces,
         optimalplacement=False,
@@ -49,7 +47,7 @@ def decimate(mesh: Mesh, faces: int) -> Mesh:
 
 
 def _wedges(mesh: Mesh) -> tuple[np.ndarray, np.ndarray]:
-    """(F,3) numbers of the distinct (vertex, uv, material) among the corners, and one corner of each."""
+    """Numbers the distinct (vertex, uv, material) of the corners: numbers (F,3), and one corner (N,) of each."""
     columns = [
         mesh.faces.reshape(-1).astype(np.uint32),
         *np.ascontiguousarray(mesh.uv.reshape(-1, 2)).view(np.uint32).T,

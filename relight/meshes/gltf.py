@@ -1,4 +1,4 @@
-"""glTF 2.0: .glb and .gltf, with node transforms, base colours and vertex colours."""
+"""Reads glTF 2.0 (.glb and .gltf) with node transforms, base colours and vertex colours."""
 
 from pathlib import Path
 
@@ -7,20 +7,20 @@ import numpy as np
 from relight.files import UserError
 from relight.meshes.gltf_file import Gltf
 from relight.meshes.mesh import Material
-from relight.meshes.source import MAX_FACES, Source
-from relight.meshes.textures import read_texture
+from relight.meshes.raw import MAX_FACES, RawMesh, read_texture
 
 
-def read_gltf(path: Path) -> Source:
-    """The triangles of the default scene. Raises UserError on anything malformed and on a missing texture."""
+def read_gltf(path: Path) -> RawMesh:
+    """Reads the triangles of the default scene; raises UserError if the file is malformed or a texture is missing."""
     try:
-        with np.errstate(invalid="ignore"):  # a NaN is for `record` to judge
+        with np.errstate(invalid="ignore"):  # `checked_mesh` handles NaN
             return _read(Gltf(path))
     except (KeyError, TypeError, AttributeError, IndexError, ValueError, OverflowError) as error:
         raise UserError(f"{path}: the glTF description is damaged ({type(error).__name__}: {error})") from None
 
 
-def _read(gltf: Gltf) -> Source:
+def _read(gltf: Gltf) -> RawMesh:
+    """Concatenates the primitives of the default scene."""
     parts, materials, slots, total = [], [], {}, 0
     for primitive, matrix in _primitives(gltf):
         points = gltf.accessor(primitive["attributes"]["POSITION"]).astype(np.float64)
@@ -49,7 +49,7 @@ def _read(gltf: Gltf) -> Source:
         raise UserError(f"{gltf.path} has no triangles: relight needs a surface")
     start = np.cumsum([0] + [len(points) for points, *_ in parts])
     colored = any(color is not None for *_, color in parts)
-    return Source(
+    return RawMesh(
         vertices=np.concatenate([points for points, *_ in parts]),
         faces=np.concatenate([faces + offset for (_, faces, *_), offset in zip(parts, start)]),
         uv=np.concatenate([uv for _, _, uv, *_ in parts]),
@@ -60,7 +60,7 @@ def _read(gltf: Gltf) -> Source:
 
 
 def _primitives(gltf: Gltf):
-    """(primitive, 4x4 matrix of its node) of the default scene; without scenes, of all nodes that have no parent."""
+    """Yields the primitives of the default scene, or of all nodes if there is none, with their nodes' 4 x 4 matrix."""
     nodes = gltf.json.get("nodes", [])
     if gltf.json.get("scenes"):
         roots = gltf.item("scenes", gltf.json.get("scene", 0)).get("nodes", [])
@@ -82,7 +82,7 @@ def _primitives(gltf: Gltf):
 
 
 def _matrix(node: dict) -> np.ndarray:
-    """A node's transform: a column-major matrix, or translation, rotation (x,y,z,w) and scale."""
+    """Returns a node's transform (4,4), from a column-major matrix or translation, rotation (x,y,z,w) and scale."""
     if "matrix" in node:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T
     x, y, z, w = node.get("rotation", (0, 0, 0, 1))
@@ -98,7 +98,7 @@ def _matrix(node: dict) -> np.ndarray:
 
 
 def _triangles(gltf: Gltf, index: np.ndarray, mode: int) -> np.ndarray:
-    """(F,3) of a list (4), strip (5) or fan (6); points and lines hold no surface."""
+    """Returns the faces (F,3) of a triangle list (4), strip (5) or fan (6); none of points and lines."""
     if mode == 4:
         if len(index) % 3:
             raise UserError(f"{gltf.path}: {len(index)} indices do not make whole triangles")
@@ -113,7 +113,7 @@ def _triangles(gltf: Gltf, index: np.ndarray, mode: int) -> np.ndarray:
 
 
 def _material(gltf: Gltf, number: int | None) -> tuple[Material, np.ndarray, int]:
-    """The base colour, the 2x3 placement of its texture and the set of texture coordinates that it uses."""
+    """Returns a material, the transform (2,3) of its texture coordinates, and the number of their set."""
     placement = np.eye(2, 3)
     if number is None:
         return Material(), placement, 0
@@ -135,6 +135,7 @@ def _material(gltf: Gltf, number: int | None) -> tuple[Material, np.ndarray, int
 
 
 def _texture(gltf: Gltf, index: int) -> np.ndarray:
+    """Reads a texture (H,W,3) from a file, or from the binary data."""
     texture = gltf.item("textures", index)
     source = texture.get("source", texture.get("extensions", {}).get("EXT_texture_webp", {}).get("source"))
     image = gltf.item("images", source)

@@ -1,4 +1,4 @@
-"""The container of glTF 2.0: JSON, buffers, views and accessors, every access checked against the sizes."""
+"""The container of glTF 2.0: JSON, buffers, views and accessors; all accesses are checked against the sizes."""
 
 import base64
 import binascii
@@ -11,20 +11,28 @@ import numpy as np
 
 from relight.files import UserError
 from relight.meshes.mtl import find_file
-from relight.meshes.source import MAX_FACES
+from relight.meshes.raw import MAX_FACES
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
-EXTENSIONS = {  # of those that a file may require, the ones that change nothing here or are obeyed
+EXTENSIONS = {  # that a file may require: they are implemented, or have no effect here
     "KHR_texture_transform", "KHR_mesh_quantization", "KHR_materials_unlit", "KHR_materials_specular",
     "KHR_materials_ior", "KHR_materials_clearcoat", "KHR_materials_sheen", "KHR_materials_emissive_strength",
 }  # fmt: skip
 
 
 class Gltf:
-    """An open glTF file: its JSON and, once they are asked for, its buffers."""
+    """An open glTF file; its buffers are read when they are first used.
+
+    Attributes:
+        path: of the file.
+        json: its description.
+        chunk: binary data of a .glb file, or None.
+        buffers: those that were read, by index.
+    """
 
     def __init__(self, path: Path):
+        """Reads the description; raises UserError if it is damaged or requires an extension that is not supported."""
         self.path = path
         data = path.read_bytes()
         text, self.chunk = self._split(data) if path.suffix.lower() == ".glb" else (data, None)
@@ -40,7 +48,7 @@ class Gltf:
         self.buffers: dict[int, bytes] = {}
 
     def _split(self, data: bytes) -> tuple[bytes, bytes | None]:
-        """The JSON and the binary chunk of a .glb container."""
+        """Returns the JSON and the binary chunk of a .glb container."""
         if len(data) < 20 or data[:4] != b"glTF":
             raise UserError(f"{self.path} is not a .glb file: it does not begin with `glTF`")
         version, length = struct.unpack_from("<II", data, 4)
@@ -60,14 +68,14 @@ class Gltf:
         return chunks[0x4E4F534A], chunks.get(0x004E4942)
 
     def item(self, kind: str, index) -> dict:
-        """Entry `index` of the list `kind`."""
+        """Returns entry `index` of the list `kind`; raises UserError if there is none."""
         entries = self.json.get(kind, [])
         if not isinstance(index, int) or isinstance(index, bool) or not 0 <= index < len(entries):
             raise UserError(f"{self.path} names entry {index} of {kind}, of which there are {len(entries)}")
         return entries[index]
 
     def resource(self, uri: str) -> bytes:
-        """What a URI holds: data in itself, or a file in the folder."""
+        """Returns the data of a URI, which holds them itself or names a file in the folder."""
         if uri.startswith("data:"):
             try:
                 return base64.b64decode(uri.partition(",")[2], validate=True)
@@ -78,7 +86,7 @@ class Gltf:
         return find_file(self.path, unquote(uri)).read_bytes()
 
     def view(self, index: int) -> tuple[bytes, int | None]:
-        """The bytes of a buffer view and its stride."""
+        """Returns the bytes of a buffer view, and its stride."""
         view = self.item("bufferViews", index)
         number = view.get("buffer")
         buffer = self.item("buffers", number)
@@ -93,13 +101,13 @@ class Gltf:
         return memoryview(self.buffers[number])[start : start + length], view.get("byteStride")
 
     def accessor(self, index: int) -> np.ndarray:
-        """The values of an accessor, (N,) or (N,width), normalised integers as floats."""
+        """Returns the values of an accessor, (N,) or (N,width), with normalised integers as floats."""
         accessor = self.item("accessors", index)
         count, width = accessor["count"], WIDTHS[accessor["type"]]
         type = np.dtype(COMPONENTS[accessor["componentType"]])
         if not 0 <= count <= 3 * MAX_FACES:
             raise UserError(f"{self.path}: an accessor promises {count} values")
-        if "bufferView" not in accessor:  # zeros by the standard, as many as the file says: no surface needs them
+        if "bufferView" not in accessor:  # zeros by the standard, of any number: no surface needs them
             raise UserError(f"{self.path}: an accessor of {count} values comes without data")
         data, stride = self.view(accessor["bufferView"])
         values = self._strided(data, accessor.get("byteOffset", 0), type, count, width, stride)
@@ -110,6 +118,7 @@ class Gltf:
         return values[:, 0] if width == 1 else values
 
     def _strided(self, data, start: int, type: np.dtype, count: int, width: int, stride: int | None) -> np.ndarray:
+        """Returns a view (count,width) of data; raises UserError if it does not fit."""
         row = type.itemsize * width
         stride = stride or row
         if start < 0 or stride < row or (count and start + stride * (count - 1) + row > len(data)):
@@ -119,6 +128,7 @@ class Gltf:
         return np.ndarray((count, width), type, data, start, (stride, type.itemsize))
 
     def _sparse(self, sparse: dict, values: np.ndarray, type: np.dtype, width: int) -> np.ndarray:
+        """Returns a copy of values (N,width) with those of a sparse accessor replaced."""
         count = sparse["count"]
         where, what = sparse["indices"], sparse["values"]
         kind = np.dtype(COMPONENTS[where["componentType"]])

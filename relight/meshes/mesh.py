@@ -1,4 +1,4 @@
-"""The mesh record that generated figures and scans share."""
+"""The mesh record of generated figures and scans."""
 
 import json
 from dataclasses import dataclass, field, replace
@@ -12,9 +12,11 @@ from relight.files import UserError, whole
 
 @dataclass
 class Material:
-    """A diffuse albedo: `color` (3,) linear RGB in [0,1], times `texture` (H,W,3) uint8 sRGB when there is one.
+    """A diffuse albedo, colour times texture.
 
-    Texture rows run from the top; uv (0,0) is the bottom-left corner of the picture, as in OBJ.
+    Attributes:
+        color: (3,) linear RGB in [0,1].
+        texture: (H,W,3) uint8 sRGB, row 0 at the top, or None; uv (0,0) is its bottom left corner, as in OBJ.
     """
 
     color: np.ndarray = field(default_factory=lambda: np.ones(3, np.float32))
@@ -23,13 +25,17 @@ class Material:
 
 @dataclass
 class Mesh:
-    """Triangles with albedo.
+    """Triangles with albedo. Units and frame are those of the file until `align`, then of docs/conventions.md.
 
-    vertices (V,3) float32; faces (F,3) int32; material (F,) int16 indexes `materials`; uv (F,3,2) float32 per corner
-    (zeros where unused); color (V,3) float32 linear vertex albedo or None, multiplied onto the material's;
-    info: plain JSON values: `name`, `subject`, `source`, `repairs`, ... , carried from stage to stage;
-    outfits: further looks of the same surface: for each, the materials that are other ones there, by number.
-    Units and frame are the source's until `align`; after it, those of docs/conventions.md.
+    Attributes:
+        vertices: (V,3) float32.
+        faces: (F,3) int32, counter-clockwise outward.
+        uv: (F,3,2) float32 texture coordinates per corner; zeros where unused.
+        material: (F,) int16, indices into `materials`.
+        materials: of the faces.
+        color: (V,3) float32, linear vertex colours that the materials are multiplied by, or None.
+        info: plain JSON values that are carried from stage to stage: name, subject, source, repairs and so on.
+        outfits: further looks of the same surface: for each, the materials that differ, by number.
     """
 
     vertices: np.ndarray
@@ -49,7 +55,7 @@ class Mesh:
         )
 
     def save(self, path: Path) -> None:
-        """Writes an .npz, whole or not at all."""
+        """Writes the mesh as .npz, whole or not at all."""
         arrays = {"vertices": self.vertices, "faces": self.faces, "uv": self.uv, "material": self.material}
         if self.color is not None:
             arrays["color"] = self.color
@@ -65,7 +71,7 @@ class Mesh:
 
     @classmethod
     def load(cls, path: Path) -> "Mesh":
-        """Reads what `save` wrote. Raises UserError on anything else."""
+        """Reads a mesh that `save` wrote; raises UserError on any other file."""
         try:
             with np.load(path, allow_pickle=False) as data:
 

@@ -1,4 +1,4 @@
-"""Materials of an .obj file: the .mtl library and the pictures that it names."""
+"""Reads the materials of .obj files: .mtl libraries and their textures."""
 
 import os
 import re
@@ -9,11 +9,11 @@ import numpy as np
 
 from relight.files import UserError
 from relight.meshes.mesh import Material
-from relight.meshes.textures import linear, read_texture
+from relight.meshes.raw import linear, read_texture
 
 MAX_BYTES = 16 << 20  # a material has under 1 kB
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
-VECTOR = rf"{NUMBER}(?:\s+{NUMBER}){{0,2}}"  # the 2nd and 3rd may be left out
+VECTOR = rf"{NUMBER}(?:\s+{NUMBER}){{0,2}}"  # the second and third are optional
 OPTION = re.compile(
     rf"-(?:(?P<key>blendu|blendv|cc|clamp|imfchan|type)\s+\S+|(?P<one>bm|boost|texres)\s+{NUMBER}"
     rf"|(?P<pair>mm)\s+{NUMBER}\s+{NUMBER}|(?P<vector>[ost])\s+(?P<values>{VECTOR}))\s+(?=\S)"
@@ -22,18 +22,25 @@ OPTION = re.compile(
 
 @dataclass
 class Library:
-    """Materials by name, and the (scale u v, offset u v) that a material's -s and -o options put on its uv."""
+    """Materials of a library.
+
+    Attributes:
+        materials: by name.
+        placement: (4,) by name, scale u v and offset u v of texture coordinates, by the options -s and -o.
+    """
 
     materials: dict[str, Material]
     placement: dict[str, np.ndarray]
 
 
 def read_mtl(path: Path) -> Library:
-    """Reads the materials of a .mtl file, their textures found beside it.
+    """Reads a .mtl file and its textures.
 
-    A texture stands alone (exporters leave any Kd beside it, .8 or 0 as often as 1); without one the colour is Kd,
-    sRGB-coded as most exporters write it. Raises UserError for a texture that is missing, outside the folder or
-    unreadable.
+    A texture is not multiplied by Kd, as exporters write .8 or 0 beside it as often as 1. Without a texture, the colour
+    is Kd, taken as sRGB as most exporters write it.
+
+    Raises:
+        UserError: if the file is too large, or a texture is missing, outside the folder or damaged.
     """
     if path.stat().st_size > MAX_BYTES:
         raise UserError(f"{path} is too large for a material library")
@@ -61,6 +68,7 @@ def read_mtl(path: Path) -> Library:
 
 
 def _color(path: Path, text: str) -> np.ndarray:
+    """Parses the linear colour (3,) of a Kd statement."""
     try:
         values = np.array([float(word) for word in text.split()[:3]])
     except ValueError:
@@ -69,7 +77,7 @@ def _color(path: Path, text: str) -> np.ndarray:
 
 
 def _map(text: str) -> tuple[str, np.ndarray]:
-    """The file of a map statement, and its placement: scale u v, offset u v. Names may hold blanks."""
+    """Parses the file and the placement (4,) of a map statement; names may hold spaces."""
     placement = np.array([1.0, 1.0, 0.0, 0.0])
     while match := OPTION.match(text):
         if match["vector"] in ("s", "o"):
@@ -82,17 +90,24 @@ def _map(text: str) -> tuple[str, np.ndarray]:
 
 
 def find_file(beside: Path, name: str) -> Path:
-    """The file that `beside` (an .obj, .mtl, .ply or .gltf) names, in its folder or a subfolder of that.
+    """Finds a file that another one names, in the same folder or a subfolder; never outside of it.
 
-    Backslashes, capitals and the folders of somebody else's disk are forgiven: the path as written is tried first,
-    then the bare file name in the folder, then in its subfolders. Nothing outside the folder is ever opened.
+    The path as written is tried first, then the name alone in the folder, then in its subfolders. So backslashes, other
+    capitals and folders of another computer do no harm.
+
+    Args:
+        beside: the .obj, .mtl, .ply or .gltf file that names it.
+        name: as written there.
+
+    Raises:
+        UserError: if there is no such file, if several are found in subfolders, or if it is outside the folder.
     """
     folder = beside.parent.resolve()
     wanted = PurePosixPath(name.replace("\\", "/"))
     if not wanted.name:
         raise UserError(f"{beside} names no file where it should name one")
     inside = not wanted.is_absolute() and ".." not in wanted.parts and ":" not in wanted.parts[0]
-    found = (_walk(folder, wanted.parts) if inside else None) or _walk(folder, wanted.parts[-1:])
+    found = (_find_path(folder, wanted.parts) if inside else None) or _find_path(folder, wanted.parts[-1:])
     if found is None:
         matches = {
             Path(root, file)
@@ -117,8 +132,8 @@ def find_file(beside: Path, name: str) -> Path:
     return real
 
 
-def _walk(folder: Path, parts: tuple[str, ...]) -> Path | None:
-    """The path `parts` under `folder`, in the given capitals or, failing that, in any."""
+def _find_path(folder: Path, parts: tuple[str, ...]) -> Path | None:
+    """Returns the path `parts` in `folder`, with the given capitals or else with any; None if there is none."""
     path = folder
     for part in parts:
         if part in ("", "."):

@@ -1,4 +1,4 @@
-"""Wavefront OBJ, with its materials."""
+"""Reads Wavefront OBJ files and their materials."""
 
 import warnings
 from pathlib import Path
@@ -8,16 +8,18 @@ import numpy as np
 from relight.files import UserError
 from relight.meshes.mesh import Material
 from relight.meshes.mtl import Library, find_file, read_mtl
-from relight.meshes.polygons import fan
-from relight.meshes.source import Source
-from relight.meshes.textures import linear
+from relight.meshes.raw import RawMesh, fan, linear
 
-CHUNK = 1 << 17  # lines turned into numbers at a time, so that 5 million faces never exist as text objects
-LONGEST = 1 << 20  # bytes of a line; a longer one means that this is no text
+CHUNK = 1 << 17  # lines that are parsed at a time, so that 5 million faces never exist as text objects
+MAX_LINE = 1 << 20  # bytes; a file with a longer line is no text
 
 
 class Numbers:
-    """Lines of numbers, gathered and turned into rows of `least` to `most` columns in chunks."""
+    """Collects lines of numbers and parses them in chunks, to rows of `least` to `most` columns.
+
+    Attributes:
+        count: number of the lines.
+    """
 
     def __init__(self, path: Path, what: str, least: int, most: int):
         self.path, self.what, self.least, self.most = path, what, least, most
@@ -26,6 +28,7 @@ class Numbers:
         self.count = 0
 
     def add(self, line: bytes) -> None:
+        """Adds a line without its keyword."""
         self.lines.append(line)
         self.count += 1
         if len(self.lines) == CHUNK:
@@ -45,24 +48,26 @@ class Numbers:
         self.lines = []
 
     def array(self) -> np.ndarray:
+        """Returns all rows, with the number of columns that the shortest has."""
         self._flush()
         width = min((rows.shape[1] for rows in self.rows), default=self.least)
         return np.concatenate([rows[:, :width] for rows in self.rows]) if self.rows else np.zeros((0, width))
 
 
 class Faces:
-    """Face lines, gathered and turned into corners (vertex, texture coordinate), counted from 0; -1 is none."""
+    """Collects lines of faces and parses them in chunks, to indices of vertices and texture coordinates."""
 
     def __init__(self, path: Path):
         self.path = path
         self.lines: list[bytes] = []
-        self.seen: list[tuple[int, int]] = []  # vertices and texture coordinates above each line: negative indices
+        self.above: list[tuple[int, int]] = []  # vertices and texture coordinates above each line, for negative indices
         self.counts: list[np.ndarray] = []
         self.corners: list[np.ndarray] = []
 
     def add(self, line: bytes, vertices: int, coordinates: int) -> None:
+        """Adds a line without its keyword, and the numbers of vertices and texture coordinates above it."""
         self.lines.append(line)
-        self.seen.append((vertices, coordinates))
+        self.above.append((vertices, coordinates))
         if len(self.lines) == CHUNK:
             self._flush()
 
@@ -76,16 +81,16 @@ class Faces:
         if (corners[:, 0] == 0).any():
             raise UserError(f"{self.path}: a face names vertex 0; .obj files count from 1")
         if (corners < 0).any():
-            seen = np.repeat(np.array(self.seen), counts, axis=0)
-            corners = np.where(corners < 0, np.maximum(seen + corners, -1) + 1, corners)
+            above = np.repeat(np.array(self.above), counts, axis=0)
+            corners = np.where(corners < 0, np.maximum(above + corners, -1) + 1, corners)
             if (corners[:, 0] < 1).any():
                 raise UserError(f"{self.path}: a face names a vertex before the first one")
         self.counts.append(counts)
         self.corners.append(corners - 1)
-        self.lines, self.seen = [], []
+        self.lines, self.above = [], []
 
     def _numbers(self, words: list[bytes]) -> np.ndarray:
-        """Words `v`, `v/t`, `v//n` or `v/t/n` as (v, t or 0): fast where all are alike, one by one where not."""
+        """Parses words `v`, `v/t`, `v//n` or `v/t/n` to (N,2) v and t, 0 for none; fast if all have one form."""
         form = words[0].count(b"/")
         text = b" ".join(words)
         slashes = text.count(b"/")
@@ -102,12 +107,14 @@ class Faces:
         return self._table(b" ".join(b"%s %s" % (v, t or b"0") for v, t in pairs), len(words), 2)
 
     def _table(self, text: bytes, rows: int, columns: int) -> np.ndarray:
+        """Parses numbers to (rows,columns)."""
         values = parse(self.path, text, np.int64)
         if values.size != rows * columns:
             raise UserError(f"{self.path}: a corner of a face is not written v, v/vt, v//vn or v/vt/vn")
         return values.reshape(rows, columns)
 
     def arrays(self) -> tuple[np.ndarray, np.ndarray]:
+        """Returns the numbers of corners (P,) of the polygons, and vertex and texture coordinate (N,2), -1 for none."""
         self._flush()
         if not self.corners:
             raise UserError(f"{self.path} has no faces: relight needs a surface")
@@ -115,9 +122,9 @@ class Faces:
 
 
 def parse(path: Path, text: bytes, type: type) -> np.ndarray:
-    """Numbers divided by blanks. Raises UserError at a word that is none."""
+    """Parses numbers between spaces; raises UserError if a word is no number."""
     with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)  # numpy warns where it stops at a word that is no number
+        warnings.simplefilter("error", DeprecationWarning)  # numpy warns when it stops at a word that is no number
         try:
             return np.fromstring(text, type, sep=" ")
         except (DeprecationWarning, ValueError):
@@ -126,10 +133,11 @@ def parse(path: Path, text: bytes, type: type) -> np.ndarray:
             ) from None
 
 
-def read_obj(path: Path) -> Source:
-    """The file's triangles with uv per corner, material per face, and vertex colours (`v x y z r g b`, sRGB).
+def read_obj(path: Path) -> RawMesh:
+    """Reads triangles with uv per corner, material per face, and vertex colours (`v x y z r g b`, sRGB).
 
-    Raises UserError on anything malformed, on a missing .mtl, and on a material or texture that is not there.
+    Raises:
+        UserError: if the file is malformed, or a .mtl file, a material or a texture is missing.
     """
     points, coordinates, faces = Numbers(path, "v", 3, 6), Numbers(path, "vt", 1, 2), Faces(path)
     names: list[str] = []  # materials in the order of their first use
@@ -168,7 +176,7 @@ def read_obj(path: Path) -> Source:
         color = color / 255
     if color is None and not library.materials:
         notes.append("the file has neither materials nor vertex colours: the albedo is white")
-    return Source(
+    return RawMesh(
         vertices=vertices[:, :3],
         faces=corners[:, 0][position],
         uv=_placed(path, uv, corner, material, materials, names, library) if library.materials else None,
@@ -180,26 +188,26 @@ def read_obj(path: Path) -> Source:
 
 
 def _statements(path: Path):
-    """(keyword, rest) of the lines; continued lines are joined, comments and blank lines left out."""
+    """Yields keyword and rest of the lines; joins continued lines and skips comments and empty lines."""
     with open(path, "rb") as file:
-        while line := file.readline(LONGEST):
-            if len(line) == LONGEST:
-                raise UserError(f"{path} is not an .obj file: it has a line of over {LONGEST} bytes")
-            while line.rstrip(b"\r\n").endswith(b"\\") and (more := file.readline(LONGEST)):
+        while line := file.readline(MAX_LINE):
+            if len(line) == MAX_LINE:
+                raise UserError(f"{path} is not an .obj file: it has a line of over {MAX_LINE} bytes")
+            while line.rstrip(b"\r\n").endswith(b"\\") and (more := file.readline(MAX_LINE)):
                 line = line.rstrip(b"\r\n")[:-1] + b" " + more
-                if len(line) > LONGEST:
-                    raise UserError(f"{path} is not an .obj file: it has a line of over {LONGEST} bytes")
+                if len(line) > MAX_LINE:
+                    raise UserError(f"{path} is not an .obj file: it has a line of over {MAX_LINE} bytes")
             words = line.split(b"#", 1)[0].split(None, 1) if b"#" in line else line.split(None, 1)
             if len(words) == 2:
                 yield words
 
 
 def _library(path: Path, libraries: list[str], names: list[str]) -> tuple[Library, list[str]]:
-    """The materials of all the file's libraries; every used one must be there."""
+    """Reads the materials of all libraries; raises UserError if one that is used is missing. Also returns warnings."""
     library, notes = Library({}, {}), []
     for text in libraries:
         try:
-            files = [find_file(path, text)]  # one name with blanks in it, or several names
+            files = [find_file(path, text)]  # one name with spaces in it, or several names
         except UserError:
             if len(text.split()) == 1:
                 raise
@@ -220,12 +228,12 @@ def _library(path: Path, libraries: list[str], names: list[str]) -> tuple[Librar
 
 
 def _placed(path, uv, corner, material, materials, names, library) -> np.ndarray:
-    """uv (F,3,2) of the corners, with each material's -s and -o applied. Textured faces must have coordinates."""
+    """Returns uv (F,3,2) with the placements of materials; raises UserError if textured faces have none."""
     textured = np.array([entry.texture is not None for entry in materials])[material]
     if (corner[textured] < 0).any():
         name = names[int(material[textured & (corner < 0).any(axis=-1)][0])]
         raise UserError(f"{path}: faces of the textured material {name!r} have no texture coordinates")
-    uv = np.concatenate([np.pad(uv[:, :2], ((0, 0), (0, 2 - uv.shape[1]))), np.zeros((1, 2))])  # the last serves -1
+    uv = np.concatenate([np.pad(uv[:, :2], ((0, 0), (0, 2 - uv.shape[1]))), np.zeros((1, 2))])  # the last is for -1
     placed = uv[corner]
     for index, name in enumerate(names):
         if name in library.placement:

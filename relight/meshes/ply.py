@@ -1,4 +1,4 @@
-"""PLY: ascii and binary, vertex colours, and the texture coordinates that MeshLab writes."""
+"""Reads PLY files, ascii and binary, with vertex colours and the texture coordinates that MeshLab writes."""
 
 import struct
 import warnings
@@ -10,9 +10,7 @@ import numpy as np
 from relight.files import UserError
 from relight.meshes.mesh import Material
 from relight.meshes.mtl import find_file
-from relight.meshes.polygons import fan
-from relight.meshes.source import Source
-from relight.meshes.textures import linear, read_texture
+from relight.meshes.raw import RawMesh, fan, linear, read_texture
 
 TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
@@ -26,24 +24,30 @@ HEADER = 1 << 20  # bytes; real headers have under a thousand
 
 @dataclass
 class Element:
-    """One block of the file: `properties` are (name, type, type of a list's length or None), in the file's order."""
+    """One element of the header.
+
+    Attributes:
+        name: such as `vertex`.
+        count: of its rows.
+        properties: name, type, and type of a list's length or None, in the file's order.
+    """
 
     name: str
     count: int
     properties: list[tuple[str, str, str | None]] = field(default_factory=list)
 
     def least_bytes(self, ascii: bool) -> int:
-        """No row can be shorter: a list may be empty, an ascii value is a digit and a blank."""
+        """Returns the size of the shortest row: a list may be empty, an ascii value is a digit and a space."""
         return sum(2 if ascii else np.dtype(size or type).itemsize for _, type, size in self.properties)
 
 
-def read_ply(path: Path) -> Source:
-    """The file's triangles; polygons are cut into fans. Raises UserError on anything malformed."""
+def read_ply(path: Path) -> RawMesh:
+    """Reads triangles; polygons are cut into fans. Raises UserError if the file is malformed."""
     data = path.read_bytes()
     order, elements, pictures, start = _header(path, data[:HEADER])
     ascii = order is None
     needed = sum(element.count * element.least_bytes(ascii) for element in elements)
-    if needed > len(data) - start + ascii:  # before anything of that size is allocated
+    if needed > len(data) - start + ascii:  # checked before such an array is allocated
         counts = " and ".join(f"{element.count} {element.name} rows" for element in elements)
         raise UserError(
             f"{path}: the header promises {counts}, which the {len(data) - start} bytes after it cannot hold"
@@ -60,7 +64,7 @@ def read_ply(path: Path) -> Source:
     vertices = np.stack([vertex[axis] for axis in "xyz"], axis=-1).astype(np.float64)
     materials = [Material(texture=read_texture(find_file(path, name), f"{path}: texture {name}")) for name in pictures]
     faces = index[position].astype(np.int64)
-    return Source(
+    return RawMesh(
         vertices=vertices,
         faces=faces,
         uv=_texture_coordinates(path, vertex, face, counts, position, faces) if pictures else None,
@@ -71,7 +75,7 @@ def read_ply(path: Path) -> Source:
 
 
 def _header(path: Path, head: bytes) -> tuple[str | None, list[Element], list[str], int]:
-    """Byte order (None: ascii), elements, texture files, and where the data begin."""
+    """Parses byte order (None for ascii), elements, names of textures, and where the data begin."""
     end = head.find(b"end_header")
     line_end = head.find(b"\n", end)
     if not head.startswith(b"ply") or end < 0 or line_end < 0:
@@ -109,7 +113,7 @@ def _header(path: Path, head: bytes) -> tuple[str | None, list[Element], list[st
 
 
 def _blocks(path: Path, data: bytes, start: int, order: str, elements: list[Element]) -> dict[str, dict]:
-    """Binary data: per element its columns, a list as (lengths (N,), values end to end)."""
+    """Parses binary data to columns by element; a list property becomes (lengths (N,), values one after another)."""
     blocks = {}
     for element in elements:
         lengths = _first_lengths(path, data, start, order, element)
@@ -135,7 +139,7 @@ def _blocks(path: Path, data: bytes, start: int, order: str, elements: list[Elem
 
 
 def _first_lengths(path: Path, data: bytes, start: int, order: str, element: Element) -> list[int]:
-    """How long the lists of the first row are (0 for single values): nearly always they are so in every row."""
+    """Returns the lengths of the first row's lists, 0 for scalars; in nearly all files every row has the same."""
     lengths = []
     for _, type, size in element.properties:
         length = 0
@@ -150,6 +154,7 @@ def _first_lengths(path: Path, data: bytes, start: int, order: str, element: Ele
 
 
 def _unpack(path: Path, data: bytes, start: int, type: str, count: int, element: Element) -> tuple:
+    """Unpacks `count` values; raises UserError if the data end before."""
     try:
         return struct.unpack_from(f"{type[0]}{count}{np.dtype(type).char}", data, start)
     except (struct.error, OverflowError):
@@ -157,7 +162,7 @@ def _unpack(path: Path, data: bytes, start: int, type: str, count: int, element:
 
 
 def _ragged(path: Path, data: bytes, start: int, order: str, element: Element) -> tuple[dict, int]:
-    """The same for rows of different lengths (triangles among quads), row by row."""
+    """Parses an element whose rows have lists of different lengths, row by row; also returns where it ends."""
     columns = {name: ([], []) if size else [] for name, _, size in element.properties}
     widths = [(name, order + type, order + size if size else None) for name, type, size in element.properties]
     for _ in range(element.count):
@@ -180,9 +185,9 @@ def _ragged(path: Path, data: bytes, start: int, order: str, element: Element) -
 
 
 def _ascii_blocks(path: Path, text: bytes, elements: list[Element]) -> dict[str, dict]:
-    """Ascii data: rewritten as a binary file of doubles and read as one."""
+    """Parses ascii data: converts them to binary doubles and parses those."""
     with warnings.catch_warnings():
-        warnings.simplefilter("error", DeprecationWarning)  # numpy warns where it stops at a word that is no number
+        warnings.simplefilter("error", DeprecationWarning)  # numpy warns when it stops at a word that is no number
         try:
             values = np.fromstring(text, np.float64, sep=" ")
         except (DeprecationWarning, ValueError):
@@ -205,7 +210,7 @@ def _ascii_blocks(path: Path, text: bytes, elements: list[Element]) -> dict[str,
 
 
 def _color(vertex: dict) -> np.ndarray | None:
-    """Linear vertex colours (V,3), from 8- or 16-bit or float sRGB, or None."""
+    """Returns linear vertex colours (V,3) from 8-bit, 16-bit or float sRGB, or None."""
     for prefix in ("", "diffuse_"):
         names = [prefix + name for name in ("red", "green", "blue")]
         if all(name in vertex for name in names):
@@ -217,7 +222,7 @@ def _color(vertex: dict) -> np.ndarray | None:
 
 
 def _texture_coordinates(path: Path, vertex: dict, face: dict, counts, position, faces) -> np.ndarray:
-    """(F,3,2): MeshLab's list per face (u v of each corner), or coordinates per vertex."""
+    """Returns uv (F,3,2) from MeshLab's list per face (u v of each corner) or from coordinates per vertex."""
     if "texcoord" in face:
         lengths, values = face["texcoord"]
         if not np.array_equal(lengths, 2 * counts):

@@ -1,4 +1,4 @@
-"""A user's mesh file as a mesh record."""
+"""Reads mesh files of all supported formats."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -8,9 +8,9 @@ from relight.meshes.gltf import read_gltf
 from relight.meshes.mesh import Mesh
 from relight.meshes.obj import read_obj
 from relight.meshes.ply import read_ply
-from relight.meshes.source import Source, record
+from relight.meshes.raw import RawMesh, checked_mesh
 
-READERS: dict[str, Callable[[Path], Source]] = {
+READERS: dict[str, Callable[[Path], RawMesh]] = {
     ".ply": read_ply,
     ".obj": read_obj,
     ".glb": read_gltf,
@@ -22,14 +22,22 @@ MAX_BYTES = 4 << 30  # an .obj of 20 million faces has about 2 GB
 def read_mesh(path: Path | str) -> Mesh:
     """Reads a .ply, .obj (with .mtl and textures), .glb or .gltf file.
 
-    Units and axes stay the file's (`align` finds them); textures stay 8-bit sRGB, vertex colours become linear;
-    polygons become triangles; every node's transform is applied. info: name, source (the file's name), warnings.
-    Raises UserError with one sentence for a file that is missing, damaged, empty, or lacks a texture that it names.
+    Textures stay 8-bit sRGB, vertex colours become linear; polygons become triangles; the transforms of nodes are
+    applied.
+
+    Args:
+        path: of the file.
+
+    Returns:
+        The mesh in the file's units and axes. Its info has name, source (the file's name) and warnings.
+
+    Raises:
+        UserError: if the file is missing, damaged, empty or too large, or names a texture that is missing.
     """
     path = existing(path, "mesh")
     reader = READERS.get(path.suffix.lower())
     if reader is None:
-        raise UserError(f"{path}: meshes of the kind {path.suffix or '(no suffix)'} are not read; {kinds()} are")
+        raise UserError(f"{path}: meshes of the kind {path.suffix or '(no suffix)'} are not read; {suffix_list()} are")
     size = path.stat().st_size
     if not size:
         raise UserError(f"{path} is empty")
@@ -37,10 +45,14 @@ def read_mesh(path: Path | str) -> Mesh:
         raise UserError(
             f"{path} has {size / 2**30:.1f} GiB; files up to {MAX_BYTES >> 30} GiB are read: decimate it first"
         )
-    return record(reader(path), path)
+    return checked_mesh(reader(path), path)
 
 
-def kinds() -> str:
-    """The suffixes that are read, as one says them."""
+def suffix_list() -> str:
+    """Returns the supported suffixes as text.
+
+    >>> suffix_list()
+    '.ply, .obj, .glb and .gltf'
+    """
     *most, last = READERS
     return f"{', '.join(most)} and {last}"

@@ -1,4 +1,4 @@
-"""A folder of scans as named figures."""
+"""Lists the scans of a folder as named figures."""
 
 import csv
 import hashlib
@@ -10,32 +10,45 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from relight.files import UserError
-from relight.meshes.read import READERS, kinds
+from relight.meshes.read import READERS, suffix_list
 
 TABLE = "scans.csv"
-LONGEST = 71  # letters of a name, before the hash
+MAX_NAME = 71  # characters of a name, before the hash
 
 
 @dataclass(frozen=True)
 class Scan:
-    """A mesh file, and the person that it shows: figures of one subject stay on one side of a split."""
+    """A scan.
+
+    Attributes:
+        path: of the mesh.
+        subject: the person; figures of one subject are on one side of a split.
+    """
 
     path: Path
     subject: str
 
 
 def list_scans(folder: Path | str) -> dict[str, Scan]:
-    """The scans of a folder by name, in the order of their names, or of the table where there is one.
+    """Lists the scans of a folder.
 
-    A file `scans.csv` in the folder (columns path, and if wanted use, name, subject; `pick` writes one for BUFF) says
-    which files are figures. Without it all mesh files in the folder and its subfolders are, hidden ones aside. A scan
-    is called like its file, with the folders before it or a hash of its path where that is not enough. The subject is
-    the folder right under `folder`, the person of a RenderPeople name (rp_<person>_...), or the scan's own name.
-    Raises UserError for a folder that is missing or holds no mesh, and for a table that contradicts the folder.
+    A table `scans.csv` in the folder (column path, optionally use, name, subject) says which files are figures; without
+    it all mesh files in the folder and its subfolders are, except hidden ones. A scan has the name of its file, with
+    the folders before it or a hash of its path where names would be the same. The subject is the subfolder of `folder`,
+    the person of a RenderPeople name (rp_<person>_...), or the scan's own name.
+
+    Args:
+        folder: of the scans.
+
+    Returns:
+        Scans by name, sorted by name, or in the order of the table.
+
+    Raises:
+        UserError: if the folder is missing or holds no mesh, or if the table contradicts it.
     """
     folder = Path(folder)
     if not folder.is_dir():
-        raise UserError(f"figures.folder: there is no folder {folder}; it should hold scans ({kinds()})")
+        raise UserError(f"figures.folder: there is no folder {folder}; it should hold scans ({suffix_list()})")
     if (folder / TABLE).is_file():
         return _from_table(folder / TABLE)
     files = sorted(
@@ -45,16 +58,16 @@ def list_scans(folder: Path | str) -> dict[str, Scan]:
         and path.is_file()
         and not any(part.startswith(".") for part in path.relative_to(folder).parts)
     )
-    files = _finest(files)
+    files = _finest_versions(files)
     if not files:
-        raise UserError(f"figures.folder: {folder} holds no scans; {kinds()} files are read, in subfolders too")
+        raise UserError(f"figures.folder: {folder} holds no scans; {suffix_list()} files are read, in subfolders too")
     relative = {path: path.relative_to(folder).with_suffix("") for path in files}
-    names = {path: safe(path.stem) for path in files}
+    names = {path: safe_name(path.stem) for path in files}
     for longer in (
-        lambda path: safe("_".join(relative[path].parts)),
-        lambda path: f"{safe(path.stem)}_{hashed(str(relative[path]))}",
+        lambda path: safe_name("_".join(relative[path].parts)),
+        lambda path: f"{safe_name(path.stem)}_{short_hash(str(relative[path]))}",
     ):
-        counts = Counter(name.lower() for name in names.values())  # file systems may take a and A for one
+        counts = Counter(name.lower() for name in names.values())  # some file systems do not distinguish a and A
         names = {path: name if counts[name.lower()] == 1 else longer(path) for path, name in names.items()}
     scans = {name: Scan(path, _subject(relative[path], name)) for path, name in names.items()}
     if len(scans) < len(files):
@@ -62,31 +75,35 @@ def list_scans(folder: Path | str) -> dict[str, Scan]:
     return dict(sorted(scans.items()))
 
 
-def safe(text: str) -> str:
-    """`text` as a name that can be a file's on any system: at most 80 letters of ASCII, digits, - and _.
+def safe_name(text: str) -> str:
+    """Returns a name of at most 80 ASCII letters, digits, - and _, valid for files on any system.
 
-    Accents are dropped (Zoë is Zoe). Where letters or the end are lost, a hash of `text` keeps names apart.
+    Accents are dropped. Where letters or the end are lost, a hash of `text` is appended to keep names distinct.
+
+    >>> safe_name("Zoë 1")
+    'Zoe_1'
     """
     bare = "".join(c for c in unicodedata.normalize("NFKD", text) if not unicodedata.combining(c))
-    name = re.sub(r"[^A-Za-z0-9_-]+", "_", bare)[:LONGEST].strip("_-") or "scan"
-    whole = len(bare) <= LONGEST and not any(c.isalnum() for c in bare if not c.isascii())
-    return name if whole else f"{name}_{hashed(text)}"
+    name = re.sub(r"[^A-Za-z0-9_-]+", "_", bare)[:MAX_NAME].strip("_-") or "scan"
+    whole = len(bare) <= MAX_NAME and not any(c.isalnum() for c in bare if not c.isascii())
+    return name if whole else f"{name}_{short_hash(text)}"
 
 
-def hashed(text: str) -> str:
-    """Eight digits that stand for `text`."""
+def short_hash(text: str) -> str:
+    """Returns eight hexadecimal digits of the SHA-256 of `text`."""
     return hashlib.sha256(os.fsencode(text)).hexdigest()[:8]
 
 
 def _subject(relative: Path, name: str) -> str:
+    """Returns the subject of a scan without a table."""
     if len(relative.parts) > 1:
-        return safe(relative.parts[0])
+        return safe_name(relative.parts[0])
     person = re.match(r"rp_([a-z]+)", name, re.IGNORECASE)
     return person[1].lower() if person else name
 
 
-def _finest(files: list[Path]) -> list[Path]:
-    """One file of those that differ only in a size at the end of the name (rp_x_30k.obj, rp_x_100k.obj): the finest."""
+def _finest_versions(files: list[Path]) -> list[Path]:
+    """Keeps the largest of files whose names differ only in a size at the end (rp_x_30k.obj, rp_x_100k.obj)."""
     best: dict[Path, tuple[int, Path]] = {}
     for path in files:
         match = re.fullmatch(r"(.+)_(\d+)k", path.stem, re.IGNORECASE)
@@ -98,6 +115,7 @@ def _finest(files: list[Path]) -> list[Path]:
 
 
 def _from_table(table: Path) -> dict[str, Scan]:
+    """Reads the scans of a table."""
     with open(table, newline="", encoding="utf-8-sig") as file:
         reader = csv.DictReader(file)
         if "path" not in (reader.fieldnames or []):
@@ -108,12 +126,12 @@ def _from_table(table: Path) -> dict[str, Scan]:
         if row.get("use", "1").lower() in ("0", "no", "false"):
             continue
         path = table.parent / row["path"].replace("\\", "/")
-        name = safe(row.get("name") or path.stem)
+        name = safe_name(row.get("name") or path.stem)
         if not path.is_file():
             raise UserError(f"{table} names {row['path']}, which is not there; paths start at the table's folder")
         if name in scans:
             raise UserError(f"{table} names {name} twice")
-        scans[name] = Scan(path, safe(row.get("subject") or name))
+        scans[name] = Scan(path, safe_name(row.get("subject") or name))
     if not scans:
         raise UserError(f"{table} chooses no scan")
     return scans

@@ -1,4 +1,4 @@
-"""Colours of lamps, of daylight, and of light."""
+"""Colours of black bodies and daylight, and luminance."""
 
 import numpy as np
 
@@ -8,12 +8,12 @@ FROM_XYZ = np.array([[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0
 
 
 def luminance(rgb: np.ndarray) -> np.ndarray:
-    """Relative luminance of linear Rec. 709 (..., 3)."""
+    """Returns the relative luminance (...) of linear Rec. 709 colours (...,3)."""
     return rgb @ LUMINANCE
 
 
 def blackbody(temperature: float) -> np.ndarray:
-    """Linear Rec. 709 (3,) of a Planckian radiator of 1,667 to 25,000 K, of luminance 1.
+    """Returns the colour of a black body of 1,667 to 25,000 K, (3,) linear Rec. 709 of luminance 1.
 
     Chromaticity by the cubic splines of Kim et al. 2002 (J. Korean Phys. Soc. 41, 865). Below 1,900 K blue would be
     negative and is zero.
@@ -33,8 +33,10 @@ def blackbody(temperature: float) -> np.ndarray:
 
 
 def daylight(temperature: float) -> np.ndarray:
-    """Linear Rec. 709 (3,) of a phase of daylight of 4,000 to 25,000 K, of luminance 1: the CIE's D illuminants (CIE
-    15:2004, equations 3.3 and 3.4)."""
+    """Returns the colour of a phase of daylight of 4,000 to 25,000 K, (3,) linear Rec. 709 of luminance 1.
+
+    These are the CIE's D illuminants (CIE 15:2004, equations 3.3 and 3.4).
+    """
     t = 1000 / temperature
     if temperature <= 7000:
         x = np.polyval((-4.6070, 2.9678, 0.09911, 0.244063), t)
@@ -44,6 +46,6 @@ def daylight(temperature: float) -> np.ndarray:
 
 
 def from_chromaticity(x: float, y: float) -> np.ndarray:
-    """Linear Rec. 709 (3,) of a CIE 1931 chromaticity, of luminance 1; what lies outside of the gamut is clipped."""
+    """Returns the colour of a CIE 1931 chromaticity, (3,) linear Rec. 709 of luminance 1, clipped to the gamut."""
     colour = np.maximum(FROM_XYZ @ np.array([x / y, 1.0, (1 - x - y) / y]), 0)
     return colour / luminance(colour)

@@ -1,9 +1,12 @@
-"""OpenEXR panoramas: the header is judged before any pixel is read.
+"""Reads OpenEXR panoramas; headers are checked before any pixel is read.
 
 Only `OpenEXR.File` is used: the older `InputFile` crashes the process on truncated files.
 """
 
-from collections.abc import Callable
+import io
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,15 +14,22 @@ from typing import Any
 import numpy as np
 
 from relight.files import UserError
-from relight.panoramas.limits import DECODED, check_size
+from relight.panoramas.panorama import check_size
 
 REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
+MAX_BYTES = 2**29  # of all channels at four bytes
 BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
 
 
 @dataclass(frozen=True)
 class ExrPicture:
-    """Pixels (H, W, 3) float32 linear Rec. 709, the `envmap` attribute ("latlong", "cube" or None), what was mended."""
+    """What a file holds.
+
+    Attributes:
+        pixels: (H,W,3) float32, linear Rec. 709.
+        envmap: the attribute of that name, "latlong", "cube" or None.
+        repairs: a sentence each.
+    """
 
     pixels: np.ndarray
     envmap: str | None
@@ -28,7 +38,7 @@ class ExrPicture:
 
 @dataclass(frozen=True)
 class Header:
-    """What matters of one part's header, as plain values; windows are x0, y0, x1, y1, both ends included."""
+    """The relevant values of one part's header; windows are x0, y0, x1, y1, both ends included."""
 
     deep: bool
     channels: dict[str, tuple[int, int]]  # name to its sampling in x and y
@@ -39,20 +49,29 @@ class Header:
 
     @property
     def size(self) -> tuple[int, int]:
-        """Width and height of the pixels."""
+        """Width and height of the data window."""
         x0, y0, x1, y1 = self.data
         return x1 - x0 + 1, y1 - y0 + 1
 
 
 def read_exr(path: Path) -> ExrPicture:
-    """Reads the first part with colour (or luminance alone) of an OpenEXR file; UserError when that is not possible."""
+    """Reads the first part with colours, or with luminance alone.
+
+    Raises:
+        UserError: if the file is damaged, too large, or has no such part.
+    """
     import OpenEXR
 
     headers = read_headers(path, OpenEXR)
     number = choose_part(path, headers)
     header = headers[number]
     try:
-        stored = OpenEXR.File(str(path), separate_channels=True, num_threads=1).parts[number].channels
+        with hushed():
+            parts = OpenEXR.File(str(path), separate_channels=True, num_threads=1).parts
+        if len(parts) < len(headers):  # the binding leaves out a part that it cannot read, and the others move up
+            found = "its pixels" if len(headers) == 1 else f"the pixels of {len(headers) - len(parts)} of its parts"
+            raise UserError(f"{path}: cut short or damaged: {found} cannot be read; get the file anew")
+        stored = parts[number].channels
         planes = colour_planes(path, set(header.channels), lambda name: np.asarray(stored.pop(name).pixels))
     except UserError:
         raise
@@ -69,11 +88,13 @@ def read_exr(path: Path) -> ExrPicture:
 
 
 def read_headers(path: Path, OpenEXR: Any) -> list[Header]:
-    """The headers of all parts; reads no pixels. Even a name can be bytes that the binding cannot decode."""
+    """Reads the headers of all parts and no pixels; a damaged file may fail at any step, even at decoding a name."""
     envmaps = {OpenEXR.ENVMAP_LATLONG: "latlong", OpenEXR.ENVMAP_CUBE: "cube"}
     try:
         headers = []
-        for part in OpenEXR.File(str(path), header_only=True).parts:
+        with hushed():
+            parts = OpenEXR.File(str(path), header_only=True).parts
+        for part in parts:
             header = dict(part.header)
             data, display = (window(header[name]) for name in ("dataWindow", "displayWindow"))
             colours = header.get("chromaticities")
@@ -92,13 +113,31 @@ def read_headers(path: Path, OpenEXR: Any) -> list[Header]:
         raise UserError(f"{path}: OpenEXR cannot read its header ({one_line(error)})") from error
 
 
+@contextmanager
+def hushed() -> Iterator[None]:
+    """Keeps from the user what OpenEXR prints of a damaged file: a screenful of lines from C, and some by `print`."""
+    nowhere, kept = os.open(os.devnull, os.O_WRONLY), None
+    try:
+        with suppress(OSError):  # a process may have closed its error stream
+            kept = os.dup(2)
+            os.dup2(nowhere, 2)
+        with redirect_stdout(io.StringIO()):
+            yield
+    finally:
+        if kept is not None:
+            os.dup2(kept, 2)
+            os.close(kept)
+        os.close(nowhere)
+
+
 def window(box: Any) -> tuple[int, int, int, int]:
+    """Returns a window of the binding as plain integers."""
     (x0, y0), (x1, y1) = box
     return int(x0), int(y0), int(x1), int(y1)
 
 
 def choose_part(path: Path, headers: list[Header]) -> int:
-    """The first part with colour; UserError for files that are too large, deep, or hold none that can be read."""
+    """Returns the first part with colours; raises UserError if there is none, or a part is too large or deep."""
     decoded, chosen = 0, None
     for number, header in enumerate(headers):
         if header.deep:
@@ -108,8 +147,8 @@ def choose_part(path: Path, headers: list[Header]) -> int:
         decoded += width * height * len(header.channels) * 4
         if chosen is None and (set("RGB") <= set(header.channels) or "Y" in header.channels):
             chosen = number
-    if decoded > DECODED:
-        raise UserError(f"{path}: {decoded >> 20} MB of channels, more than {DECODED >> 20}; keep only R, G and B")
+    if decoded > MAX_BYTES:
+        raise UserError(f"{path}: {decoded >> 20} MB of channels, more than {MAX_BYTES >> 20}; keep only R, G and B")
     if chosen is None:
         found = ", ".join(sorted({name for header in headers for name in header.channels})[:8])
         raise UserError(f"{path}: has the channels {found or 'none'}; a panorama has R, G and B, or Y")
@@ -122,7 +161,7 @@ def choose_part(path: Path, headers: list[Header]) -> int:
 
 
 def colour_planes(path: Path, names: set[str], take: Callable[[str], np.ndarray]) -> np.ndarray:
-    """(h, w, 3) float32 from the planes that `take` hands over by name, each released once it is copied."""
+    """Stacks the channels that `take` returns by name to (h,w,3) float32; each is freed once it is copied."""
     if not names >= {"R", "G", "B"}:
         return np.repeat(take("Y").astype(np.float32)[..., None], 3, 2)
     pixels = None
@@ -137,7 +176,7 @@ def colour_planes(path: Path, names: set[str], take: Callable[[str], np.ndarray]
 
 
 def on_display(path: Path, header: Header, pixels: np.ndarray, repairs: list[str]) -> np.ndarray:
-    """The picture in its display window: a cropped file is completed with black, what lies outside is cut off."""
+    """Brings pixels from the data window to the display window: missing ones are black, those outside are cut off."""
     (x0, y0, x1, y1), (dx, dy, ex, ey) = header.data, header.display
     if pixels.shape[1::-1] != header.size:
         raise UserError(f"{path}: its pixels are not the size that its header says")
@@ -156,9 +195,9 @@ def on_display(path: Path, header: Header, pixels: np.ndarray, repairs: list[str
 
 
 def chromaticity_matrix(chromaticities: tuple[float, ...] | None) -> np.ndarray | None:
-    """(3, 3) float32 to linear Rec. 709, or None when the colours are that already (as they are by default).
+    """Returns the matrix (3,3) float32 to linear Rec. 709, or None if the colours are Rec. 709, as by default.
 
-    White is adapted (Bradford), except for files in XYZ itself, whose numbers are absolute.
+    White is adapted (Bradford), except for files in XYZ, whose values are absolute.
     """
     if chromaticities is None:
         return None
@@ -176,7 +215,10 @@ def chromaticity_matrix(chromaticities: tuple[float, ...] | None) -> np.ndarray 
 
 
 def primaries(xy: np.ndarray) -> np.ndarray | None:
-    """(3, 3) RGB to XYZ of primaries and white (8,), white of luminance 1; None when they span no colours."""
+    """Returns the matrix (3,3) from RGB to XYZ of primaries and white (8,), with a white of luminance 1.
+
+    None if the primaries are degenerate.
+    """
     points = xy.reshape(4, 2)
     xyz = np.concatenate([points, 1 - points.sum(1, keepdims=True)], 1).T
     if abs(np.linalg.det(xyz[:, :3])) < 1e-6 or abs(xyz[1, 3]) < 1e-6:
@@ -185,4 +227,5 @@ def primaries(xy: np.ndarray) -> np.ndarray | None:
 
 
 def one_line(error: Exception) -> str:
+    """Returns the message of an exception on one line, or its type if it has none."""
     return " ".join(str(error).split())[:200] or type(error).__name__

@@ -1,4 +1,4 @@
-"""Radiance .hdr pictures, read strictly: a file is whole or it is an error.
+"""Reads Radiance .hdr pictures strictly: a file that is not whole is an error.
 
 All eight orientations, flat and both kinds of run-length pixels, EXPOSURE and COLORCORR divided out, XYZE converted
 (Ward, "Real pixels", Graphics Gems II; "Radiance file formats").
@@ -10,24 +10,29 @@ from pathlib import Path
 import numpy as np
 
 from relight.files import UserError
-from relight.panoramas.limits import check_size
+from relight.panoramas.panorama import check_size
 
 XYZ_TO_RGB = np.array(
     [[3.240479, -1.537150, -0.498535], [-0.969256, 1.875992, 0.041556], [0.055648, -0.204043, 1.057311]]
 )
 RESOLUTION = re.compile(rb"([+-])([XY]) +(\d{1,9}) +([+-])([XY]) +(\d{1,9})\s*")
-LONGEST_HEADER = 65536
-# What the first byte of a packet tells of it: how many pixels it fills and how many bytes it has; as tables, for this
-# is what a scanline of short runs spends its time on. A literal of no bytes is an error: it fills more than a line.
+MAX_HEADER = 65536
+# By the first byte of a packet, the number of pixels that it fills and of bytes that it has. Tables, because scanlines
+# of short runs spend most of their time here. A literal of no bytes is an error: it fills more than a line.
 FILLS = [1 << 15, *range(1, 129), *range(1, 128)]
 SIZES = [*range(1, 130), *[2] * 127]
-ROWS = 64  # expanded and converted at a time, so that memory stays at the picture itself
+ROWS = 64  # expanded and converted at a time, so that hardly more memory is used than for the picture itself
 
 
 def read_hdr(path: Path) -> tuple[np.ndarray, list[str]]:
-    """Pixels (H, W, 3) float32, linear Rec. 709, upright, in the units before EXPOSURE; and what was converted.
+    """Reads a Radiance picture.
 
-    Raises UserError for anything that is not a whole Radiance picture.
+    Returns:
+        Pixels (H,W,3) float32, linear Rec. 709, upright, with EXPOSURE divided out; and the conversions, a sentence
+        each.
+
+    Raises:
+        UserError: if the file is not a whole Radiance picture.
     """
     data = path.read_bytes()
     try:
@@ -57,16 +62,16 @@ def read_hdr(path: Path) -> tuple[np.ndarray, list[str]]:
 
 
 class Malformed(Exception):
-    """What is wrong with the bytes."""
+    """Raised for bytes that are not a Radiance picture; the message is the reason."""
 
 
 def read_header(data: bytes) -> tuple[np.ndarray, bool, int]:
-    """The product of EXPOSURE and COLORCORR (3,), whether pixels are XYZE, and where the resolution line starts."""
+    """Returns the product of EXPOSURE and COLORCORR (3,), whether pixels are XYZE, and where the resolution starts."""
     if not data.startswith(b"#?"):
         raise Malformed("it does not begin with #?")
     divisor, xyz, place = np.ones(3), False, 0
     while True:
-        end = data.find(b"\n", place, LONGEST_HEADER)
+        end = data.find(b"\n", place, MAX_HEADER)
         if end < 0:
             raise Malformed("its header has no end")
         line, place = data[place:end].strip(), end + 1
@@ -85,7 +90,7 @@ def read_header(data: bytes) -> tuple[np.ndarray, bool, int]:
 
 
 def numbers(text: bytes, count: int) -> np.ndarray:
-    """`count` positive finite numbers in a header's value."""
+    """Parses `count` positive numbers of a header's value."""
     try:
         values = np.array([float(part) for part in text.split()])
     except ValueError:
@@ -96,7 +101,7 @@ def numbers(text: bytes, count: int) -> np.ndarray:
 
 
 def read_resolution(data: bytes, place: int) -> tuple[bool, bytes, bytes, int, int, int]:
-    """Whether scanlines are columns, the two signs, count and length of scanlines, and where pixels start."""
+    """Returns whether scanlines are columns, the two signs, count and length of scanlines, and where pixels start."""
     end = data.find(b"\n", place, place + 256)
     match = RESOLUTION.fullmatch(data[place:end]) if end >= 0 else None
     if match is None or match[2] == match[5]:
@@ -105,8 +110,8 @@ def read_resolution(data: bytes, place: int) -> tuple[bool, bytes, bytes, int, i
 
 
 def read_pixels(data: bytes, place: int, height: int, width: int) -> np.ndarray:
-    """Scanlines (height, width, 3) float32 from flat, old and new run-length coded pixels, told apart line by line."""
-    # m * 2^(e - 136), zero for e = 0 (Ward); float32 holds all of it but the faintest 20 steps.
+    """Decodes scanlines to (height,width,3) float32; each may be flat or in the old or new run-length coding."""
+    # m * 2^(e - 136), zero for e = 0 (Ward); float32 holds all but the 20 smallest exponents.
     scale = np.ldexp(1.0, np.arange(256) - 136).astype(np.float32)
     scale[0] = 0
     pixels = np.empty((height, width, 3), np.float32)
@@ -116,7 +121,7 @@ def read_pixels(data: bytes, place: int, height: int, width: int) -> np.ndarray:
         for line in block:
             place = read_scanline(data, source, place, line)
         factor = scale[block[..., 3]]
-        for channel in range(3):  # three long loops; numpy's inner loop over three values takes twice as long
+        for channel in range(3):  # numpy's inner loop over three channels takes twice as long
             np.multiply(block[..., channel], factor, out=pixels[row : row + len(block), :, channel])
     return pixels
 
@@ -139,7 +144,7 @@ def read_scanline(data: bytes, source: np.ndarray, place: int, line: np.ndarray)
 
 
 def read_runs(data: bytes, source: np.ndarray, place: int, line: np.ndarray) -> int:
-    """New run-length coding: the four channels one after the other, runs and literals."""
+    """Decodes the new run-length coding, four channels one after another; arguments as for `read_scanline`."""
     width, begin = len(line), place
     starts = []
     try:
@@ -156,7 +161,7 @@ def read_runs(data: bytes, source: np.ndarray, place: int, line: np.ndarray) -> 
         place = len(data) + 1
     if place > len(data):
         raise Malformed("it ends inside a scanline")
-    # The scanline is its packets with no code, once each byte of a literal, and the byte of a run as often as it says.
+    # Each packet without its code byte: the bytes of a literal once, the byte of a run as often as the code says.
     packets, start = source[begin:place], np.array(starts) - begin
     code = packets[start]
     repeats = np.ones(len(packets), np.intp)
@@ -167,7 +172,7 @@ def read_runs(data: bytes, source: np.ndarray, place: int, line: np.ndarray) -> 
 
 
 def read_old_runs(data: bytes, place: int, line: np.ndarray) -> int:
-    """Old run-length coding: a pixel (1, 1, 1, n) repeats the one before it n times; more in a row count by 256s."""
+    """Decodes the old run-length coding: (1,1,1,n) repeats the pixel before it n times, a second one 256 n times."""
     width, filled, shift = len(line), 0, 0
     while filled < width:
         pixel = data[place : place + 4]

@@ -1,24 +1,30 @@
-"""The panorama record."""
+"""The panorama record, and how large a panorama may be."""
 
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
+from relight.files import UserError
+
 LAYOUTS = ("latlong", "angular", "ball", "cross", "strip", "strip-gl")
+MAX_PIXELS = 2**25  # 8192 x 4096
 
 
 @dataclass(frozen=True)
 class Panorama:
-    """All the light that arrives at a point, as an image.
+    """The radiance that arrives at a point from all directions, as an image.
 
-    pixels   (H, W, 3) float32, linear radiance, row 0 at the top, finite and not negative
-    layout   one of LAYOUTS: how pixels map to directions (relight.panoramas.layouts)
-    corners  the outermost samples lie on the edges of the image, as in OpenEXR environment maps, not half a pixel in
-    flip     mirrored left to right (applied first)
-    yaw      degrees by which the light is then turned about the vertical, +z toward +x for yaw > 0
-    front    the axis at the centre of a lat-long image: "-z" (Debevec, Laval, Poly Haven) or "+z" (OpenEXR)
-    source   where it came from, for tables and messages
-    repairs  what the reader mended, a sentence each
+    Attributes:
+        pixels: (H,W,3) float32 radiance, linear Rec. 709, row 0 at the top, finite and not negative.
+        layout: one of LAYOUTS, how pixels map to directions (relight.panoramas.projection).
+        corners: whether the outermost samples lie on the edges of the image, as in OpenEXR environment maps, and not
+            half a pixel inside.
+        flip: whether the light is mirrored left to right, before the rotation.
+        yaw: degrees by which the light is rotated about the vertical, from +z toward +x.
+        front: the axis at the centre of a lat-long image: "-z" (Debevec, Laval, Poly Haven) or "+z" (OpenEXR).
+        source: what it was read or generated from.
+        repairs: of the reader, a sentence each.
     """
 
     pixels: np.ndarray
@@ -29,3 +35,11 @@ class Panorama:
     front: str = "-z"
     source: str = ""
     repairs: list[str] = field(default_factory=list)
+
+
+def check_size(path: Path, width: int, height: int) -> None:
+    """Raises UserError for an image without pixels or with more than 8192 x 4096; called before pixels are read."""
+    if width <= 0 or height <= 0:
+        raise UserError(f"{path}: its size is {width} x {height}; a panorama has pixels")
+    if width * height > MAX_PIXELS:
+        raise UserError(f"{path}: {width} x {height} pixels are more than 8192 x 4096; make it smaller first")

@@ -1,4 +1,4 @@
-"""Portable float maps: PF (colour) and Pf (grey), rows from the bottom up."""
+"""Reads portable float maps: PF (colour) and Pf (grey), rows from the bottom up."""
 
 import re
 from pathlib import Path
@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 
 from relight.files import UserError
-from relight.panoramas.limits import check_size
+from relight.panoramas.panorama import check_size
 
 HEADER = re.compile(rb"(PF|Pf)\s+(\d{1,9})\s+(\d{1,9})\s+([-+.0-9eE]{1,32})\s")
 
 
 def read_pfm(path: Path) -> np.ndarray:
-    """Pixels (H, W, 3) float32, row 0 at the top; UserError for a file that is not whole."""
+    """Reads pixels (H,W,3) float32, row 0 at the top; raises UserError if the file is not whole."""
     data = path.read_bytes()
     match = HEADER.match(data[:256])
     try:

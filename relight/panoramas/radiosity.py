@@ -1,31 +1,96 @@
-"""Light in a room: direct light on a grid of cells, radiosity between the walls, and a panorama of it.
+"""Renders a room: direct light on a grid of cells, radiosity between the walls, and a panorama of it.
 
-Furniture throws shadows and receives light, but its own bounce is only in the share of light that the walls lose.
+Furniture casts shadows and receives light. The light that it reflects is not traced; the walls' albedo is lower for it.
 """
 
-from __future__ import annotations
-
+from dataclasses import dataclass, field
 from functools import cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from relight.panoramas.layouts import latlong_solid_angles
-
-if TYPE_CHECKING:
-    from relight.panoramas.rooms import Room
+from relight.panoramas.projection import latlong_solid_angles
 
 HEIGHT, WIDTH = 64, 128
 CELLS = 8  # per side of a wall
 FACE_CELLS = 3  # per side of a face of furniture
-BOUNCES = 20  # of the light of the palest room less than 1 % is left
-ABSORBED = 0.15  # by what stands in a room beside the boxes
+BOUNCES = 20  # after which less than 1 % of the light is left, in the room of the highest albedo
+ABSORBED = 0.15  # share of the light that furniture takes from the walls
 IN_PLANE = ((1, 2), (0, 2), (0, 1))  # the axes of a wall across x, y, z
+
+
+@dataclass(frozen=True)
+class AreaLight:
+    """A lit rectangle in a wall: the sky or the ground in a window, or a panel in the ceiling.
+
+    Attributes:
+        wall: 2 * axis + side.
+        low, high: (3,) metres, its corners; they agree along the wall's axis.
+        radiance: (3,) linear RGB.
+        daylight: whether the sun shines in through it.
+    """
+
+    wall: int
+    low: np.ndarray
+    high: np.ndarray
+    radiance: np.ndarray
+    daylight: bool = False
+
+
+@dataclass(frozen=True)
+class Lamp:
+    """A glowing sphere.
+
+    Attributes:
+        centre: (3,) metres.
+        radius: metres.
+        radiance: (3,) linear RGB.
+    """
+
+    centre: np.ndarray
+    radius: float
+    radiance: np.ndarray
+
+
+@dataclass(frozen=True)
+class Box:
+    """A piece of furniture.
+
+    Attributes:
+        low, high: (3,) metres, its corners.
+        albedo: (3,).
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    albedo: np.ndarray
+
+
+@dataclass
+class Room:
+    """A box from the origin to `size`, y up. Walls are numbered 2 * axis + side: the floor is 2, the ceiling 3.
+
+    Attributes:
+        size: (3,) metres.
+        camera: (3,) metres, the position that the panorama is seen from.
+        albedo: (6,3) of the walls.
+        area_lights: windows and panels.
+        lamps: spheres.
+        boxes: furniture.
+        sun: direction (3,) toward it, and its irradiance (3,) on a surface that faces it; None without sun.
+    """
+
+    size: np.ndarray
+    camera: np.ndarray
+    albedo: np.ndarray
+    area_lights: list[AreaLight] = field(default_factory=list)
+    lamps: list[Lamp] = field(default_factory=list)
+    boxes: list[Box] = field(default_factory=list)
+    sun: tuple[np.ndarray, np.ndarray] | None = None
 
 
 @cache
 def view_directions() -> np.ndarray:
-    """(HEIGHT * WIDTH, 3) pixel centres of the lat-long image; the centre looks along -z."""
+    """Returns the directions (HEIGHT * WIDTH,3) of the pixels of the lat-long image; -z is at its centre."""
     theta = (np.arange(HEIGHT) + 0.5)[:, None] / HEIGHT * np.pi
     phi = (2 * (np.arange(WIDTH) + 0.5) / WIDTH - 1) * np.pi
     x, y, z = np.broadcast_arrays(np.sin(theta) * np.sin(phi), np.cos(theta), -np.sin(theta) * np.cos(phi))
@@ -33,12 +98,19 @@ def view_directions() -> np.ndarray:
 
 
 class Grid:
-    """Cells on the faces of boxes: the room seen from inside (one box) or its furniture seen from outside.
+    """Cells on the faces of boxes: the walls of the room (one box from inside) or furniture (boxes from outside).
 
-    Faces of box b are numbered 6 b + 2 axis + side; arrays over cells are (faces * n * n, ...).
+    The faces of box b are numbered 6 b + 2 axis + side. There are N = faces * n * n cells.
+
+    Attributes:
+        low, high, n: as given.
+        position: (N,3) metres, centres of the cells.
+        normal: (N,3) unit normals.
+        area: (N,) square metres.
     """
 
     def __init__(self, low: np.ndarray, high: np.ndarray, n: int, inside: bool):
+        """Makes n x n cells on each face of boxes with the corners `low` and `high` (B,3)."""
         self.low, self.high, self.n = low, high, n
         centre = (np.arange(n) + 0.5) / n
         unit = np.zeros((6, n, n, 3))
@@ -55,8 +127,8 @@ class Grid:
         area = np.stack([size[:, p] * size[:, q] for p, q in IN_PLANE], 1) / n**2
         self.area = np.repeat(np.repeat(area, 2, 1).ravel(), n * n)
 
-    def lookup(self, cells: np.ndarray, face: np.ndarray, point: np.ndarray) -> np.ndarray:
-        """Bilinear values (N, 3) of `cells` (faces * n * n, 3) at points (N, 3) that lie on faces (N,)."""
+    def interpolate(self, cells: np.ndarray, face: np.ndarray, point: np.ndarray) -> np.ndarray:
+        """Interpolates values (N,3) of the cells bilinearly at points (P,3) on faces (P,), to (P,3)."""
         n, box, axis = self.n, face // 6, face % 6 // 2
         plane = np.array(IN_PLANE)[axis]
         low, high = (np.take_along_axis(edge[box], plane, 1) for edge in (self.low, self.high))
@@ -69,8 +141,8 @@ class Grid:
         return near * (1 - f) + far * f
 
 
-def walls_hit(size: np.ndarray, origin: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Distance (N,) and wall (N,) at which rays from inside the room meet it."""
+def intersect_walls(size: np.ndarray, origin: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns distance (N,) and wall (N,) at which rays from inside the room meet it."""
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = np.where(direction > 0, size - origin, -origin) / direction
     distance = np.where(direction == 0, np.inf, distance)
@@ -80,10 +152,20 @@ def walls_hit(size: np.ndarray, origin: np.ndarray, direction: np.ndarray) -> tu
     return np.take_along_axis(distance, pick, 1)[:, 0], 2 * axis + side
 
 
-def slabs(low: np.ndarray, high: np.ndarray, origin: np.ndarray, direction: np.ndarray):
-    """Entry and exit (..., B) of rays (..., 3) through boxes (B, 3), and the axis through which they enter.
+def intersect_boxes(
+    low: np.ndarray, high: np.ndarray, origin: np.ndarray, direction: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Intersects rays with boxes by the slab method.
 
-    Distances in units of `direction`; a ray misses a box when entry > exit.
+    Args:
+        low: (B,3) corners of the boxes.
+        high: (B,3).
+        origin: (...,3) of the rays.
+        direction: (...,3) of the rays.
+
+    Returns:
+        Entry and exit (...,B) in units of `direction`, and the axis (...,B) of the face that is entered. A ray misses a
+        box where entry > exit.
     """
     entry, leave, axis = -np.inf, np.inf, 0
     for a in range(3):
@@ -97,28 +179,30 @@ def slabs(low: np.ndarray, high: np.ndarray, origin: np.ndarray, direction: np.n
     return entry, leave, axis
 
 
-def blocked(room: Room, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Whether furniture stands between `origin` and `origin + direction` (broadcast (..., 3))."""
+def is_occluded(room: Room, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
+    """Returns whether furniture is between `origin` and `origin + direction`, both (...,3), as (...) bool."""
     if not room.boxes:
         return np.zeros(np.broadcast_shapes(origin.shape, direction.shape)[:-1], bool)
-    entry, leave, _ = slabs(*box_bounds(room), origin, direction)
+    entry, leave, _ = intersect_boxes(*box_bounds(room), origin, direction)
     return ((entry <= leave) & (leave > 1e-3) & (entry < 1 - 1e-3)).any(-1)
 
 
 def box_bounds(room: Room) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the corners `low` and `high` (B,3) of the furniture."""
     return np.array([box.low for box in room.boxes]), np.array([box.high for box in room.boxes])
 
 
-def light_samples(room: Room) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Points (S, 3) that stand for the room's emitters, normals (S, 3) (zero for lamps), areas (S,), radiances (S, 3).
+def sample_emitters(room: Room) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Samples the emitters of a room: large area lights by 2 x 2 points, a lamp by its centre and the disc's area.
 
-    Large patches are cut into 2 x 2; a lamp counts with the disc that it shows.
+    Returns:
+        Points (S,3), normals (S,3), zero for lamps, areas (S,) and radiances (S,3).
     """
     points, normals, areas, radiances = [], [], [], []
-    for patch in room.patches:
-        axis, side = divmod(patch.wall, 2)
+    for light in room.area_lights:
+        axis, side = divmod(light.wall, 2)
         p, q = IN_PLANE[axis]
-        size = patch.high - patch.low
+        size = light.high - light.low
         normal = np.zeros(3)
         normal[axis] = 1 - 2 * side
         steps = (0.25, 0.75) if size[p] * size[q] > 0.8 else (0.5,)
@@ -126,10 +210,10 @@ def light_samples(room: Room) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.nd
             for b in steps:
                 share = np.zeros(3)
                 share[p], share[q] = a, b
-                points.append(patch.low + share * size)
+                points.append(light.low + share * size)
                 normals.append(normal)
                 areas.append(size[p] * size[q] / len(steps) ** 2)
-                radiances.append(patch.radiance)
+                radiances.append(light.radiance)
     for lamp in room.lamps:
         points.append(lamp.centre)
         normals.append(np.zeros(3))
@@ -138,11 +222,11 @@ def light_samples(room: Room) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.nd
     return np.array(points), np.array(normals), np.array(areas), np.array(radiances)
 
 
-def direct(room: Room, position: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Irradiance (N, 3) at cells (N, 3) from windows, panels and lamps, with the shadows of furniture; not the sun."""
-    points, normals, areas, radiances = light_samples(room)
+def direct_irradiance(room: Room, position: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Returns the irradiance (N,3) of points (N,3) from windows, panels and lamps, shadowed by furniture; no sun."""
+    points, normals, areas, radiances = sample_emitters(room)
     toward = points[None] - (position + 1e-3 * normal)[:, None]
-    distance2 = (toward**2).sum(-1) + 0.05  # a cell is not a point: keeps lamps at a wall from burning holes
+    distance2 = (toward**2).sum(-1) + 0.05  # a cell is not a point: bounds the irradiance of lamps near a wall
     cosine = np.maximum(np.einsum("nsk,nk->ns", toward, normal), 0)
     facing = np.maximum(-np.einsum("nsk,sk->ns", toward, normals), 0)
     lamp = ~normals.any(1)
@@ -150,27 +234,27 @@ def direct(room: Room, position: np.ndarray, normal: np.ndarray) -> np.ndarray:
     share = cosine * facing * areas / distance2**2
     lit = share > 0
     n, s = np.nonzero(lit)
-    share[n, s] *= ~blocked(room, (position + 1e-3 * normal)[n], toward[n, s])
+    share[n, s] *= ~is_occluded(room, (position + 1e-3 * normal)[n], toward[n, s])
     return share @ radiances
 
 
 def sunlit(room: Room, point: np.ndarray) -> np.ndarray:
-    """Whether the sun reaches points (N, 3) through a window or skylight, past the furniture."""
+    """Returns whether the sun reaches points (N,3) through a window or skylight, (N,) bool."""
     toward = np.broadcast_to(room.sun[0], point.shape)
-    distance, wall = walls_hit(room.size, point, toward)
+    distance, wall = intersect_walls(room.size, point, toward)
     exit_point = point + toward * distance[:, None]
     through = np.zeros(len(point), bool)
-    for patch in room.patches:
-        if patch.daylight:
-            inside = (exit_point >= patch.low - 1e-6) & (exit_point <= patch.high + 1e-6)
-            plane = list(IN_PLANE[patch.wall // 2])
-            through |= (wall == patch.wall) & inside[:, plane].all(1)
-    through[through] = ~blocked(room, point[through], toward[through] * distance[through, None])
+    for light in room.area_lights:
+        if light.daylight:
+            inside = (exit_point >= light.low - 1e-6) & (exit_point <= light.high + 1e-6)
+            plane = list(IN_PLANE[light.wall // 2])
+            through |= (wall == light.wall) & inside[:, plane].all(1)
+    through[through] = ~is_occluded(room, point[through], toward[through] * distance[through, None])
     return through
 
 
-def sun_on_cells(room: Room, grid: Grid) -> np.ndarray:
-    """Irradiance (N, 3) of the sun on the cells of `grid`, each sampled at four places."""
+def sun_irradiance(room: Room, grid: Grid) -> np.ndarray:
+    """Returns the irradiance (N,3) of the sun on the cells of a grid, each sampled at four points."""
     n = len(grid.position)
     cosine = np.maximum(grid.normal @ room.sun[0], 0)
     lit = np.zeros(n)
@@ -186,9 +270,9 @@ def sun_on_cells(room: Room, grid: Grid) -> np.ndarray:
 
 
 def form_factors(receiver: Grid, sender: Grid) -> np.ndarray:
-    """(R, S) share of a receiving cell's half-space that each sending cell fills; rows sum to 1."""
+    """Returns the form factors (R,S) from sending to receiving cells; rows are normalised to 1."""
     r, s = receiver, sender
-    # Products of matrices in place of differences (R, S, 3): this is most of the time that a room takes.
+    # Products of matrices in place of differences (R,S,3): this takes most of the time of a room.
     distance2 = (r.position**2).sum(1)[:, None] + (s.position**2).sum(1) - 2 * r.position @ s.position.T + 1e-3
     here = np.maximum(r.normal @ s.position.T - (r.normal * r.position).sum(1)[:, None], 0)
     there = np.maximum((r.position @ s.normal.T) - (s.normal * s.position).sum(1), 0)
@@ -198,9 +282,14 @@ def form_factors(receiver: Grid, sender: Grid) -> np.ndarray:
     )  # the room is closed: cells near a corner overshoot
 
 
-def interreflected(factors: np.ndarray, albedo: np.ndarray, irradiance: np.ndarray) -> np.ndarray:
-    """Irradiance (N, 3) that cells of `albedo` (N, 3) get from one another, when `irradiance` (N, 3) falls on them from
-    without and `factors` (N, N) are their form factors."""
+def indirect_irradiance(factors: np.ndarray, albedo: np.ndarray, irradiance: np.ndarray) -> np.ndarray:
+    """Returns the irradiance (N,3) of cells by light that cells reflect, by Jacobi iterations.
+
+    Args:
+        factors: (N,N) form factors.
+        albedo: (N,3) of the cells.
+        irradiance: (N,3) of the cells by direct light.
+    """
     bounced = np.zeros_like(irradiance)
     arriving = irradiance
     for _ in range(BOUNCES):
@@ -209,20 +298,20 @@ def interreflected(factors: np.ndarray, albedo: np.ndarray, irradiance: np.ndarr
     return bounced
 
 
-def render(room: Room) -> np.ndarray:
-    """The panorama (HEIGHT, WIDTH, 3) float64 of a room from its camera, lat-long, linear radiance."""
+def render_room(room: Room) -> np.ndarray:
+    """Renders a room from its camera to a lat-long panorama (HEIGHT,WIDTH,3) float64 of linear radiance."""
     walls = Grid(np.zeros((1, 3)), room.size[None], CELLS, inside=True)
-    irradiance = direct(room, walls.position, walls.normal)
-    sun = sun_on_cells(room, walls) if room.sun else 0.0
+    irradiance = direct_irradiance(room, walls.position, walls.normal)
+    sun = sun_irradiance(room, walls) if room.sun else 0.0
     albedo = np.repeat(room.albedo, CELLS**2, 0) * (1 - ABSORBED)
-    bounced = interreflected(form_factors(walls, walls), albedo, irradiance + sun)
+    bounced = indirect_irradiance(form_factors(walls, walls), albedo, irradiance + sun)
     total = albedo * (irradiance + sun + bounced)
 
     direction = view_directions()
-    depth, wall = walls_hit(room.size, room.camera, direction)
+    depth, wall = intersect_walls(room.size, room.camera, direction)
     point = room.camera + direction * depth[:, None]
-    # The sun's patches are sharp, so they are added per pixel and not from the cells.
-    image = walls.lookup(irradiance + bounced, wall, point)
+    # Sunlight has sharp edges, so it is added per pixel and not from the cells.
+    image = walls.interpolate(irradiance + bounced, wall, point)
     if room.sun:
         cosine = walls.normal[wall * CELLS**2] @ room.sun[0]
         facing = np.flatnonzero(cosine > 0)
@@ -230,20 +319,20 @@ def render(room: Room) -> np.ndarray:
         lit = sunlit(room, point[facing] + 1e-3 * inward)
         image[facing] += (lit * cosine[facing])[:, None] * room.sun[1]
     image *= room.albedo[wall] / np.pi
-    for patch in room.patches:
-        inside = (point >= patch.low - 1e-6) & (point <= patch.high + 1e-6)
-        image[(wall == patch.wall) & inside[:, list(IN_PLANE[patch.wall // 2])].all(1)] = patch.radiance
+    for light in room.area_lights:
+        inside = (point >= light.low - 1e-6) & (point <= light.high + 1e-6)
+        image[(wall == light.wall) & inside[:, list(IN_PLANE[light.wall // 2])].all(1)] = light.radiance
     if room.boxes:
-        draw_boxes(room, walls, total, image, depth)
-    draw_lamps(room, image, depth)
+        render_boxes(room, walls, total, image, depth)
+    render_lamps(room, image, depth)
     return image.reshape(HEIGHT, WIDTH, 3)
 
 
-def draw_boxes(room: Room, walls: Grid, radiosity: np.ndarray, image: np.ndarray, depth: np.ndarray) -> None:
-    """Draws the furniture into `image` (N, 3) and brings `depth` (N,) up to date."""
+def render_boxes(room: Room, walls: Grid, radiosity: np.ndarray, image: np.ndarray, depth: np.ndarray) -> None:
+    """Renders the furniture into `image` (N,3) and updates `depth` (N,); `radiosity` (cells,3) is of the walls."""
     direction = view_directions()
     low, high = box_bounds(room)
-    entry, leave, axis = slabs(low, high, room.camera[None], direction)
+    entry, leave, axis = intersect_boxes(low, high, room.camera[None], direction)
     distance = np.where((entry <= leave) & (entry > 0), entry, np.inf)
     box = distance.argmin(1)
     row = np.arange(len(box))
@@ -252,18 +341,18 @@ def draw_boxes(room: Room, walls: Grid, radiosity: np.ndarray, image: np.ndarray
         return
     depth[hit] = distance[hit, box[hit]]
     grid = Grid(low, high, FACE_CELLS, inside=False)
-    irradiance = direct(room, grid.position, grid.normal) + form_factors(grid, walls) @ radiosity
+    irradiance = direct_irradiance(room, grid.position, grid.normal) + form_factors(grid, walls) @ radiosity
     if room.sun:
-        irradiance += sun_on_cells(room, grid)
+        irradiance += sun_irradiance(room, grid)
     entered = axis[hit, box[hit]]
     face = 6 * box[hit] + 2 * entered + (direction[hit, entered] < 0)
     point = room.camera + direction[hit] * depth[hit, None]
     albedo = np.array([b.albedo for b in room.boxes])[box[hit]]
-    image[hit] = albedo / np.pi * grid.lookup(irradiance, face, point)
+    image[hit] = albedo / np.pi * grid.interpolate(irradiance, face, point)
 
 
-def draw_lamps(room: Room, image: np.ndarray, depth: np.ndarray) -> None:
-    """Draws the lamps that are in sight, each with the energy of its true solid angle whatever pixels it falls on."""
+def render_lamps(room: Room, image: np.ndarray, depth: np.ndarray) -> None:
+    """Renders visible lamps into `image` (N,3), each with the flux of its exact solid angle on whole pixels."""
     direction = view_directions()
     weight = pixel_solid_angles()
     for lamp in room.lamps:
@@ -275,11 +364,11 @@ def draw_lamps(room: Room, image: np.ndarray, depth: np.ndarray) -> None:
         if not covered.any():
             covered = np.arange(len(cosine)) == cosine.argmax()
         share = 2 * np.pi * (1 - edge) / weight[covered].sum()
-        seen = covered & (depth > distance - lamp.radius)
-        image[seen] = lamp.radiance * share
+        visible = covered & (depth > distance - lamp.radius)
+        image[visible] = lamp.radiance * share
 
 
 @cache
 def pixel_solid_angles() -> np.ndarray:
-    """(HEIGHT * WIDTH,) steradians."""
+    """Returns the solid angles (HEIGHT * WIDTH,) of the pixels."""
     return np.repeat(latlong_solid_angles(HEIGHT, WIDTH), WIDTH)

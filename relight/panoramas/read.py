@@ -1,4 +1,4 @@
-"""Any panorama that people have, as a Panorama: sniffed, read, its layout decided, its pixels checked."""
+"""Reads panoramas of all formats: detects format and layout, checks and repairs pixels."""
 
 from pathlib import Path
 
@@ -9,11 +9,11 @@ from relight.panoramas.exr import read_exr
 from relight.panoramas.hdr import read_hdr
 from relight.panoramas.panorama import LAYOUTS, Panorama
 from relight.panoramas.pfm import read_pfm
-from relight.panoramas.repair import mend
+from relight.panoramas.repair import repair_pixels
 
 SUFFIXES = (".hdr", ".pic", ".rgbe", ".xyze", ".exr", ".pfm")
-# What files that are no panorama begin with, in place of pixels.
-IMPOSTORS = (
+# First bytes of files that are no panorama, and what they are.
+OTHER_FILES = (
     (b"version https://git-lfs", "a git-lfs pointer; fetch the file itself (git lfs pull)"),
     (b"\x89PNG", "a PNG picture, which has no range for light; use the .hdr or .exr of it"),
     (b"\xff\xd8\xff", "a JPEG picture, which has no range for light; use the .hdr or .exr of it"),
@@ -34,17 +34,24 @@ def read_panorama(
     repair: bool = False,
     upside_down: bool = False,
 ) -> Panorama:
-    """Reads a .hdr, .exr or .pfm panorama, told apart by what they hold and not by their names.
+    """Reads a .hdr, .exr or .pfm panorama; the format is detected from the content, not from the name.
 
-    layout       "auto" goes by OpenEXR's envmap attribute, else by the aspect; a square picture must be told
-    yaw          degrees by which the light is turned about the vertical, +z toward +x
-    flip         mirror left and right
-    exposure     factor on the pixels
-    repair       pixels that are not finite get the mean of their neighbours (relight.panoramas.repair)
-    upside_down  the file holds its rows from the bottom up, whatever its format says
+    Args:
+        path: of the file.
+        layout: one of LAYOUTS, or "auto": by OpenEXR's envmap attribute, else by the aspect ratio. A square picture
+            needs one.
+        yaw: degrees by which the light is rotated about the vertical, from +z toward +x.
+        flip: whether left and right are mirrored.
+        exposure: factor on the pixels.
+        repair: whether pixels that are not finite get the mean of their neighbours (`repair_pixels`).
+        upside_down: whether the file's rows run from the bottom up, whatever its format says.
 
-    Raises UserError for anything that is not a whole panorama with finite pixels and some light; negative pixels are
-    set to zero. What was mended is counted in `repairs`.
+    Returns:
+        The panorama; its `repairs` say what was changed. Negative pixels are set to zero.
+
+    Raises:
+        UserError: if the file is not a whole panorama with finite pixels and some light, or an argument is out of
+            range.
     """
     path = existing(path, "panorama")
     if layout != "auto" and layout not in LAYOUTS:
@@ -57,13 +64,13 @@ def read_panorama(
     pixels = np.ascontiguousarray(pixels[::-1] if upside_down else pixels)
     if exposure != 1.0:
         pixels *= np.float32(exposure)
-    repairs += mend(path, pixels, repair) + clip_negatives(path, pixels)
+    repairs += repair_pixels(path, pixels, repair) + clip_negatives(path, pixels)
     front = "+z" if attribute and decided == "latlong" else "-z"
     return Panorama(pixels, decided, attribute, flip, yaw, front, str(path), repairs)
 
 
 def read_pixels(path: Path) -> tuple[np.ndarray, str | None, list[str]]:
-    """Pixels (H, W, 3) float32, OpenEXR's envmap attribute, and repairs."""
+    """Reads pixels (H,W,3) float32, OpenEXR's envmap attribute, and the reader's repairs."""
     try:
         with open(path, "rb") as file:
             start = file.read(256)
@@ -79,7 +86,7 @@ def read_pixels(path: Path) -> tuple[np.ndarray, str | None, list[str]]:
         return pixels, None, repairs
     if start[:2] in (b"PF", b"Pf"):
         return read_pfm(path), None, []
-    for magic, what in IMPOSTORS:
+    for magic, what in OTHER_FILES:
         if start.startswith(magic):
             raise UserError(f"{path}: {what}")
     if start.lstrip()[:1] == b"<":
@@ -88,7 +95,7 @@ def read_pixels(path: Path) -> tuple[np.ndarray, str | None, list[str]]:
 
 
 def decide_layout(path: Path, width: int, height: int, layout: str, envmap: str | None) -> str:
-    """The layout of a picture; what the user says wins over the envmap attribute, and that over the aspect."""
+    """Returns the layout: that of the user, else of the envmap attribute, else of the aspect ratio."""
     if layout == "auto" and envmap:
         layout = {"latlong": "latlong", "cube": "strip"}[envmap]
     if layout == "auto":
@@ -106,7 +113,7 @@ def decide_layout(path: Path, width: int, height: int, layout: str, envmap: str 
         else:
             raise UserError(
                 f"{path}: {width} x {height} is no aspect of a panorama: 2:1 is lat-long, 3:4 and 4:3 a cross, 1:6 and "
-                "6:1 a strip of cube faces; a square one must be told (layout=angular, ball or latlong)"
+                "6:1 a strip of cube faces; a square one needs a layout (layout=angular, ball or latlong)"
             )
     fits = {
         "latlong": height >= 2 and width >= 2,
@@ -117,16 +124,22 @@ def decide_layout(path: Path, width: int, height: int, layout: str, envmap: str 
         "strip-gl": width == 6 * height or height == 6 * width,
     }[layout]
     if not fits or (envmap == "cube" and min(width, height) < 2):
-        asked = {"angular": "square", "ball": "square", "cross": "3:4 or 4:3", "latlong": "2:1"}.get(
+        aspect = {"angular": "square", "ball": "square", "cross": "3:4 or 4:3", "latlong": "2:1"}.get(
             layout, "1:6 or 6:1"
         )
-        raise UserError(f"{path}: {width} x {height} cannot be laid out as {layout}, which is {asked}")
+        raise UserError(f"{path}: {width} x {height} cannot be laid out as {layout}, which is {aspect}")
     return layout
 
 
 def clip_negatives(path: Path, pixels: np.ndarray) -> list[str]:
-    """Sets negative values of finite pixels (H, W, 3) to zero, in place; returns what was done, a sentence or none.
-    UserError for a picture that is all black then."""
+    """Sets negative values of finite pixels (H,W,3) to zero, in place.
+
+    Returns:
+        The repair as a sentence, or nothing.
+
+    Raises:
+        UserError: if the picture is black.
+    """
     negative, most = 0, 0.0
     for start in range(0, len(pixels), 256):
         part = pixels[start : start + 256]
@@ -142,8 +155,12 @@ def clip_negatives(path: Path, pixels: np.ndarray) -> list[str]:
     return [f"{negative} of {pixels.shape[0] * pixels.shape[1]} pixels had negative values, set to zero"]
 
 
-def panoramas_in(folder: Path | str) -> list[str]:
-    """The panoramas in a folder and its subfolders, as sorted relative paths; hidden files are no panoramas."""
+def list_panoramas(folder: Path | str) -> list[str]:
+    """Lists the panoramas in a folder and its subfolders, without hidden files, as sorted relative paths.
+
+    Raises:
+        UserError: if the folder does not exist or holds none.
+    """
     folder = Path(folder)
     if not folder.is_dir():
         raise UserError(f"panoramas.folder={folder}: there is no such folder")

@@ -1,95 +1,50 @@
-"""Rooms: indoor panoramas drawn from a seed.
+"""Indoor panoramas from integer seeds.
 
-A room is a box with coloured walls, windows, lamps and furniture, seen by a camera that stands in it. Radiosity gives
-the light (relight.panoramas.radiosity). Plain rooms, darker ones that are lit from one side, and soft ones that are
-pale and lit from all around; lamps from tungsten to daylight, windows by day and by night, and cameras that are set to
-daylight, to lamps, or to the picture itself. The ranges are set so that the statistics of the resulting lights span
-those of measured indoor maps and of the lights that the paper's authors released (docs/lights.md); nothing here needs
-a file.
+A room is a box with coloured walls, windows, lamps and furniture around a camera, rendered by radiosity
+(relight.panoramas.radiosity). There are plain rooms, darker ones that are lit from one side, and soft ones with a high
+albedo that are lit from all around; lamps from tungsten to daylight; windows by day and by night; white balances for
+daylight, for lamps, and by the picture. The ranges are chosen so that the statistics of the lights span those of
+measured indoor panoramas and of the lights that the paper's authors released (docs/lights.md).
 """
-
-from dataclasses import dataclass, field
 
 import numpy as np
 
 from relight.panoramas.colour import blackbody, daylight, luminance
-from relight.panoramas.layouts import latlong_solid_angles
-from relight.panoramas.radiosity import HEIGHT, WIDTH, render
-
-
-@dataclass(frozen=True)
-class Patch:
-    """A lit rectangle in a wall: a window's sky, its ground, or a panel of the ceiling."""
-
-    wall: int  # 2 * axis + side
-    low: np.ndarray  # (3,) metres; low and high agree along the wall's axis
-    high: np.ndarray
-    radiance: np.ndarray  # (3,) linear RGB
-    daylight: bool = False  # the sun shines in through it
-
-
-@dataclass(frozen=True)
-class Lamp:
-    """A glowing sphere."""
-
-    centre: np.ndarray  # (3,) metres
-    radius: float
-    radiance: np.ndarray  # (3,)
-
-
-@dataclass(frozen=True)
-class Box:
-    """A piece of furniture."""
-
-    low: np.ndarray
-    high: np.ndarray
-    albedo: np.ndarray
-
-
-@dataclass
-class Room:
-    """A box from the origin to `size`, metres, y up. Walls are numbered 2 * axis + side: floor 2, ceiling 3."""
-
-    size: np.ndarray
-    camera: np.ndarray
-    albedo: np.ndarray  # (6, 3) of the walls
-    patches: list[Patch] = field(default_factory=list)
-    lamps: list[Lamp] = field(default_factory=list)
-    boxes: list[Box] = field(default_factory=list)
-    sun: tuple[np.ndarray, np.ndarray] | None = None  # direction toward it, and its irradiance on a facing surface
-
+from relight.panoramas.projection import latlong_solid_angles
+from relight.panoramas.radiosity import HEIGHT, WIDTH, AreaLight, Box, Lamp, Room, render_room
 
 UPRIGHT = (0, 1, 4, 5)  # the walls that are neither floor nor ceiling
-CLEARANCE = 0.6  # metres around the camera in which nothing stands or hangs
-KINDS = {"plain": 0.36, "sided": 0.4, "soft": 0.24}  # and their shares
+CLEARANCE = 0.6  # metres around the camera without lamps and furniture
+KINDS = {"plain": 0.36, "sided": 0.4, "soft": 0.24}  # of rooms, with their probabilities
 
 
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    """Draws a number whose logarithm is uniform."""
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
-def draw_room(rng: np.random.Generator) -> Room:
-    """A room of 2.8-14 m, its surfaces, daylight, lamps and furniture; it always has a source of light."""
+def sample_room(rng: np.random.Generator) -> Room:
+    """Draws a room of 2.8 to 14 m with surfaces, daylight, lamps and furniture, and at least one emitter."""
     x, z = log_uniform(rng, 2.8, 14), log_uniform(rng, 2.8, 14)
     y = rng.uniform(2.3, 3.4) if rng.random() < 0.75 else rng.uniform(3.4, 7.0)
     eye = min(rng.uniform(1.1, 1.7), 0.7 * y)
     camera = np.array([x * rng.uniform(0.15, 0.85), eye, z * rng.uniform(0.15, 0.85)])
     kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
-    room = Room(np.array([x, y, z]), camera, draw_albedo(rng, kind))
+    room = Room(np.array([x, y, z]), camera, sample_wall_albedo(rng, kind))
     day = rng.random() < 0.58
     if day:
         add_daylight(room, rng, kind)
     elif rng.random() < 0.5:
         add_night(room, rng)
-    on = {"plain": 0.55, "sided": 0.25, "soft": 0.75}[kind]  # lamps that burn by day
-    if not day or not room.patches or rng.random() < on:
+    lamps = {"plain": 0.55, "sided": 0.25, "soft": 0.75}[kind]  # probability of lamps by day
+    if not day or not room.area_lights or rng.random() < lamps:
         add_lamps(room, rng, kind)
     add_furniture(room, rng)
     return room
 
 
-def draw_albedo(rng: np.random.Generator, kind: str) -> np.ndarray:
-    """(6, 3): walls of one colour with an accent wall here and there, a darker floor, a light ceiling."""
+def sample_wall_albedo(rng: np.random.Generator, kind: str) -> np.ndarray:
+    """Draws the albedo (6,3) of walls: one colour, with a few accent walls, a darker floor and a lighter ceiling."""
     walls = {"plain": (0.2, 0.9), "sided": (0.12, 0.45), "soft": (0.7, 0.92)}[kind]
     floor = {"plain": (0.06, 0.5), "sided": (0.06, 0.35), "soft": (0.25, 0.7)}[kind]
     wall = log_uniform(rng, *walls) * np.array([1, rng.uniform(0.92, 1.0), rng.uniform(0.82, 1.02)])
@@ -104,10 +59,13 @@ def draw_albedo(rng: np.random.Generator, kind: str) -> np.ndarray:
 
 
 def add_daylight(room: Room, rng: np.random.Generator, kind: str) -> None:
-    """Up to four windows, mostly in one wall or in two that face each other, with sky above and ground below; now and
-    then a skylight and the sun. A sided room has them in one wall, a soft one on all sides, behind curtains."""
+    """Adds up to four windows with sky above and ground below, and sometimes a skylight and the sun.
+
+    The windows are mostly in one wall or in two opposite ones; in sided rooms in one wall, in soft rooms on all sides
+    and behind curtains.
+    """
     sky = log_uniform(rng, 2, 40)
-    # Overcast, or the blue of a clear sky.
+    # Overcast or clear sky.
     temperature = rng.uniform(5500, 7500) if rng.random() < 0.7 else log_uniform(rng, 7500, 16000)
     main = rng.choice(UPRIGHT)
     odds = {"plain": (0.55, 0.2, 0.25), "sided": (1.0, 0.0, 0.0), "soft": (0.25, 0.25, 0.5)}[kind]
@@ -115,13 +73,13 @@ def add_daylight(room: Room, rng: np.random.Generator, kind: str) -> None:
     for _ in range(rng.choice(5, p=counts)):
         wall = int(rng.choice((main, main ^ 1, rng.choice(UPRIGHT)), p=odds))
         curtain = 1.0 if kind != "soft" and rng.random() < 0.6 else rng.uniform(0.1, 0.5)
-        tint = daylight(temperature * rng.uniform(0.85, 1.2))  # the sky toward the sun is not that away from it
+        tint = daylight(temperature * rng.uniform(0.85, 1.2))  # the sky's colour varies with the direction
         above = tint * sky * rng.uniform(0.4, 1.0) * curtain
         below = tint * [0.85, 1.0, 0.7] * sky * rng.uniform(0.05, 0.22) * curtain
         add_window(room, rng, wall, above, below)
     if rng.random() < 0.12:
         add_skylight(room, rng, daylight(temperature) * sky)
-    walls = [patch.wall for patch in room.patches if patch.wall in UPRIGHT]
+    walls = [light.wall for light in room.area_lights if light.wall in UPRIGHT]
     if walls and rng.random() < 0.28:
         outward, elevation, azimuth = walls[0], np.radians(rng.uniform(15, 60)), rng.uniform(-1, 1)
         toward = np.zeros(3)
@@ -132,7 +90,7 @@ def add_daylight(room: Room, rng: np.random.Generator, kind: str) -> None:
 
 
 def add_night(room: Room, rng: np.random.Generator) -> None:
-    """One or two windows that are dark, with the glow of a street below."""
+    """Adds one or two dark windows, with the light of a street below."""
     for _ in range(rng.integers(1, 3)):
         above = daylight(9000) * log_uniform(rng, 0.002, 0.02)
         below = blackbody(rng.uniform(2000, 4000)) * log_uniform(rng, 0.005, 0.1)
@@ -140,7 +98,7 @@ def add_night(room: Room, rng: np.random.Generator) -> None:
 
 
 def add_window(room: Room, rng: np.random.Generator, wall: int, above: np.ndarray, below: np.ndarray) -> None:
-    """A window somewhere in a wall: radiance `above` the horizon and `below` it."""
+    """Adds a window at a random place of a wall, with the radiance `above` (3,) the horizon and `below` (3,) it."""
     along = 2 - wall // 2  # a wall across x runs along z and the reverse
     length, height = room.size[along], room.size[1]
     width = min(log_uniform(rng, 0.7, 4.0), 0.8 * length)
@@ -154,24 +112,27 @@ def add_window(room: Room, rng: np.random.Generator, wall: int, above: np.ndarra
             low[wall // 2] = high[wall // 2] = room.size[wall // 2] * (wall % 2)
             low[along], high[along] = start, start + width
             low[1], high[1] = bottom, end
-            room.patches.append(Patch(wall, low, high, radiance, daylight=True))
+            room.area_lights.append(AreaLight(wall, low, high, radiance, daylight=True))
 
 
 def add_skylight(room: Room, rng: np.random.Generator, radiance: np.ndarray) -> None:
+    """Adds a window of this radiance (3,) at a random place of the ceiling."""
     x, y, z = room.size
     side = log_uniform(rng, 0.8, 3)
     sx, sz = min(side, 0.6 * x), min(side, 0.6 * z)
     low = np.array([rng.uniform(0, x - sx), y, rng.uniform(0, z - sz)])
-    room.patches.append(Patch(3, low, low + [sx, 0, sz], radiance, daylight=True))
+    room.area_lights.append(AreaLight(3, low, low + [sx, 0, sz], radiance, daylight=True))
 
 
 def add_lamps(room: Room, rng: np.random.Generator, kind: str) -> None:
-    """A ceiling that is lit all over, two lamps on both sides, ceiling panels in a grid, or lamps one by one; a sided
-    room has a lamp or two, a soft one light from all over."""
-    temperature = draw_temperature(rng)
-    power = log_uniform(rng, 0.3, 3.0) * room.size[0] * room.size[2] * 6  # a room's lighting grows with its floor
-    chances = {"plain": (0.2, 0.12, 0.36, 0.32), "sided": (0.0, 0.0, 0.15, 0.85), "soft": (0.5, 0.0, 0.3, 0.2)}[kind]
-    way = rng.choice(4, p=chances)
+    """Adds a luminous ceiling, two lamps on opposite sides, panels in the ceiling, or single lamps.
+
+    Sided rooms get one or two lamps or panels, soft rooms many lamps or light from the whole ceiling.
+    """
+    temperature = sample_temperature(rng)
+    power = log_uniform(rng, 0.3, 3.0) * room.size[0] * room.size[2] * 6  # proportional to the floor's area
+    odds = {"plain": (0.2, 0.12, 0.36, 0.32), "sided": (0.0, 0.0, 0.15, 0.85), "soft": (0.5, 0.0, 0.3, 0.2)}[kind]
+    way = rng.choice(4, p=odds)
     if way == 0:
         add_bright_ceiling(room, rng, blackbody(temperature) * power)
     elif way == 1:
@@ -180,29 +141,29 @@ def add_lamps(room: Room, rng: np.random.Generator, kind: str) -> None:
         add_panels(room, rng, blackbody(temperature) * power)
     else:
         count = {"plain": rng.integers(1, 7), "sided": rng.integers(1, 3), "soft": rng.integers(5, 13)}[kind]
-        add_some_lamps(room, rng, temperature, power, int(count), low=0.7 if kind == "sided" else 0.25)
+        add_single_lamps(room, rng, temperature, power, int(count), low=0.7 if kind == "sided" else 0.25)
     if way in (1, 3) and not room.lamps:  # all of them were close to the camera
         x, _, z = np.where(room.camera < room.size / 2, 0.8, 0.2) * room.size
         add_lamp(room, rng, np.array([x, room.size[1] - 0.2, z]), 0.1, temperature, power)
 
 
-def draw_temperature(rng: np.random.Generator) -> float:
-    """Kelvin of a lamp: candle and tungsten, halogen and warm white, neutral white, or daylight."""
+def sample_temperature(rng: np.random.Generator) -> float:
+    """Draws the temperature of a lamp in kelvin: candle and tungsten, halogen and warm white, neutral, or daylight."""
     ranges = ((2300, 2900), (2900, 3500), (3500, 4500), (4500, 6500))
     return float(rng.uniform(*ranges[rng.choice(4, p=(0.18, 0.47, 0.2, 0.15))]))
 
 
 def add_bright_ceiling(room: Room, rng: np.random.Generator, power: np.ndarray) -> None:
-    """Coves, uplights or a luminous ceiling, in a room that is not dark: light that is broad, and directed for all."""
+    """Adds an area light that nearly fills the ceiling, and raises the walls' albedo: broad light from above."""
     room.albedo[list(UPRIGHT)] = np.maximum(room.albedo[list(UPRIGHT)], rng.uniform(0.35, 0.75))
     low, high = np.array([0, room.size[1], 0]), room.size.copy()
     margin = rng.uniform(0.02, 0.12) * room.size * [1, 0, 1]
     low, high = low + margin, high - margin
-    room.patches.append(Patch(3, low, high, power / ((high - low)[0] * (high - low)[2] * np.pi)))
+    room.area_lights.append(AreaLight(3, low, high, power / ((high - low)[0] * (high - low)[2] * np.pi)))
 
 
 def add_two_lamps(room: Room, rng: np.random.Generator, temperature: float, power: float) -> None:
-    """Two lamps on opposite sides of where one stands, in a dark room: light with more structure than direction."""
+    """Adds two lamps on opposite sides of the camera and darkens the room: light with a strong second band."""
     room.albedo *= rng.uniform(0.25, 0.6)
     heading = rng.uniform(0, 2 * np.pi)
     for turn, share in ((0.0, 1.0), (np.pi + rng.normal(0, 0.4), rng.uniform(0.35, 0.8))):
@@ -212,7 +173,7 @@ def add_two_lamps(room: Room, rng: np.random.Generator, temperature: float, powe
 
 
 def add_panels(room: Room, rng: np.random.Generator, power: np.ndarray) -> None:
-    """Panels in the ceiling, in a grid, some of them dead."""
+    """Adds panels in a grid in the ceiling, some of them off."""
     x, y, z = room.size
     nx, nz = (int(np.clip(side / rng.uniform(1.8, 3.5), 1, 5)) for side in (x, z))
     sx, sz = min(rng.choice([0.3, 0.6, 0.6]), 0.8 * x / nx), min(rng.choice([0.6, 1.2, 1.2]), 0.8 * z / nz)
@@ -223,13 +184,13 @@ def add_panels(room: Room, rng: np.random.Generator, power: np.ndarray) -> None:
         if works[i, j]:
             centre = np.array([(i + 0.5) * x / nx, y, (j + 0.5) * z / nz])
             half = np.array([sx / 2, 0, sz / 2])
-            room.patches.append(Patch(3, centre - half, centre + half, radiance))
+            room.area_lights.append(AreaLight(3, centre - half, centre + half, radiance))
 
 
-def add_some_lamps(
+def add_single_lamps(
     room: Room, rng: np.random.Generator, temperature: float, power: float, count: int, low: float
 ) -> None:
-    """Lamps that hang or, a share `low` of them, stand or sit on a wall; none is close to the camera."""
+    """Adds lamps that hang or, a share `low` of them, stand or are mounted on a wall; none close to the camera."""
     x, y, z = room.size
     radius = rng.choice([0.06, 0.08, 0.15, 0.22])
     for _ in range(count):
@@ -248,15 +209,17 @@ def add_some_lamps(
 def add_lamp(
     room: Room, rng: np.random.Generator, centre: np.ndarray, radius: float, temperature: float, power: float
 ) -> None:
-    """A lamp unless it is close to the camera. Its colour strays a little from the others', and one in six has a
-    colour of its own."""
-    own = draw_temperature(rng) if rng.random() < 1 / 6 else temperature * rng.uniform(0.93, 1.07)
+    """Adds a lamp unless it is close to the camera.
+
+    Its temperature is near the given one; one lamp in six has a random temperature.
+    """
+    own = sample_temperature(rng) if rng.random() < 1 / 6 else temperature * rng.uniform(0.93, 1.07)
     if np.linalg.norm(centre - room.camera) - radius > CLEARANCE:
         room.lamps.append(Lamp(centre, radius, blackbody(own) * power / (4 * np.pi**2 * radius**2)))
 
 
 def add_furniture(room: Room, rng: np.random.Generator) -> None:
-    """Up to seven boxes on the floor, most of them against a wall, none close to the camera or under it."""
+    """Adds up to seven boxes on the floor, most of them against a wall, none close to the camera or below it."""
     for _ in range(rng.integers(0, 8)):
         tall = rng.random() < 0.25
         size = [
@@ -275,14 +238,17 @@ def add_furniture(room: Room, rng: np.random.Generator) -> None:
             room.boxes.append(Box(low, low + size, albedo))
 
 
-def room(seed: int) -> np.ndarray:
-    """The panorama of room number `seed`: (64, 128, 3) float32 lat-long, linear, centre toward -z, pixel centres.
+def generate_room(seed: int) -> np.ndarray:
+    """Generates the panorama of a room.
 
-    The exposure is log-normal, as a photographer's is; so one room in fourteen is darker at the front than the paper's
-    threshold of 0.2.
+    The exposure is log-normal, like a photographer's, so that one room in fourteen has a reference brightness below the
+    paper's threshold of 0.2.
+
+    Returns:
+        (64,128,3) float32 lat-long, linear, -z at the centre, samples at pixel centres.
     """
     rng = np.random.default_rng([seed, 0x100])
-    pixels = render(draw_room(rng))
+    pixels = render_room(sample_room(rng))
     weight = latlong_solid_angles(HEIGHT, WIDTH)[:, None, None] / (4 * np.pi)
     pixels = pixels * white_balance(rng, (pixels * weight).sum((0, 1)))
     exposure = np.exp(rng.normal(np.log(0.28), 0.6)) / luminance((pixels * weight).sum((0, 1)))
@@ -290,10 +256,10 @@ def room(seed: int) -> np.ndarray:
 
 
 def white_balance(rng: np.random.Generator, mean: np.ndarray) -> np.ndarray:
-    """Gains (3,) of the channels of a camera that sees light of this mean colour (3,).
+    """Draws the white balance of a camera, as gains (3,) of its channels.
 
-    It is set to daylight, so that lamps stay as warm as they are; or to lamps, so that daylight turns blue; or by the
-    picture itself, which takes most of a cast away. Each errs a little.
+    It is set for daylight, which keeps lamps warm; or for lamps, which makes daylight blue; or by the mean colour (3,)
+    of the picture, which removes most of a cast. All have a random error.
     """
     way = rng.choice(3, p=(0.66, 0.04, 0.3))
     if way == 0:

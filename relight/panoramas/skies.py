@@ -1,29 +1,34 @@
-"""Skies: outdoor panoramas drawn from a seed.
+"""Outdoor panoramas from integer seeds.
 
-Luminance is the CIE general sky (Kittler, Perez, Darula 1998; ISO 15469) under a sun whose beam air has attenuated; the
-skyline and the ground below it are lit by both. Overcast, broken, hazy and clear days, sun from 3 to 70 degrees high.
+The luminance is that of the CIE general sky (Kittler, Perez, Darula 1998; ISO 15469), with a sun that the atmosphere
+attenuates; skyline and ground are lit by both. There are overcast, broken, hazy and clear days, with the sun 3 to 70
+degrees high.
 """
 
 import numpy as np
 
 from relight.panoramas.colour import blackbody, daylight, luminance
-from relight.panoramas.layouts import latlong_solid_angles
+from relight.panoramas.projection import latlong_solid_angles
 from relight.panoramas.radiosity import HEIGHT, WIDTH, view_directions
 
-# Standard skies of ISO 15469: gradation a, b and scattering c, d, e; then how much of the sun's beam comes through.
+# Standard skies of ISO 15469: gradation a, b and scattering c, d, e; then the share of the sun's beam that passes.
 SKIES = {
     "overcast": ((4.0, -0.70, 0.0, -1.0, 0.0), 0.0),
     "broken": ((0.0, -1.0, 5.0, -2.5, 0.30), 0.35),
     "hazy": ((-1.0, -0.55, 10.0, -3.0, 0.45), 0.55),
     "clear": ((-1.0, -0.32, 10.0, -3.0, 0.45), 0.85),
 }
-CHANCES = (0.25, 0.25, 0.2, 0.3)
+ODDS = (0.25, 0.25, 0.2, 0.3)
 
 
-def sky(seed: int) -> np.ndarray:
-    """The panorama of sky number `seed`: (64, 128, 3) float32 lat-long, linear, centre toward -z, pixel centres."""
+def generate_sky(seed: int) -> np.ndarray:
+    """Generates the panorama of a sky.
+
+    Returns:
+        (64,128,3) float32 lat-long, linear, -z at the centre, samples at pixel centres.
+    """
     rng = np.random.default_rng([seed, 0x5C1])
-    kind = list(SKIES)[rng.choice(len(SKIES), p=CHANCES)]
+    kind = list(SKIES)[rng.choice(len(SKIES), p=ODDS)]
     (a, b, c, d, e), beam = SKIES[kind]
     direction = view_directions()
     weight = np.repeat(latlong_solid_angles(HEIGHT, WIDTH), WIDTH)
@@ -45,7 +50,7 @@ def sky(seed: int) -> np.ndarray:
     white = 1.0 if kind == "overcast" else np.clip(1.1 * np.exp(-2.5 * angle), 0, 1)[:, None]
     image = bright[:, None] * (blue * (1 - white) + daylight(6300) * white)
 
-    # Beam on a facing surface over the sky's illuminance on the ground: about 5 at noon, nothing at the horizon.
+    # Illuminance of the beam on a facing surface over that of the sky on the ground: about 5 at noon, 0 at the horizon.
     air = 1 / (np.sin(elevation) + 0.15 * (np.degrees(elevation) + 3.885) ** -1.253)
     strength = 7 * beam * np.exp(-0.21 * air) * rng.uniform(0.6, 1.2)
     shine = blackbody(2200 + 3400 * (1 - np.exp(-np.degrees(elevation) / 16))) * strength
@@ -62,7 +67,7 @@ def sky(seed: int) -> np.ndarray:
         [rng.uniform(0.85, 1.15), 1.0, rng.uniform(0.55, 1.0)]
     )
     image[~above] = ground / np.pi * ground_light
-    # Whatever stands on the horizon is upright: half the sky, and the beam by the cosine to its face toward us.
+    # What stands on the horizon is upright: lit by half the sky, and by the beam on its side toward the camera.
     hidden = above & (direction[:, 1] <= horizon)
     facing = np.maximum(-direction[hidden] * [1, 0, 1] @ sun, 0)[:, None]
     image[hidden] = rng.uniform(0.08, 0.4) / np.pi * (0.5 * lit_sky + 0.3 * image[~above][0] * np.pi + facing * shine)
@@ -72,7 +77,7 @@ def sky(seed: int) -> np.ndarray:
 
 
 def clouds(rng: np.random.Generator, direction: np.ndarray) -> np.ndarray:
-    """Cover (N,), 0 to 1, of clouds on a plane above: a few octaves of random waves."""
+    """Draws the cover (N,) in [0,1] of clouds on a plane above, as a few octaves of random waves."""
     place = direction[:, [0, 2]] / np.maximum(direction[:, 1:2], 0.06)
     height = np.zeros(len(place))
     for octave in range(5):
@@ -85,7 +90,7 @@ def clouds(rng: np.random.Generator, direction: np.ndarray) -> np.ndarray:
 
 
 def skyline(rng: np.random.Generator, direction: np.ndarray) -> np.ndarray:
-    """Height (N,), as sine of elevation, of what stands on the horizon in each direction; open land has nothing."""
+    """Draws the height (N,) of the skyline in each direction, as sine of the elevation."""
     azimuth = np.arctan2(direction[:, 0], direction[:, 2])
     height = np.full(len(azimuth), 0.01)
     for _ in range(rng.integers(0, 14)):

@@ -12,6 +12,7 @@ from pathlib import Path
 
 from relight import __version__
 from relight.files import UserError, writable_folder
+from relight.photos.mask import automatic_model
 from relight.photos.movie import photos_in
 from relight.photos.photo import Wish, relight_file
 from relight.photos.save import save_json
@@ -136,7 +137,8 @@ def _mask_in(masks: Path, photo: Path) -> Path:
 
 def _seal(wish: Wish, photo: Path, mask: Path | None, weights: Path | None) -> str:
     """A digest of all that the results depend on; files count by size and time."""
-    files = [photo, mask, weights, wish.light, wish.background, wish.light_mask, wish.mask_model]
+    model = automatic_model(wish.mask_model)
+    files = [photo, mask, weights, wish.light, wish.background, wish.light_mask, model]
     stamps = []
     for path in files:
         stat = Path(path).stat() if path and Path(path).is_file() else None

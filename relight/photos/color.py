@@ -96,13 +96,13 @@ def _ramp(linear: np.ndarray) -> np.ndarray:
 _EDGES = decode((np.arange(255) + 0.5) / 255).astype(np.float32)
 _TOP = float(_EDGES[-1]) * 1.0001
 _STEPS = 1 << 15  # cells of the lookup table; a cell holds at most one edge above 0.001, so one comparison settles it
-_CELLS = np.searchsorted(_EDGES, (np.arange(_STEPS + 1) / _STEPS) ** 2 * _TOP, side="right").astype(np.int16)
+_CELLS = np.searchsorted(_EDGES, (np.arange(_STEPS + 1) / _STEPS) ** 2 * _TOP, side="right").astype(np.uint8)
 _PADDED = np.append(_EDGES, np.float32(np.inf))
 
 
 def to_srgb8(linear: np.ndarray) -> np.ndarray:
     """Linear values -> 8-bit sRGB, clipped; the inverse of LINEAR. By a table over sqrt(value) and one comparison."""
-    values = np.nan_to_num(np.asarray(linear, np.float32), nan=0.0, posinf=_TOP, neginf=0.0)
-    cell = (np.sqrt(np.clip(values, 0.0, _TOP) / np.float32(_TOP)) * np.float32(_STEPS - 1)).astype(np.int32)
+    values = np.fmax(np.asarray(linear, np.float32), np.float32(0))  # fmax: what is not a number is 0
+    cell = np.sqrt(np.minimum(values, np.float32(_TOP)) * np.float32((_STEPS - 1) ** 2 / _TOP)).astype(np.int16)
     low = _CELLS[cell]
-    return (low + (values >= _PADDED[low])).astype(np.uint8)
+    return low + (values >= _PADDED[low])

@@ -1,4 +1,4 @@
-"""The commands `photo`, `transfer`, `movie` and `export`. Imports of torch wait until one of them runs."""
+"""The commands `photo`, `transfer`, `movie`, `export` and `mask`. Imports of torch wait until one of them runs."""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,18 +6,20 @@ from typing import Annotated
 import typer
 
 app = typer.Typer()
+mask_app = typer.Typer(help="Automatic masks: set up once, and draw one to correct it.", no_args_is_help=True)
 
 LightText = Annotated[
     str, typer.Option("--light", "-l", help="Panorama, light file, room:N, key:#RRGGBB@AZIMUTH,ELEVATION, or a photo.")
 ]
 MaskPath = Annotated[Path | None, typer.Option("--mask", "-m", help="White on the people; same size as the photo.")]
 LightMask = Annotated[Path | None, typer.Option(help="Mask of the photo that --light names.")]
-MaskModel = Annotated[Path | None, typer.Option(help="ONNX model for automatic masks (rembg), instead of its own.")]
+MaskModel = Annotated[Path | None, typer.Option(help="ONNX network of rembg's kind for automatic masks.")]
 Mode = Annotated[str, typer.Option(help="ratio: keeps every detail of the photo; full: albedo times shading.")]
 BackgroundText = Annotated[
     str, typer.Option("--background", "-b", help="keep, transparent, panorama, a colour (#334455), or a picture.")
 ]
 Blur = Annotated[float, typer.Option(min=0, max=60, help="Blur of a panorama behind, degrees.")]
+Shadow = Annotated[bool, typer.Option("--shadow/--no-shadow", help="Shadows on the ground of a new background.")]
 Turn = Annotated[float, typer.Option(help="Turn of the light about the vertical, degrees.")]
 Stops = Annotated[float, typer.Option(min=-8, max=8, help="Brighter by so many stops.")]
 Absolute = Annotated[bool, typer.Option("--absolute", help="The light's own strength, not matched to the photo.")]
@@ -27,7 +29,10 @@ Yaw = Annotated[float, typer.Option(help="Correction of a panorama's front, degr
 Flip = Annotated[bool, typer.Option("--flip", help="The panorama is mirrored.")]
 UpsideDown = Annotated[bool, typer.Option("--upside-down", help="The panorama's rows are from the bottom up.")]
 Convention = Annotated[str | None, typer.Option(help="Of a file of coefficients without a stated convention.")]
-Weights = Annotated[Path | None, typer.Option("--weights", "-w", help="A checkpoint (.safetensors) of relight.")]
+Weights = Annotated[
+    Path | None,
+    typer.Option("--weights", "-w", help="A checkpoint (.safetensors) of relight, or models:/relight@photo of MLflow."),
+]
 Size = Annotated[int, typer.Option(min=16, max=4096, help="Pixels of the longer side, at most.")]
 DEFAULT = "room:7"
 
@@ -43,6 +48,7 @@ def photo(
     mode: Mode = "ratio",
     background: BackgroundText = "keep",
     blur: Blur = 0.0,
+    shadow: Shadow = True,
     turn: Turn = 0.0,
     stops: Stops = 0.0,
     absolute: Absolute = False,
@@ -68,6 +74,7 @@ def photo(
         mode=mode,
         background=background,
         blur=blur,
+        shadow=shadow,
         turn=turn,
         stops=stops,
         match=not absolute,
@@ -106,6 +113,7 @@ def transfer(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the two results.")] = Path("transfer"),
     mode: Mode = "ratio",
     background: BackgroundText = "keep",
+    shadow: Shadow = True,
     stops: Stops = 0.0,
     mask_model: MaskModel = None,
     weights: Weights = None,
@@ -114,7 +122,7 @@ def transfer(
     from relight.photos.api import load
     from relight.photos.photo import Wish, swap
 
-    wish = Wish(mode=mode, background=background, stops=stops, mask_model=_text(mask_model))
+    wish = Wish(mode=mode, background=background, shadow=shadow, stops=stops, mask_model=_text(mask_model))
     for path in swap(load(weights), (first, second), (first_mask, second_mask), out, wish):
         print(path)
 
@@ -134,6 +142,7 @@ def movie(
     mode: Mode = "ratio",
     background: BackgroundText = "keep",
     blur: Blur = 0.0,
+    shadow: Shadow = True,
     turn: Turn = 0.0,
     stops: Stops = 0.0,
     absolute: Absolute = False,
@@ -163,6 +172,7 @@ def movie(
         mode=mode,
         background=background,
         blur=blur,
+        shadow=shadow,
         turn=turn,
         stops=stops,
         match=not absolute,
@@ -191,6 +201,37 @@ def export(
 
     difference = write(load(weights).network, out)
     print(f"{out}: differs from torch by {difference:.1e} at most")
+
+
+@mask_app.command("setup")
+def mask_setup(
+    wheel: Annotated[
+        Path | None, typer.Option("--from", help="A wheel of mediapipe 0.10.21, instead of the index.")
+    ] = None,
+) -> None:
+    """Fetches the built-in network for masks, once: 249 KB of the package mediapipe (Apache-2.0), with the licence."""
+    from relight.photos.selfie import setup
+
+    if wheel is None:
+        print("downloading mediapipe 0.10.21 (36 MB), of which 249 KB are kept", flush=True)
+    print(f"{setup(wheel)}: photos without a mask get one from now on")
+
+
+@mask_app.command("draw")
+def mask_draw(
+    path: Annotated[Path, typer.Argument(help="A photo.", metavar="PHOTO")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="The mask; PHOTO_mask.png beside it if none.")] = None,
+    mask_model: MaskModel = None,
+) -> None:
+    """Writes the automatic mask of a photo, to be corrected with a paint program; beside the photo it is found."""
+    from relight.files import writable_file
+    from relight.photos.mask import automatic
+    from relight.photos.read import read_photo
+    from relight.photos.save import save_picture
+
+    out = writable_file(out or path.with_name(f"{path.stem}_mask.png"), "--out")
+    save_picture(out, automatic(read_photo(path), mask_model))
+    print(out)
 
 
 def _text(path: Path | None) -> str | None:

@@ -4,9 +4,9 @@ import numpy as np
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
-from relight.panoramas.layouts import FACES, cut_faces
-from relight.panoramas.panorama import Panorama
-from relight.sh.rotation import about_y
+from relight.panoramas import Panorama
+from relight.panoramas.projection import CUBE_FACES, cut_faces
+from relight.sh import rotation_about_y
 
 VIEW = 50.0  # degrees that the longer side of a photo sees: a 38 mm lens on 35 mm film
 
@@ -15,7 +15,7 @@ def see(panorama: Panorama, shape: tuple[int, int], turn: float = 0.0, blur: flo
     """What the photo's camera sees: (H,W,3) float32, linear, in the panorama's units.
 
     The camera stands on +z, looks along -z and sees VIEW degrees along its longer side; the panorama is turned by
-    `turn` radians about the vertical like the light (relight.sh.rotation.about_y). blur: standard deviation in
+    `turn` radians about the vertical like the light (relight.sh.rotation_about_y). blur: standard deviation in
     degrees, at least half a pixel of the panorama, so that small ones do not show as blocks.
     """
     height, width = shape
@@ -27,7 +27,8 @@ def see(panorama: Panorama, shape: tuple[int, int], turn: float = 0.0, blur: flo
         (np.arange(step / 2, width + step / 2, step) - width / 2) / focal,
         indexing="ij",
     )
-    view = lookup(panorama, np.stack([x, y, np.full_like(x, -1.0)], -1) @ about_y(turn))  # R^T d: whence it was turned
+    directions = np.stack([x, y, np.full_like(x, -1.0)], -1)
+    view = lookup(panorama, directions @ rotation_about_y(turn))  # R^T d: whence it was turned
     if sigma > 1:
         view = gaussian_filter(view, (sigma / step, sigma / step, 0), mode="nearest")
     if step > 1:
@@ -46,7 +47,7 @@ def pitch(panorama: Panorama) -> float:
 
 def lookup(panorama: Panorama, directions: np.ndarray) -> np.ndarray:
     """The radiance (...,3) float32 that arrives from `directions` (...,3), any length, by bilinear interpolation."""
-    directions = directions @ about_y(np.radians(panorama.yaw))
+    directions = directions @ rotation_about_y(np.radians(panorama.yaw))
     if panorama.flip:
         directions = directions * np.array([-1, 1, 1])
     x, y, z = np.moveaxis(directions / np.linalg.norm(directions, axis=-1, keepdims=True), -1, 0)
@@ -67,9 +68,9 @@ def lookup(panorama: Panorama, directions: np.ndarray) -> np.ndarray:
     nearest = np.full(x.shape, -np.inf)
     faces = cut_faces(pixels, panorama.layout)
     for name in faces:  # the face whose axis is nearest is the one that a direction meets
-        nearest = np.maximum(nearest, np.stack([x, y, z], -1) @ np.array(FACES[name][0], float))
+        nearest = np.maximum(nearest, np.stack([x, y, z], -1) @ np.array(CUBE_FACES[name][0], float))
     for name, face in faces.items():
-        axis, right, down = np.array(FACES[name], float)
+        axis, right, down = np.array(CUBE_FACES[name], float)
         on = np.stack([x, y, z], -1) @ axis >= nearest
         d = np.stack([x[on], y[on], z[on]], -1)
         depth = d @ axis

@@ -11,9 +11,7 @@ from torch import Tensor, nn
 from torch.export import Dim
 
 from relight.files import UserError, whole
-from relight.learning.blocks import InstanceNorm
-from relight.learning.heads import Refinement
-from relight.learning.networks import STRIDE, Network, with_transport
+from relight.learning.networks import STRIDE, InstanceNorm, Network, Refinement, with_transport
 
 INPUTS = ("image", "mask")
 OUTPUTS = ("albedo", "transport", "light")

@@ -17,10 +17,10 @@ from relight.photos.mask import mask_of
 from relight.photos.movie import is_movie, pictures_in, read_frames, write_movie
 from relight.photos.photo import Wish, lit
 from relight.photos.read import Photo, read_photo
-from relight.photos.render import compose, coverage_of, layers, relight_maps, render
+from relight.photos.render import compose, ground_of, layers, relight_maps, render
 from relight.photos.source import Source, mask_beside
 from relight.progress import progress
-from relight.sh.rotation import rotate_y
+from relight.sh import rotate_y
 
 
 def turning(
@@ -32,15 +32,32 @@ def turning(
     count: int,
     turns: float = 1,
 ) -> Iterator[np.ndarray]:
-    """`count` frames (H,W,3) uint8 of a photo whose light makes `turns` turns; the last leads on to the first."""
+    """`count` frames (H,W,3) uint8 of a photo whose light makes `turns` turns; the last leads on to the first.
+
+    Only the part that the light changes is computed anew: the figures, the ground under them, or all of a panorama.
+    """
     shape = pixels.shape[:2]
-    whole = layers(pixels, coverage_of(figures), 0, len(pixels))
-    still = behind.linear(shape) if behind.kind in ("color", "picture") else None
+    floor = ground_of(figures) if behind.replaced and behind.shadow else None
+    still = behind.linear(shape, stops=wish.stops) if behind.kind in ("color", "picture") else None
+    windows = [(figure.frame.rows, figure.frame.columns) for figure in figures]
+    windows += [(floor.rows, floor.columns)] if floor else []
+    if behind.kind == "panorama":
+        windows = [((0, shape[0]), (0, shape[1]))]
+    rows, columns = ((min(a for a, _ in spans), max(b for _, b in spans)) for spans in zip(*windows))
+    window = slice(*rows), slice(*columns)
+    part = layers(pixels, figures, rows, columns)
+    frame = pixels.copy() if still is None else to_srgb8(still)
     for i in range(count):
         turn = np.radians(wish.turn) + 2 * np.pi * turns * i / count
-        maps = relight_maps(figures, rotate_y(light, turn).astype(np.float32), wish.mode)
-        scene = behind.linear(shape, turn, wish.stops) if behind.kind == "panorama" else still
-        yield to_srgb8(compose(whole, figures, maps, scene, wish.stops))
+        turned = rotate_y(light, turn).astype(np.float32)
+        scene = None if still is None else still[window].copy()
+        if behind.kind == "panorama":
+            scene = behind.linear(shape, turn, wish.stops)
+        if floor:
+            floor.darken(scene, turned, rows[0], columns[0])
+        frame = frame.copy()
+        compose(frame[window], part, relight_maps(figures, turned, wish.mode), scene, wish.stops)
+        yield frame
 
 
 def relit_clip(

@@ -61,9 +61,16 @@ class Frame:
             )
         return out[..., 0] if out.shape[2] == 1 else out
 
-    def place(self, maps: np.ndarray, rows: tuple[int, int] | None = None, cubic: bool = True) -> np.ndarray:
+    def place(
+        self,
+        maps: np.ndarray,
+        rows: tuple[int, int] | None = None,
+        cubic: bool = True,
+        where: np.ndarray | None = None,
+    ) -> np.ndarray:
         """(size,size) or (size,size,C) -> (h,w[,C]) float32 at the photo's pixels in `self.window`.
 
+        where: flat indices (N,) into (h,w), to get only those pixels, (N[,C]).
         rows: only these rows of the photo (half-open, within self.rows), for pictures too large to hold at once;
         strips equal the whole but for rounding. cubic: when enlarging; else linear, which is cheaper and does not ring.
         """
@@ -75,10 +82,12 @@ class Frame:
         shape = (self.columns[1] - self.columns[0], last - first)
         kind = Image.Resampling.BICUBIC if scale < 1 and cubic else Image.Resampling.BILINEAR
         maps = maps if maps.ndim == 3 else maps[..., None]
-        out = np.empty((maps.shape[2], shape[1], shape[0]), np.float32)  # channel by channel, as it is filled and read
+        size = (shape[1], shape[0]) if where is None else where.shape
+        out = np.empty((maps.shape[2], *size), np.float32)  # channel by channel, as it is filled and read
         for channel in range(maps.shape[2]):
             padded = np.pad(maps[..., channel].astype(np.float32), margin, mode="edge")
-            out[channel] = np.asarray(Image.fromarray(padded).resize(shape, kind, box))
+            placed = np.asarray(Image.fromarray(padded).resize(shape, kind, box))
+            out[channel] = placed if where is None else placed.ravel()[where]
         return out[0] if len(out) == 1 else np.moveaxis(out, 0, -1)
 
     def _beyond(self, scale: float) -> int:

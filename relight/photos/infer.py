@@ -8,9 +8,9 @@ import numpy as np
 from relight.learning.networks import Network
 from relight.learning.predict import predict
 from relight.photos.color import chroma
-from relight.photos.frame import SOLID, Frame, extend, frame
+from relight.photos.frame import SOLID, Frame, frame
 from relight.photos.relight import floor_of, ratio, shading
-from relight.photos.upsample import Fitted, fitted, from_inside, luma, root
+from relight.photos.upsample import Fitted, Guide, fitted, from_inside, luma, root
 from relight.srgb import LINEAR, decode, encode
 
 OPAQUE = 240  # coverage (of 255) from which a pixel shows hardly anything but the figure
@@ -35,7 +35,7 @@ class Figure:
     light: np.ndarray
     gamma: float = 1.0
 
-    @property
+    @cached_property
     def shading(self) -> np.ndarray:
         """(S,S,3) under the inferred light."""
         return shading(self.transport, self.light)
@@ -50,18 +50,20 @@ class Figure:
         """For mode `ratio`: the factor on the photo's linear values under `light`."""
         old = self.shading
         gain = ratio(old, shading(self.transport, light), floor_of(old, self.mask))
-        return fitted(gain**self.gamma, luma(self.guide), self.mask)
+        return fitted(gain**self.gamma, self.grey)
 
+    @cached_property
     def fitted_albedo(self) -> Fitted:
         """The square root of the linear albedo: near to linear in that of the photo, wherever the light is even."""
-        return fitted(root(self._linear(self.albedo)), self.guide, self.mask, fine=True)
+        return fitted(root(self._linear(self.albedo)), self.colors, fine=True)
 
     def fitted_shading(self, light: np.ndarray) -> Fitted:
         """For mode `full`: the shading under `light`, as a factor on linear values."""
-        return fitted(shading(self.transport, light) ** self.gamma, luma(self.guide), self.mask)
+        return fitted(shading(self.transport, light) ** self.gamma, self.grey)
 
+    @cached_property
     def fitted_transport(self) -> Fitted:
-        return fitted(self.transport, luma(self.guide), self.mask)
+        return fitted(self.transport, self.grey)
 
     def detail(self, linear: np.ndarray, rows: tuple[int, int]) -> np.ndarray:
         """(h,w,3): what the guide of the photo's own pixels has beyond that of the square.
@@ -71,12 +73,17 @@ class Figure:
         """
         solid = self.coverage[slice(*rows), slice(*self.frame.columns)].astype(np.float32)
         solid = np.maximum(solid - OPAQUE, 0)[..., None] / (255 - OPAQUE)
-        return (root(linear) - self.frame.place(extend(self.guide, self.mask), rows)) * solid
+        return (root(linear) - self.frame.place(self.colors.extended(self.colors.values), rows)) * solid
 
     @cached_property
-    def guide(self) -> np.ndarray:
-        """(S,S,3) on the square, by which maps are brought to the photo's pixels (relight.photos.upsample)."""
-        return root(self._linear(self.image))
+    def colors(self) -> Guide:
+        """By which albedo is brought to the photo's pixels."""
+        return Guide(root(self._linear(self.image)), self.mask)
+
+    @cached_property
+    def grey(self) -> Guide:
+        """By which all other maps are."""
+        return Guide(luma(root(self._linear(self.image))), self.mask)
 
     @cached_property
     def chroma(self) -> np.ndarray:

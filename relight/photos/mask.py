@@ -1,34 +1,34 @@
 """Where the figures are: the mask of a photo, and one coverage map per person in it."""
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from PIL import Image
 from scipy.ndimage import distance_transform_edt, label
 
 from relight.files import UserError
+from relight.photos import selfie, u2net
 from relight.photos.frame import SOLID
 from relight.photos.read import Photo, read_mask
 
 if TYPE_CHECKING:
     from relight.photos.infer import Figure
 
-MODEL = "u2net_human_seg"
-SIDE = 320  # pixels that it sees
-MEAN, DEVIATION = np.array([0.485, 0.456, 0.406], np.float32), np.array([0.229, 0.224, 0.225], np.float32)
 LEAST = 8  # pixels: a figure smaller than this in both directions is dirt
 # Of a figure's height: a head is at least so wide and so high, a raised arm is thinner.
 HEAD_WIDTH, HEAD_HEIGHT = 0.085, 0.06
+AUTOMATIC = (
+    "the mask is automatic, and misses hands, hats and bags at times: `relight mask draw` writes it for correction"
+)
 SIDES = {"upper": np.s_[0], "lower": np.s_[-1], "left": np.s_[:, 0], "right": np.s_[:, -1]}
 
 
 def mask_of(photo: Photo, path: Path | str | None = None, model: Path | str | None = None) -> np.ndarray:
     """Coverage (H,W) uint8 of a photo: the mask file, else the photo's alpha, else an automatic mask.
 
-    model: an ONNX segmentation model of rembg's kind, for the automatic mask. Raises UserError.
+    model: an ONNX segmentation model of rembg's kind, for the automatic mask instead of `automatic_model`'s choice.
+    Raises UserError.
     """
     if path is not None:
         mask = read_mask(path, photo.pixels.shape[:2])
@@ -47,49 +47,28 @@ def mask_of(photo: Photo, path: Path | str | None = None, model: Path | str | No
 
 
 def automatic(photo: Photo, model: Path | str | None = None) -> np.ndarray:
-    """Coverage by a segmentation network of rembg's kind (U2-Net: 320 x 320, ImageNet's mean and deviation).
-
-    rembg fetches its model once, when the user says so; it is run here, without rembg's own start of half a minute.
-    Nothing is downloaded. Raises UserError when the model or onnxruntime is missing.
-    """
-    help_ = "give --mask FILE (white on the person) or a PNG with an alpha channel"
-    path = Path(model) if model else fetched_model()
-    if path is None or not path.is_file():
+    """Coverage (H,W) uint8 by the network that `automatic_model` names. Raises UserError."""
+    path = automatic_model(model)
+    if path is None:
         raise UserError(
-            f"photo {photo.name} has no mask: {help_}; or for automatic masks run once: "
-            f"pip install 'relight[mask]' && rembg d {MODEL}"
+            f"photo {photo.name} has no mask: for automatic masks run `relight mask setup` once; or give --mask FILE "
+            "(white on the person) or a PNG with an alpha channel"
         )
-    try:
-        import onnxruntime
-    except ImportError:
-        raise UserError(f"automatic masks need onnxruntime: pip install 'relight[mask]', or {help_}") from None
-    image = np.asarray(Image.fromarray(photo.pixels).resize((SIDE, SIDE), Image.Resampling.LANCZOS), np.float32)
-    image = (image / max(float(image.max()), 1.0) - MEAN) / DEVIATION
-    try:
-        session = onnxruntime.InferenceSession(str(path), providers=["CPUExecutionProvider"])
-        inputs = {session.get_inputs()[0].name: np.moveaxis(image, -1, 0)[None].astype(np.float32)}
-        found = np.asarray(session.run(None, inputs)[0], np.float32).reshape(SIDE, SIDE)
-    except Exception as error:  # onnxruntime's and numpy's errors about a model that is not of this kind
-        reason = str(error).splitlines()[0]
-        raise UserError(f"{path} does not work as a segmentation model of rembg's kind ({reason})") from None
-    found = (found - found.min()) / max(float(np.ptp(found)), 1e-6)
-    size = photo.pixels.shape[1::-1]
-    mask = np.asarray(Image.fromarray(np.round(found * 255).astype(np.uint8)).resize(size, Image.Resampling.BICUBIC))
+    built_in = path == selfie.network_file()
+    mask = selfie.coverage(photo.pixels) if built_in else u2net.coverage(photo.pixels, path)
     if not (mask >= SOLID).any() or (mask >= SOLID).all():
-        raise UserError(f"the automatic mask found nobody in {photo.name}: {help_}")
+        raise UserError(
+            f"the automatic mask found nobody in {photo.name}: give --mask FILE (white on the person) or a PNG with an "
+            "alpha channel"
+        )
     return mask
 
 
-def fetched_model() -> Path | None:
-    """Where rembg keeps its model of people, now or in its older versions; None when it was not fetched."""
-    homes = [os.environ.get(name) for name in ("U2NET_HOME", "REMBG_HOME")] + ["~/.rembg", "~/.u2net"]
-    if data := os.environ.get("XDG_DATA_HOME"):
-        homes += [f"{data}/rembg", f"{data}/.u2net"]
-    for home in filter(None, homes):
-        for path in (f"models/{MODEL}/{MODEL}.onnx", f"{MODEL}.onnx"):
-            if (found := Path(home).expanduser() / path).is_file():
-                return found
-    return None
+def automatic_model(model: Path | str | None = None) -> Path | None:
+    """The network of automatic masks: `model`, else the built-in one where it is set up, else rembg's where fetched."""
+    if model is not None:
+        return Path(model)
+    return selfie.network_file() if selfie.network_file().is_file() else u2net.fetched_model()
 
 
 def people(coverage: np.ndarray, share: float = 0.05) -> list[np.ndarray]:

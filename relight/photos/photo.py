@@ -10,12 +10,12 @@ from relight.photos.api import MODES, Relighter, exposure
 from relight.photos.background import Background, background
 from relight.photos.color import DISPLAY, KNEE
 from relight.photos.infer import Figure
-from relight.photos.mask import doubts, mask_of
+from relight.photos.mask import AUTOMATIC, doubts, mask_of
 from relight.photos.read import Photo, read_photo
 from relight.photos.render import render
 from relight.photos.save import save_inference, save_json, save_light, save_picture
 from relight.photos.source import Source, light_source, mask_beside, mean_light
-from relight.sh.rotation import rotate_y
+from relight.sh import rotate_y
 
 BYTES = 48  # that the results may take per pixel of the photo: three pictures and 16 maps of half floats
 
@@ -28,6 +28,7 @@ class Wish:
     mode: str = "ratio"
     background: str = "keep"
     blur: float = 0.0  # of a panorama behind, degrees
+    shadow: bool = True  # of the people, on a new background
     turn: float = 0.0  # of the light, degrees about the vertical, its front toward +x
     stops: float = 0.0
     match: bool = True  # the light's strength to the photo's exposure
@@ -53,7 +54,7 @@ class Wish:
 
     def behind(self, source: Source) -> Background:
         """The background, read."""
-        return background(self.background, source.panorama, self.blur)
+        return replace(background(self.background, source.panorama, self.blur), shadow=self.shadow)
 
 
 def look(relighter: Relighter, path: Path | str, mask: Path | str | None, wish: Wish) -> tuple[Photo, list[Figure]]:
@@ -64,9 +65,11 @@ def look(relighter: Relighter, path: Path | str, mask: Path | str | None, wish: 
 
 
 def lit(figures: list[Figure], source: Source, behind: Background, wish: Wish) -> tuple[np.ndarray, Background]:
-    """The light in the photo's exposure, not turned yet, and a panorama behind in the same."""
-    factor = exposure(figures, source.coefficients) if wish.match else 1.0
-    return source.coefficients * np.float32(factor), replace(behind, gain=factor)
+    """The light in the photo's exposure, not turned yet, and the background in the same."""
+    needed = exposure(figures, source.coefficients)
+    factor = needed if wish.match else 1.0
+    light = source.coefficients * np.float32(factor)
+    return light, behind.under(light, factor, factor / needed)
 
 
 def relight_file(
@@ -96,13 +99,14 @@ def relight_file(
         name = "light" if len(figures) == 1 else f"light_{i}"
         save_light(out / name, figure.light, f"inferred from {photo.name}")
     save_light(out / "new_light", turned, f"{source.name}, turned by {wish.turn:g} degrees")
+    automatic = photo.alpha is None and not (mask or mask_beside(path))
     record = {
         "photo": str(path),
         "size": [photo.pixels.shape[1], photo.pixels.shape[0]],
         "wish": asdict(wish),
         "shading_png": {"stops": DISPLAY, "straight_to": KNEE},
         "light": {"name": source.name, "notes": source.notes},
-        "mask": {"notes": doubts(figures)},
+        "mask": {"automatic": automatic, "notes": doubts(figures) + [AUTOMATIC] * automatic},
         "people": [
             {"square": [round(v, 2) for v in (f.frame.left, f.frame.top, f.frame.side)], **asdict(trust)}
             for f, trust in zip(figures, judged)

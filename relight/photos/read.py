@@ -35,25 +35,32 @@ def read_photo(path: Path | str, what: str = "photo") -> Photo:
     """
     path = existing(path, what)
     with _opened(path, what) as image:
-        if getattr(image, "n_frames", 1) > 1 and path.suffix.lower() not in HEIC:  # there the first is the photo
-            raise UserError(f"{what} {path} is animated ({image.n_frames} frames): save one, or use `relight movie`")
-        if image.mode in ("L", "LA", "1"):
-            raise UserError(f"{what} {path} is grey: give a colour picture, for the light's colour is read from it")
-        if image.mode in ("CMYK", "YCCK", "LAB", "HSV"):
-            raise UserError(f"{what} {path} is {image.mode}: convert it to 8-bit RGB (sRGB)")
-        if _bits(path, image) > 8 or image.mode.startswith(("I", "F")):
+        if _bits(path, image) > 8:
             raise UserError(f"{what} {path} has more than 8 bits per channel: save it as an 8-bit sRGB picture")
-        image = ImageOps.exif_transpose(_loaded(image, path, what))
-        alpha = None
-        if "A" in image.getbands() or "transparency" in image.info:
-            image = image.convert("RGBA")
-            alpha = np.asarray(image.getchannel("A"))
-            if alpha.min() == alpha.max():
-                alpha = None
-        pixels = np.asarray(_to_srgb(image, path, what))
+        return photo_of(image, f"{what} {path}", path.stem)
+
+
+def photo_of(image: Image.Image, what: str = "the image", name: str = "image") -> Photo:
+    """The same of Pillow's image. what: it is called in errors, which are those of `read_photo`."""
+    if getattr(image, "n_frames", 1) > 1 and image.format != "HEIF":  # there the first is the photo
+        raise UserError(f"{what} is animated ({image.n_frames} frames): save one, or use `relight movie`")
+    if image.mode in ("L", "LA", "1"):
+        raise UserError(f"{what} is grey: give a colour picture, for the light's colour is read from it")
+    if image.mode in ("CMYK", "YCCK", "LAB", "HSV"):
+        raise UserError(f"{what} is {image.mode}: convert it to 8-bit RGB (sRGB)")
+    if image.mode.startswith(("I", "F")):
+        raise UserError(f"{what} has more than 8 bits per channel: save it as an 8-bit sRGB picture")
+    image = ImageOps.exif_transpose(_loaded(image, what))
+    alpha = None
+    if "A" in image.getbands() or "transparency" in image.info:
+        image = image.convert("RGBA")
+        alpha = np.asarray(image.getchannel("A"))
+        if alpha.min() == alpha.max():
+            alpha = None
+    pixels = np.asarray(_to_srgb(image, what))
     if min(pixels.shape[:2]) < 8:
-        raise UserError(f"{what} {path} is only {pixels.shape[1]}x{pixels.shape[0]} pixels: 8 a side are the least")
-    return Photo(pixels, alpha, path.stem)
+        raise UserError(f"{what} is only {pixels.shape[1]}x{pixels.shape[0]} pixels: 8 a side are the least")
+    return Photo(pixels, alpha, name)
 
 
 def read_mask(path: Path | str, size: tuple[int, int]) -> np.ndarray:
@@ -63,20 +70,25 @@ def read_mask(path: Path | str, size: tuple[int, int]) -> np.ndarray:
     """
     path = existing(path, "mask")
     with _opened(path, "mask") as image:
-        if getattr(image, "n_frames", 1) > 1:
-            raise UserError(f"mask {path} is animated: give a still picture")
-        image = ImageOps.exif_transpose(_loaded(image, path, "mask"))
-        if image.mode.startswith(("I", "F")):
-            values = np.asarray(image, np.float32)
-            mask = np.round(values * (255 / max(float(values.max()), 1))).astype(np.uint8)
-        else:
-            rgba = np.asarray(image.convert("RGBA"))
-            varies = rgba[..., 3].min() != rgba[..., 3].max()
-            mask = rgba[..., 3] if varies else np.asarray(image.convert("RGB").convert("L"))
+        return mask_image(image, size, f"mask {path}")
+
+
+def mask_image(image: Image.Image, size: tuple[int, int], what: str = "the mask") -> np.ndarray:
+    """The same of Pillow's image. what: it is called in errors."""
+    if getattr(image, "n_frames", 1) > 1:
+        raise UserError(f"{what} is animated: give a still picture")
+    image = ImageOps.exif_transpose(_loaded(image, what))
+    if image.mode.startswith(("I", "F")):
+        values = np.asarray(image, np.float32)
+        mask = np.round(values * (255 / max(float(values.max()), 1))).astype(np.uint8)
+    else:
+        rgba = np.asarray(image.convert("RGBA"))
+        varies = rgba[..., 3].min() != rgba[..., 3].max()
+        mask = rgba[..., 3] if varies else np.asarray(image.convert("RGB").convert("L"))
     if mask.shape != tuple(size):
         turned = ", which is the photo before its EXIF rotation" if mask.shape == tuple(size)[::-1] else ""
         raise UserError(
-            f"mask {path} is {mask.shape[1]}x{mask.shape[0]} pixels{turned}, "
+            f"{what} is {mask.shape[1]}x{mask.shape[0]} pixels{turned}, "
             f"but the photo is {size[1]}x{size[0]}: they must be equal"
         )
     return mask
@@ -114,11 +126,11 @@ def _opened(path: Path, what: str) -> Image.Image:
     return image
 
 
-def _loaded(image: Image.Image, path: Path, what: str) -> Image.Image:
+def _loaded(image: Image.Image, what: str) -> Image.Image:
     try:
         image.load()
     except (OSError, SyntaxError, ValueError, struct.error, EOFError) as error:
-        raise UserError(f"{what} {path} is damaged or cut short ({error})") from None
+        raise UserError(f"{what} is damaged or cut short ({error})") from None
     return image
 
 
@@ -133,7 +145,7 @@ def _bits(path: Path, image: Image.Image) -> int:
     return 8
 
 
-def _to_srgb(image: Image.Image, path: Path, what: str) -> Image.Image:
+def _to_srgb(image: Image.Image, what: str) -> Image.Image:
     """RGB in sRGB. Phones write Display P3: read as sRGB it would come out pale."""
     profile = image.info.get("icc_profile")
     image = image.convert("RGB")
@@ -145,4 +157,4 @@ def _to_srgb(image: Image.Image, path: Path, what: str) -> Image.Image:
             return image
         return ImageCms.profileToProfile(image, source, ImageCms.createProfile("sRGB"), outputMode="RGB")
     except (ImageCms.PyCMSError, OSError):
-        raise UserError(f"{what} {path} holds a colour profile that is damaged: save it as sRGB") from None
+        raise UserError(f"{what} holds a colour profile that is damaged: save it as sRGB") from None

@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from relight.panoramas.colour import luminance
-from relight.sh.basis import order_of
-from relight.sh.rotation import rotate_y
+from relight.panoramas import luminance
+from relight.sh import order_of, rotate_y
 
 ANGLES = 72  # every 5 degrees: a light of order 2 is smooth, the largest value is met to 0.2 %
 FLOOR = 0.1  # of the mean old shading: under it the old shading is not trusted to divide by

@@ -10,24 +10,25 @@ from PIL import Image
 
 from relight import __version__
 from relight.files import whole
-from relight.lights.light import Light
-from relight.lights.show import ball
-from relight.lights.store import write_light
-from relight.maps.exr import CONVENTION, FRAME, coefficient_names
+from relight.lights import Light, lit_ball, write_light
+from relight.maps import coefficient_names
+from relight.maps.exr import CONVENTION, FRAME
 from relight.photos.color import shown, to_srgb8
 from relight.photos.composite import strips
 from relight.photos.infer import Figure
 from relight.photos.relight import shading
 from relight.photos.render import coverage_of
 from relight.photos.upsample import luma
-from relight.sh.basis import order_of
+from relight.sh import order_of
 from relight.srgb import LINEAR
 
 
 def save_picture(path: Path, pixels: np.ndarray) -> None:
-    """(H,W,3|4) uint8 as a PNG; fast rather than small for pictures of more than a megapixel."""
+    """(H,W) or (H,W,3|4) uint8 as a PNG; fast rather than small for pictures of more than a megapixel."""
     with whole(path) as tmp:
-        Image.fromarray(pixels).save(tmp, format="PNG", compress_level=6 if pixels[..., 0].size < 1e6 else 1)
+        Image.fromarray(pixels).save(
+            tmp, format="PNG", compress_level=6 if pixels.shape[0] * pixels.shape[1] < 1e6 else 1
+        )
 
 
 def save_inference(folder: Path, figures: Sequence[Figure], pixels: np.ndarray) -> None:
@@ -48,19 +49,22 @@ def save_inference(folder: Path, figures: Sequence[Figure], pixels: np.ndarray) 
         picture[..., 3] = coverage_of(figures)
     channels["coverage.A"] = (pictures["albedo"][top:bottom, left:right, 3] / np.float32(255)).astype(np.float16)
     for figure in figures:
-        fits = figure.fitted_albedo(), figure.fitted_transport()
+        fits = figure.fitted_albedo, figure.fitted_transport
         columns = slice(*figure.frame.columns)
         for rows in strips(*figure.frame.rows):  # all of an 8k figure's maps at once would be gigabytes
             mine = figure.coverage[slice(*rows), columns] > 0
-            detail = figure.detail(LINEAR[pixels[slice(*rows), columns]], rows)
-            albedo = fits[0].place(figure.frame, detail, rows) ** 2
-            transport = fits[1].place(figure.frame, luma(detail), rows)
+            detail = figure.detail(LINEAR[pixels[slice(*rows), columns]], rows)[mine]
+            albedo, transport = (
+                fit.place(figure.frame, guide, rows, np.flatnonzero(mine))
+                for fit, guide in zip(fits, (detail, luma(detail)))
+            )
+            albedo = albedo**2
             lit = shading(transport, figure.light)
             for name, codes in (("albedo", to_srgb8(albedo)), ("shading", to_srgb8(shown(lit)))):
-                np.copyto(pictures[name][slice(*rows), columns, :3], codes, where=mine[..., None])
+                pictures[name][slice(*rows), columns, :3][mine] = codes
             window = slice(rows[0] - top, rows[1] - top), slice(columns.start - left, columns.stop - left)
-            for name, values in zip(names, np.moveaxis(np.concatenate([albedo, lit, transport], -1), -1, 0)):
-                np.copyto(channels[name][window], values, where=mine, casting="same_kind")
+            for name, values in zip(names, np.concatenate([albedo, lit, transport], -1).T):
+                channels[name][window][mine] = values
     for name, picture in pictures.items():
         save_picture(folder / f"{name}.png", picture)
     header = {
@@ -81,7 +85,7 @@ def save_light(stem: Path, coefficients: np.ndarray, source: str) -> None:
     light = Light(np.asarray(coefficients, np.float64), source)
     write_light(light, stem.with_name(f"{stem.name}.json"))
     write_light(light, stem.with_name(f"{stem.name}.npy"))
-    save_picture(stem.with_name(f"{stem.name}.png"), np.round(ball(light.coefficients, 256) * 255).astype(np.uint8))
+    save_picture(stem.with_name(f"{stem.name}.png"), np.round(lit_ball(light.coefficients, 256) * 255).astype(np.uint8))
 
 
 def save_json(path: Path, record: dict) -> None:

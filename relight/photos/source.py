@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from relight.panoramas.panorama import Panorama
+from relight.panoramas import Panorama
 from relight.photos.infer import Figure
 from relight.photos.mask import mask_of
 from relight.photos.read import is_picture, read_photo
@@ -38,13 +38,13 @@ def light_source(
     """Reads the light called `text` (docs/photos.md lists the kinds). Raises UserError for what is no light.
 
     mask, mask_model: of the photo, when the light is that of another photo. layout: how to read a panorama or
-    coefficients, as `relight.lights.load.load_light` takes it.
+    coefficients, as `relight.lights.load_light` takes it.
     """
     if is_picture(text):
         photo = read_photo(text)
         figures = relighter.infer(photo.pixels, mask_of(photo, mask or mask_beside(text), mask_model))
         return Source(text, mean_light(figures))
-    from relight.lights.load import load_light
+    from relight.lights import load_light
 
     light = load_light(text, order=relighter.order, **layout)
     return Source(text, light.coefficients.astype(np.float32), light.panorama, light.notes)

@@ -4,9 +4,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from relight.lights.statistics import measure
+from relight.lights import measure
 from relight.photos.infer import Figure
-from relight.sh.basis import cosine_factors, order_of, per_coefficient
+from relight.sh import cosine_factors, order_of, per_coefficient
 
 ERROR = 0.10  # reconstruction error, linear, above which albedo and light do not explain the photo
 CLIPPED, BLACK = 0.05, 0.5  # shares of the figure's pixels that are white or nearly black

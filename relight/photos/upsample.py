@@ -12,9 +12,9 @@ The rim of the figure, where the network sees least and is wrong most, is held t
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import binary_erosion, maximum_filter, minimum_filter, uniform_filter
+from scipy.ndimage import binary_erosion, distance_transform_edt, maximum_filter, minimum_filter, uniform_filter
 
-from relight.photos.frame import Frame, extend
+from relight.photos.frame import Frame
 
 RADIUS = 2  # of a window, pixels of the square
 RIM = 1  # pixels of the square along the silhouette
@@ -23,6 +23,36 @@ SLACK = 0.5
 SMOOTH = 1e-3  # variance of the guide under which a window counts as flat: texture that weak is not copied
 ALIKE = 1e-4  # the same for a map that is as fine as the photo: albedo
 LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
+
+
+class Guide:
+    """A picture (S,S,1) or (S,S,C) by which maps are brought to the photo's pixels, over a figure's mask (S,S).
+
+    What the windows hold of it is found once, for any number of maps.
+    """
+
+    def __init__(self, values: np.ndarray, mask: np.ndarray):
+        self.values, self.mask = values.astype(np.float64), mask
+        self._weight = mask[..., None].astype(np.float64)
+        self._total = np.maximum(_sum(self._weight), 1e-12)
+        self._average = self._mean(self.values)
+        self._spread = np.maximum(self._mean(self.values**2) - self._average**2, 0)
+        self._nearest = tuple(distance_transform_edt(~mask, return_distances=False, return_indices=True))
+
+    def slope(self, maps: np.ndarray, smooth: float) -> np.ndarray:
+        """(S,S,C): of `maps` on the guide by weighted least squares in windows, averaged over windows. To a guide of
+        several channels maps are fitted channel by channel.
+        """
+        maps = maps.astype(np.float64)
+        level = self._mean(maps)
+        return self._mean((self._mean(self.values * maps) - self._average * level) / (self._spread + smooth))
+
+    def extended(self, maps: np.ndarray) -> np.ndarray:
+        """`maps` (S,S,C) with what is nearest inside the mask in place of what is outside."""
+        return np.asarray(maps, np.float32)[self._nearest]
+
+    def _mean(self, what: np.ndarray) -> np.ndarray:
+        return _sum(self._weight * what) / self._total
 
 
 @dataclass(frozen=True)
@@ -37,14 +67,18 @@ class Fitted:
     low: np.ndarray | None
     high: np.ndarray | None
 
-    def place(self, frame: Frame, detail: np.ndarray, rows: tuple[int, int]) -> np.ndarray:
-        """(h,w,C) at the photo's pixels of `rows`; detail (h,w,1) or (h,w,C) is what the guide has beyond the square.
+    def place(
+        self, frame: Frame, detail: np.ndarray, rows: tuple[int, int], where: np.ndarray | None = None
+    ) -> np.ndarray:
+        """(h,w,C) at the photo's pixels of `rows`, or (N,C) at those with the flat indices `where` (N,).
 
-        Held between the values that the map has near: a highlight in the photo does not become a halo in the map.
+        detail: what the guide has beyond the square at the same pixels, (h,w,1) or (h,w,C), or (N,...). The result is
+        held between the values that the map has near: a highlight in the photo does not become a halo in the map.
         """
 
         def place(maps: np.ndarray, cubic: bool = False) -> np.ndarray:
-            return frame.place(maps, rows, cubic).reshape(*detail.shape[:2], -1)
+            placed = frame.place(maps, rows, cubic, where)
+            return placed if maps.shape[2] > 1 else placed[..., None]
 
         values = place(self.base, cubic=True) + place(self.slope) * detail
         if self.low is None:
@@ -52,14 +86,13 @@ class Fitted:
         return np.clip(values, place(self.low), place(self.high), out=values)
 
 
-def fitted(maps: np.ndarray, guide: np.ndarray, mask: np.ndarray, fine: bool = False) -> Fitted:
-    """Fits `maps` (S,S,C) to `guide` (S,S,1), or channel by channel to (S,S,C), over the figure's mask (S,S).
+def fitted(maps: np.ndarray, guide: Guide, fine: bool = False) -> Fitted:
+    """Fits `maps` (S,S,C) to `guide`. Outside its mask the nearest inside is taken.
 
-    fine: the map has the photo's own texture, as albedo has. Outside the mask the nearest inside is taken.
+    fine: the map has the photo's own texture, as albedo has.
     """
-    slope, _ = _fit(maps, guide, mask, ALIKE if fine else SMOOTH)
-    base, slope = (extend(np.asarray(each, np.float32), mask) for each in (maps, slope))
-    return Fitted(base, slope, *((None, None) if fine else _extremes(base, np.ones_like(mask), 3)))
+    base, slope = guide.extended(maps), guide.extended(guide.slope(maps, ALIKE if fine else SMOOTH))
+    return Fitted(base, slope, *((None, None) if fine else _extremes(base, np.ones_like(guide.mask), 3)))
 
 
 def from_inside(maps: np.ndarray, mask: np.ndarray) -> np.ndarray:
@@ -75,22 +108,6 @@ def from_inside(maps: np.ndarray, mask: np.ndarray) -> np.ndarray:
     low, high = (np.where(rim, each, maps) for each in (low, high))
     slack = SLACK * (high - low)
     return np.clip(maps, low - slack, high + slack).astype(np.float32)
-
-
-def _fit(
-    maps: np.ndarray, guide: np.ndarray, weight: np.ndarray, smooth: float = SMOOTH
-) -> tuple[np.ndarray, np.ndarray]:
-    """Slope and offset (S,S,C) of `maps` on `guide` by weighted least squares in windows, averaged over windows."""
-    guide, maps, weight = guide.astype(np.float64), maps.astype(np.float64), weight[..., None].astype(np.float64)
-    total = np.maximum(_sum(weight), 1e-12)
-
-    def mean(what: np.ndarray) -> np.ndarray:
-        return _sum(weight * what) / total
-
-    average, level = mean(guide), mean(maps)
-    spread = np.maximum(mean(guide * guide) - average * average, 0)
-    slope = (mean(guide * maps) - average * level) / (spread + smooth)
-    return mean(slope), mean(level - slope * average)
 
 
 def _extremes(values: np.ndarray, where: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:

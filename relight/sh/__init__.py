@@ -1,0 +1,37 @@
+"""Spherical harmonics: basis, rotation, irradiance, and the conventions of other programs."""
+
+from relight.sh.conventions import CONVENTIONS, from_relight, to_relight
+from relight.sh.harmonics import (
+    UNOCCLUDED_T00,
+    bands,
+    basis,
+    coefficient_count,
+    cosine_factors,
+    irradiance,
+    order_of,
+    per_coefficient,
+    rotate_y,
+    rotation_about_y,
+    rotation_matrix,
+    sphere_quadrature,
+    unoccluded,
+)
+
+__all__ = [
+    "CONVENTIONS",
+    "UNOCCLUDED_T00",
+    "bands",
+    "basis",
+    "coefficient_count",
+    "cosine_factors",
+    "from_relight",
+    "irradiance",
+    "order_of",
+    "per_coefficient",
+    "rotate_y",
+    "rotation_about_y",
+    "rotation_matrix",
+    "sphere_quadrature",
+    "to_relight",
+    "unoccluded",
+]

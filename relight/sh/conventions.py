@@ -1,9 +1,9 @@
-"""Lights in the conventions of other programs: converted at the border, by name, both ways.
+"""Converts lights from and to the conventions of other programs.
 
 relight          radiance coefficients, orthonormal, no Condon-Shortley, l*l + l + m, RGB; +z toward the camera, +y up
 kanamori2018     the authors' released lights: 1, x, y, z, xy, yz, xz, 3z^2-1, x^2-y^2; columns blue, green, red
-ramamoorthi2001  left-handed, z into the picture: L10, L2-1, L21 (odd in z) negated; the printed tables, prefilter.c
-dpr              DPR's light files, z up and y away from the camera; often a single channel, which is then grey
+ramamoorthi2001  left-handed, z into the picture: L10, L2-1, L21 (odd in z) negated; their tables and prefilter.c
+dpr              DPR's light files, z up and y away from the camera; often a single, grey channel
 shtools          pyshtools' orthonormalised real coefficients without phase as a vector l*l + l + m; the frame of dpr
 pifu             PIFu's env_sh.npy: the frame and the basis of relight
 threejs          LightProbe.toJSON and SphericalHarmonics3.toArray: the frame and the basis of relight
@@ -16,24 +16,31 @@ from collections.abc import Callable
 import numpy as np
 
 from relight.files import UserError
-from relight.sh.basis import bands, cosine_factors, count, order_of, per_coefficient
-from relight.sh.rotation import rotation_matrix
+from relight.sh.harmonics import bands, coefficient_count, cosine_factors, order_of, per_coefficient, rotation_matrix
 
-KANAMORI_ORDER = [0, 2, 3, 1, 4, 5, 7, 6, 8]  # where our 1, y, z, x, xy, yz, 3z^2-1, xz, x^2-y^2 stand in theirs
+KANAMORI_ORDER = [0, 2, 3, 1, 4, 5, 7, 6, 8]  # their indices of our 1, y, z, x, xy, yz, 3z^2-1, xz, x^2-y^2
 TO_Z_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # our directions to dpr's: x, -z, y
-LARGEST = 6  # order; beyond it a file is more likely something else
+MAX_ORDER = 6  # a file with more numbers is more likely something else
 
 
 def as_table(array: np.ndarray, name: str = "light") -> np.ndarray:
-    """Coefficients as (K, 3) float64, from (K, 3), (3, K), a grey (K,) or (K, 1), or a flat row of 3 K, RGB RGB ...
+    """Brings the coefficients of a light into one shape.
 
-    UserError when the shape is none of these or a number is not finite.
+    Args:
+        array: (K,3), (3,K), grey (K,) or (K,1), or a flat row (3 K,) of RGB triples.
+        name: for error messages.
+
+    Returns:
+        (K,3) float64.
+
+    Raises:
+        UserError: if the shape is none of these or a number is not finite.
     """
     try:
         array = np.asarray(array, np.float64).squeeze()
     except (TypeError, ValueError):
         raise UserError(f"{name}: not a table of numbers") from None
-    sizes = {count(order) for order in range(LARGEST + 1)}
+    sizes = {coefficient_count(order) for order in range(MAX_ORDER + 1)}
     if array.ndim == 1 and array.size in sizes:
         array = np.repeat(array[:, None], 3, 1)
     elif array.ndim == 1 and array.size % 3 == 0 and array.size // 3 in sizes:
@@ -49,74 +56,96 @@ def as_table(array: np.ndarray, name: str = "light") -> np.ndarray:
     return array
 
 
-def reorder(light: np.ndarray) -> np.ndarray:
-    only_order_2(light, "kanamori2018")
+def from_kanamori(light: np.ndarray) -> np.ndarray:
+    """Reorders a light (9,3) of kanamori2018 for relight."""
+    require_order_2(light, "kanamori2018")
     return light[KANAMORI_ORDER][:, ::-1]
 
 
-def reorder_back(light: np.ndarray) -> np.ndarray:
-    only_order_2(light, "kanamori2018")
+def to_kanamori(light: np.ndarray) -> np.ndarray:
+    """Reorders a light (9,3) of relight for kanamori2018."""
+    require_order_2(light, "kanamori2018")
     theirs = np.empty_like(light)
     theirs[KANAMORI_ORDER] = light[:, ::-1]
     return theirs
 
 
 def mirror_z(light: np.ndarray) -> np.ndarray:
-    """Its own inverse: Y_lm is odd in z where l + m is odd."""
+    """Mirrors a light (K,3) in z, its own inverse: Y_lm is odd in z where l + m is odd."""
     k = np.arange(len(light))
     l = bands(order_of(len(light)))
     return light * np.where((k - l * l) % 2, -1.0, 1.0)[:, None]
 
 
 def from_z_up(light: np.ndarray) -> np.ndarray:
+    """Rotates a light (K,3) from the frame of dpr into relight's."""
     return rotation_matrix(TO_Z_UP.T, order_of(len(light))) @ light
 
 
 def to_z_up(light: np.ndarray) -> np.ndarray:
+    """Rotates a light (K,3) from relight's frame into that of dpr."""
     return rotation_matrix(TO_Z_UP, order_of(len(light))) @ light
 
 
-def factors(light: np.ndarray) -> np.ndarray:
+def irradiance_factors(light: np.ndarray) -> np.ndarray:
+    """Returns A_l (K,1) for the coefficients of a light (K,3); raises UserError if some are zero, above order 2."""
     order = order_of(len(light))
     if order > 2:
-        raise UserError(f"irradiance has nothing of bands 3, 5, ...: a light of order {order} cannot be told from it")
+        raise UserError(f"irradiance has no bands 3, 5, ...: a light of order {order} cannot be computed from it")
     return per_coefficient(cosine_factors(order))[:, None]
 
 
-def only_order_2(light: np.ndarray, name: str) -> None:
+def require_order_2(light: np.ndarray, name: str) -> None:
+    """Raises UserError unless the light of the convention `name` has nine coefficients."""
     if len(light) != 9:
         raise UserError(f"{name}: {len(light)} coefficients; its lights have 9")
 
 
-def same(light: np.ndarray) -> np.ndarray:
+def unchanged(light: np.ndarray) -> np.ndarray:
+    """Returns the light as it is."""
     return light
 
 
-# Name: (theirs to ours, ours to theirs)
+# By name: from it to relight, and back.
 CONVENTIONS: dict[str, tuple[Callable[[np.ndarray], np.ndarray], Callable[[np.ndarray], np.ndarray]]] = {
-    "relight": (same, same),
-    "kanamori2018": (reorder, reorder_back),
+    "relight": (unchanged, unchanged),
+    "kanamori2018": (from_kanamori, to_kanamori),
     "ramamoorthi2001": (mirror_z, mirror_z),
     "dpr": (from_z_up, to_z_up),
     "shtools": (from_z_up, to_z_up),
-    "pifu": (same, same),
-    "threejs": (same, same),
-    "irradiance": (lambda light: light / factors(light), lambda light: light * factors(light)),
-    "irradiance_pi": (lambda light: light / factors(light) * np.pi, lambda light: light * factors(light) / np.pi),
+    "pifu": (unchanged, unchanged),
+    "threejs": (unchanged, unchanged),
+    "irradiance": (lambda light: light / irradiance_factors(light), lambda light: light * irradiance_factors(light)),
+    "irradiance_pi": (
+        lambda light: light / irradiance_factors(light) * np.pi,
+        lambda light: light * irradiance_factors(light) / np.pi,
+    ),
 }
 
 
 def to_relight(array: np.ndarray, name: str) -> np.ndarray:
-    """A light of the convention `name`, in any of the shapes of `as_table`, as relight's (K, 3) float64."""
+    """Converts a light of the convention `name`, in any shape that `as_table` takes, to relight's (K,3) float64.
+
+    Raises:
+        UserError: if there is no such convention, or if it cannot hold such a light.
+
+    >>> to_relight(np.eye(9, 3), "ramamoorthi2001")[2].tolist()  # odd in z
+    [-0.0, -0.0, -1.0]
+    """
     return converters(name)[0](as_table(array))
 
 
 def from_relight(array: np.ndarray, name: str) -> np.ndarray:
-    """relight's (K, 3) as a light (K, 3) of the convention `name`; the exact inverse of `to_relight`."""
+    """Converts a light of relight to (K,3) in the convention `name`, the exact inverse of `to_relight`.
+
+    Raises:
+        UserError: if there is no such convention, or if it cannot hold such a light.
+    """
     return converters(name)[1](as_table(array))
 
 
-def converters(name: str):
+def converters(name: str) -> tuple[Callable[[np.ndarray], np.ndarray], Callable[[np.ndarray], np.ndarray]]:
+    """Returns the functions from the convention `name` to relight and back; raises UserError if there is none."""
     if name not in CONVENTIONS:
         raise UserError(f"convention {name!r}: one of {', '.join(CONVENTIONS)}")
     return CONVENTIONS[name]

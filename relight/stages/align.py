@@ -9,9 +9,9 @@ from relight.stages.step import onward
 
 @stage("align", mesh="mesh record (.npz)", out="mesh record (.npz)")
 def main(align: Align, mesh: Path, out: Path) -> None:
-    from relight.meshes import align as meshes
+    from relight.meshes import align as align_mesh
 
-    onward(mesh, lambda given: meshes.align(given, align), out)
+    onward(mesh, lambda given: align_mesh(given, align), out)
 
 
 if __name__ == "__main__":

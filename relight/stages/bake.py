@@ -5,16 +5,16 @@ from pathlib import Path
 
 from relight.config import Bake
 from relight.files import UserError
-from relight.meshes.mesh import Mesh
+from relight.meshes import Mesh
 from relight.stages.stage import stage
 
 
 @stage("bake", mesh="aligned mesh record (.npz)", out="maps (.exr); those of further views and outfits go beside them")
 def main(bake: Bake, mesh: Path, out: Path) -> None:
     """A figure is left out with all its views and outfits, so that a data set holds either all of its maps or none."""
-    from relight.maps.exr import write_left_out, write_maps
-    from relight.transport.bake import Baker
-    from relight.transport.view import FRONTAL, outfit_names, random_view, view_names
+    from relight.maps import write_left_out, write_maps
+    from relight.transport import FRONTAL, Baker, random_view, view_names
+    from relight.transport.view import outfit_names
 
     given = Mesh.load(mesh)
     name, fabrics = given.info.get("name", out.stem), given.info.get("outfits", [None])

@@ -9,9 +9,9 @@ from relight.stages.step import onward
 
 @stage("clean", mesh="mesh record (.npz)", out="mesh record (.npz)")
 def main(clean: Clean, mesh: Path, out: Path) -> None:
-    from relight.meshes import clean as meshes
+    from relight.meshes import clean as clean_mesh
 
-    onward(mesh, lambda given: meshes.clean(given, clean), out)
+    onward(mesh, lambda given: clean_mesh(given, clean), out)
 
 
 if __name__ == "__main__":

@@ -14,28 +14,23 @@ from relight.stages.stage import stage
     split="split (.json)",
     network="network (.safetensors)",
     out="scores (.csv)",
-    plate="pictures of some of the figures (.png)",
 )
-def main(
-    evaluate: Evaluate, track: Track, packed: Path, lights: Path, split: Path, network: Path, out: Path, plate: Path
-) -> None:
+def main(evaluate: Evaluate, track: Track, packed: Path, lights: Path, split: Path, network: Path, out: Path) -> None:
     from relight.evaluation.evaluate import evaluate as score
-    from relight.evaluation.plates import plates
     from relight.evaluation.scores import read_scores
     from relight.learning.checkpoint import read_config
-    from relight.track import Run
+    from relight.track import Training
 
     score(network, packed, lights, split, evaluate, out)
-    plates({network.stem.rpartition(".s")[0]: network}, packed, lights, split, evaluate, plate)
     on = "test" if (evaluate.figures, evaluate.lights) == ("test", "test") else f"{evaluate.figures}-{evaluate.lights}"
     scores = next(iter(read_scores(out).values()), None)
-    means = {f"{on}.{name}": float(values.mean()) for name, values in (scores.columns if scores else {}).items()}
+    means = {f"{on}/{name}": float(values.mean()) for name, values in (scores.columns if scores else {}).items()}
     trained = read_config(network)
     settings = {part: trained[part] for part in ("model", "loss", "train", "augment") if part in trained}
     # A network that was trained elsewhere has a run of its own.
     own = trained.get("fingerprint") or hashlib.sha256(network.read_bytes()).hexdigest()
-    Run(track, network.stem, own, settings).add(
-        {name: value for name, value in means.items() if value == value}, out, plate
+    Training(track, network.stem, own, settings).add(
+        {name: value for name, value in means.items() if value == value}, out
     )
 
 

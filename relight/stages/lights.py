@@ -10,13 +10,12 @@ from relight.stages.stage import stage
 
 @stage("lights", out="lights (.npz, and a .csv of the same beside it)", record="what each step dropped (.json)")
 def main(panoramas: Panoramas, lights: Lights, order: int, out: Path, record: Path) -> None:
-    from relight.lights.chain import build
-    from relight.lights.table import save
+    from relight.lights import build_light_set, write_light_set
 
-    chosen, dropped = build(panoramas, lights, order)
+    chosen, dropped = build_light_set(panoramas, lights, order)
     with whole(record) as tmp:
         tmp.write_text(json.dumps(dropped, indent=1))
-    save(chosen, out)
+    write_light_set(chosen, out)
 
 
 if __name__ == "__main__":

@@ -17,8 +17,7 @@ from relight.stages.stage import stage
     record="what was left out (.json)",
 )
 def main(split: Split, names: Path, maps: Path, out: Path, record: Path) -> None:
-    from relight.maps.exr import read_info
-    from relight.maps.packed import pack
+    from relight.maps import pack_maps, read_info
 
     every = names.read_text().split()
     infos = {name: read_info(maps / f"{name}.exr") for name in every}
@@ -33,7 +32,7 @@ def main(split: Split, names: Path, maps: Path, out: Path, record: Path) -> None
         )
     for name, reason in reasons.items():
         print(f"left out: {name}: {reason}", file=sys.stderr)
-    pack([maps / f"{name}.exr" for name in every], out)
+    pack_maps([maps / f"{name}.exr" for name in every], out)
     with whole(record) as tmp:
         tmp.write_text(json.dumps({"figures": figures, "left_out": reasons}, indent=1))
 

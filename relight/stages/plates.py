@@ -1,4 +1,4 @@
-"""The qualitative figure of an experiment: some figures as each network sees them."""
+"""Pictures of an experiment: test figures as each network sees them, one at a glance, the best and the worst."""
 
 import json
 from pathlib import Path
@@ -11,27 +11,35 @@ from relight.stages.stage import stage
     "plates",
     experiments="experiments (.json)",
     experiment="name of one of them",
-    networks="folder of networks",
+    results="folder of the results, with networks and scores",
     packed="packed set (.safetensors)",
     lights="lights (.npz)",
     split="split (.json)",
-    out="picture (.png)",
+    out="picture of some figures (.png)",
+    overview="picture of one figure and one network (.png)",
+    extremes="picture of the figures with the least and the largest error (.png)",
 )
 def main(
     evaluate: Evaluate,
     experiments: Path,
     experiment: Path,
-    networks: Path,
+    results: Path,
     packed: Path,
     lights: Path,
     split: Path,
     out: Path,
+    overview: Path,
+    extremes: Path,
 ) -> None:
-    from relight.evaluation.plates import plates
+    from relight.evaluation import panels
 
-    runs = json.loads(experiments.read_text())[experiment.name]["runs"]
-    first = {row: networks / f"{trainings[0]}.safetensors" for row, trainings in runs.items()}
-    plates(first, packed, lights, split, evaluate, out)
+    asked = json.loads(experiments.read_text())[experiment.name]
+    networks = {row: results / "train" / f"{trainings[0]}.safetensors" for row, trainings in asked["runs"].items()}
+    scores = [results / path for row, paths in asked["scores"].items() if row for path in paths]
+    data = packed, lights, split, evaluate
+    panels.plates(networks, *data, out)
+    panels.overview(networks, *data, overview)
+    panels.extremes(networks, scores, *data, extremes)
 
 
 if __name__ == "__main__":

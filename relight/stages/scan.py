@@ -10,8 +10,7 @@ from relight.stages.step import step
 
 @stage("scan", figure="name of the figure in the folder", out="mesh record (.npz)")
 def main(figures: Figures, figure: Path, out: Path) -> None:
-    from relight.meshes.read import read_mesh
-    from relight.meshes.scans import list_scans
+    from relight.meshes import list_scans, read_mesh
 
     name = figure.name
     scans = list_scans(figures.folder)

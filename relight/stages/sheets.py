@@ -26,16 +26,15 @@ def main(
     occlusion: Path,
     histogram: Path,
 ) -> None:
+    from relight.evaluation.charts import plot_occlusion
     from relight.evaluation.contact import clearest, contact_sheet
     from relight.evaluation.occlusion import occlusions
-    from relight.evaluation.plots import plot_occlusion
-    from relight.lights import show
-    from relight.lights.table import load
+    from relight.lights import read_light_set, write_contact_sheet
 
     paths = [maps / f"{name}.exr" for name in names.read_text().split()]
     plot_occlusion(occlusions(paths, occlusion), histogram)
-    chosen = load(lights)
-    show.contact_sheet(chosen, spheres)
+    chosen = read_light_set(lights)
+    write_contact_sheet(chosen, spheres)
     contact_sheet(paths[: evaluate.sheet], clearest(chosen.of("test").coefficients), figures)
 
 

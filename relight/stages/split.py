@@ -10,17 +10,17 @@ from relight.stages.stage import stage
 
 @stage("split", packed="packed set (.safetensors)", record="what the figures are (.json)", out="split (.json)")
 def main(split: Split, packed: Path, record: Path, out: Path) -> None:
-    from relight.learning.split import deal, sits
-    from relight.maps.packed import Packed
+    from relight.learning.split import is_seated, split_figures
+    from relight.maps import PackedMaps
 
-    packed_maps = Packed(packed)
+    packed_maps = PackedMaps(packed)
     subjects = {
         name: subject
         for name, subject, figure in zip(packed_maps.names, packed_maps.subjects, packed_maps.figures)
         if name == figure
     }
-    sitting = {name for name, info in json.loads(record.read_text())["figures"].items() if sits(info)}
-    parts = deal(list(subjects), list(subjects.values()), split, sitting)
+    sitting = {name for name, info in json.loads(record.read_text())["figures"].items() if is_seated(info)}
+    parts = split_figures(list(subjects), list(subjects.values()), split, sitting)
     with whole(out) as tmp:
         tmp.write_text(json.dumps(parts, indent=1))
 

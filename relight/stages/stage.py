@@ -1,30 +1,44 @@
 """What makes a function a stage: a Hydra command line over the settings that it reads, and typed `io.` paths."""
 
 import os
+import platform
+import shlex
 import sys
 import tempfile
 from collections.abc import Callable
-from contextlib import nullcontext
-from dataclasses import field, make_dataclass
+from contextlib import nullcontext, suppress
+from dataclasses import asdict, field, is_dataclass, make_dataclass
+from datetime import datetime
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import hydra
+import yaml
 from hydra.core.config_store import ConfigStore
 from hydra.errors import HydraException
 from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from relight.config import CONF, READS, Config, check, explain, resolved
+from relight import __version__
+from relight.config import CONF, READS, Config, check, composed, explain, resolved
 from relight.files import UserError
-from relight.processes import end_with_snakemake
+from relight.processes import STARTED_BY, end_with_snakemake
+from relight.settings import listing
+
+VERSIONS = ("numpy", "scipy", "torch", "hydra-core", "snakemake", "mlflow", "open3d-cpu", "warp-lang")
+FLAGS = """
+  --cfg job          print the settings, and do nothing
+  --multirun, -m     each of several values: train.lr=1e-4,2e-4
+  --hydra-help       more of Hydra"""
 
 
 def stage(name: str, **ports: str) -> Callable:
     """Gives a function the command line of stage `name`, as its attribute `cli`.
 
     The function is called with what READS[name] lists (the dataclass of a group, the value of a single setting under
-    its last name) and with one Path per port; `ports` maps each port to the words that describe it. Errors of users
+    its last name) and with one Path per port; `ports` maps each port to the words that describe it. Where ports are
+    given lists of files, it is called with the first of each, then with the second, and so on. Errors of users
     end the program in one line, with exit code 1.
     """
 
@@ -43,15 +57,29 @@ def stage(name: str, **ports: str) -> Callable:
                 raise UserError(f"missing: {' '.join(unset)}")
             check(resolved(cfg))
             settings = {key.rpartition(".")[2]: plain(OmegaConf.select(cfg, key)) for key in READS[name]}
-            function(**settings, **{port: Path(cfg.io[port]) for port in ports})
+            given = {port: [str(path) for path in listed(cfg.io[port])] for port in ports}
+            if len({len(paths) for paths in given.values()}) > 1:
+                raise UserError(f"lists of files must be equally long: {', '.join(f'io.{port}' for port in ports)}")
+            if STARTED_BY in os.environ:
+                print(opening(settings), flush=True)
+            for paths in zip(*given.values()):
+                function(**settings, **{port: Path(path) for port, path in zip(ports, paths)})
+
+        def told() -> str:
+            files = "\n".join(f"    {f'io.{port}=FILE':34s}  {what}" for port, what in ports.items())
+            about = sys.modules[function.__module__].__doc__.strip()
+            settings = listing(composed(), READS[name])
+            return f"{about}\n\nFiles:\n{files}\n\nSettings that it reads, as key=value:\n{settings}\n{FLAGS}"
 
         def cli() -> None:
             # One thread a job: several jobs side by side use all cores, and spinning thread pools don't fight.
             for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
                 os.environ.setdefault(variable, "1")
             end_with_snakemake()
+            if {"-h", "--help"} & set(sys.argv[1:]):
+                return print(told())
             os.environ["HYDRA_FULL_ERROR"] = "1"  # errors reach us instead of being printed with a trace
-            io = make_dataclass("Files", [(port, str, MISSING) for port in ports])
+            io = make_dataclass("Files", [(port, Any, MISSING) for port in ports])
             schema = make_dataclass("StageConfig", [("io", io, field(default_factory=io))], bases=(Config,))
             ConfigStore.instance().store(name="schema", node=schema)
             several = {"-m", "--multirun"} & set(sys.argv)
@@ -71,3 +99,24 @@ def stage(name: str, **ports: str) -> Callable:
 def plain(part: Any) -> Any:
     """A group of settings as its dataclass; a single value as it is."""
     return OmegaConf.to_object(part) if OmegaConf.is_config(part) else part
+
+
+def listed(value: Any) -> list:
+    """A list as it is, anything else as a list of one."""
+    return list(value) if OmegaConf.is_list(value) else [value]
+
+
+def opening(settings: dict) -> str:
+    """What a job's log begins with, a comment line each: time, versions, command, and the settings that it reads."""
+    found = [f"relight {__version__}", f"Python {platform.python_version()}"]
+    for package in VERSIONS:
+        with suppress(PackageNotFoundError):
+            found.append(f"{package} {version(package)}")
+    read = {name: asdict(part) if is_dataclass(part) else part for name, part in settings.items() if name != "track"}
+    told = [
+        f"{datetime.now().astimezone().isoformat(timespec='seconds')} on {platform.node()}",
+        ", ".join(found),
+        shlex.join([Path(sys.executable).name, *sys.orig_argv[1:]]),
+        *yaml.safe_dump(read, sort_keys=False).splitlines(),
+    ]
+    return "\n".join(f"# {line}" for line in told)

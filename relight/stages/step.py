@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from relight.files import UserError
-from relight.meshes.mesh import Mesh
+from relight.meshes import Mesh
 
 
 def step(make: Callable[[], Mesh], info: dict, out: Path) -> None:

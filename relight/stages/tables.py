@@ -5,18 +5,20 @@ from pathlib import Path
 from relight.config import Evaluate
 from relight.stages.stage import stage
 
+ENDS = (".csv", ".md", ".tex", "_plates.png", "_overview.png", "_extremes.png")  # of an experiment's files
+
 
 @stage("tables", experiments="experiments (.json)", results="folder of the results", out="folder of the tables")
 def main(evaluate: Evaluate, experiments: Path, results: Path, out: Path) -> None:
-    from relight.evaluation.formats import write_table
     from relight.evaluation.report.results import Results
+    from relight.evaluation.report.sections import write_score_table
 
     made = Results(results, evaluate, experiments)
     for name in made.tables:
-        write_table(made.table(name), out / name)
-    # Tables of earlier experiments, which the report does not tell of.
+        write_score_table(made.table(name), made.title(name), out / name)
+    # Tables of earlier experiments, which the report does not show.
     for earlier in {path.stem for path in out.glob("*.tex")} - set(made.tables):
-        for end in (".csv", ".md", ".tex", "_plates.png"):
+        for end in ENDS:
             (out / f"{earlier}{end}").unlink(missing_ok=True)
 
 

@@ -1,7 +1,6 @@
 """Trains one network, with its run in MLflow."""
 
 import os
-from dataclasses import asdict
 from pathlib import Path
 
 from relight.config import Augment, Loss, Model, Track, Train
@@ -30,17 +29,17 @@ def main(
     out: Path,
     curve: Path,
 ) -> None:
-    from relight.learning import train as learning
-    from relight.learning.state import fingerprint
+    from relight.learning.train import Inputs, Recipe, fingerprint
+    from relight.learning.train import train as train_network
     from relight.track import tracked
 
-    groups = {"model": model, "loss": loss, "train": train, "augment": augment}
-    settings = {name: asdict(group) for name, group in groups.items()}
+    recipe, inputs = Recipe(model, loss, train, augment), Inputs(packed, lights, split)
     # Beside the outputs but not declared as one: Snakemake deletes declared outputs before a retry.
     state = out.parent / "state" / out.stem
-    digest = fingerprint(*groups.values(), packed, lights, split)
-    with tracked(track, out.stem, digest, settings) as run:
-        learning.train(*groups.values(), packed, lights, split, out, state / "state.pt", curve, run.log)
+    data = {"figures": packed, "lights": lights, "split": split}
+    with tracked(track, out.stem, fingerprint(recipe, inputs), recipe.as_dict(), data) as run:
+        show = run.show if run.track.uri else None
+        train_network(recipe, inputs, out, state / "state.pt", curve, run.log, show)
         run.finish(curve, out)
     if STARTED_BY not in os.environ:  # else Snakemake has yet to record the outputs (`Plan.settle`)
         discard(state)

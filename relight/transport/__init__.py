@@ -1,0 +1,13 @@
+"""Precomputed light transport of meshes, per pixel and per vertex."""
+
+from relight.lazy import entry_points
+
+__getattr__, __dir__, __all__ = entry_points(
+    __name__,
+    {
+        "baker": "Baker bake",
+        "tracer": "PathTracer",
+        "vertices": "VertexTransport bake_vertices",
+        "view": "FRONTAL View random_view view_names",
+    },
+)

@@ -1,20 +1,28 @@
-"""The camera of the maps: orthographic, or perspective from a distance."""
+"""The camera of the maps, orthographic or perspective."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from relight.files import UserError
-from relight.transport.view import Pose, turned
+from relight.transport.view import Pose, rotated
 
 
 @dataclass(frozen=True)
 class Camera:
-    """Looks along -z at the square [-1, 1]^2 of the plane z = 0, from the camera plane z = `distance`.
+    """A camera at z = `distance` that looks along -z at the square [-1,1]^2 of the plane z = 0.
 
-    Orthographic rays start on the camera plane; perspective rays start at (0, 0, distance) and meet z = 0 where the
-    orthographic rays of the same pixels do, so both frame a figure at the origin alike. `size` is in pixels. All this
-    is in the camera's frame, which is the mesh's own unless `pose` says where the mesh is.
+    Orthographic rays start on the plane z = `distance`; perspective rays start at (0,0,distance) and meet the plane
+    z = 0 where the orthographic rays of the same pixels do, so both show a figure at the origin at the same size.
+
+    Attributes:
+        size: of the image in pixels.
+        distance: of the camera plane from the origin, in units of the camera's frame.
+        perspective: or orthographic.
+        pose: of the mesh in the camera's frame; None if the mesh's frame is the camera's.
+
+    Raises:
+        UserError: if size or distance are not positive.
     """
 
     size: int
@@ -29,10 +37,15 @@ class Camera:
             raise UserError(f"camera distance {self.distance}: it must be positive")
 
     def rays(self, column: np.ndarray, row: np.ndarray) -> np.ndarray:
-        """Rays (N, 6) float64 in the mesh's frame, origin and direction, through continuous pixel coordinates (N,).
+        """Returns the rays through points of the image.
 
-        (0, 0) is the corner of the top left pixel and (.5, .5) its centre. Every direction has z = -1 in the camera's
-        frame, so that the ray's parameter is the depth.
+        Args:
+            column: (N,) in pixels; (0,0) is the corner of the top left pixel and (.5,.5) its centre.
+            row: (N,) in pixels.
+
+        Returns:
+            (N,6) float64 origins and directions in the mesh's frame. In the camera's frame, all directions have
+            z = -1, so a ray's parameter is the depth.
         """
         x, y = 2 * column / self.size - 1, 1 - 2 * row / self.size
         rays = np.zeros((len(x), 6))
@@ -43,11 +56,11 @@ class Camera:
             rays[:, 0], rays[:, 1] = x, y
         if self.pose is not None:
             rays[:, :3] = self.pose.to_mesh(rays[:, :3])
-            rays[:, 3:] = turned(self.pose.rotation.T, rays[:, 3:]) / self.pose.scale
+            rays[:, 3:] = rotated(self.pose.rotation.T, rays[:, 3:]) / self.pose.scale
         return rays
 
     def toward(self, points: np.ndarray) -> np.ndarray:
-        """Directions (N, 3) in the mesh's frame from its `points` to the camera, not normalised."""
+        """Returns the directions (N,3), not normalised, from points (N,3) to the camera, all in the mesh's frame."""
         if self.perspective:
             eye = np.array([[0, 0, self.distance]])
             return (eye if self.pose is None else self.pose.to_mesh(eye)) - points
@@ -55,5 +68,5 @@ class Camera:
         return np.broadcast_to(axis if self.pose is None else axis @ self.pose.rotation, points.shape)
 
     def depth(self, points: np.ndarray) -> np.ndarray:
-        """Depths (N,) of the mesh's `points`: along -z from the camera plane, in units of the camera's frame."""
+        """Returns the depths (N,) of points (N,3) of the mesh's frame: along -z, in units of the camera's frame."""
         return self.distance - (points if self.pose is None else self.pose.to_camera(points))[:, 2]

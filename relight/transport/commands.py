@@ -16,7 +16,7 @@ def bake(
         typer.Option(
             "--out",
             "-o",
-            help="Maps as .exr or to look at as .png, transport per vertex as .ply or .npz; may be repeated. "
+            help="Maps as .exr or as a .png picture, transport per vertex as .ply or .npz; may be repeated. "
             "By default the mesh's name with .exr, here.",
         ),
     ] = None,
@@ -25,17 +25,17 @@ def bake(
     order: Annotated[int, typer.Option(min=0, help="Of the spherical harmonics; 2 gives nine coefficients.")] = 2,
     bounces: Annotated[int, typer.Option(min=0, help="Bounces of light between surfaces, in colour.")] = 0,
     supersample: Annotated[
-        int, typer.Option(min=1, help="Maps are means over k x k places of a pixel, which share its rays.")
+        int, typer.Option(min=1, help="Maps are means over k x k samples of a pixel, which share its rays.")
     ] = 1,
     yaw: Annotated[
-        float, typer.Option(help="Degrees by which the figure is turned, its front toward image right; -180 to 180.")
+        float, typer.Option(help="Degrees by which the figure is rotated, its front toward image right; -180 to 180.")
     ] = 0,
     pitch: Annotated[
         float, typer.Option(help="Degrees by which the camera stands higher, or lower where negative.")
     ] = 0,
     focal: Annotated[
         float | None,
-        typer.Option(help="Of the lens, mm on 36 mm of film over the picture's height; orthographic without."),
+        typer.Option(help="Focal length, mm for 36 mm of film over the image's height; orthographic without."),
     ] = None,
     up: Annotated[str, typer.Option(help="The file's axis that points up: +y, +z, ... or auto.")] = "auto",
     front: Annotated[str, typer.Option(help="The file's axis toward the camera: +z, -y, ... or auto.")] = "auto",
@@ -44,7 +44,7 @@ def bake(
         bool, typer.Option("--as-is", help="Neither repair nor align: the camera sees x and y from -1 to 1.")
     ] = False,
     seed: Annotated[int, typer.Option(help="Of the rays' azimuths.")] = 0,
-    threads: Annotated[int, typer.Option(min=0, help="0 takes every core; changes no bit of the result.")] = 0,
+    threads: Annotated[int, typer.Option(min=0, help="0 takes every core; the result does not depend on it.")] = 0,
 ) -> None:
     """Bake light transport (spherical harmonics), AO, albedo, normals and depth of a mesh.
 
@@ -66,8 +66,8 @@ def bake(
     if not 0 <= padding < 0.5:
         raise UserError(f"--padding {padding}: a share of the image's height, from 0 to under 0.5")
 
+    from relight.meshes import read_mesh
     from relight.meshes.axes import AXES
-    from relight.meshes.read import read_mesh
     from relight.transport.view import View
 
     view = View(yaw, pitch, focal)
@@ -75,58 +75,56 @@ def bake(
     for name, axis in (("--up", up), ("--front", front)):
         if axis not in AXES and axis != "auto":
             raise UserError(f"{name} {axis}: an axis of the file, {', '.join(AXES)}, or auto")
-    given = read_mesh(mesh)
-    for note in given.info.get("warnings", []):
+    source = read_mesh(mesh)
+    for note in source.info.get("warnings", []):
         typer.echo(f"{mesh.name}: {note}", err=True)
     start = time.monotonic()
     if any(target.suffix.lower() in (".exr", ".png") for target in targets):
-        from relight.maps.exr import write_maps
-        from relight.maps.show import write_picture
-        from relight.transport.bake import bake as bake_maps
+        from relight.maps import write_maps, write_maps_picture
+        from relight.transport.baker import bake as bake_maps
 
-        ready = given if as_is else _prepared(given, up, front, padding)
-        maps = bake_maps(ready, size, rays, order, seed, supersample, bounces, view, threads)
+        prepared = source if as_is else _cleaned_and_aligned(source, up, front, padding)
+        maps = bake_maps(prepared, size, rays, order, seed, supersample, bounces, view, threads)
         for target in targets:
             if target.suffix.lower() == ".exr":
                 write_maps(target, maps)
             elif target.suffix.lower() == ".png":
-                write_picture(target, maps)
+                write_maps_picture(target, maps)
         pixels = int(maps.mask.sum())
         typer.echo(
-            f"{mesh.name}: {len(ready.faces):,} triangles, {pixels:,} pixels of {size} x {size}, mean AO "
+            f"{mesh.name}: {len(prepared.faces):,} triangles, {pixels:,} pixels of {size} x {size}, mean AO "
             f"{maps.ao[maps.mask].mean():.3f}",
             err=True,
         )
     if any(target.suffix.lower() in (".ply", ".npz") for target in targets):
         from relight.transport.vertices import bake_vertices
 
-        baked = bake_vertices(given, rays, order, seed, bounces, threads)
+        baked = bake_vertices(source, rays, order, seed, bounces, threads)
         for target in targets:
             if target.suffix.lower() in (".ply", ".npz"):
                 baked.save(target)
-        typer.echo(f"{mesh.name}: {len(given.vertices):,} vertices", err=True)
+        typer.echo(f"{mesh.name}: {len(source.vertices):,} vertices", err=True)
     typer.echo(f"{rays} rays each, {time.monotonic() - start:.1f} s", err=True)
     for target in targets:
         typer.echo(str(target))
 
 
-def _prepared(mesh, up: str, front: str, padding: float):
-    """The mesh cleaned and aligned as the workflow does, saying on stderr what was changed."""
+def _cleaned_and_aligned(mesh, up: str, front: str, padding: float):
+    """Cleans and aligns a mesh as the workflow does, and reports the repairs on stderr."""
     from dataclasses import replace
 
     from omegaconf import OmegaConf
 
     from relight.config import composed
-    from relight.meshes.align import align
-    from relight.meshes.clean import clean
+    from relight.meshes import align, clean
 
     cfg = composed()
     settings = replace(OmegaConf.to_object(cfg.align), up=up, front=front, padding=padding)
     cleaned = clean(mesh, OmegaConf.to_object(cfg.clean))
     repairs = {name: count for name, count in cleaned.info.get("repairs", {}).items() if count}
     if repairs:
-        done = ", ".join(f"{name} {count}" for name, count in repairs.items())
-        typer.echo(f"{mesh.info['name']}: repaired ({done})", err=True)
+        counts = ", ".join(f"{name} {count}" for name, count in repairs.items())
+        typer.echo(f"{mesh.info['name']}: repaired ({counts})", err=True)
     aligned = align(cleaned, settings)
     record = aligned.info["align"]
     if "auto" in (up, front):

@@ -1,26 +1,25 @@
-"""The integral: transport vectors of points by casting each point's rays."""
+"""The transport integral, by casting rays from each point."""
 
 import numpy as np
 
 from relight.files import UserError
 from relight.progress import progress
-from relight.sh.basis import basis, count
-from relight.sh.irradiance import unoccluded
-from relight.transport.sampling import azimuths, frames, to_world, vogel
-from relight.transport.scene import MISS, Scene
+from relight.sh import basis, coefficient_count, unoccluded
+from relight.transport.raycaster import MISS, RayCaster
+from relight.transport.sampling import random_azimuths, rotate_to_world, tangent_frames, vogel_directions
 
-BATCH = 1 << 18  # rays per cast: 6 MB; the rate is flat from 2^14 up
+BATCH = 1 << 18  # rays per cast: 6 MB; from 2^14 on the rate is constant
 
 
-def at_least(least: int, **settings: int) -> None:
-    """UserError that names the first of `settings` below `least`."""
+def require_at_least(minimum: int, **settings: int) -> None:
+    """Raises UserError that names the first of the settings below `minimum`."""
     for name, value in settings.items():
-        if value < least:
-            raise UserError(f"{name} is {value}: it must be at least {least}")
+        if value < minimum:
+            raise UserError(f"{name} is {value}: it must be at least {minimum}")
 
 
 def integrate(
-    scene: Scene,
+    caster: RayCaster,
     points: np.ndarray,
     normals: np.ndarray,
     geometric: np.ndarray,
@@ -30,35 +29,45 @@ def integrate(
     radiosity: np.ndarray | None = None,
     batch: int = BATCH,
     azimuth: np.ndarray | None = None,
-    share: tuple[int, int] = (0, 1),
+    subset: tuple[int, int] = (0, 1),
 ) -> tuple[np.ndarray, np.ndarray | None]:
-    """Transport T_lm = integral of V(w) max(n.w, 0) Y_lm(w) dw at `points` (P, 3), as (P, K) float32. No 1/pi.
+    """Computes the transport T_lm = integral of V(w) max(n.w, 0) Y_lm(w) dw, without 1/pi.
 
-    `normals` (P, 3) are unit shading normals (the cosine); rays start off the surface along the unit `geometric`
-    normals (P, 3) (the visibility). With the Vogel directions w_j about n,
+    With N cosine-distributed directions w_j about n,
 
         T = A_l Y_lm(n) - pi/N sum over blocked w_j of Y_lm(w_j),
 
-    so that points which nothing occludes are exact at any N. The same `seed` gives the same bits whatever `batch`
-    and the thread count: rays don't depend on either, and sums are of fixed-point numbers, exact in any order.
+    so points that nothing occludes are exact at any N. The result depends neither on `batch` nor on the number of
+    threads: the rays do not, and the sums are of fixed-point numbers, exact in any order.
 
-    `radiosity` (F, K, C): what each face of the scene sends back per unit of light, front side only (see bounce.py);
-    the second result is then its gathered transport (P, K, C) float32, else None.
+    Args:
+        caster: of the mesh that occludes.
+        points: (P,3) on the mesh.
+        normals: (P,3) unit shading normals n, for the cosine.
+        geometric: (P,3) unit normals along which rays start off the surface, for the visibility V.
+        rays: N, per point.
+        order: of the spherical harmonics.
+        seed: of the rays' azimuths.
+        radiosity: (F,K,C), what the front of each face reflects per unit of each coefficient (`solve_radiosity`).
+        batch: rays that are cast at a time.
+        azimuth: (P,) radians, in place of random ones.
+        subset: (j, m) casts the j-th, (j+m)-th, ... of the N rays alone, as for the m samples of a pixel with one
+            azimuth. Every m-th point of Vogel's spiral is a spiral again, so on smooth surfaces the mean over the
+            samples is as accurate as all N rays.
 
-    Points that share one set of rays, as the places of a pixel do, are given its `azimuth` (P,) in radians in place of
-    the seed's, and `share` = (j, m): of the directions the j-th, (j+m)-th, ... only. Every m-th point of Vogel's spiral
-    is again a spiral, so the mean over the m places is as even as the whole set where the surface is.
+    Returns:
+        Transport (P,K) float32, and what the rays gather of the radiosity, (P,K,C) float32, or None without it.
     """
     if not all(np.isfinite(array).all() for array in (points, normals, geometric)):
         raise ValueError("points and normals must be finite: Embree calls such rays unoccluded")
-    total, coefficients = len(points), count(order)
-    directions = vogel(rays)[share[0] :: share[1]]
+    total, coefficients = len(points), coefficient_count(order)
+    directions = vogel_directions(rays)[subset[0] :: subset[1]]
     rays = len(directions)
     spread = np.concatenate([np.ones((rays, 1)), directions], 1).astype(np.float32)
     # Multiples of 2^-32: float64 adds up to 2^20 of them without rounding, hence in any order.
     projector = np.round(basis(directions, order) * 2.0**32) / 2.0**32
-    frame = frames(normals, azimuths(total, seed) if azimuth is None else azimuth)
-    start = scene.local(points + scene.offset * geometric)
+    frame = tangent_frames(normals, random_azimuths(total, seed) if azimuth is None else azimuth)
+    start = caster.to_local(points + caster.offset * geometric)
     blocked = np.empty((total, coefficients))
     gathered = None
     if radiosity is not None:
@@ -69,7 +78,7 @@ def integrate(
     step = max(1, batch // rays)
     buffer = np.empty((min(step, total), rays, 6), np.float32)
     steps = range(0, total, step)
-    for begin in progress(steps, "casting rays") if share[1] == 1 else steps:  # who shares rays counts the shares
+    for begin in progress(steps, "casting rays") if subset[1] == 1 else steps:  # of subsets, the caller shows progress
         part = slice(begin, min(begin + step, total))
         bundle = buffer[: part.stop - begin]
         # One product makes origin and direction: (1, w) @ [[origin, 0], [0, frame]].
@@ -78,30 +87,30 @@ def integrate(
         np.matmul(spread, placement, out=bundle)
         flat_rays = bundle.reshape(-1, 6)
         if radiosity is None:
-            hit = scene.occluded(flat_rays)
+            hit = caster.occluded(flat_rays)
         else:
-            face, front = _front(scene, flat_rays)
+            face, front = _first_faces(caster, flat_rays)
             hit = face != MISS
             gathered[part] = _gather(flat, face, front, rays)
         blocked[part] = hit.reshape(-1, rays).astype(np.float64) @ projector
 
-    transport = unoccluded(normals, order) - np.pi / rays * to_world(blocked, frame, order)
+    transport = unoccluded(normals, order) - np.pi / rays * rotate_to_world(blocked, frame, order)
     if gathered is not None:
         gathered = gathered.reshape(total, coefficients, channels)
     return transport.astype(np.float32), gathered
 
 
-def _front(scene: Scene, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The face that each ray meets, and whether it meets its front."""
-    face, _ = scene.first(rays)
+def _first_faces(caster: RayCaster, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the face (N,) that each ray meets first, and whether it meets its front, (N,) bool."""
+    face, _ = caster.intersect(rays)
     hit = np.flatnonzero(face != MISS)
     front = np.zeros(len(rays), bool)
-    front[hit] = np.einsum("nx,nx->n", rays[hit, 3:], scene.normals[face[hit]]) < 0
+    front[hit] = np.einsum("nx,nx->n", rays[hit, 3:], caster.normals[face[hit]]) < 0
     return face, front
 
 
 def _gather(radiosity: np.ndarray, face: np.ndarray, front: np.ndarray, rays: int) -> np.ndarray:
-    """The mean of `radiosity` (F, M) over each point's rays, as (P, M); rays that meet no front count as zero."""
+    """Averages radiosity (F,M) over each point's rays, to (P,M); rays that meet no front count as zero."""
     from scipy.sparse import csr_array  # .1 s to import, and only bounces need it
 
     ends = np.concatenate([[0], np.cumsum(front.reshape(-1, rays).sum(1))])

@@ -1,35 +1,36 @@
-"""The directions that each point looks in: one cosine-weighted set, turned about each point's normal."""
+"""Ray directions: one cosine-weighted set, rotated about the normal of each point."""
 
 from functools import cache
 
 import numpy as np
 
-from relight.sh.basis import basis, count
+from relight.sh import basis, coefficient_count
 
 
-def vogel(rays: int) -> np.ndarray:
-    """Cosine-distributed directions (rays, 3) about +z: Vogel's spiral on the disc, lifted to the hemisphere.
+def vogel_directions(rays: int) -> np.ndarray:
+    """Returns cosine-distributed directions (rays,3) about +z: Vogel's spiral on the disc, lifted to the hemisphere.
 
-    The projection to the disc is uniform (Malley's method), so the mean over the set, times pi, integrates
-    against max(z, 0) dw. Its error falls as rays^-.75 at visibility edges, against rays^-.5 of random directions.
+    The points on the disc are uniform (Malley's method), so pi times the mean over the directions integrates against
+    max(z, 0) dw. At visibility edges the error falls as rays^-.75; with random directions, as rays^-.5.
     """
     index = np.arange(rays)
     radius, angle = np.sqrt((index + 0.5) / rays), index * (np.pi * (3 - np.sqrt(5)))
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), np.sqrt(1 - radius**2)], -1)
 
 
-def azimuths(count: int, seed: int) -> np.ndarray:
-    """Seeded angles (count,) in radians, by which the directions of each point are turned about its normal.
+def random_azimuths(count: int, seed: int) -> np.ndarray:
+    """Returns uniform angles (count,) in radians, by which each point's directions are rotated about its normal.
 
-    They make the sampling error of neighbours independent: noise, where one shared set would give bands.
+    They make the sampling errors of neighbouring points independent: noise instead of bands.
     """
     return np.random.default_rng(seed).random(count) * (2 * np.pi)
 
 
-def frames(normals: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
-    """Right-handed frames (P, 3, 3), rows tangent, bitangent, normal, each turned by its azimuth (P,) in radians.
+def tangent_frames(normals: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
+    """Returns right-handed frames (P,3,3) with the rows tangent, bitangent, normal.
 
-    Tangents after Duff et al. 2017, "Building an Orthonormal Basis, Revisited" (continuous but at z = 0).
+    They are rotated about the unit normals (P,3) by azimuths (P,) in radians. Tangents after Duff et al. 2017,
+    "Building an Orthonormal Basis, Revisited", are discontinuous at z = 0 alone.
     """
     x, y, z = np.asarray(normals, np.float64).T
     sign = np.where(z < 0, -1.0, 1.0)
@@ -42,10 +43,11 @@ def frames(normals: np.ndarray, azimuth: np.ndarray) -> np.ndarray:
 
 
 @cache
-def lobes(order: int) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Directions (M, 3), M = 2 order + 1, and for each band l the matrix (2l+1, M) from coefficients to lobe weights.
+def zonal_lobes(order: int) -> tuple[np.ndarray, list[np.ndarray]]:
+    """Returns directions such that every function of a band is a sum of zonal lobes of that band at the directions.
 
-    Every function of band l is a sum of M zonal lobes of that band at these directions.
+    Returns:
+        Directions (M,3), M = 2 order + 1, and for each band l the matrix (2l+1,M) from coefficients to lobe weights.
     """
     m = 2 * order + 1
     index = np.arange(m) + 0.5
@@ -57,15 +59,23 @@ def lobes(order: int) -> tuple[np.ndarray, list[np.ndarray]]:
     return directions, [np.linalg.pinv(values[:, l * l : (l + 1) ** 2]) for l in range(order + 1)]
 
 
-def to_world(coefficients: np.ndarray, frame: np.ndarray, order: int) -> np.ndarray:
-    """Turns SH coefficients (P, K) given in local frames (P, 3, 3) (rows: axes in the world) into the world's.
+def rotate_to_world(coefficients: np.ndarray, frame: np.ndarray, order: int) -> np.ndarray:
+    """Rotates coefficients from the frame of each point to the world's.
 
     A rotated lobe is a lobe at the rotated direction, so a rotation is M evaluations of the basis per point (after
-    Nowrouzezahrai et al. 2012, "Sparse Zonal Harmonic Factorization"), at any order, without Wigner matrices.
-    Every point's sums run in an order of their own, whatever the threads and the number of points.
+    Nowrouzezahrai et al. 2012, "Sparse Zonal Harmonic Factorization"), at any order, without Wigner matrices. The order
+    of a point's sums depends neither on the number of threads nor on that of points.
+
+    Args:
+        coefficients: (P,K).
+        frame: (P,3,3), the rows are the axes of the points' frames in the world.
+        order: of the spherical harmonics.
+
+    Returns:
+        (P,K) float64.
     """
-    directions, weights = lobes(order)
-    world = np.empty((len(frame), count(order)))
+    directions, weights = zonal_lobes(order)
+    world = np.empty((len(frame), coefficient_count(order)))
     block = 1 << 12  # fits the cache: twice as fast as all at once
     for start in range(0, len(frame), block):
         part = slice(start, start + block)

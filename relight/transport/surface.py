@@ -1,16 +1,21 @@
-"""What the surface looks like at a hit: albedo and shading normal."""
+"""Albedo and shading normal at points of the surface."""
 
 import numpy as np
 
 from relight.files import UserError
-from relight.meshes.mesh import Mesh
+from relight.meshes import Mesh
 from relight.srgb import LINEAR
 
 
-def sample(texture: np.ndarray, uv: np.ndarray) -> np.ndarray:
-    """Bilinear lookup in `texture` (H, W, 3) uint8 sRGB at `uv` (N, 2), as (N, 3) linear float32.
+def sample_texture(texture: np.ndarray, uv: np.ndarray) -> np.ndarray:
+    """Looks up a texture bilinearly; texels are decoded before they are interpolated.
 
-    uv (0, 0) is the bottom left corner of the picture, and it repeats. Texels are decoded before they are mixed.
+    Args:
+        texture: (H,W,3) uint8 sRGB, which repeats.
+        uv: (N,2), (0,0) is the bottom left corner of the picture.
+
+    Returns:
+        (N,3) float32, linear.
     """
     height, width = texture.shape[:2]
     x, y = uv[:, 0] * width - 0.5, (1 - uv[:, 1]) * height - 0.5
@@ -24,11 +29,19 @@ def sample(texture: np.ndarray, uv: np.ndarray) -> np.ndarray:
     return upper * (1 - down) + lower * down
 
 
-def albedo(mesh: Mesh, face: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Linear albedo (N, 3) float32 at faces (N,) and barycentric weights (N, 3).
+def sample_albedo(mesh: Mesh, face: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Returns the albedo of points: texture times material colour times interpolated vertex colour.
 
-    Texture times material colour times interpolated vertex colour. UserError when a face's material is missing or
-    what it looks up is not finite.
+    Args:
+        mesh: with materials.
+        face: (N,) of the points.
+        weights: (N,3) barycentric.
+
+    Returns:
+        (N,3) float32 in [0,1], linear.
+
+    Raises:
+        UserError: if a face's material does not exist, or colours or texture coordinates are not finite.
     """
     material = mesh.material[face]
     if len(material) and not 0 <= material.min() <= material.max() < len(mesh.materials):
@@ -44,7 +57,7 @@ def albedo(mesh: Mesh, face: np.ndarray, weights: np.ndarray) -> np.ndarray:
             uv = np.einsum("nc,ncx->nx", weights[chosen], mesh.uv[face[chosen]])
             if not np.isfinite(uv).all():
                 raise UserError("the mesh has texture coordinates that are not finite: repair or drop them")
-            value = value * sample(surface.texture, uv)
+            value = value * sample_texture(surface.texture, uv)
         result[chosen] = value
     if mesh.color is not None:
         result *= np.einsum("nc,ncx->nx", weights, mesh.color[mesh.faces[face]]).astype(np.float32)
@@ -56,10 +69,20 @@ def albedo(mesh: Mesh, face: np.ndarray, weights: np.ndarray) -> np.ndarray:
 def shading_normals(
     vertex_normals: np.ndarray, faces: np.ndarray, face: np.ndarray, weights: np.ndarray, geometric: np.ndarray
 ) -> np.ndarray:
-    """Interpolated unit normals (N, 3) float64 on the side of the `geometric` normals (N, 3).
+    """Interpolates vertex normals.
 
-    Where interpolation gives no direction, or one more than 78 degrees from the face's own, which smooth surfaces
-    never do (torn or inconsistently wound scans), the geometric normal stands in.
+    Where this gives no direction, or one that is more than 78 degrees from the geometric normal, as on torn or
+    inconsistently wound scans but never on smooth surfaces, the geometric normal is returned.
+
+    Args:
+        vertex_normals: (V,3) of the mesh.
+        faces: (F,3) of the mesh.
+        face: (N,) of the points.
+        weights: (N,3) barycentric.
+        geometric: (N,3) unit normals of the faces of the points.
+
+    Returns:
+        (N,3) float64 unit normals.
     """
     normal = np.einsum("nc,ncx->nx", weights, vertex_normals[faces[face]].astype(np.float64))
     length = np.linalg.norm(normal, axis=1, keepdims=True)

@@ -1,21 +1,20 @@
-"""Path tracing of a mesh by Mitsuba 3, which shares no code with the baker: what the maps are checked against.
+"""Path tracing of a mesh by Mitsuba 3, which shares no code with the baker: an independent check of the maps.
 
-Mitsuba is an optional part (`pip install mitsuba`). Its scalar variant is used, which needs no LLVM on the machine.
+Mitsuba is optional (`pip install mitsuba`). Its scalar variant is used, which needs no LLVM on the machine.
 """
 
 import numpy as np
 
 from relight.files import UserError
-from relight.meshes.mesh import Mesh
-from relight.meshes.normals import vertex_normals
-from relight.transport.surface import albedo
+from relight.meshes import Mesh, vertex_normals
+from relight.transport.surface import sample_albedo
 
 ROWS = 256  # of an environment map
 EYE = 4.0  # distance of the orthographic camera from the origin
 
 
-def mitsuba():
-    """The module, with its variant set. Raises UserError where it is not installed."""
+def import_mitsuba():
+    """Returns the module with its variant set; raises UserError if it is not installed."""
     try:
         import mitsuba
     except ImportError:
@@ -25,15 +24,23 @@ def mitsuba():
     return mitsuba
 
 
-class Tracer:
-    """An aligned mesh before the camera of `bake`, its albedo that of its corners, linear between them."""
+class PathTracer:
+    """Renders an aligned mesh with the camera of `bake`; its albedo is interpolated from the corners of faces."""
 
     def __init__(self, mesh: Mesh, size: int):
-        """Pictures have size x size pixels, each the mean over the pixel's area."""
-        self.mi, self.size = mitsuba(), size
+        """Loads a mesh.
+
+        Args:
+            mesh: aligned.
+            size: of the images in pixels; a pixel is the mean over its area.
+
+        Raises:
+            UserError: if Mitsuba is not installed.
+        """
+        self.mi, self.size = import_mitsuba(), size
         count = len(mesh.faces)
         corners = mesh.faces.ravel()
-        color = albedo(mesh, np.repeat(np.arange(count), 3), np.tile(np.eye(3), (count, 1)))
+        color = sample_albedo(mesh, np.repeat(np.arange(count), 3), np.tile(np.eye(3), (count, 1)))
         diffuse = {"type": "diffuse", "reflectance": {"type": "mesh_attribute", "name": "vertex_color"}}
         properties = self.mi.Properties()
         properties["bsdf"] = self.mi.load_dict({"type": "twosided", "bsdf": diffuse})
@@ -46,19 +53,33 @@ class Tracer:
         parameters.update()
 
     def radiance(self, sky: np.ndarray, samples: int, bounces: int = 0, seed: int = 0) -> np.ndarray:
-        """Radiance (S,S,3) toward the camera under `sky` (H,W,3), which may not be negative (`sky_directions`).
+        """Renders the radiance toward the camera.
 
-        bounces: of interreflection; samples: per pixel.
+        Args:
+            sky: (H,W,3) radiance, not negative, at `sky_directions`.
+            samples: per pixel.
+            bounces: of interreflection.
+            seed: of the samples.
+
+        Returns:
+            (S,S,3) float32.
         """
-        return self._render(sky, samples, path(bounces), seed)
+        return self._render(sky, samples, path_integrator(bounces), seed)
 
     def irradiance(self, sky: np.ndarray, samples: int, bounces: int = 0, seed: int = 0) -> np.ndarray:
-        """Irradiance (S,S,3) of what each pixel sees: its radiance times pi over its albedo, of the same samples.
+        """Renders the irradiance of the visible surface: radiance times pi over the albedo of the same samples.
 
-        Where the mesh covers a part of the pixel, it is the mean over that part; zero where it shows no mesh. `sky` may
-        have values of either sign, as a truncated series has: light is additive, so both signs are traced apart.
+        Args:
+            sky: (H,W,3) radiance; may be negative, as truncated series are. Both signs are rendered separately, since
+                light is additive.
+            samples: per pixel.
+            bounces: of interreflection.
+            seed: of the samples.
+
+        Returns:
+            (S,S,3) float64, the mean over the covered part of each pixel; zero where there is no mesh.
         """
-        both = {"type": "aov", "aovs": "albedo:albedo", "path": path(bounces)}
+        both = {"type": "aov", "aovs": "albedo:albedo", "path": path_integrator(bounces)}
         total = np.zeros((self.size, self.size, 3))
         for sign in (1, -1):
             part = np.maximum(sign * sky, 0)
@@ -92,13 +113,13 @@ class Tracer:
         return np.array(self.mi.render(scene, seed=seed))
 
 
-def path(bounces: int) -> dict:
-    """Mitsuba's path tracer, all paths of this length and shorter, the sky itself unseen."""
+def path_integrator(bounces: int) -> dict:
+    """Returns Mitsuba's settings for all paths of up to `bounces` bounces, with the sky itself invisible."""
     return {"type": "path", "max_depth": 2 + bounces, "rr_depth": 100, "hide_emitters": True}
 
 
 def sky_directions(rows: int = ROWS) -> np.ndarray:
-    """Directions (rows, 2 rows, 3) of the texels of a Mitsuba environment map, in our frame.
+    """Returns the directions (rows, 2 rows, 3) of the texels of a Mitsuba environment map, in the camera frame.
 
     Measured on mi.load_dict({"type": "envmap"}).eval: rows run from pole to pole inclusive, columns are centres, and
     u = 1/4 is +x, u = 1/2 is +z.
@@ -109,20 +130,20 @@ def sky_directions(rows: int = ROWS) -> np.ndarray:
 
 
 def sky_weights(rows: int = ROWS) -> np.ndarray:
-    """Solid angle of each texel, (rows, 2 rows); sums to 4 pi."""
+    """Returns the solid angles (rows, 2 rows) of the texels of a Mitsuba environment map; their sum is 4 pi."""
     sine = np.sin(np.linspace(0, np.pi, rows))
     return np.repeat((sine / sine.sum() * 2 * np.pi / rows)[:, None], 2 * rows, 1)
 
 
-def averaged(image: np.ndarray, k: int) -> np.ndarray:
-    """The mean over k x k blocks of (H, W, ...)."""
+def block_means(image: np.ndarray, k: int) -> np.ndarray:
+    """Returns the means (H/k,W/k,...) over the k x k blocks of an image (H,W,...)."""
     height, width = image.shape[0] // k, image.shape[1] // k
     return image.reshape(height, k, width, k, *image.shape[2:]).mean((1, 3))
 
 
-def inside(mask: np.ndarray, k: int) -> np.ndarray:
-    """Pixels whose k x k block lies in the mask, and those of their eight neighbours too."""
-    full = averaged(mask.astype(float), k) == 1
+def interior_blocks(mask: np.ndarray, k: int) -> np.ndarray:
+    """Returns which k x k blocks, (H/k,W/k) bool, lie in a mask (H,W) together with their eight neighbours."""
+    full = block_means(mask.astype(float), k) == 1
     padded = np.pad(full, 1)
     rows, columns = full.shape
     return np.all([padded[i : i + rows, j : j + columns] for i in range(3) for j in range(3)], 0)

@@ -6,23 +6,29 @@ from pathlib import Path
 import numpy as np
 
 from relight.files import UserError, whole
-from relight.maps.exr import CONVENTION, coefficient_names
-from relight.meshes.mesh import Mesh
-from relight.meshes.normals import vertex_normals
-from relight.sh.basis import order_of
-from relight.transport.bounce import reflectors
-from relight.transport.integrate import at_least, integrate
-from relight.transport.scene import Scene
-from relight.transport.surface import albedo
+from relight.maps import coefficient_names
+from relight.maps.exr import CONVENTION
+from relight.meshes import Mesh, vertex_normals
+from relight.sh import order_of
+from relight.transport.bounce import solve_radiosity
+from relight.transport.integrate import integrate, require_at_least
+from relight.transport.raycaster import RayCaster
+from relight.transport.surface import sample_albedo
 
 
 @dataclass
 class VertexTransport:
     """Transport at the vertices of a mesh, in its frame and units.
 
-    vertices, normals, albedo (V, 3) float32, albedo linear; faces (F, 3) int32; transport (V, K) float32, direct, no
-    1/pi, index l*l+l+m; bounced (V, K, 3) float32 or None, as in Maps. Vertices that no face uses have zeros but for
-    their position.
+    Vertices that no face uses have a position; all their other values are zero.
+
+    Attributes:
+        vertices: (V,3) float32.
+        faces: (F,3) int32.
+        normals: (V,3) float32 unit normals.
+        albedo: (V,3) float32, linear.
+        transport: (V,K) float32, direct, without 1/pi, index l*l + l + m.
+        bounced: (V,K,3) float32 or None, as in `Maps`.
     """
 
     vertices: np.ndarray
@@ -33,7 +39,14 @@ class VertexTransport:
     bounced: np.ndarray | None = None
 
     def save(self, path: Path | str) -> None:
-        """Writes .npz (the fields by name) or .ply (a vertex property per coefficient), whole or not at all."""
+        """Writes a file, whole or not at all.
+
+        Args:
+            path: .npz (the attributes by name) or .ply (one vertex property per coefficient).
+
+        Raises:
+            UserError: if the path has another suffix.
+        """
         path = Path(path)
         if path.suffix == ".npz":
             arrays = {name: value for name, value in vars(self).items() if value is not None}
@@ -46,7 +59,7 @@ class VertexTransport:
             raise UserError(f"{path}: transport per vertex is written as .ply or .npz")
 
     def _ply(self) -> bytes:
-        """Binary PLY: position, normal, `albedo_r` ... linear, `L0M0`, `L1Mn1` ..., and `bounced_r_L0M0` ..."""
+        """Returns a binary PLY with the properties x, nx, albedo_r (linear), L0M0, L1Mn1, bounced_r_L0M0 and so on."""
         names = coefficient_names(order_of(self.transport.shape[1]))
         columns = [*"xyz", "nx", "ny", "nz", "albedo_r", "albedo_g", "albedo_b", *names]
         parts = [self.vertices, self.normals, self.albedo, self.transport]
@@ -64,31 +77,41 @@ class VertexTransport:
 def bake_vertices(
     mesh: Mesh, rays: int, order: int = 2, seed: int = 0, bounces: int = 0, threads: int = 1
 ) -> VertexTransport:
-    """Transport at every vertex, on the side of its normal, by the integral that `bake` takes at pixels.
+    """Bakes the transport at every vertex, on the side of its normal, by the integral that `bake` takes at pixels.
 
-    The mesh needs no alignment. Albedo is that of the vertex in the first face that uses it. UserError as in `bake`.
+    Args:
+        mesh: in any frame and unit. The albedo of a vertex is that in the first face that uses it.
+        rays: per vertex.
+        order: of the spherical harmonics.
+        seed: of the rays' azimuths.
+        bounces: of interreflection.
+        threads: 0 takes every core. The result does not depend on it.
+
+    Raises:
+        UserError: if a setting is out of range or `RayCaster` refuses the mesh.
     """
-    at_least(1, rays=rays)
-    at_least(0, order=order, bounces=bounces)
-    scene = Scene(mesh.vertices, mesh.faces, threads)
-    lit, radiosity = reflectors(mesh, scene, rays, order, seed, bounces) if bounces else (scene, None)
+    require_at_least(1, rays=rays)
+    require_at_least(0, order=order, bounces=bounces)
+    caster, radiosity = RayCaster(mesh.vertices, mesh.faces, threads), None
+    if bounces:
+        caster, radiosity = solve_radiosity(mesh, caster, rays, order, seed, bounces)
     used, first = np.unique(mesh.faces.reshape(-1), return_index=True)
     face, corner = np.divmod(first, 3)
     normals = vertex_normals(mesh)[used].astype(np.float64)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)  # to double precision
     points = np.asarray(mesh.vertices, np.float64)[used]
-    transport, gathered = integrate(lit, points, normals, normals, rays, order, seed, radiosity)
+    transport, gathered = integrate(caster, points, normals, normals, rays, order, seed, radiosity)
 
-    def spread(values: np.ndarray) -> np.ndarray:
-        whole_mesh = np.zeros((len(mesh.vertices), *values.shape[1:]), np.float32)
-        whole_mesh[used] = values
-        return whole_mesh
+    def for_all(values: np.ndarray) -> np.ndarray:
+        array = np.zeros((len(mesh.vertices), *values.shape[1:]), np.float32)
+        array[used] = values
+        return array
 
     return VertexTransport(
         vertices=np.asarray(mesh.vertices, np.float32),
         faces=np.asarray(mesh.faces, np.int32),
-        normals=spread(normals),
-        albedo=spread(albedo(mesh, face, np.eye(3)[corner])),
-        transport=spread(transport),
-        bounced=None if gathered is None else spread(gathered),
+        normals=for_all(normals),
+        albedo=for_all(sample_albedo(mesh, face, np.eye(3)[corner])),
+        transport=for_all(transport),
+        bounced=None if gathered is None else for_all(gathered),
     )

@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 
 from relight.files import UserError, whole
-from relight.maps.maps import Maps
+from relight.maps import Maps
+from relight.viewer.bundle import bundle
 from relight.viewer.figure import Figure, embed
 
 PAGE = Path(__file__).parent / "page"
-SCRIPTS = ("sh.js", "hdr.js", "codec.js", "figure.js", "render.js", "stage.js", "app.js", "lists.js", "controls.js")
 BACKGROUNDS = ("studio", "light", "color", "clear", "photo")
-LIMIT = 6_000_000  # bytes of a page
+LIMIT = 6_000_000  # bytes of a page with one figure
+FURTHER = 2_500_000  # bytes that the limit grows by with each further one
 
 
 def build_viewer(
@@ -26,7 +27,7 @@ def build_viewer(
     photo_light: np.ndarray | None = None,
     background: str | None = None,
     title: str = "relight",
-    limit: int = LIMIT,
+    limit: int | None = None,
 ) -> None:
     """Writes the page `out` for one figure; see `Figure` for its maps and photo, `build_gallery` for the rest."""
     build_gallery(out, [Figure(title, maps, photo, photo_light)], lights, background, title, limit)
@@ -38,14 +39,22 @@ def build_gallery(
     lights: Mapping[str, np.ndarray],
     background: str | None = None,
     title: str = "relight",
-    limit: int = LIMIT,
+    limit: int | None = None,
 ) -> None:
     """Writes one page for several figures, which it offers by their titles.
 
-    lights: radiance coefficients (9,3) by name, in the order shown; the first one lights the first picture, unless the
-    figure brings the light of its photo. background: the first one shown, of BACKGROUNDS; a photo's own by default,
-    else a studio. limit: bytes of the page; figures are coded as finely as fits (figure.QUALITIES). UserError when
-    they do not fit, or when there is no light or figure.
+    Args:
+        out: the page (.html).
+        figures: in the order shown.
+        lights: radiance coefficients (9,3) by name, in the order shown. The first one lights the first picture, unless
+            the figure brings the light of its photo.
+        background: the first one shown, of BACKGROUNDS; by default a photo's own, else the studio.
+        title: of the page.
+        limit: bytes of the page; by default LIMIT, and FURTHER for each figure after the first. Figures are coded as
+            finely as fits (figure.QUALITIES).
+
+    Raises:
+        UserError: if the figures do not fit, or there is no figure or light.
     """
     if not figures or not lights:
         raise UserError("a viewer page needs at least one figure and one light")
@@ -64,9 +73,10 @@ def build_gallery(
         "page": json.dumps(page).replace("<", "\\u003c"),
         "style": (PAGE / "style.css").read_text(encoding="utf-8"),
         "fragment": (PAGE / "figure.frag").read_text(encoding="utf-8").strip(),
-        "script": "\n".join((PAGE / name).read_text(encoding="utf-8") for name in SCRIPTS),
+        "script": bundle(PAGE / "main.js"),
     }
     text = (PAGE / "template.html").read_text(encoding="utf-8")
+    limit = limit or LIMIT + FURTHER * (len(figures) - 1)
     room = (limit - len(text) - sum(map(len, parts.values())) - 200 * len(figures)) // len(figures)
     parts["figures"] = "\n".join(
         f'<script type="application/json" class="figure" data-title="{html.escape(figure.title)}">'

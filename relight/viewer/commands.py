@@ -24,7 +24,12 @@ def view(
     ] = None,
     title: Annotated[str, typer.Option(help="Of the page; the file's name by default.")] = "",
     size: Annotated[int, typer.Option(min=64, max=4096, help="A photo's longer side is scaled down to this.")] = 1024,
-    limit: Annotated[float, typer.Option(min=0.1, max=100, help="Largest size of the page, MB.")] = 6.0,
+    limit: Annotated[
+        float | None,
+        typer.Option(
+            min=0.1, max=100, help="Largest size of the page, MB: 6 by default, and 2.5 for each further figure."
+        ),
+    ] = None,
     weights: Annotated[Path | None, typer.Option("--weights", "-w", help="A checkpoint (.safetensors).")] = None,
     open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
 ) -> None:
@@ -55,7 +60,9 @@ def view(
         relighter = relighter or load(weights)
         pixels, coverage = smaller(photo, mask_of(photo, mask or mask_beside(path)), size)
         figures.append(photo_figure(relighter, pixels, coverage, photo.name))
-    build_gallery(out, figures, named_lights(light or ()), background, title or figures[0].title, int(limit * 1e6))
+    build_gallery(
+        out, figures, named_lights(light or ()), background, title or figures[0].title, limit and int(limit * 1e6)
+    )
     typer.echo(f"{out}: {out.stat().st_size / 1e6:.1f} MB")
     if open_:
         typer.launch(out.resolve().as_uri())

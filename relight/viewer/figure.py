@@ -7,12 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from relight.files import UserError
-from relight.maps.maps import Maps
+from relight.maps import Maps
 from relight.photos.color import CLIPPING, chroma, excess
 from relight.photos.composite import foreground
 from relight.photos.frame import extend
 from relight.photos.relight import floor_of, shading
-from relight.sh.basis import count
+from relight.sh import coefficient_count
 from relight.srgb import LINEAR
 from relight.srgb import encode as encode_srgb
 from relight.viewer.codec import deflate, encode
@@ -47,7 +47,7 @@ class Figure:
         height, width = self.maps.mask.shape
         if not self.maps.mask.any():
             raise UserError(f"figure '{self.title}': its mask is empty; a mask with the figure in it would be right")
-        if self.maps.transport.shape[-1] < count(2):
+        if self.maps.transport.shape[-1] < coefficient_count(2):
             raise UserError(
                 f"figure '{self.title}': transport has {self.maps.transport.shape[-1]} coefficients; order 2 has 9"
             )
@@ -100,7 +100,7 @@ def pack(figure: Figure, transport_steps: int, background_step: int) -> tuple[di
         "box": [columns.start, rows.start, region.shape[1], region.shape[0]],
         "region": len(streams[0]),
         "planes": [],
-        "mean": maps.transport[maps.mask][:, : count(2)].mean(0, dtype=np.float64).round(6).tolist(),
+        "mean": maps.transport[maps.mask][:, : coefficient_count(2)].mean(0, dtype=np.float64).round(6).tolist(),
     }
     if figure.photo is not None and figure.photo_light is not None:
         light = np.asarray(figure.photo_light, np.float64)
@@ -115,7 +115,7 @@ def pack(figure: Figure, transport_steps: int, background_step: int) -> tuple[di
     def cut(values: np.ndarray) -> np.ndarray:
         return extend(np.nan_to_num(np.asarray(values, np.float32)[rows, columns]), mask)
 
-    transport, ao = cut(maps.transport[..., : count(2)]), cut(maps.ao)
+    transport, ao = cut(maps.transport[..., : coefficient_count(2)]), cut(maps.ao)
     add("transport", np.rint(transport * transport_steps), transport_steps, region)
     add("albedo", np.rint(encode_srgb(cut(maps.albedo)) * ALBEDO_STEPS), ALBEDO_STEPS, region)
     if maps.normal.any():

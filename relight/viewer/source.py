@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from relight.files import UserError, existing
-from relight.lights.load import load_light
-from relight.lights.statistics import reference_brightness
-from relight.maps.maps import Maps
+from relight.lights import load_light, reference_brightness
+from relight.maps import Maps
 from relight.photos.upsample import luma
 from relight.srgb import LINEAR
 from relight.viewer.figure import OPEN, Figure
@@ -18,10 +17,16 @@ if TYPE_CHECKING:
     from relight.photos.api import Relighter
 
 BRIGHTNESS = 0.8  # the first light's irradiance toward the viewer, the middle of the paper's [.7, .9]
-LIGHTS = {f"Room {seed}": f"room:{seed}" for seed in (8, 3, 5, 17, 26, 11)} | {
+LIGHTS = {
+    "Warm, from the right": "room:8",
+    "From behind": "room:3",
+    "Cool, from the right": "room:5",
+    "Soft and grey": "room:17",
+    "Tungsten": "room:26",
+    "Soft, from the front": "room:11",
     "Open sky": "sky:1",
-    "Key, warm": "key:#ffd9a8@-50,35,0.25",
-    "Rim, blue": "key:#b8ccff@125,25,0.35",
+    "Warm key light": "key:#ffd9a8@-50,35,0.25",
+    "Blue rim light": "key:#b8ccff@125,25,0.35",
 }
 
 
@@ -44,7 +49,7 @@ def named_lights(texts: Iterable[str] = ()) -> dict[str, np.ndarray]:
 
 def baked_figure(path: Path, title: str | None = None) -> Figure:
     """The figure of a file of maps (relight.maps.exr). UserError when it stands for one that was left out."""
-    from relight.maps.exr import LeftOut, read_maps
+    from relight.maps import LeftOut, read_maps
 
     try:
         maps = read_maps(existing(path, "maps"))
@@ -70,8 +75,9 @@ def photo_figure(relighter: "Relighter", pixels: np.ndarray, coverage: np.ndarra
         place, window = person.frame, person.frame.window
         mine = person.coverage[window] > 0
         detail = person.detail(LINEAR[pixels[window]], place.rows)
-        albedo[window][mine] = person.fitted_albedo().place(place, detail, place.rows)[mine] ** 2
-        transport[window][mine] = person.fitted_transport().place(place, luma(detail), place.rows)[mine]
+        where = np.flatnonzero(mine)
+        albedo[window][mine] = person.fitted_albedo.place(place, detail[mine], place.rows, where) ** 2
+        transport[window][mine] = person.fitted_transport.place(place, luma(detail[mine]), place.rows, where)
     maps = Maps(
         mask=coverage > 0,
         coverage=coverage / np.float32(255),

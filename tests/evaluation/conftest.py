@@ -12,11 +12,8 @@ from omegaconf import OmegaConf
 from relight import config
 from relight.learning.checkpoint import save_network
 from relight.learning.networks import build
-from relight.maps.exr import write_maps
-from relight.maps.maps import Maps
-from relight.maps.packed import pack
-from relight.sh.basis import basis
-from relight.sh.irradiance import unoccluded
+from relight.maps import Maps, pack_maps, write_maps
+from relight.sh import basis, unoccluded
 
 
 @dataclass
@@ -76,7 +73,7 @@ def make_world(folder: Path, size: int, figures: int, lights: int, test: int) ->
     paths = [folder / f"snowman{seed:02d}.exr" for seed in range(figures)]
     for seed, path in enumerate(paths):
         write_maps(path, snowman(size, seed))
-    pack(paths, folder / "packed.safetensors")
+    pack_maps(paths, folder / "packed.safetensors")
     split = np.array(["train"] * (lights - 2) + ["test"] * 2)
     np.savez(folder / "lights.npz", coefficients=some_lights(lights, 7), split=split)
     names = [path.stem for path in paths]

@@ -9,14 +9,14 @@ import pytest
 from relight.config import composed
 from relight.evaluation.baselines import evaluate_baselines, make
 from relight.evaluation.evaluate import evaluate, infer, unlearned
-from relight.evaluation.plates import plates
+from relight.evaluation.panels import plates
 from relight.evaluation.scores import Scores, read_scores, write_scores
 from relight.files import UserError
 from relight.learning.checkpoint import load_network
 from relight.learning.data import RelitSet
 from relight.learning.predict import predict
-from relight.maps.exr import read_maps
-from relight.sh.irradiance import unoccluded
+from relight.maps import read_maps
+from relight.sh import unoccluded
 
 
 @pytest.fixture(scope="module")

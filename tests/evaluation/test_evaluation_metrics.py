@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from skimage.metrics import structural_similarity
 
-from relight.evaluation.metrics import COLUMNS, SIGNS, Inferred, Truth, light_errors, rmse, sphere, ssim, windows
-from relight.sh.irradiance import irradiance, unoccluded
+from relight.evaluation.metrics import COLLAPSE, COLUMNS, Inferred, Truth, light_errors, rmse, sphere, ssim, windows
+from relight.sh import irradiance, unoccluded
 
 RNG = np.random.default_rng(3)
 
@@ -64,7 +64,7 @@ def test_every_map_agrees_with_scikit_image_and_loops(truth):
         occlude=True,
     )
     columns = one.score(inferred)
-    assert set(columns) == {*COLUMNS, *SIGNS}
+    assert set(columns) == {*COLUMNS, *COLLAPSE}
     lit, ao = inferred.transport * inferred.ao[..., None], inferred.ao[..., None]
     for n in range(3):
         true = {name: values[n if len(values) > 1 else 0] for name, values in one.maps.items()}
@@ -108,7 +108,7 @@ def test_truth_scores_perfectly(truth):
     maps = {name: one.maps[name] for name in ("albedo", "transport", "normal")}
     columns = one.score(Inferred(**maps, ao=one.maps["ao"][..., 0], light=lights))
     np.testing.assert_allclose(columns["shading_contrast"], 1, atol=1e-6)
-    for name in set(columns) - set(SIGNS):
+    for name in set(columns) - set(COLLAPSE):
         np.testing.assert_allclose(columns[name], 1 if "ssim" in name else 0, atol=1e-6, err_msg=name)
 
 

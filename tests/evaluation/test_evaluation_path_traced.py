@@ -11,19 +11,16 @@ from PIL import Image
 
 from relight.config import Evaluate, Panoramas, Trace
 from relight.evaluation.evaluate import infer, load
-from relight.evaluation.path_traced import ANSWERS, CAUSES, Chain, evaluate_traced, traced_plate, traced_tables
+from relight.evaluation.path_traced import ANSWERS, CAUSES, Chain, evaluate_traced, tables, traced_plate
 from relight.evaluation.tracing import Scene, read_scenes, sky_of, trace
 from relight.files import UserError
 from relight.learning.data import RelitSet
+from relight.lights import LightSet, read_light_set, write_light_set
 from relight.lights.chain import generated_light
-from relight.lights.table import LightSet, save
-from relight.lights.table import load as load_lights
-from relight.maps.exr import write_maps
-from relight.maps.packed import pack
-from relight.meshes.mesh import Material, Mesh
-from relight.sh.basis import basis
-from relight.sh.irradiance import unoccluded
-from relight.transport.bake import bake
+from relight.maps import pack_maps, write_maps
+from relight.meshes import Material, Mesh
+from relight.sh import basis, unoccluded
+from relight.transport import bake
 from relight.transport.tracer import sky_directions, sky_weights
 
 GENERATED = Panoramas("generated", None, 3, 0, 0, "auto", 20.0, True, 1)
@@ -104,10 +101,12 @@ def test_scores_tables_and_pictures(world, data, small_network, tmp_path):
         rmse = np.sqrt(((relit - chain.own["truth"]) ** 2).sum(-1).mean())
         for kind, label in (("answer", name), ("cause", f"network:{name}")):
             assert float(found[kind, label, "snowman04"]["rmse"]) == pytest.approx(rmse, rel=1e-4)
-    tables = traced_tables(tmp_path / "scores.csv", world.settings)
-    assert [row[0] for row in tables["path_traced"].rows] == ["ours", "SfSNet-AO", *ANSWERS.values()]
-    assert len(tables["path_traced_causes"].rows) == len(CAUSES) - 1 + len(networks)
-    assert tables["path_traced"].rows[2][2].mean == pytest.approx(50 * 0.1 / 1.1, rel=1e-2)  # percent, of two figures
+    found = tables(tmp_path / "scores.csv", world.settings)
+    assert list(found["path_traced"].frame.index) == ["ours", "SfSNet-AO", *ANSWERS.values()]
+    assert len(found["path_traced_causes"].frame) == len(CAUSES) - 1 + len(networks)
+    assert found["path_traced"].frame["relative, %"].iloc[2].mean == pytest.approx(
+        50 * 0.1 / 1.1, rel=1e-2
+    )  # percent, of two figures
     traced_plate({name.partition(".")[0]: path for name, path in networks.items()}, *given, tmp_path / "plate.png")
     assert Image.open(tmp_path / "plate.png").height > 600
 
@@ -122,7 +121,7 @@ def test_another_data_set_is_refused(data, world, tmp_path):
         read_scenes(tmp_path / "notes.npz")
     (tmp_path / "notes.csv").write_text("a,b\n1,2\n")
     with pytest.raises(UserError, match="not a table"):
-        traced_tables(tmp_path / "notes.csv", world.settings)
+        tables(tmp_path / "notes.csv", world.settings)
 
 
 @pytest.fixture(scope="module")
@@ -141,12 +140,12 @@ def rooms(tmp_path_factory):
         reason=np.array([""] * 3),
     )
     path = tmp_path_factory.mktemp("rooms") / "lights.npz"
-    save(table, path)
+    write_light_set(table, path)
     return path
 
 
 def test_the_sky_is_that_of_the_light(rooms):
-    table = load_lights(rooms)
+    table = read_light_set(rooms)
     sky = sky_of(table, 1, GENERATED)
     light = np.einsum("hw,hwk,hwc->kc", sky_weights(), basis(sky_directions()), sky)
     assert np.linalg.norm(light - table.coefficients[1]) < 5e-3 * np.linalg.norm(light)
@@ -169,7 +168,7 @@ def test_a_ball_is_traced(rooms, tmp_path):
         )
         mesh.save(tmp_path / f"ball{i}.npz")
         write_maps(tmp_path / f"ball{i}.exr", bake(mesh, 64, 32))
-    pack([tmp_path / f"ball{i}.exr" for i in range(2)], tmp_path / "packed.safetensors")
+    pack_maps([tmp_path / f"ball{i}.exr" for i in range(2)], tmp_path / "packed.safetensors")
     (tmp_path / "split.json").write_text('{"train": ["ball0"], "test": ["ball1"], "sitting": []}')
     paths = tmp_path / "packed.safetensors", rooms, tmp_path / "split.json", tmp_path
     settings = Evaluate(bootstrap=10, plates=1, sheet=1, lights="test", device="cpu", seed=0, version=1)
@@ -180,7 +179,7 @@ def test_a_ball_is_traced(rooms, tmp_path):
     relative = {cause: chain.measured(before, after)[1:] for cause, before, after in chain.steps()}
     assert abs(relative["baker"][1]) < 0.01 and relative["baker"][0] < 0.03
     assert abs(relative["interreflection"][1]) < 0.01 and relative["interreflection"][0] < 0.03
-    sky = sky_of(load_lights(rooms), 2, GENERATED)
+    sky = sky_of(read_light_set(rooms), 2, GENERATED)
     light = np.einsum("hw,hwk,hwc->kc", sky_weights(), basis(sky_directions(), 8), sky)
     normal = chain.truth.maps["normal"][0]
     lost = chain.albedo * (unoccluded(normal) @ light[:9] - unoccluded(normal, 8) @ light)
@@ -189,8 +188,8 @@ def test_a_ball_is_traced(rooms, tmp_path):
 
 
 def test_without_mitsuba_one_sentence_says_so(monkeypatch):
-    from relight.transport.tracer import mitsuba
+    from relight.transport.tracer import import_mitsuba
 
     monkeypatch.setitem(sys.modules, "mitsuba", None)
     with pytest.raises(UserError, match="pip install mitsuba"):
-        mitsuba()
+        import_mitsuba()

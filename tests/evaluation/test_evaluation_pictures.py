@@ -1,22 +1,18 @@
-import re
-from html.parser import HTMLParser
-
 import numpy as np
 import pytest
 from PIL import Image
 
 from relight.config import Evaluate
 from relight.evaluation.canvas import box_of, cut_out, fitted, font, heat, light_sphere, transport_bands
-from relight.evaluation.contact import clearest, contact_sheet, grown, views
-from relight.evaluation.occlusion import UNTOLD, Occlusion, by_garment, by_pose, occlusion, occlusions, read_occlusions
-from relight.evaluation.page import Section, build_page, fold, grid, picture, prose, settings_list
-from relight.evaluation.plates import plates
-from relight.evaluation.plots import plot_curves, plot_errors, plot_occlusion
-from relight.evaluation.scores import Scores
-from relight.evaluation.tables import COLUMNS2, experiment_table
+from relight.evaluation.charts import plot_curves, plot_errors, plot_occlusion
+from relight.evaluation.contact import clearest, contact_sheet, views
+from relight.evaluation.occlusion import UNKNOWN, Occlusion, by_garment, by_pose, occlusion, occlusions, read_occlusions
+from relight.evaluation.panels import COLUMNS, extremes, overview, plates
+from relight.evaluation.scores import Scores, write_scores
+from relight.evaluation.tables import MAPS, experiment_table
 from relight.files import UserError
-from relight.maps.exr import read_maps, write_left_out
-from relight.sh.irradiance import unoccluded
+from relight.maps import read_maps, write_left_out
+from relight.sh import unoccluded
 from relight.srgb import encode
 
 
@@ -36,7 +32,7 @@ def test_occlusion_is_a_table_of_all_that_were_not_left_out(world, tmp_path):
     write_left_out(tmp_path / "broken.exr", {"name": "broken"}, "it is a plane")
     made = occlusions([*world.maps, tmp_path / "broken.exr"], tmp_path / "occlusion.csv")
     assert [one.name for one in made] == [path.stem for path in world.maps]
-    assert {one.pose for one in made} == {UNTOLD} and all(one.garments == [UNTOLD] for one in made)
+    assert {one.pose for one in made} == {UNKNOWN} and all(one.garments == [UNKNOWN] for one in made)
     for one, read in zip(made, read_occlusions(tmp_path / "occlusion.csv"), strict=True):
         assert (read.name, read.pose, read.garments, read.pixels) == (one.name, one.pose, one.garments, one.pixels)
         assert (read.ao, read.dark, read.lost) == pytest.approx((one.ao, one.dark, one.lost), abs=1e-5)
@@ -136,13 +132,6 @@ def test_a_sheet_is_exposed_for_each_figure(world):
         np.testing.assert_allclose(dim, bright, atol=1e-5)
 
 
-def test_edges_of_a_figure_take_its_colours():
-    mask = np.zeros((8, 8), bool)
-    mask[2:6, 2:6] = True
-    colors = np.where(mask[..., None], 0.7, 0.0)
-    assert (grown(colors, mask) == 0.7).all()
-
-
 def test_plates_show_the_truth_and_each_network(world, small_network, tmp_path):
     checkpoints = {}
     for name in ("ours", "sfsnet_ao"):
@@ -151,7 +140,7 @@ def test_plates_show_the_truth_and_each_network(world, small_network, tmp_path):
     out = tmp_path / "plates.png"
     plates(checkpoints, world.packed, world.lights, world.split, world.settings, out)
     sheet = np.asarray(Image.open(out)).astype(int)
-    assert sheet.shape[0] == 60 + 2 * (3 * 306 + 24) + 76
+    assert sheet.shape[0] == 60 + 2 * (3 * 306 + 24) + 4 * 24
     # Albedo of the truth: the sheet holds the first test figure's two stripe colours, sRGB-encoded.
     maps = read_maps(world.maps[3])
     colors = {tuple(c) for c in (encode(maps.albedo[maps.mask]) * 255).round().astype(int)}
@@ -160,9 +149,30 @@ def test_plates_show_the_truth_and_each_network(world, small_network, tmp_path):
         assert (np.abs(shown - color).max(1) <= 2).sum() > 500
 
 
+def test_one_figure_at_a_glance_and_the_ends_of_the_errors(world, small_network, tmp_path):
+    """Of three test figures in the order 2, 0, 1 of their errors the sheet shows each once, from the best on."""
+    networks = {"ours": tmp_path / "ours.safetensors"}
+    small_network(networks["ours"], "ours", "photo")
+    given = world.packed, world.lights, world.split, world.settings
+    names = [path.stem for path in world.maps[3:]]
+    errors = np.array([[0.2], [0.3], [0.1]])
+    write_scores(tmp_path / "ours.s0.csv", {"ours.s0": Scores(names, [4], {"shading_rmse": errors})})
+    extremes(networks, [tmp_path / "ours.s0.csv"], *given, tmp_path / "ends.png")
+    overview(networks, *given, tmp_path / "overview.png")
+    ends, one = (np.asarray(Image.open(tmp_path / f"{name}.png")).astype(int) for name in ("ends", "overview"))
+    block = 2 * 306 + 24
+    assert ends.shape[0] == 60 + 3 * block + 4 * 24 and one.shape[0] == 60 + block + 4 * 24
+    assert one.shape[1] >= 150 + len(COLUMNS) * 106
+    for place, figure in enumerate((5, 3, 4)):
+        maps = read_maps(world.maps[figure])
+        color = (encode(maps.albedo[maps.mask][0]) * 255).round().astype(int)
+        shown = ends[60 + place * block : 60 + (place + 1) * block, 156:].reshape(-1, 3)
+        assert (np.abs(shown - color).max(1) <= 2).sum() > 500
+
+
 def test_charts_are_made_and_are_the_same_again(tmp_path):
     rng = np.random.default_rng(0)
-    columns = {c: rng.random((5, 2)) for c in COLUMNS2}
+    columns = {c: rng.random((5, 2)) for c in MAPS}
     given = {name: [Scores(list("abcde"), [0, 1], columns)] for name in ("sfsnet", "ours_full")}
     table = experiment_table("table1", given, {"mean_light": given["sfsnet"]}, Evaluate(100, 1, 6, "test", "cpu", 0, 1))
     for name in ("a.svg", "b.svg", "c.png"):
@@ -175,7 +185,7 @@ def test_charts_are_made_and_are_the_same_again(tmp_path):
     plot_curves(sorted(tmp_path.glob("*.csv")), tmp_path / "curves.svg")
     assert (tmp_path / "curves.svg").stat().st_size > 5000
     (tmp_path / "bad.csv").write_text("a,b\n1,2\n")
-    with pytest.raises(UserError, match="not a training curve"):
+    with pytest.raises(UserError, match="table of training curve"):
         plot_curves([tmp_path / "bad.csv"], tmp_path / "none.svg")
 
 
@@ -186,52 +196,3 @@ def test_occlusion_is_charted_beside_what_the_paper_implies(tmp_path):
     assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
     with pytest.raises(UserError, match="no figures"):
         plot_occlusion([], tmp_path / "none.svg")
-
-
-class Outline(HTMLParser):
-    """Names and links of a page, and whether its elements that need an end have one."""
-
-    def __init__(self):
-        super().__init__()
-        self.names, self.links, self.sources, self.open = [], [], [], []
-
-    def handle_starttag(self, tag, attrs):
-        attrs = dict(attrs)
-        self.names += [attrs["id"]] if "id" in attrs else []
-        self.links += [attrs["href"]] if tag == "a" else []
-        self.sources += [attrs["src"]] if "src" in attrs else []
-        if tag in ("table", "div", "figure", "section", "main", "details", "nav", "p", "label"):
-            self.open.append(tag)
-
-    def handle_endtag(self, tag):
-        if tag in ("table", "div", "figure", "section", "main", "details", "nav", "p", "label"):
-            assert self.open.pop() == tag
-
-
-def test_the_page_stands_alone(tmp_path):
-    Image.new("RGB", (30, 20), "red").save(tmp_path / "a.png")
-    noise = np.random.default_rng(0).integers(0, 255, (600, 700, 3), np.uint8)
-    Image.fromarray(noise).save(tmp_path / "big.png")
-    sections = [
-        Section("Tables & more", prose("One **bold** <word>.\n\nTwo `code`."), "an aside"),
-        Section("Tables & more", picture(tmp_path / "a.png", 'a "red" <box>') + picture(tmp_path / "big.png", "noise")),
-        Section("Settings", fold("all", settings_list({"train": {"lr": 0.1, "none": None}, "name": "demo"}))),
-        Section("Left out", grid(["figure", "why", "share"], [["<g1>", "too thin", 0.12345], ["g2", "holes", 3]])),
-    ]
-    out = tmp_path / "report.html"
-    build_page("A <report>", sections, out, lead="of a run")
-    text = out.read_text()
-    page = Outline()
-    page.feed(text)
-    assert page.open == [] and page.links == [f"#{name}" for name in page.names] and len(set(page.names)) == 4
-    assert len(page.sources) == 2 and all(source.startswith("data:image/") for source in page.sources)
-    assert page.sources[1].startswith("data:image/jpeg")
-    assert not re.search(r"(?:src|href)=[\"']?(?:https?:|//)|@import|url\(", text)
-    assert "A &lt;report&gt;" in text and "<b>bold</b> &lt;word&gt;" in text and "train.lr" in text and "0.123" in text
-    assert "&lt;g1&gt;" in text and "&quot;red&quot;" in text
-    first = out.read_bytes()
-    build_page("A <report>", sections, out, lead="of a run")
-    assert out.read_bytes() == first
-    (tmp_path / "a.gif").write_bytes(b"GIF")
-    with pytest.raises(UserError, match="kinds"):
-        picture(tmp_path / "a.gif", "no")

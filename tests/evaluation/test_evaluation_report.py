@@ -1,21 +1,28 @@
-"""The sections of the report: each verdict from scores that are made so that it must come out."""
+"""The sections of the report: each verdict from scores that are made so that it must come out, and the page itself."""
 
-import csv
 import json
+import os
+import re
+from html import unescape
+from html.parser import HTMLParser
 
 import numpy as np
 import pytest
 import yaml
+from PIL import Image
 
 from relight.config import CONF, Evaluate
-from relight.evaluation.metrics import COLUMNS, SIGNS
-from relight.evaluation.report.experiments import PARAGRAPHS, section
+from relight.evaluation import occlusion
+from relight.evaluation.comparisons import Verdict
+from relight.evaluation.metrics import COLUMNS
+from relight.evaluation.report import build, page, provenance, sections
+from relight.evaluation.report.data import redraws
 from relight.evaluation.report.results import Results
 from relight.evaluation.scores import Scores, write_scores
 
 SETTINGS = Evaluate(200, 2, 6, "test", "cpu", 0, 1)
 FIGURES = [f"f{i}" for i in range(10)]
-TRIVIAL = ("mean_figure", "mean_light", "nearest_light", "no_occlusion", "ao_occlusion", "cut_2", "cut_3")
+BASELINES = ("mean_figure", "mean_light", "nearest_light", "no_occlusion", "ao_occlusion", "cut_2", "cut_3")
 LEVEL = {"shading": 0.3, "transport": 0.4, "light": 0.2, "albedo": 0.1}
 
 
@@ -37,8 +44,7 @@ def results(folder, preset: str, errors: dict[str, dict[str, float]], usual=None
     """A folder of results with the scores of a preset's rows: `errors` by row, `usual` those on the usual pairs."""
     one = yaml.safe_load((CONF / "experiment" / f"{preset}.yaml").read_text())
     (experiment,) = one["experiments"].values()
-    experiment = {"figures": "test", "lights": "test", "axis": None, "table": True, "plates": False} | experiment
-    experiment["plates"] = False
+    experiment = {"figures": "test", "lights": "test", "axis": None, "table": True} | experiment | {"plates": False}
     rows, own = experiment["rows"], (experiment["figures"], experiment["lights"])
     files = {}
     for kind, on, wanted in (("usual", ("test", "test"), usual or errors), ("scores", own, errors)):
@@ -47,8 +53,8 @@ def results(folder, preset: str, errors: dict[str, dict[str, float]], usual=None
         made = {f"{row}.s0": scores(i, wanted.get(row, {}), figures) for i, row in enumerate(rows)} if figures else {}
         for name in (f"{row}.s0" for row in rows):
             write_scores(place / f"{name}.csv", {name: made[name]} if made else {})
-        trivial = {name: scores(50 + i, wanted.get(name, {}), figures) for i, name in enumerate(TRIVIAL)}
-        write_scores(place / "baselines.csv", trivial if figures else {})
+        baselines = {name: scores(50 + i, wanted.get(name, {}), figures) for i, name in enumerate(BASELINES)}
+        write_scores(place / "baselines.csv", baselines if figures else {})
         files[kind] = {row: [f"evaluate/{'-'.join(on)}/{row}.s0.csv"] for row in rows}
         files[kind][""] = [f"evaluate/{'-'.join(on)}/baselines.csv"]
     (folder / "split.json").write_text(json.dumps({"train": [f"t{i}" for i in range(40)], "test": FIGURES}))
@@ -58,37 +64,46 @@ def results(folder, preset: str, errors: dict[str, dict[str, float]], usual=None
         words = dict(word.split("=") for word in one["sweep"]["runs"][row] if "." in word.split("=")[0])
         train = {"figures": int(words["train.figures"]) if "train.figures" in words else None, "part": "train"}
         model = {"width": float(words.get("model.width", 1)), "order": int(words.get("model.order", 2))}
-        (folder / "config" / f"train.{row}.s0.yaml").write_text(yaml.safe_dump({"train": train, "model": model}))
+        settings = {"defaults": [], "hydra": {}, "train": train, "model": model, "loss": {"light": 1}}
+        (folder / "config" / f"train.{row}.s0.yaml").write_text(yaml.safe_dump(settings))
     record = {**experiment, **files, "runs": {row: [f"{row}.s0"] for row in rows}}
     record["splits"] = dict.fromkeys(rows, "split.json")
     (folder / "experiments.json").write_text(json.dumps({preset: record}))
     return Results(folder, SETTINGS, folder / "experiments.json")
 
 
-def paragraph(folder, preset: str, errors: dict[str, dict[str, float]], **options) -> str:
-    return PARAGRAPHS[preset](results(folder, preset, errors, **options), preset)
+def numbers(folder, preset: str, errors: dict[str, dict[str, float]], **options) -> dict:
+    return sections.experiment(results(folder, preset, errors, **options), preset)
 
 
-@pytest.mark.parametrize("preset", PARAGRAPHS)
+def verdicts(made: dict) -> dict[tuple[str, str], Verdict]:
+    """What is compared, and in which column -> verdict."""
+    frame = made["comparisons"].frame
+    return {(what, row["in"]): row["the first is"] for what, row in frame.iterrows()}
+
+
+@pytest.mark.parametrize("preset", ["table1", "table2", *sections.EXPERIMENTS])
 def test_every_section_is_made(tmp_path, preset):
-    made = results(tmp_path, preset, {})
-    found = section(made, preset)
-    assert found.title == made.table(preset).title and "<table" in found.html and "paper" in found.html
-    assert ("data:image/png" in found.html) == bool(made.experiments[preset]["axis"])
+    made = build.experiment(results(tmp_path, preset, {}), preset)
+    assert not made.failed and made.name == preset and "<table" in made.html
+    assert ("data:image/png" in made.html) == (preset in ("order", "data_size", "width"))
+    check(made.html)
 
 
 def test_what_is_not_in_the_data_is_said(tmp_path):
     made = results(tmp_path, "sitting", {}, sitting=[])
-    assert "nothing to compare" in section(made, "sitting").html and made.table("sitting").rows == []
+    section = build.experiment(made, "sitting")
+    assert not section.failed and "<table" not in section.html and made.table("sitting").rows == []
+    sections.write_score_table(made.table("sitting"), "Sitting", tmp_path / "sitting")
+    assert (tmp_path / "sitting.tex").stat().st_size > 50
 
 
 def test_sitting(tmp_path):
-    worse = {"shading_rmse": 0.5}
-    text = paragraph(
-        tmp_path / "a", "sitting", {"ours_full": worse, "mean_figure": dict.fromkeys(LEVEL, 0)}, usual={"x": {}}
-    )
-    assert "**Ours (full)**, sitting against standing: shading RMSE (.5" in text and "worse by" in text
-    assert "Ours plus**, sitting against standing: shading RMSE" in text and "not to be told apart" in text
+    worse = {"ours_full": {"shading_rmse": 0.5}, "mean_figure": dict.fromkeys(LEVEL, 0)}
+    found = verdicts(numbers(tmp_path, "sitting", worse, usual={"x": {}}))
+    assert found["Ours (full), sitting against standing", "shading RMSE"] is Verdict.WORSE
+    assert found["Ours plus, sitting against standing", "shading RMSE"] not in (Verdict.BETTER, Verdict.WORSE)
+    assert found["Ours (full) against the mean figure", "shading RMSE"] is Verdict.WORSE
 
 
 def test_unusual_lights(tmp_path):
@@ -97,61 +112,239 @@ def test_unusual_lights(tmp_path):
         "ours_full": lost,
         "ours_plus": lost,
         "nearest_light": {"light_rmse": 0.39},
+        "mean_light": {"light_rmse": 0.8},
         "ours_rich": {"light_rmse": 0.3},
     }
-    text = paragraph(tmp_path / "a", "unusual_lights", errors, usual={"x": {}})
-    assert "Light and albedo both fail, as in the paper" in text
-    assert "does not even find the best of the training lights" in text
-    assert "under unusual lights shading RMSE" in text and "light RMSE (.3" in text.split("remedy")[1]
+    made = numbers(tmp_path / "a", "unusual_lights", errors, usual={"x": {}})
+    assert made["fails"] == {"shading_rmse": False, "transport_rmse": False, "albedo_rmse": True, "light_rmse": True}
+    assert made["nearest"] is Verdict.WORSE
+    assert made["share"] == pytest.approx([0.5, 1], abs=0.01)  # half of the mean light's error; the same as it
+    assert verdicts(made)["Ours, richer lights against Ours (full), unusual lights", "light RMSE"] is Verdict.BETTER
     errors["ours_full"] = {"light_rmse": 0.2, "albedo_rmse": 0.1}
-    text = paragraph(tmp_path / "b", "unusual_lights", errors, usual={"x": {}})
-    assert "cannot be seen here" in text and "it does find more than a training light" in text
+    made = numbers(tmp_path / "b", "unusual_lights", errors, usual={"x": {}})
+    assert not any(made["fails"].values()) and made["nearest"] is Verdict.BETTER
 
 
-def test_silhouette_says_how_far_the_mask_goes(tmp_path):
+def test_silhouette_measures_how_far_the_mask_goes(tmp_path):
     errors = {"silhouette": {"transport_rmse": 0.35}, "transport_only": {"transport_rmse": 0.2}}
     errors |= {"mean_figure": {"transport_rmse": 0.4, "shading_true_light_rmse": 0.4}}
-    assert "goes 25 % of the way" in paragraph(tmp_path / "a", "silhouette", errors)
-    assert "the silhouette does tell shape" in paragraph(tmp_path / "b", "silhouette", errors)
-    text = paragraph(tmp_path / "c", "silhouette", {})
-    assert "cannot be seen here" in text and "of the way" not in text
+    made = numbers(tmp_path / "a", "silhouette", errors)
+    assert made["part"] == pytest.approx(0.25, abs=0.01) and made["tells"]
+    made = numbers(tmp_path / "b", "silhouette", {})
+    assert made["part"] is None and not made["tells"]
 
 
 def test_self_supervised_measures_the_collapse(tmp_path):
     errors = {"self_all": {"shading_contrast": 0.3, "albedo_share": 0.9}, "self_encoder": {"shading_contrast": 0.3}}
-    text = paragraph(tmp_path, "self_supervised", errors)
-    own = {part.split("**")[0]: part for part in text.split("\n\n**")}
-    assert (
-        "it collapses as in the paper" in own["Everything fine-tuned"] and "share 90%" in own["Everything fine-tuned"]
-    )
-    assert "half of the collapse" in own["Encoder fine-tuned"]
+    made = numbers(tmp_path, "self_supervised", errors)
+    assert made["collapsed"] == {"self_encoder": 1, "self_all": 2}
+    assert made["signs"].frame["share explained by the albedo"].iloc[-1] == pytest.approx(0.4, abs=0.01)
     rising = {"ours_full": {"albedo_share": 0.1}, "self_all": {"albedo_share": 0.3}}  # less than the true albedo has
-    assert "collapses" not in paragraph(tmp_path / "rising", "self_supervised", rising)
-    assert "no collapse" in paragraph(tmp_path / "none", "self_supervised", {})
+    assert numbers(tmp_path / "rising", "self_supervised", rising)["collapsed"]["self_all"] == 0
+    assert set(numbers(tmp_path / "none", "self_supervised", {})["collapsed"].values()) == {0}
 
 
 def test_data_size_and_order(tmp_path):
     falling = {"figures_8": 0.5, "figures_16": 0.4, "figures_32": 0.35, "figures_64": 0.3, "figures_128": 0.3}
-    errors = {row: {"shading_rmse": value} for row, value in falling.items()}
-    made = results(tmp_path / "a", "data_size", errors)
-    section(made, "data_size")
-    text = PARAGRAPHS["data_size"](made, "data_size")
-    assert "From 8 to 40" in text and "shading RMSE (.3" in text and "better by" in text  # 40: all that there are
+    made = numbers(tmp_path / "a", "data_size", {row: {"shading_rmse": value} for row, value in falling.items()})
+    assert made["places"][0] == 8 and made["places"][-1] == 40  # all that there are
+    assert verdicts(made)["40 against 8", "shading RMSE"] is Verdict.BETTER and made["falling"] == []
     errors = {"order_2": {"shading_rmse": 0.4}, "cut_2": {"shading_rmse": 0.2}, "cut_3": {"shading_rmse": 0.1}}
-    text = paragraph(tmp_path / "b", "order", errors)
-    assert (
-        "25 % of the squared error of Ours, order 2" in text
-        and "**Order 3 against 2** (16 coefficients against 9)" in text
-    )
+    made = numbers(tmp_path / "b", "order", errors)
+    assert made["floors"].frame.loc["Ours, order 2", "share of the squared error"] == "25 %"
+    assert verdicts(made)["order 3 against 2", "shading RMSE"] is Verdict.BETTER
 
 
 def test_splits(tmp_path):
-    errors = {"ours_siblings": {"shading_rmse": 0.2, "albedo_rmse": 0.05}}
-    text = paragraph(tmp_path, "splits", errors)
-    assert "A random split flatters 2 of these errors" in text
+    made = numbers(tmp_path, "splits", {"ours_siblings": {"shading_rmse": 0.2, "albedo_rmse": 0.05}})
+    assert (made["flattered"], made["of"]) == (2, 5)
 
 
-def test_signs_are_in_the_scores(tmp_path):
-    write_scores(tmp_path / "a.csv", {"one": scores(0, {})})
-    with open(tmp_path / "a.csv", newline="") as file:
-        assert set(SIGNS) <= set(next(csv.DictReader(file)))
+def test_quarters_of_occlusion_hold_the_right_figures(tmp_path):
+    """Figures in the set grow harder with their number, and are the less occluded the higher it is."""
+    made = results(tmp_path, "table2", {})
+    found = [occlusion.Occlusion(f, "", [""], 9, 0.9, 0, 1 - i / 10, np.zeros(20)) for i, f in enumerate(FIGURES)]
+    write_occlusions(found, made.report / "occlusion.csv")
+    grid = sections.quarters(made, "table2")
+    own = made.scores("table2")["no_tv"][0].figure_means("shading_rmse")
+    wanted = [own[part].mean() for part in (slice(7, 10), slice(4, 7), slice(2, 4), slice(0, 2))]
+    assert list(grid.frame.loc["w/o TV"]) == pytest.approx(wanted)
+    assert grid.kinds == ["network"] * 4 + ["baseline"] * len(BASELINES)
+    write_occlusions(found[1:], made.report / "occlusion.csv")
+    assert sections.quarters(made, "table2") is None
+
+
+def write_occlusions(found, path):
+    import pandas as pd
+
+    rows = [[o.name, o.pose or "-", "-", o.pixels, o.ao, o.dark, o.lost, *o.histogram] for o in found]
+    pd.DataFrame(rows, columns=occlusion.HEADS).to_csv(path, index=False)
+
+
+def whole_run(folder, *presets: str, **options):
+    """All that a report reads, made small."""
+    made = [results(folder, preset, {}, **options) for preset in presets]
+    asked = {}
+    for one, preset in zip(made, presets):
+        results(folder, preset, {}, **options)
+        asked |= one.experiments
+    (folder / "experiments.json").write_text(json.dumps(asked))
+    infos = {name: {"name": name} for name in FIGURES} | {"g<1>": {"name": "g<1>", "left_out": "it is a plane"}}
+    (folder / "figures.json").write_text(json.dumps({"figures": infos, "left_out": {"g<1>": "it is a plane"}}))
+    found = [occlusion.Occlusion(f, "standing", ["a"], 9, 0.9, 0, 0.3, np.full(20, 0.05)) for f in FIGURES]
+    write_occlusions(found, folder / "report" / "occlusion.csv")
+    for name in ("figures", "occlusion", "lights"):
+        Image.new("RGB", (30, 20), "red").save(folder / "report" / f"{name}.png")
+    for preset in asked:
+        for row in asked[preset]["rows"]:
+            (folder / "train").mkdir(exist_ok=True)
+            (folder / "train" / f"{row}.s0.csv").write_text("step,lr,loss,light\n10,.1,3,.2\n20,.1,1,.1\n")
+    (folder / "lights").mkdir()
+    steps = [{"step": "read", "in": 5, "out": 4, "why": {"dark": 1}}]
+    chain = {"steps": steps, "lights": {"train": 3, "test": 1}, "warnings": [], "repaired": {}}
+    chain |= {"unreadable": {"x.hdr": "empty"}, "unlit": {"room:9": "bright at 36 of 36 headings"}}
+    (folder / "lights" / "chain.json").write_text(json.dumps(chain))
+    save_lights(folder / "lights")
+    (folder / "run.yaml").write_text(yaml.safe_dump({"hydra": ["scale=smoke", "model=glob(*)"]}))
+    place = folder / "benchmark" / "bake"
+    place.mkdir(parents=True)
+    (place / "g0.tsv").write_text("s\tmax_rss\tcpu_time\n2.5\t1024\t2\n1.5\t-\t1\n")
+    return folder
+
+
+def save_lights(folder):
+    from relight.lights import LightSet, write_light_set
+
+    split, reason = np.array(["train", "train", "train", "test", "unusual"]), np.array(["", "", "", "", "bright back"])
+    plain = np.zeros(5)
+    lights = np.zeros((5, 9, 3), np.float32)
+    lights[:, 0] = 1
+    sources = np.array([f"room:{i}" for i in range(5)])
+    write_light_set(
+        LightSet(lights, split, sources, plain, plain.astype(int), plain + 1, plain.astype(int), reason), folder
+    )
+
+
+def test_the_page_is_whole_and_stands_alone(tmp_path):
+    folder = whole_run(tmp_path, "table1", "table2")
+    out = folder / "report" / "report.html"
+    build.build_report("a <run>", SETTINGS, folder / "experiments.json", folder, out)
+    html = out.read_text()
+    found = check(html)
+    assert found.names == [
+        "what-came-out",
+        "how-to-read",
+        "table1",
+        "table2",
+        "training",
+        "figures",
+        "lights",
+        "cost-and-settings",
+    ]
+    assert "failed" not in found.classes and "10.1145/3272127.3275104" in html
+    assert {f"#{name}" for name in found.names} <= set(found.links)
+    assert all(source.startswith("data:image/") for source in found.sources) and len(found.sources) >= 5
+    assert not re.search(r"@import|url\(", html) and "a &lt;run&gt;" in html and "g&lt;1&gt;" in html
+    assert "relight run scale=smoke 'model=glob(*)'" in unescape(html)
+    for setting in ("loss.light", "train.part", "model.order"):  # of files with a dot in their stem
+        assert f">{setting}<" in html
+    for said in ("it is a plane", "x.hdr", "bright back", "bright 36", "4.0"):
+        assert said in html
+
+
+def test_a_failed_section_takes_no_other_along(tmp_path, capsys):
+    folder = whole_run(tmp_path, "table1", "table2")
+    (folder / "evaluate" / "test-test" / "no_tv.s0.csv").write_text("a,b\n1,2\n")
+    (folder / "lights" / "chain.json").unlink()
+    asked = json.loads((folder / "experiments.json").read_text())
+    asked["inference_time"] = {"title": "", "question": "", "table": False, "rows": [], "runs": {}, "plates": False}
+    asked["inference_time"] |= {"failed": ["inference_time/a.csv"]}
+    (folder / "experiments.json").write_text(json.dumps(asked))
+    out = folder / "report" / "report.html"
+    build.build_report("run", SETTINGS, folder / "experiments.json", folder, out)
+    found = check(out.read_text())
+    # The summary needs table2, and so does the chart of the first table.
+    assert found.classes.count("failed") >= 3 and {"table1", "figures", "inference_time"} <= set(found.names)
+    assert "inference_time/a.csv" in out.read_text() and "no_tv.s0.csv" in out.read_text()
+    assert "Traceback" in capsys.readouterr().err
+
+
+class Outline(HTMLParser):
+    """Names, links and classes of a page, and whether its elements that need an end have one."""
+
+    CLOSED = ("table", "thead", "tbody", "tr", "td", "th", "div", "figure", "section", "main", "details", "nav", "p")
+
+    def __init__(self):
+        super().__init__()
+        self.names, self.links, self.sources, self.open, self.classes = [], [], [], [], []
+
+    def handle_starttag(self, tag, attrs):
+        attrs = dict(attrs)
+        self.names += [attrs["id"]] if "id" in attrs else []
+        self.links += [attrs["href"]] if tag == "a" else []
+        self.sources += [attrs["src"]] if "src" in attrs else []
+        self.classes += attrs.get("class", "").split()
+        if tag in self.CLOSED:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        if tag in self.CLOSED:
+            assert self.open.pop() == tag
+
+
+def check(html: str) -> Outline:
+    """The outline of a page, whose Markdown and templates left nothing behind."""
+    found = Outline()
+    found.feed(html)
+    assert found.open == [] and not re.search(r"\*\*|\{\{|\{%|&amp;lt;|None<|Markup\(", html)
+    assert "<p><div" not in html and "<p><table" not in html and "<p><figure" not in html
+    return found
+
+
+def test_the_cost_is_the_time_in_which_anything_ran(tmp_path):
+    """Two jobs side by side, a pause, and a third: 4 + 2 s of wall time, 9 s of jobs."""
+    for stage, name, seconds, end in (("bake", "a", 4, 104), ("bake", "b", 3, 103), ("evaluate/x-y", "c", 2, 202)):
+        path = tmp_path / "benchmark" / stage / f"{name}.tsv"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(f"s\tmax_rss\tcpu_time\n{seconds}\t{1024 * seconds}\t-\n")
+        os.utime(path, (end, end))
+    found, wall = provenance.costs(tmp_path)
+    assert wall == pytest.approx(6) and found.seconds.to_dict() == {"bake": 7, "evaluate": 2}
+    assert found.loc["bake"].to_dict() == {"jobs": 2, "mean": 3.5, "seconds": 7, "cpu": 0, "memory": 4}
+    assert provenance.costs(tmp_path / "none")[1] == 0
+
+
+def test_a_run_says_how_to_repeat_it(tmp_path):
+    folder = tmp_path / "mine"
+    folder.mkdir()
+    assert provenance.command(folder) == "relight run"
+    (folder / "run.yaml").write_text(yaml.safe_dump({"hydra": ["name=mine", "experiment=[a,b]"]}))
+    assert provenance.command(folder) == "relight run name=mine 'experiment=[a,b]'"
+    (folder / "run.yaml").write_text(yaml.safe_dump({"hydra": ["name=mine"], "runs": {"a": []}}))
+    assert provenance.command(folder) == "snakemake all --configfile results/mine/run.yaml"
+
+
+def test_pictures_are_inside_the_page(tmp_path):
+    noise = np.random.default_rng(0).integers(0, 255, (600, 700, 3), np.uint8)
+    Image.fromarray(noise).save(tmp_path / "big.png")
+    assert 'src="data:image/jpeg' in page.picture(tmp_path / "big.png", 'a "red" <box>')
+    assert "&lt;box&gt;" in page.picture(tmp_path / "big.png", 'a "red" <box>')
+    (tmp_path / "a.gif").write_bytes(b"GIF")
+    with pytest.raises(build.UserError, match="kinds"):
+        page.picture(tmp_path / "a.gif", "no")
+
+
+def test_redraws_are_counted_and_their_reasons_gathered():
+    stretched = ["t-shirt: stretched to 1.41 of its pattern", "coat: stretched to 1.52 of its pattern"]
+    infos = {
+        "g0": {"redrawn": 0, "redrawn_because": []},
+        "g1": {"redrawn": 2, "redrawn_because": stretched},
+        "g2": {"redrawn": 1, "redrawn_because": ["77 pixels of a lower layer show through the cloth"]},
+        "g3": {"left_out": "no figure of seed 3 passed"},
+    }
+    made = redraws(infos)
+    assert (made["drawn"], made["redrawn"]) == (3, 2)
+    frame = made["reasons"].frame
+    assert frame.loc["stretched to … of its pattern"].tolist() == [2, "t-shirt 1, coat 1"]
+    assert frame.loc["… pixels of a lower layer show through the cloth"].tolist() == [1, ""]
+    assert redraws({"scan": {"name": "scan"}})["drawn"] == 0

@@ -8,6 +8,7 @@ from PIL import Image
 
 from relight.evaluation.evaluate import truth
 from relight.evaluation.metrics import Inferred
+from relight.evaluation.panels import spaced
 from relight.evaluation.scores import read_scores
 from relight.evaluation.transfer import (
     TRIVIAL,
@@ -17,7 +18,6 @@ from relight.evaluation.transfer import (
     evaluate_transfer,
     mean_light,
     score_swaps,
-    spread,
     transfer_plate,
 )
 from relight.files import UserError
@@ -128,4 +128,4 @@ def test_nobody_to_swap_with_is_told(world, data):
     data.light_split = np.array(["train"] * 5 + ["test"])
     with pytest.raises(UserError, match="two test lights"):
         score_swaps(lambda f, lit: true_answer(data, f, lit), data, world.split, one)
-    assert spread(list("abcdefg"), 3) == ["a", "d", "g"] and spread(["a"], 4) == ["a"]
+    assert spaced(7, 3) == [0, 3, 6] and spaced(1, 4) == [0]

@@ -23,7 +23,7 @@ from relight.figures.fabrics import Fabric
 from relight.figures.rings import unwound
 from relight.figures.wear import Worn
 from relight.files import UserError
-from relight.meshes.mesh import Mesh
+from relight.meshes import Mesh
 
 SEED = 1
 CLOTH = Fabric("plain", (0.3, 0.1, 0.05), (0.1, 0.4, 0.7), 1.0, 5)

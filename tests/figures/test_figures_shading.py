@@ -6,9 +6,8 @@ import pytest
 from relight.figures import dress, shading
 from relight.figures.export import export
 from relight.files import UserError
-from relight.meshes.mesh import Material, Mesh
-from relight.meshes.read import read_mesh
-from relight.sh.basis import basis
+from relight.meshes import Material, Mesh, read_mesh
+from relight.sh import basis
 
 
 def ball_and_plate() -> Mesh:

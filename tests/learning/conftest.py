@@ -8,10 +8,8 @@ import pytest
 import torch
 
 from relight.config import Augment, Loss, Model, Train
-from relight.maps.exr import write_maps
-from relight.maps.maps import Maps
-from relight.maps.packed import pack
-from relight.sh.irradiance import unoccluded
+from relight.maps import Maps, pack_maps, write_maps
+from relight.sh import unoccluded
 
 SIZE = 64
 torch.set_num_threads(1)
@@ -47,7 +45,7 @@ def make_world(folder: Path, size: int = SIZE) -> dict[str, Path]:
     for name in names:
         write_maps(folder / f"{name}.exr", figure(rng, name, size, order=3))
     paths = {"packed": folder / "packed.safetensors", "lights": folder / "lights.npz", "split": folder / "split.json"}
-    pack([folder / f"{name}.exr" for name in names], paths["packed"])
+    pack_maps([folder / f"{name}.exr" for name in names], paths["packed"])
     lights = 0.25 * rng.normal(size=(6, 16, 3)).astype(np.float32)
     lights[:, 0] = rng.uniform(0.7, 1.0, (6, 3))
     lights[:, 2] += 0.3

@@ -10,8 +10,8 @@ from PIL import Image
 
 from relight.learning.augment import RED, augmented, compressed
 from relight.learning.camera import encode, photograph
-from relight.learning.compact import compact
-from relight.learning.data import RelitSet
+from relight.learning.data import RelitSet, index_of
+from relight.learning.losses import variation
 
 ALL = dict(framing=0.9, cut=0.5, zoom=[0.7, 1.1], shift=0.05, tint=0.3, exposure=[-1.0, 1.0], recolour=0.5, prints=0.5)
 ALL |= dict(mask=1, tone=0.2, blur=1.0, sharpen=0.5, noise=0.02, jpeg=0.5)
@@ -32,7 +32,7 @@ def generators(count, seed=0):
 
 def test_compact_places_are_those_of_the_packed_set(data):
     batch = batch_of(data)
-    places = compact(batch.mask > 0)
+    places = index_of(batch.mask > 0)
     count = int(batch.inside.sum(1).max())
     for name in ("inside", "interior"):
         torch.testing.assert_close(getattr(places, name)[:, :count], getattr(batch, name)[:, :count])
@@ -141,6 +141,22 @@ def test_recoloured_albedo_stays_an_albedo_and_keeps_texture(data, seed, augment
     inside = new.inside[..., 0] > 0
     assert 0.003 < new.albedo[inside].min() and new.albedo[inside].max() < 0.96
     assert (new.light == batch.light).all() and (new.relit == new.albedo * new.shading).all()
+
+
+def test_prints_change_the_albedo_of_garments_and_nothing_else(data, augment):
+    batch = batch_of(data)
+    new = augmented(batch, augment(prints=1.0), generators(4, 2), data.size)
+    for name in ("light", "shading", "transport", "normal"):
+        torch.testing.assert_close(getattr(new, name), getattr(batch, name), atol=1e-3, rtol=0)
+    torch.testing.assert_close(new.relit, new.albedo * new.shading)
+    changed = (new.albedo - batch.albedo).abs().amax((1, 2))
+    assert (changed > 0.05).any()
+    edges = [variation(one.albedo, one).sum((1, 2)) for one in (batch, new)]
+    assert (edges[1] > 1.1 * edges[0]).any(), "a print has edges of its own"
+
+    skin = torch.tensor([0.6, 0.4, 0.3]).expand_as(batch.albedo) * batch.inside
+    kept = augmented(replace(batch, albedo=skin), augment(prints=1.0, recolour=1.0), generators(4, 2), data.size)
+    torch.testing.assert_close(kept.albedo, skin)
 
 
 def test_masks_err_by_a_pixel_at_most_and_the_truth_keeps_to_both(data, augment):

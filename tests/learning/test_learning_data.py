@@ -8,12 +8,12 @@ from scipy.ndimage import binary_erosion
 from relight.files import UserError
 from relight.learning.camera import decode, encode
 from relight.learning.data import RelitSet, neighbours, read_split
-from relight.maps.packed import Packed
+from relight.maps import PackedMaps
 
 FIGURES, LIGHTS = np.array([3, 0, 4]), np.array([1, 5, 0])
 
 
-def dense(packed: Packed, figure: int, key: str) -> np.ndarray:
+def dense(packed: PackedMaps, figure: int, key: str) -> np.ndarray:
     """A map (S,S,C) of the packed set, scattered one pixel at a time."""
     arrays = packed.figure(figure)
     values = np.asarray(arrays[key], np.float32).reshape(len(arrays["pixel"]), -1)
@@ -25,7 +25,7 @@ def dense(packed: Packed, figure: int, key: str) -> np.ndarray:
 
 @pytest.mark.parametrize("order", [1, 2, 3])
 def test_maps_and_image(tiny_world, order):
-    packed = Packed(tiny_world["packed"])
+    packed = PackedMaps(tiny_world["packed"])
     data = RelitSet(tiny_world["packed"], tiny_world["lights"], order, "photo")
     batch = data.batch(FIGURES, LIGHTS)
     every = np.load(tiny_world["lights"])["coefficients"]  # the picture has all bands, whatever the network's order

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from relight.learning.pairs import pairs
+from relight.learning.data import pairs
 
 
 def taken(order: str, batch: int, steps: int, seed: int = 3) -> list[tuple[int, int]]:

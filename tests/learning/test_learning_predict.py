@@ -7,7 +7,7 @@ import torch
 from relight.files import UserError
 from relight.learning.networks import build
 from relight.learning.predict import predict
-from relight.sh.irradiance import unoccluded
+from relight.sh import unoccluded
 
 
 @pytest.mark.parametrize("name", ["ours", "sfsnet", "sfsnet_ao"])

@@ -1,6 +1,7 @@
 """The stage that trains: no kill and no failure of MLflow loses a training, and its run in MLflow tells the truth."""
 
 import csv
+import hashlib
 import json
 import multiprocessing
 import os
@@ -121,7 +122,15 @@ def test_other_settings_are_another_run_and_each_tells_its_own(training):
         folder = Path("mlruns") / run.info.experiment_id / run.info.run_id / "artifacts"
         assert yaml.safe_load((folder / "config.yaml").read_text()) == settings
         assert training.logged(run) == points
-    assert (folder / OUT.name).read_bytes() == OUT.read_bytes()
+        drawn = [int(path.name.split("+")[2]) for path in sorted(folder.glob("images/*.png"))]
+        assert sorted(drawn) == [4, 8], "a picture an epoch"
+        inputs = {made.dataset.name: made.dataset.digest for made in run.inputs.dataset_inputs}
+        for name, path in zip(("figures", "lights", "split"), training.paths.values(), strict=True):
+            digest = hashlib.sha256(path.read_bytes()).hexdigest()
+            assert run.data.tags[f"data.{name}"] == digest and inputs[name] == digest[:36]
+    (model,) = run.outputs.model_outputs
+    (kept,) = Path("mlruns").glob(f"*/models/{model.model_id}/artifacts/data/*.safetensors")
+    assert kept.read_bytes() == OUT.read_bytes()
 
 
 @pytest.mark.parametrize("broken", ["artifacts", "database", "lock", "server"])
@@ -145,7 +154,7 @@ def test_what_fails_in_mlflow_is_a_warning(training, capsys, monkeypatch, broken
 def test_what_a_locked_store_missed_is_there_at_the_end(training, capsys, monkeypatch):
     """Another process holds the database while the first epoch ends."""
     monkeypatch.setattr(track, "PATIENCE", 0.1)
-    holder, log = sqlite3.connect(training.database, isolation_level=None), track.Run.log
+    holder, log = sqlite3.connect(training.database, isolation_level=None), track.Training.log
     holder.execute("BEGIN EXCLUSIVE")
 
     def locked_once(run, values, step):
@@ -153,7 +162,7 @@ def test_what_a_locked_store_missed_is_there_at_the_end(training, capsys, monkey
         if holder.in_transaction:
             holder.rollback()
 
-    monkeypatch.setattr(track.Run, "log", locked_once)
+    monkeypatch.setattr(track.Training, "log", locked_once)
     training()
     assert "database is locked" in capsys.readouterr().err
     (run,) = training.runs()
@@ -192,15 +201,13 @@ def test_the_same_training_again_adds_nothing(training, monkeypatch):
 
 
 def test_scores_are_added_to_the_run_of_their_network(training):
-    from relight.track import Run
-
     training()
-    one = Run(Track(training.uri, "test"), OUT.stem, header()["fingerprint"], {})
+    one = track.Training(Track(training.uri, "test"), OUT.stem, header()["fingerprint"], {})
     for _ in range(2):
-        one.add({"test.light_rmse": 0.5}, CURVE)
-    one.add({"test.light_rmse": 0.25})
+        one.add({"test/light_rmse": 0.5}, CURVE)
+    one.add({"test/light_rmse": 0.25})
     (run,) = training.runs()
-    history = MlflowClient(training.uri).get_metric_history(run.info.run_id, "test.light_rmse")
+    history = MlflowClient(training.uri).get_metric_history(run.info.run_id, "test/light_rmse")
     assert [point.value for point in history] == [0.5, 0.25]
 
 
@@ -211,6 +218,7 @@ def test_a_moved_folder_keeps_its_artifacts_with_it(training, tmp_path, monkeypa
     with closing(sqlite3.connect(training.database)) as store, store:
         store.execute(f"UPDATE experiments SET artifact_location = '{tmp_path}/' || artifact_location")
         store.execute(f"UPDATE runs SET artifact_uri = '{tmp_path}/' || artifact_uri")
+        store.execute(f"UPDATE logged_models SET artifact_location = '{tmp_path}/' || artifact_location")
     tmp_path.rename(moved)
     monkeypatch.chdir(moved)
     training.database = training.database.rename(f"{moved.name}.db")
@@ -220,7 +228,9 @@ def test_a_moved_folder_keeps_its_artifacts_with_it(training, tmp_path, monkeypa
     client = MlflowClient(training.uri)
     for run in training.runs():
         names = {item.path for item in client.list_artifacts(run.info.run_id)}
-        assert names == {"config.yaml", OUT.name} and len(list(Path("mlruns").rglob(f"{run.info.run_id}/*/*"))) == 2
+        assert names == {"config.yaml", CURVE.name, "images"}
+        assert (Path("mlruns") / run.info.experiment_id / run.info.run_id / "artifacts" / CURVE.name).exists()
+        assert client.get_logged_model(run.outputs.model_outputs[0].model_id).artifact_location.startswith("mlruns/")
 
 
 def test_a_command_that_fails_leaves_nothing(training, tmp_path):

@@ -4,8 +4,7 @@ import csv
 import os
 import subprocess
 import sys
-import textwrap
-from dataclasses import asdict
+from dataclasses import astuple, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,9 +13,8 @@ import torch
 
 from relight.files import UserError
 from relight.learning.checkpoint import load_network
-from relight.learning.data import RelitSet
-from relight.learning.pairs import pairs
-from relight.learning.train import material, rate, train
+from relight.learning.data import RelitSet, pairs
+from relight.learning.train import Inputs, Recipe, learning_rate, selection, train
 
 ROOT = Path(__file__).parents[2]
 
@@ -24,14 +22,27 @@ ROOT = Path(__file__).parents[2]
 class Run:
     """One training into a folder of its own."""
 
-    def __init__(self, folder: Path, world: dict, model, loss, schedule, augment):
+    def __init__(self, folder: Path, world: dict, recipe: Recipe):
         self.out, self.state, self.curve = folder / "n.safetensors", folder / "state.pt", folder / "curve.csv"
-        paths = [world["packed"], world["lights"], world["split"], self.out, self.state]
-        self.arguments = [model, loss, schedule, augment, *paths]
+        self.recipe, self.inputs = recipe, Inputs(world["packed"], world["lights"], world["split"])
         self.logged: list[tuple[int, dict]] = []
 
+    def program(self, curve: Path | None, log: str = "None") -> str:
+        """Python that runs this training in a process of its own."""
+        parts = ", ".join(f"config.{name.title()}(**{settings})" for name, settings in self.recipe.as_dict().items())
+        paths = ", ".join(f"Path({str(path)!r})" for path in astuple(self.inputs))
+        return (
+            "import os, signal\n"
+            "from pathlib import Path\n"
+            "from relight import config\n"
+            "from relight.learning.train import Inputs, Recipe, train\n"
+            f"out, state, curve = Path({str(self.out)!r}), Path({str(self.state)!r}), {curve and str(curve)!r}\n"
+            f"train(Recipe({parts}), Inputs({paths}), out, state, curve and Path(curve), {log})\n"
+        )
+
     def __call__(self, log=None) -> bytes:
-        train(*self.arguments, self.curve, log or (lambda values, step: self.logged.append((step, values))))
+        log = log or (lambda values, step: self.logged.append((step, values)))
+        train(self.recipe, self.inputs, self.out, self.state, self.curve, log)
         self.state.unlink(missing_ok=True)
         return self.out.read_bytes()
 
@@ -40,9 +51,8 @@ class Run:
 def run(tmp_path, world, model, loss, schedule, augment):
     def make(name: str = "run", model_changes=None, loss_changes=None, augment_changes=None, **changes) -> Run:
         (tmp_path / name).mkdir(exist_ok=True)
-        settings = model(**model_changes or {}), loss(**loss_changes or {}), schedule(**changes)
-        settings += (augment(**augment_changes or {}),)
-        return Run(tmp_path / name, world, *settings)
+        parts = model(**model_changes or {}), loss(**loss_changes or {}), schedule(**changes)
+        return Run(tmp_path / name, world, Recipe(*parts, augment(**augment_changes or {})))
 
     return make
 
@@ -92,17 +102,9 @@ def test_kill_9_between_the_log_and_the_state(run, tmp_path):
     """The process dies at step 6 after logging it; the next one starts from step 4 and ends with the same bits."""
     whole = run("whole", epoch=2)()
     killed = run("killed", epoch=2)
-    model, loss, schedule, augment, *paths = killed.arguments
-    program = f"""
-        import os, signal
-        from pathlib import Path
-        from relight.config import Augment, Loss, Model, Train
-        from relight.learning.train import train
-        die = lambda values, step: os.kill(os.getpid(), signal.SIGKILL) if step == 6 else None
-        train(Model(**{asdict(model)}), Loss(**{asdict(loss)}), Train(**{asdict(schedule)}),
-              Augment(**{asdict(augment)}), *map(Path, {[str(path) for path in paths]}), None, die)
-    """
-    done = subprocess.run([sys.executable, "-c", textwrap.dedent(program)], cwd=ROOT, capture_output=True, text=True)
+    die = "lambda values, step: os.kill(os.getpid(), signal.SIGKILL) if step == 6 else None"
+    command = [sys.executable, "-c", killed.program(None, die)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == -9, done.stderr
     assert torch.load(killed.state, weights_only=True)["step"] == 4
     assert sorted(path.name for path in killed.state.parent.iterdir()) == ["state.pt"]
@@ -129,7 +131,7 @@ def test_a_state_of_other_settings_or_data_is_ignored(run, world, tmp_path, caps
     table = dict(np.load(world["lights"]))
     table["coefficients"] = table["coefficients"] * 1.1
     np.savez(tmp_path / "lights.npz", **table)
-    first.arguments[5] = tmp_path / "lights.npz"
+    first.inputs = replace(first.inputs, lights=tmp_path / "lights.npz")
     first()
     assert "starting from the beginning" in capsys.readouterr().err
 
@@ -143,7 +145,7 @@ def test_one_figure_under_one_light_is_learned_by_heart(run, world, tmp_path, na
     np.savez(tmp_path / "one.npz", **table)
     changes = {"norm": "instance", "dropout": 0.0, "name": name}
     heart = run("heart", changes, {"tv_albedo": 0, "tv_transport": 0}, steps=250, batch=1, epoch=125, lr=4e-3)
-    heart.arguments[5:7] = tmp_path / "one.npz", split
+    heart.inputs = replace(heart.inputs, lights=tmp_path / "one.npz", split=split)
     heart()
     network, _ = load_network(heart.out)
     data = RelitSet(world["packed"], world["lights"], 2, "paper")
@@ -198,7 +200,7 @@ def test_a_loss_that_is_not_finite_names_its_step_and_keeps_the_last_good_state(
     table["coefficients"][light, 0, 0] = np.nan
     np.savez(tmp_path / "nan.npz", **table)
     bad = run("bad", {"norm": "instance"}, steps=12, epoch=2, batch=1)
-    bad.arguments[5] = tmp_path / "nan.npz"
+    bad.inputs = replace(bad.inputs, lights=tmp_path / "nan.npz")
     with pytest.raises(UserError, match=f"not a finite number at step {first}:"):
         bad()
     assert not bad.out.exists()
@@ -234,11 +236,13 @@ def test_going_on_from_another_network_with_its_decoders_frozen(run):
         run("other", {"albedo": "sigmoid"}, alone, start=str(first.out))()
 
 
-def test_rate(schedule):
+def test_learning_rate(schedule):
     cosine = schedule(steps=100, warmup=10, lr=1.0)
-    assert [rate(cosine, step) for step in (0, 4)] == pytest.approx([0.1, 0.5], rel=0.02)
-    assert rate(cosine, 50) == pytest.approx(0.51) and rate(cosine, 99) == pytest.approx(0.02, abs=1e-3)
-    assert {rate(schedule(schedule="constant", warmup=0, lr=0.3), step) for step in range(8)} == {0.3}
+    assert [learning_rate(cosine, step) for step in (0, 4)] == pytest.approx([0.1, 0.5], rel=0.02)
+    assert learning_rate(cosine, 50) == pytest.approx(0.51) and learning_rate(cosine, 99) == pytest.approx(
+        0.02, abs=1e-3
+    )
+    assert {learning_rate(schedule(schedule="constant", warmup=0, lr=0.3), step) for step in range(8)} == {0.3}
 
 
 def test_what_is_trained_on(world, schedule, tmp_path):
@@ -246,7 +250,7 @@ def test_what_is_trained_on(world, schedule, tmp_path):
     data = RelitSet(world["packed"], world["lights"], 2, "paper")
 
     def chosen(**changes):
-        figures, lights = material(data, world["split"], schedule(**changes))
+        figures, lights = selection(data, world["split"], schedule(**changes))
         return figures.tolist(), lights.tolist()
 
     assert chosen() == ([0, 1, 2, 3], [0, 2, 3, 5])
@@ -262,8 +266,8 @@ def test_what_is_trained_on(world, schedule, tmp_path):
 
 def test_user_errors(run, world, tmp_path):
     nobody = run()
-    nobody.arguments[6] = tmp_path / "split.json"
-    nobody.arguments[6].write_text('{"train": ["nobody"], "test": []}')
+    nobody.inputs = replace(nobody.inputs, split=tmp_path / "split.json")
+    nobody.inputs.split.write_text('{"train": ["nobody"], "test": []}')
     with pytest.raises(UserError, match="0 figures and 4 lights to train on"):
         nobody()
     if not torch.cuda.is_available():
@@ -277,15 +281,8 @@ def test_two_processes_train_the_network_that_one_does(run, tmp_path):
     alone = run("alone", changes, {"reduction": "mask"}, steps=4)
     alone()
     pair = run("pair", changes, {"reduction": "mask"}, steps=4)
-    model, loss, schedule, augment, *paths = pair.arguments
     script = tmp_path / "pair.py"
-    script.write_text(
-        "from pathlib import Path\n"
-        "from relight.config import Augment, Loss, Model, Train\n"
-        "from relight.learning.train import train\n"
-        f"train(Model(**{asdict(model)}), Loss(**{asdict(loss)}), Train(**{asdict(schedule)}),\n"
-        f"      Augment(**{asdict(augment)}), *map(Path, {[str(path) for path in paths]}), Path({str(pair.curve)!r}))\n"
-    )
+    script.write_text(pair.program(pair.curve))
     command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2", str(script)]
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
     done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=240)

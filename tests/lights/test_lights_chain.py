@@ -6,17 +6,20 @@ import pytest
 
 from relight.config import Lights, Panoramas, Rules
 from relight.files import UserError
-from relight.lights.chain import build, generated_light
-from relight.lights.cluster import farthest_first, features, medoids
-from relight.lights.rules import broken
-from relight.lights.select import select
-from relight.lights.statistics import measure, reference_brightness
-from relight.lights.table import SPLITS, load, save
+from relight.lights import (
+    build_light_set,
+    measure,
+    read_light_set,
+    reference_brightness,
+    select_lights,
+    write_light_set,
+)
+from relight.lights.chain import generated_light
+from relight.lights.cluster import farthest_first, irradiance_features, medoids
+from relight.lights.select import broken_rules
+from relight.lights.table import SPLITS
 from relight.panoramas.colour import blackbody, daylight
-from relight.sh.basis import basis
-from relight.sh.irradiance import irradiance
-from relight.sh.quadrature import sphere
-from relight.sh.rotation import rotate_y
+from relight.sh import basis, irradiance, rotate_y, sphere_quadrature
 
 RULES = Rules(
     bright=2.0, channel=2.6, dim=0.4, back=1.6, toward=-0.45, contrast=0.0, first=1.25, colour=1.1, below=-15.0
@@ -37,9 +40,9 @@ def rooms():
 
 @pytest.mark.parametrize("order", ["cut_first", "paper"])
 @pytest.mark.parametrize("split", ["room", "random"])
-def test_the_chain_keeps_what_it_promises(rooms, order, split):
+def test_the_light_set_has_the_properties_that_the_settings_ask_for(rooms, order, split):
     sources, coefficients = rooms
-    lights, record = select(coefficients, sources, replace(SETTINGS, order=order, split=split))
+    lights, record = select_lights(coefficients, sources, replace(SETTINGS, order=order, split=split))
     usual = lights.rows(np.isin(lights.split, ("train", "test")))
     if order == "cut_first":
         assert (lights.split == "train").sum() == 9 and (lights.split == "test").sum() == 3
@@ -47,7 +50,7 @@ def test_the_chain_keeps_what_it_promises(rooms, order, split):
     reference = reference_brightness(usual.coefficients)
     assert reference.min() >= 0.7 - 1e-6 and reference.max() <= 0.9 + 1e-6
     assert len(set(usual.source)) == len(usual)  # one light per room
-    assert not np.any(list(broken(usual.coefficients, RULES).values()))
+    assert not np.any(list(broken_rules(usual.coefficients, RULES).values()))
     for mark in ("unusual", "rich"):
         assert len(lights.of(mark)) and all(lights.of(mark).reason)
     assert not any(usual.reason)
@@ -66,9 +69,9 @@ def test_the_chain_keeps_what_it_promises(rooms, order, split):
 
 def test_the_same_settings_give_the_same_set(rooms):
     sources, coefficients = rooms
-    first, _ = select(coefficients, sources, SETTINGS)
-    again, _ = select(coefficients, sources, SETTINGS)
-    other, _ = select(coefficients, sources, replace(SETTINGS, seed=1))
+    first, _ = select_lights(coefficients, sources, SETTINGS)
+    again, _ = select_lights(coefficients, sources, SETTINGS)
+    other, _ = select_lights(coefficients, sources, replace(SETTINGS, seed=1))
     for name in vars(first):
         np.testing.assert_array_equal(getattr(first, name), getattr(again, name))
     assert not np.array_equal(first.coefficients, other.coefficients)
@@ -77,47 +80,49 @@ def test_the_same_settings_give_the_same_set(rooms):
 def test_no_room_is_on_both_sides(rooms):
     _, coefficients = rooms
     few = [f"room:{i // 8}" for i in range(40)]  # five rooms of eight pictures: more than one light each
-    lights, _ = select(coefficients, few, SETTINGS)
+    lights, _ = select_lights(coefficients, few, SETTINGS)
     assert not set(lights.of("train").source) & set(lights.of("test").source)
     assert len(lights.of("test"))
 
 
-def test_two_panoramas_are_enough(rooms):
-    lights, _ = select(rooms[1][16:18], rooms[0][16:18], replace(SETTINGS, clusters=50, test=10))
+def test_two_panoramas_make_a_light_set(rooms):
+    lights, _ = select_lights(rooms[1][16:18], rooms[0][16:18], replace(SETTINGS, clusters=50, test=10))
     assert len(lights.of("train")) and len(lights.of("test"))
     assert set(lights.of("train").source) != set(lights.of("test").source)
 
 
 def test_smoke_size():
-    lights, record = build(replace(GENERATED, count=12), replace(SETTINGS, clusters=6, test=2), 2, progress=False)
+    lights, record = build_light_set(
+        replace(GENERATED, count=12), replace(SETTINGS, clusters=6, test=2), 2, progress=False
+    )
     assert (lights.split == "train").sum() == 4 and (lights.split == "test").sum() == 2
     assert record["steps"][0] == {"step": "read", "in": 12, "out": 12, "why": {}}
 
 
-def test_one_lamp_from_behind_still_gives_a_set(caplog):
-    """Nothing passes the rules: the least unusual copies are used, and it is said."""
+def test_a_single_lamp_from_behind_makes_a_light_set_with_a_warning(caplog):
+    """Nothing passes the rules: the least unusual copies are used, with a warning."""
     lamp = basis(np.array([0.0, -0.8, -0.6]))[:, None] * np.ones((1, 3)) * 5
-    lights, record = select(lamp[None], ["lamp"], replace(SETTINGS, clusters=6, test=2))
+    lights, record = select_lights(lamp[None], ["lamp"], replace(SETTINGS, clusters=6, test=2))
     assert len(lights.of("test")) and len(lights.of("train"))
     assert any("rules" in warning for warning in record["warnings"]) and "rules" in caplog.text
 
 
-def test_threshold_drops_dark_rooms_and_gives_way_to_other_units(rooms):
+def test_the_threshold_removes_dark_rooms_unless_the_units_differ(rooms):
     sources, coefficients = rooms
-    _, record = select(coefficients, sources, SETTINGS)
+    _, record = select_lights(coefficients, sources, SETTINGS)
     dark = int((reference_brightness(coefficients) < 0.2).sum())
     assert record["steps"][0]["why"].get("dark", 0) == dark
-    _, record = select(coefficients / 1000, sources, SETTINGS)
+    _, record = select_lights(coefficients / 1000, sources, SETTINGS)
     assert "other units" in record["warnings"][0] and record["steps"][0]["out"] == 40
 
 
 def test_veto(rooms, tmp_path):
     sources, coefficients = rooms
-    first, _ = select(coefficients, sources, SETTINGS)
+    first, _ = select_lights(coefficients, sources, SETTINGS)
     gone, turned = first.source[0], f"{first.source[1]}:{first.yaw[1]:g}"
     veto = tmp_path / "veto.txt"
     veto.write_text(f"# too green\n{gone}\n\n{turned}  # flat\nroom:999\n")
-    lights, record = select(coefficients, sources, replace(SETTINGS, veto=str(veto)))
+    lights, record = select_lights(coefficients, sources, replace(SETTINGS, veto=str(veto)))
     assert gone not in lights.source
     assert turned not in [f"{s}:{y:g}" for s, y in zip(lights.source, lights.yaw)]
     assert any("room:999" in warning for warning in record["warnings"])
@@ -127,10 +132,10 @@ def test_impossible_settings_are_refused(rooms):
     sources, coefficients = rooms
     for wrong in ({"test": 12}, {"order": "literal"}, {"low": 0.0}, {"split": "subject"}, {"veto": "/nowhere"}):
         with pytest.raises(UserError):
-            select(coefficients, sources, replace(SETTINGS, **wrong))
+            select_lights(coefficients, sources, replace(SETTINGS, **wrong))
 
 
-def test_rules_see_what_they_are_named_for():
+def test_each_rule_finds_its_kind_of_light():
     def lamp(x, y, z, fill=0.3):
         d = np.array([x, y, z], float)
         light = basis(d / np.linalg.norm(d))[:, None] * np.ones((1, 3))
@@ -146,14 +151,14 @@ def test_rules_see_what_they_are_named_for():
         "dim": lamp(0.3, 0.6, 0.7) * 0.3,
         "bright": lamp(0.3, 0.6, 0.7) * 3,
     }
-    found = broken(np.stack([good, *cases.values()]), RULES)
+    found = broken_rules(np.stack([good, *cases.values()]), RULES)
     assert not any(rule[0] for rule in found.values())
     for i, name in enumerate(cases, 1):
         assert found[name][i], name
 
 
 @pytest.mark.parametrize("kelvin, camera, unusual", [(2900, 5000, False), (3200, 6500, False), (2000, 6500, True)])
-def test_tungsten_as_a_camera_set_to_daylight_sees_it_is_usual_and_candles_are_not(kelvin, camera, unusual):
+def test_tungsten_under_a_daylight_white_balance_is_usual_and_candles_are_not(kelvin, camera, unusual):
     """The lights that the paper's authors released have ln(B/G) down to -.8."""
     d = np.array([0.3, 0.6, 0.7])
     white = basis(d / np.linalg.norm(d))
@@ -161,19 +166,19 @@ def test_tungsten_as_a_camera_set_to_daylight_sees_it_is_usual_and_candles_are_n
     light = white[:, None] * (blackbody(kelvin) / daylight(camera))
     light *= 0.8 / reference_brightness(light)
     assert measure(light[None])["blue"][0] < -0.8
-    found = {name for name, rule in broken(light[None], RULES).items() if rule[0]}
+    found = {name for name, rule in broken_rules(light[None], RULES).items() if rule[0]}
     assert "colour" in found if unusual else not found
 
 
 def test_features_measure_the_distance_of_irradiance():
     a, b = np.random.default_rng(0).normal(size=(2, 9, 3))
-    d, w = sphere(8)
+    d, w = sphere_quadrature(8)
     squared = np.sum(w[:, None] * (irradiance(a, d) - irradiance(b, d)) ** 2)
-    distance = np.linalg.norm(np.subtract(*features(np.stack([a, b]))))
+    distance = np.linalg.norm(np.subtract(*irradiance_features(np.stack([a, b]))))
     assert abs(distance - np.sqrt(squared)) < 1e-12
 
 
-def test_medoids_are_members_and_share_the_sources():
+def test_medoids_are_lights_of_the_set_from_different_sources():
     rng = np.random.default_rng(0)
     lights = rng.normal(size=(60, 9, 3))
     chosen, label = medoids(lights, np.repeat(np.arange(30), 2), 10, 0)
@@ -182,7 +187,7 @@ def test_medoids_are_members_and_share_the_sources():
     assert np.bincount(chosen // 12).max() <= 2
 
 
-def test_panoramas_weigh_the_same_however_many_copies_they_have():
+def test_the_weight_of_a_panorama_does_not_depend_on_its_number_of_copies():
     """Two panoramas with forty copies each lie together, twenty with two each far apart: those get the clusters."""
     rng = np.random.default_rng(0)
     crowd, few = rng.normal(0, 0.5, (80, 9, 3)), np.repeat(rng.normal(0, 1, (20, 9, 3)), 2, axis=0)
@@ -213,9 +218,9 @@ def test_statistics_of_known_lights():
 
 
 def test_table_round_trip(rooms, tmp_path):
-    lights, _ = select(rooms[1], rooms[0], SETTINGS)
-    save(lights, tmp_path / "set")
-    again = load(tmp_path / "set" / "lights.csv")
+    lights, _ = select_lights(rooms[1], rooms[0], SETTINGS)
+    write_light_set(lights, tmp_path / "set")
+    again = read_light_set(tmp_path / "set" / "lights.csv")
     for name in vars(lights):
         np.testing.assert_array_equal(getattr(lights, name), getattr(again, name))
     lines = (tmp_path / "set" / "lights.csv").read_text().splitlines()
@@ -224,10 +229,10 @@ def test_table_round_trip(rooms, tmp_path):
         assert stored["coefficients"].dtype == np.float32 and set(stored["split"]) <= set(SPLITS)
     (tmp_path / "bad.npz").write_bytes(b"PK nothing")
     with pytest.raises(UserError, match="not a light set"):
-        load(tmp_path / "bad.npz")
+        read_light_set(tmp_path / "bad.npz")
 
 
-def test_a_folder_with_a_broken_file_goes_on(tmp_path):
+def test_broken_files_of_a_folder_are_skipped_and_recorded(tmp_path):
     rng = np.random.default_rng(0)
     (tmp_path / "deep").mkdir()
     for name in ("a.pfm", "deep/b.pfm"):
@@ -238,11 +243,29 @@ def test_a_folder_with_a_broken_file_goes_on(tmp_path):
     (tmp_path / "c.hdr").write_bytes(b"<html>")
     (tmp_path / "notes.txt").write_text("not a panorama")
     folder = replace(GENERATED, source="folder", folder=str(tmp_path))
-    lights, record = build(folder, replace(SETTINGS, clusters=6, test=2), 2, progress=False)
+    lights, record = build_light_set(folder, replace(SETTINGS, clusters=6, test=2), 2, progress=False)
     assert set(lights.source) == {"a.pfm", "deep/b.pfm"}
     assert list(record["unreadable"]) == ["c.hdr", "nan.pfm"] and record["steps"][0]["why"] == {"unreadable": 2}
     assert "1 of 512 pixels are not finite" in record["unreadable"]["nan.pfm"] and record["repaired"] == {}
-    _, record = build(replace(folder, repair=True), replace(SETTINGS, clusters=6, test=2), 2, progress=False)
+    _, record = build_light_set(replace(folder, repair=True), replace(SETTINGS, clusters=6, test=2), 2, progress=False)
     assert list(record["unreadable"]) == ["c.hdr"] and list(record["repaired"]) == ["nan.pfm"]
     with pytest.raises(UserError, match="no such folder"):
-        build(replace(folder, folder=str(tmp_path / "nowhere")), SETTINGS, 2)
+        build_light_set(replace(folder, folder=str(tmp_path / "nowhere")), SETTINGS, 2)
+
+
+def test_what_a_folder_does_not_give_is_said(tmp_path):
+    """A map that the rules cut at every heading, one that is upside down, and few maps behind many lights."""
+    rng = np.random.default_rng(0)
+    sky = np.linspace(1, 0.3, 16)[:, None, None] * np.ones((16, 32, 3)) * (1 + rng.random((16, 32, 3)))
+    blue = sky * np.array([0.05, 0.2, 3])
+    for name, pixels in {"a": sky, "b": sky[:, ::-1] ** 1.3, "blue": blue, "down": sky[::-1]}.items():
+        (tmp_path / f"{name}.pfm").write_bytes(b"PF\n32 16\n-1.0\n" + pixels[::-1].astype("<f4").tobytes())
+    folder = replace(GENERATED, source="folder", folder=str(tmp_path))
+    lights, record = build_light_set(folder, replace(SETTINGS, clusters=8, test=3), 2, progress=False)
+    assert record["unlit"] == {"blue.pfm": "dim at 36 of 36 headings, colour at 36 of 36 headings"}
+    assert "blue.pfm" not in lights.of("train").source
+    told = " | ".join(record["warnings"])
+    assert "1 of 4 panoramas gave no light" in told and "blue.pfm: dim at 36 of 36 headings" in told
+    assert "1 of 4 panoramas are brighter from below than from above: down.pfm" in told
+    assert "panoramas.upside_down=true" in told
+    assert "the 3 test lights come from" in told

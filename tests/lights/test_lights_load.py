@@ -8,18 +8,13 @@ from typer.testing import CliRunner
 from relight.config import Panoramas
 from relight.evaluation.tracing import panorama_of
 from relight.files import UserError
+from relight.lights import Light, load_light, reference_brightness, write_light
 from relight.lights.chain import file_light
 from relight.lights.commands import app
-from relight.lights.light import Light
-from relight.lights.load import load_light
-from relight.lights.probes import PROBES, printed, probe
-from relight.lights.statistics import moment_eigenvalue, reference_brightness
-from relight.lights.store import write_light
-from relight.panoramas.panorama import Panorama
-from relight.panoramas.project import orient, project
-from relight.panoramas.rooms import room
-from relight.sh.irradiance import irradiance
-from relight.sh.rotation import rotate_y
+from relight.lights.load import PROBES, printed_probe, probe
+from relight.lights.statistics import moment_eigenvalue
+from relight.panoramas import Panorama, generate_room, orient, project
+from relight.sh import irradiance, rotate_y
 
 
 def store_pfm(path, pixels):
@@ -28,7 +23,7 @@ def store_pfm(path, pixels):
     return path
 
 
-def test_panoramas_generated_lights_and_their_turns(tmp_path):
+def test_panoramas_and_generated_lights_with_rotations(tmp_path):
     pixels = np.random.default_rng(0).random((16, 32, 3)).astype(np.float32)
     light = load_light(store_pfm(tmp_path / "a.pfm", pixels))
     np.testing.assert_allclose(light.coefficients, project(Panorama(pixels)), rtol=1e-6)
@@ -43,7 +38,7 @@ def test_panoramas_generated_lights_and_their_turns(tmp_path):
 
 @pytest.mark.parametrize("text", ["a.pfm", "room:7:40", "sky:3"])
 @pytest.mark.parametrize("yaw, flip, exposure", [(0, False, 1), (70, False, 0.3), (0, True, 1), (-25, True, 3)])
-def test_the_panorama_lights_as_the_coefficients_do(tmp_path, monkeypatch, text, yaw, flip, exposure):
+def test_panorama_and_coefficients_are_oriented_alike(tmp_path, monkeypatch, text, yaw, flip, exposure):
     monkeypatch.chdir(tmp_path)
     store_pfm(tmp_path / "a.pfm", np.random.default_rng(0).random((16, 32, 3)).astype(np.float32))
     light, plain = load_light(text, yaw=yaw, flip=flip, exposure=exposure), load_light(text.removesuffix(":40"))
@@ -52,7 +47,7 @@ def test_the_panorama_lights_as_the_coefficients_do(tmp_path, monkeypatch, text,
     np.testing.assert_allclose(light.coefficients, turned, atol=1e-6 * exposure)
 
 
-def test_upside_down_files_are_read_so_everywhere(tmp_path):
+def test_upside_down_is_applied_everywhere(tmp_path):
     pixels = np.random.default_rng(0).random((16, 32, 3)).astype(np.float32)
     path = store_pfm(tmp_path / "a.pfm", pixels[::-1])
     expected = project(Panorama(pixels))
@@ -65,18 +60,18 @@ def test_upside_down_files_are_read_so_everywhere(tmp_path):
     np.testing.assert_allclose(project(panorama_of("a.pfm", 0.0, folder)), expected, rtol=1e-6)
 
 
-def test_a_file_that_is_brighter_from_below_is_asked_about(tmp_path):
-    right = store_pfm(tmp_path / "a.pfm", room(7))
-    wrong = store_pfm(tmp_path / "b.pfm", room(7)[::-1])
+def test_a_panorama_that_is_brighter_from_below_gets_a_note(tmp_path):
+    right = store_pfm(tmp_path / "a.pfm", generate_room(7))
+    wrong = store_pfm(tmp_path / "b.pfm", generate_room(7)[::-1])
     assert not load_light(right).notes and not load_light(wrong, upside_down=True).notes
-    for path, upside_down, told in ((wrong, False, "with --"), (right, True, "without --")):
+    for path, upside_down, option in ((wrong, False, "with --"), (right, True, "without --")):
         (note,) = load_light(path, upside_down=upside_down).notes
-        assert note.startswith(f"{path}: brighter from below") and f"read it {told}" in note
+        assert note.startswith(f"{path}: brighter from below") and f"read it {option}" in note
     assert not load_light(store_pfm(tmp_path / "c.pfm", np.ones((8, 16, 3), np.float32))).notes
     assert "--upside-down" in CliRunner().invoke(app, [str(wrong)]).output
 
 
-def test_a_key_light_shines_from_where_it_says():
+def test_a_key_light_comes_from_the_given_direction():
     light = load_light("key:#ff8000@90,0,0")
     e = irradiance(light.coefficients, np.array([[1.0, 0, 0], [-1, 0, 0], [0, 1, 0], [0, 0, 1]]))
     np.testing.assert_allclose(e[0], 1.0625 * np.array([1, 0.2158605, 0]), atol=1e-6)
@@ -86,7 +81,7 @@ def test_a_key_light_shines_from_where_it_says():
 
 @pytest.mark.parametrize("suffix", [".json", ".npy"])
 @pytest.mark.parametrize("convention", ["relight", "kanamori2018", "ramamoorthi2001", "dpr", "irradiance"])
-def test_what_is_written_says_its_convention_and_is_read_back(tmp_path, suffix, convention):
+def test_written_lights_name_their_convention_and_can_be_read_back(tmp_path, suffix, convention):
     light = load_light("room:3")
     path = write_light(light, tmp_path / f"my{suffix}", convention)
     assert convention in (path.read_text() if suffix == ".json" else path.name)
@@ -108,7 +103,7 @@ def test_files_of_coefficients(tmp_path):
     assert load_light(tmp_path / "a.txt", order=1).coefficients.shape == (4, 3)
 
 
-def test_impossible_lights_are_noted_not_refused(tmp_path):
+def test_impossible_lights_get_a_note(tmp_path):
     sharp = load_light("key:ffffff@0,30,0").coefficients * np.repeat([1, 1.5, 2.5], [1, 3, 5])[:, None]
     np.save(tmp_path / "a.npy", sharp)
     assert "no real light" in load_light(tmp_path / "a.npy").notes[0]
@@ -148,7 +143,7 @@ def test_broken_files_are_named(tmp_path, name):
         ".",
     ],
 )
-def test_names_that_mean_nothing_are_refused(text):
+def test_invalid_names_of_lights_are_refused(text):
     with pytest.raises(UserError):
         load_light(text)
 
@@ -159,7 +154,7 @@ def test_a_pickle_is_never_opened(tmp_path):
         load_light(tmp_path / "a.npy")
 
 
-def test_normalised_brings_the_front_to_the_target_and_spares_back_lit_ones():
+def test_normalised_scales_the_front_to_the_target_and_limits_back_lit_lights():
     light = load_light("room:7").normalised(0.8)
     assert float(reference_brightness(light.coefficients)) == pytest.approx(0.8)
     behind = load_light("key:ffffff@180,0,0.01").normalised(0.8)
@@ -183,9 +178,9 @@ def angular_map_of_the_paper(coefficients, n=600):
 
 
 @pytest.mark.parametrize("name", PROBES)
-def test_printed_tables_come_back_from_their_own_kind_of_map(name):
+def test_printed_tables_are_recovered_from_angular_maps(name):
     """The whole way of the paper's light probes: their frame, the angular layout, our projection, our convention."""
-    table = printed(name)
+    table = printed_probe(name)
     light = project(Panorama(angular_map_of_the_paper(table), "angular"))
     np.testing.assert_allclose(light, probe(name), atol=1e-3 * abs(table).max())
     assert moment_eigenvalue(probe(name)) > (-0.02 if name == "galileo" else -1e-9) - 0.01  # two printed digits

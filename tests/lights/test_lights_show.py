@@ -3,11 +3,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from relight.lights.show import ALBEDO, ball, contact_sheet, diffuse_panorama, seen_pixels
-from relight.lights.table import LightSet
-from relight.panoramas.panorama import Panorama
-from relight.panoramas.project import project
-from relight.sh.basis import basis
+from relight.lights import LightSet, lit_ball, write_contact_sheet
+from relight.lights.show import ALBEDO, diffuse_panorama, oriented_pixels
+from relight.panoramas import Panorama, project
+from relight.panoramas.projection import directions
+from relight.sh import basis
 from relight.srgb import encode
 
 
@@ -17,8 +17,8 @@ def constant(value=1.0):
     return light
 
 
-def test_a_ball_in_even_light_is_even_and_round():
-    picture = ball(constant(), 64)
+def test_a_ball_under_constant_light_is_constant_and_round():
+    picture = lit_ball(constant(), 64)
     assert picture.shape == (64, 64, 4)
     np.testing.assert_allclose(picture[32, 32], [*encode(np.full(3, ALBEDO)), 1], atol=1e-9)
     assert picture[0, 0, 3] == 0 and abs(picture[..., 3].mean() - np.pi / 4) < 2e-3
@@ -26,11 +26,11 @@ def test_a_ball_in_even_light_is_even_and_round():
 
 def test_a_ball_is_bright_on_the_side_of_the_lamp():
     for toward, (row, column) in {(1, 0, 0): (32, 60), (-1, 0, 0): (32, 3), (0, 1, 0): (3, 32)}.items():
-        picture = ball(basis(np.array(toward, float))[:, None] * np.ones(3), 64)[..., 0]
+        picture = lit_ball(basis(np.array(toward, float))[:, None] * np.ones(3), 64)[..., 0]
         assert picture[row, column] > picture[32, 32] > picture[63 - row, 63 - column]
 
 
-def test_the_diffuse_panorama_looks_away_at_its_centre():
+def test_the_centre_of_the_diffuse_panorama_is_minus_z():
     away = basis(np.array([0.0, 0.0, -1.0]))[:, None] * np.ones(3)
     picture = diffuse_panorama(away, 32)[..., 0]
     assert np.unravel_index(picture.argmax(), picture.shape)[1] in (31, 32)
@@ -40,16 +40,34 @@ def test_the_diffuse_panorama_looks_away_at_its_centre():
 @pytest.mark.parametrize("yaw", [0, 90, -45, 540])
 @pytest.mark.parametrize("flip", [False, True])
 @pytest.mark.parametrize("front", ["-z", "+z"])
-def test_the_panorama_is_drawn_as_its_light_is_used(yaw, flip, front):
+def test_the_drawn_panorama_has_the_orientation_of_its_light(yaw, flip, front):
     panorama = Panorama(
         np.random.default_rng(0).random((8, 16, 3)).astype(np.float32), "latlong", False, flip, yaw, front
     )
-    seen = replace(panorama, pixels=seen_pixels(panorama), flip=False, yaw=0.0, front="-z")
-    np.testing.assert_allclose(project(seen), project(panorama), atol=1e-12)
+    oriented = replace(panorama, pixels=oriented_pixels(panorama), flip=False, yaw=0.0, front="-z")
+    np.testing.assert_allclose(project(oriented), project(panorama), atol=1e-12)
+
+
+SHAPES = {"angular": (240, 240), "ball": (240, 240), "cross": (240, 320), "strip": (480, 80), "strip-gl": (80, 480)}
+
+
+@pytest.mark.parametrize("yaw", [0, 75])
+@pytest.mark.parametrize("layout", SHAPES)
+@pytest.mark.parametrize("corners", [False, True])
+def test_other_layouts_are_drawn_as_their_light_is_used(layout, yaw, corners):
+    """Nearest pixels of a smooth scene: the light of the drawing is that of the map, to the size of a pixel."""
+    if corners and layout != "strip":
+        pytest.skip("only OpenEXR's cubes have samples on corners")
+    empty = Panorama(np.zeros((*SHAPES[layout], 3), np.float32), layout, corners, True, yaw)
+    toward = np.nan_to_num(directions(empty))
+    panorama = replace(empty, pixels=(1 + toward @ np.array([[0.5, 0, 0.2], [0.3, 0.6, 0], [0, 0.3, 0.7]])))
+    seen = oriented_pixels(panorama)
+    assert seen.shape == (256, 512, 3)
+    np.testing.assert_allclose(project(Panorama(seen)), project(panorama), atol=0.02)
 
 
 def test_a_large_panorama_is_drawn_smaller():
-    assert seen_pixels(Panorama(np.ones((1536, 3072, 3), np.float32), yaw=33.0)).shape == (512, 1024, 3)
+    assert oriented_pixels(Panorama(np.ones((1536, 3072, 3), np.float32), yaw=33.0)).shape == (512, 1024, 3)
 
 
 def test_a_contact_sheet_of_any_size_is_drawn(tmp_path):
@@ -64,7 +82,7 @@ def test_a_contact_sheet_of_any_size_is_drawn(tmp_path):
         cluster=np.arange(n),
         reason=np.array([""] * 5 + ["bright", "bright back-lit"]),
     )
-    contact_sheet(lights, tmp_path / "a.png")
+    write_contact_sheet(lights, tmp_path / "a.png")
     assert (tmp_path / "a.png").stat().st_size > 10_000
-    contact_sheet(lights.of("train"), tmp_path / "b.png")
+    write_contact_sheet(lights.of("train"), tmp_path / "b.png")
     assert (tmp_path / "b.png").stat().st_size < (tmp_path / "a.png").stat().st_size

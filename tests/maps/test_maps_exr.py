@@ -7,8 +7,7 @@ import OpenEXR
 import pytest
 
 from relight.files import UserError
-from relight.maps.exr import LeftOut, coefficient_names, read_info, read_maps, write_left_out, write_maps
-from relight.maps.maps import Maps
+from relight.maps import LeftOut, Maps, coefficient_names, read_info, read_maps, write_left_out, write_maps
 
 
 def random_maps(size=7, order=2, bounced=False, seed=0):

@@ -5,9 +5,8 @@ import pytest
 from safetensors.numpy import load_file
 
 from relight.files import UserError
-from relight.maps.exr import read_maps, write_left_out, write_maps
-from relight.maps.maps import Maps
-from relight.maps.packed import Packed, decode_normals, encode_normals, pack
+from relight.maps import Maps, PackedMaps, pack_maps, read_maps, write_left_out, write_maps
+from relight.maps.packed import decode_normals, encode_normals
 from relight.srgb import encode
 
 
@@ -38,9 +37,9 @@ def folder(tmp_path):
     return tmp_path
 
 
-def test_pixels_come_back(folder):
-    names = pack([folder / f"{name}.exr" for name in ("a1", "c", "b1", "b2")], folder / "packed.safetensors")
-    packed = Packed(folder / "packed.safetensors")
+def test_packed_pixels_are_those_of_the_maps(folder):
+    names = pack_maps([folder / f"{name}.exr" for name in ("a1", "c", "b1", "b2")], folder / "packed.safetensors")
+    packed = PackedMaps(folder / "packed.safetensors")
     assert names == packed.names == ["a1", "b1", "b2"] and packed.subjects == ["a", "b", "b"]
     assert (len(packed), packed.size, packed.order) == (3, 9, 2)
     whole = packed.arrays()
@@ -59,7 +58,7 @@ def test_pixels_come_back(folder):
 
 
 def test_the_file_is_plain_safetensors(folder):
-    pack([folder / "a1.exr", folder / "b1.exr"], folder / "packed.safetensors")
+    pack_maps([folder / "a1.exr", folder / "b1.exr"], folder / "packed.safetensors")
     arrays = load_file(folder / "packed.safetensors")  # the library's own reader checks the layout
     pixels = int(arrays["offset"][-1])
     assert {key: value.shape for key, value in arrays.items()} == {
@@ -77,9 +76,9 @@ def test_the_file_is_plain_safetensors(folder):
 def test_bounces_are_averaged_into_the_transport(tmp_path):
     maps = random_maps("a", bounced=True)
     write_maps(tmp_path / "a.exr", maps)
-    pack([tmp_path / "a.exr"], tmp_path / "packed.safetensors")
+    pack_maps([tmp_path / "a.exr"], tmp_path / "packed.safetensors")
     expected = (maps.transport + maps.bounced.mean(-1))[maps.mask]
-    np.testing.assert_allclose(Packed(tmp_path / "packed.safetensors").figure(0)["transport"], expected, atol=3e-3)
+    np.testing.assert_allclose(PackedMaps(tmp_path / "packed.safetensors").figure(0)["transport"], expected, atol=3e-3)
 
 
 def test_octahedral_normals():
@@ -92,21 +91,21 @@ def test_octahedral_normals():
     assert np.linalg.norm(back - normals, axis=1).max() < 7e-5
 
 
-def test_mixtures_and_strangers_are_refused(folder):
+def test_different_sizes_and_other_files_are_refused(folder):
     write_maps(folder / "large.exr", random_maps("large", size=12))
     with pytest.raises(UserError, match="one size: these have 9, 12"):
-        pack([folder / "a1.exr", folder / "large.exr"], folder / "packed.safetensors")
+        pack_maps([folder / "a1.exr", folder / "large.exr"], folder / "packed.safetensors")
     write_maps(folder / "high.exr", random_maps("high", order=3))
     with pytest.raises(UserError, match="one order: these have 2, 3"):
-        pack([folder / "a1.exr", folder / "high.exr"], folder / "packed.safetensors")
+        pack_maps([folder / "a1.exr", folder / "high.exr"], folder / "packed.safetensors")
     with pytest.raises(UserError, match="left out"):
-        pack([folder / "c.exr"], folder / "packed.safetensors")
+        pack_maps([folder / "c.exr"], folder / "packed.safetensors")
     assert not list(folder.glob("*.safetensors")) + list(folder.glob(".*"))
     (folder / "x.safetensors").write_bytes(b"12345678abc")
     with pytest.raises(UserError, match="not a packed data set"):
-        Packed(folder / "x.safetensors")
+        PackedMaps(folder / "x.safetensors")
     with pytest.raises(UserError, match="no file"):
-        Packed(folder / "none.safetensors")
-    pack([folder / "a1.exr"], folder / "packed.safetensors")
+        PackedMaps(folder / "none.safetensors")
+    pack_maps([folder / "a1.exr"], folder / "packed.safetensors")
     with pytest.raises(IndexError):
-        Packed(folder / "packed.safetensors").figure(1)
+        PackedMaps(folder / "packed.safetensors").figure(1)

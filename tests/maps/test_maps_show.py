@@ -3,8 +3,8 @@
 import numpy as np
 from PIL import Image
 
-from relight.maps.maps import Maps
-from relight.maps.show import GROUND, write_picture
+from relight.maps import Maps, write_maps_picture
+from relight.maps.show import GROUND
 from relight.srgb import encode
 
 
@@ -23,7 +23,7 @@ def test_panels(tmp_path):
         ao=(mask * 0.75).astype(np.float32),
         transport=transport,
     )
-    write_picture(tmp_path / "a.png", maps)
+    write_maps_picture(tmp_path / "a.png", maps)
     shown = np.asarray(Image.open(tmp_path / "a.png"))
     width = 15 + 2  # a margin of a fiftieth of the image on each side
     assert shown.shape[1] == 4 * width and shown.shape[0] > 32

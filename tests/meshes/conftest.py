@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from relight.meshes.mesh import Material, Mesh
+from relight.meshes import Material, Mesh
 
 
 def ball(centre, radii, rings=12) -> tuple[np.ndarray, np.ndarray]:

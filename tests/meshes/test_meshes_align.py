@@ -7,9 +7,9 @@ import pytest
 
 from relight.config import Align
 from relight.files import UserError
-from relight.meshes.align import align, frame, read_table
+from relight.meshes import Material, Mesh, align
+from relight.meshes.alignment import axes_rotation, read_align_table
 from relight.meshes.axes import AXES, find_axes
-from relight.meshes.mesh import Material, Mesh
 
 AUTO = Align(up="auto", front="auto", padding=0.05, version=1)
 PAIRS = [(up, front) for up, front in product(AXES, AXES) if up[1] != front[1]]
@@ -31,14 +31,16 @@ def test_up_and_front_are_found(person, pose, up, front):
     mesh = person(**POSES[pose])
     want = align(mesh, AUTO)
     assert (want.info["align"]["up"], want.info["align"]["front"]) == ("+y", "+z")
-    mesh.vertices = mesh.vertices @ frame(up, front).astype(np.float32) * 100 + 37  # centimetres, off the origin
+    mesh.vertices = (
+        mesh.vertices @ axes_rotation(up, front).astype(np.float32) * 100 + 37
+    )  # centimetres, off the origin
     got = align(mesh, AUTO)
     assert (got.info["align"]["up"], got.info["align"]["front"]) == (up, front)
     np.testing.assert_allclose(got.vertices, want.vertices, atol=1e-5)
     assert not got.info["warnings"]
 
 
-def test_a_gown_hides_the_feet_and_the_face_decides(person):
+def test_under_a_gown_the_face_decides(person):
     around = (0, 0.7, 0), (0.25, 0.7, 0.25)
     hidden = {f"{side}_{part}": around for side in ("left", "right") for part in ("leg", "shoe")}
     head = {"head": ((0, 1.62, 0.06), (0.08, 0.12, 0.10)), "torso": ((0, 1.15, 0), (0.06, 0.4, 0.06))}
@@ -47,7 +49,7 @@ def test_a_gown_hides_the_feet_and_the_face_decides(person):
     assert find_axes(mesh).front == "-x"
 
 
-def test_a_figure_on_its_head_is_turned_over(person):
+def test_an_inverted_figure_is_turned_over(person):
     mesh = person()
     mesh.vertices[:, :2] *= -1
     assert find_axes(mesh).up == "-y"
@@ -58,7 +60,7 @@ GOWN = {f"{side}_leg": ((0, 0.45, 0), (0.25, 0.45, 0.25)) for side in ("left", "
 
 
 @pytest.mark.parametrize("pose", ["standing", "T-pose", "pointing ahead", "walking"])
-def test_legs_tell_a_figure_on_its_head(person, pose):
+def test_legs_identify_an_inverted_figure(person, pose):
     mesh = person(**POSES[pose], **HAT)
     assert find_axes(mesh).up == "+y"
     mesh.vertices[:, :2] *= -1
@@ -92,7 +94,7 @@ def test_layers_of_hair_are_no_soles(person):
     ],
     ids=["tip", "needle"],
 )
-def test_what_is_no_figure_is_still_some_way_up(vertices, front):
+def test_other_shapes_get_axes_too(vertices, front):
     faces = np.array([[0, 1, 2], [0, 2, 3], [0, 3, 1]], np.int32)
     mesh = Mesh(
         np.array(vertices, np.float32),
@@ -117,18 +119,18 @@ def test_feet_wide_apart_point_where_each_of_them_points(person):
 
 
 @pytest.mark.parametrize("up, front", PAIRS)
-def test_given_axes_are_obeyed(person, up, front):
+def test_given_axes_are_used(person, up, front):
     """All 24 frames: the figure comes out as if the file were y-up facing +z."""
     mesh = person()
     want = align(mesh, Align(up="+y", front="+z", padding=0.1, version=1)).vertices
-    mesh.vertices = (mesh.vertices @ frame(up, front)).astype(np.float32)
+    mesh.vertices = (mesh.vertices @ axes_rotation(up, front)).astype(np.float32)
     got = align(mesh, Align(up=up, front=front, padding=0.1, version=1))
     np.testing.assert_allclose(got.vertices, want, atol=1e-6)
-    assert np.linalg.det(frame(up, front)) == pytest.approx(1)
+    assert np.linalg.det(axes_rotation(up, front)) == pytest.approx(1)
 
 
 @pytest.mark.parametrize("padding", [0, 0.05, 0.2])
-def test_size_and_place_are_the_cameras(person, padding):
+def test_aligned_figures_fill_the_image(person, padding):
     settings = Align(up="auto", front="auto", padding=padding, version=1)
     tall = align(person(), settings).vertices
     np.testing.assert_allclose(tall.max(axis=0), -tall.min(axis=0), atol=1e-6)
@@ -139,9 +141,9 @@ def test_size_and_place_are_the_cameras(person, padding):
     assert np.ptp(wide[:, 1]) < np.ptp(wide[:, 0])
 
 
-def test_the_record_gives_the_files_coordinates_back(person):
+def test_the_record_inverts_the_alignment(person):
     mesh = person()
-    mesh.vertices = (mesh.vertices @ frame("+z", "-y") * 250 - 60).astype(np.float32)
+    mesh.vertices = (mesh.vertices @ axes_rotation("+z", "-y") * 250 - 60).astype(np.float32)
     got = align(mesh, AUTO)
     record = got.info["align"]
     back = got.vertices / record["scale"] @ np.array(record["rotation"]) + record["centre"]
@@ -172,12 +174,12 @@ def test_a_table_overrides_single_figures(tmp_path, person):
         ("name,turn\na,left\n", "left"),
     ],
 )
-def test_a_table_that_means_nothing_is_refused(tmp_path, text, says):
+def test_malformed_tables_are_refused(tmp_path, text, says):
     (tmp_path / "t.csv").write_text(text)
     with pytest.raises(UserError, match=says):
-        read_table(tmp_path / "t.csv")
+        read_align_table(tmp_path / "t.csv")
     with pytest.raises(UserError, match="no file"):
-        read_table(tmp_path / "none.csv")
+        read_align_table(tmp_path / "none.csv")
 
 
 def test_axes_that_contradict_are_refused(person):
@@ -195,7 +197,7 @@ def test_settings_that_name_no_axis_are_refused(person, key, other, axis):
     assert str(refused.value) == f"align.{key} {axis!r} is not an axis; +x, -x, +y, -y, +z, -z and auto are"
 
 
-def test_what_the_maker_knows_is_believed_and_a_guess_is_owned_up(person, ellipsoid):
+def test_known_axes_are_used_and_a_guess_gets_a_warning(person, ellipsoid):
     mesh = person()
     mesh.info["axes"] = {"up": "+y", "front": "-z"}
     assert align(mesh, AUTO).info["align"]["front"] == "-z"

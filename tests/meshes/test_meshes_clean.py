@@ -6,9 +6,9 @@ import trimesh
 
 from relight.config import Clean
 from relight.files import UserError
-from relight.meshes.clean import clean, edge_uses
-from relight.meshes.mesh import Material, Mesh
-from relight.meshes.parts import areas, parts, solidity
+from relight.meshes import Material, Mesh, clean
+from relight.meshes.cleaning import edge_uses
+from relight.meshes.geometry import connected_parts, face_areas, solidity
 
 PLAIN = Clean(component=0.0005, close_holes=0, max_faces=0, version=1)
 
@@ -51,7 +51,7 @@ def add_ball(mesh: Mesh, ball) -> Mesh:
     return with_faces(with_vertices(mesh, vertices), faces + len(mesh.vertices))
 
 
-def test_a_sound_figure_stays_as_it_is(person):
+def test_a_clean_figure_is_unchanged(person):
     mesh = person()
     result = clean(mesh, PLAIN)
     np.testing.assert_array_equal(corners(result), corners(person()))
@@ -59,7 +59,7 @@ def test_a_sound_figure_stays_as_it_is(person):
     assert result.faces.dtype == np.int32 and result.vertices.dtype == np.float32 and result.uv.dtype == np.float32
 
 
-def test_triangles_that_share_no_vertex_are_sewn_together(person):
+def test_separate_triangles_are_connected(person):
     """What .glb and STL-like exports bring: three vertices of its own for each face."""
     mesh = person()
     count = mesh.faces.size
@@ -75,7 +75,7 @@ def test_triangles_that_share_no_vertex_are_sewn_together(person):
     np.testing.assert_array_equal(corners(result), corners(mesh))
 
 
-def test_duplicate_faces_and_shells_go_whichever_way_they_turn(person):
+def test_duplicate_faces_are_dropped_in_either_orientation(person):
     mesh = person()
     double = with_faces(with_vertices(mesh, mesh.vertices), mesh.faces[:, ::-1] + len(mesh.vertices))
     result = clean(with_faces(double, mesh.faces[:5, [1, 2, 0]]), PLAIN)
@@ -84,7 +84,7 @@ def test_duplicate_faces_and_shells_go_whichever_way_they_turn(person):
     np.testing.assert_array_equal(corners(result)[:, :3], corners(mesh)[:, :3])
 
 
-def test_faces_without_area_and_unused_vertices_go(person):
+def test_faces_without_area_and_unused_vertices_are_dropped(person):
     mesh = with_vertices(person(), [[5, 5, 5], [6, 6, 6]])
     result = clean(with_faces(mesh, [[0, 0, 1], [2, 2, 2]]), PLAIN)
     assert result.info["repairs"]["faces without area"] == 2
@@ -116,12 +116,12 @@ def test_non_manifold_edges_are_split_and_no_surface_is_lost(person):
         np.concatenate([result.faces[:, [0, 1]], result.faces[:, [1, 2]], result.faces[:, [2, 0]]]), axis=-1
     )
     assert np.unique(edges, axis=0, return_counts=True)[1].max() == 2
-    got, want = (areas(m.vertices, m.faces).sum() for m in (result, fin))
+    got, want = (face_areas(m.vertices, m.faces).sum() for m in (result, fin))
     np.testing.assert_allclose(got, want, rtol=1e-6)
 
 
 @pytest.mark.parametrize("share", [0.2, 0.8, 1.0])
-def test_faces_that_look_inward_are_turned_with_their_uv(person, share):
+def test_inward_faces_are_flipped_with_their_uv(person, share):
     """Single faces turned over, most of them, and all: the surface comes out as it was, outward."""
     mesh = person()
     turned = np.random.default_rng(0).random(len(mesh.faces)) < share
@@ -130,7 +130,7 @@ def test_faces_that_look_inward_are_turned_with_their_uv(person, share):
     np.testing.assert_array_equal(corners(clean(mesh, PLAIN)), corners(person()))
 
 
-def test_linings_keep_looking_inward_and_an_open_scan_is_turned(person, ellipsoid):
+def test_linings_face_inward_and_an_open_scan_is_flipped(person, ellipsoid):
     vertices, faces = ellipsoid((0, 1, 0), (0.5, 0.9, 0.4), rings=30)
     cut = faces[vertices[faces][..., 1].min(axis=1) > 0.2]  # open at the feet
     scan = with_faces(with_vertices(merged(person(), faces=np.zeros((0, 3), np.int32), uv=np.zeros((0, 3, 2)),
@@ -143,7 +143,7 @@ def test_linings_keep_looking_inward_and_an_open_scan_is_turned(person, ellipsoi
     assert "faces turned" not in result.info["repairs"]
 
 
-def test_specks_in_the_air_go_and_eyes_shoes_and_strands_stay(person, ellipsoid):
+def test_floating_parts_are_dropped_and_eyes_shoes_and_strands_stay(person, ellipsoid):
     mesh = person(24)
     dust = [((0.6, 1.5 + 0.02 * k, 0.3), (0.005, 0.004, 0.003)) for k in range(5)]
     for speck in dust:
@@ -152,7 +152,7 @@ def test_specks_in_the_air_go_and_eyes_shoes_and_strands_stay(person, ellipsoid)
     glove = ellipsoid((0.45, 0.75, 0), (0.05, 0.09, 0.03), rings=2)  # as few faces, and in the air, but large
     result = clean(add_ball(add_ball(mesh, button), glove), PLAIN)
     assert result.info["repairs"]["floating parts"] == 5 and result.info["repairs"]["parts"] == 17
-    assert parts(result.faces, len(result.vertices)).max() + 1 == 12
+    assert connected_parts(result.faces, len(result.vertices)).max() + 1 == 12
     assert (
         result.vertices[:, 0].max() > 0.49 and not (np.abs(result.vertices - [0.6, 1.5, 0.3]) < 0.02).all(axis=-1).any()
     )
@@ -186,7 +186,7 @@ def test_decimation_keeps_uv_materials_colours_and_seams(person):
     np.testing.assert_array_equal(result.color, (result.vertices / 2).clip(0, 1))
     assert clean(result, PLAIN).info["repairs"] == {"parts": 10}  # no crack, no flipped face, no speck
     for material in (0, 1):
-        got, want = (areas(m.vertices, m.faces)[m.material == material].sum() for m in (result, mesh))
+        got, want = (face_areas(m.vertices, m.faces)[m.material == material].sum() for m in (result, mesh))
         np.testing.assert_allclose(got, want, rtol=5e-3)
 
 
@@ -218,7 +218,7 @@ def test_solidity(ellipsoid):
     np.testing.assert_allclose(solidity(flat, faces, one), 0, atol=1e-9)
 
 
-def test_faces_keep_their_uv_where_edges_are_crowded():
+def test_faces_keep_their_uv_at_non_manifold_edges():
     """Fins on the edges of a sphere: three and four faces to an edge, and every face with a uv of its own."""
     ball = trimesh.creation.icosphere(subdivisions=4)
     faces, vertices = ball.faces, ball.vertices

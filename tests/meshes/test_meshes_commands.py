@@ -21,7 +21,7 @@ def test_list_and_check(tmp_path, person):
     assert "5280 faces" in checked.output and "+y up, facing +z" in checked.output and "parts: 10" in checked.output
 
 
-def test_pick_writes_where_the_list_reads(tmp_path, person):
+def test_pick_writes_the_table_that_the_list_reads(tmp_path, person):
     folder = tmp_path / "00005" / "shortlong_hips"
     folder.mkdir(parents=True)
     for frame in range(3):

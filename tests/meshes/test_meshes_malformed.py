@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from relight.files import UserError
-from relight.meshes.read import read_mesh
+from relight.meshes import read_mesh
 
 CASES = int(os.environ.get("RELIGHT_FUZZ", "150"))  # places where a file is cut and altered
 PLY = b"ply\nformat %s 1.0\nelement vertex %d\nproperty float x\nproperty float y\nproperty float z\n"
@@ -298,7 +298,7 @@ def test_broken_files_give_one_sentence(tmp_path, name):
     assert peak < 64 << 20
 
 
-def test_the_unbroken_files_are_read(tmp_path):
+def test_the_undamaged_files_are_read(tmp_path):
     """The files that the cases above break are whole: each case tests its own flaw."""
     whole = {
         "a.ply": binary_ply(),

@@ -9,8 +9,8 @@ import pytest
 import trimesh
 from PIL import Image
 
-from relight.meshes.read import read_mesh
-from relight.meshes.textures import linear
+from relight.meshes import read_mesh
+from relight.meshes.raw import linear
 
 RED, GREEN, BLUE = (200, 30, 20), (30, 180, 40), (20, 40, 210)
 
@@ -124,7 +124,7 @@ def test_textured_ply(tmp_path, numbers):
         "-s 1 1 A b.png",
     ],
 )
-def test_textures_are_found_however_they_are_named(tmp_path, statement):
+def test_textures_are_found_by_any_spelling(tmp_path, statement):
     """What trimesh loses silently: options, backslashes, capitals, the folders of somebody else's disk."""
     picture(tmp_path / "tex" / "A b.png")
     (tmp_path / "a.mtl").write_text(
@@ -159,7 +159,7 @@ def test_obj_of_several_materials(tmp_path):
         ("f 1 2 \\\n 3 4", "f  5/  6/\t7/ 8/ # the last"),
     ],
 )
-def test_obj_corners_in_every_spelling(tmp_path, faces):
+def test_obj_corners_in_every_form(tmp_path, faces):
     mesh = read_mesh(quad_obj(tmp_path / "a.obj", "none", "none", faces=faces, extra="vn 0 0 1"))
     np.testing.assert_array_equal(mesh.faces, [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]])
     assert "names no .mtl" in mesh.info["warnings"][0]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from relight.files import UserError
-from relight.meshes.mesh import Material, Mesh
+from relight.meshes import Material, Mesh
 
 
 def test_round_trip(tmp_path, person):

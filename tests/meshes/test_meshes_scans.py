@@ -16,9 +16,8 @@ from omegaconf import OmegaConf
 from snakemake.io import apply_wildcards
 
 from relight.files import UserError, odd, whole
-from relight.meshes.buff import Frame, list_frames, pick, representatives
-from relight.meshes.mesh import Mesh
-from relight.meshes.scans import list_scans
+from relight.meshes import Mesh, list_scans
+from relight.meshes.buff import BuffFrame, cluster_representatives, list_frames, select_frames
 
 
 def touch(folder, *names):
@@ -64,7 +63,7 @@ def test_the_layouts_of_renderpeople_thuman_and_own_folders(tmp_path):
     assert [scan.subject for scan in list_scans(tmp_path / "flat").values()] == ["eve", "eve"]
 
 
-def test_a_table_decides(tmp_path):
+def test_a_table_replaces_the_listing(tmp_path):
     touch(tmp_path, "x/a.ply", "x/b.ply", "c.ply", "d.ply")
     (tmp_path / "scans.csv").write_text("use,name,subject,path\n1,second,eve,x\\b.ply\n0,first,eve,x/a.ply\n,,,c.ply\n")
     assert listed(tmp_path) == {"second": ("x/b.ply", "eve"), "c": ("c.ply", "c")}
@@ -79,7 +78,7 @@ def test_a_table_decides(tmp_path):
             list_scans(tmp_path)
 
 
-def test_folders_that_hold_nothing_are_refused(tmp_path):
+def test_folders_without_meshes_are_refused(tmp_path):
     with pytest.raises(UserError, match=r"no folder.*\.ply, \.obj, \.glb and \.gltf"):
         list_scans(tmp_path / "none")
     touch(tmp_path, "a.fbx", "skin.png")
@@ -87,7 +86,7 @@ def test_folders_that_hold_nothing_are_refused(tmp_path):
         list_scans(tmp_path)
 
 
-def test_what_is_around_the_folder_does_not_matter(tmp_path, monkeypatch):
+def test_parent_folders_do_not_matter(tmp_path, monkeypatch):
     touch(tmp_path / ".data" / "scans", "a.ply", ".hidden/b.ply", "c/.d.ply")
     assert list(list_scans(tmp_path / ".data" / "scans")) == ["a"]
     (tmp_path / "here").mkdir()
@@ -95,7 +94,7 @@ def test_what_is_around_the_folder_does_not_matter(tmp_path, monkeypatch):
     assert list(list_scans("../.data/scans")) == ["a"]
 
 
-def test_names_are_plain_and_no_two_are_one(tmp_path):
+def test_names_are_ascii_and_distinct(tmp_path):
     touch(tmp_path, "Zoë.obj", "null.obj", "1e5.obj", "a b.ply", "a_b.ply", "Eve.ply", "eve.glb", "人.obj", "火.obj")
     names = list_scans(tmp_path)
     assert {"Zoe", "null", "1e5"} < set(names)
@@ -176,14 +175,14 @@ def buff(folder, person, frames=12):
     (folder / "minimal_body_shape" / "00005" / "00005_minimal.ply").write_bytes(data)
 
 
-def test_buff_is_read_as_it_is_and_its_choice_covers_the_poses(tmp_path, person):
+def test_selected_buff_frames_cover_the_poses(tmp_path, person):
     buff(tmp_path, person)
     frames = list_frames(tmp_path)
     assert len(frames) == 3 * 2 * 12 and frames[0].name == "00005_shortlong_hips_000001"
     assert {frame.motion for frame in frames} == {"hips", "tilt_twist_left"}
     broken = tmp_path / "sequences/00032/shortlong_hips/shortlong_hips.000001.ply"
     broken.write_bytes(broken.read_bytes()[:500])
-    assert pick(tmp_path, tmp_path / "scans.csv", count=6, stride=3) == 6
+    assert select_frames(tmp_path, tmp_path / "scans.csv", count=6, stride=3) == 6
     scans = list_scans(tmp_path)
     assert len(scans) == 6 and {scan.subject for scan in scans.values()} == {"00005", "00032"}
     for group in ("00005_shortlong", "00005_shortshort", "00032_shortlong"):
@@ -192,9 +191,9 @@ def test_buff_is_read_as_it_is_and_its_choice_covers_the_poses(tmp_path, person)
         assert sorted(raised) == [False, True]  # one frame of each pose
     text = (tmp_path / "scans.csv").read_text()
     with pytest.raises(UserError, match="there already"):
-        pick(tmp_path, tmp_path / "scans.csv")
+        select_frames(tmp_path, tmp_path / "scans.csv")
     (tmp_path / "scans.csv").unlink()
-    assert pick(tmp_path, tmp_path / "scans.csv", count=6, stride=3) == 6
+    assert select_frames(tmp_path, tmp_path / "scans.csv", count=6, stride=3) == 6
     assert (tmp_path / "scans.csv").read_text() == text
     (tmp_path / "scans.csv").write_text(text.replace("\n1,", "\n0,", 1))  # a person takes one out
     assert len(list_scans(tmp_path)) == 5
@@ -202,22 +201,22 @@ def test_buff_is_read_as_it_is_and_its_choice_covers_the_poses(tmp_path, person)
 
 def test_representatives_are_the_frames_nearest_to_the_centres():
     random = np.random.default_rng(0)
-    frames = [Frame(Path(f"{k}.ply"), "00005", "shortlong", "hips", k) for k in range(40)]
+    frames = [BuffFrame(Path(f"{k}.ply"), "00005", "shortlong", "hips", k) for k in range(40)]
     shapes = {frame: 10 * (frame.number % 2) + random.normal(0, 1, 8) for frame in frames}
-    for frame, size in representatives(shapes, 2, seed=0):
+    for frame, size in cluster_representatives(shapes, 2, seed=0):
         cluster = [other for other in frames if other.number % 2 == frame.number % 2]
         centre = np.mean([shapes[other] for other in cluster], axis=0)
         assert size == 20
         assert frame == min(cluster, key=lambda other: np.linalg.norm(shapes[other] - centre))
 
 
-def test_frames_that_are_all_alike_are_chosen_once(tmp_path, person):
+def test_identical_frames_are_selected_once(tmp_path, person):
     folder = tmp_path / "00005" / "shortlong_hips"
     folder.mkdir(parents=True)
     mesh = person(4)
     for frame in range(3):
         trimesh.Trimesh(mesh.vertices, mesh.faces, process=False).export(folder / f"hips.{frame:06d}.ply")
-    assert pick(tmp_path, tmp_path / "scans.csv", count=3, stride=1) == 1
+    assert select_frames(tmp_path, tmp_path / "scans.csv", count=3, stride=1) == 1
 
 
 def test_a_folder_without_buffs_layout_is_refused(tmp_path):

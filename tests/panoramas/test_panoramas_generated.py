@@ -3,15 +3,25 @@ import pytest
 from omegaconf import OmegaConf
 
 from relight.config import composed
-from relight.lights.select import select
-from relight.lights.statistics import measure
+from relight.lights import measure, select_lights
+from relight.panoramas import Panorama, generate_room, generate_sky, project
 from relight.panoramas.colour import FROM_XYZ, blackbody, daylight
-from relight.panoramas.layouts import latlong_solid_angles
-from relight.panoramas.panorama import Panorama
-from relight.panoramas.project import project
-from relight.panoramas.radiosity import CELLS, Grid, direct, form_factors, interreflected, render, sunlit, walls_hit
-from relight.panoramas.rooms import CLEARANCE, Box, Lamp, Patch, Room, draw_room, room, white_balance
-from relight.panoramas.skies import sky
+from relight.panoramas.projection import latlong_solid_angles
+from relight.panoramas.radiosity import (
+    CELLS,
+    AreaLight,
+    Box,
+    Grid,
+    Lamp,
+    Room,
+    direct_irradiance,
+    form_factors,
+    indirect_irradiance,
+    intersect_walls,
+    render_room,
+    sunlit,
+)
+from relight.panoramas.rooms import CLEARANCE, sample_room, white_balance
 
 COUNT = 160
 
@@ -22,7 +32,7 @@ def lights_of(generate, count):
 
 @pytest.fixture(scope="module")
 def coefficients():
-    return lights_of(room, COUNT)
+    return lights_of(generate_room, COUNT)
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +61,7 @@ def test_rooms_spread_as_indoor_light_does(rooms, name):
         assert low < value < high
 
 
-def test_rooms_can_exist_and_few_are_dark_or_lit_from_below(rooms):
+def test_rooms_are_physically_possible_and_few_are_dark_or_lit_from_below(rooms):
     assert rooms["moment"].min() > 0
     assert np.mean(rooms["reference"] < 0.2) < 0.12
     assert np.mean(rooms["elevation"] < 0) < 0.1
@@ -59,7 +69,7 @@ def test_rooms_can_exist_and_few_are_dark_or_lit_from_below(rooms):
 
 def test_selection_keeps_tungsten_and_dark_sides_on_both_sides_of_the_split(coefficients):
     settings = OmegaConf.to_object(composed(["lights.rotations=12", "lights.clusters=25", "lights.test=5"])).lights
-    chosen, record = select(coefficients, [f"room:{seed}" for seed in range(COUNT)], settings)
+    chosen, record = select_lights(coefficients, [f"room:{seed}" for seed in range(COUNT)], settings)
     assert record["lights"]["train"] == 20 and record["lights"]["test"] == 5
     for split, spread in (("train", 0.25), ("test", 0.15)):
         m = measure(chosen.of(split).coefficients)
@@ -72,8 +82,8 @@ def test_every_room_has_a_source_of_light_and_nothing_is_close_to_the_camera():
     disc = np.stack([reach * np.sin(turn), 0 * turn, reach * np.cos(turn)], -1).reshape(-1, 3)
     assert CLEARANCE == 0.6
     for seed in range(1500):
-        drawn = draw_room(np.random.default_rng(seed))
-        assert drawn.patches or drawn.lamps
+        drawn = sample_room(np.random.default_rng(seed))
+        assert drawn.area_lights or drawn.lamps
         assert (drawn.camera > 0.3).all() and (drawn.camera < drawn.size - 0.3).all()
         around = (drawn.camera + disc)[:, [0, 2]]
         for box in drawn.boxes:  # neither beside the camera nor under it
@@ -116,7 +126,7 @@ def test_daylight_is_white_at_d65_and_a_little_green_of_the_black_body():
 def test_lamps_are_black_bodies_from_tungsten_to_daylight():
     locus = np.linspace(2000, 7500, 800)
     red, blue = np.array([ratios(blackbody(t)) for t in locus]).T
-    lamps = [lamp.radiance for seed in range(400) for lamp in draw_room(np.random.default_rng(seed)).lamps]
+    lamps = [lamp.radiance for seed in range(400) for lamp in sample_room(np.random.default_rng(seed)).lamps]
     found = ratios(np.array(lamps))
     np.testing.assert_allclose(np.interp(found[:, 0], red[::-1], blue[::-1]), found[:, 1], atol=2e-3)
     kelvin = np.interp(found[:, 0], red[::-1], locus[::-1])
@@ -135,7 +145,7 @@ def test_cameras_leave_lamps_warm_make_them_white_or_turn_daylight_blue():
     assert 0.0 < np.median(cold) < 0.3 and 0.02 < np.mean(cold > 0.5) < 0.1
 
 
-@pytest.mark.parametrize("generate", [room, sky])
+@pytest.mark.parametrize("generate", [generate_room, generate_sky])
 def test_panoramas_are_whole_and_the_same_from_the_same_seed(generate):
     first, again, other = generate(5), generate(5), generate(6)
     assert first.shape == (64, 128, 3) and first.dtype == np.float32
@@ -144,8 +154,8 @@ def test_panoramas_are_whole_and_the_same_from_the_same_seed(generate):
     assert not np.array_equal(first, other)
 
 
-def test_skies_are_lit_from_above_and_can_exist():
-    m = measure(lights_of(sky, 60))
+def test_skies_are_physically_possible_and_lit_from_above():
+    m = measure(lights_of(generate_sky, 60))
     assert m["elevation"].min() > 5 and m["moment"].min() > 0 and m["first"].max() < np.sqrt(3)
     assert (m["up"] > m["down"]).all()
 
@@ -157,11 +167,11 @@ def furnace(albedo=0.5):
     for wall in range(6):
         low, high = np.zeros(3), size.copy()
         low[wall // 2] = high[wall // 2] = size[wall // 2] * (wall % 2)
-        walls.patches.append(Patch(wall, low, high, np.ones(3)))
+        walls.area_lights.append(AreaLight(wall, low, high, np.ones(3)))
     return walls
 
 
-def test_form_factors_close_the_room_and_see_the_floor_from_the_ceiling():
+def test_form_factors_sum_to_one_and_agree_with_a_closed_form():
     size = np.array([[4.0, 4.0, 4.0]])
     walls = Grid(np.zeros((1, 3)), size, CELLS, inside=True)
     factors = form_factors(walls, walls)
@@ -172,7 +182,7 @@ def test_form_factors_close_the_room_and_see_the_floor_from_the_ceiling():
 
 
 @pytest.mark.parametrize("albedo", [0.3, 0.78])
-def test_walls_absorb_what_falls_on_them(albedo):
+def test_walls_absorb_all_light(albedo):
     """Light that spots of direct light bring is absorbed, no more and no less, in rooms of any shape; evenly lit walls
     have the closed form E / (1 - albedo)."""
     rng = np.random.default_rng(0)
@@ -183,18 +193,18 @@ def test_walls_absorb_what_falls_on_them(albedo):
         factors, reflects = form_factors(walls, walls), np.full((len(walls.area), 3), albedo)
         falls = np.zeros((len(walls.area), 3))
         falls[rng.integers(0, len(falls), 30)] = 1
-        total = falls + interreflected(factors, reflects, falls)
+        total = falls + indirect_irradiance(factors, reflects, falls)
         shares.append(((1 - albedo) * walls.area @ total / (walls.area @ falls)).mean())
     assert abs(np.mean(shares) - 1) < 0.02 and np.ptp(shares) < 0.15
     even = np.ones((len(walls.area), 3))
-    np.testing.assert_allclose(even + interreflected(factors, reflects, even), 1 / (1 - albedo), rtol=0.01)
+    np.testing.assert_allclose(even + indirect_irradiance(factors, reflects, even), 1 / (1 - albedo), rtol=0.01)
 
 
 def test_a_wall_of_light_gives_the_irradiance_of_half_a_space():
     lit = furnace()
     cells = Grid(np.zeros((1, 3)), lit.size[None], CELLS, inside=True)
     centre = 3 * CELLS**2 + CELLS * CELLS // 2 + CELLS // 2  # the middle of the ceiling sees all but its own patch
-    irradiance = direct(lit, cells.position, cells.normal)[centre]
+    irradiance = direct_irradiance(lit, cells.position, cells.normal)[centre]
     np.testing.assert_allclose(irradiance, np.pi, rtol=0.15)  # 2 x 2 samples a wall
 
 
@@ -203,11 +213,11 @@ def test_a_lamp_obeys_the_inverse_square_and_throws_shadows():
     scene = Room(np.array([4.0, 3.0, 4.0]), np.array([0.5, 1.5, 0.5]), np.full((6, 3), 0.5), boxes=[box])
     scene.lamps.append(Lamp(np.array([2.0, 2.5, 2.0]), 0.1, np.full(3, 100.0)))
     up = np.array([[0.0, 1.0, 0.0]])
-    free = direct(scene, np.array([[2.0, 1.0, 2.0]]), up)[0, 0]  # on top of the box, 1.5 m below the lamp
+    free = direct_irradiance(scene, np.array([[2.0, 1.0, 2.0]]), up)[0, 0]  # on top of the box, 1.5 m below the lamp
     assert free == pytest.approx(100 * np.pi * 0.01 / (1.5**2 + 0.05), rel=0.01)
-    floor = direct(scene, np.array([[2.7, 0.0, 2.0], [3.2, 0.0, 2.0]]), np.repeat(up, 2, 0))[:, 0]
+    floor = direct_irradiance(scene, np.array([[2.7, 0.0, 2.0], [3.2, 0.0, 2.0]]), np.repeat(up, 2, 0))[:, 0]
     assert floor[0] == 0 < floor[1]  # the shadow of the box ends 0.83 m from its axis
-    image = render(scene)
+    image = render_room(scene)
     weight = np.repeat(latlong_solid_angles(64, 128), 128)
     lamp = image.reshape(-1, 3)[:, 0] > 5  # energy of the lamp's own pixels: radiance times its true solid angle
     distance = np.linalg.norm(scene.lamps[0].centre - scene.camera)
@@ -216,11 +226,11 @@ def test_a_lamp_obeys_the_inverse_square_and_throws_shadows():
 
 
 def test_the_sun_falls_where_the_window_lets_it():
-    window = Patch(1, np.array([4.0, 1.0, 1.0]), np.array([4.0, 2.0, 2.0]), np.ones(3), daylight=True)
+    window = AreaLight(1, np.array([4.0, 1.0, 1.0]), np.array([4.0, 2.0, 2.0]), np.ones(3), daylight=True)
     scene = Room(np.array([4.0, 3.0, 4.0]), np.full(3, 1.5), np.full((6, 3), 0.5), [window])
     toward = np.array([1.0, 0.5, 0.0]) / np.sqrt(1.25)
     scene.sun = toward, np.ones(3)
     points = np.array([[1.0, 0.0, 1.5], [3.5, 0.0, 1.5], [1.0, 0.0, 3.0]])  # in the beam, below it, beside it
     assert sunlit(scene, points).tolist() == [True, False, False]
-    distance, wall = walls_hit(scene.size, points[:1], toward[None])
+    distance, wall = intersect_walls(scene.size, points[:1], toward[None])
     assert wall[0] == 1 and distance[0] == pytest.approx(3 * np.sqrt(1.25))

@@ -1,8 +1,13 @@
 """A tiny network with random weights, a photo and its soft mask: enough for all that is not about quality."""
 
+import flatbuffers
 import numpy as np
 import pytest
 from PIL import Image
+
+from relight.photos import selfie
+
+SET_UP = selfie.network_file()  # of the user who runs the tests
 
 
 @pytest.fixture(scope="session")
@@ -56,6 +61,22 @@ def drawing():
     return draw
 
 
+@pytest.fixture(autouse=True)
+def own_data(tmp_path, monkeypatch):
+    """No test sees or changes the networks that the user has set up."""
+    monkeypatch.setenv("RELIGHT_DATA", str(tmp_path / "data"))
+    monkeypatch.setattr("relight.photos.u2net.fetched_model", lambda: None)
+    selfie.network.cache_clear()
+
+
+@pytest.fixture
+def real_network():
+    """The built-in network's file, where the user has set it up."""
+    if not SET_UP.is_file():
+        pytest.skip("the built-in mask is not set up")
+    return SET_UP
+
+
 def draw(height=180, width=140, seed=0):
     """A photo (H,W,3) uint8 full of detail and of all 256 codes, and a soft mask (H,W) uint8 of an upright figure."""
     rng = np.random.default_rng(seed)
@@ -73,3 +94,85 @@ def photo_files(tmp_path):
     Image.fromarray(pixels).save(tmp_path / "me.png")
     Image.fromarray(mask).save(tmp_path / "me_mask.png")
     return tmp_path / "me.png", tmp_path / "me_mask.png", pixels, mask
+
+
+TENSORS = {np.dtype(np.float32): 0, np.dtype(np.float16): 1, np.dtype(np.int32): 2}  # types, as in schema.fbs
+CUSTOM = 32
+
+
+@pytest.fixture(name="tflite")
+def writer():
+    """The class that writes TensorFlow Lite files."""
+    return Writer
+
+
+class Writer:
+    """Gathers tensors and operations; `bytes` is the file."""
+
+    def __init__(self):
+        self.tensors, self.operations, self.codes = [], [], []
+
+    def tensor(self, values=None, shape=None):
+        self.tensors.append((None if values is None else np.ascontiguousarray(values), shape))
+        return len(self.tensors) - 1
+
+    def operation(self, code, inputs, options=(), custom=b""):
+        """options: (field, "Int8" | "Int32" | "Bool", value); code: a number, or the name of a custom operation."""
+        out = self.tensor(shape=[1])
+        if code not in self.codes:
+            self.codes.append(code)
+        self.operations.append((self.codes.index(code), inputs, [out], options, custom))
+        return out
+
+    def bytes(self, first, last):
+        b = flatbuffers.Builder(1024)
+
+        def offsets(values):
+            b.StartVector(4, len(values), 4)
+            for value in reversed(values):
+                b.PrependUOffsetTRelative(value)
+            return b.EndVector()
+
+        def table(count, fields):
+            b.StartObject(count)
+            for field, kind, value in fields:
+                getattr(b, f"Prepend{kind}Slot")(field, value, 0)
+            return b.EndObject()
+
+        def numbers(values):
+            return b.CreateNumpyVector(np.asarray(values, np.int32))
+
+        def reference(field, value):
+            return field, "UOffsetTRelative", value
+
+        buffers, tensors = [table(1, [])], []
+        for values, shape in self.tensors:
+            stored = 0
+            if values is not None:
+                data = b.CreateByteVector(values.tobytes())
+                buffers.append(table(1, [reference(0, data)]))
+                stored = len(buffers) - 1
+            sizes = numbers(values.shape if values is not None else shape)
+            kind = TENSORS[values.dtype] if values is not None else 0
+            tensors.append(table(4, [reference(0, sizes), (1, "Int8", kind), (2, "Uint32", stored)]))
+        codes = []
+        for code in self.codes:
+            if isinstance(code, str):
+                name = b.CreateString(code)
+                codes.append(table(4, [(0, "Int8", CUSTOM), reference(1, name), (3, "Int32", CUSTOM)]))
+            else:
+                codes.append(table(4, [(0, "Int8", code), (3, "Int32", code)]))
+        operations = []
+        for code, inputs, outputs, options, custom in self.operations:
+            fields = [(0, "Uint32", code), reference(1, numbers(inputs)), reference(2, numbers(outputs))]
+            if options:
+                fields += [(3, "Uint8", 1), reference(4, table(8, options))]
+            if custom:
+                fields += [reference(5, b.CreateByteVector(custom))]
+            operations.append(table(7, fields))
+        lists = offsets(tensors), numbers([first]), numbers([last]), offsets(operations)
+        graph = table(5, [reference(field, value) for field, value in enumerate(lists)])
+        lists = offsets(codes), offsets([graph]), offsets(buffers)
+        model = table(5, [reference(1, lists[0]), reference(2, lists[1]), reference(4, lists[2])])
+        b.Finish(model, file_identifier=b"TFL3")
+        return bytes(b.Output())

@@ -9,7 +9,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from relight.files import UserError
-from relight.lights.load import load_light
+from relight.lights import load_light
 from relight.photos.commands import app
 
 

@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 
-from relight.panoramas.panorama import Panorama
-from relight.panoramas.project import project
+from relight.panoramas import Panorama, project
 from relight.photos.environment import lookup, see
-from relight.sh.basis import basis
-from relight.sh.quadrature import sphere
+from relight.sh import basis, sphere_quadrature
 
 SHAPES = {"latlong": (64, 128), "angular": (128, 128), "ball": (256, 256), "cross": (128, 96), "strip": (32, 192)}
 
@@ -28,7 +26,7 @@ def smooth(shape, seed=0):
 def test_lookup_is_the_inverse_of_projection(layout, orientation):
     """Integrating what `lookup` sees over the sphere gives the light that `project` computes from the pixels."""
     panorama = Panorama(smooth(SHAPES[layout]), layout=layout, **orientation)
-    directions, weights = sphere(120)
+    directions, weights = sphere_quadrature(120)
     seen = lookup(panorama, directions)
     light = basis(directions, 2).T @ (weights[:, None] * seen)
     expected = project(panorama, 2)
@@ -59,11 +57,11 @@ def test_the_camera_sees_ahead_and_turns_with_the_light():
 
 def test_a_turned_panorama_lights_as_it_looks():
     """The light turned by an angle is the projection of what one sees turned by it."""
-    from relight.sh.rotation import about_y, rotate_y
+    from relight.sh import rotate_y, rotation_about_y
 
     panorama = Panorama(smooth((64, 128), 3))
-    directions, weights = sphere(120)
+    directions, weights = sphere_quadrature(120)
     angle = 0.7
-    seen = lookup(panorama, directions @ about_y(angle))  # as `see` does
+    seen = lookup(panorama, directions @ rotation_about_y(angle))  # as `see` does
     light = basis(directions, 2).T @ (weights[:, None] * seen)
     assert np.abs(light - rotate_y(project(panorama, 2), angle)).max() < 0.02

@@ -142,16 +142,13 @@ def test_masks_of_every_kind(tmp_path):
         read_mask(tmp_path / "l.png", (30, 40))
 
 
-def test_empty_full_and_missing_masks(tmp_path, monkeypatch):
+def test_empty_and_full_masks(tmp_path):
     Image.fromarray(RGB).save(tmp_path / "a.png")
     photo = read_photo(tmp_path / "a.png")
     for value, says in ((0, "empty"), (255, "covers the whole photo")):
         Image.fromarray(np.full((40, 30), value, np.uint8)).save(tmp_path / "m.png")
         with pytest.raises(UserError, match=says):
             mask_of(photo, tmp_path / "m.png")
-    monkeypatch.setattr("relight.photos.mask.fetched_model", lambda: None)
-    with pytest.raises(UserError, match=r"--mask FILE.*pip install"):
-        mask_of(photo)
 
 
 def test_people_are_split_left_to_right():
@@ -221,36 +218,3 @@ def test_heic_is_read_where_its_reader_is_installed(tmp_path):
     smooth = np.kron(RGB[:5, :5], np.ones((16, 16, 1), np.uint8))
     heif.from_pillow(Image.fromarray(smooth)).save(tmp_path / "a.heic", quality=95)
     assert np.abs(read_photo(tmp_path / "a.heic").pixels.astype(int) - smooth).mean() < 12
-
-
-def brightness_model(path):
-    """An ONNX network of rembg's kind that calls bright things people."""
-    onnx = pytest.importorskip("onnx")
-    helper, kind = onnx.helper, onnx.TensorProto.FLOAT
-    node = helper.make_node("ReduceMean", ["image"], ["mask"], axes=[1], keepdims=1)
-    shapes = [helper.make_tensor_value_info(n, kind, [1, c, 320, 320]) for n, c in (("image", 3), ("mask", 1))]
-    graph = helper.make_graph([node], "brightness", shapes[:1], shapes[1:])
-    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 13)], ir_version=8)
-    onnx.save(model, str(path))
-
-
-def test_automatic_mask(tmp_path, monkeypatch):
-    pytest.importorskip("onnxruntime")
-    photo = np.full((120, 90, 3), 20, np.uint8)
-    photo[30:100, 25:60] = 230
-    Image.fromarray(photo).save(tmp_path / "a.png")
-    brightness_model(tmp_path / "model.onnx")
-    mask = mask_of(read_photo(tmp_path / "a.png"), model=tmp_path / "model.onnx")
-    assert mask.shape == (120, 90)
-    assert ((mask > 127) != (photo[..., 0] > 127)).mean() < 0.02
-    folder = tmp_path / "home" / "models" / "u2net_human_seg"
-    folder.mkdir(parents=True)
-    (tmp_path / "model.onnx").rename(folder / "u2net_human_seg.onnx")
-    monkeypatch.setenv("U2NET_HOME", str(tmp_path / "home"))
-    assert np.array_equal(mask_of(read_photo(tmp_path / "a.png")), mask)  # where rembg puts it
-    Image.fromarray(photo[:, :20]).save(tmp_path / "nobody.png")
-    with pytest.raises(UserError, match="found nobody"):
-        mask_of(read_photo(tmp_path / "nobody.png"))
-    (tmp_path / "model.onnx").write_bytes(b"no model")
-    with pytest.raises(UserError, match="does not work"):
-        mask_of(read_photo(tmp_path / "a.png"), model=tmp_path / "model.onnx")

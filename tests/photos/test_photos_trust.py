@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from relight.photos.trust import trust
-from relight.sh.basis import basis
+from relight.sh import basis
 
 
 @pytest.fixture

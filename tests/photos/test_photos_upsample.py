@@ -4,7 +4,7 @@ import numpy as np
 from scipy.ndimage import binary_erosion, zoom
 
 from relight.photos.frame import Frame
-from relight.photos.upsample import RIM, SMOOTH, _fit, fitted, from_inside, luma, root
+from relight.photos.upsample import RIM, SMOOTH, Guide, fitted, from_inside, luma, root
 
 SIDE, SCALE = 48, 8
 LARGE = SIDE * SCALE
@@ -22,7 +22,7 @@ def placed(maps):
 
 def upsampled(maps, guide, photo, mask=None, **options):
     mask = np.ones((SIDE, SIDE), bool) if mask is None else mask
-    return fitted(maps, guide, mask, **options).place(WHOLE, photo - placed(guide), ROWS)
+    return fitted(maps, Guide(guide, mask), **options).place(WHOLE, photo - placed(guide), ROWS)
 
 
 def test_an_edge_of_the_photo_becomes_the_maps_edge():
@@ -55,10 +55,10 @@ def test_what_the_photo_does_not_show_stays_as_the_network_said():
     assert np.abs(upsampled(maps, flat, np.full((LARGE, LARGE, 1), 0.4)) - placed(maps)).max() < 0.25
     same = Frame(0.0, 0.0, float(SIDE), (0, SIDE), (0, SIDE), SIDE)
     guide = rng.random((SIDE, SIDE, 1))
-    fit = fitted(maps, guide, np.ones((SIDE, SIDE), bool))
+    fit = fitted(maps, Guide(guide, np.ones((SIDE, SIDE), bool)))
     again = fit.place(same, guide - same.place(guide, (0, SIDE))[..., None], (0, SIDE))
     assert np.abs(again - maps).max() < 1e-6  # at its own resolution a map is returned
-    ones = fitted(np.ones((SIDE, SIDE, 3)), guide, guide[..., 0] > 0.2)
+    ones = fitted(np.ones((SIDE, SIDE, 3)), Guide(guide, guide[..., 0] > 0.2))
     detail = rng.normal(size=(LARGE, LARGE, 1))
     assert np.abs(ones.place(WHOLE, detail, ROWS) - 1).max() < 1e-6
 
@@ -66,25 +66,23 @@ def test_what_the_photo_does_not_show_stays_as_the_network_said():
 def test_the_fit_is_the_slow_one():
     """Against weighted least squares, window by window."""
     rng = np.random.default_rng(2)
-    guide, maps, weight = rng.random((12, 12, 1)), rng.random((12, 12, 2)), rng.random((12, 12))
-    slopes, levels = np.zeros((12, 12, 2)), np.zeros((12, 12, 2))
+    guide, maps, mask = rng.random((12, 12, 1)), rng.random((12, 12, 2)), rng.random((12, 12)) > 0.4
+    slopes = np.zeros((12, 12, 2))
 
     def window(i, j):
         return slice(max(i - 2, 0), i + 3), slice(max(j - 2, 0), j + 3)
 
     for i in range(12):
         for j in range(12):
-            w, g, m = weight[window(i, j)], guide[window(i, j)][..., 0], maps[window(i, j)]
+            w, g, m = mask[window(i, j)], guide[window(i, j)][..., 0], maps[window(i, j)]
             mean = (w * g).sum() / w.sum()
             for c in range(2):
-                level = (w * m[..., c]).sum() / w.sum()
                 slopes[i, j, c] = (w * (g - mean) * m[..., c]).sum() / ((w * (g - mean) ** 2).sum() + SMOOTH * w.sum())
-                levels[i, j, c] = level - slopes[i, j, c] * mean
-    for found, each in zip(_fit(maps, guide, weight), (slopes, levels)):
-        for i in range(12):
-            for j in range(12):
-                w = weight[window(i, j)][..., None]
-                assert np.allclose(found[i, j], (w * each[window(i, j)]).sum((0, 1)) / w.sum(), atol=1e-9)
+    found = Guide(guide, mask).slope(maps, SMOOTH)
+    for i in range(12):
+        for j in range(12):
+            w = mask[window(i, j)][..., None]
+            assert np.allclose(found[i, j], (w * slopes[window(i, j)]).sum((0, 1)) / w.sum(), atol=1e-9)
 
 
 def test_the_rim_follows_the_inside():

@@ -21,8 +21,8 @@ DOCS = Path(relight.__file__).parents[1] / "docs"
 def figure():
     """Maps of a figure that no training has drawn, at 128 px."""
     from relight.figures.dress import make_figure
-    from relight.meshes.align import align
-    from relight.transport.bake import bake
+    from relight.meshes import align
+    from relight.transport import bake
 
     mesh = make_figure(5001, "draft", 256)
     mesh.info["axes"] = {"up": "+y", "front": "+z"}
@@ -43,7 +43,7 @@ def test_weights_are_small_and_have_a_card():
 
 
 def test_shading_goes_with_the_truth(figure):
-    from relight.lights.load import load_light
+    from relight.lights import load_light
 
     relighter = relight.load()
     assert relighter.lights is not None and relighter.lights.shape[1:] == (9, 3)

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from relight.files import UserError
-from relight.sh.conventions import CONVENTIONS, as_table, from_relight, to_relight
-from relight.sh.irradiance import irradiance
+from relight.sh import CONVENTIONS, from_relight, irradiance, to_relight
+from relight.sh.conventions import as_table
 
 SIX = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], float)
 DIAGONAL = np.array([[1, 1, 0], [0, 1, 1], [1, 0, 1], [1, -1, 0], [0, 1, -1], [-1, 0, 1]]) / np.sqrt(2)
@@ -98,13 +98,13 @@ def test_round_trips_are_exact(name):
 @pytest.mark.parametrize("name", ["ramamoorthi2001", "dpr"])
 def test_frames_hold_at_higher_orders(name):
     light = np.random.default_rng(2).normal(size=(25, 3))
-    from relight.sh.basis import basis
+    from relight.sh import basis
 
     frame = {"ramamoorthi2001": NORMALS * [1, 1, -1], "dpr": NORMALS[:, [0, 2, 1]] * [1, -1, 1]}[name]
     np.testing.assert_allclose(basis(NORMALS, 4) @ to_relight(light, name), basis(frame, 4) @ light, atol=1e-13)
 
 
-def test_shapes_that_people_store():
+def test_stored_shapes_become_one():
     light = np.arange(27.0).reshape(9, 3)
     for stored in (light, light.T, light.ravel(), light.ravel().tolist(), light[None]):
         np.testing.assert_array_equal(as_table(stored), light)
@@ -116,7 +116,7 @@ def test_shapes_that_people_store():
         as_table(np.full((9, 3), np.nan))
 
 
-def test_what_a_convention_cannot_hold_is_refused():
+def test_lights_that_a_convention_cannot_hold_are_refused():
     with pytest.raises(UserError, match="one of"):
         to_relight(np.zeros((9, 3)), "opengl")
     with pytest.raises(UserError, match="kanamori2018"):

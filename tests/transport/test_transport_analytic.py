@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from relight.sh.irradiance import unoccluded
+from relight.sh import unoccluded
 from relight.transport.integrate import integrate
-from relight.transport.scene import Scene
+from relight.transport.raycaster import RayCaster
 
 UP = np.array([0.0, 0.0, 1.0])
 FAR = 1e4
@@ -103,24 +103,24 @@ SCENES = {
 }
 
 
-def scene_of(parts, offset=1e-5):
+def caster_of(parts, offset=1e-5):
     start = np.cumsum([0] + [len(vertices) for vertices, _ in parts])
-    scene = Scene(
+    caster = RayCaster(
         np.concatenate([vertices for vertices, _ in parts]),
         np.concatenate([faces + s for (_, faces), s in zip(parts, start)]),
         threads=1,
     )
-    scene.offset = offset  # walls of 10 km would make it 17 cm
-    return scene
+    caster.offset = offset  # walls of 10 km would make it 17 cm
+    return caster
 
 
 @pytest.mark.parametrize("name", SCENES)
 def test_closed_forms(name):
     parts, normal, answer, bounds = SCENES[name]
-    scene = scene_of(parts)
+    caster = caster_of(parts)
     points, normals = np.zeros((64, 3)), np.repeat(normal[None], 64, 0)
     for rays, bound in zip(RAYS, bounds):
-        transport, _ = integrate(scene, points, normals, normals, rays)
+        transport, _ = integrate(caster, points, normals, normals, rays)
         error = transport - answer
         # 15 % for the luck of 64 azimuths: the bounds are the prototype's own draw.
         assert np.sqrt((error**2).mean()) < 1.15 * bound, f"{rays} rays"
@@ -136,7 +136,7 @@ def test_infinite_wall_in_numbers():
 @pytest.mark.parametrize("order", [0, 1, 3, 4, 6])
 def test_any_order(order):
     """A wall's half space by quadrature over the sphere, at orders without a formula here."""
-    from relight.sh.basis import basis
+    from relight.sh import basis
 
     count = 400_000
     index = np.arange(count) + 0.5
@@ -146,6 +146,6 @@ def test_any_order(order):
     upper = w[(w[:, 2] > 0) & (w[:, 0] > 0)]
     answer = (basis(upper, order) * upper[:, 2:]).sum(0) * 4 * np.pi / count
     normals = np.repeat(UP[None], 64, 0)
-    transport, _ = integrate(scene_of([FLOOR, wall(-0.01, FAR)]), 0 * normals, normals, normals, 4096, order)
+    transport, _ = integrate(caster_of([FLOOR, wall(-0.01, FAR)]), 0 * normals, normals, normals, 4096, order)
     assert np.abs(transport.mean(0) - answer).max() < 2e-4
     assert np.sqrt(((transport - answer) ** 2).mean()) < 3.5e-4

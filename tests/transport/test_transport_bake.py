@@ -10,13 +10,12 @@ import pytest
 import trimesh
 
 from relight.files import UserError
-from relight.meshes.mesh import Material, Mesh
-from relight.sh.basis import basis
-from relight.sh.irradiance import unoccluded
-from relight.transport.bake import Baker, bake
+from relight.meshes import Material, Mesh
+from relight.sh import basis, unoccluded
+from relight.transport import Baker, bake
 from relight.transport.integrate import integrate
-from relight.transport.sampling import azimuths, frames, vogel
-from relight.transport.scene import Scene
+from relight.transport.raycaster import RayCaster
+from relight.transport.sampling import random_azimuths, tangent_frames, vogel_directions
 
 GREY = Material(np.full(3, 0.5, np.float32))
 
@@ -80,17 +79,17 @@ def test_ball():
 def test_a_slow_twin_agrees():
     """Every ray by hand: float64 Moeller-Trumbore against all triangles, the basis in world directions."""
     vertices, faces = random_mesh()
-    scene = Scene(vertices, faces, threads=1)
+    caster = RayCaster(vertices, faces, threads=1)
     rng = np.random.default_rng(1)
     points, normals = rng.uniform(-0.5, 0.5, (30, 3)), rng.normal(size=(30, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    fast, _ = integrate(scene, points, normals, normals, 64, order=3, seed=7)
+    fast, _ = integrate(caster, points, normals, normals, 64, order=3, seed=7)
 
     a, b, c = (vertices[faces[:, k]] for k in range(3))
-    world = np.einsum("pij,ni->pnj", frames(normals, azimuths(len(normals), 7)), vogel(64))
+    world = np.einsum("pij,ni->pnj", tangent_frames(normals, random_azimuths(len(normals), 7)), vogel_directions(64))
     slow = np.empty_like(fast)
     for p, (point, normal) in enumerate(zip(points, normals)):
-        w, start = world[p], point + scene.offset * normal
+        w, start = world[p], point + caster.offset * normal
         assert (w @ normal > 0).all()
         q = np.cross(w[:, None], (c - a)[None])
         det = np.einsum("fx,nfx->nf", b - a, q)
@@ -176,7 +175,7 @@ def test_supersampled_maps_are_means_of_a_finer_image():
     np.testing.assert_array_equal(shared.depth, coarse.depth)
 
 
-def test_what_no_place_meets_is_seen_at_the_centre():
+def test_surfaces_that_all_samples_miss_are_sampled_at_the_centre():
     """A thread through the pixels' centres, thinner than the places lie apart."""
     y = 1 - 2 * 8.5 / 16
     thread = np.array([[-1, y - 1e-3, 0], [1, y - 1e-3, 0], [1, y + 1e-3, 0], [-1, y + 1e-3, 0]], np.float32)
@@ -188,7 +187,7 @@ def test_what_no_place_meets_is_seen_at_the_centre():
         bake(ball(0.5), 16, 15, supersample=4)
 
 
-def test_a_back_counts_as_a_surface():
+def test_backs_are_surfaces():
     """An open bowl seen from inside has the same maps whichever way its faces are wound."""
     bowl = trimesh.creation.icosphere(subdivisions=4)
     lower = bowl.triangles_center[:, 2] < 0
@@ -205,9 +204,9 @@ def test_cloth_on_skin():
     """A sheet 4e-5 of the diagonal above a surface, a tenth of a millimetre on a person, shuts the light out."""
     sheet, skin = screen(z=1e-4), screen(z=0)
     mesh = mesh_of(np.concatenate([sheet.vertices, skin.vertices]), np.concatenate([sheet.faces, skin.faces + 4]))
-    scene = Scene(mesh.vertices, mesh.faces)
+    caster = RayCaster(mesh.vertices, mesh.faces)
     points, up = np.random.default_rng(0).uniform(-0.5, 0.5, (50, 3)) * [1, 1, 0], np.tile([0.0, 0.0, 1.0], (50, 1))
-    transport, _ = integrate(scene, points, up, up, 256)
+    transport, _ = integrate(caster, points, up, up, 256)
     assert np.abs(transport).max() < 3e-2  # the rule's own error where everything is blocked
     seen = bake(mesh, 16, 16)
     np.testing.assert_allclose(seen.transport, np.broadcast_to(unoccluded(up[0]), (16, 16, 9)), atol=1e-6)
@@ -218,25 +217,25 @@ def test_far_from_the_origin():
     vertices, faces = random_mesh()
     points = np.random.default_rng(1).uniform(-0.5, 0.5, (30, 3))
     normals = np.tile([0.0, 0.6, 0.8], (30, 1))
-    near, _ = integrate(Scene(vertices, faces), points, normals, normals, 256)
-    far, _ = integrate(Scene(vertices + 1e5, faces), points + 1e5, normals, normals, 256)
+    near, _ = integrate(RayCaster(vertices, faces), points, normals, normals, 256)
+    far, _ = integrate(RayCaster(vertices + 1e5, faces), points + 1e5, normals, normals, 256)
     assert np.sqrt(((near - far) ** 2).mean()) < 1e-3
 
 
-def test_bits_do_not_depend_on_threads_or_batches():
+def test_results_do_not_depend_on_threads_or_batches():
     vertices, faces = random_mesh()
     points = np.random.default_rng(1).uniform(-0.5, 0.5, (101, 3))
     normals = np.tile([0.0, 0.6, 0.8], (101, 1))
-    once, _ = integrate(Scene(vertices, faces, 1), points, normals, normals, 100, order=3, batch=1 << 18)
+    once, _ = integrate(RayCaster(vertices, faces, 1), points, normals, normals, 100, order=3, batch=1 << 18)
     for threads, batch in ((2, 1 << 18), (0, 700), (1, 100), (2, 1)):
-        again, _ = integrate(Scene(vertices, faces, threads), points, normals, normals, 100, order=3, batch=batch)
+        again, _ = integrate(RayCaster(vertices, faces, threads), points, normals, normals, 100, order=3, batch=batch)
         np.testing.assert_array_equal(once, again)
-    other, _ = integrate(Scene(vertices, faces, 1), points, normals, normals, 100, order=3, seed=1)
+    other, _ = integrate(RayCaster(vertices, faces, 1), points, normals, normals, 100, order=3, seed=1)
     assert (once != other).any()
     script = """if True:
         import sys, hashlib, trimesh, numpy as np
-        from relight.meshes.mesh import Material, Mesh
-        from relight.transport.bake import bake
+        from relight.meshes import Material, Mesh
+        from relight.transport import bake
         m = trimesh.creation.torus(.6, .25)
         n = len(m.faces)
         mesh = Mesh(np.float32(m.vertices), np.int32(m.faces), np.zeros((n, 3, 2), np.float32), np.zeros(n, np.int16),
@@ -287,7 +286,7 @@ def broken(**changes):
     return mesh
 
 
-def test_bad_scenes_are_named():
+def test_bad_meshes_are_named():
     good = ball(0.5, subdivisions=2)
     poisoned = good.vertices.copy()
     poisoned[3] = np.nan
@@ -313,10 +312,10 @@ def test_bad_scenes_are_named():
         with pytest.raises(UserError, match="at least"):
             bake(good, **{"size": 8, "rays": 4, **setting})
     with pytest.raises(ValueError, match="finite"):
-        integrate(Scene(good.vertices, good.faces), np.full((1, 3), np.nan), np.eye(3)[:1], np.eye(3)[:1], 4)
+        integrate(RayCaster(good.vertices, good.faces), np.full((1, 3), np.nan), np.eye(3)[:1], np.eye(3)[:1], 4)
 
 
-def test_bad_parts_of_a_scene_are_survived():
+def test_bad_parts_of_a_mesh_are_ignored():
     """Unused NaN vertices, some degenerate faces, faces outside the image and holes: baked, by the stated rules."""
     good = ball(0.5, subdivisions=4)
     expected = bake(good, 32, 64)

@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 import trimesh
 
-from relight.meshes.mesh import Material, Mesh
-from relight.sh.irradiance import unoccluded
-from relight.transport.bake import bake
-from relight.transport.vertices import bake_vertices
+from relight.meshes import Material, Mesh
+from relight.sh import unoccluded
+from relight.transport import bake, bake_vertices
 
 ALBEDO = np.float32([0.8, 0.5, 0.2])
 

@@ -7,7 +7,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from relight.files import UserError
-from relight.maps.exr import read_maps
+from relight.maps import read_maps
 from relight.transport.commands import app
 
 
@@ -64,7 +64,7 @@ def test_a_view(mesh, tmp_path):
     assert maps.info["camera"] == "perspective" and maps.info["view"]["pitch"] == -8
 
 
-def test_errors_name_the_thing(mesh, tmp_path):
+def test_errors_name_their_cause(mesh, tmp_path):
     far = trimesh.creation.box()
     far.apply_translation([9, 0, 0])
     far.export(tmp_path / "far.ply")

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 import trimesh
 
-from relight.meshes.mesh import Material, Mesh
-from relight.sh.basis import basis
-from relight.transport.bake import bake
-from relight.transport.tracer import Tracer, averaged, inside, sky_directions, sky_weights
+from relight.meshes import Material, Mesh
+from relight.sh import basis
+from relight.transport import PathTracer, bake
+from relight.transport.tracer import block_means, interior_blocks, sky_directions, sky_weights
 
 pytest.importorskip("mitsuba")
 
@@ -34,9 +34,9 @@ def knot():
 def test_every_coefficient(knot):
     """A constant plus one harmonic per colour channel, three renderings."""
     maps = bake(knot, 128, 256)
-    transport, where = averaged(maps.transport, 4), inside(maps.mask, 4)
+    transport, where = block_means(maps.transport, 4), interior_blocks(maps.mask, 4)
     assert where.sum() > 150 and maps.ao[maps.mask].mean() < 0.9
-    tracer, values = Tracer(knot, 32), basis(sky_directions())
+    tracer, values = PathTracer(knot, 32), basis(sky_directions())
     for first in (0, 3, 6):
         light = np.zeros((9, 3))
         light[0] = 1.5 * np.sqrt(4 * np.pi)
@@ -52,11 +52,11 @@ def test_every_coefficient(knot):
 
 def test_a_bounce_in_colour(knot):
     maps = bake(knot, 128, 256, bounces=1)
-    direct, where = averaged(maps.transport, 4), inside(maps.mask, 4)
-    bounced = averaged(maps.bounced, 4)
+    direct, where = block_means(maps.transport, 4), interior_blocks(maps.mask, 4)
+    bounced = block_means(maps.bounced, 4)
     light = np.zeros((9, 3))
     light[:3] = [[4.0] * 3, [1.5] * 3, [1.0] * 3]
-    traced = Tracer(knot, 32).radiance(basis(sky_directions()) @ light, 144, bounces=1)[where]
+    traced = PathTracer(knot, 32).radiance(basis(sky_directions()) @ light, 144, bounces=1)[where]
     first = (ALBEDO / np.pi * (direct @ light))[where]
     second = (ALBEDO / np.pi * np.einsum("hwkc,kc->hwc", bounced, light))[where]
     assert (second.mean(0) / traced.mean(0))[0] > 0.03  # it matters here
@@ -64,7 +64,7 @@ def test_a_bounce_in_colour(knot):
     assert np.abs(relative.mean(0)).max() < 3e-3
 
 
-def test_irradiance_of_a_cut_light(knot):
+def test_irradiance_of_a_truncated_light(knot):
     """Light of both signs, and an albedo that varies within pixels: neither may show."""
     rng = np.random.default_rng(0)
     striped = Mesh(**{**vars(knot), "color": rng.uniform(0.2, 1, (len(knot.vertices), 3)).astype(np.float32)})
@@ -76,8 +76,8 @@ def test_irradiance_of_a_cut_light(knot):
         np.einsum("hw,hwk,hwc->kc", sky_weights(), basis(sky_directions()), sky), light, atol=1e-3
     )
     maps = bake(knot, 128, 64)
-    baked, where = averaged(maps.transport, 4) @ light, inside(maps.mask, 4)
-    traced = Tracer(striped, 32).irradiance(sky, 64)
+    baked, where = block_means(maps.transport, 4) @ light, interior_blocks(maps.mask, 4)
+    traced = PathTracer(striped, 32).irradiance(sky, 64)
     assert np.abs((traced - baked)[where].mean(0)).max() < 0.02
     assert (traced - baked)[where].std(0).max() < 0.3  # the tracer's noise
     assert (traced[:, [0, -1]] == 0).all()  # no mesh

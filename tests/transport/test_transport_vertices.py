@@ -5,10 +5,10 @@ import pytest
 import trimesh
 
 from relight.files import UserError
-from relight.maps.exr import coefficient_names
-from relight.meshes.mesh import Material, Mesh
-from relight.sh.irradiance import unoccluded
-from relight.transport.vertices import bake_vertices
+from relight.maps import coefficient_names
+from relight.meshes import Material, Mesh
+from relight.sh import unoccluded
+from relight.transport import bake_vertices
 
 
 def two_balls():

@@ -5,15 +5,15 @@ import pytest
 import trimesh
 
 from relight.files import UserError
-from relight.meshes.mesh import Material, Mesh
-from relight.sh.irradiance import unoccluded
-from relight.sh.rotation import rotation_matrix
-from relight.transport.bake import Baker, bake, see
+from relight.meshes import Material, Mesh
+from relight.sh import rotation_matrix, unoccluded
+from relight.transport import FRONTAL, Baker, View, bake, random_view, view_names
+from relight.transport.baker import primary_hits
 from relight.transport.camera import Camera
 from relight.transport.integrate import integrate
-from relight.transport.sampling import azimuths, frames
+from relight.transport.sampling import random_azimuths, tangent_frames
 from relight.transport.surface import shading_normals
-from relight.transport.view import FRONTAL, View, pose, random_view, view_names
+from relight.transport.view import place
 
 CENTRES = np.array([[0.5, 0.3, 0.1], [-0.4, 0.6, -0.3], [-0.1, -0.5, 0.35], [0.15, 0.1, -0.1]])
 RADII = np.array([0.3, 0.25, 0.3, 0.35])
@@ -47,13 +47,13 @@ def pixels(size):
     return x.ravel(), y.ravel()
 
 
-def struck(view, said, distance, size):
+def hits_of_spheres(view, record, distance, size):
     """Every pixel's ray against the four spheres: depth (size^2, 4), inf where it misses; the ray; spheres in camera.
 
-    said: the header's record of the view. |start + t step - centre|^2 = r^2, and t is the depth, since step_z = -1.
+    record: the header's record of the view. |start + t step - centre|^2 = r^2, and t is the depth, since step_z = -1.
     """
-    centres = said["scale"] * (CENTRES - said["centre"]) @ np.array(said["rotation"]).T
-    radii, (x, y) = said["scale"] * RADII, pixels(size)
+    centres = record["scale"] * (CENTRES - record["centre"]) @ np.array(record["rotation"]).T
+    radii, (x, y) = record["scale"] * RADII, pixels(size)
     zero, one = np.zeros_like(x), np.ones_like(x)
     if view.focal is None:
         start, step = np.stack([x, y, distance * one], -1), np.stack([zero, zero, -one], -1)
@@ -73,7 +73,7 @@ def test_balls_in_closed_form(view):
     distance = maps.info["camera_distance"]
     if view.focal is not None:
         assert maps.info["camera"] == "perspective" and distance == pytest.approx(view.focal / 18, abs=1e-6)
-    depth, start, step, centres, radii = struck(view, maps.info["view"], distance, size)
+    depth, start, step, centres, radii = hits_of_spheres(view, maps.info["view"], distance, size)
     mask, which, nearest = np.isfinite(depth).any(1), depth.argmin(1), depth.min(1)
     assert np.count_nonzero(maps.mask.ravel() != mask) < 0.01 * mask.sum()  # facets lie inside of their sphere
     both = mask & maps.mask.ravel()
@@ -95,19 +95,19 @@ def test_transport_is_the_frontal_one_turned(view):
     baker = Baker(mesh, rays, order, seed=3)
     maps = baker.maps(size, view=view)
     x, y = (size * (1 + pixels(size)[0]) / 2, size * (1 - pixels(size)[1]) / 2)
-    scene, camera = baker.scene, baker.camera(size, view)
-    pixel, face, weights = see(scene, camera, x, y)
+    caster, camera = baker.caster, baker.camera(size, view)
+    pixel, face, weights = primary_hits(caster, camera, x, y)
     np.testing.assert_array_equal(pixel, np.flatnonzero(maps.mask))
-    points, geometric = scene.points(face, weights), scene.normals[face]
+    points, geometric = caster.points(face, weights), caster.normals[face]
     normals = shading_normals(baker.normals, mesh.faces, face, weights, geometric)
     rotation = np.array(maps.info["view"]["rotation"])
     np.testing.assert_allclose(maps.normal[maps.mask], normals @ rotation.T, atol=1e-6)
 
     turned = mesh_of(mesh.vertices.astype(float) @ rotation.T, mesh.faces)
-    still = Baker(turned, rays, order).scene
+    still = Baker(turned, rays, order).caster
     # The baker's directions in the mesh's frame, as azimuths about the normals of the turned mesh.
-    frame = frames(normals, azimuths(len(pixel), 3)) @ rotation.T
-    plain = frames(normals @ rotation.T, np.zeros(len(pixel)))
+    frame = tangent_frames(normals, random_azimuths(len(pixel), 3)) @ rotation.T
+    plain = tangent_frames(normals @ rotation.T, np.zeros(len(pixel)))
     azimuth = np.arctan2(*(np.einsum("px,px->p", frame[:, 0], plain[:, axis]) for axis in (1, 0)))
     again, _ = integrate(
         still, points @ rotation.T, normals @ rotation.T, geometric @ rotation.T, rays, order, azimuth=azimuth
@@ -116,19 +116,21 @@ def test_transport_is_the_frontal_one_turned(view):
     assert 0.5 < (found[:, 0] / unoccluded(normals, 0)[:, 0]).mean() < 0.95  # balls shade each other: a real test
     exact = np.abs(found - again).max(1)
     assert (exact < 1e-5).mean() > 0.98 and exact.max() < 0.15  # a ray or two pass an edge on the other side
-    there, _ = integrate(scene, points, normals, geometric, rays, order, azimuth=azimuths(len(pixel), 3))
+    there, _ = integrate(caster, points, normals, geometric, rays, order, azimuth=random_azimuths(len(pixel), 3))
     np.testing.assert_allclose(found, there @ rotation_matrix(rotation, order).T, atol=1e-5)
 
 
-def test_bounces_turn_too():
+def test_bounced_transport_is_rotated_too():
     baker, view = Baker(balls(3), 32, bounces=1), View(-120, 10)
     maps, camera = baker.maps(24, view=view), baker.camera(24, view)
     x, y = pixels(24)
-    pixel, face, weights = see(baker.scene, camera, 12 * (1 + x), 12 * (1 - y))
-    points, geometric = baker.scene.points(face, weights), baker.scene.normals[face]
+    pixel, face, weights = primary_hits(baker.caster, camera, 12 * (1 + x), 12 * (1 - y))
+    points, geometric = baker.caster.points(face, weights), baker.caster.normals[face]
     normals = shading_normals(baker.normals, baker.mesh.faces, face, weights, geometric)
-    azimuth = azimuths(len(pixel), 0)
-    _, gathered = integrate(baker.lit, points, normals, geometric, 32, radiosity=baker.radiosity, azimuth=azimuth)
+    azimuth = random_azimuths(len(pixel), 0)
+    _, gathered = integrate(
+        baker.gather_caster, points, normals, geometric, 32, radiosity=baker.radiosity, azimuth=azimuth
+    )
     expected = np.einsum("jk,pkc->pjc", rotation_matrix(view.rotation), gathered)
     np.testing.assert_allclose(maps.bounced[maps.mask], expected, atol=1e-6)
     assert maps.bounced[..., 0, 0].max() > 0.1
@@ -137,7 +139,7 @@ def test_bounces_turn_too():
 def shown(mesh, view):
     """The vertices' places (V, 2) in the picture of a view."""
     vertices = mesh.vertices.astype(float)
-    placed = pose(view, vertices)
+    placed = place(view, vertices)
     at = placed.to_camera(vertices)
     np.testing.assert_allclose(placed.to_mesh(at), vertices, atol=1e-9 * np.abs(vertices).max() + 1e-12)
     if view.focal is None:
@@ -192,7 +194,7 @@ def test_the_frontal_view_is_left_as_it_is():
     np.testing.assert_allclose(turned.normal[both], plain.normal[both], atol=1e-3)
 
 
-def test_bits_of_a_view_do_not_depend_on_threads():
+def test_results_of_a_view_do_not_depend_on_threads():
     one, two = (bake(balls(3), 32, 16, view=View(40, -8, 50), threads=threads) for threads in (1, 2))
     for name in ("mask", "normal", "depth", "transport"):
         np.testing.assert_array_equal(getattr(one, name), getattr(two, name))
@@ -214,15 +216,15 @@ def test_random_views():
     assert np.median(lenses) == pytest.approx(np.sqrt(25 * 120), rel=0.06)
 
 
-def test_views_that_cannot_be():
+def test_invalid_views_are_refused():
     for view, words in (((181,), "yaw 181"), ((float("nan"),), "yaw nan"), ((0, 91), "pitch 91"), ((0, 0, 9), "10 to")):
         with pytest.raises(UserError, match=words):
             View(*view)
     line = mesh_of([[0, 0, 0], [0, 0, 1], [0, 0, 2]], [[0, 1, 2]])
     with pytest.raises(UserError, match="no extent"):
-        pose(View(30), line.vertices.astype(float))
+        place(View(30), line.vertices.astype(float))
     spear = np.array([[-0.5, -0.9, 0], [0.5, -0.9, 0], [0, 0.9, 0], [0, 0, 1.2]])
-    assert pose(View(0, 0, 25), spear).scale > 0
+    assert place(View(0, 0, 25), spear).scale > 0
     with pytest.raises(UserError, match="focal length 10: the eye would touch"):
-        pose(View(0, 0, 10), spear)
+        place(View(0, 0, 10), spear)
     assert Camera(8).pose is None and FRONTAL == View()

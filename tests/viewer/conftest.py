@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from relight.maps.maps import Maps
-from relight.sh.basis import basis
+from relight.maps import Maps
+from relight.sh import basis
 
 SIZE = 96
 BALLS = np.array(  # x, y, z, radius; then albedo
@@ -164,13 +164,16 @@ class Page:
     def lost(self):
         raise OSError("Chromium has ended")
 
-    def open(self, path, width=900, height=640, ratio=1, mobile=False):
+    def open(self, path, width=900, height=640, ratio=1, mobile=False, motion="reduce", address=""):
+        """Loads a page; with reduced motion, as by default, it opens without a turn of the light."""
+        self.send("Emulation.setEmulatedMedia", features=[{"name": "prefers-reduced-motion", "value": motion}])
         self.send(
             "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=ratio, mobile=mobile
         )
         self.send("Emulation.setTouchEmulationEnabled", enabled=mobile)
         self.events.clear()
-        self.send("Page.navigate", url=Path(path).resolve().as_uri())
+        self.send("Page.navigate", url="about:blank")  # else another address of the same page would not load it anew
+        self.send("Page.navigate", url=Path(path).resolve().as_uri() + address)
         for _ in range(200):
             if self.run("document.readyState === 'complete' && !!window.relight"):
                 break

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from relight.files import UserError
-from relight.maps.exr import write_maps
+from relight.maps import write_maps
 from relight.viewer.build import build_gallery, build_viewer
 from relight.viewer.figure import Figure, octahedral, pack
 
@@ -53,6 +53,15 @@ def test_a_tight_limit_costs_precision_before_it_refuses(tmp_path, maps, lights)
     assert (tmp_path / "coarse.html").stat().st_size < fine
 
 
+def test_a_gallery_has_room_for_each_of_its_figures(tmp_path, maps, lights, monkeypatch):
+    monkeypatch.setattr("relight.viewer.build.LIMIT", 150_000)
+    monkeypatch.setattr("relight.viewer.build.FURTHER", 60_000)
+    build_gallery(tmp_path / "all.html", [Figure(str(i), maps) for i in range(6)], lights)
+    assert 150_000 < (tmp_path / "all.html").stat().st_size < 450_000
+    with pytest.raises(UserError, match="MB"):
+        build_gallery(tmp_path / "small.html", [Figure(str(i), maps) for i in range(6)], lights, limit=150_000)
+
+
 def test_ao_takes_bytes_only_when_transport_does_not_tell_it(maps):
     names = [plane["name"] for plane in pack(Figure("a", maps), 1024, 1)[0]["planes"]]
     assert names == ["transport", "albedo", "normal"]
@@ -72,7 +81,7 @@ def test_octahedral_map_is_undone_over_the_whole_sphere():
 
 def test_the_stage_shows_as_many_figures_as_a_page_holds(tmp_path, maps, monkeypatch):
     import relight.stages.viewer as page
-    from relight.lights.table import LightSet, save
+    from relight.lights import LightSet, write_light_set
 
     names = [f"g{i:04d}" for i in range(40)]
     for name in names:
@@ -82,7 +91,7 @@ def test_the_stage_shows_as_many_figures_as_a_page_holds(tmp_path, maps, monkeyp
     light = LightSet(
         np.ones((1, 9, 3), np.float32), text, text, number, np.zeros(1, int), number, np.zeros(1, int), text
     )
-    save(light, tmp_path)
+    write_light_set(light, tmp_path)
 
     def shown():
         page.main("a", tmp_path / "split.json", tmp_path, tmp_path / "lights.npz", tmp_path / "a.html")
@@ -90,5 +99,6 @@ def test_the_stage_shows_as_many_figures_as_a_page_holds(tmp_path, maps, monkeyp
 
     few = shown()
     assert len(few) == page.MOST and few[0] == names[0] and few[-1] == names[-1] and few == sorted(set(few))
-    monkeypatch.setattr(page, "SIZE", 5 * (tmp_path / "a.html").stat().st_size // page.MOST)
+    whole = (tmp_path / "a.html").stat().st_size
+    monkeypatch.setattr(page, "SIZE", page.OWN + 5 * (whole - page.OWN) // page.MOST)
     assert 3 <= len(shown()) <= 8

@@ -8,13 +8,12 @@ from scipy.ndimage import gaussian_filter
 from typer.testing import CliRunner
 
 from relight.files import UserError
-from relight.maps.exr import write_left_out, write_maps
+from relight.maps import write_left_out, write_maps
 from relight.photos.api import Relighter
 from relight.photos.frame import frame
 from relight.photos.infer import Figure, look
 from relight.photos.mask import people
-from relight.sh.basis import basis
-from relight.sh.irradiance import irradiance, unoccluded
+from relight.sh import basis, irradiance, unoccluded
 from relight.viewer.commands import app
 from relight.viewer.source import LIGHTS, baked_figure, named_lights
 

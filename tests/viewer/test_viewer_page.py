@@ -4,13 +4,15 @@ import io
 import json
 from dataclasses import replace
 
+import av
 import numpy as np
 import pytest
 from PIL import Image
 from scipy.ndimage import gaussian_filter
+from scipy.spatial.transform import Rotation
 
-from relight.panoramas.panorama import Panorama
-from relight.panoramas.project import project
+from relight.lights.load import key_light
+from relight.panoramas import Panorama, project
 from relight.photos.api import exposure
 from relight.photos.background import Background
 from relight.photos.color import chroma, excess, relit, rolled, shown
@@ -18,8 +20,7 @@ from relight.photos.frame import Frame
 from relight.photos.infer import Figure as Inferred
 from relight.photos.relight import floor_of, matched, ratio, shading
 from relight.photos.render import render
-from relight.sh.irradiance import irradiance
-from relight.sh.rotation import about, about_y, rotation_matrix
+from relight.sh import basis, irradiance, rotation_about_y, rotation_matrix
 from relight.srgb import LINEAR, decode, encode
 from relight.viewer.build import build_gallery, build_viewer
 from relight.viewer.codec import encode as encode_planes
@@ -27,13 +28,16 @@ from relight.viewer.figure import Figure
 
 START = {
     "light": 0, "yaw": 0, "tilt": 0, "stops": 0, "view": "relit", "before": "none", "split": 0.5,
-    "background": "studio", "mode": "ratio", "auto": False,
+    "background": "studio", "mode": "ratio", "auto": False, "room": 1, "lamps": [],
 }  # fmt: skip
 
 
+def rotation_of(yaw, tilt):
+    return Rotation.from_rotvec([-np.radians(tilt), 0, 0]).as_matrix() @ rotation_about_y(np.radians(yaw))
+
+
 def turned(light, yaw, tilt):
-    rotation = about([1, 0, 0], -np.radians(tilt)) @ about_y(np.radians(yaw))
-    return rotation_matrix(rotation, 2) @ light
+    return rotation_matrix(rotation_of(yaw, tilt), 2) @ light
 
 
 def codes(light):
@@ -180,7 +184,7 @@ def test_soft_photo_equals_the_photo_command(page, tmp_path, maps, lights, photo
     figure = Inferred(square, coverage, maps.mask, LINEAR[photo], maps.albedo, maps.transport, light)
     new = turned(lights["Behind"] * exposure([figure], lights["Behind"]), -60, 20)
     state = START | {"light": 3, "yaw": -60, "tilt": 20, "stops": 0.5, "color": "#4080c0"}
-    color = Background("color", color=np.array([0x40, 0x80, 0xC0], np.uint8))
+    color = Background("color", color=np.array([0x40, 0x80, 0xC0], np.uint8), shadow=False)
     for mode in ("ratio", "full"):
         for name, behind in {"photo": Background("keep"), "color": color}.items():
             expected = render(photo, [figure], new, mode, behind, stops=0.5)
@@ -356,6 +360,133 @@ def test_a_dropped_panorama_lights_the_figure(balls, maps, lights, panorama):
     expected = codes(maps.albedo * shading(maps.transport, turned(light, 25, 0)))
     assert farthest(balls.pixels(**START | {"light": 3, "yaw": 25}), expected, maps.mask) <= 2
     assert "kitchen" in balls.run("document.getElementById('light-list').innerText")
+
+
+def test_a_panorama_is_seen_behind_the_figure(balls, maps, lights):
+    """Sharp, turned with the light and at its brightness; compared where the blocks of the panorama are flat."""
+    generator = np.random.default_rng(4)
+    blocks = np.kron(generator.uniform(0.05, 0.6, (8, 16, 3)), np.ones((16, 16, 1))).astype(np.float32)
+    balls.call(
+        "(bytes) => relight.openPanorama(new File([new Uint8Array(bytes)], 'blocks.hdr'))", list(hdr(blocks, flat))
+    )
+    pixels = balls.pixels(
+        **START | {"light": 3, "background": "light", "yaw": 40, "tilt": 20, "room": 0.5, "stops": 0.3}
+    )
+    light = project(Panorama(values(blocks).astype(np.float32)))
+    gain = matched(lights["Window"], light, maps.transport, maps.mask)
+    size = len(maps.mask)
+    grid = np.tan(np.radians(25)) * ((2 * np.arange(size) + 1) / size - 1)
+    x, y = np.meshgrid(grid, -grid)
+    toward = np.stack([x, y, -np.ones_like(x)], -1)
+    toward /= np.linalg.norm(toward, axis=-1, keepdims=True)
+    rotation = rotation_of(40, 20)
+    x, y, z = np.moveaxis(toward @ rotation, -1, 0)  # the inverse rotation of each direction
+    column, row = (np.arctan2(x, -z) / (2 * np.pi) + 0.5) * 256, np.arccos(y) / np.pi * 128
+    inside = (np.abs(column % 16 - 8) < 7) & (np.abs(row % 16 - 8) < 7) & ~maps.mask
+    behind = values(blocks)[np.minimum(row.astype(int), 127), np.minimum(column.astype(int), 255)]
+    assert inside.sum() > 2000
+    assert farthest(pixels, codes(behind * gain * 0.5 * 2**0.3), inside) <= 2
+
+
+def test_lamps_are_those_of_python_and_add_to_the_dimmed_room(balls, maps, lights):
+    lamps = [
+        {"azimuth": 45, "elevation": 30, "color": "#ffaa66", "strength": 1.5, "softness": 0},
+        {"azimuth": -120, "elevation": -10, "color": "#6699ff", "strength": 0.7, "softness": 0},
+    ]
+    state = START | {"lamps": lamps, "room": 0.25, "yaw": 60}
+    room = lights["Window"]
+    mean = 0.886227 * float(room[0] @ [0.2126, 0.7152, 0.0722])
+    light = 0.25 * turned(room, 60, 0)
+    for lamp in lamps:
+        own = key_light(lamp["color"][1:], lamp["azimuth"], lamp["elevation"], 0, 2)
+        light = light + lamp["strength"] * mean * own
+    assert farthest(balls.pixels(**state), codes(maps.albedo * shading(maps.transport, light)), maps.mask) <= 2
+
+
+@pytest.mark.parametrize("softness", [0, 25, 90])
+def test_a_soft_lamp_is_a_disc_of_light(balls, softness):
+    """Its coefficients are the mean of those of points all over the disc, at the same irradiance."""
+    lamp = {"azimuth": 20, "elevation": 50, "color": "#ffffff", "strength": 1, "softness": softness}
+    found = np.reshape(balls.call("(lamp) => [...relight.lampLight(lamp, 1)]", lamp), (9, 3))[:, 0]
+    a, e = np.radians([20, 50])
+    centre = np.array([np.sin(a) * np.cos(e), np.sin(e), np.cos(a) * np.cos(e)])
+    points = np.random.default_rng(0).normal(size=(400_000, 3))
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    disc = points[points @ centre >= np.cos(np.radians(softness))] if softness else centre[None]
+    np.testing.assert_allclose(found, basis(disc).mean(0), atol=0.01)
+
+
+def test_lamps_are_placed_by_mouse_and_keys(balls):
+    balls.run(f"relight.set({json.dumps(START)})")
+    balls.run("document.getElementById('add-lamp').click()")
+    x, y, width, height = balls.run(
+        "(() => { const a = document.querySelector('button.lamp').getBoundingClientRect(), "
+        "b = document.getElementById('stage').getBoundingClientRect(); "
+        "return [a.x + a.width / 2, a.y + a.height / 2, b.width, b.height]; })()"
+    )
+    side = 0.46 * min(width, height) / 2
+    for kind, at in [
+        ("mousePressed", (x, y)),
+        ("mouseMoved", (width / 2 + side, height / 2)),
+        ("mouseReleased", (0, 0)),
+    ]:
+        point = {"x": at[0], "y": at[1]}
+        balls.send("Input.dispatchMouseEvent", type=kind, button="left", buttons=1, clickCount=1, **point)
+    lamp = balls.run("relight.state.lamps[0]")
+    assert lamp["azimuth"] == pytest.approx(90, abs=1) and lamp["elevation"] == pytest.approx(0, abs=1)
+    balls.run("document.querySelector('button.lamp').focus()")
+    balls.send("Input.dispatchKeyEvent", type="keyDown", key="ArrowUp")
+    assert balls.run("relight.state.lamps[0].elevation") > 1 and balls.run("relight.state.tilt") == 0
+    balls.run("document.querySelector('.remove').click()")
+    assert balls.run("relight.state.lamps.length") == 0
+
+
+def test_the_address_shows_the_same_picture(page, html):
+    page.open(html)
+    lamp = {"azimuth": 45, "elevation": 30, "color": "#ffaa66", "strength": 1.5, "softness": 12}
+    state = START | {
+        "light": 2,
+        "yaw": -35.5,
+        "tilt": 10,
+        "view": "shading",
+        "stops": 0.5,
+        "lamps": [lamp],
+        "room": 0.5,
+    }
+    expected = page.pixels(**state)
+    address = page.run("relight.address()")
+    page.open(html, address="#" + address)
+    np.testing.assert_array_equal(page.pixels(), expected)
+    page.open(html, address="#yaw=x&view=nothing&lamps=1,2;rubbish&figure=7&sh=1,2&light=none&split=9")
+    page.run("relight.set({background: 'studio', split: 0.5})")
+    assert {key: page.run(f"relight.state.{key}") for key in START} == START
+
+
+def test_the_page_opens_with_one_turn_that_a_touch_ends(page, html):
+    page.open(html, motion="no-preference")
+    page.run("(async () => { while (!relight.state.yaw) await new Promise(requestAnimationFrame); })()")
+    page.send("Input.dispatchKeyEvent", type="keyDown", key="0")
+    page.run("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    yaw = page.run("relight.state.yaw")
+    page.run("new Promise((done) => setTimeout(done, 100))")
+    assert page.run("relight.state.yaw") == yaw != 0
+
+
+def test_a_movie_is_one_turn_at_the_size_of_the_image(balls, tmp_path):
+    balls.run(f"relight.set({json.dumps(START | {'yaw': 15})})")
+    data = balls.run(
+        """(async () => { const movie = await relight.record(() => {}, 1.5);
+        const bytes = new Uint8Array(await movie.arrayBuffer());
+        return [movie.type, [...bytes]]; })()"""
+    )
+    path = tmp_path / ("turn.mp4" if "mp4" in data[0] else "turn.webm")
+    path.write_bytes(bytes(data[1]))
+    with av.open(str(path)) as movie:
+        frames = [frame.to_ndarray(format="rgb24") for frame in movie.decode(video=0)]
+    assert len(frames) > 1 and frames[0].shape == (96, 96, 3)  # a slow machine leaves frames out
+    changes = [np.abs(frames[0].astype(int) - frame).mean() for frame in frames]
+    assert max(changes) > 3, "the light turns"
+    assert balls.run("relight.state.yaw") == pytest.approx(15)
 
 
 def test_a_wrong_file_is_told_and_changes_nothing(balls):

@@ -61,14 +61,21 @@ def check_mlflow(repo):
 
     client = MlflowClient(f"sqlite:///{repo / 'mlflow.db'}")
     runs = client.search_runs([client.get_experiment_by_name("smoke").experiment_id])
+    (above,) = (run for run in runs if "mlflow.parentRunId" not in run.data.tags)
+    runs.remove(above)
+    assert above.info.run_name == "smoke" and above.info.status == "FINISHED"
+    assert above.data.params["figures.count"] == "4" and above.data.tags["best"] in {run.info.run_name for run in runs}
+    report = {item.path for item in client.list_artifacts(above.info.run_id, "report")}
+    assert {"report/report.html", "report/table1.csv", "report/table1_plates.png"} <= report
     assert sorted(run.info.run_name for run in runs) == ["no_tv.s0", "ours_full.s0", "sfsnet_ao.s0"]
     for run in runs:
         name = run.info.run_name
         assert run.info.status == "FINISHED"
-        assert run.data.params["train.steps"] == "24" and "test.shading_rmse" in run.data.metrics
+        assert run.data.params["train.steps"] == "24" and "test/shading_rmse" in run.data.metrics
         assert [point.step for point in client.get_metric_history(run.info.run_id, "loss")] == [8, 16, 24]
         artifacts = {path.name for path in (repo / run.info.artifact_uri).iterdir()}
-        assert {"config.yaml", f"{name}.safetensors", f"{name}.csv", f"{name}.png"} <= artifacts
+        assert {"config.yaml", f"{name}.csv", "images"} <= artifacts and run.outputs.model_outputs
+        assert run.data.tags["mlflow.parentRunId"] == above.info.run_id
     assert not (repo / OUT / "train" / "state").exists(), "no training is under way"
 
 
@@ -96,11 +103,12 @@ AFTER_BAKING = {"pack": 1, "split": 1, "train": 3, "baselines": 1, "sheets": 1, 
         ("bake.views=2", {"bake": 4, **AFTER_BAKING}),
         ("align.padding=0.1", {"align": 4, "clean": 4, "bake": 4, **AFTER_BAKING}),
         ("lights.clusters=5", {"lights": 1, "train": 3, "baselines": 1, "sheets": 1, "viewer": 1, **AFTER_TRAINING}),
-        ("evaluate.bootstrap=99", {"baselines": 1, "sheets": 1, **AFTER_TRAINING}),
+        ("evaluate.bootstrap=99 track=none", {"tables": 1, "report": 1}),
+        ("evaluate.plates=3 evaluate.sheet=3", {"plates": 1, "sheets": 1, "report": 1}),
     ],
 )
 def test_a_change_runs_what_it_touches(done, override, jobs):
-    assert planned(done, *WORDS, override) == jobs
+    assert planned(done, *WORDS, *override.split()) == jobs
 
 
 def test_another_experiment_takes_what_is_there(done, tmp_path):
@@ -114,7 +122,7 @@ def test_another_experiment_takes_what_is_there(done, tmp_path):
     run = relight(repo, "run", *words)
     assert run.returncode == 0, run.stdout
     page = (repo / OUT / "report" / "report.html").read_text()
-    assert "The paper fine-tunes on unlabelled photographs" in page and "nearest training light" in page
+    assert 'id="self_supervised"' in page and 'id="unusual_lights"' in page and 'class="failed"' not in page
     with open(repo / OUT / "report" / "unusual_lights.csv", newline="") as file:
         assert "ours_full" in {row["row"] for row in csv.DictReader(file)}
     assert (repo / OUT / "evaluate" / "test-unusual" / "ours_full.s0.csv").stat().st_size > 500

@@ -1,6 +1,7 @@
 """pip's lock, conda's environment and pyproject.toml say the same."""
 
 import re
+import subprocess
 import tomllib
 
 import pytest
@@ -52,3 +53,27 @@ def test_console_scripts_exist():
         for part in attribute.split("."):
             found = getattr(found, part)
         assert callable(found)
+
+
+def test_the_container_installs_what_pip_installs():
+    text = (ROOT / "Dockerfile").read_text()
+    assert "--constraint constraints.txt --editable ." in text and "python workflow/scripts/system.py" in text
+    version = re.search(r"^FROM python:([\d.]+)", text, re.M)[1]
+    assert Requirement(f"python{PROJECT['requires-python']}").specifier.contains(version + ".0")
+    expression = re.search(r"sed -n '([^']+)' constraints.txt", text)[1]
+    found = subprocess.run(
+        ["sed", "-n", expression, ROOT / "constraints.txt"], capture_output=True, text=True, check=True
+    )
+    (torch,) = (str(pin.specifier) for pin in PINS if pin.name == "torch")
+    assert found.stdout.split()[0] == torch.removeprefix("==")
+
+
+@pytest.mark.parametrize("profile", ["default", "slurm", "kubernetes"])
+def test_profiles_ask_for_what_snakemake_knows(profile):
+    """Each key is an option of Snakemake's, or of the executor that the profile names."""
+    from snakemake.cli import get_argument_parser
+
+    settings = yaml.safe_load((ROOT / "profiles" / profile / "config.yaml").read_text())
+    known = {option.lstrip("-") for action in get_argument_parser()._actions for option in action.option_strings}
+    own = f"{settings.get('executor', 'none')}-"
+    assert not [key for key in settings if key not in known and not key.startswith(own) and "status" not in key]

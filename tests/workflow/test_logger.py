@@ -6,11 +6,14 @@ import pytest
 import snakemake_logger_plugin_relight as plugin
 from snakemake_interface_logger_plugins.common import LogEvent
 
+from relight.progress import span
+
 
 @pytest.fixture
-def handler(monkeypatch):
-    """A handler on two cores whose clock is set by the test."""
+def handler(monkeypatch, tmp_path):
+    """A handler on two cores whose clock is set by the test, in a folder of its own."""
     now = [0.0]
+    monkeypatch.setattr(plugin, "COSTS", tmp_path / "costs.json")
     monkeypatch.setattr(plugin.time, "monotonic", lambda: now[0])
     made = plugin.LogHandler(None, None)
     made.cores, made.now = 2, now
@@ -34,15 +37,21 @@ def test_counts_and_time_left(handler, capsys):
         start(handler, job, "figure")
         handler.now[0] += 20
         tell(handler, LogEvent.JOB_FINISHED, job_id=job)
+    slower = 20 / plugin.DEMO["figure"]  # how much this machine is beside the one of the table
+    train = slower * plugin.DEMO["train"]
     assert capsys.readouterr().err.splitlines() == [
-        "20%: figure 1/4; 30 s left, and then train",
-        "40%: figure 2/4; 20 s left, and then train",
-        "60%: figure 3/4; 10 s left, and then train",
+        f"{share}%: figure {done}/4; roughly {span((20 * (4 - done) + train) / 2)} left"
+        for share, done in ((20, 1), (40, 2), (60, 3))
     ]
     start(handler, 3, "train")
     handler.now[0] += 100
     tell(handler, LogEvent.JOB_FINISHED, job_id=3)
     assert capsys.readouterr().err == "80%: figure 3/4; about 10 s left\n"
+    tell(handler, LogEvent.PROGRESS, done=5, total=5)
+    again = plugin.LogHandler(None, None)
+    again.cores = 1
+    tell(again, LogEvent.RUN_INFO, stats={"figure": 1, "train": 2})
+    assert again.left() == "about 3 min 40 s left", "what jobs cost in the run before"
 
 
 def test_lines_are_far_apart(handler, capsys):

@@ -51,7 +51,7 @@ def test_every_preset_plans(preset):
     assert list(plan.experiments) == [preset]
     for run in plan.runs:
         plan.settings(f"train.{run}")
-    asked = json.loads(plan.asked())[preset]
+    asked = json.loads(plan.questions())[preset]
     assert list(asked["runs"]) == asked["rows"]
     if asked["table"]:
         assert set(asked["scores"]) == set(asked["usual"]) == {*asked["rows"], ""}
@@ -61,7 +61,7 @@ def test_every_preset_plans(preset):
 def test_experiments_share_runs_and_keep_their_conditions():
     plan = Plan({"hydra": "scale=smoke experiment=[table1,table2,sitting,unusual_lights,silhouette]"})
     assert plan.scored.count("ours_full.s0") == 1
-    asked = json.loads(plan.asked())
+    asked = json.loads(plan.questions())
     assert asked["table1"]["scores"]["ours_full"] == ["evaluate/ours_full.s0.csv"]
     assert asked["sitting"]["scores"]["ours_full"] == ["evaluate/sitting-test/ours_full.s0.csv"]
     assert asked["sitting"]["usual"]["ours_full"] == ["evaluate/ours_full.s0.csv"]
@@ -88,9 +88,20 @@ def test_a_row_that_asks_for_the_width_of_the_scale_is_left_out():
     assert alone.experiments["width"].rows == ["width_1_4"], "it is left out beside its equal only"
 
 
+def test_figures_of_whole_decades_are_made_together():
+    """Whatever else is in the plan, so that more figures leave those that are there as they are."""
+    plan = Plan({"hydra": "scale=smoke figures.first=7 figures.count=15"})
+    assert plan.tens == ["g001"] and plan.alone == ["g0007", "g0008", "g0009", "g0020", "g0021"]
+    assert [suffix for suffix, _, _ in plan.portions] == ["", "_tens"]
+    one, ten = (names for _, _, names in plan.portions)
+    made = [one[0].format(figure=name) for name in plan.alone] + [name.format(tens="g001") for name in ten]
+    assert sorted(made) == plan.figures
+    assert [suffix for suffix, _, _ in Plan({"hydra": "scale=smoke figures.count=20"}).portions] == ["_tens"]
+
+
 def test_rows_may_have_splits_of_their_own():
     plan = Plan({"hydra": "scale=smoke experiment=splits"})
-    splits = json.loads(plan.asked())["splits"]["splits"]
+    splits = json.loads(plan.questions())["splits"]["splits"]
     assert splits == {"ours_disjoint": "split/disjoint.json", "ours_siblings": "split/siblings.json"}
     assert yaml.safe_load(plan.settings("split.siblings"))["split"]["kind"] == "siblings"
 

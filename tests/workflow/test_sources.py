@@ -7,8 +7,8 @@ import pytest
 from people import write_people
 from repo import copy, relight
 
-from relight.maps.exr import read_info
-from relight.panoramas.rooms import room
+from relight.maps import read_info
+from relight.panoramas import generate_room
 
 WORDS = ("scale=smoke", "name=mine", "experiment=one", "split.test=0.34", "train.steps=6")
 
@@ -29,7 +29,7 @@ def sources(tmp_path_factory):
     (folder / "scans" / "broken.ply").write_bytes((folder / "scans" / "coloured.ply").read_bytes()[:500])
     (folder / "panoramas").mkdir()
     for seed in (1, 2):
-        write_hdr(folder / "panoramas" / f"room{seed}.hdr", room(seed))
+        write_hdr(folder / "panoramas" / f"room{seed}.hdr", generate_room(seed))
     return folder
 
 

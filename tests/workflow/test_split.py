@@ -7,7 +7,7 @@ import pytest
 
 from relight.config import Split
 from relight.files import UserError
-from relight.learning.split import deal, sits
+from relight.learning.split import is_seated, split_figures
 
 NAMES = [f"f{i:02d}" for i in range(40)]
 SUBJECTS = [f"s{i // 4}" for i in range(40)]
@@ -19,7 +19,7 @@ def split(kind, test=0.25, seed=0):
 
 @pytest.mark.parametrize("kind", ["subject", "paper"])
 def test_every_figure_once(kind):
-    parts = deal(NAMES, SUBJECTS, split(kind))
+    parts = split_figures(NAMES, SUBJECTS, split(kind))
     assert sorted(parts["train"] + parts["test"]) == NAMES
     assert len(parts["test"]) == pytest.approx(10, abs=2)
 
@@ -27,29 +27,29 @@ def test_every_figure_once(kind):
 def test_subjects_stay_on_one_side():
     subject = dict(zip(NAMES, SUBJECTS))
     for seed in range(10):
-        parts = deal(NAMES, SUBJECTS, split("subject", seed=seed))
+        parts = split_figures(NAMES, SUBJECTS, split("subject", seed=seed))
         assert not {subject[name] for name in parts["train"]} & {subject[name] for name in parts["test"]}
-    leaks = [deal(NAMES, SUBJECTS, split("paper", seed=seed)) for seed in range(10)]
+    leaks = [split_figures(NAMES, SUBJECTS, split("paper", seed=seed)) for seed in range(10)]
     assert any({subject[n] for n in part["train"]} & {subject[n] for n in part["test"]} for part in leaks)
 
 
 def test_both_sides_hold_a_figure():
     for test in np.linspace(0.01, 0.99, 9):
         for count in (2, 3, 5):
-            parts = deal(NAMES[:count], NAMES[:count], split("subject", float(test)))
+            parts = split_figures(NAMES[:count], NAMES[:count], split("subject", float(test)))
             assert parts["train"] and parts["test"]
 
 
 def test_too_few_subjects():
     with pytest.raises(UserError, match="two subjects"):
-        deal(NAMES[:3], SUBJECTS[:3], split("subject"))
-    assert deal(NAMES[:3], SUBJECTS[:3], split("paper"))["test"]
+        split_figures(NAMES[:3], SUBJECTS[:3], split("subject"))
+    assert split_figures(NAMES[:3], SUBJECTS[:3], split("paper"))["test"]
 
 
 def test_sitting_figures_are_set_apart():
     sitting = set(NAMES[::7])
     for kind in ("subject", "paper", "disjoint", "siblings"):
-        parts = deal(NAMES, SUBJECTS, split(kind), sitting)
+        parts = split_figures(NAMES, SUBJECTS, split(kind), sitting)
         assert parts["sitting"] == [name for name in NAMES if name in sitting]
         assert not sitting & {*parts["train"], *parts["test"]}
 
@@ -57,14 +57,14 @@ def test_sitting_figures_are_set_apart():
 @pytest.mark.parametrize("kind", ["subject", "paper"])
 def test_sitting_figures_are_dealt_where_asked(kind):
     dealt = replace(split(kind), sitting="dealt")
-    assert deal(NAMES, SUBJECTS, dealt, set(NAMES[::7])) == deal(NAMES, SUBJECTS, split(kind))
+    assert split_figures(NAMES, SUBJECTS, dealt, set(NAMES[::7])) == split_figures(NAMES, SUBJECTS, split(kind))
 
 
 def test_paired_splits_differ_only_in_whether_the_person_was_seen():
     subject = dict(zip(NAMES, SUBJECTS))
     tests = set()
     for seed in range(10):
-        apart, together = (deal(NAMES, SUBJECTS, split(kind, 0.2, seed)) for kind in ("disjoint", "siblings"))
+        apart, together = (split_figures(NAMES, SUBJECTS, split(kind, 0.2, seed)) for kind in ("disjoint", "siblings"))
         assert apart["test"] == together["test"] and len(apart["train"]) == len(together["train"])
         for parts in (apart, together):
             assert not set(parts["train"]) & set(parts["test"])
@@ -80,11 +80,11 @@ def test_paired_splits_differ_only_in_whether_the_person_was_seen():
 def test_paired_splits_need_several_figures_of_a_person():
     for kind in ("disjoint", "siblings"):
         with pytest.raises(UserError, match=r"several figures of one person.*figures\.per_subject"):
-            deal(NAMES, NAMES, split(kind))
+            split_figures(NAMES, NAMES, split(kind))
         with pytest.raises(UserError, match="more of other people"):
-            deal(NAMES[:4], SUBJECTS[:4], split(kind))
+            split_figures(NAMES[:4], SUBJECTS[:4], split(kind))
 
 
 def test_who_sits():
-    assert sits({"pose": "sitting wide"}) and not sits({"pose": "walking"}) and not sits({})
-    assert sits({"sitting": True}) and not sits({"pose": "sitting", "sitting": False})
+    assert is_seated({"pose": "sitting wide"}) and not is_seated({"pose": "walking"}) and not is_seated({})
+    assert is_seated({"sitting": True}) and not is_seated({"pose": "sitting", "sitting": False})

@@ -1,22 +1,39 @@
-"""MLflow: the store is made once under contention, whole or not at all, and a killed job finds its run again."""
+"""MLflow: the store is made once under contention, whole or not at all; workflows have runs above their trainings; a
+server, and nothing at all, do as well."""
 
+import json
+import multiprocessing
+import os
+import signal
+import socket
 import subprocess
 import sys
+import time
+import urllib.request
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+import psutil
 import pytest
 from mlflow import MlflowClient
 
-from relight.config import ROOT, Track
-from relight.track import Run
+from relight.config import ROOT, Model, Track
+from relight.files import UserError
+from relight.learning.checkpoint import save_network
+from relight.learning.networks import build
+from relight.track import WORKFLOW, Training, Workflow, conclude, downloaded
+from relight.workflow import Plan
 
 URI = "sqlite:///mlflow.db"
-CODE = """
-import sys
-from relight.config import Track
-from relight.track import Run
-Run(Track("sqlite:///mlflow.db", "test"), sys.argv[1], "1" * 64, {"lr": 1}).log({"loss": 0.5}, 0)
-"""
+NETWORK = Model(
+    name="ours", width=0.125, norm="batch", dropout=0.5, order=2, albedo="clip", light_head="strided", refine=False,
+    sees="image",
+)  # fmt: skip
+WRITERS = 8
+FLOW = Workflow(Track(URI, "test"), "demo", "9" * 64, {"a": {"b": 1}}, {"ours": ["table1", "table2"]}, {"sweep": "no"})
+FORKS = multiprocessing.get_context("forkserver")  # to import MLflow once for all writers
+FORKS.set_forkserver_preload(["mlflow", "mlflow.store.tracking.sqlalchemy_store", "relight.track"])
 KILLED = """
 import os, signal
 from mlflow.store.tracking import sqlalchemy_store
@@ -32,20 +49,32 @@ class Store:
 sqlalchemy_store.SqlAlchemyStore = Store
 create("sqlite:///mlflow.db")
 """
-
-
-def python(code: str, *words: str, folder: Path) -> subprocess.Popen:
-    return subprocess.Popen([sys.executable, "-c", code, *words], cwd=folder, env={"PYTHONPATH": str(ROOT)})
+WRITER = """
+import os, sys
+os.chdir({folder!r})
+os.environ["RELIGHT_WORKFLOW"] = {flow!r}
+from relight.config import Track
+from relight.track import Training
+run = Training(Track(), "ours.s{seed}", str({seed}) * 64, {{"lr": {seed}}})
+for step in range(3):
+    run.log({{"loss": {seed} + step / 4}}, step)
+"""
 
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
-    """A folder in which a process was killed while it made the store, and then three started runs at once."""
+    """A folder in which a process was killed while it made the store, and then eight trainings started at once."""
     folder = tmp_path_factory.mktemp("track")
-    assert python(KILLED, folder=folder).wait(timeout=120) == -9
+    killed = subprocess.run([sys.executable, "-c", KILLED], cwd=folder, env={"PYTHONPATH": str(ROOT)}, timeout=120)
+    assert killed.returncode == -9
     assert not list(folder.glob("*-journal")) and not list(folder.glob(".*-journal"))
-    jobs = [python(CODE, f"run{i}", folder=folder) for i in range(3)]
-    assert [job.wait(timeout=300) for job in jobs] == [0, 0, 0]
+    programs = [WRITER.format(folder=str(folder), flow=FLOW.dumps(), seed=seed) for seed in range(WRITERS)]
+    jobs = [FORKS.Process(target=exec, args=(program, {})) for program in programs]
+    for job in jobs:
+        job.start()
+    for job in jobs:
+        job.join(timeout=300)
+    assert [job.exitcode for job in jobs] == WRITERS * [0]
     return folder
 
 
@@ -61,28 +90,160 @@ def runs(client) -> list:
 
 def test_processes_share_a_new_store(client, folder):
     assert {path.name for path in folder.iterdir()} == {"mlflow.db", ".mlflow.lock"}
-    assert [run.info.run_name for run in runs(client)] == ["run0", "run1", "run2"]
-    assert {run.data.params["lr"] for run in runs(client)} == {"1"}
+    above, *trainings = runs(client)
+    assert [run.info.run_name for run in trainings] == [f"ours.s{seed}" for seed in range(WRITERS)]
+    for seed, run in enumerate(trainings):
+        assert run.data.params == {"lr": str(seed)}
+        points = client.get_metric_history(run.info.run_id, "loss")
+        assert [(point.step, point.value) for point in points] == [(step, seed + step / 4) for step in range(3)]
+        assert "system/cpu_utilization_percentage" in run.data.metrics
+        tags = {
+            "mlflow.parentRunId": above.info.run_id,
+            "experiment": "table1, table2",
+            "seed": str(seed),
+            "sweep": "no",
+        }
+        assert run.data.tags.items() >= tags.items()
+    assert above.info.run_name == "demo" and above.data.params == {"a.b": "1"}
     assert {run.info.artifact_uri.split("/")[0] for run in runs(client)} == {"mlruns"}
 
 
 def test_a_run_is_found_again_by_name_and_fingerprint(client):
     before = {run.info.run_id for run in runs(client)}
-    again = Run(Track(URI, "test"), "run1", "1" * 64, {"lr": 1})
-    again.log({"loss": 0.5}, 0)
-    again.log({"loss": 0.25}, 1)
+    again = Training(Track(URI, "test"), "ours.s1", "1" * 64, {"lr": 1})
+    again.log({"loss": 9.0}, 2)
+    again.log({"loss": 0.25}, 3)
     assert {run.info.run_id for run in runs(client)} == before
-    assert [(point.step, point.value) for point in client.get_metric_history(again.id, "loss")] == [(0, 0.5), (1, 0.25)]
-    other = Run(Track(URI, "test"), "run1", "2" * 64, {"lr": 2})
+    points = [(point.step, point.value) for point in client.get_metric_history(again.id, "loss")]
+    assert points == [(0, 1), (1, 1.25), (2, 1.5), (3, 0.25)]
+    other = Training(Track(URI, "test"), "ours.s1", "2" * 64, {"lr": 2})
     other.log({"loss": 0.5}, 0)
     assert other.id not in before and client.get_run(other.id).data.params["lr"] == "2"
     client.delete_run(other.id)
 
 
 def test_a_deleted_run_is_made_anew(client):
-    runs_of_one = [Run(Track(URI, "test"), "gone", "3" * 64, {}) for _ in range(2)]
+    runs_of_one = [Training(Track(URI, "test"), "gone", "3" * 64, {}) for _ in range(2)]
     runs_of_one[0].log({"loss": 0.5}, 0)
     client.delete_run(runs_of_one[0].id)
     runs_of_one[1].log({"loss": 0.5}, 0)
     assert runs_of_one[1].id not in (None, runs_of_one[0].id)
     client.delete_run(runs_of_one[1].id)
+
+
+def trained(name: str, mark: str, score: float, curve: Path) -> Path:
+    """A finished training with a network of its own, scored."""
+    network = curve.parent / f"{name}.safetensors"
+    save_network(network, build(NETWORK, 64), NETWORK, fingerprint=mark, train={"color": "photo"})
+    run = Training(Track(), name, mark, {"train": {"color": "photo"}})
+    run.finish(curve, network)
+    run.add({"test/shading_rmse": score})
+    assert not run.told
+    return network
+
+
+def test_the_end_of_a_workflow(tmp_path, folder, client, monkeypatch):
+    """Its report among its artifacts, its trainings in its description, and its best network loads in both ways."""
+    import mlflow
+
+    from relight.learning.predict import predict
+    from relight.photos.api import load
+
+    flow = replace(FLOW, name="ended", fingerprint="8" * 64)
+    monkeypatch.setenv(WORKFLOW, flow.dumps())
+    (folder / "report").mkdir()
+    for name in ("report/report.html", "report/table1.csv", "report/notes.bin", "run.yaml"):
+        (folder / name).write_text("x")
+    curve = tmp_path / "curve.csv"
+    curve.write_text("step,loss,validation/loss\n4,0.5,0.75\n")
+    scores = {"ours.s0": 0.3, "ours.s1": 0.2}
+    networks = {name: trained(name, name, score, curve) for name, score in scores.items()}
+    conclude(flow, networks, folder / "report")
+    run = next(run for run in runs(client) if run.info.run_name == "ended")
+    assert run.info.status == "FINISHED" and run.data.tags["best"] == "ours.s1"
+    assert {item.path for item in client.list_artifacts(run.info.run_id)} == {"config.yaml", "report", "run.yaml"}
+    kept = {item.path for item in client.list_artifacts(run.info.run_id, "report")}
+    assert kept == {"report/report.html", "report/table1.csv"}
+    note = run.data.tags["mlflow.note.content"]
+    assert "### table2" in note and "| 0.2000 |" in note and "compare-runs" in note
+
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{folder}/mlflow.db")
+    monkeypatch.setattr("relight.track.ROOT", folder)
+    own = load("models:/relight@photo")
+    assert downloaded("models:/relight@photo").read_bytes() == networks["ours.s1"].read_bytes()
+    with pytest.raises(UserError, match=r"models:/relight@nothing is not in MLflow"):
+        load("models:/relight@nothing")
+    mlflow.set_tracking_uri(URI)
+    served = mlflow.pyfunc.load_model("models:/relight@photo")
+    example = served.input_example
+    found, wanted = served.predict(example), predict(own.network, example["image"], example["mask"])
+    assert set(served.metadata.signature.outputs.input_names()) <= set(found)
+    for name, values in wanted.items():
+        np.testing.assert_array_equal(found[name], values)
+    assert not [path for path in folder.rglob("*") if path.suffix in (".pkl", ".pickle", ".pth")], "no pickle"
+
+
+def test_without_an_address_nothing_is_tracked(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    run = Training(Track(), "ours.s0", "1" * 64, {"lr": 1})
+    run.log({"loss": 0.5}, 0)
+    run.add({"test": 1.0})
+    conclude(replace(FLOW, track=Track()), {}, tmp_path)
+    assert not list(tmp_path.iterdir()) and capsys.readouterr() == ("", "")
+
+
+def test_a_workflow_tells_what_was_asked_for(monkeypatch):
+    plan = Plan({"hydra": "scale=smoke experiment=[table1,table2] track.experiment=own"})
+    flow = plan.tracked()
+    monkeypatch.setenv(WORKFLOW, flow.dumps())
+    assert Workflow.here() == flow and flow.track == Track("sqlite:///mlflow.db", "own")
+    assert flow.rows["ours_full"] == ["table1", "table2"] and flow.tags["sweep"] == "false"
+    assert flow.settings["train"]["steps"] == 24 and "track" not in flow.settings
+    others = ("scale=smoke", "scale=smoke train.lr=0.5", "scale=smoke track=none")
+    marks = [Plan({"hydra": words}).tracked().fingerprint for words in others]
+    assert marks[0] == marks[2] != marks[1]
+    swept = Plan({"hydra": "scale=smoke", "runs": {"lr_1": ["train.lr=1"]}}).tracked()
+    assert (
+        swept.track.experiment == "smoke sweeps" and swept.tags["sweep"] == "true" and swept.rows == {"lr_1": ["sweep"]}
+    )
+    json.loads(flow.dumps())
+
+
+def test_runs_on_a_server_and_the_server_of_relight_ui(tmp_path):
+    """`relight ui` takes overrides, says where the runs are, and is one server that ends with it."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+    words = ["ui", f"track.uri=sqlite:///{tmp_path}/a.db", "track.experiment=mine", "--port", str(port)]
+    server = subprocess.Popen(
+        [sys.executable, "-m", "relight.cli", *words],
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    try:
+        line = server.stdout.readline()
+        address = f"http://127.0.0.1:{port}"
+        assert line.startswith(f"MLflow: {address}/#/experiments/1/runs")
+        deadline = time.monotonic() + 120
+        while time.monotonic() < deadline:
+            try:
+                urllib.request.urlopen(f"{address}/health").read()
+                break
+            except OSError:
+                time.sleep(0.2)
+        run = Training(Track(address, "mine"), "ours.s0", "1" * 64, {str(i): i for i in range(150)})
+        run.show(np.zeros((8, 8, 3), np.uint8), 4)
+        run.log({"loss": 0.5}, 4)
+        assert not run.told
+        found = MlflowClient(address).get_run(run.id)
+        assert found.info.experiment_id == "1" and found.data.metrics["loss"] == 0.5 and len(found.data.params) == 150
+        assert MlflowClient(address).list_artifacts(run.id, "images")
+        family = [server.pid, *(child.pid for child in psutil.Process(server.pid).children(recursive=True))]
+        assert len(family) <= 4, "one person looks"
+    finally:
+        server.send_signal(signal.SIGTERM)
+        server.wait(timeout=60)
+    left = psutil.wait_procs([psutil.Process(pid) for pid in family if psutil.pid_exists(pid)], timeout=30)[1]
+    assert not left

@@ -9,17 +9,15 @@ from omegaconf import OmegaConf
 from people import person
 
 from relight.config import composed
-from relight.evaluation.evaluate import chosen_pairs, nothing
+from relight.evaluation.evaluate import chosen_pairs, has_pairs
 from relight.files import UserError
 from relight.learning.data import RelitSet
-from relight.learning.train import material
-from relight.maps.exr import read_info, read_maps
-from relight.maps.packed import Packed
-from relight.meshes.align import align
-from relight.meshes.mesh import Material, Mesh
+from relight.learning.train import selection
+from relight.maps import PackedMaps, read_info, read_maps
+from relight.meshes import Material, Mesh, align
 from relight.stages import bake, pack, split
 from relight.stages.step import left_out
-from relight.transport.view import random_view
+from relight.transport import random_view
 from relight.workflow import Plan
 
 FIGURES = ("ann", "bob", "eve")
@@ -90,7 +88,7 @@ def test_a_figure_is_left_out_with_all_its_views(made):
 
 
 def test_views_are_on_the_side_of_their_figure(made, settings):
-    packed = Packed(made / "packed")
+    packed = PackedMaps(made / "packed")
     assert packed.names == [f"{look}{end}" for look in ("ann", "bob", "bob.o1") for end in ("", ".v1", ".v2")]
     assert packed.figures == 3 * ["ann"] + 6 * ["bob"] and packed.subjects == 3 * ["annie"] + 6 * ["bob"]
     assert [view is None for view in packed.views] == 3 * [True, False, False]
@@ -98,10 +96,10 @@ def test_views_are_on_the_side_of_their_figure(made, settings):
     parts = json.loads((made / "split").read_text())
     assert sorted(parts["train"] + parts["test"]) == ["ann", "bob"], "the split deals figures"
     data = RelitSet(made / "packed", made / "lights.npz", 2, "photo")
-    trained = [data.names[i] for i in material(data, made / "split", settings.train)[0]]
+    trained = [data.names[i] for i in selection(data, made / "split", settings.train)[0]]
     own = parts["train"][0]
     assert trained == [name for name, figure in zip(packed.names, packed.figures) if figure == own]
-    assert len(material(data, made / "split", replace(settings.train, figures=1))[0]) == len(trained)
+    assert len(selection(data, made / "split", replace(settings.train, figures=1))[0]) == len(trained)
 
 
 def test_outfits_are_maps_of_their_own_that_share_transport(made):
@@ -132,8 +130,8 @@ def test_the_front_is_evaluated_unless_views_are_asked_for(made, settings):
         part: [data.names[i] for i in chosen_pairs(data, made / "split", figures=part)[0]] for part in ("test", "views")
     }
     assert found == {"test": [own], "views": [f"{own}.v1", f"{own}.v2"]}
-    assert not nothing(data, made / "split", replace(settings.evaluate, figures="views"))
-    assert nothing(data, made / "split", replace(settings.evaluate, figures="sitting"))
+    assert has_pairs(data, made / "split", replace(settings.evaluate, figures="views"))
+    assert not has_pairs(data, made / "split", replace(settings.evaluate, figures="sitting"))
 
 
 def test_plan_names_the_maps():

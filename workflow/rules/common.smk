@@ -2,14 +2,16 @@ import os
 import re
 import shlex
 import sys
+from pathlib import Path
 
-sys.path.insert(0, workflow.basedir)
+sys.path.insert(0, str(Path(workflow.basedir).parent))
 
 from snakemake.exceptions import WorkflowError
 
 from relight.files import UserError, odd
 from relight.processes import STARTED_BY
 from relight.scheduling import calm
+from relight.track import WORKFLOW, conclude
 from relight.workflow import Plan
 
 calm()
@@ -21,6 +23,8 @@ try:
 except UserError as error:
     raise WorkflowError(str(error)) from None
 OUT = PLAN.out
+FLOW = PLAN.tracked()
+os.environ[WORKFLOW] = FLOW.dumps()
 
 
 onstart:
@@ -29,52 +33,20 @@ onstart:
 
 onsuccess:
     PLAN.settle({str(path) for job in workflow.dag.jobs for path in job.output})
+    conclude(FLOW, PLAN.networks, Path(OUT, "report"))
+
+
+onerror:
+    conclude(FLOW, PLAN.networks, Path(OUT, "report"), failed=True)
 
 
 wildcard_constraints:
-    figure="|".join(map(re.escape, PLAN.figures)),
+    figure="|".join(map(re.escape, PLAN.alone)),
+    tens="|".join(PLAN.tens),
     run="|".join(map(re.escape, PLAN.runs)),
     experiment="|".join(map(re.escape, PLAN.experiments)),
     kind="subject|paper|disjoint|siblings",
     on="((test|sitting|views)-(test|unusual)/)?",
-
-
-# The settings of every stage are a file in the graph, so that a change re-runs what reads them, and what follows.
-rule settings:
-    output:
-        f"{OUT}/config/{{stage}}.yaml",
-    localrule: True
-    params:
-        text=lambda wildcards: PLAN.settings(wildcards.stage),
-    shell:
-        "printf %s {params.text:q} > {output:q}"
-
-
-MAPS = [name for figure in PLAN.figures for name in PLAN.maps(figure)]
-
-
-# The figures of this plan, and the maps of all their views, one per line.
-rule listing:
-    output:
-        figures=f"{OUT}/config/figures.txt",
-        maps=f"{OUT}/config/maps.txt",
-    localrule: True
-    params:
-        figures="".join(f"{figure}\n" for figure in PLAN.figures),
-        maps="".join(f"{name}\n" for name in MAPS),
-    shell:
-        "printf %s {params.figures:q} > {output.figures:q}; printf %s {params.maps:q} > {output.maps:q}"
-
-
-# What the report is to answer.
-rule experiments:
-    output:
-        f"{OUT}/config/experiments.json",
-    localrule: True
-    params:
-        text=lambda wildcards: PLAN.asked(),
-    shell:
-        "printf %s {params.text:q} > {output:q}"
 
 
 def settings(stage):
@@ -99,5 +71,40 @@ def files(paths):
     return [str(path) for path in paths if not odd(path)]
 
 
-LOGGED = " 2>&1 | tee {log:q}"
-LOGGED_RUN = LOGGED + """ | sed -u s/^/{rule:q}" "{wildcards.run:q}": "/"""
+def several(port, words, suffix):
+    """A word `port=path`, or `port=[path,...]` where a rule makes several; their names need no quotes for Hydra."""
+    return f'{port}="[$(echo {words} | tr " " ,)]" ' if suffix else f"{port}={words} "
+
+
+def split_of(run):
+    """The split that a run is trained and scored on."""
+    return f"{OUT}/split/{PLAN.of_run(run).split.kind}.json"
+
+
+def condition(on):
+    """Overrides for the figures and lights that a folder of scores is about: "" or "sitting-test"."""
+    figures, lights = Path(on).name.split("-") if on else ("test", "test")
+    return f"evaluate.figures={figures} evaluate.lights={lights}"
+
+
+def networks_of(experiment):
+    """All trainings of an experiment's rows."""
+    if experiment not in PLAN.experiments:
+        return []
+    rows = PLAN.experiments[experiment].rows
+    return [PLAN.network(run) for row in rows for run in PLAN.of_row(row)]
+
+
+def own_results(experiment):
+    """What the report needs of an experiment that has stages of its own."""
+    if experiment == "light_transfer":
+        return rules.light_transfer.output
+    if experiment == "path_traced":
+        return rules.path_traced.output
+    rows = PLAN.experiments[experiment].rows
+    return [f"{OUT}/inference_time/{PLAN.of_row(row)[0]}.csv" for row in rows]
+
+
+# A stage says first what it was called with (relight.stages.stage): lines with "# ", which are for the log alone.
+LOGGED = " 2>&1 | tee {log:q} | sed -u '\\,^# ,d'"
+LOGGED_RUN = LOGGED + """ | sed -u s,^,{rule:q}" "{wildcards.run:q}": ","""

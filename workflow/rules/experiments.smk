@@ -1,12 +1,4 @@
 # Experiments that are no table of trainings: each has stages of its own, and rows that say which networks they use.
-def networks_of(experiment):
-    """All trainings of an experiment's rows."""
-    if experiment not in PLAN.experiments:
-        return []
-    rows = PLAN.experiments[experiment].rows
-    return [PLAN.network(run) for row in rows for run in PLAN.of_row(row)]
-
-
 TEST_SPLIT = f"{OUT}/split/{PLAN.cfg.split.kind}.json"
 
 
@@ -20,9 +12,11 @@ rule light_transfer:
         lights=f"{OUT}/lights/lights.npz",
     output:
         scores=f"{OUT}/light_transfer/scores.csv",
-        plate=f"{OUT}/light_transfer/swaps.png",
+        plate=f"{OUT}/light_transfer/plate.png",
     log:
         f"{OUT}/log/light_transfer.log",
+    benchmark:
+        f"{OUT}/benchmark/light_transfer/all.tsv"
     resources:
         mem_mb=8000,
         gpu=PLAN.gpus,
@@ -66,9 +60,11 @@ rule path_traced:
         traced=f"{OUT}/path_traced/traced.npz",
     output:
         scores=f"{OUT}/path_traced/scores.csv",
-        plate=f"{OUT}/path_traced/pictures.png",
+        plate=f"{OUT}/path_traced/plate.png",
     log:
         f"{OUT}/log/path_traced.log",
+    benchmark:
+        f"{OUT}/benchmark/path_traced/all.tsv"
     resources:
         mem_mb=8000,
         gpu=PLAN.gpus,
@@ -100,19 +96,9 @@ rule inference_time:
         + LOGGED_RUN
 
 
-def own_results(experiment):
-    """What the report needs of an experiment that has stages of its own."""
-    if experiment == "light_transfer":
-        return rules.light_transfer.output
-    if experiment == "path_traced":
-        return rules.path_traced.output
-    rows = PLAN.experiments[experiment].rows
-    return [f"{OUT}/inference_time/{PLAN.of_row(row)[0]}.csv" for row in rows]
-
-
 OWN_RESULTS = [
     path
     for name, experiment in PLAN.experiments.items()
     if not experiment.table
-    for path in own_results(name)
+    for path in PLAN.own_files(name)
 ]

@@ -1,95 +1,127 @@
-if PLAN.scans:
+# From seeds or scans to the packed set. Where ten figures of one decade (g0120 to g0129) are all in the plan, one job makes
+# them: a process takes seconds to start, as long as it takes for its work on a figure. Which these are does not
+# depend on the machine, nor on how many other figures there are.
+for SUFFIX, ONE, NAMES in PLAN.portions:
 
-    rule scan:
+    if PLAN.scans:
+
+        rule:
+            name:
+                "scan"
+            input:
+                cfg=settings("scan"),
+                mesh=lambda wildcards: files([PLAN.scans[wildcards.figure].path]),
+                table=PLAN.table,
+            output:
+                f"{OUT}/figures/{{figure}}.npz",
+            log:
+                f"{OUT}/log/scan/{{figure}}.log",
+            group:
+                "figures"
+            resources:
+                mem_mb=4000,
+            shell:
+                command("scan")
+                + named("io.figure", "wildcards.figure")
+                + "io.out={output:q}"
+                + LOGGED
+
+    else:
+
+        rule:
+            name:
+                f"figure{SUFFIX}"
+            input:
+                cfg=settings("figure"),
+            output:
+                [f"{OUT}/figures/{name}.npz" for name in NAMES],
+            log:
+                f"{OUT}/log/figure/{ONE}.log",
+            benchmark:
+                f"{OUT}/benchmark/figure/{ONE}.tsv"
+            group:
+                "figures"
+            resources:
+                mem_mb=3000,
+            shell:
+                command("figure")
+                + several(
+                    "io.figure", " ".join(NAMES).replace("{", "{wildcards."), SUFFIX
+                )
+                + several("io.out", "{output:q}", SUFFIX)
+                + LOGGED
+
+    rule:
+        name:
+            f"clean{SUFFIX}"
         input:
-            cfg=settings("scan"),
-            mesh=lambda wildcards: files([PLAN.scans[wildcards.figure].path]),
-            table=PLAN.table,
+            cfg=settings("clean"),
+            mesh=[f"{OUT}/figures/{name}.npz" for name in NAMES],
         output:
-            f"{OUT}/figures/{{figure}}.npz",
+            [temp(f"{OUT}/clean/{name}.npz") for name in NAMES],
         log:
-            f"{OUT}/log/scan/{{figure}}.log",
-        group:
-            "figures"
-        resources:
-            mem_mb=4000,
-        shell:
-            command("scan")
-            + named("io.figure", "wildcards.figure")
-            + "io.out={output:q}"
-            + LOGGED
-
-else:
-
-    rule figure:
-        input:
-            cfg=settings("figure"),
-        output:
-            f"{OUT}/figures/{{figure}}.npz",
-        log:
-            f"{OUT}/log/figure/{{figure}}.log",
+            f"{OUT}/log/clean/{ONE}.log",
         benchmark:
-            f"{OUT}/benchmark/figure/{{figure}}.tsv"
+            f"{OUT}/benchmark/clean/{ONE}.tsv"
         group:
             "figures"
         resources:
             mem_mb=3000,
         shell:
-            command("figure")
-            + named("io.figure", "wildcards.figure")
-            + "io.out={output:q}"
+            command("clean")
+            + several("io.mesh", "{input.mesh:q}", SUFFIX)
+            + several("io.out", "{output:q}", SUFFIX)
             + LOGGED
 
+    rule:
+        name:
+            f"align{SUFFIX}"
+        input:
+            cfg=settings("align"),
+            mesh=[f"{OUT}/clean/{name}.npz" for name in NAMES],
+            table=PLAN.cfg.align.table or [],
+        output:
+            [f"{OUT}/aligned/{name}.npz" for name in NAMES],
+        log:
+            f"{OUT}/log/align/{ONE}.log",
+        benchmark:
+            f"{OUT}/benchmark/align/{ONE}.tsv"
+        group:
+            "figures"
+        resources:
+            mem_mb=2000,
+        shell:
+            command("align")
+            + several("io.mesh", "{input.mesh:q}", SUFFIX)
+            + several("io.out", "{output:q}", SUFFIX)
+            + LOGGED
 
-rule clean:
-    input:
-        cfg=settings("clean"),
-        mesh=f"{OUT}/figures/{{figure}}.npz",
-    output:
-        temp(f"{OUT}/clean/{{figure}}.npz"),
-    log:
-        f"{OUT}/log/clean/{{figure}}.log",
-    group:
-        "figures"
-    resources:
-        mem_mb=3000,
-    shell:
-        command("clean") + "io.mesh={input.mesh:q} io.out={output:q}" + LOGGED
-
-
-rule align:
-    input:
-        cfg=settings("align"),
-        mesh=f"{OUT}/clean/{{figure}}.npz",
-        table=PLAN.cfg.align.table or [],
-    output:
-        f"{OUT}/aligned/{{figure}}.npz",
-    log:
-        f"{OUT}/log/align/{{figure}}.log",
-    group:
-        "figures"
-    resources:
-        mem_mb=2000,
-    shell:
-        command("align") + "io.mesh={input.mesh:q} io.out={output:q}" + LOGGED
-
-
-rule bake:
-    input:
-        cfg=settings("bake"),
-        mesh=f"{OUT}/aligned/{{figure}}.npz",
-    output:
-        [ensure(f"{OUT}/maps/{name}.exr", non_empty=True) for name in PLAN.maps("{figure}")],
-    log:
-        f"{OUT}/log/bake/{{figure}}.log",
-    benchmark:
-        f"{OUT}/benchmark/bake/{{figure}}.tsv"
-    group:
-        "figures"
-    resources:
-        mem_mb=2000,
-    shell:
-        command("bake") + "io.mesh={input.mesh:q} io.out={output[0]:q}" + LOGGED
+    rule:
+        name:
+            f"bake{SUFFIX}"
+        input:
+            cfg=settings("bake"),
+            mesh=[f"{OUT}/aligned/{name}.npz" for name in NAMES],
+        output:
+            frontal=[ensure(f"{OUT}/maps/{name}.exr", non_empty=True) for name in NAMES],
+            views=[
+                ensure(f"{OUT}/maps/{view}.exr", non_empty=True)
+                for name in NAMES
+                for view in PLAN.maps(name)[1:]
+            ],
+        log:
+            f"{OUT}/log/bake/{ONE}.log",
+        benchmark:
+            f"{OUT}/benchmark/bake/{ONE}.tsv"
+        group:
+            "figures"
+        resources:
+            mem_mb=2000,
+        shell:
+            command("bake")
+            + several("io.mesh", "{input.mesh:q}", SUFFIX)
+            + several("io.out", "{output.frontal:q}", SUFFIX)
+            + LOGGED
 
 
 rule pack:

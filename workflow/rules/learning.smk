@@ -1,14 +1,3 @@
-def split_of(run):
-    """The split that a run is trained and scored on."""
-    return f"{OUT}/split/{PLAN.of_run(run).split.kind}.json"
-
-
-def condition(on):
-    """Overrides for the figures and lights that a folder of scores is about: "" or "sitting-test/"."""
-    figures, lights = on.rstrip("/").split("-") if on else ("test", "test")
-    return f"evaluate.figures={figures} evaluate.lights={lights}"
-
-
 rule train:
     input:
         cfg=settings("train.{run}"),
@@ -42,10 +31,11 @@ rule evaluate:
         lights=f"{OUT}/lights/lights.npz",
         network=f"{OUT}/train/{{run}}.safetensors",
     output:
-        scores=f"{OUT}/evaluate/{{on}}{{run}}.csv",
-        plate=f"{OUT}/evaluate/{{on}}{{run}}.png",
+        f"{OUT}/evaluate/{{on}}{{run}}.csv",
     log:
         f"{OUT}/log/evaluate/{{on}}{{run}}.log",
+    benchmark:
+        f"{OUT}/benchmark/evaluate/{{on}}{{run}}.tsv"
     resources:
         mem_mb=8000,
         gpu=PLAN.gpus,
@@ -54,7 +44,7 @@ rule evaluate:
     shell:
         command("evaluate")
         + "{params.condition} io.packed={input.packed:q} io.split={input.split:q} io.lights={input.lights:q} "
-        + "io.network={input.network:q} io.out={output.scores:q} io.plate={output.plate:q}"
+        + "io.network={input.network:q} io.out={output:q}"
         + LOGGED_RUN
 
 
@@ -68,6 +58,8 @@ rule baselines:
         f"{OUT}/evaluate/{{on}}baselines.{{kind}}.csv",
     log:
         f"{OUT}/log/evaluate/{{on}}baselines.{{kind}}.log",
+    benchmark:
+        f"{OUT}/benchmark/baselines/{{on}}{{kind}}.tsv"
     resources:
         mem_mb=8000,
     params:

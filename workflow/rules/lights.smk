@@ -8,6 +8,8 @@ rule lights:
         record=f"{OUT}/lights/chain.json",
     log:
         f"{OUT}/log/lights.log",
+    benchmark:
+        f"{OUT}/benchmark/lights/all.tsv"
     resources:
         mem_mb=4000,
     shell:

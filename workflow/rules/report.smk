@@ -29,25 +29,39 @@ rule plates:
             PLAN.network(PLAN.of_row(row)[0])
             for row in PLAN.experiments[wildcards.experiment].rows
         ],
+        scores=lambda wildcards: [
+            f"{OUT}/{path}"
+            for paths in PLAN.scores(wildcards.experiment).values()
+            for path in paths
+        ],
         packed=f"{OUT}/packed.safetensors",
         lights=f"{OUT}/lights/lights.npz",
         split=lambda wildcards: f"{OUT}/split/{PLAN.kind(wildcards.experiment)}.json",
     output:
-        report(
+        plates=report(
             f"{OUT}/report/{{experiment}}_plates.png",
             category="Pictures",
             caption="../report/plates.rst",
         ),
+        overview=f"{OUT}/report/{{experiment}}_overview.png",
+        extremes=report(
+            f"{OUT}/report/{{experiment}}_extremes.png",
+            category="Pictures",
+            caption="../report/extremes.rst",
+        ),
     log:
         f"{OUT}/log/plates.{{experiment}}.log",
+    benchmark:
+        f"{OUT}/benchmark/plates/{{experiment}}.tsv"
     params:
         condition=lambda wildcards: condition(PLAN.on(wildcards.experiment)),
     shell:
         command("plates")
         + "{params.condition} io.experiments={input.experiments:q} "
         + named("io.experiment", "wildcards.experiment")
-        + f"io.networks={OUT}/train io.packed={{input.packed:q}} "
-        + "io.lights={input.lights:q} io.split={input.split:q} io.out={output:q}"
+        + f"io.results={OUT} io.packed={{input.packed:q}} "
+        + "io.lights={input.lights:q} io.split={input.split:q} io.out={output.plates:q} "
+        + "io.overview={output.overview:q} io.extremes={output.extremes:q}"
         + LOGGED
 
 
@@ -70,6 +84,8 @@ rule sheets:
         histogram=f"{OUT}/report/occlusion.png",
     log:
         f"{OUT}/log/sheets.log",
+    benchmark:
+        f"{OUT}/benchmark/sheets/all.tsv"
     shell:
         command("sheets")
         + f"io.names={{input.names:q}} io.maps={OUT}/maps io.lights={{input.lights:q}} "
@@ -86,7 +102,11 @@ rule report:
         chain=f"{OUT}/lights/chain.json",
         scores=lambda wildcards: PLAN.score_files,
         curves=expand(f"{OUT}/train/{{run}}.csv", run=PLAN.scored),
-        plates=expand(f"{OUT}/report/{{experiment}}_plates.png", experiment=PLAN.plates),
+        plates=expand(
+            f"{OUT}/report/{{experiment}}_{{kind}}.png",
+            experiment=PLAN.plates,
+            kind=["plates", "overview", "extremes"],
+        ),
         figures=f"{OUT}/report/figures.png",
         lights=f"{OUT}/report/lights.png",
         occlusion=f"{OUT}/report/occlusion.csv",
@@ -120,6 +140,8 @@ rule viewer:
         f"{OUT}/report/viewer.html",
     log:
         f"{OUT}/log/viewer.log",
+    benchmark:
+        f"{OUT}/benchmark/viewer/all.tsv"
     shell:
         command("viewer")
         + f"io.split={{input.split:q}} io.maps={OUT}/maps io.lights={{input.lights:q}} io.out={{output:q}}"

@@ -24,7 +24,7 @@ dependencies:
 
 
 def main() -> None:
-    extras = [f"--extra={extra}" for extra in ("dev", "slurm", "bench", "export")]
+    extras = [f"--extra={extra}" for extra in ("dev", "docs", "slurm", "bench", "export")]
     command = [sys.executable, "-m", "uv", "pip", "compile", "pyproject.toml", *extras]
     command += ["--universal", "--no-header", "--no-annotate", "--python-version=3.11", "--quiet"]
     with tempfile.NamedTemporaryFile("w", suffix=".txt") as pins:

@@ -12,11 +12,9 @@ from PIL import Image
 from relight import srgb
 from relight.config import ROOT, composed
 from relight.figures.dress import make_figure
-from relight.lights.load import load_light
-from relight.lights.show import ball
-from relight.meshes.align import align
-from relight.meshes.clean import clean
-from relight.transport.bake import bake
+from relight.lights import lit_ball, load_light
+from relight.meshes import align, clean
+from relight.transport import bake
 
 SIZE, WIDTH = 448, 224
 PAPER = 0.97
@@ -55,7 +53,7 @@ def halved(picture: np.ndarray) -> np.ndarray:
 def add_ball(picture: np.ndarray, light: np.ndarray) -> None:
     """Draws the lit ball of a light into the picture's lower right corner."""
     size = SIZE // 9
-    drawn = ball(light, size)
+    drawn = lit_ball(light, size)
     corner = picture[-size:, -size:]
     corner[:] = drawn[..., :3] * drawn[..., 3:] + corner * (1 - drawn[..., 3:])
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from relight import config
 from relight.learning.checkpoint import load_network, save_network
-from relight.lights.table import load
+from relight.lights import read_light_set
 
 OUT = Path(config.ROOT) / "relight" / "weights"
 LIMIT = 16 * 2**20
@@ -25,8 +25,8 @@ parameters in half precision.
 | | |
 |---|---|
 | network | `{model}`, width {width}, {size} px |
-| trained on | {figures} generated figures (generator version {generator}) under {lights} generated rooms |
-| training | {training}, in {precision} |
+| training | {training}; in {precision} |
+| lights | {lights} generated rooms |
 | pictures | a camera's: linear light, exposed, clipped, 8-bit sRGB; augmented as docs/training.md says |
 | held out | {test_figures} figures, {test_lights} lights |
 | licence | Apache-2.0; the training data are generated from public-domain sources (docs/figures.md) |
@@ -50,16 +50,17 @@ white balance: `python benchmarks/invariance.py relight/weights/photo.safetensor
 
 def main(results: Path, run: str) -> None:
     network, made_with = load_network(results / "train" / f"{run}.safetensors")
-    chosen = load(results / "lights" / "lights.npz")
+    chosen = read_light_set(results / "lights" / "lights.npz")
     training = np.concatenate([chosen.of(mark).coefficients for mark in made_with["train"]["lights"]])
     model = config.Model(**made_with["model"])
     out = OUT / "photo.safetensors"
-    stages = [made_with]
-    while stages[0]["train"]["start"]:
-        stages.insert(0, load_network(stages[0]["train"]["start"])[1])
+    split = json.loads((results / "split" / "subject.json").read_text())
+    infos = json.loads((results / "figures.json").read_text())["figures"]
+    generator = sorted({info["generator"] for info in infos.values()})
+    stages = lineage(made_with, {"figures": len(split["train"]), "generator": generator})
     rest = {key: made_with[key] for key in ("loss", "train", "augment")}
     rest["train"] = {**rest["train"], "start": None}  # a path of this machine
-    save_network(out, network, model, half=True, **rest, lights=np.round(training, 5).ravel().tolist())
+    save_network(out, network, model, half=True, **rest, stages=stages, lights=np.round(training, 5).ravel().tolist())
     if out.stat().st_size > LIMIT:
         sys.exit(
             f"{out} has {out.stat().st_size / 2**20:.1f} MiB, over {LIMIT / 2**20:.0f}: give a smaller model.width"
@@ -67,19 +68,16 @@ def main(results: Path, run: str) -> None:
     with open(results / "evaluate" / f"{run}.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     names = ("shading_rmse", "transport_rmse", "albedo_rmse", "light_rmse")
-    split = json.loads((results / "split" / "subject.json").read_text())
-    infos = json.loads((results / "figures.json").read_text())["figures"]
     facts = {
-        "generator": " and ".join(str(version) for version in sorted({info["generator"] for info in infos.values()})),
         "precision": made_with["train"]["precision"],
         "parameters": sum(p.numel() for p in network.parameters()) / 1e6,
         "model": made_with["model"]["name"],
         "width": model.width,
         "size": network.size,
-        "figures": len(split["train"]),
         "lights": len(training),
-        "training": ", then ".join(
-            f"{stage['train']['steps']:,} steps of {stage['train']['batch']} pictures at {stage['size']} px"
+        "training": "; ".join(
+            f"{stage['steps']:,} steps of {stage['batch']} images at {stage['size']} px, of {stage['figures']} figures "
+            f"(generator version {' and '.join(map(str, stage['generator']))})"
             for stage in stages
         ),
         "test_figures": len({row["figure"] for row in rows}),
@@ -88,6 +86,21 @@ def main(results: Path, run: str) -> None:
     }
     (OUT / "README.md").write_text(CARD.format(**facts))
     print(f"{out}: {out.stat().st_size / 2**20:.1f} MiB")
+
+
+def lineage(config: dict, data: dict) -> list[dict]:
+    """The trainings that led to a network, oldest first.
+
+    Args:
+        config: of the network.
+        data: facts on the figures that it was trained on; the networks that it went on from are taken to have seen the
+            same, unless their own config tells.
+    """
+    if "stages" in config:
+        return config["stages"]
+    start, own = config["train"]["start"], {key: config["train"][key] for key in ("steps", "batch")}
+    before = lineage(load_network(start)[1], data) if start else []
+    return [*before, {**own, "size": config["size"], **data}]
 
 
 if __name__ == "__main__":

@@ -1,49 +1,130 @@
-"""The report: what came out, a section per experiment, and what it was made from."""
+"""The report: what was asked and what came out, a section per experiment, and what it was made from."""
 
+import sys
+import traceback
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
+
+from markupsafe import Markup
 
 from relight import config
-from relight.evaluation.claims import claims, listed, matrix, paragraph
-from relight.evaluation.formats import count
-from relight.evaluation.page import Section, build_page, fold, picture, prose
-from relight.evaluation.plots import plot_curves, plot_errors
-from relight.evaluation.report import data
-from relight.evaluation.report.experiments import section
+from relight.evaluation.paper import CITATION
+from relight.evaluation.report import data, own, page, sections
+from relight.evaluation.report.provenance import costs, provenance
 from relight.evaluation.report.results import Results
+from relight.files import UserError, whole
+
+T = TypeVar("T")
+
+
+@dataclass
+class Part:
+    """A section: its anchor, its heading, and its HTML; `failed`: it could not be made, and its HTML says why."""
+
+    name: str
+    heading: str
+    html: Markup
+    failed: bool = False
 
 
 def build_report(name: str, settings: config.Evaluate, experiments: Path, folder: Path, out: Path) -> None:
-    """Writes the page of the run `name` to `out`, with its pictures beside it; folder: results/<name>."""
+    """Writes the page of a run, and beside it its charts and the tables of experiments with stages of their own.
+
+    A section that cannot be made says so, and takes no other along.
+
+    Args:
+        name: of the run.
+        settings: how many resamples, their seed, how many figures the sheets show.
+        experiments: what was asked for (experiments.json, `Plan.asked`).
+        folder: results/<name>.
+        out: the page (.html).
+
+    Raises:
+        UserError: no section could be made.
+    """
     results = Results(folder, settings, experiments)
-    compared = results.tables  # none where all experiments have stages of their own
-    sections = [
-        *([Section("What came out", verdict(results))] if compared else []),
-        *(section(results, experiment) for experiment in results.experiments),
-        *([Section("Training", training(results, out))] if compared else []),
-        Section("Figures", data.figures(results)),
-        Section("Lights", data.lights(results)),
-        Section("Cost and settings", data.costs(results)),
+    compared = bool(results.tables)  # none where all experiments have stages of their own
+    made = [
+        *([part("what-came-out", "What came out", "summary.md", sections.summary, results)] if compared else []),
+        Part("how-to-read", "How to read this page", page.section("sections/reading.md")),
+        *(experiment(results, one) for one in results.experiments),
+        *([part("training", "Training", "training.md", data.training, results)] if compared else []),
+        part("figures", "Figures", "figures.md", data.figures, results),
+        part("lights", "Lights", "lights.md", data.lights, results),
+        part("cost-and-settings", "Cost and settings", "costs.md", data.costs_and_settings, results),
     ]
-    lead = (
-        f"{count(len(results.record['figures']), 'figure')}, {count(len(results.runs), 'training')}; numbers were "
-        "measured in this run, but for the rows called “as printed”, which are the paper's."
+    failed = sum(one.failed for one in made)
+    if failed == len(made) - 1:
+        raise UserError(f"{folder}: no section of the report could be made; the reasons are above")
+    html = page.page("page.html", title=f"relight: {name}", head=head(name, results, failed), sections=made)
+    with whole(out) as tmp:
+        tmp.write_text(html, encoding="utf-8")
+
+
+def experiment(results: Results, name: str) -> Part:
+    """The section of an experiment."""
+    one = results.experiments[name]
+    if one.get("failed"):
+        missing = ", ".join(one["failed"])
+        return failure(
+            name, results.title(name), f"Its jobs failed: {missing} was not made. {results.folder}/log says why."
+        )
+    make = own.OWN.get(name, sections.experiment)
+    template = f"{name}.md" if name in own.OWN or name in sections.EXPERIMENTS else "experiment.md"
+    return part(name, results.title(name), template, lambda results: make(results, name), results)
+
+
+def part(name: str, heading: str, template: str, numbers: Callable[[Results], dict], results: Results) -> Part:
+    """A section from its numbers and its words; when either fails, one that says why."""
+    try:
+        return Part(name, heading, page.section(f"sections/{template}", **numbers(results)))
+    except Exception as error:  # whatever it is: the other sections must not be lost
+        traceback.print_exc(file=sys.stderr)
+        return failure(name, heading, f"{type(error).__name__}: {error}" if str(error) else type(error).__name__)
+
+
+def failure(name: str, heading: str, reason: str) -> Part:
+    return Part(name, heading, page.section("sections/failed.md", reason=reason), failed=True)
+
+
+def head(name: str, results: Results, failed: int) -> Markup:
+    """The first screen: what was asked, of which paper, what came out, and where this page comes from."""
+    outcome = attempt(lambda: sections.summary(results))
+    lights = attempt(lambda: results.lights["lights"])
+    figures = attempt(lambda: len(results.record["figures"]))
+    found, wall = costs(results.folder)
+    shown = [one for one in results.tables if results.experiments[one]["plates"]]
+    hero = next((results.report / f"{one}_overview.png" for one in shown), results.report / "figures.png")
+    questions = [(one, results.title(one), about["question"]) for one, about in results.experiments.items()]
+    return page.section(
+        "head.md",
+        title=f"relight: {name}",
+        paper=CITATION,
+        questions=questions,
+        outcome=outcome,
+        failed=failed,
+        hero=hero if hero.exists() else None,
+        hero_caption=HERO if shown else "Figures of the data set: lit, albedo, normals, ambient occlusion, shading.",
+        figures=figures,
+        lights=lights,
+        trainings=len(results.runs),
+        origin=provenance(results.folder),
+        wall=wall,
+        seconds=float(found.seconds.sum()),
     )
-    build_page(f"relight: {name}", sections, out, lead)
 
 
-def verdict(results: Results) -> str:
-    """Which of the paper's orderings hold here: how many, which, and with what numbers."""
-    tables = [results.table(name) for name in results.tables if results.usual(name)]
-    link = '<p><a href="viewer.html">Turn the light on the test figures with the mouse</a>'
-    if not claims(tables):
-        return prose(paragraph(tables)) + link
-    return prose(paragraph(tables)) + matrix(tables) + link + fold("Every comparison in numbers", listed(tables))
+def attempt(make: Callable[[], T]) -> T | None:
+    """What `make` returns; nothing where it fails, for a section of its own says why."""
+    try:
+        return make()
+    except Exception:
+        return None
 
 
-def training(results: Results, out: Path) -> str:
-    """Errors of the first table with their intervals, and the losses over the steps."""
-    errors, curves = out.with_name("errors.png"), out.with_name("curves.png")
-    table = results.table(results.tables[0])
-    plot_errors(table, tuple(c for c in table.columns if c.endswith("rmse")), errors)
-    plot_curves([results.folder / "train" / f"{run}.csv" for run in results.runs], curves)
-    return picture(errors, "Errors with 95 % intervals over test figures.") + picture(curves, "Losses while training.")
+HERO = (
+    "A test figure: the truth, and what a network infers from the first picture alone. Relit: albedo and transport "
+    "under the light of the small sphere."
+)

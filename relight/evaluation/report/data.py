@@ -1,80 +1,145 @@
-"""The sections of the report about what the networks were trained on, and what it took."""
+"""The numbers of the sections about training, figures, lights, cost and settings."""
 
-import csv
-import json
+import re
+from collections import Counter
+from typing import Any
 
-import yaml
-
-from relight.evaluation.page import fold, grid, picture, prose, settings_list
+from relight.evaluation import charts, occlusion
+from relight.evaluation.formats import Grid, number
+from relight.evaluation.paper import IMPLIED_AO, IMPLIED_LOST
+from relight.evaluation.report.provenance import costs
 from relight.evaluation.report.results import Results
-from relight.evaluation.report.shadows import occlusion, redraws
+
+Numbers = dict[str, Any]
 
 
-def figures(results: Results) -> str:
+def training(results: Results) -> Numbers:
+    """Errors of the first table with their intervals, and the losses over the steps."""
+    made = {"errors": results.report / "errors.png", "curves": results.report / "curves.png"}
+    table = results.table(results.readable[0])
+    charts.plot_errors(table, tuple(c for c in table.columns if c.endswith("rmse")), made["errors"])
+    charts.plot_curves([results.folder / "train" / f"{run}.csv" for run in results.runs], made["curves"])
+    return made
+
+
+def figures(results: Results) -> Numbers:
     """The figures, how much they shadow themselves, what was repaired, and what was left out and why."""
     infos, left_out = results.record["figures"], results.record["left_out"]
-    shown = min(len(infos), results.settings.sheet)
-    caption = f"The first {shown} of {len(infos)} figures: lit, albedo, normals, ambient occlusion, shading."
-    parts = [prose(f"{len(infos) - len(left_out)} of {len(infos)} figures are in the data set.")]
-    if left_out:
-        parts.append(grid(["left out", "why"], [[name, reason] for name, reason in left_out.items()]))
-    parts += [redraws(infos), picture(results.report / "figures.png", caption), occlusion(results)]
+    found = occlusion.read_occlusions(results.report / "occlusion.csv")
+    every = occlusion.group(found, "all figures")
     repairs = [
-        [name, ", ".join(f"{what} {count}" for what, count in info["repairs"].items())]
+        [name, ", ".join(f"{what} {many}" for what, many in info["repairs"].items())]
         for name, info in infos.items()
         if info.get("repairs")
     ]
-    if repairs:
-        parts.append(fold("What cleaning repaired", grid(["figure", "repairs"], repairs)))
-    return "\n".join(parts)
+    each = [[one.name, one.pose, ", ".join(one.garments), one.ao, one.dark, one.lost] for one in found]
+    return {
+        "infos": infos,
+        "left_out": pairs(["left out", "reason"], left_out),
+        "shown": min(len(infos), results.settings.sheet),
+        "sheet": results.report / "figures.png",
+        "histogram": results.report / "occlusion.png",
+        "every": every,
+        "implied": (IMPLIED_AO, IMPLIED_LOST),
+        "by_pose": group_grid("pose", occlusion.by_pose(found), every),
+        "by_garment": group_grid("garment", occlusion.by_garment(found), every),
+        "each": Grid.of(["figure", "pose", "garments", "mean AO", "AO < .5", "rms lost"], each),
+        "repairs": Grid.of(["figure", "repairs"], repairs),
+        **redraws(infos),
+    }
 
 
-def lights(results: Results) -> str:
-    """The illumination set, and what each step of its chain dropped."""
-    record = json.loads((results.folder / "lights" / "chain.json").read_text())
+def group_grid(head: str, groups: list[occlusion.Group], every: occlusion.Group) -> Grid:
+    """Groups, darkest first, with all figures and the paper at the end."""
+    rows = [
+        [one.name, one.figures, one.ao, f"{number(one.least, 2)} to {number(one.most, 2)}", one.dark, one.lost]
+        for one in [*groups, every]
+    ]
+    rows.append(["the paper, implied", None, IMPLIED_AO, None, None, IMPLIED_LOST])
+    heads = [head, "figures", "mean AO", "range", "AO < .5", "rms lost"]
+    return Grid.of(heads, rows, ["network"] * len(groups) + ["baseline"] * 2)
+
+
+def redraws(infos: dict[str, dict]) -> Numbers:
+    """How many figures were drawn anew, and why, from their infos."""
+    drawn = [info for info in infos.values() if "redrawn" in info]
+    reasons = [reason for info in drawn for reason in info["redrawn_because"]]
+    draws, garments = Counter(), {}
+    for reason in reasons:
+        garment, _, why = reason.rpartition(": ")
+        why = re.sub(r"\d+(\.\d+)?", "…", why)
+        draws[why] += 1
+        garments.setdefault(why, Counter())[garment] += bool(garment)
+    rows = [
+        [why, many, ", ".join(f"{name} {n}" for name, n in garments[why].most_common() if n)]
+        for why, many in draws.most_common()
+    ]
+    grid = Grid.of(["gate", "draws", "garments"], rows)
+    return {"drawn": len(drawn), "redrawn": sum(info["redrawn"] > 0 for info in drawn), "reasons": grid}
+
+
+def lights(results: Results) -> Numbers:
+    """The illumination set, what each step of its chain dropped, and which panoramas gave no light."""
+    from relight.lights import read_light_set
+
+    record, chosen = results.lights, read_light_set(results.folder / "lights")
     steps = [
-        [step["step"], step["in"], step["out"], ", ".join(f"{why} {n}" for why, n in step["why"].items() if n)]
-        for step in record["steps"]
+        [one["step"], one["in"], one["out"], ", ".join(f"{why} {n}" for why, n in one["why"].items() if n)]
+        for one in record["steps"]
     ]
-    counts = record["lights"]
-    parts = [
-        prose(f"{counts['train']} training lights and {counts['test']} test lights; the chain went so:"),
-        grid(["step", "in", "out", "dropped (a light may have several reasons)"], steps),
-        picture(results.report / "lights.png", "The lights, as lit spheres."),
-    ]
-    if warnings := record["warnings"]:
-        parts.insert(1, prose("\n\n".join(warnings)))
-    if unreadable := record["unreadable"]:
-        parts.append(fold("Panoramas that could not be read", grid(["file", "why"], list(unreadable.items()))))
-    if repaired := record["repaired"]:
-        parts.append(fold("Panoramas that were mended", grid(["file", "how"], list(repaired.items()))))
-    return "\n".join(parts)
+    test = chosen.of("test")
+    unusual = chosen.rows(chosen.reason != "")
+    return {
+        "counts": record["lights"],
+        "sources": len(set(test.source)),
+        "warnings": record["warnings"],
+        "steps": Grid.of(["step", "lights in", "out", "dropped (a light may have several reasons)"], steps),
+        "sheet": results.report / "lights.png",
+        "test": Grid.of(
+            ["test light", "turned by, degrees"], [[str(s), f"{y:.0f}"] for s, y in zip(test.source, test.yaw)]
+        ),
+        "cut": Grid.of(
+            ["panorama", "turned by, degrees", "reasons", "kept as"],
+            [
+                [str(s), f"{y:.0f}", str(r), str(k)]
+                for s, y, r, k in zip(unusual.source, unusual.yaw, unusual.reason, unusual.split)
+            ],
+        ),
+        "unlit": pairs(["panorama", "rules broken"], record["unlit"]),
+        "unreadable": pairs(["file", "reason"], record["unreadable"]),
+        "repaired": pairs(["file", "how"], record["repaired"]),
+    }
 
 
-def costs(results: Results) -> str:
-    """Seconds and memory of a job per rule, and all settings of this run.
+def costs_and_settings(results: Results) -> Numbers:
+    """Seconds and memory by stage, and all settings of this run."""
+    found, wall = costs(results.folder)
+    rows = [[stage, int(one.jobs), one["mean"], one.seconds, one.cpu, one.memory] for stage, one in found.iterrows()]
+    rows.append(["all", int(found.jobs.sum()), None, found.seconds.sum(), found.cpu.sum(), found.memory.max()])
+    heads = ["stage", "jobs", "s a job", "s in total", "CPU s", "largest memory, GB"]
+    grid = Grid.of(heads, rows, **{"s a job": 1, "s in total": 1, "CPU s": 1, "largest memory, GB": 2})
+    files = results.settings_files()
+    shared: dict[str, Any] = {}
+    for stage, settings in files.items():
+        if not stage.startswith("train."):
+            shared |= settings
+    trained = {run: files[f"train.{run}"] for run in results.runs if f"train.{run}" in files}
+    keys = dict.fromkeys(key for settings in trained.values() for key in settings)
+    same = {key for key in keys if len({str(settings.get(key)) for settings in trained.values()}) == 1}
+    shared |= {key: next(iter(trained.values()))[key] for key in keys if key in same}
+    differ = [[key, *(value_text(one.get(key, "")) for one in trained.values())] for key in keys if key not in same]
+    return {
+        "costs": grid,
+        "wall": wall,
+        "seconds": float(found.seconds.sum()),
+        "shared": Grid.of(["setting", "value"], [[key, value_text(shared[key])] for key in sorted(shared)]),
+        "differing": Grid.of(["setting", *trained], differ),
+    }
 
-    Wall time: of jobs of seconds, Snakemake's samples miss a part of the CPU time.
-    """
-    rows = []
-    for folder in sorted((results.folder / "benchmark").glob("*")):
-        jobs = []
-        for path in folder.glob("*.tsv"):
-            with open(path, newline="") as file:
-                jobs += list(csv.DictReader(file, delimiter="\t"))
-        seconds = [float(job["s"]) for job in jobs]
-        memory = [float(job["max_rss"]) for job in jobs if job["max_rss"] not in ("NA", "-")]
-        if memory:
-            rows.append([folder.name, len(jobs), sum(seconds) / len(seconds), max(memory) / 1024])
-    settings: dict = {}
-    for path in sorted((results.folder / "config").glob("*.yaml")):
-        stage_settings = yaml.safe_load(path.read_text())
-        for key in ("defaults", "hydra"):
-            stage_settings.pop(key)
-        if path.stem.count(".") == 0:
-            settings |= {
-                key: {**settings.get(key, {}), **value} if isinstance(value, dict) else value
-                for key, value in stage_settings.items()
-            }
-    cost = grid(["rule", "jobs", "mean seconds, wall", "largest memory, GB"], rows)
-    return cost + fold("Settings", settings_list(settings))
+
+def pairs(heads: list[str], found: dict[str, str]) -> Grid:
+    return Grid.of(heads, [list(item) for item in found.items()])
+
+
+def value_text(value: Any) -> str:
+    return "none" if value is None else str(value)

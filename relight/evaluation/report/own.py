@@ -1,181 +1,122 @@
-"""The sections of experiments that are no table of trainings. Their tables are written beside the report."""
+"""The numbers of experiments that are no table of trainings. Their tables are written beside the report."""
 
 from collections.abc import Callable
+from typing import Any
 
-import numpy as np
+import pandas as pd
 
-from relight.evaluation.formats import count, number
-from relight.evaluation.page import Section, picture, prose
-from relight.evaluation.path_traced import ANSWERS, CAUSES, traced_tables
-from relight.evaluation.plain import Plain, plain_html, write_plain
+from relight.evaluation import path_traced, timing, transfer
+from relight.evaluation.comparisons import Verdict, compared, correct
+from relight.evaluation.formats import Grid, comparison_grid, count, write_tables
+from relight.evaluation.paper import SECONDS
+from relight.evaluation.report.page import text
 from relight.evaluation.report.results import Results
-from relight.evaluation.report.words import Compared, compared, told
-from relight.evaluation.scores import Scores
-from relight.evaluation.statistics import Estimate, compare, estimate, resample_weights
-from relight.evaluation.tables import ALPHA, LABELS, gather, spread_of_trainings, values
-from relight.evaluation.timing import PRINTED, Time, read_times
-from relight.evaluation.transfer import TRIVIAL, VARIANTS
+from relight.evaluation.scores import gather
+from relight.evaluation.tables import LABELS, estimates
 
-SWAPS = {"reconstruction_rmse": "relit, RMSE", "reconstruction_ssim": "relit, SSIM", "light_rmse": "light, RMSE"}
+Numbers = dict[str, Any]
+PARTS = ("colour", "pattern")  # of a light, which light transfer exchanges one by one
 
 
-def light_transfer(results: Results, name: str) -> Section:
+def light_transfer(results: Results, name: str) -> Numbers:
     """Who swaps lights, and what it is worth beside the picture as it is."""
     rows = gather([results.folder / "light_transfer" / "scores.csv"])
-    networks = {row: trainings for row, trainings in rows.items() if ":" not in row and row not in TRIVIAL}
-    found = {column: estimates(rows, networks, column, results) for column in SWAPS}
-    some = next(iter(rows.values()))[0]
-    title = "Light transfer: each figure relit by the light inferred from another's picture"
-    text = (
-        "The paper (section 7.2) shows pictures and says that inferred lights differ slightly in colour, that their "
-        "patterns are similar, and that relit figures are therefore similar to the truth; it prints no number.\n\n"
-    )
-    text += "\n\n".join(swaps(row, found["reconstruction_rmse"]) for row in networks)
-    table = swap_table(title, networks, found, len(some.figures), len(some.lights))
-    shown = picture(results.folder / "light_transfer" / "swaps.png", "Pairs of test figures that swap their lights.")
-    return Section(title, prose(text) + written(table, results, name) + shown)
-
-
-def estimates(
-    rows: dict[str, list[Scores]], networks: dict[str, list[Scores]], column: str, results: Results
-) -> dict[str, Estimate]:
-    """Row -> mean and interval over pairs; the trainings of the networks tell how much trainings spread."""
-    settings = results.settings
-    pairs = len(next(iter(rows.values()))[0].figures)
-    weights = resample_weights(pairs, settings.bootstrap, settings.seed)
-    spread = spread_of_trainings(networks, (column,))[column]
-    return {
-        row: estimate(values(trainings, column), weights, settings.seed + place, None if row in TRIVIAL else spread)
-        for place, (row, trainings) in enumerate(rows.items())
-    }
-
-
-def swaps(row: str, found: dict[str, Estimate]) -> str:
-    """What one network's swaps are worth, and where their error comes from."""
-
-    def against(*others: str) -> Compared:
-        return {"reconstruction_rmse": compared(found[row], found[others[0]], compare)}
-
-    def surely_more(first: str, second: str) -> bool:
-        difference = compare(found[first], found[second])
-        return difference.mean > 0 and difference.p < ALPHA
-
-    own = {variant: f"{row}:{variant}" for variant in VARIANTS}
-    mean = {variant: number(found[name].mean) for variant, name in own.items() if variant}
-    larger = "which of the two costs more cannot be told"
-    for part, first, second in (("maps", "true_light", "true_maps"), ("light", "true_maps", "true_light")):
-        if surely_more(own[first], own[second]):
-            larger = f"of the two, the {part} cost{'' if part == 'maps' else 's'} more"
-    text = (
-        f"**{LABELS.get(row, row)}** against the picture as it is: {told(against('as_it_is'))}. Against its own maps "
-        f"under the mean training light, for which no light need be inferred: {told(against(own['mean_light']))}. "
-        f"With the true light the error is {mean['true_light']}, with the true maps {mean['true_maps']}: {larger}. "
-        f"With colour and strength of the light made true the error is {mean['true_colour']}, with its pattern made "
-        f"true {mean['true_pattern']}"
-    )
-    parts = (("colour", "true_colour"), ("pattern", "true_pattern"))
-    if worse := [what for what, variant in parts if surely_more(own[variant], row)]:
-        text += f"; that a true {' or '.join(worse)} makes it worse says that maps and light make up for each other"
-    return text + "."
-
-
-def swap_table(title: str, networks: dict, found: dict[str, dict[str, Estimate]], pairs: int, lights: int) -> Plain:
-    lines, italic = [], set()
+    networks = {row: trainings for row, trainings in rows.items() if ":" not in row and row not in transfer.TRIVIAL}
+    heads = {"reconstruction_rmse": "relit, RMSE", "reconstruction_ssim": "relit, SSIM", "light_rmse": "light, RMSE"}
+    found = {c: estimates(rows, c, results.settings, networks, transfer.TRIVIAL) for c in heads}
+    lines, kinds, comparisons, costly, worse = [], [], {}, {}, {}
+    relit = found["reconstruction_rmse"]
     for row in networks:
-        for variant, words in VARIANTS.items():
+        label = LABELS.get(row, row)
+        for variant, words in transfer.VARIANTS.items():
             own = f"{row}:{variant}" if variant else row
-            italic |= {len(lines)} if variant else set()
-            lines.append([f"{LABELS.get(row, row)}: {words}", *(found[column][own] for column in SWAPS)])
-    for trivial, words in TRIVIAL.items():
-        italic.add(len(lines))
-        lines.append([words, *(found[column][trivial] for column in SWAPS)])
-    legend = (
-        f"Means over {count(pairs, 'pair')} of test figures and {count(lights, 'swap')} of test lights for each, ± "
-        "half the 95 % interval (bootstrap over pairs). RMSE is inside the mask, over pixels of the vector norm "
-        "(light: over coefficients). Rows in italics know some of the truth, or look at no light."
-    )
-    return Plain(title, {"": None, **dict.fromkeys(SWAPS.values(), 3)}, lines, legend, frozenset(italic))
-
-
-def path_traced(results: Results, name: str) -> Section:
-    """How far relit pictures are from path tracing, and why."""
-    tables = traced_tables(results.folder / "path_traced" / "scores.csv", results.settings)
-    causes, answers = tables["path_traced_causes"], tables["path_traced"]
-    sizes = {row[0]: row[1].mean for row in causes.rows}
-    relative = {row[0]: row[2].mean for row in answers.rows}
-    networks = [row for row in relative if row not in ANSWERS.values()]
-    ranked = sorted((label for label in sizes if label in CAUSES.values()), key=sizes.get, reverse=True)
-    text = "The paper shows relit figures beside path traced ones and prints no number. "
-    text += f"Relit by the true maps, a figure differs from its path tracing by **{relative[ANSWERS['truth']]:.1f} %** "
-    text += "(root mean square); the causes, largest first: "
-    text += ", ".join(f"{label} (RMSE {sizes[label]:.3f})" for label in ranked) + ". "
-    text += (
-        f"True normals without occlusion differ by {relative[ANSWERS['no_occlusion']]:.1f} %, with ambient occlusion "
-    )
-    text += f"by {relative[ANSWERS['ao_occlusion']]:.1f} %: what is left over true maps is the price of ignoring "
-    text += "the direction of occlusion when interreflection, too, is there. "
-    text += "; ".join(f"**{label}**: {relative[label]:.1f} %" for label in networks)
-    text += f"; leaving the picture as it is: {relative[ANSWERS['as_it_is']]:.1f} %."
-    shown = picture(results.folder / "path_traced" / "pictures.png", "Test figures, relit and path traced.")
-    parts = [prose(text), written(causes, results, f"{name}_causes"), written(answers, results, name), shown]
-    return Section("Path tracing: what lies between a relit picture and the whole light", "\n".join(parts))
-
-
-def inference_time(results: Results, name: str) -> Section:
-    """Seconds for a picture of each network, at each size."""
-    runs = results.experiments[name]["runs"]
-    times = [t for row in runs for t in read_times(results.folder / "inference_time" / f"{runs[row][0]}.csv")]
-    largest = max(t.size for t in times)
-    best = [t for t in times if t.size == largest]
-    text = f"The paper prints {PRINTED} s for a picture of 1024 px on a GeForce GTX 1080 Ti. Here, at {largest} px: "
-    text += "; ".join(f"{LABELS.get(t.row, t.row)}, width {t.width:g}, {place(t)}: **{t.wall:.3g} s**" for t in best)
-    text += ". Weights are untrained: they take no part in how long a network needs."
-    heads = {
-        "": None,
-        "width": None,
-        "parameters": None,
-        "px": None,
-        "on": None,
-        "seconds": 4,
-        "CPU seconds": 4,
-        "GFLOP": 1,
-        "of the matrix rate, %": 0,
+            lines.append([f"{label}: {words}", *(found[column][own] for column in heads)])
+            kinds.append("baseline" if variant else "network")
+        others = {"the picture as it is": "as_it_is", "its own maps under the mean light": f"{row}:mean_light"}
+        for words, other in others.items():
+            comparisons[f"{label} against {words}"] = {"": compared("reconstruction_rmse", relit[row], relit[other])}
+        parts = compared("reconstruction_rmse", relit[f"{row}:true_light"], relit[f"{row}:true_maps"])
+        costly[row] = {Verdict.WORSE: "maps", Verdict.BETTER: "light"}.get(parts.verdict)
+        true = {part: compared("reconstruction_rmse", relit[f"{row}:true_{part}"], relit[row]) for part in PARTS}
+        worse[row] = [part for part, one in true.items() if one.verdict is Verdict.WORSE]
+    for trivial, words in transfer.TRIVIAL.items():
+        lines.append([words, *(found[column][trivial] for column in heads)])
+        kinds.append("baseline")
+    correct([one for group in comparisons.values() for one in group.values()])
+    grid = Grid.of(["", *heads.values()], lines, kinds)
+    some = next(iter(rows.values()))[0]
+    made = {
+        "grid": grid,
+        "pairs": len(some.figures),
+        "swaps": len(some.lights),
+        "costly": costly,
+        "worse": worse,
+        "comparisons": comparison_grid(comparisons),
+        "plate": results.folder / "light_transfer" / "plate.png",
     }
+    return written(results, name, {name: grid}, made)
+
+
+def traced(results: Results, name: str) -> Numbers:
+    """How far relit pictures are from path tracing, and why."""
+    path = results.folder / "path_traced" / "scores.csv"
+    tables = path_traced.tables(path, results.settings)
+    answers = {row: float(one["relative, %"].mean) for row, one in tables["path_traced"].frame.iterrows()}
+    sizes = {row: one["RMSE"].mean for row, one in tables["path_traced_causes"].frame.iterrows()}
+    largest = sorted((cause for cause in sizes if cause in path_traced.CAUSES.values()), key=sizes.get, reverse=True)
+    made = {
+        "tables": tables,
+        "scenes": pd.read_csv(path)["figure"].nunique(),
+        "answers": {key: answers[label] for key, label in path_traced.ANSWERS.items()},
+        "networks": {row: value for row, value in answers.items() if row not in path_traced.ANSWERS.values()},
+        "largest": {cause: sizes[cause] for cause in largest},
+        "plate": results.folder / "path_traced" / "plate.png",
+    }
+    return written(results, name, tables, made)
+
+
+def inference_time(results: Results, name: str) -> Numbers:
+    """Seconds for a picture of each network, at each size."""
+    runs = [runs[0] for runs in results.experiments[name]["runs"].values()]
+    times = pd.concat([timing.read_times(results.folder / "inference_time" / f"{run}.csv") for run in runs])
+    times["on"] = ["a GPU" if one.device == "cuda" else count(one.threads, "thread") for one in times.itertuples()]
     rows = [
         [
-            LABELS.get(t.row, t.row),
-            f"{t.width:g}",
-            f"{t.parameters / 1e6:.1f} M",
-            t.size,
-            place(t),
-            t.wall,
-            None if t.device == "cuda" else t.cpu,
-            t.gflop,
-            100 * t.share,
+            LABELS.get(one.row, one.row),
+            f"{one.width:g}",
+            f"{one.parameters / 1e6:.1f} M",
+            one.size,
+            one.on,
+            one.wall,
+            None if one.device == "cuda" else one.cpu,
+            one.gflop,
+            100 * one.share,
         ]
-        for t in times
+        for one in times.itertuples()
     ]
-    rates = {place(t): np.median([u.rate for u in times if place(u) == place(t)]) for t in times}
-    legend = (
-        "One picture at a time, float32; the least of repeated calls. GFLOP: two per multiply-add. The rate of large "
-        f"matrix products: {', '.join(f'{rate:.0f} GFLOP/s on {where}' for where, rate in rates.items())}."
-    )
-    title = "Inference time"
-    return Section(title, prose(text) + written(Plain(title, heads, rows, legend), results, name))
+    heads = ["network", "width", "parameters", "px", "on", "seconds", "CPU seconds", "GFLOP", "of the matrix rate, %"]
+    grid = Grid.of(heads, rows, **{"seconds": 4, "CPU seconds": 4, "GFLOP": 1, "of the matrix rate, %": 0})
+    made = {
+        "largest": times[times["size"] == times["size"].max()],
+        "printed": SECONDS,
+        "rates": times.groupby("on", sort=False)["rate"].median().to_dict(),
+        "grid": grid,
+    }
+    return written(results, name, {name: grid}, made)
 
 
-def place(one: Time) -> str:
-    return "a GPU" if one.device == "cuda" else count(one.threads, "thread")
+def written(results: Results, name: str, grids: dict[str, Grid], made: Numbers) -> Numbers:
+    """The numbers of an experiment with stages of its own, after its tables are written beside the report."""
+    one = results.experiments[name]
+    for stem, grid in grids.items():
+        write_tables(
+            results.report / stem, results.title(name), text(f"notes/{name}.md", **made), grid.statistics(), grid
+        )
+    return {"name": name, "experiment": one, **made}
 
 
-def written(table: Plain, results: Results, name: str) -> str:
-    """The table as HTML under its legend; as CSV, Markdown and LaTeX it is written beside the report."""
-    write_plain(table, results.report / name)
-    return prose(table.legend) + plain_html(table)
-
-
-SECTIONS: dict[str, Callable[[Results, str], Section]] = {
+OWN: dict[str, Callable[[Results, str], Numbers]] = {
     "light_transfer": light_transfer,
-    "path_traced": path_traced,
+    "path_traced": traced,
     "inference_time": inference_time,
 }

@@ -1,6 +1,7 @@
-"""What a run of the workflow left in its folder, as the sections of its report ask for it."""
+"""What a run of the workflow left in its folder, as the sections of its report read it."""
 
 import json
+from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -8,9 +9,11 @@ from typing import Any
 import yaml
 
 from relight import config
-from relight.evaluation.scores import Scores
-from relight.evaluation.statistics import Estimate, estimate, resample_weights
-from relight.evaluation.tables import Table, experiment_table, gather, spread_of_trainings, titled, values
+from relight.evaluation.scores import Scores, gather
+from relight.evaluation.statistics import Estimate
+from relight.evaluation.tables import ALL as ALL_COLUMNS
+from relight.evaluation.tables import SHOWN, Table, estimates, experiment_table
+from relight.files import UserError, existing
 
 
 class Results:
@@ -31,18 +34,41 @@ class Results:
     @property
     def tables(self) -> list[str]:
         """The experiments that are tables of trainings."""
-        return [name for name, one in self.experiments.items() if one["table"]]
+        return [name for name, one in self.experiments.items() if one["table"] and not one.get("failed")]
+
+    @cached_property
+    def readable(self) -> list[str]:
+        """Those of `tables` whose scores can be read; one broken file does not take the other tables along."""
+        found = []
+        for name in self.tables:
+            with suppress(UserError):
+                for usual in (False, True):
+                    _ = self.scores(name, usual), self.baselines(name, usual)
+                found.append(name)
+        return found
+
+    def title(self, name: str) -> str:
+        """The title of an experiment; its name where it has none."""
+        return self.experiments[name]["title"] or name
 
     @cached_property
     def runs(self) -> list[str]:
         """The trainings that the tables compare."""
-        found = (run for name in self.tables for runs in self.experiments[name]["runs"].values() for run in runs)
+        found = (run for name in self.readable for runs in self.experiments[name]["runs"].values() for run in runs)
         return list(dict.fromkeys(found))
 
     @cached_property
     def record(self) -> dict[str, Any]:
         """figures.json: `figures`, what is known of each, and `left_out`, why some are not in the set."""
-        return json.loads((self.folder / "figures.json").read_text())
+        return self.json("figures.json")
+
+    @cached_property
+    def lights(self) -> dict[str, Any]:
+        """chain.json: what each step of the light chain took and dropped, and why."""
+        return self.json("lights/chain.json")
+
+    def json(self, path: str) -> dict[str, Any]:
+        return json.loads(existing(self.folder / path, "results").read_text())
 
     def usual(self, name: str) -> bool:
         """Whether an experiment is about the usual test figures and lights."""
@@ -67,8 +93,8 @@ class Results:
     def _table(self, name: str, usual: bool) -> Table:
         rows, pool = self.scores(name, usual), {}
         if not rows:
-            return Table(*titled(name), [], 0, 0)
-        for other in self.tables:
+            return Table(SHOWN.get(name, ALL_COLUMNS))
+        for other in dict.fromkeys([name, *self.readable]):
             for condition in (False, True):
                 if self._files(other, condition)[""] == self._files(name, usual)[""]:
                     pool |= self.scores(other, condition)
@@ -77,20 +103,11 @@ class Results:
     def estimates(self, name: str, column: str) -> dict[str, Estimate]:
         """Row, or baseline, -> mean and interval of any column of the scores, in a table or not."""
         rows, baselines = self.scores(name), self.baselines(name)
-        if not rows:
-            return {}
-        figures, seed = len(next(iter(rows.values()))[0].figures), self.settings.seed
-        weights = resample_weights(figures, self.settings.bootstrap, seed)
-        spread = spread_of_trainings(rows, (column,))[column]
-        return {
-            row: estimate(values(trainings, column), weights, seed + place, spread if row in rows else None)
-            for place, (row, trainings) in enumerate({**rows, **baselines}.items())
-            if all(column in scores.columns for scores in trainings)
-        }
+        return estimates({**rows, **baselines}, column, self.settings, rows, baselines)
 
     def split(self, name: str, row: str) -> dict[str, list[str]]:
         """The figures that a row was trained and scored on, by part."""
-        return json.loads((self.folder / self.experiments[name]["splits"][row]).read_text())
+        return self.json(self.experiments[name]["splits"][row])
 
     def setting(self, row: str, key: str) -> Any:
         """A setting, such as `model.width`, that a row was trained with."""
@@ -99,6 +116,14 @@ class Results:
         for part in key.split("."):
             value = value[part]
         return value
+
+    def settings_files(self) -> dict[str, dict[str, Any]]:
+        """The settings of each stage (`bake`, `train.ours_full.s0`), as dotted names and values."""
+        found = {}
+        for path in sorted((self.folder / "config").glob("*.yaml")):
+            settings = yaml.safe_load(path.read_text())
+            found[path.stem] = config.flat({key: v for key, v in settings.items() if key not in ("defaults", "hydra")})
+        return found
 
     def _files(self, name: str, usual: bool) -> dict[str, list[str]]:
         return self.experiments[name]["usual" if usual else "scores"]

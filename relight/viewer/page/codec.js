@@ -1,11 +1,11 @@
 // Figures back from bytes: the inverse of codec.py and figure.py.
 
-async function inflate(bytes) {
+export async function inflate(bytes) {
   const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("deflate"));
   return new Uint8Array(await new Response(stream).arrayBuffer());
 }
 
-function bytesFromBase64(text) {
+export function bytesFromBase64(text) {
   if (Uint8Array.fromBase64) return Uint8Array.fromBase64(text);
   const binary = atob(text), bytes = new Uint8Array(binary.length);
   for (let i = 0; i < bytes.length; i++) bytes[i] = binary.charCodeAt(i);
@@ -23,7 +23,7 @@ const PREDICTORS = [
 ];
 
 // Planes (one Int32Array of width * height each, 0 outside the region) from the residuals of encode() in codec.py.
-function decodePlanes(data, region, width, predictors) {
+export function decodePlanes(data, region, width, predictors) {
   const count = data.length / 2 / predictors.length;
   return predictors.map((predictor, channel) => {
     const guess = PREDICTORS[predictor], low = 2 * channel * count, high = low + count;
@@ -43,7 +43,7 @@ function decodePlanes(data, region, width, predictors) {
   });
 }
 
-function unpackBits(bytes, count) {
+export function unpackBits(bytes, count) {
   const bits = new Uint8Array(count);
   for (let i = 0; i < count; i++) bits[i] = (bytes[i >> 3] >> (7 - (i & 7))) & 1;
   return bits;

@@ -3,12 +3,13 @@ precision highp float;
 precision highp sampler2D;
 
 // One pixel of the stage: the figure under a light, over a background. Colours as in relight/photos/color.py.
-uniform sampler2D transportA, transportB, transportC, surface, photo, front, excess;
+uniform sampler2D transportA, transportB, transportC, surface, photo, front, excess, panorama;
 uniform vec3 light[9], photoLight[9], backdrop;
 uniform vec4 box;         // left, top, width, height of the maps in the image, pixels
 uniform vec3 placement;   // image x, y of the stage's top-left corner; image pixels per stage pixel
 uniform vec2 image, stage;
-uniform float exposure, split, floorOfRatio, grain;
+uniform float exposure, split, floorOfRatio, grain, panoramaGain;
+uniform mat3 toPanorama;   // from camera directions to those of the panorama before it was turned
 uniform int view, before, background;
 uniform bool useRatio, hasPhoto;
 out vec4 color;
@@ -87,13 +88,18 @@ vec3 studio(vec2 onStage) { // coded
   return mix(vec3(0.205, 0.210, 0.225), vec3(0.045, 0.047, 0.055), smoothstep(0.0, 0.85, far));
 }
 
-// Linear values behind the figure. The light is shown as blurred by a cosine lobe: nine coefficients alone ring below 0,
-// and would leave black holes. The camera sees 50 degrees along the longer side, as in relight/photos/background.py.
+// Linear values behind the figure: of a light with a panorama, the panorama; else the light as blurred by a cosine lobe,
+// since nine coefficients alone ring below 0 and would leave black holes. The camera sees 50 degrees along the longer
+// side, as in relight/photos/background.py.
 vec3 behind(vec2 at, vec2 onStage) {
   if (background == COLOR) return decode(backdrop);
   if (background != LIGHT) return decode(studio(onStage));
   vec2 view = 0.46630766 * (2.0 * at - image) / max(image.x, image.y);
-  return rolled(exposure * irradiance(normalize(vec3(view.x, -view.y, -1.0))) / 3.1415927, 1.0);
+  vec3 toward = normalize(vec3(view.x, -view.y, -1.0));
+  if (panoramaGain == 0.0) return rolled(exposure * irradiance(toward) / 3.1415927, 1.0);
+  vec3 d = toPanorama * toward;
+  vec2 uv = vec2(atan(d.x, -d.z) / 6.2831853 + 0.5, acos(clamp(d.y, -1.0, 1.0)) / 3.1415927);
+  return rolled(exposure * panoramaGain * max(textureLod(panorama, uv, 0.0).rgb, 0.0), 1.0);
 }
 
 void main() {

@@ -1,8 +1,10 @@
 // One embedded figure -> pixel arrays that become textures. `box` is [left, top, width, height] in image pixels.
 
-function decodeSRGB(v) { return v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4; }
+import { bytesFromBase64, decodePlanes, inflate, unpackBits } from "./codec.js";
 
-async function loadFigure(header) {
+export function decodeSRGB(v) { return v <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4; }
+
+export async function loadFigure(header) {
   const bytes = bytesFromBase64(header.data), [, , width, height] = header.box, size = width * height;
   let at = 0;
   const take = (count) => inflate(bytes.subarray(at, (at += count)));

@@ -1,9 +1,11 @@
 // Radiance .hdr files and their light, as relight/panoramas reads and projects them: RGBE, old and new run lengths,
 // EXPOSURE, COLORCORR, all eight orientations; lat-long only. An Error's message is a sentence for the user.
 
+import { Y0, Y1, Y2, Y20, Y22 } from "./sh.js";
+
 const MAX_PIXELS = 2 ** 26;
 
-function readHDR(buffer) {
+export function readHDR(buffer) {
   const bytes = new Uint8Array(buffer);
   if (bytes[0] !== 0x23 || bytes[1] !== 0x3f) {
     throw new Error("This is not a Radiance .hdr file (it does not begin with #?).");
@@ -92,7 +94,7 @@ function orient(scanlines, rows, columns, [, sign1, axis1, , sign2], divide) {
 
 // A lat-long panorama (centre -z, right +x) as 27 coefficients, by the exact integral of each basis function over each
 // pixel: for x = sin(t) sin(p), y = cos(t), z = -sin(t) cos(p) it separates into a factor of the row and of the column.
-function project({ width, height, pixels }) {
+export function project({ width, height, pixels }) {
   if (width !== 2 * height) throw new Error(`A panorama of ${width} x ${height} is not lat-long, which is 2:1.`);
   const difference = (f, edges) => edges.slice(1).map((e, i) => f(e) - f(edges[i]));
   const rowEdges = Array.from({ length: height + 1 }, (_, i) => (i / height) * Math.PI);

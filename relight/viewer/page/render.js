@@ -3,10 +3,12 @@
 const VIEWS = ["relit", "photo", "albedo", "shading", "ao", "normal", "open"];
 const BACKGROUNDS = ["studio", "color", "clear", "photo", "light"];
 
+const IDENTITY = [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
+
 const VERTEX = `#version 300 es
 void main() { gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0.0, 1.0); }`;
 
-class Renderer {
+export class Renderer {
   constructor(canvas, fragment) {
     this.canvas = canvas;
     this.fragment = fragment;
@@ -36,11 +38,12 @@ class Renderer {
     }
     gl.useProgram(program);
     this.at = new Proxy({}, { get: (known, name) => (known[name] ??= gl.getUniformLocation(program, name)) });
-    const samplers = ["transportA", "transportB", "transportC", "surface", "photo", "front", "excess"];
+    const samplers = ["transportA", "transportB", "transportC", "surface", "photo", "front", "excess", "panorama"];
     samplers.forEach((name, i) => gl.uniform1i(this.at[name], i));
     // Half floats cost up to one code more in the dark, where a phone cannot filter full ones.
     this.float = gl.getExtension("OES_texture_float_linear") ? gl.RGBA32F : gl.RGBA16F;
-    this.textures = Array.from({ length: 7 }, () => gl.createTexture());
+    this.textures = samplers.map(() => gl.createTexture());
+    this.panorama = null;
   }
 
   show(figure) {
@@ -62,6 +65,28 @@ class Renderer {
     gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, ...clipped, 0, gl.RGBA, gl.UNSIGNED_BYTE, excess ?? new Uint8Array(4));
   }
 
+  // The panorama behind the figure, thinned out to what a texture can hold.
+  showPanorama({ width, height, pixels }) {
+    const gl = this.gl, every = Math.ceil(width / Math.min(gl.getParameter(gl.MAX_TEXTURE_SIZE), 4096));
+    const [w, h] = [Math.floor(width / every), Math.floor(height / every)], data = new Float32Array(4 * w * h);
+    for (let i = 0, k = 0; i < h; i++) {
+      for (let j = 0; j < w; j++, k += 4) {
+        for (let c = 0; c < 3; c++) {
+          let sum = 0;
+          for (let n = 0; n < every * every; n++) {
+            const row = i * every + Math.floor(n / every), column = j * every + (n % every);
+            sum += pixels[3 * (row * width + column) + c];
+          }
+          data[k + c] = Math.min(sum / every ** 2, 65504); // the largest half float
+        }
+      }
+    }
+    this.bind(7);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_S, gl.REPEAT);
+    gl.texImage2D(gl.TEXTURE_2D, 0, this.float, w, h, 0, gl.RGBA, gl.FLOAT, data);
+    this.panorama = pixels;
+  }
+
   bind(unit) {
     const gl = this.gl;
     gl.activeTexture(gl.TEXTURE0 + unit);
@@ -72,11 +97,15 @@ class Renderer {
     gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_WRAP_T, gl.CLAMP_TO_EDGE);
   }
 
-  // scene: light, view, before, split (stage pixels), background, backdrop, exposure, ratio. placement: [x, y, image
-  // pixels per stage pixel] of the stage's top-left corner in the image.
+  // scene: light, view, before, split (stage pixels), background, backdrop, exposure, ratio, panorama (of the light, with
+  // gain and rotation). placement: [x, y, image pixels per stage pixel] of the stage's top-left corner in the image.
   draw(scene, placement, width, height, grain = 1) {
     const { gl, at, figure } = this;
+    const { panorama } = scene, isShown = panorama && scene.background === "light";
+    if (isShown && this.panorama !== panorama.pixels) this.showPanorama(panorama);
     gl.viewport(0, 0, width, height);
+    gl.uniform1f(at.panoramaGain, isShown ? panorama.gain : 0);
+    gl.uniformMatrix3fv(at.toPanorama, false, Float32Array.from((panorama?.rotation ?? IDENTITY).flat()));
     gl.uniform3fv(at.light, Float32Array.from(scene.light));
     gl.uniform3fv(at.photoLight, Float32Array.from(figure.light ? figure.light.flat() : new Float32Array(27)));
     gl.uniform3fv(at.backdrop, scene.backdrop);
@@ -100,7 +129,7 @@ class Renderer {
   pixels(scene) {
     const { gl, figure: { width, height } } = this;
     const target = gl.createTexture(), frame = gl.createFramebuffer(), pixels = new Uint8Array(4 * width * height);
-    gl.activeTexture(gl.TEXTURE7);
+    gl.activeTexture(gl.TEXTURE8);
     gl.bindTexture(gl.TEXTURE_2D, target);
     gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA8, width, height);
     gl.bindFramebuffer(gl.FRAMEBUFFER, frame);

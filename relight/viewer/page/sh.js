@@ -3,26 +3,20 @@
 
 const Y0 = 0.5 / Math.sqrt(Math.PI), Y1 = Math.sqrt(3 / (4 * Math.PI)), Y2 = 0.5 * Math.sqrt(15 / Math.PI);
 const Y20 = 0.25 * Math.sqrt(5 / Math.PI), Y22 = Y2 / 2;
-const COSINE = [Math.PI, ...Array(3).fill((2 * Math.PI) / 3), ...Array(5).fill(Math.PI / 4)];
+export const COSINE = [Math.PI, ...Array(3).fill((2 * Math.PI) / 3), ...Array(5).fill(Math.PI / 4)];
 
-function basis([x, y, z]) {
+export function basis([x, y, z]) {
   return [Y0, Y1 * y, Y1 * z, Y1 * x, Y2 * x * y, Y2 * y * z, Y20 * (3 * z * z - 1), Y2 * x * z, Y22 * (x * x - y * y)];
 }
 
-function irradiance(light, normal) {
-  const Y = basis(normal), rgb = [0, 0, 0];
-  for (let k = 0; k < 9; k++) for (let c = 0; c < 3; c++) rgb[c] += COSINE[k] * Y[k] * light[3 * k + c];
-  return rgb;
-}
-
 // Yaw turns +z toward +x, then tilt turns +z toward +y (radians); rows of the 3x3 rotation.
-function turn(yaw, tilt) {
+export function turn(yaw, tilt) {
   const c = Math.cos(yaw), s = Math.sin(yaw), d = Math.cos(tilt), t = Math.sin(tilt);
   return [[c, 0, s], [-t * s, d, t * c], [-d * s, -t, d * c]];
 }
 
 // The light turned by R, exactly: band 1 is a vector, R v, and band 2 a symmetric matrix without trace, R M R^T.
-function rotate(light, R) {
+export function rotate(light, R) {
   const turned = new Float64Array(27), axes = [0, 1, 2];
   for (let c = 0; c < 3; c++) {
     const L = (k) => light[3 * k + c];
@@ -39,3 +33,5 @@ function rotate(light, R) {
   }
   return turned;
 }
+
+export { Y0, Y1, Y2, Y20, Y22 };

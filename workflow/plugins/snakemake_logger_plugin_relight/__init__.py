@@ -1,10 +1,13 @@
 """Snakemake's progress in one line: how far each rule is, and the time left; errors in full, and nothing else."""
 
+import json
 import logging
 import os
 import sys
 import time
 from collections import Counter, defaultdict
+from contextlib import suppress
+from pathlib import Path
 
 from snakemake_interface_logger_plugins.base import LogHandlerBase
 from snakemake_interface_logger_plugins.common import LogEvent
@@ -12,6 +15,35 @@ from snakemake_interface_logger_plugins.common import LogEvent
 from relight.progress import span
 
 EVERY = 10.0  # seconds between two lines where there is no terminal
+COSTS = Path(".snakemake", "relight.costs.json")  # seconds of a job of each rule, from the runs before this one
+# Seconds of a job at scale=demo, on one core of the machine that the README speaks of; for rules that have never run.
+# What has run says how fast this machine and these settings are beside them.
+DEMO = {
+    "figure": 8.0,
+    "figure_tens": 55.0,
+    "scan": 4.0,
+    "clean": 2.0,
+    "clean_tens": 5.0,
+    "align": 1.0,
+    "align_tens": 3.0,
+    "bake": 6.0,
+    "bake_tens": 45.0,
+    "pack": 4.0,
+    "lights": 45.0,
+    "train": 105.0,
+    "evaluate": 12.0,
+    "baselines": 8.0,
+    "plates": 15.0,
+    "sheets": 12.0,
+    "viewer": 8.0,
+    "report": 10.0,
+    "tables": 4.0,
+    "trace": 60.0,
+    "light_transfer": 20.0,
+    "path_traced": 20.0,
+    "inference_time": 30.0,
+}
+SHORT = 2.0  # seconds of any other job
 
 
 class LogHandler(LogHandlerBase):
@@ -29,6 +61,9 @@ class LogHandler(LogHandlerBase):
         self.rule: dict[int, str] = {}
         self.since: dict[int, float] = {}
         self.took: dict[str, list[float]] = defaultdict(list)
+        self.before: dict[str, float] = {}
+        with suppress(OSError, ValueError):
+            self.before = json.loads(COSTS.read_text())
         self.cores = os.cpu_count() or 1
         self.start = self.last = time.monotonic()
         self.terminal = sys.stderr.isatty()
@@ -48,6 +83,7 @@ class LogHandler(LogHandlerBase):
         elif event == LogEvent.JOB_FINISHED:
             self.finished(record.job_id)
         elif event == LogEvent.PROGRESS and record.done == record.total:
+            self.remember()
             self.say(f"done in {span(time.monotonic() - self.start)}", whole=True)
         elif event in (LogEvent.ERROR, LogEvent.JOB_ERROR, LogEvent.GROUP_ERROR) or record.levelno >= logging.ERROR:
             self.failed(record, event)
@@ -68,12 +104,29 @@ class LogHandler(LogHandlerBase):
             self.say(f"{share:.0%}: {counts}; {self.left()}")
 
     def left(self) -> str:
-        """The time that the rest takes; only a bound while some rule has not been seen."""
-        known = [rule for rule in self.total if self.took[rule]]
-        work = sum((self.total[r] - self.done[r]) * sum(self.took[r]) / len(self.took[r]) for r in known)
-        unseen = [rule for rule in self.total if not self.took[rule]]
-        text = span(work / self.cores)
-        return f"{text} left, and then {', '.join(unseen)}" if unseen else f"about {text} left"
+        """The time that the rest takes: each job ahead at what one costs in this run, did before, or where measured."""
+        work = sum((n - self.done[rule]) * self.cost(rule) for rule, n in self.total.items())
+        guessed = [rule for rule, n in self.total.items() if self.done[rule] < n and not self.known(rule)]
+        return f"{'roughly' if guessed else 'about'} {span(work / self.cores)} left"
+
+    def known(self, rule: str) -> float | None:
+        """The seconds of a job of a rule in this run, or else in the last one that had any."""
+        took = self.took.get(rule)
+        return sum(took) / len(took) if took else self.before.get(rule)
+
+    def cost(self, rule: str) -> float:
+        """The seconds of a job of a rule; of one that never ran, its usual ones, times how slow the others were."""
+        if (known := self.known(rule)) is not None:
+            return known
+        seen = [name for name in self.total if self.known(name) is not None and name in DEMO]
+        slower = sum(map(self.known, seen)) / sum(DEMO[name] for name in seen) if seen else 1.0
+        return slower * DEMO.get(rule, SHORT)
+
+    def remember(self) -> None:
+        """Writes down what jobs cost, for the next run."""
+        costs = self.before | {rule: round(self.known(rule), 2) for rule in self.took}
+        with suppress(OSError):
+            COSTS.write_text(json.dumps(costs, indent=1))
 
     def failed(self, record: logging.LogRecord, event: str | None) -> None:
         """What went wrong, in the words of the job or of Snakemake."""

@@ -1,0 +1,116 @@
+"""How well the built-in mask finds people: generated figures before backgrounds, of which the true coverage is known.
+
+    python benchmarks/masks.py FOLDER [--sheet masks.jpg]
+
+FOLDER holds baked figures (.exr, as `relight bake` or a run's `baked/` has them). Each is lit by a generated room, put
+into the view of another one at some place and size, with noise, as a JPEG of 1000 x 1250. Prints intersection over
+union at half coverage, mean and least, after each step; the share of the figure that is missed and of the mask that is
+background; CPU-seconds. Generated figures are not what the network was trained on: photographs are easier for it.
+"""
+
+import os
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import argparse
+import io
+import time
+from pathlib import Path
+
+import numpy as np
+import torch
+from PIL import Image
+
+from relight.lights import load_light
+from relight.maps import read_maps
+from relight.photos import selfie
+from relight.photos.color import rolled, to_srgb8
+from relight.photos.composite import over
+from relight.photos.environment import see
+from relight.srgb import to_bytes
+
+SHAPE = 1250, 1000
+BLUR = 1.0  # of the background, degrees: generated rooms are sharper than what stands behind people
+GRAIN = 2.5  # standard deviation, of 255
+
+
+def drawn(path: Path, number: int) -> tuple[np.ndarray, np.ndarray]:
+    """A picture (H,W,3) uint8 of the figure in `path`, and its true coverage (H,W) in [0,1]."""
+    rng = np.random.default_rng(number)
+    maps, light = read_maps(path), load_light(f"room:{100 + number}")
+    shading = np.maximum(maps.transport @ light.coefficients.astype(np.float32), 0)
+    lit = maps.albedo * shading / np.percentile(shading[maps.mask], 90)
+    side = rng.uniform(0.6, 1.25) * SHAPE[1]
+    left, top = rng.uniform(-0.1, 0.1) * SHAPE[1] + (SHAPE[1] - side) / 2, rng.uniform(0.3, 0.9) * (SHAPE[0] - side)
+    behind = load_light(f"room:{300 + number}").panorama
+    view = see(behind, SHAPE, rng.uniform(0, 2 * np.pi), BLUR)
+    view = rolled(view * rng.uniform(0.15, 0.5) / view.mean())
+
+    def placed(image: np.ndarray) -> np.ndarray:
+        scale = len(image) / side
+        box = (-left * scale, -top * scale, (SHAPE[1] - left) * scale, (SHAPE[0] - top) * scale)
+        coefficients = (scale, 0, box[0], 0, scale, box[1])
+        moved = Image.fromarray(np.ascontiguousarray(image, np.float32))
+        return np.asarray(moved.transform(SHAPE[::-1], Image.Transform.AFFINE, coefficients, Image.Resampling.BICUBIC))
+
+    alpha = np.clip(placed(maps.coverage), 0, 1)
+    front = np.stack([placed(lit[..., c] * maps.coverage) for c in range(3)], -1) / np.maximum(alpha, 1e-3)[..., None]
+    picture = to_srgb8(over(rolled(np.maximum(front, 0)), alpha, view)) + rng.normal(0, GRAIN, (*SHAPE, 3))
+    file = io.BytesIO()
+    Image.fromarray(np.clip(picture, 0, 255).astype(np.uint8)).save(file, "JPEG", quality=88)
+    return np.asarray(Image.open(file)), alpha
+
+
+def overlap(found: np.ndarray, true: np.ndarray) -> tuple[float, float, float]:
+    """Intersection over union, share of the figure missed, share of the mask that is none of it."""
+    found, true = found > 0.5, true > 0.5
+    both = (found & true).sum()
+    return both / max((found | true).sum(), 1), 1 - both / true.sum(), 1 - both / max(found.sum(), 1)
+
+
+def masks(pixels: np.ndarray) -> dict[str, np.ndarray]:
+    """The mask (H,W) in [0,1] after each step."""
+    whole = (0, 0, pixels.shape[1], pixels.shape[0])
+    once = selfie.look(pixels, whole)
+    looks = selfie.looked(pixels)
+    return {"one look": once, "three looks": looks, "fitted to the photo": selfie.coverage(pixels) / 255.0}
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path)
+    parser.add_argument("--sheet", type=Path, help="A picture of all masks, the worst first.")
+    parser.add_argument("--count", type=int, default=24)
+    args = parser.parse_args()
+    torch.set_num_threads(1)
+    rows: dict[str, list] = {}
+    sheet, seconds = [], []
+    for number, path in enumerate(sorted(args.folder.glob("*.exr"))[: args.count]):
+        pixels, true = drawn(path, number)
+        start = time.process_time()
+        selfie.coverage(pixels)
+        seconds.append(time.process_time() - start)
+        found = masks(pixels)
+        for name, mask in found.items():
+            rows.setdefault(name, []).append(overlap(mask, true))
+        last = list(found.values())[-1]
+        tint = np.where(last[..., None] > 0.5, pixels, pixels // 3)
+        sheet.append(
+            (overlap(last, true)[0], np.concatenate([pixels, tint, to_bytes(np.dstack([last, true, true]))], 1))
+        )
+    print("| mask | IoU, mean | least | missed | background in it |\n|---|---|---|---|---|")
+    for name, values in rows.items():
+        union, missed, extra = np.array(values).T
+        print(f"| {name} | {union.mean():.3f} | {union.min():.3f} | {missed.mean():.3f} | {extra.mean():.3f} |")
+    print(f"{len(seconds)} pictures; {np.median(seconds):.2f} CPU-seconds each")
+    if args.sheet:
+        sheet.sort(key=lambda each: each[0])
+        strips = [Image.fromarray(strip).resize((600, 250)) for _, strip in sheet]
+        page = Image.new("RGB", (1200, 250 * -(-len(strips) // 2)))
+        for i, strip in enumerate(strips):
+            page.paste(strip, (600 * (i % 2), 250 * (i // 2)))
+        page.save(args.sheet)
+
+
+if __name__ == "__main__":
+    main()

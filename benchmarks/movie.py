@@ -1,0 +1,111 @@
+"""CPU-seconds that a frame of `relight movie` takes, for a photo whose light turns; against another checkout, in pairs.
+
+    python benchmarks/movie.py [--photo me.jpg --mask me_mask.png] [--against FOLDER]
+
+Without a photo it takes the portrait of docs/photos.md, at 720 x 940. Processes of the two checkouts take turns, so
+that a busy machine weighs on both alike; each infers the photo once and then draws its frames, of which the median
+counts. The last frames of the two are compared, too.
+"""
+
+import argparse
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+ROOT = Path(__file__).resolve().parent.parent
+BACKGROUNDS = ("keep", "#808890", "panorama")
+SIZE = 720, 940
+
+
+def timed(photo: Path | None, mask: Path | None, frames: int, kept: Path) -> dict[str, float]:
+    """Median seconds of CPU a frame, by background; the last frames go to `kept`, an .npz."""
+    import time
+
+    import torch
+    from PIL import Image
+
+    from relight.photos.api import load
+    from relight.photos.film import smaller, turning
+    from relight.photos.photo import Wish, lit
+    from relight.photos.read import Photo, read_mask, read_photo
+
+    torch.set_num_threads(1)
+    relighter = load()
+    if photo is None:
+        from skimage import data
+
+        mask = ROOT / "docs" / "images" / "astronaut_mask.png"
+        pixels = np.asarray(Image.fromarray(data.astronaut()).resize(SIZE, Image.Resampling.BICUBIC))
+        coverage = np.asarray(Image.open(mask).convert("L").resize(SIZE, Image.Resampling.BICUBIC))
+    else:
+        pixels = read_photo(photo).pixels
+        coverage = read_mask(mask, pixels.shape[:2])
+    pixels, coverage = smaller(Photo(pixels, None, "photo"), coverage, max(SIZE))
+    figures = relighter.infer(pixels, coverage)
+    seconds, last = {}, {}
+    for name in BACKGROUNDS:
+        wish = Wish(light="room:7", background=name)
+        source = wish.source(relighter)
+        light, behind = lit(figures, source, wish.behind(source), wish)
+        stream = turning(pixels, figures, light, wish, behind, frames)
+        taken = []
+        for _ in range(frames):
+            start = time.process_time()
+            last[name] = next(stream)
+            taken.append(time.process_time() - start)
+        seconds[name] = float(np.median(taken[1:]))
+    np.savez(kept, **last)
+    return seconds
+
+
+def child(checkout: Path, words: list[str], kept: Path) -> dict[str, float]:
+    """The same by the package in `checkout`."""
+    environment = os.environ | {"PYTHONPATH": str(checkout), "OMP_NUM_THREADS": "1"}
+    command = [sys.executable, __file__, *words, "--child", str(kept)]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
+    if done.returncode:
+        sys.exit(f"{checkout}: {done.stderr}")
+    return json.loads(done.stdout.splitlines()[-1])
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--photo", type=Path)
+    parser.add_argument("--mask", type=Path)
+    parser.add_argument("--frames", type=int, default=8)
+    parser.add_argument("--pairs", type=int, default=3)
+    parser.add_argument("--against", type=Path, help="The folder of another checkout of relight.")
+    parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)
+    args = parser.parse_args()
+    if args.child:
+        print(json.dumps(timed(args.photo, args.mask, args.frames, args.child)))
+        return
+    words = ["--frames", str(args.frames)]
+    words += ["--photo", str(args.photo), "--mask", str(args.mask)] if args.photo else []
+    checkouts = [args.against.resolve()] * bool(args.against) + [ROOT]
+    found = {checkout: [] for checkout in checkouts}
+    with tempfile.TemporaryDirectory() as folder:
+        for _ in range(args.pairs):
+            for number, checkout in enumerate(checkouts):
+                found[checkout].append(child(checkout, words, Path(folder) / f"{number}.npz"))
+        pictures = [np.load(Path(folder) / f"{number}.npz") for number in range(len(checkouts))]
+        print(
+            "| background | "
+            + " | ".join(map(str, checkouts))
+            + " | largest difference |\n|---|"
+            + "---|" * len(found)
+            + "---|"
+        )
+        for name in BACKGROUNDS:
+            values = [f"{np.median([each[name] for each in runs]):.3f}" for runs in found.values()]
+            apart = max(int(np.abs(each[name].astype(int) - pictures[-1][name]).max()) for each in pictures)
+            print(f"| {name} | " + " | ".join(values) + f" | {apart} |")
+
+
+if __name__ == "__main__":
+    main()

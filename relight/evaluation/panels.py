@@ -1,0 +1,253 @@
+"""Pictures of experiments: a row per figure and network, a column per view (as the paper's figures 5 and 7)."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from relight import config
+from relight.evaluation.canvas import FAINT, Sheet, box_of, cut_out, heat, light_sphere, transport_bands
+from relight.evaluation.evaluate import chosen_pairs, has_pairs, infer, load, truth
+from relight.evaluation.metrics import Inferred, Truth, shade
+from relight.evaluation.scores import gather
+from relight.evaluation.tables import LABELS
+from relight.learning.data import RelitSet
+from relight.progress import progress
+from relight.srgb import encode
+
+COLUMNS = (
+    "picture",
+    "albedo",
+    "shading",
+    "shading error",
+    "light",
+    "transport 0",
+    "transport 1",
+    "transport 2",
+    "relit",
+)
+CELL_HEIGHT = 300  # pixels of a cell
+GAP, GUTTER, TOP, LINE = 6, 150, 60, 24
+WORST = 0.5  # shading error (vector norm) at the dark end of the scale
+EXTREMES = 2  # figures at either end of the errors
+NOTE = (
+    "Picture: what the networks see (truth), and their albedo x shading. Relit: albedo and transport under the light "
+    "of the small sphere. Transport by band of spherical harmonics: 0 how much light arrives; 1 from where (x, y, z as "
+    "red, green, blue); 2 how it is spread (xz, yz, 3z²-1)."
+)
+
+
+@dataclass
+class Subject:
+    """A test figure with its truth under the input light and the new one; pixel: flat indices (P,) of its mask."""
+
+    name: str
+    truth: Truth
+    pixel: np.ndarray
+    size: int
+    white: float  # shading that is shown as white
+
+    @classmethod
+    def of(cls, data: RelitSet, figure: int, lights: np.ndarray) -> "Subject":
+        start, count = int(data.offset[figure]), int(data.counts[figure])
+        true = truth(data, figure, lights)
+        white = max(1.0, float(np.percentile(true.maps["shading"], 99.5)))
+        return cls(data.names[figure], true, data.pixel[start : start + count].cpu().numpy(), data.size, white)
+
+    def dense(self, values: np.ndarray) -> np.ndarray:
+        """(P,C) -> (S,S,C), zero outside the mask."""
+        image = np.zeros((self.size**2, values.shape[-1]), np.float32)
+        image[self.pixel] = values
+        return image.reshape(self.size, self.size, -1)
+
+    @property
+    def mask(self) -> np.ndarray:
+        return self.dense(np.ones((len(self.pixel), 1)))[..., 0] > 0
+
+    def picture(self, light: int) -> "View":
+        """The true picture under its light of this number, with that light."""
+        return View(self.truth.maps["reconstruction"][light], light=self.truth.lights[light])
+
+
+@dataclass
+class View:
+    """One cell: colours (P,3) of the subject's pixels, display-coded already if `coded`, or an error (P,), with a light
+    (K,3) as a small sphere in the corner; a light alone fills the cell."""
+
+    colors: np.ndarray | None = None
+    error: np.ndarray | None = None
+    light: np.ndarray | None = None
+    coded: bool = False
+
+
+@dataclass
+class Line:
+    """A row of views; `first`: of its subject, with space above it."""
+
+    label: str
+    subject: Subject
+    views: list[View] = field(default_factory=list)
+    first: bool = False
+
+
+def draw(heads: list[str], lines: list[Line], linear: bool, worst: float, note: str) -> Sheet:
+    """Lays out the sheet. Colours and lights are sRGB-encoded if `linear`; errors run to `worst`."""
+    box = box_of([line.subject.mask for line in lines])
+    tall, wide = box[0].stop - box[0].start, box[1].stop - box[1].start
+    height, width = CELL_HEIGHT, max(100, round(CELL_HEIGHT * wide / tall))
+    apart = 4 * GAP * sum(line.first for line in lines)
+    sheet = Sheet(GUTTER + len(heads) * (width + GAP) + GAP, TOP + len(lines) * (height + GAP) + apart + 4 * LINE)
+    for c, head in enumerate(heads):
+        sheet.text(head, GUTTER + c * (width + GAP) + width // 2, TOP // 2, 18, "mm", bold=True, width=width)
+    y = TOP
+    for line in lines:
+        y += 4 * GAP * line.first
+        sheet.text(line.label, GUTTER - 14, y + height // 2, 18, "rm", bold=line.first, width=GUTTER - 24)
+        for c, view in enumerate(line.views):
+            draw_view(sheet, view, line.subject, box, GUTTER + c * (width + GAP), y, (width, height), linear, worst)
+        y += height + GAP
+    bar = np.repeat(heat(np.linspace(0, worst, 160), worst)[None], 14, 0)
+    sheet.put(Image.fromarray((bar * 255).round().astype(np.uint8)), GUTTER, y + 8)
+    sheet.text(f"error, 0 to {worst:g} (vector norm)", GUTTER + 170, y + 5, 14, color=FAINT)
+    sheet.text(note, GUTTER, y + LINE + 8, 14, color=FAINT, width=sheet.image.width - GUTTER - 2 * GAP)
+    return sheet
+
+
+def draw_view(
+    sheet: Sheet,
+    view: View,
+    subject: Subject,
+    box: tuple[slice, slice],
+    x: int,
+    y: int,
+    size: tuple[int, int],
+    linear: bool,
+    worst: float,
+) -> None:
+    """One cell of `size` (width, height) at (x, y): the subject's pixels in `box`."""
+    width, height = size
+    if view.colors is None and view.error is None:
+        return sheet.cell(light_sphere(view.light, round(0.8 * width), subject.white, linear), x, y, width, height)
+    colors = heat(view.error, worst) if view.colors is None else view.colors
+    if view.colors is not None and not view.coded:
+        colors = encode(np.clip(colors, 0, 1)) if linear else np.clip(colors, 0, 1)
+    sheet.cell(cut_out(subject.dense(colors)[box], subject.mask[box], size), x, y)
+    if view.light is not None:
+        ball = light_sphere(view.light, round(0.26 * width), subject.white, linear)
+        sheet.put(ball, x + width - ball.width - 5, y + 5)
+
+
+def plates(
+    networks: dict[str, Path], packed: Path, lights: Path, split: Path, settings: config.Evaluate, out: Path
+) -> None:
+    """Draws `settings.plates` figures, spread over those of `settings.figures`, as a PNG: truth, then each network.
+
+    Each figure is seen under one light of `settings.lights` and relit by the next. Values are shown sRGB-encoded where
+    the network's colour model is linear (photo) and as they are where it takes coded values as linear (paper); what no
+    loss asked for is the truth.
+
+    Args:
+        networks: row -> checkpoint.
+        packed, lights, split: the data, as for `evaluate.evaluate`.
+        settings: which figures, lights, and how many.
+        out: the picture (.png).
+
+    Raises:
+        UserError: as `evaluate.evaluate`.
+    """
+    draw_plates(networks, packed, lights, split, settings, lambda names: spaced(len(names), settings.plates), out)
+
+
+def overview(
+    networks: dict[str, Path], packed: Path, lights: Path, split: Path, settings: config.Evaluate, out: Path
+) -> None:
+    """The same for one figure and the last network."""
+    last = dict([list(networks.items())[-1]])
+    draw_plates(last, packed, lights, split, settings, lambda names: [len(names) // 2], out)
+
+
+def extremes(
+    networks: dict[str, Path],
+    scores: list[Path],
+    packed: Path,
+    lights: Path,
+    split: Path,
+    settings: config.Evaluate,
+    out: Path,
+) -> None:
+    """The same for the figures with the least and the largest shading error, mean over the networks.
+
+    scores: those of the networks, on the figures and lights of `settings`.
+    """
+    found = [one for trainings in gather(scores).values() for one in trainings]
+
+    def ends(names: list[str]) -> list[int]:
+        means = dict(zip(found[0].figures, np.mean([one.figure_means("shading_rmse") for one in found], 0)))
+        order = sorted(range(len(names)), key=lambda place: means[names[place]])
+        return list(dict.fromkeys([*order[:EXTREMES], *order[-EXTREMES:]]))
+
+    draw_plates(networks, packed, lights, split, settings, ends, out)
+
+
+def draw_plates(
+    networks: dict[str, Path],
+    packed: Path,
+    lights: Path,
+    split: Path,
+    settings: config.Evaluate,
+    choose: Callable[[list[str]], list[int]],
+    out: Path,
+) -> None:
+    """Draws the figures whose places `choose` picks from the names of those that are tested."""
+    blocks: list[list[Line]] = []
+    linear = False
+    for name, checkpoint in progress(list(networks.items()), "networks drawn"):
+        network, data = load(checkpoint, packed, lights, settings)
+        if not has_pairs(data, split, settings):
+            break
+        figures, lit = chosen_pairs(data, split, settings.lights, settings.figures)
+        chosen = figures[choose([data.names[f] for f in figures])].tolist()
+        pairs = [(f, lit[[i % len(lit), (i + 1) % len(lit)]]) for i, f in enumerate(chosen)]
+        if not blocks:
+            linear = data.color == "photo"
+            subjects = [Subject.of(data, *pair) for pair in pairs]
+            blocks = [[Line(f"truth {one.name}", one, true_views(one), first=True)] for one in subjects]
+        for block, (figure, two) in zip(blocks, pairs):
+            one = block[0].subject
+            block.append(Line(LABELS.get(name, name), one, inferred_views(one, infer(network, data, figure, two[:1]))))
+    if not blocks:
+        sheet = Sheet(2 * GUTTER, TOP)
+        sheet.text("nothing to show", GUTTER, TOP // 2, 15, "mm", color=FAINT)
+        return sheet.save(out)
+    draw(list(COLUMNS), [line for block in blocks for line in block], linear, WORST, NOTE).save(out)
+
+
+def spaced(items: int, count: int) -> list[int]:
+    """At most `count` places among `items`, from first to last."""
+    return np.unique(np.linspace(0, items - 1, count).round().astype(int)).tolist()
+
+
+def true_views(s: Subject) -> list[View]:
+    """The views of COLUMNS, the mask in the place of an error."""
+    made = views(s, s.truth.maps["albedo"][0], s.truth.transport[0], *s.truth.lights)
+    made[COLUMNS.index("shading error")] = View(np.full((len(s.pixel), 3), 0.2), coded=True)
+    made[-1].light = s.truth.lights[1]
+    return made
+
+
+def inferred_views(s: Subject, inferred: Inferred) -> list[View]:
+    """The views of COLUMNS of what a network infers of the subject in its first light."""
+    transport = inferred.transport[0] * (inferred.ao[0][:, None] if inferred.occlude else 1)
+    albedo = (s.truth.maps["albedo"] if inferred.albedo is None else inferred.albedo)[0]
+    light = (s.truth.lights if inferred.light is None else inferred.light)[0]
+    return views(s, albedo, transport, light, s.truth.lights[1])
+
+
+def views(s: Subject, albedo: np.ndarray, transport: np.ndarray, light: np.ndarray, new: np.ndarray) -> list[View]:
+    shading = shade(transport, light)
+    error = np.linalg.norm(shading - s.truth.maps["shading"][0], axis=-1)
+    bands = [View(band, coded=True) for band in transport_bands(transport)]
+    first = [View(albedo * shading), View(albedo), View(shading / s.white), View(error=error), View(light=light)]
+    return [*first, *bands, View(albedo * shade(transport, new))]

@@ -1,0 +1,91 @@
+"""The report's page: jinja templates of Markdown and HTML, pictures inside it, readable offline and on a phone."""
+
+import base64
+import io
+import re
+from functools import cache
+from pathlib import Path
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+from markdown_it import MarkdownIt
+from markupsafe import Markup
+from PIL import Image
+
+from relight.evaluation import formats
+from relight.evaluation.comparisons import MARGIN, Verdict
+from relight.evaluation.tables import ALPHA, LABELS
+from relight.files import UserError, existing
+from relight.progress import span
+
+TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".svg": "image/svg+xml"}
+LARGE = 400_000  # bytes; larger PNGs go into the page as JPEGs of the same pixels
+
+
+@cache
+def environment() -> Environment:
+    """The templates, with what they may call: every value is escaped, and a name that is not given is an error."""
+    made = Environment(
+        loader=PackageLoader("relight.evaluation.report"),
+        autoescape=True,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        undefined=StrictUndefined,
+        extensions=["jinja2.ext.do"],
+    )
+    made.filters |= {
+        "number": formats.number,
+        "signed": formats.signed,
+        "percent": formats.percent,
+        "count": formats.count,
+        "column": formats.column_name,
+        "label": lambda row: LABELS.get(row, row),
+        "span": span,
+        "slug": slug,
+    }
+    made.globals |= {"table": table, "picture": picture, "ALPHA": ALPHA, "MARGIN": MARGIN, "Verdict": Verdict}
+    return made
+
+
+def text(template: str, **context) -> str:
+    """A template as plain text, such as the note under a table."""
+    lines = environment().get_template(template).render(context).splitlines()
+    return Markup(" ".join(line.strip() for line in lines if line.strip())).unescape()
+
+
+def section(template: str, **context) -> Markup:
+    """A template of Markdown as HTML."""
+    return Markup(MarkdownIt("commonmark").enable("table").render(environment().get_template(template).render(context)))
+
+
+def page(template: str, **context) -> str:
+    return environment().get_template(template).render(context)
+
+
+def table(grid: formats.Grid, caption: str = "") -> Markup:
+    """A grid as HTML, by blocks of columns, without blank lines: it may stand in Markdown."""
+    parts = []
+    for block in formats.blocks(grid):
+        texts = block.texts(formats.HTML)
+        rows = [(label, kind, cells) for (label, *cells), kind in zip(texts.itertuples(name=None), block.kinds)]
+        parts.append(page("table.html", corner=texts.index.name, heads=texts.columns, rows=rows, caption=caption))
+    return Markup(re.sub(r"\n\s*\n", "\n", "".join(parts)))
+
+
+def picture(path: Path, caption: str, alt: str = "") -> Markup:
+    """A picture in the page (PNG, JPEG, SVG), as wide as the page; a tap shows it at its own size."""
+    kind = TYPES.get(existing(path, "picture").suffix.lower())
+    if kind is None:
+        raise UserError(f"{path}: the report takes pictures of the kinds {', '.join(TYPES)}")
+    data = Path(path).read_bytes()
+    if kind == "image/png" and len(data) > LARGE:
+        buffer = io.BytesIO()
+        with Image.open(path) as image:
+            image.convert("RGB").save(buffer, "JPEG", quality=90, subsampling=0)
+        data, kind = buffer.getvalue(), "image/jpeg"
+    source = f"data:{kind};base64,{base64.b64encode(data).decode()}"
+    return Markup(page("picture.html", source=source, caption=caption, alt=alt or caption).strip())
+
+
+def slug(words: str) -> str:
+    """A name for a link: lower case, hyphens."""
+    return re.sub(r"[^a-z0-9_]+", "-", words.lower()).strip("-") or "section"

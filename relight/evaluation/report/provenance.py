@@ -1,0 +1,102 @@
+"""Where a report comes from: when, with which code, on what machine, at what cost, and the command that repeats it."""
+
+import os
+import platform
+import shlex
+import subprocess
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+
+import pandas as pd
+import psutil
+import yaml
+
+from relight import __version__
+from relight.config import ROOT
+
+
+@dataclass
+class Provenance:
+    """date: UTC, to the minute; commit: of the working tree, "" outside of git; changed: whether files differ from it;
+    command: repeats the run from a clone."""
+
+    date: str
+    version: str
+    commit: str
+    changed: bool
+    machine: str
+    command: str
+
+
+def provenance(folder: Path) -> Provenance:
+    """Of the results in `folder`, whose run.yaml says what was asked for; told now, by the report's own process."""
+    commit, status = git("rev-parse", "HEAD"), git("status", "--porcelain", "--untracked-files=no")
+    date = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
+    return Provenance(date, __version__, commit[:12], bool(status), machine(), command(folder))
+
+
+def git(*words: str) -> str:
+    """What git says of this repository; nothing where there is no git or no repository."""
+    try:
+        return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
+    except (OSError, subprocess.CalledProcessError):
+        return ""
+
+
+def machine() -> str:
+    """Processor, cores, memory, GPU and system, without the machine's name."""
+    import torch
+
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    parts = [f"{processor()}, {cores} core{'s' * (cores != 1)}", f"{psutil.virtual_memory().total / 2**30:.0f} GiB"]
+    parts += [torch.cuda.get_device_name(0)] if torch.cuda.is_available() else []
+    return "; ".join([*parts, f"{platform.system()} {platform.machine()}", f"Python {platform.python_version()}"])
+
+
+def processor() -> str:
+    """The model of the processor, as the system calls it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        return next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    except (OSError, StopIteration):
+        return platform.processor() or platform.machine()
+
+
+def command(folder: Path) -> str:
+    """The command for a clone of the repository; a sweep is repeated from its record."""
+    record = folder / "run.yaml"
+    asked = yaml.safe_load(record.read_text()) if record.exists() else {}
+    if "runs" in asked:
+        return f"snakemake all --configfile results/{folder.name}/run.yaml"
+    return shlex.join(["relight", "run", *asked.get("hydra", [])])
+
+
+def costs(folder: Path) -> tuple[pd.DataFrame, float]:
+    """Seconds and memory of the jobs of each rule that Snakemake has measured, and the wall time of all together.
+
+    The wall time is that in which at least one of these jobs was at work, so that a run taken up again counts right.
+    Of jobs of a few seconds, Snakemake's samples miss a part of the CPU time and of the memory.
+    """
+    lines, times = [], []
+    top = folder / "benchmark"
+    for path in sorted(top.rglob("*.tsv")):
+        jobs = pd.read_csv(path, sep="\t", na_values=["-", "NA"])
+        seconds = float(jobs["s"].sum())
+        times.append((path.stat().st_mtime - seconds, path.stat().st_mtime))
+        cpu = float(jobs["cpu_time"].sum()) if "cpu_time" in jobs else float("nan")
+        stage, memory = path.relative_to(top).parts[0], jobs["max_rss"].max() / 1024
+        lines.append([stage, seconds, cpu, memory])
+    frame = pd.DataFrame(lines, columns=["stage", "seconds", "cpu", "memory"])
+    found = frame.groupby("stage").agg(
+        jobs=("seconds", "size"),
+        mean=("seconds", "mean"),
+        seconds=("seconds", "sum"),
+        cpu=("cpu", "sum"),
+        memory=("memory", "max"),
+    )
+    wall, end = 0.0, float("-inf")
+    for first, last in sorted(times):
+        wall += max(0.0, last - max(first, end))
+        end = max(end, last)
+    return found, wall

@@ -1,0 +1,124 @@
+"""Aligns figures to the camera frame: up, front, centre and size."""
+
+import csv
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from relight.config import Align
+from relight.files import UserError, existing
+from relight.meshes.axes import AXES, find_axes
+from relight.meshes.mesh import Mesh
+from relight.sh import rotation_about_y
+
+MIN_CERTAINTY = 0.3  # of the front, below which there is a warning
+
+
+def align(mesh: Mesh, settings: Align) -> Mesh:
+    """Aligns a mesh: +x image right, +y up, +z toward the camera, in units of the image plane.
+
+    The bounding box is centred at the origin and 2 (1 - 2 padding) high, or so wide if it is wider than high. The units
+    of the file do not matter. The axes are those of a row of `settings.table` with the figure's name, else of the
+    settings, else of info["axes"] (generated figures), else those that `find_axes` finds.
+
+    Args:
+        mesh: in the file's frame.
+        settings: up and front, axes of the file or `auto`; padding; table.
+
+    Returns:
+        The aligned mesh. Its info["align"] has rotation (3,3), centre and scale, with
+        aligned = scale * rotation @ (file - centre).
+
+    Raises:
+        UserError: if a setting names no axis, up and front are the same, or the mesh has no extent.
+    """
+    name = str(mesh.info.get("name", ""))
+    row = read_align_table(settings.table).get(name, {}) if settings.table else {}
+    up, front = (
+        _first_axis(key, row.get(key), getattr(settings, key), mesh.info.get("axes", {}).get(key))
+        for key in ("up", "front")
+    )
+    turn = float(row.get("turn") or 0)
+    warnings = list(mesh.info.get("warnings", []))
+    if up is None or front is None:
+        axes = find_axes(mesh, up, front)
+        up, front = axes.up, axes.front
+        if axes.certainty < MIN_CERTAINTY:
+            warnings.append(f"its front is a guess ({front} with {up} up): check it, and correct it in align.table")
+    rotation = rotation_about_y(np.radians(turn)) @ axes_rotation(up, front)
+    vertices = mesh.vertices.astype(np.float64) @ rotation.T
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    extent = (high - low)[:2].max()
+    if not extent > 0:
+        raise UserError(f"{name or 'the mesh'} has no extent in the view from {front} with {up} up")
+    scale = float(2 * (1 - 2 * settings.padding) / extent)
+    centre = (low + high) / 2
+    record = {
+        "up": up,
+        "front": front,
+        "turn": turn,
+        "rotation": rotation.tolist(),
+        "centre": (rotation.T @ centre).tolist(),
+        "scale": scale,
+    }
+    return replace(
+        mesh,
+        vertices=((vertices - centre) * scale).astype(np.float32),
+        info={**mesh.info, "align": record, "warnings": warnings},
+    )
+
+
+def _first_axis(key: str, *values: str | None) -> str | None:
+    """Returns the first value that is neither empty nor auto, or None; raises UserError if it is no axis."""
+    axis = next((axis for axis in values if axis not in (None, "", "auto")), None)
+    if axis is not None and axis not in AXES:
+        raise UserError(f"align.{key} {axis!r} is not an axis; {', '.join(AXES)} and auto are")
+    return axis
+
+
+def axes_rotation(up: str, front: str) -> np.ndarray:
+    """Returns the rotation (3,3) that takes the file's axis `up` to +y and `front` to +z, names in AXES.
+
+    Raises:
+        UserError: if the axes are not perpendicular.
+
+    >>> axes_rotation("+z", "-y") @ np.array([0, 0, 1])
+    array([0., 1., 0.])
+    """
+    y, z = AXES[up], AXES[front]
+    if y @ z:
+        raise UserError(f"up {up} and front {front} are the same axis; they must be at right angles")
+    return np.stack([np.cross(y, z), y, z])
+
+
+def read_align_table(path: Path | str) -> dict[str, dict[str, str]]:
+    """Reads a CSV table with a column `name` and any of up, front and turn (degrees); cells may be empty.
+
+    Returns:
+        Rows by name.
+
+    Raises:
+        UserError: if the file does not exist, has no column `name`, has a name twice, or a cell cannot be parsed.
+    """
+    path = existing(path, "align.table")
+    with open(path, newline="", encoding="utf-8-sig") as file:
+        reader = csv.DictReader(file)
+        if "name" not in (reader.fieldnames or []):
+            raise UserError(f"{path} has no column `name`; a table of overrides has name, up, front, turn")
+        rows: dict[str, dict[str, str]] = {}
+        for row in reader:
+            row = {key: (value or "").strip() for key, value in row.items() if isinstance(key, str)}
+            if row["name"] in rows:
+                raise UserError(f"{path} names {row['name']} twice")
+            for key in ("up", "front"):
+                if row.get(key) and row[key] not in (*AXES, "auto"):
+                    raise UserError(
+                        f"{path}: {key} {row[key]!r} of {row['name']}; {', '.join(AXES)} and auto are known"
+                    )
+            try:
+                float(row.get("turn") or 0)
+            except ValueError:
+                raise UserError(f"{path}: turn {row['turn']!r} of {row['name']} is not a number of degrees") from None
+            rows[row["name"]] = row
+    return rows

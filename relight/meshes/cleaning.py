@@ -1,0 +1,249 @@
+"""Repairs meshes with PyMeshLab; keeps uv and materials, and counts the repairs."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from relight.config import Clean
+from relight.files import UserError
+from relight.meshes.geometry import connected_parts, face_areas, solidity
+from relight.meshes.mesh import Mesh
+
+MIN_DISTANCE = 0.01  # of small parts from all large ones, over the figure's diagonal, to count as floating
+MAX_SPECK = 0.03  # of the figure's diagonal: larger parts are never dropped (a shoe has .15, an eye .013)
+MIN_KEPT = 0.5  # of the surface: a mesh of which less is left was no figure
+MAIN_PART = 0.5  # least share of the surface of a part that is most of the figure
+MIN_SOLIDITY = 0.1  # of a part that has an inside; hair cards and collars have about 0
+
+
+def clean(mesh: Mesh, settings: Clean) -> Mesh:
+    """Repairs a mesh.
+
+    Merges vertices at the same position; drops faces with non-finite corners, without area, and duplicates; splits
+    non-manifold edges; orients faces coherently and outward; drops small floating parts; closes holes and decimates if
+    the settings say so.
+
+    Args:
+        mesh: in any frame and unit.
+        settings: component, close_holes, max_faces.
+
+    Returns:
+        The repaired mesh. Its info["repairs"] has the numbers of repairs, and of holes, boundary edges and parts.
+
+    Raises:
+        UserError: if less than half of the surface is left.
+    """
+    repairs = {"unused vertices": len(mesh.vertices) - len(np.unique(mesh.faces))}
+    finite = np.isfinite(mesh.vertices).all(axis=-1)[mesh.faces].all(axis=-1)
+    repairs["faces with non-finite corners"] = int((~finite).sum())
+    if finite.mean() < MIN_KEPT:
+        raise UserError(f"{_name(mesh)}: {(~finite).mean():.0%} of the faces have corners that are no finite numbers")
+    mesh = submesh(mesh, np.flatnonzero(finite))
+    mesh = _repair(mesh, settings.close_holes, repairs)
+    mesh = _without_floating(mesh, settings.component, repairs)
+    if settings.max_faces and len(mesh.faces) > settings.max_faces:
+        from relight.meshes.decimate import decimate
+
+        repairs["faces before decimation"] = len(mesh.faces)
+        mesh = decimate(mesh, settings.max_faces)
+    mesh.info = {**mesh.info, "repairs": {what: count for what, count in repairs.items() if count}}
+    return mesh
+
+
+def submesh(mesh: Mesh, faces: np.ndarray) -> Mesh:
+    """Returns the mesh of the faces with these indices (N,) and of the vertices that they use."""
+    kept = mesh.faces[faces]
+    used = np.zeros(len(mesh.vertices), bool)
+    used[kept] = True
+    number = np.cumsum(used, dtype=np.int32) - 1
+    return replace(
+        mesh,
+        vertices=mesh.vertices[used],
+        faces=number[kept],
+        uv=mesh.uv[faces],
+        material=mesh.material[faces],
+        color=None if mesh.color is None else mesh.color[used],
+    )
+
+
+def _repair(mesh: Mesh, close_holes: int, repairs: dict[str, int]) -> Mesh:
+    """Runs PyMeshLab's filters and adds their counts to `repairs`.
+
+    Indices of vertices and faces are carried through the filters as scalars, those of corners as wedge coordinates.
+    """
+    import pymeshlab
+
+    corner = np.zeros((mesh.faces.size, 2))
+    corner[:, 0] = np.tile(np.arange(3), len(mesh.faces))
+    work = pymeshlab.MeshSet()
+    work.add_mesh(
+        pymeshlab.Mesh(
+            mesh.vertices.astype(np.float64),
+            mesh.faces,
+            v_scalar_array=np.arange(len(mesh.vertices), dtype=np.float64),
+            f_scalar_array=np.arange(len(mesh.faces), dtype=np.float64),
+            w_tex_coords_matrix=corner,
+        )
+    )
+
+    def face_count() -> int:
+        return work.current_mesh().face_number()
+
+    work.meshing_remove_duplicate_vertices()
+    repairs["duplicate vertices"] = len(mesh.vertices) - work.current_mesh().vertex_number()
+    work.meshing_remove_null_faces()
+    repairs["faces without area"] = len(mesh.faces) - face_count()
+    work.meshing_remove_duplicate_faces()
+    repairs["duplicate faces"] = len(mesh.faces) - face_count() - repairs["faces without area"]
+    work.meshing_remove_unreferenced_vertices()
+    if not face_count():
+        raise UserError(f"{_name(mesh)}: no face has an area")
+    repairs["non-manifold edges"] = _non_manifold_edges(work.current_mesh().face_matrix())
+    if repairs["non-manifold edges"]:
+        work = _split_non_manifold_edges(work.current_mesh())
+    work.meshing_repair_non_manifold_vertices(vertdispratio=0)
+    before = work.current_mesh().face_matrix()
+    work.meshing_re_orient_faces_coherently()
+    after = work.current_mesh().face_matrix()
+    found = work.get_topological_measures()
+    repairs["holes"], repairs["boundary edges"] = max(found["number_holes"], 0), found["boundary_edges"]
+    if close_holes:
+        work.meshing_close_holes(maxholesize=close_holes, newfaceselected=False)
+        repairs["faces that close holes"] = face_count() - len(after)
+
+    result = work.current_mesh()
+    face = result.face_scalar_array()[: len(after)].astype(np.int64)
+    corner = result.wedge_tex_coord_matrix()[: after.size, 0].reshape(-1, 3).round().astype(np.int64)
+    flipped = (before[:, :, None] == after[:, None, :]).argmax(
+        axis=1
+    )  # flipping moves a face's vertices, but not its wedges
+    corner = np.take_along_axis(corner, flipped, axis=1)
+    uv, material = mesh.uv[face[:, None], corner], mesh.material[face]
+    vertex = result.vertex_scalar_array().astype(np.int64)
+    closed = result.face_matrix()[len(after) :]
+    if len(closed):  # new faces get uv and material from their corners
+        at = np.zeros(len(vertex), np.int64)
+        at[after.reshape(-1)] = np.arange(after.size)
+        uv = np.concatenate([uv, uv.reshape(-1, 2)[at[closed]]])
+        material = np.concatenate([material, material[at[closed[:, 0]] // 3]])
+    mesh = replace(
+        mesh,
+        vertices=result.vertex_matrix().astype(np.float32),
+        faces=result.face_matrix().astype(np.int32),
+        uv=uv,
+        material=material,
+        color=None if mesh.color is None else mesh.color[vertex],
+    )
+    changed = np.zeros(len(mesh.faces), bool)
+    changed[: len(after)] = (before != after).any(axis=1)
+    return _oriented(mesh, changed, repairs)
+
+
+def _split_non_manifold_edges(mesh):
+    """Returns a MeshSet in which no edge has more than two faces.
+
+    At other edges, the third and later faces get copies of the vertices. (PyMeshLab's own filter loses the scalars of
+    faces.)
+    """
+    import pymeshlab
+
+    vertices, faces = mesh.vertex_matrix(), mesh.face_matrix().astype(np.int64)
+    source = np.arange(len(vertices))  # the original of each vertex
+    ends = np.array([[0, 1], [1, 2], [2, 0]])
+    while True:
+        edges = np.sort(faces[:, ends], axis=-1).reshape(-1, 2)
+        key = edges[:, 0] << 32 | edges[:, 1]
+        order = np.argsort(key, kind="stable")
+        first = np.r_[True, np.diff(key[order]) != 0]
+        place = np.empty(len(key), np.int64)
+        place[order] = np.arange(len(key)) - np.maximum.accumulate(np.where(first, np.arange(len(key)), 0))
+        late = np.flatnonzero(place >= 2)  # faces of an edge after the first two
+        if not len(late):
+            break
+        face, corners = late // 3, ends[late % 3]
+        old = np.unique(np.stack([face.repeat(2), corners.ravel()], 1), axis=0)
+        source = np.concatenate([source, source[faces[old[:, 0], old[:, 1]]]])
+        faces[old[:, 0], old[:, 1]] = np.arange(len(source) - len(old), len(source))
+    work = pymeshlab.MeshSet()
+    work.add_mesh(
+        pymeshlab.Mesh(
+            vertices[source],
+            faces.astype(np.int32),
+            v_scalar_array=mesh.vertex_scalar_array()[source],
+            f_scalar_array=mesh.face_scalar_array(),
+            w_tex_coords_matrix=mesh.wedge_tex_coord_matrix(),
+        )
+    )
+    return work
+
+
+def _non_manifold_edges(faces: np.ndarray) -> int:
+    """Returns how many edges have more than two faces."""
+    uses = edge_uses(faces)
+    return round((1 / uses[uses > 2]).sum())
+
+
+def edge_uses(faces: np.ndarray) -> np.ndarray:
+    """Returns the number of faces (F,3) that each edge of each face (F,3) has."""
+    edges = np.sort(np.stack([faces[:, :2], faces[:, 1:], faces[:, ::2]], axis=1).astype(np.int64), axis=-1)
+    _, index, count = np.unique(edges[..., 0] << 32 | edges[..., 1], return_inverse=True, return_counts=True)
+    return count[index].reshape(-1, 3)
+
+
+def _oriented(mesh: Mesh, changed: np.ndarray, repairs: dict[str, int]) -> Mesh:
+    """Orients each coherent part: solid ones outward, sheets as most of their faces were before.
+
+    Solid parts are closed ones, and an open one that is most of the figure, as of a scan without soles. Small open
+    parts may face inward, as linings do.
+
+    Args:
+        mesh: with coherent parts.
+        changed: (F,) bool, which faces were flipped to make them coherent.
+        repairs: gets the number of faces that are flipped in the end.
+    """
+    part = connected_parts(mesh.faces, len(mesh.vertices))
+    area = face_areas(mesh.vertices, mesh.faces)
+    shape = solidity(mesh.vertices, mesh.faces, part)
+    closed = np.bincount(part, edge_uses(mesh.faces).min(axis=-1) < 2) == 0
+    solid = (np.abs(shape) > MIN_SOLIDITY) & (closed | (np.bincount(part, area) > MAIN_PART * area.sum()))
+    majority = np.bincount(part, changed) > 0.5 * np.bincount(part)
+    turn = np.where(solid, shape < 0, majority)[part]
+    repairs["faces turned"] = int((changed ^ turn).sum())
+    mesh.faces[turn] = mesh.faces[turn][:, ::-1]
+    mesh.uv[turn] = mesh.uv[turn][:, ::-1]
+    return mesh
+
+
+def _without_floating(mesh: Mesh, share: float, repairs: dict[str, int]) -> Mesh:
+    """Drops parts that have less than a share of the faces, are small, and float; eyes and lashes touch the body."""
+    from scipy.spatial import cKDTree
+
+    part = connected_parts(mesh.faces, len(mesh.vertices))
+    count = part.max() + 1
+    repairs["parts"] = int(count)
+    diagonal = np.linalg.norm(np.ptp(mesh.vertices, axis=0))
+    corners = mesh.vertices[mesh.faces]
+    low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
+    np.minimum.at(low, part, corners.min(axis=1))
+    np.maximum.at(high, part, corners.max(axis=1))
+    large = np.bincount(part) >= share * len(part)
+    large |= np.linalg.norm(high - low, axis=-1) > MAX_SPECK * diagonal
+    if large.all():
+        return mesh
+    if not large.any():
+        raise UserError(f"{_name(mesh)} is dust: none of its {count} parts is larger than {MAX_SPECK:.0%} of the whole")
+    tree = cKDTree(mesh.vertices[np.unique(mesh.faces[large[part]])])
+    distance = np.full(count, np.inf)
+    small = ~large[part]
+    np.minimum.at(distance, part[small], tree.query(corners[small].mean(axis=1))[0])
+    floating = ~large & (distance > MIN_DISTANCE * diagonal)
+    repairs["floating parts"] = int(floating.sum())
+    area = face_areas(mesh.vertices, mesh.faces)
+    if area[floating[part]].sum() > (1 - MIN_KEPT) * area.sum():
+        raise UserError(f"{_name(mesh)}: over half of its surface is in small floating parts")
+    return submesh(mesh, np.flatnonzero(~floating[part])) if floating.any() else mesh
+
+
+def _name(mesh: Mesh) -> str:
+    """Returns the name of a mesh for error messages."""
+    return str(mesh.info.get("name", "the mesh"))

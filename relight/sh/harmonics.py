@@ -1,0 +1,189 @@
+"""Real spherical harmonics: orthonormal, without the Condon-Shortley phase, index l*l + l + m, pole along +z.
+
+K = (order + 1)^2 is the number of coefficients throughout (docs/conventions.md).
+"""
+
+import math
+from functools import cache
+
+import numpy as np
+
+from relight.files import UserError
+
+UNOCCLUDED_T00 = math.sqrt(math.pi) / 2  # the largest T_00, of a point that nothing occludes: pi Y_00 = .8862
+
+
+def coefficient_count(order: int) -> int:
+    """Returns K, the number of coefficients up to and including band `order`.
+
+    >>> coefficient_count(2)
+    9
+    """
+    return (order + 1) ** 2
+
+
+def order_of(coefficients: int) -> int:
+    """Returns the order of a full set of K coefficients.
+
+    Raises:
+        UserError: if K is not a square.
+
+    >>> order_of(9)
+    2
+    """
+    order = math.isqrt(max(coefficients, 1)) - 1
+    if coefficient_count(order) != coefficients:
+        raise UserError(f"{coefficients} spherical-harmonic coefficients: a full set has 1, 4, 9, 16, 25 ... of them")
+    return order
+
+
+def bands(order: int) -> np.ndarray:
+    """Returns the band l of each coefficient, (K,) int.
+
+    >>> bands(2).tolist()
+    [0, 1, 1, 1, 2, 2, 2, 2, 2]
+    """
+    return np.repeat(np.arange(order + 1), 2 * np.arange(order + 1) + 1)
+
+
+def per_coefficient(per_band: np.ndarray) -> np.ndarray:
+    """Repeats values per band (order+1,) for each coefficient of the band, (K,)."""
+    per_band = np.asarray(per_band)
+    return per_band[bands(len(per_band) - 1)]
+
+
+@cache
+def normalisation(l: int, m: int) -> float:
+    """Returns the constant that makes Y_lm orthonormal: sqrt((2l+1)/(4 pi) (l-m)!/(l+m)!), times sqrt 2 for m > 0."""
+    ratio = math.factorial(l - m) / math.factorial(l + m)
+    return math.sqrt((2 - (m == 0)) * (2 * l + 1) / (4 * math.pi) * ratio)
+
+
+def basis(directions: np.ndarray, order: int = 2) -> np.ndarray:
+    """Evaluates the spherical harmonics Y_lm.
+
+    For order 2 these are 1, y, z, x, xy, yz, 3z^2-1, xz, x^2-y^2 times .282095, .488603 (3 times), 1.092548,
+    1.092548, .315392, 1.092548, .546274. They are evaluated as polynomials in x, y, z, hence also exact at the poles:
+    P_lm(z) / sin^m follows the three-term recurrence of the Legendre functions, Re and Im of (x+iy)^m give the azimuth.
+
+    Args:
+        directions: (...,3) unit vectors.
+        order: the highest band.
+
+    Returns:
+        (...,K) float64.
+
+    >>> basis(np.array([0.0, 0.0, 1.0]), 1).round(4).tolist()
+    [0.2821, 0.0, 0.4886, 0.0]
+    """
+    directions = np.asarray(directions, np.float64)
+    x, y, z = directions[..., 0], directions[..., 1], directions[..., 2]
+    values = np.empty((*x.shape, coefficient_count(order)))
+    cosine, sine = np.ones_like(x), np.zeros_like(x)
+    sectoral = 1.0  # P_mm / sin^m = (2m-1)!!
+    for m in range(order + 1):
+        before, legendre = np.zeros_like(z), np.full_like(z, sectoral)
+        for l in range(m, order + 1):
+            scaled = normalisation(l, m) * legendre
+            values[..., l * l + l + m] = scaled * cosine
+            if m:
+                values[..., l * l + l - m] = scaled * sine
+            before, legendre = legendre, ((2 * l + 1) * z * legendre - (l + m) * before) / (l - m + 1)
+        cosine, sine = x * cosine - y * sine, x * sine + y * cosine
+        sectoral *= 2 * m + 1
+    return values
+
+
+def cosine_factors(order: int) -> np.ndarray:
+    """Returns the factors A_l (order+1,) of the clamped cosine (Ramamoorthi & Hanrahan 2001, equation 8).
+
+    They are pi, 2 pi/3, pi/4, 0, -pi/24, ...; irradiance has the coefficients A_l L_lm.
+    """
+    factors = np.zeros(order + 1)
+    for l in range(order + 1):
+        if l == 1:
+            factors[l] = 2 * math.pi / 3
+        elif l % 2 == 0:
+            half = l // 2
+            sign = 1 if half % 2 else -1
+            factors[l] = 2 * math.pi * sign / ((l + 2) * (l - 1)) * math.comb(l, half) / 2**l
+    return factors
+
+
+def unoccluded(normals: np.ndarray, order: int = 2) -> np.ndarray:
+    """Returns the transport T_lm(n) = A_l Y_lm(n) of points that nothing occludes, without 1/pi (method.md section 1).
+
+    Args:
+        normals: (...,3) unit vectors.
+        order: the highest band.
+
+    Returns:
+        (...,K) float64.
+
+    >>> unoccluded(np.array([0.0, 0.0, 1.0]), 1).round(4).tolist()
+    [0.8862, 0.0, 1.0233, 0.0]
+    """
+    return basis(normals, order) * per_coefficient(cosine_factors(order))
+
+
+def irradiance(light: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Returns the irradiance E(n) = sum A_l L_lm Y_lm(n) of surfaces that nothing occludes.
+
+    The truncated series may be slightly negative.
+
+    Args:
+        light: (...,K,C) radiance.
+        normals: (N,3) or (3,) unit vectors.
+
+    Returns:
+        (...,N,C) or (...,C).
+    """
+    light = np.asarray(light, np.float64)
+    return unoccluded(normals, order_of(light.shape[-2])) @ light
+
+
+def sphere_quadrature(degree: int) -> tuple[np.ndarray, np.ndarray]:
+    """Returns a quadrature rule on the sphere: Gauss-Legendre in z times equal steps of azimuth.
+
+    Args:
+        degree: up to which polynomials in x, y, z are integrated exactly.
+
+    Returns:
+        Directions (N,3) and weights (N,), whose sum is 4 pi.
+    """
+    z, wz = np.polynomial.legendre.leggauss(degree // 2 + 1)
+    azimuth = 2 * np.pi * np.arange(degree + 1) / (degree + 1)
+    s = np.sqrt(1 - z * z)[:, None]
+    directions = np.stack(np.broadcast_arrays(s * np.cos(azimuth), s * np.sin(azimuth), z[:, None]), -1)
+    weights = np.repeat(wz * 2 * np.pi / (degree + 1), degree + 1)
+    return directions.reshape(-1, 3), weights
+
+
+def rotation_matrix(rotation: np.ndarray, order: int = 2) -> np.ndarray:
+    """Returns the matrix that rotates coefficients.
+
+    M_jk is the integral of Y_j(w) Y_k(R^T w), a polynomial of degree 2 * order, so the quadrature is exact.
+
+    Args:
+        rotation: (3,3) rotation R of the light itself, or a reflection.
+        order: the highest band.
+
+    Returns:
+        (K,K) float64; the rotated light has the coefficients M @ coefficients.
+    """
+    directions, weights = sphere_quadrature(2 * order)
+    matrix = basis(directions, order).T @ (weights[:, None] * basis(directions @ rotation, order))
+    band = bands(order)
+    return np.where(band[:, None] == band, matrix, 0.0)  # bands do not mix: what the sum left there is rounding
+
+
+def rotation_about_y(angle: float) -> np.ndarray:
+    """Returns the rotation (3,3) by `angle` radians about the vertical, from +z toward +x where positive."""
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
+
+
+def rotate_y(light: np.ndarray, angle: float) -> np.ndarray:
+    """Rotates a light (...,K,C) by `angle` radians about the vertical, from +z toward +x where positive."""
+    light = np.asarray(light)
+    return rotation_matrix(rotation_about_y(angle), order_of(light.shape[-2])) @ light

@@ -1,0 +1,312 @@
+"""Bakes maps of a mesh: the surface that a camera sees, and the light transport at each pixel."""
+
+from dataclasses import replace
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+
+from relight.files import UserError
+from relight.maps import Maps
+from relight.meshes import Mesh, vertex_normals
+from relight.progress import progress
+from relight.sh import UNOCCLUDED_T00, rotation_matrix
+from relight.transport.bounce import solve_radiosity
+from relight.transport.camera import Camera
+from relight.transport.integrate import BATCH, integrate, require_at_least
+from relight.transport.raycaster import MISS, RayCaster
+from relight.transport.sampling import random_azimuths
+from relight.transport.surface import sample_albedo, shading_normals
+from relight.transport.view import FRONTAL, View, place, view_record
+
+
+def bake(
+    mesh: Mesh,
+    size: int,
+    rays: int,
+    order: int = 2,
+    seed: int = 0,
+    supersample: int = 1,
+    bounces: int = 0,
+    view: View = FRONTAL,
+    threads: int = 1,
+) -> Maps:
+    """Bakes maps of one view of an aligned mesh; arguments as for `Baker` and `Baker.maps`."""
+    return Baker(mesh, rays, order, seed, bounces, threads).maps(size, supersample, view)
+
+
+class Baker:
+    """Bakes maps of any number of views of one mesh; what the views share is computed once.
+
+    Attributes:
+        mesh: as given.
+        rays, order, seed, bounces: as given.
+        caster: casts rays against the mesh.
+        normals: (V,3) float32 of the vertices.
+        gather_caster: casts the rays that gather light; with bounces, against a mesh whose long edges are split.
+        radiosity: (F,K,3) float32, what each face of `gather_caster` reflects; None without bounces.
+    """
+
+    def __init__(self, mesh: Mesh, rays: int, order: int = 2, seed: int = 0, bounces: int = 0, threads: int = 1):
+        """Prepares a mesh. Time and memory: docs/transport.md.
+
+        Args:
+            mesh: aligned, if its frontal view is to be baked.
+            rays: per pixel.
+            order: of the spherical harmonics; the maps have K = (order + 1)^2 transport coefficients.
+            seed: of the rays' azimuths.
+            bounces: of interreflection with the mesh's albedo; with more than 0, the maps hold `bounced`.
+            threads: 0 takes every core. The result does not depend on it.
+
+        Raises:
+            UserError: if a setting is out of range or `RayCaster` refuses the mesh.
+        """
+        require_at_least(1, rays=rays)
+        require_at_least(0, order=order, bounces=bounces)
+        self.mesh, self.rays, self.order, self.seed, self.bounces = mesh, rays, order, seed, bounces
+        self.caster = RayCaster(mesh.vertices, mesh.faces, threads)
+        self.normals = vertex_normals(mesh)
+        self.gather_caster, self.radiosity = self.caster, None
+        if bounces:
+            self.gather_caster, self.radiosity = solve_radiosity(mesh, self.caster, rays, order, seed, bounces)
+
+    def camera(self, size: int, view: View) -> Camera:
+        """Returns the camera of a view.
+
+        The frontal view leaves the mesh where it is; all others place it so that it fills the picture (`place`).
+
+        Args:
+            size: of the image in pixels.
+            view: of the mesh.
+        """
+        caster = self.caster
+        if view == FRONTAL:
+            return Camera(size, max(2.0, float(caster.high[2]) + caster.diagonal / 100))
+        used = np.zeros(len(self.mesh.vertices), bool)
+        used[caster.faces] = True
+        vertices = self.mesh.vertices[used].astype(np.float64)
+        pose = place(view, vertices)
+        if view.focal is not None:
+            return Camera(size, view.distance, True, pose)
+        front = float(pose.to_camera(vertices)[:, 2].max())
+        return Camera(size, max(2.0, front + pose.scale * caster.diagonal / 100), pose=pose)
+
+    def maps(self, size: int, supersample: int = 1, view: View = FRONTAL) -> Maps:
+        """Bakes maps of one view of a mesh in its own outfit: see `outfits`."""
+        return self.outfits(size, supersample, view)[0]
+
+    def outfits(self, size: int, supersample: int = 1, view: View = FRONTAL) -> list[Maps]:
+        """Bakes maps of one view, for each outfit of the mesh, its own first.
+
+        Normals and transport are in the camera's axes, depth in its units.
+
+        Mask and depth are sampled at the pixels' centres. All other maps are means over k x k samples of a pixel,
+        k = `supersample`, which share the pixel's rays: pixels are filtered at no additional cost. Samples that miss
+        the mesh are not counted, so nothing is darkened at silhouettes; normals are normalised again. Back faces are
+        seen, too, with their normals turned to the camera. In perspective, the axes are the same for all pixels, with z
+        along the optical axis and not along each pixel's ray. Outfits differ in albedo only, and cost no rays.
+
+        Args:
+            size: of the image in pixels.
+            supersample: samples per pixel in each direction.
+            view: of the mesh.
+
+        Raises:
+            UserError: if a setting is out of range, no pixel's centre shows the mesh, or outfits meet bounces.
+        """
+        require_at_least(1, supersample=supersample)
+        if self.rays < supersample**2:
+            raise UserError(
+                f"rays is {self.rays}: it must be at least {supersample**2}, one for each of the pixel's {supersample} "
+                f"x {supersample} places (supersample)"
+            )
+        if self.bounces and self.mesh.outfits:
+            raise UserError("what surfaces reflect depends on their albedo: with outfits, bounces must be 0")
+        camera = self.camera(size, view)
+        centres = primary_hits(self.caster, camera, *pixel_corners(size) + 0.5)
+        if not len(centres.index):
+            low, high = self.caster.low, self.caster.high
+            raise UserError(
+                "the camera sees nothing of the mesh: it spans "
+                + ", ".join(f"{axis} {a:.3g} to {b:.3g}" for axis, a, b in zip("xyz", low, high))
+                + ", and the image shows x and y from -1 to 1; align it first"
+            )
+        means, coverage = self._pixel_means(camera, centres, supersample)
+        self._rotate_to_camera(means, camera)
+        return self._assembled(means, coverage, centres, camera, supersample, view)
+
+    def _pixel_means(
+        self, camera: Camera, centres: "Hits", supersample: int
+    ) -> tuple[dict[str, np.ndarray], np.ndarray]:
+        """Averages the samples of the P pixels whose centres hit the mesh.
+
+        Returns:
+            Means (P,...) of `_surface_values` in the mesh's axes; coverage (size^2,), the share of samples that hit.
+        """
+        column, row = pixel_corners(camera.size)
+        azimuth = random_azimuths(len(centres.index), self.seed)
+        number = np.full(camera.size**2, -1)  # of each pixel among the P, -1 for the others
+        number[centres.index] = np.arange(len(centres.index))
+        sums, covered = PixelSums(len(centres.index)), np.zeros(camera.size**2)
+        steps = (np.arange(supersample) + 0.5) / supersample
+        grid = list(product(steps, steps))
+        for j, (dy, dx) in enumerate(progress(grid, "places of each pixel") if len(grid) > 1 else grid):
+            hits = primary_hits(self.caster, camera, column + dx, row + dy)
+            covered[hits.index] += 1
+            masked = number[hits.index] >= 0
+            pixels = number[hits.index[masked]]
+            subset = (j, len(grid))
+            sums.add(
+                pixels, self._surface_values(camera, hits.face[masked], hits.weights[masked], azimuth[pixels], subset)
+            )
+        missed = np.flatnonzero(sums.counts == 0)  # the surface at the centre is thinner than the samples are apart
+        if len(missed):
+            face, weights = centres.face[missed], centres.weights[missed]
+            sums.add(missed, self._surface_values(camera, face, weights, azimuth[missed], (0, 1)))
+        return sums.means(), covered / len(grid)
+
+    def _surface_values(
+        self, camera: Camera, face: np.ndarray, weights: np.ndarray, azimuth: np.ndarray, subset: tuple[int, int]
+    ) -> dict[str, np.ndarray]:
+        """Computes transport, normal, albedo of each outfit and, with bounces, bounced (N,...) of surface points.
+
+        Args:
+            camera: that the normals are turned to.
+            face: (N,) of the points.
+            weights: (N,3) barycentric.
+            azimuth: (N,) of the rays, radians.
+            subset: of the rays, as for `integrate`.
+        """
+        points, geometric = self.caster.points(face, weights), self.caster.normals[face]
+        normals = shading_normals(self.normals, self.mesh.faces, face, weights, geometric)
+        side = np.where(faces_away(camera, points, geometric), -1.0, 1.0)[:, None]
+        normals, geometric = normals * side, geometric * side
+        transport, bounced = integrate(
+            self.gather_caster,
+            points,
+            normals,
+            geometric,
+            self.rays,
+            self.order,
+            radiosity=self.radiosity,
+            azimuth=azimuth,
+            subset=subset,
+        )
+        looks = (self.mesh.dressed(outfit) for outfit in range(len(self.mesh.outfits) + 1))
+        albedo = np.stack([sample_albedo(look, face, weights) for look in looks], axis=1)
+        values = {"transport": transport, "normal": normals, "albedo": albedo}
+        return values if bounced is None else {**values, "bounced": bounced}
+
+    def _rotate_to_camera(self, means: dict[str, np.ndarray], camera: Camera) -> None:
+        """Rotates normals and transport from the mesh's axes to the camera's, in place, and normalises the normals."""
+        if camera.pose is not None:
+            matrix = rotation_matrix(camera.pose.rotation, self.order)
+            means["normal"] = np.einsum("jk,pk->pj", camera.pose.rotation, means["normal"])
+            for name in ("transport", "bounced") if self.bounces else ("transport",):
+                means[name] = np.einsum("jk,pk...->pj...", matrix, means[name])
+        means["normal"] = means["normal"] / np.linalg.norm(means["normal"], axis=1, keepdims=True)
+
+    def _assembled(
+        self,
+        means: dict[str, np.ndarray],
+        coverage: np.ndarray,
+        centres: "Hits",
+        camera: Camera,
+        supersample: int,
+        view: View,
+    ) -> list[Maps]:
+        """Puts values of the masked pixels into images, and the settings into the record; for each outfit."""
+        size = camera.size
+        points = self.caster.points(centres.face, centres.weights)
+        backs = faces_away(camera, points, self.caster.normals[centres.face])
+        transport = means["transport"].astype(np.float32)
+
+        def image(values: np.ndarray) -> np.ndarray:
+            pixels = np.zeros((size * size, *values.shape[1:]), values.dtype)
+            pixels[centres.index] = values
+            return pixels.reshape(size, size, *values.shape[1:])
+
+        own, *others = means["albedo"].astype(np.float32).swapaxes(0, 1)
+        maps = Maps(
+            mask=image(np.ones(len(centres.index), bool)),
+            coverage=coverage.astype(np.float32).reshape(size, size),
+            albedo=image(own),
+            normal=image(means["normal"].astype(np.float32)),
+            depth=image(camera.depth(points).astype(np.float32)),
+            ao=image((transport[:, 0] / np.float32(UNOCCLUDED_T00)).clip(0, 1)),
+            transport=image(transport),
+            bounced=image(means["bounced"].astype(np.float32)) if self.bounces else None,
+            info={
+                **self.mesh.info,
+                "size": size,
+                "rays": self.rays,
+                "order": self.order,
+                "ray_seed": self.seed,  # the figure has a seed of its own
+                "supersample": supersample,
+                "bounces": self.bounces,
+                "camera": "perspective" if camera.perspective else "orthographic",
+                "camera_distance": round(camera.distance, 6),
+                "offset": self.caster.offset,
+                "backs": round(float(backs.mean()), 4),  # share of the pixels that show the back of a face
+                **({} if camera.pose is None else {"view": view_record(view, camera.pose)}),
+            },
+        )
+        return [maps, *(replace(maps, albedo=image(albedo), info=dict(maps.info)) for albedo in others)]
+
+
+class PixelSums:
+    """Sums of values over the samples of each of P pixels."""
+
+    def __init__(self, pixels: int):
+        self.counts = np.zeros(pixels)
+        self.sums: dict[str, np.ndarray] = {}
+
+    def add(self, pixels: np.ndarray, values: dict[str, np.ndarray]) -> None:
+        """Adds one sample (N,...) of each named value to different pixels (N,)."""
+        for name, value in values.items():
+            total = self.sums.setdefault(name, np.zeros((len(self.counts), *value.shape[1:])))
+            total[pixels] += value
+        self.counts[pixels] += 1
+
+    def means(self) -> dict[str, np.ndarray]:
+        """Returns the means (P,...) by name."""
+        return {name: total / self.counts.reshape(-1, *[1] * (total.ndim - 1)) for name, total in self.sums.items()}
+
+
+class Hits(NamedTuple):
+    """Where rays meet a mesh first.
+
+    Attributes:
+        index: (P,) of the rays that meet it, ascending.
+        face: (P,) that they meet.
+        weights: (P,3) barycentric weights of the face's corners.
+    """
+
+    index: np.ndarray
+    face: np.ndarray
+    weights: np.ndarray
+
+
+def primary_hits(caster: RayCaster, camera: Camera, column: np.ndarray, row: np.ndarray) -> Hits:
+    """Casts camera rays through continuous pixel coordinates (N,), as `Camera.rays` counts them."""
+    index, faces, weights = [], [], []
+    for begin in range(0, len(column), BATCH):
+        rays = camera.rays(column[begin : begin + BATCH], row[begin : begin + BATCH])
+        rays[:, :3] -= caster.centre
+        face, barycentric = caster.intersect(rays.astype(np.float32))
+        hit = np.flatnonzero(face != MISS)
+        index.append(hit + begin)
+        faces.append(face[hit].astype(np.int64))
+        weights.append(barycentric[hit])
+    return Hits(np.concatenate(index), np.concatenate(faces), np.concatenate(weights))
+
+
+def pixel_corners(size: int) -> np.ndarray:
+    """Returns column and row (2, size^2) of the top left corners of all pixels, in raster order."""
+    row, column = np.divmod(np.arange(size * size), size)
+    return np.stack([column, row])
+
+
+def faces_away(camera: Camera, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Returns whether normals (N,3) at points (N,3) of the mesh's frame point away from the camera, (N,) bool."""
+    return np.einsum("nx,nx->n", normals, camera.toward(points)) < 0

@@ -1,0 +1,43 @@
+"""One script from ES modules, so that a page can be opened from disk: browsers refuse to import modules from there."""
+
+import re
+from pathlib import Path
+
+IMPORT = re.compile(r'^import \{ ([^}]+) \} from "\./([\w-]+)\.js";\n', re.M)
+DECLARED = re.compile(r"^export ((?:async )?(?:function|class|const) (\w+))", re.M)
+LISTED = re.compile(r"^export \{ ([^}]+) \};\n", re.M)
+
+
+def bundle(entry: Path) -> str:
+    """Bundles a module and all that it imports.
+
+    Each module becomes a function that runs once and returns what it exports, in the order of the imports. Supported
+    are `import { a, b } from "./x.js"`, `export { a, b }`, and `export` before a function, class or const.
+
+    Raises:
+        ValueError: for modules that import each other in a circle, a name that its module does not export, and other
+            forms of import and export.
+    """
+    exports: dict[str, list[str]] = {}
+    parts: list[str] = []
+
+    def add(name: str, importers: tuple[str, ...]) -> None:
+        if name in importers:
+            raise ValueError(f"modules import each other: {' -> '.join([*importers, name])}")
+        if name in exports:
+            return
+        text = (entry.parent / f"{name}.js").read_text(encoding="utf-8")
+        for names, other in IMPORT.findall(text):
+            add(other, (*importers, name))
+            if missing := set(names.split(", ")) - set(exports[other]):
+                raise ValueError(f"{name}.js imports {', '.join(sorted(missing))}, which {other}.js does not export")
+        exports[name] = [found[1] for found in DECLARED.findall(text)]
+        exports[name] += [word for names in LISTED.findall(text) for word in names.split(", ")]
+        text = IMPORT.sub(r"const { \1 } = $\2;\n", text)
+        text = LISTED.sub("", DECLARED.sub(r"\1", text))
+        if left := re.search(r"^(?:import|export)\b.*", text, re.M):
+            raise ValueError(f"{name}.js: this form is not supported: {left[0]}")
+        parts.append(f"const ${name} = (() => {{\n{text}return {{ {', '.join(exports[name])} }};\n}})();\n")
+
+    add(entry.stem, ())
+    return "\n".join(parts)

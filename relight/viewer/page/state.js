@@ -1,0 +1,39 @@
+// What the page holds: what it was built with, what the user chose, and what was loaded.
+
+const element = (id) => document.getElementById(id);
+const page = JSON.parse(element("page").textContent);
+const embedded = [...document.querySelectorAll("script.figure")];
+const DEFAULTS = Object.freeze({
+  light: 0, room: 1, lamps: [], yaw: 0, tilt: 0, stops: 0, view: "relit", before: "none", split: 0.5, mode: "ratio",
+  background: page.background, color: "#e8e4dc", auto: false,
+});
+const state = { ...DEFAULTS };
+const app = {
+  renderer: null,
+  figure: null,
+  index: 0, // of the figure
+  lights: page.lights.map(({ name, values }) => ({ name, values: Float64Array.from(values.flat()) })), // as embedded
+  shown: [], // the same, matched to the figure's photo
+  frames: 0, // drawn so far
+};
+const listeners = [];
+
+// Calls `listener` after every change of the state.
+function subscribe(listener) {
+  listeners.push(listener);
+}
+
+const clamp = (value, low, high) => Math.min(Math.max(value, low), high);
+
+// Changes the state; angles wrap around, everything else is kept within its bounds.
+function set(changes) {
+  Object.assign(state, changes);
+  state.yaw = ((((state.yaw + 180) % 360) + 360) % 360) - 180;
+  state.tilt = clamp(state.tilt, -90, 90);
+  state.stops = clamp(state.stops, -3, 3);
+  state.split = clamp(state.split, 0, 1);
+  state.room = clamp(state.room, 0, 1);
+  for (const listener of listeners) listener();
+}
+
+export { DEFAULTS, app, clamp, element, embedded, page, set, state, subscribe };

@@ -1,0 +1,69 @@
+"""Validation touches nothing: losses of fixed test pairs, and a picture whose rows agree for a perfect network."""
+
+import copy
+
+import numpy as np
+import pytest
+import torch
+from torch import nn
+
+from relight.learning.data import RelitSet
+from relight.learning.losses import losses, weights
+from relight.learning.networks import build
+from relight.learning.validation import GAP, Validation
+
+
+class Oracle(nn.Module):
+    """A network that knows the truth."""
+
+    def __init__(self, batch):
+        super().__init__()
+        self.batch = batch
+
+    def forward(self, image, mask):
+        dense = {name: self.batch.put(getattr(self.batch, name)) for name in ("albedo", "transport")}
+        return {**dense, "light": self.batch.light}
+
+
+@pytest.fixture(params=["paper", "photo"])
+def validation(request, world, loss):
+    data = RelitSet(world["packed"], world["lights"], 3, request.param)
+    return Validation(data, world["split"], loss(tv_albedo=0.0, tv_transport=0.0), data.size)
+
+
+def test_what_a_perfect_network_infers_is_the_truth(validation):
+    values, picture = validation(Oracle(validation.batch), drawn=True)
+    assert values["loss"] < 1e-6 and set(values) > {"albedo", "transport", "light", "shading_light"}
+    height = (picture.shape[0] - GAP) // 2
+    truth, inferred = picture[:height], picture[-height:]
+    assert picture.dtype == np.uint8 and truth.std() > 20
+    np.testing.assert_allclose(truth.astype(int), inferred, atol=1)
+
+
+def test_the_values_are_the_losses_and_nothing_is_left_behind(validation, model):
+    network = build(model(order=3), validation.batch.size).train()
+    network.get_submodule(next(iter(dict(network.named_children())))).eval()  # as `train.only` leaves it
+    modes, state = [part.training for part in network.modules()], copy.deepcopy(network.state_dict())
+    drawn = torch.get_rng_state()
+    values, picture = validation(network)
+    assert picture is None and torch.equal(drawn, torch.get_rng_state())
+    assert modes == [part.training for part in network.modules()]
+    assert all(torch.equal(value, state[name]) for name, value in network.state_dict().items())
+    with torch.inference_mode():
+        batch = validation.batch
+        found = losses(network.eval()(batch.image, batch.mask), batch, validation.loss)
+    weight = weights(validation.loss, batch.size)
+    assert values["albedo"] == pytest.approx(float(found["albedo"]))
+    assert values["loss"] == pytest.approx(sum(weight[name] * float(value) for name, value in found.items()), rel=1e-5)
+
+
+def test_without_a_test_there_is_none(world, loss, tmp_path):
+    split = tmp_path / "split.json"
+    split.write_text('{"train": ["figure0"], "test": []}')
+    data = RelitSet(world["packed"], world["lights"], 2, "paper")
+    assert Validation(data, split, loss(), data.size)(nn.Identity(), drawn=True) == ({}, None)
+
+
+def test_pictures_are_those_of_the_size_that_is_trained(tmp_path, world, loss):
+    data = RelitSet(world["packed"], world["lights"], 2, "photo")
+    assert Validation(data, world["split"], loss(), 48).batch.image.shape[-2:] == (48, 48)

@@ -1,0 +1,58 @@
+"""Packages: their entry points exist and cost nothing until they are used, and no module imports itself in a circle."""
+
+import ast
+import subprocess
+import sys
+from importlib import import_module
+from importlib.util import find_spec, resolve_name
+from pathlib import Path
+
+import pytest
+
+import relight
+
+ROOT = Path(relight.__file__).parent
+PACKAGES = ("lights", "maps", "meshes", "panoramas", "transport")
+
+
+@pytest.mark.parametrize("name", PACKAGES)
+def test_entry_points(name):
+    package = import_module(f"relight.{name}")
+    assert package.__all__ == dir(package)
+    for entry in package.__all__:
+        assert getattr(package, entry).__module__.startswith(f"relight.{name}.")
+        assert find_spec(f"relight.{name}.{entry}") is None, f"importing the module {entry} would hide the entry point"
+    with pytest.raises(AttributeError, match="no attribute 'missing'"):
+        package.missing  # noqa: B018
+
+
+def test_packages_import_nothing_heavy():
+    program = f"import sys; {'; '.join(f'import relight.{name}' for name in PACKAGES)}; print(*sys.modules)"
+    loaded = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout.split()
+    assert not {"numpy", "torch", "open3d", "pymeshlab", "OpenEXR"} & set(loaded)
+
+
+def imported(module: str, tree: ast.Module) -> set[str]:
+    """Modules of relight that a module imports when it is imported itself; an entry point is its module."""
+    found = set()
+    for node in tree.body:
+        if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "relight":
+            for alias in node.names:
+                entry = f"{node.module}.{alias.name}"
+                if find_spec(resolve_name(node.module, None)).submodule_search_locations is None:
+                    found.add(node.module)
+                elif find_spec(entry):
+                    found.add(entry)
+                else:
+                    found.add(getattr(getattr(import_module(node.module), alias.name), "__module__", node.module))
+    return found - {module}
+
+
+def test_no_circular_imports():
+    modules = {".".join(("relight", *p.relative_to(ROOT).with_suffix("").parts)): p for p in ROOT.rglob("*.py")}
+    modules = {name: path for name, path in modules.items() if path.stem not in ("__init__", "__main__")}
+    graph = {name: imported(name, ast.parse(path.read_text(encoding="utf-8"))) for name, path in modules.items()}
+    while leaves := [name for name, targets in graph.items() if not targets & graph.keys()]:
+        for name in leaves:
+            del graph[name]
+    assert not graph, f"modules in circles, or that import such: {sorted(graph)}"
