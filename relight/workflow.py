@@ -162,10 +162,12 @@ class Plan:
         return [name for name in self.figures if self.scans or name[:-1] not in whole_decades]
 
     def maps(self, figure: str) -> list[str]:
-        """Names of the maps of a figure: the frontal view is called like the figure."""
+        """Names of the maps of a figure: the frontal view of its own outfit is called like the figure."""
         from relight.transport import view_names
+        from relight.transport.view import outfit_names
 
-        return [figure, *view_names(figure, self.cfg.bake.views)]
+        looks = outfit_names(figure, self.cfg.figures.outfits)
+        return [name for look in looks for name in (look, *view_names(look, self.cfg.bake.views))]
 
     @cached_property
     def panoramas(self) -> list[str]:

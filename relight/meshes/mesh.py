@@ -1,7 +1,7 @@
 """The mesh record of generated figures and scans."""
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +35,7 @@ class Mesh:
         materials: of the faces.
         color: (V,3) float32, linear vertex colours that the materials are multiplied by, or None.
         info: plain JSON values that are carried from stage to stage: name, subject, source, repairs and so on.
+        outfits: further looks of the same surface: for each, the materials that differ, by number.
     """
 
     vertices: np.ndarray
@@ -44,27 +45,47 @@ class Mesh:
     materials: list[Material]
     color: np.ndarray | None = None
     info: dict = field(default_factory=dict)
+    outfits: list[dict[int, Material]] = field(default_factory=list)
+
+    def dressed(self, outfit: int) -> "Mesh":
+        """The mesh in one of its outfits: 0 is its own, which it comes with."""
+        other = self.outfits[outfit - 1] if outfit else {}
+        return replace(
+            self, materials=[other.get(i, material) for i, material in enumerate(self.materials)], outfits=[]
+        )
 
     def save(self, path: Path) -> None:
         """Writes the mesh as .npz, whole or not at all."""
         arrays = {"vertices": self.vertices, "faces": self.faces, "uv": self.uv, "material": self.material}
         if self.color is not None:
             arrays["color"] = self.color
-        for i, material in enumerate(self.materials):
-            arrays[f"color{i}"] = material.color
-            if material.texture is not None:
-                arrays[f"texture{i}"] = material.texture
+        for outfit, materials in enumerate([dict(enumerate(self.materials)), *self.outfits]):
+            for i, material in materials.items():
+                name = f"{i}.{outfit}" if outfit else f"{i}"
+                arrays[f"color{name}"] = material.color
+                if material.texture is not None:
+                    arrays[f"texture{name}"] = material.texture
+        counts = {"count": np.array(len(self.materials)), "outfits": np.array(len(self.outfits))}
         with whole(path) as tmp, open(tmp, "wb") as file:
-            np.savez(file, **arrays, info=np.array(json.dumps(self.info)), count=np.array(len(self.materials)))
+            np.savez(file, **arrays, info=np.array(json.dumps(self.info)), **counts)
 
     @classmethod
     def load(cls, path: Path) -> "Mesh":
         """Reads a mesh that `save` wrote; raises UserError on any other file."""
         data = read_npz(path, "mesh record")
         try:
-            materials = [Material(data[f"color{i}"], data.get(f"texture{i}")) for i in range(int(data["count"]))]
+            materials = [_material(data, f"{i}") for i in range(int(data["count"]))]
+            outfits = [
+                {i: _material(data, f"{i}.{k}") for i in range(len(materials)) if f"color{i}.{k}" in data}
+                for k in range(1, int(data.get("outfits", 0)) + 1)
+            ]
             info = json.loads(str(data["info"]))
-            names = ("vertices", "faces", "uv", "material")
-            return cls(**{name: data[name] for name in names}, materials=materials, color=data.get("color"), info=info)
+            arrays = {name: data[name] for name in ("vertices", "faces", "uv", "material")}
+            return cls(**arrays, materials=materials, color=data.get("color"), info=info, outfits=outfits)
         except (KeyError, ValueError, TypeError, RecursionError) as error:
             raise UserError(f"{path} is not a mesh record of relight ({error})") from None
+
+
+def _material(data: dict[str, np.ndarray], name: str) -> Material:
+    """Returns the material that `Mesh.save` wrote under this name."""
+    return Material(data[f"color{name}"], data.get(f"texture{name}"))

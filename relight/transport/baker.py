@@ -1,5 +1,6 @@
 """Bakes maps of a mesh: the surface that a camera sees, and the light transport at each pixel."""
 
+from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
 
@@ -91,13 +92,19 @@ class Baker:
         return Camera(size, max(2.0, front + pose.scale * caster.diagonal / 100), pose=pose)
 
     def maps(self, size: int, supersample: int = 1, view: View = FRONTAL) -> Maps:
-        """Bakes maps of one view: normals and transport in the camera's axes, depth in its units.
+        """Bakes maps of one view of a mesh in its own outfit: see `outfits`."""
+        return self.outfits(size, supersample, view)[0]
+
+    def outfits(self, size: int, supersample: int = 1, view: View = FRONTAL) -> list[Maps]:
+        """Bakes maps of one view, for each outfit of the mesh, its own first.
+
+        Normals and transport are in the camera's axes, depth in its units.
 
         Mask and depth are sampled at the pixels' centres. All other maps are means over k x k samples of a pixel,
         k = `supersample`, which share the pixel's rays: pixels are filtered at no additional cost. Samples that miss
         the mesh are not counted, so nothing is darkened at silhouettes; normals are normalised again. Back faces are
         seen, too, with their normals turned to the camera. In perspective, the axes are the same for all pixels, with z
-        along the optical axis and not along each pixel's ray.
+        along the optical axis and not along each pixel's ray. Outfits differ in albedo only, and cost no rays.
 
         Args:
             size: of the image in pixels.
@@ -105,7 +112,7 @@ class Baker:
             view: of the mesh.
 
         Raises:
-            UserError: if a setting is out of range or no pixel's centre shows the mesh.
+            UserError: if a setting is out of range, no pixel's centre shows the mesh, or outfits meet bounces.
         """
         require_at_least(1, supersample=supersample)
         if self.rays < supersample**2:
@@ -113,6 +120,8 @@ class Baker:
                 f"rays is {self.rays}: it must be at least {supersample**2}, one for each of the pixel's {supersample} "
                 f"x {supersample} places (supersample)"
             )
+        if self.bounces and self.mesh.outfits:
+            raise UserError("what surfaces reflect depends on their albedo: with outfits, bounces must be 0")
         camera = self.camera(size, view)
         centres = primary_hits(self.caster, camera, *pixel_corners(size) + 0.5)
         if not len(centres.index):
@@ -160,7 +169,7 @@ class Baker:
     def _surface_values(
         self, camera: Camera, face: np.ndarray, weights: np.ndarray, azimuth: np.ndarray, subset: tuple[int, int]
     ) -> dict[str, np.ndarray]:
-        """Computes transport, normal, albedo and, with bounces, bounced (N,...) of surface points.
+        """Computes transport, normal, albedo of each outfit and, with bounces, bounced (N,...) of surface points.
 
         Args:
             camera: that the normals are turned to.
@@ -184,7 +193,9 @@ class Baker:
             azimuth=azimuth,
             subset=subset,
         )
-        values = {"transport": transport, "normal": normals, "albedo": sample_albedo(self.mesh, face, weights)}
+        looks = (self.mesh.dressed(outfit) for outfit in range(len(self.mesh.outfits) + 1))
+        albedo = np.stack([sample_albedo(look, face, weights) for look in looks], axis=1)
+        values = {"transport": transport, "normal": normals, "albedo": albedo}
         return values if bounced is None else {**values, "bounced": bounced}
 
     def _rotate_to_camera(self, means: dict[str, np.ndarray], camera: Camera) -> None:
@@ -204,8 +215,8 @@ class Baker:
         camera: Camera,
         supersample: int,
         view: View,
-    ) -> Maps:
-        """Puts values of the masked pixels into images, and the settings into the record."""
+    ) -> list[Maps]:
+        """Puts values of the masked pixels into images, and the settings into the record; for each outfit."""
         size = camera.size
         points = self.caster.points(centres.face, centres.weights)
         backs = faces_away(camera, points, self.caster.normals[centres.face])
@@ -216,10 +227,11 @@ class Baker:
             pixels[centres.index] = values
             return pixels.reshape(size, size, *values.shape[1:])
 
-        return Maps(
+        own, *others = means["albedo"].astype(np.float32).swapaxes(0, 1)
+        maps = Maps(
             mask=image(np.ones(len(centres.index), bool)),
             coverage=coverage.astype(np.float32).reshape(size, size),
-            albedo=image(means["albedo"].astype(np.float32)),
+            albedo=image(own),
             normal=image(means["normal"].astype(np.float32)),
             depth=image(camera.depth(points).astype(np.float32)),
             ao=image((transport[:, 0] / np.float32(UNOCCLUDED_T00)).clip(0, 1)),
@@ -240,6 +252,7 @@ class Baker:
                 **({} if camera.pose is None else {"view": view_record(view, camera.pose)}),
             },
         )
+        return [maps, *(replace(maps, albedo=image(albedo), info=dict(maps.info)) for albedo in others)]
 
 
 class PixelSums:

@@ -169,6 +169,11 @@ def view_names(figure: str, views: int) -> list[str]:
     return [f"{figure}.v{number}" for number in range(1, views + 1)]
 
 
+def outfit_names(figure: str, outfits: int) -> list[str]:
+    """Names of the maps of a figure in each of its outfits: in its own it is called like the figure."""
+    return [figure, *(f"{figure}.o{number}" for number in range(1, outfits))]
+
+
 def random_view(name: str, seed: int) -> View:
     """Draws a view as photographs of people have; it depends on name and seed alone.
 
