@@ -33,8 +33,8 @@ from relight.figures.surfaces import loop
 from relight.figures.wear import DETAILS
 from relight.meshes import Material
 from relight.srgb import encode, to_bytes
-from relight.transport import Baker, View
-from relight.transport.baker import primary_hits
+from relight.transport.baker import Baker, pixel_corners, primary_hits
+from relight.transport.view import View
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear sRGB
 BELOW = 0.17  # metres under the eyes at which a head is cut off
@@ -94,11 +94,10 @@ class Head:
         view = View(yaw)
         maps = self.baker.maps(size, supersample, view)
         camera = self.baker.camera(size, view)
-        row, column = np.divmod(np.arange(size * size), size)
-        pixel, face, weights = primary_hits(self.baker.scene, camera, column + 0.5, row + 0.5)
+        pixel, face, weights = primary_hits(self.baker.caster, camera, *pixel_corners(size) + 0.5)
         kind = np.full(size * size, -1)
         kind[pixel] = self.kind[face]
-        off = self.baker.scene.points(face, weights) + self.baker.scene.centre - self.centre
+        off = self.baker.caster.points(face, weights) - self.centre
         ahead = np.zeros(size * size, bool)
         scale = 1.0 if camera.pose is None else camera.pose.scale
         toward = view.rotation[2]
