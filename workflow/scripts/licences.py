@@ -10,7 +10,7 @@ HEAD = """\
 relight's own code is Apache-2.0. These are the packages that `make` installs (`requirements.txt` and torch), with the
 licence that each states in its metadata, or else in its licence file; written by `make licences`. CUDA builds of torch
 bring NVIDIA's libraries (`nvidia-*`, under NVIDIA's own terms) and triton (MIT). **pymeshlab is GPL-3**: see
-[NOTICE](../NOTICE).
+`NOTICE`.
 
 | package | version | licence | home |
 |---|---|---|---|
