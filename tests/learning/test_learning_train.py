@@ -174,12 +174,13 @@ def test_what_is_logged(run, capsys):
     assert all(" left" in line and " ms a step" in line for line in lines)
     assert [step for step, _ in short.logged] == [4, 8, 10]
     for _, values in short.logged:
-        named = {key: value for key, value in values.items() if key != "loss"}
-        assert len(named) == 15
-        weight = {
-            key: 2.0 if key.startswith("shading") else 64 / 1024 if key.startswith("tv") else 1.0 for key in named
-        }
-        assert values["loss"] == pytest.approx(sum(weight[key] * named[key] for key in named), rel=1e-5)
+        for prefix in ("", "validation/"):
+            found = {key.removeprefix(prefix): value for key, value in values.items() if key.startswith(prefix)}
+            named = {key: found[key] for key in found if key not in ("loss", "lr") and "/" not in key}
+            assert len(named) == 15
+            weight = {"tv_transport": 64 / 1024} | {key: 2.0 for key in named if key.startswith("shading")}
+            expected = sum(weight.get(key, 1.0) * value for key, value in named.items())
+            assert found["loss"] == pytest.approx(expected, rel=1e-5)
     rows = list(csv.DictReader(short.curve.open()))
     assert [int(row["step"]) for row in rows] == [4, 8, 10]
     assert [float(row["loss"]) for row in rows] == [values["loss"] for _, values in short.logged]
@@ -231,7 +232,8 @@ def test_going_on_from_another_network_with_its_decoders_frozen(run):
     }
     tuned = run("tuned", None, alone, start=str(first.out), only="encoder", lr=1e-4)
     tuned()
-    assert set(tuned.logged[0][1]) == {"loss", "reconstruction_full"}
+    losses = {"loss", "reconstruction_full"}
+    assert set(tuned.logged[0][1]) == {"lr", *losses, *(f"validation/{name}" for name in losses)}
     before, after = load_network(first.out)[0].state_dict(), load_network(tuned.out)[0].state_dict()
     changed = {name.split(".")[0] for name in before if not torch.equal(before[name], after[name])}
     assert changed == {"encoder"}
