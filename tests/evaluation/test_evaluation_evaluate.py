@@ -76,7 +76,7 @@ def test_the_same_bytes_again_from_another_process(checkpoints, world, tmp_path)
     code = (
         "import sys; from pathlib import Path; from relight.config import Evaluate; "
         "from relight.evaluation.evaluate import evaluate; p = [Path(a) for a in sys.argv[1:]]; "
-        "evaluate(*p[:4], Evaluate(9, 2, 1, 'test', 'cpu', 3, 1), p[4])"
+        "evaluate(*p[:4], Evaluate('test', 'cpu', 1, 9, 2, 1, 3), p[4])"
     )
     paths = (checkpoints["ours"], world.packed, world.lights, world.split, there)
     subprocess.run([sys.executable, "-c", code, *map(str, paths)], check=True, env={"OMP_NUM_THREADS": "2", "PATH": ""})

@@ -174,7 +174,7 @@ def test_charts_are_made_and_are_the_same_again(tmp_path):
     rng = np.random.default_rng(0)
     columns = {c: rng.random((5, 2)) for c in MAPS}
     given = {name: [Scores(list("abcde"), [0, 1], columns)] for name in ("sfsnet", "ours_full")}
-    table = experiment_table("table1", given, {"mean_light": given["sfsnet"]}, Evaluate(100, 1, 6, "test", "cpu", 0, 1))
+    table = experiment_table("table1", given, {"mean_light": given["sfsnet"]}, Evaluate("test", "cpu", 1, 100, 1, 6, 0))
     for name in ("a.svg", "b.svg", "c.png"):
         plot_errors(table, ("shading_rmse", "transport_rmse", "ao_rmse"), tmp_path / name)
     assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()

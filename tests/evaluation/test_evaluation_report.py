@@ -20,7 +20,7 @@ from relight.evaluation.report.data import redraws
 from relight.evaluation.report.results import Results
 from relight.evaluation.scores import Scores, write_scores
 
-SETTINGS = Evaluate(200, 2, 6, "test", "cpu", 0, 1)
+SETTINGS = Evaluate("test", "cpu", 1, 200, 2, 6, 0)
 FIGURES = [f"f{i}" for i in range(10)]
 BASELINES = ("mean_figure", "mean_light", "nearest_light", "no_occlusion", "ao_occlusion", "cut_2", "cut_3")
 LEVEL = {"shading": 0.3, "transport": 0.4, "light": 0.2, "albedo": 0.1}

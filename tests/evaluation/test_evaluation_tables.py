@@ -30,7 +30,7 @@ from relight.evaluation.statistics import Estimate
 from relight.evaluation.tables import ALL, LABELS, experiment_table, split_column
 from relight.files import UserError
 
-SETTINGS = Evaluate(4000, 2, 6, "test", "cpu", 0, 1)
+SETTINGS = Evaluate("test", "cpu", 1, 4000, 2, 6, 0)
 FIGURES = [f"f{i}" for i in range(12)]
 
 
@@ -166,7 +166,7 @@ def test_similarities_count_the_other_way():
 
 def test_nothing_is_claimed_that_noise_can_explain():
     """All rows drawn alike: a stray verdict in about one of twenty repetitions, as the correction promises."""
-    stray, quick = 0, Evaluate(2, 2, 6, "test", "cpu", 0, 1)
+    stray, quick = 0, Evaluate("test", "cpu", 1, 2, 2, 6, 0)
     for trial in range(40):
         rng = np.random.default_rng(trial)
         hard = rng.normal(0, 0.05, (12, 1))

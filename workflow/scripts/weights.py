@@ -37,14 +37,14 @@ Errors on what was held out (means over figures and lights; RMSE per pixel vecto
 |---|---|---|---|
 | {shading_rmse:.3f} | {transport_rmse:.3f} | {albedo_rmse:.3f} | {light_rmse:.3f} |
 
-Limits: the figures are synthetic, seen from the front, in indoor light. The maps have {size} px: finer folds
+Limits: the figures are synthetic, in indoor light. The maps have {size} px: finer folds
 of a photo stay in the picture by the `ratio` way of relighting, but they are not in the maps. How bright a scene is,
 no photograph tells: albedo and light hold up to a factor. Back light, children, several touching people and props are
 outside of what the network has seen; `relight photo` says so when the inferred light is unusual. It recognises nobody,
 and no photo of a real person was used.
 
-Made by `relight run experiment=photo` and `workflow/scripts/weights.py`; how its light moves with framing, mask and
-white balance: `python benchmarks/invariance.py relight/weights/photo.safetensors`.
+Made with the settings of `experiment=photo`, in the stages above, and `workflow/scripts/weights.py`; how its light moves
+with framing, mask and white balance: `python benchmarks/invariance.py relight/weights/photo.safetensors`.
 """
 
 
@@ -56,7 +56,7 @@ def main(results: Path, run: str) -> None:
     out = OUT / "photo.safetensors"
     split = json.loads((results / "split" / "subject.json").read_text())
     infos = json.loads((results / "figures.json").read_text())["figures"]
-    generator = sorted({info["generator"] for info in infos.values()})
+    generator = sorted({info["generator"] for info in infos.values() if "left_out" not in info})
     stages = lineage(made_with, {"figures": len(split["train"]), "generator": generator})
     rest = {key: made_with[key] for key in ("loss", "train", "augment")}
     rest["train"] = {**rest["train"], "start": None}  # a path of this machine
