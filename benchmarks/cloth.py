@@ -22,7 +22,7 @@ from collections import defaultdict
 import numpy as np
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
-from relight.figures import assembly, dress
+from relight.figures import assembly, dress, wardrobe
 from relight.figures.commands import seeds_of
 from relight.meshes import Mesh
 from relight.sh import unoccluded
@@ -100,13 +100,13 @@ def visible(mesh: Mesh) -> np.ndarray:
 
 
 def kind(name: str, fabric: str) -> str:
-    if name in ("jeans", "slim trousers", "trousers", "wide trousers", "shorts"):
+    if name in {garment.name for garment in wardrobe.BOTTOMS}:
         return "denim trousers" if fabric == "denim" else "trousers"
     groups = {
-        "dress": ("dress", "long dress", "shift dress"),
-        "skirt": ("a-line skirt", "short skirt", "long skirt"),
-        "coat, jacket": ("jacket", "blazer", "coat"),
-        "knitwear": ("sweater", "hoodie", "cardigan"),
+        "dress": [garment.name for garment in (*wardrobe.DRESSES, *wardrobe.ROBES)],
+        "skirt": [garment.name for garment in wardrobe.SKIRTS],
+        "coat, jacket": ("jacket", "blazer", "coat", "closed jacket", "closed coat", "vest", "waistcoat"),
+        "knitwear": ("sweater", "hoodie", "cardigan", "roll-neck"),
         "scarf": ("scarf", "wrapped scarf"),
     }
     return next((group for group, names in groups.items() if name in names), "shirt")

@@ -31,10 +31,10 @@ from relight.figures.hair import STYLES
 from relight.figures.poses import motion
 from relight.figures.surfaces import loop
 from relight.figures.wear import DETAILS
-from relight.meshes.mesh import Material
+from relight.meshes import Material
 from relight.srgb import encode, to_bytes
-from relight.transport.bake import Baker, see
-from relight.transport.view import View
+from relight.transport import Baker, View
+from relight.transport.baker import primary_hits
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear sRGB
 BELOW = 0.17  # metres under the eyes at which a head is cut off
@@ -72,7 +72,7 @@ class Head:
         colliders.prepare()
         parts = assembly.head_of_hair(builder, body, way, outfit, (posed, faces), detail, texture, seed)
         self.seconds = time.process_time() - start
-        mesh = builder.mesh({"name": self.name})
+        mesh = builder.mesh({"name": self.name}, [outfit])
         low, high = mesh.vertices.min(0), mesh.vertices.max(0)
         self.scale = 1.9 / float((high - low).max())
         mesh.vertices = ((mesh.vertices - (low + high) / 2) * self.scale).astype(np.float32)
@@ -95,10 +95,10 @@ class Head:
         maps = self.baker.maps(size, supersample, view)
         camera = self.baker.camera(size, view)
         row, column = np.divmod(np.arange(size * size), size)
-        pixel, face, weights = see(self.baker.scene, camera, column + 0.5, row + 0.5)
+        pixel, face, weights = primary_hits(self.baker.caster, camera, column + 0.5, row + 0.5)
         kind = np.full(size * size, -1)
         kind[pixel] = self.kind[face]
-        off = self.baker.scene.points(face, weights) + self.baker.scene.centre - self.centre
+        off = self.baker.caster.points(face, weights) - self.centre
         ahead = np.zeros(size * size, bool)
         scale = 1.0 if camera.pose is None else camera.pose.scale
         toward = view.rotation[2]
@@ -154,11 +154,9 @@ def main() -> None:
     parser.add_argument("--sheet", help="a picture of all heads, one a row")
     parser.add_argument("--columns", type=int, default=1, help="heads in a row of the sheet")
     args = parser.parse_args()
-    from relight.panoramas.panorama import Panorama
-    from relight.panoramas.project import project
-    from relight.panoramas.rooms import room
+    from relight.panoramas import Panorama, generate_room, project
 
-    light = project(Panorama(room(ROOM)))
+    light = project(Panorama(generate_room(ROOM)))
     light = light * (0.5 / (light[0] @ LUMINANCE * 0.8862))
     rows, total = [], []
     for number, seed in enumerate(seeds_of(args.seeds)):

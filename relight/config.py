@@ -26,6 +26,7 @@ class Figures:
     detail: str = MISSING  # draft | full: resolution of the drape
     texture: int = MISSING  # side of the largest baked texture, pixels
     per_subject: int = MISSING  # so many consecutive seeds are one person in one outfit, in different poses
+    outfits: int = MISSING  # so many looks of each figure: the same shapes and transport, other fabrics
     shading: float = MISSING  # 0 to 1: strength of the shading baked into the albedo, to imitate scans
     device: str = MISSING  # cpu | cuda | auto: where cloth is draped; figures are the same on one kind of device only
     version: int = MISSING  # raised when the code changes results
@@ -370,6 +371,7 @@ LEAST = {
     "figures.count": 1,
     "figures.texture": 16,
     "figures.per_subject": 1,
+    "figures.outfits": 1,
     "bake.size": 64,
     "bake.rays": 1,
     "bake.order": 1,
@@ -511,6 +513,8 @@ def check(cfg: DictConfig) -> None:
                 raise UserError(f"experiments.{name}.{key} must be one of {', '.join(known)}, not {experiment[key]}")
         if unknown := [row for row in experiment.rows if row not in (get("sweep.runs") or {})]:
             raise UserError(f"experiments.{name}.rows: no run {unknown[0]} in sweep.runs; add it there")
+    if (get("figures.outfits") or 1) > 1 and (get("figures.source") == "scans" or get("bake.bounces")):
+        raise UserError("figures.outfits must be 1 for scans, and with bake.bounces: light bounces off other albedo")
     for group, source in (("figures", "scans"), ("panoramas", "folder")):
         if get(f"{group}.source") == source and not get(f"{group}.folder"):
             raise UserError(f"{group}.source={source} needs {group}.folder=<the folder to read>")

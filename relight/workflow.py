@@ -168,10 +168,11 @@ class Plan:
         return found + ([("_tens", "{tens}", [f"{{tens}}{digit}" for digit in range(10)])] if self.tens else [])
 
     def maps(self, figure: str) -> list[str]:
-        """Names of the maps of a figure: the frontal view is called like the figure."""
-        from relight.transport import view_names
+        """Names of the maps of a figure: the frontal view of its own outfit is called like the figure."""
+        from relight.transport import outfit_names, view_names
 
-        return [figure, *view_names(figure, self.cfg.bake.views)]
+        looks = outfit_names(figure, self.cfg.figures.outfits)
+        return [name for look in looks for name in (look, *view_names(look, self.cfg.bake.views))]
 
     @cached_property
     def panoramas(self) -> list[str]:

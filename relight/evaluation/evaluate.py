@@ -86,7 +86,10 @@ def chosen_pairs(
 def chosen_figures(data: RelitSet, split: Path, figures: str) -> np.ndarray:
     """Indices of the figures of a part of the split, from the front; `views` are the test figures' other views."""
     parts = read_split(split)
-    return data.views(data.figures(parts["test"])) if figures == "views" else data.figures(parts[figures])
+    if figures != "views":
+        return data.figures(parts[figures])
+    others = data.others(data.figures(parts["test"]))
+    return others[data.turned[others]]
 
 
 def has_pairs(data: RelitSet, split: Path, settings: config.Evaluate) -> bool:

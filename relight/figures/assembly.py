@@ -1,37 +1,66 @@
 """The mesh record of a dressed figure: skin, eyes, clothes, shoes and hair, each with its picture."""
 
+from collections.abc import Callable
+
 import numpy as np
 
-from relight.figures import aging, collars, fabrics, footwear, hair, layers, makehuman, panels, seams, skin
+from relight.figures import (
+    aging,
+    collars,
+    fabrics,
+    footwear,
+    hair,
+    layers,
+    makehuman,
+    panels,
+    patterns,
+    seams,
+    skin,
+    trims,
+)
 from relight.figures.body import Body, Person
 from relight.figures.colliders import Collider
+from relight.figures.fabrics import Fabric
 from relight.figures.outfits import Outfit
 from relight.figures.poses import Motion
 from relight.figures.surfaces import loop, normals, stacked, thickened
 from relight.figures.wear import Detail, Worn
 from relight.meshes import Material, Mesh
 
+Paint = Material | Callable[[Outfit], Material]  # what depends on the outfit's colours is painted for each of them
+
 
 class Builder:
     """Collects parts into one mesh record; vertices are shared inside a part only, so normals are smooth inside it."""
 
     def __init__(self):
-        self.vertices, self.faces, self.uv, self.material, self.materials, self.layers = [], [], [], [], [], []
+        self.vertices, self.faces, self.uv, self.material, self.layers = [], [], [], [], []
+        self.materials: list[Paint] = []
         self.offset = 0
 
     def add(
-        self, vertices: np.ndarray, faces: np.ndarray, uv: np.ndarray | None, material: Material, layer: int = -1
+        self, vertices: np.ndarray, faces: np.ndarray, uv: np.ndarray | None, material: Paint, layer: int = -1
     ) -> None:
+        """Adds a part; layer: as for `gates.through`. Parts that are given one object for a material share it."""
+        number = next((k for k, known in enumerate(self.materials) if known is material), len(self.materials))
+        if number == len(self.materials):
+            self.materials.append(material)
         used, inverse = np.unique(faces, return_inverse=True)
         self.vertices.append(vertices[used].astype(np.float32))
         self.faces.append(inverse.reshape(-1, 3).astype(np.int32) + self.offset)
         self.uv.append(np.zeros((len(faces), 3, 2), np.float32) if uv is None else uv.astype(np.float32))
-        self.material.append(np.full(len(faces), len(self.materials), np.int16))
-        self.materials.append(material)
+        self.material.append(np.full(len(faces), number, np.int16))
         self.layers.append(np.full(len(faces), layer, np.int16))
         self.offset += len(used)
 
-    def mesh(self, info: dict) -> Mesh:
+    def mesh(self, info: dict, looks: list[Outfit]) -> Mesh:
+        """The record, in the first of the looks; the others are its further outfits."""
+        painted = [
+            {k: paint if isinstance(paint, Material) else paint(look) for k, paint in enumerate(self.materials)}
+            if number == 0
+            else {k: paint(look) for k, paint in enumerate(self.materials) if not isinstance(paint, Material)}
+            for number, look in enumerate(looks)
+        ]
         vertices = np.concatenate(self.vertices)
         vertices[:, 1] -= vertices[:, 1].min()
         return Mesh(
@@ -39,9 +68,10 @@ class Builder:
             np.concatenate(self.faces),
             np.concatenate(self.uv),
             np.concatenate(self.material),
-            self.materials,
+            list(painted[0].values()),
             None,
             info,
+            painted[1:],
         )
 
 
@@ -77,6 +107,7 @@ def assemble(
     builder.add(vertices, shown, corners, Material(texture=picture), layer=0)
     eyes(builder, body, way, outfit, texture, seed)
     # clothes
+    hung: list[np.ndarray] = []
     for number, w in enumerate(worn):
         level, positions = w.pattern.levels[-1], w.draped.positions
         keep, facing = np.ones(len(level.faces), bool), normals(positions, level.faces)
@@ -95,6 +126,7 @@ def assemble(
             body,
             way,
             w,
+            number,
             positions,
             level.faces,
             keep,
@@ -102,13 +134,14 @@ def assemble(
             texture,
             number + 1 if w.pattern.garment.kind != "scarf" else -1,
         )
-    colours = footwear.palette(outfit.shoe, outfit.upper, outfit.sole)
+        hung.append(positions)
+    accessories(builder, body, way, outfit, cut, hung[: len(cut)], texture)
     for part in footwear.build_shoes(body, way, outfit.shoe):
         vertices = part.vertices
         if part.name != "sole":
             for over in surface:
                 vertices = layers.tucked_under(vertices, part.faces, over, 0.003, np.ones(len(vertices), bool))
-        builder.add(vertices, part.faces, None, Material(colours[part.name]), layer=-1 if part.name == "sole" else 0)
+        builder.add(vertices, part.faces, None, shoe_paint(part.name), layer=-1 if part.name == "sole" else 0)
     head_of_hair(builder, body, way, outfit, below, detail, texture, seed)
 
 
@@ -165,8 +198,9 @@ def head_of_hair(
     and returns them in that order."""
     parts = hair.build_hair(body, way, outfit.hair, outfit.beard, below, seed, fine=detail.body > 0)
     for part in parts:
-        strands = hair_material(outfit, part.what, max(64, texture // 4), seed)
-        builder.add(part.vertices, part.faces, part.uv[part.faces], strands)
+        side = max(64, texture // 4)
+        paint = hat_paint(side) if part.what == "hat" else hair_material(outfit, part.what, side, seed)
+        builder.add(part.vertices, part.faces, part.uv[part.faces], paint)
     return parts
 
 
@@ -175,6 +209,7 @@ def clothe(
     body: Body,
     way: Motion,
     w: Worn,
+    number: int,
     positions: np.ndarray,
     faces: np.ndarray,
     keep: np.ndarray,
@@ -182,7 +217,7 @@ def clothe(
     texture: int,
     layer: int,
 ) -> None:
-    """Adds a garment: its panels' texture, its thick edge."""
+    """Adds the garment of that number in the outfit: its panels' texture, its thick edge, its collar."""
     names, panel, cloth = panels.cloth_coordinates(body, w.pattern)
     laid = panels.lay_out(names, panel, cloth, texture)
     top = {name: cloth[panel == k][..., 1].max(initial=0.0) for k, name in enumerate(names)}
@@ -190,13 +225,17 @@ def clothe(
     texel = 1 / laid.scale
     marks = aging.images(laid, aging.marks(body, w.pattern))
 
-    def paint(name: str, u: np.ndarray, v: np.ndarray, place: tuple[slice, slice]) -> np.ndarray:
-        color = fabrics.weave(w.fabric, name, u, v, texel)
-        color = seams.stitched(w.pattern.garment, w.fabric.kind, name, u, v, top[name], color)
-        at = {mark: picture[place] for mark, picture in marks.items()}
-        return aging.aged(w.pattern.garment, w.fabric, name, u, v, at, texel, color)
+    def material(look: Outfit) -> Material:
+        fabric = look.garments[number][1]
 
-    material = Material(texture=panels.draw(laid, paint))
+        def paint(name: str, u: np.ndarray, v: np.ndarray, place: tuple[slice, slice]) -> np.ndarray:
+            color = fabrics.weave(fabric, name, u, v, texel)
+            color = seams.stitched(w.pattern.garment, fabric.kind, name, u, v, top[name], color)
+            at = {mark: picture[place] for mark, picture in marks.items()}
+            return aging.aged(w.pattern.garment, fabric, name, u, v, at, texel, color)
+
+        return Material(texture=panels.draw(laid, paint))
+
     count = len(faces)
     rings = 3 if detail.refine > 1 else 2
     if w.pattern.garment.kind == "scarf":  # seen from both sides
@@ -214,23 +253,85 @@ def clothe(
         extra = collars.collar(positions, faces, by_vertex, w.pattern.garment.collar, at, axes[1], metre)
         if extra is not None:
             builder.add(*extra, material)
+        fastened = trims.band(w.pattern, positions, by_vertex)
+        if fastened is not None:
+            builder.add(*fastened, material)
         if w.pattern.garment.collar == "hood":
-            pale = Material(0.5 * (np.array(w.fabric.first, np.float32) + 0.7))
             for cord in collars.cords(positions, faces[~w.pattern.sleeve], at, axes[0]):
-                builder.add(*cord, None, pale)
+                builder.add(
+                    *cord,
+                    None,
+                    lambda look: Material(0.5 * (np.array(look.garments[number][1].first, np.float32) + 0.7)),
+                )
+
+
+def accessories(
+    builder: Builder, body: Body, way: Motion, outfit: Outfit, cut: list[Worn], hung: list[np.ndarray], texture: int
+) -> None:
+    """Adds tie and belt. hung: the vertices (n,3) of the garments `cut`, as they were added."""
+    shirt = next((k for k, w in enumerate(cut) if w.pattern.garment.kind == "top"), None)
+    if outfit.tie is not None and shirt is not None:
+        w = cut[shirt]
+        faces = w.pattern.levels[-1].faces[~w.pattern.sleeve]
+        at, axes = collars.neck_of(body, way)
+        found = trims.tie(hung[shirt], faces, at, axes[0])
+        if found is not None:
+            vertices, solid = found
+            for k in range(shirt + 1, len(cut)):
+                if cut[k].pattern.garment.kind == "top":
+                    over = (hung[k], cut[k].pattern.levels[-1].faces)
+                    vertices = layers.tucked_under(vertices, solid, over, 0.003, np.ones(len(vertices), bool))
+            uv = (vertices[:, :2] - vertices[:, :2].min(0)) / np.ptp(vertices[:, 1])
+            side = max(64, texture // 4)
+            builder.add(vertices, solid, uv[solid], lambda look: square(look.tie, trims.TIE, side))
+    waist = [
+        k
+        for k, w in enumerate(cut)
+        if w.pattern.garment.kind == "trousers" or (w.pattern.garment.drop > 0.4 and not w.pattern.garment.open)
+    ]
+    if outfit.belt is not None and waist:
+        w, level = cut[waist[-1]], cut[waist[-1]].pattern.levels[-1]
+        height = w.pattern.fields["y"]
+        if w.pattern.garment.kind == "trousers":
+            around = np.abs(height - height.max() + 0.022) < 0.012
+        else:
+            belted = patterns.landmarks(body)["waist"] + (w.pattern.garment.seam or 0.09)
+            trunk = np.maximum(w.pattern.fields["onL"], w.pattern.fields["onR"]) < 0.1
+            around = trunk & (np.abs(height - belted - 0.005) < 0.014) & (w.pattern.fields["tube"] == 0)
+        ahead = way.transforms[-1][way.bones["root"]][:, :3] @ np.array([0.0, 0.0, 1.0])
+        metal = Material(np.array([0.42, 0.40, 0.36], np.float32))
+        faces = level.faces[~w.pattern.sleeve]
+        parts = trims.belt(hung[waist[-1]], faces, hung[waist[-1]][around], ahead, 0.034) if around.sum() > 8 else []
+        for (vertices, solid), material in zip(
+            parts, (lambda look: square(look.belt, 0.3, max(64, texture // 8)), metal)
+        ):
+            uv = np.stack([vertices[:, 0] - vertices[:, 2], vertices[:, 1]], axis=1) % 1.0
+            builder.add(vertices, solid, uv[solid], material)
+
+
+def shoe_paint(part: str) -> Paint:
+    return lambda look: Material(footwear.palette(look.shoe, look.upper, look.sole)[part])
+
+
+def hat_paint(side: int) -> Paint:
+    return lambda look: square(look.hat, 0.6, side)
+
+
+def square(fabric: Fabric, wide: float, side: int) -> Material:
+    """A square of a fabric, `wide` metres, as a texture of `side` pixels."""
+    u, v = np.meshgrid((np.arange(side) + 0.5) / side, (np.arange(side) + 0.5) / side)
+    return Material(texture=panels.coded(fabrics.weave(fabric, "front", wide * u, -0.5 * wide * v, wide / side)))
 
 
 def hair_material(outfit: Outfit, what: str, side: int, seed: int) -> Material:
     """Strands along v, each a little lighter or darker than the next, paler and darker ones side by side where hair
-    greys; or the fabric of a hat."""
-    u, v = np.meshgrid((np.arange(side) + 0.5) / side, (np.arange(side) + 0.5) / side)
-    if what == "hat":
-        return Material(texture=panels.coded(fabrics.weave(outfit.hat, "front", 0.6 * u, -0.3 * v, 0.6 / side)))
+    greys."""
     color = np.array(outfit.hair_color)
     if what == "lashes":
         return Material(color=(0.3 * np.minimum(color, 0.12)).astype(np.float32))
     if what == "brows":
         color = skin.brow_color(color)
+    u, v = np.meshgrid((np.arange(side) + 0.5) / side, (np.arange(side) + 0.5) / side)
     pale = float(np.clip(color.mean() / 0.3, 0, 1))  # light hair varies less, in shares of its own albedo
     spread = 0.30 - 0.16 * pale
     streaks = fabrics.noise(u * 120, v * 5, seed) + 0.7 * fabrics.noise(u * 31, v * 3, seed + 1) - 0.85

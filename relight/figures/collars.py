@@ -1,16 +1,27 @@
-"""Collars, ribbed necklines and hoods: strips that continue the draped neckline up along the neck and fold over."""
+"""Collars, ribbed necklines, lapels and hoods: strips that continue the draped neckline, along the neck or folded over
+onto the cloth."""
+
+from itertools import pairwise
 
 import numpy as np
 
 from relight.figures.body import Body
 from relight.figures.colliders import Collider
 from relight.figures.fabrics import noise
+from relight.figures.layers import sided
 from relight.figures.poses import Motion
-from relight.figures.surfaces import Surface, border_loops, extruded, thickened
+from relight.figures.surfaces import Surface, border_loops, extruded, normals, thickened
 
 CORD = 0.20  # metres of a drawstring
 THIN = 0.0028  # its radius
 STEP = 0.007  # between its rings
+NEAR = 0.16  # metres from the base of the neck within which a border is the neckline
+LAPEL = 0.27  # metres below it to which lapels reach
+STEPS = 10  # of a way over the cloth
+HOOD = (  # rows of a hood that lies on the back: share of its length, height over its thickness
+    (0.2, 0.10), (0.5, 0.10), (0.8, 0.12), (0.97, 0.22), (1.0, 0.55), (0.92, 0.85), (0.7, 1.0), (0.42, 1.05),
+    (0.2, 0.95), (0.08, 0.75), (0.05, 0.6),
+)  # fmt: skip
 
 
 def neck_of(body: Body, way: Motion) -> tuple[np.ndarray, np.ndarray]:
@@ -20,19 +31,36 @@ def neck_of(body: Body, way: Motion) -> tuple[np.ndarray, np.ndarray]:
     return bone[:, :3] @ body.joints["neck01"] + bone[:, 3], np.stack([left, up, np.cross(left, up)])
 
 
-def neckline(vertices: np.ndarray, faces: np.ndarray, neck: np.ndarray) -> tuple[np.ndarray, bool] | None:
-    """The border around the neck (m,) and whether it is a whole loop; None where there is none. `neck` (3,) posed."""
+def neckline(
+    vertices: np.ndarray, faces: np.ndarray, neck: np.ndarray, up: np.ndarray, low: float = 0.0
+) -> tuple[np.ndarray, bool] | None:
+    """The border around the neck (m,) and whether it is a whole loop, which begins in front; None where there is none.
+
+    neck, up (3,): base of the posed neck and its axis; low: metres below it to which the edges of an open front count.
+    """
     for ring in border_loops(faces):
-        near = np.linalg.norm(vertices[ring] - neck, axis=1) < 0.16
+        away = vertices[ring] - neck
+        near = np.linalg.norm(away, axis=1) < NEAR
         if near.sum() < 12:
             continue
+        near |= (np.linalg.norm(away, axis=1) < 2 * low) & (away @ up > -low)
         if near.all():
             front = int(np.argmax(vertices[ring, 2] - 0.2 * np.abs(vertices[ring, 0] - neck[0])))
-            return np.roll(ring, -front), True  # begins in front, where a collar opens
+            return np.roll(ring, -front), True
         first = np.flatnonzero(near & ~np.roll(near, 1))
         run = max((np.roll(ring, -k)[: int(np.argmin(np.roll(near, -k)))] for k in first), key=len)
         return (run, False) if len(run) > 12 else None
     return None
+
+
+def evened(values: np.ndarray, times: int, closed: bool) -> np.ndarray:
+    """Values (m,...) along a line, averaged with their neighbours; the ends of an open one stay."""
+    for _ in range(times):
+        mean = 0.5 * values + 0.25 * (np.roll(values, 1, 0) + np.roll(values, -1, 0))
+        if not closed:
+            mean[[0, -1]] = values[[0, -1]]
+        values = mean
+    return values
 
 
 def profile(kind: str, back: np.ndarray, front: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -47,24 +75,77 @@ def profile(kind: str, back: np.ndarray, front: np.ndarray) -> list[tuple[np.nda
             (flat + 0.012, flat + 0.014),
             (fall, flat + 0.020 + 0.010 * front),
         ]
-    if kind == "lapel":
-        return [
-            (flat + 0.014, flat + 0.002),
-            (flat + 0.026, flat + 0.008),
-            (flat + 0.022, flat + 0.018),
-            (flat + 0.002, flat + 0.028),
-            (flat - 0.028 - 0.02 * front, flat + 0.036),
-        ]
+    if kind == "roll":
+        shape = ((0.014, 0.0), (0.034, -0.005), (0.052, -0.006), (0.058, 0.001), (0.050, 0.007), (0.032, 0.009))
+        return [(flat + rise, flat + reach) for rise, reach in (*shape, (0.004, 0.012))]
     if kind == "stand":
         return [(flat + 0.012, flat - 0.002), (flat + 0.026, flat - 0.001), (flat + 0.040, flat + 0.002)]
-    if kind == "hood":
-        size = 0.014 + 0.040 * back**1.5
-        angle = np.linspace(-0.35, 1.75, 11) * np.pi
-        return [
-            (size * (0.9 + 0.95 * np.sin(a)) * (0.75 + 0.25 * back), size * (0.65 - 0.95 * np.cos(a)) + 0.004)
-            for a in angle
-        ]
     return [(flat + 0.007, flat - 0.001), (flat + 0.013, flat - 0.003)]
+
+
+def way_over(
+    surface: Collider, start: np.ndarray, heading: np.ndarray, length: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Ways over a surface: from points (m,3) in directions (m,3), so many metres (m,) far. Points and unit normals
+    (STEPS + 1,m,3)."""
+    points, out = start, ([], [])
+    for _ in range(STEPS + 1):
+        face, distance, normal = sided(points, surface, 0.06)
+        points = points - np.where(face >= 0, distance, 0)[:, None] * normal
+        for part, values in zip(out, (points, normal)):
+            part.append(values)
+        heading = heading - (heading * normal).sum(1, keepdims=True) * normal
+        heading /= np.maximum(np.linalg.norm(heading, axis=1, keepdims=True), 1e-9)
+        heading = evened(heading, 2, False)
+        points = points + heading * (length / STEPS)[:, None]
+    return np.stack(out[0]), np.stack(out[1])
+
+
+def laid(
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    ring: np.ndarray,
+    base: np.ndarray,
+    kind: str,
+    neck: np.ndarray,
+    up: np.ndarray,
+) -> list[np.ndarray]:
+    """Rows (m,3) of a hood or of lapels that begin at the border run `ring` (m,), smoothed to base (m,3), and lie on
+    the cloth."""
+    normal = evened(normals(vertices, faces)[ring], 6, False)
+    tangent = evened(np.gradient(base, axis=0), 6, False)
+    inward = evened(np.cross(normal, tangent), 12, False)  # borders run so that the cloth is to their left
+    inward /= np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-9)
+    away = base - neck
+    flat = away - np.outer(away @ up, up)
+    back = np.clip(-flat[:, 2] / np.maximum(np.linalg.norm(flat, axis=1), 1e-6), 0, 1)
+    surface = Collider(vertices, vertices, faces)
+    if kind == "hood":
+        length, thick = 0.045 + 0.15 * back**1.2, 0.020 + 0.030 * back
+        points, out = way_over(surface, base, inward, length)
+        turn = np.arange(len(ring)) / 7.0
+        shape = HOOD
+    else:
+        below = np.clip(-(away @ up), 0, LAPEL)
+        collar = np.clip(1 - below / 0.06, 0, 1)
+        ends = np.minimum(np.arange(len(ring)), np.arange(len(ring))[::-1]) / 8
+        notch = 1 - 0.5 * np.exp(-(((below - 0.055) / 0.014) ** 2))
+        length = (0.062 * collar + 0.085 * (1 - collar) * (1 - below / LAPEL) ** 0.7) * notch * np.clip(ends, 0.1, 1)
+        thick = 0.008 + 0.020 * collar
+        points, out = way_over(surface, base, inward, length)
+        turn = np.zeros(len(ring))
+        shape = ((0.02, 0.7), (0.12, 1.0), (0.3, 0.9), (0.6, 0.55), (1.0, 0.35))
+    rows = []
+    for share, height in shape:
+        k = min(int(share * STEPS), STEPS - 1)
+        t = share * STEPS - k
+        row, raised = (part[k] * (1 - t) + part[k + 1] * t for part in (points, out))
+        crease = 0.25 * (noise(turn, np.full_like(turn, 5 * share), 5) - 0.5) if kind == "hood" else 0.0
+        rows.append(evened(row + raised * ((height + crease) * thick)[:, None], 8 if kind == "hood" else 2, False))
+    if kind == "hood":  # the edge of the opening stands up around the neck, and spans the hollow behind it
+        for row, rise in zip(rows[-4:], (0.006, 0.010, 0.012, 0.006)):
+            row += np.outer(rise + 0.016 * back, up)
+    return rows
 
 
 def collar(
@@ -74,40 +155,37 @@ def collar(
 
     uv (V,2): of the garment's vertices; neck, up (3,): base of the neck and its axis; metre: texture units per metre.
     """
-    found = neckline(vertices, faces, neck)
+    found = neckline(vertices, faces, neck, up, LAPEL if kind == "lapel" else 0.0)
     if found is None:
         return None
     ring, closed = found
-    base = vertices[ring]
-    for _ in range(4):
-        base[1:-1] = 0.5 * base[1:-1] + 0.25 * (base[:-2] + base[2:])
-    out = base - neck - np.outer((base - neck) @ up, up)
-    out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-6)
-    back, front = np.clip(-out[:, 2], 0, 1), np.clip(out[:, 2], 0, 1)
-    if kind in ("fold", "lapel"):
+    if kind in ("fold", "lapel", "hood"):
         closed = False
-    spread = np.zeros_like(base)
-    if kind in ("fold", "lapel"):  # the points stand apart where the collar opens
-        far = np.r_[0, np.cumsum(np.linalg.norm(np.diff(base, axis=0), axis=1))]
-        for end, step in ((far, base[2] - base[0]), (far[-1] - far, base[-3] - base[-1])):
-            spread += np.outer(np.exp(-((end / 0.035) ** 2)), 0.013 * step / np.linalg.norm(step))
-    rows, travel, last = [base], [np.zeros(len(ring))], base
-    shape = profile(kind, back, front)
-    for number, (rise, reach) in enumerate(shape, 1):
-        row = base + up * rise[:, None] + out * reach[:, None] + spread * (number / len(shape)) ** 2
-        if kind == "hood":
-            angle = np.arctan2(out[:, 0], -out[:, 2])
-            row = (
-                row + out * (0.012 * back * (noise(angle * 4, np.full_like(angle, 7.0 * rise.max()), 5) - 0.5))[:, None]
-            )
-        travel.append(travel[-1] + np.linalg.norm(row - last, axis=1))
-        rows.append(row)
-        last = row
-    strip, strip_faces = extruded(np.arange(len(ring)), rows[1:], len(ring), closed)
+    elif closed:  # a band is joined at the back
+        ring = np.roll(ring, len(ring) // 2)
+    base = evened(vertices[ring], 4, closed)
+    if kind in ("lapel", "hood"):
+        rows = laid(vertices, faces, ring, base, kind, neck, up)
+    else:
+        out = base - neck - np.outer((base - neck) @ up, up)
+        out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-6)
+        spread = np.zeros_like(base)
+        if kind == "fold":  # the points stand apart where the collar opens
+            far = np.r_[0, np.cumsum(np.linalg.norm(np.diff(base, axis=0), axis=1))]
+            for end, step in ((far, base[2] - base[0]), (far[-1] - far, base[-3] - base[-1])):
+                spread += np.outer(np.exp(-((end / 0.035) ** 2)), 0.013 * step / np.linalg.norm(step))
+        shape = profile(kind, np.clip(-out[:, 2], 0, 1), np.clip(out[:, 2], 0, 1))
+        rows = [
+            base + up * rise[:, None] + out * reach[:, None] + spread * (number / len(shape)) ** 2
+            for number, (rise, reach) in enumerate(shape, 1)
+        ]
+    travel = np.cumsum([np.linalg.norm(b - a, axis=1) for a, b in pairwise([base, *rows])], axis=0)
+    strip, strip_faces = extruded(np.arange(len(ring)), rows, len(ring), closed)
     points = np.concatenate([base, strip])
     points, solid, source = thickened(points, strip_faces, np.full(len(points), 0.0025), 99)
     column, row = source % len(ring), source // len(ring)
-    at = uv[ring][column] - np.stack([0 * column, np.stack(travel)[row, column] * metre], axis=1)
+    travel = np.concatenate([np.zeros((1, len(ring))), travel])
+    at = uv[ring][column] - np.stack([0 * column, travel[row, column] * metre], axis=1)
     corner = at[solid]
     torn = np.ptp(corner[..., 0], axis=1) > 0.06 * metre  # across a seam between panels: stay on one of them
     corner[torn] = corner[torn][:, :1]

@@ -8,7 +8,7 @@ from relight.figures import colliders, gates
 from relight.figures.assembly import Builder, assemble
 from relight.figures.body import Expression, Person, build_body, sample_expression, sample_person
 from relight.figures.clearance import cleared, room
-from relight.figures.outfits import Outfit, sample_outfit, suited
+from relight.figures.outfits import Outfit, redressed, sample_outfit, suited
 from relight.figures.poses import motion
 from relight.figures.shading import shaded
 from relight.figures.stances import Pose, sample_pose
@@ -30,13 +30,15 @@ def make_figure(
     per_subject: int = 1,
     shading: float = 0.0,
     device: str = "cpu",
+    outfits: int = 1,
 ) -> Mesh:
     """The figure of an integer seed, the same in every process on machines of one kind and with one device.
 
     detail: draft (for maps up to 128 px) or full (1024 px); texture: side of the largest baked texture in pixels;
     per_subject: n consecutive seeds, from a multiple of n on, are one person in one outfit, in n poses and
     expressions; shading: strength in [0,1] of the shading that is baked into the albedo, as scans have it; device:
-    cpu | cuda | auto, where cloth is draped. Returns a mesh in metres, y up, facing +z, standing on y = 0. Its info
+    cpu | cuda | auto, where cloth is draped; outfits: in so many looks, its own and others of other fabrics, whose
+    materials are in the mesh's `outfits`. Returns a mesh in metres, y up, facing +z, standing on y = 0. Its info
     holds name, subject, source, seed, generator version, traits, pose, garments, hair, shoes, what the gates
     measured, and how often it was re-drawn. Raises UserError for a bad argument, and when no attempt passes the gates.
     """
@@ -46,12 +48,14 @@ def make_figure(
         raise UserError(f"a figure needs a seed >= 0 and a texture >= 64 pixels, not {seed} and {texture}")
     if per_subject < 1 or not 0 <= shading <= 1:
         raise UserError(f"a figure needs per_subject >= 1 and a shading in [0, 1], not {per_subject} and {shading}")
+    if outfits < 1:
+        raise UserError(f"a figure needs outfits >= 1, not {outfits}")
     reasons: list[str] = []
     sits = SITTING
     for attempt in range(ATTEMPTS):
         with colliders.working(device):
             draw = sample(seed, attempt, per_subject, sits)
-            mesh, reason = attempt_figure(draw, seed, DETAILS[detail], texture, per_subject)
+            mesh, reason = attempt_figure(draw, seed, DETAILS[detail], texture, per_subject, outfits)
         if reason is None:
             mesh = shaded(mesh, shading)
             mesh.info |= {"detail": detail, "redrawn": attempt, "redrawn_because": reasons}
@@ -88,7 +92,7 @@ def sample(seed: int, attempt: int, per_subject: int, sits: float) -> Draw:
 
 
 def attempt_figure(
-    draw: Draw, seed: int, detail: Detail, texture: int, per_subject: int
+    draw: Draw, seed: int, detail: Detail, texture: int, per_subject: int, outfits: int = 1
 ) -> tuple[Mesh | None, str | None]:
     """One draw carried out: the mesh, or the reason why it is not good enough."""
     person, outfit, pose, expression = draw.person, draw.outfit, draw.pose, draw.expression
@@ -106,6 +110,7 @@ def attempt_figure(
         return None, reason
     builder = Builder()
     assemble(builder, body, way, outfit, worn, detail, texture, seed // per_subject)
+    looks = [outfit, *(redressed(outfit, np.random.default_rng([seed, 4, k])) for k in range(1, outfits))]
     info = {
         "name": f"g{seed:04d}",
         "subject": subject_of(seed, per_subject),
@@ -116,6 +121,7 @@ def attempt_figure(
         "expression": expression.name,
         "garments": [w.pattern.garment.name for w in worn],
         "fabrics": [w.fabric.kind for w in worn],
+        "outfits": [[fabric.kind for _, fabric in look.garments] for look in looks],
         "shoes": outfit.shoe.name,
         "hair": outfit.hair.name,
         "sex": "female" if person.female > 0.5 else "male",
@@ -126,6 +132,6 @@ def attempt_figure(
         "strain": round(float(max(np.percentile(w.draped.strain, 95) for w in worn)), 3),
         **measured,
     }
-    mesh = builder.mesh(info)
+    mesh = builder.mesh(info, looks)
     reason = gates.figure(mesh, np.concatenate(builder.layers))
     return (None, reason) if reason else (mesh, None)

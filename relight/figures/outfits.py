@@ -17,7 +17,8 @@ from relight.figures.stances import Pose
 
 @dataclass(frozen=True)
 class Outfit:
-    """garments: in the order in which they are draped, each over those before; sole, upper: linear albedo of shoes."""
+    """garments: in the order in which they are draped, each over those before; sole, upper: linear albedo of shoes;
+    tie, belt: what they are made of, where they are worn."""
 
     garments: list[tuple[Garment, Fabric]]
     shoe: Shoe
@@ -29,6 +30,64 @@ class Outfit:
     beard: float
     makeup: float
     iris: tuple[float, float, float]
+    tie: Fabric | None = None
+    belt: Fabric | None = None
+
+
+NECKS = (  # of what is cut like a t-shirt: radii of the opening, and the depth of a V below it
+    ((0.078, 0.075, 0.085), 0.0),
+    ((0.074, 0.066, 0.082), 0.0),
+    ((0.088, 0.105, 0.100), 0.0),
+    ((0.100, 0.072, 0.090), 0.0),
+    ((0.080, 0.060, 0.092), 0.075),
+    ((0.080, 0.060, 0.092), 0.120),
+)
+TUCKS = ("shirt", "t-shirt", "fitted t-shirt", "long sleeve", "polo shirt", "roll-neck")  # may be worn inside trousers
+ROUND = ("t-shirt", "fitted t-shirt", "long sleeve", "sweater", "dress", "long dress")  # cut like a t-shirt at the neck
+TIES = ("plain", "stripes", "print", "check")
+BENT = 0.009  # metres of ease of trousers that sit, unless they stretch
+LAP = 0.10  # metres above the crotch: where tops of who sits end
+LEAST = 0.004  # metres of ease that no piece is cut below
+
+
+def tailored(rng: np.random.Generator, garment: Garment) -> Garment:
+    """One piece of a kind: closer or wider, longer or shorter, with its own neckline and its folds in another place."""
+    wide = float(np.exp(np.clip(rng.normal(-0.05, 0.32), -0.7, 0.6)))
+    longer, sleeve, leg = rng.normal(0, [0.025, 0.05, 0.03])
+
+    def eased(ease: tuple[float, ...]) -> tuple[float, ...]:
+        return tuple(min(e, LEAST) + wide * max(e - LEAST, 0) for e in ease)
+
+    if garment.name in ROUND:
+        neck, vee = NECKS[int(rng.choice(len(NECKS), p=(0.4, 0.15, 0.15, 0.08, 0.14, 0.08)))]
+        garment = replace(garment, neck=neck, vee=vee)
+    if garment.sleeve > 1.5 and garment.collar not in ("lapel", "stand") and rng.random() < 0.14:
+        garment = replace(garment, sleeve=float(rng.uniform(1.3, 1.65)), cuff=max(garment.cuff, 0.5))  # pushed up
+    elif 0.3 < garment.sleeve < 0.9:
+        garment = replace(garment, sleeve=float(np.clip(garment.sleeve + 2 * sleeve, 0.32, 0.85)))
+    if garment.kind == "trousers" and garment.leg > 1.5:
+        leg = garment.leg - abs(leg) - (0.25 if rng.random() < 0.12 else 0)  # some end above the ankle
+    elif garment.kind == "trousers":
+        leg = garment.leg + 3 * leg
+    if garment.drop > 0.2:
+        longer = garment.drop * float(np.exp(rng.normal(0, 0.12))) - garment.drop
+    return replace(
+        garment,
+        torso=eased(garment.torso),
+        arm=eased(garment.arm),
+        legs=eased(garment.legs),
+        leg=leg if garment.kind == "trousers" else garment.leg,
+        drop=max(garment.drop + longer, 0.0) if garment.drop else 0.0,
+        flare=garment.flare * float(np.exp(rng.normal(0, 0.15))),
+        turn=float(rng.uniform(0, 2 * np.pi)),
+    )
+
+
+def over(outer: Garment, inner: Garment) -> Garment:
+    """An outer garment cut wide enough for what is worn under it."""
+    torso = tuple(max(o, i + 0.008) for o, i in zip(outer.torso, inner.torso))
+    arm = outer.arm if inner.armhole else tuple(max(o, i + 0.006) for o, i in zip(outer.arm, inner.arm))
+    return replace(outer, torso=torso, arm=arm)
 
 
 def tucked(top: Garment, bottom: Garment) -> list[Garment]:
@@ -38,19 +97,34 @@ def tucked(top: Garment, bottom: Garment) -> list[Garment]:
     return [inside, replace(bottom, over=0.007)]
 
 
+def straightened(garment: Garment) -> Garment:
+    """Clothes as they are pulled straight to sit: tops without the length that the lap would push up under the chest,
+    trousers with room to bend in, and shorts no wider, as they would gape below the thighs."""
+    if garment.kind == "trousers":
+        most = 1.4 * BENT if garment.leg < 1.2 else np.inf
+        return replace(garment, legs=tuple(min(max(e, BENT), most) if e > 0.003 else e for e in garment.legs))
+    if garment.kind != "top" or garment.drop > 0.2:
+        return garment
+    return replace(garment, slack=0.0, drop=0.0, hem=max(garment.hem, LAP))
+
+
 def suited(outfit: Outfit, pose: Pose) -> Outfit:
     """The outfit as the pose allows it: long coats come off to sit, scarves where hands are before the chest."""
     crossed = min(pose.left.wrist[0], pose.right.wrist[0]) < -0.1
-    off = [
-        g for g, _ in outfit.garments if (pose.sitting and g.open and g.drop > 0.2) or (crossed and g.kind == "scarf")
-    ]
-    return replace(outfit, garments=[(g, fabric) for g, fabric in outfit.garments if g not in off])
+
+    def stays(garment: Garment) -> bool:
+        long_coat = garment.collar == "lapel" and garment.drop > 0.2
+        return not (pose.sitting and long_coat) and not (crossed and garment.kind == "scarf")
+
+    kept = [(g, fabric) for g, fabric in outfit.garments if stays(g)]
+    return replace(outfit, garments=[(straightened(g), fabric) for g, fabric in kept] if pose.sitting else kept)
 
 
 def pick(rng: np.random.Generator, *names: str) -> Garment:
-    library = (*wardrobe.TOPS, *wardrobe.OUTER, *wardrobe.BOTTOMS, *wardrobe.SKIRTS, *wardrobe.DRESSES)
+    """A piece of one of the kinds."""
+    library = (*wardrobe.TOPS, *wardrobe.OUTER, *wardrobe.BOTTOMS, *wardrobe.SKIRTS, *wardrobe.DRESSES, *wardrobe.ROBES)
     by_name = {garment.name: garment for garment in library}
-    return by_name[str(rng.choice(names))]
+    return tailored(rng, by_name[str(rng.choice(names))])
 
 
 def sample_outfit(rng: np.random.Generator, person: Person) -> Outfit:
@@ -58,26 +132,49 @@ def sample_outfit(rng: np.random.Generator, person: Person) -> Outfit:
     woman = person.female > 0.5
     draw = rng.random()
     worn: list[Garment] = []
-    if woman and draw < 0.22:
-        worn = [pick(rng, "dress", "long dress", "shift dress")]
-    elif woman and draw < 0.42:
-        top = pick(rng, "t-shirt", "fitted t-shirt", "shirt", "long sleeve", "tank top", "short shirt")
-        worn = tucked(top, pick(rng, "a-line skirt", "short skirt", "long skirt"))
+    if draw > 0.975:
+        worn = [pick(rng, "robe")]
+    elif woman and draw < 0.20:
+        worn = [pick(rng, "dress", "dress", "sleeveless dress", "long dress", "shift dress")]
+    elif woman and draw < 0.40:
+        names = ["t-shirt", "fitted t-shirt", "shirt", "long sleeve", "tank top", "short shirt", "roll-neck"]
+        skirts = ["a-line skirt", "short skirt", "long skirt", "flared skirt", "pleated skirt", "pencil skirt"]
+        worn = tucked(pick(rng, *names), pick(rng, *skirts))
+    elif woman and draw < 0.48:
+        worn = [pick(rng, "leggings"), pick(rng, "t-shirt", "long sleeve", "sweater", "hoodie", "tank top", "shirt")]
     else:
-        bottom = pick(rng, "jeans", "jeans", "slim trousers", "trousers", "trousers", "wide trousers", "shorts")
-        names = ["t-shirt", "t-shirt", "long sleeve", "shirt", "shirt", "short shirt", "sweater", "hoodie"]
-        top = pick(rng, *names, *(["fitted t-shirt", "tank top"] if woman else ["tank top"]))
-        inside = top.name in ("shirt", "t-shirt", "fitted t-shirt", "long sleeve") and rng.random() < 0.35
+        names = ["jeans", "jeans", "wide jeans", "slim trousers", "trousers", "trousers", "joggers", "wide trousers"]
+        bottom = pick(rng, *names, "shorts")
+        names = [
+            "t-shirt",
+            "t-shirt",
+            "long sleeve",
+            "shirt",
+            "shirt",
+            "short shirt",
+            "polo shirt",
+            "sweater",
+            "hoodie",
+        ]
+        top = pick(rng, *names, "roll-neck", "tank top", *(["fitted t-shirt"] if woman else []))
+        inside = top.name in TUCKS and bottom.name != "joggers" and rng.random() < 0.38
         worn = tucked(top, bottom) if inside else [bottom, top]
     thin = worn[0] if len(worn) == 1 else next(g for g in worn if g.kind == "top")
-    if thin.name not in ("sweater", "hoodie", "long dress") and rng.random() < 0.36:
-        worn.append(pick(rng, "jacket", "jacket", "blazer", "coat", "cardigan"))
-        odds = {"coat": 0.5, "jacket": 0.3, "blazer": 0.25, "cardigan": 0.25}[worn[-1].name]
+    if thin.name not in ("sweater", "hoodie", "robe") and thin.seam is None and rng.random() < 0.40:
+        outer = ["jacket", "jacket", "closed jacket", "blazer", "coat", "closed coat", "cardigan", "vest"]
+        waistcoat = ["waistcoat"] if thin.collar == "fold" and thin.tuck is not None else []
+        worn.append(over(pick(rng, *outer, *waistcoat), thin))
+        odds = {"coat": 0.5, "closed coat": 0.5, "jacket": 0.3, "blazer": 0.25, "cardigan": 0.25}.get(worn[-1].name, 0)
         if rng.random() < odds and not any(g.name in ("shorts", "tank top") for g in worn):
             worn.append(SCARVES[int(rng.integers(len(SCARVES)))])
-    cloths = [(g, fabrics.sample_fabric(rng, g.fabrics, g.kind == "trousers" or g in wardrobe.OUTER)) for g in worn]
+    names = {g.name for g in worn}
+    ties = "shirt" in names and not woman and not names & {"scarf", "wrapped scarf", "shorts"}
+    tie = ties and rng.random() < (0.85 if names & {"blazer", "waistcoat"} else 0.3)
+    waisted = thin.tuck is not None and worn[1].kind == "trousers" and not names & {"leggings", "joggers"}
+    belt = rng.random() < (0.6 if waisted else 0.35 if thin.seam is not None else 0.4 * (thin.name == "robe"))
+    cloths = [(g, fabrics.sample_fabric(rng, g.fabrics, is_muted(g))) for g in worn]
     shoe = SHOES[int(rng.choice(len(SHOES), p=shoe_odds(woman, worn)))]
-    upper = fabrics.sample_fabric(rng, ("leather",) if "sneaker" not in shoe.name else ("plain",), True).first
+    upper = shoe_color(rng, shoe)
     pale = "sneaker" in shoe.name and rng.random() < 0.75
     style = STYLES[int(rng.choice(len(STYLES), p=hair_odds(woman, person)))]
     return Outfit(
@@ -97,7 +194,34 @@ def sample_outfit(rng: np.random.Generator, person: Person) -> Outfit:
                 )
             )
         ],
+        tie=fabrics.sample_fabric(rng, TIES, False) if tie else None,
+        belt=fabrics.sample_fabric(rng, ("leather",), True) if belt else None,
     )
+
+
+def redressed(outfit: Outfit, rng: np.random.Generator) -> Outfit:
+    """The same clothes, cut and worn alike, of other fabrics and in other colours."""
+
+    def anew(fabric: Fabric | None, kinds: tuple[str, ...], muted: bool) -> Fabric | None:
+        return fabrics.sample_fabric(rng, kinds, muted) if fabric is not None else None
+
+    return replace(
+        outfit,
+        garments=[(g, fabrics.sample_fabric(rng, g.fabrics, is_muted(g))) for g, _ in outfit.garments],
+        upper=shoe_color(rng, outfit.shoe),
+        hat=anew(outfit.hat, (outfit.hat.kind,), False),
+        tie=anew(outfit.tie, TIES, False),
+        belt=anew(outfit.belt, ("leather",), True),
+    )
+
+
+def is_muted(garment: Garment) -> bool:
+    """Whether such clothes are mostly of neutral colours."""
+    return garment.kind == "trousers" or garment.name in {g.name for g in wardrobe.OUTER}
+
+
+def shoe_color(rng: np.random.Generator, shoe: Shoe) -> tuple[float, float, float]:
+    return fabrics.sample_fabric(rng, ("leather",) if "sneaker" not in shoe.name else ("plain",), True).first
 
 
 def shoe_odds(woman: bool, worn: list[Garment]) -> np.ndarray:

@@ -11,11 +11,18 @@ from relight.figures import makehuman
 from relight.figures.body import Body
 from relight.figures.drape import Level
 from relight.figures.garments import ARM_AT, LEG_AT, TORSO_AT, Garment
-from relight.figures.surfaces import border_loops, clip, extruded, loop, normals, smoothed, split
+from relight.figures.surfaces import border_loops, clip, extruded, loop, normals, rim, smoothed, split
 
 NUDE = 0.004  # metres outside the suit at which cuffs, waistbands and necklines are held
+HEM = 0.06  # metres above the crotch: where the drop of a garment with a seam at the waist begins to count
 LEG = 0.82  # metres from hip to ankle for which the drops are given
 ROW = 0.028  # metres between the rows of a drop
+GATHERED = 0.06  # metres of a drop within which gathers reach their depth
+FALL = 0.35  # of its flare, a drop's width as it hangs
+HIPS = 0.014  # metres that a drop keeps off the hull of the hips
+BEARINGS = 96  # directions in which the hull of the trunk is measured
+SLICE = 0.02  # metres between the heights at which it is measured
+SLEEVELESS = 0.06  # of the arm, where what is beyond an armhole ends
 TRUNK = 0.35  # share of the arm in the skinning, below which a vertex belongs to the trunk
 
 
@@ -76,28 +83,88 @@ def landmarks(body: Body) -> dict[str, float]:
     }
 
 
+@dataclass(frozen=True)
+class Hull:
+    """The convex hull of the trunk, slice by slice: cloth spans what lies hollow, as the small of the back and what is
+    between the buttocks, and has no length for it. middle: z of the axis; heights (k,); radii (k,BEARINGS)."""
+
+    middle: float
+    heights: np.ndarray
+    radii: np.ndarray
+
+    def radius(self, points: np.ndarray) -> np.ndarray:
+        """Metres (n,) from the axis to the hull, at the height and in the direction of points (n,3)."""
+        row = np.interp(points[:, 1], self.heights, np.arange(len(self.heights)))
+        column = np.arctan2(points[:, 0], points[:, 2] - self.middle) % (2 * np.pi) * BEARINGS / (2 * np.pi)
+        i, j = np.minimum(row.astype(int), len(self.heights) - 2), column.astype(int) % BEARINGS
+        a, b, table = row - i, column - np.floor(column), self.radii
+        low = table[i, j] * (1 - b) + table[i, (j + 1) % BEARINGS] * b
+        high = table[i + 1, j] * (1 - b) + table[i + 1, (j + 1) % BEARINGS] * b
+        return low * (1 - a) + high * a
+
+    def spanned(self, points: np.ndarray, share: np.ndarray) -> np.ndarray:
+        """Points (n,3) moved out to the hull by a share (n,) of what they lie inside it."""
+        flat = points[:, [0, 2]] - [0.0, self.middle]
+        r = np.maximum(np.linalg.norm(flat, axis=1), 1e-6)
+        flat = flat * (1 + share * np.maximum(self.radius(points) - r, 0) / r)[:, None]
+        return np.stack([flat[:, 0], points[:, 1], flat[:, 1] + self.middle], axis=1)
+
+
+def trunk_hull(points: np.ndarray, f: dict[str, np.ndarray], at: dict[str, float]) -> Hull:
+    """The hull of the suit's vertices (n,3) with their fields, from below the crotch to above the waist."""
+    trunk = points[np.maximum(f["onL"], f["onR"]) < 0.05]
+    heights = np.arange(at["crotch"] - SLICE, at["waist"] + 0.16, SLICE)
+    middle = float(np.median(trunk[np.abs(trunk[:, 1] - at["waist"]) < 0.1, 2]))
+    turn = 2 * np.pi * np.arange(BEARINGS) / BEARINGS
+    ways = np.stack([np.sin(turn), np.cos(turn)], axis=1)
+    radii = []
+    for height in heights:
+        near = trunk[np.abs(trunk[:, 1] - height) < 0.9 * SLICE][:, [0, 2]] - [0.0, middle]
+        sides = ConvexHull(near).equations
+        facing = ways @ sides[:, :2].T
+        radii.append(np.min(np.where(facing > 1e-6, -sides[:, 2] / np.maximum(facing, 1e-6), np.inf), axis=1))
+    return Hull(middle, heights, np.array(radii))
+
+
 def neck_field(body: Body, garment: Garment, f: dict[str, np.ndarray]) -> np.ndarray:
-    """Metres outside the neck opening, an ellipsoid about the neck open at the top."""
+    """Metres outside the neck opening: an ellipsoid about the neck, open at the top, and the V below it in front."""
     centre = body.joints["neck01"] + np.array([0.0, 0.03, 0.035])
     wide, high, deep = garment.neck
     r = np.sqrt(
         (f["x"] / wide) ** 2 + ((f["z"] - centre[2]) / deep) ** 2 + (np.minimum(f["y"] - centre[1], 0) / high) ** 2
     )
-    return np.where(np.maximum(f["onL"], f["onR"]) > 0.3, 1.0, (r - 1) * wide)
+    out = (r - 1) * wide
+    if garment.vee:
+        half = 0.8 * wide * (f["y"] - centre[1] + high + garment.vee) / (high + garment.vee)
+        out = np.where(f["z"] > centre[2], np.minimum(out, np.abs(f["x"]) - half), out)
+    return np.where(np.maximum(f["onL"], f["onR"]) > 0.3, 1.0, out)
+
+
+def armhole_field(body: Body, garment: Garment, f: dict[str, np.ndarray], side: str) -> np.ndarray:
+    """Metres outside the armhole of a sleeveless garment: a ball about the shoulder, that leaves a strap beside the
+    neck."""
+    centre, sign = body.joints[f"upperarm01.{side}"], 1 if side == "L" else -1
+    x = np.minimum(sign * (f["x"] - centre[0]), 0)
+    r = np.sqrt(x**2 + (0.75 * (f["y"] - centre[1])) ** 2 + (0.9 * (f["z"] - centre[2])) ** 2)
+    return np.where(sign * f["x"] > 0, r - garment.armhole, 1.0)
 
 
 def cuts(body: Body, garment: Garment, at: dict[str, float]) -> list:
     """The fields whose positive parts, one after the other, leave the garment."""
     left, right = (lambda f: f["x"] > 0), (lambda f: f["x"] <= 0)
     if garment.kind == "top":
-        hem = at["crotch"] + garment.hem
-        out = [lambda f: f["y"] - hem, lambda f: neck_field(body, garment, f)]
+        low = hem(garment, at)
+        out = [lambda f: f["y"] - low, lambda f: neck_field(body, garment, f)]
         for side, there in (("L", left), ("R", right)):  # what hardly moves with the arm is no sleeve
-            out.append(
-                lambda f, side=side, there=there: np.where(
-                    there(f), garment.sleeve - f[f"arm{side}"] + 8 * np.clip(TRUNK - f[f"on{side}"], 0, 1), 1.0
-                )
-            )
+
+            def sleeve(f: dict[str, np.ndarray], side: str = side, there=there) -> np.ndarray:
+                end = SLEEVELESS if garment.armhole else garment.sleeve
+                within = end - f[f"arm{side}"] + 8 * np.clip(TRUNK - f[f"on{side}"], 0, 1)
+                if garment.armhole:  # one cut, not two: there would be slivers between them
+                    within = np.minimum(within, armhole_field(body, garment, f, side))
+                return np.where(there(f), within, 1.0)
+
+            out.append(sleeve)
         if garment.open:
             neck, chest = body.joints["neck01"], at["hip"] + 0.2
 
@@ -111,15 +178,22 @@ def cuts(body: Body, garment: Garment, at: dict[str, float]) -> list:
     if garment.kind == "trousers":
         out.append(lambda f: garment.leg - np.where(left(f), f["legL"], f["legR"]))
     else:
-        out.append(lambda f: f["y"] - (at["crotch"] + 0.09))
+        low = hem(garment, at)
+        out.append(lambda f: f["y"] - low)
     return out
+
+
+def hem(garment: Garment, at: dict[str, float]) -> float:
+    """Height on the rest pose to which a garment is cut from the suit, and from which on its drop hangs."""
+    return at["crotch"] + garment.hem if garment.seam is None else at["waist"] + garment.seam
 
 
 def build_pattern(body: Body, garment: Garment, levels: int) -> Pattern:
     """The pattern of `garment` for `body`, refined `levels` times (edges 25, 13, 6 mm)."""
     at, f0 = landmarks(body), suit_fields(body)
     leg = body.joints["upperleg01.L"][1] - body.joints["foot.L"][1]
-    garment = replace(garment, drop=garment.drop * min(1.1, leg / LEG))  # skirts and coats as long as the legs ask
+    drop = garment.drop * min(1.1, leg / LEG)  # skirts and coats as long as the legs ask, from the hips on
+    garment = replace(garment, drop=drop + (0.0 if garment.seam is None else hem(garment, at) - at["crotch"] - HEM))
     faces = makehuman.base().faces["helper-tights"] - makehuman.TIGHTS.start
     matrix = sparse.identity(len(body.tights), format="csr")
     for cut in cuts(body, garment, at):
@@ -133,6 +207,10 @@ def build_pattern(body: Body, garment: Garment, levels: int) -> Pattern:
     weights = matrix @ makehuman.rig().weights[makehuman.TIGHTS]
     weights /= weights.sum(1, keepdims=True)
     points = matrix @ body.tights
+    hull = trunk_hull(body.tights, f0, at)
+    if garment.kind != "trousers":
+        high = np.clip((at["waist"] + 0.14 - points[:, 1]) / 0.14, 0, 1)
+        points = hull.spanned(points, high * np.clip(1 - 5 * np.maximum(f["onL"], f["onR"]), 0, 1))
     outward = smoothed(normals(points, faces), faces, 4)
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
     ease, longer = fit(body, garment, f, at, points, outward)
@@ -142,10 +220,14 @@ def build_pattern(body: Body, garment: Garment, levels: int) -> Pattern:
     f["tube"] = np.zeros(len(points))
     pinned = pins(body, garment, f, at)
     if garment.drop:
-        pattern, start, held, pinned, weights, faces, f = dropped(
-            garment, pattern, start, held, pinned, weights, faces, f
-        )
-    start = start + 0.7 * (pattern - start)
+        parts = (pattern, start, held, pinned, weights)
+        if garment.gather:  # gathers are finer than the suit
+            more, faces, parent = doubled(faces, len(points), lowest(faces, f["y"])[0])
+            parts, sleeve = tuple(more @ part for part in parts), sleeve[parent]
+            f = {name: more @ values for name, values in f.items()}
+        (pattern, start, held, pinned, weights), faces, f = dropped(garment, parts, faces, f, hull)
+    sewn = f["tube"] == 0
+    start[sewn] += 0.7 * (pattern - start)[sewn]
     sleeve = np.r_[sleeve, np.zeros(len(faces) - len(sleeve), bool)]
     return refined(garment, (pattern, start, held, pinned, weights), faces, f, at["crotch"], sleeve, levels)
 
@@ -217,39 +299,100 @@ def pins(body: Body, garment: Garment, f: dict, at: dict) -> np.ndarray:
         edge = at["waist"] + garment.tuck
         out = np.maximum(out, 0.9 * np.clip((edge + 0.03 - f["y"]) / 0.02, 0, 1))
     out = np.maximum(out, np.clip((arm - (garment.sleeve - 0.07)) / 0.05, 0, 1) * garment.cuff)
-    rib = np.clip(1 - (f["y"] - at["crotch"] - garment.hem) / 0.03, 0, 1) * (np.maximum(f["onL"], f["onR"]) < 0.1)
+    rib = np.clip(1 - (f["y"] - hem(garment, at)) / 0.03, 0, 1) * (np.maximum(f["onL"], f["onR"]) < 0.1)
     return np.maximum(out, rib * garment.rib)
 
 
-def dropped(garment: Garment, pattern, start, held, pinned, weights, faces, f) -> tuple:
-    """Continues the lowest border downward: skirts, coat tails, shirt tails. The drop hangs from the pelvis."""
-    ring = min(border_loops(faces), key=lambda ring: f["y"][ring].min())
-    low = f["y"][ring] < f["y"][ring].min() + 0.003
-    closed = bool(low.all())
-    if not closed:  # an open front is one border all round: only its bottom run is continued
-        starts = np.flatnonzero(low & ~np.roll(low, 1))
-        ring = max((np.roll(ring, -k)[: int(np.argmin(np.roll(low, -k)))] for k in starts), key=len)
+def lowest(faces: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, bool]:
+    """The lowest border (m,), and whether it is a whole loop. y (n,): heights as cut."""
+    ring = min(border_loops(faces), key=lambda ring: y[ring].min())
+    low = y[ring] < y[ring].min() + 0.003
+    if low.all():
+        return ring, True
+    starts = np.flatnonzero(low & ~np.roll(low, 1))  # an open front is one border all round: only its bottom run
+    return max((np.roll(ring, -k)[: int(np.argmin(np.roll(low, -k)))] for k in starts), key=len), False
+
+
+def doubled(faces: np.ndarray, n: int, ring: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray, np.ndarray]:
+    """A surface with one vertex more in the middle of the border sides between vertices of `ring` (m,), one of a face.
+
+    Returns the matrix (n+m,n) to its vertices, its faces, and the face that each of them is of.
+    """
+    on = np.zeros(n, bool)
+    on[ring] = True
+    sides = rim(faces)
+    hems = {tuple(side) for side in sides[on[sides].all(1)].tolist()}
+    out, parent, ends = [], [], []
+    for number, face in enumerate(faces.tolist()):
+        turned = [face[k:] + face[:k] for k in range(3)]
+        a, b, c = next((turn for turn in turned if tuple(turn[:2]) in hems), (-1, -1, -1))
+        pieces = [face] if a < 0 else [[a, n + len(ends), c], [n + len(ends), b, c]]
+        ends += [] if a < 0 else [[a, b]]
+        out += pieces
+        parent += [number] * len(pieces)
+    row = np.repeat(np.arange(len(ends)), 2)
+    middle = sparse.csr_matrix((np.full(len(row), 0.5), (row, np.ravel(ends))), shape=(len(ends), n))
+    return sparse.vstack([sparse.identity(n, format="csr"), middle]).tocsr(), np.array(out), np.array(parent)
+
+
+def waves(garment: Garment, angle: np.ndarray) -> np.ndarray:
+    """The folds of a drop: a height in [0,1] for each bearing (n,), uneven as cloth falls, in another place for every
+    piece (`garment.turn`)."""
+    uneven = 0.5 * np.sin(3 * angle + garment.turn) + 0.4 * np.sin(5 * angle + 2.3 * garment.turn)
+    return 0.5 + 0.5 * np.sin(garment.waves * angle + uneven + 4.1 * garment.turn)
+
+
+def dropped(garment: Garment, parts: tuple[np.ndarray, ...], faces: np.ndarray, f: dict, hull: Hull) -> tuple:
+    """Continues the lowest border downward: skirts, coat tails, shirt tails. The drop hangs from the pelvis.
+
+    parts: pattern, start, held, pinned, weights. Returns them, faces and fields with the drop.
+    """
+    pattern, start, held, pinned, weights = parts
+    ring, closed = lowest(faces, f["y"])
     top = pattern[ring].copy()
     flat = top[:, [0, 2]]
     centre = flat.mean(0)
     angle = np.arctan2(flat[:, 1] - centre[1], flat[:, 0] - centre[0])
     round_ = flat.copy()
     if closed:  # bridge the hollow between the legs: push the outline out to its convex hull
-        hull = flat[ConvexHull(flat).vertices]
-        radius = np.linalg.norm(hull - centre, axis=1)
-        bearing = np.arctan2(hull[:, 1] - centre[1], hull[:, 0] - centre[0])
+        outline = flat[ConvexHull(flat).vertices]
+        radius = np.linalg.norm(outline - centre, axis=1)
+        bearing = np.arctan2(outline[:, 1] - centre[1], outline[:, 0] - centre[0])
         order = np.argsort(bearing)
         full = np.interp(angle, bearing[order], radius[order], period=2 * np.pi)
         unit = np.stack([np.cos(angle), np.sin(angle)], 1)
         round_ = centre + unit * np.maximum(full, np.linalg.norm(flat - centre, axis=1))[:, None]
     count = max(2, round(garment.drop / ROW))
-    rows = []
+    rows, folded, wave = [], [], waves(garment, angle)
+
+    def length(outline: np.ndarray) -> float:
+        return float(np.linalg.norm(np.roll(outline, -1, 0) - outline, axis=1)[: len(ring) - (not closed)].sum())
+
     for k in range(1, count + 1):
         s = k / count
-        scale = 1 + garment.flare * s + garment.pleat * s * np.sin(12 * angle + 1)
-        outline = centre + (flat + (round_ - flat) * min(1.0, 5 * s) - centre) * scale[:, None]
-        rows.append(np.stack([outline[:, 0], top[:, 1] - garment.drop * s, outline[:, 1]], axis=1))
+        y = f["y"][ring] - garment.drop * s
+        ring_at = centre + (flat + (round_ - flat) * min(1.0, 5 * s) - centre)
+
+        def outline(flare: float, deep: float, y=y, s=s, ring_at=ring_at) -> np.ndarray:
+            """The row (m,2), this much wider than the ring, outside the hips, and with waves so deep (metres)."""
+            out = centre + (ring_at - centre) * (1 + flare * s)
+            r = np.linalg.norm(out - centre, axis=1)
+            at = np.stack([out[:, 0], y, out[:, 1]], axis=1)
+            widest = np.maximum(r, np.where(y > hull.heights[0], hull.radius(at) + HIPS, 0)) if closed else r
+            return centre + (out - centre) * ((widest + 2 * deep * wave) / r)[:, None]
+
+        r = np.linalg.norm(outline(garment.flare, 0.0) - centre, axis=1).mean()
+        deep = garment.gather * min(1.0, garment.drop * s / GATHERED) + garment.pleat * s
+        cut = outline(garment.flare, deep * r)
+        fallen, low, high = cut, 0.0, 0.5 * r  # what is cut wider than it hangs starts in folds of the same length
+        for _ in range(12):
+            middle = (low + high) / 2
+            fallen = outline(FALL * garment.flare, middle)
+            low, high = (low, middle) if length(fallen) > length(cut) else (middle, high)
+        for out, row in ((rows, cut), (folded, fallen)):
+            out.append(np.stack([row[:, 0], top[:, 1] - garment.drop * s, row[:, 1]], axis=1))
     points, strip = extruded(ring, rows, len(pattern), closed)
+    hung = np.concatenate(folded)
     tube = np.repeat(np.arange(1, count + 1) / count, len(ring))
     root = np.zeros(weights.shape[1])
     root[0] = 1
@@ -257,12 +400,11 @@ def dropped(garment: Garment, pattern, start, held, pinned, weights, faces, f) -
     more = np.tile(weights[ring], (count, 1)) * (1 - stiff) + root * stiff
     f = {name: np.r_[values, np.tile(values[ring], count)] for name, values in f.items()}
     f["tube"][len(pattern) :] = tube
-    return (
+    parts = (
         np.concatenate([pattern, points]),
-        np.concatenate([start, points]),
-        np.concatenate([held, points]),
+        np.concatenate([start, hung]),
+        np.concatenate([held, hung]),
         np.r_[pinned, np.zeros(len(points))],
         np.concatenate([weights, more]),
-        np.concatenate([faces, strip]),
-        f,
     )
+    return parts, np.concatenate([faces, strip]), f

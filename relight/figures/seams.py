@@ -40,15 +40,29 @@ def stitched(
             edge = np.maximum(x - 0.062, np.maximum(-y - 0.07, y - 0.07 + 0.25 * np.clip(0.062 - x, -1, 1) - 0.0155))
             draw(line(edge), dark)
             draw(line(edge + 0.004), thread)
-    if garment.kind == "top" and garment.collar == "fold" and name == "front":
-        draw(0.7 * line(np.abs(u) - 0.016), dark)
-        button = np.hypot(u, np.mod(v, 0.085) - 0.04) - 0.0052
+    buttoned = garment.front in ("buttons", "double", "placket") or (
+        garment.collar == "fold" and garment.front == "none"
+    )
+    if garment.kind == "top" and buttoned and name == "front":
+        reach = v > top - 0.16 if garment.front == "placket" else np.ones(v.shape, bool)
+        apart = 0.060 if garment.front == "double" else 0.0  # of two rows of buttons from their middle
+        middle = 0.5 * apart
+        if garment.front == "none":
+            draw(0.7 * line(np.abs(u) - 0.016), dark)
+        size, step = (0.0052, 0.085) if garment.collar == "fold" else (0.010, 0.12)
+        button = np.hypot(np.abs(u - middle) - 0.7 * apart, np.mod(v, step) - 0.04) - size
         pale = np.broadcast_to(
             np.array([0.6, 0.57, 0.5]) if color.mean() < 0.3 else np.array([0.35, 0.33, 0.3]), color.shape
         )
-        draw(np.clip(0.5 - button / 0.001, 0, 1), pale)
+        draw(np.clip(0.5 - button / 0.001, 0, 1) * reach, pale if size < 0.01 else dark)
+    if garment.kind == "top" and garment.collar == "fold" and garment.front == "none" and name == "front":
         pocket = np.maximum(np.abs(u - 0.085) - 0.05, np.abs(v - 0.36) - 0.058)
         draw(0.7 * line(pocket) * (garment.sleeve > 0.6), dark)
+    if garment.front == "zip" and name == "front":
+        draw(
+            0.8 * (np.abs(u) < 0.004) * (np.mod(v, 0.004) < 0.002),
+            np.broadcast_to(np.array([0.30, 0.29, 0.27]), color.shape),
+        )
     if garment.kind == "top" and garment.collar == "hood" and name == "front":
         pocket = np.maximum(np.abs(u) - 0.15 + 0.5 * np.clip(v - 0.19, 0, 1), np.abs(v - 0.18) - 0.085)
         draw(0.7 * line(pocket), dark)

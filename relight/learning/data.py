@@ -129,7 +129,7 @@ class RelitSet:
                     f"{path} has harmonics up to order {found}: model.order={order} needs bake.order={order}"
                 )
         self.names, self.size, self.color = list(figures.names), figures.size, color
-        self.shown = list(figures.figures)
+        self.shown, self.turned = list(figures.figures), np.array([view is not None for view in figures.views])
         self.light_split = np.asarray(table["split"])
         self.order = min(figures.order, bands)
         all_bands = (self.order + 1) ** 2
@@ -155,8 +155,8 @@ class RelitSet:
         place = {name: i for i, name in enumerate(self.names)}
         return np.array([place[name] for name in names if name in place], np.int64)
 
-    def views(self, figures: np.ndarray) -> np.ndarray:
-        """Indices of all further views of `figures`, which are indices of frontal views."""
+    def others(self, figures: np.ndarray) -> np.ndarray:
+        """Indices of the further views and outfits of `figures`, which are indices of their own frontal views."""
         chosen = {self.names[figure] for figure in figures}
         found = [i for i, shown in enumerate(self.shown) if shown in chosen and shown != self.names[i]]
         return np.array(found, np.int64)

@@ -218,7 +218,7 @@ def selection(data: RelitSet, split: Path, train: Train) -> tuple[np.ndarray, np
     With `train.figures` N, the figures are the first N of an order drawn from the seed, so that fewer are part of more.
 
     Returns:
-        Indices of the figures' maps, those of all their views included, and indices of the lights.
+        Indices of the figures' maps, those of all their views and outfits included, and indices of the lights.
 
     Raises:
         UserError: if nothing is left.
@@ -232,7 +232,7 @@ def selection(data: RelitSet, split: Path, train: Train) -> tuple[np.ndarray, np
             say(f"train.figures={train.figures}: there are {len(figures)}, and all of them are trained on")
         first = generator(train.seed, 0, SUBSET).permutation(len(figures))[: train.figures]
         figures = figures[np.sort(first)]
-    return np.concatenate([figures, data.views(figures)]), lights
+    return np.concatenate([figures, data.others(figures)]), lights
 
 
 def start_network(recipe: Recipe, data: RelitSet, packed: Path) -> Network:

@@ -38,7 +38,7 @@ def pack_maps(exr_paths: list[Path], out: Path) -> list[str]:
         out: the packed file (.safetensors).
 
     Returns:
-        The names of the packed maps: of the figure, or of a further view of it.
+        The names of the packed maps: of the figure, or of a further view or outfit of it.
 
     Raises:
         UserError: if sizes or orders differ, or all figures were left out.
@@ -65,7 +65,7 @@ def pack_maps(exr_paths: list[Path], out: Path) -> list[str]:
         "mask": (np.uint8, (len(found), -(-size * size // 8))),
     }
     notes = {"names": names, "subjects": subjects, "size": size, "order": first["order"]}
-    if any("view" in info for _, info in found):
+    if any("figure" in info for _, info in found):
         notes["figures"] = [info.get("figure", name) for name, (_, info) in zip(names, found)]
         notes["views"] = [info.get("view") for _, info in found]
     with whole(out) as temporary:
@@ -90,7 +90,8 @@ class PackedMaps:
     Attributes:
         names: of the F maps.
         subjects: of the maps.
-        figures: the figure that each map shows, by the name of the map of its frontal view.
+        figures: the figure that each map shows, by the name of the map of its frontal view
+            in its own outfit.
         views: how each map is seen (`relight.transport.view.view_record`), None for the frontal view.
         size: of the images in pixels.
         order: of the spherical harmonics.

@@ -1,7 +1,7 @@
 """The mesh record of generated figures and scans."""
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from zipfile import BadZipFile
 
@@ -35,6 +35,7 @@ class Mesh:
         materials: of the faces.
         color: (V,3) float32, linear vertex colours that the materials are multiplied by, or None.
         info: plain JSON values that are carried from stage to stage: name, subject, source, repairs and so on.
+        outfits: further looks of the same surface: for each, the materials that differ from `materials`, by number.
     """
 
     vertices: np.ndarray
@@ -44,27 +45,44 @@ class Mesh:
     materials: list[Material]
     color: np.ndarray | None = None
     info: dict = field(default_factory=dict)
+    outfits: list[dict[int, Material]] = field(default_factory=list)
+
+    def dressed(self, outfit: int) -> "Mesh":
+        """Returns the mesh in one of its outfits: 0 is its own, which it comes with."""
+        other = self.outfits[outfit - 1] if outfit else {}
+        return replace(
+            self, materials=[other.get(i, material) for i, material in enumerate(self.materials)], outfits=[]
+        )
 
     def save(self, path: Path) -> None:
         """Writes the mesh as .npz, whole or not at all."""
         arrays = {"vertices": self.vertices, "faces": self.faces, "uv": self.uv, "material": self.material}
         if self.color is not None:
             arrays["color"] = self.color
-        for i, material in enumerate(self.materials):
-            arrays[f"color{i}"] = material.color
-            if material.texture is not None:
-                arrays[f"texture{i}"] = material.texture
+        for outfit, materials in enumerate([dict(enumerate(self.materials)), *self.outfits]):
+            for i, material in materials.items():
+                name = f"{i}.{outfit}" if outfit else f"{i}"
+                arrays[f"color{name}"] = material.color
+                if material.texture is not None:
+                    arrays[f"texture{name}"] = material.texture
+        counts = {"count": np.array(len(self.materials)), "outfits": np.array(len(self.outfits))}
         with whole(path) as tmp, open(tmp, "wb") as file:
-            np.savez(file, **arrays, info=np.array(json.dumps(self.info)), count=np.array(len(self.materials)))
+            np.savez(file, **arrays, info=np.array(json.dumps(self.info)), **counts)
 
     @classmethod
     def load(cls, path: Path) -> "Mesh":
         """Reads a mesh that `save` wrote; raises UserError on any other file."""
         try:
             with np.load(path, allow_pickle=False) as data:
-                materials = [
-                    Material(data[f"color{i}"], data[f"texture{i}"] if f"texture{i}" in data else None)
-                    for i in range(int(data["count"]))
+
+                def material(name: str) -> Material:
+                    return Material(data[f"color{name}"], data[f"texture{name}"] if f"texture{name}" in data else None)
+
+                count, outfits = int(data["count"]), int(data["outfits"]) if "outfits" in data else 0
+                materials = [material(f"{i}") for i in range(count)]
+                others = [
+                    {i: material(f"{i}.{k}") for i in range(count) if f"color{i}.{k}" in data}
+                    for k in range(1, outfits + 1)
                 ]
                 return cls(
                     vertices=data["vertices"],
@@ -74,6 +92,7 @@ class Mesh:
                     materials=materials,
                     color=data["color"] if "color" in data else None,
                     info=json.loads(str(data["info"])),
+                    outfits=others,
                 )
         except (OSError, KeyError, ValueError, EOFError, BadZipFile) as error:
             raise UserError(f"{path} is not a mesh record of relight ({error})") from None

@@ -9,31 +9,35 @@ from relight.meshes import Mesh
 from relight.stages.stage import stage
 
 
-@stage("bake", mesh="aligned mesh record (.npz)", out="maps (.exr); those of further views go beside them")
+@stage("bake", mesh="aligned mesh record (.npz)", out="maps (.exr); those of further views and outfits go beside them")
 def main(bake: Bake, mesh: Path, out: Path) -> None:
-    """A figure is left out with all its views, so that a data set holds either all of its maps or none."""
+    """A figure is left out with all its views and outfits, so that a data set holds either all of its maps or none."""
     from relight.maps import write_left_out, write_maps
-    from relight.transport import FRONTAL, Baker, random_view, view_names
+    from relight.transport import FRONTAL, Baker, outfit_names, random_view, view_names
 
     given = Mesh.load(mesh)
-    name = given.info.get("name", out.stem)
+    name, fabrics = given.info.get("name", out.stem), given.info.get("outfits", [None])
     own = {"figure": name, "subject": given.info.get("subject", name)}
-    targets = {out: ({}, FRONTAL)}
-    for view, file in zip(view_names(name, bake.views), view_names(out.stem, bake.views)):
-        targets[out.with_name(file + out.suffix)] = ({**own, "name": view}, random_view(view, bake.seed))
+    views = [FRONTAL, *(random_view(view, bake.seed) for view in view_names(name, bake.views))]
+    targets: list[list[tuple[Path, dict]]] = [[] for _ in views]  # of each view, the outfits
+    for number, label in enumerate(outfit_names("", len(fabrics))):
+        other = {"outfit": number, "fabrics": fabrics[number]} if number else {}
+        for k, ending in enumerate(["", *view_names("", bake.views)]):
+            record = {**own, "name": name + label + ending, **other} if label + ending else {}
+            targets[k].append((out.with_name(out.stem + label + ending + out.suffix), record))
     reason = given.info.get("left_out")
     if reason is None:
         try:
             baker = Baker(given, bake.rays, bake.order, bake.seed, bake.bounces)
-            for path, (record, view) in targets.items():
-                maps = baker.maps(bake.size, bake.supersample, view)
-                maps.info.update(record)
-                write_maps(path, maps)
+            for view, files in zip(views, targets):
+                for (path, record), maps in zip(files, baker.outfits(bake.size, bake.supersample, view)):
+                    maps.info.update(record)
+                    write_maps(path, maps)
         except UserError as error:
             reason = str(error)
             print(f"{name} is left out: {reason}", file=sys.stderr)
     if reason is not None:
-        for path, (record, _) in targets.items():
+        for path, record in (target for files in targets for target in files):
             write_left_out(path, {**given.info, **record}, reason)
 
 

@@ -19,11 +19,12 @@ def main(figures: Figures, figure: Path, out: Path) -> None:
 
     def make():
         asked = [figures.detail, figures.texture, figures.per_subject, figures.shading, figures.device]
-        mesh = make_figure(seed, *asked)
+        mesh = make_figure(seed, *asked, outfits=figures.outfits)
         mesh.info.update(name=name, axes={"up": "+y", "front": "+z"})
         return mesh
 
-    step(make, {"name": name, "subject": subject_of(seed, figures.per_subject)}, out)
+    info = {"name": name, "subject": subject_of(seed, figures.per_subject), "outfits": [None] * figures.outfits}
+    step(make, info, out)
 
 
 if __name__ == "__main__":

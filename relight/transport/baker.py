@@ -1,5 +1,6 @@
 """Bakes maps of a mesh: the surface that a camera sees, and the light transport at each pixel."""
 
+from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
 
@@ -39,6 +40,7 @@ class Baker:
 
     Attributes:
         mesh: as given.
+        looks: the mesh in each of its outfits, its own first.
         rays, order, seed, bounces: as given.
         caster: casts rays against the mesh.
         normals: (V,3) float32 of the vertices.
@@ -54,7 +56,8 @@ class Baker:
             rays: per pixel.
             order: of the spherical harmonics; the maps have K = (order + 1)^2 transport coefficients.
             seed: of the rays' azimuths.
-            bounces: of interreflection with the mesh's albedo; with more than 0, the maps hold `bounced`.
+            bounces: of interreflection with the mesh's albedo; with more than 0, the maps hold `bounced`, and the mesh
+                must have one outfit only.
             threads: 0 takes every core. The result does not depend on it.
 
         Raises:
@@ -62,7 +65,10 @@ class Baker:
         """
         require_at_least(1, rays=rays)
         require_at_least(0, order=order, bounces=bounces)
+        if bounces and mesh.outfits:
+            raise UserError("what surfaces reflect depends on their albedo: with outfits, bounces must be 0")
         self.mesh, self.rays, self.order, self.seed, self.bounces = mesh, rays, order, seed, bounces
+        self.looks = [mesh.dressed(outfit) for outfit in range(1 + len(mesh.outfits))]
         self.caster = RayCaster(mesh.vertices, mesh.faces, threads)
         self.normals = vertex_normals(mesh)
         self.gather_caster, self.radiosity = self.caster, None
@@ -91,7 +97,13 @@ class Baker:
         return Camera(size, max(2.0, front + pose.scale * caster.diagonal / 100), pose=pose)
 
     def maps(self, size: int, supersample: int = 1, view: View = FRONTAL) -> Maps:
-        """Bakes maps of one view: normals and transport in the camera's axes, depth in its units.
+        """Bakes maps of one view of the mesh in its own outfit; arguments and errors as of `outfits`."""
+        return self.outfits(size, supersample, view)[0]
+
+    def outfits(self, size: int, supersample: int = 1, view: View = FRONTAL) -> list[Maps]:
+        """Bakes maps of one view in each outfit: normals and transport in the camera's axes, depth in its units.
+
+        Outfits differ in albedo only, and cost no rays.
 
         Mask and depth are sampled at the pixels' centres. All other maps are means over k x k samples of a pixel,
         k = `supersample`, which share the pixel's rays: pixels are filtered at no additional cost. Samples that miss
@@ -103,6 +115,9 @@ class Baker:
             size: of the image in pixels.
             supersample: samples per pixel in each direction.
             view: of the mesh.
+
+        Returns:
+            The maps of each of `looks`.
 
         Raises:
             UserError: if a setting is out of range or no pixel's centre shows the mesh.
@@ -159,7 +174,7 @@ class Baker:
     def _surface_values(
         self, camera: Camera, face: np.ndarray, weights: np.ndarray, azimuth: np.ndarray, subset: tuple[int, int]
     ) -> dict[str, np.ndarray]:
-        """Computes transport, normal, albedo and, with bounces, bounced (N,...) of surface points.
+        """Computes transport, normal, albedo (of each outfit: N,O,3) and, with bounces, bounced (N,...) of points.
 
         Args:
             camera: that the normals are turned to.
@@ -183,7 +198,8 @@ class Baker:
             azimuth=azimuth,
             subset=subset,
         )
-        values = {"transport": transport, "normal": normals, "albedo": sample_albedo(self.mesh, face, weights)}
+        albedo = np.stack([sample_albedo(look, face, weights) for look in self.looks], axis=1)
+        values = {"transport": transport, "normal": normals, "albedo": albedo}
         return values if bounced is None else {**values, "bounced": bounced}
 
     def _rotate_to_camera(self, means: dict[str, np.ndarray], camera: Camera) -> None:
@@ -203,8 +219,8 @@ class Baker:
         camera: Camera,
         supersample: int,
         view: View,
-    ) -> Maps:
-        """Puts values of the masked pixels into images, and the settings into the record."""
+    ) -> list[Maps]:
+        """Puts values of the masked pixels into images, and the settings into the record, for each outfit."""
         size = camera.size
         points = self.caster.points(centres.face, centres.weights)
         backs = faces_away(camera, points, self.caster.normals[centres.face])
@@ -215,10 +231,11 @@ class Baker:
             pixels[centres.index] = values
             return pixels.reshape(size, size, *values.shape[1:])
 
-        return Maps(
+        own, *others = np.moveaxis(means["albedo"].astype(np.float32), 1, 0)
+        maps = Maps(
             mask=image(np.ones(len(centres.index), bool)),
             coverage=coverage.astype(np.float32).reshape(size, size),
-            albedo=image(means["albedo"].astype(np.float32)),
+            albedo=image(own),
             normal=image(means["normal"].astype(np.float32)),
             depth=image(camera.depth(points).astype(np.float32)),
             ao=image((transport[:, 0] / np.float32(UNOCCLUDED_T00)).clip(0, 1)),
@@ -239,6 +256,7 @@ class Baker:
                 **({} if camera.pose is None else {"view": view_record(view, camera.pose)}),
             },
         )
+        return [maps, *(replace(maps, albedo=image(albedo), info=dict(maps.info)) for albedo in others)]
 
 
 class PixelSums:

@@ -169,6 +169,15 @@ def view_names(figure: str, views: int) -> list[str]:
     return [f"{figure}.v{number}" for number in range(1, views + 1)]
 
 
+def outfit_names(figure: str, outfits: int) -> list[str]:
+    """Returns the names of the maps of a figure's frontal view in each of its outfits, its own first.
+
+    >>> outfit_names("g0012", 3)
+    ['g0012', 'g0012.o1', 'g0012.o2']
+    """
+    return [figure, *(f"{figure}.o{number}" for number in range(1, outfits))]
+
+
 def random_view(name: str, seed: int) -> View:
     """Draws a view as photographs of people have; it depends on name and seed alone.
 

@@ -97,6 +97,26 @@ def test_the_same_seed_is_the_same_figure_in_another_process(figure):
     assert out.stdout.split()[-1] == digest(figure[0])
 
 
+def test_outfits_are_other_fabrics_on_the_same_figure(figure):
+    mesh = make_figure(SEED, "draft", 128, outfits=3)
+    assert digest(mesh) == digest(figure[0]), "its own look is the one that it has alone"
+    assert len(mesh.outfits) == 2 and len(mesh.info["outfits"]) == 3
+    assert mesh.info["outfits"][0] == mesh.info["fabrics"]
+    for outfit in mesh.outfits:
+        assert len(outfit) >= len(mesh.info["garments"]) and 0 not in outfit, "the skin stays"
+        assert all(
+            material.texture is None or (material.texture != mesh.materials[number].texture).any()
+            for number, material in outfit.items()
+        )
+    assert all(
+        (mesh.outfits[0][k].texture != mesh.outfits[1][k].texture).any()
+        for k in mesh.outfits[0]
+        if mesh.outfits[0][k].texture is not None
+    )
+    with pytest.raises(UserError, match="outfits"):
+        make_figure(SEED, "draft", 128, outfits=0)
+
+
 def test_another_seed_is_another_figure():
     one, two = (dress.sample_person(np.random.default_rng([seed, 0])) for seed in (1, 2))
     assert one != two

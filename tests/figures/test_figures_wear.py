@@ -121,7 +121,7 @@ def test_short_sleeves_leave_the_trunk_whole(name, seed):
     loops = sorted(border_loops(level.faces), key=lambda ring: level.held[ring, 1].mean())
     assert len(loops) == 4
     for armhole in loops[1:3]:
-        assert body.joints["upperarm01.L"][1] - level.held[armhole, 1].min() < 0.09
+        assert body.joints["upperarm01.L"][1] - level.held[armhole, 1].min() < (0.10 if garment.armhole else 0.09)
 
 
 @pytest.mark.parametrize("name", ["high sneakers", "boots"])
@@ -194,6 +194,8 @@ def test_coats_come_off_to_sit_and_scarves_where_arms_are_crossed(person):
     def left(name):
         return [g.name for g, _ in outfits.suited(outfit, poses[name]).garments]
 
+    seated = outfits.suited(replace(outfit, garments=[(wardrobe.TOPS[0], CLOTH)]), poses["sitting"]).garments[0][0]
+    assert seated.slack == seated.drop == 0 and seated.hem > wardrobe.TOPS[0].hem, "shorter: the lap pushes tops up"
     assert left("relaxed") == ["jeans", "coat", "scarf"]
     assert left("sitting") == ["jeans", "scarf"]
     assert left("arms crossed") == ["jeans", "coat"]

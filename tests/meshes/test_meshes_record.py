@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from relight.files import UserError
-from relight.meshes import Mesh
+from relight.meshes import Material, Mesh
 
 
 def test_round_trip(tmp_path, person):
@@ -20,6 +20,21 @@ def test_round_trip(tmp_path, person):
     assert again.info == mesh.info
     assert again.materials[0].texture is None
     np.testing.assert_array_equal(again.materials[1].texture, mesh.materials[1].texture)
+
+
+def test_outfits_are_kept_and_change_materials_only(tmp_path, person):
+    mesh = person()
+    red = Material(np.array([0.5, 0.1, 0.1], np.float32), np.full((2, 3, 3), 9, np.uint8))
+    mesh.outfits = [{1: red}, {}]
+    mesh.save(tmp_path / "a.npz")
+    again = Mesh.load(tmp_path / "a.npz")
+    assert [sorted(outfit) for outfit in again.outfits] == [[1], []]
+    np.testing.assert_array_equal(again.outfits[0][1].texture, red.texture)
+    np.testing.assert_array_equal(again.outfits[0][1].color, red.color)
+    dressed = again.dressed(1)
+    assert dressed.materials[0] is again.materials[0] and dressed.materials[1] is again.outfits[0][1]
+    assert dressed.vertices is again.vertices and not dressed.outfits
+    assert again.dressed(0).materials == again.materials == again.dressed(2).materials
 
 
 def test_a_file_that_is_cut_or_something_else_is_refused(tmp_path, person):

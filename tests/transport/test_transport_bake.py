@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ import trimesh
 from relight.files import UserError
 from relight.meshes import Material, Mesh
 from relight.sh import basis, unoccluded
-from relight.transport import bake
+from relight.transport import Baker, bake
 from relight.transport.integrate import integrate
 from relight.transport.raycaster import RayCaster
 from relight.transport.sampling import random_azimuths, tangent_frames, vogel_directions
@@ -249,6 +250,33 @@ def test_results_do_not_depend_on_threads_or_batches():
         assert run.returncode == 0, run.stderr
         sums.add(run.stdout)
     assert len(sums) == 1
+
+
+def test_outfits_share_all_but_albedo():
+    mesh = screen(np.full((2, 2, 3), 200, np.uint8), z=-0.5)
+    wall = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0]])  # casts its shade on the screen
+    mesh = replace(
+        mesh,
+        vertices=np.concatenate([mesh.vertices, wall]).astype(np.float32),
+        faces=np.concatenate([mesh.faces, [[4, 5, 6]]]).astype(np.int32),
+        uv=np.concatenate([mesh.uv, np.zeros((1, 3, 2), np.float32)]),
+        material=np.array([0, 0, 1], np.int16),
+        materials=[*mesh.materials, GREY],
+    )
+    other = Material(np.array([0.1, 0.2, 0.3], np.float32))
+    own, changed = Baker(replace(mesh, outfits=[{0: other}]), 32).outfits(32, 2)
+    alone = Baker(mesh, 32).maps(32, 2)
+    repainted = Baker(mesh_with(mesh, other), 32).maps(32, 2)
+    for name in ("mask", "coverage", "albedo", "normal", "depth", "ao", "transport"):
+        np.testing.assert_array_equal(getattr(own, name), getattr(alone, name))
+        np.testing.assert_array_equal(getattr(changed, name), getattr(repainted, name))
+    assert (changed.albedo != own.albedo).any() and own.info == changed.info and own.info is not changed.info
+    with pytest.raises(UserError, match="bounces must be 0"):
+        Baker(replace(mesh, outfits=[{0: other}]), 4, bounces=1).maps(32)
+
+
+def mesh_with(mesh, first):
+    return replace(mesh, materials=[first, *mesh.materials[1:]])
 
 
 def broken(**changes):

@@ -16,6 +16,7 @@ from relight.learning.train import selection
 from relight.maps import PackedMaps, read_info, read_maps
 from relight.meshes import Material, Mesh, align
 from relight.stages import bake, pack, split
+from relight.stages.step import left_out
 from relight.transport import random_view
 from relight.workflow import Plan
 
@@ -43,12 +44,15 @@ def made(tmp_path_factory, settings):
             [Material()],
             info={"name": name, "axes": {"up": "+y", "front": "+z"}, **({"subject": "annie"} if name == "ann" else {})},
         )
+        if name == "bob":  # has another outfit
+            mesh.outfits, mesh.info["outfits"] = [{0: Material(np.array([0.5, 0.2, 0.1], np.float32))}], [[], ["plain"]]
         mesh = align(mesh, settings.align)
         if name == "eve":
             mesh = replace(mesh, faces=mesh.faces[:0])
         mesh.save(folder / f"{name}.npz")
         bake.main(settings.bake, folder / f"{name}.npz", folder / "maps" / f"{name}.exr")
-    names = [map_name for name in FIGURES for map_name in (name, f"{name}.v1", f"{name}.v2")]
+    looks = [look for name in FIGURES for look in ((name, "bob.o1") if name == "bob" else (name,))]
+    names = [map_name for look in looks for map_name in (look, f"{look}.v1", f"{look}.v2")]
     (folder / "maps.txt").write_text("\n".join(names))
     pack.main(settings.split, folder / "maps.txt", folder / "maps", folder / "packed", folder / "record")
     split.main(settings.split, folder / "packed", folder / "record", folder / "split")
@@ -85,17 +89,38 @@ def test_a_figure_is_left_out_with_all_its_views(made):
 
 def test_views_are_on_the_side_of_their_figure(made, settings):
     packed = PackedMaps(made / "packed")
-    assert packed.names == ["ann", "ann.v1", "ann.v2", "bob", "bob.v1", "bob.v2"]
-    assert packed.figures == 3 * ["ann"] + 3 * ["bob"] and packed.subjects == 3 * ["annie"] + 3 * ["bob"]
-    assert [view is None for view in packed.views] == 2 * [True, False, False]
+    assert packed.names == [f"{look}{end}" for look in ("ann", "bob", "bob.o1") for end in ("", ".v1", ".v2")]
+    assert packed.figures == 3 * ["ann"] + 6 * ["bob"] and packed.subjects == 3 * ["annie"] + 6 * ["bob"]
+    assert [view is None for view in packed.views] == 3 * [True, False, False]
     assert packed.views[1] == read_info(made / "maps/ann.v1.exr")["view"]
     parts = json.loads((made / "split").read_text())
     assert sorted(parts["train"] + parts["test"]) == ["ann", "bob"], "the split deals figures"
     data = RelitSet(made / "packed", made / "lights.npz", 2, "photo")
     trained = [data.names[i] for i in selection(data, made / "split", settings.train)[0]]
     own = parts["train"][0]
-    assert trained == [own, f"{own}.v1", f"{own}.v2"]
-    assert len(selection(data, made / "split", replace(settings.train, figures=1))[0]) == 3, "figures are counted"
+    assert trained == [name for name, figure in zip(packed.names, packed.figures) if figure == own]
+    assert len(selection(data, made / "split", replace(settings.train, figures=1))[0]) == len(trained)
+
+
+def test_outfits_are_maps_of_their_own_that_share_transport(made):
+    for end in ("", ".v1"):
+        own, other = (read_maps(made / f"maps/{look}{end}.exr") for look in ("bob", "bob.o1"))
+        np.testing.assert_array_equal(own.transport, other.transport)
+        np.testing.assert_allclose(
+            other.albedo[other.mask], np.broadcast_to([0.5, 0.2, 0.1], own.albedo[own.mask].shape), atol=1e-3
+        )
+        assert own.albedo[own.mask].min() > 0.9
+        record = {key: other.info[key] for key in ("name", "figure", "subject", "outfit", "fabrics")}
+        assert record == {"name": f"bob.o1{end}", "figure": "bob", "subject": "bob", "outfit": 1, "fabrics": ["plain"]}
+        assert other.info.get("view") == own.info.get("view")
+
+
+def test_a_figure_is_left_out_in_all_its_outfits(settings, tmp_path):
+    left_out({"name": "ann", "outfits": [None, None]}, "torn").save(tmp_path / "ann.npz")
+    bake.main(replace(settings.bake, views=1), tmp_path / "ann.npz", tmp_path / "ann.exr")
+    names = ["ann", "ann.o1", "ann.o1.v1", "ann.v1"]
+    assert sorted(path.stem for path in tmp_path.glob("*.exr")) == names
+    assert {read_info(tmp_path / f"{name}.exr")["left_out"] for name in names} == {"torn"}
 
 
 def test_the_front_is_evaluated_unless_views_are_asked_for(made, settings):
@@ -113,5 +138,10 @@ def test_plan_names_the_maps():
     plan = Plan({"hydra": "scale=smoke bake.views=2 figures.count=2"})
     assert [plan.maps(figure) for figure in plan.figures] == [[n, f"{n}.v1", f"{n}.v2"] for n in ("g0000", "g0001")]
     assert Plan({"hydra": "scale=smoke"}).maps("g0000") == ["g0000"]
+    plan = Plan({"hydra": "scale=smoke bake.views=1 figures.outfits=2"})
+    assert plan.maps("g0000") == ["g0000", "g0000.v1", "g0000.o1", "g0000.o1.v1"]
+    for words in ("bake.bounces=1", "figures=scans figures.folder=."):
+        with pytest.raises(UserError, match=r"figures\.outfits must be 1"):
+            Plan({"hydra": f"scale=smoke figures.outfits=2 {words}"})
     with pytest.raises(UserError, match=r"bake\.views must be at least 0"):
         Plan({"hydra": "scale=smoke bake.views=-1"})
