@@ -47,6 +47,7 @@ ROUND = ("t-shirt", "fitted t-shirt", "long sleeve", "sweater", "dress", "long d
 TIES = ("plain", "stripes", "print", "check")
 BENT = 0.009  # metres of ease of trousers that sit, unless they stretch
 LAP = 0.10  # metres above the crotch: where tops of who sits end
+LONGEST = 1.06  # times its usual length: skirts would lie on the floor
 LEAST = 0.004  # metres of ease that no piece is cut below
 
 
@@ -70,7 +71,7 @@ def tailored(rng: np.random.Generator, garment: Garment) -> Garment:
     elif garment.kind == "trousers":
         leg = garment.leg + 3 * leg
     if garment.drop > 0.2:
-        longer = garment.drop * float(np.exp(rng.normal(0, 0.12))) - garment.drop
+        longer = garment.drop * (min(float(np.exp(rng.normal(-0.03, 0.12))), LONGEST) - 1)
     return replace(
         garment,
         torso=eased(garment.torso),

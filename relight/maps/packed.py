@@ -90,8 +90,7 @@ class PackedMaps:
     Attributes:
         names: of the F maps.
         subjects: of the maps.
-        figures: the figure that each map shows, by the name of the map of its frontal view
-            in its own outfit.
+        figures: the figure that each map shows, by the name of the map of its frontal view in its own outfit.
         views: how each map is seen (`relight.transport.view.view_record`), None for the frontal view.
         size: of the images in pixels.
         order: of the spherical harmonics.
