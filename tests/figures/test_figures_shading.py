@@ -68,7 +68,8 @@ def test_strength_blends_from_nothing():
 
 @pytest.fixture(scope="module")
 def pair() -> list[Mesh]:
-    return [dress.make_figure(seed, "draft", 128, per_subject=3) for seed in (3, 4)]
+    """Both stand: to sit, clothes are cut anew."""
+    return [dress.make_figure(seed, "draft", 128, per_subject=3) for seed in (5, 4)]
 
 
 def test_seeds_of_one_subject_are_one_person_in_other_poses(pair):
