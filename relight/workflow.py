@@ -163,8 +163,7 @@ class Plan:
 
     def maps(self, figure: str) -> list[str]:
         """Names of the maps of a figure: the frontal view of its own outfit is called like the figure."""
-        from relight.transport import view_names
-        from relight.transport.view import outfit_names
+        from relight.transport import outfit_names, view_names
 
         looks = outfit_names(figure, self.cfg.figures.outfits)
         return [name for look in looks for name in (look, *view_names(look, self.cfg.bake.views))]

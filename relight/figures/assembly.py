@@ -265,21 +265,6 @@ def clothe(
                 )
 
 
-def hair_material(outfit: Outfit, what: str, side: int, seed: int) -> Material:
-    """Strands along v, each a little lighter or darker than the next, paler and darker ones side by side where hair
-    greys."""
-    u, v = np.meshgrid((np.arange(side) + 0.5) / side, (np.arange(side) + 0.5) / side)
-    color = np.array(outfit.hair_color)
-    if what == "lashes":
-        return Material(color=(0.3 * np.minimum(color, 0.12)).astype(np.float32))
-    if what == "brows":
-        color = skin.brow_color(color)
-    pale = float(np.clip(color.mean() / 0.3, 0, 1))  # light hair varies less, in shares of its own albedo
-    spread = 0.30 - 0.16 * pale
-    streaks = fabrics.noise(u * 120, v * 5, seed) + 0.7 * fabrics.noise(u * 31, v * 3, seed + 1) - 0.85
-    return Material(texture=panels.coded(color * np.exp(2.4 * spread * streaks)[..., None]))
-
-
 def accessories(
     builder: Builder, body: Body, way: Motion, outfit: Outfit, cut: list[Worn], hung: list[np.ndarray], texture: int
 ) -> None:
@@ -336,3 +321,18 @@ def square(fabric: Fabric, wide: float, side: int) -> Material:
     """A square of a fabric, `wide` metres, as a texture of `side` pixels."""
     u, v = np.meshgrid((np.arange(side) + 0.5) / side, (np.arange(side) + 0.5) / side)
     return Material(texture=panels.coded(fabrics.weave(fabric, "front", wide * u, -0.5 * wide * v, wide / side)))
+
+
+def hair_material(outfit: Outfit, what: str, side: int, seed: int) -> Material:
+    """Strands along v, each a little lighter or darker than the next, paler and darker ones side by side where hair
+    greys."""
+    color = np.array(outfit.hair_color)
+    if what == "lashes":
+        return Material(color=(0.3 * np.minimum(color, 0.12)).astype(np.float32))
+    if what == "brows":
+        color = skin.brow_color(color)
+    u, v = np.meshgrid((np.arange(side) + 0.5) / side, (np.arange(side) + 0.5) / side)
+    pale = float(np.clip(color.mean() / 0.3, 0, 1))  # light hair varies less, in shares of its own albedo
+    spread = 0.30 - 0.16 * pale
+    streaks = fabrics.noise(u * 120, v * 5, seed) + 0.7 * fabrics.noise(u * 31, v * 3, seed + 1) - 0.85
+    return Material(texture=panels.coded(color * np.exp(2.4 * spread * streaks)[..., None]))

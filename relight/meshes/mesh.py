@@ -35,7 +35,7 @@ class Mesh:
         materials: of the faces.
         color: (V,3) float32, linear vertex colours that the materials are multiplied by, or None.
         info: plain JSON values that are carried from stage to stage: name, subject, source, repairs and so on.
-        outfits: further looks of the same surface: for each, the materials that differ, by number.
+        outfits: further looks of the same surface: for each, the materials that differ from `materials`, by number.
     """
 
     vertices: np.ndarray
@@ -48,7 +48,7 @@ class Mesh:
     outfits: list[dict[int, Material]] = field(default_factory=list)
 
     def dressed(self, outfit: int) -> "Mesh":
-        """The mesh in one of its outfits: 0 is its own, which it comes with."""
+        """Returns the mesh in one of its outfits: 0 is its own, which it comes with."""
         other = self.outfits[outfit - 1] if outfit else {}
         return replace(
             self, materials=[other.get(i, material) for i, material in enumerate(self.materials)], outfits=[]

@@ -13,8 +13,7 @@ from relight.stages.stage import stage
 def main(bake: Bake, mesh: Path, out: Path) -> None:
     """A figure is left out with all its views and outfits, so that a data set holds either all of its maps or none."""
     from relight.maps import write_left_out, write_maps
-    from relight.transport import FRONTAL, Baker, random_view, view_names
-    from relight.transport.view import outfit_names
+    from relight.transport import FRONTAL, Baker, outfit_names, random_view, view_names
 
     given = Mesh.load(mesh)
     name, fabrics = given.info.get("name", out.stem), given.info.get("outfits", [None])

@@ -8,6 +8,6 @@ __getattr__, __dir__, __all__ = entry_points(
         "baker": "Baker bake",
         "tracer": "PathTracer",
         "vertices": "VertexTransport bake_vertices",
-        "view": "FRONTAL View random_view view_names",
+        "view": "FRONTAL View outfit_names random_view view_names",
     },
 )

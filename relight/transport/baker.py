@@ -40,6 +40,7 @@ class Baker:
 
     Attributes:
         mesh: as given.
+        looks: the mesh in each of its outfits, its own first.
         rays, order, seed, bounces: as given.
         caster: casts rays against the mesh.
         normals: (V,3) float32 of the vertices.
@@ -55,7 +56,8 @@ class Baker:
             rays: per pixel.
             order: of the spherical harmonics; the maps have K = (order + 1)^2 transport coefficients.
             seed: of the rays' azimuths.
-            bounces: of interreflection with the mesh's albedo; with more than 0, the maps hold `bounced`.
+            bounces: of interreflection with the mesh's albedo; with more than 0, the maps hold `bounced`, and the mesh
+                must have one outfit only.
             threads: 0 takes every core. The result does not depend on it.
 
         Raises:
@@ -63,7 +65,10 @@ class Baker:
         """
         require_at_least(1, rays=rays)
         require_at_least(0, order=order, bounces=bounces)
+        if bounces and mesh.outfits:
+            raise UserError("what surfaces reflect depends on their albedo: with outfits, bounces must be 0")
         self.mesh, self.rays, self.order, self.seed, self.bounces = mesh, rays, order, seed, bounces
+        self.looks = [mesh.dressed(outfit) for outfit in range(1 + len(mesh.outfits))]
         self.caster = RayCaster(mesh.vertices, mesh.faces, threads)
         self.normals = vertex_normals(mesh)
         self.gather_caster, self.radiosity = self.caster, None
@@ -92,27 +97,30 @@ class Baker:
         return Camera(size, max(2.0, front + pose.scale * caster.diagonal / 100), pose=pose)
 
     def maps(self, size: int, supersample: int = 1, view: View = FRONTAL) -> Maps:
-        """Bakes maps of one view of a mesh in its own outfit: see `outfits`."""
+        """Bakes maps of one view of the mesh in its own outfit; arguments and errors as of `outfits`."""
         return self.outfits(size, supersample, view)[0]
 
     def outfits(self, size: int, supersample: int = 1, view: View = FRONTAL) -> list[Maps]:
-        """Bakes maps of one view, for each outfit of the mesh, its own first.
+        """Bakes maps of one view in each outfit: normals and transport in the camera's axes, depth in its units.
 
-        Normals and transport are in the camera's axes, depth in its units.
+        Outfits differ in albedo only, and cost no rays.
 
         Mask and depth are sampled at the pixels' centres. All other maps are means over k x k samples of a pixel,
         k = `supersample`, which share the pixel's rays: pixels are filtered at no additional cost. Samples that miss
         the mesh are not counted, so nothing is darkened at silhouettes; normals are normalised again. Back faces are
         seen, too, with their normals turned to the camera. In perspective, the axes are the same for all pixels, with z
-        along the optical axis and not along each pixel's ray. Outfits differ in albedo only, and cost no rays.
+        along the optical axis and not along each pixel's ray.
 
         Args:
             size: of the image in pixels.
             supersample: samples per pixel in each direction.
             view: of the mesh.
 
+        Returns:
+            The maps of each of `looks`.
+
         Raises:
-            UserError: if a setting is out of range, no pixel's centre shows the mesh, or outfits meet bounces.
+            UserError: if a setting is out of range or no pixel's centre shows the mesh.
         """
         require_at_least(1, supersample=supersample)
         if self.rays < supersample**2:
@@ -120,8 +128,6 @@ class Baker:
                 f"rays is {self.rays}: it must be at least {supersample**2}, one for each of the pixel's {supersample} "
                 f"x {supersample} places (supersample)"
             )
-        if self.bounces and self.mesh.outfits:
-            raise UserError("what surfaces reflect depends on their albedo: with outfits, bounces must be 0")
         camera = self.camera(size, view)
         centres = primary_hits(self.caster, camera, *pixel_corners(size) + 0.5)
         if not len(centres.index):
@@ -169,7 +175,7 @@ class Baker:
     def _surface_values(
         self, camera: Camera, face: np.ndarray, weights: np.ndarray, azimuth: np.ndarray, subset: tuple[int, int]
     ) -> dict[str, np.ndarray]:
-        """Computes transport, normal, albedo of each outfit and, with bounces, bounced (N,...) of surface points.
+        """Computes transport, normal, albedo (of each outfit: N,O,3) and, with bounces, bounced (N,...) of points.
 
         Args:
             camera: that the normals are turned to.
@@ -193,8 +199,7 @@ class Baker:
             azimuth=azimuth,
             subset=subset,
         )
-        looks = (self.mesh.dressed(outfit) for outfit in range(len(self.mesh.outfits) + 1))
-        albedo = np.stack([sample_albedo(look, face, weights) for look in looks], axis=1)
+        albedo = np.stack([sample_albedo(look, face, weights) for look in self.looks], axis=1)
         values = {"transport": transport, "normal": normals, "albedo": albedo}
         return values if bounced is None else {**values, "bounced": bounced}
 
@@ -216,7 +221,7 @@ class Baker:
         supersample: int,
         view: View,
     ) -> list[Maps]:
-        """Puts values of the masked pixels into images, and the settings into the record; for each outfit."""
+        """Puts values of the masked pixels into images, and the settings into the record, for each outfit."""
         size = camera.size
         points = self.caster.points(centres.face, centres.weights)
         backs = faces_away(camera, points, self.caster.normals[centres.face])
@@ -227,7 +232,7 @@ class Baker:
             pixels[centres.index] = values
             return pixels.reshape(size, size, *values.shape[1:])
 
-        own, *others = means["albedo"].astype(np.float32).swapaxes(0, 1)
+        own, *others = np.moveaxis(means["albedo"].astype(np.float32), 1, 0)
         maps = Maps(
             mask=image(np.ones(len(centres.index), bool)),
             coverage=coverage.astype(np.float32).reshape(size, size),

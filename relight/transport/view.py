@@ -170,7 +170,11 @@ def view_names(figure: str, views: int) -> list[str]:
 
 
 def outfit_names(figure: str, outfits: int) -> list[str]:
-    """Names of the maps of a figure in each of its outfits: in its own it is called like the figure."""
+    """Returns the names of the maps of a figure's frontal view in each of its outfits, its own first.
+
+    >>> outfit_names("g0012", 3)
+    ['g0012', 'g0012.o1', 'g0012.o2']
+    """
     return [figure, *(f"{figure}.o{number}" for number in range(1, outfits))]
 
 

@@ -248,7 +248,7 @@ def test_the_page_is_whole_and_stands_alone(tmp_path):
     assert "relight run scale=smoke 'model=glob(*)'" in unescape(html)
     for setting in ("loss.light", "train.part", "model.order"):  # of files with a dot in their stem
         assert f">{setting}<" in html
-    for said in ("it is a plane", "x.hdr", "bright back", "bright 36", "4.0"):
+    for said in ("it is a plane", "x.hdr", "bright back", "bright at 36 of 36 headings", "4.0"):
         assert said in html
 
 

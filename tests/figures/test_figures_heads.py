@@ -1,11 +1,16 @@
 """Faces and hair: expressions with the mouth closed, strands that cover the scalp, off the face and out of the head."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from relight.figures import body, colliders, combing, facial, hair, layers, locks, makehuman, poses, skin, strands
+from relight.figures.assembly import Builder, head_of_hair
+from relight.figures.outfits import redressed, sample_outfit
 from relight.figures.stances import STANDING
 from relight.figures.surfaces import normals
+from relight.figures.wear import DETAILS
 
 
 @pytest.fixture(scope="module")
@@ -222,3 +227,18 @@ def test_lashes_stand_on_the_lids_of_both_eyes(head):
         off = np.linalg.norm(rest - centre, axis=1)
         near = off[off < 0.04]
         assert len(near) == len(vertices) / 2 and near.min() > 0.011 and near.max() < 0.030
+
+
+def test_hats_are_of_the_outfit_and_hair_is_of_the_person(head, heads, person):
+    style = next(style for style in hair.STYLES if style.name == "cap")
+    own = replace(sample_outfit(np.random.default_rng(3), person), hair=style, beard=0.8)
+    own = replace(own, hat=own.garments[0][1])
+    looks = [own, redressed(own, np.random.default_rng(4))]
+    builder = Builder()
+    parts = head_of_hair(builder, *head[:2], own, head[2], DETAILS["draft"], 64, 5)
+    mesh = builder.mesh({}, looks)
+    hats = [number for number, part in enumerate(parts) if part.what == "hat"]
+    assert len(hats) == 2 and len(mesh.materials) == len(parts) > 5, "crown and peak; brows, lashes, beard and locks"
+    assert sorted(mesh.outfits[0]) == hats
+    for number in hats:
+        assert (mesh.outfits[0][number].texture != mesh.materials[number].texture).any()
