@@ -1,12 +1,11 @@
-"""Shading baked into the albedo, and several figures of one person."""
+"""Shading baked into the albedo."""
 
 import numpy as np
 import pytest
 
 from relight.figures import dress, shading
-from relight.figures.export import export
 from relight.files import UserError
-from relight.meshes import Material, Mesh, read_mesh
+from relight.meshes import Material, Mesh
 from relight.sh import basis
 
 
@@ -64,44 +63,6 @@ def test_strength_blends_from_nothing():
         mesh.vertices, mesh.faces, mesh.uv, mesh.material, mesh.materials, np.full_like(mesh.vertices, 0.5), mesh.info
     )
     np.testing.assert_allclose(shading.shaded(tinted, 1.0).color, 0.5 * full.color, atol=1e-6)
-
-
-@pytest.fixture(scope="module")
-def pair() -> list[Mesh]:
-    """Both stand: to sit, clothes are cut anew."""
-    return [dress.make_figure(seed, "draft", 128, per_subject=3) for seed in (5, 4)]
-
-
-def test_seeds_of_one_subject_are_one_person_in_other_poses(pair):
-    one, other = (mesh.info for mesh in pair)
-    assert one["subject"] == other["subject"] == "s0001" and one["name"] != other["name"]
-    for trait in ("sex", "age", "height", "build", "skin", "garments", "fabrics", "shoes", "hair"):
-        assert one[trait] == other[trait], trait
-    for mine, theirs in zip(pair[0].materials, pair[1].materials, strict=True):
-        assert np.array_equal(mine.color, theirs.color) and np.array_equal(mine.texture, theirs.texture)
-    assert not np.array_equal(pair[0].vertices[:1000], pair[1].vertices[:1000])
-    assert dress.subject_of(5, 3) == "s0001" and dress.subject_of(6, 3) == "s0002" and dress.subject_of(6, 1) == "g0006"
-
-
-def shaded_again(pair, monkeypatch) -> Mesh:
-    """The second figure, as make_figure shades it, without another drape."""
-    monkeypatch.setattr(dress, "attempt_figure", lambda *_: (pair[1], None))
-    return dress.make_figure(4, "draft", 128, per_subject=3, shading=0.6)
-
-
-def test_a_shaded_figure_is_darker_by_a_sensible_share_and_keeps_its_shape(pair, monkeypatch):
-    assert pair[1].color is None and "shading" not in pair[1].info
-    mesh = shaded_again(pair, monkeypatch)
-    for field in ("vertices", "faces", "uv", "material"):
-        assert np.array_equal(getattr(mesh, field), getattr(pair[1], field))
-    assert mesh.info["shading"] == 0.6
-    assert 0.6 < mesh.color.mean() < 0.85 and mesh.color.min() >= 0.4 - 1e-6 and mesh.color.max() > 0.95
-
-
-def test_vertex_colours_survive_the_glb(pair, monkeypatch, tmp_path):
-    mesh = shaded_again(pair, monkeypatch)
-    export(mesh, tmp_path / "f.glb")
-    assert read_mesh(tmp_path / "f.glb").color.mean() == pytest.approx(mesh.color.mean(), abs=0.02)
 
 
 @pytest.mark.parametrize(
