@@ -43,8 +43,8 @@ no photograph tells: albedo and light hold up to a factor. Back light, children,
 outside of what the network has seen; `relight photo` says so when the inferred light is unusual. It recognises nobody,
 and no photo of a real person was used.
 
-Made with the settings of `experiment=photo`, in the stages above, and `workflow/scripts/weights.py`. How its light moves
-with framing, mask and white balance: `python benchmarks/invariance.py relight/weights/photo.safetensors`.
+Made with the settings of `experiment=photo`, in the stages above, and `workflow/scripts/weights.py`. How its light
+moves with framing, mask and white balance: `python benchmarks/invariance.py relight/weights/photo.safetensors`.
 """
 
 
