@@ -95,6 +95,8 @@ class Validation:
                 inside[:] = lit[..., :3] * lit[..., 3:] + inside * (1 - lit[..., 3:])
                 lines.append([picture[pair], albedo[pair], shading[pair], cell, relit[pair]])
             blocks.append(joined([joined(line, 1) for line in lines], 0))
+        if len(blocks) > 1 and len(blocks) % 2:
+            blocks.append(np.full_like(blocks[0], PAPER))
         sheet = joined([joined(blocks[i : i + 2], 1, 4 * GAP) for i in range(0, len(blocks), 2)], 0, 4 * GAP)
         return np.uint8(np.round(np.clip(sheet, 0, 1) * 255))
 

@@ -80,7 +80,8 @@ def write_maps(path: Path | str, maps: Maps) -> None:
         }
     channels = {name: np.ascontiguousarray(layer, np.float16) for name, layer in layers.items()}
     channels["depth.Z"] = np.ascontiguousarray(maps.depth, np.float32)
-    _write(path, channels, {**maps.info, "pixels": int(maps.mask.sum())})
+    own = {"size": len(maps.mask), "order": order_of(maps.transport.shape[2]), "pixels": int(maps.mask.sum())}
+    _write(path, channels, {**maps.info, **own})
 
 
 def write_left_out(path: Path | str, info: dict, reason: str) -> None:
@@ -165,7 +166,8 @@ def _read(path: Path | str, header_only: bool = False) -> tuple[dict, dict[str, 
         low, high = header["dataWindow"]
         side = 1 if "left_out" in info else info["size"]
         sound = "left_out" in info or (type(info["order"]) is int and 0 <= info["order"] <= LARGEST_ORDER)
-        if not (sound and 1 <= side <= LARGEST_SIZE and (high - low + 1 == side).all()):
+        width, height = high - low + 1
+        if not (sound and height == side and 1 <= min(width, height) and max(width, height) <= LARGEST_SIZE):
             raise ValueError
     except (KeyError, ValueError, TypeError, RecursionError):
         raise UserError(

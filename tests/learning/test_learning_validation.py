@@ -1,6 +1,7 @@
 """Validation touches nothing: losses of fixed test pairs, and a picture whose rows agree for a perfect network."""
 
 import copy
+import json
 
 import numpy as np
 import pytest
@@ -67,3 +68,11 @@ def test_without_a_test_there_is_none(world, loss, tmp_path):
 def test_pictures_are_those_of_the_size_that_is_trained(tmp_path, world, loss):
     data = RelitSet(world["packed"], world["lights"], 2, "photo")
     assert Validation(data, world["split"], loss(), 48).batch.image.shape[-2:] == (48, 48)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_any_number_of_pairs_makes_a_picture(tmp_path, world, loss, count):
+    (tmp_path / "split.json").write_text(json.dumps({"train": [], "test": [f"figure{i}" for i in range(count)]}))
+    validation = Validation(RelitSet(world["packed"], world["lights"], 2, "paper"), tmp_path / "split.json", loss(), 64)
+    _, picture = validation(Oracle(validation.batch), drawn=True)
+    assert validation.pairs == count and picture.ndim == 3 and picture.shape[2] == 3
