@@ -20,6 +20,7 @@ RUN pip install --index-url "$TORCH_INDEX" --extra-index-url https://pypi.org/si
     --constraint constraints.txt "torch==$(sed -n 's/^torch==\([^ ;]*\).*/\1/p' constraints.txt | head -n 1)"
 COPY pyproject.toml README.md ./
 COPY relight/__init__.py relight/
+COPY conf conf
 RUN pip install --constraint constraints.txt --editable .
 
 # Everything else: the workflow runs from a clone, with its settings beside it.

@@ -20,7 +20,7 @@ from relight.evaluation.metrics import Inferred
 from relight.evaluation.scores import write_scores
 from relight.files import UserError
 from relight.learning.data import RelitSet, read_split
-from relight.sh import unoccluded
+from relight.sh import order_of, unoccluded
 
 
 def evaluate_baselines(
@@ -50,7 +50,7 @@ def make(data: RelitSet, split: Path) -> dict[str, Predictor]:
     if not len(figures) or not len(train_lights):
         raise UserError(f"baselines: {len(figures)} training figures and {len(train_lights)} training lights are found")
     mean_light = train_lights.mean(0, keepdims=True)
-    order = round(mean_light.shape[1] ** 0.5) - 1
+    order = order_of(mean_light.shape[1])
     mean = MeanFigure(data, figures)
 
     def true(name: str, figure: int) -> np.ndarray:

@@ -33,7 +33,7 @@ from relight.evaluation.tracing import Scene, read_scenes
 from relight.files import UserError, whole
 from relight.learning.data import RelitSet
 from relight.progress import progress
-from relight.sh import unoccluded
+from relight.sh import order_of, unoccluded
 
 CAUSES = {
     "network": "what the network infers",
@@ -70,7 +70,7 @@ class Chain:
         if len(albedo) != len(scene.area) or transport.shape[1] != len(scene.light):
             raise UserError(f"{data.names[scene.figure]} was traced with other maps than these: trace it again")
         normal, ao, light = true.maps["normal"][0], true.maps["ao"][0], scene.light
-        open_sky = unoccluded(normal, round(len(light) ** 0.5) - 1)
+        open_sky = unoccluded(normal, order_of(len(light)))
         own = {
             "truth": albedo * shade(transport, light),
             "ao_occlusion": albedo * shade(open_sky * ao, light),

@@ -20,7 +20,7 @@ from relight.meshes import Mesh
 from relight.npz import read_npz
 from relight.panoramas import Panorama
 from relight.progress import progress
-from relight.sh import basis
+from relight.sh import basis, order_of
 from relight.transport import PathTracer
 from relight.transport.tracer import ROWS, block_means, sky_directions, sky_weights
 
@@ -94,7 +94,7 @@ def traced(
     mesh: Mesh, data: RelitSet, figure: int, sky: np.ndarray, settings: config.Trace, rays: int
 ) -> tuple[np.ndarray, ...]:
     """light, area, cut, direct, full of a Scene."""
-    order = round(data.lights.shape[1] ** 0.5) - 1
+    order = order_of(data.lights.shape[1])
     harmonics = basis(sky_directions(), order)
     light = np.einsum("hw,hwk,hwc->kc", sky_weights(), harmonics, sky)
     start, count = int(data.offset[figure]), int(data.counts[figure])

@@ -6,7 +6,6 @@ never change.
 """
 
 import json
-import math
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
@@ -23,6 +22,7 @@ from relight.learning.harmonics import mirror_signs
 from relight.maps import PackedMaps
 from relight.npz import read_npz
 from relight.progress import progress
+from relight.sh import order_of
 
 MULTIPLE = 64  # P is a multiple of it
 
@@ -125,7 +125,7 @@ class RelitSet:
         if not {"coefficients", "split"} <= set(table) or table["coefficients"].ndim != 3:
             raise UserError(f"{lights} is not a light set of relight (it lacks coefficients (N, K, 3), or the split)")
         self.coefficients = (order + 1) ** 2
-        bands = math.isqrt(table["coefficients"].shape[1]) - 1
+        bands = order_of(table["coefficients"].shape[1])
         for path, found in ((packed, figures.order), (lights, bands)):
             if found < order:
                 raise UserError(

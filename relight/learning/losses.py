@@ -14,6 +14,7 @@ from relight.config import Loss
 from relight.learning.camera import shade
 from relight.learning.data import Batch
 from relight.learning.networks import with_transport
+from relight.sh import order_of
 
 
 def losses(outputs: dict[str, Tensor], batch: Batch, loss: Loss) -> dict[str, Tensor]:
@@ -32,7 +33,7 @@ def losses(outputs: dict[str, Tensor], batch: Batch, loss: Loss) -> dict[str, Te
     Returns:
         Scalars by name, not weighted.
     """
-    order = round(batch.light.shape[1] ** 0.5) - 1
+    order = order_of(batch.light.shape[1])
     maps = with_transport({k: batch.take(v) for k, v in outputs.items() if k != "light"}, order)
     albedo, transport, light = maps["albedo"], maps["transport"], outputs["light"].float()
     if "normal" in maps:

@@ -17,6 +17,7 @@ from relight.learning.camera import encode, shade
 from relight.learning.data import RelitSet, read_split
 from relight.learning.losses import losses, weights
 from relight.learning.networks import with_transport
+from relight.sh import order_of
 
 PAIRS = 4  # at most
 LARGEST = 192  # pixels of a cell's height
@@ -71,7 +72,7 @@ class Validation:
         from relight.lights import lit_ball
 
         batch = self.batch
-        order = round(batch.light.shape[1] ** 0.5) - 1
+        order = order_of(batch.light.shape[1])
         maps = with_transport({name: batch.take(dense) for name, dense in outputs.items() if name != "light"}, order)
         white = batch.shading.flatten(1).amax(1).clamp_min(1.0)
         rows = []
