@@ -1,4 +1,4 @@
-"""Whole-or-nothing outputs, and the one error type that users see."""
+"""Files that are written atomically, checks of paths before long work, and the error that users see."""
 
 import csv
 import errno
@@ -12,38 +12,41 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-# What a file system answers when nothing is wrong with the program.
-REFUSALS = frozenset(
+FILE_SYSTEM_ERRORS = frozenset(
     {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOTDIR, errno.EIO}
 )
 
 
 class UserError(Exception):
-    """An error that a user can cause and mend: one sentence on what is wrong with what, and what would be right."""
+    """An error that a user can cause and correct: one sentence that names what is wrong and what would be right."""
 
 
 @contextmanager
-def _refusals(path: Path) -> Iterator[None]:
-    """Turns what the file system refuses while `path` is written into a UserError."""
+def _file_system_errors(path: Path) -> Iterator[None]:
+    """Turns errors of the file system while `path` is written into a UserError."""
     try:
         yield
     except UserError:
         raise
     except Exception as error:
-        if (number := refusal(error)) is None:
+        if (number := system_errno(error)) is None:
             raise
         raise UserError(f"{path} cannot be written: {os.strerror(number).lower()}") from None
 
 
-def refusal(error: BaseException | None) -> int | None:
-    """The errno in REFUSALS that an exception comes from, if any.
+def system_errno(error: BaseException | None) -> int | None:
+    """Finds the error of the file system behind an exception.
 
-    Libraries of other languages have exceptions of their own, which tell the reason in words or hide it in their cause.
+    Libraries that are not written in Python raise exceptions of their own, with the reason in the message or in the
+    cause.
+
+    Returns:
+        One of FILE_SYSTEM_ERRORS, or None if the exception has another reason.
     """
     while error is not None:
-        if isinstance(error, OSError) and error.errno in REFUSALS:
+        if isinstance(error, OSError) and error.errno in FILE_SYSTEM_ERRORS:
             return error.errno
-        for number in REFUSALS:
+        for number in FILE_SYSTEM_ERRORS:
             if os.strerror(number) in str(error) or f"(os error {number})" in str(error):
                 return number
         error = error.__cause__ or error.__context__
@@ -51,9 +54,18 @@ def refusal(error: BaseException | None) -> int | None:
 
 
 def writable_folder(path: Path | str, what: str, needed: int = 0) -> Path:
-    """`path`, if files of `needed` bytes together can be written into it, whether it is there yet or not.
+    """Checks before long work that files can be written into a folder, by writing one.
 
-    For a check before long work: it is tried, and nothing is left behind. Raises UserError that names `what`.
+    Args:
+        path: of the folder; it need not exist, and is not created.
+        what: the name of the folder in errors, such as "--out".
+        needed: bytes of all the files together.
+
+    Returns:
+        `path`.
+
+    Raises:
+        UserError: if it is a file, if nothing can be written there, or if the disk has less than `needed` bytes free.
     """
     path = Path(path)
     made: list[Path] = []
@@ -79,7 +91,18 @@ def writable_folder(path: Path | str, what: str, needed: int = 0) -> Path:
 
 
 def writable_file(path: Path | str, what: str) -> Path:
-    """`path`, if a file can be written there, into a folder that exists. Raises UserError that names `what`."""
+    """Checks before long work that a file can be written, into a folder that exists.
+
+    Args:
+        path: of the file.
+        what: its name in errors.
+
+    Returns:
+        `path`.
+
+    Raises:
+        UserError: if it cannot.
+    """
     path = Path(path)
     if path.is_dir():
         raise UserError(f"{what} {path} is a folder: give the name of a file")
@@ -90,26 +113,29 @@ def writable_file(path: Path | str, what: str) -> Path:
 
 
 @contextmanager
-def whole(path: Path | str) -> Iterator[Path]:
-    """Yields a temporary path beside `path`, with the same suffix; it becomes `path` when the block succeeds.
+def atomic_write(path: Path | str) -> Iterator[Path]:
+    """Writes a file atomically: readers see the old file or the new one, never a part of it.
 
-    The rename is atomic, so a reader sees the old file or the new one, never a part; a failed block leaves
-    the old file as it was. The temporary name begins with a dot. What a killed writer of the same file left
-    is removed.
+    Yields a temporary path in the same folder, with the same suffix. When the block succeeds, the temporary file is
+    renamed to `path`; when it fails, the old file stays. The name of a temporary file begins with a dot. Temporary
+    files that a killed writer of the same path left behind are removed.
+
+    Raises:
+        UserError: if the file system refuses to write.
     """
     path = Path(path)
-    with _refusals(path):
+    with _file_system_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        sweep(path.parent, f".{path.stem}.", path.suffix)
+        _remove_stale(path.parent, f".{path.stem}.", path.suffix)
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}.", suffix=path.suffix)
     temporary = Path(name)
     try:
-        lock(handle)  # tells the sweeps of others that its writer is alive
-        with _refusals(path):
+        _try_lock(handle)  # tells other processes that the writer of this file is alive
+        with _file_system_errors(path):
             yield temporary
         mask = os.umask(0)
         os.umask(mask)
-        temporary.chmod(0o666 & ~mask)  # mkstemp makes private files; outputs carry the user's usual rights
+        temporary.chmod(0o666 & ~mask)  # mkstemp creates private files; outputs get the user's usual permissions
         os.replace(temporary, path)
     finally:
         os.close(handle)
@@ -117,15 +143,15 @@ def whole(path: Path | str) -> Iterator[Path]:
 
 
 @contextmanager
-def whole_folder(path: Path | str) -> Iterator[Path]:
-    """The same for a folder: yields an empty temporary folder that replaces `path` when the block succeeds."""
+def atomic_folder(path: Path | str) -> Iterator[Path]:
+    """Writes a folder as `atomic_write` does a file: yields an empty one that replaces `path` if the block succeeds."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
-    sweep(path.parent, f".{path.name}.")
+    _remove_stale(path.parent, f".{path.name}.")
     temporary = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.name}."))
     handle = os.open(temporary, os.O_RDONLY)
     try:
-        lock(handle)
+        _try_lock(handle)
         yield temporary
         temporary.chmod(0o755)
         if path.exists():
@@ -136,21 +162,14 @@ def whole_folder(path: Path | str) -> Iterator[Path]:
         shutil.rmtree(temporary, ignore_errors=True)
 
 
-def discard(folder: Path) -> None:
-    """Removes a folder, and the one around it where that is left empty."""
-    shutil.rmtree(folder, ignore_errors=True)
-    with suppress(OSError):
-        folder.parent.rmdir()
-
-
-def sweep(folder: Path, prefix: str, suffix: str = "") -> None:
-    """Removes the temporary files and folders of this name whose writers are dead: nobody holds their lock."""
+def _remove_stale(folder: Path, prefix: str, suffix: str = "") -> None:
+    """Removes the temporary files and folders of a name whose writers are dead, so that nobody holds their lock."""
     for stale in folder.glob(glob.escape(prefix) + 8 * "?" + glob.escape(suffix)):
         try:
-            handle = os.open(stale, os.O_RDONLY if stale.is_dir() else os.O_RDWR)  # NFS locks only what may be written
-        except OSError:  # its writer has just finished, or it is another user's
+            handle = os.open(stale, os.O_RDONLY if stale.is_dir() else os.O_RDWR)  # NFS locks only writable files
+        except OSError:  # its writer has just finished, or it belongs to another user
             continue
-        if lock(handle):
+        if _try_lock(handle):
             if stale.is_dir():
                 shutil.rmtree(stale, ignore_errors=True)
             else:
@@ -158,32 +177,53 @@ def sweep(folder: Path, prefix: str, suffix: str = "") -> None:
         os.close(handle)
 
 
-def lock(handle: int) -> bool:
-    """Takes the lock of an open file until it is closed or its process ends; False when another holds it."""
+def _try_lock(handle: int) -> bool:
+    """Locks an open file until it is closed or the process ends; False if another process holds the lock."""
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:  # also file systems that know no locks: nothing is swept there
+    except OSError:  # also on file systems without locks, where stale files stay
         return False
     return True
 
 
-def odd(path: Path | str) -> bool:
-    """Whether the workflow cannot name a file: braces are patterns to Snakemake, line breaks end a word in its records,
-    and bytes that are no UTF-8 cannot be written down."""
+def remove_folder(folder: Path) -> None:
+    """Removes a folder, and its parent if that is then empty."""
+    shutil.rmtree(folder, ignore_errors=True)
+    with suppress(OSError):
+        folder.parent.rmdir()
+
+
+def is_unsafe_name(path: Path | str) -> bool:
+    """Whether the workflow cannot handle a file name.
+
+    Snakemake takes braces for wildcards, line breaks end a record in its files, and bytes that are not UTF-8 cannot be
+    written there.
+    """
     return re.search(r"[{}\x00-\x1f\x7f\ud800-\udfff]", str(path)) is not None
 
 
-def refuse_odd(path: Path | str) -> None:
-    """Raises UserError for an odd name."""
-    if odd(path):
+def require_safe_name(path: Path | str) -> None:
+    """Raises UserError if the workflow cannot handle the name (`is_unsafe_name`)."""
+    if is_unsafe_name(path):
         raise UserError(
             f"{ascii(str(path))[1:-1]}: rename it; braces, line breaks and bytes that are no UTF-8 are not read in the "
             "names of files and folders"
         )
 
 
-def existing(path: Path | str, what: str) -> Path:
-    """`path` as a Path; raises UserError that names `what` when there is no such file."""
+def existing_file(path: Path | str, what: str) -> Path:
+    """Checks that a file exists.
+
+    Args:
+        path: of the file.
+        what: its name in errors, such as "mask".
+
+    Returns:
+        `path`.
+
+    Raises:
+        UserError: if there is no such file.
+    """
     path = Path(path)
     if not path.is_file():
         raise UserError(f"{what}: there is no file {path}")
@@ -191,9 +231,14 @@ def existing(path: Path | str, what: str) -> Path:
 
 
 def read_table(path: Path) -> tuple[list[str], list[dict[str, str]]]:
-    """The columns of a user's CSV table, and its rows: blanks are taken off, cells without a column left out.
+    """Reads a CSV table of a user.
 
-    Raises UserError for what is no CSV in UTF-8.
+    Returns:
+        The names of the columns, and the rows by column, without surrounding blanks and without cells beyond the last
+        column.
+
+    Raises:
+        UserError: if the file is not CSV in UTF-8.
     """
     try:
         with open(path, newline="", encoding="utf-8-sig") as file:
@@ -205,6 +250,7 @@ def read_table(path: Path) -> tuple[list[str], list[dict[str, str]]]:
 
 
 def out_of_memory(error: MemoryError) -> str:
-    """What to tell a user whose machine has not the memory that was asked for."""
-    asked = str(error).strip().split("\n")[0]
-    return f"there is not enough memory{f' ({asked})' if asked else ''}: take a smaller size, or run fewer jobs at once"
+    """Returns the message for a user whose machine has too little memory."""
+    requested = str(error).strip().split("\n")[0]
+    detail = f" ({requested})" if requested else ""
+    return f"there is not enough memory{detail}: take a smaller size, or run fewer jobs at once"

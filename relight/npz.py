@@ -1,36 +1,48 @@
-"""NumPy files from anywhere: read, or refused in one sentence."""
+"""NumPy files of unknown origin."""
 
 import zipfile
 from pathlib import Path
 
 import numpy as np
 
-from relight.files import UserError, existing
+from relight.files import UserError, existing_file
 
-MOST = 8 << 30  # bytes of the arrays of one archive; a few bytes of a compressed one may promise any number
+MAX_BYTES = 8 << 30  # of the arrays of one archive; a few compressed bytes can stand for any number
 
 
 def read_npz(path: Path | str, what: str) -> dict[str, np.ndarray]:
-    """The arrays of an .npz by name; none holds Python objects.
+    """Reads the arrays of an .npz file.
 
-    Raises UserError that names the file as no `what` when it is missing, damaged, or would take more than MOST bytes.
+    Args:
+        path: of the file.
+        what: what it should hold, for errors.
+
+    Returns:
+        Arrays by name, none of Python objects.
+
+    Raises:
+        UserError: if the file is missing, damaged, or would take more than MAX_BYTES of memory.
     """
-    path = existing(path, what)
+    path = existing_file(path, what)
     try:
         with zipfile.ZipFile(path) as archive:
-            promised = sum(member.file_size for member in archive.infolist())
-        if promised > MOST:
-            raise ValueError(f"it promises {promised / 2**30:.0f} GiB")
+            size = sum(member.file_size for member in archive.infolist())
+        if size > MAX_BYTES:
+            raise ValueError(f"it promises {size / 2**30:.0f} GiB")
         with np.load(path, allow_pickle=False) as arrays:
             return {name: arrays[name] for name in arrays.files}
-    except Exception as error:  # zipfile, zlib and NumPy raise a dozen types for what can be wrong
+    except Exception as error:  # zipfile, zlib and NumPy raise a dozen types for damaged files
         reason = str(error).strip().split("\n")[0] or type(error).__name__
         raise UserError(f"{path} is not a {what} of relight ({reason})") from None
 
 
 def read_npy(path: Path) -> np.ndarray:
-    """The array of an .npy, no Python objects. Raises ValueError for any other file."""
+    """Reads the array of an .npy file.
+
+    Raises:
+        ValueError: if the file is damaged or holds Python objects.
+    """
     try:
         return np.load(path, allow_pickle=False)
-    except Exception as error:  # its header is Python, so that tokenize and ast raise, too
+    except Exception as error:  # its header is Python, so tokenize and ast raise, too
         raise ValueError(str(error).strip().split("\n")[0] or type(error).__name__) from None

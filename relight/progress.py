@@ -1,4 +1,4 @@
-"""Progress with the time left: a bar on a terminal, a line every few seconds in a log."""
+"""Progress with the remaining time: one line that is rewritten on a terminal, a line every few seconds in a log."""
 
 import sys
 import time
@@ -8,8 +8,12 @@ from typing import TypeVar
 T = TypeVar("T")
 
 
-def span(seconds: float) -> str:
-    """Seconds as a person says them: 8 s, 2 min 05 s, 1 h 10 min."""
+def duration(seconds: float) -> str:
+    """Formats a duration.
+
+    >>> [duration(seconds) for seconds in (8, 125, 4200)]
+    ['8 s', '2 min 05 s', '1 h 10 min']
+    """
     seconds = int(seconds + 0.5)
     if seconds < 60:
         return f"{seconds} s"
@@ -19,10 +23,14 @@ def span(seconds: float) -> str:
 
 
 def progress(items: Iterable[T], what: str, total: int | None = None, every: float = 5.0) -> Iterator[T]:
-    """Yields `items`, showing "what 12/64, 40 s left" on stderr.
+    """Yields `items`, and shows on stderr how many are done and the time left: "figures 12/64, 40 s left".
 
-    On a terminal the line is rewritten four times a second; in a log a line is written every `every` seconds and
-    none at all when everything takes less than that, so that short stages stay quiet.
+    Args:
+        items: to yield.
+        what: their name.
+        total: how many there are; by default their length, if they have one.
+        every: seconds between two lines in a log, which gets none at all if everything takes less. On a terminal the
+            line is rewritten four times a second.
     """
     total = len(items) if total is None and isinstance(items, Sized) else total
     terminal = sys.stderr.isatty()
@@ -35,9 +43,9 @@ def progress(items: Iterable[T], what: str, total: int | None = None, every: flo
         if now - last < (0.25 if terminal else every):
             continue
         last, shown = now, True
-        left = f", {span((now - start) / done * (total - done))} left" if total else ""
+        left = f", {duration((now - start) / done * (total - done))} left" if total else ""
         line = f"{what} {done}{f'/{total}' if total else ''}{left}"
         print(f"\r\x1b[K{line}" if terminal else line, end="" if terminal else "\n", file=sys.stderr, flush=True)
     if shown:
-        line = f"{what} {done}{f'/{total}' if total else ''}, took {span(time.monotonic() - start)}"
+        line = f"{what} {done}{f'/{total}' if total else ''}, took {duration(time.monotonic() - start)}"
         print(f"\r\x1b[K{line}" if terminal else line, file=sys.stderr, flush=True)

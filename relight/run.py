@@ -18,7 +18,7 @@ from pathlib import Path
 import yaml
 
 from relight.config import CONF, LONGEST, ROOT
-from relight.files import UserError, whole, writable_folder
+from relight.files import UserError, atomic_write, writable_folder
 from relight.processes import end_with_parent
 from relight.workflow import Plan
 
@@ -61,7 +61,7 @@ def run(
             report_without(failed, plan, config, command)
         page = ROOT / plan.out / "report" / "snakemake.html"
         if code == 0 and targets == ["all"] and stale(page, page.with_name("report.html")):
-            with whole(page) as tmp:
+            with atomic_write(page) as tmp:
                 code = snakemake([*command, "--report", str(tmp), "--quiet", "all"], stdout=subprocess.DEVNULL)
         if code == 0 and targets == ["all"]:
             print(f"the report: {page.with_name('report.html')}")
@@ -74,7 +74,7 @@ def report_without(failed: dict[str, list[str]], plan: Plan, config: dict, comma
     What failed is tried again by the next run, whose files are still missing.
     """
     file = ROOT / plan.out / "failed.yaml"  # beside run.yaml, where a cluster's jobs can read it
-    with whole(file) as tmp:
+    with atomic_write(file) as tmp:
         tmp.write_text(yaml.safe_dump({**config, "failed": failed}))
     try:
         place = command.index("--configfile") + 1

@@ -20,7 +20,7 @@ import numpy as np
 
 from relight import __version__
 from relight.config import ROOT, Track, composed, flat
-from relight.files import UserError, whole
+from relight.files import UserError, atomic_write
 
 # Before mlflow is imported: nothing is sent anywhere, its migrations don't chatter, and a server that is gone is given
 # up on after seconds.
@@ -485,7 +485,10 @@ def create(uri: str) -> None:
     if not path.exists():
         from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
 
-        with tempfile.TemporaryDirectory() as folder, whole(path) as tmp:  # elsewhere, since SQLite leaves its journal
+        with (
+            tempfile.TemporaryDirectory() as folder,
+            atomic_write(path) as tmp,
+        ):  # SQLite leaves its journal there
             SqlAlchemyStore(f"sqlite:///{folder}/new.db", str(Path(ARTIFACTS).resolve()))
             shutil.copyfile(f"{folder}/new.db", tmp)
     if path.is_absolute():

@@ -15,7 +15,7 @@ import yaml
 from omegaconf import DictConfig, OmegaConf
 
 from relight.config import ROOT, Experiment, Track, check_name, composed, view
-from relight.files import UserError, discard, whole
+from relight.files import UserError, atomic_write, remove_folder
 from relight.track import Workflow, milliseconds
 
 HEAD = """\
@@ -74,7 +74,7 @@ class Plan:
         asked = {"hydra": self.overrides, **({"runs": self.rows} if self.swept else {})}
         file, text = Path(folder) / self.out / "run.yaml", yaml.safe_dump(json.loads(json.dumps(asked)))
         if not file.exists() or file.read_text() != text:
-            with whole(file) as tmp:
+            with atomic_write(file) as tmp:
                 tmp.write_text(text)
         return file
 
@@ -85,7 +85,7 @@ class Plan:
         Snakemake could record them. A page of provenance that is older than the report tells of another one.
         """
         for network in filter(made.__contains__, map(self.network, self.runs)):
-            discard(Path(network).parent / "state" / Path(network).stem)
+            remove_folder(Path(network).parent / "state" / Path(network).stem)
         report = Path(self.out, "report", "report.html")
         page = report.with_name("snakemake.html")
         if page.exists() and report.exists() and page.stat().st_mtime < report.stat().st_mtime:

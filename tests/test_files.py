@@ -1,12 +1,14 @@
-"""Outputs are checked before the work, and what a file system refuses is one sentence."""
+"""Paths are checked before the work, errors of the file system are one sentence, and writes are atomic."""
 
 import os
 import resource
 import signal
+import subprocess
+import sys
 
 import pytest
 
-from relight.files import UserError, whole, writable_file, writable_folder
+from relight.files import UserError, atomic_folder, atomic_write, writable_file, writable_folder
 
 
 def test_a_folder_that_can_be_made_is_left_unmade(tmp_path):
@@ -55,12 +57,62 @@ def test_a_full_disk_is_said_and_leaves_the_old_file(tmp_path):
     try:
         with (
             pytest.raises(UserError, match=r"a\.bin cannot be written: file too large"),
-            whole(tmp_path / "a.bin") as out,
+            atomic_write(tmp_path / "a.bin") as out,
         ):
             out.write_bytes(bytes(5000))
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, usual)
         signal.signal(signal.SIGXFSZ, handler)
     assert [path.read_bytes() for path in tmp_path.iterdir()] == [b"old"]
-    with pytest.raises(OSError), whole(tmp_path / "b.bin"):
+    with pytest.raises(OSError), atomic_write(tmp_path / "b.bin"):
         raise OSError("something else")  # an error of the program stays one
+
+
+# A writer that is killed in the middle of its block, by a signal that leaves no time to tidy up.
+KILLED = """
+import os, signal
+from relight.files import {block}
+with {block}({path!r}) as temporary:
+    os.kill(os.getpid(), signal.SIGKILL)
+"""
+
+
+def kill_a_writer(block, path):
+    run = subprocess.run([sys.executable, "-c", KILLED.format(block=block.__name__, path=str(path))])
+    assert run.returncode == -9
+
+
+@pytest.mark.parametrize("name", ["a.txt", "odd [name]?*.txt"])
+def test_a_killed_writers_file_goes_with_the_next_write(tmp_path, name):
+    path, other = tmp_path / name, tmp_path / "b.txt"
+    kill_a_writer(atomic_write, path)
+    kill_a_writer(atomic_write, other)
+    assert len(list(tmp_path.iterdir())) == 2
+    with atomic_write(path) as temporary:
+        temporary.write_text("whole")
+    assert path.read_text() == "whole"
+    left = [found.name for found in tmp_path.iterdir() if found != path]
+    assert len(left) == 1 and left[0].startswith(".b."), "another file's temporary is not ours to remove"
+
+
+def test_a_killed_writers_folder_goes_with_the_next_write(tmp_path):
+    path = tmp_path / "folder"
+    kill_a_writer(atomic_folder, path)
+    with atomic_folder(path) as temporary:
+        (temporary / "in").write_text("whole")
+    assert [found.name for found in tmp_path.iterdir()] == ["folder"]
+
+
+@pytest.mark.parametrize(("block", "name"), [(atomic_write, "a.txt"), (atomic_folder, "folder")])
+def test_a_living_writers_temporary_stays(tmp_path, block, name):
+    with block(tmp_path / name) as first, block(tmp_path / name) as second:
+        assert first.exists() and second.exists() and first != second
+
+
+def test_a_failed_write_leaves_the_old_file(tmp_path):
+    path = tmp_path / "a.txt"
+    path.write_text("old")
+    with pytest.raises(RuntimeError), atomic_write(path) as temporary:
+        temporary.write_text("new")
+        raise RuntimeError
+    assert path.read_text() == "old" and [found.name for found in tmp_path.iterdir()] == ["a.txt"]

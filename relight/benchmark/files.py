@@ -13,7 +13,7 @@ from PIL import Image
 
 from relight.benchmark.measures import Seen
 from relight.benchmark.shots import Shot
-from relight.files import UserError, existing, whole
+from relight.files import UserError, atomic_write, existing_file
 from relight.photos.frame import SOLID, Frame, frame
 
 INDEX = "index.json"
@@ -60,7 +60,7 @@ def square_of(mask: np.ndarray, square: tuple[float, float, float], side: int) -
 
 def picture(path: Path) -> np.ndarray:
     try:
-        return np.asarray(Image.open(existing(path, "benchmark")))
+        return np.asarray(Image.open(existing_file(path, "benchmark")))
     except OSError:
         raise UserError(f"{path} is no whole picture: make the benchmark again") from None
 
@@ -102,7 +102,7 @@ class Set:
         for one in self.index["pictures"]:
             for name, expected in one["files"].items():
                 path = self.folder / name
-                if sha256(existing(path, "benchmark")) != expected:
+                if sha256(existing_file(path, "benchmark")) != expected:
                     raise UserError(f"{path} has changed since the benchmark was made: make it again")
 
     def truth(self, entry: Entry) -> tuple[Seen, np.ndarray]:
@@ -132,7 +132,7 @@ def sha256(path: Path) -> str:
 def write_arrays(path: Path, photo: str, arrays: Mapping[str, np.ndarray]) -> None:
     """Writes an answer, or a truth, whole or not at all: half floats but for pictures and light."""
     kinds = {name: np.float16 for name in MAPS} | dict.fromkeys(PICTURES, np.uint8) | {"light": np.float32}
-    with whole(path) as tmp, open(tmp, "wb") as file:
+    with atomic_write(path) as tmp, open(tmp, "wb") as file:
         typed = {name: np.asarray(values).astype(kinds[name]) for name, values in arrays.items()}
         np.savez_compressed(file, photo=np.array(photo), **typed)
 

@@ -15,7 +15,7 @@ from relight.benchmark.files import INDEX, sha256, write_arrays
 from relight.benchmark.picture import Picture, Settings, draw
 from relight.benchmark.recipes import FIGURES, HASHES, SPARE, VIEWS, Recipe, coats, digest, recipes
 from relight.config import Align
-from relight.files import UserError, whole, whole_folder, writable_folder
+from relight.files import UserError, atomic_folder, atomic_write, writable_folder
 from relight.maps import write_maps
 from relight.meshes import Mesh, align
 from relight.panoramas import Panorama
@@ -51,7 +51,7 @@ def same(folder: Path, plan: dict) -> None:
     """Leaves `plan` in the folder, or raises UserError when another one is there."""
     path = folder / "plan.json"
     if not path.is_file():
-        with whole(path) as tmp:
+        with atomic_write(path) as tmp:
             tmp.write_text(json.dumps(plan, indent=1) + "\n")
     elif json.loads(path.read_text()) != plan:
         raise UserError(f"{folder} holds another set, or one with other settings ({path}): give another --out")
@@ -86,7 +86,7 @@ def save(folder: Path, recipe: Recipe, mesh: Mesh, picture: Picture) -> None:
     picture.maps.info = {**picture.maps.info, **info}
     write_maps(truth / f"{recipe.name}.exr", picture.maps)
     for variant, shot in sorted(picture.shots.items(), reverse=True):  # the picture itself, "", comes last
-        with whole_folder(inputs / (f"{recipe.name}+{variant}" if variant else recipe.name)) as tmp:
+        with atomic_folder(inputs / (f"{recipe.name}+{variant}" if variant else recipe.name)) as tmp:
             Image.fromarray(np.ascontiguousarray(shot.photo)).save(tmp / "photo.png")
             Image.fromarray(np.ascontiguousarray(shot.mask)).save(tmp / "mask.png")
             record = {
@@ -112,7 +112,7 @@ def save(folder: Path, recipe: Recipe, mesh: Mesh, picture: Picture) -> None:
 def write_panorama(path: Path, panorama: Panorama) -> None:
     """Lat-long, its centre toward -z, +x to the right: as `relight light` and `relight photo --light` read it."""
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
-    with whole(path) as tmp:
+    with atomic_write(path) as tmp:
         OpenEXR.File(header, {"RGB": np.ascontiguousarray(panorama.pixels, np.float32)}).write(str(tmp))
 
 
@@ -130,6 +130,6 @@ def index(folder: Path, kind: str, made: list[Recipe], settings: Settings) -> st
     text = json.dumps([one["files"] for one in pictures], sort_keys=True)
     total = hashlib.sha256(text.encode()).hexdigest()
     content = {"format": FORMAT, "set": kind, "settings": asdict(settings), "sha256": total, "pictures": pictures}
-    with whole(folder / INDEX) as tmp:
+    with atomic_write(folder / INDEX) as tmp:
         tmp.write_text(json.dumps(content, indent=1) + "\n")
     return total

@@ -11,7 +11,7 @@ from relight.benchmark.measures import INVARIANCES, LEAKS, errors, factor, invar
 from relight.evaluation.formats import Grid, count
 from relight.evaluation.metrics import rmse
 from relight.evaluation.statistics import estimate, resample_weights
-from relight.files import UserError, existing, whole
+from relight.files import UserError, atomic_write, existing_file
 from relight.photos.infer import OPAQUE
 from relight.progress import progress
 from relight.srgb import LINEAR, encode
@@ -51,7 +51,7 @@ def score(folder: Path | str, answers: Path | str) -> Path:
                     f"{', '.join(sorted(asked))}: all answers of a folder must hold the same"
                 )
         rows.append([benchmark.hash[:16], entry.name, entry.figure, judged(benchmark, entry, given)])
-    with whole(answers / SCORES) as tmp, open(tmp, "w", newline="") as file:
+    with atomic_write(answers / SCORES) as tmp, open(tmp, "w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow([*KEYS, *COLUMNS])
         writer.writerows([*keys, *(f"{found[c]:.6g}" if c in found else "" for c in COLUMNS)] for *keys, found in rows)
@@ -101,7 +101,7 @@ class Row:
 
 def read_row(answers: Path | str) -> Row:
     """What `score` wrote into a folder of answers. Raises UserError on anything else."""
-    path = existing(Path(answers) / SCORES, "scores (relight benchmark score)")
+    path = existing_file(Path(answers) / SCORES, "scores (relight benchmark score)")
     with open(path, newline="") as file:
         reader = csv.DictReader(file)
         rows = list(reader)

@@ -8,7 +8,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from relight.evaluation.metrics import sphere
-from relight.files import whole
+from relight.files import atomic_write
 from relight.sh import basis
 from relight.srgb import encode
 
@@ -108,7 +108,7 @@ class Sheet:
 
     def save(self, path: Path) -> None:
         """PNG, whole or not at all."""
-        with whole(path) as tmp:
+        with atomic_write(path) as tmp:
             self.image.save(tmp, "PNG", optimize=True)
 
 

@@ -10,7 +10,7 @@ from relight.evaluation.occlusion import BINS, DARK, Occlusion
 from relight.evaluation.paper import IMPLIED_AO, IMPLIED_LOST
 from relight.evaluation.scores import read_table, row_of
 from relight.evaluation.tables import LABELS, QUANTITY, READING, Row, Table, sign, split_column
-from relight.files import UserError, whole
+from relight.files import UserError, atomic_write
 
 COLORS = ("#7a5195", "#ef5675", "#ffa600", "#00798c", "#30638e", "#6a994e", "#8d99ae", "#bc6c25")
 DASHES = ("--", ":", "-.", (0, (1, 4)), (0, (6, 4)), (0, (4, 1, 1, 1, 1, 1)), (0, (14, 2)))  # of baselines
@@ -163,6 +163,6 @@ def _figure(width: float, height: float):
 
 
 def _save(figure, out: Path) -> None:
-    with whole(out) as tmp:
+    with atomic_write(out) as tmp:
         dated = {"metadata": {"Date": None}} if out.suffix == ".svg" else {"dpi": 160}  # a date would change the bytes
         figure.savefig(tmp, **dated)

@@ -16,7 +16,7 @@ from relight.evaluation.comparisons import Comparison, Verdict
 from relight.evaluation.metrics import COLUMNS
 from relight.evaluation.statistics import Estimate
 from relight.evaluation.tables import LABELS, QUANTITY, READING, Cell, Table, sign, split_column
-from relight.files import whole
+from relight.files import atomic_write
 
 SIGNS = {Verdict.BETTER: "✓", Verdict.WORSE: "✗", Verdict.EQUIVALENT: "≈", Verdict.OPEN: "?"}
 LATEX = {"%": r"\%", "&": r"\&", "_": r"\_", "#": r"\#", "×": r"$\times$", "²": "$^2$", "–": "--", "∞": r"$\infty$"}
@@ -158,7 +158,7 @@ def write_tables(
         ".tex": "\n".join([*comments, to_latex(shown)]),
     }
     for suffix, text in texts.items():
-        with whole(stem.with_suffix(suffix)) as tmp:
+        with atomic_write(stem.with_suffix(suffix)) as tmp:
             tmp.write_text(text, encoding="utf-8")
 
 

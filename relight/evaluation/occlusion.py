@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from relight.evaluation.scores import read_table
-from relight.files import whole
+from relight.files import atomic_write
 from relight.maps import LeftOut, Maps, read_maps
 from relight.progress import progress
 from relight.sh import order_of, unoccluded
@@ -79,7 +79,7 @@ def occlusions(maps_paths: list[Path], out: Path) -> list[Occlusion]:
         [one.name, one.pose, SEPARATOR.join(one.garments), one.pixels, one.ao, one.dark, one.lost, *one.histogram]
         for one in found
     ]
-    with whole(out) as tmp:
+    with atomic_write(out) as tmp:
         pd.DataFrame(rows, columns=HEADS).to_csv(tmp, index=False, float_format="%.5f", lineterminator="\n")
     return found
 

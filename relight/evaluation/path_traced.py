@@ -30,7 +30,7 @@ from relight.evaluation.scores import read_table, row_of
 from relight.evaluation.statistics import estimate, resample_weights
 from relight.evaluation.tables import LABELS
 from relight.evaluation.tracing import Scene, read_scenes
-from relight.files import UserError, whole
+from relight.files import UserError, atomic_write
 from relight.learning.data import RelitSet
 from relight.progress import progress
 from relight.sh import order_of, unoccluded
@@ -128,7 +128,7 @@ def evaluate_traced(
                 made += [("cause", *step) for step in chain.steps()]
             rows += [[kind, label, *key, *chain.measured(before, after)] for kind, label, before, after in made]
     table = pd.DataFrame(rows, columns=["kind", "name", "figure", "light", *COLUMNS])
-    with whole(out) as tmp:
+    with atomic_write(out) as tmp:
         table.to_csv(tmp, index=False, float_format="%.6g", lineterminator="\n")
 
 

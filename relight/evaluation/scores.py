@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from relight.evaluation.metrics import COLLAPSE, COLUMNS
-from relight.files import UserError, existing, whole
+from relight.files import UserError, atomic_write, existing_file
 
 KEYS = ["predictor", "figure", "light"]
 
@@ -36,7 +36,7 @@ def write_scores(path: Path, scores: dict[str, Scores]) -> None:
     """Writes the scores of some predictors as CSV, six significant digits, blanks for NaN; whole or not at all."""
     frames = [one.frame(predictor) for predictor, one in scores.items()]
     table = pd.concat(frames) if frames else pd.DataFrame(columns=[*KEYS, *COLUMNS, *COLLAPSE])
-    with whole(path) as tmp:
+    with atomic_write(path) as tmp:
         table.to_csv(tmp, index=False, float_format="%.6g", lineterminator="\n")
 
 
@@ -67,7 +67,7 @@ def read_table(path: Path, what: str, columns: list[str], writer: str) -> pd.Dat
     """
     try:
         names = {"predictor": str, "figure": str, "name": str}
-        table = pd.read_csv(existing(path, what), dtype=names, keep_default_na=False, na_values=[""])
+        table = pd.read_csv(existing_file(path, what), dtype=names, keep_default_na=False, na_values=[""])
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise UserError(f"{path} is not a table of {what}, as {writer} writes it ({reason})") from None

@@ -13,7 +13,7 @@ from torch.utils.flop_counter import FlopCounterMode
 
 from relight.config import Model, Timing
 from relight.evaluation.scores import read_table
-from relight.files import whole
+from relight.files import atomic_write
 from relight.learning.networks import build
 from relight.progress import progress
 
@@ -91,7 +91,7 @@ def time_networks(models: dict[str, Model], settings: Timing, out: Path) -> None
                 found.append({"row": row, "device": device, "threads": threads, "rate": rate, **made})
     finally:
         torch.set_num_threads(before)
-    with whole(out) as tmp:
+    with atomic_write(out) as tmp:
         pd.DataFrame(found)[COLUMNS].to_csv(tmp, index=False, float_format="%.6g", lineterminator="\n")
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from relight import config
 from relight.evaluation.evaluate import chosen_pairs, torch_device
 from relight.evaluation.panels import spaced
-from relight.files import UserError, whole
+from relight.files import UserError, atomic_write
 from relight.learning.data import RelitSet
 from relight.lights import LightSet, read_light_set
 from relight.meshes import Mesh
@@ -74,7 +74,7 @@ def trace(
         sky = sky_of(table, new, panoramas)
         scenes.append(Scene(figure, seen, new, *traced(mesh, data, figure, sky, settings, rays)))
     arrays = {f"{i}.{name}": value for i, scene in enumerate(scenes) for name, value in vars(scene).items()}
-    with whole(out) as tmp, open(tmp, "wb") as file:
+    with atomic_write(out) as tmp, open(tmp, "wb") as file:
         np.savez_compressed(file, **arrays)
 
 

@@ -46,7 +46,7 @@ def figures(
     from relight.figures.colliders import DEVICES
     from relight.figures.dress import DETAILS
     from relight.figures.export import FORMATS
-    from relight.files import UserError, whole
+    from relight.files import UserError, atomic_write
     from relight.progress import progress
 
     numbers = seeds_of(seeds)
@@ -63,7 +63,7 @@ def figures(
     failed = [str(row["error"]) for row in rows if "error" in row]
     good = [row for row in rows if "error" not in row]
     if good:
-        with whole(out / "figures.csv") as tmp, open(tmp, "w", newline="") as file:
+        with atomic_write(out / "figures.csv") as tmp, open(tmp, "w", newline="") as file:
             table = csv.writer(file)
             table.writerow(good[0])
             table.writerows([v if isinstance(v, str) else json.dumps(v) for v in row.values()] for row in good)
@@ -77,7 +77,7 @@ def one(task: tuple[int, list, Path]) -> dict:
 
     from relight.figures.dress import make_figure
     from relight.figures.export import export
-    from relight.files import UserError, whole
+    from relight.files import UserError, atomic_write
 
     seed, asked, path = task
     note = path.with_suffix(".json")
@@ -89,7 +89,7 @@ def one(task: tuple[int, list, Path]) -> dict:
         mesh = make_figure(seed, *asked)
         mesh.info["asked"] = asked
         export(mesh, path)
-        with whole(note) as tmp:
+        with atomic_write(note) as tmp:
             tmp.write_text(json.dumps(mesh.info, indent=1) + "\n")
         return mesh.info
     except UserError as error:

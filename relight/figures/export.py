@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from relight.files import UserError, whole
+from relight.files import UserError, atomic_write
 from relight.meshes import Mesh
 
 FORMATS = ("glb", "npz")
@@ -89,7 +89,7 @@ def write_glb(mesh: Mesh, path: Path) -> None:
     text = json.dumps(scene).encode()
     text += b" " * (-len(text) % 4)
     blob.extend(b"\0" * (-len(blob) % 4))
-    with whole(path) as tmp:
+    with atomic_write(path) as tmp:
         chunks = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(blob), 0x004E4942) + blob
         tmp.write_bytes(struct.pack("<III", 0x46546C67, 2, 12 + len(chunks)) + chunks)
 

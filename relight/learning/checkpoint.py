@@ -14,7 +14,7 @@ from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 
 from relight.config import Model
-from relight.files import UserError, existing, whole
+from relight.files import UserError, atomic_write, existing_file
 from relight.learning.networks import Network, build
 
 LARGEST = 8192  # px of the pictures of a network that is read
@@ -34,7 +34,7 @@ def save_network(path: Path, network: Network, model: Model, half: bool = False,
     if half:
         weights = {name: tensor.half() if tensor.is_floating_point() else tensor for name, tensor in weights.items()}
     config = {"size": network.size, "model": asdict(model), **config}
-    with whole(path) as tmp:
+    with atomic_write(path) as tmp:
         save_file(weights, tmp, metadata={"relight": json.dumps(config)})
 
 
@@ -44,7 +44,7 @@ def read_config(path: Path | str) -> dict:
     Raises:
         UserError: if the file does not exist, is not safetensors, or holds no network of this project.
     """
-    path = existing(path, "network")
+    path = existing_file(path, "network")
     try:
         with safe_open(path, "np") as file:
             metadata = file.metadata() or {}
@@ -95,7 +95,7 @@ def save_state(path: Path, digest: str, parts: dict, step: int, history: list[di
         step: steps done.
         history: rows of the log.
     """
-    with whole(path) as tmp:
+    with atomic_write(path) as tmp:
         states = {name: part.state_dict() for name, part in parts.items()}
         with open(tmp, "wb") as file:  # torch's own file would hide why a write failed
             torch.save({"settings": digest, "step": step, "history": history, **states}, file)

@@ -16,7 +16,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from relight.files import UserError, existing
+from relight.files import UserError, existing_file
 from relight.learning.camera import photograph, quantised, shade
 from relight.learning.harmonics import mirror_signs
 from relight.maps import PackedMaps
@@ -256,7 +256,7 @@ def neighbours(pixel: np.ndarray, offset: np.ndarray, size: int) -> tuple[np.nda
 def read_split(path: Path) -> dict[str, list[str]]:
     """Reads a split: names of figures by part, `train`, `test` and `sitting`; raises UserError on any other file."""
     try:
-        parts = json.loads(existing(path, "split").read_text())
+        parts = json.loads(existing_file(path, "split").read_text())
         if all(isinstance(name, str) for names in parts.values() for name in names):
             return parts
     except (ValueError, AttributeError, TypeError, RecursionError):

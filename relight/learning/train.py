@@ -24,14 +24,14 @@ from torch import Tensor, nn
 from torch.nn.parallel import DistributedDataParallel
 
 from relight.config import Augment, Loss, Model, Train
-from relight.files import UserError, existing, whole
+from relight.files import UserError, atomic_write, existing_file
 from relight.learning.augment import augmented
 from relight.learning.checkpoint import load_network, restore, save_network, save_state
 from relight.learning.data import Batch, RelitSet, generator, pairs, read_split
 from relight.learning.losses import losses, weights
 from relight.learning.networks import STRIDE, Network, UNet, build
 from relight.learning.validation import Validation
-from relight.progress import span
+from relight.progress import duration
 
 # Purposes of random numbers (`data.generator`); 0 orders the pairs.
 STEP_DRAWS = 1
@@ -71,7 +71,7 @@ def fingerprint(recipe: Recipe, inputs: Inputs) -> str:
     digest = hashlib.sha256(json.dumps(list(recipe.as_dict().values()), sort_keys=True).encode())
     start = recipe.train.start
     for path in [inputs.packed, inputs.lights, inputs.split, *([start] if start else [])]:
-        with open(existing(path, "training"), "rb") as file:
+        with open(existing_file(path, "training"), "rb") as file:
             digest.update(hashlib.file_digest(file, "sha256").digest())
     return digest.hexdigest()
 
@@ -155,7 +155,7 @@ def train(
                 continue
             seconds = (time.monotonic() - began) / (done - first)
             line = f"step {done}/{settings.steps}, loss {means['loss']:.4f}, {1e3 * seconds:.0f} ms a step"
-            say(f"{line}, {span(seconds * (settings.steps - done))} left")
+            say(f"{line}, {duration(seconds * (settings.steps - done))} left")
             validated, picture = validation(average or network, drawn=show is not None)
             values = {**means, "lr": learning_rate(settings, step)}
             values |= {f"validation/{name}": value for name, value in validated.items()}
@@ -354,7 +354,7 @@ def say(line: str) -> None:
 
 def write_curve(path: Path, history: list[dict]) -> None:
     """The log as CSV: step, total and each named loss, learning rate, and the losses on the validation's pairs."""
-    with whole(path) as tmp, open(tmp, "w", newline="") as file:
+    with atomic_write(path) as tmp, open(tmp, "w", newline="") as file:
         writer = csv.DictWriter(file, list(history[-1]))
         writer.writeheader()
         writer.writerows(history)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from relight.config import Lights, Panoramas
-from relight.files import UserError, refuse_odd
+from relight.files import UserError, require_safe_name
 from relight.lights.select import select_lights
 from relight.lights.statistics import from_below, measure
 from relight.lights.table import LightSet
@@ -164,7 +164,7 @@ def read_from_folder(source: str, panoramas: Panoramas, yaw: float = 0.0) -> Pan
         UserError: as `read_panorama`.
     """
     path = Path(panoramas.folder or "") / source
-    refuse_odd(path)
+    require_safe_name(path)
     return read_panorama(
         path,
         layout=panoramas.layout,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.files import UserError, whole
+from relight.files import UserError, atomic_write
 from relight.lights.statistics import moment_eigenvalue, reference_brightness
 from relight.panoramas import Panorama
 from relight.sh import coefficient_count, from_relight, order_of
@@ -94,12 +94,12 @@ def write_light(light: Light, path: Path, convention: str = "relight") -> Path:
             "source": light.source,
             "coefficients": coefficients.tolist(),
         }
-        with whole(path) as temporary:
+        with atomic_write(path) as temporary:
             temporary.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     elif path.suffix == ".npy":
         if not path.stem.endswith(f".{convention}"):
             path = path.with_name(f"{path.stem}.{convention}.npy")
-        with whole(path) as temporary, open(temporary, "wb") as file:
+        with atomic_write(path) as temporary, open(temporary, "wb") as file:
             np.save(file, coefficients)
     else:
         raise UserError(f"{path}: a light is written as .json or .npy")

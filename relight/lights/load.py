@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.files import UserError, existing
+from relight.files import UserError, existing_file
 from relight.lights.chain import GENERATORS
 from relight.lights.light import Light
 from relight.lights.statistics import from_below, measure
@@ -105,7 +105,7 @@ def load_light(
     elif text.startswith(("room:", "sky:", "key:")):
         raise UserError(f"{text}: a generated light is like room:7, sky:3 or key:#ffeedd@45,30")
     elif Path(text).suffix.lower() in (".npy", ".txt", ".csv", ".json"):
-        light = read_coefficients(existing(text, "light"), convention)
+        light = read_coefficients(existing_file(text, "light"), convention)
     elif Path(text).suffix.lower() == ".npz":
         raise UserError(f"{text}: a set of lights; say which one ({text}:0)")
     else:

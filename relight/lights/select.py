@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from relight.config import Lights, Rules
-from relight.files import UserError, existing
+from relight.files import UserError, existing_file
 from relight.lights.cluster import choose_test_lights, medoids
 from relight.lights.statistics import measure, reference_brightness
 from relight.lights.table import SPLITS, LightSet
@@ -155,7 +155,7 @@ def without_vetoed(copies: LightSet, veto: str | None, record: dict[str, Any]) -
     """Removes the copies that a veto file names, one `source` or `source:yaw` per line, with # before comments."""
     if veto is None:
         return copies
-    lines = existing(Path(veto), "lights.veto").read_text(encoding="utf-8").splitlines()
+    lines = existing_file(Path(veto), "lights.veto").read_text(encoding="utf-8").splitlines()
     vetoed = np.zeros(len(copies), bool)
     for line in filter(None, (line.split("#")[0].strip() for line in lines)):
         named = copies.source == line

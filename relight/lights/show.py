@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.files import whole
+from relight.files import atomic_write
 from relight.lights.light import Light
 from relight.lights.statistics import measure, reference_brightness
 from relight.lights.table import LightSet
@@ -98,7 +98,7 @@ def write_light_picture(light: Light, path: Path | str) -> None:
         figure.text(0.975, y, value, color=INK, fontsize=9, ha="right", family="monospace")
     for i, note in enumerate(light.notes[:4]):
         figure.text(0.74, 0.20 - 0.09 * i, textwrap.fill(note, 44), color=TEST, fontsize=7, va="top")
-    with whole(path) as temporary:
+    with atomic_write(path) as temporary:
         figure.savefig(temporary, format="png")
 
 
@@ -209,7 +209,7 @@ def write_contact_sheet(lights: LightSet, path: Path | str) -> None:
             x, y = 0.2 + (i % columns) * cell, top - (i // columns + 1) * cell * 1.28
             draw_cell(figure, part.rows(np.array([i])), x, y, cell, width, height)
         top -= count * cell * 1.28
-    with whole(path) as temporary:
+    with atomic_write(path) as temporary:
         figure.savefig(temporary, format="png")
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.files import UserError, whole
+from relight.files import UserError, atomic_write
 from relight.lights.statistics import reference_brightness
 from relight.npz import read_npz
 from relight.sh import bands, coefficient_count, order_of
@@ -72,7 +72,7 @@ def write_light_set(lights: LightSet, path: Path | str) -> None:
         path: either file, or a folder, which gets lights.npz and lights.csv.
     """
     archive, table = table_paths(path)
-    with whole(archive) as temporary, open(temporary, "wb") as file:
+    with atomic_write(archive) as temporary, open(temporary, "wb") as file:
         arrays = {f.name: getattr(lights, f.name) for f in fields(lights)}
         np.savez(file, convention=np.array(CONVENTION), **arrays)
     k = np.arange(coefficient_count(lights.order))
@@ -80,7 +80,7 @@ def write_light_set(lights: LightSet, path: Path | str) -> None:
     names = [f"L{a}{b:+d}_{c}" for a, b in zip(l, k - l * l - l) for c in "RGB"]
     plain = [f.name for f in fields(lights) if f.name != "coefficients"]
     reference = reference_brightness(lights.coefficients)
-    with whole(table) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
+    with atomic_write(table) as temporary, open(temporary, "w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
         writer.writerow([*plain, "reference", "convention", *names])
         for i in range(len(lights)):

@@ -13,7 +13,7 @@ import numpy as np
 import OpenEXR
 
 from relight import __version__
-from relight.files import UserError, existing, whole
+from relight.files import UserError, atomic_write, existing_file
 from relight.sh import order_of
 
 FRAME = "right-handed, +x image right, +y up, +z toward the camera"
@@ -149,13 +149,13 @@ def _write(path: Path | str, channels: dict[str, np.ndarray], info: dict) -> Non
         "frame": FRAME,
         "convention": CONVENTION,
     }
-    with whole(path) as temporary:
+    with atomic_write(path) as temporary:
         OpenEXR.File(header, channels).write(str(temporary))
 
 
 def _read(path: Path | str, header_only: bool = False) -> tuple[dict, dict[str, OpenEXR.Channel]]:
     """Reads `Maps.info` and the channels; no channels with `header_only`."""
-    path = existing(path, "maps")
+    path = existing_file(path, "maps")
 
     try:
         header = OpenEXR.File(str(path), separate_channels=True, header_only=True).header()

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 from safetensors import safe_open
 
-from relight.files import UserError, existing, whole
+from relight.files import UserError, atomic_write, existing_file
 from relight.progress import progress
 from relight.sh import UNOCCLUDED_T00
 from relight.srgb import LINEAR, encode, to_bytes
@@ -69,7 +69,7 @@ def pack_maps(exr_paths: list[Path], out: Path) -> list[str]:
     if any("figure" in info for _, info in found):
         notes["figures"] = [info.get("figure", name) for name, (_, info) in zip(names, found)]
         notes["views"] = [info.get("view") for _, info in found]
-    with whole(out) as temporary:
+    with atomic_write(out) as temporary:
         arrays = _create(temporary, layout, {key: json.dumps(value) for key, value in notes.items()})
         arrays["offset"][:] = offset
         for i, (path, _) in enumerate(progress(found, "packing")):
@@ -105,7 +105,7 @@ class PackedMaps:
             UserError: if the file does not exist or holds no packed maps.
         """
         try:
-            self._file = safe_open(str(existing(path, "packed maps")), framework="np")
+            self._file = safe_open(str(existing_file(path, "packed maps")), framework="np")
             notes = {key: json.loads(value) for key, value in (self._file.metadata() or {}).items()}
             self.names: list[str] = notes["names"]
             self.subjects: list[str] = notes["subjects"]

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from relight.files import whole
+from relight.files import atomic_write
 from relight.maps.exr import Maps
 from relight.srgb import encode, to_bytes
 
@@ -54,5 +54,5 @@ def draw_maps(maps: Maps) -> np.ndarray:
 
 def write_maps_picture(path: Path | str, maps: Maps) -> None:
     """Writes the picture of `draw_maps` as PNG, whole or not at all."""
-    with whole(path) as temporary:
+    with atomic_write(path) as temporary:
         Image.fromarray(draw_maps(maps)).save(temporary)

@@ -8,7 +8,7 @@ import numpy as np
 
 from relight import files
 from relight.config import Align
-from relight.files import UserError, existing
+from relight.files import UserError, existing_file
 from relight.meshes.axes import AXES, find_axes
 from relight.meshes.mesh import Mesh
 from relight.sh import rotation_about_y
@@ -102,7 +102,7 @@ def read_align_table(path: Path | str) -> dict[str, dict[str, str]]:
     Raises:
         UserError: if the file does not exist, has no column `name`, has a name twice, or a cell cannot be parsed.
     """
-    path = existing(path, "align.table")
+    path = existing_file(path, "align.table")
     columns, found = files.read_table(path)
     if "name" not in columns:
         raise UserError(f"{path} has no column `name`; a table of overrides has name, up, front, turn")

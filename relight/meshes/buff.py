@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.files import UserError, whole
+from relight.files import UserError, atomic_write
 from relight.meshes.read import READERS, read_mesh
 from relight.progress import progress
 
@@ -153,7 +153,7 @@ def cluster_representatives(shapes: dict[BuffFrame, np.ndarray], count: int, see
 def _write_table(rows: list[tuple[BuffFrame, int]], stride: int, out: Path) -> None:
     """Writes the table; paths inside its folder are relative."""
     home = out.parent.resolve()
-    with whole(out) as tmp, open(tmp, "w", newline="", encoding="utf-8") as file:
+    with atomic_write(out) as tmp, open(tmp, "w", newline="", encoding="utf-8") as file:
         table = csv.writer(file, lineterminator="\n")
         table.writerow(["use", "name", "subject", "path", "outfit", "motion", "frame", "stands_for"])
         for frame, size in rows:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.files import UserError, whole
+from relight.files import UserError, atomic_write
 from relight.npz import read_npz
 
 
@@ -66,7 +66,7 @@ class Mesh:
                 if material.texture is not None:
                     arrays[f"texture{name}"] = material.texture
         counts = {"count": np.array(len(self.materials)), "outfits": np.array(len(self.outfits))}
-        with whole(path) as tmp, open(tmp, "wb") as file:
+        with atomic_write(path) as tmp, open(tmp, "wb") as file:
             np.savez(file, **arrays, info=np.array(json.dumps(self.info)), **counts)
 
     @classmethod

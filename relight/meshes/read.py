@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from relight.files import UserError, existing
+from relight.files import UserError, existing_file
 from relight.meshes.gltf import read_gltf
 from relight.meshes.mesh import Mesh
 from relight.meshes.obj import read_obj
@@ -34,7 +34,7 @@ def read_mesh(path: Path | str) -> Mesh:
     Raises:
         UserError: if the file is missing, damaged, empty or too large, or names a texture that is missing.
     """
-    path = existing(path, "mesh")
+    path = existing_file(path, "mesh")
     reader = READERS.get(path.suffix.lower())
     if reader is None:
         raise UserError(f"{path}: meshes of the kind {path.suffix or '(no suffix)'} are not read; {suffix_list()} are")

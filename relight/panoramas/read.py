@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.files import UserError, existing
+from relight.files import UserError, existing_file
 from relight.panoramas.exr import read_exr
 from relight.panoramas.hdr import read_hdr
 from relight.panoramas.panorama import LAYOUTS, Panorama
@@ -53,7 +53,7 @@ def read_panorama(
         UserError: if the file is not a whole panorama with finite pixels and some light, or an argument is out of
             range.
     """
-    path = existing(path, "panorama")
+    path = existing_file(path, "panorama")
     if layout != "auto" and layout not in LAYOUTS:
         raise UserError(f"layout={layout}: auto, {', '.join(LAYOUTS[:-1])} or {LAYOUTS[-1]}")
     if not (np.isfinite(exposure) and exposure > 0 and np.isfinite(yaw)):

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor, nn
 from torch.export import Dim
 
-from relight.files import UserError, whole
+from relight.files import UserError, atomic_write
 from relight.learning.networks import STRIDE, InstanceNorm, Network, Refinement, with_transport
 
 INPUTS = ("image", "mask")
@@ -85,7 +85,7 @@ def export(network: Network, path: Path | str) -> float:
     inputs = sample(2, least(network), least(network) + STRIDE)
     batch, height, width = Dim("batch", min=1, max=64), Dim("h", min=1, max=64), Dim("w", min=1, max=64)
     shape = {0: batch, 2: STRIDE * height, 3: STRIDE * width}
-    with warnings.catch_warnings(), whole(path) as tmp:
+    with warnings.catch_warnings(), atomic_write(path) as tmp:
         warnings.simplefilter("ignore")  # the exporters' own, about their internals
         program = torch.export.export(model, inputs, dynamic_shapes=(shape, shape))
         if path.suffix == ".onnx":

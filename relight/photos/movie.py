@@ -8,7 +8,7 @@ import av
 import numpy as np
 from PIL import Image
 
-from relight.files import UserError, whole, writable_file
+from relight.files import UserError, atomic_write, writable_file
 from relight.photos.read import Photo, is_picture, read_photo
 
 CODECS = {".mp4": ("libx264", {"crf": "18", "preset": "medium"}), ".webm": ("libvpx-vp9", {"crf": "28", "b": "0"})}
@@ -30,7 +30,7 @@ def write_movie(path: Path | str, frames: Iterable[np.ndarray], fps: float = 25.
     Odd sizes gain a repeated row or column (video codecs halve the colour's resolution); colours are tagged BT.709.
     """
     path = check_output(path)
-    with whole(path) as tmp:
+    with atomic_write(path) as tmp:
         if path.suffix.lower() == ".gif":
             _write_gif(tmp, frames, fps)
         else:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageCms, ImageOps
 
-from relight.files import UserError, existing
+from relight.files import UserError, existing_file
 
 MAX_PIXELS = 100_000_000  # of a photo; a decoder asks for memory before it finds out that the file is a bomb
 MOST = f"{MAX_PIXELS // 10**6} million pixels"
@@ -34,7 +34,7 @@ def read_photo(path: Path | str, what: str = "photo") -> Photo:
     what: it is called in errors. Raises UserError in one sentence for what is no picture, is damaged, grey, CMYK,
     16-bit, animated or too large.
     """
-    path = existing(path, what)
+    path = existing_file(path, what)
     with _whole(f"{what} {path}"), _opened(path, what) as image:
         if _bits(path, image) > 8:
             raise UserError(f"{what} {path} has more than 8 bits per channel: save it as an 8-bit sRGB picture")
@@ -69,7 +69,7 @@ def read_mask(path: Path | str, size: tuple[int, int]) -> np.ndarray:
 
     size: (height, width) of the upright photo, which the mask must share. Raises UserError.
     """
-    path = existing(path, "mask")
+    path = existing_file(path, "mask")
     with _whole(f"mask {path}"), _opened(path, "mask") as image:
         return mask_image(image, size, f"mask {path}")
 

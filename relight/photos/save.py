@@ -9,7 +9,7 @@ import OpenEXR
 from PIL import Image
 
 from relight import __version__
-from relight.files import whole
+from relight.files import atomic_write
 from relight.lights import Light, lit_ball, write_light
 from relight.maps import coefficient_names
 from relight.maps.exr import CONVENTION, FRAME
@@ -25,7 +25,7 @@ from relight.srgb import LINEAR
 
 def save_picture(path: Path, pixels: np.ndarray) -> None:
     """(H,W) or (H,W,3|4) uint8 as a PNG; fast rather than small for pictures of more than a megapixel."""
-    with whole(path) as tmp:
+    with atomic_write(path) as tmp:
         Image.fromarray(pixels).save(
             tmp, format="PNG", compress_level=6 if pixels.shape[0] * pixels.shape[1] < 1e6 else 1
         )
@@ -76,7 +76,7 @@ def save_inference(folder: Path, figures: Sequence[Figure], pixels: np.ndarray) 
         "frame": FRAME,
         "convention": CONVENTION,
     }
-    with whole(folder / "maps.exr") as tmp:
+    with atomic_write(folder / "maps.exr") as tmp:
         OpenEXR.File(header, channels).write(str(tmp))
 
 
@@ -89,7 +89,7 @@ def save_light(stem: Path, coefficients: np.ndarray, source: str) -> None:
 
 
 def save_json(path: Path, record: dict) -> None:
-    with whole(path) as tmp:
+    with atomic_write(path) as tmp:
         tmp.write_text(json.dumps(record, indent=1) + "\n")
 
 

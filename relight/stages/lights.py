@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 from relight.config import Lights, Panoramas
-from relight.files import whole
+from relight.files import atomic_write
 from relight.stages.stage import stage
 
 
@@ -13,7 +13,7 @@ def main(panoramas: Panoramas, lights: Lights, order: int, out: Path, record: Pa
     from relight.lights import build_light_set, write_light_set
 
     chosen, dropped = build_light_set(panoramas, lights, order)
-    with whole(record) as tmp:
+    with atomic_write(record) as tmp:
         tmp.write_text(json.dumps(dropped, indent=1))
     write_light_set(chosen, out)
 

@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 from relight.config import Split
-from relight.files import UserError, whole
+from relight.files import UserError, atomic_write
 from relight.stages.stage import stage
 
 
@@ -33,7 +33,7 @@ def main(split: Split, names: Path, maps: Path, out: Path, record: Path) -> None
     for name, reason in reasons.items():
         print(f"left out: {name}: {reason}", file=sys.stderr)
     pack_maps([maps / f"{name}.exr" for name in every], out)
-    with whole(record) as tmp:
+    with atomic_write(record) as tmp:
         tmp.write_text(json.dumps({"figures": figures, "left_out": reasons}, indent=1))
 
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from relight.config import Figures
-from relight.files import UserError, refuse_odd
+from relight.files import UserError, require_safe_name
 from relight.stages.stage import stage
 from relight.stages.step import step
 
@@ -18,7 +18,7 @@ def main(figures: Figures, figure: Path, out: Path) -> None:
         raise UserError(f"io.figure: {figures.folder} has no scan {name}; it has {', '.join(scans)}")
 
     def make():
-        refuse_odd(scans[name].path)
+        require_safe_name(scans[name].path)
         mesh = read_mesh(scans[name].path)
         mesh.info.update(name=name, subject=scans[name].subject)
         return mesh

@@ -4,7 +4,7 @@ import json
 from pathlib import Path
 
 from relight.config import Split
-from relight.files import whole
+from relight.files import atomic_write
 from relight.stages.stage import stage
 
 
@@ -21,7 +21,7 @@ def main(split: Split, packed: Path, record: Path, out: Path) -> None:
     }
     sitting = {name for name, info in json.loads(record.read_text())["figures"].items() if is_seated(info)}
     parts = split_figures(list(subjects), list(subjects.values()), split, sitting)
-    with whole(out) as tmp:
+    with atomic_write(out) as tmp:
         tmp.write_text(json.dumps(parts, indent=1))
 
 

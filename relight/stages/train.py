@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 from relight.config import Augment, Loss, Model, Track, Train
-from relight.files import discard
+from relight.files import remove_folder
 from relight.processes import STARTED_BY
 from relight.stages.stage import stage
 
@@ -42,7 +42,7 @@ def main(
         train_network(recipe, inputs, out, state / "state.pt", curve, run.log, show)
         run.finish(curve, out)
     if STARTED_BY not in os.environ:  # else Snakemake has yet to record the outputs (`Plan.settle`)
-        discard(state)
+        remove_folder(state)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.files import UserError, whole
+from relight.files import UserError, atomic_write
 from relight.maps import coefficient_names
 from relight.maps.exr import CONVENTION
 from relight.meshes import Mesh, vertex_normals
@@ -52,10 +52,10 @@ class VertexTransport:
         path = Path(path)
         if path.suffix == ".npz":
             arrays = {name: value for name, value in vars(self).items() if value is not None}
-            with whole(path) as temporary, open(temporary, "wb") as file:
+            with atomic_write(path) as temporary, open(temporary, "wb") as file:
                 np.savez(file, **arrays, convention=np.array(CONVENTION))
         elif path.suffix == ".ply":
-            with whole(path) as temporary:
+            with atomic_write(path) as temporary:
                 temporary.write_bytes(self._ply())
         else:
             raise UserError(f"{path}: transport per vertex is written as .ply or .npz")

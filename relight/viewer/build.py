@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.files import UserError, whole
+from relight.files import UserError, atomic_write
 from relight.maps import Maps
 from relight.viewer.bundle import bundle
 from relight.viewer.figure import Figure, embed
@@ -84,5 +84,5 @@ def build_gallery(
         for figure in figures
     )
     text = re.sub(f"%({'|'.join(parts)})%", lambda match: parts[match[1]], text)
-    with whole(out) as temporary:
+    with atomic_write(out) as temporary:
         temporary.write_text(text, encoding="utf-8")

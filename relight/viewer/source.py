@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from relight.files import UserError, existing
+from relight.files import UserError, existing_file
 from relight.lights import load_light, reference_brightness
 from relight.maps import Maps
 from relight.photos.upsample import luma
@@ -52,7 +52,7 @@ def baked_figure(path: Path, title: str | None = None) -> Figure:
     from relight.maps import LeftOut, read_maps
 
     try:
-        maps = read_maps(existing(path, "maps"))
+        maps = read_maps(existing_file(path, "maps"))
     except LeftOut as reason:
         raise UserError(f"{path} holds no maps, the figure was left out: {reason}") from None
     return Figure(title or str(maps.info.get("name") or path.stem), maps)

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from omegaconf import OmegaConf
 from snakemake.io import apply_wildcards
 
-from relight.files import UserError, odd, whole
+from relight.files import UserError, atomic_write, is_unsafe_name
 from relight.meshes import Mesh, list_scans
 from relight.meshes.buff import BuffFrame, cluster_representatives, list_frames, select_frames
 
@@ -138,9 +138,9 @@ def test_any_legal_file_name_gives_a_name_that_passes_through_the_workflow(stems
             word = shlex.split(f'io.figure="\'"{shlex.quote(name)}"\'" ')[0]  # as the rules quote it
             (override,) = OverridesParser.create().parse_overrides([word])
             assert override.value() == name and isinstance(override.value(), str)
-            if not odd(scan.path):
+            if not is_unsafe_name(scan.path):
                 assert apply_wildcards(str(scan.path), {"figure": name}) == str(scan.path)
-            with whole(Path(folder) / "out" / f"{name}.safetensors") as temporary:
+            with atomic_write(Path(folder) / "out" / f"{name}.safetensors") as temporary:
                 temporary.write_bytes(b"x")
 
 

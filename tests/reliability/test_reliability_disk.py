@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from relight.config import ROOT, Model
-from relight.files import UserError, refusal, whole
+from relight.files import UserError, atomic_write, system_errno
 from relight.learning.checkpoint import restore, save_network, save_state
 from relight.learning.networks import build
 from relight.lights import Light, write_light
@@ -80,13 +80,13 @@ def test_a_write_that_fails_anywhere_leaves_the_old_file_and_says_so(write, tmp_
 def test_a_refusal_is_known_through_any_library():
     hidden = RuntimeError("unexpected pos 64 vs 0")
     hidden.__context__ = OSError(errno.ENOSPC, "x")
-    assert refusal(hidden) == refusal(ValueError("I/O error: (os error 28)")) == errno.ENOSPC
-    assert refusal(RuntimeError("Read-only file system: a.exr")) == errno.EROFS
-    assert refusal(ValueError("shape")) is None and refusal(OSError(errno.EINTR, "x")) is None
+    assert system_errno(hidden) == system_errno(ValueError("I/O error: (os error 28)")) == errno.ENOSPC
+    assert system_errno(RuntimeError("Read-only file system: a.exr")) == errno.EROFS
+    assert system_errno(ValueError("shape")) is None and system_errno(OSError(errno.EINTR, "x")) is None
 
 
 def test_what_is_no_refusal_is_not_called_one(tmp_path):
-    with pytest.raises(ValueError, match="a bug"), whole(tmp_path / "a"):
+    with pytest.raises(ValueError, match="a bug"), atomic_write(tmp_path / "a"):
         raise ValueError("a bug")
     assert not list(tmp_path.iterdir())
 

@@ -6,7 +6,7 @@ import pytest
 import snakemake_logger_plugin_relight as plugin
 from snakemake_interface_logger_plugins.common import LogEvent
 
-from relight.progress import span
+from relight.progress import duration
 
 
 @pytest.fixture
@@ -40,7 +40,7 @@ def test_counts_and_time_left(handler, capsys):
     slower = 20 / plugin.DEMO["figure"]  # how much this machine is beside the one of the table
     train = slower * plugin.DEMO["train"]
     assert capsys.readouterr().err.splitlines() == [
-        f"{share}%: figure {done}/4; roughly {span((20 * (4 - done) + train) / 2)} left"
+        f"{share}%: figure {done}/4; roughly {duration((20 * (4 - done) + train) / 2)} left"
         for share, done in ((20, 1), (40, 2), (60, 3))
     ]
     start(handler, 3, "train")

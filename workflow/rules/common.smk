@@ -8,7 +8,7 @@ sys.path.insert(0, str(Path(workflow.basedir).parent))
 
 from snakemake.exceptions import WorkflowError
 
-from relight.files import UserError, odd
+from relight.files import UserError, is_unsafe_name
 from relight.processes import STARTED_BY
 from relight.scheduling import calm
 from relight.track import WORKFLOW, conclude
@@ -68,7 +68,7 @@ def named(port, field):
 
 def files(paths):
     """The user's files as inputs, without those whose names Snakemake would read as patterns; their stage says so."""
-    return [str(path) for path in paths if not odd(path)]
+    return [str(path) for path in paths if not is_unsafe_name(path)]
 
 
 def several(port, words):

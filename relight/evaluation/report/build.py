@@ -14,7 +14,7 @@ from relight.evaluation.paper import CITATION
 from relight.evaluation.report import data, own, page, sections
 from relight.evaluation.report.provenance import costs, provenance
 from relight.evaluation.report.results import Results
-from relight.files import UserError, whole
+from relight.files import UserError, atomic_write
 
 T = TypeVar("T")
 
@@ -59,7 +59,7 @@ def build_report(name: str, settings: config.Evaluate, experiments: Path, folder
     if failed == len(made) - 1:
         raise UserError(f"{folder}: no section of the report could be made; the reasons are above")
     html = page.page("page.html", title=f"relight: {name}", head=head(name, results, failed), sections=made)
-    with whole(out) as tmp:
+    with atomic_write(out) as tmp:
         tmp.write_text(html, encoding="utf-8")
 
 

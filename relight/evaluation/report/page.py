@@ -14,8 +14,8 @@ from PIL import Image
 from relight.evaluation import formats
 from relight.evaluation.comparisons import MARGIN, Verdict
 from relight.evaluation.tables import ALPHA, LABELS
-from relight.files import UserError, existing
-from relight.progress import span
+from relight.files import UserError, existing_file
+from relight.progress import duration
 
 TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".svg": "image/svg+xml"}
 LARGE = 400_000  # bytes; larger PNGs go into the page as JPEGs of the same pixels
@@ -36,7 +36,7 @@ def environment() -> Environment:
         "count": formats.count,
         "column": formats.column_name,
         "label": lambda row: LABELS.get(row, row),
-        "span": span,
+        "duration": duration,
     }
     made.globals |= {"table": table, "picture": picture, "ALPHA": ALPHA, "MARGIN": MARGIN, "Verdict": Verdict}
     return made
@@ -69,7 +69,7 @@ def table(grid: formats.Grid, caption: str = "") -> Markup:
 
 def picture(path: Path, caption: str, alt: str = "") -> Markup:
     """A picture in the page (PNG, JPEG, SVG), as wide as the page; a tap shows it at its own size."""
-    kind = TYPES.get(existing(path, "picture").suffix.lower())
+    kind = TYPES.get(existing_file(path, "picture").suffix.lower())
     if kind is None:
         raise UserError(f"{path}: the report takes pictures of the kinds {', '.join(TYPES)}")
     data = Path(path).read_bytes()

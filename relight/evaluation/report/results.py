@@ -13,7 +13,7 @@ from relight.evaluation.scores import Scores, gather
 from relight.evaluation.statistics import Estimate
 from relight.evaluation.tables import ALL as ALL_COLUMNS
 from relight.evaluation.tables import SHOWN, Table, estimates, experiment_table
-from relight.files import UserError, existing
+from relight.files import UserError, existing_file
 
 
 class Results:
@@ -68,7 +68,7 @@ class Results:
         return self.json("lights/chain.json")
 
     def json(self, path: str) -> dict[str, Any]:
-        return json.loads(existing(self.folder / path, "results").read_text())
+        return json.loads(existing_file(self.folder / path, "results").read_text())
 
     def usual(self, name: str) -> bool:
         """Whether an experiment is about the usual test figures and lights."""

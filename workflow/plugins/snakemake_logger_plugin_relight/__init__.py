@@ -12,7 +12,7 @@ from pathlib import Path
 from snakemake_interface_logger_plugins.base import LogHandlerBase
 from snakemake_interface_logger_plugins.common import LogEvent
 
-from relight.progress import span
+from relight.progress import duration
 
 EVERY = 10.0  # seconds between two lines where there is no terminal
 COSTS = Path(".snakemake", "relight.costs.json")  # seconds of a job of each rule, from the runs before this one
@@ -84,7 +84,7 @@ class LogHandler(LogHandlerBase):
             self.finished(record.job_id)
         elif event == LogEvent.PROGRESS and record.done == record.total:
             self.remember()
-            self.say(f"done in {span(time.monotonic() - self.start)}", whole=True)
+            self.say(f"done in {duration(time.monotonic() - self.start)}", whole=True)
         elif event in (LogEvent.ERROR, LogEvent.JOB_ERROR, LogEvent.GROUP_ERROR) or record.levelno >= logging.ERROR:
             self.failed(record, event)
         elif record.getMessage().startswith("Nothing to be done"):
@@ -107,7 +107,7 @@ class LogHandler(LogHandlerBase):
         """The time that the rest takes: each job ahead at what one costs in this run, did before, or where measured."""
         work = sum((n - self.done[rule]) * self.cost(rule) for rule, n in self.total.items())
         guessed = [rule for rule, n in self.total.items() if self.done[rule] < n and not self.known(rule)]
-        return f"{'roughly' if guessed else 'about'} {span(work / self.cores)} left"
+        return f"{'roughly' if guessed else 'about'} {duration(work / self.cores)} left"
 
     def known(self, rule: str) -> float | None:
         """The seconds of a job of a rule in this run, or else in the last one that had any."""

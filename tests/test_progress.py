@@ -1,19 +1,19 @@
-"""Progress says how much is left, and short stages stay quiet."""
+"""Progress shows the time left, and short stages print nothing."""
 
 import pytest
 
 import relight.progress
-from relight.progress import progress, span
+from relight.progress import duration, progress
 
 
 @pytest.mark.parametrize(("seconds", "text"), [(0.4, "0 s"), (59.4, "59 s"), (125, "2 min 05 s"), (4200, "1 h 10 min")])
-def test_span(seconds, text):
-    assert span(seconds) == text
+def test_duration(seconds, text):
+    assert duration(seconds) == text
 
 
 @pytest.fixture
 def clock(monkeypatch):
-    """A clock that steps by two seconds at each look."""
+    """A clock that steps by two seconds at each call."""
     now = [0.0]
 
     def monotonic():
