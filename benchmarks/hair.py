@@ -64,24 +64,20 @@ class Head:
             up, finer = loop(shown, len(vertices))
             vertices, rest, shown, corners = up @ vertices, up @ rest, finer, split_corners(corners)
         picture = assembly.skin_picture(body.person, outfit, texture, seed)
-        builder.add(vertices, shown, corners, Material(texture=picture), layer=0)
+        builder.add(vertices, shown, corners, Material(texture=picture, name="skin"), layer=0)
         inside = skin.above_hairline(rest[shown].mean(1)) > 0.1
         start = time.process_time()
         assembly.eyes(builder, body, way, outfit, texture, seed)
-        first = len(builder.materials)
         colliders.prepare()
-        parts = assembly.head_of_hair(builder, body, way, outfit, (posed, faces), detail, texture, seed)
+        assembly.head_of_hair(builder, body, way, outfit, (posed, faces), detail, texture, seed)
         self.seconds = time.process_time() - start
-        mesh = builder.mesh({"name": self.name})
+        mesh = builder.mesh({"name": self.name}, [outfit])
         low, high = mesh.vertices.min(0), mesh.vertices.max(0)
         self.scale = 1.9 / float((high - low).max())
         mesh.vertices = ((mesh.vertices - (low + high) / 2) * self.scale).astype(np.float32)
-        self.kind = np.full(len(mesh.faces), 2)  # of each face: 0 skin, 1 scalp, 2 hair, 3 others
+        kinds = {"skin": 0, "hair": 2}  # of faces; 1 is scalp, 3 is all else
+        self.kind = np.array([kinds.get(material.name, 3) for material in mesh.materials])[mesh.material]
         self.kind[: len(inside)] = inside
-        self.kind[(mesh.material > 0) & (mesh.material < first)] = 3
-        for number, part in enumerate(parts):
-            if part.what != "hair":
-                self.kind[mesh.material == first + number] = 3
         self.faces = len(mesh.faces)
         centre = way.transforms[-1, way.bones["head"]]
         centre = centre[:, :3] @ head_centre(body) + centre[:, 3]

@@ -28,6 +28,10 @@ class Figures:
     texture: int = MISSING  # side of the largest baked texture, pixels
     per_subject: int = MISSING  # so many consecutive seeds are one person in one outfit, in different poses
     outfits: int = MISSING  # so many looks of each figure: the same shapes and transport, other fabrics
+    sitting: float = MISSING  # 0 to 1: share of the figures that sit
+    poses: list[str] = MISSING  # names of which each figure takes one; [] for all
+    garments: list[str] = MISSING  # names of all that each figure wears together; [] for any
+    hair: list[str] = MISSING  # names of styles of which each figure has one; [] for all
     shading: float = MISSING  # 0 to 1: strength of the shading baked into the albedo, to imitate scans
     device: str = MISSING  # cpu | cuda | auto: where cloth is draped; figures are the same on one kind of device only
     version: int = MISSING  # raised when the code changes results
@@ -424,6 +428,7 @@ CHOICES = {
 TRUTH = ("albedo", "transport", "light", "shading", "reconstruction")  # losses that compare with more than the picture
 EXPERIMENT = {"figures": ("test", "sitting", "views"), "lights": ("test", "unusual")}
 RULES = {
+    "figures.sitting": (lambda value: 0 <= value <= 1, "must lie in [0, 1]"),
     "figures.shading": (lambda value: 0 <= value <= 1, "must lie in [0, 1]"),
     "bake.size": (lambda value: value % 64 == 0, "must be a multiple of 64"),
     "train.size": (lambda value: value % 64 == 0, "must be a multiple of 64"),

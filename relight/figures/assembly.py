@@ -104,7 +104,7 @@ def assemble(
         up, finer = loop(shown, len(vertices))
         vertices, shown, corners = up @ vertices, finer, split_corners(corners)
     picture = skin_picture(body.person, outfit, texture, seed)
-    builder.add(vertices, shown, corners, Material(texture=picture), layer=0)
+    builder.add(vertices, shown, corners, Material(texture=picture, name="skin"), layer=0)
     eyes(builder, body, way, outfit, texture, seed)
     # clothes
     hung: list[np.ndarray] = []
@@ -136,12 +136,14 @@ def assemble(
         )
         hung.append(positions)
     accessories(builder, body, way, outfit, cut, hung[: len(cut)], texture)
-    for part in footwear.build_shoes(body, way, outfit.shoe):
+    shoes = footwear.build_shoes(body, way, outfit.shoe)
+    paints = {part.name: shoe_paint(part.name) for part in shoes}  # one for both feet
+    for part in shoes:
         vertices = part.vertices
         if part.name != "sole":
             for over in surface:
                 vertices = layers.tucked_under(vertices, part.faces, over, 0.003, np.ones(len(vertices), bool))
-        builder.add(vertices, part.faces, None, shoe_paint(part.name), layer=-1 if part.name == "sole" else 0)
+        builder.add(vertices, part.faces, None, paints[part.name], layer=-1 if part.name == "sole" else 0)
     head_of_hair(builder, body, way, outfit, below, detail, texture, seed)
 
 
@@ -170,7 +172,7 @@ def shod(body: Body, outfit: Outfit) -> np.ndarray:
 
 def eyes(builder: Builder, body: Body, way: Motion, outfit: Outfit, texture: int, seed: int) -> None:
     base, rig = makehuman.base(), makehuman.rig()
-    picture = Material(texture=skin.paint_eye(np.array(outfit.iris), max(64, texture // 8), seed))
+    picture = Material(texture=skin.paint_eye(np.array(outfit.iris), max(64, texture // 8), seed), name="eyes")
     for group, part in (("helper-l-eye", makehuman.EYES["L"]), ("helper-r-eye", makehuman.EYES["R"])):
         rest, faces = body.vertices[part], base.faces[group] - part.start
         flat = base.vertices[part, :2] - base.vertices[part, :2].mean(0)  # seen from in front where the gaze is level
@@ -197,10 +199,13 @@ def head_of_hair(
     """Adds hair, beard, brows, lashes and hat, each a material of its own, over the surface `below` (vertices, faces),
     and returns them in that order."""
     parts = hair.build_hair(body, way, outfit.hair, outfit.beard, below, seed, fine=detail.body > 0)
+    side = max(64, texture // 4)
+    paints = {
+        what: hat_paint(side) if what == "hat" else hair_material(outfit, what, side, seed)
+        for what in dict.fromkeys(part.what for part in parts)
+    }
     for part in parts:
-        side = max(64, texture // 4)
-        paint = hat_paint(side) if part.what == "hat" else hair_material(outfit, part.what, side, seed)
-        builder.add(part.vertices, part.faces, part.uv[part.faces], paint)
+        builder.add(part.vertices, part.faces, part.uv[part.faces], paints[part.what])
     return parts
 
 
@@ -234,7 +239,7 @@ def clothe(
             at = {mark: picture[place] for mark, picture in marks.items()}
             return aging.aged(w.pattern.garment, fabric, name, u, v, at, texel, color)
 
-        return Material(texture=panels.draw(laid, paint))
+        return Material(texture=panels.draw(laid, paint), name=look.garments[number][0].name)
 
     count = len(faces)
     rings = 3 if detail.refine > 1 else 2
@@ -257,12 +262,9 @@ def clothe(
         if fastened is not None:
             builder.add(*fastened, material)
         if w.pattern.garment.collar == "hood":
+            paint = cord_paint(number)
             for cord in collars.cords(positions, faces[~w.pattern.sleeve], at, axes[0]):
-                builder.add(
-                    *cord,
-                    None,
-                    lambda look: Material(0.5 * (np.array(look.garments[number][1].first, np.float32) + 0.7)),
-                )
+                builder.add(*cord, None, paint)
 
 
 def accessories(
@@ -283,7 +285,7 @@ def accessories(
                     vertices = layers.tucked_under(vertices, solid, over, 0.003, np.ones(len(vertices), bool))
             uv = (vertices[:, :2] - vertices[:, :2].min(0)) / np.ptp(vertices[:, 1])
             side = max(64, texture // 4)
-            builder.add(vertices, solid, uv[solid], lambda look: square(look.tie, trims.TIE, side))
+            builder.add(vertices, solid, uv[solid], lambda look: square("tie", look.tie, trims.TIE, side))
     waist = [
         k
         for k, w in enumerate(cut)
@@ -299,28 +301,34 @@ def accessories(
             trunk = np.maximum(w.pattern.fields["onL"], w.pattern.fields["onR"]) < 0.1
             around = trunk & (np.abs(height - belted - 0.005) < 0.014) & (w.pattern.fields["tube"] == 0)
         ahead = way.transforms[-1][way.bones["root"]][:, :3] @ np.array([0.0, 0.0, 1.0])
-        metal = Material(np.array([0.42, 0.40, 0.36], np.float32))
+        metal = Material(np.array([0.42, 0.40, 0.36], np.float32), name="buckle")
         faces = level.faces[~w.pattern.sleeve]
         parts = trims.belt(hung[waist[-1]], faces, hung[waist[-1]][around], ahead, 0.034) if around.sum() > 8 else []
         for (vertices, solid), material in zip(
-            parts, (lambda look: square(look.belt, 0.3, max(64, texture // 8)), metal)
+            parts, (lambda look: square("belt", look.belt, 0.3, max(64, texture // 8)), metal)
         ):
             uv = np.stack([vertices[:, 0] - vertices[:, 2], vertices[:, 1]], axis=1) % 1.0
             builder.add(vertices, solid, uv[solid], material)
 
 
 def shoe_paint(part: str) -> Paint:
-    return lambda look: Material(footwear.palette(look.shoe, look.upper, look.sole)[part])
+    return lambda look: Material(footwear.palette(look.shoe, look.upper, look.sole)[part], name=f"shoes: {part}")
 
 
 def hat_paint(side: int) -> Paint:
-    return lambda look: square(look.hat, 0.6, side)
+    return lambda look: square("hat", look.hat, 0.6, side)
 
 
-def square(fabric: Fabric, wide: float, side: int) -> Material:
+def cord_paint(number: int) -> Paint:
+    """Of the cords of a hood, paler than the garment of that number."""
+    return lambda look: Material(0.5 * (np.array(look.garments[number][1].first, np.float32) + 0.7), name="hood cord")
+
+
+def square(name: str, fabric: Fabric, wide: float, side: int) -> Material:
     """A square of a fabric, `wide` metres, as a texture of `side` pixels."""
     u, v = np.meshgrid((np.arange(side) + 0.5) / side, (np.arange(side) + 0.5) / side)
-    return Material(texture=panels.coded(fabrics.weave(fabric, "front", wide * u, -0.5 * wide * v, wide / side)))
+    texture = panels.coded(fabrics.weave(fabric, "front", wide * u, -0.5 * wide * v, wide / side))
+    return Material(texture=texture, name=name)
 
 
 def hair_material(outfit: Outfit, what: str, side: int, seed: int) -> Material:
@@ -328,11 +336,11 @@ def hair_material(outfit: Outfit, what: str, side: int, seed: int) -> Material:
     greys."""
     color = np.array(outfit.hair_color)
     if what == "lashes":
-        return Material(color=(0.3 * np.minimum(color, 0.12)).astype(np.float32))
+        return Material((0.3 * np.minimum(color, 0.12)).astype(np.float32), name=what)
     if what == "brows":
         color = skin.brow_color(color)
     u, v = np.meshgrid((np.arange(side) + 0.5) / side, (np.arange(side) + 0.5) / side)
     pale = float(np.clip(color.mean() / 0.3, 0, 1))  # light hair varies less, in shares of its own albedo
     spread = 0.30 - 0.16 * pale
     streaks = fabrics.noise(u * 120, v * 5, seed) + 0.7 * fabrics.noise(u * 31, v * 3, seed + 1) - 0.85
-    return Material(texture=panels.coded(color * np.exp(2.4 * spread * streaks)[..., None]))
+    return Material(texture=panels.coded(color * np.exp(2.4 * spread * streaks)[..., None]), name=what)

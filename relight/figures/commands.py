@@ -32,23 +32,32 @@ def figures(
     texture: Annotated[int, typer.Option(min=64, help="Side of the largest texture in pixels.")] = 1024,
     per_subject: Annotated[int, typer.Option(min=1, help="Consecutive seeds that are one person, in poses.")] = 1,
     shading: Annotated[float, typer.Option(min=0, max=1, help="Bakes shading into the albedo, as scans have it.")] = 0,
+    sitting: Annotated[float, typer.Option(min=0, max=1, help="Share of the figures that sit.")] = 0.08,
+    pose: Annotated[list[str] | None, typer.Option(help="A pose; repeated, one of several is drawn.")] = None,
+    garment: Annotated[list[str] | None, typer.Option(help="A garment; repeated, all are worn together.")] = None,
+    hair: Annotated[list[str] | None, typer.Option(help="A hair style; repeated, one of several is drawn.")] = None,
+    names: Annotated[bool, typer.Option("--names", help="List all poses, garments and hair styles, and end.")] = False,
     device: Annotated[str, typer.Option(help="cpu, cuda or auto: where cloth is draped; bits depend on it.")] = "cpu",
     jobs: Annotated[int, typer.Option(min=1, help="Figures made at the same time, about 1 GB of memory each.")] = 1,
 ) -> None:
-    """Make clothed figures. A seed always makes the same figure; figures.csv tells who, in what, how.
+    """Make clothed figures. A seed always makes the same figure; figures.csv lists all figures of the folder.
 
-    A figure that is already in the folder is kept. What the figures are, and their licence: docs/figures.md.
+    A figure that is already in the folder is kept, unless it was made with other options. What the figures are, and
+    their licence: docs/figures.md.
     """
-    import csv
-    import json
     import multiprocessing
 
     from relight.figures.colliders import DEVICES
+    from relight.figures.constraints import GARMENTS, HAIR, POSES, Constraints
     from relight.figures.dress import DETAILS
     from relight.figures.export import FORMATS
-    from relight.files import UserError, atomic_write
+    from relight.files import UserError
     from relight.progress import progress
 
+    if names:
+        for what, known in (("poses", POSES), ("garments", GARMENTS), ("hair", HAIR)):
+            typer.echo(f"{what}: {', '.join(known)}")
+        return
     numbers = seeds_of(seeds)
     if export not in FORMATS:
         raise UserError(f"--export {export}: {' or '.join(FORMATS)}")
@@ -56,41 +65,68 @@ def figures(
         raise UserError(f"--detail {detail}: {' or '.join(DETAILS)}")
     if device not in DEVICES:
         raise UserError(f"--device {device}: {', '.join(DEVICES)}")
-    asked = [detail, texture, per_subject, shading, device]
-    tasks = [(seed, asked, out / f"g{seed:04d}.{export}") for seed in numbers]
+    settings = {
+        "detail": detail,
+        "texture": texture,
+        "per_subject": per_subject,
+        "shading": shading,
+        "device": device,
+        "constraints": Constraints(sitting, tuple(pose or ()), tuple(garment or ()), tuple(hair or ())),
+    }
+    tasks = [(seed, settings, out / f"g{seed:04d}.{export}") for seed in numbers]
     with multiprocessing.get_context("spawn").Pool(jobs) as pool:
-        rows = list(progress(pool.imap(one, tasks), "figures", total=len(tasks)))
-    failed = [str(row["error"]) for row in rows if "error" in row]
-    good = [row for row in rows if "error" not in row]
-    if good:
-        with atomic_write(out / "figures.csv") as tmp, open(tmp, "w", newline="") as file:
-            table = csv.writer(file)
-            table.writerow(good[0])
-            table.writerows([v if isinstance(v, str) else json.dumps(v) for v in row.values()] for row in good)
-    if failed:
-        raise UserError(f"{len(failed)} of {len(rows)} figures failed: {failed[0]}")
+        errors = [error for error in progress(pool.imap(make_one, tasks), "figures", total=len(tasks)) if error]
+    write_table(out)
+    if errors:
+        raise UserError(f"{len(errors)} of {len(tasks)} figures failed: {errors[0]}")
 
 
-def one(task: tuple[int, list, Path]) -> dict:
-    """Makes and writes one figure, unless it is there; returns its info, or {"error": why}."""
+def make_one(task: tuple[int, dict, Path]) -> str | None:
+    """Makes and writes one figure with its note (.json), unless both are there; returns why that failed, or None.
+
+    Args:
+        task: the seed, the arguments of `make_figure`, and the path of the figure.
+    """
     import json
+    from dataclasses import asdict
 
-    from relight.figures.dress import make_figure
-    from relight.figures.export import export
+    from relight.figures.dress import GENERATOR, make_figure
+    from relight.figures.export import LICENCE, export
     from relight.files import UserError, atomic_write
 
-    seed, asked, path = task
+    seed, settings, path = task
     note = path.with_suffix(".json")
+    plain = json.loads(json.dumps({**settings, "constraints": asdict(settings["constraints"])}))
     if path.is_file() and note.is_file():
-        info = json.loads(note.read_text())
-        if info.get("asked") == asked:
-            return info
+        known = json.loads(note.read_text())
+        if known.get("settings") == plain and known.get("generator") == GENERATOR:
+            return None
     try:
-        mesh = make_figure(seed, *asked)
-        mesh.info["asked"] = asked
+        mesh = make_figure(seed, **settings)
+        mesh.info |= {"licence": LICENCE, "settings": plain}
         export(mesh, path)
         with atomic_write(note) as tmp:
             tmp.write_text(json.dumps(mesh.info, indent=1) + "\n")
-        return mesh.info
     except UserError as error:
-        return {"error": str(error)}
+        return str(error)
+    return None
+
+
+def write_table(folder: Path) -> None:
+    """Writes figures.csv: a row for each figure of the folder, from all the notes that are there.
+
+    Columns that some notes lack are empty in their rows; lists and dictionaries are JSON.
+    """
+    import csv
+    import json
+
+    from relight.files import atomic_write
+
+    notes = [json.loads(path.read_text()) for path in sorted(folder.glob("g[0-9]*.json"))]
+    if not notes:
+        return
+    with atomic_write(folder / "figures.csv") as tmp, open(tmp, "w", newline="") as file:
+        table = csv.DictWriter(file, list(dict.fromkeys(key for note in notes for key in note)))
+        table.writeheader()
+        for note in notes:
+            table.writerow({k: v if isinstance(v, str) else json.dumps(v) for k, v in note.items()})

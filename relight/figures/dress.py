@@ -6,20 +6,21 @@ import numpy as np
 
 from relight.figures import colliders, gates
 from relight.figures.assembly import Builder, assemble
-from relight.figures.body import Expression, Person, build_body, sample_expression, sample_person
+from relight.figures.body import Expression, Person, build_body, sample_expression
 from relight.figures.clearance import cleared, room
-from relight.figures.outfits import Outfit, redressed, sample_outfit, suited
+from relight.figures.constraints import Constraints
+from relight.figures.outfits import Outfit, redressed, suited
 from relight.figures.poses import motion
 from relight.figures.shading import shaded
-from relight.figures.stances import Pose, sample_pose
+from relight.figures.stances import Pose
 from relight.figures.wear import DETAILS, Detail, wear
 from relight.files import UserError
 from relight.meshes import Mesh
 
 GENERATOR = 6  # raised when the same seed gives another figure
 ATTEMPTS = 6
-SITTING = 0.08  # share of the figures that sit
-SIT = 4  # draws after which a figure that was to sit may stand
+SIT = 4  # draws after which a figure that was to sit may stand, unless all are required to sit
+FREE = Constraints()
 SLOWER = 2  # times the frames to sit down: legs that swing so far leave trousers behind
 
 
@@ -31,16 +32,27 @@ def make_figure(
     shading: float = 0.0,
     device: str = "cpu",
     outfits: int = 1,
+    constraints: Constraints = FREE,
 ) -> Mesh:
-    """The figure of an integer seed, the same in every process on machines of one kind and with one device.
+    """Makes the figure of an integer seed, the same in every process on machines of one kind and with one device.
 
-    detail: draft (for maps up to 128 px) or full (1024 px); texture: side of the largest baked texture in pixels;
-    per_subject: n consecutive seeds, from a multiple of n on, are one person in one outfit, in n poses and
-    expressions; shading: strength in [0,1] of the shading that is baked into the albedo, as scans have it; device:
-    cpu | cuda | auto, where cloth is draped; outfits: in so many looks, its own and others of other fabrics, whose
-    materials are in the mesh's `outfits`. Returns a mesh in metres, y up, facing +z, standing on y = 0. Its info
-    holds name, subject, source, seed, generator version, traits, pose, garments, hair, shoes, what the gates
-    measured, and how often it was re-drawn. Raises UserError for a bad argument, and when no attempt passes the gates.
+    Args:
+        seed: 0 or more.
+        detail: draft (for maps up to 128 px) or full (1024 px).
+        texture: side of the largest texture in pixels, 64 or more.
+        per_subject: so many consecutive seeds, from a multiple of it on, are one person in one outfit, in as many poses
+            and expressions.
+        shading: strength in [0, 1] of the shading that is baked into the albedo, as scans have it.
+        device: cpu | cuda | auto, where cloth is draped.
+        outfits: in so many looks, its own and others of other fabrics, whose materials are in the mesh's `outfits`.
+        constraints: what is not left to chance.
+
+    Returns:
+        A mesh in metres, y up, facing +z, standing on y = 0. Its info has name, subject, source, seed, version of the
+        generator, traits, pose, garments, hair, shoes, what the gates measured, and how often it was drawn again.
+
+    Raises:
+        UserError: for a bad argument, and when no attempt passes the gates.
     """
     if detail not in DETAILS:
         raise UserError(f"figures.detail is {detail!r}; it must be one of {', '.join(DETAILS)}")
@@ -51,17 +63,18 @@ def make_figure(
     if outfits < 1:
         raise UserError(f"a figure needs outfits >= 1, not {outfits}")
     reasons: list[str] = []
-    sits = SITTING
+    sits = constraints.sitting
     for attempt in range(ATTEMPTS):
         with colliders.working(device):
-            draw = sample(seed, attempt, per_subject, sits)
+            draw = sample(seed, attempt, per_subject, sits, constraints)
             mesh, reason = attempt_figure(draw, seed, DETAILS[detail], texture, per_subject, outfits)
         if reason is None:
             mesh = shaded(mesh, shading)
             mesh.info |= {"detail": detail, "redrawn": attempt, "redrawn_because": reasons}
             return mesh
         reasons.append(reason)
-        sits = 1.0 if draw.pose.sitting and attempt + 1 < SIT else 0.0  # what is hard to dress is not drawn less for it
+        if constraints.sitting < 1:  # what is hard to dress is not drawn less for it
+            sits = 1.0 if draw.pose.sitting and attempt + 1 < SIT else 0.0
     raise UserError(f"no figure of seed {seed} passed the gates in {ATTEMPTS} attempts: {'; '.join(reasons)}")
 
 
@@ -80,14 +93,15 @@ class Draw:
     expression: Expression
 
 
-def sample(seed: int, attempt: int, per_subject: int, sits: float) -> Draw:
+def sample(seed: int, attempt: int, per_subject: int, sits: float, constraints: Constraints = FREE) -> Draw:
     """One draw, sitting with the probability `sits`. The person stays from attempt to attempt; pose and clothes change,
     and the pose only where others wear the same clothes."""
     subject = seed // per_subject
-    person = sample_person(np.random.default_rng([subject, 0]))
+    person = constraints.sample_person(np.random.default_rng([subject, 0]))
     rng = np.random.default_rng([subject, 1, attempt if per_subject == 1 else 0])
-    outfit = sample_outfit(rng, person)
-    pose = sample_pose(rng if per_subject == 1 else np.random.default_rng([seed, 2, attempt]), sits)
+    outfit = constraints.sample_outfit(rng, person)
+    moves = rng if per_subject == 1 else np.random.default_rng([seed, 2, attempt])
+    pose = constraints.sample_pose(moves, sits, outfit)
     return Draw(person, suited(outfit, pose), pose, sample_expression(np.random.default_rng([seed, 3])))
 
 

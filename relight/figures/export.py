@@ -1,4 +1,8 @@
-"""Figures for other programs: binary glTF with the textures inside."""
+"""Figures for other programs: binary glTF with the textures inside.
+
+trimesh writes glTF too, but rounds colours of materials and of vertices to 8 bits of linear light: an albedo of .0036,
+as of lashes, would come back as .0039. Here both are floats.
+"""
 
 import io
 import json
@@ -9,93 +13,139 @@ import numpy as np
 from PIL import Image
 
 from relight.files import UserError, atomic_write
-from relight.meshes import Mesh
+from relight.meshes import Material, Mesh, vertex_normals
 
 FORMATS = ("glb", "npz")
+LICENCE = "CC0-1.0"
+ASSET = {
+    "version": "2.0",
+    "generator": "relight",
+    "copyright": "No rights reserved: dedicated to the public domain under CC0 1.0",
+    "extras": {"license": LICENCE, "url": "https://creativecommons.org/publicdomain/zero/1.0/"},
+}
 FLOAT, UINT32 = 5126, 5125  # glTF 2.0, component types
 ARRAY, ELEMENT = 34962, 34963  # buffer targets
+ROUGHNESS = 0.9
 
 
 def corners(mesh: Mesh, number: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Vertices of the mesh (n,), uv (n,2) and faces (m,3) of one material, split where a vertex has several uv."""
-    mine = mesh.material == number
-    index, uv = mesh.faces[mine].reshape(-1), mesh.uv[mine].reshape(-1, 2)
+    """Splits the vertices of one material's faces where a vertex has several texture coordinates.
+
+    Args:
+        mesh: with F faces.
+        number: of the material.
+
+    Returns:
+        Vertices of the mesh (n,) and their uv (n,2); the material's faces (m,3) as indices into these.
+    """
+    chosen = mesh.material == number
+    index, uv = mesh.faces[chosen].reshape(-1), mesh.uv[chosen].reshape(-1, 2)
     key = np.column_stack([index.astype(np.int64), np.ascontiguousarray(uv, np.float32).view(np.int32)])
     _, first, inverse = np.unique(key, axis=0, return_index=True, return_inverse=True)
     return index[first], uv[first], inverse.reshape(-1, 3)
 
 
-def write_glb(mesh: Mesh, path: Path) -> None:
-    """Binary glTF 2.0: one node, a primitive and a double-sided matte material for each of the mesh's; the mesh's info
-    as `extras`. Units and frame are glTF's own: metres, y up, facing +z."""
-    from relight.meshes import vertex_normals
+class Document:
+    """A glTF document while it is written: its lists by name, and its binary data."""
 
-    normals = vertex_normals(mesh)
-    blob, views, accessors, primitives, materials, images = bytearray(), [], [], [], [], []
+    def __init__(self):
+        self.blob = bytearray()
+        self.lists: dict[str, list[dict]] = {}
+        self._textures: dict[bytes, int] = {}
 
-    def view(data: bytes, target: int | None) -> int:
-        blob.extend(b"\0" * (-len(blob) % 4))
-        views.append(
-            {"buffer": 0, "byteOffset": len(blob), "byteLength": len(data)} | ({"target": target} if target else {})
-        )
-        blob.extend(data)
-        return len(views) - 1
+    def append(self, name: str, entry: dict) -> int:
+        """Appends an entry to a list of the document, "meshes" or "nodes", and returns its index there."""
+        entries = self.lists.setdefault(name, [])
+        entries.append(entry)
+        return len(entries) - 1
 
-    def accessor(array: np.ndarray, kind: str, component: int, target: int) -> int:
-        record = {
-            "bufferView": view(array.tobytes(), target),
-            "componentType": component,
-            "count": len(array),
-            "type": kind,
-        }
+    def view(self, data: bytes, target: int | None = None) -> int:
+        """Appends binary data, and returns the index of its buffer view."""
+        self.blob.extend(b"\0" * (-len(self.blob) % 4))
+        entry = {"buffer": 0, "byteOffset": len(self.blob), "byteLength": len(data)}
+        self.blob.extend(data)
+        return self.append("bufferViews", entry | ({"target": target} if target else {}))
+
+    def accessor(self, array: np.ndarray, kind: str, component: int, target: int) -> int:
+        """Appends an array, and returns the index of its accessor. kind: of an element, such as VEC3."""
+        view = self.view(array.tobytes(), target)
+        entry = {"bufferView": view, "componentType": component, "count": len(array), "type": kind}
         if kind == "VEC3":
-            record |= {"min": array.min(0).tolist(), "max": array.max(0).tolist()}
-        accessors.append(record)
-        return len(accessors) - 1
+            entry |= {"min": array.min(0).tolist(), "max": array.max(0).tolist()}
+        return self.append("accessors", entry)
 
+    def texture(self, pixels: np.ndarray) -> int:
+        """Returns the index of a texture (H,W,3) uint8, which is appended unless one with the same pixels is there."""
+        file = io.BytesIO()
+        Image.fromarray(pixels).save(file, "png", compress_level=6)
+        data = file.getvalue()
+        if data not in self._textures:
+            image = self.append("images", {"bufferView": self.view(data), "mimeType": "image/png"})
+            self._textures[data] = self.append("textures", {"source": image})
+        return self._textures[data]
+
+    def material(self, material: Material) -> int:
+        """Appends a double-sided matt material, and returns its index."""
+        surface = {
+            "baseColorFactor": [*map(float, material.color), 1.0],
+            "metallicFactor": 0.0,
+            "roughnessFactor": ROUGHNESS,
+        }
+        if material.texture is not None:
+            surface["baseColorTexture"] = {"index": self.texture(material.texture)}
+        named = {"name": material.name} if material.name else {}
+        return self.append("materials", named | {"pbrMetallicRoughness": surface, "doubleSided": True})
+
+    def write(self, path: Path, root: int) -> None:
+        """Writes the document, whole or not at all. root: the node of the scene."""
+        self.blob.extend(b"\0" * (-len(self.blob) % 4))
+        head = {"asset": ASSET, "scene": 0, "scenes": [{"nodes": [root]}], "buffers": [{"byteLength": len(self.blob)}]}
+        text = json.dumps(head | self.lists).encode()
+        text += b" " * (-len(text) % 4)
+        chunks = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(self.blob), 0x004E4942)
+        with atomic_write(path) as tmp:
+            tmp.write_bytes(struct.pack("<III", 0x46546C67, 2, 12 + len(chunks) + len(self.blob)) + chunks + self.blob)
+
+
+def write_glb(mesh: Mesh, path: Path) -> None:
+    """Writes binary glTF 2.0: a node named after the figure, and below it one for each material, named alike.
+
+    Units and frame are glTF's own: metres, y up, facing +z. The upper node's `extras` are the mesh's info, the asset's
+    the licence.
+
+    Args:
+        mesh: a generated figure, in its own outfit.
+        path: of the .glb.
+    """
+    normals, document, parts = vertex_normals(mesh), Document(), []
     for number, material in enumerate(mesh.materials):
         index, uv, faces = corners(mesh, number)
         if not len(faces):
             continue
-        surface = {"baseColorFactor": [*map(float, material.color), 1.0], "metallicFactor": 0.0, "roughnessFactor": 0.9}
-        if material.texture is not None:
-            picture = io.BytesIO()
-            Image.fromarray(material.texture).save(picture, "png", compress_level=6)
-            images.append({"bufferView": view(picture.getvalue(), None), "mimeType": "image/png"})
-            surface["baseColorTexture"] = {"index": len(images) - 1}
-        materials.append({"pbrMetallicRoughness": surface, "doubleSided": True})
         attributes = {
-            "POSITION": accessor(mesh.vertices[index].astype(np.float32), "VEC3", FLOAT, ARRAY),
-            "NORMAL": accessor(normals[index].astype(np.float32), "VEC3", FLOAT, ARRAY),
-            "TEXCOORD_0": accessor(np.stack([uv[:, 0], 1 - uv[:, 1]], 1).astype(np.float32), "VEC2", FLOAT, ARRAY),
+            "POSITION": document.accessor(mesh.vertices[index].astype(np.float32), "VEC3", FLOAT, ARRAY),
+            "NORMAL": document.accessor(normals[index].astype(np.float32), "VEC3", FLOAT, ARRAY),
+            "TEXCOORD_0": document.accessor(
+                np.stack([uv[:, 0], 1 - uv[:, 1]], 1).astype(np.float32), "VEC2", FLOAT, ARRAY
+            ),
         }
         if mesh.color is not None:
-            attributes["COLOR_0"] = accessor(mesh.color[index].astype(np.float32), "VEC3", FLOAT, ARRAY)
-        triangles = accessor(faces.astype(np.uint32).reshape(-1), "SCALAR", UINT32, ELEMENT)
-        primitives.append({"attributes": attributes, "indices": triangles, "material": len(materials) - 1})
-    scene = {
-        "asset": {"version": "2.0", "generator": "relight"},
-        "scene": 0,
-        "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0, "name": mesh.info.get("name", "figure"), "extras": mesh.info}],
-        "meshes": [{"primitives": primitives}],
-        "materials": materials,
-        "accessors": accessors,
-        "bufferViews": views,
-        "buffers": [{"byteLength": len(blob) + (-len(blob) % 4)}],
-    }
-    if images:
-        scene |= {"images": images, "textures": [{"source": i} for i in range(len(images))]}
-    text = json.dumps(scene).encode()
-    text += b" " * (-len(text) % 4)
-    blob.extend(b"\0" * (-len(blob) % 4))
-    with atomic_write(path) as tmp:
-        chunks = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(blob), 0x004E4942) + blob
-        tmp.write_bytes(struct.pack("<III", 0x46546C67, 2, 12 + len(chunks)) + chunks)
+            attributes["COLOR_0"] = document.accessor(mesh.color[index].astype(np.float32), "VEC3", FLOAT, ARRAY)
+        triangles = document.accessor(faces.astype(np.uint32).reshape(-1), "SCALAR", UINT32, ELEMENT)
+        primitive = {"attributes": attributes, "indices": triangles, "material": document.material(material)}
+        name = material.name or f"part {number}"
+        part = document.append("meshes", {"name": name, "primitives": [primitive]})
+        parts.append(document.append("nodes", {"name": name, "mesh": part}))
+    root = {"name": mesh.info.get("name", "figure"), "children": parts, "extras": mesh.info}
+    document.write(path, document.append("nodes", root))
 
 
 def export(mesh: Mesh, path: Path) -> None:
-    """Writes .glb or relight's own .npz, by the suffix."""
+    """Writes a figure as .glb, or as relight's own .npz.
+
+    Raises:
+        UserError: for another suffix.
+    """
     kind = path.suffix[1:].lower()
     if kind not in FORMATS:
         raise UserError(f"{path}: figures are written as {' or '.join(FORMATS)}")

@@ -1,5 +1,6 @@
 """Who wears what: an outfit drawn for a person, from the skin outward, with fabrics, footwear, hair and make-up."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -128,8 +129,14 @@ def pick(rng: np.random.Generator, *names: str) -> Garment:
     return tailored(rng, by_name[str(rng.choice(names))])
 
 
-def sample_outfit(rng: np.random.Generator, person: Person) -> Outfit:
-    """Draws an outfit. Skirts and dresses go to women, beards to men; all else is shared."""
+def sample_outfit(rng: np.random.Generator, person: Person, styles: Collection[str] = ()) -> Outfit:
+    """Draws an outfit. Skirts and dresses go to women, beards to men; all else is shared.
+
+    Args:
+        rng: the source of chance.
+        person: who wears it.
+        styles: names of the hair styles to draw from, of which the person has at least one; all where it is empty.
+    """
     woman = person.female > 0.5
     draw = rng.random()
     worn: list[Garment] = []
@@ -177,7 +184,7 @@ def sample_outfit(rng: np.random.Generator, person: Person) -> Outfit:
     shoe = SHOES[int(rng.choice(len(SHOES), p=shoe_odds(woman, worn)))]
     upper = shoe_color(rng, shoe)
     pale = "sneaker" in shoe.name and rng.random() < 0.75
-    style = STYLES[int(rng.choice(len(STYLES), p=hair_odds(woman, person)))]
+    style = STYLES[int(rng.choice(len(STYLES), p=hair_odds(woman, person, styles)))]
     return Outfit(
         garments=cloths,
         shoe=shoe,
@@ -234,7 +241,8 @@ def shoe_odds(woman: bool, worn: list[Garment]) -> np.ndarray:
     return weights / weights.sum()
 
 
-def hair_odds(woman: bool, person: Person) -> np.ndarray:
+def hair_odds(woman: bool, person: Person, styles: Collection[str] = ()) -> np.ndarray:
+    """Probability of each of STYLES (S,), of those with one of the names if there are any; all 0 where none fits."""
     men = {
         "bald": 1 + max(0, person.age - 35) / 20,
         "shaved": 1.6,
@@ -260,8 +268,8 @@ def hair_odds(woman: bool, person: Person) -> np.ndarray:
     odds = women if woman else men
     if person.ancestry[0] > 0.5:
         odds |= {"afro": 2, "curly": 2, "long": 0.5, "wavy long": 0.7, "quiff": 0.2, "side part": 0.2}
-    weights = np.array([odds.get(style.name, 0.0) for style in STYLES])
-    return weights / weights.sum()
+    weights = np.array([odds.get(style.name, 0.0) * (not styles or style.name in styles) for style in STYLES])
+    return weights / max(weights.sum(), np.finfo(float).tiny)
 
 
 def hair_color(rng: np.random.Generator, person: Person) -> tuple[float, float, float]:

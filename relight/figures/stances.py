@@ -1,5 +1,6 @@
 """The library of stances, standing and sitting, and how one is drawn and varied."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -214,10 +215,18 @@ SITTING = (
 )
 
 
-def sample_pose(rng: np.random.Generator, sitting: float = 0.0) -> Pose:
-    """A standing pose, or a sitting one with the given probability, possibly mirrored, then varied."""
-    library = SITTING if rng.random() < sitting else STANDING
-    return varied(library[rng.integers(len(library))], rng)
+def sample_pose(rng: np.random.Generator, sitting: float = 0.0, names: Collection[str] = ()) -> Pose:
+    """Draws a pose and varies it, mirrored half of the time.
+
+    Args:
+        rng: the source of chance.
+        sitting: probability of a pose that sits.
+        names: of the poses to draw from; all where it is empty. Where all of them stand, or all sit, so does the pose.
+    """
+    library = [pose for pose in (*STANDING, *SITTING) if not names or pose.name in names]
+    sits = rng.random() < sitting
+    drawn = [pose for pose in library if pose.sitting == sits] or library
+    return varied(drawn[rng.integers(len(drawn))], rng)
 
 
 def varied(pose: Pose, rng: np.random.Generator) -> Pose:

@@ -15,6 +15,7 @@ MIN_KEPT = 0.5  # of the surface: a mesh of which less is left was no figure
 MAIN_PART = 0.5  # least share of the surface of a part that is most of the figure
 MIN_SOLIDITY = 0.1  # of a part that has an inside; hair cards and collars have about 0
 MAX_LOST = 0.1  # of the faces, without area, before the figure is warned of
+FINDINGS = ("seam vertices", "holes", "boundary edges", "parts")  # are counted, and change neither shape nor albedo
 
 
 def clean(mesh: Mesh, settings: Clean) -> Mesh:
@@ -108,7 +109,9 @@ def _repair(mesh: Mesh, close_holes: int, repairs: dict[str, int]) -> Mesh:
         return work.current_mesh().face_number()
 
     work.meshing_remove_duplicate_vertices()
-    repairs["duplicate vertices"] = len(mesh.vertices) - work.current_mesh().vertex_number()
+    merged = len(mesh.vertices) - work.current_mesh().vertex_number()
+    repairs["seam vertices"] = _seam_vertices(mesh)
+    repairs["duplicate vertices"] = merged - repairs["seam vertices"]
     work.meshing_remove_null_faces()
     repairs["faces without area"] = len(mesh.faces) - face_count()
     work.meshing_remove_duplicate_faces()
@@ -155,6 +158,20 @@ def _repair(mesh: Mesh, close_holes: int, repairs: dict[str, int]) -> Mesh:
     changed = np.zeros(len(mesh.faces), bool)
     changed[: len(after)] = (before != after).any(axis=1)
     return _oriented(mesh, changed, repairs)
+
+
+def _seam_vertices(mesh: Mesh) -> int:
+    """Returns how many vertices repeat the place of another one only to have other texture coordinates or material.
+
+    Formats with one uv and one material for each vertex, such as glTF, split vertices at seams: that is no damage.
+    """
+    place = np.unique(mesh.vertices + 0.0, axis=0, return_inverse=True)[1].reshape(-1)  # + 0.0: no negative zeros
+    low, high = np.full((len(place), 2), np.inf), np.full((len(place), 2), -np.inf)
+    np.minimum.at(low, mesh.faces, mesh.uv)
+    np.maximum.at(high, mesh.faces, mesh.uv)
+    material = np.zeros(len(place))
+    material[mesh.faces] = mesh.material[:, None]
+    return len(np.unique(np.column_stack([place, low, high, material]), axis=0)) - int(place.max(initial=-1)) - 1
 
 
 def _split_non_manifold_edges(mesh):

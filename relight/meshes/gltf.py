@@ -122,16 +122,16 @@ def _material(gltf: Gltf, number: int | None) -> tuple[Material, np.ndarray, int
     legacy = entry.get("extensions", {}).get("KHR_materials_pbrSpecularGlossiness", {})
     factor = base.get("baseColorFactor", legacy.get("diffuseFactor", (1, 1, 1, 1)))
     slot = base.get("baseColorTexture", legacy.get("diffuseTexture"))
-    color = np.array(factor[:3], np.float32)
+    color, name = np.array(factor[:3], np.float32), str(entry.get("name", ""))
     if slot is None:
-        return Material(color), placement, 0
+        return Material(color, name=name), placement, 0
     moved = slot.get("extensions", {}).get("KHR_texture_transform", {})
     if moved:
         c, s = np.cos(moved.get("rotation", 0)), np.sin(moved.get("rotation", 0))
         placement = np.array([[c, s], [-s, c]]) * np.array(moved.get("scale", (1, 1)))
         placement = np.concatenate([placement, np.array(moved.get("offset", (0, 0)))[:, None]], axis=1)
     channel = moved.get("texCoord", slot.get("texCoord", 0))
-    return Material(color, _texture(gltf, slot["index"])), placement, channel
+    return Material(color, _texture(gltf, slot["index"]), name), placement, channel
 
 
 def _texture(gltf: Gltf, index: int) -> np.ndarray:

@@ -17,10 +17,12 @@ class Material:
     Attributes:
         color: (3,) linear RGB in [0,1].
         texture: (H,W,3) uint8 sRGB, row 0 at the top, or None; uv (0,0) is its bottom left corner, as in OBJ.
+        name: what the surface is, "skin" or "jeans"; "" where a file does not say.
     """
 
     color: np.ndarray = field(default_factory=lambda: np.ones(3, np.float32))
     texture: np.ndarray | None = None
+    name: str = ""
 
 
 @dataclass
@@ -62,7 +64,7 @@ class Mesh:
         for outfit, materials in enumerate([dict(enumerate(self.materials)), *self.outfits]):
             for i, material in materials.items():
                 name = f"{i}.{outfit}" if outfit else f"{i}"
-                arrays[f"color{name}"] = material.color
+                arrays[f"color{name}"], arrays[f"name{name}"] = material.color, np.array(material.name)
                 if material.texture is not None:
                     arrays[f"texture{name}"] = material.texture
         counts = {"count": np.array(len(self.materials)), "outfits": np.array(len(self.outfits))}
@@ -88,4 +90,4 @@ class Mesh:
 
 def _material(data: dict[str, np.ndarray], name: str) -> Material:
     """Returns the material that `Mesh.save` wrote under this name."""
-    return Material(data[f"color{name}"], data.get(f"texture{name}"))
+    return Material(data[f"color{name}"], data.get(f"texture{name}"), str(data.get(f"name{name}", "")))

@@ -10,6 +10,7 @@ from relight.stages.step import step
 
 @stage("figure", figure="g and a seed, such as g0012", out="mesh record (.npz)")
 def main(figures: Figures, figure: Path, out: Path) -> None:
+    from relight.figures.constraints import Constraints
     from relight.figures.dress import make_figure, subject_of
 
     name = figure.name
@@ -18,8 +19,17 @@ def main(figures: Figures, figure: Path, out: Path) -> None:
     seed = int(name[1:])
 
     def make():
-        asked = [figures.detail, figures.texture, figures.per_subject, figures.shading, figures.device]
-        mesh = make_figure(seed, *asked, outfits=figures.outfits)
+        names = (tuple(names) for names in (figures.poses, figures.garments, figures.hair))
+        mesh = make_figure(
+            seed,
+            figures.detail,
+            figures.texture,
+            figures.per_subject,
+            figures.shading,
+            figures.device,
+            figures.outfits,
+            Constraints(figures.sitting, *names),
+        )
         mesh.info.update(name=name, axes={"up": "+y", "front": "+z"})
         return mesh
 

@@ -125,14 +125,17 @@ def _cleaned_and_aligned(mesh, up: str, front: str, padding: float):
 
     from relight.config import composed
     from relight.meshes import align, clean
+    from relight.meshes.cleaning import FINDINGS
 
     cfg = composed()
     settings = replace(OmegaConf.to_object(cfg.align), up=up, front=front, padding=padding)
     cleaned = clean(mesh, OmegaConf.to_object(cfg.clean))
-    repairs = {name: count for name, count in cleaned.info.get("repairs", {}).items() if count}
-    if repairs:
-        counts = ", ".join(f"{name} {count}" for name, count in repairs.items())
-        typer.echo(f"{mesh.info['name']}: repaired ({counts})", err=True)
+    found = cleaned.info["repairs"]
+    repaired = {name: count for name, count in found.items() if name not in FINDINGS}
+    for word, counts in (("repaired", repaired), ("found", {k: v for k, v in found.items() if k not in repaired})):
+        if counts:
+            text = ", ".join(f"{name} {count}" for name, count in counts.items())
+            typer.echo(f"{mesh.info['name']}: {word} ({text})", err=True)
     aligned = align(cleaned, settings)
     for note in aligned.info["warnings"][len(mesh.info.get("warnings", [])) :]:  # those of the file are told
         typer.echo(f"{mesh.info['name']}: {note}", err=True)

@@ -75,6 +75,26 @@ def test_separate_triangles_are_connected(person):
     np.testing.assert_array_equal(corners(result), corners(mesh))
 
 
+def test_vertices_that_are_split_at_seams_are_merged_and_are_no_damage(person):
+    """What glTF needs, which has one uv for each vertex."""
+    mesh = person()
+    chart = np.flatnonzero(mesh.material == 0)[:40]
+    uv = mesh.uv.copy()
+    uv[chart] += 3
+    split = merged(
+        mesh,
+        vertices=mesh.vertices[mesh.faces].reshape(-1, 3),
+        color=mesh.color[mesh.faces].reshape(-1, 3),
+        faces=np.arange(mesh.faces.size, dtype=np.int32).reshape(-1, 3),
+        uv=uv,
+    )
+    result = clean(split, PLAIN)
+    seam = len(np.intersect1d(mesh.faces[chart], np.delete(mesh.faces, chart, axis=0)))
+    assert len(result.vertices) == len(mesh.vertices)
+    assert result.info["repairs"]["seam vertices"] == seam > 10
+    assert result.info["repairs"]["duplicate vertices"] == mesh.faces.size - len(mesh.vertices) - seam
+
+
 def test_duplicate_faces_are_dropped_in_either_orientation(person):
     mesh = person()
     double = with_faces(with_vertices(mesh, mesh.vertices), mesh.faces[:, ::-1] + len(mesh.vertices))

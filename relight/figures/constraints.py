@@ -1,0 +1,135 @@
+"""What a user fixes of figures, and the draws that satisfy it: pose, clothes and hair that are not left to chance."""
+
+import difflib
+from collections.abc import Collection
+from dataclasses import dataclass
+
+import numpy as np
+
+from relight.figures import wardrobe
+from relight.figures.body import Person, sample_person
+from relight.figures.hair import STYLES
+from relight.figures.outfits import Outfit, hair_odds, sample_outfit, suited
+from relight.figures.scarves import SCARVES
+from relight.figures.stances import SITTING, STANDING, Pose, sample_pose
+from relight.files import UserError
+
+PEOPLE = 40  # drawn, at most, until one may wear what is required
+OUTFITS = 80  # drawn for each of them: with these the rarest garment is found on one person of two
+POSES = [pose.name for pose in (*STANDING, *SITTING)]
+GARMENTS = [
+    garment.name
+    for library in (
+        wardrobe.TOPS,
+        wardrobe.OUTER,
+        wardrobe.BOTTOMS,
+        wardrobe.SKIRTS,
+        wardrobe.DRESSES,
+        wardrobe.ROBES,
+        SCARVES,
+    )
+    for garment in library
+]
+HAIR = [style.name for style in STYLES]
+
+
+@dataclass(frozen=True)
+class Constraints:
+    """What is fixed of figures. Without any, a seed's figure is the one that it has always been.
+
+    Attributes:
+        sitting: share of the figures that sit, in [0, 1].
+        poses: names of stances, one of which each figure takes; empty for all.
+        garments: names of garments, all of which each figure wears together; empty for any.
+        hair: names of styles, one of which each figure has; empty for all.
+    """
+
+    sitting: float = 0.08
+    poses: tuple[str, ...] = ()
+    garments: tuple[str, ...] = ()
+    hair: tuple[str, ...] = ()
+
+    def __post_init__(self):
+        """Raises UserError for a share outside [0, 1], and for unknown names."""
+        if not 0 <= self.sitting <= 1:
+            raise UserError(f"the share of figures that sit must lie in [0, 1], not {self.sitting}")
+        for what, names, known in (
+            ("pose", self.poses, POSES),
+            ("garment", self.garments, GARMENTS),
+            ("hair style", self.hair, HAIR),
+        ):
+            for name in names:
+                check_name(what, name, known)
+
+    def sample_person(self, rng: np.random.Generator) -> Person:
+        """Draws people until one may have the hair and wear the garments.
+
+        Args:
+            rng: the source of chance. Without constraints on clothes and hair the first person is taken.
+
+        Raises:
+            UserError: if none of PEOPLE may, as where two garments are never worn together.
+        """
+        for _ in range(PEOPLE):
+            person = sample_person(rng)
+            if self._has_hair(person) and (not self.garments or self._fitting(rng, person) is not None):
+                return person
+        raise UserError(f"nobody of {PEOPLE} people who were drawn would have {self._words()}")
+
+    def sample_outfit(self, rng: np.random.Generator, person: Person) -> Outfit:
+        """Draws outfits until one has the garments, and hair of one of the styles.
+
+        Args:
+            rng: the source of chance. Without constraints on clothes the first outfit is taken.
+            person: who wears it, drawn by `sample_person`.
+
+        Raises:
+            UserError: if none of PEOPLE x OUTFITS has the garments.
+        """
+        for _ in range(PEOPLE):
+            if (outfit := self._fitting(rng, person)) is not None:
+                return outfit
+        raise UserError(f"no outfit of {PEOPLE * OUTFITS} that were drawn has {self._words()}")
+
+    def sample_pose(self, rng: np.random.Generator, sitting: float, outfit: Outfit) -> Pose:
+        """Draws poses until one leaves the garments on: long coats come off to sit, scarves where arms are crossed.
+
+        Args:
+            rng: the source of chance. Without constraints the first pose is taken.
+            sitting: probability of a pose that sits.
+            outfit: drawn by `sample_outfit`.
+
+        Raises:
+            UserError: if none of PEOPLE leaves them on.
+        """
+        for _ in range(PEOPLE):
+            pose = sample_pose(rng, sitting, self.poses)
+            if self._holds(suited(outfit, pose)):
+                return pose
+        raise UserError(f"no pose of {PEOPLE} that were drawn can be taken in {self._words()}")
+
+    def _has_hair(self, person: Person) -> bool:
+        return bool(hair_odds(person.female > 0.5, person, self.hair).any())
+
+    def _fitting(self, rng: np.random.Generator, person: Person) -> Outfit | None:
+        """Returns the first of OUTFITS draws that has the garments, or None."""
+        for _ in range(OUTFITS):
+            outfit = sample_outfit(rng, person, self.hair)
+            if self._holds(outfit):
+                return outfit
+        return None
+
+    def _holds(self, outfit: Outfit) -> bool:
+        return {garment.name for garment, _ in outfit.garments}.issuperset(self.garments)
+
+    def _words(self) -> str:
+        """The required garments and styles, for messages."""
+        return " and ".join([*self.garments, *([f"{' or '.join(self.hair)} hair"] if self.hair else [])])
+
+
+def check_name(what: str, name: str, known: Collection[str]) -> None:
+    """Raises UserError for a name that is none of the known ones; it says what comes closest, and what there is."""
+    if name not in known:
+        close = difflib.get_close_matches(name, known, 1)
+        hint = f"did you mean {close[0]!r}? " if close else ""
+        raise UserError(f"no {what} is called {name!r}; {hint}there are {', '.join(known)}")
