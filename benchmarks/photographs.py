@@ -29,9 +29,9 @@ from relight.learning.data import RelitSet, read_split
 from relight.sh import cosine_factors, per_coefficient
 
 KINDS = {
-    "as relit": ["augment=none"],
-    "photographs": ["augment=photo", "augment.tint=0", "augment.recolour=0", "augment.prints=0"],
-    "and tints": ["augment=photo"],
+    "as relit": ["train.color=photo", "augment=none"],
+    "photographs": ["train.color=photo", "augment=photo", "augment.tint=0", "augment.recolour=0", "augment.prints=0"],
+    "and tints": ["train.color=photo", "augment=photo"],
 }
 SEEN = 3  # lights for each figure
 COLUMNS = ("light", "light*", "albedo", "albedo*", "transport", "shading", "shading*")

@@ -144,9 +144,9 @@ class Loss:
     shading: float = MISSING  # each of the three
     reconstruction: float = MISSING  # each of the six partial combinations
     reconstruction_full: float = MISSING
-    gradient_albedo: float = MISSING  # of the error's differences between neighbours
-    gradient_transport: float = MISSING
-    gradient_shading: float = MISSING  # under the true light
+    detail_albedo: float = MISSING  # energy of the error's detail over that of the truth's
+    detail_transport: float = MISSING
+    detail_shading: float = MISSING  # under the true light
     tv_reference: int = MISSING  # pixels; the weight of tv_transport is multiplied by size / tv_reference
     reduction: str = MISSING  # image | mask
 

@@ -6,6 +6,8 @@ network's coded albedo is relit. Floats keep their type.
 
 import numpy as np
 
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear Rec. 709
+
 
 def encode(linear: np.ndarray) -> np.ndarray:
     """Returns the codes in [0,1] of linear values of any shape, which are clipped to [0,1]."""

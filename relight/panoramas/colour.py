@@ -2,7 +2,8 @@
 
 import numpy as np
 
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear Rec. 709
+from relight.srgb import LUMINANCE
+
 # Linear Rec. 709 from CIE XYZ with white at D65 (ITU-R BT.709).
 FROM_XYZ = np.array([[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]])
 

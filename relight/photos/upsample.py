@@ -15,6 +15,7 @@ import numpy as np
 from scipy.ndimage import binary_erosion, distance_transform_edt, maximum_filter, minimum_filter, uniform_filter
 
 from relight.photos.frame import Frame
+from relight.srgb import LUMINANCE
 
 RADIUS = 2  # of a window, pixels of the square
 RIM = 1  # pixels of the square along the silhouette
@@ -22,7 +23,6 @@ NEAR = 5  # width of the square in which the inside beside the rim is looked at
 SLACK = 0.5
 SMOOTH = 1e-3  # variance of the guide under which a window counts as flat: texture that weak is not copied
 ALIKE = 1e-4  # the same for a map that is as fine as the photo: albedo
-LUMA = np.array([0.2126, 0.7152, 0.0722], np.float32)
 
 
 class Guide:
@@ -130,4 +130,4 @@ def root(linear: np.ndarray) -> np.ndarray:
 
 def luma(guide: np.ndarray) -> np.ndarray:
     """(...,3) -> (...,1)."""
-    return (guide @ LUMA)[..., None]
+    return (guide @ LUMINANCE.astype(np.float32))[..., None]

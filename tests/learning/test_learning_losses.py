@@ -9,7 +9,7 @@ import torch
 import yaml
 
 from relight.learning.data import RelitSet
-from relight.learning.losses import losses, weights
+from relight.learning.losses import LEVEL, OCTAVES, losses, weights
 from relight.sh import unoccluded
 
 FIFTEEN = {
@@ -19,7 +19,7 @@ FIFTEEN = {
     *("reconstruction_albedo_transport", "reconstruction_albedo_light", "reconstruction_transport_light"),
     "reconstruction_full",
 }
-GRADIENTS = {"gradient_albedo", "gradient_transport", "gradient_shading"}
+DETAILS = {"detail_albedo", "detail_transport", "detail_shading"}
 CONF = Path(__file__).parents[2] / "conf" / "loss"
 
 
@@ -44,7 +44,7 @@ def inferred(batch, name: str = "ours") -> dict[str, torch.Tensor]:
 
 
 def by_hand(outputs: dict, batch, reduction: str) -> dict[str, float]:
-    """All losses by loops over images, pixels, channels and coefficients: paper sections 3 and 4, and gradients."""
+    """All losses by loops over images, pixels, channels and coefficients: paper sections 3 and 4, and detail."""
     size = batch.size
 
     def image(tensor: torch.Tensor) -> np.ndarray:
@@ -56,12 +56,8 @@ def by_hand(outputs: dict, batch, reduction: str) -> dict[str, float]:
     if "transport" not in own:
         own["transport"] = unoccluded(own["normal"], 2) * own.get("ao", np.ones(1))
     light = {"true": batch.light.double().numpy(), "own": outputs["light"].numpy()}
-    sums = dict.fromkeys(FIFTEEN | GRADIENTS | set(own), 0.0)
+    sums = dict.fromkeys(FIFTEEN | DETAILS | set(own), 0.0)
     channels = {"albedo": 3, "transport": 9, "normal": 3, "ao": 1, "tv_albedo": 3, "tv_transport": 9}
-    channels |= {"gradient_transport": 9}
-    errors = {key: own[key] - true[key] for key in ("albedo", "transport")}
-    lit = (np.clip(np.einsum("bijk,bkc->bijc", x["transport"], light["true"]), 0, 10) for x in (own, true))
-    errors["shading"] = next(lit) - next(lit)
     for b, i, j in itertools.product(range(2), range(size), range(size)):
         if not mask[b, i, j]:
             continue
@@ -74,9 +70,6 @@ def by_hand(outputs: dict, batch, reduction: str) -> dict[str, float]:
                 for c in range(channels[key]):
                     here = own[key][b, i, j, c]
                     sums[f"tv_{key}"] += abs(own[key][b, i, j + 1, c] - here) + abs(own[key][b, i + 1, j, c] - here)
-            for key, error in errors.items():
-                right, below = error[b, i, j + 1] - error[b, i, j], error[b, i + 1, j] - error[b, i, j]
-                sums[f"gradient_{key}"] += np.abs(right).sum() + np.abs(below).sum()
         for c in range(3):
             shading = {}
             for t, l in itertools.product(("true", "own"), repeat=2):
@@ -95,7 +88,32 @@ def by_hand(outputs: dict, batch, reduction: str) -> dict[str, float]:
                     sums[f"reconstruction_{name}"] += abs(albedo * shading[t, l] - picture)
     pixels = 2 * size**2 if reduction == "image" else mask.sum()
     means = {key: value / (pixels * channels.get(key, 3)) for key, value in sums.items()}
+    for maps in (own, true):
+        maps["shading"] = np.clip(np.einsum("bijk,bkc->bijc", maps["transport"], light["true"]), 0, 10)
+    means |= {key: detail_by_hand(own[key[7:]], true[key[7:]], mask) for key in DETAILS}
     return means | {"light": np.abs(light["own"] - light["true"]).mean()}
+
+
+def detail_by_hand(own: np.ndarray, true: np.ndarray, mask: np.ndarray) -> float:
+    """Energies of detail from the mean of every square of 2^k pixels, for each pixel of the mask by itself."""
+    octaves = min(OCTAVES, int(np.log2(mask.shape[1])))
+
+    def energy(values: np.ndarray, inside: np.ndarray, k: int) -> float:
+        total = 0.0
+        for i, j in zip(*np.nonzero(inside)):
+            means = []
+            for side in (2**k, 2 ** (k + 1)):
+                part = tuple(slice(at // side * side, at // side * side + side) for at in (i, j))
+                means.append(values[part][inside[part]].mean(0))
+            total += ((means[0] - means[1]) ** 2).sum()
+        return total
+
+    ratios = []
+    for k, b in itertools.product(range(octaves), range(len(mask))):
+        level = LEVEL**2 * (true[b][mask[b]] ** 2).sum()
+        wrong = energy(own[b] - true[b], mask[b], k)
+        ratios.append(wrong / (energy(true[b], mask[b], k) + level))
+    return float(np.mean(ratios))
 
 
 @pytest.mark.parametrize("name", ["ours", "sfsnet", "sfsnet_ao"])
@@ -103,13 +121,13 @@ def by_hand(outputs: dict, batch, reduction: str) -> dict[str, float]:
 def test_against_the_formulas(tiny_world, loss, name, reduction):
     batch = batch_of(tiny_world)
     outputs = inferred(batch, name)
-    found = losses(outputs, batch, loss(reduction=reduction, **dict.fromkeys(GRADIENTS, 1.0)))
+    found = losses(outputs, batch, loss(reduction=reduction, **dict.fromkeys(DETAILS, 1.0)))
     expected = by_hand(outputs, batch, reduction)
     if name == "ours":
-        assert set(found) == FIFTEEN | GRADIENTS
+        assert set(found) == FIFTEEN | DETAILS
     else:
         own = {"normal"} if name == "sfsnet" else {"normal", "ao"}
-        assert set(found) == FIFTEEN - {"transport"} | GRADIENTS | own
+        assert set(found) == FIFTEEN - {"transport"} | DETAILS | own
     for key, value in found.items():
         assert value.item() == pytest.approx(expected[key], rel=1e-6, abs=1e-6), key
 
@@ -131,18 +149,18 @@ def test_values_outside_the_mask_do_not_matter(tiny_world, loss):
 
 def parts_of(name: str) -> set[str]:
     """The outputs that a loss must teach: those in its name, all of them for `full`."""
-    if name == "gradient_shading":  # under the true light
+    if name == "detail_shading":  # under the true light
         return {"transport"}
     return {"albedo", "transport", "light"} & set(name.split("_")) or {"albedo", "transport", "light"}
 
 
-@pytest.mark.parametrize("name", sorted(FIFTEEN | GRADIENTS))
+@pytest.mark.parametrize("name", sorted(FIFTEEN | DETAILS))
 def test_each_loss_teaches_what_its_name_says_and_nothing_else(tiny_world, loss, name):
     batch = batch_of(tiny_world)
     outputs = {key: value.float() for key, value in inferred(batch).items()}
     outputs["transport"] = batch.put(batch.transport) + 0.1 * outputs["transport"]
     leaves = {key: value.requires_grad_() for key, value in outputs.items()}
-    settings = loss(**dict.fromkeys(GRADIENTS, 1.0))
+    settings = loss(**dict.fromkeys(DETAILS, 1.0))
     value = losses(leaves, batch, settings)[name]
     value.backward()
     taught = {key for key, leaf in leaves.items() if leaf.grad is not None and leaf.grad.abs().max() > 0}
@@ -173,7 +191,7 @@ def test_presets_hold_the_losses_of_the_tables(tiny_world, loss):
         "full": FIFTEEN,
         "min": {"albedo", "transport", "light", "reconstruction_full"},
         "plus": FIFTEEN,
-        "photo": FIFTEEN - {"tv_albedo", "tv_transport"} | GRADIENTS,
+        "photo": FIFTEEN - {"tv_albedo", "tv_transport"} | DETAILS,
         "self_supervised": {"reconstruction_full"},
         "transport": {"transport", "tv_transport"},
         "no_tv": FIFTEEN - {"tv_albedo", "tv_transport"},
@@ -189,8 +207,8 @@ def test_presets_hold_the_losses_of_the_tables(tiny_world, loss):
 
 def test_weights_are_one_and_variation_scales_with_the_image(loss):
     at_paper = weights(loss(), 1024)
-    assert set(at_paper) == FIFTEEN | GRADIENTS | {"normal", "ao"}
-    assert {at_paper.pop(name) for name in GRADIENTS} == {0.0} and set(at_paper.values()) == {1.0}
-    at_demo = weights(loss(tv_albedo=2.0, **dict.fromkeys(GRADIENTS, 1.0)), 128)
+    assert set(at_paper) == FIFTEEN | DETAILS | {"normal", "ao"}
+    assert {at_paper.pop(name) for name in DETAILS} == {0.0} and set(at_paper.values()) == {1.0}
+    at_demo = weights(loss(tv_albedo=2.0, **dict.fromkeys(DETAILS, 1.0)), 128)
     assert at_demo.pop("tv_albedo") == 2.0 and at_demo.pop("tv_transport") == 0.125
     assert set(at_demo.values()) == {1.0}
