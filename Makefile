@@ -8,7 +8,7 @@ KILLS ?= 60
 # A file of tests goes to one process, so that what its tests share is made once.
 PYTEST := $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
-.PHONY: all env run test test-fast fuzz chaos coverage smoke ui docs lint format lock licences sbom audit clean help
+.PHONY: all env run test test-fast fuzz chaos coverage smoke ui docs settings lint format lock licences sbom audit clean help
 .DEFAULT_GOAL := all
 
 all: run  ## install what is missing, then run the whole workflow on the embedded data
@@ -64,6 +64,9 @@ format: $(STAMP)  ## put Python and Snakemake files into style
 
 lock: $(STAMP)  ## write requirements.txt and constraints.txt anew from pyproject.toml
 	@$(BIN)/python workflow/scripts/lock.py
+
+settings: $(STAMP)  ## write docs/settings.md anew from the schema and conf/
+	@$(BIN)/python workflow/scripts/settings.py
 
 licences: $(STAMP)  ## write docs/licences.md anew from what is installed
 	@$(BIN)/python workflow/scripts/licences.py

@@ -45,7 +45,7 @@ class RunCommand(TyperCommand):
 
     def format_help(self, ctx, formatter) -> None:
         from relight.config import composed
-        from relight.settings import overview
+        from relight.config.help import overview
 
         super().format_help(ctx, formatter)
         print("Settings, as key=value, and their values without any (docs/workflow.md):\n" + overview(composed()))
@@ -53,7 +53,7 @@ class RunCommand(TyperCommand):
 
 def completed(ctx: typer.Context, incomplete: str) -> list[str]:
     """What a shell may put in the place of an unfinished override."""
-    from relight.settings import complete
+    from relight.config.help import complete
 
     return complete(ctx.params.get("overrides") or [], incomplete)
 

@@ -88,8 +88,7 @@ def augmented(batch: Batch, settings: Augment, generators: list[np.random.Genera
 
 def is_off(settings: Augment) -> bool:
     """Whether the settings leave every image as it is."""
-    strengths = [getattr(settings, key.rpartition(".")[2]) for key in STRENGTHS]
-    return not any([*strengths, *settings.exposure])
+    return not any([*(getattr(settings, name) for name in STRENGTHS), *settings.exposure])
 
 
 def _recoloured(batch: Batch, settings: Augment, generators: list[np.random.Generator]) -> Batch:

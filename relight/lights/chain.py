@@ -100,12 +100,10 @@ def project_panoramas(
         if not sources:
             raise UserError("panoramas.count=0 and panoramas.skies=0: at least one panorama is needed")
         light_of = partial(generated_light, order=order, yaw=panoramas.yaw, flip=panoramas.flip)
-    elif panoramas.source == "folder":
+    else:
         folder = Path(panoramas.folder or "")
         sources = list_panoramas(folder)
         light_of = partial(file_light, panoramas=panoramas, order=order)
-    else:
-        raise UserError(f"panoramas.source={panoramas.source}: generated or folder")
     projected, unreadable, repaired = {}, {}, {}
     results = parallel_map(light_of, sources)
     for source, result in zip(sources, show_progress(results, "panoramas", len(sources)) if progress else results):

@@ -33,16 +33,17 @@ def select_lights(coefficients: np.ndarray, sources: list[str], settings: Lights
     Args:
         coefficients: (N,K,3) radiance, in the panoramas' own units.
         sources: N names of the panoramas.
-        settings: of all steps.
+        settings: of all steps, checked (relight.config.check).
 
     Returns:
         The light set, and a record of plain values: for each step the number of lights before and after it and why
         lights were removed; the warnings; and in `unlit` the panoramas without a usual light, each with the reason.
 
     Raises:
-        UserError: if the settings are out of range or no light can be selected.
+        UserError: if the veto file cannot be used or no light can be selected.
     """
-    check_settings(coefficients, sources, settings)
+    if len(coefficients) != len(sources) or not sources:
+        raise UserError(f"lights: {len(coefficients)} lights of {len(sources)} panoramas; at least one is needed")
     record: dict[str, Any] = {"order": settings.order, "steps": [], "warnings": [], "unlit": {}}
     kept = above_threshold(coefficients, settings.threshold, record)
     copies = rotated_copies(coefficients[kept], np.asarray(sources)[kept], settings)
@@ -70,24 +71,6 @@ def select_lights(coefficients: np.ndarray, sources: list[str], settings: Lights
     for warning in record["warnings"]:
         log.warning(warning)
     return lights, record
-
-
-def check_settings(coefficients: np.ndarray, sources: list[str], settings: Lights) -> None:
-    """Raises UserError if no light set can be made from the settings and lights."""
-    order_of(coefficients.shape[1])
-    if len(coefficients) != len(sources) or not len(sources):
-        raise UserError(f"lights: {len(coefficients)} lights of {len(sources)} panoramas; at least one is needed")
-    if settings.order not in ("cut_first", "paper"):
-        raise UserError(f"lights.order={settings.order}: cut_first or paper")
-    if settings.split not in ("room", "random"):
-        raise UserError(f"lights.split={settings.split}: room or random")
-    if not 0 < settings.low <= settings.high:
-        raise UserError(f"lights.low={settings.low}, lights.high={settings.high}: must be 0 < low <= high")
-    if settings.clusters < 2 or not 0 < settings.test < settings.clusters or settings.rotations < 1:
-        raise UserError(
-            f"lights: clusters={settings.clusters}, test={settings.test}, rotations={settings.rotations}; "
-            "must be at least 2 clusters, fewer test lights than clusters, at least one rotation"
-        )
 
 
 def record_step(record: dict[str, Any], step: str, before: int, after: int, why: dict[str, int]) -> None:

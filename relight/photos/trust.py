@@ -4,12 +4,22 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from relight.config import read_preset
 from relight.lights import measure
+from relight.lights.select import broken_rules
 from relight.photos.infer import Figure
 from relight.sh import cosine_factors, order_of, per_coefficient
 
 ERROR = 0.10  # reconstruction error, linear, above which albedo and light do not explain the photo
+IMPOSSIBLE = -0.35  # moment of a light below which its coefficients are no light's
 CLIPPED, BLACK = 0.05, 0.5  # shares of the figure's pixels that are white or nearly black
+UNUSUAL = {  # words for the rules of relight.lights.select.broken_rules
+    "back-lit": "the light comes mostly from behind the figure, where inference is known to fail",
+    "bright": "the light is brighter than any that the network has seen",
+    "contrast": "the light is harder (more contrast) than any that the network has seen",
+    "colour": "the light is more strongly coloured than any that the network has seen",
+    "from-below": "the light comes from below, as none that the network has seen does",
+}
 
 
 @dataclass
@@ -73,19 +83,13 @@ def _distance(light: np.ndarray, training: np.ndarray) -> tuple[float, float]:
 
 
 def _words(light: np.ndarray, gain: float = 1.0) -> list[str]:
-    """What is unusual about a light, by the rules that select the training lights (docs/lights.md), which were made
-    up to `gain` times brighter in training.
+    """What is unusual about a light, by the rules for the training lights (docs/lights.md), which were made up to
+    `gain` times brighter in training. A dim light is not: it may be the exposure of the photo.
     """
-    stats = {name: float(value[0]) for name, value in measure(light[None]).items()}
-    says = []
-    if stats["mean"] <= 0 or stats["moment"] < -0.35:
-        says.append("no real light has the inferred coefficients: the inference has failed")
-    if stats["back_mean"] > 1.6 * max(stats["front_mean"], 1e-6) or (stats["toward"] < -0.45 and stats["first"] > 0.35):
-        says.append("the light comes mostly from behind the figure, where inference is known to fail")
-    if stats["front_most"] > 2.0 * gain or stats["channel_most"] > 2.6 * gain:
-        says.append("the light is brighter than any that the network has seen")
-    if stats["first"] > 1.25 or stats["front_least"] < 0.03 * stats["front_most"]:
-        says.append("the light is harder (more contrast) than any that the network has seen")
-    if max(abs(stats["red"]), abs(stats["blue"])) > 1.1:
-        says.append("the light is more strongly coloured than any that the network has seen")
+    light = light[None] / gain
+    stats = measure(light)
+    broken = broken_rules(light, read_preset("lights").rules)
+    says = [words for rule, words in UNUSUAL.items() if broken[rule].item()]
+    if stats["mean"].item() <= 0 or stats["moment"].item() < IMPOSSIBLE:
+        says.insert(0, "no real light has the inferred coefficients: the inference has failed")
     return says

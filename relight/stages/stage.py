@@ -21,10 +21,11 @@ from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from relight import __version__
-from relight.config import CONF, READS, Config, check, composed, explain, resolved
+from relight.config import CONF, READS, Config, check, composed, resolved
+from relight.config.errors import explain
+from relight.config.help import listing
 from relight.files import UserError, out_of_memory
 from relight.processes import STARTED_BY, end_with_snakemake
-from relight.settings import listing
 
 VERSIONS = ("numpy", "scipy", "torch", "hydra-core", "snakemake", "mlflow", "open3d-cpu", "warp-lang")
 FLAGS = """
@@ -49,7 +50,7 @@ def stage(name: str, **ports: str) -> Callable:
             except UserError as error:  # told at once, since Hydra adds lines of its own to other exceptions
                 sys.exit(f"relight {name}: {error}")
             except OmegaConfBaseException as error:
-                sys.exit(f"relight {name}: {explain(error, sys.argv[1:])}")
+                sys.exit(f"relight {name}: {explain(error)}")
             except MemoryError as error:
                 sys.exit(f"relight {name}: {out_of_memory(error)}")
 
@@ -90,7 +91,7 @@ def stage(name: str, **ports: str) -> Callable:
                     os.environ["RELIGHT_SCRATCH"] = scratch  # Hydra leaves a file multirun.yaml in a folder
                     hydra.main(config_path=str(CONF), config_name="config", version_base="1.3")(run)()
             except (HydraException, OmegaConfBaseException, yaml.YAMLError) as error:
-                sys.exit(f"relight {name}: {explain(error, sys.argv[1:])}")
+                sys.exit(f"relight {name}: {explain(error)}")
 
         function.cli = cli
         return function

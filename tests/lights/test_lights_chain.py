@@ -4,7 +4,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from relight.config import Lights, Panoramas, Rules
+from relight.config import Panoramas, read_preset
 from relight.files import UserError
 from relight.lights import (
     build_light_set,
@@ -21,13 +21,8 @@ from relight.lights.table import SPLITS
 from relight.panoramas.colour import blackbody, daylight
 from relight.sh import basis, irradiance, rotate_y, sphere_quadrature
 
-RULES = Rules(
-    bright=2.0, channel=2.6, dim=0.4, back=1.6, toward=-0.45, contrast=0.0, first=1.25, colour=1.1, below=-15.0
-)
-SETTINGS = Lights(
-    order="cut_first", threshold=0.2, low=0.7, high=0.9, rotations=36, clusters=12, test=3, split="room", rules=RULES,
-    seed=0, version=1,
-)  # fmt: skip
+SETTINGS = replace(read_preset("lights"), clusters=12, test=3)
+RULES = SETTINGS.rules
 GENERATED = Panoramas(
     source="generated", count=40, skies=0, seed=0, layout="auto", yaw=0.0, flip=False, version=1
 )  # fmt: skip
@@ -128,11 +123,14 @@ def test_veto(rooms, tmp_path):
     assert any("room:999" in warning for warning in record["warnings"])
 
 
-def test_impossible_settings_are_refused(rooms):
+def test_lights_without_sources_and_missing_veto_files_are_refused(rooms):
     sources, coefficients = rooms
-    for wrong in ({"test": 12}, {"order": "literal"}, {"low": 0.0}, {"split": "subject"}, {"veto": "/nowhere"}):
-        with pytest.raises(UserError):
-            select_lights(coefficients, sources, replace(SETTINGS, **wrong))
+    with pytest.raises(UserError, match="40 lights of 39 panoramas"):
+        select_lights(coefficients, sources[1:], SETTINGS)
+    with pytest.raises(UserError, match="at least one"):
+        select_lights(coefficients[:0], [], SETTINGS)
+    with pytest.raises(UserError, match=r"lights\.veto"):
+        select_lights(coefficients, sources, replace(SETTINGS, veto="/nowhere"))
 
 
 def test_each_rule_finds_its_kind_of_light():

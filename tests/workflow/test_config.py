@@ -1,15 +1,19 @@
-"""Settings: every choice composes, and a wrong one is told in one line that names it and what is accepted."""
+"""Settings: every preset composes, and a wrong setting is one sentence that names it and what is accepted."""
 
-from dataclasses import fields
+from dataclasses import MISSING as NO_DEFAULT
+from dataclasses import asdict, fields, is_dataclass
 
 import pytest
-from omegaconf import OmegaConf
+from omegaconf import MISSING, OmegaConf
 
-from relight.config import CHOICES, CONF, LEAST, READS, RULES, Config, check, composed, view
+from relight.config import READS, Config, Loss, check, composed, presets, read_preset, view
+from relight.config.schema import AXES, EXPERIMENT, FIELDS
+from relight.config.setting import Setting, domain_in_words, setting, setting_of, type_in_words
 from relight.files import UserError
+from relight.meshes import axes
+from relight.panoramas.panorama import LAYOUTS
 
-GROUPS = sorted(path.name for path in CONF.iterdir() if path.is_dir() and any(path.iterdir()))
-OPTIONS = [f"{group}={path.stem}" for group in GROUPS for path in sorted((CONF / group).glob("*.yaml"))]
+PRESETS = [f"{group}={name}" for group, names in presets().items() for name in names]
 NEEDS = {
     "augment=photo": ["train=photo"],
     "figures=scans": ["figures.folder=x"],
@@ -17,16 +21,73 @@ NEEDS = {
 }
 
 
-@pytest.mark.parametrize("option", OPTIONS)
-def test_every_choice_composes(option):
-    composed([option, *NEEDS.get(option, [])])
+@pytest.mark.parametrize("preset", PRESETS)
+def test_every_preset_composes(preset):
+    composed([preset, *NEEDS.get(preset, [])])
 
 
-@pytest.mark.parametrize("key", [*LEAST, *CHOICES, *RULES])
-def test_checks_name_existing_settings(key):
-    owner = {field.name: field.type for field in fields(Config)}
-    group, _, name = key.partition(".")
-    assert group in owner and (not name or name in owner[group].__dataclass_fields__)
+def test_every_setting_is_described_and_conf_has_its_default():
+    """Defaults of the schema are for files that leave a setting out, and are those of conf/, but for MLflow's."""
+    cfg = composed()
+    for key, item in FIELDS.items():
+        assert setting_of(item).about, key
+        value = OmegaConf.select(cfg, key)
+        assert value is not None or type_in_words(item.type).endswith(", or null"), key
+        default = item.default_factory() if item.default is NO_DEFAULT else item.default
+        assert default == MISSING or default == value or key.startswith("track."), key
+    groups = [group for group in fields(Config) if is_dataclass(group.type)]
+    settings = [key for group in groups for key in OmegaConf.select(cfg, group.name)]
+    assert len(settings) + len(read_preset("lights").rules.__dict__) == len(FIELDS)  # name, for the group lights.rules
+    assert all(setting_of(item).about for item in EXPERIMENT.values())
+
+
+def test_choices_are_what_the_code_knows():
+    assert {*AXES} == {"auto", *axes.AXES}
+    assert setting_of(FIELDS["panoramas.layout"]).choices == ("auto", *LAYOUTS)
+
+
+@pytest.mark.parametrize(
+    ("rules", "words", "right", "wrong"),
+    [
+        ({}, "", ["", -1, 1e9], []),
+        ({"choices": ("a", "b")}, "one of a, b", ["a", "b", ["a"], ["a", "b"]], ["c", "", ["a", "c"], []]),
+        ({"least": 1}, "at least 1", [1, 2, [1]], [0, float("nan"), [2, 0], []]),
+        ({"above": 0}, "greater than 0", [1e-9], [0, -1, float("nan")]),
+        ({"most": 1}, "at most 1", [1, -9], [1.01, float("nan")]),
+        ({"below": 1}, "less than 1", [0.99], [1]),
+        ({"least": 0, "below": 0.5}, "in [0, 0.5)", [0, 0.49], [0.5, -0.1]),
+        ({"above": 0, "most": 1}, "in (0, 1]", [1, 0.01], [0, 1.1]),
+        ({"multiple": 64, "least": 64}, "a multiple of 64 and at least 64", [64, 192, [64]], [0, 100, [64, 65]]),
+        ({"interval": True}, "", [[0, 0], [-1, 1]], [[1, 0], [1], [], [0, 1, 2]]),
+        ({"interval": True, "above": 0}, "greater than 0", [[1, 2]], [[0, 1]]),
+    ],
+)
+def test_domains(rules, words, right, wrong):
+    tested = Setting("", **rules)
+    assert tested.domain == words
+    assert all(map(tested.allows, [None, *right]))
+    assert not any(map(tested.allows, wrong))
+
+
+def test_types_and_domains_in_words():
+    keys = ("train.lr", "bake.size", "model.refine", "train.size", "timing.sizes", "augment.zoom", "sweep.runs")
+    assert [(type_in_words(FIELDS[key].type), domain_in_words(FIELDS[key])) for key in keys] == [
+        ("a number", "greater than 0"),
+        ("a whole number", "a multiple of 64 and at least 64"),
+        ("true or false", ""),
+        ("a whole number, or null", "a multiple of 64 and at least 64"),
+        ("a list of whole numbers", "a list, each a multiple of 64 and greater than 0"),
+        ("a list of numbers", "[least, most], each greater than 0"),
+        ("names, each with a list of texts", ""),
+    ]
+    first, second = (setting("", ["a"]).default_factory() for _ in range(2))
+    assert first == second == ["a"] and first is not second
+
+
+def test_a_preset_is_read_without_hydra():
+    cfg = composed()
+    assert asdict(read_preset("lights")) == OmegaConf.to_container(cfg.lights)
+    assert read_preset("loss", "full") == Loss(**cfg.loss)
 
 
 @pytest.mark.parametrize("stage", READS)
@@ -39,21 +100,43 @@ def test_what_stages_read_is_there(stage):
     ("override", "words"),
     [
         ("train.lrr=1", ["train.lrr", "did you mean lr", "steps"]),
-        ("train.lr=fast", ["train.lr", "'fast'", "Float"]),
+        ("train.lr=fast", ["train.lr must be a number, not 'fast'"]),
+        ("train.lr=nan", ["train.lr must be greater than 0, not nan"]),
+        ("train.size=big", ["train.size must be a whole number, or null, not 'big'"]),
+        ("train.lights=3", ["train.lights must be a list of texts, not 3"]),
+        ("model.refine=perhaps", ["model.refine must be true or false, not 'perhaps'"]),
+        ("timing.sizes=[64,a]", ["timing.sizes must be a list of whole numbers, not 'a'"]),
+        ("name=null", ["name must be text, not null"]),
+        ("sweep.runs=3", ["sweep.runs must be names, each with a list of texts, not 3"]),
         ("loss=ful", ["loss=ful", "full", "min"]),
-        ("los=full", ["los", "loss"]),
+        ("los=full", ["los: no such setting", "did you mean loss", "track"]),
         ("+extra=1", ["extra", "train"]),
         ("train=[", ["train=[", "key=value"]),
+        ("x y=3", ["'x y=3'", "key=value"]),
+        ("train", ["'train'", "key=value"]),
+        ("train=7", ["train=7: no such choice", "default, photo, plus"]),
+        ("model=null", ["model=null: no such choice", "unet"]),
+        ("~train", ["~train: a setting is not removed"]),
+        ("~train.lr", ["~train.lr: a setting is not removed"]),
         ("bake.size=100", ["bake.size", "multiple of 64", "100"]),
         ("bake.rays=0", ["bake.rays", "at least 1"]),
         ("figures.source=scans", ["figures.folder"]),
+        ("panoramas.source=files", ["panoramas.source must be one of generated, folder, not files"]),
         ("model.norm=group", ["model.norm", "instance, batch", "group"]),
         ("lights.test=60", ["lights.test", "60", "lights.clusters"]),
+        ("lights.low=1", ["lights.low 1.0", "lights.high 0.9"]),
+        ("lights.low=0", ["lights.low must be greater than 0"]),
+        ("lights.order=literal", ["lights.order must be one of cut_first, paper, not literal"]),
+        ("lights.split=subject", ["lights.split must be one of room, random, not subject"]),
+        ("lights.clusters=1", ["lights.clusters must be at least 2, not 1"]),
+        ("lights.rotations=0", ["lights.rotations must be at least 1, not 0"]),
         ("train.lights=[dim]", ["train.lights", "train, rich, test", "dim"]),
         ("train.part=test", ["no truth", "loss.albedo", "loss=self_supervised"]),
         ("train.lights=[train,test]", ["no truth", "loss.albedo"]),
         ("experiments.table1.rows=[nobody]", ["experiments.table1.rows", "no run nobody"]),
         ("experiments.table1.figures=lying", ["experiments.table1.figures", "sitting", "lying"]),
+        ("experiments.table1.figures=[1]", ["experiments.table1.figures must be text, not [1]"]),
+        ("experiments.table9.rows=[ours_full]", ["experiments.table9: no such setting", "table1, table2"]),
         ("name=a/b", ["name", "a/b"]),
         ("name=..", ["name", "'..'"]),
         ("name=.", ["name", "'.'"]),
@@ -71,11 +154,12 @@ def test_what_stages_read_is_there(stage):
         ("scale=demo,smoke", ["scale=demo,smoke", "relight run -m", "[a,b]"]),
         ("train.lr=interval(0,1)", ["train.lr=interval(0,1)", "relight run -m"]),
         ("track.uri=${oc.env:HOME}", ["track.uri", "${oc.env:HOME}", "write the value"]),
+        ("track.uri=${nothing}", ["nothing", "not found"]),
         ("figures.folder='x${oc.decode:1}'", ["figures.folder", "oc.decode"]),
         ("scale=huge", ["scale=huge", "demo", "smoke"]),
     ],
 )
-def test_wrong_settings_are_told_in_one_line(override, words):
+def test_a_wrong_setting_is_one_sentence(override, words):
     with pytest.raises(UserError) as error:
         composed([override])
     text = str(error.value)
@@ -83,19 +167,28 @@ def test_wrong_settings_are_told_in_one_line(override, words):
     assert all(word in text for word in words), text
 
 
+def test_a_file_that_is_no_yaml_is_named_with_the_line(tmp_path):
+    (tmp_path / "model").mkdir()
+    (tmp_path / "model" / "mine.yaml").write_text("width: 1\nname: [ours\nnorm: batch\n")
+    with pytest.raises(UserError, match=r"model/mine\.yaml, line 3: .*expected"):
+        composed([f"hydra.searchpath=[{tmp_path}]", "model=mine"])
+
+
 def test_view_hands_over_what_is_read():
     cfg = composed(["train.lr=0.5"])
     assert set(view(cfg, "bake")) == {"bake"}
     assert view(cfg, "train")["train"]["lr"] == 0.5
+    assert "bootstrap" in view(cfg, "tables")["evaluate"] and "bootstrap" not in view(cfg, "evaluate")["evaluate"]
 
 
 @pytest.mark.parametrize(
     ("words", "said"),
     [
         (["augment=photo"], "need train.color=photo"),
+        (["augment.exposure=[-1,0]"], "need train.color=photo"),
         (["train.size=64"], "need train.color=photo"),
         (["model=unet", "model.light_head=strided"], "pooled light head only"),
-        (["augment.zoom=[1.2,0.8]"], "augment.zoom must be"),
+        (["augment.zoom=[1.2,0.8]"], r"augment.zoom must be \[least, most\]"),
         (["augment.noise=-1"], "augment.noise must be at least 0"),
     ],
 )

@@ -1,32 +1,43 @@
-"""What --help tells of the settings, and what shells complete."""
+"""Settings for people: --help, docs/settings.md, and what shells complete."""
 
 import os
+import re
+import runpy
 import subprocess
 import sys
 
 import pytest
 import yaml
 
-from relight.config import READS, ROOT, Config, composed
-from relight.settings import complete, descriptions, listing, overview
+from relight.config import READS, ROOT, composed, presets
+from relight.config.help import complete, listing, overview
+from relight.config.schema import FIELDS
 
 
-def test_every_setting_is_told_with_its_value():
-    told = overview(composed(["scale=smoke"]))
-    for group, field in Config.__dataclass_fields__.items():
-        for name in getattr(field.type, "__dataclass_fields__", ()):
-            if group not in ("sweep", "experiments") and name != "rules":
-                assert f" {group}.{name}=" in told, (group, name)
-    (line,) = (line for line in told.splitlines() if " figures.count=" in line)
-    assert line.split() == ["figures.count=6", "how", "many", "seeds"]
-    assert descriptions()["Train", "pairs"].startswith("shuffled | rows"), "of a field over several lines"
+def test_help_has_every_setting_with_its_value_and_description():
+    text = overview(composed(["scale=smoke"]))
+    for key in FIELDS:
+        assert key in ("sweep.runs", "name") or key.startswith("lights.rules") or f" {key}=" in text, key
+    words = " ".join(text.split())
+    assert "figures.count=6 number of seeds (at least 1)" in words
+    assert "train.optimizer=adam Adam, or Adam with decoupled weight decay (one of adam, adamw)" in words
+    assert max(map(len, text.splitlines())) <= 110
 
 
 @pytest.mark.parametrize("stage", READS)
-def test_a_stage_tells_what_it_reads(stage):
-    told = listing(composed(), READS[stage])
-    assert all(f" {key}" in told for key in READS[stage])
-    assert ("figures.count" in told) == ("figures" in READS[stage])
+def test_help_of_a_stage_has_what_it_reads(stage):
+    text = listing(composed(), READS[stage])
+    assert all(f" {key}" in text for key in READS[stage])
+    assert ("figures.count" in text) == ("figures" in READS[stage])
+
+
+def test_the_page_of_settings_is_fresh():
+    page = runpy.run_path(str(ROOT / "workflow" / "scripts" / "settings.py"))["page"]()
+    assert (ROOT / "docs" / "settings.md").read_text() == page, "make settings"
+    groups = page.partition("\n## name\n")[2]
+    assert re.findall(r"^\| `([\w.]+)` \| .* \| .+ \| .+ \|$", groups, re.M) == [*FIELDS][1:]
+    named = re.findall(r"^- `(\w+)=(\w+)`", page, re.M)
+    assert set(named) == {(group, name) for group, names in presets().items() if len(names) > 1 for name in names}
 
 
 @pytest.mark.parametrize(
@@ -34,6 +45,7 @@ def test_a_stage_tells_what_it_reads(stage):
     [
         ([], "sca", ["scale="]),
         ([], "train.lr", ["train.lr="]),
+        ([], "lights.rules.b", ["lights.rules.back=", "lights.rules.below=", "lights.rules.bright="]),
         ([], "scale=sm", ["scale=smoke"]),
         (["scale", "="], "sm", ["smoke"]),  # bash
         (["scale"], "", ["demo", "laptop", "paper", "smoke", "study"]),

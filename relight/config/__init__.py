@@ -1,0 +1,34 @@
+"""The settings: their schema, their composition from conf/, their checks, and the part that each stage reads."""
+
+from relight.config.checks import LONGEST, check, check_name
+from relight.config.composition import CONF, IS_CLONE, ROOT, composed, flat, presets, read_preset, resolved
+from relight.config.schema import (
+    STRENGTHS,
+    Align,
+    Augment,
+    Bake,
+    Clean,
+    Config,
+    Evaluate,
+    Experiment,
+    Figures,
+    Lights,
+    Loss,
+    Model,
+    Panoramas,
+    Rules,
+    Split,
+    Sweep,
+    Timing,
+    Trace,
+    Track,
+    Train,
+)
+from relight.config.stages import READS, view
+
+__all__ = [
+    "CONF", "IS_CLONE", "LONGEST", "READS", "ROOT", "STRENGTHS",
+    "Align", "Augment", "Bake", "Clean", "Config", "Evaluate", "Experiment", "Figures", "Lights", "Loss", "Model",
+    "Panoramas", "Rules", "Split", "Sweep", "Timing", "Trace", "Track", "Train",
+    "check", "check_name", "composed", "flat", "presets", "read_preset", "resolved", "view",
+]  # fmt: skip

@@ -1,0 +1,99 @@
+"""Checks: which settings are refused although they have the right type."""
+
+import difflib
+import re
+from collections.abc import Iterable, Iterator
+from itertools import chain
+from typing import Any
+
+from omegaconf import DictConfig, OmegaConf
+
+from relight.config.schema import EXPERIMENT, FIELDS, STRENGTHS
+from relight.config.setting import domain_in_words, setting_of
+from relight.files import UserError
+
+NAME, LONGEST = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._+-]*"), 100
+TRUTH = ("albedo", "transport", "light", "shading", "reconstruction")  # losses that compare with more than the picture
+
+
+def check(cfg: DictConfig) -> None:
+    """Refuses a tree with unknown settings, values out of range, or values that do not fit together.
+
+    Settings without a value pass, since a stage is handed only those that it reads.
+
+    Raises:
+        UserError: one sentence about the first setting that is wrong.
+    """
+    if (results := OmegaConf.select(cfg, "name")) is not None:
+        check_name("name", results)
+    for key in ("sweep.runs", "experiments"):
+        for name in OmegaConf.select(cfg, key) or ():
+            check_name(key, name)
+    for sentence in chain(_unknown(cfg), _out_of_range(cfg), _at_odds(cfg)):
+        raise UserError(sentence)
+
+
+def check_name(what: str, name: str) -> None:
+    """Refuses a name that is not safe in paths and in commands. Raises UserError."""
+    if not NAME.fullmatch(str(name)) or len(str(name)) > LONGEST:
+        raise UserError(
+            f"{what}: {str(name)!r} is no name: up to {LONGEST} letters, digits, '_', '.', '+' and '-', none of the "
+            "last three first"
+        )
+
+
+def no_such(key: str, known: Iterable[str]) -> str:
+    """Returns the sentence that there is no setting `key`, and which there are in its place."""
+    known = list(known)
+    close = difflib.get_close_matches(key.rpartition(".")[2], known, 1)
+    hint = f"did you mean {close[0]}? " if close else ""
+    return f"{key}: no such setting; {hint}there are {', '.join(known)}"
+
+
+def _unknown(cfg: DictConfig, above: str = "") -> Iterator[str]:
+    """Yields sentences about settings that the schema does not have: Hydra adds what an override with + asks for."""
+    known = getattr(OmegaConf.get_type(cfg), "__dataclass_fields__", None)
+    for key in cfg:
+        if known is not None and key not in known:
+            yield no_such(f"{above}{key}", known)
+        elif not OmegaConf.is_missing(cfg, key) and isinstance(cfg[key], DictConfig):
+            yield from _unknown(cfg[key], f"{above}{key}.")
+
+
+def _out_of_range(cfg: DictConfig) -> Iterator[str]:
+    """Yields sentences about values that a setting may not have."""
+    found = dict(FIELDS)
+    for name in OmegaConf.select(cfg, "experiments") or ():
+        found |= {f"experiments.{name}.{key}": field for key, field in EXPERIMENT.items()}
+    for key, field in found.items():
+        value = OmegaConf.select(cfg, key)
+        if not setting_of(field).allows(value):
+            yield f"{key} must be {domain_in_words(field)}, not {value}"
+
+
+def _at_odds(cfg: DictConfig) -> Iterator[str]:
+    """Yields sentences about settings that do not fit together."""
+
+    def get(key: str) -> Any:
+        return OmegaConf.select(cfg, key)
+
+    if get("lights.low") is not None and get("lights.low") > get("lights.high"):
+        yield f"lights.low {get('lights.low')} must not be above lights.high {get('lights.high')}"
+    if get("lights.test") is not None and get("lights.test") >= get("lights.clusters"):
+        yield f"lights.test {get('lights.test')} must be below lights.clusters {get('lights.clusters')}"
+    augments = any([*(get(f"augment.{name}") for name in STRENGTHS), *(get("augment.exposure") or ())])
+    if get("train.color") == "paper" and (get("train.size") or augments):
+        yield "augment and train.size make pictures as cameras do: they need train.color=photo"
+    if get("model.name") == "unet" and get("model.light_head") == "strided":
+        yield "model.name=unet has a pooled light head only: give model=unet or model.light_head=pooled"
+    if get("train.part") == "test" or "test" in (get("train.lights") or ()):
+        if used := [name for name in TRUTH if get(f"loss.{name}")]:
+            yield f"the test's pictures are for losses that use no truth, and loss.{used[0]} does: loss=self_supervised"
+    for name, experiment in (get("experiments") or {}).items():
+        if unknown := [row for row in experiment.rows if row not in (get("sweep.runs") or {})]:
+            yield f"experiments.{name}.rows: no run {unknown[0]} in sweep.runs; add it there"
+    if (get("figures.outfits") or 1) > 1 and (get("figures.source") == "scans" or get("bake.bounces")):
+        yield "figures.outfits must be 1 for scans, and with bake.bounces: light bounces off other albedo"
+    for group, source in (("figures", "scans"), ("panoramas", "folder")):
+        if get(f"{group}.source") == source and not get(f"{group}.folder"):
+            yield f"{group}.source={source} needs {group}.folder=<the folder to read>"

@@ -1,0 +1,113 @@
+"""Composition: the tree of settings, from the files in conf/ and overrides."""
+
+import re
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import yaml
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+
+from relight.config.checks import check
+from relight.config.schema import Config
+from relight.files import UserError
+
+if TYPE_CHECKING:
+    from hydra.core.override_parser.types import Override
+
+_PACKAGE = Path(__file__).resolve().parents[1]
+ROOT = _PACKAGE.parent
+IS_CLONE = (ROOT / "Snakefile").exists()  # else relight was installed from a wheel, which holds conf/ in the package
+CONF = (ROOT if IS_CLONE else _PACKAGE) / "conf"
+
+
+def composed(overrides: Iterable[str] = ()) -> DictConfig:
+    """Composes the whole tree of settings.
+
+    Args:
+        overrides: in Hydra's grammar, such as "train.lr=1e-3" or "scale=smoke".
+
+    Returns:
+        The tree, resolved and checked, with the fields of `Config`.
+
+    Raises:
+        UserError: names the setting that is wrong, and what is accepted.
+    """
+    from hydra import compose, initialize_config_dir  # half a second, which inference can do without
+    from hydra.core.config_store import ConfigStore
+    from hydra.core.override_parser.overrides_parser import OverridesParser
+    from hydra.errors import HydraException
+
+    from relight.config.errors import explain
+
+    if not CONF.is_dir():
+        raise UserError(f"there is no folder {CONF}: the workflow and its stages run from a clone of the repository")
+    overrides = list(overrides)
+    ConfigStore.instance().store(name="schema", node=Config)
+    try:
+        for override in OverridesParser.create().parse_overrides(overrides):
+            _check_override(override)
+        with initialize_config_dir(str(CONF), version_base="1.3"):
+            cfg = compose("config", overrides=overrides)
+        check(resolved(cfg))
+    except (HydraException, OmegaConfBaseException, yaml.YAMLError) as error:
+        raise UserError(explain(error)) from None
+    return cfg
+
+
+def presets() -> dict[str, list[str]]:
+    """Returns the names of the presets of each group in conf/."""
+    return {
+        folder.name: sorted(path.stem for path in folder.glob("*.yaml"))
+        for folder in sorted(CONF.iterdir())
+        if folder.is_dir()
+    }
+
+
+def read_preset(group: str, name: str = "default") -> Any:
+    """Reads one preset that stands alone, without Hydra.
+
+    Returns:
+        The group's dataclass, such as `Lights`.
+    """
+    schema = getattr(Config(), group)
+    return OmegaConf.to_object(
+        OmegaConf.merge(OmegaConf.structured(schema), OmegaConf.load(CONF / group / f"{name}.yaml"))
+    )
+
+
+def resolved(cfg: DictConfig) -> DictConfig:
+    """Replaces references such as ${bake.order} by their values, in place.
+
+    Settings come from people and files that one may not know; the environment holds secrets, and what is resolved is
+    written to results and to MLflow.
+
+    Raises:
+        UserError: for ${oc.env:...} and other calls of resolvers.
+    """
+    for key, value in flat(OmegaConf.to_container(cfg)).items():
+        if call := re.search(r"\$\{\s*[\w.]+\s*:.*?\}", str(value)):
+            raise UserError(f"{key}: {call[0]} is not looked up in settings; write the value itself")
+    OmegaConf.resolve(cfg)
+    return cfg
+
+
+def flat(tree: Any, prefix: str = "") -> dict[str, Any]:
+    """Returns {"a": {"b": 1}} as {"a.b": 1}."""
+    out: dict[str, Any] = {}
+    for key, value in tree.items():
+        out.update(flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value})
+    return out
+
+
+def _check_override(override: "Override") -> None:
+    """Refuses what Hydra accepts in the place of one setting: several values, no value, and numbers for presets."""
+    text, key = override.input_line, override.key_or_group
+    if override.is_sweep_override():
+        raise UserError(f"{text} is several values: `relight run -m` tries each; one setting's list is [a,b]")
+    if override.is_delete():
+        if key.partition(".")[0] in Config.__dataclass_fields__:
+            raise UserError(f"{text}: a setting is not removed; give it another value")
+    elif key in (known := presets()) and not isinstance(override.value(), str | list):
+        raise UserError(f"{text}: no such choice; {key} is one of {', '.join(known[key])}")

@@ -1,0 +1,43 @@
+"""Errors of Hydra, OmegaConf and YAML in one sentence each."""
+
+from collections.abc import Iterator
+
+import yaml
+from hydra.errors import MissingConfigException, OverrideParseException
+from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException, ValidationError
+
+from relight.config.checks import no_such
+from relight.config.schema import field_of
+from relight.config.setting import type_in_words
+
+
+def explain(error: Exception) -> str:
+    """Returns one line that names the setting and what is accepted, from the exception or from what caused it."""
+    for link in _causes(error):
+        match link:
+            case yaml.MarkedYAMLError(problem_mark=yaml.Mark() as mark):
+                return f"{mark.name}, line {mark.line + 1}: {link.problem}"
+            case MissingConfigException(missing_cfg_file=str(preset), options=[*options]) if options:
+                group, _, name = preset.rpartition("/")
+                return f"{group}={name}: no such choice; {group} is one of {', '.join(options)}"
+            case OverrideParseException(override=override):
+                return f"cannot read the override {override!r}: write key=value, lists as key=[a,b]"
+            case ConfigKeyError() | ConfigAttributeError() if link.full_key and link.parent_node is not None:
+                return no_such(link.full_key, [key for key in map(str, link.parent_node) if key != "hydra"])
+            case ValidationError(full_key=str(key)) if field := field_of(key.partition("[")[0]):
+                value = "null" if link.value is None else repr(link.value)
+                return f"{key.partition('[')[0]} must be {type_in_words(field.type)}, not {value}"
+            case OmegaConfBaseException(full_key=str(key), msg=str(text)) if key:
+                return f"{key}: {_first_line(text)}"
+    return _first_line(str(error))
+
+
+def _causes(error: BaseException | None) -> Iterator[BaseException]:
+    """Yields an exception, what it was raised from or during, and so on."""
+    while error is not None:
+        yield error
+        error = error.__cause__ or error.__context__
+
+
+def _first_line(text: str) -> str:
+    return " ".join(text.partition("\n")[0].split())

@@ -1,0 +1,76 @@
+"""Settings for people: the text of --help, and the completion of overrides in a shell."""
+
+import textwrap
+from collections.abc import Iterable
+
+from omegaconf import DictConfig
+
+from relight.config.composition import presets
+from relight.config.schema import FIELDS, Config
+from relight.config.setting import domain_in_words, setting_of
+
+WIDTH = 110
+INDENT = 40  # of descriptions
+
+
+def listing(cfg: DictConfig, keys: Iterable[str]) -> str:
+    """Returns a table of settings in text: presets, values, descriptions and domains.
+
+    Args:
+        cfg: the tree with the values.
+        keys: groups (`train`) and single settings (`bake.order`).
+    """
+    lines = []
+    for key in keys:
+        group, _, single = key.partition(".")
+        if not isinstance(cfg[group], DictConfig):
+            lines += ["", _line(key, cfg[key])]
+            continue
+        known = presets().get(group)
+        lines += ["", f"  {group}={'|'.join(known)}" if known else f"  {group}"]
+        for name in [single] if single else cfg[group]:
+            if f"{group}.{name}" in FIELDS:
+                lines.append(_line(f"{group}.{name}", cfg[group][name]))
+    return "\n".join(lines[1:])
+
+
+def overview(cfg: DictConfig) -> str:
+    """Returns the settings of `relight run` as text: what is trained and compared, then each group of the tree."""
+    lines = []
+    for group in ("scale", "experiment"):
+        text = f"  {group}={' | '.join(presets()[group])}"
+        lines += textwrap.wrap(text, WIDTH, subsequent_indent=(len(group) + 3) * " ")
+    lines += [_line("sweep.only", "[ROW,...]"), _line("sweep.seeds", "[0,...]"), ""]
+    groups = [name for name in Config.__dataclass_fields__ if name not in ("sweep", "experiments")]
+    return "\n".join([*lines, listing(cfg, groups)])
+
+
+def _line(key: str, value: object) -> str:
+    shown = "null" if value is None else str(value).lower() if isinstance(value, bool) else str(value)
+    about, domain = setting_of(FIELDS[key]).about, domain_in_words(FIELDS[key])
+    text = f"    {f'{key}={shown}':{INDENT - 6}s}  {about}{f' ({domain})' if domain else ''}"
+    return "\n".join(textwrap.wrap(text, WIDTH, subsequent_indent=INDENT * " "))
+
+
+def complete(args: list[str], incomplete: str) -> list[str]:
+    """Returns what may stand in the place of an unfinished override, as shells ask for it.
+
+    Args:
+        args: the words before it. bash takes `scale=sm` for three words, and wants the last one alone.
+        incomplete: its letters so far.
+    """
+    key, equals, value = incomplete.partition("=")
+    if args[-1:] == ["="] or (not incomplete and args[-1:] and values(args[-1])):
+        before = args[-2] if args[-1] == "=" else args[-1]
+        return [word for word in values(before) if word.startswith(incomplete)]
+    if equals:
+        return [f"{key}={word}" for word in values(key) if word.startswith(value)]
+    return [f"{word}=" for word in sorted({*presets(), *FIELDS}) if word.startswith(incomplete)]
+
+
+def values(key: str) -> list[str]:
+    """Returns what a group or a setting may be, where these are words."""
+    field = FIELDS.get(key)
+    if field is None:
+        return presets().get(key, [])
+    return ["true", "false"] if field.type is bool else list(setting_of(field).choices)
