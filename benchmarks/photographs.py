@@ -6,7 +6,8 @@ The first argument is a folder of `relight run experiment=photo`: its packed set
 seen under three test lights. "Photographs" have the framing, masks, exposures and camera of augment=photo; "and tints"
 its white balances and recoloured clothes, too. Light errors are of irradiance, norm of the difference over the norm;
 others are root mean squares of vectors in the mask. Columns with a star are up to one factor a picture: how bright a
-scene is, no photograph tells.
+scene is, no photograph tells. Detail is the energy of the error's detail over the truth's (`losses.detail`): 1 for maps
+without any; that of shading is under the true light.
 """
 
 import os
@@ -26,6 +27,7 @@ from relight.learning.augment import augmented
 from relight.learning.camera import shade
 from relight.learning.checkpoint import load_network
 from relight.learning.data import RelitSet, read_split
+from relight.learning.losses import detail
 from relight.sh import cosine_factors, per_coefficient
 
 KINDS = {
@@ -35,6 +37,7 @@ KINDS = {
 }
 SEEN = 3  # lights for each figure
 COLUMNS = ("light", "light*", "albedo", "albedo*", "transport", "shading", "shading*")
+DETAILS = ("albedo", "transport", "shading")
 
 
 def factor(values: Tensor, other: Tensor) -> Tensor:
@@ -49,11 +52,11 @@ def rms(difference: Tensor) -> Tensor:
 
 @torch.inference_mode()
 def errors(network: torch.nn.Module, data: RelitSet, figures: np.ndarray, kind: list[str]) -> np.ndarray:
-    """Means of COLUMNS over figures and lights."""
+    """Means of COLUMNS and of the energies of DETAILS over figures and lights."""
     settings = OmegaConf.to_object(composed(kind).augment)
     lights = np.flatnonzero(data.light_split == "test")
     weight = torch.tensor(per_coefficient(cosine_factors(network.order)), dtype=torch.float32)[:, None]
-    rows = []
+    rows, energies = [], []
     for i, figure in enumerate(figures):
         lit = lights[(i + np.arange(SEEN) * len(lights) // SEEN) % len(lights)]
         generators = [np.random.default_rng([i, j]) for j in range(SEEN)]
@@ -61,6 +64,8 @@ def errors(network: torch.nn.Module, data: RelitSet, figures: np.ndarray, kind: 
         outputs = network(batch.image, batch.mask)
         light = outputs.pop("light") / batch.exposure[:, None, None]
         maps = {name: batch.take(dense) for name, dense in outputs.items()}
+        maps["shading"] = shade(maps["transport"], batch.light)
+        energies.append([detail(maps[name] - (true := getattr(batch, name)), true, batch) for name in DETAILS])
         maps["shading"] = shade(maps["transport"], light)
         for j in range(SEEN):
             inside = batch.inside[j, :, 0] > 0
@@ -70,7 +75,7 @@ def errors(network: torch.nn.Module, data: RelitSet, figures: np.ndarray, kind: 
                 found, true = maps[name][j][inside], getattr(batch, name)[j][inside]
                 row += [rms(found * f - true) for f in ((1, factor(found, true)) if name != "transport" else (1,))]
             rows.append(row)
-    return np.array(rows, float).mean(0)
+    return np.concatenate([np.array(rows, float).mean(0), np.array(energies, float).mean(0)])
 
 
 def main() -> None:
@@ -79,7 +84,8 @@ def main() -> None:
     parser.add_argument("weights", type=Path, nargs="+")
     args = parser.parse_args()
     torch.set_num_threads(1)
-    print("| pictures | weights | " + " | ".join(COLUMNS) + " |\n|---|---|" + "---|" * len(COLUMNS))
+    columns = [*COLUMNS, *(f"detail of {name}" for name in DETAILS)]
+    print("| pictures | weights | " + " | ".join(columns) + " |\n|---|---|" + "---|" * len(columns))
     for title, kind in KINDS.items():
         for path in args.weights:
             network, _ = load_network(path)
