@@ -26,7 +26,7 @@ from relight.lights import Light
 from relight.lights.chain import generated_light
 from relight.maps import Maps, read_maps, write_maps
 from relight.photos.api import Relighter, load
-from relight.photos.frame import Frame, frame
+from relight.photos.crop import Crop, crop_around
 from relight.progress import progress
 from relight.srgb import encode, to_bytes
 
@@ -66,7 +66,7 @@ def photographed(maps: Maps, light: np.ndarray, gain: np.ndarray | float = 1.0) 
     return to_bytes(encode(np.clip((linear * coverage + BEHIND * (1 - coverage)) * gain, 0, 1)))
 
 
-def truth(maps: Maps, light: np.ndarray, box: Frame) -> Seen:
+def truth(maps: Maps, light: np.ndarray, box: Crop) -> Seen:
     """The true maps on the square."""
     return on_square(maps, np.maximum(maps.transport @ light, 0), light, box)
 
@@ -74,7 +74,7 @@ def truth(maps: Maps, light: np.ndarray, box: Frame) -> Seen:
 def judged(relighter: Relighter, maps: Maps, light: np.ndarray) -> dict[str, float]:
     """All rows of the table for one figure under one light."""
     shots = variants(partial(photographed, maps, light), to_bytes(maps.coverage), relighter.network.size)
-    seen = {name: relighter.look(shot.photo, shot.mask, shot.square) for name, shot in shots.items()}
+    seen = {name: relighter.infer_person(shot.photo, shot.mask, shot.square) for name, shot in shots.items()}
     return {**errors(seen[""], truth(maps, light, shots[""].square)), **invariances(seen), **leaks(seen[""])}
 
 
@@ -90,7 +90,7 @@ def main() -> None:
         relighter = load(path, threads=1)
         rows = [judged(relighter, maps, light) for maps, light in progress(list(zip(people, lights)), path.stem)]
         columns[str(path)] = {name: float(np.mean([row[name] for row in rows])) for name in rows[0]}
-    squares = [frame(to_bytes(maps.coverage), relighter.network.size) for maps in people]
+    squares = [crop_around(to_bytes(maps.coverage), relighter.network.size) for maps in people]
     rows = [leaks(truth(maps, light, square)) for maps, light, square in zip(people, lights, squares)]
     ideal = {"dark_albedo": 1.0, "dark_shading": 0.5, "tint": 1.0}
     columns["truth"] = {**ideal, **{name: float(np.mean([row[name] for row in rows])) for name in LEAKS}}

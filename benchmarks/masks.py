@@ -24,9 +24,9 @@ from PIL import Image
 from relight.lights import load_light
 from relight.maps import read_maps
 from relight.photos import selfie
-from relight.photos.color import rolled, to_srgb8
-from relight.photos.composite import over
-from relight.photos.environment import see
+from relight.photos.color import roll_off, to_srgb8
+from relight.photos.environment import camera_view
+from relight.photos.render import over
 from relight.srgb import to_bytes
 
 SHAPE = 1250, 1000
@@ -43,8 +43,8 @@ def drawn(path: Path, number: int) -> tuple[np.ndarray, np.ndarray]:
     side = rng.uniform(0.6, 1.25) * SHAPE[1]
     left, top = rng.uniform(-0.1, 0.1) * SHAPE[1] + (SHAPE[1] - side) / 2, rng.uniform(0.3, 0.9) * (SHAPE[0] - side)
     behind = load_light(f"room:{300 + number}").panorama
-    view = see(behind, SHAPE, rng.uniform(0, 2 * np.pi), BLUR)
-    view = rolled(view * rng.uniform(0.15, 0.5) / view.mean())
+    view = camera_view(behind, SHAPE, rng.uniform(0, 2 * np.pi), BLUR)
+    view = roll_off(view * rng.uniform(0.15, 0.5) / view.mean())
 
     def placed(image: np.ndarray) -> np.ndarray:
         scale = len(image) / side
@@ -55,7 +55,7 @@ def drawn(path: Path, number: int) -> tuple[np.ndarray, np.ndarray]:
 
     alpha = np.clip(placed(maps.coverage), 0, 1)
     front = np.stack([placed(lit[..., c] * maps.coverage) for c in range(3)], -1) / np.maximum(alpha, 1e-3)[..., None]
-    picture = to_srgb8(over(rolled(np.maximum(front, 0)), alpha, view)) + rng.normal(0, GRAIN, (*SHAPE, 3))
+    picture = to_srgb8(over(roll_off(np.maximum(front, 0)), alpha, view)) + rng.normal(0, GRAIN, (*SHAPE, 3))
     file = io.BytesIO()
     Image.fromarray(np.clip(picture, 0, 255).astype(np.uint8)).save(file, "JPEG", quality=88)
     return np.asarray(Image.open(file)), alpha

@@ -29,9 +29,9 @@ def timed(photo: Path | None, mask: Path | None, frames: int, kept: Path) -> dic
     import torch
     from PIL import Image
 
-    from relight.photos.api import load
-    from relight.photos.film import smaller, turning
-    from relight.photos.photo import Wish, lit
+    from relight.photos.api import load, match_exposure
+    from relight.photos.movie import downscale, turn_light
+    from relight.photos.photo import Options
     from relight.photos.read import Photo, read_mask, read_photo
 
     torch.set_num_threads(1)
@@ -45,14 +45,14 @@ def timed(photo: Path | None, mask: Path | None, frames: int, kept: Path) -> dic
     else:
         pixels = read_photo(photo).pixels
         coverage = read_mask(mask, pixels.shape[:2])
-    pixels, coverage = smaller(Photo(pixels, None, "photo"), coverage, max(SIZE))
-    figures = relighter.infer(pixels, coverage)
+    pixels, coverage = downscale(Photo(pixels, None, "photo"), coverage, max(SIZE))
+    people = relighter.infer(pixels, coverage)
     seconds, last = {}, {}
     for name in BACKGROUNDS:
-        wish = Wish(light="room:7", background=name)
-        source = wish.source(relighter)
-        light, behind = lit(figures, source, wish.behind(source), wish)
-        stream = turning(pixels, figures, light, wish, behind, frames)
+        options = Options(light="room:7", background=name)
+        light = options.read_light(relighter)
+        matched, background = match_exposure(people, light.coefficients, options.read_background(light))
+        stream = turn_light(pixels, people, matched, options, background, frames)
         taken = []
         for _ in range(frames):
             start = time.process_time()

@@ -14,7 +14,7 @@ from PIL import Image
 from relight.benchmark.measures import Seen
 from relight.benchmark.shots import Shot
 from relight.files import UserError, atomic_write, existing_file
-from relight.photos.frame import SOLID, Frame, frame
+from relight.photos.crop import MASK_THRESHOLD, Crop, crop_around
 
 INDEX = "index.json"
 PICTURES = ("ratio", "full")  # relit pictures: made from the photograph's own pixels, and drawn from maps alone
@@ -53,9 +53,9 @@ class Entry:
         return [self.folder / f"new_{number}.exr" for number in range(self.new)]
 
 
-def square_of(mask: np.ndarray, square: tuple[float, float, float], side: int) -> Frame:
+def square_of(mask: np.ndarray, square: tuple[float, float, float], side: int) -> Crop:
     top, left, length = square
-    return replace(frame(mask, side), top=top, left=left, side=length)
+    return replace(crop_around(mask, side), top=top, left=left, side=length)
 
 
 def picture(path: Path) -> np.ndarray:
@@ -118,7 +118,7 @@ class Set:
 def inside_of(entry: Entry) -> np.ndarray:
     """The figure (S,S) bool on the square of a picture."""
     shot = entry.shot()
-    return shot.square.crop(shot.mask) >= SOLID
+    return shot.square.extract(shot.mask) >= MASK_THRESHOLD
 
 
 def seen_of(arrays: Mapping[str, np.ndarray], inside: np.ndarray) -> Seen:

@@ -15,8 +15,8 @@ from relight.learning.augment import developed
 from relight.maps import Maps
 from relight.meshes import Mesh
 from relight.panoramas import Panorama, project
-from relight.photos.environment import see
-from relight.photos.frame import SOLID, Frame
+from relight.photos.crop import MASK_THRESHOLD, Crop
+from relight.photos.environment import camera_view
 from relight.srgb import encode, to_bytes
 from relight.transport import Baker
 from relight.transport.tracer import Coat, PathTracer
@@ -79,7 +79,7 @@ def draw(recipe: Recipe, mesh: Mesh, coats: list[Coat], settings: Settings) -> P
         return math.pi * glossy.radiance(sky_of(source), settings.samples, BOUNCES, seed)
 
     coverage = maps.coverage[..., None]
-    behind = math.pi * see(light, (size, size))  # as bright as a white matt surface that faces it
+    behind = math.pi * camera_view(light, (size, size))  # as bright as a white matt surface that faces it
     linear = scene(light, 1) + (1 - coverage) * behind
     relit = [to_bytes(encode(scene(one, 2 + i))) for i, one in enumerate(new)]
     # `PathTracer.irradiance` divides by the albedo of the same samples; it costs six times as much.
@@ -117,13 +117,13 @@ def cropped(maps: Maps, window: tuple[slice, slice]) -> Maps:
     return Maps(**arrays, info=maps.info)
 
 
-def on_square(maps: Maps, shading: np.ndarray, light: np.ndarray, box: Frame) -> Seen:
+def on_square(maps: Maps, shading: np.ndarray, light: np.ndarray, box: Crop) -> Seen:
     """The truth on a square: means over what of the figure is in each of its pixels."""
-    inside = box.crop(to_bytes(maps.coverage)) >= SOLID
+    inside = box.extract(to_bytes(maps.coverage)) >= MASK_THRESHOLD
     known = maps.coverage * maps.mask  # maps are zero where the pixel's centre shows no figure
-    share = np.maximum(box.crop(known), 1e-3)[..., None]
+    share = np.maximum(box.extract(known), 1e-3)[..., None]
 
     def mean(values: np.ndarray) -> np.ndarray:
-        return box.crop(values * known[..., None]) / share * inside[..., None]
+        return box.extract(values * known[..., None]) / share * inside[..., None]
 
     return Seen(inside, *(mean(values) for values in (maps.albedo, maps.transport, shading)), light)

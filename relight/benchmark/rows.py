@@ -12,11 +12,11 @@ from relight.files import UserError, writable_folder
 from relight.maps import read_maps
 from relight.panoramas import project, read_panorama
 from relight.photos.api import Relighter, load
-from relight.photos.color import relit, to_srgb8
-from relight.photos.frame import extend
-from relight.photos.infer import Figure
-from relight.photos.relight import floor_of, ratio, shading
+from relight.photos.color import apply_gain, to_srgb8
+from relight.photos.crop import fill_outside
+from relight.photos.infer import Person
 from relight.photos.render import render
+from relight.photos.shading import shading, shading_floor, shading_ratio
 from relight.progress import progress
 from relight.srgb import LINEAR, decode
 
@@ -44,7 +44,7 @@ def network(relighter: Relighter) -> Method:
 
     def say(benchmark: Set, entry: Entry) -> dict[str, np.ndarray]:
         shot = entry.shot()
-        figure = relighter.look(shot.photo, shot.mask, replace(shot.square, size=relighter.network.size))
+        figure = relighter.infer_person(shot.photo, shot.mask, replace(shot.square, size=relighter.network.size))
         inside = inside_of(entry)
         linear = figure.albedo if figure.gamma == 1 else decode(figure.albedo)
         found = {"albedo": linear, "shading": figure.shading**figure.gamma, "transport": figure.transport[..., :9]}
@@ -58,11 +58,11 @@ def network(relighter: Relighter) -> Method:
     return say
 
 
-def on_side(values: np.ndarray, figure: Figure, inside: np.ndarray) -> np.ndarray:
+def on_side(values: np.ndarray, figure: Person, inside: np.ndarray) -> np.ndarray:
     """Maps (S,S,C) of a network's square at the pixels of `inside` (side,side), zero outside of it."""
     side = len(inside)
     if side != len(values):
-        whole = extend(values, figure.mask)
+        whole = fill_outside(values, figure.mask)
         channels = [np.ascontiguousarray(whole[..., c], np.float32) for c in range(whole.shape[-1])]
         kind = Image.Resampling.BILINEAR
         values = np.stack([np.asarray(Image.fromarray(c).resize((side, side), kind)) for c in channels], -1)
@@ -108,9 +108,9 @@ def by_ratio(benchmark: Set, entry: Entry, light: np.ndarray) -> np.ndarray:
     """The photograph (N,H,W,3) times new over old shading of the true transport, the old one under `light` (9,3)."""
     maps, linear = read_maps(benchmark.maps(entry)), LINEAR[entry.shot().photo]
     old = shading(maps.transport, light)
-    floor = floor_of(old, maps.mask)
-    gains = [ratio(old, shading(maps.transport, new), floor) for new in new_lights(entry)]
-    return np.stack([to_srgb8(relit(linear, gain)) for gain in gains])
+    floor = shading_floor(old, maps.mask)
+    gains = [shading_ratio(old, shading(maps.transport, new), floor) for new in new_lights(entry)]
+    return np.stack([to_srgb8(apply_gain(linear, gain)) for gain in gains])
 
 
 TRIVIAL: dict[str, Callable[[], Method]] = {"as_it_is": as_it_is, "mean_light": mean_light, "true_maps": true_maps}

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import binary_dilation, binary_erosion
 
-from relight.photos.frame import SOLID, Frame, frame
+from relight.photos.crop import MASK_THRESHOLD, Crop, crop_around
 
 SHIFTS = (4, 8)  # network pixels
 LARGER, SMALLER = 1.15, 0.93
@@ -22,10 +22,10 @@ class Shot:
 
     photo: np.ndarray
     mask: np.ndarray
-    square: Frame
+    square: Crop
 
 
-def moved(box: Frame, down: float, right: float, larger: float = 1.0) -> Frame:
+def moved(box: Crop, down: float, right: float, larger: float = 1.0) -> Crop:
     """The square shifted by its own pixels and enlarged about its centre."""
     pixel, side = box.side / box.size, box.side * larger
     offset = (box.side - side) / 2
@@ -40,7 +40,7 @@ def variants(expose: Callable[[np.ndarray | float], np.ndarray], mask: np.ndarra
         mask: of the figure, (H,W) uint8.
         size: pixels of the squares.
     """
-    photo, box = expose(1.0), frame(mask, size)
+    photo, box = expose(1.0), crop_around(mask, size)
     shots = {"": Shot(photo, mask, box)}
     for pixels in SHIFTS:
         shots[f"down_{pixels}"] = Shot(photo, mask, moved(box, pixels, 0))
@@ -49,13 +49,13 @@ def variants(expose: Callable[[np.ndarray | float], np.ndarray], mask: np.ndarra
     shots["smaller"] = Shot(photo, mask, moved(box, 0, 0, SMALLER))
     pixel = max(1, round(box.side / size))
     for name, change in (("fatter", binary_dilation), ("thinner", binary_erosion)):
-        shots[name] = Shot(photo, change(mask >= SOLID, iterations=pixel).astype(np.uint8) * 255, box)
-    solid = np.flatnonzero((mask >= SOLID).any(1))
+        shots[name] = Shot(photo, change(mask >= MASK_THRESHOLD, iterations=pixel).astype(np.uint8) * 255, box)
+    solid = np.flatnonzero((mask >= MASK_THRESHOLD).any(1))
     for name, share in (("knee", KNEE), ("waist", WAIST)):
         cut = mask.copy()
         cut[solid[0] + int(share * len(solid)) :] = 0
-        shots[name] = Shot(photo, cut, frame(cut, size))
-    shots["mirror"] = Shot(photo[:, ::-1], mask[:, ::-1], frame(mask[:, ::-1], size))
+        shots[name] = Shot(photo, cut, crop_around(cut, size))
+    shots["mirror"] = Shot(photo[:, ::-1], mask[:, ::-1], crop_around(mask[:, ::-1], size))
     for name, gain in (("dark", DARK), ("warm", WARM), ("plain", PLAIN)):
         shots[name] = Shot(expose(gain), mask, box)
     return shots

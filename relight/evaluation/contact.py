@@ -10,7 +10,7 @@ from relight.evaluation.metrics import shade
 from relight.files import UserError
 from relight.lights import measure
 from relight.maps import LeftOut, Maps, read_info, read_maps
-from relight.photos.frame import extend
+from relight.photos.crop import fill_outside
 from relight.progress import progress
 from relight.srgb import encode
 
@@ -48,7 +48,7 @@ def contact_sheet(maps_paths: list[Path], light: np.ndarray, out: Path, height: 
             for v, colors in enumerate(views(maps, light)):
                 cell = Image.new("RGB", (width, height), CELL)
                 # Extended, for pixels that a figure covers in part but not at their centre.
-                cell.paste(*placed(extend(colors, maps.mask), maps, rows, (width, height)))
+                cell.paste(*placed(fill_outside(colors, maps.mask), maps, rows, (width, height)))
                 sheet.cell(cell, x + v * (width + GAP), y)
         else:
             room = len(VIEWS) * (width + GAP) - GAP

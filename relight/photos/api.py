@@ -1,63 +1,138 @@
-"""The Python interface: `relight.load()` and what one does with it. Pictures are arrays, Pillow's images, or files."""
+"""The Python interface: `relight.load()` and its `Relighter`. Pictures are arrays, images of Pillow, or files."""
 
-from collections.abc import Sequence
+import base64
+import io
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
 from relight.files import UserError
-from relight.photos.background import Background, background
-from relight.photos.frame import SOLID, Frame
-from relight.photos.infer import Figure, infer
-from relight.photos.mask import mask_of, people
-from relight.photos.read import Photo, mask_image, photo_of, read_photo
-from relight.photos.relight import matched
-from relight.photos.relit import Relit
+from relight.lights import Light
+from relight.photos.background import Background, read_background
+from relight.photos.crop import MASK_THRESHOLD, Crop
+from relight.photos.infer import Person, infer_person, mean_exposure_factor, mean_light
+from relight.photos.mask import find_mask, split_people
+from relight.photos.read import Photo, is_picture, mask_beside, mask_from_image, photo_from_image, read_photo
 from relight.photos.render import render
-from relight.photos.source import mask_beside
-from relight.photos.trust import Trust, trust
+from relight.photos.trust import Trust, assess
 from relight.sh import rotate_y
 
 WEIGHTS = Path(__file__).parent.parent / "weights" / "photo.safetensors"
 MODES = ("ratio", "full")
+PREVIEW = 480  # pixels of the longer side of a picture in a notebook
 Picture = np.ndarray | Image.Image | Path | str
 
 
+class RelitPhoto(np.ndarray):
+    """A relit photo (H,W,3) or (H,W,4) uint8 sRGB that notebooks show beside the original.
+
+    Results of computations with it are plain arrays.
+
+    Attributes:
+        before: (H,W,3) uint8, the photo; None for a part of a picture.
+    """
+
+    before: np.ndarray | None
+
+    @classmethod
+    def of(cls, pixels: np.ndarray, before: np.ndarray) -> "RelitPhoto":
+        """Views pixels, without a copy, as the relit version of the photo `before`."""
+        relit = pixels.view(cls)
+        relit.before = before
+        return relit
+
+    def __array_finalize__(self, source: np.ndarray | None) -> None:
+        self.before = None
+
+    def __array_wrap__(self, array: np.ndarray, *_) -> np.ndarray:
+        return array
+
+    def _repr_html_(self) -> str | None:
+        """Both pictures side by side; None for a part of a picture, which is shown as numbers."""
+        if self.before is None:
+            return None
+        return "".join(
+            f'<figure style="display:inline-block;margin:0 8px 0 0"><img alt="{name}" src="data:image/webp;base64,'
+            f'{_webp(pixels)}"><figcaption>{name}</figcaption></figure>'
+            for name, pixels in (("before", self.before), ("after", self))
+        )
+
+
+def _webp(pixels: np.ndarray) -> str:
+    image = Image.fromarray(np.asarray(pixels))
+    image.thumbnail((PREVIEW, PREVIEW), Image.Resampling.LANCZOS)
+    file = io.BytesIO()
+    image.save(file, "WEBP", quality=90)
+    return base64.b64encode(file.getvalue()).decode()
+
+
 class Relighter:
-    """A network that is ready for photos. config: the network's; lights (N,K,3): those of its training, or None."""
+    """A network that is ready for photos.
+
+    Attributes:
+        network: in evaluation mode.
+        config: the network's, as in its checkpoint.
+        lights: (N,K,3) of its training, or None if unknown.
+    """
 
     def __init__(self, network, config: dict, lights: np.ndarray | None = None):
         self.network, self.config, self.lights = network, config, lights
 
     @property
     def order(self) -> int:
+        """Of the spherical harmonics."""
         return self.network.order
 
-    def infer(self, image: Picture, mask: Picture | None = None, split: bool = True) -> list[Figure]:
-        """Each person's light, albedo and transport, from left to right.
+    def infer(self, image: Picture, mask: Picture | None = None, split: bool = True) -> list[Person]:
+        """Infers the light, albedo and transport of each person in a photo.
 
-        image: (H,W,3) uint8 sRGB, Pillow's image, or a file; mask: (H,W) bool, uint8 of 0..255 or float in [0,1], soft
-        edges welcome, Pillow's image, or a file; without one it is found as for `relight photo` (docs/photos.md).
-        split: people that do not touch are inferred one by one. Raises UserError for what is none of these, and for
-        empty masks.
+        Args:
+            image: (H,W,3) uint8 sRGB, an image of Pillow, or a file.
+            mask: (H,W) bool, uint8 of 0 to 255 or float in [0,1], soft edges included; an image of Pillow, or a file.
+                By default it is found as for `relight photo` (docs/photos.md).
+            split: whether people who do not touch are inferred one by one.
+
+        Returns:
+            The people from left to right.
+
+        Raises:
+            UserError: if image or mask is none of these, or the mask is empty.
         """
-        photo, coverage = _given(image, mask)
-        figures = people(coverage) if split else [coverage]
-        return [infer(self.network, self.config, photo.pixels, figure) for figure in figures]
+        photo, coverage = _read_inputs(image, mask)
+        coverages = split_people(coverage) if split else [coverage]
+        return [self.infer_person(photo.pixels, coverage) for coverage in coverages]
 
-    def look(self, image: np.ndarray, coverage: np.ndarray, box: Frame) -> Figure:
-        """The same for one figure in a given square, for movies."""
-        return infer(self.network, self.config, image, coverage, box)
+    def infer_person(self, pixels: np.ndarray, coverage: np.ndarray, crop: Crop | None = None) -> Person:
+        """Infers one person, in a given square or the one around the coverage (relight.photos.infer.infer_person)."""
+        return infer_person(self.network, self.config, pixels, coverage, crop)
 
-    def light(self, light: np.ndarray | str, figures: Sequence[Figure] = (), match: bool = True) -> np.ndarray:
-        """(K,3) of a light as coefficients or as a user names it (docs/photos.md), of the exposure of `figures`."""
-        if not isinstance(light, np.ndarray):
-            from relight.photos.source import light_source
+    def read_light(
+        self, text: str, mask: Path | str | None = None, mask_model: Path | str | None = None, **options
+    ) -> Light:
+        """Reads a light as a user names it (docs/photos.md).
 
-            light = light_source(str(light), self).coefficients
-        light = np.asarray(light, np.float32)
-        return light * exposure(figures, light) if match and figures else light
+        Args:
+            text: a panorama, a file of coefficients, "room:12", "key:#ffeedd@45,30", or another photo.
+            mask: of that photo.
+            mask_model: for its automatic mask.
+            options: of `relight.lights.load_light`, for panoramas and coefficients.
+
+        Returns:
+            The light, float32, of the order of the network.
+
+        Raises:
+            UserError: if it is no light.
+        """
+        if is_picture(text):
+            photo = read_photo(text)
+            people = self.infer(photo.pixels, find_mask(photo, mask or mask_beside(text), mask_model))
+            return Light(mean_light(people), text)
+        from relight.lights import load_light
+
+        light = load_light(text, order=self.order, **options)
+        return replace(light, coefficients=light.coefficients.astype(np.float32))
 
     def relight(
         self,
@@ -65,45 +140,75 @@ class Relighter:
         mask: Picture | None = None,
         light: np.ndarray | str = "room:7",
         mode: str = "ratio",
-        behind: Background | str = "keep",
+        background: Background | str = "keep",
         turn: float = 0.0,
         match: bool = True,
         stops: float = 0.0,
-    ) -> Relit:
-        """`image` with the people under `mask` in another light: (H,W,3) uint8, (H,W,4) if transparent.
+    ) -> RelitPhoto:
+        """Relights the people of a photo.
 
-        image, mask: as in `infer`. light: (K,3) radiance coefficients (docs/conventions.md) or text: "kitchen.hdr",
-        "room:12", "key:#ffeedd@45,30".
-        mode: `ratio` keeps all detail of the photo, `full` shows albedo * shading. turn: degrees about the vertical,
-        the light's front toward +x. match: scale the light to the photo's exposure. stops: brighter by powers of two.
+        Args:
+            image: as in `infer`.
+            mask: as in `infer`.
+            light: (K,3) radiance coefficients (docs/conventions.md), or a text as in `read_light`.
+            mode: `ratio` keeps all detail of the photo, `full` is albedo * shading.
+            background: "keep", "transparent", "panorama", a colour or a picture file; or a `Background`.
+            turn: of the light about the vertical axis, its front toward +x, degrees.
+            match: whether the light is scaled to the photo's exposure.
+            stops: exposure, as a power of two.
+
+        Returns:
+            (H,W,3) uint8 sRGB, or (H,W,4) for a transparent background.
+
+        Raises:
+            UserError: if an argument is none of these.
         """
         if mode not in MODES:
             raise UserError(f"mode {mode!r} is neither ratio nor full")
-        photo, coverage = _given(image, mask)
-        figures = self.infer(photo.pixels, coverage)
-        behind = background(behind) if isinstance(behind, str) else behind
-        light = self.light(light)
-        needed = exposure(figures, light)
-        factor = needed if match else 1.0
-        behind = behind.under(light * factor, factor, factor / needed)
-        turned = rotate_y(light * factor, np.radians(turn)).astype(np.float32)
-        return Relit.of(render(photo.pixels, figures, turned, mode, behind, np.radians(turn), stops), photo.pixels)
+        photo, coverage = _read_inputs(image, mask)
+        people = self.infer(photo.pixels, coverage)
+        background = read_background(background) if isinstance(background, str) else background
+        light = np.asarray(light if isinstance(light, np.ndarray) else self.read_light(str(light)).coefficients)
+        light, background = match_exposure(people, light.astype(np.float32), background, match)
+        turned = rotate_y(light, np.radians(turn)).astype(np.float32)
+        relit = render(photo.pixels, people, turned, mode, background, np.radians(turn), stops)
+        return RelitPhoto.of(relit, photo.pixels)
 
-    def trust(self, figure: Figure) -> Trust:
-        """How far to trust this inference, in numbers and words."""
-        return trust(figure, self.lights, self.config.get("augment", {}).get("exposure", [0.0])[-1])
+    def trust(self, person: Person) -> Trust:
+        """Assesses how far an inference can be trusted."""
+        return assess(person, self.lights, self.config.get("augment", {}).get("exposure", [0.0])[-1])
 
 
-def exposure(figures: Sequence[Figure], light: np.ndarray) -> float:
-    """The factor on `light` that keeps the photo's exposure: the geometric mean over its people."""
-    return float(np.exp(np.mean([np.log(matched(f.light, light, f.transport, f.mask)) for f in figures])))
+def match_exposure(
+    people: list[Person], light: np.ndarray, background: Background, match: bool = True
+) -> tuple[np.ndarray, Background]:
+    """Scales a light to the exposure of a photo, and matches a background to it.
+
+    Args:
+        people: of the photo.
+        light: (K,3).
+        background: that is read.
+        match: otherwise the light keeps its own strength.
+
+    Returns:
+        The light (K,3) and the background.
+    """
+    needed = mean_exposure_factor(people, light)
+    factor = needed if match else 1.0
+    light = light * np.float32(factor)
+    return light, background.matched(light, factor, factor / needed)
 
 
 def load(path: Path | str | None = None, threads: int | None = None) -> Relighter:
-    """The network that comes with the package, that of a .safetensors checkpoint of ours, or a model in MLflow, such as
-    models:/relight@photo.
+    """Loads a network.
 
-    threads: of torch; its own choice by default. Raises UserError for anything that is no such checkpoint.
+    Args:
+        path: a .safetensors checkpoint of relight, or a model in MLflow, such as models:/relight@photo; by default the
+            network that comes with the package.
+        threads: of torch; its own choice by default.
+
+    Raises:
+        UserError: if it is no such checkpoint.
     """
     import torch
 
@@ -131,31 +236,32 @@ def _training_lights(config: dict, order: int) -> np.ndarray | None:
     return np.asarray(lights, np.float32).reshape(-1, (order + 1) ** 2, 3) if lights else None
 
 
-def _given(image: Picture, mask: Picture | None) -> tuple[Photo, np.ndarray]:
-    """A photo and its coverage (H,W) uint8, of whatever kind they are given. Raises UserError."""
+def _read_inputs(image: Picture, mask: Picture | None) -> tuple[Photo, np.ndarray]:
+    """A photo and its coverage (H,W) uint8. Raises UserError."""
     file = isinstance(image, str | Path)
     if file:
         photo = read_photo(image)
+    elif isinstance(image, Image.Image):
+        photo = photo_from_image(image)
     else:
-        photo = photo_of(image) if isinstance(image, Image.Image) else Photo(_image(image), None, "image")
+        photo = Photo(_checked_image(image), None, "image")
     if mask is None or isinstance(mask, str | Path):
-        return photo, mask_of(photo, mask or (mask_beside(image) if file else None))
-    coverage = _coverage(mask_image(mask, photo.pixels.shape[:2]) if isinstance(mask, Image.Image) else mask)
-    if photo.pixels.shape[:2] != coverage.shape:
-        raise UserError(
-            f"the mask is {coverage.shape[::-1]} pixels, the image {photo.pixels.shape[1::-1]}: they must be equal"
-        )
+        return photo, find_mask(photo, mask or (mask_beside(image) if file else None))
+    shape = photo.pixels.shape[:2]
+    coverage = _checked_mask(mask_from_image(mask, shape) if isinstance(mask, Image.Image) else mask)
+    if shape != coverage.shape:
+        raise UserError(f"the mask is {coverage.shape[::-1]} pixels, the image {shape[::-1]}: they must be equal")
     return photo, coverage
 
 
-def _image(image: np.ndarray) -> np.ndarray:
+def _checked_image(image: np.ndarray) -> np.ndarray:
     image = np.asarray(image)
     if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
         raise UserError(f"the image is {image.dtype} {image.shape}: give (height, width, 3) uint8 sRGB")
     return image
 
 
-def _coverage(mask: np.ndarray) -> np.ndarray:
+def _checked_mask(mask: np.ndarray) -> np.ndarray:
     mask = np.asarray(mask)
     if mask.ndim != 2:
         raise UserError(f"the mask has shape {mask.shape}: give (height, width)")
@@ -163,6 +269,6 @@ def _coverage(mask: np.ndarray) -> np.ndarray:
         mask = mask * np.uint8(255)
     elif mask.dtype != np.uint8:
         mask = np.round(np.clip(np.nan_to_num(mask.astype(np.float32)), 0, 1) * 255).astype(np.uint8)
-    if not (mask >= SOLID).any():
+    if not (mask >= MASK_THRESHOLD).any():
         raise UserError("the mask is empty: no pixel of it is at least half white")
     return mask

@@ -1,4 +1,4 @@
-"""What stands behind the relit figure: the photo's own background, a colour, a picture, the panorama, or nothing."""
+"""What is composited behind the people: the photo's own background, a colour, a picture, a panorama, or nothing."""
 
 import re
 from dataclasses import dataclass, replace
@@ -9,17 +9,25 @@ from PIL import Image, ImageColor
 
 from relight.files import UserError
 from relight.panoramas import Panorama, luminance
-from relight.photos.color import relit, rolled
-from relight.photos.environment import see
+from relight.photos.color import apply_gain, roll_off
+from relight.photos.environment import camera_view
 from relight.photos.read import is_picture, read_photo
 from relight.srgb import LINEAR
 
 
 @dataclass
 class Background:
-    """kind: keep | color | picture | panorama | none (transparent). color (3,) uint8 sRGB; picture (h,w,3) uint8, its
-    linear values times `tint` (3,); panorama, its radiance times `gain`; blur in degrees; shadow: of the figures, on a
-    background that is not the photo's own.
+    """What is composited behind the people.
+
+    Attributes:
+        kind: keep | color | picture | panorama | none (transparent).
+        color: (3,) uint8 sRGB.
+        picture: (h,w,3) uint8 sRGB.
+        panorama: in the unit of the light that it was projected to.
+        gain: factor on the panorama's radiance.
+        tint: (3,) factor on the picture's linear values.
+        blur: of the panorama, degrees.
+        shadow: whether people cast shadows on a background that is not the photo's own.
     """
 
     kind: str = "keep"
@@ -33,38 +41,57 @@ class Background:
 
     @property
     def replaced(self) -> bool:
-        """Whether something stands where the photo's own background was."""
+        """Whether the photo's own background is covered."""
         return self.kind not in ("keep", "none")
 
-    def under(self, light: np.ndarray, factor: float, level: float = 1.0) -> "Background":
-        """The background in the exposure and white balance of figures under `light` (K,3) times `factor`.
+    def matched(self, light: np.ndarray, factor: float, level: float = 1.0) -> "Background":
+        """Matches exposure and white balance to people under a new light.
 
-        A panorama is that light. A picture is taken to be as well exposed as the photo is; it follows `level`, by which
-        the figures become brighter than in the photo, and its white goes half-way to that of the light. A colour stays.
+        A panorama is that light. A picture is taken to be as well exposed as the photo; its white goes half-way to that
+        of the light. A colour stays.
+
+        Args:
+            light: (K,3), in the photo's exposure.
+            factor: the one that brought it there.
+            level: how much brighter the people become than in the photo.
         """
         tint = 1.0
         if self.kind == "picture":
-            tint = level * np.sqrt(_hue(np.maximum(light[0], 0)) / _hue(white(self.picture)))
+            tint = level * np.sqrt(_hue(np.maximum(light[0], 0)) / _hue(estimate_white(self.picture)))
         return replace(self, gain=factor, tint=tint)
 
     def linear(self, shape: tuple[int, int], turn: float = 0.0, stops: float = 0.0) -> np.ndarray:
-        """Linear values (H,W,3) float32 in [0,1] behind a photo of `shape`, when the light is turned by `turn` radians,
-        and all but a colour exposed by `stops` more.
+        """Renders a colour, picture or panorama behind a photo.
 
-        A radiance L shows as pi L: images here are albedo times irradiance, so a matt white figure in the open is as
-        bright as what surrounds it. Not for `keep`, which is the photo itself, nor for `none`.
+        A radiance L is shown as pi L: images here are albedo times irradiance, so a matte white person in the open is
+        as bright as the surroundings.
+
+        Args:
+            shape: (H, W) of the photo.
+            turn: of the light, radians.
+            stops: exposure of pictures and panoramas, as powers of two.
+
+        Returns:
+            (H,W,3) float32 in [0,1].
         """
         if self.kind == "color":
             return np.broadcast_to(LINEAR[self.color], (*shape, 3))
         if self.kind == "picture":
-            return relit(LINEAR[cover(self.picture, shape)], np.float32(self.tint) * np.ones(3, np.float32) * 2**stops)
-        return rolled(see(self.panorama, shape, turn, self.blur) * np.float32(np.pi * self.gain * 2**stops))
+            gain = np.float32(self.tint) * np.ones(3, np.float32) * 2**stops
+            return apply_gain(LINEAR[resize_to_cover(self.picture, shape)], gain)
+        return roll_off(camera_view(self.panorama, shape, turn, self.blur) * np.float32(np.pi * self.gain * 2**stops))
 
 
-def background(text: str, panorama: Panorama | None = None, blur: float = 0.0) -> Background:
-    """A background as a user names it: keep, transparent, panorama, a colour (#223344, white) or a picture file.
+def read_background(text: str, panorama: Panorama | None = None, blur: float = 0.0) -> Background:
+    """Reads a background as a user names it.
 
-    panorama: that of the light, when the light has one. Raises UserError.
+    Args:
+        text: keep, transparent, panorama, a colour (#223344, white) or a picture file.
+        panorama: that of the light, if it has one.
+        blur: of the panorama, degrees.
+
+    Raises:
+        UserError: if it is none of these.
     """
     if text == "keep":
         return Background("keep")
@@ -87,22 +114,29 @@ def background(text: str, panorama: Panorama | None = None, blur: float = 0.0) -
     raise UserError(f"background {text!r} is not keep, transparent, panorama, a colour (#334455) or a picture file")
 
 
-def white(picture: np.ndarray) -> np.ndarray:
-    """The colour (3,), linear, of the light in a picture (h,w,3) uint8, by its "shades of grey" (Finlayson and Trezzi
-    2004): a mean of its values' sixth powers, between the average and the brightest.
+def estimate_white(picture: np.ndarray) -> np.ndarray:
+    """Estimates the colour of the light in a picture by "shades of grey" (Finlayson and Trezzi 2004).
+
+    That is a mean of the sixth powers of its values, between the average and the largest.
+
+    Args:
+        picture: (h,w,3) uint8 sRGB.
+
+    Returns:
+        (3,) linear.
     """
     every = max(int(np.sqrt(picture[..., 0].size / 40_000)), 1)
-    seen = LINEAR[picture[::every, ::every]].astype(np.float64)
-    return (seen**6).mean((0, 1)) ** (1 / 6)
+    linear = LINEAR[picture[::every, ::every]].astype(np.float64)
+    return (linear**6).mean((0, 1)) ** (1 / 6)
 
 
 def _hue(color: np.ndarray) -> np.ndarray:
-    """`color` (3,) at luminance 1, no channel below a fifth of it."""
+    """A colour (3,) at luminance 1, with no channel below a fifth."""
     return np.maximum(color / max(float(luminance(color)), 1e-6), 0.2)
 
 
-def cover(picture: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """`picture` (h,w,3) uint8, scaled to fill `shape` (H,W) and cut at the middle."""
+def resize_to_cover(picture: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """Scales a picture (h,w,3) uint8 to fill `shape` (H,W) and cuts it around the middle."""
     height, width = shape
     scale = max(height / picture.shape[0], width / picture.shape[1])
     rows, columns = height / scale, width / scale

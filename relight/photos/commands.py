@@ -1,9 +1,16 @@
-"""The commands `photo`, `transfer`, `movie`, `export` and `mask`. Imports of torch wait until one of them runs."""
+"""The commands `photo`, `transfer`, `movie`, `export` and `mask`. They import torch only when they run."""
 
+import functools
+import inspect
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from relight.photos.photo import Options
 
 app = typer.Typer()
 mask_app = typer.Typer(help="Automatic masks: set up once, and draw one to correct it.", no_args_is_help=True)
@@ -37,14 +44,8 @@ Size = Annotated[int, typer.Option(min=16, max=4096, help="Pixels of the longer 
 DEFAULT = "room:7"
 
 
-@app.command()
-def photo(
-    path: Annotated[Path, typer.Argument(help="A photo, or a folder of photos.", metavar="PHOTO")],
-    mask: MaskPath = None,
+def relighting_options(
     light: LightText = DEFAULT,
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Folder for the results; PHOTO_relit if none.")
-    ] = None,
     mode: Mode = "ratio",
     background: BackgroundText = "keep",
     blur: Blur = 0.0,
@@ -52,7 +53,6 @@ def photo(
     turn: Turn = 0.0,
     stops: Stops = 0.0,
     absolute: Absolute = False,
-    together: Together = False,
     light_mask: LightMask = None,
     mask_model: MaskModel = None,
     layout: Layout = "auto",
@@ -60,16 +60,11 @@ def photo(
     flip: Flip = False,
     upside_down: UpsideDown = False,
     convention: Convention = None,
-    weights: Weights = None,
-    jobs: Annotated[int | None, typer.Option("--jobs", "-j", min=1, help="Photos side by side, for a folder.")] = None,
-) -> None:
-    """Puts the people of a photo, or of a folder of photos, into another light."""
-    from relight.files import UserError
-    from relight.photos.photo import Wish
+) -> "Options":
+    """The options that `photo` and `movie` share."""
+    from relight.photos.photo import Options
 
-    if not path.exists():
-        raise UserError(f"photo: there is no file or folder {path}")
-    wish = Wish(
+    return Options(
         light=light,
         mode=mode,
         background=background,
@@ -78,7 +73,6 @@ def photo(
         turn=turn,
         stops=stops,
         match=not absolute,
-        together=together,
         light_mask=_text(light_mask),
         mask_model=_text(mask_model),
         layout=layout,
@@ -87,11 +81,47 @@ def photo(
         upside_down=upside_down,
         convention=convention,
     )
+
+
+def with_relighting_options(command: Callable) -> Callable:
+    """Gives a command the parameters of `relighting_options`, and their values as the argument `options`."""
+    own, shared = inspect.signature(command), inspect.signature(relighting_options)
+    parameters = [p for p in own.parameters.values() if p.name != "options"] + list(shared.parameters.values())
+
+    @functools.wraps(command)
+    def wrapper(**values):
+        options = relighting_options(**{name: values.pop(name) for name in shared.parameters})
+        return command(**values, options=options)
+
+    wrapper.__signature__ = own.replace(parameters=parameters)
+    wrapper.__annotations__ = {p.name: p.annotation for p in parameters}
+    return wrapper
+
+
+@app.command()
+@with_relighting_options
+def photo(
+    path: Annotated[Path, typer.Argument(help="A photo, or a folder of photos.", metavar="PHOTO")],
+    options: "Options",
+    mask: MaskPath = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder for the results; PHOTO_relit if none.")
+    ] = None,
+    together: Together = False,
+    weights: Weights = None,
+    jobs: Annotated[int | None, typer.Option("--jobs", "-j", min=1, help="Photos side by side, for a folder.")] = None,
+) -> None:
+    """Puts the people of a photo, or of a folder of photos, into another light."""
+    from relight.files import UserError
+
+    if not path.exists():
+        raise UserError(f"photo: there is no file or folder {path}")
+    options = replace(options, together=together)
     out = out or path.with_name(f"{path.stem if path.is_file() else path.name}_relit")
     if path.is_dir():
-        from relight.photos.batch import batch
+        from relight.photos.folder import relight_folder
 
-        summary = batch(path, out, wish, mask, weights, jobs)
+        summary = relight_folder(path, out, options, mask, weights, jobs)
         print(f"{out}: {summary}")
         if summary.failed:
             raise typer.Exit(1)
@@ -99,9 +129,9 @@ def photo(
     from relight.photos.api import load
     from relight.photos.photo import relight_file
 
-    record = relight_file(load(weights), path, out, wish, mask)
-    print(f"{out}/relit.png: {path.name} in the light of {light}")
-    _tell(record)
+    record = relight_file(load(weights), path, out, options, mask)
+    print(f"{out}/relit.png: {path.name} in the light of {options.light}")
+    _print_notes(record)
 
 
 @app.command()
@@ -120,73 +150,41 @@ def transfer(
 ) -> None:
     """Swaps the light of two photos, each keeping its exposure: OUT/A_lit_as_B.png and OUT/B_lit_as_A.png."""
     from relight.photos.api import load
-    from relight.photos.photo import Wish, swap
+    from relight.photos.photo import Options, swap_lights
 
-    wish = Wish(mode=mode, background=background, shadow=shadow, stops=stops, mask_model=_text(mask_model))
-    for path in swap(load(weights), (first, second), (first_mask, second_mask), out, wish):
+    options = Options(mode=mode, background=background, shadow=shadow, stops=stops, mask_model=_text(mask_model))
+    for path in swap_lights(load(weights), (first, second), (first_mask, second_mask), out, options):
         print(path)
 
 
 @app.command()
+@with_relighting_options
 def movie(
     path: Annotated[Path, typer.Argument(help="A photo, a video, or a folder of frames.", metavar="PHOTO|CLIP")],
+    options: "Options",
     out: Annotated[Path, typer.Option("--out", "-o", help="The movie: .mp4, .webm or .gif.")] = Path("relit.mp4"),
     mask: Annotated[
         Path | None, typer.Option("--mask", "-m", help="Of the photo; for a clip a folder or a video of masks.")
     ] = None,
-    light: LightText = DEFAULT,
     seconds: Annotated[float, typer.Option(min=0.1, max=600, help="Length, for a photo.")] = 6.0,
     fps: Annotated[float | None, typer.Option(min=1, max=120, help="Frames per second; 25, or the clip's own.")] = None,
     turns: Annotated[float | None, typer.Option(help="Turns of the light: 1 for a photo, 0 for a clip.")] = None,
     size: Size = 1080,
-    mode: Mode = "ratio",
-    background: BackgroundText = "keep",
-    blur: Blur = 0.0,
-    shadow: Shadow = True,
-    turn: Turn = 0.0,
-    stops: Stops = 0.0,
-    absolute: Absolute = False,
-    light_mask: LightMask = None,
-    mask_model: MaskModel = None,
-    layout: Layout = "auto",
-    yaw: Yaw = 0.0,
-    flip: Flip = False,
-    upside_down: UpsideDown = False,
-    convention: Convention = None,
     weights: Weights = None,
 ) -> None:
     """A movie: a photo whose light turns, or a clip of moving people in another light. The exposure is fixed."""
     from relight.files import UserError
-    from relight.photos.movie import check_output
+    from relight.photos.video import writable_video
 
-    check_output(out)
-    if background == "transparent":
+    writable_video(out)
+    if options.background == "transparent":
         raise UserError("a movie cannot be transparent: give another --background")
     if not path.exists():
         raise UserError(f"movie: there is no file or folder {path}")
-    from relight.photos.film import shoot
-    from relight.photos.photo import Wish
-
-    wish = Wish(
-        light=light,
-        mode=mode,
-        background=background,
-        blur=blur,
-        shadow=shadow,
-        turn=turn,
-        stops=stops,
-        match=not absolute,
-        light_mask=_text(light_mask),
-        mask_model=_text(mask_model),
-        layout=layout,
-        yaw=yaw,
-        flip=flip,
-        upside_down=upside_down,
-        convention=convention,
-    )
     from relight.photos.api import load
+    from relight.photos.movie import write_movie
 
-    shoot(load(weights), path, mask, out, wish, seconds, fps, turns, size)
+    write_movie(load(weights), path, mask, out, options, seconds, fps, turns, size)
     print(out)
 
 
@@ -225,12 +223,12 @@ def mask_draw(
 ) -> None:
     """Writes the automatic mask of a photo, to be corrected with a paint program; beside the photo it is found."""
     from relight.files import writable_file
-    from relight.photos.mask import automatic
+    from relight.photos.mask import automatic_mask
     from relight.photos.read import read_photo
-    from relight.photos.save import save_picture
+    from relight.photos.write import write_picture
 
     out = writable_file(out or path.with_name(f"{path.stem}_mask.png"), "--out")
-    save_picture(out, automatic(read_photo(path), mask_model))
+    write_picture(out, automatic_mask(read_photo(path), mask_model))
     print(out)
 
 
@@ -238,7 +236,7 @@ def _text(path: Path | None) -> str | None:
     return None if path is None else str(path)
 
 
-def _tell(record: dict) -> None:
+def _print_notes(record: dict) -> None:
     for note in record["light"]["notes"] + record["mask"]["notes"]:
         print(f"note: {note}")
     for number, person in enumerate(record["people"], 1):

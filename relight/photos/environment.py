@@ -1,4 +1,4 @@
-"""A panorama of any layout, looked at along any direction: what a photo's camera would see of it."""
+"""The radiance of a panorama of any layout along any direction, and its image in a photo's camera."""
 
 import numpy as np
 from PIL import Image
@@ -8,27 +8,36 @@ from relight.panoramas import Panorama
 from relight.panoramas.projection import CUBE_FACES, cut_faces
 from relight.sh import rotation_about_y
 
-VIEW = 50.0  # degrees that the longer side of a photo sees: a 38 mm lens on 35 mm film
+FIELD_OF_VIEW = 50.0  # degrees along the longer side of a photo: a 38 mm lens on 35 mm film
 
 
-def see(panorama: Panorama, shape: tuple[int, int], turn: float = 0.0, blur: float = 0.0) -> np.ndarray:
-    """What the photo's camera sees: (H,W,3) float32, linear, in the panorama's units.
+def camera_view(panorama: Panorama, shape: tuple[int, int], turn: float = 0.0, blur: float = 0.0) -> np.ndarray:
+    """Renders a panorama as the photo's camera sees it.
 
-    The camera stands on +z, looks along -z and sees VIEW degrees along its longer side; the panorama is turned by
-    `turn` radians about the vertical like the light (relight.sh.rotation_about_y). blur: standard deviation in
-    degrees, at least half a pixel of the panorama, so that small ones do not show as blocks.
+    The camera stands on +z, looks along -z and has FIELD_OF_VIEW along its longer side.
+
+    Args:
+        panorama: of any layout.
+        shape: (H, W) of the photo.
+        turn: radians by which the panorama is rotated about the vertical axis, as the light is
+            (relight.sh.rotation_about_y).
+        blur: standard deviation in degrees; at least half a pixel of the panorama, so that pixels of small panoramas
+            do not show.
+
+    Returns:
+        (H,W,3) float32, linear, in the panorama's unit.
     """
     height, width = shape
-    focal = max(shape) / 2 / np.tan(np.radians(VIEW / 2))  # in pixels of the photo
-    sigma = max(np.radians(blur), 0.5 * pitch(panorama)) * focal
-    step = max(1, int(sigma / 3))  # a blurred view holds no detail: look at fewer pixels
+    focal = max(shape) / 2 / np.tan(np.radians(FIELD_OF_VIEW / 2))  # in pixels of the photo
+    sigma = max(np.radians(blur), 0.5 * pixel_angle(panorama)) * focal
+    step = max(1, int(sigma / 3))  # a blurred view has no detail: fewer pixels will do
     y, x = np.meshgrid(
         (height / 2 - np.arange(step / 2, height + step / 2, step)) / focal,
         (np.arange(step / 2, width + step / 2, step) - width / 2) / focal,
         indexing="ij",
     )
     directions = np.stack([x, y, np.full_like(x, -1.0)], -1)
-    view = lookup(panorama, directions @ rotation_about_y(turn))  # R^T d: whence it was turned
+    view = lookup(panorama, directions @ rotation_about_y(turn))  # R^T d: the direction before the turn
     if sigma > 1:
         view = gaussian_filter(view, (sigma / step, sigma / step, 0), mode="nearest")
     if step > 1:
@@ -38,15 +47,23 @@ def see(panorama: Panorama, shape: tuple[int, int], turn: float = 0.0, blur: flo
     return np.maximum(view, 0)
 
 
-def pitch(panorama: Panorama) -> float:
-    """Radians between neighbouring pixels, about."""
+def pixel_angle(panorama: Panorama) -> float:
+    """Returns the angle between neighbouring pixels, radians, approximately."""
     height, width = panorama.pixels.shape[:2]
     across = {"latlong": width, "angular": width, "ball": width}.get(panorama.layout, 4 * np.sqrt(height * width / 6))
     return 2 * np.pi / across
 
 
 def lookup(panorama: Panorama, directions: np.ndarray) -> np.ndarray:
-    """The radiance (...,3) float32 that arrives from `directions` (...,3), any length, by bilinear interpolation."""
+    """Interpolates a panorama bilinearly: the inverse of its projection.
+
+    Args:
+        panorama: of any layout.
+        directions: (...,3) of any length, in the frame of docs/conventions.md.
+
+    Returns:
+        The radiance (...,3) float32 that arrives from there.
+    """
     directions = directions @ rotation_about_y(np.radians(panorama.yaw))
     if panorama.flip:
         directions = directions * np.array([-1, 1, 1])
@@ -67,7 +84,7 @@ def lookup(panorama: Panorama, directions: np.ndarray) -> np.ndarray:
     out = np.zeros((*x.shape, 3), np.float32)
     nearest = np.full(x.shape, -np.inf)
     faces = cut_faces(pixels, panorama.layout)
-    for name in faces:  # the face whose axis is nearest is the one that a direction meets
+    for name in faces:  # a direction meets the face whose axis is nearest
         nearest = np.maximum(nearest, np.stack([x, y, z], -1) @ np.array(CUBE_FACES[name][0], float))
     for name, face in faces.items():
         axis, right, down = np.array(CUBE_FACES[name], float)
@@ -79,7 +96,7 @@ def lookup(panorama: Panorama, directions: np.ndarray) -> np.ndarray:
 
 
 def _bilinear(pixels: np.ndarray, v: np.ndarray, u: np.ndarray, corners: bool, wrap: bool = False) -> np.ndarray:
-    """Values at v down and u to the right, both in [0,1] over the image; wrap: its left and right edges meet."""
+    """Values at v (down) and u (to the right), both in [0,1] over the image; `wrap`: its left and right edges meet."""
     height, width = pixels.shape[:2]
     row = v * (height - 1) if corners else v * height - 0.5
     column = u * (width - 1) if corners else u * width - 0.5

@@ -1,6 +1,7 @@
-"""From a photo and its masks to what the network says about each person in it."""
+"""The network's inference for each person of a photo."""
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -8,25 +9,31 @@ import numpy as np
 from relight.learning.networks import Network
 from relight.learning.predict import predict
 from relight.photos.color import chroma
-from relight.photos.frame import SOLID, Frame, frame
-from relight.photos.relight import floor_of, ratio, shading
-from relight.photos.upsample import Fitted, Guide, fitted, from_inside, luma, root
+from relight.photos.crop import MASK_THRESHOLD, Crop, crop_around
+from relight.photos.shading import exposure_factor, shading, shading_floor, shading_ratio
+from relight.photos.upsample import FittedMap, Guide, clamp_rim, fit_map, luma, square_root
 from relight.srgb import LINEAR, decode, encode
 
-OPAQUE = 240  # coverage (of 255) from which a pixel shows hardly anything but the figure
-PAPER_GAMMA = 2.2  # what a factor on coded values does to linear ones, for networks trained with color=paper
+OPAQUE = 240  # coverage (of 255) from which a pixel shows hardly anything but the person
+PAPER_GAMMA = 2.2  # a factor on coded values is its power on linear ones, for networks trained with color=paper
 
 
 @dataclass(frozen=True)
-class Figure:
-    """One person of a photo. Maps are (S,S,...) float32 on the network's square, zero outside `mask`.
+class Person:
+    """A person of a photo and what was inferred of them. Maps are (S,S,...) float32, zero outside of `mask`.
 
-    coverage (H,W) uint8 of this person in the photo; mask (S,S) bool; image (S,S,3) what the network saw, linear;
-    albedo (S,S,3); transport (S,S,K); light (K,3) radiance coefficients, as inferred; gamma: 1, or PAPER_GAMMA where
-    the network's values are coded ones.
+    Attributes:
+        crop: the square of the photo that the network was given.
+        coverage: (H,W) uint8, of this person in the photo.
+        mask: (S,S) bool.
+        image: (S,S,3) the network's input, linear.
+        albedo: (S,S,3).
+        transport: (S,S,K).
+        light: (K,3) inferred radiance coefficients.
+        gamma: 1, or PAPER_GAMMA for networks of coded values.
     """
 
-    frame: Frame
+    crop: Crop
     coverage: np.ndarray
     mask: np.ndarray
     image: np.ndarray
@@ -42,99 +49,128 @@ class Figure:
 
     @property
     def error(self) -> float:
-        """Root mean square difference between the photo and albedo * shading over the figure."""
+        """Reconstruction error: RMSE of albedo * shading against the image over the mask."""
         difference = (np.clip(self.albedo * self.shading, 0, 1) - self.image)[self.mask]
         return float(np.sqrt((difference**2).mean()))
 
-    def gain(self, light: np.ndarray) -> Fitted:
-        """For mode `ratio`: the factor on the photo's linear values under `light`."""
+    def fit_gain(self, light: np.ndarray) -> FittedMap:
+        """Fits the gain of mode `ratio` on the photo's linear values, under a new light (K,3)."""
         old = self.shading
-        gain = ratio(old, shading(self.transport, light), floor_of(old, self.mask))
-        return fitted(gain**self.gamma, self.grey)
+        gain = shading_ratio(old, shading(self.transport, light), shading_floor(old, self.mask))
+        return fit_map(gain**self.gamma, self._grey_guide)
+
+    def fit_shading(self, light: np.ndarray) -> FittedMap:
+        """Fits the shading of mode `full`, as a factor on linear values, under a new light (K,3)."""
+        return fit_map(shading(self.transport, light) ** self.gamma, self._grey_guide)
 
     @cached_property
-    def fitted_albedo(self) -> Fitted:
-        """The square root of the linear albedo: near to linear in that of the photo, wherever the light is even."""
-        return fitted(root(self._linear(self.albedo)), self.colors, fine=True)
-
-    def fitted_shading(self, light: np.ndarray) -> Fitted:
-        """For mode `full`: the shading under `light`, as a factor on linear values."""
-        return fitted(shading(self.transport, light) ** self.gamma, self.grey)
+    def fitted_albedo(self) -> FittedMap:
+        """The square root of the linear albedo, which is nearly linear in that of the photo where the light is even."""
+        return fit_map(square_root(self._linear(self.albedo)), self._color_guide, textured=True)
 
     @cached_property
-    def fitted_transport(self) -> Fitted:
-        return fitted(self.transport, self.grey)
+    def fitted_transport(self) -> FittedMap:
+        """The transport."""
+        return fit_map(self.transport, self._grey_guide)
 
     def detail(self, linear: np.ndarray, rows: tuple[int, int]) -> np.ndarray:
-        """(h,w,3): what the guide of the photo's own pixels has beyond that of the square.
+        """Returns the detail of the photo beyond the square's resolution, as `FittedMap.place` takes it.
 
-        linear (h,w,3): the photo's values in `rows` and in the frame's columns. Where the figure covers a pixel only in
-        part, the photo's value is not its own and does not count.
+        Where the person covers a pixel in part, the photo's value is not their own and there is no detail.
+
+        Args:
+            linear: (h,w,3) values of the photo in `rows` and the crop's columns.
+            rows: half-open.
+
+        Returns:
+            (h,w,3) difference of square roots.
         """
-        solid = self.coverage[slice(*rows), slice(*self.frame.columns)].astype(np.float32)
+        solid = self.coverage[slice(*rows), slice(*self.crop.columns)].astype(np.float32)
         solid = np.maximum(solid - OPAQUE, 0)[..., None] / (255 - OPAQUE)
-        return (root(linear) - self.frame.place(self.colors.extended(self.colors.values), rows)) * solid
-
-    @cached_property
-    def colors(self) -> Guide:
-        """By which albedo is brought to the photo's pixels."""
-        return Guide(root(self._linear(self.image)), self.mask)
-
-    @cached_property
-    def grey(self) -> Guide:
-        """By which all other maps are."""
-        return Guide(luma(root(self._linear(self.image))), self.mask)
+        guide = self._color_guide
+        return (square_root(linear) - self.crop.place(guide.fill_outside(guide.values), rows)) * solid
 
     @cached_property
     def chroma(self) -> np.ndarray:
-        """(S,S,3): the colour about each pixel, by which what is clipped is rebuilt (relight.photos.color.chroma)."""
+        """(S,S,3): the colour around each pixel, by which clipped values are rebuilt (relight.photos.color.chroma)."""
         return chroma(self._linear(self.image), self.mask)
+
+    @cached_property
+    def _color_guide(self) -> Guide:
+        return Guide(square_root(self._linear(self.image)), self.mask)
+
+    @cached_property
+    def _grey_guide(self) -> Guide:
+        return Guide(luma(square_root(self._linear(self.image))), self.mask)
 
     def _linear(self, values: np.ndarray) -> np.ndarray:
         return values if self.gamma == 1 else decode(values).astype(np.float32)
 
-    def with_maps(self, **maps: np.ndarray) -> "Figure":
-        """The same figure with other maps or another light, for smoothing over time."""
-        return replace(self, **maps)
 
+def infer_person(
+    network: Network, config: dict, pixels: np.ndarray, coverage: np.ndarray, crop: Crop | None = None
+) -> Person:
+    """Infers the light, albedo and transport of one person. The rim of both maps is clamped (`upsample.clamp_rim`).
 
-def infer(network: Network, config: dict, pixels: np.ndarray, coverage: np.ndarray, box: Frame | None = None) -> Figure:
-    """What `network` says about the person under `coverage` (H,W) uint8 of `pixels` (H,W,3) uint8 sRGB.
+    Args:
+        network: in evaluation mode.
+        config: the network's; `train.color` says which values its images have.
+        pixels: (H,W,3) uint8 sRGB.
+        coverage: (H,W) uint8 of the person.
+        crop: the square to use; by default the one around the coverage.
 
-    Albedo and transport of the silhouette are held to those of the inside beside it (`upsample.from_inside`).
-
-    config: the network's, which says what its images' values are (train.color). box: a square to use instead of the
-    coverage's own. Raises UserError when the coverage is empty.
+    Raises:
+        UserError: if the coverage is empty.
     """
-    box = box or frame(coverage, network.size)
-    image, mask = look(pixels, coverage, box)
+    crop = crop or crop_around(coverage, network.size)
+    image, mask = network_input(pixels, coverage, crop)
     paper = config.get("train", {}).get("color") == "paper"
-    if paper:  # these networks were shown coded values as if they were linear
+    if paper:  # these networks were trained with coded values as if they were linear
         image = encode(image).astype(np.float32)
     maps = predict(network, image, mask, mirrored=True)
-    return Figure(
-        frame=box,
+    return Person(
+        crop=crop,
         coverage=coverage,
         mask=mask,
         image=image,
-        albedo=from_inside(maps["albedo"], mask),
-        transport=from_inside(maps["transport"], mask),
+        albedo=clamp_rim(maps["albedo"], mask),
+        transport=clamp_rim(maps["transport"], mask),
         light=maps["light"],
         gamma=PAPER_GAMMA if paper else 1.0,
     )
 
 
-def look(pixels: np.ndarray, coverage: np.ndarray, box: Frame) -> tuple[np.ndarray, np.ndarray]:
-    """The square as the network sees it: image (S,S,3) linear in [0,1], zero outside mask (S,S) bool.
+def network_input(pixels: np.ndarray, coverage: np.ndarray, crop: Crop) -> tuple[np.ndarray, np.ndarray]:
+    """Resamples a photo to the network's square.
 
-    Averages are taken of linear values and of the figure alone, so neither dark edges nor the background's colour
-    come in at the silhouette.
+    Linear values are averaged over the person alone, so that neither dark edges nor the colour of the background enter
+    at the silhouette.
+
+    Args:
+        pixels: (H,W,3) uint8 sRGB.
+        coverage: (H,W) uint8.
+        crop: the square.
+
+    Returns:
+        The image (S,S,3), linear in [0,1] and zero outside of the mask, and the mask (S,S) bool.
     """
-    seen = box.crop(coverage)
-    mask = seen >= SOLID
-    if not mask.any():  # thinner than the network's pixels everywhere: keep the brightest trace of it
-        mask = seen >= seen.max()
+    share = crop.extract(coverage)
+    mask = share >= MASK_THRESHOLD
+    if not mask.any():  # thinner than the network's pixels everywhere: keep the largest share
+        mask = share >= share.max()
     image = np.empty((*mask.shape, 3), np.float32)
     for channel in range(3):  # one at a time: an 8k photo in float32 is 800 MB
-        image[..., channel] = box.crop(LINEAR[pixels[..., channel]] * coverage) / np.maximum(seen, 1e-3)
+        image[..., channel] = crop.extract(LINEAR[pixels[..., channel]] * coverage) / np.maximum(share, 1e-3)
     return np.clip(image * mask[..., None], 0, 1), mask
+
+
+def mean_light(people: Sequence[Person]) -> np.ndarray:
+    """Returns the mean of the inferred lights of a photo's people, weighted by their areas, (K,3)."""
+    areas = np.array([person.mask.sum() * (person.crop.side / person.crop.size) ** 2 for person in people])
+    return np.tensordot(areas / areas.sum(), np.stack([person.light for person in people]), 1).astype(np.float32)
+
+
+def mean_exposure_factor(people: Sequence[Person], light: np.ndarray) -> float:
+    """Returns the factor on a light (K,3) that keeps the photo's exposure: the geometric mean over its people."""
+    factors = [exposure_factor(person.light, light, person.transport, person.mask) for person in people]
+    return float(np.exp(np.mean(np.log(factors))))

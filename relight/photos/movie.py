@@ -1,120 +1,281 @@
-"""Movies in and out, by PyAV and Pillow; no system ffmpeg."""
+"""The command `movie`: a photo under a light that turns, or a clip of moving people in another light.
 
-from collections.abc import Iterable, Iterator
-from fractions import Fraction
+The exposure is fixed throughout. A network that infers each frame of a clip for itself flickers, so its results are
+smoothed over time: the light, which hardly changes, over a second; the crop over a few frames; the transport over
+neighbouring frames only where the image itself did not change, so that a moving arm leaves no trace.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+from itertools import islice
 from pathlib import Path
+from typing import TypeVar
 
-import av
 import numpy as np
 from PIL import Image
 
-from relight.files import UserError, atomic_write, writable_file
-from relight.photos.read import Photo, is_picture, read_photo
+from relight.files import UserError
+from relight.lights import Light
+from relight.photos.api import Relighter, match_exposure
+from relight.photos.background import Background
+from relight.photos.color import to_srgb8
+from relight.photos.crop import Crop, crop_around
+from relight.photos.infer import Person
+from relight.photos.mask import find_mask
+from relight.photos.photo import Options
+from relight.photos.read import Photo, list_pictures, mask_beside, read_photo
+from relight.photos.render import compose, fit_maps, ground_of, render, split_layers
+from relight.photos.video import FPS, is_video, read_frames, write_video
+from relight.progress import progress
+from relight.sh import rotate_y
 
-CODECS = {".mp4": ("libx264", {"crf": "18", "preset": "medium"}), ".webm": ("libvpx-vp9", {"crf": "28", "b": "0"})}
-MOVIES = (".mp4", ".mov", ".webm", ".mkv", ".avi", ".m4v", ".gif")
-WRITES = (*CODECS, ".gif")
-
-
-def check_output(path: Path | str) -> Path:
-    """`path` if a movie can be written under this name; else UserError, before any work is done."""
-    path = Path(path)
-    if path.suffix.lower() not in WRITES:
-        raise UserError(f"movie {path}: the name must end in .mp4, .webm or .gif")
-    return writable_file(path, "movie")
-
-
-def write_movie(path: Path | str, frames: Iterable[np.ndarray], fps: float = 25.0) -> None:
-    """Writes frames (H,W,3) uint8 sRGB, all of one size, whole or not at all; the suffix chooses .mp4, .webm or .gif.
-
-    Odd sizes gain a repeated row or column (video codecs halve the colour's resolution); colours are tagged BT.709.
-    """
-    path = check_output(path)
-    with atomic_write(path) as tmp:
-        if path.suffix.lower() == ".gif":
-            _write_gif(tmp, frames, fps)
-        else:
-            _write_video(tmp, frames, fps, *CODECS[path.suffix.lower()])
+T = TypeVar("T")
+LIGHT_RADIUS, CROP_RADIUS, TRANSPORT_RADIUS = 12, 4, 1  # frames to each side that the means include
+CHANGE = 0.06  # of linear values: pixels that differ by more from a neighbouring frame count as moved
+UNKNOWN_LENGTH = 250  # frames of one turn of the light, for clips that do not state their length
 
 
-def _write_video(path: Path, frames: Iterable[np.ndarray], fps: float, codec: str, options: dict[str, str]) -> None:
-    with av.open(str(path), "w", options={"movflags": "faststart"} if path.suffix == ".mp4" else {}) as container:
-        stream = None
-        for pixels in frames:
-            pixels = np.pad(pixels, ((0, pixels.shape[0] % 2), (0, pixels.shape[1] % 2), (0, 0)), mode="edge")
-            if stream is None:
-                stream = container.add_stream(codec, rate=Fraction(fps).limit_denominator(1001), options=options)
-                stream.height, stream.width = pixels.shape[:2]
-                stream.pix_fmt = "yuv420p"
-                stream.codec_context.colorspace = 1  # BT.709, which players assume for pictures of this size
-                stream.codec_context.color_range = 1  # 16..235
-            image = av.VideoFrame.from_ndarray(np.ascontiguousarray(pixels), format="rgb24")
-            container.mux(
-                stream.encode(image.reformat(format="yuv420p", dst_colorspace="ITU709", dst_color_range="MPEG"))
-            )
-        if stream is None:
-            raise UserError("the movie has no frames")
-        container.mux(stream.encode())
+def write_movie(
+    relighter: Relighter,
+    path: Path | str,
+    mask: Path | str | None,
+    out: Path | str,
+    options: Options,
+    seconds: float = 6.0,
+    fps: float | None = None,
+    turns: float | None = None,
+    size: int = 1080,
+) -> None:
+    """Writes the movie of a photo or of a clip, and shows its progress.
 
+    Args:
+        relighter: the network.
+        path: of a photo, a video, or a folder of frames.
+        mask: of the photo; for a clip, a folder or a video of masks. By default masks are found.
+        out: the video file.
+        options: of the command.
+        seconds: length, for a photo.
+        fps: frames per second; by default the clip's own, or FPS.
+        turns: of the light; by default 1 for a photo and 0 for a clip.
+        size: the longer side is scaled down to it, pixels.
 
-def _write_gif(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
-    """One palette for all frames, made from the first, the middle and the last, so that colours do not flicker."""
-    images = [Image.fromarray(np.ascontiguousarray(f)) for f in frames]
-    if not images:
-        raise UserError("the movie has no frames")
-    samples = [np.asarray(images[i]) for i in sorted({0, len(images) // 4, len(images) // 2, len(images) - 1})]
-    palette = Image.fromarray(np.concatenate(samples)).quantize(256, method=Image.Quantize.MEDIANCUT)
-    first, *rest = [image.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG) for image in images]
-    first.save(path, format="GIF", save_all=True, append_images=rest, duration=round(1000 / fps), loop=0, disposal=1)
-
-
-def is_movie(path: Path | str) -> bool:
-    """Whether the name is that of a video or an animated GIF."""
-    return Path(path).suffix.lower() in MOVIES
-
-
-def pictures_in(folder: Path | str) -> list[Path]:
-    """The photos in a folder, in the order of their names. Raises UserError when there is none."""
-    folder = Path(folder)
-    found = sorted(p for p in folder.iterdir() if p.is_file() and is_picture(p) and not p.name.startswith("."))
-    if not found:
-        raise UserError(f"folder {folder} holds no photo (.jpg, .png, .webp, .tif)")
-    return found
-
-
-def photos_in(folder: Path | str) -> list[Path]:
-    """The same without the masks that lie beside them (x_mask.png). Raises UserError when nothing is left."""
-    found = [path for path in pictures_in(folder) if not path.stem.endswith("_mask")]
-    if not found:
-        raise UserError(f"folder {folder} holds masks only")
-    return found
-
-
-def read_frames(path: Path | str) -> tuple[Iterator[Photo], int | None, float]:
-    """The frames of a video file or a folder of pictures; how many there are, if known; frames per second.
-
-    Raises UserError for what cannot be decoded, at the frame where that shows.
+    Raises:
+        UserError: if an input is wrong or the file cannot be written.
     """
     path = Path(path)
-    if path.is_dir():
-        files = photos_in(path)
-        return (read_photo(file) for file in files), len(files), 25.0
-    if not path.is_file():
-        raise UserError(f"movie: there is no file or folder {path}")
-    try:
-        with av.open(str(path)) as container:
-            stream = container.streams.video[0]
-            count, fps = stream.frames or None, float(stream.average_rate or 25)
-    except (av.FFmpegError, IndexError) as error:
-        raise UserError(f"{path} cannot be read as a video ({error})") from None
-    return _decoded(path), count, fps
+    light = options.read_light(relighter)
+    if path.is_dir() or is_video(path):
+        turns = 0.0 if turns is None else turns
+        frames, count, own = relight_clip(relighter, path, mask, light, options, size, turns)
+        write_video(out, progress(frames, "frames", total=count), fps or own)
+        return
+    photo = read_photo(path)
+    coverage = find_mask(photo, mask or mask_beside(path), options.mask_model)
+    pixels, coverage = downscale(photo, coverage, size)
+    people = relighter.infer(pixels, coverage, split=not options.together)
+    coefficients, background = match_exposure(people, light.coefficients, options.read_background(light), options.match)
+    fps = fps or FPS
+    count = max(1, round(seconds * fps))
+    frames = turn_light(pixels, people, coefficients, options, background, count, 1.0 if turns is None else turns)
+    write_video(out, progress(frames, "frames", total=count), fps)
 
 
-def _decoded(path: Path) -> Iterator[Photo]:
-    try:
-        with av.open(str(path)) as container:
-            for image in container.decode(video=0):  # phones store portrait clips lying down
-                upright = np.rot90(image.to_ndarray(format="rgb24"), round(image.rotation / 90))
-                yield Photo(np.ascontiguousarray(upright), None, path.stem)
-    except av.FFmpegError as error:
-        raise UserError(f"{path} is damaged or cut short ({error})") from None
+def turn_light(
+    pixels: np.ndarray,
+    people: list[Person],
+    light: np.ndarray,
+    options: Options,
+    background: Background,
+    count: int,
+    turns: float = 1,
+) -> Iterator[np.ndarray]:
+    """Renders a photo whose light turns. Only what the light changes is computed for each frame.
+
+    Args:
+        pixels: (H,W,3) uint8 sRGB.
+        people: as inferred from it.
+        light: (K,3), at the start.
+        options: mode, turn and stops.
+        background: matched to the light.
+        count: number of frames.
+        turns: of the light in all of them; the last frame leads to the first.
+
+    Yields:
+        Frames (H,W,3) uint8 sRGB.
+    """
+    shape = pixels.shape[:2]
+    ground = ground_of(people) if background.replaced and background.shadow else None
+    still = background.linear(shape, stops=options.stops) if background.kind in ("color", "picture") else None
+    spans = [(person.crop.rows, person.crop.columns) for person in people]
+    spans += [(ground.rows, ground.columns)] if ground else []
+    if background.kind == "panorama":
+        spans = [((0, shape[0]), (0, shape[1]))]
+    rows, columns = ((min(a for a, _ in each), max(b for _, b in each)) for each in zip(*spans))
+    window = slice(*rows), slice(*columns)
+    part = split_layers(pixels, people, rows, columns)
+    frame = pixels.copy() if still is None else to_srgb8(still)
+    for i in range(count):
+        turn = np.radians(options.turn) + 2 * np.pi * turns * i / count
+        turned = rotate_y(light, turn).astype(np.float32)
+        behind = None if still is None else still[window].copy()
+        if background.kind == "panorama":
+            behind = background.linear(shape, turn, options.stops)
+        if ground:
+            ground.cast_shadows(behind, turned, rows[0], columns[0])
+        frame = frame.copy()
+        compose(frame[window], part, fit_maps(people, turned, options.mode), behind, options.stops)
+        yield frame
+
+
+def relight_clip(
+    relighter: Relighter,
+    path: Path | str,
+    masks: Path | str | None,
+    light: Light,
+    options: Options,
+    size: int,
+    turns: float,
+) -> tuple[Iterator[np.ndarray], int | None, float]:
+    """Relights a video or a folder of pictures, with results smoothed over time.
+
+    The whole mask of a frame is one person. The new light is matched to the exposure of the first frame.
+
+    Args:
+        relighter: the network.
+        path: of the clip.
+        masks: a folder or a video of masks, frame by frame; by default x_mask.png beside a picture x, its alpha, or an
+            automatic mask.
+        light: as read.
+        options: of the command.
+        size: the longer side is scaled down to it, pixels.
+        turns: of the light over the clip.
+
+    Returns:
+        The frames (H,W,3) uint8, their number if it is known, and frames per second.
+    """
+    frames, count, fps = read_frames(path)
+    background = options.read_background(light)
+
+    def relit() -> Iterator[np.ndarray]:
+        pairs = (downscale(photo, coverage, size) for photo, coverage in _with_masks(path, frames, masks, options))
+        smooth = smooth_over_time(
+            pairs, lambda coverage: crop_around(coverage, relighter.network.size), relighter.infer_person
+        )
+        coefficients = None
+        for i, (pixels, person) in enumerate(smooth):
+            if coefficients is None:
+                coefficients, matched = match_exposure([person], light.coefficients, background, options.match)
+            turn = np.radians(options.turn) + 2 * np.pi * turns * i / (count or UNKNOWN_LENGTH)
+            turned = rotate_y(coefficients, turn).astype(np.float32)
+            yield render(pixels, [person], turned, options.mode, matched, turn, options.stops)
+
+    return relit(), count, fps
+
+
+def downscale(photo: Photo, coverage: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+    """Scales a photo and its coverage down so that the longer side is at most `size`; returns both as uint8."""
+    height, width = coverage.shape
+    scale = size / max(height, width)
+    if scale >= 1:
+        return photo.pixels, coverage
+    shape = max(8, round(width * scale)), max(8, round(height * scale))
+    images = (Image.fromarray(photo.pixels), Image.fromarray(coverage))
+    pixels, coverage = (np.asarray(image.resize(shape, Image.Resampling.LANCZOS, reducing_gap=3)) for image in images)
+    return pixels, coverage
+
+
+def _with_masks(
+    clip: Path | str, frames: Iterator[Photo], masks: Path | str | None, options: Options
+) -> Iterator[tuple[Photo, np.ndarray]]:
+    if masks is None:
+        for photo in frames:  # those of a folder have the names of their files
+            beside = mask_beside(Path(clip) / f"{photo.name}.png") if Path(clip).is_dir() else None
+            yield photo, find_mask(photo, beside, options.mask_model)
+        return
+    masks = Path(masks)
+    if masks.is_dir():
+        files = iter(list_pictures(masks))
+        for number, photo in enumerate(frames, 1):
+            mask = next(files, None)
+            if mask is None:
+                raise UserError(f"folder {masks} holds {number - 1} masks, but the clip has more frames")
+            yield photo, find_mask(photo, mask)
+        return
+    if not is_video(masks):
+        raise UserError(f"mask {masks}: for a clip give a folder of masks or a video of them")
+    stream, _, _ = read_frames(masks)
+    for number, photo in enumerate(frames, 1):
+        mask = next(stream, None)
+        if mask is None:
+            raise UserError(f"mask video {masks} has {number - 1} frames, but the clip has more")
+        if mask.pixels.shape != photo.pixels.shape:
+            raise UserError(f"mask video {masks} is of another size than the clip: they must be equal")
+        yield photo, mask.pixels.max(-1)
+
+
+def smooth_over_time(
+    frames: Iterable[tuple[np.ndarray, np.ndarray]],
+    find_crop: Callable[[np.ndarray], Crop],
+    infer: Callable[[np.ndarray, np.ndarray, Crop], Person],
+) -> Iterator[tuple[np.ndarray, Person]]:
+    """Infers the person in each frame, with crop, light and transport smoothed over time.
+
+    This is a stream: at most LIGHT_RADIUS + CROP_RADIUS frames to each side are in memory.
+
+    Args:
+        frames: pixels (H,W,3) uint8 and coverage (H,W) uint8.
+        find_crop: from coverage to its crop.
+        infer: from pixels, coverage and crop to a person.
+
+    Yields:
+        The pixels and the person of each frame.
+    """
+    cropped = ((pixels, coverage, find_crop(coverage)) for pixels, coverage in frames)
+    inferred = (_infer_smoothed(near, i, infer) for near, i in windows(cropped, CROP_RADIUS))
+    for near, i in windows(inferred, LIGHT_RADIUS):
+        weights = _gaussian(len(near), i, LIGHT_RADIUS)
+        light = np.tensordot(weights, np.stack([person.light for _, person in near]), 1)
+        around = [person for _, person in near[max(i - TRANSPORT_RADIUS, 0) : i + TRANSPORT_RADIUS + 1]]
+        pixels, person = near[i]
+        yield pixels, replace(person, light=light.astype(np.float32), transport=_smooth_transport(person, around))
+
+
+def _infer_smoothed(near: list, i: int, infer: Callable) -> tuple[np.ndarray, Person]:
+    pixels, coverage, _ = near[i]
+    return pixels, infer(pixels, coverage, _smooth_crop([crop for _, _, crop in near], i))
+
+
+def windows(items: Iterable[T], radius: int) -> Iterator[tuple[list[T], int]]:
+    """Yields for each item the list of those at most `radius` before and after it, and its index in that list."""
+    stream = iter(items)
+    near = list(islice(stream, radius + 1))
+    centre = 0
+    while centre < len(near):
+        yield near, centre
+        near = near + list(islice(stream, 1))
+        centre += 1
+        if centre > radius:
+            near, centre = near[1:], centre - 1
+
+
+def _gaussian(count: int, centre: int, radius: int) -> np.ndarray:
+    """Weights of `count` frames around `centre`, with `radius` at 2 sigma."""
+    weights = np.exp(-2 * ((np.arange(count) - centre) / radius) ** 2)
+    return weights / weights.sum()
+
+
+def _smooth_crop(crops: list[Crop], i: int) -> Crop:
+    weights = _gaussian(len(crops), i, CROP_RADIUS)
+    top, left, side = weights @ np.array([[crop.top, crop.left, crop.side] for crop in crops])
+    return replace(crops[i], top=float(top), left=float(left), side=float(side))
+
+
+def _smooth_transport(person: Person, around: list[Person]) -> np.ndarray:
+    total = np.zeros_like(person.transport)
+    weight = np.zeros((*person.mask.shape, 1), np.float32)
+    for other in around:
+        change = np.abs(other.image - person.image).max(-1)
+        same = np.exp(-0.5 * (change / CHANGE) ** 2) * (person.mask & other.mask)
+        total += same[..., None] * other.transport
+        weight += same[..., None]
+    return np.where(weight > 0, total / np.maximum(weight, 1e-6), person.transport)

@@ -1,4 +1,4 @@
-"""One photo from its file to its folder of results."""
+"""The commands `photo` and `transfer`: from the files of photos to folders of results."""
 
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -6,33 +6,52 @@ from pathlib import Path
 import numpy as np
 
 from relight.files import UserError, writable_folder
-from relight.photos.api import MODES, Relighter, exposure
-from relight.photos.background import Background, background
-from relight.photos.color import DISPLAY, KNEE
-from relight.photos.infer import Figure
-from relight.photos.mask import AUTOMATIC, doubts, mask_of
-from relight.photos.read import Photo, read_photo
+from relight.lights import Light
+from relight.photos.api import MODES, Relighter, match_exposure
+from relight.photos.background import Background, read_background
+from relight.photos.color import DISPLAY_STOPS, KNEE
+from relight.photos.infer import Person, mean_light
+from relight.photos.mask import AUTOMATIC, find_mask, mask_warnings
+from relight.photos.read import Photo, mask_beside, read_photo
 from relight.photos.render import render
-from relight.photos.save import save_inference, save_json, save_light, save_picture
-from relight.photos.source import Source, light_source, mask_beside, mean_light
+from relight.photos.write import write_inference, write_json, write_light_files, write_picture
 from relight.sh import rotate_y
 
-BYTES = 48  # that the results may take per pixel of the photo: three pictures and 16 maps of half floats
+BYTES_PER_PIXEL = 48  # of the photo, at most, for the results: three pictures and 16 maps of half floats
 
 
 @dataclass(frozen=True)
-class Wish:
-    """What a user asks for: every option of `relight photo`, `movie` and `transfer` that shapes a picture."""
+class Options:
+    """The options of `relight photo`, `movie` and `transfer` that shape a picture.
+
+    Attributes:
+        light: as `Relighter.read_light` takes it.
+        mode: ratio | full.
+        background: as `read_background` takes it.
+        blur: of a panorama behind, degrees.
+        shadow: whether people cast shadows on a new background.
+        turn: of the light about the vertical axis, its front toward +x, degrees.
+        stops: exposure, as a power of two.
+        match: whether the light is scaled to the photo's exposure.
+        together: whether the whole mask is one person.
+        light_mask: of the photo that `light` names.
+        mask_model: ONNX network for automatic masks.
+        layout: of a panorama.
+        yaw: correction of a panorama's front, degrees.
+        flip: whether the panorama is mirrored.
+        upside_down: whether its rows run from the bottom up.
+        convention: of a file of coefficients.
+    """
 
     light: str = ""
     mode: str = "ratio"
     background: str = "keep"
-    blur: float = 0.0  # of a panorama behind, degrees
-    shadow: bool = True  # of the people, on a new background
-    turn: float = 0.0  # of the light, degrees about the vertical, its front toward +x
+    blur: float = 0.0
+    shadow: bool = True
+    turn: float = 0.0
     stops: float = 0.0
-    match: bool = True  # the light's strength to the photo's exposure
-    together: bool = False  # one figure, even where the mask falls apart
+    match: bool = True
+    together: bool = False
     light_mask: str | None = None
     mask_model: str | None = None
     layout: str = "auto"
@@ -45,95 +64,114 @@ class Wish:
         if self.mode not in MODES:
             raise UserError(f"mode {self.mode!r} is neither ratio nor full")
 
-    def source(self, relighter: Relighter) -> Source:
-        """The light, read."""
-        layout = {"layout": self.layout, "yaw": self.yaw, "flip": self.flip, "upside_down": self.upside_down}
+    def read_light(self, relighter: Relighter) -> Light:
+        """Reads the light."""
+        options = {"layout": self.layout, "yaw": self.yaw, "flip": self.flip, "upside_down": self.upside_down}
         if self.convention:
-            layout["convention"] = self.convention
-        return light_source(self.light, relighter, self.light_mask, self.mask_model, **layout)
+            options["convention"] = self.convention
+        return relighter.read_light(self.light, self.light_mask, self.mask_model, **options)
 
-    def behind(self, source: Source) -> Background:
-        """The background, read."""
-        return replace(background(self.background, source.panorama, self.blur), shadow=self.shadow)
+    def read_background(self, light: Light) -> Background:
+        """Reads the background."""
+        return replace(read_background(self.background, light.panorama, self.blur), shadow=self.shadow)
 
 
-def look(relighter: Relighter, path: Path | str, mask: Path | str | None, wish: Wish) -> tuple[Photo, list[Figure]]:
+def read_people(
+    relighter: Relighter, path: Path | str, mask: Path | str | None, options: Options
+) -> tuple[Photo, list[Person]]:
     """Reads a photo and infers its people."""
     photo = read_photo(path)
-    coverage = mask_of(photo, mask or mask_beside(path), wish.mask_model)
-    return photo, relighter.infer(photo.pixels, coverage, split=not wish.together)
-
-
-def lit(figures: list[Figure], source: Source, behind: Background, wish: Wish) -> tuple[np.ndarray, Background]:
-    """The light in the photo's exposure, not turned yet, and the background in the same."""
-    needed = exposure(figures, source.coefficients)
-    factor = needed if wish.match else 1.0
-    light = source.coefficients * np.float32(factor)
-    return light, behind.under(light, factor, factor / needed)
+    coverage = find_mask(photo, mask or mask_beside(path), options.mask_model)
+    return photo, relighter.infer(photo.pixels, coverage, split=not options.together)
 
 
 def relight_file(
     relighter: Relighter,
     path: Path | str,
     out: Path | str,
-    wish: Wish,
+    options: Options,
     mask: Path | str | None = None,
-    source: Source | None = None,
+    light: Light | None = None,
 ) -> dict:
-    """Relights the photo `path` into the folder `out`; returns the record that it leaves there as photo.json.
+    """Relights a photo and writes all results to a folder (docs/photos.md).
 
-    Everything is read and computed before the first file is written; each file is whole. Raises UserError.
+    Everything is read and computed before the first file is written.
+
+    Args:
+        relighter: the network.
+        path: of the photo.
+        out: the folder.
+        options: of the command.
+        mask: its file; by default it is found.
+        light: that of the options, if it is read already.
+
+    Returns:
+        The record that is written as photo.json.
+
+    Raises:
+        UserError: if an input is wrong, or the folder cannot be written.
     """
     out = writable_folder(out, "--out")
-    source = source or wish.source(relighter)
-    behind = wish.behind(source)
-    photo, figures = look(relighter, path, mask, wish)
-    writable_folder(out, "--out", BYTES * photo.pixels[..., 0].size)
-    light, behind = lit(figures, source, behind, wish)
-    turned = rotate_y(light, np.radians(wish.turn)).astype(np.float32)
-    relit = render(photo.pixels, figures, turned, wish.mode, behind, np.radians(wish.turn), wish.stops)
-    judged = [relighter.trust(figure) for figure in figures]
-    save_picture(out / "relit.png", relit)
-    save_inference(out, figures, photo.pixels)
-    for i, figure in enumerate(figures, 1):
-        name = "light" if len(figures) == 1 else f"light_{i}"
-        save_light(out / name, figure.light, f"inferred from {photo.name}")
-    save_light(out / "new_light", turned, f"{source.name}, turned by {wish.turn:g} degrees")
+    light = light or options.read_light(relighter)
+    background = options.read_background(light)
+    photo, people = read_people(relighter, path, mask, options)
+    writable_folder(out, "--out", BYTES_PER_PIXEL * photo.pixels[..., 0].size)
+    matched, background = match_exposure(people, light.coefficients, background, options.match)
+    turned = rotate_y(matched, np.radians(options.turn)).astype(np.float32)
+    relit = render(photo.pixels, people, turned, options.mode, background, np.radians(options.turn), options.stops)
+    assessed = [relighter.trust(person) for person in people]
+    write_picture(out / "relit.png", relit)
+    write_inference(out, people, photo.pixels)
+    for i, person in enumerate(people, 1):
+        name = "light" if len(people) == 1 else f"light_{i}"
+        write_light_files(out / name, person.light, f"inferred from {photo.name}")
+    write_light_files(out / "new_light", turned, f"{light.source}, turned by {options.turn:g} degrees")
     automatic = photo.alpha is None and not (mask or mask_beside(path))
     record = {
         "photo": str(path),
         "size": [photo.pixels.shape[1], photo.pixels.shape[0]],
-        "wish": asdict(wish),
-        "shading_png": {"stops": DISPLAY, "straight_to": KNEE},
-        "light": {"name": source.name, "notes": source.notes},
-        "mask": {"automatic": automatic, "notes": doubts(figures) + [AUTOMATIC] * automatic},
+        "options": asdict(options),
+        "shading_png": {"stops": DISPLAY_STOPS, "straight_to": KNEE},
+        "light": {"name": light.source, "notes": light.notes},
+        "mask": {"automatic": automatic, "notes": mask_warnings(people) + [AUTOMATIC] * automatic},
         "people": [
-            {"square": [round(v, 2) for v in (f.frame.left, f.frame.top, f.frame.side)], **asdict(trust)}
-            for f, trust in zip(figures, judged)
+            {"square": [round(v, 2) for v in (p.crop.left, p.crop.top, p.crop.side)], **asdict(trust)}
+            for p, trust in zip(people, assessed)
         ],
     }
-    save_json(out / "photo.json", record)
+    write_json(out / "photo.json", record)
     return record
 
 
-def swap(
+def swap_lights(
     relighter: Relighter,
     paths: tuple[Path, Path],
     masks: tuple[Path | None, Path | None],
     out: Path | str,
-    wish: Wish,
+    options: Options,
 ) -> list[Path]:
-    """Relights each of two photos by the other's light, matched to its own exposure; returns the pictures' paths."""
+    """Relights each of two photos by the inferred light of the other, each in its own exposure.
+
+    Args:
+        relighter: the network.
+        paths: of the photos.
+        masks: their files; by default they are found.
+        out: folder of the results.
+        options: of the command.
+
+    Returns:
+        The paths of the two pictures.
+    """
     writable_folder(out, "--out")
-    looked = [look(relighter, path, mask, wish) for path, mask in zip(paths, masks)]
-    sources = [Source(photo.name, mean_light(figures)) for photo, figures in looked]
+    inferred = [read_people(relighter, path, mask, options) for path, mask in zip(paths, masks)]
+    lights = [Light(mean_light(people), photo.name) for photo, people in inferred]
     relit = {}
-    for (photo, figures), source in zip(looked, sources[::-1]):
-        light, behind = lit(figures, source, wish.behind(source), wish)
-        name = Path(out) / f"{photo.name}_lit_as_{source.name}.png"
-        relit[name] = render(photo.pixels, figures, light, wish.mode, behind, stops=wish.stops)
-    for name, pixels in relit.items():
-        save_picture(name, pixels)
-    for source in sources:
-        save_light(Path(out) / f"{source.name}_light", source.coefficients, f"inferred from {source.name}")
+    for (photo, people), light in zip(inferred, lights[::-1]):
+        coefficients, background = match_exposure(people, light.coefficients, options.read_background(light))
+        path = Path(out) / f"{photo.name}_lit_as_{light.source}.png"
+        relit[path] = render(photo.pixels, people, coefficients, options.mode, background, stops=options.stops)
+    for path, pixels in relit.items():
+        write_picture(path, pixels)
+    for light in lights:
+        write_light_files(Path(out) / f"{light.source}_light", light.coefficients, f"inferred from {light.source}")
     return list(relit)

@@ -1,4 +1,4 @@
-"""Reading photos and masks: everything that can be wrong with a picture file is said in one line before pixels load."""
+"""Reading photos and masks. What is wrong with a file is one sentence, before pixels are decoded where possible."""
 
 import io
 import warnings
@@ -12,8 +12,8 @@ from PIL import Image, ImageCms, ImageOps
 
 from relight.files import UserError, existing_file
 
-MAX_PIXELS = 100_000_000  # of a photo; a decoder asks for memory before it finds out that the file is a bomb
-MOST = f"{MAX_PIXELS // 10**6} million pixels"
+MAX_PIXELS = 100_000_000  # of a photo; decoders allocate memory before they find that a file is a decompression bomb
+TOO_LARGE = f"at most {MAX_PIXELS // 10**6} million pixels are read"
 MAX_BYTES = 500_000_000
 SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".avif", ".heic", ".heif")
 HEIC = (".heic", ".heif")
@@ -21,7 +21,13 @@ HEIC = (".heic", ".heif")
 
 @dataclass
 class Photo:
-    """pixels (H,W,3) uint8 sRGB, upright; alpha (H,W) uint8 or None when the file has no alpha that varies; name."""
+    """A photograph.
+
+    Attributes:
+        pixels: (H,W,3) uint8 sRGB, upright.
+        alpha: (H,W) uint8, or None if the file has no alpha channel that varies.
+        name: of the file, without its suffix.
+    """
 
     pixels: np.ndarray
     alpha: np.ndarray | None
@@ -29,21 +35,34 @@ class Photo:
 
 
 def read_photo(path: Path | str, what: str = "photo") -> Photo:
-    """A photo as 8-bit sRGB, turned upright by its EXIF and converted from its colour profile.
+    """Reads a photo, turned upright by its EXIF and converted from its colour profile to sRGB.
 
-    what: it is called in errors. Raises UserError in one sentence for what is no picture, is damaged, grey, CMYK,
-    16-bit, animated or too large.
+    Args:
+        path: of the file.
+        what: its name in errors.
+
+    Raises:
+        UserError: if it is no picture, damaged, grey, CMYK, 16-bit, animated or too large.
     """
     path = existing_file(path, what)
-    with _whole(f"{what} {path}"), _opened(path, what) as image:
+    with _decoding_errors(f"{what} {path}"), _open(path, what) as image:
         if _bits(path, image) > 8:
             raise UserError(f"{what} {path} has more than 8 bits per channel: save it as an 8-bit sRGB picture")
-        return photo_of(image, f"{what} {path}", path.stem)
+        return photo_from_image(image, f"{what} {path}", path.stem)
 
 
-def photo_of(image: Image.Image, what: str = "the image", name: str = "image") -> Photo:
-    """The same of Pillow's image. what: it is called in errors, which are those of `read_photo`."""
-    if getattr(image, "n_frames", 1) > 1 and image.format != "HEIF":  # there the first is the photo
+def photo_from_image(image: Image.Image, what: str = "the image", name: str = "image") -> Photo:
+    """Converts an image of Pillow as `read_photo` does.
+
+    Args:
+        image: of any mode.
+        what: its name in errors.
+        name: of the photo.
+
+    Raises:
+        UserError: as `read_photo`.
+    """
+    if getattr(image, "n_frames", 1) > 1 and image.format != "HEIF":  # in a HEIF file the first is the photo
         raise UserError(f"{what} is animated ({image.n_frames} frames): save one, or use `relight movie`")
     if image.mode in ("L", "LA", "1"):
         raise UserError(f"{what} is grey: give a colour picture, for the light's colour is read from it")
@@ -65,17 +84,25 @@ def photo_of(image: Image.Image, what: str = "the image", name: str = "image") -
 
 
 def read_mask(path: Path | str, size: tuple[int, int]) -> np.ndarray:
-    """A mask file as (H,W) uint8 coverage: its alpha channel where that varies, else its brightness.
+    """Reads a mask: the file's alpha channel if that varies, else its brightness.
 
-    size: (height, width) of the upright photo, which the mask must share. Raises UserError.
+    Args:
+        path: of the file.
+        size: (height, width) of the upright photo.
+
+    Returns:
+        Coverage (H,W) uint8.
+
+    Raises:
+        UserError: if it is no still picture of that size.
     """
     path = existing_file(path, "mask")
-    with _whole(f"mask {path}"), _opened(path, "mask") as image:
-        return mask_image(image, size, f"mask {path}")
+    with _decoding_errors(f"mask {path}"), _open(path, "mask") as image:
+        return mask_from_image(image, size, f"mask {path}")
 
 
-def mask_image(image: Image.Image, size: tuple[int, int], what: str = "the mask") -> np.ndarray:
-    """The same of Pillow's image. what: it is called in errors."""
+def mask_from_image(image: Image.Image, size: tuple[int, int], what: str = "the mask") -> np.ndarray:
+    """Converts an image of Pillow as `read_mask` does; `what` is its name in errors."""
     if getattr(image, "n_frames", 1) > 1:
         raise UserError(f"{what} is animated: give a still picture")
     image = ImageOps.exif_transpose(image)
@@ -95,13 +122,37 @@ def mask_image(image: Image.Image, size: tuple[int, int], what: str = "the mask"
     return mask
 
 
+def mask_beside(photo: Path | str) -> Path | None:
+    """Returns the mask file in the folder of a photo, me_mask.png for me.jpg; None if there is none."""
+    photo = Path(photo)
+    beside = photo.with_name(f"{photo.stem}_mask.png")
+    return beside if beside.is_file() else None
+
+
 def is_picture(path: Path | str) -> bool:
-    """Whether the name is that of a photo (and not of a panorama or a light), for `--light other.jpg`."""
+    """Whether a file name is that of a picture, and not of a panorama or a light."""
     return Path(path).suffix.lower() in SUFFIXES
 
 
-def _opened(path: Path, what: str) -> Image.Image:
-    """The file's header, with its size checked; no pixel is decoded yet."""
+def list_pictures(folder: Path | str) -> list[Path]:
+    """Lists the pictures in a folder by name. Raises UserError if there is none."""
+    folder = Path(folder)
+    found = sorted(p for p in folder.iterdir() if p.is_file() and is_picture(p) and not p.name.startswith("."))
+    if not found:
+        raise UserError(f"folder {folder} holds no photo (.jpg, .png, .webp, .tif)")
+    return found
+
+
+def list_photos(folder: Path | str) -> list[Path]:
+    """Lists the pictures in a folder without masks (x_mask.png). Raises UserError if there is none."""
+    found = [path for path in list_pictures(folder) if not path.stem.endswith("_mask")]
+    if not found:
+        raise UserError(f"folder {folder} holds masks only")
+    return found
+
+
+def _open(path: Path, what: str) -> Image.Image:
+    """Reads the header of a file and checks the size; no pixel is decoded yet."""
     if path.stat().st_size > MAX_BYTES:
         raise UserError(f"{what} {path} is larger than {MAX_BYTES // 10**6} MB: give a smaller file")
     if path.suffix.lower() in HEIC:
@@ -114,22 +165,22 @@ def _opened(path: Path, what: str) -> Image.Image:
         register_heif_opener()
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Pillow's own warning of large pictures; ours is an error
+            warnings.simplefilter("ignore")  # Pillow only warns of large pictures; here they are an error
             image = Image.open(path)
     except Image.DecompressionBombError:
-        raise UserError(f"{what} {path} is too large: at most {MOST} are read") from None
+        raise UserError(f"{what} {path} is too large: {TOO_LARGE}") from None
     except Exception:
         raise UserError(f"{what} {path} cannot be read as a picture: give JPEG, PNG, WebP, TIFF or AVIF") from None
     width, height = image.size
     if width * height > MAX_PIXELS:
         image.close()
-        raise UserError(f"{what} {path} is too large, {width}x{height}: at most {MOST} are read")
+        raise UserError(f"{what} {path} is too large, {width}x{height}: {TOO_LARGE}")
     return image
 
 
 @contextmanager
-def _whole(what: str) -> Iterator[None]:
-    """Turns whatever Pillow raises over a damaged file into a UserError; its decoders raise a dozen types."""
+def _decoding_errors(what: str) -> Iterator[None]:
+    """Turns what Pillow's decoders raise for damaged files, a dozen types, into a UserError."""
     try:
         yield
     except UserError:
@@ -139,7 +190,7 @@ def _whole(what: str) -> Iterator[None]:
 
 
 def _bits(path: Path, image: Image.Image) -> int:
-    """Bits per channel as the file states them; Pillow drops the lower half of a 16-bit RGB PNG without a word."""
+    """Bits per channel in the file; Pillow drops the lower half of a 16-bit RGB PNG silently."""
     if image.format == "PNG":
         with open(path, "rb") as file:
             return file.read(25)[24]
@@ -150,7 +201,7 @@ def _bits(path: Path, image: Image.Image) -> int:
 
 
 def _to_srgb(image: Image.Image, what: str) -> Image.Image:
-    """RGB in sRGB. Phones write Display P3: read as sRGB it would come out pale."""
+    """RGB in sRGB. Phones write Display P3, which would look pale if read as sRGB."""
     profile = image.info.get("icc_profile")
     image = image.convert("RGB")
     if not profile:

@@ -1,174 +1,272 @@
-"""The relit photo: every person's light replaced, and the figures put before the background, strip by strip."""
+"""The relit photo: the people under a new light, composited over the background in strips of rows.
 
-from collections.abc import Sequence
+All in linear values. Strips keep the memory for an 8k photo small.
+"""
+
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import uniform_filter1d
 
 from relight.photos.background import Background
-from relight.photos.color import CLIPPING, excess, relit, rolled, to_srgb8
-from relight.photos.composite import REACH, foreground, over, strips
-from relight.photos.ground import Ground, ground
-from relight.photos.infer import Figure
-from relight.photos.upsample import Fitted, luma
+from relight.photos.color import CLIPPING, apply_gain, clipping_excess, roll_off, to_srgb8
+from relight.photos.ground import Ground, ground_under
+from relight.photos.infer import Person
+from relight.photos.upsample import FittedMap, luma
 from relight.sh import order_of
 from relight.srgb import LINEAR
+
+STRIP = 512  # rows
+RADII = 45, 6  # of the two passes of `estimate_foreground`, pixels: hair, then detail
+REACH = sum(RADII)  # rows beyond a strip that its result depends on
+
+
+@dataclass
+class PersonPixels:
+    """The N pixels of a person in a part of a photo. Arrays are in Fortran order, as placed maps are.
+
+    Attributes:
+        person: whose pixels they are.
+        rows: of the photo, half-open.
+        where: (N,) flat indices into the crop's window of those rows.
+        index: the same pixels as (rows, columns) of the part.
+        linear: (N,3) the photo's values.
+        alpha: (N,1) the person's share of them, in [0,1].
+        foreground: (N,3) the person's own colour.
+        detail: (N,3), as `Person.detail`.
+        excess: (N,3), as `color.clipping_excess`.
+    """
+
+    person: Person
+    rows: tuple[int, int]
+    where: np.ndarray
+    index: tuple[np.ndarray, np.ndarray]
+    linear: np.ndarray
+    alpha: np.ndarray
+    foreground: np.ndarray
+    detail: np.ndarray
+    excess: np.ndarray
 
 
 @dataclass
 class Layers:
-    """A part of a photo, its first row and column `top` and `left`; linear: its values (h,w,3), alpha (h,w) in [0,1],
-    the figures' own colour, and what relighting needs of each figure; None for those that are not in it.
+    """A part of a photo, separated into people and background.
+
+    Attributes:
+        top: first row of the part.
+        left: first column.
+        linear: (h,w,3) the photo's values.
+        alpha: (h,w) the people's share of each pixel, in [0,1].
+        foreground: (h,w,3) the people's own colour.
+        people: the pixels of each person; None for a person who is not in this part.
     """
 
     top: int
     left: int
     linear: np.ndarray
     alpha: np.ndarray
-    front: np.ndarray
-    seen: list["Seen | None"]
-
-
-@dataclass
-class Seen:
-    """The N pixels of a figure in a part of a photo: flat indices `where` (N,) into a window of that part, which is in
-    `rows` of the photo, and their `place` in the part. Their arrays lie channel by channel, as placed maps do.
-
-    linear (N,3): the photo's values; share (N,1): of the figure in them; own (N,3): its own colour; detail (N,3): as
-    `Figure.detail`; above (N,3): as `color.excess`.
-    """
-
-    figure: Figure
-    rows: tuple[int, int]
-    where: np.ndarray
-    place: tuple[np.ndarray, np.ndarray]
-    linear: np.ndarray
-    share: np.ndarray
-    own: np.ndarray
-    detail: np.ndarray
-    above: np.ndarray
-
-
-def layers(
-    pixels: np.ndarray, figures: Sequence[Figure], rows: tuple[int, int], columns: tuple[int, int] | None = None
-) -> Layers:
-    """Part of a photo, taken apart, with the figures' frames within `columns`. Equal for every way of cutting rows."""
-    (first, last), columns = rows, slice(*(columns or (0, pixels.shape[1])))
-    top, bottom = max(first - REACH, 0), min(last + REACH, len(pixels))
-    linear = LINEAR[pixels[top:bottom]]
-    alpha = coverage_of(figures, slice(top, bottom)).astype(np.float32) / 255
-    own = slice(first - top, last - top), columns
-    part = Layers(first, columns.start, linear[own], alpha[own], foreground(linear, alpha)[own], [])
-    part.seen = [_seen(figure, part) for figure in figures]
-    return part
-
-
-def _seen(figure: Figure, part: Layers) -> Seen | None:
-    rows = max(part.top, figure.frame.rows[0]), min(part.top + len(part.front), figure.frame.rows[1])
-    if rows[0] >= rows[1]:
-        return None
-    first, last = figure.frame.columns
-    where = np.flatnonzero(figure.coverage[slice(*rows), first:last])
-    down, right = np.divmod(where, last - first)
-    place = down + rows[0] - part.top, right + first - part.left
-    linear, own = (np.asfortranarray(image[place]) for image in (part.linear, part.front))
-    window = part.front[rows[0] - part.top : rows[1] - part.top, first - part.left : last - part.left]
-    detail = np.asfortranarray(figure.detail(window, rows)[down, right])
-    above = np.zeros_like(own)
-    clipped = (own > CLIPPING).any(-1)
-    if clipped.any():
-        chroma = figure.frame.place(figure.chroma, rows, cubic=False, where=where[clipped])
-        above[clipped] = excess(own[clipped], chroma)
-    return Seen(figure, rows, where, place, linear, part.alpha[place][:, None], own, detail, above)
-
-
-def coverage_of(figures: Sequence[Figure], rows: slice = slice(None)) -> np.ndarray:
-    """(H,W) uint8 coverage of all the people together, or its `rows`."""
-    return np.maximum.reduce([figure.coverage[rows] for figure in figures])
-
-
-def ground_of(figures: Sequence[Figure]) -> Ground | None:
-    """The ground that the people stand on, for their shadows; None when nobody's feet are in the picture."""
-    return ground([figure.coverage for figure in figures], order_of(figures[0].transport.shape[-1]))
-
-
-def relight_maps(
-    figures: Sequence[Figure], light: np.ndarray | Sequence[np.ndarray], mode: str
-) -> list[tuple[Fitted, ...]]:
-    """The gain of each figure, or its albedo and shading, under one light (K,3) or under one each."""
-    lights = light if isinstance(light, list | tuple) else [light] * len(figures)
-    if mode == "ratio":
-        return [(figure.gain(l),) for figure, l in zip(figures, lights)]
-    return [(figure.fitted_albedo, figure.fitted_shading(l)) for figure, l in zip(figures, lights)]
-
-
-def compose(
-    out: np.ndarray, part: Layers, maps: Sequence[tuple[Fitted, ...]], behind: np.ndarray | None, stops: float = 0.0
-) -> None:
-    """Writes a part of a photo, (h,w,3) uint8, its figures relit by their `maps`, into `out`.
-
-    behind: linear values (h,w,3) of the same part; None leaves the photo's own background, which `out` holds.
-    """
-    front = None if behind is None else part.front.copy()
-    for seen, fits in zip(part.seen, maps):
-        if seen is None:
-            continue
-        values = _lit(seen, fits, np.float32(2**stops))
-        if behind is None:
-            out[seen.place] = to_srgb8(seen.linear + seen.share * (values - seen.own))
-        else:
-            front[seen.place] = values
-    if behind is not None:
-        out[:] = to_srgb8(over(front, part.alpha, behind))
-
-
-def _lit(seen: Seen, fits: tuple[Fitted, ...], factor: float) -> np.ndarray:
-    """A figure's own linear colour (N,3), relit: by its gain, or as albedo and shading say."""
-    *albedo, last = fits
-    values = last.place(seen.figure.frame, luma(seen.detail), seen.rows, seen.where) * factor
-    if not albedo:
-        return relit(seen.own, values, seen.above)
-    return rolled(albedo[0].place(seen.figure.frame, seen.detail, seen.rows, seen.where) ** 2 * values)
+    foreground: np.ndarray
+    people: list[PersonPixels | None]
 
 
 def render(
     pixels: np.ndarray,
-    figures: Sequence[Figure],
+    people: Sequence[Person],
     light: np.ndarray | Sequence[np.ndarray],
     mode: str = "ratio",
     background: Background | None = None,
     turn: float = 0.0,
     stops: float = 0.0,
 ) -> np.ndarray:
-    """The photo (H,W,3) uint8 sRGB with its figures under `light`: (H,W,3) uint8, or (H,W,4) when transparent.
+    """Relights the people of a photo.
 
-    mode: `ratio` multiplies the photo by new / old shading and so keeps all its detail; `full` shows albedo * new
-    shading. turn: of the panorama behind, radians (the light comes turned already). stops: exposure of the figures
-    and of a panorama behind, as powers of two.
+    Args:
+        pixels: (H,W,3) uint8 sRGB.
+        people: as inferred from it.
+        light: (K,3) radiance coefficients, already turned; or one for each person.
+        mode: `ratio` multiplies the photo by new / old shading and keeps all its detail; `full` is albedo * shading.
+        background: the photo's own by default.
+        turn: of a panorama behind, radians.
+        stops: exposure of the people and of a panorama behind, as powers of two.
+
+    Returns:
+        (H,W,3) uint8 sRGB, or (H,W,4) for a transparent background.
     """
     background = background or Background()
-    maps = relight_maps(figures, light, mode)
-    coverage = coverage_of(figures)
+    maps = fit_maps(people, light, mode)
+    coverage = total_coverage(people)
     transparent = background.kind == "none"
     behind = None
     if background.replaced:
         behind = background.linear(pixels.shape[:2], turn, stops)
-        floor = ground_of(figures) if background.shadow else None
-        if floor:
+        ground = ground_of(people) if background.shadow else None
+        if ground:
             behind = np.require(behind, requirements="W")
-            floor.darken(behind, np.mean(light, 0) if isinstance(light, list | tuple) else light)
+            ground.cast_shadows(behind, np.mean(light, 0) if isinstance(light, list | tuple) else light)
     out = np.empty((*pixels.shape[:2], 4 if transparent else 3), np.uint8)
     for first, last in strips(0, len(pixels)):
         rows = out[first:last, :, :3]
         rows[:] = pixels[first:last]
-        if behind is None and not coverage[first:last].any():  # nobody there: the photo, untouched
+        if behind is None and not coverage[first:last].any():  # nobody in this strip
             continue
-        part = layers(pixels, figures, (first, last))
+        part = split_layers(pixels, people, (first, last))
         if transparent:
-            rows[:] = to_srgb8(part.front)
-            for seen in filter(None, part.seen):
-                seen.linear, seen.share = seen.own, np.ones_like(seen.share)
+            rows[:] = to_srgb8(part.foreground)
+            for own in filter(None, part.people):
+                own.linear, own.alpha = own.foreground, np.ones_like(own.alpha)
         compose(rows, part, maps, None if behind is None else behind[first:last], stops)
     if transparent:
         out[..., 3] = coverage
     return out
+
+
+def total_coverage(people: Sequence[Person], rows: slice = slice(None)) -> np.ndarray:
+    """Returns the coverage (H,W) uint8 of all people together, or some `rows` of it."""
+    return np.maximum.reduce([person.coverage[rows] for person in people])
+
+
+def ground_of(people: Sequence[Person]) -> Ground | None:
+    """Returns the ground that people stand on, for their shadows; None if nobody's feet are in the picture."""
+    return ground_under([person.coverage for person in people], order_of(people[0].transport.shape[-1]))
+
+
+def fit_maps(
+    people: Sequence[Person], light: np.ndarray | Sequence[np.ndarray], mode: str
+) -> list[tuple[FittedMap, ...]]:
+    """Fits the gain of each person (mode `ratio`), or albedo and shading (`full`), under one light or one for each."""
+    lights = light if isinstance(light, list | tuple) else [light] * len(people)
+    if mode == "ratio":
+        return [(person.fit_gain(own),) for person, own in zip(people, lights)]
+    return [(person.fitted_albedo, person.fit_shading(own)) for person, own in zip(people, lights)]
+
+
+def split_layers(
+    pixels: np.ndarray, people: Sequence[Person], rows: tuple[int, int], columns: tuple[int, int] | None = None
+) -> Layers:
+    """Separates a part of a photo into people and background. The result does not depend on how rows are cut.
+
+    Args:
+        pixels: (H,W,3) uint8 sRGB.
+        people: in the photo.
+        rows: half-open.
+        columns: half-open, with the crops of all people within; all columns by default.
+    """
+    (first, last), columns = rows, slice(*(columns or (0, pixels.shape[1])))
+    top, bottom = max(first - REACH, 0), min(last + REACH, len(pixels))
+    linear = LINEAR[pixels[top:bottom]]
+    alpha = total_coverage(people, slice(top, bottom)).astype(np.float32) / 255
+    own = slice(first - top, last - top), columns
+    part = Layers(first, columns.start, linear[own], alpha[own], estimate_foreground(linear, alpha)[own], [])
+    part.people = [_person_pixels(person, part) for person in people]
+    return part
+
+
+def _person_pixels(person: Person, part: Layers) -> PersonPixels | None:
+    rows = max(part.top, person.crop.rows[0]), min(part.top + len(part.foreground), person.crop.rows[1])
+    if rows[0] >= rows[1]:
+        return None
+    first, last = person.crop.columns
+    where = np.flatnonzero(person.coverage[slice(*rows), first:last])
+    down, right = np.divmod(where, last - first)
+    index = down + rows[0] - part.top, right + first - part.left
+    linear, foreground = (np.asfortranarray(image[index]) for image in (part.linear, part.foreground))
+    window = part.foreground[rows[0] - part.top : rows[1] - part.top, first - part.left : last - part.left]
+    detail = np.asfortranarray(person.detail(window, rows)[down, right])
+    excess = np.zeros_like(foreground)
+    clipped = (foreground > CLIPPING).any(-1)
+    if clipped.any():
+        chroma = person.crop.place(person.chroma, rows, cubic=False, where=where[clipped])
+        excess[clipped] = clipping_excess(foreground[clipped], chroma)
+    return PersonPixels(person, rows, where, index, linear, part.alpha[index][:, None], foreground, detail, excess)
+
+
+def compose(
+    out: np.ndarray,
+    part: Layers,
+    maps: Sequence[tuple[FittedMap, ...]],
+    behind: np.ndarray | None,
+    stops: float = 0.0,
+) -> None:
+    """Writes a part of a photo with its people relit.
+
+    Args:
+        out: (h,w,3) uint8 to write to; without `behind` it holds the photo.
+        part: of the photo.
+        maps: of each person, from `fit_maps`.
+        behind: (h,w,3) linear background of the same part; None for the photo's own.
+        stops: exposure of the people.
+    """
+    front = None if behind is None else part.foreground.copy()
+    for own, fits in zip(part.people, maps):
+        if own is None:
+            continue
+        values = _relight(own, fits, np.float32(2**stops))
+        if behind is None:
+            out[own.index] = to_srgb8(own.linear + own.alpha * (values - own.foreground))
+        else:
+            front[own.index] = values
+    if behind is not None:
+        out[:] = to_srgb8(over(front, part.alpha, behind))
+
+
+def _relight(own: PersonPixels, fits: tuple[FittedMap, ...], factor: float) -> np.ndarray:
+    """The person's own colour (N,3) relit: by the gain, or as albedo times shading."""
+    *albedo, last = fits
+    crop = own.person.crop
+    values = last.place(crop, luma(own.detail), own.rows, own.where) * factor
+    if not albedo:
+        return apply_gain(own.foreground, values, own.excess)
+    return roll_off(albedo[0].place(crop, own.detail, own.rows, own.where) ** 2 * values)
+
+
+def strips(first: int, last: int) -> Iterator[tuple[int, int]]:
+    """Cuts the range [first, last) into ranges of at most STRIP rows."""
+    for row in range(first, last, STRIP):
+        yield row, min(row + STRIP, last)
+
+
+def estimate_foreground(linear: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+    """Estimates the colour of the people at pixels that they cover in part.
+
+    Such a pixel is alpha F + (1 - alpha) B. Relit as if it were all F, it would carry the old background along as a
+    halo. F and B start as local means of the two sides and are corrected so that together they give the pixel, in a
+    wide and a narrow pass (Forte, "Approximate fast foreground colour estimation", 2021).
+
+    Args:
+        linear: (H,W,3) the photo.
+        alpha: (H,W) in [0,1].
+
+    Returns:
+        F (H,W,3); where alpha is 0 or 1, the photo.
+    """
+    soft = (alpha > 0) & (alpha < 1)
+    if not soft.any():
+        return linear
+    rows, columns = (np.flatnonzero(soft.any(axis)) for axis in (1, 0))
+    part = np.s_[
+        max(rows[0] - REACH, 0) : rows[-1] + 1 + REACH,
+        max(columns[0] - REACH, 0) : columns[-1] + 1 + REACH,
+    ]
+    image, a = linear[part], alpha[part][..., None]
+    front, behind = image, image
+    for radius in RADII:
+        mean_front = _box_mean(front * a, radius) / np.maximum(_box_mean(a, radius), 1e-4)
+        mean_behind = _box_mean(behind * (1 - a), radius) / np.maximum(_box_mean(1 - a, radius), 1e-4)
+        error = image - a * mean_front - (1 - a) * mean_behind
+        front = np.maximum(mean_front + a * error, 0)
+        behind = mean_behind
+    out = linear.copy()
+    out[part] = np.where(soft[part][..., None], front, image)
+    return out
+
+
+def over(front: np.ndarray, alpha: np.ndarray, behind: np.ndarray) -> np.ndarray:
+    """Composites linear images (H,W,3) with alpha (H,W): alpha F + (1 - alpha) B (Porter and Duff 1984)."""
+    return behind + alpha[..., None] * (front - behind)
+
+
+def _box_mean(image: np.ndarray, radius: int) -> np.ndarray:
+    for axis in (0, 1):
+        image = uniform_filter1d(image, 2 * radius + 1, axis=axis, mode="nearest")
+    return image

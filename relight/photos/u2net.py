@@ -1,6 +1,6 @@
-"""Masks by rembg's network of people (U2-Net), or by another ONNX network of its kind.
+"""Masks by rembg's network for people (U2-Net), or by another ONNX network of its kind.
 
-rembg fetches its model once, when the user says so; it is run here, without rembg's own start of half a minute.
+rembg downloads its model when a user asks it to. It runs here without rembg itself, whose start takes half a minute.
 """
 
 import os
@@ -12,14 +12,22 @@ from PIL import Image
 from relight.files import UserError, existing_file
 
 MODEL = "u2net_human_seg"
-SIDE = 320  # pixels that it sees
+SIDE = 320  # pixels of its input
 MEAN, DEVIATION = np.array([0.485, 0.456, 0.406], np.float32), np.array([0.229, 0.224, 0.225], np.float32)  # ImageNet's
 
 
 def coverage(pixels: np.ndarray, model: Path) -> np.ndarray:
-    """Coverage (H,W) uint8 of the people in `pixels` (H,W,3) uint8 sRGB by the ONNX network `model`.
+    """Segments the people of a photo.
 
-    Raises UserError when the model or onnxruntime is missing, and for a model of another kind.
+    Args:
+        pixels: (H,W,3) uint8 sRGB.
+        model: an ONNX file.
+
+    Returns:
+        Coverage (H,W) uint8.
+
+    Raises:
+        UserError: if the model or onnxruntime is missing, or the model is of another kind.
     """
     model = existing_file(model, "--mask-model")
     try:
@@ -32,7 +40,7 @@ def coverage(pixels: np.ndarray, model: Path) -> np.ndarray:
         session = onnxruntime.InferenceSession(str(model), providers=["CPUExecutionProvider"])
         inputs = {session.get_inputs()[0].name: np.moveaxis(image, -1, 0)[None].astype(np.float32)}
         found = np.asarray(session.run(None, inputs)[0], np.float32).reshape(SIDE, SIDE)
-    except Exception as error:  # onnxruntime's and numpy's errors about a model that is not of this kind
+    except Exception as error:  # of onnxruntime or NumPy, for a model of another kind
         reason = str(error).splitlines()[0]
         raise UserError(f"{model} does not work as a segmentation model of rembg's kind ({reason})") from None
     found = (found - found.min()) / max(float(np.ptp(found)), 1e-6)
@@ -41,7 +49,7 @@ def coverage(pixels: np.ndarray, model: Path) -> np.ndarray:
 
 
 def fetched_model() -> Path | None:
-    """Where rembg keeps its model of people, now or in its older versions; None when it was not fetched."""
+    """Finds the model that rembg has downloaded, where its current or older versions keep it; None if there is none."""
     homes = [os.environ.get(name) for name in ("U2NET_HOME", "REMBG_HOME")] + ["~/.rembg", "~/.u2net"]
     if data := os.environ.get("XDG_DATA_HOME"):
         homes += [f"{data}/rembg", f"{data}/.u2net"]

@@ -51,14 +51,13 @@ def view(
             figures.append(baked_figure(path))
             continue
         from relight.photos.api import load
-        from relight.photos.film import smaller
-        from relight.photos.mask import mask_of
-        from relight.photos.read import read_photo
-        from relight.photos.source import mask_beside
+        from relight.photos.mask import find_mask
+        from relight.photos.movie import downscale
+        from relight.photos.read import mask_beside, read_photo
 
         photo = read_photo(path)
         relighter = relighter or load(weights)
-        pixels, coverage = smaller(photo, mask_of(photo, mask or mask_beside(path)), size)
+        pixels, coverage = downscale(photo, find_mask(photo, mask or mask_beside(path)), size)
         figures.append(photo_figure(relighter, pixels, coverage, photo.name))
     build_gallery(
         out, figures, named_lights(light or ()), background, title or figures[0].title, limit and int(limit * 1e6)

@@ -8,10 +8,10 @@ import numpy as np
 
 from relight.files import UserError
 from relight.maps import Maps
-from relight.photos.color import CLIPPING, chroma, excess
-from relight.photos.composite import foreground
-from relight.photos.frame import extend
-from relight.photos.relight import floor_of, shading
+from relight.photos.color import CLIPPING, chroma, clipping_excess
+from relight.photos.crop import fill_outside
+from relight.photos.render import estimate_foreground
+from relight.photos.shading import shading, shading_floor
 from relight.sh import coefficient_count
 from relight.srgb import LINEAR
 from relight.srgb import encode as encode_srgb
@@ -84,7 +84,7 @@ def differences(codes: np.ndarray) -> np.ndarray:
 def pack(figure: Figure, transport_steps: int, background_step: int) -> tuple[dict, bytes]:
     """Header (JSON values) and bytes of a figure; errors are half of 1/transport_steps per transport coefficient,
     1/1020 of sRGB-coded albedo, 1/2 of background_step in the photo's codes outside the figure and nothing inside.
-    Where a soft mask covers more than the maps, these are carried outward (relight.photos.frame.extend).
+    Where a soft mask covers more than the maps, these are carried outward (relight.photos.crop.fill_outside).
     """
     maps = figure.maps
     height, width = maps.mask.shape
@@ -105,7 +105,7 @@ def pack(figure: Figure, transport_steps: int, background_step: int) -> tuple[di
     if figure.photo is not None and figure.photo_light is not None:
         light = np.asarray(figure.photo_light, np.float64)
         header["light"] = light.round(6).tolist()
-        header["floor"] = floor_of(shading(maps.transport, light), maps.mask)
+        header["floor"] = shading_floor(shading(maps.transport, light), maps.mask)
 
     def add(name: str, integers: np.ndarray, steps: int, where: np.ndarray) -> None:
         stream, predictors = encode(integers, where)
@@ -113,7 +113,7 @@ def pack(figure: Figure, transport_steps: int, background_step: int) -> tuple[di
         header["planes"].append({"name": name, "bytes": len(stream), "steps": steps, "predictors": predictors})
 
     def cut(values: np.ndarray) -> np.ndarray:
-        return extend(np.nan_to_num(np.asarray(values, np.float32)[rows, columns]), mask)
+        return fill_outside(np.nan_to_num(np.asarray(values, np.float32)[rows, columns]), mask)
 
     transport, ao = cut(maps.transport[..., : coefficient_count(2)]), cut(maps.ao)
     add("transport", np.rint(transport * transport_steps), transport_steps, region)
@@ -129,10 +129,10 @@ def pack(figure: Figure, transport_steps: int, background_step: int) -> tuple[di
         soft = (alpha > 0) & (alpha < 255)
         front = linear = LINEAR[codes]
         if soft.any():
-            front = foreground(linear, coverage.astype(np.float32) / 255)
+            front = estimate_foreground(linear, coverage.astype(np.float32) / 255)
             add("edge", differences(np.rint(encode_srgb(front[rows, columns] / 2) * EDGE_STEPS)), EDGE_STEPS, soft)
         if (front[coverage > 0] > CLIPPING).any():
-            above = excess(front[rows, columns], chroma(linear, maps.mask)[rows, columns])
+            above = clipping_excess(front[rows, columns], chroma(linear, maps.mask)[rows, columns])
             add("excess", np.rint(above * EXCESS_STEPS), EXCESS_STEPS, region)
         if background_step > 1:
             coarse = np.minimum((codes.astype(int) + background_step // 2) // background_step * background_step, 255)

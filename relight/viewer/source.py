@@ -64,7 +64,7 @@ def photo_figure(relighter: "Relighter", pixels: np.ndarray, coverage: np.ndarra
     The page knows one light a picture, so several people share the mean of theirs, weighted by area. UserError for
     networks of `train.color=paper`, whose shading acts on coded values.
     """
-    from relight.photos.source import mean_light
+    from relight.photos.infer import mean_light
 
     people = relighter.infer(pixels, coverage)
     if any(person.gamma != 1 for person in people):
@@ -72,7 +72,7 @@ def photo_figure(relighter: "Relighter", pixels: np.ndarray, coverage: np.ndarra
     shape = coverage.shape
     albedo, transport = np.zeros((*shape, 3), np.float32), np.zeros((*shape, (relighter.order + 1) ** 2), np.float32)
     for person in people:
-        place, window = person.frame, person.frame.window
+        place, window = person.crop, person.crop.window
         mine = person.coverage[window] > 0
         detail = person.detail(LINEAR[pixels[window]], place.rows)
         where = np.flatnonzero(mine)

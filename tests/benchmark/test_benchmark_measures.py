@@ -17,7 +17,7 @@ from relight.benchmark.measures import (
 )
 from relight.benchmark.score import relit_errors
 from relight.benchmark.shots import variants
-from relight.photos.frame import frame
+from relight.photos.crop import crop_around
 from relight.sh import irradiance, sphere_quadrature
 from relight.srgb import decode, encode, to_bytes
 
@@ -182,7 +182,7 @@ def test_variants_are_what_they_say():
 
     shots = variants(expose, mask, SIDE)
     usual = shots[""]
-    assert usual.square == frame(mask, SIDE)
+    assert usual.square == crop_around(mask, SIDE)
     pixel = usual.square.side / SIDE
     assert np.isclose(shots["down_4"].square.top - usual.square.top, 4 * pixel)
     assert np.isclose(shots["right_8"].square.left - usual.square.left, 8 * pixel)

@@ -4,6 +4,7 @@ import flatbuffers
 import numpy as np
 import pytest
 from PIL import Image
+from typer.testing import CliRunner
 
 from relight.photos import selfie
 
@@ -53,6 +54,21 @@ def relighter(weights):
     from relight.photos.api import load
 
     return load(weights, threads=1)
+
+
+@pytest.fixture(scope="session")
+def run():
+    """The function that runs a command and returns its output, or raises what the command raised."""
+    from relight.cli import app
+
+    def run(*words):
+        result = CliRunner().invoke(app, [str(word) for word in words])
+        if result.exception and not isinstance(result.exception, SystemExit):
+            raise result.exception
+        assert result.exit_code == 0, result.output
+        return result.output
+
+    return run
 
 
 @pytest.fixture(scope="session", name="draw")

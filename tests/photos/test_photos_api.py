@@ -53,8 +53,8 @@ def test_what_is_wrong_is_said(relighter, photo_files):
 def test_a_result_shows_before_and_after(relighter, photo_files):
     """The page holds both pictures; parts and sums of a result are plain arrays."""
     me, _, pixels, mask = photo_files
-    for behind, bands in (("keep", 3), ("transparent", 4)):
-        relit = relighter.relight(me, None, LIGHT, behind=behind)
+    for background, bands in (("keep", 3), ("transparent", 4)):
+        relit = relighter.relight(me, None, LIGHT, background=background)
         page = relit._repr_html_()
         found = [Image.open(io.BytesIO(base64.b64decode(data))) for data in re.findall(r"base64,([^\"]+)", page)]
         assert re.findall(r"<figcaption>(\w+)", page) == ["before", "after"]

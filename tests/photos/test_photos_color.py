@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from relight.photos.color import KNEE, chroma, excess, relit, rolled, shown, to_srgb8
+from relight.photos.color import KNEE, apply_gain, chroma, clipping_excess, display_shading, roll_off, to_srgb8
 from relight.srgb import LINEAR, encode
 
 CODES = np.arange(256)
@@ -31,11 +31,11 @@ def test_a_gain_of_one_returns_every_colour(first):
     """Also where channels are clipped, whatever colour is about."""
     colors = np.stack(np.meshgrid(np.arange(first, min(first + 5, 256)), CODES, CODES), -1).reshape(-1, 3)
     linear = LINEAR[colors]
-    above = excess(linear, spread((0.5, 0.3, 0.2), linear))
+    above = clipping_excess(linear, spread((0.5, 0.3, 0.2), linear))
     gain = np.ones_like(linear)
-    assert np.array_equal(to_srgb8(relit(linear, gain, above)), colors)
+    assert np.array_equal(to_srgb8(apply_gain(linear, gain, above)), colors)
     gain[0] = 3  # beside a pixel that is rolled off
-    assert np.array_equal(to_srgb8(relit(linear, gain, above))[1:], colors[1:])
+    assert np.array_equal(to_srgb8(apply_gain(linear, gain, above))[1:], colors[1:])
 
 
 def test_fast_coder_equals_the_formula():
@@ -47,7 +47,7 @@ def test_fast_coder_equals_the_formula():
 @pytest.mark.parametrize("white", [1.0, 1.3, 4.0, np.inf])
 def test_grey_is_rolled_smoothly_to_white(white):
     x = np.linspace(0, min(white, 30), 200_001)
-    y = rolled(np.repeat(x[:, None], 3, 1), white)
+    y = roll_off(np.repeat(x[:, None], 3, 1), white)
     assert np.ptp(y, axis=1).max() < 1e-12  # grey stays grey
     slope = np.diff(y[:, 0]) / np.diff(x)
     assert (slope > 0).all() and (slope <= 1 + 1e-9).all() and np.abs(np.diff(slope)).max() < 2e-3
@@ -58,7 +58,7 @@ def test_grey_is_rolled_smoothly_to_white(white):
 def test_hue_is_kept_and_stays_in_the_gamut():
     """Where each channel is rolled off for itself, skin under a warm lamp turns yellow."""
     color = np.array([[1.5, 0.9, 0.6], [3.0, 1.2, 0.48], [0.1, 0.3, 9.0]])
-    out = rolled(color)
+    out = roll_off(color)
     assert (out >= 0).all() and (out <= 1).all()
     low, middle, high = np.sort(color, 1).T
     after = np.sort(out, 1).T
@@ -75,9 +75,9 @@ def test_no_edge_on_the_way_through_white(hue):
     near = (codes.max(1) >= 235)[1:]  # where codes are not far apart for being dark
     own = np.array(hue) / sum(hue)
     for about in (own, (1 / 3, 1 / 3, 1 / 3)):
-        above = excess(linear, spread(about, linear))
+        above = clipping_excess(linear, spread(about, linear))
         for gain in GAINS:
-            coded = encode(relit(linear, spread(gain, linear), above)) * 255
+            coded = encode(apply_gain(linear, spread(gain, linear), above)) * 255
             step = np.diff(coded, axis=0)[near]
             assert np.abs(step).max() < 2.5, (about, gain)
             assert np.diff(coded.max(1)).min() > -0.1, (about, gain)
@@ -89,9 +89,9 @@ def test_more_light_is_never_darker():
     generator = np.random.default_rng(3)
     linear = LINEAR[generator.integers(0, 256, (500, 3))]
     linear[:200] = np.where(generator.random((200, 3)) < 0.5, 1, linear[:200])
-    above = excess(linear, spread((0.5, 0.3, 0.2), linear))
+    above = clipping_excess(linear, spread((0.5, 0.3, 0.2), linear))
     gains = np.linspace(0, 4, 200)
-    out = np.stack([relit(linear, spread(g, linear), above) for g in gains])
+    out = np.stack([apply_gain(linear, spread(g, linear), above) for g in gains])
     assert np.diff(out, axis=0).min() > -1e-6
 
 
@@ -106,11 +106,12 @@ def test_what_was_clipped_is_rebuilt_from_the_others():
     assert np.abs(colors - np.array([0.9, 0.55, 0.4]) / 1.85).max() < 0.03
     clipped = photo.max(-1) == 1
     gain = np.full_like(photo, 0.4)
-    with_, without = (np.abs(relit(photo, gain, e) - 0.4 * truth)[clipped].mean() for e in (excess(photo, colors), 0.0))
+    excess = clipping_excess(photo, colors)
+    with_, without = (np.abs(apply_gain(photo, gain, e) - 0.4 * truth)[clipped].mean() for e in (excess, 0.0))
     assert with_ < 0.6 * without
     white = np.full_like(photo, 1.0)
     white[:8] = [0.5, 0.45, 0.4]
-    assert excess(white, chroma(white, mask)).max() < 0.35  # nothing but a little of what colour there is
+    assert clipping_excess(white, chroma(white, mask)).max() < 0.35  # nothing but a little of what colour there is
 
 
 def test_white_cloth_beside_skin_stays_white():
@@ -118,12 +119,12 @@ def test_white_cloth_beside_skin_stays_white():
     photo[:, :32] = [0.55, 0.35, 0.25]
     photo[:, 32:] = np.linspace(0.6, 1.05, 32)[:, None]
     photo = np.minimum(photo, 1)
-    above = excess(photo, chroma(photo, np.ones((64, 64), bool)))
-    assert np.ptp(relit(photo, np.full_like(photo, 0.3), above)[:, 40:], axis=-1).max() < 0.02
+    above = clipping_excess(photo, chroma(photo, np.ones((64, 64), bool)))
+    assert np.ptp(apply_gain(photo, np.full_like(photo, 0.3), above)[:, 40:], axis=-1).max() < 0.02
 
 
 def test_a_shading_is_shown_without_burning_out():
     shading = np.repeat(np.linspace(0, 6, 500)[:, None], 3, 1)
-    codes = to_srgb8(shown(shading)).astype(int)
+    codes = to_srgb8(display_shading(shading)).astype(int)
     assert codes.max() < 255 and (np.diff(codes[:, 0]) >= 0).all()
-    assert abs(int(to_srgb8(shown(np.ones((1, 3))))[0, 0]) - 188) <= 1  # 1, white paper's, at half the light
+    assert abs(int(to_srgb8(display_shading(np.ones((1, 3))))[0, 0]) - 188) <= 1  # 1, white paper's, at half the light

@@ -8,25 +8,16 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
+from relight.cli import app
 from relight.files import UserError
 from relight.lights import load_light
-from relight.photos.commands import app
-
-
-def run(*words):
-    """Runs a command; its output. Raises what the command raised."""
-    result = CliRunner().invoke(app, [str(word) for word in words])
-    if result.exception and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    assert result.exit_code == 0, result.output
-    return result.output
 
 
 def picture(path):
     return np.asarray(Image.open(path))
 
 
-def test_photo_writes_everything_at_its_place(photo_files, weights, tmp_path):
+def test_photo_writes_everything_at_its_place(run, photo_files, weights, tmp_path):
     me, _, pixels, mask = photo_files  # me_mask.png lies beside me.png and is found
     out = tmp_path / "out"
     says = run("photo", me, "--light", "room:3:40", "--out", out, "--weights", weights)
@@ -61,7 +52,7 @@ def test_photo_writes_everything_at_its_place(photo_files, weights, tmp_path):
     assert not hidden
 
 
-def test_own_light_from_disk_returns_the_photo(photo_files, weights, tmp_path):
+def test_own_light_from_disk_returns_the_photo(run, photo_files, weights, tmp_path):
     """The whole round through files: infer, write light.json, relight with it."""
     me, _, pixels, _ = photo_files
     run("photo", me, "--out", tmp_path / "a", "--weights", weights)
@@ -71,7 +62,7 @@ def test_own_light_from_disk_returns_the_photo(photo_files, weights, tmp_path):
     assert np.abs(picture(tmp_path / "c/relit.png").astype(int) - pixels).max() <= 1
 
 
-def test_exif_rotation_comes_out_upright(photo_files, weights, tmp_path):
+def test_exif_rotation_comes_out_upright(run, photo_files, weights, tmp_path):
     me, mask, pixels, _ = photo_files
     exif = Image.Exif()
     exif[274] = 6
@@ -81,7 +72,7 @@ def test_exif_rotation_comes_out_upright(photo_files, weights, tmp_path):
     assert np.array_equal(picture(tmp_path / "t/relit.png"), picture(tmp_path / "u/relit.png"))
 
 
-def test_transfer_swaps_the_lights(photo_files, weights, tmp_path, draw):
+def test_transfer_swaps_the_lights(run, photo_files, weights, tmp_path, draw):
     me, mask, pixels, _ = photo_files
     other, other_mask = draw(120, 150, seed=9)
     Image.fromarray(other).save(tmp_path / "you.png")
@@ -133,7 +124,7 @@ def bad(tmp_path, weights):
     yield [me, "--mask", me], "is the photo itself"
 
 
-def test_bad_input_is_one_line_and_overwrites_nothing(photo_files, weights, tmp_path):
+def test_bad_input_is_one_line_and_overwrites_nothing(run, photo_files, weights, tmp_path):
     out = tmp_path / "out"
     out.mkdir()
     (out / "relit.png").write_bytes(b"precious")
@@ -149,7 +140,7 @@ def test_bad_input_is_one_line_and_overwrites_nothing(photo_files, weights, tmp_
     assert [p.name for p in out.iterdir()] == ["relit.png"] and (out / "relit.png").read_bytes() == b"precious"
 
 
-def test_a_mask_that_looks_wrong_is_said(photo_files, weights, tmp_path):
+def test_a_mask_that_looks_wrong_is_said(run, photo_files, weights, tmp_path):
     me, mask, _, drawn = photo_files
     out = tmp_path / "out"
     assert "the mask" not in run("photo", me, "--out", out, "--weights", weights)
@@ -159,7 +150,7 @@ def test_a_mask_that_looks_wrong_is_said(photo_files, weights, tmp_path):
     assert "inverted" in json.loads((out / "photo.json").read_text())["mask"]["notes"][0]
 
 
-def test_a_folder_goes_on_after_failures_and_resumes(weights, tmp_path, draw):
+def test_a_folder_goes_on_after_failures_and_resumes(run, weights, tmp_path, draw):
     folder, out = tmp_path / "in", tmp_path / "out"
     folder.mkdir()
     for i in range(3):
@@ -181,13 +172,13 @@ def test_a_folder_goes_on_after_failures_and_resumes(weights, tmp_path, draw):
     assert changed == {"p1.png"}
 
 
-def test_a_changed_wish_is_done_again(photo_files, weights, tmp_path):
-    from relight.photos.batch import _seal
-    from relight.photos.photo import Wish
+def test_changed_options_or_files_are_relit_again(photo_files, weights, tmp_path):
+    from relight.photos.folder import _fingerprint
+    from relight.photos.photo import Options
 
     me, mask, _, _ = photo_files
-    seal = _seal(Wish(), me, mask, weights)
-    assert seal == _seal(Wish(), me, mask, weights)
-    assert seal != _seal(Wish(stops=1), me, mask, weights)
+    fingerprint = _fingerprint(Options(), me, mask, weights)
+    assert fingerprint == _fingerprint(Options(), me, mask, weights)
+    assert fingerprint != _fingerprint(Options(stops=1), me, mask, weights)
     Image.new("L", (140, 180), 9).save(mask)
-    assert seal != _seal(Wish(), me, mask, weights)
+    assert fingerprint != _fingerprint(Options(), me, mask, weights)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from relight.panoramas import Panorama, project
-from relight.photos.environment import lookup, see
+from relight.photos.environment import camera_view, lookup
 from relight.sh import basis, sphere_quadrature
 
 SHAPES = {"latlong": (64, 128), "angular": (128, 128), "ball": (256, 256), "cross": (128, 96), "strip": (32, 192)}
@@ -44,14 +44,14 @@ def test_the_camera_sees_ahead_and_turns_with_the_light():
     pixels = np.zeros((64, 128, 3), np.float32)
     pixels[30:34, 62:66] = 50  # a lamp in the middle: straight ahead, behind the figure
     panorama = Panorama(pixels)
-    view = see(panorama, (60, 90))[..., 0]
+    view = camera_view(panorama, (60, 90))[..., 0]
     assert np.unravel_index(view.argmax(), view.shape)[0] in (29, 30) and abs(view.argmax() % 90 - 44.5) <= 1
     # turned by a > 0 (+z toward +x), what is on -z moves toward -x: to the left
-    turned = see(panorama, (60, 90), np.radians(15))[..., 0]
+    turned = camera_view(panorama, (60, 90), np.radians(15))[..., 0]
     x = turned.argmax() % 90
     assert abs((x + 0.5 - 45) - -np.tan(np.radians(15)) * 45 / np.tan(np.radians(25))) < 1.5
-    assert see(panorama, (60, 90), np.radians(180)).max() < 0.1
-    blurred = see(panorama, (60, 90), 0, 5.0)[..., 0]
+    assert camera_view(panorama, (60, 90), np.radians(180)).max() < 0.1
+    blurred = camera_view(panorama, (60, 90), 0, 5.0)[..., 0]
     assert blurred.max() < 0.6 * view.max() and abs(blurred.sum() / view.sum() - 1) < 0.1
 
 

@@ -7,11 +7,12 @@ import pytest
 
 from relight.lights import load_light
 from relight.panoramas import Panorama
-from relight.photos.background import Background, background, white
+from relight.photos.api import match_exposure
+from relight.photos.background import Background, estimate_white, read_background
 from relight.photos.color import to_srgb8
-from relight.photos.film import turning
-from relight.photos.ground import Camera, _balls, _box, _transport, ground
-from relight.photos.photo import Wish
+from relight.photos.ground import Camera, _box, _fill_with_balls, _transport, ground_under
+from relight.photos.movie import turn_light
+from relight.photos.photo import Options
 from relight.photos.render import render
 from relight.sh import basis, rotate_y, unoccluded
 from relight.srgb import LINEAR
@@ -22,7 +23,7 @@ Y00 = 0.5 / np.sqrt(np.pi)
 def standing(height=300, width=260, bottom=280, middle=130):
     """A person (H,W) uint8: a head, a body, two legs apart."""
     y, x = np.mgrid[:height, :width]
-    y = (bottom - 1 - y) / 240  # heights of the person above the ground
+    y = (bottom - 1 - y) / 240  # heights of the person above the ground_under
     x = (x - middle) / 240
     head = np.hypot(x, y - 0.93) < 0.07
     body = (abs(x) < 0.13) & (y > 0.45) & (y < 0.85)
@@ -65,7 +66,7 @@ def test_balls_beside_each_other_add_and_behind_each_other_do_not():
 def test_a_figure_is_filled_and_stands_on_the_ground():
     coverage = standing()
     camera = Camera(300.0, 150.0, 130.0)
-    balls = _balls(coverage, _box(coverage), camera)
+    balls = _fill_with_balls(coverage, _box(coverage), camera)
     x, y = (camera.middle - balls[:, 0] / balls[:, 2] * 300, camera.horizon + balls[:, 1] / balls[:, 2] * 300)
     radius = -balls[:, 3] / balls[:, 2] * 300
     rows, columns = np.mgrid[:300, :260] + 0.5
@@ -73,7 +74,7 @@ def test_a_figure_is_filled_and_stands_on_the_ground():
     solid = coverage > 127
     assert (drawn & solid).sum() > 0.9 * solid.sum() and (drawn & ~solid).sum() < 0.02 * solid.sum()
     lowest = balls[np.argmax(y + radius)]
-    assert lowest[1] - lowest[3] == pytest.approx(-1, abs=0.03)  # the ground, in heights of the camera
+    assert lowest[1] - lowest[3] == pytest.approx(-1, abs=0.03)  # the ground_under, in heights of the camera
 
 
 def test_each_foot_stands_where_it_is_seen():
@@ -81,7 +82,7 @@ def test_each_foot_stands_where_it_is_seen():
     coverage = standing()
     coverage[265:, :130] = 0
     camera = Camera(300.0, 150.0, 130.0)
-    balls = _balls(coverage, _box(coverage), camera)
+    balls = _fill_with_balls(coverage, _box(coverage), camera)
     low = balls[balls[:, 1] < -0.85]
     left, right = low[low[:, 0] < 0], low[low[:, 0] > 0]
     assert -left[:, 2].mean() == pytest.approx(300 / 115, rel=0.03)
@@ -89,8 +90,8 @@ def test_each_foot_stands_where_it_is_seen():
 
 
 def test_shadows_fall_away_from_the_light_and_end():
-    floor = ground([standing()])
-    h, w, _ = floor.hidden.shape
+    floor = ground_under([standing()])
+    h, w, _ = floor.occluded.shape
     here = int((280 - floor.rows[0]) / (floor.rows[1] - floor.rows[0]) * h)
     for azimuth, darker, lighter in (
         (75, np.s_[:, : w // 3], np.s_[:, -w // 3 :]),
@@ -115,17 +116,17 @@ def test_a_coloured_lamp_leaves_the_other_colour_in_its_shadow():
     light = lamp(70, 30)
     light = light * [1.0, 0.5, 0.2]
     light[0] += np.array([0.0, 0.2, 0.6], np.float32)
-    shade = ground([standing()]).shade(light)
+    shade = ground_under([standing()]).shadows(light)
     darkest = shade.reshape(-1, 3)[shade.sum(-1).argmin()]
     assert darkest[0] < darkest[1] < darkest[2]
 
 
 def test_nobody_stands_in_a_portrait():
     coverage = standing(bottom=330)
-    assert ground([coverage]) is None
-    both = ground([coverage, standing(middle=60)])
-    alone = ground([standing(middle=60)])
-    assert np.array_equal(both.hidden, alone.hidden)
+    assert ground_under([coverage]) is None
+    both = ground_under([coverage, standing(middle=60)])
+    alone = ground_under([standing(middle=60)])
+    assert np.array_equal(both.occluded, alone.occluded)
 
 
 @pytest.mark.parametrize("kind", ["color", "picture", "panorama"])
@@ -133,7 +134,7 @@ def test_shadows_are_on_new_backgrounds_only(kind, relighter, draw):
     """The picture is darker beneath the figure than without shadows, and nowhere else; so are frames of a movie."""
     pixels, mask = draw()
     figures = relighter.infer(pixels, mask)
-    light = relighter.light("room:2", figures)
+    light, _ = match_exposure(figures, relighter.read_light("room:2").coefficients, Background())
     grey = np.full((180, 140, 3), 150, np.uint8)
     behind = Background(kind, color=grey[0, 0], picture=grey, panorama=Panorama(np.full((8, 16, 3), 0.1, np.float32)))
     shaded = render(pixels, figures, light, "ratio", behind)
@@ -143,7 +144,7 @@ def test_shadows_are_on_new_backgrounds_only(kind, relighter, draw):
     assert np.array_equal(shaded[mask == 255], without[mask == 255]) and np.array_equal(
         shaded[:60][away[:60]], without[:60][away[:60]]
     )
-    first, second = turning(pixels, figures, light, Wish(), behind, 2)
+    first, second = turn_light(pixels, figures, light, Options(), behind, 2)
     turned = rotate_y(light, np.pi).astype(np.float32)
     assert np.array_equal(first, shaded)
     assert np.array_equal(second, render(pixels, figures, turned, "ratio", behind, turn=np.pi))
@@ -170,13 +171,15 @@ def test_a_picture_follows_the_lights_colour_half_way(draw):
     light = np.zeros((9, 3))
     light[0] = warm
     same = to_srgb8(LINEAR[neutral] * warm)
-    assert np.abs(white(same) / white(same)[0] - warm).max() < 0.02
+    assert np.abs(estimate_white(same) / estimate_white(same)[0] - warm).max() < 0.02
     for level in (1.0, 0.5):
-        tinted = Background("picture", picture=neutral).under(light, 1.0, level).tint
+        tinted = Background("picture", picture=neutral).matched(light, 1.0, level).tint
         assert np.allclose(tinted / tinted[0], np.sqrt(warm), atol=1e-3)
-        assert Background("picture", picture=same).under(light, 1.0, level).tint == pytest.approx([level] * 3, rel=0.02)
+        assert Background("picture", picture=same).matched(light, 1.0, level).tint == pytest.approx(
+            [level] * 3, rel=0.02
+        )
     behind = Background("picture", picture=neutral)
-    half = behind.under(np.ones((9, 3)), 1.0, 0.5).linear((60, 50))
+    half = behind.matched(np.ones((9, 3)), 1.0, 0.5).linear((60, 50))
     assert np.allclose(half, behind.linear((60, 50)) / 2, atol=1e-3)
-    color = background("#334455")
-    assert np.array_equal(color.under(light, 3.0, 0.5).linear((4, 4), stops=1), color.linear((4, 4)))
+    color = read_background("#334455")
+    assert np.array_equal(color.matched(light, 3.0, 0.5).linear((4, 4), stops=1), color.linear((4, 4)))

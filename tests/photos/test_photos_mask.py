@@ -8,24 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from typer.testing import CliRunner
 
-from relight.cli import app
 from relight.files import UserError
 from relight.photos import selfie, u2net
-from relight.photos.mask import automatic_model, mask_of
+from relight.photos.mask import automatic_model, find_mask
 from relight.photos.read import Photo, read_photo
 
 FETCHED = u2net.fetched_model
 IMAGES = Path(__file__).parents[2] / "docs" / "images"
-
-
-def run(*words):
-    result = CliRunner().invoke(app, [str(word) for word in words])
-    if result.exception and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    assert result.exit_code == 0, result.output
-    return result.output
 
 
 @pytest.fixture
@@ -68,7 +58,7 @@ def overlap(a, b):
     return (a & b).sum() / (a | b).sum()
 
 
-def test_setup_from_a_wheel(wheel, bright):
+def test_setup_from_a_wheel(run, wheel, bright):
     assert "photos without a mask" in run("mask", "setup", "--from", wheel)
     path = selfie.network_file()
     assert path.read_bytes() == bright and sorted(p.name for p in path.parent.iterdir()) == [
@@ -78,7 +68,7 @@ def test_setup_from_a_wheel(wheel, bright):
     assert path.with_name(f"{path.name}.LICENSE").read_text() == "Apache License"
 
 
-def test_what_is_no_such_wheel_changes_nothing(wheel, bright, tmp_path):
+def test_what_is_no_such_wheel_changes_nothing(run, wheel, bright, tmp_path):
     selfie.setup(wheel)
     (tmp_path / "text.whl").write_text("no wheel")
     with zipfile.ZipFile(tmp_path / "other.whl", "w") as archive:
@@ -96,7 +86,7 @@ def test_what_is_no_such_wheel_changes_nothing(wheel, bright, tmp_path):
     assert selfie.network_file().read_bytes() == bright
 
 
-def test_setup_by_pip(wheel, bright, monkeypatch):
+def test_setup_by_pip(run, wheel, bright, monkeypatch):
     """The real pip, with a folder for an index; without one its reason is told, and what to do."""
     monkeypatch.setenv("PIP_NO_INDEX", "1")
     monkeypatch.setenv("PIP_FIND_LINKS", str(wheel.parent))
@@ -119,7 +109,7 @@ def test_the_built_in_mask(wheel):
     assert not found[15:35, 15:35].any() and not found[190:260, 118:123].any()
     assert np.abs(found[:, ::-1].astype(int) - selfie.coverage(np.ascontiguousarray(pixels[:, ::-1]))).max() <= 8
     with pytest.raises(UserError, match="found nobody in dark: give --mask FILE"):
-        mask_of(Photo(pixels // 8, None, "dark"))
+        find_mask(Photo(pixels // 8, None, "dark"))
 
 
 def test_edges_are_the_photos():
@@ -134,7 +124,7 @@ def test_edges_are_the_photos():
     assert np.abs(selfie.fitted_to(flat, np.full(figure.shape, 0.5, np.float32)) - 0.5).max() < 1e-5
 
 
-def test_photo_without_a_mask(wheel, weights, tmp_path):
+def test_photo_without_a_mask(run, wheel, weights, tmp_path):
     """Three commands' worth: set up, relight, and draw the mask to correct it, which is then the one that counts."""
     pixels, figure = scene()
     Image.fromarray(pixels).save(tmp_path / "me.png")
@@ -180,7 +170,7 @@ def test_rembgs_network(wheel, tmp_path, monkeypatch):
     photo[30:100, 25:60] = 230
     Image.fromarray(photo).save(tmp_path / "a.png")
     brightness_model(tmp_path / "model.onnx")
-    mask = mask_of(read_photo(tmp_path / "a.png"), model=tmp_path / "model.onnx")
+    mask = find_mask(read_photo(tmp_path / "a.png"), model=tmp_path / "model.onnx")
     assert mask.shape == (120, 90)
     assert ((mask > 127) != (photo[..., 0] > 127)).mean() < 0.02
     folder = tmp_path / "home" / "models" / "u2net_human_seg"
@@ -188,13 +178,13 @@ def test_rembgs_network(wheel, tmp_path, monkeypatch):
     (tmp_path / "model.onnx").rename(folder / "u2net_human_seg.onnx")
     monkeypatch.setattr(u2net, "fetched_model", FETCHED)
     monkeypatch.setenv("U2NET_HOME", str(tmp_path / "home"))
-    assert np.array_equal(mask_of(read_photo(tmp_path / "a.png")), mask)  # where rembg puts it
+    assert np.array_equal(find_mask(read_photo(tmp_path / "a.png")), mask)  # where rembg puts it
     Image.fromarray(photo[:, :20]).save(tmp_path / "nobody.png")
     with pytest.raises(UserError, match="found nobody"):
-        mask_of(read_photo(tmp_path / "nobody.png"))
+        find_mask(read_photo(tmp_path / "nobody.png"))
     (tmp_path / "model.onnx").write_bytes(b"no model")
     with pytest.raises(UserError, match="does not work"):
-        mask_of(read_photo(tmp_path / "a.png"), model=tmp_path / "model.onnx")
+        find_mask(read_photo(tmp_path / "a.png"), model=tmp_path / "model.onnx")
     assert automatic_model() == folder / "u2net_human_seg.onnx"
     selfie.setup(wheel)
     assert automatic_model() == selfie.network_file() and automatic_model("own.onnx") == Path("own.onnx")

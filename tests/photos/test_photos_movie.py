@@ -4,18 +4,16 @@ import av
 import numpy as np
 import pytest
 from PIL import Image
-from typer.testing import CliRunner
 
 from relight.files import UserError
+from relight.photos.api import match_exposure
 from relight.photos.background import Background
-from relight.photos.clip import steady, windows
-from relight.photos.commands import app
-from relight.photos.film import smaller, turning
-from relight.photos.frame import frame
-from relight.photos.infer import Figure
-from relight.photos.movie import read_frames, write_movie
-from relight.photos.photo import Wish
+from relight.photos.crop import crop_around
+from relight.photos.infer import Person
+from relight.photos.movie import downscale, smooth_over_time, turn_light, windows
+from relight.photos.photo import Options
 from relight.photos.read import Photo
+from relight.photos.video import read_frames, write_video
 
 COLORS = [(200, 60, 40), (40, 180, 60), (60, 80, 220), (128, 128, 128), (250, 250, 250)]
 
@@ -24,7 +22,7 @@ COLORS = [(200, 60, 40), (40, 180, 60), (60, 80, 220), (128, 128, 128), (250, 25
 def test_written_and_read_back(suffix, tmp_path):
     path = tmp_path / f"a{suffix}"
     frames = [np.full((49, 65, 3), c, np.uint8) for c in COLORS]  # odd sizes
-    write_movie(path, frames, fps=20)
+    write_video(path, frames, fps=20)
     stream, _, fps = read_frames(path)
     back = [photo.pixels for photo in stream]
     assert len(back) == len(COLORS) and fps == pytest.approx(20)
@@ -42,12 +40,12 @@ def test_a_failed_movie_leaves_the_old_one(tmp_path):
         raise RuntimeError("out of light")
 
     with pytest.raises(RuntimeError):
-        write_movie(path, frames())
+        write_video(path, frames())
     assert path.read_bytes() == b"old" and [p.name for p in tmp_path.iterdir()] == ["a.mp4"]
     with pytest.raises(UserError, match=r"must end in .mp4, .webm or .gif"):
-        write_movie(tmp_path / "a.flv", frames())
+        write_video(tmp_path / "a.flv", frames())
     with pytest.raises(UserError, match="no frames"):
-        write_movie(path, [])
+        write_video(path, [])
     (tmp_path / "b.mp4").write_bytes(b"nothing of a movie")
     with pytest.raises(UserError, match="cannot be read as a video"):
         read_frames(tmp_path / "b.mp4")
@@ -56,34 +54,33 @@ def test_a_failed_movie_leaves_the_old_one(tmp_path):
 def test_turning_light_closes_and_keeps_its_exposure(relighter, draw):
     pixels, mask = draw()
     figures = relighter.infer(pixels, mask)
-    light = relighter.light("room:2", figures)
-    frames = list(turning(pixels, figures, light, Wish(), Background(), 8))
+    light, _ = match_exposure(figures, relighter.read_light("room:2").coefficients, Background())
+    frames = list(turn_light(pixels, figures, light, Options(), Background(), 8))
     assert len(frames) == 8
     assert np.array_equal(frames[0], relighter.relight(pixels, mask, light, match=False))
     quarter = relighter.relight(pixels, mask, light, turn=90, match=False)
     assert np.abs(frames[2].astype(int) - quarter).max() <= 1
-    whole = list(turning(pixels, figures, light, Wish(), Background(), 1, turns=1))
+    whole = list(turn_light(pixels, figures, light, Options(), Background(), 1, turns=1))
     assert np.array_equal(whole[0], frames[0])
     assert all(np.array_equal(f[mask == 0], pixels[mask == 0]) for f in frames)
     # a movie that normalised each frame would show a light of twice the strength alike
-    twice = list(turning(pixels, figures, 2 * light, Wish(), Background(), 2))
+    twice = list(turn_light(pixels, figures, 2 * light, Options(), Background(), 2))
     assert twice[1][mask == 255].mean() > frames[4][mask == 255].mean() + 5
 
 
-def test_movie_of_a_photo(photo_files, weights, tmp_path):
+def test_movie_of_a_photo(run, photo_files, weights, tmp_path):
     me, _, _, _ = photo_files
     words = ["movie", me, "--out", tmp_path / "a.mp4", "--seconds", 0.4, "--size", 64, "--light", "sky:1"]
     words += ["--background", "panorama", "--weights", weights]
-    result = CliRunner().invoke(app, [str(w) for w in words])
-    assert result.exit_code == 0, result.exception
+    run(*words)
     with av.open(str(tmp_path / "a.mp4")) as container:
         stream = container.streams.video[0]
         assert (stream.frames, stream.height, stream.width) == (10, 64, 50)
     with pytest.raises(UserError, match="cannot be transparent"):
-        raise CliRunner().invoke(app, ["movie", str(me), "--background", "transparent"]).exception
+        run("movie", me, "--out", tmp_path / "b.mp4", "--background", "transparent")
 
 
-def test_movie_of_a_clip(weights, tmp_path, draw):
+def test_movie_of_a_clip(run, weights, tmp_path, draw):
     """A folder of frames with a folder of masks, or with masks beside them; too few masks are said."""
     frames, masks = tmp_path / "frames", tmp_path / "masks"
     frames.mkdir()
@@ -93,7 +90,7 @@ def test_movie_of_a_clip(weights, tmp_path, draw):
         Image.fromarray(np.roll(pixels, i, 1)).save(frames / f"{i}.png")
         Image.fromarray(np.roll(mask, i, 1)).save(masks / f"{i}.png")
     words = ["movie", frames, "--mask", masks, "--out", tmp_path / "a.webm", "--light", "room:1", "--weights", weights]
-    assert CliRunner().invoke(app, [str(w) for w in words]).exit_code == 0
+    run(*words)
     assert sum(1 for _ in read_frames(tmp_path / "a.webm")[0]) == 5
     beside = tmp_path / "beside"
     beside.mkdir()
@@ -101,12 +98,12 @@ def test_movie_of_a_clip(weights, tmp_path, draw):
         (beside / path.name).hardlink_to(path)
         (beside / f"{path.stem}_mask.png").hardlink_to(masks / path.name)
     same = ["movie", beside, "--out", tmp_path / "b.webm", *words[6:]]
-    assert CliRunner().invoke(app, [str(w) for w in same]).exit_code == 0
+    run(*same)
     pairs = zip(read_frames(tmp_path / "a.webm")[0], read_frames(tmp_path / "b.webm")[0], strict=True)
     assert all(np.array_equal(a.pixels, b.pixels) for a, b in pairs)
     (masks / "4.png").unlink()
     with pytest.raises(UserError, match="holds 4 masks"):
-        raise CliRunner().invoke(app, [str(w) for w in words]).exception
+        run(*words)
 
 
 def test_windows_see_each_neighbour():
@@ -118,7 +115,7 @@ def test_windows_see_each_neighbour():
                 assert near == list(range(max(k - radius, 0), min(k + radius + 1, count)))
 
 
-def test_steadying_removes_flicker_and_keeps_what_is_still():
+def test_smoothing_removes_flicker_and_keeps_what_is_still():
     rng = np.random.default_rng(0)
     coverage = np.zeros((40, 40), np.uint8)
     coverage[5:35, 12:28] = 255
@@ -126,19 +123,19 @@ def test_steadying_removes_flicker_and_keeps_what_is_still():
     mask = np.ones((16, 16), bool)
     base = np.full((16, 16, 9), 0.5, np.float32)
 
-    def look(pixels, coverage, box):
+    def infer(pixels, coverage, crop):
         image = np.full((16, 16, 3), 0.13, np.float32)
         light = (np.ones((9, 3)) + rng.normal(0, 0.2, (9, 3))).astype(np.float32)
         transport = base + rng.normal(0, 0.1, base.shape).astype(np.float32)
-        return Figure(box, coverage, mask, image, image, transport, light)
+        return Person(crop, coverage, mask, image, image, transport, light)
 
-    out = [f for _, f in steady([(pixels, coverage)] * 40, lambda c: frame(c, 16), look)]
+    out = [f for _, f in smooth_over_time([(pixels, coverage)] * 40, lambda c: crop_around(c, 16), infer)]
     assert len(out) == 40
     lights = np.stack([f.light for f in out])
     assert lights.std(0).mean() < 0.06  # of 0.2
     assert np.abs(np.diff(lights, axis=0)).mean() < 0.02
     assert np.stack([f.transport for f in out]).std(0).mean() < 0.07  # of 0.1
-    assert all(f.frame.side == pytest.approx(frame(coverage, 16).side) for f in out)
+    assert all(f.crop.side == pytest.approx(crop_around(coverage, 16).side) for f in out)
 
 
 def test_what_moves_is_not_smeared():
@@ -147,20 +144,21 @@ def test_what_moves_is_not_smeared():
     mask = np.ones((8, 8), bool)
     values = iter([0.2, 0.9, 0.2, 0.9])
 
-    def look(pixels, coverage, box):
+    def infer(pixels, coverage, crop):
         value = next(values)
         image = np.full((8, 8, 3), value, np.float32)
-        return Figure(
-            box, coverage, mask, image, image, np.full((8, 8, 9), value, np.float32), np.ones((9, 3), np.float32)
+        return Person(
+            crop, coverage, mask, image, image, np.full((8, 8, 9), value, np.float32), np.ones((9, 3), np.float32)
         )
 
     pixels = np.zeros((20, 20, 3), np.uint8)
-    out = [f.transport[0, 0, 0] for _, f in steady([(pixels, coverage)] * 4, lambda c: frame(c, 8), look)]
+    smooth = smooth_over_time([(pixels, coverage)] * 4, lambda c: crop_around(c, 8), infer)
+    out = [person.transport[0, 0, 0] for _, person in smooth]
     assert np.allclose(out, [0.2, 0.9, 0.2, 0.9], atol=1e-3)
 
 
-def test_smaller_keeps_the_shape():
+def test_downscaling_keeps_the_shape():
     photo = Photo(np.zeros((400, 300, 3), np.uint8), None, "a")
-    pixels, coverage = smaller(photo, np.zeros((400, 300), np.uint8), 100)
+    pixels, coverage = downscale(photo, np.zeros((400, 300), np.uint8), 100)
     assert pixels.shape == (100, 75, 3) and coverage.shape == (100, 75)
-    assert smaller(photo, coverage, 100)[1].shape == coverage.shape
+    assert downscale(photo, coverage, 100)[1].shape == coverage.shape

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image, ImageCms
 
 from relight.files import UserError
-from relight.photos.mask import doubts, heads, mask_of, people
+from relight.photos.mask import count_heads, find_mask, mask_warnings, split_people
 from relight.photos.read import read_mask, read_photo
 
 RGB = np.random.default_rng(0).integers(0, 256, (40, 30, 3)).astype(np.uint8)
@@ -148,7 +148,7 @@ def test_empty_and_full_masks(tmp_path):
     for value, says in ((0, "empty"), (255, "covers the whole photo")):
         Image.fromarray(np.full((40, 30), value, np.uint8)).save(tmp_path / "m.png")
         with pytest.raises(UserError, match=says):
-            mask_of(photo, tmp_path / "m.png")
+            find_mask(photo, tmp_path / "m.png")
 
 
 def test_people_are_split_left_to_right():
@@ -157,12 +157,12 @@ def test_people_are_split_left_to_right():
     coverage[20:50, 10:30] = 255
     coverage[5:8, 98:101] = 255  # a crumb of the right one
     coverage[20:50, 30:33] = 90  # a soft edge of the left one
-    left, right = people(coverage)
+    left, right = split_people(coverage)
     assert np.array_equal(left + right, coverage) and not (left.astype(bool) & right.astype(bool)).any()
     assert left[30, 20] and left[30, 31] == 90 and right[6, 99] == 255
-    assert len(people(right)) == 1
+    assert len(split_people(right)) == 1
     with pytest.raises(UserError, match="at least 8 pixels"):
-        people(np.pad(np.full((3, 3), 255, np.uint8), 10))
+        split_people(np.pad(np.full((3, 3), 255, np.uint8), 10))
 
 
 def person(height=200, width=160, center=0.5):
@@ -177,7 +177,7 @@ def person(height=200, width=160, center=0.5):
 
 
 def said(*masks):
-    return " ".join(doubts([SimpleNamespace(coverage=mask * np.uint8(255)) for mask in masks]))
+    return " ".join(mask_warnings([SimpleNamespace(coverage=mask * np.uint8(255)) for mask in masks]))
 
 
 def test_masks_that_look_wrong():
@@ -188,7 +188,7 @@ def test_masks_that_look_wrong():
     box[20:180, 50:120] = True
     assert "the figure is a rectangle" in said(box)
     pair = person(center=0.35) | person(center=0.65)
-    assert heads(alone[20:, 20:-20]) == 1 and "several people who touch" in said(pair)
+    assert count_heads(alone[20:, 20:-20]) == 1 and "several people who touch" in said(pair)
     assert said(person(width=260, center=0.3), person(width=260, center=0.7)) == ""
     assert "cut by the photo's lower edge:" in said(alone[:120])
     assert "left and right edges" in said(alone[:, 58:-58])
@@ -203,7 +203,7 @@ def test_the_photo_as_its_own_mask_is_refused(tmp_path):
     pixels = np.clip(np.cumsum(rng.normal(0, 4, (60, 50, 3)), 0) + 128, 0, 255).astype(np.uint8)
     Image.fromarray(pixels).save(tmp_path / "a.png")
     with pytest.raises(UserError, match="is the photo itself"):
-        mask_of(read_photo(tmp_path / "a.png"), tmp_path / "a.png")
+        find_mask(read_photo(tmp_path / "a.png"), tmp_path / "a.png")
 
 
 def test_heic_needs_its_reader(tmp_path, monkeypatch):

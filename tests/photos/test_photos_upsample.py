@@ -3,12 +3,12 @@
 import numpy as np
 from scipy.ndimage import binary_erosion, zoom
 
-from relight.photos.frame import Frame
-from relight.photos.upsample import RIM, SMOOTH, Guide, fitted, from_inside, luma, root
+from relight.photos.crop import Crop
+from relight.photos.upsample import RIM, SMOOTH, Guide, clamp_rim, fit_map, luma, square_root
 
 SIDE, SCALE = 48, 8
 LARGE = SIDE * SCALE
-WHOLE = Frame(0.0, 0.0, float(LARGE), (0, LARGE), (0, LARGE), SIDE)
+WHOLE = Crop(0.0, 0.0, float(LARGE), (0, LARGE), (0, LARGE), SIDE)
 ROWS = (0, LARGE)
 
 
@@ -22,7 +22,7 @@ def placed(maps):
 
 def upsampled(maps, guide, photo, mask=None, **options):
     mask = np.ones((SIDE, SIDE), bool) if mask is None else mask
-    return fitted(maps, Guide(guide, mask), **options).place(WHOLE, photo - placed(guide), ROWS)
+    return fit_map(maps, Guide(guide, mask), **options).place(WHOLE, photo - placed(guide), ROWS)
 
 
 def test_an_edge_of_the_photo_becomes_the_maps_edge():
@@ -42,8 +42,8 @@ def test_albedo_gains_the_photos_detail():
     rng = np.random.default_rng(0)
     albedo = 0.3 + 0.2 * np.clip(zoom(rng.normal(size=(96, 96, 1)), (4, 4, 1), order=1) * 0.6, -1, 1)
     photo = 0.8 * albedo
-    coarse = root(averaged(albedo))
-    found = upsampled(coarse, root(averaged(photo)), root(photo), fine=True) ** 2
+    coarse = square_root(averaged(albedo))
+    found = upsampled(coarse, square_root(averaged(photo)), square_root(photo), fine=True) ** 2
     plain = placed(coarse) ** 2
     assert np.abs(found - albedo).mean() < 0.35 * np.abs(plain - albedo).mean()
 
@@ -53,12 +53,12 @@ def test_what_the_photo_does_not_show_stays_as_the_network_said():
     maps = rng.random((SIDE, SIDE, 4))
     flat = np.full((SIDE, SIDE, 1), 0.4)
     assert np.abs(upsampled(maps, flat, np.full((LARGE, LARGE, 1), 0.4)) - placed(maps)).max() < 0.25
-    same = Frame(0.0, 0.0, float(SIDE), (0, SIDE), (0, SIDE), SIDE)
+    same = Crop(0.0, 0.0, float(SIDE), (0, SIDE), (0, SIDE), SIDE)
     guide = rng.random((SIDE, SIDE, 1))
-    fit = fitted(maps, Guide(guide, np.ones((SIDE, SIDE), bool)))
+    fit = fit_map(maps, Guide(guide, np.ones((SIDE, SIDE), bool)))
     again = fit.place(same, guide - same.place(guide, (0, SIDE))[..., None], (0, SIDE))
     assert np.abs(again - maps).max() < 1e-6  # at its own resolution a map is returned
-    ones = fitted(np.ones((SIDE, SIDE, 3)), Guide(guide, guide[..., 0] > 0.2))
+    ones = fit_map(np.ones((SIDE, SIDE, 3)), Guide(guide, guide[..., 0] > 0.2))
     detail = rng.normal(size=(LARGE, LARGE, 1))
     assert np.abs(ones.place(WHOLE, detail, ROWS) - 1).max() < 1e-6
 
@@ -92,10 +92,10 @@ def test_the_rim_follows_the_inside():
     mask[23:25, 34:46] = True  # a finger, two pixels wide
     true = (0.5 + 0.01 * x)[..., None] + np.zeros(3)
     core = binary_erosion(mask, iterations=RIM)
-    assert np.abs(from_inside(true, mask) - true)[mask].max() < 0.021
+    assert np.abs(clamp_rim(true, mask) - true)[mask].max() < 0.021
     rng = np.random.default_rng(3)
     noisy = np.where(core[..., None], true, true + rng.normal(0, 0.5, true.shape))
-    found = from_inside(noisy, mask)
+    found = clamp_rim(noisy, mask)
     rim = mask & ~core & (x < 34)
     assert np.abs(found - true)[rim].mean() < 0.15 * np.abs(noisy - true)[rim].mean()
     assert np.array_equal(found[23:25, 42:46], noisy[23:25, 42:46].astype(np.float32))

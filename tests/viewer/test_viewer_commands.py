@@ -10,9 +10,9 @@ from typer.testing import CliRunner
 from relight.files import UserError
 from relight.maps import write_left_out, write_maps
 from relight.photos.api import Relighter
-from relight.photos.frame import frame
-from relight.photos.infer import Figure, look
-from relight.photos.mask import people
+from relight.photos.crop import crop_around
+from relight.photos.infer import Person, network_input
+from relight.photos.mask import split_people
 from relight.sh import basis, irradiance, unoccluded
 from relight.viewer.commands import app
 from relight.viewer.source import LIGHTS, baked_figure, named_lights
@@ -81,11 +81,11 @@ class Oracle(Relighter):
         super().__init__(None, {})
 
     def infer(self, image, mask):
-        return [self.person(image, coverage, i) for i, coverage in enumerate(people(mask))]
+        return [self.person(image, coverage, i) for i, coverage in enumerate(split_people(mask))]
 
     def person(self, image, coverage, i):
-        box = frame(coverage, 48)
-        seen, mask = look(image, coverage, box)
+        box = crop_around(coverage, 48)
+        seen, mask = network_input(image, coverage, box)
         y, x = np.mgrid[-1:1:48j, -1:1:48j]
         normal = np.stack([x, -y, np.ones_like(x)], -1) / np.sqrt(x**2 + y**2 + 1)[..., None]
         transport = (unoccluded(normal) * (0.8 + 0.2 * np.sin(9 * x))[..., None] * mask[..., None]).astype(np.float32)
@@ -93,7 +93,7 @@ class Oracle(Relighter):
             np.eye(9)[0], [0.6, 0.7, 0.9]
         )
         albedo = np.clip(seen * 1.5, 0, 1) * mask[..., None]
-        return Figure(box, coverage, mask, seen, albedo, transport, light.astype(np.float32), self.gamma)
+        return Person(box, coverage, mask, seen, albedo, transport, light.astype(np.float32), self.gamma)
 
     gamma = 1.0
 

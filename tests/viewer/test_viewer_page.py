@@ -13,13 +13,13 @@ from scipy.spatial.transform import Rotation
 
 from relight.lights.load import key_light
 from relight.panoramas import Panorama, project
-from relight.photos.api import exposure
 from relight.photos.background import Background
-from relight.photos.color import chroma, excess, relit, rolled, shown
-from relight.photos.frame import Frame
-from relight.photos.infer import Figure as Inferred
-from relight.photos.relight import floor_of, matched, ratio, shading
+from relight.photos.color import apply_gain, chroma, clipping_excess, display_shading, roll_off
+from relight.photos.crop import Crop
+from relight.photos.infer import Person as Inferred
+from relight.photos.infer import mean_exposure_factor
 from relight.photos.render import render
+from relight.photos.shading import exposure_factor, shading, shading_floor, shading_ratio
 from relight.sh import basis, irradiance, rotation_about_y, rotation_matrix
 from relight.srgb import LINEAR, decode, encode
 from relight.viewer.build import build_gallery, build_viewer
@@ -41,7 +41,7 @@ def turned(light, yaw, tilt):
 
 
 def codes(light):
-    return 255 * encode(rolled(np.asarray(light, np.float64)))
+    return 255 * encode(roll_off(np.asarray(light, np.float64)))
 
 
 def farthest(pixels, expected, where):
@@ -86,7 +86,7 @@ def test_relit_and_shading_equal_python_under_turned_lights(balls, maps, lights,
         state = START | {"light": index, "yaw": yaw, "tilt": tilt, "stops": stops}
         lit = 2**stops * shading(maps.transport, turned(lights[name], yaw, tilt))
         assert farthest(balls.pixels(**state), codes(maps.albedo * lit), maps.mask) <= 2
-        assert farthest(balls.pixels(**state | {"view": "shading"}), 255 * encode(shown(lit)), maps.mask) <= 2
+        assert farthest(balls.pixels(**state | {"view": "shading"}), 255 * encode(display_shading(lit)), maps.mask) <= 2
 
 
 def test_the_other_views_equal_python(balls, maps, lights):
@@ -117,10 +117,10 @@ def test_backgrounds_and_soft_edges_are_mixed_as_light(page, tmp_path, maps, lig
     towards /= np.linalg.norm(towards, axis=-1, keepdims=True)
     for background, behind in {
         "color": decode(np.array([0x33, 0xCC, 0x66]) / 255),
-        "light": rolled(np.maximum(irradiance(lights["Window"], towards), 0)),
+        "light": roll_off(np.maximum(irradiance(lights["Window"], towards), 0)),
     }.items():
         pixels = page.pixels(**START | {"background": background, "color": "#33cc66"})
-        assert farthest(pixels, 255 * encode(alpha * rolled(figure) + (1 - alpha) * behind), ...) <= 2
+        assert farthest(pixels, 255 * encode(alpha * roll_off(figure) + (1 - alpha) * behind), ...) <= 2
         assert (pixels[..., 3] == 255).all()
     pixels = page.pixels(**START | {"background": "clear"})
     np.testing.assert_array_equal(pixels[..., 3], np.rint(255 * coverage))
@@ -160,10 +160,11 @@ def test_ratio_keeps_the_photo_and_relights_it(page, photo_html, maps, lights, p
     np.testing.assert_array_equal(page.pixels(**state)[..., :3], photo)  # under its own light: itself, everywhere
     np.testing.assert_array_equal(page.pixels(**state | {"view": "photo", "yaw": 50})[..., :3], photo)
     for index, name in enumerate(lights, 1):
-        new = lights[name] * matched(own, lights[name], maps.transport, maps.mask)
+        new = lights[name] * exposure_factor(own, lights[name], maps.transport, maps.mask)
         was, lit = shading(maps.transport, own), shading(maps.transport, turned(new, 40, 10))
-        above = excess(LINEAR[photo], chroma(LINEAR[photo], maps.mask))
-        expected = 255 * encode(relit(LINEAR[photo], ratio(was, lit, floor_of(was, maps.mask)), above))
+        above = clipping_excess(LINEAR[photo], chroma(LINEAR[photo], maps.mask))
+        gain = shading_ratio(was, lit, shading_floor(was, maps.mask))
+        expected = 255 * encode(apply_gain(LINEAR[photo], gain, above))
         pixels = page.pixels(**state | {"light": index, "yaw": 40, "tilt": 10})
         assert farthest(pixels, expected, maps.mask) <= 2
         np.testing.assert_array_equal(pixels[~maps.mask][:, :3], photo[~maps.mask])
@@ -179,10 +180,10 @@ def test_soft_photo_equals_the_photo_command(page, tmp_path, maps, lights, photo
     build_viewer(tmp_path / "soft.html", soft, lights, photo=photo / 255, photo_light=own)
     page.open(tmp_path / "soft.html")
     size = len(photo)
-    square = Frame(0, 0, size, (0, size), (0, size), size)
+    square = Crop(0, 0, size, (0, size), (0, size), size)
     light = own.astype(np.float32)
     figure = Inferred(square, coverage, maps.mask, LINEAR[photo], maps.albedo, maps.transport, light)
-    new = turned(lights["Behind"] * exposure([figure], lights["Behind"]), -60, 20)
+    new = turned(lights["Behind"] * mean_exposure_factor([figure], lights["Behind"]), -60, 20)
     state = START | {"light": 3, "yaw": -60, "tilt": 20, "stops": 0.5, "color": "#4080c0"}
     color = Background("color", color=np.array([0x40, 0x80, 0xC0], np.uint8), shadow=False)
     for mode in ("ratio", "full"):
@@ -356,7 +357,7 @@ def test_a_dropped_panorama_lights_the_figure(balls, maps, lights, panorama):
         "(async () => { while (relight.lights().length < 4) await new Promise((done) => setTimeout(done, 20)); })()"
     )
     light = project(Panorama(values(panorama).astype(np.float32)))
-    light = light * matched(lights["Window"], light, maps.transport, maps.mask)
+    light = light * exposure_factor(lights["Window"], light, maps.transport, maps.mask)
     expected = codes(maps.albedo * shading(maps.transport, turned(light, 25, 0)))
     assert farthest(balls.pixels(**START | {"light": 3, "yaw": 25}), expected, maps.mask) <= 2
     assert "kitchen" in balls.run("document.getElementById('light-list').innerText")
@@ -373,7 +374,7 @@ def test_a_panorama_is_seen_behind_the_figure(balls, maps, lights):
         **START | {"light": 3, "background": "light", "yaw": 40, "tilt": 20, "room": 0.5, "stops": 0.3}
     )
     light = project(Panorama(values(blocks).astype(np.float32)))
-    gain = matched(lights["Window"], light, maps.transport, maps.mask)
+    gain = exposure_factor(lights["Window"], light, maps.transport, maps.mask)
     size = len(maps.mask)
     grid = np.tan(np.radians(25)) * ((2 * np.arange(size) + 1) / size - 1)
     x, y = np.meshgrid(grid, -grid)

@@ -11,8 +11,8 @@ from PIL import Image
 from skimage import data
 
 from relight.photos.api import load
-from relight.photos.background import background
-from relight.photos.frame import extend
+from relight.photos.background import read_background
+from relight.photos.crop import fill_outside
 from relight.srgb import encode, to_bytes
 
 IMAGES = Path(__file__).parents[2] / "docs" / "images"
@@ -27,13 +27,13 @@ def main() -> None:
     relighter = load(args.weights)
     photo, mask = data.astronaut(), np.asarray(Image.open(IMAGES / "astronaut_mask.png"))
     person = relighter.infer(photo, mask)[0]
-    grey = background("#808080")
-    relit = [relighter.relight(photo, mask, light, behind=grey) for light in LIGHTS]
+    grey = read_background("#808080")
+    relit = [relighter.relight(photo, mask, light, background=grey) for light in LIGHTS]
     inside = person.coverage[..., None] / 255
     side, shown = photo.shape[0], []
     for values in (person.albedo, person.shading / 2):
         placed = np.zeros(photo.shape)
-        placed[person.frame.window] = person.frame.place(extend(values, person.mask))
+        placed[person.crop.window] = person.crop.place(fill_outside(values, person.mask))
         shown.append(np.uint8(to_bytes(encode(np.clip(placed, 0, 1))) * inside + 128 * (1 - inside)))
     sheet = np.concatenate([photo, *shown, *(picture[..., :3] for picture in relit)], 1)
     Image.fromarray(sheet).resize((sheet.shape[1] // 2, side // 2), Image.Resampling.LANCZOS).save(args.out, quality=90)

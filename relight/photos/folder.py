@@ -1,4 +1,4 @@
-"""A folder of photos: side by side, resumable, and none stops the others."""
+"""The command `photo` for a folder: in parallel and resumable. A photo that fails does not stop the others."""
 
 import hashlib
 import json
@@ -13,10 +13,9 @@ from pathlib import Path
 from relight import __version__
 from relight.files import UserError, writable_folder
 from relight.photos.mask import automatic_model
-from relight.photos.movie import photos_in
-from relight.photos.photo import Wish, relight_file
-from relight.photos.save import save_json
-from relight.photos.source import mask_beside
+from relight.photos.photo import Options, relight_file
+from relight.photos.read import list_photos, mask_beside
+from relight.photos.write import write_json
 from relight.progress import progress
 
 RECORD = "photo.json"
@@ -24,7 +23,13 @@ RECORD = "photo.json"
 
 @dataclass
 class Summary:
-    """Names of the photos that were relit now, that were there already, and those that failed, with the reason."""
+    """What became of the photos of a folder.
+
+    Attributes:
+        done: names of those that were relit.
+        kept: names of those whose results were up to date.
+        failed: reasons by name.
+    """
 
     done: list[str] = field(default_factory=list)
     kept: list[str] = field(default_factory=list)
@@ -35,37 +40,48 @@ class Summary:
         return "\n".join(lines + [f"  {name}: {reason}" for name, reason in self.failed.items()])
 
 
-def batch(
+def relight_folder(
     folder: Path | str,
     out: Path | str,
-    wish: Wish,
+    options: Options,
     masks: Path | str | None = None,
     weights: Path | None = None,
     jobs: int | None = None,
 ) -> Summary:
-    """Relights every photo of `folder` into `out`/<file name>/.
+    """Relights every photo of a folder into `out`/<file name>/.
 
-    masks: a folder with a mask of the same stem for each photo; else <stem>_mask.png beside the photo, its alpha, or
-    the automatic mask. A photo whose results were made by the same wish, weights, files and version is left alone.
+    A photo whose results were made with the same options, weights, files and version is skipped.
+
+    Args:
+        folder: of photos.
+        out: folder of the results.
+        options: of the command.
+        masks: a folder with a mask of the same stem for each photo; by default <stem>_mask.png beside the photo, its
+            alpha, or an automatic mask.
+        weights: of the network, as `relight.load` takes them.
+        jobs: processes; by default as many as there are cores.
+
+    Raises:
+        UserError: if something is wrong with the arguments, and not with a single photo.
     """
     from relight.photos.api import load
 
-    photos = photos_in(folder)
+    photos = list_photos(folder)
     writable_folder(out, "--out")
     if masks and not Path(masks).is_dir():
         raise UserError(f"mask {masks}: for a folder of photos give a folder of masks")
-    wish.behind(wish.source(load(weights)))  # what is wrong with the wish is said once, not for each photo
+    options.read_background(options.read_light(load(weights)))  # errors of the options come once, not for each photo
     summary = Summary()
     tasks = {}
     for photo in photos:
         mask = _mask_in(Path(masks), photo) if masks else mask_beside(photo)
-        seal = _seal(wish, photo, mask, weights)
-        if _sealed(Path(out) / photo.name) == seal:
+        fingerprint = _fingerprint(options, photo, mask, weights)
+        if _recorded(Path(out) / photo.name) == fingerprint:
             summary.kept.append(photo.name)
         else:
-            tasks[photo.name] = (photo, Path(out) / photo.name, mask, seal)
+            tasks[photo.name] = (photo, Path(out) / photo.name, mask, fingerprint)
     jobs = max(1, min(jobs or os.cpu_count() or 1, len(tasks)))
-    for name, reason in progress(_run(tasks, jobs, wish, weights), "photos", total=len(tasks)):
+    for name, reason in progress(_run(tasks, jobs, options, weights), "photos", total=len(tasks)):
         if reason is None:
             summary.done.append(name)
         else:
@@ -73,23 +89,23 @@ def batch(
     return summary
 
 
-def _run(tasks: dict, jobs: int, wish: Wish, weights: Path | None) -> Iterator[tuple[str, str | None]]:
+def _run(tasks: dict, jobs: int, options: Options, weights: Path | None) -> Iterator[tuple[str, str | None]]:
     """Runs the tasks in processes; yields (name, reason of failure or None) as they end.
 
-    When a process dies, as for want of memory, the pool dies with it: the rest is done again by one process at a time,
-    and a photo that kills that one is the culprit.
+    When a process dies, for want of memory for example, its pool dies with it. The remaining tasks are then run one
+    process at a time, and a photo that kills this one has failed.
     """
     left = dict(tasks)
     spawn = multiprocessing.get_context("spawn")  # torch's threads do not survive a fork
     while left:
         threads = max(1, (os.cpu_count() or 1) // jobs)
-        with ProcessPoolExecutor(jobs, spawn, initializer=_start, initargs=(weights, threads, wish)) as pool:
+        with ProcessPoolExecutor(jobs, spawn, initializer=_start, initargs=(weights, threads, options)) as pool:
             waiting = {}
             queue = iter(list(left.items()))
             try:
                 while True:
                     for name, task in queue:
-                        waiting[pool.submit(_one, wish, *task)] = name
+                        waiting[pool.submit(_relight_one, options, *task)] = name
                         if len(waiting) >= jobs:
                             break
                     if not waiting:
@@ -110,44 +126,44 @@ def _run(tasks: dict, jobs: int, wish: Wish, weights: Path | None) -> Iterator[t
 _worker = None  # the relighter and the light of this process
 
 
-def _start(weights: Path | None, threads: int, wish: Wish) -> None:
+def _start(weights: Path | None, threads: int, options: Options) -> None:
     from relight.photos.api import load
 
     global _worker
     relighter = load(weights, threads)
-    _worker = relighter, wish.source(relighter)
+    _worker = relighter, options.read_light(relighter)
 
 
-def _one(wish: Wish, photo: Path, out: Path, mask: Path | None, seal: str) -> str | None:
+def _relight_one(options: Options, photo: Path, out: Path, mask: Path | None, fingerprint: str) -> str | None:
     try:
-        relighter, source = _worker
-        record = relight_file(relighter, photo, out, wish, mask, source)
-        save_json(out / RECORD, {**record, "seal": seal})
+        relighter, light = _worker
+        record = relight_file(relighter, photo, out, options, mask, light)
+        write_json(out / RECORD, {**record, "fingerprint": fingerprint})
         return None
     except UserError as error:
         return str(error)
-    except Exception as error:  # a bug with one photo must not take the others' night away
+    except Exception as error:  # a bug with one photo must not stop the others
         return f"unexpected {type(error).__name__}: {error}"
 
 
 def _mask_in(masks: Path, photo: Path) -> Path:
     found = sorted(masks.glob(f"{photo.stem}.*")) + sorted(masks.glob(f"{photo.stem}_mask.*"))
-    return found[0] if found else masks / f"{photo.stem}.png"  # which is not there, and will be said so
+    return found[0] if found else masks / f"{photo.stem}.png"  # which does not exist: the error names it
 
 
-def _seal(wish: Wish, photo: Path, mask: Path | None, weights: Path | None) -> str:
-    """A digest of all that the results depend on; files count by size and time."""
-    model = automatic_model(wish.mask_model)
-    files = [photo, mask, weights, wish.light, wish.background, wish.light_mask, model]
+def _fingerprint(options: Options, photo: Path, mask: Path | None, weights: Path | None) -> str:
+    """A hash of all that the results depend on; files count by size and time."""
+    model = automatic_model(options.mask_model)
+    files = [photo, mask, weights, options.light, options.background, options.light_mask, model]
     stamps = []
     for path in files:
         stat = Path(path).stat() if path and Path(path).is_file() else None
         stamps.append([stat.st_size, stat.st_mtime_ns] if stat else None)
-    return hashlib.sha256(json.dumps([__version__, asdict(wish), stamps]).encode()).hexdigest()
+    return hashlib.sha256(json.dumps([__version__, asdict(options), stamps]).encode()).hexdigest()
 
 
-def _sealed(out: Path) -> str | None:
+def _recorded(out: Path) -> str | None:
     try:
-        return json.loads((out / RECORD).read_text()).get("seal")
+        return json.loads((out / RECORD).read_text()).get("fingerprint")
     except (OSError, ValueError, AttributeError):
         return None

@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 from relight.files import UserError
-from relight.photos import composite
 from relight.photos import render as rendering
-from relight.photos.background import Background, background
+from relight.photos.background import Background, read_background
 from relight.photos.color import to_srgb8
-from relight.photos.frame import Frame, frame
-from relight.photos.infer import Figure
-from relight.photos.relight import ANGLES, FLOOR, brightest, floor_of, matched, ratio, shading
-from relight.photos.render import render
+from relight.photos.crop import Crop, crop_around
+from relight.photos.infer import Person
+from relight.photos.render import estimate_foreground, over, render, strips
+from relight.photos.shading import ANGLES, FLOOR, exposure_factor, max_luminance, shading, shading_floor, shading_ratio
 from relight.sh import rotate_y, rotation_matrix, unoccluded
 from relight.srgb import LINEAR
 
@@ -35,10 +34,10 @@ def ball(size=128, side=160):
     )
     coverage = np.zeros((side, side), np.uint8)
     coverage[10 : 10 + size, 20 : 20 + size] = mask * np.uint8(255)
-    place = frame(coverage, size)
-    place = Frame(10.0, 20.0, float(size), place.rows, place.columns, size)
+    place = crop_around(coverage, size)
+    place = Crop(10.0, 20.0, float(size), place.rows, place.columns, size)
     image = albedo * shading(transport, LIGHT)
-    figure = Figure(place, coverage, mask, image, albedo, transport, LIGHT)
+    figure = Person(place, coverage, mask, image, albedo, transport, LIGHT)
     pixels = np.full((side, side, 3), 90, np.uint8)
     pixels[10 : 10 + size, 20 : 20 + size][mask] = to_srgb8(image)[mask]
     return pixels, figure, mask
@@ -72,7 +71,7 @@ def test_known_ball_is_relit_right():
     """The photo of a known ball under a new light equals the picture rendered under it, in both modes."""
     pixels, figure, mask = ball()
     expected = figure.albedo * shading(figure.transport, OTHER)
-    floor = floor_of(figure.shading, mask)
+    floor = shading_floor(figure.shading, mask)
     sure = mask & (figure.shading.min(-1) > 2 * floor) & (expected.max(-1) < 0.75) & (figure.image.min(-1) > 0.05)
     assert sure.sum() > 0.5 * mask.sum()
     for mode in ("ratio", "full"):
@@ -97,9 +96,9 @@ def test_mirrored_ball_under_the_mirrored_light():
     """All but the network is exactly symmetric."""
     pixels, figure, mask = ball()
     mirror = rotation_matrix(np.diag([-1.0, 1, 1]), 2).astype(np.float32)
-    place = figure.frame
-    mirrored = Figure(
-        Frame(
+    place = figure.crop
+    mirrored = Person(
+        Crop(
             place.top,
             160 - place.left - place.side,
             place.side,
@@ -121,9 +120,10 @@ def test_mirrored_ball_under_the_mirrored_light():
 
 def test_exposure_matches_itself_and_does_not_turn():
     _, figure, mask = ball()
-    assert matched(LIGHT, LIGHT, figure.transport, mask) == pytest.approx(1)
-    assert matched(LIGHT, 5 * LIGHT, figure.transport, mask) == pytest.approx(0.2)
-    factors = [matched(LIGHT, rotate_y(OTHER, a).astype(np.float32), figure.transport, mask) for a in (0, 1, 2.51)]
+    assert exposure_factor(LIGHT, LIGHT, figure.transport, mask) == pytest.approx(1)
+    assert exposure_factor(LIGHT, 5 * LIGHT, figure.transport, mask) == pytest.approx(0.2)
+    turned = [rotate_y(OTHER, angle).astype(np.float32) for angle in (0, 1, 2.51)]
+    factors = [exposure_factor(LIGHT, light, figure.transport, mask) for light in turned]
     assert np.ptp(factors) < 3e-3 * factors[0]
     # over a whole turn no figure gets brighter than it could be under the photo's own light
     turns = np.arange(90) * np.pi / 45
@@ -140,15 +140,15 @@ def test_the_brightest_turn_is_that_of_all_turns():
         transport, light = rng.normal(size=count), rng.normal(size=(count, 3))
         grey = light @ [0.2126, 0.7152, 0.0722]
         turns = [transport @ rotate_y(grey[:, None], 2 * np.pi * k / ANGLES)[:, 0] for k in range(ANGLES)]
-        assert brightest(transport, light) == pytest.approx(max(turns), rel=1e-3)
+        assert max_luminance(transport, light) == pytest.approx(max(turns), rel=1e-3)
 
 
 def test_dark_shading_does_not_blow_up():
     old, new = np.array([[[0.001] * 3, [0.8] * 3]]), np.ones((1, 2, 3))
-    floor = floor_of(old, np.ones((1, 2), bool))
+    floor = shading_floor(old, np.ones((1, 2), bool))
     assert floor == pytest.approx(FLOOR * 0.4005)
-    assert ratio(old, new, floor).max() <= 1 / floor
-    assert (ratio(old, old, floor) == 1).all()
+    assert shading_ratio(old, new, floor).max() <= 1 / floor
+    assert (shading_ratio(old, old, floor) == 1).all()
     assert (shading(np.array([[1.0, 0, 0, 0]]), np.full((4, 3), -1.0)) == 0).all()
 
 
@@ -156,10 +156,9 @@ def test_strips_do_not_show(relighter, monkeypatch, draw):
     pixels, mask = draw()
     figures = relighter.infer(pixels, mask)
     whole = render(pixels, figures, OTHER, "ratio", Background("color", color=np.array([10, 200, 30])))
-    monkeypatch.setattr(composite, "STRIP", 37)
+    monkeypatch.setattr(rendering, "STRIP", 37)
     cut = render(pixels, figures, OTHER, "ratio", Background("color", color=np.array([10, 200, 30])))
     assert np.abs(cut.astype(int) - whole).max() <= 1
-    assert rendering.strips is composite.strips
 
 
 def test_backgrounds(relighter, tmp_path, draw):
@@ -170,19 +169,19 @@ def test_backgrounds(relighter, tmp_path, draw):
     away = mask == 0
     keep = render(pixels, figures, OTHER)
     assert np.array_equal(keep[away], pixels[away]) and (keep[mask == 255] != pixels[mask == 255]).any()
-    green = render(pixels, figures, OTHER, "ratio", replace(background("#10c81e"), shadow=False))
+    green = render(pixels, figures, OTHER, "ratio", replace(read_background("#10c81e"), shadow=False))
     assert (green[away] == [16, 200, 30]).all()
     assert np.array_equal(green[mask == 255], keep[mask == 255])  # the figure does not depend on what is behind
     rng = np.random.default_rng(0)
     Image.fromarray(rng.integers(0, 256, (90, 70, 3)).astype(np.uint8)).resize((140, 180), 0).save(tmp_path / "b.png")
-    behind = render(pixels, figures, OTHER, "ratio", replace(background(str(tmp_path / "b.png")), shadow=False))
+    behind = render(pixels, figures, OTHER, "ratio", replace(read_background(str(tmp_path / "b.png")), shadow=False))
     assert np.array_equal(behind[away], np.asarray(Image.open(tmp_path / "b.png"))[away])
-    clear = render(pixels, figures, OTHER, "ratio", background("transparent"))
+    clear = render(pixels, figures, OTHER, "ratio", read_background("transparent"))
     assert clear.shape[2] == 4 and np.array_equal(clear[..., 3], mask)
     with pytest.raises(UserError, match="no panorama"):
-        background("panorama")
+        read_background("panorama")
     with pytest.raises(UserError, match="is not keep"):
-        background("no such colour")
+        read_background("no such colour")
 
 
 def test_python_interface_says_what_is_wrong(relighter, draw):
@@ -206,10 +205,58 @@ def test_python_interface_says_what_is_wrong(relighter, draw):
 
 def test_paper_networks_see_coded_values(relighter, weights, draw):
     """A network trained with color=paper gets the 8-bit values as they are."""
-    from relight.photos.infer import infer
+    from relight.photos.infer import infer_person
 
     pixels, mask = draw()
-    paper = infer(relighter.network, {"train": {"color": "paper"}}, pixels, mask)
-    photo = infer(relighter.network, {"train": {"color": "photo"}}, pixels, mask)
+    paper = infer_person(relighter.network, {"train": {"color": "paper"}}, pixels, mask)
+    photo = infer_person(relighter.network, {"train": {"color": "photo"}}, pixels, mask)
     assert np.abs(to_srgb8(photo.image) / 255.0 - paper.image)[photo.mask].max() < 0.003
     assert np.array_equal(render(pixels, [paper], paper.light), pixels)
+
+
+def soft_disc(size=200, radius=60, softness=12.0):
+    y, x = np.mgrid[:size, :size] - size / 2
+    return np.clip(0.5 + (radius - np.hypot(x, y)) / softness, 0, 1).astype(np.float32)
+
+
+def pair(size=200):
+    """A figure whose colour changes slowly, before a bright background."""
+    y, x = np.mgrid[:size, :size] / size
+    figure = np.stack([0.2 + 0.1 * x, 0.1 + 0.05 * y, 0.15 + 0 * x], -1).astype(np.float32)
+    behind = np.stack([0.8 + 0.1 * y, 0.9 + 0 * x, 0.95 - 0.1 * x], -1).astype(np.float32)
+    return figure, behind
+
+
+def test_no_halo_on_a_new_background():
+    alpha = soft_disc()
+    figure, behind = pair()
+    new = np.full_like(figure, 0.02)
+    truth = over(figure, alpha, new)
+    photo = over(figure, alpha, behind)
+    good = over(estimate_foreground(photo, alpha), alpha, new)
+    naive = over(photo, alpha, new)
+    assert np.abs(naive - truth).max() > 0.15  # the halo
+    assert np.abs(good - truth).max() < 0.02
+
+
+def test_opaque_pixels_stay_and_hard_masks_change_nothing():
+    alpha = soft_disc()
+    photo = over(*pair()[:1], alpha, pair()[1])
+    found = estimate_foreground(photo, alpha)
+    assert np.array_equal(found[alpha == 1], photo[alpha == 1])
+    hard = (alpha > 0.5).astype(np.float32)
+    assert estimate_foreground(photo, hard) is photo
+
+
+def test_relit_edge_on_the_photos_own_background():
+    """Half the light on the figure, the background untouched: the edge is the true mixture."""
+    alpha = soft_disc()
+    figure, behind = pair()
+    photo = over(figure, alpha, behind)
+    front = estimate_foreground(photo, alpha)
+    relit = photo + alpha[..., None] * (front * 0.3 - front)
+    assert np.abs(relit - over(figure * 0.3, alpha, behind)).max() < 0.02
+
+
+def test_strips_cover_each_row_once():
+    assert [r for a, b in strips(5, 1400) for r in range(a, b)] == list(range(5, 1400))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from relight.files import UserError
-from relight.photos.frame import Frame, extend, frame
+from relight.photos.crop import Crop, crop_around, fill_outside
 
 
 def figure(height, width, top, left, bottom, right):
@@ -18,7 +18,7 @@ def coordinates(height, width):
     return np.stack(np.meshgrid(np.arange(height) + 0.5, np.arange(width) + 0.5, indexing="ij"), -1).astype(np.float32)
 
 
-def network_coordinates(f: Frame):
+def network_coordinates(f: Crop):
     """The photo coordinates of each of the network's pixel centres, by the definition of the frame."""
     along = (np.arange(f.size) + 0.5) / f.size * f.side
     return np.stack(np.meshgrid(f.top + along, f.left + along, indexing="ij"), -1).astype(np.float32)
@@ -45,20 +45,20 @@ def test_back_to_the_pixel(size):
     """What the network puts at a place of its square lands on that place of the photo, and crop looks at it there."""
     for height, width, *box in cases():
         coverage = figure(height, width, *box)
-        f = frame(coverage, size)
+        f = crop_around(coverage, size)
         assert f.rows == (box[0], box[2]) and f.columns == (box[1], box[3])
         placed = f.place(network_coordinates(f))
         error = np.abs(placed - coordinates(height, width)[f.window]).max()
         assert error < (1e-3 * f.side / size if f.side > size else 0.1), (height, width, box)
-        inside = f.crop(np.ones((height, width), np.float32)) > 0.999
-        seen = f.crop(coordinates(height, width))[inside]
+        inside = f.extract(np.ones((height, width), np.float32)) > 0.999
+        seen = f.extract(coordinates(height, width))[inside]
         assert np.abs(seen - network_coordinates(f)[inside]).max() < 0.1 * max(f.side / size, 1), (height, width, box)
 
 
 def test_centred_and_padded_as_in_training():
-    f = frame(figure(400, 300, 40, 100, 220, 160), 128)
+    f = crop_around(figure(400, 300, 40, 100, 220, 160), 128)
     assert f.side == pytest.approx(200) and f.top == pytest.approx(30) and f.left == pytest.approx(30)
-    wide = frame(figure(100, 400, 10, 20, 60, 380), 128)  # wider than high: fits the width
+    wide = crop_around(figure(100, 400, 10, 20, 60, 380), 128)  # wider than high: fits the width
     assert wide.side == pytest.approx(400) and wide.left == pytest.approx(0) and wide.top == pytest.approx(-165)
 
 
@@ -66,15 +66,15 @@ def test_equal_scale_is_the_identity():
     """Where the network's pixels are the photo's own, crop and place change nothing at all."""
     rng = np.random.default_rng(1)
     photo = rng.random((300, 260, 3)).astype(np.float32)
-    f = Frame(top=-5, left=30, side=256, rows=(0, 240), columns=(40, 250), size=256)
-    seen = f.crop(photo)
+    f = Crop(top=-5, left=30, side=256, rows=(0, 240), columns=(40, 250), size=256)
+    seen = f.extract(photo)
     assert np.array_equal(seen, np.pad(photo[:251, 30:], ((5, 0), (0, 26), (0, 0))))
     assert np.array_equal(f.place(seen), photo[f.window])
 
 
 def test_strips_equal_the_whole():
     rng = np.random.default_rng(2)
-    f = frame(figure(777, 500, 13, 30, 765, 420), 64)
+    f = crop_around(figure(777, 500, 13, 30, 765, 420), 64)
     maps = rng.random((64, 64, 2)).astype(np.float32)
     whole = f.place(maps)
     for a, b in [(13, 200), (200, 201), (201, 765)]:
@@ -85,33 +85,33 @@ def test_huge_and_tiny():
     """An 8k figure and one of 20 pixels, at the photo's corner."""
     huge = np.zeros((8000, 8000), np.uint8)
     huge[0:8000, 3000:5000] = 255
-    f = frame(huge, 64)
+    f = crop_around(huge, 64)
     rows = (7900, 8000)
     error = f.place(network_coordinates(f)[..., 0], rows) - (np.arange(*rows) + 0.5)[:, None]
     assert np.abs(error).max() < 0.1  # of 8889 pixels
-    tiny = frame(figure(600, 800, 580, 790, 600, 800), 256)
+    tiny = crop_around(figure(600, 800, 580, 790, 600, 800), 256)
     assert np.abs(tiny.place(network_coordinates(tiny)) - coordinates(600, 800)[580:, 790:]).max() < 1e-3
 
 
 def test_soft_edge_past_the_square_is_covered():
     coverage = figure(200, 200, 80, 80, 120, 120)
     coverage[60:140, 60:140] = np.maximum(coverage[60:140, 60:140], 40)
-    f = frame(coverage, 64)
+    f = crop_around(coverage, 64)
     assert f.rows == (60, 140)
     maps = np.ones((64, 64), np.float32)
     assert np.array_equal(f.place(maps), np.ones((80, 80), np.float32))
     coverage[0, 0] = 1  # a speck far away must not make the window grow without bound
-    assert frame(coverage, 64).rows[0] >= 80 - 40
+    assert crop_around(coverage, 64).rows[0] >= 80 - 40
 
 
 def test_extend_takes_the_nearest():
     mask = np.zeros((5, 5), bool)
     mask[2, 1:3] = True
     maps = np.arange(25, dtype=np.float32).reshape(5, 5)
-    out = extend(maps, mask)
+    out = fill_outside(maps, mask)
     assert np.array_equal(out[mask], maps[mask]) and out[2, 4] == maps[2, 2] and out[0, 0] == maps[2, 1]
 
 
 def test_empty_mask_is_said():
     with pytest.raises(UserError, match="empty"):
-        frame(np.full((20, 20), 100, np.uint8), 64)
+        crop_around(np.full((20, 20), 100, np.uint8), 64)

@@ -1,8 +1,8 @@
-"""The square that the network sees of a photo, and the way back to the photo's own pixels.
+"""The square of a photo that the network is given, and the way back to the photo's pixels.
 
-The square is that of the training images (docs/conventions.md): the figure's box centred, its larger side
-1 - 2 * padding of the square's. Its corners fall between the photo's pixels and may lie outside the photo; both
-directions use the same real-valued square and pixel centres, so what is placed back lies where it was taken from.
+The square is that of the training images (docs/conventions.md): the person's box is centred in it, and the longer side
+of the box is 1 - 2 * padding of its side. Its corners fall between the pixels of the photo and may lie outside of it.
+Both directions use the same real-valued square and pixel centres, so maps return to the place they were taken from.
 """
 
 from dataclasses import dataclass
@@ -13,15 +13,21 @@ from scipy.ndimage import distance_transform_edt
 
 from relight.files import UserError
 
-SOLID = 128  # coverage (of 255) from which a pixel belongs to the figure
+MASK_THRESHOLD = 128  # coverage (of 255) from which a pixel counts as the person's
 
 
 @dataclass(frozen=True)
-class Frame:
-    """top, left, side: the square in photo pixels (real numbers; pixel i spans [i, i+1)).
+class Crop:
+    """A square of a photo, resampled to the network's size.
 
-    rows, columns: the half-open part of the photo that holds all of the figure's coverage, soft edges that reach past
-    the square included (by half its side at most); size: pixels of the network's square image.
+    Attributes:
+        top: of the square, in photo pixels (real; pixel i spans [i, i+1)).
+        left: likewise.
+        side: likewise.
+        rows: half-open range of the photo's rows with coverage of the person. Soft edges may reach past the square, by
+            half of its side at most.
+        columns: likewise.
+        size: S, the side of the network's image in pixels.
     """
 
     top: float
@@ -33,16 +39,23 @@ class Frame:
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(h, w) of the part of the photo that `place` fills."""
+        """(h, w) of `window`."""
         return self.rows[1] - self.rows[0], self.columns[1] - self.columns[0]
 
     @property
     def window(self) -> tuple[slice, slice]:
-        """The same part, as an index into the photo."""
+        """The part of the photo that `place` fills, as an index."""
         return slice(*self.rows), slice(*self.columns)
 
-    def crop(self, image: np.ndarray) -> np.ndarray:
-        """Photo-sized (H,W) or (H,W,C) -> (size,size[,C]) float32; what lies outside the photo is 0."""
+    def extract(self, image: np.ndarray) -> np.ndarray:
+        """Resamples a photo to the square.
+
+        Args:
+            image: (H,W) or (H,W,C), in the size of the photo.
+
+        Returns:
+            (S,S) or (S,S,C) float32; 0 outside of the photo.
+        """
         top, left = int(np.floor(self.top)) - 1, int(np.floor(self.left)) - 1  # an integer canvas around the square
         reach = int(np.ceil(self.side)) + 3
         rows = slice(max(top, 0), min(top + reach, image.shape[0]))
@@ -68,15 +81,21 @@ class Frame:
         cubic: bool = True,
         where: np.ndarray | None = None,
     ) -> np.ndarray:
-        """(size,size) or (size,size,C) -> (h,w[,C]) float32 at the photo's pixels in `self.window`.
+        """Resamples maps of the square to the pixels of the photo.
 
-        where: flat indices (N,) into (h,w), to get only those pixels, (N[,C]).
-        rows: only these rows of the photo (half-open, within self.rows), for pictures too large to hold at once;
-        strips equal the whole but for rounding. cubic: when enlarging; else linear, which is cheaper and does not ring.
+        Args:
+            maps: (S,S) or (S,S,C).
+            rows: half-open range of the photo's rows within `self.rows`, all of them by default. Strips equal the
+                whole but for rounding.
+            cubic: interpolation where maps are enlarged; bilinear otherwise, which is cheaper and does not ring.
+            where: flat indices (N,) into (h,w); only these pixels are returned.
+
+        Returns:
+            (h,w[,C]) float32 at the pixels of `window` or its `rows`, or (N[,C]).
         """
         first, last = rows or self.rows
         scale = self.size / self.side
-        margin = self._beyond(scale)
+        margin = self._margin(scale)
         box = (self.columns[0] - self.left, first - self.top, self.columns[1] - self.left, last - self.top)
         box = tuple(edge * scale + margin for edge in box)
         shape = (self.columns[1] - self.columns[0], last - first)
@@ -90,16 +109,25 @@ class Frame:
             out[channel] = placed if where is None else placed.ravel()[where]
         return out[0] if len(out) == 1 else np.moveaxis(out, 0, -1)
 
-    def _beyond(self, scale: float) -> int:
-        """How many of the square's own pixels the window reaches past its edges, on the side where it does so most."""
+    def _margin(self, scale: float) -> int:
+        """How far the window reaches past the square, in pixels of the square, on the side where it does most."""
         low = min(self.rows[0] - self.top, self.columns[0] - self.left)
         high = max(self.rows[1] - self.top, self.columns[1] - self.left) - self.side
         return max(int(np.ceil(max(-low, high) * scale)), 0) + 2
 
 
-def frame(coverage: np.ndarray, size: int, padding: float = 0.05) -> Frame:
-    """The square around the solid part of `coverage` (H,W) uint8. Raises UserError when nothing is solid."""
-    rows, columns = _extent(coverage >= SOLID)
+def crop_around(coverage: np.ndarray, size: int, padding: float = 0.05) -> Crop:
+    """Finds the square around a person.
+
+    Args:
+        coverage: (H,W) uint8.
+        size: side of the network's image, pixels.
+        padding: margin around the person's box, as a share of the square's side.
+
+    Raises:
+        UserError: if no pixel reaches MASK_THRESHOLD.
+    """
+    rows, columns = _extent(coverage >= MASK_THRESHOLD)
     height, width = rows[1] - rows[0], columns[1] - columns[0]
     side = max(height, width) / (1 - 2 * padding)
     top, left = (sum(rows) - side) / 2, (sum(columns) - side) / 2
@@ -108,13 +136,13 @@ def frame(coverage: np.ndarray, size: int, padding: float = 0.05) -> Frame:
     def near(span: tuple[int, int], start: float) -> tuple[int, int]:
         return max(span[0], int(start - side / 2)), min(span[1], int(start + 1.5 * side) + 1)
 
-    return Frame(top, left, side, near(rows, top), near(columns, left), size)
+    return Crop(top, left, side, near(rows, top), near(columns, left), size)
 
 
-def extend(maps: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """`maps` (S,S[,C]) with every pixel outside `mask` set to the nearest one inside.
+def fill_outside(maps: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Replaces every pixel of `maps` (S,S[,C]) outside `mask` (S,S) by the nearest one inside.
 
-    What is outside is not known; without this, placing back would bleed it into the figure's edge.
+    Maps are unknown outside. Without this, interpolation would mix what stands there into the person's edge.
     """
     nearest = distance_transform_edt(~mask, return_distances=False, return_indices=True)
     return maps[tuple(nearest)]
