@@ -90,26 +90,27 @@ def test_each_foot_stands_where_it_is_seen():
 
 
 def test_shadows_fall_away_from_the_light_and_end():
-    floor = ground_under([standing()])
-    h, w, _ = floor.occluded.shape
-    here = int((280 - floor.rows[0]) / (floor.rows[1] - floor.rows[0]) * h)
+    ground = ground_under([standing()])
+    h, w, _ = ground.occluded.shape
+    here = int((280 - ground.rows[0]) / (ground.rows[1] - ground.rows[0]) * h)
     for azimuth, darker, lighter in (
         (75, np.s_[:, : w // 3], np.s_[:, -w // 3 :]),
         (-75, np.s_[:, -w // 3 :], np.s_[:, : w // 3]),
     ):
-        shade = floor.shade(lamp(azimuth, 35)).mean(-1)
+        shade = ground.shadows(lamp(azimuth, 35)).mean(-1)
         assert shade[darker].mean() < shade[lighter].mean() - 0.01
-    behind, front = floor.shade(lamp(0, 30)).mean(-1), floor.shade(lamp(180, 30)).mean(-1)
+    behind, front = ground.shadows(lamp(0, 30)).mean(-1), ground.shadows(lamp(180, 30)).mean(-1)
     assert behind[: here - 3].mean() < front[: here - 3].mean() and behind[here + 3 :].mean() > front[here + 3 :].mean()
     for name in ("room:3", "sky:5", "key:#ff2010@90,5", "key:#ffffff@0,-60"):
-        shade = floor.shade(load_light(name).coefficients)
+        shade = ground.shadows(load_light(name).coefficients)
         assert shade.min() > 0 and shade.max() <= 1 and np.isfinite(shade).all()
     even = np.zeros((9, 3), np.float32)
     even[0] = 1
-    shade = floor.shade(even)[..., 0]
-    under = shade[here - 2 : here + 1, int((130 - 17 - floor.columns[0]) / (floor.columns[1] - floor.columns[0]) * w)]
+    shade = ground.shadows(even)[..., 0]
+    left, right = ground.columns
+    under = shade[here - 2 : here + 1, int((130 - 17 - left) / (right - left) * w)]
     assert under.min() < 0.75 and shade[0].min() > 0.97  # contact; and faded at the far end
-    assert np.allclose(floor.shade(3 * even), floor.shade(even))
+    assert np.allclose(ground.shadows(3 * even), ground.shadows(even))
 
 
 def test_a_coloured_lamp_leaves_the_other_colour_in_its_shadow():

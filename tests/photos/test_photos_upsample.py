@@ -43,7 +43,7 @@ def test_albedo_gains_the_photos_detail():
     albedo = 0.3 + 0.2 * np.clip(zoom(rng.normal(size=(96, 96, 1)), (4, 4, 1), order=1) * 0.6, -1, 1)
     photo = 0.8 * albedo
     coarse = square_root(averaged(albedo))
-    found = upsampled(coarse, square_root(averaged(photo)), square_root(photo), fine=True) ** 2
+    found = upsampled(coarse, square_root(averaged(photo)), square_root(photo), textured=True) ** 2
     plain = placed(coarse) ** 2
     assert np.abs(found - albedo).mean() < 0.35 * np.abs(plain - albedo).mean()
 
