@@ -10,7 +10,7 @@ from relight.benchmark.files import PICTURES, Entry, Set, inside_of, read_answer
 from relight.benchmark.measures import INVARIANCES, LEAKS, errors, factor, invariances, leaks, similarity
 from relight.evaluation.formats import Grid, count
 from relight.evaluation.metrics import rmse
-from relight.evaluation.statistics import estimate, resample_weights
+from relight.evaluation.statistics import estimate
 from relight.files import UserError, atomic_write, existing_file
 from relight.photos.infer import OPAQUE
 from relight.progress import progress
@@ -142,7 +142,7 @@ def tables(rows: list[Row], bootstrap: int = RESAMPLES) -> dict[str, Section]:
                 means[name] = np.nanmean(values)
         if not means:
             return None
-        return estimate(np.array([list(means.values())]), resample_weights(len(means), bootstrap, 0), 0)
+        return estimate(np.array(list(means.values()))[None, :, None], bootstrap, 0)
 
     def table(title: str, heads: dict[str, str], words: str) -> Section:
         kept = {name: head for name, head in heads.items() if any(cell(row, name) for row in rows)}

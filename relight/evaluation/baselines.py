@@ -7,6 +7,7 @@
 | `nearest_light` | the training light nearest to the true one (an oracle's choice) | true maps, the true light   |
 | `no_occlusion`  | transport of the true normals: the most that SfSNet can reach   | true normals, albedo, light |
 | `ao_occlusion`  | the same times the true AO: the most that SfSNet-AO can reach   | and the true AO             |
+| `as_it_is`      | pictures that are not relit: the one in the old light           | the picture                 |
 | `cut_2`, ...    | the true transport without bands over 2: the most of order 2    | true maps, the true light    |
 """
 
@@ -15,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from relight import config
-from relight.evaluation.evaluate import Predictor, has_pairs, score, torch_device
+from relight.evaluation.evaluate import Predictor, has_pairs, score, torch_device, truth
 from relight.evaluation.metrics import Inferred
 from relight.evaluation.scores import write_scores
 from relight.files import UserError
@@ -72,6 +73,9 @@ def make(data: RelitSet, split: Path) -> dict[str, Predictor]:
     def ao_occlusion(figure: int, lit: np.ndarray) -> Inferred:
         return Inferred(transport=no_occlusion(figure, lit).transport * true("ao", figure)[..., None])
 
+    def as_it_is(figure: int, lit: np.ndarray) -> Inferred:
+        return Inferred(relit=truth(data, figure, lit).maps["reconstruction"])
+
     def cut(bands: int) -> Predictor:
         return lambda figure, lit: Inferred(transport=true("transport", figure)[..., : (bands + 1) ** 2])
 
@@ -81,6 +85,7 @@ def make(data: RelitSet, split: Path) -> dict[str, Predictor]:
         "nearest_light": nearest_light,
         "no_occlusion": no_occlusion,
         "ao_occlusion": ao_occlusion,
+        "as_it_is": as_it_is,
         **{f"cut_{bands}": cut(bands) for bands in range(2, order)},
     }
 

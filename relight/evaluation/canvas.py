@@ -7,10 +7,9 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
-from relight.evaluation.metrics import sphere
 from relight.files import atomic_write
-from relight.sh import basis
-from relight.srgb import encode
+from relight.lights import lit_ball
+from relight.sh import unoccluded
 
 PAPER, CELL, INK, FAINT = (255, 255, 255), (243, 243, 240), (28, 28, 30), (120, 120, 124)
 MARGIN = 0.04  # of the picture's height, around figures
@@ -26,8 +25,8 @@ def font(size: int, bold: bool = False) -> ImageFont.FreeTypeFont:
 def transport_bands(transport: np.ndarray) -> list[np.ndarray]:
     """Three pictures (...,3) in [0,1] of transport (...,K): how much light arrives (band 0, grey), from where
     (band 1: x, y, z as red, green, blue, 0 at middle grey), and how it is spread (band 2: xz, yz, 3z^2-1 alike)."""
-    normal = np.array([0.0, 0, 1])
-    peak = [np.pi, 2 * np.pi / 3, np.pi / 4] * np.array([basis(normal)[0], basis(normal)[2], basis(normal)[6]])
+    # The most that a surface without occlusion has: of x, y, z in the direction of each, of band 2 less, by its middle.
+    peak = unoccluded(np.array([0.0, 0, 1]))[[0, 2, 6]]
     grey = np.repeat(transport[..., :1] / peak[0], 3, -1)
     return [grey.clip(0, 1)] + [
         (0.5 + 0.5 * transport[..., picks] / limit).clip(0, 1)
@@ -67,15 +66,9 @@ def cut_out(colors: np.ndarray, alpha: np.ndarray, size: tuple[int, int]) -> Ima
     return Image.fromarray((over.clip(0, 1) * 255).round().astype(np.uint8))
 
 
-def light_sphere(light: np.ndarray, size: int, white: float, linear: bool) -> Image.Image:
-    """A white sphere under light (K,3), RGBA; irradiance `white` is shown as 1, sRGB-encoded if `linear`."""
-    inner = 4 * size  # antialiased by reduction
-    disc, transport = sphere(inner, round(np.sqrt(len(light))) - 1)
-    picture = np.zeros((inner, inner, 4))
-    shading = np.clip(transport @ light / white, 0, 1)
-    picture[disc] = np.concatenate([encode(shading) if linear else shading, np.ones((len(shading), 1))], 1)
-    large = Image.fromarray((picture * 255).round().astype(np.uint8))
-    return large.resize((size, size), Image.Resampling.BOX)
+def ball(light: np.ndarray, size: int, white: float, linear: bool) -> Image.Image:
+    """A ball under a light, see `lights.lit_ball`, as an RGBA picture."""
+    return Image.fromarray((lit_ball(light, size, white=white, linear=linear) * 255).round().astype(np.uint8))
 
 
 class Sheet:

@@ -1,8 +1,9 @@
 """What a difference between two rows amounts to, and which of the paper's orderings hold here."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+
+import numpy as np
 
 from relight.evaluation.paper import ARGUMENTS, printed
 from relight.evaluation.statistics import Difference, Estimate, compare, holm
@@ -18,7 +19,7 @@ class Verdict(Enum):
     BETTER = "better"
     WORSE = "worse"
     EQUIVALENT = "equivalent"  # their difference is shown to be under MARGIN
-    OPEN = "open"  # these figures cannot tell
+    OPEN = "open"  # these figures and lights cannot tell
 
 
 @dataclass
@@ -54,12 +55,22 @@ class Comparison:
         """`gain` over the mean of the second row."""
         return self.gain / abs(self.second) if self.second else 0.0
 
+    @property
+    def relative_gains(self) -> tuple[float, float]:
+        """The 95 % interval of `relative`, the second row's mean being taken as known."""
+        low, high = self.gains
+        return (low / abs(self.second), high / abs(self.second)) if self.second else (0.0, 0.0)
 
-def compared(
-    column: str, first: Estimate, second: Estimate, how: Callable[[Estimate, Estimate], Difference] = compare
-) -> Comparison:
-    """Two estimates compared alone; `how` is `statistics.compare` for the same figures, else `compare_apart`."""
-    difference = how(first, second)
+    @property
+    def bound(self) -> float:
+        """The least margin, relative to the mean of both rows, at which they are equivalent at ALPHA, read alone."""
+        level = (abs(self.first) + abs(self.second)) / 2
+        return self.difference.bound(ALPHA) / level if level else np.inf
+
+
+def compared(column: str, first: Estimate, second: Estimate) -> Comparison:
+    """Two estimates compared alone."""
+    difference = compare(first, second)
     equivalent = difference.p_equivalent(MARGIN * (abs(first.mean) + abs(second.mean)) / 2)
     return Comparison(column, first.mean, second.mean, difference, difference.p, equivalent)
 
@@ -72,10 +83,10 @@ def correct(found: list[Comparison]) -> list[Comparison]:
     return found
 
 
-def compare_rows(first: Row, second: Row, columns: tuple[str, ...], how=compare) -> dict[str, Comparison]:
+def compare_rows(first: Row, second: Row, columns: tuple[str, ...]) -> dict[str, Comparison]:
     """The first row against the second in those of `columns` that both have, p-values corrected together."""
     both = [column for column in columns if column in first.cells and column in second.cells]
-    found = [compared(c, first.cells[c].estimate, second.cells[c].estimate, how) for c in both]
+    found = [compared(c, first.cells[c].estimate, second.cells[c].estimate) for c in both]
     return {one.column: one for one in correct(found)}
 
 
@@ -92,6 +103,11 @@ class Ordering:
     argued: bool
     gap: float
     here: Comparison
+
+    @property
+    def small(self) -> bool:
+        """Whether the printed difference is itself one that counts as none."""
+        return self.gap < MARGIN
 
 
 def orderings(tables: list[Table]) -> list[Ordering]:

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from relight.evaluation.canvas import CELL, FAINT, Sheet, box_of, cut_out, light_sphere
+from relight.evaluation.canvas import CELL, FAINT, Sheet, ball, box_of, cut_out
 from relight.evaluation.metrics import shade
 from relight.files import UserError
 from relight.lights import measure
@@ -40,7 +40,7 @@ def contact_sheet(maps_paths: list[Path], light: np.ndarray, out: Path, height: 
     for a in range(across):
         for v, words in enumerate(VIEWS):
             sheet.text(words, 4 * GAP + a * tile + v * (width + GAP) + width // 2, TOP // 2, 16, "mm", bold=True)
-    sheet.put(light_sphere(light, TOP - 18, 1, linear=True), 4 * GAP + width // 2 + 20, 9)  # beside the word "lit"
+    sheet.put(ball(light, TOP - 18, 1, linear=True), 4 * GAP + width // 2 + 20, 9)  # beside the word "lit"
     for i, (name, maps) in enumerate(figures):
         x, y = 4 * GAP + i % across * tile, TOP + i // across * (height + WORDS)
         sheet.text(name, x, y + height + 5, 14, color=FAINT)

@@ -69,7 +69,8 @@ class Grid:
         """The frame for programs: each estimate as its mean, low and high, to six significant digits."""
         made = {}
         for column in self.frame:
-            values = list(self.frame[column])
+            values = [getattr(value, "estimate", value) for value in self.frame[column]]
+            column = ", ".join(column) if isinstance(column, tuple) else column
             if any(isinstance(value, Estimate) for value in values):
                 for end, name in (("", "mean"), (", low", "low"), (", high", "high")):
                     made[f"{column}{end}"] = [getattr(value, name, np.nan) for value in values]
@@ -190,23 +191,25 @@ def other_columns(table: Table) -> tuple[str, ...]:
 
 
 def comparison_grid(found: dict[str, dict[str, Comparison]]) -> Grid:
-    """Comparisons by what is compared and column: both means, the relative gain, its interval, p and verdict."""
+    """Comparisons by what is compared and column: the relative gain and its interval, both means, p and verdict, and
+    the bound under which a difference that is not sure is shown to lie."""
+    heads = ["compared", "in", "first better by", "95 % interval", "first", "second", "p", "the first is", "within"]
     rows = [
-        [
-            what,
-            column_name(c.column),
-            c.first,
-            c.second,
-            percent(c.relative),
-            interval(c.gains),
-            p_value(c.p),
-            c.verdict,
-        ]
+        [what, column_name(c.column), *effect(c), c.first, c.second, p_value(c.p), c.verdict, bound(c)]
         for what, ones in found.items()
         for c in ones.values()
     ]
-    heads = ["compared", "in", "first", "second", "first better by", "95 % interval", "p", "the first is"]
     return Grid.of(heads, rows)
+
+
+def effect(one: Comparison) -> tuple[str, str]:
+    """How much better the first is, relative to the second, and the 95 % interval of that."""
+    return percent(one.relative), " to ".join(map(percent, one.relative_gains)).replace(" % to", " to")
+
+
+def bound(one: Comparison) -> str | None:
+    """The relative bound of a difference that is open, or none for practical purposes."""
+    return None if one.verdict in (Verdict.BETTER, Verdict.WORSE) else f"±{100 * one.bound:.1f} %"
 
 
 def column_name(column: str) -> str:
@@ -224,17 +227,10 @@ def number(value: float, digits: int = 3) -> str:
     return text.replace("-", "−") if float(f"{value:.{digits}f}") else text.removeprefix("-")
 
 
-def signed(value: float, digits: int = 3) -> str:
-    """With its sign, + too; none for what rounds to zero."""
-    text = number(value, digits)
-    return f"+{text}" if value > 0 and float(f"{value:.{digits}f}") else text
-
-
-def interval(ends: tuple[float, float]) -> str:
-    return " to ".join(map(signed, ends))
-
-
 def percent(value: float) -> str:
+    """With its sign, to a tenth."""
+    if not np.isfinite(value):
+        return "∞" if value > 0 else "−∞"
     text = f"{100 * value:+.1f} %".replace("-", "−")
     return text if text[1:] != "0.0 %" else text[1:]
 

@@ -8,11 +8,12 @@ releases of scikit-image assumed of every float image.
 """
 
 from dataclasses import dataclass
-from functools import lru_cache
 
 import numpy as np
+from skimage.metrics import structural_similarity
 
-from relight.sh import unoccluded
+from relight.lights.show import open_ball
+from relight.sh import order_of
 
 WINDOW = 7  # scikit-image's default
 OLD_RANGE = 2.0  # what scikit-image < 0.16 took for float images
@@ -28,6 +29,7 @@ RANGE = {
     "ao": 1.0,
     "albedo": 1.0,
     "reconstruction": 1.0,
+    "relit": 1.0,
     "sphere": 1.0,
     "light": 2.0,
 }
@@ -44,7 +46,8 @@ class Inferred:
 
     albedo (N,P,3), transport (N,P,K), normal (N,P,3) unit, ao (N,P), light (N,K,3) on the P in-mask pixels in the
     order of the packed set. A leading 1 stands for "the same under every light". With `occlude` the shading is
-    ao * (transport @ light), as SfSNet-AO has it; otherwise ao is a by-product that is scored alone.
+    ao * (transport @ light), as SfSNet-AO has it; otherwise ao is a by-product that is scored alone. relit (N,P,3):
+    whole pictures, each under the light after its own, of what infers no maps; nothing else is then scored.
     """
 
     albedo: np.ndarray | None = None
@@ -52,6 +55,7 @@ class Inferred:
     normal: np.ndarray | None = None
     ao: np.ndarray | None = None
     light: np.ndarray | None = None
+    relit: np.ndarray | None = None
     occlude: bool = False
 
 
@@ -61,56 +65,21 @@ def rmse(inferred: np.ndarray, truth: np.ndarray) -> np.ndarray:
     return np.sqrt(np.einsum("...pc,...pc->...", difference, difference) / difference.shape[-2])
 
 
-@dataclass
-class Windows:
-    """A picture (...,H,W,C) with the mean and the sample variance of each of its whole windows."""
+def ssim(inferred: np.ndarray, truth: np.ndarray, span: float, window: int = WINDOW) -> np.ndarray:
+    """Mean structural similarity (Wang et al. 2004) by scikit-image, over windows and channels.
 
-    image: np.ndarray
-    mean: np.ndarray
-    variance: np.ndarray
-    size: int
+    Args:
+        inferred: (N,H,W,C); H and W at least `window`.
+        truth: (N,H,W,C), or (1,H,W,C) for all.
+        span: the range that the values can take.
+        window: side of the uniform window in pixels.
 
-
-def windows(image: np.ndarray, size: int = WINDOW) -> Windows:
-    """The window statistics of (...,H,W,C), H and W at least `size`. Keep them where a picture is compared often."""
-    image = np.asarray(image, np.float64)
-    mean = _mean(image, size)
-    return Windows(image, mean, _unbiased(size) * (_mean(image * image, size) - mean * mean), size)
-
-
-def ssim(inferred: Windows, truth: Windows, ranges: tuple[float, ...]) -> list[np.ndarray]:
-    """Mean structural similarity over windows and channels, one array (...) per data range.
-
-    Equals skimage.metrics.structural_similarity(channel_axis=-1, win_size=size, data_range=...) (Wang et al. 2004).
+    Returns:
+        (N,).
     """
-    size = truth.size
-    product = inferred.mean * truth.mean
-    squares = inferred.mean**2 + truth.mean**2
-    covariance = _unbiased(size) * (_mean(inferred.image * truth.image, size) - product)
-    variances = inferred.variance + truth.variance
-    values = []
-    for span in ranges:
-        c1, c2 = (0.01 * span) ** 2, (0.03 * span) ** 2
-        index = (2 * product + c1) * (2 * covariance + c2) / ((squares + c1) * (variances + c2))
-        values.append(index.mean((-3, -2, -1)))
-    return values
-
-
-def _mean(image: np.ndarray, size: int) -> np.ndarray:
-    """Mean over each whole window of (...,H,W,C) -> (...,H-size+1,W-size+1,C), by adding shifted rows, then columns."""
-    height, width = image.shape[-3] - size + 1, image.shape[-2] - size + 1
-    rows = image[..., :height, :, :].copy()
-    for i in range(1, size):
-        rows += image[..., i : i + height, :, :]
-    total = rows[..., :width, :].copy()
-    for i in range(1, size):
-        total += rows[..., i : i + width, :]
-    total /= size * size
-    return total
-
-
-def _unbiased(size: int) -> float:
-    return size**2 / (size**2 - 1)
+    truth = np.broadcast_to(truth, (len(inferred), *truth.shape[1:]))
+    pairs = zip(inferred.astype(np.float64), truth.astype(np.float64))
+    return np.array([structural_similarity(*two, win_size=window, channel_axis=-1, data_range=span) for two in pairs])
 
 
 class Truth:
@@ -129,7 +98,6 @@ class Truth:
         self.maps["shading"] = shade(self.transport, self.lights)
         self.maps["reconstruction"] = self.maps["albedo"] * self.maps["shading"]
         self._box(np.asarray(pixel), size)
-        self._windows: dict[str, Windows] = {}
 
     def _box(self, pixel: np.ndarray, size: int) -> None:
         row, column = np.divmod(pixel, size)
@@ -146,28 +114,26 @@ class Truth:
 
     def compare(self, name: str, values: np.ndarray, quantity: str | None = None) -> dict[str, np.ndarray]:
         """The four readings of `values` (N or 1,P,C) against the true map `name`, each (N,) or (1,)."""
-        truth = self.maps[name]
-        if name not in self._windows:
-            self._windows[name] = windows(self.boxed(truth))
-        reference = self._windows[name]
-        count = max(len(values), len(truth))
-        similarity = np.empty((2, count))
-        # A few pictures at a time, so that the temporaries stay in the cache: four times as fast at 128 px, and at
-        # 1024 px ten lights of nine channels would take gigabytes.
-        step = max(1, 100_000 // (self.shape[0] * self.shape[1] * values.shape[-1]))
-        for start in range(0, count, step):
-            part = slice(start, start + step)
-            one = Windows(*(_part(a, part) for a in (reference.image, reference.mean, reference.variance)), WINDOW)
-            similarity[:, part] = ssim(
-                windows(self.boxed(_part(values, part))), one, (RANGE[quantity or name], OLD_RANGE)
-            )
-        return _readings(quantity or name, rmse(values, truth), values.shape[-1], similarity)
+        truth, quantity = self.maps[name], quantity or name
+        values = np.broadcast_to(values, (max(len(values), len(truth)), *values.shape[1:]))
+        pictures = self.boxed(values), self.boxed(truth)
+        return _readings(quantity, rmse(values, truth), values.shape[-1], pictures)
+
+    def compare_relit(self, pictures: np.ndarray) -> dict[str, np.ndarray]:
+        """The readings `relit`, each (N,), of pictures (N,P,3) that were inferred under light n and relit by light
+        n + 1, the first one following the last; none under a single light."""
+        if len(self.lights) == 1:
+            return {}
+        found = self.compare("reconstruction", np.roll(pictures, 1, 0), "relit")
+        return {name: np.roll(values, -1) for name, values in found.items()}
 
     def score(self, inferred: Inferred) -> dict[str, np.ndarray]:
         """Every column of COLUMNS that `inferred` has a say in, and COLLAPSE, each (N,) float64.
 
         The shading and the reconstruction use the truth for what `inferred` leaves out.
         """
+        if inferred.relit is not None:
+            return self.compare_relit(inferred.relit)
         columns: dict[str, np.ndarray] = {}
         for name in ("transport", "albedo", "normal"):
             if (values := getattr(inferred, name)) is not None:
@@ -185,6 +151,8 @@ class Truth:
             columns |= self.compare("shading", shade(transport, self.lights), "shading_true_light")
         albedo = self.maps["albedo"] if inferred.albedo is None else inferred.albedo
         columns |= self.compare("reconstruction", albedo * shading)
+        if inferred.transport is not None:
+            columns |= self.compare_relit(albedo * shade(transport, np.roll(self.lights, -1, 0)))
         if inferred.light is not None:
             columns |= light_errors(inferred.light, self.lights)
         columns["shading_contrast"] = contrast(shading) / np.maximum(contrast(self.maps["shading"]), 1e-9)
@@ -224,37 +192,20 @@ def light_errors(inferred: np.ndarray, truth: np.ndarray) -> dict[str, np.ndarra
     inferred = np.broadcast_to(inferred, (len(truth), *inferred.shape[1:])).astype(np.float64)
     first, second = inferred[:, :COMMON], truth[:, :COMMON]
     element = np.sqrt(np.mean((first - second) ** 2, (1, 2)))
-    similarity = ssim(windows(first[..., None], 3), windows(second[..., None], 3), (RANGE["light"], OLD_RANGE))
-    columns = dict(zip(_names("light"), (element, element, *similarity)))
+    columns = _readings("light", element, 1, (first[..., None], second[..., None]), window=3)
 
-    disc, basis = sphere(SPHERE, round(np.sqrt(truth.shape[1])) - 1)
-    spheres = [shade(basis, light.astype(np.float64)) for light in (inferred, truth)]
-    pictures = np.zeros((2, len(truth), SPHERE * SPHERE, 3))
-    pictures[:, :, disc.ravel()] = spheres
-    similarity = ssim(*(windows(p.reshape(-1, SPHERE, SPHERE, 3)) for p in pictures), (RANGE["sphere"], OLD_RANGE))
-    return columns | _readings("sphere", rmse(*spheres), 3, similarity)
+    disc, transport = open_ball(SPHERE, order_of(truth.shape[1]))
+    spheres = [shade(transport, light.astype(np.float64)) for light in (inferred, truth)]
+    pictures = np.zeros((2, len(truth), *disc.shape, 3))
+    pictures[:, :, disc] = spheres
+    return columns | _readings("sphere", rmse(*spheres), 3, pictures)
 
 
-@lru_cache
-def sphere(size: int, order: int) -> tuple[np.ndarray, np.ndarray]:
-    """A unit sphere from the front: its disc (size,size) bool, and the unoccluded transport (P,K) of its pixels."""
-    x = (2 * np.arange(size) + 1) / size - 1
-    x, y = np.meshgrid(x, -x)
-    disc = x**2 + y**2 < 1
-    x, y = x[disc], y[disc]
-    return disc, unoccluded(np.stack([x, y, np.sqrt(1 - x**2 - y**2)], -1), order)
-
-
-def _names(quantity: str) -> list[str]:
-    return [f"{quantity}_{reading}" for reading in READINGS]
-
-
-def _readings(quantity: str, error: np.ndarray, channels: int, similarity) -> dict[str, np.ndarray]:
-    return dict(zip(_names(quantity), (error, error / np.sqrt(channels), *similarity)))
-
-
-def _part(values: np.ndarray, part: slice) -> np.ndarray:
-    return values if len(values) == 1 else values[part]
+def _readings(quantity: str, error: np.ndarray, channels: int, pictures, window: int = WINDOW) -> dict[str, np.ndarray]:
+    """READINGS of a quantity from its RMSE (N,) and its pictures, inferred and true (N or 1,H,W,C)."""
+    similarity = (ssim(*pictures, span, window) for span in (RANGE[quantity], OLD_RANGE))
+    names = (f"{quantity}_{reading}" for reading in READINGS)
+    return dict(zip(names, (error, error / np.sqrt(channels), *similarity)))
 
 
 def _at_least(start: int, stop: int) -> tuple[int, int]:

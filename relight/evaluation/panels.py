@@ -8,7 +8,7 @@ import numpy as np
 from PIL import Image
 
 from relight import config
-from relight.evaluation.canvas import FAINT, Sheet, box_of, cut_out, heat, light_sphere, transport_bands
+from relight.evaluation.canvas import FAINT, Sheet, ball, box_of, cut_out, heat, transport_bands
 from relight.evaluation.evaluate import chosen_pairs, has_pairs, infer, load, truth
 from relight.evaluation.metrics import Inferred, Truth, shade
 from relight.evaluation.scores import gather
@@ -129,14 +129,14 @@ def draw_view(
     """One cell of `size` (width, height) at (x, y): the subject's pixels in `box`."""
     width, height = size
     if view.colors is None and view.error is None:
-        return sheet.cell(light_sphere(view.light, round(0.8 * width), subject.white, linear), x, y, width, height)
+        return sheet.cell(ball(view.light, round(0.8 * width), subject.white, linear), x, y, width, height)
     colors = heat(view.error, worst) if view.colors is None else view.colors
     if view.colors is not None and not view.coded:
         colors = encode(np.clip(colors, 0, 1)) if linear else np.clip(colors, 0, 1)
     sheet.cell(cut_out(subject.dense(colors)[box], subject.mask[box], size), x, y)
     if view.light is not None:
-        ball = light_sphere(view.light, round(0.26 * width), subject.white, linear)
-        sheet.put(ball, x + width - ball.width - 5, y + 5)
+        corner = ball(view.light, round(0.26 * width), subject.white, linear)
+        sheet.put(corner, x + width - corner.width - 5, y + 5)
 
 
 def plates(

@@ -27,7 +27,7 @@ from relight.evaluation.formats import Grid
 from relight.evaluation.metrics import Inferred, Truth, shade
 from relight.evaluation.panels import Line, Subject, View, draw, spaced
 from relight.evaluation.scores import read_table, row_of
-from relight.evaluation.statistics import estimate, resample_weights
+from relight.evaluation.statistics import estimate
 from relight.evaluation.tables import LABELS
 from relight.evaluation.tracing import Scene, read_scenes
 from relight.files import UserError, atomic_write
@@ -143,7 +143,6 @@ def tables(path: Path, settings: config.Evaluate) -> dict[str, Grid]:
     )
     found["row"] = found["name"].map(row_of)
     figures = found["figure"].nunique()
-    weights = resample_weights(figures, settings.bootstrap, settings.seed)
     networks = {row: LABELS.get(row, row) for row in found[found.kind == "answer"].row.unique() if row not in ANSWERS}
     causes = {f"network:{row}": f"{CAUSES['network']}: {label}" for row, label in networks.items()}
     causes |= {name: words for name, words in CAUSES.items() if name != "network"}
@@ -155,9 +154,8 @@ def tables(path: Path, settings: config.Evaluate) -> dict[str, Grid]:
             values = found.loc[(found.kind == kind) & (found.row == name), list(COLUMNS)].to_numpy()
             if len(values):
                 numbers = values.reshape(-1, figures, len(COLUMNS)) * [1, 100, 100]
-                rows.append(
-                    [label, *(estimate(numbers[..., i], weights, settings.seed + i) for i in range(len(COLUMNS)))]
-                )
+                each = np.moveaxis(numbers, -1, 0)[..., None]
+                rows.append([label, *(estimate(one, settings.bootstrap, settings.seed) for one in each)])
                 kinds.append("baseline" if name in ANSWERS else "network")
         return Grid.of(
             ["", "RMSE", "relative, %", "mean, %"], rows, kinds, **{"RMSE": 4, "relative, %": 1, "mean, %": 1}

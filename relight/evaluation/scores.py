@@ -22,8 +22,13 @@ class Scores:
     columns: dict[str, np.ndarray]
 
     def figure_means(self, column: str) -> np.ndarray:
-        """(F,) the mean over lights of each figure: what the bootstrap over figures resamples."""
+        """(F,): the mean over lights of each figure."""
         return self.columns[column].mean(1)
+
+    def part(self, figures: np.ndarray) -> "Scores":
+        """The scores of some of the figures, by their places."""
+        columns = {name: values[figures] for name, values in self.columns.items()}
+        return Scores([self.figures[place] for place in figures], self.lights, columns)
 
     def frame(self, predictor: str) -> pd.DataFrame:
         """One row per figure and light, under the name of the predictor."""

@@ -18,7 +18,6 @@ from relight.evaluation.statistics import (
     estimate,
     holm,
     pooled_spread,
-    resample_weights,
 )
 from relight.files import UserError
 
@@ -32,6 +31,11 @@ LABELS = {
     "no_tv": "w/o TV",
     "no_shading": "w/o shading",
     "no_reconstruction": "w/o reconstruction",
+    "sfsnet_ao_full": "SfSNet-AO, all losses",
+    "plus_no_weight": "plus w/o weight of the transport",
+    "plus_no_refinement": "plus w/o refined light",
+    "plus_no_mirror": "plus w/o mirroring",
+    "plus_no_average": "plus w/o averaged weights",
     "silhouette": "Mask alone",
     "transport_only": "Picture, same losses",
     "self_encoder": "Encoder fine-tuned",
@@ -44,6 +48,7 @@ LABELS = {
     "nearest_light": "true maps, nearest training light",
     "no_occlusion": "true light, true normals without occlusion",
     "ao_occlusion": "true light, true normals and AO",
+    "as_it_is": "the picture as it is",
     **{f"cut_{order}": f"true light, true maps to order {order}" for order in range(2, 8)},
     **{f"order_{order}": f"Ours, order {order}" for order in range(1, 8)},
     **{f"figures_{count}": f"Ours, {count} figures" for count in (8, 16, 32, 64, 128)},
@@ -60,6 +65,7 @@ QUANTITY = {
     "sphere": "Sphere",
     "albedo": "Albedo",
     "reconstruction": "Reconstruction",
+    "relit": "Relit",
 }
 READING = {"rmse": "RMSE", "rmse_element": "RMSE per element", "ssim": "SSIM", "ssim_range2": "SSIM, range 2"}
 
@@ -76,7 +82,8 @@ SHOWN = {  # the columns that the table of an experiment shows; ALL where nothin
     "sitting": MAPS,
     "unusual_lights": MAPS,
     "silhouette": _columns("shading_true_light", "transport"),
-    **dict.fromkeys(("self_supervised", "splits", "order", "data_size", "width"), PARTS),
+    "relit": _columns("relit", "reconstruction", "shading_true_light", "albedo"),
+    **dict.fromkeys(("self_supervised", "splits", "order", "data_size", "width", "equal_losses", "plus_parts"), PARTS),
 }
 PRINTED = ("table1", "table2")  # the tables that the paper prints
 
@@ -184,13 +191,12 @@ def experiment_table(
     if not networks:
         raise UserError(f"{name}: there is no run to put in its table")
     some = next(iter(networks.values()))[0]
-    weights = resample_weights(len(some.figures), settings.bootstrap, settings.seed)
     spreads = spread_of_trainings(networks if pool is None else pool)
     columns, rows = SHOWN.get(name, ALL), []
     for place, (row, trainings) in enumerate([*networks.items(), *baselines.items()]):
-        seed, known = settings.seed + place, spreads if place < len(networks) else {}
+        known = spreads if place < len(networks) else {}
         cells = {
-            column: Cell(estimate(values(trainings, column), weights, seed, known.get(column)))
+            column: Cell(estimated(trainings, column, settings, known.get(column), place))
             for column in COLUMNS
             if all(column in scores.columns for scores in trainings)
         }
@@ -201,8 +207,17 @@ def experiment_table(
 
 
 def values(trainings: list[Scores], column: str) -> np.ndarray:
-    """(S,F): the mean over lights of each training and figure."""
-    return np.stack([scores.figure_means(column) for scores in trainings])
+    """(S,F,L): a column of the scores of a row's trainings."""
+    return np.stack([scores.columns[column] for scores in trainings])
+
+
+def estimated(
+    trainings: list[Scores], column: str, settings: config.Evaluate, spread: Spread | None = None, place: int = 0
+) -> Estimate:
+    """Mean and interval of a column of a row's scores; `place` of the row among those that are read together."""
+    given = values(trainings, column), settings.bootstrap, settings.seed
+    pairs = trainings[0].figures, trainings[0].lights
+    return estimate(*given, spread, pairs, noise=settings.seed + place)
 
 
 def spread_of_trainings(rows: dict[str, list[Scores]], columns: tuple[str, ...] = COLUMNS) -> dict[str, Spread]:
@@ -226,10 +241,9 @@ def estimates(
     """
     if not rows:
         return {}
-    weights = resample_weights(len(next(iter(rows.values()))[0].figures), settings.bootstrap, settings.seed)
     spread = spread_of_trainings(pool, (column,))[column]
     return {
-        row: estimate(values(trainings, column), weights, settings.seed + i, None if row in fixed else spread)
+        row: estimated(trainings, column, settings, None if row in fixed else spread, i)
         for i, (row, trainings) in enumerate(rows.items())
         if all(column in scores.columns for scores in trainings)
     }

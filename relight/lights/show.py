@@ -20,29 +20,41 @@ INK, FAINT, PAPER, TEST, NIGHT = "#1c1f24", "#7a808a", "#ffffff", "#c2410c", "#1
 MAX_UNUSUAL = 20  # on a contact sheet
 
 
-def lit_ball(coefficients: np.ndarray, size: int, samples: int = 3) -> np.ndarray:
+def lit_ball(
+    coefficients: np.ndarray, size: int, samples: int = 3, white: float = 1 / ALBEDO, linear: bool = True
+) -> np.ndarray:
     """Renders a diffuse ball under a light, as the camera sees it.
 
     Args:
         coefficients: (K,3) of the light.
         size: of the picture in pixels.
         samples: per pixel in each direction.
+        white: the irradiance that is shown as 1.
+        linear: whether the light is linear, so that it is sRGB-encoded; else it is shown as it is.
 
     Returns:
-        (size,size,4) float64 sRGB codes and alpha in [0,1].
+        (size,size,4) float64 codes and alpha in [0,1].
     """
-    inside, transport = _open_ball(size * samples, order_of(len(coefficients)))
+    inside, transport = open_ball(size * samples, order_of(len(coefficients)))
     picture = np.zeros((*inside.shape, 4))
-    picture[inside, :3] = np.maximum(ALBEDO * (transport @ coefficients), 0)
+    picture[inside, :3] = np.maximum(transport @ coefficients / white, 0)
     picture[inside, 3] = 1
     picture = picture.reshape(size, samples, size, samples, 4).mean((1, 3))
     colour = picture[..., :3] / np.maximum(picture[..., 3:], 1e-6)
-    return np.concatenate([encode(colour), picture[..., 3:]], -1)
+    return np.concatenate([encode(colour) if linear else np.minimum(colour, 1), picture[..., 3:]], -1)
 
 
-@lru_cache(maxsize=2)
-def _open_ball(size: int, order: int) -> tuple[np.ndarray, np.ndarray]:
-    """Where a ball is in a picture (size, size) bool, and the unoccluded transport of its pixels (P, K)."""
+@lru_cache(maxsize=4)
+def open_ball(size: int, order: int) -> tuple[np.ndarray, np.ndarray]:
+    """A unit ball seen from the front.
+
+    Args:
+        size: of the picture in pixels.
+        order: of the spherical harmonics.
+
+    Returns:
+        (size, size) bool, its disc; and (P, K), the unoccluded transport of the disc's pixels, row by row.
+    """
     t = (2 * np.arange(size) + 1) / size - 1
     x, y = np.meshgrid(t, -t)
     inside = x * x + y * y < 1

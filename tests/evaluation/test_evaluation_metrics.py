@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from skimage.metrics import structural_similarity
 
-from relight.evaluation.metrics import COLLAPSE, COLUMNS, Inferred, Truth, light_errors, rmse, sphere, ssim, windows
-from relight.sh import irradiance, unoccluded
+from relight.evaluation.metrics import COLLAPSE, COLUMNS, READINGS, Inferred, Truth, light_errors, rmse, ssim
+from relight.sh import unoccluded
 
 RNG = np.random.default_rng(3)
 
@@ -79,6 +79,9 @@ def test_every_map_agrees_with_scikit_image_and_loops(truth):
             "shading_true_light": (np.maximum(lit[n] @ lights[n], 0), true["shading"], 1),
             "reconstruction": (inferred.albedo[n] * shading, true["albedo"] * true["shading"], 1),
         }
+        after = (n + 1) % 3
+        relit = inferred.albedo[n] * np.maximum(lit[n] @ lights[after], 0)
+        expected["relit"] = (relit, one.maps["reconstruction"][after], 1)
         for quantity, (a, b, span) in expected.items():
             found = [columns[f"{quantity}_{r}"][n] for r in ("rmse", "rmse_element", "ssim", "ssim_range2")]
             np.testing.assert_allclose(found, slow(a, b, mask, span), rtol=2e-5, err_msg=quantity)
@@ -91,16 +94,6 @@ def test_light_agrees_with_scikit_image():
         assert columns["light_rmse"][n] == pytest.approx(np.sqrt(((true[n] - inferred[n]) ** 2).mean()))
         expected = structural_similarity(inferred[n], true[n], win_size=3, data_range=2)
         assert columns["light_ssim"][n] == pytest.approx(expected)
-
-
-def test_sphere_is_lit_as_its_normals_are():
-    disc, basis = sphere(64, 2)
-    light = RNG.normal(size=(9, 3))
-    x = (2 * np.arange(64) + 1) / 64 - 1
-    row, column = np.argwhere(disc)[700]
-    normal = np.array([x[column], -x[row], np.sqrt(1 - x[column] ** 2 - x[row] ** 2)])
-    np.testing.assert_allclose((basis @ light)[700], irradiance(light, normal), atol=1e-12)
-    assert disc.mean() == pytest.approx(np.pi / 4, abs=0.01)
 
 
 def test_truth_scores_perfectly(truth):
@@ -138,14 +131,32 @@ def test_values_outside_the_box_do_not_matter_and_thin_masks_work():
     assert columns["albedo_ssim"][0] == pytest.approx(1) and columns["albedo_rmse"][0] == 0
 
 
-@pytest.mark.parametrize("size", [3, 7])
-def test_ssim_of_batches_is_that_of_each(size):
+def test_ssim_of_one_truth_for_all_is_that_of_each():
     first, second = RNG.random((2, 5, 12, 9, 4))
-    together = ssim(windows(first, size), windows(second, size), (1.0, 0.3))
-    for n in range(5):
-        for span, found in zip((1.0, 0.3), together):
-            expected = structural_similarity(first[n], second[n], win_size=size, channel_axis=-1, data_range=span)
-            assert found[n] == pytest.approx(expected, abs=1e-12)
+    for window, span in ((3, 1.0), (7, 0.3)):
+        expected = [
+            structural_similarity(one, second[0], win_size=window, channel_axis=-1, data_range=span) for one in first
+        ]
+        assert ssim(first, second[:1], span, window) == pytest.approx(expected, abs=1e-12)
+
+
+def test_a_relit_picture_is_compared_under_the_next_light(truth):
+    """True maps relit are the truth; the picture as it is differs from it by albedo x the change of the shading."""
+    one, _, _ = truth
+    columns = one.score(Inferred(transport=one.transport))
+    assert columns["relit_rmse"].max() < 1e-6 and columns["relit_ssim"].min() > 1 - 1e-6
+    left = one.score(Inferred(relit=one.maps["reconstruction"]))
+    assert set(left) == {f"relit_{reading}" for reading in READINGS}
+    for n, after in enumerate((1, 2, 0)):
+        change = one.maps["shading"][after] - one.maps["shading"][n]
+        expected = np.sqrt(((one.maps["albedo"][0] * change) ** 2).sum(-1).mean())
+        assert left["relit_rmse"][n] == pytest.approx(expected, rel=1e-5)
+    # What was inferred under each light is relit, not what belongs to the next.
+    albedo = np.repeat(one.maps["albedo"], 3, 0) * np.float32([[[1]], [[0.5]], [[0]]])
+    relit = one.score(Inferred(albedo=albedo, transport=one.transport))["relit_rmse"]
+    picture = one.maps["reconstruction"]
+    level = [np.sqrt((picture[after] ** 2).sum(-1).mean()) for after in (1, 2, 0)]
+    np.testing.assert_allclose(relit, [0, 0.5 * level[1], level[2]], atol=1e-5)
 
 
 def test_bleached_shading_and_an_albedo_that_is_the_picture_show_in_the_signs(truth):

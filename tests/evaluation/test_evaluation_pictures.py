@@ -3,7 +3,7 @@ import pytest
 from PIL import Image
 
 from relight.config import Evaluate
-from relight.evaluation.canvas import box_of, cut_out, fitted, font, heat, light_sphere, transport_bands
+from relight.evaluation.canvas import ball, box_of, cut_out, fitted, font, heat, transport_bands
 from relight.evaluation.charts import plot_curves, plot_errors, plot_occlusion
 from relight.evaluation.contact import clearest, contact_sheet, views
 from relight.evaluation.occlusion import UNKNOWN, Occlusion, by_garment, by_pose, occlusion, occlusions, read_occlusions
@@ -76,12 +76,15 @@ def test_cells_show_the_figure_on_the_ground():
     assert np.all(np.diff(heat(np.linspace(0, 1, 9), 1).sum(-1)) < 0)  # darker with the error
 
 
-def test_the_light_sphere_is_brightest_toward_the_light():
+def test_a_ball_shows_light_as_the_colour_model_has_it():
+    """Light from everywhere with irradiance (.4, .2, 1.25), white at .5: sRGB-encoded where it is linear."""
     light = np.zeros((9, 3))
-    light[0], light[1] = 0.6, (0.5, 0.3, 0.1)  # from above, reddish
-    ball = np.asarray(light_sphere(light, 64, 2.5, linear=True)).astype(int)
-    assert ball[4, 32, 0] > ball[32, 32, 0] > ball[60, 32, 0]
-    assert ball[0, 0, 3] == 0 and ball[32, 32, 3] == 255
+    light[0] = np.array([0.4, 0.2, 1.25]) * np.sqrt(4 * np.pi) / np.pi
+    shown = np.array([0.8, 0.4, 1])
+    for linear, codes in ((True, encode(shown)), (False, shown)):
+        picture = np.asarray(ball(light, 33, 0.5, linear))
+        assert picture[16, 16, :3] == pytest.approx(255 * codes, abs=1)
+        assert picture[0, 0, 3] == 0 and picture[16, 16, 3] == 255
 
 
 def test_words_are_broken_and_shrunk_to_fit():

@@ -7,6 +7,7 @@ from html import unescape
 from html.parser import HTMLParser
 
 import numpy as np
+import pandas as pd
 import pytest
 import yaml
 from PIL import Image
@@ -22,7 +23,7 @@ from relight.evaluation.scores import Scores, write_scores
 
 SETTINGS = Evaluate("test", "cpu", 1, 200, 2, 6, 0)
 FIGURES = [f"f{i}" for i in range(10)]
-BASELINES = ("mean_figure", "mean_light", "nearest_light", "no_occlusion", "ao_occlusion", "cut_2", "cut_3")
+BASELINES = ("mean_figure", "mean_light", "nearest_light", "no_occlusion", "ao_occlusion", "as_it_is", "cut_2", "cut_3")
 LEVEL = {"shading": 0.3, "transport": 0.4, "light": 0.2, "albedo": 0.1}
 
 
@@ -160,23 +161,81 @@ def test_splits(tmp_path):
     assert (made["flattered"], made["of"]) == (2, 5)
 
 
+def test_equal_losses_part_what_is_inferred_from_the_losses(tmp_path):
+    """Of .4 without and .2 with both, .3 with either: each half of the lead, a quarter of the first error."""
+    levels = {"sfsnet_ao": 0.4, "sfsnet_ao_full": 0.3, "ours_min": 0.3, "ours_full": 0.2}
+    made = numbers(tmp_path, "equal_losses", {row: {"shading_rmse": value} for row, value in levels.items()})
+    assert made["parts"] == pytest.approx({"inferred": 0.25, "losses": 0.25}, abs=0.01)
+    found = verdicts(made)
+    assert found["Ours (min) against SfSNet-AO: what is inferred, four losses", "shading RMSE"] is Verdict.BETTER
+    assert found["SfSNet-AO, all losses against SfSNet-AO: the losses, ambient occlusion", "shading RMSE"] is (
+        Verdict.BETTER
+    )
+    flat = {**levels, "sfsnet_ao_full": 0.4, "ours_min": 0.2}  # the losses do nothing
+    made = numbers(tmp_path / "b", "equal_losses", {row: {"shading_rmse": value} for row, value in flat.items()})
+    assert made["parts"] == pytest.approx({"inferred": 0.5, "losses": 0}, abs=0.01)
+
+
+def test_the_parts_of_plus_that_cost_something(tmp_path):
+    errors = {"plus_no_mirror": {"albedo_rmse": 0.2}, "ours_full": {"albedo_rmse": 0.2}}
+    made = numbers(tmp_path, "plus_parts", errors)
+    assert (made["costly"], made["without"]) == (["plus w/o mirroring"], 4)
+    assert verdicts(made)["Ours plus against Ours (full): the part is worth", "albedo RMSE"] is Verdict.BETTER
+
+
+def test_relighting_is_worth_something_where_it_beats_the_picture_as_it_is(tmp_path):
+    errors = {"as_it_is": {"relit_rmse": 0.3}, "ours_full": {"relit_rmse": 0.2}, "sfsnet": {"relit_rmse": 0.4}}
+    made = numbers(tmp_path, "relit", {**errors, "sfsnet_ao": {"relit_rmse": 0.3}, "ours_min": {"relit_rmse": 0.3}})
+    assert made["worth"] == ["Ours (full)"]
+    row = made["comparisons"].frame.loc["Ours (full) against the picture as it is: relighting"].iloc[0]
+    assert row["first better by"].startswith("+33") and row["within"] is None
+
+
+def test_relative_effects_and_bounds_of_what_is_open(tmp_path):
+    """Rows alike but for noise are equivalent or open, and `within` says under what; sure ones have no bound."""
+    frame = sections.summary(results(tmp_path, "table2", {"no_tv": {"albedo_rmse": 0.2}}))["listed"].frame
+    sure = frame[frame["in"] == "albedo RMSE"].loc["w/o TV before Ours (full)"]
+    assert sure["within"] is None and sure["here by"].startswith("−") and sure["here"] == "✗ reversed"
+    alike = frame[frame["in"] == "light RMSE"].loc["Ours (full) before w/o TV"]
+    assert alike["here"][0] in "≈?" and float(alike["within"][1:-2]) < 3.5
+    assert {"†" in value for value in frame["by"]} == {True, False}  # what the paper prints under 3.5 %
+
+
 def test_quarters_of_occlusion_hold_the_right_figures(tmp_path):
     """Figures in the set grow harder with their number, and are the less occluded the higher it is."""
     made = results(tmp_path, "table2", {})
     found = [occlusion.Occlusion(f, "", [""], 9, 0.9, 0, 1 - i / 10, np.zeros(20)) for i, f in enumerate(FIGURES)]
     write_occlusions(found, made.report / "occlusion.csv")
-    grid = sections.quarters(made, "table2")
+    grid = sections.quarters(made, "table2")["quarters"]
     own = made.scores("table2")["no_tv"][0].figure_means("shading_rmse")
     wanted = [own[part].mean() for part in (slice(7, 10), slice(4, 7), slice(2, 4), slice(0, 2))]
-    assert list(grid.frame.loc["w/o TV"]) == pytest.approx(wanted)
+    means = [cell.estimate.mean for cell in grid.frame["shading RMSE"].loc["w/o TV"]]
+    assert means == pytest.approx(wanted)
     assert grid.kinds == ["network"] * 4 + ["baseline"] * len(BASELINES)
+    table = pd.read_csv(made.report / "table2_occlusion.csv", index_col=0)
+    assert table.filter(like="shading RMSE").filter(regex="lost$").loc["w/o TV"].tolist() == pytest.approx(
+        wanted, rel=1e-5
+    )
     write_occlusions(found[1:], made.report / "occlusion.csv")
-    assert sections.quarters(made, "table2") is None
+    assert sections.quarters(made, "table2") == {}
+
+
+def test_a_lead_is_measured_in_each_quarter(tmp_path):
+    """Ours (full) is ahead of SfSNet-AO on the five least occluded of ten figures, and behind on the others."""
+    made = results(tmp_path, "table1", {})
+    lead = np.where(np.arange(10) < 5, -0.1, 0.1)[:, None]
+    one = scores(3, {"shading_rmse": 0.3 + lead})
+    write_scores(tmp_path / "evaluate" / "test-test" / "ours_full.s0.csv", {"ours_full.s0": one})
+    found = [occlusion.Occlusion(f, "", [""], 9, 0.9, 0, 0.1 + i / 10, np.zeros(20)) for i, f in enumerate(FIGURES)]
+    write_occlusions(found, made.report / "occlusion.csv")
+    leads = sections.quarters(made, "table1")["leads"].frame
+    gains = [
+        leads.loc[name]["first better by"] for name in leads.index if name.startswith("Ours (full) against SfSNet-AO")
+    ]
+    assert [gain[0] for gain in gains] == ["+", "+", "−", "−"] and len(gains) == 4
 
 
 def write_occlusions(found, path):
-    import pandas as pd
-
     rows = [[o.name, o.pose or "-", "-", o.pixels, o.ao, o.dark, o.lost, *o.histogram] for o in found]
     pd.DataFrame(rows, columns=occlusion.HEADS).to_csv(path, index=False)
 

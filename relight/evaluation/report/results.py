@@ -1,11 +1,13 @@
 """What a run of the workflow left in its folder, as the sections of its report read it."""
 
 import json
+from collections.abc import Iterable
 from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import yaml
 
 from relight import config
@@ -26,6 +28,7 @@ class Results:
         self.folder, self.settings = folder, settings
         self.experiments: dict[str, dict[str, Any]] = json.loads(experiments.read_text())
         self._tables: dict[tuple[str, bool], Table] = {}
+        self._scores: dict[tuple[str, ...], dict[str, list[Scores]]] = {}
 
     @property
     def report(self) -> Path:
@@ -78,11 +81,11 @@ class Results:
     def scores(self, name: str, usual: bool = False) -> dict[str, list[Scores]]:
         """Scores by row, one per training; {} where there was nothing to score."""
         files = self._files(name, usual)
-        found = gather([self.folder / path for row, paths in files.items() if row for path in paths])
+        found = self._gather(path for row, paths in files.items() if row for path in paths)
         return {row: found[row] for row in files if row in found}
 
     def baselines(self, name: str, usual: bool = False) -> dict[str, list[Scores]]:
-        return gather([self.folder / path for path in self._files(name, usual)[""]])
+        return self._gather(self._files(name, usual)[""])
 
     def table(self, name: str, usual: bool = False) -> Table:
         """The table of an experiment; how much trainings spread is told by all tables on the same pairs."""
@@ -99,6 +102,14 @@ class Results:
                 if self._files(other, condition)[""] == self._files(name, usual)[""]:
                     pool |= self.scores(other, condition)
         return experiment_table(name, rows, self.baselines(name, usual), self.settings, pool)
+
+    def part(self, name: str, figures: np.ndarray) -> Table:
+        """The table of an experiment over some of its figures, by their places."""
+        rows, baselines = (
+            {row: [one.part(figures) for one in trainings] for row, trainings in given.items()}
+            for given in (self.scores(name), self.baselines(name))
+        )
+        return experiment_table(name, rows, baselines, self.settings)
 
     def estimates(self, name: str, column: str) -> dict[str, Estimate]:
         """Row, or baseline, -> mean and interval of any column of the scores, in a table or not."""
@@ -124,6 +135,12 @@ class Results:
             settings = yaml.safe_load(path.read_text())
             found[path.stem] = config.flat({key: v for key, v in settings.items() if key not in ("defaults", "hydra")})
         return found
+
+    def _gather(self, paths: Iterable[str]) -> dict[str, list[Scores]]:
+        files = tuple(paths)
+        if files not in self._scores:
+            self._scores[files] = gather([self.folder / path for path in files])
+        return self._scores[files]
 
     def _files(self, name: str, usual: bool) -> dict[str, list[str]]:
         return self.experiments[name]["usual" if usual else "scores"]

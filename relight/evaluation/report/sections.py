@@ -11,7 +11,6 @@ import pandas as pd
 
 from relight.evaluation import charts, occlusion
 from relight.evaluation.comparisons import (
-    MARGIN,
     Comparison,
     Ordering,
     Verdict,
@@ -23,9 +22,10 @@ from relight.evaluation.comparisons import (
 from relight.evaluation.formats import (
     SIGNS,
     Grid,
+    bound,
     column_name,
     comparison_grid,
-    interval,
+    effect,
     number,
     other_columns,
     p_value,
@@ -36,13 +36,13 @@ from relight.evaluation.formats import (
 from relight.evaluation.paper import ARGUMENTS
 from relight.evaluation.report.page import text
 from relight.evaluation.report.results import Results
-from relight.evaluation.statistics import compare_apart
 from relight.evaluation.tables import LABELS, Row, Table
 
 MAPS = ("shading_rmse", "transport_rmse", "albedo_rmse")
 ERRORS = (*MAPS, "light_rmse")
 PARTS = ("shading_rmse", "shading_true_light_rmse", "transport_rmse", "light_rmse", "albedo_rmse")
 AXES = {"train.figures": "number of training figures", "model.width": "width", "model.order": "order"}
+SMALL = " †"  # marks differences that the paper prints and that are under MARGIN
 HERE = {  # what became of an ordering of the paper
     Verdict.BETTER: "the same",
     Verdict.WORSE: "reversed",
@@ -50,6 +50,7 @@ HERE = {  # what became of an ordering of the paper
     Verdict.OPEN: "undecided",
 }
 QUARTERS = 8  # test figures that a division into quarters needs
+LEADS = (("ours_full", "sfsnet_ao"), ("ours_min", "sfsnet_ao"), ("ours_full", "sfsnet"))  # compared in each quarter
 Numbers = dict[str, Any]
 
 
@@ -60,7 +61,7 @@ def experiment(results: Results, name: str) -> Numbers:
     if not table.rows:
         return made
     made |= {"grid": score_grid(table, table.columns), "others": score_grid(table, other_columns(table))}
-    made["quarters"] = quarters(results, name)
+    made |= {"quarters": None, **quarters(results, name)}
     if one["axis"]:
         made["plot"] = results.report / f"{name}.png"
         errors = tuple(column for column in table.columns if column.endswith("rmse"))
@@ -96,11 +97,78 @@ def table1(results: Results, name: str) -> Numbers:
     return {"comparisons": comparison_grid(found)}
 
 
+def pairs_of(table: Table, wanted: dict[tuple[str, str], str], columns: tuple[str, ...]) -> Numbers:
+    """Comparisons of those pairs of rows that a table has, with what each of them tells."""
+    found = {
+        f"{LABELS[a]} against {LABELS[b]}: {tells}": compare_rows(table.row(a), table.row(b), columns)
+        for (a, b), tells in wanted.items()
+        if table.row(a) and table.row(b)
+    }
+    return {"comparisons": comparison_grid(found), "found": found}
+
+
+def equal_losses(results: Results, name: str) -> Numbers:
+    """What is inferred with equal losses, and the losses with what is inferred being equal.
+
+    parts: of the lead of Ours (full) over SfSNet-AO in shading, relative to SfSNet-AO, the part of the losses (the mean
+    of both ways) and that of what is inferred; None where not all four are trained.
+    """
+    table = results.table(name)
+    wanted = {
+        ("ours_min", "sfsnet_ao"): "what is inferred, four losses",
+        ("ours_full", "sfsnet_ao_full"): "what is inferred, fifteen losses",
+        ("sfsnet_ao_full", "sfsnet_ao"): "the losses, ambient occlusion",
+        ("ours_full", "ours_min"): "the losses, transport",
+        ("ours_full", "sfsnet_ao"): "both, as in Table 1",
+    }
+    parts = None
+    if all(table.row(row) for pair in wanted for row in pair):
+        ao, ao_full, least, full = (
+            mean(table.row(row), "shading_rmse") for row in ("sfsnet_ao", "sfsnet_ao_full", "ours_min", "ours_full")
+        )
+        parts = {"inferred": (ao - least + ao_full - full) / 2 / ao, "losses": (ao - ao_full + least - full) / 2 / ao}
+    return {"parts": parts, **pairs_of(table, wanted, ERRORS)}
+
+
+def plus_parts(results: Results, name: str) -> Numbers:
+    """Ours plus against itself without each of its parts; costly: the parts that some error gets worse without."""
+    table = results.table(name)
+    without = [row.name for row in table.networks if row.name not in ("ours_plus", "ours_full")]
+    made = pairs_of(table, {("ours_plus", row): "the part is worth" for row in [*without, "ours_full"]}, ERRORS)
+    costly = [
+        LABELS[row]
+        for row, found in zip(without, made["found"].values())
+        if any(one.verdict is Verdict.BETTER for one in found.values())
+    ]
+    return {**made, "costly": costly, "without": len(without)}
+
+
+def relit(results: Results, name: str) -> Numbers:
+    """Relit pictures beside the picture as it is, and what occlusion is worth in them."""
+    table, columns = results.table(name), ("relit_rmse", "relit_ssim")
+    wanted = {(row.name, "as_it_is"): "relighting" for row in table.networks}
+    wanted |= {pair: "in relit pictures" for pair in LEADS}
+    made = pairs_of(table, wanted, columns)
+    worth = [
+        row.label
+        for row in table.networks
+        if table.row("as_it_is")
+        and compare_rows(row, table.row("as_it_is"), columns)["relit_rmse"].verdict is Verdict.BETTER
+    ]
+    return {**made, "worth": worth}
+
+
+def baked(results: Results, name: str) -> Numbers:
+    """The orders of the methods that the paper argues with, on these figures."""
+    wanted = {(a, b): tells for a, b, tells in ARGUMENTS}
+    return pairs_of(results.table(name), wanted, ERRORS)
+
+
 def sitting(results: Results, name: str) -> Numbers:
     """Sitting against standing test figures, and against what looks at no picture."""
     table, standing = results.table(name), results.table(name, usual=True)
     found = {
-        f"{row.label}, sitting against standing": compare_rows(row, standing.row(row.name), ERRORS, compare_apart)
+        f"{row.label}, sitting against standing": compare_rows(row, standing.row(row.name), ERRORS)
         for row in table.networks
     }
     first = table.networks[0]
@@ -130,6 +198,11 @@ def unusual_lights(results: Results, name: str) -> Numbers:
         "fails": {column: one.verdict is Verdict.WORSE for column, one in against.items()},
         "nearest": found["light_rmse"].verdict,
         "share": [share_of_mean(one, first.name) for one in (table, usual)],
+        "shares": Grid.of(
+            ["light error over that of the mean training light", "unusual lights", "usual lights"],
+            [[row.label, *(share_of_mean(one, row.name) for one in (table, usual))] for row in table.networks],
+            **{"unusual lights": 2, "usual lights": 2},
+        ),
         "comparisons": comparison_grid(rows),
     }
 
@@ -215,6 +288,10 @@ def order(results: Results, name: str) -> Numbers:
 
 EXPERIMENTS: dict[str, Callable[[Results, str], Numbers]] = {
     "table1": table1,
+    "equal_losses": equal_losses,
+    "plus_parts": plus_parts,
+    "relit": relit,
+    "baked": baked,
     "silhouette": silhouette,
     "self_supervised": self_supervised,
     "sitting": sitting,
@@ -240,28 +317,43 @@ def points(results: Results, name: str) -> list[tuple[float, Row]]:
     return sorted(found, key=lambda point: point[0])
 
 
-def quarters(results: Results, name: str) -> Grid | None:
-    """The shading error of each row over quarters of the test figures, from the least to the most occluded.
+def quarters(results: Results, name: str) -> Numbers:
+    """The errors of each row over quarters of the test figures, from the least to the most occluded, and how far apart
+    the methods are in each; both are written beside the report.
 
-    None where there are too few figures, or their occlusion is not known.
+    Empty where there are too few figures, or their occlusion is not known.
     """
     file, rows = results.report / "occlusion.csv", results.scores(name)
-    some = next(iter(rows.values()))[0]
-    if len(some.figures) < QUARTERS or not file.exists():
-        return None
-    lost = pd.Series({one.name: one.lost for one in occlusion.read_occlusions(file)}).reindex(some.figures)
+    figures = next(iter(rows.values()))[0].figures
+    if len(figures) < QUARTERS or not file.exists():
+        return {}
+    lost = pd.Series({one.name: one.lost for one in occlusion.read_occlusions(file)}).reindex(figures)
     if lost.isna().any():
-        return None
+        return {}
     parts = np.array_split(np.argsort(lost.to_numpy(), kind="stable"), 4)
-    lines, kinds = [], []
-    for row, trainings in {**rows, **results.baselines(name)}.items():
-        if all("shading_rmse" in one.columns for one in trainings):
-            means = np.mean([one.figure_means("shading_rmse") for one in trainings], 0)
-            lines.append([LABELS.get(row, row), *(float(means[part].mean()) for part in parts)])
-            kinds.append("network" if row in rows else "baseline")
-    means = [number(float(lost.iloc[part].mean()), 2) for part in parts]
-    heads = [f"{name}, {value} lost" for name, value in zip(("least", "2", "3", "most"), means)]
-    return Grid.of(["shading RMSE", *heads], lines, kinds)
+    tables = [results.part(name, part) for part in parts]
+    heads = [
+        f"{what}, {number(float(lost.iloc[part].mean()), 2)} lost"
+        for what, part in zip(("least", "second", "third", "most"), parts)
+    ]
+    errors = [column for column in tables[0].columns if column.endswith("rmse")]
+    grids = [score_grid(table, tuple(errors)) for table in tables]
+    frame = pd.concat([grid.frame for grid in grids], axis=1)
+    frame.columns = [(column_name(c), head) for head in heads for c in errors]
+    frame = frame[[(column_name(c), head) for c in errors for head in heads]]
+    frame.columns = pd.MultiIndex.from_tuples(frame.columns)
+    kept = [kind != "paper" for kind in grids[0].kinds]
+    shown = Grid(frame[kept].rename_axis(index="row"), [kind for kind in grids[0].kinds if kind != "paper"])
+    leads = {
+        f"{LABELS[a]} against {LABELS[b]}, {head}": compare_rows(table.row(a), table.row(b), ("shading_rmse",))
+        for a, b in LEADS
+        for head, table in zip(heads, tables)
+        if table.row(a) and table.row(b)
+    }
+    correct([one for found in leads.values() for one in found.values()])
+    stem, title = f"{name}_occlusion", f"{results.title(name)}, by occlusion"
+    write_tables(results.report / stem, title, text("notes/quarters.md"), shown.statistics(), shown)
+    return {"quarters": shown, "leads": comparison_grid(leads), "quarters_file": stem}
 
 
 def mean(row: Row, column: str) -> float:
@@ -287,21 +379,21 @@ def summary(results: Results) -> Numbers:
         [
             f"{LABELS[one.better]} before {LABELS[one.worse]}",
             column_name(one.here.column),
-            f"{100 * one.gap:.1f} %{' *' * (not one.argued)}",
+            f"{100 * one.gap:.1f} %{SMALL * one.small}{' *' * (not one.argued)}",
+            *effect(one.here),
             *(number(value) for value in (one.here.first, one.here.second)),
-            percent(one.here.relative),
-            interval(one.here.gains),
             p_value(one.here.p),
             f"{SIGNS[one.here.verdict]} {HERE[one.here.verdict]}",
+            bound(one.here),
         ]
         for one in found
     ]
-    heads = ["the paper prints", "in", "by", "first, here", "second", "better by", "95 % interval", "p", "here"]
+    heads = ["the paper prints", "in", "by", "here by", "95 % interval", "first", "second", "p", "here", "within"]
     return {
         "tables": tables,
         "orderings": found,
         "verdicts": verdicts,
-        "small": sum(one.gap < MARGIN for one in found),
+        "small": sum(one.small for one in found),
         "trainings": (min(t.trainings[0] for t in tables), max(t.trainings[1] for t in tables)) if tables else (0, 0),
         "matrix": matrix(found),
         "listed": Grid.of(heads, lines),
@@ -322,6 +414,7 @@ def matrix(found: list[Ordering]) -> Grid:
 
 def mark(one: Ordering) -> str:
     """A cell of the matrix: how much better the pair's first row is here, in percent; in brackets where the paper's
-    numbers are against its argument."""
-    words = f"{SIGNS[one.here.verdict]} {percent(one.here.relative if one.argued else -one.here.relative)}".rstrip(" %")
+    numbers are against its argument, with a mark where they differ by less than MARGIN."""
+    gain = percent(one.here.relative if one.argued else -one.here.relative).removesuffix(" %")
+    words = f"{SIGNS[one.here.verdict]} {gain}{SMALL * one.small}"
     return words if one.argued else f"({words})"
