@@ -37,7 +37,7 @@ def listing(cfg: DictConfig, keys: Iterable[str]) -> str:
 def overview(cfg: DictConfig) -> str:
     """Returns the settings of `relight run` as text: what is trained and compared, then each group of the tree."""
     lines = []
-    for group in ("scale", "experiment"):
+    for group in ("scale", "protocol", "experiment"):
         text = f"  {group}={' | '.join(presets()[group])}"
         lines += textwrap.wrap(text, WIDTH, subsequent_indent=(len(group) + 3) * " ")
     lines += [_line("sweep.only", "[ROW,...]"), _line("sweep.seeds", "[0,...]"), ""]

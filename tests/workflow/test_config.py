@@ -199,3 +199,18 @@ def test_settings_for_photographs_are_checked(words, said):
 
 def test_a_stage_that_reads_no_augmentation_is_not_asked_for_one():
     check(OmegaConf.merge(OmegaConf.structured(Config), {"train": {"color": "paper"}}))
+
+
+def test_one_switch_does_all_that_the_paper_did():
+    """Where the scale or a preset says otherwise; what is given by hand stands above it."""
+    own, paper = composed(["scale=smoke"]), composed(["scale=smoke", "protocol=paper", "loss=min", "train.lr=1e-3"])
+    assert (own.split.kind, own.lights.order, own.lights.split) == ("subject", "cut_first", "room")
+    assert (paper.split.kind, paper.lights.order, paper.lights.split) == ("paper", "paper", "random")
+    assert (paper.train.pairs, paper.train.batch, paper.train.beta1, paper.train.schedule) == (
+        "rows",
+        1,
+        0.5,
+        "constant",
+    )
+    assert (paper.model.norm, paper.loss.tv_reference, paper.loss.shading) == ("instance", paper.bake.size, 0)
+    assert (paper.train.lr, paper.train.steps) == (1e-3, own.train.steps)

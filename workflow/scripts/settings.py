@@ -23,7 +23,7 @@ def page() -> str:
     """Returns the text of the page."""
     defaults = yaml.safe_load((CONF / "config.yaml").read_text(encoding="utf-8"))["defaults"]
     chosen = {group: name for item in defaults if isinstance(item, dict) for group, name in item.items()}
-    parts = [HEAD, *scales(chosen["scale"]), *experiments(chosen["experiment"])]
+    parts = [HEAD, *scales(chosen["scale"]), *protocols(chosen["protocol"]), *experiments(chosen["experiment"])]
     cfg = composed()
     parts += ["## name", f"`name`: {setting_of(FIELDS['name']).about}; it comes with the scale (`{cfg.name}`)."]
     for group in fields(Config):
@@ -50,6 +50,11 @@ def scales(default: str) -> list[str]:
     return ["## scale", listed_presets("scale", [default], overrides=False), markdown(["", *names], rows)]
 
 
+def protocols(default: str) -> list[str]:
+    """Returns the section of the presets of `protocol`."""
+    return ["## protocol", listed_presets("protocol", [default], overrides=False)]
+
+
 def experiments(default: list[str]) -> list[str]:
     """Returns the section of the presets of `experiment`, and the settings of an experiment."""
     about = paragraph(Experiment)
@@ -63,7 +68,7 @@ def listed_presets(group: str, default: list[str], overrides: bool = True) -> st
     for name in presets()[group]:
         text = (CONF / group / f"{name}.yaml").read_text(encoding="utf-8")
         comment = [line[2:] for line in text.splitlines() if line.startswith("# ") and "@package" not in line]
-        content = yaml.safe_load(text)
+        content = yaml.safe_load(text) or {}
         based = [base for base in content.pop("defaults", []) if base != "_self_"]
         given = ", ".join(f"`{key}={shown(value)}`" for key, value in content.items()) if overrides and based else ""
         above = f" ({f'`{based[0]}` with ' if based else ''}{given})" if given else ""
