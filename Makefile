@@ -38,7 +38,7 @@ fuzz: $(STAMP)  ## feed the readers 5,000 damaged panoramas, meshes and other fi
 		tests/reliability/test_reliability_readers.py $(ARGS)
 
 chaos: $(STAMP)  ## kill the workflow 60 times at random moments; make chaos KILLS=6
-	@RELIGHT_CHAOS=$(KILLS) $(BIN)/python -m pytest tests/workflow/test_chain.py -k killed $(ARGS)
+	@RELIGHT_CHAOS=$(KILLS) $(BIN)/python -m pytest -s tests/workflow/test_resume.py $(ARGS)
 
 coverage: $(STAMP)  ## which lines the tests run, file by file
 	@$(BIN)/python -m coverage erase

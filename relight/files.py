@@ -212,7 +212,7 @@ def require_safe_name(path: Path | str) -> None:
 
 
 def existing_file(path: Path | str, what: str) -> Path:
-    """Checks that a file exists.
+    """Checks that a file exists and can be read.
 
     Args:
         path: of the file.
@@ -222,11 +222,17 @@ def existing_file(path: Path | str, what: str) -> Path:
         `path`.
 
     Raises:
-        UserError: if there is no such file.
+        UserError: if there is no such file, or this user may not read it.
     """
     path = Path(path)
-    if not path.is_file():
+    try:
+        exists = path.is_file()
+    except PermissionError:  # of its folder
+        exists = True
+    if not exists:
         raise UserError(f"{what}: there is no file {path}")
+    if not os.access(path, os.R_OK, effective_ids=os.access in os.supports_effective_ids):
+        raise UserError(f"{what}: {path} cannot be read: permission denied")
     return path
 
 

@@ -55,6 +55,7 @@ def run(
             file.flush()
             return snakemake([*command, "--configfile", file.name, "--dry-run"])
     with alone():
+        date_now(ROOT / plan.out)
         command += ["--configfile", str(plan.record(ROOT))]
         code = snakemake([*command, *LOGGER])
         if code > 0 and targets == ["all"] and (failed := plan.failures(ROOT)):
@@ -219,6 +220,15 @@ def alone() -> Iterator[None]:
         for lock in (ROOT / ".snakemake" / "locks").glob("*"):
             lock.unlink()
         yield
+
+
+def date_now(folder: Path) -> None:
+    """Dates files of the future now: the clock was ahead when they were made, and Snakemake ends each job whose outputs
+    are older than its inputs."""
+    now = time.time()
+    for path in folder.rglob("*"):
+        if path.stat().st_mtime > now:
+            os.utime(path, (now, now))
 
 
 def end_orphans() -> None:

@@ -5,6 +5,7 @@ import hashlib
 import json
 import shlex
 import subprocess
+import time
 from collections import Counter
 from dataclasses import asdict, replace
 from functools import cached_property
@@ -25,6 +26,7 @@ hydra: {run: {dir: .}, output_subdir: null, job: {chdir: false}}
 USUAL = ("test", "test")  # the figures and lights of the tables
 SHARED = ("figures", "clean", "align", "bake", "split", "panoramas", "lights", "evaluate")  # by all runs, but for KIND
 KIND = ("split", "kind")
+SKEW = 60  # seconds that the clock of a file server may be ahead
 
 
 class Plan:
@@ -65,7 +67,11 @@ class Plan:
 
     def look(self) -> None:
         """Looks at the user's folders and packages: what is wrong with them is told before anything runs."""
-        _ = self.figures, self.panoramas
+        given = [*(scan.path for scan in self.scans.values()), *self.table, *self.panoramas]
+        latest = time.time() + SKEW
+        for path in map(Path, given):  # Snakemake ends a job whose outputs are older than its inputs
+            if path.exists() and path.stat().st_mtime > latest:
+                raise UserError(f"{path} is dated in the future: correct this machine's clock, or `touch` the file")
         if "path_traced" in self.experiments and find_spec("mitsuba") is None:
             raise UserError("experiment=path_traced needs Mitsuba, which is not installed here: pip install mitsuba")
 

@@ -19,8 +19,8 @@ class Figures:
 
     source: str = setting("generated figures, or scans: the meshes of a folder", choices=("generated", "scans"))
     folder: str | None = setting("folder of the scans", None)
-    first: int = setting("first seed", least=0)
-    count: int = setting("number of seeds", least=1)
+    first: int = setting("first seed", 0, least=0)
+    count: int = setting("number of seeds", 1, least=1)
     detail: str = setting("resolution of the drape", choices=("draft", "full"))
     texture: int = setting("side of the largest texture, pixels", least=16)
     per_subject: int = setting("consecutive seeds that are one person in one outfit, in different poses", least=1)

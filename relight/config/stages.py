@@ -32,6 +32,8 @@ READS = {
 # What a stage reads and its outputs do not depend on: the workflow tells it in other ways or not at all, so that a
 # change re-runs nothing.
 PASSED_OVER = {
+    "figure": ("figures.first", "figures.count"),
+    "scan": ("figures.first", "figures.count"),
     "train": ("track",),
     "evaluate": ("track", "evaluate.bootstrap", "evaluate.plates", "evaluate.sheet", "evaluate.seed"),
     "baselines": ("evaluate.bootstrap", "evaluate.plates", "evaluate.sheet", "evaluate.seed"),

@@ -6,11 +6,14 @@ import resource
 import shutil
 import subprocess
 import sys
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import numpy as np
 import pytest
+import readers
 
 from relight.config import ROOT, Model
 from relight.files import UserError, atomic_write, system_errno
@@ -75,6 +78,58 @@ def test_a_write_that_fails_anywhere_leaves_the_old_file_and_says_so(write, tmp_
             write[name](path)
         assert str(path) in str(error.value) and "\n" not in str(error.value)
         assert path.read_bytes() == old and [found.name for found in tmp_path.iterdir()] == [name]
+
+
+@contextmanager
+def ordinary():
+    """The rights of nobody where root runs the tests, whom no permission stops."""
+    if os.geteuid():
+        yield
+        return
+    os.seteuid(65534)
+    try:
+        yield
+    finally:
+        os.seteuid(0)
+
+
+@pytest.fixture
+def shared() -> Iterator[Path]:
+    """A folder that everybody may enter; pytest's are for its user alone."""
+    with TemporaryDirectory() as folder:
+        os.chmod(folder, 0o755)
+        yield Path(folder)
+
+
+def test_a_folder_that_is_not_ones_own_is_told(shared):
+    for name, writes in writers(shared).items():
+        folder = shared / "of others"
+        folder.mkdir()
+        writes(folder / name)
+        old = (folder / name).read_bytes()
+        os.chmod(folder, 0o555)
+        with ordinary(), pytest.raises(UserError) as error:
+            writes(folder / name)
+        assert str(error.value) == f"{folder / name} cannot be written: permission denied"
+        assert (folder / name).read_bytes() == old and [path.name for path in folder.iterdir()] == [name]
+        os.chmod(folder, 0o755)
+        shutil.rmtree(folder)
+
+
+def test_a_file_that_is_not_ones_own_is_told(shared):
+    """Each reader says so in one line that names the file."""
+    os.chmod(shared, 0o777)  # one of them writes a file beside
+    for reader, paths in readers.write_whole(shared).items():
+        read = getattr(readers, reader)
+        read(str(paths[0]))
+        for beside in shared.glob("names.*"):
+            beside.unlink()
+        os.chmod(paths[0], 0)
+        with ordinary(), pytest.raises(UserError) as error:
+            read(str(paths[0]))
+        os.chmod(paths[0], 0o644)
+        told = str(error.value)
+        assert "\n" not in told and paths[0].name in told and "permission denied" in told.lower(), (reader, told)
 
 
 def test_a_refusal_is_known_through_any_library():

@@ -1,15 +1,20 @@
-"""A copy of this repository in which a test runs the workflow."""
+"""A copy of this repository in which a test runs the workflow, and what it finds there."""
 
 import os
 import re
 import shutil
 import subprocess
 import sys
+from collections import Counter
+from functools import partial
 from pathlib import Path
 
 from relight.config import ROOT
+from relight.processes import end_with_parent
 
 LEFT = ("results", ".snakemake", ".venv", ".git", "mlflow.db", "mlruns", ".mlflow.lock", "__pycache__", "docs", "tests")
+WORDS = ("scale=smoke", "figures.count=3", "sweep.only=[ours_full,sfsnet_ao,no_tv]")
+OUT = "results/smoke"
 
 
 def copy(folder: Path) -> Path:
@@ -19,23 +24,26 @@ def copy(folder: Path) -> Path:
     return target
 
 
-def environment(repo: Path) -> dict[str, str]:
-    """Python finds the copy's package before the installed one."""
-    return {**os.environ, "PYTHONPATH": str(repo)}
+def start(repo: Path, command: list[str], **options) -> subprocess.Popen:
+    """A program in a repository, whose package Python finds before the installed one.
+
+    It ends with this process, however that ends: a test that is killed leaves no workflow behind.
+    """
+    environment = {**os.environ, "PYTHONPATH": str(repo)}
+    begin = partial(end_with_parent, os.getpid())
+    return subprocess.Popen(command, cwd=repo, env=environment, stdin=subprocess.DEVNULL, preexec_fn=begin, **options)
+
+
+def output(repo: Path, command: list[str]) -> subprocess.CompletedProcess:
+    """What a program in a repository prints; output and errors as one text in .stdout."""
+    process = start(repo, command, text=True, stdout=subprocess.PIPE, stderr=subprocess.STDOUT)
+    told, _ = process.communicate()
+    return subprocess.CompletedProcess(command, process.returncode, told)
 
 
 def relight(repo: Path, *words: str) -> subprocess.CompletedProcess:
-    """`relight words...` in the copy; output and errors as one text in .stdout."""
-    command = [sys.executable, "-m", "relight.cli", *words]
-    return subprocess.run(
-        command,
-        cwd=repo,
-        env=environment(repo),
-        text=True,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        stdin=subprocess.DEVNULL,
-    )
+    """`relight words...` in the copy."""
+    return output(repo, [sys.executable, "-m", "relight.cli", *words])
 
 
 def planned(repo: Path, *words: str) -> dict[str, int]:
@@ -43,9 +51,35 @@ def planned(repo: Path, *words: str) -> dict[str, int]:
 
     It is Snakemake's own, which is half of the work of `relight run --dry-run`.
     """
-    command = [sys.executable, "-m", "snakemake", "all", "-n", "--config", "hydra=" + " ".join(words)]
-    run = subprocess.run(command, cwd=repo, env=environment(repo), text=True, capture_output=True)
-    assert run.returncode == 0, run.stderr
-    table = re.findall(r"^(\w+) +(\d+)$", run.stdout + run.stderr, re.M)
+    run = output(repo, [sys.executable, "-m", "snakemake", "all", "-n", "--config", "hydra=" + " ".join(words)])
+    assert run.returncode == 0, run.stdout
+    table = re.findall(r"^(\w+) +(\d+)$", run.stdout, re.M)
     passed = ("total", "all", "settings", "listing", "experiments")
     return {rule: int(jobs) for rule, jobs in table if rule not in passed}
+
+
+def check_mlflow(repo: Path) -> None:
+    """Each training of WORDS has one run that ended well, with each of its metrics once a step."""
+    from mlflow import MlflowClient
+
+    client = MlflowClient(f"sqlite:///{repo / 'mlflow.db'}")
+    runs = client.search_runs([client.get_experiment_by_name("smoke").experiment_id])
+    (above,) = (run for run in runs if "mlflow.parentRunId" not in run.data.tags)
+    runs.remove(above)
+    assert above.info.run_name == "smoke" and above.info.status == "FINISHED"
+    assert above.data.params["figures.count"] == "3" and above.data.tags["best"] in {run.info.run_name for run in runs}
+    report = {path.name for path in (repo / above.info.artifact_uri / "report").iterdir()}
+    assert {"report.html", "table1.csv", "table1_plates.png"} <= report
+    assert sorted(run.info.run_name for run in runs) == ["no_tv.s0", "ours_full.s0", "sfsnet_ao.s0"]
+    for run in runs:
+        name = run.info.run_name
+        assert run.info.status == "FINISHED"
+        assert run.data.params["train.steps"] == "24" and "test/shading_rmse" in run.data.metrics
+        steps = {key: [m.step for m in client.get_metric_history(run.info.run_id, key)] for key in run.data.metrics}
+        assert steps["loss"] == [8, 16, 24]
+        again = {key: found for key, found in steps.items() if max(Counter(found).values()) > 1}
+        assert not again, f"{name}: logged twice in one step"
+        artifacts = {path.name for path in (repo / run.info.artifact_uri).iterdir()}
+        assert {"config.yaml", f"{name}.csv", "images"} <= artifacts and run.outputs.model_outputs
+        assert run.data.tags["mlflow.parentRunId"] == above.info.run_id
+    assert not (repo / OUT / "train" / "state").exists(), "no training is under way"

@@ -4,6 +4,7 @@ import json
 import os
 import re
 import sys
+import time
 
 import pytest
 import yaml
@@ -33,6 +34,12 @@ def test_a_stage_gets_what_it_reads_and_nothing_else():
 
 
 PRESETS = sorted(path.stem for path in (CONF / "experiment").glob("*.yaml"))
+
+
+def test_more_figures_leave_those_that_are_there():
+    """What their stage reads is a file: they would be made anew if it told how many there are."""
+    few, more = (Plan({"hydra": f"scale=smoke {words}"}) for words in ("", "figures.first=3 figures.count=9"))
+    assert few.figures != more.figures and few.settings("figure") == more.settings("figure")
 
 
 def test_a_row_means_the_same_in_every_preset():
@@ -223,3 +230,15 @@ def test_folders_of_scans_are_checked(tmp_path, folder):
     with pytest.raises(UserError, match=folder) as error:
         _ = Plan({"hydra": ["figures=scans", f"figures.folder={tmp_path / folder}"]}).figures
     assert "\n" not in str(error.value) and (folder == "missing" or ".obj" in str(error.value))
+
+
+@pytest.mark.parametrize("kind", ["figures=scans figures", "panoramas=folder panoramas"])
+def test_files_of_the_future_are_told(tmp_path, kind):
+    """Snakemake would end their jobs: outputs are older than inputs."""
+    file = tmp_path / ("a.obj" if "scans" in kind else "a.hdr")
+    file.write_text("v 0 0 0\n")
+    plan = Plan({"hydra": [*f"scale=smoke {kind}.folder={tmp_path}".split()]})
+    plan.look()
+    os.utime(file, (time.time() + 3600,) * 2)
+    with pytest.raises(UserError, match=f"{file.name} is dated in the future: correct this machine's clock"):
+        plan.look()

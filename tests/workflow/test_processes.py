@@ -5,9 +5,11 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import psutil
 import pytest
+from repo import start
 
 from relight.config import ROOT
 
@@ -41,6 +43,12 @@ import sys
 from relight.run import snakemake
 sys.exit(snakemake([sys.executable, "-c", {SNAKEMAKE!r}]))
 """
+TEST = f"""
+import sys
+from pathlib import Path
+from repo import start
+start(Path({str(ROOT)!r}), [sys.executable, "-c", {RUN!r}]).wait()
+"""
 
 
 def family(process: subprocess.Popen) -> list[psutil.Process]:
@@ -54,21 +62,25 @@ def run(request):
     It ignores INT, as what a script starts in the background does, unless it is tested with that; it does not ignore
     HUP, even if these tests were started with nohup.
     """
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     background = "SIGINT" not in request.node.name
     inherited = {signal.SIGINT: signal.SIG_IGN if background else signal.SIG_DFL, signal.SIGHUP: signal.SIG_DFL}
     before = {number: signal.signal(number, how) for number, how in inherited.items()}
-    job = subprocess.Popen([sys.executable, "-c", RUN], env=environment, stdout=subprocess.PIPE, text=True)
+    job = start(ROOT, [sys.executable, "-c", RUN], stdout=subprocess.PIPE, text=True)
     for number, how in before.items():
         signal.signal(number, how)
     assert job.stdout.readline() == "here\n"
     processes = family(job)
     assert len(processes) >= 5
     yield job, processes
+    end(processes)
+    job.wait()
+
+
+def end(processes: list[psutil.Process]) -> None:
+    """Kills what a test that failed leaves at work."""
     for process in processes:
         if process.is_running():
             process.kill()
-    job.wait()
 
 
 def working(processes: list[psutil.Process]) -> list[psutil.Process]:
@@ -88,6 +100,20 @@ def test_the_jobs_end_with_snakemake(run):
     processes[1].kill()
     assert job.wait(timeout=20) != 0
     assert not working(processes[1:])
+
+
+def test_a_run_ends_with_the_test_that_started_it():
+    paths = os.pathsep.join([str(ROOT), str(Path(__file__).parent)])
+    environment = {**os.environ, "PYTHONPATH": paths}
+    test = subprocess.Popen([sys.executable, "-c", TEST], env=environment, stdout=subprocess.PIPE, text=True)
+    assert test.stdout.readline() == "here\n"
+    processes = family(test)
+    assert len(processes) >= 6
+    test.kill()
+    test.wait()
+    left = working(processes[1:])
+    end(left)
+    assert not left
 
 
 def test_a_run_that_is_stopped_stops_its_jobs(run):

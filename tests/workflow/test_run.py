@@ -5,6 +5,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
@@ -56,6 +57,19 @@ def test_the_record_is_of_the_workflow_that_holds_the_folder(calls, tmp_path):
             run("train.lr=0.2")
     record = yaml.safe_load((tmp_path / "results" / "smoke" / "run.yaml").read_text())
     assert record["hydra"][-1] == "train.lr=0.1" and len(calls) == 1
+
+
+def test_results_of_a_clock_that_was_ahead_are_dated_now(calls, tmp_path):
+    """Snakemake ends a job whose outputs are older than its inputs."""
+    maps = tmp_path / "results" / "smoke" / "maps"
+    maps.mkdir(parents=True)
+    for name, ahead in (("early", -3600), ("late", 3600)):
+        (maps / name).write_text("")
+        os.utime(maps / name, (time.time() + ahead,) * 2)
+    before = time.time()
+    run()
+    dates = {name: (maps / name).stat().st_mtime for name in ("early", "late")}
+    assert dates["early"] < before - 3000 and before <= dates["late"] <= time.time()
 
 
 def test_tables_of_other_experiments_leave_the_report(tmp_path, monkeypatch):

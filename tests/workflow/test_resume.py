@@ -1,0 +1,109 @@
+"""What a kill leaves: the next run goes on, and ends in the same bytes."""
+
+import hashlib
+import os
+import random
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import psutil
+import pytest
+from repo import OUT, WORDS, check_mlflow, copy, relight, start
+
+KILLS = int(os.environ.get("RELIGHT_CHAOS", "4"))  # `make chaos` takes 60
+KINDS = ("group", "SIGKILL", "job", "SIGTERM", "snakemake", "SIGINT", "SIGHUP")
+PART_OF = {"snakemake": "-m snakemake", "job": "-m relight.stages."}
+
+pytestmark = pytest.mark.slow
+
+
+def outputs(repo: Path) -> list[Path]:
+    """The results that the settings decide: logs, benchmarks and pages tell when and how long they were made."""
+    out = repo / OUT
+    found = [path.relative_to(out) for path in out.rglob("*") if path.is_file()]
+    return sorted(path for path in found if path.suffix != ".html" and path.parts[0] not in ("log", "benchmark"))
+
+
+def hashes(repo: Path) -> dict[str, str]:
+    return {str(path): hashlib.sha256((repo / OUT / path).read_bytes()).hexdigest() for path in outputs(repo)}
+
+
+def at_work(repo: Path) -> list[psutil.Process]:
+    """The processes that work in a repository."""
+    found = []
+    for process in psutil.process_iter(["cwd", "status"]):
+        if process.info["cwd"] == str(repo) and process.info["status"] != psutil.STATUS_ZOMBIE:
+            found.append(process)
+    return found
+
+
+def names(repo: Path) -> set[str]:
+    """All that is in the repository's folder, and all files of its results."""
+    return {str(path.relative_to(repo)) for path in [*repo.iterdir(), *(repo / OUT).rglob("*")]}
+
+
+def kill(kind: str, command: subprocess.Popen, repo: Path) -> bool:
+    """Ends a part of the workflow: all of it, Snakemake, one of its jobs, or the command by a signal.
+
+    Returns whether there was something to end: False when the workflow was done before.
+    """
+    while command.poll() is None:
+        with suppress(psutil.NoSuchProcess):
+            if kind == "group":
+                os.killpg(command.pid, signal.SIGKILL)
+            elif kind in PART_OF:
+                (process, *_) = [p for p in at_work(repo) if PART_OF[kind] in " ".join(p.cmdline())] or [None]
+                if process is None:
+                    time.sleep(0.1)
+                    continue
+                process.kill()
+                if kind == "job":  # Snakemake would do what else it can, and fail
+                    command.terminate()
+            else:
+                command.send_signal(signal.Signals[kind])
+            return True
+    return False
+
+
+def check(repo: Path, done: Path) -> None:
+    """The results are those of the undisturbed run, and there is nothing else."""
+    run = relight(repo, "run", *WORDS)
+    assert run.returncode == 0, run.stdout
+    assert hashes(repo) == hashes(done)
+    assert names(repo) == names(done)
+    check_mlflow(repo)
+
+
+def test_killed_anywhere_it_ends_in_the_same_bytes(done, tmp_path):
+    """Killed again and again, each time when some more files are there, on one core and on two, in another folder."""
+    repo, rng, killed = copy(tmp_path), random.Random(KILLS), 0
+    total = len(outputs(done))
+    while killed < KILLS:
+        command = [sys.executable, "-m", "relight.cli", "run", *WORDS, "--cores", str(1 + killed % 2)]
+        streams = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        flow = start(repo, command, start_new_session=True, **streams)
+        # The moment is one of progress, so that a slow machine is killed in all stages, too.
+        there = len(outputs(repo))
+        goal = min(total - 1, there + rng.randint(0, max(1, 2 * (total - there) // (KILLS - killed))))
+        while len(outputs(repo)) < goal and flow.poll() is None:
+            time.sleep(0.2)
+        time.sleep(rng.uniform(0, 2))
+        kind = KINDS[killed % len(KINDS)]
+        if kill(kind, flow, repo):
+            killed += 1
+            flow.wait()
+            print(f"kill {killed}: {kind} with {len(outputs(repo))} of {total} files", flush=True)
+        else:
+            assert flow.returncode == 0, f"it failed by itself after kill {killed}"
+        _, alive = psutil.wait_procs(at_work(repo), timeout=60)
+        assert not alive, f"after {kind}, kill {killed}: something works on"
+        if flow.returncode == 0:  # it was done before it was killed: begin anew
+            check(repo, done)
+            shutil.rmtree(repo)
+            copy(tmp_path)
+    check(repo, done)
