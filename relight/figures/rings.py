@@ -65,7 +65,7 @@ def winding(ring: np.ndarray, line: np.ndarray) -> int:
     with np.errstate(divide="ignore", invalid="ignore"):
         t = (off * normal).sum(-1) / facing
         turned = np.cross(along, off)
-        u, v = (turned * q).sum(-1) / facing, -(turned * p).sum(-1) / facing
+        u, v = -(turned * q).sum(-1) / facing, (turned * p).sum(-1) / facing
         inside = (t >= 0) & (t < 1) & (u >= 0) & (v >= 0) & (u + v < 1)
     return int((np.sign(facing) * inside).sum())
 

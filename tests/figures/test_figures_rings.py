@@ -76,6 +76,23 @@ def test_a_sleeve_wound_twice_around():
     assert winding(twice, BONE - [0.03, 0.02, 0.9]) == 2
 
 
+def test_a_ring_that_hangs_to_one_side_winds_around_what_is_inside_it():
+    """Rings of any shape against the turns of the angle at the bone: a loose sleeve is not centred on it."""
+    rng = np.random.default_rng(0)
+    inside = 0
+    for _ in range(300):
+        angle = np.sort(rng.uniform(0, 2 * np.pi, 15))
+        flat = np.exp(rng.normal(0, 0.5, 15))[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        place = rng.normal(0, 0.8, 2)
+        seen = np.arctan2(*(flat - place).T[::-1])
+        turns = (np.diff(seen, append=seen[:1]) + np.pi) % (2 * np.pi) - np.pi
+        points = np.insert(flat, 2, 1.0, axis=1)
+        bone = np.array([[*place, 0.0], [*place, 2.0]])
+        assert winding(np.stack([points, np.roll(points, -1, 0)], axis=1), bone) == round(turns.sum() / (2 * np.pi))
+        inside += abs(round(turns.sum() / (2 * np.pi)))
+    assert 50 < inside < 250
+
+
 def test_a_crumpled_ring_still_winds_once():
     """Folds that go to and fro, even across the bone's axis and back, are no winding of their own."""
     angle = np.linspace(0, 2 * np.pi, 361)
