@@ -3,7 +3,7 @@
 Linear values are proportional to light up to where the camera clipped them. Relighting multiplies them. Values above
 white are rolled off by their largest channel, with their hue kept; lower values stay as they are. A gain of 1 returns
 all 2^24 colours: `to_srgb8(apply_gain(LINEAR[v], 1)) == v`. A clipped channel is rebuilt from the other channels, as
-far as the gain is below 1.
+far as the gain is below 1; near black, where values are noise, large gains count less.
 """
 
 import numpy as np
@@ -14,6 +14,8 @@ from relight.srgb import LINEAR, decode
 KNEE = 0.8  # linear value from which values are rolled off
 FADE = 0.06  # how fast a rolled-off colour pales, so that a strong lamp still shows as brightness
 CLIPPING = float(LINEAR[235])  # from here to white a channel passes from measured to clipped
+NOISE = 1e-3  # linear value (code 3) of the noise of sensors and coders
+BLACK_GAIN = 2.0  # what a gain adds to 1 at most where there is nothing but noise
 MAX_EXCESS = 0.6  # share by which a clipped channel is raised at most; below 1, so more light is never darker
 DISPLAY_STOPS = -1  # at which a shading is displayed: 1, the shading of just white paper, becomes code 188
 
@@ -43,6 +45,9 @@ def roll_off(color: np.ndarray, white: np.ndarray | float = np.inf) -> np.ndarra
 def apply_gain(linear: np.ndarray, gain: np.ndarray | float, excess: np.ndarray | float = 0.0) -> np.ndarray:
     """Multiplies a photo's values by a gain and rolls them off.
 
+    Toward black large gains are limited, since they would turn noise into coloured stipple: what a gain adds to 1, r,
+    becomes r / (1 + r / c) with c = BLACK_GAIN + (v / NOISE)^2, where v is the value of the largest channel.
+
     Args:
         linear: (...,3) the photo's values.
         gain: (...,3), new / old light.
@@ -53,13 +58,17 @@ def apply_gain(linear: np.ndarray, gain: np.ndarray | float, excess: np.ndarray 
         (...,3) in [0,1].
     """
     gain = np.asarray(gain, np.float32)
+    brighter = (gain > 1).any()
+    if brighter:
+        limit = BLACK_GAIN + (linear.max(-1, keepdims=True) / np.float32(NOISE)) ** 2
+        raised = np.maximum(gain - 1, 0)
+        gain = np.minimum(gain, 1) + raised / (1 + raised / limit)
     light = linear * gain
     if np.ndim(excess):
         light = light * (1 + excess * np.maximum(1 - gain, 0))
-    if not (gain > 1).any():
+    if not brighter:
         return light
-    white = np.maximum(gain.max(-1) if gain.ndim else gain, 1)
-    return roll_off(light, white)
+    return roll_off(light, np.maximum(gain.max(-1), 1))
 
 
 def display_shading(shading: np.ndarray) -> np.ndarray:

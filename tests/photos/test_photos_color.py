@@ -95,6 +95,18 @@ def test_more_light_is_never_darker():
     assert np.diff(out, axis=0).min() > -1e-6
 
 
+def test_noise_near_black_is_raised_little():
+    """Brightened eight times, noise stays dark and nearly grey; what is a signal gets its gain."""
+    codes = np.random.default_rng(2).integers(0, 4, (1000, 3)).astype(np.uint8)
+    gain = np.array([3, 8, 8], np.float32)
+    plain, found = (to_srgb8(light).astype(int) for light in (LINEAR[codes] * gain, apply_gain(LINEAR[codes], gain)))
+    assert plain.max() > 20 and found.max() <= 10 and np.ptp(found, axis=1).mean() < 0.5 * np.ptp(plain, axis=1).mean()
+    signal = LINEAR[CODES[48:60]][:, None] * np.ones(3, np.float32)
+    assert np.allclose(apply_gain(signal, gain), signal * gain, rtol=1e-2)
+    grey = apply_gain(LINEAR[:, None] * np.ones(3, np.float32), np.full(3, 8, np.float32))
+    assert (np.diff(grey[:, 0]) > 0).all()
+
+
 def test_what_was_clipped_is_rebuilt_from_the_others():
     """A ball of skin colour, twice too bright in the middle, darkened: nearer to the truth than without."""
     y, x = np.mgrid[:96, :96] / 47.5 - 1

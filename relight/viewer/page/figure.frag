@@ -16,7 +16,7 @@ out vec4 color;
 
 const int RELIT = 0, PHOTO = 1, ALBEDO = 2, SHADING = 3, AO = 4, NORMAL = 5, OPEN = 6;
 const int STUDIO = 0, COLOR = 1, CLEAR = 2, OWN = 3, LIGHT = 4;
-const float KNEE = 0.8, FADE = 0.06, DISPLAY = 0.5;
+const float KNEE = 0.8, FADE = 0.06, DISPLAY = 0.5, NOISE = 0.001, BLACK_GAIN = 2.0;
 
 vec3 decode(vec3 v) { return mix(v / 12.92, pow((max(v, 0.04045) + 0.055) / 1.055, vec3(2.4)), step(0.04045, v)); }
 
@@ -35,8 +35,11 @@ vec3 rolled(vec3 light, float bend) {
   return light * (1.0 - fade) * top / max(peak, 1e-9) + fade * top;
 }
 
-// The photo's linear values under `gain` times the light; what was clipped is rebuilt where the gain is below 1.
+// The photo's linear values under `gain` times the light; what was clipped is rebuilt where the gain is below 1, and what
+// is noise is raised little where it is above.
 vec3 relit(vec3 own, vec3 gain, vec3 above) {
+  vec3 raised = max(gain - 1.0, 0.0);
+  gain = min(gain, 1.0) + raised / (1.0 + raised / (BLACK_GAIN + pow(largest(own) / NOISE, 2.0)));
   float white = max(largest(gain), 1.0);
   return rolled(own * gain * (1.0 + above * max(1.0 - gain, 0.0)), 1.0 - (1.0 - KNEE) / (white - KNEE));
 }
