@@ -5,6 +5,7 @@ from pathlib import Path
 import matplotlib
 import matplotlib.lines
 import numpy as np
+from matplotlib.ticker import LogFormatter, MaxNLocator
 
 from relight.evaluation.occlusion import BINS, DARK, Occlusion
 from relight.evaluation.paper import IMPLIED_AO, IMPLIED_LOST
@@ -14,6 +15,7 @@ from relight.files import UserError, atomic_write
 
 COLORS = ("#7a5195", "#ef5675", "#ffa600", "#00798c", "#30638e", "#6a994e", "#8d99ae", "#bc6c25")
 DASHES = ("--", ":", "-.", (0, (1, 4)), (0, (6, 4)), (0, (4, 1, 1, 1, 1, 1)), (0, (14, 2)))  # of baselines
+VALIDATION = "validation/"  # before the name of a loss in a training curve
 STYLE = {
     "font.size": 10,
     "axes.spines.top": False,
@@ -32,7 +34,7 @@ def plot_errors(table: Table, columns: tuple[str, ...], out: Path) -> None:
     shown = [c for c in columns if any(c in row.cells for row in table.rows)]
     names = [row for row in table.rows if any(c in row.cells for c in shown)]
     with matplotlib.rc_context(STYLE):
-        figure = _figure(2.6 + 2.3 * len(shown), 0.9 + 0.34 * len(names))
+        figure = new_figure(2.6 + 2.3 * len(shown), 0.9 + 0.34 * len(names))
         for i, (panel, column) in enumerate(zip(figure.subplots(1, len(shown), sharey=True, squeeze=False)[0], shown)):
             for place, row in enumerate(names):
                 own = "#9a9a9e" if row.baseline else color_of(row.name)
@@ -51,35 +53,51 @@ def plot_errors(table: Table, columns: tuple[str, ...], out: Path) -> None:
             if i == 0:
                 panel.set_yticks(range(len(names)), [row.label for row in names])
                 panel.set_ylim(len(names) - 0.5, -0.5)
-        _save(figure, out)
+        save_figure(figure, out)
 
 
-def plot_curves(
-    curves: list[Path], out: Path, losses: tuple[str, ...] = ("transport", "albedo", "light", "reconstruction")
-) -> None:
-    """Training curves from the CSV files of `learning.train` (file name: row.s<seed>...), a panel per loss, log scale.
+def plot_curves(curves: list[Path], out: Path) -> None:
+    """Draws training curves, a panel per loss: thick on the fixed pairs of the test, thin on the training pictures.
 
-    Trainings of one row share a colour. A loss that no file has gets no panel. UserError on a file without steps.
+    Trainings of one row share a colour. Totals are left out: different losses have different sums.
+
+    Args:
+        curves: CSV files of `learning.train`, called row.s<seed>.csv.
+        out: the chart.
+
+    Raises:
+        UserError: if a file is no training curve.
     """
     data = {path: read_table(path, "training curve", ["step"], "relight-train") for path in curves}
-    shown = [name for name in losses if any(name in curve for curve in data.values())]
+    names = dict.fromkeys(name for curve in data.values() for name in curve)
+    shown = [name for name in names if name not in ("step", "lr", "loss") and not name.startswith(VALIDATION)]
     rows = list(dict.fromkeys(row_of(path.stem) for path in curves))
+    across = min(4, len(shown))
+    down = -(-len(shown) // across)
     with matplotlib.rc_context(STYLE):
-        figure = _figure(3.1 * len(shown), 3.2)
-        for panel, name in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown):
+        figure = new_figure(3.1 * across, 0.7 + 2.1 * down)
+        panels = figure.subplots(down, across, squeeze=False).ravel()
+        for panel, name in zip(panels, shown):
             for path, curve in data.items():
+                style = {"color": color_of(row_of(path.stem))}
                 if name in curve:
-                    panel.plot(curve["step"], curve[name], color=color_of(row_of(path.stem)), linewidth=1.4, alpha=0.9)
+                    panel.plot(curve["step"], curve[name], linewidth=0.8, alpha=0.6, **style)
+                if f"{VALIDATION}{name}" in curve:
+                    panel.plot(curve["step"], curve[f"{VALIDATION}{name}"], linewidth=1.8, **style)
             panel.set_yscale("log")
             panel.yaxis.set_major_formatter("{x:g}")
-            panel.yaxis.set_minor_formatter("{x:g}")
-            panel.tick_params(which="both", labelsize=8, length=0)
+            panel.yaxis.set_minor_formatter(LogFormatter(minor_thresholds=(1.5, 0.5)))
+            panel.xaxis.set_major_locator(MaxNLocator(5, integer=True))
+            panel.tick_params(which="both", labelsize=7, length=0)
             panel.set_title(name.replace("_", " "), fontsize=10, fontweight="bold")
+        for panel in panels[len(shown) :]:
+            panel.set_visible(False)
+        for panel in panels[max(0, len(shown) - across) : len(shown)]:
             panel.set_xlabel("step", fontsize=8, color="#777777")
         handles = [matplotlib.lines.Line2D([], [], color=color_of(row), linewidth=2) for row in rows]
         labels = [LABELS.get(row, row) for row in rows]
         figure.legend(handles, labels, loc="outside lower center", ncols=min(len(rows), 7), frameon=False, fontsize=9)
-        _save(figure, out)
+        save_figure(figure, out)
 
 
 def plot_axis(
@@ -90,7 +108,7 @@ def plot_axis(
     Places that span a factor of four or more are on a log scale. Baselines that have the column are grey levels.
     """
     with matplotlib.rc_context(STYLE):
-        figure = _figure(2.9 * len(columns), 3.6)
+        figure = new_figure(2.9 * len(columns), 3.6)
         shown: dict[str, matplotlib.lines.Line2D] = {}
         for panel, column in zip(figure.subplots(1, len(columns), squeeze=False)[0], columns):
             own = [(place, row.cells[column].estimate) for place, row in points if column in row.cells]
@@ -113,7 +131,7 @@ def plot_axis(
             panel.set_xlabel(label, fontsize=8, color="#777777")
             panel.tick_params(length=0, labelsize=8)
         figure.legend(shown.values(), shown, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
-        _save(figure, out)
+        save_figure(figure, out)
 
 
 def plot_occlusion(found: list[Occlusion], out: Path) -> None:
@@ -126,7 +144,7 @@ def plot_occlusion(found: list[Occlusion], out: Path) -> None:
     low, high = np.quantile(shares, [0.1, 0.9], axis=0)
     paper = {"color": "#ef5675", "linewidth": 1.6}
     with matplotlib.rc_context(STYLE):
-        figure = _figure(9.2, 3.2)
+        figure = new_figure(9.2, 3.2)
         left, right = figure.subplots(1, 2)
         left.bar(middle, shares.mean(0), 0.9 / BINS, color="#30638e")
         left.vlines(middle, low, high, color="#1c1c1e", linewidth=1)
@@ -147,7 +165,7 @@ def plot_occlusion(found: list[Occlusion], out: Path) -> None:
         right.legend(frameon=False, fontsize=8)
         for panel in (left, right):
             panel.tick_params(labelsize=8, length=0)
-        _save(figure, out)
+        save_figure(figure, out)
 
 
 def color_of(row: str) -> str:
@@ -156,13 +174,15 @@ def color_of(row: str) -> str:
     return COLORS[(known.index(row) if row in known else sum(row.encode())) % len(COLORS)]
 
 
-def _figure(width: float, height: float):
+def new_figure(width: float, height: float):
+    """An empty figure, sizes in inches."""
     from matplotlib.figure import Figure  # no pyplot: no windows, nothing global
 
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def _save(figure, out: Path) -> None:
+def save_figure(figure, out: Path) -> None:
+    """Writes a figure as SVG or PNG, by the suffix, the same bytes for the same figure."""
     with atomic_write(out) as tmp:
         dated = {"metadata": {"Date": None}} if out.suffix == ".svg" else {"dpi": 160}  # a date would change the bytes
         figure.savefig(tmp, **dated)

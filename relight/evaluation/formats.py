@@ -6,11 +6,11 @@ Bold is the best network of a column; n.s. (not significant) marks what the figu
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from html import escape
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from markupsafe import escape
 
 from relight.evaluation.comparisons import Comparison, Verdict
 from relight.evaluation.metrics import COLUMNS
@@ -60,7 +60,10 @@ class Grid:
             [style.cell(value, self.digits.get(head[-1], 3)) for value, head in zip(row, heads)]
             for row in self.frame.itertuples(index=False, name=None)
         ]
-        labels = [style.label(str(label), kind) for label, kind in zip(self.frame.index, self.kinds)]
+        labels = [
+            style.label(label if isinstance(label, str) else str(label), kind)
+            for label, kind in zip(self.frame.index, self.kinds)
+        ]
         escaped = [tuple(map(style.escape, head)) for head in heads]
         columns = pd.MultiIndex.from_tuples(escaped) if heads and len(heads[0]) > 1 else [head[0] for head in escaped]
         return pd.DataFrame(cells, pd.Index(labels, name=style.escape(self.frame.index.name or "")), columns)
@@ -104,7 +107,7 @@ class Style:
             return self.escape(f"{SIGNS[value]} {value.value}").strip()
         if isinstance(value, float):
             return self.escape(number(value, digits))
-        return self.escape(str(value))
+        return self.escape(value if isinstance(value, str) else str(value))
 
     def estimate(self, one: Estimate, digits: int, best: bool = False) -> str:
         mean, margin = (self.escape(number(value, digits)) for value in (one.mean, one.margin))
@@ -119,7 +122,7 @@ TEX = Style(
     r"$^{\mathrm{n.s.}}$",
     lambda text: text.translate(str.maketrans(LATEX)),
 )
-HTML = Style("<b>{}</b>", "{}", "<small>±{}</small>", "<i>n.s.</i>", escape)
+HTML = Style("<b>{}</b>", "{}", "<small>±{}</small>", "<i>n.s.</i>", lambda text: str(escape(text)))
 
 
 def to_markdown(grid: Grid) -> str:

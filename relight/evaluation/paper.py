@@ -28,6 +28,26 @@ ARGUMENTS = (
     ("ours_full", "no_reconstruction", "the reconstruction losses matter"),
 )
 
+# Its figures and tables: what they show, the experiment or section of the report that has it here, and the command.
+CONTENTS = (
+    ("Figure 1", "a photograph under new lights", "", "relight photo me.jpg --light room:12"),
+    ("Figure 2", "the network", "training", "relight run"),
+    ("Figure 3", "examples of the figures", "figures", "relight run"),
+    ("Figure 4", "examples of the lights", "lights", "relight run"),
+    ("Table 1", "the four methods", "table1", "relight run experiment=table1"),
+    ("Table 2", "the losses left out by groups", "table2", "relight run experiment=table2"),
+    ("Figures 5, 7", "the methods side by side", "table1", "relight run experiment=table1"),
+    ("Figures 6, 8", "photographs", "", "relight photo me.jpg"),
+    ("Figure 9", "light transfer", "light_transfer", "relight run experiment=light_transfer"),
+    ("Figure 10", "shape from mask", "silhouette", "relight run experiment=silhouette"),
+    ("Figure 11", "self-supervised learning", "self_supervised", "relight run experiment=self_supervised"),
+    ("Figure 12", "sitting figures", "sitting", "relight run experiment=sitting"),
+    ("Figure 13", "unusual lights", "unusual_lights", "relight run experiment=unusual_lights"),
+    ("Supplement", "path tracing", "path_traced", "relight run experiment=path_traced"),
+    ("Section 1", "the time of an inference", "inference_time", "relight run experiment=inference_time"),
+    ("Sections 4 to 6", "its whole protocol", "", "relight run scale=paper protocol=paper"),
+)
+
 _PRINTED = {  # RMSE of the six quantities, then SSIM; None where the paper has N/A or no column
     "sfsnet": (0.299, 0.526, 0.346, None, 0.207, 0.135, 0.884, 0.755, 0.776, None, 0.446, 0.954),
     "sfsnet_ao": (0.293, 0.529, 0.347, 0.083, 0.207, 0.131, 0.890, 0.749, 0.772, 0.946, 0.475, 0.955),

@@ -298,6 +298,7 @@ def test_the_page_is_whole_and_stands_alone(tmp_path):
         "training",
         "figures",
         "lights",
+        "the-paper",
         "cost-and-settings",
     ]
     assert "failed" not in found.classes and "10.1145/3272127.3275104" in html
@@ -307,6 +308,8 @@ def test_the_page_is_whole_and_stands_alone(tmp_path):
     assert "relight run scale=smoke 'model=glob(*)'" in unescape(html)
     for setting in ("loss.light", "train.part", "model.order"):  # of files with a dot in their stem
         assert f">{setting}<" in html
+    assert '<a href="#table2">Table 2</a>' in html and ">Figure 12<" in html and "#sitting" not in html
+    assert "relight run experiment=sitting" in html and "validation" not in html
     for said in ("it is a plane", "x.hdr", "bright back", "bright at 36 of 36 headings", "4.0"):
         assert said in html
 

@@ -102,6 +102,7 @@ rule report:
         chain=f"{OUT}/lights/chain.json",
         scores=lambda wildcards: PLAN.score_files,
         curves=expand(f"{OUT}/train/{{run}}.csv", run=PLAN.scored),
+        networks=[PLAN.network(run) for run in PLAN.scored],
         plates=expand(
             f"{OUT}/report/{{experiment}}_{{kind}}.png",
             experiment=PLAN.plates,

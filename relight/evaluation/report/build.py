@@ -10,7 +10,8 @@ from typing import TypeVar
 from markupsafe import Markup
 
 from relight import config
-from relight.evaluation.paper import CITATION
+from relight.evaluation.formats import Grid
+from relight.evaluation.paper import CITATION, CONTENTS
 from relight.evaluation.report import data, own, page, sections
 from relight.evaluation.report.provenance import costs, provenance
 from relight.evaluation.report.results import Results
@@ -53,10 +54,11 @@ def build_report(name: str, settings: config.Evaluate, experiments: Path, folder
         *([part("training", "Training", "training.md", data.training, results)] if compared else []),
         part("figures", "Figures", "figures.md", data.figures, results),
         part("lights", "Lights", "lights.md", data.lights, results),
+        Part("the-paper", "The paper, part by part", page.section("sections/paper.md", grid=contents(results))),
         part("cost-and-settings", "Cost and settings", "costs.md", data.costs_and_settings, results),
     ]
     failed = sum(one.failed for one in made)
-    if failed == len(made) - 1:
+    if failed == len(made) - 2:
         raise UserError(f"{folder}: no section of the report could be made; the reasons are above")
     html = page.page("page.html", title=f"relight: {name}", head=head(name, results, failed), sections=made)
     with atomic_write(out) as tmp:
@@ -87,6 +89,20 @@ def part(name: str, heading: str, template: str, numbers: Callable[[Results], di
 
 def failure(name: str, heading: str, reason: str) -> Part:
     return Part(name, heading, page.section("sections/failed.md", reason=reason), failed=True)
+
+
+def contents(results: Results) -> Grid:
+    """The paper's figures and tables, those that this run answers as links to their sections, and the commands."""
+    there = {*results.experiments, "figures", "lights", *(["training"] if results.tables else [])}
+    rows = [
+        [
+            Markup('<a href="#{}">{}</a>').format(anchor, what) if anchor in there else what,
+            shows,
+            Markup("<code>{}</code>").format(command),
+        ]
+        for what, shows, anchor, command in CONTENTS
+    ]
+    return Grid.of(["the paper's", "shows", "command"], rows)
 
 
 def head(name: str, results: Results, failed: int) -> Markup:

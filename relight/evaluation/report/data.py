@@ -2,24 +2,47 @@
 
 import re
 from collections import Counter
+from pathlib import Path
 from typing import Any
 
 from relight.evaluation import charts, occlusion
+from relight.evaluation.diagram import draw_network
 from relight.evaluation.formats import Grid, number
 from relight.evaluation.paper import IMPLIED_AO, IMPLIED_LOST
 from relight.evaluation.report.provenance import costs
 from relight.evaluation.report.results import Results
+from relight.evaluation.tables import LABELS
+from relight.learning.checkpoint import load_network
 
 Numbers = dict[str, Any]
 
 
 def training(results: Results) -> Numbers:
-    """Errors of the first table with their intervals, and the losses over the steps."""
+    """Errors of the first table with their intervals, the losses over the steps, and the networks as diagrams."""
     made = {"errors": results.report / "errors.png", "curves": results.report / "curves.png"}
     table = results.table(results.readable[0])
     charts.plot_errors(table, tuple(c for c in table.columns if c.endswith("rmse")), made["errors"])
     charts.plot_curves([results.folder / "train" / f"{run}.csv" for run in results.runs], made["curves"])
-    return made
+    return made | {"networks": networks(results, results.readable[0])}
+
+
+def networks(results: Results, name: str) -> list[tuple[str, Path]]:
+    """The networks of a table that differ in form: the labels of their rows, and a diagram."""
+    rows: dict[str, list[str]] = {}
+    for row in results.experiments[name]["runs"]:
+        form = results.settings_files()[f"train.{results.experiments[name]['runs'][row][0]}"]
+        rows.setdefault(str({key: value for key, value in form.items() if key.startswith("model.")}), []).append(row)
+    found = []
+    for own in rows.values():
+        file = results.folder / "train" / f"{results.experiments[name]['runs'][own[0]][0]}.safetensors"
+        if file.exists():
+            network, _ = load_network(file)
+            weights = sum(weight.numel() for weight in network.parameters())
+            words = ", ".join(LABELS.get(row, row) for row in own)
+            out = results.report / f"network_{own[0]}.png"
+            draw_network(network, f"{words}: {weights / 1e6:.2g} million weights, {network.size} px", out)
+            found.append((words, out))
+    return found
 
 
 def figures(results: Results) -> Numbers:
