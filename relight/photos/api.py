@@ -109,7 +109,11 @@ class Relighter:
         return infer_person(self.network, self.config, pixels, coverage, crop)
 
     def read_light(
-        self, text: str, mask: Path | str | None = None, mask_model: Path | str | None = None, **options
+        self,
+        text: str,
+        mask: Path | str | None = None,
+        mask_model: Path | str | None = None,
+        **options: str | float,
     ) -> Light:
         """Reads a light as a user names it (docs/photos.md).
 
@@ -117,7 +121,7 @@ class Relighter:
             text: a panorama, a file of coefficients, "room:12", "key:#ffeedd@45,30", or another photo.
             mask: of that photo.
             mask_model: for its automatic mask.
-            options: of `relight.lights.load_light`, for panoramas and coefficients.
+            **options: of `relight.lights.load_light`, for panoramas and coefficients.
 
         Returns:
             The light, float32, of the order of the network.
