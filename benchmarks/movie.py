@@ -39,7 +39,9 @@ def timed(photo: Path | None, mask: Path | None, frames: int, kept: Path) -> dic
     if photo is None:
         from skimage import data
 
-        mask = ROOT / "docs" / "images" / "astronaut_mask.png"
+        from relight.viewer.source import PORTRAIT_MASK
+
+        mask = PORTRAIT_MASK
         pixels = np.asarray(Image.fromarray(data.astronaut()).resize(SIZE, Image.Resampling.BICUBIC))
         coverage = np.asarray(Image.open(mask).convert("L").resize(SIZE, Image.Resampling.BICUBIC))
     else:

@@ -16,6 +16,7 @@ from relight.photos.commands import app as photos
 from relight.photos.commands import mask_app as masks
 from relight.transport.commands import app as transport
 from relight.viewer.commands import app as viewer
+from relight.viewer.commands import web_app as web
 
 app = typer.Typer(
     help="The open laboratory for occlusion-aware relighting of people.",
@@ -30,6 +31,7 @@ for tool in (photos, viewer, transport, figures):
 app.add_typer(lights, name="light")
 app.add_typer(scans, name="scans")
 app.add_typer(masks, name="mask")
+app.add_typer(web, name="web")
 app.add_typer(benchmark, name="benchmark")
 
 

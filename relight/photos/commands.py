@@ -192,12 +192,13 @@ def movie(
 def export(
     out: Annotated[Path, typer.Argument(help="The file to write: .onnx, or .pt2 for torch.export.")],
     weights: Weights = None,
+    half: Annotated[bool, typer.Option("--half", help="Weights in half precision: an .onnx of half the size.")] = False,
 ) -> None:
     """Writes the network for other programs, for any batch and size, and checks it against torch."""
     from relight.photos.api import load
     from relight.photos.export import export as write
 
-    difference = write(load(weights).network, out)
+    difference = write(load(weights).network, out, half)
     print(f"{out}: differs from torch by {difference:.1e} at most")
 
 

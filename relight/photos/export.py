@@ -3,6 +3,7 @@
 import copy
 import logging
 import warnings
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +13,14 @@ from torch.export import Dim
 
 from relight.files import UserError, atomic_write
 from relight.learning.networks import STRIDE, InstanceNorm, Network, Refinement, with_transport
+from relight.photos import selfie
+from relight.photos.tflite import Graph
 
-INPUTS = ("image", "mask")
-OUTPUTS = ("albedo", "transport", "light")
+INPUTS = ["image", "mask"]
+OUTPUTS = ["albedo", "transport", "light"]
 TOLERANCE = 2e-4  # largest difference between runtimes, of values of about 1
+HALF_TOLERANCE = 2e-3  # the same where weights are rounded to half precision
+LARGE = 256  # numbers in a constant from which it is stored in half precision
 
 
 class Exported(nn.Module):
@@ -72,13 +77,23 @@ def _thinning(height: int, width: int) -> Tensor:
     return (rows % every == 0).float()[:, None] * (columns % every == 0).float()
 
 
-def export(network: Network, path: Path | str) -> float:
+def export(network: Network, path: Path | str, half: bool = False) -> float:
     """Writes `network` as .onnx or .pt2 (torch.export) with batch, height and width left open.
 
-    Returns the largest difference from torch at batches and sizes that the export has not seen. Raises UserError for
-    another suffix or a missing package.
+    Args:
+        network: in evaluation mode.
+        path: the file.
+        half: weights are stored in half precision, which halves an .onnx file; computation stays in single.
+
+    Returns:
+        The largest difference from torch at batches and sizes that the export has not seen.
+
+    Raises:
+        UserError: for another suffix, a missing package, or half precision of a .pt2.
     """
     path = Path(path)
+    if half and path.suffix != ".onnx":
+        raise UserError(f"export {path}: only .onnx is written in half precision")
     if path.suffix not in (".onnx", ".pt2"):
         raise UserError(f"export {path}: the name must end in .onnx or .pt2 (torch.export)")
     model = Exported(network)
@@ -89,16 +104,18 @@ def export(network: Network, path: Path | str) -> float:
         warnings.simplefilter("ignore")  # the exporters' own, about their internals
         program = torch.export.export(model, inputs, dynamic_shapes=(shape, shape))
         if path.suffix == ".onnx":
-            _write_onnx(program, tmp)
+            _write_onnx(program, tmp, INPUTS, OUTPUTS)
+            if half:
+                halve(tmp)
         else:
             torch.export.save(program, tmp)
-        return check(network, tmp)
+        return check(network, tmp, HALF_TOLERANCE if half else TOLERANCE)
 
 
-def check(network: Network, path: Path) -> float:
+def check(network: Network, path: Path, tolerance: float = TOLERANCE) -> float:
     """The largest difference between the file's outputs and the network's, at two shapes that the export has not seen.
 
-    Raises RuntimeError when it is above TOLERANCE.
+    Raises RuntimeError when it is above `tolerance`.
     """
     run = _onnx_runner(path) if path.suffix == ".onnx" else torch.export.load(path).module()
     worst, size = 0.0, least(network)
@@ -109,7 +126,7 @@ def check(network: Network, path: Path) -> float:
             expected = *finished(maps, mask, network.order), maps["light"]
             got = run(image, mask)
         worst = max(worst, *(float((a - torch.as_tensor(b)).abs().max()) for a, b in zip(expected, got)))
-    if worst > TOLERANCE:
+    if worst > tolerance:
         raise RuntimeError(f"{path} differs from torch by {worst:.1e}")
     return worst
 
@@ -141,14 +158,56 @@ def _open_sized(module: nn.Module) -> nn.Module:
     return module
 
 
-def _write_onnx(program: torch.export.ExportedProgram, path: Path) -> None:
+def _write_onnx(
+    program: torch.export.ExportedProgram, path: Path, inputs: Sequence[str], outputs: Sequence[str]
+) -> None:
     try:
         import onnxscript  # noqa: F401  (torch's exporter writes through it)
     except ImportError:
         raise UserError("export to ONNX needs more packages: pip install 'relight[export]'") from None
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
-    onnx = torch.onnx.export(program, input_names=list(INPUTS), output_names=list(OUTPUTS), dynamo=True, verbose=False)
+    onnx = torch.onnx.export(program, input_names=inputs, output_names=outputs, dynamo=True, verbose=False)
     onnx.save(str(path), external_data=False)
+
+
+class _Graph(nn.Module):
+    def __init__(self, graph: Graph):
+        super().__init__()
+        self.graph = graph
+
+    def forward(self, images: Tensor) -> Tensor:
+        return self.graph.run(images)
+
+
+def export_mask_network(path: Path) -> None:
+    """Writes the network of the built-in mask as .onnx: `images` (2,3,256,256) in [0,1] to `masks` (2,1,256,256).
+
+    Raises:
+        UserError: if it is not set up, or a package is missing.
+    """
+    images = torch.rand(2, 3, selfie.SIDE, selfie.SIDE)
+    with warnings.catch_warnings(), atomic_write(path) as tmp:
+        warnings.simplefilter("ignore")
+        program = torch.export.export(_Graph(selfie.network()), (images,))
+        _write_onnx(program, tmp, ["images"], ["masks"])
+
+
+def halve(path: Path) -> None:
+    """Stores the large constants of an .onnx file in half precision; they are cast back when it is loaded."""
+    import onnx
+
+    model = onnx.load(path)
+    casts = []
+    for constant in model.graph.initializer:
+        values = onnx.numpy_helper.to_array(constant)
+        if values.dtype == np.float32 and values.size >= LARGE:
+            name = constant.name
+            constant.CopyFrom(onnx.numpy_helper.from_array(values.astype(np.float16), f"{name}.half"))
+            casts.append(onnx.helper.make_node("Cast", [f"{name}.half"], [name], to=onnx.TensorProto.FLOAT))
+    nodes = [*casts, *model.graph.node]
+    del model.graph.node[:]
+    model.graph.node.extend(nodes)
+    onnx.save(model, path)
 
 
 def _onnx_runner(path: Path):
@@ -159,4 +218,4 @@ def _onnx_runner(path: Path):
     options = onnxruntime.SessionOptions()
     options.log_severity_level = 3
     session = onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
-    return lambda image, mask: session.run(list(OUTPUTS), {"image": image.numpy(), "mask": mask.numpy()})
+    return lambda image, mask: session.run(OUTPUTS, {"image": image.numpy(), "mask": mask.numpy()})

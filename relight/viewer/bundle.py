@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-IMPORT = re.compile(r'^import \{ ([^}]+) \} from "\./([\w-]+)\.js";\n', re.M)
+IMPORT = re.compile(r'^import \{ ([^}]+) \} from "(\.\.?/[\w/-]+\.js)";\n', re.M)
 DECLARED = re.compile(r"^export ((?:async )?(?:function|class|const) (\w+))", re.M)
 LISTED = re.compile(r"^export \{ ([^}]+) \};\n", re.M)
 
@@ -12,7 +12,14 @@ def bundle(entry: Path) -> str:
     """Bundles a module and all that it imports.
 
     Each module becomes a function that runs once and returns what it exports, in the order of the imports. Supported
-    are `import { a, b } from "./x.js"`, `export { a, b }`, and `export` before a function, class or const.
+    are `import { a, b } from "./x.js"`, also from other folders, `export { a, b }`, and `export` before a function,
+    class or const.
+
+    Args:
+        entry: the module that runs last. Modules of the same name in two folders are not told apart.
+
+    Returns:
+        The script.
 
     Raises:
         ValueError: for modules that import each other in a circle, a name that its module does not export, and other
@@ -21,23 +28,26 @@ def bundle(entry: Path) -> str:
     exports: dict[str, list[str]] = {}
     parts: list[str] = []
 
-    def add(name: str, importers: tuple[str, ...]) -> None:
+    def add(path: Path, importers: tuple[str, ...]) -> None:
+        name = path.stem
         if name in importers:
             raise ValueError(f"modules import each other: {' -> '.join([*importers, name])}")
         if name in exports:
             return
-        text = (entry.parent / f"{name}.js").read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8")
         for names, other in IMPORT.findall(text):
-            add(other, (*importers, name))
-            if missing := set(names.split(", ")) - set(exports[other]):
-                raise ValueError(f"{name}.js imports {', '.join(sorted(missing))}, which {other}.js does not export")
+            add(path.parent / other, (*importers, name))
+            if missing := set(names.split(", ")) - set(exports[Path(other).stem]):
+                raise ValueError(
+                    f"{name}.js imports {', '.join(sorted(missing))}, which {Path(other).name} does not export"
+                )
         exports[name] = [found[1] for found in DECLARED.findall(text)]
         exports[name] += [word for names in LISTED.findall(text) for word in names.split(", ")]
-        text = IMPORT.sub(r"const { \1 } = $\2;\n", text)
+        text = IMPORT.sub(lambda found: f"const {{ {found[1]} }} = ${Path(found[2]).stem};\n", text)
         text = LISTED.sub("", DECLARED.sub(r"\1", text))
         if left := re.search(r"^(?:import|export)\b.*", text, re.M):
             raise ValueError(f"{name}.js: this form is not supported: {left[0]}")
         parts.append(f"const ${name} = (() => {{\n{text}return {{ {', '.join(exports[name])} }};\n}})();\n")
 
-    add(entry.stem, ())
+    add(entry, ())
     return "\n".join(parts)

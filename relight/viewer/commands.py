@@ -1,11 +1,28 @@
-"""`relight view`: a figure or a photo as one page to open, turn the light on, and send to others."""
+"""`relight view`, a figure or a photo as one page to turn the light on, and `relight web`, a site that opens photos."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer.core import TyperGroup
 
 app = typer.Typer()
+
+
+class Site(TyperGroup):
+    """`relight web DIR` is short for `relight web build DIR`."""
+
+    def parse_args(self, context, arguments: list[str]) -> list[str]:
+        if arguments and arguments[0] not in {*self.commands, "--help", "-h"}:
+            arguments = ["build", *arguments]
+        return super().parse_args(context, arguments)
+
+
+web_app = typer.Typer(
+    cls=Site,
+    help="A site that relights photos in the browser: `relight web DIR`. Nothing leaves the visitor's computer.",
+    no_args_is_help=True,
+)
 
 
 @app.command()
@@ -35,8 +52,9 @@ def view(
 ) -> None:
     """Writes one self-contained .html: drag to turn the light, choose lights, drop your own .hdr."""
     from relight.files import UserError, writable_file
+    from relight.photos.api import load
     from relight.viewer.build import build_gallery
-    from relight.viewer.source import baked_figure, named_lights, photo_figure
+    from relight.viewer.source import figure_of, named_lights
 
     photos = [path for path in paths if path.suffix.lower() != ".exr"]
     if mask is not None and len(photos) != 1:
@@ -44,24 +62,53 @@ def view(
             f"--mask belongs to one photo, and {len(photos)} were given; name masks me_mask.png beside me.jpg"
         )
     out = writable_file(out or paths[0].with_suffix(".html"), "page")
-    relighter = None
-    figures = []
-    for path in paths:
-        if path not in photos:
-            figures.append(baked_figure(path))
-            continue
-        from relight.photos.api import load
-        from relight.photos.mask import find_mask
-        from relight.photos.movie import downscale
-        from relight.photos.read import mask_beside, read_photo
-
-        photo = read_photo(path)
-        relighter = relighter or load(weights)
-        pixels, coverage = downscale(photo, find_mask(photo, mask or mask_beside(path)), size)
-        figures.append(photo_figure(relighter, pixels, coverage, photo.name))
+    relighter = load(weights) if photos else None
+    figures = [figure_of(path, relighter, mask, size) for path in paths]
     build_gallery(
         out, figures, named_lights(light or ()), background, title or figures[0].title, limit and int(limit * 1e6)
     )
     typer.echo(f"{out}: {out.stat().st_size / 1e6:.1f} MB")
     if open_:
         typer.launch(out.resolve().as_uri())
+
+
+@web_app.command("build")
+def web_build(
+    out: Annotated[Path, typer.Argument(help="Folder of the site; made, or replaced if it is one.", metavar="DIR")],
+    paths: Annotated[
+        list[Path] | None,
+        typer.Argument(help="Maps (.exr) or photos that it opens with; a portrait (NASA) by default."),
+    ] = None,
+    light: Annotated[
+        list[str] | None,
+        typer.Option("--light", "-l", help="A light to offer instead of the usual ones; may be given several times."),
+    ] = None,
+    title: Annotated[str, typer.Option(help="Of the page.")] = "Turn the light in a photo",
+    size: Annotated[int, typer.Option(min=64, max=4096, help="Longer side of the photos that it opens with.")] = 1024,
+    weights: Annotated[Path | None, typer.Option("--weights", "-w", help="A checkpoint (.safetensors).")] = None,
+) -> None:
+    """Writes the site into DIR, for any static server; takes about half a minute."""
+    from relight.photos.api import load
+    from relight.viewer.site import build_site
+    from relight.viewer.source import figure_of, named_lights, portrait
+
+    relighter = load(weights)
+    figures = [figure_of(path, relighter, size=size) for path in paths or ()] or [portrait(relighter)]
+    build_site(out, relighter.network, figures, named_lights(light or ()), title)
+    size = sum(path.stat().st_size for path in out.iterdir())
+    typer.echo(f"{out}: {size / 1e6:.0f} MB, of which a visitor loads a part")
+    typer.echo(f"to look at it: python -m http.server --bind 127.0.0.1 --directory {out}, then http://127.0.0.1:8000")
+
+
+@web_app.command("setup")
+def web_setup(
+    package: Annotated[
+        Path | None, typer.Option("--from", help="The .tgz that `npm pack` writes, instead of the registry.")
+    ] = None,
+) -> None:
+    """Fetches onnxruntime-web, which runs networks in browsers, once: 33 MB from the npm registry (MIT licence)."""
+    from relight.viewer.runtime import NAME, setup
+
+    if package is None:
+        print(f"downloading {NAME} (33 MB)", flush=True)
+    print(f"{setup(package)}: `relight web DIR` writes sites from now on")

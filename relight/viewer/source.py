@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from PIL import Image
 
 from relight.files import UserError, existing_file
 from relight.lights import load_light, reference_brightness
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from relight.photos.api import Relighter
 
 BRIGHTNESS = 0.8  # the first light's irradiance toward the viewer, the middle of the paper's [.7, .9]
+PORTRAIT_MASK = Path(__file__).parent / "web" / "astronaut_mask.png"
 LIGHTS = {
     "Warm, from the right": "room:8",
     "From behind": "room:3",
@@ -56,6 +58,37 @@ def baked_figure(path: Path, title: str | None = None) -> Figure:
     except LeftOut as reason:
         raise UserError(f"{path} holds no maps, the figure was left out: {reason}") from None
     return Figure(title or str(maps.info.get("name") or path.stem), maps)
+
+
+def figure_of(path: Path, relighter: "Relighter | None", mask: Path | None = None, size: int = 1024) -> Figure:
+    """The figure of a file of maps, or of a photo.
+
+    Args:
+        path: maps (.exr) or a photo.
+        relighter: for photos; None where there are only maps.
+        mask: of the photo; by default it is found as for `relight photo` (docs/photos.md).
+        size: pixels that the photo's longer side is scaled down to.
+
+    Raises:
+        UserError: for what cannot be read.
+    """
+    if path.suffix.lower() == ".exr":
+        return baked_figure(path)
+    from relight.photos.mask import find_mask
+    from relight.photos.movie import downscale
+    from relight.photos.read import mask_beside, read_photo
+
+    photo = read_photo(path)
+    pixels, coverage = downscale(photo, find_mask(photo, mask or mask_beside(path)), size)
+    return photo_figure(relighter, pixels, coverage, photo.name)
+
+
+def portrait(relighter: "Relighter") -> Figure:
+    """The portrait of Eileen Collins by NASA (public domain) that comes with scikit-image, with a mask of ours."""
+    from skimage import data
+
+    mask = np.asarray(Image.open(PORTRAIT_MASK))
+    return photo_figure(relighter, data.astronaut(), mask, "Eileen Collins (NASA)")
 
 
 def photo_figure(relighter: "Relighter", pixels: np.ndarray, coverage: np.ndarray, title: str) -> Figure:

@@ -5,7 +5,7 @@ import torch
 
 from relight.files import UserError
 from relight.learning.networks import build
-from relight.photos.export import check, export, least, sample
+from relight.photos.export import HALF_TOLERANCE, check, export, halve, least, sample
 
 
 @pytest.fixture(scope="module")
@@ -26,6 +26,10 @@ def test_onnx(network, tmp_path):
     albedo, transport, light = session.run(None, {"image": image.numpy(), "mask": mask.numpy()})
     assert albedo.shape == (4, 3, 256, 192) and transport.shape == (4, 9, 256, 192) and light.shape == (4, 9, 3)
     assert (transport[:, :, :8] == 0).all()
+    size = path.stat().st_size
+    halve(path)
+    assert path.stat().st_size < 0.75 * size
+    assert 0 < check(network, path, HALF_TOLERANCE) < HALF_TOLERANCE
 
 
 def test_torch_export(small, tmp_path):
@@ -43,3 +47,5 @@ def test_names_are_checked(small, tmp_path):
     assert least(network) == 128
     with pytest.raises(UserError, match=r"must end in .onnx or .pt2"):
         export(network, tmp_path / "a.pth")
+    with pytest.raises(UserError, match=r"only .onnx is written in half precision"):
+        export(network, tmp_path / "a.pt2", half=True)

@@ -13,9 +13,9 @@ from relight.files import UserError
 from relight.photos import selfie, u2net
 from relight.photos.mask import automatic_model, find_mask
 from relight.photos.read import Photo, read_photo
+from relight.viewer.source import PORTRAIT_MASK
 
 FETCHED = u2net.fetched_model
-IMAGES = Path(__file__).parents[2] / "docs" / "images"
 
 
 @pytest.fixture
@@ -148,7 +148,7 @@ def test_the_real_network(real_network, monkeypatch):
     """Where it is set up: a photograph of a person, against a mask drawn by hand."""
     data = pytest.importorskip("skimage.data")
     monkeypatch.setattr(selfie, "network_file", lambda: real_network)
-    true = np.asarray(Image.open(IMAGES / "astronaut_mask.png").convert("L")) > 127
+    true = np.asarray(Image.open(PORTRAIT_MASK).convert("L")) > 127
     found = selfie.coverage(data.astronaut()) > 127
     assert overlap(found, true) > 0.95
 

@@ -1,7 +1,5 @@
 """The weights that ship: small, readable, and of use on a figure and in rooms that they have not seen."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 import skimage.data
@@ -13,8 +11,7 @@ import relight
 from relight import srgb
 from relight.config import composed
 from relight.photos.api import WEIGHTS
-
-DOCS = Path(relight.__file__).parents[1] / "docs"
+from relight.viewer.source import PORTRAIT_MASK
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +65,7 @@ def test_shading_goes_with_the_truth(figure):
 def test_a_photograph_of_a_real_person():
     """Orange is the suit's and not the light's, and a lamp brightens the side on which it stands."""
     photo = skimage.data.astronaut()
-    mask = skimage.io.imread(DOCS / "images" / "astronaut_mask.png") / 255
+    mask = skimage.io.imread(PORTRAIT_MASK) / 255
     relighter = relight.load()
     (person,) = relighter.infer(photo, mask)
     assert person.error < 0.1

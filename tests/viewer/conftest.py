@@ -165,7 +165,7 @@ class Page:
         raise OSError("Chromium has ended")
 
     def open(self, path, width=900, height=640, ratio=1, mobile=False, motion="reduce", address=""):
-        """Loads a page; with reduced motion, as by default, it opens without a turn of the light."""
+        """Loads a file or an http address; with reduced motion, as by default, it opens without a turn of the light."""
         self.send("Emulation.setEmulatedMedia", features=[{"name": "prefers-reduced-motion", "value": motion}])
         self.send(
             "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=ratio, mobile=mobile
@@ -173,7 +173,8 @@ class Page:
         self.send("Emulation.setTouchEmulationEnabled", enabled=mobile)
         self.events.clear()
         self.send("Page.navigate", url="about:blank")  # else another address of the same page would not load it anew
-        self.send("Page.navigate", url=Path(path).resolve().as_uri() + address)
+        url = path if str(path).startswith("http") else Path(path).resolve().as_uri()
+        self.send("Page.navigate", url=url + address)
         for _ in range(200):
             if self.run("document.readyState === 'complete' && !!window.relight"):
                 break

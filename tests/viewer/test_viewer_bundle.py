@@ -5,6 +5,7 @@ import pytest
 
 from relight.viewer.build import PAGE
 from relight.viewer.bundle import bundle
+from relight.viewer.site import WEB
 
 
 def write(folder, **modules):
@@ -44,7 +45,20 @@ def test_what_cannot_be_bundled_is_refused(tmp_path):
             bundle(write(tmp_path, **modules))
 
 
-def test_the_page_uses_all_of_its_modules():
-    text = bundle(PAGE / "main.js")
+def test_modules_of_other_folders_are_found(tmp_path):
+    node = shutil.which("node")
+    if node is None:
+        pytest.skip("no node on this machine")
+    (tmp_path / "other").mkdir()
+    write(tmp_path / "other", base="export const one = 1;\n", mid='import { one } from "./base.js";\nexport { one };\n')
+    main = write(tmp_path, main='import { one } from "./other/mid.js";\nconsole.log(one);\n')
+    assert subprocess.run([node, "-e", bundle(main)], capture_output=True, text=True, check=True).stdout == "1\n"
+
+
+def test_pages_use_all_of_their_modules():
+    page, site, worker = (bundle(path) for path in (PAGE / "main.js", WEB / "studio.js", WEB / "worker.js"))
     for path in PAGE.glob("*.js"):
-        assert text.count(f"const ${path.stem} = ") == 1, path.name
+        assert page.count(f"const ${path.stem} = ") == site.count(f"const ${path.stem} = ") == 1, path.name
+    for path in WEB.glob("*.js"):
+        if path.name != "sw.js":
+            assert (site + worker).count(f"const ${path.stem} = ") == 1, path.name

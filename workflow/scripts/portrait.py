@@ -14,6 +14,7 @@ from relight.photos.api import load
 from relight.photos.background import read_background
 from relight.photos.crop import fill_outside
 from relight.srgb import encode, to_bytes
+from relight.viewer.source import PORTRAIT_MASK
 
 IMAGES = Path(__file__).parents[2] / "docs" / "images"
 LIGHTS = ("key:#ffd9a0@70,20,0.15", "key:#a8c8ff@-70,20,0.15", "room:12")
@@ -25,7 +26,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=IMAGES / "photo.jpg")
     args = parser.parse_args()
     relighter = load(args.weights)
-    photo, mask = data.astronaut(), np.asarray(Image.open(IMAGES / "astronaut_mask.png"))
+    photo, mask = data.astronaut(), np.asarray(Image.open(PORTRAIT_MASK))
     person = relighter.infer(photo, mask)[0]
     grey = read_background("#808080")
     relit = [relighter.relight(photo, mask, light, background=grey) for light in LIGHTS]

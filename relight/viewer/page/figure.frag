@@ -69,9 +69,8 @@ vec3 normalAt(vec2 e) {
 }
 
 // Linear values of the figure, in [0,1].
-vec3 figure(int shown, vec2 uv, vec3 own) {
+vec3 figure(int shown, vec2 uv, vec3 own, vec3 albedo) {
   vec4 a = texture(transportA, uv), b = texture(transportB, uv), c = texture(transportC, uv);
-  vec3 albedo = texture(surface, uv).rgb;
   if (shown == ALBEDO) return albedo;
   if (shown == AO) return decode(vec3(c.y));
   if (shown == NORMAL) return decode(0.5 * normalAt(c.zw) + 0.5);
@@ -112,7 +111,8 @@ void main() {
   vec2 uv = (at - box.xy) / box.zw;
   bool inFrame = all(greaterThanEqual(at, vec2(0.0))) && all(lessThanEqual(at, image));
   bool inBox = all(greaterThanEqual(uv, vec2(0.0))) && all(lessThanEqual(uv, vec2(1.0)));
-  float coverage = inBox ? texture(surface, uv).a : 0.0;
+  vec4 surfaceAt = texture(surface, uv);
+  float coverage = inBox ? surfaceAt.a : 0.0;
   bool isOwn = background == OWN && hasPhoto && inFrame;
   float dither = grain * noise(gl_FragCoord.xy) / 255.0;
   if (coverage == 0.0 && !isOwn && (background == STUDIO || background == OWN)) { // most of the stage, and cheap
@@ -122,7 +122,7 @@ void main() {
   vec3 original = hasPhoto ? decode(texture(photo, at / image).rgb) : vec3(0.0);
   vec3 own = texture(front, uv).rgb; // linear already
   int shown = onStage.x < split ? before : view;
-  vec3 linear = coverage > 0.0 ? figure(shown, uv, own) : vec3(0.0);
+  vec3 linear = coverage > 0.0 ? figure(shown, uv, own, surfaceAt.rgb) : vec3(0.0);
   if (background == CLEAR) {
     color = vec4(encode(linear) * coverage, coverage);
     return;

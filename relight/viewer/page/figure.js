@@ -19,29 +19,35 @@ export async function loadFigure(header) {
   }
   const steps = Object.fromEntries(header.planes.map((plane) => [plane.name, plane.steps]));
   const photo = planes.photo && colors(planes.photo), own = photo && front(photo, planes, steps, header);
-  const maps = textures(planes, steps, region, width);
+  const { transport, albedo, normal, ao, coverage } = planes;
+  const linear = Float32Array.from({ length: steps.albedo + 1 }, (_, i) => decodeSRGB(i / steps.albedo));
+  const maps = textures({
+    transport: (k, i) => transport[k][i] / steps.transport,
+    albedo: (c, i) => linear[albedo[c][i]],
+    ...(normal && { normal: (c, i) => normal[c][i] / steps.normal }),
+    ...(ao && { ao: (i) => ao[0][i] / 255 }),
+    ...(coverage && { coverage: (i) => coverage[0][i] / 255 }),
+  }, region, width);
   const excess = planes.excess && bytes3(planes.excess);
-  return { ...header, data: null, hasNormals: !!planes.normal, maps, photo, front: own, excess };
+  return { ...header, data: null, hasNormals: !!normal, maps, photo, front: own, excess };
 }
 
-// Four RGBA arrays: transport 0-3, transport 4-7, (transport 8, ao, octahedral normal), (linear albedo, coverage).
-function textures(planes, steps, region, width) {
-  const size = region.length, T = planes.transport, scale = 1 / steps.transport;
-  const first = new Float32Array(4 * size), second = new Float32Array(4 * size);
-  const third = new Float32Array(4 * size), surface = new Float32Array(4 * size);
-  const linear = Float32Array.from({ length: steps.albedo + 1 }, (_, i) => decodeSRGB(i / steps.albedo));
-  for (let i = 0, k = 0; i < size; i++, k += 4) {
+// Four RGBA arrays: transport 0-3, transport 4-7, (transport 8, ao, octahedral normal), (linear albedo, coverage), from
+// functions of channel and pixel; ao, normal and coverage may be missing.
+export function textures({ transport, albedo, normal, ao, coverage }, region, width) {
+  const [first, second, third, surface] = Array.from({ length: 4 }, () => new Float32Array(4 * region.length));
+  for (let i = 0, k = 0; i < region.length; i++, k += 4) {
     if (!region[i]) continue;
     for (let c = 0; c < 4; c++) {
-      first[k + c] = T[c][i] * scale;
-      second[k + c] = T[4 + c][i] * scale;
+      first[k + c] = transport(c, i);
+      second[k + c] = transport(4 + c, i);
     }
-    third[k] = T[8][i] * scale;
-    third[k + 1] = planes.ao ? planes.ao[0][i] / 255 : Math.min(Math.max(first[k] / 0.886227, 0), 1);
-    for (let c = 0; planes.normal && c < 2; c++) third[k + 2 + c] = planes.normal[c][i] / steps.normal;
-    for (let c = 0; c < 3; c++) surface[k + c] = linear[planes.albedo[c][i]];
+    third[k] = transport(8, i);
+    third[k + 1] = ao ? ao(i) : Math.min(Math.max(first[k] / 0.886227, 0), 1);
+    for (let c = 0; normal && c < 2; c++) third[k + 2 + c] = normal(c, i);
+    for (let c = 0; c < 3; c++) surface[k + c] = albedo(c, i);
   }
-  for (let i = 0; i < size; i++) surface[4 * i + 3] = planes.coverage ? planes.coverage[0][i] / 255 : region[i];
+  for (let i = 0; i < region.length; i++) surface[4 * i + 3] = coverage ? coverage(i) : region[i];
   carryOutwards([first, second, third, surface], region, width);
   return [first, second, third, surface];
 }

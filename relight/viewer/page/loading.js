@@ -1,4 +1,4 @@
-// Figures and lights: those embedded in the page, and panoramas of the user's own.
+// Figures and lights: those embedded in the page, and the user's own.
 
 import { loadFigure } from "./figure.js";
 import { project, readHDR } from "./hdr.js";
@@ -58,10 +58,20 @@ async function openPanorama(file) {
   }
 }
 
+const figures = embedded.map((script) => async () => loadFigure(JSON.parse(script.textContent)));
+
+// Adds a figure to those that the page offers, and shows it.
+function addFigure(title, figure) {
+  element("figure").append(new Option(title, figures.length));
+  element("figures").hidden = false;
+  figures.push(async () => figure);
+  return choose(figures.length - 1);
+}
+
 async function choose(index) {
   element("loading").hidden = false;
   await new Promise(requestAnimationFrame);
-  const chosen = await loadFigure(JSON.parse(embedded[index].textContent));
+  const chosen = await figures[index]();
   const isFirst = !app.figure;
   Object.assign(app, { figure: chosen, index });
   app.renderer.show(chosen);
@@ -81,7 +91,8 @@ async function choose(index) {
   placement.fit(chosen);
   element("figure").value = index;
   element("loading").hidden = true;
+  app.onFigure?.();
   refresh();
 }
 
-export { addLight, choose, openPanorama };
+export { addFigure, addLight, choose, openPanorama };

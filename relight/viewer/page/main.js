@@ -14,6 +14,11 @@ import { rotate, turn } from "./sh.js";
 import { app, element, embedded, set, state, subscribe } from "./state.js";
 import { autoRotate, openingTurn, stopOpening } from "./turning.js";
 
+function drag(from, to) {
+  app.isDragged = true;
+  turnBy((to.x - from.x) / 2, (from.y - to.y) / 2);
+}
+
 function turnBy(yaw, tilt) {
   element("hint").classList.add("gone");
   set({ yaw: state.yaw + yaw, tilt: state.tilt + tilt });
@@ -55,7 +60,7 @@ const KEYS = {
 };
 
 document.addEventListener("keydown", (event) => {
-  if (!app.figure || event.ctrlKey || event.metaKey || event.altKey || element("keys").open) return;
+  if (!app.figure || app.isPainting || event.ctrlKey || event.metaKey || event.altKey || element("keys").open) return;
   if (event.target.matches("select")) return;
   if (event.target.matches("input, [role=slider]") && /^Arrow|^ $/.test(event.key)) return;
   if (event.target.matches("button") && event.key === " ") return;
@@ -110,7 +115,7 @@ document.addEventListener("dragleave", (event) => (element("drop").hidden = even
 document.addEventListener("drop", (event) => {
   event.preventDefault();
   element("drop").hidden = true;
-  if (event.dataTransfer.files.length) openPanorama(event.dataTransfer.files[0]);
+  if (event.dataTransfer.files.length) (app.openFile ?? openPanorama)(event.dataTransfer.files[0]);
 });
 
 async function start() {
@@ -119,7 +124,7 @@ async function start() {
   }
   app.renderer = new Renderer(canvas, element("fragment").textContent.trim());
   canvas.addEventListener("redraw", redraw);
-  listen(canvas, placement, { onTurn: turnBy, onChange: redraw, onFit: fit });
+  listen(canvas, placement, { onDrag: drag, onChange: redraw, onFit: fit });
   embedded.forEach((script, i) => element("figure").append(new Option(script.dataset.title, i)));
   element("figures").hidden = embedded.length < 2;
   listChoices(element("mode-list"), "mode", ["ratio", "full"], MODES);
@@ -142,10 +147,16 @@ async function start() {
   if (!location.hash) openingTurn();
 }
 
+const ready = start().catch((error) => {
+  element("loading").hidden = true;
+  notify(error.message);
+  throw error;
+});
+
 // For tests, and for a page that embeds this one.
 window.relight = {
   state, choose, placement, readHDR, project, rotate, turn, inflate, decodePlanes, openPanorama, redraw, refit: fit,
-  lampLight, record,
+  lampLight, record, ready,
   set: (changes) => {
     stopOpening();
     set(changes);
@@ -155,9 +166,6 @@ window.relight = {
   figure: () => app.figure,
   frames: () => app.frames,
   address: () => toParameters(null).toString(),
-  ready: start().catch((error) => {
-    element("loading").hidden = true;
-    notify(error.message);
-    throw error;
-  }),
 };
+
+export { ready };

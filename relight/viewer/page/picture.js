@@ -8,6 +8,12 @@ import { app, element, state } from "./state.js";
 
 const canvas = element("view"), stage = element("stage"), placement = new Placement(stage);
 const OPEN = 0.886227; // transport coefficient 0 of a surface that nothing occludes
+// While the light turns, a slow machine draws fewer pixels: shares of the stage's, and the milliseconds of a frame above
+// which the next share is taken. A rest of RESTED milliseconds brings all pixels back.
+const SHARES = [1, 0.75, 0.55, 0.4], SLOW = 36, RESTED = 150;
+let coarse = 0; // index into SHARES
+let pace = 0; // a running mean of the milliseconds between frames
+let resting = null;
 let isWaiting = false;
 
 function rotation() {
@@ -33,8 +39,22 @@ function scene(split) {
   };
 }
 
-function draw() {
-  const ratio = Math.min(window.devicePixelRatio || 1, 2.5);
+const isTurning = () => state.auto || app.isOpening || app.isDragged;
+
+function keepPace(milliseconds) {
+  pace += (milliseconds - pace) / 3;
+  if (pace < SLOW || coarse === SHARES.length - 1) return;
+  coarse++;
+  pace = 0;
+}
+
+function draw(began) {
+  const share = isTurning() ? SHARES[coarse] : 1, ratio = share * Math.min(window.devicePixelRatio || 1, 2.5);
+  clearTimeout(resting);
+  if (isTurning()) {
+    requestAnimationFrame((now) => keepPace(now - began));
+    resting = setTimeout(rest, RESTED);
+  }
   const [width, height] = [stage.clientWidth, stage.clientHeight].map((side) => Math.max(Math.round(side * ratio), 1));
   if (canvas.width !== width || canvas.height !== height) Object.assign(canvas, { width, height });
   app.renderer.draw(scene(state.split * width), placement.corner(ratio), width, height);
@@ -42,13 +62,19 @@ function draw() {
   app.frames++;
 }
 
+function rest() {
+  if (state.auto || app.isOpening) return;
+  app.isDragged = false;
+  redraw();
+}
+
 // Draws before the next frame is shown.
 function redraw() {
   if (isWaiting || !app.figure) return;
   isWaiting = true;
-  requestAnimationFrame(() => {
+  requestAnimationFrame((now) => {
     isWaiting = false;
-    draw();
+    draw(now);
   });
 }
 

@@ -1,4 +1,4 @@
-// Pointers on the stage: one finger or the mouse turns the light, two fingers or the wheel zoom and move.
+// Pointers on the stage: one finger or the mouse drags, two fingers or the wheel zoom and move.
 
 export class Placement {
   // x, y: image point at the stage's centre; scale: stage pixels (CSS) per image pixel.
@@ -35,7 +35,8 @@ export class Placement {
   }
 }
 
-export function listen(canvas, placement, { onTurn, onChange, onFit }) {
+// onDrag gets the points on the stage from which and to which one pointer moved.
+export function listen(canvas, placement, { onDrag, onChange, onFit, onPress = () => {} }) {
   const pointers = new Map();
   const middle = () => {
     const all = [...pointers.values()], n = all.length;
@@ -49,6 +50,7 @@ export function listen(canvas, placement, { onTurn, onChange, onFit }) {
   canvas.addEventListener("pointerdown", (event) => {
     canvas.setPointerCapture(event.pointerId);
     pointers.set(event.pointerId, where(event));
+    if (pointers.size === 1) onPress();
   });
   canvas.addEventListener("pointermove", (event) => {
     if (!pointers.has(event.pointerId)) return;
@@ -63,7 +65,7 @@ export function listen(canvas, placement, { onTurn, onChange, onFit }) {
       placement.move(dx, dy);
       onChange();
     } else {
-      onTurn(dx * 0.5, -dy * 0.5);
+      onDrag(before, after);
     }
   });
   const release = (event) => pointers.delete(event.pointerId);

@@ -8,10 +8,14 @@ const SECONDS = 6; // of a movie
 const RATE = 30; // frames a second, at most
 const FORMATS = ["video/mp4;codecs=avc1.640028", "video/webm;codecs=vp9", "video/webm;codecs=vp8", "video/webm"];
 
-function download(blob, suffix) {
+function nameOf(suffix) {
+  return `${app.figure.title} ${app.shown[state.light].name}.${suffix}`;
+}
+
+function download(blob, name) {
   const link = document.createElement("a");
   link.href = URL.createObjectURL(blob);
-  link.download = `${app.figure.title} ${app.shown[state.light].name}.${suffix}`.replace(/[^\p{L}\p{N}. _-]+/gu, "_");
+  link.download = name.replace(/[^\p{L}\p{N}. _-]+/gu, "_");
   link.click();
   setTimeout(() => URL.revokeObjectURL(link.href), 10000);
 }
@@ -25,7 +29,7 @@ function paperOf(width, height) {
 async function savePNG() {
   const { width, height } = app.figure, [paper, context] = paperOf(width, height);
   context.putImageData(new ImageData(pixels(), width, height), 0, 0);
-  download(await new Promise((done) => paper.toBlob(done, "image/png")), "png");
+  download(await new Promise((done) => paper.toBlob(done, "image/png")), nameOf("png"));
 }
 
 // Records one turn of the light; `onProgress` gets the share that is done. Frames that the machine is too slow for are
@@ -58,8 +62,8 @@ async function record(onProgress, seconds = SECONDS) {
 
 async function saveMovie(onProgress) {
   const movie = await record(onProgress);
-  if (movie) download(movie, movie.type.startsWith("video/mp4") ? "mp4" : "webm");
+  if (movie) download(movie, nameOf(movie.type.startsWith("video/mp4") ? "mp4" : "webm"));
   return movie !== null;
 }
 
-export { record, saveMovie, savePNG };
+export { download, record, saveMovie, savePNG };

@@ -15,6 +15,11 @@ const app = {
   lights: page.lights.map(({ name, values }) => ({ name, values: Float64Array.from(values.flat()) })), // as embedded
   shown: [], // the same, matched to the figure's photo
   frames: 0, // drawn so far
+  openFile: null, // what is done with a dropped file; by default it is a panorama
+  onFigure: null, // called when another figure is shown
+  isOpening: false, // the light turns because the page has just opened
+  isDragged: false, // by a pointer on the stage
+  isPainting: false, // a mask, so that keys do not turn the light
 };
 const listeners = [];
 

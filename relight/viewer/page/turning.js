@@ -1,10 +1,9 @@
 // The light turns by itself: until it is stopped, or once around when the page opens.
 
-import { set, state } from "./state.js";
+import { app, set, state } from "./state.js";
 
 const SPEED = 24; // degrees a second
 const OPENING = 9; // seconds that the opening turn takes
-let isOpening = false;
 
 function autoRotate(start) {
   stopOpening();
@@ -24,20 +23,20 @@ function openingTurn() {
   if (matchMedia("(prefers-reduced-motion: reduce)").matches) return;
   const from = state.yaw;
   let began = null;
-  isOpening = true;
+  app.isOpening = true;
   const step = (now) => {
-    if (!isOpening) return;
+    if (!app.isOpening) return;
     began ??= now;
     const share = Math.min((now - began) / 1000 / OPENING, 1);
     set({ yaw: from + 360 * share * share * (3 - 2 * share) });
     if (share < 1) requestAnimationFrame(step);
-    else isOpening = false;
+    else app.isOpening = false;
   };
   requestAnimationFrame(step);
 }
 
 function stopOpening() {
-  isOpening = false;
+  app.isOpening = false;
 }
 
 export { autoRotate, openingTurn, stopOpening };

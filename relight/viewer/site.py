@@ -1,0 +1,79 @@
+"""A static site with the viewer in which photos are opened, masked and inferred in the browser."""
+
+import hashlib
+import shutil
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from relight.files import UserError, atomic_folder
+from relight.learning.networks import Network
+from relight.photos import selfie
+from relight.photos.export import export, export_mask_network
+from relight.viewer import runtime
+from relight.viewer.build import Additions, page_text
+from relight.viewer.bundle import bundle
+from relight.viewer.figure import Figure
+
+WEB = Path(__file__).parent / "web"
+# To load the site's own files. Before a photo is read the page adds a policy without `connect-src` (web/engine.js).
+POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval' blob:; style-src 'unsafe-inline'; "
+    "img-src data: blob:; connect-src 'self'; worker-src 'self' blob:; base-uri 'none'; form-action 'none'"
+)
+
+
+def build_site(
+    out: Path,
+    network: Network,
+    figures: Sequence[Figure],
+    lights: Mapping[str, np.ndarray],
+    title: str = "Turn the light in a photo",
+) -> None:
+    """Writes the site into the folder `out`, which is replaced as a whole.
+
+    Where `relight mask setup` has been run, the user's copy of its network goes along, with its licence.
+
+    Args:
+        out: a folder that is new, empty, or a site of this function.
+        network: for photos (`train.color=photo`), of order 2.
+        figures: what the page offers before a photo is opened, in the order shown; at least one.
+        lights: as in `relight.viewer.build.build_gallery`.
+        title: of the page.
+
+    Raises:
+        UserError: if the folder holds anything else, onnxruntime-web is not set up, or for `build_gallery`'s reasons.
+    """
+    if out.exists() and not out.is_dir():
+        raise UserError(f"web: {out} is a file: give a folder")
+    if out.is_dir() and any(out.iterdir()) and not (out / "sw.js").is_file():
+        raise UserError(f"web: the folder {out} holds other files: give a new or an empty one")
+    with atomic_folder(out) as folder:
+        files = runtime.unpack(folder)
+        export(network, folder / "network.onnx", half=True)
+        files["networks"] = [folder / "network.onnx"]
+        if selfie.network_file().is_file():
+            export_mask_network(folder / "mask.onnx")
+            shutil.copyfile(selfie.license_file(), folder / "mask.LICENSE.txt")
+            files["networks"].append(folder / "mask.onnx")
+        sizes = {
+            name: [{"name": path.name, "bytes": path.stat().st_size} for path in paths] for name, paths in files.items()
+        }
+        additions = Additions(
+            script=WEB / "studio.js",
+            policy=POLICY,
+            style=(WEB / "style.css").read_text(encoding="utf-8"),
+            stage=(WEB / "stage.html").read_text(encoding="utf-8"),
+            panel=(WEB / "panel.html").read_text(encoding="utf-8"),
+            worker=bundle(WEB / "worker.js"),
+            settings={"web": {"size": network.size, "files": sizes}},
+        )
+        text = page_text(figures, lights, title=title, additions=additions)
+        (folder / "index.html").write_text(text, encoding="utf-8")
+        shutil.copyfile(WEB / "licenses.txt", folder / "LICENSES.txt")
+        version = hashlib.sha256()
+        for path in sorted(folder.iterdir()):
+            version.update(path.read_bytes())
+        service = (WEB / "sw.js").read_text(encoding="utf-8")
+        (folder / "sw.js").write_text(service.replace("%version%", version.hexdigest()[:16]), encoding="utf-8")

@@ -1,0 +1,71 @@
+// The networks, in a worker of their own. First all files are loaded, then the page forbids itself every further
+// request, and only then the worker starts and a photo is read.
+
+import { element, page } from "../page/state.js";
+
+const LOCKED = "default-src 'none'; script-src blob: 'wasm-unsafe-eval'; worker-src blob:; style-src 'unsafe-inline'; img-src data: blob:";
+const WAIT = 4000; // milliseconds for the service worker, which not every server and browser allows
+
+// The bytes of a file of the site; onProgress gets how many have come.
+async function load(name, onProgress) {
+  const answer = await fetch(name);
+  if (!answer.ok) throw new Error(`${name} did not come (${answer.status}).`);
+  const parts = [], reader = answer.body.getReader();
+  for (let { value } = await reader.read(); value; { value } = await reader.read()) {
+    parts.push(value);
+    onProgress(value.length);
+  }
+  return new Blob(parts);
+}
+
+// From now on the browser refuses all requests of this page and of what it starts: policies only add up.
+function lock() {
+  const policy = document.createElement("meta");
+  Object.assign(policy, { httpEquiv: "Content-Security-Policy", content: LOCKED });
+  document.head.append(policy);
+}
+
+// Keeps the site for use without a network. Files that are loaded after it has taken over are kept, too.
+async function keepSite() {
+  const { serviceWorker } = navigator;
+  if (!serviceWorker) return;
+  const taken = new Promise((done) => serviceWorker.addEventListener("controllerchange", done, { once: true }));
+  await serviceWorker.register("sw.js").catch(() => null);
+  if (!serviceWorker.controller) await Promise.race([taken, new Promise((done) => setTimeout(done, WAIT))]);
+}
+
+// A function (task, values, transfer) -> promise of the worker's answer.
+function startWorker(runtime) {
+  const blob = (parts) => URL.createObjectURL(new Blob(parts, { type: "text/javascript" }));
+  const script = `import * as ort from "${blob([runtime])}";\n${element("worker").textContent}`;
+  const worker = new Worker(blob([script]), { type: "module" }), waiting = new Map();
+  worker.onmessage = ({ data: { id, result, message } }) => {
+    const { done, failed } = waiting.get(id);
+    waiting.delete(id);
+    if (message === undefined) done(result);
+    else failed(new Error(message));
+  };
+  worker.onerror = (event) => waiting.forEach(({ failed }) => failed(new Error(event.message ?? "The worker failed.")));
+  let last = 0;
+  return (task, values, transfer = []) => new Promise((done, failed) => {
+    waiting.set(++last, { done, failed });
+    worker.postMessage({ id: last, task, values }, transfer);
+  });
+}
+
+// Loads and starts all; onProgress gets the share that has come, and the bytes in all. Returns the worker's function.
+async function startEngine(onProgress) {
+  await keepSite();
+  const hasGPU = !!page.web.files.webgpu && !!(await navigator.gpu?.requestAdapter().catch(() => null));
+  const provider = hasGPU ? "webgpu" : "wasm", files = [...page.web.files[provider], ...page.web.files.networks];
+  const total = files.reduce((sum, { bytes }) => sum + bytes, 0);
+  let come = 0;
+  const [script, ...loaded] = await Promise.all(files.map(({ name }) => load(name, (count) => onProgress((come += count) / total, total))));
+  const binaries = await Promise.all(loaded.map((file) => file.arrayBuffer())), [runtime, network, mask] = binaries;
+  lock();
+  const ask = startWorker(script);
+  await ask("start", { runtime, network, mask, provider }, binaries);
+  return ask;
+}
+
+export { startEngine };

@@ -1,0 +1,105 @@
+// The viewer with photos of the user's own: opened, masked and inferred in the browser.
+
+import { ready } from "../page/main.js";
+import { addFigure, openPanorama } from "../page/loading.js";
+import { notify } from "../page/panel.js";
+import { openingTurn } from "../page/turning.js";
+import { app, element, page } from "../page/state.js";
+import { paintMask, startBrush } from "./brush.js";
+import { startEngine } from "./engine.js";
+import { readPhoto } from "./photo.js";
+
+const LONGEST = 1024; // pixels of the photo's longer side, as `relight view` has it
+const own = new Map(); // of figures that were inferred here: their photo and coverage
+let engine = null; // a promise of the engine
+
+function tell(text, share = null) {
+  const status = element("photo-status");
+  element("photo-step").textContent = text;
+  status.hidden = !text;
+  status.querySelector("progress").hidden = share === null;
+  if (share !== null) status.querySelector("progress").value = share;
+}
+
+function startOnce() {
+  engine ??= startEngine((share, total) => {
+    tell(`Loading what infers, once: ${Math.round((share * total) / 1e6)} of ${Math.round(total / 1e6)} MB`, share);
+  }).then((ask) => {
+    tell("");
+    element("photo-ready").hidden = false;
+    return ask;
+  });
+  engine.catch((error) => {
+    tell("");
+    notify(error.message);
+    engine = null;
+  });
+  return engine;
+}
+
+// Infers the figure and shows it. Returns the milliseconds that it took.
+async function develop(photo, coverage, title) {
+  const ask = await startOnce(), began = performance.now();
+  tell("Inferring albedo, light and transport …");
+  const figure = await ask("infer", { photo, coverage, size: page.web.size });
+  tell("");
+  if (!figure) throw new Error("The mask holds nobody: paint the person, at least 8 pixels tall.");
+  figure.title = title;
+  own.set(figure, { photo, coverage, title });
+  await addFigure(title, figure);
+  openingTurn();
+  return performance.now() - began;
+}
+
+async function paintAndDevelop(photo, coverage, title) {
+  const painted = await paintMask(photo, coverage, title);
+  if (painted) await develop(photo, painted, title);
+}
+
+async function openPhoto(file) {
+  const title = file.name.replace(/\.[^.]+$/, ""), ask = await startOnce();
+  tell("Reading the photo …");
+  const read = await readPhoto(file);
+  const { photo, alpha } = await ask("prepare", { photo: read, longest: LONGEST }, [read.pixels.buffer]);
+  const isSolid = (coverage) => coverage?.some((v) => v >= 128);
+  tell("Looking for the person …");
+  const coverage = isSolid(alpha) ? alpha : await ask("mask", { photo });
+  tell("");
+  if (isSolid(coverage)) return develop(photo, coverage, title);
+  return paintAndDevelop(photo, new Uint8Array(photo.width * photo.height), title);
+}
+
+const guarded = (act) => (...values) => act(...values).catch((error) => {
+  tell("");
+  notify(error.message);
+});
+const open = guarded(openPhoto);
+
+function openFile(file) {
+  return file.type.startsWith("image/") && !/\.(hdr|pic|rgbe)$/i.test(file.name) ? open(file) : openPanorama(file);
+}
+
+async function start() {
+  startBrush();
+  app.openFile = openFile;
+  element("drop").textContent = "Drop a photo, or an .hdr panorama to light with";
+  const input = element("photo-file");
+  input.addEventListener("change", () => {
+    const [file] = input.files;
+    input.value = ""; // so that the same file can be opened again
+    if (file) open(file);
+  });
+  const edit = element("edit-mask");
+  edit.addEventListener("click", guarded(() => {
+    const { photo, coverage, title } = own.get(app.figure);
+    return paintAndDevelop(photo, coverage, title);
+  }));
+  await ready;
+  app.onFigure = () => (edit.hidden = !own.has(app.figure));
+  if (!navigator.connection?.saveData) startOnce();
+}
+
+start();
+
+// For tests.
+Object.assign(window.relight, { openPhoto, paintAndDevelop, engine: startOnce });

@@ -1,0 +1,23 @@
+// The site without a network: what was loaded once is kept, one version at a time.
+
+const KIND = `relight ${registration.scope} `, CACHE = `${KIND}%version%`;
+
+self.addEventListener("install", (event) => {
+  event.waitUntil(caches.open(CACHE).then((cache) => cache.add("./")).then(() => self.skipWaiting()));
+});
+
+self.addEventListener("activate", (event) => {
+  const old = (name) => name.startsWith(KIND) && name !== CACHE;
+  event.waitUntil(caches.keys().then((names) => Promise.all(names.filter(old).map((name) => caches.delete(name))))
+    .then(() => self.clients.claim()));
+});
+
+self.addEventListener("fetch", (event) => {
+  event.respondWith(caches.open(CACHE).then(async (cache) => {
+    const kept = await cache.match(event.request, { ignoreSearch: true });
+    if (kept) return kept;
+    const answer = await fetch(event.request);
+    if (answer.ok && event.request.method === "GET") cache.put(event.request, answer.clone());
+    return answer;
+  }));
+});

@@ -1,0 +1,54 @@
+// What takes seconds, apart from the page's thread. `ort` is onnxruntime-web, imported by what starts this (studio.js).
+
+import { inferFigure } from "./infer.js";
+import { lanczos, resample } from "./resample.js";
+import { findPeople } from "./selfie.js";
+
+const sessions = {};
+
+const tasks = {
+  // mask: the network that finds people, or undefined.
+  async start({ runtime, network, mask, provider }) {
+    Object.assign(ort.env.wasm, { wasmBinary: runtime, numThreads: 1 });
+    sessions.network = await ort.InferenceSession.create(network, { executionProviders: [provider] });
+    if (mask) sessions.mask = await ort.InferenceSession.create(mask, { executionProviders: ["wasm"] });
+  },
+
+  // The photo with its longer side at most `longest` pixels, and its alpha where that varies (else null).
+  prepare({ photo: { pixels, width, height }, longest }) {
+    const scale = Math.min(longest / Math.max(width, height), 1);
+    const size = [width, height].map((side) => (scale < 1 ? Math.max(8, Math.round(side * scale)) : side));
+    const planes = [0, 1, 2, 3].map((c) => {
+      const plane = Uint8Array.from({ length: width * height }, (_, i) => pixels[4 * i + c]);
+      return scale < 1 ? resample(plane, width, size, lanczos) : plane;
+    });
+    const isOpaque = planes[3].every((value) => value === planes[3][0]), small = new Uint8ClampedArray(4 * size[0] * size[1]);
+    for (let i = 0; i < planes[3].length; i++) small.set([planes[0][i], planes[1][i], planes[2][i], 255], 4 * i);
+    return { photo: { pixels: small, width: size[0], height: size[1] }, alpha: isOpaque ? null : planes[3] };
+  },
+
+  // The coverage of the people in the photo, or null where there is no network that finds them.
+  async mask({ photo }) {
+    if (!sessions.mask) return null;
+    return findPeople(photo, async (images) => {
+      const { masks } = await sessions.mask.run({ images: new ort.Tensor("float32", images, [2, 3, 256, 256]) });
+      return masks.data;
+    });
+  },
+
+  infer({ photo, coverage, size }) {
+    return inferFigure(photo, coverage, async (images, masks) => {
+      const image = new ort.Tensor("float32", images, [2, 3, size, size]);
+      const { albedo, transport, light } = await sessions.network.run({ image, mask: new ort.Tensor("float32", masks, [2, 1, size, size]) });
+      return { albedo: albedo.data, transport: transport.data, light: light.data };
+    }, size);
+  },
+};
+
+self.onmessage = async ({ data: { id, task, values } }) => {
+  try {
+    self.postMessage({ id, result: await tasks[task](values) });
+  } catch (error) {
+    self.postMessage({ id, message: error.message });
+  }
+};

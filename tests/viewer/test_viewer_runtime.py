@@ -1,0 +1,79 @@
+"""onnxruntime-web is taken once, and only in the version that is known."""
+
+import base64
+import hashlib
+import io
+import tarfile
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from threading import Thread
+
+import pytest
+
+from relight.files import UserError
+from relight.viewer import runtime
+
+
+@pytest.fixture(autouse=True)
+def own_data(tmp_path, monkeypatch):
+    monkeypatch.setenv("RELIGHT_DATA", str(tmp_path / "data"))
+
+
+@pytest.fixture
+def package(tmp_path, monkeypatch):
+    """A package of the right files with short contents, which stands for the known version."""
+    folder = tmp_path / "registry" / runtime.PACKAGE / "-"
+    folder.mkdir(parents=True)
+    with tarfile.open(folder / runtime.NAME, "w:gz") as archive:
+        for name in (name for names in runtime.FILES.values() for name in names):
+            entry = tarfile.TarInfo(f"package/dist/{name}")
+            entry.size = len(name)
+            archive.addfile(entry, io.BytesIO(name.encode()))
+    digest = hashlib.sha512((folder / runtime.NAME).read_bytes()).digest()
+    monkeypatch.setattr(runtime, "INTEGRITY", base64.b64encode(digest).decode())
+    return folder / runtime.NAME
+
+
+def test_a_package_is_kept_and_unpacked(package, tmp_path):
+    with pytest.raises(UserError, match="run once `relight web setup`"):
+        runtime.unpack(tmp_path)
+    kept = runtime.setup(package)
+    assert kept == runtime.package_file() and kept.read_bytes() == package.read_bytes()
+    package.unlink()
+    (tmp_path / "site").mkdir()
+    files = runtime.unpack(tmp_path / "site")
+    assert {path.read_text() for paths in files.values() for path in paths} == {
+        n for f in runtime.FILES.values() for n in f
+    }
+    kept.write_bytes(kept.read_bytes()[:200])
+    with pytest.raises(UserError, match="damaged: run `relight web setup` again"):
+        runtime.unpack(tmp_path / "site")
+
+
+def test_another_package_is_refused_and_leaves_what_was(package, tmp_path):
+    runtime.setup(package)
+    other = tmp_path / "other.tgz"
+    other.write_bytes(package.read_bytes() + b"x")
+    with pytest.raises(UserError, match="its SHA-512 differs"):
+        runtime.setup(other)
+    assert runtime.package_file().read_bytes() == package.read_bytes()
+    with pytest.raises(UserError, match="there is no file"):
+        runtime.setup(tmp_path / "none.tgz")
+
+
+class Quiet(SimpleHTTPRequestHandler):
+    def log_message(self, *_):
+        pass
+
+
+def test_the_registry_is_the_one_that_npm_would_ask(package, tmp_path, monkeypatch):
+    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=tmp_path / "registry"))
+    Thread(target=server.serve_forever, daemon=True).start()
+    monkeypatch.setenv("NPM_CONFIG_REGISTRY", f"http://127.0.0.1:{server.server_port}/")
+    assert runtime.setup().read_bytes() == package.read_bytes()
+    package.unlink()
+    with pytest.raises(UserError, match=r"could not be downloaded \(.*\): run `npm pack onnxruntime-web@"):
+        runtime.setup()
+    server.shutdown()
+    server.server_close()
+    assert runtime.package_file().is_file()
