@@ -12,6 +12,20 @@ PR_SET_PDEATHSIG = 1  # prctl(2)
 LIBC = ctypes.CDLL(None) if sys.platform == "linux" else None
 
 
+def has_semaphores() -> bool:
+    """Whether processes can share a queue.
+
+    It needs semaphores. On Linux they are files in /dev/shm, which some containers do not have or only to read.
+    """
+    import multiprocessing
+
+    try:
+        multiprocessing.get_context("spawn").Lock()
+    except (ImportError, OSError):
+        return False
+    return True
+
+
 def end_with_parent(parent: int) -> None:
     """Called by a child of the process `parent` when it starts: Linux kills it as soon as its parent ends."""
     if LIBC:

@@ -1,5 +1,6 @@
 """`relight figures`: clothed figures from seeds, for relight or for any other program."""
 
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated
 
@@ -52,6 +53,7 @@ def figures(
     from relight.figures.dress import DETAILS
     from relight.figures.export import FORMATS
     from relight.files import UserError
+    from relight.processes import has_semaphores
     from relight.progress import progress
 
     if names:
@@ -74,8 +76,9 @@ def figures(
         "constraints": Constraints(sitting, tuple(pose or ()), tuple(garment or ()), tuple(hair or ())),
     }
     tasks = [(seed, settings, out / f"g{seed:04d}.{export}") for seed in numbers]
-    with multiprocessing.get_context("spawn").Pool(jobs) as pool:
-        errors = [error for error in progress(pool.imap(make_one, tasks), "figures", total=len(tasks)) if error]
+    with multiprocessing.get_context("spawn").Pool(jobs) if has_semaphores() else nullcontext() as pool:
+        made = pool.imap(make_one, tasks) if pool else map(make_one, tasks)
+        errors = [error for error in progress(made, "figures", total=len(tasks)) if error]
     write_table(out)
     if errors:
         raise UserError(f"{len(errors)} of {len(tasks)} figures failed: {errors[0]}")

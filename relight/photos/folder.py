@@ -16,6 +16,7 @@ from relight.photos.mask import automatic_model
 from relight.photos.photo import Options, relight_file
 from relight.photos.read import list_photos, mask_beside
 from relight.photos.write import write_json
+from relight.processes import has_semaphores
 from relight.progress import progress
 
 RECORD = "photo.json"
@@ -93,8 +94,13 @@ def _run(tasks: dict, jobs: int, options: Options, weights: Path | None) -> Iter
     """Runs the tasks in processes; yields (name, reason of failure or None) as they end.
 
     When a process dies, for want of memory for example, its pool dies with it. The remaining tasks are then run one
-    process at a time, and a photo that kills this one has failed.
+    process at a time, and a photo that kills this one has failed. Where processes cannot share a queue, this process
+    runs them all.
     """
+    if not has_semaphores():
+        _start(weights, os.cpu_count() or 1, options)
+        yield from ((name, _relight_one(options, *task)) for name, task in tasks.items())
+        return
     left = dict(tasks)
     spawn = multiprocessing.get_context("spawn")  # torch's threads do not survive a fork
     while left:

@@ -14,6 +14,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 import pytest
 import readers
+from namespaces import mounted, namespaced
 
 from relight.config import ROOT, Model
 from relight.files import UserError, atomic_write, system_errno
@@ -181,12 +182,6 @@ assert all(told(name, "read-only file system") for name in write)
 """
 
 
-def namespaced() -> bool:
-    """Whether this user may mount in a namespace."""
-    command = ["unshare", "-rm", "mount", "-t", "tmpfs", "none", "/mnt"]
-    return bool(shutil.which("unshare")) and not subprocess.run(command, capture_output=True).returncode
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(not namespaced(), reason="no mount namespaces here")
 def test_full_and_read_only_disks(tmp_path):
@@ -194,8 +189,7 @@ def test_full_and_read_only_disks(tmp_path):
     inputs, place = tmp_path / "inputs", tmp_path / "disk"
     inputs.mkdir()
     place.mkdir()
-    mounted = 'mount -t tmpfs -o size=4m none "$4" && exec "$0" -c "$1" "$2" "$3" "$4"'
-    command = ["unshare", "-rm", "sh", "-c", mounted, sys.executable, FULL, str(Path(__file__).parent)]
+    command = [*mounted(f"-o size=4m none {place}"), sys.executable, "-c", FULL, str(Path(__file__).parent)]
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "OMP_NUM_THREADS": "1"}
     done = subprocess.run([*command, str(inputs), str(place)], env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr[-3000:]

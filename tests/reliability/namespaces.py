@@ -1,0 +1,22 @@
+"""Programs with file systems of their own, where this user may mount them."""
+
+import shutil
+import subprocess
+
+
+def mounted(*places: str) -> list[str]:
+    """The beginning of a command line in a mount namespace, with a tmpfs at each of the places.
+
+    Args:
+        *places: options of mount, "none", and the folder.
+    """
+    mounts = " && ".join(f"mount -t tmpfs {place}" for place in places)
+    return ["unshare", "-rm", "sh", "-c", f'{mounts} && exec "$@"', "sh"]
+
+
+def namespaced() -> bool:
+    """Whether this user may mount in a namespace."""
+    return (
+        bool(shutil.which("unshare"))
+        and not subprocess.run([*mounted("none /mnt"), "true"], capture_output=True).returncode
+    )
