@@ -21,7 +21,7 @@ def main(name: str, split: Path, maps: Path, lights: Path, out: Path) -> None:
     from relight.evaluation.panels import spaced
     from relight.lights import read_light_set
     from relight.viewer.build import build_gallery
-    from relight.viewer.figure import QUALITIES, coded
+    from relight.viewer.figure import QUALITIES, to_json
     from relight.viewer.source import baked_figure
 
     test = read_light_set(lights).of("test")
@@ -31,7 +31,7 @@ def main(name: str, split: Path, maps: Path, lights: Path, out: Path) -> None:
     }
     names = json.loads(split.read_text())["test"]
     figures = [baked_figure(maps / f"{names[i]}.exr") for i in spaced(len(names), MOST)]
-    each = max(len(coded(figure, QUALITIES[2])) for figure in figures)
+    each = max(len(to_json(figure, QUALITIES[2])) for figure in figures)
     room = max(1, min(MOST, (SIZE - OWN) // (each + 1000)))
     chosen = [figures[i] for i in spaced(len(figures), room)]
     build_gallery(

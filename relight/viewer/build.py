@@ -52,7 +52,7 @@ def build_viewer(
     title: str = "relight",
     limit: int | None = None,
 ) -> None:
-    """Writes the page `out` for one figure; see `Figure` for its maps and photo, `build_gallery` for the rest."""
+    """Writes the page of one figure: the first arguments are those of `Figure`, the others those of `build_gallery`."""
     build_gallery(out, [Figure(title, maps, photo, photo_light)], lights, background, title, limit)
 
 

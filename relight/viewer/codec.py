@@ -13,7 +13,7 @@ STRATEGIES = (zlib.Z_DEFAULT_STRATEGY, zlib.Z_FILTERED)
 
 
 def deflate(data: bytes) -> bytes:
-    """zlib stream of `data`, the shorter of two strategies (residuals are noise: few matches, skewed bytes)."""
+    """The zlib stream of `data` by the shorter of two strategies: residuals have few matches and skewed bytes."""
     streams = []
     for strategy in STRATEGIES:
         coder = zlib.compressobj(9, zlib.DEFLATED, 15, 9, strategy)
@@ -22,10 +22,17 @@ def deflate(data: bytes) -> bytes:
 
 
 def neighbours(values: np.ndarray, region: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Left, upper and upper-left neighbours of each pixel, (H,W) int32 each, with gaps filled.
+    """Left, upper and upper-left neighbours of each pixel.
 
-    A neighbour outside the region is unknown to the decoder. With one of left and upper missing, all three take the
-    other one's value; with both missing they are 0; an upper-left that is missing alone is the mean of the others.
+    The decoder does not know pixels outside the region. If one of left and upper is missing, all three take the other's
+    value; if both are, they are 0; an upper-left that is missing alone is the mean of the others.
+
+    Args:
+        values: (H,W) integers.
+        region: (H,W) bool.
+
+    Returns:
+        Three arrays (H,W) int32.
     """
     known = np.pad(region, ((1, 0), (1, 0)))
     padded = np.pad(np.where(region, values, 0), ((1, 0), (1, 0)))
@@ -37,17 +44,31 @@ def neighbours(values: np.ndarray, region: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def predictions(left: np.ndarray, up: np.ndarray, corner: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The three guesses: the mean (noise), the median of JPEG-LS (edges), and a damped gradient (smooth and noisy)."""
+    """The three predictions from the neighbours (H,W) of `neighbours`.
+
+    Returns:
+        The mean, for noise; the median predictor of JPEG-LS, for edges; a damped gradient, for noisy ramps.
+    """
     low, high = np.minimum(left, up), np.maximum(left, up)
     median = np.where(corner >= high, low, np.where(corner <= low, high, left + up - corner))
     return (left + up) >> 1, median, (3 * (left + up) - 2 * corner) >> 2
 
 
 def encode(values: np.ndarray, region: np.ndarray) -> tuple[bytes, list[int]]:
-    """A zlib stream of the planes inside the region, and the predictor that each plane uses.
+    """Codes planes inside a region.
 
-    values (H,W,C) integers, differences within 16 bits; region (H,W) bool. The stream holds, for each plane, the
-    residuals' low bytes and then their high bytes, in raster order, negative ones folded between the positive.
+    The stream holds for each plane the low bytes and then the high bytes of the residuals in raster order, signed
+    values folded: 0, -1, 1, -2, ...
+
+    Args:
+        values: (H,W,C) integers, whose residuals fit 16 bits.
+        region: (H,W) bool.
+
+    Returns:
+        The zlib stream, and the index of the predictor of each plane.
+
+    Raises:
+        ValueError: if a residual exceeds 16 bits.
     """
     planes, chosen = [], []
     for plane in np.moveaxis(values.astype(np.int32), -1, 0):

@@ -30,12 +30,17 @@ QUALITIES = ((8192, 1), (4096, 1), (2048, 1), (1024, 1), (1024, 3), (512, 5))
 
 @dataclass
 class Figure:
-    """What one page shows of one figure.
+    """What a page shows of one figure.
 
-    maps: square or a photo's shape, transport of order 2 or more (what is above order 2 is left out, and `bounced`).
-    Normals that are all zero, which networks leave so, are not shown.
-    photo: (H,W,3) sRGB in [0,1] of the maps' shape, or None; photo_light: (9,3) radiance coefficients of the light it
-    was taken in, which the `ratio` mode divides by, or None.
+    Attributes:
+        title: the name that the page shows.
+        maps: (H,W,...), transport of order 2 or more. Bands above order 2 and bounced transport are left out. Normals
+            that are all zero, as networks leave them, are not shown.
+        photo: (H,W,3) sRGB in [0,1], or None.
+        photo_light: (9,3) radiance coefficients of the light of the photo, by which the mode `ratio` divides, or None.
+
+    Raises:
+        UserError: if the mask is empty, or a shape does not fit the maps.
     """
 
     title: str
@@ -60,14 +65,21 @@ class Figure:
 
 
 def octahedral(normals: np.ndarray) -> np.ndarray:
-    """Unit normals (...,3) on the square [-1,1]^2 (...,2), centre (0,0,1) (Meyer et al. 2010)."""
+    """The octahedral map of unit normals (Meyer et al. 2010).
+
+    Args:
+        normals: (...,3).
+
+    Returns:
+        (...,2) in [-1,1]; (0,0,1) is at the centre.
+    """
     x, y, z = np.moveaxis(normals / np.maximum(np.abs(normals).sum(-1, keepdims=True), 1e-9), -1, 0)
     sign_x, sign_y = np.where(x < 0, -1, 1), np.where(y < 0, -1, 1)
     return np.stack([np.where(z < 0, (1 - np.abs(y)) * sign_x, x), np.where(z < 0, (1 - np.abs(x)) * sign_y, y)], -1)
 
 
-def box(region: np.ndarray) -> tuple[slice, slice]:
-    """Rows and columns of the figure with MARGIN around it, cut at the image's border."""
+def bounding_box(region: np.ndarray) -> tuple[slice, slice]:
+    """Rows and columns of the region (H,W) bool with MARGIN pixels around it, within the image."""
     rows, columns = np.flatnonzero(region.any(1)), np.flatnonzero(region.any(0))
     return (
         slice(max(int(rows[0]) - MARGIN, 0), int(rows[-1]) + 1 + MARGIN),
@@ -76,20 +88,28 @@ def box(region: np.ndarray) -> tuple[slice, slice]:
 
 
 def differences(codes: np.ndarray) -> np.ndarray:
-    """Green, red - green, blue - green (...,3) of codes (...,3): grey detail is then coded once."""
+    """Green, red - green and blue - green (...,3) of codes (...,3), so that grey detail is coded once."""
     red, green, blue = np.moveaxis(codes.astype(np.int32), -1, 0)
     return np.stack([green, red - green, blue - green], -1)
 
 
 def pack(figure: Figure, transport_steps: int, background_step: int) -> tuple[dict, bytes]:
-    """Header (JSON values) and bytes of a figure; errors are half of 1/transport_steps per transport coefficient,
-    1/1020 of sRGB-coded albedo, 1/2 of background_step in the photo's codes outside the figure and nothing inside.
+    """Codes a figure as bytes, which `page/figure.js` decodes.
+
     Where a soft mask covers more than the maps, these are carried outward (relight.photos.crop.fill_outside).
+
+    Args:
+        figure: the figure.
+        transport_steps: per unit of transport; the error is half a step.
+        background_step: of the photo's codes outside the figure, where the error is half a step. Inside there is none.
+
+    Returns:
+        The header, JSON values, and the bytes.
     """
     maps = figure.maps
     height, width = maps.mask.shape
     coverage = np.rint(np.clip(maps.coverage, 0, 1) * 255).astype(np.uint8)
-    rows, columns = box(maps.mask | (coverage > 0))
+    rows, columns = bounding_box(maps.mask | (coverage > 0))
     mask, alpha = maps.mask[rows, columns], coverage[rows, columns]
     region = mask | (alpha > 0)
     streams: list[bytes] = [deflate(np.packbits(region).tobytes())]
@@ -141,17 +161,21 @@ def pack(figure: Figure, transport_steps: int, background_step: int) -> tuple[di
     return header, b"".join(streams)
 
 
-def coded(figure: Figure, quality: tuple[int, int]) -> str:
-    """JSON of a figure's header and base64 data in one of QUALITIES."""
+def to_json(figure: Figure, quality: tuple[int, int]) -> str:
+    """The JSON text of a figure's header and its bytes as base64, in one of QUALITIES."""
     header, data = pack(figure, *quality)
     text = json.dumps(header | {"data": base64.b64encode(data).decode()}, separators=(",", ":"))
     return text.replace("<", "\\u003c")  # a title must not close the script element
 
 
 def embed(figure: Figure, limit: int) -> str:
-    """A figure coded within `limit` bytes, as fine as fits; UserError when none fits."""
+    """The JSON text of a figure in the finest of QUALITIES that takes at most `limit` bytes.
+
+    Raises:
+        UserError: if none does.
+    """
     for quality in QUALITIES:
-        text = coded(figure, quality)
+        text = to_json(figure, quality)
         if len(text) <= limit:
             return text
     raise UserError(

@@ -33,10 +33,19 @@ LIGHTS = {
 
 
 def named_lights(texts: Iterable[str] = ()) -> dict[str, np.ndarray]:
-    """Lights (9,3) by the names to show: those that `texts` name for `load_light`, or LIGHTS.
+    """The lights that a page offers.
 
     The first is scaled to the reference brightness BRIGHTNESS, unless it comes from behind, where that would dazzle;
-    the others to the mean radiance of the first.
+    the others are scaled to the mean radiance of the first.
+
+    Args:
+        texts: lights as `relight.lights.load_light` reads them; LIGHTS if there are none.
+
+    Returns:
+        Radiance coefficients (9,3) by the name to show.
+
+    Raises:
+        UserError: for what is no light, or a black one.
     """
     wanted = {Path(text).stem if Path(text).is_file() else text: text for text in texts} or LIGHTS
     lights = {name: load_light(text).coefficients for name, text in wanted.items()}
@@ -50,7 +59,11 @@ def named_lights(texts: Iterable[str] = ()) -> dict[str, np.ndarray]:
 
 
 def baked_figure(path: Path, title: str | None = None) -> Figure:
-    """The figure of a file of maps (relight.maps.exr). UserError when it stands for one that was left out."""
+    """The figure of a file of maps (relight.maps.exr).
+
+    Raises:
+        UserError: if there is no such file, or it stands for a figure that was left out.
+    """
     from relight.maps import LeftOut, read_maps
 
     try:
@@ -92,10 +105,18 @@ def portrait(relighter: "Relighter") -> Figure:
 
 
 def photo_figure(relighter: "Relighter", pixels: np.ndarray, coverage: np.ndarray, title: str) -> Figure:
-    """A photo (H,W,3) uint8 and its mask (H,W) uint8 with what the network says about its people.
+    """The figure of a photo: what the network infers about its people, at the photo's pixels.
 
-    The page knows one light a picture, so several people share the mean of theirs, weighted by area. UserError for
-    networks of `train.color=paper`, whose shading acts on coded values.
+    A page has one light a photo: several people share the mean of theirs, weighted by area.
+
+    Args:
+        relighter: the network.
+        pixels: (H,W,3) uint8 sRGB.
+        coverage: (H,W) uint8.
+        title: of the figure.
+
+    Raises:
+        UserError: for a network of `train.color=paper`, whose shading acts on coded values.
     """
     from relight.photos.infer import mean_light
 

@@ -10,8 +10,9 @@ const tasks = {
   // mask: the network that finds people, or undefined.
   async start({ runtime, network, mask, provider }) {
     Object.assign(ort.env.wasm, { wasmBinary: runtime, numThreads: 1 });
-    sessions.network = await ort.InferenceSession.create(network, { executionProviders: [provider] });
-    if (mask) sessions.mask = await ort.InferenceSession.create(mask, { executionProviders: ["wasm"] });
+    const create = (bytes, name) => ort.InferenceSession.create(bytes, { executionProviders: [name] });
+    sessions.network = await create(network, provider).catch(() => create(network, "wasm")); // a GPU may refuse
+    if (mask) sessions.mask = await create(mask, "wasm");
   },
 
   // The photo with its longer side at most `longest` pixels, and its alpha where that varies (else null).
