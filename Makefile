@@ -8,7 +8,7 @@ KILLS ?= 60
 # A file of tests goes to one process, so that what its tests share is made once.
 PYTEST := $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
-.PHONY: all env run test test-fast fuzz chaos coverage smoke ui docs settings lint format lock licences sbom audit clean help
+.PHONY: all env run test test-fast fuzz chaos coverage smoke ui docs notebook settings lint format lock licences sbom audit clean help
 .DEFAULT_GOAL := all
 
 all: run  ## install what is missing, then run the whole workflow on the embedded data
@@ -56,14 +56,18 @@ docs: $(STAMP)  ## the site of docs/, in results/site
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 	@echo "the site is in results/site; to read it with its search: python3 -m http.server --bind 127.0.0.1 --directory results/site"
 
-lint: $(STAMP)  ## style of Python and Snakemake files
+lint: $(STAMP)  ## style of Python and Snakemake files, and types
 	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/snakefmt --check Snakefile workflow
+	@$(BIN)/mypy
 
 format: $(STAMP)  ## put Python and Snakemake files into style
 	@$(BIN)/ruff check --fix . ; $(BIN)/ruff format . && $(BIN)/snakefmt Snakefile workflow
 
 lock: $(STAMP)  ## write requirements.txt and constraints.txt anew from pyproject.toml
 	@$(BIN)/python workflow/scripts/lock.py
+
+notebook: $(STAMP)  ## run docs/first_hour.md, and write its outputs and pictures anew
+	@$(BIN)/python workflow/scripts/notebook.py
 
 settings: $(STAMP)  ## write docs/settings.md anew from the schema and conf/
 	@$(BIN)/python workflow/scripts/settings.py

@@ -2,10 +2,12 @@
 
 import os
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 ROOT = Path(__file__).parents[1]
@@ -34,6 +36,24 @@ def test_the_paper_page_names_every_equation_section_figure_and_table():
         int(n) for line in re.findall(r"^\| Figures? ([\d, and]+)", text, re.M) for n in re.findall(r"\d+", line)
     }
     assert numbers == set(range(1, 14)) and "| Table 1" in text and "| Table 2" in text
+
+
+@pytest.mark.slow
+def test_the_first_hour_runs_and_prints_what_its_page_says(tmp_path, monkeypatch):
+    """Words as they are, and numbers to a tenth, since the last digits are those of a machine."""
+    monkeypatch.chdir(ROOT)
+    run = runpy.run_path(str(ROOT / "workflow" / "scripts" / "notebook.py"))["run"]
+    page = (ROOT / "docs" / "first_hour.md").read_text()
+    number = re.compile(r"-?\d[\d,]*\.?\d*")
+    for cell, printed in run(page, tmp_path):
+        if cell["output"] is not None:
+            assert number.sub("#", printed).split() == number.sub("#", cell["output"]).split()
+            found, told = (
+                [float(n.replace(",", "")) for n in number.findall(text)] for text in (printed, cell["output"])
+            )
+            np.testing.assert_allclose(found, told, rtol=0.1, atol=0.05)
+    shown = re.findall(r"\]\(images/(first_hour_\d\.jpg)\)", page)
+    assert shown == sorted(path.name for path in tmp_path.iterdir()) and len(shown) == 8
 
 
 def test_the_site_builds_without_a_warning(tmp_path):

@@ -53,7 +53,7 @@ def no_such(key: str, known: Iterable[str]) -> str:
 def _unknown(cfg: DictConfig, above: str = "") -> Iterator[str]:
     """Yields sentences about settings that the schema does not have: Hydra adds what an override with + asks for."""
     known = getattr(OmegaConf.get_type(cfg), "__dataclass_fields__", None)
-    for key in cfg:
+    for key in map(str, cfg):
         if known is not None and key not in known:
             yield no_such(f"{above}{key}", known)
         elif not OmegaConf.is_missing(cfg, key) and isinstance(cfg[key], DictConfig):

@@ -374,7 +374,7 @@ class Config:
 def fields_by_key(schema: type, above: str = "") -> Iterator[tuple[str, Field[Any]]]:
     """Yields the settings of a schema, such as `train.lr`, and their fields; groups within groups, too."""
     for item in fields(schema):
-        if is_dataclass(item.type):
+        if isinstance(item.type, type) and is_dataclass(item.type):
             yield from fields_by_key(item.type, f"{above}{item.name}.")
         elif "setting" in item.metadata:
             yield f"{above}{item.name}", item

@@ -51,9 +51,8 @@ def view(cfg: DictConfig, stage: str) -> dict[str, Any]:
     part = OmegaConf.create()
     for key in READS[stage]:
         OmegaConf.update(part, key, OmegaConf.select(cfg, key))
-    plain = OmegaConf.to_container(part, resolve=True)
-    assert isinstance(plain, dict)
+    plain: Any = OmegaConf.to_container(part, resolve=True)
     for key in PASSED_OVER.get(stage, ()):
         group, _, name = key.partition(".")
         plain[group].pop(name) if name else plain.pop(group)
-    return plain
+    return dict(plain)

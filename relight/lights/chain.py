@@ -21,6 +21,8 @@ from relight.progress import progress as show_progress
 
 log = logging.getLogger(__name__)
 
+Projected = np.ndarray | tuple[np.ndarray, list[str]] | str  # light, light and repairs, or why there is none
+
 GENERATORS: dict[str, Callable[[int], np.ndarray]] = {"room": generate_room, "sky": generate_sky}
 MIN_PARALLEL = 48  # for fewer panoramas, worker processes take longer to start than they save
 MAX_NAMED = 8  # panoramas in one sentence
@@ -99,12 +101,16 @@ def project_panoramas(
         sources += [f"sky:{panoramas.seed + i}" for i in range(panoramas.skies)]
         if not sources:
             raise UserError("panoramas.count=0 and panoramas.skies=0: at least one panorama is needed")
-        light_of = partial(generated_light, order=order, yaw=panoramas.yaw, flip=panoramas.flip)
+        light_of: Callable[[str], Projected] = partial(
+            generated_light, order=order, yaw=panoramas.yaw, flip=panoramas.flip
+        )
     else:
         folder = Path(panoramas.folder or "")
         sources = list_panoramas(folder)
         light_of = partial(file_light, panoramas=panoramas, order=order)
-    projected, unreadable, repaired = {}, {}, {}
+    projected: dict[str, np.ndarray] = {}
+    unreadable: dict[str, str] = {}
+    repaired: dict[str, str] = {}
     results = parallel_map(light_of, sources)
     for source, result in zip(sources, show_progress(results, "panoramas", len(sources)) if progress else results):
         if isinstance(result, str):
@@ -173,7 +179,7 @@ def read_from_folder(source: str, panoramas: Panoramas, yaw: float = 0.0) -> Pan
     )
 
 
-def parallel_map(function: Callable[[str], Any], items: list[str]) -> Iterator[Any]:
+def parallel_map(function: Callable[[str], Projected], items: list[str]) -> Iterator[Projected]:
     """Yields `function` of each item, in order, computed on all cores that this process may use.
 
     They are computed in this process where others cannot be shared with.

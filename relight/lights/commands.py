@@ -1,7 +1,7 @@
 """`relight light`: the coefficients and statistics of a light, on the terminal, as files and as a picture."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
@@ -31,7 +31,7 @@ CONVENTION = Annotated[
 class LightGroup(TyperGroup):
     """Makes `relight light my.hdr` short for `relight light numbers my.hdr`."""
 
-    def parse_args(self, ctx, args):
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # ctx is click's, which Typer bundles privately
         """Inserts the command `numbers` where no command is given."""
         if args and args[0] not in self.commands and args[0] not in ("--help", "-h"):
             args = ["numbers", *args]

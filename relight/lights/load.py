@@ -95,9 +95,8 @@ def load_light(
         panorama = Panorama(pixels, flip=flip, yaw=yaw + parse_number(match[3] or "0", text), source=text)
         light = Light(project(panorama, order), text, panorama)
     elif match := KEY.fullmatch(text):
-        light = Light(
-            key_light(match[1], *(parse_number(n or str(FILL), text) for n in match.groups()[1:]), order), text
-        )
+        azimuth, elevation, fill = (parse_number(number or str(FILL), text) for number in match.groups()[1:])
+        light = Light(key_light(match[1], azimuth, elevation, fill, order), text)
     elif text.startswith("probe:"):
         light = Light(probe(text.removeprefix("probe:")), text)
     elif (match := IN_SET.fullmatch(text)) and not Path(text).exists():
@@ -192,7 +191,7 @@ def read_coefficients(path: Path, convention: str | None) -> Light:
     own = suffix if suffix in CONVENTIONS else None
     try:
         if path.suffix.lower() == ".npy":
-            array = read_npy(path)
+            array: object = read_npy(path)
         elif path.suffix.lower() == ".json":
             content = json.loads(path.read_text(encoding="utf-8"))
             array, inside = (content, None) if isinstance(content, list) else parse_json(path, content)

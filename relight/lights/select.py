@@ -275,7 +275,7 @@ def split_unusual(unusual: LightSet, usual: LightSet) -> np.ndarray:
     count = {split: sum(splits.get(room) == split for room in unusual.source.tolist()) for split in ("unusual", "rich")}
     for room in dict.fromkeys(unusual.source.tolist()):
         if room not in splits:
-            splits[room] = min(count, key=count.get)
+            splits[room] = min(count, key=count.__getitem__)
             count[splits[room]] += int((unusual.source == room).sum())
     return np.array([splits[room] for room in unusual.source.tolist()])
 

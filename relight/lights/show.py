@@ -3,6 +3,7 @@
 import textwrap
 from functools import lru_cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,6 +15,10 @@ from relight.panoramas import Panorama
 from relight.panoramas.projection import directions
 from relight.sh import irradiance, order_of, unoccluded
 from relight.srgb import encode
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 ALBEDO = 0.5  # of the balls: lights brighter than the reference brightness are not clipped
 INK, FAINT, PAPER, TEST, NIGHT = "#1c1f24", "#7a808a", "#ffffff", "#c2410c", "#15171b"
@@ -114,7 +119,7 @@ def write_light_picture(light: Light, path: Path | str) -> None:
         figure.savefig(temporary, format="png")
 
 
-def label_directions(axes, shape: tuple[int, ...]) -> None:
+def label_directions(axes: "Axes", shape: tuple[int, ...]) -> None:
     """Labels the directions of columns below a lat-long picture whose centre is -z."""
     axes.set(xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
@@ -225,7 +230,7 @@ def write_contact_sheet(lights: LightSet, path: Path | str) -> None:
         figure.savefig(temporary, format="png")
 
 
-def draw_cell(figure, light: LightSet, x: float, y: float, cell: float, width: float, height: float) -> None:
+def draw_cell(figure: "Figure", light: LightSet, x: float, y: float, cell: float, width: float, height: float) -> None:
     """Draws one light of a contact sheet into the cell whose lower left corner is at (x,y) inches."""
     coefficients = light.coefficients[0]
     night = figure.add_axes(((x + 0.05) / width, (y + 0.30) / height, (cell - 0.1) / width, (cell - 0.02) / height))

@@ -23,11 +23,11 @@ TO_Z_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # our directions to dp
 MAX_ORDER = 6  # a file with more numbers is more likely something else
 
 
-def as_table(array: np.ndarray, name: str = "light") -> np.ndarray:
+def as_table(numbers: object, name: str = "light") -> np.ndarray:
     """Brings the coefficients of a light into one shape.
 
     Args:
-        array: (K,3), (3,K), grey (K,) or (K,1), or a flat row (3 K,) of RGB triples.
+        numbers: an array or nested lists, (K,3), (3,K), grey (K,) or (K,1), or a flat row (3 K,) of RGB triples.
         name: for error messages.
 
     Returns:
@@ -37,7 +37,7 @@ def as_table(array: np.ndarray, name: str = "light") -> np.ndarray:
         UserError: if the shape is none of these or a number is not finite.
     """
     try:
-        array = np.asarray(array, np.float64).squeeze()
+        array = np.asarray(numbers, np.float64).squeeze()
     except (TypeError, ValueError):
         raise UserError(f"{name}: not a table of numbers") from None
     sizes = {coefficient_count(order) for order in range(MAX_ORDER + 1)}

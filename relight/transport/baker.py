@@ -91,7 +91,7 @@ class Baker:
         used[caster.faces] = True
         vertices = self.mesh.vertices[used].astype(np.float64)
         pose = place(view, vertices)
-        if view.focal is not None:
+        if view.distance is not None:
             return Camera(size, view.distance, True, pose)
         front = float(pose.to_camera(vertices)[:, 2].max())
         return Camera(size, max(2.0, front + pose.scale * caster.diagonal / 100), pose=pose)
@@ -130,7 +130,7 @@ class Baker:
             )
         camera = self.camera(size, view)
         centres = primary_hits(self.caster, camera, *pixel_corners(size) + 0.5)
-        if not len(centres.index):
+        if not len(centres.ray):
             low, high = self.caster.low, self.caster.high
             span = ", ".join(f"{axis} {a:.3g} to {b:.3g}" for axis, a, b in zip("xyz", low, high))
             if view != FRONTAL or (np.abs([low[:2], high[:2]]) <= 1).all():
@@ -151,17 +151,17 @@ class Baker:
             Means (P,...) of `_surface_values` in the mesh's axes; coverage (size^2,), the share of samples that hit.
         """
         column, row = pixel_corners(camera.size)
-        azimuth = random_azimuths(len(centres.index), self.seed)
+        azimuth = random_azimuths(len(centres.ray), self.seed)
         number = np.full(camera.size**2, -1)  # of each pixel among the P, -1 for the others
-        number[centres.index] = np.arange(len(centres.index))
-        sums, covered = PixelSums(len(centres.index)), np.zeros(camera.size**2)
+        number[centres.ray] = np.arange(len(centres.ray))
+        sums, covered = PixelSums(len(centres.ray)), np.zeros(camera.size**2)
         steps = (np.arange(supersample) + 0.5) / supersample
         grid = list(product(steps, steps))
         for j, (dy, dx) in enumerate(progress(grid, "places of each pixel") if len(grid) > 1 else grid):
             hits = primary_hits(self.caster, camera, column + dx, row + dy)
-            covered[hits.index] += 1
-            masked = number[hits.index] >= 0
-            pixels = number[hits.index[masked]]
+            covered[hits.ray] += 1
+            masked = number[hits.ray] >= 0
+            pixels = number[hits.ray[masked]]
             subset = (j, len(grid))
             sums.add(
                 pixels, self._surface_values(camera, hits.face[masked], hits.weights[masked], azimuth[pixels], subset)
@@ -229,12 +229,12 @@ class Baker:
 
         def image(values: np.ndarray) -> np.ndarray:
             pixels = np.zeros((size * size, *values.shape[1:]), values.dtype)
-            pixels[centres.index] = values
+            pixels[centres.ray] = values
             return pixels.reshape(size, size, *values.shape[1:])
 
         own, *others = np.moveaxis(means["albedo"].astype(np.float32), 1, 0)
         maps = Maps(
-            mask=image(np.ones(len(centres.index), bool)),
+            mask=image(np.ones(len(centres.ray), bool)),
             coverage=coverage.astype(np.float32).reshape(size, size),
             albedo=image(own),
             normal=image(means["normal"].astype(np.float32)),
@@ -283,12 +283,12 @@ class Hits(NamedTuple):
     """Where rays meet a mesh first.
 
     Attributes:
-        index: (P,) of the rays that meet it, ascending.
+        ray: (P,) indices of the rays that meet it, ascending.
         face: (P,) that they meet.
         weights: (P,3) barycentric weights of the face's corners.
     """
 
-    index: np.ndarray
+    ray: np.ndarray
     face: np.ndarray
     weights: np.ndarray
 

@@ -40,15 +40,16 @@ def solve_radiosity(
     color = sample_albedo(mesh, parent, _barycentric(caster.corners[parent], centroid))[:, None, :]
     solid = fine.areas > 0
     rays = max(16, rays // FEWER)
-    reflected = None
-    for bounce in range(bounces):
+    reflected: np.ndarray | None = None
+    for _ in range(bounces):
         # The same seed casts the same rays at every bounce, so all iterations are of one linear system.
         direct, gathered = integrate(
             fine, centroid[solid], fine.normals[solid], fine.normals[solid], rays, order, seed + 1, reflected
         )
-        total = direct[..., None] if bounce == 0 else direct[..., None] + gathered
+        total = direct[..., None] if gathered is None else direct[..., None] + gathered
         reflected = np.zeros((len(solid), total.shape[1], 3), np.float32)
         reflected[solid] = color[solid] * total
+    assert reflected is not None  # bounces is at least 1
     return fine, reflected
 
 

@@ -30,7 +30,7 @@ class Camera:
     perspective: bool = False
     pose: Pose | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if self.size < 1:
             raise UserError(f"image size {self.size}: it must be at least 1 pixel")
         if not self.distance > 0:

@@ -1,9 +1,12 @@
 """`relight bake`: the light transport of any mesh, per pixel or per vertex."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from relight.meshes import Mesh
 
 app = typer.Typer()
 
@@ -117,19 +120,16 @@ def bake(
         typer.echo(str(target))
 
 
-def _cleaned_and_aligned(mesh, up: str, front: str, padding: float):
+def _cleaned_and_aligned(mesh: "Mesh", up: str, front: str, padding: float) -> "Mesh":
     """Cleans and aligns a mesh as the workflow does, and reports the repairs on stderr."""
     from dataclasses import replace
 
-    from omegaconf import OmegaConf
-
-    from relight.config import composed
+    from relight.config import read_preset
     from relight.meshes import align, clean
     from relight.meshes.cleaning import FINDINGS
 
-    cfg = composed()
-    settings = replace(OmegaConf.to_object(cfg.align), up=up, front=front, padding=padding)
-    cleaned = clean(mesh, OmegaConf.to_object(cfg.clean))
+    settings = replace(read_preset("align"), up=up, front=front, padding=padding)
+    cleaned = clean(mesh, read_preset("clean"))
     found = cleaned.info["repairs"]
     repaired = {name: count for name, count in found.items() if name not in FINDINGS}
     for word, counts in (("repaired", repaired), ("found", {k: v for k, v in found.items() if k not in repaired})):

@@ -69,9 +69,8 @@ def integrate(
     frame = tangent_frames(normals, random_azimuths(total, seed) if azimuth is None else azimuth)
     start = caster.to_local(points + caster.offset * geometric)
     blocked = np.empty((total, coefficients))
-    gathered = None
+    gathered: np.ndarray | None = None
     if radiosity is not None:
-        channels = radiosity.shape[2]
         flat = np.ascontiguousarray(radiosity.reshape(len(radiosity), -1), np.float32)
         gathered = np.empty((total, flat.shape[1]), np.float32)
 
@@ -86,7 +85,7 @@ def integrate(
         placement[:, 0, :3], placement[:, 1:, 3:] = start[part], frame[part]
         np.matmul(spread, placement, out=bundle)
         flat_rays = bundle.reshape(-1, 6)
-        if radiosity is None:
+        if gathered is None:
             hit = caster.occluded(flat_rays)
         else:
             face, front = _first_faces(caster, flat_rays)
@@ -96,8 +95,8 @@ def integrate(
 
     transport = unoccluded(normals, order) - np.pi / rays * rotate_to_world(blocked, frame, order)
     if gathered is not None:
-        gathered = gathered.reshape(total, coefficients, channels)
-    return transport.astype(np.float32), gathered
+        return transport.astype(np.float32), gathered.reshape(total, coefficients, -1)
+    return transport.astype(np.float32), None
 
 
 def _first_faces(caster: RayCaster, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

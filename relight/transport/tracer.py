@@ -6,6 +6,8 @@ Mitsuba is optional (`pip install mitsuba`). Its scalar variant is used, which n
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
 
 import numpy as np
 
@@ -20,7 +22,7 @@ ROWS = 256  # of an environment map
 EYE = 4.0  # least distance of the orthographic camera from the origin
 
 
-def import_mitsuba():
+def import_mitsuba() -> ModuleType:
     """Returns the module with its variant set; raises UserError if it is not installed."""
     try:
         import mitsuba
@@ -89,11 +91,11 @@ class PathTracer:
             parameters.update()
             self.shapes[f"material{number}"] = shape
 
-    def _diffuse(self, mesh: Mesh, number: int) -> dict:
+    def _diffuse(self, mesh: Mesh, number: int) -> dict[str, Any]:
         """The material of this number, without a coat."""
         material = mesh.materials[number]
         if mesh.color is not None:
-            reflectance = {"type": "mesh_attribute", "name": "vertex_color"}
+            reflectance: dict[str, Any] = {"type": "mesh_attribute", "name": "vertex_color"}
         elif material.texture is not None:
             values = LINEAR[material.texture] * np.asarray(material.color, np.float32)
             bitmap = self.mi.Bitmap(np.ascontiguousarray(values.clip(0, 1), np.float32))
@@ -102,7 +104,7 @@ class PathTracer:
             reflectance = {"type": "rgb", "value": np.clip(material.color, 0, 1).tolist()}
         return {"type": "diffuse", "reflectance": reflectance}
 
-    def _coated(self, reflectance: dict, coat: Coat) -> dict:
+    def _coated(self, reflectance: dict[str, Any], coat: Coat) -> dict[str, Any]:
         """Its diffuse part is not quite Lambertian where one looks along the surface (Burley 2012, section 5.3)."""
         return {
             "type": "principled",
@@ -147,7 +149,7 @@ class PathTracer:
                 total += sign * np.pi * radiance / np.maximum(color, 1e-6)
         return total
 
-    def _render(self, sky: np.ndarray, samples: int, integrator: dict, seed: int) -> np.ndarray:
+    def _render(self, sky: np.ndarray, samples: int, integrator: dict[str, Any], seed: int) -> np.ndarray:
         scene = self.mi.load_dict(
             {
                 "type": "scene",
@@ -170,7 +172,7 @@ class PathTracer:
         )
         return np.array(self.mi.render(scene, seed=seed))
 
-    def _sensor(self) -> dict:
+    def _sensor(self) -> dict[str, Any]:
         eye = self.camera.distance if self.camera.perspective else max(EYE, self.front + 1)
         look = self.mi.ScalarTransform4f().look_at(origin=[0, 0, eye], target=[0, 0, 0], up=[0, 1, 0])
         if not self.camera.perspective:
@@ -178,7 +180,7 @@ class PathTracer:
         return {"type": "perspective", "fov": 2 * math.degrees(math.atan(1 / eye)), "near_clip": 1e-3, "to_world": look}
 
 
-def path_integrator(bounces: int) -> dict:
+def path_integrator(bounces: int) -> dict[str, Any]:
     """Returns Mitsuba's settings for all paths of up to `bounces` bounces, with the sky itself invisible."""
     return {"type": "path", "max_depth": 2 + bounces, "rr_depth": 100, "hide_emitters": True}
 

@@ -1,6 +1,7 @@
 """Views of a figure: rotated about its vertical, from above or below, through a lens."""
 
 from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 
@@ -29,7 +30,7 @@ class View:
     pitch: float = 0.0
     focal: float | None = None
 
-    def __post_init__(self):
+    def __post_init__(self) -> None:
         if not -180 <= self.yaw <= 180:
             raise UserError(f"yaw {self.yaw}: a figure is turned by -180 to 180 degrees")
         if not -90 <= self.pitch <= 90:
@@ -102,12 +103,12 @@ def place(view: View, vertices: np.ndarray) -> Pose:
         raise UserError(f"the mesh has no extent, from the front or turned by {view.yaw:g} and {view.pitch:g} degrees")
     shift = (low + high) / 2
     scale = side / extent
-    if view.focal is not None:
-        away = max(eye_distance(axis, points[:, 2], side / 2, view.distance) for axis in points.T[:2])
+    if (distance := view.distance) is not None:
+        away = max(eye_distance(axis, points[:, 2], side / 2, distance) for axis in points.T[:2])
         if away - high[2] < NEAR * side:
             raise UserError(f"focal length {view.focal:g}: the eye would touch the figure; give a longer one")
-        shift[:2] = [eye_offset(axis, points[:, 2], view.distance, away) for axis in points.T[:2]]
-        scale = view.distance / (away - shift[2])
+        shift[:2] = [eye_offset(axis, points[:, 2], distance, away) for axis in points.T[:2]]
+        scale = distance / (away - shift[2])
     return Pose(view.rotation, middle + view.rotation.T @ shift, float(scale))
 
 
@@ -150,7 +151,7 @@ def eye_offset(across: np.ndarray, depth: np.ndarray, distance: float, away: flo
     return float(across[right] + across[left] + half / distance * (depth[right] - depth[left])) / 2
 
 
-def view_record(view: View, pose: Pose) -> dict:
+def view_record(view: View, pose: Pose) -> dict[str, Any]:
     """Returns the record of a view in the header of maps, as plain values."""
     return {
         **asdict(view),

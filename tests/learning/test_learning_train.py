@@ -1,5 +1,6 @@
 """Training: it learns, it repeats itself exactly, and it goes on after any kill as if nothing had happened."""
 
+import copy
 import csv
 import os
 import subprocess
@@ -14,7 +15,7 @@ import torch
 from relight.files import UserError
 from relight.learning.checkpoint import load_network
 from relight.learning.data import RelitSet, pairs
-from relight.learning.train import Inputs, Recipe, learning_rate, selection, train
+from relight.learning.train import Inputs, Recipe, learning_rate, selection, train, update_average
 
 ROOT = Path(__file__).parents[2]
 
@@ -213,8 +214,24 @@ def test_a_loss_that_is_not_finite_names_its_step_and_keeps_the_last_good_state(
     assert all(value.isfinite().all() for value in kept["network"].values())
 
 
+def test_the_moving_average_has_its_closed_form():
+    """decay^n w_0 + (1 - decay) sum decay^(n-k) w_k over the steps k = 1 to n; buffers are those of the last step."""
+    decay, steps = 0.9, [torch.nn.BatchNorm1d(3).double() for _ in range(6)]
+    for k, network in enumerate(steps):
+        for tensor in (*network.parameters(), network.running_mean):
+            tensor.data.copy_(torch.sin(torch.arange(3) + 2.0 * k))
+    average = copy.deepcopy(steps[0])
+    for network in steps[1:]:
+        update_average(average, network, decay)
+    shares = [decay**5, *((1 - decay) * decay ** (5 - k) for k in range(1, 6))]
+    assert sum(shares) == pytest.approx(1)
+    for name, value in average.named_parameters():
+        expected = sum(share * network.get_parameter(name) for share, network in zip(shares, steps))
+        torch.testing.assert_close(value, expected, rtol=1e-12, atol=1e-12)
+    assert torch.equal(average.running_mean, steps[-1].running_mean)
+
+
 def test_the_moving_average_is_what_is_kept(run):
-    """With decay 1 - 1/(t+1)-like warm-up the average of few steps lies between the first and the last weights."""
     last, mean = run("last", average=0.0), run("mean", average=0.99)
     last(), mean()
     one, other = load_network(last.out)[0], load_network(mean.out)[0]

@@ -97,7 +97,7 @@ SCENES = {
     ),
     "sphere overhead": ([FLOOR, ball(UP, 0.5)], UP, shadow(UP, UP, 0.5), (4.5e-3, 1.3e-3, 3.1e-4, 7.7e-5)),
     "sphere oblique": ([FLOOR, ball(OVER, 0.4)], UP, shadow(UP, OVER, 0.4), (1.5e-2, 3.5e-3, 1.9e-3, 4.1e-4)),
-    "tilted normal": ([ball(BESIDE, 0.3)], TILT, shadow(TILT, BESIDE, 0.3), (1.5e-2, 3.5e-3, 1.9e-3, 4.1e-4)),
+    "tilted normal": ([ball(BESIDE, 0.3)], TILT, shadow(TILT, BESIDE, 0.3), (1.2e-2, 3.6e-3, 1.4e-3, 4.2e-4)),
     "closed sphere": ([ball(0 * UP, 1)], UP, np.zeros(9), (8.0e-3, 2.0e-3, 4.9e-4, 1.2e-4)),
     "well": ([FLOOR, well(0.6)], UP, cap(UP, UP, 0.6), (1.1e-2, 2.5e-3, 7.0e-4, 1.7e-4)),
 }
