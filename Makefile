@@ -15,7 +15,11 @@ all: run  ## install what is missing, then run the whole workflow on the embedde
 
 env: $(STAMP)  ## create .venv with the packages of requirements.txt, checked against its hashes
 
+# Two `make` at once: the second waits, and finds that all is installed.
 $(STAMP): pyproject.toml requirements.txt constraints.txt workflow/scripts/system.py
+ifndef INSTALLING
+	@$(PYTHON) workflow/scripts/alone.py requirements.txt $(MAKE) --no-print-directory INSTALLING=1 $@
+else
 	@$(PYTHON) workflow/scripts/system.py
 	@test -x $(BIN)/python || { rm -rf .venv; $(PYTHON) -m venv .venv; }
 	@echo "installing the packages of requirements.txt into .venv (some minutes the first time)"
@@ -23,6 +27,7 @@ $(STAMP): pyproject.toml requirements.txt constraints.txt workflow/scripts/syste
 	@$(PIP) --constraint constraints.txt torch
 	@$(PIP) --no-deps --no-build-isolation --editable .
 	@touch $@
+endif
 
 run: $(STAMP)  ## the workflow; make run ARGS="scale=smoke train.lr=1e-3"
 	@$(BIN)/relight run $(ARGS)

@@ -231,9 +231,14 @@ def existing_file(path: Path | str, what: str) -> Path:
         exists = True
     if not exists:
         raise UserError(f"{what}: there is no file {path}")
+    require_readable(path, what)
+    return path
+
+
+def require_readable(path: Path, what: str) -> None:
+    """Raises UserError if this user may not read a file, or list a folder; `what` is its name in the error."""
     if not os.access(path, os.R_OK, effective_ids=os.access in os.supports_effective_ids):
         raise UserError(f"{what}: {path} cannot be read: permission denied")
-    return path
 
 
 def read_table(path: Path) -> tuple[list[str], list[dict[str, str]]]:

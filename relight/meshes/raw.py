@@ -160,6 +160,8 @@ def read_texture(source: Path | bytes, what: str) -> np.ndarray:
         raise UserError(f"{what} is not a picture; PNG, JPEG, TIFF, TGA, BMP and WebP are read") from None
     except Image.DecompressionBombError:
         raise UserError(f"{what} has more than 178 million pixels: scale it down") from None
+    except PermissionError:
+        raise UserError(f"{what} cannot be read: permission denied") from None
     except Exception as error:  # Pillow's decoders raise a dozen types over damaged files
         reason = str(error).split("\n")[0] or type(error).__name__
         raise UserError(f"{what} cannot be read ({reason}): it is damaged") from None

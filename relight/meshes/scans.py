@@ -8,7 +8,7 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-from relight.files import UserError, read_table
+from relight.files import UserError, read_table, require_readable
 from relight.meshes.read import READERS, suffix_list
 
 TABLE = "scans.csv"
@@ -48,6 +48,7 @@ def list_scans(folder: Path | str) -> dict[str, Scan]:
     folder = Path(folder)
     if not folder.is_dir():
         raise UserError(f"figures.folder: there is no folder {folder}; it should hold scans ({suffix_list()})")
+    require_readable(folder, "figures.folder")
     if (folder / TABLE).is_file():
         return _from_table(folder / TABLE)
     files = sorted(

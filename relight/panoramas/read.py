@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.files import UserError, existing_file
+from relight.files import UserError, existing_file, require_readable
 from relight.panoramas.exr import read_exr
 from relight.panoramas.hdr import read_hdr
 from relight.panoramas.panorama import LAYOUTS, Panorama
@@ -164,6 +164,7 @@ def list_panoramas(folder: Path | str) -> list[str]:
     folder = Path(folder)
     if not folder.is_dir():
         raise UserError(f"panoramas.folder={folder}: there is no such folder")
+    require_readable(folder, "panoramas.folder")
     files = (
         file.relative_to(folder) for file in folder.rglob("*") if file.suffix.lower() in SUFFIXES and file.is_file()
     )

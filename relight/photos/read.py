@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageCms, ImageOps
 
-from relight.files import UserError, existing_file
+from relight.files import UserError, existing_file, require_readable
 
 MAX_PIXELS = 100_000_000  # of a photo; decoders allocate memory before they find that a file is a decompression bomb
 TOO_LARGE = f"at most {MAX_PIXELS // 10**6} million pixels are read"
@@ -137,6 +137,7 @@ def is_picture(path: Path | str) -> bool:
 def list_pictures(folder: Path | str) -> list[Path]:
     """Lists the pictures in a folder by name. Raises UserError if there is none."""
     folder = Path(folder)
+    require_readable(folder, "folder")
     found = sorted(p for p in folder.iterdir() if p.is_file() and is_picture(p) and not p.name.startswith("."))
     if not found:
         raise UserError(f"folder {folder} holds no photo (.jpg, .png, .webp, .tif)")

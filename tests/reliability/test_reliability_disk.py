@@ -22,7 +22,9 @@ from relight.learning.checkpoint import restore, save_network, save_state
 from relight.learning.networks import build
 from relight.lights import Light, write_light
 from relight.maps import Maps, pack_maps, write_maps
-from relight.meshes import Material, Mesh
+from relight.meshes import Material, Mesh, list_scans, read_mesh
+from relight.panoramas import list_panoramas, read_panorama
+from relight.photos.read import list_photos
 
 SIZE = 32
 MODEL = Model(name="unet", width=0.1, norm="batch", dropout=0.0, order=1, albedo="clip", light_head="pooled",
@@ -130,7 +132,16 @@ def test_a_file_that_is_not_ones_own_is_told(shared):
             read(str(paths[0]))
         os.chmod(paths[0], 0o644)
         told = str(error.value)
-        assert "\n" not in told and paths[0].name in told and "permission denied" in told.lower(), (reader, told)
+        assert "\n" not in told and f"{paths[0].name} cannot be read: permission denied" in told, (reader, told)
+
+
+@pytest.mark.parametrize("listed", [list_scans, list_panoramas, list_photos, read_mesh, read_panorama])
+def test_what_is_not_ones_own_is_not_called_empty_or_missing(shared, listed):
+    place = shared / ("a.obj" if listed is read_mesh else "a.hdr" if listed is read_panorama else "folder")
+    place.mkdir() if place.name == "folder" else place.write_text("v 0 0 0\n")
+    os.chmod(place, 0)
+    with ordinary(), pytest.raises(UserError, match=f"{place} cannot be read: permission denied"):
+        listed(place)
 
 
 def test_a_refusal_is_known_through_any_library():

@@ -1,7 +1,10 @@
 """pip's lock, conda's environment and pyproject.toml say the same."""
 
+import os
 import re
+import shutil
 import subprocess
+import sys
 import tomllib
 
 import pytest
@@ -106,3 +109,33 @@ def test_profiles_ask_for_what_snakemake_knows(profile):
     known = {option.lstrip("-") for action in get_argument_parser()._actions for option in action.option_strings}
     own = f"{settings.get('executor', 'none')}-"
     assert not [key for key in settings if key not in known and not key.startswith(own) and "status" not in key]
+
+
+PYTHON = """#!/bin/sh
+# Stands for the Python that installs, and is its own virtual environment.
+case "$1" in
+-m) mkdir -p .venv/bin && cp "$0" .venv/bin/python
+    echo "begin $2 $3" >> log; sleep 0.2; echo "end $2 $3" >> log ;;
+*) exec {python} "$@" ;;
+esac
+"""
+
+
+@pytest.mark.skipif(not shutil.which("make"), reason="no make here")
+def test_two_make_at_once_install_one_after_the_other(tmp_path):
+    scripts = tmp_path / "workflow" / "scripts"
+    scripts.mkdir(parents=True)
+    for name in ("Makefile", "workflow/scripts/alone.py"):
+        shutil.copy(ROOT / name, tmp_path / name)
+    for name in ("pyproject.toml", "requirements.txt", "constraints.txt", "workflow/scripts/system.py"):
+        (tmp_path / name).write_text("")
+    (tmp_path / "python").write_text(PYTHON.format(python=sys.executable))
+    (tmp_path / "python").chmod(0o755)
+    plain = {name: value for name, value in os.environ.items() if not name.startswith("MAKE")}
+    command = ["make", "env", "PYTHON=./python"]
+    two = [subprocess.Popen(command, cwd=tmp_path, env=plain, stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    told = [make.communicate()[0] for make in two]
+    assert [make.returncode for make in two] == [0, 0], told
+    assert sum("another make installs" in text for text in told) == 1
+    done = ["venv .venv", *3 * ["pip install"]]
+    assert (tmp_path / "log").read_text().splitlines() == [f"{end} {what}" for what in done for end in ("begin", "end")]
