@@ -121,7 +121,8 @@ def page_text(
     limit = limit or LIMIT + FURTHER * (len(figures) - 1)
     room = (limit - len(text) - sum(map(len, parts.values())) - 200 * len(figures)) // len(figures)
     parts["figures"] = "\n".join(
-        f'<script type="application/json" class="figure" data-title="{html.escape(figure.title)}">'
+        f'<script type="application/json" class="figure" data-title="{html.escape(figure.title)}" '
+        f'data-source="{html.escape(figure.source)}">'
         f"{embed(figure, room)}</script>"
         for figure in figures
     )

@@ -38,6 +38,8 @@ class Figure:
             that are all zero, as networks leave them, are not shown.
         photo: (H,W,3) sRGB in [0,1], or None.
         photo_light: (9,3) radiance coefficients of the light of the photo, by which the mode `ratio` divides, or None.
+        source: where the maps are from (the truth, a network). Figures of one title that differ in it are one in the
+            page's list, with a second list of their sources.
 
     Raises:
         UserError: if the mask is empty, or a shape does not fit the maps.
@@ -47,6 +49,7 @@ class Figure:
     maps: Maps
     photo: np.ndarray | None = None
     photo_light: np.ndarray | None = None
+    source: str = ""
 
     def __post_init__(self):
         height, width = self.maps.mask.shape

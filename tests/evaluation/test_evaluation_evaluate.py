@@ -8,7 +8,8 @@ import pytest
 
 from relight.config import composed
 from relight.evaluation.baselines import evaluate_baselines, make
-from relight.evaluation.evaluate import evaluate, infer, unlearned
+from relight.evaluation.evaluate import evaluate, infer, load, unlearned
+from relight.evaluation.inferred import inferred_maps
 from relight.evaluation.panels import plates
 from relight.evaluation.scores import Scores, read_scores, write_scores
 from relight.files import UserError
@@ -17,6 +18,7 @@ from relight.learning.data import RelitSet
 from relight.learning.predict import predict
 from relight.maps import read_maps
 from relight.sh import unoccluded
+from relight.srgb import decode
 
 
 @pytest.fixture(scope="module")
@@ -128,7 +130,7 @@ def test_baselines_are_what_they_say(world, tmp_path):
     out = tmp_path / "baselines.csv"
     evaluate_baselines(world.packed, world.lights, world.split, world.settings, out, color="photo")
     scores = read_scores(out)
-    assert list(scores) == ["mean_figure", "mean_light", "nearest_light", "no_occlusion", "ao_occlusion"]
+    assert list(scores) == ["mean_figure", "mean_light", "nearest_light", "no_occlusion", "ao_occlusion", "as_it_is"]
     lights = np.load(world.lights)["coefficients"]
     error = np.sqrt(((lights[:4].mean(0) - lights[4]) ** 2).mean())
     assert scores["mean_light"].columns["light_rmse"][0, 0] == pytest.approx(error, rel=1e-5)
@@ -184,3 +186,20 @@ def test_broken_inputs_are_named(checkpoints, world, tmp_path):
     (tmp_path / "holes.csv").write_text("predictor,figure,light,ao_rmse\nm,a,1,.5\nm,a,2,.5\nm,b,1,.5\n")
     with pytest.raises(UserError, match="every figure under every light"):
         read_scores(tmp_path / "holes.csv")
+
+
+@pytest.mark.parametrize(("name", "color"), [("sfsnet_ao", "paper"), ("ours", "photo")])
+def test_inferred_maps_hold_what_is_inferred_where_the_figure_is(world, small_network, tmp_path, name, color):
+    small_network(tmp_path / "a.safetensors", name, color)
+    network, data = load(tmp_path / "a.safetensors", world.packed, world.lights, world.settings)
+    true = read_maps(world.maps[4])
+    found = inferred_maps(network, data, 5, true)
+    raw = infer(network, data, 4, np.array([5]))
+    transport = raw.transport[0] * (raw.ao[0][:, None] if raw.occlude else 1)
+    np.testing.assert_array_equal(found.transport[true.mask], transport)
+    np.testing.assert_allclose(found.ao[true.mask], np.clip(transport[:, 0] / 0.886227, 0, 1), atol=1e-6)
+    albedo = decode(raw.albedo[0]) if color == "paper" else raw.albedo[0]
+    np.testing.assert_allclose(found.albedo[true.mask], albedo, atol=1e-6)
+    assert found.normal.any() == (name == "sfsnet_ao") and found.info == true.info
+    for dense in (found.transport, found.albedo, found.normal, found.ao):
+        assert not dense[~true.mask].any() and dense.dtype == np.float32

@@ -556,6 +556,44 @@ def test_every_control_has_a_name_and_nothing_was_fetched(page, photo_html):
     assert not [e for e in page.events if e.get("method") == "Runtime.exceptionThrown"]
 
 
+def test_a_figure_has_its_maps_from_each_source(page, tmp_path, maps, lights):
+    """Two figures with two sources each: one entry a figure, and the source stays when the figure changes."""
+    dark = replace(maps, albedo=maps.albedo / 2)
+    figures = [
+        Figure(title, own, source=source)
+        for title in ("One", "Two")
+        for source, own in (("truth", maps), ("net", dark))
+    ]
+    build_gallery(tmp_path / "g.html", figures, lights)
+    page.open(tmp_path / "g.html")
+
+    def pick(name: str, text: str) -> None:
+        page.call(
+            """async (name, text) => {
+              const list = document.getElementById(name);
+              list.value = [...list.options].find((option) => option.text === text).value;
+              list.dispatchEvent(new Event("change"));
+              while (!document.getElementById("loading").hidden) await new Promise(requestAnimationFrame);
+            }""",
+            name,
+            text,
+        )
+
+    def chosen() -> list[str]:
+        texts = "['figure', 'source'].map((name) => document.getElementById(name).selectedOptions[0].text)"
+        return page.run(texts)
+
+    assert page.run("document.getElementById('figure').options.length") == 2 and chosen() == ["One", "truth"]
+    bright = codes(maps.albedo * shading(maps.transport, lights["Window"]))
+    assert farthest(page.pixels(**START), bright, maps.mask) <= 2
+    pick("source", "net")
+    assert chosen() == ["One", "net"]
+    half = codes(dark.albedo * shading(maps.transport, lights["Window"]))
+    assert farthest(page.pixels(**START), half, maps.mask) <= 2
+    pick("figure", "Two")
+    assert chosen() == ["Two", "net"]
+
+
 def test_gallery_offers_its_figures_and_forgets_the_photo(page, tmp_path, maps, lights, photograph):
     small = replace(
         maps,

@@ -134,6 +134,13 @@ rule report:
 rule viewer:
     input:
         cfg=settings("viewer"),
+        experiments=f"{OUT}/config/experiments.json",
+        networks=[
+            PLAN.network(PLAN.of_row(row)[0])
+            for experiment in PLAN.tables[:1]
+            for row in PLAN.experiments[experiment].rows
+        ],
+        packed=f"{OUT}/packed.safetensors",
         split=f"{OUT}/split/{PLAN.cfg.split.kind}.json",
         maps=expand(f"{OUT}/maps/{{figure}}.exr", figure=PLAN.figures),
         lights=f"{OUT}/lights/lights.npz",
@@ -145,5 +152,6 @@ rule viewer:
         f"{OUT}/benchmark/viewer/all.tsv"
     shell:
         command("viewer")
+        + f"io.experiments={{input.experiments:q}} io.results={OUT} io.packed={{input.packed:q}} "
         + f"io.split={{input.split:q}} io.maps={OUT}/maps io.lights={{input.lights:q}} io.out={{output:q}}"
         + LOGGED

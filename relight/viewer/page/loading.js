@@ -68,6 +68,13 @@ function addFigure(title, figure) {
   return choose(figures.length - 1);
 }
 
+// The indices of the figures that show the same as figure `index`: its maps from each of their sources.
+function sourcesOf(index) {
+  const { title, source } = embedded[index]?.dataset ?? {};
+  const isSame = ({ dataset }) => dataset.title === title && dataset.source;
+  return source ? [...embedded.keys()].filter((i) => isSame(embedded[i])) : [index];
+}
+
 async function choose(index) {
   element("loading").hidden = false;
   await new Promise(requestAnimationFrame);
@@ -89,10 +96,14 @@ async function choose(index) {
   if (!chosen.photo && state.background === "photo") set({ background: "studio" });
   set({ light: Math.min(state.light, app.shown.length - 1) });
   placement.fit(chosen);
-  element("figure").value = index;
+  const sources = sourcesOf(index);
+  element("figure").value = sources[0];
+  element("source").replaceChildren(...sources.map((i) => new Option(embedded[i]?.dataset.source, i)));
+  element("source").value = index;
+  element("sources").hidden = sources.length < 2;
   element("loading").hidden = true;
   app.onFigure?.();
   refresh();
 }
 
-export { addFigure, addLight, choose, openPanorama };
+export { addFigure, addLight, choose, openPanorama, sourcesOf };

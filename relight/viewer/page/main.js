@@ -4,7 +4,7 @@ import { decodePlanes, inflate } from "./codec.js";
 import { project, readHDR } from "./hdr.js";
 import { lampLight } from "./lamps.js";
 import { fromAddress, toParameters, writeAddress } from "./link.js";
-import { addLight, choose, openPanorama } from "./loading.js";
+import { addLight, choose, openPanorama, sourcesOf } from "./loading.js";
 import { MODES, addLamp, listChoices, notify, refresh } from "./panel.js";
 import { canvas, fit, pixels, placement, redraw, stage } from "./picture.js";
 import { listen } from "./placement.js";
@@ -83,7 +83,11 @@ element("exposure").addEventListener("input", (event) => set({ stops: Number(eve
 element("room").addEventListener("input", (event) => set({ room: Number(event.target.value) }));
 element("color").addEventListener("input", (event) => set({ color: event.target.value }));
 element("before").addEventListener("change", (event) => set({ before: event.target.value }));
-element("figure").addEventListener("change", (event) => choose(Number(event.target.value)));
+element("figure").addEventListener("change", (event) => {
+  const { source } = embedded[app.index]?.dataset ?? {}, found = sourcesOf(Number(event.target.value));
+  choose(found.find((i) => source && embedded[i]?.dataset.source === source) ?? found[0]);
+});
+element("source").addEventListener("change", (event) => choose(Number(event.target.value)));
 element("auto").addEventListener("click", () => autoRotate(!state.auto));
 element("add-lamp").addEventListener("click", addLamp);
 element("reset").addEventListener("click", KEYS.r);
@@ -125,7 +129,9 @@ async function start() {
   app.renderer = new Renderer(canvas, element("fragment").textContent.trim());
   canvas.addEventListener("redraw", redraw);
   listen(canvas, placement, { onDrag: drag, onChange: redraw, onFit: fit });
-  embedded.forEach((script, i) => element("figure").append(new Option(script.dataset.title, i)));
+  embedded.forEach((script, i) => {
+    if (sourcesOf(i)[0] === i) element("figure").append(new Option(script.dataset.title, i));
+  });
   element("figures").hidden = embedded.length < 2;
   listChoices(element("mode-list"), "mode", ["ratio", "full"], MODES);
   const asked = fromAddress(location.hash);
