@@ -89,7 +89,7 @@ def main() -> None:
         return
     words = ["--frames", str(args.frames)]
     words += ["--photo", str(args.photo), "--mask", str(args.mask)] if args.photo else []
-    checkouts = [args.against.resolve()] * bool(args.against) + [ROOT]
+    checkouts = [*([args.against.resolve()] if args.against else []), ROOT]
     found = {checkout: [] for checkout in checkouts}
     with tempfile.TemporaryDirectory() as folder:
         for _ in range(args.pairs):
