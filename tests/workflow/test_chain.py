@@ -92,7 +92,7 @@ def test_a_run_by_snakemake_alone_is_the_same_run(done):
     ("words", "told"),
     [
         (("train.lrr=1",), "train.lrr: no such setting"),
-        (("train.lr=fast",), "train.lr: 'fast' is not of type Float"),
+        (("train.lr=fast",), "train.lr must be a number, not 'fast'"),
         (("figures=scans", "figures.folder=/nowhere/at/all"), "no folder /nowhere/at/all"),
         (("panoramas=folder", "panoramas.folder=/nowhere/at/all"), "/nowhere/at/all"),
     ],
