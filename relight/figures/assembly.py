@@ -53,13 +53,13 @@ class Builder:
         self.layers.append(np.full(len(faces), layer, np.int16))
         self.offset += len(used)
 
-    def mesh(self, info: dict, looks: list[Outfit]) -> Mesh:
-        """The record, in the first of the looks; the others are its further outfits."""
+    def mesh(self, info: dict, outfits: list[Outfit]) -> Mesh:
+        """The record, in the first of the outfits; further ones are in its `outfits`."""
         painted = [
-            {k: paint if isinstance(paint, Material) else paint(look) for k, paint in enumerate(self.materials)}
+            {k: paint if isinstance(paint, Material) else paint(outfit) for k, paint in enumerate(self.materials)}
             if number == 0
-            else {k: paint(look) for k, paint in enumerate(self.materials) if not isinstance(paint, Material)}
-            for number, look in enumerate(looks)
+            else {k: paint(outfit) for k, paint in enumerate(self.materials) if not isinstance(paint, Material)}
+            for number, outfit in enumerate(outfits)
         ]
         vertices = np.concatenate(self.vertices)
         vertices[:, 1] -= vertices[:, 1].min()
@@ -90,7 +90,7 @@ def assemble(
     everything = stacked([(posed, faces), *surface, *scarf])
     around = Collider(everything[0], *everything)
     # skin: what clothes and shoes cover for good is left out
-    hidden, facing = shod(body, outfit), normals(posed, faces)
+    hidden, facing = inside_shoes(body, outfit), normals(posed, faces)
     for w, (level, solid) in zip(cut, flat):
         draped = w.draped.positions
         hidden |= layers.covered(body.skin, posed, facing, level.held, draped, level.faces, solid, rings, around)
@@ -162,7 +162,7 @@ def mouth_cavity() -> np.ndarray:
     return inside[(1023 * (1 - at[:, 1])).astype(int) % 1024, (1023 * at[:, 0]).astype(int) % 1024] > 0.5
 
 
-def shod(body: Body, outfit: Outfit) -> np.ndarray:
+def inside_shoes(body: Body, outfit: Outfit) -> np.ndarray:
     """Skin vertices inside closed shoes."""
     if outfit.shoe.straps:
         return np.zeros(len(body.skin), bool)
@@ -230,8 +230,8 @@ def clothe(
     texel = 1 / laid.scale
     marks = aging.images(laid, aging.marks(body, w.pattern))
 
-    def material(look: Outfit) -> Material:
-        fabric = look.garments[number][1]
+    def material(outfit: Outfit) -> Material:
+        fabric = outfit.garments[number][1]
 
         def paint(name: str, u: np.ndarray, v: np.ndarray, place: tuple[slice, slice]) -> np.ndarray:
             color = fabrics.weave(fabric, name, u, v, texel)
@@ -239,7 +239,7 @@ def clothe(
             at = {mark: picture[place] for mark, picture in marks.items()}
             return aging.aged(w.pattern.garment, fabric, name, u, v, at, texel, color)
 
-        return Material(texture=panels.draw(laid, paint), name=look.garments[number][0].name)
+        return Material(texture=panels.draw(laid, paint), name=outfit.garments[number][0].name)
 
     count = len(faces)
     rings = 3 if detail.refine > 1 else 2
@@ -285,7 +285,7 @@ def accessories(
                     vertices = layers.tucked_under(vertices, solid, over, 0.003, np.ones(len(vertices), bool))
             uv = (vertices[:, :2] - vertices[:, :2].min(0)) / np.ptp(vertices[:, 1])
             side = max(64, texture // 4)
-            builder.add(vertices, solid, uv[solid], lambda look: square("tie", look.tie, trims.TIE, side))
+            builder.add(vertices, solid, uv[solid], lambda outfit: square("tie", outfit.tie, trims.TIE, side))
     waist = [
         k
         for k, w in enumerate(cut)
@@ -305,23 +305,30 @@ def accessories(
         faces = level.faces[~w.pattern.sleeve]
         parts = trims.belt(hung[waist[-1]], faces, hung[waist[-1]][around], ahead, 0.034) if around.sum() > 8 else []
         for (vertices, solid), material in zip(
-            parts, (lambda look: square("belt", look.belt, 0.3, max(64, texture // 8)), metal)
+            parts, (lambda outfit: square("belt", outfit.belt, 0.3, max(64, texture // 8)), metal)
         ):
             uv = np.stack([vertices[:, 0] - vertices[:, 2], vertices[:, 1]], axis=1) % 1.0
             builder.add(vertices, solid, uv[solid], material)
 
 
 def shoe_paint(part: str) -> Paint:
-    return lambda look: Material(footwear.palette(look.shoe, look.upper, look.sole)[part], name=f"shoes: {part}")
+    def paint(outfit: Outfit) -> Material:
+        return Material(footwear.palette(outfit.shoe, outfit.upper, outfit.sole)[part], name=f"shoes: {part}")
+
+    return paint
 
 
 def hat_paint(side: int) -> Paint:
-    return lambda look: square("hat", look.hat, 0.6, side)
+    return lambda outfit: square("hat", outfit.hat, 0.6, side)
 
 
 def cord_paint(number: int) -> Paint:
     """Of the cords of a hood, paler than the garment of that number."""
-    return lambda look: Material(0.5 * (np.array(look.garments[number][1].first, np.float32) + 0.7), name="hood cord")
+
+    def paint(outfit: Outfit) -> Material:
+        return Material(0.5 * (np.array(outfit.garments[number][1].first, np.float32) + 0.7), name="hood cord")
+
+    return paint
 
 
 def square(name: str, fabric: Fabric, wide: float, side: int) -> Material:

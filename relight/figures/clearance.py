@@ -1,4 +1,4 @@
-"""Hands kept out of the clothes: a stance whose wrists move outward until there is room for what is worn."""
+"""Moves the wrists of a pose until the hands have room for the clothes."""
 
 from dataclasses import replace
 
@@ -19,8 +19,15 @@ ROUNDS = 4
 
 
 def room(garments: list[Garment], sitting: bool) -> tuple[float, float]:
-    """Metres that the clothes take up at the hips and thighs, and at the chest. The lap of a sitting figure is clear of
-    what hangs from the shoulders."""
+    """How much room the clothes take up.
+
+    Args:
+        garments: all that is worn.
+        sitting: whether the figure sits; then tops do not reach the lap.
+
+    Returns:
+        Metres at the hips and thighs, and metres at the chest.
+    """
     cut = [g for g in garments if g.kind != "scarf"]
     tops = [g for g in cut if g.kind == "top"]
     hips = [max(g.legs[2:5]) for g in cut if g.kind == "trousers"] + [
@@ -32,14 +39,23 @@ def room(garments: list[Garment], sitting: bool) -> tuple[float, float]:
 
 
 def shares(*names: str) -> np.ndarray:
-    """How much of the skinning of each skin vertex (V,) belongs to bones whose names begin so."""
+    """The share (V,) of each skin vertex's skinning weights that belongs to bones whose names begin so."""
     rig = makehuman.rig()
     return rig.weights[makehuman.BODY][:, [i for i, bone in enumerate(rig.bones) if bone.startswith(names)]].sum(1)
 
 
 def cleared(body: Body, pose: Pose, needed: tuple[float, float]) -> Pose:
-    """The pose with its wrists moved outward until hands and wrists are `needed` (hips, chest) metres off the trunk and
-    the legs, as far as arms reach; of hands that rest on the body inward, too. A hand at the face stays there."""
+    """Moves the wrists of a pose until the hands clear the clothes.
+
+    Args:
+        body: in its rest pose.
+        pose: the pose.
+        needed: metres between the hands and the trunk or legs, at the hips and at the chest.
+
+    Returns:
+        The pose with its wrists moved outward, as far as the arms reach. A hand that rests on the body moves inward,
+        too; a hand at the face stays there.
+    """
     weights, faces = makehuman.rig().weights[makehuman.BODY], makehuman.base().faces["body"]
     hand = shares("finger", "metacarpal", "wrist") > 0.5
     trunk = shares("root", "pelvis", "spine", "breast", "upperleg", "lowerleg") > 0.5

@@ -9,7 +9,7 @@ import numpy as np
 from relight.figures import wardrobe
 from relight.figures.body import Person, sample_person
 from relight.figures.hair import STYLES
-from relight.figures.outfits import Outfit, hair_odds, sample_outfit, suited
+from relight.figures.outfits import Outfit, fitted_to_pose, hair_odds, sample_outfit
 from relight.figures.scarves import SCARVES
 from relight.figures.stances import SITTING, STANDING, Pose, sample_pose
 from relight.files import UserError
@@ -104,7 +104,7 @@ class Constraints:
         """
         for _ in range(PEOPLE):
             pose = sample_pose(rng, sitting, self.poses)
-            if self._holds(suited(outfit, pose)):
+            if self._holds(fitted_to_pose(outfit, pose)):
                 return pose
         raise UserError(f"no pose of {PEOPLE} that were drawn can be taken in {self._words()}")
 

@@ -1,4 +1,4 @@
-"""Cloth that went through cloth: faces of garments that intersect others deeply, not the graze of a fold."""
+"""Finds cloth that went through cloth: faces of garments that intersect deeply. Folds that graze do not count."""
 
 import numpy as np
 import warp as wp
@@ -48,8 +48,16 @@ def find_crossing(
 
 
 def crossing(sheets: list[Surface], patterns: list[np.ndarray]) -> list[float]:
-    """For each garment (vertices (n,3), faces (m,3)), with its pattern (n,3), the share of its faces that intersect
-    faces of another garment, or of itself `APART` away, by more than `DEEP`."""
+    """The share of each garment's faces that went through cloth.
+
+    Args:
+        sheets: for each garment its vertices (n,3), metres, and faces (m,3).
+        patterns: for each garment its vertices (n,3) on the pattern.
+
+    Returns:
+        For each garment the share of its faces that intersect, by more than DEEP, faces of another garment, or of its
+        own that are more than APART away on the pattern.
+    """
     x, faces = stacked(sheets)
     middle = np.concatenate([p[f].mean(1) for p, (_, f) in zip(patterns, sheets)])
     owner = np.repeat(np.arange(len(sheets)), [len(f) for _, f in sheets])

@@ -9,7 +9,7 @@ from relight.figures.assembly import Builder, assemble
 from relight.figures.body import Expression, Person, build_body, sample_expression
 from relight.figures.clearance import cleared, room
 from relight.figures.constraints import Constraints
-from relight.figures.outfits import Outfit, redressed, suited
+from relight.figures.outfits import Outfit, fitted_to_pose, in_other_fabrics
 from relight.figures.poses import motion
 from relight.figures.shading import shaded
 from relight.figures.stances import Pose
@@ -44,7 +44,7 @@ def make_figure(
             and expressions.
         shading: strength in [0, 1] of the shading that is baked into the albedo, as scans have it.
         device: cpu | cuda | auto, where cloth is draped.
-        outfits: in so many looks, its own and others of other fabrics, whose materials are in the mesh's `outfits`.
+        outfits: how many: its own and others of other fabrics, whose materials are in the mesh's `outfits`.
         constraints: what is not left to chance.
 
     Returns:
@@ -102,7 +102,7 @@ def sample(seed: int, attempt: int, per_subject: int, sits: float, constraints: 
     outfit = constraints.sample_outfit(rng, person)
     moves = rng if per_subject == 1 else np.random.default_rng([seed, 2, attempt])
     pose = constraints.sample_pose(moves, sits, outfit)
-    return Draw(person, suited(outfit, pose), pose, sample_expression(np.random.default_rng([seed, 3])))
+    return Draw(person, fitted_to_pose(outfit, pose), pose, sample_expression(np.random.default_rng([seed, 3])))
 
 
 def attempt_figure(
@@ -124,7 +124,7 @@ def attempt_figure(
         return None, reason
     builder = Builder()
     assemble(builder, body, way, outfit, worn, detail, texture, seed // per_subject)
-    looks = [outfit, *(redressed(outfit, np.random.default_rng([seed, 4, k])) for k in range(1, outfits))]
+    dressings = [outfit, *(in_other_fabrics(outfit, np.random.default_rng([seed, 4, k])) for k in range(1, outfits))]
     info = {
         "name": f"g{seed:04d}",
         "subject": subject_of(seed, per_subject),
@@ -135,7 +135,7 @@ def attempt_figure(
         "expression": expression.name,
         "garments": [w.pattern.garment.name for w in worn],
         "fabrics": [w.fabric.kind for w in worn],
-        "outfits": [[fabric.kind for _, fabric in look.garments] for look in looks],
+        "outfits": [[fabric.kind for _, fabric in dressing.garments] for dressing in dressings],
         "shoes": outfit.shoe.name,
         "hair": outfit.hair.name,
         "sex": "female" if person.female > 0.5 else "male",
@@ -146,6 +146,6 @@ def attempt_figure(
         "strain": round(float(max(np.percentile(w.draped.strain, 95) for w in worn)), 3),
         **measured,
     }
-    mesh = builder.mesh(info, looks)
+    mesh = builder.mesh(info, dressings)
     reason = gates.figure(mesh, np.concatenate(builder.layers))
     return (None, reason) if reason else (mesh, None)

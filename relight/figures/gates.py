@@ -12,7 +12,7 @@ from relight.figures.drape import Draped
 from relight.figures.layers import sided
 from relight.figures.patterns import Pattern
 from relight.figures.poses import Motion
-from relight.figures.rings import unwound
+from relight.figures.rings import lost_rings
 from relight.figures.surfaces import normals, stacked
 from relight.figures.wear import Worn
 from relight.meshes import Mesh
@@ -31,7 +31,17 @@ SPREAD = 0.25  # metres beyond the body that cloth may reach sideways
 
 
 def cloth(pattern: Pattern, draped: Draped, way: Motion, body: Body) -> str | None:
-    """Why the drape is bad, or None."""
+    """Judges one draped garment.
+
+    Args:
+        pattern: its pattern.
+        draped: how it hangs.
+        way: the motion into the pose.
+        body: in its rest pose.
+
+    Returns:
+        Why it is rejected, in one phrase; None if it passes.
+    """
     name, x = pattern.garment.name, draped.positions
     if not np.isfinite(x).all():
         return f"{name}: not finite"
@@ -55,15 +65,25 @@ def cloth(pattern: Pattern, draped: Draped, way: Motion, body: Body) -> str | No
     slid = x[:, 1].max() - way.skin(pattern.levels[0].weights, pattern.levels[0].held)[:, 1].max()
     if slid < -0.12:
         return f"{name}: slid down by {-slid:.2f} m"
-    for limb, (lost, rings) in unwound(pattern, x, way, body).items():
+    for limb, (lost, rings) in lost_rings(pattern, x, way, body).items():
         if lost:
             return f"{name}: the {limb} left it, {lost} of {rings} rings do not go around it"
     return None
 
 
 def wardrobe(worn: list[Worn], way: Motion, body: Body, sitting: bool) -> tuple[str | None, dict[str, float]]:
-    """Why the clothes together are bad, or None; and what was measured: `crossing`, the largest share of a garment's
-    faces that went through cloth, and `covered`, of a hand's skin in front that cloth covers."""
+    """Judges the garments together.
+
+    Args:
+        worn: the draped garments, from the skin outward.
+        way: the motion into the pose.
+        body: in its rest pose.
+        sitting: whether the figure sits; more of its cloth may go through cloth.
+
+    Returns:
+        Why they are rejected, None if they pass; and the measures: `crossing`, the largest share of a garment's faces
+        that went through cloth, and `covered`, the larger share of a hand's skin that cloth covers in front.
+    """
     flat = [(w.draped.positions[: len(level.pattern)], level) for w in worn for level in [w.pattern.levels[1]]]
     through_cloth = crossing([(x, level.faces) for x, level in flat], [level.pattern for _, level in flat])
     hidden = max(covered_hands(worn, way, body))
@@ -77,9 +97,12 @@ def wardrobe(worn: list[Worn], way: Motion, body: Body, sitting: bool) -> tuple[
 
 
 def covered_hands(worn: list[Worn], way: Motion, body: Body) -> tuple[float, float]:
-    """For the left and right hand: of its skin that looks forward, with no other skin before it, and no cloth but
-    within SKIN_DEEP, the share that cloth is before. Sleeves do not count: a cuff may fall over the hand. Nor does
-    cloth that turns its outside to the hand, as it does to one behind the back."""
+    """The shares of the left and the right hand that cloth covers, seen from the front.
+
+    Only skin that faces forward counts. It is covered where the first surface in front of it is cloth within SKIN_DEEP
+    whose outside faces forward too. Skin behind other skin or behind more distant cloth is not counted. Sleeves are
+    left out: a cuff may fall over the hand. A hand with 40 counted vertices or fewer has share 0.
+    """
     faces = makehuman.base().faces["body"]
     skin = way.skin(makehuman.rig().weights[makehuman.BODY], body.skin)
     parts = [(skin, faces)]
@@ -102,7 +125,15 @@ def covered_hands(worn: list[Worn], way: Motion, body: Body) -> tuple[float, flo
 
 
 def sunk(x: np.ndarray, skin: np.ndarray) -> float:
-    """Share of the cloth's vertices more than 12 mm inside the skin, hands left out."""
+    """The share of cloth that lies inside the body.
+
+    Args:
+        x: (n,3) the vertices of the cloth, metres.
+        skin: (V,3) the posed skin.
+
+    Returns:
+        The share of vertices more than 12 mm under the skin; hands and wrists do not count.
+    """
     faces = makehuman.base().faces["body"]
     loose = shares("finger", "metacarpal", "wrist") > 0.3
     _, distance, _ = sided(x, Collider(skin, skin, faces[~loose[faces].any(1)]), 0.12)
@@ -110,7 +141,15 @@ def sunk(x: np.ndarray, skin: np.ndarray) -> float:
 
 
 def seen(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The first face (H,W) that each front ray meets, -1 for none, and how far (H,W) it is; PIXEL between rays."""
+    """Casts parallel rays at a surface from the front, PIXEL apart.
+
+    Args:
+        vertices: (V,3) metres.
+        faces: (F,3).
+
+    Returns:
+        The first face (H,W) that each ray meets, -1 for none, and its distance (H,W) in metres.
+    """
     low, high = vertices.min(0), vertices.max(0)
     x, y = np.arange(low[0], high[0], PIXEL), np.arange(high[1], low[1], -PIXEL)
     origin = np.stack([*np.meshgrid(x, y), np.full((len(y), len(x)), high[2] + 0.1)], axis=-1).reshape(-1, 3)
@@ -120,9 +159,14 @@ def seen(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 
 def through(vertices: np.ndarray, faces: np.ndarray, layer: np.ndarray) -> int:
-    """Pixels of small patches of a lower layer that show inside a higher one at nearly the same depth, from the front.
+    """Counts the pixels where a lower layer came through a higher one, seen from the front.
 
-    layer (F,): 0 the skin, 1, 2, ... the clothes outward, -1 anything else.
+    These are patches of at most SPECK pixels, enclosed by a higher layer at nearly the same depth.
+
+    Args:
+        vertices: (V,3) metres.
+        faces: (F,3).
+        layer: (F,) 0 the skin, 1, 2, ... the clothes outward, -1 anything else.
     """
     face, depth = seen(vertices, faces)
     label = np.where(face >= 0, layer[face], -2)
@@ -142,7 +186,15 @@ def through(vertices: np.ndarray, faces: np.ndarray, layer: np.ndarray) -> int:
 
 
 def figure(mesh: Mesh, layer: np.ndarray) -> str | None:
-    """Why the assembled figure is bad, or None. layer (F,): as for `through`."""
+    """Judges the assembled figure.
+
+    Args:
+        mesh: its record.
+        layer: (F,) of its faces, as for `through`.
+
+    Returns:
+        Why it is rejected; None if it passes.
+    """
     if not np.isfinite(mesh.vertices).all():
         return "vertices not finite"
     height = float(np.ptp(mesh.vertices[:, 1]))

@@ -6,12 +6,21 @@ from relight.figures.colliders import Collider
 from relight.figures.surfaces import border_distance, smoothed
 
 DEEP = 0.006  # metres under a garment: what comes through it does not start from there
-LOOKS = 64  # directions, over the whole sphere, in which a covered point looks for the outside
+DIRECTIONS = 64  # over the whole sphere, in which a ray from a covered point may leave the figure
 
 
 def sided(points: np.ndarray, surface: Collider, far: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """For points (n,3): the nearest face (-1 beyond `far`), the signed distance (n,), positive outside, and the
-    surface's normal there (n,3)."""
+    """The signed distance of points from a surface.
+
+    Args:
+        points: (n,3) metres.
+        surface: the surface, whose faces turn outward.
+        far: metres beyond which nothing is looked for.
+
+    Returns:
+        The nearest face (n,), -1 beyond `far`; the distance (n,), positive outside, infinite beyond `far`; the unit
+        normal (n,3) of the surface there.
+    """
     face, weights = surface.nearest(points, far)
     corner = surface.corner.numpy().reshape(-1, 3)[face]
     base = np.einsum("nk,nkd->nd", weights, surface.after.numpy()[corner])
@@ -50,9 +59,18 @@ def covered(
 
 
 def sees_out(points: np.ndarray, normal: np.ndarray, around: Collider) -> np.ndarray:
-    """Which of the points (n,3) with unit normals (n,3) see past the surfaces `around` in one of LOOKS directions."""
-    i = np.arange(LOOKS) + 0.5
-    up, turn = 1 - 2 * i / LOOKS, np.pi * (1 + np.sqrt(5)) * i
+    """Which points a ray can leave the figure from.
+
+    Args:
+        points: (n,3) metres.
+        normal: (n,3) unit length.
+        around: all surfaces of the figure.
+
+    Returns:
+        (n,) whether the ray in one of DIRECTIONS directions meets no surface.
+    """
+    i = np.arange(DIRECTIONS) + 0.5
+    up, turn = 1 - 2 * i / DIRECTIONS, np.pi * (1 + np.sqrt(5)) * i
     directions = np.stack([np.sqrt(1 - up**2) * np.cos(turn), up, np.sqrt(1 - up**2) * np.sin(turn)], axis=1)
     out, start = np.zeros(len(points), bool), points + 0.5 * DEEP * normal
     for direction in directions:

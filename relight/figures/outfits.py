@@ -99,7 +99,7 @@ def tucked(top: Garment, bottom: Garment) -> list[Garment]:
     return [inside, replace(bottom, over=0.007)]
 
 
-def straightened(garment: Garment) -> Garment:
+def cut_to_sit(garment: Garment) -> Garment:
     """Clothes as they are pulled straight to sit: tops without the length that the lap would push up under the chest,
     trousers with room to bend in, and shorts no wider, as they would gape below the thighs."""
     if garment.kind == "trousers":
@@ -110,7 +110,7 @@ def straightened(garment: Garment) -> Garment:
     return replace(garment, slack=0.0, drop=0.0, hem=max(garment.hem, LAP))
 
 
-def suited(outfit: Outfit, pose: Pose) -> Outfit:
+def fitted_to_pose(outfit: Outfit, pose: Pose) -> Outfit:
     """The outfit as the pose allows it: long coats come off to sit, scarves where hands are before the chest."""
     crossed = min(pose.left.wrist[0], pose.right.wrist[0]) < -0.1
 
@@ -119,7 +119,7 @@ def suited(outfit: Outfit, pose: Pose) -> Outfit:
         return not (pose.sitting and long_coat) and not (crossed and garment.kind == "scarf")
 
     kept = [(g, fabric) for g, fabric in outfit.garments if stays(g)]
-    return replace(outfit, garments=[(straightened(g), fabric) for g, fabric in kept] if pose.sitting else kept)
+    return replace(outfit, garments=[(cut_to_sit(g), fabric) for g, fabric in kept] if pose.sitting else kept)
 
 
 def pick(rng: np.random.Generator, *names: str) -> Garment:
@@ -207,7 +207,7 @@ def sample_outfit(rng: np.random.Generator, person: Person, styles: Collection[s
     )
 
 
-def redressed(outfit: Outfit, rng: np.random.Generator) -> Outfit:
+def in_other_fabrics(outfit: Outfit, rng: np.random.Generator) -> Outfit:
     """The same clothes, cut and worn alike, of other fabrics and in other colours."""
 
     def anew(fabric: Fabric | None, kinds: tuple[str, ...], muted: bool) -> Fabric | None:

@@ -70,7 +70,7 @@ def winding(ring: np.ndarray, line: np.ndarray) -> int:
     return int((np.sign(facing) * inside).sum())
 
 
-def unwound(pattern: Pattern, x: np.ndarray, way: Motion, body: Body) -> dict[str, tuple[int, int]]:
+def lost_rings(pattern: Pattern, x: np.ndarray, way: Motion, body: Body) -> dict[str, tuple[int, int]]:
     """How many rings around sleeves or trouser legs do not wind around the bone once.
 
     Rings are the closed lines on which the garment's field along the limb takes one of LEVELS. Those count that wind

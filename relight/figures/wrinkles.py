@@ -184,7 +184,7 @@ def folds(levels: list[Level], refine: list, x: np.ndarray, crimp: Crimp, hang: 
     """
     finest, height = levels[-1], np.zeros(len(x))
     around = neighbours(finest.faces, len(x))
-    calm = np.minimum(*(smoothness(points, finest.faces, around) for points in (finest.pattern, x)))
+    smooth = np.minimum(*(smoothness(points, finest.faces, around) for points in (finest.pattern, x)))
     for back, (scale, share) in enumerate(zip(SCALES[: len(levels)], SHARES), 1):
         level = levels[-back]
         if scale == SCALES[-1] and not hang.any():
@@ -193,14 +193,14 @@ def folds(levels: list[Level], refine: list, x: np.ndarray, crimp: Crimp, hang: 
         mean = float(np.linalg.norm(level.pattern[level.faces[:, 0]] - level.pattern[level.faces[:, 1]], axis=1).mean())
         wide = max(crimp.width * scale, VERTICES * mean)
         this = replace(crimp, width=wide, length=crimp.length * max(1.0, wide / crimp.width) ** 0.7)
-        free = calm[:n] * (1 - np.clip(1.5 * level.pinned, 0, 1)) * (hang[:n] if scale == SCALES[-1] else 1)
+        free = smooth[:n] * (1 - np.clip(1.5 * level.pinned, 0, 1)) * (hang[:n] if scale == SCALES[-1] else 1)
         most = HIGH * crimp.width * np.sqrt(scale)
         near = around if back == 1 else neighbours(level.faces, n)
         more = ridges(level.pattern, x[:n], level.faces, near, this, share, free, hang[:n], most, seed + 100 * back)
         for up in refine[len(refine) - back + 1 :]:
             more = up @ more
         height += more
-    return calm * height
+    return smooth * height
 
 
 def of_one_garment(crimp: Crimp, seed: int) -> Crimp:

@@ -266,7 +266,7 @@ def test_an_outfit_anew_is_cut_alike():
         tie=None,
         belt=Fabric("leather", (0.1,) * 3, (0.2,) * 3, 1, 1),
     )
-    other = outfits.redressed(outfit, np.random.default_rng(9))
+    other = outfits.in_other_fabrics(outfit, np.random.default_rng(9))
     assert [g for g, _ in other.garments] == [g for g, _ in outfit.garments]
     assert all(new != old for (_, new), (_, old) in zip(other.garments, outfit.garments))
     assert all(fabric.kind in garment.fabrics for garment, fabric in other.garments)

@@ -25,8 +25,8 @@ from relight.figures.drape import Draped
 from relight.figures.dress import make_figure
 from relight.figures.export import export
 from relight.figures.fabrics import Fabric
-from relight.figures.outfits import sample_outfit, suited
-from relight.figures.rings import unwound
+from relight.figures.outfits import fitted_to_pose, sample_outfit
+from relight.figures.rings import lost_rings
 from relight.figures.wear import Worn
 from relight.files import UserError
 from relight.meshes import Material, Mesh, clean, read_mesh
@@ -258,7 +258,7 @@ def test_a_limb_that_left_its_cloth_is_found_and_one_that_twists_it_is_not(
     pattern = patterns.build_pattern(body, garment, 0)
     level = pattern.levels[0]
     x = way.skin(level.weights, level.pattern)
-    rings = unwound(pattern, x, way, body)
+    rings = lost_rings(pattern, x, way, body)
     assert set(rings) == {f"left {limb}", f"right {limb}"}
     assert all(lost == 0 and found > 25 for lost, found in rings.values())
     bone = way.transforms[-1][way.bones[f"{root}.L"]]
@@ -272,7 +272,7 @@ def test_a_limb_that_left_its_cloth_is_found_and_one_that_twists_it_is_not(
         x[on] += (np.cos(angle) - 1) * off[on] + np.sin(angle) * np.cross(axis, off[on])
     else:  # all to one side of it
         x[on] -= 2 * off[on] * (off[on, 2:] > 0)
-    rings = unwound(pattern, x, way, body)
+    rings = lost_rings(pattern, x, way, body)
     assert rings[f"right {limb}"][0] == 0
     assert rings[f"left {limb}"][0] == 0 if turned else rings[f"left {limb}"][0] >= 5
     monkeypatch.setattr(gates, "sunk", lambda *_: 0.0)  # cloth moved by hand touches the body, too
@@ -437,7 +437,7 @@ def test_no_constraints_change_nothing():
     rng = np.random.default_rng([5, 1, 0])
     assert draw.person == sample_person(np.random.default_rng([5, 0]))
     outfit = sample_outfit(rng, draw.person)
-    assert draw.pose == stances.sample_pose(rng, 0.08) and draw.outfit == suited(outfit, draw.pose)
+    assert draw.pose == stances.sample_pose(rng, 0.08) and draw.outfit == fitted_to_pose(outfit, draw.pose)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ import pytest
 
 from relight.figures import body, colliders, combing, facial, hair, layers, locks, makehuman, poses, skin, strands
 from relight.figures.assembly import Builder, head_of_hair
-from relight.figures.outfits import redressed, sample_outfit
+from relight.figures.outfits import in_other_fabrics, sample_outfit
 from relight.figures.stances import STANDING
 from relight.figures.surfaces import normals
 from relight.figures.wear import DETAILS
@@ -233,7 +233,7 @@ def test_hats_are_of_the_outfit_and_hair_is_of_the_person(head, heads, person):
     style = next(style for style in hair.STYLES if style.name == "cap")
     own = replace(sample_outfit(np.random.default_rng(3), person), hair=style, beard=0.8)
     own = replace(own, hat=own.garments[0][1])
-    looks = [own, redressed(own, np.random.default_rng(4))]
+    looks = [own, in_other_fabrics(own, np.random.default_rng(4))]
     builder = Builder()
     parts = head_of_hair(builder, *head[:2], own, head[2], DETAILS["draft"], 64, 5)
     mesh = builder.mesh({}, looks)

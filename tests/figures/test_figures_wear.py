@@ -192,9 +192,11 @@ def test_coats_come_off_to_sit_and_scarves_where_arms_are_crossed(person):
     poses = {pose.name: pose for pose in (*stances.STANDING, *stances.SITTING)}
 
     def left(name):
-        return [g.name for g, _ in outfits.suited(outfit, poses[name]).garments]
+        return [g.name for g, _ in outfits.fitted_to_pose(outfit, poses[name]).garments]
 
-    seated = outfits.suited(replace(outfit, garments=[(wardrobe.TOPS[0], CLOTH)]), poses["sitting"]).garments[0][0]
+    seated = outfits.fitted_to_pose(replace(outfit, garments=[(wardrobe.TOPS[0], CLOTH)]), poses["sitting"]).garments[
+        0
+    ][0]
     assert seated.slack == seated.drop == 0 and seated.hem > wardrobe.TOPS[0].hem, "shorter: the lap pushes tops up"
     assert left("relaxed") == ["jeans", "coat", "scarf"]
     assert left("sitting") == ["jeans", "scarf"]
