@@ -56,6 +56,13 @@ def plot_errors(table: Table, columns: tuple[str, ...], out: Path) -> None:
         save_figure(figure, out)
 
 
+class PlainLog(LogFormatter):
+    """Labels those ticks of a logarithmic axis that have room, as plain numbers."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        return f"{x:g}" if super().__call__(x, pos) else ""
+
+
 def plot_curves(curves: list[Path], out: Path) -> None:
     """Draws training curves, a panel per loss: thick on the fixed pairs of the test, thin on the training pictures.
 
@@ -86,7 +93,7 @@ def plot_curves(curves: list[Path], out: Path) -> None:
                     panel.plot(curve["step"], curve[f"{VALIDATION}{name}"], linewidth=1.8, **style)
             panel.set_yscale("log")
             panel.yaxis.set_major_formatter("{x:g}")
-            panel.yaxis.set_minor_formatter(LogFormatter(minor_thresholds=(1.5, 0.5)))
+            panel.yaxis.set_minor_formatter(PlainLog(minor_thresholds=(1.5, 0.5)))
             panel.xaxis.set_major_locator(MaxNLocator(5, integer=True))
             panel.tick_params(which="both", labelsize=7, length=0)
             panel.set_title(name.replace("_", " "), fontsize=10, fontweight="bold")
@@ -96,7 +103,7 @@ def plot_curves(curves: list[Path], out: Path) -> None:
             panel.set_xlabel("step", fontsize=8, color="#777777")
         handles = [matplotlib.lines.Line2D([], [], color=color_of(row), linewidth=2) for row in rows]
         labels = [LABELS.get(row, row) for row in rows]
-        figure.legend(handles, labels, loc="outside lower center", ncols=min(len(rows), 7), frameon=False, fontsize=9)
+        figure.legend(handles, labels, loc="outside lower center", ncols=min(len(rows), 4), frameon=False, fontsize=9)
         save_figure(figure, out)
 
 
