@@ -99,10 +99,10 @@ def ui(
 ) -> None:
     """Browse the runs in MLflow, on this machine only."""
     from relight.config import composed
-    from relight.track import browse
+    from relight.tracking.server import serve
 
     need_clone("ui")
-    browse(composed(overrides or []).track, port)
+    serve(composed(overrides or []).track, port)
 
 
 def need_clone(command: str) -> None:

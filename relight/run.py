@@ -22,27 +22,37 @@ from relight.files import UserError, atomic_write, writable_folder
 from relight.processes import end_with_parent
 from relight.workflow import Plan
 
-LOGGER = ["--logger", "relight"]  # also what tells a Snakemake of ours from one started by hand
+MARK = "RELIGHT_RUN"  # in the environment of a Snakemake that `relight run` started, and of its jobs
 LOCK = ROOT / ".snakemake" / "relight.lock"
 
 
 def run(
     overrides: list[str], multirun: bool, cores: int | None, dry: bool, targets: list[str], extra: list[str]
 ) -> int:
-    """Checks the settings, then lets Snakemake do what is missing; returns its exit code.
+    """Checks the settings, then has Snakemake make what is missing.
 
     The settings go through a file, results/<name>/run.yaml: nested quotes in `--config` break on the way to Slurm
-    jobs, and the file says afterwards what was asked for. A dry run leaves it alone. Raises UserError for settings that
-    cannot be.
+    jobs, and the file records what was requested. A dry run writes to a temporary one.
+
+    Args:
+        overrides: Hydra's.
+        multirun: try each combination of values that are lists.
+        cores: jobs side by side; all cores by default.
+        dry: only print what would run.
+        targets: rules or files.
+        extra: further arguments of Snakemake's.
+
+    Returns:
+        Snakemake's exit code.
+
+    Raises:
+        UserError: settings that cannot be, or another workflow is running in this folder.
     """
     config: dict = {"hydra": overrides}
     if multirun:
-        fixed, config["runs"] = swept(overrides)
-        config["hydra"] = fixed
+        config["hydra"], config["runs"] = expand_sweep(overrides)
     plan = Plan(config)
-    plan.look()
-    for name in plan.runs:
-        plan.of_run(name)  # a wrong override of the sweep is told now, not when its turn comes
+    plan.check()
     if multirun:
         for row, words in plan.rows.items():
             print(f"{row}: {' '.join(words)}")
@@ -54,70 +64,62 @@ def run(
             yaml.safe_dump(config, file)
             file.flush()
             return snakemake([*command, "--configfile", file.name, "--dry-run"])
-    with alone():
+    with lock_folder():
         date_now(ROOT / plan.out)
-        command += ["--configfile", str(plan.record(ROOT))]
-        code = snakemake([*command, *LOGGER])
-        if code > 0 and targets == ["all"] and (failed := plan.failures(ROOT)):
-            report_without(failed, plan, config, command)
-        page = ROOT / plan.out / "report" / "snakemake.html"
-        if code == 0 and targets == ["all"] and stale(page, page.with_name("report.html")):
-            with atomic_write(page) as tmp:
-                code = snakemake([*command, "--report", str(tmp), "--quiet", "all"], stdout=subprocess.DEVNULL)
+        command += ["--configfile", str(plan.write_record(ROOT)), "--logger", "relight"]
+        code = snakemake(command)
         if code == 0 and targets == ["all"]:
-            print(f"the report: {page.with_name('report.html')}")
+            report = ROOT / plan.out / "report" / "report.html"
+            page = report.with_name("snakemake.html")
+            if not page.exists() or page.stat().st_mtime < report.stat().st_mtime:
+                with atomic_write(page) as tmp:
+                    words = ["--report", str(tmp), "--quiet", "all"]
+                    code = snakemake([*command, *words], stdout=subprocess.DEVNULL)
+            if code == 0:
+                print(f"the report: {report}")
         return code
 
 
-def report_without(failed: dict[str, list[str]], plan: Plan, config: dict, command: list[str]) -> None:
-    """Makes the report of the experiments that did not fail; those that did have a section that says so.
-
-    What failed is tried again by the next run, whose files are still missing.
-    """
-    file = ROOT / plan.out / "failed.yaml"  # beside run.yaml, where a cluster's jobs can read it
-    with atomic_write(file) as tmp:
-        tmp.write_text(yaml.safe_dump({**config, "failed": failed}))
-    try:
-        place = command.index("--configfile") + 1
-        again = snakemake([*command[:place], str(file), *command[place + 1 :], *LOGGER])
-    finally:
-        file.unlink()
-    if again == 0:
-        page = ROOT / plan.out / "report" / "report.html"
-        print(f"failed: {', '.join(failed)}; the report of the others: {page}", file=sys.stderr)
-
-
 def snakemake(command: list[str], **streams) -> int:
-    """Runs Snakemake in this repository, with our plugins; returns its exit code.
+    """Runs Snakemake in this repository, with our plugins.
 
-    It ends with this process, and its jobs with it. INT, TERM and HUP reach them through `end`; when this process is
-    killed outright, the kernel kills Snakemake, and the jobs notice (`relight.processes`).
+    Snakemake and its jobs end with this process. INT, TERM and HUP reach them through `stop`; where this process is
+    killed, the kernel kills Snakemake, and the jobs notice (`relight.processes`).
+
+    Args:
+        command: its words.
+        streams: `stdout` and `stderr` of `subprocess.Popen`.
+
+    Returns:
+        Its exit code.
     """
     paths = [str(ROOT / "workflow" / "plugins"), *filter(None, [os.environ.get("PYTHONPATH")])]
     for number in (signal.SIGTERM, signal.SIGHUP):
         if signal.getsignal(number) == signal.SIG_DFL:  # nohup ignores HUP
             signal.signal(number, signal.default_int_handler)
-    flow = subprocess.Popen(
+    process = subprocess.Popen(
         command,
         cwd=ROOT,
-        env={**os.environ, **cache(), "PYTHONPATH": os.pathsep.join(paths)},
-        process_group=0,  # Ctrl-C is ours to pass on, once
-        preexec_fn=partial(begin, os.getpid()),
+        env={**os.environ, **cache_environment(), "PYTHONPATH": os.pathsep.join(paths), MARK: str(os.getpid())},
+        process_group=0,  # so that Ctrl-C reaches Snakemake once, from here
+        preexec_fn=partial(prepare_child, os.getpid()),
         **streams,
     )
-    signal.signal(signal.SIGTSTP, partial(pause, flow))
+    signal.signal(signal.SIGTSTP, partial(suspend, process))
     try:
-        return flow.wait()
+        return process.wait()
     except KeyboardInterrupt:
-        end(flow)
+        stop(process)
         raise
     finally:
         signal.signal(signal.SIGTSTP, signal.SIG_DFL)
 
 
-def cache() -> dict[str, str]:
-    """Variables that keep the caches of Snakemake and of the stages in this folder, where the user's own one is not to
-    be written: Snakemake ends with a trace without."""
+def cache_environment() -> dict[str, str]:
+    """Variables that move the caches of Snakemake and of the stages to this folder, where the user's cannot be written.
+
+    Snakemake ends with a traceback otherwise.
+    """
     import platformdirs
 
     try:
@@ -127,46 +129,47 @@ def cache() -> dict[str, str]:
     return {}
 
 
-def begin(parent: int) -> None:
-    """Starts Snakemake's process: scripts and cron start programs that ignore INT, and it must not."""
+def prepare_child(parent: int) -> None:
+    """Called in Snakemake's process before it starts: it must not ignore INT, as what scripts and cron start does."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     end_with_parent(parent)
 
 
-def end(flow: subprocess.Popen) -> None:
+def stop(process: subprocess.Popen) -> None:
     """Ends Snakemake and its jobs, and waits for that.
 
-    Snakemake takes INT for: start nothing more, cancel what a cluster runs, wait for the jobs on this machine. Those
+    On INT, Snakemake starts nothing more, cancels what a cluster runs, and waits for the jobs on this machine, which
     are ended here.
     """
     import psutil
 
-    flow.send_signal(signal.SIGINT)
-    while flow.poll() is None:
+    process.send_signal(signal.SIGINT)
+    while process.poll() is None:
         with suppress(psutil.NoSuchProcess):
-            for job in psutil.Process(flow.pid).children(recursive=True):
+            for job in psutil.Process(process.pid).children(recursive=True):
                 job.terminate()
         time.sleep(0.2)
 
 
-def pause(flow: subprocess.Popen, *_) -> None:
-    """Ctrl-Z stops the jobs, too; they go on when this process does."""
-    os.killpg(flow.pid, signal.SIGSTOP)
+def suspend(process: subprocess.Popen, *_) -> None:
+    """The handler of Ctrl-Z: the jobs stop, too, and continue when this process does."""
+    os.killpg(process.pid, signal.SIGSTOP)
     try:
         os.kill(os.getpid(), signal.SIGSTOP)
     finally:  # also when another signal comes with the one that continues
-        os.killpg(flow.pid, signal.SIGCONT)
+        os.killpg(process.pid, signal.SIGCONT)
 
 
-def stale(made: Path, source: Path) -> bool:
-    """Whether `made` is missing or older than what it was made from."""
-    return not made.exists() or made.stat().st_mtime < source.stat().st_mtime
-
-
-def swept(overrides: list[str]) -> tuple[list[str], dict[str, list[str]]]:
-    """Splits overrides into the fixed ones and the product of the swept ones, as runs by name.
+def expand_sweep(overrides: list[str]) -> tuple[list[str], dict[str, list[str]]]:
+    """Splits overrides into those with one value and the product of those with several.
 
     train.lr=1e-4,2e-4 loss=min,full scale=demo -> [scale=demo], {"lr_0.0001-loss_min": [...], ...}
+
+    Returns:
+        The overrides with one value; and the combinations of the others, by the names of their rows.
+
+    Raises:
+        UserError: an override cannot be read, is an interval, or none has several values.
     """
     from hydra import initialize_config_dir
     from hydra.core.global_hydra import GlobalHydra
@@ -200,10 +203,11 @@ def swept(overrides: list[str]) -> tuple[list[str], dict[str, list[str]]]:
 
 
 @contextmanager
-def alone() -> Iterator[None]:
-    """Holds this folder for one workflow; what a killed one left behind (its lock, its jobs) is cleared first.
+def lock_folder() -> Iterator[None]:
+    """Holds this folder for one workflow, and clears the lock and the jobs of one that was killed.
 
-    Raises UserError while another workflow is alive in the folder.
+    Raises:
+        UserError: another workflow is running in the folder, or it cannot be written.
     """
     try:
         LOCK.parent.mkdir(exist_ok=True)
@@ -232,27 +236,28 @@ def date_now(folder: Path) -> None:
 
 
 def end_orphans() -> None:
-    """Ends the Snakemake and the jobs whose `relight run` was killed; the new run does their work again, or resumes it.
+    """Ends the Snakemake and the jobs of a `relight run` that was killed; the new run repeats or resumes their work.
 
-    Only called by the one that holds LOCK: a Snakemake that `relight run` started has lost its caller then. Raises
-    UserError when Snakemake was started by hand in this folder and is at work.
+    They are known by MARK in their environment. Only called while LOCK is held, so what is found has lost its caller.
+
+    Raises:
+        UserError: a Snakemake that was started by hand is running in this folder.
     """
     import psutil
 
-    ours = {os.getpid(), *(parent.pid for parent in psutil.Process().parents())}
-    here = [p for p in psutil.process_iter(["pid", "cmdline", "cwd"]) if p.info["cwd"] == str(ROOT)]
-    flows, jobs = [], []
-    for process in here:
-        words = process.info["cmdline"] or []
-        if process.info["pid"] in ours:
+    callers = {os.getpid(), *(parent.pid for parent in psutil.Process().parents())}
+    workflows, jobs = [], []
+    for process in psutil.process_iter(["pid", "cmdline", "cwd", "environ"]):
+        words, environment = process.info["cmdline"] or [], process.info["environ"] or {}
+        if process.info["cwd"] != str(ROOT) or process.info["pid"] in callers:
             continue
         if "snakemake" in (Path(word).name for word in words[:3]):
-            if words[-2:] != LOGGER:
+            if MARK not in environment:
                 number = process.info["pid"]
                 raise UserError(f"Snakemake is at work in {ROOT} (process {number}): wait for it, or end it")
-            flows.append(process)
-        elif any(word.startswith("relight.stages.") for word in words):
+            workflows.append(process)
+        elif MARK in environment:
             jobs.append(process)
-    for process in [*flows, *jobs]:  # Snakemake first, so that it starts no new job
+    for process in [*workflows, *jobs]:  # Snakemake first, so that it starts no further job
         process.kill()
-    psutil.wait_procs([*flows, *jobs], timeout=10)
+    psutil.wait_procs([*workflows, *jobs], timeout=10)

@@ -1,21 +1,22 @@
-"""A mend of Snakemake's scheduler, for workflows of a thousand short jobs."""
+"""A correction of Snakemake's scheduler, for workflows of a thousand short jobs."""
 
 import threading
 
+PATCHED = ("9.27.",)  # the versions that were read and measured; others are left as they are
 
-def calm() -> None:
-    """Keeps one timer of Snakemake's job scheduler pending at a time; without a version of it that needs this, nothing.
 
-    Snakemake 9.27 starts a timer that wakes the scheduler at the end of each round, also of the rounds that such timers
-    started; every finished job adds one more endless chain. After 100 jobs it looks over all waiting jobs a hundred
-    times a second, and one core is lost to that (snakemake/snakemake#3744 tells of the same chains).
+def limit_scheduler_timers() -> None:
+    """Keeps at most one timer of Snakemake's scheduler pending (snakemake/snakemake#3744), in the versions PATCHED.
+
+    Each round of the scheduler starts a timer that starts a round, and each finished job adds one such chain: after 100
+    jobs the scheduler reviews all jobs a hundred times a second, which takes a core.
     """
+    import snakemake
     from snakemake.scheduling.job_scheduler import JobScheduler
 
-    wake_later = getattr(JobScheduler, "_schedule_reevalutation", None)
-    if wake_later is None or hasattr(wake_later, "calm"):
+    if not snakemake.__version__.startswith(PATCHED) or hasattr(JobScheduler, "relight_timer"):
         return
-    pending = threading.Event()
+    JobScheduler.relight_timer = pending = threading.Event()
 
     def wake_once(self, delay: float) -> None:
         if pending.is_set():
@@ -28,5 +29,4 @@ def calm() -> None:
 
         threading.Timer(delay, wake).start()
 
-    wake_once.calm = True
-    JobScheduler._schedule_reevalutation = wake_once
+    JobScheduler._schedule_reevalutation = wake_once  # sic

@@ -1,23 +1,28 @@
-"""What the Snakefile asks: the figures, the runs and the settings of a plan."""
+"""What the Snakefile needs to know: the figures, trainings, experiments and settings of one plan."""
 
-import copy
 import hashlib
 import json
+import os
 import shlex
 import subprocess
+import sys
 import time
 from collections import Counter
 from dataclasses import asdict, replace
-from functools import cached_property
+from functools import cached_property, partial
+from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 
 import yaml
 from omegaconf import DictConfig, OmegaConf
 
-from relight.config import ROOT, Experiment, Track, check_name, composed, view
+from relight import config as schema
+from relight.config import CONF, ROOT, Experiment, Track, check_name, composed, view
 from relight.files import UserError, atomic_write, remove_folder
-from relight.track import Workflow, milliseconds
+from relight.processes import end_with_parent
+from relight.run_name import RunName
+from relight.tracking.workflow import Workflow, milliseconds
 
 HEAD = """\
 defaults: [schema, _self_, override hydra/job_logging: none, override hydra/hydra_logging: none]
@@ -27,23 +32,42 @@ USUAL = ("test", "test")  # the figures and lights of the tables
 SHARED = ("figures", "clean", "align", "bake", "split", "panoramas", "lights", "evaluate")  # by all runs, but for KIND
 KIND = ("split", "kind")
 SKEW = 60  # seconds that the clock of a file server may be ahead
+OWN = ("model", "loss", "train", "augment", "split", "timing", "track")  # what stages read of a run's settings
+CACHE = Path(".snakemake", "relight.settings.json")  # settings of rows, by what they are composed of
+FAILED = "RELIGHT_FAILED"  # in Snakemake's environment: experiments to leave out, as Plan.failed in JSON
 
 
 class Plan:
-    """The settings of one invocation, composed once; those of a run of the sweep, when they are asked for.
+    """The settings of one workflow, composed once; those of a run when they are first needed.
 
-    `config` is Snakemake's: `hydra` holds overrides (a list, or one string of words); `runs` (optional) replaces the
-    sweep's runs, and all experiments but one table of them; `failed` (optional) maps experiments that are left out to
-    their files that could not be made. Raises UserError in one line when a setting, a folder or a file is not as it
-    must be.
+    A *row* is a named set of overrides, a run of the tables; a *training* is a row with a seed.
 
-    rows: what may be trained, name -> overrides; runs: rows x seeds; experiments: the sections of the report, each with
-    those of its rows that `sweep.only` and the number of figures leave; scored: the runs that their tables need.
+    Attributes:
+        overrides: Hydra's, as given.
+        cfg: the settings that all rows share.
+        out: the folder of the results, relative to the repository.
+        rows: what may be trained: name -> overrides.
+        trainings: rows × seeds: name -> RunName.
+        is_sweep: whether the rows are those of `relight run -m`.
+        requested: the sections of the report, each with those of its rows that `sweep.only` and the number of figures
+            leave.
+        failed: experiments that are left out -> their files that could not be made.
+        experiments: the requested ones that did not fail.
     """
 
-    def __init__(self, config: dict):
-        if strays := sorted(set(config) - {"hydra", "runs", "failed"}):
-            word = f"{strays[0]}={config[strays[0]]}"
+    def __init__(self, config: dict, failed: dict[str, list[str]] | None = None):
+        """Composes the settings.
+
+        Args:
+            config: Snakemake's. `hydra` holds overrides, a list or one string of words; `runs` (optional) replaces the
+                rows, and all experiments by one table of them.
+            failed: see the attributes.
+
+        Raises:
+            UserError: a setting or a name is not as it must be.
+        """
+        if unknown := sorted(set(config) - {"hydra", "runs"}):
+            word = f"{unknown[0]}={config[unknown[0]]}"
             raise UserError(f'--config {word}: write the settings as one word, --config hydra="{word}"')
         overrides = config.get("hydra") or []
         self.overrides = shlex.split(overrides) if isinstance(overrides, str) else list(overrides)
@@ -52,21 +76,26 @@ class Plan:
         for row in config.get("runs") or ():
             check_name("runs", row)
         self.rows = config.get("runs") or OmegaConf.to_container(self.cfg.sweep.runs)
-        self.runs = {f"{row}.s{seed}": (row, seed) for row in self.rows for seed in self.cfg.sweep.seeds}
-        self.swept = "runs" in config
-        self.asked = self._experiments()
-        self.failed: dict[str, list[str]] = config.get("failed") or {}
-        self.experiments = {name: one for name, one in self.asked.items() if name not in self.failed}
+        names = [RunName(row, seed) for row in self.rows for seed in self.cfg.sweep.seeds]
+        self.trainings = {str(name): name for name in names}
+        self.is_sweep = "runs" in config
+        self.requested = self._requested()
+        self.failed = failed or {}
+        self.experiments = {name: one for name, one in self.requested.items() if name not in self.failed}
         if (self.cfg.evaluate.figures, self.cfg.evaluate.lights) != USUAL:
             raise UserError(
                 "evaluate.figures and evaluate.lights are what an experiment says, such as experiment=sitting"
             )
-        self.gpus = int(self.cfg.train.device == "cuda")  # what a training asks of a cluster
-        self.composed: dict[str, DictConfig] = {}
-        self.rows_composed: dict[str, DictConfig] = {}
+        self.gpus = int(self.cfg.train.device == "cuda")  # what a training requests of a cluster
+        self._by_row: dict[str, dict] = {}
+        self._by_training: dict[str, DictConfig] = {}
 
-    def look(self) -> None:
-        """Looks at the user's folders and packages: what is wrong with them is told before anything runs."""
+    def check(self) -> None:
+        """Composes the settings of all rows, and reads the user's folders: errors are reported before anything runs.
+
+        Raises:
+            UserError: a row, a folder, a file or a missing package would end the workflow later.
+        """
         given = [*(scan.path for scan in self.scans.values()), *self.table, *self.panoramas]
         latest = time.time() + SKEW
         for path in map(Path, given):  # Snakemake ends a job whose outputs are older than its inputs
@@ -74,48 +103,78 @@ class Plan:
                 raise UserError(f"{path} is dated in the future: correct this machine's clock, or `touch` the file")
         if "path_traced" in self.experiments and find_spec("mitsuba") is None:
             raise UserError("experiment=path_traced needs Mitsuba, which is not installed here: pip install mitsuba")
+        keys = {row: self._cache_key(row) for row in self.rows}
+        try:
+            cached = json.loads((ROOT / CACHE).read_text())
+        except (OSError, ValueError):
+            cached = {}
+        for row, key in keys.items():
+            if isinstance(found := cached.get(key), dict):
+                self._by_row[row] = found
+            self._row_settings(row)
+        if not set(keys.values()) <= set(cached) and (ROOT / CACHE).parent.is_dir():
+            try:
+                with atomic_write(ROOT / CACHE) as tmp:
+                    tmp.write_text(json.dumps({key: self._by_row[row] for row, key in keys.items()}))
+            except UserError:  # a folder that may not be written: composed again next time
+                pass
 
-    def record(self, folder: Path | str) -> Path:
-        """Writes what was asked for to run.yaml in the results of this repository; returns that path."""
-        asked = {"hydra": self.overrides, **({"runs": self.rows} if self.swept else {})}
-        file, text = Path(folder) / self.out / "run.yaml", yaml.safe_dump(json.loads(json.dumps(asked)))
+    def write_record(self, folder: Path | str) -> Path:
+        """Writes what was requested to run.yaml in the results.
+
+        Args:
+            folder: the repository.
+
+        Returns:
+            The file, which is left alone where it says so already.
+        """
+        requested = {"hydra": self.overrides, **({"runs": self.rows} if self.is_sweep else {})}
+        file, text = Path(folder) / self.out / "run.yaml", yaml.safe_dump(json.loads(json.dumps(requested)))
         if not file.exists() or file.read_text() != text:
             with atomic_write(file) as tmp:
                 tmp.write_text(text)
         return file
 
-    def settle(self, made: set[str]) -> None:
-        """Tidies up after a workflow that ended well: `made` are the files of all its jobs.
+    def clean_up(self, made: set[str]) -> None:
+        """Removes what a workflow that succeeded no longer needs: states of its trainings, and an old snakemake.html.
 
-        A training's state goes here and not earlier: Snakemake deletes the outputs of a job that was killed before
-        Snakemake could record them. A page of provenance that is older than the report tells of another one.
+        States are kept until here because Snakemake deletes the outputs of a job that was killed before Snakemake could
+        record them. A snakemake.html that is older than the report describes another one.
+
+        Args:
+            made: the files of all jobs.
         """
-        for network in filter(made.__contains__, map(self.network, self.runs)):
+        for network in filter(made.__contains__, map(self.network, self.trainings)):
             remove_folder(Path(network).parent / "state" / Path(network).stem)
         report = Path(self.out, "report", "report.html")
         page = report.with_name("snakemake.html")
         if page.exists() and report.exists() and page.stat().st_mtime < report.stat().st_mtime:
             page.unlink()
 
-    def _experiments(self) -> dict[str, Experiment]:
+    def _requested(self) -> dict[str, Experiment]:
         wanted = set(self.cfg.sweep.only or self.rows)
         if unknown := wanted - set(self.rows):
             raise UserError(f"sweep.only: no run {min(unknown)}; there are {', '.join(self.rows)}")
-        if self.swept:
+        if self.is_sweep:
             return {"sweep": Experiment(rows=list(self.rows), plates=True)}
         given = OmegaConf.to_object(self.cfg.experiments)
         found = {
-            name: replace(e, rows=self._different([r for r in e.rows if r in wanted])) for name, e in given.items()
+            name: replace(e, rows=self._without_duplicates([r for r in e.rows if r in wanted]))
+            for name, e in given.items()
         }
         return {name: experiment for name, experiment in found.items() if experiment.rows}
 
-    def _different(self, rows: list[str]) -> list[str]:
-        """The rows without those that are another one again: that ask for all figures, or the width of the scale."""
-        plain = {row: [word for word in self.rows[row] if not self._idle(word)] for row in rows}
-        return [r for r in rows if plain[r] == self.rows[r] or all(plain[r] != self.rows[o] for o in rows)]
+    def _without_duplicates(self, rows: list[str]) -> list[str]:
+        """The rows without those that equal another because an override asks for what this plan has anyway."""
+        effective = {row: [word for word in self.rows[row] if not self._has_no_effect(word)] for row in rows}
+        return [
+            row
+            for row in rows
+            if effective[row] == self.rows[row] or all(effective[row] != self.rows[other] for other in rows)
+        ]
 
-    def _idle(self, word: str) -> bool:
-        """Whether an override asks for what is so without it."""
+    def _has_no_effect(self, word: str) -> bool:
+        """Whether an override asks for all figures, or for the width of the scale."""
         key, _, value = word.partition("=")
         if key == "train.figures" and value.isdigit():
             return int(value) >= len(self.figures)
@@ -123,12 +182,12 @@ class Plan:
 
     @property
     def scored(self) -> list[str]:
-        """The runs that the tables compare."""
+        """The trainings that the tables compare."""
         rows = {row for experiment in self.experiments.values() if experiment.table for row in experiment.rows}
-        return [run for run, (row, _) in self.runs.items() if row in rows]
+        return [training for training, name in self.trainings.items() if name.run in rows]
 
-    def on(self, experiment: str) -> str:
-        """The folder of an experiment's scores in evaluate/: "" for the usual figures and lights, or sitting-test/."""
+    def condition_folder(self, experiment: str) -> str:
+        """The folder of an experiment's scores in evaluate/: "" on the usual figures and lights, else sitting-test/."""
         one = self.experiments[experiment]
         return "" if (one.figures, one.lights) == USUAL else f"{one.figures}-{one.lights}/"
 
@@ -156,23 +215,23 @@ class Plan:
         return list(self.scans) or [f"g{seed:04d}" for seed in range(first, first + count)]
 
     @cached_property
-    def tens(self) -> list[str]:
-        """The decades of generated figures that are whole in the plan, as the beginnings of their names: g012."""
+    def decades(self) -> list[str]:
+        """Decades of generated figures of which the plan has all ten, as the first characters of their names: g012."""
         count = Counter(name[:-1] for name in self.figures) if not self.scans else {}
         return [name for name, found in count.items() if found == 10]
 
     @cached_property
-    def alone(self) -> list[str]:
-        """The figures outside of whole decades, each made by jobs of its own."""
-        whole_decades = set(self.tens)
-        return [name for name in self.figures if self.scans or name[:-1] not in whole_decades]
+    def single_figures(self) -> list[str]:
+        """The figures that are in none of the decades; each has jobs of its own."""
+        decades = set(self.decades)
+        return [name for name in self.figures if self.scans or name[:-1] not in decades]
 
     def maps(self, figure: str) -> list[str]:
-        """Names of the maps of a figure: the frontal view of its own outfit is called like the figure."""
+        """Names of the maps of a figure; the frontal view of its first outfit has the name of the figure."""
         from relight.transport import outfit_names, view_names
 
-        looks = outfit_names(figure, self.cfg.figures.outfits)
-        return [name for look in looks for name in (look, *view_names(look, self.cfg.bake.views))]
+        outfits = outfit_names(figure, self.cfg.figures.outfits)
+        return [name for outfit in outfits for name in (outfit, *view_names(outfit, self.cfg.bake.views))]
 
     @cached_property
     def panoramas(self) -> list[str]:
@@ -194,43 +253,23 @@ class Plan:
         """The experiments whose networks are shown side by side."""
         return [name for name, experiment in self.experiments.items() if experiment.table and experiment.plates]
 
-    def of_run(self, run: str) -> DictConfig:
-        """The settings of one run of the sweep; where `train.start` names a run, the network of that, of one seed."""
-        if run not in self.composed:
-            row, seed = self.runs[run]
-            cfg = copy.deepcopy(self._of_row(row))
-            cfg.train.seed = seed
-            if cfg.train.start in self.rows:
-                cfg.train.start = self.network(f"{cfg.train.start}.s{seed}")
-            self.composed[run] = cfg
-        return self.composed[run]
+    def settings(self, training: str) -> DictConfig:
+        """The settings of one training, the groups OWN; a `train.start` that names a row is that row's network.
 
-    def tracked(self) -> Workflow:
-        """What MLflow is told of this workflow.
-
-        A sweep of -m has an experiment of its own there, so that its runs do not stand among those of the tables.
+        Raises:
+            UserError: as `composed`, or the row changes what all rows share.
         """
-        settings = OmegaConf.to_container(self.cfg)
-        track = Track(**settings.pop("track"))
-        settings["sweep"]["runs"] = {row: list(words) for row, words in self.rows.items()}
-        if self.swept:
-            track.experiment += " sweeps"
-        rows = {row: [name for name, e in self.experiments.items() if row in e.rows] for row in self.rows}
-        commit, changed = (git(*words) for words in (("rev-parse", "HEAD"), ("status", "--porcelain")))
-        tags = {"workflow": self.cfg.name, "sweep": str(self.swept).lower()}
-        if commit:
-            tags |= {"mlflow.source.git.commit": commit, "git.dirty": str(bool(changed)).lower()}
-        mark = hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()
-        return Workflow(track, self.cfg.name, mark, settings, rows, tags, milliseconds())
+        if training not in self._by_training:
+            name = self.trainings[training]
+            groups = self._row_settings(name.run)
+            start = groups["train"]["start"]
+            own = {"seed": name.seed, "start": self.network(f"{start}.s{name.seed}") if start in self.rows else start}
+            self._by_training[training] = OmegaConf.create({**groups, "train": {**groups["train"], **own}})
+        return self._by_training[training]
 
-    @property
-    def networks(self) -> dict[str, str]:
-        """The files of the networks that the tables compare, by run."""
-        return {run: self.network(run) for run in self.scored}
-
-    def _of_row(self, row: str) -> DictConfig:
-        """The settings that the runs of a row have in common, composed once: that takes longer than all else here."""
-        if row not in self.rows_composed:
+    def _row_settings(self, row: str) -> dict:
+        """The groups OWN of a row as plain values, checked."""
+        if row not in self._by_row:
             cfg = composed([*self.overrides, *self.rows[row]])
             for group in SHARED:
                 if any(cfg[group][key] != value for key, value in self.cfg[group].items() if (group, key) != KIND):
@@ -239,32 +278,73 @@ class Plan:
                     )
             if cfg.train.start == row:
                 raise UserError(f"run {row}: train.start={row} is the run itself")
-            self.rows_composed[row] = cfg
-        return self.rows_composed[row]
+            self._by_row[row] = {group: OmegaConf.to_container(cfg[group]) for group in OWN}
+        return self._by_row[row]
 
-    def network(self, run: str) -> str:
+    def _cache_key(self, row: str) -> str:
+        """A hash of all that the settings of a row are composed of."""
+        parts = [self._sources, json.dumps([row, self.overrides, list(self.rows[row])])]
+        return hashlib.sha256("\0".join(parts).encode()).hexdigest()
+
+    @cached_property
+    def _sources(self) -> str:
+        """A hash of the code and the files that settings are composed with."""
+        made = hashlib.sha256("\0".join(map(version, ("hydra-core", "omegaconf", "PyYAML"))).encode())
+        for file in [Path(__file__), *sorted(Path(schema.__file__).parent.glob("*.py")), *sorted(CONF.rglob("*.yaml"))]:
+            made.update(f"\0{file.name}\0".encode() + file.read_bytes())
+        return made.hexdigest()
+
+    def workflow(self) -> Workflow:
+        """What MLflow records about this workflow.
+
+        The trainings of `relight run -m` have an experiment of their own in MLflow, apart from those of the tables.
+        """
+        settings = OmegaConf.to_container(self.cfg)
+        track = Track(**settings.pop("track"))
+        settings["sweep"]["runs"] = {row: list(words) for row, words in self.rows.items()}
+        if self.is_sweep:
+            track.experiment += " sweeps"
+        rows = {row: [name for name, e in self.experiments.items() if row in e.rows] for row in self.rows}
+        commit, changes = (git(*words) for words in (("rev-parse", "HEAD"), ("status", "--porcelain")))
+        tags = {"workflow": self.cfg.name, "sweep": str(self.is_sweep).lower()}
+        if commit:
+            tags |= {"mlflow.source.git.commit": commit, "git.dirty": str(bool(changes)).lower()}
+        fingerprint = hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()
+        return Workflow(track, self.cfg.name, fingerprint, settings, rows, tags, milliseconds())
+
+    @property
+    def networks(self) -> dict[str, str]:
+        """The files of the networks that the tables compare, by training."""
+        return {training: self.network(training) for training in self.scored}
+
+    def network(self, training: str) -> str:
         """The file of a trained network."""
-        return f"{self.out}/train/{run}.safetensors"
+        return f"{self.out}/train/{training}.safetensors"
 
-    def start(self, run: str) -> list[str]:
-        """The network of the sweep that a run goes on from."""
-        start = self.of_run(run).train.start
-        return [start] if start in map(self.network, self.runs) else []
+    def start_network(self, training: str) -> list[str]:
+        """The network of this workflow that a training starts from, if any."""
+        start = self.settings(training).train.start
+        return [start] if start in map(self.network, self.trainings) else []
 
-    def kind(self, experiment: str) -> str:
-        """The split that an experiment's rows are scored on; rows of several splits must share their test."""
-        return self.of_run(self.of_row(self.experiments[experiment].rows[0])[0]).split.kind
+    def split_kind(self, experiment: str) -> str:
+        """The split that an experiment's rows are scored on; rows of several splits must share their test figures."""
+        return self.settings(self.of_row(self.experiments[experiment].rows[0])[0]).split.kind
 
     def of_row(self, row: str) -> list[str]:
-        """The runs of a row, one per seed."""
-        return [run for run, (own, _) in self.runs.items() if own == row]
+        """The trainings of a row, one per seed."""
+        return [training for training, name in self.trainings.items() if name.run == row]
 
-    def scores(self, name: str, usual: bool = False) -> dict[str, list[str]]:
-        """Files of the scores of an experiment's rows, and of its baselines under "": on its own figures and lights, or
-        on the usual ones."""
-        folder = "evaluate/" if usual else f"evaluate/{self.on(name)}"
-        rows = {row: [f"{folder}{run}.csv" for run in self.of_row(row)] for row in self.experiments[name].rows}
-        return {**rows, "": [f"{folder}baselines.{self.kind(name)}.csv"]}
+    def scores(self, experiment: str, usual: bool = False) -> dict[str, list[str]]:
+        """Files of the scores of an experiment's rows, and of its baselines under "".
+
+        Args:
+            experiment: its name.
+            usual: on the usual figures and lights, instead of the experiment's own.
+        """
+        folder = "evaluate/" if usual else f"evaluate/{self.condition_folder(experiment)}"
+        rows = self.experiments[experiment].rows
+        files = {row: [f"{folder}{training}.csv" for training in self.of_row(row)] for row in rows}
+        return {**files, "": [f"{folder}baselines.{self.split_kind(experiment)}.csv"]}
 
     @property
     def score_files(self) -> list[str]:
@@ -273,16 +353,21 @@ class Plan:
         files = (f"{self.out}/{path}" for rows in found for paths in rows.values() for path in paths)
         return list(dict.fromkeys(files))
 
-    def own_files(self, name: str) -> list[str]:
+    def own_files(self, experiment: str) -> list[str]:
         """What the stages of an experiment without a table write for the report."""
-        if name == "inference_time":
-            return [f"{self.out}/{name}/{self.of_row(row)[0]}.csv" for row in self.asked[name].rows]
-        return [f"{self.out}/{name}/scores.csv", f"{self.out}/{name}/plate.png"]
+        if experiment == "inference_time":
+            return [f"{self.out}/{experiment}/{self.of_row(row)[0]}.csv" for row in self.requested[experiment].rows]
+        return [f"{self.out}/{experiment}/scores.csv", f"{self.out}/{experiment}/plate.png"]
 
-    def failures(self, folder: Path | str) -> dict[str, list[str]]:
-        """After a workflow that failed: experiment -> its files that are missing, in the repository `folder`.
+    def missing_results(self, folder: Path | str) -> dict[str, list[str]]:
+        """After a workflow that failed, the files that each experiment lacks.
 
-        Empty when what all experiments share is missing, or none of them is complete: then there is nothing to report.
+        Args:
+            folder: the repository.
+
+        Returns:
+            experiment -> files. Empty when what all experiments share is missing, or none of them is complete: then
+            there is nothing to report.
         """
 
         def missing(paths: list[str]) -> list[str]:
@@ -291,41 +376,66 @@ class Plan:
         shared = [f"{self.out}/{path}" for path in ("packed.safetensors", "figures.json", "lights/lights.npz")]
         found = {}
         for name, one in self.experiments.items():
-            trained = [self.network(run) for row in one.rows for run in self.of_row(row) if name != "inference_time"]
+            trained = [self.network(each) for row in one.rows for each in self.of_row(row) if name != "inference_time"]
             scores = [path for usual in (False, True) for paths in self.scores(name, usual).values() for path in paths]
             files = [f"{self.out}/{path}" for path in scores] if one.table else self.own_files(name)
-            if lost := missing([*trained, *files]):
-                found[name] = lost
+            if lacking := missing([*trained, *files]):
+                found[name] = lacking
         return {} if missing(shared) or len(found) == len(self.experiments) else found
 
-    def settings(self, stage: str) -> str:
-        """The YAML file that `stage`, `stage.run` or `split.kind` reads."""
-        stage, _, run = stage.partition(".")
-        if stage == "split":
-            return HEAD + OmegaConf.to_yaml(
-                OmegaConf.create(view(composed([*self.overrides, f"split.kind={run}"]), stage))
-            )
-        if run and run not in self.runs:
-            raise UserError(f"no run {run}; there are {', '.join(self.runs)}")
-        return HEAD + OmegaConf.to_yaml(OmegaConf.create(view(self.of_run(run) if run else self.cfg, stage)))
+    def settings_file(self, stage: str) -> str:
+        """The text of the YAML file that a stage reads.
 
-    def questions(self) -> str:
-        """The experiments as JSON: the fields of each; its `runs` by row; for tables the files in results/<name> of its
-        `scores`, on its own figures and lights and on the `usual` ones, and of the `splits` of its rows; of those that
-        are left out, what `failed`."""
-        made = {}
-        for name, one in self.asked.items():
-            made[name] = {**asdict(one), "runs": {row: self.of_row(row) for row in one.rows}}
+        Args:
+            stage: `stage`, `stage.training` or `split.kind`.
+        """
+        stage, _, of = stage.partition(".")
+        if stage == "split":
+            cfg = composed([*self.overrides, f"split.kind={of}"])
+        elif of and of not in self.trainings:
+            raise UserError(f"no run {of}; there are {', '.join(self.trainings)}")
+        else:
+            cfg = self.settings(of) if of else self.cfg
+        return HEAD + OmegaConf.to_yaml(OmegaConf.create(view(cfg, stage)))
+
+    def experiments_json(self) -> str:
+        """The experiments as JSON, for the report.
+
+        Each has its fields, and its trainings (`runs`) by row. Tables have the files in results/<name> of their
+        `scores`, on their own figures and lights and on the `usual` ones, and of the `splits` of their rows; an
+        experiment that is left out has the files that `failed`.
+        """
+        found = {}
+        for name, one in self.requested.items():
+            found[name] = {**asdict(one), "runs": {row: self.of_row(row) for row in one.rows}}
             if name in self.failed:
-                made[name] |= {"failed": self.failed[name]}
+                found[name] |= {"failed": self.failed[name]}
             elif one.table:
-                splits = {row: f"split/{self.of_run(self.of_row(row)[0]).split.kind}.json" for row in one.rows}
-                made[name] |= {"scores": self.scores(name), "usual": self.scores(name, usual=True), "splits": splits}
-        return json.dumps(made, indent=1)
+                splits = {row: f"split/{self.settings(self.of_row(row)[0]).split.kind}.json" for row in one.rows}
+                found[name] |= {"scores": self.scores(name), "usual": self.scores(name, usual=True), "splits": splits}
+        return json.dumps(found, indent=1)
+
+
+def report_others(plan: Plan) -> None:
+    """After a workflow that failed: makes the report of the experiments that are complete, by Snakemake called again.
+
+    The sections of the others say what failed. The next run tries them again, since their files are still missing.
+
+    Args:
+        plan: of the Snakemake that this process is, and that has ended its jobs.
+    """
+    failed = {} if plan.failed else plan.missing_results(".")
+    if not failed:
+        return
+    command = [*sys.orig_argv, "--nolock"]  # this process holds the lock
+    environment = {**os.environ, FAILED: json.dumps(failed)}
+    again = subprocess.run(command, env=environment, preexec_fn=partial(end_with_parent, os.getpid()))
+    if again.returncode == 0:
+        print(f"failed: {', '.join(failed)}; the report of the others: {plan.out}/report/report.html", file=sys.stderr)
 
 
 def git(*words: str) -> str:
-    """What git says of this repository; nothing where there is no git or no repository."""
+    """The output of a git command in this repository; empty where there is no git or no repository."""
     try:
         return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True).stdout.strip()
     except OSError:

@@ -9,9 +9,10 @@ from matplotlib.ticker import LogFormatter, MaxNLocator
 
 from relight.evaluation.occlusion import BINS, DARK, Occlusion
 from relight.evaluation.paper import IMPLIED_AO, IMPLIED_LOST
-from relight.evaluation.scores import read_table, row_of
+from relight.evaluation.scores import read_table
 from relight.evaluation.tables import LABELS, QUANTITY, READING, Row, Table, sign, split_column
 from relight.files import UserError, atomic_write
+from relight.run_name import RunName
 
 COLORS = ("#7a5195", "#ef5675", "#ffa600", "#00798c", "#30638e", "#6a994e", "#8d99ae", "#bc6c25")
 DASHES = ("--", ":", "-.", (0, (1, 4)), (0, (6, 4)), (0, (4, 1, 1, 1, 1, 1)), (0, (14, 2)))  # of baselines
@@ -78,7 +79,7 @@ def plot_curves(curves: list[Path], out: Path) -> None:
     data = {path: read_table(path, "training curve", ["step"], "relight-train") for path in curves}
     names = dict.fromkeys(name for curve in data.values() for name in curve)
     shown = [name for name in names if name not in ("step", "lr", "loss") and not name.startswith(VALIDATION)]
-    rows = list(dict.fromkeys(row_of(path.stem) for path in curves))
+    rows = list(dict.fromkeys(RunName.parse(path.stem).run for path in curves))
     across = min(4, len(shown))
     down = -(-len(shown) // across)
     with matplotlib.rc_context(STYLE):
@@ -86,7 +87,7 @@ def plot_curves(curves: list[Path], out: Path) -> None:
         panels = figure.subplots(down, across, squeeze=False).ravel()
         for panel, name in zip(panels, shown):
             for path, curve in data.items():
-                style = {"color": color_of(row_of(path.stem))}
+                style = {"color": color_of(RunName.parse(path.stem).run)}
                 if name in curve:
                     panel.plot(curve["step"], curve[name], linewidth=0.8, alpha=0.6, **style)
                 if f"{VALIDATION}{name}" in curve:

@@ -26,13 +26,14 @@ from relight.evaluation.evaluate import infer, load, truth
 from relight.evaluation.formats import Grid
 from relight.evaluation.metrics import Inferred, Truth, shade
 from relight.evaluation.panels import Line, Subject, View, draw, spaced
-from relight.evaluation.scores import read_table, row_of
+from relight.evaluation.scores import read_table
 from relight.evaluation.statistics import estimate
 from relight.evaluation.tables import LABELS
 from relight.evaluation.tracing import Scene, read_scenes
 from relight.files import UserError, atomic_write
 from relight.learning.data import RelitSet
 from relight.progress import progress
+from relight.run_name import RunName
 from relight.sh import order_of, unoccluded
 
 CAUSES = {
@@ -141,7 +142,7 @@ def tables(path: Path, settings: config.Evaluate) -> dict[str, Grid]:
     found = read_table(
         path, "errors against path tracing", ["kind", "name", "figure", "light", *COLUMNS], "relight-path-traced"
     )
-    found["row"] = found["name"].map(row_of)
+    found["row"] = [RunName.parse(name).run for name in found["name"]]
     figures = found["figure"].nunique()
     networks = {row: LABELS.get(row, row) for row in found[found.kind == "answer"].row.unique() if row not in ANSWERS}
     causes = {f"network:{row}": f"{CAUSES['network']}: {label}" for row, label in networks.items()}

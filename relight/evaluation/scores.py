@@ -1,6 +1,5 @@
 """The scores of predictors: a table with one row per predictor, test figure and test light, as CSV and in memory."""
 
-import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,6 +8,7 @@ import pandas as pd
 
 from relight.evaluation.metrics import COLLAPSE, COLUMNS
 from relight.files import UserError, atomic_write, existing_file
+from relight.run_name import RunName
 
 KEYS = ["predictor", "figure", "light"]
 
@@ -81,11 +81,6 @@ def read_table(path: Path, what: str, columns: list[str], writer: str) -> pd.Dat
     return table
 
 
-def row_of(run: str) -> str:
-    """The row of a training: `ours_full.s0` -> `ours_full`."""
-    return re.sub(r"\.s\d+$", "", run)
-
-
 def gather(paths: list[Path]) -> dict[str, list[Scores]]:
     """Scores by row, one per training, from files whose predictors are called `row` or `row.s<seed>`.
 
@@ -99,7 +94,7 @@ def gather(paths: list[Path]) -> dict[str, list[Scores]]:
             first = first or (path, scores)
             if (scores.figures, scores.lights) != (first[1].figures, first[1].lights):
                 raise UserError(f"{path} and {first[0]} are scores of different test pairs: evaluate both on one split")
-            rows.setdefault(row_of(name), []).append(scores)
+            rows.setdefault(RunName.parse(name).run, []).append(scores)
     return rows
 
 

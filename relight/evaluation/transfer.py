@@ -6,7 +6,7 @@ a under m and b under l. What a number is worth shows beside it: each network's 
 with the true ones and with the mean training light, and the pictures are left as they are.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -21,6 +21,7 @@ from relight.evaluation.tables import LABELS
 from relight.files import UserError
 from relight.learning.data import RelitSet
 from relight.progress import progress
+from relight.run_name import RunName
 
 # What a figure is relit with, of what was inferred from its own picture (maps) and from its partner's (light).
 VARIANTS = {
@@ -72,10 +73,11 @@ def evaluate_transfer(
     trivial: dict[str, Scores] = {}
     for name, checkpoint in progress(list(networks.items()), "networks that swap lights"):
         network, data = load(checkpoint, packed, lights, settings)
-        row, _, seed = name.rpartition(".s")
+        training = RunName.parse(name)
         found = score_swaps(partial(infer, network, data), data, split, settings)
         trivial = {name: found.pop(name) for name in TRIVIAL}
-        scores |= {f"{row}:{variant}.s{seed}" if variant else name: one for variant, one in found.items()}
+        for variant, one in found.items():
+            scores[str(replace(training, run=f"{training.run}:{variant}")) if variant else name] = one
     write_scores(out, {**scores, **trivial})
 
 

@@ -221,9 +221,9 @@ def load(path: Path | str | None = None, threads: int | None = None) -> Relighte
     if path is None and not WEIGHTS.is_file():
         raise UserError("this installation has no weights: give a checkpoint with --weights FILE.safetensors")
     if str(path).startswith("models:/"):
-        from relight.track import downloaded
+        from relight.tracking.server import download_network
 
-        path = downloaded(str(path))
+        path = download_network(str(path))
     path = Path(path or WEIGHTS)
     if path.is_file() and path.suffix in (".pt", ".pth", ".pkl", ".pickle", ".ckpt"):
         raise UserError(

@@ -4,14 +4,14 @@ from pathlib import Path
 
 from relight.config import Align
 from relight.stages.stage import stage
-from relight.stages.step import onward
+from relight.stages.step import transform_mesh
 
 
 @stage("align", mesh="mesh record (.npz)", out="mesh record (.npz)")
 def main(align: Align, mesh: Path, out: Path) -> None:
     from relight.meshes import align as align_mesh
 
-    onward(mesh, lambda given: align_mesh(given, align), out)
+    transform_mesh(mesh, lambda given: align_mesh(given, align), out)
 
 
 if __name__ == "__main__":

@@ -4,14 +4,14 @@ from pathlib import Path
 
 from relight.config import Clean
 from relight.stages.stage import stage
-from relight.stages.step import onward
+from relight.stages.step import transform_mesh
 
 
 @stage("clean", mesh="mesh record (.npz)", out="mesh record (.npz)")
 def main(clean: Clean, mesh: Path, out: Path) -> None:
     from relight.meshes import clean as clean_mesh
 
-    onward(mesh, lambda given: clean_mesh(given, clean), out)
+    transform_mesh(mesh, lambda given: clean_mesh(given, clean), out)
 
 
 if __name__ == "__main__":

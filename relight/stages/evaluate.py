@@ -19,7 +19,7 @@ def main(evaluate: Evaluate, track: Track, packed: Path, lights: Path, split: Pa
     from relight.evaluation.evaluate import evaluate as score
     from relight.evaluation.scores import read_scores
     from relight.learning.checkpoint import read_config
-    from relight.track import Training
+    from relight.tracking.run import TrainingRun
 
     score(network, packed, lights, split, evaluate, out)
     on = "test" if (evaluate.figures, evaluate.lights) == ("test", "test") else f"{evaluate.figures}-{evaluate.lights}"
@@ -29,9 +29,8 @@ def main(evaluate: Evaluate, track: Track, packed: Path, lights: Path, split: Pa
     settings = {part: trained[part] for part in ("model", "loss", "train", "augment") if part in trained}
     # A network that was trained elsewhere has a run of its own.
     own = trained.get("fingerprint") or hashlib.sha256(network.read_bytes()).hexdigest()
-    Training(track, network.stem, own, settings).add(
-        {name: value for name, value in means.items() if value == value}, out
-    )
+    finite = {name: value for name, value in means.items() if value == value}
+    TrainingRun(track, network.stem, own, settings).log_scores(finite, out)
 
 
 if __name__ == "__main__":

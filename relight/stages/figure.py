@@ -5,7 +5,7 @@ from pathlib import Path
 from relight.config import Figures
 from relight.files import UserError
 from relight.stages.stage import stage
-from relight.stages.step import step
+from relight.stages.step import save_mesh
 
 
 @stage("figure", figure="g and a seed, such as g0012", out="mesh record (.npz)")
@@ -34,7 +34,7 @@ def main(figures: Figures, figure: Path, out: Path) -> None:
         return mesh
 
     info = {"name": name, "subject": subject_of(seed, figures.per_subject), "outfits": [None] * figures.outfits}
-    step(make, info, out)
+    save_mesh(make, info, out)
 
 
 if __name__ == "__main__":

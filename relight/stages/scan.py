@@ -5,7 +5,7 @@ from pathlib import Path
 from relight.config import Figures
 from relight.files import UserError, require_safe_name
 from relight.stages.stage import stage
-from relight.stages.step import step
+from relight.stages.step import save_mesh
 
 
 @stage("scan", figure="name of the figure in the folder", out="mesh record (.npz)")
@@ -23,7 +23,7 @@ def main(figures: Figures, figure: Path, out: Path) -> None:
         mesh.info.update(name=name, subject=scans[name].subject)
         return mesh
 
-    step(make, {"name": name, "subject": scans[name].subject}, out)
+    save_mesh(make, {"name": name, "subject": scans[name].subject}, out)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""A step on one figure that leaves a broken figure out instead of ending the run."""
+"""One step on one figure; a figure that it cannot process is left out and does not end the workflow."""
 
 import sys
 from collections.abc import Callable
@@ -10,11 +10,16 @@ from relight.files import UserError
 from relight.meshes import Mesh
 
 
-def step(make: Callable[[], Mesh], info: dict, out: Path) -> None:
-    """Saves what `make` returns; when it raises UserError, saves an empty mesh whose info says why it is left out.
+def save_mesh(make: Callable[[], Mesh], info: dict, out: Path) -> None:
+    """Saves the mesh that `make` returns, or the record of a figure left out where `make` raises UserError.
 
-    The graph of jobs is known before they run, so each figure has its output at every stage: a figure that is left
-    out is passed on, and the report lists it.
+    The graph of jobs is known before they run, so each figure has an output at every stage; the report lists those that
+    are left out.
+
+    Args:
+        make: makes the mesh.
+        info: the record of a figure that is left out, to which the reason is added.
+        out: the mesh record (.npz).
     """
     try:
         mesh = make()
@@ -24,17 +29,23 @@ def step(make: Callable[[], Mesh], info: dict, out: Path) -> None:
     mesh.save(out)
 
 
-def onward(mesh: Path, change: Callable[[Mesh], Mesh], out: Path) -> None:
-    """`step` from one record to the next; a figure that was left out before is passed on as it is."""
-    given = Mesh.load(mesh)
-    if "left_out" in given.info:
-        given.save(out)
+def transform_mesh(path: Path, transform: Callable[[Mesh], Mesh], out: Path) -> None:
+    """Saves the transformed mesh of a record; a figure that was left out before is copied.
+
+    Args:
+        path: a mesh record (.npz).
+        transform: maps its mesh to another; UserError leaves the figure out.
+        out: the mesh record to write.
+    """
+    mesh = Mesh.load(path)
+    if "left_out" in mesh.info:
+        mesh.save(out)
     else:
-        step(lambda: change(given), given.info, out)
+        save_mesh(lambda: transform(mesh), mesh.info, out)
 
 
 def left_out(info: dict, reason: str) -> Mesh:
-    """A mesh without faces that carries the reason."""
+    """A mesh without faces whose record has the reason, as `left_out`."""
     return Mesh(
         vertices=np.zeros((0, 3), np.float32),
         faces=np.zeros((0, 3), np.int32),

@@ -31,17 +31,17 @@ def main(
 ) -> None:
     from relight.learning.train import Inputs, Recipe, fingerprint
     from relight.learning.train import train as train_network
-    from relight.track import tracked
+    from relight.tracking.run import training_run
 
     recipe, inputs = Recipe(model, loss, train, augment), Inputs(packed, lights, split)
     # Beside the outputs but not declared as one: Snakemake deletes declared outputs before a retry.
     state = out.parent / "state" / out.stem
     data = {"figures": packed, "lights": lights, "split": split}
-    with tracked(track, out.stem, fingerprint(recipe, inputs), recipe.as_dict(), data) as run:
-        show = run.show if run.track.uri else None
-        train_network(recipe, inputs, out, state / "state.pt", curve, run.log, show)
+    with training_run(track, out.stem, fingerprint(recipe, inputs), recipe.as_dict(), data) as run:
+        add_image = run.add_image if run.track.uri else None
+        train_network(recipe, inputs, out, state / "state.pt", curve, run.log, add_image)
         run.finish(curve, out)
-    if STARTED_BY not in os.environ:  # else Snakemake has yet to record the outputs (`Plan.settle`)
+    if STARTED_BY not in os.environ:  # else Snakemake has yet to record the outputs (`Plan.clean_up`)
         remove_folder(state)
 
 

@@ -16,11 +16,11 @@ import yaml
 from mlflow import MlflowClient
 from safetensors import safe_open
 
-from relight import track
 from relight.config import Track, flat
 from relight.files import UserError
 from relight.stages.train import main as stage
-from relight.track import create
+from relight.tracking import store
+from relight.tracking.run import TrainingRun
 
 OUT, CURVE, STATE = (Path("train") / name for name in ("one.s0.safetensors", "one.s0.csv", "state/one.s0/state.pt"))
 
@@ -89,7 +89,7 @@ FORKS.set_forkserver_preload(["relight.learning.train", "mlflow", "mlflow.store.
 def empty(tmp_path_factory) -> Path:
     """A database without runs: to make one takes seconds."""
     folder = tmp_path_factory.mktemp("store")
-    create(f"sqlite:///{folder}/empty.db")
+    store.create_database(f"sqlite:///{folder}/empty.db")
     return folder / "empty.db"
 
 
@@ -155,8 +155,8 @@ def test_what_fails_in_mlflow_is_a_warning(training, capsys, monkeypatch, broken
 
 def test_what_a_locked_store_missed_is_there_at_the_end(training, capsys, monkeypatch):
     """Another process holds the database while the first epoch ends."""
-    monkeypatch.setattr(track, "PATIENCE", 0.1)
-    holder, log = sqlite3.connect(training.database, isolation_level=None), track.Training.log
+    monkeypatch.setattr(store, "SQLITE_TIMEOUT", 0.1)
+    holder, log = sqlite3.connect(training.database, isolation_level=None), TrainingRun.log
     holder.execute("BEGIN EXCLUSIVE")
 
     def locked_once(run, values, step):
@@ -164,7 +164,7 @@ def test_what_a_locked_store_missed_is_there_at_the_end(training, capsys, monkey
         if holder.in_transaction:
             holder.rollback()
 
-    monkeypatch.setattr(track.Training, "log", locked_once)
+    monkeypatch.setattr(TrainingRun, "log", locked_once)
     training()
     assert "database is locked" in capsys.readouterr().err
     (run,) = training.runs()
@@ -204,10 +204,10 @@ def test_the_same_training_again_adds_nothing(training, monkeypatch):
 
 def test_scores_are_added_to_the_run_of_their_network(training):
     training()
-    one = track.Training(Track(training.uri, "test"), OUT.stem, header()["fingerprint"], {})
+    one = TrainingRun(Track(training.uri, "test"), OUT.stem, header()["fingerprint"], {})
     for _ in range(2):
-        one.add({"test/light_rmse": 0.5}, CURVE)
-    one.add({"test/light_rmse": 0.25})
+        one.log_scores({"test/light_rmse": 0.5}, CURVE)
+    one.log_scores({"test/light_rmse": 0.25})
     (run,) = training.runs()
     history = MlflowClient(training.uri).get_metric_history(run.info.run_id, "test/light_rmse")
     assert [point.value for point in history] == [0.5, 0.25]
@@ -217,10 +217,10 @@ def test_a_moved_folder_keeps_its_artifacts_with_it(training, tmp_path, monkeypa
     """Also one whose database was made when places were absolute."""
     training()
     moved = tmp_path.with_name(f"{tmp_path.name}_moved")
-    with closing(sqlite3.connect(training.database)) as store, store:
-        store.execute(f"UPDATE experiments SET artifact_location = '{tmp_path}/' || artifact_location")
-        store.execute(f"UPDATE runs SET artifact_uri = '{tmp_path}/' || artifact_uri")
-        store.execute(f"UPDATE logged_models SET artifact_location = '{tmp_path}/' || artifact_location")
+    with closing(sqlite3.connect(training.database)) as database, database:
+        database.execute(f"UPDATE experiments SET artifact_location = '{tmp_path}/' || artifact_location")
+        database.execute(f"UPDATE runs SET artifact_uri = '{tmp_path}/' || artifact_uri")
+        database.execute(f"UPDATE logged_models SET artifact_location = '{tmp_path}/' || artifact_location")
     tmp_path.rename(moved)
     monkeypatch.chdir(moved)
     training.database = training.database.rename(f"{moved.name}.db")

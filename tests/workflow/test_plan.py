@@ -11,7 +11,7 @@ import yaml
 
 from relight.config import CONF, ROOT
 from relight.files import UserError
-from relight.run import swept
+from relight.run import expand_sweep
 from relight.workflow import Plan
 
 
@@ -23,13 +23,13 @@ def test_overrides_as_words_or_list():
 
 def test_runs_are_rows_times_seeds():
     plan = Plan({"hydra": "scale=smoke sweep.seeds=[0,7]"})
-    assert len(plan.runs) == 2 * len(plan.rows) and len(plan.rows) >= 7
-    settings = yaml.safe_load(plan.settings("train.no_tv.s7"))
+    assert len(plan.trainings) == 2 * len(plan.rows) and len(plan.rows) >= 7
+    settings = yaml.safe_load(plan.settings_file("train.no_tv.s7"))
     assert settings["train"]["seed"] == 7 and settings["loss"]["tv_albedo"] == 0
 
 
 def test_a_stage_gets_what_it_reads_and_nothing_else():
-    settings = yaml.safe_load(Plan({"hydra": "scale=smoke"}).settings("bake"))
+    settings = yaml.safe_load(Plan({"hydra": "scale=smoke"}).settings_file("bake"))
     assert set(settings) == {"defaults", "hydra", "bake"}
 
 
@@ -39,7 +39,7 @@ PRESETS = sorted(path.stem for path in (CONF / "experiment").glob("*.yaml"))
 def test_more_figures_leave_those_that_are_there():
     """What their stage reads is a file: they would be made anew if it told how many there are."""
     few, more = (Plan({"hydra": f"scale=smoke {words}"}) for words in ("", "figures.first=3 figures.count=9"))
-    assert few.figures != more.figures and few.settings("figure") == more.settings("figure")
+    assert few.figures != more.figures and few.settings_file("figure") == more.settings_file("figure")
 
 
 def test_a_row_means_the_same_in_every_preset():
@@ -57,31 +57,32 @@ def test_every_preset_plans(preset):
     """Each run of each preset composes, and what its section needs is told."""
     plan = Plan({"hydra": f"scale=smoke experiment={preset}"})
     assert list(plan.experiments) == [preset]
-    for run in plan.runs:
-        plan.settings(f"train.{run}")
-    asked = json.loads(plan.questions())[preset]
-    assert list(asked["runs"]) == asked["rows"]
-    if asked["table"]:
-        assert set(asked["scores"]) == set(asked["usual"]) == {*asked["rows"], ""}
-        assert f"{plan.out}/{asked['scores'][''][0]}" in plan.score_files
+    for run in plan.trainings:
+        plan.settings_file(f"train.{run}")
+    found = json.loads(plan.experiments_json())[preset]
+    assert list(found["runs"]) == found["rows"]
+    if found["table"]:
+        assert set(found["scores"]) == set(found["usual"]) == {*found["rows"], ""}
+        assert f"{plan.out}/{found['scores'][''][0]}" in plan.score_files
 
 
 def test_experiments_share_runs_and_keep_their_conditions():
     plan = Plan({"hydra": "scale=smoke experiment=[table1,table2,sitting,unusual_lights,silhouette]"})
     assert plan.scored.count("ours_full.s0") == 1
-    asked = json.loads(plan.questions())
-    assert asked["table1"]["scores"]["ours_full"] == ["evaluate/ours_full.s0.csv"]
-    assert asked["sitting"]["scores"]["ours_full"] == ["evaluate/sitting-test/ours_full.s0.csv"]
-    assert asked["sitting"]["usual"]["ours_full"] == ["evaluate/ours_full.s0.csv"]
-    assert asked["unusual_lights"]["scores"][""] == ["evaluate/test-unusual/baselines.subject.csv"]
+    found = json.loads(plan.experiments_json())
+    assert found["table1"]["scores"]["ours_full"] == ["evaluate/ours_full.s0.csv"]
+    assert found["sitting"]["scores"]["ours_full"] == ["evaluate/sitting-test/ours_full.s0.csv"]
+    assert found["sitting"]["usual"]["ours_full"] == ["evaluate/ours_full.s0.csv"]
+    assert found["unusual_lights"]["scores"][""] == ["evaluate/test-unusual/baselines.subject.csv"]
     assert len(plan.score_files) == len(set(plan.score_files))
 
 
 def test_a_run_goes_on_from_another_of_its_seed():
     plan = Plan({"hydra": "scale=smoke experiment=self_supervised sweep.seeds=[0,3] sweep.only=[self_all]"})
-    assert plan.start("self_all.s3") == ["results/smoke/train/ours_full.s3.safetensors"]
-    assert yaml.safe_load(plan.settings("train.self_all.s3"))["train"]["start"] == plan.start("self_all.s3")[0]
-    assert plan.start("ours_full.s0") == [] and plan.scored == ["self_all.s0", "self_all.s3"]
+    assert plan.start_network("self_all.s3") == ["results/smoke/train/ours_full.s3.safetensors"]
+    settings = yaml.safe_load(plan.settings_file("train.self_all.s3"))
+    assert settings["train"]["start"] == plan.start_network("self_all.s3")[0]
+    assert plan.start_network("ours_full.s0") == [] and plan.scored == ["self_all.s0", "self_all.s3"]
 
 
 def test_rows_that_ask_for_more_figures_than_there_are_are_left_out():
@@ -99,19 +100,19 @@ def test_a_row_that_asks_for_the_width_of_the_scale_is_left_out():
 def test_figures_of_whole_decades_are_made_together():
     """Whatever else is in the plan, so that more figures leave those that are there as they are."""
     plan = Plan({"hydra": "scale=smoke figures.first=7 figures.count=15"})
-    assert plan.tens == ["g001"] and plan.alone == ["g0007", "g0008", "g0009", "g0020", "g0021"]
-    assert Plan({"hydra": "scale=smoke figures.count=20"}).alone == []
+    assert plan.decades == ["g001"] and plan.single_figures == ["g0007", "g0008", "g0009", "g0020", "g0021"]
+    assert Plan({"hydra": "scale=smoke figures.count=20"}).single_figures == []
 
 
 def test_rows_may_have_splits_of_their_own():
     plan = Plan({"hydra": "scale=smoke experiment=splits"})
-    splits = json.loads(plan.questions())["splits"]["splits"]
+    splits = json.loads(plan.experiments_json())["splits"]["splits"]
     assert splits == {"ours_disjoint": "split/disjoint.json", "ours_siblings": "split/siblings.json"}
-    assert yaml.safe_load(plan.settings("split.siblings"))["split"]["kind"] == "siblings"
+    assert yaml.safe_load(plan.settings_file("split.siblings"))["split"]["kind"] == "siblings"
 
 
 @pytest.mark.parametrize(
-    ("hydra", "told"),
+    ("hydra", "message"),
     [
         ("evaluate.lights=unusual", "experiment=sitting"),
         ("sweep.only=[nobody]", "no run nobody"),
@@ -119,13 +120,13 @@ def test_rows_may_have_splits_of_their_own():
         ("+sweep.runs.wide=['train.start=wide']", "is the run itself"),
     ],
 )
-def test_plans_that_cannot_be(hydra, told):
-    with pytest.raises(UserError, match=told):
-        Plan({"hydra": ["scale=smoke", hydra]}).of_run("wide.s0")
+def test_impossible_plans(hydra, message):
+    with pytest.raises(UserError, match=message):
+        Plan({"hydra": ["scale=smoke", hydra]}).settings("wide.s0")
 
 
 def test_sweep_is_the_product():
-    fixed, runs = swept(["scale=smoke", "train.lr=1e-4,2e-4", "loss=min,full"])
+    fixed, runs = expand_sweep(["scale=smoke", "train.lr=1e-4,2e-4", "loss=min,full"])
     assert fixed == ["scale=smoke"]
     assert runs == {
         "lr_0.0001-loss_min": ["train.lr=0.0001", "loss=min"],
@@ -137,7 +138,7 @@ def test_sweep_is_the_product():
 
 def test_sweep_needs_a_list():
     with pytest.raises(UserError, match="-m sweeps over lists"):
-        swept(["loss=min"])
+        expand_sweep(["loss=min"])
 
 
 @pytest.mark.parametrize(
@@ -151,7 +152,7 @@ def test_sweep_needs_a_list():
     ],
 )
 def test_sweeps_are_named(words, names):
-    runs = swept(words)[1]
+    runs = expand_sweep(words)[1]
     assert len(runs) == len(names)
     for name, wanted in zip(runs, names):
         assert name == wanted if wanted else re.fullmatch(r"start_[\w-]{6,94}", name)
@@ -160,7 +161,7 @@ def test_sweeps_are_named(words, names):
 
 def test_a_sweep_over_an_interval_is_refused():
     with pytest.raises(UserError, match=r"train.lr=interval\(1e-4,1e-3\) is no list of values"):
-        swept(["train.lr=interval(1e-4,1e-3)"])
+        expand_sweep(["train.lr=interval(1e-4,1e-3)"])
 
 
 def test_rows_with_the_same_overrides_stay():
@@ -180,16 +181,17 @@ def test_a_package_that_is_missing_is_told_with_the_plan(monkeypatch):
     plan = Plan({"hydra": "scale=smoke experiment=path_traced"})
     monkeypatch.setitem(sys.modules, "mitsuba", None)
     with pytest.raises(UserError, match="pip install mitsuba"):
-        plan.look()
+        plan.check()
 
 
 def test_what_was_asked_for_is_written_down(tmp_path):
     runs = {"a": ["train.lr=0.1"]}
     for config in ({"hydra": "scale=smoke name=x"}, {"hydra": ["scale=smoke", "name=x"], "runs": runs}):
-        file = Plan(config).record(tmp_path)
+        file = Plan(config).write_record(tmp_path)
         assert file == tmp_path / "results/x/run.yaml"
         found = yaml.safe_load(file.read_text())
-        assert found == {**config, "hydra": ["scale=smoke", "name=x"]} and Plan(found).runs == Plan(config).runs
+        assert found == {**config, "hydra": ["scale=smoke", "name=x"]}
+        assert Plan(found).trainings == Plan(config).trainings
 
 
 def test_the_state_of_a_training_goes_when_it_is_recorded(tmp_path, monkeypatch):
@@ -204,9 +206,9 @@ def test_the_state_of_a_training_goes_when_it_is_recorded(tmp_path, monkeypatch)
     for file, age in ((report, 5), (page, 9)):
         file.write_text("x")
         os.utime(file, (1e9 - age, 1e9 - age))
-    plan.settle({plan.network("ours_full.s0")})
+    plan.clean_up({plan.network("ours_full.s0")})
     assert [state.exists() for state in states] == [False, True] and not page.exists() and report.exists()
-    plan.settle({plan.network("sfsnet.s0")})
+    plan.clean_up({plan.network("sfsnet.s0")})
     assert not states[0].parent.exists()
 
 
@@ -238,7 +240,7 @@ def test_files_of_the_future_are_told(tmp_path, kind):
     file = tmp_path / ("a.obj" if "scans" in kind else "a.hdr")
     file.write_text("v 0 0 0\n")
     plan = Plan({"hydra": [*f"scale=smoke {kind}.folder={tmp_path}".split()]})
-    plan.look()
+    plan.check()
     os.utime(file, (time.time() + 3600,) * 2)
     with pytest.raises(UserError, match=f"{file.name} is dated in the future: correct this machine's clock"):
-        plan.look()
+        plan.check()

@@ -12,6 +12,7 @@ import pytest
 import yaml
 
 from relight import run as module
+from relight import workflow
 from relight.config import ROOT
 from relight.files import UserError
 
@@ -103,32 +104,68 @@ def test_a_sweep_of_a_stage_leaves_its_outputs_alone(tmp_path):
     assert [path.name for path in tmp_path.iterdir()] == ["record.json"]
 
 
-def test_what_failed_leaves_the_report_of_the_others(calls, tmp_path, monkeypatch, capsys):
-    """Only inference_time has no results: its section is left out in a second call, and the first code is kept."""
-    words = ("experiment=[table1,inference_time]", "sweep.only=[sfsnet,ours_full]")
-    plan = module.Plan({"hydra": ["scale=smoke", *words]})
-    wanted = [*plan.score_files, *(plan.network(run) for run in plan.scored)]
+class Again:
+    """Stands for `subprocess` in relight.workflow: notes what Snakemake is called with, and says that it succeeded."""
+
+    def __init__(self):
+        self.calls = []
+
+    def run(self, command, env, **_):
+        self.calls.append((command, json.loads(env[workflow.FAILED])))
+        return subprocess.CompletedProcess(command, 0)
+
+
+def test_what_failed_leaves_the_report_of_the_others(tmp_path, monkeypatch, capsys):
+    """Only inference_time has no results: Snakemake is called again without it, as it was called by whomever."""
+    monkeypatch.chdir(tmp_path)
+    again = Again()
+    monkeypatch.setattr(workflow, "subprocess", again)
+    config = {"hydra": "scale=smoke experiment=[table1,inference_time] sweep.only=[sfsnet,ours_full]"}
+    plan = workflow.Plan(config)
+    workflow.report_others(plan)
+    assert not again.calls, "nothing is there: nothing to report"
+    wanted = [*plan.score_files, *(plan.network(training) for training in plan.scored)]
     wanted += [f"{plan.out}/{path}" for path in ("packed.safetensors", "figures.json", "lights/lights.npz")]
-
-    def snakemake(command, **streams):
-        file = Path(command[command.index("--configfile") + 1])
-        calls.append(yaml.safe_load(file.read_text()))
-        return int(len(calls) == 1)
-
-    monkeypatch.setattr(module, "snakemake", snakemake)
-    assert run(*words) == 1 and len(calls) == 1  # nothing is there: nothing to report
     for path in wanted:
         (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / path).write_text("")
-    calls.clear()
-    assert run(*words) == 1
+    workflow.report_others(plan)
     failed = {"inference_time": [f"{plan.out}/inference_time/ours_full.s0.csv"]}
-    assert [call.get("failed") for call in calls] == [None, failed]
-    assert not (tmp_path / plan.out / "failed.yaml").exists() and "failed: inference_time" in capsys.readouterr().err
-    without = module.Plan(calls[1])
+    assert again.calls == [([*sys.orig_argv, "--nolock"], failed)]
+    assert "failed: inference_time" in capsys.readouterr().err
+    without = workflow.Plan(config, failed)
     assert list(without.experiments) == ["table1"] and without.tables == ["table1"]
-    asked = json.loads(without.questions())
-    assert asked["inference_time"]["failed"] == failed["inference_time"] and "scores" in asked["table1"]
+    found = json.loads(without.experiments_json())
+    assert found["inference_time"]["failed"] == failed["inference_time"] and "scores" in found["table1"]
+    workflow.report_others(without)
+    assert len(again.calls) == 1, "a report of the others that fails is not tried again"
+
+
+def test_what_a_killed_run_left_at_work_is_ended(tmp_path, monkeypatch):
+    """And nothing else: not a stage that someone started by hand in the same folder."""
+    monkeypatch.setattr(module, "ROOT", tmp_path)
+    program = "import time; print('here', flush=True); time.sleep(300)"
+    environments = {"job": {module.MARK: "1"}, "own": {}, "snakemake": {}}
+    started = {}
+    try:
+        for name, marks in environments.items():
+            words = [sys.executable, "-c", program, "relight.stages.train"]
+            if name == "snakemake":
+                (tmp_path / "snakemake").write_text(program)
+                words = [sys.executable, "snakemake"]
+            started[name] = subprocess.Popen(words, cwd=tmp_path, env=marks, stdout=subprocess.PIPE)
+            assert started[name].stdout.readline() == b"here\n"
+        with pytest.raises(UserError, match=rf"process {started['snakemake'].pid}"):
+            module.end_orphans()
+        started["snakemake"].kill()
+        started["snakemake"].wait()
+        module.end_orphans()
+        assert started["job"].poll() is not None and started["own"].poll() is None
+    finally:
+        for process in started.values():
+            process.kill()
+            process.wait()
+            process.stdout.close()
 
 
 def test_a_job_takes_lists_of_files_and_its_log_says_what_it_was(tmp_path):

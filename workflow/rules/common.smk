@@ -1,3 +1,4 @@
+import json
 import os
 import re
 import shlex
@@ -10,40 +11,45 @@ from snakemake.exceptions import WorkflowError
 
 from relight.files import UserError, is_unsafe_name
 from relight.processes import STARTED_BY
-from relight.scheduling import calm
-from relight.track import WORKFLOW, conclude
-from relight.workflow import Plan
+from relight.scheduling import limit_scheduler_timers
+from relight.tracking.workflow import WORKFLOW, finish_workflow
+from relight.workflow import FAILED, Plan, report_others
 
-calm()
+limit_scheduler_timers()
 os.environ[STARTED_BY] = str(os.getpid())
 
 try:
-    PLAN = Plan(config)
-    PLAN.look()
+    PLAN = Plan(config, json.loads(os.environ.get(FAILED, "{}")))
+    PLAN.check()
 except UserError as error:
     raise WorkflowError(str(error)) from None
 OUT = PLAN.out
-FLOW = PLAN.tracked()
-os.environ[WORKFLOW] = FLOW.dumps()
+WORKFLOW_INFO = PLAN.workflow()
+os.environ[WORKFLOW] = WORKFLOW_INFO.to_json()
 
 
 onstart:
-    PLAN.record(".")
+    PLAN.write_record(".")
 
 
 onsuccess:
-    PLAN.settle({str(path) for job in workflow.dag.jobs for path in job.output})
-    conclude(FLOW, PLAN.networks, Path(OUT, "report"))
+    PLAN.clean_up({str(path) for job in workflow.dag.jobs for path in job.output})
+    finish_workflow(WORKFLOW_INFO, PLAN.networks, Path(OUT, "report"))
 
 
 onerror:
-    conclude(FLOW, PLAN.networks, Path(OUT, "report"), failed=True)
+    finish_workflow(WORKFLOW_INFO, PLAN.networks, Path(OUT, "report"), failed=True)
+    # Not after Ctrl-C, which Snakemake tells nowhere else; and where everything was to be made.
+    if not workflow.scheduler._user_kill and any(
+        job.rule.name == "all" for job in workflow.dag.jobs
+    ):
+        report_others(PLAN)
 
 
 wildcard_constraints:
-    figure="|".join(map(re.escape, PLAN.alone)) or "(?!)",
-    tens="|".join(PLAN.tens) or "(?!)",
-    run="|".join(map(re.escape, PLAN.runs)),
+    figure="|".join(map(re.escape, PLAN.single_figures)) or "(?!)",
+    decade="|".join(PLAN.decades) or "(?!)",
+    run="|".join(map(re.escape, PLAN.trainings)),
     experiment="|".join(map(re.escape, PLAN.experiments)),
     kind="subject|paper|disjoint|siblings",
     on="((test|sitting|views)-(test|unusual)/)?",
@@ -78,9 +84,9 @@ def several(port, words):
     return f'{port}="[$(echo {words} | tr " " ,)]" '
 
 
-def ten(folder):
+def decade(folder):
     """The records of the figures of a decade in a folder, as patterns."""
-    return [f"{OUT}/{folder}/{{tens}}{digit}.npz" for digit in range(10)]
+    return [f"{OUT}/{folder}/{{decade}}{digit}.npz" for digit in range(10)]
 
 
 def maps_of(names):
@@ -95,7 +101,7 @@ def maps_of(names):
 
 def split_of(run):
     """The split that a run is trained and scored on."""
-    return f"{OUT}/split/{PLAN.of_run(run).split.kind}.json"
+    return f"{OUT}/split/{PLAN.settings(run).split.kind}.json"
 
 
 def condition(on):

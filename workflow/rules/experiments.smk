@@ -88,7 +88,7 @@ rule inference_time:
         mem_mb=8000,
         gpu=PLAN.gpus,
     params:
-        row=lambda wildcards: PLAN.runs[wildcards.run][0],
+        row=lambda wildcards: PLAN.trainings[wildcards.run].run,
     shell:
         command("inference_time")
         + named("io.row", "params.row")

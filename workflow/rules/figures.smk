@@ -108,49 +108,49 @@ rule bake:
         + LOGGED
 
 
-if PLAN.tens:
+if PLAN.decades:
 
-    use rule figure as figure_tens with:
+    use rule figure as figure_decade with:
         output:
-            ten("figures"),
+            decade("figures"),
         log:
-            f"{OUT}/log/figure/{{tens}}.log",
+            f"{OUT}/log/figure/{{decade}}.log",
         benchmark:
-            f"{OUT}/benchmark/figure/{{tens}}.tsv"
+            f"{OUT}/benchmark/figure/{{decade}}.tsv"
 
-    use rule clean as clean_tens with:
+    use rule clean as clean_decade with:
         input:
             cfg=settings("clean"),
-            mesh=ten("figures"),
+            mesh=decade("figures"),
         output:
-            [temp(path) for path in ten("clean")],
+            [temp(path) for path in decade("clean")],
         log:
-            f"{OUT}/log/clean/{{tens}}.log",
+            f"{OUT}/log/clean/{{decade}}.log",
         benchmark:
-            f"{OUT}/benchmark/clean/{{tens}}.tsv"
+            f"{OUT}/benchmark/clean/{{decade}}.tsv"
 
-    use rule align as align_tens with:
+    use rule align as align_decade with:
         input:
             cfg=settings("align"),
-            mesh=ten("clean"),
+            mesh=decade("clean"),
             table=PLAN.cfg.align.table or [],
         output:
-            ten("aligned"),
+            decade("aligned"),
         log:
-            f"{OUT}/log/align/{{tens}}.log",
+            f"{OUT}/log/align/{{decade}}.log",
         benchmark:
-            f"{OUT}/benchmark/align/{{tens}}.tsv"
+            f"{OUT}/benchmark/align/{{decade}}.tsv"
 
-    use rule bake as bake_tens with:
+    use rule bake as bake_decade with:
         input:
             cfg=settings("bake"),
-            mesh=ten("aligned"),
+            mesh=decade("aligned"),
         output:
-            **maps_of([f"{{tens}}{digit}" for digit in range(10)]),
+            **maps_of([f"{{decade}}{digit}" for digit in range(10)]),
         log:
-            f"{OUT}/log/bake/{{tens}}.log",
+            f"{OUT}/log/bake/{{decade}}.log",
         benchmark:
-            f"{OUT}/benchmark/bake/{{tens}}.tsv"
+            f"{OUT}/benchmark/bake/{{decade}}.tsv"
 
 
 rule pack:

@@ -4,7 +4,7 @@ rule train:
         packed=f"{OUT}/packed.safetensors",
         split=lambda wildcards: split_of(wildcards.run),
         lights=f"{OUT}/lights/lights.npz",
-        start=lambda wildcards: PLAN.start(wildcards.run),
+        start=lambda wildcards: PLAN.start_network(wildcards.run),
     output:
         network=f"{OUT}/train/{{run}}.safetensors",
         curve=f"{OUT}/train/{{run}}.csv",

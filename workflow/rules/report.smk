@@ -4,15 +4,16 @@ rule tables:
         experiments=f"{OUT}/config/experiments.json",
         scores=lambda wildcards: PLAN.score_files,
     output:
-        report(
-            expand(
-                f"{OUT}/report/{{table}}.{{kind}}",
-                table=PLAN.tables,
-                kind=["csv", "md", "tex"],
-            ),
-            category="Tables",
-            caption="../report/tables.rst",
-        ),
+        [
+            report(
+                f"{OUT}/report/{table}.{kind}",
+                category="Tables",
+                caption="../report/tables.rst",
+                labels={"experiment": table, "format": kind},
+            )
+            for table in PLAN.tables
+            for kind in ("csv", "md", "tex")
+        ],
     log:
         f"{OUT}/log/tables.log",
     shell:
@@ -36,25 +37,29 @@ rule plates:
         ],
         packed=f"{OUT}/packed.safetensors",
         lights=f"{OUT}/lights/lights.npz",
-        split=lambda wildcards: f"{OUT}/split/{PLAN.kind(wildcards.experiment)}.json",
+        split=lambda wildcards: f"{OUT}/split/{PLAN.split_kind(wildcards.experiment)}.json",
     output:
         plates=report(
             f"{OUT}/report/{{experiment}}_plates.png",
             category="Pictures",
             caption="../report/plates.rst",
+            labels={"experiment": "{experiment}", "shows": "a plate"},
         ),
         overview=f"{OUT}/report/{{experiment}}_overview.png",
         extremes=report(
             f"{OUT}/report/{{experiment}}_extremes.png",
             category="Pictures",
             caption="../report/extremes.rst",
+            labels={"experiment": "{experiment}", "shows": "best and worst"},
         ),
     log:
         f"{OUT}/log/plates.{{experiment}}.log",
     benchmark:
         f"{OUT}/benchmark/plates/{{experiment}}.tsv"
     params:
-        condition=lambda wildcards: condition(PLAN.on(wildcards.experiment)),
+        condition=lambda wildcards: condition(
+            PLAN.condition_folder(wildcards.experiment)
+        ),
     shell:
         command("plates")
         + "{params.condition} io.experiments={input.experiments:q} "
@@ -76,9 +81,13 @@ rule sheets:
             f"{OUT}/report/figures.png",
             category="Data",
             caption="../report/figures.rst",
+            labels={"shows": "figures"},
         ),
         lights=report(
-            f"{OUT}/report/lights.png", category="Data", caption="../report/lights.rst"
+            f"{OUT}/report/lights.png",
+            category="Data",
+            caption="../report/lights.rst",
+            labels={"shows": "lights"},
         ),
         occlusion=f"{OUT}/report/occlusion.csv",
         histogram=f"{OUT}/report/occlusion.png",
@@ -118,6 +127,7 @@ rule report:
             f"{OUT}/report/report.html",
             category="Report",
             caption="../report/page.rst",
+            labels={"shows": "the whole report"},
         ),
         charts=expand(
             f"{OUT}/report/{{chart}}.png",

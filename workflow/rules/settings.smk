@@ -4,7 +4,7 @@ rule settings:
         f"{OUT}/config/{{stage}}.yaml",
     localrule: True
     params:
-        text=lambda wildcards: PLAN.settings(wildcards.stage),
+        text=lambda wildcards: PLAN.settings_file(wildcards.stage),
     shell:
         "printf %s {params.text:q} > {output:q}"
 
@@ -25,12 +25,12 @@ rule listing:
         "printf %s {params.figures:q} > {output.figures:q}; printf %s {params.maps:q} > {output.maps:q}"
 
 
-# What the report is to answer.
+# The experiments, for the report.
 rule experiments:
     output:
         f"{OUT}/config/experiments.json",
     localrule: True
     params:
-        text=lambda wildcards: PLAN.questions(),
+        text=lambda wildcards: PLAN.experiments_json(),
     shell:
         "printf %s {params.text:q} > {output:q}"

@@ -38,7 +38,7 @@ def build_report(name: str, settings: config.Evaluate, experiments: Path, folder
     Args:
         name: of the run.
         settings: how many resamples, their seed, how many figures the sheets show.
-        experiments: what was asked for (experiments.json, `Plan.asked`).
+        experiments: what was asked for (experiments.json, `Plan.requested`).
         folder: results/<name>.
         out: the page (.html).
 

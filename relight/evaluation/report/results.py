@@ -19,7 +19,7 @@ from relight.files import UserError, existing_file
 
 
 class Results:
-    """The folder results/<name>, and the experiments that were asked for (experiments.json, `Plan.asked`).
+    """The folder results/<name>, and the experiments that were asked for (experiments.json, `Plan.requested`).
 
     Of a table's methods, `usual` asks for the usual figures and lights in the place of the experiment's own.
     """

@@ -20,14 +20,14 @@ COSTS = Path(".snakemake", "relight.costs.json")  # seconds of a job of each rul
 # What has run says how fast this machine and these settings are beside them.
 DEMO = {
     "figure": 8.0,
-    "figure_tens": 55.0,
+    "figure_decade": 55.0,
     "scan": 4.0,
     "clean": 2.0,
-    "clean_tens": 5.0,
+    "clean_decade": 5.0,
     "align": 1.0,
-    "align_tens": 3.0,
+    "align_decade": 3.0,
     "bake": 6.0,
-    "bake_tens": 45.0,
+    "bake_decade": 45.0,
     "pack": 4.0,
     "lights": 45.0,
     "train": 105.0,

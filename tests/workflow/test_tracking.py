@@ -1,7 +1,6 @@
 """MLflow: the store is made once under contention, whole or not at all; workflows have runs above their trainings; a
 server, and nothing at all, do as well."""
 
-import json
 import multiprocessing
 import os
 import signal
@@ -22,7 +21,9 @@ from relight.config import ROOT, Model, Track
 from relight.files import UserError
 from relight.learning.checkpoint import save_network
 from relight.learning.networks import build
-from relight.track import WORKFLOW, Training, Workflow, conclude, downloaded
+from relight.tracking.run import TrainingRun
+from relight.tracking.server import download_network
+from relight.tracking.workflow import WORKFLOW, Workflow, finish_workflow
 from relight.workflow import Plan
 
 URI = "sqlite:///mlflow.db"
@@ -33,13 +34,13 @@ NETWORK = Model(
 WRITERS = 8
 FLOW = Workflow(Track(URI, "test"), "demo", "9" * 64, {"a": {"b": 1}}, {"ours": ["table1", "table2"]}, {"sweep": "no"})
 FORKS = multiprocessing.get_context("forkserver")  # to import MLflow once for all writers
-FORKS.set_forkserver_preload(["mlflow", "mlflow.store.tracking.sqlalchemy_store", "relight.track"])
+FORKS.set_forkserver_preload(["mlflow", "mlflow.store.tracking.sqlalchemy_store", "relight.tracking.run"])
 
 pytestmark = pytest.mark.slow
 KILLED = """
 import os, signal
 from mlflow.store.tracking import sqlalchemy_store
-from relight.track import create
+from relight.tracking.store import create_database
 
 class Store:
     def __init__(self, uri, *_):
@@ -49,15 +50,15 @@ class Store:
         os.kill(os.getpid(), signal.SIGKILL)
 
 sqlalchemy_store.SqlAlchemyStore = Store
-create("sqlite:///mlflow.db")
+create_database("sqlite:///mlflow.db")
 """
 WRITER = """
 import os, sys
 os.chdir({folder!r})
 os.environ["RELIGHT_WORKFLOW"] = {flow!r}
 from relight.config import Track
-from relight.track import Training
-run = Training(Track(), "ours.s{seed}", str({seed}) * 64, {{"lr": {seed}}})
+from relight.tracking.run import TrainingRun
+run = TrainingRun(Track(), "ours.s{seed}", str({seed}) * 64, {{"lr": {seed}}})
 for step in range(3):
     run.log({{"loss": {seed} + step / 4}}, step)
 """
@@ -70,7 +71,7 @@ def folder(tmp_path_factory) -> Path:
     killed = subprocess.run([sys.executable, "-c", KILLED], cwd=folder, env={"PYTHONPATH": str(ROOT)}, timeout=120)
     assert killed.returncode == -9
     assert not list(folder.glob("*-journal")) and not list(folder.glob(".*-journal"))
-    programs = [WRITER.format(folder=str(folder), flow=FLOW.dumps(), seed=seed) for seed in range(WRITERS)]
+    programs = [WRITER.format(folder=str(folder), flow=FLOW.to_json(), seed=seed) for seed in range(WRITERS)]
     jobs = [FORKS.Process(target=exec, args=(program, {})) for program in programs]
     for job in jobs:
         job.start()
@@ -112,20 +113,20 @@ def test_processes_share_a_new_store(client, folder):
 
 def test_a_run_is_found_again_by_name_and_fingerprint(client):
     before = {run.info.run_id for run in runs(client)}
-    again = Training(Track(URI, "test"), "ours.s1", "1" * 64, {"lr": 1})
+    again = TrainingRun(Track(URI, "test"), "ours.s1", "1" * 64, {"lr": 1})
     again.log({"loss": 9.0}, 2)
     again.log({"loss": 0.25}, 3)
     assert {run.info.run_id for run in runs(client)} == before
     points = [(point.step, point.value) for point in client.get_metric_history(again.id, "loss")]
     assert points == [(0, 1), (1, 1.25), (2, 1.5), (3, 0.25)]
-    other = Training(Track(URI, "test"), "ours.s1", "2" * 64, {"lr": 2})
+    other = TrainingRun(Track(URI, "test"), "ours.s1", "2" * 64, {"lr": 2})
     other.log({"loss": 0.5}, 0)
     assert other.id not in before and client.get_run(other.id).data.params["lr"] == "2"
     client.delete_run(other.id)
 
 
 def test_a_deleted_run_is_made_anew(client):
-    runs_of_one = [Training(Track(URI, "test"), "gone", "3" * 64, {}) for _ in range(2)]
+    runs_of_one = [TrainingRun(Track(URI, "test"), "gone", "3" * 64, {}) for _ in range(2)]
     runs_of_one[0].log({"loss": 0.5}, 0)
     client.delete_run(runs_of_one[0].id)
     runs_of_one[1].log({"loss": 0.5}, 0)
@@ -137,10 +138,10 @@ def trained(name: str, mark: str, score: float, curve: Path) -> Path:
     """A finished training with a network of its own, scored."""
     network = curve.parent / f"{name}.safetensors"
     save_network(network, build(NETWORK, 64), NETWORK, fingerprint=mark, train={"color": "photo"})
-    run = Training(Track(), name, mark, {"train": {"color": "photo"}})
+    run = TrainingRun(Track(), name, mark, {"train": {"color": "photo"}})
     run.finish(curve, network)
-    run.add({"test/shading_rmse": score})
-    assert not run.told
+    run.log_scores({"test/shading_rmse": score})
+    assert not run.warnings
     return network
 
 
@@ -152,7 +153,7 @@ def test_the_end_of_a_workflow(tmp_path, folder, client, monkeypatch):
     from relight.photos.api import load
 
     flow = replace(FLOW, name="ended", fingerprint="8" * 64)
-    monkeypatch.setenv(WORKFLOW, flow.dumps())
+    monkeypatch.setenv(WORKFLOW, flow.to_json())
     (folder / "report").mkdir()
     for name in ("report/report.html", "report/table1.csv", "report/notes.bin", "run.yaml"):
         (folder / name).write_text("x")
@@ -160,7 +161,7 @@ def test_the_end_of_a_workflow(tmp_path, folder, client, monkeypatch):
     curve.write_text("step,loss,validation/loss\n4,0.5,0.75\n")
     scores = {"ours.s0": 0.3, "ours.s1": 0.2}
     networks = {name: trained(name, name, score, curve) for name, score in scores.items()}
-    conclude(flow, networks, folder / "report")
+    finish_workflow(flow, networks, folder / "report")
     run = next(run for run in runs(client) if run.info.run_name == "ended")
     assert run.info.status == "FINISHED" and run.data.tags["best"] == "ours.s1"
     assert {item.path for item in client.list_artifacts(run.info.run_id)} == {"config.yaml", "report", "run.yaml"}
@@ -170,9 +171,9 @@ def test_the_end_of_a_workflow(tmp_path, folder, client, monkeypatch):
     assert "### table2" in note and "| 0.2000 |" in note and "compare-runs" in note
 
     monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{folder}/mlflow.db")
-    monkeypatch.setattr("relight.track.ROOT", folder)
+    monkeypatch.setattr("relight.tracking.server.ROOT", folder)
     own = load("models:/relight@photo")
-    assert downloaded("models:/relight@photo").read_bytes() == networks["ours.s1"].read_bytes()
+    assert download_network("models:/relight@photo").read_bytes() == networks["ours.s1"].read_bytes()
     with pytest.raises(UserError, match=r"models:/relight@nothing is not in MLflow"):
         load("models:/relight@nothing")
     mlflow.set_tracking_uri(URI)
@@ -187,28 +188,27 @@ def test_the_end_of_a_workflow(tmp_path, folder, client, monkeypatch):
 
 def test_without_an_address_nothing_is_tracked(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    run = Training(Track(), "ours.s0", "1" * 64, {"lr": 1})
+    run = TrainingRun(Track(), "ours.s0", "1" * 64, {"lr": 1})
     run.log({"loss": 0.5}, 0)
-    run.add({"test": 1.0})
-    conclude(replace(FLOW, track=Track()), {}, tmp_path)
+    run.log_scores({"test": 1.0})
+    finish_workflow(replace(FLOW, track=Track()), {}, tmp_path)
     assert not list(tmp_path.iterdir()) and capsys.readouterr() == ("", "")
 
 
 def test_a_workflow_tells_what_was_asked_for(monkeypatch):
     plan = Plan({"hydra": "scale=smoke experiment=[table1,table2] track.experiment=own"})
-    flow = plan.tracked()
-    monkeypatch.setenv(WORKFLOW, flow.dumps())
-    assert Workflow.here() == flow and flow.track == Track("sqlite:///mlflow.db", "own")
+    flow = plan.workflow()
+    monkeypatch.setenv(WORKFLOW, flow.to_json())
+    assert Workflow.from_environment() == flow and flow.track == Track("sqlite:///mlflow.db", "own")
     assert flow.rows["ours_full"] == ["table1", "table2"] and flow.tags["sweep"] == "false"
     assert flow.settings["train"]["steps"] == 24 and "track" not in flow.settings
     others = ("scale=smoke", "scale=smoke train.lr=0.5", "scale=smoke track=none")
-    marks = [Plan({"hydra": words}).tracked().fingerprint for words in others]
+    marks = [Plan({"hydra": words}).workflow().fingerprint for words in others]
     assert marks[0] == marks[2] != marks[1]
-    swept = Plan({"hydra": "scale=smoke", "runs": {"lr_1": ["train.lr=1"]}}).tracked()
+    swept = Plan({"hydra": "scale=smoke", "runs": {"lr_1": ["train.lr=1"]}}).workflow()
     assert (
         swept.track.experiment == "smoke sweeps" and swept.tags["sweep"] == "true" and swept.rows == {"lr_1": ["sweep"]}
     )
-    json.loads(flow.dumps())
 
 
 def test_runs_on_a_server_and_the_server_of_relight_ui(tmp_path):
@@ -235,10 +235,10 @@ def test_runs_on_a_server_and_the_server_of_relight_ui(tmp_path):
                 break
             except OSError:
                 time.sleep(0.2)
-        run = Training(Track(address, "mine"), "ours.s0", "1" * 64, {str(i): i for i in range(150)})
-        run.show(np.zeros((8, 8, 3), np.uint8), 4)
+        run = TrainingRun(Track(address, "mine"), "ours.s0", "1" * 64, {str(i): i for i in range(150)})
+        run.add_image(np.zeros((8, 8, 3), np.uint8), 4)
         run.log({"loss": 0.5}, 4)
-        assert not run.told
+        assert not run.warnings
         found = MlflowClient(address).get_run(run.id)
         assert found.info.experiment_id == "1" and found.data.metrics["loss"] == 0.5 and len(found.data.params) == 150
         assert MlflowClient(address).list_artifacts(run.id, "images")

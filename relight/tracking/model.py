@@ -1,6 +1,6 @@
-"""The network as a model of MLflow: `mlflow.pyfunc.load_model` returns what infers maps from pictures.
+"""The network as a model of MLflow: `mlflow.pyfunc.load_model` returns a predictor of maps from pictures.
 
-The model is the network's safetensors file and this module's name, so nothing that is unpickled can run code.
+The model is the network's safetensors file and the name of this module, so loading it unpickles nothing.
 """
 
 import tempfile
@@ -10,28 +10,36 @@ import numpy as np
 
 from relight import __version__
 
-FINEST = 64  # values of the input example are multiples of 1/64, which are short as text
-LARGEST = 256  # pixels of a network whose input example is kept
+STEPS = 64  # values of the input example are multiples of 1/64, which are short as text
+MAX_SIZE = 256  # pixels of a network whose input example is stored
 
 
-class Served:
-    """A network behind MLflow's interface."""
+class Predictor:
+    """A network with the interface that MLflow expects."""
 
     def __init__(self, network):
         self.network = network
 
     def predict(self, model_input: dict[str, np.ndarray], params: dict | None = None) -> dict[str, np.ndarray]:
-        """Maps of images (B,S,S,3), linear, with masks (B,S,S), as `relight.learning.predict.predict` says."""
+        """Infers maps.
+
+        Args:
+            model_input: `image` (B,S,S,3), linear, and `mask` (B,S,S), float32.
+            params: unused; MLflow passes it.
+
+        Returns:
+            The maps by name, as from `relight.learning.predict.predict`.
+        """
         from relight.learning.predict import predict
 
         return predict(self.network, model_input["image"], model_input["mask"])
 
 
-def _load_pyfunc(path: str) -> Served:
-    """What MLflow calls with the place of the data of a model."""
+def _load_pyfunc(path: str) -> Predictor:
+    """Called by MLflow with the path of the model's data, the network's file."""
     from relight.learning.checkpoint import load_network
 
-    return Served(load_network(path)[0])
+    return Predictor(load_network(path)[0])
 
 
 def log_network(client, run: str, path: Path) -> None:
@@ -49,7 +57,7 @@ def log_network(client, run: str, path: Path) -> None:
     found = client.get_run(run)
     if found.outputs and found.outputs.model_outputs:
         return
-    served = _load_pyfunc(str(path))
+    predictor = _load_pyfunc(str(path))
     model = client.create_logged_model(
         found.info.experiment_id, path.stem.replace(".", "-"), run, params=found.data.params, model_type="relighting"
     )
@@ -58,8 +66,8 @@ def log_network(client, run: str, path: Path) -> None:
             f"{folder}/model",
             loader_module=__name__,
             data_path=str(path),
-            signature=signature(served.network),
-            input_example=example(served.network.size) if served.network.size <= LARGEST else None,
+            signature=signature(predictor.network),
+            input_example=example(predictor.network.size) if predictor.network.size <= MAX_SIZE else None,
             pip_requirements=[f"relight=={__version__}"],
             mlflow_model=Model(artifact_path=model.artifact_location, run_id=run, model_id=model.model_id),
         )
@@ -69,7 +77,7 @@ def log_network(client, run: str, path: Path) -> None:
 
 
 def signature(network):
-    """What goes in and what comes out, as MLflow's signature: float32, any number of pictures."""
+    """MLflow's signature of a network: names and shapes of inputs and outputs, float32, for any number of pictures."""
     from mlflow.models import ModelSignature
     from mlflow.types import Schema, TensorSpec
 
@@ -88,9 +96,9 @@ def signature(network):
 
 
 def example(size: int) -> dict[str, np.ndarray]:
-    """A lit ball on black, as an input: image (1,S,S,3) and mask (1,S,S), float32."""
+    """An example of an input, a lit ball on black: image (1,S,S,3) and mask (1,S,S), float32."""
     y, x = (1 - 2 * (np.mgrid[:size, :size] + 0.5) / size) * [[[1]], [[-1]]]
     inside = np.hypot(x, y) < 0.5
     lit = np.clip(0.5 + 0.5 * (x + y), 0, 1) * inside
-    image = np.round(lit[..., None] * [0.9, 0.7, 0.6] * FINEST) / FINEST
+    image = np.round(lit[..., None] * [0.9, 0.7, 0.6] * STEPS) / STEPS
     return {"image": image[None].astype(np.float32), "mask": inside[None].astype(np.float32)}

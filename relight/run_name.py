@@ -1,0 +1,27 @@
+"""The name of a training: its run (a row of the tables) and its seed."""
+
+import re
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class RunName:
+    """A run and a seed; `str()` of it names files, jobs and MLflow's runs: `ours_full.s0`.
+
+    >>> RunName.parse("ours_full.s0")
+    RunName(run='ours_full', seed=0)
+    >>> str(RunName("ours_full", 0))
+    'ours_full.s0'
+    """
+
+    run: str
+    seed: int | None = None
+
+    def __str__(self) -> str:
+        return self.run if self.seed is None else f"{self.run}.s{self.seed}"
+
+    @classmethod
+    def parse(cls, text: str) -> "RunName":
+        """Reads a name; one without a seed, such as that of a baseline, is all run."""
+        run, seed = re.fullmatch(r"(.*?)(?:\.s(\d+))?", text, re.S).groups()
+        return cls(run, None if seed is None else int(seed))

@@ -1,0 +1,306 @@
+"""A run in MLflow, and that of a training."""
+
+import csv
+import hashlib
+import json
+import sys
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import numpy as np
+
+from relight import __version__
+from relight.config import Track, flat
+from relight.run_name import RunName
+from relight.tracking.store import connect, lock
+from relight.tracking.workflow import Workflow, milliseconds
+
+NOTE = """\
+`loss` and its parts are means over the steps since the last point, `validation/` the same on a few fixed pairs of test
+figures and test lights, `test/` the means over all of them (docs/evaluation.md). Pictures have a column each for the
+picture, the albedo, the shading, a ball in the light, and the figure in another light; the truth stands above what was
+inferred. Nothing is chosen by them but the registered model.
+"""
+RETRY = 100  # a store that fails is tried again after so many times as long as it took to fail
+MAX_PARAMS = 100  # that MLflow takes at once
+
+
+class Run:
+    """A run in MLflow, found by its name and fingerprint, or made when something is first logged.
+
+    The fingerprint is a hash of all that the results depend on: a training that goes on after a kill goes on in its own
+    run, and one with other settings or data has another. What MLflow raises is one warning on stderr; what it did not
+    take is kept, and sent with what follows. Without an address nothing is tracked.
+    """
+
+    def __init__(
+        self,
+        track: Track,
+        name: str,
+        fingerprint: str,
+        settings: dict,
+        tags: Mapping[str, str] | None = None,
+        parent: "Run | None" = None,
+        start: int = 0,
+    ):
+        """
+        Args:
+            track: where it is recorded.
+            name: of the run.
+            fingerprint: see above.
+            settings: its parameters, nested.
+            tags: of the run.
+            parent: the run that it is nested in.
+            start: when it began, in ms since 1970; now by default.
+        """
+        self.track, self.name, self.fingerprint, self.settings = track, name, fingerprint, settings
+        self.tags, self.parent, self.start = dict(tags or {}), parent, start or milliseconds()
+        self.id: str | None = None
+        self.status = ""
+        self.warnings: set[str] = set()
+        self._metrics: dict[int, tuple[int, Mapping[str, float]]] = {}  # to be sent, by step: when, and values
+        self._images: dict[int, np.ndarray] = {}  # to be sent, by step
+        self._sent_metrics: set[int] = set()  # steps that the store has
+        self._sent_images: set[int] = set()
+        self._retry_at = 0.0
+
+    def log(self, values: Mapping[str, float], step: int) -> None:
+        """Sends the metrics of a step, and the images that were added."""
+        self._metrics[step] = milliseconds(), values
+        if time.monotonic() > self._retry_at:
+            self.attempt(lambda: (self._send_metrics(), self._send_images()))
+
+    def add_image(self, image: np.ndarray, step: int) -> None:
+        """Adds the image (H,W,3) uint8 of a step to what the next `log` sends."""
+        self._images[step] = image
+
+    def attempt(self, action: Callable[[], object]) -> None:
+        """Calls `action` with the run open, as `self.client` and `self.id`; an exception becomes a warning."""
+        if not self.track.uri:
+            return
+        began = time.monotonic()
+        try:
+            if not self.id:
+                self._open()
+            action()
+        except Exception as error:  # whatever it is: no training ends because of it
+            self.id = None  # the store is asked again what it has
+            reason = str(error).strip().split("\n")[0]
+            if reason not in self.warnings:
+                print(f"{self.name} is not recorded in MLflow ({self.track.uri}): {reason}", file=sys.stderr)
+            self.warnings.add(reason)
+            self._retry_at = time.monotonic() + RETRY * (time.monotonic() - began)
+
+    def end(self, status: str = "FINISHED") -> None:
+        """Ends the run, to be called in `attempt`; one that has finished keeps its end."""
+        if self.status != "FINISHED":
+            self.client.set_terminated(self.id, status)
+
+    def log_settings(self) -> None:
+        """Adds the settings to the artifacts, as config.yaml; to be called in `attempt`."""
+        self.client.log_dict(self.id, self.settings, "config.yaml")
+
+    def log_files(self, files: Iterable[Path], folder: str | None = None) -> None:
+        """Adds files to a folder of the artifacts; to be called in `attempt`."""
+        for file in files:
+            self.client.log_artifact(self.id, str(file), folder)
+
+    def _open(self) -> None:
+        self.client, experiment = connect(self.track)
+        with lock():
+            run = self.find_or_create(self.client, experiment)
+        self.id, self.status = run.info.run_id, run.info.status
+        self._sent_metrics = {point.step for point in self.client.get_metric_history(self.id, "loss")}
+        if self._images:  # a training that was killed may have sent the images of a step and not its metrics
+            sent = [item.path for item in self.client.list_artifacts(self.id, "images") if "+step+" in item.path]
+            self._sent_images = {int(path.split("+step+")[1].split("+")[0]) for path in sent}
+
+    def find_or_create(self, client, experiment: str):
+        """The run as MLflow has it, with all parameters; to be called in `lock`.
+
+        Args:
+            client: an `MlflowClient`.
+            experiment: the id of its experiment.
+
+        Returns:
+            An `mlflow.entities.Run`.
+        """
+        from mlflow.entities import Param
+        from mlflow.tracking.context.registry import resolve_tags
+
+        found = client.search_runs([experiment], f"tags.fingerprint = '{self.fingerprint}'")
+        run = next((run for run in found if run.info.run_name == self.name), None)
+        if run is None:
+            tags = {**self.tags, "fingerprint": self.fingerprint, "relight.version": __version__}
+            if self.parent:
+                tags["mlflow.parentRunId"] = self.parent.find_or_create(client, experiment).info.run_id
+            run = client.create_run(experiment, start_time=self.start, tags=resolve_tags(tags), run_name=self.name)
+        elif run.info.status != "FINISHED":
+            client.update_run(run.info.run_id, status="RUNNING")
+        params = {key: str(value) for key, value in flat(self.settings).items()}
+        new = [Param(key, value) for key, value in params.items() if key not in run.data.params]
+        for first in range(0, len(new), MAX_PARAMS):
+            client.log_batch(run.info.run_id, params=new[first : first + MAX_PARAMS])
+        return run
+
+    def _send_metrics(self) -> None:
+        from mlflow.entities import Metric
+
+        for step, (when, values) in sorted(self._metrics.items()):
+            if step not in self._sent_metrics:
+                metrics = [Metric(name, value, when, step) for name, value in values.items()]
+                self.client.log_batch(self.id, metrics=metrics)
+            self._sent_metrics.add(step)
+            del self._metrics[step]
+
+    def _send_images(self) -> None:
+        for step, image in sorted(self._images.items()):
+            if step not in self._sent_images:
+                self.client.log_image(self.id, image, key="validation", step=step, synchronous=True)
+            self._sent_images.add(step)
+            del self._images[step]
+
+
+class TrainingRun(Run):
+    """The run of a training, nested in that of its workflow, with its data as inputs and the machine's load."""
+
+    def __init__(
+        self, track: Track, name: str, fingerprint: str, settings: dict, data: Mapping[str, Path] | None = None
+    ):
+        """
+        Args:
+            track: where it is recorded; the workflow that this process works for decides, if there is one.
+            name: of the training, such as ours_full.s0.
+            fingerprint: `relight.learning.train.fingerprint`.
+            settings: of the training, nested.
+            data: the files that it depends on, by what they are.
+        """
+        workflow, training = Workflow.from_environment(), RunName.parse(name)
+        tags = {"row": training.run} | ({} if training.seed is None else {"seed": str(training.seed)})
+        if workflow:
+            tags |= {**workflow.tags, "experiment": ", ".join(workflow.rows.get(training.run, []))}
+            track = workflow.track
+        tags["mlflow.note.content"] = NOTE
+        super().__init__(track, name, fingerprint, settings, tags, workflow and workflow_run(workflow))
+        self.data = dict(data or {})
+        self._monitors: list = []
+
+    def log(self, values: Mapping[str, float], step: int) -> None:
+        """Sends the losses of a step, and the machine's load since the last one."""
+        super().log({**values, **self._machine_load()} if self.track.uri else values, step)
+
+    def _machine_load(self) -> dict[str, float]:
+        """MLflow's system metrics since the last call, from MLflow's monitors."""
+        try:
+            if not self._monitors:
+                from mlflow.system_metrics.metrics.cpu_monitor import CPUMonitor
+                from mlflow.system_metrics.metrics.gpu_monitor import GPUMonitor
+
+                self._monitors = [CPUMonitor()]
+                with suppress(Exception):  # no NVIDIA GPU, or no library to query it
+                    self._monitors.append(GPUMonitor())
+            found = {}
+            for monitor in self._monitors:
+                monitor.collect_metrics()
+                found |= {f"system/{name}": float(value) for name, value in monitor.aggregate_metrics().items()}
+                monitor.clear_metrics()
+            return found
+        except Exception:  # a broken MLflow is reported when the losses are sent
+            return {}
+
+    def find_or_create(self, client, experiment: str):
+        """As `Run.find_or_create`; the files of `data` become inputs, with their SHA-256."""
+        from mlflow.entities import Dataset, DatasetInput, InputTag
+
+        run = super().find_or_create(client, experiment)
+        if not run.inputs.dataset_inputs and self.data:
+            inputs = []
+            for name, path in self.data.items():
+                with open(path, "rb") as file:
+                    digest = hashlib.file_digest(file, "sha256").hexdigest()
+                client.set_tag(run.info.run_id, f"data.{name}", digest)
+                profile = json.dumps({"bytes": path.stat().st_size, "sha256": digest})
+                # MLflow takes digests of up to 36 characters.
+                dataset = Dataset(name, digest[:36], "local", json.dumps({"uri": str(path)}), profile=profile)
+                inputs.append(DatasetInput(dataset, [InputTag("mlflow.data.context", "training")]))
+            client.log_inputs(run.info.run_id, inputs)
+        return run
+
+    def finish(self, curve: Path, network: Path) -> None:
+        """Sends what the store lacks of the training, ends the run, and adds the network as a model.
+
+        Args:
+            curve: the losses of all steps (.csv).
+            network: its file (.safetensors).
+        """
+        from relight.tracking.model import log_network
+
+        with open(curve, newline="") as file:
+            for row in csv.DictReader(file):
+                values = {name: float(value) for name, value in row.items() if name != "step" and value}
+                self._metrics.setdefault(int(row["step"]), (milliseconds(), values))
+
+        def send() -> None:
+            self._send_metrics()
+            self.end()
+            self._send_images()
+            self.log_settings()
+            self.log_files([curve])
+            log_network(self.client, self.id, network)
+
+        self.attempt(send)
+
+    def log_scores(self, values: Mapping[str, float], *files: Path) -> None:
+        """Sends scores of the finished training that are new; the end of the run stays that of the training.
+
+        Args:
+            values: the scores by name.
+            files: further artifacts.
+        """
+
+        def send() -> None:
+            from mlflow.entities import Metric
+
+            run, when = self.client.get_run(self.id), milliseconds()
+            models = run.outputs.model_outputs if run.outputs else []
+            model = models[0].model_id if models else None
+            new = {name: value for name, value in values.items() if run.data.metrics.get(name) != value}
+            metrics = [Metric(name, value, when, 0, model_id=model) for name, value in new.items()]
+            self.client.log_batch(self.id, metrics=metrics)
+            self.end()
+            self.log_settings()
+            self.log_files(files)
+
+        self.attempt(send)
+
+    def fail(self) -> None:
+        """Marks the run as failed, if it was made."""
+        if self.id:
+            self.attempt(lambda: self.end("FAILED"))
+
+
+@contextmanager
+def training_run(
+    track: Track, name: str, fingerprint: str, settings: dict, data: Mapping[str, Path] | None = None
+) -> Iterator[TrainingRun]:
+    """The run of a training (see TrainingRun), marked as failed where the block raises."""
+    run = TrainingRun(track, name, fingerprint, settings, data)
+    try:
+        yield run
+    except BaseException:
+        run.fail()
+        raise
+
+
+def workflow_run(workflow: Workflow) -> Run:
+    """The run above those of a workflow's trainings."""
+    return Run(
+        workflow.track,
+        workflow.name,
+        workflow.fingerprint,
+        workflow.settings,
+        workflow.tags,
+        start=workflow.start,
+    )
