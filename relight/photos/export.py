@@ -19,7 +19,7 @@ from relight.photos.tflite import Graph
 INPUTS = ["image", "mask"]
 OUTPUTS = ["albedo", "transport", "light"]
 TOLERANCE = 2e-4  # largest difference between runtimes, of values of about 1
-HALF_TOLERANCE = 2e-3  # the same where weights are rounded to half precision
+HALF_TOLERANCE = 5e-3  # the same where weights are rounded to half precision
 LARGE = 256  # numbers in a constant from which it is stored in half precision
 
 

@@ -11,6 +11,7 @@ import shutil
 import tarfile
 import urllib.error
 import urllib.request
+from collections.abc import Sequence
 from pathlib import Path
 
 from platformdirs import user_data_path
@@ -65,8 +66,15 @@ def setup(package: Path | str | None = None) -> Path:
     return path
 
 
-def unpack(folder: Path) -> dict[str, list[Path]]:
-    """Puts the files of each execution provider into `folder`; returns their paths, the script first.
+def unpack(folder: Path, providers: Sequence[str] = tuple(FILES)) -> dict[str, list[Path]]:
+    """Puts the files of execution providers into `folder`.
+
+    Args:
+        folder: an existing one.
+        providers: of FILES.
+
+    Returns:
+        The paths by provider, the script first.
 
     Raises:
         UserError: if the package is not set up, or damaged.
@@ -76,9 +84,9 @@ def unpack(folder: Path) -> dict[str, list[Path]]:
         raise UserError(f"{PACKAGE}, which runs networks in a browser, is not set up: run once `relight web setup`")
     try:
         with tarfile.open(package) as archive:
-            for name in (name for names in FILES.values() for name in names):
+            for name in (name for provider in providers for name in FILES[provider]):
                 with archive.extractfile(f"package/dist/{name}") as file:
                     (folder / name).write_bytes(file.read())
     except (tarfile.TarError, EOFError, KeyError):
         raise UserError(f"{package} is damaged: run `relight web setup` again") from None
-    return {provider: [folder / name for name in names] for provider, names in FILES.items()}
+    return {provider: [folder / name for name in FILES[provider]] for provider in providers}
