@@ -11,8 +11,8 @@ The overrides are those of `relight run`. Beside the network come its losses (.c
 import argparse
 import os
 import sys
-from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 from omegaconf import OmegaConf
 
@@ -35,8 +35,8 @@ def main() -> None:
     parser.add_argument("overrides", nargs="*", metavar="key=value", help="settings, as for relight run")
     options = parser.parse_intermixed_args()
     try:
-        cfg = composed(options.overrides)
-        recipe = Recipe(*(OmegaConf.to_object(cfg[part.name]) for part in fields(Recipe)))
+        settings: Any = OmegaConf.to_object(composed(options.overrides))
+        recipe = Recipe(settings.model, settings.loss, settings.train, settings.augment)
         inputs = Inputs(options.packed, options.lights, options.split)
         state, curve = options.out.with_suffix(".state.pt"), options.out.with_suffix(".csv")
         train(recipe, inputs, options.out, state, curve)

@@ -59,7 +59,8 @@ def augmented(batch: Batch, settings: Augment, generators: list[np.random.Genera
     dense, mask = batch.put(maps), batch.mask
     dense, mask = _framed(dense, mask, settings, generators, size)
     seen = _inexact(mask, settings, generators)
-    stops = [rng.uniform(*settings.exposure) for rng in generators]
+    least, most = settings.exposure
+    stops = [rng.uniform(least, most) for rng in generators]
     exposure = torch.tensor([2.0**stop for stop in stops], device=mask.device)
     albedo, shading = dense[:, : widths[0]], dense[:, -widths[-1] :]
     scene = albedo * shading * exposure[:, None, None, None]

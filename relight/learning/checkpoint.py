@@ -5,13 +5,16 @@ torch that is read with `weights_only=True`, so that neither can run code.
 """
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import torch
 from omegaconf import MISSING
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
+from torch import nn
 
 from relight.config import Model
 from relight.files import UserError, atomic_write, existing_file
@@ -20,7 +23,7 @@ from relight.learning.networks import Network, build
 LARGEST = 8192  # px of the pictures of a network that is read
 
 
-def save_network(path: Path, network: Network, model: Model, half: bool = False, **config: dict) -> None:
+def save_network(path: Path, network: Network, model: Model, half: bool = False, **config: Any) -> None:
     """Writes a network, whole or not at all.
 
     Args:
@@ -33,12 +36,12 @@ def save_network(path: Path, network: Network, model: Model, half: bool = False,
     weights = {name: tensor.detach().cpu().contiguous() for name, tensor in network.state_dict().items()}
     if half:
         weights = {name: tensor.half() if tensor.is_floating_point() else tensor for name, tensor in weights.items()}
-    config = {"size": network.size, "model": asdict(model), **config}
+    kept = {"size": network.size, "model": asdict(model), **config}
     with atomic_write(path) as tmp:
-        save_file(weights, tmp, metadata={"relight": json.dumps(config)})
+        save_file(weights, tmp, metadata={"relight": json.dumps(kept)})
 
 
-def read_config(path: Path | str) -> dict:
+def read_config(path: Path | str) -> dict[str, Any]:
     """Reads what was saved beside the weights, without the weights.
 
     Raises:
@@ -56,7 +59,7 @@ def read_config(path: Path | str) -> dict:
         raise UserError(f"{path} holds no relight network: give a file that relight's training wrote") from None
 
 
-def load_network(path: Path | str, device: str | torch.device = "cpu") -> tuple[Network, dict]:
+def load_network(path: Path | str, device: str | torch.device = "cpu") -> tuple[Network, dict[str, Any]]:
     """Reads a network.
 
     Returns:
@@ -82,10 +85,17 @@ def load_network(path: Path | str, device: str | torch.device = "cpu") -> tuple[
     except (TypeError, KeyError, ValueError, RuntimeError, OverflowError, AttributeError, SafetensorError) as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0]
         raise UserError(f"{path} does not fit this version of relight: {reason}") from None
-    return network.to(device, memory_format=network.layout).eval(), config
+    network.to(device, memory_format=network.layout)  # type: ignore[call-overload]  # not in torch's hints
+    return network.eval(), config
 
 
-def save_state(path: Path, digest: str, parts: dict, step: int, history: list[dict]) -> None:
+def save_state(
+    path: Path,
+    digest: str,
+    parts: Mapping[str, nn.Module | torch.optim.Optimizer],
+    step: int,
+    history: list[dict[str, float]],
+) -> None:
     """Writes what an interrupted training needs, whole or not at all.
 
     Args:
@@ -101,7 +111,9 @@ def save_state(path: Path, digest: str, parts: dict, step: int, history: list[di
             torch.save({"settings": digest, "step": step, "history": history, **states}, file)
 
 
-def restore(path: Path, digest: str, parts: dict, device: torch.device) -> tuple[int, list[dict], str]:
+def restore(
+    path: Path, digest: str, parts: Mapping[str, nn.Module | torch.optim.Optimizer], device: torch.device
+) -> tuple[int, list[dict[str, float]], str]:
     """Loads the state of the same training into `parts`, if there is one.
 
     Returns:

@@ -27,7 +27,7 @@ def basis(directions: Tensor, order: int) -> Tensor:
         c, s = cosine[-1], sine[-1]
         cosine.append(x * c - y * s)
         sine.append(x * s + y * c)
-    out: list[Tensor | None] = [None] * (order + 1) ** 2
+    out: dict[int, Tensor] = {}
     for m in range(order + 1):
         # q is the associated Legendre function P_l^m over sin^m, by the three-term recurrence in l.
         before, q = torch.zeros_like(x), torch.full_like(x, float(math.prod(range(1, 2 * m, 2))))
@@ -40,7 +40,7 @@ def basis(directions: Tensor, order: int) -> Tensor:
             else:
                 out[l * l + l + m] = math.sqrt(2) * scale * q * cosine[m]
                 out[l * l + l - m] = math.sqrt(2) * scale * q * sine[m]
-    return torch.stack(out, -1)
+    return torch.stack([out[index] for index in range((order + 1) ** 2)], -1)
 
 
 def unoccluded(normals: Tensor, order: int) -> Tensor:

@@ -125,6 +125,12 @@ def detail(error: Tensor, truth: Tensor, batch: Batch) -> Tensor:
     return torch.stack(energies).mean()
 
 
+def weighted_sum(values: dict[str, Tensor], weight: dict[str, float]) -> Tensor:
+    """The loss of a training: the sum of its losses, each times its weight."""
+    first, *others = (weight[name] * value for name, value in values.items())
+    return sum(others, first)
+
+
 def weights(loss: Loss, size: int) -> dict[str, float]:
     """The weight of each loss, by name, for images of `size` pixels.
 

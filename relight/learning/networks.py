@@ -203,6 +203,8 @@ class Network(nn.Module):
     layout = torch.channels_last  # of the features
     unlearned: frozenset[str] = frozenset()  # outputs that no loss trained; the evaluation sets it
 
+    refinement: "Refinement | None"
+
     def __init__(self, model: Model, size: int):
         super().__init__()
         self.order, self.size, self.albedo, self.sees = model.order, size, model.albedo, model.sees
@@ -261,12 +263,14 @@ class PaperNetwork(Network):
             self.encoder.append(normalised(nn.Conv2d, inputs, width, (4, 2, 1), side, model.norm))
             inputs = width
         self.decoders = nn.ModuleDict(
-            (name, Decoder(encoder, decoder, outputs, side, model.norm, model.dropout))
-            for name, outputs in {**maps[model.name], "albedo": 3}.items()
+            {
+                name: Decoder(encoder, decoder, outputs, side, model.norm, model.dropout)
+                for name, outputs in {**maps[model.name], "albedo": 3}.items()
+            }
         )
         bottleneck = encoder[-1] * (1 + len(self.decoders))
         if model.light_head == "strided":
-            self.light = StridedHead(bottleneck, light, 3 * coefficients, side, model.norm)
+            self.light: StridedHead | PooledHead = StridedHead(bottleneck, light, 3 * coefficients, side, model.norm)
         else:
             self.light = PooledHead(bottleneck, light, 3 * coefficients, STRIDE)
         self.refinement = Refinement(coefficients) if model.refine else None
@@ -283,7 +287,7 @@ class PaperNetwork(Network):
                 nn.init.normal_(module.weight, 0, 0.02)
                 if module.bias is not None:
                     nn.init.zeros_(module.bias)
-        for decoder in self.decoders.values():
+        for decoder in (part for part in self.decoders.values() if isinstance(part, Decoder)):
             for module in decoder.residual.modules():
                 if isinstance(module, nn.Conv2d):
                     nn.init.kaiming_normal_(module.weight)
@@ -365,6 +369,7 @@ class UNet(Network):
                 light = self.light(x, mask)
         x = F.relu(self.sharpen(torch.cat([upsampled(self.reduce[-1](x)), picture], 1)))
         transport, albedo = self.last(x).split([self.coefficients, 3], 1)
+        assert light is not None  # PLAIN_LEVELS is one of the levels
         return {"transport": transport, "albedo": albedo}, light
 
 
@@ -411,4 +416,4 @@ def build(model: Model, size: int) -> Network:
     if size < STRIDE or size % STRIDE:
         raise UserError(f"the image size is {size} px: the network halves it six times, so give a multiple of {STRIDE}")
     kind = UNet if model.name == "unet" else PaperNetwork
-    return kind(model, size).to(memory_format=kind.layout)
+    return kind(model, size).to(memory_format=kind.layout)  # type: ignore[call-overload]  # not in torch's hints

@@ -1,5 +1,8 @@
 """Splits of the figures into training and test, with seated figures apart."""
 
+from collections.abc import Mapping, Set
+from typing import Any
+
 import numpy as np
 
 from relight.config import Split
@@ -7,7 +10,7 @@ from relight.files import UserError
 
 
 def split_figures(
-    names: list[str], subjects: list[str], split: Split, sitting: set[str] = frozenset()
+    names: list[str], subjects: list[str], split: Split, sitting: Set[str] = frozenset()
 ) -> dict[str, list[str]]:
     """Splits figures into parts.
 
@@ -46,7 +49,8 @@ def split_figures(
         raise UserError(f"split: at least two {what} are needed, one to train on and one to test on, not {len(order)}")
     np.random.default_rng(split.seed).shuffle(order)
     wanted = split.test * len(names)
-    test, count = set(), 0
+    test: set[str] = set()
+    count = 0
     for unit in order[:-1]:
         size = units.count(unit)
         if test and count + size / 2 > wanted:
@@ -68,7 +72,9 @@ def sibling_split(names: list[str], subjects: list[str], split: Split) -> dict[s
     several = sorted(subject for subject, figures in own.items() if len(figures) > 1)
     rng = np.random.default_rng(split.seed)
     rng.shuffle(several)
-    test, siblings, used = set(), set(), set()
+    test: set[str] = set()
+    siblings: set[str] = set()
+    used: set[str] = set()
     for subject in several:
         if len(test) >= split.test * len(names):
             break
@@ -86,6 +92,6 @@ def sibling_split(names: list[str], subjects: list[str], split: Split) -> dict[s
     return {"train": [n for n in names if n in trained], "test": [n for n in names if n in test]}
 
 
-def is_seated(info: dict) -> bool:
+def is_seated(info: Mapping[str, Any]) -> bool:
     """Whether the figure of a record (`Maps.info`) is seated, by its `sitting`, else by the name of its pose."""
     return bool(info.get("sitting", str(info.get("pose", "")).startswith("sitting")))

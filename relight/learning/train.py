@@ -16,6 +16,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -28,7 +29,7 @@ from relight.files import UserError, atomic_write, existing_file
 from relight.learning.augment import augmented
 from relight.learning.checkpoint import load_network, restore, save_network, save_state
 from relight.learning.data import Batch, RelitSet, generator, pairs, read_split
-from relight.learning.losses import losses, weights
+from relight.learning.losses import losses, weighted_sum, weights
 from relight.learning.networks import STRIDE, Network, UNet, build
 from relight.learning.validation import Validation
 from relight.progress import duration
@@ -49,7 +50,7 @@ class Recipe:
     train: Train
     augment: Augment
 
-    def as_dict(self) -> dict[str, dict]:
+    def as_dict(self) -> dict[str, dict[str, Any]]:
         return {part.name: asdict(getattr(self, part.name)) for part in fields(self)}
 
 
@@ -70,7 +71,8 @@ def fingerprint(recipe: Recipe, inputs: Inputs) -> str:
     """
     digest = hashlib.sha256(json.dumps(list(recipe.as_dict().values()), sort_keys=True).encode())
     start = recipe.train.start
-    for path in [inputs.packed, inputs.lights, inputs.split, *([start] if start else [])]:
+    paths: list[Path | str] = [inputs.packed, inputs.lights, inputs.split, *([start] if start else [])]
+    for path in paths:
         with open(existing_file(path, "training"), "rb") as file:
             digest.update(hashlib.file_digest(file, "sha256").digest())
     return digest.hexdigest()
@@ -116,15 +118,17 @@ def train(
         network = start_network(recipe, data, inputs.packed).to(device)
         average = copy.deepcopy(network) if settings.average else None
         optimizer = make_optimizer(network, settings)
-        parts = {"network": network, "optimizer": optimizer} | ({"average": average} if average else {})
+        parts: dict[str, nn.Module | torch.optim.Optimizer] = {"network": network, "optimizer": optimizer}
+        if average:
+            parts["average"] = average
         digest = fingerprint(recipe, inputs)
         first, history, found = restore(state, digest, parts, device)
         if found and rank == 0:
             say(found)
 
-        forward: nn.Module = network
+        forward: Callable[..., dict[str, Tensor]] = network
         if world > 1:
-            forward = DistributedDataParallel(forward)
+            forward = DistributedDataParallel(network)
         if settings.compile:
             forward = torch.compile(forward)
         autocast = torch.autocast(device.type, torch.bfloat16) if settings.precision == "bf16" else nullcontext()
@@ -138,20 +142,20 @@ def train(
             with autocast:
                 outputs = forward(batch.image, batch.mask)
             outputs["light"] = outputs["light"] / batch.exposure[:, None, None]
-            values = losses(outputs, batch, recipe.loss)
-            values = {"loss": sum(weight[name] * value for name, value in values.items()), **values}
+            terms = losses(outputs, batch, recipe.loss)
+            total = weighted_sum(terms, weight)
             optimizer.zero_grad(set_to_none=True)
-            values["loss"].backward()
+            total.backward()
             optimizer.step()
             if average:
                 update_average(average, network, min(settings.average, (1 + step) / (10 + step)))
-            meter.add(values, step)
+            meter.add({"loss": total, **terms}, step)
 
             done = step + 1
             if done % settings.epoch and done < settings.steps:
                 continue
             means = meter.means(world)
-            if rank:
+            if validation is None:  # of another process than the first
                 continue
             seconds = (time.monotonic() - began) / (done - first)
             line = f"step {done}/{settings.steps}, loss {means['loss']:.4f}, {1e3 * seconds:.0f} ms a step"
@@ -159,7 +163,7 @@ def train(
             validated, picture = validation(average or network, drawn=show is not None)
             values = {**means, "lr": learning_rate(settings, step)}
             values |= {f"validation/{name}": value for name, value in validated.items()}
-            if picture is not None:
+            if picture is not None and show:
                 show(picture, done)
             if log:
                 log(values, done)  # before the state: a state that is found again has been logged
@@ -167,7 +171,7 @@ def train(
             save_state(state, digest, parts, done, history)
 
         if rank == 0:
-            kept = {name: values for name, values in recipe.as_dict().items() if name != "model"}
+            kept: dict[str, Any] = {name: part for name, part in recipe.as_dict().items() if name != "model"}
             save_network(out, average or network, recipe.model, **kept, fingerprint=digest)
             if curve:
                 write_curve(curve, history)
@@ -268,7 +272,7 @@ def start_network(recipe: Recipe, data: RelitSet, packed: Path) -> Network:
 
 def make_optimizer(network: nn.Module, train: Train) -> torch.optim.Optimizer:
     """Adam as in the paper, or AdamW, whose decay spares norms and biases."""
-    common = {"lr": train.lr, "betas": (train.beta1, train.beta2), "fused": True}
+    common: dict[str, Any] = {"lr": train.lr, "betas": (train.beta1, train.beta2), "fused": True}
     learned = [p for p in network.parameters() if p.requires_grad]
     if train.optimizer == "adam":
         return torch.optim.Adam(learned, **common)
@@ -321,7 +325,8 @@ class Meter:
         self.clear()
 
     def clear(self) -> None:
-        self.names, self.sums, self.steps = [], 0.0, 0
+        self.names: list[str] = []
+        self.sums, self.steps = torch.zeros((), device=self.device), 0
         self.bad = torch.tensor(torch.inf, device=self.device)
 
     def add(self, values: dict[str, Tensor], step: int) -> None:
@@ -352,7 +357,7 @@ def say(line: str) -> None:
     print(line, file=sys.stderr, flush=True)
 
 
-def write_curve(path: Path, history: list[dict]) -> None:
+def write_curve(path: Path, history: list[dict[str, float]]) -> None:
     """The log as CSV: step, total and each named loss, learning rate, and the losses on the validation's pairs."""
     with atomic_write(path) as tmp, open(tmp, "w", newline="") as file:
         writer = csv.DictWriter(file, list(history[-1]))

@@ -15,7 +15,7 @@ from relight.config import Augment, Loss
 from relight.learning.augment import augmented
 from relight.learning.camera import encode, shade
 from relight.learning.data import RelitSet, read_split
-from relight.learning.losses import losses, weights
+from relight.learning.losses import losses, weighted_sum, weights
 from relight.learning.networks import with_transport
 from relight.sh import order_of
 
@@ -61,7 +61,7 @@ class Validation:
                 part.training = mode
         values = losses(outputs, self.batch, self.loss)
         weight = weights(self.loss, self.batch.size)
-        values = {"loss": sum(weight[name] * value for name, value in values.items()), **values}
+        values = {"loss": weighted_sum(values, weight), **values}
         return {name: float(value) for name, value in values.items()}, self.picture(outputs) if drawn else None
 
     def picture(self, outputs: dict[str, Tensor]) -> np.ndarray:
@@ -88,18 +88,18 @@ class Validation:
         blocks = []
         for pair in range(self.pairs):
             lines = []
-            for (picture, albedo, shading, relit), light in rows:
-                lit = lit_ball(light[pair], min(height, width))
+            for (*panels, last), coefficients in rows:
+                lit = lit_ball(coefficients[pair], min(height, width))
                 cell = np.full((height, width, 3), PAPER, np.float32)
                 top, left = (height - len(lit)) // 2, (width - len(lit)) // 2
                 inside = cell[top : top + len(lit), left : left + len(lit)]
                 inside[:] = lit[..., :3] * lit[..., 3:] + inside * (1 - lit[..., 3:])
-                lines.append([picture[pair], albedo[pair], shading[pair], cell, relit[pair]])
+                lines.append([*(panel[pair] for panel in panels), cell, last[pair]])
             blocks.append(joined([joined(line, 1) for line in lines], 0))
         if len(blocks) > 1 and len(blocks) % 2:
             blocks.append(np.full_like(blocks[0], PAPER))
         sheet = joined([joined(blocks[i : i + 2], 1, 4 * GAP) for i in range(0, len(blocks), 2)], 0, 4 * GAP)
-        return np.uint8(np.round(np.clip(sheet, 0, 1) * 255))
+        return np.round(np.clip(sheet, 0, 1) * 255).astype(np.uint8)
 
     def _cells(self, compact: list[Tensor]) -> list[np.ndarray]:
         """Compact maps (B,P,3) as pictures (B,h,w,3): display-coded, on paper, cut to the figures, no higher than
