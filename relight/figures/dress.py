@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from relight.figures import colliders, gates
+from relight.figures import colliders, gates, props
 from relight.figures.assembly import Builder, assemble
 from relight.figures.body import Expression, Person, build_body, sample_expression
 from relight.figures.clearance import cleared, room
@@ -13,6 +13,7 @@ from relight.figures.outfits import Outfit, fitted_to_pose, in_other_fabrics
 from relight.figures.poses import motion
 from relight.figures.shading import shaded
 from relight.figures.stances import Pose
+from relight.figures.surfaces import stacked
 from relight.figures.wear import DETAILS, Detail, wear
 from relight.files import UserError
 from relight.meshes import Mesh
@@ -124,6 +125,10 @@ def attempt_figure(
         return None, reason
     builder = Builder()
     assemble(builder, body, way, outfit, worn, detail, texture, seed // per_subject)
+    surface = stacked(list(zip(builder.vertices, (faces - faces.min() for faces in builder.faces))))
+    things = props.props(body, way, pose, surface, seed)
+    for thing in things:
+        builder.add(thing.vertices, thing.faces, None, thing.material)
     dressings = [outfit, *(in_other_fabrics(outfit, np.random.default_rng([seed, 4, k])) for k in range(1, outfits))]
     info = {
         "name": f"g{seed:04d}",
@@ -136,6 +141,7 @@ def attempt_figure(
         "garments": [w.pattern.garment.name for w in worn],
         "fabrics": [w.fabric.kind for w in worn],
         "outfits": [[fabric.kind for _, fabric in dressing.garments] for dressing in dressings],
+        "props": [thing.material.name for thing in things],
         "shoes": outfit.shoe.name,
         "hair": outfit.hair.name,
         "sex": "female" if person.female > 0.5 else "male",

@@ -13,6 +13,10 @@ from relight.figures import makehuman
 from relight.figures.body import Body
 from relight.figures.stances import NARROW, Foot, Hand, Pose
 
+MOST_BENT = np.radians(65)  # of a wrist
+MOST_TWISTED = np.radians(95)  # of a forearm
+CLOSER = (0.75, 0.45)  # shares of the angles between fingers, and of the thumb's, that a hand at ease takes back
+
 
 @dataclass(frozen=True)
 class Motion:
@@ -53,6 +57,30 @@ def two_bones(root: np.ndarray, goal: np.ndarray, upper: float, lower: float, po
     return root + axis * along + side / np.linalg.norm(side) * np.sqrt(max(upper**2 - along**2, 0.0))
 
 
+def unit(vector: np.ndarray) -> np.ndarray:
+    return vector / np.linalg.norm(vector)
+
+
+def frame(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """The orthonormal matrix (3,3) whose columns are `first`, what of `second` is square to it, and their product."""
+    x = unit(first)
+    y = unit(second - x * (second @ x))
+    return np.stack([x, y, np.cross(x, y)], axis=1)
+
+
+def twist_and_swing(rotation: Rotation, axis: np.ndarray) -> tuple[float, Rotation]:
+    """Splits a rotation into a swing followed by a twist, an angle in (-pi, pi] about a unit axis."""
+    x, y, z, w = rotation.as_quat()
+    angle = 2 * np.arctan2(np.array([x, y, z]) @ axis, w)
+    angle = float((angle + np.pi) % (2 * np.pi) - np.pi)
+    return angle, Rotation.from_rotvec(-angle * axis) * rotation
+
+
+def angle_about(axis: np.ndarray, first: np.ndarray, second: np.ndarray) -> float:
+    """The angle, radians, from one direction to another as seen along a unit axis."""
+    return float(np.arctan2(axis @ np.cross(first, second), first @ second - (axis @ first) * (axis @ second)))
+
+
 class Solver:
     """Turns a Pose into local rotations (rotation vectors, world-aligned) of one body's bones."""
 
@@ -85,8 +113,8 @@ class Solver:
         head = np.array([pose.head[1], pose.head[0] - 0.5 * (lean + pose.hips[0]), pose.head[2] - tilt - pose.hips[2]])
         for bone, share in (("neck01", 0.25), ("neck02", 0.25), ("head", 0.5)):
             self.local[bone] = Rotation.from_euler("yxz", head * share, degrees=True)
-        for side, sign, hand, foot in (("L", 1, pose.left, pose.left_foot), ("R", -1, pose.right, pose.right_foot)):
-            self.arm(side, sign, hand, pose.fingers)
+        for side, sign, hand, foot in (("L", 1, pose.left, pose.feet[0]), ("R", -1, pose.right, pose.feet[1])):
+            self.arm(side, sign, hand)
             self.leg(side, sign, foot, leg)
         return self.local
 
@@ -104,9 +132,8 @@ class Solver:
         upper = np.linalg.norm(j[f"lowerarm01.{side}"] - j[f"upperarm01.{side}"])
         return float(upper + np.linalg.norm(j[f"wrist.{side}"] - j[f"lowerarm01.{side}"]))
 
-    def arm(self, side: str, sign: int, hand: Hand, fingers: float) -> None:
+    def arm(self, side: str, sign: int, hand: Hand) -> None:
         mirror = np.array([sign, 1, 1])
-        j = self.joints
         length = self.arm_length(side)
         raised = np.clip(hand.wrist[1] + 0.25, 0, 1)  # the collar bone helps an arm that goes up
         self.local[f"clavicle.{side}"] = Rotation.from_euler("z", sign * (18 * raised - 3), degrees=True)
@@ -122,17 +149,40 @@ class Solver:
             goal,
             trunk.apply(np.array(hand.elbow) * mirror),
         )
-        along = j[f"wrist.{side}"] - j[f"lowerarm01.{side}"]
-        turn = Rotation.from_rotvec(np.radians(hand.palm) * sign * along / np.linalg.norm(along))
-        self.local[f"lowerarm02.{side}"] = turn
-        self.local[f"wrist.{side}"] = Rotation.from_euler("z", sign * hand.wrist_bend, degrees=True)
-        across = np.cross(along, j[f"finger2-1.{side}"] - j[f"finger5-1.{side}"])
-        hinge = np.cross(along, across)
-        hinge /= np.linalg.norm(hinge)
-        for finger in (2, 3, 4, 5):
+        self.hand(side, mirror, hand, trunk)
+
+    def hand(self, side: str, mirror: np.ndarray, hand: Hand, trunk: Rotation) -> None:
+        """Turns forearm and wrist as far as they go toward the way that the hand points and faces, and curls fingers.
+
+        Args:
+            side: L | R.
+            mirror: (3,) signs that take outward to +x or -x.
+            hand: its `along`, `facing`, `palm`, `curl`.
+            trunk: world rotation of the chest, in whose frame the hand's directions are.
+        """
+        j = self.joints
+        forearm = unit(j[f"wrist.{side}"] - j[f"lowerarm01.{side}"])
+        across = np.cross(forearm, j[f"finger2-1.{side}"] - j[f"finger5-1.{side}"])
+        hinge = mirror[0] * unit(np.cross(forearm, across))  # fingers curl about it; a mirror turns axes round
+        palm = np.cross(hinge, forearm)
+        twist, bend = mirror[0] * np.radians(hand.palm), Rotation.identity()
+        if hand.along is not None:
+            rest = frame(j[f"finger3-1.{side}"] - j[f"wrist.{side}"], palm)
+            goal = frame(*(trunk.apply(np.array(way) * mirror) for way in (hand.along, hand.facing)))
+            arm, _ = self.placed(f"lowerarm01.{side}")
+            twist, bend = twist_and_swing(arm.inv() * Rotation.from_matrix(goal @ rest.T), forearm)
+            bend = Rotation.from_rotvec(bend.as_rotvec() * min(1.0, MOST_BENT / max(bend.magnitude(), 1e-9)))
+        self.local[f"lowerarm02.{side}"] = Rotation.from_rotvec(np.clip(twist, -MOST_TWISTED, MOST_TWISTED) * forearm)
+        self.local[f"wrist.{side}"] = bend
+        middle = j[f"finger3-2.{side}"] - j[f"finger3-1.{side}"]
+        for finger in (1, 2, 3, 4, 5):
+            first, second = (f"finger{finger}-{part}.{side}" for part in (1, 2))
+            apart = angle_about(palm, middle, j[second] - j[first])
+            closer = Rotation.from_rotvec(-CLOSER[finger == 1] * apart * palm)
             for part, share in ((1, 0.9), (2, 1.4), (3, 1.0)):
-                angle = np.radians(fingers * share * (0.8 + 0.1 * finger))
-                self.local[f"finger{finger}-{part}.{side}"] = Rotation.from_rotvec(hinge * angle)
+                curl = np.radians(hand.curl * share * (0.8 + 0.1 * finger) * (finger > 1))
+                bent = Rotation.from_rotvec(hinge * curl)
+                self.local[f"finger{finger}-{part}.{side}"] = bent * closer if part == 1 else bent
 
     def leg(self, side: str, sign: int, foot: Foot, length: float) -> None:
         mirror = np.array([sign, 1, 1])
@@ -173,7 +223,7 @@ def motion(body: Body, pose: Pose, frames: int) -> Motion:
     vectors = rotation_vectors(local)
     u = np.linspace(0, 1, frames + 1)
     transforms = np.stack([carried(body, vectors * a, solver.shift * a) for a in u * u * (3 - 2 * u)])
-    out = Motion(pose.name, transforms, {bone: i for i, bone in enumerate(rig.bones)})
-    lowest = out.skin(rig.weights[makehuman.BODY], body.skin)[:, 1].min()
-    out.transforms[..., 1, 3] -= lowest
-    return out
+    lowest = skinned(rig.weights[makehuman.BODY], body.skin, transforms[-1])[:, 1].min()
+    transforms[..., 1, 3] -= lowest
+    turned = Rotation.from_euler("y", pose.turn, degrees=True).as_matrix() @ transforms  # from the first frame on
+    return Motion(pose.name, turned, {bone: i for i, bone in enumerate(rig.bones)})

@@ -8,14 +8,27 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Hand:
-    """Where a wrist goes: `wrist` (3,) in units of the arm's length from the shoulder, mirrored so that +x is outward,
-    and the way the elbow points. palm: degrees of turn about the forearm; rests: whether the hand lies on the body."""
+    """Where a hand goes. Directions are in the frame of the chest, mirrored so that +x is outward.
+
+    Attributes:
+        wrist: in units of the arm's length from the shoulder.
+        elbow: the way that the elbow points.
+        palm: degrees of turn about the forearm, where `along` is None.
+        along: the way from the wrist to the fingers, as far as wrist and forearm turn, or None.
+        facing: the way that the palm looks, where `along` is given.
+        curl: degrees by which fingers bend at each joint, about.
+        rests: whether the hand lies on the body.
+        holds: what is in it: "" | phone | cup | bag.
+    """
 
     wrist: tuple[float, float, float]
     elbow: tuple[float, float, float] = (0.6, -0.2, -1.0)
     palm: float = 0.0
-    wrist_bend: float = 0.0
+    along: tuple[float, float, float] | None = None
+    facing: tuple[float, float, float] = (-1.0, 0.0, 0.0)
+    curl: float = 17.0
     rests: bool = False
+    holds: str = ""
 
 
 @dataclass(frozen=True)
@@ -30,188 +43,203 @@ class Foot:
 
 @dataclass(frozen=True)
 class Pose:
-    """A stance. lean, twist, tilt: degrees of the trunk about x (forward), y (to its left), z, shared by the spine;
-    hips: the same for the pelvis; head likewise; drop: how far the pelvis sinks, in leg lengths."""
+    """A stance: angles in degrees about x (forward), y (to the figure's left) and z.
+
+    Attributes:
+        name: as `relight figures --names` lists it.
+        left, right: where the hands go.
+        feet: where the left and the right foot go.
+        spine: how far the trunk leans, twists and tilts, shared by its bones.
+        hips: the same of the pelvis.
+        head: the same of the head, against the world.
+        shift: of the pelvis, in leg lengths.
+        sitting: whether it sits.
+        turn: of the whole figure about the vertical, toward its left.
+    """
 
     name: str
     left: Hand
     right: Hand
-    left_foot: Foot = Foot()
-    right_foot: Foot = Foot()
+    feet: tuple[Foot, Foot] = (Foot(), Foot())
     spine: tuple[float, float, float] = (0.0, 0.0, 0.0)
     hips: tuple[float, float, float] = (0.0, 0.0, 0.0)
     head: tuple[float, float, float] = (0.0, 0.0, 0.0)
     shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    fingers: float = 14.0
     sitting: bool = False
+    turn: float = 0.0
 
 
-DOWN = Hand((0.24, -0.95, 0.06))
-DOWN_LOOSE = Hand((0.36, -0.88, 0.12))
-HIP = Hand((0.30, -0.66, 0.03), elbow=(1.0, -0.15, -0.55), palm=-30, wrist_bend=35, rests=True)
-POCKET = Hand((0.27, -0.80, 0.15), elbow=(0.8, -0.1, -0.7), palm=10, rests=True)
-BEHIND = Hand((0.04, -0.72, -0.33), elbow=(1.0, -0.2, -0.2), palm=40)
-FOLDED = Hand((-0.22, -0.36, 0.40), elbow=(1.0, -0.75, 0.2), palm=-40)
-CHIN = Hand((-0.22, -0.02, 0.44), elbow=(0.25, -1.0, 0.15), palm=-30)
-WAVE = Hand((0.62, 0.42, 0.18), elbow=(0.7, -0.7, -0.1), palm=60)
-RAISED = Hand((0.34, 0.86, 0.12), elbow=(1.0, 0.2, -0.4), palm=20)
-WIDE = Hand((0.82, -0.42, 0.14), elbow=(0.0, -0.7, -0.8))
-POINT = Hand((0.38, -0.06, 0.86), elbow=(0.7, -0.8, -0.1))
-CARRY = Hand((0.10, -0.55, 0.48), elbow=(0.7, -0.6, -0.6), palm=-50)
-KNEE = Hand((0.06, -0.62, 0.52), elbow=(0.9, -0.4, -0.4), palm=-10, rests=True)
-SWING_FORWARD = Hand((0.16, -0.86, 0.40), elbow=(0.5, -0.3, -1.0))
-SWING_BACK = Hand((0.26, -0.88, -0.28), elbow=(0.5, -0.3, -1.0))
 NARROW = 0.05  # the rest pose stands with its legs apart: by this much of their length closer
+CLOSER = (0.04, 0.09)  # by which feet of half of those who stand level are closer still
+TURN = 25.0  # degrees, spread of the turn of those who stand or sit turned
+TURNED = 0.4  # share of them
+
+DOWN = Hand((0.22, -0.95, 0.06))
+DOWN_LOOSE = Hand((0.36, -0.88, 0.12))
+DOWN_BACK = Hand((0.26, -0.93, -0.12))
+HIP = Hand((0.06, -0.66, -0.10), (1.0, -0.15, -0.55), along=(-0.25, -0.45, 0.85), curl=9, rests=True)
+POCKET = Hand((0.08, -0.80, 0.10), (0.8, -0.1, -0.7), along=(-0.15, -1.0, 0.25), curl=9, rests=True)
+BACK_POCKET = Hand(
+    (0.04, -0.74, -0.32), (1.0, -0.1, -0.6), along=(-0.3, -1.0, 0.1), facing=(0, 0, 1), curl=9, rests=True
+)
+BEHIND = Hand((-0.20, -0.72, -0.33), (1.0, -0.2, -0.2), along=(-0.7, -0.7, -0.1), facing=(0, 0.1, -1))
+BEHIND_OVER = replace(BEHIND, wrist=(-0.16, -0.66, -0.40))
+FOLDED = Hand((-0.40, -0.46, 0.38), (1.0, -0.75, 0.2), along=(-1, 0.1, -0.3), facing=(0, -0.2, -1), curl=14)
+FOLDED_OVER = Hand((-0.40, -0.38, 0.57), (1.0, -0.75, 0.2), along=(-1, 0.15, -0.45), facing=(0, -0.2, -1), curl=14)
+CLASPED = Hand((-0.26, -0.78, 0.34), (0.9, -0.3, -0.5), along=(-0.7, -0.7, 0.1), facing=(0, 0, -1), curl=20)
+CLASPED_OVER = replace(CLASPED, wrist=(-0.22, -0.74, 0.43))
+HEART = Hand((-0.20, -0.36, 0.34), (1.0, -0.7, 0.0), along=(-0.85, 0.45, -0.15), facing=(0, 0, -1), curl=6, rests=True)
+CHIN = Hand((-0.22, -0.04, 0.46), (0.25, -1.0, 0.15), along=(-0.25, 0.95, -0.2), facing=(-0.4, 0.1, -1), curl=48)
+WAVE = Hand((0.62, 0.42, 0.18), (0.7, -0.7, -0.1), along=(0.25, 0.95, 0.1), facing=(0, 0, 1), curl=6)
+GREETING = Hand((0.42, -0.10, 0.42), (0.7, -0.9, -0.2), along=(0.15, 1, 0.15), facing=(0, 0, 1), curl=6)
+RAISED = Hand((0.34, 0.86, 0.12), (1.0, 0.2, -0.4), along=(0.1, 1, 0), facing=(-0.3, 0, 1))
+WIDE = Hand((0.82, -0.42, 0.14), (0.0, -0.7, -0.8), along=(0.85, -0.45, 0.1), facing=(0, 0.2, 1), curl=10)
+ASIDE = Hand((0.92, -0.16, 0.14), (0.0, -0.7, -0.8), along=(0.95, -0.1, 0.1), facing=(0, -1, 0.3), curl=10)
+POINT = Hand((0.38, -0.06, 0.86), (0.7, -0.8, -0.1), along=(0.3, 0.05, 0.95), facing=(-0.2, -1, 0), curl=24)
+OPEN = Hand((0.40, -0.50, 0.46), (0.4, -0.7, -0.7), along=(0.45, 0.15, 0.9), facing=(-0.2, 1, 0.1), curl=12)
+FIST = Hand((-0.06, -0.18, 0.50), (0.5, -1.0, 0.1), along=(-0.2, 0.75, 0.5), facing=(-0.6, 0.2, -0.8), curl=62)
+CARRY = Hand((0.10, -0.55, 0.48), (0.7, -0.6, -0.6), along=(-0.2, 0.1, 1), facing=(-0.4, 0.9, 0))
+PHONE = Hand(
+    (-0.04, -0.38, 0.50), (0.5, -1, -0.3), along=(-0.4, 0.6, 0.6), facing=(-0.4, 0.4, -0.8), curl=22, holds="phone"
+)
+CUP = Hand((0.04, -0.46, 0.46), (0.6, -0.9, -0.4), along=(-0.4, 0.1, 0.9), facing=(-0.9, 0, -0.4), curl=33, holds="cup")
+BAG = Hand((0.34, -0.93, 0.02), along=(0.05, -1, 0.1), curl=55, holds="bag")
+KNEE = Hand((-0.04, -0.78, 0.52), (0.9, -0.4, -0.4), along=(-0.1, -0.15, 1), facing=(-0.1, -1, 0), curl=10, rests=True)
+LAP = Hand((-0.18, -0.80, 0.44), (0.9, -0.4, -0.5), along=(-0.8, -0.1, 0.45), facing=(0, -1, -0.2), curl=12, rests=True)
+SWING_FORWARD = Hand((0.16, -0.86, 0.40), (0.5, -0.3, -1.0))
+SWING_BACK = Hand((0.26, -0.88, -0.28), (0.5, -0.3, -1.0))
 SEAT = (0.0, -0.46, -0.05)
+
+LEVEL = (Foot(), Foot())
+OUTWARD = (Foot((0.05, 0, 0)), Foot((0.05, 0, 0)))
+ASTRIDE = (Foot((0.14, 0, 0), 16), Foot((0.14, 0, 0), 16))
+LEFT_FREE = (Foot((0.06, 0, 0.10), 22), Foot((-0.05, 0, 0)))
+RIGHT_FREE = (Foot((-0.04, 0, 0)), Foot((0.07, 0, 0.08), 20))
+STEP = (Foot((0.02, 0, 0.12)), Foot((0.0, 0, -0.02), 14))
+STRIDE = (Foot((-0.03, 0.0, 0.26), 4, -8), Foot((-0.03, 0.06, -0.26), 4, 28))
+BACK_STRIDE = (Foot((-0.02, 0.05, -0.2), 6, 24), Foot((-0.02, 0.0, 0.2), 6))
+SEATED = (Foot((0.0, 0, 0.44), 6), Foot((0.0, 0, 0.44), 6))
+ON_RIGHT = {"spine": (1, 6, -4), "hips": (0, -4, 5), "shift": (-0.03, -0.012, 0)}  # the weight on the right leg
+ON_LEFT = {"spine": (0, -4, 4), "hips": (0, 3, -5), "shift": (0.03, -0.012, 0)}
+WALKING = {"spine": (3, 6, 0), "hips": (0, -8, 0), "shift": (0, -0.035, 0.0)}
 
 STANDING = (
     Pose("relaxed", DOWN_LOOSE, DOWN_LOOSE),
-    Pose("straight", DOWN, DOWN, Foot(turn=4), Foot(turn=4)),
-    Pose(
-        "contrapposto",
-        DOWN_LOOSE,
-        DOWN,
-        Foot((0.06, 0, 0.10), 22),
-        Foot((-0.05, 0, 0)),
-        (1, 6, -4),
-        (0, -4, 5),
-        (3, 12, -3),
-        (-0.03, -0.012, 0),
-    ),
-    Pose("hands on hips", HIP, HIP, Foot((0.05, 0, 0)), Foot((0.05, 0, 0)), head=(2, -10, 0)),
-    Pose(
-        "one hand on hip",
-        HIP,
-        DOWN_LOOSE,
-        Foot((-0.04, 0, 0)),
-        Foot((0.07, 0, 0.08), 20),
-        (0, -4, 4),
-        (0, 3, -5),
-        (0, 10, 4),
-        (0.03, -0.012, 0),
-    ),
-    Pose("hands in pockets", POCKET, POCKET, Foot((0.03, 0, 0.03)), Foot((0.01, 0, 0)), (2, 0, 0), head=(6, 8, 0)),
-    Pose(
-        "hand in pocket",
-        DOWN_LOOSE,
-        POCKET,
-        Foot((0.05, 0, 0.06), 18),
-        Foot(),
-        (0, 4, -3),
-        (0, -3, 3),
-        (0, -14, 2),
-        (-0.02, -0.01, 0),
-    ),
-    Pose("hands behind", BEHIND, BEHIND, head=(0, 6, 0)),
-    Pose(
-        "arms crossed",
-        FOLDED,
-        Hand((-0.20, -0.42, 0.46), (1.0, -0.75, 0.2), -30),
-        Foot((0.04, 0, 0)),
-        Foot((0.03, 0, 0)),
-        (-2, 0, 0),
-        head=(-2, -8, 0),
-    ),
-    Pose("hand at chin", CHIN, Hand((-0.26, -0.44, 0.36), (1.0, -0.6, 0.1), -40), head=(6, 6, 4)),
+    Pose("straight", DOWN, DOWN, (Foot(turn=4), Foot(turn=4))),
+    Pose("at ease", DOWN, DOWN_BACK, STEP, head=(2, 10, 0)),
+    Pose("contrapposto", DOWN_LOOSE, DOWN, LEFT_FREE, **ON_RIGHT, head=(3, 12, -3)),
+    Pose("contrapposto, head turned", DOWN, DOWN_LOOSE, RIGHT_FREE, **ON_LEFT, head=(2, -24, 3)),
+    Pose("hands on hips", HIP, HIP, OUTWARD, head=(2, -10, 0)),
+    Pose("hands on hips, astride", HIP, HIP, ASTRIDE, (-3, 0, 0), head=(-4, 4, 0), shift=(0, -0.02, 0)),
+    Pose("one hand on hip", HIP, DOWN_LOOSE, RIGHT_FREE, **ON_LEFT, head=(0, 10, 4)),
+    Pose("hand on hip, stepping", DOWN, HIP, STEP, (0, 6, 0), (0, -4, 0), (0, -12, 3)),
+    Pose("hands in pockets", POCKET, POCKET, (Foot((0.03, 0, 0.03)), Foot((0.01, 0, 0))), (2, 0, 0), head=(6, 8, 0)),
+    Pose("hands in pockets, weight on one leg", POCKET, POCKET, LEFT_FREE, **ON_RIGHT, head=(0, -12, 2)),
+    Pose("hand in pocket", DOWN_LOOSE, POCKET, LEFT_FREE, **ON_RIGHT, head=(0, -14, 2)),
+    Pose("hand in pocket, walking", SWING_BACK, POCKET, STRIDE, **WALKING, head=(0, 6, 0)),
+    Pose("hands in back pockets", BACK_POCKET, BACK_POCKET, LEVEL, (-3, 0, 0), head=(0, 12, 0)),
+    Pose("hands behind", BEHIND, BEHIND_OVER, head=(0, 6, 0)),
+    Pose("hands behind, astride", BEHIND_OVER, BEHIND, ASTRIDE, head=(0, -4, 0), shift=(0, -0.02, 0)),
+    Pose("arms crossed", FOLDED, FOLDED_OVER, OUTWARD, (-2, 0, 0), head=(-2, -8, 0)),
+    Pose("arms crossed, weight on one leg", FOLDED_OVER, FOLDED, LEFT_FREE, **ON_RIGHT, head=(2, 14, -3)),
+    Pose("arm across", FOLDED, DOWN, RIGHT_FREE, **ON_LEFT, head=(6, -8, 0)),
+    Pose("hand at chin", CHIN, FOLDED, head=(6, 6, 4)),
+    Pose("hand on heart", HEART, DOWN, head=(4, 4, 0)),
+    Pose("hands clasped", CLASPED, CLASPED_OVER, head=(3, 4, 0)),
+    Pose("hands clasped, stepping", CLASPED_OVER, CLASPED, STEP, (0, 4, 0), head=(4, -12, 2)),
     Pose("waving", WAVE, DOWN_LOOSE, spine=(0, 0, -3), head=(0, 10, -4)),
-    Pose("arms raised", RAISED, RAISED, Foot((0.07, 0, 0)), Foot((0.07, 0, 0)), (-3, 0, 0), head=(-6, 0, 0)),
-    Pose("arms wide", WIDE, WIDE, Foot((0.06, 0, 0)), Foot((0.06, 0, 0)), head=(-3, 0, 0)),
-    Pose("pointing", POINT, DOWN, Foot((0.02, 0, 0.12)), Foot(turn=14), (0, -8, 0), (0, -4, 0), (0, 8, 0)),
+    Pose("greeting", GREETING, DOWN, STEP, head=(0, 6, -2)),
+    Pose("greeting, hand in pocket", GREETING, POCKET, **ON_LEFT, head=(2, 10, -4)),
+    Pose("arms raised", RAISED, RAISED, (Foot((0.07, 0, 0)), Foot((0.07, 0, 0))), (-3, 0, 0), head=(-6, 0, 0)),
+    Pose("one arm raised", RAISED, DOWN_LOOSE, OUTWARD, (0, 0, -4), head=(-10, 12, 0)),
+    Pose("arms wide", WIDE, WIDE, OUTWARD, head=(-3, 0, 0)),
+    Pose("one arm aside", ASIDE, DOWN, OUTWARD, (0, 4, 0), head=(0, 24, 0)),
+    Pose("open hands", OPEN, OPEN, STEP, (2, 0, 0), head=(4, -4, 0)),
+    Pose("one open hand", OPEN, HIP, RIGHT_FREE, **ON_LEFT, head=(2, 16, 4)),
+    Pose("fists", FIST, replace(FIST, wrist=(-0.02, -0.28, 0.40)), STEP, (6, 10, 0), (0, 6, 0), (2, 6, 0)),
+    Pose("pointing", POINT, DOWN, STEP, (0, -8, 0), (0, -4, 0), (0, 8, 0)),
     Pose("carrying", CARRY, CARRY, spine=(-3, 0, 0), head=(10, 0, 0)),
-    Pose(
-        "walking",
-        SWING_BACK,
-        SWING_FORWARD,
-        Foot((-0.03, 0.0, 0.26), 4, -8),
-        Foot((-0.03, 0.06, -0.26), 4, 28),
-        (3, 6, 0),
-        (0, -8, 0),
-        (0, 4, 0),
-        (0, -0.035, 0.0),
-    ),
-    Pose(
-        "stepping",
-        SWING_FORWARD,
-        SWING_BACK,
-        Foot((-0.02, 0.05, -0.2), 6, 24),
-        Foot((-0.02, 0.0, 0.2), 6),
-        (3, -6, 0),
-        (0, 7, 0),
-        (0, -10, 0),
-        (0, -0.025, 0.0),
-    ),
+    Pose("walking", SWING_BACK, SWING_FORWARD, STRIDE, **WALKING, head=(0, 4, 0)),
+    Pose("stepping", SWING_FORWARD, SWING_BACK, BACK_STRIDE, (3, -6, 0), (0, 7, 0), (0, -10, 0), (0, -0.025, 0)),
     Pose(
         "knee bent",
         DOWN_LOOSE,
         HIP,
-        Foot((0.04, 0.03, 0.12), 26, 18),
-        Foot((-0.05, 0, 0)),
+        (Foot((0.04, 0.03, 0.12), 26, 18), Foot((-0.05, 0, 0))),
         (0, 5, -3),
         (0, -4, 5),
         (0, 14, 0),
         (-0.04, -0.01, 0),
     ),
-    Pose("wide stance", DOWN_LOOSE, DOWN_LOOSE, Foot((0.16, 0, 0), 16), Foot((0.16, 0, 0), 16), shift=(0, -0.025, 0)),
+    Pose("wide stance", DOWN_LOOSE, DOWN_LOOSE, ASTRIDE, shift=(0, -0.025, 0)),
     Pose(
-        "turned",
+        "trunk turned",
         DOWN_LOOSE,
         DOWN_LOOSE,
-        Foot((0.02, 0, 0.06), 30),
-        Foot((0.0, 0, -0.04), -8),
+        (Foot((0.02, 0, 0.06), 30), Foot((0, 0, -0.04), -8)),
         (0, 18, 0),
         (0, 16, 0),
         (0, 18, 0),
     ),
-    Pose("looking aside", DOWN, POCKET, Foot((0.05, 0, 0.05), 20), Foot(), (0, -8, 2), (0, -6, 2), (2, -32, 0)),
+    Pose("over the shoulder", DOWN, DOWN_BACK, LEVEL, (0, -20, 0), (0, -8, 0), (2, -40, 0)),
+    Pose("looking aside", DOWN, POCKET, LEFT_FREE, (0, -8, 2), (0, -6, 2), (2, -32, 0)),
+    Pose("looking up", DOWN_LOOSE, DOWN, STEP, (-4, 0, 0), head=(-22, 10, 0)),
+    Pose("looking down", DOWN, DOWN_LOOSE, STEP, (4, 0, 0), head=(26, -12, 0)),
     Pose(
         "leaning forward",
         Hand((0.2, -0.86, 0.34)),
         Hand((0.2, -0.86, 0.3)),
-        Foot((0.04, 0, 0)),
-        Foot((0.04, 0, 0)),
+        (Foot((0.04, 0, 0)), Foot((0.04, 0, 0))),
         (16, 0, 0),
         (6, 0, 0),
         (-8, 0, 0),
         (0, -0.01, -0.03),
     ),
+    Pose("leaning aside", HIP, DOWN, OUTWARD, (0, 0, -9), head=(0, 4, 6)),
+    Pose("with a phone", PHONE, DOWN, LEFT_FREE, (3, 0, 0), head=(20, 8, 0)),
+    Pose("with a phone, hand in pocket", PHONE, POCKET, RIGHT_FREE, **ON_LEFT, head=(18, 10, 2)),
+    Pose("with a phone, arm across", PHONE, FOLDED, head=(16, 6, 0)),
+    Pose("with a cup", CUP, DOWN_LOOSE, LEFT_FREE, **ON_RIGHT, head=(2, 10, 0)),
+    Pose("with a cup, hand on hip", CUP, HIP, RIGHT_FREE, **ON_LEFT, head=(0, -12, 2)),
+    Pose("with a cup and a phone", CUP, PHONE, STEP, head=(16, -8, 0)),
+    Pose("with a bag", BAG, DOWN, STEP, (0, 0, -2), head=(0, -8, 0)),
+    Pose("with a bag and a phone", BAG, PHONE, LEFT_FREE, (3, 0, 0), head=(18, -8, 0)),
+    Pose("with a bag, walking", replace(BAG, wrist=(0.34, -0.9, 0.12)), SWING_BACK, BACK_STRIDE, (3, -4, 0), (0, 5, 0)),
 )
 SITTING = (
-    Pose(
-        "sitting",
-        KNEE,
-        KNEE,
-        Foot((0.05, 0, 0.44), 6),
-        Foot((0.05, 0, 0.44), 6),
-        (4, 0, 0),
-        (0, 0, 0),
-        (0, 6, 0),
-        SEAT,
-        sitting=True,
-    ),
+    Pose("sitting", KNEE, KNEE, SEATED, (4, 0, 0), head=(0, 6, 0), shift=SEAT, sitting=True),
     Pose(
         "sitting wide",
         KNEE,
         KNEE,
-        Foot((0.14, 0, 0.42), 16),
-        Foot((0.14, 0, 0.40), 16),
+        (Foot((0.14, 0, 0.42), 16), Foot((0.14, 0, 0.40), 16)),
         (10, 4, 0),
         (2, 0, 0),
         (-4, -8, 0),
         SEAT,
-        sitting=True,
+        True,
     ),
     Pose(
         "sitting back",
         Hand((0.3, -0.8, 0.2)),
         KNEE,
-        Foot((0.03, 0, 0.56), 10),
-        Foot((0.04, 0, 0.40), 8),
+        (Foot((0.03, 0, 0.56), 10), Foot((0.04, 0, 0.40), 8)),
         (-8, -4, 0),
         (-6, 0, 0),
         (6, 10, 0),
         SEAT,
+        True,
+    ),
+    Pose(
+        "sitting, hands in the lap",
+        LAP,
+        replace(LAP, wrist=(-0.16, -0.76, 0.44)),
+        SEATED,
+        (2, 0, 0),
+        shift=SEAT,
         sitting=True,
     ),
+    Pose("sitting with a phone", PHONE, KNEE, SEATED, (8, 0, 0), head=(18, 4, 0), shift=SEAT, sitting=True),
 )
 
 
@@ -230,7 +258,8 @@ def sample_pose(rng: np.random.Generator, sitting: float = 0.0, names: Collectio
 
 
 def varied(pose: Pose, rng: np.random.Generator) -> Pose:
-    """The same pose as another person would take it: mirrored half of the time, and a little different."""
+    """The pose as another person would take it: mirrored half of the time, a little different, with the feet closer
+    half of the time where it stands level, and some turned as a whole."""
 
     def near(values: tuple, spread: float) -> tuple:
         return tuple(float(v) for v in np.array(values) + rng.normal(0, spread, 3))
@@ -238,11 +267,17 @@ def varied(pose: Pose, rng: np.random.Generator) -> Pose:
     if rng.random() < 0.5:
         flip = np.array([1, -1, -1])
         pose = replace(
-            pose, left=pose.right, right=pose.left, left_foot=pose.right_foot, right_foot=pose.left_foot,
+            pose, left=pose.right, right=pose.left, feet=pose.feet[::-1],
             spine=tuple(pose.spine * flip), hips=tuple(pose.hips * flip), head=tuple(pose.head * flip),
             shift=tuple(pose.shift * np.array([-1, 1, 1])),
         )  # fmt: skip
     left, right = (replace(hand, wrist=near(hand.wrist, 0.015)) for hand in (pose.left, pose.right))
-    return replace(
+    pose = replace(
         pose, left=left, right=right, spine=near(pose.spine, 1.5), hips=near(pose.hips, 1.0), head=near(pose.head, 4.0)
     )
+    closer, turn = float(rng.uniform(*CLOSER)), float(rng.normal(0, TURN))
+    if rng.random() < 0.5 and not pose.sitting and all(foot.step[0] <= 0.07 and not foot.step[1] for foot in pose.feet):
+        pose = replace(
+            pose, feet=tuple(replace(foot, step=(foot.step[0] - closer, *foot.step[1:])) for foot in pose.feet)
+        )
+    return replace(pose, turn=turn if rng.random() < TURNED else 0.0)

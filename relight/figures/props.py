@@ -1,0 +1,218 @@
+"""What figures hold and sit on: a phone, a cup, a bag, a stool."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from relight.figures.body import Body
+from relight.figures.colliders import Collider
+from relight.figures.layers import sided
+from relight.figures.poses import Motion, frame, unit
+from relight.figures.stances import Pose
+from relight.figures.surfaces import Surface, stacked
+from relight.meshes import Material
+
+GREYS = (0.02, 0.04, 0.12, 0.45, 0.7)  # luminance of albedo
+TINTS = ((1.0, 1.0, 1.0), (1.25, 0.95, 0.75), (0.75, 1.0, 1.3), (1.5, 0.7, 0.6), (0.8, 1.15, 0.7))
+ROOM = 0.012  # metres that a bag keeps from what is worn
+FURTHEST = 0.16  # metres outward that a bag may be moved to keep it
+SEAT = (0.20, 0.19, 0.035)  # half the width and depth of a stool's seat, and its thickness, metres
+LEG = 0.016  # half the thickness of its legs
+
+
+@dataclass(frozen=True)
+class Prop:
+    """vertices (V,3) posed, faces (F,3), and what it is made of."""
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    material: Material
+
+
+def box(half: tuple[float, float, float], rounding: float = 0.0, bulge: float = 0.0) -> Surface:
+    """A closed box around the origin, finely divided.
+
+    Args:
+        half: half of its sides, metres.
+        rounding: radius of its edges.
+        bulge: metres by which the middles of its two sides along z swell.
+
+    Returns:
+        Vertices (V,3) and faces (F,3), counter-clockwise outward.
+    """
+    n = 9
+    t = np.linspace(-1, 1, n)
+    u, v = (grid.ravel() for grid in np.meshgrid(t, t))
+    i = np.arange(n * n).reshape(n, n)
+    a, b, c, d = (corner.ravel() for corner in (i[:-1, :-1], i[:-1, 1:], i[1:, 1:], i[1:, :-1]))
+    square = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    sides, one = [], np.ones_like(u)
+    for axis in range(3):
+        for sign in (1, -1):
+            side = np.empty((n * n, 3))
+            side[:, axis], side[:, (axis + 1) % 3], side[:, (axis + 2) % 3] = sign * one, sign * u, v
+            sides.append((side, square))
+    unit_cube, faces = stacked(sides)
+    _, first, inverse = np.unique(unit_cube.round(6), axis=0, return_index=True, return_inverse=True)
+    unit_cube, faces = unit_cube[first], inverse.reshape(-1)[faces]
+    inner = np.maximum(np.array(half) - rounding, 1e-4)
+    core = unit_cube * inner
+    out = np.where(np.abs(unit_cube) > 1 - 1e-6, np.sign(unit_cube), 0.0)
+    x = core + rounding * out / np.linalg.norm(out, axis=1, keepdims=True)
+    swell = bulge * (1 - unit_cube[:, 0] ** 2) * (1 - unit_cube[:, 1] ** 2)
+    x[:, 2] += np.sign(unit_cube[:, 2]) * swell * (np.abs(unit_cube[:, 2]) > 1 - 1e-6)
+    return x, faces
+
+
+def turned(profile: np.ndarray, sides: int = 28) -> Surface:
+    """A surface of revolution about y. profile (m,2): radius and height from its lower to its upper end."""
+    angle = 2 * np.pi * np.arange(sides) / sides
+    ring = np.stack([np.sin(angle), np.zeros(sides), np.cos(angle)], 1)
+    x = profile[:, None, :1] * ring + profile[:, None, 1:] * np.array([0.0, 1.0, 0.0])
+    i = np.arange(len(profile) * sides).reshape(len(profile), sides)
+    a, b, c, d = (corner.ravel() for corner in (i[:-1], np.roll(i, -1, 1)[:-1], np.roll(i, -1, 1)[1:], i[1:]))
+    return x.reshape(-1, 3), np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+
+
+def band(line: np.ndarray, across: np.ndarray, wide: float, thick: float) -> Surface:
+    """A closed strap along a line (m,3). across: its direction of width, square to the line."""
+    along = np.gradient(line, axis=0)
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    side = np.broadcast_to(unit(across), line.shape)
+    up = np.cross(along, side)
+    ring = [line + s * wide / 2 * side + t * thick / 2 * up for s, t in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    x = np.stack(ring, 1)
+    i = np.arange(4 * len(line)).reshape(-1, 4)
+    j = np.roll(i, -1, axis=1)
+    a, b, c, d = (corner.ravel() for corner in (i[:-1], j[:-1], j[1:], i[1:]))
+    sides = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    ends = [[i[0, 0], i[0, 2], i[0, 1]], [i[0, 0], i[0, 3], i[0, 2]]]
+    ends += [[i[-1, 0], i[-1, 1], i[-1, 2]], [i[-1, 0], i[-1, 2], i[-1, 3]]]
+    return x.reshape(-1, 3), np.concatenate([sides, ends])
+
+
+def colour(rng: np.random.Generator, least: float = 0.0) -> np.ndarray:
+    """Draws a linear albedo (3,), at least so bright."""
+    grey = rng.choice([grey for grey in GREYS if grey >= least])
+    return np.clip(grey * np.array(TINTS[rng.integers(len(TINTS))]), 0.01, 0.85).astype(np.float32)
+
+
+def palm(body: Body, way: Motion, side: str) -> tuple[np.ndarray, np.ndarray]:
+    """Where the fingers of a posed hand begin (3,), and its axes (3,3): along the fingers, out of the palm, across."""
+
+    def posed(bone: str) -> np.ndarray:
+        turn = way.transforms[-1][way.bones[bone]]
+        return turn[:, :3] @ body.joints[bone] + turn[:, 3]
+
+    wrist, root, index, little = (posed(f"{bone}.{side}") for bone in ("wrist", "finger3-1", "finger2-1", "finger5-1"))
+    out = np.cross(index - little, root - wrist) * (-1 if side == "L" else 1)
+    return root, frame(root - wrist, out)
+
+
+def held(what: str, body: Body, way: Motion, side: str, worn: Surface, rng: np.random.Generator) -> list[Prop]:
+    """The pieces of what a hand holds, posed.
+
+    Args:
+        what: phone | cup | bag.
+        body: in its rest pose.
+        way: the motion into the pose.
+        side: L | R, of the hand.
+        worn: posed surface of skin and clothes, which a bag keeps off.
+        rng: the source of chance.
+
+    Returns:
+        The pieces; none where there is no room for a bag.
+    """
+    root, axes = palm(body, way, side)
+    along, out, _ = axes.T
+    if what == "phone":
+        x, faces = box((0.074, 0.004, 0.036), 0.004)
+        place = root + 0.020 * out + 0.012 * along
+        return [Prop(place + x @ axes.T, faces, Material(colour(rng), name="phone"))]
+    if what == "cup":
+        tall = 0.105
+        profile = np.array(
+            [(0, 0), (0.026, 0), (0.029, 0.002), (0.037, tall), (0.039, tall + 0.004), (0.036, tall + 0.006), (0, tall)]
+        )
+        x, faces = turned(profile)
+        place = root + 0.046 * out - np.array([0.0, 0.5 * tall, 0.0])
+        return [Prop(place + x, faces, Material(colour(rng, 0.12), name="cup"))]
+    grip = root + 0.030 * out
+    outward = np.array([1.0 if side == "L" else -1.0, 0.0, 0.0])
+    ahead = way.transforms[-1][way.bones["root"]][:, :3] @ np.array([0.0, 0.0, 1.0])
+    outward = frame(ahead * [1, 0, 1], outward)[:, 1]
+    high, wide, loop = rng.uniform(0.11, 0.16), rng.uniform(0.13, 0.18), rng.uniform(0.12, 0.18)
+    x, faces = box((wide, high, 0.035), 0.012, bulge=0.012)
+    turn = np.stack([frame(ahead * [1, 0, 1], outward)[:, 0], [0.0, 1.0, 0.0], outward], axis=1)
+    x = x @ turn.T + grip - [0, loop + high, 0]
+    near = Collider(worn[0], *worn)
+    away = 0.0
+    while away <= FURTHEST:
+        face, distance, _ = sided(x + away * outward, near, 0.1)
+        if not ((face >= 0) & (distance < ROOM)).any():
+            break
+        away += 0.01
+    else:
+        return []
+    material = Material(colour(rng), name="bag")
+    s = np.linspace(-1, 1, 25)[:, None]
+    straps = []
+    for face in (1, -1):
+        foot = x.mean(0) + away * outward + face * 0.033 * outward + [0, high - 0.02, 0]
+        line = foot + 0.55 * wide * s * turn[:, 0]
+        rise = (1 - s**4) * (grip + 0.006 * face * outward - foot)
+        straps.append(band(line + rise - 0.55 * wide * s * (1 - s**4) * 0.75 * turn[:, 0], outward, 0.004, 0.02))
+    pieces = stacked([(x + away * outward, faces), *straps])
+    return [Prop(*pieces, material)]
+
+
+def stool(body: Body, way: Motion, worn: Surface, ground: float, rng: np.random.Generator) -> list[Prop]:
+    """A stool under who sits.
+
+    Args:
+        body: in its rest pose.
+        way: the motion into the pose.
+        worn: posed surface of skin and clothes.
+        ground: height of the floor, metres.
+        rng: the source of chance.
+    """
+    turn = way.transforms[-1][way.bones["root"]]
+    centre = turn[:, :3] @ body.joints["root"] + turn[:, 3]
+    ahead = turn[:, :3] @ np.array([0.0, 0.0, 1.0])
+    axes = frame(ahead * [1, 0, 1], np.array([0.0, 1.0, 0.0]))[:, [2, 1, 0]]
+    centre = centre + 0.05 * axes[:, 2]
+    off = (worn[0] - centre) @ axes
+    over = (np.abs(off[:, 0]) < SEAT[0]) & (np.abs(off[:, 2]) < SEAT[1]) & (off[:, 1] > -0.25)
+    top = float(np.percentile(worn[0][over, 1], 0.5))
+    wide, deep, thick = SEAT
+    x, faces = box((wide, thick / 2, deep), 0.012)
+    place = np.array([centre[0], top - thick / 2, centre[2]])
+    parts = [(x @ axes.T + place, faces)]
+    legs = []
+    tall = top - thick - ground
+    for sx in (-1, 1):
+        for sz in (-1, 1):
+            leg, corner = box((LEG, tall / 2, LEG), 0.004)
+            leg[:, [0, 2]] += 0.03 * np.array([sx, sz]) * (0.5 - leg[:, 1:2] / tall)
+            at = np.array([sx * (wide - 0.04), 0, sz * (deep - 0.04)]) @ axes.T
+            legs.append((leg @ axes.T + at + [centre[0], ground + tall / 2, centre[2]], corner))
+    seat, wood = colour(rng), colour(rng)
+    return [Prop(*stacked(parts), Material(seat, name="seat")), Prop(*stacked(legs), Material(wood, name="stool legs"))]
+
+
+def props(body: Body, way: Motion, pose: Pose, worn: Surface, seed: int) -> list[Prop]:
+    """All that a figure holds and sits on.
+
+    Args:
+        body: in its rest pose.
+        way: the motion into the pose.
+        pose: says what the hands hold and whether the figure sits.
+        worn: posed surface of the whole figure, which stands on the floor.
+        seed: of colours and sizes.
+    """
+    rng = np.random.default_rng([seed, 5])
+    out = stool(body, way, worn, float(worn[0][:, 1].min()), rng) if pose.sitting else []
+    for side, hand in (("L", pose.left), ("R", pose.right)):
+        if hand.holds:
+            out += held(hand.holds, body, way, side, worn, rng)
+    return out
