@@ -178,7 +178,8 @@ class Solver:
         for finger in (1, 2, 3, 4, 5):
             first, second = (f"finger{finger}-{part}.{side}" for part in (1, 2))
             apart = angle_about(palm, middle, j[second] - j[first])
-            closer = Rotation.from_rotvec(-CLOSER[finger == 1] * apart * palm)
+            share = CLOSER[finger == 1] * (not (hand.holds and finger == 1))  # the thumb of a hand that holds is apart
+            closer = Rotation.from_rotvec(-share * apart * palm)
             for part, share in ((1, 0.9), (2, 1.4), (3, 1.0)):
                 curl = np.radians(hand.curl * share * (0.8 + 0.1 * finger) * (finger > 1))
                 bent = Rotation.from_rotvec(hinge * curl)

@@ -71,7 +71,9 @@ def turned(profile: np.ndarray, sides: int = 28) -> Surface:
     x = profile[:, None, :1] * ring + profile[:, None, 1:] * np.array([0.0, 1.0, 0.0])
     i = np.arange(len(profile) * sides).reshape(len(profile), sides)
     a, b, c, d = (corner.ravel() for corner in (i[:-1], np.roll(i, -1, 1)[:-1], np.roll(i, -1, 1)[1:], i[1:]))
-    return x.reshape(-1, 3), np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    x, faces = x.reshape(-1, 3), np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    area = np.linalg.norm(np.cross(x[faces[:, 1]] - x[faces[:, 0]], x[faces[:, 2]] - x[faces[:, 0]]), axis=1)
+    return x, faces[area > 1e-12]  # at its ends half of the triangles have none
 
 
 def band(line: np.ndarray, across: np.ndarray, wide: float, thick: float) -> Surface:
@@ -89,6 +91,12 @@ def band(line: np.ndarray, across: np.ndarray, wide: float, thick: float) -> Sur
     ends = [[i[0, 0], i[0, 2], i[0, 1]], [i[0, 0], i[0, 3], i[0, 2]]]
     ends += [[i[-1, 0], i[-1, 1], i[-1, 2]], [i[-1, 0], i[-1, 2], i[-1, 3]]]
     return x.reshape(-1, 3), np.concatenate([sides, ends])
+
+
+def placed(surface: Surface, axes: np.ndarray, at: np.ndarray) -> Surface:
+    """The surface with its axes along the columns of an orthonormal matrix (3,3), and its origin at a place (3,)."""
+    vertices, faces = surface
+    return vertices @ axes.T + at, faces if np.linalg.det(axes) > 0 else faces[:, ::-1]
 
 
 def colour(rng: np.random.Generator, least: float = 0.0) -> np.ndarray:
@@ -126,25 +134,23 @@ def held(what: str, body: Body, way: Motion, side: str, worn: Surface, rng: np.r
     root, axes = palm(body, way, side)
     along, out, _ = axes.T
     if what == "phone":
-        x, faces = box((0.074, 0.004, 0.036), 0.004)
-        place = root + 0.020 * out + 0.012 * along
-        return [Prop(place + x @ axes.T, faces, Material(colour(rng), name="phone"))]
+        phone = placed(box((0.074, 0.004, 0.036), 0.004), axes, root + 0.020 * out + 0.012 * along)
+        return [Prop(*phone, Material(colour(rng), name="phone"))]
     if what == "cup":
         tall = 0.105
         profile = np.array(
             [(0, 0), (0.026, 0), (0.029, 0.002), (0.037, tall), (0.039, tall + 0.004), (0.036, tall + 0.006), (0, tall)]
         )
         x, faces = turned(profile)
-        place = root + 0.046 * out - np.array([0.0, 0.5 * tall, 0.0])
+        place = root + 0.052 * out - 0.018 * along - np.array([0.0, 0.5 * tall + 0.01, 0.0])
         return [Prop(place + x, faces, Material(colour(rng, 0.12), name="cup"))]
     grip = root + 0.030 * out
     outward = np.array([1.0 if side == "L" else -1.0, 0.0, 0.0])
     ahead = way.transforms[-1][way.bones["root"]][:, :3] @ np.array([0.0, 0.0, 1.0])
     outward = frame(ahead * [1, 0, 1], outward)[:, 1]
     high, wide, loop = rng.uniform(0.11, 0.16), rng.uniform(0.13, 0.18), rng.uniform(0.12, 0.18)
-    x, faces = box((wide, high, 0.035), 0.012, bulge=0.012)
     turn = np.stack([frame(ahead * [1, 0, 1], outward)[:, 0], [0.0, 1.0, 0.0], outward], axis=1)
-    x = x @ turn.T + grip - [0, loop + high, 0]
+    x, faces = placed(box((wide, high, 0.035), 0.012, bulge=0.012), turn, grip - [0, loop + high, 0])
     near = Collider(worn[0], *worn)
     away = 0.0
     while away <= FURTHEST:
@@ -179,25 +185,24 @@ def stool(body: Body, way: Motion, worn: Surface, ground: float, rng: np.random.
     turn = way.transforms[-1][way.bones["root"]]
     centre = turn[:, :3] @ body.joints["root"] + turn[:, 3]
     ahead = turn[:, :3] @ np.array([0.0, 0.0, 1.0])
-    axes = frame(ahead * [1, 0, 1], np.array([0.0, 1.0, 0.0]))[:, [2, 1, 0]]
+    up = np.array([0.0, 1.0, 0.0])
+    axes = np.stack([np.cross(up, unit(ahead * [1, 0, 1])), up, unit(ahead * [1, 0, 1])], axis=1)
     centre = centre + 0.05 * axes[:, 2]
     off = (worn[0] - centre) @ axes
     over = (np.abs(off[:, 0]) < SEAT[0]) & (np.abs(off[:, 2]) < SEAT[1]) & (off[:, 1] > -0.25)
     top = float(np.percentile(worn[0][over, 1], 0.5))
     wide, deep, thick = SEAT
-    x, faces = box((wide, thick / 2, deep), 0.012)
-    place = np.array([centre[0], top - thick / 2, centre[2]])
-    parts = [(x @ axes.T + place, faces)]
+    cushion = placed(box((wide, thick / 2, deep), 0.012), axes, np.array([centre[0], top - thick / 2, centre[2]]))
     legs = []
     tall = top - thick - ground
     for sx in (-1, 1):
         for sz in (-1, 1):
-            leg, corner = box((LEG, tall / 2, LEG), 0.004)
+            leg, faces = box((LEG, tall / 2, LEG), 0.004)
             leg[:, [0, 2]] += 0.03 * np.array([sx, sz]) * (0.5 - leg[:, 1:2] / tall)
-            at = np.array([sx * (wide - 0.04), 0, sz * (deep - 0.04)]) @ axes.T
-            legs.append((leg @ axes.T + at + [centre[0], ground + tall / 2, centre[2]], corner))
+            corner = axes @ [sx * (wide - 0.04), 0, sz * (deep - 0.04)]
+            legs.append(placed((leg, faces), axes, corner + [centre[0], ground + tall / 2, centre[2]]))
     seat, wood = colour(rng), colour(rng)
-    return [Prop(*stacked(parts), Material(seat, name="seat")), Prop(*stacked(legs), Material(wood, name="stool legs"))]
+    return [Prop(*cushion, Material(seat, name="seat")), Prop(*stacked(legs), Material(wood, name="stool legs"))]
 
 
 def props(body: Body, way: Motion, pose: Pose, worn: Surface, seed: int) -> list[Prop]:

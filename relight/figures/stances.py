@@ -82,10 +82,10 @@ POCKET = Hand((0.08, -0.80, 0.10), (0.8, -0.1, -0.7), along=(-0.15, -1.0, 0.25),
 BACK_POCKET = Hand(
     (0.04, -0.74, -0.32), (1.0, -0.1, -0.6), along=(-0.3, -1.0, 0.1), facing=(0, 0, 1), curl=9, rests=True
 )
-BEHIND = Hand((-0.20, -0.72, -0.33), (1.0, -0.2, -0.2), along=(-0.7, -0.7, -0.1), facing=(0, 0.1, -1))
-BEHIND_OVER = replace(BEHIND, wrist=(-0.16, -0.66, -0.40))
-FOLDED = Hand((-0.40, -0.46, 0.38), (1.0, -0.75, 0.2), along=(-1, 0.1, -0.3), facing=(0, -0.2, -1), curl=14)
-FOLDED_OVER = Hand((-0.40, -0.38, 0.57), (1.0, -0.75, 0.2), along=(-1, 0.15, -0.45), facing=(0, -0.2, -1), curl=14)
+BEHIND = Hand((-0.12, -0.74, -0.38), (1.0, -0.2, -0.2), along=(-0.7, -0.7, -0.1), facing=(0, 0.1, -1))
+BEHIND_OVER = replace(BEHIND, wrist=(-0.08, -0.67, -0.44))
+FOLDED = Hand((-0.46, -0.50, 0.36), (1.0, -0.75, 0.2), along=(-1, 0.1, -0.3), facing=(0, -0.2, -1), curl=14)
+FOLDED_OVER = Hand((-0.46, -0.37, 0.56), (1.0, -0.75, 0.2), along=(-1, 0.15, -0.45), facing=(0, -0.2, -1), curl=14)
 CLASPED = Hand((-0.26, -0.78, 0.34), (0.9, -0.3, -0.5), along=(-0.7, -0.7, 0.1), facing=(0, 0, -1), curl=20)
 CLASPED_OVER = replace(CLASPED, wrist=(-0.22, -0.74, 0.43))
 HEART = Hand((-0.20, -0.36, 0.34), (1.0, -0.7, 0.0), along=(-0.85, 0.45, -0.15), facing=(0, 0, -1), curl=6, rests=True)
@@ -102,7 +102,7 @@ CARRY = Hand((0.10, -0.55, 0.48), (0.7, -0.6, -0.6), along=(-0.2, 0.1, 1), facin
 PHONE = Hand(
     (-0.04, -0.38, 0.50), (0.5, -1, -0.3), along=(-0.4, 0.6, 0.6), facing=(-0.4, 0.4, -0.8), curl=22, holds="phone"
 )
-CUP = Hand((0.04, -0.46, 0.46), (0.6, -0.9, -0.4), along=(-0.4, 0.1, 0.9), facing=(-0.9, 0, -0.4), curl=33, holds="cup")
+CUP = Hand((0.04, -0.46, 0.46), (0.6, -0.9, -0.4), along=(-0.4, 0.1, 0.9), facing=(-0.9, 0, -0.4), curl=18, holds="cup")
 BAG = Hand((0.34, -0.93, 0.02), along=(0.05, -1, 0.1), curl=55, holds="bag")
 KNEE = Hand((-0.04, -0.78, 0.52), (0.9, -0.4, -0.4), along=(-0.1, -0.15, 1), facing=(-0.1, -1, 0), curl=10, rests=True)
 LAP = Hand((-0.18, -0.80, 0.44), (0.9, -0.4, -0.5), along=(-0.8, -0.1, 0.45), facing=(0, -1, -0.2), curl=12, rests=True)
