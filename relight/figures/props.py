@@ -4,7 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from relight.figures import makehuman
 from relight.figures.body import Body
+from relight.figures.clearance import shares
 from relight.figures.colliders import Collider
 from relight.figures.layers import sided
 from relight.figures.poses import Motion, frame, unit
@@ -18,6 +20,8 @@ ROOM = 0.012  # metres that a bag keeps from what is worn
 FURTHEST = 0.16  # metres outward that a bag may be moved to keep it
 SEAT = (0.20, 0.19, 0.035)  # half the width and depth of a stool's seat, and its thickness, metres
 LEG = 0.016  # half the thickness of its legs
+UNDER = 0.03  # metres under the thighs within which cloth lies on the seat
+IN_THE_WAY = 0.02  # share of what is over or under the seat that hangs below it, from which on it is a skirt
 
 
 @dataclass(frozen=True)
@@ -173,7 +177,7 @@ def held(what: str, body: Body, way: Motion, side: str, worn: Surface, rng: np.r
 
 
 def stool(body: Body, way: Motion, worn: Surface, ground: float, rng: np.random.Generator) -> list[Prop]:
-    """A stool under who sits.
+    """A stool under who sits; none under a skirt, which hangs where its seat would be.
 
     Args:
         body: in its rest pose.
@@ -182,15 +186,20 @@ def stool(body: Body, way: Motion, worn: Surface, ground: float, rng: np.random.
         ground: height of the floor, metres.
         rng: the source of chance.
     """
-    turn = way.transforms[-1][way.bones["root"]]
-    centre = turn[:, :3] @ body.joints["root"] + turn[:, 3]
-    ahead = turn[:, :3] @ np.array([0.0, 0.0, 1.0])
+    skin = way.skin(makehuman.rig().weights[makehuman.BODY], body.skin)
+    skin = skin[shares("root", "pelvis", "upperleg") > 0.5]
+    low = skin[skin[:, 1] < skin[:, 1].min() + 0.04]
+    ahead = unit(way.transforms[-1][way.bones["root"]][:, 2] * [1, 0, 1])
     up = np.array([0.0, 1.0, 0.0])
-    axes = np.stack([np.cross(up, unit(ahead * [1, 0, 1])), up, unit(ahead * [1, 0, 1])], axis=1)
-    centre = centre + 0.05 * axes[:, 2]
+    axes = np.stack([np.cross(up, ahead), up, ahead], axis=1)
+    centre = np.array([*low.mean(0)[:1], low[:, 1].min(), *low.mean(0)[2:]])
     off = (worn[0] - centre) @ axes
-    over = (np.abs(off[:, 0]) < SEAT[0]) & (np.abs(off[:, 2]) < SEAT[1]) & (off[:, 1] > -0.25)
-    top = float(np.percentile(worn[0][over, 1], 0.5))
+    over = (np.abs(off[:, 0]) < SEAT[0]) & (np.abs(off[:, 2]) < SEAT[1])
+    core = over & (np.abs(off[:, 2]) < 0.5 * SEAT[1]) & (np.abs(off[:, 1]) < UNDER)  # calves hang before it
+    top = float(np.percentile(worn[0][core, 1], 0.5))
+    below = over & (worn[0][:, 1] < top - UNDER) & (worn[0][:, 1] > top - 4 * UNDER)
+    if below.sum() > IN_THE_WAY * over.sum():
+        return []
     wide, deep, thick = SEAT
     cushion = placed(box((wide, thick / 2, deep), 0.012), axes, np.array([centre[0], top - thick / 2, centre[2]]))
     legs = []

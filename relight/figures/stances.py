@@ -105,6 +105,7 @@ PHONE = Hand(
 CUP = Hand((0.04, -0.46, 0.46), (0.6, -0.9, -0.4), along=(-0.4, 0.1, 0.9), facing=(-0.9, 0, -0.4), curl=18, holds="cup")
 BAG = Hand((0.34, -0.93, 0.02), along=(0.05, -1, 0.1), curl=55, holds="bag")
 KNEE = Hand((-0.04, -0.78, 0.52), (0.9, -0.4, -0.4), along=(-0.1, -0.15, 1), facing=(-0.1, -1, 0), curl=10, rests=True)
+WIDE_KNEE = replace(KNEE, wrist=(0.20, -0.72, 0.50))
 LAP = Hand((-0.18, -0.80, 0.44), (0.9, -0.4, -0.5), along=(-0.8, -0.1, 0.45), facing=(0, -1, -0.2), curl=12, rests=True)
 SWING_FORWARD = Hand((0.16, -0.86, 0.40), (0.5, -0.3, -1.0))
 SWING_BACK = Hand((0.26, -0.88, -0.28), (0.5, -0.3, -1.0))
@@ -210,8 +211,8 @@ SITTING = (
     Pose("sitting", KNEE, KNEE, SEATED, (4, 0, 0), head=(0, 6, 0), shift=SEAT, sitting=True),
     Pose(
         "sitting wide",
-        KNEE,
-        KNEE,
+        WIDE_KNEE,
+        WIDE_KNEE,
         (Foot((0.14, 0, 0.42), 16), Foot((0.14, 0, 0.40), 16)),
         (10, 4, 0),
         (2, 0, 0),
