@@ -218,9 +218,9 @@ def test_a_cache_that_cannot_be_written_is_kept_here(monkeypatch, tmp_path):
     from relight import run
 
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
-    assert run.cache() == {} and not (tmp_path / "cache").exists()
+    assert run.cache_environment() == {} and not (tmp_path / "cache").exists()
     (tmp_path / "cache").write_text("a file is in the way")
-    assert run.cache() == {"XDG_CACHE_HOME": str(ROOT / ".snakemake" / "cache")}
+    assert run.cache_environment() == {"XDG_CACHE_HOME": str(ROOT / ".snakemake" / "cache")}
 
 
 MEMORY = """
