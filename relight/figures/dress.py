@@ -19,7 +19,7 @@ from relight.files import UserError
 from relight.meshes import Mesh
 
 GENERATOR = 7  # raised when the same seed gives another figure
-ATTEMPTS = 6
+ATTEMPTS = 8
 SIT = 4  # draws after which a figure that was to sit may stand, unless all are required to sit
 FREE = Constraints()
 SLOWER = 2  # times the frames to sit down: legs that swing so far leave trousers behind

@@ -191,7 +191,7 @@ def test_a_failed_attempt_is_drawn_again_and_counted(figure, monkeypatch):
     assert len(draws) == 3 and mesh.info["redrawn"] == 2 and mesh.info["redrawn_because"] == ["torn", "torn"]
     assert draws[0].person == draws[1].person == draws[2].person and draws[0].outfit != draws[1].outfit
     failing(monkeypatch, 99, figure)
-    with pytest.raises(UserError, match="6 attempts"):
+    with pytest.raises(UserError, match="8 attempts"):
         make_figure(SEED, "draft", 128)
 
 
