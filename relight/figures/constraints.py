@@ -17,19 +17,19 @@ from relight.files import UserError
 PEOPLE = 40  # drawn, at most, until one may wear what is required
 OUTFITS = 80  # drawn for each of them: with these the rarest garment is found on one person of two
 POSES = [pose.name for pose in (*STANDING, *SITTING)]
-GARMENTS = [
-    garment.name
-    for library in (
+LIBRARY = {
+    garment.name: garment
+    for group in (
         wardrobe.TOPS,
         wardrobe.OUTER,
         wardrobe.BOTTOMS,
         wardrobe.SKIRTS,
         wardrobe.DRESSES,
         wardrobe.ROBES,
-        SCARVES,
     )
-    for garment in library
-]
+    for garment in group
+}
+GARMENTS = [*LIBRARY, *(scarf.name for scarf in SCARVES)]
 HAIR = [style.name for style in STYLES]
 
 

@@ -7,27 +7,16 @@ import pytest
 import trimesh
 from scipy.spatial import ConvexHull
 
-from relight.figures import collars, colliders, outfits, patterns, stances, trims, wardrobe
+from relight.figures import collars, colliders, outfits, patterns, stances, trims
 from relight.figures.body import build_body, sample_person
 from relight.figures.colliders import Collider
+from relight.figures.constraints import LIBRARY
 from relight.figures.drape import Level
 from relight.figures.fabrics import Fabric
 from relight.figures.layers import sided
 from relight.figures.poses import motion
 from relight.figures.surfaces import border_loops, edges, loop
 
-LIBRARY = {
-    garment.name: garment
-    for group in (
-        wardrobe.TOPS,
-        wardrobe.OUTER,
-        wardrobe.BOTTOMS,
-        wardrobe.SKIRTS,
-        wardrobe.DRESSES,
-        wardrobe.ROBES,
-    )
-    for garment in group
-}
 UP, LEFT, AHEAD = np.eye(3)[[1, 0, 2]]
 
 

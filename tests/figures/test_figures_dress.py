@@ -361,8 +361,7 @@ def test_baking_an_exported_figure_repairs_next_to_nothing(figure, tmp_path):
     export(figure, tmp_path / "f.glb")
     repairs = clean(read_mesh(tmp_path / "f.glb"), OmegaConf.to_object(composed()).clean).info["repairs"]
     assert repairs["seam vertices"] > 500
-    # collars touch the edge that they are sewn to, and crossed arms each other; specks of skin and cloth are left under
-    # other clothes
+    # collars touch the edge that they are sewn to; specks of skin and cloth are left under other clothes
     counts = {what: count for what, count in repairs.items() if what not in FINDINGS}
     assert counts.pop("duplicate vertices", 0) < 0.003 * len(figure.vertices)
     assert counts.pop("floating parts", 0) < 10 and not counts
