@@ -196,6 +196,7 @@ class Loss:
     detail_albedo: float = setting("energy of the detail of albedo's error over that of the truth's", least=0)
     detail_transport: float = setting("the same of transport", least=0)
     detail_shading: float = setting("the same of shading under the true light", least=0)
+    exclusion: float = setting("detail that albedo and shading share beyond what the true ones do", least=0)
     tv_reference: int = setting("the weight tv_transport is multiplied by image size / tv_reference, pixels", least=1)
     reduction: str = setting("means over the whole image or over its mask", choices=("image", "mask"))
 

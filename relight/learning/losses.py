@@ -1,10 +1,12 @@
-"""The fifteen L1 losses of the paper (section 4), and three of detail for photographs.
+"""The fifteen L1 losses of the paper (section 4), and four of detail for photographs.
 
 They are computed on the pixels inside the masks. Outside, ground truth and masked outputs are both zero, so sums over
 the masks are sums over the images. Let A, T, L be the ground truth, A^, T^, L^ what is inferred, S = T.L and I = A*S.
 Four of the seven reconstructions need no new map: |A*(T^.L) - I| = A*|T^.L - S|, the same for the other two shadings,
 and |A^*S - I| = S*|A^ - A|.
 """
+
+from collections.abc import Iterator, Sequence
 
 import torch
 import torch.nn.functional as F
@@ -18,6 +20,7 @@ from relight.sh import order_of
 
 OCTAVES = 5  # of detail: structures of about 2 to 64 pixels
 LEVEL = 0.05  # of a truth's own root mean square: detail weaker than that counts no more
+DARK = 0.02  # least value of which ln is taken
 
 
 def losses(outputs: dict[str, Tensor], batch: Batch, loss: Loss) -> dict[str, Tensor]:
@@ -76,6 +79,9 @@ def losses(outputs: dict[str, Tensor], batch: Batch, loss: Loss) -> dict[str, Te
             found = {"albedo": albedo, "transport": transport, "shading": shade(transport, batch.light)}[name]
             truth = getattr(batch, name)
             values[f"detail_{name}"] = detail(found - truth, truth, batch)
+    if loss.exclusion:
+        own, true = (albedo, shade(transport, batch.light)), (batch.albedo, batch.shading)
+        values["exclusion"] = exclusion(own, true, batch)
     if loss.shading or loss.reconstruction:
         errors = {name: (shading - batch.shading).abs() for name, shading in shadings.items()}
     if loss.shading:
@@ -100,29 +106,60 @@ def variation(compact: Tensor, batch: Batch) -> Tensor:
 def detail(error: Tensor, truth: Tensor, batch: Batch) -> Tensor:
     """The energy of an error's detail over that of the truth, as a mean over octaves and images.
 
-    An octave is what means over 2^k x 2^k pixels within the mask have beyond those over twice the side. The squared
-    error is smallest at the expected detail; absolute differences, at their median, which for folds that a picture
-    leaves in doubt is close to none.
+    The squared error is smallest at the expected detail; absolute differences, at their median, which for folds that a
+    picture leaves in doubt is close to none.
 
     Args:
         error: inferred less true values (B,P,C).
         truth: (B,P,C).
         batch: whose pixels they are.
     """
-    error, truth, weight = (batch.put(x) for x in (error, truth, batch.inside))
-    level = LEVEL**2 * (truth**2).sum((1, 2, 3))
+    level = LEVEL**2 * (truth**2).sum((1, 2))
     energies = []
+    for (wrong, true), weight in octaves([error, truth], batch):
+        pixels = (batch.size / weight.shape[-1]) ** 2
+        wrong, true = (pixels * (x**2 * weight).sum((1, 2, 3)) for x in (wrong, true))
+        energies.append((wrong / (true + level).clamp_min(1e-9)).mean())
+    return torch.stack(energies).mean()
+
+
+def exclusion(found: tuple[Tensor, Tensor], truth: tuple[Tensor, Tensor], batch: Batch) -> Tensor:
+    """How much more two inferred maps share their detail than the true ones do, as a mean over octaves and images.
+
+    Shared is mean |a s| over the root mean squares of a and s, the detail of ln of both maps' channel means (the idea
+    is the exclusion loss of Zhang et al. 2018, Single Image Reflection Separation). Squared errors put an edge of
+    doubtful origin into both maps; this puts it into one.
+
+    Args:
+        found: two inferred maps (B,P,C), here albedo and shading.
+        truth: the true ones.
+        batch: whose pixels they are.
+    """
+    maps = [x.mean(-1, keepdim=True).clamp_min(DARK).log() for x in (*found, *truth)]
+    excess = []
+    for images, weight in octaves(maps, batch):
+        energy = torch.stack([(x**2 * weight).sum((1, 2, 3)) for x in images])
+        energy[:2] += LEVEL**2 * energy[2:]
+        shared = torch.stack([((a * s).abs() * weight).sum((1, 2, 3)) for a, s in (images[:2], images[2:])])
+        own, true = shared / (energy[::2] * energy[1::2]).clamp_min(1e-12).sqrt()
+        excess.append((own - true).clamp_min(0).mean())
+    return torch.stack(excess).mean()
+
+
+def octaves(maps: Sequence[Tensor], batch: Batch) -> Iterator[tuple[list[Tensor], Tensor]]:
+    """The detail of maps (B,P,C), one octave after the other, the finest first.
+
+    An octave is what means over 2^k x 2^k pixels within the mask have beyond those over twice the side.
+
+    Yields:
+        Maps (B,C,S,S) of side S = size / 2^k, and the share (B,1,S,S) of each of their pixels that is in the mask.
+    """
+    *images, weight = (batch.put(x) for x in (*maps, batch.inside))
     for _ in range(min(OCTAVES, batch.size.bit_length() - 1)):
         share = F.avg_pool2d(weight, 2)
-        pair = []
-        for x in (error, truth):
-            mean = F.avg_pool2d(x * weight, 2) / share.clamp_min(1e-6)
-            finer = (x - F.interpolate(mean, scale_factor=2.0)) ** 2 * weight
-            pair.append((mean, finer.sum((1, 2, 3)) * (batch.size / x.shape[-1]) ** 2))
-        (error, wrong), (truth, true) = pair
-        energies.append((wrong / (true + level).clamp_min(1e-9)).mean())
-        weight = share
-    return torch.stack(energies).mean()
+        means = [F.avg_pool2d(x * weight, 2) / share.clamp_min(1e-6) for x in images]
+        yield [x - F.interpolate(mean, scale_factor=2.0) for x, mean in zip(images, means)], weight
+        images, weight = means, share
 
 
 def weighted_sum(values: dict[str, Tensor], weight: dict[str, float]) -> Tensor:
@@ -160,4 +197,5 @@ def weights(loss: Loss, size: int) -> dict[str, float]:
         "detail_albedo": loss.detail_albedo,
         "detail_transport": loss.detail_transport,
         "detail_shading": loss.detail_shading,
+        "exclusion": loss.exclusion,
     }

@@ -9,7 +9,7 @@ import torch
 import yaml
 
 from relight.learning.data import RelitSet
-from relight.learning.losses import LEVEL, OCTAVES, losses, weights
+from relight.learning.losses import DARK, LEVEL, OCTAVES, losses, weights
 from relight.sh import unoccluded
 
 FIFTEEN = {
@@ -19,7 +19,7 @@ FIFTEEN = {
     *("reconstruction_albedo_transport", "reconstruction_albedo_light", "reconstruction_transport_light"),
     "reconstruction_full",
 }
-DETAILS = {"detail_albedo", "detail_transport", "detail_shading"}
+DETAILS = {"detail_albedo", "detail_transport", "detail_shading", "exclusion"}
 CONF = Path(__file__).parents[2] / "conf" / "loss"
 
 
@@ -90,30 +90,47 @@ def by_hand(outputs: dict, batch, reduction: str) -> dict[str, float]:
     means = {key: value / (pixels * channels.get(key, 3)) for key, value in sums.items()}
     for maps in (own, true):
         maps["shading"] = np.clip(np.einsum("bijk,bkc->bijc", maps["transport"], light["true"]), 0, 10)
-    means |= {key: detail_by_hand(own[key[7:]], true[key[7:]], mask) for key in DETAILS}
+    means |= {key: detail_by_hand(own[key[7:]], true[key[7:]], mask) for key in DETAILS - {"exclusion"}}
+    means["exclusion"] = exclusion_by_hand(own, true, mask)
     return means | {"light": np.abs(light["own"] - light["true"]).mean()}
 
 
+def detail_of(values: np.ndarray, inside: np.ndarray, k: int) -> np.ndarray:
+    """What the mean of a square of 2^k pixels has beyond that of 2^(k+1), for each pixel inside by itself."""
+    found = []
+    for i, j in zip(*np.nonzero(inside)):
+        means = []
+        for side in (2**k, 2 ** (k + 1)):
+            part = tuple(slice(at // side * side, at // side * side + side) for at in (i, j))
+            means.append(values[part][inside[part]].mean(0))
+        found.append(means[0] - means[1])
+    return np.array(found)
+
+
+def octaves_of(mask: np.ndarray) -> itertools.product:
+    return itertools.product(range(min(OCTAVES, int(np.log2(mask.shape[1])))), range(len(mask)))
+
+
 def detail_by_hand(own: np.ndarray, true: np.ndarray, mask: np.ndarray) -> float:
-    """Energies of detail from the mean of every square of 2^k pixels, for each pixel of the mask by itself."""
-    octaves = min(OCTAVES, int(np.log2(mask.shape[1])))
-
-    def energy(values: np.ndarray, inside: np.ndarray, k: int) -> float:
-        total = 0.0
-        for i, j in zip(*np.nonzero(inside)):
-            means = []
-            for side in (2**k, 2 ** (k + 1)):
-                part = tuple(slice(at // side * side, at // side * side + side) for at in (i, j))
-                means.append(values[part][inside[part]].mean(0))
-            total += ((means[0] - means[1]) ** 2).sum()
-        return total
-
     ratios = []
-    for k, b in itertools.product(range(octaves), range(len(mask))):
+    for k, b in octaves_of(mask):
         level = LEVEL**2 * (true[b][mask[b]] ** 2).sum()
-        wrong = energy(own[b] - true[b], mask[b], k)
-        ratios.append(wrong / (energy(true[b], mask[b], k) + level))
+        wrong = (detail_of(own[b] - true[b], mask[b], k) ** 2).sum()
+        ratios.append(wrong / ((detail_of(true[b], mask[b], k) ** 2).sum() + level))
     return float(np.mean(ratios))
+
+
+def exclusion_by_hand(own: dict, true: dict, mask: np.ndarray) -> float:
+    excess = []
+    for k, b in octaves_of(mask):
+        found, exact = (
+            [detail_of(np.log(np.maximum(maps[key][b].mean(-1), DARK)), mask[b], k) for key in ("albedo", "shading")]
+            for maps in (own, true)
+        )
+        energy = np.prod([(a**2).sum() + LEVEL**2 * (t**2).sum() for a, t in zip(found, exact)])
+        floor = np.abs(np.prod(exact, 0)).sum() / max(np.prod([(t**2).sum() for t in exact]), 1e-12) ** 0.5
+        excess.append(max(np.abs(np.prod(found, 0)).sum() / energy**0.5 - floor, 0))
+    return float(np.mean(excess))
 
 
 @pytest.mark.parametrize("name", ["ours", "sfsnet", "sfsnet_ao"])
@@ -151,6 +168,8 @@ def parts_of(name: str) -> set[str]:
     """The outputs that a loss must teach: those in its name, all of them for `full`."""
     if name == "detail_shading":  # under the true light
         return {"transport"}
+    if name == "exclusion":
+        return {"albedo", "transport"}
     return {"albedo", "transport", "light"} & set(name.split("_")) or {"albedo", "transport", "light"}
 
 
