@@ -1,7 +1,7 @@
 """One picture of the benchmark: a figure path traced in panoramas, as a camera takes it, and the truth about it."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -10,7 +10,7 @@ from relight.benchmark.lights import panorama, sky_of
 from relight.benchmark.measures import Seen
 from relight.benchmark.recipes import Recipe
 from relight.benchmark.shots import Shot, variants
-from relight.config import Augment
+from relight.config import NO_AUGMENTATION
 from relight.learning.augment import developed
 from relight.maps import Maps
 from relight.meshes import Mesh
@@ -28,10 +28,7 @@ PLACES = 4  # k x k places of a pixel, whose mean the true maps are
 MARGIN = 0.06  # about half a person, of the height of the picture
 
 # The camera of the pictures that methods are given. Its tone is plain, as that of the pictures to be matched.
-CAMERA = Augment(
-    framing=0, cut=0, zoom=[1, 1], shift=0, tint=0, exposure=[0, 0], recolour=0, prints=0, mask=0, tone=0,
-    blur=0.7, sharpen=0.5, noise=0.015, jpeg=0.6,
-)  # fmt: skip
+CAMERA = replace(NO_AUGMENTATION, blur=0.7, sharpen=0.5, noise=0.015, jpeg=0.6)
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from relight.config.checks import LONGEST, check, check_name
 from relight.config.composition import CONF, IS_CLONE, ROOT, composed, flat, presets, read_preset, resolved
 from relight.config.schema import (
+    NO_AUGMENTATION,
     STRENGTHS,
     Align,
     Augment,
@@ -27,7 +28,7 @@ from relight.config.schema import (
 from relight.config.stages import READS, view
 
 __all__ = [
-    "CONF", "IS_CLONE", "LONGEST", "READS", "ROOT", "STRENGTHS",
+    "CONF", "IS_CLONE", "LONGEST", "NO_AUGMENTATION", "READS", "ROOT", "STRENGTHS",
     "Align", "Augment", "Bake", "Clean", "Config", "Evaluate", "Experiment", "Figures", "Lights", "Loss", "Model",
     "Panoramas", "Rules", "Split", "Sweep", "Timing", "Trace", "Track", "Train",
     "check", "check_name", "composed", "flat", "presets", "read_preset", "resolved", "view",

@@ -271,6 +271,7 @@ class Augment:
     prints: float = setting(
         "share of the pictures in which garments get stripes, checks, dots or blots", least=0, most=1
     )
+    gloss: float = setting("share of the pictures in which some materials are glossy", least=0, most=1)
     mask: int = setting("largest error of the mask's outline, pixels", least=0)
     tone: float = setting("strength of the tone curve and of changes of saturation", least=0)
     blur: float = setting("largest standard deviation of the blur, pixels", least=0)
@@ -280,7 +281,8 @@ class Augment:
 
 
 # The parts of Augment that change pictures, beside `exposure`.
-STRENGTHS = ("framing", "tint", "recolour", "prints", "mask", "tone", "blur", "sharpen", "noise", "jpeg")
+STRENGTHS = ("framing", "tint", "recolour", "prints", "gloss", "mask", "tone", "blur", "sharpen", "noise", "jpeg")
+NO_AUGMENTATION = Augment(**dict.fromkeys((*STRENGTHS, "cut", "shift"), 0), zoom=[1.0, 1.0], exposure=[0.0, 0.0])
 
 
 @dataclass

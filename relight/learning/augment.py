@@ -14,8 +14,9 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from relight.config import STRENGTHS, Augment
-from relight.learning.camera import decode, encode, photograph
+from relight.learning.camera import decode, encode, photograph, shade
 from relight.learning.data import Batch, index_of
+from relight.learning.harmonics import unoccluded
 
 FRAME = 0.9  # larger side of a figure's bounding box over the image's side (docs/conventions.md)
 CUT = (0.4, 0.85)  # share of a figure's height that a cut leaves
@@ -24,6 +25,8 @@ SKIN = ((1.12, 2.2), (1.02, 2.2))  # ranges of R/G and G/B of skin, which keeps 
 SPREAD = 0.5  # standard deviation of ln albedo within one garment
 PRINT_BEND = 0.03  # shift of a print across a surface that turns by 90 degrees, as a share of the image's side
 PERIOD = (0.012, 0.2)  # of a print, as a share of the image's side
+ROUGHNESS = (0.25, 0.7)  # of glossy materials, the square root of GGX's alpha
+STRENGTH = (0.2, 1.5)  # of their reflection, over that of a reflectance of 4 % at right angles
 QUALITY = (40, 95)  # of JPEG
 
 # Quantisation tables of JPEG's Annex K, for luminance and chrominance.
@@ -54,16 +57,21 @@ def augmented(batch: Batch, settings: Augment, generators: list[np.random.Genera
         return batch
     batch = _recoloured(batch, settings, generators)
     batch = _tinted(batch, settings, generators)
-    maps = torch.cat([batch.albedo, batch.transport, batch.normal, batch.ao, batch.shading], -1)
-    widths = [x.shape[-1] for x in (batch.albedo, batch.transport, batch.normal, batch.ao, batch.shading)]
-    dense, mask = batch.put(maps), batch.mask
+    truth = [batch.albedo, batch.transport, batch.normal, batch.ao, batch.shading]
+    widths = [x.shape[-1] for x in truth]
+    if settings.gloss:
+        truth.append(_highlights(batch, settings, generators))
+    dense, mask = batch.put(torch.cat(truth, -1)), batch.mask
     dense, mask = _framed(dense, mask, settings, generators, size)
     seen = _inexact(mask, settings, generators)
     least, most = settings.exposure
     stops = [rng.uniform(least, most) for rng in generators]
     exposure = torch.tensor([2.0**stop for stop in stops], device=mask.device)
-    albedo, shading = dense[:, : widths[0]], dense[:, -widths[-1] :]
-    scene = albedo * shading * exposure[:, None, None, None]
+    dense, highlights = dense.split([sum(widths), dense.shape[1] - sum(widths)], 1)
+    scene = dense[:, : widths[0]] * dense[:, -widths[-1] :]
+    if settings.gloss:
+        scene = scene + highlights
+    scene = scene * exposure[:, None, None, None]
     image = developed(_before_background(scene, mask, generators), settings, generators) * seen
     index = index_of(mask * seen > 0)
     albedo, transport, normal, ao, shading = index.take(dense).split(widths, -1)
@@ -123,8 +131,7 @@ def _dyed(albedo: Tensor, colour: Tensor, dye: np.ndarray, strength: Tensor | fl
     red, blue = float(colour[0] / colour[1]), float(colour[1] / colour[2])
     if SKIN[0][0] < red < SKIN[0][1] and SKIN[1][0] < blue < SKIN[1][1]:
         return albedo
-    distance = ((albedo.clamp_min(0.02) / colour).log() ** 2).sum(-1, keepdim=True)
-    weight = strength * torch.exp(-distance / (2 * SPREAD**2))
+    weight = strength * _resemblance(albedo, colour)
     return (albedo * (albedo.new_tensor(dye) / colour) ** weight).clamp(0.004, 0.95)
 
 
@@ -157,6 +164,62 @@ def _dye(rng: np.random.Generator) -> np.ndarray:
     saturation, hue = rng.uniform(0.1, 1.0), rng.uniform(0, 2 * math.pi)
     angles = hue + np.array([0, 2, 4]) * math.pi / 3
     return np.exp(rng.uniform(math.log(0.05), math.log(0.5))) * np.exp(saturation * np.cos(angles))
+
+
+def _highlights(batch: Batch, settings: Augment, generators: list[np.random.Generator]) -> Tensor:
+    """What glossy materials reflect (B,P,3), in the unit of relit images; the albedo explains none of it.
+
+    A material is what has about the colour of a random pixel.
+    """
+    cosine = (batch.shading / shade(unoccluded(batch.normal, 2), batch.light[:, :9]).clamp_min(1e-3)).clamp(0, 1)
+    out = torch.zeros_like(batch.albedo)
+    for i, rng in enumerate(generators):
+        if rng.random() >= settings.gloss:
+            continue
+        for place in rng.integers(0, int(batch.inside[i].sum()), rng.integers(1, 4)):
+            seen = _resemblance(batch.albedo[i], batch.albedo[i, place].clamp_min(0.02))
+            roughness, strength = rng.uniform(*ROUGHNESS), rng.uniform(*STRENGTH)
+            light = reflection(batch.normal[i], batch.light[i], roughness, 0.04 * strength)
+            out[i] += seen * (light * cosine[i] - out[i])
+    return out * batch.inside
+
+
+def reflection(normal: Tensor, light: Tensor, roughness: float, reflectance: float) -> Tensor:
+    """Light that a clear surface reflects toward an orthographic camera, times pi as all images are.
+
+    The linear band of the light is taken for a lamp in its direction (Sloan 2008, Stupid Spherical Harmonics Tricks),
+    reflected by GGX's microfacets with Smith's shadowing (Walter et al. 2007), and band 0 for light from everywhere.
+
+    Args:
+        normal: (P,3) unit, camera frame.
+        light: (K,3) coefficients, K at least 4.
+        roughness: the square root of GGX's alpha.
+        reflectance: at right angles (Schlick's approximation tells that at others).
+
+    Returns:
+        (P,3), not negative; zero where the surface looks away from the camera.
+    """
+    linear = light[[3, 1, 2]]  # x, y, z
+    lamp = F.normalize(linear.sum(1), dim=0)
+    irradiance = (linear.T @ lamp).clamp_min(0) / math.sqrt(3 / (4 * math.pi))
+    half = F.normalize(lamp + lamp.new_tensor([0.0, 0.0, 1.0]), dim=0)
+    alpha2 = roughness**4
+    to_eye, to_lamp = normal[:, 2:].clamp_min(0), (normal @ lamp)[:, None].clamp_min(0)
+    lobe = alpha2 / (math.pi * (1 - (1 - alpha2) * (normal @ half)[:, None].clamp(0, 1) ** 2) ** 2)
+    smith = to_eye * (alpha2 + (1 - alpha2) * to_lamp**2).sqrt() + to_lamp * (alpha2 + (1 - alpha2) * to_eye**2).sqrt()
+    mirrored = lobe * to_lamp / (2 * smith).clamp_min(1e-6) * _schlick(half[2], reflectance) * irradiance
+    everywhere = _schlick(to_eye, reflectance) * light[0].clamp_min(0) / math.sqrt(4 * math.pi)
+    return math.pi * (mirrored + everywhere) * (to_eye > 0)
+
+
+def _schlick(cosine: Tensor, reflectance: float) -> Tensor:
+    return reflectance + (1 - reflectance) * (1 - cosine) ** 5
+
+
+def _resemblance(albedo: Tensor, colour: Tensor) -> Tensor:
+    """How much pixels of an albedo (P,3) look like `colour` (3,): (P,1), 1 where they are the same."""
+    distance = ((albedo.clamp_min(0.02) / colour).log() ** 2).sum(-1, keepdim=True)
+    return torch.exp(-distance / (2 * SPREAD**2))
 
 
 def _tinted(batch: Batch, settings: Augment, generators: list[np.random.Generator]) -> Batch:

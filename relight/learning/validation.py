@@ -11,7 +11,7 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor, nn
 
-from relight.config import Augment, Loss
+from relight.config import NO_AUGMENTATION, Loss
 from relight.learning.augment import augmented
 from relight.learning.camera import encode, shade
 from relight.learning.data import RelitSet, read_split
@@ -22,11 +22,6 @@ from relight.sh import order_of
 PAIRS = 4  # at most
 LARGEST = 192  # pixels of a cell's height
 GAP, PAPER = 4, 0.97
-NONE = Augment(
-    **dict.fromkeys("framing cut shift tint recolour prints mask tone blur sharpen noise jpeg".split(), 0),
-    zoom=[1.0, 1.0],
-    exposure=[0.0, 0.0],
-)
 
 
 class Validation:
@@ -45,7 +40,7 @@ class Validation:
             chosen = [part[np.round(spread * (len(part) - 1)).astype(int)] for part in (figures, lights)]
             batch = data.batch(*chosen)
             batch = replace(batch, scope=float(batch.inside.sum()))
-            self.batch = augmented(batch, NONE, [np.random.default_rng(0) for _ in range(self.pairs)], size)
+            self.batch = augmented(batch, NO_AUGMENTATION, [np.random.default_rng(0) for _ in range(self.pairs)], size)
 
     @torch.inference_mode()
     def __call__(self, network: nn.Module, drawn: bool = False) -> tuple[dict[str, float], np.ndarray | None]:

@@ -1,13 +1,14 @@
 """A small world to learn from: lit ellipsoids with painted stripes, packed as the figures are."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from relight.config import Augment, Loss, Model, Train
+from relight.config import NO_AUGMENTATION, Loss, Model, Train
 from relight.maps import Maps, pack_maps, write_maps
 from relight.sh import unoccluded
 
@@ -96,5 +97,4 @@ def schedule():
 @pytest.fixture(scope="session")
 def augment():
     """Settings of augmentation: none of it."""
-    off = dict.fromkeys("framing cut shift tint recolour prints mask tone blur sharpen noise jpeg".split(), 0)
-    return lambda **changes: Augment(**{**off, "zoom": [1.0, 1.0], "exposure": [0.0, 0.0], **changes})
+    return lambda **changes: replace(NO_AUGMENTATION, **changes)

@@ -8,13 +8,14 @@ import pytest
 import torch
 from PIL import Image
 
-from relight.learning.augment import RED, augmented, compressed
+from relight.learning.augment import RED, augmented, compressed, reflection
 from relight.learning.camera import encode, photograph
 from relight.learning.data import RelitSet, index_of
 from relight.learning.losses import variation
+from relight.sh import basis
 
 ALL = dict(framing=0.9, cut=0.5, zoom=[0.7, 1.1], shift=0.05, tint=0.3, exposure=[-1.0, 1.0], recolour=0.5, prints=0.5)
-ALL |= dict(mask=1, tone=0.2, blur=1.0, sharpen=0.5, noise=0.02, jpeg=0.5)
+ALL |= dict(gloss=0.7, mask=1, tone=0.2, blur=1.0, sharpen=0.5, noise=0.02, jpeg=0.5)
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +63,7 @@ def test_a_picture_does_not_depend_on_those_beside_it(data, augment):
 
 
 def test_truth_still_explains_the_picture_after_framing_tint_recolouring_and_exposure(data, augment):
-    settings = augment(**{**ALL, "mask": 0, "tone": 0, "blur": 0, "sharpen": 0, "noise": 0, "jpeg": 0})
+    settings = augment(**{**ALL, "gloss": 0, "mask": 0, "tone": 0, "blur": 0, "sharpen": 0, "noise": 0, "jpeg": 0})
     batch = augmented(batch_of(data), settings, generators(4), data.size)
     torch.testing.assert_close(batch.relit, batch.albedo * batch.shading)
     seen = photograph(batch.relit * batch.exposure[:, None, None], "photo")
@@ -157,6 +158,60 @@ def test_prints_change_the_albedo_of_garments_and_nothing_else(data, augment):
     skin = torch.tensor([0.6, 0.4, 0.3]).expand_as(batch.albedo) * batch.inside
     kept = augmented(replace(batch, albedo=skin), augment(prints=1.0, recolour=1.0), generators(4, 2), data.size)
     torch.testing.assert_close(kept.albedo, skin)
+
+
+def test_gloss_brightens_the_picture_and_leaves_the_truth(data, augment):
+    batch = batch_of(data)
+    matt = augmented(batch, augment(prints=1.0), generators(4), data.size)
+    glossy = augmented(batch, augment(prints=1.0, gloss=1.0), generators(4), data.size)
+    for name in ("albedo", "transport", "light", "shading", "relit"):
+        assert torch.equal(getattr(matt, name), getattr(glossy, name)), name
+    more = glossy.image - matt.image
+    assert more.min() >= 0 and all(one.max() > 0.02 for one in more)
+
+
+def ggx(normal: np.ndarray, lamp: np.ndarray, roughness: float, reflectance: float) -> float:
+    """Reflected radiance over the irradiance of a lamp, as Walter et al. 2007 write it, eqs. 20, 33, 34 (v = +z)."""
+    eye, alpha = np.array([0.0, 0.0, 1.0]), roughness**2
+    half = (lamp + eye) / np.linalg.norm(lamp + eye)
+
+    def tangent2(direction: np.ndarray) -> float:
+        return 1 / (normal @ direction) ** 2 - 1
+
+    d = alpha**2 / (np.pi * (normal @ half) ** 4 * (alpha**2 + tangent2(half)) ** 2)
+    one, other = ((np.sqrt(1 + alpha**2 * tangent2(x)) - 1) / 2 for x in (lamp, eye))
+    g = 1 / (1 + one + other)  # Heitz 2014, eq. 99: the heights of both directions are one facet's
+    f = reflectance + (1 - reflectance) * (1 - eye @ half) ** 5
+    return f * g * d / (4 * normal @ eye)
+
+
+@pytest.mark.parametrize("roughness", [0.25, 0.5, 0.7])
+def test_reflection_of_a_lamp_is_that_of_microfacets(roughness):
+    lamp = np.array([0.48, 0.6, 0.64])
+    light = basis(lamp)[:, None] * np.array([2.0, 1.0, 0.5])  # of irradiance (2, 1, .5) at right angles
+    normals = np.random.default_rng(0).normal(size=(200, 3))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    inputs = [torch.tensor(x, dtype=torch.float64) for x in (normals, light)]
+    found = reflection(*inputs, roughness, 0.04).numpy()
+    behind = normals[:, 2] <= 0
+    assert behind.sum() > 50 and not found[behind].any()
+    inputs[1][1:] = 0
+    found -= reflection(*inputs, roughness, 0.04).numpy()
+    dark = normals @ lamp <= 0
+    np.testing.assert_allclose(found[dark], 0, atol=1e-12)
+    lit = ~behind & ~dark
+    expected = [np.pi * ggx(normal, lamp, roughness, 0.04) for normal in normals[lit]]
+    np.testing.assert_allclose(found[lit], np.outer(expected, [2.0, 1.0, 0.5]), rtol=1e-9)
+
+
+def test_reflection_of_light_from_everywhere():
+    """A surface that faces the camera reflects its reflectance, one seen along itself all there is."""
+    light = torch.zeros(9, 3)
+    light[0] = float(np.sqrt(4 * np.pi)) * torch.tensor([1.0, 2.0, 3.0])  # radiance 1, 2, 3
+    normals = torch.tensor([[0.0, 0.0, 1.0], [1.0, 0.0, 1e-6]])
+    found = reflection(normals, light, 0.5, 0.04)
+    radiance = torch.tensor([1.0, 2.0, 3.0]) * np.pi
+    torch.testing.assert_close(found, torch.stack([0.04 * radiance, radiance]), rtol=1e-4, atol=0)
 
 
 def test_masks_err_by_a_pixel_at_most_and_the_truth_keeps_to_both(data, augment):
