@@ -4,10 +4,10 @@
 
 The first argument is a folder of `relight run experiment=photo`: its packed set, lights and split. Each test figure is
 seen under three test lights. "Photographs" have the framing, masks, exposures and camera of augment=photo; "and tints"
-its white balances and recoloured clothes, too. Light errors are of irradiance, norm of the difference over the norm;
-others are root mean squares of vectors in the mask. Columns with a star are up to one factor a picture: how bright a
-scene is, no photograph tells. Detail is the energy of the error's detail over the truth's (`losses.detail`): 1 for maps
-without any; that of shading is under the true light.
+its white balances and recoloured clothes, too; "and gloss" all that and glossy materials in each picture. Light errors
+are of irradiance, norm of the difference over the norm; others are root mean squares of vectors in the mask. Columns
+with a star are up to one factor a picture: how bright a scene is, no photograph tells. Detail is the energy of the
+error's detail over the truth's (`losses.detail`): 1 for maps without any; that of shading is under the true light.
 """
 
 import os
@@ -30,10 +30,12 @@ from relight.learning.data import RelitSet, read_split
 from relight.learning.losses import detail
 from relight.sh import cosine_factors, per_coefficient
 
+PHOTOGRAPHS = ["train.color=photo", "augment=photo"]
 KINDS = {
     "as relit": ["train.color=photo", "augment=none"],
-    "photographs": ["train.color=photo", "augment=photo", "augment.tint=0", "augment.recolour=0", "augment.prints=0"],
-    "and tints": ["train.color=photo", "augment=photo"],
+    "photographs": [*PHOTOGRAPHS, "augment.tint=0", "augment.recolour=0", "augment.prints=0", "augment.gloss=0"],
+    "and tints": [*PHOTOGRAPHS, "augment.gloss=0"],
+    "and gloss": [*PHOTOGRAPHS, "augment.gloss=1"],
 }
 SEEN = 3  # lights for each figure
 COLUMNS = ("light", "light*", "albedo", "albedo*", "transport", "shading", "shading*")
