@@ -205,7 +205,7 @@ def read_frame(path: Path, size: tuple[int, int] | None = None) -> np.ndarray:
     pixels = read_photo(path, "frame").pixels
     if size and pixels.shape[:2] != tuple(size):
         height, width = pixels.shape[:2]
-        raise UserError(f"{path} is {width}x{height} pixels and the first frame {size[1]}x{size[0]}: they must be equal")
+        raise UserError(f"{path} is {width}x{height} pixels and the first frame {size[1]}x{size[0]}: give equal ones")
     return pixels
 
 
