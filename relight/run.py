@@ -67,6 +67,7 @@ def run(
     with lock_folder():
         date_now(ROOT / plan.out)
         command += ["--configfile", str(plan.write_record(ROOT)), "--logger", "relight"]
+        command += ["--logger-relight-results", plan.out, "--logger-relight-scale", plan.scale]
         code = snakemake(command)
         if code == 0 and targets == ["all"]:
             report = ROOT / plan.out / "report" / "report.html"

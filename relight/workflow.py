@@ -181,6 +181,12 @@ class Plan:
         return word == f"model.width={self.cfg.model.width}"
 
     @property
+    def scale(self) -> str:
+        """The preset of conf/scale that was chosen."""
+        chosen = [value for key, _, value in (word.partition("=") for word in self.overrides) if key == "scale"]
+        return chosen[-1] if chosen else "demo"
+
+    @property
     def scored(self) -> list[str]:
         """The trainings that the tables compare."""
         rows = {row for experiment in self.experiments.values() if experiment.table for row in experiment.rows}

@@ -14,7 +14,7 @@ import numpy as np
 from relight import __version__
 from relight.config import Track, flat
 from relight.run_name import RunName
-from relight.tracking.store import connect, lock
+from relight.tracking.store import configure, connect, lock
 from relight.tracking.workflow import Workflow, milliseconds
 
 NOTE = """\
@@ -55,6 +55,8 @@ class Run:
             parent: the run that it is nested in.
             start: when it began, in ms since 1970; now by default.
         """
+        if track.uri:
+            configure()
         self.track, self.name, self.fingerprint, self.settings = track, name, fingerprint, settings
         self.tags, self.parent, self.start = dict(tags or {}), parent, start or milliseconds()
         self.id: str | None = None

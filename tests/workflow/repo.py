@@ -1,5 +1,6 @@
 """A copy of this repository in which a test runs the workflow, and what it finds there."""
 
+import hashlib
 import os
 import re
 import shutil
@@ -8,6 +9,8 @@ import sys
 from collections import Counter
 from functools import partial
 from pathlib import Path
+
+import psutil
 
 from relight.config import ROOT
 from relight.processes import end_with_parent
@@ -24,12 +27,19 @@ def copy(folder: Path) -> Path:
     return target
 
 
-def start(repo: Path, command: list[str], **options) -> subprocess.Popen:
+def start(repo: Path, command: list[str], variables: dict[str, str] | None = None, **options) -> subprocess.Popen:
     """A program in a repository, whose package Python finds before the installed one.
 
     It ends with this process, however that ends: a test that is killed leaves no workflow behind.
+
+    Args:
+        repo: see `copy`.
+        command: its words.
+        variables: more of its environment.
+        options: of `subprocess.Popen`.
     """
-    environment = {**os.environ, "PYTHONPATH": str(repo)}
+    paths = [str(repo), *filter(None, [os.environ.get("PYTHONPATH")])]
+    environment = {**os.environ, **(variables or {}), "PYTHONPATH": os.pathsep.join(paths)}
     begin = partial(end_with_parent, os.getpid())
     return subprocess.Popen(command, cwd=repo, env=environment, stdin=subprocess.DEVNULL, preexec_fn=begin, **options)
 
@@ -56,6 +66,26 @@ def planned(repo: Path, *words: str) -> dict[str, int]:
     table = re.findall(r"^(\w+) +(\d+)$", run.stdout, re.M)
     passed = ("total", "all", "settings", "listing", "experiments")
     return {rule: int(jobs) for rule, jobs in table if rule not in passed}
+
+
+def outputs(repo: Path) -> list[Path]:
+    """The results that the settings decide: logs, benchmarks and pages tell when and how long they were made."""
+    out = repo / OUT
+    found = [path.relative_to(out) for path in out.rglob("*") if path.is_file()]
+    return sorted(path for path in found if path.suffix != ".html" and path.parts[0] not in ("log", "benchmark"))
+
+
+def hashes(repo: Path) -> dict[str, str]:
+    return {str(path): hashlib.sha256((repo / OUT / path).read_bytes()).hexdigest() for path in outputs(repo)}
+
+
+def at_work(repo: Path) -> list[psutil.Process]:
+    """The processes that work in a repository."""
+    found = []
+    for process in psutil.process_iter(["cwd", "status"]):
+        if process.info["cwd"] == str(repo) and process.info["status"] != psutil.STATUS_ZOMBIE:
+            found.append(process)
+    return found
 
 
 def check_mlflow(repo: Path) -> None:

@@ -17,7 +17,7 @@ PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 HASHED = re.findall(r"^(\S+)==(\S+?)( ; .*)? \\\n((?: +--hash=sha256:[0-9a-f]{64}(?: \\)?\n)+)",
                     (ROOT / "requirements.txt").read_text(), re.M)  # fmt: skip
 PINS = [Requirement(line) for line in (ROOT / "constraints.txt").read_text().splitlines() if not line.startswith("#")]
-OPTIONAL_LOCKED = ("dev", "slurm", "bench", "export")
+OPTIONAL_LOCKED = ("dev", "slurm", "postgres", "bench", "export")
 
 
 def canonical(name: str) -> str:

@@ -5,17 +5,16 @@ import logging
 import pytest
 import snakemake_logger_plugin_relight as plugin
 from snakemake_interface_logger_plugins.common import LogEvent
-
-from relight.progress import duration
+from snakemake_logger_plugin_relight import costs
 
 
 @pytest.fixture
-def handler(monkeypatch, tmp_path):
-    """A handler on two cores whose clock is set by the test, in a folder of its own."""
+def handler(monkeypatch):
+    """A handler on two cores whose clock is set by the test."""
     now = [0.0]
-    monkeypatch.setattr(plugin, "COSTS", tmp_path / "costs.json")
     monkeypatch.setattr(plugin.time, "monotonic", lambda: now[0])
-    made = plugin.LogHandler(None, None)
+    monkeypatch.setitem(costs.REFERENCE, "tiny", {"figure": 10.0, "train": 100.0})
+    made = plugin.LogHandler(None, plugin.LogHandlerSettings(scale="tiny"))
     made.cores, made.now = 2, now
     return made
 
@@ -26,32 +25,89 @@ def tell(handler, event=None, message="", level=logging.INFO, **fields):
     handler.emit(record)
 
 
-def start(handler, job, rule):
-    tell(handler, LogEvent.JOB_INFO, jobid=job, rule_name=rule)
+def start(handler, job, rule, benchmark=None):
+    tell(handler, LogEvent.JOB_INFO, jobid=job, rule_name=rule, benchmark=benchmark)
     tell(handler, LogEvent.JOB_STARTED, jobs=[job])
 
 
 def test_counts_and_time_left(handler, capsys):
-    tell(handler, LogEvent.RUN_INFO, stats={"figure": 4, "train": 1, "settings": 9, "total": 14})
-    for job in range(3):
-        start(handler, job, "figure")
-        handler.now[0] += 20
-        tell(handler, LogEvent.JOB_FINISHED, job_id=job)
-    slower = 20 / plugin.DEMO["figure"]  # how much this machine is beside the one of the table
-    train = slower * plugin.DEMO["train"]
-    assert capsys.readouterr().err.splitlines() == [
-        f"{share}%: figure {done}/4; roughly {duration((20 * (4 - done) + train) / 2)} left"
-        for share, done in ((20, 1), (40, 2), (60, 3))
+    """Four figures at 10 s and two trainings of 100 s that need them; figures take twice as long as was thought."""
+    links = [{"sourcerule": "figure", "targetrule": "train"}, {"sourcerule": "settings", "targetrule": "figure"}]
+    tell(handler, LogEvent.RULEGRAPH, rulegraph={"nodes": [], "links": links})
+    tell(handler, LogEvent.RUN_INFO, stats={"figure": 4, "train": 2, "settings": 9, "total": 15})
+    start(handler, 0, "figure")
+    start(handler, 1, "figure")
+    handler.now[0] += 20
+    tell(handler, LogEvent.JOB_FINISHED, job_id=0)
+    start(handler, 2, "figure")
+    handler.now[0] += 15
+    tell(handler, LogEvent.JOB_FINISHED, job_id=2)
+    told = [
+        "6 jobs; roughly 2 min 00 s left",  # 2 × 10 s, then 100 s, on two cores
+        "17%: figure 1/4; roughly 3 min 40 s left",  # one should end now: 2 on two cores, then 200 s
+        "33%: figure 2/4; roughly 3 min 13 s left",  # 17.5 s: the third is overdue; and 1.75 × 100 s
     ]
-    start(handler, 3, "train")
-    handler.now[0] += 100
-    tell(handler, LogEvent.JOB_FINISHED, job_id=3)
-    assert capsys.readouterr().err == "80%: figure 3/4; about 10 s left\n"
-    tell(handler, LogEvent.PROGRESS, done=5, total=5)
-    again = plugin.LogHandler(None, None)
-    again.cores = 1
-    tell(again, LogEvent.RUN_INFO, stats={"figure": 1, "train": 2})
-    assert again.left() == "about 3 min 40 s left", "what jobs cost in the run before"
+    assert capsys.readouterr().err.splitlines() == told
+
+
+def test_what_was_never_measured_is_told(handler, capsys):
+    tell(handler, LogEvent.RUN_INFO, stats={"figure": 2, "trace": 1})
+    for job, rule in enumerate(("figure", "trace", "figure")):
+        start(handler, job, rule)
+        handler.now[0] += 12
+        tell(handler, LogEvent.JOB_FINISHED, job_id=job)
+    told = [
+        "3 jobs; more than 10 s left (trace not measured yet)",
+        "33%: figure 1/2; more than 12 s left (trace not measured yet)",
+        "67%: figure 1/2; about 12 s left",
+        "100%: figure 2/2; about 0 s left",
+    ]
+    assert capsys.readouterr().err.splitlines() == told
+    handler.total = {"scan": 2}
+    assert handler.left() == "time left unknown (scan not measured yet)"
+
+
+def test_costs_are_those_of_the_folder(handler, tmp_path):
+    """Of its earlier runs, by rule; one of this run is what Snakemake measured of it, without a cluster's queue."""
+    for name, seconds in (("figure/a", 2), ("figure/b", 4), ("evaluate/x/c", 9), ("bake/damaged", "-")):
+        file = tmp_path / "benchmark" / f"{name}.tsv"
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(f"s\th:m:s\n{seconds}\t-\n")
+    found = costs.Costs(tmp_path, "tiny")
+    assert found.before == {"figure": 3, "evaluate": 9, "train": 100}
+    assert costs.Costs(tmp_path / "none", "unheard_of").before == {}
+    handler.costs = found
+    tell(handler, LogEvent.RUN_INFO, stats={"figure": 2, "evaluate": 1})
+    start(handler, 0, "figure", str(tmp_path / "benchmark/figure/b.tsv"))
+    handler.now[0] += 500
+    tell(handler, LogEvent.JOB_FINISHED, job_id=0)
+    assert (found["figure"], found["evaluate"]) == (4, 9 * 4 / 3)
+
+
+def schedule(waiting, cost, needs, running, cores):
+    """A slow twin of `makespan`: in steps of a second, each free core takes a job that is ready."""
+    waiting, at_work, now = dict(waiting), list(running), 0
+    while any(waiting.values()) or at_work:
+        for rule in sorted(waiting, key=list(cost).index):
+            blocked = any(waiting.get(other) or other in dict(at_work) for other in needs.get(rule, ()))
+            while waiting[rule] and not blocked and len(at_work) < cores:
+                waiting[rule] -= 1
+                at_work.append((rule, cost[rule]))
+        now += 1
+        at_work = [(rule, seconds - 1) for rule, seconds in at_work if seconds > 1]
+    return now
+
+
+@pytest.mark.parametrize("cores", [1, 2, 3, 9])
+def test_the_makespan_is_that_of_a_schedule(cores):
+    """figures and lights, then trainings, then their scores, then a report."""
+    cost = {"figure": 5, "lights": 7, "train": 20, "evaluate": 6, "report": 3}
+    needs = {"train": ["figure", "lights"], "evaluate": ["train"], "report": ["evaluate", "figure"]}
+    waiting = {"figure": 4, "lights": 1, "train": 5, "evaluate": 5, "report": 1}
+    assert costs.makespan(waiting, cost, needs, [], cores) == schedule(waiting, cost, needs, [], cores)
+    waiting |= {"figure": 0, "lights": 0, "train": 1}
+    running = [("train", 11), ("train", 2)][:cores]
+    assert costs.makespan(waiting, cost, needs, running, cores) == schedule(waiting, cost, needs, running, cores)
 
 
 def test_lines_are_far_apart(handler, capsys):
@@ -60,7 +116,7 @@ def test_lines_are_far_apart(handler, capsys):
         start(handler, job, "clean")
         handler.now[0] += 1
         tell(handler, LogEvent.JOB_FINISHED, job_id=job)
-    assert len(capsys.readouterr().err.splitlines()) == 4
+    assert len(capsys.readouterr().err.splitlines()) == 1 + 4
 
 
 def test_errors_are_told_and_chatter_is_not(handler, capsys):

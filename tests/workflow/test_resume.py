@@ -1,6 +1,5 @@
 """What a kill leaves: the next run goes on, and ends in the same bytes."""
 
-import hashlib
 import os
 import random
 import shutil
@@ -13,33 +12,13 @@ from pathlib import Path
 
 import psutil
 import pytest
-from repo import OUT, WORDS, check_mlflow, copy, relight, start
+from repo import OUT, WORDS, at_work, check_mlflow, copy, hashes, outputs, relight, start
 
 KILLS = int(os.environ.get("RELIGHT_CHAOS", "4"))  # `make chaos` takes 60
 KINDS = ("group", "SIGKILL", "job", "SIGTERM", "snakemake", "SIGINT", "SIGHUP")
 PART_OF = {"snakemake": "-m snakemake", "job": "-m relight.stages."}
 
 pytestmark = pytest.mark.slow
-
-
-def outputs(repo: Path) -> list[Path]:
-    """The results that the settings decide: logs, benchmarks and pages tell when and how long they were made."""
-    out = repo / OUT
-    found = [path.relative_to(out) for path in out.rglob("*") if path.is_file()]
-    return sorted(path for path in found if path.suffix != ".html" and path.parts[0] not in ("log", "benchmark"))
-
-
-def hashes(repo: Path) -> dict[str, str]:
-    return {str(path): hashlib.sha256((repo / OUT / path).read_bytes()).hexdigest() for path in outputs(repo)}
-
-
-def at_work(repo: Path) -> list[psutil.Process]:
-    """The processes that work in a repository."""
-    found = []
-    for process in psutil.process_iter(["cwd", "status"]):
-        if process.info["cwd"] == str(repo) and process.info["status"] != psutil.STATUS_ZOMBIE:
-            found.append(process)
-    return found
 
 
 def names(repo: Path) -> set[str]:

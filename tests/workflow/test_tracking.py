@@ -3,13 +3,17 @@ server, and nothing at all, do as well."""
 
 import multiprocessing
 import os
+import shutil
 import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 import urllib.request
+from collections.abc import Iterator
 from dataclasses import replace
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +25,7 @@ from relight.config import ROOT, Model, Track
 from relight.files import UserError
 from relight.learning.checkpoint import save_network
 from relight.learning.networks import build
+from relight.tracking import store
 from relight.tracking.run import TrainingRun
 from relight.tracking.server import download_network
 from relight.tracking.workflow import WORKFLOW, Workflow, finish_workflow
@@ -57,11 +62,23 @@ import os, sys
 os.chdir({folder!r})
 os.environ["RELIGHT_WORKFLOW"] = {flow!r}
 from relight.config import Track
+from relight.tracking import store
 from relight.tracking.run import TrainingRun
 run = TrainingRun(Track(), "ours.s{seed}", str({seed}) * 64, {{"lr": {seed}}})
 for step in range(3):
     run.log({{"loss": {seed} + step / 4}}, step)
 """
+
+
+def write_at_once(folder: Path, flow: Workflow) -> None:
+    """Trainings of a workflow, all at the same time, in a folder."""
+    programs = [WRITER.format(folder=str(folder), flow=flow.to_json(), seed=seed) for seed in range(WRITERS)]
+    jobs = [FORKS.Process(target=exec, args=(program, {})) for program in programs]
+    for job in jobs:
+        job.start()
+    for job in jobs:
+        job.join(timeout=300)
+    assert [job.exitcode for job in jobs] == WRITERS * [0]
 
 
 @pytest.fixture(scope="module")
@@ -71,14 +88,30 @@ def folder(tmp_path_factory) -> Path:
     killed = subprocess.run([sys.executable, "-c", KILLED], cwd=folder, env={"PYTHONPATH": str(ROOT)}, timeout=120)
     assert killed.returncode == -9
     assert not list(folder.glob("*-journal")) and not list(folder.glob(".*-journal"))
-    programs = [WRITER.format(folder=str(folder), flow=FLOW.to_json(), seed=seed) for seed in range(WRITERS)]
-    jobs = [FORKS.Process(target=exec, args=(program, {})) for program in programs]
-    for job in jobs:
-        job.start()
-    for job in jobs:
-        job.join(timeout=300)
-    assert [job.exitcode for job in jobs] == WRITERS * [0]
+    write_at_once(folder, FLOW)
     return folder
+
+
+@pytest.fixture
+def postgres() -> Iterator[str]:
+    """The address of an empty database of a PostgreSQL server that listens on this machine only."""
+    options = {"stdout": subprocess.DEVNULL, "stderr": subprocess.STDOUT}
+    if os.getuid() == 0:  # whom the server refuses
+        options |= {"user": "nobody", "group": "nogroup", "extra_groups": []}
+    with tempfile.TemporaryDirectory() as folder, socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = free.getsockname()[1]
+        if "user" in options:
+            shutil.chown(folder, options["user"])
+        data = f"{folder}/data"
+        subprocess.run(["initdb", "--username=relight", "--auth=trust", "--no-sync", "-D", data], check=True, **options)
+        free.close()
+        words = f"-h 127.0.0.1 -p {port} -k {folder} -F"
+        subprocess.run(["pg_ctl", "start", "-w", "-D", data, "-o", words], cwd=folder, check=True, **options)
+        try:
+            yield f"postgresql://relight@127.0.0.1:{port}/postgres"
+        finally:
+            subprocess.run(["pg_ctl", "stop", "-w", "-m", "immediate", "-D", data], check=True, **options)
 
 
 @pytest.fixture
@@ -91,8 +124,8 @@ def runs(client) -> list:
     return client.search_runs([client.get_experiment_by_name("test").experiment_id], order_by=["attributes.run_name"])
 
 
-def test_processes_share_a_new_store(client, folder):
-    assert {path.name for path in folder.iterdir()} == {"mlflow.db", ".mlflow.lock"}
+def check_writers(client) -> None:
+    """Each of the trainings has its own parameters and metrics, below the run of the workflow."""
     above, *trainings = runs(client)
     assert [run.info.run_name for run in trainings] == [f"ours.s{seed}" for seed in range(WRITERS)]
     for seed, run in enumerate(trainings):
@@ -108,7 +141,20 @@ def test_processes_share_a_new_store(client, folder):
         }
         assert run.data.tags.items() >= tags.items()
     assert above.info.run_name == "demo" and above.data.params == {"a.b": "1"}
+
+
+def test_processes_share_a_new_store(client, folder):
+    assert {path.name for path in folder.iterdir()} == {"mlflow.db", ".mlflow.lock"}
+    check_writers(client)
     assert {run.info.artifact_uri.split("/")[0] for run in runs(client)} == {"mlruns"}
+
+
+@pytest.mark.skipif(not shutil.which("initdb"), reason="there is no PostgreSQL")
+@pytest.mark.skipif(not find_spec("psycopg2"), reason="there is no psycopg2, the extra `postgres`")
+def test_processes_share_a_database_server(postgres, tmp_path):
+    write_at_once(tmp_path, replace(FLOW, track=Track(postgres, "test")))
+    assert {path.name for path in tmp_path.iterdir()} == {".mlflow.lock"}
+    check_writers(MlflowClient(postgres))
 
 
 def test_a_run_is_found_again_by_name_and_fingerprint(client):
@@ -193,6 +239,14 @@ def test_without_an_address_nothing_is_tracked(tmp_path, monkeypatch, capsys):
     run.log_scores({"test": 1.0})
     finish_workflow(replace(FLOW, track=Track()), {}, tmp_path)
     assert not list(tmp_path.iterdir()) and capsys.readouterr() == ("", "")
+
+
+def test_mlflow_is_silenced_before_anything_imports_it(monkeypatch):
+    """Its monitors of the machine come first; and it would tell its makers that it is used."""
+    for variable in store.DEFAULTS:
+        monkeypatch.delenv(variable, raising=False)
+    TrainingRun(Track(URI, "test"), "ours.s0", "1" * 64, {"lr": 1})
+    assert store.DEFAULTS.items() <= os.environ.items() and store.DEFAULTS["DO_NOT_TRACK"] == "true"
 
 
 def test_a_workflow_tells_what_was_asked_for(monkeypatch):

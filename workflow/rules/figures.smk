@@ -12,6 +12,8 @@ if PLAN.scans:
             f"{OUT}/figures/{{figure}}.npz",
         log:
             f"{OUT}/log/scan/{{figure}}.log",
+        benchmark:
+            f"{OUT}/benchmark/scan/{{figure}}.tsv"
         group:
             "figures"
         resources:
@@ -116,7 +118,7 @@ if PLAN.decades:
         log:
             f"{OUT}/log/figure/{{decade}}.log",
         benchmark:
-            f"{OUT}/benchmark/figure/{{decade}}.tsv"
+            f"{OUT}/benchmark/figure_decade/{{decade}}.tsv"
 
     use rule clean as clean_decade with:
         input:
@@ -127,7 +129,7 @@ if PLAN.decades:
         log:
             f"{OUT}/log/clean/{{decade}}.log",
         benchmark:
-            f"{OUT}/benchmark/clean/{{decade}}.tsv"
+            f"{OUT}/benchmark/clean_decade/{{decade}}.tsv"
 
     use rule align as align_decade with:
         input:
@@ -139,7 +141,7 @@ if PLAN.decades:
         log:
             f"{OUT}/log/align/{{decade}}.log",
         benchmark:
-            f"{OUT}/benchmark/align/{{decade}}.tsv"
+            f"{OUT}/benchmark/align_decade/{{decade}}.tsv"
 
     use rule bake as bake_decade with:
         input:
@@ -150,7 +152,7 @@ if PLAN.decades:
         log:
             f"{OUT}/log/bake/{{decade}}.log",
         benchmark:
-            f"{OUT}/benchmark/bake/{{decade}}.tsv"
+            f"{OUT}/benchmark/bake_decade/{{decade}}.tsv"
 
 
 rule pack:
@@ -163,6 +165,8 @@ rule pack:
         record=f"{OUT}/figures.json",
     log:
         f"{OUT}/log/pack.log",
+    benchmark:
+        f"{OUT}/benchmark/pack/all.tsv"
     resources:
         mem_mb=4000,
     shell:
@@ -180,6 +184,8 @@ rule split:
         f"{OUT}/split/{{kind}}.json",
     log:
         f"{OUT}/log/split.{{kind}}.log",
+    benchmark:
+        f"{OUT}/benchmark/split/{{kind}}.tsv"
     localrule: True
     shell:
         command("split")

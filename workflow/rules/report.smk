@@ -16,6 +16,8 @@ rule tables:
         ],
     log:
         f"{OUT}/log/tables.log",
+    benchmark:
+        f"{OUT}/benchmark/tables/all.tsv"
     shell:
         command("tables")
         + f"io.experiments={{input.experiments:q}} io.results={OUT} io.out={OUT}/report"
@@ -135,6 +137,8 @@ rule report:
         ),
     log:
         f"{OUT}/log/report.log",
+    benchmark:
+        f"{OUT}/benchmark/report/all.tsv"
     shell:
         command("report")
         + f"io.experiments={{input.experiments:q}} io.results={OUT} io.out={{output.page:q}}"

@@ -48,7 +48,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         pins = Path(folder) / "pins.txt"
         pins.write_text(PINS)
-        text = compiled(("dev", "docs", "slurm", "bench", "export"), str(pins))
+        text = compiled(("dev", "docs", "slurm", "postgres", "bench", "export"), str(pins))
         # No local build tag: the same line takes the CUDA build where there is one, and the CPU build where pip prefers
         # it.
         Path("constraints.txt").write_text(CONSTRAINTS + re.sub(r"(==[\w.]+)\+[\w.]+", r"\1", text))

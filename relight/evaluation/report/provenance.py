@@ -85,7 +85,7 @@ def costs(folder: Path) -> tuple[pd.DataFrame, float]:
         seconds = float(jobs["s"].sum())
         times.append((path.stat().st_mtime - seconds, path.stat().st_mtime))
         cpu = float(jobs["cpu_time"].sum()) if "cpu_time" in jobs else float("nan")
-        stage, memory = path.relative_to(top).parts[0], jobs["max_rss"].max() / 1024
+        stage, memory = path.relative_to(top).parts[0].removesuffix("_decade"), jobs["max_rss"].max() / 1024
         lines.append([stage, seconds, cpu, memory])
     frame = pd.DataFrame(lines, columns=["stage", "seconds", "cpu", "memory"])
     found = frame.groupby("stage").agg(

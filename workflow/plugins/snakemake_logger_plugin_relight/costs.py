@@ -1,0 +1,146 @@
+"""What the jobs of a workflow cost, and how long those ahead take on some cores."""
+
+import csv
+import heapq
+from collections import defaultdict
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from pathlib import Path
+
+# Seconds of a job, measured on two free cores of the machine that the README speaks of. Scales that are not here were
+# never measured whole; `laptop` trains as `demo` does, and its figures cost the same.
+SHARED = {
+    "figure": 8.0,
+    "figure_decade": 55.0,
+    "clean": 2.0,
+    "clean_decade": 5.0,
+    "align": 1.0,
+    "align_decade": 3.0,
+    "bake": 6.0,
+    "bake_decade": 45.0,
+    "lights": 45.0,
+    "train": 105.0,
+}
+REFERENCE = {
+    "smoke": {
+        "figure": 6.2,
+        "clean": 1.8,
+        "align": 0.6,
+        "bake": 1.7,
+        "pack": 1.0,
+        "split": 1.5,
+        "lights": 3.6,
+        "train": 12.1,
+        "evaluate": 10.5,
+        "baselines": 3.1,
+        "tables": 4.0,
+        "plates": 9.1,
+        "sheets": 4.9,
+        "viewer": 10.4,
+        "report": 10.0,
+    },
+    "demo": {
+        **SHARED,
+        "pack": 4.0,
+        "split": 2.0,
+        "evaluate": 12.0,
+        "baselines": 8.0,
+        "tables": 4.0,
+        "plates": 15.0,
+        "sheets": 12.0,
+        "viewer": 8.0,
+        "report": 10.0,
+        "trace": 60.0,
+        "light_transfer": 20.0,
+        "path_traced": 20.0,
+        "inference_time": 30.0,
+    },
+    "laptop": SHARED,
+}
+
+
+def measured(file: Path | str) -> float | None:
+    """The seconds of a job as Snakemake measured them, from its benchmark file; None where there is none."""
+    with suppress(OSError, ValueError, KeyError, StopIteration), open(file, newline="") as table:
+        return float(next(csv.DictReader(table, delimiter="\t"))["s"])
+    return None
+
+
+class Costs:
+    """The seconds of a job of each rule: in this run, or else before it times how much slower this run is.
+
+    Attributes:
+        before: seconds by rule from earlier runs in the same folder, and from REFERENCE where there were none.
+    """
+
+    def __init__(self, folder: Path | str | None = None, scale: str = ""):
+        """
+        Args:
+            folder: of the results, whose benchmark/<rule>/ holds files of earlier runs.
+            scale: a key of REFERENCE; of others, nothing is known before it ran.
+        """
+        self.before = dict(REFERENCE.get(scale, {}))
+        for rule in Path(folder, "benchmark").glob("*") if folder else ():
+            seconds = [found for file in rule.rglob("*.tsv") if (found := measured(file)) is not None]
+            if seconds:
+                self.before[rule.name] = sum(seconds) / len(seconds)
+        self._took: dict[str, list[float]] = defaultdict(list)
+
+    def add(self, rule: str, seconds: float) -> None:
+        """Takes note of a job that has ended."""
+        self._took[rule].append(seconds)
+
+    @property
+    def slower(self) -> float:
+        """How much longer this run's jobs took than before: other work on the machine, or other settings."""
+        took = {rule: seconds for rule, seconds in self._took.items() if rule in self.before}
+        expected = sum(len(seconds) * self.before[rule] for rule, seconds in took.items())
+        return sum(map(sum, took.values())) / expected if expected else 1.0
+
+    def measured(self, rule: str) -> bool:
+        """Whether a job of the rule has ended in this run."""
+        return bool(self._took.get(rule))
+
+    def __getitem__(self, rule: str) -> float | None:
+        """The seconds of a job of a rule; None where nothing is known."""
+        if seconds := self._took.get(rule):
+            return sum(seconds) / len(seconds)
+        return self.slower * self.before[rule] if rule in self.before else None
+
+
+def makespan(
+    waiting: Mapping[str, int],
+    cost: Mapping[str, float],
+    needs: Mapping[str, Iterable[str]],
+    running: Iterable[tuple[str, float]],
+    cores: int,
+) -> float:
+    """The seconds until the last job ends, when each starts as soon as a core is free and what it needs is done.
+
+    A job needs all jobs of the rules that its rule needs, which is a little more than Snakemake waits for.
+
+    Args:
+        waiting: how many jobs of each rule have not started.
+        cost: the seconds of a job of each of these rules.
+        needs: by rule, the rules whose outputs it reads.
+        running: the rule and the remaining seconds of each job at work.
+        cores: jobs side by side.
+    """
+    ends: dict[str, float] = {}
+    free = [0.0] * cores
+    for rule, seconds in running:
+        ends[rule] = max(ends.get(rule, 0.0), seconds)
+        heapq.heapreplace(free, seconds)
+    left = {rule: n for rule, n in waiting.items() if n}
+    while left:
+        ready = {
+            rule: max((ends.get(other, 0.0) for other in needs.get(rule, ())), default=0.0)
+            for rule in left
+            if not any(other in left for other in needs.get(rule, ()) if other != rule)
+        }
+        rule = min(ready, key=ready.get) if ready else next(iter(left))
+        for _ in range(left.pop(rule)):
+            end = max(free[0], ready.get(rule, 0.0)) + cost[rule]
+            heapq.heapreplace(free, end)
+            ends[rule] = max(ends.get(rule, 0.0), end)
+    return max(ends.values(), default=0.0)
