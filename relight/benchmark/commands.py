@@ -37,6 +37,24 @@ def make(
     print(f"{out}: set {found[:16]}")
 
 
+@app.command("import")
+def bring_in(
+    layout: Annotated[str, typer.Argument(help="humanolat or ultrastage.")],
+    source: Annotated[Path, typer.Argument(help="The data set's folder, as published.", metavar="FOLDER")],
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the set; the layout's name.")] = None,
+    only: Annotated[str, typer.Option(help="Regular expression for the captures' names; all by default.")] = "",
+    rays: Annotated[int, typer.Option(min=1, help="Per pixel, to bake the captures' meshes.")] = 256,
+) -> None:
+    """Brings captures of real people into a set, to be answered and scored like one that was drawn."""
+    from relight.benchmark.captures import BAKED, bring
+
+    folder = out or Path(layout)
+    found = bring(layout, source, folder, only, rays)
+    if (folder / BAKED).is_file():
+        print(f"measured beside baked transport: {folder / BAKED}")
+    print(f"{folder}: set {found[:16]}")
+
+
 @app.command()
 def answer(
     out: Annotated[Path, typer.Argument(help="Folder for the answers.", metavar="FOLDER")],

@@ -78,6 +78,7 @@ class Set:
                 f"{folder}: there is no finished benchmark there (relight benchmark make --out {folder})"
             ) from None
         self.hash: str = self.index["sha256"]
+        self.scaled: bool = self.index.get("scale") != "unknown"  # whether it is known how bright albedo is
 
     @cached_property
     def entries(self) -> list[Entry]:
@@ -111,8 +112,11 @@ class Set:
         return seen_of(arrays, inside_of(entry)), arrays["full"]
 
     def maps(self, entry: Entry) -> Path:
-        """The true maps at the photograph's pixels (docs/maps.md)."""
-        return self.folder / "truth" / f"{entry.name}.exr"
+        """The true maps at the photograph's pixels (docs/maps.md). UserError for a set without."""
+        path = self.folder / "truth" / f"{entry.name}.exr"
+        if not path.is_file():
+            raise UserError(f"{self.folder} has no true maps: answer it by --method network or as_it_is")
+        return path
 
 
 def inside_of(entry: Entry) -> np.ndarray:

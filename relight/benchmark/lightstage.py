@@ -15,13 +15,15 @@ picture of x under it. Lamps are taken for points that shine evenly toward all o
 """
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.spatial import SphericalVoronoi
 
 from relight.files import UserError
+from relight.panoramas import Panorama
 from relight.panoramas.radiosity import HEIGHT, WIDTH
+from relight.photos.environment import lookup
 from relight.sh import basis, sphere_quadrature, unoccluded
 from relight.srgb import LINEAR
 
@@ -29,6 +31,8 @@ HIGHEST = 8  # degree to which `shares` are exact at most: beyond it, nothing is
 LIT = (0.25, 0.75)  # of a pixel's brightest frame: darker is shadow or grazing light, brighter may be gloss
 ENOUGH = 12  # frames in between, which tell a normal and an albedo
 FLATTEST = 0.02  # least eigenvalue of the lamps' second moments, over their sum, from which a normal is told
+SOFTNESS = 0.6  # lamps side by side add up to an even light, within 6 exp(-2 pi^2 SOFTNESS^2), half a percent
+FINE = 4  # texels of a panorama, along each axis, that it is looked up in
 STEP = np.gradient(LINEAR).astype(np.float32)  # linear step between neighbouring 8-bit codes
 
 Frames = Callable[[], Iterable[tuple[int, np.ndarray]]]  # each lamp with its frame at P pixels, (P,3) uint8 sRGB
@@ -190,19 +194,30 @@ class Measured:
     clipped: float
 
 
-@dataclass
 class Lighting:
-    """Panoramas (N,H,W,3) that pictures are summed up under, at `relight.panoramas.radiosity.view_directions`."""
+    """Panoramas that pictures are summed up under, resampled to texels so fine that the nearest one will do.
 
-    panoramas: np.ndarray = field(default_factory=lambda: np.zeros((0, HEIGHT, WIDTH, 3)))
+    Attributes:
+        count: N, of the panoramas.
+        texels: (FINE HEIGHT, FINE WIDTH, 3 N) float32.
+    """
+
+    def __init__(self, panoramas: Iterable[np.ndarray] = ()):
+        """Takes panoramas (64,128,3), laid out like `relight.panoramas.radiosity.view_directions`."""
+        theta = (np.arange(FINE * HEIGHT) + 0.5)[:, None] / (FINE * HEIGHT) * np.pi
+        phi = (2 * (np.arange(FINE * WIDTH) + 0.5) / (FINE * WIDTH) - 1) * np.pi
+        axes = np.broadcast_arrays(np.sin(theta) * np.sin(phi), np.cos(theta), -np.sin(theta) * np.cos(phi))
+        found = [lookup(Panorama(one), np.stack(axes, -1)) for one in panoramas]
+        self.count = len(found)
+        self.texels = np.concatenate(found, -1) if found else np.zeros((FINE * HEIGHT, FINE * WIDTH, 0), np.float32)
 
     def toward(self, directions: np.ndarray) -> np.ndarray:
-        """Returns the radiance (P,N,3) of the texels nearest to directions (P,3)."""
+        """Returns the radiance (P,N,3) in directions (P,3)."""
+        height, width = self.texels.shape[:2]
         x, y, z = directions.T
-        row = np.minimum((np.arccos(np.clip(y, -1, 1)) / np.pi * HEIGHT).astype(int), HEIGHT - 1)
-        column = ((np.arctan2(x, -z) / (2 * np.pi) + 0.5) * WIDTH).astype(int) % WIDTH
-        texels = np.moveaxis(self.panoramas, 0, 2).reshape(HEIGHT * WIDTH, -1)
-        return texels[row * WIDTH + column].reshape(len(directions), -1, 3)
+        row = np.minimum((np.arccos(np.clip(y, -1, 1)) / np.pi * height).astype(int), height - 1)
+        column = ((np.arctan2(x, -z) / (2 * np.pi) + 0.5) * width).astype(int) % width
+        return self.texels[row, column].reshape(len(directions), -1, 3)
 
 
 def measure(frames: Frames, stage: Stage, points: np.ndarray, lighting: Lighting | None = None) -> Measured:
@@ -222,7 +237,7 @@ def measure(frames: Frames, stage: Stage, points: np.ndarray, lighting: Lighting
     lighting = lighting or Lighting()
     count = len(points)
     sums, spread = np.zeros((count, 9, 3), np.float32), np.zeros((count, 9, 3), np.float32)
-    pictures = np.zeros((count, len(lighting.panoramas), 3), np.float32)
+    pictures = np.zeros((count, lighting.count, 3), np.float32)
     peak, clipped, seen = np.zeros(count, np.float32), 0, 0
     for lamp, codes in frames():
         toward, weight, falloff = stage.seen_from(lamp, points)
@@ -230,7 +245,7 @@ def measure(frames: Frames, stage: Stage, points: np.ndarray, lighting: Lighting
         shape = (weight[:, None] * basis(toward)).astype(np.float32)[..., None]
         sums += shape * light[:, None]
         spread += (shape * STEP[codes][:, None]) ** 2
-        if len(lighting.panoramas):
+        if lighting.count:
             pictures += weight[:, None, None] * lighting.toward(toward) * light[:, None]
         peak = np.maximum(peak, light.mean(1) / falloff)
         clipped += int((codes == 255).any(1).sum())
@@ -268,14 +283,15 @@ def measure(frames: Frames, stage: Stage, points: np.ndarray, lighting: Lighting
 def coarse(panoramas: np.ndarray, lamps: int) -> np.ndarray:
     """Returns panoramas (...,64,128,3) as coarse as a stage of so many lamps can show them.
 
-    Each texel becomes the mean about it with a von Mises-Fisher kernel, whose standard deviation is half the distance
-    between lamps. Along the rows that is a convolution, hence a product of Fourier coefficients.
+    Each texel becomes the mean about it with a von Mises-Fisher kernel, whose standard deviation is SOFTNESS of the
+    distance between lamps. Along the rows that is a convolution, hence a product of Fourier coefficients.
     """
     theta = (np.arange(HEIGHT) + 0.5) / HEIGHT * np.pi
     azimuth = np.arange(WIDTH) / WIDTH * 2 * np.pi
     sine, cosine = np.sin(theta), np.cos(theta)
     between = np.outer(cosine, cosine)[..., None] + np.outer(sine, sine)[..., None] * np.cos(azimuth)
-    kernel = np.exp(lamps / np.pi * (between - 1)) * sine[:, None]  # 1 / variance; a texel's solid angle, but a factor
+    variance = SOFTNESS**2 * 4 * np.pi / lamps
+    kernel = np.exp((between - 1) / variance) * sine[:, None]  # the sine: a texel's solid angle, but for a factor
     kernel /= kernel.sum((1, 2), keepdims=True)
     spectrum = np.einsum("ijf,...jfc->...ifc", np.fft.rfft(kernel), np.fft.rfft(panoramas, axis=-2), optimize=True)
     return np.fft.irfft(spectrum, WIDTH, axis=-2)

@@ -11,7 +11,7 @@ import numpy as np
 import OpenEXR
 from PIL import Image
 
-from relight.benchmark.files import INDEX, sha256, write_arrays
+from relight.benchmark.files import INDEX, MAPS, sha256, write_arrays
 from relight.benchmark.picture import Picture, Settings, draw
 from relight.benchmark.recipes import FIGURES, HASHES, SPARE, VIEWS, Recipe, coats, digest, recipes
 from relight.config import Align
@@ -44,7 +44,7 @@ def make(folder: Path | str, kind: str = "report", count: int | None = None, set
     missing = [one for one in made if not (folder / "inputs" / one.name).is_dir()]
     for _ in progress(drawn(missing, folder, settings), "pictures", total=len(missing)):
         pass
-    return index(folder, kind, made, settings)
+    return index(folder, kind, [one.name for one in made], asdict(settings))
 
 
 def same(folder: Path, plan: dict) -> None:
@@ -62,7 +62,10 @@ def drawn(missing: list[Recipe], folder: Path, settings: Settings) -> Iterator[R
     for seed, group in groupby(missing, lambda one: one.seed):
         mesh = figure(seed, settings)
         for recipe in group:
-            save(folder, recipe, mesh, draw(recipe, mesh, coats(seed, len(mesh.materials)), settings))
+            picture = draw(recipe, mesh, coats(seed, len(mesh.materials)), settings)
+            info = {"name": recipe.name, "subject": mesh.info["subject"], "view": asdict(recipe.view)}
+            picture.maps.info = {**picture.maps.info, **info}
+            save(folder, recipe.name, mesh.info["name"], asdict(recipe), picture)
             yield recipe
 
 
@@ -79,34 +82,32 @@ def figure(seed: int, settings: Settings) -> Mesh:
     raise UserError(f"seed {seed}: {reason}")
 
 
-def save(folder: Path, recipe: Recipe, mesh: Mesh, picture: Picture) -> None:
+def save(folder: Path, name: str, figure: str, recipe: dict, picture: Picture) -> None:
     """Writes one picture, its folder of inputs last: where that is, all of it is."""
     truth, inputs = folder / "truth", folder / "inputs"
-    info = {"name": recipe.name, "subject": mesh.info["subject"], "view": asdict(recipe.view)}
-    picture.maps.info = {**picture.maps.info, **info}
-    write_maps(truth / f"{recipe.name}.exr", picture.maps)
+    if picture.maps:
+        write_maps(truth / f"{name}.exr", picture.maps)
     for variant, shot in sorted(picture.shots.items(), reverse=True):  # the picture itself, "", comes last
-        with atomic_folder(inputs / (f"{recipe.name}+{variant}" if variant else recipe.name)) as tmp:
+        with atomic_folder(inputs / (f"{name}+{variant}" if variant else name)) as tmp:
             Image.fromarray(np.ascontiguousarray(shot.photo)).save(tmp / "photo.png")
             Image.fromarray(np.ascontiguousarray(shot.mask)).save(tmp / "mask.png")
             record = {
-                "figure": mesh.info["name"],
-                "of": recipe.name if variant else None,
+                "figure": figure,
+                "of": name if variant else None,
                 "size": shot.mask.shape,
                 "side": shot.square.size,
                 "square": [shot.square.top, shot.square.left, shot.square.side],
                 "new": 0 if variant else len(picture.new),
-                "recipe": asdict(recipe),
+                "recipe": recipe,
             }
             (tmp / "picture.json").write_text(json.dumps(record, indent=1) + "\n")
             if not variant:
                 for number, panorama in enumerate(picture.new):
                     write_panorama(tmp / f"new_{number}.exr", panorama)
-                seen = picture.seen
-                arrays = {"full": picture.relit, "albedo": seen.albedo, "shading": seen.shading}
-                arrays |= {"transport": seen.transport, "light": seen.light}
-                write_arrays(truth / f"{recipe.name}.npz", sha256(tmp / "photo.png"), arrays)
-                write_panorama(truth / f"{recipe.name}.light.exr", picture.light)
+                seen = {key: getattr(picture.seen, key) for key in (*MAPS, "light")}
+                arrays = {"full": picture.relit, **{key: values for key, values in seen.items() if values is not None}}
+                write_arrays(truth / f"{name}.npz", sha256(tmp / "photo.png"), arrays)
+                write_panorama(truth / f"{name}.light.exr", picture.light)
 
 
 def write_panorama(path: Path, panorama: Panorama) -> None:
@@ -116,20 +117,20 @@ def write_panorama(path: Path, panorama: Panorama) -> None:
         OpenEXR.File(header, {"RGB": np.ascontiguousarray(panorama.pixels, np.float32)}).write(str(tmp))
 
 
-def index(folder: Path, kind: str, made: list[Recipe], settings: Settings) -> str:
+def index(folder: Path, kind: str, names: list[str], settings: dict, **more: str) -> str:
     """Writes index.json: what is in the set, the hash of each file, and a hash of them all, which is returned."""
     pictures = []
-    for recipe in made:
-        for path in sorted(folder.glob(f"inputs/{recipe.name}")) + sorted(folder.glob(f"inputs/{recipe.name}+*")):
+    for name in names:
+        for path in sorted(folder.glob(f"inputs/{name}")) + sorted(folder.glob(f"inputs/{name}+*")):
             record = json.loads((path / "picture.json").read_text())
             files = sorted(path.iterdir())
             if not record["of"]:
-                files += sorted((folder / "truth").glob(f"{recipe.name}.*"))
+                files += sorted((folder / "truth").glob(f"{name}.*"))
             hashes = {str(file.relative_to(folder)): sha256(file) for file in files}
             pictures.append({"name": path.name, **record, "files": hashes})
     text = json.dumps([one["files"] for one in pictures], sort_keys=True)
     total = hashlib.sha256(text.encode()).hexdigest()
-    content = {"format": FORMAT, "set": kind, "settings": asdict(settings), "sha256": total, "pictures": pictures}
+    content = {"format": FORMAT, "set": kind, "settings": settings, **more, "sha256": total, "pictures": pictures}
     with atomic_write(folder / INDEX) as tmp:
         tmp.write_text(json.dumps(content, indent=1) + "\n")
     return total

@@ -81,24 +81,24 @@ def similarity(values: np.ndarray, other: np.ndarray, inside: np.ndarray) -> flo
 
 
 def errors(seen: Seen, true: Seen) -> dict[str, float]:
-    """Errors of all that is said, over the true mask.
+    """Errors of all that is said and whose truth is known, over the true mask.
 
     Of maps: RMSE of the vector norm (`relight.evaluation.metrics.rmse`), and SSIM of albedo and shading.
     """
     found: dict[str, float] = {}
     inside = true.mask
-    if seen.light is not None:
+    if seen.light is not None and true.light is not None:
         found["light"] = distance(seen.light, true.light)
         scale = factor(seen.light * IRRADIANCE, true.light * IRRADIANCE)
         found["light_factor"] = distance(seen.light * scale, true.light)
     for name in ("albedo", "shading"):
         values, expected = getattr(seen, name), getattr(true, name)
-        if values is not None:
+        if values is not None and expected is not None:
             scale = factor(values[inside], expected[inside])
             found[name] = float(rmse(values[inside], expected[inside]))
             found[f"{name}_factor"] = float(rmse(values[inside] * scale, expected[inside]))
             found[f"{name}_ssim"] = similarity(np.clip(values, 0, 1), np.clip(expected, 0, 1), inside)
-    if seen.transport is not None:
+    if seen.transport is not None and true.transport is not None:
         found["transport"] = float(rmse(seen.transport[inside], true.transport[inside]))
     return found
 

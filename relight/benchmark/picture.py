@@ -50,14 +50,14 @@ class Settings:
 
 @dataclass
 class Picture:
-    """shots: the photograph "" and its variants; lights, new: panoramas in the camera's frame; maps: true, at the
-    photograph's pixels; relit (N,H,W,3) uint8: true pictures in the new lights, black around the figure; seen: the
-    truth on the square of the photograph."""
+    """shots: the photograph "" and its variants; light, new: panoramas in the camera's frame; maps: true, at the
+    photograph's pixels, or None; relit (N,H,W,3) uint8: true pictures in the new lights, black around the figure; seen:
+    the truth on the square of the photograph."""
 
     shots: dict[str, Shot]
     light: Panorama
     new: list[Panorama]
-    maps: Maps
+    maps: Maps | None
     relit: np.ndarray
     seen: Seen
 

@@ -22,6 +22,7 @@ SAID = (
     "albedo", "albedo_factor", "albedo_ssim", "shading", "shading_factor", "shading_ssim",
     "transport", "light", "light_factor",
 )  # fmt: skip
+ABSOLUTE = {name for name in (*RELIT, *SAID) if name != "transport" and not name.endswith("_factor")}
 COLUMNS = (*RELIT, *SAID, *INVARIANCES, *LEAKS)
 SCORES = "scores.csv"
 RESAMPLES = 10_000
@@ -59,7 +60,10 @@ def score(folder: Path | str, answers: Path | str) -> Path:
 
 
 def judged(benchmark: Set, entry: Entry, given: dict[Entry, dict[str, np.ndarray]]) -> dict[str, float]:
-    """The scores of one picture, of its answer and those of its variants."""
+    """The scores of one picture, of its answer and those of its variants.
+
+    Where it is unknown how bright albedo is, what depends on that is left out.
+    """
     true, pictures = benchmark.truth(entry)
     seen = {one.variant: seen_of(arrays, inside_of(one)) for one, arrays in given.items()}
     found = errors(seen[""], true) | leaks(seen[""])
@@ -70,7 +74,7 @@ def judged(benchmark: Set, entry: Entry, given: dict[Entry, dict[str, np.ndarray
             found |= {f"{mode}{key}": float(np.mean([part[key] for part in parts])) for key in parts[0]}
     if len(seen) > 1:
         found |= invariances(seen)
-    return found
+    return found if benchmark.scaled else {name: value for name, value in found.items() if name not in ABSOLUTE}
 
 
 def relit_errors(relit: np.ndarray, true: np.ndarray, solid: np.ndarray) -> dict[str, float]:
@@ -162,11 +166,12 @@ def tables(rows: list[Row], bootstrap: int = RESAMPLES) -> dict[str, Section]:
         f"Means over {pictures} of {people} of set {rows[0].keys[0][0]}, ± half the 95 % interval (bootstrap over "
         "figures). A star: up to one factor a picture."
     )
-    return {
+    found = {
         "benchmark_pictures": table("Relit pictures", PICTURE_HEADS, "Errors of sRGB codes in [0,1]."),
         "benchmark_maps": table("Maps and light", MAP_HEADS, "RMSE of vectors; light: relative, of irradiance."),
         "benchmark_invariance": moves(),
     }
+    return {name: section for name, section in found.items() if section.grid.frame.shape[1]}
 
 
 MOVES = INVARIANCES | LEAKS

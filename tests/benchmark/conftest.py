@@ -1,6 +1,7 @@
 """A set of the benchmark whose pictures are painted ellipsoids: truth in closed form, no figure and no path tracer."""
 
 import numpy as np
+import olat_twin
 import pytest
 
 from relight.benchmark import make as making
@@ -83,3 +84,9 @@ def drawn(tmp_path_factory):
         patch.setattr(making, "draw", painted)
         making.make(folder, "report", 3, SETTINGS)
     return folder
+
+
+@pytest.fixture(scope="session")
+def humanolat(tmp_path_factory):
+    """A folder in HumanOLAT's layout: one pose of one twin, from two cameras."""
+    return olat_twin.write(tmp_path_factory.mktemp("olat"), cameras=(1, 3))

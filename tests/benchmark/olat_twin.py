@@ -152,7 +152,7 @@ def write(folder: Path, cameras=(1,), count: int = 331, suffix: str = ".png", in
 
 def mesh(path: Path) -> None:
     """Ball and slab as triangles."""
-    ball = trimesh.creation.icosphere(6, RADIUS)
+    ball = trimesh.creation.icosphere(5, RADIUS)
     ball.apply_translation(BALL)
     slab = trimesh.creation.box(2 * SLAB)
     slab.apply_translation([0, TOP - SLAB[1], 0])

@@ -2,6 +2,7 @@
 
 import re
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import olat_twin as twin
@@ -9,7 +10,7 @@ import pytest
 from PIL import Image, features
 from scipy.ndimage import binary_erosion
 
-from relight.benchmark import humanolat
+from relight.benchmark import humanolat as layout
 from relight.benchmark.bakedstage import agreement, bake_as_seen
 from relight.benchmark.humanolat import captures, schedule
 from relight.benchmark.lightstage import Stage, measure
@@ -17,15 +18,13 @@ from relight.files import UserError
 from relight.meshes import read_mesh
 
 
-@pytest.fixture(scope="module")
-def data(tmp_path_factory):
-    return twin.write(tmp_path_factory.mktemp("olat"), cameras=(1, 3))
-
-
 @pytest.fixture
-def copy(data, tmp_path):
+def copy(humanolat, tmp_path):
     """A copy that may be broken."""
-    return shutil.copytree(data, tmp_path / "copy")
+    return shutil.copytree(humanolat, tmp_path / "copy")
+
+
+FACETS, EDGES = 0.0045, 0.019
 
 
 def measured(capture, inside):
@@ -44,10 +43,10 @@ def test_the_schedule_is_that_of_the_published_numbers():
     assert bright == [14, *range(34, 350, 21)] and lit[-1] == 361 and len(lit) == 331
 
 
-def test_cameras_see_what_the_formulas_say(data):
-    found = list(captures(data))
+def test_cameras_see_what_the_formulas_say(humanolat):
+    found = list(captures(humanolat))
     assert [one.name for one in found] == ["T001.P00.Cam01", "T001.P00.Cam03"] and found[0].subject == "T001"
-    assert [one.name for one in captures(data, "Cam03$")] == ["T001.P00.Cam03"]
+    assert [one.name for one in captures(humanolat, "Cam03$")] == ["T001.P00.Cam03"]
     for capture in found:
         seen = twin.surface(int(capture.name[-1]) - 1)
         row, column = np.nonzero(seen["mask"])
@@ -59,16 +58,20 @@ def test_cameras_see_what_the_formulas_say(data):
         assert capture.absent == 0 and len(capture.frames) == 331 and capture.model is not None
 
 
-def test_measured_is_baked_to_the_noise(data):
+def test_measured_is_baked_to_the_noise(humanolat):
     """Frames come from formulas, the mesh is triangles: rounding, lamps and facets are all that is between them.
 
-    Frames and mesh agree to five standard deviations of the rounding to 8 bits and to what facets do: an edge of
-    5 mm, seen from a ball of 320 mm, turns the horizon by .008, and the lamps within it have that cosine at most, so a
-    ring of them, .05 of the sphere's directions, adds up to less than .002 per coefficient. Between the lamps' sum and
-    all directions lies the edge of each shadow: about 16 lamps are next to one that crosses the hemisphere, each with
-    up to half a share of .038, a cosine of .5 and a vector of length .85, so .5 * .038 * .85 / sqrt(12) * sqrt(16).
+    On the slab, which is flat, the rounding to 8 bits alone: its standard deviation is told. On the ball, facets with
+    edges of 12 mm turn the surface by up to .022. They block lamps below that height, which give at most, with the
+    largest Y_lm of .63 and lamps 1.3 times as bright as at the centre, 2 pi .022^2 / 2 * .63 * 1.3 = .0012 of a
+    coefficient, and twice that where lamps happen to be there. Facets lie up to .06 mm deep, so near the silhouette
+    one sees up to .5 mm beside, where the normal differs by .0017. Together less than FACETS.
+
+    Between the lamps' sum and all directions lies the edge of each shadow: about 16 lamps are next to one that crosses
+    the hemisphere, each with up to half a share of .038, a cosine of .5 and a vector of length .85, so
+    .5 * .038 * .85 / sqrt(12) * sqrt(16) = .019.
     """
-    capture = next(captures(data))
+    capture = next(captures(humanolat))
     inside = capture.read_mask() >= 128
     capture.check_order(inside)
     seen, stage, found = measured(capture, inside)
@@ -83,19 +86,18 @@ def test_measured_is_baked_to_the_noise(data):
     facing = (found.normal * (seen["normal"][inside] @ turn.T)).sum(1)[inner]
     assert facing.min() > np.cos(np.radians(0.3))
     row = agreement(found, baked, inside)
-    edge = 0.5 * 0.038 * 0.85 / np.sqrt(12) * 4
     assert row["pixels"] > 500 and 1.0 < row["length"] < 1.4
-    assert row["noise"] < 0.002 and 0.5 * edge < row["lamps"] < 1.5 * edge * 2
-    assert row["difference"] < np.hypot(row["lamps"], row["rest"]) * 1.05
+    assert row["noise"] < 0.002 and 0.5 * EDGES < row["lamps"] < 2 * EDGES
+    assert row["difference"] < 1.05 * np.hypot(row["lamps"], row["rest"])
     assert abs(row["factor"] - 1) < 0.002 and row["normals"] < 0.1
     steady = inner & ~at_a_shadow(seen, inside, capture)
     apart = np.abs(found.transport - baked.staged)[steady]
-    assert steady.sum() > 150 and (apart < 5 * found.noise[steady] + 0.002).all()
+    assert steady.sum() > 150 and (apart < 5 * found.noise[steady] + FACETS).all()
     slab = ~ball[steady]
     ratio = apart[slab] / found.noise[steady][slab]
     assert slab.sum() > 100 and np.sqrt((ratio**2).mean()) < 1.3  # flat: no facets, so rounding is all there is
-    others = bake_as_seen(read_mesh(capture.model), capture.camera, inside, Stage.of(stage.positions * [-1, 1, 1]), 16)
-    assert agreement(found, others, inside)["rest"] > 20 * row["rest"]  # lamps mirrored: this can fail
+    confused = replace(capture, lamps=np.roll(capture.lamps, 1, 0))  # each frame is taken for the one before
+    assert agreement(measured(confused, inside)[2], baked, inside)["rest"] > 100 * row["rest"]
 
 
 def at_a_shadow(seen, inside, capture):
@@ -126,9 +128,9 @@ def test_absent_lamps_cost_little_and_are_counted(copy):
     assert row["difference"] < 0.06 and row["rest"] < 0.004
 
 
-def test_extrinsics_either_way_round(tmp_path, data):
+def test_extrinsics_either_way_round(tmp_path, humanolat):
     twin.write(tmp_path, cameras=(1,), count=64, inverse=True)
-    first, second = next(captures(tmp_path)).camera, next(captures(data)).camera
+    first, second = next(captures(tmp_path)).camera, next(captures(humanolat)).camera
     assert np.allclose(first.eye, second.eye, atol=1e-3) and np.allclose(first.rotation, second.rotation, atol=1e-6)
 
 
@@ -145,11 +147,11 @@ def test_avif_is_read(tmp_path):
     assert np.sqrt(np.mean(np.square(errors))) < 4
 
 
-def test_without_avif_the_sentence_tells_the_cure(tmp_path, data, monkeypatch):
-    copy = shutil.copytree(data, tmp_path / "copy")
+def test_without_avif_the_sentence_tells_the_cure(tmp_path, humanolat, monkeypatch):
+    copy = shutil.copytree(humanolat, tmp_path / "copy")
     for path in (copy / "SUBJECT_T001" / "POSE_00" / "images_processed" / "Cam01").iterdir():
         path.rename(path.with_suffix(".avif"))
-    monkeypatch.setattr(humanolat.features, "check", lambda name: False)
+    monkeypatch.setattr(layout.features, "check", lambda name: False)
     with pytest.raises(UserError, match=r"this Pillow reads no AVIF; pip install --upgrade pillow"):
         next(captures(copy))
 

@@ -1,6 +1,6 @@
 """Pictures as the path tracer draws them (needs the `bench` extra)."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -71,8 +71,8 @@ def test_true_maps_agree_with_the_tracer_to_its_noise(traced, person, tmp_path, 
     from relight.benchmark.files import Set, arrays_of
 
     made, drawn = traced
-    making.save(tmp_path, made, person, drawn)
-    making.index(tmp_path, "report", [made], SETTINGS)
+    making.save(tmp_path, made.name, person.info["name"], asdict(made), drawn)
+    making.index(tmp_path, "report", [made.name], asdict(SETTINGS))
     benchmark = Set(tmp_path)
     entry = benchmark.entries[0]
     says = true_maps()(benchmark, entry)
