@@ -94,7 +94,7 @@ def report(
     from relight.evaluation.formats import write_tables
 
     for name, section in show([read_row(folder) for folder in answers]).items():
-        write_tables(out / name, section.title, section.note, section.grid.statistics(), section.grid)
+        write_tables(out / name, section.title, section.note, section.grid)
 
 
 def show(rows: list) -> dict:

@@ -6,11 +6,10 @@ from enum import Enum
 import numpy as np
 
 from relight.evaluation.paper import ARGUMENTS, printed
-from relight.evaluation.statistics import Difference, Estimate, compare, holm
-from relight.evaluation.tables import ALPHA, Row, Table, sign
+from relight.evaluation.statistics import ALPHA, Difference, Estimate, compare, holm
+from relight.evaluation.tables import MAPS, Table, sign
 
 MARGIN = 0.035  # relative: smaller differences count as none; most of those that the paper prints are smaller
-COLUMNS = tuple(f"{q}_{reading}" for q in ("shading", "transport", "light", "albedo") for reading in ("rmse", "ssim"))
 
 
 class Verdict(Enum):
@@ -21,45 +20,46 @@ class Verdict(Enum):
     EQUIVALENT = "equivalent"  # their difference is shown to be under MARGIN
     OPEN = "open"  # these figures and lights cannot tell
 
+    @property
+    def sure(self) -> bool:
+        """Whether it says which row is better."""
+        return self in (Verdict.BETTER, Verdict.WORSE)
+
 
 @dataclass
 class Comparison:
-    """Two rows in one column. `difference` is first minus second; both p-values are corrected (Holm)."""
+    """Two rows in one column.
+
+    Attributes:
+        column: of the scores.
+        first, second: the means of the rows.
+        difference: first minus second.
+        p, p_equivalent: of "they are equal" and of "they differ by MARGIN or more"; `correct` corrects both.
+    """
 
     column: str
     first: float
     second: float
     difference: Difference
-    p: float = 1.0
-    p_equivalent: float = 1.0
+    p: float
+    p_equivalent: float
 
     @property
     def verdict(self) -> Verdict:
         if self.p < ALPHA and not self.difference.low <= 0 <= self.difference.high:
-            return Verdict.BETTER if self.gain > 0 else Verdict.WORSE
+            return Verdict.BETTER if sign(self.column) * self.difference.mean < 0 else Verdict.WORSE
         return Verdict.EQUIVALENT if self.p_equivalent < ALPHA else Verdict.OPEN
 
     @property
     def gain(self) -> float:
-        """How much better the first row is, in the unit of the column."""
-        return -sign(self.column) * self.difference.mean
+        """How much better the first row is, relative to the mean of the second."""
+        return self._relative(self.difference.mean)
 
     @property
-    def gains(self) -> tuple[float, float]:
-        """The 95 % interval of `gain`."""
-        low, high = sorted(-sign(self.column) * end for end in (self.difference.low, self.difference.high))
+    def interval(self) -> tuple[float, float]:
+        """The 95 % interval of `gain`, the second row's mean being taken as known."""
+        low, high = sorted(map(self._relative, (self.difference.low, self.difference.high)))
         return low, high
-
-    @property
-    def relative(self) -> float:
-        """`gain` over the mean of the second row."""
-        return self.gain / abs(self.second) if self.second else 0.0
-
-    @property
-    def relative_gains(self) -> tuple[float, float]:
-        """The 95 % interval of `relative`, the second row's mean being taken as known."""
-        low, high = self.gains
-        return (low / abs(self.second), high / abs(self.second)) if self.second else (0.0, 0.0)
 
     @property
     def bound(self) -> float:
@@ -67,9 +67,12 @@ class Comparison:
         level = (abs(self.first) + abs(self.second)) / 2
         return self.difference.bound(ALPHA) / level if level else np.inf
 
+    def _relative(self, difference: float) -> float:
+        return -sign(self.column) * difference / abs(self.second) if self.second else 0.0
 
-def compared(column: str, first: Estimate, second: Estimate) -> Comparison:
-    """Two estimates compared alone."""
+
+def compare_estimates(column: str, first: Estimate, second: Estimate) -> Comparison:
+    """Compares two estimates of a column alone, without correction."""
     difference = compare(first, second)
     equivalent = difference.p_equivalent(MARGIN * (abs(first.mean) + abs(second.mean)) / 2)
     return Comparison(column, first.mean, second.mean, difference, difference.p, equivalent)
@@ -83,19 +86,34 @@ def correct(found: list[Comparison]) -> list[Comparison]:
     return found
 
 
-def compare_rows(first: Row, second: Row, columns: tuple[str, ...]) -> dict[str, Comparison]:
-    """The first row against the second in those of `columns` that both have, p-values corrected together."""
-    both = [column for column in columns if column in first.cells and column in second.cells]
-    found = [compared(c, first.cells[c].estimate, second.cells[c].estimate) for c in both]
-    return {one.column: one for one in correct(found)}
+def compare_rows(
+    table: Table, first: str, second: str, columns: tuple[str, ...], other: Table | None = None
+) -> dict[str, Comparison]:
+    """Compares two rows in some columns, p-values corrected together.
+
+    Args:
+        table: holds the first row.
+        first, second: names of rows.
+        columns: to be compared.
+        other: holds the second row, if not `table`: the same rows on other figures or lights.
+
+    Returns:
+        Column -> comparison, for the columns that both have; none where a row is missing.
+    """
+    one, two = table.rows.get(first, {}), (other or table).rows.get(second, {})
+    found = [compare_estimates(c, one[c], two[c]) for c in columns if c in one and c in two]
+    return {comparison.column: comparison for comparison in correct(found)}
 
 
 @dataclass
 class Ordering:
-    """One ordering that the paper prints: `better` before `worse` in a column, and the same comparison here.
+    """Two rows in the order in which the paper prints them in a column, and the same comparison here.
 
-    argued: whether that is the order of the paper's argument; its tables print some the other way round.
-    gap: the relative difference of the two printed values.
+    Attributes:
+        better, worse: the rows, by the printed values.
+        argued: whether that is the order of the paper's argument; its tables print some the other way round.
+        gap: the relative difference of the two printed values.
+        here: the comparison of the two rows.
     """
 
     better: str
@@ -111,25 +129,23 @@ class Ordering:
 
 
 def orderings(tables: list[Table]) -> list[Ordering]:
-    """Every ordering of paper.ARGUMENTS whose two rows are in one of the tables, p-values corrected together.
+    """Compares the rows of every ordering of `paper.ARGUMENTS` that a table has, p-values corrected together.
 
     The direction is that of the printed values, also where they contradict the paper's words; columns where it prints
-    the same value twice are passed over.
+    the same value twice are passed over. An ordering that several tables have is taken from the first.
     """
     found: dict[tuple[str, str, str], Ordering] = {}
     for table in tables:
-        rows = {row.name: row.cells for row in table.rows if not row.baseline}
         for first, second, _ in ARGUMENTS:
-            for column in COLUMNS:
+            for column in MAPS:
                 key, values = (first, second, column), [printed(row).get(column) for row in (first, second)]
                 if key in found or None in values or values[0] == values[1]:
                     continue
-                if any(row not in rows or column not in rows[row] for row in (first, second)):
+                if any(row not in table.networks or column not in table.rows[row] for row in (first, second)):
                     continue
                 argued = sign(column) * (values[0] - values[1]) < 0
                 better, worse = (first, second) if argued else (second, first)
-                here = compared(column, rows[better][column].estimate, rows[worse][column].estimate)
-                gap = abs(values[0] - values[1]) / max(values)
-                found[key] = Ordering(better, worse, argued, gap, here)
+                here = compare_estimates(column, table.rows[better][column], table.rows[worse][column])
+                found[key] = Ordering(better, worse, argued, abs(values[0] - values[1]) / max(values), here)
     correct([one.here for one in found.values()])
     return list(found.values())

@@ -4,13 +4,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import torch
+from matplotlib.patches import FancyArrowPatch, Rectangle
 from torch import nn
 
-from relight.evaluation.charts import COLORS, new_figure, save_figure
+from relight.evaluation.charts import COLORS, chart
 from relight.learning.networks import Network
 
 INPUT = "picture and mask"
-STEP, LANE = 1.0, 2.2  # between neighbours in a lane, and between lanes
+LANE = 2.2  # between lanes; neighbours in a lane are 1 apart
 CLEAR = {"facecolor": "white", "edgecolor": "none", "pad": 0.8, "alpha": 0.85}  # behind words that lines cross
 
 
@@ -95,53 +96,44 @@ def draw_network(network: Network, title: str, out: Path) -> None:
         title: over the diagram.
         out: the picture (.png or .svg).
     """
-    from matplotlib.patches import FancyArrowPatch, Rectangle
-
     layers, outputs = layers_of(network)
     lanes = list(dict.fromkeys(layer.lane for layer in layers))
-    depth: dict[str, int] = {INPUT: 0}
+    place: dict[str, tuple[float, float]] = {INPUT: (0, 0)}
     for layer in layers:
-        depth[layer.name] = 1 + max(depth[source] for source in layer.sources)
-    row = {layer.name: lanes.index(layer.lane) for layer in layers} | {INPUT: 0}
+        x = 1 + max(place[source][0] for source in layer.sources)
+        place[layer.name] = x, -LANE * lanes.index(layer.lane)
     ends: dict[tuple[str, ...], str] = {}  # outputs of the same layers have one place
     for name, own in outputs.items():
         ends[tuple(own)] = f"{ends[tuple(own)]},\n{name}" if tuple(own) in ends else name
     for own, name in ends.items():
-        depth[name], row[name] = 1 + max(depth[source] for source in own), row[own[-1]]
-    last = max(depth.values())
+        place[name] = 1 + max(place[source][0] for source in own), place[own[-1]][1]
+    last = max(x for x, _ in place.values())
     height = {layer.name: 0.25 + 0.115 * max(layer.side - 1, 0).bit_length() for layer in layers}
-    figure = new_figure(1.6 + 0.78 * last, 0.9 + 1.25 * len(lanes))
-    axes = figure.subplots()
-    axes.set(xlim=(-0.9, last + 1.1), ylim=(-LANE * (len(lanes) - 0.42), LANE * 0.62), title=title)
-    axes.axis("off")
-
-    def link(first: str, second: str) -> None:
-        same = row[first] == row[second] and depth[second] - depth[first] == 1
-        bend = 0 if same else -0.18 if row[first] == row[second] else 0.06
-        at = [(depth[n] * STEP + side, -LANE * row[n]) for n, side in ((first, 0.3), (second, -0.3))]
-        style = {"color": "#3a3a3e" if same else "#b3b3ad", "linewidth": 1.1 if same else 0.8, "zorder": 0}
-        curve = f"arc3,rad={bend}"
-        axes.add_patch(FancyArrowPatch(*at, arrowstyle="-|>", mutation_scale=7, connectionstyle=curve, **style))
-
-    for layer in layers:
-        x, y, tall = depth[layer.name] * STEP, -LANE * row[layer.name], height[layer.name]
-        color = COLORS[row[layer.name] % len(COLORS)]
-        axes.add_patch(Rectangle((x - 0.3, y - tall / 2), 0.6, tall, facecolor=color, edgecolor="none"))
-        axes.text(
-            x, y - tall / 2 - 0.06, f"{layer.channels}\n@{layer.side}", ha="center", va="top", fontsize=7, bbox=CLEAR
-        )
-        for source in layer.sources:
-            link(source, layer.name)
-    for lane in lanes:
-        own = [layer for layer in layers if layer.lane == lane]
-        x, top = depth[own[0].name] - 0.3, max(height[layer.name] for layer in own) / 2
-        words = lane.replace(".", ": ")
-        axes.text(x, -LANE * lanes.index(lane) + top + 0.1, words, fontsize=9, weight="bold", va="bottom", bbox=CLEAR)
-    for name in (INPUT, *ends.values()):
-        x, side, words = depth[name] * STEP, "right" if name == INPUT else "left", name.replace(" and ", "\nand ")
-        x += 0.28 if name == INPUT else -0.26
-        axes.text(x, -LANE * row[name], words, ha=side, va="center", fontsize=9, style="italic")
-    for own, name in ends.items():
-        for source in own:
-            link(source, name)
-    save_figure(figure, out)
+    arrows = [(source, layer.name) for layer in layers for source in layer.sources]
+    arrows += [(source, name) for own, name in ends.items() for source in own]
+    with chart(out, 1.6 + 0.78 * last, 0.9 + 1.25 * len(lanes)) as figure:
+        axes = figure.subplots()
+        axes.set(xlim=(-0.9, last + 1.1), ylim=(-LANE * (len(lanes) - 0.42), LANE * 0.62), title=title)
+        axes.axis("off")
+        for layer in layers:
+            (x, y), tall = place[layer.name], height[layer.name]
+            color = COLORS[lanes.index(layer.lane) % len(COLORS)]
+            axes.add_patch(Rectangle((x - 0.3, y - tall / 2), 0.6, tall, facecolor=color, edgecolor="none"))
+            words = f"{layer.channels}\n@{layer.side}"
+            axes.text(x, y - tall / 2 - 0.06, words, ha="center", va="top", fontsize=7, bbox=CLEAR)
+        for lane in lanes:
+            own = [layer.name for layer in layers if layer.lane == lane]
+            (x, y), top = place[own[0]], max(map(height.get, own)) / 2
+            words = lane.replace(".", ": ")
+            axes.text(x - 0.3, y + top + 0.1, words, fontsize=9, weight="bold", va="bottom", bbox=CLEAR)
+        for name in (INPUT, *ends.values()):
+            (x, y), words = place[name], name.replace(" and ", "\nand ")
+            x, side = (x + 0.28, "right") if name == INPUT else (x - 0.26, "left")
+            axes.text(x, y, words, ha=side, va="center", fontsize=9, style="italic")
+        for first, second in arrows:
+            (x, y), (end, level) = place[first], place[second]
+            near = y == level and end - x == 1
+            bend = 0 if near else -0.18 if y == level else 0.06
+            style = {"color": "#3a3a3e" if near else "#b3b3ad", "linewidth": 1.1 if near else 0.8, "zorder": 0}
+            shape = {"arrowstyle": "-|>", "mutation_scale": 7, "connectionstyle": f"arc3,rad={bend}"}
+            axes.add_patch(FancyArrowPatch((x + 0.3, y), (end - 0.3, level), **shape, **style))

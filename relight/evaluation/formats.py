@@ -4,7 +4,7 @@ Bold is the best network of a column; n.s. (not significant) marks what the figu
 """
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -13,9 +13,10 @@ import pandas as pd
 from markupsafe import escape
 
 from relight.evaluation.comparisons import Comparison, Verdict
+from relight.evaluation.labels import QUANTITIES, READING_LABELS, column_label, label, split_column
 from relight.evaluation.metrics import COLUMNS
 from relight.evaluation.statistics import Estimate
-from relight.evaluation.tables import LABELS, QUANTITY, READING, Cell, Table, sign, split_column
+from relight.evaluation.tables import Table, sign
 from relight.files import atomic_write
 
 SIGNS = {Verdict.BETTER: "✓", Verdict.WORSE: "✗", Verdict.EQUIVALENT: "≈", Verdict.OPEN: "?"}
@@ -27,9 +28,11 @@ LATEX |= {"↓": r"$\downarrow$", "↑": r"$\uparrow$", "≈": r"$\approx$", "�
 class Grid:
     """A table to be read.
 
-    frame: a row per label, its cells Cell, Estimate, Verdict, str, int, float or None; its columns are flat, or pairs
-    (block, column). kinds: what each row is: "network", "baseline" or "paper"; "" where that has no meaning.
-    digits: decimals of the numbers of a column, 3 if not given.
+    Attributes:
+        frame: a row per label, its cells Estimate, Verdict, str, int, float or None; its columns are flat, or pairs
+            (block, column).
+        kinds: what each row is: "network", "baseline" or "paper"; "" where that has no meaning.
+        digits: decimals of the numbers of a column, 3 if not given.
     """
 
     frame: pd.DataFrame
@@ -38,13 +41,22 @@ class Grid:
 
     @classmethod
     def of(cls, columns: list[str], rows: list[list], kinds: list[str] | None = None, **digits: int) -> "Grid":
-        """From rows of cells, of which the first is the label; `columns` names it and the others."""
+        """Makes a grid from rows of cells, of which the first is the label.
+
+        Args:
+            columns: heads, the first that of the labels.
+            rows: as many cells each.
+            kinds: of the rows.
+            digits: decimals by column.
+        """
         index = pd.Index([row[0] for row in rows], name=columns[0], dtype=object)
         frame = pd.DataFrame([row[1:] for row in rows], index, columns[1:], dtype=object)
         return cls(frame.where(frame.notna(), None), kinds or [""] * len(rows), digits)
 
     def blocks(self) -> list["Grid"]:
-        """One grid per block of columns, without the rows that have nothing in it."""
+        """One grid per block of columns, without the rows that have nothing in it; itself where it has no blocks."""
+        if self.frame.columns.nlevels == 1:
+            return [self]
         found = []
         for block in dict.fromkeys(self.frame.columns.get_level_values(0)):
             part = self.frame[block]
@@ -60,10 +72,7 @@ class Grid:
             [style.cell(value, self.digits.get(head[-1], 3)) for value, head in zip(row, heads)]
             for row in self.frame.itertuples(index=False, name=None)
         ]
-        labels = [
-            style.label(label if isinstance(label, str) else str(label), kind)
-            for label, kind in zip(self.frame.index, self.kinds)
-        ]
+        labels = [style.label(str(text), kind) for text, kind in zip(self.frame.index, self.kinds)]
         escaped = [tuple(map(style.escape, head)) for head in heads]
         columns = pd.MultiIndex.from_tuples(escaped) if heads and len(heads[0]) > 1 else [head[0] for head in escaped]
         return pd.DataFrame(cells, pd.Index(labels, name=style.escape(self.frame.index.name or "")), columns)
@@ -72,7 +81,7 @@ class Grid:
         """The frame for programs: each estimate as its mean, low and high, to six significant digits."""
         made = {}
         for column in self.frame:
-            values = [getattr(value, "estimate", value) for value in self.frame[column]]
+            values = list(self.frame[column])
             column = ", ".join(column) if isinstance(column, tuple) else column
             if any(isinstance(value, Estimate) for value in values):
                 for end, name in (("", "mean"), (", low", "low"), (", high", "high")):
@@ -99,19 +108,15 @@ class Style:
     def cell(self, value: object, digits: int) -> str:
         if value is None:
             return ""
-        if isinstance(value, Cell):
-            return self.estimate(value.estimate, digits, value.best) + self.undecided * value.undecided
         if isinstance(value, Estimate):
-            return self.estimate(value, digits)
+            mean, margin = (self.escape(number(one, digits)) for one in (value.mean, value.margin))
+            shown = (self.bold if value.best else "{}").format(mean) + self.margin.format(margin)
+            return shown + self.undecided * value.undecided
         if isinstance(value, Verdict):
             return self.escape(f"{SIGNS[value]} {value.value}").strip()
         if isinstance(value, float):
             return self.escape(number(value, digits))
         return self.escape(value if isinstance(value, str) else str(value))
-
-    def estimate(self, one: Estimate, digits: int, best: bool = False) -> str:
-        mean, margin = (self.escape(number(value, digits)) for value in (one.mean, one.margin))
-        return (self.bold if best else "{}").format(mean) + self.margin.format(margin)
 
 
 MARKDOWN = Style("**{}**", "*{}*", " ± {}", " n.s.", lambda text: text.replace("|", "\\|"))
@@ -141,7 +146,12 @@ def to_latex(grid: Grid) -> str:
 
 
 def write_tables(
-    stem: Path, title: str, note: str, statistics: pd.DataFrame, shown: Grid, more: Sequence[Grid] = ()
+    stem: Path,
+    title: str,
+    note: str,
+    shown: Grid,
+    statistics: pd.DataFrame | None = None,
+    others: Grid | None = None,
 ) -> None:
     """Writes stem.csv (all numbers), stem.md and stem.tex (what is shown), each whole or not at all.
 
@@ -149,12 +159,14 @@ def write_tables(
         stem: path without suffix.
         title: of the table, plain text.
         note: what the numbers are, in Markdown.
-        statistics: the numbers, each in a column.
         shown: the table itself; LaTeX has it whole, Markdown by blocks where it has any.
-        more: further grids for the Markdown file.
+        statistics: the numbers, each in a column; those of `shown` if None.
+        others: a further grid for the Markdown file.
     """
-    parts = [f"## {title}", note, *map(to_markdown, blocks(shown))]
-    parts += ["### Other readings of the same scores"] * bool(more) + [to_markdown(grid) for grid in more]
+    statistics = shown.statistics() if statistics is None else statistics
+    parts = [f"## {title}", note, *map(to_markdown, shown.blocks())]
+    if others is not None:
+        parts += ["### Other readings of the same scores", *map(to_markdown, others.blocks())]
     comments = [f"% {line}" for line in [f"{title}. Needs \\usepackage{{booktabs}}.", *note.splitlines()]]
     texts = {
         ".csv": statistics.to_csv(index=statistics.index.name is not None, lineterminator="\n"),
@@ -166,26 +178,20 @@ def write_tables(
             tmp.write_text(text, encoding="utf-8")
 
 
-def blocks(grid: Grid) -> list[Grid]:
-    """The grid by blocks of columns, or alone where it has none."""
-    return grid.blocks() if grid.frame.columns.nlevels > 1 else [grid]
-
-
-def score_grid(table: Table, columns: tuple[str, ...]) -> Grid:
-    """The cells of a table in some of its columns, a block per reading."""
-    found = [column for part in table.blocks(columns).values() for column in part]
+def score_grid(table: Table, columns: Iterable[str]) -> Grid:
+    """The estimates of a table in some of its columns, a block per reading; printed values follow."""
+    found = table.present(columns)
+    rows = {row: (label(row), table.kind(row), cells) for row, cells in table.rows.items()}
+    rows |= {f"{row}, printed": (label(row), "paper", values) for row, values in table.printed.items()}
+    shown = [row for row in rows.values() if any(column in row[2] for column in found)]
     heads = []
     for quantity, reading in map(split_column, found):
-        heads.append((f"{READING[reading]} {'↓' if sign(f'_{reading}') > 0 else '↑'}", QUANTITY[quantity]))
-    rows = [row for row in table.rows if any(column in row.cells for column in found)]
-    printed = {row: v for row, v in table.printed.items() if any(column in v for column in found)}
-    cells = [[row.cells.get(c) for c in found] for row in rows] + [[v.get(c) for c in found] for v in printed.values()]
-    labels = [row.label for row in rows] + [LABELS[row] for row in printed]
-    kinds = ["baseline" if row.baseline else "network" for row in rows] + ["paper"] * len(printed)
-    frame = pd.DataFrame(
-        cells, labels, pd.MultiIndex.from_arrays([[head[i] for head in heads] for i in (0, 1)]), dtype=object
-    )
-    return Grid(frame.where(frame.notna(), None), kinds)
+        heads.append((f"{READING_LABELS[reading]} {'↓' if sign(f'_{reading}') > 0 else '↑'}", QUANTITIES[quantity]))
+    cells = [[values.get(column) for column in found] for _, _, values in shown]
+    names = pd.Index([name for name, _, _ in shown], dtype=object)
+    columns = pd.MultiIndex.from_arrays(list(zip(*heads)) or [[], []])
+    frame = pd.DataFrame(cells, names, columns, dtype=object)
+    return Grid(frame.where(frame.notna(), None), [kind for _, kind, _ in shown])
 
 
 def other_columns(table: Table) -> tuple[str, ...]:
@@ -194,11 +200,14 @@ def other_columns(table: Table) -> tuple[str, ...]:
 
 
 def comparison_grid(found: dict[str, dict[str, Comparison]]) -> Grid:
-    """Comparisons by what is compared and column: the relative gain and its interval, both means, p and verdict, and
-    the bound under which a difference that is not sure is shown to lie."""
+    """Comparisons with their relative gains, both means, p-value, verdict, and the bound of what is not sure.
+
+    Args:
+        found: what is compared -> column -> comparison.
+    """
     heads = ["compared", "in", "first better by", "95 % interval", "first", "second", "p", "the first is", "within"]
     rows = [
-        [what, column_name(c.column), *effect(c), c.first, c.second, p_value(c.p), c.verdict, bound(c)]
+        [what, column_label(c.column), *effect(c), c.first, c.second, p_value(c.p), c.verdict, bound(c)]
         for what, ones in found.items()
         for c in ones.values()
     ]
@@ -207,19 +216,12 @@ def comparison_grid(found: dict[str, dict[str, Comparison]]) -> Grid:
 
 def effect(one: Comparison) -> tuple[str, str]:
     """How much better the first is, relative to the second, and the 95 % interval of that."""
-    return percent(one.relative), " to ".join(map(percent, one.relative_gains)).replace(" % to", " to")
+    return percent(one.gain), " to ".join(map(percent, one.interval)).replace(" % to", " to")
 
 
 def bound(one: Comparison) -> str | None:
     """The relative bound of a difference that is open, or none for practical purposes."""
-    return None if one.verdict in (Verdict.BETTER, Verdict.WORSE) else f"±{100 * one.bound:.1f} %"
-
-
-def column_name(column: str) -> str:
-    """shading_rmse -> shading RMSE."""
-    quantity, reading = split_column(column)
-    words = QUANTITY[quantity]
-    return f"{words if words.isupper() else words[0].lower() + words[1:]} {READING[reading]}"
+    return None if one.verdict.sure else f"±{100 * one.bound:.1f} %"
 
 
 def number(value: float, digits: int = 3) -> str:

@@ -10,9 +10,9 @@ from PIL import Image
 from relight import config
 from relight.evaluation.canvas import FAINT, Sheet, ball, box_of, cut_out, heat, transport_bands
 from relight.evaluation.evaluate import chosen_pairs, has_pairs, infer, load, truth
+from relight.evaluation.labels import label
 from relight.evaluation.metrics import Inferred, Truth, shade
 from relight.evaluation.scores import gather
-from relight.evaluation.tables import LABELS
 from relight.learning.data import RelitSet
 from relight.progress import progress
 from relight.srgb import encode
@@ -216,7 +216,7 @@ def draw_plates(
             blocks = [[Line(f"truth {one.name}", one, true_views(one), first=True)] for one in subjects]
         for block, (figure, two) in zip(blocks, pairs):
             one = block[0].subject
-            block.append(Line(LABELS.get(name, name), one, inferred_views(one, infer(network, data, figure, two[:1]))))
+            block.append(Line(label(name), one, inferred_views(one, infer(network, data, figure, two[:1]))))
     if not blocks:
         sheet = Sheet(2 * GUTTER, TOP)
         sheet.text("nothing to show", GUTTER, TOP // 2, 15, "mm", color=FAINT)

@@ -24,11 +24,11 @@ import pandas as pd
 from relight import config
 from relight.evaluation.evaluate import infer, load, truth
 from relight.evaluation.formats import Grid
+from relight.evaluation.labels import label
 from relight.evaluation.metrics import Inferred, Truth, shade
 from relight.evaluation.panels import Line, Subject, View, draw, spaced
 from relight.evaluation.scores import read_table
 from relight.evaluation.statistics import estimate
-from relight.evaluation.tables import LABELS
 from relight.evaluation.tracing import Scene, read_scenes
 from relight.files import UserError, atomic_write
 from relight.learning.data import RelitSet
@@ -50,6 +50,7 @@ ANSWERS = {
     "no_occlusion": "true normals without occlusion",
     "as_it_is": "the picture as it is",
 }
+KEYS = ("kind", "name", "figure", "light")
 COLUMNS = ("rmse", "relative", "bias")
 WORST = 0.3  # error of a picture (vector norm) at the dark end of the scale
 
@@ -127,40 +128,43 @@ def evaluate_traced(
                 known.add(place)
                 made += [("answer", answer, chain.own[answer], chain.full) for answer in ANSWERS]
                 made += [("cause", *step) for step in chain.steps()]
-            rows += [[kind, label, *key, *chain.measured(before, after)] for kind, label, before, after in made]
-    table = pd.DataFrame(rows, columns=["kind", "name", "figure", "light", *COLUMNS])
+            rows += [[kind, row, *key, *chain.measured(before, after)] for kind, row, before, after in made]
+    table = pd.DataFrame(rows, columns=[*KEYS, *COLUMNS])
     with atomic_write(out) as tmp:
         table.to_csv(tmp, index=False, float_format="%.6g", lineterminator="\n")
 
 
 def tables(path: Path, settings: config.Evaluate) -> dict[str, Grid]:
-    """The answers and the causes of a CSV of `evaluate_traced`, as tables; the trainings of a row are averaged.
+    """Estimates the answers and the causes of a file of `evaluate_traced`; the trainings of a row are averaged.
+
+    Args:
+        path: the file (.csv).
+        settings: how many resamples, and their seed.
+
+    Returns:
+        The tables `path_traced_causes` and `path_traced`.
 
     Raises:
         UserError: the file is no such table.
     """
-    found = read_table(
-        path, "errors against path tracing", ["kind", "name", "figure", "light", *COLUMNS], "relight-path-traced"
-    )
+    found = read_table(path, "errors against path tracing", [*KEYS, *COLUMNS], "relight-path-traced")
     found["row"] = [RunName.parse(name).run for name in found["name"]]
-    figures = found["figure"].nunique()
-    networks = {row: LABELS.get(row, row) for row in found[found.kind == "answer"].row.unique() if row not in ANSWERS}
-    causes = {f"network:{row}": f"{CAUSES['network']}: {label}" for row, label in networks.items()}
+    figures, values = found["figure"].nunique(), dict(list(found.groupby(["kind", "row"], sort=False)))
+    networks = {row: label(row) for kind, row in values if kind == "answer" and row not in ANSWERS}
+    causes = {f"network:{row}": f"{CAUSES['network']}: {words}" for row, words in networks.items()}
     causes |= {name: words for name, words in CAUSES.items() if name != "network"}
 
     def grid(kind: str, labels: dict[str, str]) -> Grid:
         """A row per name, in the order of `labels`."""
         rows, kinds = [], []
-        for name, label in labels.items():
-            values = found.loc[(found.kind == kind) & (found.row == name), list(COLUMNS)].to_numpy()
-            if len(values):
-                numbers = values.reshape(-1, figures, len(COLUMNS)) * [1, 100, 100]
-                each = np.moveaxis(numbers, -1, 0)[..., None]
-                rows.append([label, *(estimate(one, settings.bootstrap, settings.seed) for one in each)])
+        for name in labels:
+            if (kind, name) in values:
+                numbers = values[kind, name][list(COLUMNS)].to_numpy().reshape(-1, figures, len(COLUMNS))
+                each = np.moveaxis(numbers * [1, 100, 100], -1, 0)[..., None]
+                rows.append([labels[name], *(estimate(one, settings.bootstrap, settings.seed) for one in each)])
                 kinds.append("baseline" if name in ANSWERS else "network")
-        return Grid.of(
-            ["", "RMSE", "relative, %", "mean, %"], rows, kinds, **{"RMSE": 4, "relative, %": 1, "mean, %": 1}
-        )
+        heads, digits = ["", "RMSE", "relative, %", "mean, %"], {"RMSE": 4, "relative, %": 1, "mean, %": 1}
+        return Grid.of(heads, rows, kinds, **digits)
 
     return {"path_traced_causes": grid("cause", causes), "path_traced": grid("answer", {**networks, **ANSWERS})}
 
@@ -186,9 +190,8 @@ def traced_plate(
             said = infer(network, data, chain.scene.figure, np.array([chain.scene.seen]))
             pictures.append(chain.relight(said))
     lines = [Line(s.name, s, views(chain, pictures)) for s, chain, pictures in zip(subjects, chains, relit)]
-    labels = [LABELS.get(name, name) for name in networks]
-    heads = ["input", *(f"relit by {label}" for label in labels), "true maps, relit", "path traced"]
-    heads += [*(f"error of {label}" for label in labels), "error of the true maps", "inter-reflection"]
+    heads = ["input", *(f"relit by {label(row)}" for row in networks), "true maps, relit", "path traced"]
+    heads += [*(f"error of {label(row)}" for row in networks), "error of the true maps", "inter-reflection"]
     words = (
         "Relit by the panorama of a test light, whose sphere stands in the corner as networks and maps know it, by its "
         "coefficients. Errors are against the path traced picture and hold its noise."

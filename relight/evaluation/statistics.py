@@ -23,15 +23,22 @@ import numpy as np
 from scipy.stats import norm, t
 
 CONFIDENCE = 0.95
+ALPHA = 0.05  # p-values under it are significant
 
 
 @dataclass
 class Estimate:
     """A mean with its interval.
 
-    values (F,L): the mean over trainings of each pair of figure and light. figures, lights: what the pairs are of; two
-    rows are compared pair by pair in what they share. error, freedom: the standard error of the mean from training to
-    training and its degrees of freedom, 0 when one training is all there is.
+    Attributes:
+        mean, low, high: the mean, and the ends of its 95 % interval.
+        values: (F,L), the mean over trainings of each pair of figure and light.
+        figures, lights: what the pairs are of; two rows are compared pair by pair in what they share.
+        error, freedom: the standard error of the mean from training to training and its degrees of freedom, 0 when one
+            training is all there is.
+        best: whether it is the best network of its column in a table.
+        p: of the paired difference from the best, corrected for all that the table compares (Holm); None for the best
+            itself and for baselines.
     """
 
     mean: float
@@ -42,11 +49,18 @@ class Estimate:
     lights: list = field(default_factory=list)
     error: float = 0.0
     freedom: int = 0
+    best: bool = False
+    p: float | None = None
 
     @property
     def margin(self) -> float:
         """Half the width of the interval."""
         return (self.high - self.low) / 2
+
+    @property
+    def undecided(self) -> bool:
+        """Whether it cannot be told from the best value of its column."""
+        return self.p is not None and self.p >= ALPHA
 
 
 @dataclass

@@ -7,74 +7,20 @@ import numpy as np
 import pandas as pd
 
 from relight import config
-from relight.evaluation.metrics import COLUMNS
-from relight.evaluation.paper import QUANTITIES, printed
+from relight.evaluation.labels import split_column
+from relight.evaluation.metrics import COLUMNS, READINGS
+from relight.evaluation.paper import printed
 from relight.evaluation.scores import Scores
-from relight.evaluation.statistics import (
-    Difference,
-    Estimate,
-    Spread,
-    compare,
-    estimate,
-    holm,
-    pooled_spread,
-)
+from relight.evaluation.statistics import Estimate, compare, estimate, holm, pooled_spread
 from relight.files import UserError
-
-ALPHA = 0.05
-LABELS = {
-    "sfsnet": "SfSNet",
-    "sfsnet_ao": "SfSNet-AO",
-    "ours_min": "Ours (min)",
-    "ours_full": "Ours (full)",
-    "ours_plus": "Ours plus",
-    "no_tv": "w/o TV",
-    "no_shading": "w/o shading",
-    "no_reconstruction": "w/o reconstruction",
-    "sfsnet_ao_full": "SfSNet-AO, all losses",
-    "plus_no_weight": "plus w/o weight of the transport",
-    "plus_no_refinement": "plus w/o refined light",
-    "plus_no_mirror": "plus w/o mirroring",
-    "plus_no_average": "plus w/o averaged weights",
-    "silhouette": "Mask alone",
-    "transport_only": "Picture, same losses",
-    "self_encoder": "Encoder fine-tuned",
-    "self_all": "Everything fine-tuned",
-    "ours_rich": "Ours, richer lights",
-    "ours_disjoint": "Ours, person not seen",
-    "ours_siblings": "Ours, person seen",
-    "mean_figure": "mean training figure, mean light",
-    "mean_light": "true maps, mean training light",
-    "nearest_light": "true maps, nearest training light",
-    "no_occlusion": "true light, true normals without occlusion",
-    "ao_occlusion": "true light, true normals and AO",
-    "as_it_is": "the picture as it is",
-    **{f"cut_{order}": f"true light, true maps to order {order}" for order in range(2, 8)},
-    **{f"order_{order}": f"Ours, order {order}" for order in range(1, 8)},
-    **{f"figures_{count}": f"Ours, {count} figures" for count in (8, 16, 32, 64, 128)},
-    **{f"width_1_{part}": f"Ours, width 1/{part}" for part in (2, 4, 8)},
-}
-QUANTITY = {
-    "shading": "Shading",
-    "shading_true_light": "Shading, true light",
-    "transport": "Transport",
-    "transport_with_ao": "Transport × AO",
-    "normal": "Normal",
-    "ao": "AO",
-    "light": "Light",
-    "sphere": "Sphere",
-    "albedo": "Albedo",
-    "reconstruction": "Reconstruction",
-    "relit": "Relit",
-}
-READING = {"rmse": "RMSE", "rmse_element": "RMSE per element", "ssim": "SSIM", "ssim_range2": "SSIM, range 2"}
 
 
 def _columns(*quantities: str) -> tuple[str, ...]:
     return tuple(f"{quantity}_{reading}" for reading in ("rmse", "ssim") for quantity in quantities)
 
 
-ALL = _columns(*QUANTITIES)  # of Table 1
+PRINTED = ("table1", "table2")  # the tables that the paper prints
+ALL = _columns("shading", "transport", "normal", "ao", "light", "albedo")  # of Table 1
 MAPS = _columns("shading", "transport", "light", "albedo")  # of Table 2
 PARTS = _columns("shading", "shading_true_light", "transport", "light", "albedo")
 SHOWN = {  # the columns that the table of an experiment shows; ALL where nothing else is said
@@ -85,195 +31,154 @@ SHOWN = {  # the columns that the table of an experiment shows; ALL where nothin
     "relit": _columns("relit", "reconstruction", "shading_true_light", "albedo"),
     **dict.fromkeys(("self_supervised", "splits", "order", "data_size", "width", "equal_losses", "plus_parts"), PARTS),
 }
-PRINTED = ("table1", "table2")  # the tables that the paper prints
 
-
-@dataclass
-class Cell:
-    """One value of a table. `against` is its paired difference from the best network of the column, None for the best
-    itself and for baselines; `p` is that difference's p-value, corrected for all that the table compares (Holm)."""
-
-    estimate: Estimate
-    best: bool = False
-    against: Difference | None = None
-    p: float | None = None
-
-    @property
-    def undecided(self) -> bool:
-        """Whether it cannot be told from the best value of its column."""
-        return self.p is not None and self.p >= ALPHA
-
-
-@dataclass
-class Row:
-    """A network, or a baseline, with its cells by column."""
-
-    name: str
-    baseline: bool
-    trainings: int
-    cells: dict[str, Cell]
-
-    @property
-    def label(self) -> str:
-        return LABELS.get(self.name, self.name)
+Rows = dict[str, list[Scores]]  # row -> the scores of its trainings
 
 
 @dataclass
 class Table:
-    """rows: networks, then baselines; columns: those that are shown, of all that the cells hold; figures, lights: how
-    many the test has; printed: row name -> column -> the paper's own value."""
+    """What an experiment measured.
+
+    Attributes:
+        columns: those that are shown, of all that the rows have.
+        rows: name of a network or baseline -> column -> estimate; networks first, in the order of the experiment.
+        trainings: how many each network has, by row; baselines have none.
+        figures, lights: how many the test has.
+        printed: row -> column -> the paper's own value.
+    """
 
     columns: tuple[str, ...]
-    rows: list[Row] = field(default_factory=list)
+    rows: dict[str, dict[str, Estimate]] = field(default_factory=dict)
+    trainings: dict[str, int] = field(default_factory=dict)
     figures: int = 0
     lights: int = 0
     printed: dict[str, dict[str, float]] = field(default_factory=dict)
 
-    def row(self, name: str) -> Row | None:
-        """The row of a network or a baseline, if the table has it."""
-        return next((one for one in self.rows if one.name == name), None)
+    @property
+    def networks(self) -> list[str]:
+        """The rows that are networks."""
+        return list(self.trainings)
 
     @property
-    def networks(self) -> list[Row]:
-        return [row for row in self.rows if not row.baseline]
+    def baselines(self) -> list[str]:
+        """The rows that are baselines."""
+        return [row for row in self.rows if row not in self.trainings]
 
     @property
-    def trainings(self) -> list[int]:
-        """How many trainings the networks' rows have: the least and the most."""
-        counts = [row.trainings for row in self.networks] or [0]
-        return [min(counts), max(counts)]
+    def trainings_range(self) -> tuple[int, int]:
+        """How many trainings the networks have: the least and the most."""
+        counts = self.trainings.values()
+        return min(counts, default=0), max(counts, default=0)
 
-    def blocks(self, columns: tuple[str, ...]) -> dict[str, list[str]]:
-        """Those of `columns` that some row has, by reading."""
-        found: dict[str, list[str]] = {}
-        for column in columns:
-            if any(column in row.cells for row in self.rows):
-                found.setdefault(split_column(column)[1], []).append(column)
-        return found
+    def kind(self, row: str) -> str:
+        """Whether a row is a "network" or a "baseline"."""
+        return "network" if row in self.trainings else "baseline"
+
+    def present(self, columns: Iterable[str]) -> list[str]:
+        """Those of some columns that a row has, by reading."""
+        found = [column for column in columns if any(column in cells for cells in self.rows.values())]
+        return sorted(found, key=lambda column: READINGS.index(split_column(column)[1]))
 
     def statistics(self) -> pd.DataFrame:
         """All columns, shown or not: mean, 95 % interval, and the p-value of the difference from the best network."""
-        columns = [column for part in self.blocks(COLUMNS).values() for column in part]
         lines = []
-        for row in self.rows:
-            line = {"row": row.name, "kind": "baseline" if row.baseline else "network", "trainings": row.trainings}
-            for column, cell in row.cells.items():
-                one = cell.estimate
-                line |= {f"{column}{end}": round(getattr(one, end.strip("_") or "mean"), 5) for end in ENDS[:-1]}
+        for row, cells in self.rows.items():
+            line = {"row": row, "kind": self.kind(row), "trainings": self.trainings.get(row, 1)}
+            for column, cell in cells.items():
+                ends = {"": cell.mean, "_low": cell.low, "_high": cell.high}
+                line |= {f"{column}{end}": round(value, 5) for end, value in ends.items()}
                 line[f"{column}_p"] = np.nan if cell.p is None else float(f"{cell.p:.4g}")
             lines.append(line)
         lines += [{"row": name, "kind": "paper", "trainings": 1, **values} for name, values in self.printed.items()]
-        return pd.DataFrame(lines, columns=["row", "kind", "trainings", *(c + end for c in columns for end in ENDS)])
-
-
-ENDS = ("", "_low", "_high", "_p")  # of the columns of `Table.statistics`
+        numbers = [f"{column}{end}" for column in self.present(COLUMNS) for end in ("", "_low", "_high", "_p")]
+        return pd.DataFrame(lines, columns=["row", "kind", "trainings", *numbers])
 
 
 def experiment_table(
-    name: str,
-    networks: dict[str, list[Scores]],
-    baselines: dict[str, list[Scores]],
-    settings: config.Evaluate,
-    pool: dict[str, list[Scores]] | None = None,
+    name: str, networks: Rows, baselines: Rows, settings: config.Evaluate, pool: Rows | None = None
 ) -> Table:
-    """The table of an experiment: every column of the scores is estimated, SHOWN are those to show.
+    """Estimates every column of the scores of an experiment.
 
     Args:
-        name: of the experiment, as in conf/experiment. The paper's own values stand in the tables that it prints.
-        networks: row -> its trainings, in the order of the table.
-        baselines: the same; they follow, and do not compete.
+        name: of the experiment, as in conf/experiment: it says which columns are shown, and whether the paper prints
+            the table.
+        networks: in the order of the table.
+        baselines: they follow, and do not compete.
         settings: how many resamples, and their seed.
-        pool: the runs that tell how much trainings spread; those of the table if None.
+        pool: the rows that tell how much trainings spread; `networks` if None.
+
+    Returns:
+        The table, with the best network of each column and the p-values of the others' differences from it.
 
     Raises:
         UserError: there is no run.
     """
     if not networks:
         raise UserError(f"{name}: there is no run to put in its table")
-    some = next(iter(networks.values()))[0]
-    spreads = spread_of_trainings(networks if pool is None else pool)
-    columns, rows = SHOWN.get(name, ALL), []
-    for place, (row, trainings) in enumerate([*networks.items(), *baselines.items()]):
-        known = spreads if place < len(networks) else {}
-        cells = {
-            column: Cell(estimated(trainings, column, settings, known.get(column), place))
-            for column in COLUMNS
-            if all(column in scores.columns for scores in trainings)
-        }
-        rows.append(Row(row, place >= len(networks), len(trainings), cells))
-    rank(rows, columns)
-    known = {row.name: printed(row.name) for row in rows if name in PRINTED}
-    return Table(columns, rows, len(some.figures), len(some.lights), {row: v for row, v in known.items() if v})
-
-
-def values(trainings: list[Scores], column: str) -> np.ndarray:
-    """(S,F,L): a column of the scores of a row's trainings."""
-    return np.stack([scores.columns[column] for scores in trainings])
-
-
-def estimated(
-    trainings: list[Scores], column: str, settings: config.Evaluate, spread: Spread | None = None, place: int = 0
-) -> Estimate:
-    """Mean and interval of a column of a row's scores; `place` of the row among those that are read together."""
-    given = values(trainings, column), settings.bootstrap, settings.seed
-    pairs = trainings[0].figures, trainings[0].lights
-    return estimate(*given, spread, pairs, noise=settings.seed + place)
-
-
-def spread_of_trainings(rows: dict[str, list[Scores]], columns: tuple[str, ...] = COLUMNS) -> dict[str, Spread]:
-    """How much the means of each column spread from training to training, pooled over all rows that have it."""
-    return {
-        column: pooled_spread([values(t, column) for t in rows.values() if all(column in s.columns for s in t)])
-        for column in columns
-    }
+    given = {**networks, **baselines}
+    rows: dict[str, dict[str, Estimate]] = {row: {} for row in given}
+    for column in COLUMNS:
+        for row, one in estimates(given, column, settings, networks if pool is None else pool, baselines).items():
+            rows[row][column] = one
+    columns = SHOWN.get(name, ALL)
+    rank([rows[row] for row in networks], columns)
+    trainings, some = {row: len(scores) for row, scores in networks.items()}, next(iter(networks.values()))[0]
+    known = {row: printed(row) for row in rows if name in PRINTED and printed(row)}
+    return Table(columns, rows, trainings, len(some.figures), len(some.lights), known)
 
 
 def estimates(
-    rows: dict[str, list[Scores]],
-    column: str,
-    settings: config.Evaluate,
-    pool: dict[str, list[Scores]],
-    fixed: Iterable[str] = (),
+    rows: Rows, column: str, settings: config.Evaluate, pool: Rows, fixed: Iterable[str] = ()
 ) -> dict[str, Estimate]:
-    """Row -> mean and interval of any column of the scores, in a table or not; rows without the column are left out.
+    """Estimates one column of the scores, in a table or not.
 
-    pool: the rows that tell how much trainings spread; fixed: rows that no training is behind.
+    Args:
+        rows: that are read together.
+        column: of the scores.
+        settings: how many resamples, and their seed.
+        pool: the rows that tell how much trainings spread.
+        fixed: the rows that no training is behind.
+
+    Returns:
+        Row -> mean and interval; rows without the column are left out.
     """
-    if not rows:
-        return {}
-    spread = spread_of_trainings(pool, (column,))[column]
-    return {
-        row: estimated(trainings, column, settings, None if row in fixed else spread, i)
-        for i, (row, trainings) in enumerate(rows.items())
-        if all(column in scores.columns for scores in trainings)
-    }
+
+    def values(trainings: list[Scores]) -> np.ndarray | None:
+        """(S,F,L), where all trainings have the column."""
+        has = all(column in scores.columns for scores in trainings)
+        return np.stack([scores.columns[column] for scores in trainings]) if has else None
+
+    spread = pooled_spread([given for trainings in pool.values() if (given := values(trainings)) is not None])
+    found = {}
+    for place, (row, trainings) in enumerate(rows.items()):
+        if (given := values(trainings)) is not None:
+            own, pairs = None if row in fixed else spread, (trainings[0].figures, trainings[0].lights)
+            noise = settings.seed + place
+            found[row] = estimate(given, settings.bootstrap, settings.seed, own, pairs, noise)
+    return found
 
 
-def rank(rows: list[Row], columns: tuple[str, ...]) -> None:
-    """Marks the best network of each column and compares the others with it. The p-values of `columns` are corrected
-    together, and so are those of all other columns."""
+def rank(networks: list[dict[str, Estimate]], columns: tuple[str, ...]) -> None:
+    """Marks the best network of each column, and compares the others with it, in place.
+
+    Args:
+        networks: the estimates of each, by column.
+        columns: their p-values are corrected together (Holm), and so are those of all other columns.
+    """
     for group in (columns, tuple(column for column in COLUMNS if column not in columns)):
-        found = []
+        others, p = [], []
         for column in group:
-            cells = [row.cells[column] for row in rows if not row.baseline and column in row.cells]
+            cells = [row[column] for row in networks if column in row]
             if len(cells) < 2:
                 continue
-            best = min(cells, key=lambda cell: sign(column) * cell.estimate.mean)
+            best = min(cells, key=lambda cell: sign(column) * cell.mean)
             best.best = True
-            for cell in cells:
-                if cell is not best:
-                    cell.against = compare(cell.estimate, best.estimate)
-                    found.append(cell)
-        for cell, p in zip(found, holm([cell.against.p for cell in found])):
-            cell.p = float(p)
+            others += [cell for cell in cells if cell is not best]
+            p += [compare(cell, best).p for cell in cells if cell is not best]
+        for cell, corrected in zip(others, holm(p)):
+            cell.p = float(corrected)
 
 
 def sign(column: str) -> int:
     """1 where less is better (errors), -1 where more is (similarities)."""
     return -1 if "_ssim" in column else 1
-
-
-def split_column(column: str) -> tuple[str, str]:
-    """shading_true_light_rmse -> (shading_true_light, rmse)."""
-    reading = max((r for r in READING if column.endswith(f"_{r}")), key=len)
-    return column.removesuffix(f"_{reading}"), reading

@@ -14,10 +14,10 @@ import numpy as np
 
 from relight import config
 from relight.evaluation.evaluate import Predictor, chosen_pairs, infer, load, truth
+from relight.evaluation.labels import label
 from relight.evaluation.metrics import Inferred, Truth, light_errors, shade
 from relight.evaluation.panels import Line, Subject, View, draw, spaced
 from relight.evaluation.scores import Scores, write_scores
-from relight.evaluation.tables import LABELS
 from relight.files import UserError
 from relight.learning.data import RelitSet
 from relight.progress import progress
@@ -173,7 +173,7 @@ def transfer_plate(
                 lines[2 * i + own].views += [relit, View(error=np.linalg.norm(error, axis=-1))]
     for i, line in enumerate(lines):
         line.views.append(line.subject.picture(1 - i % 2))
-    heads = ["input", *(h for name in networks for h in (f"relit by {LABELS.get(name, name)}", "its error")), "truth"]
+    heads = ["input", *(h for name in networks for h in (f"relit by {label(name)}", "its error")), "truth"]
     words = (
         "Two figures in two lights, each relit by the light inferred from the other's picture. The spheres show the "
         "light of each picture: the true one in input and truth, the inferred one where it was relit."

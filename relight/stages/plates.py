@@ -33,9 +33,9 @@ def main(
 ) -> None:
     from relight.evaluation import panels
 
-    asked = json.loads(experiments.read_text())[experiment.name]
-    networks = {row: results / "train" / f"{trainings[0]}.safetensors" for row, trainings in asked["runs"].items()}
-    scores = [results / path for row, paths in asked["scores"].items() if row for path in paths]
+    chosen = json.loads(experiments.read_text())[experiment.name]
+    networks = {row: results / "train" / f"{trainings[0]}.safetensors" for row, trainings in chosen["runs"].items()}
+    scores = [results / path for row, paths in chosen["scores"].items() if row for path in paths]
     data = packed, lights, split, evaluate
     panels.plates(networks, *data, out)
     panels.overview(networks, *data, overview)

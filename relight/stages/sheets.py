@@ -28,11 +28,11 @@ def main(
 ) -> None:
     from relight.evaluation.charts import plot_occlusion
     from relight.evaluation.contact import clearest, contact_sheet
-    from relight.evaluation.occlusion import occlusions
+    from relight.evaluation.occlusion import measure_occlusion
     from relight.lights import read_light_set, write_contact_sheet
 
     paths = [maps / f"{name}.exr" for name in names.read_text().split()]
-    plot_occlusion(occlusions(paths, occlusion), histogram)
+    plot_occlusion(measure_occlusion(paths, occlusion), histogram)
     chosen = read_light_set(lights)
     write_contact_sheet(chosen, spheres)
     contact_sheet(paths[: evaluate.sheet], clearest(chosen.of("test").coefficients), figures)

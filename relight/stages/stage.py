@@ -35,19 +35,25 @@ FLAGS = """
 
 
 def stage(name: str, **ports: str) -> Callable:
-    """Gives a function the command line of stage `name`, as its attribute `cli`.
+    """Gives a function the command line of a stage, as its attribute `cli`.
 
     The function is called with what READS[name] lists (the dataclass of a group, the value of a single setting under
-    its last name) and with one Path per port; `ports` maps each port to the words that describe it. Where ports are
-    given lists of files, it is called with the first of each, then with the second, and so on. Errors of users
-    end the program in one line, with exit code 1.
+    its last name) and with one Path per port. Where ports are given lists of files, it is called with the first of
+    each, then with the second, and so on. A UserError ends the program in one line, with exit code 1.
+
+    Args:
+        name: of the stage.
+        ports: each file that it reads or writes, and the words that describe it.
+
+    Returns:
+        The decorator.
     """
 
     def wrap(function: Callable) -> Callable:
         def run(cfg: DictConfig) -> None:
             try:
                 call(cfg)
-            except UserError as error:  # told at once, since Hydra adds lines of its own to other exceptions
+            except UserError as error:  # here, since Hydra adds lines of its own to exceptions that reach it
                 sys.exit(f"relight {name}: {error}")
             except OmegaConfBaseException as error:
                 sys.exit(f"relight {name}: {explain(error)}")
@@ -64,11 +70,11 @@ def stage(name: str, **ports: str) -> Callable:
             if len({len(paths) for paths in given.values()}) > 1:
                 raise UserError(f"lists of files must be equally long: {', '.join(f'io.{port}' for port in ports)}")
             if STARTED_BY in os.environ:
-                print(opening(settings), flush=True)
+                print(log_header(settings), flush=True)
             for paths in zip(*given.values()):
                 function(**settings, **{port: Path(path) for port, path in zip(ports, paths)})
 
-        def told() -> str:
+        def usage() -> str:
             files = "\n".join(f"    {f'io.{port}=FILE':34s}  {what}" for port, what in ports.items())
             about = sys.modules[function.__module__].__doc__.strip()
             settings = listing(composed(), READS[name])
@@ -80,7 +86,7 @@ def stage(name: str, **ports: str) -> Callable:
                 os.environ.setdefault(variable, "1")
             end_with_snakemake()
             if {"-h", "--help"} & set(sys.argv[1:]):
-                return print(told())
+                return print(usage())
             os.environ["HYDRA_FULL_ERROR"] = "1"  # errors reach us instead of being printed with a trace
             io = make_dataclass("Files", [(port, Any, MISSING) for port in ports])
             schema = make_dataclass("StageConfig", [("io", io, field(default_factory=io))], bases=(Config,))
@@ -109,17 +115,24 @@ def listed(value: Any) -> list:
     return list(value) if OmegaConf.is_list(value) else [value]
 
 
-def opening(settings: dict) -> str:
-    """What a job's log begins with, a comment line each: time, versions, command, and the settings that it reads."""
-    found = [f"relight {__version__}", f"Python {platform.python_version()}"]
+def log_header(settings: dict[str, Any]) -> str:
+    """Describes a job at the top of its log: time, versions, command, and the settings that it reads.
+
+    Args:
+        settings: by name; dataclasses or values. Those of MLflow are left out.
+
+    Returns:
+        Comment lines.
+    """
+    packages = [f"relight {__version__}", f"Python {platform.python_version()}"]
     for package in VERSIONS:
         with suppress(PackageNotFoundError):
-            found.append(f"{package} {version(package)}")
+            packages.append(f"{package} {version(package)}")
     read = {name: asdict(part) if is_dataclass(part) else part for name, part in settings.items() if name != "track"}
-    told = [
+    lines = [
         f"{datetime.now().astimezone().isoformat(timespec='seconds')} on {platform.node()}",
-        ", ".join(found),
+        ", ".join(packages),
         shlex.join([Path(sys.executable).name, *sys.orig_argv[1:]]),
         *yaml.safe_dump(read, sort_keys=False).splitlines(),
     ]
-    return "\n".join(f"# {line}" for line in told)
+    return "\n".join(f"# {line}" for line in lines)

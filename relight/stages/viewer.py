@@ -34,8 +34,8 @@ def main(
 ) -> None:
     from relight.evaluation.evaluate import load
     from relight.evaluation.inferred import inferred_maps
+    from relight.evaluation.labels import label
     from relight.evaluation.panels import spaced
-    from relight.evaluation.tables import LABELS
     from relight.lights import read_light_set
     from relight.viewer.build import build_gallery
     from relight.viewer.figure import QUALITIES, Figure, to_json
@@ -49,7 +49,7 @@ def main(
     }
     tables = (one["runs"] for one in json.loads(experiments.read_text()).values() if "scores" in one)
     networks = {
-        LABELS.get(row, row): load(results / "train" / f"{runs[0]}.safetensors", packed, lights, evaluate)
+        label(row): load(results / "train" / f"{runs[0]}.safetensors", packed, lights, evaluate)
         for row, runs in next(tables, {}).items()
     }
     first = int((lit.split == "test").argmax())
@@ -57,8 +57,8 @@ def main(
     def sources(true: Figure) -> list[Figure]:
         """A figure with its true maps, and with those that each network infers from it in the first test light."""
         inferred = (
-            Figure(true.title, inferred_maps(network, data, first, true.maps), source=label)
-            for label, (network, data) in networks.items()
+            Figure(true.title, inferred_maps(network, data, first, true.maps), source=name)
+            for name, (network, data) in networks.items()
         )
         return [Figure(true.title, true.maps, source="truth"), *inferred]
 

@@ -1,4 +1,5 @@
 import numpy as np
+import pandas as pd
 import pytest
 from PIL import Image
 
@@ -6,7 +7,15 @@ from relight.config import Evaluate
 from relight.evaluation.canvas import ball, box_of, cut_out, fitted, font, heat, transport_bands
 from relight.evaluation.charts import plot_curves, plot_errors, plot_occlusion
 from relight.evaluation.contact import clearest, contact_sheet, views
-from relight.evaluation.occlusion import UNKNOWN, Occlusion, by_garment, by_pose, occlusion, occlusions, read_occlusions
+from relight.evaluation.occlusion import COLUMNS as OCCLUSION
+from relight.evaluation.occlusion import (
+    HISTOGRAM,
+    UNKNOWN,
+    group_occlusion,
+    measure_occlusion,
+    occlusion,
+    read_occlusion,
+)
 from relight.evaluation.panels import COLUMNS, extremes, overview, plates
 from relight.evaluation.scores import Scores, write_scores
 from relight.evaluation.tables import MAPS, experiment_table
@@ -22,41 +31,43 @@ def test_occlusion_has_the_worlds_closed_form(world, tmp_path):
     found = occlusion(maps)
     ao = maps.ao[maps.mask]
     norm = np.linalg.norm(unoccluded(maps.normal[maps.mask]), axis=1)
-    assert found.lost == pytest.approx(np.sqrt((((1 - ao) * norm) ** 2).mean()), rel=2e-3)
-    assert (found.ao, found.dark) == pytest.approx((ao.mean(), (ao < 0.5).mean()))
-    np.testing.assert_allclose(found.histogram, np.histogram(ao, 20, (0, 1))[0] / len(ao))
-    assert found.histogram[:10].sum() == pytest.approx(found.dark, abs=2 / len(ao))
+    assert found["lost"] == pytest.approx(np.sqrt((((1 - ao) * norm) ** 2).mean()), rel=2e-3)
+    assert (found["ao"], found["dark"]) == pytest.approx((ao.mean(), (ao < 0.5).mean()))
+    shares = [found[name] for name in HISTOGRAM]
+    np.testing.assert_allclose(shares, np.histogram(ao, 20, (0, 1))[0] / len(ao))
+    assert sum(shares[:10]) == pytest.approx(found["dark"], abs=2 / len(ao))
 
 
 def test_occlusion_is_a_table_of_all_that_were_not_left_out(world, tmp_path):
     write_left_out(tmp_path / "broken.exr", {"name": "broken"}, "it is a plane")
-    made = occlusions([*world.maps, tmp_path / "broken.exr"], tmp_path / "occlusion.csv")
-    assert [one.name for one in made] == [path.stem for path in world.maps]
-    assert {one.pose for one in made} == {UNKNOWN} and all(one.garments == [UNKNOWN] for one in made)
-    for one, read in zip(made, read_occlusions(tmp_path / "occlusion.csv"), strict=True):
-        assert (read.name, read.pose, read.garments, read.pixels) == (one.name, one.pose, one.garments, one.pixels)
-        assert (read.ao, read.dark, read.lost) == pytest.approx((one.ao, one.dark, one.lost), abs=1e-5)
-        np.testing.assert_allclose(read.histogram, one.histogram, atol=1e-5)
+    made = measure_occlusion([*world.maps, tmp_path / "broken.exr"], tmp_path / "occlusion.csv")
+    assert list(made.name) == [path.stem for path in world.maps]
+    assert set(made.pose) == set(made.garments) == {UNKNOWN} and (made.pixels > 0).all()
+    pd.testing.assert_frame_equal(read_occlusion(tmp_path / "occlusion.csv"), made, check_dtype=False, atol=1e-5, rtol=0)
     (tmp_path / "other.csv").write_text("name,pixels\na,1\n")
     with pytest.raises(UserError, match="not a table of occlusion"):
-        read_occlusions(tmp_path / "other.csv")
+        read_occlusion(tmp_path / "other.csv")
 
 
-def a_figure(name, pose, garments, ao):
-    return Occlusion(name, pose, garments, 100, ao, 1 - ao, 2 * (1 - ao), np.full(20, 0.05))
+def figures(*rows):
+    """A table of figures from name, pose, garments and AO."""
+    found = [[*row, 100, ao, 1 - ao, 2 * (1 - ao), *np.full(20, 0.05)] for *row, ao in rows]
+    return pd.DataFrame(found, columns=OCCLUSION)
 
 
 def test_occlusion_is_grouped_by_pose_and_by_garment():
-    found = [
-        a_figure("a", "sitting", ["jeans", "shirt"], 0.7),
-        a_figure("b", "walking", ["jeans", "jeans"], 0.9),
-        a_figure("c", "walking", ["hooded coat"], 0.8),
-    ]
-    sitting, walking = by_pose(found)
-    assert (sitting.name, sitting.figures, sitting.ao) == ("sitting", 1, 0.7)
-    assert (walking.figures, walking.least, walking.most) == (2, 0.8, 0.9)
-    assert (walking.ao, walking.dark, walking.lost) == pytest.approx((0.85, 0.15, 0.3))
-    counts = {one.name: (one.figures, round(one.ao, 6)) for one in by_garment(found)}
+    table = figures(
+        ("a", "sitting", "jeans; shirt", 0.7),
+        ("b", "walking", "jeans; jeans", 0.9),
+        ("c", "walking", "hooded coat", 0.8),
+    )
+    found = group_occlusion(table, "pose")
+    assert list(found.index) == ["sitting", "walking"] and list(found.figures) == [1, 2]
+    assert found.loc["sitting", "ao"] == 0.7
+    walking = found.loc["walking", ["least", "most", "ao", "dark", "lost"]].tolist()
+    assert walking == pytest.approx([0.8, 0.9, 0.85, 0.15, 0.3])
+    assert group_occlusion(table, "all").loc["all figures", ["figures", "ao"]].tolist() == pytest.approx([3, 0.8])
+    counts = {one.Index: (one.figures, round(one.ao, 6)) for one in group_occlusion(table, "garment").itertuples()}
     assert counts == {"shirt": (1, 0.7), "jeans": (2, 0.8), "hooded coat": (1, 0.8)}
     assert list(counts) == ["shirt", "hooded coat", "jeans"]  # darkest first, then by name
 
@@ -193,9 +204,9 @@ def test_charts_are_made_and_are_the_same_again(tmp_path):
 
 
 def test_occlusion_is_charted_beside_what_the_paper_implies(tmp_path):
-    found = [a_figure("a", "sitting", [], 0.7), a_figure("b", "walking", [], 0.9)]
+    found = figures(("a", "sitting", "", 0.7), ("b", "walking", "", 0.9))
     for name in ("a.svg", "b.svg"):
         plot_occlusion(found, tmp_path / name)
     assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
     with pytest.raises(UserError, match="no figures"):
-        plot_occlusion([], tmp_path / "none.svg")
+        plot_occlusion(found[:0], tmp_path / "none.svg")

@@ -5,13 +5,16 @@ from collections import Counter
 from pathlib import Path
 from typing import Any
 
-from relight.evaluation import charts, occlusion
+import pandas as pd
+
+from relight.evaluation import charts
 from relight.evaluation.diagram import draw_network
 from relight.evaluation.formats import Grid, number
+from relight.evaluation.labels import label
+from relight.evaluation.occlusion import SEPARATOR, group_occlusion, read_occlusion
 from relight.evaluation.paper import IMPLIED_AO, IMPLIED_LOST
 from relight.evaluation.report.provenance import costs
 from relight.evaluation.report.results import Results
-from relight.evaluation.tables import LABELS
 from relight.learning.checkpoint import load_network
 
 Numbers = dict[str, Any]
@@ -38,7 +41,7 @@ def networks(results: Results, name: str) -> list[tuple[str, Path]]:
         if file.exists():
             network, _ = load_network(file)
             weights = sum(weight.numel() for weight in network.parameters())
-            words = ", ".join(LABELS.get(row, row) for row in own)
+            words = ", ".join(map(label, own))
             out = results.report / f"network_{own[0]}.png"
             draw_network(network, f"{words}: {weights / 1e6:.2g} million weights, {network.size} px", out)
             found.append((words, out))
@@ -48,39 +51,40 @@ def networks(results: Results, name: str) -> list[tuple[str, Path]]:
 def figures(results: Results) -> Numbers:
     """The figures, how much they shadow themselves, what was repaired, and what was left out and why."""
     infos, left_out = results.record["figures"], results.record["left_out"]
-    found = occlusion.read_occlusions(results.report / "occlusion.csv")
-    every = occlusion.group(found, "all figures")
+    table = read_occlusion(results.report / "occlusion.csv")
     repairs = [
         [name, ", ".join(f"{what} {many}" for what, many in info["repairs"].items())]
         for name, info in infos.items()
         if info.get("repairs")
     ]
-    each = [[one.name, one.pose, ", ".join(one.garments), one.ao, one.dark, one.lost] for one in found]
+    each = table.assign(garments=table.garments.str.replace(SEPARATOR, ", ", regex=False))
+    each = each[["name", "pose", "garments", "ao", "dark", "lost"]].to_numpy(object).tolist()
     return {
         "infos": infos,
         "left_out": pairs(["left out", "reason"], left_out),
         "shown": min(len(infos), results.settings.sheet),
         "sheet": results.report / "figures.png",
         "histogram": results.report / "occlusion.png",
-        "every": every,
+        "every": group_occlusion(table, "all").iloc[0],
         "implied": (IMPLIED_AO, IMPLIED_LOST),
-        "by_pose": group_grid("pose", occlusion.by_pose(found), every),
-        "by_garment": group_grid("garment", occlusion.by_garment(found), every),
+        "by_pose": group_grid(table, "pose"),
+        "by_garment": group_grid(table, "garment"),
         "each": Grid.of(["figure", "pose", "garments", "mean AO", "AO < .5", "rms lost"], each),
         "repairs": Grid.of(["figure", "repairs"], repairs),
         **redraws(infos),
     }
 
 
-def group_grid(head: str, groups: list[occlusion.Group], every: occlusion.Group) -> Grid:
-    """Groups, darkest first, with all figures and the paper at the end."""
+def group_grid(table: pd.DataFrame, by: str) -> Grid:
+    """Groups of figures by their occlusion, darkest first, with all figures and the paper at the end."""
+    groups = pd.concat([group_occlusion(table, by), group_occlusion(table, "all")])
     rows = [
-        [one.name, one.figures, one.ao, f"{number(one.least, 2)} to {number(one.most, 2)}", one.dark, one.lost]
-        for one in [*groups, every]
+        [one.Index, one.figures, one.ao, f"{number(one.least, 2)} to {number(one.most, 2)}", one.dark, one.lost]
+        for one in groups.itertuples()
     ]
     rows.append(["the paper, implied", None, IMPLIED_AO, None, None, IMPLIED_LOST])
-    heads = [head, "figures", "mean AO", "range", "AO < .5", "rms lost"]
-    return Grid.of(heads, rows, ["network"] * len(groups) + ["baseline"] * 2)
+    heads = [by, "figures", "mean AO", "range", "AO < .5", "rms lost"]
+    return Grid.of(heads, rows, ["network"] * (len(groups) - 1) + ["baseline"] * 2)
 
 
 def redraws(infos: dict[str, dict]) -> Numbers:

@@ -6,13 +6,14 @@ from typing import Any
 import pandas as pd
 
 from relight.evaluation import path_traced, timing, transfer
-from relight.evaluation.comparisons import Verdict, compared, correct
+from relight.evaluation.comparisons import Verdict, compare_estimates, correct
 from relight.evaluation.formats import Grid, comparison_grid, count, write_tables
+from relight.evaluation.labels import label
 from relight.evaluation.paper import SECONDS
 from relight.evaluation.report.page import text
 from relight.evaluation.report.results import Results
 from relight.evaluation.scores import gather
-from relight.evaluation.tables import LABELS, estimates
+from relight.evaluation.tables import estimates
 
 Numbers = dict[str, Any]
 PARTS = ("colour", "pattern")  # of a light, which light transfer exchanges one by one
@@ -27,17 +28,20 @@ def light_transfer(results: Results, name: str) -> Numbers:
     lines, kinds, comparisons, costly, worse = [], [], {}, {}, {}
     relit = found["reconstruction_rmse"]
     for row in networks:
-        label = LABELS.get(row, row)
         for variant, words in transfer.VARIANTS.items():
             own = f"{row}:{variant}" if variant else row
-            lines.append([f"{label}: {words}", *(found[column][own] for column in heads)])
+            lines.append([f"{label(row)}: {words}", *(found[column][own] for column in heads)])
             kinds.append("baseline" if variant else "network")
         others = {"the picture as it is": "as_it_is", "its own maps under the mean light": f"{row}:mean_light"}
         for words, other in others.items():
-            comparisons[f"{label} against {words}"] = {"": compared("reconstruction_rmse", relit[row], relit[other])}
-        parts = compared("reconstruction_rmse", relit[f"{row}:true_light"], relit[f"{row}:true_maps"])
+            comparisons[f"{label(row)} against {words}"] = {
+                "": compare_estimates("reconstruction_rmse", relit[row], relit[other])
+            }
+        parts = compare_estimates("reconstruction_rmse", relit[f"{row}:true_light"], relit[f"{row}:true_maps"])
         costly[row] = {Verdict.WORSE: "maps", Verdict.BETTER: "light"}.get(parts.verdict)
-        true = {part: compared("reconstruction_rmse", relit[f"{row}:true_{part}"], relit[row]) for part in PARTS}
+        true = {
+            part: compare_estimates("reconstruction_rmse", relit[f"{row}:true_{part}"], relit[row]) for part in PARTS
+        }
         worse[row] = [part for part, one in true.items() if one.verdict is Verdict.WORSE]
     for trivial, words in transfer.TRIVIAL.items():
         lines.append([words, *(found[column][trivial] for column in heads)])
@@ -82,7 +86,7 @@ def inference_time(results: Results, name: str) -> Numbers:
     times["on"] = ["a GPU" if one.device == "cuda" else count(one.threads, "thread") for one in times.itertuples()]
     rows = [
         [
-            LABELS.get(one.row, one.row),
+            label(one.row),
             f"{one.width:g}",
             f"{one.parameters / 1e6:.1f} M",
             one.size,
@@ -109,9 +113,7 @@ def written(results: Results, name: str, grids: dict[str, Grid], made: Numbers) 
     """The numbers of an experiment with stages of its own, after its tables are written beside the report."""
     one = results.experiments[name]
     for stem, grid in grids.items():
-        write_tables(
-            results.report / stem, results.title(name), text(f"notes/{name}.md", **made), grid.statistics(), grid
-        )
+        write_tables(results.report / stem, results.title(name), text(f"notes/{name}.md", **made), grid)
     return {"name": name, "experiment": one, **made}
 
 

@@ -13,7 +13,8 @@ from PIL import Image
 
 from relight.evaluation import formats
 from relight.evaluation.comparisons import MARGIN, Verdict
-from relight.evaluation.tables import ALPHA, LABELS
+from relight.evaluation.labels import column_label, label
+from relight.evaluation.statistics import ALPHA
 from relight.files import UserError, existing_file
 from relight.progress import duration
 
@@ -34,8 +35,8 @@ def environment() -> Environment:
     made.filters |= {
         "number": formats.number,
         "count": formats.count,
-        "column": formats.column_name,
-        "label": lambda row: LABELS.get(row, row),
+        "column": column_label,
+        "label": label,
         "duration": duration,
     }
     made.globals |= {"table": table, "picture": picture, "ALPHA": ALPHA, "MARGIN": MARGIN, "Verdict": Verdict}
@@ -60,7 +61,7 @@ def page(template: str, **context) -> str:
 def table(grid: formats.Grid, caption: str = "") -> Markup:
     """A grid as HTML, by blocks of columns, without blank lines: it may stand in Markdown."""
     parts = []
-    for block in formats.blocks(grid):
+    for block in grid.blocks():
         texts = block.texts(formats.HTML)
         rows = [(label, kind, cells) for (label, *cells), kind in zip(texts.itertuples(name=None), block.kinds)]
         parts.append(page("table.html", corner=texts.index.name, heads=texts.columns, rows=rows, caption=caption))

@@ -11,10 +11,9 @@ import numpy as np
 import yaml
 
 from relight import config
-from relight.evaluation.scores import Scores, gather
+from relight.evaluation.scores import gather
 from relight.evaluation.statistics import Estimate
-from relight.evaluation.tables import ALL as ALL_COLUMNS
-from relight.evaluation.tables import SHOWN, Table, estimates, experiment_table
+from relight.evaluation.tables import ALL, SHOWN, Rows, Table, estimates, experiment_table
 from relight.files import UserError, existing_file
 
 
@@ -28,7 +27,7 @@ class Results:
         self.folder, self.settings = folder, settings
         self.experiments: dict[str, dict[str, Any]] = json.loads(experiments.read_text())
         self._tables: dict[tuple[str, bool], Table] = {}
-        self._scores: dict[tuple[str, ...], dict[str, list[Scores]]] = {}
+        self._scores: dict[tuple[str, ...], Rows] = {}
 
     @property
     def report(self) -> Path:
@@ -78,13 +77,13 @@ class Results:
         one = self.experiments[name]
         return one["figures"] == one["lights"] == "test"
 
-    def scores(self, name: str, usual: bool = False) -> dict[str, list[Scores]]:
+    def scores(self, name: str, usual: bool = False) -> Rows:
         """Scores by row, one per training; {} where there was nothing to score."""
         files = self._files(name, usual)
         found = self._gather(path for row, paths in files.items() if row for path in paths)
         return {row: found[row] for row in files if row in found}
 
-    def baselines(self, name: str, usual: bool = False) -> dict[str, list[Scores]]:
+    def baselines(self, name: str, usual: bool = False) -> Rows:
         return self._gather(self._files(name, usual)[""])
 
     def table(self, name: str, usual: bool = False) -> Table:
@@ -96,7 +95,7 @@ class Results:
     def _table(self, name: str, usual: bool) -> Table:
         rows, pool = self.scores(name, usual), {}
         if not rows:
-            return Table(SHOWN.get(name, ALL_COLUMNS))
+            return Table(SHOWN.get(name, ALL))
         for other in dict.fromkeys([name, *self.readable]):
             for condition in (False, True):
                 if self._files(other, condition)[""] == self._files(name, usual)[""]:
@@ -136,7 +135,7 @@ class Results:
             found[path.stem] = config.flat({key: v for key, v in settings.items() if key not in ("defaults", "hydra")})
         return found
 
-    def _gather(self, paths: Iterable[str]) -> dict[str, list[Scores]]:
+    def _gather(self, paths: Iterable[str]) -> Rows:
         files = tuple(paths)
         if files not in self._scores:
             self._scores[files] = gather([self.folder / path for path in files])

@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from relight.evaluation import charts, occlusion
+from relight.evaluation import charts
 from relight.evaluation.comparisons import (
     Comparison,
     Ordering,
     Verdict,
+    compare_estimates,
     compare_rows,
-    compared,
     correct,
     orderings,
 )
@@ -23,7 +23,6 @@ from relight.evaluation.formats import (
     SIGNS,
     Grid,
     bound,
-    column_name,
     comparison_grid,
     effect,
     number,
@@ -33,13 +32,14 @@ from relight.evaluation.formats import (
     score_grid,
     write_tables,
 )
+from relight.evaluation.labels import column_label, label
+from relight.evaluation.occlusion import read_occlusion
 from relight.evaluation.paper import ARGUMENTS
 from relight.evaluation.report.page import text
 from relight.evaluation.report.results import Results
-from relight.evaluation.tables import LABELS, Row, Table
+from relight.evaluation.tables import Table
 
-MAPS = ("shading_rmse", "transport_rmse", "albedo_rmse")
-ERRORS = (*MAPS, "light_rmse")
+ERRORS = ("shading_rmse", "transport_rmse", "albedo_rmse", "light_rmse")
 PARTS = ("shading_rmse", "shading_true_light_rmse", "transport_rmse", "light_rmse", "albedo_rmse")
 AXES = {"train.figures": "number of training figures", "model.width": "width", "model.order": "order"}
 SMALL = " †"  # marks differences that the paper prints and that are under MARGIN
@@ -52,10 +52,19 @@ HERE = {  # what became of an ordering of the paper
 QUARTERS = 8  # test figures that a division into quarters needs
 LEADS = (("ours_full", "sfsnet_ao"), ("ours_min", "sfsnet_ao"), ("ours_full", "sfsnet"))  # compared in each quarter
 Numbers = dict[str, Any]
+Found = dict[str, dict[str, Comparison]]  # what is compared -> column -> comparison
 
 
 def experiment(results: Results, name: str) -> Numbers:
-    """What the section of any table of trainings shows, and what its own words need."""
+    """Collects what the section of any table of trainings shows, and what its own words need.
+
+    Args:
+        results: of the run.
+        name: of the experiment.
+
+    Returns:
+        What templates/sections/experiment.md takes, and what the template of the experiment takes beside it.
+    """
     table, one = results.table(name), results.experiments[name]
     made = {"name": name, "experiment": one, "scored": table, "grid": None, "plot": None, "plates": []}
     if not table.rows:
@@ -65,228 +74,214 @@ def experiment(results: Results, name: str) -> Numbers:
     if one["axis"]:
         made["plot"] = results.report / f"{name}.png"
         errors = tuple(column for column in table.columns if column.endswith("rmse"))
-        baselines = [row for row in table.rows if row.baseline]
-        charts.plot_axis(points(results, name), baselines, errors, AXES.get(one["axis"], one["axis"]), made["plot"])
+        axis = AXES.get(one["axis"], one["axis"])
+        charts.plot_axis(points(results, name), table, errors, axis, made["plot"])
     if one["plates"]:
         made["plates"] = [results.report / f"{name}_{kind}.png" for kind in ("plates", "extremes")]
-    return made | EXPERIMENTS.get(name, lambda *_: {})(results, name)
+    return made | EXPERIMENTS.get(name, lambda *_: {})(results, name, table)
 
 
 def write_score_table(table: Table, title: str, stem: Path) -> None:
-    """The table as stem.csv (every column), stem.md and stem.tex."""
+    """Writes a table as stem.csv (every column), stem.md and stem.tex."""
     note = text("note.md", scored=table)
-    if not table.rows:
-        empty = Grid.of(["row", "nothing to compare"], [])
-        return write_tables(stem, title, note, table.statistics(), empty)
-    others = score_grid(table, other_columns(table)).blocks()
-    write_tables(stem, title, note, table.statistics(), score_grid(table, table.columns), others)
+    if table.rows:
+        shown, others = score_grid(table, table.columns), score_grid(table, other_columns(table))
+    else:
+        shown, others = Grid.of(["row", "nothing to compare"], []), None
+    write_tables(stem, title, note, shown, table.statistics(), others)
 
 
-def table1(results: Results, name: str) -> Numbers:
-    """Transport beside what needs no picture, and Ours (min) beside the network with AO and the same losses."""
-    table = results.table(name)
-    own, trivial = [row for row in table.networks if "transport_rmse" in row.cells], table.row("mean_figure")
+def compare_pairs(table: Table, pairs: dict[tuple[str, str], str], columns: tuple[str, ...]) -> Found:
+    """Compares pairs of rows.
+
+    Args:
+        table: holds the rows.
+        pairs: (first, second) -> what the comparison tells.
+        columns: to be compared.
+
+    Returns:
+        The comparisons of the pairs that the table has.
+    """
     found = {
-        f"{row.label} against the mean figure": compare_rows(row, trivial, ("transport_rmse",))
-        for row in own
-        if trivial
+        f"{label(first)} against {label(second)}: {tells}": compare_rows(table, first, second, columns)
+        for (first, second), tells in pairs.items()
     }
-    equal = [table.row("ours_min"), table.row("sfsnet_ao")]
-    if all(equal):
-        found["Ours (min) against SfSNet-AO, with equal losses"] = compare_rows(*equal, ERRORS)
+    return {words: ones for words, ones in found.items() if ones}
+
+
+def table1(results: Results, name: str, table: Table) -> Numbers:
+    """Transport beside what needs no picture, and Ours (min) beside the network with AO and the same losses."""
+    found = compare_pairs(table, {(row, "mean_figure"): "transport" for row in table.networks}, ("transport_rmse",))
+    found |= compare_pairs(table, {("ours_min", "sfsnet_ao"): "with equal losses"}, ERRORS)
     return {"comparisons": comparison_grid(found)}
 
 
-def pairs_of(table: Table, wanted: dict[tuple[str, str], str], columns: tuple[str, ...]) -> Numbers:
-    """Comparisons of those pairs of rows that a table has, with what each of them tells."""
-    found = {
-        f"{LABELS[a]} against {LABELS[b]}: {tells}": compare_rows(table.row(a), table.row(b), columns)
-        for (a, b), tells in wanted.items()
-        if table.row(a) and table.row(b)
-    }
-    return {"comparisons": comparison_grid(found), "found": found}
-
-
-def equal_losses(results: Results, name: str) -> Numbers:
+def equal_losses(results: Results, name: str, table: Table) -> Numbers:
     """What is inferred with equal losses, and the losses with what is inferred being equal.
 
-    parts: of the lead of Ours (full) over SfSNet-AO in shading, relative to SfSNet-AO, the part of the losses (the mean
-    of both ways) and that of what is inferred; None where not all four are trained.
+    `parts`: of the lead of Ours (full) over SfSNet-AO in shading, relative to SfSNet-AO, the part of the losses (the
+    mean of both ways) and that of what is inferred; None where not all four are trained.
     """
-    table = results.table(name)
-    wanted = {
+    pairs = {
         ("ours_min", "sfsnet_ao"): "what is inferred, four losses",
         ("ours_full", "sfsnet_ao_full"): "what is inferred, fifteen losses",
         ("sfsnet_ao_full", "sfsnet_ao"): "the losses, ambient occlusion",
         ("ours_full", "ours_min"): "the losses, transport",
         ("ours_full", "sfsnet_ao"): "both, as in Table 1",
     }
-    parts = None
-    if all(table.row(row) for pair in wanted for row in pair):
-        ao, ao_full, least, full = (
-            mean(table.row(row), "shading_rmse") for row in ("sfsnet_ao", "sfsnet_ao_full", "ours_min", "ours_full")
-        )
+    rows, parts = ("sfsnet_ao", "sfsnet_ao_full", "ours_min", "ours_full"), None
+    if all(row in table.rows for row in rows):
+        ao, ao_full, least, full = (table.rows[row]["shading_rmse"].mean for row in rows)
         parts = {"inferred": (ao - least + ao_full - full) / 2 / ao, "losses": (ao - ao_full + least - full) / 2 / ao}
-    return {"parts": parts, **pairs_of(table, wanted, ERRORS)}
+    return {"parts": parts, "comparisons": comparison_grid(compare_pairs(table, pairs, ERRORS))}
 
 
-def plus_parts(results: Results, name: str) -> Numbers:
-    """Ours plus against itself without each of its parts; costly: the parts that some error gets worse without."""
-    table = results.table(name)
-    without = [row.name for row in table.networks if row.name not in ("ours_plus", "ours_full")]
-    made = pairs_of(table, {("ours_plus", row): "the part is worth" for row in [*without, "ours_full"]}, ERRORS)
-    costly = [
-        LABELS[row]
-        for row, found in zip(without, made["found"].values())
-        if any(one.verdict is Verdict.BETTER for one in found.values())
-    ]
-    return {**made, "costly": costly, "without": len(without)}
+def plus_parts(results: Results, name: str, table: Table) -> Numbers:
+    """Ours plus against itself without each of its parts; `costly`: the parts that some error gets worse without."""
+    without = [row for row in table.networks if row not in ("ours_plus", "ours_full")]
+    pairs = {("ours_plus", row): "the part is worth" for row in [*without, "ours_full"]}
+    costly = [label(row) for row in without if better(compare_rows(table, "ours_plus", row, ERRORS))]
+    grid = comparison_grid(compare_pairs(table, pairs, ERRORS))
+    return {"comparisons": grid, "costly": costly, "without": len(without)}
 
 
-def relit(results: Results, name: str) -> Numbers:
+def relit(results: Results, name: str, table: Table) -> Numbers:
     """Relit pictures beside the picture as it is, and what occlusion is worth in them."""
-    table, columns = results.table(name), ("relit_rmse", "relit_ssim")
-    wanted = {(row.name, "as_it_is"): "relighting" for row in table.networks}
-    wanted |= {pair: "in relit pictures" for pair in LEADS}
-    made = pairs_of(table, wanted, columns)
+    columns = ("relit_rmse", "relit_ssim")
+    pairs = {(row, "as_it_is"): "relighting" for row in table.networks} | dict.fromkeys(LEADS, "in relit pictures")
     worth = [
-        row.label
-        for row in table.networks
-        if table.row("as_it_is")
-        and compare_rows(row, table.row("as_it_is"), columns)["relit_rmse"].verdict is Verdict.BETTER
+        label(row) for row in table.networks if "relit_rmse" in better(compare_rows(table, row, "as_it_is", columns))
     ]
-    return {**made, "worth": worth}
+    return {"comparisons": comparison_grid(compare_pairs(table, pairs, columns)), "worth": worth}
 
 
-def baked(results: Results, name: str) -> Numbers:
+def baked(results: Results, name: str, table: Table) -> Numbers:
     """The orders of the methods that the paper argues with, on these figures."""
-    wanted = {(a, b): tells for a, b, tells in ARGUMENTS}
-    return pairs_of(results.table(name), wanted, ERRORS)
+    pairs = {(first, second): tells for first, second, tells in ARGUMENTS}
+    return {"comparisons": comparison_grid(compare_pairs(table, pairs, ERRORS))}
 
 
-def sitting(results: Results, name: str) -> Numbers:
+def sitting(results: Results, name: str, table: Table) -> Numbers:
     """Sitting against standing test figures, and against what looks at no picture."""
-    table, standing = results.table(name), results.table(name, usual=True)
+    standing, first = results.table(name, usual=True), table.networks[0]
     found = {
-        f"{row.label}, sitting against standing": compare_rows(row, standing.row(row.name), ERRORS)
+        f"{label(row)}, sitting against standing": compare_rows(table, row, row, ERRORS, standing)
         for row in table.networks
     }
-    first = table.networks[0]
-    trivial = compare_rows(first, table.row("mean_figure"), MAPS)
-    grid = comparison_grid({**found, f"{first.label} against the mean figure": trivial})
-    return {"standing": standing.figures, "comparisons": grid, "first": first, "trivial": won(trivial)}
-
-
-def unusual_lights(results: Results, name: str) -> Numbers:
-    """Unusual against usual lights; the light beside a training light; richer training lights."""
-    table, usual = results.table(name), results.table(name, usual=True)
-    first, nearest = table.networks[0], table.row("nearest_light")
-    against = compare_rows(first, usual.row(first.name), ERRORS)
-    found = compare_rows(first, nearest, ("light_rmse",))
-    rows = {
-        f"{first.label}, unusual against usual lights": against,
-        f"{first.label} against the nearest training light": found,
+    trivial = compare_rows(table, first, "mean_figure", ERRORS[:3])  # its light is the mean one of any figure
+    grid = comparison_grid({**found, f"{label(first)} against the mean figure": trivial})
+    return {
+        "standing": standing.figures,
+        "comparisons": grid,
+        "first": first,
+        "trivial": len(better(trivial)),
     }
-    if rich := table.row("ours_rich"):
-        rows[f"{rich.label} against {first.label}, unusual lights"] = compare_rows(rich, first, ERRORS)
-        rows[f"{rich.label} against {first.label}, usual lights"] = compare_rows(
-            usual.row(rich.name), usual.row(first.name), ERRORS
-        )
+
+
+def unusual_lights(results: Results, name: str, table: Table) -> Numbers:
+    """Unusual against usual lights; the light beside a training light; richer training lights."""
+    usual, first, rich = results.table(name, usual=True), table.networks[0], "ours_rich"
+    against = compare_rows(table, first, first, ERRORS, usual)
+    nearest = compare_rows(table, first, "nearest_light", ("light_rmse",))
+    found = {
+        f"{label(first)}, unusual against usual lights": against,
+        f"{label(first)} against the nearest training light": nearest,
+    }
+    if rich in table.rows:
+        for one, lights in ((table, "unusual"), (usual, "usual")):
+            found[f"{label(rich)} against {label(first)}, {lights} lights"] = compare_rows(one, rich, first, ERRORS)
+    shares = {
+        row: [one.rows[row]["light_rmse"].mean / one.rows["mean_light"]["light_rmse"].mean for one in (table, usual)]
+        for row in table.networks
+    }
     return {
         "first": first,
         "usual": usual.lights,
         "fails": {column: one.verdict is Verdict.WORSE for column, one in against.items()},
-        "nearest": found["light_rmse"].verdict,
-        "share": [share_of_mean(one, first.name) for one in (table, usual)],
+        "nearest": nearest["light_rmse"].verdict,
+        "share": shares[first],
         "shares": Grid.of(
             ["light error over that of the mean training light", "unusual lights", "usual lights"],
-            [[row.label, *(share_of_mean(one, row.name) for one in (table, usual))] for row in table.networks],
+            [[label(row), *two] for row, two in shares.items()],
             **{"unusual lights": 2, "usual lights": 2},
         ),
-        "comparisons": comparison_grid(rows),
+        "comparisons": comparison_grid(found),
     }
 
 
-def share_of_mean(table: Table, name: str) -> float:
-    """The light error of a row over that of the mean training light on the same pictures."""
-    return mean(table.row(name), "light_rmse") / mean(table.row("mean_light"), "light_rmse")
-
-
-def silhouette(results: Results, name: str) -> Numbers:
+def silhouette(results: Results, name: str, table: Table) -> Numbers:
     """How far the mask alone goes from the mean figure toward what the picture tells."""
-    table, columns = results.table(name), ("transport_rmse", "shading_true_light_rmse")
-    mask, image = table.row("silhouette"), table.row("transport_only")
-    others = [table.row("mean_figure"), table.row("no_occlusion"), image]
-    found = {f"{mask.label} against {row.label}": compare_rows(mask, row, columns) for row in others if mask and row}
-    tells = bool(mask) and compare_rows(mask, others[0], columns)["transport_rmse"].verdict is Verdict.BETTER
+    columns, rows = ("transport_rmse", "shading_true_light_rmse"), ("mean_figure", "silhouette", "transport_only")
+    others = ("mean_figure", "no_occlusion", "transport_only")
+    found = {
+        f"{label('silhouette')} against {label(row)}": compare_rows(table, "silhouette", row, columns) for row in others
+    }
     part = None
-    if mask and image and won(compare_rows(image, others[0], ("transport_rmse",))):
-        low, middle, high = (mean(row, "transport_rmse") for row in (others[0], mask, image))
+    if all(row in table.rows for row in rows) and better(
+        compare_rows(table, "transport_only", "mean_figure", ("transport_rmse",))
+    ):
+        low, middle, high = (table.rows[row]["transport_rmse"].mean for row in rows)
         part = (low - middle) / (low - high)
+    tells = "transport_rmse" in better(compare_rows(table, "silhouette", "mean_figure", columns))
     return {"comparisons": comparison_grid(found), "tells": tells, "part": part}
 
 
-def self_supervised(results: Results, name: str) -> Numbers:
+def self_supervised(results: Results, name: str, table: Table) -> Numbers:
     """Whether fine-tuning on pictures without truth bleaches the shading and makes the albedo the picture.
 
     `collapsed`: row -> how many of the two signs are there, tested together (Holm).
     """
-    table = results.table(name)
     base, *tuned = table.networks
     contrast, share = (results.estimates(name, column) for column in ("shading_contrast", "albedo_share"))
     true = share["nearest_light"].mean  # the baseline is given the true albedo
     collapsed, found = {}, {}
     for row in tuned:
-        flat, grown = signs = [compared(c, e[row.name], e[base.name]) for c, e in zip("cs", (contrast, share))]
-        correct(signs)
-        flatter = sure(flat) and flat.difference.mean < 0 and flat.first < 1
-        fuller = sure(grown) and grown.difference.mean > 0 and grown.first > true
-        collapsed[row.name] = flatter + fuller
-        found[f"{row.label} against {base.label}"] = compare_rows(row, base, PARTS)
-    rows = [[row.label, contrast[row.name], share[row.name]] for row in table.networks]
+        flat, full = correct([compare_estimates("", one[row], one[base]) for one in (contrast, share)])
+        flatter = flat.verdict.sure and flat.difference.mean < 0 and flat.first < 1
+        fuller = full.verdict.sure and full.difference.mean > 0 and full.first > true
+        collapsed[row] = flatter + fuller
+        found[f"{label(row)} against {label(base)}"] = compare_rows(table, row, base, PARTS)
+    rows = [[label(row), contrast[row], share[row]] for row in table.networks]
     rows.append(["truth", 1.0, true])
     signs = Grid.of(["", "contrast of the shading", "share explained by the albedo"], rows)
     return {"signs": signs, "collapsed": collapsed, "comparisons": comparison_grid(found)}
 
 
-def splits(results: Results, name: str) -> Numbers:
+def splits(results: Results, name: str, table: Table) -> Numbers:
     """What it is worth to have seen the person of the test in training."""
-    table = results.table(name)
-    seen, unseen = table.row("ours_siblings"), table.row("ours_disjoint")
-    found = compare_rows(seen, unseen, PARTS) if seen and unseen else {}
-    return {
-        "comparisons": comparison_grid({"person seen against not seen": found}),
-        "flattered": won(found),
-        "of": len(found),
-    }
+    found = compare_rows(table, "ours_siblings", "ours_disjoint", PARTS)
+    grid = comparison_grid({"person seen against not seen": found})
+    return {"comparisons": grid, "flattered": len(better(found)), "of": len(found)}
 
 
-def along(results: Results, name: str) -> Numbers:
+def along(results: Results, name: str, table: Table) -> Numbers:
     """The first and the last point of an axis, and the last step: whether more still helps."""
     found = points(results, name)
     ends = dict.fromkeys([(0, len(found) - 1), (len(found) - 2, len(found) - 1)]) if len(found) > 1 else {}
-    rows = {f"{found[b][0]:g} against {found[a][0]:g}": compare_rows(found[b][1], found[a][1], ERRORS) for a, b in ends}
-    last = list(rows.values())[-1] if rows else {}
-    falling = [column for column, one in last.items() if one.verdict is Verdict.BETTER]
-    axis = AXES.get(results.experiments[name]["axis"])
-    return {"axis": axis, "places": [x for x, _ in found], "falling": falling, "comparisons": comparison_grid(rows)}
+    rows = {
+        f"{found[b][0]:g} against {found[a][0]:g}": compare_rows(table, found[b][1], found[a][1], ERRORS)
+        for a, b in ends
+    }
+    axis, last = AXES.get(results.experiments[name]["axis"]), list(rows.values())[-1] if rows else {}
+    places = [place for place, _ in found]
+    return {"axis": axis, "places": places, "falling": better(last), "comparisons": comparison_grid(rows)}
 
 
-def order(results: Results, name: str) -> Numbers:
+def order(results: Results, name: str, table: Table) -> Numbers:
     """What each order can show at best, and what its network shows."""
-    table, found = results.table(name), points(results, name)
-    floors = {row.name: mean(row, "shading_rmse") for row in table.rows if row.name.startswith("cut_")}
-    rows = [
-        [row.label, mean(row, "shading_rmse"), floor, f"{100 * (floor / mean(row, 'shading_rmse')) ** 2:.0f} %"]
-        for place, row in found
-        if (floor := floors.get(f"cut_{place:.0f}")) is not None
-    ]
-    steps = {f"order {b:g} against {a:g}": compare_rows(two, one, ERRORS) for (a, one), (b, two) in pairwise(found)}
+    found, rows = points(results, name), []
+    for place, row in found:
+        if cut := table.rows.get(f"cut_{place:.0f}"):
+            own, floor = table.rows[row]["shading_rmse"].mean, cut["shading_rmse"].mean
+            rows.append([label(row), own, floor, f"{100 * (floor / own) ** 2:.0f} %"])
+    steps = {
+        f"order {b:g} against {a:g}": compare_rows(table, two, one, ERRORS) for (a, one), (b, two) in pairwise(found)
+    }
     heads = ["", "shading RMSE", "of the cut alone", "share of the squared error"]
     return {"floors": Grid.of(heads, rows), "comparisons": comparison_grid(steps)}
 
 
-EXPERIMENTS: dict[str, Callable[[Results, str], Numbers]] = {
+EXPERIMENTS: dict[str, Callable[[Results, str, Table], Numbers]] = {
     "table1": table1,
     "equal_losses": equal_losses,
     "plus_parts": plus_parts,
@@ -303,82 +298,82 @@ EXPERIMENTS: dict[str, Callable[[Results, str], Numbers]] = {
 }
 
 
-def points(results: Results, name: str) -> list[tuple[float, Row]]:
-    """The rows of an experiment's table with their place on its axis, in its order; of training figures, as many as
-    there were."""
+def better(found: dict[str, Comparison]) -> list[str]:
+    """The columns in which the first row is better."""
+    return [column for column, one in found.items() if one.verdict is Verdict.BETTER]
+
+
+def points(results: Results, name: str) -> list[tuple[float, str]]:
+    """Places the networks of an experiment on its axis.
+
+    Returns:
+        Place and row, in the order of the axis; of training figures, as many as there were.
+    """
     axis = results.experiments[name]["axis"]
     found = []
     for row in results.table(name).networks:
-        place = results.setting(row.name, axis)
+        place = results.setting(row, axis)
         if axis == "train.figures":
-            there = len(results.split(name, row.name)[results.setting(row.name, "train.part")])
+            there = len(results.split(name, row)[results.setting(row, "train.part")])
             place = min(place or there, there)
         found.append((float(place), row))
     return sorted(found, key=lambda point: point[0])
 
 
 def quarters(results: Results, name: str) -> Numbers:
-    """The errors of each row over quarters of the test figures, from the least to the most occluded, and how far apart
-    the methods are in each; both are written beside the report.
+    """Compares the rows over quarters of the test figures, from the least to the most occluded.
 
-    Empty where there are too few figures, or their occlusion is not known.
+    Args:
+        results: of the run; the errors are written beside its report.
+        name: of the experiment.
+
+    Returns:
+        The errors of each row, how far apart the methods are in each quarter, and the stem of the files; empty where
+        there are too few figures, or their occlusion is not known.
     """
     file, rows = results.report / "occlusion.csv", results.scores(name)
     figures = next(iter(rows.values()))[0].figures
     if len(figures) < QUARTERS or not file.exists():
         return {}
-    lost = pd.Series({one.name: one.lost for one in occlusion.read_occlusions(file)}).reindex(figures)
+    lost = read_occlusion(file).set_index("name")["lost"].reindex(figures)
     if lost.isna().any():
         return {}
     parts = np.array_split(np.argsort(lost.to_numpy(), kind="stable"), 4)
-    tables = [results.part(name, part) for part in parts]
     heads = [
         f"{what}, {number(float(lost.iloc[part].mean()), 2)} lost"
         for what, part in zip(("least", "second", "third", "most"), parts)
     ]
-    errors = [column for column in tables[0].columns if column.endswith("rmse")]
-    grids = [score_grid(table, tuple(errors)) for table in tables]
-    frame = pd.concat([grid.frame for grid in grids], axis=1)
-    frame.columns = [(column_name(c), head) for head in heads for c in errors]
-    frame = frame[[(column_name(c), head) for c in errors for head in heads]]
-    frame.columns = pd.MultiIndex.from_tuples(frame.columns)
-    kept = [kind != "paper" for kind in grids[0].kinds]
-    shown = Grid(frame[kept].rename_axis(index="row"), [kind for kind in grids[0].kinds if kind != "paper"])
+    tables = {head: results.part(name, part) for head, part in zip(heads, parts)}
+    some = tables[heads[0]]
+    columns = {
+        (column_label(column), head): [cells.get(column) for cells in table.rows.values()]
+        for column in some.present(some.columns)
+        if column.endswith("rmse")
+        for head, table in tables.items()
+    }
+    frame = pd.DataFrame(columns, pd.Index(map(label, some.rows), name="row"), dtype=object)
+    shown = Grid(frame.where(frame.notna(), None), [some.kind(row) for row in some.rows])
     leads = {
-        f"{LABELS[a]} against {LABELS[b]}, {head}": compare_rows(table.row(a), table.row(b), ("shading_rmse",))
-        for a, b in LEADS
-        for head, table in zip(heads, tables)
-        if table.row(a) and table.row(b)
+        f"{label(first)} against {label(second)}, {head}": compare_rows(table, first, second, ("shading_rmse",))
+        for first, second in LEADS
+        for head, table in tables.items()
     }
     correct([one for found in leads.values() for one in found.values()])
     stem, title = f"{name}_occlusion", f"{results.title(name)}, by occlusion"
-    write_tables(results.report / stem, title, text("notes/quarters.md"), shown.statistics(), shown)
+    write_tables(results.report / stem, title, text("notes/quarters.md"), shown)
     return {"quarters": shown, "leads": comparison_grid(leads), "quarters_file": stem}
-
-
-def mean(row: Row, column: str) -> float:
-    return row.cells[column].estimate.mean
-
-
-def won(found: dict[str, Comparison]) -> int:
-    """In how many columns the first is better."""
-    return sum(one.verdict is Verdict.BETTER for one in found.values())
-
-
-def sure(one: Comparison) -> bool:
-    return one.verdict in (Verdict.BETTER, Verdict.WORSE)
 
 
 def summary(results: Results) -> Numbers:
     """Which of the paper's orderings hold here: how many, which, and with what numbers."""
     tables = [results.table(name) for name in results.readable if results.usual(name)]
     tables = [table for table in tables if table.rows]
-    found = orderings(tables)
+    found, counts = orderings(tables), [count for table in tables for count in table.trainings.values()]
     verdicts = Counter(one.here.verdict for one in found)
     lines = [
         [
-            f"{LABELS[one.better]} before {LABELS[one.worse]}",
-            column_name(one.here.column),
+            f"{label(one.better)} before {label(one.worse)}",
+            column_label(one.here.column),
             f"{100 * one.gap:.1f} %{SMALL * one.small}{' *' * (not one.argued)}",
             *effect(one.here),
             *(number(value) for value in (one.here.first, one.here.second)),
@@ -394,7 +389,7 @@ def summary(results: Results) -> Numbers:
         "orderings": found,
         "verdicts": verdicts,
         "small": sum(one.small for one in found),
-        "trainings": (min(t.trainings[0] for t in tables), max(t.trainings[1] for t in tables)) if tables else (0, 0),
+        "trainings": (min(counts, default=0), max(counts, default=0)),
         "matrix": matrix(found),
         "listed": Grid.of(heads, lines),
     }
@@ -408,13 +403,13 @@ def matrix(found: list[Ordering]) -> Grid:
         of_pair = {one.here.column: one for one in found if {one.better, one.worse} == {first, second}}
         if of_pair:
             cells = [of_pair.get(column) for column in columns]
-            lines.append([f"{LABELS[first]} against {LABELS[second]}", *(one and mark(one) for one in cells)])
-    return Grid.of(["", *map(column_name, columns)], lines)
+            lines.append([f"{label(first)} against {label(second)}", *(one and mark(one) for one in cells)])
+    return Grid.of(["", *map(column_label, columns)], lines)
 
 
 def mark(one: Ordering) -> str:
     """A cell of the matrix: how much better the pair's first row is here, in percent; in brackets where the paper's
     numbers are against its argument, with a mark where they differ by less than MARGIN."""
-    gain = percent(one.here.relative if one.argued else -one.here.relative).removesuffix(" %")
+    gain = percent(one.here.gain if one.argued else -one.here.gain).removesuffix(" %")
     words = f"{SIGNS[one.here.verdict]} {gain}{SMALL * one.small}"
     return words if one.argued else f"({words})"
