@@ -43,7 +43,8 @@ def test_occlusion_is_a_table_of_all_that_were_not_left_out(world, tmp_path):
     made = measure_occlusion([*world.maps, tmp_path / "broken.exr"], tmp_path / "occlusion.csv")
     assert list(made.name) == [path.stem for path in world.maps]
     assert set(made.pose) == set(made.garments) == {UNKNOWN} and (made.pixels > 0).all()
-    pd.testing.assert_frame_equal(read_occlusion(tmp_path / "occlusion.csv"), made, check_dtype=False, atol=1e-5, rtol=0)
+    found = read_occlusion(tmp_path / "occlusion.csv")
+    pd.testing.assert_frame_equal(found, made, check_dtype=False, atol=1e-5, rtol=0)
     (tmp_path / "other.csv").write_text("name,pixels\na,1\n")
     with pytest.raises(UserError, match="not a table of occlusion"):
         read_occlusion(tmp_path / "other.csv")
