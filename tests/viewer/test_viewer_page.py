@@ -8,10 +8,11 @@ import av
 import numpy as np
 import pytest
 from PIL import Image
-from scipy.ndimage import gaussian_filter
+from scipy.ndimage import binary_fill_holes, gaussian_filter
 from scipy.spatial.transform import Rotation
 
 from relight.lights.load import key_light
+from relight.maps import Maps
 from relight.panoramas import Panorama, project
 from relight.photos.background import Background
 from relight.photos.color import apply_gain, chroma, clipping_excess, display_shading, roll_off
@@ -103,6 +104,32 @@ def test_the_other_views_equal_python(balls, maps, lights):
     everywhere = maps.albedo * np.maximum(irradiance(light, maps.normal), 0)
     assert farthest(split, codes(everywhere), maps.mask & left) <= 2
     assert farthest(split, codes(maps.albedo * shading(maps.transport, light)), maps.mask & ~left) <= 2
+
+
+@pytest.mark.parametrize("is_disc", [False, True])
+def test_a_figure_drawn_in_tiles_has_no_seam_and_no_gap(page, tmp_path, is_disc):
+    """One of even albedo, at an odd zoom, before a background of another colour."""
+    y, x = np.mgrid[:75, :91]
+    mask = np.hypot(x - 45, y - 37) < 34 if is_disc else np.ones(y.shape, bool)
+    albedo = np.where(mask[..., None], decode(np.array([200, 100, 50]) / 255), 0)
+    coverage, zero = mask.astype(np.float32), np.zeros((75, 91, 9))
+    build_viewer(
+        tmp_path / "even.html",
+        Maps(mask, coverage, albedo, zero[..., :3], zero[..., 0], coverage, zero),
+        {"Dim": np.full((9, 3), 0.1)},
+    )
+    page.open(tmp_path / "even.html")
+    pixels = page.pixels(**START | {"view": "albedo", "background": "color", "color": "#00ff00"})
+    assert (np.abs(pixels[..., :3] - np.where(mask[..., None], [200, 100, 50], [0, 255, 0])) <= 1).all()
+    page.run("relight.placement.zoom(1.37, 123.4, 77.7), relight.redraw()")
+    shown = np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("RGB")).astype(int)[100:440, 80:500]
+    even, behind = np.abs(shown - [200, 100, 50]).max(-1) <= 1, np.abs(shown - [0, 255, 0]).max(-1) <= 1
+    rows, columns = np.flatnonzero(even.any(1)), np.flatnonzero(even.any(0))
+    assert even.mean() > 0.5 and (shown.max(-1) > 150).all()
+    if is_disc:
+        assert behind.any() and (binary_fill_holes(even) == even).all()
+    else:
+        assert even[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1].all()
 
 
 def test_backgrounds_and_soft_edges_are_mixed_as_light(page, tmp_path, maps, lights):

@@ -95,6 +95,7 @@ function refreshLamps() {
     rows.replaceChildren(...state.lamps.map((_, i) => lampControls(i)));
     handles.replaceChildren(...state.lamps.map((_, i) => lampHandle(i)));
   }
+  if (!state.lamps.length) return;
   const radius = 0.46 * Math.min(stage.clientWidth, stage.clientHeight);
   state.lamps.forEach((lamp, i) => {
     const row = rows.children[i], [x, y] = onMap(lamp);
@@ -104,6 +105,11 @@ function refreshLamps() {
     handles.children[i].style.cssText =
       `left: ${stage.clientWidth / 2 + radius * x}px; top: ${stage.clientHeight / 2 + radius * y}px; --lamp: ${lamp.color}`;
   });
+}
+
+// Sets the text of an element. Texts that stay are left alone: a new one costs a frame milliseconds.
+function write(id, text) {
+  if (element(id).textContent !== text) element(id).textContent = text;
 }
 
 function refresh() {
@@ -126,16 +132,15 @@ function refresh() {
   element("before").value = state.before;
   element("color-row").hidden = state.background !== "color";
   element("color").value = state.color;
-  element("mode-note").textContent = NOTES[state.mode];
+  write("mode-note", NOTES[state.mode]);
   canvas.classList.toggle("clear", state.background === "clear");
   const split = element("split"), percent = Math.round(state.split * 100);
   split.hidden = state.before === "none";
   split.style.left = `${state.split * 100}%`;
   split.setAttribute("aria-valuenow", percent);
-  element("split-left").textContent = LABELS[state.before] ?? "";
-  element("split-right").textContent = LABELS[state.view];
-  const status = `${LABELS[state.view]} · ${name}`;
-  if (element("status").textContent !== status) element("status").textContent = status;
+  write("split-left", LABELS[state.before] ?? "");
+  write("split-right", LABELS[state.view]);
+  write("status", `${LABELS[state.view]} · ${name}`);
   canvas.setAttribute("aria-label", `${app.figure.title}, ${LABELS[state.view].toLowerCase()}, light ${name}`);
   redraw();
 }
