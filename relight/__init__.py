@@ -1,10 +1,12 @@
 """relight: the open laboratory for occlusion-aware relighting of people."""
 
+from typing import Any
+
 __version__ = "0.2.0"
 
 
-def __getattr__(name: str):
-    if name == "load":  # torch comes in when it is called, not with the package
+def __getattr__(name: str) -> Any:
+    if name == "load":  # torch is imported when `load` is first used, not with the package
         from relight.photos.api import load
 
         return load

@@ -1,7 +1,7 @@
 """The command line."""
 
 import sys
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import typer
 from typer.core import TyperCommand
@@ -43,9 +43,9 @@ def version(show: Annotated[bool, typer.Option("--version", help="Print the vers
 
 
 class RunCommand(TyperCommand):
-    """`relight run`, whose help tells the settings, too."""
+    """`relight run`, whose help also lists the settings."""
 
-    def format_help(self, ctx, formatter) -> None:
+    def format_help(self, ctx: Any, formatter: Any) -> None:  # click's, which Typer bundles privately
         from relight.config import composed
         from relight.config.help import overview
 
@@ -54,7 +54,7 @@ class RunCommand(TyperCommand):
 
 
 def completed(ctx: typer.Context, incomplete: str) -> list[str]:
-    """What a shell may put in the place of an unfinished override."""
+    """Returns what a shell offers to complete an unfinished override."""
     from relight.config.help import complete
 
     return complete(ctx.params.get("overrides") or [], incomplete)
@@ -68,12 +68,12 @@ def run(
     ] = None,
     multirun: Annotated[bool, typer.Option("--multirun", "-m", help="Sweep over comma-separated values.")] = False,
     cores: Annotated[int | None, typer.Option("--cores", "-j", help="Jobs side by side; all cores by default.")] = None,
-    dry: Annotated[bool, typer.Option("--dry-run", "-n", help="Only say what would run.")] = False,
+    dry: Annotated[bool, typer.Option("--dry-run", "-n", help="Only print what would run.")] = False,
     cfg: Annotated[Literal["job"] | None, typer.Option(help="Print the settings, and do nothing.")] = None,
     target: Annotated[list[str], typer.Option(help="Rule or file to make.")] = ["all"],  # noqa: B006
     snakemake: Annotated[str, typer.Option(help="More arguments for Snakemake, in one string.")] = "",
 ) -> None:
-    """The whole workflow, from figures and panoramas to the report; does only what is missing."""
+    """Run the whole workflow, from figures and panoramas to the report; only what is missing is made."""
     import shlex
 
     need_clone("run")

@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -48,7 +49,7 @@ def run(
     Raises:
         UserError: settings that cannot be, or another workflow is running in this folder.
     """
-    config: dict = {"hydra": overrides}
+    config: dict[str, Any] = {"hydra": overrides}
     if multirun:
         config["hydra"], config["runs"] = expand_sweep(overrides)
     plan = Plan(config)
@@ -81,7 +82,7 @@ def run(
         return code
 
 
-def snakemake(command: list[str], **streams) -> int:
+def snakemake(command: list[str], stdout: int | None = None) -> int:
     """Runs Snakemake in this repository, with our plugins.
 
     Snakemake and its jobs end with this process. INT, TERM and HUP reach them through `stop`; where this process is
@@ -89,7 +90,7 @@ def snakemake(command: list[str], **streams) -> int:
 
     Args:
         command: its words.
-        streams: `stdout` and `stderr` of `subprocess.Popen`.
+        stdout: as of `subprocess.Popen`.
 
     Returns:
         Its exit code.
@@ -104,7 +105,7 @@ def snakemake(command: list[str], **streams) -> int:
         env={**os.environ, **cache_environment(), "PYTHONPATH": os.pathsep.join(paths), MARK: str(os.getpid())},
         process_group=0,  # so that Ctrl-C reaches Snakemake once, from here
         preexec_fn=partial(prepare_child, os.getpid()),
-        **streams,
+        stdout=stdout,
     )
     signal.signal(signal.SIGTSTP, partial(suspend, process))
     try:
@@ -136,7 +137,7 @@ def prepare_child(parent: int) -> None:
     end_with_parent(parent)
 
 
-def stop(process: subprocess.Popen) -> None:
+def stop(process: subprocess.Popen[bytes]) -> None:
     """Ends Snakemake and its jobs, and waits for that.
 
     On INT, Snakemake starts nothing more, cancels what a cluster runs, and waits for the jobs on this machine, which
@@ -152,7 +153,7 @@ def stop(process: subprocess.Popen) -> None:
         time.sleep(0.2)
 
 
-def suspend(process: subprocess.Popen, *_) -> None:
+def suspend(process: subprocess.Popen[bytes], *_: Any) -> None:
     """The handler of Ctrl-Z: the jobs stop, too, and continue when this process does."""
     os.killpg(process.pid, signal.SIGSTOP)
     try:
@@ -214,7 +215,7 @@ def lock_folder() -> Iterator[None]:
         LOCK.parent.mkdir(exist_ok=True)
         file = open(LOCK, "w")
     except OSError as error:
-        reason = os.strerror(error.errno).lower()
+        reason = os.strerror(error.errno or 0).lower()
         raise UserError(f"nothing can be written in {ROOT} ({reason}): the workflow keeps its records there") from None
     with file:
         try:

@@ -23,5 +23,5 @@ class RunName:
     @classmethod
     def parse(cls, text: str) -> "RunName":
         """Reads a name; one without a seed, such as that of a baseline, is all run."""
-        run, seed = re.fullmatch(r"(.*?)(?:\.s(\d+))?", text, re.S).groups()
-        return cls(run, None if seed is None else int(seed))
+        found = re.fullmatch(r"(.*)\.s(\d+)", text, re.S)
+        return cls(found[1], int(found[2])) if found else cls(text)

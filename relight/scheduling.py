@@ -1,6 +1,7 @@
 """A correction of Snakemake's scheduler, for workflows of a thousand short jobs."""
 
 import threading
+from typing import Any
 
 PATCHED = ("9.27.",)  # the versions that were read and measured; others are left as they are
 
@@ -18,7 +19,7 @@ def limit_scheduler_timers() -> None:
         return
     JobScheduler.relight_timer = pending = threading.Event()
 
-    def wake_once(self, delay: float) -> None:
+    def wake_once(self: Any, delay: float) -> None:
         if pending.is_set():
             return
         pending.set()

@@ -13,6 +13,7 @@ from functools import cached_property, partial
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import yaml
 from omegaconf import DictConfig, OmegaConf
@@ -23,6 +24,9 @@ from relight.files import UserError, atomic_write, remove_folder
 from relight.processes import end_with_parent
 from relight.run_name import RunName
 from relight.tracking.workflow import Workflow, milliseconds
+
+if TYPE_CHECKING:
+    from relight.meshes.scans import Scan
 
 HEAD = """\
 defaults: [schema, _self_, override hydra/job_logging: none, override hydra/hydra_logging: none]
@@ -55,7 +59,7 @@ class Plan:
         experiments: the requested ones that did not fail.
     """
 
-    def __init__(self, config: dict, failed: dict[str, list[str]] | None = None):
+    def __init__(self, config: dict[str, Any], failed: dict[str, list[str]] | None = None):
         """Composes the settings.
 
         Args:
@@ -75,7 +79,8 @@ class Plan:
         self.out = f"results/{self.cfg.name}"
         for row in config.get("runs") or ():
             check_name("runs", row)
-        self.rows = config.get("runs") or OmegaConf.to_container(self.cfg.sweep.runs)
+        rows: Any = config.get("runs") or OmegaConf.to_container(self.cfg.sweep.runs)
+        self.rows: dict[str, list[str]] = rows
         names = [RunName(row, seed) for row in self.rows for seed in self.cfg.sweep.seeds]
         self.trainings = {str(name): name for name in names}
         self.is_sweep = "runs" in config
@@ -87,7 +92,7 @@ class Plan:
                 "evaluate.figures and evaluate.lights are what an experiment says, such as experiment=sitting"
             )
         self.gpus = int(self.cfg.train.device == "cuda")  # what a training requests of a cluster
-        self._by_row: dict[str, dict] = {}
+        self._by_row: dict[str, dict[str, Any]] = {}
         self._by_training: dict[str, DictConfig] = {}
 
     def check(self) -> None:
@@ -96,9 +101,9 @@ class Plan:
         Raises:
             UserError: a row, a folder, a file or a missing package would end the workflow later.
         """
-        given = [*(scan.path for scan in self.scans.values()), *self.table, *self.panoramas]
+        given = [*(scan.path for scan in self.scans.values()), *map(Path, self.table), *map(Path, self.panoramas)]
         latest = time.time() + SKEW
-        for path in map(Path, given):  # Snakemake ends a job whose outputs are older than its inputs
+        for path in given:  # Snakemake ends a job whose outputs are older than its inputs
             if path.exists() and path.stat().st_mtime > latest:
                 raise UserError(f"{path} is dated in the future: correct this machine's clock, or `touch` the file")
         if "path_traced" in self.experiments and find_spec("mitsuba") is None:
@@ -157,7 +162,7 @@ class Plan:
             raise UserError(f"sweep.only: no run {min(unknown)}; there are {', '.join(self.rows)}")
         if self.is_sweep:
             return {"sweep": Experiment(rows=list(self.rows), plates=True)}
-        given = OmegaConf.to_object(self.cfg.experiments)
+        given: Any = OmegaConf.to_object(self.cfg.experiments)
         found = {
             name: replace(e, rows=self._without_duplicates([r for r in e.rows if r in wanted]))
             for name, e in given.items()
@@ -198,7 +203,7 @@ class Plan:
         return "" if (one.figures, one.lights) == USUAL else f"{one.figures}-{one.lights}/"
 
     @cached_property
-    def scans(self) -> dict:
+    def scans(self) -> "dict[str, Scan]":
         """The user's meshes by name; empty when figures are generated."""
         if self.cfg.figures.source == "generated":
             return {}
@@ -273,7 +278,7 @@ class Plan:
             self._by_training[training] = OmegaConf.create({**groups, "train": {**groups["train"], **own}})
         return self._by_training[training]
 
-    def _row_settings(self, row: str) -> dict:
+    def _row_settings(self, row: str) -> dict[str, Any]:
         """The groups OWN of a row as plain values, checked."""
         if row not in self._by_row:
             cfg = composed([*self.overrides, *self.rows[row]])
@@ -305,7 +310,7 @@ class Plan:
 
         The trainings of `relight run -m` have an experiment of their own in MLflow, apart from those of the tables.
         """
-        settings = OmegaConf.to_container(self.cfg)
+        settings: Any = OmegaConf.to_container(self.cfg)
         track = Track(**settings.pop("track"))
         settings["sweep"]["runs"] = {row: list(words) for row, words in self.rows.items()}
         if self.is_sweep:

@@ -8,6 +8,7 @@ letter because Blender drops channels whose last part is longer, and has letters
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import OpenEXR
@@ -48,7 +49,7 @@ class Maps:
     ao: np.ndarray
     transport: np.ndarray
     bounced: np.ndarray | None = None
-    info: dict = field(default_factory=dict)
+    info: dict[str, Any] = field(default_factory=dict)
 
 
 class LeftOut(Exception):
@@ -84,7 +85,7 @@ def write_maps(path: Path | str, maps: Maps) -> None:
     _write(path, channels, {**maps.info, **own})
 
 
-def write_left_out(path: Path | str, info: dict, reason: str) -> None:
+def write_left_out(path: Path | str, info: dict[str, Any], reason: str) -> None:
     """Writes a file of 1 x 1 px in place of the maps of a figure that is left out of the data set.
 
     Args:
@@ -95,7 +96,7 @@ def write_left_out(path: Path | str, info: dict, reason: str) -> None:
     _write(path, {"mask.A": np.zeros((1, 1), np.float16)}, {**info, "left_out": reason})
 
 
-def read_info(path: Path | str) -> dict:
+def read_info(path: Path | str) -> dict[str, Any]:
     """Reads the header alone: `Maps.info` and `pixels`, the number of pixels in the mask.
 
     Raises:
@@ -140,7 +141,7 @@ def read_maps(path: Path | str) -> Maps:
     )
 
 
-def _write(path: Path | str, channels: dict[str, np.ndarray], info: dict) -> None:
+def _write(path: Path | str, channels: dict[str, np.ndarray], info: dict[str, Any]) -> None:
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
@@ -153,7 +154,7 @@ def _write(path: Path | str, channels: dict[str, np.ndarray], info: dict) -> Non
         OpenEXR.File(header, channels).write(str(temporary))
 
 
-def _read(path: Path | str, header_only: bool = False) -> tuple[dict, dict[str, OpenEXR.Channel]]:
+def _read(path: Path | str, header_only: bool = False) -> tuple[dict[str, Any], dict[str, OpenEXR.Channel]]:
     """Reads `Maps.info` and the channels; no channels with `header_only`."""
     path = existing_file(path, "maps")
 

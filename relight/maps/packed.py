@@ -16,6 +16,7 @@ import json
 import math
 import os
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from safetensors import safe_open
@@ -58,11 +59,12 @@ def pack_maps(exr_paths: list[Path], out: Path) -> list[str]:
     offset = np.concatenate([[0], np.cumsum([info["pixels"] for _, info in found])]).astype(np.int64)
     names = [info.get("name", Path(path).stem) for path, info in found]
     subjects = [info.get("subject", name) for name, (_, info) in zip(names, found)]
-    layout = {
+    pixels = int(offset[-1])
+    layout: dict[str, tuple[type, tuple[int, ...]]] = {
         "offset": (np.int64, offset.shape),
-        "transport": (np.float16, (offset[-1], coefficients)),
-        "albedo": (np.uint8, (offset[-1], 3)),
-        "normal": (np.int16, (offset[-1], 2)),
+        "transport": (np.float16, (pixels, coefficients)),
+        "albedo": (np.uint8, (pixels, 3)),
+        "normal": (np.int16, (pixels, 2)),
         "mask": (np.uint8, (len(found), -(-size * size // 8))),
     }
     notes = {"names": names, "subjects": subjects, "size": size, "order": first["order"]}
@@ -110,7 +112,7 @@ class PackedMaps:
             self.names: list[str] = notes["names"]
             self.subjects: list[str] = notes["subjects"]
             self.figures: list[str] = notes.get("figures", self.names)
-            self.views: list[dict | None] = notes.get("views", [None] * len(self.names))
+            self.views: list[dict[str, Any] | None] = notes.get("views", [None] * len(self.names))
             self.size: int = notes["size"]
             self.order: int = notes["order"]
             self.offset: np.ndarray = self._file.get_tensor("offset")
@@ -200,7 +202,7 @@ def _fold(square: np.ndarray) -> np.ndarray:
     return (1 - np.abs(square[:, ::-1])) * np.where(square < 0, np.float32(-1), np.float32(1))
 
 
-def _create(path: Path, layout: dict[str, tuple], notes: dict[str, str]) -> dict[str, np.memmap]:
+def _create(path: Path, layout: dict[str, tuple[type, tuple[int, ...]]], notes: dict[str, str]) -> dict[str, np.memmap]:
     """Creates a safetensors file and maps its arrays for writing.
 
     The library's own writer needs all arrays in memory. The format is a length, a JSON header and the raw arrays.
@@ -210,10 +212,10 @@ def _create(path: Path, layout: dict[str, tuple], notes: dict[str, str]) -> dict
         layout: type and shape of each array, by name.
         notes: metadata of the header.
     """
-    header, end = {"__metadata__": notes}, 0
+    header: dict[str, Any] = {"__metadata__": notes}
+    end = 0
     for name, (kind, shape) in layout.items():
-        begin, end = end, end + math.prod(map(int, shape)) * np.dtype(kind).itemsize
-        shape = [int(n) for n in shape]
+        begin, end = end, end + math.prod(shape) * np.dtype(kind).itemsize
         header[name] = {"dtype": TYPES[np.dtype(kind).name], "shape": shape, "data_offsets": [begin, end]}
     text = json.dumps(header).encode()
     text += b" " * (-len(text) % 8)  # tensors start on a multiple of 8 bytes
@@ -225,6 +227,6 @@ def _create(path: Path, layout: dict[str, tuple], notes: dict[str, str]) -> dict
         else:
             file.truncate(base + end)
     return {
-        name: np.memmap(path, kind, "r+", base + header[name]["data_offsets"][0], tuple(map(int, shape)))
+        name: np.memmap(path, kind, "r+", base + header[name]["data_offsets"][0], shape)
         for name, (kind, shape) in layout.items()
     }

@@ -9,6 +9,7 @@ from relight.meshes.geometry import face_areas
 from relight.meshes.mesh import Mesh
 
 AXES = {sign + axis: (1 if sign == "+" else -1) * np.eye(3)[k] for k, axis in enumerate("xyz") for sign in "+-"}
+Band = tuple[float, float]  # from and to, as shares of the height
 FEET, ANKLES = (0.0, 0.04), (0.05, 0.10)  # of the height, from the soles
 FACE, NECK = (0.05, 0.12), (0.14, 0.17)  # of the height, from the top of the head
 MIN_OFFSET = 0.008  # of the height: smaller horizontal offsets show no direction
@@ -69,13 +70,13 @@ def find_axes(mesh: Mesh, up: str | None = None, front: str | None = None) -> Ax
     head = _head_faces(points, area, AXES[up])
     ahead = _toe_offset(points, area, AXES[up]) + 0.5 * _horizontal_offset(points, area * head, -AXES[up], FACE, NECK)
     shown = {name: float(ahead @ axis) for name, axis in AXES.items() if not axis @ AXES[up]}
-    front = max(shown, key=shown.get)
+    front = max(shown, key=lambda name: shown[name])
     if shown[front] > MIN_OFFSET:
         return Axes(up, front, min(1.0, shown[front] / (4 * MIN_OFFSET)))
     return Axes(up, "-y" if up[1] == "z" else "+z", 0.0)
 
 
-def _in_band(points: np.ndarray, up: np.ndarray, band: tuple[float, float]) -> tuple[np.ndarray, float]:
+def _in_band(points: np.ndarray, up: np.ndarray, band: Band) -> tuple[np.ndarray, float]:
     """Returns which points (N,3) are between two shares of the height, along `up`, and the height."""
     height = points @ up
     size = max(np.ptp(height), 1e-30)
@@ -83,18 +84,18 @@ def _in_band(points: np.ndarray, up: np.ndarray, band: tuple[float, float]) -> t
     return (level >= band[0]) & (level < band[1]), size
 
 
-def _horizontal_offset(points: np.ndarray, area: np.ndarray, up: np.ndarray, band: tuple, other: tuple) -> np.ndarray:
+def _horizontal_offset(points: np.ndarray, area: np.ndarray, up: np.ndarray, band: Band, other: Band) -> np.ndarray:
     """Returns the horizontal offset (3,) of the centroid of one band from that of another, over the height.
 
     Args:
         points: (F,3) centres of the faces.
         area: (F,) of the faces.
         up: (3,) unit vector.
-        band: from and to, as shares of the height.
-        other: the same.
+        band: whose centroid is compared.
+        other: with that of this one.
     """
 
-    def centroid(of: tuple[float, float]) -> np.ndarray:
+    def centroid(of: Band) -> np.ndarray:
         weight = area * _in_band(points, up, of)[0]
         return points.T @ weight / weight.sum() if weight.any() else np.full(3, np.nan)
 

@@ -158,9 +158,9 @@ def _write_table(rows: list[tuple[BuffFrame, int]], stride: int, out: Path) -> N
         table.writerow(["use", "name", "subject", "path", "outfit", "motion", "frame", "stands_for"])
         for frame, size in rows:
             path = frame.path.resolve()
-            path = (path.relative_to(home) if path.is_relative_to(home) else path).as_posix()
+            file_name = (path.relative_to(home) if path.is_relative_to(home) else path).as_posix()
             table.writerow(
-                [1, frame.name, frame.subject, path, frame.outfit, frame.motion, frame.number, size * stride]
+                [1, frame.name, frame.subject, file_name, frame.outfit, frame.motion, frame.number, size * stride]
             )
 
 

@@ -1,6 +1,9 @@
 """Repairs meshes with PyMeshLab; keeps uv and materials, and counts the repairs."""
 
+from __future__ import annotations
+
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -8,6 +11,9 @@ from relight.config import Clean
 from relight.files import UserError
 from relight.meshes.geometry import connected_parts, face_areas, solidity
 from relight.meshes.mesh import Mesh
+
+if TYPE_CHECKING:
+    import pymeshlab
 
 MIN_DISTANCE = 0.01  # of small parts from all large ones, over the figure's diagonal, to count as floating
 MAX_SPECK = 0.03  # of the figure's diagonal: larger parts are never dropped (a shoe has .15, an eye .013)
@@ -174,7 +180,7 @@ def _seam_vertices(mesh: Mesh) -> int:
     return len(np.unique(np.column_stack([place, low, high, material]), axis=0)) - int(place.max(initial=-1)) - 1
 
 
-def _split_non_manifold_edges(mesh):
+def _split_non_manifold_edges(mesh: pymeshlab.Mesh) -> pymeshlab.MeshSet:
     """Returns a MeshSet in which no edge has more than two faces.
 
     At other edges, the third and later faces get copies of the vertices. (PyMeshLab's own filter loses the scalars of

@@ -1,6 +1,8 @@
 """Reads glTF 2.0 (.glb and .gltf) with node transforms, base colours and vertex colours."""
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -21,7 +23,8 @@ def read_gltf(path: Path) -> RawMesh:
 
 def _read(gltf: Gltf) -> RawMesh:
     """Concatenates the primitives of the default scene."""
-    parts, materials, slots, total = [], [], {}, 0
+    materials: list[tuple[Material, np.ndarray, int]] = []
+    parts, slots, total = [], {}, 0
     for primitive, matrix in _primitives(gltf):
         points = gltf.accessor(primitive["attributes"]["POSITION"]).astype(np.float64)
         index = gltf.accessor(primitive["indices"]) if "indices" in primitive else np.arange(len(points))
@@ -59,7 +62,7 @@ def _read(gltf: Gltf) -> RawMesh:
     )
 
 
-def _primitives(gltf: Gltf):
+def _primitives(gltf: Gltf) -> Iterator[tuple[dict[str, Any], np.ndarray]]:
     """Yields the primitives of the default scene, or of all nodes if there is none, with their nodes' 4 x 4 matrix."""
     nodes = gltf.json.get("nodes", [])
     if gltf.json.get("scenes"):
@@ -81,7 +84,7 @@ def _primitives(gltf: Gltf):
         stack += [(child, matrix) for child in reversed(node.get("children", []))]
 
 
-def _matrix(node: dict) -> np.ndarray:
+def _matrix(node: dict[str, Any]) -> np.ndarray:
     """Returns a node's transform (4,4), from a column-major matrix or translation, rotation (x,y,z,w) and scale."""
     if "matrix" in node:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T

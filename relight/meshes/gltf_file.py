@@ -5,6 +5,7 @@ import binascii
 import json
 import struct
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote
 
 import numpy as np
@@ -56,7 +57,8 @@ class Gltf:
             raise UserError(f"{self.path} is glTF {version}; version 2 is read")
         if length > len(data):
             raise UserError(f"{self.path} is truncated: it should have {length} bytes and has {len(data)}")
-        chunks, start = {}, 12
+        chunks: dict[int, bytes] = {}
+        start = 12
         while start + 8 <= length:
             size, kind = struct.unpack_from("<II", data, start)
             if start + 8 + size > length:
@@ -67,9 +69,9 @@ class Gltf:
             raise UserError(f"{self.path} has no JSON chunk")
         return chunks[0x4E4F534A], chunks.get(0x004E4942)
 
-    def item(self, kind: str, index) -> dict:
+    def item(self, kind: str, index: Any) -> dict[str, Any]:
         """Returns entry `index` of the list `kind`; raises UserError if there is none."""
-        entries = self.json.get(kind, [])
+        entries: list[dict[str, Any]] = self.json.get(kind, [])
         if not isinstance(index, int) or isinstance(index, bool) or not 0 <= index < len(entries):
             raise UserError(f"{self.path} names entry {index} of {kind}, of which there are {len(entries)}")
         return entries[index]
@@ -85,10 +87,10 @@ class Gltf:
             raise UserError(f"{self.path} names {uri[:80]}; nothing is fetched from the network")
         return find_file(self.path, unquote(uri)).read_bytes()
 
-    def view(self, index: int) -> tuple[bytes, int | None]:
+    def view(self, index: int) -> tuple[memoryview, int | None]:
         """Returns the bytes of a buffer view, and its stride."""
         view = self.item("bufferViews", index)
-        number = view.get("buffer")
+        number = view["buffer"]
         buffer = self.item("buffers", number)
         if number not in self.buffers:
             data = self.resource(buffer["uri"]) if "uri" in buffer else self.chunk if number == 0 else None
@@ -117,7 +119,9 @@ class Gltf:
             values = np.maximum(values / np.iinfo(type).max, -1)
         return values[:, 0] if width == 1 else values
 
-    def _strided(self, data, start: int, type: np.dtype, count: int, width: int, stride: int | None) -> np.ndarray:
+    def _strided(
+        self, data: memoryview, start: int, type: np.dtype, count: int, width: int, stride: int | None
+    ) -> np.ndarray:
         """Returns a view (count,width) of data; raises UserError if it does not fit."""
         row = type.itemsize * width
         stride = stride or row
@@ -127,7 +131,7 @@ class Gltf:
             return np.zeros((0, width), type)
         return np.ndarray((count, width), type, data, start, (stride, type.itemsize))
 
-    def _sparse(self, sparse: dict, values: np.ndarray, type: np.dtype, width: int) -> np.ndarray:
+    def _sparse(self, sparse: dict[str, Any], values: np.ndarray, type: np.dtype, width: int) -> np.ndarray:
         """Returns a copy of values (N,width) with those of a sparse accessor replaced."""
         count = sparse["count"]
         where, what = sparse["indices"], sparse["values"]

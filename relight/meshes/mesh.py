@@ -3,6 +3,7 @@
 import json
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -46,7 +47,7 @@ class Mesh:
     material: np.ndarray
     materials: list[Material]
     color: np.ndarray | None = None
-    info: dict = field(default_factory=dict)
+    info: dict[str, Any] = field(default_factory=dict)
     outfits: list[dict[int, Material]] = field(default_factory=list)
 
     def dressed(self, outfit: int) -> "Mesh":
@@ -58,7 +59,9 @@ class Mesh:
 
     def save(self, path: Path) -> None:
         """Writes the mesh as .npz, whole or not at all."""
-        arrays = {"vertices": self.vertices, "faces": self.faces, "uv": self.uv, "material": self.material}
+        arrays: dict[str, Any] = {
+            "vertices": self.vertices, "faces": self.faces, "uv": self.uv, "material": self.material
+        }  # fmt: skip
         if self.color is not None:
             arrays["color"] = self.color
         for outfit, materials in enumerate([dict(enumerate(self.materials)), *self.outfits]):
@@ -67,9 +70,10 @@ class Mesh:
                 arrays[f"color{name}"], arrays[f"name{name}"] = material.color, np.array(material.name)
                 if material.texture is not None:
                     arrays[f"texture{name}"] = material.texture
-        counts = {"count": np.array(len(self.materials)), "outfits": np.array(len(self.outfits))}
+        arrays["info"] = np.array(json.dumps(self.info))
+        arrays |= {"count": np.array(len(self.materials)), "outfits": np.array(len(self.outfits))}
         with atomic_write(path) as tmp, open(tmp, "wb") as file:
-            np.savez(file, **arrays, info=np.array(json.dumps(self.info)), **counts)
+            np.savez(file, **arrays)
 
     @classmethod
     def load(cls, path: Path) -> "Mesh":

@@ -140,8 +140,9 @@ def _find_path(folder: Path, parts: tuple[str, ...]) -> Path | None:
             continue
         if not os.path.lexists(path / part):
             names = sorted(os.listdir(path)) if path.is_dir() else []
-            part = next((name for name in names if name.lower() == part.lower()), None)
-            if part is None:
+            alike = next((name for name in names if name.lower() == part.lower()), None)
+            if alike is None:
                 return None
+            part = alike
         path = path / part
     return path

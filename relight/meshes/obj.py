@@ -1,6 +1,7 @@
 """Reads Wavefront OBJ files and their materials."""
 
 import warnings
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -187,7 +188,7 @@ def read_obj(path: Path) -> RawMesh:
     )
 
 
-def _statements(path: Path):
+def _statements(path: Path) -> Iterator[tuple[bytes, bytes]]:
     """Yields keyword and rest of the lines; joins continued lines and skips comments and empty lines."""
     with open(path, "rb") as file:
         while line := file.readline(MAX_LINE):
@@ -199,7 +200,7 @@ def _statements(path: Path):
                     raise UserError(f"{path} is not an .obj file: it has a line of over {MAX_LINE} bytes")
             words = line.split(b"#", 1)[0].split(None, 1) if b"#" in line else line.split(None, 1)
             if len(words) == 2:
-                yield words
+                yield words[0], words[1]
 
 
 def _library(path: Path, libraries: list[str], names: list[str]) -> tuple[Library, list[str]]:
@@ -227,7 +228,15 @@ def _library(path: Path, libraries: list[str], names: list[str]) -> tuple[Librar
     return library, notes
 
 
-def _placed(path, uv, corner, material, materials, names, library) -> np.ndarray:
+def _placed(
+    path: Path,
+    uv: np.ndarray,
+    corner: np.ndarray,
+    material: np.ndarray,
+    materials: list[Material],
+    names: list[str],
+    library: Library,
+) -> np.ndarray:
     """Returns uv (F,3,2) with the placements of materials; raises UserError if textured faces have none."""
     textured = np.array([entry.texture is not None for entry in materials])[material]
     if (corner[textured] < 0).any():

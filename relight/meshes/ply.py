@@ -4,6 +4,7 @@ import struct
 import warnings
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +21,7 @@ TYPES = {
 }  # fmt: skip
 FORMATS = {"ascii": None, "binary_little_endian": "<", "binary_big_endian": ">"}
 HEADER = 1 << 20  # bytes; real headers have under a thousand
+Block = dict[str, Any]  # columns by property: (N,), or of a list its lengths (N,) and its values one after another
 
 
 @dataclass
@@ -45,18 +47,20 @@ def read_ply(path: Path) -> RawMesh:
     """Reads triangles; polygons are cut into fans. Raises UserError if the file is malformed."""
     data = path.read_bytes()
     order, elements, pictures, start = _header(path, data[:HEADER])
-    ascii = order is None
-    needed = sum(element.count * element.least_bytes(ascii) for element in elements)
-    if needed > len(data) - start + ascii:  # checked before such an array is allocated
+    needed = sum(element.count * element.least_bytes(ascii=order is None) for element in elements)
+    if needed > len(data) - start + (order is None):  # checked before such an array is allocated
         counts = " and ".join(f"{element.count} {element.name} rows" for element in elements)
         raise UserError(
             f"{path}: the header promises {counts}, which the {len(data) - start} bytes after it cannot hold"
         )
-    blocks = _ascii_blocks(path, data[start:], elements) if ascii else _blocks(path, data, start, order, elements)
-    vertex, face = blocks.get("vertex"), blocks.get("face")
+    if order is None:
+        blocks = _ascii_blocks(path, data[start:], elements)
+    else:
+        blocks = _blocks(path, data, start, order, elements)
+    vertex, face = blocks.get("vertex"), blocks.get("face", {})
     if not vertex or not {"x", "y", "z"} <= vertex.keys():
         raise UserError(f"{path} has no vertices with x, y and z")
-    corners = next((face[name] for name in ("vertex_indices", "vertex_index") if name in face), None) if face else None
+    corners = next((face[name] for name in ("vertex_indices", "vertex_index") if name in face), None)
     if corners is None or not len(corners[0]):
         raise UserError(f"{path} has points but no faces: relight needs a surface")
     counts, index = corners
@@ -112,8 +116,8 @@ def _header(path: Path, head: bytes) -> tuple[str | None, list[Element], list[st
     return FORMATS[format], [element for element in elements if element.properties], pictures, line_end + 1
 
 
-def _blocks(path: Path, data: bytes, start: int, order: str, elements: list[Element]) -> dict[str, dict]:
-    """Parses binary data to columns by element; a list property becomes (lengths (N,), values one after another)."""
+def _blocks(path: Path, data: bytes, start: int, order: str, elements: list[Element]) -> dict[str, Block]:
+    """Parses binary data to columns by element."""
     blocks = {}
     for element in elements:
         lengths = _first_lengths(path, data, start, order, element)
@@ -153,7 +157,7 @@ def _first_lengths(path: Path, data: bytes, start: int, order: str, element: Ele
     return lengths
 
 
-def _unpack(path: Path, data: bytes, start: int, type: str, count: int, element: Element) -> tuple:
+def _unpack(path: Path, data: bytes, start: int, type: str, count: int, element: Element) -> tuple[Any, ...]:
     """Unpacks `count` values; raises UserError if the data end before."""
     try:
         return struct.unpack_from(f"{type[0]}{count}{np.dtype(type).char}", data, start)
@@ -161,9 +165,9 @@ def _unpack(path: Path, data: bytes, start: int, type: str, count: int, element:
         raise UserError(f"{path} ends in the middle of its {element.name} data: it is truncated") from None
 
 
-def _ragged(path: Path, data: bytes, start: int, order: str, element: Element) -> tuple[dict, int]:
+def _ragged(path: Path, data: bytes, start: int, order: str, element: Element) -> tuple[Block, int]:
     """Parses an element whose rows have lists of different lengths, row by row; also returns where it ends."""
-    columns = {name: ([], []) if size else [] for name, _, size in element.properties}
+    columns: dict[str, Any] = {name: ([], []) if size else [] for name, _, size in element.properties}
     widths = [(name, order + type, order + size if size else None) for name, type, size in element.properties]
     for _ in range(element.count):
         for name, type, size in widths:
@@ -184,7 +188,7 @@ def _ragged(path: Path, data: bytes, start: int, order: str, element: Element) -
     }, start
 
 
-def _ascii_blocks(path: Path, text: bytes, elements: list[Element]) -> dict[str, dict]:
+def _ascii_blocks(path: Path, text: bytes, elements: list[Element]) -> dict[str, Block]:
     """Parses ascii data: converts them to binary doubles and parses those."""
     with warnings.catch_warnings():
         warnings.simplefilter("error", DeprecationWarning)  # numpy warns when it stops at a word that is no number
@@ -209,7 +213,7 @@ def _ascii_blocks(path: Path, text: bytes, elements: list[Element]) -> dict[str,
     }  # fmt: skip
 
 
-def _color(vertex: dict) -> np.ndarray | None:
+def _color(vertex: Block) -> np.ndarray | None:
     """Returns linear vertex colours (V,3) from 8-bit, 16-bit or float sRGB, or None."""
     for prefix in ("", "diffuse_"):
         names = [prefix + name for name in ("red", "green", "blue")]
@@ -221,7 +225,9 @@ def _color(vertex: dict) -> np.ndarray | None:
     return None
 
 
-def _texture_coordinates(path: Path, vertex: dict, face: dict, counts, position, faces) -> np.ndarray:
+def _texture_coordinates(
+    path: Path, vertex: Block, face: Block, counts: np.ndarray, position: np.ndarray, faces: np.ndarray
+) -> np.ndarray:
     """Returns uv (F,3,2) from MeshLab's list per face (u v of each corner) or from coordinates per vertex."""
     if "texcoord" in face:
         lengths, values = face["texcoord"]

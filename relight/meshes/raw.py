@@ -63,7 +63,7 @@ def checked_mesh(raw: RawMesh, path: Path) -> Mesh:
         wrong = low if low < 0 else high
         raise UserError(f"{path}: a face names vertex {wrong} (counted from 0), but there are {len(vertices)} vertices")
     finite = np.isfinite(vertices).all(axis=-1)
-    usable = finite & (np.abs(vertices) < MAX_COORDINATE).all(axis=-1)
+    usable = np.asarray(finite & (np.abs(vertices) < MAX_COORDINATE).all(axis=-1))
     if (~usable).sum() > 0.01 * len(vertices):
         count, what = int((~finite).sum()), "are not finite numbers"
         if not count:

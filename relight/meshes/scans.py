@@ -63,12 +63,11 @@ def list_scans(folder: Path | str) -> dict[str, Scan]:
         raise UserError(f"figures.folder: {folder} holds no scans; {suffix_list()} files are read, in subfolders too")
     relative = {path: path.relative_to(folder).with_suffix("") for path in files}
     names = {path: safe_name(path.stem) for path in files}
-    for longer in (
-        lambda path: safe_name("_".join(relative[path].parts)),
-        lambda path: f"{safe_name(path.stem)}_{short_hash(str(relative[path]))}",
-    ):
+    with_folders = {path: safe_name("_".join(relative[path].parts)) for path in files}
+    with_hash = {path: f"{safe_name(path.stem)}_{short_hash(str(relative[path]))}" for path in files}
+    for longer in (with_folders, with_hash):
         counts = Counter(name.lower() for name in names.values())  # some file systems do not distinguish a and A
-        names = {path: name if counts[name.lower()] == 1 else longer(path) for path, name in names.items()}
+        names = {path: name if counts[name.lower()] == 1 else longer[path] for path, name in names.items()}
     scans = {name: Scan(path, _subject(relative[path], name)) for path, name in names.items()}
     if len(scans) < len(files):
         raise UserError(f"figures.folder: two scans in {folder} would have one name, hashes and all; rename one")

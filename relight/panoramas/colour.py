@@ -30,7 +30,7 @@ def blackbody(temperature: float) -> np.ndarray:
         y = np.polyval((-0.9549476, -1.37418593, 2.09137015, -0.16748867), x)
     else:
         y = np.polyval((3.0817580, -5.87338670, 3.75112997, -0.37001483), x)
-    return from_chromaticity(x, y)
+    return from_chromaticity(float(x), float(y))
 
 
 def daylight(temperature: float) -> np.ndarray:
@@ -43,7 +43,7 @@ def daylight(temperature: float) -> np.ndarray:
         x = np.polyval((-4.6070, 2.9678, 0.09911, 0.244063), t)
     else:
         x = np.polyval((-2.0064, 1.9018, 0.24748, 0.237040), t)
-    return from_chromaticity(x, np.polyval((-3.0, 2.870, -0.275), x))
+    return from_chromaticity(float(x), float(np.polyval((-3.0, 2.870, -0.275), x)))
 
 
 def from_chromaticity(x: float, y: float) -> np.ndarray:

@@ -164,11 +164,12 @@ def colour_planes(path: Path, names: set[str], take: Callable[[str], np.ndarray]
     """Stacks the channels that `take` returns by name to (h,w,3) float32; each is freed once it is copied."""
     if not names >= {"R", "G", "B"}:
         return np.repeat(take("Y").astype(np.float32)[..., None], 3, 2)
-    pixels = None
-    for c, name in enumerate("RGB"):
+    red = take("R")
+    pixels = np.empty((*red.shape, 3), np.float32)
+    pixels[..., 0] = red
+    del red
+    for c, name in ((1, "G"), (2, "B")):
         plane = take(name)
-        if pixels is None:
-            pixels = np.empty((*plane.shape, 3), np.float32)
         if plane.shape != pixels.shape[:2]:
             raise UserError(f"{path}: its channels differ in size")
         pixels[..., c] = plane

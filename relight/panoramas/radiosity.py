@@ -3,6 +3,7 @@
 Furniture casts shadows and receives light. The light that it reflects is not traced; the walls' albedo is lower for it.
 """
 
+import math
 from dataclasses import dataclass, field
 from functools import cache
 
@@ -65,6 +66,19 @@ class Box:
     albedo: np.ndarray
 
 
+@dataclass(frozen=True)
+class Sun:
+    """The sun, which shines in through windows.
+
+    Attributes:
+        direction: (3,) unit vector toward it.
+        irradiance: (3,) linear RGB, of a surface that faces it.
+    """
+
+    direction: np.ndarray
+    irradiance: np.ndarray
+
+
 @dataclass
 class Room:
     """A box from the origin to `size`, y up. Walls are numbered 2 * axis + side: the floor is 2, the ceiling 3.
@@ -76,7 +90,7 @@ class Room:
         area_lights: windows and panels.
         lamps: spheres.
         boxes: furniture.
-        sun: direction (3,) toward it, and its irradiance (3,) on a surface that faces it; None without sun.
+        sun: None without one.
     """
 
     size: np.ndarray
@@ -85,7 +99,7 @@ class Room:
     area_lights: list[AreaLight] = field(default_factory=list)
     lamps: list[Lamp] = field(default_factory=list)
     boxes: list[Box] = field(default_factory=list)
-    sun: tuple[np.ndarray, np.ndarray] | None = None
+    sun: Sun | None = None
 
 
 @cache
@@ -167,7 +181,7 @@ def intersect_boxes(
         Entry and exit (...,B) in units of `direction`, and the axis (...,B) of the face that is entered. A ray misses a
         box where entry > exit.
     """
-    entry, leave, axis = -np.inf, np.inf, 0
+    entry, leave, axis = np.array(-np.inf), np.array(np.inf), np.array(0)
     for a in range(3):
         d = direction[..., a, None]
         d = np.where(d == 0, 1e-12, d)
@@ -184,7 +198,7 @@ def is_occluded(room: Room, origin: np.ndarray, direction: np.ndarray) -> np.nda
     if not room.boxes:
         return np.zeros(np.broadcast_shapes(origin.shape, direction.shape)[:-1], bool)
     entry, leave, _ = intersect_boxes(*box_bounds(room), origin, direction)
-    return ((entry <= leave) & (leave > 1e-3) & (entry < 1 - 1e-3)).any(-1)
+    return np.any((entry <= leave) & (leave > 1e-3) & (entry < 1 - 1e-3), axis=-1)
 
 
 def box_bounds(room: Room) -> tuple[np.ndarray, np.ndarray]:
@@ -238,9 +252,9 @@ def direct_irradiance(room: Room, position: np.ndarray, normal: np.ndarray) -> n
     return share @ radiances
 
 
-def sunlit(room: Room, point: np.ndarray) -> np.ndarray:
+def sunlit(room: Room, sun: Sun, point: np.ndarray) -> np.ndarray:
     """Returns whether the sun reaches points (N,3) through a window or skylight, (N,) bool."""
-    toward = np.broadcast_to(room.sun[0], point.shape)
+    toward = np.broadcast_to(sun.direction, point.shape)
     distance, wall = intersect_walls(room.size, point, toward)
     exit_point = point + toward * distance[:, None]
     through = np.zeros(len(point), bool)
@@ -253,10 +267,10 @@ def sunlit(room: Room, point: np.ndarray) -> np.ndarray:
     return through
 
 
-def sun_irradiance(room: Room, grid: Grid) -> np.ndarray:
+def sun_irradiance(room: Room, sun: Sun, grid: Grid) -> np.ndarray:
     """Returns the irradiance (N,3) of the sun on the cells of a grid, each sampled at four points."""
     n = len(grid.position)
-    cosine = np.maximum(grid.normal @ room.sun[0], 0)
+    cosine = np.maximum(grid.normal @ sun.direction, 0)
     lit = np.zeros(n)
     face = np.arange(n) // grid.n**2
     size = ((grid.high - grid.low)[face // 6]) / grid.n
@@ -265,8 +279,8 @@ def sun_irradiance(room: Room, grid: Grid) -> np.ndarray:
     for a, b in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
         sign = np.array([[b, a, b], [a, b, b], [a, b, a]], float)[face % 6 // 2]  # two signs in the cell's own plane
         shifted = grid.position + 0.25 * sign * size * along + 1e-3 * grid.normal
-        lit[facing] += sunlit(room, shifted[facing]) / 4
-    return (lit * cosine)[:, None] * room.sun[1]
+        lit[facing] += sunlit(room, sun, shifted[facing]) / 4
+    return (lit * cosine)[:, None] * sun.irradiance
 
 
 def form_factors(receiver: Grid, sender: Grid) -> np.ndarray:
@@ -302,10 +316,10 @@ def render_room(room: Room) -> np.ndarray:
     """Renders a room from its camera to a lat-long panorama (HEIGHT,WIDTH,3) float64 of linear radiance."""
     walls = Grid(np.zeros((1, 3)), room.size[None], CELLS, inside=True)
     irradiance = direct_irradiance(room, walls.position, walls.normal)
-    sun = sun_irradiance(room, walls) if room.sun else 0.0
+    sunlight = sun_irradiance(room, room.sun, walls) if room.sun else 0.0
     albedo = np.repeat(room.albedo, CELLS**2, 0) * (1 - ABSORBED)
-    bounced = indirect_irradiance(form_factors(walls, walls), albedo, irradiance + sun)
-    total = albedo * (irradiance + sun + bounced)
+    bounced = indirect_irradiance(form_factors(walls, walls), albedo, irradiance + sunlight)
+    total = albedo * (irradiance + sunlight + bounced)
 
     direction = view_directions()
     depth, wall = intersect_walls(room.size, room.camera, direction)
@@ -313,11 +327,11 @@ def render_room(room: Room) -> np.ndarray:
     # Sunlight has sharp edges, so it is added per pixel and not from the cells.
     image = walls.interpolate(irradiance + bounced, wall, point)
     if room.sun:
-        cosine = walls.normal[wall * CELLS**2] @ room.sun[0]
+        cosine = walls.normal[wall * CELLS**2] @ room.sun.direction
         facing = np.flatnonzero(cosine > 0)
         inward = walls.normal[wall[facing] * CELLS**2]
-        lit = sunlit(room, point[facing] + 1e-3 * inward)
-        image[facing] += (lit * cosine[facing])[:, None] * room.sun[1]
+        lit = sunlit(room, room.sun, point[facing] + 1e-3 * inward)
+        image[facing] += (lit * cosine[facing])[:, None] * room.sun.irradiance
     image *= room.albedo[wall] / np.pi
     for light in room.area_lights:
         inside = (point >= light.low - 1e-6) & (point <= light.high + 1e-6)
@@ -343,7 +357,7 @@ def render_boxes(room: Room, walls: Grid, radiosity: np.ndarray, image: np.ndarr
     grid = Grid(low, high, FACE_CELLS, inside=False)
     irradiance = direct_irradiance(room, grid.position, grid.normal) + form_factors(grid, walls) @ radiosity
     if room.sun:
-        irradiance += sun_irradiance(room, grid)
+        irradiance += sun_irradiance(room, room.sun, grid)
     entered = axis[hit, box[hit]]
     face = 6 * box[hit] + 2 * entered + (direction[hit, entered] < 0)
     point = room.camera + direction[hit] * depth[hit, None]
@@ -357,8 +371,8 @@ def render_lamps(room: Room, image: np.ndarray, depth: np.ndarray) -> None:
     weight = pixel_solid_angles()
     for lamp in room.lamps:
         toward = lamp.centre - room.camera
-        distance = np.linalg.norm(toward)
-        edge = np.sqrt(max(1 - (lamp.radius / distance) ** 2, 0))
+        distance = float(np.linalg.norm(toward))
+        edge = math.sqrt(max(1 - (lamp.radius / distance) ** 2, 0))
         cosine = direction @ (toward / distance)
         covered = cosine > edge
         if not covered.any():

@@ -11,7 +11,7 @@ import numpy as np
 
 from relight.panoramas.colour import blackbody, daylight, luminance
 from relight.panoramas.projection import latlong_solid_angles
-from relight.panoramas.radiosity import HEIGHT, WIDTH, AreaLight, Box, Lamp, Room, render_room
+from relight.panoramas.radiosity import HEIGHT, WIDTH, AreaLight, Box, Lamp, Room, Sun, render_room
 
 UPRIGHT = (0, 1, 4, 5)  # the walls that are neither floor nor ceiling
 CLEARANCE = 0.6  # metres around the camera without lamps and furniture
@@ -86,7 +86,7 @@ def add_daylight(room: Room, rng: np.random.Generator, kind: str) -> None:
         toward[outward // 2] = (2 * (outward % 2) - 1) * np.cos(elevation) * np.cos(azimuth)
         toward[2 - outward // 2] = np.cos(elevation) * np.sin(azimuth)
         toward[1] = np.sin(elevation)
-        room.sun = toward, blackbody(rng.uniform(4000, 5600)) * sky * rng.uniform(1.5, 8)
+        room.sun = Sun(toward, blackbody(rng.uniform(4000, 5600)) * sky * rng.uniform(1.5, 8))
 
 
 def add_night(room: Room, rng: np.random.Generator) -> None:
@@ -222,12 +222,12 @@ def add_furniture(room: Room, rng: np.random.Generator) -> None:
     """Adds up to seven boxes on the floor, most of them against a wall, none close to the camera or below it."""
     for _ in range(rng.integers(0, 8)):
         tall = rng.random() < 0.25
-        size = [
+        extents = [
             log_uniform(rng, 0.3, 2.2),
             log_uniform(rng, *((1.3, 2.2) if tall else (0.35, 1.2))),
             log_uniform(rng, 0.3, 2.2),
         ]
-        size = np.minimum(size, room.size * 0.6)
+        size = np.minimum(extents, room.size * 0.6)
         low = np.array([rng.uniform(0, room.size[0] - size[0]), 0, rng.uniform(0, room.size[2] - size[2])])
         if rng.random() < 0.6:
             axis = rng.choice([0, 2])

@@ -14,6 +14,7 @@ from relight.panoramas.radiosity import (
     Grid,
     Lamp,
     Room,
+    Sun,
     direct_irradiance,
     form_factors,
     indirect_irradiance,
@@ -229,8 +230,7 @@ def test_the_sun_falls_where_the_window_lets_it():
     window = AreaLight(1, np.array([4.0, 1.0, 1.0]), np.array([4.0, 2.0, 2.0]), np.ones(3), daylight=True)
     scene = Room(np.array([4.0, 3.0, 4.0]), np.full(3, 1.5), np.full((6, 3), 0.5), [window])
     toward = np.array([1.0, 0.5, 0.0]) / np.sqrt(1.25)
-    scene.sun = toward, np.ones(3)
     points = np.array([[1.0, 0.0, 1.5], [3.5, 0.0, 1.5], [1.0, 0.0, 3.0]])  # in the beam, below it, beside it
-    assert sunlit(scene, points).tolist() == [True, False, False]
+    assert sunlit(scene, Sun(toward, np.ones(3)), points).tolist() == [True, False, False]
     distance, wall = intersect_walls(scene.size, points[:1], toward[None])
     assert wall[0] == 1 and distance[0] == pytest.approx(3 * np.sqrt(1.25))
