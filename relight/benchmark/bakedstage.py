@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import binary_erosion
 
-from relight.benchmark.lightstage import Measured, Pinhole, Stage
+from relight.benchmark.lightstage import LightStage, Measured, Pinhole
 from relight.meshes import Mesh, vertex_normals
 from relight.progress import progress
 from relight.sh import basis, rotation_matrix
@@ -36,7 +36,7 @@ class Baked:
     staged: np.ndarray
 
 
-def bake_as_seen(mesh: Mesh, camera: Pinhole, inside: np.ndarray, stage: Stage, rays: int, seed: int = 0) -> Baked:
+def bake_as_seen(mesh: Mesh, camera: Pinhole, inside: np.ndarray, stage: LightStage, rays: int, seed: int = 0) -> Baked:
     """Bakes a mesh at the pixels that a camera shows it at.
 
     Args:
@@ -85,10 +85,15 @@ def agreement(measured: Measured, baked: Baked, inside: np.ndarray) -> dict[str,
     """Compares measured with baked transport, over pixels that both know and that are not at the mask's edge.
 
     Returns:
-        pixels: how many; length: RMS length of the baked vectors of nine; difference: RMS length of measured minus
-        baked; lamps: of what finitely many near lamps make of the baked one, minus baked; rest: of measured minus that,
-        which is gloss, bounces, motion, the mesh, and noise; noise: what the rounding to 8 bits alone would make;
-        factor: that brings the measured nearest to the baked; normals: median angle between the normals, degrees.
+        shown: share of all pixels that show the mesh.
+        pixels: how many are compared.
+        length: RMS length of the baked vectors of nine.
+        difference: RMS length of measured minus baked transport.
+        lamps: of what finitely many near lamps make of the baked one (`Baked.staged`), minus baked.
+        rest: of measured minus that: gloss, bounces, motion, the mesh, the lamps' own differences, and noise.
+        noise: what the rounding to 8 bits alone would make of it.
+        factor: that brings measured nearest to baked transport.
+        normals: median angle between measured normals and the mesh's, degrees.
     """
     away = binary_erosion(inside, iterations=INWARD)[inside]
     both = measured.known & baked.hit & away
@@ -99,6 +104,7 @@ def agreement(measured: Measured, baked: Baked, inside: np.ndarray) -> dict[str,
     cosine = np.clip(np.einsum("pi,pi->p", measured.normal[both], baked.normal[both]), -1, 1)
     product = (measured.transport * baked.transport)[both].sum()
     return {
+        "shown": float(baked.hit.mean()),
         "pixels": int(both.sum()),
         "length": length(baked.transport),
         "difference": length(measured.transport - baked.transport),

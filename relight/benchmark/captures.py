@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from relight.benchmark import humanolat, ultrastage
-from relight.benchmark.bakedstage import agreement, bake_as_seen
+from relight.benchmark.bakedstage import Baked, agreement, bake_as_seen
 from relight.benchmark.lights import panorama
-from relight.benchmark.lightstage import Lighting, Stage, coarse, measure
+from relight.benchmark.lightstage import Lighting, LightStage, Measured, coarse, measure
 from relight.benchmark.make import FORMAT, index, same, save
 from relight.benchmark.measures import Seen
 from relight.benchmark.picture import BRIGHTNESS, DARKEST, Picture, on_square
@@ -47,7 +47,7 @@ class Taken:
 Source = Iterator[tuple[str, str, Callable[[bool], Taken]]]  # name, figure, and what takes the picture
 
 
-def bring(layout: str, source: Path | str, folder: Path | str, only: str = "", rays: int = 256) -> str:
+def import_captures(layout: str, source: Path | str, folder: Path | str, only: str = "", rays: int = 256) -> str:
     """Brings captures into a set; goes on where it was stopped.
 
     Args:
@@ -76,12 +76,12 @@ def bring(layout: str, source: Path | str, folder: Path | str, only: str = "", r
         if not (folder / "inputs" / name).is_dir():
             taken = take(varied)
             if taken.agreement:
-                tell(folder / BAKED, name, taken.agreement)
+                write_agreement(folder / BAKED, name, taken.agreement)
             save(folder, name, figure, taken.record, taken.picture)
     return index(folder, layout, names, settings, scale="unknown")
 
 
-def tell(path: Path, name: str, row: dict[str, float]) -> None:
+def write_agreement(path: Path, name: str, row: dict[str, float]) -> None:
     """Adds the row of a picture to a table, or replaces it."""
     rows = {one["picture"]: one for one in read_table(path)[1]} if path.is_file() else {}
     rows[name] = {"picture": name, **{key: f"{value:.6g}" for key, value in row.items()}}
@@ -98,86 +98,95 @@ def one_light_frames(source: Path, only: str, rays: int) -> Source:
 
 
 def photographed(capture: humanolat.Capture, rays: int, varied: bool) -> Taken:
-    """Photographs a capture in a panorama and four new ones, as sums of its frames; the truth is what they measure.
-
-    Where its mesh is there, it tells how far each pixel's surface is, and is baked; without, all of the person is taken
-    to be in the plane through the stage's centre that faces the camera. Pixels that too few lamps light take albedo and
-    transport from the nearest others.
-    """
+    """Photographs a capture in a panorama and four new ones, as sums of its frames; the truth is what they measure."""
     mask, camera = capture.read_mask(), capture.camera
     inside = mask >= MASK_THRESHOLD
     square = crop_around(mask, SIDE)
     capture.check_order(inside)
-    stage = Stage.of((capture.lamps - camera.eye) @ camera.rotation.T)
-    drawn = recipe(FIRST + zlib.crc32(capture.name.encode()) % FIRST, 1)
-    brightness = BRIGHTNESS * 2**drawn.stops
-    lights = coarse(
-        np.stack([panorama(one, 0.0, brightness).pixels for one in (drawn.light, *drawn.new)]), len(capture.lamps)
-    ).astype(np.float32)
+    stage = LightStage.of((capture.lamps - camera.eye) @ camera.rotation.T)
     baked = None
-    depth = np.full(mask.shape, -stage.centre[2])
     if capture.model:
         baked = bake_as_seen(read_mesh(capture.model), camera, inside, stage, rays)
         if not baked.hit.any():
             raise UserError(f"{capture.model} is not in the picture of {capture.name}: it must be in millimetres")
-        shown, found = np.zeros(mask.shape, bool), np.zeros(mask.shape)
-        shown[inside], found[inside] = baked.hit, baked.depth
-        depth = fill_outside(found, shown)
+    depth = depth_of(baked, stage, inside)
     row, column = np.nonzero(inside)
-    rays_out = camera.rays(column + 0.5, row + 0.5)[:, 3:] @ camera.rotation.T
-    points = rays_out * depth[inside][:, None]
+    points = camera.rays(column + 0.5, row + 0.5)[:, 3:] @ camera.rotation.T * depth[inside][:, None]
+    drawn = recipe(FIRST + zlib.crc32(capture.name.encode()) % FIRST, 1)
+    sharp = [panorama(one, 0.0, BRIGHTNESS * 2**drawn.stops).pixels for one in (drawn.light, *drawn.new)]
+    lights = coarse(np.stack(sharp), len(capture.lamps)).astype(np.float32)
 
-    def frames():
+    def frames() -> Iterator[tuple[int, np.ndarray]]:
         return progress(capture.read_frames(inside), f"frames of {capture.name}", len(capture.frames))
 
     measured = measure(frames, stage, points, Lighting(lights))
-    if measured.known.mean() < KNOWN:
+    if (known := float(measured.known.mean())) < KNOWN:
         raise UserError(
-            f"{capture.name}: its frames light {measured.known.mean():.0%} of the person enough, {KNOWN:.0%} are needed"
+            f"{capture.name}: {known:.0%} of the person's pixels are lit in enough frames, and {KNOWN:.0%} are needed"
         )
     scale = float(np.quantile(measured.albedo[measured.known].max(1), 0.99)) / WHITEST
-    told = np.zeros(mask.shape, bool)
-    told[inside] = measured.known
-
-    def image(values: np.ndarray) -> np.ndarray:
-        whole = np.zeros((*mask.shape, *values.shape[1:]), np.float32)
-        whole[inside] = values
-        return whole
-
-    def filled(values: np.ndarray) -> np.ndarray:
-        whole = fill_outside(image(values), told)
-        whole[~inside] = 0
-        return whole
-
-    coverage = mask / np.float32(255)
+    maps = measured_maps(measured, scale, mask, depth)
+    facts = {"lamps": len(capture.lamps), "absent": capture.absent, "known": round(known, 4)}
+    facts |= {"clipped": round(measured.clipped, 6), "projection_error": round(stage.error, 6)}
+    maps.info = {"name": capture.name, "subject": capture.subject, "measured": facts}
+    linear, *relit = np.moveaxis(on_image(measured.pictures / scale, inside), 2, 0)
     light, *new = (Panorama(one, source=f"{drawn.name}.{i}") for i, one in enumerate(lights))
-    linear, *relit = np.moveaxis(image(measured.pictures / scale), 2, 0)
-    transport = filled(measured.transport)
-    facts = {
-        "lamps": len(capture.lamps), "absent": capture.absent, "known": round(float(measured.known.mean()), 4),
-        "clipped": round(measured.clipped, 6), "stage_error": round(stage.error, 6),
-    }  # fmt: skip
-    maps = Maps(
-        mask=inside,
-        coverage=coverage,
-        albedo=filled(measured.albedo / scale),
-        normal=filled(measured.normal),
-        depth=(depth * inside).astype(np.float32),
-        ao=(transport[..., 0] / np.float32(UNOCCLUDED_T00)).clip(0, 1),
-        transport=transport,
-        info={"name": capture.name, "subject": capture.subject, "measured": facts},
-    )
-    shading = linear / np.maximum(maps.albedo, DARKEST) * inside[..., None]
-    scene = linear + (1 - coverage[..., None]) * np.pi * camera_view(light, mask.shape)
+    scene = linear + (1 - maps.coverage[..., None]) * np.pi * camera_view(light, mask.shape)
 
     def expose(gain: np.ndarray | float) -> np.ndarray:
         return to_bytes(encode(scene * gain))
 
     shots = variants(expose, mask, SIDE) if varied else {"": Shot(expose(1.0), mask, square)}
+    shading = linear / np.maximum(maps.albedo, DARKEST) * inside[..., None]
     seen = on_square(maps, shading, project(light, 2), square)
     picture = Picture(shots, light, new, maps, np.stack([to_bytes(encode(one)) for one in relit]), seen)
     compared = agreement(measured, baked, inside) if baked else None
     return Taken(picture, {**asdict(drawn), "name": capture.name, **facts}, compared)
+
+
+def depth_of(baked: Baked | None, stage: LightStage, inside: np.ndarray) -> np.ndarray:
+    """Returns how far the surface is at each pixel (H,W), along the optical axis.
+
+    That of the mesh, where it is seen, and of the nearest such pixel elsewhere; without a mesh, that of the plane
+    through the stage's centre which faces the camera.
+    """
+    if baked is None:
+        return np.full(inside.shape, -stage.centre[2])
+    return fill_outside(on_image(baked.depth, inside), on_image(baked.hit, inside) > 0)
+
+
+def measured_maps(measured: Measured, scale: float, mask: np.ndarray, depth: np.ndarray) -> Maps:
+    """Returns the maps of what was measured; pixels that too few lamps light take theirs from the nearest others.
+
+    Args:
+        measured: at the pixels of the mask.
+        scale: that albedo is divided by.
+        mask: (H,W) uint8.
+        depth: (H,W).
+    """
+    inside = mask >= MASK_THRESHOLD
+    known = on_image(measured.known, inside) > 0
+
+    def filled(values: np.ndarray) -> np.ndarray:
+        return fill_outside(on_image(values, inside), known) * inside[..., None]
+
+    transport = filled(measured.transport)
+    return Maps(
+        mask=inside,
+        coverage=mask / np.float32(255),
+        albedo=filled(measured.albedo / scale),
+        normal=filled(measured.normal),
+        depth=(depth * inside).astype(np.float32),
+        ao=(transport[..., 0] / np.float32(UNOCCLUDED_T00)).clip(0, 1),
+        transport=transport,
+    )
+
+
+def on_image(values: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """Returns values (P,...) of the pixels of `inside` (H,W) as an image (H,W,...) float32, zero outside."""
+    whole = np.zeros((*inside.shape, *values.shape[1:]), np.float32)
+    whole[inside] = values
+    return whole
 
 
 def gradient_frames(source: Path, only: str, rays: int) -> Source:

@@ -38,7 +38,7 @@ def make(
 
 
 @app.command("import")
-def bring_in(
+def import_(
     layout: Annotated[str, typer.Argument(help="humanolat or ultrastage.")],
     source: Annotated[Path, typer.Argument(help="The data set's folder, as published.", metavar="FOLDER")],
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the set; the layout's name.")] = None,
@@ -46,10 +46,10 @@ def bring_in(
     rays: Annotated[int, typer.Option(min=1, help="Per pixel, to bake the captures' meshes.")] = 256,
 ) -> None:
     """Brings captures of real people into a set, to be answered and scored like one that was drawn."""
-    from relight.benchmark.captures import BAKED, bring
+    from relight.benchmark.captures import BAKED, import_captures
 
     folder = out or Path(layout)
-    found = bring(layout, source, folder, only, rays)
+    found = import_captures(layout, source, folder, only, rays)
     if (folder / BAKED).is_file():
         print(f"measured beside baked transport: {folder / BAKED}")
     print(f"{folder}: set {found[:16]}")

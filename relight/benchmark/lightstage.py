@@ -125,7 +125,7 @@ def projection_error(directions: np.ndarray, weights: np.ndarray) -> float:
 
 
 @dataclass(frozen=True)
-class Stage:
+class LightStage:
     """The lamps of a light stage.
 
     Attributes:
@@ -143,7 +143,7 @@ class Stage:
     error: float
 
     @classmethod
-    def of(cls, positions: np.ndarray) -> "Stage":
+    def of(cls, positions: np.ndarray) -> "LightStage":
         """Returns the stage with lamps at positions (L,3). Raises UserError as `shares`."""
         system = np.concatenate([2 * positions, np.ones((len(positions), 1))], 1)
         found, *_ = np.linalg.lstsq(system, (positions**2).sum(1), rcond=None)  # |p|^2 = 2 p.c + R^2 - |c|^2
@@ -220,7 +220,7 @@ class Lighting:
         return self.texels[row, column].reshape(len(directions), -1, 3)
 
 
-def measure(frames: Frames, stage: Stage, points: np.ndarray, lighting: Lighting | None = None) -> Measured:
+def measure(frames: Frames, stage: LightStage, points: np.ndarray, lighting: Lighting | None = None) -> Measured:
     """Measures transport, albedo, normals, and pictures under panoramas.
 
     Frames are read twice, one at a time: first for the sums of the module's formula, then for albedo and normal by

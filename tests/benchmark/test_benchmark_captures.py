@@ -13,7 +13,7 @@ from PIL import Image
 from scipy.ndimage import binary_erosion
 from typer.testing import CliRunner
 
-from relight.benchmark.captures import SIDE, WHITEST, bring
+from relight.benchmark.captures import SIDE, WHITEST, import_captures
 from relight.benchmark.files import Set, arrays_of, write_arrays
 from relight.benchmark.humanolat import captures
 from relight.benchmark.rows import answer, new_lights
@@ -106,14 +106,14 @@ def test_rows_are_scored_up_to_a_factor(brought, tmp_path):
 
 def test_an_import_goes_on_and_keeps_to_its_set(humanolat, brought, tmp_path):
     before = {path: path.stat().st_mtime_ns for path in brought.rglob("photo.png")}
-    assert bring("humanolat", humanolat, brought, rays=64) == Set(brought).hash
+    assert import_captures("humanolat", humanolat, brought, rays=64) == Set(brought).hash
     assert before == {path: path.stat().st_mtime_ns for path in brought.rglob("photo.png")}
     varied = {one.name.partition("+")[0] for one in Set(brought).entries if one.of}
     assert varied == {"T001.P00.Cam01"}  # the first of the person
     with pytest.raises(UserError, match="holds another set, or one with other settings"):
-        bring("humanolat", humanolat, brought, rays=128)
+        import_captures("humanolat", humanolat, brought, rays=128)
     with pytest.raises(UserError, match="layout goliath: humanolat or ultrastage"):
-        bring("goliath", humanolat, tmp_path)
+        import_captures("goliath", humanolat, tmp_path)
 
 
 def test_without_a_mesh_the_person_is_in_a_plane(humanolat, brought, tmp_path):
@@ -121,7 +121,7 @@ def test_without_a_mesh_the_person_is_in_a_plane(humanolat, brought, tmp_path):
     model = copy / "SUBJECT_T001/POSE_00/model/model.obj"
     text = model.read_text()
     model.unlink()
-    bring("humanolat", copy, tmp_path / "flat", "Cam03")
+    import_captures("humanolat", copy, tmp_path / "flat", "Cam03")
     (entry,) = (one for one in Set(tmp_path / "flat").entries if not one.of)
     flat, deep = (read_maps(Set(folder).maps(entry)) for folder in (tmp_path / "flat", brought))
     assert not (tmp_path / "flat" / "baked.csv").exists()
@@ -130,7 +130,7 @@ def test_without_a_mesh_the_person_is_in_a_plane(humanolat, brought, tmp_path):
     assert 0.01 < error < 0.25  # lamps at 2.5 m, a ball of .3 m
     model.write_text(re.sub(r"(-?\d+\.\d+)", lambda found: f"{float(found[1]) / 1000:.8f}", text))
     with pytest.raises(UserError, match=r"model\.obj is not in the picture of T001\.P00\.Cam03: it must be in mill"):
-        bring("humanolat", copy, tmp_path / "metres", "Cam03")
+        import_captures("humanolat", copy, tmp_path / "metres", "Cam03")
 
 
 GRADIENTS = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, -1]])  # of red, green, blue
@@ -168,7 +168,7 @@ def stage(tmp_path):
 def test_gradients_are_new_lights(stage, tmp_path):
     """An answer by the formula, through panoramas in the camera's frame, is the pictures that are there."""
     out, answers = tmp_path / "set", tmp_path / "answers"
-    bring("ultrastage", stage, out)
+    import_captures("ultrastage", stage, out)
     benchmark = Set(out)
     pictures = [entry for entry in benchmark.entries if not entry.of]
     assert [entry.name for entry in pictures] == ["8fuu.00000", "8fuu.00003"]
@@ -199,7 +199,7 @@ def test_what_is_refused_of_ultrastage(stage, tmp_path):
 
     def refused(words, only=""):
         with pytest.raises(UserError, match=words) as caught:
-            bring("ultrastage", stage, tmp_path / "set", only)
+            import_captures("ultrastage", stage, tmp_path / "set", only)
         assert "\n" not in str(caught.value)
 
     kept = (place / "transforms.json").read_text()

@@ -13,7 +13,7 @@ from scipy.ndimage import binary_erosion
 from relight.benchmark import humanolat as layout
 from relight.benchmark.bakedstage import agreement, bake_as_seen
 from relight.benchmark.humanolat import captures, schedule
-from relight.benchmark.lightstage import Stage, measure
+from relight.benchmark.lightstage import LightStage, measure
 from relight.files import UserError
 from relight.meshes import read_mesh
 
@@ -30,7 +30,7 @@ FACETS, EDGES = 0.0045, 0.019
 def measured(capture, inside):
     """As `relight.benchmark.captures` measures, with the points known from formulas."""
     camera, seen = capture.camera, twin.surface(int(capture.name[-1]) - 1)
-    stage = Stage.of((capture.lamps - camera.eye) @ camera.rotation.T)
+    stage = LightStage.of((capture.lamps - camera.eye) @ camera.rotation.T)
     points = (seen["point"][inside] - camera.eye) @ camera.rotation.T
     return seen, stage, measure(lambda: capture.read_frames(inside), stage, points)
 

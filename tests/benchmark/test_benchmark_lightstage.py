@@ -7,7 +7,7 @@ from olat_twin import MIDDLE, STAGE, lamps
 from relight.benchmark.lightstage import (
     HIGHEST,
     Lighting,
-    Stage,
+    LightStage,
     coarse,
     measure,
     projection_error,
@@ -54,7 +54,7 @@ def test_the_error_is_that_of_the_rule():
     assert np.isclose(projection_error(directions, weights), true, rtol=0.05)
 
 
-def ball(stage: Stage, offset: np.ndarray, count: int = 400) -> dict:
+def ball(stage: LightStage, offset: np.ndarray, count: int = 400) -> dict:
     """Points on a small matt ball at an offset from the centre, and the frames of all lamps, exact but for 8 bits."""
     rng = np.random.default_rng(3)
     normals = rng.normal(size=(count, 3))
@@ -76,7 +76,7 @@ def ball(stage: Stage, offset: np.ndarray, count: int = 400) -> dict:
 @pytest.mark.parametrize("offset", [(0, 0, 0), (100, -800, 50)])
 def test_transport_albedo_and_normals_of_a_ball(offset):
     """Nothing occludes it. Off the centre, lamps are 1.7 to 3.3 m away: falling off and directions must be undone."""
-    stage = Stage.of(lamps())
+    stage = LightStage.of(lamps())
     assert np.allclose(stage.centre, MIDDLE) and np.isclose(stage.radius, STAGE)
     scene = ball(stage, np.array(offset, float))
     found = measure(scene["frames"], stage, scene["points"])
@@ -90,7 +90,7 @@ def test_transport_albedo_and_normals_of_a_ball(offset):
 
 def test_pictures_under_a_panorama_are_sums_of_frames():
     """A panorama of nine coefficients: albedo times irradiance has a closed form; the factor is the lamps'."""
-    stage = Stage.of(lamps())
+    stage = LightStage.of(lamps())
     scene = ball(stage, np.zeros(3))
     coefficients = np.concatenate([np.full((1, 3), 1.2), np.random.default_rng(1).uniform(-0.25, 0.25, (8, 3))])
     radiance = (basis(view_directions()) @ coefficients).reshape(64, 128, 3).astype(np.float32)
@@ -102,7 +102,7 @@ def test_pictures_under_a_panorama_are_sums_of_frames():
 
 def test_what_too_few_lamps_light_is_not_told():
     """In a crack that sees three lamps there is no normal, and nothing is made up."""
-    stage = Stage.of(lamps())
+    stage = LightStage.of(lamps())
     scene = ball(stage, np.zeros(3), 2)
 
     def frames():
@@ -116,7 +116,7 @@ def test_what_too_few_lamps_light_is_not_told():
 
 def test_rounding_is_the_error_that_is_told():
     """Frames that are dithered before they are rounded have twice the variance; errors of sums and albedo cancel."""
-    stage, rng = Stage.of(lamps()), np.random.default_rng(7)
+    stage, rng = LightStage.of(lamps()), np.random.default_rng(7)
     scene = ball(stage, np.zeros(3), 60)
     runs = []
     for _ in range(12):
