@@ -21,6 +21,8 @@ from relight.files import UserError
 from relight.stages.train import main as stage
 from relight.tracking import store
 from relight.tracking.run import TrainingRun
+from relight.tracking.workflow import WORKFLOW, finish_workflow
+from relight.workflow import Plan
 
 OUT, CURVE, STATE = (Path("train") / name for name in ("one.s0.safetensors", "one.s0.csv", "state/one.s0/state.pt"))
 
@@ -36,11 +38,11 @@ class Training:
         self.database = Path(f"{Path.cwd().name}.db")  # MLflow keeps the connection to a name
         self.uri = f"sqlite:///{self.database}"
 
-    def __call__(self, paths: dict | None = None, **changes) -> None:
+    def __call__(self, paths: dict | None = None, out: Path = OUT, **changes) -> None:
         model, loss, schedule, augment = self.settings
         track = Track(changes.pop("uri", self.uri), "test")
         groups = model(), loss(), schedule(**changes), augment()
-        stage(*groups, track, **{**self.paths, **(paths or {})}, out=OUT, curve=CURVE)
+        stage(*groups, track, **{**self.paths, **(paths or {})}, out=out, curve=out.with_suffix(".csv"))
 
     def killed(self, function: str, count: int) -> None:
         """The stage, as a job of Snakemake, in a process that ends by SIGKILL when `function` was called so often."""
@@ -72,9 +74,9 @@ class Training:
         process.join(timeout=240)
         assert process.exitcode == -9
 
-    def runs(self) -> list:
+    def runs(self, experiment: str = "test") -> list:
         client = MlflowClient(self.uri)
-        found = client.get_experiment_by_name("test")
+        found = client.get_experiment_by_name(experiment)
         return client.search_runs([found.experiment_id], order_by=["attributes.start_time"]) if found else []
 
     def logged(self, run) -> list[tuple[int, float]]:
@@ -101,14 +103,48 @@ def training(tmp_path, monkeypatch, empty, world, model, loss, schedule, augment
     return made
 
 
-def curve() -> list[tuple[int, float]]:
-    with open(CURVE, newline="") as file:
+def curve(network: Path = OUT) -> list[tuple[int, float]]:
+    with open(network.with_suffix(".csv"), newline="") as file:
         return [(int(row["step"]), float(row["loss"])) for row in csv.DictReader(file)]
 
 
-def header() -> dict:
-    with safe_open(OUT, "np") as file:
+def header(network: Path = OUT) -> dict:
+    with safe_open(network, "np") as file:
         return json.loads(file.metadata()["relight"])
+
+
+def check_run(training: Training, run, made: dict, points: list[tuple[int, float]]) -> Path:
+    """Parameters, metrics, inputs and artifacts of a run are those of the training that wrote a network.
+
+    Args:
+        training: where it is.
+        run: in MLflow.
+        made: the header of the network.
+        points: its curve.
+
+    Returns:
+        The folder of the run's artifacts.
+    """
+    assert run.info.status == "FINISHED" and run.data.tags["fingerprint"] == made["fingerprint"]
+    settings = {part: made[part] for part in ("model", "loss", "train", "augment")}
+    assert run.data.params == {key: str(value) for key, value in flat(settings).items()}
+    folder = Path("mlruns") / run.info.experiment_id / run.info.run_id / "artifacts"
+    assert yaml.safe_load((folder / "config.yaml").read_text()) == settings
+    assert training.logged(run) == points
+    drawn = [int(path.name.split("+")[2]) for path in sorted(folder.glob("images/*.png"))]
+    assert sorted(drawn) == [4, 8], "a picture an epoch"
+    inputs = {made.dataset.name: made.dataset.digest for made in run.inputs.dataset_inputs}
+    for name, path in zip(("figures", "lights", "split"), training.paths.values(), strict=True):
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        assert run.data.tags[f"data.{name}"] == digest and inputs[name] == digest[:36]
+    return folder
+
+
+def logged_network(run) -> bytes:
+    """The file of the model that a run logged."""
+    (model,) = run.outputs.model_outputs
+    (kept,) = Path("mlruns").glob(f"*/models/{model.model_id}/artifacts/data/*.safetensors")
+    return kept.read_bytes()
 
 
 def test_other_settings_are_another_run_and_each_tells_its_own(training):
@@ -117,22 +153,44 @@ def test_other_settings_are_another_run_and_each_tells_its_own(training):
         training(lr=lr)
         told.append((header(), curve()))
     for run, (made, points) in zip(training.runs(), told, strict=True):
-        assert run.info.status == "FINISHED" and run.info.run_name == "one.s0"
-        assert run.data.tags["fingerprint"] == made["fingerprint"]
-        settings = {part: made[part] for part in ("model", "loss", "train", "augment")}
-        assert run.data.params == {key: str(value) for key, value in flat(settings).items()}
-        folder = Path("mlruns") / run.info.experiment_id / run.info.run_id / "artifacts"
-        assert yaml.safe_load((folder / "config.yaml").read_text()) == settings
-        assert training.logged(run) == points
-        drawn = [int(path.name.split("+")[2]) for path in sorted(folder.glob("images/*.png"))]
-        assert sorted(drawn) == [4, 8], "a picture an epoch"
-        inputs = {made.dataset.name: made.dataset.digest for made in run.inputs.dataset_inputs}
-        for name, path in zip(("figures", "lights", "split"), training.paths.values(), strict=True):
-            digest = hashlib.sha256(path.read_bytes()).hexdigest()
-            assert run.data.tags[f"data.{name}"] == digest and inputs[name] == digest[:36]
-    (model,) = run.outputs.model_outputs
-    (kept,) = Path("mlruns").glob(f"*/models/{model.model_id}/artifacts/data/*.safetensors")
-    assert kept.read_bytes() == OUT.read_bytes()
+        check_run(training, run, made, points)
+        assert run.info.run_name == "one.s0"
+    assert logged_network(run) == OUT.read_bytes()
+
+
+def test_a_sweep_has_an_experiment_and_a_parent_of_its_own(training, monkeypatch):
+    """Beside a run of the tables that has the settings of one of its trainings."""
+    words = ["scale=smoke", "experiment=one", f"track.uri={training.uri}"]
+    rows = {f"lr_{lr}": [f"train.lr={lr}"] for lr in (0.002, 0.001)}
+    plans = [Plan({"hydra": words}), Plan({"hydra": words, "runs": rows})]
+    flows = [plan.workflow() for plan in plans]
+    given = [(flows[0], "one", 0.002), *((flows[1], row, float(row[3:])) for row in rows)]
+    networks = {f"{row}.s0": Path("train") / f"{row}.s0.safetensors" for _, row, _ in given}
+    for (flow, _, lr), network in zip(given, networks.values()):
+        monkeypatch.setenv(WORKFLOW, flow.to_json())
+        training(out=network, lr=lr)
+    report = plans[1].write_record(".").with_name("report")
+    report.mkdir()
+    (report / "sweep.csv").write_text("row\n")
+    own = {name: path for name, path in networks.items() if name != "one.s0"}
+    finish_workflow(flows[1], own, report)
+    assert not training.runs()
+    for flow, names in zip(flows, (["one.s0"], list(own))):
+        above, *below = training.runs(flow.track.experiment)
+        assert above.info.run_name == "smoke" and "mlflow.parentRunId" not in above.data.tags
+        assert above.data.params == {key: str(value) for key, value in flat(flow.settings).items()}
+        assert [run.info.run_name for run in below] == names
+        for run in below:
+            network = networks[run.info.run_name]
+            folder = check_run(training, run, header(network), curve(network))
+            assert (folder / f"{network.stem}.csv").read_bytes() == network.with_suffix(".csv").read_bytes()
+            assert run.data.tags["mlflow.parentRunId"] == above.info.run_id
+            assert run.data.tags["sweep"] == str(flow is flows[1]).lower()
+            assert logged_network(run) == network.read_bytes()
+    note = above.data.tags["mlflow.note.content"]
+    assert "compare-runs" in note and all(run.info.run_id in note for run in below), "the comparison of the sweep"
+    kept = Path("mlruns") / above.info.experiment_id / above.info.run_id / "artifacts" / "report" / "sweep.csv"
+    assert kept.exists() and flows[0].track.experiment == "smoke" and flow.track.experiment == "smoke sweeps"
 
 
 @pytest.mark.parametrize("broken", ["artifacts", "database", "lock", "server"])
