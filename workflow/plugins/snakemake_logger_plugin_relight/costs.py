@@ -2,7 +2,7 @@
 
 import csv
 import heapq
-from collections import defaultdict
+from collections import defaultdict, deque
 from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
@@ -57,6 +57,7 @@ REFERENCE = {
     },
     "laptop": SHARED,
 }
+LATEST = 8  # jobs that tell how slow this run is
 
 
 def measured(file: Path | str) -> float | None:
@@ -85,17 +86,19 @@ class Costs:
             if seconds:
                 self.before[rule.name] = sum(seconds) / len(seconds)
         self._took: dict[str, list[float]] = defaultdict(list)
+        self._latest: deque[tuple[float, float]] = deque(maxlen=LATEST)  # seconds, and what was expected
 
     def add(self, rule: str, seconds: float) -> None:
         """Takes note of a job that has ended."""
         self._took[rule].append(seconds)
+        if rule in self.before:
+            self._latest.append((seconds, self.before[rule]))
 
     @property
     def slower(self) -> float:
-        """How much longer this run's jobs took than before: other work on the machine, or other settings."""
-        took = {rule: seconds for rule, seconds in self._took.items() if rule in self.before}
-        expected = sum(len(seconds) * self.before[rule] for rule, seconds in took.items())
-        return sum(map(sum, took.values())) / expected if expected else 1.0
+        """How much longer than before the latest jobs took: other work on the machine, or other settings."""
+        took, expected = map(sum, zip(*self._latest)) if self._latest else (1.0, 1.0)
+        return took / expected if expected else 1.0
 
     def measured(self, rule: str) -> bool:
         """Whether a job of the rule has ended in this run."""
