@@ -56,8 +56,10 @@ smoke: $(STAMP)  ## the whole workflow at the smallest scale
 ui: $(STAMP)  ## browse the runs in MLflow on this machine
 	@$(BIN)/relight ui
 
-docs: $(STAMP)  ## the site of docs/, in results/site
+docs: $(STAMP)  ## the site of docs/, in results/site; after `relight web setup` with its demo
 	@$(PIP) --constraint constraints.txt --no-build-isolation --editable '.[docs]'
+	@rm -rf results/demo
+	@$(BIN)/relight web build results/demo >/dev/null || echo "the site is built without its demo, the page that relights photos in the browser"
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 	@echo "the site is in results/site; to read it with its search: python3 -m http.server --bind 127.0.0.1 --directory results/site"
 

@@ -56,12 +56,19 @@ def test_the_first_hour_runs_and_prints_what_its_page_says(tmp_path, monkeypatch
     assert shown == sorted(path.name for path in tmp_path.iterdir()) and len(shown) == 8
 
 
-def test_the_site_builds_without_a_warning(tmp_path):
+@pytest.mark.parametrize("has_demo", [False, True])
+def test_the_site_builds_without_a_warning_and_shows_the_demo_where_there_is_one(tmp_path, has_demo):
     pytest.importorskip("mkdocs")
-    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1", "PYTHONPATH": str(ROOT)}
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(tmp_path / "site")]
+    demo, site = tmp_path / "demo", tmp_path / "site"
+    if has_demo:
+        demo.mkdir()
+        (demo / "index.html").write_text("turn the light")
+    environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1", "PYTHONPATH": str(ROOT), "RELIGHT_DEMO": str(demo)}
+    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(site)]
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     pages = {path.stem for path in (ROOT / "docs").glob("*.md")}
-    built = {path.parent.name for path in (tmp_path / "site").glob("*/index.html")} | {"index"}
+    built = {path.parent.name for path in site.glob("*/index.html")} | {"index"}
     assert pages <= built
+    frames = re.findall(r'<iframe src="([^"]+)"', (site / "web" / "index.html").read_text())
+    assert [(site / "web" / frame).read_text() for frame in frames] == ["turn the light"] * has_demo

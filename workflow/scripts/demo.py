@@ -1,0 +1,33 @@
+"""MkDocs hooks: the page that `relight web` writes becomes the demo of the site's page on it, where it has been built.
+
+`make docs` builds it into the folder that `extra.demo` of mkdocs.yml names.
+"""
+
+import shutil
+from pathlib import Path
+
+PAGE = "web.md"
+FRAME = """
+<iframe src="../demo/index.html" title="Turn the light in a photo" loading="lazy" allow="fullscreen"
+  style="width: 100%; height: 560px; border: 0; border-radius: 8px"></iframe>
+
+<p><a href="../demo/index.html" target="_blank">On a page of its own</a></p>
+"""
+
+
+def _folder(config) -> Path:
+    return Path(config.config_file_path).parent / config.extra["demo"]
+
+
+def on_page_markdown(markdown: str, *, page, config, **_) -> str:
+    """Shows the demo below the title of its page."""
+    if page.file.src_uri != PAGE or not (_folder(config) / "index.html").is_file():
+        return markdown
+    title, rest = markdown.split("\n", 1)
+    return f"{title}\n{FRAME}{rest}"
+
+
+def on_post_build(*, config, **_) -> None:
+    """Copies the demo into the site."""
+    if _folder(config).is_dir():
+        shutil.copytree(_folder(config), Path(config.site_dir) / "demo", dirs_exist_ok=True)
