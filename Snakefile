@@ -2,7 +2,7 @@
 #
 # What `snakemake --lint` finds, and why it stays: no conda environment or container for each rule, since one environment
 # is locked for all stages (constraints.txt, environment.yml, Dockerfile); no log of the rules in settings.smk, which
-# write a few lines by `printf`.
+# write a few lines by `printf`; and `rule`, which is no variable of ours but the name that Snakemake gives to shells.
 from snakemake.utils import min_version
 
 min_version("9.0")

@@ -20,6 +20,8 @@ from relight.srgb import encode
 COLUMNS = (
     "picture",
     "albedo",
+    "normal",
+    "AO",
     "shading",
     "shading error",
     "light",
@@ -32,10 +34,17 @@ CELL_HEIGHT = 300  # pixels of a cell
 GAP, GUTTER, TOP, LINE = 6, 150, 60, 24
 WORST = 0.5  # shading error (vector norm) at the dark end of the scale
 EXTREMES = 2  # figures at either end of the errors
+LIGHTS = 8  # that a figure is relit by
 NOTE = (
-    "Picture: what the networks see (truth), and their albedo x shading. Relit: albedo and transport under the light "
+    "Picture: what the networks see (truth), and their albedo x shading. Normals (x, y, z as red, green, blue) and "
+    "AO of the networks that infer them, empty where not. Relit: albedo and transport under the light "
     "of the small sphere. Transport by band of spherical harmonics: 0 how much light arrives; 1 from where (x, y, z as "
     "red, green, blue); 2 how it is spread (xz, yz, 3z²-1)."
+)
+
+NOTE_RELIT = (
+    "Relit by the lights of the small spheres, which no training has seen: the truth, and what each network makes of "
+    "the picture in the first column alone."
 )
 
 
@@ -74,7 +83,7 @@ class Subject:
 @dataclass
 class View:
     """One cell: colours (P,3) of the subject's pixels, display-coded already if `coded`, or an error (P,), with a light
-    (K,3) as a small sphere in the corner; a light alone fills the cell."""
+    (K,3) as a small sphere in the corner; a light alone fills the cell, and without anything it stays empty."""
 
     colors: np.ndarray | None = None
     error: np.ndarray | None = None
@@ -92,8 +101,8 @@ class Line:
     first: bool = False
 
 
-def draw(heads: list[str], lines: list[Line], linear: bool, worst: float, note: str) -> Sheet:
-    """Lays out the sheet. Colours and lights are sRGB-encoded if `linear`; errors run to `worst`."""
+def draw(heads: list[str], lines: list[Line], linear: bool, worst: float | None, note: str) -> Sheet:
+    """Lays out the sheet. Colours and lights are sRGB-encoded if `linear`; errors, if there are any, run to `worst`."""
     box = box_of([line.subject.mask for line in lines])
     tall, wide = box[0].stop - box[0].start, box[1].stop - box[1].start
     height, width = CELL_HEIGHT, max(100, round(CELL_HEIGHT * wide / tall))
@@ -108,9 +117,10 @@ def draw(heads: list[str], lines: list[Line], linear: bool, worst: float, note: 
         for c, view in enumerate(line.views):
             draw_view(sheet, view, line.subject, box, GUTTER + c * (width + GAP), y, (width, height), linear, worst)
         y += height + GAP
-    bar = np.repeat(heat(np.linspace(0, worst, 160), worst)[None], 14, 0)
-    sheet.put(Image.fromarray((bar * 255).round().astype(np.uint8)), GUTTER, y + 8)
-    sheet.text(f"error, 0 to {worst:g} (vector norm)", GUTTER + 170, y + 5, 14, color=FAINT)
+    if worst:
+        bar = np.repeat(heat(np.linspace(0, worst, 160), worst)[None], 14, 0)
+        sheet.put(Image.fromarray((bar * 255).round().astype(np.uint8)), GUTTER, y + 8)
+        sheet.text(f"error, 0 to {worst:g} (vector norm)", GUTTER + 170, y + 5, 14, color=FAINT)
     sheet.text(note, GUTTER, y + LINE + 8, 14, color=FAINT, width=sheet.image.width - GUTTER - 2 * GAP)
     return sheet
 
@@ -124,10 +134,12 @@ def draw_view(
     y: int,
     size: tuple[int, int],
     linear: bool,
-    worst: float,
+    worst: float | None,
 ) -> None:
     """One cell of `size` (width, height) at (x, y): the subject's pixels in `box`."""
     width, height = size
+    if view.colors is None and view.error is None and view.light is None:
+        return None
     if view.colors is None and view.error is None:
         return sheet.cell(ball(view.light, round(0.8 * width), subject.white, linear), x, y, width, height)
     colors = heat(view.error, worst) if view.colors is None else view.colors
@@ -191,6 +203,42 @@ def extremes(
     draw_plates(networks, packed, lights, split, settings, ends, out)
 
 
+def relit(
+    networks: dict[str, Path], packed: Path, lights: Path, split: Path, settings: config.Evaluate, out: Path
+) -> None:
+    """Draws one figure relit by up to LIGHTS lights of `settings.lights` as a PNG: truth, then each network.
+
+    Args:
+        networks: row -> checkpoint.
+        packed, lights, split: the data, as for `evaluate.evaluate`.
+        settings: which figures and lights.
+        out: the picture (.png).
+
+    Raises:
+        UserError: as `evaluate.evaluate`.
+    """
+    lines: list[Line] = []
+    linear = False
+    for name, checkpoint in progress(list(networks.items()), "networks relit"):
+        network, data = load(checkpoint, packed, lights, settings)
+        if not has_pairs(data, split, settings):
+            break
+        figures, lit = chosen_pairs(data, split, settings.lights, settings.figures)
+        figure, chosen = int(figures[len(figures) // 2]), lit[spaced(len(lit), LIGHTS)]
+        if not lines:
+            linear = data.color == "photo"
+            one = Subject.of(data, figure, chosen)
+            lines = [Line(f"truth {one.name}", one, [one.picture(light) for light in range(len(chosen))], first=True)]
+        one = lines[0].subject
+        albedo, transport, light = inferred_parts(one, infer(network, data, figure, chosen[:1]))
+        shadings = [shade(transport, each) for each in (light, *one.truth.lights[1:])]
+        lines.append(Line(label(name), one, [View(albedo * shading) for shading in shadings]))
+    if not lines:
+        return nothing().save(out)
+    heads = ["picture", *(f"relit {light}" for light in range(1, len(lines[0].views)))]
+    draw(heads, lines, linear, None, NOTE_RELIT).save(out)
+
+
 def draw_plates(
     networks: dict[str, Path],
     packed: Path,
@@ -218,10 +266,15 @@ def draw_plates(
             one = block[0].subject
             block.append(Line(label(name), one, inferred_views(one, infer(network, data, figure, two[:1]))))
     if not blocks:
-        sheet = Sheet(2 * GUTTER, TOP)
-        sheet.text("nothing to show", GUTTER, TOP // 2, 15, "mm", color=FAINT)
-        return sheet.save(out)
+        return nothing().save(out)
     draw(list(COLUMNS), [line for block in blocks for line in block], linear, WORST, NOTE).save(out)
+
+
+def nothing() -> Sheet:
+    """A sheet that says that there is nothing to show."""
+    sheet = Sheet(2 * GUTTER, TOP)
+    sheet.text("nothing to show", GUTTER, TOP // 2, 15, "mm", color=FAINT)
+    return sheet
 
 
 def spaced(items: int, count: int) -> list[int]:
@@ -232,22 +285,45 @@ def spaced(items: int, count: int) -> list[int]:
 def true_views(s: Subject) -> list[View]:
     """The views of COLUMNS, the mask in the place of an error."""
     made = views(s, s.truth.maps["albedo"][0], s.truth.transport[0], *s.truth.lights)
-    made[COLUMNS.index("shading error")] = View(np.full((len(s.pixel), 3), 0.2), coded=True)
-    made[-1].light = s.truth.lights[1]
-    return made
+    made["shading error"] = View(np.full((len(s.pixel), 3), 0.2), coded=True)
+    made["relit"].light = s.truth.lights[1]
+    made |= surface_views(s.truth.maps["normal"][0], s.truth.maps["ao"][0, :, 0])
+    return [made[column] for column in COLUMNS]
 
 
 def inferred_views(s: Subject, inferred: Inferred) -> list[View]:
     """The views of COLUMNS of what a network infers of the subject in its first light."""
+    made = views(s, *inferred_parts(s, inferred), s.truth.lights[1])
+    made |= surface_views(*(None if part is None else part[0] for part in (inferred.normal, inferred.ao)))
+    return [made[column] for column in COLUMNS]
+
+
+def inferred_parts(s: Subject, inferred: Inferred) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Albedo (P,3), transport (P,K) and light (K,3) that a network infers; what it does not infer is the truth."""
     transport = inferred.transport[0] * (inferred.ao[0][:, None] if inferred.occlude else 1)
     albedo = (s.truth.maps["albedo"] if inferred.albedo is None else inferred.albedo)[0]
     light = (s.truth.lights if inferred.light is None else inferred.light)[0]
-    return views(s, albedo, transport, light, s.truth.lights[1])
+    return albedo, transport, light
 
 
-def views(s: Subject, albedo: np.ndarray, transport: np.ndarray, light: np.ndarray, new: np.ndarray) -> list[View]:
+def surface_views(normal: np.ndarray | None, ao: np.ndarray | None) -> dict[str, View]:
+    """Normals (P,3) as colours and ambient occlusion (P,) as grey; empty views in the place of None."""
+    return {
+        "normal": View() if normal is None else View((normal + 1) / 2, coded=True),
+        "AO": View() if ao is None else View(np.repeat(ao[:, None].clip(0, 1), 3, 1), coded=True),
+    }
+
+
+def views(s: Subject, albedo: np.ndarray, transport: np.ndarray, light: np.ndarray, new: np.ndarray) -> dict[str, View]:
+    """All views of COLUMNS but for those of the surface."""
     shading = shade(transport, light)
     error = np.linalg.norm(shading - s.truth.maps["shading"][0], axis=-1)
-    bands = [View(band, coded=True) for band in transport_bands(transport)]
-    first = [View(albedo * shading), View(albedo), View(shading / s.white), View(error=error), View(light=light)]
-    return [*first, *bands, View(albedo * shade(transport, new))]
+    return {
+        "picture": View(albedo * shading),
+        "albedo": View(albedo),
+        "shading": View(shading / s.white),
+        "shading error": View(error=error),
+        "light": View(light=light),
+        **{f"transport {band}": View(colors, coded=True) for band, colors in enumerate(transport_bands(transport))},
+        "relit": View(albedo * shade(transport, new)),
+    }

@@ -1,4 +1,4 @@
-"""Pictures of an experiment: test figures as each network sees them, one at a glance, the best and the worst."""
+"""Pictures of an experiment: figures as each network sees them, one under several lights, the best and the worst."""
 
 import json
 from pathlib import Path
@@ -16,6 +16,7 @@ from relight.stages.stage import stage
     lights="lights (.npz)",
     split="split (.json)",
     out="picture of some figures (.png)",
+    relit="picture of one figure under several lights (.png)",
     overview="picture of one figure and one network (.png)",
     extremes="picture of the figures with the least and the largest error (.png)",
 )
@@ -28,6 +29,7 @@ def main(
     lights: Path,
     split: Path,
     out: Path,
+    relit: Path,
     overview: Path,
     extremes: Path,
 ) -> None:
@@ -38,6 +40,7 @@ def main(
     scores = [results / path for row, paths in chosen["scores"].items() if row for path in paths]
     data = packed, lights, split, evaluate
     panels.plates(networks, *data, out)
+    panels.relit(networks, *data, relit)
     panels.overview(networks, *data, overview)
     panels.extremes(networks, scores, *data, extremes)
 

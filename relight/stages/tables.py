@@ -5,7 +5,8 @@ from pathlib import Path
 from relight.config import Evaluate
 from relight.stages.stage import stage
 
-ENDS = (".csv", ".md", ".tex", "_plates.png", "_overview.png", "_extremes.png")  # of an experiment's files
+PICTURES = ("plates", "relit", "overview", "extremes")
+ENDS = (".csv", ".md", ".tex", *(f"_{kind}.png" for kind in PICTURES))  # of an experiment's files
 
 
 @stage("tables", experiments="experiments (.json)", results="folder of the results", out="folder of the tables")

@@ -303,6 +303,6 @@ def workflow_run(workflow: Workflow) -> Run:
         workflow.name,
         workflow.fingerprint,
         workflow.settings,
-        workflow.tags,
+        {**workflow.tags, "mlflow.source.name": "Snakefile"},  # else the stage that makes the run
         start=workflow.start,
     )

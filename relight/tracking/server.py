@@ -8,8 +8,9 @@ from pathlib import Path
 from relight.config import ROOT, Track, composed
 from relight.files import UserError
 from relight.tracking.store import configure, connect
+from relight.tracking.workflow import VIEW
 
-RUNS = "?workflowType=machine_learning&orderByKey=attributes.start_time&orderByAsc=false"  # of the page of runs
+RUNS = f"?{VIEW}&orderByKey=attributes.start_time&orderByAsc=false"  # of the page of runs
 
 
 def serve(track: Track, port: int) -> None:

@@ -15,6 +15,7 @@ MODEL = "relight"  # the registered model
 SCORE = "test/shading_rmse"  # by which the best network of a workflow is chosen
 KEPT = (".html", ".csv", ".md", ".tex", ".png")  # files of the report that become artifacts
 MAX_BYTES = 32 << 20  # of each
+VIEW = "workflowType=machine_learning"  # of MLflow's pages, whose other view is of language models
 
 
 @dataclass(frozen=True)
@@ -127,13 +128,14 @@ def description(workflow: Workflow, trained: Mapping) -> str:
     if len(trained) > 1:
         runs = json.dumps([one.info.run_id for one in trained.values()], separators=(",", ":"))
         experiment = next(iter(trained.values())).info.experiment_id
-        lines.append(f'[Compare them](#/compare-runs?runs={runs}&experiments=["{experiment}"])'.replace('"', "%22"))
+        link = f'#/compare-runs?runs={runs}&experiments=["{experiment}"]&{VIEW}'.replace('"', "%22")
+        lines.append(f"[Compare them]({link})")
     for experiment in dict.fromkeys(name for names in workflow.rows.values() for name in names):
         shown = {n: one for n, one in trained.items() if experiment in workflow.rows.get(one.data.tags["row"], [])}
         if shown:
             table = [f"| training | {SCORE} |", "|---|---|"]
             for name, one in shown.items():
-                link = f"#/experiments/{one.info.experiment_id}/runs/{one.info.run_id}"
+                link = f"#/experiments/{one.info.experiment_id}/runs/{one.info.run_id}?{VIEW}"
                 table.append(f"| [{name}]({link}) | {one.data.metrics.get(SCORE, float('nan')):.4f} |")
             lines += [f"### {experiment}", "\n".join(table)]
     return "\n\n".join(lines)

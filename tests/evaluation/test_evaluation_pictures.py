@@ -16,7 +16,7 @@ from relight.evaluation.occlusion import (
     occlusion,
     read_occlusion,
 )
-from relight.evaluation.panels import COLUMNS, extremes, overview, plates
+from relight.evaluation.panels import COLUMNS, extremes, overview, plates, relit
 from relight.evaluation.scores import Scores, write_scores
 from relight.evaluation.tables import MAPS, experiment_table
 from relight.files import UserError
@@ -162,6 +162,41 @@ def test_plates_show_the_truth_and_each_network(world, small_network, tmp_path):
     shown = sheet[60:360, 156:].reshape(-1, 3)
     for color in colors:
         assert (np.abs(shown - color).max(1) <= 2).sum() > 500
+    surfaces = {"normal": (maps.normal[maps.mask] + 1) / 2, "AO": np.repeat(maps.ao[maps.mask, None], 3, 1)}
+    for column, true in surfaces.items():
+        truth, ours, sfsnet_ao = cells(sheet, COLUMNS.index(column))
+        assert share_shown(truth, true) > 0.9
+        assert np.ptp(ours) == 0 and np.ptp(sfsnet_ao) > 50, "only one of the two infers it"
+
+
+def cells(sheet: np.ndarray, column: int) -> list[np.ndarray]:
+    """The cells of a column of COLUMNS, of the first figure and two networks."""
+    width = (sheet.shape[1] - 150 - 6) // len(COLUMNS) - 6
+    left = 150 + column * (width + 6)
+    return [sheet[top : top + 300, left : left + width] for top in (84 + 306 * row for row in range(3))]
+
+
+def share_shown(cell: np.ndarray, colors: np.ndarray) -> float:
+    """The share of colours (N,3) in [0,1], display-coded, that pixels of a cell have."""
+    some = (colors[:: len(colors) // 40] * 255).round()
+    return float(np.mean([(np.abs(cell.reshape(-1, 3) - color).max(1) <= 4).any() for color in some]))
+
+
+def test_a_figure_is_relit_by_several_lights(world, small_network, tmp_path):
+    """The truth has the colours of each test light; a network, which sees the first alone, has others."""
+    networks = {"ours": tmp_path / "ours.safetensors"}
+    small_network(networks["ours"], "ours", "photo")
+    relit(networks, world.packed, world.lights, world.split, world.settings, tmp_path / "relit.png")
+    sheet = np.asarray(Image.open(tmp_path / "relit.png")).astype(int)
+    lights, split = (np.load(world.lights)[name] for name in ("coefficients", "split"))
+    maps = read_maps(world.maps[4])
+    assert sheet.shape[0] == 60 + 24 + 2 * 306 + 4 * 24
+    wide = (sheet.shape[1] - 150 - 6) // 2
+    for place, light in enumerate(lights[split == "test"]):
+        true = maps.albedo[maps.mask] * np.maximum(maps.transport[maps.mask] @ light, 0)
+        column = sheet[:, 150 + place * wide : 150 + (place + 1) * wide]
+        found = [share_shown(column[top : top + 300], encode(true.clip(0, 1))) for top in (84, 84 + 306)]
+        assert found[0] > 0.9 and found[0] > found[1] + 0.3
 
 
 def test_one_figure_at_a_glance_and_the_ends_of_the_errors(world, small_network, tmp_path):

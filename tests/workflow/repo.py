@@ -82,7 +82,7 @@ def hashes(repo: Path) -> dict[str, str]:
 def at_work(repo: Path) -> list[psutil.Process]:
     """The processes that work in a repository."""
     found = []
-    for process in psutil.process_iter(["cwd", "status"]):
+    for process in psutil.process_iter(["cwd", "status", "cmdline"]):
         if process.info["cwd"] == str(repo) and process.info["status"] != psutil.STATUS_ZOMBIE:
             found.append(process)
     return found

@@ -44,7 +44,7 @@ def test_counts_and_time_left(handler, capsys):
     tell(handler, LogEvent.JOB_FINISHED, job_id=2)
     told = [
         "6 jobs; roughly 2 min 00 s left",  # 2 × 10 s, then 100 s, on two cores
-        "17%: figure 1/4; roughly 3 min 40 s left",  # one should end now: 2 on two cores, then 200 s
+        "17%: figure 1/4; roughly 3 min 42 s left",  # one is due, 2 s more: 2 on two cores, then 200 s
         "33%: figure 2/4; roughly 3 min 13 s left",  # 17.5 s: the third is overdue; and 1.75 × 100 s
     ]
     assert capsys.readouterr().err.splitlines() == told

@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import subprocess
 import sys
 import time
 
@@ -224,6 +225,20 @@ def test_every_word_of_every_rule_is_quoted():
     words = [word.strip("{}") for block in shells for word in WORDS_OF_SHELL.findall(block)]
     assert len(words) > 60
     assert {word for word in words if not word.endswith(":q")} <= {"params.condition"}
+
+
+@pytest.mark.slow
+def test_lint_finds_what_the_snakefile_answers_and_nothing_else():
+    command = [sys.executable, "-m", "snakemake", "--lint", "--config", "hydra=scale=smoke"]
+    told = subprocess.run(command, cwd=ROOT, capture_output=True, text=True).stderr
+    found = {}
+    for rule, findings in re.findall(r"^Lints for rule (\w+).*\n((?:    .*\n|\n)+)", told, re.M):
+        for title in re.findall(r"^    \* (.+?):?$", findings, re.M):
+            found.setdefault(title, set()).add(rule)
+    assert len(found.pop("Specify a conda environment or container for each rule.")) > 15
+    assert found.pop("No log directive defined") == {"settings", "listing", "experiments"}
+    (outside,) = found
+    assert outside == "Shell command directly uses variable rule from outside of the rule"
 
 
 @pytest.mark.parametrize("folder", ["missing", "empty"])

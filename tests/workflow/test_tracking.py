@@ -141,6 +141,7 @@ def check_writers(client) -> None:
         }
         assert run.data.tags.items() >= tags.items()
     assert above.info.run_name == "demo" and above.data.params == {"a.b": "1"}
+    assert above.data.tags["mlflow.source.name"] == "Snakefile"
 
 
 def test_processes_share_a_new_store(client, folder):

@@ -47,6 +47,12 @@ rule plates:
             caption="../report/plates.rst",
             labels={"experiment": "{experiment}", "shows": "a plate"},
         ),
+        relit=report(
+            f"{OUT}/report/{{experiment}}_relit.png",
+            category="Pictures",
+            caption="../report/relit.rst",
+            labels={"experiment": "{experiment}", "shows": "several lights"},
+        ),
         overview=f"{OUT}/report/{{experiment}}_overview.png",
         extremes=report(
             f"{OUT}/report/{{experiment}}_extremes.png",
@@ -68,7 +74,7 @@ rule plates:
         + named("io.experiment", "wildcards.experiment")
         + f"io.results={OUT} io.packed={{input.packed:q}} "
         + "io.lights={input.lights:q} io.split={input.split:q} io.out={output.plates:q} "
-        + "io.overview={output.overview:q} io.extremes={output.extremes:q}"
+        + "io.relit={output.relit:q} io.overview={output.overview:q} io.extremes={output.extremes:q}"
         + LOGGED
 
 
@@ -117,7 +123,7 @@ rule report:
         plates=expand(
             f"{OUT}/report/{{experiment}}_{{kind}}.png",
             experiment=PLAN.plates,
-            kind=["plates", "overview", "extremes"],
+            kind=["plates", "relit", "overview", "extremes"],
         ),
         figures=f"{OUT}/report/figures.png",
         lights=f"{OUT}/report/lights.png",

@@ -77,7 +77,7 @@ def experiment(results: Results, name: str) -> Numbers:
         axis = AXES.get(one["axis"], one["axis"])
         charts.plot_axis(points(results, name), table, errors, axis, made["plot"])
     if one["plates"]:
-        made["plates"] = [results.report / f"{name}_{kind}.png" for kind in ("plates", "extremes")]
+        made["plates"] = [results.report / f"{name}_{kind}.png" for kind in ("plates", "relit", "extremes")]
     return made | EXPERIMENTS.get(name, lambda *_: {})(results, name, table)
 
 

@@ -15,6 +15,7 @@ from relight.progress import duration
 from snakemake_logger_plugin_relight.costs import Costs, makespan, measured
 
 EVERY = 10.0  # seconds between two lines where there is no terminal
+OVERDUE = 0.1  # of its time so far, that a job which takes longer than others is taken to need yet
 NO_WORK = ("total", "all", "settings", "listing", "experiments")  # rules that write a few lines
 
 
@@ -98,7 +99,8 @@ class LogHandler(LogHandlerBase):
         waiting = {rule: max(0, n - self.done[rule] - at_work[rule]) for rule, n in self.total.items()}
         ahead = [rule for rule, n in self.total.items() if self.done[rule] < n]
         cost = {rule: self.costs[rule] for rule in ahead}
-        rest = [(rule, max(0.0, (cost[rule] or 0.0) - now + self.since[job])) for job, rule in running.items()]
+        spent = {job: now - self.since[job] for job in running}
+        rest = [(rule, max((cost[rule] or 0.0) - spent[job], OVERDUE * spent[job])) for job, rule in running.items()]
         known = {rule: seconds or 0.0 for rule, seconds in cost.items()}
         cores = min(self.cores, max(1, sum(waiting.values()) + len(rest)))
         seconds = makespan(waiting, known, self.needs, rest, cores)
