@@ -1,0 +1,136 @@
+"""Each shell line of the README and the site is run, checked against the command line, or listed as not run."""
+
+import re
+import shlex
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+import typer
+
+from relight.cli import app
+from relight.config import composed
+from relight.lights import LightSet, write_light_set
+from relight.run import expand_sweep
+
+ROOT = Path(__file__).parents[1]
+PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")])
+# Not run by any test, with the reason. What is checked of the others is in `check`.
+NOT_RUN = {
+    "pip install": "it installs packages, some of them from the network",
+    "docker": "it needs Docker",
+    "torchrun": "it needs several GPUs",
+    "snakemake": "by hand; tests/workflow runs Snakemake by the same rules",
+    "pytest": "it is the test runner itself",
+    "relight run experiment=batch": "the page shows how this preset is written",
+}
+PLACEHOLDER = re.compile(r"\.\.\.|<\w+>|\b[A-Z]{4,}\b")  # a line with one shows the form of a command
+
+
+def shell_lines(page: Path) -> list[str]:
+    """Returns the commands of a page's blocks, without comments, and of its code spans that begin with relight."""
+    text = page.read_text()
+    fenced = [block for kind, block in re.findall(r"^```(\w*)\n(.*?)^```$", text, re.M | re.S) if kind in ("", "sh")]
+    plain = re.sub(r"^```.*?^```$", "", text, flags=re.M | re.S)
+    blocks = [*fenced, *(line[4:] for line in plain.splitlines() if line.startswith("    "))]
+    lines = [line for block in blocks for line in block.replace("\\\n", " ").splitlines()]
+    lines += re.findall(r"`(relight (?:run|light|bake|photo|view|figures) [^`]*[.:=][^`]*)`", plain)
+    programs = ("relight", "make", "python", *{words.split()[0] for words in NOT_RUN})
+    lines = [re.sub(r"^(?:[A-Z_]+=\S+ )+", "", re.sub(r"\s+# .*$", "", line)).strip() for line in lines]
+    return [line for line in dict.fromkeys(lines) if re.match(rf"(?:{'|'.join(programs)})(?:[ -]|$)", line)]
+
+
+def parse(words: list[str]) -> None:
+    """Parses the words of a `relight` command as the command line does; raises click's error if it would."""
+    command = typer.main.get_command(app)
+    context = command.make_context("relight", words[1:])
+    while hasattr(command, "resolve_command"):
+        name, command, rest = command.resolve_command(context, [*context._protected_args, *context.args])
+        context = command.make_context(name, rest, parent=context)
+
+
+def check(line: str) -> None:
+    """Checks that a command exists and accepts its words, and that settings compose; runs nothing."""
+    words = shlex.split(line)
+    if any(line.startswith(known) for known in NOT_RUN):
+        return
+    if words[0] == "relight":
+        parse(words)
+        overrides = [word for word in words[2:] if re.match(r"[\w.@+]+=", word)]
+        if words[1] == "run" and "-m" in words:
+            fixed, runs = expand_sweep(overrides)
+            for run in runs.values():
+                composed([*fixed, *run])
+        elif words[1] == "run":
+            composed(overrides)
+    elif words[0].startswith("relight-"):
+        assert words[0] in tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]
+        composed([word for word in words[1:] if "=" in word])
+    elif words[0] == "make":
+        target = next((word for word in words[1:] if "=" not in word), "all")
+        assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(), re.M)
+    elif words[0] == "python":
+        assert words[1] in ("-m", "-c") or (ROOT / words[1]).exists()
+    else:
+        raise AssertionError("it is neither run nor listed")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_shell_line_is_accepted_or_listed_as_not_run(page):
+    for line in shell_lines(page):
+        if not PLACEHOLDER.search(line):
+            try:
+                check(line)
+            except Exception as error:
+                raise AssertionError(f"{line}: {error!r}") from error
+
+
+def test_what_is_listed_as_not_run_stands_on_a_page():
+    lines = [line for page in PAGES for line in shell_lines(page)]
+    assert [known for known in NOT_RUN if not any(line.startswith(known) for line in lines)] == []
+
+
+@pytest.mark.parametrize(
+    "line", ["relight bakes scan.obj", "relight bake --ray 3 a.obj", "relight run trian.lr=1", "make al"]
+)
+def test_a_wrong_line_is_noticed(line):
+    with pytest.raises(Exception, match=r"No such|trian|neither|assert"):
+        check(line)
+
+
+@pytest.fixture
+def inputs(tmp_path, monkeypatch):
+    """A folder with small files of the names that the pages use."""
+    monkeypatch.chdir(tmp_path)
+    for name, (height, width) in {"kitchen.hdr": (8, 16), "kitchen.exr": (8, 16), "grace_probe.hdr": (8, 8)}.items():
+        codes = np.random.default_rng(1).integers(60, 200, (height, width, 4), np.uint8)
+        codes[..., 3] = 129
+        header = f"#?RADIANCE\nFORMAT=32-bit_rle_rgbe\n\n-Y {height} +X {width}\n"
+        Path(name).write_bytes(header.encode() + codes.tobytes())
+    np.save("probe.npy", np.eye(9, 3))
+    body = trimesh.creation.capsule(height=1.2, radius=0.3, count=[12, 12])
+    for name in ("scan.obj", "scan.glb", "room.ply"):
+        body.export(name)
+    return tmp_path
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("page", ["lights", "transport"])
+def test_the_lines_about_lights_and_baking_run(page, inputs, capsys):
+    """With a few rays and pixels: the last of two equal options counts."""
+    if page == "lights":
+        folder = Path("results/smoke/lights")
+        folder.mkdir(parents=True)
+        text, number = np.array(["train", "test"]), np.zeros(2)
+        lights = LightSet(np.ones((2, 9, 3), np.float32), text, text, number, number.astype(int), number, number, text)
+        write_light_set(lights, folder)
+    lines = [line for line in shell_lines(ROOT / "docs" / f"{page}.md") if re.match("relight (light|bake) ", line)]
+    assert len(lines) >= 4
+    for line in lines:
+        words = shlex.split(line)[1:]
+        quick = ["--rays", "16", "--size", "64"] if words[0] == "bake" and "room.npz" not in words else []
+        app([*words, *quick], standalone_mode=False)
+        written = [word for word in words if word.endswith((".png", ".npz", ".exr")) and word not in ("kitchen.exr",)]
+        assert all(Path(word).stat().st_size for word in written)
