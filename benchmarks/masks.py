@@ -71,9 +71,9 @@ def overlap(found: np.ndarray, true: np.ndarray) -> tuple[float, float, float]:
 def masks(pixels: np.ndarray) -> dict[str, np.ndarray]:
     """The mask (H,W) in [0,1] after each step."""
     whole = (0, 0, pixels.shape[1], pixels.shape[0])
-    once = selfie.look(pixels, whole)
-    looks = selfie.looked(pixels)
-    return {"one look": once, "three looks": looks, "fitted to the photo": selfie.coverage(pixels) / 255.0}
+    once = selfie.predict(pixels, whole)
+    passes = selfie.segment_coarsely(pixels)
+    return {"one pass": once, "three passes": passes, "fitted to the photo": selfie.segment(pixels) / 255.0}
 
 
 def main() -> None:
@@ -88,7 +88,7 @@ def main() -> None:
     for number, path in enumerate(sorted(args.folder.glob("*.exr"))[: args.count]):
         pixels, true = drawn(path, number)
         start = time.process_time()
-        selfie.coverage(pixels)
+        selfie.segment(pixels)
         seconds.append(time.process_time() - start)
         found = masks(pixels)
         for name, mask in found.items():

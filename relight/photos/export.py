@@ -188,7 +188,7 @@ def export_mask_network(path: Path) -> None:
     images = torch.rand(2, 3, selfie.SIDE, selfie.SIDE)
     with warnings.catch_warnings(), atomic_write(path) as tmp:
         warnings.simplefilter("ignore")
-        program = torch.export.export(_Graph(selfie.network()), (images,))
+        program = torch.export.export(_Graph(selfie.load_network()), (images,))
         _write_onnx(program, tmp, ["images"], ["masks"])
 
 

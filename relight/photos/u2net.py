@@ -16,7 +16,7 @@ SIDE = 320  # pixels of its input
 MEAN, DEVIATION = np.array([0.485, 0.456, 0.406], np.float32), np.array([0.229, 0.224, 0.225], np.float32)  # ImageNet's
 
 
-def coverage(pixels: np.ndarray, model: Path) -> np.ndarray:
+def segment(pixels: np.ndarray, model: Path) -> np.ndarray:
     """Segments the people of a photo.
 
     Args:

@@ -82,7 +82,7 @@ def own_data(tmp_path, monkeypatch):
     """No test sees or changes the networks that the user has set up."""
     monkeypatch.setenv("RELIGHT_DATA", str(tmp_path / "data"))
     monkeypatch.setattr("relight.photos.u2net.fetched_model", lambda: None)
-    selfie.network.cache_clear()
+    selfie.load_network.cache_clear()
 
 
 @pytest.fixture

@@ -103,11 +103,11 @@ def test_the_built_in_mask(wheel):
     selfie.setup(wheel)
     pixels, figure = scene()
     pixels[20:30, 20:30] = 255
-    found = selfie.coverage(pixels)
+    found = selfie.segment(pixels)
     assert found.shape == figure.shape and found.dtype == np.uint8
     assert overlap(found > 127, figure) > 0.97
     assert not found[15:35, 15:35].any() and not found[190:260, 118:123].any()
-    assert np.abs(found[:, ::-1].astype(int) - selfie.coverage(np.ascontiguousarray(pixels[:, ::-1]))).max() <= 8
+    assert np.abs(found[:, ::-1].astype(int) - selfie.segment(np.ascontiguousarray(pixels[:, ::-1]))).max() <= 8
     with pytest.raises(UserError, match="found nobody in dark: give --mask FILE"):
         find_mask(Photo(pixels // 8, None, "dark"))
 
@@ -118,10 +118,10 @@ def test_edges_are_the_photos():
     blurred = np.roll(figure, 1, 1).astype(np.float32)
     for axis in (0, 1):
         blurred = sum(np.roll(blurred, k, axis) for k in range(-2, 3)) / 5
-    found = selfie.fitted_to(pixels, blurred)
+    found = selfie.fit_to_edges(pixels, blurred)
     assert overlap(blurred > 0.5, figure) < 0.96 < 0.99 < overlap(found > 0.5, figure)
     flat = np.full_like(pixels, 90)
-    assert np.abs(selfie.fitted_to(flat, np.full(figure.shape, 0.5, np.float32)) - 0.5).max() < 1e-5
+    assert np.abs(selfie.fit_to_edges(flat, np.full(figure.shape, 0.5, np.float32)) - 0.5).max() < 1e-5
 
 
 def test_photo_without_a_mask(run, wheel, weights, tmp_path):
@@ -139,7 +139,7 @@ def test_photo_without_a_mask(run, wheel, weights, tmp_path):
     assert np.array_equal(np.asarray(Image.open(tmp_path / "me_mask.png")), alpha)
     assert "hands, hats" not in run(*words)
     selfie.network_file().write_bytes(b"cut short")
-    selfie.network.cache_clear()
+    selfie.load_network.cache_clear()
     with pytest.raises(UserError, match="is damaged: run `relight mask setup` again"):
         run("mask", "draw", tmp_path / "me.png")
 
@@ -149,7 +149,7 @@ def test_the_real_network(real_network, monkeypatch):
     data = pytest.importorskip("skimage.data")
     monkeypatch.setattr(selfie, "network_file", lambda: real_network)
     true = np.asarray(Image.open(PORTRAIT_MASK).convert("L")) > 127
-    found = selfie.coverage(data.astronaut()) > 127
+    found = selfie.segment(data.astronaut()) > 127
     assert overlap(found, true) > 0.95
 
 

@@ -184,9 +184,9 @@ def test_the_mask_is_that_of_python_whatever_the_network_says(monkeypatch):
     noise = np.random.default_rng(3).normal(0, 6, (110, 150, 3))
     pixels = (90 + noise + 150 * redness[..., None].clip(0, 0.5) * [1, 0, -1]).clip(0, 255).astype(np.uint8)
     monkeypatch.setattr(
-        selfie, "network", lambda: lambda images: torch.sigmoid(30 * (images[:, :1] - images[:, 2:] - 0.1))
+        selfie, "load_network", lambda: lambda images: torch.sigmoid(30 * (images[:, :1] - images[:, 2:] - 0.1))
     )
-    expected = selfie.coverage(pixels)
+    expected = selfie.segment(pixels)
     found = node(
         "selfie",
         """const main = ({ pixels, width, height }) => $selfie.findPeople({ pixels, width, height }, async (images) => {

@@ -4,7 +4,7 @@ import { means } from "./filters.js";
 import { label, extent, nearest } from "./regions.js";
 import { bicubic, bilinear, box, resample } from "./resample.js";
 
-const SIDE = 256, LOOKS = 3, MARGIN = 0.06; // of the network; how often it looks; of the figure's height
+const SIDE = 256, PASSES = 3, MARGIN = 0.06; // of the network; its runs; around the figure, of its height
 const SHARE = 0.05, NEAR = 0.01; // parts smaller than this of the largest, and farther from one kept, are dropped
 const DETAIL = 900, WINDOW = 1 / 90, SMOOTH = 1e-4, STEEP = 1.6; // of the edge's fit to the photo
 
@@ -21,7 +21,7 @@ const paste = (plane, width, part, [left, top, right]) => {
 };
 
 // The mean of what the network says about a part of the photo and about its mirror image, in [0,1].
-async function look(planes, width, part, run) {
+async function predict(planes, width, part, run) {
   const area = SIDE * SIDE, images = new Float32Array(6 * area), mirrored = (i) => i - 2 * (i % SIDE) + SIDE - 1;
   planes.forEach((plane, c) => resample(plane, width, [SIDE, SIDE], bilinear, part).forEach((value, i) => {
     images[c * area + i] = images[(3 + c) * area + mirrored(i)] = value / 255;
@@ -34,7 +34,7 @@ async function look(planes, width, part, run) {
 const solid = (plane) => Uint8Array.from(plane, (value) => (value > 0.5 ? 1 : 0));
 
 // `found` without the parts that are small beside the largest and lie apart.
-function prominent(found, width) {
+function dropSmallParts(found, width) {
   const { labels, areas } = label(solid(found), width), largest = Math.max(...areas), height = found.length / width;
   if (areas.length < 3) return found;
   const closest = nearest(labels.map((n) => (n && areas[n] >= SHARE * largest ? 1 : 0)), width);
@@ -43,7 +43,7 @@ function prominent(found, width) {
 }
 
 // The part [left, top, right, bottom] that holds what is solid, with a margin; null where nothing is.
-function around(found, width) {
+function boxAround(found, width) {
   const bounds = extent(solid(found), width), height = found.length / width;
   if (!bounds) return null;
   const { rows: [top, bottom], columns: [left, right] } = bounds, margin = Math.trunc(MARGIN * (bottom - top));
@@ -58,7 +58,7 @@ function solve([a, b, c, d, e, f], [x, y, z]) {
 }
 
 // The mask with its edges at those of the photo: a guided filter of the colours (He, Sun and Tang 2013).
-function fittedTo(planes, found, width) {
+function fitToEdges(planes, found, width) {
   const height = found.length / width, scale = Math.min(DETAIL / Math.max(width, height), 1);
   const size = [width, height].map((side) => Math.max(Math.round(side * scale), 1)), [wide] = size;
   const guide = planes.map((plane) => Float32Array.from(resample(plane, width, size, box), (v) => v / 255));
@@ -87,14 +87,14 @@ async function findPeople({ pixels, width, height }, run) {
   const planes = [0, 1, 2].map((c) => Uint8Array.from({ length: width * height }, (_, i) => pixels[4 * i + c]));
   const found = new Float32Array(width * height);
   let part = [0, 0, width, height];
-  for (let n = 0; n < LOOKS && part; n++) {
-    const seen = prominent(await look(planes, width, part, run), part[2] - part[0]);
+  for (let n = 0; n < PASSES && part; n++) {
+    const seen = dropSmallParts(await predict(planes, width, part, run), part[2] - part[0]);
     found.fill(0);
     paste(found, width, seen, part);
-    part = around(found, width);
+    part = boxAround(found, width);
   }
   if (part) {
-    const edges = fittedTo(planes.map((plane) => cut(plane, width, part)), cut(found, width, part), part[2] - part[0]);
+    const edges = fitToEdges(planes.map((plane) => cut(plane, width, part)), cut(found, width, part), part[2] - part[0]);
     paste(found, width, edges, part);
   }
   return Uint8Array.from(found, (value) => Math.round(value * 255));
