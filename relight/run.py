@@ -163,12 +163,16 @@ def suspend(process: subprocess.Popen[bytes], *_: Any) -> None:
 
 
 def expand_sweep(overrides: list[str]) -> tuple[list[str], dict[str, list[str]]]:
-    """Splits overrides into those with one value and the product of those with several.
+    """Expands a sweep to the runs of a table: one for each combination of the overrides that have several values.
 
-    train.lr=1e-4,2e-4 loss=min,full scale=demo -> [scale=demo], {"lr_0.0001-loss_min": [...], ...}
+    Args:
+        overrides: Hydra's; those with several values are lists such as train.lr=1e-4,2e-4.
 
     Returns:
-        The overrides with one value; and the combinations of the others, by the names of their rows.
+        The overrides with one value; and the overrides of each run by its name.
+
+    >>> expand_sweep(["train.lr=1e-4,2e-4", "scale=demo"])
+    (['scale=demo'], {'lr_0.0001': ['train.lr=0.0001'], 'lr_0.0002': ['train.lr=0.0002']})
 
     Raises:
         UserError: an override cannot be read, is an interval, or none has several values.

@@ -34,7 +34,15 @@ def check(cfg: DictConfig) -> None:
 
 
 def check_name(what: str, name: str) -> None:
-    """Refuses a name that is not safe in paths and in commands. Raises UserError."""
+    """Checks that a name is safe in paths and commands.
+
+    Args:
+        what: is named, for the error: `name`, `runs`.
+        name: of results, a run or an experiment.
+
+    Raises:
+        UserError: if it is not.
+    """
     if not NAME.fullmatch(str(name)) or len(str(name)) > LONGEST:
         raise UserError(
             f"{what}: {str(name)!r} is no name: up to {LONGEST} letters, digits, '_', '.', '+' and '-', none of the "

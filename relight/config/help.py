@@ -53,7 +53,7 @@ def _line(key: str, value: object) -> str:
 
 
 def complete(args: list[str], incomplete: str) -> list[str]:
-    """Returns what may stand in the place of an unfinished override, as shells ask for it.
+    """Returns the completions of an unfinished override, for shells.
 
     Args:
         args: the words before it. bash takes `scale=sm` for three words, and wants the last one alone.
@@ -69,7 +69,11 @@ def complete(args: list[str], incomplete: str) -> list[str]:
 
 
 def values(key: str) -> list[str]:
-    """Returns what a group or a setting may be, where these are words."""
+    """Returns the presets of a group, or the choices of a setting; none for settings of numbers or text.
+
+    >>> values("split.sitting")
+    ['apart', 'dealt']
+    """
     field = FIELDS.get(key)
     if field is None:
         return presets().get(key, [])

@@ -72,7 +72,7 @@ def setting(about: str, default: Any = MISSING, **rules: Any) -> Any:
     Args:
         about: what it is, with its unit.
         default: only for settings that files may leave out: those that came after files were written, and those that
-            the workflow hands to no stage whose outputs do not depend on them (`PASSED_OVER`).
+            the workflow hands to no stage whose outputs do not depend on them (`WITHOUT_EFFECT`).
         **rules: which values it may have, as in `Setting`.
     """
     metadata = {"setting": Setting(about, **rules)}

@@ -4,8 +4,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
-# What each stage may read, groups or single settings: the rest of the tree is not handed to it, so a change there
-# cannot matter to it.
+# The settings that each stage gets, groups or single ones. It gets no others, so a change of those cannot affect it.
 READS = {
     "figure": ("figures",),
     "scan": ("figures",),
@@ -29,9 +28,8 @@ READS = {
     "report": ("evaluate", "name"),
 }
 
-# What a stage reads and its outputs do not depend on: the workflow tells it in other ways or not at all, so that a
-# change re-runs nothing.
-PASSED_OVER = {
+# Settings of READS that a stage's outputs do not depend on. They are not in its file, so a change re-runs nothing.
+WITHOUT_EFFECT = {
     "figure": ("figures.first", "figures.count"),
     "scan": ("figures.first", "figures.count"),
     "train": ("track",),
@@ -48,12 +46,20 @@ PASSED_OVER = {
 
 
 def view(cfg: DictConfig, stage: str) -> dict[str, Any]:
-    """Returns the part of the tree that a stage's outputs depend on, as plain values."""
+    """Returns the settings that a stage's outputs depend on: those of READS but WITHOUT_EFFECT.
+
+    Args:
+        cfg: all settings.
+        stage: a name in READS.
+
+    Returns:
+        Plain values by group.
+    """
     part = OmegaConf.create()
     for key in READS[stage]:
         OmegaConf.update(part, key, OmegaConf.select(cfg, key))
     plain: Any = OmegaConf.to_container(part, resolve=True)
-    for key in PASSED_OVER.get(stage, ()):
+    for key in WITHOUT_EFFECT.get(stage, ()):
         group, _, name = key.partition(".")
         plain[group].pop(name) if name else plain.pop(group)
     return dict(plain)

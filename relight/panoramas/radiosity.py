@@ -284,7 +284,18 @@ def sun_irradiance(room: Room, sun: Sun, grid: Grid) -> np.ndarray:
 
 
 def form_factors(receiver: Grid, sender: Grid) -> np.ndarray:
-    """Returns the form factors (R,S) from sending to receiving cells; rows are normalised to 1."""
+    """Returns the form factors between cells: the share of a sender in what a receiver sees.
+
+    F_rs = cos_r cos_s A_s / (pi d^2), with cell centres for cells (Goral et al. 1984) and no occlusion. So the
+    irradiance by diffuse cells of radiosity B is F @ B.
+
+    Args:
+        receiver: of R cells.
+        sender: of S cells.
+
+    Returns:
+        (R,S); rows are normalised to 1, since a room is closed.
+    """
     r, s = receiver, sender
     # Products of matrices in place of differences (R,S,3): this takes most of the time of a room.
     distance2 = (r.position**2).sum(1)[:, None] + (s.position**2).sum(1) - 2 * r.position @ s.position.T + 1e-3
@@ -343,7 +354,15 @@ def render_room(room: Room) -> np.ndarray:
 
 
 def render_boxes(room: Room, walls: Grid, radiosity: np.ndarray, image: np.ndarray, depth: np.ndarray) -> None:
-    """Renders the furniture into `image` (N,3) and updates `depth` (N,); `radiosity` (cells,3) is of the walls."""
+    """Renders the furniture into an image of the room, in place.
+
+    Args:
+        room: with furniture.
+        walls: the room's cells.
+        radiosity: (cells,3) of the walls.
+        image: (N,3) linear radiance in `view_directions`.
+        depth: (N,) metres from the camera to what the image shows; updated.
+    """
     direction = view_directions()
     low, high = box_bounds(room)
     entry, leave, axis = intersect_boxes(low, high, room.camera[None], direction)

@@ -113,19 +113,20 @@ def place(view: View, vertices: np.ndarray) -> Pose:
 
 
 def extreme_points(across: np.ndarray, depth: np.ndarray, half: float, distance: float) -> tuple[int, int]:
-    """Finds the points that touch the right and the left side of the frustum of all that is within +-half.
+    """Finds the points that limit how close an eye can be, if all points are to be within +-half in its image.
 
-    The point (x, z), seen from an eye at (t, a), is at distance * (x - t) / (a - z) in the image. That is within
-    +-half where distance x + half z <= half a + distance t, and half z - distance x <= half a - distance t.
+    A point (x, z) is at distance * (x - t) / (a - z) in the image of an eye at (t, a). It is within +-half if
+    distance x + half z <= half a + distance t (the right side) and half z - distance x <= half a - distance t (the
+    left one). Each inequality is tightest at the point where its left-hand side is largest, wherever the eye is.
 
     Args:
         across: (V,) x, or y, of the points.
         depth: (V,) z of the points.
-        half: of the width in the image.
-        distance: of the eye from its image plane.
+        half: half of the width in the image.
+        distance: from the eye to its image plane.
 
     Returns:
-        Indices of the two points.
+        Indices of the point that limits the right side, and of the one that limits the left side.
     """
     return int((half * depth + distance * across).argmax()), int((half * depth - distance * across).argmax())
 
