@@ -9,7 +9,7 @@ import numpy as np
 from relight.files import UserError, atomic_write
 from relight.lights.statistics import moment_eigenvalue, reference_brightness
 from relight.panoramas import Panorama
-from relight.sh import coefficient_count, from_relight, order_of
+from relight.sh import UNOCCLUDED_T00, coefficient_count, from_relight, order_of
 
 TOLERANCE = -1e-3  # of the moment eigenvalue: coefficients in files are rounded, colours truncated
 FRAMES = "x right, y up, z toward the camera, unless the convention says otherwise"
@@ -46,7 +46,7 @@ class Light:
             UserError: if the mean radiance is not positive.
         """
         brightness = float(reference_brightness(self.coefficients))
-        mean = float(self.coefficients[0].max()) * np.pi * 0.28209479177387814
+        mean = float(self.coefficients[0].max()) * UNOCCLUDED_T00  # irradiance, over all normals
         if mean <= 0:
             raise UserError(f"{self.source}: a light without light: its mean is not positive")
         scale = target / max(brightness, 0.25 * mean)

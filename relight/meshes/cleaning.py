@@ -63,7 +63,7 @@ def clean(mesh: Mesh, settings: Clean) -> Mesh:
     return mesh
 
 
-def opposed(mesh: Mesh) -> int:
+def count_opposed_faces(mesh: Mesh) -> int:
     """Returns how many faces lie on another one, turned the other way: vertex normals cancel there."""
     place = np.ascontiguousarray(mesh.vertices + 0.0, np.float32).view("V12").reshape(-1)  # + 0.0: no negative zeros
     faces = np.unique(place, return_inverse=True)[1].reshape(-1)[mesh.faces].astype(np.int64)

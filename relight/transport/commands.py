@@ -71,7 +71,7 @@ def bake(
 
     from relight.meshes import read_mesh
     from relight.meshes.axes import AXES
-    from relight.meshes.cleaning import opposed
+    from relight.meshes.cleaning import count_opposed_faces
     from relight.transport.view import View
 
     view = View(yaw, pitch, focal)
@@ -84,7 +84,7 @@ def bake(
         typer.echo(f"{mesh.name}: {note}", err=True)
     start = time.monotonic()
     per_vertex = any(target.suffix.lower() in (".ply", ".npz") for target in targets)
-    if (as_is or per_vertex) and (count := opposed(source)):
+    if (as_is or per_vertex) and (count := count_opposed_faces(source)):
         cure = (
             "remove them: what is baked per vertex is not repaired" if per_vertex else "leave out --as-is, to repair it"
         )

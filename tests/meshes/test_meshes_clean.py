@@ -7,7 +7,7 @@ import trimesh
 from relight.config import Clean
 from relight.files import UserError
 from relight.meshes import Material, Mesh, clean
-from relight.meshes.cleaning import edge_uses, opposed
+from relight.meshes.cleaning import count_opposed_faces, edge_uses
 from relight.meshes.geometry import connected_parts, face_areas, solidity
 
 PLAIN = Clean(component=0.0005, close_holes=0, max_faces=0, version=1)
@@ -268,12 +268,12 @@ def test_faces_keep_their_uv_at_non_manifold_edges():
 def test_faces_turned_both_ways_are_counted(person):
     """Second faces of vertices of their own, turned over; turned as the first, they are none."""
     mesh = person()
-    assert opposed(mesh) == 0
+    assert count_opposed_faces(mesh) == 0
     double = with_vertices(mesh, mesh.vertices[mesh.faces[:7]].reshape(-1, 3))
     again = len(mesh.vertices) + np.arange(21).reshape(7, 3)
-    assert opposed(with_faces(double, again[:, [1, 2, 0]])) == 0
-    assert opposed(with_faces(double, again[:, [1, 0, 2]])) == 7
-    assert opposed(clean(with_faces(double, again[:, [1, 0, 2]]), PLAIN)) == 0
+    assert count_opposed_faces(with_faces(double, again[:, [1, 2, 0]])) == 0
+    assert count_opposed_faces(with_faces(double, again[:, [1, 0, 2]])) == 7
+    assert count_opposed_faces(clean(with_faces(double, again[:, [1, 0, 2]]), PLAIN)) == 0
 
 
 def test_a_mesh_of_which_repairs_leave_little_is_warned_of(person):
