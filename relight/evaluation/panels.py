@@ -43,8 +43,7 @@ NOTE = (
 )
 
 NOTE_RELIT = (
-    "Relit by the lights of the small spheres, which no training has seen: the truth, and what each network makes of "
-    "the picture in the first column alone."
+    "Relit by the lights of the small spheres: the truth, and what each network makes of the first picture alone."
 )
 
 
