@@ -1,17 +1,20 @@
 """Transport baked from a capture's mesh, to set beside what its frames measure."""
 
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from scipy.ndimage import binary_erosion
 
 from relight.benchmark.lightstage import LightStage, Measured, Pinhole
+from relight.files import UserError
 from relight.meshes import Mesh, vertex_normals
 from relight.progress import progress
 from relight.sh import basis, rotation_matrix
 from relight.transport.baker import faces_away, primary_hits
 from relight.transport.integrate import integrate
 from relight.transport.raycaster import RayCaster
+from relight.transport.sampling import random_azimuths
 from relight.transport.surface import shading_normals
 
 INWARD = 2  # pixels that are left out along the mask's edge
@@ -22,8 +25,8 @@ class Baked:
     """A mesh as a calibrated camera sees it, at P pixels, in the camera's axes.
 
     Attributes:
-        hit: (P,) bool, whether the pixel's centre shows the mesh; all else is zero where it does not.
-        depth: (P,) along the optical axis.
+        hit: (P,) bool, whether all of the pixel shows the mesh.
+        depth: (P,) of the pixel's centre along the optical axis, zero where it shows nothing.
         normal: (P,3).
         transport: (P,9) by cosine-distributed rays, of distant light.
         staged: (P,9) by one ray to each lamp, summed up as the frames are: what frames without noise would measure.
@@ -36,8 +39,13 @@ class Baked:
     staged: np.ndarray
 
 
-def bake_as_seen(mesh: Mesh, camera: Pinhole, inside: np.ndarray, stage: LightStage, rays: int, seed: int = 0) -> Baked:
+def bake_as_seen(
+    mesh: Mesh, camera: Pinhole, inside: np.ndarray, stage: LightStage, rays: int, places: int = 4, seed: int = 0
+) -> Baked:
     """Bakes a mesh at the pixels that a camera shows it at.
+
+    Photographs hold the mean over a pixel's area, so transport and normals are means over k x k places of it, which
+    share its rays. Each lamp has one ray from a pixel, from one of the places in turn.
 
     Args:
         mesh: in the world of the camera.
@@ -45,40 +53,79 @@ def bake_as_seen(mesh: Mesh, camera: Pinhole, inside: np.ndarray, stage: LightSt
         inside: (H,W) bool, the P pixels.
         stage: its lamps, in the camera's frame.
         rays: per pixel.
+        places: k; 1 is the pixel's centre alone.
         seed: of the rays' azimuths.
 
     Raises:
-        UserError: if `RayCaster` refuses the mesh.
+        UserError: if `RayCaster` refuses the mesh, or there are more places than rays.
     """
-    caster = RayCaster(mesh.vertices, mesh.faces, threads=1)
+    if rays < places**2:
+        raise UserError(f"--rays {rays}: {places**2} at least, one for each of the pixel's {places} x {places} places")
+    caster, normals = RayCaster(mesh.vertices, mesh.faces, threads=1), vertex_normals(mesh)
     row, column = np.nonzero(inside)
-    hits = primary_hits(caster, camera, column + 0.5, row + 0.5)
-    points, geometric = caster.points(hits.face, hits.weights), caster.normals[hits.face]
-    normals = shading_normals(vertex_normals(mesh), mesh.faces, hits.face, hits.weights, geometric)
-    side = np.where(faces_away(camera, points, geometric), -1.0, 1.0)[:, None]
-    normals, geometric = normals * side, geometric * side
-    transport, _ = integrate(caster, points, normals, geometric, rays, seed=seed)
-    staged = np.zeros((len(points), 9))
-    start = caster.to_local(points + caster.offset * geometric)
-    seen = (points - camera.eye) @ camera.rotation.T
-    facing = normals @ camera.rotation.T
-    for lamp in progress(range(len(stage.positions)), "rays to lamps"):
-        toward, weight, falloff = stage.seen_from(lamp, seen)
-        lit = np.flatnonzero(np.einsum("pi,pi->p", facing, toward) > 0)
-        bundle = np.concatenate([start[lit], (toward[lit] @ camera.rotation).astype(np.float32)], 1)
-        lit = lit[~caster.occluded(bundle)]
-        cosine = np.einsum("pi,pi->p", facing[lit], toward[lit])
-        staged[lit] += (weight[lit] * falloff[lit] * cosine)[:, None] * basis(toward[lit])
+    azimuth = random_azimuths(len(row), seed)
+    hits, depth = np.zeros(len(row), int), np.zeros(len(row))
+    normal, transport, staged = (np.zeros((len(row), width)) for width in (3, 9, 9))
+    centres = primary_hits(caster, camera, column + 0.5, row + 0.5)
+    depth[centres.ray] = camera.depth(caster.points(centres.face, centres.weights))
+    steps = (np.arange(places) + 0.5) / places
+    for number, (down, right) in enumerate(progress(list(product(steps, steps)), "places of each pixel")):
+        found = primary_hits(caster, camera, column + right, row + down)
+        points, geometric = caster.points(found.face, found.weights), caster.normals[found.face]
+        shading = shading_normals(normals, mesh.faces, found.face, found.weights, geometric)
+        side = np.where(faces_away(camera, points, geometric), -1.0, 1.0)[:, None]
+        shading, geometric = shading * side, geometric * side
+        subset = (number, places**2)
+        part, _ = integrate(
+            caster,
+            points,
+            shading,
+            geometric,
+            rays,
+            azimuth=azimuth[found.ray],
+            subset=subset if places > 1 else (0, 1),
+        )
+        hits[found.ray] += 1
+        transport[found.ray] += part
+        normal[found.ray] += shading
+        for lamp in range(number, len(stage.positions), places**2):
+            staged[found.ray] += lamp_transport(caster, camera, stage, lamp, points, shading, geometric)
+    everywhere = hits == places**2
+    normal = normal @ camera.rotation.T
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
+    turned = transport @ rotation_matrix(camera.rotation).T / np.maximum(hits, 1)[:, None]
+    return Baked(everywhere & (depth > 0), depth, normal, turned, staged)
 
-    def everywhere(values: np.ndarray) -> np.ndarray:
-        whole = np.zeros((len(row), *values.shape[1:]))
-        whole[hits.ray] = values
-        return whole
 
-    turned = transport @ rotation_matrix(camera.rotation).T
-    hit = np.zeros(len(row), bool)
-    hit[hits.ray] = True
-    return Baked(hit, everywhere(camera.depth(points)), everywhere(facing), everywhere(turned), everywhere(staged))
+def lamp_transport(
+    caster: RayCaster,
+    camera: Pinhole,
+    stage: LightStage,
+    lamp: int,
+    points: np.ndarray,
+    normals: np.ndarray,
+    geometric: np.ndarray,
+) -> np.ndarray:
+    """Returns a lamp's part (N,9), in the camera's axes, of the transport of points, by one ray to it from each.
+
+    Args:
+        caster: of the mesh.
+        camera: that the stage's frame is of.
+        stage: with the lamp.
+        lamp: its number.
+        points: (N,3) of the world, as normals and geometric normals.
+        normals: (N,3) for the cosine.
+        geometric: (N,3) along which rays start off the surface.
+    """
+    toward, weight, falloff = stage.seen_from(lamp, (points - camera.eye) @ camera.rotation.T)
+    ray = toward @ camera.rotation
+    cosine = np.einsum("pi,pi->p", normals, ray)
+    lit = np.flatnonzero(cosine > 0)
+    start = caster.to_local(points[lit] + caster.offset * geometric[lit])
+    lit = lit[~caster.occluded(np.concatenate([start, ray[lit].astype(np.float32)], 1))]
+    part = np.zeros((len(points), 9))
+    part[lit] = (weight[lit] * falloff[lit] * cosine[lit])[:, None] * basis(toward[lit])
+    return part
 
 
 def agreement(measured: Measured, baked: Baked, inside: np.ndarray) -> dict[str, float]:
@@ -89,6 +136,7 @@ def agreement(measured: Measured, baked: Baked, inside: np.ndarray) -> dict[str,
         pixels: how many are compared.
         length: RMS length of the baked vectors of nine.
         difference: RMS length of measured minus baked transport.
+        shape: the same after the factor of each pixel that brings them nearest, so without the measured albedo's error.
         lamps: of what finitely many near lamps make of the baked one (`Baked.staged`), minus baked.
         rest: of measured minus that: gloss, bounces, motion, the mesh, the lamps' own differences, and noise.
         noise: what the rounding to 8 bits alone would make of it.
@@ -101,16 +149,18 @@ def agreement(measured: Measured, baked: Baked, inside: np.ndarray) -> dict[str,
     def length(values: np.ndarray) -> float:
         return float(np.sqrt((values[both] ** 2).sum(1).mean())) if both.any() else float("nan")
 
+    product = np.einsum("pk,pk->p", measured.transport, baked.transport)
+    square = np.maximum(np.einsum("pk,pk->p", measured.transport, measured.transport), 1e-12)
     cosine = np.clip(np.einsum("pi,pi->p", measured.normal[both], baked.normal[both]), -1, 1)
-    product = (measured.transport * baked.transport)[both].sum()
     return {
         "shown": float(baked.hit.mean()),
         "pixels": int(both.sum()),
         "length": length(baked.transport),
         "difference": length(measured.transport - baked.transport),
+        "shape": length((product / square)[:, None] * measured.transport - baked.transport),
         "lamps": length(baked.staged - baked.transport),
         "rest": length(measured.transport - baked.staged),
         "noise": length(measured.noise),
-        "factor": float(product / max((measured.transport[both] ** 2).sum(), 1e-12)),
+        "factor": float(product[both].sum() / max(square[both].sum(), 1e-12)),
         "normals": float(np.degrees(np.median(np.arccos(cosine)))) if both.any() else float("nan"),
     }

@@ -4,6 +4,7 @@ import csv
 import zlib
 from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -47,7 +48,9 @@ class Taken:
 Source = Iterator[tuple[str, str, Callable[[bool], Taken]]]  # name, figure, and what takes the picture
 
 
-def import_captures(layout: str, source: Path | str, folder: Path | str, only: str = "", rays: int = 256) -> str:
+def import_captures(
+    layout: str, source: Path | str, folder: Path | str, only: str = "", rays: int = 256, places: int = 4
+) -> str:
     """Brings captures into a set; goes on where it was stopped.
 
     Args:
@@ -56,6 +59,7 @@ def import_captures(layout: str, source: Path | str, folder: Path | str, only: s
         folder: of the set.
         only: a regular expression that the names of captures match anywhere; all by default.
         rays: of a pixel, for baking the captures' meshes.
+        places: k x k of a pixel that share them.
 
     Returns:
         The set's hash.
@@ -65,9 +69,10 @@ def import_captures(layout: str, source: Path | str, folder: Path | str, only: s
     """
     if layout not in LAYOUTS:
         raise UserError(f"layout {layout}: {' or '.join(LAYOUTS)}")
-    folder, settings = writable_folder(folder, "--out"), {"size": 2 * SIDE, "rays": rays}
-    names, figures = [], set()
-    for name, figure, take in LAYOUTS[layout](Path(source), only, rays):
+    folder, settings = writable_folder(folder, "--out"), {"size": 2 * SIDE, "rays": rays, "places": places}
+    names: list[str] = []
+    figures: set[str] = set()
+    for name, figure, take in LAYOUTS[layout](Path(source), only, rays, places):
         if not names:
             same(folder, {"format": FORMAT, "set": layout, "settings": settings})
         varied = figure not in figures  # one picture of each person is there in variants
@@ -91,13 +96,13 @@ def write_agreement(path: Path, name: str, row: dict[str, float]) -> None:
         writer.writerows(rows[one] for one in sorted(rows))
 
 
-def one_light_frames(source: Path, only: str, rays: int) -> Source:
+def one_light_frames(source: Path, only: str, rays: int, places: int) -> Source:
     """The captures of HumanOLAT: `relight.benchmark.humanolat`."""
     for capture in humanolat.captures(source, only):
-        yield capture.name, capture.subject, lambda varied, capture=capture: photographed(capture, rays, varied)
+        yield capture.name, capture.subject, partial(photographed, capture, rays, places)
 
 
-def photographed(capture: humanolat.Capture, rays: int, varied: bool) -> Taken:
+def photographed(capture: humanolat.Capture, rays: int, places: int, varied: bool) -> Taken:
     """Photographs a capture in a panorama and four new ones, as sums of its frames; the truth is what they measure."""
     mask, camera = capture.read_mask(), capture.camera
     inside = mask >= MASK_THRESHOLD
@@ -106,8 +111,8 @@ def photographed(capture: humanolat.Capture, rays: int, varied: bool) -> Taken:
     stage = LightStage.of((capture.lamps - camera.eye) @ camera.rotation.T)
     baked = None
     if capture.model:
-        baked = bake_as_seen(read_mesh(capture.model), camera, inside, stage, rays)
-        if not baked.hit.any():
+        baked = bake_as_seen(read_mesh(capture.model), camera, inside, stage, rays, places)
+        if not baked.depth.any():
             raise UserError(f"{capture.model} is not in the picture of {capture.name}: it must be in millimetres")
     depth = depth_of(baked, stage, inside)
     row, column = np.nonzero(inside)
@@ -152,7 +157,8 @@ def depth_of(baked: Baked | None, stage: LightStage, inside: np.ndarray) -> np.n
     """
     if baked is None:
         return np.full(inside.shape, -stage.centre[2])
-    return fill_outside(on_image(baked.depth, inside), on_image(baked.hit, inside) > 0)
+    depth = on_image(baked.depth, inside)
+    return fill_outside(depth, depth > 0)
 
 
 def measured_maps(measured: Measured, scale: float, mask: np.ndarray, depth: np.ndarray) -> Maps:
@@ -189,10 +195,10 @@ def on_image(values: np.ndarray, inside: np.ndarray) -> np.ndarray:
     return whole
 
 
-def gradient_frames(source: Path, only: str, rays: int) -> Source:
+def gradient_frames(source: Path, only: str, rays: int, places: int) -> Source:
     """The captures of UltraStage: `relight.benchmark.ultrastage`."""
     for capture in ultrastage.captures(source, only):
-        yield capture.name, capture.figure, lambda varied, capture=capture: gradients(capture, varied)
+        yield capture.name, capture.figure, partial(gradients, capture)
 
 
 def gradients(capture: ultrastage.Capture, varied: bool) -> Taken:
@@ -221,4 +227,7 @@ def gradients(capture: ultrastage.Capture, varied: bool) -> Taken:
     return Taken(Picture(shots, light, new, None, relit, seen), record)
 
 
-LAYOUTS: dict[str, Callable[[Path, str, int], Source]] = {"humanolat": one_light_frames, "ultrastage": gradient_frames}
+LAYOUTS: dict[str, Callable[[Path, str, int, int], Source]] = {
+    "humanolat": one_light_frames,
+    "ultrastage": gradient_frames,
+}

@@ -44,12 +44,13 @@ def import_(
     out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the set; the layout's name.")] = None,
     only: Annotated[str, typer.Option(help="Regular expression for the captures' names; all by default.")] = "",
     rays: Annotated[int, typer.Option(min=1, help="Per pixel, to bake the captures' meshes.")] = 256,
+    places: Annotated[int, typer.Option(min=1, help="The rays start from k x k places of a pixel.")] = 4,
 ) -> None:
     """Brings captures of real people into a set, to be answered and scored like one that was drawn."""
     from relight.benchmark.captures import BAKED, import_captures
 
     folder = out or Path(layout)
-    found = import_captures(layout, source, folder, only, rays)
+    found = import_captures(layout, source, folder, only, rays, places)
     if (folder / BAKED).is_file():
         print(f"measured beside baked transport: {folder / BAKED}")
     print(f"{folder}: set {found[:16]}")

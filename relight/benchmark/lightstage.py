@@ -28,7 +28,7 @@ from relight.sh import basis, sphere_quadrature, unoccluded
 from relight.srgb import LINEAR
 
 HIGHEST = 8  # degree to which `shares` are exact at most: beyond it, nothing is won with 331 lamps
-LIT = (0.25, 0.75)  # of a pixel's brightest frame: darker is shadow or grazing light, brighter may be gloss
+LIT = (0.5, 0.9)  # of a pixel's brightest frame: darker may be shadow in part of the pixel, brighter may be gloss
 ENOUGH = 12  # frames in between, which tell a normal and an albedo
 FLATTEST = 0.02  # least eigenvalue of the lamps' second moments, over their sum, from which a normal is told
 SOFTNESS = 0.6  # lamps side by side add up to an even light, within 6 exp(-2 pi^2 SOFTNESS^2), half a percent
@@ -217,7 +217,7 @@ class Lighting:
         x, y, z = directions.T
         row = np.minimum((np.arccos(np.clip(y, -1, 1)) / np.pi * height).astype(int), height - 1)
         column = ((np.arctan2(x, -z) / (2 * np.pi) + 0.5) * width).astype(int) % width
-        return self.texels[row, column].reshape(len(directions), -1, 3)
+        return self.texels[row, column].reshape(len(directions), self.count, 3)
 
 
 def measure(frames: Frames, stage: LightStage, points: np.ndarray, lighting: Lighting | None = None) -> Measured:
@@ -240,27 +240,30 @@ def measure(frames: Frames, stage: LightStage, points: np.ndarray, lighting: Lig
     pictures = np.zeros((count, lighting.count, 3), np.float32)
     peak, clipped, seen = np.zeros(count, np.float32), 0, 0
     for lamp, codes in frames():
-        toward, weight, falloff = stage.seen_from(lamp, points)
-        light = LINEAR[codes]
+        lit = np.flatnonzero(codes.any(1))
+        toward, weight, falloff = stage.seen_from(lamp, points[lit])
+        light = LINEAR[codes[lit]]
         shape = (weight[:, None] * basis(toward)).astype(np.float32)[..., None]
-        sums += shape * light[:, None]
-        spread += (shape * STEP[codes][:, None]) ** 2
+        sums[lit] += shape * light[:, None]
+        spread[lit] += (shape * STEP[codes[lit]][:, None]) ** 2
         if lighting.count:
-            pictures += weight[:, None, None] * lighting.toward(toward) * light[:, None]
-        peak = np.maximum(peak, light.mean(1) / falloff)
+            pictures[lit] += weight[:, None, None] * lighting.toward(toward) * light[:, None]
+        peak[lit] = np.maximum(peak[lit], light.mean(1) / falloff)
         clipped += int((codes == 255).any(1).sum())
         seen += count
     moments, answers = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))
     errors, chosen = np.zeros((count, 3, 3, 3), np.float32), np.zeros(count, int)
     for lamp, codes in frames():
-        toward, _, falloff = stage.seen_from(lamp, points)
-        light = LINEAR[codes] / falloff[:, None]
-        level = light.mean(1) / np.maximum(peak, 1e-6)
-        lit = np.flatnonzero((level > LIT[0]) & (level < LIT[1]))
-        outer = np.einsum("pi,pj->pij", toward[lit], toward[lit])
+        lit = np.flatnonzero(codes.any(1))
+        toward, _, falloff = stage.seen_from(lamp, points[lit])
+        light = LINEAR[codes[lit]] / falloff[:, None]
+        level = light.mean(1) / peak[lit]
+        told = np.flatnonzero((level > LIT[0]) & (level < LIT[1]))
+        lit, toward, light = lit[told], toward[told], light[told]
+        outer = np.einsum("pi,pj->pij", toward, toward)
         moments[lit] += outer
-        answers[lit] += np.einsum("pi,pc->pic", toward[lit], light[lit])
-        errors[lit] += np.einsum("pij,pc->pcij", outer, (STEP[codes[lit]] / falloff[lit, None]) ** 2)
+        answers[lit] += np.einsum("pi,pc->pic", toward, light)
+        errors[lit] += np.einsum("pij,pc->pcij", outer, (STEP[codes[lit]] / falloff[told, None]) ** 2)
         chosen[lit] += 1
     least = np.linalg.eigvalsh(moments)[:, 0]
     known = (chosen >= ENOUGH) & (least > FLATTEST * np.maximum(np.einsum("pii->p", moments), 1e-12))

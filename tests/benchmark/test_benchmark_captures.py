@@ -32,7 +32,7 @@ def brought(humanolat, tmp_path_factory):
     """The set of the twin, by the command."""
     folder = tmp_path_factory.mktemp("sets") / "humanolat"
     says = CliRunner().invoke(
-        app, ["benchmark", "import", "humanolat", str(humanolat), "-o", str(folder), "--rays", "64"]
+        app, ["benchmark", "import", "humanolat", str(humanolat), "-o", str(folder), "--rays", "64", "--places", "1"]
     )
     assert says.exit_code == 0 and f"{folder}: set {Set(folder).hash[:16]}" in says.output, says.output
     return folder
@@ -63,19 +63,20 @@ def test_the_truth_is_that_of_the_formulas(humanolat, brought):
     inner = binary_erosion(mask, iterations=2)
     assert np.array_equal(maps.mask, mask) and maps.info["measured"]["lamps"] == 331
     ratio = maps.albedo[inner] / seen["albedo"][inner]
-    assert np.allclose(ratio, ratio.mean(), rtol=0.01)
+    right = (np.abs(ratio / np.median(ratio) - 1) < 0.01).all(-1)
+    assert maps.info["measured"]["known"] > 0.99 and right.mean() > 0.99  # what lamps hardly light is its neighbours'
     assert np.isclose(np.quantile(maps.albedo[mask].max(1), 0.99), WHITEST, rtol=0.02)
-    assert (maps.normal[inner] * (seen["normal"][inner] @ turn.T)).sum(1).min() > 0.9995  # half floats
+    assert (maps.normal[inner] * (seen["normal"][inner] @ turn.T)).sum(1)[right].min() > 0.9995  # half floats
     _, pictures = benchmark.truth(entry)
     for path, picture in zip(entry.panoramas(), pictures):
-        expected = ratio.mean() * seen["albedo"][mask] * true_picture(seen, read_panorama(path), turn)
+        expected = np.median(ratio) * seen["albedo"][mask] * true_picture(seen, read_panorama(path), turn)
         codes = to_bytes(encode(expected)).astype(int)
         assert np.abs(picture[mask].astype(int) - codes).mean() < 2
         assert not picture[~mask].any()
     true, _ = benchmark.truth(entry)
     light = read_panorama(brought / "truth" / f"{entry.name}.light.exr")
     assert np.allclose(true.light, project(light, 2), rtol=1e-4, atol=1e-4)
-    photo, linear = entry.shot().photo, ratio.mean() * seen["albedo"][mask] * true_picture(seen, light, turn)
+    photo, linear = entry.shot().photo, np.median(ratio) * seen["albedo"][mask] * true_picture(seen, light, turn)
     assert np.abs(photo[mask].astype(int) - to_bytes(encode(linear))).mean() < 2
     behind = photo[~mask].astype(int)
     assert behind.std() > 0 and behind.mean() > 3  # the panorama
@@ -106,12 +107,12 @@ def test_rows_are_scored_up_to_a_factor(brought, tmp_path):
 
 def test_an_import_goes_on_and_keeps_to_its_set(humanolat, brought, tmp_path):
     before = {path: path.stat().st_mtime_ns for path in brought.rglob("photo.png")}
-    assert import_captures("humanolat", humanolat, brought, rays=64) == Set(brought).hash
+    assert import_captures("humanolat", humanolat, brought, rays=64, places=1) == Set(brought).hash
     assert before == {path: path.stat().st_mtime_ns for path in brought.rglob("photo.png")}
     varied = {one.name.partition("+")[0] for one in Set(brought).entries if one.of}
     assert varied == {"T001.P00.Cam01"}  # the first of the person
     with pytest.raises(UserError, match="holds another set, or one with other settings"):
-        import_captures("humanolat", humanolat, brought, rays=128)
+        import_captures("humanolat", humanolat, brought, rays=128, places=1)
     with pytest.raises(UserError, match="layout goliath: humanolat or ultrastage"):
         import_captures("goliath", humanolat, tmp_path)
 

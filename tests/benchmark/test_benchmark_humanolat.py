@@ -75,7 +75,7 @@ def test_measured_is_baked_to_the_noise(humanolat):
     inside = capture.read_mask() >= 128
     capture.check_order(inside)
     seen, stage, found = measured(capture, inside)
-    baked = bake_as_seen(read_mesh(capture.model), capture.camera, inside, stage, 256)
+    baked = bake_as_seen(read_mesh(capture.model), capture.camera, inside, stage, 256, 1)
     assert found.known.mean() > 0.99 and found.clipped == 0
     turn = capture.camera.rotation
     ball = seen["ball"][inside]
@@ -89,7 +89,7 @@ def test_measured_is_baked_to_the_noise(humanolat):
     assert row["pixels"] > 500 and 1.0 < row["length"] < 1.4
     assert row["noise"] < 0.002 and 0.5 * EDGES < row["lamps"] < 2 * EDGES
     assert row["difference"] < 1.05 * np.hypot(row["lamps"], row["rest"])
-    assert abs(row["factor"] - 1) < 0.002 and row["normals"] < 0.1
+    assert row["shape"] < row["difference"] and abs(row["factor"] - 1) < 0.002 and row["normals"] < 0.1
     steady = inner & ~at_a_shadow(seen, inside, capture)
     apart = np.abs(found.transport - baked.staged)[steady]
     assert steady.sum() > 150 and (apart < 5 * found.noise[steady] + FACETS).all()
@@ -123,7 +123,7 @@ def test_absent_lamps_cost_little_and_are_counted(copy):
     _, stage, found = measured(capture, inside)
     capture.check_order(inside)
     assert stage.error < 0.003
-    baked = bake_as_seen(read_mesh(capture.model), capture.camera, inside, stage, 64)
+    baked = bake_as_seen(read_mesh(capture.model), capture.camera, inside, stage, 64, 1)
     row = agreement(found, baked, inside)
     assert row["difference"] < 0.06 and row["rest"] < 0.004
 
