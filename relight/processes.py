@@ -1,4 +1,4 @@
-"""Nothing goes on working when what started it is gone."""
+"""Processes: the cores they may use, and an end to those whose starter is gone."""
 
 import ctypes
 import os
@@ -10,6 +10,11 @@ import threading
 STARTED_BY = "RELIGHT_SNAKEMAKE"  # in a stage's environment: the process of the Snakemake that it works for
 PR_SET_PDEATHSIG = 1  # prctl(2)
 LIBC = ctypes.CDLL(None) if sys.platform == "linux" else None
+
+
+def count_cores() -> int:
+    """The cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def has_semaphores() -> bool:

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from relight import config
-from relight.evaluation.evaluate import Predictor, has_pairs, score, torch_device, truth
+from relight.evaluation.evaluate import Predictor, has_pairs, pixels, rows, score, torch_device, truth
 from relight.evaluation.metrics import Inferred
 from relight.evaluation.scores import write_scores
 from relight.files import UserError
@@ -55,12 +55,10 @@ def make(data: RelitSet, split: Path) -> dict[str, Predictor]:
     mean = MeanFigure(data, figures)
 
     def true(name: str, figure: int) -> np.ndarray:
-        start, count = int(data.offset[figure]), int(data.counts[figure])
-        return getattr(data, name)[start : start + count].float().numpy()[None]
+        return getattr(data, name)[rows(data, figure)].float().numpy()[None]
 
     def mean_figure(figure: int, lit: np.ndarray) -> Inferred:
-        start, count = int(data.offset[figure]), int(data.counts[figure])
-        maps = mean.at(data.pixel[start : start + count].numpy())
+        maps = mean.at(pixels(data, figure))
         return Inferred(**maps, light=np.repeat(mean_light, len(lit), 0))
 
     def nearest_light(figure: int, lit: np.ndarray) -> Inferred:
@@ -94,16 +92,15 @@ class MeanFigure:
     """The mean of the training figures at each pixel; where none of them reaches, the mean over all their pixels."""
 
     def __init__(self, data: RelitSet, figures: np.ndarray):
-        offset, pixels = data.offset.numpy(), data.size**2
-        rows = np.concatenate([np.arange(offset[f], offset[f] + data.counts[f]) for f in figures])
-        place = data.pixel.numpy()[rows]
-        count = np.bincount(place, minlength=pixels)
+        every = np.r_[tuple(rows(data, figure) for figure in figures)]
+        place = data.pixel.numpy()[every]
+        count = np.bincount(place, minlength=data.size**2)
         self.maps = {}
         for name in ("albedo", "transport", "normal", "ao"):
-            values = getattr(data, name).numpy()[rows].astype(np.float64).reshape(len(rows), -1)
+            values = getattr(data, name).numpy()[every].astype(np.float64).reshape(len(every), -1)
             if name == "albedo" and data.color == "paper":
                 values = values / 255
-            total = np.stack([np.bincount(place, column, pixels) for column in values.T], 1)
+            total = np.stack([np.bincount(place, column, data.size**2) for column in values.T], 1)
             self.maps[name] = np.where(count[:, None] > 0, total / np.maximum(count, 1)[:, None], values.mean(0))
 
     def at(self, pixel: np.ndarray) -> dict[str, np.ndarray]:

@@ -22,10 +22,19 @@ WIDTH = 2400  # pixels that a sheet should not exceed
 
 
 def contact_sheet(maps_paths: list[Path], light: np.ndarray, out: Path, height: int = CELL_HEIGHT) -> None:
-    """Draws the figures in `maps_paths` (EXR) as a PNG: each lit by `light` (K,3), its albedo, normals, AO and shading.
+    """Draws figures side by side, each lit, its albedo, normals, AO and shading.
 
     Light and shading are linear and sRGB-encoded, white being the 99.5th percentile of a figure's shading; normals are
-    shown as (n+1)/2. A figure that was left out has its reason in its place. `height`: pixels of a cell.
+    shown as (n+1)/2. A figure that was left out has its reason in its place.
+
+    Args:
+        maps_paths: their maps (EXR).
+        light: (K,3), which lights them.
+        out: the picture (.png).
+        height: of a cell, in pixels.
+
+    Raises:
+        UserError: there are no maps.
     """
     if not maps_paths:
         raise UserError(f"{out}: there are no maps to show")

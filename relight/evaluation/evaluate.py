@@ -1,6 +1,7 @@
 """Scores a trained network, or a baseline, on every test figure under every test light."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,20 +15,31 @@ from relight.learning.checkpoint import load_network
 from relight.learning.data import Batch, RelitSet, read_split
 from relight.learning.harmonics import unoccluded
 from relight.learning.networks import Network
+from relight.maps import Maps
 from relight.progress import progress
+from relight.sh import coefficient_count
+from relight.srgb import decode
 
 PIXELS = 2**20  # of the images that go through a network at once
+OPEN = np.sqrt(np.pi) / 2  # T00 of a point that nothing occludes
 
 Predictor = Callable[[int, np.ndarray], Inferred]  # (figure, lights (N,)) of a RelitSet -> what is inferred of them
 
 
 def evaluate(checkpoint: Path, packed: Path, lights: Path, split: Path, settings: config.Evaluate, out: Path) -> None:
-    """Writes the scores (CSV) of the network in `checkpoint`, under the name of `out`.
+    """Scores a network on every test figure under every test light.
 
-    Figures are those of `settings.figures` in the split, relit by the lights marked `settings.lights`, in the colour
-    model that the network was trained with. The same inputs give the same bytes on the same machine: on a CPU one
-    thread is used. Raises UserError when a file is not what it should be or nothing is left to test on; figures that
-    sit, further views and unusual lights need not be there, and the file then holds no scores.
+    The same inputs give the same bytes on the same machine: on a CPU one thread is used.
+
+    Args:
+        checkpoint: the network; its colour model is used.
+        packed, lights, split: the data set (.safetensors, .npz, .json).
+        settings: `figures`, the part of the split, and `lights`, the mark of the lights that relight them.
+        out: the scores (.csv), under the stem of this path. Figures that sit, further views and unusual lights need
+            not be there; the file then holds no scores.
+
+    Raises:
+        UserError: a file is not what it should be, or no figure or light is left to test on.
     """
     network, data = load(checkpoint, packed, lights, settings)
     if not has_pairs(data, split, settings):
@@ -37,9 +49,18 @@ def evaluate(checkpoint: Path, packed: Path, lights: Path, split: Path, settings
 
 
 def load(checkpoint: Path, packed: Path, lights: Path, settings: config.Evaluate) -> tuple[Network, RelitSet]:
-    """The network and its data on the device of `settings`, at the network's own order and in its own colour model.
+    """Loads a network, and its data at its own order and in its own colour model.
 
-    Sets `network.unlearned`.
+    Args:
+        checkpoint: the network (.safetensors).
+        packed, lights: the data set.
+        settings: `device`.
+
+    Returns:
+        The network, which knows what it has not learned (`Network.unlearned`), and the data.
+
+    Raises:
+        UserError: a file is not what it should be, or the maps have another size than the network was trained at.
     """
     device = torch_device(settings.device)
     network, made_with = load_network(checkpoint, device)
@@ -53,10 +74,10 @@ def load(checkpoint: Path, packed: Path, lights: Path, settings: config.Evaluate
 
 
 def unlearned(loss: dict[str, float] | None) -> frozenset[str]:
-    """Which of albedo and light no loss of a training asked for: they are noise, and the truth stands in for them."""
-    asked = {"albedo": ("albedo", "tv_albedo"), "light": ("light", "shading")}
+    """Names those of albedo and light that no loss of a training constrains: the truth replaces their noise."""
+    terms = {"albedo": ("albedo", "tv_albedo"), "light": ("light", "shading")}
     either = ("reconstruction", "reconstruction_full")
-    return frozenset(name for name, own in asked.items() if loss and not any(loss[key] for key in (*own, *either)))
+    return frozenset(name for name, own in terms.items() if loss and not any(loss[key] for key in (*own, *either)))
 
 
 def torch_device(name: str) -> torch.device:
@@ -72,7 +93,20 @@ def torch_device(name: str) -> torch.device:
 def chosen_pairs(
     data: RelitSet, split: Path, lights: str = "test", figures: str = "test"
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Indices of the figures of a part of the split and of the lights with a mark. UserError when either is empty."""
+    """Chooses the pairs to test on.
+
+    Args:
+        data: figures and lights.
+        split: the split (.json).
+        lights: the mark of the lights.
+        figures: the part of the split; `views` are the further views of the test figures.
+
+    Returns:
+        Indices of figures (F,) and of lights (L,).
+
+    Raises:
+        UserError: either is empty.
+    """
     chosen = chosen_figures(data, split, figures)
     lit = np.flatnonzero(data.light_split == lights)
     if not len(chosen) or not len(lit):
@@ -98,6 +132,24 @@ def has_pairs(data: RelitSet, split: Path, settings: config.Evaluate) -> bool:
     return figures and (settings.lights != "unusual" or bool((data.light_split == "unusual").any()))
 
 
+def rows(data: RelitSet, figure: int) -> slice:
+    """The rows of a figure's pixels in the arrays of the set."""
+    start = int(data.offset[figure])
+    return slice(start, start + int(data.counts[figure]))
+
+
+def pixels(data: RelitSet, figure: int) -> np.ndarray:
+    """Flat indices (P,) of a figure's pixels in its image."""
+    return data.pixel[rows(data, figure)].cpu().numpy()
+
+
+def dense(values: np.ndarray, pixel: np.ndarray, size: int) -> np.ndarray:
+    """Puts values (P,C) at their pixels (P,) of an image (S,S,C), zero elsewhere."""
+    image = np.zeros((size**2, values.shape[-1]), np.float32)
+    image[pixel] = values
+    return image.reshape(size, size, -1)
+
+
 def score(predictor: Predictor, data: RelitSet, split: Path, settings: config.Evaluate) -> Scores:
     """The scores of a predictor on all test pairs; those of a figure are taken together, since they share its truth."""
     figures, lights = chosen_pairs(data, split, settings.lights, settings.figures)
@@ -109,11 +161,11 @@ def score(predictor: Predictor, data: RelitSet, split: Path, settings: config.Ev
 def truth(data: RelitSet, figure: int, lights: np.ndarray) -> Truth:
     """The true maps of one figure of the set under `lights` (N,), in the set's colour model."""
     batch = data.batch(np.array([figure]), lights[:1])
-    start, count = int(data.offset[figure]), int(data.counts[figure])
+    count = int(data.counts[figure])
     maps = {name: getattr(batch, name)[0, :count].cpu().numpy() for name in ("albedo", "normal", "ao")}
     return Truth(
         batch.pixel[:count].cpu().numpy(),
-        data.transport[start : start + count].float().cpu().numpy(),
+        data.transport[rows(data, figure)].float().cpu().numpy(),
         maps["albedo"],
         maps["normal"],
         maps["ao"][:, 0],
@@ -124,9 +176,17 @@ def truth(data: RelitSet, figure: int, lights: np.ndarray) -> Truth:
 
 @torch.inference_mode()
 def infer(network: Network, data: RelitSet, figure: int, lights: np.ndarray) -> Inferred:
-    """What the network says of one figure under each of `lights` (N,), from the pictures relit by them.
+    """Infers maps and lights of one figure from its pictures under some lights.
 
-    SfSNet's transport is that of its normals without occlusion, with and without AO (table 1 of the paper says so).
+    Args:
+        network: in evaluation mode.
+        data: its test set.
+        figure: index of the figure.
+        lights: (N,) indices of the lights.
+
+    Returns:
+        What is inferred under each; what no loss constrained is left out. SfSNet's transport is that of its normals
+        without occlusion, with and without AO (the paper, Table 1).
     """
     count, step = int(data.counts[figure]), max(1, PIXELS // data.size**2)
     found: dict[str, list[np.ndarray]] = {}
@@ -150,3 +210,30 @@ def compact(network: Network, batch: Batch) -> dict[str, torch.Tensor]:
     if "transport" not in maps:
         maps["transport"] = unoccluded(maps["normal"], network.order)
     return {**maps, "light": light}
+
+
+def inferred_maps(network: Network, data: RelitSet, light: int, true: Maps) -> Maps:
+    """Infers the maps of a figure from its picture under one light.
+
+    Args:
+        network: of any kind; what no loss of its training constrained stays true.
+        data: its test set.
+        light: index of the light in the set.
+        true: the figure's baked maps, whose info names it in the set.
+
+    Returns:
+        Maps with the mask of `true`. The albedo is linear: that of networks of `train.color=paper`, which take codes as
+        linear values, is decoded. The ambient occlusion is that of the transport; normals that are not inferred are 0.
+    """
+    (figure,) = data.figures([true.info["name"]])
+    inferred = infer(network, data, int(figure), np.array([light]))
+    transport = inferred.occluded_transport[0][:, : coefficient_count(2)]
+    values = {"transport": transport, "ao": np.clip(transport[:, :1] / OPEN, 0, 1)}
+    if inferred.normal is not None:
+        values["normal"] = inferred.normal[0]
+    if inferred.albedo is not None:
+        coded = np.clip(inferred.albedo[0], 0, 1)
+        values["albedo"] = decode(coded) if data.color == "paper" else coded
+    images = {name: dense(array, pixels(data, int(figure)), data.size) for name, array in values.items()}
+    images["ao"] = images["ao"][..., 0]
+    return replace(true, **{"normal": np.zeros_like(true.normal), **images, "bounced": None})

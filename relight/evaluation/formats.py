@@ -181,17 +181,16 @@ def write_tables(
 def score_grid(table: Table, columns: Iterable[str]) -> Grid:
     """The estimates of a table in some of its columns, a block per reading; printed values follow."""
     found = table.present(columns)
-    rows = {row: (label(row), table.kind(row), cells) for row, cells in table.rows.items()}
-    rows |= {f"{row}, printed": (label(row), "paper", values) for row, values in table.printed.items()}
-    shown = [row for row in rows.values() if any(column in row[2] for column in found)]
+    rows = [(label(row), table.kind(row), cells) for row, cells in table.rows.items()]
+    rows += [(label(row), "paper", values) for row, values in table.printed.items()]
+    rows = [row for row in rows if any(column in row[2] for column in found)]
     heads = []
     for quantity, reading in map(split_column, found):
         heads.append((f"{READING_LABELS[reading]} {'↓' if sign(f'_{reading}') > 0 else '↑'}", QUANTITIES[quantity]))
-    cells = [[values.get(column) for column in found] for _, _, values in shown]
-    names = pd.Index([name for name, _, _ in shown], dtype=object)
-    columns = pd.MultiIndex.from_arrays(list(zip(*heads)) or [[], []])
-    frame = pd.DataFrame(cells, names, columns, dtype=object)
-    return Grid(frame.where(frame.notna(), None), [kind for _, kind, _ in shown])
+    cells = [[values.get(column) for column in found] for *_, values in rows]
+    index = pd.Index([name for name, *_ in rows], dtype=object)
+    frame = pd.DataFrame(cells, index, pd.MultiIndex.from_arrays(list(zip(*heads)) or [[], []]), dtype=object)
+    return Grid(frame.where(frame.notna(), None), [kind for _, kind, _ in rows])
 
 
 def other_columns(table: Table) -> tuple[str, ...]:

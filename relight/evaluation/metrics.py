@@ -42,12 +42,18 @@ COMMON = 9  # coefficients in which maps and lights are compared, whatever their
 
 @dataclass
 class Inferred:
-    """What a network or a baseline says of one figure under N lights; None: it is given the truth.
+    """What a network or a baseline infers of the P in-mask pixels of one figure under N lights; None: it is given that.
 
-    albedo (N,P,3), transport (N,P,K), normal (N,P,3) unit, ao (N,P), light (N,K,3) on the P in-mask pixels in the
-    order of the packed set. A leading 1 stands for "the same under every light". With `occlude` the shading is
-    ao * (transport @ light), as SfSNet-AO has it; otherwise ao is a by-product that is scored alone. relit (N,P,3):
-    whole pictures, each under the light after its own, of what infers no maps; nothing else is then scored.
+    A leading 1 stands for "the same under every light".
+
+    Attributes:
+        albedo: (N,P,3).
+        transport: (N,P,K).
+        normal: (N,P,3), of unit length.
+        ao: (N,P).
+        light: (N,K,3).
+        relit: (N,P,3), whole pictures under the light after their own, of what infers no maps; only they are scored.
+        occlude: whether the shading is ao * (transport @ light), as SfSNet-AO has it; else ao is scored alone.
     """
 
     albedo: np.ndarray | None = None
@@ -57,6 +63,11 @@ class Inferred:
     light: np.ndarray | None = None
     relit: np.ndarray | None = None
     occlude: bool = False
+
+    @property
+    def occluded_transport(self) -> np.ndarray:
+        """The transport of the shading: times AO where that occludes."""
+        return self.transport * self.ao[..., None] if self.occlude else self.transport
 
 
 def rmse(inferred: np.ndarray, truth: np.ndarray) -> np.ndarray:
@@ -85,9 +96,22 @@ def ssim(inferred: np.ndarray, truth: np.ndarray, span: float, window: int = WIN
 class Truth:
     """One figure under N lights, ready to be compared with many predictions.
 
-    pixel (P,) flat indices into a `size` x `size` image; transport (P,K), albedo (P,3), normal (P,3), ao (P,) of those
-    pixels; lights (N,K,3). Shadings are clipped at 0: light of few bands may dip below it. They are made with all K
-    coefficients, while transport and light are compared in the first nine: networks of any order stand in one table.
+    Shadings are clipped at 0: light of few bands may dip below it. They are made with all K coefficients, while
+    transport and light are compared in the first nine: networks of any order stand in one table.
+
+    Args:
+        pixel: (P,) flat indices of the mask into a `size` x `size` image.
+        transport: (P,K).
+        albedo: (P,3).
+        normal: (P,3).
+        ao: (P,).
+        lights: (N,K,3).
+        size: pixels.
+
+    Attributes:
+        maps: (1,P,C) by name, and (N,P,3) of shading and reconstruction; the transport in the first nine coefficients.
+        transport: (1,P,K).
+        lights: (N,K,3).
     """
 
     def __init__(self, pixel, transport, albedo, normal, ao, lights, size: int):
@@ -127,10 +151,21 @@ class Truth:
         found = self.compare("reconstruction", np.roll(pictures, 1, 0), "relit")
         return {name: np.roll(values, -1) for name, values in found.items()}
 
-    def score(self, inferred: Inferred) -> dict[str, np.ndarray]:
-        """Every column of COLUMNS that `inferred` has a say in, and COLLAPSE, each (N,) float64.
+    def complete(self, inferred: Inferred) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Albedo (N or 1,P,3), transport (N or 1,P,K) and light (N,K,3), true where they are not inferred."""
+        albedo = self.maps["albedo"] if inferred.albedo is None else inferred.albedo
+        transport = self.transport if inferred.transport is None else inferred.occluded_transport
+        return albedo, transport, self.lights if inferred.light is None else inferred.light
 
-        The shading and the reconstruction use the truth for what `inferred` leaves out.
+    def score(self, inferred: Inferred) -> dict[str, np.ndarray]:
+        """Scores a prediction.
+
+        Args:
+            inferred: under the lights of the truth.
+
+        Returns:
+            COLLAPSE, and those of COLUMNS that it infers something of, each (N,) float64. Shading and reconstruction
+            are made with the truth for what it does not infer.
         """
         if inferred.relit is not None:
             return self.compare_relit(inferred.relit)
@@ -140,16 +175,13 @@ class Truth:
                 columns |= self.compare(name, values[..., :COMMON])
         if inferred.ao is not None:
             columns |= self.compare("ao", inferred.ao[..., None])
-        transport = self.transport if inferred.transport is None else inferred.transport
+        albedo, transport, light = self.complete(inferred)
         if inferred.occlude:
-            transport = transport * inferred.ao[..., None]
             columns |= self.compare("transport", transport[..., :COMMON], "transport_with_ao")
-        light = self.lights if inferred.light is None else inferred.light
         shading = shade(transport, light)
         columns |= self.compare("shading", shading)
         if inferred.transport is not None:
             columns |= self.compare("shading", shade(transport, self.lights), "shading_true_light")
-        albedo = self.maps["albedo"] if inferred.albedo is None else inferred.albedo
         columns |= self.compare("reconstruction", albedo * shading)
         if inferred.transport is not None:
             columns |= self.compare_relit(albedo * shade(transport, np.roll(self.lights, -1, 0)))

@@ -9,7 +9,7 @@ from PIL import Image
 
 from relight import config
 from relight.evaluation.canvas import FAINT, Sheet, ball, box_of, cut_out, heat, transport_bands
-from relight.evaluation.evaluate import chosen_pairs, has_pairs, infer, load, truth
+from relight.evaluation.evaluate import chosen_pairs, dense, has_pairs, infer, load, pixels, truth
 from relight.evaluation.labels import label
 from relight.evaluation.metrics import Inferred, Truth, shade
 from relight.evaluation.scores import gather
@@ -49,30 +49,32 @@ NOTE_RELIT = (
 
 @dataclass
 class Subject:
-    """A test figure with its truth under the input light and the new one; pixel: flat indices (P,) of its mask."""
+    """A test figure.
+
+    Attributes:
+        name: of the figure.
+        truth: under the input light and the new one.
+        pixel: (P,) flat indices of its mask into an image of `size` x `size`.
+        white: the shading that is shown as white.
+        linear: whether its colours are linear, and so sRGB-encoded where they are shown; else they are codes.
+    """
 
     name: str
     truth: Truth
     pixel: np.ndarray
     size: int
-    white: float  # shading that is shown as white
+    white: float
+    linear: bool
 
     @classmethod
     def of(cls, data: RelitSet, figure: int, lights: np.ndarray) -> "Subject":
-        start, count = int(data.offset[figure]), int(data.counts[figure])
         true = truth(data, figure, lights)
         white = max(1.0, float(np.percentile(true.maps["shading"], 99.5)))
-        return cls(data.names[figure], true, data.pixel[start : start + count].cpu().numpy(), data.size, white)
-
-    def dense(self, values: np.ndarray) -> np.ndarray:
-        """(P,C) -> (S,S,C), zero outside the mask."""
-        image = np.zeros((self.size**2, values.shape[-1]), np.float32)
-        image[self.pixel] = values
-        return image.reshape(self.size, self.size, -1)
+        return cls(data.names[figure], true, pixels(data, figure), data.size, white, data.color == "photo")
 
     @property
     def mask(self) -> np.ndarray:
-        return self.dense(np.ones((len(self.pixel), 1)))[..., 0] > 0
+        return dense(np.ones((len(self.pixel), 1)), self.pixel, self.size)[..., 0] > 0
 
     def picture(self, light: int) -> "View":
         """The true picture under its light of this number, with that light."""
@@ -81,8 +83,14 @@ class Subject:
 
 @dataclass
 class View:
-    """One cell: colours (P,3) of the subject's pixels, display-coded already if `coded`, or an error (P,), with a light
-    (K,3) as a small sphere in the corner; a light alone fills the cell, and without anything it stays empty."""
+    """What a cell shows.
+
+    Attributes:
+        colors: (P,3) of the subject's pixels.
+        error: (P,), in their place.
+        light: (K,3), a small sphere in the corner; alone it fills the cell, and without anything the cell stays empty.
+        coded: whether the colours are display codes whatever the subject's are.
+    """
 
     colors: np.ndarray | None = None
     error: np.ndarray | None = None
@@ -100,8 +108,15 @@ class Line:
     first: bool = False
 
 
-def draw(heads: list[str], lines: list[Line], linear: bool, worst: float | None, note: str) -> Sheet:
-    """Lays out the sheet. Colours and lights are sRGB-encoded if `linear`; errors, if there are any, run to `worst`."""
+def draw(heads: list[str], lines: list[Line], worst: float | None, note: str) -> Sheet:
+    """Draws rows of views, with heads above and a scale of errors below.
+
+    Args:
+        heads: of the columns.
+        lines: the rows, with a view for each column.
+        worst: the error at the dark end of the scale; None where no view is an error.
+        note: what the views are.
+    """
     box = box_of([line.subject.mask for line in lines])
     tall, wide = box[0].stop - box[0].start, box[1].stop - box[1].start
     height, width = CELL_HEIGHT, max(100, round(CELL_HEIGHT * wide / tall))
@@ -114,7 +129,7 @@ def draw(heads: list[str], lines: list[Line], linear: bool, worst: float | None,
         y += 4 * GAP * line.first
         sheet.text(line.label, GUTTER - 14, y + height // 2, 18, "rm", bold=line.first, width=GUTTER - 24)
         for c, view in enumerate(line.views):
-            draw_view(sheet, view, line.subject, box, GUTTER + c * (width + GAP), y, (width, height), linear, worst)
+            draw_view(sheet, view, line.subject, box, GUTTER + c * (width + GAP), y, (width, height), worst)
         y += height + GAP
     if worst:
         bar = np.repeat(heat(np.linspace(0, worst, 160), worst)[None], 14, 0)
@@ -132,21 +147,30 @@ def draw_view(
     x: int,
     y: int,
     size: tuple[int, int],
-    linear: bool,
     worst: float | None,
 ) -> None:
-    """One cell of `size` (width, height) at (x, y): the subject's pixels in `box`."""
+    """Draws a view of a subject.
+
+    Args:
+        sheet: to draw on.
+        view: what is shown.
+        subject: whose pixels these are.
+        box: rows and columns of its image that are shown.
+        x, y: place of the cell on the sheet.
+        size: width and height of the cell in pixels.
+        worst: the error at the dark end of the scale.
+    """
     width, height = size
     if view.colors is None and view.error is None and view.light is None:
         return None
     if view.colors is None and view.error is None:
-        return sheet.cell(ball(view.light, round(0.8 * width), subject.white, linear), x, y, width, height)
+        return sheet.cell(ball(view.light, round(0.8 * width), subject.white, subject.linear), x, y, width, height)
     colors = heat(view.error, worst) if view.colors is None else view.colors
     if view.colors is not None and not view.coded:
-        colors = encode(np.clip(colors, 0, 1)) if linear else np.clip(colors, 0, 1)
-    sheet.cell(cut_out(subject.dense(colors)[box], subject.mask[box], size), x, y)
+        colors = encode(np.clip(colors, 0, 1)) if subject.linear else np.clip(colors, 0, 1)
+    sheet.cell(cut_out(dense(colors, subject.pixel, subject.size)[box], subject.mask[box], size), x, y)
     if view.light is not None:
-        corner = ball(view.light, round(0.26 * width), subject.white, linear)
+        corner = ball(view.light, round(0.26 * width), subject.white, subject.linear)
         sheet.put(corner, x + width - corner.width - 5, y + 5)
 
 
@@ -217,7 +241,6 @@ def relit(
         UserError: as `evaluate.evaluate`.
     """
     lines: list[Line] = []
-    linear = False
     for name, checkpoint in progress(list(networks.items()), "networks relit"):
         network, data = load(checkpoint, packed, lights, settings)
         if not has_pairs(data, split, settings):
@@ -225,17 +248,17 @@ def relit(
         figures, lit = chosen_pairs(data, split, settings.lights, settings.figures)
         figure, chosen = int(figures[len(figures) // 2]), lit[spaced(len(lit), LIGHTS)]
         if not lines:
-            linear = data.color == "photo"
             one = Subject.of(data, figure, chosen)
             lines = [Line(f"truth {one.name}", one, [one.picture(light) for light in range(len(chosen))], first=True)]
         one = lines[0].subject
-        albedo, transport, light = inferred_parts(one, infer(network, data, figure, chosen[:1]))
+        inferred = infer(network, data, figure, chosen[:1])
+        albedo, transport, light = (values[0] for values in one.truth.complete(inferred))
         shadings = [shade(transport, each) for each in (light, *one.truth.lights[1:])]
         lines.append(Line(label(name), one, [View(albedo * shading) for shading in shadings]))
     if not lines:
-        return nothing().save(out)
+        return empty_sheet().save(out)
     heads = ["picture", *(f"relit {light}" for light in range(1, len(lines[0].views)))]
-    draw(heads, lines, linear, None, NOTE_RELIT).save(out)
+    draw(heads, lines, None, NOTE_RELIT).save(out)
 
 
 def draw_plates(
@@ -249,7 +272,6 @@ def draw_plates(
 ) -> None:
     """Draws the figures whose places `choose` picks from the names of those that are tested."""
     blocks: list[list[Line]] = []
-    linear = False
     for name, checkpoint in progress(list(networks.items()), "networks drawn"):
         network, data = load(checkpoint, packed, lights, settings)
         if not has_pairs(data, split, settings):
@@ -258,18 +280,17 @@ def draw_plates(
         chosen = figures[choose([data.names[f] for f in figures])].tolist()
         pairs = [(f, lit[[i % len(lit), (i + 1) % len(lit)]]) for i, f in enumerate(chosen)]
         if not blocks:
-            linear = data.color == "photo"
             subjects = [Subject.of(data, *pair) for pair in pairs]
             blocks = [[Line(f"truth {one.name}", one, true_views(one), first=True)] for one in subjects]
         for block, (figure, two) in zip(blocks, pairs):
             one = block[0].subject
             block.append(Line(label(name), one, inferred_views(one, infer(network, data, figure, two[:1]))))
     if not blocks:
-        return nothing().save(out)
-    draw(list(COLUMNS), [line for block in blocks for line in block], linear, WORST, NOTE).save(out)
+        return empty_sheet().save(out)
+    draw(list(COLUMNS), [line for block in blocks for line in block], WORST, NOTE).save(out)
 
 
-def nothing() -> Sheet:
+def empty_sheet() -> Sheet:
     """A sheet that says that there is nothing to show."""
     sheet = Sheet(2 * GUTTER, TOP)
     sheet.text("nothing to show", GUTTER, TOP // 2, 15, "mm", color=FAINT)
@@ -292,17 +313,9 @@ def true_views(s: Subject) -> list[View]:
 
 def inferred_views(s: Subject, inferred: Inferred) -> list[View]:
     """The views of COLUMNS of what a network infers of the subject in its first light."""
-    made = views(s, *inferred_parts(s, inferred), s.truth.lights[1])
+    made = views(s, *(values[0] for values in s.truth.complete(inferred)), s.truth.lights[1])
     made |= surface_views(*(None if part is None else part[0] for part in (inferred.normal, inferred.ao)))
     return [made[column] for column in COLUMNS]
-
-
-def inferred_parts(s: Subject, inferred: Inferred) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Albedo (P,3), transport (P,K) and light (K,3) that a network infers; what it does not infer is the truth."""
-    transport = inferred.transport[0] * (inferred.ao[0][:, None] if inferred.occlude else 1)
-    albedo = (s.truth.maps["albedo"] if inferred.albedo is None else inferred.albedo)[0]
-    light = (s.truth.lights if inferred.light is None else inferred.light)[0]
-    return albedo, transport, light
 
 
 def surface_views(normal: np.ndarray | None, ao: np.ndarray | None) -> dict[str, View]:

@@ -57,7 +57,14 @@ WORST = 0.3  # error of a picture (vector norm) at the dark end of the scale
 
 @dataclass
 class Chain:
-    """The pictures of one scene, (P,3), or (2,P,3) where they are traced; own: answers by name."""
+    """The pictures of one scene, (P,3), or (2,P,3) where they are traced.
+
+    Attributes:
+        scene: the figure relit.
+        truth: the figure under the light in which the networks are shown it.
+        albedo: (P,3), true.
+        own: pictures of ANSWERS, by name.
+    """
 
     scene: Scene
     truth: Truth
@@ -90,9 +97,8 @@ class Chain:
 
     def relight(self, inferred: Inferred) -> np.ndarray:
         """The picture (P,3) of what was inferred under one light, under the new one; albedo is true where none was."""
-        transport = inferred.transport * inferred.ao[..., None] if inferred.occlude else inferred.transport
-        albedo = self.albedo if inferred.albedo is None else inferred.albedo[0]
-        return albedo * shade(transport, self.scene.light)[0]
+        albedo, transport, _ = self.truth.complete(inferred)
+        return (albedo * shade(transport, self.scene.light))[0]
 
     @property
     def full(self) -> np.ndarray:
@@ -100,8 +106,15 @@ class Chain:
         return self.albedo * self.scene.full
 
     def measured(self, before: np.ndarray, after: np.ndarray) -> list[float]:
-        """rmse (of the vector norm), the same over the root mean square of the traced picture, and the mean of the
-        difference over the mean of the traced picture; traced noise cancels out of all three but for chance."""
+        """Measures the difference of two pictures; traced noise cancels out but for chance.
+
+        Args:
+            before, after: (P,3) or (2,P,3).
+
+        Returns:
+            COLUMNS: the RMSE of the vector norm, the same over the root mean square of the traced picture, and the mean
+            of the difference over the mean of the traced picture.
+        """
         first, second = np.broadcast_to(before - after, self.full.shape)
         rmse = np.sqrt(max((first * second).sum(-1).mean(), 0))
         level = np.sqrt((self.full[0] * self.full[1]).sum(-1).mean())
@@ -111,10 +124,16 @@ class Chain:
 def evaluate_traced(
     networks: dict[str, Path], packed: Path, lights: Path, traced: Path, settings: config.Evaluate, out: Path
 ) -> None:
-    """Writes a CSV: kind (cause | answer), name, figure, light, then COLUMNS.
+    """Measures relit pictures against path tracing.
 
-    An answer is a whole picture against the path tracing with interreflection: of ANSWERS, or of a network
-    (`row.s<seed>` -> checkpoint); a cause is a step of the chain, the network's being `network:row.s<seed>`.
+    Args:
+        networks: `row.s<seed>` -> checkpoint.
+        packed, lights: the data set.
+        traced: what `tracing.trace` wrote.
+        settings: `device`.
+        out: the table (.csv) of KEYS and COLUMNS. A row of kind `answer` is a whole picture against the path tracing
+            with interreflection, of ANSWERS or of a network; one of kind `cause` a step of the chain, the network's
+            being `network:row.s<seed>`.
     """
     rows: list[list] = []
     known: set[int] = set()
@@ -172,23 +191,29 @@ def tables(path: Path, settings: config.Evaluate) -> dict[str, Grid]:
 def traced_plate(
     networks: dict[str, Path], packed: Path, lights: Path, traced: Path, settings: config.Evaluate, out: Path
 ) -> None:
-    """Draws up to `settings.plates` of the traced figures as a PNG: the input, relit by each network and by the true
-    maps, and path traced; then the errors of these against the traced picture, and what interreflection adds to it."""
+    """Draws traced figures: the input, relit by each network and by the true maps, and path traced.
+
+    The errors of these against the traced picture follow, and what interreflection adds to it.
+
+    Args:
+        networks: row -> checkpoint.
+        packed, lights: the data set.
+        traced: what `tracing.trace` wrote.
+        settings: `plates`, at most so many figures.
+        out: the picture (.png).
+    """
     chains: list[Chain] = []
     subjects: list[Subject] = []
     relit: list[list[np.ndarray]] = []
-    linear = False
     for checkpoint in networks.values():
         network, data = load(checkpoint, packed, lights, settings)
         if not chains:
-            linear = data.color == "photo"
             scenes = read_scenes(traced)
             chains = [Chain.of(data, scenes[i]) for i in spaced(len(scenes), settings.plates)]
             subjects = [Subject.of(data, c.scene.figure, np.array([c.scene.seen])) for c in chains]
             relit = [[] for _ in chains]
         for chain, pictures in zip(chains, relit):
-            said = infer(network, data, chain.scene.figure, np.array([chain.scene.seen]))
-            pictures.append(chain.relight(said))
+            pictures.append(chain.relight(infer(network, data, chain.scene.figure, np.array([chain.scene.seen]))))
     lines = [Line(s.name, s, views(chain, pictures)) for s, chain, pictures in zip(subjects, chains, relit)]
     heads = ["input", *(f"relit by {label(row)}" for row in networks), "true maps, relit", "path traced"]
     heads += [*(f"error of {label(row)}" for row in networks), "error of the true maps", "inter-reflection"]
@@ -196,7 +221,7 @@ def traced_plate(
         "Relit by the panorama of a test light, whose sphere stands in the corner as networks and maps know it, by its "
         "coefficients. Errors are against the path traced picture and hold its noise."
     )
-    draw(heads, lines, linear, WORST, words).save(out)
+    draw(heads, lines, WORST, words).save(out)
 
 
 def views(chain: Chain, relit: list[np.ndarray]) -> list[View]:

@@ -65,10 +65,13 @@ class Estimate:
 
 @dataclass
 class Difference:
-    """First minus second: the mean, its interval, and the two-sided p-value of "no difference".
+    """The difference of two rows, first minus second.
 
-    error, freedom: the standard error of the mean and its degrees of freedom (Student's t); infinite and 1 where there
-    are too few figures to know it.
+    Attributes:
+        mean, low, high: the mean, and the ends of its 95 % interval.
+        p: two-sided, of "they are equal".
+        error, freedom: the standard error of the mean and its degrees of freedom (Student's t); infinite and 1 where
+            there are too few figures to know it.
     """
 
     mean: float
@@ -113,7 +116,11 @@ class Spread:
 
 
 def pooled_spread(rows: list[np.ndarray]) -> Spread:
-    """The spread of trainings, pooled over rows of values (S,...); rows of one training say nothing about it."""
+    """Pools the spread of trainings over rows.
+
+    Args:
+        rows: values (S,...) of each, over trainings; rows of one training tell nothing of it.
+    """
     means = [values.reshape(len(values), -1).mean(1) for values in rows]
     freedom = sum(len(one) - 1 for one in means)
     squares = sum(((one - one.mean()) ** 2).sum() for one in means)
@@ -149,9 +156,9 @@ def estimate(
     if spread and spread.freedom:
         freedom = spread.freedom
         error = max(spread.deviation, pooled_spread([values]).deviation) / np.sqrt(trainings)
-    told = {"figures": list(pairs[0]), "lights": list(pairs[1]), "error": error, "freedom": freedom}
+    rest = {"figures": list(pairs[0]), "lights": list(pairs[1]), "error": error, "freedom": freedom}
     if figures == 1:
-        return Estimate(mean, -np.inf, np.inf, of_pairs, **told)
+        return Estimate(mean, -np.inf, np.inf, of_pairs, **rest)
     draws = np.full(resamples, mean)
     for axis, levels in enumerate((figures, lights)):
         if levels > 1:
@@ -159,7 +166,7 @@ def estimate(
             draws += widening(levels) * (weights @ (of_pairs.mean(1 - axis) - mean))
     if freedom:
         draws += error * np.random.default_rng([noise, trainings]).standard_t(freedom, resamples)
-    return Estimate(mean, *interval(draws), of_pairs, **told)
+    return Estimate(mean, *interval(draws), of_pairs, **rest)
 
 
 def interval(draws: np.ndarray) -> tuple[float, float]:
@@ -169,10 +176,16 @@ def interval(draws: np.ndarray) -> tuple[float, float]:
 
 
 def compare(first: Estimate, second: Estimate) -> Difference:
-    """The difference of two rows, first minus second, with Student's t.
+    """Compares two rows with Student's t.
 
     Figures that both rows have are compared figure by figure, and lights light by light; others as independent samples
     (Welch). To the variance over figures and lights that of the trainings is added.
+
+    Args:
+        first, second: estimates of one column.
+
+    Returns:
+        First minus second; with an infinite interval and p = 1 where a row has one figure.
     """
     mean = float(first.mean - second.mean)
     parts = crossed(first, second)
@@ -190,11 +203,16 @@ def compare(first: Estimate, second: Estimate) -> Difference:
 
 
 def crossed(first: Estimate, second: Estimate) -> list[tuple[float, float]]:
-    """The variance of the difference of two means over figures and lights, in parts with their degrees of freedom.
+    """Splits the variance of the difference of two means over figures and lights (Clark 1973).
 
     The variance of the means of figures holds that of figures and that of the pairs, and so does that of lights: the
-    pairs' is taken away once (a negative part). A factor whose own variance would come out negative has none. Empty
-    where a row has one figure.
+    pairs' is taken away once (a negative part). A factor whose own variance would come out negative has none.
+
+    Args:
+        first, second: estimates of one column.
+
+    Returns:
+        Parts of the variance with their degrees of freedom; none where a row has one figure.
     """
     rows = [first.values, second.values]
     alike = [getattr(first, name) == getattr(second, name) for name in ("figures", "lights")]
@@ -221,7 +239,14 @@ def _interaction(values: np.ndarray) -> float:
 
 
 def holm(p: list[float]) -> np.ndarray:
-    """Holm's correction of p-values that are read together: the chance of one false claim among all stays at p."""
+    """Corrects p-values that are read together (Holm 1979): the chance of one false claim among all stays at p.
+
+    Args:
+        p: (N,).
+
+    Returns:
+        (N,), in the same order.
+    """
     values = np.asarray(p, np.float64)
     order = np.argsort(values, kind="stable")
     steps = np.maximum.accumulate(values[order] * (len(values) - np.arange(len(values))))

@@ -1,6 +1,5 @@
 """How long a network takes for a picture (paper, section 1: .43 s at 1024 px), and what the machine could do."""
 
-import os
 import time
 from collections.abc import Callable
 from functools import partial
@@ -15,33 +14,42 @@ from relight.config import Model, Timing
 from relight.evaluation.scores import read_table
 from relight.files import atomic_write
 from relight.learning.networks import build
+from relight.processes import count_cores
 from relight.progress import progress
 
 TYPES = {"f32": torch.float32, "bf16": torch.bfloat16}
-
-
 COLUMNS = ["row", "width", "parameters", "size", "device", "threads", "wall", "cpu", "gflop", "rate"]
 
 
 def matmul_rate(clock: Callable[[Callable[[], object]], float], device: str, precision: str) -> float:
-    """Operations per second of a large square matrix product; clock: call -> seconds."""
+    """Measures a large square matrix product.
+
+    Args:
+        clock: call -> seconds.
+        device: cpu or cuda.
+        precision: of TYPES.
+
+    Returns:
+        Operations per second.
+    """
     side = 8192 if device == "cuda" else 2048
     a = torch.randn(side, side, device=device, dtype=TYPES[precision])
     return 2 * side**3 / clock(lambda: a @ a)
 
 
 def multiply_adds(model: Model, size: int) -> float:
-    """Of the network forward, for one image. Its tensors are fakes: they have a device, as autocast needs, and no
-    numbers."""
+    """Counts the multiply-adds of an inference.
+
+    Tensors are fakes: they have a device, as autocast needs, and no numbers.
+
+    Args:
+        model: settings of the network.
+        size: side of the image in pixels.
+    """
     network = build(model, size)
     with FakeTensorMode(allow_non_fake_inputs=True), FlopCounterMode(display=False) as counter:
         network(torch.empty(1, 3, size, size), torch.empty(1, 1, size, size))
     return counter.get_total_flops() / 2
-
-
-def cores() -> int:
-    """Cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def wall(call: Callable[[], object], device: str, seconds: float) -> float:
@@ -78,8 +86,8 @@ def time_networks(models: dict[str, Model], settings: Timing, out: Path) -> None
         out: the table (.csv) of COLUMNS. wall, cpu: seconds for a picture; cpu counts all threads, 0 on a GPU. gflop:
             two operations per multiply-add. rate: GFLOP/s of a large matrix product on the same threads or GPU.
     """
-    before, all_of_them = torch.get_num_threads(), cores()
-    places = [("cpu", 1)] + [("cpu", all_of_them)] * (all_of_them > 1) + [("cuda", 1)] * torch.cuda.is_available()
+    before, cores = torch.get_num_threads(), count_cores()
+    places = [("cpu", 1)] + [("cpu", cores)] * (cores > 1) + [("cuda", 1)] * torch.cuda.is_available()
     found: list[dict] = []
     try:
         for device, threads in places:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from relight import config
-from relight.evaluation.evaluate import chosen_pairs, torch_device
+from relight.evaluation.evaluate import chosen_pairs, pixels, torch_device
 from relight.evaluation.panels import spaced
 from relight.files import UserError, atomic_write
 from relight.learning.data import RelitSet
@@ -30,10 +30,15 @@ OVER = 4  # k x k looks into the panorama per texel of the sky
 
 @dataclass
 class Scene:
-    """A figure relit: figure, its index in the packed set; seen, new: lights by their row in the light table.
+    """A figure relit.
 
-    light (K,3): of the sky; area (P,3): irradiance by transport as the mean over each pixel's area; cut, direct, full
-    (2,P,3): traced irradiance of the cut sky, of the whole one, and of that with interreflection, each made twice.
+    Attributes:
+        figure: its index in the packed set.
+        seen, new: the lights in which it is shown and relit, by their row in the light set.
+        light: (K,3), of the sky.
+        area: (P,3), irradiance by transport as the mean over each pixel's area.
+        cut, direct, full: (2,P,3), traced irradiance of the cut sky, of the whole one, and with interreflection too,
+            each made twice.
     """
 
     figure: int
@@ -58,11 +63,19 @@ def trace(
     rays: int,
     out: Path,
 ) -> None:
-    """Traces `settings.figures` test figures, spread over the test set, and writes their irradiance (.npz).
+    """Path traces test figures, each relit by one test light, having been seen under another.
 
-    Each is relit by one test light, having been seen under another, with `settings.samples` paths per pixel. meshes:
-    the folder of aligned meshes; order, rays: of the transport. UserError without Mitsuba, and where a light has no
-    panorama.
+    Args:
+        packed, lights, split: the data set.
+        meshes: the folder of aligned meshes.
+        panoramas: where the panoramas of the lights are from.
+        evaluate: which lights.
+        settings: `figures`, how many, spread over the test set; `samples`, paths per pixel; `bounces`.
+        order, rays: of the transport.
+        out: their irradiance (.npz), a Scene each.
+
+    Raises:
+        UserError: Mitsuba is not installed, or a light has no panorama.
     """
     data = RelitSet(packed, lights, order, "paper", torch_device("cpu"))
     figures, lit = chosen_pairs(data, split, evaluate.lights)
@@ -79,7 +92,11 @@ def trace(
 
 
 def read_scenes(path: Path) -> list[Scene]:
-    """What `trace` wrote. UserError on another file."""
+    """Reads what `trace` wrote.
+
+    Raises:
+        UserError: it is another file.
+    """
     stored = read_npz(path, "set of traced pictures")
     count = len({name.partition(".")[0] for name in stored})
     names = [field.name for field in fields(Scene)]
@@ -97,8 +114,7 @@ def traced(
     order = order_of(data.lights.shape[1])
     harmonics = basis(sky_directions(), order)
     light = np.einsum("hw,hwk,hwc->kc", sky_weights(), harmonics, sky)
-    start, count = int(data.offset[figure]), int(data.counts[figure])
-    pixel = data.pixel[start : start + count].numpy()
+    pixel = pixels(data, figure)
     tracer, samples = PathTracer(mesh, data.size), max(1, settings.samples // 2)
 
     def twice(source: np.ndarray, bounces: int, first: int) -> np.ndarray:

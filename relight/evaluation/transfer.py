@@ -48,26 +48,29 @@ class Side:
     truth: Truth
     inferred: Inferred
 
-    def maps(self, step: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+    def maps(self, step: int) -> tuple[np.ndarray, np.ndarray]:
         """Albedo (N,P,3) and transport (N,P,K) whose row k was inferred under light k - step."""
-        one = self.inferred
-        albedo = self.truth.maps["albedo"] if one.albedo is None else one.albedo
-        transport = one.transport * one.ao[..., None] if one.occlude else one.transport
-        return tuple(np.roll(np.broadcast_to(v, (count, *v.shape[1:])), step, 0) for v in (albedo, transport))
-
-    @property
-    def true_maps(self) -> tuple[np.ndarray, np.ndarray]:
-        return self.truth.maps["albedo"], self.truth.transport
+        albedo, transport, light = self.truth.complete(self.inferred)
+        return tuple(np.roll(np.broadcast_to(v, (len(light), *v.shape[1:])), step, 0) for v in (albedo, transport))
 
 
 def evaluate_transfer(
     networks: dict[str, Path], packed: Path, lights: Path, split: Path, settings: config.Evaluate, out: Path
 ) -> None:
-    """Writes the scores (CSV) of the networks (`row.s<seed>` -> checkpoint), of their VARIANTS and of what is TRIVIAL.
+    """Scores networks whose figures swap lights, their VARIANTS, and what is TRIVIAL.
 
-    A variant is called `row:variant.s<seed>`. The unit is a swap: "figure" is a pair a+b, "light" the index of the
-    light l of a, and the scores of the two relit pictures are averaged, since both come from the same two pictures.
-    `reconstruction` is the relit picture, before the camera. UserError with fewer than two figures or lights.
+    The unit is a swap: "figure" is a pair a+b, "light" the index of the light l of a, and the scores of the two relit
+    pictures are averaged, since both come from the same two pictures. `reconstruction` is the relit picture, before the
+    camera.
+
+    Args:
+        networks: `row.s<seed>` -> checkpoint.
+        packed, lights, split: the data set.
+        settings: which lights, and the device.
+        out: the scores (.csv); a variant is called `row:variant.s<seed>`.
+
+    Raises:
+        UserError: there are fewer than two figures or lights.
     """
     scores: dict[str, Scores] = {}
     trivial: dict[str, Scores] = {}
@@ -115,13 +118,20 @@ def mean_light(data: RelitSet) -> np.ndarray:
 
 
 def swapped(a: Side, b: Side, mean: np.ndarray, step: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """name -> (picture (N,P,3), light (N,K,3) that it was relit with) of a; mean (1,K,3).
+    """Relights a figure by the light that was inferred from its partner.
 
-    Row k is to show a under light k. a was seen under light k - step (cyclic), its partner b under light k itself.
+    Args:
+        a: the figure, in row k seen under light k - step (cyclic).
+        b: its partner, in row k seen under light k.
+        mean: (1,K,3), the mean training light.
+        step: 1 or -1.
+
+    Returns:
+        For each of VARIANTS and TRIVIAL the picture (N,P,3) of a, which should show it under light k, and the light
+        (N,K,3) that it was relit with.
     """
-    true = a.truth.lights
-    found = true if b.inferred.light is None else b.inferred.light
-    own, given = a.maps(step, len(true)), a.true_maps
+    true, (_, _, found) = a.truth.lights, b.truth.complete(b.inferred)
+    own, given = a.maps(step), (a.truth.maps["albedo"], a.truth.transport)
     put = {
         "": (own, found),
         "true_light": (own, true),
@@ -148,12 +158,15 @@ def compare(true: Truth, picture: np.ndarray, light: np.ndarray) -> dict[str, np
 def transfer_plate(
     networks: dict[str, Path], packed: Path, lights: Path, split: Path, settings: config.Evaluate, out: Path
 ) -> None:
-    """Draws `settings.plates` swaps as a PNG, two rows each: input, relit by each network, its error, the truth.
+    """Draws swaps, two rows each: input, relit by each network, its error, the truth.
 
-    networks: row name -> checkpoint. The pairs are spread over the test set, each with a swap of its own.
+    Args:
+        networks: row -> checkpoint.
+        packed, lights, split: the data set.
+        settings: `plates`, how many swaps; their pairs are spread over the test set, each with lights of its own.
+        out: the picture (.png).
     """
     lines: list[Line] = []
-    linear = False
     for checkpoint in networks.values():
         network, data = load(checkpoint, packed, lights, settings)
         figures, lit = chosen_pairs(data, split, settings.lights)
@@ -161,7 +174,6 @@ def transfer_plate(
         pairs = [pairs[i] for i in spaced(len(pairs), settings.plates)]
         swaps = [lit[[i % len(lit), (i + 1) % len(lit)]] for i in range(len(pairs))]
         if not lines:
-            linear = data.color == "photo"
             subjects = [Subject.of(data, f, two) for pair, two in zip(pairs, swaps) for f in pair]
             lines = [Line(s.name, s, [s.picture(i % 2)], i % 2 == 0) for i, s in enumerate(subjects)]
         for i, (pair, two) in enumerate(zip(pairs, swaps)):
@@ -178,4 +190,4 @@ def transfer_plate(
         "Two figures in two lights, each relit by the light inferred from the other's picture. The spheres show the "
         "light of each picture: the true one in input and truth, the inferred one where it was relit."
     )
-    draw(heads, lines, linear, WORST, words).save(out)
+    draw(heads, lines, WORST, words).save(out)

@@ -16,7 +16,7 @@ from relight.lights.select import select_lights
 from relight.lights.statistics import from_below, measure
 from relight.lights.table import LightSet
 from relight.panoramas import Panorama, generate_room, generate_sky, list_panoramas, orient, project, read_panorama
-from relight.processes import end_with_parent, has_semaphores
+from relight.processes import count_cores, end_with_parent, has_semaphores
 from relight.progress import progress as show_progress
 
 log = logging.getLogger(__name__)
@@ -184,7 +184,7 @@ def parallel_map(function: Callable[[str], Projected], items: list[str]) -> Iter
 
     They are computed in this process where others cannot be shared with.
     """
-    workers = min(len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1, 16)
+    workers = min(count_cores(), 16)
     if len(items) < MIN_PARALLEL or workers == 1 or not has_semaphores():
         yield from map(function, items)
         return

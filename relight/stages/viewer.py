@@ -32,8 +32,7 @@ def main(
     lights: Path,
     out: Path,
 ) -> None:
-    from relight.evaluation.evaluate import load
-    from relight.evaluation.inferred import inferred_maps
+    from relight.evaluation.evaluate import inferred_maps, load
     from relight.evaluation.labels import label
     from relight.evaluation.panels import spaced
     from relight.lights import read_light_set

@@ -8,8 +8,7 @@ import pytest
 
 from relight.config import composed
 from relight.evaluation.baselines import evaluate_baselines, make
-from relight.evaluation.evaluate import evaluate, infer, load, unlearned
-from relight.evaluation.inferred import inferred_maps
+from relight.evaluation.evaluate import evaluate, infer, inferred_maps, load, unlearned
 from relight.evaluation.panels import plates
 from relight.evaluation.scores import Scores, read_scores, write_scores
 from relight.files import UserError

@@ -114,24 +114,16 @@ def lights(results: Results) -> Numbers:
         [one["step"], one["in"], one["out"], ", ".join(f"{why} {n}" for why, n in one["why"].items() if n)]
         for one in record["steps"]
     ]
-    test = chosen.of("test")
-    unusual = chosen.rows(chosen.reason != "")
+    turned = [f"{yaw:.0f}" for yaw in chosen.yaw]
+    each = [list(map(str, row)) for row in zip(chosen.source, turned, chosen.reason, chosen.split)]
     return {
         "counts": record["lights"],
-        "sources": len(set(test.source)),
+        "sources": len({row[0] for row in each if row[3] == "test"}),
         "warnings": record["warnings"],
         "steps": Grid.of(["step", "lights in", "out", "dropped (a light may have several reasons)"], steps),
         "sheet": results.report / "lights.png",
-        "test": Grid.of(
-            ["test light", "turned by, degrees"], [[str(s), f"{y:.0f}"] for s, y in zip(test.source, test.yaw)]
-        ),
-        "cut": Grid.of(
-            ["panorama", "turned by, degrees", "reasons", "kept as"],
-            [
-                [str(s), f"{y:.0f}", str(r), str(k)]
-                for s, y, r, k in zip(unusual.source, unusual.yaw, unusual.reason, unusual.split)
-            ],
-        ),
+        "test": Grid.of(["test light", "turned by, degrees"], [row[:2] for row in each if row[3] == "test"]),
+        "cut": Grid.of(["panorama", "turned by, degrees", "reasons", "kept as"], [row for row in each if row[2]]),
         "unlit": pairs(["panorama", "rules broken"], record["unlit"]),
         "unreadable": pairs(["file", "reason"], record["unreadable"]),
         "repaired": pairs(["file", "how"], record["repaired"]),
@@ -145,28 +137,26 @@ def costs_and_settings(results: Results) -> Numbers:
     rows.append(["all", int(found.jobs.sum()), None, found.seconds.sum(), found.cpu.sum(), found.memory.max()])
     heads = ["stage", "jobs", "s a job", "s in total", "CPU s", "largest memory, GB"]
     grid = Grid.of(heads, rows, **{"s a job": 1, "s in total": 1, "CPU s": 1, "largest memory, GB": 2})
-    files = results.settings_files()
-    shared: dict[str, Any] = {}
-    for stage, settings in files.items():
-        if not stage.startswith("train."):
-            shared |= settings
-    trained = {run: files[f"train.{run}"] for run in results.runs if f"train.{run}" in files}
-    keys = dict.fromkeys(key for settings in trained.values() for key in settings)
-    same = {key for key in keys if len({str(settings.get(key)) for settings in trained.values()}) == 1}
-    shared |= {key: next(iter(trained.values()))[key] for key in keys if key in same}
-    differ = [[key, *(value_text(one.get(key, "")) for one in trained.values())] for key in keys if key not in same]
+    settings = {
+        stage: {key: "none" if value is None else str(value) for key, value in own.items()}
+        for stage, own in results.settings_files().items()
+    }
+    runs = {run: settings[f"train.{run}"] for run in results.runs if f"train.{run}" in settings}
+    trained = pd.DataFrame(runs, dtype=object).fillna("")
+    same = trained.nunique(axis=1) == 1
+    shared = {
+        key: value for stage, own in settings.items() if not stage.startswith("train.") for key, value in own.items()
+    }
+    shared |= {key: row.iloc[0] for key, row in trained[same].iterrows()}
     return {
         "costs": grid,
         "wall": wall,
         "seconds": float(found.seconds.sum()),
-        "shared": Grid.of(["setting", "value"], [[key, value_text(shared[key])] for key in sorted(shared)]),
-        "differing": Grid.of(["setting", *trained], differ),
+        "shared": pairs(["setting", "value"], dict(sorted(shared.items()))),
+        "differing": Grid(trained[~same].rename_axis("setting"), [""] * int((~same).sum())),
     }
 
 
 def pairs(heads: list[str], found: dict[str, str]) -> Grid:
+    """A table of two columns."""
     return Grid.of(heads, [list(item) for item in found.items()])
-
-
-def value_text(value: Any) -> str:
-    return "none" if value is None else str(value)

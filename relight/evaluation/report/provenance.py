@@ -1,6 +1,5 @@
 """Where a report comes from: when, with which code, on what machine, at what cost, and the command that repeats it."""
 
-import os
 import platform
 import shlex
 import subprocess
@@ -14,6 +13,7 @@ import yaml
 
 from relight import __version__
 from relight.config import ROOT
+from relight.processes import count_cores
 
 
 @dataclass
@@ -48,7 +48,7 @@ def machine() -> str:
     """Processor, cores, memory, GPU and system, without the machine's name."""
     import torch
 
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    cores = count_cores()
     parts = [f"{processor()}, {cores} core{'s' * (cores != 1)}", f"{psutil.virtual_memory().total / 2**30:.0f} GiB"]
     parts += [torch.cuda.get_device_name(0)] if torch.cuda.is_available() else []
     return "; ".join([*parts, f"{platform.system()} {platform.machine()}", f"Python {platform.python_version()}"])
@@ -66,10 +66,10 @@ def processor() -> str:
 def command(folder: Path) -> str:
     """The command for a clone of the repository; a sweep is repeated from its record."""
     record = folder / "run.yaml"
-    asked = yaml.safe_load(record.read_text()) if record.exists() else {}
-    if "runs" in asked:
+    config = yaml.safe_load(record.read_text()) if record.exists() else {}
+    if "runs" in config:
         return f"snakemake all --configfile results/{folder.name}/run.yaml"
-    return shlex.join(["relight", "run", *asked.get("hydra", [])])
+    return shlex.join(["relight", "run", *config.get("hydra", [])])
 
 
 def costs(folder: Path) -> tuple[pd.DataFrame, float]:
