@@ -1,11 +1,13 @@
-"""Processes: the cores they may use, and an end to those whose starter is gone."""
+"""Processes: the cores they may use, what git prints, and an end to those whose starter is gone."""
 
 import ctypes
 import os
 import select
 import signal
+import subprocess
 import sys
 import threading
+from pathlib import Path
 
 STARTED_BY = "RELIGHT_SNAKEMAKE"  # in a stage's environment: the process of the Snakemake that it works for
 PR_SET_PDEATHSIG = 1  # prctl(2)
@@ -15,6 +17,14 @@ LIBC = ctypes.CDLL(None) if sys.platform == "linux" else None
 def count_cores() -> int:
     """The cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def git(folder: Path, *words: str) -> str:
+    """The output of a git command in a folder; empty where there is no git or no repository."""
+    try:
+        return subprocess.run(["git", *words], cwd=folder, capture_output=True, text=True).stdout.strip()
+    except OSError:
+        return ""
 
 
 def has_semaphores() -> bool:

@@ -21,7 +21,7 @@ from omegaconf import DictConfig, OmegaConf
 from relight import config as schema
 from relight.config import CONF, ROOT, Experiment, Track, check_name, composed, view
 from relight.files import UserError, atomic_write, remove_folder
-from relight.processes import end_with_parent
+from relight.processes import end_with_parent, git
 from relight.run_name import RunName
 from relight.tracking.workflow import Workflow, milliseconds
 
@@ -316,7 +316,7 @@ class Plan:
         if self.is_sweep:
             track.experiment += " sweeps"
         rows = {row: [name for name, e in self.experiments.items() if row in e.rows] for row in self.rows}
-        commit, changes = (git(*words) for words in (("rev-parse", "HEAD"), ("status", "--porcelain")))
+        commit, changes = (git(ROOT, *words) for words in (("rev-parse", "HEAD"), ("status", "--porcelain")))
         tags = {"workflow": self.cfg.name, "sweep": str(self.is_sweep).lower()}
         if commit:
             tags |= {"mlflow.source.git.commit": commit, "git.dirty": str(bool(changes)).lower()}
@@ -443,11 +443,3 @@ def report_others(plan: Plan) -> None:
     again = subprocess.run(command, env=environment, preexec_fn=partial(end_with_parent, os.getpid()))
     if again.returncode == 0:
         print(f"failed: {', '.join(failed)}; the report of the others: {plan.out}/report/report.html", file=sys.stderr)
-
-
-def git(*words: str) -> str:
-    """The output of a git command in this repository; empty where there is no git or no repository."""
-    try:
-        return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True).stdout.strip()
-    except OSError:
-        return ""

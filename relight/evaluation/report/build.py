@@ -1,4 +1,4 @@
-"""The report: what was asked and what came out, a section per experiment, and what it was made from."""
+"""The report: questions and outcome, a section per experiment, and what it was made from."""
 
 import sys
 import traceback
@@ -38,7 +38,7 @@ def build_report(name: str, settings: config.Evaluate, experiments: Path, folder
     Args:
         name: of the run.
         settings: how many resamples, their seed, how many figures the sheets show.
-        experiments: what was asked for (experiments.json, `Plan.requested`).
+        experiments: the experiments of the run (experiments.json, `Plan.requested`).
         folder: results/<name>.
         out: the page (.html).
 
@@ -106,7 +106,7 @@ def contents(results: Results) -> Grid:
 
 
 def head(name: str, results: Results, failed: int) -> Markup:
-    """The first screen: what was asked, of which paper, what came out, and where this page comes from."""
+    """The first screen: the questions, the paper, the outcome, and where this page comes from."""
     outcome = attempt(lambda: sections.summary(results))
     lights = attempt(lambda: results.lights["lights"])
     figures = attempt(lambda: len(results.record["figures"]))
@@ -122,7 +122,7 @@ def head(name: str, results: Results, failed: int) -> Markup:
         outcome=outcome,
         failed=failed,
         hero=hero if hero.exists() else None,
-        hero_caption=HERO if shown else "Figures of the data set: lit, albedo, normals, ambient occlusion, shading.",
+        overview=bool(shown),
         figures=figures,
         lights=lights,
         trainings=len(results.runs),
@@ -133,14 +133,8 @@ def head(name: str, results: Results, failed: int) -> Markup:
 
 
 def attempt(make: Callable[[], T]) -> T | None:
-    """What `make` returns; nothing where it fails, for a section of its own says why."""
+    """What `make` returns; None where it fails, since a section of its own says why."""
     try:
         return make()
     except Exception:
         return None
-
-
-HERO = (
-    "A test figure: the truth, and what a network infers from the first picture alone. Relit: albedo and transport "
-    "under the light of the small sphere."
-)

@@ -6,7 +6,7 @@ from typing import Any
 import pandas as pd
 
 from relight.evaluation import path_traced, timing, transfer
-from relight.evaluation.comparisons import Verdict, compare_estimates, correct
+from relight.evaluation.comparisons import Comparison, Verdict, compare_estimates, correct
 from relight.evaluation.formats import Grid, comparison_grid, count, write_tables
 from relight.evaluation.labels import label
 from relight.evaluation.paper import SECONDS
@@ -20,13 +20,20 @@ PARTS = ("colour", "pattern")  # of a light, which light transfer exchanges one 
 
 
 def light_transfer(results: Results, name: str) -> Numbers:
-    """Who swaps lights, and what it is worth beside the picture as it is."""
+    """Relit pictures of figures that swap lights, beside the pictures as they are.
+
+    `costly`: row -> whether its maps or its light cost more, None where that is open; `worse`: row -> the parts of the
+    light that make its pictures worse where they are true.
+    """
     rows = gather([results.folder / "light_transfer" / "scores.csv"])
     networks = {row: trainings for row, trainings in rows.items() if ":" not in row and row not in transfer.TRIVIAL}
     heads = {"reconstruction_rmse": "relit, RMSE", "reconstruction_ssim": "relit, SSIM", "light_rmse": "light, RMSE"}
     found = {c: estimates(rows, c, results.settings, networks, transfer.TRIVIAL) for c in heads}
+
+    def compare(first: str, second: str) -> Comparison:
+        return compare_estimates("reconstruction_rmse", *(found["reconstruction_rmse"][one] for one in (first, second)))
+
     lines, kinds, comparisons, costly, worse = [], [], {}, {}, {}
-    relit = found["reconstruction_rmse"]
     for row in networks:
         for variant, words in transfer.VARIANTS.items():
             own = f"{row}:{variant}" if variant else row
@@ -34,15 +41,10 @@ def light_transfer(results: Results, name: str) -> Numbers:
             kinds.append("baseline" if variant else "network")
         others = {"the picture as it is": "as_it_is", "its own maps under the mean light": f"{row}:mean_light"}
         for words, other in others.items():
-            comparisons[f"{label(row)} against {words}"] = {
-                "": compare_estimates("reconstruction_rmse", relit[row], relit[other])
-            }
-        parts = compare_estimates("reconstruction_rmse", relit[f"{row}:true_light"], relit[f"{row}:true_maps"])
+            comparisons[f"{label(row)} against {words}"] = {"": compare(row, other)}
+        parts = compare(f"{row}:true_light", f"{row}:true_maps")
         costly[row] = {Verdict.WORSE: "maps", Verdict.BETTER: "light"}.get(parts.verdict)
-        true = {
-            part: compare_estimates("reconstruction_rmse", relit[f"{row}:true_{part}"], relit[row]) for part in PARTS
-        }
-        worse[row] = [part for part, one in true.items() if one.verdict is Verdict.WORSE]
+        worse[row] = [part for part in PARTS if compare(f"{row}:true_{part}", row).verdict is Verdict.WORSE]
     for trivial, words in transfer.TRIVIAL.items():
         lines.append([words, *(found[column][trivial] for column in heads)])
         kinds.append("baseline")

@@ -2,10 +2,9 @@
 
 import platform
 import shlex
-import subprocess
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import psutil
@@ -13,35 +12,27 @@ import yaml
 
 from relight import __version__
 from relight.config import ROOT
-from relight.processes import count_cores
+from relight.processes import count_cores, git
 
 
-@dataclass
-class Provenance:
-    """date: UTC, to the minute; commit: of the working tree, "" outside of git; changed: whether files differ from it;
-    command: repeats the run from a clone."""
+def provenance(folder: Path) -> dict[str, Any]:
+    """Collects where a report comes from, at the time and in the process that writes it.
 
-    date: str
-    version: str
-    commit: str
-    changed: bool
-    machine: str
-    command: str
+    Args:
+        folder: results/<name>, whose run.yaml holds the settings that were given.
 
-
-def provenance(folder: Path) -> Provenance:
-    """Of the results in `folder`, whose run.yaml says what was asked for; told now, by the report's own process."""
-    commit, status = git("rev-parse", "HEAD"), git("status", "--porcelain", "--untracked-files=no")
-    date = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
-    return Provenance(date, __version__, commit[:12], bool(status), machine(), command(folder))
-
-
-def git(*words: str) -> str:
-    """What git says of this repository; nothing where there is no git or no repository."""
-    try:
-        return subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=True).stdout.strip()
-    except (OSError, subprocess.CalledProcessError):
-        return ""
+    Returns:
+        date: UTC, to the minute; version; commit: of the working tree, "" outside of git; changed: whether files differ
+        from it; machine; command: repeats the run from a clone.
+    """
+    return {
+        "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
+        "version": __version__,
+        "commit": git(ROOT, "rev-parse", "HEAD")[:12],
+        "changed": bool(git(ROOT, "status", "--porcelain", "--untracked-files=no")),
+        "machine": machine(),
+        "command": command(folder),
+    }
 
 
 def machine() -> str:
@@ -73,10 +64,16 @@ def command(folder: Path) -> str:
 
 
 def costs(folder: Path) -> tuple[pd.DataFrame, float]:
-    """Seconds and memory of the jobs of each rule that Snakemake has measured, and the wall time of all together.
+    """Adds up what Snakemake measured of the jobs of each rule.
 
-    The wall time is that in which at least one of these jobs was at work, so that a run taken up again counts right.
     Of jobs of a few seconds, Snakemake's samples miss a part of the CPU time and of the memory.
+
+    Args:
+        folder: results/<name>.
+
+    Returns:
+        A row per stage: jobs, mean and sum of their seconds, CPU seconds, and the largest memory in GB. And the seconds
+        in which at least one of these jobs was at work, so that a run taken up again counts right.
     """
     lines, times = [], []
     top = folder / "benchmark"

@@ -18,9 +18,14 @@ from relight.files import UserError, existing_file
 
 
 class Results:
-    """The folder results/<name>, and the experiments that were asked for (experiments.json, `Plan.requested`).
+    """The folder results/<name>, and the experiments of the run.
 
-    Of a table's methods, `usual` asks for the usual figures and lights in the place of the experiment's own.
+    Where a method takes `usual`, it says whether the usual test figures and lights stand in for the experiment's own.
+
+    Args:
+        folder: results/<name>.
+        settings: how many resamples, and their seed.
+        experiments: experiments.json (`Plan.requested`).
     """
 
     def __init__(self, folder: Path, settings: config.Evaluate, experiments: Path):
@@ -78,7 +83,7 @@ class Results:
         return one["figures"] == one["lights"] == "test"
 
     def scores(self, name: str, usual: bool = False) -> Rows:
-        """Scores by row, one per training; {} where there was nothing to score."""
+        """Scores by row, one per training; none where the data set has no figure or light of the kind."""
         files = self._files(name, usual)
         found = self._gather(path for row, paths in files.items() if row for path in paths)
         return {row: found[row] for row in files if row in found}
@@ -87,7 +92,7 @@ class Results:
         return self._gather(self._files(name, usual)[""])
 
     def table(self, name: str, usual: bool = False) -> Table:
-        """The table of an experiment; how much trainings spread is told by all tables on the same pairs."""
+        """The table of an experiment; the spread of trainings is pooled over all tables on the same pairs."""
         if (name, usual) not in self._tables:
             self._tables[name, usual] = self._table(name, usual)
         return self._tables[name, usual]
