@@ -31,18 +31,19 @@ def training(results: Results) -> Numbers:
 
 def networks(results: Results, name: str) -> list[tuple[str, Path]]:
     """The networks of a table that differ in form: the labels of their rows, and a diagram."""
-    rows: dict[str, list[str]] = {}
-    for row in results.experiments[name]["runs"]:
-        form = results.settings_files()[f"train.{results.experiments[name]['runs'][row][0]}"]
-        rows.setdefault(str({key: value for key, value in form.items() if key.startswith("model.")}), []).append(row)
+    runs = {row: trainings[0] for row, trainings in results.experiments[name]["runs"].items()}
+    settings = results.settings_files()
+    alike: dict[str, list[str]] = {}
+    for row, run in runs.items():
+        model = {key: value for key, value in settings[f"train.{run}"].items() if key.startswith("model.")}
+        alike.setdefault(str(model), []).append(row)
     found = []
-    for own in rows.values():
-        file = results.folder / "train" / f"{results.experiments[name]['runs'][own[0]][0]}.safetensors"
+    for rows in alike.values():
+        file = results.folder / "train" / f"{runs[rows[0]]}.safetensors"
         if file.exists():
             network, _ = load_network(file)
             weights = sum(weight.numel() for weight in network.parameters())
-            words = ", ".join(map(label, own))
-            out = results.report / f"network_{own[0]}.png"
+            words, out = ", ".join(map(label, rows)), results.report / f"network_{rows[0]}.png"
             draw_network(network, f"{words}: {weights / 1e6:.2g} million weights, {network.size} px", out)
             found.append((words, out))
     return found
