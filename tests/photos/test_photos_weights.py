@@ -11,6 +11,7 @@ import relight
 from relight import srgb
 from relight.config import composed
 from relight.photos.api import WEIGHTS
+from relight.photos.trust import ERROR
 from relight.viewer.source import PORTRAIT_MASK
 
 
@@ -68,7 +69,7 @@ def test_a_photograph_of_a_real_person():
     mask = skimage.io.imread(PORTRAIT_MASK) / 255
     relighter = relight.load()
     (person,) = relighter.infer(photo, mask)
-    assert person.error < 0.1
+    assert person.error < ERROR
     suit = (person.mask > 0) & (person.albedo[..., 0] > 0.4) & (person.albedo[..., 2] < 0.5 * person.albedo[..., 0])
     assert suit.sum() > 0.2 * person.mask.sum()
     red, _, blue = person.shading[suit].mean(0)

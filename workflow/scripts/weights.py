@@ -1,4 +1,6 @@
-"""Turns a trained network into the weights that ship: half precision, with its training lights and a model card.
+"""Turns a network (`relight run experiment=photo`, or mean.py) into the weights that ship, with their card.
+
+They are in half precision, with the lights of the training.
 
 python workflow/scripts/weights.py results/photo [run]
 """
@@ -25,7 +27,7 @@ parameters in half precision.
 | | |
 |---|---|
 | network | `{model}`, width {width}, {size} px |
-| training | {training}; in {precision} |
+| training | {training}; in {precision}{note} |
 | lights | {lights} generated rooms |
 | pictures | a camera's: linear light, exposed, clipped, 8-bit sRGB; augmented as docs/training.md says |
 | held out | {test_figures} figures, {test_lights} lights |
@@ -58,7 +60,7 @@ def main(results: Path, run: str) -> None:
     infos = json.loads((results / "figures.json").read_text())["figures"]
     generator = sorted({info["generator"] for info in infos.values() if "left_out" not in info})
     stages = lineage(made_with, {"figures": len(split["train"]), "generator": generator})
-    rest = {key: made_with[key] for key in ("loss", "train", "augment")}
+    rest = {key: made_with[key] for key in ("loss", "train", "augment", "note") if key in made_with}
     rest["train"] = {**rest["train"], "start": None}  # a path of this machine
     save_network(out, network, model, half=True, **rest, stages=stages, lights=np.round(training, 5).ravel().tolist())
     if out.stat().st_size > LIMIT:
@@ -70,6 +72,7 @@ def main(results: Path, run: str) -> None:
     names = ("shading_rmse", "transport_rmse", "albedo_rmse", "light_rmse")
     facts = {
         "precision": made_with["train"]["precision"],
+        "note": f"; {made_with['note']}" if "note" in made_with else "",
         "parameters": sum(p.numel() for p in network.parameters()) / 1e6,
         "model": made_with["model"]["name"],
         "width": model.width,
