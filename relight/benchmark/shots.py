@@ -33,12 +33,15 @@ def moved(box: Crop, down: float, right: float, larger: float = 1.0) -> Crop:
 
 
 def variants(expose: Callable[[np.ndarray | float], np.ndarray], mask: np.ndarray, size: int) -> dict[str, Shot]:
-    """The photograph itself, called "", and all that `relight.benchmark.invariance` compares it with.
+    """Takes the photograph and the variants of it for which an answer should stay the same or follow.
 
     Args:
         expose: the photograph (H,W,3) uint8 for a gain on the light, a number or one for each channel.
         mask: of the figure, (H,W) uint8.
         size: pixels of the squares.
+
+    Returns:
+        Shots by name: the photograph itself "", and its variants under the names that `measures.invariances` reads.
     """
     photo, box = expose(1.0), crop_around(mask, size)
     shots = {"": Shot(photo, mask, box)}

@@ -93,13 +93,24 @@ def captures(folder: Path | str, only: str = "") -> Iterator[Capture]:
             turns = turns or read_rotations(place / "transforms.json")
             if int(path.stem) not in turns:
                 raise UserError(f"{place / 'transforms.json'} has no camera {path.stem}")
-            yield Capture(name, place.name, {part: beside(path, part) for part in PARTS}, turns[int(path.stem)])
+            yield Capture(name, place.name, {part: matching_file(path, part) for part in PARTS}, turns[int(path.stem)])
     if not found:
         raise UserError(f"{folder} holds no CAPTURE/full_on/00000.jpg{f' whose name matches {only}' if only else ''}")
 
 
-def beside(path: Path, part: str) -> Path:
-    """Returns the file of another part with the number of `path`, of any kind. Raises UserError if there is none."""
+def matching_file(path: Path, part: str) -> Path:
+    """Finds the file of another part of a capture that has the number of `path`.
+
+    Args:
+        path: a file of one part, CAPTURE/PART/NUMBER.SUFFIX.
+        part: folder of the other part, such as masks.
+
+    Returns:
+        CAPTURE/part/NUMBER with the same suffix, or with another one of SUFFIXES.
+
+    Raises:
+        UserError: if there is none.
+    """
     folder = path.parent.parent / part
     for suffix in (path.suffix, *SUFFIXES):
         if (folder / f"{path.stem}{suffix}").is_file():

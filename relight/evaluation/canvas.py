@@ -35,7 +35,15 @@ def transport_bands(transport: np.ndarray) -> list[np.ndarray]:
 
 
 def heat(error: np.ndarray, most: float) -> np.ndarray:
-    """Error (...) in [0, most] as colours (...,3) from pale (none) over orange to dark red."""
+    """Maps errors to colours, from pale (none) over orange to dark red.
+
+    Args:
+        error: per pixel, any shape (...), not negative.
+        most: the error that the darkest colour stands for; larger ones get it, too.
+
+    Returns:
+        (...,3) display-coded colours in [0,1].
+    """
     stops = np.array([[0.97, 0.95, 0.90], [0.99, 0.70, 0.35], [0.80, 0.20, 0.15], [0.30, 0.02, 0.10]])
     place = np.clip(error / most, 0, 1) * (len(stops) - 1)
     return np.stack([np.interp(place, np.arange(len(stops)), channel) for channel in stops.T], -1)

@@ -15,7 +15,7 @@ LIMBS = {  # kind of garment: the field along its limbs, and the bones at whose 
 
 
 def contour(values: np.ndarray, faces: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray, bool]:
-    """The line on a surface where a field takes a value.
+    """Finds the line on a surface along which a field takes a value; it crosses each face in one straight piece.
 
     Args:
         values: (n,) the field at the vertices, linear on each face.
@@ -23,9 +23,11 @@ def contour(values: np.ndarray, faces: np.ndarray, level: float) -> tuple[np.nda
         level: the value.
 
     Returns:
-        Vertices (S,2,2) of the edges on which the pieces of the line begin and end, with the higher value to their
-        right, seen from the side on which faces turn counter-clockwise; how far along these edges (S,2) they do so;
-        and whether the line is closed: every piece begins where another one ends.
+        edges: (S,2,2) for each of the S pieces the edge that it begins on and the edge that it ends on, each as its two
+            vertices. Pieces run with the higher values to their right, seen from the side on which faces turn
+            counter-clockwise.
+        share: (S,2) where on these edges, 0 at the first vertex and 1 at the second.
+        closed: whether every piece begins where another one ends.
     """
     above = values[faces] > level
     crossed = faces[above.any(1) & ~above.all(1)]

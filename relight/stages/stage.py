@@ -65,7 +65,7 @@ def stage(name: str, **ports: str) -> Callable:
             if unset:
                 raise UserError(f"missing: {' '.join(unset)}")
             check(resolved(cfg))
-            settings = {key.rpartition(".")[2]: plain(OmegaConf.select(cfg, key)) for key in READS[name]}
+            settings = {key.rpartition(".")[2]: unwrap(OmegaConf.select(cfg, key)) for key in READS[name]}
             given = {port: [str(path) for path in listed(cfg.io[port])] for port in ports}
             if len({len(paths) for paths in given.values()}) > 1:
                 raise UserError(f"lists of files must be equally long: {', '.join(f'io.{port}' for port in ports)}")
@@ -105,8 +105,8 @@ def stage(name: str, **ports: str) -> Callable:
     return wrap
 
 
-def plain(part: Any) -> Any:
-    """A group of settings as its dataclass; a single value as it is."""
+def unwrap(part: Any) -> Any:
+    """Converts a group of settings to its dataclass; a single value is returned as it is."""
     return OmegaConf.to_object(part) if OmegaConf.is_config(part) else part
 
 

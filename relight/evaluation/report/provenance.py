@@ -16,7 +16,7 @@ from relight.processes import count_cores, git
 
 
 def provenance(folder: Path) -> dict[str, Any]:
-    """Collects where a report comes from, at the time and in the process that writes it.
+    """Collects what a report says about its own making: when, from which code, on which machine, by which command.
 
     Args:
         folder: results/<name>, whose run.yaml holds the settings that were given.
