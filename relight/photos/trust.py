@@ -10,7 +10,7 @@ from relight.lights.select import broken_rules
 from relight.photos.infer import Person
 from relight.sh import cosine_factors, order_of, per_coefficient
 
-ERROR = 0.12  # reconstruction error, linear, above which albedo and light do not explain the photo
+ERROR = 0.10  # reconstruction error, linear, above which albedo and light do not explain the photo
 IMPOSSIBLE = -0.35  # moment eigenvalue of a light below which no radiance has its coefficients
 WHITE, BLACK = 0.05, 0.5  # shares of the person's pixels that are clipped, or nearly black
 UNUSUAL = {  # sentences for the rules of relight.lights.select.broken_rules
