@@ -97,7 +97,7 @@ def assemble(
     bare = ~hidden[faces].all(1) & ~mouth_cavity()
     hands = weights[:, [i for i, b in enumerate(rig.bones) if b.startswith(("finger", "metacarpal", "wrist"))]].sum(1)
     for over in surface:
-        posed = layers.tucked_under(posed, faces, over, 0.002, hands < 0.3)
+        posed = layers.tucked_under(posed, faces, over, 0.002, hands < 0.3, facing)
     below = stacked([(posed, faces), *surface, *scarf])
     shown, vertices, corners = faces[bare], posed, uv[bare]
     for _ in range(detail.body):
@@ -279,27 +279,20 @@ def accessories(
         found = trims.tie(hung[shirt], faces, at, axes[0])
         if found is not None:
             vertices, solid = found
-            for k in range(shirt + 1, len(cut)):
-                if cut[k].pattern.garment.kind == "top":
-                    over = (hung[k], cut[k].pattern.levels[-1].faces)
-                    vertices = layers.tucked_under(vertices, solid, over, 0.003, np.ones(len(vertices), bool))
+            vertices = under_the_next(vertices, solid, cut, hung, shirt)
             uv = (vertices[:, :2] - vertices[:, :2].min(0)) / np.ptp(vertices[:, 1])
             side = max(64, texture // 4)
             builder.add(vertices, solid, uv[solid], lambda outfit: square("tie", outfit.tie, trims.TIE, side))
-    waist = [
-        k
-        for k, w in enumerate(cut)
-        if w.pattern.garment.kind == "trousers" or (w.pattern.garment.drop > 0.4 and not w.pattern.garment.open)
-    ]
+    waist = [k for k, w in enumerate(cut) if w.pattern.garment.kind == "trousers" or w.pattern.garment.belt is not None]
     if outfit.belt is not None and waist:
         w, level = cut[waist[-1]], cut[waist[-1]].pattern.levels[-1]
         height = w.pattern.fields["y"]
         if w.pattern.garment.kind == "trousers":
             around = np.abs(height - height.max() + 0.022) < 0.012
         else:
-            belted = patterns.landmarks(body)["waist"] + (w.pattern.garment.seam or 0.09)
+            belted = patterns.landmarks(body)["waist"] + w.pattern.garment.belt
             trunk = np.maximum(w.pattern.fields["onL"], w.pattern.fields["onR"]) < 0.1
-            around = trunk & (np.abs(height - belted - 0.005) < 0.014) & (w.pattern.fields["tube"] == 0)
+            around = trunk & (np.abs(height - belted) < 0.014)
         ahead = way.transforms[-1][way.bones["root"]][:, :3] @ np.array([0.0, 0.0, 1.0])
         metal = Material(np.array([0.42, 0.40, 0.36], np.float32), name="buckle")
         faces = level.faces[~w.pattern.sleeve]
@@ -307,8 +300,20 @@ def accessories(
         for (vertices, solid), material in zip(
             parts, (lambda outfit: square("belt", outfit.belt, 0.3, max(64, texture // 8)), metal)
         ):
+            vertices = under_the_next(vertices, solid, cut, hung, waist[-1])
             uv = np.stack([vertices[:, 0] - vertices[:, 2], vertices[:, 1]], axis=1) % 1.0
             builder.add(vertices, solid, uv[solid], material)
+
+
+def under_the_next(
+    vertices: np.ndarray, faces: np.ndarray, cut: list[Worn], hung: list[np.ndarray], number: int
+) -> np.ndarray:
+    """Vertices of what lies on the garment of that number, pushed back under the tops that are worn over it."""
+    for w, positions in zip(cut[number + 1 :], hung[number + 1 :]):
+        if w.pattern.garment.kind == "top":
+            over = (positions, w.pattern.levels[-1].faces)
+            vertices = layers.tucked_under(vertices, faces, over, 0.003, np.ones(len(vertices), bool))
+    return vertices
 
 
 def shoe_paint(part: str) -> Paint:

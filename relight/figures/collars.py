@@ -4,20 +4,26 @@ onto the cloth."""
 from itertools import pairwise
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from relight.figures.body import Body
 from relight.figures.colliders import Collider
 from relight.figures.fabrics import noise
 from relight.figures.layers import sided
 from relight.figures.poses import Motion
-from relight.figures.surfaces import Surface, border_loops, extruded, normals, thickened
+from relight.figures.surfaces import Surface, border_loops, extruded, normals, smoothed, thickened
 
 CORD = 0.20  # metres of a drawstring
 THIN = 0.0028  # its radius
 STEP = 0.007  # between its rings
 NEAR = 0.16  # metres from the base of the neck within which a border is the neckline
 LAPEL = 0.27  # metres below it to which lapels reach
+BAND = 0.030  # metres over which a neckband evens the neckline: the standard deviation of its mean
+DRAWN = 0.045  # metres of cloth that go with it
 STEPS = 10  # of a way over the cloth
+SEWN = 0.0005  # metres at which a collar begins, below the border: what lies at the same place would be merged
+CLEAR = 0.002  # metres by which a hood stays off the cloth
+WAYS = 30  # times that a hood's ways, and the cloth under it, are averaged with what is beside them
 HOOD = (  # rows of a hood that lies on the back: share of its length, height over its thickness
     (0.2, 0.10), (0.5, 0.10), (0.8, 0.12), (0.97, 0.22), (1.0, 0.55), (0.92, 0.85), (0.7, 1.0), (0.42, 1.05),
     (0.2, 0.95), (0.08, 0.75), (0.05, 0.6),
@@ -61,6 +67,34 @@ def evened(values: np.ndarray, times: int, closed: bool) -> np.ndarray:
             mean[[0, -1]] = values[[0, -1]]
         values = mean
     return values
+
+
+def banded(vertices: np.ndarray, faces: np.ndarray, smooth: np.ndarray, neck: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """The vertices of a garment whose neckline a band holds: cloth bunches, and the band does not.
+
+    What is left of the border's departure from a smooth border is its mean over BAND metres along it. The cloth beside
+    it follows, less and less up to DRAWN metres away.
+
+    Args:
+        vertices: (n,3) as draped, metres.
+        faces: (F,3).
+        smooth: (n,3) the garment as it lies on the body, without folds, metres.
+        neck: (3,) base of the posed neck.
+        up: (3,) its axis.
+    """
+    found = neckline(vertices, faces, neck, up)
+    if found is None:
+        return vertices
+    ring, closed = found
+    step = np.linalg.norm(np.diff(smooth[ring], axis=0), axis=1).mean()
+    off = (vertices - smooth)[ring]
+    move = evened(off, round(2 * (BAND / step) ** 2), closed) - off
+    distance, nearest = cKDTree(vertices[ring]).query(vertices, 4, distance_upper_bound=DRAWN)
+    share = np.clip(1 - distance / DRAWN, 0, 1) ** 2
+    mean = np.einsum("nk,nkd->nd", share, np.concatenate([move, [[0, 0, 0]]])[nearest])
+    out = vertices + share.max(1, keepdims=True) * mean / np.maximum(share.sum(1, keepdims=True), 1e-9)
+    out[ring] = vertices[ring] + move
+    return out
 
 
 def profile(kind: str, back: np.ndarray, front: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -119,10 +153,15 @@ def laid(
     away = base - neck
     flat = away - np.outer(away @ up, up)
     back = np.clip(-flat[:, 2] / np.maximum(np.linalg.norm(flat, axis=1), 1e-6), 0, 1)
-    surface = Collider(vertices, vertices, faces)
-    if kind == "hood":
+    surface = cloth = Collider(vertices, vertices, faces)
+    if kind == "hood":  # away from the neck on all sides, over the folds of the cloth: ways must not cross
+        flattened = smoothed(vertices, faces, WAYS)
+        surface = Collider(flattened, flattened, faces)
         length, thick = 0.045 + 0.15 * back**1.2, 0.020 + 0.030 * back
-        points, out = way_over(surface, base, inward, length)
+        heading = flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-6) - up
+        start, heading = evened(base, WAYS, False), evened(heading, WAYS, False)
+        points, out = way_over(surface, start, heading, length)
+        out = np.stack([evened(row, WAYS, False) for row in out])
         turn = np.arange(len(ring)) / 7.0
         shape = HOOD
     else:
@@ -145,6 +184,9 @@ def laid(
     if kind == "hood":  # the edge of the opening stands up around the neck, and spans the hollow behind it
         for row, rise in zip(rows[-4:], (0.006, 0.010, 0.012, 0.006)):
             row += np.outer(rise + 0.016 * back, up)
+        for row in rows:
+            face, distance, normal = sided(row, cloth, 0.03)
+            row += np.where(face >= 0, np.clip(CLEAR - distance, 0, 0.02), 0)[:, None] * normal
     return rows
 
 
@@ -181,7 +223,7 @@ def collar(
         ]
     travel = np.cumsum([np.linalg.norm(b - a, axis=1) for a, b in pairwise([base, *rows])], axis=0)
     strip, strip_faces = extruded(np.arange(len(ring)), rows, len(ring), closed)
-    points = np.concatenate([base, strip])
+    points = np.concatenate([vertices[ring] - SEWN * up, strip])
     points, solid, source = thickened(points, strip_faces, np.full(len(points), 0.0025), 99)
     column, row = source % len(ring), source // len(ring)
     travel = np.concatenate([np.zeros((1, len(ring))), travel])

@@ -23,7 +23,8 @@ class Garment:
     depth of a V below it; open: half the gap of a garment open in front; torso, arm, leg: ease; slack,
     sleeve_slack, leg_slack: extra length, which makes folds; cuff, rib, grip: how firmly sleeve ends, the hem, the
     neck are held to the body; thick: of the visible edge; tuck: worn inside a waistband at this height above the
-    navel; over: how far outside other clothes a waistband is held; collar: none | fold | stand | roll | hood |
+    navel; belt: height above the navel at which a belt gathers it; over: how far outside other clothes a waistband is
+    held; collar: none | fold | stand | roll | hood |
     lapel; front: how a closed front is fastened: none | placket (at the neck only) | buttons | zip | double (two
     rows of buttons); cloth: how it drapes; fabrics: what it is made of, drawn from with equal chances.
     """
@@ -56,6 +57,7 @@ class Garment:
     grip: float = 0.0
     thick: float = 0.003
     tuck: float | None = None
+    belt: float | None = None
     over: float = 0.0
     collar: str = "none"
     front: str = "none"

@@ -27,6 +27,8 @@ CROSSING = 0.015  # share of a garment's faces that went through cloth
 CREASED = 0.03  # the same for figures that sit: trousers crease through themselves deep in the fold of the hip
 COVERED = 0.25  # share of a hand, seen from the front, that cloth covers
 SKIN_DEEP = 0.04  # metres: cloth further before a hand merely hangs in front of it
+LONG = 0.2  # metres of a drop from which on its hem hangs level, whatever the pose
+HEM = 0.10  # metres by which one part of a short hem may have moved up from where it was worn, against another
 SPREAD = 0.25  # metres beyond the body that cloth may reach sideways
 
 
@@ -54,9 +56,7 @@ def cloth(pattern: Pattern, draped: Draped, way: Motion, body: Body) -> str | No
     low, high = skin.min(0) - reach, skin.max(0) + reach
     if (x < low).any() or (x > high).any():
         return f"{name}: flew away from the body"
-    end = x[pattern.fields["tube"] > 0.999, 1]
-    swept = np.ptp(np.percentile(end, [5, 95])) if pattern.garment.drop > 0.2 else 0.0
-    if swept > 0.10 + 0.35 * pattern.garment.drop:
+    if (swept := hem_swept(pattern, x, way)) > HEM + 0.35 * pattern.garment.drop * (pattern.garment.drop > LONG):
         return f"{name}: its hem was swept up by {swept:.2f} m"
     if (share := sunk(x, skin)) > SUNK:
         return f"{name}: {100 * share:.1f} % of it inside the body"
@@ -69,6 +69,24 @@ def cloth(pattern: Pattern, draped: Draped, way: Motion, body: Body) -> str | No
         if lost:
             return f"{name}: the {limb} left it, {lost} of {rings} rings do not go around it"
     return None
+
+
+def hem_swept(pattern: Pattern, x: np.ndarray, way: Motion) -> float:
+    """Metres between the highest and the lowest parts of a hem (5 % at either end left out): as it hangs where the drop
+    is LONG, and over where it would be if it moved with the body where it is short.
+
+    Args:
+        pattern: without a drop there is no such hem, and 0.
+        x: (n,3) the draped finest vertices, metres.
+        way: the motion into the pose.
+    """
+    if not pattern.garment.drop:
+        return 0.0
+    level, end = pattern.levels[-1], pattern.fields["tube"] > 0.999
+    high = x[end, 1]
+    if pattern.garment.drop <= LONG:
+        high = high - way.skin(level.weights[end], level.held[end])[:, 1]
+    return float(np.ptp(np.percentile(high, [5, 95])))
 
 
 def wardrobe(worn: list[Worn], way: Motion, body: Body, sitting: bool) -> tuple[str | None, dict[str, float]]:

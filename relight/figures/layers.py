@@ -80,15 +80,23 @@ def sees_out(points: np.ndarray, normal: np.ndarray, around: Collider) -> np.nda
 
 
 def tucked_under(
-    points: np.ndarray, faces: np.ndarray, over: tuple[np.ndarray, np.ndarray], gap: float, free: np.ndarray
+    points: np.ndarray,
+    faces: np.ndarray,
+    over: tuple[np.ndarray, np.ndarray],
+    gap: float,
+    free: np.ndarray,
+    facing: np.ndarray | None = None,
 ) -> np.ndarray:
     """Moves points that come through the garment `over` (vertices, faces) by less than 2 cm back to `gap` under it;
-    only where `free` (n,)."""
+    only where `free` (n,). Outside of cloth that turns against `facing`, the points' unit normals (n,3), is the inside
+    of a fold, and what is there stays."""
     surface = Collider(over[0], over[0], over[1])
     inner = (border_distance(over[0], over[1], 2) > 0)[over[1]].all(1)
     for _ in range(3):
         face, distance, normal = sided(points, surface, 0.02)
         through = free & (face >= 0) & (distance > -gap) & inner[face]
+        if facing is not None:
+            through &= np.einsum("nd,nd->n", normal, facing) > 0
         if not through.any():
             break
         move = np.where(through[:, None], -(distance + gap)[:, None] * normal, 0)

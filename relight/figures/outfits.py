@@ -46,15 +46,22 @@ NECKS = (  # of what is cut like a t-shirt: radii of the opening, and the depth 
 TUCKS = ("shirt", "t-shirt", "fitted t-shirt", "long sleeve", "polo shirt", "roll-neck")  # may be worn inside trousers
 ROUND = ("t-shirt", "fitted t-shirt", "long sleeve", "sweater", "dress", "long dress")  # cut like a t-shirt at the neck
 TIES = ("plain", "stripes", "print", "check")
+WIDEST = 0.036  # metres of ease at the waist at most of a top: wider cloth falls into one deep fold at the back
+SLIM = 0.020  # metres of ease at most of the trunk of what is worn under a jacket
+SLIM_ARM = 0.016  # of its sleeves
 BENT = 0.009  # metres of ease of trousers that sit, unless they stretch
 LAP = 0.10  # metres above the crotch: where tops of who sits end
 LONGEST = 1.06  # times its usual length: skirts would lie on the floor
+BELT = 0.09  # metres above the navel: where robes are belted
+ABOVE_SEAM = 0.022  # metres above the seam of a dress: the middle of its belt
 LEAST = 0.004  # metres of ease that no piece is cut below
 
 
 def tailored(rng: np.random.Generator, garment: Garment) -> Garment:
     """One piece of a kind: closer or wider, longer or shorter, with its own neckline and its folds in another place."""
     wide = float(np.exp(np.clip(rng.normal(-0.05, 0.32), -0.7, 0.6)))
+    if garment.kind == "top":
+        wide = min(wide, WIDEST / garment.torso[1])
     longer, sleeve, leg = rng.normal(0, [0.025, 0.05, 0.03])
 
     def eased(ease: tuple[float, ...]) -> tuple[float, ...]:
@@ -90,6 +97,16 @@ def over(outer: Garment, inner: Garment) -> Garment:
     torso = tuple(max(o, i + 0.008) for o, i in zip(outer.torso, inner.torso))
     arm = outer.arm if inner.armhole else tuple(max(o, i + 0.006) for o, i in zip(outer.arm, inner.arm))
     return replace(outer, torso=torso, arm=arm)
+
+
+def under(inner: Garment) -> Garment:
+    """A top cut close enough to be worn under a jacket."""
+    return replace(
+        inner,
+        torso=tuple(min(ease, SLIM) for ease in inner.torso),
+        arm=tuple(min(ease, SLIM_ARM) for ease in inner.arm),
+        sleeve_slack=min(inner.sleeve_slack, 0.02),
+    )
 
 
 def tucked(top: Garment, bottom: Garment) -> list[Garment]:
@@ -171,7 +188,9 @@ def sample_outfit(rng: np.random.Generator, person: Person, styles: Collection[s
     if thin.name not in ("sweater", "hoodie", "robe") and thin.seam is None and rng.random() < 0.40:
         outer = ["jacket", "jacket", "closed jacket", "blazer", "coat", "closed coat", "cardigan", "vest"]
         waistcoat = ["waistcoat"] if thin.collar == "fold" and thin.tuck is not None else []
-        worn.append(over(pick(rng, *outer, *waistcoat), thin))
+        inner = under(thin)
+        worn[worn.index(thin)] = inner
+        worn.append(over(pick(rng, *outer, *waistcoat), inner))
         odds = {"coat": 0.5, "closed coat": 0.5, "jacket": 0.3, "blazer": 0.25, "cardigan": 0.25}.get(worn[-1].name, 0)
         if rng.random() < odds and not any(g.name in ("shorts", "tank top") for g in worn):
             worn.append(SCARVES[int(rng.integers(len(SCARVES)))])
@@ -180,6 +199,8 @@ def sample_outfit(rng: np.random.Generator, person: Person, styles: Collection[s
     tie = ties and rng.random() < (0.85 if names & {"blazer", "waistcoat"} else 0.3)
     waisted = thin.tuck is not None and worn[1].kind == "trousers" and not names & {"leggings", "joggers"}
     belt = rng.random() < (0.6 if waisted else 0.35 if thin.seam is not None else 0.4 * (thin.name == "robe"))
+    if belt and not waisted:
+        worn[0] = replace(thin, belt=BELT if thin.seam is None else thin.seam + ABOVE_SEAM)
     cloths = [(g, fabrics.sample_fabric(rng, g.fabrics, is_muted(g))) for g in worn]
     shoe = SHOES[int(rng.choice(len(SHOES), p=shoe_odds(woman, worn)))]
     upper = shoe_color(rng, shoe)

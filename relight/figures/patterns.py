@@ -11,7 +11,7 @@ from relight.figures import makehuman
 from relight.figures.body import Body
 from relight.figures.drape import Level
 from relight.figures.garments import ARM_AT, LEG_AT, TORSO_AT, Garment
-from relight.figures.surfaces import border_loops, clip, extruded, loop, normals, rim, smoothed, split
+from relight.figures.surfaces import border_loops, clip, extruded, loop, neighbours, normals, rim, smoothed, split
 
 NUDE = 0.004  # metres outside the suit at which cuffs, waistbands and necklines are held
 HEM = 0.06  # metres above the crotch: where the drop of a garment with a seam at the waist begins to count
@@ -22,7 +22,14 @@ FALL = 0.35  # of its flare, a drop's width as it hangs
 HIPS = 0.014  # metres that a drop keeps off the hull of the hips
 BEARINGS = 96  # directions in which the hull of the trunk is measured
 SLICE = 0.02  # metres between the heights at which it is measured
+BLADES = 0.06  # metres below the base of the neck: up to where cloth spans the hollow of the spine
+FADE = 0.12  # metres below that within which it begins to
+SEAT = (0.06, 0.25)  # metres from the middle, and above the crotch, within which the cleft between the buttocks is
+BUNCHED = 0.012  # metres moved out to the hull, from which on cloth is spread wholly
+HUNG = (0.006, 0.024)  # metres of ease at the waist: from where on, and from where on wholly, a top hangs straight
 SLEEVELESS = 0.06  # of the arm, where what is beyond an armhole ends
+BELT = 0.020  # metres above and below the middle of a belt within which it holds the cloth
+EASED = 0.02  # metres beyond that within which the cloth comes free
 TRUNK = 0.35  # share of the arm in the skinning, below which a vertex belongs to the trunk
 
 
@@ -102,6 +109,16 @@ class Hull:
         high = table[i + 1, j] * (1 - b) + table[i + 1, (j + 1) % BEARINGS] * b
         return low * (1 - a) + high * a
 
+    def hung(self, low: float, share: float) -> "Hull":
+        """The hull of cloth that hangs straight over the hollows above the height `low`, from the shoulder blades over
+        the small of the back to the seat and from the chest to the belly, by a share in [0,1] of their depth."""
+        radii, first = self.radii.copy(), int(np.searchsorted(self.heights, low))
+        for a in range(first, len(radii)):
+            for b in range(a + 2, len(radii)):
+                t = ((self.heights[a:b] - self.heights[a]) / (self.heights[b] - self.heights[a]))[:, None]
+                radii[a:b] = np.maximum(radii[a:b], self.radii[a] * (1 - t) + self.radii[b] * t)
+        return replace(self, radii=self.radii + share * (radii - self.radii))
+
     def spanned(self, points: np.ndarray, share: np.ndarray) -> np.ndarray:
         """Points (n,3) moved out to the hull by a share (n,) of what they lie inside it."""
         flat = points[:, [0, 2]] - [0.0, self.middle]
@@ -111,9 +128,9 @@ class Hull:
 
 
 def trunk_hull(points: np.ndarray, f: dict[str, np.ndarray], at: dict[str, float]) -> Hull:
-    """The hull of the suit's vertices (n,3) with their fields, from below the crotch to above the waist."""
+    """The hull of the suit's vertices (n,3) with their fields, from below the crotch to the shoulder blades."""
     trunk = points[np.maximum(f["onL"], f["onR"]) < 0.05]
-    heights = np.arange(at["crotch"] - SLICE, at["waist"] + 0.16, SLICE)
+    heights = np.arange(at["crotch"] - SLICE, at["neck"] - BLADES + SLICE, SLICE)
     middle = float(np.median(trunk[np.abs(trunk[:, 1] - at["waist"]) < 0.1, 2]))
     turn = 2 * np.pi * np.arange(BEARINGS) / BEARINGS
     ways = np.stack([np.sin(turn), np.cos(turn)], axis=1)
@@ -124,6 +141,21 @@ def trunk_hull(points: np.ndarray, f: dict[str, np.ndarray], at: dict[str, float
         facing = ways @ sides[:, :2].T
         radii.append(np.min(np.where(facing > 1e-6, -sides[:, 2] / np.maximum(facing, 1e-6), np.inf), axis=1))
     return Hull(middle, heights, np.array(radii))
+
+
+def unbunched(hull: Hull, points: np.ndarray, faces: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Points (n,3) `spanned` by a hull, as far from each other as beside it: what lined the cleft between the buttocks
+    would be so much cloth on a narrow strip, and crumple there."""
+    out = hull.spanned(points, share)
+    around = neighbours(faces, len(points))
+    moved = np.linalg.norm(out - points, axis=1)
+    for _ in range(3):
+        moved = np.maximum(moved, 0.7 * (around @ moved))
+    seat = (points[:, 2] < hull.middle) & (np.abs(points[:, 0]) < SEAT[0]) & (points[:, 1] < hull.heights[0] + SEAT[1])
+    moved = (seat * np.clip(moved / BUNCHED, 0, 1))[:, None] * [1.0, 0.0, 1.0]
+    for _ in range(12):
+        out = hull.spanned(out + 0.7 * moved * (around @ out - out), share)
+    return out
 
 
 def neck_field(body: Body, garment: Garment, f: dict[str, np.ndarray]) -> np.ndarray:
@@ -208,15 +240,21 @@ def build_pattern(body: Body, garment: Garment, levels: int) -> Pattern:
     weights /= weights.sum(1, keepdims=True)
     points = matrix @ body.tights
     hull = trunk_hull(body.tights, f0, at)
+    hanging = points
     if garment.kind != "trousers":
-        high = np.clip((at["waist"] + 0.14 - points[:, 1]) / 0.14, 0, 1)
-        points = hull.spanned(points, high * np.clip(1 - 5 * np.maximum(f["onL"], f["onR"]), 0, 1))
+        high = np.clip((at["neck"] - BLADES - points[:, 1]) / FADE, 0, 1)
+        high *= np.clip(1 - 5 * np.maximum(f["onL"], f["onR"]), 0, 1)
+        points = hanging = unbunched(hull, points, faces, high)
+    if garment.kind == "top":
+        low = hem(garment, at) if garment.tuck is None else at["waist"] + garment.tuck
+        straight = 0.0 if garment.open else np.interp(garment.torso[1], HUNG, (0.0, 1.0))
+        hanging = hull.hung(low, straight).spanned(points, high)
     outward = smoothed(normals(points, faces), faces, 4)
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
     ease, longer = fit(body, garment, f, at, points, outward)
     held = points + outward * (NUDE + garment.over)
-    start = points + longer + outward * np.minimum(ease, 0.006)[:, None]
-    pattern = points + longer + outward * ease[:, None]
+    start = hanging + longer + outward * np.minimum(ease, 0.006)[:, None]
+    pattern = hanging + longer + outward * ease[:, None]
     f["tube"] = np.zeros(len(points))
     pinned = pins(body, garment, f, at)
     if garment.drop:
@@ -256,7 +294,7 @@ def refined(
 
 def largest(matrix: sparse.csr_matrix, faces: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray]:
     """The largest connected piece: a cut may leave crumbs."""
-    from relight.figures.surfaces import compacted, neighbours
+    from relight.figures.surfaces import compacted
 
     label = sparse.csgraph.connected_components(neighbours(faces, matrix.shape[0]))[1][faces[:, 0]]
     return compacted(matrix, faces[label == np.bincount(label).argmax()])
@@ -298,6 +336,10 @@ def pins(body: Body, garment: Garment, f: dict, at: dict) -> np.ndarray:
     if garment.tuck is not None:  # inside a waistband the cloth lies flat
         edge = at["waist"] + garment.tuck
         out = np.maximum(out, 0.9 * np.clip((edge + 0.03 - f["y"]) / 0.02, 0, 1))
+    if garment.belt is not None:
+        off = np.abs(f["y"] - at["waist"] - garment.belt)
+        trunk = np.maximum(f["onL"], f["onR"]) < 0.1
+        out = np.maximum(out, 0.95 * np.clip(1 - (off - BELT) / EASED, 0, 1) * trunk)
     out = np.maximum(out, np.clip((arm - (garment.sleeve - 0.07)) / 0.05, 0, 1) * garment.cuff)
     rib = np.clip(1 - (f["y"] - hem(garment, at)) / 0.03, 0, 1) * (np.maximum(f["onL"], f["onR"]) < 0.1)
     return np.maximum(out, rib * garment.rib)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import scipy.sparse as sparse
-from scipy.ndimage import gaussian_filter1d, maximum_filter1d
+from scipy.ndimage import gaussian_filter1d, maximum_filter
 
 from relight.figures.colliders import Collider
 from relight.figures.patterns import Pattern
@@ -61,8 +61,10 @@ def belt(vertices: np.ndarray, faces: np.ndarray, band: np.ndarray, ahead: np.nd
     radius = far - depth
     if not np.isfinite(radius).all() or (radius < 0.3 * far).any():
         return []
-    radius = gaussian_filter1d(maximum_filter1d(radius.max(0), 3, mode="wrap"), 1.0, mode="wrap") + RAISED
-    rings = [centre + h * up + radius[:, None] * out for h in heights[::-1]]
+    radius = maximum_filter(radius, 3, mode=("nearest", "wrap"))  # it leans with the cloth, and does not stand off it
+    radius = gaussian_filter1d(radius, 1.0, mode="wrap") + RAISED
+    rings = [centre + h * up + r[:, None] * out for h, r in zip(heights[::-1], radius[::-1])]
+    radius = radius.max(0)
     strip, loop = extruded(np.arange(BEARINGS), rings[1:], BEARINGS, True)
     points = np.concatenate([rings[0], strip])
     ribbon = thickened(points, loop, np.full(len(points), RAISED), 99)[:2]

@@ -15,6 +15,7 @@ from relight.figures.poses import Motion
 from relight.figures.surfaces import Surface, stacked
 
 HANGS = 0.2  # metres of a drop from which on cloth hangs free in it
+CLEFT = (0.04, -0.15, 0.16)  # metres from the middle, and from and to which height above the crotch, buttocks meet
 CLOSE = 0.6  # of a cloth's thickness: its folds come no nearer to what lies below
 
 
@@ -59,6 +60,7 @@ def wear(body: Body, way: Motion, outfit: Outfit, detail: Detail) -> list[Worn]:
     arms = hands + share("wrist", "lowerarm", "upperarm")
     # hands and, for what hangs from the waist, arms are no obstacles: fingers would catch the cloth
     solid = {"top": faces[(hands[faces] < 0.3).all(1)], "other": faces[(arms[faces] < 0.3).all(1)]}
+    solid["top"] = solid["top"][~cleft(body, body.skin, solid["top"])]
     posed = [way.skin(weights, body.skin, t) for t in range(frames + 1)]
     shells = [] if outfit.shoe.straps else [footwear.shell(body, way.bones, outfit.shoe, side) for side in "LR"]
     shoes = [[(way.skin(s.weights, s.shape, t), s.faces) for s in shells] for t in range(frames + 1)]
@@ -82,23 +84,51 @@ def wear(body: Body, way: Motion, outfit: Outfit, detail: Detail) -> list[Worn]:
             parts = [(posed[frame], under), *([] if top else shoes[frame])]
             for w in before:
                 level = w.pattern.levels[-1 if fine else 0]
-                parts.append((w.draped.positions if fine else w.draped.history[frame], level.faces))
+                cloth = level.faces[~cleft(body, level.held, level.faces)] if top else level.faces
+                parts.append((w.draped.positions if fine else w.draped.history[frame], cloth))
             return stacked(parts)
 
         draped = drape.drape(
             pattern.levels, pattern.refine, garment.cloth, detail.efforts, below, way.skin, frames, ground=0.006
         )
         surface, corners = below(frames, True)
-        worn.append(Worn(pattern, fabric, finished(pattern, draped, fabric, Collider(surface, surface, corners))))
+        folded = finished(pattern, draped, fabric, Collider(surface, surface, corners), neckband(pattern, body, way))
+        worn.append(Worn(pattern, fabric, folded))
     return worn
 
 
-def finished(pattern: patterns.Pattern, draped: drape.Draped, fabric: Fabric, below: Collider) -> drape.Draped:
-    """The drape with the fine folds of its cloth, which stay outside what lies below."""
+def cleft(body: Body, rest: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Which faces (F,) of a surface (vertices (n,3) on the rest pose, faces (F,3)) line the cleft between the buttocks
+    and the thighs below. Cloth that hangs over them must not be caught there."""
+    a, b, c = (rest[faces[:, k]] for k in range(3))
+    middle, normal = (a + b + c) / 3, np.cross(b - a, c - a)
+    sideways = np.abs(normal[:, 0]) > 0.6 * np.linalg.norm(normal, axis=1)
+    high = middle[:, 1] - patterns.landmarks(body)["crotch"]
+    return sideways & (np.abs(middle[:, 0]) < CLEFT[0]) & (high > CLEFT[1]) & (high < CLEFT[2])
+
+
+def neckband(pattern: patterns.Pattern, body: Body, way: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """What `collars.banded` asks of a top: the cloth without folds (n,3), base and axis of the neck (3,)."""
+    if pattern.garment.kind != "top":
+        return None
+    level, (neck, axes) = pattern.levels[-1], collars.neck_of(body, way)
+    return way.skin(level.weights, level.held), neck, axes[1]
+
+
+def finished(
+    pattern: patterns.Pattern,
+    draped: drape.Draped,
+    fabric: Fabric,
+    below: Collider,
+    band: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
+) -> drape.Draped:
+    """The drape with the fine folds of its cloth and, with a `neckband`, an even neckline, outside what lies below."""
     garment, level = pattern.garment, pattern.levels[-1]
     crimp = wrinkles.of_one_garment(garment.cloth.crimp, fabric.seed)
     hang = np.clip(4 * pattern.fields["tube"], 0, 1) * (garment.drop > HANGS)
     x = wrinkles.folded(pattern.levels, pattern.refine, draped.positions, crimp, hang, fabric.seed)
+    if band is not None:
+        x = collars.banded(x, level.faces, *band)
     face, distance, out = layers.sided(x, below, 2 * garment.cloth.thickness)
     lacking = np.clip(CLOSE * garment.cloth.thickness - distance, 0, garment.cloth.thickness)
     x = x + np.where((face >= 0) & (level.pinned < 0.5), lacking, 0)[:, None] * out

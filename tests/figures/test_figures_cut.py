@@ -1,13 +1,14 @@
 """How garments are cut, and what is sewn on them: hulls, drops, necklines, collars, bands, belts, ties, fits."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import trimesh
 from scipy.spatial import ConvexHull
 
-from relight.figures import collars, colliders, outfits, patterns, stances, trims
+from relight.figures import collars, colliders, outfits, patterns, stances, trims, wear
 from relight.figures.body import build_body, sample_person
 from relight.figures.colliders import Collider
 from relight.figures.constraints import LIBRARY
@@ -56,13 +57,76 @@ def test_the_hull_is_exact_on_a_known_outline():
     heights = np.arange(0.0, 0.5, 0.005)
     points = np.concatenate([np.insert(ring, 1, y, axis=1) for y in heights])
     fields = {"onL": np.zeros(len(points)), "onR": np.zeros(len(points))}
-    hull = patterns.trunk_hull(points, fields, {"crotch": 0.1, "waist": 0.25})
+    hull = patterns.trunk_hull(points, fields, {"crotch": 0.1, "waist": 0.25, "neck": 0.45})
     asked = np.array([[0.0, 0.2, 0.05], [0.3, 0.2, 0.0], [0.1, 0.2, 0.02]])
     assert hull.radius(asked)[:2] == pytest.approx([0.1, 0.2], abs=1e-3)
     moved = hull.spanned(asked, np.array([1.0, 1.0, 0.5]))
     assert moved[0] == pytest.approx([0, 0.2, 0.1], abs=1e-3)
     np.testing.assert_allclose(moved[1], asked[1], atol=1e-12)  # what is outside stays
     assert 0.02 < moved[2, 2] < 0.1
+
+
+def test_a_loose_top_hangs_straight_over_a_hollow():
+    """A body of revolution as slim as an hourglass between a chest and a seat of one width, and a bump at its foot."""
+    heights = np.linspace(0, 1, 21)
+    radii = np.repeat((0.2 - 0.08 * np.sin(np.pi * heights))[:, None], patterns.BEARINGS, axis=1)
+    hull = patterns.Hull(0.0, heights, radii)
+    np.testing.assert_allclose(hull.hung(-1.0, 1.0).radii, 0.2, atol=1e-12)
+    np.testing.assert_allclose(hull.hung(-1.0, 0.5).radii, (0.2 + radii) / 2, atol=1e-12)
+    above = hull.hung(0.5, 1.0).radii  # straight from the waist up to the chest, as cut below it
+    np.testing.assert_allclose(above[:11], radii[:11], atol=1e-12)
+    np.testing.assert_allclose(above[10:, 0], 0.12 + 0.16 * (heights[10:] - 0.5), atol=1e-12)
+    bulging = patterns.Hull(0.0, heights, 0.4 - radii)
+    np.testing.assert_allclose(bulging.hung(-1.0, 1.0).radii, bulging.radii, atol=1e-12)
+
+
+def test_only_a_loose_closed_top_hangs_straight(body):
+    """In the small of the back the cloth stands off further than its ease where it is cut wide, unless it is open."""
+    waist = patterns.landmarks(body)["waist"]
+
+    def off(ease: float, **changes) -> float:
+        level = cut(body, "sweater", torso=(ease,) * 6, **changes).levels[0]
+        x, y, z = level.held.T
+        back = (np.abs(y - waist - 0.03) < 0.03) & (np.abs(x) < 0.05) & (z < np.median(z))
+        return float((level.held - level.pattern)[back, 2].mean()) - ease + patterns.NUDE
+
+    assert abs(off(0.004)) < 0.002 and abs(off(0.03, open=0.02)) < 0.006
+    assert off(0.03) > off(0.03, open=0.02) + 0.004
+
+
+@pytest.mark.parametrize("name", ["fitted t-shirt", "robe"])
+def test_cloth_is_not_bunched_over_the_cleft(body, name, monkeypatch):
+    """What lined it would be slivers if it were only moved out to the hull."""
+    at = patterns.landmarks(body)
+
+    def areas() -> np.ndarray:
+        level = cut(body, name).levels[0]
+        a, b, c = (level.held[level.faces[:, k]] for k in range(3))
+        middle, normal = (a + b + c) / 3, np.cross(b - a, c - a)
+        high = middle[:, 1] - at["crotch"]
+        there = (np.abs(middle[:, 0]) < 0.025) & (high > 0.02) & (high < 0.2) & (middle[:, 2] < np.median(middle[:, 2]))
+        assert there.sum() > 20 and (normal[there, 2] < 0).all()
+        return np.linalg.norm(normal[there], axis=1) / 2
+
+    spread = areas()
+    monkeypatch.setattr(patterns, "unbunched", lambda hull, points, faces, share: hull.spanned(points, share))
+    bunched = areas()
+    assert spread.min() > 1.8 * bunched.min() and np.median(spread) > 1.2 * np.median(bunched)
+
+
+def test_the_faces_in_the_cleft():
+    """Two boxes beside each other: the sides by which they meet, at the height of the seat, and no others."""
+    boxes = [trimesh.creation.box((0.1, 0.6, 0.1)).apply_translation((x, 0, 0)) for x in (-0.055, 0.055)]
+    both = trimesh.util.concatenate([box.subdivide().subdivide().subdivide() for box in boxes])
+
+    joints = {name: np.zeros(3) for name in ("root", "upperleg01.L", "spine04", "neck01")}
+    found = wear.cleft(SimpleNamespace(tights=np.zeros((1, 3)), joints=joints), both.vertices, both.faces)
+    middle, normal = both.triangles_center[found], both.face_normals[found]
+    assert found.sum() > 40 and (np.abs(middle[:, 0]) < 0.006).all() and (np.abs(normal[:, 0]) > 0.99).all()
+    low, high = wear.CLEFT[1:]
+    inner = np.abs(both.triangles_center[:, 0]) < 0.006
+    within = (both.triangles_center[:, 1] > low) & (both.triangles_center[:, 1] < high)
+    assert found.sum() == (inner & within).sum()
 
 
 def lengths(points: np.ndarray, ring: np.ndarray) -> float:
@@ -149,9 +213,38 @@ def test_a_neckband_is_smooth_all_the_way_round(kind):
     ring = max(border_loops(faces), key=lambda ring: points[ring, 1].mean())
     points[ring] *= 1 + 0.03 * (-1.0) ** np.arange(len(ring))[:, None]
     vertices, _, _ = collars.collar(points, faces, np.zeros((len(points), 2)), kind, np.zeros(3), UP, 1.0)
-    band = vertices[: len(ring)]
+    band = vertices[len(ring) : 2 * len(ring)]  # above the row that is sewn to the cloth
     assert np.ptp(np.hypot(points[ring, 0], points[ring, 2])) > 0.003
     assert np.ptp(np.hypot(band[:, 0], band[:, 2])) < 0.0006
+
+
+def test_a_band_holds_the_neckline_and_the_cloth_beside_it():
+    """Cloth bunched at the neckline, 30 mm wide and 20 mm high: most of that goes, and what is away from it stays."""
+    smooth, faces = tube()
+    ring = max(border_loops(faces), key=lambda ring: smooth[ring, 1].mean())
+    turn = np.arctan2(smooth[:, 0], smooth[:, 2])
+    near = np.exp(-((0.06 * (turn - 1.0) / 0.015) ** 2)) * np.clip(1 + smooth[:, 1] / 0.04, 0, 1)
+    drape = smooth + 0.02 * near[:, None] * UP + [0.01, -0.005, 0.0]
+    held = collars.banded(drape, faces, smooth, np.zeros(3), UP)
+    bump = [np.ptp((x - smooth)[ring, 1]) for x in (drape, held)]
+    assert bump[0] > 0.019 and bump[1] < 0.45 * bump[0]
+    far = np.linalg.norm(drape[:, None] - drape[ring], axis=-1).min(1) > collars.DRAWN
+    np.testing.assert_array_equal(held[far], drape[far])
+    still = collars.banded(smooth + [0.01, 0, 0], faces, smooth, np.zeros(3), UP)
+    np.testing.assert_allclose(still, smooth + [0.01, 0, 0], atol=1e-12)  # a neckline that moved as a whole stays so
+    assert collars.banded(smooth, faces, smooth, np.array([0, 9.0, 0]), UP) is smooth, "no neckline there"
+
+
+def test_a_hood_is_whole_over_a_crease_down_the_back():
+    colliders.prepare()
+    points, faces = tube()
+    back = np.clip(-points[:, 2] / np.hypot(points[:, 0], points[:, 2]), 0, 1)
+    points[:, 2] += 0.025 * np.exp(-((points[:, 0] / 0.012) ** 2)) * back
+    vertices, _, _ = collars.collar(points, faces, np.zeros((len(points), 2)), "hood", np.zeros(3), UP, 1.0)
+    count = len(max(border_loops(faces), key=lambda ring: points[ring, 1].mean()))
+    rows = vertices[count : (1 + len(collars.HOOD)) * count].reshape(len(collars.HOOD), count, 3)
+    turn = np.unwrap(np.arctan2(rows[..., 0], rows[..., 2]), axis=1)
+    assert (np.sign(np.diff(turn)) == np.sign(turn[0, -1] - turn[0, 0])).all(), "its ways cross"
 
 
 @pytest.mark.parametrize("kind", ["hood", "lapel"])
@@ -216,6 +309,19 @@ def test_a_belt_goes_around_and_its_buckle_sits_in_front():
     assert trims.belt(points[points[:, 2] > -9] + [9.0, 0, 0], body.faces, ring, AHEAD, 0.03) == [], "nothing to hold"
 
 
+def test_a_belt_leans_with_hips_that_widen():
+    """Around a cone: as far off the cloth at its upper edge as at its lower one."""
+    colliders.prepare()
+    cone = trimesh.creation.cylinder(0.15, 0.6, sections=64)
+    points = cone.vertices[:, [1, 2, 0]].copy()
+    points[:, [0, 2]] *= (1 - 0.8 * points[:, 1])[:, None]
+    turn = np.linspace(0, 2 * np.pi, 20)
+    ring = np.stack([0.15 * np.sin(turn), 0 * turn, 0.15 * np.cos(turn)], 1)
+    ribbon, _ = trims.belt(points, cone.faces, ring, AHEAD, 0.034)
+    off = np.hypot(ribbon[0][:, 0], ribbon[0][:, 2]) - 0.15 * (1 - 0.8 * ribbon[0][:, 1])
+    assert off.max() < 0.0055 and off.min() > -0.001
+
+
 def test_a_tie_lies_on_the_shirt():
     colliders.prepare()
     points, faces = sheet(0.5, 0.1)
@@ -246,6 +352,27 @@ def test_outer_garments_have_room_for_what_is_under_them():
         inner, outer = outfits.pick(rng, "sweater"), outfits.pick(rng, "blazer")
         outer = outfits.over(outer, inner)
         assert all(o > i for o, i in zip(outer.torso, inner.torso)) and all(o > i for o, i in zip(outer.arm, inner.arm))
+
+
+def test_what_is_worn_under_a_jacket_is_close_and_no_top_is_wider_than_it_drapes():
+    rng = np.random.default_rng(2)
+    for _ in range(30):
+        inner = outfits.under(outfits.pick(rng, "t-shirt"))
+        assert max(inner.torso) <= outfits.SLIM and max(inner.arm) <= outfits.SLIM_ARM
+        assert outfits.pick(rng, "coat", "t-shirt", "robe").torso[1] <= outfits.WIDEST + 1e-9
+
+
+@pytest.mark.parametrize(("name", "above"), [("robe", outfits.BELT), ("dress", 0.09 + outfits.ABOVE_SEAM)])
+def test_a_belt_holds_the_cloth_under_it_and_none_beside_it(body, name, above):
+    free, belted = (cut(body, name, belt=belt) for belt in (None, above))
+    y, level = belted.fields["y"], belted.levels[-1]
+    on = np.maximum(belted.fields["onL"], belted.fields["onR"])
+    off = np.abs(y - patterns.landmarks(body)["waist"] - above)
+    under = (off < 0.017) & (on < 0.05) & (belted.fields["tube"] == 0)
+    assert under.sum() > 30 and level.pinned[under].min() > 0.85
+    assert free.levels[-1].pinned[under].mean() < 0.6
+    far = off > patterns.BELT + patterns.EASED + 0.03
+    np.testing.assert_array_equal(level.pinned[far], free.levels[-1].pinned[far])
 
 
 def test_an_outfit_anew_is_cut_alike():

@@ -241,6 +241,23 @@ def test_each_gate_bites(snug, spoil, said):
     assert reason is None if said is None else re.search(said, reason)
 
 
+def test_a_short_hem_that_was_swept_up_is_found_and_one_that_leans_is_not(snug):
+    body, way = snug[:2]
+    pattern = patterns.build_pattern(body, wardrobe.TOPS[0], 0)
+    level = pattern.levels[0]
+    x = way.skin(level.weights, level.held)
+    assert gates.hem_swept(pattern, x, way) < 0.001
+    leaning = way.transforms.copy()
+    leaning[:, :, 1] += 0.4 * leaning[:, :, 0]  # half of the body higher than the other
+    leaned = replace(way, transforms=leaning)
+    moved = leaned.skin(level.weights, level.held)
+    assert np.ptp(moved[pattern.fields["tube"] > 0.999, 1] - x[pattern.fields["tube"] > 0.999, 1]) > 0.1
+    assert gates.hem_swept(pattern, moved, leaned) < 0.001
+    swept = lifted(x, pattern)
+    assert gates.hem_swept(pattern, swept, way) > 0.3
+    assert "swept" in gates.cloth(pattern, Draped(swept, [], np.ones(1000)), way, body)
+
+
 @pytest.mark.parametrize(
     ("garment", "limb", "root", "tip", "middle"),
     [

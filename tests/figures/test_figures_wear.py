@@ -87,6 +87,22 @@ def test_who_looks_out_of_a_box(open_side):
     assert out.tolist() == ([True, True, False] if open_side else [False] * 3)
 
 
+def test_skin_that_comes_through_cloth_is_pushed_under_it_and_none_out_of_a_fold():
+    colliders.prepare()
+    a = np.linspace(-0.1, 0.1, 21)
+    skin = np.stack([*np.meshgrid(a, a), np.zeros((21, 21))], -1).reshape(-1, 3)
+    i = np.arange(441).reshape(21, 21)
+    p, q, r, s = i[:-1, :-1].ravel(), i[:-1, 1:].ravel(), i[1:, :-1].ravel(), i[1:, 1:].ravel()
+    faces = np.concatenate([np.stack([p, q, r], 1), np.stack([q, s, r], 1)])
+    facing, free = np.tile([0.0, 0, 1], (441, 1)), np.ones(441, bool)
+    inner = (np.abs(skin[:, :2]) < 0.06).all(1)
+
+    through = layers.tucked_under(skin, faces, (skin - [0, 0, 0.005], faces), 0.002, free, facing)
+    np.testing.assert_allclose(through[inner], skin[inner] - [0, 0, 0.007], atol=1e-6)
+    turned = skin + [0, 0, 0.005], faces[:, ::-1]  # the inner side of a fold lies before the skin
+    np.testing.assert_array_equal(layers.tucked_under(skin, faces, turned, 0.002, free, facing), skin)
+
+
 def test_what_is_seen_under_a_lifted_garment_is_not_left_out():
     """A sheet of cloth on skin: what it lies on is left out; lifted on one side, only what is still dark."""
     a = np.linspace(-0.5, 0.5, 41)
