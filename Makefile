@@ -6,7 +6,8 @@ PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 CASES ?= 5000
 KILLS ?= 60
 # A file of tests goes to one process, so that what its tests share is made once.
-PYTEST := $(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+SHARED := -n 2 --dist loadfile --no-loadscope-reorder
+PYTEST := $(BIN)/python -m pytest $(SHARED)
 
 .PHONY: all env run test test-fast fuzz chaos coverage smoke ui docs notebook settings lint format lock licences sbom audit clean help
 .DEFAULT_GOAL := all
@@ -47,7 +48,7 @@ chaos: $(STAMP)  ## kill the workflow 60 times at random moments; make chaos KIL
 
 coverage: $(STAMP)  ## which lines the tests run, file by file
 	@$(BIN)/python -m coverage erase
-	@$(BIN)/python -m coverage run -m pytest $(ARGS)
+	@COVERAGE_FILE="$(CURDIR)/.coverage" $(BIN)/python -m coverage run -m pytest $(SHARED) $(ARGS)
 	@$(BIN)/python -m coverage combine --quiet && $(BIN)/python -m coverage report --sort=cover
 
 smoke: $(STAMP)  ## the whole workflow at the smallest scale

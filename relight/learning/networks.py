@@ -274,7 +274,8 @@ class PaperNetwork(Network):
         else:
             self.light = PooledHead(bottleneck, light, 3 * coefficients, STRIDE)
         self.refinement = Refinement(coefficients) if model.refine else None
-        self.initialise(scaled=model.light_head == "pooled" or side < 16)
+        if not on_meta(self):
+            self.initialise(scaled=model.light_head == "pooled" or side < 16)
 
     def initialise(self, scaled: bool) -> None:
         """Draws the weights from N(0, .02), those of residual blocks by He's rule.
@@ -348,6 +349,11 @@ class UNet(Network):
         head = [scaled(c, model.width) for c in LIGHT]
         self.light = PooledHead(sizes[PLAIN_LEVELS], head, 3 * self.coefficients, 2 ** (PLAIN_LEVELS + 1))
         self.refinement = Refinement(self.coefficients) if model.refine else None
+        if not on_meta(self):
+            self.initialise()
+
+    def initialise(self) -> None:
+        """Draws the weights by He's rule, those of the last layers from N(0, .01)."""
         for module in self.modules():
             if isinstance(module, nn.Conv2d):
                 nn.init.kaiming_normal_(module.weight, a=SLOPE)
@@ -405,6 +411,11 @@ def with_transport(maps: dict[str, Tensor], order: int) -> dict[str, Tensor]:
         return maps
     transport = unoccluded(maps["normal"], order)
     return {**maps, "transport": transport * maps["ao"] if "ao" in maps else transport}
+
+
+def on_meta(network: nn.Module) -> bool:
+    """Whether a network has shapes alone; to draw weights there, torch would import its compiler (1 CPU-second)."""
+    return next(network.parameters()).is_meta
 
 
 def build(model: Model, size: int) -> Network:

@@ -24,11 +24,10 @@ pytestmark = pytest.mark.slow
 def names(repo: Path) -> set[str]:
     """All that is in the repository's folder, and all files of its results except the times of its jobs.
 
-    A job that ends well while Snakemake is being stopped leaves its results, which stay, and no time. What `make
-    coverage` measures in each process is no file of the workflow.
+    A job that ends well while Snakemake is being stopped leaves its results, which stay, and no time.
     """
     found = {str(path.relative_to(repo)) for path in [*repo.iterdir(), *(repo / OUT).rglob("*")]}
-    return {name for name in found if not name.startswith((f"{OUT}/benchmark/", ".coverage"))}
+    return {name for name in found if not name.startswith(f"{OUT}/benchmark/")}
 
 
 def kill(kind: str, command: subprocess.Popen, repo: Path) -> bool:
