@@ -57,12 +57,12 @@ smoke: $(STAMP)  ## the whole workflow at the smallest scale
 ui: $(STAMP)  ## browse the runs in MLflow on this machine
 	@$(BIN)/relight ui
 
-docs: $(STAMP)  ## the site of docs/, in results/site; after `relight web setup` with its demo
+docs: $(STAMP)  ## the site of docs/, in build/site; after `relight web setup` with its demo
 	@$(PIP) --constraint constraints.txt --no-build-isolation --editable '.[docs]'
-	@rm -rf results/demo
-	@$(BIN)/relight web build results/demo >/dev/null || echo "the site is built without its demo, the page that relights photos in the browser"
+	@rm -rf build/web
+	@$(BIN)/relight web build build/web >/dev/null || echo "the site is built without its demo, the page that relights photos in the browser"
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
-	@echo "the site is in results/site; to read it with its search: python3 -m http.server --bind 127.0.0.1 --directory results/site"
+	@echo "the site is in build/site; to read it with its search: python3 -m http.server --bind 127.0.0.1 --directory build/site"
 
 lint: $(STAMP)  ## style of Python and Snakemake files, and types
 	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/snakefmt --check Snakefile workflow
@@ -90,7 +90,7 @@ audit: $(STAMP)  ## look for known vulnerabilities in the locked versions; fetch
 	@$(BIN)/uvx pip-audit==2.10.1 --requirement requirements.txt --require-hashes --disable-pip
 
 clean:  ## remove results and runs (not .venv)
-	rm -rf results .snakemake mlflow.db mlruns .mlflow.lock .coverage* sbom.json
+	rm -rf results build .snakemake mlflow.db mlruns .mlflow.lock .coverage* sbom.json
 
 help:
 	@awk -F':.*## ' '/^[a-z-]+:.*## /{printf "  make %-9s %s\n", $$1, $$2}' $(MAKEFILE_LIST)

@@ -1,11 +1,14 @@
 """Networks on disk."""
 
 import json
+import subprocess
+import sys
 
 import pytest
 import torch
 from safetensors.torch import load_file, save_file
 
+from relight.config import ROOT
 from relight.files import UserError
 from relight.learning.checkpoint import load_network, save_network
 from relight.learning.networks import build
@@ -31,6 +34,29 @@ def test_round_trip(network, model, tmp_path):
     image, mask = torch.rand(1, 3, 64, 64), torch.ones(1, 1, 64, 64)
     network.eval()
     assert all(torch.equal(value, loaded(image, mask)[name]) for name, value in network(image, mask).items())
+
+
+def test_reading_a_network_does_not_bring_in_torchs_compiler(network, model, tmp_path):
+    """It costs a CPU-second, a seventh of what a photo takes; drawing weights without memory would import it."""
+    save_network(tmp_path / "n.safetensors", network, model())
+    code = "import sys; from relight.learning.checkpoint import load_network; load_network(sys.argv[1]); "
+    code += "print('torch._dynamo' in sys.modules)"
+    run = subprocess.run([sys.executable, "-c", code, tmp_path / "n.safetensors"], capture_output=True, text=True)
+    assert run.stdout.strip() == "False", run.stderr
+
+
+def test_the_mean_of_two_networks(network, model, tmp_path):
+    start, end, out = (tmp_path / f"{name}.safetensors" for name in ("start", "end", "out"))
+    save_network(start, network, model(), stages=[1])
+    torch.manual_seed(1)
+    save_network(end, build(model(), 64), model(), stages=[1, 2], fingerprint="of the end alone")
+    subprocess.run([sys.executable, ROOT / "workflow" / "scripts" / "mean.py", start, end, out], check=True)
+    first, last, mean = (load_file(path) for path in (start, end, out))
+    for name, tensor in mean.items():
+        expected = (first[name] + last[name]) / 2 if tensor.is_floating_point() else last[name]
+        torch.testing.assert_close(tensor, expected)
+    _, made_with = load_network(out)
+    assert made_with["stages"] == [1, 2] and "mean" in made_with["note"] and "fingerprint" not in made_with
 
 
 def test_half_is_half_as_large_and_loads_as_float32(network, model, tmp_path):

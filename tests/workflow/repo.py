@@ -15,7 +15,19 @@ import psutil
 from relight.config import ROOT
 from relight.processes import end_with_parent
 
-LEFT = ("results", ".snakemake", ".venv", ".git", "mlflow.db", "mlruns", ".mlflow.lock", "__pycache__", "docs", "tests")
+LEFT = (
+    "results",
+    "build",
+    ".snakemake",
+    ".venv",
+    ".git",
+    "mlflow.db",
+    "mlruns",
+    ".mlflow.lock",
+    "__pycache__",
+    "docs",
+    "tests",
+)
 WORDS = ("scale=smoke", "figures.count=3", "sweep.only=[ours_full,sfsnet_ao,no_tv]")
 OUT = "results/smoke"
 

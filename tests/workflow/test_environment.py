@@ -139,3 +139,14 @@ def test_two_make_at_once_install_one_after_the_other(tmp_path):
     assert sum("another make installs" in text for text in told) == 1
     done = ["venv .venv", *3 * ["pip install"]]
     assert (tmp_path / "log").read_text().splitlines() == [f"{end} {what}" for what in done for end in ("begin", "end")]
+
+
+def test_only_make_clean_removes_results():
+    """`make docs` and MkDocs empty the folders that they write to: none of them may hold a run."""
+    recipes = re.split(r"^(?=[\w$()]+:)", (ROOT / "Makefile").read_text(), flags=re.M)
+    removed = {recipe.split(":")[0]: re.findall(r"\brm -rf (.*?)(?:;|$)", recipe, re.M) for recipe in recipes}
+    assert "results" in removed.pop("clean")[0].split()
+    emptied = [word for lines in removed.values() for line in lines for word in line.split()]
+    site = (ROOT / "mkdocs.yml").read_text()
+    emptied += re.findall(r"^site_dir: (\S+)$", site, re.M) + re.findall(r"RELIGHT_DEMO, ([^\]]+)\]", site)
+    assert len(emptied) >= 3 and not [folder for folder in emptied if folder.startswith("results")]
