@@ -62,7 +62,7 @@ def settings(stage):
 def command(stage):
     """The command of a stage; its words reach the console and the log."""
     return (
-        f"{shlex.quote(sys.executable)} -m relight.stages.{stage} "
+        f"{{{{ {shlex.quote(sys.executable)} -m relight.stages.{stage} "
         f'--config-dir {OUT}/config --config-name "$(basename {{input.cfg:q}} .yaml)" '
     )
 
@@ -129,5 +129,5 @@ def own_results(experiment):
 
 
 # A stage says first what it was called with (relight.stages.stage): lines with "# ", which are for the log alone.
-LOGGED = " 2>&1 | tee {log:q} | sed -u '\\,^# ,d'"
+LOGGED = " 2>&1; }} 2>/dev/null | tee {log:q} | sed -u '\\,^# ,d'"
 LOGGED_RUN = LOGGED + """ | sed -u s,^,{rule:q}" "{wildcards.run:q}": ","""

@@ -16,6 +16,7 @@ from snakemake_logger_plugin_relight.costs import Costs, makespan, measured
 
 EVERY = 10.0  # seconds between two lines where there is no terminal
 OVERDUE = 0.1  # of its time so far, that a job which takes longer than others is taken to need yet
+KILLED = "returned non-zero exit status 137"  # what a shell makes of SIGKILL; Snakemake's words are all there is of it
 NO_WORK = ("total", "all", "settings", "listing", "experiments")  # rules that write a few lines
 
 
@@ -45,6 +46,7 @@ class LogHandler(LogHandlerBase):
         self.rule: dict[int, str] = {}
         self.benchmark: dict[int, str] = {}
         self.since: dict[int, float] = {}  # jobs at work, and when they began
+        self.killed: set[int | None] = set()  # threads of Snakemake's whose command was
         self.cores = os.cpu_count() or 1
         self.start = self.last = time.monotonic()
         self.terminal = sys.stderr.isatty()
@@ -115,11 +117,13 @@ class LogHandler(LogHandlerBase):
             self.since.pop(getattr(record, "jobid", -1), None)
             name = getattr(record, "rule_name", None) or self.rule.get(getattr(record, "jobid", -1), "a job")
             log = ", ".join(map(str, getattr(record, "log", None) or ()))
-            self.say(f"{name} failed{f'; its log: {log}' if log else ''}", whole=True)
-        elif getattr(record, "exception", None) not in (
-            "RuleException",
-            "CalledProcessError",
-        ):  # told by the job itself
+            how = "failed"
+            if record.thread in self.killed:
+                how = "was killed; where memory is short the system does so: run fewer jobs at once (--cores)"
+            self.say(f"{name} {how}{f'; its log: {log}' if log else ''}", whole=True)
+        elif getattr(record, "exception", None) in ("RuleException", "CalledProcessError"):  # told by the job itself
+            (self.killed.add if KILLED in record.getMessage() else self.killed.discard)(record.thread)
+        else:
             self.say(record.getMessage().strip(), whole=True)
 
     def say(self, text: str, whole: bool = False) -> None:
