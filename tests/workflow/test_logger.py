@@ -126,3 +126,14 @@ def test_errors_are_told_and_chatter_is_not(handler, capsys):
     tell(handler, LogEvent.PROGRESS, done=1, total=1)
     lines = capsys.readouterr().err.splitlines()
     assert lines == ["bake failed; its log: a.log", "No rule to produce x", "done in 0 s"]
+
+
+def test_a_job_that_was_killed_is_told_from_one_that_failed(handler, capsys):
+    """Snakemake tells first how a command ended, then in the same thread which job it was."""
+    for code in (1, 137, 1):
+        message = f"CalledProcessError in file x:\nCommand 'y' returned non-zero exit status {code}."
+        tell(handler, LogEvent.ERROR, message, logging.ERROR, exception="RuleException")
+        tell(handler, LogEvent.JOB_ERROR, level=logging.ERROR, jobid=1, rule_name="bake", log=["a.log"])
+    first, second, third = capsys.readouterr().err.splitlines()
+    assert first == third == "bake failed; its log: a.log"
+    assert second.startswith("bake was killed; where memory is short")

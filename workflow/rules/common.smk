@@ -128,6 +128,7 @@ def own_results(experiment):
     return [f"{OUT}/inference_time/{PLAN.of_row(row)[0]}.csv" for row in rows]
 
 
-# A stage says first what it was called with (relight.stages.stage): lines with "# ", which are for the log alone.
+# The braces are a shell of its own, whose word about a command that the system killed is long and not needed (see the
+# logger). A stage says first what it was called with (relight.stages.stage): lines with "# ", which are for the log alone.
 LOGGED = " 2>&1; }} 2>/dev/null | tee {log:q} | sed -u '\\,^# ,d'"
 LOGGED_RUN = LOGGED + """ | sed -u s,^,{rule:q}" "{wildcards.run:q}": ","""
