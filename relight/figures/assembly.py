@@ -25,7 +25,7 @@ from relight.figures.outfits import Outfit
 from relight.figures.poses import Motion
 from relight.figures.surfaces import loop, normals, stacked, thickened
 from relight.figures.wear import Detail, Worn
-from relight.meshes import Material, Mesh
+from relight.meshes.mesh import Material, Mesh
 
 Paint = Material | Callable[[Outfit], Material]  # what depends on the outfit's colours is painted for each of them
 
@@ -33,8 +33,12 @@ Paint = Material | Callable[[Outfit], Material]  # what depends on the outfit's 
 class Builder:
     """Collects parts into one mesh record; vertices are shared inside a part only, so normals are smooth inside it."""
 
-    def __init__(self):
-        self.vertices, self.faces, self.uv, self.material, self.layers = [], [], [], [], []
+    def __init__(self) -> None:
+        self.vertices: list[np.ndarray] = []
+        self.faces: list[np.ndarray] = []
+        self.uv: list[np.ndarray] = []
+        self.material: list[np.ndarray] = []
+        self.layers: list[np.ndarray] = []
         self.materials: list[Paint] = []
         self.offset = 0
 
@@ -113,9 +117,9 @@ def assemble(
         keep, facing = np.ones(len(level.faces), bool), normals(positions, level.faces)
         for later in range(number + 1, len(cut)):
             outer, solid = flat[later]
-            over = cut[later].draped.positions
+            hanging = cut[later].draped.positions
             under = layers.covered(
-                level.held, positions, facing, outer.held, over, outer.faces, solid, 2 * rings, around
+                level.held, positions, facing, outer.held, hanging, outer.faces, solid, 2 * rings, around
             )
             keep &= ~under[level.faces].all(1)
             positions = layers.tucked_under(
@@ -281,25 +285,23 @@ def accessories(
             vertices, solid = found
             vertices = under_the_next(vertices, solid, cut, hung, shirt)
             uv = (vertices[:, :2] - vertices[:, :2].min(0)) / np.ptp(vertices[:, 1])
-            side = max(64, texture // 4)
-            builder.add(vertices, solid, uv[solid], lambda outfit: square("tie", outfit.tie, trims.TIE, side))
+            builder.add(vertices, solid, uv[solid], tie_paint(max(64, texture // 4)))
     waist = [k for k, w in enumerate(cut) if w.pattern.garment.kind == "trousers" or w.pattern.garment.belt is not None]
     if outfit.belt is not None and waist:
         w, level = cut[waist[-1]], cut[waist[-1]].pattern.levels[-1]
-        height = w.pattern.fields["y"]
-        if w.pattern.garment.kind == "trousers":
+        height, belt = w.pattern.fields["y"], w.pattern.garment.belt
+        if belt is None:
             around = np.abs(height - height.max() + 0.022) < 0.012
         else:
-            belted = patterns.landmarks(body)["waist"] + w.pattern.garment.belt
+            belted = patterns.landmarks(body)["waist"] + belt
             trunk = np.maximum(w.pattern.fields["onL"], w.pattern.fields["onR"]) < 0.1
             around = trunk & (np.abs(height - belted) < 0.014)
         ahead = way.transforms[-1][way.bones["root"]][:, :3] @ np.array([0.0, 0.0, 1.0])
         metal = Material(np.array([0.42, 0.40, 0.36], np.float32), name="buckle")
         faces = level.faces[~w.pattern.sleeve]
         parts = trims.belt(hung[waist[-1]], faces, hung[waist[-1]][around], ahead, 0.034) if around.sum() > 8 else []
-        for (vertices, solid), material in zip(
-            parts, (lambda outfit: square("belt", outfit.belt, 0.3, max(64, texture // 8)), metal)
-        ):
+        paints: tuple[Paint, Paint] = (belt_paint(max(64, texture // 8)), metal)
+        for (vertices, solid), material in zip(parts, paints):
             vertices = under_the_next(vertices, solid, cut, hung, waist[-1])
             uv = np.stack([vertices[:, 0] - vertices[:, 2], vertices[:, 1]], axis=1) % 1.0
             builder.add(vertices, solid, uv[solid], material)
@@ -325,6 +327,22 @@ def shoe_paint(part: str) -> Paint:
 
 def hat_paint(side: int) -> Paint:
     return lambda outfit: square("hat", outfit.hat, 0.6, side)
+
+
+def tie_paint(side: int) -> Paint:
+    def paint(outfit: Outfit) -> Material:
+        assert outfit.tie is not None  # all outfits of a figure are the same clothes
+        return square("tie", outfit.tie, trims.TIE, side)
+
+    return paint
+
+
+def belt_paint(side: int) -> Paint:
+    def paint(outfit: Outfit) -> Material:
+        assert outfit.belt is not None  # all outfits of a figure are the same clothes
+        return square("belt", outfit.belt, 0.3, side)
+
+    return paint
 
 
 def cord_paint(number: int) -> Paint:

@@ -92,6 +92,7 @@ def sample_person(rng: np.random.Generator) -> Person:
     female = float(np.clip(rng.choice([0.05, 0.95]) + rng.normal(0, 0.06), 0, 1))
     age = float(np.clip(20 + rng.gamma(2.0, 12.0), 20, 85))
     ancestry = rng.dirichlet([0.6, 0.6, 0.6])
+    african, asian, caucasian = ancestry.tolist()
     face = {}
     for negative, positive, spread in FACE:
         weight = float(np.clip(rng.normal(0, spread), -0.9, 0.9))
@@ -108,7 +109,7 @@ def sample_person(rng: np.random.Generator) -> Person:
         height=float(np.clip(rng.normal(0.5, 0.16), 0.1, 0.9)),
         proportions=float(rng.uniform(0.35, 0.95)),
         bust=float(rng.uniform(0.25, 0.7)),
-        ancestry=tuple(float(share) for share in ancestry),
+        ancestry=(african, asian, caucasian),
         skin=float(np.clip(ancestry @ [0.16, 0.66, 0.8] + rng.normal(0, 0.09), 0.03, 0.97)),
         face=face,
     )

@@ -122,17 +122,17 @@ def way_over(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Ways over a surface: from points (m,3) in directions (m,3), so many metres (m,) far. Points and unit normals
     (STEPS + 1,m,3)."""
-    points, out = start, ([], [])
+    points, places, facing = start, [], []
     for _ in range(STEPS + 1):
         face, distance, normal = sided(points, surface, 0.06)
         points = points - np.where(face >= 0, distance, 0)[:, None] * normal
-        for part, values in zip(out, (points, normal)):
-            part.append(values)
+        places.append(points)
+        facing.append(normal)
         heading = heading - (heading * normal).sum(1, keepdims=True) * normal
         heading /= np.maximum(np.linalg.norm(heading, axis=1, keepdims=True), 1e-9)
         heading = evened(heading, 2, False)
         points = points + heading * (length / STEPS)[:, None]
-    return np.stack(out[0]), np.stack(out[1])
+    return np.stack(places), np.stack(facing)
 
 
 def laid(
@@ -163,7 +163,7 @@ def laid(
         points, out = way_over(surface, start, heading, length)
         out = np.stack([evened(row, WAYS, False) for row in out])
         turn = np.arange(len(ring)) / 7.0
-        shape = HOOD
+        shape: tuple[tuple[float, float], ...] = HOOD
     else:
         below = np.clip(-(away @ up), 0, LAPEL)
         collar = np.clip(1 - below / 0.06, 0, 1)

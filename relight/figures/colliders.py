@@ -64,7 +64,7 @@ class Collider:
     looked for on `before`, where cloth still is: limbs move further in a frame than they are thick."""
 
     def __init__(self, before: np.ndarray, after: np.ndarray, faces: np.ndarray):
-        self.corner = wp.array(faces.astype(np.int32).ravel(), dtype=int)
+        self.corner: wp.array = wp.array(faces.astype(np.int32).ravel(), dtype=int)
         self.before, self.after = vectors(before), vectors(after)
         self.normal = vectors(normals(after, faces))
         self.mesh = wp.Mesh(points=self.before, indices=self.corner)

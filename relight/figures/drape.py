@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from itertools import count, pairwise
 
 import numpy as np
+import scipy.sparse as sparse
 import warp as wp
 
 from relight.figures.colliders import Collider, vectors
@@ -106,9 +107,9 @@ class Sheet:
             order = np.argsort(color, kind="stable")
             pairs, gain, length = pairs[order], gain[order], length[order]
             self.bounds = [0, *np.cumsum(np.bincount(color)).tolist()]
-        self.pair = wp.array(pairs.astype(np.int32), dtype=wp.vec2i)
-        self.rest = wp.array((length * (1 + cloth.crumple)).astype(np.float32), dtype=float)
-        self.gain = wp.array(gain.astype(np.float32), dtype=float)
+        self.pair: wp.array = wp.array(pairs.astype(np.int32), dtype=wp.vec2i)
+        self.rest: wp.array = wp.array((length * (1 + cloth.crumple)).astype(np.float32), dtype=float)
+        self.gain: wp.array = wp.array(gain.astype(np.float32), dtype=float)
         self.pattern = vectors(pattern)
         self.x, self.p, self.y, self.v = vectors(pattern), vectors(pattern), vectors(pattern), vectors(pattern * 0)
         self.face = wp.zeros(self.n, dtype=int)
@@ -165,8 +166,10 @@ class Sheet:
 
         Those held fully end exactly at their goals: folds below must not drag a waistband down.
         """
-        index, to = wp.array(held.astype(np.int32), dtype=int), vectors(goal)
-        pull, keep = (wp.array(share.astype(np.float32), dtype=float) for share in (gain, gain > 0.99))
+        index: wp.array = wp.array(held.astype(np.int32), dtype=int)
+        pull: wp.array = wp.array(gain.astype(np.float32), dtype=float)
+        keep: wp.array = wp.array((gain > 0.99).astype(np.float32), dtype=float)
+        to = vectors(goal)
         wp.launch(pin, dim=len(held), inputs=[self.x, index, pull, to])
         contact = [self.face, self.at, below.corner, below.before, below.after, below.normal]
         wp.launch(
@@ -188,6 +191,11 @@ class Level:
     pinned: np.ndarray
     weights: np.ndarray
     faces: np.ndarray
+
+    def mapped(self, matrix: sparse.csr_matrix, faces: np.ndarray) -> "Level":
+        """The level with other faces, whose vertices (m) are mixed from these by a matrix (m,n)."""
+        start, held, pinned = matrix @ self.start, matrix @ self.held, matrix @ self.pinned
+        return Level(matrix @ self.pattern, start, held, pinned, matrix @ self.weights, faces)
 
 
 @dataclass(frozen=True)
@@ -215,7 +223,7 @@ def mended(x: np.ndarray, faces: np.ndarray, edge: np.ndarray, strain: np.ndarra
 
 def drape(
     levels: list[Level],
-    refine: list,
+    refine: list[sparse.csr_matrix],
     cloth: Cloth,
     efforts: list[Effort],
     below: Callable[[int, bool], tuple[np.ndarray, np.ndarray]],
@@ -238,9 +246,9 @@ def drape(
         if number == 0:
             history.append(sheet.positions())
         fine = number > 0
-        surface = None
+        surface: Collider | None = None
         for step, now in enumerate(moving + [frames] * effort.settle):
-            if step < len(moving) or step == len(moving):
+            if surface is None or step <= len(moving):
                 last = now - 1 if step < len(moving) else now
                 before, faces = below(last, fine)
                 surface = Collider(before, below(now, fine)[0] if last != now else before, faces)

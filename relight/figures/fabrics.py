@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+Color = tuple[float, float, float]  # linear albedo of red, green and blue
+
 # linear albedo: neutrals are worn more often than colours
 NEUTRALS = {
     "white": (0.78, 0.77, 0.74),
@@ -68,10 +70,16 @@ class Fabric:
     factor; seed: of what is irregular in it."""
 
     kind: str
-    first: tuple[float, float, float]
-    second: tuple[float, float, float]
+    first: Color
+    second: Color
     size: float
     seed: int
+
+
+def as_color(values: np.ndarray) -> Color:
+    """The three numbers of an array (3,)."""
+    red, green, blue = values.tolist()
+    return red, green, blue
 
 
 def sample_fabric(rng: np.random.Generator, kinds: tuple[str, ...], muted: bool) -> Fabric:
@@ -89,8 +97,8 @@ def sample_fabric(rng: np.random.Generator, kinds: tuple[str, ...], muted: bool)
     first = np.clip(first * np.exp(rng.normal(0, 0.12, 3) * [1, 0.6, 0.8] + rng.normal(0, 0.1)), 0.012, 0.82)
     return Fabric(
         kind,
-        tuple(map(float, first)),
-        tuple(map(float, second)),
+        as_color(first),
+        as_color(second),
         float(np.exp(rng.normal(0, 0.3))),
         int(rng.integers(2**31)),
     )

@@ -45,11 +45,11 @@ def brows(body: Body, motion: Motion, seed: int, fine: bool) -> Strip:
 
 def lashes(body: Body, motion: Motion, seed: int, fine: bool) -> Strip:
     """Lashes between the lids' edges and the tips of MakeHuman's helpers, bent upward (the lower ones downward)."""
-    weights, parts = makehuman.rig().weights, []
+    weights = makehuman.rig().weights
+    parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     share = 0.75 + 0.25 * body.person.female
-    for number, ((lid, tip), count) in enumerate(((UPPER, 46), (LOWER, 26)) * 2):
-        shift = MIRRORED * (number // 2)
-        lid, tip = np.array(lid) + shift, np.array(tip) + shift
+    for number, (line, count) in enumerate(((UPPER, 46), (LOWER, 26)) * 2):
+        lid, tip = np.array(line) + MIRRORED * (number // 2)
         pick = randoms(count if fine else count // 2, seed + 80 + number)
         x = np.linspace(0, len(lid) - 1.001, len(pick))
         i, t = x.astype(int), (x - x.astype(int))[:, None]
@@ -63,7 +63,8 @@ def lashes(body: Body, motion: Motion, seed: int, fine: bool) -> Strip:
         points = motion.skin(np.repeat(weights[lid[i]], 5, axis=0), rest.reshape(-1, 3)).reshape(rest.shape)
         up = motion.transforms[-1, motion.bones["head"], :, 1]
         parts.append((points, np.broadcast_to(up, points.shape), pick))
-    return ribbons(0.0006 if fine else 0.001, *(np.concatenate(column) for column in zip(*parts)), 0.0)
+    points, normals, pick = (np.concatenate(column) for column in zip(*parts))
+    return ribbons(0.0006 if fine else 0.001, points, normals, pick, 0.0)
 
 
 def beard(

@@ -8,6 +8,7 @@ from scipy.spatial import ConvexHull
 
 from relight.figures import makehuman
 from relight.figures.body import Body
+from relight.figures.fabrics import Color
 from relight.figures.poses import Motion
 from relight.figures.surfaces import clip, compacted, loop, normals, smoothed, split, thickened
 
@@ -63,12 +64,13 @@ class Shell:
     heel: float
 
 
-def palette(shoe: Shoe, upper: tuple[float, ...], sole: tuple[float, ...]) -> dict[str, np.ndarray]:
+def palette(shoe: Shoe, upper: Color, sole: Color) -> dict[str, np.ndarray]:
     """Linear albedo (3,) float32 of each piece, from those of the upper and the sole: rubber caps on canvas."""
-    upper, sole = np.array(upper, np.float32), np.array(sole, np.float32)
+    cloth, rubber = np.array(upper, np.float32), np.array(sole, np.float32)
     canvas = "sneakers" in shoe.name
-    lace = sole if canvas and sole[0] > 0.3 else 0.35 * upper + np.float32(0.01)
-    return {"upper": upper, "sole": sole, "lace": lace, "cap": sole if shoe.name == "high sneakers" else 0.8 * upper}
+    lace = rubber if canvas and rubber[0] > 0.3 else 0.35 * cloth + np.float32(0.01)
+    cap = rubber if shoe.name == "high sneakers" else 0.8 * cloth
+    return {"upper": cloth, "sole": rubber, "lace": lace, "cap": cap}
 
 
 def build_shoes(body: Body, motion: Motion, shoe: Shoe) -> list[Part]:
@@ -196,18 +198,18 @@ def sole(
         rows.append(np.stack([ring[:, 0] + out[:, 0] * grow, y, ring[:, 1] + out[:, 1] * grow], axis=1))
     n, vertices = len(ring), np.concatenate(rows)
     j = np.arange(n)
-    faces = []
+    strips = []
     for k in range(len(rows) - 1):
         a, b = k * n + j, k * n + (j + 1) % n
-        faces += [np.stack([a, b, a + n], 1), np.stack([b, b + n, a + n], 1)]
+        strips += [np.stack([a, b, a + n], 1), np.stack([b, b + n, a + n], 1)]
     tip = [np.r_[centre[0], rows[r][:, 1].mean(), centre[1]][[0, 1, 2]] for r in (0, -1)]
     vertices = np.concatenate([vertices, tip])
     last = (len(rows) - 1) * n
-    faces += [
+    ends = [
         np.stack([(j + 1) % n, j, np.full(n, len(vertices) - 2)], 1),
         np.stack([last + j, last + (j + 1) % n, np.full(n, len(vertices) - 1)], 1),
     ]
-    faces = np.concatenate(faces)
+    faces = np.concatenate(strips + ends)
     volume = np.einsum("fi,fi->f", vertices[faces[:, 0]], np.cross(vertices[faces[:, 1]], vertices[faces[:, 2]])).sum()
     if volume < 0:
         faces = faces[:, ::-1]

@@ -154,8 +154,7 @@ def scalp_radius(head: Collider, centre: np.ndarray, direction: np.ndarray) -> n
         face, weights = head.nearest(centre + flat * radius[:, None], 0.2)
         nearest = np.einsum("nk,nkd->nd", weights, vertices[corner[face]])
         radius = 0.5 * radius + 0.5 * np.einsum("nd,nd->n", nearest - centre, flat)
-    radius = radius.reshape(direction.shape[:2])
-    return np.minimum(radius, 0.125)
+    return np.minimum(radius.reshape(direction.shape[:2]), 0.125)
 
 
 def hat_thickness(style: Style, direction: np.ndarray, s: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Warp kernels of the drape: prediction, lengths, contact with what lies below, self-contact, and rays."""
+"""Warp kernels of the drape: prediction, lengths, contact with what lies below, self-contact, rays, and crossings."""
 
 import warp as wp
 
@@ -158,3 +158,40 @@ def first_hit(
     if hit.result:
         face[i] = hit.face
         depth[i] = hit.t
+
+
+@wp.func
+def through(a0: wp.vec3, a1: wp.vec3, a2: wp.vec3, b0: wp.vec3, b1: wp.vec3, b2: wp.vec3) -> float:
+    """How far the triangle a reaches to both sides of the plane of b, metres; negative where it does not cross it."""
+    n = wp.normalize(wp.cross(b1 - b0, b2 - b0))
+    s0 = wp.dot(a0 - b0, n)
+    s1 = wp.dot(a1 - b0, n)
+    s2 = wp.dot(a2 - b0, n)
+    return wp.min(wp.max(s0, wp.max(s1, s2)), -wp.min(s0, wp.min(s1, s2)))
+
+
+@wp.kernel
+def find_crossing(
+    mesh: wp.uint64,
+    x: wp.array(dtype=wp.vec3),
+    corner: wp.array(dtype=int),
+    middle: wp.array(dtype=wp.vec3),
+    owner: wp.array(dtype=int),
+    deep: float,
+    apart: float,
+    crosses: wp.array(dtype=int),
+):
+    f = wp.tid()
+    a0 = x[corner[3 * f]]
+    a1 = x[corner[3 * f + 1]]
+    a2 = x[corner[3 * f + 2]]
+    query = wp.mesh_query_aabb(mesh, wp.min(a0, wp.min(a1, a2)), wp.max(a0, wp.max(a1, a2)))
+    g = wp.int32(0)
+    while wp.mesh_query_aabb_next(query, g):
+        if owner[f] != owner[g] or wp.length(middle[f] - middle[g]) > apart:
+            b0 = x[corner[3 * g]]
+            b1 = x[corner[3 * g + 1]]
+            b2 = x[corner[3 * g + 2]]
+            if through(a0, a1, a2, b0, b1, b2) > deep and through(b0, b1, b2, a0, a1, a2) > deep:
+                if wp.intersect_tri_tri(a0, a1, a2, b0, b1, b2) != 0:
+                    crosses[f] = 1

@@ -44,7 +44,7 @@ def grown(
     rise = comb.above * np.sqrt(roots.rim * (2 - roots.rim))
     at = roots.points + (rise - np.minimum(0.002, 0.1 * length))[:, None] * roots.normals
     normal = roots.normals
-    points, normals = [at], [normal]
+    points, facings = [at], [normal]
     step = (length / steps)[:, None]
     for k in range(1, steps + 1):
         wander = np.stack([noise(roots.sides[:, c] * 9 + c, np.full(n, 0.7 * k), seed + c) for c in range(3)], -1) - 0.5
@@ -63,8 +63,8 @@ def grown(
         going = (ahead - at) / np.maximum(np.linalg.norm(ahead - at, axis=1, keepdims=True), 1e-9)
         at = at + step * going
         points.append(at)
-        normals.append(normal)
-    normals = np.stack(normals, 1)
+        facings.append(normal)
+    normals = np.stack(facings, 1)
     for _ in range(2):
         normals[:, 1:-1] = (normals[:, :-2] + 2 * normals[:, 1:-1] + normals[:, 2:]) / 4
     return np.stack(points, 1), normals

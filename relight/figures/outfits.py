@@ -7,7 +7,7 @@ import numpy as np
 
 from relight.figures import fabrics, wardrobe
 from relight.figures.body import Person
-from relight.figures.fabrics import Fabric
+from relight.figures.fabrics import Color, Fabric, as_color
 from relight.figures.footwear import SHOES, Shoe
 from relight.figures.garments import Garment
 from relight.figures.hair import STYLES, Style
@@ -23,14 +23,14 @@ class Outfit:
 
     garments: list[tuple[Garment, Fabric]]
     shoe: Shoe
-    upper: tuple[float, float, float]
-    sole: tuple[float, float, float]
+    upper: Color
+    sole: Color
     hair: Style
-    hair_color: tuple[float, float, float]
+    hair_color: Color
     hat: Fabric
     beard: float
     makeup: float
-    iris: tuple[float, float, float]
+    iris: Color
     tie: Fabric | None = None
     belt: Fabric | None = None
 
@@ -58,7 +58,16 @@ LEAST = 0.004  # metres of ease that no piece is cut below
 
 
 def tailored(rng: np.random.Generator, garment: Garment) -> Garment:
-    """One piece of a kind: closer or wider, longer or shorter, with its own neckline and its folds in another place."""
+    """A garment as one person owns it: a draw of its fit, lengths, neckline and the places of its folds.
+
+    Args:
+        rng: the source of chance.
+        garment: of the wardrobe, as its kind is usually cut.
+
+    Returns:
+        The garment with other numbers: its ease (metres between body and cloth, where above 4 mm) scaled by .5 to 1.8,
+        its sleeves, legs and drop longer or shorter, one of NECKS where its neckline is round.
+    """
     wide = float(np.exp(np.clip(rng.normal(-0.05, 0.32), -0.7, 0.6)))
     if garment.kind == "top":
         wide = min(wide, WIDEST / garment.torso[1])
@@ -93,7 +102,16 @@ def tailored(rng: np.random.Generator, garment: Garment) -> Garment:
 
 
 def over(outer: Garment, inner: Garment) -> Garment:
-    """An outer garment cut wide enough for what is worn under it."""
+    """An outer garment with at least so much ease that the inner one fits under it.
+
+    Args:
+        outer: a jacket, coat, cardigan or vest.
+        inner: the top that is worn under it.
+
+    Returns:
+        `outer` with ease (metres between body and cloth) of its trunk at least 8 mm more than that of `inner`, and of
+        its sleeves 6 mm more, where `inner` has sleeves.
+    """
     torso = tuple(max(o, i + 0.008) for o, i in zip(outer.torso, inner.torso))
     arm = outer.arm if inner.armhole else tuple(max(o, i + 0.006) for o, i in zip(outer.arm, inner.arm))
     return replace(outer, torso=torso, arm=arm)
@@ -194,10 +212,10 @@ def sample_outfit(rng: np.random.Generator, person: Person, styles: Collection[s
         odds = {"coat": 0.5, "closed coat": 0.5, "jacket": 0.3, "blazer": 0.25, "cardigan": 0.25}.get(worn[-1].name, 0)
         if rng.random() < odds and not any(g.name in ("shorts", "tank top") for g in worn):
             worn.append(SCARVES[int(rng.integers(len(SCARVES)))])
-    names = {g.name for g in worn}
-    ties = "shirt" in names and not woman and not names & {"scarf", "wrapped scarf", "shorts"}
-    tie = ties and rng.random() < (0.85 if names & {"blazer", "waistcoat"} else 0.3)
-    waisted = thin.tuck is not None and worn[1].kind == "trousers" and not names & {"leggings", "joggers"}
+    pieces = {g.name for g in worn}
+    ties = "shirt" in pieces and not woman and not pieces & {"scarf", "wrapped scarf", "shorts"}
+    tie = ties and rng.random() < (0.85 if pieces & {"blazer", "waistcoat"} else 0.3)
+    waisted = thin.tuck is not None and worn[1].kind == "trousers" and not pieces & {"leggings", "joggers"}
     belt = rng.random() < (0.6 if waisted else 0.35 if thin.seam is not None else 0.4 * (thin.name == "robe"))
     if belt and not waisted:
         worn[0] = replace(thin, belt=BELT if thin.seam is None else thin.seam + ABOVE_SEAM)
@@ -231,16 +249,13 @@ def sample_outfit(rng: np.random.Generator, person: Person, styles: Collection[s
 def in_other_fabrics(outfit: Outfit, rng: np.random.Generator) -> Outfit:
     """The same clothes, cut and worn alike, of other fabrics and in other colours."""
 
-    def anew(fabric: Fabric | None, kinds: tuple[str, ...], muted: bool) -> Fabric | None:
-        return fabrics.sample_fabric(rng, kinds, muted) if fabric is not None else None
-
     return replace(
         outfit,
         garments=[(g, fabrics.sample_fabric(rng, g.fabrics, is_muted(g))) for g, _ in outfit.garments],
         upper=shoe_color(rng, outfit.shoe),
-        hat=anew(outfit.hat, (outfit.hat.kind,), False),
-        tie=anew(outfit.tie, TIES, False),
-        belt=anew(outfit.belt, ("leather",), True),
+        hat=fabrics.sample_fabric(rng, (outfit.hat.kind,), False),
+        tie=None if outfit.tie is None else fabrics.sample_fabric(rng, TIES, False),
+        belt=None if outfit.belt is None else fabrics.sample_fabric(rng, ("leather",), True),
     )
 
 
@@ -249,7 +264,7 @@ def is_muted(garment: Garment) -> bool:
     return garment.kind == "trousers" or garment.name in {g.name for g in wardrobe.OUTER}
 
 
-def shoe_color(rng: np.random.Generator, shoe: Shoe) -> tuple[float, float, float]:
+def shoe_color(rng: np.random.Generator, shoe: Shoe) -> Color:
     return fabrics.sample_fabric(rng, ("leather",) if "sneaker" not in shoe.name else ("plain",), True).first
 
 
@@ -293,7 +308,7 @@ def hair_odds(woman: bool, person: Person, styles: Collection[str] = ()) -> np.n
     return weights / max(weights.sum(), np.finfo(float).tiny)
 
 
-def hair_color(rng: np.random.Generator, person: Person) -> tuple[float, float, float]:
+def hair_color(rng: np.random.Generator, person: Person) -> Color:
     if rng.random() < np.clip((person.age - 42) / 35, 0, 0.9):
         name = "white" if rng.random() < (person.age - 50) / 40 else "grey"
     elif person.skin > 0.72 and person.ancestry[2] > 0.4:
@@ -305,4 +320,4 @@ def hair_color(rng: np.random.Generator, person: Person) -> tuple[float, float, 
         )
     else:
         name = str(rng.choice(["black", "dark brown", "brown"], p=[0.6, 0.32, 0.08]))
-    return tuple(float(c) for c in np.array(HAIR[name]) * np.exp(rng.normal(0, 0.12)))
+    return as_color(np.array(HAIR[name]) * np.exp(rng.normal(0, 0.12)))

@@ -1,5 +1,6 @@
 """Flat panels: a garment's cloth coordinates (metres, straight grain as a tailor cuts it) and their texture atlas."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,16 +13,20 @@ GUTTER = 2  # pixels between panels and around them
 CODES = (255 * encode(np.arange(65536) / 65535) + 0.5).astype(np.uint8)
 
 
+Box = tuple[float, float, int, int, int, int]  # of a panel: metres (u0, v0) of its corner; column, row, columns, rows
+Painter = Callable[[str, np.ndarray, np.ndarray, tuple[slice, slice]], np.ndarray]  # see `draw`
+
+
 @dataclass(frozen=True)
 class Panels:
     """panel (F,) names of each face by number; cloth (F,3,2) metres across and along; uv (F,3,2) in the atlas; boxes:
-    panel number -> (u0, v0, column, row) of its rectangle; scale: pixels per metre; side: pixels of the atlas."""
+    the rectangle of each panel by number; scale: pixels per metre; side: pixels of the atlas."""
 
     names: list[str]
     panel: np.ndarray
     cloth: np.ndarray
     uv: np.ndarray
-    boxes: dict[int, tuple[float, float, int, int, int, int]]
+    boxes: dict[int, Box]
     scale: float
     side: int
 
@@ -109,14 +114,15 @@ def lay_out(names: list[str], panel: np.ndarray, cloth: np.ndarray, side: int) -
     span = {k: cloth[panel == k].reshape(-1, 2).max(0) - low[k] for k in used}
     order = sorted(used, key=lambda k: (-span[k][1], k))
 
-    def place(scale: float) -> dict | None:
+    def place(scale: float) -> dict[int, Box]:
+        """The rectangles at a scale; none where they do not fit."""
         boxes, x, y, row = {}, 0, 0, 0
         for k in order:
             w, h = (int(np.ceil(s * scale)) + 2 * GUTTER for s in span[k])
             if x + w > side:
                 x, y, row = 0, y + row, 0
             if w > side or y + h > side:
-                return None
+                return {}
             boxes[k] = (float(low[k][0]), float(low[k][1]), x, y, w, h)
             x, row = x + w, max(row, h)
         return boxes
@@ -134,7 +140,7 @@ def lay_out(names: list[str], panel: np.ndarray, cloth: np.ndarray, side: int) -
     return Panels(names, panel, cloth, uv, boxes, small, side)
 
 
-def draw(panels: Panels, paint) -> np.ndarray:
+def draw(panels: Panels, paint: Painter) -> np.ndarray:
     """The atlas: paint(name, u (h,w), v (h,w), place) -> (h,w,3) linear albedo, for each panel, which takes up `place`
     (two slices, rows from the bottom up) of it. (side,side,3) uint8 sRGB."""
     image = np.full((panels.side, panels.side, 3), 128, np.uint8)

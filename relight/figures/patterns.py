@@ -256,38 +256,35 @@ def build_pattern(body: Body, garment: Garment, levels: int) -> Pattern:
     start = hanging + longer + outward * np.minimum(ease, 0.006)[:, None]
     pattern = hanging + longer + outward * ease[:, None]
     f["tube"] = np.zeros(len(points))
-    pinned = pins(body, garment, f, at)
+    level = Level(pattern, start, held, pins(body, garment, f, at), weights, faces)
     if garment.drop:
-        parts = (pattern, start, held, pinned, weights)
         if garment.gather:  # gathers are finer than the suit
-            more, faces, parent = doubled(faces, len(points), lowest(faces, f["y"])[0])
-            parts, sleeve = tuple(more @ part for part in parts), sleeve[parent]
+            more, doubled_faces, parent = doubled(faces, len(points), lowest(faces, f["y"])[0])
+            level, sleeve = level.mapped(more, doubled_faces), sleeve[parent]
             f = {name: more @ values for name, values in f.items()}
-        (pattern, start, held, pinned, weights), faces, f = dropped(garment, parts, faces, f, hull)
+        level, f = dropped(garment, level, f, hull)
     sewn = f["tube"] == 0
-    start[sewn] += 0.7 * (pattern - start)[sewn]
-    sleeve = np.r_[sleeve, np.zeros(len(faces) - len(sleeve), bool)]
-    return refined(garment, (pattern, start, held, pinned, weights), faces, f, at["crotch"], sleeve, levels)
+    level.start[sewn] += 0.7 * (level.pattern - level.start)[sewn]
+    sleeve = np.r_[sleeve, np.zeros(len(level.faces) - len(sleeve), bool)]
+    return refined(garment, level, f, at["crotch"], sleeve, levels)
 
 
 def refined(
     garment: Garment,
-    parts: tuple[np.ndarray, ...],
-    faces: np.ndarray,
+    coarsest: Level,
     f: dict[str, np.ndarray],
     crotch: float,
     sleeve: np.ndarray,
     levels: int,
 ) -> Pattern:
-    """The coarsest level, whose `parts` are pattern, start, held, pinned and weights, refined `levels` times."""
-    out, refine = [Level(*parts, faces)], []
+    """The pattern of the coarsest level, refined `levels` times. f, crotch, sleeve: of that level, as of `Pattern`."""
+    out, refine = [coarsest], []
     for _ in range(levels):
         coarse = out[-1]
         up, finer = loop(coarse.faces, len(coarse.pattern))
         refine.append(up)
         sleeve = np.tile(sleeve, 4)
-        parts = (coarse.pattern, coarse.start, coarse.held, coarse.pinned, coarse.weights)
-        out.append(Level(*(up @ part for part in parts), finer))
+        out.append(coarse.mapped(up, finer))
         f = {name: up @ values for name, values in f.items()}
     return Pattern(garment, out, refine, f, crotch, sleeve)
 
@@ -364,7 +361,9 @@ def doubled(faces: np.ndarray, n: int, ring: np.ndarray) -> tuple[sparse.csr_mat
     on[ring] = True
     sides = rim(faces)
     hems = {tuple(side) for side in sides[on[sides].all(1)].tolist()}
-    out, parent, ends = [], [], []
+    out: list[list[int]] = []
+    parent: list[int] = []
+    ends: list[list[int]] = []
     for number, face in enumerate(faces.tolist()):
         turned = [face[k:] + face[:k] for k in range(3)]
         a, b, c = next((turn for turn in turned if tuple(turn[:2]) in hems), (-1, -1, -1))
@@ -384,14 +383,15 @@ def waves(garment: Garment, angle: np.ndarray) -> np.ndarray:
     return 0.5 + 0.5 * np.sin(garment.waves * angle + uneven + 4.1 * garment.turn)
 
 
-def dropped(garment: Garment, parts: tuple[np.ndarray, ...], faces: np.ndarray, f: dict, hull: Hull) -> tuple:
+def dropped(
+    garment: Garment, level: Level, f: dict[str, np.ndarray], hull: Hull
+) -> tuple[Level, dict[str, np.ndarray]]:
     """Continues the lowest border downward: skirts, coat tails, shirt tails. The drop hangs from the pelvis.
 
-    parts: pattern, start, held, pinned, weights. Returns them, faces and fields with the drop.
+    Returns the level and the fields with the drop.
     """
-    pattern, start, held, pinned, weights = parts
-    ring, closed = lowest(faces, f["y"])
-    top = pattern[ring].copy()
+    ring, closed = lowest(level.faces, f["y"])
+    top = level.pattern[ring].copy()
     flat = top[:, [0, 2]]
     centre = flat.mean(0)
     angle = np.arctan2(flat[:, 1] - centre[1], flat[:, 0] - centre[0])
@@ -405,7 +405,9 @@ def dropped(garment: Garment, parts: tuple[np.ndarray, ...], faces: np.ndarray, 
         unit = np.stack([np.cos(angle), np.sin(angle)], 1)
         round_ = centre + unit * np.maximum(full, np.linalg.norm(flat - centre, axis=1))[:, None]
     count = max(2, round(garment.drop / ROW))
-    rows, folded, wave = [], [], waves(garment, angle)
+    rows: list[np.ndarray] = []
+    folded: list[np.ndarray] = []
+    wave = waves(garment, angle)
 
     def length(outline: np.ndarray) -> float:
         return float(np.linalg.norm(np.roll(outline, -1, 0) - outline, axis=1)[: len(ring) - (not closed)].sum())
@@ -433,20 +435,21 @@ def dropped(garment: Garment, parts: tuple[np.ndarray, ...], faces: np.ndarray, 
             low, high = (low, middle) if length(fallen) > length(cut) else (middle, high)
         for out, row in ((rows, cut), (folded, fallen)):
             out.append(np.stack([row[:, 0], top[:, 1] - garment.drop * s, row[:, 1]], axis=1))
-    points, strip = extruded(ring, rows, len(pattern), closed)
+    points, strip = extruded(ring, rows, len(level.pattern), closed)
     hung = np.concatenate(folded)
     tube = np.repeat(np.arange(1, count + 1) / count, len(ring))
-    root = np.zeros(weights.shape[1])
+    root = np.zeros(level.weights.shape[1])
     root[0] = 1
     stiff = np.clip(4 * tube, 0, 1)[:, None]
-    more = np.tile(weights[ring], (count, 1)) * (1 - stiff) + root * stiff
+    more = np.tile(level.weights[ring], (count, 1)) * (1 - stiff) + root * stiff
     f = {name: np.r_[values, np.tile(values[ring], count)] for name, values in f.items()}
-    f["tube"][len(pattern) :] = tube
-    parts = (
-        np.concatenate([pattern, points]),
-        np.concatenate([start, hung]),
-        np.concatenate([held, hung]),
-        np.r_[pinned, np.zeros(len(points))],
-        np.concatenate([weights, more]),
+    f["tube"][len(level.pattern) :] = tube
+    whole = Level(
+        np.concatenate([level.pattern, points]),
+        np.concatenate([level.start, hung]),
+        np.concatenate([level.held, hung]),
+        np.r_[level.pinned, np.zeros(len(points))],
+        np.concatenate([level.weights, more]),
+        np.concatenate([level.faces, strip]),
     )
-    return parts, np.concatenate([faces, strip]), f
+    return whole, f

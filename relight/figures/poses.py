@@ -47,10 +47,12 @@ def arc(a: np.ndarray, b: np.ndarray) -> Rotation:
     return Rotation.from_rotvec(axis / sine * np.arctan2(sine, a @ b))
 
 
-def two_bones(root: np.ndarray, goal: np.ndarray, upper: float, lower: float, pole: np.ndarray) -> np.ndarray:
+def two_bones(
+    root: np.ndarray, goal: np.ndarray, upper: float | np.floating, lower: float | np.floating, pole: np.ndarray
+) -> np.ndarray:
     """Where the middle joint goes so that bones of the two lengths reach `goal`, bending toward `pole`."""
     span = goal - root
-    reach = min(np.linalg.norm(span), 0.998 * (upper + lower))
+    reach = np.minimum(np.linalg.norm(span), 0.998 * (upper + lower))
     axis = span / np.linalg.norm(span)
     along = (upper**2 - lower**2 + reach**2) / (2 * reach)
     side = pole - axis * (pole @ axis)

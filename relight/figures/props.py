@@ -167,10 +167,10 @@ def held(what: str, body: Body, way: Motion, side: str, worn: Surface, rng: np.r
     material = Material(colour(rng), name="bag")
     s = np.linspace(-1, 1, 25)[:, None]
     straps = []
-    for face in (1, -1):
-        foot = x.mean(0) + away * outward + face * 0.033 * outward + [0, high - 0.02, 0]
+    for sign in (1, -1):
+        foot = x.mean(0) + away * outward + sign * 0.033 * outward + [0, high - 0.02, 0]
         line = foot + 0.55 * wide * s * turn[:, 0]
-        rise = (1 - s**4) * (grip + 0.006 * face * outward - foot)
+        rise = (1 - s**4) * (grip + 0.006 * sign * outward - foot)
         straps.append(band(line + rise - 0.55 * wide * s * (1 - s**4) * 0.75 * turn[:, 0], outward, 0.004, 0.02))
     pieces = stacked([(x + away * outward, faces), *straps])
     return [Prop(*pieces, material)]

@@ -8,7 +8,7 @@ from scipy.ndimage import gaussian_filter1d
 from relight.figures.body import Body
 from relight.figures.collars import neck_of
 from relight.figures.colliders import Collider
-from relight.figures.drape import Cloth, Effort
+from relight.figures.drape import Cloth, Effort, Level
 from relight.figures.garments import Garment
 from relight.figures.patterns import Pattern, refined
 from relight.figures.poses import Motion
@@ -118,12 +118,5 @@ def build_scarf(body: Body, way: Motion, garment: Garment, surface: Collider, le
     start = start.reshape(-1, 3)
     fields = {"tube": np.ones(len(flat))}
     nothing = np.zeros(len(flat))
-    return refined(
-        garment,
-        (flat, start, start, nothing, np.zeros((len(flat), 1))),
-        faces,
-        fields,
-        0.0,
-        np.zeros(len(faces), bool),
-        levels,
-    )
+    coarsest = Level(flat, start, start, nothing, np.zeros((len(flat), 1)), faces)
+    return refined(garment, coarsest, fields, 0.0, np.zeros(len(faces), bool), levels)

@@ -59,13 +59,13 @@ def texels(side: int) -> np.ndarray:
         group = np.flatnonzero((width == size) & (np.abs(area) > 1e-9))
         j, i = np.meshgrid(np.arange(size), np.arange(size))
         x, y = low[group, 0, None, None] + j, low[group, 1, None, None] + i
-        w = []
+        shares = []
         for p, q in ((b, c), (c, a), (a, b)):
             p, q = p[group][:, :, None, None], q[group][:, :, None, None]
-            w.append(
+            shares.append(
                 ((q[:, 0] - p[:, 0]) * (y - p[:, 1]) - (q[:, 1] - p[:, 1]) * (x - p[:, 0])) / area[group, None, None]
             )
-        w = np.stack(w, -1)
+        w = np.stack(shares, -1)
         inside = (w > -0.25).all(-1) & (x >= 0) & (y >= 0) & (x < side) & (y < side)
         out[side - 1 - y[inside], x[inside]] = np.einsum("gijk,gkd->gijd", w, corner[group])[inside]
     return out

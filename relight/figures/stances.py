@@ -2,8 +2,11 @@
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
+from typing import TypedDict
 
 import numpy as np
+
+Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -21,11 +24,11 @@ class Hand:
         holds: what is in it: "" | phone | cup | bag.
     """
 
-    wrist: tuple[float, float, float]
-    elbow: tuple[float, float, float] = (0.6, -0.2, -1.0)
+    wrist: Triple
+    elbow: Triple = (0.6, -0.2, -1.0)
     palm: float = 0.0
-    along: tuple[float, float, float] | None = None
-    facing: tuple[float, float, float] = (-1.0, 0.0, 0.0)
+    along: Triple | None = None
+    facing: Triple = (-1.0, 0.0, 0.0)
     curl: float = 17.0
     rests: bool = False
     holds: str = ""
@@ -36,9 +39,17 @@ class Foot:
     """Where an ankle goes from its rest place, in leg lengths (outward, up, forward), and the foot's turn outward
     and its pitch (toes down), degrees."""
 
-    step: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    step: Triple = (0.0, 0.0, 0.0)
     turn: float = 8.0
     pitch: float = 0.0
+
+
+class Trunk(TypedDict):
+    """What stances with the same trunk share; see `Pose`."""
+
+    spine: Triple
+    hips: Triple
+    shift: Triple
 
 
 @dataclass(frozen=True)
@@ -61,10 +72,10 @@ class Pose:
     left: Hand
     right: Hand
     feet: tuple[Foot, Foot] = (Foot(), Foot())
-    spine: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    hips: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    head: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    spine: Triple = (0.0, 0.0, 0.0)
+    hips: Triple = (0.0, 0.0, 0.0)
+    head: Triple = (0.0, 0.0, 0.0)
+    shift: Triple = (0.0, 0.0, 0.0)
     sitting: bool = False
     turn: float = 0.0
 
@@ -120,9 +131,9 @@ STEP = (Foot((0.02, 0, 0.12)), Foot((0.0, 0, -0.02), 14))
 STRIDE = (Foot((-0.03, 0.0, 0.26), 4, -8), Foot((-0.03, 0.06, -0.26), 4, 28))
 BACK_STRIDE = (Foot((-0.02, 0.05, -0.2), 6, 24), Foot((-0.02, 0.0, 0.2), 6))
 SEATED = (Foot((0.0, 0, 0.44), 6), Foot((0.0, 0, 0.44), 6))
-ON_RIGHT = {"spine": (1, 6, -4), "hips": (0, -4, 5), "shift": (-0.03, -0.012, 0)}  # the weight on the right leg
-ON_LEFT = {"spine": (0, -4, 4), "hips": (0, 3, -5), "shift": (0.03, -0.012, 0)}
-WALKING = {"spine": (3, 6, 0), "hips": (0, -8, 0), "shift": (0, -0.035, 0.0)}
+ON_RIGHT: Trunk = {"spine": (1, 6, -4), "hips": (0, -4, 5), "shift": (-0.03, -0.012, 0)}  # the weight on the right leg
+ON_LEFT: Trunk = {"spine": (0, -4, 4), "hips": (0, 3, -5), "shift": (0.03, -0.012, 0)}
+WALKING: Trunk = {"spine": (3, 6, 0), "hips": (0, -8, 0), "shift": (0, -0.035, 0.0)}
 
 STANDING = (
     Pose("relaxed", DOWN_LOOSE, DOWN_LOOSE),
@@ -262,15 +273,19 @@ def varied(pose: Pose, rng: np.random.Generator) -> Pose:
     """The pose as another person would take it: mirrored half of the time, a little different, with the feet closer
     half of the time where it stands level, and some turned as a whole."""
 
-    def near(values: tuple, spread: float) -> tuple:
-        return tuple(float(v) for v in np.array(values) + rng.normal(0, spread, 3))
+    def near(values: Triple, spread: float) -> Triple:
+        x, y, z = np.array(values) + rng.normal(0, spread, 3)
+        return float(x), float(y), float(z)
+
+    def mirrored(angles: Triple) -> Triple:
+        return angles[0], -angles[1], -angles[2]
 
     if rng.random() < 0.5:
-        flip = np.array([1, -1, -1])
+        across, up, ahead = pose.shift
         pose = replace(
-            pose, left=pose.right, right=pose.left, feet=pose.feet[::-1],
-            spine=tuple(pose.spine * flip), hips=tuple(pose.hips * flip), head=tuple(pose.head * flip),
-            shift=tuple(pose.shift * np.array([-1, 1, 1])),
+            pose, left=pose.right, right=pose.left, feet=(pose.feet[1], pose.feet[0]),
+            spine=mirrored(pose.spine), hips=mirrored(pose.hips), head=mirrored(pose.head),
+            shift=(-float(across), up, ahead),
         )  # fmt: skip
     left, right = (replace(hand, wrist=near(hand.wrist, 0.015)) for hand in (pose.left, pose.right))
     pose = replace(
@@ -278,7 +293,8 @@ def varied(pose: Pose, rng: np.random.Generator) -> Pose:
     )
     closer, turn = float(rng.uniform(*CLOSER)), float(rng.normal(0, TURN))
     if rng.random() < 0.5 and not pose.sitting and all(foot.step[0] <= 0.07 and not foot.step[1] for foot in pose.feet):
-        pose = replace(
-            pose, feet=tuple(replace(foot, step=(foot.step[0] - closer, *foot.step[1:])) for foot in pose.feet)
+        left_foot, right_foot = (
+            replace(foot, step=(foot.step[0] - closer, foot.step[1], foot.step[2])) for foot in pose.feet
         )
+        pose = replace(pose, feet=(left_foot, right_foot))
     return replace(pose, turn=turn if rng.random() < TURNED else 0.0)

@@ -118,7 +118,7 @@ def loop(faces: np.ndarray, n: int) -> tuple[sparse.csr_matrix, np.ndarray]:
     m, border = len(e), count == 1
     rows, columns, values = [], [], []
 
-    def add(row: np.ndarray, column: np.ndarray, value: np.ndarray) -> None:
+    def add(row: np.ndarray, column: np.ndarray, value: float | np.ndarray) -> None:
         rows.append(row)
         columns.append(column)
         values.append(np.broadcast_to(value, row.shape))

@@ -99,7 +99,7 @@ def crests(
             vertex = tree.query(place)[1]
             off = np.einsum("mx,mx->m", place - points[vertex], normal[vertex])
             place = place - off[:, None] * normal[vertex]
-    return tuple(map(np.concatenate, (places, nearest, lines, at)))
+    return np.concatenate(places), np.concatenate(nearest), np.concatenate(lines), np.concatenate(at)
 
 
 def ridges(
@@ -120,10 +120,10 @@ def ridges(
     times = int(np.ceil(6 * (0.0062 / mean) ** 2))  # over the same centimetre at every level
     flat, hung = (averaged(points, around, times) for points in (pattern, x))
     normal = normals(pattern, faces)
-    tensor = stretch(flat, hung, faces).reshape(-1, 9)
+    rows = stretch(flat, hung, faces).reshape(-1, 9)
     for _ in range(3):
-        tensor = 0.4 * tensor + 0.6 * (around @ tensor)
-    tensor = tensor.reshape(-1, 3, 3)
+        rows = 0.4 * rows + 0.6 * (around @ rows)
+    tensor = rows.reshape(-1, 3, 3)
     for k in range(3):  # where nothing presses, what was folded and sat upon decides
         other = (k + 1) % 3
         skew = 0.015 * field(pattern, 0.08, seed + 3 + k)
