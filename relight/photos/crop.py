@@ -6,6 +6,7 @@ Both directions use the same real-valued square and pixel centres, so maps retur
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from PIL import Image
@@ -14,6 +15,7 @@ from scipy.ndimage import distance_transform_edt
 from relight.files import UserError
 
 MASK_THRESHOLD = 128  # coverage (of 255) from which a pixel counts as the person's
+BLOCK = 32  # lines that are resampled by one product of matrices
 
 
 @dataclass(frozen=True)
@@ -96,17 +98,20 @@ class Crop:
         first, last = rows or self.rows
         scale = self.size / self.side
         margin = self._margin(scale)
-        box = (self.columns[0] - self.left, first - self.top, self.columns[1] - self.left, last - self.top)
-        box = tuple(edge * scale + margin for edge in box)
-        shape = (self.columns[1] - self.columns[0], last - first)
         kind = Image.Resampling.BICUBIC if scale < 1 and cubic else Image.Resampling.BILINEAR
-        maps = maps if maps.ndim == 3 else maps[..., None]
-        size = (shape[1], shape[0]) if where is None else where.shape
-        out = np.empty((maps.shape[2], *size), np.float32)  # channel by channel, as it is filled and read
-        for channel in range(maps.shape[2]):
-            padded = np.pad(maps[..., channel].astype(np.float32), margin, mode="edge")
-            placed = np.asarray(Image.fromarray(padded).resize(shape, kind, box))
-            out[channel] = placed if where is None else placed.ravel()[where]
+        down, across = (
+            _resampling(self.size, margin, ((a - start) * scale, (b - start) * scale), b - a, kind)
+            for (a, b), start in (((first, last), self.top), (self.columns, self.left))
+        )
+        shape = (last - first, self.columns[1] - self.columns[0])
+        maps = (maps if maps.ndim == 3 else maps[..., None]).astype(np.float32, copy=False)
+        out = np.empty((maps.shape[2], *(shape if where is None else where.shape)), np.float32)  # as filled and read
+        wide, whole = np.empty((shape[1], self.size), np.float32), np.empty(shape, np.float32)
+        for channel, placed in enumerate(out):
+            _resample(across, maps[..., channel].T, wide)
+            _resample(down, wide.T, placed if where is None else whole)
+            if where is not None:
+                np.take(whole, where, out=placed)
         return out[0] if len(out) == 1 else np.moveaxis(out, 0, -1)
 
     def _margin(self, scale: float) -> int:
@@ -114,6 +119,40 @@ class Crop:
         low = min(self.rows[0] - self.top, self.columns[0] - self.left)
         high = max(self.rows[1] - self.top, self.columns[1] - self.left) - self.side
         return max(int(np.ceil(max(-low, high) * scale)), 0) + 2
+
+
+@lru_cache(maxsize=8)
+def _resampling(
+    size: int, margin: int, span: tuple[float, float], count: int, kind: Image.Resampling
+) -> list[tuple[slice, slice, np.ndarray]]:
+    """The weights by which Pillow resamples a line, for `_resample`: what it makes of unit vectors.
+
+    Args:
+        size: S, of the line.
+        margin: by how many copies of its ends the line is extended.
+        span: what is resampled, from 0 to S inside the line.
+        count: of the values in the result.
+        kind: of the interpolation.
+
+    Returns:
+        A band matrix (count,S) in blocks: their rows, their columns, and their weights.
+    """
+    units = np.pad(np.eye(size, dtype=np.float32), ((margin, margin), (0, 0)), mode="edge")
+    box = (0, span[0] + margin, size, span[1] + margin)
+    weights = np.asarray(Image.fromarray(units).resize((size, count), kind, box))
+    blocks = []
+    for first in range(0, count, BLOCK):
+        rows = slice(first, first + BLOCK)
+        used = np.flatnonzero(weights[rows].any(0))
+        columns = slice(int(used[0]), int(used[-1]) + 1)
+        blocks.append((rows, columns, np.ascontiguousarray(weights[rows, columns])))
+    return blocks
+
+
+def _resample(blocks: list[tuple[slice, slice, np.ndarray]], lines: np.ndarray, out: np.ndarray) -> None:
+    """Writes the product of a band matrix, from `_resampling`, and `lines` (S,N) to `out` (count,N)."""
+    for rows, columns, weights in blocks:
+        np.matmul(weights, lines[columns], out=out[rows])
 
 
 def crop_around(coverage: np.ndarray, size: int, padding: float = 0.05) -> Crop:

@@ -73,22 +73,24 @@ class Person:
         """The transport."""
         return fit_map(self.transport, self._grey_guide)
 
-    def detail(self, linear: np.ndarray, rows: tuple[int, int]) -> np.ndarray:
+    def detail(self, linear: np.ndarray, rows: tuple[int, int], where: np.ndarray) -> np.ndarray:
         """Returns the detail of the photo beyond the square's resolution, as `FittedMap.place` takes it.
 
         Where the person covers a pixel in part, the photo's value is not their own and there is no detail.
 
         Args:
-            linear: (h,w,3) values of the photo in `rows` and the crop's columns.
+            linear: (N,3) values of the photo.
             rows: half-open.
+            where: (N,) their flat indices into the crop's window of those rows.
 
         Returns:
-            (h,w,3) difference of square roots.
+            (N,3) difference of square roots, in Fortran order.
         """
-        solid = self.coverage[slice(*rows), slice(*self.crop.columns)].astype(np.float32)
-        solid = np.maximum(solid - OPAQUE, 0)[..., None] / (255 - OPAQUE)
+        solid = self.coverage[slice(*rows), slice(*self.crop.columns)].ravel().take(where).astype(np.float32)
+        solid = np.maximum(solid - OPAQUE, 0) / (255 - OPAQUE)
         guide = self._color_guide
-        return (square_root(linear) - self.crop.place(guide.fill_outside(guide.values), rows)) * solid
+        placed = self.crop.place(guide.fill_outside(guide.values), rows, where=where)
+        return (square_root(np.asfortranarray(linear)) - placed) * solid[:, None]
 
     @cached_property
     def chroma(self) -> np.ndarray:

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
+from scipy.ndimage import maximum_filter, uniform_filter1d
 
 from relight.photos.background import Background
 from relight.photos.color import CLIPPING, apply_gain, clipping_excess, roll_off, to_srgb8
@@ -34,7 +34,7 @@ class PersonPixels:
         linear: (N,3) the photo's values.
         alpha: (N,1) the person's share of them, in [0,1].
         foreground: (N,3) the person's own colour.
-        detail: (N,3), as `Person.detail`.
+        detail: (N,3), from `Person.detail`.
         excess: (N,3), as `color.clipping_excess`.
     """
 
@@ -170,15 +170,18 @@ def _person_pixels(person: Person, part: Layers) -> PersonPixels | None:
     where = np.flatnonzero(person.coverage[slice(*rows), first:last])
     down, right = np.divmod(where, last - first)
     index = down + rows[0] - part.top, right + first - part.left
-    linear, foreground = (np.asfortranarray(image[index]) for image in (part.linear, part.foreground))
-    window = part.foreground[rows[0] - part.top : rows[1] - part.top, first - part.left : last - part.left]
-    detail = np.asfortranarray(person.detail(window, rows)[down, right])
+    flat = np.ravel_multi_index(index, part.alpha.shape)  # faster to read by
+    linear, foreground = (
+        np.asfortranarray(image.reshape(-1, 3).take(flat, axis=0)) for image in (part.linear, part.foreground)
+    )
+    alpha = part.alpha.take(flat)[:, None]
+    detail = person.detail(foreground, rows, where)
     excess = np.zeros_like(foreground)
     clipped = (foreground > CLIPPING).any(-1)
     if clipped.any():
         chroma = person.crop.place(person.chroma, rows, cubic=False, where=where[clipped])
         excess[clipped] = clipping_excess(foreground[clipped], chroma)
-    return PersonPixels(person, rows, where, index, linear, part.alpha[index][:, None], foreground, detail, excess)
+    return PersonPixels(person, rows, where, index, linear, alpha, foreground, detail, excess)
 
 
 def compose(
@@ -248,16 +251,25 @@ def estimate_foreground(linear: np.ndarray, alpha: np.ndarray) -> np.ndarray:
         max(rows[0] - REACH, 0) : rows[-1] + 1 + REACH,
         max(columns[0] - REACH, 0) : columns[-1] + 1 + REACH,
     ]
-    image, a = linear[part], alpha[part][..., None]
-    front, behind = image, image
-    for radius in RADII:
-        mean_front = _box_mean(front * a, radius) / np.maximum(_box_mean(a, radius), 1e-4)
-        mean_behind = _box_mean(behind * (1 - a), radius) / np.maximum(_box_mean(1 - a, radius), 1e-4)
-        error = image - a * mean_front - (1 - a) * mean_behind
-        front = np.maximum(mean_front + a * error, 0)
-        behind = mean_behind
+    a, soft = alpha[part], soft[part]
+    wide, narrow = RADII
+    near = np.flatnonzero(maximum_filter(soft, 2 * narrow + 1))  # where the second pass looks at the first one's result
+    passes = [
+        (radius, where, a.take(where), _box_mean(a, radius).take(where))
+        for radius, where in ((wide, near), (narrow, np.flatnonzero(soft)))
+    ]
     out = linear.copy()
-    out[part] = np.where(soft[part][..., None], front, image)
+    for channel in range(3):
+        plane = np.ascontiguousarray(linear[part][..., channel])
+        front = behind = plane
+        for radius, where, covered, share in passes:
+            mean_front = _box_mean(front * a, radius).take(where) / np.maximum(share, 1e-4)
+            mean_behind = _box_mean(behind * (1 - a), radius).take(where) / np.maximum(1 - share, 1e-4)
+            error = plane.take(where) - covered * mean_front - (1 - covered) * mean_behind
+            front, behind = np.zeros_like(plane), np.zeros_like(plane)
+            front.put(where, np.maximum(mean_front + covered * error, 0))
+            behind.put(where, mean_behind)
+        np.copyto(out[part][..., channel], front, where=soft)
     return out
 
 

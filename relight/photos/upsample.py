@@ -96,14 +96,16 @@ class FittedMap:
             (h,w,C), or (N,C).
         """
 
-        def place(maps: np.ndarray, cubic: bool = False) -> np.ndarray:
-            placed = crop.place(maps, rows, cubic, where)
-            return placed if maps.shape[2] > 1 else placed[..., None]
-
-        values = place(self.base, cubic=True) + place(self.slope) * detail
-        if self.low is None:
-            return np.clip(values, 0, 1, out=values)
-        return np.clip(values, place(self.low), place(self.high), out=values)
+        out = []
+        for c in range(self.base.shape[2]):  # one channel at a time stays in the processor's cache
+            values = crop.place(self.base[..., c], rows, True, where)
+            values += crop.place(self.slope[..., c], rows, False, where) * detail[..., min(c, detail.shape[-1] - 1)]
+            if self.low is None:
+                low, high = 0, 1
+            else:
+                low, high = (crop.place(maps[..., c], rows, False, where) for maps in (self.low, self.high))
+            out.append(np.clip(values, low, high, out=values))
+        return np.moveaxis(np.stack(out), 0, -1)
 
 
 def fit_map(maps: np.ndarray, guide: Guide, textured: bool = False) -> FittedMap:

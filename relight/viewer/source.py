@@ -128,10 +128,10 @@ def photo_figure(relighter: "Relighter", pixels: np.ndarray, coverage: np.ndarra
     for person in people:
         place, window = person.crop, person.crop.window
         mine = person.coverage[window] > 0
-        detail = person.detail(LINEAR[pixels[window]], place.rows)
         where = np.flatnonzero(mine)
-        albedo[window][mine] = person.fitted_albedo.place(place, detail[mine], place.rows, where) ** 2
-        transport[window][mine] = person.fitted_transport.place(place, luma(detail[mine]), place.rows, where)
+        detail = person.detail(LINEAR[pixels[window][mine]], place.rows, where)
+        albedo[window][mine] = person.fitted_albedo.place(place, detail, place.rows, where) ** 2
+        transport[window][mine] = person.fitted_transport.place(place, luma(detail), place.rows, where)
     maps = Maps(
         mask=coverage > 0,
         coverage=coverage / np.float32(255),

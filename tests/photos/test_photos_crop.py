@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from relight.files import UserError
 from relight.photos.crop import Crop, crop_around, fill_outside
@@ -81,6 +82,23 @@ def test_strips_equal_the_whole():
         assert np.abs(f.place(maps, (a, b)) - whole[a - 13 : b - 13]).max() < 1e-5
 
 
+@pytest.mark.parametrize("cubic", [True, False])
+@pytest.mark.parametrize("side", [40.3, 333.3])
+def test_placing_is_pillows_resampling(side, cubic):
+    """Smaller and larger squares, in any pixels of it, as Pillow enlarges or averages the extended maps."""
+    maps = np.random.default_rng(3).random((64, 64, 3)).astype(np.float32)
+    f = Crop(top=10.7, left=20.2, side=side, rows=(5, int(side)), columns=(18, int(side) + 25), size=64)
+    scale, margin = 64 / side, 40
+    box = ((18 - 20.2) * scale, (5 - 10.7) * scale, (f.columns[1] - 20.2) * scale, (f.rows[1] - 10.7) * scale)
+    box = tuple(edge + margin for edge in box)
+    kind = Image.Resampling.BICUBIC if cubic and side > 64 else Image.Resampling.BILINEAR
+    padded = (Image.fromarray(np.pad(maps[..., c], margin, mode="edge")) for c in range(3))
+    slow = np.stack([np.asarray(each.resize(f.shape[::-1], kind, box)) for each in padded], -1)
+    where = np.flatnonzero(np.random.default_rng(4).random(f.shape) < 0.3)
+    assert np.abs(f.place(maps, cubic=cubic) - slow).max() < 2e-6
+    assert np.abs(f.place(maps, cubic=cubic, where=where) - slow.reshape(-1, 3)[where]).max() < 2e-6
+
+
 def test_huge_and_tiny():
     """An 8k figure and one of 20 pixels, at the photo's corner."""
     huge = np.zeros((8000, 8000), np.uint8)
@@ -98,8 +116,8 @@ def test_soft_edge_past_the_square_is_covered():
     coverage[60:140, 60:140] = np.maximum(coverage[60:140, 60:140], 40)
     f = crop_around(coverage, 64)
     assert f.rows == (60, 140)
-    maps = np.ones((64, 64), np.float32)
-    assert np.array_equal(f.place(maps), np.ones((80, 80), np.float32))
+    placed = f.place(np.ones((64, 64), np.float32))
+    assert placed.shape == (80, 80) and np.abs(placed - 1).max() < 1e-6
     coverage[0, 0] = 1  # a speck far away must not make the window grow without bound
     assert crop_around(coverage, 64).rows[0] >= 80 - 40
 
