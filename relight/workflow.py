@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import yaml
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import OmegaConf
 
 from relight import config as schema
 from relight.config import CONF, ROOT, Experiment, Track, check_name, composed, view
@@ -93,7 +93,7 @@ class Plan:
             )
         self.gpus = int(self.cfg.train.device == "cuda")  # what a training requests of a cluster
         self._by_row: dict[str, dict[str, Any]] = {}
-        self._by_training: dict[str, DictConfig] = {}
+        self._by_training: dict[str, dict[str, Any]] = {}
 
     def check(self) -> None:
         """Composes the settings of all rows, and reads the user's folders: errors are reported before anything runs.
@@ -203,6 +203,12 @@ class Plan:
         return "" if (one.figures, one.lights) == USUAL else f"{one.figures}-{one.lights}/"
 
     @cached_property
+    def shared(self) -> dict[str, Any]:
+        """`cfg` as plain values by group."""
+        tree: Any = OmegaConf.to_container(self.cfg)
+        return dict(tree)
+
+    @cached_property
     def scans(self) -> "dict[str, Scan]":
         """The user's meshes by name; empty when figures are generated."""
         if self.cfg.figures.source == "generated":
@@ -214,9 +220,11 @@ class Plan:
     @property
     def table(self) -> list[str]:
         """The table that picks and names scans, where the user's folder has one."""
+        if not self.scans:
+            return []
         from relight.meshes.scans import TABLE
 
-        table = Path(self.cfg.figures.folder or "") / TABLE
+        table = Path(self.cfg.figures.folder) / TABLE
         return [str(table)] if table.is_file() else []
 
     @cached_property
@@ -264,7 +272,7 @@ class Plan:
         """The experiments whose networks are shown side by side."""
         return [name for name, experiment in self.experiments.items() if experiment.table and experiment.plates]
 
-    def settings(self, training: str) -> DictConfig:
+    def settings(self, training: str) -> dict[str, Any]:
         """The settings of one training, the groups OWN; a `train.start` that names a row is that row's network.
 
         Raises:
@@ -275,7 +283,7 @@ class Plan:
             groups = self._row_settings(name.run)
             start = groups["train"]["start"]
             own = {"seed": name.seed, "start": self.network(f"{start}.s{name.seed}") if start in self.rows else start}
-            self._by_training[training] = OmegaConf.create({**groups, "train": {**groups["train"], **own}})
+            self._by_training[training] = {**groups, "train": {**groups["train"], **own}}
         return self._by_training[training]
 
     def _row_settings(self, row: str) -> dict[str, Any]:
@@ -283,7 +291,7 @@ class Plan:
         if row not in self._by_row:
             cfg = composed([*self.overrides, *self.rows[row]])
             for group in SHARED:
-                if any(cfg[group][key] != value for key, value in self.cfg[group].items() if (group, key) != KIND):
+                if any(cfg[group][key] != value for key, value in self.shared[group].items() if (group, key) != KIND):
                     raise UserError(
                         f"run {row} changes {group}, which all runs share: change it for all, under a new name"
                     )
@@ -310,9 +318,9 @@ class Plan:
 
         The trainings of `relight run -m` have an experiment of their own in MLflow, apart from those of the tables.
         """
-        settings: Any = OmegaConf.to_container(self.cfg)
+        runs = {row: list(words) for row, words in self.rows.items()}
+        settings = {**self.shared, "sweep": {**self.shared["sweep"], "runs": runs}}
         track = Track(**settings.pop("track"))
-        settings["sweep"]["runs"] = {row: list(words) for row, words in self.rows.items()}
         if self.is_sweep:
             track.experiment += " sweeps"
         rows = {row: [name for name, e in self.experiments.items() if row in e.rows] for row in self.rows}
@@ -334,12 +342,12 @@ class Plan:
 
     def start_network(self, training: str) -> list[str]:
         """The network of this workflow that a training starts from, if any."""
-        start = self.settings(training).train.start
+        start = self.settings(training)["train"]["start"]
         return [start] if start in map(self.network, self.trainings) else []
 
     def split_kind(self, experiment: str) -> str:
         """The split that an experiment's rows are scored on; rows of several splits must share their test figures."""
-        return self.settings(self.of_row(self.experiments[experiment].rows[0])[0]).split.kind
+        return self.settings(self.of_row(self.experiments[experiment].rows[0])[0])["split"]["kind"]
 
     def of_row(self, row: str) -> list[str]:
         """The trainings of a row, one per seed."""
@@ -402,12 +410,12 @@ class Plan:
         """
         stage, _, of = stage.partition(".")
         if stage == "split":
-            cfg = composed([*self.overrides, f"split.kind={of}"])
+            tree = {**self.shared, "split": {**self.shared["split"], "kind": of}}
         elif of and of not in self.trainings:
             raise UserError(f"no run {of}; there are {', '.join(self.trainings)}")
         else:
-            cfg = self.settings(of) if of else self.cfg
-        return HEAD + OmegaConf.to_yaml(OmegaConf.create(view(cfg, stage)))
+            tree = self.settings(of) if of else self.shared
+        return HEAD + OmegaConf.to_yaml(view(tree, stage))
 
     def experiments_json(self) -> str:
         """The experiments as JSON, for the report.
@@ -422,7 +430,8 @@ class Plan:
             if name in self.failed:
                 found[name] |= {"failed": self.failed[name]}
             elif one.table:
-                splits = {row: f"split/{self.settings(self.of_row(row)[0]).split.kind}.json" for row in one.rows}
+                kinds = {row: self.settings(self.of_row(row)[0])["split"]["kind"] for row in one.rows}
+                splits = {row: f"split/{kind}.json" for row, kind in kinds.items()}
                 found[name] |= {"scores": self.scores(name), "usual": self.scores(name, usual=True), "splits": splits}
         return json.dumps(found, indent=1)
 

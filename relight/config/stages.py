@@ -1,8 +1,7 @@
 """The part of the settings that each stage reads."""
 
+from collections.abc import Mapping
 from typing import Any
-
-from omegaconf import DictConfig, OmegaConf
 
 # The settings that each stage gets, groups or single ones. It gets no others, so a change of those cannot affect it.
 READS = {
@@ -45,21 +44,22 @@ WITHOUT_EFFECT = {
 }
 
 
-def view(cfg: DictConfig, stage: str) -> dict[str, Any]:
+def view(tree: Mapping[str, Any], stage: str) -> dict[str, Any]:
     """Returns the settings that a stage's outputs depend on: those of READS but WITHOUT_EFFECT.
 
     Args:
-        cfg: all settings.
+        tree: all settings, as plain values by group.
         stage: a name in READS.
-
-    Returns:
-        Plain values by group.
     """
-    part = OmegaConf.create()
+    part: dict[str, Any] = {}
     for key in READS[stage]:
-        OmegaConf.update(part, key, OmegaConf.select(cfg, key))
-    plain: Any = OmegaConf.to_container(part, resolve=True)
+        group, _, name = key.partition(".")
+        value = tree[group]
+        part[group] = {**part.get(group, {}), name: value[name]} if name else value
     for key in WITHOUT_EFFECT.get(stage, ()):
         group, _, name = key.partition(".")
-        plain[group].pop(name) if name else plain.pop(group)
-    return dict(plain)
+        if name:
+            part[group] = {other: value for other, value in part[group].items() if other != name}
+        else:
+            del part[group]
+    return part

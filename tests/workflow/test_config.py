@@ -176,10 +176,12 @@ def test_a_file_that_is_no_yaml_is_named_with_the_line(tmp_path):
 
 
 def test_view_hands_over_what_is_read():
-    cfg = composed(["train.lr=0.5"])
-    assert set(view(cfg, "bake")) == {"bake"}
-    assert view(cfg, "train")["train"]["lr"] == 0.5
-    assert "bootstrap" in view(cfg, "tables")["evaluate"] and "bootstrap" not in view(cfg, "evaluate")["evaluate"]
+    tree = OmegaConf.to_container(composed(["train.lr=0.5"]))
+    assert set(view(tree, "bake")) == {"bake"}
+    assert view(tree, "train")["train"]["lr"] == 0.5
+    assert view(tree, "lights")["bake"] == {"order": tree["bake"]["order"]}
+    assert "bootstrap" in view(tree, "tables")["evaluate"] and "bootstrap" not in view(tree, "evaluate")["evaluate"]
+    assert "bootstrap" in tree["evaluate"]  # which keeps all
 
 
 @pytest.mark.parametrize(

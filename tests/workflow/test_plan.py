@@ -34,6 +34,16 @@ def test_a_stage_gets_what_it_reads_and_nothing_else():
     assert set(settings) == {"defaults", "hydra", "bake"}
 
 
+def test_settings_of_a_split_are_those_that_name_it():
+    plan, named = (
+        Plan({"hydra": f"scale=smoke {word}"}) for word in ("split.least=0.3", "split.least=0.3 split.kind=paper")
+    )
+    assert (
+        plan.settings_file("split.paper") == named.settings_file("split.paper") != plan.settings_file("split.subject")
+    )
+    assert yaml.safe_load(plan.settings_file("split.paper"))["split"]["kind"] == "paper"
+
+
 PRESETS = sorted(path.stem for path in (CONF / "experiment").glob("*.yaml"))
 
 
@@ -259,3 +269,12 @@ def test_files_of_the_future_are_told(tmp_path, kind):
     os.utime(file, (time.time() + 3600,) * 2)
     with pytest.raises(UserError, match=f"{file.name} is dated in the future: correct this machine's clock"):
         plan.check()
+
+
+def test_a_table_of_scans_belongs_to_scans(tmp_path, monkeypatch):
+    """Where figures are generated, a scans.csv in the current folder concerns nobody."""
+    (tmp_path / "scans.csv").write_text("path\na.obj\n")
+    (tmp_path / "a.obj").write_text("")
+    monkeypatch.chdir(tmp_path)
+    assert Plan({"hydra": "scale=smoke"}).table == []
+    assert Plan({"hydra": ["figures=scans", f"figures.folder={tmp_path}"]}).table == [f"{tmp_path}/scans.csv"]

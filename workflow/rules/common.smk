@@ -101,7 +101,7 @@ def maps_of(names):
 
 def split_of(run):
     """The split that a run is trained and scored on."""
-    return f"{OUT}/split/{PLAN.settings(run).split.kind}.json"
+    return f"{OUT}/split/{PLAN.settings(run)['split']['kind']}.json"
 
 
 def condition(on):
