@@ -16,6 +16,7 @@ from relight.figures.drape import Crimp, Level
 from relight.figures.surfaces import neighbours, normals
 
 NEAR = 26  # vertices that a point of a crest may lift
+DENSE = 4  # times as many where vertices lie at least twice as dense as usual, as in what lined a cleft
 STEEP = 0.14  # most height of a crest per width
 TAPER = 1.4  # height of a crest's middle over that of an endless one which uses up as much length
 SCALES = (1.0, 1.9, 2.6)  # widths of the folds of each level, from fine to coarse, over the finest
@@ -46,6 +47,13 @@ def stretch(pattern: np.ndarray, x: np.ndarray, faces: np.ndarray) -> np.ndarray
         mean = np.bincount(faces.ravel(), weight * np.repeat(tensor[:, i, j], 3), len(pattern))
         out[:, i, j] = out[:, j, i] = mean / np.maximum(total, 1e-16)
     return out
+
+
+def areas(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Area (n,) around each vertex of a surface (n,3): a third of its faces', square metres."""
+    a, b, c = (points[faces[:, k]] for k in range(3))
+    third = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6
+    return np.bincount(faces.ravel(), np.repeat(third, 3), len(points))
 
 
 def principal(tensor: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -139,7 +147,9 @@ def ridges(
     rng = np.random.default_rng([seed, 5])
     longer = 1 + 1.2 * hang
     crowd = CROWD * np.clip(5 * crimp.often * room, 0, 1)  # on the area of one crest
-    chance = crowd * 0.87 * mean**2 / (crimp.width * crimp.length * longer)
+    area = areas(pattern, faces)
+    usual = float(np.median(area))  # sparser vertices carry no more crests
+    chance = crowd * np.minimum(area, usual) / (crimp.width * crimp.length * longer)
     start = np.flatnonzero(rng.random(len(x)) < chance)
     if not len(start):
         return np.zeros(len(x))
@@ -151,13 +161,15 @@ def ridges(
     place, vertex, line, at = crests(tree, normal, along, start, length, step)
     rise = tall[line] * wide[line] * np.minimum(TAPER * room[vertex] / np.pi, STEEP)  # A k = 2 sqrt(excess)
     rise *= np.cos(0.5 * np.pi * np.clip(at, -1, 1)) ** 0.8
-    _, near = tree.query(place, NEAR)
-    offset = pattern[near] - place[:, None]
-    s = np.einsum("kjx,kx->kj", offset, along[vertex]) / step
-    t = np.einsum("kjx,kx->kj", offset, across[vertex]) * (PROFILE / wide[line])[:, None]
-    facing = np.clip(np.einsum("kjx,kx->kj", normal[near], normal[vertex]) / 0.6, 0, 1)
-    lift = rise[:, None] * facing * (1 - t**2) * np.exp(-0.5 * t**2 - 0.5 * s**2) / np.sqrt(2 * np.pi)
-    height = np.bincount(near.ravel(), lift.ravel(), len(x))
+    height, dense = np.zeros(len(x)), area[vertex] < 0.5 * usual
+    for on, count in ((np.flatnonzero(~dense), NEAR), (np.flatnonzero(dense), DENSE * NEAR)):
+        _, near = tree.query(place[on], min(count, len(x)))
+        offset, middle = pattern[near] - place[on, None], vertex[on]
+        s = np.einsum("kjx,kx->kj", offset, along[middle]) / step
+        t = np.einsum("kjx,kx->kj", offset, across[middle]) * (PROFILE / wide[line[on]])[:, None]
+        facing = np.clip(np.einsum("kjx,kx->kj", normal[near], normal[middle]) / 0.6, 0, 1)
+        lift = rise[on, None] * facing * (1 - t**2) * np.exp(-0.5 * t**2 - 0.5 * s**2) / np.sqrt(2 * np.pi)
+        height += np.bincount(near.ravel(), lift.ravel(), len(x))
     return free * most * np.tanh(height / most)
 
 

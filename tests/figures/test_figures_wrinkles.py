@@ -14,11 +14,11 @@ from relight.figures.surfaces import normals
 CRIMP = Crimp(0.024, 0.0, 3.0, 0.08)
 
 
-def sheet(side=0.5, step=0.0062):
+def sheet(side=0.5, step=0.0062, columns=None):
     n = round(side / step) + 1
     a = np.linspace(-side / 2, side / 2, n)
-    x, y = np.meshgrid(a, a)
-    i = np.arange(n * n).reshape(n, n)
+    x, y = np.meshgrid(a if columns is None else columns, a)
+    i = np.arange(x.size).reshape(x.shape)
     p, q, r, s = i[:-1, :-1].ravel(), i[:-1, 1:].ravel(), i[1:, :-1].ravel(), i[1:, 1:].ravel()
     faces = np.concatenate([np.stack([p, q, r], 1), np.stack([q, s, r], 1)])
     return np.stack([x, y, 0 * x], -1).reshape(-1, 3), faces
@@ -55,6 +55,24 @@ def test_crests_run_across_the_compression_and_use_up_its_length():
     assert 0.6 < longer / (wrinkles.SHARES[0] * 0.1) < 1.3
     other = heights(flat * [0.9, 1.0, 1.0], seed=5)
     assert np.corrcoef(other.reshape(n, n)[10:-10, 10:-10].ravel(), h.ravel())[0, 1] < 0.3  # no two are the same
+
+
+def test_where_vertices_lie_denser_folds_are_no_more():
+    columns = np.concatenate(
+        [np.arange(-0.25, -0.03, 0.0062), np.arange(-0.03, 0.03, 0.0016), np.arange(0.03, 0.25, 0.0062)]
+    )
+    flat, faces = sheet(columns=columns)
+    level = Level(flat, flat, flat, np.zeros(len(flat)), np.zeros((len(flat), 1)), faces)
+    longer = []
+    for seed in range(3):
+        h = wrinkles.folds([level], [], flat * [1.0, 0.9, 1.0], CRIMP, np.zeros(len(flat)), seed)
+        steep = np.diff(h.reshape(-1, len(columns)), axis=0) / 0.0062
+        inside = np.abs(columns) < 0.025
+        outside = (np.abs(columns) > 0.05) & (np.abs(columns) < 0.2)
+        longer.append([(np.sqrt(0.81 + steep[10:-10, part] ** 2) - 0.9).mean() for part in (inside, outside)])
+    dense, usual = np.mean(longer, axis=0)
+    assert 0.75 < dense / usual < 1.35
+    assert 0.6 < usual / (wrinkles.SHARES[0] * 0.1) < 1.3
 
 
 def test_cloth_that_is_taut_or_held_has_no_folds():
