@@ -37,6 +37,7 @@ app.add_typer(benchmark, name="benchmark")
 
 @app.callback(invoke_without_command=True)
 def version(show: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
+    """Prints the version and ends, where `--version` is given."""
     if show:
         print(__version__)
         raise typer.Exit
@@ -46,6 +47,7 @@ class RunCommand(TyperCommand):
     """`relight run`, whose help also lists the settings."""
 
     def format_help(self, ctx: Any, formatter: Any) -> None:  # click's, which Typer bundles privately
+        """The help of `relight run`, with all settings and their values below."""
         from relight.config import composed
         from relight.config.help import overview
 

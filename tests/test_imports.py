@@ -1,4 +1,5 @@
-"""Packages: their entry points exist and cost nothing until they are used, and no module imports itself in a circle."""
+"""Packages: their entry points exist and cost nothing until they are used; no module imports itself in a circle, and no
+package one of a higher layer."""
 
 import ast
 import subprocess
@@ -56,3 +57,20 @@ def test_no_circular_imports():
         for name in leaves:
             del graph[name]
     assert not graph, f"modules in circles, or that import such: {sorted(graph)}"
+
+
+def test_packages_import_only_from_lower_layers():
+    """Also inside functions. The layers are those of CONTRIBUTING.md, whose every package exists."""
+    listed = (ROOT.parent / "CONTRIBUTING.md").read_text().partition("* **Layers**")[2].split("```")[1]
+    layer = {name: number for number, line in enumerate(listed.strip().splitlines()) for name in line.split()}
+    parts = {path.stem for path in ROOT.iterdir() if path.suffix == ".py" or (path / "__init__.py").is_file()}
+    assert layer.keys() == parts - {"__init__"}
+    upward = []
+    for path in ROOT.rglob("*.py"):
+        own = path.relative_to(ROOT).with_suffix("").parts[0]
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if own in layer else ():
+            if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "relight":
+                names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
+                used = {name.split(".")[1] for name in names if "." in name} & layer.keys() - {own}
+                upward += [f"{path.relative_to(ROOT)} imports {name}" for name in used if layer[name] >= layer[own]]
+    assert not upward

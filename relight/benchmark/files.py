@@ -41,12 +41,13 @@ class Entry:
 
     @property
     def variant(self) -> str:
+        """Name of what was changed in it, such as `mirror`; "" for the photograph itself."""
         return self.name.partition("+")[2]
 
     def shot(self) -> Shot:
         """The photograph with its mask and square. UserError when a file is missing or broken."""
-        pictures = [picture(self.folder / f"{name}.png") for name in ("photo", "mask")]
-        return Shot(*pictures, square_of(pictures[1], self.square, self.side))
+        photo, mask = (picture(self.folder / f"{name}.png") for name in ("photo", "mask"))
+        return Shot(photo, mask, square_of(mask, self.square, self.side))
 
     def panoramas(self) -> list[Path]:
         """The new lights."""
@@ -54,11 +55,13 @@ class Entry:
 
 
 def square_of(mask: np.ndarray, square: tuple[float, float, float], side: int) -> Crop:
+    """The square with this (top, left, side) in the photograph of a mask, to be sampled with `side` pixels."""
     top, left, length = square
     return replace(crop_around(mask, side), top=top, left=left, side=length)
 
 
 def picture(path: Path) -> np.ndarray:
+    """The pixels of a file of the set. UserError where it is missing or damaged."""
     try:
         return np.asarray(Image.open(existing_file(path, "benchmark")))
     except OSError:
@@ -82,6 +85,7 @@ class Set:
 
     @cached_property
     def entries(self) -> list[Entry]:
+        """The photographs of the set and their variants, in its order."""
         inputs = self.folder / "inputs"
         return [
             Entry(
@@ -126,10 +130,12 @@ def inside_of(entry: Entry) -> np.ndarray:
 
 
 def seen_of(arrays: Mapping[str, np.ndarray], inside: np.ndarray) -> Seen:
+    """An answer or a truth as float64; `inside` (S,S) is the figure."""
     return Seen(inside, **{name: arrays[name].astype(np.float64) for name in (*MAPS, "light") if name in arrays})
 
 
 def sha256(path: Path) -> str:
+    """The SHA-256 of a file, in hexadecimal."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
@@ -138,7 +144,7 @@ def write_arrays(path: Path, photo: str, arrays: Mapping[str, np.ndarray]) -> No
     kinds = {name: np.float16 for name in MAPS} | dict.fromkeys(PICTURES, np.uint8) | {"light": np.float32}
     with atomic_write(path) as tmp, open(tmp, "wb") as file:
         typed = {name: np.asarray(values).astype(kinds[name]) for name, values in arrays.items()}
-        np.savez_compressed(file, photo=np.array(photo), **typed)
+        np.savez_compressed(file, photo=np.array(photo), **typed)  # type: ignore[arg-type]  # none is allow_pickle
 
 
 def arrays_of(path: Path) -> dict[str, np.ndarray]:
@@ -163,7 +169,7 @@ def read_answer(folder: Path, entry: Entry) -> dict[str, np.ndarray]:
         raise UserError(
             f"{path} answers another picture: its `photo` must be the SHA-256 of {entry.folder / 'photo.png'}"
         )
-    shapes = {name: (entry.new, *entry.size, 3) for name in PICTURES if entry.new}
+    shapes: dict[str, tuple[int, ...]] = {name: (entry.new, *entry.size, 3) for name in PICTURES if entry.new}
     shapes |= {name: (entry.side, entry.side, channels) for name, channels in MAPS.items()} | {"light": (9, 3)}
     if not entry.new:  # relit pictures of variants are not asked for
         arrays = {name: values for name, values in arrays.items() if name not in PICTURES}

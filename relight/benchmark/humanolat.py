@@ -172,7 +172,8 @@ def schedule(lamps: int) -> tuple[list[int], list[int]]:
     >>> lit[:2], lit[18:20], lit[-1], bright[:3], bright[-1]
     ([15, 16], [33, 35], 361, [14, 34, 55], 349)
     """
-    lit, bright, number = [], [FIRST], FIRST + 1
+    lit: list[int] = []
+    bright, number = [FIRST], FIRST + 1
     while len(lit) < lamps:
         (bright if (number - FIRST) % CYCLE == CYCLE - 1 else lit).append(number)
         number += 1
@@ -298,7 +299,7 @@ def pinhole(intrinsic: np.ndarray, extrinsic: np.ndarray, size: tuple[int, int])
     scaled = intrinsic * size[1]
     rotation = np.diag([1.0, -1, -1]) @ extrinsic[:, :3]
     eye = -extrinsic[:, :3].T @ extrinsic[:, 3]
-    return Pinhole(tuple(size), scaled[[0, 1], [0, 1]], scaled[:2, 2], rotation, eye)
+    return Pinhole((size[0], size[1]), scaled[[0, 1], [0, 1]], scaled[:2, 2], rotation, eye)
 
 
 def lines_of(path: Path, what: str) -> list[tuple[int, str]]:

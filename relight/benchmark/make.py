@@ -64,6 +64,7 @@ def drawn(missing: list[Recipe], folder: Path, settings: Settings) -> Iterator[R
         for recipe in group:
             picture = draw(recipe, mesh, coats(seed, len(mesh.materials)), settings)
             info = {"name": recipe.name, "subject": mesh.info["subject"], "view": asdict(recipe.view)}
+            assert picture.maps is not None  # only photographs that were imported have none
             picture.maps.info = {**picture.maps.info, **info}
             save(folder, recipe.name, mesh.info["name"], asdict(recipe), picture)
             yield recipe

@@ -143,12 +143,14 @@ def invariances(seen: Mapping[str, Seen]) -> dict[str, float]:
     should go to the light. A light that is always the same passes too: read them beside the errors.
     """
     usual, found = seen[""], {}
-    if usual.light is not None:
-        moves = {name: distance(one.light, usual.light) for name, one in seen.items() if name != "mirror"}
+    lights = {name: one.light for name, one in seen.items() if one.light is not None}
+    shadings = {name: one.shading for name, one in seen.items() if one.shading is not None}
+    if "" in lights:
+        moves = {name: distance(light, lights[""]) for name, light in lights.items() if name != "mirror"}
         for pixels in (4, 8):
             found[f"shift_{pixels}"] = (moves[f"down_{pixels}"] + moves[f"right_{pixels}"]) / 2
         found |= {name: moves[name] for name in ("larger", "smaller", "fatter", "thinner", "knee", "waist")}
-        found["mirror_light"] = distance(seen["mirror"].light * MIRROR[:, None], usual.light)
+        found["mirror_light"] = distance(lights["mirror"] * MIRROR[:, None], lights[""])
     both = usual.mask & seen["mirror"].mask[:, ::-1]
     for name, signs in (("transport", MIRROR), ("albedo", 1.0)):
         if (here := getattr(usual, name)) is not None:
@@ -158,8 +160,8 @@ def invariances(seen: Mapping[str, Seen]) -> dict[str, float]:
         if (here := getattr(usual, name)) is not None:
             change = (getattr(seen["dark"], name) + 1e-3) / (here + 1e-3)
             found[f"dark_{name}"] = float(np.median(change[usual.mask]))
-    if usual.shading is not None:
-        warm, plain = (seen[name].shading[usual.mask].mean(0) for name in ("warm", "plain"))
+    if "" in shadings:
+        warm, plain = (shadings[name][usual.mask].mean(0) for name in ("warm", "plain"))
         tint = np.log(warm / plain)
         found["tint"] = float((tint[0] - tint[2]) / np.log(1.44))
     return found

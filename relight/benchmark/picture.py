@@ -110,6 +110,7 @@ def part(mask: np.ndarray, cut: float | None) -> tuple[slice, slice]:
 
 
 def cropped(maps: Maps, window: tuple[slice, slice]) -> Maps:
+    """The maps of a part (rows, columns) of the picture."""
     arrays = {name: value[window] for name, value in vars(maps).items() if isinstance(value, np.ndarray)}
     return Maps(**arrays, info=maps.info)
 
@@ -123,4 +124,4 @@ def on_square(maps: Maps, shading: np.ndarray, light: np.ndarray, box: Crop) -> 
     def mean(values: np.ndarray) -> np.ndarray:
         return box.extract(values * known[..., None]) / share * inside[..., None]
 
-    return Seen(inside, *(mean(values) for values in (maps.albedo, maps.transport, shading)), light)
+    return Seen(inside, mean(maps.albedo), mean(maps.transport), mean(shading), light)

@@ -76,12 +76,15 @@ def as_it_is() -> Method:
 
 def mean_light() -> Method:
     """The mean of the lights that the package's network was trained on, and true maps."""
-    light = load().lights[:, :9].mean(0).astype(np.float64)
+    lights = load().lights
+    assert lights is not None  # the package's weights hold them
+    light = lights[:, :9].mean(0).astype(np.float64)
 
     def say(benchmark: Set, entry: Entry) -> dict[str, np.ndarray]:
+        ratio = by_ratio(benchmark, entry, light)
         seen, _ = benchmark.truth(entry)
-        found = {"light": light, "shading": shading(seen.transport, light)}
-        return {**found, "ratio": by_ratio(benchmark, entry, light)}
+        assert seen.transport is not None  # a set with true maps has it
+        return {"light": light, "shading": shading(seen.transport, light), "ratio": ratio}
 
     return say
 
@@ -90,17 +93,24 @@ def true_maps() -> Method:
     """The true maps, and the true light in nine coefficients: its errors are those of the formulation."""
 
     def say(benchmark: Set, entry: Entry) -> dict[str, np.ndarray]:
-        seen, _ = benchmark.truth(entry)
         maps = read_maps(benchmark.maps(entry))
+        seen, _ = benchmark.truth(entry)
         full = [to_srgb8(maps.albedo * shading(maps.transport, light)) for light in new_lights(entry)]
-        found = {"albedo": seen.albedo, "transport": seen.transport, "light": seen.light}
-        found["shading"] = shading(seen.transport, seen.light)
-        return {**found, "full": np.stack(full), "ratio": by_ratio(benchmark, entry, seen.light)}
+        assert seen.albedo is not None and seen.transport is not None and seen.light is not None  # as the set has maps
+        return {
+            "albedo": seen.albedo,
+            "transport": seen.transport,
+            "light": seen.light,
+            "shading": shading(seen.transport, seen.light),
+            "full": np.stack(full),
+            "ratio": by_ratio(benchmark, entry, seen.light),
+        }
 
     return say
 
 
 def new_lights(entry: Entry) -> list[np.ndarray]:
+    """The coefficients (9,3) of each of a picture's new lights."""
     return [project(read_panorama(path), 2) for path in entry.panoramas()]
 
 

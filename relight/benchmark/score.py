@@ -39,7 +39,8 @@ def score(folder: Path | str, answers: Path | str) -> Path:
     benchmark.verify()
     pictures = [entry for entry in benchmark.entries if not entry.of]
     varied = any((answers / f"{entry.name}.npz").is_file() for entry in benchmark.entries if entry.of)
-    rows, first = [], None
+    rows: list[tuple[str, str, str, dict[str, float]]] = []
+    first: set[str] = set()
     for entry in progress(pictures, "pictures scored"):
         variants = [one for one in benchmark.entries if one.of == entry.name] if varied else []
         given = {one: read_answer(answers, one) for one in (entry, *variants)}
@@ -51,7 +52,7 @@ def score(folder: Path | str, answers: Path | str) -> Path:
                     f"{answers / one.name}.npz holds {', '.join(arrays)}, and the first picture asks for "
                     f"{', '.join(sorted(asked))}: all answers of a folder must hold the same"
                 )
-        rows.append([benchmark.hash[:16], entry.name, entry.figure, judged(benchmark, entry, given)])
+        rows.append((benchmark.hash[:16], entry.name, entry.figure, judged(benchmark, entry, given)))
     with atomic_write(answers / SCORES) as tmp, open(tmp, "w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow([*KEYS, *COLUMNS])
@@ -60,9 +61,16 @@ def score(folder: Path | str, answers: Path | str) -> Path:
 
 
 def judged(benchmark: Set, entry: Entry, given: dict[Entry, dict[str, np.ndarray]]) -> dict[str, float]:
-    """The scores of one picture, of its answer and those of its variants.
+    """Scores the answers to a photograph and to its variants.
 
-    Where it is unknown how bright albedo is, what depends on that is left out.
+    Args:
+        benchmark: the set.
+        entry: the photograph.
+        given: the arrays that a method gave for it and for each of its variants.
+
+    Returns:
+        Those of COLUMNS that the answers allow. Where the set does not know how bright the albedo is, the scores that
+        depend on it (ABSOLUTE) are left out.
     """
     true, pictures = benchmark.truth(entry)
     seen = {one.variant: seen_of(arrays, inside_of(one)) for one, arrays in given.items()}
@@ -115,7 +123,7 @@ def read_row(answers: Path | str) -> Row:
         columns = {name: np.array([float(row[name] or "nan") for row in rows]) for name in COLUMNS}
     except (ValueError, TypeError):
         raise UserError(f"{path} is not what relight benchmark score writes") from None
-    return Row(Path(answers).resolve().name, [tuple(row[key] for key in KEYS) for row in rows], columns)
+    return Row(Path(answers).resolve().name, [(row["set"], row["picture"], row["figure"]) for row in rows], columns)
 
 
 @dataclass

@@ -59,7 +59,8 @@ def make(data: RelitSet, split: Path) -> dict[str, Predictor]:
 
     def mean_figure(figure: int, lit: np.ndarray) -> Inferred:
         maps = mean.at(pixels(data, figure))
-        return Inferred(**maps, light=np.repeat(mean_light, len(lit), 0))
+        light = np.repeat(mean_light, len(lit), 0)
+        return Inferred(maps["albedo"], maps["transport"], maps["normal"], maps["ao"], light)
 
     def nearest_light(figure: int, lit: np.ndarray) -> Inferred:
         distances = ((data.lights.numpy()[lit][:, None] - train_lights[None]) ** 2).sum((2, 3))

@@ -54,7 +54,7 @@ def chart(out: Path, width: float, height: float) -> Iterator[Figure]:
         out: SVG or PNG, by the suffix.
         width, height: in inches.
     """
-    with matplotlib.rc_context(STYLE):
+    with matplotlib.rc_context(STYLE):  # type: ignore[arg-type]  # its hints list every key
         figure = Figure(figsize=(width, height), layout="constrained")
         yield figure
         with atomic_write(out) as tmp:

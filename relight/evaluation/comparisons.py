@@ -46,6 +46,7 @@ class Comparison:
 
     @property
     def verdict(self) -> Verdict:
+        """BETTER or WORSE at ALPHA, EQUIVALENT where the difference is less than MARGIN at ALPHA, else OPEN."""
         if self.p < ALPHA and not self.difference.low <= 0 <= self.difference.high:
             return Verdict.BETTER if sign(self.column) * self.difference.mean < 0 else Verdict.WORSE
         return Verdict.EQUIVALENT if self.p_equivalent < ALPHA else Verdict.OPEN
@@ -138,14 +139,14 @@ def orderings(tables: list[Table]) -> list[Ordering]:
     for table in tables:
         for first, second, _ in ARGUMENTS:
             for column in MAPS:
-                key, values = (first, second, column), [printed(row).get(column) for row in (first, second)]
-                if key in found or None in values or values[0] == values[1]:
+                key, (one, two) = (first, second, column), (printed(row).get(column) for row in (first, second))
+                if key in found or one is None or two is None or one == two:
                     continue
                 if any(row not in table.networks or column not in table.rows[row] for row in (first, second)):
                     continue
-                argued = sign(column) * (values[0] - values[1]) < 0
+                argued = sign(column) * (one - two) < 0
                 better, worse = (first, second) if argued else (second, first)
                 here = compare_estimates(column, table.rows[better][column], table.rows[worse][column])
-                found[key] = Ordering(better, worse, argued, abs(values[0] - values[1]) / max(values), here)
-    correct([one.here for one in found.values()])
+                found[key] = Ordering(better, worse, argued, abs(one - two) / max(one, two), here)
+    correct([ordering.here for ordering in found.values()])
     return list(found.values())

@@ -63,8 +63,7 @@ def layers_of(network: Network) -> tuple[list[Layer], dict[str, list[str]]]:
     try:
         with torch.enable_grad():
             picture = torch.full((1, 3, size, size), 0.5, device=device, requires_grad=True)
-            (leaf,) = picture.clone().grad_fn.next_functions
-            made[leaf[0]] = INPUT
+            made[torch.autograd.graph.get_gradient_edge(picture).node] = INPUT
             outputs = network(picture, torch.ones(1, 1, size, size, device=device))
     finally:
         network.train(training)
@@ -75,7 +74,9 @@ def layers_of(network: Network) -> tuple[list[Layer], dict[str, list[str]]]:
 
 def sources(tensor: torch.Tensor, made: dict[object, str]) -> list[str]:
     """The nearest layers that a tensor was made from, INPUT among them, in the order in which they ran."""
-    nearest, seen, left = set(), set(), [tensor.grad_fn]
+    nearest: set[str] = set()
+    seen: set[object] = set()
+    left = [tensor.grad_fn]
     while left:
         node = left.pop()
         if node is None or node in seen:
@@ -103,8 +104,9 @@ def draw_network(network: Network, title: str, out: Path) -> None:
         x = 1 + max(place[source][0] for source in layer.sources)
         place[layer.name] = x, -LANE * lanes.index(layer.lane)
     ends: dict[tuple[str, ...], str] = {}  # outputs of the same layers have one place
-    for name, own in outputs.items():
-        ends[tuple(own)] = f"{ends[tuple(own)]},\n{name}" if tuple(own) in ends else name
+    for name, from_layers in outputs.items():
+        own = tuple(from_layers)
+        ends[own] = f"{ends[own]},\n{name}" if own in ends else name
     for own, name in ends.items():
         place[name] = 1 + max(place[source][0] for source in own), place[own[-1]][1]
     last = max(x for x, _ in place.values())
@@ -122,8 +124,8 @@ def draw_network(network: Network, title: str, out: Path) -> None:
             words = f"{layer.channels}\n@{layer.side}"
             axes.text(x, y - tall / 2 - 0.06, words, ha="center", va="top", fontsize=7, bbox=CLEAR)
         for lane in lanes:
-            own = [layer.name for layer in layers if layer.lane == lane]
-            (x, y), top = place[own[0]], max(map(height.get, own)) / 2
+            members = [layer.name for layer in layers if layer.lane == lane]
+            (x, y), top = place[members[0]], max(height[name] for name in members) / 2
             words = lane.replace(".", ": ")
             axes.text(x - 0.3, y + top + 0.1, words, fontsize=9, weight="bold", va="bottom", bbox=CLEAR)
         for name in (INPUT, *ends.values()):
@@ -134,6 +136,14 @@ def draw_network(network: Network, title: str, out: Path) -> None:
             (x, y), (end, level) = place[first], place[second]
             near = y == level and end - x == 1
             bend = 0 if near else -0.18 if y == level else 0.06
-            style = {"color": "#3a3a3e" if near else "#b3b3ad", "linewidth": 1.1 if near else 0.8, "zorder": 0}
-            shape = {"arrowstyle": "-|>", "mutation_scale": 7, "connectionstyle": f"arc3,rad={bend}"}
-            axes.add_patch(FancyArrowPatch((x + 0.3, y), (end - 0.3, level), **shape, **style))
+            arrow = FancyArrowPatch(
+                (x + 0.3, y),
+                (end - 0.3, level),
+                arrowstyle="-|>",
+                mutation_scale=7,
+                connectionstyle=f"arc3,rad={bend}",
+                color="#3a3a3e" if near else "#b3b3ad",
+                linewidth=1.1 if near else 0.8,
+                zorder=0,
+            )
+            axes.add_patch(arrow)

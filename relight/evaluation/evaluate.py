@@ -196,10 +196,16 @@ def infer(network: Network, data: RelitSet, figure: int, lights: np.ndarray) -> 
         for name, values in compact(network, batch).items():
             values = values if name == "light" else values[:, :count]
             found.setdefault(name, []).append(values.cpu().numpy())
-    maps = {name: np.concatenate(parts) for name, parts in found.items()}
-    maps |= dict.fromkeys(network.unlearned)
+    maps = {name: np.concatenate(parts) for name, parts in found.items() if name not in network.unlearned}
     ao = maps["ao"][..., 0] if "ao" in maps else None
-    return Inferred(maps["albedo"], maps["transport"], maps.get("normal"), ao, maps["light"], occlude=ao is not None)
+    return Inferred(
+        maps.get("albedo"),
+        maps.get("transport"),
+        maps.get("normal"),
+        ao,
+        maps.get("light"),
+        occlude=ao is not None,
+    )
 
 
 def compact(network: Network, batch: Batch) -> dict[str, torch.Tensor]:
@@ -227,6 +233,7 @@ def inferred_maps(network: Network, data: RelitSet, light: int, true: Maps) -> M
     """
     (figure,) = data.figures([true.info["name"]])
     inferred = infer(network, data, int(figure), np.array([light]))
+    assert inferred.occluded_transport is not None  # every network infers transport
     transport = inferred.occluded_transport[0][:, : coefficient_count(2)]
     values = {"transport": transport, "ao": np.clip(transport[:, :1] / OPEN, 0, 1)}
     if inferred.normal is not None:

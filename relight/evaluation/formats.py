@@ -4,7 +4,7 @@ Bold is the best network of a column; n.s. (not significant) marks what the figu
 """
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -20,8 +20,10 @@ from relight.evaluation.tables import Table, sign
 from relight.files import atomic_write
 
 SIGNS = {Verdict.BETTER: "✓", Verdict.WORSE: "✗", Verdict.EQUIVALENT: "≈", Verdict.OPEN: "?"}
-LATEX = {"%": r"\%", "&": r"\&", "_": r"\_", "#": r"\#", "×": r"$\times$", "²": "$^2$", "–": "--", "∞": r"$\infty$"}
-LATEX |= {"↓": r"$\downarrow$", "↑": r"$\uparrow$", "≈": r"$\approx$", "✓": "", "✗": "", "−": "$-$"}
+LATEX: dict[str | int, str | int | None] = {
+    "%": r"\%", "&": r"\&", "_": r"\_", "#": r"\#", "×": r"$\times$", "²": "$^2$", "–": "--", "∞": r"$\infty$",
+    "↓": r"$\downarrow$", "↑": r"$\uparrow$", "≈": r"$\approx$", "✓": "", "✗": "", "−": "$-$",
+}  # fmt: skip
 
 
 @dataclass
@@ -40,7 +42,13 @@ class Grid:
     digits: dict[str, int] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, columns: list[str], rows: list[list], kinds: list[str] | None = None, **digits: int) -> "Grid":
+    def of(
+        cls,
+        columns: list[str],
+        rows: list[list],
+        kinds: list[str] | None = None,
+        digits: dict[str, int] | None = None,
+    ) -> "Grid":
         """Makes a grid from rows of cells, of which the first is the label.
 
         Args:
@@ -51,7 +59,7 @@ class Grid:
         """
         index = pd.Index([row[0] for row in rows], name=columns[0], dtype=object)
         frame = pd.DataFrame([row[1:] for row in rows], index, columns[1:], dtype=object)
-        return cls(frame.where(frame.notna(), None), kinds or [""] * len(rows), digits)
+        return cls(frame.where(frame.notna(), None), kinds or [""] * len(rows), digits or {})
 
     def blocks(self) -> list["Grid"]:
         """One grid per block of columns, without the rows that have nothing in it; itself where it has no blocks."""
@@ -102,10 +110,12 @@ class Style:
     escape: Callable[[str], str]
 
     def label(self, text: str, kind: str) -> str:
+        """The label of a row: baselines in italics, printed rows marked as such."""
         text = self.escape(text if kind != "paper" else f"{text}, as printed")
         return self.italic.format(text) if kind == "baseline" else text
 
     def cell(self, value: object, digits: int) -> str:
+        """A cell as text: estimates with their margin, numbers with so many digits, nothing for None."""
         if value is None:
             return ""
         if isinstance(value, Estimate):
@@ -131,6 +141,7 @@ HTML = Style("<b>{}</b>", "{}", "<small>±{}</small>", "<i>n.s.</i>", lambda tex
 
 
 def to_markdown(grid: Grid) -> str:
+    """The grid as a table in Markdown."""
     return grid.texts(MARKDOWN).to_markdown(disable_numparse=True)
 
 
@@ -181,7 +192,9 @@ def write_tables(
 def score_grid(table: Table, columns: Iterable[str]) -> Grid:
     """The estimates of a table in some of its columns, a block per reading; printed values follow."""
     found = table.present(columns)
-    rows = [(label(row), table.kind(row), cells) for row, cells in table.rows.items()]
+    rows: list[tuple[str, str, Mapping[str, Estimate | float]]] = [
+        (label(row), table.kind(row), cells) for row, cells in table.rows.items()
+    ]
     rows += [(label(row), "paper", values) for row, values in table.printed.items()]
     rows = [row for row in rows if any(column in row[2] for column in found)]
     heads = []
@@ -189,7 +202,8 @@ def score_grid(table: Table, columns: Iterable[str]) -> Grid:
         heads.append((f"{READING_LABELS[reading]} {'↓' if sign(f'_{reading}') > 0 else '↑'}", QUANTITIES[quantity]))
     cells = [[values.get(column) for column in found] for *_, values in rows]
     index = pd.Index([name for name, *_ in rows], dtype=object)
-    frame = pd.DataFrame(cells, index, pd.MultiIndex.from_arrays(list(zip(*heads)) or [[], []]), dtype=object)
+    columns = pd.MultiIndex.from_arrays([[head[level] for head in heads] for level in (0, 1)])
+    frame = pd.DataFrame(cells, index, columns, dtype=object)
     return Grid(frame.where(frame.notna(), None), [kind for _, kind, _ in rows])
 
 
@@ -240,6 +254,7 @@ def percent(value: float) -> str:
 
 
 def p_value(p: float) -> str:
+    """A p-value with two digits, such as .034."""
     return "< .0001" if p < 1e-4 else f"{p:.2g}".removeprefix("0")
 
 

@@ -65,9 +65,11 @@ class Inferred:
     occlude: bool = False
 
     @property
-    def occluded_transport(self) -> np.ndarray:
+    def occluded_transport(self) -> np.ndarray | None:
         """The transport of the shading: times AO where that occludes."""
-        return self.transport * self.ao[..., None] if self.occlude else self.transport
+        if self.transport is None or self.ao is None or not self.occlude:
+            return self.transport
+        return self.transport * self.ao[..., None]
 
 
 def rmse(inferred: np.ndarray, truth: np.ndarray) -> np.ndarray:
@@ -154,7 +156,7 @@ class Truth:
     def complete(self, inferred: Inferred) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Albedo (N or 1,P,3), transport (N or 1,P,K) and light (N,K,3), true where they are not inferred."""
         albedo = self.maps["albedo"] if inferred.albedo is None else inferred.albedo
-        transport = self.transport if inferred.transport is None else inferred.occluded_transport
+        transport = self.transport if (occluded := inferred.occluded_transport) is None else occluded
         return albedo, transport, self.lights if inferred.light is None else inferred.light
 
     def score(self, inferred: Inferred) -> dict[str, np.ndarray]:
@@ -230,12 +232,14 @@ def light_errors(inferred: np.ndarray, truth: np.ndarray) -> dict[str, np.ndarra
     spheres = [shade(transport, light.astype(np.float64)) for light in (inferred, truth)]
     pictures = np.zeros((2, len(truth), *disc.shape, 3))
     pictures[:, :, disc] = spheres
-    return columns | _readings("sphere", rmse(*spheres), 3, pictures)
+    return columns | _readings("sphere", rmse(*spheres), 3, (pictures[0], pictures[1]))
 
 
-def _readings(quantity: str, error: np.ndarray, channels: int, pictures, window: int = WINDOW) -> dict[str, np.ndarray]:
+def _readings(
+    quantity: str, error: np.ndarray, channels: int, pictures: tuple[np.ndarray, np.ndarray], window: int = WINDOW
+) -> dict[str, np.ndarray]:
     """READINGS of a quantity from its RMSE (N,) and its pictures, inferred and true (N or 1,H,W,C)."""
-    similarity = (ssim(*pictures, span, window) for span in (RANGE[quantity], OLD_RANGE))
+    similarity = (ssim(*pictures, span=span, window=window) for span in (RANGE[quantity], OLD_RANGE))
     names = (f"{quantity}_{reading}" for reading in READINGS)
     return dict(zip(names, (error, error / np.sqrt(channels), *similarity)))
 

@@ -68,12 +68,14 @@ class Subject:
 
     @classmethod
     def of(cls, data: RelitSet, figure: int, lights: np.ndarray) -> "Subject":
+        """The figure of this index under the lights of these indices (N,)."""
         true = truth(data, figure, lights)
         white = max(1.0, float(np.percentile(true.maps["shading"], 99.5)))
         return cls(data.names[figure], true, pixels(data, figure), data.size, white, data.color == "photo")
 
     @property
     def mask(self) -> np.ndarray:
+        """Where the figure is, (H,W) bool."""
         return dense(np.ones((len(self.pixel), 1)), self.pixel, self.size)[..., 0] > 0
 
     def picture(self, light: int) -> "View":
@@ -161,13 +163,15 @@ def draw_view(
         worst: the error at the dark end of the scale.
     """
     width, height = size
-    if view.colors is None and view.error is None and view.light is None:
-        return None
-    if view.colors is None and view.error is None:
-        return sheet.cell(ball(view.light, round(0.8 * width), subject.white, subject.linear), x, y, width, height)
-    colors = heat(view.error, worst) if view.colors is None else view.colors
-    if view.colors is not None and not view.coded:
-        colors = encode(np.clip(colors, 0, 1)) if subject.linear else np.clip(colors, 0, 1)
+    if view.colors is not None:
+        colors = view.colors if view.coded else np.clip(view.colors, 0, 1)
+        colors = encode(colors) if subject.linear and not view.coded else colors
+    elif view.error is not None and worst is not None:
+        colors = heat(view.error, worst)
+    else:
+        if view.light is not None:
+            sheet.cell(ball(view.light, round(0.8 * width), subject.white, subject.linear), x, y, width, height)
+        return
     sheet.cell(cut_out(dense(colors, subject.pixel, subject.size)[box], subject.mask[box], size), x, y)
     if view.light is not None:
         corner = ball(view.light, round(0.26 * width), subject.white, subject.linear)
@@ -313,7 +317,8 @@ def true_views(s: Subject) -> list[View]:
 
 def inferred_views(s: Subject, inferred: Inferred) -> list[View]:
     """The views of COLUMNS of what a network infers of the subject in its first light."""
-    made = views(s, *(values[0] for values in s.truth.complete(inferred)), s.truth.lights[1])
+    albedo, transport, light = s.truth.complete(inferred)
+    made = views(s, albedo[0], transport[0], light[0], s.truth.lights[1])
     made |= surface_views(*(None if part is None else part[0] for part in (inferred.normal, inferred.ao)))
     return [made[column] for column in COLUMNS]
 

@@ -183,7 +183,7 @@ def tables(path: Path, settings: config.Evaluate) -> dict[str, Grid]:
                 rows.append([labels[name], *(estimate(one, settings.bootstrap, settings.seed) for one in each)])
                 kinds.append("baseline" if name in ANSWERS else "network")
         heads, digits = ["", "RMSE", "relative, %", "mean, %"], {"RMSE": 4, "relative, %": 1, "mean, %": 1}
-        return Grid.of(heads, rows, kinds, **digits)
+        return Grid.of(heads, rows, kinds, digits)
 
     return {"path_traced_causes": grid("cause", causes), "path_traced": grid("answer", {**networks, **ANSWERS})}
 

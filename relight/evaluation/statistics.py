@@ -156,9 +156,9 @@ def estimate(
     if spread and spread.freedom:
         freedom = spread.freedom
         error = max(spread.deviation, pooled_spread([values]).deviation) / np.sqrt(trainings)
-    rest = {"figures": list(pairs[0]), "lights": list(pairs[1]), "error": error, "freedom": freedom}
+    found = Estimate(mean, -np.inf, np.inf, of_pairs, list(pairs[0]), list(pairs[1]), error, freedom)
     if figures == 1:
-        return Estimate(mean, -np.inf, np.inf, of_pairs, **rest)
+        return found
     draws = np.full(resamples, mean)
     for axis, levels in enumerate((figures, lights)):
         if levels > 1:
@@ -166,7 +166,8 @@ def estimate(
             draws += widening(levels) * (weights @ (of_pairs.mean(1 - axis) - mean))
     if freedom:
         draws += error * np.random.default_rng([noise, trainings]).standard_t(freedom, resamples)
-    return Estimate(mean, *interval(draws), of_pairs, **rest)
+    found.low, found.high = interval(draws)
+    return found
 
 
 def interval(draws: np.ndarray) -> tuple[float, float]:
@@ -191,8 +192,8 @@ def compare(first: Estimate, second: Estimate) -> Difference:
     parts = crossed(first, second)
     if not parts:
         return Difference(mean, -np.inf, np.inf, 1.0)
-    if freedom := max(first.freedom, second.freedom):
-        parts.append((first.error**2 + second.error**2, freedom))
+    if trainings := max(first.freedom, second.freedom):
+        parts.append((first.error**2 + second.error**2, trainings))
     variance = sum(part for part, _ in parts)
     if variance <= 0:
         return Difference(mean, mean, mean, float(mean == 0), 0.0)
@@ -218,13 +219,15 @@ def crossed(first: Estimate, second: Estimate) -> list[tuple[float, float]]:
     alike = [getattr(first, name) == getattr(second, name) for name in ("figures", "lights")]
     if min(len(values) for values in rows) < 2:
         return []
-    factors = []
+    factors: list[list[tuple[float, float]]] = []
     for axis, shared in enumerate(alike):
         means = [values.mean(1 - axis) for values in rows]
         samples = [means[0] - means[1]] if shared else means
         factors.append([(one.var(ddof=1) / len(one), len(one) - 1) for one in samples if len(one) > 1])
     pairs = [rows[0] - rows[1]] if all(alike) else rows
-    between = [(-_interaction(one) / one.size, (one.shape[0] - 1) * (one.shape[1] - 1)) for one in pairs]
+    between: list[tuple[float, float]] = [
+        (-_interaction(one) / one.size, (one.shape[0] - 1) * (one.shape[1] - 1)) for one in pairs
+    ]
     between = [part for part in between if part[1]]
     own = [sum(part for part, _ in factor) + sum(part for part, _ in between) for factor in factors]
     if not factors[1] or own[1] <= 0:

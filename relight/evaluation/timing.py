@@ -62,7 +62,8 @@ def least(call: Callable[[], object], device: str, seconds: float) -> tuple[floa
 
     It is the least because other work of the machine adds to the rest. On a GPU a call has ended when its work has.
     """
-    walls, processors = [], []
+    walls: list[float] = []
+    processors: list[float] = []
     call()
     until = time.perf_counter() + seconds
     while len(walls) < 3 or time.perf_counter() < until:

@@ -104,7 +104,10 @@ def read_scenes(path: Path) -> list[Scene]:
         found = [{name: stored[f"{i}.{name}"] for name in names} for i in range(count)]
     except KeyError as error:
         raise UserError(f"{path}: not what relight-trace writes ({error})") from None
-    return [Scene(**{**one, **{name: int(one[name]) for name in ("figure", "seen", "new")}}) for one in found]
+    return [
+        Scene(int(figure), int(seen), int(new), *arrays)
+        for figure, seen, new, *arrays in ([one[name] for name in names] for one in found)
+    ]
 
 
 def traced(

@@ -51,7 +51,11 @@ class Side:
     def maps(self, step: int) -> tuple[np.ndarray, np.ndarray]:
         """Albedo (N,P,3) and transport (N,P,K) whose row k was inferred under light k - step."""
         albedo, transport, light = self.truth.complete(self.inferred)
-        return tuple(np.roll(np.broadcast_to(v, (len(light), *v.shape[1:])), step, 0) for v in (albedo, transport))
+
+        def shifted(values: np.ndarray) -> np.ndarray:
+            return np.roll(np.broadcast_to(values, (len(light), *values.shape[1:])), step, 0)
+
+        return shifted(albedo), shifted(transport)
 
 
 def evaluate_transfer(

@@ -82,6 +82,20 @@ class Builder:
 def assemble(
     builder: Builder, body: Body, way: Motion, outfit: Outfit, worn: list[Worn], detail: Detail, texture: int, seed: int
 ) -> None:
+    """Adds the posed and dressed figure to `builder`: skin, eyes, clothes, shoes and hair.
+
+    What clothes and shoes cover for good is left out, and what shows through the cloth above it is pushed back.
+
+    Args:
+        builder: to add to.
+        body: in its rest pose.
+        way: the motion into the pose.
+        outfit: what is worn, with its colours.
+        worn: the draped garments, from the skin outward.
+        detail: how fine the figure is.
+        texture: side of the largest texture in pixels.
+        seed: of what varies on skin and cloth.
+    """
     base, rig = makehuman.base(), makehuman.rig()
     weights = rig.weights[makehuman.BODY]
     faces, uv = base.faces["body"], base.uv[base.uv_faces["body"]]
@@ -175,6 +189,7 @@ def inside_shoes(body: Body, outfit: Outfit) -> np.ndarray:
 
 
 def eyes(builder: Builder, body: Body, way: Motion, outfit: Outfit, texture: int, seed: int) -> None:
+    """Adds both eyeballs, with the iris painted on."""
     base, rig = makehuman.base(), makehuman.rig()
     picture = Material(texture=skin.paint_eye(np.array(outfit.iris), max(64, texture // 8), seed), name="eyes")
     for group, part in (("helper-l-eye", makehuman.EYES["L"]), ("helper-r-eye", makehuman.EYES["R"])):
@@ -319,6 +334,8 @@ def under_the_next(
 
 
 def shoe_paint(part: str) -> Paint:
+    """Of a part of the shoes, as `footwear.palette` names it."""
+
     def paint(outfit: Outfit) -> Material:
         return Material(footwear.palette(outfit.shoe, outfit.upper, outfit.sole)[part], name=f"shoes: {part}")
 
@@ -326,10 +343,13 @@ def shoe_paint(part: str) -> Paint:
 
 
 def hat_paint(side: int) -> Paint:
+    """Of the hat, as a texture of `side` pixels."""
     return lambda outfit: square("hat", outfit.hat, 0.6, side)
 
 
 def tie_paint(side: int) -> Paint:
+    """Of the tie, as a texture of `side` pixels."""
+
     def paint(outfit: Outfit) -> Material:
         assert outfit.tie is not None  # all outfits of a figure are the same clothes
         return square("tie", outfit.tie, trims.TIE, side)
@@ -338,6 +358,8 @@ def tie_paint(side: int) -> Paint:
 
 
 def belt_paint(side: int) -> Paint:
+    """Of the belt, as a texture of `side` pixels."""
+
     def paint(outfit: Outfit) -> Material:
         assert outfit.belt is not None  # all outfits of a figure are the same clothes
         return square("belt", outfit.belt, 0.3, side)

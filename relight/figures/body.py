@@ -80,10 +80,12 @@ class Body:
 
     @property
     def tights(self) -> np.ndarray:
+        """The vertices (n,3) of MakeHuman's suit, from which clothes are cut."""
         return self.vertices[makehuman.TIGHTS]
 
     @property
     def skin(self) -> np.ndarray:
+        """The vertices (n,3) of the skin."""
         return self.vertices[makehuman.BODY]
 
 
@@ -116,7 +118,11 @@ def sample_person(rng: np.random.Generator) -> Person:
 
 
 def between(value: float, names: tuple[str, str, str]) -> dict[str, float]:
-    """Linear weights of three anchors at 0, 1/2, 1."""
+    """Interpolates between three shapes that stand at 0, 1/2 and 1, as MakeHuman's sliders do.
+
+    >>> between(0.25, ("thin", "average", "heavy"))
+    {'thin': 0.5, 'average': 0.5, 'heavy': 0.0}
+    """
     t = 2 * value
     return {names[0]: max(1 - t, 0.0), names[1]: 1 - abs(t - 1), names[2]: max(t - 1, 0.0)}
 

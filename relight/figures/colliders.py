@@ -56,6 +56,7 @@ def working(device: str) -> wp.ScopedDevice:
 
 
 def vectors(values: np.ndarray) -> wp.array:
+    """Points (n,3) as an array of Warp."""
     return wp.array(np.ascontiguousarray(values, np.float32), dtype=wp.vec3)
 
 

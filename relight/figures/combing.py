@@ -60,6 +60,7 @@ class Roots:
 
 
 def head_centre(body: Body) -> np.ndarray:
+    """The middle (3,) of the skull in the rest pose, metres, from where the eyes are."""
     eye = body.vertices[makehuman.EYES["L"]].mean(0)
     return np.array([0.0, eye[1] + 0.028, eye[2] - 0.085])
 
@@ -108,6 +109,7 @@ def plant(
 
 
 def ramp(value: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Smoothstep: 0 below `low`, 1 above `high`, and a cubic between."""
     t = np.clip((value - low) / (high - low), 0, 1)
     return t * t * (3 - 2 * t)
 

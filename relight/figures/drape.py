@@ -118,10 +118,12 @@ class Sheet:
         self.grid = wp.HashGrid(64, 64, 64)
 
     def move_to(self, positions: np.ndarray) -> None:
+        """Puts the vertices at positions (n,3), at rest."""
         self.x = vectors(positions)
         self.v.zero_()
 
     def positions(self) -> np.ndarray:
+        """Where the vertices are, (n,3) metres."""
         return self.x.numpy().astype(float)
 
     def strain(self) -> np.ndarray:

@@ -79,6 +79,7 @@ def build_shoes(body: Body, motion: Motion, shoe: Shoe) -> list[Part]:
 
 
 def shell(body: Body, bones: dict[str, int], shoe: Shoe, side: str) -> Shell:
+    """The outside of the shoe's upper on a side ("L" | "R"), cut from the foot of the suit; bones: numbers by name."""
     suit, ankle = body.tights, body.joints[f"foot.{side}"]
     faces = makehuman.base().faces["helper-tights"] - makehuman.TIGHTS.start
     mine = (suit[:, 0] > 0) == (side == "L")
@@ -110,6 +111,7 @@ def shell(body: Body, bones: dict[str, int], shoe: Shoe, side: str) -> Shell:
 
 
 def one_shoe(body: Body, motion: Motion, shoe: Shoe, side: str) -> list[Part]:
+    """The parts of the shoe on a side ("L" | "R"), at the last frame of the motion."""
     outside, ankle = shell(body, motion.bones, shoe, side), body.joints[f"foot.{side}"]
     shape, weights, faces = outside.shape, outside.weights, outside.faces
     ground, toes, heel = outside.ground, outside.toes, outside.heel

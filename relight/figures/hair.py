@@ -179,7 +179,15 @@ def grid(rows: int) -> np.ndarray:
 
 
 def brim(points: np.ndarray, azimuth: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The peak of a cap: a curved plate in front of the rim."""
+    """The peak of a cap: a curved plate that begins at the front of the crown's rim.
+
+    Args:
+        points: (rows,columns,3) of the crown, whose last row is its rim, metres.
+        azimuth: (columns,) of each column about the head, radians; 0 is in front.
+
+    Returns:
+        Its vertices (V,3), faces (F,3), and uv (V,2), all in the middle of the texture.
+    """
     front = np.abs(azimuth) < 0.95
     rim, a = points[-1][front], azimuth[front]
     rows = []

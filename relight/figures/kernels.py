@@ -7,6 +7,7 @@ import warp as wp
 def predict(
     x: wp.array(dtype=wp.vec3), v: wp.array(dtype=wp.vec3), p: wp.array(dtype=wp.vec3), g: float, dt: float, damp: float
 ):
+    """Moves each vertex by its velocity v and by gravity g for a time dt; p keeps where it was."""
     i = wp.tid()
     p[i] = x[i]
     x[i] = x[i] + v[i] * (dt * damp) + wp.vec3(0.0, g * dt * dt, 0.0)
@@ -40,6 +41,7 @@ def hold_lengths(
 def find_below(
     mesh: wp.uint64, x: wp.array(dtype=wp.vec3), far: float, face: wp.array(dtype=int), at: wp.array(dtype=wp.vec2)
 ):
+    """The face of the mesh that is nearest to each vertex, -1 beyond `far`, and the place on it (barycentric)."""
     i = wp.tid()
     query = wp.mesh_query_point_no_sign(mesh, x[i], far)
     face[i] = -1
@@ -89,6 +91,7 @@ def push_out(
 def update_velocity(
     x: wp.array(dtype=wp.vec3), p: wp.array(dtype=wp.vec3), v: wp.array(dtype=wp.vec3), dt: float, limit: float
 ):
+    """The velocity from where each vertex was (p) and is (x), at most `limit`."""
     i = wp.tid()
     w = (x[i] - p[i]) / dt
     v[i] = w * wp.min(1.0, limit / wp.max(wp.length(w), 1.0e-9))
@@ -98,6 +101,7 @@ def update_velocity(
 def pin(
     x: wp.array(dtype=wp.vec3), index: wp.array(dtype=int), gain: wp.array(dtype=float), goal: wp.array(dtype=wp.vec3)
 ):
+    """Moves the vertices `index` toward their goals, by a share `gain` of the way."""
     k = wp.tid()
     i = index[k]
     x[i] = x[i] + (goal[k] - x[i]) * gain[k]
@@ -130,6 +134,7 @@ def find_close(
 def push_apart(
     x: wp.array(dtype=wp.vec3), y: wp.array(dtype=wp.vec3), close: wp.array(dtype=int), most: int, gap: float
 ):
+    """Keeps vertices that `find_close` found at least `gap` apart; y: where they go."""
     i = wp.tid()
     total = wp.vec3(0.0, 0.0, 0.0)
     count = wp.float32(0.0)
@@ -152,6 +157,7 @@ def first_hit(
     face: wp.array(dtype=int),
     depth: wp.array(dtype=float),
 ):
+    """The first face that each ray meets within 10 m, -1 for none, and its distance."""
     i = wp.tid()
     hit = wp.mesh_query_ray(mesh, origin[i], direction[i], 10.0)
     face[i] = -1
@@ -181,6 +187,7 @@ def find_crossing(
     apart: float,
     crosses: wp.array(dtype=int),
 ):
+    """Marks the faces that reach deeper than `deep` through another one that is not their neighbour."""
     f = wp.tid()
     a0 = x[corner[3 * f]]
     a1 = x[corner[3 * f + 1]]

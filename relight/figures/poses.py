@@ -60,6 +60,7 @@ def two_bones(
 
 
 def unit(vector: np.ndarray) -> np.ndarray:
+    """The vector scaled to length 1."""
     return vector / np.linalg.norm(vector)
 
 
@@ -105,6 +106,7 @@ class Solver:
         return rotation, position
 
     def solve(self, pose: Pose) -> dict[str, Rotation]:
+        """The local rotations of all bones that a pose moves, by name."""
         leg = self.joints["upperleg01.L"][1] - self.joints["foot.L"][1]
         self.shift = np.array(pose.shift) * leg
         self.local["root"] = Rotation.from_euler("yxz", [pose.hips[1], pose.hips[0], pose.hips[2]], degrees=True)
@@ -121,6 +123,7 @@ class Solver:
         return self.local
 
     def limb(self, upper: str, lower: str, tip: str, goal: np.ndarray, pole: np.ndarray) -> None:
+        """Bends two bones so that `tip` comes to `goal` (3,), with the joint between them toward `pole` (3,)."""
         j = self.joints
         rotation, root = self.placed(upper)
         before = rotation * self.local.get(upper, Rotation.identity()).inv()
@@ -130,11 +133,13 @@ class Solver:
         self.local[lower] = arc(j[tip] - j[lower], rotation.inv().apply(goal - middle))
 
     def arm_length(self, side: str) -> float:
+        """Metres from shoulder to wrist, stretched."""
         j = self.joints
         upper = np.linalg.norm(j[f"lowerarm01.{side}"] - j[f"upperarm01.{side}"])
         return float(upper + np.linalg.norm(j[f"wrist.{side}"] - j[f"lowerarm01.{side}"]))
 
     def arm(self, side: str, sign: int, hand: Hand) -> None:
+        """Sets the arm of a side ("L" | "R"; sign 1 | -1), from collar bone to wrist."""
         mirror = np.array([sign, 1, 1])
         length = self.arm_length(side)
         raised = np.clip(hand.wrist[1] + 0.25, 0, 1)  # the collar bone helps an arm that goes up
@@ -188,6 +193,7 @@ class Solver:
                 self.local[f"finger{finger}-{part}.{side}"] = bent * closer if part == 1 else bent
 
     def leg(self, side: str, sign: int, foot: Foot, length: float) -> None:
+        """Sets the leg of a side ("L" | "R"; sign 1 | -1), whose length is in metres."""
         mirror = np.array([sign, 1, 1])
         j = self.joints
         step = np.array(foot.step) - [NARROW, 0, 0]

@@ -22,6 +22,7 @@ from relight.learning.train import Inputs, Recipe, train
 
 
 def main() -> None:
+    """Trains a network from files, without the workflow: python -m relight.learning."""
     parser = argparse.ArgumentParser(
         "relight.learning", description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )

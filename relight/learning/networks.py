@@ -299,6 +299,7 @@ class PaperNetwork(Network):
             nn.init.normal_(self.light.last.weight, 0, 0.01)
 
     def infer(self, seen: Tensor, mask: Tensor) -> tuple[dict[str, Tensor], Tensor]:
+        """As `Network.infer`; the light is inferred from the residual blocks' outputs of all decoders."""
         x, features = seen, []
         for layer in self.encoder:
             x = F.leaky_relu(layer(x), SLOPE)
@@ -363,6 +364,7 @@ class UNet(Network):
             nn.init.normal_(last.weight, 0, 0.01)
 
     def infer(self, seen: Tensor, mask: Tensor) -> tuple[dict[str, Tensor], Tensor]:
+        """As `Network.infer`; the light is inferred from a coarse level of the decoder."""
         picture = torch.cat([seen, mask], 1).contiguous(memory_format=self.layout)
         x, features = picture, []
         for layer in self.encoder:

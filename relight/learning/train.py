@@ -51,6 +51,7 @@ class Recipe:
     augment: Augment
 
     def as_dict(self) -> dict[str, dict[str, Any]]:
+        """All settings of the recipe by the name of their group."""
         return {part.name: asdict(getattr(self, part.name)) for part in fields(self)}
 
 
@@ -325,11 +326,13 @@ class Meter:
         self.clear()
 
     def clear(self) -> None:
+        """Forgets all values."""
         self.names: list[str] = []
         self.sums, self.steps = torch.zeros((), device=self.device), 0
         self.bad = torch.tensor(torch.inf, device=self.device)
 
     def add(self, values: dict[str, Tensor], step: int) -> None:
+        """Adds the losses of a step; no value leaves the device."""
         row = torch.stack([value.detach() for value in values.values()])
         self.names, self.sums, self.steps = list(values), self.sums + row, self.steps + 1
         self.bad = torch.where(row[0].isfinite(), self.bad, self.bad.clamp_max(step))
@@ -354,6 +357,7 @@ class Meter:
 
 
 def say(line: str) -> None:
+    """Prints a line to stderr, where logs of jobs are read."""
     print(line, file=sys.stderr, flush=True)
 
 

@@ -46,7 +46,7 @@ class RelitPhoto(np.ndarray):
     def __array_finalize__(self, source: np.ndarray | None) -> None:
         self.before = None
 
-    def __array_wrap__(self, array: np.ndarray, *_) -> np.ndarray:
+    def __array_wrap__(self, array: np.ndarray, *_: object) -> np.ndarray:  # type: ignore[override]
         return array
 
     def _repr_html_(self) -> str | None:
@@ -242,15 +242,14 @@ def _training_lights(config: dict, order: int) -> np.ndarray | None:
 
 def _read_inputs(image: Picture, mask: Picture | None) -> tuple[Photo, np.ndarray]:
     """A photo and its coverage (H,W) uint8. Raises UserError."""
-    file = isinstance(image, str | Path)
-    if file:
+    if isinstance(image, str | Path):
         photo = read_photo(image)
     elif isinstance(image, Image.Image):
         photo = photo_from_image(image)
     else:
         photo = Photo(_checked_image(image), None, "image")
     if mask is None or isinstance(mask, str | Path):
-        return photo, find_mask(photo, mask or (mask_beside(image) if file else None))
+        return photo, find_mask(photo, mask or (mask_beside(image) if isinstance(image, str | Path) else None))
     shape = photo.pixels.shape[:2]
     coverage = _checked_mask(mask_from_image(mask, shape) if isinstance(mask, Image.Image) else mask)
     if shape != coverage.shape:

@@ -55,8 +55,8 @@ class Background:
             factor: the one that brought it there.
             level: how much brighter the people become than in the photo.
         """
-        tint = 1.0
-        if self.kind == "picture":
+        tint: np.ndarray | float = 1.0
+        if self.kind == "picture" and self.picture is not None:
             tint = level * np.sqrt(_hue(np.maximum(light[0], 0)) / _hue(estimate_white(self.picture)))
         return replace(self, gain=factor, tint=tint)
 
@@ -76,7 +76,7 @@ class Background:
         """
         if self.kind == "color":
             return np.broadcast_to(LINEAR[self.color], (*shape, 3))
-        if self.kind == "picture":
+        if self.kind == "picture" and self.picture is not None:
             gain = np.float32(self.tint) * np.ones(3, np.float32) * 2**stops
             return apply_gain(LINEAR[resize_to_cover(self.picture, shape)], gain)
         return roll_off(camera_view(self.panorama, shape, turn, self.blur) * np.float32(np.pi * self.gain * 2**stops))

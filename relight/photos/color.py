@@ -58,19 +58,19 @@ def apply_gain(linear: np.ndarray, gain: np.ndarray | float, excess: np.ndarray 
     Returns:
         (...,3) in [0,1].
     """
-    gain = np.asarray(gain, np.float32)
-    brighter = (gain > 1).any()
+    factor: np.ndarray = np.asarray(gain, np.float32)
+    brighter = (factor > 1).any()
     if brighter:
         peak = np.maximum(np.maximum(linear[..., 0], linear[..., 1]), linear[..., 2])[..., None]  # faster than max(-1)
         limit = BLACK_GAIN + (peak / np.float32(NOISE)) ** 2
-        raised = np.maximum(gain - 1, 0)
-        gain = gain - raised**2 / (limit + raised)
-    light = linear * gain
+        raised = np.maximum(factor - 1, 0)
+        factor = factor - raised**2 / (limit + raised)
+    light = linear * factor
     if np.ndim(excess):
-        light = light * (1 + excess * np.maximum(1 - gain, 0))
+        light = light * (1 + excess * np.maximum(1 - factor, 0))
     if not brighter:
         return light
-    return roll_off(light, np.maximum(gain.max(-1), 1))
+    return roll_off(light, np.maximum(factor.max(-1), 1))
 
 
 def display_shading(shading: np.ndarray) -> np.ndarray:

@@ -93,7 +93,7 @@ def with_relighting_options(command: Callable) -> Callable:
         options = relighting_options(**{name: values.pop(name) for name in shared.parameters})
         return command(**values, options=options)
 
-    wrapper.__signature__ = own.replace(parameters=parameters)
+    wrapper.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined]
     wrapper.__annotations__ = {p.name: p.annotation for p in parameters}
     return wrapper
 

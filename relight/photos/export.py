@@ -30,11 +30,13 @@ class Exported(nn.Module):
 
     def __init__(self, network: Network):
         super().__init__()
-        self.network = _open_sized(copy.deepcopy(network)).eval()
+        network = copy.deepcopy(network)
+        _open_sized(network)
+        self.network, self.order = network.eval(), network.order
 
     def forward(self, image: Tensor, mask: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         maps = self.network(image, mask)
-        return *finished(maps, mask, self.network.order), maps["light"]
+        return *finished(maps, mask, self.order), maps["light"]
 
 
 def finished(maps: dict[str, Tensor], mask: Tensor, order: int) -> tuple[Tensor, Tensor]:
@@ -54,6 +56,7 @@ class OpenRefinement(nn.Module):
         self.trust = refinement.trust
 
     def forward(self, light: Tensor, albedo: Tensor, transport: Tensor, image: Tensor, mask: Tensor) -> Tensor:
+        """The refined light (B,K,3), as `Refinement.forward` gives it."""
         mask = mask * _thinning(*image.shape[-2:])
         albedo, transport, image, mask = (x.flatten(2) for x in (albedo, transport, image, mask))
         pixels = mask.sum((1, 2)).clamp_min(1)[:, None, None]
@@ -145,7 +148,8 @@ def sample(batch: int, height: int, width: int) -> tuple[Tensor, Tensor]:
     return image, mask
 
 
-def _open_sized(module: nn.Module) -> nn.Module:
+def _open_sized(module: nn.Module) -> None:
+    """Replaces the layers that have a size, or what ONNX has not, in place."""
     for name, child in module.named_children():
         if isinstance(child, InstanceNorm):
             norm = nn.InstanceNorm2d(len(child.weight), affine=True)
@@ -155,7 +159,6 @@ def _open_sized(module: nn.Module) -> nn.Module:
             setattr(module, name, OpenRefinement(child))
         else:
             _open_sized(child)
-    return module
 
 
 def _write_onnx(
@@ -167,6 +170,7 @@ def _write_onnx(
         raise UserError("export to ONNX needs more packages: pip install 'relight[export]'") from None
     logging.getLogger("torch.onnx").setLevel(logging.ERROR)
     onnx = torch.onnx.export(program, input_names=inputs, output_names=outputs, dynamo=True, verbose=False)
+    assert onnx is not None  # as it is where dynamo=False
     onnx.save(str(path), external_data=False)
 
 

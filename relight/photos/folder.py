@@ -9,6 +9,7 @@ from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from relight import __version__
 from relight.files import UserError, writable_folder
@@ -18,6 +19,10 @@ from relight.photos.read import list_photos, mask_beside
 from relight.photos.write import write_json
 from relight.processes import has_semaphores
 from relight.progress import progress
+
+if TYPE_CHECKING:
+    from relight.lights.light import Light
+    from relight.photos.api import Relighter  # which imports torch
 
 RECORD = "photo.json"
 
@@ -129,7 +134,7 @@ def _run(tasks: dict, jobs: int, options: Options, weights: Path | None) -> Iter
                 jobs = 1
 
 
-_worker = None  # the relighter and the light of this process
+_worker: "tuple[Relighter, Light] | None" = None  # those of this process
 
 
 def _start(weights: Path | None, threads: int, options: Options) -> None:
@@ -141,8 +146,9 @@ def _start(weights: Path | None, threads: int, options: Options) -> None:
 
 
 def _relight_one(options: Options, photo: Path, out: Path, mask: Path | None, fingerprint: str) -> str | None:
+    assert _worker is not None  # `_start` ran before
+    relighter, light = _worker
     try:
-        relighter, light = _worker
         record = relight_file(relighter, photo, out, options, mask, light)
         write_json(out / RECORD, {**record, "fingerprint": fingerprint})
         return None

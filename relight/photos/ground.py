@@ -47,7 +47,7 @@ class Camera:
     horizon: float
     middle: float
 
-    def unproject(self, x: np.ndarray, y: np.ndarray, depth: np.ndarray | float) -> np.ndarray:
+    def unproject(self, x: np.ndarray | float, y: np.ndarray | float, depth: np.ndarray | float) -> np.ndarray:
         """Returns the points (...,3) at columns x and rows y with this depth."""
         right, up = (x - self.middle) / self.focal, (self.horizon - y) / self.focal
         return np.stack(np.broadcast_arrays(right * depth, up * depth, -depth), -1)
@@ -173,10 +173,10 @@ def _fill_with_balls(coverage: np.ndarray, box: tuple[int, int, int, int], camer
     solid = np.asarray(small) >= MASK_THRESHOLD
     y, x = np.mgrid[: size[1], : size[0]]
     room = distance_transform_edt(np.pad(solid, 1))[1:-1, 1:-1] - 0.5  # to the outline, not to the next pixel's centre
-    found = []
+    found: list[tuple[float, float, float]] = []
     while len(found) < MAX_BALLS and (radius := room.max()) >= MIN_RADIUS:
         row, column = np.unravel_index(room.argmax(), room.shape)
-        found.append((column, row, radius))
+        found.append((float(column), float(row), radius))
         room = np.where(np.hypot(x - column, y - row) < SPACING * radius, 0, room)
     column, row, radius = (np.array(found).reshape(-1, 3).T + [[0.5], [0.5], [0.0]]) / scale
     foot = bottom - (_lift(solid, column * scale) + SUNK) / scale

@@ -86,8 +86,8 @@ class Person:
         Returns:
             (N,3) difference of square roots, in Fortran order.
         """
-        solid = self.coverage[slice(*rows), slice(*self.crop.columns)].ravel().take(where).astype(np.float32)
-        solid = np.maximum(solid - OPAQUE, 0) / (255 - OPAQUE)
+        coverage = self.coverage[slice(*rows), slice(*self.crop.columns)].ravel().take(where).astype(np.float32)
+        solid = np.maximum(coverage - OPAQUE, 0) / (255 - OPAQUE)
         guide = self._color_guide
         placed = self.crop.place(guide.fill_outside(guide.values), rows, where=where)
         return (square_root(np.asfortranarray(linear)) - placed) * solid[:, None]

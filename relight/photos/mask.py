@@ -20,7 +20,9 @@ HEAD_WIDTH, HEAD_HEIGHT = 0.085, 0.06  # least, of a person's height; a raised a
 AUTOMATIC = (
     "the mask is automatic, and misses hands, hats and bags at times: `relight mask draw` writes it for correction"
 )
-SIDES = {"upper": np.s_[0], "lower": np.s_[-1], "left": np.s_[:, 0], "right": np.s_[:, -1]}
+SIDES: dict[str, tuple[int | slice, ...]] = {
+    "upper": np.s_[0, :], "lower": np.s_[-1, :], "left": np.s_[:, 0], "right": np.s_[:, -1]
+}  # fmt: skip
 
 
 def find_mask(photo: Photo, path: Path | str | None = None, model: Path | str | None = None) -> np.ndarray:

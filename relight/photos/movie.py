@@ -120,7 +120,7 @@ def turn_light(
         behind = None if still is None else still[window].copy()
         if background.kind == "panorama":
             behind = background.linear(shape, turn, options.stops)
-        if ground:
+        if ground and behind is not None:
             ground.cast_shadows(behind, turned, rows[0], columns[0])
         frame = frame.copy()
         compose(frame[window], part, fit_maps(people, turned, options.mode), behind, options.stops)
@@ -205,12 +205,12 @@ def _with_masks(
         raise UserError(f"mask {masks}: for a clip give a folder of masks or a video of them")
     stream, _, _ = read_frames(masks)
     for number, photo in enumerate(frames, 1):
-        mask = next(stream, None)
-        if mask is None:
+        drawn = next(stream, None)
+        if drawn is None:
             raise UserError(f"mask video {masks} has {number - 1} frames, but the clip has more")
-        if mask.pixels.shape != photo.pixels.shape:
+        if drawn.pixels.shape != photo.pixels.shape:
             raise UserError(f"mask video {masks} is of another size than the clip: they must be equal")
-        yield photo, mask.pixels.max(-1)
+        yield photo, drawn.pixels.max(-1)
 
 
 def smooth_over_time(

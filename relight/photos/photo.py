@@ -66,7 +66,9 @@ class Options:
 
     def read_light(self, relighter: Relighter) -> Light:
         """Reads the light."""
-        options = {"layout": self.layout, "yaw": self.yaw, "flip": self.flip, "upside_down": self.upside_down}
+        options: dict[str, str | float] = {
+            "layout": self.layout, "yaw": self.yaw, "flip": self.flip, "upside_down": self.upside_down
+        }  # fmt: skip
         if self.convention:
             options["convention"] = self.convention
         return relighter.read_light(self.light, self.light_mask, self.mask_model, **options)

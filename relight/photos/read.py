@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, ImageCms, ImageOps
+from PIL import Image, ImageCms, ImageOps, TiffImagePlugin
 
 from relight.files import UserError, existing_file, require_readable
 
@@ -62,8 +62,9 @@ def photo_from_image(image: Image.Image, what: str = "the image", name: str = "i
     Raises:
         UserError: as `read_photo`.
     """
-    if getattr(image, "n_frames", 1) > 1 and image.format != "HEIF":  # in a HEIF file the first is the photo
-        raise UserError(f"{what} is animated ({image.n_frames} frames): save one, or use `relight movie`")
+    count = getattr(image, "n_frames", 1)
+    if count > 1 and image.format != "HEIF":  # in a HEIF file the first is the photo
+        raise UserError(f"{what} is animated ({count} frames): save one, or use `relight movie`")
     if image.mode in ("L", "LA", "1"):
         raise UserError(f"{what} is grey: give a colour picture, for the light's colour is read from it")
     if image.mode in ("CMYK", "YCCK", "LAB", "HSV"):
@@ -195,7 +196,7 @@ def _bits(path: Path, image: Image.Image) -> int:
     if image.format == "PNG":
         with open(path, "rb") as file:
             return file.read(25)[24]
-    if image.format == "TIFF":
+    if isinstance(image, TiffImagePlugin.TiffImageFile):
         bits = image.tag_v2.get(258, 8)  # BitsPerSample
         return max(bits) if isinstance(bits, tuple) else int(bits)
     return 8
@@ -211,6 +212,8 @@ def _to_srgb(image: Image.Image, what: str) -> Image.Image:
         source = ImageCms.ImageCmsProfile(io.BytesIO(profile))
         if "sRGB" in ImageCms.getProfileDescription(source):
             return image
-        return ImageCms.profileToProfile(image, source, ImageCms.createProfile("sRGB"), outputMode="RGB")
+        converted = ImageCms.profileToProfile(image, source, ImageCms.createProfile("sRGB"), outputMode="RGB")
+        assert converted is not None  # as it is where the image is changed in place
+        return converted
     except (ImageCms.PyCMSError, OSError):
         raise UserError(f"{what} holds a colour profile that is damaged: save it as sRGB") from None

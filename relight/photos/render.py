@@ -103,7 +103,7 @@ def render(
         ground = ground_of(people) if background.shadow else None
         if ground:
             behind = np.require(behind, requirements="W")
-            ground.cast_shadows(behind, np.mean(light, 0) if isinstance(light, list | tuple) else light)
+            ground.cast_shadows(behind, light if isinstance(light, np.ndarray) else np.mean(light, 0))
     out = np.empty((*pixels.shape[:2], 4 if transparent else 3), np.uint8)
     for first, last in strips(0, len(pixels)):
         rows = out[first:last, :, :3]
@@ -135,7 +135,7 @@ def fit_maps(
     people: Sequence[Person], light: np.ndarray | Sequence[np.ndarray], mode: str
 ) -> list[tuple[FittedMap, ...]]:
     """Fits the gain of each person (mode `ratio`), or albedo and shading (`full`), under one light or one for each."""
-    lights = light if isinstance(light, list | tuple) else [light] * len(people)
+    lights = [light] * len(people) if isinstance(light, np.ndarray) else light
     if mode == "ratio":
         return [(person.fit_gain(own),) for person, own in zip(people, lights)]
     return [(person.fitted_albedo, person.fit_shading(own)) for person, own in zip(people, lights)]
@@ -152,12 +152,12 @@ def split_layers(
         rows: half-open.
         columns: half-open, with the crops of all people within; all columns by default.
     """
-    (first, last), columns = rows, slice(*(columns or (0, pixels.shape[1])))
+    (first, last), across = rows, slice(*(columns or (0, pixels.shape[1])))
     top, bottom = max(first - REACH, 0), min(last + REACH, len(pixels))
     linear = LINEAR[pixels[top:bottom]]
     alpha = total_coverage(people, slice(top, bottom)).astype(np.float32) / 255
-    own = slice(first - top, last - top), columns
-    part = Layers(first, columns.start, linear[own], alpha[own], estimate_foreground(linear, alpha)[own], [])
+    own = slice(first - top, last - top), across
+    part = Layers(first, across.start, linear[own], alpha[own], estimate_foreground(linear, alpha)[own], [])
     part.people = [_person_pixels(person, part) for person in people]
     return part
 
@@ -205,15 +205,15 @@ def compose(
         if own is None:
             continue
         values = _relight(own, fits, np.float32(2**stops))
-        if behind is None:
+        if front is None:
             out[own.index] = to_srgb8(own.linear + own.alpha * (values - own.foreground))
         else:
             front[own.index] = values
-    if behind is not None:
+    if front is not None and behind is not None:
         out[:] = to_srgb8(over(front, part.alpha, behind))
 
 
-def _relight(own: PersonPixels, fits: tuple[FittedMap, ...], factor: float) -> np.ndarray:
+def _relight(own: PersonPixels, fits: tuple[FittedMap, ...], factor: np.float32) -> np.ndarray:
     """The person's own colour (N,3) relit: by the gain, or as albedo times shading."""
     *albedo, last = fits
     crop = own.person.crop

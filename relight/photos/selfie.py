@@ -116,8 +116,9 @@ def segment(pixels: np.ndarray) -> np.ndarray:
 
 def segment_coarsely(pixels: np.ndarray) -> np.ndarray:
     """The mask (H,W) float32 in [0,1] of a photo (H,W,3) uint8 after all PASSES, at the network's detail."""
-    found = np.zeros(pixels.shape[:2], np.float32)
-    box = (0, 0, found.shape[1], found.shape[0])
+    height, width = pixels.shape[:2]
+    found = np.zeros((height, width), np.float32)
+    box = (0, 0, width, height)
     for _ in range(PASSES):
         part = drop_small_parts(predict(pixels, box))
         found[:] = 0
@@ -140,8 +141,8 @@ def predict(pixels: np.ndarray, box: tuple[int, int, int, int]) -> np.ndarray:
     """
     import torch
 
-    image = Image.fromarray(pixels).resize((SIDE, SIDE), Image.Resampling.BILINEAR, box, reducing_gap=3)
-    image = torch.from_numpy(np.asarray(image, np.float32) / 255).permute(2, 0, 1)
+    square = Image.fromarray(pixels).resize((SIDE, SIDE), Image.Resampling.BILINEAR, box, reducing_gap=3)
+    image = torch.from_numpy(np.asarray(square, np.float32) / 255).permute(2, 0, 1)
     straight, mirrored = load_network()(torch.stack([image, image.flip(-1)]))[:, 0]
     mean = Image.fromarray(((straight + mirrored.flip(-1)) / 2).numpy())
     return np.asarray(mean.resize((box[2] - box[0], box[3] - box[1]), Image.Resampling.BICUBIC)).clip(0, 1)
@@ -200,8 +201,8 @@ def fit_to_edges(pixels: np.ndarray, found: np.ndarray) -> np.ndarray:
     slope = np.linalg.solve(spread + SMOOTH * np.eye(3, dtype=np.float32), along[..., None])[..., 0]
     offset = level - (slope * average).sum(-1)
     fitted = np.concatenate([mean(slope), mean(offset)[..., None]], -1)
-    slopes = [Image.fromarray(np.ascontiguousarray(fitted[..., c])) for c in range(4)]
-    *slopes, offset = (np.asarray(each.resize((width, height), Image.Resampling.BILINEAR)) for each in slopes)
+    planes = [Image.fromarray(np.ascontiguousarray(fitted[..., c])) for c in range(4)]
+    *slopes, offset = (np.asarray(each.resize((width, height), Image.Resampling.BILINEAR)) for each in planes)
     edge = offset + sum(slopes[c] * (pixels[..., c] / np.float32(255)) for c in range(3))
     return np.clip((edge - 0.5) * STEEP + 0.5, 0, 1)
 

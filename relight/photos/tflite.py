@@ -189,8 +189,8 @@ def _run(name: str, values: list[Tensor], options: dict[str, int]) -> Tensor:
         case "RESIZE_BILINEAR":
             if not options["align_corners"] and not options["half_pixel_centers"]:
                 raise ValueError("resizing by pixels' corners is not known here")
-            size = values[1].tolist()
-            return F.interpolate(x, size, mode="bilinear", align_corners=bool(options["align_corners"]))
+            height, width = values[1].tolist()
+            return F.interpolate(x, (height, width), mode="bilinear", align_corners=bool(options["align_corners"]))
     raise ValueError(f"operation {name} is not known here")
 
 

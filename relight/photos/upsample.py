@@ -100,11 +100,11 @@ class FittedMap:
         for c in range(self.base.shape[2]):  # one channel at a time stays in the processor's cache
             values = crop.place(self.base[..., c], rows, True, where)
             values += crop.place(self.slope[..., c], rows, False, where) * detail[..., min(c, detail.shape[-1] - 1)]
-            if self.low is None:
-                low, high = 0, 1
+            if self.low is None or self.high is None:
+                out.append(np.clip(values, 0, 1, out=values))
             else:
                 low, high = (crop.place(maps[..., c], rows, False, where) for maps in (self.low, self.high))
-            out.append(np.clip(values, low, high, out=values))
+                out.append(np.clip(values, low, high, out=values))
         return np.moveaxis(np.stack(out), 0, -1)
 
 

@@ -48,11 +48,13 @@ def write_video(path: Path | str, frames: Iterable[np.ndarray], fps: float = FPS
 
 def _write_video(path: Path, frames: Iterable[np.ndarray], fps: float, codec: str, options: dict[str, str]) -> None:
     with av.open(str(path), "w", options={"movflags": "faststart"} if path.suffix == ".mp4" else {}) as container:
-        stream = None
+        stream: av.VideoStream | None = None
         for pixels in frames:
             pixels = np.pad(pixels, ((0, pixels.shape[0] % 2), (0, pixels.shape[1] % 2), (0, 0)), mode="edge")
             if stream is None:
-                stream = container.add_stream(codec, rate=Fraction(fps).limit_denominator(1001), options=options)
+                added = container.add_stream(codec, rate=Fraction(fps).limit_denominator(1001), options=options)
+                assert isinstance(added, av.VideoStream)
+                stream = added
                 stream.height, stream.width = pixels.shape[:2]
                 stream.pix_fmt = "yuv420p"
                 stream.codec_context.colorspace = 1  # BT.709, which players assume at this size

@@ -60,8 +60,7 @@ def write_inference(folder: Path, people: Sequence[Person], pixels: np.ndarray) 
             where = np.flatnonzero(own)
             detail = person.detail(LINEAR[pixels[slice(*rows), columns][own]], rows, where)
             albedo, transport = (
-                fit.place(person.crop, guide, rows, where)
-                for fit, guide in zip(fits, (detail, luma(detail)))
+                fit.place(person.crop, guide, rows, where) for fit, guide in zip(fits, (detail, luma(detail)))
             )
             albedo = albedo**2
             lit = shading(transport, person.light)

@@ -9,6 +9,7 @@ from relight.stages.step import transform_mesh
 
 @stage("align", mesh="mesh record (.npz)", out="mesh record (.npz)")
 def main(align: Align, mesh: Path, out: Path) -> None:
+    """Writes the mesh of a figure as `relight.meshes.alignment.align` turns it; a figure left out stays left out."""
     from relight.meshes import align as align_mesh
 
     transform_mesh(mesh, lambda given: align_mesh(given, align), out)

@@ -16,6 +16,7 @@ from relight.stages.stage import stage
     out="scores (.csv)",
 )
 def main(evaluate: Evaluate, track: Track, packed: Path, lights: Path, split: Path, network: Path, out: Path) -> None:
+    """Writes the scores of a network, a row for each figure and light, and sends their means to its run in MLflow."""
     from relight.evaluation.evaluate import evaluate as score
     from relight.evaluation.scores import read_scores
     from relight.learning.checkpoint import read_config

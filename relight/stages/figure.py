@@ -10,6 +10,7 @@ from relight.stages.step import save_mesh
 
 @stage("figure", figure="g and a seed, such as g0012", out="mesh record (.npz)")
 def main(figures: Figures, figure: Path, out: Path) -> None:
+    """Writes the figure of a seed, or a record that says why it is left out."""
     from relight.figures.constraints import Constraints
     from relight.figures.dress import make_figure, subject_of
 

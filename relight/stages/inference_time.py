@@ -8,6 +8,7 @@ from relight.stages.stage import stage
 
 @stage("inference_time", row="its name in the table", out="times (.csv)")
 def main(model: Model, timing: Timing, row: Path, out: Path) -> None:
+    """Writes the seconds that a network takes for a picture, by size and device; `row` is its name, not a file."""
     from relight.evaluation.timing import time_networks
 
     time_networks({row.name: model}, timing, out)

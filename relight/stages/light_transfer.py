@@ -1,9 +1,9 @@
 """Figures that swap lights: scores of all networks, and pictures of some swaps."""
 
-import json
 from pathlib import Path
 
 from relight.config import Evaluate
+from relight.stages.networks import networks_of
 from relight.stages.stage import stage
 
 
@@ -27,14 +27,12 @@ def main(
     out: Path,
     plate: Path,
 ) -> None:
+    """Scores figures that swap lights by every network of the experiment, and draws some by the first of each row."""
     from relight.evaluation.transfer import evaluate_transfer, transfer_plate
 
-    runs = json.loads(experiments.read_text())["light_transfer"]["runs"]
-    every = {run: networks / f"{run}.safetensors" for row in runs.values() for run in row}
+    every, first = networks_of(experiments, "light_transfer", networks)
     evaluate_transfer(every, packed, lights, split, evaluate, out)
-    transfer_plate(
-        {row: every[trainings[0]] for row, trainings in runs.items()}, packed, lights, split, evaluate, plate
-    )
+    transfer_plate(first, packed, lights, split, evaluate, plate)
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ from relight.stages.stage import stage
 
 @stage("lights", out="lights (.npz, and a .csv of the same beside it)", record="what each step dropped (.json)")
 def main(panoramas: Panoramas, lights: Lights, order: int, out: Path, record: Path) -> None:
+    """Writes the illumination set: what is left of the panoramas' lights, each marked train or test."""
     from relight.lights import build_light_set, write_light_set
 
     chosen, dropped = build_light_set(panoramas, lights, order)

@@ -17,6 +17,11 @@ from relight.stages.stage import stage
     record="what was left out (.json)",
 )
 def main(split: Split, names: Path, maps: Path, out: Path, record: Path) -> None:
+    """Writes the maps of all figures as one packed set.
+
+    Raises:
+        UserError: too few figures are usable.
+    """
     from relight.maps import pack_maps, read_info
 
     every = names.read_text().split()

@@ -1,9 +1,9 @@
 """Compares what networks relight with path tracing: scores by cause, and pictures."""
 
-import json
 from pathlib import Path
 
 from relight.config import Evaluate
+from relight.stages.networks import networks_of
 from relight.stages.stage import stage
 
 
@@ -27,12 +27,12 @@ def main(
     out: Path,
     plate: Path,
 ) -> None:
+    """Scores what networks relight against path tracing, cause by cause, and draws some of it."""
     from relight.evaluation.path_traced import evaluate_traced, traced_plate
 
-    runs = json.loads(experiments.read_text())["path_traced"]["runs"]
-    every = {run: networks / f"{run}.safetensors" for row in runs.values() for run in row}
+    every, first = networks_of(experiments, "path_traced", networks)
     evaluate_traced(every, packed, lights, traced, evaluate, out)
-    traced_plate({row: every[trainings[0]] for row, trainings in runs.items()}, packed, lights, traced, evaluate, plate)
+    traced_plate(first, packed, lights, traced, evaluate, plate)
 
 
 if __name__ == "__main__":

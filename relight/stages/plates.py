@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 from relight.config import Evaluate
+from relight.stages.networks import networks_of
 from relight.stages.stage import stage
 
 
@@ -33,11 +34,12 @@ def main(
     overview: Path,
     extremes: Path,
 ) -> None:
+    """Draws the four pictures of an experiment, by the first training of each of its rows."""
     from relight.evaluation import panels
 
-    chosen = json.loads(experiments.read_text())[experiment.name]
-    networks = {row: results / "train" / f"{trainings[0]}.safetensors" for row, trainings in chosen["runs"].items()}
-    scores = [results / path for row, paths in chosen["scores"].items() if row for path in paths]
+    _, networks = networks_of(experiments, experiment.name, results / "train")
+    scored = json.loads(experiments.read_text())[experiment.name]["scores"]
+    scores = [results / path for row, paths in scored.items() if row for path in paths]
     data = packed, lights, split, evaluate
     panels.plates(networks, *data, out)
     panels.relit(networks, *data, relit)

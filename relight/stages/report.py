@@ -8,6 +8,7 @@ from relight.stages.stage import stage
 
 @stage("report", experiments="experiments (.json)", results="folder of the results", out="report (.html)")
 def main(evaluate: Evaluate, name: str, experiments: Path, results: Path, out: Path) -> None:
+    """Writes the page of a run from its results (`relight.evaluation.report.build.build_report`)."""
     from relight.evaluation.report.build import build_report
 
     build_report(name, evaluate, experiments, results, out)

@@ -10,6 +10,7 @@ from relight.stages.step import save_mesh
 
 @stage("scan", figure="name of the figure in the folder", out="mesh record (.npz)")
 def main(figures: Figures, figure: Path, out: Path) -> None:
+    """Writes the mesh of a scan as it is in its file, or a record that says why it is left out."""
     from relight.meshes import list_scans, read_mesh
 
     name = figure.name

@@ -26,6 +26,7 @@ def main(
     occlusion: Path,
     histogram: Path,
 ) -> None:
+    """Draws figures and lights, and measures how far the figures occlude themselves."""
     from relight.evaluation.charts import plot_occlusion
     from relight.evaluation.contact import clearest, contact_sheet
     from relight.evaluation.occlusion import measure_occlusion

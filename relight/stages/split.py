@@ -10,6 +10,7 @@ from relight.stages.stage import stage
 
 @stage("split", packed="packed set (.safetensors)", record="what the figures are (.json)", out="split (.json)")
 def main(split: Split, packed: Path, record: Path, out: Path) -> None:
+    """Writes which figures train and which test, so that no subject is in both."""
     from relight.learning.split import is_seated, split_figures
     from relight.maps import PackedMaps
 

@@ -11,7 +11,7 @@ from dataclasses import asdict, field, is_dataclass, make_dataclass
 from datetime import datetime
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol, cast
 
 import hydra
 import yaml
@@ -34,7 +34,15 @@ FLAGS = """
   --hydra-help       more of Hydra"""
 
 
-def stage(name: str, **ports: str) -> Callable:
+class Stage(Protocol):
+    """A function that has the command line of a stage."""
+
+    cli: Callable[[], None]
+
+    def __call__(self, *args: Any, **settings: Any) -> None: ...
+
+
+def stage(name: str, **ports: str) -> Callable[[Callable[..., None]], Stage]:
     """Gives a function the command line of a stage, as its attribute `cli`.
 
     The function is called with what READS[name] lists (the dataclass of a group, the value of a single setting under
@@ -49,7 +57,7 @@ def stage(name: str, **ports: str) -> Callable:
         The decorator.
     """
 
-    def wrap(function: Callable) -> Callable:
+    def wrap(function: Callable[..., None]) -> Stage:
         def run(cfg: DictConfig) -> None:
             try:
                 call(cfg)
@@ -76,7 +84,7 @@ def stage(name: str, **ports: str) -> Callable:
 
         def usage() -> str:
             files = "\n".join(f"    {f'io.{port}=FILE':34s}  {what}" for port, what in ports.items())
-            about = sys.modules[function.__module__].__doc__.strip()
+            about = (sys.modules[function.__module__].__doc__ or "").strip()
             settings = listing(composed(), READS[name])
             return f"{about}\n\nFiles:\n{files}\n\nSettings that it reads, as key=value:\n{settings}\n{FLAGS}"
 
@@ -99,8 +107,9 @@ def stage(name: str, **ports: str) -> Callable:
             except (HydraException, OmegaConfBaseException, yaml.YAMLError) as error:
                 sys.exit(f"relight {name}: {explain(error)}")
 
-        function.cli = cli
-        return function
+        made = cast(Stage, function)
+        made.cli = cli
+        return made
 
     return wrap
 
@@ -128,7 +137,11 @@ def log_header(settings: dict[str, Any]) -> str:
     for package in VERSIONS:
         with suppress(PackageNotFoundError):
             packages.append(f"{package} {version(package)}")
-    read = {name: asdict(part) if is_dataclass(part) else part for name, part in settings.items() if name != "track"}
+    read = {
+        name: asdict(part) if is_dataclass(part) and not isinstance(part, type) else part
+        for name, part in settings.items()
+        if name != "track"
+    }
     lines = [
         f"{datetime.now().astimezone().isoformat(timespec='seconds')} on {platform.node()}",
         ", ".join(packages),

@@ -11,6 +11,7 @@ ENDS = (".csv", ".md", ".tex", *(f"_{kind}.png" for kind in PICTURES))  # of an 
 
 @stage("tables", experiments="experiments (.json)", results="folder of the results", out="folder of the tables")
 def main(evaluate: Evaluate, experiments: Path, results: Path, out: Path) -> None:
+    """Writes the tables of all experiments, and removes those of experiments that are no more."""
     from relight.evaluation.report.results import Results
     from relight.evaluation.report.sections import write_score_table
 

@@ -29,6 +29,7 @@ def main(
     out: Path,
     curve: Path,
 ) -> None:
+    """Trains a network, or goes on where an interrupted training stopped."""
     from relight.learning.train import Inputs, Recipe, fingerprint
     from relight.learning.train import train as train_network
     from relight.tracking.run import training_run

@@ -32,6 +32,7 @@ def main(
     lights: Path,
     out: Path,
 ) -> None:
+    """Writes the page of a run: as many test figures as fit, by their true maps and by those of each network."""
     from relight.evaluation.evaluate import inferred_maps, load
     from relight.evaluation.labels import label
     from relight.evaluation.panels import spaced

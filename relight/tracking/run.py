@@ -72,7 +72,11 @@ class Run:
         """Sends the metrics of a step, and the images that were added."""
         self._metrics[step] = milliseconds(), values
         if time.monotonic() > self._retry_at:
-            self.attempt(lambda: (self._send_metrics(), self._send_images()))
+            self.attempt(self._send)
+
+    def _send(self) -> None:
+        self._send_metrics()
+        self._send_images()
 
     def add_image(self, image: np.ndarray, step: int) -> None:
         """Adds the image (H,W,3) uint8 of a step to what the next `log` sends."""
@@ -185,7 +189,7 @@ class TrainingRun(Run):
             tags |= {**workflow.tags, "experiment": ", ".join(workflow.rows.get(training.run, []))}
             track = workflow.track
         tags["mlflow.note.content"] = NOTE
-        super().__init__(track, name, fingerprint, settings, tags, workflow and workflow_run(workflow))
+        super().__init__(track, name, fingerprint, settings, tags, workflow_run(workflow) if workflow else None)
         self.data = dict(data or {})
         self._monitors: list = []
 
@@ -203,7 +207,7 @@ class TrainingRun(Run):
                 self._monitors = [CPUMonitor()]
                 with suppress(Exception):  # no NVIDIA GPU, or no library to query it
                     self._monitors.append(GPUMonitor())
-            found = {}
+            found: dict[str, float] = {}
             for monitor in self._monitors:
                 monitor.collect_metrics()
                 found |= {f"system/{name}": float(value) for name, value in monitor.aggregate_metrics().items()}
@@ -250,6 +254,7 @@ class TrainingRun(Run):
             self._send_images()
             self.log_settings()
             self.log_files([curve])
+            assert self.id is not None  # `attempt` opened the run
             log_network(self.client, self.id, network)
 
         self.attempt(send)

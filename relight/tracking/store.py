@@ -48,6 +48,7 @@ def connect(track: Track) -> tuple:
     Raises:
         Exception: whatever the store raises.
     """
+    assert track.uri  # who records nothing asks for no store
     configure()
     from mlflow import MlflowClient
 

@@ -1,11 +1,22 @@
 """The camera of the maps, orthographic or perspective."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
 from relight.files import UserError
 from relight.transport.view import Pose, rotated
+
+
+class CastsRays(Protocol):
+    """What the baker needs of a camera: `Camera`, or a calibrated one."""
+
+    def rays(self, column: np.ndarray, row: np.ndarray) -> np.ndarray:
+        """Rays (N,6), origin and direction, through points (N,) of the image."""
+
+    def toward(self, points: np.ndarray) -> np.ndarray:
+        """Directions (N,3), not normalised, from points (N,3) to the camera."""
 
 
 @dataclass(frozen=True)

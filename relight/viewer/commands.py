@@ -13,6 +13,7 @@ class Site(TyperGroup):
     """`relight web DIR` is short for `relight web build DIR`."""
 
     def parse_args(self, context, arguments: list[str]) -> list[str]:
+        """Inserts the command `build` where no command is given."""
         if arguments and arguments[0] not in {*self.commands, "--help", "-h"}:
             arguments = ["build", *arguments]
         return super().parse_args(context, arguments)
@@ -64,9 +65,8 @@ def view(
     out = writable_file(out or paths[0].with_suffix(".html"), "page")
     relighter = load(weights) if photos else None
     figures = [figure_of(path, relighter, mask, size) for path in paths]
-    build_gallery(
-        out, figures, named_lights(light or ()), background, title or figures[0].title, limit and int(limit * 1e6)
-    )
+    most = int(limit * 1e6) if limit else None  # bytes
+    build_gallery(out, figures, named_lights(light or ()), background, title or figures[0].title, most)
     typer.echo(f"{out}: {out.stat().st_size / 1e6:.1f} MB")
     if open_:
         typer.launch(out.resolve().as_uri())

@@ -85,8 +85,10 @@ def unpack(folder: Path, providers: Sequence[str] = tuple(FILES)) -> dict[str, l
     try:
         with tarfile.open(package) as archive:
             for name in (name for provider in providers for name in FILES[provider]):
-                with archive.extractfile(f"package/dist/{name}") as file:
-                    (folder / name).write_bytes(file.read())
+                file = archive.extractfile(f"package/dist/{name}")
+                if file is None:
+                    raise KeyError(name)
+                (folder / name).write_bytes(file.read())
     except (tarfile.TarError, EOFError, KeyError):
         raise UserError(f"{package} is damaged: run `relight web setup` again") from None
     return {provider: [folder / name for name in FILES[provider]] for provider in providers}

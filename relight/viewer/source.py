@@ -91,6 +91,7 @@ def figure_of(path: Path, relighter: "Relighter | None", mask: Path | None = Non
     from relight.photos.movie import downscale
     from relight.photos.read import mask_beside, read_photo
 
+    assert relighter is not None, "photos need a relighter"
     photo = read_photo(path)
     pixels, coverage = downscale(photo, find_mask(photo, mask or mask_beside(path)), size)
     return photo_figure(relighter, pixels, coverage, photo.name)

@@ -115,7 +115,7 @@ def test_any_table_in_every_form(tmp_path):
     one = Estimate(0.1234, 0.1, 0.15, np.zeros((3, 1)))
     alone = Estimate(0.5, -np.inf, np.inf, np.zeros((1, 1)))
     lines = [["a & b", one, 3, 12.34, Verdict.WORSE], ["<c>", alone, 4, None, "|"]]
-    grid = Grid.of(["", "RMSE, %", "px", "s", "is"], lines, ["network", "baseline"], s=1)
+    grid = Grid.of(["", "RMSE, %", "px", "s", "is"], lines, ["network", "baseline"], {"s": 1})
     write_tables(tmp_path / "things", "Things", "Of 100 %.", grid)
     heads, *found = csv.reader((tmp_path / "things.csv").read_text().splitlines())
     assert heads == ["", "RMSE, %", "RMSE, %, low", "RMSE, %, high", "px", "s", "is"]

@@ -88,6 +88,7 @@ def part(name: str, heading: str, template: str, numbers: Callable[[Results], di
 
 
 def failure(name: str, heading: str, reason: str) -> Part:
+    """A section that says why it could not be made."""
     return Part(name, heading, page.section("sections/failed.md", reason=reason), failed=True)
 
 

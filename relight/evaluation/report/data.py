@@ -92,7 +92,8 @@ def redraws(infos: dict[str, dict]) -> Numbers:
     """How many figures were drawn anew, and why, from their infos."""
     drawn = [info for info in infos.values() if "redrawn" in info]
     reasons = [reason for info in drawn for reason in info["redrawn_because"]]
-    draws, garments = Counter(), {}
+    draws: Counter[str] = Counter()
+    garments: dict[str, Counter[str]] = {}
     for reason in reasons:
         garment, _, why = reason.rpartition(": ")
         why = re.sub(r"\d+(\.\d+)?", "…", why)
@@ -137,7 +138,8 @@ def costs_and_settings(results: Results) -> Numbers:
     rows = [[stage, int(one.jobs), one["mean"], one.seconds, one.cpu, one.memory] for stage, one in found.iterrows()]
     rows.append(["all", int(found.jobs.sum()), None, found.seconds.sum(), found.cpu.sum(), found.memory.max()])
     heads = ["stage", "jobs", "s a job", "s in total", "CPU s", "largest memory, GB"]
-    grid = Grid.of(heads, rows, **{"s a job": 1, "s in total": 1, "CPU s": 1, "largest memory, GB": 2})
+    digits = {"s a job": 1, "s in total": 1, "CPU s": 1, "largest memory, GB": 2}
+    grid = Grid.of(heads, rows, digits=digits)
     settings = {
         stage: {key: "none" if value is None else str(value) for key, value in own.items()}
         for stage, own in results.settings_files().items()

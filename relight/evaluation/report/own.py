@@ -69,7 +69,8 @@ def traced(results: Results, name: str) -> Numbers:
     tables = path_traced.tables(path, results.settings)
     answers = {row: float(one["relative, %"].mean) for row, one in tables["path_traced"].frame.iterrows()}
     sizes = {row: one["RMSE"].mean for row, one in tables["path_traced_causes"].frame.iterrows()}
-    largest = sorted((cause for cause in sizes if cause in path_traced.CAUSES.values()), key=sizes.get, reverse=True)
+    causes = [cause for cause in sizes if cause in path_traced.CAUSES.values()]
+    largest = sorted(causes, key=lambda cause: sizes[cause], reverse=True)
     made = {
         "tables": tables,
         "scenes": pd.read_csv(path)["figure"].nunique(),
@@ -101,7 +102,8 @@ def inference_time(results: Results, name: str) -> Numbers:
         for one in times.itertuples()
     ]
     heads = ["network", "width", "parameters", "px", "on", "seconds", "CPU seconds", "GFLOP", "of the matrix rate, %"]
-    grid = Grid.of(heads, rows, **{"seconds": 4, "CPU seconds": 4, "GFLOP": 1, "of the matrix rate, %": 0})
+    digits = {"seconds": 4, "CPU seconds": 4, "GFLOP": 1, "of the matrix rate, %": 0}
+    grid = Grid.of(heads, rows, digits=digits)
     made = {
         "largest": times[times["size"] == times["size"].max()],
         "printed": SECONDS,

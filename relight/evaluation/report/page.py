@@ -55,6 +55,7 @@ def section(template: str, **context) -> Markup:
 
 
 def page(template: str, **context) -> str:
+    """The text of a template, filled in."""
     return environment().get_template(template).render(context)
 
 

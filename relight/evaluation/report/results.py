@@ -36,6 +36,7 @@ class Results:
 
     @property
     def report(self) -> Path:
+        """The folder of the page."""
         return self.folder / "report"
 
     @property
@@ -75,6 +76,7 @@ class Results:
         return self.json("lights/chain.json")
 
     def json(self, path: str) -> dict[str, Any]:
+        """What a .json file of the results holds. UserError where it is missing."""
         return json.loads(existing_file(self.folder / path, "results").read_text())
 
     def usual(self, name: str) -> bool:
@@ -89,6 +91,7 @@ class Results:
         return {row: found[row] for row in files if row in found}
 
     def baselines(self, name: str, usual: bool = False) -> Rows:
+        """The scores of an experiment's baselines, under its own lights or the usual ones."""
         return self._gather(self._files(name, usual)[""])
 
     def table(self, name: str, usual: bool = False) -> Table:
@@ -98,9 +101,10 @@ class Results:
         return self._tables[name, usual]
 
     def _table(self, name: str, usual: bool) -> Table:
-        rows, pool = self.scores(name, usual), {}
+        rows = self.scores(name, usual)
         if not rows:
             return Table(SHOWN.get(name, ALL))
+        pool: Rows = {}
         for other in dict.fromkeys([name, *self.readable]):
             for condition in (False, True):
                 if self._files(other, condition)[""] == self._files(name, usual)[""]:

@@ -66,7 +66,7 @@ def experiment(results: Results, name: str) -> Numbers:
         What templates/sections/experiment.md takes, and what the template of the experiment takes beside it.
     """
     table, one = results.table(name), results.experiments[name]
-    made = {"name": name, "experiment": one, "scored": table, "grid": None, "plot": None, "plates": []}
+    made: Numbers = {"name": name, "experiment": one, "scored": table, "grid": None, "plot": None, "plates": []}
     if not table.rows:
         return made
     made |= {"grid": score_grid(table, table.columns), "others": score_grid(table, other_columns(table))}
@@ -203,7 +203,7 @@ def unusual_lights(results: Results, name: str, table: Table) -> Numbers:
         "shares": Grid.of(
             ["light error over that of the mean training light", "unusual lights", "usual lights"],
             [[label(row), *two] for row, two in shares.items()],
-            **{"unusual lights": 2, "usual lights": 2},
+            digits={"unusual lights": 2, "usual lights": 2},
         ),
         "comparisons": comparison_grid(found),
     }
