@@ -81,7 +81,7 @@ def ball(light: np.ndarray, size: int, white: float, linear: bool) -> Image.Imag
     return Image.fromarray((lit_ball(light, size, white=white, linear=linear) * 255).round().astype(np.uint8))
 
 
-class Sheet:
+class Canvas:
     """A white sheet on which cells and words are put."""
 
     def __init__(self, width: int, height: int):

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from relight.evaluation.canvas import CELL, FAINT, Sheet, ball, box_of, cut_out
+from relight.evaluation.canvas import CELL, FAINT, Canvas, ball, box_of, cut_out
 from relight.evaluation.metrics import shade
 from relight.files import UserError
 from relight.lights import measure
@@ -45,7 +45,7 @@ def contact_sheet(maps_paths: list[Path], light: np.ndarray, out: Path, height: 
     tile = len(VIEWS) * (width + GAP) + 6 * GAP
     across = max(1, min(len(figures), WIDTH // tile))
     down = -(-len(figures) // across)
-    sheet = Sheet(across * tile + 3 * GAP, TOP + down * (height + WORDS))
+    sheet = Canvas(across * tile + 3 * GAP, TOP + down * (height + WORDS))
     for a in range(across):
         for v, words in enumerate(VIEWS):
             sheet.text(words, 4 * GAP + a * tile + v * (width + GAP) + width // 2, TOP // 2, 16, "mm", bold=True)

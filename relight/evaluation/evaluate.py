@@ -17,11 +17,10 @@ from relight.learning.harmonics import unoccluded
 from relight.learning.networks import Network
 from relight.maps import Maps
 from relight.progress import progress
-from relight.sh import coefficient_count
+from relight.sh import UNOCCLUDED_T00, coefficient_count
 from relight.srgb import decode
 
 PIXELS = 2**20  # of the images that go through a network at once
-OPEN = np.sqrt(np.pi) / 2  # T00 of a point that nothing occludes
 
 Predictor = Callable[[int, np.ndarray], Inferred]  # (figure, lights (N,)) of a RelitSet -> what is inferred of them
 
@@ -235,7 +234,7 @@ def inferred_maps(network: Network, data: RelitSet, light: int, true: Maps) -> M
     inferred = infer(network, data, int(figure), np.array([light]))
     assert inferred.occluded_transport is not None  # every network infers transport
     transport = inferred.occluded_transport[0][:, : coefficient_count(2)]
-    values = {"transport": transport, "ao": np.clip(transport[:, :1] / OPEN, 0, 1)}
+    values = {"transport": transport, "ao": np.clip(transport[:, :1] / np.float64(UNOCCLUDED_T00), 0, 1)}
     if inferred.normal is not None:
         values["normal"] = inferred.normal[0]
     if inferred.albedo is not None:

@@ -8,7 +8,7 @@ import numpy as np
 from PIL import Image
 
 from relight import config
-from relight.evaluation.canvas import FAINT, Sheet, ball, box_of, cut_out, heat, transport_bands
+from relight.evaluation.canvas import FAINT, Canvas, ball, box_of, cut_out, heat, transport_bands
 from relight.evaluation.evaluate import chosen_pairs, dense, has_pairs, infer, load, pixels, truth
 from relight.evaluation.labels import label
 from relight.evaluation.metrics import Inferred, Truth, shade
@@ -110,7 +110,7 @@ class Line:
     first: bool = False
 
 
-def draw(heads: list[str], lines: list[Line], worst: float | None, note: str) -> Sheet:
+def draw(heads: list[str], lines: list[Line], worst: float | None, note: str) -> Canvas:
     """Draws rows of views, with heads above and a scale of errors below.
 
     Args:
@@ -123,7 +123,7 @@ def draw(heads: list[str], lines: list[Line], worst: float | None, note: str) ->
     tall, wide = box[0].stop - box[0].start, box[1].stop - box[1].start
     height, width = CELL_HEIGHT, max(100, round(CELL_HEIGHT * wide / tall))
     apart = 4 * GAP * sum(line.first for line in lines)
-    sheet = Sheet(GUTTER + len(heads) * (width + GAP) + GAP, TOP + len(lines) * (height + GAP) + apart + 4 * LINE)
+    sheet = Canvas(GUTTER + len(heads) * (width + GAP) + GAP, TOP + len(lines) * (height + GAP) + apart + 4 * LINE)
     for c, head in enumerate(heads):
         sheet.text(head, GUTTER + c * (width + GAP) + width // 2, TOP // 2, 18, "mm", bold=True, width=width)
     y = TOP
@@ -142,7 +142,7 @@ def draw(heads: list[str], lines: list[Line], worst: float | None, note: str) ->
 
 
 def draw_view(
-    sheet: Sheet,
+    sheet: Canvas,
     view: View,
     subject: Subject,
     box: tuple[slice, slice],
@@ -294,9 +294,9 @@ def draw_plates(
     draw(list(COLUMNS), [line for block in blocks for line in block], WORST, NOTE).save(out)
 
 
-def empty_sheet() -> Sheet:
+def empty_sheet() -> Canvas:
     """A sheet that says that there is nothing to show."""
-    sheet = Sheet(2 * GUTTER, TOP)
+    sheet = Canvas(2 * GUTTER, TOP)
     sheet.text("nothing to show", GUTTER, TOP // 2, 15, "mm", color=FAINT)
     return sheet
 

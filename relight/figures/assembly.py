@@ -214,7 +214,7 @@ def head_of_hair(
     detail: Detail,
     texture: int,
     seed: int,
-) -> list[hair.Shell]:
+) -> list[hair.HairPart]:
     """Adds hair, beard, brows, lashes and hat, each a material of its own, over the surface `below` (vertices, faces),
     and returns them in that order."""
     parts = hair.build_hair(body, way, outfit.hair, outfit.beard, below, seed, fine=detail.body > 0)

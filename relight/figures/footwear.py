@@ -51,7 +51,7 @@ class Part:
 
 
 @dataclass(frozen=True)
-class Shell:
+class Upper:
     """The outside of an upper around the rest pose: shape (n,3), bone weights (n,B), faces (m,3); `foot` (B,), the
     weights of what is rigid below the ankle; metres: height of the ground, z of toes and heel."""
 
@@ -78,7 +78,7 @@ def build_shoes(body: Body, motion: Motion, shoe: Shoe) -> list[Part]:
     return [part for side in "LR" for part in one_shoe(body, motion, shoe, side)]
 
 
-def shell(body: Body, bones: dict[str, int], shoe: Shoe, side: str) -> Shell:
+def upper(body: Body, bones: dict[str, int], shoe: Shoe, side: str) -> Upper:
     """The outside of the shoe's upper on a side ("L" | "R"), cut from the foot of the suit; bones: numbers by name."""
     suit, ankle = body.tights, body.joints[f"foot.{side}"]
     faces = makehuman.base().faces["helper-tights"] - makehuman.TIGHTS.start
@@ -107,12 +107,12 @@ def shell(body: Body, bones: dict[str, int], shoe: Shoe, side: str) -> Shell:
     foot[bones[f"foot.{side}"]] = 1
     rigid = np.clip((ankle[1] + 0.01 - shape[:, 1]) / 0.03, 0, 1)[:, None]
     weights = weights / weights.sum(1, keepdims=True) * (1 - rigid) + foot * rigid
-    return Shell(shape, weights, faces, foot, ground, toes, heel)
+    return Upper(shape, weights, faces, foot, ground, toes, heel)
 
 
 def one_shoe(body: Body, motion: Motion, shoe: Shoe, side: str) -> list[Part]:
     """The parts of the shoe on a side ("L" | "R"), at the last frame of the motion."""
-    outside, ankle = shell(body, motion.bones, shoe, side), body.joints[f"foot.{side}"]
+    outside, ankle = upper(body, motion.bones, shoe, side), body.joints[f"foot.{side}"]
     shape, weights, faces = outside.shape, outside.weights, outside.faces
     ground, toes, heel = outside.ground, outside.toes, outside.heel
     length = toes - heel

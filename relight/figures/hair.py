@@ -56,7 +56,7 @@ STYLES = (
 
 
 @dataclass(frozen=True)
-class Shell:
+class HairPart:
     """vertices (V,3) posed, faces (F,3), uv (V,2): across and down the strands; what: hair | hat | brows | lashes |
     beard, which differ in colour."""
 
@@ -75,7 +75,7 @@ def build_hair(
     below: tuple[np.ndarray, np.ndarray],
     seed: int,
     fine: bool,
-) -> list[Shell]:
+) -> list[HairPart]:
     """The hair of head and face, and the hat, at the last frame.
 
     Args:
@@ -88,20 +88,20 @@ def build_hair(
         fine: all strands, else fewer, wider ones.
     """
     parts = [
-        Shell("brows", *facial.brows(body, motion, seed, fine), "brows"),
-        Shell("lashes", *facial.lashes(body, motion, seed, fine), "lashes"),
+        HairPart("brows", *facial.brows(body, motion, seed, fine), "brows"),
+        HairPart("lashes", *facial.lashes(body, motion, seed, fine), "lashes"),
     ]
     beard = facial.beard(body, motion, bearded, below, seed, fine)
     if beard is not None:
-        parts.append(Shell("beard", *beard, "beard"))
+        parts.append(HairPart("beard", *beard, "beard"))
     if style.comb is None:
         return parts
     if style.hat != "none":
         parts += hat(body, motion, style)
     comb = varied(style.comb, seed)
-    parts.append(Shell("locks", *grow(body, motion, comb, below, seed, fine, style.hat != "none")))
+    parts.append(HairPart("locks", *grow(body, motion, comb, below, seed, fine, style.hat != "none")))
     if style.tie != "none":
-        parts.append(Shell(style.tie, *tail(body, motion, style.tie, below, seed, fine)))
+        parts.append(HairPart(style.tie, *tail(body, motion, style.tie, below, seed, fine)))
     return parts
 
 
@@ -116,7 +116,7 @@ def varied(comb: Comb, seed: int) -> Comb:
     )
 
 
-def hat(body: Body, motion: Motion, style: Style) -> list[Shell]:
+def hat(body: Body, motion: Motion, style: Style) -> list[HairPart]:
     """A round shell over the scalp, and the peak of a cap."""
     centre = head_centre(body)
     head = Collider(body.skin, body.skin, makehuman.base().faces["body"])
@@ -141,7 +141,7 @@ def hat(body: Body, motion: Motion, style: Style) -> list[Shell]:
     for vertices, faces, at in parts:
         posed = motion.skin(np.tile(weights, (len(vertices), 1)), vertices)
         posed, faces, source = thickened(posed, faces, np.full(len(posed), 0.003), 6)
-        out.append(Shell(style.name, posed, faces, at[source], "hat"))
+        out.append(HairPart(style.name, posed, faces, at[source], "hat"))
     return out
 
 

@@ -62,8 +62,8 @@ def wear(body: Body, way: Motion, outfit: Outfit, detail: Detail) -> list[Worn]:
     solid = {"top": faces[(hands[faces] < 0.3).all(1)], "other": faces[(arms[faces] < 0.3).all(1)]}
     solid["top"] = solid["top"][~cleft(body, body.skin, solid["top"])]
     posed = [way.skin(weights, body.skin, t) for t in range(frames + 1)]
-    shells = [] if outfit.shoe.straps else [footwear.shell(body, way.bones, outfit.shoe, side) for side in "LR"]
-    shoes = [[(way.skin(s.weights, s.shape, t), s.faces) for s in shells] for t in range(frames + 1)]
+    uppers = [] if outfit.shoe.straps else [footwear.upper(body, way.bones, outfit.shoe, side) for side in "LR"]
+    shoes = [[(way.skin(one.weights, one.shape, t), one.faces) for one in uppers] for t in range(frames + 1)]
     worn: list[Worn] = []
     for garment, fabric in outfit.garments:
         if garment.kind == "scarf":

@@ -19,7 +19,7 @@ from relight.viewer.codec import deflate, encode
 
 ALBEDO_STEPS = 510  # per unit of sRGB-coded albedo: a quarter of an 8-bit code is lost at most
 NORMAL_STEPS = 511  # per unit of the octahedral map: .2 degrees
-OPEN = 0.886227  # T00 of a point that nothing occludes
+OPEN = 0.886227  # T00 of a point that nothing occludes, in the digits of the page (figure.js)
 EDGE_STEPS = 4095  # per unit of sRGB-coded half linear values: a soft edge is a small difference of two colours
 EXCESS_STEPS = 255  # per unit of the share by which light was above a clipped channel
 MARGIN = 2  # pixels around the figure, room for the browser to carry colours past the edge before it filters

@@ -28,12 +28,12 @@ def head(person):
     return built, way, (posed, makehuman.base().faces["body"])
 
 
-def grown(head, name: str, fine: bool = False) -> list[hair.Shell]:
+def grown(head, name: str, fine: bool = False) -> list[hair.HairPart]:
     style = next(style for style in hair.STYLES if style.name == name)
     return hair.build_hair(*head[:2], style, 0.8, head[2], 5, fine)
 
 
-def named(parts: list[hair.Shell], name: str) -> hair.Shell:
+def named(parts: list[hair.HairPart], name: str) -> hair.HairPart:
     return next(part for part in parts if part.name == name)
 
 

@@ -1,4 +1,4 @@
-"""Malformed panoramas: each is an error or a stated repair; no crash, no hang over 2 s, no more than 500 MB.
+"""Malformed panoramas: each is an error or a stated repair; no crash, no hang, no more than 500 MB.
 
 The suite takes a seeded sample, `make fuzz` more (RELIGHT_FUZZ). Files are read in a process of their own, so that a
 crash is seen and memory is measured.
@@ -11,7 +11,7 @@ import sys
 import numpy as np
 import OpenEXR
 import pytest
-from damage import damaged
+from damage import HANG, damaged
 
 CASES = int(os.environ.get("RELIGHT_FUZZ", "400"))
 READER = """
@@ -127,8 +127,8 @@ def test_malformed_panoramas_neither_crash_nor_hang_nor_fill_the_memory(tmp_path
     lines = [line.split(" ", 3) for line in done.stdout.splitlines() if line.startswith(("read ", "error "))]
     assert done.returncode == 0, f"after {lines[-1] if lines else 'nothing'}: {done.stderr[-2000:]}"
     assert len(lines) == len(paths)
-    slow = [line for line in lines if float(line[1]) > 2]
-    assert not slow
+    hung = [line for line in lines if float(line[1]) > HANG]
+    assert not hung
     assert int(lines[-1][2]) < 500_000  # kilobytes, at the worst of all files
     outcome = {path.rsplit("/", 1)[1]: word for word, _, _, path in lines}
     refused = {"chroma.exr", "negative.exr", "nan.exr", "deep.exr"}
