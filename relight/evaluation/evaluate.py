@@ -242,4 +242,11 @@ def inferred_maps(network: Network, data: RelitSet, light: int, true: Maps) -> M
         values["albedo"] = decode(coded) if data.color == "paper" else coded
     images = {name: dense(array, pixels(data, int(figure)), data.size) for name, array in values.items()}
     images["ao"] = images["ao"][..., 0]
-    return replace(true, **{"normal": np.zeros_like(true.normal), **images, "bounced": None})
+    return replace(
+        true,
+        albedo=images.get("albedo", true.albedo),
+        normal=images.get("normal", np.zeros_like(true.normal)),
+        ao=images["ao"],
+        transport=images["transport"],
+        bounced=None,
+    )

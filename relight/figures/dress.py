@@ -69,11 +69,11 @@ def make_figure(
         with colliders.working(device):
             draw = sample(seed, attempt, per_subject, sits, constraints)
             mesh, reason = attempt_figure(draw, seed, DETAILS[detail], texture, per_subject, outfits)
-        if reason is None:
+        if mesh is not None:
             mesh = shaded(mesh, shading)
             mesh.info |= {"detail": detail, "redrawn": attempt, "redrawn_because": reasons}
             return mesh
-        reasons.append(reason)
+        reasons.append(str(reason))
         if constraints.sitting < 1:  # what is hard to dress is not drawn less for it
             sits = 1.0 if draw.pose.sitting and attempt + 1 < SIT else 0.0
     raise UserError(f"no figure of seed {seed} passed the gates in {ATTEMPTS} attempts: {'; '.join(reasons)}")

@@ -3,6 +3,7 @@
 import json
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TypedDict
 
 import numpy as np
 
@@ -13,6 +14,18 @@ from relight.sh import UNOCCLUDED_T00, coefficient_count, from_relight, order_of
 
 TOLERANCE = -1e-3  # of the moment eigenvalue: coefficients in files are rounded, colours truncated
 FRAMES = "x right, y up, z toward the camera, unless the convention says otherwise"
+
+
+class LightOptions(TypedDict, total=False):
+    """Options of `relight.lights.load_light` that callers pass on."""
+
+    layout: str
+    yaw: float
+    flip: bool
+    exposure: float
+    convention: str | None
+    repair: bool
+    upside_down: bool
 
 
 @dataclass(frozen=True)

@@ -2,11 +2,4 @@
 
 from relight.lazy import entry_points
 
-__getattr__, __dir__, __all__ = entry_points(
-    __name__,
-    {
-        "exr": "LeftOut Maps coefficient_names read_info read_maps write_left_out write_maps",
-        "packed": "PackedMaps pack_maps",
-        "show": "write_maps_picture",
-    },
-)
+__getattr__, __dir__, __all__ = entry_points(__name__, __file__)

@@ -2,14 +2,4 @@
 
 from relight.lazy import entry_points
 
-__getattr__, __dir__, __all__ = entry_points(
-    __name__,
-    {
-        "alignment": "align",
-        "cleaning": "clean",
-        "geometry": "vertex_normals",
-        "mesh": "Material Mesh",
-        "read": "read_mesh",
-        "scans": "list_scans",
-    },
-)
+__getattr__, __dir__, __all__ = entry_points(__name__, __file__)

@@ -4,12 +4,13 @@ import base64
 import io
 from dataclasses import replace
 from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 from PIL import Image
 
 from relight.files import UserError
-from relight.lights import Light
+from relight.lights import Light, LightOptions
 from relight.photos.background import Background, read_background
 from relight.photos.crop import MASK_THRESHOLD, Crop
 from relight.photos.infer import Person, infer_person, mean_exposure_factor, mean_light
@@ -113,7 +114,7 @@ class Relighter:
         text: str,
         mask: Path | str | None = None,
         mask_model: Path | str | None = None,
-        **options: str | float,
+        **options: Unpack[LightOptions],
     ) -> Light:
         """Reads a light as a user names it (docs/photos.md).
 

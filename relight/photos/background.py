@@ -79,6 +79,7 @@ class Background:
         if self.kind == "picture" and self.picture is not None:
             gain = np.float32(self.tint) * np.ones(3, np.float32) * 2**stops
             return apply_gain(LINEAR[resize_to_cover(self.picture, shape)], gain)
+        assert self.panorama is not None  # the one kind that is left
         return roll_off(camera_view(self.panorama, shape, turn, self.blur) * np.float32(np.pi * self.gain * 2**stops))
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from relight.files import UserError, writable_folder
-from relight.lights import Light
+from relight.lights import Light, LightOptions
 from relight.photos.api import MODES, Relighter, match_exposure
 from relight.photos.background import Background, read_background
 from relight.photos.color import DISPLAY_STOPS, KNEE
@@ -66,7 +66,7 @@ class Options:
 
     def read_light(self, relighter: Relighter) -> Light:
         """Reads the light."""
-        options: dict[str, str | float] = {
+        options: LightOptions = {
             "layout": self.layout, "yaw": self.yaw, "flip": self.flip, "upside_down": self.upside_down
         }  # fmt: skip
         if self.convention:

@@ -13,6 +13,8 @@ def main(figures: Figures, figure: Path, out: Path) -> None:
     """Writes the mesh of a scan as it is in its file, or a record that says why it is left out."""
     from relight.meshes import list_scans, read_mesh
 
+    if figures.folder is None:
+        raise UserError("figures.folder=<the folder of the scans> is missing")
     name = figure.name
     scans = list_scans(figures.folder)
     if name not in scans:

@@ -2,12 +2,4 @@
 
 from relight.lazy import entry_points
 
-__getattr__, __dir__, __all__ = entry_points(
-    __name__,
-    {
-        "baker": "Baker bake",
-        "tracer": "PathTracer",
-        "vertices": "VertexTransport bake_vertices",
-        "view": "FRONTAL View outfit_names random_view view_names",
-    },
-)
+__getattr__, __dir__, __all__ = entry_points(__name__, __file__)

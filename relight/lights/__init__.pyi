@@ -1,0 +1,14 @@
+from relight.lights.chain import build_light_set as build_light_set
+from relight.lights.light import Light as Light
+from relight.lights.light import LightOptions as LightOptions
+from relight.lights.light import write_light as write_light
+from relight.lights.load import load_light as load_light
+from relight.lights.select import select_lights as select_lights
+from relight.lights.show import lit_ball as lit_ball
+from relight.lights.show import write_contact_sheet as write_contact_sheet
+from relight.lights.show import write_light_picture as write_light_picture
+from relight.lights.statistics import measure as measure
+from relight.lights.statistics import reference_brightness as reference_brightness
+from relight.lights.table import LightSet as LightSet
+from relight.lights.table import read_light_set as read_light_set
+from relight.lights.table import write_light_set as write_light_set

@@ -1,0 +1,10 @@
+from relight.transport.baker import Baker as Baker
+from relight.transport.baker import bake as bake
+from relight.transport.tracer import PathTracer as PathTracer
+from relight.transport.vertices import VertexTransport as VertexTransport
+from relight.transport.vertices import bake_vertices as bake_vertices
+from relight.transport.view import FRONTAL as FRONTAL
+from relight.transport.view import View as View
+from relight.transport.view import outfit_names as outfit_names
+from relight.transport.view import random_view as random_view
+from relight.transport.view import view_names as view_names
