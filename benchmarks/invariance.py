@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.benchmark.measures import INVARIANCES, LEAKS, Seen, errors, invariances, leaks
+from relight.benchmark.measures import INVARIANCES, LEAKS, Intrinsics, errors, invariances, leaks
 from relight.benchmark.picture import on_square
 from relight.benchmark.shots import variants
 from relight.lights import Light
@@ -66,7 +66,7 @@ def photographed(maps: Maps, light: np.ndarray, gain: np.ndarray | float = 1.0) 
     return to_bytes(encode(np.clip((linear * coverage + BEHIND * (1 - coverage)) * gain, 0, 1)))
 
 
-def truth(maps: Maps, light: np.ndarray, box: Crop) -> Seen:
+def truth(maps: Maps, light: np.ndarray, box: Crop) -> Intrinsics:
     """The true maps on the square."""
     return on_square(maps, np.maximum(maps.transport @ light, 0), light, box)
 

@@ -14,7 +14,7 @@ from relight.benchmark.bakedstage import Baked, agreement, bake_as_seen
 from relight.benchmark.lights import panorama
 from relight.benchmark.lightstage import Lighting, LightStage, Measured, coarse, measure
 from relight.benchmark.make import FORMAT, index, same, save
-from relight.benchmark.measures import Seen
+from relight.benchmark.measures import Intrinsics
 from relight.benchmark.picture import BRIGHTNESS, DARKEST, Picture, on_square
 from relight.benchmark.recipes import recipe
 from relight.benchmark.shots import Shot, variants
@@ -221,7 +221,7 @@ def gradients(capture: ultrastage.Capture, varied: bool) -> Taken:
         return to_bytes(encode(linear * gain))
 
     shots = variants(expose, found.mask, SIDE) if varied else {"": Shot(found.full_on, found.mask, square)}
-    seen = Seen(square.extract(found.mask) >= MASK_THRESHOLD, light=project(light, 2))
+    seen = Intrinsics(square.extract(found.mask) >= MASK_THRESHOLD, light=project(light, 2))
     relit = np.stack([one * inside[..., None] for one in (found.positive, found.negative)])
     record = {"name": capture.name, "gradients": found.gradients.round(4).tolist(), "fit": round(found.fit, 4)}
     return Taken(Picture(shots, light, new, None, relit, seen), record)

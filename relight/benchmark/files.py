@@ -11,7 +11,7 @@ from zipfile import BadZipFile
 import numpy as np
 from PIL import Image
 
-from relight.benchmark.measures import Seen
+from relight.benchmark.measures import Intrinsics
 from relight.benchmark.shots import Shot
 from relight.files import UserError, atomic_write, existing_file
 from relight.photos.crop import MASK_THRESHOLD, Crop, crop_around
@@ -110,10 +110,10 @@ class Set:
                 if sha256(existing_file(path, "benchmark")) != expected:
                     raise UserError(f"{path} has changed since the benchmark was made: make it again")
 
-    def truth(self, entry: Entry) -> tuple[Seen, np.ndarray]:
+    def truth(self, entry: Entry) -> tuple[Intrinsics, np.ndarray]:
         """The truth on the square, and the true pictures (N,H,W,3) uint8 in the new lights."""
         arrays = arrays_of(self.folder / "truth" / f"{entry.name}.npz")
-        return seen_of(arrays, inside_of(entry)), arrays["full"]
+        return intrinsics_of(arrays, inside_of(entry)), arrays["full"]
 
     def maps(self, entry: Entry) -> Path:
         """The true maps at the photograph's pixels (docs/maps.md). UserError for a set without."""
@@ -129,9 +129,9 @@ def inside_of(entry: Entry) -> np.ndarray:
     return shot.square.extract(shot.mask) >= MASK_THRESHOLD
 
 
-def seen_of(arrays: Mapping[str, np.ndarray], inside: np.ndarray) -> Seen:
+def intrinsics_of(arrays: Mapping[str, np.ndarray], inside: np.ndarray) -> Intrinsics:
     """An answer or a truth as float64; `inside` (S,S) is the figure."""
-    return Seen(inside, **{name: arrays[name].astype(np.float64) for name in (*MAPS, "light") if name in arrays})
+    return Intrinsics(inside, **{name: arrays[name].astype(np.float64) for name in (*MAPS, "light") if name in arrays})
 
 
 def sha256(path: Path) -> str:
@@ -159,7 +159,7 @@ def arrays_of(path: Path) -> dict[str, np.ndarray]:
 
 
 def read_answer(folder: Path, entry: Entry) -> dict[str, np.ndarray]:
-    """What a method says of a picture, checked.
+    """Reads and checks a method's answer to a picture.
 
     Raises UserError when it is missing, belongs to another picture, has arrays of another name or size, or none.
     """

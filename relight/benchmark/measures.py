@@ -1,7 +1,7 @@
-"""Errors of what is said about one picture, and how it moves where it must not.
+"""Errors of what a method infers from one picture, and of how that changes where it should not.
 
 Maps are on the picture's square. Light errors are of irradiance: the norm of the difference over the norm. Names that
-end in `_factor` are errors up to one factor a picture: how bright a scene is, no photograph tells.
+end in `_factor` are errors up to one factor for each picture, since no photograph tells how bright a scene is.
 """
 
 from collections.abc import Mapping
@@ -20,7 +20,7 @@ MIRROR[[3, 4, 7]] = -1  # the coefficients that are odd in x
 LEAST = 1e-12  # to divide by
 WINDOW = 7  # of the structural similarity, pixels
 
-# What moves, for each invariance; the variants that tell it are those of `relight.benchmark.shots`.
+# What is compared for each invariance, and with which variant of the picture (`relight.benchmark.shots`).
 INVARIANCES = {
     "shift_4": "light: square shifted by 4 px",
     "shift_8": "light: by 8 px",
@@ -46,10 +46,15 @@ LEAKS = {
 
 
 @dataclass(frozen=True)
-class Seen:
-    """What is said of a picture, or true of it; None is not said.
+class Intrinsics:
+    """The intrinsic maps and the light of a picture, inferred or true; None where a method does not infer them.
 
-    mask (S,S) bool; albedo, shading (S,S,3) linear; transport (S,S,9); light (9,3) radiance coefficients.
+    Attributes:
+        mask: (S,S) bool.
+        albedo: (S,S,3) linear.
+        transport: (S,S,9).
+        shading: (S,S,3) linear.
+        light: (9,3) radiance coefficients.
     """
 
     mask: np.ndarray
@@ -60,12 +65,12 @@ class Seen:
 
 
 def distance(light: np.ndarray, other: np.ndarray) -> float:
-    """|difference| / |other| of the irradiance of two lights (9,3)."""
+    """The relative error of a light's irradiance: |light - other| / |other|, both (9,3) coefficients."""
     return float(np.linalg.norm((light - other) * IRRADIANCE) / np.linalg.norm(other * IRRADIANCE))
 
 
 def factor(values: np.ndarray, other: np.ndarray) -> float:
-    """What to multiply `values` by to come nearest to `other`."""
+    """The factor on `values` that brings them nearest to `other`, by least squares."""
     return float((values * other).sum() / max((values**2).sum(), 1e-9))
 
 
@@ -80,10 +85,16 @@ def similarity(values: np.ndarray, other: np.ndarray, inside: np.ndarray) -> flo
     return float(structural_similarity(first, second, channel_axis=-1, data_range=1.0, win_size=WINDOW))
 
 
-def errors(seen: Seen, true: Seen) -> dict[str, float]:
-    """Errors of all that is said and whose truth is known, over the true mask.
+def errors(seen: Intrinsics, true: Intrinsics) -> dict[str, float]:
+    """Compares what is inferred with the truth, over the true mask.
 
-    Of maps: RMSE of the vector norm (`relight.evaluation.metrics.rmse`), and SSIM of albedo and shading.
+    Args:
+        seen: what is inferred.
+        true: the truth, as far as it is known.
+
+    Returns:
+        For the light its relative error (`distance`); for each map the RMSE of the vector norm
+        (`relight.evaluation.metrics.rmse`); for albedo and shading the SSIM, too. What either side lacks is left out.
     """
     found: dict[str, float] = {}
     inside = true.mask
@@ -103,12 +114,20 @@ def errors(seen: Seen, true: Seen) -> dict[str, float]:
     return found
 
 
-def leaks(seen: Seen) -> dict[str, float]:
-    """LEAKS of maps that are both said, in a mask that is thick enough; {} otherwise. A map without edges has none.
+def leaks(seen: Intrinsics) -> dict[str, float]:
+    """Measures how far edges of the albedo show in the shading, too.
 
-    edges: correlation of the differences between neighbours of ln albedo and ln shading; transfer: regression of the
-    shading's on the albedo's at the strongest 5 % of these; gradient: mean |difference| of ln shading; stripes:
-    (max - min) / mean of mean |difference| of ln shading from even and from odd pixels, mean over the two axes.
+    Differences are those of ln albedo and of ln shading between neighbouring pixels, well inside the mask.
+
+    Args:
+        seen: what is inferred.
+
+    Returns:
+        LEAKS by name, or {} without albedo or shading, or where the mask is too thin.
+        edges: correlation of the two differences.
+        transfer: slope of the shading's differences over the albedo's, at the strongest 5 % of the latter.
+        gradient: mean absolute difference of ln shading.
+        stripes: (max - min) / mean of that from even and from odd pixels, as a mean over both axes.
     """
     if seen.albedo is None or seen.shading is None:
         return {}
@@ -136,11 +155,17 @@ def steps(values: np.ndarray, inside: np.ndarray, axis: int, phase: int | None =
     return np.diff(values, axis=axis)[both]
 
 
-def invariances(seen: Mapping[str, Seen]) -> dict[str, float]:
-    """INVARIANCES, of what is said of a picture, called "", and of its variants; what was not said of one is left out.
+def invariances(seen: Mapping[str, Intrinsics]) -> dict[str, float]:
+    """Measures how what is inferred changes with the variants of a picture.
 
-    All should be 0, except: exposure x .5 should leave the albedo (1) and halve the shading (.5), and all of a tint (1)
-    should go to the light. A light that is always the same passes too: read them beside the errors.
+    A method that always infers the same light is invariant, too: read these numbers beside the errors.
+
+    Args:
+        seen: what is inferred from the picture, "", and from each of its variants, by name.
+
+    Returns:
+        INVARIANCES by name, of what the method infers. All should be 0, except: at exposure x .5 the albedo should stay
+        (1) and the shading be halved (.5), and all of a tint (1) should go to the light.
     """
     usual, found = seen[""], {}
     lights = {name: one.light for name, one in seen.items() if one.light is not None}

@@ -7,7 +7,7 @@ import numpy as np
 import torch
 
 from relight.benchmark.lights import panorama, sky_of
-from relight.benchmark.measures import Seen
+from relight.benchmark.measures import Intrinsics
 from relight.benchmark.recipes import Recipe
 from relight.benchmark.shots import Shot, variants
 from relight.config import NO_AUGMENTATION
@@ -59,7 +59,7 @@ class Picture:
     new: list[Panorama]
     maps: Maps | None
     relit: np.ndarray
-    seen: Seen
+    seen: Intrinsics
 
 
 def draw(recipe: Recipe, mesh: Mesh, coats: list[Coat], settings: Settings) -> Picture:
@@ -115,7 +115,7 @@ def cropped(maps: Maps, window: tuple[slice, slice]) -> Maps:
     return Maps(**arrays, info=maps.info)
 
 
-def on_square(maps: Maps, shading: np.ndarray, light: np.ndarray, box: Crop) -> Seen:
+def on_square(maps: Maps, shading: np.ndarray, light: np.ndarray, box: Crop) -> Intrinsics:
     """The truth on a square: means over what of the figure is in each of its pixels."""
     inside = box.extract(to_bytes(maps.coverage)) >= MASK_THRESHOLD
     known = maps.coverage * maps.mask  # maps are zero where the pixel's centre shows no figure
@@ -124,4 +124,4 @@ def on_square(maps: Maps, shading: np.ndarray, light: np.ndarray, box: Crop) -> 
     def mean(values: np.ndarray) -> np.ndarray:
         return box.extract(values * known[..., None]) / share * inside[..., None]
 
-    return Seen(inside, mean(maps.albedo), mean(maps.transport), mean(shading), light)
+    return Intrinsics(inside, mean(maps.albedo), mean(maps.transport), mean(shading), light)

@@ -40,9 +40,9 @@ def answer(folder: Path | str, out: Path | str, method: str, weights: Path | Non
 
 
 def network(relighter: Relighter) -> Method:
-    """What a network says, by the code of `relight photo`: pictures by `ratio` and `full`, lights not matched."""
+    """A network, by the code of `relight photo`: relit pictures by `ratio` and `full`, lights not matched."""
 
-    def say(benchmark: Set, entry: Entry) -> dict[str, np.ndarray]:
+    def apply(benchmark: Set, entry: Entry) -> dict[str, np.ndarray]:
         shot = entry.shot()
         figure = relighter.infer_person(shot.photo, shot.mask, replace(shot.square, size=relighter.network.size))
         inside = inside_of(entry)
@@ -55,7 +55,7 @@ def network(relighter: Relighter) -> Method:
                 found[mode] = np.stack([render(shot.photo, [figure], light, mode) for light in lights])
         return found
 
-    return say
+    return apply
 
 
 def on_side(values: np.ndarray, figure: Person, inside: np.ndarray) -> np.ndarray:
@@ -80,19 +80,19 @@ def mean_light() -> Method:
     assert lights is not None  # the package's weights hold them
     light = lights[:, :9].mean(0).astype(np.float64)
 
-    def say(benchmark: Set, entry: Entry) -> dict[str, np.ndarray]:
+    def apply(benchmark: Set, entry: Entry) -> dict[str, np.ndarray]:
         ratio = by_ratio(benchmark, entry, light)
         seen, _ = benchmark.truth(entry)
         assert seen.transport is not None  # a set with true maps has it
         return {"light": light, "shading": shading(seen.transport, light), "ratio": ratio}
 
-    return say
+    return apply
 
 
 def true_maps() -> Method:
     """The true maps, and the true light in nine coefficients: its errors are those of the formulation."""
 
-    def say(benchmark: Set, entry: Entry) -> dict[str, np.ndarray]:
+    def apply(benchmark: Set, entry: Entry) -> dict[str, np.ndarray]:
         maps = read_maps(benchmark.maps(entry))
         seen, _ = benchmark.truth(entry)
         full = [to_srgb8(maps.albedo * shading(maps.transport, light)) for light in new_lights(entry)]
@@ -106,7 +106,7 @@ def true_maps() -> Method:
             "ratio": by_ratio(benchmark, entry, seen.light),
         }
 
-    return say
+    return apply
 
 
 def new_lights(entry: Entry) -> list[np.ndarray]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.benchmark.files import PICTURES, Entry, Set, inside_of, read_answer, seen_of
+from relight.benchmark.files import PICTURES, Entry, Set, inside_of, intrinsics_of, read_answer
 from relight.benchmark.measures import INVARIANCES, LEAKS, errors, factor, invariances, leaks, similarity
 from relight.evaluation.formats import Grid, count
 from relight.evaluation.metrics import rmse
@@ -73,7 +73,7 @@ def judged(benchmark: Set, entry: Entry, given: dict[Entry, dict[str, np.ndarray
         depend on it (ABSOLUTE) are left out.
     """
     true, pictures = benchmark.truth(entry)
-    seen = {one.variant: seen_of(arrays, inside_of(one)) for one, arrays in given.items()}
+    seen = {one.variant: intrinsics_of(arrays, inside_of(one)) for one, arrays in given.items()}
     found = errors(seen[""], true) | leaks(seen[""])
     solid = entry.shot().mask >= OPAQUE
     for mode in PICTURES:
@@ -104,7 +104,7 @@ def relit_errors(relit: np.ndarray, true: np.ndarray, solid: np.ndarray) -> dict
 @dataclass
 class Row:
     """A method's scores: the set, pictures and figures as they stand in the file; columns: name -> (N,), NaN where
-    nothing was said."""
+    a method gave nothing."""
 
     name: str
     keys: list[tuple[str, str, str]]

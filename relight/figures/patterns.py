@@ -300,7 +300,19 @@ def largest(matrix: sparse.csr_matrix, faces: np.ndarray) -> tuple[sparse.csr_ma
 def fit(
     body: Body, garment: Garment, f: dict, at: dict, points: np.ndarray, outward: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Ease (n,) along the normal and lengthening (n,3) of the cut vertices."""
+    """How far a garment's pattern is from the suit that it is cut from.
+
+    Args:
+        body: in its rest pose.
+        garment: to be cut.
+        f: fields of the vertices, see `suit_fields`.
+        at: heights of the body, see `landmarks`.
+        points: (n,3) vertices of the suit, metres.
+        outward: (n,3) their unit normals.
+
+    Returns:
+        The ease (n,), metres along the normals, and the displacement (n,3), metres, that lengthens trunk and limbs.
+    """
     down, longer = np.array([0.0, -1.0, 0.0]), np.zeros_like(points)
     if garment.kind == "top":
         up = (f["y"] - at["crotch"]) / (at["neck"] - at["crotch"])

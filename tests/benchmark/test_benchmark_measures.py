@@ -7,7 +7,7 @@ from relight.benchmark.measures import (
     INVARIANCES,
     LEAKS,
     MIRROR,
-    Seen,
+    Intrinsics,
     distance,
     errors,
     factor,
@@ -34,7 +34,7 @@ def two():
         maps = {
             name: rng.uniform(0, 1, (SIDE, SIDE, n)) for name, n in (("albedo", 3), ("transport", 9), ("shading", 3))
         }
-        return Seen(mask, **maps, light=rng.normal(size=(9, 3)))
+        return Intrinsics(mask, **maps, light=rng.normal(size=(9, 3)))
 
     return one(), one()
 
@@ -106,17 +106,17 @@ def test_thin_masks_have_a_similarity():
 
 def test_what_is_not_said_is_not_scored(two):
     seen, true = two
-    assert errors(Seen(true.mask), true) == {} == leaks(Seen(true.mask))
-    assert set(errors(Seen(true.mask, light=seen.light), true)) == {"light", "light_factor"}
+    assert errors(Intrinsics(true.mask), true) == {} == leaks(Intrinsics(true.mask))
+    assert set(errors(Intrinsics(true.mask, light=seen.light), true)) == {"light", "light_factor"}
 
 
-def turned(seen: Seen, **changes) -> Seen:
-    return Seen(**{**vars(seen), **changes})
+def turned(seen: Intrinsics, **changes) -> Intrinsics:
+    return Intrinsics(**{**vars(seen), **changes})
 
 
-def mirrored(seen: Seen) -> Seen:
+def mirrored(seen: Intrinsics) -> Intrinsics:
     maps = {name: getattr(seen, name)[:, ::-1] for name in ("mask", "albedo", "shading")}
-    return Seen(**maps, transport=seen.transport[:, ::-1] * MIRROR, light=seen.light * MIRROR[:, None])
+    return Intrinsics(**maps, transport=seen.transport[:, ::-1] * MIRROR, light=seen.light * MIRROR[:, None])
 
 
 def test_a_method_that_does_all_as_it_should(two):
@@ -155,20 +155,20 @@ def test_leaks_of_what_is_known():
     mask = np.ones((size, size), bool)
     mask[0] = False
     edges = np.exp(0.3 * rng.normal(size=(size, size)))[..., None].repeat(3, 2)
-    copied = leaks(Seen(mask, albedo=edges, shading=edges**0.5))
+    copied = leaks(Intrinsics(mask, albedo=edges, shading=edges**0.5))
     assert np.isclose(copied["edges"], 1) and np.isclose(copied["transfer"], 0.5, atol=1e-6)
-    clean = leaks(Seen(mask, albedo=edges, shading=np.exp(0.3 * rng.normal(size=edges.shape))))
+    clean = leaks(Intrinsics(mask, albedo=edges, shading=np.exp(0.3 * rng.normal(size=edges.shape))))
     assert abs(clean["edges"]) < 0.1
     steps = np.where(np.arange(size) % 2, 0.3, 0.1)  # from an odd to an even pixel the step is three times as long
     shading = np.exp(np.add.outer(np.cumsum(steps), 0.2 * np.arange(size)) - 12)[..., None].repeat(3, 2) + 0.02
-    striped = leaks(Seen(mask, albedo=edges, shading=np.maximum(shading, 0.02)))
+    striped = leaks(Intrinsics(mask, albedo=edges, shading=np.maximum(shading, 0.02)))
     assert np.isclose(striped["stripes"], 0.5, atol=0.05)  # (.3 - .1) / .2 down, 0 across
 
 
 def test_maps_without_edges_leak_nothing():
     flat = np.full((32, 32, 3), 0.5)
-    assert leaks(Seen(np.ones((32, 32), bool), albedo=flat, shading=flat)) == dict.fromkeys(LEAKS, 0.0)
-    assert leaks(Seen(np.zeros((32, 32), bool), albedo=flat, shading=flat)) == {}
+    assert leaks(Intrinsics(np.ones((32, 32), bool), albedo=flat, shading=flat)) == dict.fromkeys(LEAKS, 0.0)
+    assert leaks(Intrinsics(np.zeros((32, 32), bool), albedo=flat, shading=flat)) == {}
 
 
 def test_variants_are_what_they_say():
