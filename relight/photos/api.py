@@ -13,7 +13,7 @@ from relight.files import UserError
 from relight.lights import Light, LightOptions
 from relight.photos.background import Background, read_background
 from relight.photos.crop import MASK_THRESHOLD, Crop
-from relight.photos.infer import Person, infer_person, mean_exposure_factor, mean_light
+from relight.photos.infer import Person, balanced, infer_person, mean_exposure_factor, mean_light
 from relight.photos.mask import find_mask, split_people
 from relight.photos.read import Photo, is_picture, mask_beside, mask_from_image, photo_from_image, read_photo
 from relight.photos.render import render
@@ -22,6 +22,7 @@ from relight.sh import rotate_y
 
 WEIGHTS = Path(__file__).parent.parent / "weights" / "photo.safetensors"
 MODES = ("ratio", "full")
+WHITE_BALANCES = ("keep", "scene")
 PREVIEW = 480  # pixels of the longer side of a picture in a notebook
 Picture = np.ndarray | Image.Image | Path | str
 
@@ -86,7 +87,9 @@ class Relighter:
         """Of the spherical harmonics."""
         return self.network.order
 
-    def infer(self, image: Picture, mask: Picture | None = None, split: bool = True) -> list[Person]:
+    def infer(
+        self, image: Picture, mask: Picture | None = None, split: bool = True, white_balance: str = "keep"
+    ) -> list[Person]:
         """Infers the light, albedo and transport of each person in a photo.
 
         Args:
@@ -94,16 +97,20 @@ class Relighter:
             mask: (H,W) bool, uint8 of 0 to 255 or float in [0,1], soft edges included; an image of Pillow, or a file.
                 By default it is found as for `relight photo` (docs/photos.md).
             split: whether people who do not touch are inferred one by one.
+            white_balance: `keep` takes the photo's light to be white on average (relight.photos.infer.balanced),
+                `scene` to have the colour that the network infers.
 
         Returns:
             The people from left to right.
 
         Raises:
-            UserError: if image or mask is none of these, or the mask is empty.
+            UserError: if an argument is none of these, or the mask is empty.
         """
+        require_white_balance(white_balance)
         photo, coverage = _read_inputs(image, mask)
         coverages = split_people(coverage) if split else [coverage]
-        return [self.infer_person(photo.pixels, coverage) for coverage in coverages]
+        people = [self.infer_person(photo.pixels, coverage) for coverage in coverages]
+        return balanced(people) if white_balance == "keep" else people
 
     def infer_person(self, pixels: np.ndarray, coverage: np.ndarray, crop: Crop | None = None) -> Person:
         """Infers one person, in a given square or the one around the coverage (relight.photos.infer.infer_person)."""
@@ -114,6 +121,7 @@ class Relighter:
         text: str,
         mask: Path | str | None = None,
         mask_model: Path | str | None = None,
+        white_balance: str = "keep",
         **options: Unpack[LightOptions],
     ) -> Light:
         """Reads a light as a user names it (docs/photos.md).
@@ -122,6 +130,7 @@ class Relighter:
             text: a panorama, a file of coefficients, "room:12", "key:#ffeedd@45,30", or another photo.
             mask: of that photo.
             mask_model: for its automatic mask.
+            white_balance: of that photo, as in `infer`.
             **options: of `relight.lights.load_light`, for panoramas and coefficients.
 
         Returns:
@@ -132,7 +141,8 @@ class Relighter:
         """
         if is_picture(text):
             photo = read_photo(text)
-            people = self.infer(photo.pixels, find_mask(photo, mask or mask_beside(text), mask_model))
+            coverage = find_mask(photo, mask or mask_beside(text), mask_model)
+            people = self.infer(photo.pixels, coverage, white_balance=white_balance)
             return Light(mean_light(people), text)
         from relight.lights import load_light
 
@@ -149,6 +159,7 @@ class Relighter:
         turn: float = 0.0,
         match: bool = True,
         stops: float = 0.0,
+        white_balance: str = "keep",
     ) -> RelitPhoto:
         """Relights the people of a photo.
 
@@ -161,6 +172,7 @@ class Relighter:
             turn: of the light about the vertical axis, its front toward +x, degrees.
             match: whether the light is scaled to the photo's exposure.
             stops: exposure, as a power of two.
+            white_balance: as in `infer`; also of a photo that `light` names.
 
         Returns:
             (H,W,3) uint8 sRGB, or (H,W,4) for a transparent background.
@@ -171,9 +183,10 @@ class Relighter:
         if mode not in MODES:
             raise UserError(f"mode {mode!r} is neither ratio nor full")
         photo, coverage = _read_inputs(image, mask)
-        people = self.infer(photo.pixels, coverage)
+        people = self.infer(photo.pixels, coverage, white_balance=white_balance)
         background = read_background(background) if isinstance(background, str) else background
-        light = np.asarray(light if isinstance(light, np.ndarray) else self.read_light(str(light)).coefficients)
+        if not isinstance(light, np.ndarray):
+            light = self.read_light(str(light), white_balance=white_balance).coefficients
         light, background = match_exposure(people, light.astype(np.float32), background, match)
         turned = rotate_y(light, np.radians(turn)).astype(np.float32)
         relit = render(photo.pixels, people, turned, mode, background, np.radians(turn), stops)
@@ -182,6 +195,12 @@ class Relighter:
     def trust(self, person: Person) -> Trust:
         """Assesses how far an inference can be trusted."""
         return assess(person, self.lights, self.config.get("augment", {}).get("exposure", [0.0])[-1])
+
+
+def require_white_balance(white_balance: str) -> None:
+    """Raises UserError if this is no white balance."""
+    if white_balance not in WHITE_BALANCES:
+        raise UserError(f"white balance {white_balance!r} is neither keep nor scene")
 
 
 def match_exposure(

@@ -22,6 +22,10 @@ MaskPath = Annotated[Path | None, typer.Option("--mask", "-m", help="White on th
 LightMask = Annotated[Path | None, typer.Option(help="Mask of the photo that --light names.")]
 MaskModel = Annotated[Path | None, typer.Option(help="ONNX network of rembg's kind for automatic masks.")]
 Mode = Annotated[str, typer.Option(help="ratio: keeps every detail of the photo; full: albedo times shading.")]
+WhiteBalance = Annotated[
+    str,
+    typer.Option(help="keep: the photo's light counts as white; scene: as coloured as it is inferred to be."),
+]
 BackgroundText = Annotated[
     str, typer.Option("--background", "-b", help="keep, transparent, panorama, a colour (#334455), or a picture.")
 ]
@@ -47,6 +51,7 @@ DEFAULT = "room:7"
 def relighting_options(
     light: LightText = DEFAULT,
     mode: Mode = "ratio",
+    white_balance: WhiteBalance = "keep",
     background: BackgroundText = "keep",
     blur: Blur = 0.0,
     shadow: Shadow = True,
@@ -67,6 +72,7 @@ def relighting_options(
     return Options(
         light=light,
         mode=mode,
+        white_balance=white_balance,
         background=background,
         blur=blur,
         shadow=shadow,
@@ -142,6 +148,7 @@ def transfer(
     second_mask: Annotated[Path | None, typer.Option("--mask-b", help="Mask of B.")] = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the two results.")] = Path("transfer"),
     mode: Mode = "ratio",
+    white_balance: WhiteBalance = "keep",
     background: BackgroundText = "keep",
     shadow: Shadow = True,
     stops: Stops = 0.0,
@@ -152,7 +159,14 @@ def transfer(
     from relight.photos.api import load
     from relight.photos.photo import Options, swap_lights
 
-    options = Options(mode=mode, background=background, shadow=shadow, stops=stops, mask_model=_text(mask_model))
+    options = Options(
+        mode=mode,
+        white_balance=white_balance,
+        background=background,
+        shadow=shadow,
+        stops=stops,
+        mask_model=_text(mask_model),
+    )
     for path in swap_lights(load(weights), (first, second), (first_mask, second_mask), out, options):
         print(path)
 

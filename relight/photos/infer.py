@@ -1,13 +1,14 @@
 """The network's inference for each person of a photo."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
 from relight.learning.networks import Network
 from relight.learning.predict import predict
+from relight.panoramas import luminance
 from relight.photos.color import chroma
 from relight.photos.crop import MASK_THRESHOLD, Crop, crop_around
 from relight.photos.shading import exposure_factor, shading, shading_floor, shading_ratio
@@ -15,6 +16,7 @@ from relight.photos.upsample import FittedMap, Guide, clamp_rim, fit_map, luma, 
 from relight.srgb import LINEAR, decode, encode
 
 OPAQUE = 240  # coverage (of 255) from which a pixel shows hardly anything but the person
+LEAST = 0.2  # of the luminance: no channel of the light's colour is divided by less
 PAPER_GAMMA = 2.2  # a factor on coded values is its power on linear ones, for networks trained with color=paper
 
 
@@ -31,6 +33,8 @@ class Person:
         transport: (S,S,K).
         light: (K,3) inferred radiance coefficients.
         gamma: 1, or PAPER_GAMMA for networks of coded values.
+        white: (3,) colour of the light as the network has it, which is white in the photo and went over to the albedo
+            (`balanced`); 1 where it did not.
     """
 
     crop: Crop
@@ -41,6 +45,7 @@ class Person:
     transport: np.ndarray
     light: np.ndarray
     gamma: float = 1.0
+    white: np.ndarray = field(default_factory=lambda: np.ones(3, np.float32))
 
     @cached_property
     def shading(self) -> np.ndarray:
@@ -164,6 +169,21 @@ def network_input(pixels: np.ndarray, coverage: np.ndarray, crop: Crop) -> tuple
     for channel in range(3):  # one at a time: an 8k photo in float32 is 800 MB
         image[..., channel] = crop.extract(LINEAR[pixels[..., channel]] * coverage) / np.maximum(share, 1e-3)
     return np.clip(image * mask[..., None], 0, 1), mask
+
+
+def balanced(people: Sequence[Person]) -> list[Person]:
+    """Takes the colour that the light has on average over the people of a photo to be white in the photo.
+
+    A camera balances its pictures to about white, while the network takes a part of warm cloth for warm light. So that
+    colour goes over from the light to the albedo; their product, and the luminance of the mean shading, stay.
+    """
+    areas = [(person.crop.side / person.crop.size) ** 2 for person in people]
+    total = sum(area * person.shading[person.mask].sum(0, dtype=np.float64) for area, person in zip(areas, people))
+    white = np.maximum(total / max(float(luminance(total)), 1e-6), LEAST).astype(np.float32)
+    return [
+        replace(person, albedo=person.albedo * white, light=person.light / white, white=person.white * white)
+        for person in people
+    ]
 
 
 def mean_light(people: Sequence[Person]) -> np.ndarray:

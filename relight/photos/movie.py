@@ -20,7 +20,7 @@ from relight.photos.api import Relighter, match_exposure
 from relight.photos.background import Background
 from relight.photos.color import to_srgb8
 from relight.photos.crop import Crop, crop_around
-from relight.photos.infer import Person
+from relight.photos.infer import Person, balanced
 from relight.photos.mask import find_mask
 from relight.photos.photo import Options
 from relight.photos.read import Photo, list_pictures, mask_beside, read_photo
@@ -72,7 +72,7 @@ def write_movie(
     photo = read_photo(path)
     coverage = find_mask(photo, mask or mask_beside(path), options.mask_model)
     pixels, coverage = downscale(photo, coverage, size)
-    people = relighter.infer(pixels, coverage, split=not options.together)
+    people = relighter.infer(pixels, coverage, not options.together, options.white_balance)
     coefficients, background = match_exposure(people, light.coefficients, options.read_background(light), options.match)
     fps = fps or FPS
     count = max(1, round(seconds * fps))
@@ -156,11 +156,13 @@ def relight_clip(
     frames, count, fps = read_frames(path)
     background = options.read_background(light)
 
+    def infer(pixels: np.ndarray, coverage: np.ndarray, crop: Crop) -> Person:
+        person = relighter.infer_person(pixels, coverage, crop)
+        return balanced([person])[0] if options.white_balance == "keep" else person
+
     def relit() -> Iterator[np.ndarray]:
         pairs = (downscale(photo, coverage, size) for photo, coverage in _with_masks(path, frames, masks, options))
-        smooth = smooth_over_time(
-            pairs, lambda coverage: crop_around(coverage, relighter.network.size), relighter.infer_person
-        )
+        smooth = smooth_over_time(pairs, lambda coverage: crop_around(coverage, relighter.network.size), infer)
         coefficients = None
         for i, (pixels, person) in enumerate(smooth):
             if coefficients is None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from relight.files import UserError, writable_folder
 from relight.lights import Light, LightOptions
-from relight.photos.api import MODES, Relighter, match_exposure
+from relight.photos.api import MODES, Relighter, match_exposure, require_white_balance
 from relight.photos.background import Background, read_background
 from relight.photos.color import DISPLAY_STOPS, KNEE
 from relight.photos.infer import Person, mean_light
@@ -27,6 +27,7 @@ class Options:
     Attributes:
         light: as `Relighter.read_light` takes it.
         mode: ratio | full.
+        white_balance: keep | scene, as `Relighter.infer` takes it.
         background: as `read_background` takes it.
         blur: of a panorama behind, degrees.
         shadow: whether people cast shadows on a new background.
@@ -45,6 +46,7 @@ class Options:
 
     light: str = ""
     mode: str = "ratio"
+    white_balance: str = "keep"
     background: str = "keep"
     blur: float = 0.0
     shadow: bool = True
@@ -63,6 +65,7 @@ class Options:
     def __post_init__(self) -> None:
         if self.mode not in MODES:
             raise UserError(f"mode {self.mode!r} is neither ratio nor full")
+        require_white_balance(self.white_balance)
 
     def read_light(self, relighter: Relighter) -> Light:
         """Reads the light."""
@@ -71,7 +74,7 @@ class Options:
         }  # fmt: skip
         if self.convention:
             options["convention"] = self.convention
-        return relighter.read_light(self.light, self.light_mask, self.mask_model, **options)
+        return relighter.read_light(self.light, self.light_mask, self.mask_model, self.white_balance, **options)
 
     def read_background(self, light: Light) -> Background:
         """Reads the background."""
@@ -84,7 +87,7 @@ def read_people(
     """Reads a photo and infers its people."""
     photo = read_photo(path)
     coverage = find_mask(photo, mask or mask_beside(path), options.mask_model)
-    return photo, relighter.infer(photo.pixels, coverage, split=not options.together)
+    return photo, relighter.infer(photo.pixels, coverage, not options.together, options.white_balance)
 
 
 def relight_file(
@@ -137,7 +140,11 @@ def relight_file(
         "light": {"name": light.source, "notes": light.notes},
         "mask": {"automatic": automatic, "notes": mask_warnings(people) + [AUTOMATIC] * automatic},
         "people": [
-            {"square": [round(v, 2) for v in (p.crop.left, p.crop.top, p.crop.side)], **asdict(trust)}
+            {
+                "square": [round(v, 2) for v in (p.crop.left, p.crop.top, p.crop.side)],
+                "white": [round(float(v), 3) for v in p.white],
+                **asdict(trust),
+            }
             for p, trust in zip(people, assessed)
         ],
     }

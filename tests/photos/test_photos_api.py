@@ -50,6 +50,18 @@ def test_what_is_wrong_is_said(relighter, photo_files):
             relighter.relight(image, coverage, LIGHT)
 
 
+def test_white_balance(relighter, photo_files):
+    """By default the light of a photo is white on the mean; `scene` gives what the network says; no third way."""
+    me, *_ = photo_files
+    (kept,), (raw,) = (relighter.infer(me, white_balance=way) for way in ("keep", "scene"))
+    assert np.ptp(kept.shading[kept.mask].mean(0)) < 1e-5 < np.ptp(raw.shading[raw.mask].mean(0))
+    assert np.allclose(kept.light * kept.white, raw.light) and (raw.white == 1).all()
+    assert np.array_equal(relighter.read_light(str(me)).coefficients, kept.light)
+    assert (relighter.relight(me, None, LIGHT) != relighter.relight(me, None, LIGHT, white_balance="scene")).any()
+    with pytest.raises(UserError, match="'auto' is neither keep nor scene"):
+        relighter.infer(me, white_balance="auto")
+
+
 def test_a_result_shows_before_and_after(relighter, photo_files):
     """The page holds both pictures; parts and sums of a result are plain arrays."""
     me, _, pixels, mask = photo_files

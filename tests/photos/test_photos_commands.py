@@ -112,6 +112,7 @@ def bad(tmp_path, weights):
     yield [me, "--light", "key:#ffeedd@45,30", "--background", "panorama"], "no panorama"
     yield [me, "--background", "nothing such"], "background"
     yield [me, "--mode", "best"], "neither ratio nor full"
+    yield [me, "--white-balance", "auto"], "neither keep nor scene"
     yield [me, "--weights", tmp_path / "old.pt"], "pickle"
     yield [me, "--weights", tmp_path / "pickle.safetensors"], "safetensors"
     yield [me, "--weights", tmp_path / "foreign.safetensors"], "no relight network"
@@ -136,7 +137,7 @@ def test_bad_input_is_one_line_and_overwrites_nothing(run, photo_files, weights,
             run("photo", *words)
         assert "\n" not in str(error.value)
         count += 1
-    assert count == 21
+    assert count == 22
     assert [p.name for p in out.iterdir()] == ["relit.png"] and (out / "relit.png").read_bytes() == b"precious"
 
 

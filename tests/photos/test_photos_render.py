@@ -10,11 +10,11 @@ from relight.photos import render as rendering
 from relight.photos.background import Background, read_background
 from relight.photos.color import to_srgb8
 from relight.photos.crop import Crop, crop_around
-from relight.photos.infer import Person
+from relight.photos.infer import Person, balanced
 from relight.photos.render import estimate_foreground, over, render, strips
 from relight.photos.shading import ANGLES, FLOOR, exposure_factor, max_luminance, shading, shading_floor, shading_ratio
 from relight.sh import rotate_y, rotation_matrix, unoccluded
-from relight.srgb import LINEAR
+from relight.srgb import LINEAR, LUMINANCE
 
 LIGHT = np.zeros((9, 3), np.float32)
 LIGHT[0], LIGHT[1], LIGHT[2], LIGHT[3] = (0.7, 0.75, 0.8), 0.2, (0.3, 0.25, 0.2), (0.2, 0.1, 0.0)
@@ -59,10 +59,10 @@ def test_several_people_each_by_their_own_light(relighter, draw):
     pixels, mask = draw()
     two = np.concatenate([pixels, pixels[:, ::-1]], 1)
     both = np.concatenate([mask, mask], 1)
-    figures = relighter.infer(two, both)
+    figures = relighter.infer(two, both, white_balance="scene")
     assert len(figures) == 2
     assert np.array_equal(render(two, figures, [f.light for f in figures]), two)
-    alone = relighter.infer(pixels, mask)
+    alone = relighter.infer(pixels, mask, white_balance="scene")
     assert np.abs(alone[0].light - figures[0].light).max() < 1e-5  # the neighbour changes nothing
     assert len(relighter.infer(two, both, split=False)) == 1
 
@@ -90,6 +90,40 @@ def test_turning_by_360_degrees_closes(relighter, draw):
         light = rotate_y(light, np.radians(10))
     assert np.abs(light - LIGHT).max() < 1e-6
     assert (relighter.relight(pixels, mask, LIGHT, turn=120) != start).any()
+
+
+def test_a_tinted_light_is_the_photos_white():
+    """A grey card that is inferred to lie in tinted light: its white lamp keeps the photo's colours; without, not."""
+    pixels, figure, mask = ball()
+    tint, flat = np.array([1.3, 0.95, 0.65], np.float32), np.zeros((9, 3), np.float32)
+    flat[0] = 0.8
+    card = replace(
+        figure,
+        albedo=np.full_like(figure.albedo, 0.4) * mask[..., None],
+        transport=figure.transport * (np.arange(9) == 0),
+        light=flat * tint,
+    )
+    (kept,) = balanced([card])
+    white = tint / (tint @ LUMINANCE)
+    assert np.allclose(kept.white, white, atol=1e-5) and np.ptp(kept.light, axis=1).max() < 1e-5
+    assert np.allclose(kept.shading @ LUMINANCE, card.shading @ LUMINANCE, atol=1e-5)
+    assert np.allclose(kept.albedo * kept.shading, card.albedo * card.shading)
+    assert np.array_equal(render(pixels, [kept], kept.light), pixels)
+    strong = np.array([4.0, 1.0, 0.1], np.float32)
+    assert balanced([replace(card, light=flat * strong)])[0].white.min() == pytest.approx(0.2)  # held
+    solid = card.coverage == 255
+    neutral = LINEAR[render(pixels, [card], flat)][solid] / LINEAR[pixels][solid]
+    expected = 1 / tint
+    assert np.abs(neutral / neutral[:, 1:2] / (expected / expected[1]) - 1)[(pixels[solid] > 40).all(1)].max() < 0.1
+
+
+def test_people_of_a_photo_share_its_white():
+    """A small and a large person in lights of two colours: the mean over their pixels becomes white."""
+    _, figure, mask = ball()
+    other = replace(figure, light=OTHER, crop=replace(figure.crop, side=2 * figure.crop.side))
+    one, two = balanced([figure, other])
+    mean = one.shading[mask].mean(0) + 4 * two.shading[mask].mean(0)
+    assert np.array_equal(one.white, two.white) and np.ptp(mean) < 1e-4 * mean[0]
 
 
 def test_mirrored_ball_under_the_mirrored_light():

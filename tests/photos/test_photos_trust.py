@@ -11,7 +11,7 @@ from relight.sh import basis
 
 @pytest.fixture
 def figure(relighter, draw):
-    return relighter.infer(*draw())[0]
+    return relighter.infer(*draw(), white_balance="scene")[0]
 
 
 def lamp(azimuth, elevation=30, fill=1.0, color=(1, 1, 1)):

@@ -11,6 +11,7 @@ const OPAQUE = 240; // coverage from which a pixel shows hardly anything but the
 const SHARE = 0.05; // of the largest person's area: smaller parts belong to the nearest person
 const MIN_SIZE = 8; // pixels: a figure smaller than this in both directions is dirt
 const FLOOR = 0.1; // of the mean old shading, under which it is not divided by
+const LEAST = 0.2; // of the luminance: no channel of the light's colour is divided by less
 const MARGIN = 2; // pixels around the figure
 const MIRROR = [1, 1, 1, -1, -1, 1, 1, -1, 1]; // signs of the coefficients of a mirror image
 const LUMA = [0.2126, 0.7152, 0.0722];
@@ -64,11 +65,37 @@ async function predict(run, square, mask, size) {
   };
 }
 
-// Infers one person, and writes albedo and transport, planes of the whole photo, where they cover it. Returns the light
-// and the person's area in the photo, by which lights are averaged.
-async function inferPerson(image, width, coverage, run, size, albedo, transport) {
+// What the network infers of one person, on its square; scale: pixels of the photo to one of the square.
+async function inferPerson(image, width, coverage, run, size) {
   const crop = new Crop(coverage, width, size), { square, mask } = networkInput(crop, image, coverage);
-  const maps = await predict(run, square, mask, size);
+  const { albedo, transport, light } = await predict(run, square, mask, size);
+  const [held, transports] = [albedo, transport].map((planes) => planes.map((plane) => clampRim(plane, mask, size)));
+  const rows = Array.from({ length: 9 }, (_, k) => light.slice(3 * k, 3 * k + 3)), scale = (crop.side / size) ** 2;
+  return { coverage, crop, square, mask, albedo: held, transport: transports, light: rows, scale };
+}
+
+// The mean colour of the light over the people, at luminance 1: white in the photo (balanced in relight/photos/infer.py).
+function meanColor(people) {
+  const total = [0, 0, 0];
+  for (const { mask, transport, light, scale } of people) {
+    for (let i = 0; i < mask.length; i++) {
+      for (let c = 0; mask[i] && c < 3; c++) total[c] += scale * shadingAt(transport, light, i, c);
+    }
+  }
+  const level = Math.max(LUMA.reduce((sum, weight, c) => sum + weight * total[c], 0), 1e-6);
+  return total.map((value) => Math.max(value / level, LEAST));
+}
+
+// The shading of pixel i in channel c.
+function shadingAt(transport, light, i, c) {
+  let sum = 0;
+  for (let k = 0; k < 9; k++) sum += light[k][c] * transport[k][i];
+  return Math.max(sum, 0);
+}
+
+// Writes a person's albedo and transport to planes of the whole photo, where they cover it.
+function writeMaps(person, image, width, size, white, albedo, transport) {
+  const { coverage, crop, square, mask } = person;
   const colors = new Guide(square.map((plane) => Float64Array.from(plane, Math.sqrt)), mask, size);
   const luma = (planes) => planes[0].map((_, i) => LUMA.reduce((sum, weight, c) => sum + weight * planes[c][i], 0));
   const grey = new Guide([luma(colors.values)], mask, size);
@@ -76,14 +103,12 @@ async function inferPerson(image, width, coverage, run, size, albedo, transport)
   const places = Int32Array.from({ length: wide * high }, (_, i) => (top + Math.floor(i / wide)) * width + left + (i % wide));
   const detail = image.map((plane, c) => crop.place(colors.fillOutside(colors.values[c])).map((value, i) =>
     ((Math.sqrt(plane[places[i]]) - value) * Math.max(coverage[places[i]] - OPAQUE, 0)) / (255 - OPAQUE)));
-  const held = (planes) => planes.map((plane) => clampRim(plane, mask, size));
   const write = (planes, placed, finish) => placed.forEach((plane, c) => plane.forEach((value, i) => {
     if (coverage[places[i]]) planes[c][places[i]] = finish(value);
   }));
-  const roots = held(maps.albedo).map((plane) => plane.map((value) => Math.sqrt(Math.max(value, 0))));
+  const roots = person.albedo.map((plane, c) => plane.map((value) => Math.sqrt(Math.max(value * white[c], 0))));
   write(albedo, colors.place(crop, roots, detail, true), (value) => value * value);
-  write(transport, grey.place(crop, held(maps.transport), [luma(detail)]), (value) => value);
-  return { light: maps.light, area: mask.reduce((sum, v) => sum + v, 0) * (crop.side / size) ** 2 };
+  write(transport, grey.place(crop, person.transport, [luma(detail)]), (value) => value);
 }
 
 // The figure as the viewer draws it (page/figure.js), or null when the mask holds nobody. size: of the network's image.
@@ -92,13 +117,13 @@ async function inferFigure(photo, coverage, run, size) {
   const image = [0, 1, 2].map((c) => Float32Array.from({ length: area }, (_, i) => LINEAR[pixels[4 * i + c]]));
   const planes = (count) => Array.from({ length: count }, () => new Float32Array(area));
   const albedo = planes(3), transport = planes(9), found = [];
-  for (const person of splitPeople(coverage, width)) {
-    found.push(await inferPerson(image, width, person, run, size, albedo, transport));
-  }
+  for (const person of splitPeople(coverage, width)) found.push(await inferPerson(image, width, person, run, size));
   if (!found.length) return null;
-  const total = found.reduce((sum, person) => sum + person.area, 0);
+  const white = meanColor(found), areas = found.map(({ mask, scale }) => scale * mask.reduce((sum, v) => sum + v, 0));
+  for (const person of found) writeMaps(person, image, width, size, white, albedo, transport);
+  const total = areas.reduce((sum, area) => sum + area, 0);
   const light = Array.from({ length: 9 }, (_, k) => [0, 1, 2].map((c) =>
-    found.reduce((sum, person) => sum + (person.area / total) * person.light[3 * k + c], 0)));
+    found.reduce((sum, person, n) => sum + ((areas[n] / total) * person.light[k][c]) / white[c], 0)));
   const inside = Uint8Array.from(coverage, (v) => (v ? 1 : 0));
   return { width, height, light, ...summary(transport, light, inside), ...drawn(image, coverage, inside, albedo, transport, photo) };
 }
@@ -111,11 +136,7 @@ function summary(transport, light, inside) {
     if (!inside[i]) continue;
     count++;
     for (let k = 0; k < 9; k++) mean[k] += transport[k][i];
-    for (let c = 0; c < 3; c++) {
-      let sum = 0;
-      for (let k = 0; k < 9; k++) sum += light[k][c] * transport[k][i];
-      shading += Math.max(sum, 0);
-    }
+    for (let c = 0; c < 3; c++) shading += shadingAt(transport, light, i, c);
   }
   return { mean: [...mean.map((value) => value / count)], floor: Math.max((FLOOR * shading) / (3 * count), 1e-4) };
 }
