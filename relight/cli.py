@@ -20,7 +20,7 @@ from relight.viewer.commands import app as viewer
 from relight.viewer.commands import web_app as web
 
 # Objects between garbage collections. By default 700 (2,000 from Python 3.12): those that torch's import makes, all of
-# which stay, would be looked through again and again, for .2 to .3 of its 1.5 CPU-seconds.
+# which stay, would be looked through again and again, for about .2 of its 1.5 CPU-seconds.
 COLLECT_EVERY = 100_000
 
 app = typer.Typer(
