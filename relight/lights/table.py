@@ -10,6 +10,7 @@ from relight.files import UserError, atomic_write
 from relight.lights.statistics import reference_brightness
 from relight.npz import read_npz
 from relight.sh import bands, coefficient_count, order_of
+from relight.sh.conventions import LARGEST
 
 CONVENTION = "relight"  # radiance, orthonormal, no Condon-Shortley, l*l+l+m, +z toward the camera, linear Rec. 709 RGB
 SPLITS = ("train", "test", "unusual", "rich")
@@ -108,7 +109,7 @@ def read_light_set(path: Path | str) -> LightSet:
         raise UserError(f"{archive}: its convention is {said!r}, a light set of relight says {CONVENTION!r}")
     lights = LightSet(**{name: stored[name] for name in names})
     table = lights.coefficients
-    if table.ndim != 3 or table.shape[2] != 3 or table.dtype.kind != "f" or not np.isfinite(table).all():
+    if table.ndim != 3 or table.shape[2] != 3 or table.dtype.kind != "f" or not (np.abs(table) <= LARGEST).all():
         raise UserError(f"{archive} is not a light set of relight (its coefficients are no finite numbers (N, K, 3))")
     if any(getattr(lights, name).shape != (len(lights),) for name in names if name != "coefficients"):
         raise UserError(f"{archive} is not a light set of relight (its columns differ in length)")

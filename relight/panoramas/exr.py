@@ -18,6 +18,7 @@ from relight.panoramas.panorama import check_size
 
 REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 MAX_BYTES = 2**29  # of all channels at four bytes
+MAX_TILE = 2**20  # pixels; OpenEXR takes memory for a whole tile, also where the picture is smaller
 BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
 
 
@@ -41,6 +42,7 @@ class Header:
     """The relevant values of one part's header; windows are x0, y0, x1, y1, both ends included."""
 
     deep: bool
+    tile: tuple[int, int] | None  # width and height
     channels: dict[str, tuple[int, int]]  # name to its sampling in x and y
     data: tuple[int, int, int, int]
     display: tuple[int, int, int, int]
@@ -97,10 +99,11 @@ def read_headers(path: Path, OpenEXR: Any) -> list[Header]:
         for part in parts:
             header = dict(part.header)
             data, display = (window(header[name]) for name in ("dataWindow", "displayWindow"))
-            colours = header.get("chromaticities")
+            colours, tiles = header.get("chromaticities"), header.get("tiles")
             headers.append(
                 Header(
                     deep=header.get("type") not in (None, OpenEXR.scanlineimage, OpenEXR.tiledimage),
+                    tile=None if tiles is None else (int(tiles.xSize), int(tiles.ySize)),
                     channels={str(c.name): (int(c.xSampling), int(c.ySampling)) for c in header["channels"]},
                     data=data,
                     display=display,
@@ -144,6 +147,8 @@ def choose_part(path: Path, headers: list[Header]) -> int:
             raise UserError(f"{path}: a deep OpenEXR image; flatten it first")
         width, height = header.size
         check_size(path, width, height)
+        if header.tile and header.tile[0] * header.tile[1] > max(MAX_TILE, width * height):
+            raise UserError(f"{path}: damaged: its tiles ({header.tile[0]} x {header.tile[1]}) are larger than it is")
         decoded += width * height * len(header.channels) * 4
         if chosen is None and (set("RGB") <= set(header.channels) or "Y" in header.channels):
             chosen = number

@@ -21,6 +21,7 @@ from relight.sh.harmonics import bands, coefficient_count, cosine_factors, order
 KANAMORI_ORDER = [0, 2, 3, 1, 4, 5, 7, 6, 8]  # their indices of our 1, y, z, x, xy, yz, 3z^2-1, xz, x^2-y^2
 TO_Z_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # our directions to dpr's: x, -z, y
 MAX_ORDER = 6  # a file with more numbers is more likely something else
+LARGEST = 1e30  # of a coefficient: pictures are float32, which overflows at 3e38
 
 
 def as_table(numbers: object, name: str = "light") -> np.ndarray:
@@ -34,7 +35,7 @@ def as_table(numbers: object, name: str = "light") -> np.ndarray:
         (K,3) float64.
 
     Raises:
-        UserError: if the shape is none of these or a number is not finite.
+        UserError: if the shape is none of these, or a number is not finite or beyond LARGEST.
     """
     try:
         array = np.asarray(numbers, np.float64).squeeze()
@@ -53,6 +54,8 @@ def as_table(numbers: object, name: str = "light") -> np.ndarray:
         )
     if not np.isfinite(array).all():
         raise UserError(f"{name}: has numbers that are not finite")
+    if np.abs(array).max() > LARGEST:
+        raise UserError(f"{name}: has the number {np.abs(array).max():.0e}; no light is larger than {LARGEST:.0e}")
     return array
 
 

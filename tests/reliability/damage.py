@@ -4,6 +4,8 @@ import os
 import re
 import subprocess
 import sys
+import tempfile
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +24,8 @@ def most_memory():  # of this program alone, in kilobytes; getrusage would count
     except OSError:
         return 0
     return int(status.split("VmHWM:")[1].split()[0])
-for line in sys.stdin.read().splitlines():
-    reader, path = line.split(" ", 1)
+for line in sys.stdin:
+    reader, path = line.rstrip("\\n").split(" ", 1)
     start = time.process_time()
     try:
         getattr(readers, reader)(path)
@@ -67,18 +69,37 @@ def damaged(data: bytes, rng: np.random.Generator) -> tuple[bytes, str]:
     return bytes(data), kind
 
 
-def outcomes(jobs: list[tuple[str, Path]], memory: int) -> list[str]:
-    """What readers, functions of readers.py by name, make of files: "read" or "error" for each (reader, path).
+def outcomes(jobs: Iterable[tuple[str, Path, bytes | None]], memory: int) -> list[str]:
+    """What readers, functions of readers.py by name, make of files one after the other: "read" or "error" for each.
 
-    Fails where one ends otherwise than by UserError in one line, hangs, or takes more than `memory` (kilobytes).
+    Fails where one ends otherwise than by UserError in one line, hangs, or takes more than `memory`; the file stays.
+
+    Args:
+        jobs: reader, path, and the bytes of a file that is written for it and removed afterwards.
+        memory: of the process, in kilobytes.
     """
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, "-c", LOOP, str(Path(__file__).parent)]
-    text = "\n".join(f"{reader} {path}" for reader, path in jobs)
-    done = subprocess.run(command, input=text, capture_output=True, text=True, env=environment)
-    lines = [line.split(" ", 3) for line in done.stdout.splitlines() if line.startswith(("read ", "error "))]
-    last = jobs[len(lines)] if len(lines) < len(jobs) else "the last"
-    assert done.returncode == 0 and len(lines) == len(jobs), f"at {last}: {done.stderr[-2000:]}"
-    assert not [line for line in lines if float(line[1]) > HANG]
-    assert int(lines[-1][2]) < memory
-    return [line[0] for line in lines]
+    pipe, found = subprocess.PIPE, []
+    with tempfile.TemporaryFile("w+") as errors:
+        process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=errors, text=True, env=environment)
+        with process:
+            for reader, path, data in jobs:
+                if data is not None:
+                    path.write_bytes(data)
+                print(reader, path, file=process.stdin, flush=True)
+                # Libraries may print lines of their own.
+                answer = next((line for line in process.stdout if line.startswith(("read ", "error "))), None)
+                if answer is None:
+                    process.wait()
+                    errors.seek(0)
+                    raise AssertionError(f"{reader} at {path}: {errors.read()[-2000:]}")
+                outcome, seconds, most, _ = answer.split(" ", 3)
+                assert float(seconds) < HANG, f"{reader} at {path}: {float(seconds):.1f} s"
+                assert int(most) < memory, f"{reader} at {path}: {most} kB"
+                if data is not None:
+                    path.unlink()
+                found.append(outcome)
+            process.stdin.close()
+        assert process.returncode == 0
+    return found

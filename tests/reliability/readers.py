@@ -9,6 +9,13 @@ import numpy as np
 from PIL import Image
 
 
+def panorama(path: str) -> None:
+    from relight.panoramas import project, read_panorama
+
+    light = project(read_panorama(path), 2)
+    assert np.isfinite(light).all() and light[0].max() > 0
+
+
 def light(path: str) -> None:
     from relight.lights import load_light
 
