@@ -7,6 +7,7 @@ from relight.sh import order_of, rotate_y
 
 ANGLES = 72  # headings, every 5 degrees: at order 2 the largest value is met to 0.2 %
 FLOOR = 0.1  # of the mean shading: darker shading is too uncertain to divide by
+HUE_FLOOR = 3  # floors: the hue of darker shading is too uncertain to divide by
 
 
 def shading(transport: np.ndarray, light: np.ndarray) -> np.ndarray:
@@ -29,8 +30,14 @@ def shading_floor(old: np.ndarray, mask: np.ndarray) -> float:
 
 
 def shading_ratio(old: np.ndarray, new: np.ndarray, floor: float) -> np.ndarray:
-    """Returns new / old shading (...,3), each at least `floor`: the gain of mode `ratio`, 1 where they are equal."""
-    return np.maximum(new, floor) / np.maximum(old, floor)
+    """Returns the gain of mode `ratio`: new / old shading (...,3), each at least `floor`; 1 where they are equal.
+
+    The channels of dark shading are small differences of large terms: their errors have hues, and a ratio would
+    multiply them. What a channel lacks of the largest one, up to HUE_FLOOR floors, is added to both shadings.
+    """
+    least = np.maximum(old, floor)
+    lacking = np.maximum(np.minimum(least.max(-1, keepdims=True), HUE_FLOOR * floor) - least, 0)
+    return (np.maximum(new, floor) + lacking) / (least + lacking)
 
 
 def max_luminance(transport: np.ndarray, light: np.ndarray) -> float:

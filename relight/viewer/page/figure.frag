@@ -18,7 +18,7 @@ out vec4 color;
 const int BEHIND = 0, EDGE = 1, INSIDE = 2;
 const int RELIT = 0, PHOTO = 1, ALBEDO = 2, SHADING = 3, AO = 4, NORMAL = 5, OPEN = 6;
 const int STUDIO = 0, COLOR = 1, CLEAR = 2, OWN = 3, LIGHT = 4, PANORAMA = 5;
-const float KNEE = 0.8, FADE = 0.06, DISPLAY = 0.5, NOISE = 0.001, BLACK_GAIN = 2.0;
+const float KNEE = 0.8, FADE = 0.06, DISPLAY = 0.5, NOISE = 0.001, BLACK_GAIN = 2.0, HUE_FLOOR = 3.0;
 
 vec3 decode(vec3 v) { return mix(v / 12.92, pow((max(v, 0.04045) + 0.055) / 1.055, vec3(2.4)), step(0.04045, v)); }
 
@@ -76,7 +76,9 @@ vec3 figure(vec2 uv, vec3 own) {
   vec3 lit = SHADING(light, a, b, c.x);
   if (VIEW == SHADING) return rolled(DISPLAY * exposure * lit, 1.0);
   if (!USE_RATIO) return rolled(exposure * texture(surface, uv).rgb * lit, 1.0);
-  vec3 gain = max(lit, floorOfRatio) / max(SHADING(photoLight, a, b, c.x), floorOfRatio);
+  vec3 least = max(SHADING(photoLight, a, b, c.x), floorOfRatio); // as in relight/photos/shading.py
+  vec3 lacking = max(min(largest(least), HUE_FLOOR * floorOfRatio) - least, 0.0);
+  vec3 gain = (max(lit, floorOfRatio) + lacking) / (least + lacking);
   return relit(own, exposure * gain, IS_CLIPPED ? texture(excess, uv).rgb : vec3(0.0));
 }
 
