@@ -70,7 +70,7 @@ def table(grid: formats.Grid, caption: str = "") -> Markup:
 
 
 def picture(path: Path, caption: str, alt: str = "") -> Markup:
-    """A picture in the page (PNG, JPEG, SVG), as wide as the page; a tap shows it at its own size."""
+    """A picture in the page (PNG, JPEG, SVG), no wider than the page; a tap shows it at its own size."""
     kind = TYPES.get(existing_file(path, "picture").suffix.lower())
     if kind is None:
         raise UserError(f"{path}: the report takes pictures of the kinds {', '.join(TYPES)}")
