@@ -80,7 +80,8 @@ class Grid:
             [style.cell(value, self.digits.get(head[-1], 3)) for value, head in zip(row, heads)]
             for row in self.frame.itertuples(index=False, name=None)
         ]
-        labels = [style.label(text if isinstance(text, str) else str(text), kind) for text, kind in zip(self.frame.index, self.kinds)]
+        plain = [text if isinstance(text, str) else str(text) for text in self.frame.index]  # str(Markup) is no Markup
+        labels = [style.label(text, kind) for text, kind in zip(plain, self.kinds)]
         escaped = [tuple(map(style.escape, head)) for head in heads]
         columns = pd.MultiIndex.from_tuples(escaped) if heads and len(heads[0]) > 1 else [head[0] for head in escaped]
         return pd.DataFrame(cells, pd.Index(labels, name=style.escape(self.frame.index.name or "")), columns)

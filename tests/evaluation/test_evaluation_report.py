@@ -63,7 +63,8 @@ def results(folder, preset: str, errors: dict[str, dict[str, float]], usual=None
     (folder / "report").mkdir(exist_ok=True)
     for row in rows:
         words = dict(word.split("=") for word in one["sweep"]["runs"][row] if "." in word.split("=")[0])
-        train = {"figures": int(words["train.figures"]) if "train.figures" in words else None, "part": "train"}
+        figures = int(words["train.figures"]) if "train.figures" in words else None
+        train = {"figures": figures, "part": "train", "steps": 1000 + len(row)}
         model = {"width": float(words.get("model.width", 1)), "order": int(words.get("model.order", 2))}
         settings = {"defaults": [], "hydra": {}, "train": train, "model": model, "loss": {"light": 1}}
         (folder / "config" / f"train.{row}.s0.yaml").write_text(yaml.safe_dump(settings))
@@ -306,6 +307,7 @@ def test_the_page_is_whole_and_stands_alone(tmp_path):
     for setting in ("loss.light", "train.part", "model.order"):  # of files with a dot in their stem
         assert f">{setting}<" in html
     assert html.count('<a href="#table2">Table 2</a>') == 3 and ">Figure 12<" in html and "#sitting" not in html
+    assert "8 trainings of 1,005 to 1,017 steps;" in html
     assert "relight run experiment=sitting" in html and "validation" not in html
     for said in ("it is a plane", "x.hdr", "bright back", "bright at 36 of 36 headings", "4.0"):
         assert said in html

@@ -111,6 +111,8 @@ def head(name: str, results: Results, failed: int) -> Markup:
     outcome = attempt(lambda: sections.summary(results))
     lights = attempt(lambda: results.lights["lights"])
     figures = attempt(lambda: len(results.record["figures"]))
+    rows = {row for one in results.tables for row in results.experiments[one]["runs"]}
+    steps = attempt(lambda: sorted({results.setting(row, "train.steps") for row in rows}))
     found, wall = costs(results.folder)
     shown = [one for one in results.tables if results.experiments[one]["plates"]]
     hero = next((results.report / f"{one}_overview.png" for one in shown), results.report / "figures.png")
@@ -127,6 +129,7 @@ def head(name: str, results: Results, failed: int) -> Markup:
         figures=figures,
         lights=lights,
         trainings=len(results.runs),
+        steps=steps,
         origin=provenance(results.folder),
         wall=wall,
         seconds=float(found.seconds.sum()),
