@@ -30,7 +30,11 @@ def read_npz(path: Path | str, what: str) -> dict[str, np.ndarray]:
         if size > MAX_BYTES:
             raise ValueError(f"it promises {size / 2**30:.0f} GiB")
         with np.load(path, allow_pickle=False) as arrays:
-            return {name: arrays[name] for name in arrays.files}
+            found = {name: arrays[name] for name in arrays.files}
+        for name, value in found.items():
+            if not isinstance(value, np.ndarray):  # NumPy returns the bytes of what is no array
+                raise ValueError(f"its {name[:40]!r} is no array")
+        return found
     except Exception as error:  # zipfile, zlib and NumPy raise a dozen types for damaged files
         reason = str(error).strip().split("\n")[0] or type(error).__name__
         raise UserError(f"{path} is not a {what} of relight ({reason})") from None

@@ -211,7 +211,7 @@ class Plan:
     @cached_property
     def scans(self) -> "dict[str, Scan]":
         """The user's meshes by name; empty when figures are generated."""
-        if self.cfg.figures.source == "generated":
+        if self.cfg.figures.source != "scans":
             return {}
         from relight.meshes import list_scans
 

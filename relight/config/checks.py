@@ -8,6 +8,7 @@ from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
+from relight import extensions
 from relight.config.schema import EXPERIMENT, FIELDS, STRENGTHS
 from relight.config.setting import domain_in_words, setting_of
 from relight.files import UserError
@@ -53,6 +54,8 @@ def check_name(what: str, name: str) -> None:
 def no_such(key: str, known: Iterable[str]) -> str:
     """Returns the sentence that there is no setting `key`, and which there are in its place."""
     known = list(known)
+    if not known:
+        return f"{key}: nothing has this name yet; to add it, write +{key}=<value>"
     close = difflib.get_close_matches(key.rpartition(".")[2], known, 1)
     hint = f"did you mean {close[0]}? " if close else ""
     return f"{key}: no such setting; {hint}there are {', '.join(known)}"
@@ -100,8 +103,13 @@ def _at_odds(cfg: DictConfig) -> Iterator[str]:
     for name, experiment in (get("experiments") or {}).items():
         if unknown := [row for row in experiment.rows if row not in (get("sweep.runs") or {})]:
             yield f"experiments.{name}.rows: no run {unknown[0]} in sweep.runs; add it there"
-    if (get("figures.outfits") or 1) > 1 and (get("figures.source") == "scans" or get("bake.bounces")):
-        yield "figures.outfits must be 1 for scans, and with bake.bounces: light bounces off other albedo"
+    if (get("figures.outfits") or 1) > 1 and (get("figures.source") != "generated" or get("bake.bounces")):
+        yield "figures.outfits must be 1 where figures are not generated, and with bake.bounces: other albedo bounces"
+    for name, weight in (get("loss.extra") or {}).items():
+        if name not in extensions.names():
+            yield f"loss.extra.{name}: there is no file {name}.py in relight/extensions"
+        if weight < 0:
+            yield f"loss.extra.{name} is {weight}: it must be at least 0"
     for group, source in (("figures", "scans"), ("panoramas", "folder")):
         if get(f"{group}.source") == source and not get(f"{group}.folder"):
             yield f"{group}.source={source} needs {group}.folder=<the folder to read>"

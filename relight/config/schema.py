@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import Field, dataclass, field, fields, is_dataclass
 from typing import Any
 
+from relight import extensions
 from relight.config.setting import setting
 
 DEVICES = ("auto", "cpu", "cuda")
@@ -17,7 +18,9 @@ VERSION = "version of the code; raised when it changes results, which are then m
 class Figures:
     """Where figures come from, and what they are like."""
 
-    source: str = setting("generated figures, or scans: the meshes of a folder", choices=("generated", "scans"))
+    source: str = setting(
+        "generated figures, or scans: the meshes of a folder", choices=("generated", "scans", *extensions.names())
+    )
     folder: str | None = setting("folder of the scans", None)
     first: int = setting("first seed", 0, least=0)
     count: int = setting("number of seeds", 1, least=1)
@@ -159,7 +162,7 @@ class Lights:
 class Model:
     """The network."""
 
-    name: str = setting("architecture", choices=("ours", "sfsnet", "sfsnet_ao", "unet"))
+    name: str = setting("architecture", choices=("ours", "sfsnet", "sfsnet_ao", "unet", *extensions.names()))
     width: float = setting("factor on the number of channels of every layer", least=0.01)
     norm: str = setting("normalisation by the statistics of each image or of the batch", choices=("instance", "batch"))
     dropout: float = setting("share of features that are zeroed in training", least=0, below=1)
@@ -197,6 +200,7 @@ class Loss:
     detail_transport: float = setting("the same of transport", least=0)
     detail_shading: float = setting("the same of shading under the true light", least=0)
     exclusion: float = setting("detail that albedo and shading share beyond what the true ones do", least=0)
+    extra: dict[str, float] = setting("losses of your own, by the files of relight/extensions", {})
     tv_reference: int = setting("the weight tv_transport is multiplied by image size / tv_reference, pixels", least=1)
     reduction: str = setting("means over the whole image or over its mask", choices=("image", "mask"))
 

@@ -76,7 +76,7 @@ def setting(about: str, default: Any = MISSING, **rules: Any) -> Any:
         **rules: which values it may have, as in `Setting`.
     """
     metadata = {"setting": Setting(about, **rules)}
-    if isinstance(default, list):
+    if isinstance(default, list | dict):
         return field(default_factory=default.copy, metadata=metadata)
     return field(default=default, metadata=metadata)
 

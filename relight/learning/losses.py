@@ -13,6 +13,7 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from relight.config import Loss
+from relight.extensions import extension
 from relight.learning.camera import shade
 from relight.learning.data import Batch
 from relight.learning.networks import with_transport
@@ -93,7 +94,7 @@ def losses(outputs: dict[str, Tensor], batch: Batch, loss: Loss) -> dict[str, Te
             values[f"reconstruction_albedo_{name}"] = mean((albedo * shadings[name] - batch.relit).abs())
     if loss.reconstruction_full:
         values["reconstruction_full"] = mean((albedo * shadings["transport_light"] - batch.relit).abs())
-    return values
+    return values | {name: extension(name, "loss")(outputs, batch) for name, weight in loss.extra.items() if weight}
 
 
 def variation(compact: Tensor, batch: Batch) -> Tensor:
@@ -198,4 +199,5 @@ def weights(loss: Loss, size: int) -> dict[str, float]:
         "detail_transport": loss.detail_transport,
         "detail_shading": loss.detail_shading,
         "exclusion": loss.exclusion,
+        **loss.extra,
     }

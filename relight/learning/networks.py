@@ -18,6 +18,7 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from relight.config import Model
+from relight.extensions import extension
 from relight.files import UserError
 from relight.learning.harmonics import unoccluded
 
@@ -424,9 +425,10 @@ def build(model: Model, size: int) -> Network:
     """A new network for square images of `size` pixels, its weights drawn by torch's generator.
 
     Raises:
-        UserError: if the size is not a multiple of 64.
+        UserError: if the size is not a multiple of 64, or there is no such network.
     """
     if size < STRIDE or size % STRIDE:
         raise UserError(f"the image size is {size} px: the network halves it six times, so give a multiple of {STRIDE}")
-    kind = UNet if model.name == "unet" else PaperNetwork
+    own = {"unet": UNet, "ours": PaperNetwork, "sfsnet": PaperNetwork, "sfsnet_ao": PaperNetwork}
+    kind: type[Network] = own.get(model.name) or extension(model.name, "network")
     return kind(model, size).to(memory_format=kind.layout)  # type: ignore[call-overload]  # not in torch's hints

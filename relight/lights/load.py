@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from relight import extensions
 from relight.files import UserError, existing_file
 from relight.lights.chain import GENERATORS
 from relight.lights.light import Light
@@ -63,6 +64,7 @@ def load_light(
     probe:grace                     a measured light in print: grace, eucalyptus, stpeters, kitchen, galileo
     key:#ffeedd@45,30,0.2           a distant lamp of this sRGB colour, 45 degrees to the right of the camera and 30
                                     degrees up, with a constant fill of 0.2 times its irradiance
+    mine:text                       what relight/extensions/mine.py makes of the text
 
     Args:
         text: as above.
@@ -101,6 +103,9 @@ def load_light(
         light = Light(probe(text.removeprefix("probe:")), text)
     elif (match := IN_SET.fullmatch(text)) and not Path(text).exists():
         light = read_row(match[1], int(match[2]))
+    elif (name := text.partition(":")[0]) in extensions.names():
+        found = extensions.extension(name, "light")(text.removeprefix(f"{name}:"), order)
+        light = found if isinstance(found, Light) else Light(as_table(found, text), text)
     elif text.startswith(("room:", "sky:", "key:")):
         raise UserError(f"{text}: a generated light is like room:7, sky:3 or key:#ffeedd@45,30")
     elif Path(text).suffix.lower() in (".npy", ".txt", ".csv", ".json"):

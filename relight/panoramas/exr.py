@@ -18,6 +18,8 @@ from relight.panoramas.panorama import check_size
 
 REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 MAX_BYTES = 2**29  # of all channels at four bytes
+FREE_BYTES, MOST_PACKED = 2**26, 2**11  # so much is believed of any file, more only at this ratio to the file's size
+MOST_EMPTY = 64  # pixels of the display window for each of the data window
 MAX_TILE = 2**20  # pixels; OpenEXR takes memory for a whole tile, also where the picture is smaller
 BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
 
@@ -152,6 +154,9 @@ def choose_part(path: Path, headers: list[Header]) -> int:
         decoded += width * height * len(header.channels) * 4
         if chosen is None and (set("RGB") <= set(header.channels) or "Y" in header.channels):
             chosen = number
+    stored = path.stat().st_size
+    if decoded > max(FREE_BYTES, MOST_PACKED * stored):
+        raise UserError(f"{path}: damaged: its header promises {decoded >> 20} MB, and it has {stored >> 10} kB")
     if decoded > MAX_BYTES:
         raise UserError(f"{path}: {decoded >> 20} MB of channels, more than {MAX_BYTES >> 20}; keep only R, G and B")
     if chosen is None:
@@ -190,6 +195,8 @@ def on_display(path: Path, header: Header, pixels: np.ndarray, repairs: list[str
         return pixels
     width, height = ex - dx + 1, ey - dy + 1
     check_size(path, width, height)
+    if width * height > MOST_EMPTY * pixels[..., 0].size:
+        raise UserError(f"{path}: damaged: its display window ({width} x {height}) is nearly empty")
     canvas = np.zeros((height, width, 3), np.float32)
     left, top, right, bottom = max(x0, dx), max(y0, dy), min(x1, ex), min(y1, ey)
     if left > right or top > bottom:

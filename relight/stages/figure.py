@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from relight.config import Figures
+from relight.extensions import extension
 from relight.files import UserError
 from relight.stages.stage import stage
 from relight.stages.step import save_mesh
@@ -20,6 +21,8 @@ def main(figures: Figures, figure: Path, out: Path) -> None:
     seed = int(name[1:])
 
     def make():
+        if figures.source != "generated":
+            return named(extension(figures.source, "figure")(figures, seed))
         names = (tuple(names) for names in (figures.poses, figures.garments, figures.hair))
         mesh = make_figure(
             seed,
@@ -31,6 +34,9 @@ def main(figures: Figures, figure: Path, out: Path) -> None:
             figures.outfits,
             Constraints(figures.sitting, *names),
         )
+        return named(mesh)
+
+    def named(mesh):
         mesh.info.update(name=name, axes={"up": "+y", "front": "+z"})
         return mesh
 

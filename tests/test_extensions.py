@@ -1,0 +1,96 @@
+"""The file of docs/extend.md: network, loss, light and figure are chosen by its name, and nothing else is edited."""
+
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+
+from relight import extensions
+from relight.config import ROOT, check, composed, resolved
+from relight.files import UserError
+from relight.lights import load_light
+
+PAGE = (ROOT / "docs" / "extend.md").read_text()
+EXAMPLE = re.search(r"```python\n# relight/extensions/mine\.py\n(.*?)```", PAGE, re.S)
+USE = """
+import json, sys
+from pathlib import Path
+from relight import extensions
+extensions.__path__.append(sys.argv[1])
+
+import torch
+from relight.config import Loss, composed, resolved, check
+from relight.files import UserError
+from relight.learning.checkpoint import load_network, save_network
+from relight.learning.losses import losses, weights, weighted_sum
+from relight.learning.networks import build
+from relight.lights import load_light
+from relight.stages.figure import main
+from omegaconf import OmegaConf
+
+config = resolved(composed(["scale=smoke", "model.name=mine", "+loss.extra.mine=0.5", "figures.source=mine"]))
+check(config)
+settings = OmegaConf.to_object(config)
+torch.manual_seed(0)
+network = build(settings.model, 64)
+outputs = network(torch.rand(2, 3, 64, 64), torch.ones(2, 1, 64, 64))
+assert outputs["albedo"].shape == (2, 3, 64, 64) and outputs["transport"].shape == (2, 9, 64, 64)
+assert outputs["light"].shape == (2, 9, 3) and (outputs["light"] == 1).all()
+save_network(Path("mine.safetensors"), network, settings.model)
+again = load_network(Path("mine.safetensors"))[0]
+assert type(again).__name__ == "network" and torch.equal(again.maps.weight, network.maps.weight)
+
+light = load_light("mine:2.5", order=1).coefficients
+assert light.shape == (4, 3) and (light[0] == 2.5).all() and not light[1:].any()
+assert weights(settings.loss, 64)["mine"] == 0.5
+
+sys.argv = ["figure", "+figures.source=mine", "io.figure=g0007", "io.out=g0007.npz"]
+sys.argv[1:2] = ["scale=smoke", "figures.source=mine"]
+main.cli()
+from relight.meshes import Mesh
+mesh = Mesh.load(Path("g0007.npz"))
+assert len(mesh.faces) == 4 and mesh.info["name"] == "g0007"
+"""
+
+
+def test_the_file_of_the_docs_works(tmp_path):
+    """In a process of its own, since choices of settings are made when they are imported."""
+    (tmp_path / "files").mkdir()
+    (tmp_path / "files" / "mine.py").write_text(EXAMPLE[1])
+    (tmp_path / "people").mkdir()
+    tetrahedron = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
+    (tmp_path / "people" / "0007.obj").write_text(tetrahedron)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    command = [sys.executable, "-c", USE, str(tmp_path / "files")]
+    done = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr[-3000:]
+
+
+def test_what_is_not_there_is_named(tmp_path, monkeypatch):
+    (tmp_path / "half.py").write_text("def loss(outputs, batch): return 0\n")
+    monkeypatch.setattr(extensions, "__path__", [*extensions.__path__, str(tmp_path)])
+    assert extensions.names() == ("half",)
+    assert extensions.extension("half", "loss")(None, None) == 0
+    with pytest.raises(UserError, match=r"relight/extensions/half\.py defines no `network`"):
+        extensions.extension("half", "network")
+    with pytest.raises(UserError, match=r"no file os\.py in relight/extensions"):
+        extensions.extension("os", "network")
+    with pytest.raises(UserError, match=r"half\.py defines no `light`"):
+        load_light("half:3")
+
+
+@pytest.mark.parametrize(
+    ("word", "says"),
+    [
+        ("+loss.extra.mine=1", "loss.extra.mine: there is no file mine.py in relight/extensions"),
+        ("loss.extra.mine=1", r"nothing has this name yet; to add it, write \+loss\.extra\.mine=<value>"),
+        ("+loss.extra.half=-1", "loss.extra.half is -1.0: it must be at least 0"),
+    ],
+)
+def test_wrong_weights(word, says, tmp_path, monkeypatch):
+    (tmp_path / "half.py").touch()
+    monkeypatch.setattr(extensions, "__path__", [str(tmp_path)])
+    with pytest.raises(UserError, match=says):
+        check(resolved(composed(["scale=smoke", word])))
