@@ -90,6 +90,8 @@ def test_console_scripts_exist():
 def test_the_container_installs_what_pip_installs():
     text = (ROOT / "Dockerfile").read_text()
     assert "--constraint constraints.txt --editable ." in text and "python workflow/scripts/system.py" in text
+    copied = [word for words in re.findall(r"^COPY (.+) \S+$", text, re.M) for word in words.split()]
+    assert len(copied) == 7 and all((ROOT / path).exists() for path in copied)
     version = re.search(r"^FROM python:([\d.]+)", text, re.M)[1]
     assert Requirement(f"python{PROJECT['requires-python']}").specifier.contains(version + ".0")
     expression = re.search(r"sed -n '([^']+)' constraints.txt", text)[1]
