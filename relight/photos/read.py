@@ -15,6 +15,7 @@ from relight.files import UserError, existing_file, require_readable
 MAX_PIXELS = 100_000_000  # of a photo; decoders allocate memory before they find that a file is a decompression bomb
 TOO_LARGE = f"at most {MAX_PIXELS // 10**6} million pixels are read"
 MAX_BYTES = 500_000_000
+FREE_PIXELS, MOST_PACKED = 2**22, 2**13  # pixels that are believed of any file, and of each of its bytes
 SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".avif", ".heic", ".heif")
 HEIC = (".heic", ".heif")
 
@@ -177,6 +178,10 @@ def _open(path: Path, what: str) -> Image.Image:
     if width * height > MAX_PIXELS:
         image.close()
         raise UserError(f"{what} {path} is too large, {width}x{height}: {TOO_LARGE}")
+    stored = path.stat().st_size
+    if width * height > max(FREE_PIXELS, MOST_PACKED * stored):
+        image.close()
+        raise UserError(f"{what} {path} is damaged: it promises {width}x{height} pixels in {stored} bytes")
     return image
 
 
