@@ -103,7 +103,7 @@ def load_light(
         light = Light(probe(text.removeprefix("probe:")), text)
     elif (match := IN_SET.fullmatch(text)) and not Path(text).exists():
         light = read_row(match[1], int(match[2]))
-    elif (name := text.partition(":")[0]) in extensions.names():
+    elif ":" in text and (name := text.partition(":")[0]) in extensions.names():
         found = extensions.extension(name, "light")(text.removeprefix(f"{name}:"), order)
         light = found if isinstance(found, Light) else Light(as_table(found, text), text)
     elif text.startswith(("room:", "sky:", "key:")):

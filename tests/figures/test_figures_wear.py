@@ -23,7 +23,7 @@ from relight.figures.body import build_body, sample_person
 from relight.figures.colliders import Collider
 from relight.figures.drape import Draped, Level
 from relight.figures.fabrics import Fabric
-from relight.figures.footwear import SHOES, shell
+from relight.figures.footwear import SHOES, upper
 from relight.figures.layers import sided
 from relight.figures.poses import motion
 from relight.figures.surfaces import border_loops
@@ -148,9 +148,9 @@ def test_trousers_hang_over_the_shoes(person, name):
     way = motion(person, stances.STANDING[1], DETAILS["draft"].frames)
     x = wear(person, way, outfit, DETAILS["draft"])[0].draped.positions
     for side in "LR":
-        upper = shell(person, way.bones, shoe, side)
-        posed = way.skin(upper.weights, upper.shape)
-        _, distance, _ = sided(x, Collider(posed, posed, upper.faces), 0.03)
+        leather = upper(person, way.bones, shoe, side)
+        posed = way.skin(leather.weights, leather.shape)
+        _, distance, _ = sided(x, Collider(posed, posed, leather.faces), 0.03)
         near = np.isfinite(distance) & (x[:, 1] < posed[:, 1].max() - 0.005)
         assert near.sum() > 20 and (distance[near] < -0.002).mean() < 0.02
 

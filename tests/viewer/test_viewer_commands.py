@@ -12,7 +12,6 @@ from relight.maps import write_left_out, write_maps
 from relight.photos.api import Relighter
 from relight.photos.crop import crop_around
 from relight.photos.infer import Person, network_input
-from relight.photos.mask import split_people
 from relight.sh import basis, irradiance, unoccluded
 from relight.viewer.commands import app
 from relight.viewer.source import LIGHTS, baked_figure, named_lights
@@ -80,10 +79,8 @@ class Oracle(Relighter):
     def __init__(self):
         super().__init__(None, {})
 
-    def infer(self, image, mask):
-        return [self.person(image, coverage, i) for i, coverage in enumerate(split_people(mask))]
-
-    def person(self, image, coverage, i):
+    def infer_person(self, image, coverage, crop=None):
+        i = int(np.argwhere(coverage)[:, 1].mean() > image.shape[1] / 2)  # from left to right
         box = crop_around(coverage, 48)
         seen, mask = network_input(image, coverage, box)
         y, x = np.mgrid[-1:1:48j, -1:1:48j]
