@@ -22,6 +22,7 @@ FALL = 0.35  # of its flare, a drop's width as it hangs
 HIPS = 0.014  # metres that a drop keeps off the hull of the hips
 BEARINGS = 96  # directions in which the hull of the trunk is measured
 SLICE = 0.02  # metres between the heights at which it is measured
+OUTLINE = 6  # vertices that a slice needs to outline the trunk; those of a tall person are further apart
 BLADES = 0.06  # metres below the base of the neck: up to where cloth spans the hollow of the spine
 FADE = 0.12  # metres below that within which it begins to
 SEAT = (0.06, 0.25)  # metres from the middle, and above the crotch, within which the cleft between the buttocks is
@@ -128,19 +129,23 @@ class Hull:
 
 
 def trunk_hull(points: np.ndarray, f: dict[str, np.ndarray], at: dict[str, float]) -> Hull:
-    """The hull of the suit's vertices (n,3) with their fields, from below the crotch to the shoulder blades."""
+    """The hull of the suit's vertices (n,3) with their fields, from below the crotch to the shoulder blades. Heights
+    with too few vertices are interpolated between their neighbours."""
     trunk = points[np.maximum(f["onL"], f["onR"]) < 0.05]
     heights = np.arange(at["crotch"] - SLICE, at["neck"] - BLADES + SLICE, SLICE)
     middle = float(np.median(trunk[np.abs(trunk[:, 1] - at["waist"]) < 0.1, 2]))
     turn = 2 * np.pi * np.arange(BEARINGS) / BEARINGS
     ways = np.stack([np.sin(turn), np.cos(turn)], axis=1)
-    radii = []
+    known, radii = [], []
     for height in heights:
         near = trunk[np.abs(trunk[:, 1] - height) < 0.9 * SLICE][:, [0, 2]] - [0.0, middle]
+        if len(near) < OUTLINE:
+            continue
         sides = ConvexHull(near).equations
         facing = ways @ sides[:, :2].T
+        known.append(height)
         radii.append(np.min(np.where(facing > 1e-6, -sides[:, 2] / np.maximum(facing, 1e-6), np.inf), axis=1))
-    return Hull(middle, heights, np.array(radii))
+    return Hull(middle, heights, np.stack([np.interp(heights, known, r) for r in np.transpose(radii)], axis=1))
 
 
 def unbunched(hull: Hull, points: np.ndarray, faces: np.ndarray, share: np.ndarray) -> np.ndarray:

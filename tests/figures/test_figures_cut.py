@@ -66,6 +66,18 @@ def test_the_hull_is_exact_on_a_known_outline():
     assert 0.02 < moved[2, 2] < 0.1
 
 
+def test_the_hull_bridges_heights_without_vertices():
+    """A cone whose vertices have a gap of 8 cm, as between the rings of a very tall person."""
+    turn = np.linspace(0, 2 * np.pi, 400, endpoint=False)
+    heights = np.concatenate([np.arange(0.0, 0.2, 0.005), np.arange(0.28, 0.5, 0.005)])
+    points = np.concatenate([(0.1 + 0.2 * y) * np.stack([np.sin(turn), 0 * turn, np.cos(turn)], 1) for y in heights])
+    points[:, 1] = np.repeat(heights, len(turn))
+    fields = {"onL": np.zeros(len(points)), "onR": np.zeros(len(points))}
+    hull = patterns.trunk_hull(points, fields, {"crotch": 0.1, "waist": 0.25, "neck": 0.45})
+    for y in (0.2, 0.24, 0.28):
+        assert hull.radius(np.array([[0.0, y, 0.05]]))[0] == pytest.approx(0.1 + 0.2 * y, abs=5e-3)
+
+
 def test_a_loose_top_hangs_straight_over_a_hollow():
     """A body of revolution as slim as an hourglass between a chest and a seat of one width, and a bump at its foot."""
     heights = np.linspace(0, 1, 21)
