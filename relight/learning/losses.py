@@ -94,7 +94,8 @@ def losses(outputs: dict[str, Tensor], batch: Batch, loss: Loss) -> dict[str, Te
             values[f"reconstruction_albedo_{name}"] = mean((albedo * shadings[name] - batch.relit).abs())
     if loss.reconstruction_full:
         values["reconstruction_full"] = mean((albedo * shadings["transport_light"] - batch.relit).abs())
-    return values | {name: extension(name, "loss")(outputs, batch) for name, weight in loss.extra.items() if weight}
+    extra = {f"extra_{name}": extension(name, "loss")(outputs, batch) for name, weight in loss.extra.items() if weight}
+    return values | extra
 
 
 def variation(compact: Tensor, batch: Batch) -> Tensor:
@@ -199,5 +200,5 @@ def weights(loss: Loss, size: int) -> dict[str, float]:
         "detail_transport": loss.detail_transport,
         "detail_shading": loss.detail_shading,
         "exclusion": loss.exclusion,
-        **loss.extra,
+        **{f"extra_{name}": weight for name, weight in loss.extra.items()},
     }
