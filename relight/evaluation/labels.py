@@ -2,6 +2,7 @@
 
 from relight.evaluation.metrics import READINGS
 
+STEPS = (4000, 16000)  # of the experiment `steps`, beside those of the scale
 LABELS = {
     "sfsnet": "SfSNet",
     "sfsnet_ao": "SfSNet-AO",
@@ -33,6 +34,9 @@ LABELS = {
     **{f"order_{order}": f"Ours, order {order}" for order in range(1, 8)},
     **{f"figures_{count}": f"Ours, {count} figures" for count in (8, 16, 32, 64, 128)},
     **{f"width_1_{part}": f"Ours, width 1/{part}" for part in (2, 4, 8)},
+    "ours_weighted": "Ours (transport × 4)",
+    **{f"{losses}_{n}": f"Ours ({losses}), {n:,} steps" for losses in ("min", "full") for n in STEPS},
+    **{f"weighted_{n}": f"Ours (transport × 4), {n:,} steps" for n in STEPS},
 }
 QUANTITIES = {
     "shading": "Shading",

@@ -29,7 +29,8 @@ SHOWN = {  # the columns that the table of an experiment shows; ALL where nothin
     "unusual_lights": MAPS,
     "silhouette": _columns("shading_true_light", "transport"),
     "relit": _columns("relit", "reconstruction", "shading_true_light", "albedo"),
-    **dict.fromkeys(("self_supervised", "splits", "order", "data_size", "width", "equal_losses", "plus_parts"), PARTS),
+    **dict.fromkeys(("self_supervised", "splits", "order", "data_size", "width"), PARTS),
+    **dict.fromkeys(("equal_losses", "plus_parts", "steps"), PARTS),
 }
 
 Rows = dict[str, list[Scores]]  # row -> the scores of its trainings

@@ -64,7 +64,7 @@ def results(folder, preset: str, errors: dict[str, dict[str, float]], usual=None
     for row in rows:
         words = dict(word.split("=") for word in one["sweep"]["runs"][row] if "." in word.split("=")[0])
         figures = int(words["train.figures"]) if "train.figures" in words else None
-        train = {"figures": figures, "part": "train", "steps": 1000 + len(row)}
+        train = {"figures": figures, "part": "train", "steps": int(words.get("train.steps", 1000 + len(row)))}
         model = {"width": float(words.get("model.width", 1)), "order": int(words.get("model.order", 2))}
         settings = {"defaults": [], "hydra": {}, "train": train, "model": model, "loss": {"light": 1}}
         (folder / "config" / f"train.{row}.s0.yaml").write_text(yaml.safe_dump(settings))
@@ -182,6 +182,23 @@ def test_the_parts_of_plus_that_cost_something(tmp_path):
     made = numbers(tmp_path, "plus_parts", errors)
     assert (made["costly"], made["without"]) == (["plus w/o mirroring"], 4)
     assert verdicts(made)["Ours plus against Ours (full): the part is worth", "albedo RMSE"] is Verdict.BETTER
+
+
+def test_longer_training_can_turn_a_verdict_round(tmp_path):
+    """All fifteen losses trail in transport at 4,000 steps and lead at 16,000."""
+    errors = {
+        "full_4000": {"transport_rmse": 0.5},
+        "full_16000": {"transport_rmse": 0.2},
+        "min_16000": {"transport_rmse": 0.3},
+        "weighted_16000": {"transport_rmse": 0.2},
+    }
+    made = numbers(tmp_path, "steps", errors)
+    found = verdicts(made)
+    assert found["4,000 steps: fifteen losses against four losses", "transport RMSE"] is Verdict.WORSE
+    assert found["16,000 steps: fifteen losses against four losses", "transport RMSE"] is Verdict.BETTER
+    assert found["fifteen losses: 16,000 against 4,000 steps", "transport RMSE"] is Verdict.BETTER
+    assert made["changed"] == ["transport_rmse"]
+    assert numbers(tmp_path / "b", "steps", {})["changed"] == []
 
 
 def test_relighting_is_worth_something_where_it_beats_the_picture_as_it_is(tmp_path):

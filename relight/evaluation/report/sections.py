@@ -1,6 +1,6 @@
 """The numbers of the sections about tables of trainings; their words are in templates/sections."""
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
@@ -42,6 +42,7 @@ from relight.evaluation.tables import Table
 ERRORS = ("shading_rmse", "transport_rmse", "albedo_rmse", "light_rmse")
 PARTS = ("shading_rmse", "shading_true_light_rmse", "transport_rmse", "light_rmse", "albedo_rmse")
 AXES = {"train.figures": "number of training figures", "model.width": "width", "model.order": "order"}
+SETS = {"min": "four losses", "full": "fifteen losses", "weighted": "fifteen, transport × 4"}  # of `steps`
 SMALL = " †"  # marks differences that the paper prints and that are under MARGIN
 HERE = {  # what became of an ordering of the paper
     Verdict.BETTER: "the same",
@@ -281,10 +282,34 @@ def order(results: Results, name: str, table: Table) -> Numbers:
     return {"floors": Grid.of(heads, rows), "comparisons": comparison_grid(steps)}
 
 
+def steps(results: Results, name: str, table: Table) -> Numbers:
+    """The sets of losses beside each other at each length of training, and each with itself trained longer; `changed`:
+    the columns in which one set leads another at one length and trails it at another."""
+    rows, found, verdicts = {}, {}, defaultdict(set)
+    for row in table.networks:
+        rows[row.removeprefix("ours_").split("_")[0], int(results.setting(row, "train.steps"))] = row
+    lengths = sorted({length for _, length in rows})
+    for first, second in (("full", "min"), ("weighted", "full"), ("weighted", "min")):
+        for length in lengths:
+            if (first, length) in rows and (second, length) in rows:
+                two = rows[first, length], rows[second, length]
+                compared = compare_rows(table, *two, ERRORS)
+                found[f"{length:,} steps: {SETS[first]} against {SETS[second]}"] = compared
+                for column, comparison in compared.items():
+                    verdicts[column, first, second].add(comparison.verdict)
+    for losses, words in SETS.items():
+        for a, b in pairwise(length for length in lengths if (losses, length) in rows):
+            two = rows[losses, b], rows[losses, a]
+            found[f"{words}: {b:,} against {a:,} steps"] = compare_rows(table, *two, ERRORS)
+    turned = {column for (column, *_), seen in verdicts.items() if {Verdict.BETTER, Verdict.WORSE} <= seen}
+    return {"comparisons": comparison_grid(found), "changed": [column for column in ERRORS if column in turned]}
+
+
 EXPERIMENTS: dict[str, Callable[[Results, str, Table], Numbers]] = {
     "table1": table1,
     "equal_losses": equal_losses,
     "plus_parts": plus_parts,
+    "steps": steps,
     "relit": relit,
     "baked": baked,
     "silhouette": silhouette,
