@@ -101,11 +101,15 @@ class Plan:
         Raises:
             UserError: a row, a folder, a file or a missing package would end the workflow later.
         """
-        given = [*(scan.path for scan in self.scans.values()), *map(Path, self.table), *map(Path, self.panoramas)]
+        given = [scan.path for scan in self.scans.values()]
+        given += [path for figure in self.captures for path in self.capture_files(figure)]
+        given += [*map(Path, self.table), *map(Path, self.panoramas)]
         latest = time.time() + SKEW
         for path in given:  # Snakemake ends a job whose outputs are older than its inputs
             if path.exists() and path.stat().st_mtime > latest:
                 raise UserError(f"{path} is dated in the future: correct this machine's clock, or `touch` the file")
+        if "path_traced" in self.experiments and self.captures:
+            raise UserError("experiment=path_traced needs meshes, which figures.source=olat does not make")
         if "path_traced" in self.experiments and find_spec("mitsuba") is None:
             raise UserError("experiment=path_traced needs Mitsuba, which is not installed here: pip install mitsuba")
         keys = {row: self._cache_key(row) for row in self.rows}
@@ -217,6 +221,21 @@ class Plan:
 
         return list_scans(self.cfg.figures.folder)
 
+    @cached_property
+    def captures(self) -> dict[str, Path]:
+        """The folders of frames of a light stage's captures by name; empty for other sources."""
+        if self.cfg.figures.source != "olat":
+            return {}
+        from relight.benchmark.humanolat import list_captures
+
+        return list_captures(self.cfg.figures.folder, self.cfg.figures.only)
+
+    def capture_files(self, figure: str) -> list[Path]:
+        """What a capture is read from."""
+        from relight.benchmark.humanolat import files_of
+
+        return files_of(self.captures[figure])
+
     @property
     def table(self) -> list[str]:
         """The table that picks and names scans, where the user's folder has one."""
@@ -229,21 +248,21 @@ class Plan:
 
     @cached_property
     def figures(self) -> list[str]:
-        """Names of the figures: a seed each, or a scan each."""
+        """Names of the figures: a seed, a scan or a capture each."""
         first, count = self.cfg.figures.first, self.cfg.figures.count
-        return list(self.scans) or [f"g{seed:04d}" for seed in range(first, first + count)]
+        return [*self.scans, *self.captures] or [f"g{seed:04d}" for seed in range(first, first + count)]
 
     @cached_property
     def decades(self) -> list[str]:
         """Decades of generated figures of which the plan has all ten, as the first characters of their names: g012."""
-        count = Counter(name[:-1] for name in self.figures) if not self.scans else {}
+        count = Counter(name[:-1] for name in self.figures) if not (self.scans or self.captures) else {}
         return [name for name, found in count.items() if found == 10]
 
     @cached_property
     def single_figures(self) -> list[str]:
         """The figures that are in none of the decades; each has jobs of its own."""
         decades = set(self.decades)
-        return [name for name in self.figures if self.scans or name[:-1] not in decades]
+        return [name for name in self.figures if name[:-1] not in decades]
 
     def maps(self, figure: str) -> list[str]:
         """Names of the maps of a figure; the frontal view of its first outfit has the name of the figure."""

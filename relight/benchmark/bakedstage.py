@@ -64,10 +64,8 @@ def bake_as_seen(
     caster, normals = RayCaster(mesh.vertices, mesh.faces, threads=1), vertex_normals(mesh)
     row, column = np.nonzero(inside)
     azimuth = random_azimuths(len(row), seed)
-    hits, depth = np.zeros(len(row), int), np.zeros(len(row))
+    hits, depth = np.zeros(len(row), int), depth_at_centres(caster, camera, inside)
     normal, transport, staged = (np.zeros((len(row), width)) for width in (3, 9, 9))
-    centres = primary_hits(caster, camera, column + 0.5, row + 0.5)
-    depth[centres.ray] = camera.depth(caster.points(centres.face, centres.weights))
     steps = (np.arange(places) + 0.5) / places
     for number, (down, right) in enumerate(progress(list(product(steps, steps)), "places of each pixel")):
         found = primary_hits(caster, camera, column + right, row + down)
@@ -95,6 +93,15 @@ def bake_as_seen(
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
     turned = transport @ rotation_matrix(camera.rotation).T / np.maximum(hits, 1)[:, None]
     return Baked(everywhere & (depth > 0), depth, normal, turned, staged)
+
+
+def depth_at_centres(caster: RayCaster, camera: Pinhole, inside: np.ndarray) -> np.ndarray:
+    """Returns the depth (P,), as `Baked.depth`, of a caster's mesh at the centres of the pixels of `inside` (H,W)."""
+    row, column = np.nonzero(inside)
+    found = primary_hits(caster, camera, column + 0.5, row + 0.5)
+    depth = np.zeros(len(row))
+    depth[found.ray] = camera.depth(caster.points(found.face, found.weights))
+    return depth
 
 
 def lamp_transport(

@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 
 from relight.benchmark import humanolat, ultrastage
-from relight.benchmark.bakedstage import Baked, agreement, bake_as_seen
+from relight.benchmark.bakedstage import agreement, bake_as_seen, depth_at_centres
 from relight.benchmark.lights import panorama
 from relight.benchmark.lightstage import Lighting, LightStage, Measured, coarse, measure
 from relight.benchmark.make import FORMAT, index, same, save
 from relight.benchmark.measures import Intrinsics
-from relight.benchmark.picture import BRIGHTNESS, DARKEST, Picture, on_square
+from relight.benchmark.picture import BRIGHTNESS, DARKEST, Picture, means, on_square
 from relight.benchmark.recipes import recipe
 from relight.benchmark.shots import Shot, variants
 from relight.files import UserError, atomic_write, read_table, writable_folder
@@ -28,6 +28,7 @@ from relight.photos.environment import camera_view
 from relight.progress import progress
 from relight.sh import UNOCCLUDED_T00
 from relight.srgb import LINEAR, encode, to_bytes
+from relight.transport.raycaster import RayCaster
 
 SIDE = 256  # pixels of the square on which maps are compared
 FIRST = 10_000_000  # seeds of the lights, above those of all other sets
@@ -104,36 +105,17 @@ def one_light_frames(source: Path, only: str, rays: int, places: int) -> Source:
 
 def photographed(capture: humanolat.Capture, rays: int, places: int, varied: bool) -> Taken:
     """Photographs a capture in a panorama and four new ones, as sums of its frames; the truth is what they measure."""
-    mask, camera = capture.read_mask(), capture.camera
+    mask = capture.read_mask()
     inside = mask >= MASK_THRESHOLD
     square = crop_around(mask, SIDE)
     capture.check_order(inside)
-    stage = LightStage.of((capture.lamps - camera.eye) @ camera.rotation.T)
     baked = None
     if capture.model:
-        baked = bake_as_seen(read_mesh(capture.model), camera, inside, stage, rays, places)
-        if not baked.depth.any():
-            raise UserError(f"{capture.model} is not in the picture of {capture.name}: it must be in millimetres")
-    depth = depth_of(baked, stage, inside)
-    row, column = np.nonzero(inside)
-    points = camera.rays(column + 0.5, row + 0.5)[:, 3:] @ camera.rotation.T * depth[inside][:, None]
+        baked = bake_as_seen(read_mesh(capture.model), capture.camera, inside, capture.stage(), rays, places)
     drawn = recipe(FIRST + zlib.crc32(capture.name.encode()) % FIRST, 1)
     sharp = [panorama(one, 0.0, BRIGHTNESS * 2**drawn.stops).pixels for one in (drawn.light, *drawn.new)]
     lights = coarse(np.stack(sharp), len(capture.lamps)).astype(np.float32)
-
-    def frames() -> Iterator[tuple[int, np.ndarray]]:
-        return progress(capture.read_frames(inside), f"frames of {capture.name}", len(capture.frames))
-
-    measured = measure(frames, stage, points, Lighting(lights))
-    if (known := float(measured.known.mean())) < KNOWN:
-        raise UserError(
-            f"{capture.name}: {known:.0%} of the person's pixels are lit in enough frames, and {KNOWN:.0%} are needed"
-        )
-    scale = float(np.quantile(measured.albedo[measured.known].max(1), 0.99)) / WHITEST
-    maps = measured_maps(measured, scale, mask, depth)
-    facts = {"lamps": len(capture.lamps), "absent": capture.absent, "known": round(known, 4)}
-    facts |= {"clipped": round(measured.clipped, 6), "projection_error": round(stage.error, 6)}
-    maps.info = {"name": capture.name, "subject": capture.subject, "measured": facts}
+    measured, maps, scale = measured_capture(capture, mask, baked.depth if baked else None, Lighting(lights))
     linear, *relit = np.moveaxis(on_image(measured.pictures / scale, inside), 2, 0)
     light, *new = (Panorama(one, source=f"{drawn.name}.{i}") for i, one in enumerate(lights))
     scene = linear + (1 - maps.coverage[..., None]) * np.pi * camera_view(light, mask.shape)
@@ -146,19 +128,97 @@ def photographed(capture: humanolat.Capture, rays: int, places: int, varied: boo
     seen = on_square(maps, shading, project(light, 2), square)
     picture = Picture(shots, light, new, maps, np.stack([to_bytes(encode(one)) for one in relit]), seen)
     compared = agreement(measured, baked, inside) if baked else None
-    return Taken(picture, {**asdict(drawn), "name": capture.name, **facts}, compared)
+    return Taken(picture, {**asdict(drawn), "name": capture.name, **maps.info["measured"]}, compared)
 
 
-def depth_of(baked: Baked | None, stage: LightStage, inside: np.ndarray) -> np.ndarray:
+def training_maps(place: Path, size: int) -> Maps:
+    """Measures the maps of one camera's capture on the person's square, as they would be baked for training.
+
+    Args:
+        place: folder of its frames (`humanolat.list_captures`).
+        size: pixels of the square.
+
+    Raises:
+        UserError: if its files are missing, broken, or do not fit each other, or too few of its pixels are lit.
+    """
+    capture = humanolat.read_capture(place)
+    mask, depth = capture.read_mask(), None
+    inside = mask >= MASK_THRESHOLD
+    capture.check_order(inside)
+    if capture.model:
+        mesh = read_mesh(capture.model)
+        depth = depth_at_centres(RayCaster(mesh.vertices, mesh.faces, threads=1), capture.camera, inside)
+    return squared(measured_capture(capture, mask, depth)[1], size)
+
+
+def measured_capture(
+    capture: humanolat.Capture, mask: np.ndarray, depth: np.ndarray | None, lighting: Lighting | None = None
+) -> tuple[Measured, Maps, float]:
+    """Measures a capture.
+
+    Args:
+        capture: of P pixels.
+        mask: (H,W) uint8.
+        depth: (P,) of its mesh (`Baked.depth`), or None.
+        lighting: panoramas to picture the person in.
+
+    Returns:
+        What was measured, the same as maps at the frames' pixels, and what albedo and pictures must be divided by.
+
+    Raises:
+        UserError: if the mesh is elsewhere, or too few pixels are lit.
+    """
+    inside = mask >= MASK_THRESHOLD
+    if depth is not None and not depth.any():
+        raise UserError(f"{capture.model} is not in the picture of {capture.name}: it must be in millimetres")
+    camera, stage = capture.camera, capture.stage()
+    surface = surface_depth(depth, stage, inside)
+    row, column = np.nonzero(inside)
+    points = camera.rays(column + 0.5, row + 0.5)[:, 3:] @ camera.rotation.T * surface[inside][:, None]
+
+    def frames() -> Iterator[tuple[int, np.ndarray]]:
+        return progress(capture.read_frames(inside), f"frames of {capture.name}", len(capture.frames))
+
+    measured = measure(frames, stage, points, lighting)
+    if (known := float(measured.known.mean())) < KNOWN:
+        raise UserError(
+            f"{capture.name}: {known:.0%} of the person's pixels are lit in enough frames, and {KNOWN:.0%} are needed"
+        )
+    scale = float(np.quantile(measured.albedo[measured.known].max(1), 0.99)) / WHITEST
+    maps = measured_maps(measured, scale, mask, surface)
+    facts = {"lamps": len(capture.lamps), "absent": capture.absent, "known": round(known, 4)}
+    facts |= {"clipped": round(measured.clipped, 6), "projection_error": round(stage.error, 6)}
+    maps.info = {"name": capture.name, "subject": capture.subject, "measured": facts}
+    return measured, maps, scale
+
+
+def surface_depth(depth: np.ndarray | None, stage: LightStage, inside: np.ndarray) -> np.ndarray:
     """Returns how far the surface is at each pixel (H,W), along the optical axis.
 
-    That of the mesh, where it is seen, and of the nearest such pixel elsewhere; without a mesh, that of the plane
+    That of the mesh (P,), where it is seen, and of the nearest such pixel elsewhere; without a mesh, that of the plane
     through the stage's centre which faces the camera.
     """
-    if baked is None:
+    if depth is None:
         return np.full(inside.shape, -stage.centre[2])
-    depth = on_image(baked.depth, inside)
-    return fill_outside(depth, depth > 0)
+    seen = on_image(depth, inside)
+    return fill_outside(seen, seen > 0)
+
+
+def squared(maps: Maps, size: int) -> Maps:
+    """Returns maps (H,W) on the person's square of `size` pixels: means over what of the person is in each of them."""
+    box = crop_around(to_bytes(maps.coverage), size)
+    inside, mean = means(maps, box)
+    normal, transport = mean(maps.normal), mean(maps.transport)
+    return Maps(
+        mask=inside,
+        coverage=box.extract(maps.coverage),
+        albedo=mean(maps.albedo),
+        normal=normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-6),
+        depth=mean(maps.depth[..., None])[..., 0],
+        ao=(transport[..., 0] / np.float32(UNOCCLUDED_T00)).clip(0, 1),
+        transport=transport,
+        info=maps.info,
+    )
 
 
 def measured_maps(measured: Measured, scale: float, mask: np.ndarray, depth: np.ndarray) -> Maps:

@@ -20,12 +20,13 @@ from pathlib import Path
 import numpy as np
 from PIL import features
 
-from relight.benchmark.lightstage import Pinhole
+from relight.benchmark.lightstage import LightStage, Pinhole
 from relight.files import UserError, existing_file
 from relight.photos.read import read_mask, read_photo
 from relight.srgb import LINEAR
 
 FIRST, CYCLE = 14, 21
+POSITIONS, ORDER, CALIBRATION = "LSX_light_positions_aligned.pc", "LSX3_light_z_spiral.txt", "cameras.calib"
 SUFFIXES = (".avif", ".png")  # the latter for those who converted theirs
 MILLIMETRES = 1000.0  # of a metre
 LEAST = 0.8  # of the lamps must have a frame
@@ -57,6 +58,10 @@ class Capture:
     absent: int
     mask: Path
     model: Path | None
+
+    def stage(self) -> LightStage:
+        """Returns the lamps in the camera's frame. Raises UserError if they do not span a sphere."""
+        return LightStage.of((self.lamps - self.camera.eye) @ self.camera.rotation.T)
 
     def read_mask(self) -> np.ndarray:
         """Returns the person's mask (H,W) uint8. Raises UserError for another size than the frames'."""
@@ -92,77 +97,75 @@ def captures(folder: Path | str, only: str = "") -> Iterator[Capture]:
     Raises:
         UserError: if there is none, or the files of one are missing, broken, or do not fit each other.
     """
+    yield from map(read_capture, list_captures(folder, only).values())
+
+
+def list_captures(folder: Path | str, only: str = "") -> dict[str, Path]:
+    """Lists the captures in a folder of subjects without opening their files; arguments and errors as for `captures`.
+
+    Returns:
+        The folder of each capture's frames, by name.
+    """
     folder = Path(folder)
     subjects = [folder] if folder.name.startswith("SUBJECT_") else sorted(folder.glob("SUBJECT_*"))
     try:
         wanted = re.compile(only)
     except re.error as error:
-        raise UserError(f"--only {only}: no regular expression ({error})") from None
-    found = False
-    for subject in subjects:
-        shared = None
-        for place in sorted(subject.glob("POSE_*/images_processed/Cam*")):
-            pose = place.parent.parent
-            name = f"{subject.name[8:]}.{pose.name.replace('POSE_', 'P')}.{place.name}"
-            if not wanted.search(name) or not place.is_dir():
-                continue
-            found = True
-            shared = shared or Shared.read(subject / "shared")
-            yield shared.capture(name, subject.name[8:], pose, place)
+        raise UserError(f"{only!r} is no regular expression ({error}); it is for the names of captures") from None
+    places = (place for one in subjects for place in sorted(one.glob("POSE_*/images_processed/Cam*")) if place.is_dir())
+    found = {name: place for place in places if wanted.search(name := name_of(place))}
     if not found:
         which = f" whose name matches {only}" if only else ""
         raise UserError(f"{folder} holds no SUBJECT_*/POSE_*/images_processed/Cam*{which}")
+    return found
 
 
-@dataclass(frozen=True)
-class Shared:
-    """What all captures of a subject share.
+def name_of(place: Path) -> str:
+    """The name of the capture whose frames are in a folder."""
+    return f"{subject_of(place)}.{place.parents[1].name.replace('POSE_', 'P')}.{place.name}"
 
-    Attributes:
-        cameras: intrinsics (3,3) over the image's width, and extrinsics (3,4) from world to camera, OpenCV's axes.
-        lamps: (L,3) in the order in which they are lit, millimetres.
-    """
 
-    cameras: list[tuple[np.ndarray, np.ndarray]]
-    lamps: np.ndarray
-    path: Path
+def subject_of(place: Path) -> str:
+    """Who is in the frames of a folder."""
+    return place.parents[2].name.removeprefix("SUBJECT_")
 
-    @classmethod
-    def read(cls, folder: Path) -> "Shared":
-        """Reads a subject's `shared` folder. Raises UserError."""
-        lamps = read_lamps(folder / "LSX_light_positions_aligned.pc", folder / "LSX3_light_z_spiral.txt")
-        path = folder / "cameras.calib"
-        return cls(from_world(read_cameras(path), lamps.mean(0), path), lamps, path)
 
-    def capture(self, name: str, subject: str, pose: Path, place: Path) -> Capture:
-        """Returns the capture of one camera's folder of frames. Raises UserError."""
-        number = re.fullmatch(r"Cam(\d+)", place.name)
-        if not number or not 1 <= int(number[1]) <= len(self.cameras):
-            raise UserError(f"{place}: {self.path} has the cameras Cam01 to Cam{len(self.cameras):02d}")
-        files = numbered(place)
-        lit, bright = schedule(len(self.lamps))
-        there = [(lamp, files[frame]) for lamp, frame in enumerate(lit) if frame in files]
-        if len(there) < LEAST * len(lit):
-            raise UserError(
-                f"{place} holds the frames of {len(there)} of {len(lit)} lamps (frames {lit[0]} to {lit[-1]}): "
-                f"{int(np.ceil(LEAST * len(lit)))} at least are needed"
-            )
-        around = [
-            (files[n], [files[m] for m in (n - 1, n + 1) if m in files and m in lit]) for n in bright if n in files
-        ]
-        size = read_frame(there[0][1]).shape[:2]
-        model = pose / "model" / "model.obj"
-        return Capture(
-            name,
-            subject,
-            pinhole(*self.cameras[int(number[1]) - 1], size),
-            self.lamps[[lamp for lamp, _ in there]],
-            [path for _, path in there],
-            [(path, beside) for path, beside in around if beside],
-            len(lit) - len(there),
-            existing_file(pose / "segmentations" / "masks" / "000" / f"{place.name}.png", "mask"),
-            model if model.is_file() else None,
+def files_of(place: Path) -> list[Path]:
+    """What a capture is read from: the folder of its frames, and the files beside it."""
+    pose, subject = place.parents[1], place.parents[2]
+    mask, model = pose / "segmentations" / "masks" / "000" / f"{place.name}.png", pose / "model" / "model.obj"
+    shared = [subject / "shared" / name for name in (POSITIONS, ORDER, CALIBRATION)]
+    return [place, mask, *shared, *([model] if model.is_file() else [])]
+
+
+def read_capture(place: Path) -> Capture:
+    """Reads what there is to know of the capture whose frames are in a folder; the frames later. Raises UserError."""
+    _, mask, positions, order, calibration, *model = files_of(place)
+    lamps = read_lamps(positions, order)
+    cameras = from_world(read_cameras(calibration), lamps.mean(0), calibration)
+    number = re.fullmatch(r"Cam(\d+)", place.name)
+    if not number or not 1 <= int(number[1]) <= len(cameras):
+        raise UserError(f"{place}: {calibration} has the cameras Cam01 to Cam{len(cameras):02d}")
+    files = numbered(place)
+    lit, bright = schedule(len(lamps))
+    there = [(lamp, files[frame]) for lamp, frame in enumerate(lit) if frame in files]
+    if len(there) < LEAST * len(lit):
+        raise UserError(
+            f"{place} holds the frames of {len(there)} of {len(lit)} lamps (frames {lit[0]} to {lit[-1]}): "
+            f"{int(np.ceil(LEAST * len(lit)))} at least are needed"
         )
+    around = [(files[n], [files[m] for m in (n - 1, n + 1) if m in files and m in lit]) for n in bright if n in files]
+    return Capture(
+        name_of(place),
+        subject_of(place),
+        pinhole(*cameras[int(number[1]) - 1], read_frame(there[0][1]).shape[:2]),
+        lamps[[lamp for lamp, _ in there]],
+        [path for _, path in there],
+        [(path, beside) for path, beside in around if beside],
+        len(lit) - len(there),
+        existing_file(mask, "mask"),
+        model[0] if model else None,
+    )
 
 
 def schedule(lamps: int) -> tuple[list[int], list[int]]:

@@ -1,6 +1,7 @@
 """One picture of the benchmark: a figure path traced in panoramas, as a camera takes it, and the truth about it."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -117,6 +118,12 @@ def cropped(maps: Maps, window: tuple[slice, slice]) -> Maps:
 
 def on_square(maps: Maps, shading: np.ndarray, light: np.ndarray, box: Crop) -> Intrinsics:
     """The truth on a square: means over what of the figure is in each of its pixels."""
+    inside, mean = means(maps, box)
+    return Intrinsics(inside, mean(maps.albedo), mean(maps.transport), mean(shading), light)
+
+
+def means(maps: Maps, box: Crop) -> tuple[np.ndarray, Callable[[np.ndarray], np.ndarray]]:
+    """Which pixels (S,S) of a square show the figure, and what takes values (H,W,C) to their means over it in each."""
     inside = box.extract(to_bytes(maps.coverage)) >= MASK_THRESHOLD
     known = maps.coverage * maps.mask  # maps are zero where the pixel's centre shows no figure
     share = np.maximum(box.extract(known), 1e-3)[..., None]
@@ -124,4 +131,4 @@ def on_square(maps: Maps, shading: np.ndarray, light: np.ndarray, box: Crop) -> 
     def mean(values: np.ndarray) -> np.ndarray:
         return box.extract(values * known[..., None]) / share * inside[..., None]
 
-    return Intrinsics(inside, mean(maps.albedo), mean(maps.transport), mean(shading), light)
+    return inside, mean

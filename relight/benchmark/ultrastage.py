@@ -81,7 +81,7 @@ def captures(folder: Path | str, only: str = "") -> Iterator[Capture]:
     try:
         wanted = re.compile(only)
     except re.error as error:
-        raise UserError(f"--only {only}: no regular expression ({error})") from None
+        raise UserError(f"{only!r} is no regular expression ({error}); it is for the names of captures") from None
     found = False
     for place in sorted(path.parent for path in Path(folder).glob("*/full_on")):
         turns: dict[int, np.ndarray] = {}

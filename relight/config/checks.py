@@ -110,6 +110,10 @@ def _at_odds(cfg: DictConfig) -> Iterator[str]:
             yield f"loss.extra.{name}: there is no file {name}.py in relight/extensions"
         if weight < 0:
             yield f"loss.extra.{name} is {weight}: it must be at least 0"
-    for group, source in (("figures", "scans"), ("panoramas", "folder")):
+    measured = {"bake.order": 2, "bake.bounces": 0, "bake.views": 0}
+    for key, value in measured.items() if get("figures.source") == "olat" else ():
+        if get(key) not in (None, value):
+            yield f"{key} must be {value} with figures.source=olat, whose maps are measured: every camera is a figure"
+    for group, source in (("figures", "scans"), ("figures", "olat"), ("panoramas", "folder")):
         if get(f"{group}.source") == source and not get(f"{group}.folder"):
             yield f"{group}.source={source} needs {group}.folder=<the folder to read>"

@@ -19,9 +19,11 @@ class Figures:
     """Where figures come from, and what they are like."""
 
     source: str = setting(
-        "generated figures, or scans: the meshes of a folder", choices=("generated", "scans", *extensions.names())
+        "generated figures, scans: the meshes of a folder, or olat: captures of a light stage, one light at a time",
+        choices=("generated", "scans", "olat", *extensions.names()),
     )
-    folder: str | None = setting("folder of the scans", None)
+    folder: str | None = setting("folder of the scans or captures", None)
+    only: str = setting("regular expression for the names of captures; empty for all", "")
     first: int = setting("first seed", 0, least=0)
     count: int = setting("number of seeds", 1, least=1)
     detail: str = setting("resolution of the drape", choices=("draft", "full"))

@@ -7,6 +7,7 @@ from typing import Any
 READS = {
     "figure": ("figures",),
     "scan": ("figures",),
+    "capture": ("figures", "bake.size"),
     "clean": ("clean",),
     "align": ("align",),
     "bake": ("bake",),
@@ -29,8 +30,9 @@ READS = {
 
 # Settings of READS that a stage's outputs do not depend on. They are not in its file, so a change re-runs nothing.
 WITHOUT_EFFECT = {
-    "figure": ("figures.first", "figures.count"),
-    "scan": ("figures.first", "figures.count"),
+    "figure": ("figures.first", "figures.count", "figures.only"),
+    "scan": ("figures.first", "figures.count", "figures.only"),
+    "capture": ("figures.first", "figures.count", "figures.only"),
     "train": ("track",),
     "evaluate": ("track", "evaluate.bootstrap", "evaluate.plates", "evaluate.sheet", "evaluate.seed"),
     "baselines": ("evaluate.bootstrap", "evaluate.plates", "evaluate.sheet", "evaluate.seed"),

@@ -110,9 +110,11 @@ def schedule(count: int) -> dict[int, int]:
     return shown
 
 
-def write(folder: Path, cameras=(1,), count: int = 331, suffix: str = ".png", inverse: bool = False) -> Path:
+def write(
+    folder: Path, cameras=(1,), count: int = 331, suffix: str = ".png", inverse: bool = False, who: str = "T001"
+) -> Path:
     """Writes one subject's pose; returns the folder of the data set."""
-    subject = folder / "SUBJECT_T001"
+    subject = folder / f"SUBJECT_{who}"
     pose, shared = subject / "POSE_00", subject / "shared"
     shared.mkdir(parents=True)
     positions = lamps(count)
@@ -145,7 +147,7 @@ def write(folder: Path, cameras=(1,), count: int = 331, suffix: str = ".png", in
         for frame, lamp in schedule(count).items():
             frames[frame] = full if lamp < 0 else to_bytes(encode(lit(seen, positions[order[lamp]])))
         for frame, pixels in frames.items():
-            Image.fromarray(pixels).save(place / f"T001_A.{frame:06d}{suffix}", **more)
+            Image.fromarray(pixels).save(place / f"{who}_A.{frame:06d}{suffix}", **more)
     mesh(pose / "model" / "model.obj")
     return folder
 

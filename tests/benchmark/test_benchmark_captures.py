@@ -218,4 +218,4 @@ def test_what_is_refused_of_ultrastage(stage, tmp_path):
     (place / "neg/00000.png").unlink()
     refused("neg: there is no file")
     refused("holds no CAPTURE/full_on/00000.jpg whose name matches 77", "77")
-    refused(r"--only \(: no regular expression", "(")
+    refused(r"'\(' is no regular expression", "(")

@@ -241,5 +241,5 @@ def test_frames_that_are_broken_or_out_of_place(copy):
 def test_nothing_there(tmp_path):
     with pytest.raises(UserError, match=r"holds no SUBJECT_\*/POSE_\*/images_processed/Cam\*$"):
         next(captures(tmp_path))
-    with pytest.raises(UserError, match=r"--only \(: no regular expression"):
+    with pytest.raises(UserError, match=r"'\(' is no regular expression"):
         next(captures(tmp_path, "("))

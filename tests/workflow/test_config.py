@@ -17,6 +17,7 @@ PRESETS = [f"{group}={name}" for group, names in presets().items() for name in n
 NEEDS = {
     "augment=photo": ["train=photo"],
     "figures=scans": ["figures.folder=x"],
+    "figures=olat": ["figures.folder=x"],
     "panoramas=folder": ["panoramas.folder=x"],
 }
 
@@ -122,6 +123,7 @@ def test_what_stages_read_is_there(stage):
         ("bake.size=100", ["bake.size", "multiple of 64", "100"]),
         ("bake.rays=0", ["bake.rays", "at least 1"]),
         ("figures.source=scans", ["figures.folder"]),
+        ("figures.source=olat", ["figures.folder"]),
         ("panoramas.source=files", ["panoramas.source must be one of generated, folder, not files"]),
         ("model.norm=group", ["model.norm", "instance, batch", "group"]),
         ("lights.test=60", ["lights.test", "60", "lights.clusters"]),

@@ -1,0 +1,32 @@
+"""Measures the maps of one capture of a light stage, in place of a mesh and of baking."""
+
+import sys
+from pathlib import Path
+
+from relight.config import Figures
+from relight.files import UserError
+from relight.stages.stage import stage
+
+
+@stage("capture", figure="name of the capture, such as C003.P00.Cam07", out="maps (.exr)")
+def main(figures: Figures, size: int, figure: Path, out: Path) -> None:
+    """Writes the measured maps of a capture, or a file that says why it is left out."""
+    from relight.benchmark.captures import training_maps
+    from relight.benchmark.humanolat import list_captures, subject_of
+    from relight.maps import write_left_out, write_maps
+
+    if figures.folder is None:
+        raise UserError("figures.folder=<the folder of the captures> is missing")
+    name = figure.name
+    captures = list_captures(figures.folder)
+    if name not in captures:
+        raise UserError(f"io.figure: {figures.folder} has no capture {name}; it has {', '.join(captures)}")
+    try:
+        write_maps(out, training_maps(captures[name], size))
+    except UserError as error:
+        print(f"{name} is left out: {error}", file=sys.stderr)
+        write_left_out(out, {"name": name, "subject": subject_of(captures[name])}, str(error))
+
+
+if __name__ == "__main__":
+    main.cli()
