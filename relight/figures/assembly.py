@@ -21,6 +21,7 @@ from relight.figures import (
 from relight.figures.body import Body, Person
 from relight.figures.colliders import Collider
 from relight.figures.fabrics import Fabric
+from relight.figures.gloss import with_gloss
 from relight.figures.outfits import Outfit
 from relight.figures.poses import Motion
 from relight.figures.surfaces import loop, normals, stacked, thickened
@@ -64,6 +65,10 @@ class Builder:
             if number == 0
             else {k: paint(outfit) for k, paint in enumerate(self.materials) if not isinstance(paint, Material)}
             for number, outfit in enumerate(outfits)
+        ]
+        painted = [
+            {k: with_gloss(material, outfit) for k, material in materials.items()}
+            for materials, outfit in zip(painted, outfits)
         ]
         vertices = np.concatenate(self.vertices)
         vertices[:, 1] -= vertices[:, 1].min()

@@ -25,7 +25,7 @@ ASSET = {
 }
 FLOAT, UINT32 = 5126, 5125  # glTF 2.0, component types
 ARRAY, ELEMENT = 34962, 34963  # buffer targets
-ROUGHNESS = 0.9
+SPECULAR = "KHR_materials_specular"
 
 
 def corners(mesh: Mesh, number: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -85,21 +85,23 @@ class Document:
         return self._textures[data]
 
     def material(self, material: Material) -> int:
-        """Appends a double-sided matt material, and returns its index."""
+        """Appends a double-sided material, and returns its index."""
         surface = {
             "baseColorFactor": [*map(float, material.color), 1.0],
             "metallicFactor": 0.0,
-            "roughnessFactor": ROUGHNESS,
+            "roughnessFactor": material.roughness,
         }
         if material.texture is not None:
             surface["baseColorTexture"] = {"index": self.texture(material.texture)}
         named = {"name": material.name} if material.name else {}
-        return self.append("materials", named | {"pbrMetallicRoughness": surface, "doubleSided": True})
+        gloss = {"extensions": {SPECULAR: {"specularFactor": material.specular}}}
+        return self.append("materials", named | {"pbrMetallicRoughness": surface, "doubleSided": True} | gloss)
 
     def write(self, path: Path, root: int) -> None:
         """Writes the document, whole or not at all. root: the node of the scene."""
         self.blob.extend(b"\0" * (-len(self.blob) % 4))
-        head = {"asset": ASSET, "scene": 0, "scenes": [{"nodes": [root]}], "buffers": [{"byteLength": len(self.blob)}]}
+        head = {"asset": ASSET, "extensionsUsed": [SPECULAR], "scene": 0, "scenes": [{"nodes": [root]}]}
+        head |= {"buffers": [{"byteLength": len(self.blob)}]}
         text = json.dumps(head | self.lists).encode()
         text += b" " * (-len(text) % 4)
         chunks = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(self.blob), 0x004E4942)

@@ -27,6 +27,7 @@ PRINT_BEND = 0.03  # shift of a print across a surface that turns by 90 degrees,
 PERIOD = (0.012, 0.2)  # of a print, as a share of the image's side
 ROUGHNESS = (0.25, 0.7)  # of glossy materials, the square root of GGX's alpha
 STRENGTH = (0.2, 1.5)  # of their reflection, over that of a reflectance of 4 % at right angles
+SHEEN = 1.5  # factor up to which known roughness and reflection vary, each way
 QUALITY = (40, 95)  # of JPEG
 
 # Quantisation tables of JPEG's Annex K, for luminance and chrominance.
@@ -83,6 +84,7 @@ def augmented(batch: Batch, settings: Augment, generators: list[np.random.Genera
         transport=transport,
         normal=F.normalize(normal, dim=-1) * index.inside,
         ao=ao,
+        gloss=None,  # it is in the picture by now
         shading=shading,
         relit=albedo * shading,
         exposure=exposure,
@@ -169,12 +171,19 @@ def _dye(rng: np.random.Generator) -> np.ndarray:
 def _highlights(batch: Batch, settings: Augment, generators: list[np.random.Generator]) -> Tensor:
     """What glossy materials reflect (B,P,3), in the unit of relit images; the albedo explains none of it.
 
-    A material is what has about the colour of a random pixel.
+    Materials are those of the maps, more or less worn and wet; in maps that hold none, a material is what has about the
+    colour of a random pixel.
     """
     cosine = (batch.shading / shade(unoccluded(batch.normal, 2), batch.light[:, :9]).clamp_min(1e-3)).clamp(0, 1)
     out = torch.zeros_like(batch.albedo)
     for i, rng in enumerate(generators):
         if rng.random() >= settings.gloss:
+            continue
+        if batch.gloss is not None:
+            rougher, stronger = SHEEN ** rng.uniform(-1, 1, 2)
+            roughness, specular = batch.gloss[i].split(1, -1)
+            light = reflection(batch.normal[i], batch.light[i], (rougher * roughness).clamp(0.05, 1), 0.04)
+            out[i] = stronger * specular * light * cosine[i]
             continue
         for place in rng.integers(0, int(batch.inside[i].sum()), rng.integers(1, 4)):
             seen = _resemblance(batch.albedo[i], batch.albedo[i, place].clamp_min(0.02))
@@ -184,7 +193,7 @@ def _highlights(batch: Batch, settings: Augment, generators: list[np.random.Gene
     return out * batch.inside
 
 
-def reflection(normal: Tensor, light: Tensor, roughness: float, reflectance: float) -> Tensor:
+def reflection(normal: Tensor, light: Tensor, roughness: float | Tensor, reflectance: float) -> Tensor:
     """Light that a clear surface reflects toward an orthographic camera, times pi as all images are.
 
     The linear band of the light is taken for a lamp in its direction (Sloan 2008, Stupid Spherical Harmonics Tricks),
@@ -193,7 +202,7 @@ def reflection(normal: Tensor, light: Tensor, roughness: float, reflectance: flo
     Args:
         normal: (P,3) unit, camera frame.
         light: (K,3) coefficients, K at least 4.
-        roughness: the square root of GGX's alpha.
+        roughness: the square root of GGX's alpha, one or (P,1).
         reflectance: at right angles (Schlick's approximation tells that at others).
 
     Returns:

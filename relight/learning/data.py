@@ -81,6 +81,7 @@ class Batch(CompactIndex):
     transport: Tensor  # (B,P,K)
     normal: Tensor  # (B,P,3) unit, camera frame
     ao: Tensor  # (B,P,1)
+    gloss: Tensor | None = None  # (B,P,2) roughness and specular, as in `relight.meshes.Material`, where they are known
     light: Tensor  # (B,K,3)
     shading: Tensor  # (B,P,3) transport . light of all bands in [0,10]
     relit: Tensor  # (B,P,3) albedo * shading, before the camera
@@ -151,6 +152,7 @@ class RelitSet:
         self.transport = load(arrays["transport"][:, :all_bands])
         self.normal, self.ao, albedo = load(arrays["normal"]), load(arrays["ao"]), load(arrays["albedo"])
         self.albedo = quantised(albedo.float()) if color == "paper" else albedo
+        self.gloss = load(arrays["gloss"]) if figures.glossy else None
         self.signs = mirror_signs(self.order).to(device)
 
     def figures(self, names: list[str]) -> np.ndarray:
@@ -212,6 +214,7 @@ class RelitSet:
             transport=transport[..., : self.coefficients],
             normal=normal,
             ao=self.ao[rows].float()[..., None] * inside,
+            gloss=None if self.gloss is None else self.gloss[rows].float() * inside,
             light=lights[:, : self.coefficients],
             shading=shading,
             relit=relit,

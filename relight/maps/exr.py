@@ -1,8 +1,9 @@
 """Maps of a view of a figure, and their OpenEXR files with named layers, which Blender, Nuke and tev open.
 
 `albedo.R/G/B`, `normal.X/Y/Z`, `ao.Y`, `mask.A`, `coverage.A`, `transport.L0M0.Y`, `transport.L1Mn1.Y` ... half
-floats, `depth.Z` a float, and with bounces `bounced.L0M0.R/G/B` ... "n" stands for a minus sign. A name ends in one
-letter because Blender drops channels whose last part is longer, and has letters and digits only because of Nuke.
+floats, `depth.Z` a float, of glossy surfaces `roughness.Y` and `specular.Y`, and with bounces `bounced.L0M0.R/G/B` ...
+"n" stands for a minus sign. A name ends in one letter because Blender drops channels whose last part is longer, and has
+letters and digits only because of Nuke.
 """
 
 import json
@@ -38,6 +39,7 @@ class Maps:
         transport: (S,S,K) float32, direct, without 1/pi, index l*l + l + m.
         bounced: (S,S,K,3) float32, what interreflection adds to the transport of each colour channel; None if the maps
             were baked without bounces.
+        gloss: (S,S,2) float32 in [0,1], roughness and specular (`relight.meshes.Material`); None where all is matt.
         info: plain JSON values (name, subject, rays, order, ...), stored in the header of the file (docs/maps.md).
     """
 
@@ -49,6 +51,7 @@ class Maps:
     ao: np.ndarray
     transport: np.ndarray
     bounced: np.ndarray | None = None
+    gloss: np.ndarray | None = None
     info: dict[str, Any] = field(default_factory=dict)
 
 
@@ -79,9 +82,12 @@ def write_maps(path: Path | str, maps: Maps) -> None:
         layers |= {
             f"bounced.{name}.{c}": maps.bounced[..., i, j] for i, name in enumerate(names) for j, c in enumerate("RGB")
         }
+    if maps.gloss is not None:
+        layers |= {"roughness.Y": maps.gloss[..., 0], "specular.Y": maps.gloss[..., 1]}
     channels = {name: np.ascontiguousarray(layer, np.float16) for name, layer in layers.items()}
     channels["depth.Z"] = np.ascontiguousarray(maps.depth, np.float32)
-    own = {"size": len(maps.mask), "order": order_of(maps.transport.shape[2]), "pixels": int(maps.mask.sum())}
+    own: dict[str, Any] = {} if maps.gloss is None else {"gloss": True}
+    own |= {"size": len(maps.mask), "order": order_of(maps.transport.shape[2]), "pixels": int(maps.mask.sum())}
     _write(path, channels, {**maps.info, **own})
 
 
@@ -137,6 +143,7 @@ def read_maps(path: Path | str) -> Maps:
         ao=layer("ao.Y"),
         transport=transport.reshape(*transport.shape[:2], -1),
         bounced=bounced,
+        gloss=layer("roughness.Y", "specular.Y") if "specular.Y" in channels else None,
         info=info,
     )
 

@@ -1,6 +1,6 @@
 """Packed maps, the data set for training: the foreground pixels of all maps in one memory-mapped safetensors file.
 
-A foreground pixel takes 25 bytes, a pixel of the image one bit; 345 figures at 1024 px take 1.35 GB. For F maps with P
+A foreground pixel takes 27 bytes, a pixel of the image one bit; 345 figures at 1024 px take 1.45 GB. For F maps with P
 foreground pixels in all, the tensors are
 
 mask       (F, ceil(size^2 / 8)) uint8, bits in raster order
@@ -8,6 +8,7 @@ offset     (F+1,) int64; the pixels of map i are offset[i] to offset[i+1]
 transport  (P,K) float16
 albedo     (P,3) uint8 sRGB codes
 normal     (P,2) int16, octahedral (Cigolle et al. 2014): a unit vector to 7e-5 in 4 bytes
+gloss      (P,2) uint8, roughness and specular times 255; not there where all surfaces are matt
 
 Ambient occlusion is not stored; it is T_00 / .8862.
 """
@@ -67,6 +68,8 @@ def pack_maps(exr_paths: list[Path], out: Path) -> list[str]:
         "normal": (np.int16, (pixels, 2)),
         "mask": (np.uint8, (len(found), -(-size * size // 8))),
     }
+    if any(info.get("gloss") for _, info in found):
+        layout["gloss"] = (np.uint8, (pixels, 2))
     notes = {"names": names, "subjects": subjects, "size": size, "order": first["order"]}
     if any("figure" in info for _, info in found):
         notes["figures"] = [info.get("figure", name) for name, (_, info) in zip(names, found)]
@@ -82,6 +85,8 @@ def pack_maps(exr_paths: list[Path], out: Path) -> list[str]:
             arrays["transport"][part] = transport if maps.bounced is None else transport + maps.bounced[inside].mean(-1)
             arrays["albedo"][part] = to_bytes(encode(maps.albedo[inside]))
             arrays["normal"][part] = encode_normals(maps.normal[inside])
+            if "gloss" in arrays:
+                arrays["gloss"][part] = (255, 0) if maps.gloss is None else np.round(255 * maps.gloss[inside])
         for array in arrays.values():
             array.flush()
     return names
@@ -97,6 +102,7 @@ class PackedMaps:
         views: how each map is seen (`relight.transport.view.view_record`), None for the frontal view.
         size: of the images in pixels.
         order: of the spherical harmonics.
+        glossy: whether they hold gloss.
         offset: (F+1,) int64, where the pixels of each map begin.
     """
 
@@ -115,6 +121,7 @@ class PackedMaps:
             self.views: list[dict[str, Any] | None] = notes.get("views", [None] * len(self.names))
             self.size: int = notes["size"]
             self.order: int = notes["order"]
+            self.glossy: bool = "gloss" in self._file.keys()
             self.offset: np.ndarray = self._file.get_tensor("offset")
             self._check()
         except UserError:
@@ -127,7 +134,7 @@ class PackedMaps:
         maps, pixels = len(self.names), int(self.offset[-1])
         coefficients, bits = (self.order + 1) ** 2, -(-self.size * self.size // 8)
         wanted = {"transport": [pixels, coefficients], "albedo": [pixels, 3], "normal": [pixels, 2]}
-        wanted |= {"offset": [maps + 1], "mask": [maps, bits]}
+        wanted |= {"offset": [maps + 1], "mask": [maps, bits]} | ({"gloss": [pixels, 2]} if self.glossy else {})
         for name, shape in wanted.items():
             found = self._file.get_slice(name).get_shape()
             if found != shape:
@@ -148,7 +155,7 @@ class PackedMaps:
 
         Returns:
             `pixel` (P,) int32, flat indices in raster order; `transport` (P,K), `albedo` (P,3) linear, `normal` (P,3)
-            unit vectors and `ao` (P,), all float16.
+            unit vectors, `ao` (P,) and, if they are `glossy`, `gloss` (P,2), roughness and specular; all float16.
 
         Raises:
             IndexError: if there is no such map.
@@ -163,8 +170,10 @@ class PackedMaps:
 
     def _read(self, begin: int, end: int) -> dict[str, np.ndarray]:
         part = slice(int(self.offset[begin]), int(self.offset[end]))
-        stored = {name: self._file.get_slice(name)[part] for name in ("transport", "albedo", "normal")}
+        names = ("transport", "albedo", "normal", *(("gloss",) if self.glossy else ()))
+        stored = {name: self._file.get_slice(name)[part] for name in names}
         bits = np.unpackbits(self._file.get_slice("mask")[begin:end], axis=1, count=self.size**2)
+        gloss = {"gloss": (stored["gloss"] / np.float32(255)).astype(np.float16)} if self.glossy else {}
         return {
             "pixel": np.concatenate([np.flatnonzero(row) for row in bits]).astype(np.int32),
             "transport": stored["transport"],
@@ -173,6 +182,7 @@ class PackedMaps:
             "ao": (stored["transport"][:, 0].astype(np.float32) / np.float32(UNOCCLUDED_T00))
             .clip(0, 1)
             .astype(np.float16),
+            **gloss,
         }
 
 

@@ -116,7 +116,11 @@ def _triangles(gltf: Gltf, index: np.ndarray, mode: int) -> np.ndarray:
 
 
 def _material(gltf: Gltf, number: int | None) -> tuple[Material, np.ndarray, int]:
-    """Returns a material, the transform (2,3) of its texture coordinates, and the number of their set."""
+    """Returns a material, the transform (2,3) of its texture coordinates, and the number of their set.
+
+    It is matt unless the file gives its reflection (KHR_materials_specular): the defaults of glTF, which writers leave
+    as they are, would make all scans glossy.
+    """
     placement = np.eye(2, 3)
     if number is None:
         return Material(), placement, 0
@@ -126,15 +130,19 @@ def _material(gltf: Gltf, number: int | None) -> tuple[Material, np.ndarray, int
     factor = base.get("baseColorFactor", legacy.get("diffuseFactor", (1, 1, 1, 1)))
     slot = base.get("baseColorTexture", legacy.get("diffuseTexture"))
     color, name = np.array(factor[:3], np.float32), str(entry.get("name", ""))
+    gloss = {}
+    if (specular := entry.get("extensions", {}).get("KHR_materials_specular")) is not None:
+        gloss = {"roughness": base.get("roughnessFactor", 1.0), "specular": specular.get("specularFactor", 1.0)}
+        gloss = {key: min(1.0, max(0.0, float(value))) for key, value in gloss.items()}
     if slot is None:
-        return Material(color, name=name), placement, 0
+        return Material(color, name=name, **gloss), placement, 0
     moved = slot.get("extensions", {}).get("KHR_texture_transform", {})
     if moved:
         c, s = np.cos(moved.get("rotation", 0)), np.sin(moved.get("rotation", 0))
         placement = np.array([[c, s], [-s, c]]) * np.array(moved.get("scale", (1, 1)))
         placement = np.concatenate([placement, np.array(moved.get("offset", (0, 0)))[:, None]], axis=1)
     channel = moved.get("texCoord", slot.get("texCoord", 0))
-    return Material(color, _texture(gltf, slot["index"]), name), placement, channel
+    return Material(color, _texture(gltf, slot["index"]), name, **gloss), placement, channel
 
 
 def _texture(gltf: Gltf, index: int) -> np.ndarray:

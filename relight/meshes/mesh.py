@@ -13,17 +13,21 @@ from relight.npz import read_npz
 
 @dataclass
 class Material:
-    """A diffuse albedo, colour times texture.
+    """A diffuse albedo, colour times texture, and the gloss on top of it, as glTF 2.0 defines both.
 
     Attributes:
         color: (3,) linear RGB in [0,1].
         texture: (H,W,3) uint8 sRGB, row 0 at the top, or None; uv (0,0) is its bottom left corner, as in OBJ.
         name: what the surface is, "skin" or "jeans"; "" where a file does not say.
+        roughness: in [0,1], the square root of GGX's alpha.
+        specular: in [0,1], reflectance at right angles as a share of 4 %; 0 is matt.
     """
 
     color: np.ndarray = field(default_factory=lambda: np.ones(3, np.float32))
     texture: np.ndarray | None = None
     name: str = ""
+    roughness: float = 1.0
+    specular: float = 0.0
 
 
 @dataclass
@@ -70,6 +74,8 @@ class Mesh:
                 arrays[f"color{name}"], arrays[f"name{name}"] = material.color, np.array(material.name)
                 if material.texture is not None:
                     arrays[f"texture{name}"] = material.texture
+                if material.specular:
+                    arrays[f"gloss{name}"] = np.array([material.roughness, material.specular], np.float32)
         arrays["info"] = np.array(json.dumps(self.info))
         arrays |= {"count": np.array(len(self.materials)), "outfits": np.array(len(self.outfits))}
         with atomic_write(path) as tmp, open(tmp, "wb") as file:
@@ -94,4 +100,6 @@ class Mesh:
 
 def _material(data: dict[str, np.ndarray], name: str) -> Material:
     """Returns the material that `Mesh.save` wrote under this name."""
-    return Material(data[f"color{name}"], data.get(f"texture{name}"), str(data.get(f"name{name}", "")))
+    roughness, specular = map(float, data.get(f"gloss{name}", (1, 0)))
+    color, texture = data[f"color{name}"], data.get(f"texture{name}")
+    return Material(color, texture, str(data.get(f"name{name}", "")), roughness, specular)

@@ -16,7 +16,7 @@ from relight.transport.camera import Camera, CastsRays
 from relight.transport.integrate import BATCH, integrate, require_at_least
 from relight.transport.raycaster import MISS, RayCaster
 from relight.transport.sampling import random_azimuths
-from relight.transport.surface import sample_albedo, shading_normals
+from relight.transport.surface import sample_albedo, sample_gloss, shading_normals
 from relight.transport.view import FRONTAL, View, place, view_record
 
 
@@ -41,6 +41,7 @@ class Baker:
     Attributes:
         mesh: as given.
         looks: the mesh in each of its outfits, its own first.
+        glossy: whether any material is.
         rays, order, seed, bounces: as given.
         caster: casts rays against the mesh.
         normals: (V,3) float32 of the vertices.
@@ -69,6 +70,7 @@ class Baker:
             raise UserError("what surfaces reflect depends on their albedo: with outfits, bounces must be 0")
         self.mesh, self.rays, self.order, self.seed, self.bounces = mesh, rays, order, seed, bounces
         self.looks = [mesh.dressed(outfit) for outfit in range(1 + len(mesh.outfits))]
+        self.glossy = any(material.specular for look in self.looks for material in look.materials)
         self.caster = RayCaster(mesh.vertices, mesh.faces, threads)
         self.normals = vertex_normals(mesh)
         self.gather_caster, self.radiosity = self.caster, None
@@ -103,7 +105,7 @@ class Baker:
     def outfits(self, size: int, supersample: int = 1, view: View = FRONTAL) -> list[Maps]:
         """Bakes maps of one view in each outfit: normals and transport in the camera's axes, depth in its units.
 
-        Outfits differ in albedo only, and cost no rays.
+        Outfits differ in albedo and gloss only, and cost no rays.
 
         Mask and depth are sampled at the pixels' centres. All other maps are means over k x k samples of a pixel,
         k = `supersample`, which share the pixel's rays: pixels are filtered at no additional cost. Samples that miss
@@ -175,7 +177,8 @@ class Baker:
     def _surface_values(
         self, camera: Camera, face: np.ndarray, weights: np.ndarray, azimuth: np.ndarray, subset: tuple[int, int]
     ) -> dict[str, np.ndarray]:
-        """Computes transport, normal, albedo (of each outfit: N,O,3) and, with bounces, bounced (N,...) of points.
+        """Computes transport, normal, albedo and gloss (of each outfit: N,O,3 and N,O,2) and, with bounces, bounced
+        (N,...) of points.
 
         Args:
             camera: that the normals are turned to.
@@ -201,6 +204,8 @@ class Baker:
         )
         albedo = np.stack([sample_albedo(look, face, weights) for look in self.looks], axis=1)
         values = {"transport": transport, "normal": normals, "albedo": albedo}
+        if self.glossy:
+            values["gloss"] = np.stack([sample_gloss(look, face) for look in self.looks], axis=1)
         return values if bounced is None else {**values, "bounced": bounced}
 
     def _rotate_to_camera(self, means: dict[str, np.ndarray], camera: Camera) -> None:
@@ -232,11 +237,14 @@ class Baker:
             pixels[centres.ray] = values
             return pixels.reshape(size, size, *values.shape[1:])
 
-        own, *others = np.moveaxis(means["albedo"].astype(np.float32), 1, 0)
+        looks = [{"albedo": image(albedo)} for albedo in np.moveaxis(means["albedo"].astype(np.float32), 1, 0)]
+        if self.glossy:
+            for look, gloss in zip(looks, np.moveaxis(means["gloss"].astype(np.float32), 1, 0)):
+                look["gloss"] = image(gloss)
         maps = Maps(
             mask=image(np.ones(len(centres.ray), bool)),
             coverage=coverage.astype(np.float32).reshape(size, size),
-            albedo=image(own),
+            **looks[0],
             normal=image(means["normal"].astype(np.float32)),
             depth=image(camera.depth(points).astype(np.float32)),
             ao=image((transport[:, 0] / np.float32(UNOCCLUDED_T00)).clip(0, 1)),
@@ -257,7 +265,7 @@ class Baker:
                 **({} if camera.pose is None else {"view": view_record(view, camera.pose)}),
             },
         )
-        return [maps, *(replace(maps, albedo=image(albedo), info=dict(maps.info)) for albedo in others)]
+        return [maps, *(replace(maps, **look, info=dict(maps.info)) for look in looks[1:])]
 
 
 class PixelSums:

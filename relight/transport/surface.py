@@ -1,4 +1,4 @@
-"""Albedo and shading normal at points of the surface."""
+"""Albedo, gloss and shading normal at points of the surface."""
 
 import numpy as np
 
@@ -64,6 +64,12 @@ def sample_albedo(mesh: Mesh, face: np.ndarray, weights: np.ndarray) -> np.ndarr
     if not np.isfinite(result).all():
         raise UserError("the mesh has colours that are not finite: repair or drop them")
     return result.clip(0, 1)
+
+
+def sample_gloss(mesh: Mesh, face: np.ndarray) -> np.ndarray:
+    """Returns roughness and specular (N,2) float32 of points on the faces (N,): those of their materials."""
+    gloss = np.array([(material.roughness, material.specular) for material in mesh.materials], np.float32)
+    return gloss[mesh.material[face]]
 
 
 def shading_normals(

@@ -25,6 +25,8 @@ from relight.figures.drape import Draped
 from relight.figures.dress import make_figure
 from relight.figures.export import export
 from relight.figures.fabrics import Fabric
+from relight.figures.gloss import CLOTH as CLOTH_GLOSS
+from relight.figures.gloss import GLOSS, LEATHER, with_gloss
 from relight.figures.outfits import fitted_to_pose, sample_outfit
 from relight.figures.rings import lost_rings
 from relight.figures.wear import Worn
@@ -359,7 +361,11 @@ def document_of(path: Path) -> dict:
 def test_glb_holds_its_licence_and_each_texture_once(tmp_path):
     vertices, faces = np.eye(3, dtype=np.float32), np.array([[0, 1, 2], [0, 1, 2], [2, 1, 0]], np.int32)
     pattern = np.random.default_rng(0).integers(0, 256, (4, 4, 3)).astype(np.uint8)
-    materials = [Material(texture=pattern, name="left"), Material(texture=pattern.copy(), name="right"), Material()]
+    left, right = (
+        Material(np.ones(3, np.float32), pattern, "left", 0.25, 0.5),
+        Material(texture=pattern.copy(), name="right"),
+    )
+    materials = [left, right, Material()]
     uv, info = np.zeros((3, 3, 2), np.float32), {"name": "g7", "seed": 7}
     mesh = Mesh(vertices, faces, uv, np.arange(3, dtype=np.int16), materials, None, info)
     export(mesh, tmp_path / "f.glb")
@@ -371,6 +377,23 @@ def test_glb_holds_its_licence_and_each_texture_once(tmp_path):
     assert [document["nodes"][child]["name"] for child in root["children"]] == ["left", "right", "part 2"]
     read = read_mesh(tmp_path / "f.glb")
     assert [material.name for material in read.materials] == ["left", "right", ""]
+    assert [(material.roughness, material.specular) for material in read.materials] == [(0.25, 0.5), (1, 0), (1, 0)]
+
+
+def test_materials_shine_by_what_they_are(figure):
+    found = {material.name: (material.roughness, material.specular) for material in figure.materials}
+    assert found["skin"] == GLOSS["skin"] and found["eyes"] == GLOSS["eyes"]
+    assert all(0 < roughness <= 1 and 0 < specular <= 1 for roughness, specular in found.values())
+    draw = dress.sample(0, 0, 1, 0.0)
+    (garment, fabric), *rest = draw.outfit.garments
+    for kind, wanted in (("leather", LEATHER), ("denim", CLOTH_GLOSS), ("knit", GLOSS["knit"])):
+        outfit = replace(draw.outfit, garments=((garment, replace(fabric, kind=kind)), *rest))
+        worn = with_gloss(Material(name=garment.name), outfit)
+        assert (worn.roughness, worn.specular) == wanted
+    for shoe, wanted in (("oxfords", LEATHER), ("sneakers", CLOTH_GLOSS)):
+        outfit = replace(draw.outfit, shoe=replace(draw.outfit.shoe, name=shoe))
+        worn = with_gloss(Material(name="shoes: upper"), outfit)
+        assert (worn.roughness, worn.specular) == wanted
 
 
 @pytest.mark.slow

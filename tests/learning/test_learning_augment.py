@@ -214,6 +214,23 @@ def test_reflection_of_light_from_everywhere():
     torch.testing.assert_close(found, torch.stack([0.04 * radiance, radiance]), rtol=1e-4, atol=0)
 
 
+def test_the_gloss_of_the_maps_is_what_shines(data, augment):
+    """What is matt in the maps stays as it is; the rest gets brighter, by the light that its roughness reflects."""
+    batch = batch_of(data)
+    inside, gloss = batch.inside.bool()[..., 0], torch.zeros(*batch.inside.shape[:2], 2)
+    gloss[..., 0] = 0.5
+    gloss[:, ::2, 1] = 1.0
+    plain = augmented(batch, augment(exposure=(-1.0, -1.0)), generators(4, 5), data.size)
+    shiny = augmented(
+        replace(batch, gloss=gloss), augment(gloss=1.0, exposure=(-1.0, -1.0)), generators(4, 5), data.size
+    )
+    more = batch.take(shiny.image - plain.image).amax(-1)
+    matt = inside & (gloss[..., 1] == 0)
+    assert more[matt].abs().max() < 1e-6 and (more[inside & ~matt] > 0).float().mean() > 0.5
+    for name in ("albedo", "shading", "light", "transport"):
+        torch.testing.assert_close(getattr(shiny, name), getattr(plain, name))
+
+
 def test_masks_err_by_a_pixel_at_most_and_the_truth_keeps_to_both(data, augment):
     batch = batch_of(data)
     new = augmented(batch, augment(mask=1), generators(4, 5), data.size)

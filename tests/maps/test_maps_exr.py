@@ -49,6 +49,17 @@ def test_round_trip(tmp_path, order, bounced):
     assert [path.name for path in tmp_path.iterdir()] == ["a.exr"]
 
 
+def test_gloss_comes_back_where_there_is_some(tmp_path):
+    maps = random_maps()
+    maps.gloss = np.random.default_rng(3).random((7, 7, 2)).astype(np.float32)
+    write_maps(tmp_path / "a.exr", maps)
+    back = read_maps(tmp_path / "a.exr")
+    np.testing.assert_array_equal(back.gloss, maps.gloss.astype(np.float16).astype(np.float32))
+    assert read_info(tmp_path / "a.exr")["gloss"] is True
+    write_maps(tmp_path / "matt.exr", random_maps())
+    assert read_maps(tmp_path / "matt.exr").gloss is None and "gloss" not in read_info(tmp_path / "matt.exr")
+
+
 def test_layers_are_named_for_other_programs(tmp_path):
     write_maps(tmp_path / "a.exr", random_maps(bounced=True))
     file = OpenEXR.File(str(tmp_path / "a.exr"), separate_channels=True)

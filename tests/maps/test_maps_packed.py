@@ -73,6 +73,17 @@ def test_the_file_is_plain_safetensors(folder):
     assert 345 * (150_000 * per_pixel + 1024**2 / 8) < 1.5e9
 
 
+def test_gloss_is_packed_and_matt_figures_have_none(folder):
+    maps = read_maps(folder / "a1.exr")
+    maps.gloss = np.random.default_rng(5).random((9, 9, 2)).astype(np.float32)
+    write_maps(folder / "a1.exr", maps)
+    pack_maps([folder / "a1.exr", folder / "b1.exr"], folder / "packed.safetensors")
+    packed = PackedMaps(folder / "packed.safetensors")
+    np.testing.assert_allclose(packed.figure(0)["gloss"], maps.gloss[maps.mask], atol=2.5e-3)  # half a code
+    assert (packed.figure(1)["gloss"] == [1, 0]).all()
+    assert load_file(folder / "packed.safetensors")["gloss"].nbytes == 2 * packed.offset[-1]
+
+
 def test_bounces_are_averaged_into_the_transport(tmp_path):
     maps = random_maps("a", bounced=True)
     write_maps(tmp_path / "a.exr", maps)

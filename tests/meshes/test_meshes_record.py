@@ -24,13 +24,15 @@ def test_round_trip(tmp_path, person):
 
 def test_outfits_are_kept_and_change_materials_only(tmp_path, person):
     mesh = person()
-    red = Material(np.array([0.5, 0.1, 0.1], np.float32), np.full((2, 3, 3), 9, np.uint8))
+    red = Material(np.array([0.5, 0.1, 0.1], np.float32), np.full((2, 3, 3), 9, np.uint8), "", 0.25, 0.75)
     mesh.outfits = [{1: red}, {}]
     mesh.save(tmp_path / "a.npz")
     again = Mesh.load(tmp_path / "a.npz")
     assert [sorted(outfit) for outfit in again.outfits] == [[1], []]
     np.testing.assert_array_equal(again.outfits[0][1].texture, red.texture)
     np.testing.assert_array_equal(again.outfits[0][1].color, red.color)
+    assert (again.outfits[0][1].roughness, again.outfits[0][1].specular) == (0.25, 0.75)
+    assert (again.materials[0].roughness, again.materials[0].specular) == (1, 0)
     dressed = again.dressed(1)
     assert dressed.materials[0] is again.materials[0] and dressed.materials[1] is again.outfits[0][1]
     assert dressed.vertices is again.vertices and not dressed.outfits

@@ -252,7 +252,7 @@ def test_results_do_not_depend_on_threads_or_batches():
     assert len(sums) == 1
 
 
-def test_outfits_share_all_but_albedo():
+def test_outfits_share_all_but_albedo_and_gloss():
     mesh = screen(np.full((2, 2, 3), 200, np.uint8), z=-0.5)
     wall = np.array([[-0.5, -0.5, 0], [0.5, -0.5, 0], [0.5, 0.5, 0]])  # casts its shade on the screen
     mesh = replace(
@@ -263,13 +263,19 @@ def test_outfits_share_all_but_albedo():
         material=np.array([0, 0, 1], np.int16),
         materials=[*mesh.materials, GREY],
     )
-    other = Material(np.array([0.1, 0.2, 0.3], np.float32))
+    other = Material(np.array([0.1, 0.2, 0.3], np.float32), roughness=0.25, specular=0.75)
     own, changed = Baker(replace(mesh, outfits=[{0: other}]), 32).outfits(32, 2)
     alone = Baker(mesh, 32).maps(32, 2)
     repainted = Baker(mesh_with(mesh, other), 32).maps(32, 2)
     for name in ("mask", "coverage", "albedo", "normal", "depth", "ao", "transport"):
         np.testing.assert_array_equal(getattr(own, name), getattr(alone, name))
         np.testing.assert_array_equal(getattr(changed, name), getattr(repainted, name))
+    share = np.abs(changed.albedo[..., 0] - 0.1) < 1e-6  # pixels of the other material alone
+    np.testing.assert_allclose(changed.gloss[share], np.broadcast_to([0.25, 0.75], (share.sum(), 2)), atol=1e-6)
+    np.testing.assert_allclose(own.gloss[own.mask], np.broadcast_to([1.0, 0.0], (own.mask.sum(), 2)), atol=1e-6)
+    mixed = changed.mask & (changed.gloss[..., 1] > 1e-3) & (changed.gloss[..., 1] < 0.749)
+    np.testing.assert_allclose(1 - changed.gloss[mixed, 0], changed.gloss[mixed, 1], atol=1e-6)  # .75 of each
+    assert share.sum() > 50 and mixed.any() and alone.gloss is None
     assert (changed.albedo != own.albedo).any() and own.info == changed.info and own.info is not changed.info
     with pytest.raises(UserError, match="bounces must be 0"):
         Baker(replace(mesh, outfits=[{0: other}]), 4, bounces=1).maps(32)

@@ -1,0 +1,54 @@
+"""Gloss of a figure's materials: reflection at a clear surface over the albedo, as in glTF 2.0.
+
+Skin and eyes are of their refractive indices (1.4 and 1.376) and skin of the roughness that Weyrich et al. (2006,
+"Analysis of human faces using a measurement-based skin reflectance model") measured; the others are set by eye.
+"""
+
+from dataclasses import replace
+
+from relight.figures.fabrics import Fabric, trait
+from relight.figures.outfits import Outfit
+from relight.meshes import Material
+
+CLOTH = (0.85, 0.3)  # roughness, and reflectance as a share of 4 %
+SATIN = (0.38, 0.8)
+LEATHER = (0.45, 0.8)
+GLOSS = {
+    "skin": (0.55, 0.7),
+    "eyes": (0.1, 0.63),
+    **dict.fromkeys(("hair", "brows", "lashes", "beard"), (0.45, 1.0)),
+    **dict.fromkeys(("knit", "tweed", "corduroy", "melange"), (0.95, 0.2)),
+    "leather": LEATHER,
+    "shoes: upper": LEATHER,
+    "shoes: cap": LEATHER,
+    "shoes: sole": (0.7, 0.6),
+    "buckle": (0.3, 1.0),
+    "phone": (0.2, 1.0),
+    "cup": (0.3, 1.0),
+    "bag": LEATHER,
+    "seat": (0.6, 0.6),
+    "stool legs": (0.5, 0.8),
+}
+WOVEN = ("plain", "print", "stripes", "fine stripes", "check")  # of which some cloth is satin
+SATINS = 0.12  # share of it
+
+
+def fabric_gloss(fabric: Fabric) -> tuple[float, float]:
+    """Roughness and specular of a fabric."""
+    if fabric.kind in WOVEN and trait(fabric, 30) < SATINS:
+        return SATIN
+    return GLOSS.get(fabric.kind, CLOTH)
+
+
+def with_gloss(material: Material, outfit: Outfit) -> Material:
+    """A material with the gloss that its name and the outfit's fabrics tell."""
+    worn: dict[str, Fabric | None] = {garment.name: fabric for garment, fabric in outfit.garments}
+    worn |= {"hat": outfit.hat, "tie": outfit.tie, "belt": outfit.belt}
+    fabric = worn.get(material.name)
+    if fabric is not None:
+        roughness, specular = fabric_gloss(fabric)
+    elif material.name.startswith("shoes:") and "sneakers" in outfit.shoe.name and not material.name.endswith("sole"):
+        roughness, specular = CLOTH
+    else:
+        roughness, specular = GLOSS.get(material.name, CLOTH)
+    return replace(material, roughness=roughness, specular=specular)
