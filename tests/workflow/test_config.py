@@ -218,4 +218,5 @@ def test_one_switch_does_all_that_the_paper_did():
         "constant",
     )
     assert (paper.model.norm, paper.loss.tv_reference, paper.loss.shading) == ("instance", paper.bake.size, 0)
+    assert (own.model.albedo, paper.model.albedo) == ("straight_through", "clip")
     assert (paper.train.lr, paper.train.steps) == (1e-3, own.train.steps)
