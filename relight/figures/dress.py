@@ -18,7 +18,7 @@ from relight.figures.wear import DETAILS, Detail, wear
 from relight.files import UserError
 from relight.meshes import Mesh
 
-GENERATOR = 9  # raised when the same seed gives another figure
+GENERATOR = 10  # raised when the same seed gives another figure
 ATTEMPTS = 8
 SIT = 4  # draws after which a figure that was to sit may stand, unless all are required to sit
 FREE = Constraints()

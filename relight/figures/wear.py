@@ -12,10 +12,11 @@ from relight.figures.fabrics import Fabric
 from relight.figures.garments import Garment
 from relight.figures.outfits import Outfit
 from relight.figures.poses import Motion
-from relight.figures.surfaces import Surface, stacked
+from relight.figures.surfaces import Surface, neighbours, normals, stacked
 
 HANGS = 0.2  # metres of a drop from which on cloth hangs free in it
 CLEFT = (0.04, -0.15, 0.16)  # metres from the middle, and from and to which height above the crotch, buttocks meet
+BROAD = 100  # times that normals are averaged with their neighbours', to span several gathers
 CLOSE = 0.6  # of a cloth's thickness: its folds come no nearer to what lies below
 
 
@@ -84,7 +85,12 @@ def wear(body: Body, way: Motion, outfit: Outfit, detail: Detail) -> list[Worn]:
             parts = [(posed[frame], under), *([] if top else shoes[frame])]
             for w in before:
                 level = w.pattern.levels[-1 if fine else 0]
-                cloth = level.faces[~cleft(body, level.held, level.faces)] if top else level.faces
+                cloth = level.faces
+                if top:
+                    caught = cleft(body, level.held, cloth)
+                    if fine and (w.pattern.garment.gather or w.pattern.garment.pleat):
+                        caught |= fallen_over(w.draped.positions, cloth)
+                    cloth = cloth[~caught]
                 parts.append((w.draped.positions if fine else w.draped.history[frame], cloth))
             return stacked(parts)
 
@@ -105,6 +111,15 @@ def cleft(body: Body, rest: np.ndarray, faces: np.ndarray) -> np.ndarray:
     sideways = np.abs(normal[:, 0]) > 0.6 * np.linalg.norm(normal, axis=1)
     high = middle[:, 1] - patterns.landmarks(body)["crotch"]
     return sideways & (np.abs(middle[:, 0]) < CLEFT[0]) & (high > CLEFT[1]) & (high < CLEFT[2])
+
+
+def fallen_over(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Which faces (F,) of cloth (n,3) turn against the side to which the cloth around them turns: gathers that fell
+    over. What hangs over the cloth would be pushed into it by them, and be caught there."""
+    facing = normals(x, faces)
+    around = wrinkles.averaged(facing, neighbours(faces, len(x)), BROAD)
+    middle, (a, b, c) = around[faces].sum(1), (x[faces[:, k]] for k in range(3))
+    return np.einsum("fx,fx->f", np.cross(b - a, c - a), middle) < 0
 
 
 def neckband(pattern: patterns.Pattern, body: Body, way: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:

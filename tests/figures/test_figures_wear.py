@@ -27,7 +27,7 @@ from relight.figures.footwear import SHOES, upper
 from relight.figures.layers import sided
 from relight.figures.poses import motion
 from relight.figures.surfaces import border_loops
-from relight.figures.wear import DETAILS, Worn, wear, wrapped
+from relight.figures.wear import DETAILS, Worn, fallen_over, wear, wrapped
 
 CLOTH = Fabric("plain", (0.3, 0.1, 0.05), (0.1, 0.4, 0.7), 1.0, 5)
 
@@ -68,6 +68,29 @@ def test_a_tucked_top_is_held_below_the_waistband_only(person):
     y, pinned = pattern.fields["y"], pattern.levels[0].pinned
     assert (pinned[y < edge - 0.01] > 0.89).all()
     assert (pinned[(y > edge + 0.035) & (pattern.fields["onL"] + pattern.fields["onR"] < 0.1)] == 0).all()
+
+
+def folded_sheet(over: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A sheet 30 cm wide that faces +z, with a wave in its middle whose crest leans over by that many metres: vertices,
+    faces, and how far along the sheet each face is."""
+    s = np.linspace(0, 0.36, 73)
+    lift = np.clip(1 - np.abs(s - 0.18) / 0.04, 0, 1)
+    x = np.cumsum(np.r_[0, np.diff(s) * np.where(np.abs(s[1:] - 0.18) < 0.03, 0.2, 1)]) + over * lift**2
+    line = np.stack([x, 0 * s, 0.02 * lift], axis=1)
+    points = np.concatenate([line + [0, y, 0] for y in np.arange(0, 0.3, 0.005)])
+    k = np.arange(len(points) - len(s)).reshape(-1, len(s))[:, :-1].ravel()
+    faces = np.concatenate([np.stack([k, k + 1, k + 74], 1), np.stack([k, k + 74, k + 73], 1)])
+    return points, faces, np.tile(s, len(points) // len(s))[faces].mean(1)
+
+
+def test_gathers_that_fell_over_are_found_and_upright_ones_are_not():
+    points, faces, _ = folded_sheet(0.0)
+    assert not fallen_over(points, faces).any()
+    points, faces, along = folded_sheet(0.05)
+    found = fallen_over(points, faces)
+    a, b, c = (points[faces[:, k]] for k in range(3))
+    assert np.array_equal(found, np.cross(b - a, c - a)[:, 2] < 0)
+    assert found.any() and np.abs(along[found] - 0.18).max() < 0.04
 
 
 def box(open_side: bool) -> tuple[np.ndarray, np.ndarray]:
