@@ -86,6 +86,7 @@ def relight_folder(
             summary.kept.append(photo.name)
         else:
             tasks[photo.name] = (photo, Path(out) / photo.name, mask, fingerprint)
+    Path(out).mkdir(parents=True, exist_ok=True)  # else each process would make it for its check, and remove it again
     jobs = max(1, min(jobs or os.cpu_count() or 1, len(tasks)))
     for name, reason in progress(_run(tasks, jobs, options, weights), "photos", total=len(tasks)):
         if reason is None:

@@ -174,6 +174,17 @@ def test_a_folder_goes_on_after_failures_and_resumes(run, weights, tmp_path, dra
     assert changed == {"p1.png"}
 
 
+def test_processes_find_the_folder_that_they_share(photo_files, weights, tmp_path, monkeypatch):
+    """Each checks that it can write below it; one that made and removed it would take it from another."""
+    from relight.photos import folder
+    from relight.photos.photo import Options
+
+    there = []
+    monkeypatch.setattr(folder, "_run", lambda *_: there.append((tmp_path / "new" / "out").is_dir()) or [])
+    folder.relight_folder(photo_files[0].parent, tmp_path / "new" / "out", Options("key:#ffeedd@45,30"), weights=weights)
+    assert there == [True]
+
+
 def test_changed_options_or_files_are_relit_again(photo_files, weights, tmp_path):
     from relight.photos.folder import _fingerprint
     from relight.photos.photo import Options
