@@ -104,7 +104,7 @@ def _at_odds(cfg: DictConfig) -> Iterator[str]:
         if unknown := [row for row in experiment.rows if row not in (get("sweep.runs") or {})]:
             yield f"experiments.{name}.rows: no run {unknown[0]} in sweep.runs; add it there"
     if (get("figures.outfits") or 1) > 1 and (get("figures.source") != "generated" or get("bake.bounces")):
-        yield "figures.outfits must be 1 for scans, and with bake.bounces, which depend on the albedo"
+        yield "figures.outfits must be 1 unless figures are generated, and with bake.bounces, which depend on albedo"
     for name, weight in (get("loss.extra") or {}).items():
         if name not in extensions.names():
             yield f"loss.extra.{name}: there is no file {name}.py in relight/extensions"

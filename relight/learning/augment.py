@@ -27,7 +27,7 @@ PRINT_BEND = 0.03  # shift of a print across a surface that turns by 90 degrees,
 PERIOD = (0.012, 0.2)  # of a print, as a share of the image's side
 ROUGHNESS = (0.25, 0.7)  # of glossy materials, the square root of GGX's alpha
 STRENGTH = (0.2, 1.5)  # of their reflection, over that of a reflectance of 4 % at right angles
-SHEEN = 1.5  # factor up to which known roughness and reflection vary, each way
+WEAR = 1.5  # factor up to which the roughness and reflection of known materials vary, each way
 QUALITY = (40, 95)  # of JPEG
 
 # Quantisation tables of JPEG's Annex K, for luminance and chrominance.
@@ -180,7 +180,7 @@ def _highlights(batch: Batch, settings: Augment, generators: list[np.random.Gene
         if rng.random() >= settings.gloss:
             continue
         if batch.gloss is not None:
-            rougher, stronger = SHEEN ** rng.uniform(-1, 1, 2)
+            rougher, stronger = WEAR ** rng.uniform(-1, 1, 2)
             roughness, specular = batch.gloss[i].split(1, -1)
             light = reflection(batch.normal[i], batch.light[i], (rougher * roughness).clamp(0.05, 1), 0.04)
             out[i] = stronger * specular * light * cosine[i]

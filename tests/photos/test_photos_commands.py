@@ -179,9 +179,9 @@ def test_processes_find_the_folder_that_they_share(photo_files, weights, tmp_pat
     from relight.photos import folder
     from relight.photos.photo import Options
 
-    there = []
-    monkeypatch.setattr(folder, "_run", lambda *_: there.append((tmp_path / "new" / "out").is_dir()) or [])
-    folder.relight_folder(photo_files[0].parent, tmp_path / "new" / "out", Options("key:#ffeedd@45,30"), weights=weights)
+    out, there = tmp_path / "new" / "out", []
+    monkeypatch.setattr(folder, "_run", lambda *_: there.append(out.is_dir()) or [])
+    folder.relight_folder(photo_files[0].parent, out, Options("key:#ffeedd@45,30"), weights=weights)
     assert there == [True]
 
 
