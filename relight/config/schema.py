@@ -151,6 +151,7 @@ class Lights:
     rotations: int = setting("headings of each panorama", least=1)
     clusters: int = setting("number of usual lights", least=2)
     test: int = setting("number of usual lights that are tested on, fewer than clusters", least=1)
+    extra_test: int = setting("further test lights, of panoramas that give no training light", least=0)
     split: str = setting(
         "split of training and test lights: by panorama (room), or at random", choices=("room", "random")
     )

@@ -52,12 +52,14 @@ def select_lights(coefficients: np.ndarray, sources: list[str], settings: Lights
     if settings.order == "paper":
         # 100 clusters for 50 lights: the authors removed about half of theirs by hand.
         copies = cluster(copies, 2 * settings.clusters, settings.seed, record)
-        usual, unusual = split_by_rules(copies, settings, record)
-        usual = usual.rows(np.sort(np.random.default_rng(settings.seed).permutation(len(usual))[: settings.clusters]))
+        candidates, unusual = split_by_rules(copies, settings, record)
+        usual = candidates.rows(
+            np.sort(np.random.default_rng(settings.seed).permutation(len(candidates))[: settings.clusters])
+        )
     else:
-        usual, unusual = split_by_rules(copies, settings, record)
-        record["unlit"] = unlit_panoramas(sources, copies, usual)
-        usual = cluster(usual, settings.clusters, settings.seed, record)
+        candidates, unusual = split_by_rules(copies, settings, record)
+        record["unlit"] = unlit_panoramas(sources, copies, candidates)
+        usual = cluster(candidates, settings.clusters, settings.seed, record)
     test = choose_test_lights(usual.coefficients, usual.source, settings)
     usual.split[test] = "test"
     record["warnings"] += split_warnings(usual, settings)
@@ -66,6 +68,14 @@ def select_lights(coefficients: np.ndarray, sources: list[str], settings: Lights
         unusual = cluster(unusual, min(MAX_UNUSUAL, len(unusual)), settings.seed)
         unusual.split[:] = split_unusual(unusual, usual)
     lights = concatenate(usual, unusual)
+    if settings.extra_test:
+        extra = extra_test_lights(candidates, lights, settings)
+        lights = concatenate(lights, extra)
+        if len(extra) < settings.extra_test:
+            record["warnings"].append(
+                f"lights.extra_test: {settings.extra_test} were asked for and {len(extra)} found among the panoramas "
+                "that give no other light to train or to test on"
+            )
     record["lights"] = {split: int((lights.split == split).sum()) for split in SPLITS}
     record["panoramas"] = len(set(usual.source.tolist()))
     for warning in record["warnings"]:
@@ -278,6 +288,24 @@ def split_unusual(unusual: LightSet, usual: LightSet) -> np.ndarray:
             splits[room] = min(count, key=count.__getitem__)
             count[splits[room]] += int((unusual.source == room).sum())
     return np.array([splits[room] for room in unusual.source.tolist()])
+
+
+def extra_test_lights(candidates: LightSet, lights: LightSet, settings: Lights) -> LightSet:
+    """Selects `settings.extra_test` further test lights; the training lights do not depend on how many.
+
+    Args:
+        candidates: usual lights before the clustering.
+        lights: the set so far.
+        settings: extra_test and seed.
+
+    Returns:
+        Medoids of the candidates of panoramas that give no light to train or to test on yet.
+    """
+    used = np.isin(candidates.source, lights.source[np.isin(lights.split, ("train", "test", "rich"))])
+    free = candidates.rows(~used)
+    found = cluster(free, settings.extra_test, settings.seed) if len(free) else free
+    found.split[:] = "test"
+    return found
 
 
 def split_warnings(lights: LightSet, settings: Lights) -> list[str]:

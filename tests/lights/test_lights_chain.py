@@ -80,6 +80,20 @@ def test_no_room_is_on_both_sides(rooms):
     assert len(lights.of("test"))
 
 
+def test_extra_test_lights_are_of_other_rooms_and_change_no_other_light(rooms):
+    sources, coefficients = rooms
+    plain, _ = select_lights(coefficients, sources, SETTINGS)
+    more, record = select_lights(coefficients, sources, replace(SETTINGS, extra_test=500))
+    extra = more.rows(np.arange(len(plain), len(more)))
+    for name in vars(plain):
+        np.testing.assert_array_equal(getattr(more, name)[: len(plain)], getattr(plain, name))
+    assert set(extra.split) == {"test"} and record["lights"]["test"] == len(plain.of("test")) + len(extra)
+    others = set(plain.rows(plain.split != "unusual").source)
+    assert len(extra) and not set(extra.source) & others
+    assert not any(extra.reason) and not np.any(list(broken_rules(extra.coefficients, RULES).values()))
+    assert any("lights.extra_test: 500" in warning for warning in record["warnings"])
+
+
 def test_two_panoramas_make_a_light_set(rooms):
     lights, _ = select_lights(rooms[1][16:18], rooms[0][16:18], replace(SETTINGS, clusters=50, test=10))
     assert len(lights.of("train")) and len(lights.of("test"))
