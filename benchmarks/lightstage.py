@@ -16,7 +16,7 @@ from transport import figure
 
 from relight.benchmark.bakedstage import agreement, bake_as_seen
 from relight.benchmark.lightstage import LightStage, Pinhole, measure
-from relight.benchmark.recipes import coats
+from relight.benchmark.recipes import with_gloss
 from relight.meshes import Mesh
 from relight.progress import progress
 from relight.srgb import encode, to_bytes
@@ -65,12 +65,12 @@ def traced(tracer: PathTracer, positions: np.ndarray, samples: int, bounces: int
         yield to_bytes(encode(np.array(tracer.mi.render(scene, seed=number))))
 
 
-def compare(name: str, mesh: Mesh, shiny: list, size: int, samples: int, bounces: int, count: int) -> None:
+def compare(name: str, mesh: Mesh, gloss: bool, size: int, samples: int, bounces: int, count: int) -> None:
     """Prints a row."""
     camera = Pinhole(
         (size, size), np.full(2, size / 2 * DISTANCE), np.full(2, size / 2), np.eye(3), np.array([0, 0, DISTANCE])
     )
-    tracer = PathTracer(mesh, size, Camera(size, DISTANCE, True), shiny)
+    tracer = PathTracer(mesh, size, Camera(size, DISTANCE, True), gloss)
     stage = LightStage.of(lamps(count) - camera.eye)
     row, column = np.mgrid[:size, :size] + 0.5
     shown = bake_as_seen(mesh, camera, np.ones((size, size), bool), stage, 1, 1)
@@ -92,12 +92,11 @@ def main() -> None:
     parser.add_argument("--samples", type=int, default=8, help="of the path tracer, per pixel")
     parser.add_argument("--lamps", type=int, default=331)
     args = parser.parse_args()
-    mesh = figure(args.mesh, args.seed)
-    shiny = coats(args.seed, len(mesh.materials))
+    mesh = with_gloss(figure(args.mesh, args.seed), args.seed)
     print("| frames | pixels | length | difference | shape | lamps | rest | 8 bits | factor | normals, degrees |")
     print("|---|---|---|---|---|---|---|---|---|---|")
-    for name, coat, bounces in (("matt", [], 0), ("one bounce", [], 1), ("one bounce, gloss", shiny, 1)):
-        compare(name, mesh, coat, args.size, args.samples, bounces, args.lamps)
+    for name, gloss, bounces in (("matt", False, 0), ("one bounce", False, 1), ("one bounce, gloss", True, 1)):
+        compare(name, mesh, gloss, args.size, args.samples, bounces, args.lamps)
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from PIL import Image
 
 from relight.benchmark.files import INDEX, MAPS, sha256, write_arrays
 from relight.benchmark.picture import Picture, Settings, draw
-from relight.benchmark.recipes import FIGURES, HASHES, SPARE, VIEWS, Recipe, coats, digest, recipes
+from relight.benchmark.recipes import FIGURES, HASHES, SPARE, VIEWS, Recipe, digest, recipes, with_gloss
 from relight.config import Align
 from relight.files import UserError, atomic_folder, atomic_write, writable_folder
 from relight.maps import write_maps
@@ -60,9 +60,9 @@ def same(folder: Path, plan: dict) -> None:
 def drawn(missing: list[Recipe], folder: Path, settings: Settings) -> Iterator[Recipe]:
     """Draws and saves pictures; yields each when it is there."""
     for seed, group in groupby(missing, lambda one: one.seed):
-        mesh = figure(seed, settings)
+        mesh = with_gloss(figure(seed, settings), seed)
         for recipe in group:
-            picture = draw(recipe, mesh, coats(seed, len(mesh.materials)), settings)
+            picture = draw(recipe, mesh, settings)
             info = {"name": recipe.name, "subject": mesh.info["subject"], "view": asdict(recipe.view)}
             assert picture.maps is not None  # only photographs that were imported have none
             picture.maps.info = {**picture.maps.info, **info}

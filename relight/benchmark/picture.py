@@ -20,7 +20,7 @@ from relight.photos.crop import MASK_THRESHOLD, Crop
 from relight.photos.environment import camera_view
 from relight.srgb import encode, to_bytes
 from relight.transport import Baker
-from relight.transport.tracer import Coat, PathTracer
+from relight.transport.tracer import PathTracer
 
 BRIGHTNESS = 0.8  # reference brightness of each light at exposure 1, as in training (docs/conventions.md)
 BOUNCES = 1
@@ -63,7 +63,7 @@ class Picture:
     seen: Intrinsics
 
 
-def draw(recipe: Recipe, mesh: Mesh, coats: list[Coat], settings: Settings) -> Picture:
+def draw(recipe: Recipe, mesh: Mesh, settings: Settings) -> Picture:
     """Draws one picture of an aligned mesh. UserError without Mitsuba."""
     size = settings.size
     baker = Baker(mesh, settings.rays)
@@ -71,7 +71,7 @@ def draw(recipe: Recipe, mesh: Mesh, coats: list[Coat], settings: Settings) -> P
     camera = baker.camera(size, recipe.view)
     brightness = BRIGHTNESS * 2**recipe.stops
     light, *new = (panorama(one, recipe.view.pitch, brightness) for one in (recipe.light, *recipe.new))
-    glossy = PathTracer(mesh, size, camera, coats)
+    glossy = PathTracer(mesh, size, camera, gloss=True)
 
     def scene(source: Panorama, seed: int) -> np.ndarray:
         return math.pi * glossy.radiance(sky_of(source), settings.samples, BOUNCES, seed)

@@ -5,15 +5,15 @@ Nothing here may change: the hash of a set's recipes is part of the set, and `HA
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
 from relight.benchmark.lights import Lamplight
 from relight.files import UserError
 from relight.learning.augment import CUT
+from relight.meshes import Mesh
 from relight.transport import View, random_view
-from relight.transport.tracer import Coat
 
 FIRST = {"report": 900_000, "choose": 910_000}  # first seed of figures and of lights; none of them is trained on
 FIGURES = 64
@@ -75,11 +75,14 @@ def recipe(seed: int, number: int) -> Recipe:
     return Recipe(name, seed, random_view(name, 0), cut, lights[0], tuple(lights[1:]), stops, varied)
 
 
-def coats(seed: int, materials: int) -> list[Coat]:
-    """How glossy each material of a figure is: from satin to nearly matt."""
+def with_gloss(mesh: Mesh, seed: int) -> Mesh:
+    """The figure of a seed with another gloss on each material than its own, from satin to nearly matt."""
     rng = np.random.default_rng([seed, 0xC0A7])
-    draws = [(rng.uniform(0.4, 0.8), rng.uniform(0.2, 1.0)) for _ in range(materials)]
-    return [Coat(*(round(float(value), 3) for value in draw)) for draw in draws]
+    materials = []
+    for material in mesh.materials:
+        roughness, specular = (round(float(rng.uniform(*ends)), 3) for ends in ((0.4, 0.8), (0.2, 1.0)))
+        materials.append(replace(material, roughness=roughness, specular=specular))
+    return replace(mesh, materials=materials)
 
 
 def digest(made: list[Recipe]) -> str:

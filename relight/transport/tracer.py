@@ -4,15 +4,13 @@ Mitsuba is optional (`pip install mitsuba`). Its scalar variant is used, which n
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 
 from relight.files import UserError
-from relight.meshes import Mesh, vertex_normals
+from relight.meshes import Material, Mesh, vertex_normals
 from relight.srgb import LINEAR
 from relight.transport.camera import Camera
 from relight.transport.surface import sample_albedo
@@ -33,28 +31,17 @@ def import_mitsuba() -> ModuleType:
     return mitsuba
 
 
-@dataclass(frozen=True)
-class Coat:
-    """What makes a material glossy: reflection at a clear surface (Burley 2012, "Physically-based shading at Disney").
-
-    roughness in [0,1], the square root of GGX's alpha; strength in [0,1] of a reflectance of 4 % at right angles.
-    """
-
-    roughness: float
-    strength: float
-
-
 class PathTracer:
     """A mesh before the camera of `bake`, one shape for each of its materials.
 
     Albedo is that of the textures; where a mesh has vertex colours too it is that of the corners, linear between them.
     """
 
-    def __init__(self, mesh: Mesh, size: int, camera: Camera | None = None, coats: Sequence[Coat] = ()):
+    def __init__(self, mesh: Mesh, size: int, camera: Camera | None = None, gloss: bool = False):
         """Pictures have size x size pixels, each the mean over the pixel's area.
 
-        camera: where the mesh is seen from (`Baker.camera`), from the front by default. coats: one over each of the
-        mesh's materials; without them all are diffuse.
+        camera: where the mesh is seen from (`Baker.camera`), from the front by default. gloss: whether materials have
+        theirs; without it all are diffuse.
         """
         self.mi, self.size, self.camera = import_mitsuba(), size, camera or Camera(size, EYE)
         vertices, normals = mesh.vertices.astype(np.float64), vertex_normals(mesh).astype(np.float64)
@@ -65,8 +52,8 @@ class PathTracer:
         for number in np.unique(mesh.material):
             chosen = mesh.material == number
             surface = self._diffuse(mesh, number)
-            if coats:
-                surface = self._coated(surface["reflectance"], coats[number])
+            if gloss and mesh.materials[number].specular:
+                surface = self._glossy(surface["reflectance"], mesh.materials[number])
             properties = self.mi.Properties()
             properties["bsdf"] = self.mi.load_dict({"type": "twosided", "bsdf": surface})
             count, corners = int(chosen.sum()), mesh.faces[chosen].ravel()
@@ -104,13 +91,16 @@ class PathTracer:
             reflectance = {"type": "rgb", "value": np.clip(material.color, 0, 1).tolist()}
         return {"type": "diffuse", "reflectance": reflectance}
 
-    def _coated(self, reflectance: dict[str, Any], coat: Coat) -> dict[str, Any]:
-        """Its diffuse part is not quite Lambertian where one looks along the surface (Burley 2012, section 5.3)."""
+    def _glossy(self, reflectance: dict[str, Any], material: Material) -> dict[str, Any]:
+        """Reflection at a clear surface over the albedo (Burley 2012, "Physically-based shading at Disney").
+
+        The diffuse part is not quite Lambertian where one looks along the surface (section 5.3).
+        """
         return {
             "type": "principled",
             "base_color": reflectance,
-            "roughness": coat.roughness,
-            "specular": 0.5 * coat.strength,
+            "roughness": material.roughness,
+            "specular": 0.5 * material.specular,
         }
 
     def radiance(self, sky: np.ndarray, samples: int, bounces: int = 0, seed: int = 0) -> np.ndarray:

@@ -35,7 +35,7 @@ def ellipsoid(seed: int, size: int = SIZE) -> Maps:
     return Maps(mask=mask, coverage=mask.astype(np.float32), info={"order": 2, "size": size}, **halved)
 
 
-def painted(recipe, mesh, coats, settings) -> Picture:
+def painted(recipe, mesh, settings) -> Picture:
     """What `relight.benchmark.picture.draw` does, without a path tracer: the formulation itself is the truth."""
     maps = ellipsoid(recipe.seed, settings.size)
     light, *new = (panorama(one, 0.0, 0.7) for one in (recipe.light, *recipe.new))

@@ -5,9 +5,10 @@ import pytest
 
 from relight.benchmark import recipes as recipes_module
 from relight.benchmark.lights import KINDS, Lamplight, panorama, sky_of
-from relight.benchmark.recipes import HASHES, SPARE, coats, digest, recipe, recipes
+from relight.benchmark.recipes import HASHES, SPARE, digest, recipe, recipes, with_gloss
 from relight.files import UserError
 from relight.lights.statistics import reference_brightness
+from relight.meshes import Material, Mesh
 from relight.panoramas import Panorama, project
 from relight.sh import basis, rotation_matrix
 from relight.transport.tracer import sky_directions, sky_weights
@@ -47,8 +48,14 @@ def test_names_and_numbers_that_are_none():
     assert recipes("choose", 5) == recipes("choose")[:5]
 
 
-def test_coats_belong_to_the_figure():
-    assert coats(7, 5)[:3] == coats(7, 3) and coats(7, 3) != coats(8, 3)
+def test_gloss_belongs_to_the_figure():
+    def gloss(seed, materials):
+        none = np.zeros((0, 3))
+        mesh = with_gloss(Mesh(none, none, none, none, [Material()] * materials), seed)
+        return [(one.roughness, one.specular) for one in mesh.materials]
+
+    assert gloss(7, 5)[:3] == gloss(7, 3) and gloss(7, 3) != gloss(8, 3)
+    assert gloss(900_000, 2) == [(0.703, 0.264), (0.741, 0.256)]  # as the pictures of the set were drawn
 
 
 @pytest.mark.parametrize("kind", KINDS)

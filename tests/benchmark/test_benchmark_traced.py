@@ -62,7 +62,7 @@ def traced(person):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "panorama", harmonic)
         patch.setattr(module, "BOUNCES", 0)
-        return made, draw(made, person, [], SETTINGS)
+        return made, draw(made, person, SETTINGS)
 
 
 def test_true_maps_agree_with_the_tracer_to_its_noise(traced, person, tmp_path, monkeypatch):
@@ -106,14 +106,13 @@ def test_the_photograph_is_that_scene_in_a_camera(traced):
 
 
 def test_gloss_and_a_bounce_are_in_the_pictures(traced, person, monkeypatch):
-    from relight.transport.tracer import Coat
-
     made, drawn = traced
     monkeypatch.setattr(module, "panorama", harmonic)
     few = replace(SETTINGS, samples=16, rays=16)
     solid = drawn.shots[""].mask == 255
-    bounced = draw(made, person, [], few)
-    glossy = draw(made, person, [Coat(0.5, 1.0)], few)
+    glossy_person = replace(person, materials=[replace(person.materials[0], roughness=0.5, specular=1.0)])
+    bounced = draw(made, person, few)
+    glossy = draw(made, glossy_person, few)
     levels = [decode(one.relit[:, solid] / 255).mean() for one in (drawn, bounced, glossy)]
     assert levels[1] > 1.002 * levels[0] and levels[2] > 1.1 * levels[1]
     assert bounced.seen.shading[drawn.seen.mask].mean() > drawn.seen.shading[drawn.seen.mask].mean()
@@ -125,7 +124,7 @@ def test_the_same_recipe_is_the_same_picture(traced, person, monkeypatch):
     made, drawn = traced
     monkeypatch.setattr(module, "panorama", harmonic)
     monkeypatch.setattr(module, "BOUNCES", 0)
-    again = draw(made, person, [], SETTINGS)
+    again = draw(made, person, SETTINGS)
     assert np.array_equal(again.relit, drawn.relit)
     assert np.array_equal(again.shots[""].photo, drawn.shots[""].photo)
     assert np.array_equal(again.seen.shading, drawn.seen.shading)

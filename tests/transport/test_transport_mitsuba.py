@@ -7,7 +7,7 @@ import trimesh
 from relight.meshes import Material, Mesh
 from relight.sh import basis
 from relight.transport import Baker, PathTracer, View, bake
-from relight.transport.tracer import Coat, block_means, interior_blocks, sky_directions, sky_weights
+from relight.transport.tracer import block_means, interior_blocks, sky_directions, sky_weights
 
 pytest.importorskip("mitsuba")
 
@@ -101,12 +101,12 @@ def test_textures_are_those_that_are_baked(plate):
     assert np.abs(traced[::-1] - albedo).mean() > 0.1 < np.abs(traced[:, ::-1] - albedo).mean()
 
 
-def test_a_coat_adds_four_percent(plate):
+def test_gloss_adds_four_percent(plate):
     """Fresnel's ((n - 1) / (n + 1))^2 of n = 1.5 at right angles, on top of the albedo."""
-    for albedo, strength in ((0.0, 1.0), (0.0, 0.5), (0.5, 1.0)):
-        plate.materials = [Material(np.full(3, albedo, np.float32))]
-        found = PathTracer(plate, 16, coats=[Coat(0.2, strength)]).radiance(np.ones((64, 128, 3)), 256)
-        assert np.isclose(found.mean(), albedo + 0.04 * strength, atol=0.003 + 0.02 * albedo)
+    for albedo, specular in ((0.0, 1.0), (0.0, 0.5), (0.5, 1.0)):
+        plate.materials = [Material(np.full(3, albedo, np.float32), roughness=0.2, specular=specular)]
+        found = PathTracer(plate, 16, gloss=True).radiance(np.ones((64, 128, 3)), 256)
+        assert np.isclose(found.mean(), albedo + 0.04 * specular, atol=0.003 + 0.02 * albedo)
 
 
 def test_any_camera_sees_what_the_baker_sees(knot):
