@@ -258,11 +258,14 @@ def start_network(recipe: Recipe, data: RelitSet, packed: Path) -> Network:
             raise UserError(f"train.only={settings.only} needs train.start=<the network whose other parts stay>")
         return network
     found, config = load_network(settings.start)
-    wanted = {"size": network.size, "model": asdict(recipe.model)}
+    given, wanted = {"size": config["size"], **config["model"]}, {"size": network.size, **asdict(recipe.model)}
     if isinstance(network, UNet) and min(network.size, config["size"]) > STRIDE:  # its layers fit every size
-        del wanted["size"]
-    if (given := {key: config[key] for key in wanted}) != wanted:
-        raise UserError(f"train.start={settings.start} is a network of {given}: it must be one of {wanted}")
+        given["size"] = network.size
+    if {given["albedo"], wanted["albedo"]} == {"clip", "straight_through"}:  # they have the same values
+        given["albedo"] = wanted["albedo"]
+    if other := [key for key in wanted if given[key] != wanted[key]]:
+        theirs, ours = (", ".join(f"{key}={values[key]}" for key in other) for values in (given, wanted))
+        raise UserError(f"train.start={settings.start} is a network with {theirs}: give one with {ours}")
     network.load_state_dict(found.state_dict())
     if settings.only == "encoder":
         for name, part in network.named_children():
