@@ -239,9 +239,10 @@ def _readings(
     quantity: str, error: np.ndarray, channels: int, pictures: tuple[np.ndarray, np.ndarray], window: int = WINDOW
 ) -> dict[str, np.ndarray]:
     """READINGS of a quantity from its RMSE (N,) and its pictures, inferred and true (N or 1,H,W,C)."""
-    similarity = (ssim(*pictures, span=span, window=window) for span in (RANGE[quantity], OLD_RANGE))
+    spans = (RANGE[quantity], OLD_RANGE)
+    similarity = {span: ssim(*pictures, span=span, window=window) for span in set(spans)}  # once where they are equal
     names = (f"{quantity}_{reading}" for reading in READINGS)
-    return dict(zip(names, (error, error / np.sqrt(channels), *similarity)))
+    return dict(zip(names, (error, error / np.sqrt(channels), *(similarity[span] for span in spans))))
 
 
 def _at_least(start: int, stop: int) -> tuple[int, int]:
