@@ -42,8 +42,8 @@ Errors on the held-out figures and lights (means; RMSE per pixel vector, as defi
 Limits:
 
 - The training figures are synthetic, in indoor light.
-- The maps have {size} px. Finer folds are not in them, but mode `ratio`, the default, keeps such folds, because it multiplies
-  the photo itself.
+- The maps have {size} px. Finer folds are not in them, but mode `ratio`, the default, keeps such folds, because it
+  multiplies the photo itself.
 - A photograph does not tell how bright its scene is, so albedo and light are known only up to a factor.
 - Back light, children, several touching people and props are outside of what the network has seen. `relight photo`
   warns when the inferred light is unusual.
