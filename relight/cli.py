@@ -57,7 +57,7 @@ class RunCommand(TyperCommand):
         from relight.config.help import overview
 
         super().format_help(ctx, formatter)
-        print("Settings, as key=value, and their values without any (docs/workflow.md):\n" + overview(composed()))
+        print("Settings, as key=value, with their default values (docs/workflow.md):\n" + overview(composed()))
 
 
 def completed(ctx: typer.Context, incomplete: str) -> list[str]:
@@ -74,13 +74,15 @@ def run(
         typer.Argument(help="Settings: scale=smoke, train.lr=1e-3, figures=scans ...", autocompletion=completed),
     ] = None,
     multirun: Annotated[bool, typer.Option("--multirun", "-m", help="Sweep over comma-separated values.")] = False,
-    cores: Annotated[int | None, typer.Option("--cores", "-j", help="Jobs side by side; all cores by default.")] = None,
+    cores: Annotated[
+        int | None, typer.Option("--cores", "-j", help="Number of jobs at the same time; by default one per core.")
+    ] = None,
     dry: Annotated[bool, typer.Option("--dry-run", "-n", help="Only print what would run.")] = False,
-    cfg: Annotated[Literal["job"] | None, typer.Option(help="Print the settings, and do nothing.")] = None,
+    cfg: Annotated[Literal["job"] | None, typer.Option(help="Print the composed settings and exit.")] = None,
     target: Annotated[list[str], typer.Option(help="Rule or file to make.")] = ["all"],  # noqa: B006
-    snakemake: Annotated[str, typer.Option(help="More arguments for Snakemake, in one string.")] = "",
+    snakemake: Annotated[str, typer.Option(help="Further arguments for Snakemake, in one string.")] = "",
 ) -> None:
-    """Run the whole workflow, from figures and panoramas to the report; only what is missing is made."""
+    """Run the whole workflow, from figures and panoramas to the report. Makes only what is missing."""
     import shlex
 
     need_clone("run")
@@ -100,9 +102,9 @@ def run(
 def ui(
     overrides: Annotated[
         list[str] | None,
-        typer.Argument(help="Settings that say which: name=mine, track.uri=sqlite:///other.db ..."),
+        typer.Argument(help="Settings that say which runs: name=mine, track.uri=sqlite:///other.db ..."),
     ] = None,
-    port: Annotated[int, typer.Option(help="Port on this machine.")] = 5000,
+    port: Annotated[int, typer.Option(help="Port of the local server.")] = 5000,
 ) -> None:
     """Browse the runs in MLflow, on this machine only."""
     from relight.config import composed

@@ -6,11 +6,11 @@ from typing import Annotated
 import typer
 
 app = typer.Typer(
-    help="A benchmark of relighting: path traced people whose truth is known.",
+    help="A benchmark of relighting: path-traced people whose ground truth is known.",
     no_args_is_help=True,
 )
 
-SetFolder = Annotated[Path, typer.Option("--truth", help="The folder of the set that `make` drew.")]
+SetFolder = Annotated[Path, typer.Option("--truth", help="Folder of the set that `make` or `import` wrote.")]
 BENCHMARK = Path("benchmark")
 
 
@@ -18,14 +18,14 @@ BENCHMARK = Path("benchmark")
 def make(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the set.")] = BENCHMARK,
     kind: Annotated[
-        str, typer.Option("--set", help="report: for numbers that are told; choose: for choosing anything.")
+        str, typer.Option("--set", help="report: for final numbers; choose: for choosing methods and settings.")
     ] = "report",
-    count: Annotated[int | None, typer.Option(help="Only so many of its pictures; all 128 by default.")] = None,
-    size: Annotated[int, typer.Option(help="Pixels of a whole person's picture.")] = 512,
+    count: Annotated[int | None, typer.Option(help="Number of pictures; by default all 128.")] = None,
+    size: Annotated[int, typer.Option(help="Side of the picture of a whole person, pixels.")] = 512,
     samples: Annotated[int, typer.Option(min=1, help="Paths per pixel.")] = 64,
-    detail: Annotated[str, typer.Option(help="Of the figures: full, or draft for 128 px.")] = "full",
+    detail: Annotated[str, typer.Option(help="Detail of the figures: full, or draft for 128 px.")] = "full",
 ) -> None:
-    """Draws the pictures of a set. It goes on where it was stopped. Needs Mitsuba (the extra `bench`)."""
+    """Draw the pictures of a set, resuming where it was stopped. Needs Mitsuba (the extra `bench`)."""
     from relight.benchmark.make import make as draw
     from relight.benchmark.picture import Settings
     from relight.figures.dress import DETAILS
@@ -39,14 +39,16 @@ def make(
 
 @app.command("import")
 def import_(
-    layout: Annotated[str, typer.Argument(help="humanolat or ultrastage.")],
+    layout: Annotated[str, typer.Argument(help="The data set: humanolat or ultrastage.")],
     source: Annotated[Path, typer.Argument(help="The data set's folder, as published.", metavar="FOLDER")],
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="Folder of the set; the layout's name.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder of the set; by default the layout's name.")
+    ] = None,
     only: Annotated[str, typer.Option(help="Regular expression for the captures' names; all by default.")] = "",
-    rays: Annotated[int, typer.Option(min=1, help="Per pixel, to bake the captures' meshes.")] = 256,
-    places: Annotated[int, typer.Option(min=1, help="The rays start from k x k places of a pixel.")] = 4,
+    rays: Annotated[int, typer.Option(min=1, help="Rays per pixel for baking the captures' meshes.")] = 256,
+    places: Annotated[int, typer.Option(min=1, help="Baked maps are means over k x k places of a pixel.")] = 4,
 ) -> None:
-    """Brings captures of real people into a set, to be answered and scored like one that was drawn."""
+    """Make a set from captures of real people, to be answered and scored like one that was drawn."""
     from relight.benchmark.captures import BAKED, import_captures
 
     folder = out or Path(layout)
@@ -65,7 +67,7 @@ def answer(
         Path | None, typer.Option("--weights", "-w", help="A checkpoint (.safetensors) of relight, for a network.")
     ] = None,
 ) -> None:
-    """Writes this project's own answers: of a network, or of what costs nothing or knows everything."""
+    """Write relight's own answers to a set: those of a network, of a trivial baseline, or of the true maps."""
     from relight.benchmark.rows import answer as write
 
     print(f"{out}: {write(truth, out, method, weights)} answers written")
@@ -73,10 +75,10 @@ def answer(
 
 @app.command()
 def score(
-    answers: Annotated[Path, typer.Argument(help="Folder of answers, one .npz a picture.", metavar="FOLDER")],
+    answers: Annotated[Path, typer.Argument(help="Folder of answers, one .npz per picture.", metavar="FOLDER")],
     truth: SetFolder = BENCHMARK,
 ) -> None:
-    """Scores anyone's answers (docs/benchmark.md says what they are): FOLDER/scores.csv, and their means here."""
+    """Score the answers of any method (docs/benchmark.md): write FOLDER/scores.csv and print the means."""
     from relight.benchmark.score import read_row
     from relight.benchmark.score import score as judge
 
@@ -87,10 +89,12 @@ def score(
 
 @app.command()
 def report(
-    answers: Annotated[list[Path], typer.Argument(help="Folders that were scored on one set.", metavar="FOLDERS")],
+    answers: Annotated[
+        list[Path], typer.Argument(help="Folders of answers that were scored on the same set.", metavar="FOLDERS")
+    ],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the tables.")] = Path("."),
 ) -> None:
-    """Sets scored answers beside each other: CSV, Markdown and LaTeX."""
+    """Compare scored answers in tables: CSV, Markdown and LaTeX."""
     from relight.benchmark.score import read_row
     from relight.evaluation.formats import write_tables
 

@@ -26,22 +26,30 @@ def seeds_of(text: str) -> list[int]:
 
 @app.command()
 def figures(
-    seeds: Annotated[str, typer.Option(help="7, 0-47 or 1,4,10-12.")] = "0-7",
+    seeds: Annotated[str, typer.Option(help="Seeds of the figures: 7, 0-47 or 1,4,10-12.")] = "0-7",
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the figures and their table.")] = Path("figures"),
-    export: Annotated[str, typer.Option(help="glb for any program, npz for relight.")] = "glb",
-    detail: Annotated[str, typer.Option(help="full for 1024 px, draft for 128 px.")] = "full",
+    export: Annotated[str, typer.Option(help="File format: glb for any program, npz for relight.")] = "glb",
+    detail: Annotated[str, typer.Option(help="full, for pictures of 1024 px; draft, for 128 px.")] = "full",
     texture: Annotated[int, typer.Option(min=64, help="Side of the largest texture in pixels.")] = 1024,
-    per_subject: Annotated[int, typer.Option(min=1, help="Consecutive seeds that are one person, in poses.")] = 1,
-    shading: Annotated[float, typer.Option(min=0, max=1, help="Bakes shading into the albedo, as scans have it.")] = 0,
+    per_subject: Annotated[
+        int, typer.Option(min=1, help="Consecutive seeds that are one person in different poses.")
+    ] = 1,
+    shading: Annotated[
+        float, typer.Option(min=0, max=1, help="Strength of shading baked into the albedo, as in scans.")
+    ] = 0,
     sitting: Annotated[float, typer.Option(min=0, max=1, help="Share of the figures that sit.")] = 0.08,
-    pose: Annotated[list[str] | None, typer.Option(help="A pose; repeated, one of several is drawn.")] = None,
-    garment: Annotated[list[str] | None, typer.Option(help="A garment; repeated, all are worn together.")] = None,
-    hair: Annotated[list[str] | None, typer.Option(help="A hair style; repeated, one of several is drawn.")] = None,
-    names: Annotated[bool, typer.Option("--names", help="List all poses, garments and hair styles, and end.")] = False,
-    device: Annotated[str, typer.Option(help="cpu, cuda or auto: where cloth is draped; bits depend on it.")] = "cpu",
+    pose: Annotated[list[str] | None, typer.Option(help="A pose; if repeated, each figure takes one of them.")] = None,
+    garment: Annotated[list[str] | None, typer.Option(help="A garment; if repeated, all are worn together.")] = None,
+    hair: Annotated[
+        list[str] | None, typer.Option(help="A hair style; if repeated, each figure takes one of them.")
+    ] = None,
+    names: Annotated[bool, typer.Option("--names", help="List all poses, garments and hair styles, and exit.")] = False,
+    device: Annotated[
+        str, typer.Option(help="Where cloth is draped: cpu, cuda or auto. Results differ between kinds of devices.")
+    ] = "cpu",
     jobs: Annotated[int, typer.Option(min=1, help="Figures made at the same time, about 1 GB of memory each.")] = 1,
 ) -> None:
-    """Make clothed figures. A seed always makes the same figure; figures.csv lists all figures of the folder.
+    """Make clothed figures. A seed always gives the same figure; figures.csv lists all figures of the folder.
 
     A figure that is already in the folder is kept, unless it was made with other options. What the figures are, and
     their licence: docs/figures.md.

@@ -17,10 +17,10 @@ LAYOUT = Annotated[
 YAW = Annotated[float, typer.Option(help="Rotate the light about the vertical, degrees; front goes to the right.")]
 FLIP = Annotated[bool, typer.Option("--flip", help="Mirror left and right.")]
 UPSIDE_DOWN = Annotated[bool, typer.Option("--upside-down", help="The panorama's rows run from the bottom up.")]
-EXPOSURE = Annotated[float, typer.Option(help="Factor on the light.")]
+EXPOSURE = Annotated[float, typer.Option(help="Factor by which the light is multiplied.")]
 REPAIR = Annotated[
     bool,
-    typer.Option("--repair", help="Pixels that are not finite get the mean of their neighbours."),
+    typer.Option("--repair", help="Replace pixels that are not finite by the mean of their neighbours."),
 ]
 CONVENTION = Annotated[
     str | None,

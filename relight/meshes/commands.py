@@ -10,7 +10,7 @@ app = typer.Typer(help="Your own figures: list a folder, check a file, select fr
 
 @app.command("list")
 def list_(folder: Annotated[Path, typer.Argument(help="Folder of scans.")]) -> None:
-    """Names, subjects and files of the figures in a folder."""
+    """List the figures of a folder: names, subjects and files."""
     from relight.meshes.scans import list_scans
 
     scans = list_scans(folder)
@@ -25,7 +25,7 @@ def check(
     up: Annotated[str, typer.Option(help="Axis that points up: +y, +z, ... or auto.")] = "auto",
     front: Annotated[str, typer.Option(help="Axis that the figure faces, or auto.")] = "auto",
 ) -> None:
-    """Reads, cleans and aligns one file, and prints what was found and repaired."""
+    """Read, clean and align one file, and print what was found and repaired."""
     from relight.config import Align, composed
     from relight.meshes import align, clean, read_mesh
 
@@ -53,10 +53,10 @@ def pick(
     folder: Annotated[Path, typer.Argument(help="BUFF, unpacked.")],
     count: Annotated[int, typer.Option(min=1, help="Frames to select.")] = 74,
     stride: Annotated[int, typer.Option(min=1, help="Read one in this many frames of a sequence.")] = 5,
-    seed: Annotated[int, typer.Option(help="Of the clustering.")] = 0,
-    out: Annotated[Path | None, typer.Option(help="The table; scans.csv in the folder by default.")] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the clustering.")] = 0,
+    out: Annotated[Path | None, typer.Option(help="The table; by default scans.csv in the folder.")] = None,
 ) -> None:
-    """Selects representative frames of BUFF and writes them to a table that you may edit."""
+    """Select representative frames of BUFF, and write them to a table that you can edit."""
     from relight.meshes.buff import select_frames
     from relight.meshes.scans import TABLE
 

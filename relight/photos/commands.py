@@ -13,38 +13,55 @@ if TYPE_CHECKING:
     from relight.photos.photo import Options
 
 app = typer.Typer()
-mask_app = typer.Typer(help="Automatic masks: set up once, and draw one to correct it.", no_args_is_help=True)
+mask_app = typer.Typer(help="Automatic masks: set them up once, or write one to correct it.", no_args_is_help=True)
 
 LightText = Annotated[
-    str, typer.Option("--light", "-l", help="Panorama, light file, room:N, key:#RRGGBB@AZIMUTH,ELEVATION, or a photo.")
+    str,
+    typer.Option(
+        "--light", "-l", help="Panorama, light file, room:N, sky:N, key:#RRGGBB@AZIMUTH,ELEVATION or a photo."
+    ),
 ]
-MaskPath = Annotated[Path | None, typer.Option("--mask", "-m", help="White on the people; same size as the photo.")]
+MaskPath = Annotated[
+    Path | None, typer.Option("--mask", "-m", help="Mask: white on the people, same size as the photo.")
+]
 LightMask = Annotated[Path | None, typer.Option(help="Mask of the photo that --light names.")]
-MaskModel = Annotated[Path | None, typer.Option(help="ONNX network of rembg's kind for automatic masks.")]
-Mode = Annotated[str, typer.Option(help="ratio: keeps every detail of the photo; full: albedo times shading.")]
+MaskModel = Annotated[Path | None, typer.Option(help="ONNX network for automatic masks, like rembg's.")]
+Mode = Annotated[
+    str, typer.Option(help="ratio: photo times new over old shading, keeps all detail; full: albedo times new shading.")
+]
 WhiteBalance = Annotated[
     str,
-    typer.Option(help="keep: the photo's light counts as white; scene: as coloured as it is inferred to be."),
+    typer.Option(help="keep: take the photo's light to be white; scene: take it to have the inferred colour."),
 ]
 BackgroundText = Annotated[
-    str, typer.Option("--background", "-b", help="keep, transparent, panorama, a colour (#334455), or a picture.")
+    str, typer.Option("--background", "-b", help="keep, transparent, panorama, a colour (#334455) or a picture.")
 ]
-Blur = Annotated[float, typer.Option(min=0, max=60, help="Blur of a panorama behind, degrees.")]
-Shadow = Annotated[bool, typer.Option("--shadow/--no-shadow", help="Shadows on the ground of a new background.")]
-Turn = Annotated[float, typer.Option(help="Turn of the light about the vertical, degrees.")]
-Stops = Annotated[float, typer.Option(min=-8, max=8, help="Brighter by so many stops.")]
-Absolute = Annotated[bool, typer.Option("--absolute", help="The light's own strength, not matched to the photo.")]
-Together = Annotated[bool, typer.Option("--together", help="One figure, even where the mask falls apart.")]
-Layout = Annotated[str, typer.Option(help="Of a panorama: latlong, angular, ball, cross, strip.")]
-Yaw = Annotated[float, typer.Option(help="Correction of a panorama's front, degrees.")]
-Flip = Annotated[bool, typer.Option("--flip", help="The panorama is mirrored.")]
+Blur = Annotated[float, typer.Option(min=0, max=60, help="Blur of the background panorama, degrees.")]
+Shadow = Annotated[bool, typer.Option("--shadow/--no-shadow", help="Cast shadows on the ground of a new background.")]
+Turn = Annotated[float, typer.Option(help="Rotation of the light about the vertical, degrees.")]
+Stops = Annotated[
+    float, typer.Option(min=-8, max=8, help="Brighten the result by this many stops; negative: darken it.")
+]
+Absolute = Annotated[
+    bool, typer.Option("--absolute", help="Keep the light's own strength instead of matching it to the photo.")
+]
+Together = Annotated[
+    bool, typer.Option("--together", help="Take the whole mask as one person, even if it has several parts.")
+]
+Layout = Annotated[
+    str, typer.Option(help="Layout of a panorama: auto, latlong, angular, ball, cross, strip, strip-gl.")
+]
+Yaw = Annotated[float, typer.Option(help="Rotate a panorama whose front is wrong, degrees; front goes to the right.")]
+Flip = Annotated[bool, typer.Option("--flip", help="Mirror a panorama left to right.")]
 UpsideDown = Annotated[bool, typer.Option("--upside-down", help="The panorama's rows are from the bottom up.")]
-Convention = Annotated[str | None, typer.Option(help="Of a file of coefficients without a stated convention.")]
+Convention = Annotated[str | None, typer.Option(help="Convention of a coefficient file that does not state it.")]
 Weights = Annotated[
     Path | None,
-    typer.Option("--weights", "-w", help="A checkpoint (.safetensors) of relight, or models:/relight@photo of MLflow."),
+    typer.Option(
+        "--weights", "-w", help="A checkpoint (.safetensors) of relight, or models:/relight@photo from MLflow."
+    ),
 ]
-Size = Annotated[int, typer.Option(min=16, max=4096, help="Pixels of the longer side, at most.")]
+Size = Annotated[int, typer.Option(min=16, max=4096, help="Largest length of the longer side, pixels.")]
 DEFAULT = "room:7"
 
 
@@ -111,13 +128,15 @@ def photo(
     options: "Options",
     mask: MaskPath = None,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Folder for the results; PHOTO_relit if none.")
+        Path | None, typer.Option("--out", "-o", help="Folder for the results; by default PHOTO_relit.")
     ] = None,
     together: Together = False,
     weights: Weights = None,
-    jobs: Annotated[int | None, typer.Option("--jobs", "-j", min=1, help="Photos side by side, for a folder.")] = None,
+    jobs: Annotated[
+        int | None, typer.Option("--jobs", "-j", min=1, help="For a folder: photos relit at the same time.")
+    ] = None,
 ) -> None:
-    """Puts the people of a photo, or of a folder of photos, into another light."""
+    """Relight the people in a photo, or in each photo of a folder."""
     from relight.files import UserError
 
     if not path.exists():
@@ -142,8 +161,8 @@ def photo(
 
 @app.command()
 def transfer(
-    first: Annotated[Path, typer.Argument(metavar="A")],
-    second: Annotated[Path, typer.Argument(metavar="B")],
+    first: Annotated[Path, typer.Argument(help="One photo.", metavar="A")],
+    second: Annotated[Path, typer.Argument(help="The other photo.", metavar="B")],
     first_mask: Annotated[Path | None, typer.Option("--mask-a", help="Mask of A.")] = None,
     second_mask: Annotated[Path | None, typer.Option("--mask-b", help="Mask of B.")] = None,
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder for the two results.")] = Path("transfer"),
@@ -155,7 +174,7 @@ def transfer(
     mask_model: MaskModel = None,
     weights: Weights = None,
 ) -> None:
-    """Swaps the light of two photos, each keeping its exposure: OUT/A_lit_as_B.png and OUT/B_lit_as_A.png."""
+    """Swap the lights of two photos; exposures stay. Writes OUT/A_lit_as_B.png and OUT/B_lit_as_A.png."""
     from relight.photos.api import load
     from relight.photos.photo import Options, swap_lights
 
@@ -178,15 +197,19 @@ def movie(
     options: "Options",
     out: Annotated[Path, typer.Option("--out", "-o", help="The movie: .mp4, .webm or .gif.")] = Path("relit.mp4"),
     mask: Annotated[
-        Path | None, typer.Option("--mask", "-m", help="Of the photo; for a clip a folder or a video of masks.")
+        Path | None, typer.Option("--mask", "-m", help="Mask of the photo; for a clip, a folder or a video of masks.")
     ] = None,
-    seconds: Annotated[float, typer.Option(min=0.1, max=600, help="Length, for a photo.")] = 6.0,
-    fps: Annotated[float | None, typer.Option(min=1, max=120, help="Frames per second; 25, or the clip's own.")] = None,
-    turns: Annotated[float | None, typer.Option(help="Turns of the light: 1 for a photo, 0 for a clip.")] = None,
+    seconds: Annotated[float, typer.Option(min=0.1, max=600, help="Length of the movie of a photo.")] = 6.0,
+    fps: Annotated[
+        float | None, typer.Option(min=1, max=120, help="Frames per second; by default 25, or the clip's own.")
+    ] = None,
+    turns: Annotated[
+        float | None, typer.Option(help="Turns of the light; by default 1 for a photo, 0 for a clip.")
+    ] = None,
     size: Size = 1080,
     weights: Weights = None,
 ) -> None:
-    """A movie: a photo whose light turns, or a clip of moving people in another light. The exposure is fixed."""
+    """Write a movie: a photo under a turning light, or a relit clip of moving people. The exposure is fixed."""
     from relight.files import UserError
     from relight.photos.video import writable_video
 
@@ -206,9 +229,11 @@ def movie(
 def export(
     out: Annotated[Path, typer.Argument(help="The file to write: .onnx, or .pt2 for torch.export.")],
     weights: Weights = None,
-    half: Annotated[bool, typer.Option("--half", help="Weights in half precision: an .onnx of half the size.")] = False,
+    half: Annotated[
+        bool, typer.Option("--half", help="Store the weights in half precision: an .onnx of half the size.")
+    ] = False,
 ) -> None:
-    """Writes the network for other programs, for any batch and size, and checks it against torch."""
+    """Write the network for other programs, for any batch and image size, and check it against torch."""
     from relight.photos.api import load
     from relight.photos.export import export as write
 
@@ -219,10 +244,10 @@ def export(
 @mask_app.command("setup")
 def mask_setup(
     wheel: Annotated[
-        Path | None, typer.Option("--from", help="A wheel of mediapipe 0.10.21, instead of the index.")
+        Path | None, typer.Option("--from", help="A wheel of mediapipe 0.10.21 that you have, instead of a download.")
     ] = None,
 ) -> None:
-    """Fetches the built-in network for masks, once: 249 KB of the package mediapipe (Apache-2.0), with the licence."""
+    """Fetch the built-in network for masks, once: 249 KB of the package mediapipe (Apache-2.0), with the licence."""
     from relight.photos.selfie import setup
 
     if wheel is None:
@@ -233,10 +258,12 @@ def mask_setup(
 @mask_app.command("draw")
 def mask_draw(
     path: Annotated[Path, typer.Argument(help="A photo.", metavar="PHOTO")],
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="The mask; PHOTO_mask.png beside it if none.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="The mask; by default PHOTO_mask.png beside the photo.")
+    ] = None,
     mask_model: MaskModel = None,
 ) -> None:
-    """Writes the automatic mask of a photo, to be corrected with a paint program; beside the photo it is found."""
+    """Write the automatic mask of a photo, to correct in a paint program. `relight photo` finds it beside the photo."""
     from relight.files import writable_file
     from relight.photos.mask import automatic_mask
     from relight.photos.read import read_photo

@@ -20,25 +20,28 @@ def bake(
             "--out",
             "-o",
             help="Maps as .exr or as a .png picture, transport per vertex as .ply or .npz; may be repeated. "
-            "By default the mesh's name with .exr, here.",
+            "By default the mesh's name with .exr, in the current folder.",
         ),
     ] = None,
     size: Annotated[int, typer.Option(min=1, help="Side of the image in pixels.")] = 1024,
-    rays: Annotated[int, typer.Option(min=1, help="Per pixel or vertex: 64 for drafts, 1024 for ground truth.")] = 256,
-    order: Annotated[int, typer.Option(min=0, help="Of the spherical harmonics; 2 gives nine coefficients.")] = 2,
+    rays: Annotated[
+        int, typer.Option(min=1, help="Rays per pixel or vertex: 64 for drafts, 1024 for ground truth.")
+    ] = 256,
+    order: Annotated[int, typer.Option(min=0, help="Order of the spherical harmonics; 2 gives nine coefficients.")] = 2,
     bounces: Annotated[int, typer.Option(min=0, help="Bounces of light between surfaces, in colour.")] = 0,
     supersample: Annotated[
-        int, typer.Option(min=1, help="Maps are means over k x k samples of a pixel, which share its rays.")
+        int, typer.Option(min=1, help="k: maps are means over k x k samples of each pixel, which share its rays.")
     ] = 1,
     yaw: Annotated[
-        float, typer.Option(help="Degrees by which the figure is rotated, its front toward image right; -180 to 180.")
+        float,
+        typer.Option(help="Rotation of the figure, degrees, -180 to 180; positive turns its front toward image right."),
     ] = 0,
     pitch: Annotated[
-        float, typer.Option(help="Degrees by which the camera stands higher, or lower where negative.")
+        float, typer.Option(help="Degrees by which the camera is raised and looks down; negative: lowered.")
     ] = 0,
     focal: Annotated[
         float | None,
-        typer.Option(help="Focal length, mm for 36 mm of film over the image's height; orthographic without."),
+        typer.Option(help="Focal length in mm, for 36 mm of film over the image's height; orthographic if not given."),
     ] = None,
     up: Annotated[str, typer.Option(help="The file's axis that points up: +y, +z, ... or auto.")] = "auto",
     front: Annotated[str, typer.Option(help="The file's axis toward the camera: +z, -y, ... or auto.")] = "auto",
@@ -46,8 +49,10 @@ def bake(
     as_is: Annotated[
         bool, typer.Option("--as-is", help="Neither repair nor align: the camera sees x and y from -1 to 1.")
     ] = False,
-    seed: Annotated[int, typer.Option(help="Of the rays' azimuths.")] = 0,
-    threads: Annotated[int, typer.Option(min=0, help="0 takes every core; the result does not depend on it.")] = 0,
+    seed: Annotated[int, typer.Option(help="Seed of the rays' azimuths.")] = 0,
+    threads: Annotated[
+        int, typer.Option(min=0, help="Threads; 0 uses every core. The result does not depend on it.")
+    ] = 0,
 ) -> None:
     """Bake light transport (spherical harmonics), AO, albedo, normals and depth of a mesh.
 

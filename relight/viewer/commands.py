@@ -21,7 +21,7 @@ class Site(TyperGroup):
 
 web_app = typer.Typer(
     cls=Site,
-    help="A site that relights photos in the browser: `relight web DIR`. Nothing leaves the visitor's computer.",
+    help="`relight web DIR` writes a site that relights photos in the browser. Nothing leaves the visitor's computer.",
     no_args_is_help=True,
 )
 
@@ -29,18 +29,19 @@ web_app = typer.Typer(
 @app.command()
 def view(
     paths: Annotated[list[Path], typer.Argument(help="Maps (.exr) or photos; several make a gallery.")],
-    out: Annotated[Path | None, typer.Option("--out", "-o", help="The page; beside the first file by default.")] = None,
+    out: Annotated[Path | None, typer.Option("--out", "-o", help="The page; by default beside the first file.")] = None,
     light: Annotated[
         list[str] | None,
         typer.Option("--light", "-l", help="A light to offer instead of the usual ones; may be given several times."),
     ] = None,
     mask: Annotated[
-        Path | None, typer.Option("--mask", "-m", help="Of a single photo: white on the people, same size.")
+        Path | None, typer.Option("--mask", "-m", help="Mask of a single photo: white on the people, same size.")
     ] = None,
     background: Annotated[
-        str | None, typer.Option("--background", "-b", help="Shown first: studio, light, color, clear or photo.")
+        str | None,
+        typer.Option("--background", "-b", help="Background to show first: studio, light, color, clear or photo."),
     ] = None,
-    title: Annotated[str, typer.Option(help="Of the page; the file's name by default.")] = "",
+    title: Annotated[str, typer.Option(help="Title of the page; by default the file's name.")] = "",
     size: Annotated[int, typer.Option(min=64, max=4096, help="A photo's longer side is scaled down to this.")] = 1024,
     limit: Annotated[
         float | None,
@@ -51,7 +52,7 @@ def view(
     weights: Annotated[Path | None, typer.Option("--weights", "-w", help="A checkpoint (.safetensors).")] = None,
     open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
 ) -> None:
-    """Writes one self-contained .html: drag to turn the light, choose lights, drop your own .hdr."""
+    """Write one self-contained .html page: drag to turn the light, choose lights, drop your own .hdr."""
     from relight.files import UserError, writable_file
     from relight.photos.api import load
     from relight.viewer.build import build_gallery
@@ -74,23 +75,28 @@ def view(
 
 @web_app.command("build")
 def web_build(
-    out: Annotated[Path, typer.Argument(help="Folder of the site; made, or replaced if it is one.", metavar="DIR")],
+    out: Annotated[
+        Path,
+        typer.Argument(help="Folder of the site: a new one, or an earlier site, which is replaced.", metavar="DIR"),
+    ],
     paths: Annotated[
         list[Path] | None,
-        typer.Argument(help="Maps (.exr) or photos that it opens with; a portrait (NASA) by default."),
+        typer.Argument(help="Maps (.exr) or photos to show first; by default a portrait (NASA)."),
     ] = None,
     light: Annotated[
         list[str] | None,
         typer.Option("--light", "-l", help="A light to offer instead of the usual ones; may be given several times."),
     ] = None,
-    title: Annotated[str, typer.Option(help="Of the page.")] = "Turn the light in a photo",
-    size: Annotated[int, typer.Option(min=64, max=4096, help="Longer side of the photos that it opens with.")] = 1024,
+    title: Annotated[str, typer.Option(help="Title of the page.")] = "Turn the light in a photo",
+    size: Annotated[
+        int, typer.Option(min=64, max=4096, help="Longer side of the photos to show first, pixels.")
+    ] = 1024,
     webgpu: Annotated[
         bool, typer.Option("--webgpu", help="Browsers with WebGPU load 13 MB more and use the GPU.")
     ] = False,
     weights: Annotated[Path | None, typer.Option("--weights", "-w", help="A checkpoint (.safetensors).")] = None,
 ) -> None:
-    """Writes the site into DIR, for any static server; takes about half a minute."""
+    """Write the site to the folder DIR, for any static web server. Takes about half a minute."""
     from relight.photos.api import load
     from relight.viewer.site import build_site
     from relight.viewer.source import figure_of, named_lights, portrait
@@ -109,7 +115,7 @@ def web_setup(
         Path | None, typer.Option("--from", help="The .tgz that `npm pack` writes, instead of the registry.")
     ] = None,
 ) -> None:
-    """Fetches onnxruntime-web, which runs networks in browsers, once: 33 MB from the npm registry (MIT licence)."""
+    """Fetch onnxruntime-web, which runs networks in browsers, once: 33 MB from the npm registry (MIT licence)."""
     from relight.viewer.runtime import NAME, setup
 
     if package is None:

@@ -21,32 +21,40 @@ LIMIT = 16 * 2**20
 CARD = """\
 # Weights for photos
 
-`photo.safetensors` is what `relight photo`, `relight view` and `relight.load()` use: {parameters:.1f} million
-parameters in half precision.
+`photo.safetensors` holds the weights that `relight photo`, `relight view` and `relight.load()` use by default:
+{parameters:.1f} million parameters in half precision.
 
 | | |
 |---|---|
 | network | `{model}`, width {width}, {size} px |
-| training | {training}; in {precision}{note} |
-| lights | {lights} generated rooms |
-| pictures | a camera's: linear light, exposed, clipped, 8-bit sRGB; augmented as docs/training.md says |
+| training | in the stages listed below, in {precision}{note} |
+| training lights | {lights}, from generated rooms |
+| training pictures | like a camera's: linear light, exposed, clipped, 8-bit sRGB; augmented as docs/training.md says |
 | held out | {test_figures} figures, {test_lights} lights |
 | licence | Apache-2.0; the training data are generated from public-domain sources (docs/figures.md) |
 
-Errors on what was held out (means over figures and lights; RMSE per pixel vector, as in docs/evaluation.md):
+Errors on the held-out figures and lights (means; RMSE per pixel vector, as defined in docs/evaluation.md):
 
 | shading | transport | albedo | light |
 |---|---|---|---|
 | {shading_rmse:.3f} | {transport_rmse:.3f} | {albedo_rmse:.3f} | {light_rmse:.3f} |
 
-Limits: the figures are synthetic, in indoor light. The maps have {size} px: finer folds
-of a photo stay in the picture by the `ratio` way of relighting, but they are not in the maps. How bright a scene is,
-no photograph tells: albedo and light hold up to a factor. Back light, children, several touching people and props are
-outside of what the network has seen; `relight photo` says so when the inferred light is unusual. It recognises nobody,
-and no photo of a real person was used.
+Limits:
 
-Made with the settings of `experiment=photo`, in the stages above, and `workflow/scripts/weights.py`. How its light
-moves with framing, mask and white balance: `python benchmarks/invariance.py relight/weights/photo.safetensors`.
+- The training figures are synthetic, in indoor light.
+- The maps have {size} px. Finer folds are not in them, but mode `ratio`, the default, keeps such folds, because it
+  multiplies the photo itself.
+- A photograph does not tell how bright its scene is, so albedo and light are known only up to a factor.
+- Back light, children, several touching people and props are outside of what the network has seen. `relight photo`
+  warns when the inferred light is unusual.
+- The network recognises nobody, and was trained on no photo of a real person.
+
+Stages of the training, each continuing the one before:
+
+{training}
+
+Made with the settings of `experiment=photo`, in these stages, and `workflow/scripts/weights.py`. How the inferred light
+changes with framing, mask and white balance: `python benchmarks/invariance.py relight/weights/photo.safetensors`.
 """
 
 
@@ -78,10 +86,10 @@ def main(results: Path, run: str) -> None:
         "width": model.width,
         "size": network.size,
         "lights": len(training),
-        "training": "; ".join(
-            f"{stage['steps']:,} steps of {stage['batch']} images at {stage['size']} px, of {stage['figures']} figures "
-            f"(generator version {' and '.join(map(str, stage['generator']))})"
-            for stage in stages
+        "training": "\n".join(
+            f"{number}. {stage['steps']:,} steps of {stage['batch']} images at {stage['size']} px, of "
+            f"{stage['figures']} figures (generator version {' and '.join(map(str, stage['generator']))})"
+            for number, stage in enumerate(stages, 1)
         ),
         "test_figures": len({row["figure"] for row in rows}),
         "test_lights": len({row["light"] for row in rows}),
