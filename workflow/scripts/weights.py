@@ -88,7 +88,7 @@ def main(results: Path, run: str) -> None:
         "lights": len(training),
         "training": "\n".join(
             f"{number}. {stage['steps']:,} steps of {stage['batch']} images at {stage['size']} px, of "
-            f"{stage['figures']} figures (generator {' and '.join(map(str, stage['generator']))})"
+            f"{stage['figures']} figures (generator {', '.join(map(str, stage['generator']))})"
             for number, stage in enumerate(stages, 1)
         ),
         "test_figures": len({row["figure"] for row in rows}),
