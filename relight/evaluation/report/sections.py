@@ -45,10 +45,10 @@ AXES = {"train.figures": "number of training figures", "model.width": "width", "
 SETS = {"min": "four losses", "full": "fifteen losses", "weighted": "fifteen, transport × 4"}  # of `steps`
 SMALL = " †"  # marks differences that the paper prints and that are under MARGIN
 HERE = {  # what became of an ordering of the paper
-    Verdict.BETTER: "the same",
+    Verdict.BETTER: "holds",
     Verdict.WORSE: "reversed",
-    Verdict.EQUIVALENT: "no difference",
-    Verdict.OPEN: "undecided",
+    Verdict.EQUIVALENT: "equivalent",
+    Verdict.OPEN: "open",
 }
 QUARTERS = 8  # test figures that a division into quarters needs
 LEADS = (("ours_full", "sfsnet_ao"), ("ours_min", "sfsnet_ao"), ("ours_full", "sfsnet"))  # compared in each quarter
