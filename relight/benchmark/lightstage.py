@@ -27,7 +27,7 @@ from relight.photos.environment import lookup
 from relight.sh import basis, sphere_quadrature, unoccluded
 from relight.srgb import LINEAR
 
-HIGHEST = 8  # degree to which `shares` are exact at most: beyond it, nothing is won with 331 lamps
+HIGHEST = 8  # highest degree that `quadrature_weights` integrate exactly: more does not help with 331 lamps
 LIT = (0.5, 0.9)  # of a pixel's brightest frame: darker may be shadow in part of the pixel, brighter may be gloss
 ENOUGH = 12  # frames in between, which tell a normal and an albedo
 FLATTEST = 0.02  # least eigenvalue of the lamps' second moments, over their sum, from which a normal is told
@@ -77,8 +77,8 @@ class Pinhole:
         return np.stack([self.centre[0] + self.focal[0] * x / z, self.centre[1] - self.focal[1] * y / z], -1)
 
 
-def shares(directions: np.ndarray) -> np.ndarray:
-    """Returns each lamp's share of the sphere: weights of a quadrature rule at given directions.
+def quadrature_weights(directions: np.ndarray) -> np.ndarray:
+    """Returns weights of a quadrature rule on the sphere with nodes at given directions.
 
     Voronoi cells leave an error of second order where lamps are missing. So the weights are those nearest to the cells'
     areas, relative to them, with which all spherical harmonics up to a degree integrate exactly, for the highest degree
@@ -144,7 +144,7 @@ class LightStage:
 
     @classmethod
     def of(cls, positions: np.ndarray) -> "LightStage":
-        """Returns the stage with lamps at positions (L,3). Raises UserError as `shares`."""
+        """Returns the stage with lamps at positions (L,3). Raises UserError as `quadrature_weights`."""
         system = np.concatenate([2 * positions, np.ones((len(positions), 1))], 1)
         found, *_ = np.linalg.lstsq(system, (positions**2).sum(1), rcond=None)  # |p|^2 = 2 p.c + R^2 - |c|^2
         centre = found[:3]
@@ -152,7 +152,7 @@ class LightStage:
         outward = positions - centre
         distance = np.linalg.norm(outward, axis=1, keepdims=True)
         directions = outward / np.maximum(distance, 1e-12)
-        weights = shares(directions)
+        weights = quadrature_weights(directions)
         areas = weights * (distance[:, 0] / radius) ** 2
         return cls(positions, centre, radius, areas, projection_error(directions, weights))
 

@@ -11,7 +11,7 @@ from relight.benchmark.lightstage import (
     coarse,
     measure,
     projection_error,
-    shares,
+    quadrature_weights,
 )
 from relight.files import UserError
 from relight.panoramas import Panorama, generate_room, project
@@ -25,28 +25,28 @@ def around(count: int = 331) -> np.ndarray:
     return (lamps(count) - MIDDLE) / STAGE
 
 
-def test_shares_integrate_what_a_stage_needs():
+def test_quadrature_weights_integrate_what_a_stage_needs():
     """Exact for harmonics; unoccluded transport far better than cells where lamps are missing."""
     whole = around()
     holes = whole[np.random.default_rng(0).random(331) > 0.1]
     for directions, highest in ((whole, 0.0015), (holes, 0.004)):
-        weights = shares(directions)
+        weights = quadrature_weights(directions)
         assert weights.min() > 0 and np.isclose(weights.sum(), 4 * np.pi)
         moments = weights @ basis(directions, HIGHEST)
         assert np.isclose(moments[0], np.sqrt(4 * np.pi)) and np.abs(moments[1:]).max() < 1e-9
         assert projection_error(directions, weights) < highest
     equal = np.full(len(holes), 4 * np.pi / len(holes))
-    assert projection_error(holes, shares(holes)) < 0.2 * projection_error(holes, equal)
+    assert projection_error(holes, quadrature_weights(holes)) < 0.2 * projection_error(holes, equal)
     floorless = whole[whole[:, 1] > -0.8]  # a cap of 37 degrees has no lamps: fewer degrees, but no negative weights
-    assert shares(floorless).min() > 0
+    assert quadrature_weights(floorless).min() > 0
     with pytest.raises(UserError, match="directions do not span a sphere"):
-        shares(np.array([[1.0, 0, 0]] * 9))
+        quadrature_weights(np.array([[1.0, 0, 0]] * 9))
 
 
 def test_the_error_is_that_of_the_rule():
     """`projection_error` against random normals."""
     directions, rng = around(97), np.random.default_rng(2)
-    weights = shares(directions)
+    weights = quadrature_weights(directions)
     normals = rng.normal(size=(20_000, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     found = np.maximum(normals @ directions.T, 0) * weights @ basis(directions)
