@@ -71,7 +71,7 @@ def compare(name: str, mesh: Mesh, gloss: bool, size: int, samples: int, bounces
         (size, size), np.full(2, size / 2 * DISTANCE), np.full(2, size / 2), np.eye(3), np.array([0, 0, DISTANCE])
     )
     tracer = PathTracer(mesh, size, Camera(size, DISTANCE, True), gloss)
-    stage = LightStage.of(lamps(count) - camera.eye)
+    stage = LightStage.from_positions(lamps(count) - camera.eye)
     row, column = np.mgrid[:size, :size] + 0.5
     shown = bake_as_seen(mesh, camera, np.ones((size, size), bool), stage, 1, 1)
     inside = shown.hit.reshape(size, size)

@@ -232,9 +232,9 @@ class Plan:
 
     def capture_files(self, figure: str) -> list[Path]:
         """What a capture is read from."""
-        from relight.benchmark.humanolat import files_of
+        from relight.benchmark import humanolat
 
-        return files_of(self.captures[figure])
+        return humanolat.capture_files(self.captures[figure])
 
     @property
     def table(self) -> list[str]:

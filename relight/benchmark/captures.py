@@ -1,4 +1,4 @@
-"""Brings captures of real people into the benchmark's format, so that anyone's answers to them can be scored."""
+"""Imports captures of real people as sets of the benchmark."""
 
 import csv
 import zlib
@@ -12,11 +12,11 @@ import numpy as np
 from relight.benchmark import humanolat, ultrastage
 from relight.benchmark.bakedstage import agreement, bake_as_seen, depth_at_centres
 from relight.benchmark.lights import panorama
-from relight.benchmark.lightstage import Lighting, LightStage, Measured, coarse, measure
-from relight.benchmark.make import FORMAT, index, same, save
+from relight.benchmark.lightstage import LightStage, Measured, Panoramas, blur_to_spacing, measure
+from relight.benchmark.make import FORMAT, check_plan, save_picture, write_index
 from relight.benchmark.measures import Intrinsics
-from relight.benchmark.picture import BRIGHTNESS, DARKEST, Picture, means, on_square
-from relight.benchmark.recipes import recipe
+from relight.benchmark.picture import BRIGHTNESS, MIN_ALBEDO, Picture, figure_means, on_square
+from relight.benchmark.recipes import draw_recipe
 from relight.benchmark.shots import Shot, variants
 from relight.files import UserError, atomic_write, read_table, writable_folder
 from relight.maps import Maps
@@ -30,65 +30,72 @@ from relight.sh import UNOCCLUDED_T00
 from relight.srgb import LINEAR, encode, to_bytes
 from relight.transport.raycaster import RayCaster
 
-SIDE = 256  # pixels of the square on which maps are compared
-FIRST = 10_000_000  # seeds of the lights, above those of all other sets
-WHITEST = 0.9  # what the brightest hundredth of a person's albedo is taken for, since no frame tells
-KNOWN = 0.5  # of a person's pixels must be lit by enough frames
-BAKED = "baked.csv"
+SQUARE_SIZE = 256  # pixels, of the square on which maps are compared
+FIRST_SEED = 10_000_000  # of the lights; above the seeds of all other sets
+WHITE_ALBEDO = 0.9  # assumed for the brightest hundredth of a person's albedo, since frames have an unknown scale
+MIN_KNOWN = 0.5  # share of a person's pixels that enough frames must light
+BAKED_TABLE = "baked.csv"
 
 
 @dataclass(frozen=True)
-class Taken:
-    """A picture of a set, what it was made from, and how its measured transport agrees with a baked one, if any."""
+class Imported:
+    """A picture imported from a capture.
+
+    Attributes:
+        picture: photographs, lights and ground truth.
+        record: how it was made, for picture.json.
+        agreement: measured against baked transport (`bakedstage.agreement`); None without a mesh.
+    """
 
     picture: Picture
     record: dict
     agreement: dict[str, float] | None = None
 
 
-Source = Iterator[tuple[str, str, Callable[[bool], Taken]]]  # name, figure, and what takes the picture
+# Of each picture: its name, its figure, and a function that imports it, with variants or without.
+Jobs = Iterator[tuple[str, str, Callable[[bool], Imported]]]
 
 
 def import_captures(
-    layout: str, source: Path | str, folder: Path | str, only: str = "", rays: int = 256, places: int = 4
+    layout: str, source: Path | str, folder: Path | str, only: str = "", rays: int = 256, supersample: int = 4
 ) -> str:
-    """Brings captures into a set; goes on where it was stopped.
+    """Imports captures into a set, resuming where it was stopped.
 
     Args:
         layout: a key of LAYOUTS.
         source: folder of the data set as published.
         folder: of the set.
-        only: a regular expression that the names of captures match anywhere; all by default.
-        rays: of a pixel, for baking the captures' meshes.
-        places: k x k of a pixel that share them.
+        only: a regular expression that names of captures must match anywhere; by default all do.
+        rays: per pixel, for baking the captures' meshes.
+        supersample: k, where baked maps are means over k x k points of a pixel.
 
     Returns:
         The set's hash.
 
     Raises:
-        UserError: for another layout, another set in the folder, and files that are missing or broken.
+        UserError: for an unknown layout, another set in the folder, or files that are missing or broken.
     """
     if layout not in LAYOUTS:
-        raise UserError(f"layout {layout}: {' or '.join(LAYOUTS)}")
-    folder, settings = writable_folder(folder, "--out"), {"size": 2 * SIDE, "rays": rays, "places": places}
+        raise UserError(f"layout {layout}: must be {' or '.join(LAYOUTS)}")
+    folder, settings = writable_folder(folder, "--out"), {"size": 2 * SQUARE_SIZE, "rays": rays, "places": supersample}
     names: list[str] = []
     figures: set[str] = set()
-    for name, figure, take in LAYOUTS[layout](Path(source), only, rays, places):
+    for name, figure, run_job in LAYOUTS[layout](Path(source), only, rays, supersample):
         if not names:
-            same(folder, {"format": FORMAT, "set": layout, "settings": settings})
-        varied = figure not in figures  # one picture of each person is there in variants
+            check_plan(folder, {"format": FORMAT, "set": layout, "settings": settings})
+        with_variants = figure not in figures  # the first picture of each figure has variants
         names.append(name)
         figures.add(figure)
         if not (folder / "inputs" / name).is_dir():
-            taken = take(varied)
-            if taken.agreement:
-                write_agreement(folder / BAKED, name, taken.agreement)
-            save(folder, name, figure, taken.record, taken.picture)
-    return index(folder, layout, names, settings, scale="unknown")
+            imported = run_job(with_variants)
+            if imported.agreement:
+                write_agreement(folder / BAKED_TABLE, name, imported.agreement)
+            save_picture(folder, name, figure, imported.record, imported.picture)
+    return write_index(folder, layout, names, settings, scale="unknown")
 
 
 def write_agreement(path: Path, name: str, row: dict[str, float]) -> None:
-    """Adds the row of a picture to a table, or replaces it."""
+    """Adds the row of a picture to a CSV table, or replaces it."""
     rows = {one["picture"]: one for one in read_table(path)[1]} if path.is_file() else {}
     rows[name] = {"picture": name, **{key: f"{value:.6g}" for key, value in row.items()}}
     with atomic_write(path) as tmp, open(tmp, "w", newline="") as file:
@@ -97,76 +104,76 @@ def write_agreement(path: Path, name: str, row: dict[str, float]) -> None:
         writer.writerows(rows[one] for one in sorted(rows))
 
 
-def one_light_frames(source: Path, only: str, rays: int, places: int) -> Source:
-    """The captures of HumanOLAT: `relight.benchmark.humanolat`."""
+def humanolat_jobs(source: Path, only: str, rays: int, supersample: int) -> Jobs:
+    """Yields the pictures of a folder in HumanOLAT's layout (`relight.benchmark.humanolat`)."""
     for capture in humanolat.captures(source, only):
-        yield capture.name, capture.subject, partial(photographed, capture, rays, places)
+        yield capture.name, capture.subject, partial(import_olat, capture, rays, supersample)
 
 
-def photographed(capture: humanolat.Capture, rays: int, places: int, varied: bool) -> Taken:
-    """Photographs a capture in a panorama and four new ones, as sums of its frames; the truth is what they measure."""
+def import_olat(capture: humanolat.Capture, rays: int, supersample: int, with_variants: bool) -> Imported:
+    """Renders a capture in one panorama and four new ones as sums of its frames, and measures the ground truth."""
     mask = capture.read_mask()
     inside = mask >= MASK_THRESHOLD
-    square = crop_around(mask, SIDE)
+    square = crop_around(mask, SQUARE_SIZE)
     capture.check_order(inside)
     baked = None
     if capture.model:
-        baked = bake_as_seen(read_mesh(capture.model), capture.camera, inside, capture.stage(), rays, places)
-    drawn = recipe(FIRST + zlib.crc32(capture.name.encode()) % FIRST, 1)
-    sharp = [panorama(one, 0.0, BRIGHTNESS * 2**drawn.stops).pixels for one in (drawn.light, *drawn.new)]
-    lights = coarse(np.stack(sharp), len(capture.lamps)).astype(np.float32)
-    measured, maps, scale = measured_capture(capture, mask, baked.depth if baked else None, Lighting(lights))
-    linear, *relit = np.moveaxis(on_image(measured.pictures / scale, inside), 2, 0)
-    light, *new = (Panorama(one, source=f"{drawn.name}.{i}") for i, one in enumerate(lights))
+        baked = bake_as_seen(read_mesh(capture.model), capture.camera, inside, capture.stage(), rays, supersample)
+    recipe = draw_recipe(FIRST_SEED + zlib.crc32(capture.name.encode()) % FIRST_SEED, 1)
+    sharp = [panorama(one, 0.0, BRIGHTNESS * 2**recipe.stops).pixels for one in (recipe.light, *recipe.new)]
+    lights = blur_to_spacing(np.stack(sharp), len(capture.lamps)).astype(np.float32)
+    measured, maps, scale = measured_capture(capture, mask, baked.depth if baked else None, Panoramas(lights))
+    linear, *relit = np.moveaxis(to_image(measured.pictures / scale, inside), 2, 0)
+    light, *new = (Panorama(one, source=f"{recipe.name}.{i}") for i, one in enumerate(lights))
     scene = linear + (1 - maps.coverage[..., None]) * np.pi * camera_view(light, mask.shape)
 
     def expose(gain: np.ndarray | float) -> np.ndarray:
         return to_bytes(encode(scene * gain))
 
-    shots = variants(expose, mask, SIDE) if varied else {"": Shot(expose(1.0), mask, square)}
-    shading = linear / np.maximum(maps.albedo, DARKEST) * inside[..., None]
-    seen = on_square(maps, shading, project(light, 2), square)
-    picture = Picture(shots, light, new, maps, np.stack([to_bytes(encode(one)) for one in relit]), seen)
-    compared = agreement(measured, baked, inside) if baked else None
-    return Taken(picture, {**asdict(drawn), "name": capture.name, **maps.info["measured"]}, compared)
+    shots = variants(expose, mask, SQUARE_SIZE) if with_variants else {"": Shot(expose(1.0), mask, square)}
+    shading = linear / np.maximum(maps.albedo, MIN_ALBEDO) * inside[..., None]
+    truth = on_square(maps, shading, project(light, 2), square)
+    picture = Picture(shots, light, new, maps, np.stack([to_bytes(encode(one)) for one in relit]), truth)
+    comparison = agreement(measured, baked, inside) if baked else None
+    return Imported(picture, {**asdict(recipe), "name": capture.name, **maps.info["measured"]}, comparison)
 
 
-def training_maps(place: Path, size: int) -> Maps:
-    """Measures the maps of one camera's capture on the person's square, as they would be baked for training.
+def training_maps(folder: Path, size: int) -> Maps:
+    """Measures the maps of a capture on the person's square, in the form of baked maps for training.
 
     Args:
-        place: folder of its frames (`humanolat.list_captures`).
+        folder: of its frames (`humanolat.list_captures`).
         size: pixels of the square.
 
     Raises:
-        UserError: if its files are missing, broken, or do not fit each other, or too few of its pixels are lit.
+        UserError: if its files are missing, broken or inconsistent, or too few of its pixels are lit.
     """
-    capture = humanolat.read_capture(place)
+    capture = humanolat.read_capture(folder)
     mask, depth = capture.read_mask(), None
     inside = mask >= MASK_THRESHOLD
     capture.check_order(inside)
     if capture.model:
         mesh = read_mesh(capture.model)
         depth = depth_at_centres(RayCaster(mesh.vertices, mesh.faces, threads=1), capture.camera, inside)
-    return squared(measured_capture(capture, mask, depth)[1], size)
+    return crop_to_square(measured_capture(capture, mask, depth)[1], size)
 
 
 def measured_capture(
-    capture: humanolat.Capture, mask: np.ndarray, depth: np.ndarray | None, lighting: Lighting | None = None
+    capture: humanolat.Capture, mask: np.ndarray, depth: np.ndarray | None, panoramas: Panoramas | None = None
 ) -> tuple[Measured, Maps, float]:
-    """Measures a capture.
+    """Measures transport, albedo and normals of a capture, and renders it under panoramas.
 
     Args:
-        capture: of P pixels.
+        capture: whose mask has P pixels inside.
         mask: (H,W) uint8.
         depth: (P,) of its mesh (`Baked.depth`), or None.
-        lighting: panoramas to picture the person in.
+        panoramas: to render the person under.
 
     Returns:
-        What was measured, the same as maps at the frames' pixels, and what albedo and pictures must be divided by.
+        The measurement, its maps at the frames' pixels, and the scale by which albedo and pictures must be divided.
 
     Raises:
-        UserError: if the mesh is elsewhere, or too few pixels are lit.
+        UserError: if the camera does not see the mesh, or too few pixels are lit.
     """
     inside = mask >= MASK_THRESHOLD
     if depth is not None and not depth.any():
@@ -179,35 +186,40 @@ def measured_capture(
     def frames() -> Iterator[tuple[int, np.ndarray]]:
         return progress(capture.read_frames(inside), f"frames of {capture.name}", len(capture.frames))
 
-    measured = measure(frames, stage, points, lighting)
-    if (known := float(measured.known.mean())) < KNOWN:
+    measured = measure(frames, stage, points, panoramas)
+    if (known := float(measured.known.mean())) < MIN_KNOWN:
         raise UserError(
-            f"{capture.name}: {known:.0%} of the person's pixels are lit in enough frames, and {KNOWN:.0%} are needed"
+            f"{capture.name}: enough frames light {known:.0%} of the person's pixels, and {MIN_KNOWN:.0%} are needed"
         )
-    scale = float(np.quantile(measured.albedo[measured.known].max(1), 0.99)) / WHITEST
+    scale = float(np.quantile(measured.albedo[measured.known].max(1), 0.99)) / WHITE_ALBEDO
     maps = measured_maps(measured, scale, mask, surface)
-    facts = {"lamps": len(capture.lamps), "absent": capture.absent, "known": round(known, 4)}
-    facts |= {"clipped": round(measured.clipped, 6), "projection_error": round(stage.error, 6)}
-    maps.info = {"name": capture.name, "subject": capture.subject, "measured": facts}
+    record = {"lamps": len(capture.lamps), "absent": capture.missing, "known": round(known, 4)}
+    record |= {"clipped": round(measured.clipped, 6), "projection_error": round(stage.error, 6)}
+    maps.info = {"name": capture.name, "subject": capture.subject, "measured": record}
     return measured, maps, scale
 
 
 def surface_depth(depth: np.ndarray | None, stage: LightStage, inside: np.ndarray) -> np.ndarray:
-    """Returns how far the surface is at each pixel (H,W), along the optical axis.
+    """Returns the depth (H,W) of the surface along the optical axis.
 
-    That of the mesh (P,), where it is seen, and of the nearest such pixel elsewhere; without a mesh, that of the plane
-    through the stage's centre which faces the camera.
+    Where the mesh is not visible, this is the depth of the nearest pixel where it is. Without a mesh, it is the depth
+    of the stage's centre everywhere.
+
+    Args:
+        depth: (P,) of the mesh, zero where not visible, or None.
+        stage: in the camera's frame.
+        inside: (H,W) bool, the P pixels.
     """
     if depth is None:
         return np.full(inside.shape, -stage.centre[2])
-    seen = on_image(depth, inside)
-    return fill_outside(seen, seen > 0)
+    visible = to_image(depth, inside)
+    return fill_outside(visible, visible > 0)
 
 
-def squared(maps: Maps, size: int) -> Maps:
-    """Returns maps (H,W) on the person's square of `size` pixels: means over what of the person is in each of them."""
+def crop_to_square(maps: Maps, size: int) -> Maps:
+    """Returns maps (H,W) resampled to the person's square of `size` pixels: means over the figure in each pixel."""
     box = crop_around(to_bytes(maps.coverage), size)
-    inside, mean = means(maps, box)
+    inside, mean = figure_means(maps, box)
     normal, transport = mean(maps.normal), mean(maps.transport)
     return Maps(
         mask=inside,
@@ -222,19 +234,19 @@ def squared(maps: Maps, size: int) -> Maps:
 
 
 def measured_maps(measured: Measured, scale: float, mask: np.ndarray, depth: np.ndarray) -> Maps:
-    """Returns the maps of what was measured; pixels that too few lamps light take theirs from the nearest others.
+    """Returns measured maps; pixels lit by too few lamps have the values of the nearest other pixels.
 
     Args:
-        measured: at the pixels of the mask.
-        scale: that albedo is divided by.
+        measured: at the pixels inside the mask.
+        scale: divisor of the albedo.
         mask: (H,W) uint8.
         depth: (H,W).
     """
     inside = mask >= MASK_THRESHOLD
-    known = on_image(measured.known, inside) > 0
+    known = to_image(measured.known, inside) > 0
 
     def filled(values: np.ndarray) -> np.ndarray:
-        return fill_outside(on_image(values, inside), known) * inside[..., None]
+        return fill_outside(to_image(values, inside), known) * inside[..., None]
 
     transport = filled(measured.transport)
     return Maps(
@@ -248,27 +260,26 @@ def measured_maps(measured: Measured, scale: float, mask: np.ndarray, depth: np.
     )
 
 
-def on_image(values: np.ndarray, inside: np.ndarray) -> np.ndarray:
+def to_image(values: np.ndarray, inside: np.ndarray) -> np.ndarray:
     """Returns values (P,...) of the pixels of `inside` (H,W) as an image (H,W,...) float32, zero outside."""
     whole = np.zeros((*inside.shape, *values.shape[1:]), np.float32)
     whole[inside] = values
     return whole
 
 
-def gradient_frames(source: Path, only: str, rays: int, places: int) -> Source:
-    """The captures of UltraStage: `relight.benchmark.ultrastage`."""
+def ultrastage_jobs(source: Path, only: str, rays: int, supersample: int) -> Jobs:
+    """Yields the pictures of a folder in UltraStage's layout (`relight.benchmark.ultrastage`)."""
     for capture in ultrastage.captures(source, only):
-        yield capture.name, capture.figure, partial(gradients, capture)
+        yield capture.name, capture.figure, partial(import_gradients, capture)
 
 
-def gradients(capture: ultrastage.Capture, varied: bool) -> Taken:
-    """The picture under all lamps, and as new lights the two gradients, whose pictures are there.
+def import_gradients(capture: ultrastage.Capture, with_variants: bool) -> Imported:
+    """Imports the picture under all lamps, with the two gradients as new lights, whose true pictures are published.
 
-    The light of the photograph is even: radiance 1 from everywhere, but for brightness. Neither albedo nor transport is
-    known.
+    The photograph's light is the same from all directions. Albedo and transport are unknown.
     """
     found = ultrastage.read(capture)
-    square = crop_around(found.mask, SIDE)
+    square = crop_around(found.mask, SQUARE_SIZE)
     even = np.full((64, 128, 3), BRIGHTNESS / np.pi, np.float32)
     directions = view_directions().reshape(64, 128, 3)
     slope = directions @ (capture.rotation @ found.gradients.T)  # of each channel
@@ -280,14 +291,16 @@ def gradients(capture: ultrastage.Capture, varied: bool) -> Taken:
     def expose(gain: np.ndarray | float) -> np.ndarray:
         return to_bytes(encode(linear * gain))
 
-    shots = variants(expose, found.mask, SIDE) if varied else {"": Shot(found.full_on, found.mask, square)}
-    seen = Intrinsics(square.extract(found.mask) >= MASK_THRESHOLD, light=project(light, 2))
+    shots = (
+        variants(expose, found.mask, SQUARE_SIZE) if with_variants else {"": Shot(found.full_on, found.mask, square)}
+    )
+    truth = Intrinsics(square.extract(found.mask) >= MASK_THRESHOLD, light=project(light, 2))
     relit = np.stack([one * inside[..., None] for one in (found.positive, found.negative)])
     record = {"name": capture.name, "gradients": found.gradients.round(4).tolist(), "fit": round(found.fit, 4)}
-    return Taken(Picture(shots, light, new, None, relit, seen), record)
+    return Imported(Picture(shots, light, new, None, relit, truth), record)
 
 
-LAYOUTS: dict[str, Callable[[Path, str, int, int], Source]] = {
-    "humanolat": one_light_frames,
-    "ultrastage": gradient_frames,
+LAYOUTS: dict[str, Callable[[Path, str, int, int], Jobs]] = {
+    "humanolat": humanolat_jobs,
+    "ultrastage": ultrastage_jobs,
 }

@@ -1,4 +1,4 @@
-"""`relight benchmark`: makes a set of pictures, answers it, scores answers, and sets them beside each other."""
+"""`relight benchmark`: makes or imports a set of pictures, answers it, scores answers, and compares them."""
 
 from pathlib import Path
 from typing import Annotated
@@ -18,22 +18,22 @@ BENCHMARK = Path("benchmark")
 def make(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the set.")] = BENCHMARK,
     kind: Annotated[
-        str, typer.Option("--set", help="report: for final numbers; choose: for choosing methods and settings.")
+        str, typer.Option("--set", help="report: for final numbers; choose: for the choice of methods and settings.")
     ] = "report",
     count: Annotated[int | None, typer.Option(help="Number of pictures; by default all 128.")] = None,
     size: Annotated[int, typer.Option(help="Side of the picture of a whole person, pixels.")] = 512,
     samples: Annotated[int, typer.Option(min=1, help="Paths per pixel.")] = 64,
     detail: Annotated[str, typer.Option(help="Detail of the figures: full, or draft for 128 px.")] = "full",
 ) -> None:
-    """Draw the pictures of a set, resuming where it was stopped. Needs Mitsuba (the extra `bench`)."""
-    from relight.benchmark.make import make as draw
+    """Render the pictures of a set, resuming where it was stopped. Needs Mitsuba (the extra `bench`)."""
+    from relight.benchmark.make import make as make_set
     from relight.benchmark.picture import Settings
     from relight.figures.dress import DETAILS
     from relight.files import UserError
 
     if detail not in DETAILS:
-        raise UserError(f"--detail {detail}: {' or '.join(DETAILS)}")
-    found = draw(out, kind, count, Settings(size=size, samples=samples, detail=detail))
+        raise UserError(f"--detail {detail}: must be {' or '.join(DETAILS)}")
+    found = make_set(out, kind, count, Settings(size=size, samples=samples, detail=detail))
     print(f"{out}: set {found[:16]}")
 
 
@@ -46,15 +46,15 @@ def import_(
     ] = None,
     only: Annotated[str, typer.Option(help="Regular expression for the captures' names; all by default.")] = "",
     rays: Annotated[int, typer.Option(min=1, help="Rays per pixel for baking the captures' meshes.")] = 256,
-    places: Annotated[int, typer.Option(min=1, help="Baked maps are means over k x k places of a pixel.")] = 4,
+    places: Annotated[int, typer.Option(min=1, help="Baked maps are means over k x k points of a pixel.")] = 4,
 ) -> None:
-    """Make a set from captures of real people, to be answered and scored like one that was drawn."""
-    from relight.benchmark.captures import BAKED, import_captures
+    """Make a set from captures of real people, to be answered and scored like a generated one."""
+    from relight.benchmark.captures import BAKED_TABLE, import_captures
 
     folder = out or Path(layout)
     found = import_captures(layout, source, folder, only, rays, places)
-    if (folder / BAKED).is_file():
-        print(f"measured beside baked transport: {folder / BAKED}")
+    if (folder / BAKED_TABLE).is_file():
+        print(f"measured and baked transport compared: {folder / BAKED_TABLE}")
     print(f"{folder}: set {found[:16]}")
 
 
@@ -67,8 +67,8 @@ def answer(
         Path | None, typer.Option("--weights", "-w", help="A checkpoint (.safetensors) of relight, for a network.")
     ] = None,
 ) -> None:
-    """Write relight's own answers to a set: those of a network, of a trivial baseline, or of the true maps."""
-    from relight.benchmark.rows import answer as write
+    """Write relight's own answers to a set: by a network, a trivial baseline, or the true maps."""
+    from relight.benchmark.methods import answer as write
 
     print(f"{out}: {write(truth, out, method, weights)} answers written")
 
@@ -79,11 +79,11 @@ def score(
     truth: SetFolder = BENCHMARK,
 ) -> None:
     """Score the answers of any method (docs/benchmark.md): write FOLDER/scores.csv and print the means."""
-    from relight.benchmark.score import read_row
-    from relight.benchmark.score import score as judge
+    from relight.benchmark.score import read_scores
+    from relight.benchmark.score import score as score_answers
 
-    path = judge(truth, answers)
-    show([read_row(answers)])
+    path = score_answers(truth, answers)
+    show([read_scores(answers)])
     print(path)
 
 
@@ -95,15 +95,15 @@ def report(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the tables.")] = Path("."),
 ) -> None:
     """Compare scored answers in tables: CSV, Markdown and LaTeX."""
-    from relight.benchmark.score import read_row
+    from relight.benchmark.score import read_scores
     from relight.evaluation.formats import write_tables
 
-    for name, section in show([read_row(folder) for folder in answers]).items():
+    for name, section in show([read_scores(folder) for folder in answers]).items():
         write_tables(out / name, section.title, section.note, section.grid)
 
 
 def show(rows: list) -> dict:
-    """Prints the tables of rows, and returns them."""
+    """Prints tables that compare methods, and returns them."""
     from relight.benchmark.score import tables
     from relight.evaluation.formats import to_markdown
 

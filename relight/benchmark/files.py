@@ -1,4 +1,4 @@
-"""The files of the benchmark: what methods read and what they answer, both checked (docs/benchmark.md)."""
+"""Reads and writes the files of the benchmark: sets of pictures, and methods' answers (docs/benchmark.md)."""
 
 import hashlib
 import json
@@ -17,16 +17,25 @@ from relight.files import UserError, atomic_write, existing_file
 from relight.photos.crop import MASK_THRESHOLD, Crop, crop_around
 
 INDEX = "index.json"
-PICTURES = ("ratio", "full")  # relit pictures: made from the photograph's own pixels, and drawn from maps alone
-MAPS = {"albedo": 3, "shading": 3, "transport": 9}  # channels, on the square
+PICTURES = ("ratio", "full")  # relit pictures: the photograph times a gain, and rendered from maps alone
+MAPS = {"albedo": 3, "shading": 3, "transport": 9}  # number of channels, on the square
 KEYS = (*PICTURES, *MAPS, "light")
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A picture of a set, or a variant of one: its folder, and what index.json says about it.
+    """A picture of a set, or a variant of one, from index.json.
 
-    of: the picture that it is a variant of, None for the pictures themselves; photo: the SHA-256 of photo.png.
+    Attributes:
+        folder: of its inputs.
+        name: of the picture, or picture+variant.
+        figure: the name of the person.
+        of: the picture that this is a variant of; None for a picture itself.
+        photo: SHA-256 of photo.png.
+        size: (height, width) of the photograph.
+        side: pixels of the square.
+        square: (top, left, side) of the square in the photograph, pixels.
+        new: number of new lights.
     """
 
     folder: Path
@@ -41,38 +50,45 @@ class Entry:
 
     @property
     def variant(self) -> str:
-        """Name of what was changed in it, such as `mirror`; "" for the photograph itself."""
+        """The name of the variant, such as `mirror`; "" for the picture itself."""
         return self.name.partition("+")[2]
 
     def shot(self) -> Shot:
-        """The photograph with its mask and square. UserError when a file is missing or broken."""
-        photo, mask = (picture(self.folder / f"{name}.png") for name in ("photo", "mask"))
-        return Shot(photo, mask, square_of(mask, self.square, self.side))
+        """Reads the photograph with its mask and square. Raises UserError if a file is missing or broken."""
+        photo, mask = (read_picture(self.folder / f"{name}.png") for name in ("photo", "mask"))
+        return Shot(photo, mask, read_square(mask, self.square, self.side))
 
     def panoramas(self) -> list[Path]:
-        """The new lights."""
+        """Returns the files of the new lights."""
         return [self.folder / f"new_{number}.exr" for number in range(self.new)]
 
 
-def square_of(mask: np.ndarray, square: tuple[float, float, float], side: int) -> Crop:
-    """The square with this (top, left, side) in the photograph of a mask, to be sampled with `side` pixels."""
+def read_square(mask: np.ndarray, square: tuple[float, float, float], side: int) -> Crop:
+    """Returns the square with this (top, left, side) in a photograph, to be sampled with `side` pixels."""
     top, left, length = square
     return replace(crop_around(mask, side), top=top, left=left, side=length)
 
 
-def picture(path: Path) -> np.ndarray:
-    """The pixels of a file of the set. UserError where it is missing or damaged."""
+def read_picture(path: Path) -> np.ndarray:
+    """Reads the pixels of a picture file. Raises UserError if it is missing or damaged."""
     try:
         return np.asarray(Image.open(existing_file(path, "benchmark")))
     except OSError:
-        raise UserError(f"{path} is no whole picture: make the benchmark again") from None
+        raise UserError(f"{path} is damaged: make the benchmark again") from None
 
 
-class Set:
-    """A set of pictures in a folder."""
+class BenchmarkSet:
+    """A set of pictures in a folder.
+
+    Attributes:
+        folder: of the set.
+        index: content of index.json.
+        hash: SHA-256 of the set.
+        scaled: whether the scale of the albedo is known.
+    """
 
     def __init__(self, folder: Path | str):
-        """UserError where `relight benchmark make` has not finished a set."""
+        """Opens a set. Raises UserError if `relight benchmark make` or `import` has not finished it."""
         self.folder = Path(folder)
         try:
             self.index = json.loads((self.folder / INDEX).read_text())
@@ -81,11 +97,11 @@ class Set:
                 f"{folder}: there is no finished benchmark there (relight benchmark make --out {folder})"
             ) from None
         self.hash: str = self.index["sha256"]
-        self.scaled: bool = self.index.get("scale") != "unknown"  # whether it is known how bright albedo is
+        self.scaled: bool = self.index.get("scale") != "unknown"
 
     @cached_property
     def entries(self) -> list[Entry]:
-        """The photographs of the set and their variants, in its order."""
+        """The pictures of the set and their variants, in the order of the index."""
         inputs = self.folder / "inputs"
         return [
             Entry(
@@ -103,7 +119,7 @@ class Set:
         ]
 
     def verify(self) -> None:
-        """UserError unless every file is there, and is what it was when the set was made."""
+        """Raises UserError if a file is missing or has changed since the set was made."""
         for one in self.index["pictures"]:
             for name, expected in one["files"].items():
                 path = self.folder / name
@@ -111,49 +127,55 @@ class Set:
                     raise UserError(f"{path} has changed since the benchmark was made: make it again")
 
     def truth(self, entry: Entry) -> tuple[Intrinsics, np.ndarray]:
-        """The truth on the square, and the true pictures (N,H,W,3) uint8 in the new lights."""
-        arrays = arrays_of(self.folder / "truth" / f"{entry.name}.npz")
-        return intrinsics_of(arrays, inside_of(entry)), arrays["full"]
+        """Reads the ground truth on the square, and the true pictures (N,H,W,3) uint8 in the new lights."""
+        arrays = read_arrays(self.folder / "truth" / f"{entry.name}.npz")
+        return to_intrinsics(arrays, square_mask(entry)), arrays["full"]
 
     def maps(self, entry: Entry) -> Path:
-        """The true maps at the photograph's pixels (docs/maps.md). UserError for a set without."""
+        """Returns the file of the true maps at the photograph's pixels. Raises UserError if there is none."""
         path = self.folder / "truth" / f"{entry.name}.exr"
         if not path.is_file():
             raise UserError(f"{self.folder} has no true maps: answer it by --method network or as_it_is")
         return path
 
 
-def inside_of(entry: Entry) -> np.ndarray:
-    """The figure (S,S) bool on the square of a picture."""
+def square_mask(entry: Entry) -> np.ndarray:
+    """Reads the mask (S,S) bool of the figure on the square of a picture."""
     shot = entry.shot()
     return shot.square.extract(shot.mask) >= MASK_THRESHOLD
 
 
-def intrinsics_of(arrays: Mapping[str, np.ndarray], inside: np.ndarray) -> Intrinsics:
-    """An answer or a truth as float64; `inside` (S,S) is the figure."""
+def to_intrinsics(arrays: Mapping[str, np.ndarray], inside: np.ndarray) -> Intrinsics:
+    """Returns the maps and the light of an answer or of a ground truth as float64; `inside` (S,S) is the mask."""
     return Intrinsics(inside, **{name: arrays[name].astype(np.float64) for name in (*MAPS, "light") if name in arrays})
 
 
 def sha256(path: Path) -> str:
-    """The SHA-256 of a file, in hexadecimal."""
+    """Returns the SHA-256 of a file, in hexadecimal."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def write_arrays(path: Path, photo: str, arrays: Mapping[str, np.ndarray]) -> None:
-    """Writes an answer, or a truth, whole or not at all: half floats but for pictures and light."""
-    kinds = {name: np.float16 for name in MAPS} | dict.fromkeys(PICTURES, np.uint8) | {"light": np.float32}
+    """Writes an answer or a ground truth atomically: maps as float16, pictures as uint8, light as float32.
+
+    Args:
+        path: of the .npz.
+        photo: SHA-256 of photo.png.
+        arrays: by name (KEYS).
+    """
+    dtypes = {name: np.float16 for name in MAPS} | dict.fromkeys(PICTURES, np.uint8) | {"light": np.float32}
     with atomic_write(path) as tmp, open(tmp, "wb") as file:
-        typed = {name: np.asarray(values).astype(kinds[name]) for name, values in arrays.items()}
+        typed = {name: np.asarray(values).astype(dtypes[name]) for name, values in arrays.items()}
         np.savez_compressed(file, photo=np.array(photo), **typed)  # type: ignore[arg-type]  # none is allow_pickle
 
 
-def arrays_of(path: Path) -> dict[str, np.ndarray]:
-    """What an .npz holds. UserError on another file."""
+def read_arrays(path: Path) -> dict[str, np.ndarray]:
+    """Reads the arrays of an .npz. Raises UserError for any other file."""
     try:
         with np.load(path, allow_pickle=False) as stored:
             return {name: stored[name] for name in stored}
     except FileNotFoundError:
-        raise UserError(f"there is no {path}: a folder of answers has one .npz for each picture") from None
+        raise UserError(f"there is no {path}: a folder of answers must have one .npz for each picture") from None
     except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
         raise UserError(f"{path} is not an .npz of arrays ({error})") from None
 
@@ -161,10 +183,18 @@ def arrays_of(path: Path) -> dict[str, np.ndarray]:
 def read_answer(folder: Path, entry: Entry) -> dict[str, np.ndarray]:
     """Reads and checks a method's answer to a picture.
 
-    Raises UserError when it is missing, belongs to another picture, has arrays of another name or size, or none.
+    Args:
+        folder: of the answers.
+        entry: the picture.
+
+    Returns:
+        The arrays by name, without `photo`.
+
+    Raises:
+        UserError: if it is missing, is for another picture, or its arrays have wrong names, shapes or types.
     """
     path = Path(folder) / f"{entry.name}.npz"
-    arrays = arrays_of(path)
+    arrays = read_arrays(path)
     if str(arrays.pop("photo", "")) != entry.photo:
         raise UserError(
             f"{path} answers another picture: its `photo` must be the SHA-256 of {entry.folder / 'photo.png'}"
@@ -174,14 +204,14 @@ def read_answer(folder: Path, entry: Entry) -> dict[str, np.ndarray]:
     if not entry.new:  # relit pictures of variants are not asked for
         arrays = {name: values for name, values in arrays.items() if name not in PICTURES}
     if not arrays:
-        raise UserError(f"{path} answers nothing: give one at least of {', '.join(shapes)}")
+        raise UserError(f"{path} is empty: it must hold at least one of {', '.join(shapes)}")
     for name, values in arrays.items():
         if name not in shapes:
             raise UserError(f"{path} holds {name}: it may hold photo, {', '.join(shapes)}")
         if values.shape != shapes[name]:
-            raise UserError(f"{path}: {name} has the shape {values.shape}, and {shapes[name]} is asked for")
+            raise UserError(f"{path}: {name} has the shape {values.shape}, but must have {shapes[name]}")
         if name in PICTURES and values.dtype != np.uint8:
-            raise UserError(f"{path}: {name} is {values.dtype}; pictures are uint8, sRGB")
+            raise UserError(f"{path}: {name} is {values.dtype}, but must be uint8 (sRGB)")
         if values.dtype.kind not in "uif" or not np.isfinite(values).all():
-            raise UserError(f"{path}: {name} has values that are no finite numbers")
+            raise UserError(f"{path}: {name} has values that are not finite numbers")
     return arrays

@@ -1,4 +1,4 @@
-"""The panoramas that light the benchmark: rooms, skies and lamps from seeds, each in a white balance of its own."""
+"""Generates the panoramas that light the benchmark: rooms, skies and studio lamps, each with its own white balance."""
 
 from dataclasses import dataclass
 
@@ -16,7 +16,14 @@ from relight.transport.view import View
 
 @dataclass(frozen=True)
 class Lamplight:
-    """kind: of KINDS; seed; tint: ln(B/G) of the white balance; yaw: degrees that it is turned by."""
+    """A generated light.
+
+    Attributes:
+        kind: a key of KINDS.
+        seed: of its generator.
+        tint: ln(B/G) of the white balance.
+        yaw: rotation about the vertical, degrees.
+    """
 
     kind: str
     seed: int
@@ -25,7 +32,7 @@ class Lamplight:
 
 
 def lamps(seed: int) -> np.ndarray:
-    """One to three large lamps about a person in the dark, as in a studio: (64, 128, 3) float32 lat-long, linear."""
+    """Returns a dark studio with one to three large lamps: a lat-long panorama (64,128,3) float32, linear."""
     rng = np.random.default_rng([seed, 0x1A35])
     directions = view_directions()
     image = np.exp(rng.uniform(*np.log([0.02, 0.3]))) * np.array([1.0, 0.95, 0.9]) * np.ones((len(directions), 3))
@@ -43,22 +50,20 @@ KINDS = {"room": generate_room, "sky": generate_sky, "lamps": lamps}
 
 
 def panorama(light: Lamplight, pitch: float, brightness: float) -> Panorama:
-    """The light as a camera finds it that looks down by `pitch` degrees: lat-long in the camera's frame.
+    """Returns a light as a lat-long panorama in the frame of a camera that looks down by `pitch` degrees.
 
-    Its radiance is scaled so that the reference brightness (`Light.normalised`) is `brightness`: a picture is albedo
-    times irradiance.
+    Its radiance is scaled so that the reference brightness (`Light.normalised`) is `brightness`.
     """
     upright = Panorama(KINDS[light.kind](light.seed), yaw=light.yaw)
-    # A direction of the camera's frame is turned back into the world's, which is upright.
-    seen = lookup(upright, view_directions() @ View(pitch=pitch).rotation)
+    radiance = lookup(upright, view_directions() @ View(pitch=pitch).rotation)  # camera to world, which is upright
     gains = np.exp([RED * light.tint, 0, light.tint])
-    pixels = np.maximum(seen * gains, 0).reshape(HEIGHT, WIDTH, 3)
+    pixels = np.maximum(radiance * gains, 0).reshape(HEIGHT, WIDTH, 3)
     source = f"{light.kind}:{light.seed}"
     before = project(Panorama(pixels), 2)
     scale = Light(before, source).normalised(brightness).coefficients[0, 1] / before[0, 1]
     return Panorama((pixels * scale).astype(np.float32), source=source)
 
 
-def sky_of(found: Panorama) -> np.ndarray:
-    """A panorama on the texels of the path tracer (`sky_directions`)."""
-    return lookup(found, sky_directions()).astype(np.float64)
+def sky_of(source: Panorama) -> np.ndarray:
+    """Returns a panorama resampled to the texels of the path tracer (`sky_directions`)."""
+    return lookup(source, sky_directions()).astype(np.float64)

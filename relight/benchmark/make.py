@@ -1,4 +1,4 @@
-"""Draws a set of the benchmark into a folder: resumable, each picture whole or absent."""
+"""Writes a set of the benchmark to a folder. Can be resumed; each picture is complete or absent."""
 
 import hashlib
 import json
@@ -12,8 +12,8 @@ import OpenEXR
 from PIL import Image
 
 from relight.benchmark.files import INDEX, MAPS, sha256, write_arrays
-from relight.benchmark.picture import Picture, Settings, draw
-from relight.benchmark.recipes import FIGURES, HASHES, SPARE, VIEWS, Recipe, digest, recipes, with_gloss
+from relight.benchmark.picture import Picture, Settings, render_picture
+from relight.benchmark.recipes import FIGURES, HASHES, SPARE_OFFSET, VIEWS, Recipe, digest, draw_recipes, with_gloss
 from relight.config import Align
 from relight.files import UserError, atomic_folder, atomic_write, writable_folder
 from relight.maps import write_maps
@@ -22,33 +22,43 @@ from relight.panoramas import Panorama
 from relight.progress import progress
 from relight.transport.tracer import import_mitsuba
 
-PADDING = 0.05  # of the picture's height, above and below a whole person
-FORMAT = 1  # of the files; raised when they change
-BYTES = 5e6  # of a picture at 512 px, about
+PADDING = 0.05  # above and below a whole person, as a fraction of the picture's height
+FORMAT = 1  # version of the file format
+BYTES_PER_PICTURE = 5e6  # at 512 px, approximately
 
 
 def make(folder: Path | str, kind: str = "report", count: int | None = None, settings: Settings | None = None) -> str:
-    """Draws what is missing of the set `report` or `choose`, or of its first `count` pictures; returns its hash.
+    """Renders the missing pictures of a set.
 
-    Raises UserError without Mitsuba, on settings out of range, and for a folder that holds another set.
+    Args:
+        folder: of the set.
+        kind: `report` or `choose`.
+        count: of pictures, from the first; by default all.
+        settings: of the pictures.
+
+    Returns:
+        The set's hash.
+
+    Raises:
+        UserError: without Mitsuba, for settings out of range, or if the folder holds another set.
     """
     folder, settings = Path(folder), settings or Settings()
     if settings.size < 64 or settings.size % 16:
-        raise UserError(f"--size {settings.size}: a multiple of 16, 64 at least")
-    made = recipes(kind, count)
-    if len(made) == FIGURES * VIEWS and digest(made) != HASHES[kind]:
-        raise RuntimeError(f"the recipes of {kind} are not those that were published: its pictures may not change")
+        raise UserError(f"--size {settings.size}: must be a multiple of 16, and at least 64")
+    wanted = draw_recipes(kind, count)
+    if len(wanted) == FIGURES * VIEWS and digest(wanted) != HASHES[kind]:
+        raise RuntimeError(f"the recipes of {kind} have changed, but those of a published set must not")
     import_mitsuba()
-    writable_folder(folder, "--out", int(BYTES * len(made) * (settings.size / 512) ** 2))
-    same(folder, {"format": FORMAT, "set": kind, "settings": asdict(settings)})
-    missing = [one for one in made if not (folder / "inputs" / one.name).is_dir()]
-    for _ in progress(drawn(missing, folder, settings), "pictures", total=len(missing)):
+    writable_folder(folder, "--out", int(BYTES_PER_PICTURE * len(wanted) * (settings.size / 512) ** 2))
+    check_plan(folder, {"format": FORMAT, "set": kind, "settings": asdict(settings)})
+    missing = [one for one in wanted if not (folder / "inputs" / one.name).is_dir()]
+    for _ in progress(render_missing(missing, folder, settings), "pictures", total=len(missing)):
         pass
-    return index(folder, kind, [one.name for one in made], asdict(settings))
+    return write_index(folder, kind, [one.name for one in wanted], asdict(settings))
 
 
-def same(folder: Path, plan: dict) -> None:
-    """Leaves `plan` in the folder, or raises UserError when another one is there."""
+def check_plan(folder: Path, plan: dict) -> None:
+    """Writes `plan` to the folder, or raises UserError if the folder holds another one."""
     path = folder / "plan.json"
     if not path.is_file():
         with atomic_write(path) as tmp:
@@ -57,34 +67,34 @@ def same(folder: Path, plan: dict) -> None:
         raise UserError(f"{folder} holds another set, or one with other settings ({path}): give another --out")
 
 
-def drawn(missing: list[Recipe], folder: Path, settings: Settings) -> Iterator[Recipe]:
-    """Draws and saves pictures; yields each when it is there."""
+def render_missing(missing: list[Recipe], folder: Path, settings: Settings) -> Iterator[Recipe]:
+    """Renders and saves pictures; yields each recipe when its picture is saved."""
     for seed, group in groupby(missing, lambda one: one.seed):
-        mesh = with_gloss(figure(seed, settings), seed)
+        mesh = with_gloss(make_mesh(seed, settings), seed)
         for recipe in group:
-            picture = draw(recipe, mesh, settings)
+            picture = render_picture(recipe, mesh, settings)
             info = {"name": recipe.name, "subject": mesh.info["subject"], "view": asdict(recipe.view)}
-            assert picture.maps is not None  # only photographs that were imported have none
+            assert picture.maps is not None  # only imported photographs have none
             picture.maps.info = {**picture.maps.info, **info}
-            save(folder, recipe.name, mesh.info["name"], asdict(recipe), picture)
+            save_picture(folder, recipe.name, mesh.info["name"], asdict(recipe), picture)
             yield recipe
 
 
-def figure(seed: int, settings: Settings) -> Mesh:
-    """The aligned figure of a seed, or of the next that its generator does not refuse."""
+def make_mesh(seed: int, settings: Settings) -> Mesh:
+    """Generates the aligned figure of a seed, or of a spare seed if the generator refuses it. Raises UserError."""
     from relight.figures.dress import make_figure
 
     facing = Align(up="+y", front="+z", table=None, padding=PADDING, version=0)
     for spare in range(3):
         try:
-            return align(make_figure(seed + spare * SPARE, settings.detail, settings.texture), facing)
+            return align(make_figure(seed + spare * SPARE_OFFSET, settings.detail, settings.texture), facing)
         except UserError as error:
             reason = error
     raise UserError(f"seed {seed}: {reason}")
 
 
-def save(folder: Path, name: str, figure: str, recipe: dict, picture: Picture) -> None:
-    """Writes one picture, its folder of inputs last: where that is, all of it is."""
+def save_picture(folder: Path, name: str, figure: str, recipe: dict, picture: Picture) -> None:
+    """Writes one picture. Its folder of inputs is written last, so its presence means that the picture is complete."""
     truth, inputs = folder / "truth", folder / "inputs"
     if picture.maps:
         write_maps(truth / f"{name}.exr", picture.maps)
@@ -105,21 +115,21 @@ def save(folder: Path, name: str, figure: str, recipe: dict, picture: Picture) -
             if not variant:
                 for number, panorama in enumerate(picture.new):
                     write_panorama(tmp / f"new_{number}.exr", panorama)
-                seen = {key: getattr(picture.seen, key) for key in (*MAPS, "light")}
-                arrays = {"full": picture.relit, **{key: values for key, values in seen.items() if values is not None}}
+                known = {key: getattr(picture.truth, key) for key in (*MAPS, "light")}
+                arrays = {"full": picture.relit, **{key: values for key, values in known.items() if values is not None}}
                 write_arrays(truth / f"{name}.npz", sha256(tmp / "photo.png"), arrays)
                 write_panorama(truth / f"{name}.light.exr", picture.light)
 
 
 def write_panorama(path: Path, panorama: Panorama) -> None:
-    """Lat-long, its centre toward -z, +x to the right: as `relight light` and `relight photo --light` read it."""
+    """Writes a lat-long panorama as OpenEXR, its centre toward -z and +x to the right, as `relight light` reads it."""
     header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
     with atomic_write(path) as tmp:
         OpenEXR.File(header, {"RGB": np.ascontiguousarray(panorama.pixels, np.float32)}).write(str(tmp))
 
 
-def index(folder: Path, kind: str, names: list[str], settings: dict, **more: str) -> str:
-    """Writes index.json: what is in the set, the hash of each file, and a hash of them all, which is returned."""
+def write_index(folder: Path, kind: str, names: list[str], settings: dict, **extra: str) -> str:
+    """Writes index.json: the pictures, the hash of each file, and the hash of the set, which is returned."""
     pictures = []
     for name in names:
         for path in sorted(folder.glob(f"inputs/{name}")) + sorted(folder.glob(f"inputs/{name}+*")):
@@ -131,7 +141,7 @@ def index(folder: Path, kind: str, names: list[str], settings: dict, **more: str
             pictures.append({"name": path.name, **record, "files": hashes})
     text = json.dumps([one["files"] for one in pictures], sort_keys=True)
     total = hashlib.sha256(text.encode()).hexdigest()
-    content = {"format": FORMAT, "set": kind, "settings": settings, **more, "sha256": total, "pictures": pictures}
+    content = {"format": FORMAT, "set": kind, "settings": settings, **extra, "sha256": total, "pictures": pictures}
     with atomic_write(folder / INDEX) as tmp:
         tmp.write_text(json.dumps(content, indent=1) + "\n")
     return total

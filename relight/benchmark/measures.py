@@ -1,7 +1,7 @@
-"""Errors of what a method infers from one picture, and of how that changes where it should not.
+"""Measures errors of inferred maps and light, their invariances to changes of the picture, and leaks into shading.
 
-Maps are on the picture's square. Light errors are of irradiance: the norm of the difference over the norm. Names that
-end in `_factor` are errors up to one factor for each picture, since no photograph tells how bright a scene is.
+Maps are on the picture's square. Errors of a light are relative errors of its irradiance. Names that end in `_factor`
+are errors after the best factor for each picture, since a photograph does not determine a scene's brightness.
 """
 
 from collections.abc import Mapping
@@ -16,11 +16,11 @@ from relight.sh import cosine_factors, per_coefficient
 
 IRRADIANCE = per_coefficient(cosine_factors(2))[:, None]
 MIRROR = np.ones(9)
-MIRROR[[3, 4, 7]] = -1  # the coefficients that are odd in x
-LEAST = 1e-12  # to divide by
-WINDOW = 7  # of the structural similarity, pixels
+MIRROR[[3, 4, 7]] = -1  # coefficients of functions odd in x
+EPSILON = 1e-12  # lower bound of denominators
+WINDOW = 7  # of SSIM, pixels
 
-# What is compared for each invariance, and with which variant of the picture (`relight.benchmark.shots`).
+# The descriptions of the invariances; most have the name of a variant of the picture (`relight.benchmark.shots`).
 INVARIANCES = {
     "shift_4": "light: square shifted by 4 px",
     "shift_8": "light: by 8 px",
@@ -47,7 +47,7 @@ LEAKS = {
 
 @dataclass(frozen=True)
 class Intrinsics:
-    """The intrinsic maps and the light of a picture, inferred or true; None where a method does not infer them.
+    """Intrinsic maps and light of a picture, inferred or true; None if unknown.
 
     Attributes:
         mask: (S,S) bool.
@@ -64,18 +64,18 @@ class Intrinsics:
     light: np.ndarray | None = None
 
 
-def distance(light: np.ndarray, other: np.ndarray) -> float:
-    """The relative error of a light's irradiance: |light - other| / |other|, both (9,3) coefficients."""
+def irradiance_error(light: np.ndarray, other: np.ndarray) -> float:
+    """Returns the relative error of the irradiance of lights (9,3): |light - other| / |other|."""
     return float(np.linalg.norm((light - other) * IRRADIANCE) / np.linalg.norm(other * IRRADIANCE))
 
 
-def factor(values: np.ndarray, other: np.ndarray) -> float:
-    """The factor on `values` that brings them nearest to `other`, by least squares."""
+def best_scale(values: np.ndarray, other: np.ndarray) -> float:
+    """Returns the factor on `values` that minimises the squared difference from `other`."""
     return float((values * other).sum() / max((values**2).sum(), 1e-9))
 
 
-def similarity(values: np.ndarray, other: np.ndarray, inside: np.ndarray) -> float:
-    """Structural similarity of (H,W,3) in [0,1] in the tight box of `inside` (H,W), zero outside of it in both."""
+def ssim(values: np.ndarray, other: np.ndarray, inside: np.ndarray) -> float:
+    """Returns the SSIM of images (H,W,3) in [0,1], set to zero outside `inside` (H,W), in its bounding box."""
     box = []
     for axis in (1, 0):
         found = np.flatnonzero(inside.any(axis))
@@ -85,108 +85,109 @@ def similarity(values: np.ndarray, other: np.ndarray, inside: np.ndarray) -> flo
     return float(structural_similarity(first, second, channel_axis=-1, data_range=1.0, win_size=WINDOW))
 
 
-def errors(seen: Intrinsics, true: Intrinsics) -> dict[str, float]:
-    """Compares what is inferred with the truth, over the true mask.
+def errors(inferred: Intrinsics, true: Intrinsics) -> dict[str, float]:
+    """Returns the errors of inferred maps and light over the true mask.
 
     Args:
-        seen: what is inferred.
-        true: the truth, as far as it is known.
+        inferred: by a method.
+        true: ground truth.
 
     Returns:
-        For the light its relative error (`distance`); for each map the RMSE of the vector norm
-        (`relight.evaluation.metrics.rmse`); for albedo and shading the SSIM, too. What either side lacks is left out.
+        For the light `irradiance_error`; for each map the RMSE of the vector norm (`relight.evaluation.metrics.rmse`);
+        for albedo and shading also the SSIM. What is None on either side is left out.
     """
     found: dict[str, float] = {}
     inside = true.mask
-    if seen.light is not None and true.light is not None:
-        found["light"] = distance(seen.light, true.light)
-        scale = factor(seen.light * IRRADIANCE, true.light * IRRADIANCE)
-        found["light_factor"] = distance(seen.light * scale, true.light)
+    if inferred.light is not None and true.light is not None:
+        found["light"] = irradiance_error(inferred.light, true.light)
+        scale = best_scale(inferred.light * IRRADIANCE, true.light * IRRADIANCE)
+        found["light_factor"] = irradiance_error(inferred.light * scale, true.light)
     for name in ("albedo", "shading"):
-        values, expected = getattr(seen, name), getattr(true, name)
+        values, expected = getattr(inferred, name), getattr(true, name)
         if values is not None and expected is not None:
-            scale = factor(values[inside], expected[inside])
+            scale = best_scale(values[inside], expected[inside])
             found[name] = float(rmse(values[inside], expected[inside]))
             found[f"{name}_factor"] = float(rmse(values[inside] * scale, expected[inside]))
-            found[f"{name}_ssim"] = similarity(np.clip(values, 0, 1), np.clip(expected, 0, 1), inside)
-    if seen.transport is not None and true.transport is not None:
-        found["transport"] = float(rmse(seen.transport[inside], true.transport[inside]))
+            found[f"{name}_ssim"] = ssim(np.clip(values, 0, 1), np.clip(expected, 0, 1), inside)
+    if inferred.transport is not None and true.transport is not None:
+        found["transport"] = float(rmse(inferred.transport[inside], true.transport[inside]))
     return found
 
 
-def leaks(seen: Intrinsics) -> dict[str, float]:
-    """Measures how far edges of the albedo show in the shading, too.
+def leaks(inferred: Intrinsics) -> dict[str, float]:
+    """Measures how much of the albedo's edges is in the shading.
 
-    Differences are those of ln albedo and of ln shading between neighbouring pixels, well inside the mask.
+    Differences are those of ln albedo and ln shading between neighbouring pixels, well inside the mask.
 
     Args:
-        seen: what is inferred.
+        inferred: by a method.
 
     Returns:
-        LEAKS by name, or {} without albedo or shading, or where the mask is too thin.
-        edges: correlation of the two differences.
-        transfer: slope of the shading's differences over the albedo's, at the strongest 5 % of the latter.
+        LEAKS by name; empty without albedo or shading, or if the mask is too thin.
+        edges: correlation of the differences of albedo and shading.
+        transfer: slope of the shading's differences over the albedo's, for the largest 5 % of the albedo's.
         gradient: mean absolute difference of ln shading.
-        stripes: (max - min) / mean of that from even and from odd pixels, as a mean over both axes.
+        stripes: (max - min) / mean of the gradients from even and from odd pixels; mean over both axes.
     """
-    if seen.albedo is None or seen.shading is None:
+    if inferred.albedo is None or inferred.shading is None:
         return {}
-    inside = binary_erosion(seen.mask, iterations=4)
-    albedo, shading = (np.log(np.maximum(x.mean(-1), 0.02)) for x in (seen.albedo, seen.shading))
-    a, s = (np.concatenate([steps(x, inside, axis) for axis in (0, 1)]) for x in (albedo, shading))
-    if not len(a):
+    inside = binary_erosion(inferred.mask, iterations=4)
+    albedo, shading = (np.log(np.maximum(x.mean(-1), 0.02)) for x in (inferred.albedo, inferred.shading))
+    da, ds = (np.concatenate([differences(x, inside, axis) for axis in (0, 1)]) for x in (albedo, shading))
+    if not len(da):
         return {}
-    strong = np.abs(a) > np.quantile(np.abs(a), 0.95)
-    folded = [[np.abs(steps(shading, inside, axis, phase)).mean() for phase in (0, 1)] for axis in (0, 1)]
-    centred = a - a.mean(), s - s.mean()
+    strong = np.abs(da) > np.quantile(np.abs(da), 0.95)
+    by_phase = [[np.abs(differences(shading, inside, axis, phase)).mean() for phase in (0, 1)] for axis in (0, 1)]
+    centred = da - da.mean(), ds - ds.mean()
+    norms = np.prod([np.linalg.norm(x) for x in centred])
     return {
-        "edges": float((centred[0] * centred[1]).sum() / max(np.prod([np.linalg.norm(x) for x in centred]), LEAST)),
-        "transfer": float((a[strong] * s[strong]).sum() / max((a[strong] ** 2).sum(), LEAST)),
-        "gradient": float(np.abs(s).mean()),
-        "stripes": float(np.mean([(max(means) - min(means)) / max(np.mean(means), LEAST) for means in folded])),
+        "edges": float((centred[0] * centred[1]).sum() / max(norms, EPSILON)),
+        "transfer": float((da[strong] * ds[strong]).sum() / max((da[strong] ** 2).sum(), EPSILON)),
+        "gradient": float(np.abs(ds).mean()),
+        "stripes": float(np.mean([(max(means) - min(means)) / max(np.mean(means), EPSILON) for means in by_phase])),
     }
 
 
-def steps(values: np.ndarray, inside: np.ndarray, axis: int, phase: int | None = None) -> np.ndarray:
-    """Differences of (S,S) between neighbours along an axis that are both inside; phase: from even or odd pixels."""
+def differences(values: np.ndarray, inside: np.ndarray, axis: int, phase: int | None = None) -> np.ndarray:
+    """Returns differences between neighbours inside the mask; with a phase, from even (0) or odd (1) pixels."""
     both = inside[1:] & inside[:-1] if axis == 0 else inside[:, 1:] & inside[:, :-1]
     if phase is not None:
         both = both & (np.indices(both.shape)[axis] % 2 == phase)
     return np.diff(values, axis=axis)[both]
 
 
-def invariances(seen: Mapping[str, Intrinsics]) -> dict[str, float]:
-    """Measures how what is inferred changes with the variants of a picture.
+def invariances(inferred: Mapping[str, Intrinsics]) -> dict[str, float]:
+    """Measures how inferred maps and light change between the variants of a picture.
 
-    A method that always infers the same light is invariant, too: read these numbers beside the errors.
+    A method that always infers the same light is invariant, too. Read these numbers together with the errors.
 
     Args:
-        seen: what is inferred from the picture, "", and from each of its variants, by name.
+        inferred: by the name of the variant; "" is the picture itself.
 
     Returns:
-        INVARIANCES by name, of what the method infers. All should be 0, except: at exposure x .5 the albedo should stay
-        (1) and the shading be halved (.5), and all of a tint (1) should go to the light.
+        INVARIANCES by name, for the maps and the light that the method infers. The ideal is 0, but 1 for `dark_albedo`
+        and `tint`, and .5 for `dark_shading`.
     """
-    usual, found = seen[""], {}
-    lights = {name: one.light for name, one in seen.items() if one.light is not None}
-    shadings = {name: one.shading for name, one in seen.items() if one.shading is not None}
+    picture, found = inferred[""], {}
+    lights = {name: one.light for name, one in inferred.items() if one.light is not None}
+    shadings = {name: one.shading for name, one in inferred.items() if one.shading is not None}
     if "" in lights:
-        moves = {name: distance(light, lights[""]) for name, light in lights.items() if name != "mirror"}
+        changes = {name: irradiance_error(light, lights[""]) for name, light in lights.items() if name != "mirror"}
         for pixels in (4, 8):
-            found[f"shift_{pixels}"] = (moves[f"down_{pixels}"] + moves[f"right_{pixels}"]) / 2
-        found |= {name: moves[name] for name in ("larger", "smaller", "fatter", "thinner", "knee", "waist")}
-        found["mirror_light"] = distance(lights["mirror"] * MIRROR[:, None], lights[""])
-    both = usual.mask & seen["mirror"].mask[:, ::-1]
+            found[f"shift_{pixels}"] = (changes[f"down_{pixels}"] + changes[f"right_{pixels}"]) / 2
+        found |= {name: changes[name] for name in ("larger", "smaller", "fatter", "thinner", "knee", "waist")}
+        found["mirror_light"] = irradiance_error(lights["mirror"] * MIRROR[:, None], lights[""])
+    both = picture.mask & inferred["mirror"].mask[:, ::-1]
     for name, signs in (("transport", MIRROR), ("albedo", 1.0)):
-        if (here := getattr(usual, name)) is not None:
-            there = getattr(seen["mirror"], name)[:, ::-1] * signs
-            found[f"mirror_{name}"] = float(rmse(there[both], here[both]))
+        if (original := getattr(picture, name)) is not None:
+            mirrored = getattr(inferred["mirror"], name)[:, ::-1] * signs
+            found[f"mirror_{name}"] = float(rmse(mirrored[both], original[both]))
     for name in ("albedo", "shading"):
-        if (here := getattr(usual, name)) is not None:
-            change = (getattr(seen["dark"], name) + 1e-3) / (here + 1e-3)
-            found[f"dark_{name}"] = float(np.median(change[usual.mask]))
+        if (original := getattr(picture, name)) is not None:
+            change = (getattr(inferred["dark"], name) + 1e-3) / (original + 1e-3)
+            found[f"dark_{name}"] = float(np.median(change[picture.mask]))
     if "" in shadings:
-        warm, plain = (shadings[name][usual.mask].mean(0) for name in ("warm", "plain"))
+        warm, plain = (shadings[name][picture.mask].mean(0) for name in ("warm", "plain"))
         tint = np.log(warm / plain)
         found["tint"] = float((tint[0] - tint[2]) / np.log(1.44))
     return found

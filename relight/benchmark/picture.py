@@ -1,4 +1,4 @@
-"""One picture of the benchmark: a figure path traced in panoramas, as a camera takes it, and the truth about it."""
+"""Renders one picture of the benchmark: a path-traced figure as a camera takes it, with its ground truth."""
 
 import math
 from collections.abc import Callable
@@ -22,20 +22,26 @@ from relight.srgb import encode, to_bytes
 from relight.transport import Baker
 from relight.transport.tracer import PathTracer
 
-BRIGHTNESS = 0.8  # reference brightness of each light at exposure 1, as in training (docs/conventions.md)
+BRIGHTNESS = 0.8  # reference brightness of lights at exposure 1, as in training (docs/conventions.md)
 BOUNCES = 1
-DARKEST = 4e-3  # albedo, as recoloured ones in training
-PLACES = 4  # k x k places of a pixel, whose mean the true maps are
-MARGIN = 0.06  # about half a person, of the height of the picture
+MIN_ALBEDO = 4e-3  # as of recoloured garments in training
+SUPERSAMPLE = 4  # k: true maps are means over k x k points of a pixel
+MARGIN = 0.06  # around half a person, as a fraction of the picture's height
 
-# The camera of the pictures that methods are given. Its tone is plain, as that of the pictures to be matched.
+# The camera of the photographs. It has no tone curve, as the true pictures have none.
 CAMERA = replace(NO_AUGMENTATION, blur=0.7, sharpen=0.5, noise=0.015, jpeg=0.6)
 
 
 @dataclass(frozen=True)
 class Settings:
-    """size: pixels of a whole person's picture; samples: paths per pixel; rays: per pixel of the true transport;
-    detail, texture: of the figures (relight.figures.dress.make_figure)."""
+    """How pictures are rendered.
+
+    Attributes:
+        size: side of the picture of a whole person, pixels.
+        samples: paths per pixel.
+        rays: per pixel, for the true transport.
+        detail, texture: of the figures (`relight.figures.dress.make_figure`).
+    """
 
     size: int = 512
     samples: int = 64
@@ -45,62 +51,69 @@ class Settings:
 
     @property
     def side(self) -> int:
-        """Pixels of the square on which maps are compared."""
+        """Side of the square on which maps are compared, pixels."""
         return self.size // 2
 
 
 @dataclass
 class Picture:
-    """shots: the photograph "" and its variants; light, new: panoramas in the camera's frame; maps: true, at the
-    photograph's pixels, or None; relit (N,H,W,3) uint8: true pictures in the new lights, black around the figure; seen:
-    the truth on the square of the photograph."""
+    """A picture with its ground truth.
+
+    Attributes:
+        shots: the photograph, under "", and its variants by name.
+        light: of the photograph, in the camera's frame.
+        new: the N new lights, in the camera's frame.
+        maps: ground truth at the photograph's pixels, or None.
+        relit: (N,H,W,3) uint8, true pictures in the new lights, black around the figure.
+        truth: ground truth on the square of the photograph.
+    """
 
     shots: dict[str, Shot]
     light: Panorama
     new: list[Panorama]
     maps: Maps | None
     relit: np.ndarray
-    seen: Intrinsics
+    truth: Intrinsics
 
 
-def draw(recipe: Recipe, mesh: Mesh, settings: Settings) -> Picture:
-    """Draws one picture of an aligned mesh. UserError without Mitsuba."""
+def render_picture(recipe: Recipe, mesh: Mesh, settings: Settings) -> Picture:
+    """Renders one picture of an aligned mesh. Raises UserError without Mitsuba."""
     size = settings.size
     baker = Baker(mesh, settings.rays)
-    maps = baker.maps(size, PLACES, recipe.view)
+    maps = baker.maps(size, SUPERSAMPLE, recipe.view)
     camera = baker.camera(size, recipe.view)
     brightness = BRIGHTNESS * 2**recipe.stops
     light, *new = (panorama(one, recipe.view.pitch, brightness) for one in (recipe.light, *recipe.new))
-    glossy = PathTracer(mesh, size, camera, gloss=True)
+    tracer = PathTracer(mesh, size, camera, gloss=True)
 
-    def scene(source: Panorama, seed: int) -> np.ndarray:
-        return math.pi * glossy.radiance(sky_of(source), settings.samples, BOUNCES, seed)
+    def render(source: Panorama, seed: int) -> np.ndarray:
+        return math.pi * tracer.radiance(sky_of(source), settings.samples, BOUNCES, seed)
 
     coverage = maps.coverage[..., None]
-    behind = math.pi * camera_view(light, (size, size))  # as bright as a white matt surface that faces it
-    linear = scene(light, 1) + (1 - coverage) * behind
-    relit = [to_bytes(encode(scene(one, 2 + i))) for i, one in enumerate(new)]
-    # `PathTracer.irradiance` divides by the albedo of the same samples; it costs six times as much.
-    matt = math.pi * PathTracer(mesh, size, camera).radiance(sky_of(light), settings.samples, BOUNCES, 0)
-    shading = matt / np.maximum(maps.albedo * coverage, DARKEST)
-    window = part(maps.mask, recipe.cut)
+    background = math.pi * camera_view(light, (size, size))  # as bright as a white diffuse surface that faces it
+    linear = render(light, 1) + (1 - coverage) * background
+    relit = [to_bytes(encode(render(one, 2 + i))) for i, one in enumerate(new)]
+    # `PathTracer.irradiance` would divide by the albedo of the same samples, but takes six times as long.
+    diffuse = math.pi * PathTracer(mesh, size, camera).radiance(sky_of(light), settings.samples, BOUNCES, 0)
+    shading = diffuse / np.maximum(maps.albedo * coverage, MIN_ALBEDO)
+    window = crop_window(maps.mask, recipe.cut)
 
     def expose(gain: np.ndarray | float) -> np.ndarray:
-        """The photograph, always with the same noise."""
+        """Returns the photograph at a gain; the noise is always the same."""
         image = torch.from_numpy(np.moveaxis(linear * gain, -1, 0)[None].astype(np.float32))
-        taken = developed(image, CAMERA, [np.random.default_rng([recipe.seed, int(recipe.name[-1]), 0xCA])])
-        return to_bytes(encode(np.moveaxis(taken[0].numpy(), 0, -1)))[window]
+        photo = developed(image, CAMERA, [np.random.default_rng([recipe.seed, int(recipe.name[-1]), 0xCA])])
+        return to_bytes(encode(np.moveaxis(photo[0].numpy(), 0, -1)))[window]
 
-    maps = cropped(maps, window)
+    maps = crop_maps(maps, window)
     shots = variants(expose, to_bytes(maps.coverage), settings.side)
     shots = {name: shot for name, shot in shots.items() if recipe.varied or not name}
     coefficients = project(light, 2)
-    seen = on_square(maps, shading[window], coefficients, shots[""].square)
-    return Picture(shots, light, new, maps, np.stack([one[window] for one in relit]), seen)
+    truth = on_square(maps, shading[window], coefficients, shots[""].square)
+    return Picture(shots, light, new, maps, np.stack([one[window] for one in relit]), truth)
 
 
-def part(mask: np.ndarray, cut: float | None) -> tuple[slice, slice]:
-    """The part (rows, columns) of a square picture that is kept: all of it, or the upper `cut` of the figure."""
+def crop_window(mask: np.ndarray, cut: float | None) -> tuple[slice, slice]:
+    """Returns the rows and columns to keep: all, or those around the fraction `cut` of the figure from the top."""
     if cut is None:
         return slice(None), slice(None)
     rows = np.flatnonzero(mask.any(1))
@@ -110,25 +123,32 @@ def part(mask: np.ndarray, cut: float | None) -> tuple[slice, slice]:
     return slice(max(0, rows[0] - margin), end), slice(max(0, columns[0] - margin), columns[-1] + 1 + margin)
 
 
-def cropped(maps: Maps, window: tuple[slice, slice]) -> Maps:
-    """The maps of a part (rows, columns) of the picture."""
+def crop_maps(maps: Maps, window: tuple[slice, slice]) -> Maps:
+    """Returns maps cropped to a window (rows, columns)."""
     arrays = {name: value[window] for name, value in vars(maps).items() if isinstance(value, np.ndarray)}
     return Maps(**arrays, info=maps.info)
 
 
 def on_square(maps: Maps, shading: np.ndarray, light: np.ndarray, box: Crop) -> Intrinsics:
-    """The truth on a square: means over what of the figure is in each of its pixels."""
-    inside, mean = means(maps, box)
+    """Returns the ground truth on a square: means over the figure in each of its pixels.
+
+    Args:
+        maps: (H,W).
+        shading: (H,W,3).
+        light: (9,3).
+        box: the square in the picture.
+    """
+    inside, mean = figure_means(maps, box)
     return Intrinsics(inside, mean(maps.albedo), mean(maps.transport), mean(shading), light)
 
 
-def means(maps: Maps, box: Crop) -> tuple[np.ndarray, Callable[[np.ndarray], np.ndarray]]:
-    """Which pixels (S,S) of a square show the figure, and what takes values (H,W,C) to their means over it in each."""
+def figure_means(maps: Maps, box: Crop) -> tuple[np.ndarray, Callable[[np.ndarray], np.ndarray]]:
+    """Returns the mask (S,S) of a square, and a function from values (H,W,C) to their means over the figure (S,S,C)."""
     inside = box.extract(to_bytes(maps.coverage)) >= MASK_THRESHOLD
-    known = maps.coverage * maps.mask  # maps are zero where the pixel's centre shows no figure
-    share = np.maximum(box.extract(known), 1e-3)[..., None]
+    weight = maps.coverage * maps.mask  # maps are zero where the figure does not cover the pixel's centre
+    total = np.maximum(box.extract(weight), 1e-3)[..., None]
 
     def mean(values: np.ndarray) -> np.ndarray:
-        return box.extract(values * known[..., None]) / share * inside[..., None]
+        return box.extract(values * weight[..., None]) / total * inside[..., None]
 
     return inside, mean

@@ -1,6 +1,6 @@
-"""What stands in each picture of the benchmark: figure, view, framing and lights, all drawn from its name.
+"""Draws the recipe of each picture of the benchmark (figure, view, framing, lights, exposure) from its name.
 
-Nothing here may change: the hash of a set's recipes is part of the set, and `HASHES` says what it must be.
+The recipes of a set must never change: HASHES fixes them.
 """
 
 import hashlib
@@ -15,16 +15,16 @@ from relight.learning.augment import CUT
 from relight.meshes import Mesh
 from relight.transport import View, random_view
 
-FIRST = {"report": 900_000, "choose": 910_000}  # first seed of figures and of lights; none of them is trained on
+FIRST_SEED = {"report": 900_000, "choose": 910_000}  # of figures and lights, none of which is in training
 FIGURES = 64
-VIEWS = 2  # pictures of each figure: the whole person, then a whole or a half one
-SPARE = 1_000  # a figure that its generator refuses is replaced by that of the seed so much higher
-NEW = 4  # lights that each picture is relit by
-KIND = {"room": 0.5, "sky": 0.2, "lamps": 0.3}
-TINT = 0.15  # standard deviation of ln(B/G) of white balances
-STOPS = (-0.7, 0.5)
-HALF = 0.5  # share of the second pictures that show half a person
-VARIED = 2  # every second figure's first picture is there in variants too
+VIEWS = 2  # pictures per figure: the whole person, then the whole or the upper half
+SPARE_OFFSET = 1_000  # added to the seed of a figure that the generator refuses
+NEW_LIGHTS = 4  # per picture
+LIGHT_KINDS = {"room": 0.5, "sky": 0.2, "lamps": 0.3}  # probabilities
+TINT = 0.15  # standard deviation of ln(B/G) of the white balance
+STOPS = (-0.7, 0.5)  # range of the exposure
+HALF_SHARE = 0.5  # share of the second pictures that show the upper half
+VARIANT_EVERY = 2  # the first picture of every second figure has variants
 
 HASHES = {
     "report": "35ec0e0384d839fcc253df3c6654538f01cb7142f4891dbb23017bab5bb57b6e",
@@ -34,8 +34,18 @@ HASHES = {
 
 @dataclass(frozen=True)
 class Recipe:
-    """One picture. cut: share of the figure's height that is in it, None for all; light: in which the person is seen;
-    new: in which it is to be shown; stops: exposure; varied: whether it is there in variants for the invariances."""
+    """The content of one picture.
+
+    Attributes:
+        name: of the picture.
+        seed: of the figure.
+        view: of the camera.
+        cut: fraction of the figure's height that is in the picture, from the top; None for all of it.
+        light: of the photograph.
+        new: the lights that the person is to be relit with.
+        stops: exposure.
+        varied: whether the picture has variants for the invariances.
+    """
 
     name: str
     seed: int
@@ -47,36 +57,37 @@ class Recipe:
     varied: bool
 
 
-def recipes(kind: str, count: int | None = None) -> list[Recipe]:
-    """The recipes of the set `report` or `choose`, or the first `count` of them. UserError for another name."""
-    if kind not in FIRST:
-        raise UserError(f"--set {kind}: {' or '.join(FIRST)}")
-    made = [recipe(FIRST[kind] + figure, number) for figure in range(FIGURES) for number in range(1, VIEWS + 1)]
-    if count is not None and not 1 <= count <= len(made):
-        raise UserError(f"--count {count}: the set has 1 to {len(made)} pictures")
-    return made[:count]
+def draw_recipes(kind: str, count: int | None = None) -> list[Recipe]:
+    """Returns the recipes of the set `report` or `choose`, or the first `count`. Raises UserError for another name."""
+    if kind not in FIRST_SEED:
+        raise UserError(f"--set {kind}: must be {' or '.join(FIRST_SEED)}")
+    seeds = range(FIRST_SEED[kind], FIRST_SEED[kind] + FIGURES)
+    drawn = [draw_recipe(seed, number) for seed in seeds for number in range(1, VIEWS + 1)]
+    if count is not None and not 1 <= count <= len(drawn):
+        raise UserError(f"--count {count}: must be from 1 to {len(drawn)}")
+    return drawn[:count]
 
 
-def recipe(seed: int, number: int) -> Recipe:
-    """Picture `number` (from 1) of the figure of a seed."""
+def draw_recipe(seed: int, number: int) -> Recipe:
+    """Returns the recipe of picture `number`, from 1, of the figure of a seed."""
     name = f"g{seed}.{number}"
     rng = np.random.default_rng([seed, number, 0xB3])
     lights = []
-    for place in range(NEW + 1):
-        kind = str(rng.choice(list(KIND), p=list(KIND.values())))
-        own = (seed * VIEWS + number - 1) * (NEW + 1) + place
+    for index in range(NEW_LIGHTS + 1):
+        kind = str(rng.choice(list(LIGHT_KINDS), p=list(LIGHT_KINDS.values())))
+        light_seed = (seed * VIEWS + number - 1) * (NEW_LIGHTS + 1) + index
         lights.append(
-            Lamplight(kind, own, round(float(rng.normal(0, TINT)), 3), round(float(rng.uniform(-180, 180)), 1))
+            Lamplight(kind, light_seed, round(float(rng.normal(0, TINT)), 3), round(float(rng.uniform(-180, 180)), 1))
         )
-    half = number > 1 and rng.random() < HALF
-    cut = round(float(rng.uniform(*CUT)), 3) if half else None
+    is_half = number > 1 and rng.random() < HALF_SHARE
+    cut = round(float(rng.uniform(*CUT)), 3) if is_half else None
     stops = round(float(rng.uniform(*STOPS)), 3)
-    varied = number == 1 and seed % VARIED == 0
+    varied = number == 1 and seed % VARIANT_EVERY == 0
     return Recipe(name, seed, random_view(name, 0), cut, lights[0], tuple(lights[1:]), stops, varied)
 
 
 def with_gloss(mesh: Mesh, seed: int) -> Mesh:
-    """The figure of a seed with another gloss on each material than its own, from satin to nearly matt."""
+    """Returns a figure with gloss drawn anew from a seed for each material, from satin to nearly matt."""
     rng = np.random.default_rng([seed, 0xC0A7])
     materials = []
     for material in mesh.materials:
@@ -85,7 +96,7 @@ def with_gloss(mesh: Mesh, seed: int) -> Mesh:
     return replace(mesh, materials=materials)
 
 
-def digest(made: list[Recipe]) -> str:
-    """The hash of recipes."""
-    text = json.dumps([asdict(one) for one in made], sort_keys=True)
+def digest(drawn: list[Recipe]) -> str:
+    """Returns the SHA-256 of recipes."""
+    text = json.dumps([asdict(one) for one in drawn], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()

@@ -1,4 +1,4 @@
-"""Scores a folder of answers, and sets rows of scores beside each other."""
+"""Scores folders of answers, and compares methods in tables."""
 
 import csv
 from dataclasses import dataclass
@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.benchmark.files import PICTURES, Entry, Set, inside_of, intrinsics_of, read_answer
-from relight.benchmark.measures import INVARIANCES, LEAKS, errors, factor, invariances, leaks, similarity
+from relight.benchmark.files import PICTURES, BenchmarkSet, Entry, read_answer, square_mask, to_intrinsics
+from relight.benchmark.measures import INVARIANCES, LEAKS, best_scale, errors, invariances, leaks, ssim
 from relight.evaluation.formats import Grid, count
 from relight.evaluation.metrics import rmse
 from relight.evaluation.statistics import estimate
@@ -17,42 +17,50 @@ from relight.progress import progress
 from relight.srgb import LINEAR, encode
 
 KEYS = ("set", "picture", "figure")
-RELIT = tuple(f"{mode}{reading}" for mode in PICTURES for reading in ("", "_factor", "_ssim"))
-SAID = (
+PICTURE_COLUMNS = tuple(f"{mode}{reading}" for mode in PICTURES for reading in ("", "_factor", "_ssim"))
+MAP_COLUMNS = (
     "albedo", "albedo_factor", "albedo_ssim", "shading", "shading_factor", "shading_ssim",
     "transport", "light", "light_factor",
 )  # fmt: skip
-ABSOLUTE = {name for name in (*RELIT, *SAID) if name != "transport" and not name.endswith("_factor")}
-COLUMNS = (*RELIT, *SAID, *INVARIANCES, *LEAKS)
+ABSOLUTE = {name for name in (*PICTURE_COLUMNS, *MAP_COLUMNS) if name != "transport" and not name.endswith("_factor")}
+COLUMNS = (*PICTURE_COLUMNS, *MAP_COLUMNS, *INVARIANCES, *LEAKS)
 SCORES = "scores.csv"
 RESAMPLES = 10_000
 
 
 def score(folder: Path | str, answers: Path | str) -> Path:
-    """Scores the answers in a folder against the set in `folder`; writes scores.csv beside them and returns its path.
+    """Scores a folder of answers, and writes scores.csv there.
 
-    Raises UserError when the set has changed, and for answers that are missing, of another picture or of a wrong size.
+    Args:
+        folder: of the set.
+        answers: folder of the answers.
+
+    Returns:
+        The file of the scores.
+
+    Raises:
+        UserError: if the set has changed, or an answer is missing, for another picture, or of a wrong size.
     """
-    benchmark, answers = Set(folder), Path(answers)
+    benchmark, answers = BenchmarkSet(folder), Path(answers)
     if not answers.is_dir():
         raise UserError(f"{answers}: there is no such folder of answers")
     benchmark.verify()
     pictures = [entry for entry in benchmark.entries if not entry.of]
-    varied = any((answers / f"{entry.name}.npz").is_file() for entry in benchmark.entries if entry.of)
+    has_variants = any((answers / f"{entry.name}.npz").is_file() for entry in benchmark.entries if entry.of)
     rows: list[tuple[str, str, str, dict[str, float]]] = []
-    first: set[str] = set()
+    names: set[str] = set()
     for entry in progress(pictures, "pictures scored"):
-        variants = [one for one in benchmark.entries if one.of == entry.name] if varied else []
-        given = {one: read_answer(answers, one) for one in (entry, *variants)}
-        first = first or set(given[entry])
-        for one, arrays in given.items():
-            asked = first.difference(PICTURES) if one.of else first
-            if set(arrays) != asked:
+        variants = [one for one in benchmark.entries if one.of == entry.name] if has_variants else []
+        answered = {one: read_answer(answers, one) for one in (entry, *variants)}
+        names = names or set(answered[entry])
+        for one, arrays in answered.items():
+            required = names.difference(PICTURES) if one.of else names
+            if set(arrays) != required:
                 raise UserError(
-                    f"{answers / one.name}.npz holds {', '.join(arrays)}, and the first picture asks for "
-                    f"{', '.join(sorted(asked))}: all answers of a folder must hold the same"
+                    f"{answers / one.name}.npz holds {', '.join(arrays)}, but that of the first picture "
+                    f"{', '.join(sorted(required))}: all answers of a folder must hold the same arrays"
                 )
-        rows.append((benchmark.hash[:16], entry.name, entry.figure, judged(benchmark, entry, given)))
+        rows.append((benchmark.hash[:16], entry.name, entry.figure, score_answers(benchmark, entry, answered)))
     with atomic_write(answers / SCORES) as tmp, open(tmp, "w", newline="") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow([*KEYS, *COLUMNS])
@@ -60,59 +68,73 @@ def score(folder: Path | str, answers: Path | str) -> Path:
     return answers / SCORES
 
 
-def judged(benchmark: Set, entry: Entry, given: dict[Entry, dict[str, np.ndarray]]) -> dict[str, float]:
-    """Scores the answers to a photograph and to its variants.
+def score_answers(
+    benchmark: BenchmarkSet, entry: Entry, answered: dict[Entry, dict[str, np.ndarray]]
+) -> dict[str, float]:
+    """Scores the answers to a picture and to its variants.
 
     Args:
         benchmark: the set.
-        entry: the photograph.
-        given: the arrays that a method gave for it and for each of its variants.
+        entry: the picture.
+        answered: the arrays of the answers to the picture and to each of its variants.
 
     Returns:
-        Those of COLUMNS that the answers allow. Where the set does not know how bright the albedo is, the scores that
+        Those of COLUMNS that the answers allow. If the set does not know the scale of the albedo, the scores that
         depend on it (ABSOLUTE) are left out.
     """
     true, pictures = benchmark.truth(entry)
-    seen = {one.variant: intrinsics_of(arrays, inside_of(one)) for one, arrays in given.items()}
-    found = errors(seen[""], true) | leaks(seen[""])
-    solid = entry.shot().mask >= OPAQUE
+    inferred = {one.variant: to_intrinsics(arrays, square_mask(one)) for one, arrays in answered.items()}
+    found = errors(inferred[""], true) | leaks(inferred[""])
+    opaque = entry.shot().mask >= OPAQUE
     for mode in PICTURES:
-        if mode in given[entry]:
-            parts = [relit_errors(*pair, solid) for pair in zip(given[entry][mode], pictures)]
-            found |= {f"{mode}{key}": float(np.mean([part[key] for part in parts])) for key in parts[0]}
-    if len(seen) > 1:
-        found |= invariances(seen)
+        if mode in answered[entry]:
+            by_light = [relit_errors(*pair, opaque) for pair in zip(answered[entry][mode], pictures)]
+            found |= {f"{mode}{key}": float(np.mean([one[key] for one in by_light])) for key in by_light[0]}
+    if len(inferred) > 1:
+        found |= invariances(inferred)
     return found if benchmark.scaled else {name: value for name, value in found.items() if name not in ABSOLUTE}
 
 
-def relit_errors(relit: np.ndarray, true: np.ndarray, solid: np.ndarray) -> dict[str, float]:
-    """Errors of a picture (H,W,3) uint8 where the figure is solid, of sRGB codes in [0,1].
+def relit_errors(relit: np.ndarray, true: np.ndarray, opaque: np.ndarray) -> dict[str, float]:
+    """Returns the errors of a relit picture, of sRGB codes in [0,1].
 
-    "": RMSE of the vector norm; "_factor": the same after the one factor on linear values that brings it nearest;
-    "_ssim": structural similarity.
+    Args:
+        relit: (H,W,3) uint8.
+        true: (H,W,3) uint8.
+        opaque: (H,W) bool, where the figure covers the pixel.
+
+    Returns:
+        "": RMSE of the vector norm.
+        "_factor": the same after the best factor on linear values.
+        "_ssim": SSIM.
     """
-    codes, expected = (x / 255 for x in (relit, true))
-    linear = LINEAR[relit[solid]].astype(np.float64)
-    scaled = encode(linear * factor(linear, LINEAR[true[solid]]))
+    codes, true_codes = (x / 255 for x in (relit, true))
+    linear = LINEAR[relit[opaque]].astype(np.float64)
+    scaled = encode(linear * best_scale(linear, LINEAR[true[opaque]]))
     return {
-        "": float(rmse(codes[solid], expected[solid])),
-        "_factor": float(rmse(scaled, expected[solid])),
-        "_ssim": similarity(codes, expected, solid),
+        "": float(rmse(codes[opaque], true_codes[opaque])),
+        "_factor": float(rmse(scaled, true_codes[opaque])),
+        "_ssim": ssim(codes, true_codes, opaque),
     }
 
 
 @dataclass
-class Row:
-    """A method's scores: the set, pictures and figures as they stand in the file; columns: name -> (N,), NaN where
-    a method gave nothing."""
+class MethodScores:
+    """The scores of a method.
+
+    Attributes:
+        name: of the method.
+        keys: set, picture and figure of each of the N rows.
+        columns: name -> (N,), NaN where the method did not answer.
+    """
 
     name: str
     keys: list[tuple[str, str, str]]
     columns: dict[str, np.ndarray]
 
 
-def read_row(answers: Path | str) -> Row:
-    """What `score` wrote into a folder of answers. Raises UserError on anything else."""
+def read_scores(answers: Path | str) -> MethodScores:
+    """Reads the scores in a folder of answers. Raises UserError if `score` did not write them."""
     path = existing_file(Path(answers) / SCORES, "scores (relight benchmark score)")
     with open(path, newline="") as file:
         reader = csv.DictReader(file)
@@ -122,31 +144,42 @@ def read_row(answers: Path | str) -> Row:
             raise ValueError
         columns = {name: np.array([float(row[name] or "nan") for row in rows]) for name in COLUMNS}
     except (ValueError, TypeError):
-        raise UserError(f"{path} is not what relight benchmark score writes") from None
-    return Row(Path(answers).resolve().name, [(row["set"], row["picture"], row["figure"]) for row in rows], columns)
+        raise UserError(f"{path} is not a table of relight benchmark score: score the answers again") from None
+    keys = [(row["set"], row["picture"], row["figure"]) for row in rows]
+    return MethodScores(Path(answers).resolve().name, keys, columns)
 
 
 @dataclass
 class Section:
-    """A table with its title, and a note on what its numbers are."""
+    """A table with its title, and a note that explains its numbers."""
 
     title: str
     note: str
     grid: Grid
 
 
-def tables(rows: list[Row], bootstrap: int = RESAMPLES) -> dict[str, Section]:
-    """The rows beside each other: relit pictures, maps and light, what moves. Means over pictures with their intervals.
+def tables(rows: list[MethodScores], bootstrap: int = RESAMPLES) -> dict[str, Section]:
+    """Compares methods: tables of relit pictures, of maps and light, and of invariances.
 
-    Figures are resampled, whole. Raises UserError when the rows are of different sets.
+    Cells are means with the intervals of a bootstrap over figures.
+
+    Args:
+        rows: the methods.
+        bootstrap: number of resamples.
+
+    Returns:
+        Tables by the stem of their files.
+
+    Raises:
+        UserError: if the methods were scored on different sets.
     """
     for row in rows[1:]:
         if row.keys != rows[0].keys:
-            raise UserError(f"{row.name} and {rows[0].name} were scored on different sets: score both on one")
+            raise UserError(f"{row.name} and {rows[0].name} were scored on different sets: score both on the same one")
     figures = np.array([figure for _, _, figure in rows[0].keys])
     names = list(dict.fromkeys(figures))
 
-    def cell(row: Row, column: str):
+    def cell(row: MethodScores, column: str):
         means = {}
         for name in names:
             values = row.columns[column][figures == name]
@@ -159,30 +192,33 @@ def tables(rows: list[Row], bootstrap: int = RESAMPLES) -> dict[str, Section]:
     def table(title: str, heads: dict[str, str], words: str) -> Section:
         kept = {name: head for name, head in heads.items() if any(cell(row, name) for row in rows)}
         lines = [[row.name, *(cell(row, name) for name in kept)] for row in rows]
-        return Section(title, f"{words} {many}", Grid.of(["method", *kept.values()], lines))
+        return Section(title, f"{words} {sample}", Grid.of(["method", *kept.values()], lines))
 
-    def moves() -> Section:
-        """The other way round, since there are more measures than methods."""
-        telling = [row for row in rows if any(cell(row, name) for name in MOVES)]
-        lines = [[words, *(cell(row, name) for row in telling)] for name, words in MOVES.items()]
-        words = "All should be 0, but for albedo at exposure x .5 (1), shading (.5), a tint (1), and the last four."
-        grid = Grid.of(["measure", *(row.name for row in telling)], lines)
-        return Section("What moves and must not", f"{words} {many}", grid)
+    def invariance_table() -> Section:
+        """Transposed, since there are more measures than methods."""
+        answering = [row for row in rows if any(cell(row, name) for name in INVARIANCE_ROWS)]
+        lines = [[words, *(cell(row, name) for row in answering)] for name, words in INVARIANCE_ROWS.items()]
+        words = (
+            "Ideally 0, but 1 for albedo at exposure x .5 and for a tint, and .5 for shading at exposure x .5. The "
+            "last four rows measure leaks of the albedo into the shading."
+        )
+        grid = Grid.of(["measure", *(row.name for row in answering)], lines)
+        return Section("Invariances and leaks", f"{words} {sample}", grid)
 
     pictures, people = count(len(figures), "picture"), count(len(names), "figure")
-    many = (
+    sample = (
         f"Means over {pictures} of {people} of set {rows[0].keys[0][0]}, ± half the 95 % interval (bootstrap over "
-        "figures). A star: up to one factor a picture."
+        "figures). A star: after the best factor for each picture."
     )
     found = {
         "benchmark_pictures": table("Relit pictures", PICTURE_HEADS, "Errors of sRGB codes in [0,1]."),
-        "benchmark_maps": table("Maps and light", MAP_HEADS, "RMSE of vectors; light: relative, of irradiance."),
-        "benchmark_invariance": moves(),
+        "benchmark_maps": table("Maps and light", MAP_HEADS, "RMSE of vectors; light: relative error of irradiance."),
+        "benchmark_invariance": invariance_table(),
     }
     return {name: section for name, section in found.items() if section.grid.frame.shape[1]}
 
 
-MOVES = INVARIANCES | LEAKS
+INVARIANCE_ROWS = INVARIANCES | LEAKS
 READINGS = {"": "RMSE", "_factor": "RMSE*", "_ssim": "SSIM"}
 PICTURE_HEADS = {f"{mode}{key}": f"{mode}: {head}" for mode in PICTURES for key, head in READINGS.items()}
-MAP_HEADS = {name: name.replace("_factor", "*").replace("_ssim", " SSIM") for name in SAID}
+MAP_HEADS = {name: name.replace("_factor", "*").replace("_ssim", " SSIM") for name in MAP_COLUMNS}

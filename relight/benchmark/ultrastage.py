@@ -1,13 +1,13 @@
-"""UltraStage (Zhou et al., CVPR 2023): people under all lamps of a stage and under two gradients, as published.
+"""Reads UltraStage (Zhou et al., CVPR 2023): people in a light stage under all lamps and under two gradients.
 
-    CAPTURE/full_on/00000.jpg ... 00031.jpg     all lamps, one file for each camera, sRGB
+    CAPTURE/full_on/00000.jpg ... 00031.jpg     all lamps, one file per camera, sRGB
     CAPTURE/pos/, CAPTURE/neg/                  the gradients
     CAPTURE/mask/
-    CAPTURE/normal_alpha/                       normals of the world as (n + 1) / 2, with the mask as alpha
-    CAPTURE/transforms.json                     of each camera: to the world, with OpenGL's axes, as for NeRF
+    CAPTURE/normal_alpha/                       world normals as (n + 1) / 2, with the mask as alpha
+    CAPTURE/transforms.json                     camera to world, OpenGL's axes, as for NeRF
 
-The gradients' lamps have the radiance (1 + g.w) / 2 and (1 - g.w) / 2 of all lamps in direction w, where g is an axis
-of the world for each colour channel. Which axis is not written anywhere: the pictures and the normals tell.
+In the gradients, the lamp in direction w has (1 + g.w) / 2 and (1 - g.w) / 2 of its radiance under all lamps. For each
+colour channel, g is an axis of the world. The axes are not documented, so they are found from pictures and normals.
 """
 
 import json
@@ -24,8 +24,8 @@ from relight.photos.read import SUFFIXES, read_mask, read_photo
 from relight.srgb import LINEAR
 
 PARTS = ("full_on", "pos", "neg", "mask", "normal_alpha")
-SNAP = 20.0  # degrees within which a gradient is along an axis
-EXPLAINED = 0.5  # least share of the gradients' variance that normals explain
+SNAP_DEGREES = 20.0  # largest angle at which a gradient is rounded to an axis
+MIN_FIT = 0.5  # share of the gradients' variance that normals must explain
 
 
 @dataclass(frozen=True)
@@ -47,15 +47,15 @@ class Capture:
 
 @dataclass(frozen=True)
 class Pictures:
-    """What the files of a capture hold.
+    """The contents of a capture's files, and the gradients found from them.
 
     Attributes:
         full_on, positive, negative: (H,W,3) uint8 sRGB.
         mask: (H,W) uint8.
-        normal: (H,W,3) unit, in the world's axes; zero outside of the mask.
-        gradients: (3,3), for each colour channel the unit vector g of the world along which its light grows.
-        level: (3,), of each channel, how bright both gradients together are, over all lamps.
-        fit: share of the variance of (pos - neg) / (pos + neg) that the normals explain.
+        normal: (H,W,3) unit, in the world's axes; zero outside the mask.
+        gradients: (3,3), the unit vector g in the world of each colour channel.
+        level: (3,), the sum of both gradients over all lamps, by channel.
+        fit: fraction of the variance of (pos - neg) / (pos + neg) that the normals explain.
     """
 
     full_on: np.ndarray
@@ -69,37 +69,38 @@ class Pictures:
 
 
 def captures(folder: Path | str, only: str = "") -> Iterator[Capture]:
-    """Yields the cameras of all captures in a folder, by name.
+    """Yields the captures of all cameras in a folder, in the order of their names.
 
     Args:
-        folder: with a folder for each capture, unpacked.
-        only: a regular expression that the names match anywhere; all by default.
+        folder: contains an unpacked folder for each capture.
+        only: a regular expression that names must match anywhere; by default all do.
 
     Raises:
-        UserError: if there is none, or files of one are missing or broken.
+        UserError: if there are none, or files of one are missing or broken.
     """
     try:
         wanted = re.compile(only)
     except re.error as error:
-        raise UserError(f"{only!r} is no regular expression ({error}); it is for the names of captures") from None
+        raise UserError(f"{only!r} is not a regular expression ({error}): give one for the names of captures") from None
     found = False
-    for place in sorted(path.parent for path in Path(folder).glob("*/full_on")):
-        turns: dict[int, np.ndarray] = {}
-        for path in sorted((place / "full_on").iterdir()):
-            name = f"{place.name}.{path.stem}"
+    for capture_folder in sorted(path.parent for path in Path(folder).glob("*/full_on")):
+        rotations: dict[int, np.ndarray] = {}
+        for path in sorted((capture_folder / "full_on").iterdir()):
+            name = f"{capture_folder.name}.{path.stem}"
             if path.suffix.lower() not in SUFFIXES or not path.stem.isdigit() or not wanted.search(name):
                 continue
             found = True
-            turns = turns or read_rotations(place / "transforms.json")
-            if int(path.stem) not in turns:
-                raise UserError(f"{place / 'transforms.json'} has no camera {path.stem}")
-            yield Capture(name, place.name, {part: matching_file(path, part) for part in PARTS}, turns[int(path.stem)])
+            rotations = rotations or read_rotations(capture_folder / "transforms.json")
+            if int(path.stem) not in rotations:
+                raise UserError(f"{capture_folder / 'transforms.json'} has no camera {path.stem}")
+            files = {part: matching_file(path, part) for part in PARTS}
+            yield Capture(name, capture_folder.name, files, rotations[int(path.stem)])
     if not found:
         raise UserError(f"{folder} holds no CAPTURE/full_on/00000.jpg{f' whose name matches {only}' if only else ''}")
 
 
 def matching_file(path: Path, part: str) -> Path:
-    """Finds the file of another part of a capture that has the number of `path`.
+    """Returns the file of another part of a capture with the number of `path`.
 
     Args:
         path: a file of one part, CAPTURE/PART/NUMBER.SUFFIX.
@@ -119,17 +120,17 @@ def matching_file(path: Path, part: str) -> Path:
 
 
 def read_rotations(path: Path) -> dict[int, np.ndarray]:
-    """Reads the rotations (3,3) from the world's axes to each camera's, by its number. Raises UserError."""
+    """Reads the rotations (3,3) from the world's axes to those of each camera, by camera number. Raises UserError."""
     try:
         content = json.loads(existing_file(path, "cameras").read_text(encoding="utf-8"))
         found = {}
         for frame in content["frames"]:
-            turn = np.array(frame["transform_matrix"], np.float64)[:3, :3]
+            rotation = np.array(frame["transform_matrix"], np.float64)[:3, :3]
             number = re.search(r"(\d+)(\.\w+)?$", frame["file_path"])
-            turn = turn / np.linalg.norm(turn, axis=0)  # some have a scale
-            if np.abs(turn.T @ turn - np.eye(3)).max() > 1e-3 or not number:
+            rotation = rotation / np.linalg.norm(rotation, axis=0)  # some have a scale
+            if np.abs(rotation.T @ rotation - np.eye(3)).max() > 1e-3 or not number:
                 raise ValueError
-            found[int(number[1])] = turn.T
+            found[int(number[1])] = rotation.T
     except (ValueError, KeyError, TypeError, IndexError):
         raise UserError(f"{path}: `frames` with `file_path` and a rigid `transform_matrix` each are expected") from None
     return found
@@ -138,41 +139,48 @@ def read_rotations(path: Path) -> dict[int, np.ndarray]:
 def read(capture: Capture) -> Pictures:
     """Reads a capture's pictures and finds its gradients.
 
-    For a matt surface that nothing occludes, (pos - neg) / (pos + neg) is 2/3 g.n in each channel: g is its regression
-    on the normals, made a unit vector, and an axis where it is nearly one, since occlusion turns it.
+    For an unoccluded diffuse surface, (pos - neg) / (pos + neg) is 2/3 g.n in each channel. So g is its regression on
+    the normals, scaled to unit length.
 
     Raises:
         UserError: if sizes differ, or the normals do not explain the gradients.
     """
-    full_on, positive, negative, coded = (
+    full_on, positive, negative, encoded_normal = (
         read_photo(capture.files[part], part).pixels for part in ("full_on", "pos", "neg", "normal_alpha")
     )
-    for part, pixels in (("pos", positive), ("neg", negative), ("normal_alpha", coded)):
+    for part, pixels in (("pos", positive), ("neg", negative), ("normal_alpha", encoded_normal)):
         if pixels.shape != full_on.shape:
             (h, w), (height, width) = pixels.shape[:2], full_on.shape[:2]
             raise UserError(f"{capture.files[part]} is {w}x{h} pixels and the picture under all lamps {width}x{height}")
     mask = read_mask(capture.files["mask"], full_on.shape[:2])
     inside = mask >= MASK_THRESHOLD
-    normal = coded / 127.5 - 1
+    normal = encoded_normal / 127.5 - 1
     length = np.linalg.norm(normal, axis=-1, keepdims=True)
     normal = np.where(inside[..., None] & (length > 0.5), normal / np.maximum(length, 0.5), 0)
-    told = inside & normal.any(-1)
-    up, down, full = (LINEAR[pixels[told]].astype(np.float64) for pixels in (positive, negative, full_on))
-    both, directions = up + down, normal[told]
-    usable = (both > 0.02).all(1)
+    valid = inside & normal.any(-1)
+    plus, minus, full = (LINEAR[pixels[valid]].astype(np.float64) for pixels in (positive, negative, full_on))
+    total, directions = plus + minus, normal[valid]
+    usable = (total > 0.02).all(1)
     if usable.sum() < 100:
         raise UserError(f"{capture.name}: fewer than 100 pixels have a normal and are lit by the gradients")
-    ratio = ((up - down) / np.maximum(both, 1e-6))[usable]
+    ratio = ((plus - minus) / np.maximum(total, 1e-6))[usable]
     slope, *_ = np.linalg.lstsq(directions[usable], ratio, rcond=None)
     fit = float(((directions[usable] @ slope) ** 2).sum() / max((ratio**2).sum(), 1e-12))
-    if fit < EXPLAINED:
+    if fit < MIN_FIT:
         raise UserError(
-            f"{capture.name}: its normals explain {fit:.0%} of the difference between pos and neg; gradients "
-            "along the axes of the normals are expected"
+            f"{capture.name}: its normals explain {fit:.0%} of the difference between pos and neg; {MIN_FIT:.0%} are "
+            "expected if the gradients are along the axes of the normals"
         )
-    gradients = (slope / np.linalg.norm(slope, axis=0)).T
-    axes = np.eye(3)[np.abs(gradients).argmax(1)] * np.sign(gradients)
-    near = (axes * gradients).sum(1) > np.cos(np.radians(SNAP))
-    gradients = np.where(near[:, None], axes, gradients)
-    level = (both * full).sum(0) / np.maximum((full**2).sum(0), 1e-12)
+    gradients = round_to_axes((slope / np.linalg.norm(slope, axis=0)).T)
+    level = (total * full).sum(0) / np.maximum((full**2).sum(0), 1e-12)
     return Pictures(full_on, positive, negative, mask, normal, gradients, level, fit)
+
+
+def round_to_axes(gradients: np.ndarray) -> np.ndarray:
+    """Returns gradients (3,3), each rounded to an axis of the world if that is within SNAP_DEGREES.
+
+    Occlusion rotates the regressed gradients, and the true ones are axes.
+    """
+    axes = np.eye(3)[np.abs(gradients).argmax(1)] * np.sign(gradients)
+    near = (axes * gradients).sum(1) > np.cos(np.radians(SNAP_DEGREES))
+    return np.where(near[:, None], axes, gradients)

@@ -12,7 +12,7 @@ from relight.stages.stage import stage
 def main(figures: Figures, size: int, figure: Path, out: Path) -> None:
     """Writes the measured maps of a capture, or a file that says why it is left out."""
     from relight.benchmark.captures import training_maps
-    from relight.benchmark.humanolat import list_captures, subject_of
+    from relight.benchmark.humanolat import capture_subject, list_captures
     from relight.maps import write_left_out, write_maps
 
     if figures.folder is None:
@@ -25,7 +25,7 @@ def main(figures: Figures, size: int, figure: Path, out: Path) -> None:
         write_maps(out, training_maps(captures[name], size))
     except UserError as error:
         print(f"{name} is left out: {error}", file=sys.stderr)
-        write_left_out(out, {"name": name, "subject": subject_of(captures[name])}, str(error))
+        write_left_out(out, {"name": name, "subject": capture_subject(captures[name])}, str(error))
 
 
 if __name__ == "__main__":

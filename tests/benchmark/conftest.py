@@ -6,7 +6,7 @@ import pytest
 
 from relight.benchmark import make as making
 from relight.benchmark.lights import panorama
-from relight.benchmark.picture import Picture, Settings, cropped, on_square, part
+from relight.benchmark.picture import Picture, Settings, crop_maps, crop_window, on_square
 from relight.benchmark.shots import variants
 from relight.maps import Maps
 from relight.meshes import Mesh
@@ -35,27 +35,27 @@ def ellipsoid(seed: int, size: int = SIZE) -> Maps:
     return Maps(mask=mask, coverage=mask.astype(np.float32), info={"order": 2, "size": size}, **halved)
 
 
-def painted(recipe, mesh, settings) -> Picture:
-    """What `relight.benchmark.picture.draw` does, without a path tracer: the formulation itself is the truth."""
+def paint_picture(recipe, mesh, settings) -> Picture:
+    """Replaces `relight.benchmark.picture.render_picture`: the truth is that of the formulation."""
     maps = ellipsoid(recipe.seed, settings.size)
     light, *new = (panorama(one, 0.0, 0.7) for one in (recipe.light, *recipe.new))
     coefficients = project(light, 2)
     shading = np.maximum(maps.transport @ coefficients, 0)
     linear = maps.albedo * shading + 0.1 * ~maps.mask[..., None]
-    window = part(maps.mask, recipe.cut)
+    window = crop_window(maps.mask, recipe.cut)
     relit = [to_bytes(encode(maps.albedo * np.maximum(maps.transport @ project(one, 2), 0)))[window] for one in new]
 
     def expose(gain):
         return to_bytes(encode(linear * gain))[window]
 
-    maps = cropped(maps, window)
+    maps = crop_maps(maps, window)
     shots = variants(expose, to_bytes(maps.coverage), settings.side)
     shots = {name: shot for name, shot in shots.items() if recipe.varied or not name}
-    seen = on_square(maps, shading[window], coefficients, shots[""].square)
-    return Picture(shots, light, new, maps, np.stack(relit), seen)
+    truth = on_square(maps, shading[window], coefficients, shots[""].square)
+    return Picture(shots, light, new, maps, np.stack(relit), truth)
 
 
-def someone(seed, settings) -> Mesh:
+def empty_mesh(seed, settings) -> Mesh:
     none = np.zeros((0, 3))
     return Mesh(none, none, none, none, [], info={"name": f"g{seed}", "subject": f"g{seed}"})
 
@@ -69,9 +69,9 @@ def settings():
 def painter(monkeypatch):
     """Makes `make` paint; the function that paints one picture."""
     monkeypatch.setattr(making, "import_mitsuba", lambda: None)
-    monkeypatch.setattr(making, "figure", someone)
-    monkeypatch.setattr(making, "draw", painted)
-    return painted
+    monkeypatch.setattr(making, "make_mesh", empty_mesh)
+    monkeypatch.setattr(making, "render_picture", paint_picture)
+    return paint_picture
 
 
 @pytest.fixture(scope="session")
@@ -80,8 +80,8 @@ def drawn(tmp_path_factory):
     folder = tmp_path_factory.mktemp("benchmark")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(making, "import_mitsuba", lambda: None)
-        patch.setattr(making, "figure", someone)
-        patch.setattr(making, "draw", painted)
+        patch.setattr(making, "make_mesh", empty_mesh)
+        patch.setattr(making, "render_picture", paint_picture)
         making.make(folder, "report", 3, SETTINGS)
     return folder
 

@@ -13,11 +13,11 @@ from PIL import Image
 from scipy.ndimage import binary_erosion
 from typer.testing import CliRunner
 
-from relight.benchmark.captures import SIDE, WHITEST, import_captures
-from relight.benchmark.files import Set, arrays_of, write_arrays
+from relight.benchmark.captures import SQUARE_SIZE, WHITE_ALBEDO, import_captures
+from relight.benchmark.files import BenchmarkSet, read_arrays, write_arrays
 from relight.benchmark.humanolat import captures
-from relight.benchmark.rows import answer, new_lights
-from relight.benchmark.score import ABSOLUTE, read_row, score
+from relight.benchmark.methods import answer, new_lights
+from relight.benchmark.score import ABSOLUTE, read_scores, score
 from relight.cli import app
 from relight.files import UserError
 from relight.maps import read_maps
@@ -34,7 +34,7 @@ def brought(humanolat, tmp_path_factory):
     says = CliRunner().invoke(
         app, ["benchmark", "import", "humanolat", str(humanolat), "-o", str(folder), "--rays", "64", "--places", "1"]
     )
-    assert says.exit_code == 0 and f"{folder}: set {Set(folder).hash[:16]}" in says.output, says.output
+    assert says.exit_code == 0 and f"{folder}: set {BenchmarkSet(folder).hash[:16]}" in says.output, says.output
     return folder
 
 
@@ -53,10 +53,10 @@ def true_picture(seen, panorama, turn):
 
 def test_the_truth_is_that_of_the_formulas(humanolat, brought):
     """Pictures, shading, albedo, normals, transport and light, up to the one factor that no frame tells."""
-    benchmark = Set(brought)
+    benchmark = BenchmarkSet(brought)
     benchmark.verify()
     entry = next(one for one in benchmark.entries if one.name == "T001.P00.Cam01")
-    assert not benchmark.scaled and entry.figure == "T001" and entry.side == SIDE and entry.new == 4
+    assert not benchmark.scaled and entry.figure == "T001" and entry.side == SQUARE_SIZE and entry.new == 4
     capture = next(captures(humanolat))
     seen, maps = twin.surface(0), read_maps(benchmark.maps(entry))
     mask, turn = seen["mask"], capture.camera.rotation
@@ -65,7 +65,7 @@ def test_the_truth_is_that_of_the_formulas(humanolat, brought):
     ratio = maps.albedo[inner] / seen["albedo"][inner]
     right = (np.abs(ratio / np.median(ratio) - 1) < 0.01).all(-1)
     assert maps.info["measured"]["known"] > 0.99 and right.mean() > 0.99  # what lamps hardly light is its neighbours'
-    assert np.isclose(np.quantile(maps.albedo[mask].max(1), 0.99), WHITEST, rtol=0.02)
+    assert np.isclose(np.quantile(maps.albedo[mask].max(1), 0.99), WHITE_ALBEDO, rtol=0.02)
     assert (maps.normal[inner] * (seen["normal"][inner] @ turn.T)).sum(1)[right].min() > 0.9995  # half floats
     _, pictures = benchmark.truth(entry)
     for path, picture in zip(entry.panoramas(), pictures):
@@ -94,7 +94,7 @@ def test_rows_are_scored_up_to_a_factor(brought, tmp_path):
     scored = {}
     for method in ("true_maps", "mean_light", "as_it_is"):
         answer(brought, tmp_path / method, method)
-        scored[method] = read_row(score(brought, tmp_path / method).parent).columns
+        scored[method] = read_scores(score(brought, tmp_path / method).parent).columns
     for columns in scored.values():
         assert all(np.isnan(columns[name]).all() for name in ABSOLUTE)
     best = scored["true_maps"]
@@ -107,13 +107,13 @@ def test_rows_are_scored_up_to_a_factor(brought, tmp_path):
 
 def test_an_import_goes_on_and_keeps_to_its_set(humanolat, brought, tmp_path):
     before = {path: path.stat().st_mtime_ns for path in brought.rglob("photo.png")}
-    assert import_captures("humanolat", humanolat, brought, rays=64, places=1) == Set(brought).hash
+    assert import_captures("humanolat", humanolat, brought, rays=64, supersample=1) == BenchmarkSet(brought).hash
     assert before == {path: path.stat().st_mtime_ns for path in brought.rglob("photo.png")}
-    varied = {one.name.partition("+")[0] for one in Set(brought).entries if one.of}
+    varied = {one.name.partition("+")[0] for one in BenchmarkSet(brought).entries if one.of}
     assert varied == {"T001.P00.Cam01"}  # the first of the person
     with pytest.raises(UserError, match="holds another set, or one with other settings"):
-        import_captures("humanolat", humanolat, brought, rays=128, places=1)
-    with pytest.raises(UserError, match="layout goliath: humanolat or ultrastage"):
+        import_captures("humanolat", humanolat, brought, rays=128, supersample=1)
+    with pytest.raises(UserError, match="layout goliath: must be humanolat or ultrastage"):
         import_captures("goliath", humanolat, tmp_path)
 
 
@@ -123,8 +123,8 @@ def test_without_a_mesh_the_person_is_in_a_plane(humanolat, brought, tmp_path):
     text = model.read_text()
     model.unlink()
     import_captures("humanolat", copy, tmp_path / "flat", "Cam03")
-    (entry,) = (one for one in Set(tmp_path / "flat").entries if not one.of)
-    flat, deep = (read_maps(Set(folder).maps(entry)) for folder in (tmp_path / "flat", brought))
+    (entry,) = (one for one in BenchmarkSet(tmp_path / "flat").entries if not one.of)
+    flat, deep = (read_maps(BenchmarkSet(folder).maps(entry)) for folder in (tmp_path / "flat", brought))
     assert not (tmp_path / "flat" / "baked.csv").exists()
     assert np.ptp(flat.depth[flat.mask]) == 0 < np.ptp(deep.depth[deep.mask])
     error = np.sqrt(((flat.transport - deep.transport)[flat.mask] ** 2).sum(1).mean())
@@ -170,7 +170,7 @@ def test_gradients_are_new_lights(stage, tmp_path):
     """An answer by the formula, through panoramas in the camera's frame, is the pictures that are there."""
     out, answers = tmp_path / "set", tmp_path / "answers"
     import_captures("ultrastage", stage, out)
-    benchmark = Set(out)
+    benchmark = BenchmarkSet(out)
     pictures = [entry for entry in benchmark.entries if not entry.of]
     assert [entry.name for entry in pictures] == ["8fuu.00000", "8fuu.00003"]
     for number, entry in enumerate(pictures):
@@ -188,8 +188,8 @@ def test_gradients_are_new_lights(stage, tmp_path):
         seal = hashlib.sha256((entry.folder / "photo.png").read_bytes()).hexdigest()
         answers.mkdir(exist_ok=True)
         write_arrays(answers / f"{entry.name}.npz", seal, {"ratio": np.stack(full), "light": 7 * true.light})
-        assert set(arrays_of(out / "truth" / f"{entry.name}.npz")) == {"photo", "full", "light"}, number
-    columns = read_row(score(out, answers).parent).columns
+        assert set(read_arrays(out / "truth" / f"{entry.name}.npz")) == {"photo", "full", "light"}, number
+    columns = read_scores(score(out, answers).parent).columns
     assert columns["ratio_factor"].max() < 0.01 and columns["light_factor"].max() < 1e-6
     with pytest.raises(UserError, match="has no true maps: answer it by --method network or as_it_is"):
         answer(out, tmp_path / "true", "true_maps")
@@ -218,4 +218,4 @@ def test_what_is_refused_of_ultrastage(stage, tmp_path):
     (place / "neg/00000.png").unlink()
     refused("neg: there is no file")
     refused("holds no CAPTURE/full_on/00000.jpg whose name matches 77", "77")
-    refused(r"'\(' is no regular expression", "(")
+    refused(r"'\(' is not a regular expression", "(")

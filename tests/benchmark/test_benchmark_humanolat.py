@@ -30,7 +30,7 @@ FACETS, EDGES = 0.0045, 0.019
 def measured(capture, inside):
     """As `relight.benchmark.captures` measures, with the points known from formulas."""
     camera, seen = capture.camera, twin.surface(int(capture.name[-1]) - 1)
-    stage = LightStage.of((capture.lamps - camera.eye) @ camera.rotation.T)
+    stage = LightStage.from_positions((capture.lamps - camera.eye) @ camera.rotation.T)
     points = (seen["point"][inside] - camera.eye) @ camera.rotation.T
     return seen, stage, measure(lambda: capture.read_frames(inside), stage, points)
 
@@ -55,14 +55,14 @@ def test_cameras_see_what_the_formulas_say(humanolat):
         rays = capture.camera.rays(column + 0.5, row + 0.5)
         assert np.allclose(rays[:, :3] + rays[:, 3:] * capture.camera.depth(points)[:, None], points, atol=0.01)
         assert np.array_equal(capture.read_mask() == 255, seen["mask"])
-        assert capture.absent == 0 and len(capture.frames) == 331 and capture.model is not None
+        assert capture.missing == 0 and len(capture.frames) == 331 and capture.model is not None
 
 
 def test_measured_is_baked_to_the_noise(humanolat):
-    """Frames come from formulas, the mesh is triangles: rounding, lamps and facets are all that is between them.
+    """Frames come from formulas and the mesh is triangles, so only rounding, lamps and facets make a difference.
 
-    On the slab, which is flat, the rounding to 8 bits alone: its standard deviation is told. On the ball, facets with
-    edges of 12 mm turn the surface by up to .022. They block lamps below that height, which give at most, with the
+    On the slab, which is flat, only the rounding to 8 bits, whose standard deviation is predicted. On the ball, facets
+    with edges of 12 mm turn the surface by up to .022. They block lamps below that height, which give at most, with the
     largest Y_lm of .63 and lamps 1.3 times as bright as at the centre, 2 pi .022^2 / 2 * .63 * 1.3 = .0012 of a
     coefficient, and twice that where lamps happen to be there. Facets lie up to .06 mm deep, so near the silhouette
     one sees up to .5 mm beside, where the normal differs by .0017. Together less than FACETS.
@@ -91,7 +91,7 @@ def test_measured_is_baked_to_the_noise(humanolat):
     assert row["difference"] < 1.05 * np.hypot(row["lamps"], row["rest"])
     assert row["shape"] < row["difference"] and abs(row["factor"] - 1) < 0.002 and row["normals"] < 0.1
     steady = inner & ~at_a_shadow(seen, inside, capture)
-    apart = np.abs(found.transport - baked.staged)[steady]
+    apart = np.abs(found.transport - baked.lamp_sums)[steady]
     assert steady.sum() > 150 and (apart < 5 * found.noise[steady] + FACETS).all()
     slab = ~ball[steady]
     ratio = apart[slab] / found.noise[steady][slab]
@@ -112,13 +112,13 @@ def at_a_shadow(seen, inside, capture):
     return near
 
 
-def test_absent_lamps_cost_little_and_are_counted(copy):
+def test_missing_lamps_cost_little_and_are_counted(copy):
     place = copy / "SUBJECT_T001" / "POSE_00" / "images_processed" / "Cam01"
     for number in range(40, 354, 11):  # some of them full-bright
         (place / f"T001_A.{number:06d}.png").unlink()
     capture = next(captures(copy))
     gone = len([n for n in range(40, 354, 11) if twin.schedule(331)[n] >= 0])
-    assert capture.absent == gone and len(capture.frames) == len(capture.lamps) == 331 - gone
+    assert capture.missing == gone and len(capture.frames) == len(capture.lamps) == 331 - gone
     inside = capture.read_mask() >= 128
     _, stage, found = measured(capture, inside)
     capture.check_order(inside)
@@ -147,7 +147,7 @@ def test_avif_is_read(tmp_path):
     assert np.sqrt(np.mean(np.square(errors))) < 4
 
 
-def test_without_avif_the_sentence_tells_the_cure(tmp_path, humanolat, monkeypatch):
+def test_without_avif_the_error_names_the_remedy(tmp_path, humanolat, monkeypatch):
     copy = shutil.copytree(humanolat, tmp_path / "copy")
     for path in (copy / "SUBJECT_T001" / "POSE_00" / "images_processed" / "Cam01").iterdir():
         path.rename(path.with_suffix(".avif"))
@@ -193,7 +193,7 @@ def replace_line(number, text):
         (edit(CALIB, lambda text: "tc camera calibration v0.3\n"), "names no camera"),
         (edit(CALIB, lambda text: text.replace("extrinsics", "pose", 1)), "camera 0 lacks its extrinsic"),
         (edit(CALIB, replace_line(5, "#\t1 0 x 5")), "extrinsics are three lines of 4 numbers, not '1 0 x 5'"),
-        (edit(CALIB, replace_line(5, "#\t2 0 0 5")), "extrinsics of camera 0 are no rotation and translation"),
+        (edit(CALIB, replace_line(5, "#\t2 0 0 5")), "extrinsics of camera 0 are not a rotation and a translation"),
         (edit(CALIB, replace_line(9, "#\t-1 0 .5")), "focal lengths of camera 0 must be positive"),
         (edit(LAMPS, lambda text: re.sub(r"(-?\d+)\.(\d{3})", r"\1\2.", text)), "do not look at the lamps' centre"),
         (edit(LAMPS, replace_line(3, "v 1 2")), "line 4: a lamp is `v x y z`, not '1 2'"),
@@ -201,7 +201,7 @@ def replace_line(number, text):
         (edit(SPIRAL, lambda text: text[:-4]), "must name each of the 331 lamps of .* once"),
         (edit(SPIRAL, replace_line(7, "one")), "line 8: the number of a lamp is expected, not 'one'"),
         (edit(SPIRAL, replace_line(7, "1")), "must name each of the 331 lamps"),
-        (lambda folder: (folder / SPIRAL).write_bytes(b"\xff\xfe\x00"), "is no text file"),
+        (lambda folder: (folder / SPIRAL).write_bytes(b"\xff\xfe\x00"), "is not a text file"),
         (lambda folder: (folder / POSE / "images_processed/Cam01").rename(folder / POSE / "images_processed/Cam09"),
          "has the cameras Cam01 to Cam04"),
         (lambda folder: Image.new("RGB", (48, 64), "red").save(folder / POSE / "images_processed/Cam01/B.000020.png"),
@@ -241,5 +241,5 @@ def test_frames_that_are_broken_or_out_of_place(copy):
 def test_nothing_there(tmp_path):
     with pytest.raises(UserError, match=r"holds no SUBJECT_\*/POSE_\*/images_processed/Cam\*$"):
         next(captures(tmp_path))
-    with pytest.raises(UserError, match=r"'\(' is no regular expression"):
+    with pytest.raises(UserError, match=r"'\(' is not a regular expression"):
         next(captures(tmp_path, "("))

@@ -1,14 +1,14 @@
-"""Light stages: quadrature by lamps, and what frames measure, against closed forms."""
+"""Light stages: quadrature by lamps, and measurements from frames, against closed forms."""
 
 import numpy as np
 import pytest
 from olat_twin import MIDDLE, STAGE, lamps
 
 from relight.benchmark.lightstage import (
-    HIGHEST,
-    Lighting,
+    MAX_DEGREE,
     LightStage,
-    coarse,
+    Panoramas,
+    blur_to_spacing,
     measure,
     projection_error,
     quadrature_weights,
@@ -32,7 +32,7 @@ def test_quadrature_weights_integrate_what_a_stage_needs():
     for directions, highest in ((whole, 0.0015), (holes, 0.004)):
         weights = quadrature_weights(directions)
         assert weights.min() > 0 and np.isclose(weights.sum(), 4 * np.pi)
-        moments = weights @ basis(directions, HIGHEST)
+        moments = weights @ basis(directions, MAX_DEGREE)
         assert np.isclose(moments[0], np.sqrt(4 * np.pi)) and np.abs(moments[1:]).max() < 1e-9
         assert projection_error(directions, weights) < highest
     equal = np.full(len(holes), 4 * np.pi / len(holes))
@@ -76,7 +76,7 @@ def ball(stage: LightStage, offset: np.ndarray, count: int = 400) -> dict:
 @pytest.mark.parametrize("offset", [(0, 0, 0), (100, -800, 50)])
 def test_transport_albedo_and_normals_of_a_ball(offset):
     """Nothing occludes it. Off the centre, lamps are 1.7 to 3.3 m away: falling off and directions must be undone."""
-    stage = LightStage.of(lamps())
+    stage = LightStage.from_positions(lamps())
     assert np.allclose(stage.centre, MIDDLE) and np.isclose(stage.radius, STAGE)
     scene = ball(stage, np.array(offset, float))
     found = measure(scene["frames"], stage, scene["points"])
@@ -90,19 +90,19 @@ def test_transport_albedo_and_normals_of_a_ball(offset):
 
 def test_pictures_under_a_panorama_are_sums_of_frames():
     """A panorama of nine coefficients: albedo times irradiance has a closed form; the factor is the lamps'."""
-    stage = LightStage.of(lamps())
+    stage = LightStage.from_positions(lamps())
     scene = ball(stage, np.zeros(3))
     coefficients = np.concatenate([np.full((1, 3), 1.2), np.random.default_rng(1).uniform(-0.25, 0.25, (8, 3))])
     radiance = (basis(view_directions()) @ coefficients).reshape(64, 128, 3).astype(np.float32)
-    found = measure(scene["frames"], stage, scene["points"], Lighting([radiance, 0 * radiance + 1]))
+    found = measure(scene["frames"], stage, scene["points"], Panoramas([radiance, 0 * radiance + 1]))
     expected = scene["albedo"] * (unoccluded(scene["normals"]) @ coefficients)
     assert np.abs(found.pictures[:, 0] / 0.5 - expected).max() < 0.02
     assert np.allclose(found.pictures[:, 1] / 0.5, np.pi * scene["albedo"], rtol=0.01)
 
 
-def test_what_too_few_lamps_light_is_not_told():
-    """In a crack that sees three lamps there is no normal, and nothing is made up."""
-    stage = LightStage.of(lamps())
+def test_pixels_lit_by_too_few_lamps_are_unknown():
+    """A pixel that three lamps light has no normal, and its maps are zero."""
+    stage = LightStage.from_positions(lamps())
     scene = ball(stage, np.zeros(3), 2)
 
     def frames():
@@ -114,23 +114,23 @@ def test_what_too_few_lamps_light_is_not_told():
     assert not found.albedo[1].any() and not found.transport[1].any()
 
 
-def test_rounding_is_the_error_that_is_told():
+def test_noise_is_that_of_rounding():
     """Frames that are dithered before they are rounded have twice the variance; errors of sums and albedo cancel."""
-    stage, rng = LightStage.of(lamps()), np.random.default_rng(7)
+    stage, rng = LightStage.from_positions(lamps()), np.random.default_rng(7)
     scene = ball(stage, np.zeros(3), 60)
     runs = []
     for _ in range(12):
         kept = list(scene["frames"](rng))
         runs.append(measure(lambda kept=kept: kept, stage, scene["points"]))
-    spread = np.var([run.transport for run in runs], 0, ddof=1).mean()
-    told = np.mean([run.noise**2 for run in runs])
-    assert 0.4 < spread / 2 / told < 1
+    variance = np.var([run.transport for run in runs], 0, ddof=1).mean()
+    predicted = np.mean([run.noise**2 for run in runs])
+    assert 0.4 < variance / 2 / predicted < 1
 
 
-def test_coarse_panoramas_keep_their_light():
+def test_blurred_panoramas_keep_their_light():
     """Band l falls by exp(-l (l + 1) s^2 / 2), where s is .6 of the distance between lamps."""
     pixels = generate_room(3)
-    soft, turned = coarse(np.stack([pixels, np.roll(pixels, 32, 1)]), 331)
+    soft, turned = blur_to_spacing(np.stack([pixels, np.roll(pixels, 32, 1)]), 331)
     first, second = (project(Panorama(x.astype(np.float32)), 2) for x in (pixels, soft))
     variance = 0.36 * 4 * np.pi / 331
     assert np.allclose(second[0], first[0], rtol=0.01)
@@ -143,8 +143,8 @@ def test_coarse_panoramas_keep_their_light():
 
 def test_lookups_are_those_of_panoramas():
     pixels = np.random.default_rng(4).uniform(size=(2, 64, 128, 3)).astype(np.float32)
-    soft = coarse(pixels, 331).astype(np.float32)
+    soft = blur_to_spacing(pixels, 331).astype(np.float32)
     directions = np.random.default_rng(5).normal(size=(500, 3))
-    found = Lighting(soft).toward(directions / np.linalg.norm(directions, axis=1, keepdims=True))
+    found = Panoramas(soft).radiance(directions / np.linalg.norm(directions, axis=1, keepdims=True))
     expected = np.stack([lookup(Panorama(one), directions) for one in soft], 1)
     assert found.shape == (500, 2, 3) and np.abs(found - expected).max() < 0.02 < expected.std()

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from relight.benchmark import make as making
-from relight.benchmark.files import Set
+from relight.benchmark.files import BenchmarkSet
 from relight.benchmark.make import make, write_panorama
+from relight.benchmark.methods import new_lights
 from relight.benchmark.picture import Settings
-from relight.benchmark.rows import new_lights
 from relight.files import UserError
 from relight.panoramas import Panorama, project, read_panorama
 
@@ -24,13 +24,13 @@ def test_a_set_that_was_interrupted_goes_on(painter, drawn, settings, tmp_path, 
             raise KeyboardInterrupt
         return painter(recipe, *rest)
 
-    monkeypatch.setattr(making, "draw", once)
+    monkeypatch.setattr(making, "render_picture", once)
     with pytest.raises(KeyboardInterrupt):
         make(tmp_path, "report", 3, settings)
     inputs = tmp_path / "inputs"
     assert (inputs / "g900000.1").is_dir() and not (inputs / "g900000.2").exists()
     with pytest.raises(UserError, match="no finished benchmark"):
-        Set(tmp_path)
+        BenchmarkSet(tmp_path)
 
     def unwritten(path, panorama):
         raise OSError("the disk has gone")
@@ -40,17 +40,19 @@ def test_a_set_that_was_interrupted_goes_on(painter, drawn, settings, tmp_path, 
         with pytest.raises(OSError, match="gone"):
             make(tmp_path, "report", 3, settings)
     assert not (inputs / "g900000.2").exists() and not list(inputs.glob(".*"))
-    assert make(tmp_path, "report", 3, settings) == Set(drawn).hash  # that of the set that was made at once
+    assert make(tmp_path, "report", 3, settings) == BenchmarkSet(drawn).hash  # that of the set that was made at once
     assert asked == ["g900000.1", "g900000.2", "g900000.2", "g900000.2", "g900001.1"]
-    assert make(tmp_path, "report", 3, settings) == Set(drawn).hash and len(asked) == 5  # nothing is drawn again
-    Set(tmp_path).verify()
+    assert (
+        make(tmp_path, "report", 3, settings) == BenchmarkSet(drawn).hash and len(asked) == 5
+    )  # nothing is drawn again
+    BenchmarkSet(tmp_path).verify()
 
 
 def test_more_of_the_same_set_keeps_what_is_there(painter, settings, tmp_path):
     first = make(tmp_path, "choose", 1, settings)
     kept = (tmp_path / "inputs" / "g910000.1" / "photo.png").stat().st_mtime_ns
     second = make(tmp_path, "choose", 2, settings)
-    assert first != second and len([e for e in Set(tmp_path).entries if not e.of]) == 2
+    assert first != second and len([e for e in BenchmarkSet(tmp_path).entries if not e.of]) == 2
     assert (tmp_path / "inputs" / "g910000.1" / "photo.png").stat().st_mtime_ns == kept
 
 
@@ -60,7 +62,7 @@ def test_folders_and_settings_that_do_not_fit(painter, drawn, settings, tmp_path
     with pytest.raises(UserError, match="holds another set, or one with other settings"):
         make(drawn, "report", 3, Settings(size=128))
     for size in (60, 48, 100):
-        with pytest.raises(UserError, match=f"--size {size}: a multiple of 16, 64 at least"):
+        with pytest.raises(UserError, match=f"--size {size}: must be a multiple of 16, and at least 64"):
             make(tmp_path, "report", 1, Settings(size=size))
 
 
@@ -75,7 +77,7 @@ def test_a_figure_that_is_refused_has_a_spare(monkeypatch):
 
     monkeypatch.setattr(dress, "make_figure", refuse)
     with pytest.raises(UserError, match="seed 900003: it does not pass the gates"):
-        making.figure(900_003, Settings())
+        making.make_mesh(900_003, Settings())
     assert asked == [900_003, 901_003, 902_003]
 
 
@@ -85,6 +87,6 @@ def test_lights_are_read_back_as_they_were(drawn, tmp_path):
     found = read_panorama(tmp_path / "light.exr")
     assert np.array_equal(found.pixels, pixels) and found.layout == "latlong" and not found.corners
     assert np.allclose(project(found, 2), project(Panorama(pixels), 2))
-    entry = Set(drawn).entries[0]
+    entry = BenchmarkSet(drawn).entries[0]
     light = json.loads((drawn / "index.json").read_text())["pictures"][0]["recipe"]["new"][0]
     assert light["kind"] in ("room", "sky", "lamps") and len(new_lights(entry)) == 4

@@ -8,12 +8,12 @@ from relight.benchmark.measures import (
     LEAKS,
     MIRROR,
     Intrinsics,
-    distance,
+    best_scale,
     errors,
-    factor,
     invariances,
+    irradiance_error,
     leaks,
-    similarity,
+    ssim,
 )
 from relight.benchmark.score import relit_errors
 from relight.benchmark.shots import variants
@@ -89,7 +89,7 @@ def test_relit_pictures_are_those_of_the_slow_twin(two):
     assert np.isclose(found[""], slow_rmse(first / 255, second / 255, inside))
     assert np.isclose(found["_ssim"], slow_ssim(first / 255, second / 255, inside))
     linear, goal = decode(first / 255), decode(second / 255)
-    scale = factor(linear[inside], goal[inside])
+    scale = best_scale(linear[inside], goal[inside])
     assert np.isclose(found["_factor"], slow_rmse(encode(scale * linear), second / 255, inside), rtol=1e-5)
     brighter = to_bytes(encode(1.5 * decode(first / 255 * 0.5)))
     darker = relit_errors(to_bytes(first / 255 * 0.5), brighter, inside)
@@ -101,7 +101,7 @@ def test_thin_masks_have_a_similarity():
     inside[5:20, 3:5] = True
     rng = np.random.default_rng(0)
     picture = rng.uniform(size=(SIDE, SIDE, 3))
-    assert similarity(picture, picture, inside) == 1 > similarity(picture, picture[::-1], inside)
+    assert ssim(picture, picture, inside) == 1 > ssim(picture, picture[::-1], inside)
 
 
 def test_what_is_not_said_is_not_scored(two):
@@ -138,7 +138,7 @@ def test_each_invariance_is_told_by_its_own_variant(two):
     usual, other = two
     shots = variants(lambda gain: np.zeros((40, 40, 3), np.uint8), np.full((40, 40), 255, np.uint8), SIDE)
     still = dict.fromkeys(shots, usual) | {"mirror": mirrored(usual)}
-    moves = distance(other.light, usual.light)
+    moves = irradiance_error(other.light, usual.light)
     for variant, share, row in (
         ("down_4", 0.5, "shift_4"), ("right_8", 0.5, "shift_8"), ("larger", 1, "larger"), ("smaller", 1, "smaller"),
         ("fatter", 1, "fatter"), ("thinner", 1, "thinner"), ("knee", 1, "knee"), ("waist", 1, "waist"),

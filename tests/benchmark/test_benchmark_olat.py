@@ -10,7 +10,7 @@ from omegaconf import OmegaConf
 from repo import copy, planned
 from scipy.ndimage import binary_erosion
 
-from relight.benchmark.captures import WHITEST
+from relight.benchmark.captures import WHITE_ALBEDO
 from relight.config import composed
 from relight.files import UserError
 from relight.learning.checkpoint import load_network
@@ -85,7 +85,7 @@ def test_measured_maps_are_those_of_the_formulas(made, name):
     assert np.abs(error.mean(0)).max() < 0.003
     ratio = maps.albedo[maps.mask] / expected(seen["albedo"])[maps.mask]
     assert (np.abs(ratio / np.median(ratio) - 1) < 0.01).mean() > 0.98
-    assert maps.albedo[maps.mask].max(1).max() == pytest.approx(WHITEST, rel=0.03)
+    assert maps.albedo[maps.mask].max(1).max() == pytest.approx(WHITE_ALBEDO, rel=0.03)
     normal = expected(seen["normal"] @ turn.T)[inner]
     cosine = (maps.normal[inner] * normal).sum(1) / np.linalg.norm(normal, axis=1)
     assert np.quantile(cosine, 0.02) > 0.999

@@ -5,7 +5,7 @@ import pytest
 
 from relight.benchmark import recipes as recipes_module
 from relight.benchmark.lights import KINDS, Lamplight, panorama, sky_of
-from relight.benchmark.recipes import HASHES, SPARE, digest, recipe, recipes, with_gloss
+from relight.benchmark.recipes import HASHES, SPARE_OFFSET, digest, draw_recipe, draw_recipes, with_gloss
 from relight.files import UserError
 from relight.lights.statistics import reference_brightness
 from relight.meshes import Material, Mesh
@@ -17,12 +17,12 @@ from relight.transport.view import View
 
 def test_the_sets_are_those_that_were_published():
     for kind, expected in HASHES.items():
-        assert digest(recipes(kind)) == expected
+        assert digest(draw_recipes(kind)) == expected
 
 
 def test_no_seed_is_shared():
-    made = {kind: recipes(kind) for kind in HASHES}
-    for seeds in ([{r.seed + k * SPARE for r in made[kind] for k in range(3)} for kind in HASHES],):
+    made = {kind: draw_recipes(kind) for kind in HASHES}
+    for seeds in ([{r.seed + k * SPARE_OFFSET for r in made[kind] for k in range(3)} for kind in HASHES],):
         assert not set.intersection(*seeds) and min(map(min, seeds)) >= 900_000
     lights = [(one.kind, one.seed) for kind in HASHES for r in made[kind] for one in (r.light, *r.new)]
     assert len(lights) == len(set(lights)) == 2 * 128 * 5 and min(seed for _, seed in lights) >= 900_000
@@ -36,16 +36,16 @@ def test_a_change_of_the_recipes_is_noticed(monkeypatch, painter, tmp_path, sett
     from relight.benchmark.make import make
 
     monkeypatch.setattr(recipes_module, "TINT", 0.16)
-    with pytest.raises(RuntimeError, match="may not change"):
+    with pytest.raises(RuntimeError, match="those of a published set must not"):
         make(tmp_path, "report", None, settings)
 
 
 def test_names_and_numbers_that_are_none():
-    with pytest.raises(UserError, match="--set best: report or choose"):
-        recipes("best")
+    with pytest.raises(UserError, match="--set best: must be report or choose"):
+        draw_recipes("best")
     with pytest.raises(UserError, match="--count 0"):
-        recipes("report", 0)
-    assert recipes("choose", 5) == recipes("choose")[:5]
+        draw_recipes("report", 0)
+    assert draw_recipes("choose", 5) == draw_recipes("choose")[:5]
 
 
 def test_gloss_belongs_to_the_figure():
@@ -91,7 +91,7 @@ def test_lamps_are_lamps():
 
 
 def test_half_a_person_is_one_in_four():
-    made = [recipe(950_000 + i, number) for i in range(200) for number in (1, 2)]
+    made = [draw_recipe(950_000 + i, number) for i in range(200) for number in (1, 2)]
     cuts = [r.cut for r in made if r.cut]
     assert all(r.name.endswith(".2") for r in made if r.cut) and 70 < len(cuts) < 130
     assert 0.4 <= min(cuts) and max(cuts) <= 0.85

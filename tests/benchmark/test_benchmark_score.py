@@ -10,10 +10,10 @@ from PIL import Image
 from skimage.metrics import structural_similarity
 from typer.testing import CliRunner
 
-from relight.benchmark.files import KEYS, MAPS, PICTURES, Set, arrays_of
+from relight.benchmark.files import KEYS, MAPS, PICTURES, BenchmarkSet, read_arrays
 from relight.benchmark.measures import INVARIANCES, LEAKS
-from relight.benchmark.rows import answer
-from relight.benchmark.score import COLUMNS, read_row, score, tables
+from relight.benchmark.methods import answer
+from relight.benchmark.score import COLUMNS, read_scores, score, tables
 from relight.cli import app
 from relight.files import UserError
 from relight.photos.infer import OPAQUE
@@ -24,7 +24,7 @@ def truth(drawn, tmp_path):
     """A folder of answers that are the truth."""
     out = tmp_path / "truth"
     out.mkdir()
-    for entry in Set(drawn).entries:
+    for entry in BenchmarkSet(drawn).entries:
         if not entry.of:
             shutil.copy(drawn / "truth" / f"{entry.name}.npz", out)
     return out
@@ -32,13 +32,13 @@ def truth(drawn, tmp_path):
 
 def changed(path, **arrays):
     """The answer in `path` with other arrays; None takes one away."""
-    found = {**arrays_of(path), **arrays}
+    found = {**read_arrays(path), **arrays}
     photo = str(found.pop("photo"))
     np.savez(path, photo=np.array(photo), **{name: values for name, values in found.items() if values is not None})
 
 
 def test_the_truth_is_an_answer_that_scores_nothing(drawn, truth):
-    row = read_row(score(drawn, truth).parent)
+    row = read_scores(score(drawn, truth).parent)
     assert len(row.keys) == 3
     for name in COLUMNS:
         values = row.columns[name]
@@ -53,14 +53,14 @@ def test_the_truth_is_an_answer_that_scores_nothing(drawn, truth):
 def test_the_untouched_picture_scores_what_it_differs_by(drawn, tmp_path):
     out = tmp_path / "as_it_is"
     assert answer(drawn, out, "as_it_is") == 3
-    row = read_row(score(drawn, out).parent)
-    for i, entry in enumerate(e for e in Set(drawn).entries if not e.of):
+    row = read_scores(score(drawn, out).parent)
+    for i, entry in enumerate(e for e in BenchmarkSet(drawn).entries if not e.of):
         photo = np.asarray(Image.open(entry.folder / "photo.png")) / 255
         solid = np.asarray(Image.open(entry.folder / "mask.png")) >= OPAQUE
         rows, columns = (np.flatnonzero(solid.any(axis)) for axis in (1, 0))
         box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
         errors, alike = [], []
-        for true in arrays_of(drawn / "truth" / f"{entry.name}.npz")["full"] / 255:
+        for true in read_arrays(drawn / "truth" / f"{entry.name}.npz")["full"] / 255:
             errors.append(np.sqrt(((photo - true)[solid] ** 2).sum(-1).mean()))
             pair = (np.where(solid[..., None], x, 0)[box] for x in (photo, true))
             alike.append(structural_similarity(*pair, channel_axis=-1, data_range=1.0))
@@ -74,7 +74,7 @@ def test_true_maps_are_right_where_the_formulation_is_the_truth(drawn, tmp_path)
     """The set is painted by albedo * max(T.L, 0): only rounding to 8 bits and half floats is left, and highlights."""
     out = tmp_path / "true_maps"
     answer(drawn, out, "true_maps")
-    row = read_row(score(drawn, out).parent)
+    row = read_scores(score(drawn, out).parent)
     assert row.columns["full"].max() < 0.003 and row.columns["full_ssim"].min() > 0.999
     assert row.columns["light"].max() < 1e-5 and row.columns["albedo"].max() < 1e-5
     assert row.columns["shading"].max() < 0.01  # the mean of max(T.L, 0), and max of the mean, in a pixel of the square
@@ -83,7 +83,7 @@ def test_true_maps_are_right_where_the_formulation_is_the_truth(drawn, tmp_path)
 
 def test_the_mean_light_is_told_from_the_true_one(drawn, tmp_path):
     answer(drawn, tmp_path / "mean", "mean_light")
-    row = read_row(score(drawn, tmp_path / "mean").parent)
+    row = read_scores(score(drawn, tmp_path / "mean").parent)
     assert row.columns["light"].min() > 0.05 and np.isnan(row.columns["albedo"]).all()
     assert row.columns["light_factor"].mean() <= row.columns["light"].mean()
 
@@ -100,16 +100,16 @@ def test_a_permuted_folder_is_refused(drawn, truth):
 def test_what_else_is_refused(drawn, truth, tmp_path):
     path = truth / "g900000.1.npz"
     kept = path.read_bytes()
-    arrays = arrays_of(path)
+    arrays = read_arrays(path)
     for changes, words in (
-        ({"albedo": arrays["albedo"][1:]}, r"albedo has the shape \(31, 32, 3\), and \(32, 32, 3\) is asked for"),
-        ({"full": arrays["full"][:3]}, r"full has the shape \(3, 64, 64, 3\), and \(4, 64, 64, 3\)"),
+        ({"albedo": arrays["albedo"][1:]}, r"albedo has the shape \(31, 32, 3\), but must have \(32, 32, 3\)"),
+        ({"full": arrays["full"][:3]}, r"full has the shape \(3, 64, 64, 3\), but must have \(4, 64, 64, 3\)"),
         ({"light": arrays["light"][:4]}, r"light has the shape \(4, 3\)"),
-        ({"full": arrays["full"] / 255}, "full is float64; pictures are uint8, sRGB"),
-        ({"shading": arrays["shading"] * np.nan}, "shading has values that are no finite numbers"),
+        ({"full": arrays["full"] / 255}, "full is float64, but must be uint8"),
+        ({"shading": arrays["shading"] * np.nan}, "shading has values that are not finite numbers"),
         ({"relit": arrays["full"]}, "holds relit: it may hold photo, ratio, full, albedo, shading, transport, light"),
-        ({"albedo": None}, "all answers of a folder must hold the same"),
-        (dict.fromkeys(KEYS), "answers nothing: give one at least of ratio, full"),
+        ({"albedo": None}, "all answers of a folder must hold the same arrays"),
+        (dict.fromkeys(KEYS), "is empty: it must hold at least one of ratio, full"),
     ):
         changed(path, **changes)
         with pytest.raises(UserError, match=words) as caught:
@@ -120,13 +120,15 @@ def test_what_else_is_refused(drawn, truth, tmp_path):
     with pytest.raises(UserError, match=r"is not an \.npz of arrays"):
         score(drawn, truth)
     path.unlink()
-    with pytest.raises(UserError, match=r"there is no .*g900000\.1\.npz: a folder of answers has one .npz for each"):
+    with pytest.raises(
+        UserError, match=r"there is no .*g900000\.1\.npz: a folder of answers must have one .npz for each"
+    ):
         score(drawn, truth)
     with pytest.raises(UserError, match="there is no such folder of answers"):
         score(drawn, tmp_path / "nowhere")
     with pytest.raises(UserError, match="there is no finished benchmark there"):
         score(tmp_path, truth)
-    with pytest.raises(UserError, match="--method best: network, as_it_is, mean_light, true_maps"):
+    with pytest.raises(UserError, match="--method best: must be one of network, as_it_is, mean_light, true_maps"):
         answer(drawn, tmp_path / "best", "best")
 
 
@@ -158,10 +160,10 @@ def weights(tmp_path_factory):
 def test_a_network_answers_all_of_it(drawn, weights, tmp_path):
     out = tmp_path / "tiny"
     says = CliRunner().invoke(app, ["benchmark", "answer", str(out), "--truth", str(drawn), "-w", str(weights)])
-    entries = Set(drawn).entries
+    entries = BenchmarkSet(drawn).entries
     assert says.exit_code == 0 and f"{len(entries)} answers written" in says.output
     base = entries[0]
-    given = arrays_of(out / f"{base.name}.npz")
+    given = read_arrays(out / f"{base.name}.npz")
     assert set(given) == {"photo", *KEYS}
     assert str(given["photo"]) == hashlib.sha256((base.folder / "photo.png").read_bytes()).hexdigest()
     assert all(given[name].shape == (32, 32, n) for name, n in MAPS.items())
@@ -171,7 +173,7 @@ def test_a_network_answers_all_of_it(drawn, weights, tmp_path):
     assert answer(drawn, out, "network", weights) == 0  # what is there is kept
     says = CliRunner().invoke(app, ["benchmark", "score", str(out), "--truth", str(drawn)])
     assert says.exit_code == 0 and "Relit pictures" in says.output and "light: square shifted by 4 px" in says.output
-    row = read_row(out)
+    row = read_scores(out)
     assert np.isfinite([row.columns[name][0] for name in COLUMNS]).all()
     varied = [not np.isnan(v) for v in row.columns["knee"]]
     assert varied == [True, False, False] and np.isfinite(row.columns["full"]).all()
@@ -186,7 +188,7 @@ def test_a_network_answers_all_of_it(drawn, weights, tmp_path):
         if entry.of:
             (out / f"{entry.name}.npz").unlink(missing_ok=True)
     score(drawn, out)  # all variants may be left out
-    assert np.isnan(read_row(out).columns["knee"]).all()
+    assert np.isnan(read_scores(out).columns["knee"]).all()
 
 
 def test_rows_beside_each_other(drawn, truth, tmp_path):
@@ -200,7 +202,7 @@ def test_rows_beside_each_other(drawn, truth, tmp_path):
     assert {p.name for p in out.iterdir()} == {
         f"benchmark_{name}.{suffix}" for name in ("pictures", "maps", "invariance") for suffix in ("csv", "md", "tex")
     }
-    rows = [read_row(truth), read_row(tmp_path / "as_it_is")]
+    rows = [read_scores(truth), read_scores(tmp_path / "as_it_is")]
     made = tables(rows, 200)
     moves = made["benchmark_invariance"].grid.frame
     assert list(moves.columns) == ["truth"] and len(moves) == len(INVARIANCES | LEAKS)  # as_it_is says nothing
@@ -214,10 +216,10 @@ def test_rows_beside_each_other(drawn, truth, tmp_path):
     lines = (tmp_path / "as_it_is" / "scores.csv").read_text().replace(rows[1].keys[0][0], "0" * 16)
     (tmp_path / "as_it_is" / "scores.csv").write_text(lines)
     with pytest.raises(UserError, match="as_it_is and truth were scored on different sets"):
-        tables([read_row(truth), read_row(tmp_path / "as_it_is")])
+        tables([read_scores(truth), read_scores(tmp_path / "as_it_is")])
     (truth / "scores.csv").write_text("picture,error\na,1\n")
-    with pytest.raises(UserError, match="is not what relight benchmark score writes"):
-        read_row(truth)
+    with pytest.raises(UserError, match="is not a table of relight benchmark score"):
+        read_scores(truth)
 
 
 def test_the_index_tells_what_methods_need(drawn):

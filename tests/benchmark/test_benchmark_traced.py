@@ -8,9 +8,9 @@ import trimesh
 
 from relight.benchmark import picture as module
 from relight.benchmark.lights import Lamplight
-from relight.benchmark.picture import Settings, draw
-from relight.benchmark.recipes import recipe
-from relight.benchmark.rows import true_maps
+from relight.benchmark.methods import true_maps
+from relight.benchmark.picture import Settings, render_picture
+from relight.benchmark.recipes import draw_recipe
 from relight.meshes import Material, Mesh
 from relight.panoramas import Panorama
 from relight.panoramas.radiosity import view_directions
@@ -56,31 +56,31 @@ def harmonic(light: Lamplight, pitch: float, brightness: float) -> Panorama:
 @pytest.fixture(scope="module")
 def traced(person):
     """A diffuse person in spherical harmonics without interreflection; the first two new lights are one light."""
-    made = recipe(900_000, 1)
-    new = (made.new[0], made.new[0], *made.new[2:])
-    made = replace(made, view=View(30, 10, 40.0), new=new, varied=False, stops=0.0)
+    recipe = draw_recipe(900_000, 1)
+    new = (recipe.new[0], recipe.new[0], *recipe.new[2:])
+    recipe = replace(recipe, view=View(30, 10, 40.0), new=new, varied=False, stops=0.0)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(module, "panorama", harmonic)
         patch.setattr(module, "BOUNCES", 0)
-        return made, draw(made, person, SETTINGS)
+        return recipe, render_picture(recipe, person, SETTINGS)
 
 
 def test_true_maps_agree_with_the_tracer_to_its_noise(traced, person, tmp_path, monkeypatch):
     """Through the files and the row `true_maps`, as they are scored."""
     from relight.benchmark import make as making
-    from relight.benchmark.files import Set, arrays_of
+    from relight.benchmark.files import BenchmarkSet, read_arrays
 
-    made, drawn = traced
-    making.save(tmp_path, made.name, person.info["name"], asdict(made), drawn)
-    making.index(tmp_path, "report", [made.name], asdict(SETTINGS))
-    benchmark = Set(tmp_path)
+    recipe, drawn = traced
+    making.save(tmp_path, recipe.name, person.info["name"], asdict(recipe), drawn)
+    making.index(tmp_path, "report", [recipe.name], asdict(SETTINGS))
+    benchmark = BenchmarkSet(tmp_path)
     entry = benchmark.entries[0]
     says = true_maps()(benchmark, entry)
-    pictures = arrays_of(tmp_path / "truth" / f"{made.name}.npz")["full"]
-    solid = entry.shot().mask == 255
-    ours, theirs = (decode(x[:, solid] / 255) for x in (says["full"], pictures))
+    pictures = read_arrays(tmp_path / "truth" / f"{recipe.name}.npz")["full"]
+    inside = entry.shot().mask == 255
+    ours, theirs = (decode(x[:, inside] / 255) for x in (says["full"], pictures))
     noise = (theirs[0] - theirs[1]).std() / np.sqrt(2)  # the same light, other samples
-    assert solid.sum() > 500 and 0.001 < noise < 0.02
+    assert inside.sum() > 500 and 0.001 < noise < 0.02
     for mine, one in zip(ours, theirs):
         difference = mine - one
         assert abs(difference.mean()) < 0.005 * one.mean()
@@ -95,36 +95,36 @@ def test_the_photograph_is_that_scene_in_a_camera(traced):
     """But for blur, noise and JPEG: in the mean over the figure, and over what is behind it."""
     _, drawn = traced
     shot = drawn.shots[""]
-    solid, away = shot.mask == 255, shot.mask == 0
+    inside, away = shot.mask == 255, shot.mask == 0
     linear = decode(shot.photo / 255)
-    light = drawn.seen.light
+    light = drawn.truth.light
     expected = drawn.maps.albedo * np.maximum(drawn.maps.transport @ light, 0)
-    assert np.allclose(linear[solid].mean(0), expected[solid].mean(0), rtol=0.03)
-    assert 0.001 < (linear - expected)[solid].std() < 0.08
+    assert np.allclose(linear[inside].mean(0), expected[inside].mean(0), rtol=0.03)
+    assert 0.001 < (linear - expected)[inside].std() < 0.08
     behind = np.pi * drawn.light.pixels[32, 64]
     assert np.allclose(linear[away].mean(0), np.minimum(behind, 1), atol=0.15)
 
 
 def test_gloss_and_a_bounce_are_in_the_pictures(traced, person, monkeypatch):
-    made, drawn = traced
+    recipe, drawn = traced
     monkeypatch.setattr(module, "panorama", harmonic)
     few = replace(SETTINGS, samples=16, rays=16)
-    solid = drawn.shots[""].mask == 255
+    inside = drawn.shots[""].mask == 255
     glossy_person = replace(person, materials=[replace(person.materials[0], roughness=0.5, specular=1.0)])
-    bounced = draw(made, person, few)
-    glossy = draw(made, glossy_person, few)
-    levels = [decode(one.relit[:, solid] / 255).mean() for one in (drawn, bounced, glossy)]
+    bounced = render_picture(recipe, person, few)
+    glossy = render_picture(recipe, glossy_person, few)
+    levels = [decode(one.relit[:, inside] / 255).mean() for one in (drawn, bounced, glossy)]
     assert levels[1] > 1.002 * levels[0] and levels[2] > 1.1 * levels[1]
-    assert bounced.seen.shading[drawn.seen.mask].mean() > drawn.seen.shading[drawn.seen.mask].mean()
-    truth = [one.seen for one in (bounced, glossy)]  # gloss is in the pictures alone
+    assert bounced.truth.shading[drawn.truth.mask].mean() > drawn.truth.shading[drawn.truth.mask].mean()
+    truth = [one.truth for one in (bounced, glossy)]  # gloss is in the pictures alone
     assert all(np.array_equal(*(getattr(one, name) for one in truth)) for name in ("albedo", "shading", "transport"))
 
 
 def test_the_same_recipe_is_the_same_picture(traced, person, monkeypatch):
-    made, drawn = traced
+    recipe, drawn = traced
     monkeypatch.setattr(module, "panorama", harmonic)
     monkeypatch.setattr(module, "BOUNCES", 0)
-    again = draw(made, person, SETTINGS)
+    again = render_picture(recipe, person, SETTINGS)
     assert np.array_equal(again.relit, drawn.relit)
     assert np.array_equal(again.shots[""].photo, drawn.shots[""].photo)
-    assert np.array_equal(again.seen.shading, drawn.seen.shading)
+    assert np.array_equal(again.truth.shading, drawn.truth.shading)

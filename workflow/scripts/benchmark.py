@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from relight.benchmark.files import Set, arrays_of
-from relight.benchmark.score import read_row
+from relight.benchmark.files import BenchmarkSet, read_arrays
+from relight.benchmark.score import read_scores
 from relight.config import ROOT
 
 COUNT, SIDE, PAPER = 6, 200, 242
@@ -24,13 +24,13 @@ def main() -> None:
     parser.add_argument("answers", type=Path)
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "images" / "benchmark.jpg")
     args = parser.parse_args()
-    benchmark = Set(args.truth)
+    benchmark = BenchmarkSet(args.truth)
     entries = [entry for entry in benchmark.entries if not entry.of]
-    order = np.argsort(read_row(args.answers).columns["full"])
+    order = np.argsort(read_scores(args.answers).columns["full"])
     columns = []
     for place in np.linspace(0, len(entries) - 1, COUNT).round().astype(int):
         entry = entries[order[place]]
-        answer, shot = arrays_of(args.answers / f"{entry.name}.npz"), entry.shot()
+        answer, shot = read_arrays(args.answers / f"{entry.name}.npz"), entry.shot()
         pictures = [answer["ratio"][0], answer["full"][0], benchmark.truth(entry)[1][0]]
         inside = shot.mask[..., None] / 255
         cut = [np.uint8(one * inside + PAPER * (1 - inside) + 0.5) for one in pictures]

@@ -1,0 +1,143 @@
+"""Answers the benchmark with relight's own networks, trivial baselines, and ground truth."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from relight.benchmark.files import BenchmarkSet, Entry, sha256, square_mask, write_arrays
+from relight.files import UserError, writable_folder
+from relight.maps import read_maps
+from relight.panoramas import project, read_panorama
+from relight.photos.api import Relighter, load
+from relight.photos.color import apply_gain, to_srgb8
+from relight.photos.crop import fill_outside
+from relight.photos.infer import Person
+from relight.photos.render import render
+from relight.photos.shading import shading, shading_floor, shading_ratio
+from relight.progress import progress
+from relight.srgb import LINEAR, decode
+
+Method = Callable[[BenchmarkSet, Entry], dict[str, np.ndarray]]
+
+
+def answer(folder: Path | str, out: Path | str, method: str, weights: Path | None = None) -> int:
+    """Writes the missing answers of a method to a set.
+
+    Args:
+        folder: of the set.
+        out: folder of the answers.
+        method: `network`, or a key of BASELINES.
+        weights: file of the network; by default the package's.
+
+    Returns:
+        The number of answers written.
+
+    Raises:
+        UserError: for an unknown method, a missing set, or a folder that cannot be written.
+    """
+    if method != "network" and method not in BASELINES:
+        raise UserError(f"--method {method}: must be one of network, {', '.join(BASELINES)}")
+    benchmark, out = BenchmarkSet(folder), writable_folder(out, "--out")
+    apply = network(load(weights, threads=1)) if method == "network" else BASELINES[method]()
+    wanted = [entry for entry in benchmark.entries if method == "network" or not entry.of]
+    missing = [entry for entry in wanted if not (out / f"{entry.name}.npz").is_file()]
+    for entry in progress(missing, f"answers of {out.name}"):
+        write_arrays(out / f"{entry.name}.npz", sha256(entry.folder / "photo.png"), apply(benchmark, entry))
+    return len(missing)
+
+
+def network(relighter: Relighter) -> Method:
+    """Answers with a network, as `relight photo` infers and relights; lights keep their exposure."""
+
+    def apply(benchmark: BenchmarkSet, entry: Entry) -> dict[str, np.ndarray]:
+        shot = entry.shot()
+        person = relighter.infer_person(shot.photo, shot.mask, replace(shot.square, size=relighter.network.size))
+        inside = square_mask(entry)
+        albedo = person.albedo if person.gamma == 1 else decode(person.albedo)
+        maps = {"albedo": albedo, "shading": person.shading**person.gamma, "transport": person.transport[..., :9]}
+        found = {name: resize_to_square(values, person, inside) for name, values in maps.items()}
+        found["light"] = person.light[:9]
+        if entry.new:
+            lights = [project(read_panorama(path), relighter.order).astype(np.float32) for path in entry.panoramas()]
+            for mode in ("ratio", "full"):
+                found[mode] = np.stack([render(shot.photo, [person], light, mode) for light in lights])
+        return found
+
+    return apply
+
+
+def resize_to_square(values: np.ndarray, person: Person, inside: np.ndarray) -> np.ndarray:
+    """Returns maps (S,S,C) of a network's square, resampled to that of `inside` (side,side) and zero outside it."""
+    side = len(inside)
+    if side != len(values):
+        whole = fill_outside(values, person.mask)
+        channels = [np.ascontiguousarray(whole[..., c], np.float32) for c in range(whole.shape[-1])]
+        size, bilinear = (side, side), Image.Resampling.BILINEAR
+        values = np.stack([np.asarray(Image.fromarray(c).resize(size, bilinear)) for c in channels], -1)
+    return values * inside[..., None]
+
+
+def as_it_is() -> Method:
+    """Answers with the photograph itself for every light."""
+    return lambda benchmark, entry: {"ratio": np.repeat(entry.shot().photo[None], entry.new, 0)}
+
+
+def mean_light() -> Method:
+    """Answers with the true maps, and the mean of the lights that the package's network was trained on."""
+    lights = load().lights
+    assert lights is not None  # the package's weights hold them
+    light = lights[:, :9].mean(0).astype(np.float64)
+
+    def apply(benchmark: BenchmarkSet, entry: Entry) -> dict[str, np.ndarray]:
+        ratio = relight_by_ratio(benchmark, entry, light)
+        truth, _ = benchmark.truth(entry)
+        assert truth.transport is not None  # a set with true maps has it
+        return {"light": light, "shading": shading(truth.transport, light), "ratio": ratio}
+
+    return apply
+
+
+def true_maps() -> Method:
+    """Answers with the true maps and the true light in nine coefficients: its errors are those of the formulation."""
+
+    def apply(benchmark: BenchmarkSet, entry: Entry) -> dict[str, np.ndarray]:
+        maps = read_maps(benchmark.maps(entry))
+        truth, _ = benchmark.truth(entry)
+        full = [to_srgb8(maps.albedo * shading(maps.transport, light)) for light in new_lights(entry)]
+        assert (
+            truth.albedo is not None and truth.transport is not None and truth.light is not None
+        )  # a set with true maps has them
+        return {
+            "albedo": truth.albedo,
+            "transport": truth.transport,
+            "light": truth.light,
+            "shading": shading(truth.transport, truth.light),
+            "full": np.stack(full),
+            "ratio": relight_by_ratio(benchmark, entry, truth.light),
+        }
+
+    return apply
+
+
+def new_lights(entry: Entry) -> list[np.ndarray]:
+    """Returns the coefficients (9,3) of each new light of a picture."""
+    return [project(read_panorama(path), 2) for path in entry.panoramas()]
+
+
+def relight_by_ratio(benchmark: BenchmarkSet, entry: Entry, light: np.ndarray) -> np.ndarray:
+    """Relights a photograph by the ratio of new to old shading, by true transport; `light` (9,3) is the old light.
+
+    Returns:
+        (N,H,W,3) uint8, in each new light.
+    """
+    maps, linear = read_maps(benchmark.maps(entry)), LINEAR[entry.shot().photo]
+    old = shading(maps.transport, light)
+    floor = shading_floor(old, maps.mask)
+    gains = [shading_ratio(old, shading(maps.transport, new), floor) for new in new_lights(entry)]
+    return np.stack([to_srgb8(apply_gain(linear, gain)) for gain in gains])
+
+
+BASELINES: dict[str, Callable[[], Method]] = {"as_it_is": as_it_is, "mean_light": mean_light, "true_maps": true_maps}
