@@ -1,14 +1,14 @@
-"""Predictors that look at no picture: what a table's numbers are worth shows beside them (method, section 7).
+"""Predicts without a network, as baselines for the scores (docs/method.md, section 7).
 
-| name            | infers                                                         | is given                     |
+| name            | predicts                                                       | is given                     |
 |-----------------|----------------------------------------------------------------|------------------------------|
 | `mean_figure`   | each map as its mean over the training figures, and `mean_light` | the mask                   |
 | `mean_light`    | the mean training light                                        | true maps                    |
-| `nearest_light` | the training light nearest to the true one (an oracle's choice) | true maps, the true light   |
-| `no_occlusion`  | transport of the true normals: the most that SfSNet can reach   | true normals, albedo, light |
-| `ao_occlusion`  | the same times the true AO: the most that SfSNet-AO can reach   | and the true AO             |
-| `as_it_is`      | pictures that are not relit: the one in the old light           | the picture                 |
-| `cut_2`, ...    | the true transport without bands over 2: the most of order 2    | true maps, the true light    |
+| `nearest_light` | the training light nearest to the true one                      | true maps, the true light   |
+| `no_occlusion`  | transport of the true normals: the upper bound of SfSNet        | true normals, albedo, light |
+| `ao_occlusion`  | the same times the true AO: the upper bound of SfSNet-AO        | and the true AO             |
+| `as_it_is`      | the input picture in place of the relit one                     | the picture                 |
+| `cut_2`, ...    | the true transport to order 2: the upper bound of order 2       | true maps, the true light    |
 """
 
 from pathlib import Path
@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 
 from relight import config
-from relight.evaluation.evaluate import Predictor, has_pairs, pixels, rows, score, torch_device, truth
+from relight.evaluation.evaluate import Predictor, has_pairs, pixel_rows, pixels, score, torch_device, truth
 from relight.evaluation.metrics import Inferred
 from relight.evaluation.scores import write_scores
 from relight.files import UserError
@@ -35,27 +35,35 @@ def evaluate_baselines(
 ) -> None:
     """Writes the scores (CSV) of all baselines, on the same pairs as `evaluate`.
 
-    color is that of the networks to be compared with (train.color); order the data's own (bake.order).
+    Args:
+        packed, lights, split: the data set.
+        settings: which figures and lights.
+        out: the scores (.csv).
+        color: colour model of the networks to be compared with (`train.color`).
+        order: of the data (`bake.order`).
     """
     data = RelitSet(packed, lights, order, color, torch_device("cpu"))
     if not has_pairs(data, split, settings):
         return write_scores(out, {})
-    predictors = make(data, split)
+    predictors = make_predictors(data, split)
     write_scores(out, {name: score(predictor, data, split, settings) for name, predictor in predictors.items()})
 
 
-def make(data: RelitSet, split: Path) -> dict[str, Predictor]:
-    """The predictors in the table above, from the training figures of `split` and the lights marked `train`."""
+def make_predictors(data: RelitSet, split: Path) -> dict[str, Predictor]:
+    """Returns the predictors of the module's table by name. Raises UserError without training figures or lights."""
     figures = data.figures(read_split(split)["train"])
     train_lights = data.lights.numpy()[data.light_split == "train"]
     if not len(figures) or not len(train_lights):
-        raise UserError(f"baselines: {len(figures)} training figures and {len(train_lights)} training lights are found")
+        raise UserError(
+            f"baselines: {len(figures)} training figures and {len(train_lights)} training lights are found; at least "
+            "one of each is needed"
+        )
     mean_light = train_lights.mean(0, keepdims=True)
     order = order_of(mean_light.shape[1])
     mean = MeanFigure(data, figures)
 
     def true(name: str, figure: int) -> np.ndarray:
-        return getattr(data, name)[rows(data, figure)].float().numpy()[None]
+        return getattr(data, name)[pixel_rows(data, figure)].float().numpy()[None]
 
     def mean_figure(figure: int, lit: np.ndarray) -> Inferred:
         maps = mean.at(pixels(data, figure))
@@ -75,7 +83,7 @@ def make(data: RelitSet, split: Path) -> dict[str, Predictor]:
     def as_it_is(figure: int, lit: np.ndarray) -> Inferred:
         return Inferred(relit=truth(data, figure, lit).maps["reconstruction"])
 
-    def cut(bands: int) -> Predictor:
+    def truncated(bands: int) -> Predictor:
         return lambda figure, lit: Inferred(transport=true("transport", figure)[..., : (bands + 1) ** 2])
 
     return {
@@ -85,27 +93,27 @@ def make(data: RelitSet, split: Path) -> dict[str, Predictor]:
         "no_occlusion": no_occlusion,
         "ao_occlusion": ao_occlusion,
         "as_it_is": as_it_is,
-        **{f"cut_{bands}": cut(bands) for bands in range(2, order)},
+        **{f"cut_{bands}": truncated(bands) for bands in range(2, order)},
     }
 
 
 class MeanFigure:
-    """The mean of the training figures at each pixel; where none of them reaches, the mean over all their pixels."""
+    """The mean of the training figures at each pixel; at pixels outside all figures, the mean over all pixels."""
 
     def __init__(self, data: RelitSet, figures: np.ndarray):
-        every = np.r_[tuple(rows(data, figure) for figure in figures)]
-        place = data.pixel.numpy()[every]
-        count = np.bincount(place, minlength=data.size**2)
+        rows = np.r_[tuple(pixel_rows(data, figure) for figure in figures)]
+        pixel = data.pixel.numpy()[rows]
+        count = np.bincount(pixel, minlength=data.size**2)
         self.maps = {}
         for name in ("albedo", "transport", "normal", "ao"):
-            values = getattr(data, name).numpy()[every].astype(np.float64).reshape(len(every), -1)
+            values = getattr(data, name).numpy()[rows].astype(np.float64).reshape(len(rows), -1)
             if name == "albedo" and data.color == "paper":
                 values = values / 255
-            total = np.stack([np.bincount(place, column, data.size**2) for column in values.T], 1)
+            total = np.stack([np.bincount(pixel, column, data.size**2) for column in values.T], 1)
             self.maps[name] = np.where(count[:, None] > 0, total / np.maximum(count, 1)[:, None], values.mean(0))
 
     def at(self, pixel: np.ndarray) -> dict[str, np.ndarray]:
-        """The maps (1,P,C) and ao (1,P) at flat pixel indices (P,), float32; normals are renormalised."""
+        """Returns the maps (1,P,C) and `ao` (1,P) at flat pixel indices (P,), float32; normals have unit length."""
         maps = {name: values[pixel].astype(np.float32)[None] for name, values in self.maps.items()}
         maps["normal"] /= np.linalg.norm(maps["normal"], axis=-1, keepdims=True)
         return {**maps, "ao": maps["ao"][..., 0]}

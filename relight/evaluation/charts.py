@@ -1,4 +1,4 @@
-"""Charts of the report: errors with their intervals, training curves, occlusion. SVG or PNG, by the file's suffix."""
+"""Draws the charts of the report: errors with intervals, training curves, occlusion. SVG or PNG, by the suffix."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -23,7 +23,7 @@ from relight.run_name import RunName
 COLORS = ("#7a5195", "#ef5675", "#ffa600", "#00798c", "#30638e", "#6a994e", "#8d99ae", "#bc6c25")
 GREY = "#9a9a9e"  # of baselines
 DASHES = ("--", ":", "-.", (0, (1, 4)), (0, (6, 4)), (0, (4, 1, 1, 1, 1, 1)), (0, (14, 2)))  # of baselines
-VALIDATION = "validation/"  # before the name of a loss in a training curve
+VALIDATION = "validation/"  # prefix of the names of losses on the validation pairs
 STYLE = {
     "font.size": 10,
     "axes.titlesize": 10,
@@ -39,7 +39,7 @@ STYLE = {
     "legend.frameon": False,
     "legend.fontsize": 8,
     "lines.solid_capstyle": "butt",
-    "svg.hashsalt": "relight",  # the same ids in every run
+    "svg.hashsalt": "relight",  # reproducible ids
     "svg.fonttype": "path",
     **{f"{axis}tick.{which}.size": 0 for axis in "xy" for which in ("major", "minor")},
     **{f"{axis}tick.labelsize": 8 for axis in "xy"},
@@ -48,7 +48,7 @@ STYLE = {
 
 @contextmanager
 def chart(out: Path, width: float, height: float) -> Iterator[Figure]:
-    """Gives an empty figure in the report's style, and saves it: the same bytes for the same figure.
+    """Yields an empty figure in the report's style, then saves it, with the same bytes for the same content.
 
     Args:
         out: SVG or PNG, by the suffix.
@@ -58,22 +58,24 @@ def chart(out: Path, width: float, height: float) -> Iterator[Figure]:
         figure = Figure(figsize=(width, height), layout="constrained")
         yield figure
         with atomic_write(out) as tmp:
-            dated = {"metadata": {"Date": None}} if out.suffix == ".svg" else {"dpi": 160}  # a date changes the bytes
-            figure.savefig(tmp, **dated)
+            options = (
+                {"metadata": {"Date": None}} if out.suffix == ".svg" else {"dpi": 160}
+            )  # a date would change the bytes
+            figure.savefig(tmp, **options)
 
 
 def finite_interval(one: Estimate) -> tuple[float, float]:
-    """The interval of an estimate as far as it can be drawn: an infinite end is the mean."""
+    """Returns the interval of an estimate, with infinite ends replaced by the mean."""
     low, high = (end if np.isfinite(end) else one.mean for end in (one.low, one.high))
     return low, high
 
 
 def plot_errors(table: Table, columns: tuple[str, ...], out: Path) -> None:
-    """Draws each row's mean and 95 % interval; baselines in grey.
+    """Draws means and 95 % intervals by row; baselines are grey.
 
     Args:
         table: of an experiment.
-        columns: a panel for each that the table has.
+        columns: one panel for each that the table has.
         out: the chart.
     """
     shown = table.present(columns)
@@ -81,11 +83,13 @@ def plot_errors(table: Table, columns: tuple[str, ...], out: Path) -> None:
     with chart(out, 2.6 + 2.3 * len(shown), 0.9 + 0.34 * len(rows)) as figure:
         panels = figure.subplots(1, len(shown), sharey=True, squeeze=False)[0]
         for panel, column in zip(panels, shown):
-            own = [(place, row, table.rows[row][column]) for place, row in enumerate(rows) if column in table.rows[row]]
-            colors = [color_of(row) if row in table.networks else GREY for _, row, _ in own]
-            places = [place for place, _, _ in own]
-            panel.hlines(places, *zip(*(finite_interval(one) for *_, one in own)), colors=colors, linewidth=2.2)
-            panel.scatter([one.mean for *_, one in own], places, 36, colors)
+            cells = [
+                (place, row, table.rows[row][column]) for place, row in enumerate(rows) if column in table.rows[row]
+            ]
+            colors = [color_of(row) if row in table.networks else GREY for _, row, _ in cells]
+            places = [place for place, _, _ in cells]
+            panel.hlines(places, *zip(*(finite_interval(one) for *_, one in cells)), colors=colors, linewidth=2.2)
+            panel.scatter([one.mean for *_, one in cells], places, 36, colors)
             panel.set(title=title(column), xlabel=f"{'lower' if sign(column) > 0 else 'higher'} is better")
             panel.grid(False, axis="y")
         panels[0].set_yticks(range(len(rows)), map(label, rows), fontsize=10)
@@ -93,23 +97,23 @@ def plot_errors(table: Table, columns: tuple[str, ...], out: Path) -> None:
 
 
 class PlainLog(LogFormatter):
-    """Labels those ticks of a logarithmic axis that have room, as plain numbers."""
+    """Labels ticks of a logarithmic axis as plain numbers, where there is room."""
 
     def __call__(self, x: float, pos: int | None = None) -> str:
         return f"{x:g}" if super().__call__(x, pos) else ""
 
 
 def plot_curves(curves: list[Path], out: Path) -> None:
-    """Draws training curves, a panel per loss: thick on the fixed pairs of the test, thin on the training pictures.
+    """Draws training curves, one panel per loss: thick lines on fixed test pairs, thin lines on the training pictures.
 
-    Trainings of one row share a colour. Totals are left out: different losses have different sums.
+    Trainings of a row have one colour. The total loss is left out, since trainings differ in their losses.
 
     Args:
-        curves: CSV files of `learning.train`, called row.s<seed>.csv.
+        curves: CSV files of `learning.train`, named row.s<seed>.csv.
         out: the chart.
 
     Raises:
-        UserError: if a file is no training curve.
+        UserError: if a file is not a training curve.
     """
     data = {path: read_table(path, "training curve", ["step"], "relight-train") for path in curves}
     names = dict.fromkeys(name for curve in data.values() for name in curve)
@@ -140,24 +144,24 @@ def plot_curves(curves: list[Path], out: Path) -> None:
 
 
 def plot_axis(points: list[tuple[float, str]], table: Table, columns: tuple[str, ...], axis: str, out: Path) -> None:
-    """Draws errors along an axis with their 95 % intervals; baselines as grey lines.
+    """Draws errors and 95 % intervals over a setting, with baselines as grey lines.
 
-    Places that span a factor of four or more are on a log scale.
+    The axis is logarithmic if its values span a factor of four or more.
 
     Args:
-        points: place on the axis, and row of the table.
+        points: (value on the axis, row of the table).
         table: of the experiment.
-        columns: a panel for each.
-        axis: its label.
+        columns: one panel for each.
+        axis: label.
         out: the chart.
     """
     with chart(out, 2.9 * len(columns), 3.6) as figure:
         shown: dict[str, matplotlib.lines.Line2D] = {}
         for panel, column in zip(figure.subplots(1, len(columns), squeeze=False)[0], columns):
-            own = [(place, table.rows[row][column]) for place, row in points if column in table.rows[row]]
-            places = [place for place, _ in own]
-            panel.plot(places, [one.mean for _, one in own], "o-", color=COLORS[3], linewidth=1.6)
-            panel.vlines(places, *zip(*(finite_interval(one) for _, one in own)), colors=COLORS[3], linewidth=2.2)
+            cells = [(place, table.rows[row][column]) for place, row in points if column in table.rows[row]]
+            places = [place for place, _ in cells]
+            panel.plot(places, [one.mean for _, one in cells], "o-", color=COLORS[3], linewidth=1.6)
+            panel.vlines(places, *zip(*(finite_interval(one) for _, one in cells)), colors=COLORS[3], linewidth=2.2)
             for row, dashes in zip(table.baselines, DASHES):
                 if column in table.rows[row]:
                     mean = table.rows[row][column].mean
@@ -172,16 +176,16 @@ def plot_axis(points: list[tuple[float, str]], table: Table, columns: tuple[str,
 
 
 def plot_occlusion(table: pd.DataFrame, out: Path) -> None:
-    """Draws the ambient occlusion of pixels, and what occlusion takes from the transport of each figure.
+    """Draws a histogram of ambient occlusion, and the transport that each figure loses to occlusion.
 
-    Bars are means over figures, lines the middle 80 % of them; the values that the paper implies stand beside.
+    Bars are means over figures, lines their central 80 %. The values that the paper implies are marked.
 
     Args:
-        table: a figure a row, of `occlusion.measure_occlusion`.
+        table: of `occlusion.measure_occlusion`.
         out: the chart.
 
     Raises:
-        UserError: there are no figures.
+        UserError: if there are no figures.
     """
     if table.empty:
         raise UserError(f"{out}: there are no figures to chart the occlusion of")
@@ -205,6 +209,6 @@ def plot_occlusion(table: pd.DataFrame, out: Path) -> None:
 
 
 def color_of(row: str) -> str:
-    """The colour of a row, the same in every chart."""
+    """Returns the colour of a row, the same in every chart."""
     known = list(LABELS)
     return COLORS[(known.index(row) if row in known else sum(row.encode())) % len(COLORS)]

@@ -1,4 +1,4 @@
-"""What a difference between two rows amounts to, and which of the paper's orderings hold here."""
+"""Compares rows of tables, and tests which of the paper's orderings hold."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -7,34 +7,37 @@ import numpy as np
 
 from relight.evaluation.paper import ARGUMENTS, printed
 from relight.evaluation.statistics import ALPHA, Difference, Estimate, compare, holm
-from relight.evaluation.tables import MAPS, Table, sign
+from relight.evaluation.tables import TABLE2_COLUMNS, Table, sign
 
-MARGIN = 0.035  # relative: smaller differences count as none; most of those that the paper prints are smaller
+MARGIN = (
+    0.035  # relative; rows are equivalent if they differ by less; most differences that the paper prints are smaller
+)
 
 
 class Verdict(Enum):
-    """The first of two rows against the second, by tests at ALPHA over all comparisons that are read together."""
+    """The result of comparing a first row with a second one, at significance level ALPHA."""
 
     BETTER = "better"
     WORSE = "worse"
-    EQUIVALENT = "equivalent"  # their difference is shown to be under MARGIN
-    OPEN = "open"  # these figures and lights cannot tell
+    EQUIVALENT = "equivalent"  # the difference is significantly smaller than MARGIN
+    OPEN = "open"  # neither a difference nor equivalence is significant
 
     @property
-    def sure(self) -> bool:
-        """Whether it says which row is better."""
+    def is_significant(self) -> bool:
+        """Whether one of the rows is significantly better."""
         return self in (Verdict.BETTER, Verdict.WORSE)
 
 
 @dataclass
 class Comparison:
-    """Two rows in one column.
+    """The comparison of two rows in one column.
 
     Attributes:
         column: of the scores.
         first, second: the means of the rows.
         difference: first minus second.
-        p, p_equivalent: of "they are equal" and of "they differ by MARGIN or more"; `correct` corrects both.
+        p: p-value of the hypothesis that they are equal; `correct` corrects it.
+        p_equivalent: p-value of the hypothesis that they differ by MARGIN or more; `correct` corrects it.
     """
 
     column: str
@@ -46,25 +49,25 @@ class Comparison:
 
     @property
     def verdict(self) -> Verdict:
-        """BETTER or WORSE at ALPHA, EQUIVALENT where the difference is less than MARGIN at ALPHA, else OPEN."""
+        """BETTER or WORSE if they differ significantly, EQUIVALENT if significantly by less than MARGIN, else OPEN."""
         if self.p < ALPHA and not self.difference.low <= 0 <= self.difference.high:
             return Verdict.BETTER if sign(self.column) * self.difference.mean < 0 else Verdict.WORSE
         return Verdict.EQUIVALENT if self.p_equivalent < ALPHA else Verdict.OPEN
 
     @property
     def gain(self) -> float:
-        """How much better the first row is, relative to the mean of the second."""
+        """How much better the first row is, relative to the second."""
         return self._relative(self.difference.mean)
 
     @property
     def interval(self) -> tuple[float, float]:
-        """The 95 % interval of `gain`, the second row's mean being taken as known."""
+        """The 95 % interval of `gain`; the uncertainty of the second row's mean as divisor is ignored."""
         low, high = sorted(map(self._relative, (self.difference.low, self.difference.high)))
         return low, high
 
     @property
     def bound(self) -> float:
-        """The least margin, relative to the mean of both rows, at which they are equivalent at ALPHA, read alone."""
+        """The least margin, relative to the mean of both rows, at which they are equivalent, without correction."""
         level = (abs(self.first) + abs(self.second)) / 2
         return self.difference.bound(ALPHA) / level if level else np.inf
 
@@ -73,14 +76,14 @@ class Comparison:
 
 
 def compare_estimates(column: str, first: Estimate, second: Estimate) -> Comparison:
-    """Compares two estimates of a column alone, without correction."""
+    """Compares two estimates of a column, without correction."""
     difference = compare(first, second)
     equivalent = difference.p_equivalent(MARGIN * (abs(first.mean) + abs(second.mean)) / 2)
     return Comparison(column, first.mean, second.mean, difference, difference.p, equivalent)
 
 
 def correct(found: list[Comparison]) -> list[Comparison]:
-    """Corrects the p-values of comparisons that are read together, in place (Holm)."""
+    """Corrects the p-values of comparisons for multiple comparisons (Holm), in place, and returns them."""
     for name in ("p", "p_equivalent"):
         for one, p in zip(found, holm([getattr(one, name) for one in found])):
             setattr(one, name, float(p))
@@ -90,16 +93,16 @@ def correct(found: list[Comparison]) -> list[Comparison]:
 def compare_rows(
     table: Table, first: str, second: str, columns: tuple[str, ...], other: Table | None = None
 ) -> dict[str, Comparison]:
-    """Compares two rows in some columns, p-values corrected together.
+    """Compares two rows in some columns, with p-values corrected over these columns.
 
     Args:
-        table: holds the first row.
+        table: contains the first row.
         first, second: names of rows.
-        columns: to be compared.
-        other: holds the second row, if not `table`: the same rows on other figures or lights.
+        columns: to compare.
+        other: contains the second row; `table` by default.
 
     Returns:
-        Column -> comparison, for the columns that both have; none where a row is missing.
+        Column -> comparison, for the columns that both rows have; empty if a row is missing.
     """
     one, two = table.rows.get(first, {}), (other or table).rows.get(second, {})
     found = [compare_estimates(c, one[c], two[c]) for c in columns if c in one and c in two]
@@ -108,37 +111,37 @@ def compare_rows(
 
 @dataclass
 class Ordering:
-    """Two rows in the order in which the paper prints them in a column, and the same comparison here.
+    """Two rows in the order of the paper's printed values in a column, and their comparison in this run.
 
     Attributes:
         better, worse: the rows, by the printed values.
-        argued: whether that is the order of the paper's argument; its tables print some the other way round.
-        gap: the relative difference of the two printed values.
-        here: the comparison of the two rows.
+        argued: whether the printed order agrees with the paper's argument.
+        printed_difference: the relative difference of the two printed values.
+        comparison: `better` against `worse` in this run.
     """
 
     better: str
     worse: str
     argued: bool
-    gap: float
-    here: Comparison
+    printed_difference: float
+    comparison: Comparison
 
     @property
-    def small(self) -> bool:
-        """Whether the printed difference is itself one that counts as none."""
-        return self.gap < MARGIN
+    def below_margin(self) -> bool:
+        """Whether the printed difference is under MARGIN."""
+        return self.printed_difference < MARGIN
 
 
 def orderings(tables: list[Table]) -> list[Ordering]:
-    """Compares the rows of every ordering of `paper.ARGUMENTS` that a table has, p-values corrected together.
+    """Compares the rows of every ordering of `paper.ARGUMENTS` that a table has, with p-values corrected over all.
 
-    The direction is that of the printed values, also where they contradict the paper's words; columns where it prints
-    the same value twice are passed over. An ordering that several tables have is taken from the first.
+    The direction is that of the printed values, even if they contradict the paper's argument. Columns with equal
+    printed values are skipped. An ordering that several tables have is taken from the first.
     """
     found: dict[tuple[str, str, str], Ordering] = {}
     for table in tables:
         for first, second, _ in ARGUMENTS:
-            for column in MAPS:
+            for column in TABLE2_COLUMNS:
                 key, (one, two) = (first, second, column), (printed(row).get(column) for row in (first, second))
                 if key in found or one is None or two is None or one == two:
                     continue
@@ -146,7 +149,7 @@ def orderings(tables: list[Table]) -> list[Ordering]:
                     continue
                 argued = sign(column) * (one - two) < 0
                 better, worse = (first, second) if argued else (second, first)
-                here = compare_estimates(column, table.rows[better][column], table.rows[worse][column])
-                found[key] = Ordering(better, worse, argued, abs(one - two) / max(one, two), here)
-    correct([ordering.here for ordering in found.values()])
+                comparison = compare_estimates(column, table.rows[better][column], table.rows[worse][column])
+                found[key] = Ordering(better, worse, argued, abs(one - two) / max(one, two), comparison)
+    correct([ordering.comparison for ordering in found.values()])
     return list(found.values())

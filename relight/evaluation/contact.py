@@ -1,11 +1,11 @@
-"""Contact sheets: every figure of a data set, its maps side by side, with its name."""
+"""Draws contact sheets: the maps of every figure of a data set side by side, with its name."""
 
 from pathlib import Path
 
 import numpy as np
 from PIL import Image
 
-from relight.evaluation.canvas import CELL, FAINT, Canvas, ball, box_of, cut_out
+from relight.evaluation.canvas import CELL, FAINT, Canvas, ball, bounding_box, composite
 from relight.evaluation.metrics import shade
 from relight.files import UserError
 from relight.lights import measure
@@ -15,32 +15,32 @@ from relight.progress import progress
 from relight.srgb import encode
 
 VIEWS = ("lit", "albedo", "normal", "AO", "shading")
-CELL_HEIGHT = 240
-ASPECT = 0.6  # of a cell: wide enough for all but spread arms, which are shown smaller
-GAP, WORDS, TOP = 3, 26, 48
-WIDTH = 2400  # pixels that a sheet should not exceed
+CELL_HEIGHT = 240  # pixels
+ASPECT = 0.6  # width over height of a cell; figures with spread arms are scaled down
+GAP, WORDS, TOP = 3, 26, 48  # pixels: between cells, for a name, above the cells
+WIDTH = 2400  # pixels, largest width of a sheet with several figures in a row
 
 
 def contact_sheet(maps_paths: list[Path], light: np.ndarray, out: Path, height: int = CELL_HEIGHT) -> None:
-    """Draws figures side by side, each lit, its albedo, normals, AO and shading.
+    """Draws figures side by side: lit, albedo, normals, AO and shading.
 
-    Light and shading are linear and sRGB-encoded, white being the 99.5th percentile of a figure's shading; normals are
-    shown as (n+1)/2. A figure that was left out has its reason in its place.
+    Colours are sRGB-encoded; white is the 99.5th percentile of a figure's shading. Normals are displayed as (n+1)/2. A
+    figure that was left out is replaced by the reason.
 
     Args:
-        maps_paths: their maps (EXR).
-        light: (K,3), which lights them.
+        maps_paths: maps of the figures (EXR).
+        light: (K,3).
         out: the picture (.png).
         height: of a cell, in pixels.
 
     Raises:
-        UserError: there are no maps.
+        UserError: if there are no maps.
     """
     if not maps_paths:
         raise UserError(f"{out}: there are no maps to show")
     figures = [read(path) for path in progress(maps_paths, "maps read")]
     masks = [maps.mask for _, maps in figures if isinstance(maps, Maps)]
-    rows = box_of(masks)[0] if masks else slice(0, 1)
+    rows = bounding_box(masks)[0] if masks else slice(0, 1)
     width = round(ASPECT * height)
     tile = len(VIEWS) * (width + GAP) + 6 * GAP
     across = max(1, min(len(figures), WIDTH // tile))
@@ -56,8 +56,8 @@ def contact_sheet(maps_paths: list[Path], light: np.ndarray, out: Path, height: 
         if isinstance(maps, Maps):
             for v, colors in enumerate(views(maps, light)):
                 cell = Image.new("RGB", (width, height), CELL)
-                # Extended, for pixels that a figure covers in part but not at their centre.
-                cell.paste(*placed(fill_outside(colors, maps.mask), maps, rows, (width, height)))
+                # Extended to pixels that a figure covers in part, but not at their centre.
+                cell.paste(*scale_to_cell(fill_outside(colors, maps.mask), maps, rows, (width, height)))
                 sheet.cell(cell, x + v * (width + GAP), y)
         else:
             room = len(VIEWS) * (width + GAP) - GAP
@@ -66,14 +66,19 @@ def contact_sheet(maps_paths: list[Path], light: np.ndarray, out: Path, height: 
     sheet.save(out)
 
 
-def clearest(lights: np.ndarray) -> np.ndarray:
-    """Of lights (N,K,3) the one (K,3) that shows forms and colours best: directed, from the front, nearly white."""
-    of = measure(lights)
-    return lights[int(np.argmax(of["first"] + of["toward"] - np.abs(of["red"]) - np.abs(of["blue"])))]
+def clearest_light(lights: np.ndarray) -> np.ndarray:
+    """Returns the light (K,3) of lights (N,K,3) that is best for display: directed, from the front, nearly white."""
+    statistics = measure(lights)
+    directed, red, blue = (
+        statistics["first"] + statistics["toward"],
+        np.abs(statistics["red"]),
+        np.abs(statistics["blue"]),
+    )
+    return lights[int(np.argmax(directed - red - blue))]
 
 
 def read(path: Path) -> tuple[str, Maps | str]:
-    """The figure's name and its maps, or the reason for which it was left out."""
+    """Reads a figure's name, and its maps or the reason why it was left out."""
     name = read_info(path).get("name", Path(path).stem)
     try:
         return name, read_maps(path)
@@ -81,17 +86,26 @@ def read(path: Path) -> tuple[str, Maps | str]:
         return name, str(reason)
 
 
-def placed(colors: np.ndarray, maps: Maps, rows: slice, size: tuple[int, int]) -> tuple[Image.Image, tuple[int, int]]:
-    """The figure's own columns of a picture, and their place in a cell that `rows` fill, if they are not too wide."""
-    box = rows, box_of([maps.mask])[1]
-    high, wide = (side.stop - side.start for side in box)
-    scale = min(size[1] / high, size[0] / wide)
-    shown = max(1, round(wide * scale)), max(1, round(high * scale))
-    return cut_out(colors[box], maps.coverage[box], shown), ((size[0] - shown[0]) // 2, size[1] - shown[1])
+def scale_to_cell(
+    colors: np.ndarray, maps: Maps, rows: slice, size: tuple[int, int]
+) -> tuple[Image.Image, tuple[int, int]]:
+    """Returns a figure, scaled to fit a cell of a size (width, height), and its place in the cell.
+
+    Args:
+        colors: (H,W,3), display-coded.
+        maps: of the figure.
+        rows: of the picture, which fill the cell's height unless the figure is too wide.
+        size: of the cell.
+    """
+    box = rows, bounding_box([maps.mask])[1]
+    box_height, box_width = (side.stop - side.start for side in box)
+    scale = min(size[1] / box_height, size[0] / box_width)
+    scaled = max(1, round(box_width * scale)), max(1, round(box_height * scale))
+    return composite(colors[box], maps.coverage[box], scaled), ((size[0] - scaled[0]) // 2, size[1] - scaled[1])
 
 
 def views(maps: Maps, light: np.ndarray) -> list[np.ndarray]:
-    """The pictures of VIEWS (H,W,3), display-coded."""
+    """Returns the pictures of VIEWS (H,W,3), display-coded."""
     shading = shade(maps.transport, light)
     white = max(1e-6, float(np.percentile(shading[maps.mask], 99.5)))
     grey = np.repeat(maps.ao[..., None], 3, -1)

@@ -20,25 +20,25 @@ from relight.progress import progress
 from relight.sh import UNOCCLUDED_T00, coefficient_count
 from relight.srgb import decode
 
-PIXELS = 2**20  # of the images that go through a network at once
+BATCH_PIXELS = 2**20  # largest number of pixels of the images in a batch
 
-Predictor = Callable[[int, np.ndarray], Inferred]  # (figure, lights (N,)) of a RelitSet -> what is inferred of them
+Predictor = Callable[[int, np.ndarray], Inferred]  # (figure, lights (N,)), indices in a RelitSet -> prediction
 
 
 def evaluate(checkpoint: Path, packed: Path, lights: Path, split: Path, settings: config.Evaluate, out: Path) -> None:
     """Scores a network on every test figure under every test light.
 
-    The same inputs give the same bytes on the same machine: on a CPU one thread is used.
+    The same inputs give the same bytes on the same machine, since one thread is used on a CPU.
 
     Args:
-        checkpoint: the network; its colour model is used.
+        checkpoint: the network, which also determines the colour model.
         packed, lights, split: the data set (.safetensors, .npz, .json).
-        settings: `figures`, the part of the split, and `lights`, the mark of the lights that relight them.
-        out: the scores (.csv), under the stem of this path. Figures that sit, further views and unusual lights need
-            not be there; the file then holds no scores.
+        settings: which part of the split, and which lights.
+        out: the scores (.csv), whose predictor has the name of the file. If there are no sitting figures, further views
+            or unusual lights to score, the file has no rows.
 
     Raises:
-        UserError: a file is not what it should be, or no figure or light is left to test on.
+        UserError: if a file has other contents, or there is no figure or light to test on.
     """
     network, data = load(checkpoint, packed, lights, settings)
     if not has_pairs(data, split, settings):
@@ -48,7 +48,7 @@ def evaluate(checkpoint: Path, packed: Path, lights: Path, split: Path, settings
 
 
 def load(checkpoint: Path, packed: Path, lights: Path, settings: config.Evaluate) -> tuple[Network, RelitSet]:
-    """Loads a network, and its data at its own order and in its own colour model.
+    """Loads a network, and the data at its order and in its colour model.
 
     Args:
         checkpoint: the network (.safetensors).
@@ -56,10 +56,10 @@ def load(checkpoint: Path, packed: Path, lights: Path, settings: config.Evaluate
         settings: `device`.
 
     Returns:
-        The network, which knows what it has not learned (`Network.unlearned`), and the data.
+        The network, with the outputs that no loss constrained in `Network.unlearned`, and the data.
 
     Raises:
-        UserError: a file is not what it should be, or the maps have another size than the network was trained at.
+        UserError: if a file has other contents, or the maps have another size than the network.
     """
     device = torch_device(settings.device)
     network, made_with = load_network(checkpoint, device)
@@ -73,14 +73,14 @@ def load(checkpoint: Path, packed: Path, lights: Path, settings: config.Evaluate
 
 
 def unlearned(loss: dict[str, float] | None) -> frozenset[str]:
-    """Names those of albedo and light that no loss of a training constrains: the truth replaces their noise."""
+    """Returns which of albedo and light no loss of a training constrains; they are replaced by the truth."""
     terms = {"albedo": ("albedo", "tv_albedo"), "light": ("light", "shading")}
-    either = ("reconstruction", "reconstruction_full")
-    return frozenset(name for name, own in terms.items() if loss and not any(loss[key] for key in (*own, *either)))
+    shared = ("reconstruction", "reconstruction_full")
+    return frozenset(name for name, own in terms.items() if loss and not any(loss[key] for key in (*own, *shared)))
 
 
 def torch_device(name: str) -> torch.device:
-    """`auto` is the GPU where there is one. Keeps torch to one thread on a CPU, where sums depend on their number."""
+    """Returns the device of a name, where `auto` prefers a GPU; on a CPU, limits torch to one reproducible thread."""
     kind = "cuda" if name != "cpu" and torch.cuda.is_available() else "cpu"
     if kind == "cpu":
         torch.set_num_threads(1)
@@ -89,24 +89,24 @@ def torch_device(name: str) -> torch.device:
     return torch.device(kind)
 
 
-def chosen_pairs(
+def select_pairs(
     data: RelitSet, split: Path, lights: str = "test", figures: str = "test"
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Chooses the pairs to test on.
+    """Selects the figures and lights to test on.
 
     Args:
         data: figures and lights.
         split: the split (.json).
-        lights: the mark of the lights.
+        lights: their split in the light set.
         figures: the part of the split; `views` are the further views of the test figures.
 
     Returns:
         Indices of figures (F,) and of lights (L,).
 
     Raises:
-        UserError: either is empty.
+        UserError: if either is empty.
     """
-    chosen = chosen_figures(data, split, figures)
+    chosen = select_figures(data, split, figures)
     lit = np.flatnonzero(data.light_split == lights)
     if not len(chosen) or not len(lit):
         raise UserError(
@@ -116,55 +116,55 @@ def chosen_pairs(
     return chosen, lit
 
 
-def chosen_figures(data: RelitSet, split: Path, figures: str) -> np.ndarray:
-    """Indices of the figures of a part of the split, from the front; `views` are the test figures' other views."""
-    parts = read_split(split)
+def select_figures(data: RelitSet, split: Path, figures: str) -> np.ndarray:
+    """Returns indices of the frontal figures of a part of the split; `views` are other views of the test figures."""
+    scores = read_split(split)
     if figures != "views":
-        return data.figures(parts[figures])
-    others = data.others(data.figures(parts["test"]))
+        return data.figures(scores[figures])
+    others = data.others(data.figures(scores["test"]))
     return others[data.turned[others]]
 
 
 def has_pairs(data: RelitSet, split: Path, settings: config.Evaluate) -> bool:
-    """Whether the set has a figure that sits, a further view or an unusual light, where these are to be scored."""
-    figures = settings.figures == "test" or len(chosen_figures(data, split, settings.figures)) > 0
+    """Returns whether there are figures and lights to score; test figures and test lights are taken for granted."""
+    figures = settings.figures == "test" or len(select_figures(data, split, settings.figures)) > 0
     return figures and (settings.lights != "unusual" or bool((data.light_split == "unusual").any()))
 
 
-def rows(data: RelitSet, figure: int) -> slice:
-    """The rows of a figure's pixels in the arrays of the set."""
+def pixel_rows(data: RelitSet, figure: int) -> slice:
+    """Returns the rows of a figure's pixels in the arrays of the set."""
     start = int(data.offset[figure])
     return slice(start, start + int(data.counts[figure]))
 
 
 def pixels(data: RelitSet, figure: int) -> np.ndarray:
-    """Flat indices (P,) of a figure's pixels in its image."""
-    return data.pixel[rows(data, figure)].cpu().numpy()
+    """Returns the flat indices (P,) of a figure's pixels in its image."""
+    return data.pixel[pixel_rows(data, figure)].cpu().numpy()
 
 
 def dense(values: np.ndarray, pixel: np.ndarray, size: int) -> np.ndarray:
-    """Puts values (P,C) at their pixels (P,) of an image (S,S,C), zero elsewhere."""
+    """Scatters values (P,C) to flat pixel indices (P,) of an image (S,S,C) of zeros."""
     image = np.zeros((size**2, values.shape[-1]), np.float32)
     image[pixel] = values
     return image.reshape(size, size, -1)
 
 
 def score(predictor: Predictor, data: RelitSet, split: Path, settings: config.Evaluate) -> Scores:
-    """The scores of a predictor on all test pairs; those of a figure are taken together, since they share its truth."""
-    figures, lights = chosen_pairs(data, split, settings.lights, settings.figures)
-    parts = [truth(data, f, lights).score(predictor(f, lights)) for f in progress(figures.tolist(), "figures scored")]
-    columns = {name: np.stack([part[name] for part in parts]) for name in parts[0]}
+    """Scores a predictor on all test pairs, figure by figure."""
+    figures, lights = select_pairs(data, split, settings.lights, settings.figures)
+    scores = [truth(data, f, lights).score(predictor(f, lights)) for f in progress(figures.tolist(), "figures scored")]
+    columns = {name: np.stack([part[name] for part in scores]) for name in scores[0]}
     return Scores([data.names[f] for f in figures], lights.tolist(), columns)
 
 
 def truth(data: RelitSet, figure: int, lights: np.ndarray) -> Truth:
-    """The true maps of one figure of the set under `lights` (N,), in the set's colour model."""
+    """Returns the ground truth of a figure of the set under `lights` (N,), in the set's colour model."""
     batch = data.batch(np.array([figure]), lights[:1])
     count = int(data.counts[figure])
     maps = {name: getattr(batch, name)[0, :count].cpu().numpy() for name in ("albedo", "normal", "ao")}
     return Truth(
         batch.pixel[:count].cpu().numpy(),
-        data.transport[rows(data, figure)].float().cpu().numpy(),
+        data.transport[pixel_rows(data, figure)].float().cpu().numpy(),
         maps["albedo"],
         maps["normal"],
         maps["ao"][:, 0],
@@ -175,7 +175,7 @@ def truth(data: RelitSet, figure: int, lights: np.ndarray) -> Truth:
 
 @torch.inference_mode()
 def infer(network: Network, data: RelitSet, figure: int, lights: np.ndarray) -> Inferred:
-    """Infers maps and lights of one figure from its pictures under some lights.
+    """Infers maps and lights of a figure from its pictures under some lights.
 
     Args:
         network: in evaluation mode.
@@ -184,18 +184,18 @@ def infer(network: Network, data: RelitSet, figure: int, lights: np.ndarray) -> 
         lights: (N,) indices of the lights.
 
     Returns:
-        What is inferred under each; what no loss constrained is left out. SfSNet's transport is that of its normals
-        without occlusion, with and without AO (the paper, Table 1).
+        The prediction under each light, without outputs that no loss constrained. For SfSNet and SfSNet-AO, transport
+        is that of the normals without occlusion (the paper, Table 1).
     """
-    count, step = int(data.counts[figure]), max(1, PIXELS // data.size**2)
+    count, batch_size = int(data.counts[figure]), max(1, BATCH_PIXELS // data.size**2)
     found: dict[str, list[np.ndarray]] = {}
-    for start in range(0, len(lights), step):
-        lit = lights[start : start + step]
+    for start in range(0, len(lights), batch_size):
+        lit = lights[start : start + batch_size]
         batch = data.batch(np.full(len(lit), figure), lit)
         for name, values in compact(network, batch).items():
             values = values if name == "light" else values[:, :count]
             found.setdefault(name, []).append(values.cpu().numpy())
-    maps = {name: np.concatenate(parts) for name, parts in found.items() if name not in network.unlearned}
+    maps = {name: np.concatenate(scores) for name, scores in found.items() if name not in network.unlearned}
     ao = maps["ao"][..., 0] if "ao" in maps else None
     return Inferred(
         maps.get("albedo"),
@@ -208,7 +208,7 @@ def infer(network: Network, data: RelitSet, figure: int, lights: np.ndarray) -> 
 
 
 def compact(network: Network, batch: Batch) -> dict[str, torch.Tensor]:
-    """The network's maps on the in-mask pixels (B,P,C), its light (B,K,3), and the transport of its normals."""
+    """Runs a network; returns maps at the in-mask pixels (B,P,C), among them transport, and the light (B,K,3)."""
     outputs = network(batch.image, batch.mask)
     light = outputs.pop("light").float()
     maps = {name: batch.take(dense) for name, dense in outputs.items()}
@@ -221,14 +221,14 @@ def inferred_maps(network: Network, data: RelitSet, light: int, true: Maps) -> M
     """Infers the maps of a figure from its picture under one light.
 
     Args:
-        network: of any kind; what no loss of its training constrained stays true.
+        network: of any kind; outputs that no loss constrained are replaced by the truth.
         data: its test set.
         light: index of the light in the set.
         true: the figure's baked maps, whose info names it in the set.
 
     Returns:
-        Maps with the mask of `true`. The albedo is linear: that of networks of `train.color=paper`, which take codes as
-        linear values, is decoded. The ambient occlusion is that of the transport; normals that are not inferred are 0.
+        Maps with the mask of `true`. The albedo is linear; that of networks with `train.color=paper` is decoded. The
+        ambient occlusion is that of the transport. Normals are 0 if they are not inferred.
     """
     (figure,) = data.figures([true.info["name"]])
     inferred = infer(network, data, int(figure), np.array([light]))

@@ -1,6 +1,6 @@
-"""Tables to be read: pandas frames of cells, written as CSV, Markdown, LaTeX and HTML.
+"""Formats tables: pandas frames of cells, written as CSV, Markdown, LaTeX and HTML.
 
-Bold is the best network of a column; n.s. (not significant) marks what the figures at hand cannot tell from it.
+Bold is the best network of a column; n.s. marks values that do not differ significantly from it.
 """
 
 import re
@@ -28,13 +28,13 @@ LATEX: dict[str | int, str | int | None] = {
 
 @dataclass
 class Grid:
-    """A table to be read.
+    """A table for readers.
 
     Attributes:
-        frame: a row per label, its cells Estimate, Verdict, str, int, float or None; its columns are flat, or pairs
-            (block, column).
-        kinds: what each row is: "network", "baseline" or "paper"; "" where that has no meaning.
-        digits: decimals of the numbers of a column, 3 if not given.
+        frame: indexed by the rows' labels; cells are Estimate, Verdict, str, int, float or None; columns are names, or
+            pairs (block, name).
+        kinds: of the rows: "network", "baseline", "paper", or "" if the rows have no kind.
+        digits: decimals by column, 3 by default.
     """
 
     frame: pd.DataFrame
@@ -49,11 +49,11 @@ class Grid:
         kinds: list[str] | None = None,
         digits: dict[str, int] | None = None,
     ) -> "Grid":
-        """Makes a grid from rows of cells, of which the first is the label.
+        """Returns a grid of rows of cells, the first of which is the label.
 
         Args:
-            columns: heads, the first that of the labels.
-            rows: as many cells each.
+            columns: the heads, the first of which is that of the labels.
+            rows: each with as many cells as there are columns.
             kinds: of the rows.
             digits: decimals by column.
         """
@@ -62,19 +62,19 @@ class Grid:
         return cls(frame.where(frame.notna(), None), kinds or [""] * len(rows), digits or {})
 
     def blocks(self) -> list["Grid"]:
-        """One grid per block of columns, without the rows that have nothing in it; itself where it has no blocks."""
+        """Returns a grid per block of columns, without rows that are empty there; the grid itself without blocks."""
         if self.frame.columns.nlevels == 1:
             return [self]
-        found = []
+        grids = []
         for block in dict.fromkeys(self.frame.columns.get_level_values(0)):
             part = self.frame[block]
             kept = part.notna().any(axis=1).to_numpy()
             part = part[kept].rename_axis(index=block)
-            found.append(Grid(part, [kind for kind, one in zip(self.kinds, kept) if one], self.digits))
-        return found
+            grids.append(Grid(part, [kind for kind, one in zip(self.kinds, kept) if one], self.digits))
+        return grids
 
     def texts(self, style: "Style") -> pd.DataFrame:
-        """The frame with every cell, label and head as text."""
+        """Returns the frame with cells, labels and heads as text."""
         heads = [h if isinstance(h, tuple) else (h,) for h in self.frame.columns]
         cells = [
             [style.cell(value, self.digits.get(head[-1], 3)) for value, head in zip(row, heads)]
@@ -87,42 +87,51 @@ class Grid:
         return pd.DataFrame(cells, pd.Index(labels, name=style.escape(self.frame.index.name or "")), columns)
 
     def statistics(self) -> pd.DataFrame:
-        """The frame for programs: each estimate as its mean, low and high, to six significant digits."""
-        made = {}
+        """Returns the frame as numbers: each estimate as mean, low and high, to six significant digits."""
+        statistics = {}
         for column in self.frame:
             values = list(self.frame[column])
             column = ", ".join(column) if isinstance(column, tuple) else column
             if any(isinstance(value, Estimate) for value in values):
                 for end, name in (("", "mean"), (", low", "low"), (", high", "high")):
-                    made[f"{column}{end}"] = [getattr(value, name, np.nan) for value in values]
+                    statistics[f"{column}{end}"] = [getattr(value, name, np.nan) for value in values]
             else:
-                made[column] = values
-        return pd.DataFrame(made, self.frame.index).map(lambda v: float(f"{v:.6g}") if isinstance(v, float) else v)
+                statistics[column] = values
+        return pd.DataFrame(statistics, self.frame.index).map(
+            lambda v: float(f"{v:.6g}") if isinstance(v, float) else v
+        )
 
 
 @dataclass
 class Style:
-    """How a format writes a label, a number, its margin and its marks; {} stands for the text."""
+    """The format strings of a file format, in which {} is the text.
+
+    Attributes:
+        bold, italic: of the best value, and of baselines' labels.
+        margin: of the half-width of an interval.
+        not_significant: the mark of values that do not differ significantly from the best.
+        escape: escapes plain text.
+    """
 
     bold: str
     italic: str
     margin: str
-    undecided: str
+    not_significant: str
     escape: Callable[[str], str]
 
     def label(self, text: str, kind: str) -> str:
-        """The label of a row: baselines in italics, printed rows marked as such."""
+        """Returns the label of a row: baselines in italics, the paper's rows marked as printed."""
         text = self.escape(text if kind != "paper" else f"{text}, as printed")
         return self.italic.format(text) if kind == "baseline" else text
 
     def cell(self, value: object, digits: int) -> str:
-        """A cell as text: estimates with their margin, numbers with so many digits, nothing for None."""
+        """Returns a cell as text: estimates with their margin, numbers with `digits` decimals, empty for None."""
         if value is None:
             return ""
         if isinstance(value, Estimate):
             mean, margin = (self.escape(number(one, digits)) for one in (value.mean, value.margin))
             shown = (self.bold if value.best else "{}").format(mean) + self.margin.format(margin)
-            return shown + self.undecided * value.undecided
+            return shown + self.not_significant * value.not_significant
         if isinstance(value, Verdict):
             return self.escape(f"{SIGNS[value]} {value.value}").strip()
         if isinstance(value, float):
@@ -142,12 +151,12 @@ HTML = Style("<b>{}</b>", "{}", "<small>±{}</small>", "<i>n.s.</i>", lambda tex
 
 
 def to_markdown(grid: Grid) -> str:
-    """The grid as a table in Markdown."""
+    """Returns a grid as a table in Markdown."""
     return grid.texts(MARKDOWN).to_markdown(disable_numparse=True)
 
 
 def to_latex(grid: Grid) -> str:
-    """A tabular (package booktabs), with a rule before baselines and before printed values."""
+    """Returns a grid as a tabular (package booktabs), with a rule before baselines and before printed values."""
     texts = grid.texts(TEX).rename_axis(index=None)
     lines = texts.to_latex(escape=False, multicolumn_format="c", column_format="l" + "c" * texts.shape[1]).splitlines()
     body = lines.index(r"\midrule") + 1
@@ -165,14 +174,14 @@ def write_tables(
     statistics: pd.DataFrame | None = None,
     others: Grid | None = None,
 ) -> None:
-    """Writes stem.csv (all numbers), stem.md and stem.tex (what is shown), each whole or not at all.
+    """Writes a table as stem.csv, stem.md and stem.tex, each atomically.
 
     Args:
         stem: path without suffix.
         title: of the table, plain text.
-        note: what the numbers are, in Markdown.
-        shown: the table itself; LaTeX has it whole, Markdown by blocks where it has any.
-        statistics: the numbers, each in a column; those of `shown` if None.
+        note: explains the numbers, in Markdown.
+        shown: the table; one tabular in LaTeX, a table per block in Markdown.
+        statistics: content of the CSV; by default the statistics of `shown`.
         others: a further grid for the Markdown file.
     """
     statistics = shown.statistics() if statistics is None else statistics
@@ -191,17 +200,17 @@ def write_tables(
 
 
 def score_grid(table: Table, columns: Iterable[str]) -> Grid:
-    """The estimates of a table in some of its columns, a block per reading; printed values follow."""
-    found = table.present(columns)
+    """Returns the estimates of a table in some columns, a block per reading; the paper's printed values follow."""
+    present = table.present(columns)
     rows: list[tuple[str, str, Mapping[str, Estimate | float]]] = [
         (label(row), table.kind(row), cells) for row, cells in table.rows.items()
     ]
     rows += [(label(row), "paper", values) for row, values in table.printed.items()]
-    rows = [row for row in rows if any(column in row[2] for column in found)]
+    rows = [row for row in rows if any(column in row[2] for column in present)]
     heads = []
-    for quantity, reading in map(split_column, found):
+    for quantity, reading in map(split_column, present):
         heads.append((f"{READING_LABELS[reading]} {'↓' if sign(f'_{reading}') > 0 else '↑'}", QUANTITIES[quantity]))
-    cells = [[values.get(column) for column in found] for *_, values in rows]
+    cells = [[values.get(column) for column in present] for *_, values in rows]
     index = pd.Index([name for name, *_ in rows], dtype=object)
     columns = pd.MultiIndex.from_arrays([[head[level] for head in heads] for level in (0, 1)])
     frame = pd.DataFrame(cells, index, columns, dtype=object)
@@ -209,37 +218,37 @@ def score_grid(table: Table, columns: Iterable[str]) -> Grid:
 
 
 def other_columns(table: Table) -> tuple[str, ...]:
-    """The columns that a table holds and does not show."""
+    """Returns the columns that a table does not show."""
     return tuple(column for column in COLUMNS if column not in table.columns)
 
 
-def comparison_grid(found: dict[str, dict[str, Comparison]]) -> Grid:
-    """Comparisons with their relative gains, both means, p-value, verdict, and the bound of what is not sure.
+def comparison_grid(comparisons: dict[str, dict[str, Comparison]]) -> Grid:
+    """Returns comparisons with relative gain, both means, p-value, verdict, and a bound on open differences.
 
     Args:
-        found: what is compared -> column -> comparison.
+        comparisons: label of the pair -> column -> comparison.
     """
     heads = ["compared", "in", "first better by", "95 % interval", "first", "second", "p", "the first is", "within"]
     rows = [
         [what, column_label(c.column), *effect(c), c.first, c.second, p_value(c.p), c.verdict, bound(c)]
-        for what, ones in found.items()
-        for c in ones.values()
+        for what, by_column in comparisons.items()
+        for c in by_column.values()
     ]
     return Grid.of(heads, rows)
 
 
 def effect(one: Comparison) -> tuple[str, str]:
-    """How much better the first is, relative to the second, and the 95 % interval of that."""
+    """Returns the gain of the first row relative to the second, and its 95 % interval, as text."""
     return percent(one.gain), " to ".join(map(percent, one.interval)).replace(" % to", " to")
 
 
 def bound(one: Comparison) -> str | None:
-    """The relative bound of a difference that is open, or none for practical purposes."""
-    return None if one.verdict.sure else f"±{100 * one.bound:.1f} %"
+    """Returns the relative bound on a difference whose verdict is equivalent or open; None for the others."""
+    return None if one.verdict.is_significant else f"±{100 * one.bound:.1f} %"
 
 
 def number(value: float, digits: int = 3) -> str:
-    """Fixed decimals without the leading zero, as the margins are written: .123, −.5, ∞."""
+    """Formats a number with fixed decimals and without a leading zero: .123, −.5, ∞."""
     if not np.isfinite(value):
         return "∞" if value > 0 else "−∞"
     text = re.sub(r"^(-?)0\.", r"\1.", f"{value:.{digits}f}")
@@ -247,7 +256,7 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def percent(value: float) -> str:
-    """With its sign, to a tenth."""
+    """Formats a fraction as a percentage with a sign and one decimal."""
     if not np.isfinite(value):
         return "∞" if value > 0 else "−∞"
     text = f"{100 * value:+.1f} %".replace("-", "−")
@@ -255,10 +264,10 @@ def percent(value: float) -> str:
 
 
 def p_value(p: float) -> str:
-    """A p-value with two digits, such as .034."""
+    """Formats a p-value with two significant digits, such as .034."""
     return "< .0001" if p < 1e-4 else f"{p:.2g}".removeprefix("0")
 
 
 def count(many: int, noun: str) -> str:
-    """1 figure, 2 figures."""
+    """Formats a count: 1 figure, 2 figures."""
     return f"{many} {noun}" if many == 1 else f"{many} {noun}s"

@@ -1,8 +1,8 @@
-"""How rows, columns and quantities are called where people read them."""
+"""Labels of rows, columns and quantities in tables and text."""
 
 from relight.evaluation.metrics import READINGS
 
-STEPS = (4000, 16000)  # of the experiment `steps`, beside those of the scale
+STEPS = (4000, 16000)  # of the experiment `steps`, in addition to those of the scale
 LABELS = {
     "sfsnet": "SfSNet",
     "sfsnet_ao": "SfSNet-AO",
@@ -55,7 +55,7 @@ READING_LABELS = dict(zip(READINGS, ("RMSE", "RMSE per element", "SSIM", "SSIM, 
 
 
 def label(row: str) -> str:
-    """The label of a row of a table; its name where it has none."""
+    """Returns the label of a row, which is its name if it has none."""
     return LABELS.get(row, row)
 
 
@@ -66,12 +66,12 @@ def split_column(column: str) -> tuple[str, str]:
 
 
 def title(column: str) -> str:
-    """The label of a column of scores: shading_rmse -> Shading RMSE."""
+    """Returns the label of a column of scores: shading_rmse -> Shading RMSE."""
     quantity, reading = split_column(column)
     return f"{QUANTITIES[quantity]} {READING_LABELS[reading]}"
 
 
 def column_label(column: str) -> str:
-    """The label of a column within a sentence: shading_rmse -> shading RMSE, ao_rmse -> AO RMSE."""
+    """Returns the label of a column within a sentence: shading_rmse -> shading RMSE, ao_rmse -> AO RMSE."""
     words = title(column)
     return words if words.split()[0].isupper() else words[0].lower() + words[1:]

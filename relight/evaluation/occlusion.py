@@ -1,4 +1,4 @@
-"""How much the figures shadow themselves: what separates a data set of folded cloth from one of bare bodies."""
+"""Measures the self-occlusion of figures."""
 
 from pathlib import Path
 
@@ -11,23 +11,23 @@ from relight.maps import LeftOut, Maps, read_maps
 from relight.progress import progress
 from relight.sh import order_of, unoccluded
 
-DARK = 0.5
+DARK = 0.5  # ambient occlusion, limit of deep shade
 BINS = 20  # of ambient occlusion, over [0, 1]
-UNKNOWN = "scan, unknown"  # pose or garments of a figure whose info names none
+UNKNOWN = "scan, unknown"  # pose or garments of figures without a record of them
 SEPARATOR = "; "  # between garments in a cell of the table
 HISTOGRAM = [f"ao_{i / BINS:.2f}" for i in range(BINS)]
 COLUMNS = ["name", "pose", "garments", "pixels", "ao", "dark", "lost", *HISTOGRAM]
 
 
 def occlusion(maps: Maps) -> dict[str, object]:
-    """Measures how much a figure shadows itself.
+    """Measures the self-occlusion of a figure.
 
     Args:
         maps: of the figure.
 
     Returns:
-        A row of COLUMNS. pixels: of the mask; ao: their mean; dark: the share of them with AO < DARK; lost: the root
-        mean square over them of the vector norm of T - T without occlusion; HISTOGRAM: the share in each bin of AO.
+        A row of COLUMNS. pixels: number of pixels of the mask; ao: mean AO over them; dark: fraction with AO < DARK;
+        lost: RMS of the vector norm of T - T without occlusion; HISTOGRAM: fraction in each bin of AO.
     """
     ao, transport = maps.ao[maps.mask], maps.transport[maps.mask]
     lost = transport - unoccluded(maps.normal[maps.mask], order_of(transport.shape[1]))
@@ -45,11 +45,11 @@ def occlusion(maps: Maps) -> dict[str, object]:
 
 
 def measure_occlusion(maps_paths: list[Path], out: Path) -> pd.DataFrame:
-    """Measures figures; those that were left out are skipped.
+    """Measures figures, except those that were left out.
 
     Args:
-        maps_paths: their maps (EXR).
-        out: the table (.csv) that is written, to five decimals.
+        maps_paths: maps of the figures (EXR).
+        out: the table (.csv) to write, with five decimals.
 
     Returns:
         The table, a row of COLUMNS for each figure.
@@ -67,23 +67,23 @@ def measure_occlusion(maps_paths: list[Path], out: Path) -> pd.DataFrame:
 
 
 def read_occlusion(path: Path) -> pd.DataFrame:
-    """Reads what `measure_occlusion` wrote.
+    """Reads a table of `measure_occlusion`.
 
     Raises:
-        UserError: it is another table.
+        UserError: if it is another table.
     """
     return read_table(path, "occlusion", COLUMNS, "relight-sheets")
 
 
 def group_occlusion(table: pd.DataFrame, by: str) -> pd.DataFrame:
-    """Averages over groups of figures, each figure counting once whatever its size.
+    """Averages over groups of figures; each figure has the same weight.
 
     Args:
-        table: a figure a row.
-        by: "pose"; "garment", where a figure counts for each that it wears; or "all", one group of all figures.
+        table: of `measure_occlusion`.
+        by: "pose"; "garment", where a figure belongs to the group of each of its garments; or "all", a single group.
 
     Returns:
-        A row per group, darkest first: how many figures, the means of ao, dark and lost, and the range of ao.
+        A row per group, darkest first: number of figures, means of ao, dark and lost, and range of ao.
     """
     table = table.assign(all="all figures", garment=table.garments.str.split(SEPARATOR)).explode("garment")
     groups = table.drop_duplicates(["name", by]).groupby(by)

@@ -1,6 +1,6 @@
-"""What the paper prints (Kanamori and Endo 2018): its reference, its tables, and what it argues with.
+"""Facts from the paper (Kanamori and Endo 2018): its reference, its tables, and the orderings that it argues with.
 
-The values were measured by others, on scanned figures that are not public, at 1024 px, with no spread given.
+The values were measured by its authors, on scanned figures that are not public, at 1024 px, without intervals.
 """
 
 CITATION = {
@@ -10,14 +10,14 @@ CITATION = {
     "doi": "10.1145/3272127.3275104",
 }
 
-# Mean ambient occlusion of the paper's scans, and the root mean square of |T - T_unoccluded| over their pixels, as its
-# tables imply them: nothing of the kind is printed.
+# Mean ambient occlusion of the paper's scans, and RMS of |T - T_unoccluded| over their pixels. They are not printed,
+# but follow from its tables.
 IMPLIED_AO, IMPLIED_LOST = 0.83, 0.25
-SECONDS = 0.43  # to infer a picture of 1024 px on a GeForce GTX 1080 Ti (section 1)
+SECONDS = 0.43  # per picture of 1024 px on a GeForce GTX 1080 Ti (section 1)
 
 QUANTITIES = ("shading", "transport", "normal", "ao", "light", "albedo")
 
-# (the better row in the paper's words, the worse, what it shows): section 6.1 and the discussion of Table 2.
+# (better row by the paper's argument, worse row, the argument): section 6.1 and the discussion of Table 2.
 ARGUMENTS = (
     ("ours_min", "sfsnet", "knowing occlusion helps"),
     ("ours_full", "sfsnet", "knowing occlusion helps"),
@@ -28,7 +28,7 @@ ARGUMENTS = (
     ("ours_full", "no_reconstruction", "the reconstruction losses matter"),
 )
 
-# Its figures and tables: what they show, the experiment or section of the report that has it here, and the command.
+# Figures and tables of the paper: their content, the report's experiment or section that repeats it, and the command.
 CONTENTS = (
     ("Figure 1", "a photograph under new lights", "", "relight photo me.jpg --light room:12"),
     ("Figure 2", "the network", "training", "relight run"),
@@ -48,7 +48,7 @@ CONTENTS = (
     ("Sections 4 to 6", "its whole protocol", "", "relight run scale=paper protocol=paper"),
 )
 
-_PRINTED = {  # RMSE of the six quantities, then SSIM; None where the paper has N/A or no column
+_PRINTED = {  # RMSE of QUANTITIES, then SSIM; None if the paper has N/A or no column
     "sfsnet": (0.299, 0.526, 0.346, None, 0.207, 0.135, 0.884, 0.755, 0.776, None, 0.446, 0.954),
     "sfsnet_ao": (0.293, 0.529, 0.347, 0.083, 0.207, 0.131, 0.890, 0.749, 0.772, 0.946, 0.475, 0.955),
     "ours_min": (0.237, 0.406, None, None, 0.205, 0.131, 0.909, 0.777, None, None, 0.473, 0.953),
@@ -60,7 +60,7 @@ _PRINTED = {  # RMSE of the six quantities, then SSIM; None where the paper has 
 
 
 def printed(row: str) -> dict[str, float]:
-    """Column -> value of a row of either table; empty for a row that the paper does not have."""
+    """Returns column -> printed value for a row of either table; empty for rows that the paper does not have."""
     columns = [f"{quantity}_{reading}" for reading in ("rmse", "ssim") for quantity in QUANTITIES]
     values = _PRINTED.get(row, [None] * len(columns))
     return {column: value for column, value in zip(columns, values) if value is not None}

@@ -1,17 +1,17 @@
-"""Relit pictures against path tracing (paper, section 7.2 and its supplement), their difference told by its causes.
+"""Compares relit pictures with path tracing (the paper, section 7.2 and supplement), and splits the error by cause.
 
-Between what a network relights and a path tracing of the same mesh in the whole panorama stands a chain of pictures.
-Each differs from the next by one cause, which has its name:
+A chain of pictures leads from a network's relit picture to a path tracing of the same mesh in the whole panorama. Each
+picture differs from the next by one cause, whose name is on its line:
 
-    network          albedo^ * max(T^.L, 0), what the network infers, relit
-    clipping         albedo * max(T.L, 0), the true maps relit: what a network is scored against elsewhere
-    sampling         albedo * T.L: a light of few coefficients may bring it below 0
-    baker            the same as the mean over the pixel's area: maps hold what is at its centre
+    network          albedo^ * max(T^.L, 0), inferred maps relit
+    clipping         albedo * max(T.L, 0), true maps relit: the reference of the other scores
+    sampling         albedo * T.L, which may be negative, since L has few coefficients
+    baker            the same as the mean over the pixel's area, while maps hold the values at its centre
     truncation       path traced in the panorama cut to the order of T and L
-    interreflection  path traced in the whole panorama, with light from the sky alone
+    interreflection  path traced in the whole panorama, without interreflection
     (the end)        path traced with interreflection
 
-The mean product of the differences of two independent renderings is free of the noise that one square would hold.
+Squared errors are mean products of the differences of two independent renderings, which noise does not bias.
 """
 
 from collections.abc import Iterator
@@ -26,7 +26,7 @@ from relight.evaluation.evaluate import infer, load, truth
 from relight.evaluation.formats import Grid
 from relight.evaluation.labels import label
 from relight.evaluation.metrics import Inferred, Truth, shade
-from relight.evaluation.panels import Line, Subject, View, draw, spaced
+from relight.evaluation.panels import Line, Subject, View, draw, evenly_spaced
 from relight.evaluation.scores import read_table
 from relight.evaluation.statistics import estimate
 from relight.evaluation.tracing import Scene, read_scenes
@@ -52,61 +52,62 @@ ANSWERS = {
 }
 KEYS = ("kind", "name", "figure", "light")
 COLUMNS = ("rmse", "relative", "bias")
-WORST = 0.3  # error of a picture (vector norm) at the dark end of the scale
+MAX_ERROR = 0.3  # error of a picture (vector norm) at the dark end of the colour scale
 
 
 @dataclass
 class Chain:
-    """The pictures of one scene, (P,3), or (2,P,3) where they are traced.
+    """The chain of pictures of one scene: (P,3), or (2,P,3) if traced.
 
     Attributes:
-        scene: the figure relit.
-        truth: the figure under the light in which the networks are shown it.
+        scene: the traced figure.
+        truth: the figure under the light of the input picture.
         albedo: (P,3), true.
-        own: pictures of ANSWERS, by name.
+        pictures: those of ANSWERS, by name.
     """
 
     scene: Scene
     truth: Truth
     albedo: np.ndarray
-    own: dict[str, np.ndarray] = field(default_factory=dict)
+    pictures: dict[str, np.ndarray] = field(default_factory=dict)
 
     @classmethod
     def of(cls, data: RelitSet, scene: Scene) -> "Chain":
-        """The chain without networks. UserError when the scene was traced with other maps or at another order."""
+        """Returns the chain of a scene. Raises UserError if it was traced with other maps or at another order."""
         true = truth(data, scene.figure, np.array([scene.seen]))
         albedo, transport = true.maps["albedo"][0], true.transport[0]
         if len(albedo) != len(scene.area) or transport.shape[1] != len(scene.light):
             raise UserError(f"{data.names[scene.figure]} was traced with other maps than these: trace it again")
         normal, ao, light = true.maps["normal"][0], true.maps["ao"][0], scene.light
         open_sky = unoccluded(normal, order_of(len(light)))
-        own = {
+        pictures = {
             "truth": albedo * shade(transport, light),
             "ao_occlusion": albedo * shade(open_sky * ao, light),
             "no_occlusion": albedo * shade(open_sky, light),
             "as_it_is": true.maps["reconstruction"][0],
         }
-        return cls(scene, true, albedo, own)
+        return cls(scene, true, albedo, pictures)
 
     def steps(self) -> Iterator[tuple[str, np.ndarray, np.ndarray]]:
-        """Cause, picture before it and after it, for all causes but the network."""
-        s, transport = self.scene, self.truth.transport[0]
-        pictures = [self.own["truth"]]
-        pictures += [self.albedo * values for values in (transport @ s.light, s.area, s.cut, s.direct, s.full)]
+        """Yields each cause except the network, and the pictures before and after it."""
+        scene, transport = self.scene, self.truth.transport[0]
+        pictures = [self.pictures["truth"]]
+        irradiances = (transport @ scene.light, scene.area, scene.cut, scene.direct, scene.full)
+        pictures += [self.albedo * values for values in irradiances]
         yield from zip(list(CAUSES)[1:], pictures, pictures[1:])
 
     def relight(self, inferred: Inferred) -> np.ndarray:
-        """The picture (P,3) of what was inferred under one light, under the new one; albedo is true where none was."""
+        """Returns the picture (P,3) of inferred maps under the new light; albedo that is not inferred is true."""
         albedo, transport, _ = self.truth.complete(inferred)
         return (albedo * shade(transport, self.scene.light))[0]
 
     @property
     def full(self) -> np.ndarray:
-        """The end of the chain, made twice (2,P,3)."""
+        """The end of the chain, from two independent renderings (2,P,3)."""
         return self.albedo * self.scene.full
 
-    def measured(self, before: np.ndarray, after: np.ndarray) -> list[float]:
-        """Measures the difference of two pictures; traced noise cancels out but for chance.
+    def measure_difference(self, before: np.ndarray, after: np.ndarray) -> list[float]:
+        """Measures the difference of two pictures, without bias from the noise of traced ones.
 
         Args:
             before, after: (P,3) or (2,P,3).
@@ -117,8 +118,8 @@ class Chain:
         """
         first, second = np.broadcast_to(before - after, self.full.shape)
         rmse = np.sqrt(max((first * second).sum(-1).mean(), 0))
-        level = np.sqrt((self.full[0] * self.full[1]).sum(-1).mean())
-        return [rmse, rmse / level, (before - after).mean() / self.full.mean()]
+        norm = np.sqrt((self.full[0] * self.full[1]).sum(-1).mean())
+        return [rmse, rmse / norm, (before - after).mean() / self.full.mean()]
 
 
 def evaluate_traced(
@@ -129,42 +130,42 @@ def evaluate_traced(
     Args:
         networks: `row.s<seed>` -> checkpoint.
         packed, lights: the data set.
-        traced: what `tracing.trace` wrote.
+        traced: file of `tracing.trace`.
         settings: `device`.
-        out: the table (.csv) of KEYS and COLUMNS. A row of kind `answer` is a whole picture against the path tracing
-            with interreflection, of ANSWERS or of a network; one of kind `cause` a step of the chain, the network's
-            being `network:row.s<seed>`.
+        out: the table (.csv) of KEYS and COLUMNS. Rows of kind `answer` compare a picture of ANSWERS or of a network
+            with the end of the chain. Rows of kind `cause` are steps of the chain; that of a network is named
+            `network:row.s<seed>`.
     """
     rows: list[list] = []
-    known: set[int] = set()
+    scenes_done: set[int] = set()
     for name, checkpoint in progress(list(networks.items()), "networks against path tracing"):
         network, data = load(checkpoint, packed, lights, settings)
         for place, scene in enumerate(read_scenes(traced)):
             chain, key = Chain.of(data, scene), [data.names[scene.figure], scene.new]
             relit = chain.relight(infer(network, data, scene.figure, np.array([scene.seen])))
-            made = [("answer", name, relit, chain.full), ("cause", f"network:{name}", relit, chain.own["truth"])]
-            if place not in known:
-                known.add(place)
-                made += [("answer", answer, chain.own[answer], chain.full) for answer in ANSWERS]
-                made += [("cause", *step) for step in chain.steps()]
-            rows += [[kind, row, *key, *chain.measured(before, after)] for kind, row, before, after in made]
+            pairs = [("answer", name, relit, chain.full), ("cause", f"network:{name}", relit, chain.pictures["truth"])]
+            if place not in scenes_done:
+                scenes_done.add(place)
+                pairs += [("answer", answer, chain.pictures[answer], chain.full) for answer in ANSWERS]
+                pairs += [("cause", *step) for step in chain.steps()]
+            rows += [[kind, row, *key, *chain.measure_difference(before, after)] for kind, row, before, after in pairs]
     table = pd.DataFrame(rows, columns=[*KEYS, *COLUMNS])
     with atomic_write(out) as tmp:
         table.to_csv(tmp, index=False, float_format="%.6g", lineterminator="\n")
 
 
 def tables(path: Path, settings: config.Evaluate) -> dict[str, Grid]:
-    """Estimates the answers and the causes of a file of `evaluate_traced`; the trainings of a row are averaged.
+    """Returns tables of the answers and the causes in a file of `evaluate_traced`; trainings of a row are averaged.
 
     Args:
         path: the file (.csv).
-        settings: how many resamples, and their seed.
+        settings: number of resamples, and their seed.
 
     Returns:
         The tables `path_traced_causes` and `path_traced`.
 
     Raises:
-        UserError: the file is no such table.
+        UserError: if the file is not such a table.
     """
     found = read_table(path, "errors against path tracing", [*KEYS, *COLUMNS], "relight-path-traced")
     found["row"] = [RunName.parse(name).run for name in found["name"]]
@@ -174,13 +175,13 @@ def tables(path: Path, settings: config.Evaluate) -> dict[str, Grid]:
     causes |= {name: words for name, words in CAUSES.items() if name != "network"}
 
     def grid(kind: str, labels: dict[str, str]) -> Grid:
-        """A row per name, in the order of `labels`."""
+        """Returns a grid with a row per name, in the order of `labels`."""
         rows, kinds = [], []
         for name in labels:
             if (kind, name) in values:
                 numbers = values[kind, name][list(COLUMNS)].to_numpy().reshape(-1, figures, len(COLUMNS))
-                each = np.moveaxis(numbers * [1, 100, 100], -1, 0)[..., None]
-                rows.append([labels[name], *(estimate(one, settings.bootstrap, settings.seed) for one in each)])
+                by_column = np.moveaxis(numbers * [1, 100, 100], -1, 0)[..., None]
+                rows.append([labels[name], *(estimate(one, settings.bootstrap, settings.seed) for one in by_column)])
                 kinds.append("baseline" if name in ANSWERS else "network")
         heads, digits = ["", "RMSE", "relative, %", "mean, %"], {"RMSE": 4, "relative, %": 1, "mean, %": 1}
         return Grid.of(heads, rows, kinds, digits)
@@ -191,15 +192,15 @@ def tables(path: Path, settings: config.Evaluate) -> dict[str, Grid]:
 def traced_plate(
     networks: dict[str, Path], packed: Path, lights: Path, traced: Path, settings: config.Evaluate, out: Path
 ) -> None:
-    """Draws traced figures: the input, relit by each network and by the true maps, and path traced.
+    """Draws traced figures: the input, relit by each network and by the true maps, path traced, and the errors.
 
-    The errors of these against the traced picture follow, and what interreflection adds to it.
+    The last column is the light that interreflection adds.
 
     Args:
         networks: row -> checkpoint.
         packed, lights: the data set.
-        traced: what `tracing.trace` wrote.
-        settings: `plates`, at most so many figures.
+        traced: file of `tracing.trace`.
+        settings: `plates` is the largest number of figures.
         out: the picture (.png).
     """
     chains: list[Chain] = []
@@ -209,27 +210,27 @@ def traced_plate(
         network, data = load(checkpoint, packed, lights, settings)
         if not chains:
             scenes = read_scenes(traced)
-            chains = [Chain.of(data, scenes[i]) for i in spaced(len(scenes), settings.plates)]
+            chains = [Chain.of(data, scenes[i]) for i in evenly_spaced(len(scenes), settings.plates)]
             subjects = [Subject.of(data, c.scene.figure, np.array([c.scene.seen])) for c in chains]
             relit = [[] for _ in chains]
         for chain, pictures in zip(chains, relit):
             pictures.append(chain.relight(infer(network, data, chain.scene.figure, np.array([chain.scene.seen]))))
-    lines = [Line(s.name, s, views(chain, pictures)) for s, chain, pictures in zip(subjects, chains, relit)]
+    lines = [Line(scene.name, scene, views(chain, pictures)) for scene, chain, pictures in zip(subjects, chains, relit)]
     heads = ["input", *(f"relit by {label(row)}" for row in networks), "true maps, relit", "path traced"]
     heads += [*(f"error of {label(row)}" for row in networks), "error of the true maps", "inter-reflection"]
-    words = (
-        "Relit by the panorama of a test light, whose sphere stands in the corner as networks and maps know it, by its "
-        "coefficients. Errors are against the path traced picture and hold its noise."
+    note = (
+        "Relit by the panorama of a test light; the sphere in the corner is lit by its coefficients, which networks "
+        "and maps are given. Errors are relative to the path traced picture and include its noise."
     )
-    draw(heads, lines, WORST, words).save(out)
+    draw(heads, lines, MAX_ERROR, note).save(out)
 
 
 def views(chain: Chain, relit: list[np.ndarray]) -> list[View]:
-    """A row of the plate."""
-    goal, true, light = chain.full.mean(0), chain.own["truth"], chain.scene.light
+    """Returns a row of the plate."""
+    traced, true, light = chain.full.mean(0), chain.pictures["truth"], chain.scene.light
     direct = chain.albedo * chain.scene.direct.mean(0)
     return [
-        View(chain.own["as_it_is"], light=chain.truth.lights[0]),
-        *(View(picture, light=light) for picture in [*relit, true, goal]),
-        *(View(error=np.linalg.norm(picture - goal, axis=-1)) for picture in [*relit, true, direct]),
+        View(chain.pictures["as_it_is"], light=chain.truth.lights[0]),
+        *(View(picture, light=light) for picture in [*relit, true, traced]),
+        *(View(error=np.linalg.norm(picture - traced, axis=-1)) for picture in [*relit, true, direct]),
     ]

@@ -1,4 +1,4 @@
-"""The scores of predictors: a table with one row per predictor, test figure and test light, as CSV and in memory."""
+"""Stores the scores of predictors: a row per predictor, test figure and test light."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,30 +15,36 @@ KEYS = ["predictor", "figure", "light"]
 
 @dataclass
 class Scores:
-    """columns: name -> (F,L) float64, NaN where the predictor has no say; figures: F names; lights: L indices."""
+    """The scores of one predictor.
+
+    Attributes:
+        figures: F names.
+        lights: L indices.
+        columns: name -> (F,L) float64, NaN where there is no score.
+    """
 
     figures: list[str]
     lights: list[int]
     columns: dict[str, np.ndarray]
 
     def figure_means(self, column: str) -> np.ndarray:
-        """(F,): the mean over lights of each figure."""
+        """Returns the mean (F,) over lights of each figure."""
         return self.columns[column].mean(1)
 
     def part(self, figures: np.ndarray) -> "Scores":
-        """The scores of some of the figures, by their places."""
+        """Returns the scores of some of the figures, by index."""
         columns = {name: values[figures] for name, values in self.columns.items()}
         return Scores([self.figures[place] for place in figures], self.lights, columns)
 
     def frame(self, predictor: str) -> pd.DataFrame:
-        """One row per figure and light, under the name of the predictor."""
+        """Returns a row per figure and light, with the name of the predictor."""
         pairs = pd.MultiIndex.from_product([[predictor], self.figures, self.lights], names=KEYS)
         frame = pd.DataFrame({name: values.ravel() for name, values in self.columns.items()}, pairs)
         return frame.reindex(columns=[*COLUMNS, *COLLAPSE]).reset_index()
 
 
 def write_scores(path: Path, scores: dict[str, Scores]) -> None:
-    """Writes the scores of some predictors as CSV, six significant digits, blanks for NaN; whole or not at all."""
+    """Writes the scores of predictors as CSV, atomically: six significant digits, and blanks for NaN."""
     frames = [one.frame(predictor) for predictor, one in scores.items()]
     table = pd.concat(frames) if frames else pd.DataFrame(columns=[*KEYS, *COLUMNS, *COLLAPSE])
     with atomic_write(path) as tmp:
@@ -46,10 +52,10 @@ def write_scores(path: Path, scores: dict[str, Scores]) -> None:
 
 
 def read_scores(path: Path) -> dict[str, Scores]:
-    """Reads what `write_scores` wrote; {} where there was nothing to score.
+    """Reads a file of `write_scores`; empty if there was nothing to score.
 
     Raises:
-        UserError: the file is no table of scores, or not every figure has every light.
+        UserError: if the file is not a table of scores, or a figure lacks a light.
     """
     table = read_table(path, "scores", KEYS, "relight-evaluate")
     try:
@@ -59,16 +65,16 @@ def read_scores(path: Path) -> dict[str, Scores]:
 
 
 def read_table(path: Path, what: str, columns: list[str], writer: str) -> pd.DataFrame:
-    """Reads a CSV that a stage wrote; blanks are NaN, and no other word is.
+    """Reads a CSV table of a stage; only blanks are NaN.
 
     Args:
         path: the file.
-        what: what it holds, for messages.
-        columns: those that it must have.
+        what: its content, for errors.
+        columns: required columns.
         writer: the command that writes such files.
 
     Raises:
-        UserError: the file is missing, is not CSV, or lacks one of the columns.
+        UserError: if the file is missing, is not CSV, or lacks a column.
     """
     try:
         names = {"predictor": str, "figure": str, "name": str}
@@ -82,10 +88,10 @@ def read_table(path: Path, what: str, columns: list[str], writer: str) -> pd.Dat
 
 
 def gather(paths: list[Path]) -> dict[str, list[Scores]]:
-    """Scores by row, one per training, from files whose predictors are called `row` or `row.s<seed>`.
+    """Reads the scores of each row, one per training, from files with predictors `row` or `row.s<seed>`.
 
     Raises:
-        UserError: they were not taken on the same figures and lights.
+        UserError: if the figures and lights of the files differ.
     """
     rows: dict[str, list[Scores]] = {}
     first: tuple[Path, Scores] | None = None

@@ -1,19 +1,18 @@
-"""How sure a mean is, and whether two rows of a table differ.
+"""Computes intervals of means, and tests whether two rows of a table differ.
 
-The scores of a test are crossed: every figure is seen under every light, by every training of a row. Other figures,
-other lights and another training would each give another mean, so all three are sources of its spread. The pairs
-(figure, light) are not independent samples: they share figures and lights.
+Scores are crossed: every figure is seen under every light, by every training of a row. All three are random factors of
+the mean. The pairs (figure, light) are not independent samples, since they share figures and lights.
 
-* The interval of a mean resamples figures and lights, whole and apart from each other (bootstrap of crossed factors,
-  Owen 2007). Few of them make percentile intervals too narrow; the resamples of each factor of n levels are spread by
-  sqrt(n/(n-1)) * t/z, as wide as Student's (the expanded interval of Hesterberg 2015).
-* Two rows are compared by their differences pair by pair, with a two-way analysis of variance with random effects and
-  Student's t, degrees of freedom by Satterthwaite (Clark 1973): a table reads many p-values together, far out in the
-  tails, where the bootstrap of a dozen figures claims several times as often as it should.
-* Trainings are too few to resample. Their spread is pooled over rows and enters as noise that follows Student's t with
-  the degrees of freedom of the pool.
+* The interval of a mean is a bootstrap of crossed factors (Owen 2007), which resamples whole figures and whole lights
+  independently. For few levels percentile intervals are too narrow, so the resamples of a factor with n levels are
+  expanded by sqrt(n/(n-1)) * t/z (Hesterberg 2015).
+* Two rows are compared by the differences of their pairs, in a two-way analysis of variance with random effects:
+  Student's t with the degrees of freedom of Satterthwaite (Clark 1973). A bootstrap of a dozen figures is unreliable in
+  the tails, where the corrected p-values of a table are: it makes several times too many false claims.
+* Trainings are too few to resample. Their standard deviation is pooled over rows, and added as noise that follows
+  Student's t with the pooled degrees of freedom.
 
-A factor with one level cannot be resampled: the numbers then speak of that light, or of that training, alone.
+A factor with one level cannot be resampled: the results then hold for that light, or that training, alone.
 """
 
 from dataclasses import dataclass, field
@@ -23,7 +22,7 @@ import numpy as np
 from scipy.stats import norm, t
 
 CONFIDENCE = 0.95
-ALPHA = 0.05  # p-values under it are significant
+ALPHA = 0.05  # significance level
 
 
 @dataclass
@@ -32,13 +31,13 @@ class Estimate:
 
     Attributes:
         mean, low, high: the mean, and the ends of its 95 % interval.
-        values: (F,L), the mean over trainings of each pair of figure and light.
-        figures, lights: what the pairs are of; two rows are compared pair by pair in what they share.
-        error, freedom: the standard error of the mean from training to training and its degrees of freedom, 0 when one
-            training is all there is.
+        values: (F,L), the means over trainings for each figure and light.
+        figures, lights: names of the rows and columns of `values`; rows of a table are paired by those that they share.
+        error, freedom: the standard error of the mean due to trainings, and its degrees of freedom; 0 for a single
+            training.
         best: whether it is the best network of its column in a table.
-        p: of the paired difference from the best, corrected for all that the table compares (Holm); None for the best
-            itself and for baselines.
+        p: p-value of the paired difference from the best, corrected over the table (Holm); None for the best itself and
+            for baselines.
     """
 
     mean: float
@@ -54,12 +53,12 @@ class Estimate:
 
     @property
     def margin(self) -> float:
-        """Half the width of the interval."""
+        """The half-width of the interval."""
         return (self.high - self.low) / 2
 
     @property
-    def undecided(self) -> bool:
-        """Whether it cannot be told from the best value of its column."""
+    def not_significant(self) -> bool:
+        """Whether it does not differ significantly from the best value of its column."""
         return self.p is not None and self.p >= ALPHA
 
 
@@ -69,9 +68,9 @@ class Difference:
 
     Attributes:
         mean, low, high: the mean, and the ends of its 95 % interval.
-        p: two-sided, of "they are equal".
-        error, freedom: the standard error of the mean and its degrees of freedom (Student's t); infinite and 1 where
-            there are too few figures to know it.
+        p: two-sided p-value of the hypothesis that they are equal.
+        error, freedom: the standard error of the mean and its degrees of freedom (Student's t); infinite and 1 if there
+            are too few figures to estimate it.
     """
 
     mean: float
@@ -82,44 +81,44 @@ class Difference:
     freedom: float = 1.0
 
     def p_equivalent(self, bound: float) -> float:
-        """The p-value of "the two differ by `bound` or more": the larger of two one-sided t-tests (Schuirmann 1987)."""
+        """Returns the p-value of a difference of `bound` or more, by two one-sided t-tests (Schuirmann 1987)."""
         if self.error == 0:
             return float(abs(self.mean) >= bound)
         return float(t.sf((bound - abs(self.mean)) / self.error, self.freedom))
 
     def bound(self, alpha: float) -> float:
-        """The least `bound` at which `p_equivalent` is under `alpha`: the difference is shown to be smaller."""
-        reach = self.error * t.isf(alpha, self.freedom) if self.error else 0.0
-        return float(abs(self.mean) + reach)
+        """Returns the least `bound` at which `p_equivalent` is `alpha`, so that larger differences are excluded."""
+        half_width = self.error * t.isf(alpha, self.freedom) if self.error else 0.0
+        return float(abs(self.mean) + half_width)
 
 
 @lru_cache(maxsize=8)
 def resample_weights(levels: int, resamples: int, seed: int) -> np.ndarray:
-    """(B,N) weights of each of the N levels of a factor in each resample; rows sum to 1."""
+    """Returns weights (B,N) of the N levels of a factor in each of B resamples; rows sum to 1."""
     generator = np.random.default_rng([seed, levels, resamples])
     return generator.multinomial(levels, np.full(levels, 1 / levels), resamples) / levels
 
 
 @lru_cache
-def widening(levels: int) -> float:
-    """The factor that makes the spread of resamples as wide as Student's (Hesterberg 2015)."""
+def expansion_factor(levels: int) -> float:
+    """Returns the factor by which resamples are expanded so that intervals match Student's t (Hesterberg 2015)."""
     tail = (1 + CONFIDENCE) / 2
     return float(np.sqrt(levels / (levels - 1)) * t.ppf(tail, levels - 1) / norm.ppf(tail))
 
 
 @dataclass
 class Spread:
-    """Standard deviation from training to training of a row's mean over the pairs, and its degrees of freedom."""
+    """The standard deviation between trainings of a row's mean, and its degrees of freedom."""
 
     deviation: float = 0.0
     freedom: int = 0
 
 
 def pooled_spread(rows: list[np.ndarray]) -> Spread:
-    """Pools the spread of trainings over rows.
+    """Pools the standard deviation between trainings over rows.
 
     Args:
-        rows: values (S,...) of each, over trainings; rows of one training tell nothing of it.
+        rows: values (S,...) of the S trainings of each row; rows with one training have no effect.
     """
     means = [values.reshape(len(values), -1).mean(1) for values in rows]
     freedom = sum(len(one) - 1 for one in means)
@@ -135,114 +134,114 @@ def estimate(
     pairs: tuple[list, list] = ([], []),
     noise: int = 0,
 ) -> Estimate:
-    """The mean of a row's values and its interval.
+    """Estimates the mean of a row and its interval.
 
     Args:
-        values: (S,F,L), one per training, figure and light.
-        resamples: how many.
+        values: (S,F,L), by training, figure and light.
+        resamples: number of resamples.
         seed: of the resamples; rows with the same seed are resampled alike.
-        spread: that of the table's trainings; a row that spreads more keeps its own. Without it the interval does not
-            speak of another training.
-        pairs: the figures and the lights.
+        spread: pooled over the table's trainings; a larger one of the row itself is preferred. Without it, the interval
+            does not include the variation between trainings.
+        pairs: names of the figures, and indices of the lights.
         noise: seed of the noise of the trainings; it must differ between the rows of a table.
 
     Returns:
-        The estimate; with one figure there is nothing to resample and its interval is infinite. With one light it
-        speaks of that light only.
+        The estimate. With one figure its interval is infinite; with one light it holds for that light only.
     """
     trainings, figures, lights = values.shape
-    mean, of_pairs = float(values.mean()), values.mean(0)
+    mean, pair_means = float(values.mean()), values.mean(0)
     error, freedom = 0.0, 0
     if spread and spread.freedom:
         freedom = spread.freedom
         error = max(spread.deviation, pooled_spread([values]).deviation) / np.sqrt(trainings)
-    found = Estimate(mean, -np.inf, np.inf, of_pairs, list(pairs[0]), list(pairs[1]), error, freedom)
+    found = Estimate(mean, -np.inf, np.inf, pair_means, list(pairs[0]), list(pairs[1]), error, freedom)
     if figures == 1:
         return found
-    draws = np.full(resamples, mean)
+    resampled = np.full(resamples, mean)
     for axis, levels in enumerate((figures, lights)):
         if levels > 1:
             weights = resample_weights(levels, resamples, seed + 1000 * axis)
-            draws += widening(levels) * (weights @ (of_pairs.mean(1 - axis) - mean))
+            resampled += expansion_factor(levels) * (weights @ (pair_means.mean(1 - axis) - mean))
     if freedom:
-        draws += error * np.random.default_rng([noise, trainings]).standard_t(freedom, resamples)
-    found.low, found.high = interval(draws)
+        resampled += error * np.random.default_rng([noise, trainings]).standard_t(freedom, resamples)
+    found.low, found.high = interval(resampled)
     return found
 
 
-def interval(draws: np.ndarray) -> tuple[float, float]:
-    """The central CONFIDENCE interval of resamples."""
-    low, high = np.quantile(draws, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
+def interval(resampled: np.ndarray) -> tuple[float, float]:
+    """Returns the central CONFIDENCE interval of resamples."""
+    low, high = np.quantile(resampled, [(1 - CONFIDENCE) / 2, (1 + CONFIDENCE) / 2])
     return float(low), float(high)
 
 
 def compare(first: Estimate, second: Estimate) -> Difference:
     """Compares two rows with Student's t.
 
-    Figures that both rows have are compared figure by figure, and lights light by light; others as independent samples
-    (Welch). To the variance over figures and lights that of the trainings is added.
+    If both rows have the same figures, they are paired by figure; otherwise the figures are independent samples
+    (Welch). The same holds for lights. The variance of the trainings is added to that over figures and lights.
 
     Args:
         first, second: estimates of one column.
 
     Returns:
-        First minus second; with an infinite interval and p = 1 where a row has one figure.
+        The difference first minus second; with an infinite interval and p = 1 if a row has one figure.
     """
     mean = float(first.mean - second.mean)
-    parts = crossed(first, second)
-    if not parts:
+    components = variance_components(first, second)
+    if not components:
         return Difference(mean, -np.inf, np.inf, 1.0)
     if trainings := max(first.freedom, second.freedom):
-        parts.append((first.error**2 + second.error**2, trainings))
-    variance = sum(part for part, _ in parts)
+        components.append((first.error**2 + second.error**2, trainings))
+    variance = sum(component for component, _ in components)
     if variance <= 0:
         return Difference(mean, mean, mean, float(mean == 0), 0.0)
-    freedom = variance**2 / sum(part**2 / n for part, n in parts)
-    reach = t.ppf((1 + CONFIDENCE) / 2, freedom) * np.sqrt(variance)
+    freedom = variance**2 / sum(component**2 / n for component, n in components)
+    half_width = t.ppf((1 + CONFIDENCE) / 2, freedom) * np.sqrt(variance)
     p = 2 * t.sf(abs(mean) / np.sqrt(variance), freedom)
-    return Difference(mean, *map(float, (mean - reach, mean + reach, p, np.sqrt(variance), freedom)))
+    return Difference(mean, *map(float, (mean - half_width, mean + half_width, p, np.sqrt(variance), freedom)))
 
 
-def crossed(first: Estimate, second: Estimate) -> list[tuple[float, float]]:
-    """Splits the variance of the difference of two means over figures and lights (Clark 1973).
+def variance_components(first: Estimate, second: Estimate) -> list[tuple[float, float]]:
+    """Returns the variance components of the difference of two means over figures and lights (Clark 1973).
 
-    The variance of the means of figures holds that of figures and that of the pairs, and so does that of lights: the
-    pairs' is taken away once (a negative part). A factor whose own variance would come out negative has none.
+    The variance of the figures' means includes that of the interaction, and so does that of the lights' means, so the
+    interaction is subtracted once, as a negative component. If a factor's own variance would be negative, it is zero.
 
     Args:
         first, second: estimates of one column.
 
     Returns:
-        Parts of the variance with their degrees of freedom; none where a row has one figure.
+        (variance, degrees of freedom) of each component; empty if a row has one figure.
     """
     rows = [first.values, second.values]
-    alike = [getattr(first, name) == getattr(second, name) for name in ("figures", "lights")]
+    shared_levels = [getattr(first, name) == getattr(second, name) for name in ("figures", "lights")]
     if min(len(values) for values in rows) < 2:
         return []
     factors: list[list[tuple[float, float]]] = []
-    for axis, shared in enumerate(alike):
+    for axis, shared in enumerate(shared_levels):
         means = [values.mean(1 - axis) for values in rows]
         samples = [means[0] - means[1]] if shared else means
         factors.append([(one.var(ddof=1) / len(one), len(one) - 1) for one in samples if len(one) > 1])
-    pairs = [rows[0] - rows[1]] if all(alike) else rows
-    between: list[tuple[float, float]] = [
+    pairs = [rows[0] - rows[1]] if all(shared_levels) else rows
+    interaction: list[tuple[float, float]] = [
         (-_interaction(one) / one.size, (one.shape[0] - 1) * (one.shape[1] - 1)) for one in pairs
     ]
-    between = [part for part in between if part[1]]
-    own = [sum(part for part, _ in factor) + sum(part for part, _ in between) for factor in factors]
-    if not factors[1] or own[1] <= 0:
+    interaction = [component for component in interaction if component[1]]
+    shared_variance = sum(variance for variance, _ in interaction)
+    totals = [sum(variance for variance, _ in factor) + shared_variance for factor in factors]
+    if not factors[1] or totals[1] <= 0:
         return factors[0]
-    return factors[1] if own[0] <= 0 else [*factors[0], *factors[1], *between]
+    return factors[1] if totals[0] <= 0 else [*factors[0], *factors[1], *interaction]
 
 
 def _interaction(values: np.ndarray) -> float:
-    """The mean square of what is left of (F,L) without the means of its rows and columns; 0 for one column."""
-    left = values - values.mean(1, keepdims=True) - values.mean(0) + values.mean()
-    return float((left**2).sum() / max((values.shape[0] - 1) * (values.shape[1] - 1), 1))
+    """Returns the mean square of (F,L) after subtracting the means of rows and columns; 0 for one column."""
+    residual = values - values.mean(1, keepdims=True) - values.mean(0) + values.mean()
+    return float((residual**2).sum() / max((values.shape[0] - 1) * (values.shape[1] - 1), 1))
 
 
 def holm(p: list[float]) -> np.ndarray:
-    """Corrects p-values that are read together (Holm 1979): the chance of one false claim among all stays at p.
+    """Corrects p-values for multiple comparisons (Holm 1979).
 
     Args:
         p: (N,).

@@ -1,4 +1,4 @@
-"""Tables of experiments from the scores of their runs: means, intervals, each column's best."""
+"""Computes the tables of experiments from scores: means, intervals, and the best network of each column."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -20,17 +20,17 @@ def _columns(*quantities: str) -> tuple[str, ...]:
 
 
 PRINTED = ("table1", "table2")  # the tables that the paper prints
-ALL = _columns("shading", "transport", "normal", "ao", "light", "albedo")  # of Table 1
-MAPS = _columns("shading", "transport", "light", "albedo")  # of Table 2
-PARTS = _columns("shading", "shading_true_light", "transport", "light", "albedo")
-SHOWN = {  # the columns that the table of an experiment shows; ALL where nothing else is said
-    "table2": MAPS,
-    "sitting": MAPS,
-    "unusual_lights": MAPS,
+TABLE1_COLUMNS = _columns("shading", "transport", "normal", "ao", "light", "albedo")  # of Table 1
+TABLE2_COLUMNS = _columns("shading", "transport", "light", "albedo")  # of Table 2
+PART_COLUMNS = _columns("shading", "shading_true_light", "transport", "light", "albedo")
+SHOWN_COLUMNS = {  # by experiment; TABLE1_COLUMNS by default
+    "table2": TABLE2_COLUMNS,
+    "sitting": TABLE2_COLUMNS,
+    "unusual_lights": TABLE2_COLUMNS,
     "silhouette": _columns("shading_true_light", "transport"),
     "relit": _columns("relit", "reconstruction", "shading_true_light", "albedo"),
-    **dict.fromkeys(("self_supervised", "splits", "order", "data_size", "width"), PARTS),
-    **dict.fromkeys(("equal_losses", "plus_parts", "steps"), PARTS),
+    **dict.fromkeys(("self_supervised", "splits", "order", "data_size", "width"), PART_COLUMNS),
+    **dict.fromkeys(("equal_losses", "plus_parts", "steps"), PART_COLUMNS),
 }
 
 Rows = dict[str, list[Scores]]  # row -> the scores of its trainings
@@ -38,14 +38,14 @@ Rows = dict[str, list[Scores]]  # row -> the scores of its trainings
 
 @dataclass
 class Table:
-    """What an experiment measured.
+    """The estimates of an experiment.
 
     Attributes:
-        columns: those that are shown, of all that the rows have.
-        rows: name of a network or baseline -> column -> estimate; networks first, in the order of the experiment.
-        trainings: how many each network has, by row; baselines have none.
-        figures, lights: how many the test has.
-        printed: row -> column -> the paper's own value.
+        columns: those to show.
+        rows: network or baseline -> column -> estimate; networks come first, in the order of the experiment.
+        trainings: network -> number of trainings.
+        figures, lights: numbers of test figures and test lights.
+        printed: row -> column -> the paper's value.
     """
 
     columns: tuple[str, ...]
@@ -67,21 +67,21 @@ class Table:
 
     @property
     def trainings_range(self) -> tuple[int, int]:
-        """How many trainings the networks have: the least and the most."""
+        """The least and the largest number of trainings of a network."""
         counts = self.trainings.values()
         return min(counts, default=0), max(counts, default=0)
 
     def kind(self, row: str) -> str:
-        """Whether a row is a "network" or a "baseline"."""
+        """Returns "network" or "baseline"."""
         return "network" if row in self.trainings else "baseline"
 
     def present(self, columns: Iterable[str]) -> list[str]:
-        """Those of some columns that a row has, by reading."""
+        """Returns those of the given columns that any row has, sorted by reading."""
         found = [column for column in columns if any(column in cells for cells in self.rows.values())]
         return sorted(found, key=lambda column: READINGS.index(split_column(column)[1]))
 
     def statistics(self) -> pd.DataFrame:
-        """All columns, shown or not: mean, 95 % interval, and the p-value of the difference from the best network."""
+        """Returns all columns, also those not shown: mean, 95 % interval, and p-value against the best network."""
         lines = []
         for row, cells in self.rows.items():
             line = {"row": row, "kind": self.kind(row), "trainings": self.trainings.get(row, 1)}
@@ -101,18 +101,17 @@ def experiment_table(
     """Estimates every column of the scores of an experiment.
 
     Args:
-        name: of the experiment, as in conf/experiment: it says which columns are shown, and whether the paper prints
-            the table.
+        name: of the experiment, which determines the columns to show and the paper's values.
         networks: in the order of the table.
-        baselines: they follow, and do not compete.
-        settings: how many resamples, and their seed.
-        pool: the rows that tell how much trainings spread; `networks` if None.
+        baselines: follow the networks; they are never marked as best.
+        settings: number of resamples, and their seed.
+        pool: rows over which the spread of trainings is pooled; by default `networks`.
 
     Returns:
-        The table, with the best network of each column and the p-values of the others' differences from it.
+        The table, with the best network of each column, and the p-values of the others' differences from it.
 
     Raises:
-        UserError: there is no run.
+        UserError: if there is no run.
     """
     if not networks:
         raise UserError(f"{name}: there is no run to put in its table")
@@ -121,41 +120,41 @@ def experiment_table(
     for column in COLUMNS:
         for row, one in estimates(given, column, settings, networks if pool is None else pool, baselines).items():
             rows[row][column] = one
-    columns = SHOWN.get(name, ALL)
+    columns = SHOWN_COLUMNS.get(name, TABLE1_COLUMNS)
     rank([rows[row] for row in networks], columns)
-    trainings, some = {row: len(scores) for row, scores in networks.items()}, next(iter(networks.values()))[0]
-    known = {row: printed(row) for row in rows if name in PRINTED and printed(row)}
-    return Table(columns, rows, trainings, len(some.figures), len(some.lights), known)
+    trainings, any_scores = {row: len(scores) for row, scores in networks.items()}, next(iter(networks.values()))[0]
+    printed_rows = {row: printed(row) for row in rows if name in PRINTED and printed(row)}
+    return Table(columns, rows, trainings, len(any_scores.figures), len(any_scores.lights), printed_rows)
 
 
 def estimates(
     rows: Rows, column: str, settings: config.Evaluate, pool: Rows, fixed: Iterable[str] = ()
 ) -> dict[str, Estimate]:
-    """Estimates one column of the scores, in a table or not.
+    """Estimates one column of the scores.
 
     Args:
-        rows: that are read together.
+        rows: to estimate.
         column: of the scores.
-        settings: how many resamples, and their seed.
-        pool: the rows that tell how much trainings spread.
-        fixed: the rows that no training is behind.
+        settings: number of resamples, and their seed.
+        pool: rows over which the spread of trainings is pooled.
+        fixed: rows without trainings.
 
     Returns:
-        Row -> mean and interval; rows without the column are left out.
+        Row -> estimate, without rows that lack the column.
     """
 
     def values(trainings: list[Scores]) -> np.ndarray | None:
-        """(S,F,L), where all trainings have the column."""
+        """Returns the scores (S,F,L), or None if a training lacks the column."""
         has = all(column in scores.columns for scores in trainings)
         return np.stack([scores.columns[column] for scores in trainings]) if has else None
 
     spread = pooled_spread([given for trainings in pool.values() if (given := values(trainings)) is not None])
     found = {}
-    for place, (row, trainings) in enumerate(rows.items()):
+    for number, (row, trainings) in enumerate(rows.items()):
         if (given := values(trainings)) is not None:
-            own, pairs = None if row in fixed else spread, (trainings[0].figures, trainings[0].lights)
-            noise = settings.seed + place
-            found[row] = estimate(given, settings.bootstrap, settings.seed, own, pairs, noise)
+            row_spread, pairs = None if row in fixed else spread, (trainings[0].figures, trainings[0].lights)
+            noise = settings.seed + number
+            found[row] = estimate(given, settings.bootstrap, settings.seed, row_spread, pairs, noise)
     return found
 
 
@@ -164,7 +163,7 @@ def rank(networks: list[dict[str, Estimate]], columns: tuple[str, ...]) -> None:
 
     Args:
         networks: the estimates of each, by column.
-        columns: their p-values are corrected together (Holm), and so are those of all other columns.
+        columns: p-values are corrected over these columns (Holm), and separately over all others.
     """
     for group in (columns, tuple(column for column in COLUMNS if column not in columns)):
         others, p = [], []
@@ -181,5 +180,5 @@ def rank(networks: list[dict[str, Estimate]], columns: tuple[str, ...]) -> None:
 
 
 def sign(column: str) -> int:
-    """1 where less is better (errors), -1 where more is (similarities)."""
+    """Returns 1 for errors, where less is better, and -1 for similarities."""
     return -1 if "_ssim" in column else 1

@@ -1,4 +1,4 @@
-"""How long a network takes for a picture (paper, section 1: .43 s at 1024 px), and what the machine could do."""
+"""Measures the inference time of networks (the paper, section 1: .43 s at 1024 px), and the machine's matrix rate."""
 
 import time
 from collections.abc import Callable
@@ -22,15 +22,15 @@ COLUMNS = ["row", "width", "parameters", "size", "device", "threads", "wall", "c
 
 
 def matmul_rate(clock: Callable[[Callable[[], object]], float], device: str, precision: str) -> float:
-    """Measures a large square matrix product.
+    """Measures the rate of a large square matrix product.
 
     Args:
-        clock: call -> seconds.
+        clock: returns the seconds of a call.
         device: cpu or cuda.
-        precision: of TYPES.
+        precision: a key of TYPES.
 
     Returns:
-        Operations per second.
+        Floating-point operations per second.
     """
     side = 8192 if device == "cuda" else 2048
     a = torch.randn(side, side, device=device, dtype=TYPES[precision])
@@ -38,9 +38,7 @@ def matmul_rate(clock: Callable[[Callable[[], object]], float], device: str, pre
 
 
 def multiply_adds(model: Model, size: int) -> float:
-    """Counts the multiply-adds of an inference.
-
-    Tensors are fakes: they have a device, as autocast needs, and no numbers.
+    """Counts the multiply-adds of an inference, with fake tensors, which have a device but no data.
 
     Args:
         model: settings of the network.
@@ -52,80 +50,83 @@ def multiply_adds(model: Model, size: int) -> float:
     return counter.get_total_flops() / 2
 
 
-def wall(call: Callable[[], object], device: str, seconds: float) -> float:
-    """Least wall seconds of a call."""
-    return least(call, device, seconds)[0]
+def wall_seconds(call: Callable[[], object], device: str, seconds: float) -> float:
+    """Returns the least wall seconds of repeated calls; arguments as for `fastest_call`."""
+    return fastest_call(call, device, seconds)[0]
 
 
-def least(call: Callable[[], object], device: str, seconds: float) -> tuple[float, float]:
-    """Least wall and CPU seconds of a call in about `seconds`, three calls at least after one that does not count.
+def fastest_call(call: Callable[[], object], device: str, seconds: float) -> tuple[float, float]:
+    """Returns the least wall and CPU seconds of repeated calls, since other work of the machine only adds time.
 
-    It is the least because other work of the machine adds to the rest. On a GPU a call has ended when its work has.
+    Args:
+        call: is made once to warm up, then at least three times.
+        device: on cuda, a call lasts until the GPU has finished.
+        seconds: for which calls are repeated.
     """
     walls: list[float] = []
-    processors: list[float] = []
+    cpus: list[float] = []
     call()
-    until = time.perf_counter() + seconds
-    while len(walls) < 3 or time.perf_counter() < until:
-        start, busy = time.perf_counter(), time.process_time()
+    deadline = time.perf_counter() + seconds
+    while len(walls) < 3 or time.perf_counter() < deadline:
+        start, cpu_start = time.perf_counter(), time.process_time()
         call()
         if device == "cuda":
             torch.cuda.synchronize()
         walls.append(time.perf_counter() - start)
-        processors.append(time.process_time() - busy)
-    return min(walls), min(processors)
+        cpus.append(time.process_time() - cpu_start)
+    return min(walls), min(cpus)
 
 
 def time_networks(models: dict[str, Model], settings: Timing, out: Path) -> None:
-    """Times networks, one picture at a time in float32, on one thread, on all, and on a GPU where there is one.
+    """Times networks on single pictures in float32: on one thread, on all threads, and on a GPU if there is one.
 
-    Weights are untrained: they take no part in how long a network needs.
+    Weights are untrained: they do not affect the time.
 
     Args:
         models: row -> settings of its network.
-        settings: at which sizes, and for how many seconds each.
-        out: the table (.csv) of COLUMNS. wall, cpu: seconds for a picture; cpu counts all threads, 0 on a GPU. gflop:
-            two operations per multiply-add. rate: GFLOP/s of a large matrix product on the same threads or GPU.
+        settings: sizes, and seconds for each measurement.
+        out: the table (.csv) of COLUMNS. wall, cpu: seconds per picture; cpu is the sum over threads, 0 on a GPU.
+            gflop: two operations per multiply-add. rate: GFLOP/s of a large matrix product on the same device.
     """
     before, cores = torch.get_num_threads(), count_cores()
-    places = [("cpu", 1)] + [("cpu", cores)] * (cores > 1) + [("cuda", 1)] * torch.cuda.is_available()
-    found: list[dict] = []
+    devices = [("cpu", 1)] + [("cpu", cores)] * (cores > 1) + [("cuda", 1)] * torch.cuda.is_available()
+    rows: list[dict] = []
     try:
-        for device, threads in places:
+        for device, threads in devices:
             torch.set_num_threads(threads)
-            rate = matmul_rate(partial(wall, device=device, seconds=settings.seconds), device, "f32") / 1e9
+            rate = matmul_rate(partial(wall_seconds, device=device, seconds=settings.seconds), device, "f32") / 1e9
             cases = [(row, size) for row in models for size in settings.sizes]
             for row, size in progress(cases, f"networks timed on {device}, threads {threads}"):
-                made = timed(models[row], size, device, settings.seconds)
-                found.append({"row": row, "device": device, "threads": threads, "rate": rate, **made})
+                measured = time_network(models[row], size, device, settings.seconds)
+                rows.append({"row": row, "device": device, "threads": threads, "rate": rate, **measured})
     finally:
         torch.set_num_threads(before)
     with atomic_write(out) as tmp:
-        pd.DataFrame(found)[COLUMNS].to_csv(tmp, index=False, float_format="%.6g", lineterminator="\n")
+        pd.DataFrame(rows)[COLUMNS].to_csv(tmp, index=False, float_format="%.6g", lineterminator="\n")
 
 
 @torch.inference_mode()
-def timed(model: Model, size: int, device: str, seconds: float) -> dict[str, float]:
-    """What is measured of one network at one size."""
+def time_network(model: Model, size: int, device: str, seconds: float) -> dict[str, float]:
+    """Returns the measurements of one network at one size, by column."""
     network = build(model, size).to(device).eval()
     image = torch.rand(1, 3, size, size, device=device).contiguous(memory_format=torch.channels_last)
     mask = torch.ones(1, 1, size, size, device=device)
-    taken, busy = least(lambda: network(image, mask), device, seconds)
+    wall, cpu = fastest_call(lambda: network(image, mask), device, seconds)
     return {
         "width": model.width,
         "parameters": sum(p.numel() for p in network.parameters()),
         "size": size,
-        "wall": taken,
-        "cpu": 0.0 if device == "cuda" else busy,
+        "wall": wall,
+        "cpu": 0.0 if device == "cuda" else cpu,
         "gflop": 2 * multiply_adds(model, size) / 1e9,
     }
 
 
 def read_times(path: Path) -> pd.DataFrame:
-    """What `time_networks` wrote, and `share`: of the matrix rate that a network reaches, in wall time.
+    """Reads a table of `time_networks`, and adds `share`: the network's rate as a fraction of the matrix rate.
 
     Raises:
-        UserError: it is another table.
+        UserError: if it is not such a table.
     """
     table = read_table(path, "times", COLUMNS, "relight-inference-time")
     return table.assign(share=table.gflop / table.wall / table.rate)

@@ -28,7 +28,7 @@ def main(
 ) -> None:
     """Draws figures and lights, and measures how far the figures occlude themselves."""
     from relight.evaluation.charts import plot_occlusion
-    from relight.evaluation.contact import clearest, contact_sheet
+    from relight.evaluation.contact import clearest_light, contact_sheet
     from relight.evaluation.occlusion import measure_occlusion
     from relight.lights import read_light_set, write_contact_sheet
 
@@ -36,7 +36,7 @@ def main(
     plot_occlusion(measure_occlusion(paths, occlusion), histogram)
     chosen = read_light_set(lights)
     write_contact_sheet(chosen, spheres)
-    contact_sheet(paths[: evaluate.sheet], clearest(chosen.of("test").coefficients), figures)
+    contact_sheet(paths[: evaluate.sheet], clearest_light(chosen.of("test").coefficients), figures)
 
 
 if __name__ == "__main__":

@@ -35,7 +35,7 @@ def main(
     """Writes the page of a run: as many test figures as fit, by their true maps and by those of each network."""
     from relight.evaluation.evaluate import inferred_maps, load
     from relight.evaluation.labels import label
-    from relight.evaluation.panels import spaced
+    from relight.evaluation.panels import evenly_spaced
     from relight.lights import read_light_set
     from relight.viewer.build import build_gallery
     from relight.viewer.figure import QUALITIES, Figure, to_json
@@ -63,11 +63,11 @@ def main(
         return [Figure(true.title, true.maps, source="truth"), *inferred]
 
     names = json.loads(split.read_text())["test"]
-    figures = [baked_figure(maps / f"{names[i]}.exr") for i in spaced(len(names), MOST)]
+    figures = [baked_figure(maps / f"{names[i]}.exr") for i in evenly_spaced(len(names), MOST)]
     sizes = [len(to_json(figure, QUALITIES[2])) for figure in figures]
     worse = max(len(to_json(one, QUALITIES[2])) for one in sources(figures[0])) / sizes[0]
     room = int((SIZE - OWN) / (max(sizes) * worse + 1000) / (1 + len(networks)))
-    shown = [figures[i] for i in spaced(len(figures), max(1, min(MOST, room)))]
+    shown = [figures[i] for i in evenly_spaced(len(figures), max(1, min(MOST, room)))]
     every = [one for figure in shown for one in sources(figure)]
     build_gallery(out, every, named, title=f"relight: {name}", limit=SIZE)
 

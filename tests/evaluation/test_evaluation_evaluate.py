@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from relight.config import composed
-from relight.evaluation.baselines import evaluate_baselines, make
+from relight.evaluation.baselines import evaluate_baselines, make_predictors
 from relight.evaluation.evaluate import evaluate, infer, inferred_maps, load, unlearned
 from relight.evaluation.panels import plates
 from relight.evaluation.scores import Scores, read_scores, write_scores
@@ -119,7 +119,7 @@ def test_inference_in_parts_is_inference_at_once(checkpoints, world, monkeypatch
     network, _ = load_network(checkpoints["sfsnet_ao"])
     data = RelitSet(world.packed, world.lights, 2, "paper")
     together = infer(network, data, 0, np.arange(6))
-    monkeypatch.setattr("relight.evaluation.evaluate.PIXELS", 2 * 64**2)
+    monkeypatch.setattr("relight.evaluation.evaluate.BATCH_PIXELS", 2 * 64**2)
     apart = infer(network, data, 0, np.arange(6))
     for name in ("albedo", "transport", "normal", "ao", "light"):
         np.testing.assert_allclose(getattr(together, name), getattr(apart, name), atol=1e-5)
@@ -155,7 +155,7 @@ def test_mean_figure_is_the_mean_of_those_that_cover_a_pixel(world):
     for figure in (3, 4, 5):
         mask = read_maps(world.maps[figure]).mask
         inside |= mask
-        found = make(data, world.split)["mean_figure"](figure, np.array([4, 5]))
+        found = make_predictors(data, world.split)["mean_figure"](figure, np.array([4, 5]))
         expected = np.where(count[..., None] > 0, mean, everywhere)[mask]
         np.testing.assert_allclose(found.albedo[0], expected, atol=5e-3)  # packed as 8-bit sRGB
         np.testing.assert_allclose(np.linalg.norm(found.normal, axis=-1), 1, rtol=1e-5)

@@ -14,7 +14,7 @@ from relight.evaluation.path_traced import ANSWERS, CAUSES, COLUMNS
 from relight.evaluation.report import own, page
 from relight.evaluation.scores import Scores, write_scores
 from relight.evaluation.timing import COLUMNS as TIMES
-from relight.evaluation.transfer import TRIVIAL, VARIANTS
+from relight.evaluation.transfer import BASELINES, VARIANTS
 
 SETTINGS = Evaluate(bootstrap=500, plates=1, sheet=6, lights="test", device="cpu", seed=0, version=1)
 
@@ -59,7 +59,7 @@ def test_what_swapping_lights_is_worth(results):
     assert "<table" in page.section("sections/light_transfer.md", **made)
     with open(results.folder / "light_transfer.csv", newline="") as file:
         table = list(csv.DictReader(file))
-    assert len(table) == len(VARIANTS) + len(TRIVIAL)
+    assert len(table) == len(VARIANTS) + len(BASELINES)
     assert float(table[1]["relit, RMSE"]) == pytest.approx(0.09 + hard.mean(), abs=1e-3)
 
 

@@ -54,13 +54,13 @@ def test_each_cause_is_told_apart(data):
     wanted = {"clipping": 0, "sampling": 0, "baker": 0.1, "truncation": 0.2, "interreflection": 0.3}
     total = 0
     for cause, before, after in chain.steps():
-        rmse, _, bias = chain.measured(before, after)
+        rmse, _, bias = chain.measure_difference(before, after)
         assert rmse == pytest.approx(wanted[cause] * norm, abs=1e-5), cause
         assert bias < 0 or wanted[cause] == 0
         total = total + (before - after).mean()
-    assert total == pytest.approx((chain.own["truth"] - chain.full).mean(), rel=1e-4)
+    assert total == pytest.approx((chain.pictures["truth"] - chain.full).mean(), rel=1e-4)
     loud = Chain.of(data, scene_of(data, 3, 4, 5, direct=noisy(plain.direct), full=noisy(plain.full + 0.3)))
-    steps = {cause: loud.measured(before, after)[0] for cause, before, after in loud.steps()}
+    steps = {cause: loud.measure_difference(before, after)[0] for cause, before, after in loud.steps()}
     assert steps["interreflection"] < 0.5 and np.sqrt(8) * norm > 1  # noise of that size, were it left in
 
 
@@ -69,7 +69,7 @@ def test_a_light_below_zero_is_cut_off(data):
     light[2] -= 2  # from behind
     chain = Chain.of(data, scene_of(data, 3, 4, 5))
     chain.scene.light = light
-    chain.own["truth"] = chain.albedo * np.maximum(chain.truth.transport[0] @ light, 0)
+    chain.pictures["truth"] = chain.albedo * np.maximum(chain.truth.transport[0] @ light, 0)
     cause, before, after = next(chain.steps())
     assert cause == "clipping" and (before >= after).all() and (before > after).any()
 
@@ -98,7 +98,7 @@ def test_scores_tables_and_pictures(world, data, small_network, tmp_path):
         transport = said.transport[0] * (said.ao[0][:, None] if said.occlude else 1)
         relit = said.albedo[0] * np.maximum(transport @ scenes[1].light, 0)
         chain = Chain.of(own, scenes[1])
-        rmse = np.sqrt(((relit - chain.own["truth"]) ** 2).sum(-1).mean())
+        rmse = np.sqrt(((relit - chain.pictures["truth"]) ** 2).sum(-1).mean())
         for kind, label in (("answer", name), ("cause", f"network:{name}")):
             assert float(found[kind, label, "snowman04"]["rmse"]) == pytest.approx(rmse, rel=1e-4)
     found = tables(tmp_path / "scores.csv", world.settings)
@@ -176,7 +176,7 @@ def test_a_ball_is_traced(rooms, tmp_path):
     (scene,) = read_scenes(tmp_path / "traced.npz")
     assert (scene.seen, scene.new) == (1, 2)
     chain = Chain.of(RelitSet(*paths[:2], 2, "paper"), scene)
-    relative = {cause: chain.measured(before, after)[1:] for cause, before, after in chain.steps()}
+    relative = {cause: chain.measure_difference(before, after)[1:] for cause, before, after in chain.steps()}
     assert abs(relative["baker"][1]) < 0.01 and relative["baker"][0] < 0.03
     assert abs(relative["interreflection"][1]) < 0.01 and relative["interreflection"][0] < 0.03
     sky = sky_of(read_light_set(rooms), 2, GENERATED)

@@ -4,9 +4,9 @@ import pytest
 from PIL import Image
 
 from relight.config import Evaluate
-from relight.evaluation.canvas import ball, box_of, cut_out, fitted, font, heat, transport_bands
+from relight.evaluation.canvas import ball, bounding_box, composite, fit_text, font, heat, transport_bands
 from relight.evaluation.charts import plot_curves, plot_errors, plot_occlusion
-from relight.evaluation.contact import clearest, contact_sheet, views
+from relight.evaluation.contact import clearest_light, contact_sheet, views
 from relight.evaluation.occlusion import COLUMNS as OCCLUSION
 from relight.evaluation.occlusion import (
     HISTOGRAM,
@@ -18,7 +18,7 @@ from relight.evaluation.occlusion import (
 )
 from relight.evaluation.panels import COLUMNS, extremes, overview, plates, relit
 from relight.evaluation.scores import Scores, write_scores
-from relight.evaluation.tables import MAPS, experiment_table
+from relight.evaluation.tables import TABLE2_COLUMNS, experiment_table
 from relight.files import UserError
 from relight.maps import read_maps, write_left_out
 from relight.sh import unoccluded
@@ -83,7 +83,7 @@ def test_bands_of_an_open_surface_that_faces_the_camera():
 def test_cells_show_the_figure_on_the_ground():
     colors, alpha = np.zeros((8, 8, 3)), np.zeros((8, 8))
     colors[2:6, 2:6], alpha[2:6, 2:6] = (1, 0, 0), 1
-    cell = np.asarray(cut_out(colors, alpha, (80, 80)))
+    cell = np.asarray(composite(colors, alpha, (80, 80)))
     assert tuple(cell[40, 40]) == (255, 0, 0) and tuple(cell[1, 1]) == (243, 243, 240)
     assert np.all(np.diff(heat(np.linspace(0, 1, 9), 1).sum(-1)) < 0)  # darker with the error
 
@@ -101,15 +101,15 @@ def test_a_ball_shows_light_as_the_colour_model_has_it():
 
 def test_words_are_broken_and_shrunk_to_fit():
     width = font(14).getlength("extraordinarily")
-    words, size = fitted("an extraordinarily long word", 20, int(width), False)
+    words, size = fit_text("an extraordinarily long word", 20, int(width), False)
     assert words == "an\nextraordinarily\nlong word" and size <= 14
-    assert fitted("short", 20, 200, False) == ("short", 20)
+    assert fit_text("short", 20, 200, False) == ("short", 20)
 
 
 def test_box_holds_all_masks():
     masks = np.zeros((2, 50, 50), bool)
     masks[0, 10:20, 5:9], masks[1, 30:45, 20:30] = True, True
-    assert box_of(list(masks)) == (slice(8, 47), slice(3, 32))
+    assert bounding_box(list(masks)) == (slice(8, 47), slice(3, 32))
 
 
 def test_contact_sheet_shows_every_figure(world, tmp_path):
@@ -135,8 +135,8 @@ def test_sheets_are_lit_by_what_shows_forms_and_colours():
     lights[1, 0] = red
     lights[2, 2] = -0.8 * white  # from behind
     lights[3, [2, 3]] = 0.6 * white  # from the front and the right
-    assert (clearest(lights) == lights[3]).all()
-    assert (clearest(lights[:1]) == lights[0]).all()
+    assert (clearest_light(lights) == lights[3]).all()
+    assert (clearest_light(lights[:1]) == lights[0]).all()
 
 
 def test_a_sheet_is_exposed_for_each_figure(world):
@@ -222,7 +222,7 @@ def test_one_figure_at_a_glance_and_the_ends_of_the_errors(world, small_network,
 
 def test_charts_are_made_and_are_the_same_again(tmp_path):
     rng = np.random.default_rng(0)
-    columns = {c: rng.random((5, 2)) for c in MAPS}
+    columns = {c: rng.random((5, 2)) for c in TABLE2_COLUMNS}
     given = {name: [Scores(list("abcde"), [0, 1], columns)] for name in ("sfsnet", "ours_full")}
     table = experiment_table("table1", given, {"mean_light": given["sfsnet"]}, Evaluate("test", "cpu", 1, 100, 1, 6, 0))
     for name in ("a.svg", "b.svg", "c.png"):

@@ -25,7 +25,7 @@ from relight.evaluation.report.page import table as to_html
 from relight.evaluation.report.sections import matrix, write_score_table
 from relight.evaluation.scores import Scores, gather, read_scores, write_scores
 from relight.evaluation.statistics import Estimate
-from relight.evaluation.tables import ALL, experiment_table
+from relight.evaluation.tables import TABLE1_COLUMNS, experiment_table
 from relight.files import UserError
 
 SETTINGS = Evaluate("test", "cpu", 1, 4000, 2, 6, 0)
@@ -55,16 +55,16 @@ def test_the_best_and_what_cannot_be_told_from_it():
     assert list(cells) == ["sfsnet", "sfsnet_ao", "ours_min", "ours_full"]
     assert [name for name, row in cells.items() if row["shading_rmse"].best] == ["ours_full"]
     assert [n for n, row in cells.items() if row["albedo_ssim"].best] == ["sfsnet_ao"]  # more is better
-    assert not cells["sfsnet"]["shading_rmse"].undecided and cells["sfsnet"]["shading_rmse"].p < 0.05
+    assert not cells["sfsnet"]["shading_rmse"].not_significant and cells["sfsnet"]["shading_rmse"].p < 0.05
     light = [cells[name]["light_rmse"] for name in ("ours_min", "ours_full")]
-    assert sum(cell.best for cell in light) == 1 and sum(cell.undecided for cell in light) == 1
+    assert sum(cell.best for cell in light) == 1 and sum(cell.not_significant for cell in light) == 1
     mean = np.mean([s.columns["shading_rmse"] for s in given["sfsnet"]])
     assert cells["sfsnet"]["shading_rmse"].mean == pytest.approx(mean)
     assert "ao_rmse" not in cells["ours_full"] and not cells["sfsnet_ao"]["ao_rmse"].best  # alone in its column
 
 
 def test_baselines_do_not_compete():
-    baseline = {"mean_figure": [scores("ours_full", 0, {c: -0.1 for c in ALL})]}
+    baseline = {"mean_figure": [scores("ours_full", 0, {c: -0.1 for c in TABLE1_COLUMNS})]}
     table = experiment_table("table1", rows(), baseline, SETTINGS)
     assert table.baselines == ["mean_figure"] and list(table.rows)[-1] == "mean_figure"
     assert "mean_figure" not in table.networks and table.kind("mean_figure") == "baseline"
@@ -79,7 +79,7 @@ def test_an_experiment_shows_its_own_columns_and_its_rows_in_their_order():
     table = experiment_table("table2", given, {}, SETTINGS)
     assert list(table.rows) == list(names) and "normal_rmse" not in table.columns
     mine = experiment_table("of my own", given, {}, SETTINGS)
-    assert mine.columns == ALL and table.printed and not mine.printed
+    assert mine.columns == TABLE1_COLUMNS and table.printed and not mine.printed
     with pytest.raises(UserError, match="no run"):
         experiment_table("table2", {}, {}, SETTINGS)
 
@@ -100,7 +100,7 @@ def test_files_of_a_table_hold_its_numbers(tmp_path):
     assert cells[0].strip().startswith(f"**{number(one.mean)}** ± {number(one.margin)}")
     body = [line for line in latex.splitlines() if line.endswith("\\\\") and "multicolumn" not in line]
     assert len({line.count("&") for line in body}) == 1 and latex.count("{tabular}") == 2
-    undecided = sum(row[c].undecided for row in table.rows.values() for c in ALL if c in row)
+    undecided = sum(row[c].not_significant for row in table.rows.values() for c in TABLE1_COLUMNS if c in row)
     html = to_html(score_grid(table, table.columns))
     shown = markdown.split("### Other")[0].split("\n\n", 2)[2]
     assert shown.count("n.s.") == latex.count("mathrm{n.s.}") == html.count("<i>n.s.</i>") == undecided
@@ -135,12 +135,12 @@ def test_any_table_in_every_form(tmp_path):
 
 def test_the_papers_own_numbers_hold_where_they_differ():
     table = experiment_table("table1", rows(noise=0.0005), {}, SETTINGS)
-    found = {(one.better, one.worse, one.here.column): one for one in orderings([table])}
-    assert found["ours_min", "sfsnet", "shading_rmse"].here.verdict is Verdict.BETTER
+    found = {(one.better, one.worse, one.comparison.column): one for one in orderings([table])}
+    assert found["ours_min", "sfsnet", "shading_rmse"].comparison.verdict is Verdict.BETTER
     against = found["sfsnet_ao", "ours_full", "albedo_ssim"]  # as printed, against the paper's general words
-    assert against.here.verdict is Verdict.BETTER and not against.argued
-    assert against.gap == pytest.approx((0.955 - 0.943) / 0.955) and against.here.gain > 0
-    assert Verdict.WORSE not in {one.here.verdict for one in found.values()}
+    assert against.comparison.verdict is Verdict.BETTER and not against.argued
+    assert against.printed_difference == pytest.approx((0.955 - 0.943) / 0.955) and against.comparison.gain > 0
+    assert Verdict.WORSE not in {one.comparison.verdict for one in found.values()}
     cells = matrix(list(found.values())).frame.to_numpy().ravel()
     assert sum(str(cell).startswith("(") for cell in cells) == sum(not one.argued for one in found.values()) > 0
     assert not any(one.better == one.worse for one in found.values())
@@ -148,7 +148,7 @@ def test_the_papers_own_numbers_hold_where_they_differ():
 
 def test_an_order_that_is_turned_round_is_reported_as_such():
     table = experiment_table("table1", rows({"ours_full": {"transport_rmse": 0.1}}), {}, SETTINGS)
-    found = {(one.better, one.worse, one.here.column): one.here for one in orderings([table])}
+    found = {(one.better, one.worse, one.comparison.column): one.comparison for one in orderings([table])}
     one = found["ours_full", "ours_min", "transport_rmse"]
     low, high = one.interval
     assert one.verdict is Verdict.WORSE and low < one.gain < high < 0 and one.difference.low > 0
@@ -158,7 +158,10 @@ def test_an_order_that_is_turned_round_is_reported_as_such():
 def test_similarities_count_the_other_way():
     table = experiment_table("table1", rows(noise=0.0005), {}, SETTINGS)
     found = compare_rows(table, "ours_full", "ours_min", ("shading_ssim", "shading_rmse", "none"))
-    assert set(found) == {"shading_ssim", "shading_rmse"} and compare_rows(table, "ours_full", "none", ALL) == {}
+    assert (
+        set(found) == {"shading_ssim", "shading_rmse"}
+        and compare_rows(table, "ours_full", "none", TABLE1_COLUMNS) == {}
+    )
     assert all(one.gain > 0 and one.verdict is Verdict.BETTER for one in found.values())
     assert found["shading_ssim"].difference.mean > 0 > found["shading_rmse"].difference.mean
 
@@ -170,11 +173,11 @@ def test_nothing_is_claimed_that_noise_can_explain():
         rng = np.random.default_rng(trial)
         hard = rng.normal(0, 0.05, (12, 1))
         given = {
-            name: [Scores(FIGURES, [0, 1], {c: 0.3 + hard + rng.normal(0, 0.02, (12, 2)) for c in ALL})]
+            name: [Scores(FIGURES, [0, 1], {c: 0.3 + hard + rng.normal(0, 0.02, (12, 2)) for c in TABLE1_COLUMNS})]
             for name in ("sfsnet", "sfsnet_ao", "ours_min", "ours_full")
         }
         made = orderings([experiment_table("table1", given, {}, quick)])
-        stray += any(one.here.verdict in (Verdict.BETTER, Verdict.WORSE) for one in made)
+        stray += any(one.comparison.verdict in (Verdict.BETTER, Verdict.WORSE) for one in made)
     assert stray <= 5
 
 
@@ -240,7 +243,7 @@ def test_one_figure_gives_numbers_without_certainty():
     table = experiment_table("table1", one, {}, SETTINGS)
     grid = score_grid(table, table.columns)
     assert "± ∞" in to_markdown(grid) and "infty" in to_latex(grid)
-    assert {one.here.verdict for one in orderings([table])} == {Verdict.OPEN}
+    assert {one.comparison.verdict for one in orderings([table])} == {Verdict.OPEN}
 
 
 def test_printed_values_are_the_papers():

@@ -8,15 +8,15 @@ from PIL import Image
 
 from relight.evaluation.evaluate import truth
 from relight.evaluation.metrics import Inferred
-from relight.evaluation.panels import spaced
+from relight.evaluation.panels import evenly_spaced
 from relight.evaluation.scores import read_scores
 from relight.evaluation.transfer import (
-    TRIVIAL,
+    BASELINES,
     VARIANTS,
-    coloured,
-    couples,
     evaluate_transfer,
+    match_colour,
     mean_light,
+    pair_up,
     score_swaps,
     transfer_plate,
 )
@@ -46,7 +46,7 @@ def drawn_answer(data, figure, lit, occlude=False):
 
 def test_who_knows_the_truth_errs_by_the_mean_light_alone(world, data):
     scores = score_swaps(lambda f, lit: true_answer(data, f, lit), data, world.split, world.settings)
-    assert set(scores) == {*VARIANTS, *TRIVIAL}
+    assert set(scores) == {*VARIANTS, *BASELINES}
     for name in ("", "true_light", "true_maps", "true_colour", "true_pattern"):
         assert scores[name].columns["reconstruction_rmse"].max() < 1e-6
         assert scores[name].columns["reconstruction_ssim"].min() > 1 - 1e-6
@@ -93,11 +93,11 @@ def test_an_exchange_of_colour_keeps_the_pattern():
     rng = np.random.default_rng(0)
     light, other = rng.normal(size=(2, 4, 9, 3))
     light[:, 0], other[:, 0] = rng.uniform(0.5, 1, (2, 4, 3))
-    made = coloured(light, other)
+    made = match_colour(light, other)
     np.testing.assert_allclose(made[:, 0], other[:, 0])
     np.testing.assert_allclose(made / made[:, :1], light / light[:, :1])
     other[0, 0] = -1  # an inferred light may be anything
-    assert np.isfinite(coloured(light, other)).all() and np.isfinite(coloured(other, light)).all()
+    assert np.isfinite(match_colour(light, other)).all() and np.isfinite(match_colour(other, light)).all()
 
 
 def test_scores_and_plate_of_networks(world, small_network, tmp_path):
@@ -109,7 +109,7 @@ def test_scores_and_plate_of_networks(world, small_network, tmp_path):
     evaluate_transfer(networks, *given, tmp_path / "scores.csv")
     scores = read_scores(tmp_path / "scores.csv")
     rows = [f"{row}{':' * bool(v)}{v}.s0" for row in ("ours", "sfsnet_ao") for v in VARIANTS]
-    assert list(scores) == [*rows, *TRIVIAL]
+    assert list(scores) == [*rows, *BASELINES]
     assert scores["ours:true_light.s0"].columns["light_rmse"].max() < 1e-6
     shown = {name.partition(".")[0]: path for name, path in networks.items()}
     transfer_plate(shown, *given, tmp_path / "plate.png")
@@ -122,10 +122,10 @@ def test_scores_and_plate_of_networks(world, small_network, tmp_path):
 
 def test_nobody_to_swap_with_is_told(world, data):
     with pytest.raises(UserError, match="two test figures"):
-        couples(np.array([3]))
+        pair_up(np.array([3]))
     one = dataclasses.replace(world.settings, lights="test")
     data = RelitSet(world.packed, world.lights, 2, "paper")
     data.light_split = np.array(["train"] * 5 + ["test"])
     with pytest.raises(UserError, match="two test lights"):
         score_swaps(lambda f, lit: true_answer(data, f, lit), data, world.split, one)
-    assert spaced(7, 3) == [0, 3, 6] and spaced(1, 4) == [0]
+    assert evenly_spaced(7, 3) == [0, 3, 6] and evenly_spaced(1, 4) == [0]

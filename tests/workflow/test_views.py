@@ -9,7 +9,7 @@ from omegaconf import OmegaConf
 from people import person
 
 from relight.config import composed
-from relight.evaluation.evaluate import chosen_pairs, has_pairs
+from relight.evaluation.evaluate import has_pairs, select_pairs
 from relight.files import UserError
 from relight.learning.data import RelitSet
 from relight.learning.train import selection
@@ -127,7 +127,7 @@ def test_the_front_is_evaluated_unless_views_are_asked_for(made, settings):
     data = RelitSet(made / "packed", made / "lights.npz", 2, "photo")
     own = json.loads((made / "split").read_text())["test"][0]
     found = {
-        part: [data.names[i] for i in chosen_pairs(data, made / "split", figures=part)[0]] for part in ("test", "views")
+        part: [data.names[i] for i in select_pairs(data, made / "split", figures=part)[0]] for part in ("test", "views")
     }
     assert found == {"test": [own], "views": [f"{own}.v1", f"{own}.v2"]}
     assert has_pairs(data, made / "split", replace(settings.evaluate, figures="views"))

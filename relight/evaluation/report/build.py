@@ -1,4 +1,4 @@
-"""The report: questions and outcome, a section per experiment, and what it was made from."""
+"""Builds the report: questions and outcome, a section per experiment, and provenance."""
 
 import sys
 import traceback
@@ -21,8 +21,15 @@ T = TypeVar("T")
 
 
 @dataclass
-class Part:
-    """A section: its anchor, its heading, and its HTML; `failed`: it could not be made, and its HTML says why."""
+class Section:
+    """A section of the page.
+
+    Attributes:
+        name: anchor.
+        heading: of the section.
+        html: content.
+        failed: whether it could not be made; the content then is the reason.
+    """
 
     name: str
     heading: str
@@ -31,73 +38,79 @@ class Part:
 
 
 def build_report(name: str, settings: config.Evaluate, experiments: Path, folder: Path, out: Path) -> None:
-    """Writes the page of a run, and beside it its charts and the tables of experiments with stages of their own.
+    """Writes the page of a run, its charts, and the tables of experiments with stages of their own.
 
-    A section that cannot be made says so, and takes no other along.
+    A section that cannot be made gives the reason; the others are not affected.
 
     Args:
         name: of the run.
-        settings: how many resamples, their seed, how many figures the sheets show.
+        settings: number of resamples, their seed, and number of figures on the sheets.
         experiments: the experiments of the run (experiments.json, `Plan.requested`).
         folder: results/<name>.
         out: the page (.html).
 
     Raises:
-        UserError: no section could be made.
+        UserError: if no section could be made.
     """
     results = Results(folder, settings, experiments)
-    compared = bool(results.tables)  # none where all experiments have stages of their own
-    made = [
-        *([part("what-came-out", "What came out", "summary.md", sections.summary, results)] if compared else []),
-        Part("how-to-read", "How to read this page", page.section("sections/reading.md")),
+    compared = bool(results.tables)  # False if all experiments have stages of their own
+    parts = [
+        *(
+            [make_section("what-came-out", "What came out", "summary.md", sections.summary, results)]
+            if compared
+            else []
+        ),
+        Section("how-to-read", "How to read this page", page.section("sections/reading.md")),
         *(experiment(results, one) for one in results.experiments),
-        *([part("training", "Training", "training.md", data.training, results)] if compared else []),
-        part("figures", "Figures", "figures.md", data.figures, results),
-        part("lights", "Lights", "lights.md", data.lights, results),
-        Part("the-paper", "The paper, part by part", page.section("sections/paper.md", grid=contents(results))),
-        part("cost-and-settings", "Cost and settings", "costs.md", data.costs_and_settings, results),
+        *([make_section("training", "Training", "training.md", data.training, results)] if compared else []),
+        make_section("figures", "Figures", "figures.md", data.figures, results),
+        make_section("lights", "Lights", "lights.md", data.lights, results),
+        Section("the-paper", "The paper, part by part", page.section("sections/paper.md", grid=contents(results))),
+        make_section("cost-and-settings", "Cost and settings", "costs.md", data.costs_and_settings, results),
     ]
-    failed = sum(one.failed for one in made)
-    if failed == len(made) - 2:
+    failed = sum(one.failed for one in parts)
+    if failed == len(parts) - 2:
         raise UserError(f"{folder}: no section of the report could be made; the reasons are above")
-    html = page.page("page.html", title=f"relight: {name}", head=head(name, results, failed), sections=made)
+    html = page.page("page.html", title=f"relight: {name}", head=head(name, results, failed), sections=parts)
     with atomic_write(out) as tmp:
         tmp.write_text(html, encoding="utf-8")
 
 
-def experiment(results: Results, name: str) -> Part:
-    """The section of an experiment."""
+def experiment(results: Results, name: str) -> Section:
+    """Makes the section of an experiment."""
     one = results.experiments[name]
     if one.get("failed"):
         missing = ", ".join(one["failed"])
-        return failure(
+        return failed_section(
             name, results.title(name), f"Its jobs failed: {missing} was not made. {results.folder}/log says why."
         )
     make = own.OWN.get(name, sections.experiment)
     template = f"{name}.md" if name in own.OWN or name in sections.EXPERIMENTS else "experiment.md"
-    return part(name, results.title(name), template, lambda results: make(results, name), results)
+    return make_section(name, results.title(name), template, lambda results: make(results, name), results)
 
 
-def part(name: str, heading: str, template: str, numbers: Callable[[Results], dict], results: Results) -> Part:
-    """A section from its numbers and its words; when either fails, one that says why."""
+def make_section(
+    name: str, heading: str, template: str, numbers: Callable[[Results], dict], results: Results
+) -> Section:
+    """Makes a section from its numbers and its template; if either fails, a section with the reason."""
     try:
-        return Part(name, heading, page.section(f"sections/{template}", **numbers(results)))
-    except Exception as error:  # whatever it is: the other sections must not be lost
+        return Section(name, heading, page.section(f"sections/{template}", **numbers(results)))
+    except Exception as error:  # of any kind, since the other sections must not be lost
         traceback.print_exc(file=sys.stderr)
-        return failure(name, heading, f"{type(error).__name__}: {error}" if str(error) else type(error).__name__)
+        return failed_section(name, heading, f"{type(error).__name__}: {error}" if str(error) else type(error).__name__)
 
 
-def failure(name: str, heading: str, reason: str) -> Part:
-    """A section that says why it could not be made."""
-    return Part(name, heading, page.section("sections/failed.md", reason=reason), failed=True)
+def failed_section(name: str, heading: str, reason: str) -> Section:
+    """Makes a section with the reason why it could not be made."""
+    return Section(name, heading, page.section("sections/failed.md", reason=reason), failed=True)
 
 
 def contents(results: Results) -> Grid:
-    """The paper's figures and tables, those that this run answers as links to their sections, and the commands."""
-    there = {*results.experiments, "figures", "lights", *(["training"] if results.tables else [])}
+    """Returns the paper's figures and tables, linked to the sections of this run, and the commands that repeat them."""
+    anchors = {*results.experiments, "figures", "lights", *(["training"] if results.tables else [])}
     rows = [
         [
-            Markup('<a href="#{}">{}</a>').format(anchor, what) if anchor in there else what,
+            Markup('<a href="#{}">{}</a>').format(anchor, what) if anchor in anchors else what,
             shows,
             Markup("<code>{}</code>").format(command),
         ]
@@ -107,12 +120,12 @@ def contents(results: Results) -> Grid:
 
 
 def head(name: str, results: Results, failed: int) -> Markup:
-    """The first screen: the questions, the paper, the outcome, and where this page comes from."""
-    outcome = attempt(lambda: sections.summary(results))
-    lights = attempt(lambda: results.lights["lights"])
-    figures = attempt(lambda: len(results.record["figures"]))
+    """Makes the head of the page: the paper, the questions, the outcome, and the provenance."""
+    outcome = value_or_none(lambda: sections.summary(results))
+    lights = value_or_none(lambda: results.lights["lights"])
+    figures = value_or_none(lambda: len(results.record["figures"]))
     rows = {row for one in results.tables for row in results.experiments[one]["runs"]}
-    steps = attempt(lambda: sorted({results.setting(row, "train.steps") for row in rows}))
+    steps = value_or_none(lambda: sorted({results.setting(row, "train.steps") for row in rows}))
     found, wall = costs(results.folder)
     shown = [one for one in results.tables if results.experiments[one]["plates"]]
     hero = next((results.report / f"{one}_overview.png" for one in shown), results.report / "figures.png")
@@ -136,8 +149,8 @@ def head(name: str, results: Results, failed: int) -> Markup:
     )
 
 
-def attempt(make: Callable[[], T]) -> T | None:
-    """What `make` returns; None where it fails, since a section of its own says why."""
+def value_or_none(make: Callable[[], T]) -> T | None:
+    """Returns what `make` returns, or None if it fails; the section with these numbers gives the reason."""
     try:
         return make()
     except Exception:

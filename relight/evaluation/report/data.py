@@ -1,4 +1,4 @@
-"""The numbers of the sections about training, figures, lights, cost and settings."""
+"""Computes the numbers of the sections about training, figures, lights, cost and settings."""
 
 import re
 from collections import Counter
@@ -21,24 +21,24 @@ Numbers = dict[str, Any]
 
 
 def training(results: Results) -> Numbers:
-    """Errors of the first table with their intervals, the losses over the steps, and the networks as diagrams."""
-    made = {"errors": results.report / "errors.png", "curves": results.report / "curves.png"}
+    """Draws the errors of the first table, the training curves, and diagrams of the networks."""
+    files = {"errors": results.report / "errors.png", "curves": results.report / "curves.png"}
     table = results.table(results.readable[0])
-    charts.plot_errors(table, tuple(c for c in table.columns if c.endswith("rmse")), made["errors"])
-    charts.plot_curves([results.folder / "train" / f"{run}.csv" for run in results.runs], made["curves"])
-    return made | {"networks": networks(results, results.readable[0])}
+    charts.plot_errors(table, tuple(c for c in table.columns if c.endswith("rmse")), files["errors"])
+    charts.plot_curves([results.folder / "train" / f"{run}.csv" for run in results.runs], files["curves"])
+    return files | {"networks": networks(results, results.readable[0])}
 
 
 def networks(results: Results, name: str) -> list[tuple[str, Path]]:
-    """The networks of a table that differ in form: the labels of their rows, and a diagram."""
+    """Draws the different networks of a table; returns the labels of the rows of each, and its diagram."""
     runs = {row: trainings[0] for row, trainings in results.experiments[name]["runs"].items()}
     settings = results.settings_files()
-    alike: dict[str, list[str]] = {}
+    rows_by_model: dict[str, list[str]] = {}
     for row, run in runs.items():
         model = {key: value for key, value in settings[f"train.{run}"].items() if key.startswith("model.")}
-        alike.setdefault(str(model), []).append(row)
+        rows_by_model.setdefault(str(model), []).append(row)
     found = []
-    for rows in alike.values():
+    for rows in rows_by_model.values():
         file = results.folder / "train" / f"{runs[rows[0]]}.safetensors"
         if file.exists():
             network, _ = load_network(file)
@@ -50,19 +50,19 @@ def networks(results: Results, name: str) -> list[tuple[str, Path]]:
 
 
 def figures(results: Results) -> Numbers:
-    """The figures, how much they shadow themselves, what was repaired, and what was left out and why."""
+    """Returns the occlusion of the figures, their repairs, and the reasons why some were left out or drawn again."""
     infos, left_out = results.record["figures"], results.record["left_out"]
     table = read_occlusion(results.report / "occlusion.csv")
     repairs = [
-        [name, ", ".join(f"{what} {many}" for what, many in info["repairs"].items())]
+        [name, ", ".join(f"{what} {times}" for what, times in info["repairs"].items())]
         for name, info in infos.items()
         if info.get("repairs")
     ]
-    each = table.assign(garments=table.garments.str.replace(SEPARATOR, ", ", regex=False))
-    each = each[["name", "pose", "garments", "ao", "dark", "lost"]].to_numpy(object).tolist()
+    by_figure = table.assign(garments=table.garments.str.replace(SEPARATOR, ", ", regex=False))
+    by_figure = by_figure[["name", "pose", "garments", "ao", "dark", "lost"]].to_numpy(object).tolist()
     return {
         "infos": infos,
-        "left_out": pairs(["left out", "reason"], left_out),
+        "left_out": two_columns(["left out", "reason"], left_out),
         "shown": min(len(infos), results.settings.sheet),
         "sheet": results.report / "figures.png",
         "histogram": results.report / "occlusion.png",
@@ -70,14 +70,14 @@ def figures(results: Results) -> Numbers:
         "implied": (IMPLIED_AO, IMPLIED_LOST),
         "by_pose": group_grid(table, "pose"),
         "by_garment": group_grid(table, "garment"),
-        "each": Grid.of(["figure", "pose", "garments", "mean AO", "AO < .5", "rms lost"], each),
+        "each": Grid.of(["figure", "pose", "garments", "mean AO", "AO < .5", "rms lost"], by_figure),
         "repairs": Grid.of(["figure", "repairs"], repairs),
         **redraws(infos),
     }
 
 
 def group_grid(table: pd.DataFrame, by: str) -> Grid:
-    """Groups of figures by their occlusion, darkest first, with all figures and the paper at the end."""
+    """Returns the occlusion of groups of figures, darkest first, followed by all figures and the paper's scans."""
     groups = pd.concat([group_occlusion(table, by), group_occlusion(table, "all")])
     rows = [
         [one.Index, one.figures, one.ao, f"{number(one.least, 2)} to {number(one.most, 2)}", one.dark, one.lost]
@@ -89,9 +89,9 @@ def group_grid(table: pd.DataFrame, by: str) -> Grid:
 
 
 def redraws(infos: dict[str, dict]) -> Numbers:
-    """How many figures were drawn anew, and why, from their infos."""
-    drawn = [info for info in infos.values() if "redrawn" in info]
-    reasons = [reason for info in drawn for reason in info["redrawn_because"]]
+    """Counts the figures that were drawn again, by reason, from their records."""
+    generated = [info for info in infos.values() if "redrawn" in info]
+    reasons = [reason for info in generated for reason in info["redrawn_because"]]
     draws: Counter[str] = Counter()
     garments: dict[str, Counter[str]] = {}
     for reason in reasons:
@@ -100,15 +100,15 @@ def redraws(infos: dict[str, dict]) -> Numbers:
         draws[why] += 1
         garments.setdefault(why, Counter())[garment] += bool(garment)
     rows = [
-        [why, many, ", ".join(f"{name} {n}" for name, n in garments[why].most_common() if n)]
-        for why, many in draws.most_common()
+        [why, times, ", ".join(f"{name} {n}" for name, n in garments[why].most_common() if n)]
+        for why, times in draws.most_common()
     ]
     grid = Grid.of(["gate", "draws", "garments"], rows)
-    return {"drawn": len(drawn), "redrawn": sum(info["redrawn"] > 0 for info in drawn), "reasons": grid}
+    return {"drawn": len(generated), "redrawn": sum(info["redrawn"] > 0 for info in generated), "reasons": grid}
 
 
 def lights(results: Results) -> Numbers:
-    """The illumination set, what each step of its chain dropped, and which panoramas gave no light."""
+    """Returns the light set, the lights that each step of its chain dropped, and the panoramas without lights."""
     from relight.lights import read_light_set
 
     record, chosen = results.lights, read_light_set(results.folder / "lights")
@@ -117,23 +117,23 @@ def lights(results: Results) -> Numbers:
         for one in record["steps"]
     ]
     turned = [f"{yaw:.0f}" for yaw in chosen.yaw]
-    each = [list(map(str, row)) for row in zip(chosen.source, turned, chosen.reason, chosen.split)]
+    by_light = [list(map(str, row)) for row in zip(chosen.source, turned, chosen.reason, chosen.split)]
     return {
         "counts": record["lights"],
-        "sources": len({row[0] for row in each if row[3] == "test"}),
+        "sources": len({row[0] for row in by_light if row[3] == "test"}),
         "warnings": record["warnings"],
         "steps": Grid.of(["step", "lights in", "out", "dropped (a light may have several reasons)"], steps),
         "sheet": results.report / "lights.png",
-        "test": Grid.of(["test light", "turned by, degrees"], [row[:2] for row in each if row[3] == "test"]),
-        "cut": Grid.of(["panorama", "turned by, degrees", "reasons", "kept as"], [row for row in each if row[2]]),
-        "unlit": pairs(["panorama", "rules broken"], record["unlit"]),
-        "unreadable": pairs(["file", "reason"], record["unreadable"]),
-        "repaired": pairs(["file", "how"], record["repaired"]),
+        "test": Grid.of(["test light", "turned by, degrees"], [row[:2] for row in by_light if row[3] == "test"]),
+        "cut": Grid.of(["panorama", "turned by, degrees", "reasons", "kept as"], [row for row in by_light if row[2]]),
+        "unlit": two_columns(["panorama", "rules broken"], record["unlit"]),
+        "unreadable": two_columns(["file", "reason"], record["unreadable"]),
+        "repaired": two_columns(["file", "how"], record["repaired"]),
     }
 
 
 def costs_and_settings(results: Results) -> Numbers:
-    """Seconds and memory by stage, and all settings of this run."""
+    """Returns time and memory by stage, and all settings of this run."""
     found, wall = costs(results.folder)
     rows = [[stage, int(one.jobs), one["mean"], one.seconds, one.cpu, one.memory] for stage, one in found.iterrows()]
     rows.append(["all", int(found.jobs.sum()), None, found.seconds.sum(), found.cpu.sum(), found.memory.max()])
@@ -141,25 +141,26 @@ def costs_and_settings(results: Results) -> Numbers:
     digits = {"s a job": 1, "s in total": 1, "CPU s": 1, "largest memory, GB": 2}
     grid = Grid.of(heads, rows, digits=digits)
     settings = {
-        stage: {key: "none" if value is None else str(value) for key, value in own.items()}
-        for stage, own in results.settings_files().items()
+        stage: {key: "none" if value is None else str(value) for key, value in values.items()}
+        for stage, values in results.settings_files().items()
     }
     runs = {run: settings[f"train.{run}"] for run in results.runs if f"train.{run}" in settings}
     trained = pd.DataFrame(runs, dtype=object).fillna("")
-    same = trained.nunique(axis=1) == 1
-    shared = {
-        key: value for stage, own in settings.items() if not stage.startswith("train.") for key, value in own.items()
-    }
-    shared |= {key: row.iloc[0] for key, row in trained[same].iterrows()}
+    is_shared = trained.nunique(axis=1) == 1
+    shared: dict[str, str] = {}
+    for stage, values in settings.items():
+        if not stage.startswith("train."):
+            shared |= values
+    shared |= {key: row.iloc[0] for key, row in trained[is_shared].iterrows()}
     return {
         "costs": grid,
         "wall": wall,
         "seconds": float(found.seconds.sum()),
-        "shared": pairs(["setting", "value"], dict(sorted(shared.items()))),
-        "differing": Grid(trained[~same].rename_axis("setting"), [""] * int((~same).sum())),
+        "shared": two_columns(["setting", "value"], dict(sorted(shared.items()))),
+        "differing": Grid(trained[~is_shared].rename_axis("setting"), [""] * int((~is_shared).sum())),
     }
 
 
-def pairs(heads: list[str], found: dict[str, str]) -> Grid:
-    """A table of two columns."""
+def two_columns(heads: list[str], found: dict[str, str]) -> Grid:
+    """Returns a grid of two columns."""
     return Grid.of(heads, [list(item) for item in found.items()])

@@ -1,4 +1,4 @@
-"""The numbers of experiments that are no table of trainings. Their tables are written beside the report."""
+"""Computes the numbers of experiments that are not tables of trainings, and writes their tables."""
 
 from collections.abc import Callable
 from typing import Any
@@ -16,19 +16,19 @@ from relight.evaluation.scores import gather
 from relight.evaluation.tables import estimates
 
 Numbers = dict[str, Any]
-PARTS = ("colour", "pattern")  # of a light, which light transfer exchanges one by one
+PARTS = ("colour", "pattern")  # of a light, which light transfer exchanges separately
 
 
 def light_transfer(results: Results, name: str) -> Numbers:
-    """Relit pictures of figures that swap lights, beside the pictures as they are.
+    """Compares relit pictures of figures that swap lights with the unchanged pictures.
 
-    `costly`: row -> whether its maps or its light cost more, None where that is open; `worse`: row -> the parts of the
-    light that make its pictures worse where they are true.
+    `costly`: row -> "maps" or "light", whichever has the larger error, or None if the difference is not significant.
+    `worse`: row -> the parts of the light that make its pictures worse if they are replaced by the true ones.
     """
     rows = gather([results.folder / "light_transfer" / "scores.csv"])
-    networks = {row: trainings for row, trainings in rows.items() if ":" not in row and row not in transfer.TRIVIAL}
+    networks = {row: trainings for row, trainings in rows.items() if ":" not in row and row not in transfer.BASELINES}
     heads = {"reconstruction_rmse": "relit, RMSE", "reconstruction_ssim": "relit, SSIM", "light_rmse": "light, RMSE"}
-    found = {c: estimates(rows, c, results.settings, networks, transfer.TRIVIAL) for c in heads}
+    found = {c: estimates(rows, c, results.settings, networks, transfer.BASELINES) for c in heads}
 
     def compare(first: str, second: str) -> Comparison:
         return compare_estimates("reconstruction_rmse", *(found["reconstruction_rmse"][one] for one in (first, second)))
@@ -36,8 +36,8 @@ def light_transfer(results: Results, name: str) -> Numbers:
     lines, kinds, comparisons, costly, worse = [], [], {}, {}, {}
     for row in networks:
         for variant, words in transfer.VARIANTS.items():
-            own = f"{row}:{variant}" if variant else row
-            lines.append([f"{label(row)}: {words}", *(found[column][own] for column in heads)])
+            predictor = f"{row}:{variant}" if variant else row
+            lines.append([f"{label(row)}: {words}", *(found[column][predictor] for column in heads)])
             kinds.append("baseline" if variant else "network")
         others = {"the picture as it is": "as_it_is", "its own maps under the mean light": f"{row}:mean_light"}
         for words, other in others.items():
@@ -45,26 +45,26 @@ def light_transfer(results: Results, name: str) -> Numbers:
         parts = compare(f"{row}:true_light", f"{row}:true_maps")
         costly[row] = {Verdict.WORSE: "maps", Verdict.BETTER: "light"}.get(parts.verdict)
         worse[row] = [part for part in PARTS if compare(f"{row}:true_{part}", row).verdict is Verdict.WORSE]
-    for trivial, words in transfer.TRIVIAL.items():
+    for trivial, words in transfer.BASELINES.items():
         lines.append([words, *(found[column][trivial] for column in heads)])
         kinds.append("baseline")
     correct([one for group in comparisons.values() for one in group.values()])
     grid = Grid.of(["", *heads.values()], lines, kinds)
-    some = next(iter(rows.values()))[0]
+    any_scores = next(iter(rows.values()))[0]
     made = {
         "grid": grid,
-        "pairs": len(some.figures),
-        "swaps": len(some.lights),
+        "pairs": len(any_scores.figures),
+        "swaps": len(any_scores.lights),
         "costly": costly,
         "worse": worse,
         "comparisons": comparison_grid(comparisons),
         "plate": results.folder / "light_transfer" / "plate.png",
     }
-    return written(results, name, {name: grid}, made)
+    return write_grids(results, name, {name: grid}, made)
 
 
 def traced(results: Results, name: str) -> Numbers:
-    """How far relit pictures are from path tracing, and why."""
+    """Computes the errors of relit pictures against path tracing, and their causes."""
     path = results.folder / "path_traced" / "scores.csv"
     tables = path_traced.tables(path, results.settings)
     answers = {row: float(one["relative, %"].mean) for row, one in tables["path_traced"].frame.iterrows()}
@@ -79,11 +79,11 @@ def traced(results: Results, name: str) -> Numbers:
         "largest": {cause: sizes[cause] for cause in largest},
         "plate": results.folder / "path_traced" / "plate.png",
     }
-    return written(results, name, tables, made)
+    return write_grids(results, name, tables, made)
 
 
 def inference_time(results: Results, name: str) -> Numbers:
-    """Seconds for a picture of each network, at each size."""
+    """Computes the inference time of each network at each size."""
     runs = [runs[0] for runs in results.experiments[name]["runs"].values()]
     times = pd.concat([timing.read_times(results.folder / "inference_time" / f"{run}.csv") for run in runs])
     times["on"] = ["a GPU" if one.device == "cuda" else count(one.threads, "thread") for one in times.itertuples()]
@@ -110,11 +110,11 @@ def inference_time(results: Results, name: str) -> Numbers:
         "rates": times.groupby("on", sort=False)["rate"].median().to_dict(),
         "grid": grid,
     }
-    return written(results, name, {name: grid}, made)
+    return write_grids(results, name, {name: grid}, made)
 
 
-def written(results: Results, name: str, grids: dict[str, Grid], made: Numbers) -> Numbers:
-    """The numbers of an experiment with stages of its own, after its tables are written beside the report."""
+def write_grids(results: Results, name: str, grids: dict[str, Grid], made: Numbers) -> Numbers:
+    """Writes the tables of an experiment, and returns the context of its section."""
     one = results.experiments[name]
     for stem, grid in grids.items():
         write_tables(results.report / stem, results.title(name), text(f"notes/{name}.md", **made), grid)

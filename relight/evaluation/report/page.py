@@ -1,4 +1,4 @@
-"""The report's page: jinja templates of Markdown and HTML, pictures inside it, readable offline and on a phone."""
+"""Renders the report's page from jinja templates of Markdown and HTML, with embedded pictures."""
 
 import base64
 import io
@@ -19,12 +19,12 @@ from relight.files import UserError, existing_file
 from relight.progress import duration
 
 TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".svg": "image/svg+xml"}
-LARGE = 400_000  # bytes; larger PNGs go into the page as JPEGs of the same pixels
+LARGE = 400_000  # bytes; larger PNGs are embedded as JPEGs of the same size in pixels
 
 
 @cache
 def environment() -> Environment:
-    """The templates, with what they may call: every value is escaped, and a name that is not given is an error."""
+    """Returns the environment of the templates: values are escaped, and undefined names are errors."""
     made = Environment(
         loader=PackageLoader("relight.evaluation.report"),
         autoescape=True,
@@ -44,23 +44,23 @@ def environment() -> Environment:
 
 
 def text(template: str, **context) -> str:
-    """A template as plain text, such as the note under a table."""
+    """Renders a template as plain text, such as the note under a table."""
     lines = environment().get_template(template).render(context).splitlines()
     return Markup(" ".join(line.strip() for line in lines if line.strip())).unescape()
 
 
 def section(template: str, **context) -> Markup:
-    """A template of Markdown as HTML."""
+    """Renders a template of Markdown as HTML."""
     return Markup(MarkdownIt("commonmark").enable("table").render(environment().get_template(template).render(context)))
 
 
 def page(template: str, **context) -> str:
-    """The text of a template, filled in."""
+    """Renders a template."""
     return environment().get_template(template).render(context)
 
 
 def table(grid: formats.Grid, caption: str = "") -> Markup:
-    """A grid as HTML, by blocks of columns, without blank lines: it may stand in Markdown."""
+    """Renders a grid as HTML tables, one per block of columns, without blank lines so that Markdown can contain it."""
     parts = []
     for block in grid.blocks():
         texts = block.texts(formats.HTML)
@@ -70,7 +70,7 @@ def table(grid: formats.Grid, caption: str = "") -> Markup:
 
 
 def picture(path: Path, caption: str, alt: str = "") -> Markup:
-    """A picture in the page (PNG, JPEG, SVG), no wider than the page; a tap shows it at its own size."""
+    """Embeds a picture (PNG, JPEG, SVG) as HTML, scaled to the page; a click shows it at full size."""
     kind = TYPES.get(existing_file(path, "picture").suffix.lower())
     if kind is None:
         raise UserError(f"{path}: the report takes pictures of the kinds {', '.join(TYPES)}")

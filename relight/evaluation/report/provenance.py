@@ -1,4 +1,4 @@
-"""Where a report comes from: when, with which code, on what machine, at what cost, and the command that repeats it."""
+"""Collects the provenance of a report: date, code, machine, cost, and the command that repeats the run."""
 
 import platform
 import shlex
@@ -16,14 +16,18 @@ from relight.processes import count_cores, git
 
 
 def provenance(folder: Path) -> dict[str, Any]:
-    """Collects what a report says about its own making: when, from which code, on which machine, by which command.
+    """Collects the provenance of a report.
 
     Args:
-        folder: results/<name>, whose run.yaml holds the settings that were given.
+        folder: results/<name>, whose run.yaml contains the given settings.
 
     Returns:
-        date: UTC, to the minute; version; commit: of the working tree, "" outside of git; changed: whether files differ
-        from it; machine; command: repeats the run from a clone.
+        date: UTC, to the minute.
+        version: of relight.
+        commit: of the working tree, "" without git.
+        changed: whether files differ from the commit.
+        machine: see `machine`.
+        command: repeats the run from a clone.
     """
     return {
         "date": datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC"),
@@ -36,7 +40,7 @@ def provenance(folder: Path) -> dict[str, Any]:
 
 
 def machine() -> str:
-    """Processor, cores, memory, GPU and system, without the machine's name."""
+    """Describes processor, cores, memory, GPU and system, without the host name."""
     import torch
 
     cores = count_cores()
@@ -46,7 +50,7 @@ def machine() -> str:
 
 
 def processor() -> str:
-    """The model of the processor, as the system calls it."""
+    """Returns the model name of the processor."""
     try:
         lines = Path("/proc/cpuinfo").read_text().splitlines()
         return next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
@@ -55,7 +59,7 @@ def processor() -> str:
 
 
 def command(folder: Path) -> str:
-    """The command for a clone of the repository; a sweep is repeated from its record."""
+    """Returns the command that repeats a run in a clone; a sweep is repeated from its record."""
     record = folder / "run.yaml"
     config = yaml.safe_load(record.read_text()) if record.exists() else {}
     if "runs" in config:
@@ -64,16 +68,16 @@ def command(folder: Path) -> str:
 
 
 def costs(folder: Path) -> tuple[pd.DataFrame, float]:
-    """Adds up what Snakemake measured of the jobs of each rule.
+    """Sums Snakemake's measurements of jobs by stage.
 
-    Of jobs of a few seconds, Snakemake's samples miss a part of the CPU time and of the memory.
+    For jobs of a few seconds, Snakemake's samples miss a part of the CPU time and of the memory.
 
     Args:
         folder: results/<name>.
 
     Returns:
-        A row per stage: jobs, mean and sum of their seconds, CPU seconds, and the largest memory in GB. And the seconds
-        in which at least one of these jobs was at work, so that a run taken up again counts right.
+        A row per stage: number of jobs, mean and sum of their seconds, CPU seconds, and the largest memory in GB. And
+        the seconds during which at least one of the jobs ran, without pauses between interrupted runs.
     """
     lines, times = [], []
     top = folder / "benchmark"

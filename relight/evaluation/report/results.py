@@ -1,4 +1,4 @@
-"""What a run of the workflow left in its folder, as the sections of its report read it."""
+"""Reads the results of a run of the workflow for its report."""
 
 import json
 from collections.abc import Iterable
@@ -13,18 +13,18 @@ import yaml
 from relight import config
 from relight.evaluation.scores import gather
 from relight.evaluation.statistics import Estimate
-from relight.evaluation.tables import ALL, SHOWN, Rows, Table, estimates, experiment_table
+from relight.evaluation.tables import SHOWN_COLUMNS, TABLE1_COLUMNS, Rows, Table, estimates, experiment_table
 from relight.files import UserError, existing_file
 
 
 class Results:
     """The folder results/<name>, and the experiments of the run.
 
-    Where a method takes `usual`, it says whether the usual test figures and lights stand in for the experiment's own.
+    The argument `usual` of a method selects the usual test figures and lights instead of the experiment's own.
 
     Args:
         folder: results/<name>.
-        settings: how many resamples, and their seed.
+        settings: number of resamples, and their seed.
         experiments: experiments.json (`Plan.requested`).
     """
 
@@ -46,7 +46,7 @@ class Results:
 
     @cached_property
     def readable(self) -> list[str]:
-        """Those of `tables` whose scores can be read; one broken file does not take the other tables along."""
+        """Those of `tables` whose scores can be read; a broken file does not affect the other tables."""
         found = []
         for name in self.tables:
             with suppress(UserError):
@@ -56,7 +56,7 @@ class Results:
         return found
 
     def title(self, name: str) -> str:
-        """The title of an experiment; its name where it has none."""
+        """Returns the title of an experiment, which is its name if it has none."""
         return self.experiments[name]["title"] or name
 
     @cached_property
@@ -67,35 +67,35 @@ class Results:
 
     @cached_property
     def record(self) -> dict[str, Any]:
-        """figures.json: `figures`, what is known of each, and `left_out`, why some are not in the set."""
+        """figures.json: `figures`, the record of each, and `left_out`, the reasons why some are not in the set."""
         return self.json("figures.json")
 
     @cached_property
     def lights(self) -> dict[str, Any]:
-        """chain.json: what each step of the light chain took and dropped, and why."""
+        """chain.json: the lights before and after each step of the light chain, with reasons."""
         return self.json("lights/chain.json")
 
     def json(self, path: str) -> dict[str, Any]:
-        """What a .json file of the results holds. UserError where it is missing."""
+        """Reads a .json file of the results. Raises UserError if it is missing."""
         return json.loads(existing_file(self.folder / path, "results").read_text())
 
     def usual(self, name: str) -> bool:
-        """Whether an experiment is about the usual test figures and lights."""
+        """Returns whether an experiment has the usual test figures and lights."""
         one = self.experiments[name]
         return one["figures"] == one["lights"] == "test"
 
     def scores(self, name: str, usual: bool = False) -> Rows:
-        """Scores by row, one per training; none where the data set has no figure or light of the kind."""
+        """Returns the scores of each row, one per training; empty if the data set has no such figures or lights."""
         files = self._files(name, usual)
         found = self._gather(path for row, paths in files.items() if row for path in paths)
         return {row: found[row] for row in files if row in found}
 
     def baselines(self, name: str, usual: bool = False) -> Rows:
-        """The scores of an experiment's baselines, under its own lights or the usual ones."""
+        """Returns the scores of an experiment's baselines."""
         return self._gather(self._files(name, usual)[""])
 
     def table(self, name: str, usual: bool = False) -> Table:
-        """The table of an experiment; the spread of trainings is pooled over all tables on the same pairs."""
+        """Returns the table of an experiment; the spread of trainings is pooled over all tables on the same pairs."""
         if (name, usual) not in self._tables:
             self._tables[name, usual] = self._table(name, usual)
         return self._tables[name, usual]
@@ -103,7 +103,7 @@ class Results:
     def _table(self, name: str, usual: bool) -> Table:
         rows = self.scores(name, usual)
         if not rows:
-            return Table(SHOWN.get(name, ALL))
+            return Table(SHOWN_COLUMNS.get(name, TABLE1_COLUMNS))
         pool: Rows = {}
         for other in dict.fromkeys([name, *self.readable]):
             for condition in (False, True):
@@ -112,7 +112,7 @@ class Results:
         return experiment_table(name, rows, self.baselines(name, usual), self.settings, pool)
 
     def part(self, name: str, figures: np.ndarray) -> Table:
-        """The table of an experiment over some of its figures, by their places."""
+        """Returns the table of an experiment over some of its figures, by index."""
         rows, baselines = (
             {row: [one.part(figures) for one in trainings] for row, trainings in given.items()}
             for given in (self.scores(name), self.baselines(name))
@@ -120,16 +120,16 @@ class Results:
         return experiment_table(name, rows, baselines, self.settings)
 
     def estimates(self, name: str, column: str) -> dict[str, Estimate]:
-        """Row, or baseline, -> mean and interval of any column of the scores, in a table or not."""
+        """Returns the estimates of a column of the scores, by row or baseline."""
         rows, baselines = self.scores(name), self.baselines(name)
         return estimates({**rows, **baselines}, column, self.settings, rows, baselines)
 
     def split(self, name: str, row: str) -> dict[str, list[str]]:
-        """The figures that a row was trained and scored on, by part."""
+        """Returns the figures of a row's split, by part."""
         return self.json(self.experiments[name]["splits"][row])
 
     def setting(self, row: str, key: str) -> Any:
-        """A setting, such as `model.width`, that a row was trained with."""
+        """Returns the value of a setting, such as `model.width`, with which a row was trained."""
         run = next(one["runs"][row][0] for one in self.experiments.values() if row in one["runs"])
         value = yaml.safe_load((self.folder / "config" / f"train.{run}.yaml").read_text())
         for part in key.split("."):
@@ -137,7 +137,7 @@ class Results:
         return value
 
     def settings_files(self) -> dict[str, dict[str, Any]]:
-        """The settings of each stage (`bake`, `train.ours_full.s0`), as dotted names and values."""
+        """Reads the settings of each stage (`bake`, `train.ours_full.s0`) as dotted names and values."""
         found = {}
         for path in sorted((self.folder / "config").glob("*.yaml")):
             settings = yaml.safe_load(path.read_text())

@@ -1,4 +1,4 @@
-"""The numbers of the sections about tables of trainings; their words are in templates/sections."""
+"""Computes the numbers of the sections about tables of trainings; their text is in templates/sections."""
 
 from collections import Counter, defaultdict
 from collections.abc import Callable
@@ -42,48 +42,48 @@ from relight.evaluation.tables import Table
 ERRORS = ("shading_rmse", "transport_rmse", "albedo_rmse", "light_rmse")
 PARTS = ("shading_rmse", "shading_true_light_rmse", "transport_rmse", "light_rmse", "albedo_rmse")
 AXES = {"train.figures": "number of training figures", "model.width": "width", "model.order": "order"}
-SETS = {"min": "four losses", "full": "fifteen losses", "weighted": "fifteen, transport × 4"}  # of `steps`
-SMALL = " †"  # marks differences that the paper prints and that are under MARGIN
-HERE = {  # what became of an ordering of the paper
+LOSS_SETS = {"min": "four losses", "full": "fifteen losses", "weighted": "fifteen, transport × 4"}  # of `steps`
+DAGGER = " †"  # marks printed differences that are under MARGIN
+OUTCOMES = {  # of an ordering of the paper in this run
     Verdict.BETTER: "holds",
     Verdict.WORSE: "reversed",
     Verdict.EQUIVALENT: "equivalent",
     Verdict.OPEN: "open",
 }
-QUARTERS = 8  # test figures that a division into quarters needs
-LEADS = (("ours_full", "sfsnet_ao"), ("ours_min", "sfsnet_ao"), ("ours_full", "sfsnet"))  # compared in each quarter
+MIN_QUARTER_FIGURES = 8  # least number of test figures for a division into quarters
+QUARTER_PAIRS = (("ours_full", "sfsnet_ao"), ("ours_min", "sfsnet_ao"), ("ours_full", "sfsnet"))  # compared in quarters
 Numbers = dict[str, Any]
-Found = dict[str, dict[str, Comparison]]  # what is compared -> column -> comparison
+Comparisons = dict[str, dict[str, Comparison]]  # label of the pair -> column -> comparison
 
 
 def experiment(results: Results, name: str) -> Numbers:
-    """Collects what the section of any table of trainings shows, and what its own words need.
+    """Computes the numbers of the section of a table of trainings, and draws its chart.
 
     Args:
         results: of the run.
         name: of the experiment.
 
     Returns:
-        What templates/sections/experiment.md takes, and what the template of the experiment takes beside it.
+        The context of templates/sections/experiment.md, and that of the experiment's own template.
     """
     table, one = results.table(name), results.experiments[name]
-    made: Numbers = {"name": name, "experiment": one, "scored": table, "grid": None, "plot": None, "plates": []}
+    numbers: Numbers = {"name": name, "experiment": one, "scored": table, "grid": None, "plot": None, "plates": []}
     if not table.rows:
-        return made
-    made |= {"grid": score_grid(table, table.columns), "others": score_grid(table, other_columns(table))}
-    made |= {"quarters": None, **quarters(results, name)}
+        return numbers
+    numbers |= {"grid": score_grid(table, table.columns), "others": score_grid(table, other_columns(table))}
+    numbers |= {"quarters": None, **quarters(results, name)}
     if one["axis"]:
-        made["plot"] = results.report / f"{name}.png"
+        numbers["plot"] = results.report / f"{name}.png"
         errors = tuple(column for column in table.columns if column.endswith("rmse"))
         axis = AXES.get(one["axis"], one["axis"])
-        charts.plot_axis(points(results, name), table, errors, axis, made["plot"])
+        charts.plot_axis(points(results, name), table, errors, axis, numbers["plot"])
     if one["plates"]:
-        made["plates"] = [results.report / f"{name}_{kind}.png" for kind in ("plates", "relit", "extremes")]
-    return made | EXPERIMENTS.get(name, lambda *_: {})(results, name, table)
+        numbers["plates"] = [results.report / f"{name}_{kind}.png" for kind in ("plates", "relit", "extremes")]
+    return numbers | EXPERIMENTS.get(name, lambda *_: {})(results, name, table)
 
 
 def write_score_table(table: Table, title: str, stem: Path) -> None:
-    """Writes a table as stem.csv (every column), stem.md and stem.tex."""
+    """Writes a table as stem.csv (all columns), stem.md and stem.tex."""
     note = text("note.md", scored=table)
     if table.rows:
         shown, others = score_grid(table, table.columns), score_grid(table, other_columns(table))
@@ -92,36 +92,36 @@ def write_score_table(table: Table, title: str, stem: Path) -> None:
     write_tables(stem, title, note, shown, table.statistics(), others)
 
 
-def compare_pairs(table: Table, pairs: dict[tuple[str, str], str], columns: tuple[str, ...]) -> Found:
+def compare_pairs(table: Table, pairs: dict[tuple[str, str], str], columns: tuple[str, ...]) -> Comparisons:
     """Compares pairs of rows.
 
     Args:
-        table: holds the rows.
-        pairs: (first, second) -> what the comparison tells.
-        columns: to be compared.
+        table: contains the rows.
+        pairs: (first, second) -> what the comparison measures.
+        columns: to compare.
 
     Returns:
         The comparisons of the pairs that the table has.
     """
-    found = {
-        f"{label(first)} against {label(second)}: {tells}": compare_rows(table, first, second, columns)
-        for (first, second), tells in pairs.items()
+    compared = {
+        f"{label(first)} against {label(second)}: {measures}": compare_rows(table, first, second, columns)
+        for (first, second), measures in pairs.items()
     }
-    return {words: ones for words, ones in found.items() if ones}
+    return {pair: by_column for pair, by_column in compared.items() if by_column}
 
 
 def table1(results: Results, name: str, table: Table) -> Numbers:
-    """Transport beside what needs no picture, and Ours (min) beside the network with AO and the same losses."""
-    found = compare_pairs(table, {(row, "mean_figure"): "transport" for row in table.networks}, ("transport_rmse",))
-    found |= compare_pairs(table, {("ours_min", "sfsnet_ao"): "with equal losses"}, ERRORS)
-    return {"comparisons": comparison_grid(found)}
+    """Compares transport with the mean training figure, and Ours (min) with SfSNet-AO, which has the same losses."""
+    compared = compare_pairs(table, {(row, "mean_figure"): "transport" for row in table.networks}, ("transport_rmse",))
+    compared |= compare_pairs(table, {("ours_min", "sfsnet_ao"): "with equal losses"}, ERRORS)
+    return {"comparisons": comparison_grid(compared)}
 
 
 def equal_losses(results: Results, name: str, table: Table) -> Numbers:
-    """What is inferred with equal losses, and the losses with what is inferred being equal.
+    """Compares formulations with equal losses, and losses with equal formulations.
 
-    `parts`: of the lead of Ours (full) over SfSNet-AO in shading, relative to SfSNet-AO, the part of the losses (the
-    mean of both ways) and that of what is inferred; None where not all four are trained.
+    `parts` splits the lead of Ours (full) over SfSNet-AO in shading, relative to SfSNet-AO, into that of the losses and
+    that of the formulation, each the mean over its two comparisons. It is None unless all four are trained.
     """
     pairs = {
         ("ours_min", "sfsnet_ao"): "what is inferred, four losses",
@@ -138,7 +138,7 @@ def equal_losses(results: Results, name: str, table: Table) -> Numbers:
 
 
 def plus_parts(results: Results, name: str, table: Table) -> Numbers:
-    """Ours plus against itself without each of its parts; `costly`: the parts that some error gets worse without."""
+    """Compares Ours plus with its ablations; `costly` are those for which some error is significantly worse."""
     without = [row for row in table.networks if row not in ("ours_plus", "ours_full")]
     pairs = {("ours_plus", row): "the part is worth" for row in [*without, "ours_full"]}
     costly = [label(row) for row in without if better(compare_rows(table, "ours_plus", row, ERRORS))]
@@ -147,9 +147,11 @@ def plus_parts(results: Results, name: str, table: Table) -> Numbers:
 
 
 def relit(results: Results, name: str, table: Table) -> Numbers:
-    """Relit pictures beside the picture as it is, and what occlusion is worth in them."""
+    """Compares relit pictures with the unchanged picture, and methods with and without occlusion."""
     columns = ("relit_rmse", "relit_ssim")
-    pairs = {(row, "as_it_is"): "relighting" for row in table.networks} | dict.fromkeys(LEADS, "in relit pictures")
+    pairs = {(row, "as_it_is"): "relighting" for row in table.networks} | dict.fromkeys(
+        QUARTER_PAIRS, "in relit pictures"
+    )
     worth = [
         label(row) for row in table.networks if "relit_rmse" in better(compare_rows(table, row, "as_it_is", columns))
     ]
@@ -157,20 +159,20 @@ def relit(results: Results, name: str, table: Table) -> Numbers:
 
 
 def baked(results: Results, name: str, table: Table) -> Numbers:
-    """The orders of the methods that the paper argues with, on these figures."""
-    pairs = {(first, second): tells for first, second, tells in ARGUMENTS}
+    """Compares the pairs of methods that the paper argues with, on these figures."""
+    pairs = {(first, second): argument for first, second, argument in ARGUMENTS}
     return {"comparisons": comparison_grid(compare_pairs(table, pairs, ERRORS))}
 
 
 def sitting(results: Results, name: str, table: Table) -> Numbers:
-    """Sitting against standing test figures, and against what looks at no picture."""
+    """Compares sitting with standing test figures, and with the mean figure."""
     standing, first = results.table(name, usual=True), table.networks[0]
-    found = {
+    compared = {
         f"{label(row)}, sitting against standing": compare_rows(table, row, row, ERRORS, standing)
         for row in table.networks
     }
-    trivial = compare_rows(table, first, "mean_figure", ERRORS[:3])  # its light is the mean one of any figure
-    grid = comparison_grid({**found, f"{label(first)} against the mean figure": trivial})
+    trivial = compare_rows(table, first, "mean_figure", ERRORS[:3])  # without the light, which is that of every figure
+    grid = comparison_grid({**compared, f"{label(first)} against the mean figure": trivial})
     return {
         "standing": standing.figures,
         "comparisons": grid,
@@ -180,17 +182,17 @@ def sitting(results: Results, name: str, table: Table) -> Numbers:
 
 
 def unusual_lights(results: Results, name: str, table: Table) -> Numbers:
-    """Unusual against usual lights; the light beside a training light; richer training lights."""
+    """Compares unusual with usual lights, the inferred light with the nearest training light, and training lights."""
     usual, first, rich = results.table(name, usual=True), table.networks[0], "ours_rich"
     against = compare_rows(table, first, first, ERRORS, usual)
     nearest = compare_rows(table, first, "nearest_light", ("light_rmse",))
-    found = {
+    compared = {
         f"{label(first)}, unusual against usual lights": against,
         f"{label(first)} against the nearest training light": nearest,
     }
     if rich in table.rows:
         for one, lights in ((table, "unusual"), (usual, "usual")):
-            found[f"{label(rich)} against {label(first)}, {lights} lights"] = compare_rows(one, rich, first, ERRORS)
+            compared[f"{label(rich)} against {label(first)}, {lights} lights"] = compare_rows(one, rich, first, ERRORS)
     shares = {
         row: [one.rows[row]["light_rmse"].mean / one.rows["mean_light"]["light_rmse"].mean for one in (table, usual)]
         for row in table.networks
@@ -206,15 +208,15 @@ def unusual_lights(results: Results, name: str, table: Table) -> Numbers:
             [[label(row), *two] for row, two in shares.items()],
             digits={"unusual lights": 2, "usual lights": 2},
         ),
-        "comparisons": comparison_grid(found),
+        "comparisons": comparison_grid(compared),
     }
 
 
 def silhouette(results: Results, name: str, table: Table) -> Numbers:
-    """How far the mask alone goes from the mean figure toward what the picture tells."""
+    """Computes how far a network that sees the mask alone gets from the mean figure to one that sees the picture."""
     columns, rows = ("transport_rmse", "shading_true_light_rmse"), ("mean_figure", "silhouette", "transport_only")
     others = ("mean_figure", "no_occlusion", "transport_only")
-    found = {
+    compared = {
         f"{label('silhouette')} against {label(row)}": compare_rows(table, "silhouette", row, columns) for row in others
     }
     part = None
@@ -223,69 +225,76 @@ def silhouette(results: Results, name: str, table: Table) -> Numbers:
     ):
         low, middle, high = (table.rows[row]["transport_rmse"].mean for row in rows)
         part = (low - middle) / (low - high)
-    tells = "transport_rmse" in better(compare_rows(table, "silhouette", "mean_figure", columns))
-    return {"comparisons": comparison_grid(found), "tells": tells, "part": part}
+    informative = "transport_rmse" in better(compare_rows(table, "silhouette", "mean_figure", columns))
+    return {"comparisons": comparison_grid(compared), "tells": informative, "part": part}
 
 
 def self_supervised(results: Results, name: str, table: Table) -> Numbers:
-    """Whether fine-tuning on pictures without truth bleaches the shading and makes the albedo the picture.
+    """Tests whether fine-tuning without ground truth flattens the shading and turns the albedo into the picture.
 
-    `collapsed`: row -> how many of the two signs are there, tested together (Holm).
+    `collapsed`: row -> number of these two signs that are significant (Holm).
     """
     base, *tuned = table.networks
     contrast, share = (results.estimates(name, column) for column in ("shading_contrast", "albedo_share"))
-    true = share["nearest_light"].mean  # the baseline is given the true albedo
-    collapsed, found = {}, {}
+    true = share["nearest_light"].mean  # of a baseline with the true albedo
+    collapsed, compared = {}, {}
     for row in tuned:
-        flat, full = correct([compare_estimates("", one[row], one[base]) for one in (contrast, share)])
-        flatter = flat.verdict.sure and flat.difference.mean < 0 and flat.first < 1
-        fuller = full.verdict.sure and full.difference.mean > 0 and full.first > true
-        collapsed[row] = flatter + fuller
-        found[f"{label(row)} against {label(base)}"] = compare_rows(table, row, base, PARTS)
+        by_contrast, by_share = correct([compare_estimates("", one[row], one[base]) for one in (contrast, share)])
+        is_flat = by_contrast.verdict.is_significant and by_contrast.difference.mean < 0 and by_contrast.first < 1
+        is_picture = by_share.verdict.is_significant and by_share.difference.mean > 0 and by_share.first > true
+        collapsed[row] = is_flat + is_picture
+        compared[f"{label(row)} against {label(base)}"] = compare_rows(table, row, base, PARTS)
     rows = [[label(row), contrast[row], share[row]] for row in table.networks]
     rows.append(["truth", 1.0, true])
     signs = Grid.of(["", "contrast of the shading", "share explained by the albedo"], rows)
-    return {"signs": signs, "collapsed": collapsed, "comparisons": comparison_grid(found)}
+    return {"signs": signs, "collapsed": collapsed, "comparisons": comparison_grid(compared)}
 
 
 def splits(results: Results, name: str, table: Table) -> Numbers:
-    """What it is worth to have seen the person of the test in training."""
-    found = compare_rows(table, "ours_siblings", "ours_disjoint", PARTS)
-    grid = comparison_grid({"person seen against not seen": found})
-    return {"comparisons": grid, "flattered": len(better(found)), "of": len(found)}
+    """Compares trainings with and without the people of the test set."""
+    compared = compare_rows(table, "ours_siblings", "ours_disjoint", PARTS)
+    grid = comparison_grid({"person seen against not seen": compared})
+    return {"comparisons": grid, "flattered": len(better(compared)), "of": len(compared)}
 
 
 def along(results: Results, name: str, table: Table) -> Numbers:
-    """The first and the last point of an axis, and the last step: whether more still helps."""
-    found = points(results, name)
-    ends = dict.fromkeys([(0, len(found) - 1), (len(found) - 2, len(found) - 1)]) if len(found) > 1 else {}
-    rows = {
-        f"{found[b][0]:g} against {found[a][0]:g}": compare_rows(table, found[b][1], found[a][1], ERRORS)
-        for a, b in ends
+    """Compares the first point of an axis with the last one, and the last two: whether more still helps."""
+    networks = points(results, name)
+    last = len(networks) - 1
+    steps = dict.fromkeys([(0, last), (last - 1, last)]) if last > 0 else {}  # one step if there are two points
+    compared: Comparisons = {}
+    for i, j in steps:
+        (start, first), (end, second) = networks[i], networks[j]
+        compared[f"{end:g} against {start:g}"] = compare_rows(table, second, first, ERRORS)
+    falling = better(list(compared.values())[-1]) if compared else []
+    return {
+        "axis": AXES.get(results.experiments[name]["axis"]),
+        "places": [place for place, _ in networks],
+        "falling": falling,
+        "comparisons": comparison_grid(compared),
     }
-    axis, last = AXES.get(results.experiments[name]["axis"]), list(rows.values())[-1] if rows else {}
-    places = [place for place, _ in found]
-    return {"axis": axis, "places": places, "falling": better(last), "comparisons": comparison_grid(rows)}
 
 
 def order(results: Results, name: str, table: Table) -> Numbers:
-    """What each order can show at best, and what its network shows."""
-    found, rows = points(results, name), []
-    for place, row in found:
+    """Computes the smallest error of each order, and that of its network."""
+    networks, rows = points(results, name), []
+    for place, row in networks:
         if cut := table.rows.get(f"cut_{place:.0f}"):
-            own, floor = table.rows[row]["shading_rmse"].mean, cut["shading_rmse"].mean
-            rows.append([label(row), own, floor, f"{100 * (floor / own) ** 2:.0f} %"])
+            error, floor = table.rows[row]["shading_rmse"].mean, cut["shading_rmse"].mean
+            rows.append([label(row), error, floor, f"{100 * (floor / error) ** 2:.0f} %"])
     steps = {
-        f"order {b:g} against {a:g}": compare_rows(table, two, one, ERRORS) for (a, one), (b, two) in pairwise(found)
+        f"order {b:g} against {a:g}": compare_rows(table, two, one, ERRORS) for (a, one), (b, two) in pairwise(networks)
     }
     heads = ["", "shading RMSE", "of the cut alone", "share of the squared error"]
     return {"floors": Grid.of(heads, rows), "comparisons": comparison_grid(steps)}
 
 
 def steps(results: Results, name: str, table: Table) -> Numbers:
-    """The sets of losses beside each other at each length of training, and each with itself trained longer; `changed`:
-    the columns in which one set leads another at one length and trails it at another."""
-    rows, found, verdicts = {}, {}, defaultdict(set)
+    """Compares the sets of losses at each length of training, and the lengths for each set.
+
+    `changed`: the columns in which a set is better than another at one length, and worse at another length.
+    """
+    rows, compared, verdicts = {}, {}, defaultdict(set)
     for row in table.networks:
         rows[row.removeprefix("ours_").split("_")[0], int(results.setting(row, "train.steps"))] = row
     lengths = sorted({length for _, length in rows})
@@ -293,16 +302,16 @@ def steps(results: Results, name: str, table: Table) -> Numbers:
         for length in lengths:
             if (first, length) in rows and (second, length) in rows:
                 two = rows[first, length], rows[second, length]
-                compared = compare_rows(table, *two, ERRORS)
-                found[f"{length:,} steps: {SETS[first]} against {SETS[second]}"] = compared
-                for column, comparison in compared.items():
+                by_column = compare_rows(table, *two, ERRORS)
+                compared[f"{length:,} steps: {LOSS_SETS[first]} against {LOSS_SETS[second]}"] = by_column
+                for column, comparison in by_column.items():
                     verdicts[column, first, second].add(comparison.verdict)
-    for losses, words in SETS.items():
+    for losses, words in LOSS_SETS.items():
         for a, b in pairwise(length for length in lengths if (losses, length) in rows):
             two = rows[losses, b], rows[losses, a]
-            found[f"{words}: {b:,} against {a:,} steps"] = compare_rows(table, *two, ERRORS)
-    turned = {column for (column, *_), seen in verdicts.items() if {Verdict.BETTER, Verdict.WORSE} <= seen}
-    return {"comparisons": comparison_grid(found), "changed": [column for column in ERRORS if column in turned]}
+            compared[f"{words}: {b:,} against {a:,} steps"] = compare_rows(table, *two, ERRORS)
+    changed = {column for (column, *_), seen in verdicts.items() if {Verdict.BETTER, Verdict.WORSE} <= seen}
+    return {"comparisons": comparison_grid(compared), "changed": [column for column in ERRORS if column in changed]}
 
 
 EXPERIMENTS: dict[str, Callable[[Results, str, Table], Numbers]] = {
@@ -323,42 +332,42 @@ EXPERIMENTS: dict[str, Callable[[Results, str, Table], Numbers]] = {
 }
 
 
-def better(found: dict[str, Comparison]) -> list[str]:
-    """The columns in which the first row is better."""
-    return [column for column, one in found.items() if one.verdict is Verdict.BETTER]
+def better(compared: dict[str, Comparison]) -> list[str]:
+    """Returns the columns in which the first row is significantly better."""
+    return [column for column, one in compared.items() if one.verdict is Verdict.BETTER]
 
 
 def points(results: Results, name: str) -> list[tuple[float, str]]:
-    """Places the networks of an experiment on its axis.
+    """Returns the networks of an experiment with their values on its axis.
 
     Returns:
-        Place and row, in the order of the axis; of training figures, as many as there were.
+        (value, row), sorted by value. The number of training figures is at most that of the available ones.
     """
     axis = results.experiments[name]["axis"]
     found = []
     for row in results.table(name).networks:
         place = results.setting(row, axis)
         if axis == "train.figures":
-            there = len(results.split(name, row)[results.setting(row, "train.part")])
-            place = min(place or there, there)
+            available = len(results.split(name, row)[results.setting(row, "train.part")])
+            place = min(place or available, available)
         found.append((float(place), row))
     return sorted(found, key=lambda point: point[0])
 
 
 def quarters(results: Results, name: str) -> Numbers:
-    """Compares the rows over quarters of the test figures, from the least to the most occluded.
+    """Compares the rows over quarters of the test figures, from the least to the most occluded, and writes the errors.
 
     Args:
-        results: of the run; the errors are written beside its report.
+        results: of the run.
         name: of the experiment.
 
     Returns:
-        The errors of each row, how far apart the methods are in each quarter, and the stem of the files; empty where
-        there are too few figures, or their occlusion is not known.
+        The errors of each row, the comparisons of methods in each quarter, and the stem of the files; empty if there
+        are too few figures, or their occlusion is unknown.
     """
     file, rows = results.report / "occlusion.csv", results.scores(name)
     figures = next(iter(rows.values()))[0].figures
-    if len(figures) < QUARTERS or not file.exists():
+    if len(figures) < MIN_QUARTER_FIGURES or not file.exists():
         return {}
     lost = read_occlusion(file).set_index("name")["lost"].reindex(figures)
     if lost.isna().any():
@@ -369,42 +378,42 @@ def quarters(results: Results, name: str) -> Numbers:
         for what, part in zip(("least", "second", "third", "most"), parts)
     ]
     tables = {head: results.part(name, part) for head, part in zip(heads, parts)}
-    some = tables[heads[0]]
+    first_table = tables[heads[0]]
     columns = {
         (column_label(column), head): [cells.get(column) for cells in table.rows.values()]
-        for column in some.present(some.columns)
+        for column in first_table.present(first_table.columns)
         if column.endswith("rmse")
         for head, table in tables.items()
     }
-    frame = pd.DataFrame(columns, pd.Index(map(label, some.rows), name="row"), dtype=object)
-    shown = Grid(frame.where(frame.notna(), None), [some.kind(row) for row in some.rows])
+    frame = pd.DataFrame(columns, pd.Index(map(label, first_table.rows), name="row"), dtype=object)
+    shown = Grid(frame.where(frame.notna(), None), [first_table.kind(row) for row in first_table.rows])
     leads = {
         f"{label(first)} against {label(second)}, {head}": compare_rows(table, first, second, ("shading_rmse",))
-        for first, second in LEADS
+        for first, second in QUARTER_PAIRS
         for head, table in tables.items()
     }
-    correct([one for found in leads.values() for one in found.values()])
+    correct([comparison for by_column in leads.values() for comparison in by_column.values()])
     stem, title = f"{name}_occlusion", f"{results.title(name)}, by occlusion"
     write_tables(results.report / stem, title, text("notes/quarters.md"), shown)
     return {"quarters": shown, "leads": comparison_grid(leads), "quarters_file": stem}
 
 
 def summary(results: Results) -> Numbers:
-    """Which of the paper's orderings hold here: how many, which, and with what numbers."""
+    """Tests which of the paper's orderings hold in this run."""
     tables = [results.table(name) for name in results.readable if results.usual(name)]
     tables = [table for table in tables if table.rows]
     found, counts = orderings(tables), [count for table in tables for count in table.trainings.values()]
-    verdicts = Counter(one.here.verdict for one in found)
+    verdicts = Counter(one.comparison.verdict for one in found)
     lines = [
         [
             f"{label(one.better)} before {label(one.worse)}",
-            column_label(one.here.column),
-            f"{100 * one.gap:.1f} %{SMALL * one.small}{' *' * (not one.argued)}",
-            *effect(one.here),
-            *(number(value) for value in (one.here.first, one.here.second)),
-            p_value(one.here.p),
-            f"{SIGNS[one.here.verdict]} {HERE[one.here.verdict]}",
-            bound(one.here),
+            column_label(one.comparison.column),
+            f"{100 * one.printed_difference:.1f} %{DAGGER * one.below_margin}{' *' * (not one.argued)}",
+            *effect(one.comparison),
+            *(number(value) for value in (one.comparison.first, one.comparison.second)),
+            p_value(one.comparison.p),
+            f"{SIGNS[one.comparison.verdict]} {OUTCOMES[one.comparison.verdict]}",
+            bound(one.comparison),
         ]
         for one in found
     ]
@@ -413,7 +422,7 @@ def summary(results: Results) -> Numbers:
         "tables": tables,
         "orderings": found,
         "verdicts": verdicts,
-        "small": sum(one.small for one in found),
+        "small": sum(one.below_margin for one in found),
         "trainings": (min(counts, default=0), max(counts, default=0)),
         "matrix": matrix(found),
         "listed": Grid.of(heads, lines),
@@ -421,20 +430,22 @@ def summary(results: Results) -> Numbers:
 
 
 def matrix(found: list[Ordering]) -> Grid:
-    """A row per pair that the paper argues with, a column per quantity: the verdict and the relative gain."""
-    columns = list(dict.fromkeys(one.here.column for one in found))
+    """Returns a grid of verdicts and relative gains: a row per pair of ARGUMENTS, a column per quantity."""
+    columns = list(dict.fromkeys(one.comparison.column for one in found))
     lines = []
     for first, second, _ in ARGUMENTS:
-        of_pair = {one.here.column: one for one in found if {one.better, one.worse} == {first, second}}
+        of_pair = {one.comparison.column: one for one in found if {one.better, one.worse} == {first, second}}
         if of_pair:
             cells = [of_pair.get(column) for column in columns]
-            lines.append([f"{label(first)} against {label(second)}", *(one and mark(one) for one in cells)])
+            lines.append([f"{label(first)} against {label(second)}", *(one and format_cell(one) for one in cells)])
     return Grid.of(["", *map(column_label, columns)], lines)
 
 
-def mark(one: Ordering) -> str:
-    """A cell of the matrix: how much better the pair's first row is here, in percent; in brackets where the paper's
-    numbers are against its argument, with a mark where they differ by less than MARGIN."""
-    gain = percent(one.here.gain if one.argued else -one.here.gain).removesuffix(" %")
-    words = f"{SIGNS[one.here.verdict]} {gain}{SMALL * one.small}"
+def format_cell(one: Ordering) -> str:
+    """Returns a cell of the matrix: how much better the pair's first row is in this run, in percent.
+
+    It is in brackets if the paper's numbers contradict its argument, and has DAGGER if they differ by less than MARGIN.
+    """
+    gain = percent(one.comparison.gain if one.argued else -one.comparison.gain).removesuffix(" %")
+    words = f"{SIGNS[one.comparison.verdict]} {gain}{DAGGER * one.below_margin}"
     return words if one.argued else f"({words})"
