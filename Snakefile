@@ -1,8 +1,8 @@
 # From meshes and panoramas to a finished report. Settings come from conf/ (Hydra); see docs/workflow.md.
 #
-# What `snakemake --lint` finds, and why it stays: no conda environment or container for each rule, since one environment
-# is locked for all stages (constraints.txt, environment.yml, Dockerfile); no log of the rules in settings.smk, which
-# write a few lines by `printf`; and `rule`, which is no variable of ours but the name that Snakemake gives to shells.
+# Accepted findings of `snakemake --lint`: rules have no conda environment or container, since one environment is locked
+# for all stages (constraints.txt, environment.yml, Dockerfile). Rules in settings.smk have no log, since they write a few
+# lines by `printf`. `rule` is defined by Snakemake in shell commands.
 from snakemake.utils import min_version
 
 min_version("9.0")

@@ -6,7 +6,7 @@ __version__ = "0.2.0"
 
 
 def __getattr__(name: str) -> Any:
-    if name == "load":  # torch is imported when `load` is first used, not with the package
+    if name == "load":  # imports torch on first use, not with the package
         from relight.photos.api import load
 
         return load

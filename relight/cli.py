@@ -19,9 +19,9 @@ from relight.transport.commands import app as transport
 from relight.viewer.commands import app as viewer
 from relight.viewer.commands import web_app as web
 
-# Objects between garbage collections. By default 700 (2,000 from Python 3.12): those that torch's import makes, all of
-# which stay, would be looked through again and again, for about .2 of its 1.5 CPU-seconds.
-COLLECT_EVERY = 100_000
+# Allocations between garbage collections. With the default of 700 (2,000 from Python 3.12), collections take about .2
+# of the 1.5 CPU-seconds of torch's import, whose objects all stay alive.
+GC_THRESHOLD = 100_000
 
 app = typer.Typer(
     help="The open laboratory for occlusion-aware relighting of people.",
@@ -42,7 +42,7 @@ app.add_typer(benchmark, name="benchmark")
 
 @app.callback(invoke_without_command=True)
 def version(show: Annotated[bool, typer.Option("--version", help="Print the version.")] = False) -> None:
-    """Prints the version and ends, where `--version` is given."""
+    """Prints the version and exits, if `--version` is given."""
     if show:
         print(__version__)
         raise typer.Exit
@@ -52,7 +52,7 @@ class RunCommand(TyperCommand):
     """`relight run`, whose help also lists the settings."""
 
     def format_help(self, ctx: Any, formatter: Any) -> None:  # click's, which Typer bundles privately
-        """The help of `relight run`, with all settings and their values below."""
+        """Writes the help of `relight run`, followed by all settings with their default values."""
         from relight.config import composed
         from relight.config.help import overview
 
@@ -61,7 +61,7 @@ class RunCommand(TyperCommand):
 
 
 def completed(ctx: typer.Context, incomplete: str) -> list[str]:
-    """Returns what a shell offers to complete an unfinished override."""
+    """Returns the completions of an unfinished override, for shells."""
     from relight.config.help import complete
 
     return complete(ctx.params.get("overrides") or [], incomplete)
@@ -102,7 +102,7 @@ def run(
 def ui(
     overrides: Annotated[
         list[str] | None,
-        typer.Argument(help="Settings that say which runs: name=mine, track.uri=sqlite:///other.db ..."),
+        typer.Argument(help="Settings that select the runs: name=mine, track.uri=sqlite:///other.db ..."),
     ] = None,
     port: Annotated[int, typer.Option(help="Port of the local server.")] = 5000,
 ) -> None:
@@ -115,7 +115,7 @@ def ui(
 
 
 def need_clone(command: str) -> None:
-    """Raises UserError when relight was installed from a wheel, which holds no workflow."""
+    """Raises UserError if relight was installed from a wheel, which does not contain the workflow."""
     from relight.config import IS_CLONE
 
     if not IS_CLONE:
@@ -123,8 +123,8 @@ def need_clone(command: str) -> None:
 
 
 def main() -> None:
-    """Runs the command line; an error that a user can mend is one line, with exit code 1."""
-    gc.set_threshold(COLLECT_EVERY)
+    """Runs the command line; a UserError is printed in one line, with exit code 1."""
+    gc.set_threshold(GC_THRESHOLD)
     try:
         app()
     except UserError as error:

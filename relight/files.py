@@ -1,4 +1,4 @@
-"""Files that are written atomically, checks of paths before long work, and the error that users see."""
+"""Atomic writing of files, checks of paths before long work, and the exception for errors of users."""
 
 import csv
 import errno
@@ -23,7 +23,7 @@ class UserError(Exception):
 
 @contextmanager
 def _file_system_errors(path: Path) -> Iterator[None]:
-    """Turns errors of the file system while `path` is written into a UserError."""
+    """Converts errors of the file system while `path` is written to UserError."""
     try:
         yield
     except UserError:
@@ -35,13 +35,12 @@ def _file_system_errors(path: Path) -> Iterator[None]:
 
 
 def system_errno(error: BaseException | None) -> int | None:
-    """Finds the error of the file system behind an exception.
+    """Returns the error number of the file system that caused an exception.
 
-    Libraries that are not written in Python raise exceptions of their own, with the reason in the message or in the
-    cause.
+    Native libraries raise their own exceptions, with the reason in the message or in the cause.
 
     Returns:
-        One of FILE_SYSTEM_ERRORS, or None if the exception has another reason.
+        One of FILE_SYSTEM_ERRORS, or None for other reasons.
     """
     while error is not None:
         if isinstance(error, OSError) and error.errno in FILE_SYSTEM_ERRORS:
@@ -54,18 +53,18 @@ def system_errno(error: BaseException | None) -> int | None:
 
 
 def writable_folder(path: Path | str, what: str, needed: int = 0) -> Path:
-    """Checks before long work that files can be written into a folder, by writing one.
+    """Checks that files can be written to a folder, by writing one.
 
     Args:
         path: of the folder; it need not exist, and is not created.
         what: the name of the folder in errors, such as "--out".
-        needed: bytes of all the files together.
+        needed: total size of the files, bytes.
 
     Returns:
         `path`.
 
     Raises:
-        UserError: if it is a file, if nothing can be written there, or if the disk has less than `needed` bytes free.
+        UserError: if it is a file or read-only, or if the disk has less than `needed` bytes free.
     """
     path = Path(path)
     made: list[Path] = []
@@ -91,7 +90,7 @@ def writable_folder(path: Path | str, what: str, needed: int = 0) -> Path:
 
 
 def writable_file(path: Path | str, what: str) -> Path:
-    """Checks before long work that a file can be written, into a folder that exists.
+    """Checks that a file can be written to an existing folder.
 
     Args:
         path: of the file.
@@ -114,11 +113,11 @@ def writable_file(path: Path | str, what: str) -> Path:
 
 @contextmanager
 def atomic_write(path: Path | str) -> Iterator[Path]:
-    """Writes a file atomically: readers see the old file or the new one, never a part of it.
+    """Writes a file atomically: readers see either the old file or the new one.
 
-    Yields a temporary path in the same folder, with the same suffix. When the block succeeds, the temporary file is
-    renamed to `path`; when it fails, the old file stays. The name of a temporary file begins with a dot. Temporary
-    files that a killed writer of the same path left behind are removed.
+    Yields a temporary path in the same folder, with the same suffix, whose name begins with a dot. If the block
+    succeeds, the temporary file is renamed to `path`; otherwise it is removed. Temporary files of killed writers of the
+    same path are removed.
 
     Raises:
         UserError: if the file system refuses to write.
@@ -130,7 +129,7 @@ def atomic_write(path: Path | str) -> Iterator[Path]:
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.stem}.", suffix=path.suffix)
     temporary = Path(name)
     try:
-        _try_lock(handle)  # tells other processes that the writer of this file is alive
+        _try_lock(handle)  # shows other processes that the writer of this file is alive
         with _file_system_errors(path):
             yield temporary
         mask = os.umask(0)
@@ -144,7 +143,7 @@ def atomic_write(path: Path | str) -> Iterator[Path]:
 
 @contextmanager
 def atomic_folder(path: Path | str) -> Iterator[Path]:
-    """Writes a folder as `atomic_write` does a file: yields an empty one that replaces `path` if the block succeeds."""
+    """Writes a folder atomically: yields an empty folder that replaces `path` if the block succeeds."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     _remove_stale(path.parent, f".{path.name}.")
@@ -163,7 +162,7 @@ def atomic_folder(path: Path | str) -> Iterator[Path]:
 
 
 def _remove_stale(folder: Path, prefix: str, suffix: str = "") -> None:
-    """Removes the temporary files and folders of a name whose writers are dead, so that nobody holds their lock."""
+    """Removes temporary files and folders of a name that are not locked, since their writers are dead."""
     for stale in folder.glob(glob.escape(prefix) + 8 * "?" + glob.escape(suffix)):
         try:
             handle = os.open(stale, os.O_RDONLY if stale.is_dir() else os.O_RDWR)  # NFS locks only writable files
@@ -178,10 +177,10 @@ def _remove_stale(folder: Path, prefix: str, suffix: str = "") -> None:
 
 
 def _try_lock(handle: int) -> bool:
-    """Locks an open file until it is closed or the process ends; False if another process holds the lock."""
+    """Locks an open file until it is closed or the process ends; returns False if another process holds the lock."""
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:  # also on file systems without locks, where stale files stay
+    except OSError:  # also on file systems without locks, on which stale files stay
         return False
     return True
 
@@ -194,10 +193,9 @@ def remove_folder(folder: Path) -> None:
 
 
 def is_unsafe_name(path: Path | str) -> bool:
-    """Whether the workflow cannot handle a file name.
+    """Returns whether the workflow cannot handle a file name.
 
-    Snakemake takes braces for wildcards, line breaks end a record in its files, and bytes that are not UTF-8 cannot be
-    written there.
+    For Snakemake, braces are wildcards, and its records cannot contain line breaks or bytes that are not UTF-8.
     """
     return re.search(r"[{}\x00-\x1f\x7f\ud800-\udfff]", str(path)) is not None
 
@@ -206,8 +204,8 @@ def require_safe_name(path: Path | str) -> None:
     """Raises UserError if the workflow cannot handle the name (`is_unsafe_name`)."""
     if is_unsafe_name(path):
         raise UserError(
-            f"{ascii(str(path))[1:-1]}: rename it; braces, line breaks and bytes that are no UTF-8 are not read in the "
-            "names of files and folders"
+            f"{ascii(str(path))[1:-1]}: rename it; names of files and folders must not contain braces, line breaks, or "
+            "bytes that are not UTF-8"
         )
 
 
@@ -242,11 +240,10 @@ def require_readable(path: Path, what: str) -> None:
 
 
 def read_table(path: Path) -> tuple[list[str], list[dict[str, str]]]:
-    """Reads a CSV table of a user.
+    """Reads a CSV table.
 
     Returns:
-        The names of the columns, and the rows by column, without surrounding blanks and without cells beyond the last
-        column.
+        The names of the columns, and the rows by column, stripped and without cells beyond the last column.
 
     Raises:
         UserError: if the file is not CSV in UTF-8.
@@ -257,7 +254,7 @@ def read_table(path: Path) -> tuple[list[str], list[dict[str, str]]]:
             rows = [{key: (value or "").strip() for key, value in row.items() if key is not None} for row in reader]
             return list(reader.fieldnames or []), rows
     except (UnicodeDecodeError, csv.Error) as error:
-        raise UserError(f"{path} is no CSV table in UTF-8 ({error})") from None
+        raise UserError(f"{path} is not a CSV table in UTF-8 ({error})") from None
 
 
 def out_of_memory(error: MemoryError) -> str:

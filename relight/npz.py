@@ -1,4 +1,4 @@
-"""NumPy files of unknown origin."""
+"""Reads NumPy files of unknown origin."""
 
 import zipfile
 from pathlib import Path
@@ -7,7 +7,7 @@ import numpy as np
 
 from relight.files import UserError, existing_file
 
-MAX_BYTES = 8 << 30  # of the arrays of one archive; a few compressed bytes can stand for any number
+MAX_BYTES = 8 << 30  # total size of the arrays of an archive, which can be far larger than the file
 
 
 def read_npz(path: Path | str, what: str) -> dict[str, np.ndarray]:
@@ -15,10 +15,10 @@ def read_npz(path: Path | str, what: str) -> dict[str, np.ndarray]:
 
     Args:
         path: of the file.
-        what: what it should hold, for errors.
+        what: its expected content, for errors.
 
     Returns:
-        Arrays by name, none of Python objects.
+        Arrays by name, without Python objects.
 
     Raises:
         UserError: if the file is missing, damaged, or would take more than MAX_BYTES of memory.
@@ -28,12 +28,12 @@ def read_npz(path: Path | str, what: str) -> dict[str, np.ndarray]:
         with zipfile.ZipFile(path) as archive:
             size = sum(member.file_size for member in archive.infolist())
         if size > MAX_BYTES:
-            raise ValueError(f"it promises {size / 2**30:.0f} GiB")
+            raise ValueError(f"its arrays have {size / 2**30:.0f} GiB")
         with np.load(path, allow_pickle=False) as arrays:
             found = {name: arrays[name] for name in arrays.files}
         for name, value in found.items():
-            if not isinstance(value, np.ndarray):  # NumPy returns the bytes of what is no array
-                raise ValueError(f"its {name[:40]!r} is no array")
+            if not isinstance(value, np.ndarray):  # NumPy returns the bytes of other members
+                raise ValueError(f"its {name[:40]!r} is not an array")
         return found
     except Exception as error:  # zipfile, zlib and NumPy raise a dozen types for damaged files
         reason = str(error).strip().split("\n")[0] or type(error).__name__
@@ -48,5 +48,5 @@ def read_npy(path: Path) -> np.ndarray:
     """
     try:
         return np.load(path, allow_pickle=False)
-    except Exception as error:  # its header is Python, so tokenize and ast raise, too
+    except Exception as error:  # the header is Python, so tokenize and ast raise, too
         raise ValueError(str(error).strip().split("\n")[0] or type(error).__name__) from None

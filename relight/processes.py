@@ -1,4 +1,4 @@
-"""Processes: the cores they may use, what git prints, and an end to those whose starter is gone."""
+"""Utilities for processes: cores, output of git, and termination together with the parent process."""
 
 import ctypes
 import os
@@ -9,18 +9,18 @@ import sys
 import threading
 from pathlib import Path
 
-STARTED_BY = "RELIGHT_SNAKEMAKE"  # in a stage's environment: the process of the Snakemake that it works for
+STARTED_BY = "RELIGHT_SNAKEMAKE"  # environment variable of stages: process number of their Snakemake
 PR_SET_PDEATHSIG = 1  # prctl(2)
 LIBC = ctypes.CDLL(None) if sys.platform == "linux" else None
 
 
 def count_cores() -> int:
-    """The cores that this process may use."""
+    """Returns the number of cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def git(folder: Path, *words: str) -> str:
-    """The output of a git command in a folder; empty where there is no git or no repository."""
+    """Returns the output of a git command in a folder; empty without git or a repository."""
     try:
         return subprocess.run(["git", *words], cwd=folder, capture_output=True, text=True).stdout.strip()
     except OSError:
@@ -28,9 +28,9 @@ def git(folder: Path, *words: str) -> str:
 
 
 def has_semaphores() -> bool:
-    """Whether processes can share a queue.
+    """Returns whether processes can share a queue, which needs semaphores.
 
-    It needs semaphores. On Linux they are files in /dev/shm, which some containers do not have or only to read.
+    On Linux these are files in /dev/shm, which is missing or read-only in some containers.
     """
     import multiprocessing
 
@@ -42,18 +42,18 @@ def has_semaphores() -> bool:
 
 
 def end_with_parent(parent: int) -> None:
-    """Called by a child of the process `parent` when it starts: Linux kills it as soon as its parent ends."""
+    """Makes Linux kill this process as soon as its parent ends; `parent` is the parent's process number."""
     if LIBC:
         LIBC.prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent:  # it ended before that
+    if os.getppid() != parent:  # the parent has already ended
         os._exit(1)
 
 
 def end_with_snakemake() -> None:
-    """Ends this process as soon as the Snakemake that it works for has ended, in whatever way.
+    """Ends this process as soon as its Snakemake has ended, for any reason.
 
-    The shell of the rule stands between the two and outlives Snakemake, so `end_with_parent` does not reach this far. A
-    handle on the process can be waited for instead (pidfd_open(2), Linux).
+    The parent is the shell of the rule, which outlives Snakemake, so `end_with_parent` is not sufficient. Instead, a
+    thread waits for a handle of Snakemake's process (pidfd_open(2), Linux).
     """
     if STARTED_BY not in os.environ or not hasattr(os, "pidfd_open"):
         return

@@ -1,4 +1,4 @@
-"""Progress with the remaining time: one line that is rewritten on a terminal, a line every few seconds in a log."""
+"""Shows progress with the remaining time: on a terminal in one line, in a log as a line every few seconds."""
 
 import sys
 import time
@@ -28,9 +28,9 @@ def progress(items: Iterable[T], what: str, total: int | None = None, every: flo
     Args:
         items: to yield.
         what: their name.
-        total: how many there are; by default their length, if they have one.
-        every: seconds between two lines in a log, which gets none at all if everything takes less. On a terminal the
-            line is rewritten four times a second.
+        total: number of items; by default their length, if they have one.
+        every: seconds between lines in a log, which stays empty if the whole loop takes less. On a terminal the line is
+            updated four times a second.
     """
     total = len(items) if total is None and isinstance(items, Sized) else total
     terminal = sys.stderr.isatty()

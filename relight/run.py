@@ -1,4 +1,4 @@
-"""`relight run`: the whole workflow with Hydra overrides, and a run that was killed taken up again."""
+"""`relight run`: runs the whole workflow with Hydra overrides, and resumes a run that was killed."""
 
 import fcntl
 import hashlib
@@ -18,36 +18,36 @@ from typing import Any
 
 import yaml
 
-from relight.config import CONF, LONGEST, ROOT
+from relight.config import CONF, MAX_NAME_LENGTH, ROOT
 from relight.files import UserError, atomic_write, writable_folder
 from relight.processes import end_with_parent
 from relight.workflow import Plan
 
-MARK = "RELIGHT_RUN"  # in the environment of a Snakemake that `relight run` started, and of its jobs
+RUN_VARIABLE = "RELIGHT_RUN"  # environment variable that marks the Snakemake that `relight run` started, and its jobs
 LOCK = ROOT / ".snakemake" / "relight.lock"
 
 
 def run(
     overrides: list[str], multirun: bool, cores: int | None, dry: bool, targets: list[str], extra: list[str]
 ) -> int:
-    """Checks the settings, then has Snakemake make what is missing.
+    """Checks the settings, then runs Snakemake to make the missing files.
 
-    The settings go through a file, results/<name>/run.yaml: nested quotes in `--config` break on the way to Slurm
-    jobs, and the file records what was requested. A dry run writes to a temporary one.
+    The settings are passed in a file, results/<name>/run.yaml, since Slurm jobs break nested quotes in `--config`, and
+    as a record. A dry run writes a temporary file.
 
     Args:
-        overrides: Hydra's.
-        multirun: try each combination of values that are lists.
-        cores: jobs side by side; all cores by default.
+        overrides: of Hydra.
+        multirun: sweep over all combinations of the overrides with several values.
+        cores: number of jobs at the same time; by default the number of cores.
         dry: only print what would run.
         targets: rules or files.
-        extra: further arguments of Snakemake's.
+        extra: further arguments for Snakemake.
 
     Returns:
         Snakemake's exit code.
 
     Raises:
-        UserError: settings that cannot be, or another workflow is running in this folder.
+        UserError: if settings are invalid, or another workflow is running in this folder.
     """
     config: dict[str, Any] = {"hydra": overrides}
     if multirun:
@@ -66,7 +66,7 @@ def run(
             file.flush()
             return snakemake([*command, "--configfile", file.name, "--dry-run"])
     with lock_folder():
-        date_now(ROOT / plan.out)
+        fix_future_dates(ROOT / plan.out)
         command += ["--configfile", str(plan.write_record(ROOT)), "--logger", "relight"]
         command += ["--logger-relight-results", plan.out, "--logger-relight-scale", plan.scale]
         code = snakemake(command)
@@ -83,26 +83,26 @@ def run(
 
 
 def snakemake(command: list[str], stdout: int | None = None) -> int:
-    """Runs Snakemake in this repository, with our plugins.
+    """Runs Snakemake in this repository, with its plugins.
 
-    Snakemake and its jobs end with this process. INT, TERM and HUP reach them through `stop`; where this process is
-    killed, the kernel kills Snakemake, and the jobs notice (`relight.processes`).
+    Snakemake and its jobs end with this process. On INT, TERM and HUP, `stop` ends them. If this process is killed, the
+    kernel kills Snakemake, and the jobs end themselves (`relight.processes`).
 
     Args:
-        command: its words.
-        stdout: as of `subprocess.Popen`.
+        command: the arguments.
+        stdout: as for `subprocess.Popen`.
 
     Returns:
-        Its exit code.
+        The exit code.
     """
     paths = [str(ROOT / "workflow" / "plugins"), *filter(None, [os.environ.get("PYTHONPATH")])]
     for number in (signal.SIGTERM, signal.SIGHUP):
-        if signal.getsignal(number) == signal.SIG_DFL:  # nohup ignores HUP
+        if signal.getsignal(number) == signal.SIG_DFL:  # with nohup, HUP stays ignored
             signal.signal(number, signal.default_int_handler)
     process = subprocess.Popen(
         command,
         cwd=ROOT,
-        env={**os.environ, **cache_environment(), "PYTHONPATH": os.pathsep.join(paths), MARK: str(os.getpid())},
+        env={**os.environ, **cache_environment(), "PYTHONPATH": os.pathsep.join(paths), RUN_VARIABLE: str(os.getpid())},
         process_group=0,  # so that Ctrl-C reaches Snakemake once, from here
         preexec_fn=partial(prepare_child, os.getpid()),
         stdout=stdout,
@@ -118,9 +118,9 @@ def snakemake(command: list[str], stdout: int | None = None) -> int:
 
 
 def cache_environment() -> dict[str, str]:
-    """Variables that move the caches of Snakemake and of the stages to this folder, where the user's cannot be written.
+    """Returns variables that move the caches of Snakemake and the stages here, if the user's cache is read-only.
 
-    Snakemake ends with a traceback otherwise.
+    Otherwise Snakemake would end with a traceback.
     """
     import platformdirs
 
@@ -132,16 +132,16 @@ def cache_environment() -> dict[str, str]:
 
 
 def prepare_child(parent: int) -> None:
-    """Called in Snakemake's process before it starts: it must not ignore INT, as what scripts and cron start does."""
+    """Prepares Snakemake's process: enables INT, which scripts and cron ignore, and ties it to its parent."""
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     end_with_parent(parent)
 
 
 def stop(process: subprocess.Popen[bytes]) -> None:
-    """Ends Snakemake and its jobs, and waits for that.
+    """Ends Snakemake and its jobs, and waits until they have ended.
 
-    On INT, Snakemake starts nothing more, cancels what a cluster runs, and waits for the jobs on this machine, which
-    are ended here.
+    On INT, Snakemake starts no more jobs, cancels those on a cluster, and waits for those on this machine, which are
+    terminated here.
     """
     import psutil
 
@@ -154,28 +154,28 @@ def stop(process: subprocess.Popen[bytes]) -> None:
 
 
 def suspend(process: subprocess.Popen[bytes], *_: Any) -> None:
-    """The handler of Ctrl-Z: the jobs stop, too, and continue when this process does."""
+    """Handles Ctrl-Z: suspends the jobs, and resumes them together with this process."""
     os.killpg(process.pid, signal.SIGSTOP)
     try:
         os.kill(os.getpid(), signal.SIGSTOP)
-    finally:  # also when another signal comes with the one that continues
+    finally:  # also if another signal arrives together with SIGCONT
         os.killpg(process.pid, signal.SIGCONT)
 
 
 def expand_sweep(overrides: list[str]) -> tuple[list[str], dict[str, list[str]]]:
-    """Expands a sweep to the runs of a table: one for each combination of the overrides that have several values.
+    """Expands a sweep to runs: one for each combination of the overrides with several values.
 
     Args:
-        overrides: Hydra's; those with several values are lists such as train.lr=1e-4,2e-4.
+        overrides: of Hydra; several values are written as train.lr=1e-4,2e-4.
 
     Returns:
-        The overrides with one value; and the overrides of each run by its name.
+        The overrides with one value, and the overrides of each run by its name.
 
     >>> expand_sweep(["train.lr=1e-4,2e-4", "scale=demo"])
     (['scale=demo'], {'lr_0.0001': ['train.lr=0.0001'], 'lr_0.0002': ['train.lr=0.0002']})
 
     Raises:
-        UserError: an override cannot be read, is an interval, or none has several values.
+        UserError: if an override cannot be parsed or is an interval, or none has several values.
     """
     from hydra import initialize_config_dir
     from hydra.core.global_hydra import GlobalHydra
@@ -185,69 +185,71 @@ def expand_sweep(overrides: list[str]) -> tuple[list[str], dict[str, list[str]]]
     fixed, axes = [], []
     try:
         with initialize_config_dir(str(CONF), version_base="1.3"):
-            parser = OverridesParser.create(GlobalHydra.instance().config_loader())  # knows what glob(*) stands for
+            parser = OverridesParser.create(GlobalHydra.instance().config_loader())  # expands glob(*)
             for text, override in zip(overrides, parser.parse_overrides(overrides)):
                 if not override.is_sweep_override():
                     fixed.append(text)
                 elif override.is_interval_sweep():
-                    raise UserError(f"{text} is no list of values: write them out, as in train.lr=1e-4,2e-4")
+                    raise UserError(f"{text} is not a list of values: write them out, as in train.lr=1e-4,2e-4")
                 else:
                     axes.append([(override.get_key_element(), value) for value in override.sweep_string_iterator()])
     except HydraException as error:
         raise UserError(f"cannot read the overrides: {' '.join(str(error).split())}") from None
     if not axes:
-        raise UserError("-m sweeps over lists, such as train.lr=1e-4,2e-4: none of the overrides is one")
+        raise UserError("-m sweeps over lists, such as train.lr=1e-4,2e-4: give an override with several values")
     runs: dict[str, list[str]] = {}
     for choice in itertools.product(*axes):
         words = [f"{key}={value}" for key, value in choice]
         name = "-".join(f"{key.lstrip('+').rpartition('.')[2]}_{value}" for key, value in choice)
-        plain = re.sub(r"[^A-Za-z0-9._+-]+", "_", name)
-        if len(plain) > LONGEST or runs.get(plain, words) != words:
-            plain = f"{plain[: LONGEST - 9]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
-        runs[plain] = words
+        safe_name = re.sub(r"[^A-Za-z0-9._+-]+", "_", name)
+        if len(safe_name) > MAX_NAME_LENGTH or runs.get(safe_name, words) != words:
+            safe_name = f"{safe_name[: MAX_NAME_LENGTH - 9]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
+        runs[safe_name] = words
     return fixed, runs
 
 
 @contextmanager
 def lock_folder() -> Iterator[None]:
-    """Holds this folder for one workflow, and clears the lock and the jobs of one that was killed.
+    """Locks this folder for one workflow, and removes the locks and jobs of a workflow that was killed.
 
     Raises:
-        UserError: another workflow is running in the folder, or it cannot be written.
+        UserError: if another workflow is running in the folder, or it is read-only.
     """
     try:
         LOCK.parent.mkdir(exist_ok=True)
         file = open(LOCK, "w")
     except OSError as error:
         reason = os.strerror(error.errno or 0).lower()
-        raise UserError(f"nothing can be written in {ROOT} ({reason}): the workflow keeps its records there") from None
+        raise UserError(f"nothing can be written in {ROOT} ({reason}): the workflow stores its records there") from None
     with file:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            raise UserError(f"another `relight run` is at work in {ROOT}: wait for it, or end it") from None
-        end_orphans()
+            raise UserError(f"another `relight run` is running in {ROOT}: wait for it, or end it") from None
+        kill_orphans()
         for lock in (ROOT / ".snakemake" / "locks").glob("*"):
             lock.unlink()
         yield
 
 
-def date_now(folder: Path) -> None:
-    """Dates files of the future now: the clock was ahead when they were made, and Snakemake ends each job whose outputs
-    are older than its inputs."""
+def fix_future_dates(folder: Path) -> None:
+    """Sets dates in the future to now, since Snakemake ends jobs whose outputs are older than their inputs.
+
+    Such files exist if the clock was ahead when they were made.
+    """
     now = time.time()
     for path in folder.rglob("*"):
         if path.stat().st_mtime > now:
             os.utime(path, (now, now))
 
 
-def end_orphans() -> None:
-    """Ends the Snakemake and the jobs of a `relight run` that was killed; the new run repeats or resumes their work.
+def kill_orphans() -> None:
+    """Kills the Snakemake and the jobs of a `relight run` that was killed; the new run repeats or resumes their work.
 
-    They are known by MARK in their environment. Only called while LOCK is held, so what is found has lost its caller.
+    They have RUN_VARIABLE in their environment. Since the caller holds LOCK, their own caller has ended.
 
     Raises:
-        UserError: a Snakemake that was started by hand is running in this folder.
+        UserError: if a Snakemake that was started by hand is running in this folder.
     """
     import psutil
 
@@ -258,11 +260,11 @@ def end_orphans() -> None:
         if process.info["cwd"] != str(ROOT) or process.info["pid"] in callers:
             continue
         if "snakemake" in (Path(word).name for word in words[:3]):
-            if MARK not in environment:
+            if RUN_VARIABLE not in environment:
                 number = process.info["pid"]
-                raise UserError(f"Snakemake is at work in {ROOT} (process {number}): wait for it, or end it")
+                raise UserError(f"Snakemake is running in {ROOT} (process {number}): wait for it, or end it")
             workflows.append(process)
-        elif MARK in environment:
+        elif RUN_VARIABLE in environment:
             jobs.append(process)
     for process in [*workflows, *jobs]:  # Snakemake first, so that it starts no further job
         process.kill()

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class RunName:
-    """A run and a seed; `str()` of it names files, jobs and MLflow's runs: `ours_full.s0`.
+    """A run and a seed; its `str()` is the name of files, jobs and runs in MLflow: `ours_full.s0`.
 
     >>> RunName.parse("ours_full.s0")
     RunName(run='ours_full', seed=0)
@@ -22,6 +22,6 @@ class RunName:
 
     @classmethod
     def parse(cls, text: str) -> "RunName":
-        """Reads a name; one without a seed, such as that of a baseline, is all run."""
+        """Parses a name; without a seed, as for baselines, all of it is the run."""
         found = re.fullmatch(r"(.*)\.s(\d+)", text, re.S)
         return cls(found[1], int(found[2])) if found else cls(text)

@@ -1,16 +1,16 @@
-"""A correction of Snakemake's scheduler, for workflows of a thousand short jobs."""
+"""A patch of Snakemake's scheduler for workflows with many short jobs."""
 
 import threading
 from typing import Any
 
-PATCHED = ("9.27.",)  # the versions that were read and measured; others are left as they are
+PATCHED = ("9.27.",)  # versions with the problem; others are not patched
 
 
 def limit_scheduler_timers() -> None:
-    """Keeps at most one timer of Snakemake's scheduler pending (snakemake/snakemake#3744), in the versions PATCHED.
+    """Limits Snakemake's scheduler to one pending timer (snakemake/snakemake#3744), in the versions PATCHED.
 
-    Each round of the scheduler starts a timer that starts a round, and each finished job adds one such chain: after 100
-    jobs the scheduler reviews all jobs a hundred times a second, which takes a core.
+    Without the patch, each finished job adds a timer that repeats forever: after 100 jobs, the scheduler examines all
+    jobs a hundred times a second, which takes a core.
     """
     import snakemake
     from snakemake.scheduling.job_scheduler import JobScheduler

@@ -1,7 +1,7 @@
 """The sRGB transfer function (IEC 61966-2-1) between linear values and codes, both in [0,1].
 
-Only `encode` clips: a code outside [0,1] cannot be displayed, but the linear value of a code above 1 is needed where a
-network's coded albedo is relit. Floats keep their type.
+Only `encode` clips, since codes outside [0,1] cannot be displayed; linear values of codes above 1 are needed to relight
+a network's coded albedo. Floats keep their type.
 """
 
 import numpy as np
@@ -16,7 +16,7 @@ def encode(linear: np.ndarray) -> np.ndarray:
 
 
 def decode(code: np.ndarray) -> np.ndarray:
-    """Returns the linear values of codes of any shape. Beyond [0,1] it continues: linear below, the power above."""
+    """Returns the linear values of codes of any shape; the function is extrapolated beyond [0,1]."""
     return np.where(code <= 0.04045, code / 12.92, ((np.maximum(code, 0.04045) + 0.055) / 1.055) ** 2.4)
 
 

@@ -1,4 +1,4 @@
-"""What the Snakefile needs to know: the figures, trainings, experiments and settings of one plan."""
+"""Plans a workflow for the Snakefile: its figures, trainings, experiments and settings."""
 
 import hashlib
 import json
@@ -32,30 +32,46 @@ HEAD = """\
 defaults: [schema, _self_, override hydra/job_logging: none, override hydra/hydra_logging: none]
 hydra: {run: {dir: .}, output_subdir: null, job: {chdir: false}}
 """
-USUAL = ("test", "test")  # the figures and lights of the tables
-SHARED = ("figures", "clean", "align", "bake", "split", "panoramas", "lights", "evaluate")  # by all runs, but for KIND
-KIND = ("split", "kind")
-SKEW = 60  # seconds that the clock of a file server may be ahead
-OWN = ("model", "loss", "train", "augment", "split", "timing", "track")  # what stages read of a run's settings
-CACHE = Path(".snakemake", "relight.settings.json")  # settings of rows, by what they are composed of
-FAILED = "RELIGHT_FAILED"  # in Snakemake's environment: experiments to leave out, as Plan.failed in JSON
+USUAL_CONDITION = ("test", "test")  # the figures and lights of the tables
+SHARED_GROUPS = (
+    "figures",
+    "clean",
+    "align",
+    "bake",
+    "split",
+    "panoramas",
+    "lights",
+    "evaluate",
+)  # equal for all rows, except SPLIT_KIND
+SPLIT_KIND = ("split", "kind")
+MAX_CLOCK_SKEW = 60  # seconds by which the clock of a file server may be ahead
+ROW_GROUPS = (
+    "model",
+    "loss",
+    "train",
+    "augment",
+    "split",
+    "timing",
+    "track",
+)  # the groups that stages read for each row
+SETTINGS_CACHE = Path(".snakemake", "relight.settings.json")  # settings of rows, by the hash of their sources
+FAILED_VARIABLE = "RELIGHT_FAILED"  # environment variable with Plan.failed as JSON
 
 
 class Plan:
-    """The settings of one workflow, composed once; those of a run when they are first needed.
+    """The plan of one workflow.
 
-    A *row* is a named set of overrides, a run of the tables; a *training* is a row with a seed.
+    A *row* is a named set of overrides, that is, a run of the tables. A *training* is a row with a seed.
 
     Attributes:
-        overrides: Hydra's, as given.
+        overrides: of Hydra, as given.
         cfg: the settings that all rows share.
         out: the folder of the results, relative to the repository.
-        rows: what may be trained: name -> overrides.
-        trainings: rows × seeds: name -> RunName.
+        rows: name -> overrides, of all that may be trained.
+        trainings: name -> RunName, for all rows and seeds.
         is_sweep: whether the rows are those of `relight run -m`.
-        requested: the sections of the report, each with those of its rows that `sweep.only` and the number of figures
-            leave.
-        failed: experiments that are left out -> their files that could not be made.
+        requested: name -> experiment, with the rows that are selected and not duplicates.
+        failed: experiments to leave out -> their missing files.
         experiments: the requested ones that did not fail.
     """
 
@@ -63,12 +79,12 @@ class Plan:
         """Composes the settings.
 
         Args:
-            config: Snakemake's. `hydra` holds overrides, a list or one string of words; `runs` (optional) replaces the
-                rows, and all experiments by one table of them.
+            config: of Snakemake. `hydra` contains overrides, as a list or one string of words. `runs`, if given,
+                replaces the rows, and all experiments by one table of them.
             failed: see the attributes.
 
         Raises:
-            UserError: a setting or a name is not as it must be.
+            UserError: if a setting or a name is invalid.
         """
         if unknown := sorted(set(config) - {"hydra", "runs"}):
             word = f"{unknown[0]}={config[unknown[0]]}"
@@ -86,27 +102,27 @@ class Plan:
         self.is_sweep = "runs" in config
         self.requested = self._requested()
         self.failed = failed or {}
-        self.experiments = {name: one for name, one in self.requested.items() if name not in self.failed}
-        if (self.cfg.evaluate.figures, self.cfg.evaluate.lights) != USUAL:
+        self.experiments = {name: experiment for name, experiment in self.requested.items() if name not in self.failed}
+        if (self.cfg.evaluate.figures, self.cfg.evaluate.lights) != USUAL_CONDITION:
             raise UserError(
-                "evaluate.figures and evaluate.lights are what an experiment says, such as experiment=sitting"
+                "evaluate.figures and evaluate.lights are set by an experiment: give one, such as experiment=sitting"
             )
-        self.gpus = int(self.cfg.train.device == "cuda")  # what a training requests of a cluster
+        self.gpus = int(self.cfg.train.device == "cuda")  # requested by each training on a cluster
         self._by_row: dict[str, dict[str, Any]] = {}
         self._by_training: dict[str, dict[str, Any]] = {}
 
     def check(self) -> None:
-        """Composes the settings of all rows, and reads the user's folders: errors are reported before anything runs.
+        """Checks the settings of all rows and the user's folders, so that errors are reported before anything runs.
 
         Raises:
-            UserError: a row, a folder, a file or a missing package would end the workflow later.
+            UserError: if a row, a folder, a file or a missing package would make the workflow fail later.
         """
-        given = [scan.path for scan in self.scans.values()]
-        given += [path for figure in self.captures for path in self.capture_files(figure)]
-        given += [*map(Path, self.table), *map(Path, self.panoramas)]
-        latest = time.time() + SKEW
-        for path in given:  # Snakemake ends a job whose outputs are older than its inputs
-            if path.exists() and path.stat().st_mtime > latest:
+        inputs = [scan.path for scan in self.scans.values()]
+        inputs += [path for figure in self.captures for path in self.capture_files(figure)]
+        inputs += [*map(Path, self.table), *map(Path, self.panoramas)]
+        limit = time.time() + MAX_CLOCK_SKEW
+        for path in inputs:  # Snakemake ends a job whose outputs are older than its inputs
+            if path.exists() and path.stat().st_mtime > limit:
                 raise UserError(f"{path} is dated in the future: correct this machine's clock, or `touch` the file")
         if "path_traced" in self.experiments and self.captures:
             raise UserError("experiment=path_traced needs meshes, which figures.source=olat does not make")
@@ -114,28 +130,28 @@ class Plan:
             raise UserError("experiment=path_traced needs Mitsuba, which is not installed here: pip install mitsuba")
         keys = {row: self._cache_key(row) for row in self.rows}
         try:
-            cached = json.loads((ROOT / CACHE).read_text())
+            cached = json.loads((ROOT / SETTINGS_CACHE).read_text())
         except (OSError, ValueError):
             cached = {}
         for row, key in keys.items():
             if isinstance(found := cached.get(key), dict):
                 self._by_row[row] = found
             self._row_settings(row)
-        if not set(keys.values()) <= set(cached) and (ROOT / CACHE).parent.is_dir():
+        if not set(keys.values()) <= set(cached) and (ROOT / SETTINGS_CACHE).parent.is_dir():
             try:
-                with atomic_write(ROOT / CACHE) as tmp:
+                with atomic_write(ROOT / SETTINGS_CACHE) as tmp:
                     tmp.write_text(json.dumps({key: self._by_row[row] for row, key in keys.items()}))
-            except UserError:  # a folder that may not be written: composed again next time
+            except UserError:  # a read-only folder: settings are composed again next time
                 pass
 
     def write_record(self, folder: Path | str) -> Path:
-        """Writes what was requested to run.yaml in the results.
+        """Writes the given overrides and rows to run.yaml in the results.
 
         Args:
             folder: the repository.
 
         Returns:
-            The file, which is left alone where it says so already.
+            The file, which is not touched if its content is already right.
         """
         requested = {"hydra": self.overrides, **({"runs": self.rows} if self.is_sweep else {})}
         file, text = Path(folder) / self.out / "run.yaml", yaml.safe_dump(json.loads(json.dumps(requested)))
@@ -144,16 +160,16 @@ class Plan:
                 tmp.write_text(text)
         return file
 
-    def clean_up(self, made: set[str]) -> None:
-        """Removes what a workflow that succeeded no longer needs: states of its trainings, and an old snakemake.html.
+    def clean_up(self, outputs: set[str]) -> None:
+        """Removes the states of trainings, and an outdated snakemake.html, after a workflow that succeeded.
 
-        States are kept until here because Snakemake deletes the outputs of a job that was killed before Snakemake could
-        record them. A snakemake.html that is older than the report describes another one.
+        States are needed until then: if Snakemake is killed before it records the outputs of a job, it deletes them. A
+        snakemake.html that is older than the report describes an earlier one.
 
         Args:
-            made: the files of all jobs.
+            outputs: files of all jobs.
         """
-        for network in filter(made.__contains__, map(self.network, self.trainings)):
+        for network in filter(outputs.__contains__, map(self.network, self.trainings)):
             remove_folder(Path(network).parent / "state" / Path(network).stem)
         report = Path(self.out, "report", "report.html")
         page = report.with_name("snakemake.html")
@@ -161,20 +177,22 @@ class Plan:
             page.unlink()
 
     def _requested(self) -> dict[str, Experiment]:
-        wanted = set(self.cfg.sweep.only or self.rows)
-        if unknown := wanted - set(self.rows):
+        selected = set(self.cfg.sweep.only or self.rows)
+        if unknown := selected - set(self.rows):
             raise UserError(f"sweep.only: no run {min(unknown)}; there are {', '.join(self.rows)}")
         if self.is_sweep:
             return {"sweep": Experiment(rows=list(self.rows), plates=True)}
         given: Any = OmegaConf.to_object(self.cfg.experiments)
         found = {
-            name: replace(e, rows=self._without_duplicates([r for r in e.rows if r in wanted]))
-            for name, e in given.items()
+            name: replace(
+                experiment, rows=self._without_duplicates([row for row in experiment.rows if row in selected])
+            )
+            for name, experiment in given.items()
         }
         return {name: experiment for name, experiment in found.items() if experiment.rows}
 
     def _without_duplicates(self, rows: list[str]) -> list[str]:
-        """The rows without those that equal another because an override asks for what this plan has anyway."""
+        """Returns the rows without duplicates, which differ from another row only in overrides that have no effect."""
         effective = {row: [word for word in self.rows[row] if not self._has_no_effect(word)] for row in rows}
         return [
             row
@@ -183,7 +201,7 @@ class Plan:
         ]
 
     def _has_no_effect(self, word: str) -> bool:
-        """Whether an override asks for all figures, or for the width of the scale."""
+        """Returns whether an override requests all figures, or the width of the scale."""
         key, _, value = word.partition("=")
         if key == "train.figures" and value.isdigit():
             return int(value) >= len(self.figures)
@@ -191,7 +209,7 @@ class Plan:
 
     @property
     def scale(self) -> str:
-        """The preset of conf/scale that was chosen."""
+        """The selected preset of conf/scale."""
         chosen = [value for key, _, value in (word.partition("=") for word in self.overrides) if key == "scale"]
         return chosen[-1] if chosen else "demo"
 
@@ -202,9 +220,9 @@ class Plan:
         return [training for training, name in self.trainings.items() if name.run in rows]
 
     def condition_folder(self, experiment: str) -> str:
-        """The folder of an experiment's scores in evaluate/: "" on the usual figures and lights, else sitting-test/."""
-        one = self.experiments[experiment]
-        return "" if (one.figures, one.lights) == USUAL else f"{one.figures}-{one.lights}/"
+        """Returns the folder of an experiment's scores in evaluate/: "" for the usual condition, or sitting-test/."""
+        figures, lights = self.experiments[experiment].figures, self.experiments[experiment].lights
+        return "" if (figures, lights) == USUAL_CONDITION else f"{figures}-{lights}/"
 
     @cached_property
     def shared(self) -> dict[str, Any]:
@@ -214,7 +232,7 @@ class Plan:
 
     @cached_property
     def scans(self) -> "dict[str, Scan]":
-        """The user's meshes by name; empty when figures are generated."""
+        """The user's meshes by name; empty for other sources."""
         if self.cfg.figures.source != "scans":
             return {}
         from relight.meshes import list_scans
@@ -223,7 +241,7 @@ class Plan:
 
     @cached_property
     def captures(self) -> dict[str, Path]:
-        """The folders of frames of a light stage's captures by name; empty for other sources."""
+        """The folders of a light stage's captures by name; empty for other sources."""
         if self.cfg.figures.source != "olat":
             return {}
         from relight.benchmark.humanolat import list_captures
@@ -231,14 +249,14 @@ class Plan:
         return list_captures(self.cfg.figures.folder, self.cfg.figures.only)
 
     def capture_files(self, figure: str) -> list[Path]:
-        """What a capture is read from."""
+        """Returns the input files and folders of a capture."""
         from relight.benchmark import humanolat
 
         return humanolat.capture_files(self.captures[figure])
 
     @property
     def table(self) -> list[str]:
-        """The table that picks and names scans, where the user's folder has one."""
+        """The table of the scans, if the user's folder has one."""
         if not self.scans:
             return []
         from relight.meshes.scans import TABLE
@@ -248,24 +266,24 @@ class Plan:
 
     @cached_property
     def figures(self) -> list[str]:
-        """Names of the figures: a seed, a scan or a capture each."""
+        """Names of the figures, which are seeds, scans or captures."""
         first, count = self.cfg.figures.first, self.cfg.figures.count
         return [*self.scans, *self.captures] or [f"g{seed:04d}" for seed in range(first, first + count)]
 
     @cached_property
     def decades(self) -> list[str]:
-        """Decades of generated figures of which the plan has all ten, as the first characters of their names: g012."""
+        """Decades of generated figures that are completely in the plan, by the common prefix of their names: g012."""
         count = Counter(name[:-1] for name in self.figures) if not (self.scans or self.captures) else {}
         return [name for name, found in count.items() if found == 10]
 
     @cached_property
     def single_figures(self) -> list[str]:
-        """The figures that are in none of the decades; each has jobs of its own."""
+        """The figures outside the decades; each has jobs of its own."""
         decades = set(self.decades)
         return [name for name in self.figures if name[:-1] not in decades]
 
     def maps(self, figure: str) -> list[str]:
-        """Names of the maps of a figure; the frontal view of its first outfit has the name of the figure."""
+        """Returns the names of the maps of a figure; the frontal view of its first outfit has the figure's name."""
         from relight.transport import outfit_names, view_names
 
         outfits = outfit_names(figure, self.cfg.figures.outfits)
@@ -273,7 +291,7 @@ class Plan:
 
     @cached_property
     def panoramas(self) -> list[str]:
-        """Files of the user's panoramas; empty when rooms are generated."""
+        """Files of the user's panoramas; empty if panoramas are generated."""
         if self.cfg.panoramas.source == "generated":
             return []
         from relight.panoramas import list_panoramas
@@ -292,50 +310,55 @@ class Plan:
         return [name for name, experiment in self.experiments.items() if experiment.table and experiment.plates]
 
     def settings(self, training: str) -> dict[str, Any]:
-        """The settings of one training, the groups OWN; a `train.start` that names a row is that row's network.
+        """Returns the ROW_GROUPS of a training; a row in `train.start` is replaced by the file of its network.
 
         Raises:
-            UserError: as `composed`, or the row changes what all rows share.
+            UserError: as `composed`, or if the row changes a shared setting.
         """
         if training not in self._by_training:
             name = self.trainings[training]
             groups = self._row_settings(name.run)
             start = groups["train"]["start"]
-            own = {"seed": name.seed, "start": self.network(f"{start}.s{name.seed}") if start in self.rows else start}
-            self._by_training[training] = {**groups, "train": {**groups["train"], **own}}
+            own_settings = {
+                "seed": name.seed,
+                "start": self.network(f"{start}.s{name.seed}") if start in self.rows else start,
+            }
+            self._by_training[training] = {**groups, "train": {**groups["train"], **own_settings}}
         return self._by_training[training]
 
     def _row_settings(self, row: str) -> dict[str, Any]:
-        """The groups OWN of a row as plain values, checked."""
+        """Returns the ROW_GROUPS of a row as plain values. Raises UserError if they are invalid."""
         if row not in self._by_row:
             cfg = composed([*self.overrides, *self.rows[row]])
-            for group in SHARED:
-                if any(cfg[group][key] != value for key, value in self.shared[group].items() if (group, key) != KIND):
+            for group in SHARED_GROUPS:
+                if any(
+                    cfg[group][key] != value for key, value in self.shared[group].items() if (group, key) != SPLIT_KIND
+                ):
                     raise UserError(
                         f"run {row} changes {group}, which all runs share: change it for all, under a new name"
                     )
             if cfg.train.start == row:
-                raise UserError(f"run {row}: train.start={row} is the run itself")
-            self._by_row[row] = {group: OmegaConf.to_container(cfg[group]) for group in OWN}
+                raise UserError(f"run {row}: train.start={row} is the run itself: name another run")
+            self._by_row[row] = {group: OmegaConf.to_container(cfg[group]) for group in ROW_GROUPS}
         return self._by_row[row]
 
     def _cache_key(self, row: str) -> str:
-        """A hash of all that the settings of a row are composed of."""
+        """Returns a hash of everything on which the settings of a row depend."""
         parts = [self._sources, json.dumps([row, self.overrides, list(self.rows[row])])]
         return hashlib.sha256("\0".join(parts).encode()).hexdigest()
 
     @cached_property
     def _sources(self) -> str:
-        """A hash of the code and the files that settings are composed with."""
-        made = hashlib.sha256("\0".join(map(version, ("hydra-core", "omegaconf", "PyYAML"))).encode())
+        """A hash of the code and the files from which settings are composed."""
+        digest = hashlib.sha256("\0".join(map(version, ("hydra-core", "omegaconf", "PyYAML"))).encode())
         for file in [Path(__file__), *sorted(Path(schema.__file__).parent.glob("*.py")), *sorted(CONF.rglob("*.yaml"))]:
-            made.update(f"\0{file.name}\0".encode() + file.read_bytes())
-        return made.hexdigest()
+            digest.update(f"\0{file.name}\0".encode() + file.read_bytes())
+        return digest.hexdigest()
 
     def workflow(self) -> Workflow:
-        """What MLflow records about this workflow.
+        """Returns the record of this workflow for MLflow.
 
-        The trainings of `relight run -m` have an experiment of their own in MLflow, apart from those of the tables.
+        The trainings of `relight run -m` have a separate experiment in MLflow.
         """
         runs = {row: list(words) for row, words in self.rows.items()}
         settings = {**self.shared, "sweep": {**self.shared["sweep"], "runs": runs}}
@@ -356,32 +379,32 @@ class Plan:
         return {training: self.network(training) for training in self.scored}
 
     def network(self, training: str) -> str:
-        """The file of a trained network."""
+        """Returns the file of a trained network."""
         return f"{self.out}/train/{training}.safetensors"
 
     def start_network(self, training: str) -> list[str]:
-        """The network of this workflow that a training starts from, if any."""
+        """Returns the network of this workflow from which a training starts, if any."""
         start = self.settings(training)["train"]["start"]
         return [start] if start in map(self.network, self.trainings) else []
 
     def split_kind(self, experiment: str) -> str:
-        """The split that an experiment's rows are scored on; rows of several splits must share their test figures."""
-        return self.settings(self.of_row(self.experiments[experiment].rows[0])[0])["split"]["kind"]
+        """Returns the split of an experiment's scores; rows with different splits must have the same test figures."""
+        return self.settings(self.trainings_of(self.experiments[experiment].rows[0])[0])["split"]["kind"]
 
-    def of_row(self, row: str) -> list[str]:
-        """The trainings of a row, one per seed."""
+    def trainings_of(self, row: str) -> list[str]:
+        """Returns the trainings of a row, one per seed."""
         return [training for training, name in self.trainings.items() if name.run == row]
 
     def scores(self, experiment: str, usual: bool = False) -> dict[str, list[str]]:
-        """Files of the scores of an experiment's rows, and of its baselines under "".
+        """Returns the files of scores of an experiment's rows, and of its baselines under "".
 
         Args:
-            experiment: its name.
-            usual: on the usual figures and lights, instead of the experiment's own.
+            experiment: name.
+            usual: for the usual figures and lights instead of the experiment's own.
         """
         folder = "evaluate/" if usual else f"evaluate/{self.condition_folder(experiment)}"
         rows = self.experiments[experiment].rows
-        files = {row: [f"{folder}{training}.csv" for training in self.of_row(row)] for row in rows}
+        files = {row: [f"{folder}{training}.csv" for training in self.trainings_of(row)] for row in rows}
         return {**files, "": [f"{folder}baselines.{self.split_kind(experiment)}.csv"]}
 
     @property
@@ -391,21 +414,23 @@ class Plan:
         files = (f"{self.out}/{path}" for rows in found for paths in rows.values() for path in paths)
         return list(dict.fromkeys(files))
 
-    def own_files(self, experiment: str) -> list[str]:
-        """What the stages of an experiment without a table write for the report."""
+    def stage_outputs(self, experiment: str) -> list[str]:
+        """Returns the files that the stages of an experiment without a table write for the report."""
         if experiment == "inference_time":
-            return [f"{self.out}/{experiment}/{self.of_row(row)[0]}.csv" for row in self.requested[experiment].rows]
+            return [
+                f"{self.out}/{experiment}/{self.trainings_of(row)[0]}.csv" for row in self.requested[experiment].rows
+            ]
         return [f"{self.out}/{experiment}/scores.csv", f"{self.out}/{experiment}/plate.png"]
 
     def missing_results(self, folder: Path | str) -> dict[str, list[str]]:
-        """After a workflow that failed, the files that each experiment lacks.
+        """Returns the files that each experiment lacks after a workflow that failed.
 
         Args:
             folder: the repository.
 
         Returns:
-            experiment -> files. Empty when what all experiments share is missing, or none of them is complete: then
-            there is nothing to report.
+            experiment -> files. Empty if shared files are missing or no experiment is complete, since then there is
+            nothing to report.
         """
 
         def missing(paths: list[str]) -> list[str]:
@@ -413,16 +438,21 @@ class Plan:
 
         shared = [f"{self.out}/{path}" for path in ("packed.safetensors", "figures.json", "lights/lights.npz")]
         found = {}
-        for name, one in self.experiments.items():
-            trained = [self.network(each) for row in one.rows for each in self.of_row(row) if name != "inference_time"]
+        for name, experiment in self.experiments.items():
+            trained = [
+                self.network(each)
+                for row in experiment.rows
+                for each in self.trainings_of(row)
+                if name != "inference_time"
+            ]
             scores = [path for usual in (False, True) for paths in self.scores(name, usual).values() for path in paths]
-            files = [f"{self.out}/{path}" for path in scores] if one.table else self.own_files(name)
-            if lacking := missing([*trained, *files]):
-                found[name] = lacking
+            files = [f"{self.out}/{path}" for path in scores] if experiment.table else self.stage_outputs(name)
+            if absent := missing([*trained, *files]):
+                found[name] = absent
         return {} if missing(shared) or len(found) == len(self.experiments) else found
 
     def settings_file(self, stage: str) -> str:
-        """The text of the YAML file that a stage reads.
+        """Returns the text of the settings file of a stage, in YAML.
 
         Args:
             stage: `stage`, `stage.training` or `split.kind`.
@@ -437,37 +467,37 @@ class Plan:
         return HEAD + OmegaConf.to_yaml(view(tree, stage))
 
     def experiments_json(self) -> str:
-        """The experiments as JSON, for the report.
+        """Returns the experiments as JSON, for the report.
 
-        Each has its fields, and its trainings (`runs`) by row. Tables have the files in results/<name> of their
-        `scores`, on their own figures and lights and on the `usual` ones, and of the `splits` of their rows; an
-        experiment that is left out has the files that `failed`.
+        Each has its fields, and its trainings (`runs`) by row. Tables also have files in results/<name>: their
+        `scores`, those on the `usual` figures and lights, and the `splits` of their rows. An experiment that is
+        left out has its missing files in `failed`.
         """
         found = {}
-        for name, one in self.requested.items():
-            found[name] = {**asdict(one), "runs": {row: self.of_row(row) for row in one.rows}}
+        for name, experiment in self.requested.items():
+            found[name] = {**asdict(experiment), "runs": {row: self.trainings_of(row) for row in experiment.rows}}
             if name in self.failed:
                 found[name] |= {"failed": self.failed[name]}
-            elif one.table:
-                kinds = {row: self.settings(self.of_row(row)[0])["split"]["kind"] for row in one.rows}
+            elif experiment.table:
+                kinds = {row: self.settings(self.trainings_of(row)[0])["split"]["kind"] for row in experiment.rows}
                 splits = {row: f"split/{kind}.json" for row, kind in kinds.items()}
                 found[name] |= {"scores": self.scores(name), "usual": self.scores(name, usual=True), "splits": splits}
         return json.dumps(found, indent=1)
 
 
-def report_others(plan: Plan) -> None:
-    """After a workflow that failed: makes the report of the experiments that are complete, by Snakemake called again.
+def report_completed(plan: Plan) -> None:
+    """Makes the report of the complete experiments after a workflow that failed, by calling Snakemake again.
 
-    The sections of the others say what failed. The next run tries them again, since their files are still missing.
+    The sections of the other experiments name the missing files, which the next run will make.
 
     Args:
-        plan: of the Snakemake that this process is, and that has ended its jobs.
+        plan: of this Snakemake process, whose jobs have ended.
     """
     failed = {} if plan.failed else plan.missing_results(".")
     if not failed:
         return
     command = [*sys.orig_argv, "--nolock"]  # this process holds the lock
-    environment = {**os.environ, FAILED: json.dumps(failed)}
-    again = subprocess.run(command, env=environment, preexec_fn=partial(end_with_parent, os.getpid()))
-    if again.returncode == 0:
+    environment = {**os.environ, FAILED_VARIABLE: json.dumps(failed)}
+    result = subprocess.run(command, env=environment, preexec_fn=partial(end_with_parent, os.getpid()))
+    if result.returncode == 0:
         print(f"failed: {', '.join(failed)}; the report of the others: {plan.out}/report/report.html", file=sys.stderr)

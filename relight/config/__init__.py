@@ -1,6 +1,6 @@
-"""The settings: their schema, their composition from conf/, their checks, and the part that each stage reads."""
+"""Settings: their schema, composition from conf/, checks, and the part that each stage reads."""
 
-from relight.config.checks import LONGEST, check, check_name
+from relight.config.checks import MAX_NAME_LENGTH, check, check_name
 from relight.config.composition import CONF, IS_CLONE, ROOT, composed, flat, presets, read_preset, resolved
 from relight.config.schema import (
     NO_AUGMENTATION,
@@ -28,7 +28,7 @@ from relight.config.schema import (
 from relight.config.stages import READS, view
 
 __all__ = [
-    "CONF", "IS_CLONE", "LONGEST", "NO_AUGMENTATION", "READS", "ROOT", "STRENGTHS",
+    "CONF", "IS_CLONE", "MAX_NAME_LENGTH", "NO_AUGMENTATION", "READS", "ROOT", "STRENGTHS",
     "Align", "Augment", "Bake", "Clean", "Config", "Evaluate", "Experiment", "Figures", "Lights", "Loss", "Model",
     "Panoramas", "Rules", "Split", "Sweep", "Timing", "Trace", "Track", "Train",
     "check", "check_name", "composed", "flat", "presets", "read_preset", "resolved", "view",

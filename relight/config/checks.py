@@ -1,4 +1,4 @@
-"""Checks: which settings are refused although they have the right type."""
+"""Checks settings that have the right type: unknown keys, domains, and consistency."""
 
 import difflib
 import re
@@ -13,24 +13,24 @@ from relight.config.schema import EXPERIMENT, FIELDS, STRENGTHS
 from relight.config.setting import domain_in_words, setting_of
 from relight.files import UserError
 
-NAME, LONGEST = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._+-]*"), 100
-TRUTH = ("albedo", "transport", "light", "shading", "reconstruction")  # losses that compare with more than the picture
+NAME_PATTERN, MAX_NAME_LENGTH = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._+-]*"), 100
+SUPERVISED_LOSSES = ("albedo", "transport", "light", "shading", "reconstruction")  # losses that need ground truth
 
 
 def check(cfg: DictConfig) -> None:
-    """Refuses a tree with unknown settings, values out of range, or values that do not fit together.
+    """Checks a tree for unknown settings, values out of range, and inconsistent values.
 
-    Settings without a value pass, since a stage is handed only those that it reads.
+    Settings without a value are allowed, since a stage gets only those that it reads.
 
     Raises:
-        UserError: one sentence about the first setting that is wrong.
+        UserError: about the first wrong setting.
     """
     if (results := OmegaConf.select(cfg, "name")) is not None:
         check_name("name", results)
     for key in ("sweep.runs", "experiments"):
         for name in OmegaConf.select(cfg, key) or ():
             check_name(key, name)
-    for sentence in chain(_unknown(cfg), _out_of_range(cfg), _at_odds(cfg)):
+    for sentence in chain(_unknown(cfg), _out_of_range(cfg), _inconsistent(cfg)):
         raise UserError(sentence)
 
 
@@ -38,21 +38,21 @@ def check_name(what: str, name: str) -> None:
     """Checks that a name is safe in paths and commands.
 
     Args:
-        what: is named, for the error: `name`, `runs`.
+        what: the setting, for the error: `name`, `runs`.
         name: of results, a run or an experiment.
 
     Raises:
-        UserError: if it is not.
+        UserError: if it is not safe.
     """
-    if not NAME.fullmatch(str(name)) or len(str(name)) > LONGEST:
+    if not NAME_PATTERN.fullmatch(str(name)) or len(str(name)) > MAX_NAME_LENGTH:
         raise UserError(
-            f"{what}: {str(name)!r} is no name: up to {LONGEST} letters, digits, '_', '.', '+' and '-', none of the "
-            "last three first"
+            f"{what}: {str(name)!r} is not a valid name: use up to {MAX_NAME_LENGTH} letters, digits, '_', '.', '+' "
+            "and '-', and none of the last three first"
         )
 
 
 def no_such(key: str, known: Iterable[str]) -> str:
-    """Returns the sentence that there is no setting `key`, and which there are in its place."""
+    """Returns the message that there is no setting `key`, with the known ones in its place."""
     known = list(known)
     if not known:
         return f"{key}: nothing has this name yet; to add it, write +{key}=<value>"
@@ -62,7 +62,7 @@ def no_such(key: str, known: Iterable[str]) -> str:
 
 
 def _unknown(cfg: DictConfig, above: str = "") -> Iterator[str]:
-    """Yields sentences about settings that the schema does not have: Hydra adds what an override with + asks for."""
+    """Yields messages about settings that are not in the schema, which overrides with + add."""
     known = getattr(OmegaConf.get_type(cfg), "__dataclass_fields__", None)
     for key in map(str, cfg):
         if known is not None and key not in known:
@@ -72,7 +72,7 @@ def _unknown(cfg: DictConfig, above: str = "") -> Iterator[str]:
 
 
 def _out_of_range(cfg: DictConfig) -> Iterator[str]:
-    """Yields sentences about values that a setting may not have."""
+    """Yields messages about values outside the domains of settings."""
     found = dict(FIELDS)
     for name in OmegaConf.select(cfg, "experiments") or ():
         found |= {f"experiments.{name}.{key}": field for key, field in EXPERIMENT.items()}
@@ -82,8 +82,8 @@ def _out_of_range(cfg: DictConfig) -> Iterator[str]:
             yield f"{key} must be {domain_in_words(field)}, not {value}"
 
 
-def _at_odds(cfg: DictConfig) -> Iterator[str]:
-    """Yields sentences about settings that do not fit together."""
+def _inconsistent(cfg: DictConfig) -> Iterator[str]:
+    """Yields messages about inconsistent settings."""
 
     def get(key: str) -> Any:
         return OmegaConf.select(cfg, key)
@@ -94,26 +94,29 @@ def _at_odds(cfg: DictConfig) -> Iterator[str]:
         yield f"lights.test {get('lights.test')} must be below lights.clusters {get('lights.clusters')}"
     augments = any([*(get(f"augment.{name}") for name in STRENGTHS), *(get("augment.exposure") or ())])
     if get("train.color") == "paper" and (get("train.size") or augments):
-        yield "augment and train.size make pictures as cameras do: they need train.color=photo"
+        yield "augment and train.size need train.color=photo, since they change pictures as cameras do"
     if get("model.name") == "unet" and get("model.light_head") == "strided":
         yield "model.name=unet has a pooled light head only: give model=unet or model.light_head=pooled"
     if get("train.part") == "test" or "test" in (get("train.lights") or ()):
-        if used := [name for name in TRUTH if get(f"loss.{name}")]:
-            yield f"the test's pictures are for losses that use no truth, and loss.{used[0]} does: loss=self_supervised"
+        if used := [name for name in SUPERVISED_LOSSES if get(f"loss.{name}")]:
+            yield (
+                f"the test's pictures need losses without ground truth, and loss.{used[0]} uses it: give "
+                "loss=self_supervised"
+            )
     for name, experiment in (get("experiments") or {}).items():
         if unknown := [row for row in experiment.rows if row not in (get("sweep.runs") or {})]:
             yield f"experiments.{name}.rows: no run {unknown[0]} in sweep.runs; add it there"
     if (get("figures.outfits") or 1) > 1 and (get("figures.source") != "generated" or get("bake.bounces")):
-        yield "figures.outfits must be 1 unless figures are generated, and with bake.bounces, which depend on albedo"
+        yield "figures.outfits must be 1 with bake.bounces, which depend on albedo, and unless figures are generated"
     for name, weight in (get("loss.extra") or {}).items():
         if name not in extensions.names():
             yield f"loss.extra.{name}: there is no file {name}.py in relight/extensions"
         if weight < 0:
             yield f"loss.extra.{name} is {weight}: it must be at least 0"
-    measured = {"bake.order": 2, "bake.bounces": 0, "bake.views": 0}
-    for key, value in measured.items() if get("figures.source") == "olat" else ():
+    measured_values = {"bake.order": 2, "bake.bounces": 0, "bake.views": 0}
+    for key, value in measured_values.items() if get("figures.source") == "olat" else ():
         if get(key) not in (None, value):
-            yield f"{key} must be {value} with figures.source=olat, whose maps are measured: every camera is a figure"
+            yield f"{key} must be {value} with figures.source=olat, whose maps are measured by the cameras"
     for group, source in (("figures", "scans"), ("figures", "olat"), ("panoramas", "folder")):
         if get(f"{group}.source") == source and not get(f"{group}.folder"):
             yield f"{group}.source={source} needs {group}.folder=<the folder to read>"

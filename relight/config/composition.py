@@ -1,4 +1,4 @@
-"""Composition: the tree of settings, from the files in conf/ and overrides."""
+"""Composes the settings from the files in conf/ and overrides."""
 
 import re
 from collections.abc import Iterable
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 ROOT = _PACKAGE.parent
-IS_CLONE = (ROOT / "Snakefile").exists()  # else relight was installed from a wheel, which holds conf/ in the package
+IS_CLONE = (ROOT / "Snakefile").exists()  # else relight was installed from a wheel, with conf/ in the package
 CONF = (ROOT if IS_CLONE else _PACKAGE) / "conf"
 
 
@@ -32,9 +32,12 @@ def composed(overrides: Iterable[str] = ()) -> DictConfig:
         The tree, resolved and checked, with the fields of `Config`.
 
     Raises:
-        UserError: names the setting that is wrong, and what is accepted.
+        UserError: names the wrong setting, and the values allowed.
     """
-    from hydra import compose, initialize_config_dir  # half a second, which inference can do without
+    from hydra import (
+        compose,
+        initialize_config_dir,
+    )  # imported here, since it takes half a second that inference does not need
     from hydra.core.config_store import ConfigStore
     from hydra.core.override_parser.overrides_parser import OverridesParser
     from hydra.errors import HydraException
@@ -66,7 +69,7 @@ def presets() -> dict[str, list[str]]:
 
 
 def read_preset(group: str, name: str = "default") -> Any:
-    """Reads one preset that stands alone, without Hydra.
+    """Reads one preset that does not depend on others, without Hydra.
 
     Returns:
         The group's dataclass, such as `Lights`.
@@ -78,17 +81,17 @@ def read_preset(group: str, name: str = "default") -> Any:
 
 
 def resolved(cfg: DictConfig) -> DictConfig:
-    """Replaces references such as ${bake.order} by their values, in place.
+    """Replaces references such as ${bake.order} by their values, in place, and returns the tree.
 
-    Settings come from people and files that one may not know; the environment holds secrets, and what is resolved is
-    written to results and to MLflow.
+    Resolvers are refused, since settings can come from untrusted files, the environment contains secrets, and resolved
+    values are written to results and to MLflow.
 
     Raises:
         UserError: for ${oc.env:...} and other calls of resolvers.
     """
     for key, value in flat(OmegaConf.to_container(cfg)).items():
         if call := re.search(r"\$\{\s*[\w.]+\s*:.*?\}", str(value)):
-            raise UserError(f"{key}: {call[0]} is not looked up in settings; write the value itself")
+            raise UserError(f"{key}: {call[0]} is not resolved in settings; write the value itself")
     OmegaConf.resolve(cfg)
     return cfg
 
@@ -102,12 +105,12 @@ def flat(tree: Any, prefix: str = "") -> dict[str, Any]:
 
 
 def _check_override(override: "Override") -> None:
-    """Refuses what Hydra accepts in the place of one setting: several values, no value, and numbers for presets."""
+    """Raises UserError for overrides that Hydra accepts, but that do not give one value to a setting."""
     text, key = override.input_line, override.key_or_group
     if override.is_sweep_override():
-        raise UserError(f"{text} is several values: `relight run -m` tries each; one setting's list is [a,b]")
+        raise UserError(f"{text} has several values: `relight run -m` sweeps over them; a list is written as [a,b]")
     if override.is_delete():
         if key.partition(".")[0] in Config.__dataclass_fields__:
-            raise UserError(f"{text}: a setting is not removed; give it another value")
+            raise UserError(f"{text}: a setting cannot be removed; give it another value")
     elif key in (known := presets()) and not isinstance(override.value(), str | list):
         raise UserError(f"{text}: no such choice; {key} is one of {', '.join(known[key])}")

@@ -1,4 +1,4 @@
-"""Errors of Hydra, OmegaConf and YAML in one sentence each."""
+"""Converts errors of Hydra, OmegaConf and YAML to one sentence."""
 
 from collections.abc import Iterator
 
@@ -12,7 +12,7 @@ from relight.config.setting import type_in_words
 
 
 def explain(error: Exception) -> str:
-    """Returns one line that names the setting and what is accepted, from the exception or from what caused it."""
+    """Returns one line that names the setting and the values allowed, from the exception or its causes."""
     for link in _causes(error):
         match link:
             case yaml.MarkedYAMLError(problem_mark=yaml.Mark() as mark):
@@ -33,7 +33,7 @@ def explain(error: Exception) -> str:
 
 
 def _causes(error: BaseException | None) -> Iterator[BaseException]:
-    """Yields an exception, what it was raised from or during, and so on."""
+    """Yields an exception and the chain of its causes and contexts."""
     while error is not None:
         yield error
         error = error.__cause__ or error.__context__

@@ -1,4 +1,4 @@
-"""Settings for people: the text of --help, and the completion of overrides in a shell."""
+"""Formats settings for --help, and completes overrides in a shell."""
 
 import textwrap
 from collections.abc import Iterable
@@ -35,7 +35,7 @@ def listing(cfg: DictConfig, keys: Iterable[str]) -> str:
 
 
 def overview(cfg: DictConfig) -> str:
-    """Returns the settings of `relight run` as text: what is trained and compared, then each group of the tree."""
+    """Returns the settings of `relight run` as text: presets of whole runs, then each group."""
     lines = []
     for group in ("scale", "protocol", "experiment"):
         text = f"  {group}={' | '.join(presets()[group])}"
@@ -56,8 +56,8 @@ def complete(args: list[str], incomplete: str) -> list[str]:
     """Returns the completions of an unfinished override, for shells.
 
     Args:
-        args: the words before it. bash takes `scale=sm` for three words, and wants the last one alone.
-        incomplete: its letters so far.
+        args: the preceding words. bash splits `scale=sm` into three words and expects completions of the last one.
+        incomplete: the text so far.
     """
     key, equals, value = incomplete.partition("=")
     if args[-1:] == ["="] or (not incomplete and args[-1:] and values(args[-1])):
@@ -69,7 +69,7 @@ def complete(args: list[str], incomplete: str) -> list[str]:
 
 
 def values(key: str) -> list[str]:
-    """Returns the presets of a group, or the choices of a setting; none for settings of numbers or text.
+    """Returns the presets of a group, or the choices of a setting; empty for numbers and free text.
 
     >>> values("split.sitting")
     ['apart', 'dealt']

@@ -1,4 +1,4 @@
-"""The schema: every setting with its type, what it means, and which values it may have. Default values are in conf/."""
+"""The schema: every setting with its type, description and domain. Default values are in conf/."""
 
 from collections.abc import Iterator
 from dataclasses import Field, dataclass, field, fields, is_dataclass
@@ -8,18 +8,18 @@ from relight import extensions
 from relight.config.setting import setting
 
 DEVICES = ("auto", "cpu", "cuda")
-PARTS = ("test", "sitting", "views")  # of the split, to score
-SCORED_LIGHTS = ("test", "unusual")  # of the light set, to score under
+PARTS = ("test", "sitting", "views")  # parts of the split that can be scored
+SCORED_LIGHTS = ("test", "unusual")  # splits of the light set that can be scored under
 AXES = ("auto", "+x", "-x", "+y", "-y", "+z", "-z")
-VERSION = "version of the code; raised when it changes results, which are then made anew"
+VERSION = "version of the code; results are recomputed when it is raised"
 
 
 @dataclass
 class Figures:
-    """Where figures come from, and what they are like."""
+    """The source and the content of figures."""
 
     source: str = setting(
-        "generated figures, scans: the meshes of a folder, or olat: captures of a light stage, one light at a time",
+        "generated figures; scans: meshes in a folder; olat: captures of a light stage, one light at a time",
         choices=("generated", "scans", "olat", *extensions.names()),
     )
     folder: str | None = setting("folder of the scans or captures", None)
@@ -28,15 +28,18 @@ class Figures:
     count: int = setting("number of seeds", 1, least=1)
     detail: str = setting("resolution of the drape", choices=("draft", "full"))
     texture: int = setting("side of the largest texture, pixels", least=16)
-    per_subject: int = setting("consecutive seeds that are one person in one outfit, in different poses", least=1)
-    outfits: int = setting("sets of fabrics of each figure, on the same shapes and with the same transport", least=1)
+    per_subject: int = setting(
+        "number of consecutive seeds that show one person in one outfit, in different poses", least=1
+    )
+    outfits: int = setting("number of sets of fabrics of each figure, with the same shape and transport", least=1)
     sitting: float = setting("share of the figures that sit", least=0, most=1)
-    poses: list[str] = setting("names of poses of which each figure takes one; [] for all")
-    garments: list[str] = setting("names of garments that each figure wears together; [] for any")
-    hair: list[str] = setting("names of hair styles of which each figure has one; [] for all")
+    poses: list[str] = setting("names of the poses to draw from; [] for all")
+    garments: list[str] = setting("names of garments that every figure wears; [] for any")
+    hair: list[str] = setting("names of the hair styles to draw from; [] for all")
     shading: float = setting("strength of the shading baked into the albedo, to imitate scans", least=0, most=1)
     device: str = setting(
-        "where cloth is draped; figures are the same only on devices of one kind", choices=("cpu", "cuda", "auto")
+        "device of the cloth simulation; figures are reproducible on devices of one kind only",
+        choices=("cpu", "cuda", "auto"),
     )
     version: int = setting(VERSION, least=0)
 
@@ -46,20 +49,22 @@ class Clean:
     """Repair of meshes."""
 
     component: float = setting(
-        "floating parts with a smaller share of the faces are dropped if they are small, too", least=0, most=1
+        "largest share of the faces of a floating part that is removed, if it is also small in size", least=0, most=1
     )
-    close_holes: int = setting("largest hole that is closed, edges; 0 closes none", least=0)
-    max_faces: int = setting("larger meshes are decimated to so many faces; 0 decimates none", least=0)
+    close_holes: int = setting("largest hole that is closed, number of edges; 0 closes none", least=0)
+    max_faces: int = setting("number of faces to which larger meshes are decimated; 0 decimates none", least=0)
     version: int = setting(VERSION, least=0)
 
 
 @dataclass
 class Align:
-    """Meshes before the camera: upright, facing it, filling the image."""
+    """Alignment of meshes: upright, facing the camera, filling the image."""
 
     up: str = setting("axis of the file that points up", choices=AXES)
     front: str = setting("axis of the file that the figure faces", choices=AXES)
-    table: str | None = setting("CSV with the columns name, up, front and turn (degrees), for single figures", None)
+    table: str | None = setting(
+        "CSV table with the columns name, up, front and turn (degrees), for individual figures", None
+    )
     padding: float = setting("margin at each edge, as a share of the image", least=0, below=0.5)
     version: int = setting(VERSION, least=0)
 
@@ -69,60 +74,61 @@ class Bake:
     """Maps of figures, by ray casting."""
 
     size: int = setting("side of the maps, pixels", least=64, multiple=64)
-    rays: int = setting("rays per pixel: 256 give transport an RMS error of 5e-3, 64 are for drafts", least=1)
-    order: int = setting("order of the spherical harmonics; the paper's is 2, nine coefficients", least=1)
-    bounces: int = setting("bounces of interreflection; the paper has none", least=0)
-    supersample: int = setting("k, where maps are means over k x k points of a pixel, which share its rays", least=1)
-    views: int = setting("views of each figure beside the frontal one, turned and in perspective, to train on", least=0)
+    rays: int = setting("rays per pixel: transport has an RMS error of 5e-3 with 256; 64 are for drafts", least=1)
+    order: int = setting("order of the spherical harmonics; the paper has 2, nine coefficients", least=1)
+    bounces: int = setting("number of bounces of interreflection; the paper has none", least=0)
+    supersample: int = setting("k: maps are means over k x k points of a pixel, which share its rays", least=1)
+    views: int = setting("number of further views of each figure, rotated and in perspective, to train on", least=0)
     seed: int = setting("seed of rays and views", least=0)
     version: int = setting(VERSION, least=0)
 
 
 @dataclass
 class Split:
-    """Figures to train on and figures to test on."""
+    """Division of the figures into training and test."""
 
     kind: str = setting(
-        "the draw of the test: whole subjects (subject); single figures (paper); every second figure of the test's "
+        "what the test figures are: whole subjects (subject); single figures (paper); every second figure of the test "
         "subjects, whose other figures are left out (disjoint) or trained on (siblings)",
         choices=("subject", "paper", "disjoint", "siblings"),
     )
-    test: float = setting("share of the figures that are tested on", above=0, below=1)
+    test: float = setting("share of the figures that are test figures", above=0, below=1)
     sitting: str = setting(
-        "figures that sit: apart, neither trained nor tested on, or dealt out like the others",
+        "sitting figures: apart, neither in training nor in test, or dealt out like the others",
         choices=("apart", "dealt"),
     )
-    least: float = setting("share of the figures that must be usable, else the run ends", least=0, most=1)
+    least: float = setting("least share of usable figures, below which the run ends", least=0, most=1)
     seed: int = setting("seed of the draw", least=0)
 
 
 @dataclass
 class Panoramas:
-    """What lights are made from."""
+    """The source of the lights."""
 
     source: str = setting("generated panoramas, or the files of a folder", choices=("generated", "folder"))
-    folder: str | None = setting("folder of panoramas, searched with its subfolders", None)
+    folder: str | None = setting("folder of panoramas, with subfolders", None)
     count: int = setting("number of generated rooms", least=0)
     skies: int = setting("number of generated skies", least=0)
     seed: int = setting("first seed of rooms and of skies", least=0)
     layout: str = setting(
-        "layout of the files; auto goes by metadata and aspect ratio",
+        "layout of the files; auto detects it by metadata and aspect ratio",
         choices=("auto", "latlong", "angular", "ball", "cross", "strip", "strip-gl"),
     )
-    yaw: float = setting("rotation of every light about the vertical, from +z toward +x, degrees")
-    flip: bool = setting("whether left and right are mirrored")
-    upside_down: bool = setting("whether the rows of files run from the bottom up", False)
+    yaw: float = setting("rotation of all lights about the vertical, from +z toward +x, degrees")
+    flip: bool = setting("whether panoramas are mirrored left to right")
+    upside_down: bool = setting("whether the first row of files is the bottom", False)
     repair: bool = setting(
-        "whether pixels that are not finite get the mean of their neighbours; else the file is left out", False
+        "whether pixels that are not finite are replaced by the mean of their neighbours; else the file is left out",
+        False,
     )
     version: int = setting(VERSION, least=0)
 
 
 @dataclass
 class Rules:
-    """Limits of usual lights, scaled to their reference brightness: a light that breaks one is unusual.
+    """Limits of usual lights, scaled to their reference brightness. A light that breaks one is unusual.
 
-    Irradiance is that of luminance. The front is all normals with z > 0. Rules about the main direction apply to lights
+    Irradiance is that of luminance. The front is all normals with z > 0. Rules on the main direction apply to lights
     with |L1| / L00 > 0.35.
     """
 
@@ -146,16 +152,16 @@ class Lights:
         choices=("cut_first", "paper"),
     )
     threshold: float = setting("least reference brightness of a panorama, in its own units; 0 keeps all", least=0)
-    low: float = setting("least reference brightness of a light: it is drawn uniformly from [low, high]", above=0)
+    low: float = setting("least reference brightness of a light, which is drawn uniformly from [low, high]", above=0)
     high: float = setting("largest reference brightness of a light", above=0)
-    rotations: int = setting("headings of each panorama", least=1)
+    rotations: int = setting("number of headings of each panorama", least=1)
     clusters: int = setting("number of usual lights", least=2)
-    test: int = setting("number of usual lights that are tested on, fewer than clusters", least=1)
-    extra_test: int = setting("further test lights, of panoramas that give no training light", least=0)
+    test: int = setting("number of usual test lights, fewer than clusters", least=1)
+    extra_test: int = setting("number of further test lights, from panoramas without training lights", least=0)
     split: str = setting(
-        "split of training and test lights: by panorama (room), or at random", choices=("room", "random")
+        "how training and test lights are split: by panorama (room), or at random", choices=("room", "random")
     )
-    veto: str | None = setting("file with a source, or source:heading, per line: lights that are removed", None)
+    veto: str | None = setting("file of lights to remove, with a source or source:heading per line", None)
     rules: Rules = field(default_factory=Rules)
     seed: int = setting("seed of scales, clusters and split", least=0)
     version: int = setting(VERSION, least=0)
@@ -167,18 +173,18 @@ class Model:
 
     name: str = setting("architecture", choices=("ours", "sfsnet", "sfsnet_ao", "unet", *extensions.names()))
     width: float = setting("factor on the number of channels of every layer", least=0.01)
-    norm: str = setting("normalisation by the statistics of each image or of the batch", choices=("instance", "batch"))
+    norm: str = setting("normalisation by the statistics of each image, or of the batch", choices=("instance", "batch"))
     dropout: float = setting("share of features that are zeroed in training", least=0, below=1)
-    order: int = setting("order of the transport and light that it infers", least=1)
+    order: int = setting("order of the inferred transport and light", least=1)
     albedo: str = setting(
-        "how albedo is kept in [0, 1]: clipped; clipped, with a gradient outside; or a sigmoid",
+        "how albedo is limited to [0, 1]: clipped; clipped, with a straight-through gradient; or by a sigmoid",
         choices=("clip", "straight_through", "sigmoid"),
     )
     light_head: str = setting(
         "how the light is inferred: by strided convolutions, or by pooling over the figure",
         choices=("strided", "pooled"),
     )
-    refine: bool = setting("whether the light is refined so that it explains the image by the inferred maps")
+    refine: bool = setting("whether the light is refined to explain the image by the inferred maps")
     sees: str = setting("input: the image and its mask, or the mask alone", choices=("image", "mask"))
 
 
@@ -187,25 +193,32 @@ class Loss:
     """Weights of the losses; a loss of weight 0 is not computed."""
 
     albedo: float = setting("error of albedo", least=0)
-    transport: float = setting("error of transport, or of normals and AO where the network infers these", least=0)
+    transport: float = setting("error of transport, or of normals and AO for networks that infer these", least=0)
     light: float = setting("error of the light", least=0)
     tv_albedo: float = setting("total variation of albedo", least=0)
     tv_transport: float = setting("total variation of transport", least=0)
     shading: float = setting(
-        "error of shading: of the inferred transport, of the inferred light, and of both; each of the three", least=0
-    )
-    reconstruction: float = setting(
-        "error of the relit image where one or two of albedo, transport and light are inferred; each of the six",
+        "error of shading, by the inferred transport, by the inferred light, and by both; weight of each of the three",
         least=0,
     )
-    reconstruction_full: float = setting("error of the relit image where all three are inferred", least=0)
-    detail_albedo: float = setting("energy of the detail of albedo's error over that of the truth's", least=0)
+    reconstruction: float = setting(
+        "error of the relit image with one or two of albedo, transport and light inferred; weight of each of the six",
+        least=0,
+    )
+    reconstruction_full: float = setting("error of the relit image with all three inferred", least=0)
+    detail_albedo: float = setting(
+        "energy of the detail of albedo's error, relative to that of the true albedo", least=0
+    )
     detail_transport: float = setting("the same of transport", least=0)
     detail_shading: float = setting("the same of shading under the true light", least=0)
-    exclusion: float = setting("detail that albedo and shading share beyond what the true ones do", least=0)
-    extra: dict[str, float] = setting("losses of your own, by the files of relight/extensions", {})
-    tv_reference: int = setting("the weight tv_transport is multiplied by image size / tv_reference, pixels", least=1)
-    reduction: str = setting("means over the whole image or over its mask", choices=("image", "mask"))
+    exclusion: float = setting("detail common to albedo and shading, beyond that of the true ones", least=0)
+    extra: dict[str, float] = setting("weights of your own losses, by the names of the files in relight/extensions", {})
+    tv_reference: int = setting(
+        "image size in pixels at which tv_transport applies; the weight is proportional to the image size", least=1
+    )
+    reduction: str = setting(
+        "whether losses are means over the whole image, or over its mask", choices=("image", "mask")
+    )
 
 
 @dataclass
@@ -220,40 +233,39 @@ class Train:
     schedule: str = setting("schedule of the learning rate after the warm-up", choices=("constant", "cosine"))
     warmup: int = setting("steps in which the learning rate rises to lr", least=0)
     color: str = setting(
-        "colour model: albedo as the paper takes it, or linear, with pictures as a camera stores them",
+        "colour model: 8-bit codes as linear albedo (paper), or linear albedo, and pictures as of cameras (photo)",
         choices=("paper", "photo"),
     )
     seed: int = setting("seed of weights, pairs and augmentation", least=0)
-    device: str = setting("where it is trained; auto takes a GPU where there is one", choices=DEVICES)
+    device: str = setting("device of the training; auto prefers a GPU", choices=DEVICES)
     precision: str = setting("precision of matrix products: 32 bits, or bfloat16", choices=("f32", "bf16"))
-    epoch: int = setting("steps between two lines of the log, with metrics and a checkpoint", least=1)
+    epoch: int = setting("steps between metrics and checkpoints", least=1)
     pairs: str = setting(
-        "figures and lights are paired at random (shuffled), or a figure's lights follow each other as in the authors' "
-        "code (rows)",
+        "order of the pairs: at random (shuffled), or all lights of a figure in a row, as in the authors' code (rows)",
         choices=("shuffled", "rows"),
     )
     optimizer: str = setting("Adam, or Adam with decoupled weight decay", choices=("adam", "adamw"))
     decay: float = setting("weight decay of adamw", least=0)
     average: float = setting(
-        "decay of the moving average of the weights, which is what is kept; 0 keeps the last weights", least=0, below=1
+        "decay of the moving average of the weights, which is saved; 0 saves the last weights", least=0, below=1
     )
     mirror: bool = setting("whether half of the pairs are mirrored left to right")
-    compile: bool = setting("whether torch.compile compiles the network, which pays on a GPU")
-    start: str | None = setting("network of the same kind to start from: a file, or a run of the sweep", None)
-    only: str | None = setting("part of `start` that is trained; null trains all of it", None, choices=("encoder",))
+    compile: bool = setting("whether the network is compiled by torch.compile, which is faster on a GPU")
+    start: str | None = setting("network of the same form to start from: a file, or a run of the sweep", None)
+    only: str | None = setting("part of `start` that is trained; null for all of it", None, choices=("encoder",))
     part: str = setting(
-        "figures of the split to train on; the test's only with losses that use no truth",
+        "part of the split to train on; test needs losses without ground truth",
         "train",
         choices=("train", "test"),
     )
     size: int | None = setting(
-        "side of the images, pixels, at most that of the maps, which null stands for", None, least=64, multiple=64
+        "side of the images, pixels, at most that of the maps, which is the value of null", None, least=64, multiple=64
     )
     figures: int | None = setting(
-        "number of figures, drawn by the seed; fewer are a part of more; null takes all", None, least=1
+        "number of training figures, drawn by the seed, nested for increasing numbers; null for all", None, least=1
     )
     lights: list[str] = setting(
-        "splits of the light set to train under; the test's only with losses that use no truth",
+        "splits of the light set to train under; test needs losses without ground truth",
         ["train"],
         choices=("train", "rich", "test"),
     )
@@ -262,99 +274,101 @@ class Train:
 
 @dataclass
 class Augment:
-    """What photographers, cameras and masks do to pictures, drawn anew for each training pair; 0 turns a part off.
+    """Random changes as by photographers, cameras and masks, drawn for each training pair; 0 turns one off.
 
-    Pixels are those of the network's image. Framing, tint, exposure and recolouring change picture and truth alike, all
-    else the picture alone.
+    Pixels are those of the network's image. Framing, tint, exposure and recolouring change both picture and ground
+    truth, the others only the picture.
     """
 
-    framing: float = setting("share of the pictures that are framed anew", least=0, most=1)
-    cut: float = setting("share of those that end between chest and knees", least=0, most=1)
-    zoom: list[float] = setting("size of the figure, as a factor on the usual framing", interval=True, above=0)
+    framing: float = setting("share of the pictures with a new framing", least=0, most=1)
+    cut: float = setting("share of these that end between chest and knees", least=0, most=1)
+    zoom: list[float] = setting(
+        "range of the size of the figure, as a factor on the usual framing", interval=True, above=0
+    )
     shift: float = setting("largest shift of the figure's box from the centre, as a share of the side", least=0)
     tint: float = setting("standard deviation of ln(B/G) of the white balance", least=0)
-    exposure: list[float] = setting("exposure, stops", interval=True)
-    recolour: float = setting("share of the pictures in which garments get other colours", least=0, most=1)
-    prints: float = setting(
-        "share of the pictures in which garments get stripes, checks, dots or blots", least=0, most=1
-    )
-    gloss: float = setting("share of the pictures in which some materials are glossy", least=0, most=1)
+    exposure: list[float] = setting("range of the exposure, stops", interval=True)
+    recolour: float = setting("share of the pictures with other colours of garments", least=0, most=1)
+    prints: float = setting("share of the pictures with stripes, checks, dots or blots on garments", least=0, most=1)
+    gloss: float = setting("share of the pictures with glossy materials", least=0, most=1)
     mask: int = setting("largest error of the mask's outline, pixels", least=0)
     tone: float = setting("strength of the tone curve and of changes of saturation", least=0)
     blur: float = setting("largest standard deviation of the blur, pixels", least=0)
     sharpen: float = setting("largest weight of the unsharp mask", least=0)
-    noise: float = setting("largest standard deviation of the noise, as a share of white, of coded values", least=0)
+    noise: float = setting("largest standard deviation of the noise, of codes in [0, 1]", least=0)
     jpeg: float = setting("share of the pictures that are compressed, at qualities from 40 to 95", least=0, most=1)
 
 
-# The parts of Augment that change pictures, beside `exposure`.
+# The settings of Augment that change pictures, apart from `exposure`.
 STRENGTHS = ("framing", "tint", "recolour", "prints", "gloss", "mask", "tone", "blur", "sharpen", "noise", "jpeg")
 NO_AUGMENTATION = Augment(**dict.fromkeys((*STRENGTHS, "cut", "shift"), 0), zoom=[1.0, 1.0], exposure=[0.0, 0.0])
 
 
 @dataclass
 class Evaluate:
-    """Scores of networks, and the tables and pictures of them."""
+    """Scores of networks, with their tables and pictures."""
 
-    lights: str = setting("lights of the set to score under; an experiment sets it", choices=SCORED_LIGHTS)
-    device: str = setting("where networks infer", choices=DEVICES)
+    lights: str = setting("split of the light set to score under; set by an experiment", choices=SCORED_LIGHTS)
+    device: str = setting("device of the inference", choices=DEVICES)
     version: int = setting(VERSION, least=0)
-    bootstrap: int = setting("resamples of the figures for each interval and p-value", 2000, least=1)
-    plates: int = setting("test figures on a plate", 4, least=1)
-    sheet: int = setting("figures on the contact sheet", 48, least=1)
+    bootstrap: int = setting("number of bootstrap resamples for each interval", 2000, least=1)
+    plates: int = setting("number of test figures on a plate", 4, least=1)
+    sheet: int = setting("number of figures on the contact sheet", 48, least=1)
     seed: int = setting("seed of the resamples and of the figures that are shown", 0, least=0)
-    figures: str = setting("part of the split that is scored; an experiment sets it", "test", choices=PARTS)
+    figures: str = setting("part of the split to score; set by an experiment", "test", choices=PARTS)
 
 
 @dataclass
 class Trace:
     """Path tracing of test figures, for the experiment `path_traced`."""
 
-    figures: int = setting("test figures that are traced, spread over the test", least=1)
+    figures: int = setting("number of test figures to trace, evenly spaced", least=1)
     samples: int = setting("paths per pixel", least=2)
-    bounces: int = setting("bounces of interreflection: of albedo .5, a hundredth of it is missing after 6", least=0)
+    bounces: int = setting(
+        "number of bounces of interreflection; 6 leave out one percent of it at an albedo of .5", least=0
+    )
     seed: int = setting("seed of the paths", least=0)
     version: int = setting(VERSION, least=0)
 
 
 @dataclass
 class Timing:
-    """Seconds for a picture, for the experiment `inference_time`."""
+    """Inference time, for the experiment `inference_time`."""
 
     sizes: list[int] = setting("sides of the images, pixels", above=0, multiple=64)
-    seconds: float = setting("time spent on each measurement at least", above=0)
+    seconds: float = setting("least duration of each measurement, seconds", above=0)
     version: int = setting(VERSION, least=0)
 
 
 @dataclass
 class Experiment:
-    """A question: some runs of the sweep, what they are scored on, and a section of the report."""
+    """A question, the runs that answer it, and its section of the report."""
 
     rows: list[str] = setting("runs that the section compares, in order")
-    title: str = setting("title of its section and table; the experiment's name where it is empty", "")
+    title: str = setting("title of its section and table; the experiment's name if empty", "")
     question: str = setting("the question, in a sentence", "")
-    figures: str = setting("part of the split that its rows are scored on", "test", choices=PARTS)
-    lights: str = setting("lights of the set that they are scored under", "test", choices=SCORED_LIGHTS)
+    figures: str = setting("part of the split on which its rows are scored", "test", choices=PARTS)
+    lights: str = setting("split of the light set under which they are scored", "test", choices=SCORED_LIGHTS)
     axis: str | None = setting("setting, such as model.width, against which errors are plotted", None)
-    table: bool = setting("whether its rows are trained and scored; else it has stages of its own", True)
-    plates: bool = setting("whether its rows are shown side by side on test figures", False)
+    table: bool = setting("whether it is a table of trained and scored rows; else it has stages of its own", True)
+    plates: bool = setting("whether its rows are drawn side by side on test figures", False)
 
 
 @dataclass
 class Sweep:
-    """What is trained: the presets of `experiment` add runs."""
+    """The runs to train, to which presets of `experiment` add."""
 
-    runs: dict[str, list[str]] = setting("the settings of each run, as overrides, by its name")
-    only: list[str] | None = setting("names of the runs that are trained; null trains all", None)
-    seeds: list[int] = setting("each run is trained once with each of them", least=0)
+    runs: dict[str, list[str]] = setting("overrides of each run, by name")
+    only: list[str] | None = setting("names of the runs to train; null for all", None)
+    seeds: list[int] = setting("seeds, with each of which every run is trained", least=0)
 
 
 @dataclass
 class Track:
-    """The record in MLflow."""
+    """Tracking in MLflow."""
 
-    uri: str | None = setting("where runs are recorded: sqlite:///FILE or a server's address; null records none", None)
-    experiment: str = setting("MLflow's name for what the runs belong to", "relight")
+    uri: str | None = setting("store of the runs: sqlite:///FILE or a server's address; null for none", None)
+    experiment: str = setting("name of the experiment in MLflow", "relight")
 
 
 @dataclass
@@ -382,7 +396,7 @@ class Config:
 
 
 def fields_by_key(schema: type, above: str = "") -> Iterator[tuple[str, Field[Any]]]:
-    """Yields the settings of a schema, such as `train.lr`, and their fields; groups within groups, too."""
+    """Yields the keys of a schema, such as `train.lr`, and their fields, including nested groups."""
     for item in fields(schema):
         if isinstance(item.type, type) and is_dataclass(item.type):
             yield from fields_by_key(item.type, f"{above}{item.name}.")
@@ -391,10 +405,10 @@ def fields_by_key(schema: type, above: str = "") -> Iterator[tuple[str, Field[An
 
 
 FIELDS = dict(fields_by_key(Config))
-EXPERIMENT = dict(fields_by_key(Experiment))  # of each experiment
+EXPERIMENT = dict(fields_by_key(Experiment))  # the fields of each experiment
 
 
 def field_of(key: str) -> Field[Any] | None:
-    """Returns the field of a setting, such as `train.lr` or `experiments.table1.rows`; None where there is none."""
+    """Returns the field of a setting, such as `train.lr` or `experiments.table1.rows`, or None."""
     group, _, rest = key.partition(".")
     return EXPERIMENT.get(rest.partition(".")[2]) if group == "experiments" else FIELDS.get(key)

@@ -1,4 +1,4 @@
-"""One setting: what it means, which values it may have, and its field in the schema."""
+"""A setting: its description, its domain, and its field in the schema."""
 
 from dataclasses import Field, dataclass, field
 from types import UnionType
@@ -6,19 +6,20 @@ from typing import Any, get_args, get_origin
 
 from omegaconf import MISSING
 
-ONE = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
-MANY = {int: "whole numbers", float: "numbers", str: "texts"}
+TYPE_WORDS = {bool: "true or false", int: "a whole number", float: "a number", str: "text"}
+LIST_WORDS = {int: "whole numbers", float: "numbers", str: "texts"}
 
 
 @dataclass(frozen=True)
 class Setting:
-    """What a setting means, and which values it may have. Of a list, every item must have such a value.
+    """The description and the domain of a setting. For a list, the domain is that of each item.
 
     Attributes:
-        about: what it is, with its unit.
-        choices: the texts that it may be; empty where any text will do.
-        least, above, most, below: bounds of a number, the first and third included, the others not.
-        multiple: of what a number must be a multiple.
+        about: description, with the unit.
+        choices: the texts allowed; empty if all are.
+        least, most: inclusive bounds of a number.
+        above, below: exclusive bounds of a number.
+        multiple: divisor of a number.
         interval: whether it is a list [least, most] of two numbers.
     """
 
@@ -33,7 +34,7 @@ class Setting:
 
     @property
     def domain(self) -> str:
-        """Which values it, or an item of it, may have, in words that follow "must be"; empty where all will do."""
+        """The domain of the setting or its items, in words that follow "must be"; empty if there are no limits."""
         words = [f"one of {', '.join(self.choices)}"] if self.choices else []
         words += [f"a multiple of {self.multiple}"] if self.multiple else []
         low = self.least if self.above is None else self.above
@@ -47,15 +48,15 @@ class Setting:
         return " and ".join(words)
 
     def allows(self, value: Any) -> bool:
-        """Whether it may have this value, which has the type of its field; None is for OmegaConf to judge."""
+        """Returns whether a value of the right type is allowed; OmegaConf decides about None."""
         if value is None or not (self.domain or self.interval):
             return True
         if isinstance(value, str | int | float):
-            return self._holds(value)
+            return self._allows_item(value)
         ordered = len(value) == 2 and value[0] <= value[1] if self.interval else len(value) > 0
-        return ordered and all(map(self._holds, value))
+        return ordered and all(map(self._allows_item, value))
 
-    def _holds(self, value: Any) -> bool:
+    def _allows_item(self, value: Any) -> bool:
         return (
             (not self.choices or value in self.choices)
             and (self.least is None or value >= self.least)
@@ -67,13 +68,13 @@ class Setting:
 
 
 def setting(about: str, default: Any = MISSING, **rules: Any) -> Any:
-    """A field of the schema.
+    """Returns a field of the schema.
 
     Args:
-        about: what it is, with its unit.
-        default: only for settings that files may leave out: those that came after files were written, and those that
-            the workflow hands to no stage whose outputs do not depend on them (`WITHOUT_EFFECT`).
-        **rules: which values it may have, as in `Setting`.
+        about: description, with the unit.
+        default: only for settings that files may omit: those that are newer than existing files, and those that the
+            workflow omits for stages whose outputs do not depend on them (`WITHOUT_EFFECT`).
+        **rules: the domain, as in `Setting`.
     """
     metadata = {"setting": Setting(about, **rules)}
     if isinstance(default, list | dict):
@@ -82,13 +83,13 @@ def setting(about: str, default: Any = MISSING, **rules: Any) -> Any:
 
 
 def setting_of(item: Field[Any]) -> Setting:
-    """Returns what `setting` put into a field."""
+    """Returns the Setting of a field."""
     found: Setting = item.metadata["setting"]
     return found
 
 
 def domain_in_words(item: Field[Any]) -> str:
-    """Returns which values of its type a field may have, in words that follow "must be"; empty where all will do."""
+    """Returns the domain of a field in words that follow "must be"; empty if there are no limits."""
     found = setting_of(item)
     if found.interval:
         return f"[least, most]{', each ' if found.domain else ''}{found.domain}"
@@ -107,5 +108,5 @@ def type_in_words(kind: Any) -> str:
     if get_origin(kind) is dict:
         return f"names, each with {type_in_words(get_args(kind)[1])}"
     if get_origin(kind) is list:
-        return f"a list of {MANY[get_args(kind)[0]]}"
-    return ONE[kind]
+        return f"a list of {LIST_WORDS[get_args(kind)[0]]}"
+    return TYPE_WORDS[kind]

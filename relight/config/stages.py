@@ -1,9 +1,9 @@
-"""The part of the settings that each stage reads."""
+"""Selects the settings that each stage reads."""
 
 from collections.abc import Mapping
 from typing import Any
 
-# The settings that each stage gets, groups or single ones. It gets no others, so a change of those cannot affect it.
+# The groups or single settings that each stage gets. Changes of other settings cannot affect it.
 READS = {
     "figure": ("figures",),
     "scan": ("figures",),
@@ -28,7 +28,7 @@ READS = {
     "report": ("evaluate", "name"),
 }
 
-# Settings of READS that a stage's outputs do not depend on. They are not in its file, so a change re-runs nothing.
+# Settings of READS on which a stage's outputs do not depend. They are omitted from its file: a change re-runs nothing.
 WITHOUT_EFFECT = {
     "figure": ("figures.first", "figures.count", "figures.only"),
     "scan": ("figures.first", "figures.count", "figures.only"),
@@ -47,7 +47,7 @@ WITHOUT_EFFECT = {
 
 
 def view(tree: Mapping[str, Any], stage: str) -> dict[str, Any]:
-    """Returns the settings that a stage's outputs depend on: those of READS but WITHOUT_EFFECT.
+    """Returns the settings on which a stage's outputs depend: those of READS without WITHOUT_EFFECT.
 
     Args:
         tree: all settings, as plain values by group.

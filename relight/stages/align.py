@@ -1,4 +1,4 @@
-"""Turns one figure to the camera: up, front, centre and size."""
+"""Aligns one figure with the camera: up, front, centre and size."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from relight.stages.step import transform_mesh
 
 @stage("align", mesh="mesh record (.npz)", out="mesh record (.npz)")
 def main(align: Align, mesh: Path, out: Path) -> None:
-    """Writes the mesh of a figure as `relight.meshes.alignment.align` turns it; a figure left out stays left out."""
+    """Writes the mesh of a figure, aligned by `relight.meshes.alignment.align`; a left-out figure is copied."""
     from relight.meshes import align as align_mesh
 
     transform_mesh(mesh, lambda given: align_mesh(given, align), out)

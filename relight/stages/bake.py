@@ -1,4 +1,4 @@
-"""Bakes the maps of one figure: the frontal view, and as many others as are asked for."""
+"""Bakes the maps of one figure: the frontal view, and further views."""
 
 import sys
 from pathlib import Path
@@ -11,24 +11,24 @@ from relight.stages.stage import stage
 
 @stage("bake", mesh="aligned mesh record (.npz)", out="maps (.exr); those of further views and outfits go beside them")
 def main(bake: Bake, mesh: Path, out: Path) -> None:
-    """A figure is left out with all its views and outfits, so that a data set holds either all of its maps or none."""
+    """Writes the maps of all views and outfits of a figure, or leaves all of them out."""
     from relight.maps import write_left_out, write_maps
     from relight.transport import FRONTAL, Baker, outfit_names, random_view, view_names
 
-    given = Mesh.load(mesh)
-    name, fabrics = given.info.get("name", out.stem), given.info.get("outfits", [None])
-    own = {"figure": name, "subject": given.info.get("subject", name)}
+    aligned = Mesh.load(mesh)
+    name, fabrics = aligned.info.get("name", out.stem), aligned.info.get("outfits", [None])
+    identity = {"figure": name, "subject": aligned.info.get("subject", name)}
     views = [FRONTAL, *(random_view(view, bake.seed) for view in view_names(name, bake.views))]
     targets: list[list[tuple[Path, dict]]] = [[] for _ in views]  # of each view, the outfits
     for number, label in enumerate(outfit_names("", len(fabrics))):
-        other = {"outfit": number, "fabrics": fabrics[number]} if number else {}
+        outfit = {"outfit": number, "fabrics": fabrics[number]} if number else {}
         for k, ending in enumerate(["", *view_names("", bake.views)]):
-            record = {**own, "name": name + label + ending, **other} if label + ending else {}
+            record = {**identity, "name": name + label + ending, **outfit} if label + ending else {}
             targets[k].append((out.with_name(out.stem + label + ending + out.suffix), record))
-    reason = given.info.get("left_out")
+    reason = aligned.info.get("left_out")
     if reason is None:
         try:
-            baker = Baker(given, bake.rays, bake.order, bake.seed, bake.bounces)
+            baker = Baker(aligned, bake.rays, bake.order, bake.seed, bake.bounces)
             for view, files in zip(views, targets):
                 for (path, record), maps in zip(files, baker.outfits(bake.size, bake.supersample, view)):
                     maps.info.update(record)
@@ -38,7 +38,7 @@ def main(bake: Bake, mesh: Path, out: Path) -> None:
             print(f"{name} is left out: {reason}", file=sys.stderr)
     if reason is not None:
         for path, record in (target for files in targets for target in files):
-            write_left_out(path, {**given.info, **record}, reason)
+            write_left_out(path, {**aligned.info, **record}, reason)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Scores the trivial baselines on the same pairs as the networks."""
+"""Scores the baselines on the same pairs as the networks."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ from relight.stages.stage import stage
     out="scores (.csv)",
 )
 def main(evaluate: Evaluate, color: str, order: int, packed: Path, lights: Path, split: Path, out: Path) -> None:
-    """Writes the scores of the predictors of `relight.evaluation.baselines`, row by row."""
+    """Writes the scores of the baselines (`relight.evaluation.baselines`)."""
     from relight.evaluation.baselines import evaluate_baselines
 
     evaluate_baselines(packed, lights, split, evaluate, out, color, order)

@@ -1,4 +1,4 @@
-"""Measures the maps of one capture of a light stage, in place of a mesh and of baking."""
+"""Measures the maps of one capture of a light stage, instead of baking a mesh."""
 
 import sys
 from pathlib import Path
@@ -10,7 +10,7 @@ from relight.stages.stage import stage
 
 @stage("capture", figure="name of the capture, such as C003.P00.Cam07", out="maps (.exr)")
 def main(figures: Figures, size: int, figure: Path, out: Path) -> None:
-    """Writes the measured maps of a capture, or a file that says why it is left out."""
+    """Writes the measured maps of a capture, or the record of a left-out figure."""
     from relight.benchmark.captures import training_maps
     from relight.benchmark.humanolat import capture_subject, list_captures
     from relight.maps import write_left_out, write_maps

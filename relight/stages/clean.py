@@ -1,4 +1,4 @@
-"""Repairs the mesh of one figure, and writes down what was repaired."""
+"""Repairs the mesh of one figure, and records the repairs."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from relight.stages.step import transform_mesh
 
 @stage("clean", mesh="mesh record (.npz)", out="mesh record (.npz)")
 def main(clean: Clean, mesh: Path, out: Path) -> None:
-    """Writes the mesh of a figure as `relight.meshes.cleaning.clean` repairs it; a figure left out stays left out."""
+    """Writes the mesh of a figure, repaired by `relight.meshes.cleaning.clean`; a left-out figure is copied."""
     from relight.meshes import clean as clean_mesh
 
     transform_mesh(mesh, lambda given: clean_mesh(given, clean), out)

@@ -16,7 +16,7 @@ from relight.stages.stage import stage
     out="scores (.csv)",
 )
 def main(evaluate: Evaluate, track: Track, packed: Path, lights: Path, split: Path, network: Path, out: Path) -> None:
-    """Writes the scores of a network, a row for each figure and light, and sends their means to its run in MLflow."""
+    """Writes the scores of a network, one row per figure and light, and sends their means to its run in MLflow."""
     from relight.evaluation.evaluate import evaluate as score
     from relight.evaluation.scores import read_scores
     from relight.learning.checkpoint import read_config
@@ -28,10 +28,10 @@ def main(evaluate: Evaluate, track: Track, packed: Path, lights: Path, split: Pa
     means = {f"{on}/{name}": float(values.mean()) for name, values in (scores.columns if scores else {}).items()}
     trained = read_config(network)
     settings = {part: trained[part] for part in ("model", "loss", "train", "augment") if part in trained}
-    # A network that was trained elsewhere has a run of its own.
-    own = trained.get("fingerprint") or hashlib.sha256(network.read_bytes()).hexdigest()
+    # A network without a fingerprint was trained elsewhere, and has its own run.
+    fingerprint = trained.get("fingerprint") or hashlib.sha256(network.read_bytes()).hexdigest()
     finite = {name: value for name, value in means.items() if value == value}
-    TrainingRun(track, network.stem, own, settings).log_scores(finite, out)
+    TrainingRun(track, network.stem, fingerprint, settings).log_scores(finite, out)
 
 
 if __name__ == "__main__":

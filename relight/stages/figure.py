@@ -1,4 +1,4 @@
-"""Draws one figure from its seed."""
+"""Generates one figure from its seed."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from relight.stages.step import save_mesh
 
 @stage("figure", figure="g and a seed, such as g0012", out="mesh record (.npz)")
 def main(figures: Figures, figure: Path, out: Path) -> None:
-    """Writes the figure of a seed, or a record that says why it is left out."""
+    """Writes the figure of a seed, or the record of a left-out figure."""
     from relight.figures.constraints import Constraints
     from relight.figures.dress import make_figure, subject_of
 
@@ -22,7 +22,7 @@ def main(figures: Figures, figure: Path, out: Path) -> None:
 
     def make():
         if figures.source != "generated":
-            return named(extension(figures.source, "figure")(figures, seed))
+            return add_name(extension(figures.source, "figure")(figures, seed))
         names = (tuple(names) for names in (figures.poses, figures.garments, figures.hair))
         mesh = make_figure(
             seed,
@@ -34,9 +34,9 @@ def main(figures: Figures, figure: Path, out: Path) -> None:
             figures.outfits,
             Constraints(figures.sitting, *names),
         )
-        return named(mesh)
+        return add_name(mesh)
 
-    def named(mesh):
+    def add_name(mesh):
         mesh.info.update(name=name, axes={"up": "+y", "front": "+z"})
         return mesh
 

@@ -1,4 +1,4 @@
-"""Times the network of one row, untrained."""
+"""Times the untrained network of one row."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from relight.stages.stage import stage
 
 @stage("inference_time", row="its name in the table", out="times (.csv)")
 def main(model: Model, timing: Timing, row: Path, out: Path) -> None:
-    """Writes the seconds that a network takes for a picture, by size and device; `row` is its name, not a file."""
+    """Writes the inference times of a network by size and device; `row` is its name, not a file."""
     from relight.evaluation.timing import time_networks
 
     time_networks({row.name: model}, timing, out)

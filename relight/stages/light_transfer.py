@@ -1,4 +1,4 @@
-"""Figures that swap lights: scores of all networks, and pictures of some swaps."""
+"""Scores figures that swap lights, and draws some of them."""
 
 from pathlib import Path
 
@@ -27,12 +27,12 @@ def main(
     out: Path,
     plate: Path,
 ) -> None:
-    """Scores figures that swap lights by every network of the experiment, and draws some by the first of each row."""
+    """Scores swaps of lights by all networks of the experiment, and draws some by the first network of each row."""
     from relight.evaluation.transfer import evaluate_transfer, transfer_plate
 
-    every, first = networks_of(experiments, "light_transfer", networks)
-    evaluate_transfer(every, packed, lights, split, evaluate, out)
-    transfer_plate(first, packed, lights, split, evaluate, plate)
+    networks_by_run, networks_by_row = networks_of(experiments, "light_transfer", networks)
+    evaluate_transfer(networks_by_run, packed, lights, split, evaluate, out)
+    transfer_plate(networks_by_row, packed, lights, split, evaluate, plate)
 
 
 if __name__ == "__main__":

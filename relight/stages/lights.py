@@ -1,4 +1,4 @@
-"""Panoramas to the illumination set: projection, selection, split."""
+"""Makes the light set from panoramas: projection, selection, split."""
 
 import json
 from pathlib import Path
@@ -10,7 +10,7 @@ from relight.stages.stage import stage
 
 @stage("lights", out="lights (.npz, and a .csv of the same beside it)", record="what each step dropped (.json)")
 def main(panoramas: Panoramas, lights: Lights, order: int, out: Path, record: Path) -> None:
-    """Writes the illumination set: what is left of the panoramas' lights, each marked train or test."""
+    """Writes the light set, and the record of the lights that each step dropped."""
     from relight.lights import build_light_set, write_light_set
 
     chosen, dropped = build_light_set(panoramas, lights, order)

@@ -1,4 +1,4 @@
-"""Which networks an experiment has."""
+"""Finds the networks of an experiment."""
 
 import json
 from pathlib import Path
@@ -17,5 +17,5 @@ def networks_of(experiments: Path, name: str, folder: Path) -> tuple[dict[str, P
         (ours_full).
     """
     rows = json.loads(experiments.read_text())[name]["runs"]
-    every = {run: folder / f"{run}.safetensors" for runs in rows.values() for run in runs}
-    return every, {row: every[runs[0]] for row, runs in rows.items()}
+    by_run = {run: folder / f"{run}.safetensors" for runs in rows.values() for run in runs}
+    return by_run, {row: by_run[runs[0]] for row, runs in rows.items()}

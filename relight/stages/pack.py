@@ -1,4 +1,4 @@
-"""Packs the maps of all figures into one file for training, and the list of those that were left out."""
+"""Packs the maps of all figures into one file for training, and lists the figures that were left out."""
 
 import json
 import sys
@@ -20,12 +20,12 @@ def main(split: Split, names: Path, maps: Path, out: Path, record: Path) -> None
     """Writes the maps of all figures as one packed set.
 
     Raises:
-        UserError: too few figures are usable.
+        UserError: if too few figures are usable.
     """
     from relight.maps import pack_maps, read_info
 
-    every = names.read_text().split()
-    infos = {name: read_info(maps / f"{name}.exr") for name in every}
+    all_names = names.read_text().split()
+    infos = {name: read_info(maps / f"{name}.exr") for name in all_names}
     figures = {name: info for name, info in infos.items() if info.get("figure", name) == name}
     reasons = {name: info["left_out"] for name, info in figures.items() if "left_out" in info}
     usable = len(figures) - len(reasons)
@@ -37,7 +37,7 @@ def main(split: Split, names: Path, maps: Path, out: Path, record: Path) -> None
         )
     for name, reason in reasons.items():
         print(f"left out: {name}: {reason}", file=sys.stderr)
-    pack_maps([maps / f"{name}.exr" for name in every], out)
+    pack_maps([maps / f"{name}.exr" for name in all_names], out)
     with atomic_write(record) as tmp:
         tmp.write_text(json.dumps({"figures": figures, "left_out": reasons}, indent=1))
 

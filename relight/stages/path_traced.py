@@ -1,4 +1,4 @@
-"""Compares what networks relight with path tracing: scores by cause, and pictures."""
+"""Compares relit pictures with path tracing: errors by cause, and plates."""
 
 from pathlib import Path
 
@@ -27,12 +27,12 @@ def main(
     out: Path,
     plate: Path,
 ) -> None:
-    """Scores what networks relight against path tracing, cause by cause, and draws some of it."""
+    """Measures relit pictures against path tracing by cause, and draws some figures."""
     from relight.evaluation.path_traced import evaluate_traced, traced_plate
 
-    every, first = networks_of(experiments, "path_traced", networks)
-    evaluate_traced(every, packed, lights, traced, evaluate, out)
-    traced_plate(first, packed, lights, traced, evaluate, plate)
+    networks_by_run, networks_by_row = networks_of(experiments, "path_traced", networks)
+    evaluate_traced(networks_by_run, packed, lights, traced, evaluate, out)
+    traced_plate(networks_by_row, packed, lights, traced, evaluate, plate)
 
 
 if __name__ == "__main__":

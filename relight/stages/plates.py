@@ -1,4 +1,4 @@
-"""Pictures of an experiment: figures as each network sees them, one under several lights, the best and the worst."""
+"""Draws the plates of an experiment: figures by network, one figure relit, and the best and worst figures."""
 
 import json
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""One page that tells what was made, and what came out."""
+"""Writes the report, one page with all results of a run."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""Reads one of the user's own meshes."""
+"""Reads one of the user's meshes."""
 
 from pathlib import Path
 
@@ -10,7 +10,7 @@ from relight.stages.step import save_mesh
 
 @stage("scan", figure="name of the figure in the folder", out="mesh record (.npz)")
 def main(figures: Figures, figure: Path, out: Path) -> None:
-    """Writes the mesh of a scan as it is in its file, or a record that says why it is left out."""
+    """Writes the mesh of a scan without changes, or the record of a left-out figure."""
     from relight.meshes import list_scans, read_mesh
 
     if figures.folder is None:

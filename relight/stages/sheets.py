@@ -1,4 +1,4 @@
-"""Contact sheets of the figures and of the lights, and how much the figures shadow themselves."""
+"""Draws contact sheets of the figures and of the lights, and measures the self-occlusion of the figures."""
 
 from pathlib import Path
 
@@ -26,7 +26,7 @@ def main(
     occlusion: Path,
     histogram: Path,
 ) -> None:
-    """Draws figures and lights, and measures how far the figures occlude themselves."""
+    """Draws figures and lights, and measures the self-occlusion of the figures."""
     from relight.evaluation.charts import plot_occlusion
     from relight.evaluation.contact import clearest_light, contact_sheet
     from relight.evaluation.occlusion import measure_occlusion

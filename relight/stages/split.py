@@ -1,4 +1,4 @@
-"""Deals the figures, each with all its views, into training and test parts, and sets those apart that sit."""
+"""Splits the figures, each with all its views, into training and test, with sitting figures apart."""
 
 import json
 from pathlib import Path
@@ -10,7 +10,7 @@ from relight.stages.stage import stage
 
 @stage("split", packed="packed set (.safetensors)", record="what the figures are (.json)", out="split (.json)")
 def main(split: Split, packed: Path, record: Path, out: Path) -> None:
-    """Writes which figures train and which test, so that no subject is in both."""
+    """Writes the names of the figures by part of the split."""
     from relight.learning.split import is_seated, split_figures
     from relight.maps import PackedMaps
 

@@ -1,4 +1,4 @@
-"""What makes a function a stage: a Hydra command line over the settings that it reads, and typed `io.` paths."""
+"""Makes functions stages: commands of Hydra with the settings that they read, and `io.` paths."""
 
 import os
 import platform
@@ -35,7 +35,7 @@ FLAGS = """
 
 
 class Stage(Protocol):
-    """A function that has the command line of a stage."""
+    """A function with the command line of a stage, `cli`."""
 
     cli: Callable[[], None]
 
@@ -43,15 +43,15 @@ class Stage(Protocol):
 
 
 def stage(name: str, **ports: str) -> Callable[[Callable[..., None]], Stage]:
-    """Gives a function the command line of a stage, as its attribute `cli`.
+    """Returns a decorator that gives a function the command line of a stage, as its attribute `cli`.
 
-    The function is called with what READS[name] lists (the dataclass of a group, the value of a single setting under
-    its last name) and with one Path per port. Where ports are given lists of files, it is called with the first of
-    each, then with the second, and so on. A UserError ends the program in one line, with exit code 1.
+    The function is called with the settings in READS[name] (the dataclass of a group, or the value of a single setting
+    under its last name) and one Path per port. If ports are lists of files, it is called for each position of the
+    lists. A UserError ends the program with one line and exit code 1.
 
     Args:
         name: of the stage.
-        ports: each file that it reads or writes, and the words that describe it.
+        ports: name -> description of each file that it reads or writes.
 
     Returns:
         The decorator.
@@ -61,7 +61,7 @@ def stage(name: str, **ports: str) -> Callable[[Callable[..., None]], Stage]:
         def run(cfg: DictConfig) -> None:
             try:
                 call(cfg)
-            except UserError as error:  # here, since Hydra adds lines of its own to exceptions that reach it
+            except UserError as error:  # caught here, since Hydra would print more lines
                 sys.exit(f"relight {name}: {error}")
             except OmegaConfBaseException as error:
                 sys.exit(f"relight {name}: {explain(error)}")
@@ -69,17 +69,17 @@ def stage(name: str, **ports: str) -> Callable[[Callable[..., None]], Stage]:
                 sys.exit(f"relight {name}: {out_of_memory(error)}")
 
         def call(cfg: DictConfig) -> None:
-            unset = [f"io.{port}=<{what}>" for port, what in ports.items() if OmegaConf.is_missing(cfg.io, port)]
-            if unset:
-                raise UserError(f"missing: {' '.join(unset)}")
+            missing = [f"io.{port}=<{what}>" for port, what in ports.items() if OmegaConf.is_missing(cfg.io, port)]
+            if missing:
+                raise UserError(f"missing: {' '.join(missing)}")
             check(resolved(cfg))
             settings = {key.rpartition(".")[2]: unwrap(OmegaConf.select(cfg, key)) for key in READS[name]}
-            given = {port: [str(path) for path in listed(cfg.io[port])] for port in ports}
-            if len({len(paths) for paths in given.values()}) > 1:
+            files = {port: [str(path) for path in as_list(cfg.io[port])] for port in ports}
+            if len({len(paths) for paths in files.values()}) > 1:
                 raise UserError(f"lists of files must be equally long: {', '.join(f'io.{port}' for port in ports)}")
             if STARTED_BY in os.environ:
                 print(log_header(settings), flush=True)
-            for paths in zip(*given.values()):
+            for paths in zip(*files.values()):
                 function(**settings, **{port: Path(path) for port, path in zip(ports, paths)})
 
         def usage() -> str:
@@ -89,27 +89,27 @@ def stage(name: str, **ports: str) -> Callable[[Callable[..., None]], Stage]:
             return f"{about}\n\nFiles:\n{files}\n\nSettings that it reads, as key=value:\n{settings}\n{FLAGS}"
 
         def cli() -> None:
-            # One thread a job: several jobs side by side use all cores, and spinning thread pools don't fight.
+            # One thread per job, since several jobs run at the same time.
             for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
                 os.environ.setdefault(variable, "1")
             end_with_snakemake()
             if {"-h", "--help"} & set(sys.argv[1:]):
                 return print(usage())
-            os.environ["HYDRA_FULL_ERROR"] = "1"  # errors reach us instead of being printed with a trace
+            os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra raises errors instead of printing a traceback
             io = make_dataclass("Files", [(port, Any, MISSING) for port in ports])
             schema = make_dataclass("StageConfig", [("io", io, field(default_factory=io))], bases=(Config,))
             ConfigStore.instance().store(name="schema", node=schema)
-            several = {"-m", "--multirun"} & set(sys.argv)
+            multirun = {"-m", "--multirun"} & set(sys.argv)
             try:
-                with tempfile.TemporaryDirectory() if several else nullcontext(".") as scratch:
-                    os.environ["RELIGHT_SCRATCH"] = scratch  # Hydra leaves a file multirun.yaml in a folder
+                with tempfile.TemporaryDirectory() if multirun else nullcontext(".") as scratch:
+                    os.environ["RELIGHT_SCRATCH"] = scratch  # the folder of Hydra's file multirun.yaml
                     hydra.main(config_path=str(CONF), config_name="config", version_base="1.3")(run)()
             except (HydraException, OmegaConfBaseException, yaml.YAMLError) as error:
                 sys.exit(f"relight {name}: {explain(error)}")
 
-        made = cast(Stage, function)
-        made.cli = cli
-        return made
+        decorated = cast(Stage, function)
+        decorated.cli = cli
+        return decorated
 
     return wrap
 
@@ -119,16 +119,16 @@ def unwrap(part: Any) -> Any:
     return OmegaConf.to_object(part) if OmegaConf.is_config(part) else part
 
 
-def listed(value: Any) -> list:
-    """A list as it is, anything else as a list of one."""
+def as_list(value: Any) -> list:
+    """Returns a list unchanged, and any other value as a list of one."""
     return list(value) if OmegaConf.is_list(value) else [value]
 
 
 def log_header(settings: dict[str, Any]) -> str:
-    """Describes a job at the top of its log: time, versions, command, and the settings that it reads.
+    """Returns the header of a job's log: time, versions, command, and the settings that it reads.
 
     Args:
-        settings: by name; dataclasses or values. Those of MLflow are left out.
+        settings: by name; dataclasses or values. Those of MLflow are omitted.
 
     Returns:
         Comment lines.
@@ -137,7 +137,7 @@ def log_header(settings: dict[str, Any]) -> str:
     for package in VERSIONS:
         with suppress(PackageNotFoundError):
             packages.append(f"{package} {version(package)}")
-    read = {
+    values = {
         name: asdict(part) if is_dataclass(part) and not isinstance(part, type) else part
         for name, part in settings.items()
         if name != "track"
@@ -146,6 +146,6 @@ def log_header(settings: dict[str, Any]) -> str:
         f"{datetime.now().astimezone().isoformat(timespec='seconds')} on {platform.node()}",
         ", ".join(packages),
         shlex.join([Path(sys.executable).name, *sys.orig_argv[1:]]),
-        *yaml.safe_dump(read, sort_keys=False).splitlines(),
+        *yaml.safe_dump(values, sort_keys=False).splitlines(),
     ]
     return "\n".join(f"# {line}" for line in lines)

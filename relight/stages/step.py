@@ -1,4 +1,4 @@
-"""One step on one figure; a figure that it cannot process is left out and does not end the workflow."""
+"""Processes one figure; a figure that cannot be processed is left out, and does not end the workflow."""
 
 import sys
 from collections.abc import Callable
@@ -11,14 +11,14 @@ from relight.meshes import Mesh
 
 
 def save_mesh(make: Callable[[], Mesh], info: dict, out: Path) -> None:
-    """Saves the mesh that `make` returns, or the record of a figure left out where `make` raises UserError.
+    """Saves the mesh that `make` returns, or the record of a left-out figure if `make` raises UserError.
 
-    The graph of jobs is known before they run, so each figure has an output at every stage; the report lists those that
-    are left out.
+    The graph of jobs is fixed before they run, so every figure has an output at every stage. The report lists the
+    figures that are left out.
 
     Args:
         make: makes the mesh.
-        info: the record of a figure that is left out, to which the reason is added.
+        info: the record of the figure if it is left out, to which the reason is added.
         out: the mesh record (.npz).
     """
     try:
@@ -30,11 +30,11 @@ def save_mesh(make: Callable[[], Mesh], info: dict, out: Path) -> None:
 
 
 def transform_mesh(path: Path, transform: Callable[[Mesh], Mesh], out: Path) -> None:
-    """Saves the transformed mesh of a record; a figure that was left out before is copied.
+    """Saves the transformed mesh of a record; a left-out figure is copied.
 
     Args:
-        path: a mesh record (.npz).
-        transform: maps its mesh to another; UserError leaves the figure out.
+        path: the mesh record (.npz).
+        transform: of the mesh; if it raises UserError, the figure is left out.
         out: the mesh record to write.
     """
     mesh = Mesh.load(path)
@@ -45,7 +45,7 @@ def transform_mesh(path: Path, transform: Callable[[Mesh], Mesh], out: Path) -> 
 
 
 def left_out(info: dict, reason: str) -> Mesh:
-    """A mesh without faces whose record has the reason, as `left_out`."""
+    """Returns a mesh without faces whose record has the reason in `left_out`."""
     return Mesh(
         vertices=np.zeros((0, 3), np.float32),
         faces=np.zeros((0, 3), np.int32),

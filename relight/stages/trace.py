@@ -1,4 +1,4 @@
-"""Path traces some test figures in the panoramas of test lights."""
+"""Path traces test figures in the panoramas of test lights."""
 
 from pathlib import Path
 

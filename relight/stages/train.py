@@ -29,20 +29,20 @@ def main(
     out: Path,
     curve: Path,
 ) -> None:
-    """Trains a network, or goes on where an interrupted training stopped."""
+    """Trains a network, resuming an interrupted training."""
     from relight.learning.train import Inputs, Recipe, fingerprint
     from relight.learning.train import train as train_network
     from relight.tracking.run import training_run
 
     recipe, inputs = Recipe(model, loss, train, augment), Inputs(packed, lights, split)
-    # Beside the outputs but not declared as one: Snakemake deletes declared outputs before a retry.
+    # Not declared as an output, since Snakemake deletes declared outputs before a retry.
     state = out.parent / "state" / out.stem
     data = {"figures": packed, "lights": lights, "split": split}
     with training_run(track, out.stem, fingerprint(recipe, inputs), recipe.as_dict(), data) as run:
         add_image = run.add_image if run.track.uri else None
         train_network(recipe, inputs, out, state / "state.pt", curve, run.log, add_image)
         run.finish(curve, out)
-    if STARTED_BY not in os.environ:  # else Snakemake has yet to record the outputs (`Plan.clean_up`)
+    if STARTED_BY not in os.environ:  # otherwise `Plan.clean_up` removes it after Snakemake has recorded the outputs
         remove_folder(state)
 
 

@@ -1,4 +1,4 @@
-"""One page on which the light of the test figures turns with the mouse: their true maps, and those of each network."""
+"""Writes a page with the test figures under a light that rotates with the mouse: true maps, and each network's."""
 
 import json
 from pathlib import Path
@@ -6,9 +6,9 @@ from pathlib import Path
 from relight.config import Evaluate
 from relight.stages.stage import stage
 
-MOST = 24  # figures of the page; more are hard to choose from
-SIZE = 12_000_000  # bytes of the page; large maps leave room for fewer figures
-OWN = 100_000  # of these, bytes that the page takes without a figure
+MAX_FIGURES = 24  # of the page; more would be hard to choose from
+MAX_BYTES = 12_000_000  # of the page; with larger maps it has fewer figures
+PAGE_BYTES = 100_000  # of a page without figures
 
 
 @stage(
@@ -32,7 +32,7 @@ def main(
     lights: Path,
     out: Path,
 ) -> None:
-    """Writes the page of a run: as many test figures as fit, by their true maps and by those of each network."""
+    """Writes the page of a run, with as many test figures as fit."""
     from relight.evaluation.evaluate import inferred_maps, load
     from relight.evaluation.labels import label
     from relight.evaluation.panels import evenly_spaced
@@ -41,9 +41,9 @@ def main(
     from relight.viewer.figure import QUALITIES, Figure, to_json
     from relight.viewer.source import baked_figure
 
-    lit = read_light_set(lights)
-    test = lit.of("test")
-    named = {
+    light_set = read_light_set(lights)
+    test = light_set.of("test")
+    lights_by_name = {
         f"{source.replace(':', ' ')} at {yaw:.0f}°": light[:9]
         for source, yaw, light in zip(test.source, test.yaw, test.coefficients)
     }
@@ -52,24 +52,24 @@ def main(
         label(row): load(results / "train" / f"{runs[0]}.safetensors", packed, lights, evaluate)
         for row, runs in next(tables, {}).items()
     }
-    first = int((lit.split == "test").argmax())
+    first = int((light_set.split == "test").argmax())
 
-    def sources(true: Figure) -> list[Figure]:
-        """A figure with its true maps, and with those that each network infers from it in the first test light."""
+    def versions_of(baked: Figure) -> list[Figure]:
+        """Returns a figure with its true maps, and with those inferred by each network under the first test light."""
         inferred = (
-            Figure(true.title, inferred_maps(network, data, first, true.maps), source=name)
+            Figure(baked.title, inferred_maps(network, data, first, baked.maps), source=name)
             for name, (network, data) in networks.items()
         )
-        return [Figure(true.title, true.maps, source="truth"), *inferred]
+        return [Figure(baked.title, baked.maps, source="truth"), *inferred]
 
     names = json.loads(split.read_text())["test"]
-    figures = [baked_figure(maps / f"{names[i]}.exr") for i in evenly_spaced(len(names), MOST)]
+    figures = [baked_figure(maps / f"{names[i]}.exr") for i in evenly_spaced(len(names), MAX_FIGURES)]
     sizes = [len(to_json(figure, QUALITIES[2])) for figure in figures]
-    worse = max(len(to_json(one, QUALITIES[2])) for one in sources(figures[0])) / sizes[0]
-    room = int((SIZE - OWN) / (max(sizes) * worse + 1000) / (1 + len(networks)))
-    shown = [figures[i] for i in evenly_spaced(len(figures), max(1, min(MOST, room)))]
-    every = [one for figure in shown for one in sources(figure)]
-    build_gallery(out, every, named, title=f"relight: {name}", limit=SIZE)
+    size_ratio = max(len(to_json(one, QUALITIES[2])) for one in versions_of(figures[0])) / sizes[0]
+    count = int((MAX_BYTES - PAGE_BYTES) / (max(sizes) * size_ratio + 1000) / (1 + len(networks)))
+    shown = [figures[i] for i in evenly_spaced(len(figures), max(1, min(MAX_FIGURES, count)))]
+    versions = [one for figure in shown for one in versions_of(figure)]
+    build_gallery(out, versions, lights_by_name, title=f"relight: {name}", limit=MAX_BYTES)
 
 
 if __name__ == "__main__":

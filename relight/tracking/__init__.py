@@ -1,5 +1,5 @@
-"""Trainings and workflows in MLflow: a by-product, whose failure is a warning and never the end of a training.
+"""Tracks trainings and workflows in MLflow. Its failures are warnings, and never end a training.
 
-store: a connection, and the SQLite database that it makes; run: the run of a training; workflow: the run above those of
-its trainings, and what a finished workflow adds; model: the network as a model of MLflow; server: `relight ui`.
+store: connection and SQLite database; run: the run of a training; workflow: the parent run of a workflow; model: the
+network as a model in MLflow; server: `relight ui`.
 """

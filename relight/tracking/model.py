@@ -1,6 +1,6 @@
-"""The network as a model of MLflow: `mlflow.pyfunc.load_model` returns a predictor of maps from pictures.
+"""Logs networks as models in MLflow: `mlflow.pyfunc.load_model` returns a predictor of maps from pictures.
 
-The model is the network's safetensors file and the name of this module, so loading it unpickles nothing.
+A model is the network's safetensors file and the name of this module, so loading it does not unpickle anything.
 """
 
 import tempfile
@@ -10,8 +10,8 @@ import numpy as np
 
 from relight import __version__
 
-STEPS = 64  # values of the input example are multiples of 1/64, which are short as text
-MAX_SIZE = 256  # pixels of a network whose input example is stored
+EXAMPLE_LEVELS = 64  # the input example has multiples of 1/64, which are short as text
+MAX_EXAMPLE_SIZE = 256  # pixels, largest side of an input example that is stored
 
 
 class Predictor:
@@ -36,14 +36,14 @@ class Predictor:
 
 
 def _load_pyfunc(path: str) -> Predictor:
-    """Called by MLflow with the path of the model's data, the network's file."""
+    """Loads a predictor for MLflow from the path of the model's data, which is the network's file."""
     from relight.learning.checkpoint import load_network
 
     return Predictor(load_network(path)[0])
 
 
 def log_network(client, run: str, path: Path) -> None:
-    """Adds a network (.safetensors) to a run as a model, once.
+    """Adds a network to a run as a model, unless the run has one.
 
     Args:
         client: an `MlflowClient`.
@@ -67,7 +67,7 @@ def log_network(client, run: str, path: Path) -> None:
             loader_module=__name__,
             data_path=str(path),
             signature=signature(predictor.network),
-            input_example=example(predictor.network.size) if predictor.network.size <= MAX_SIZE else None,
+            input_example=example(predictor.network.size) if predictor.network.size <= MAX_EXAMPLE_SIZE else None,
             pip_requirements=[f"relight=={__version__}"],
             mlflow_model=Model(artifact_path=model.artifact_location, run_id=run, model_id=model.model_id),
         )
@@ -77,7 +77,7 @@ def log_network(client, run: str, path: Path) -> None:
 
 
 def signature(network):
-    """MLflow's signature of a network: names and shapes of inputs and outputs, float32, for any number of pictures."""
+    """Returns MLflow's signature of a network: names and shapes of inputs and outputs, float32, for any batch size."""
     from mlflow.models import ModelSignature
     from mlflow.types import Schema, TensorSpec
 
@@ -96,9 +96,9 @@ def signature(network):
 
 
 def example(size: int) -> dict[str, np.ndarray]:
-    """An example of an input, a lit ball on black: image (1,S,S,3) and mask (1,S,S), float32."""
+    """Returns an example of an input, a lit ball on black: image (1,S,S,3) and mask (1,S,S), float32."""
     y, x = (1 - 2 * (np.mgrid[:size, :size] + 0.5) / size) * [[[1]], [[-1]]]
     inside = np.hypot(x, y) < 0.5
     lit = np.clip(0.5 + 0.5 * (x + y), 0, 1) * inside
-    image = np.round(lit[..., None] * [0.9, 0.7, 0.6] * STEPS) / STEPS
+    image = np.round(lit[..., None] * [0.9, 0.7, 0.6] * EXAMPLE_LEVELS) / EXAMPLE_LEVELS
     return {"image": image[None].astype(np.float32), "mask": inside[None].astype(np.float32)}

@@ -1,4 +1,4 @@
-"""A run in MLflow, and that of a training."""
+"""Runs in MLflow: of a training, and of its workflow."""
 
 import csv
 import hashlib
@@ -19,20 +19,20 @@ from relight.tracking.workflow import Workflow, milliseconds
 
 NOTE = """\
 `loss` and its parts are means over the steps since the last point, `validation/` the same on a few fixed pairs of test
-figures and test lights, `test/` the means over all of them (docs/evaluation.md). Pictures have a column each for the
-picture, the albedo, the shading, a ball in the light, and the figure in another light; the truth stands above what was
-inferred. Nothing is chosen by them but the registered model.
+figures and test lights, `test/` the means over all of them (docs/evaluation.md). The columns of pictures are the
+picture, the albedo, the shading, a ball under the light, and the figure under another light; the ground truth is above
+the inferred ones. Only the registered model is selected by these metrics.
 """
-RETRY = 100  # a store that fails is tried again after so many times as long as it took to fail
-MAX_PARAMS = 100  # that MLflow takes at once
+RETRY_FACTOR = 100  # delay before a failed store is tried again, over the duration of the failure
+MAX_PARAMS_PER_BATCH = 100  # limit of MLflow
 
 
 class Run:
-    """A run in MLflow, found by its name and fingerprint, or made when something is first logged.
+    """A run in MLflow, found by name and fingerprint, or created when something is first logged.
 
-    The fingerprint is a hash of all that the results depend on: a training that goes on after a kill goes on in its own
-    run, and one with other settings or data has another. What MLflow raises is one warning on stderr; what it did not
-    take is kept, and sent with what follows. Without an address nothing is tracked.
+    The fingerprint is a hash of everything on which the results depend. A training that is resumed continues its run;
+    one with other settings or data has another run. Exceptions of MLflow are printed once as a warning on stderr, and
+    unsent data are sent again later. Without an address nothing is tracked.
     """
 
     def __init__(
@@ -47,13 +47,13 @@ class Run:
     ):
         """
         Args:
-            track: where it is recorded.
+            track: store and experiment.
             name: of the run.
             fingerprint: see above.
-            settings: its parameters, nested.
+            settings: parameters of the run, nested.
             tags: of the run.
-            parent: the run that it is nested in.
-            start: when it began, in ms since 1970; now by default.
+            parent: run in which it is nested.
+            start: time of its start, ms since 1970; by default now.
         """
         if track.uri:
             configure()
@@ -62,14 +62,14 @@ class Run:
         self.id: str | None = None
         self.status = ""
         self.warnings: set[str] = set()
-        self._metrics: dict[int, tuple[int, Mapping[str, float]]] = {}  # to be sent, by step: when, and values
-        self._images: dict[int, np.ndarray] = {}  # to be sent, by step
-        self._sent_metrics: set[int] = set()  # steps that the store has
+        self._metrics: dict[int, tuple[int, Mapping[str, float]]] = {}  # unsent, by step: time and values
+        self._images: dict[int, np.ndarray] = {}  # unsent, by step
+        self._sent_metrics: set[int] = set()  # steps in the store
         self._sent_images: set[int] = set()
         self._retry_at = 0.0
 
     def log(self, values: Mapping[str, float], step: int) -> None:
-        """Sends the metrics of a step, and the images that were added."""
+        """Sends the metrics of a step, and the images added before."""
         self._metrics[step] = milliseconds(), values
         if time.monotonic() > self._retry_at:
             self.attempt(self._send)
@@ -79,11 +79,11 @@ class Run:
         self._send_images()
 
     def add_image(self, image: np.ndarray, step: int) -> None:
-        """Adds the image (H,W,3) uint8 of a step to what the next `log` sends."""
+        """Adds an image (H,W,3) uint8 of a step, which the next `log` sends."""
         self._images[step] = image
 
     def attempt(self, action: Callable[[], object]) -> None:
-        """Calls `action` with the run open, as `self.client` and `self.id`; an exception becomes a warning."""
+        """Calls `action` with the run open, as `self.client` and `self.id`; exceptions become warnings."""
         if not self.track.uri:
             return
         began = time.monotonic()
@@ -91,21 +91,21 @@ class Run:
             if not self.id:
                 self._open()
             action()
-        except Exception as error:  # whatever it is: no training ends because of it
-            self.id = None  # the store is asked again what it has
+        except Exception as error:  # of any kind, since no training must end because of it
+            self.id = None  # the run is looked up again
             reason = str(error).strip().split("\n")[0]
             if reason not in self.warnings:
                 print(f"{self.name} is not recorded in MLflow ({self.track.uri}): {reason}", file=sys.stderr)
             self.warnings.add(reason)
-            self._retry_at = time.monotonic() + RETRY * (time.monotonic() - began)
+            self._retry_at = time.monotonic() + RETRY_FACTOR * (time.monotonic() - began)
 
     def end(self, status: str = "FINISHED") -> None:
-        """Ends the run, to be called in `attempt`; one that has finished keeps its end."""
+        """Ends the run, unless it has finished before; to be called in `attempt`."""
         if self.status != "FINISHED":
             self.client.set_terminated(self.id, status)
 
     def log_settings(self) -> None:
-        """Adds the settings to the artifacts, as config.yaml; to be called in `attempt`."""
+        """Adds the settings to the artifacts as config.yaml; to be called in `attempt`."""
         self.client.log_dict(self.id, self.settings, "config.yaml")
 
     def log_files(self, files: Iterable[Path], folder: str | None = None) -> None:
@@ -119,12 +119,12 @@ class Run:
             run = self.find_or_create(self.client, experiment)
         self.id, self.status = run.info.run_id, run.info.status
         self._sent_metrics = {point.step for point in self.client.get_metric_history(self.id, "loss")}
-        if self._images:  # a training that was killed may have sent the images of a step and not its metrics
+        if self._images:  # a killed training may have sent the images of a step without its metrics
             sent = [item.path for item in self.client.list_artifacts(self.id, "images") if "+step+" in item.path]
             self._sent_images = {int(path.split("+step+")[1].split("+")[0]) for path in sent}
 
     def find_or_create(self, client, experiment: str):
-        """The run as MLflow has it, with all parameters; to be called in `lock`.
+        """Returns the run in MLflow, created if missing, with all parameters; to be called in `lock`.
 
         Args:
             client: an `MlflowClient`.
@@ -147,8 +147,8 @@ class Run:
             client.update_run(run.info.run_id, status="RUNNING")
         params = {key: str(value) for key, value in flat(self.settings).items()}
         new = [Param(key, value) for key, value in params.items() if key not in run.data.params]
-        for first in range(0, len(new), MAX_PARAMS):
-            client.log_batch(run.info.run_id, params=new[first : first + MAX_PARAMS])
+        for first in range(0, len(new), MAX_PARAMS_PER_BATCH):
+            client.log_batch(run.info.run_id, params=new[first : first + MAX_PARAMS_PER_BATCH])
         return run
 
     def _send_metrics(self) -> None:
@@ -170,18 +170,18 @@ class Run:
 
 
 class TrainingRun(Run):
-    """The run of a training, nested in that of its workflow, with its data as inputs and the machine's load."""
+    """The run of a training, nested in that of its workflow, with its data as inputs and system metrics."""
 
     def __init__(
         self, track: Track, name: str, fingerprint: str, settings: dict, data: Mapping[str, Path] | None = None
     ):
         """
         Args:
-            track: where it is recorded; the workflow that this process works for decides, if there is one.
+            track: store and experiment; those of the workflow of this process have priority.
             name: of the training, such as ours_full.s0.
             fingerprint: `relight.learning.train.fingerprint`.
             settings: of the training, nested.
-            data: the files that it depends on, by what they are.
+            data: input files by name.
         """
         workflow, training = Workflow.from_environment(), RunName.parse(name)
         tags = {"row": training.run} | ({} if training.seed is None else {"seed": str(training.seed)})
@@ -194,11 +194,11 @@ class TrainingRun(Run):
         self._monitors: list = []
 
     def log(self, values: Mapping[str, float], step: int) -> None:
-        """Sends the losses of a step, and the machine's load since the last one."""
+        """Sends the losses of a step, and the system metrics since the last one."""
         super().log({**values, **self._machine_load()} if self.track.uri else values, step)
 
     def _machine_load(self) -> dict[str, float]:
-        """MLflow's system metrics since the last call, from MLflow's monitors."""
+        """Returns MLflow's system metrics since the last call."""
         try:
             if not self._monitors:
                 from mlflow.system_metrics.metrics.cpu_monitor import CPUMonitor
@@ -217,7 +217,7 @@ class TrainingRun(Run):
             return {}
 
     def find_or_create(self, client, experiment: str):
-        """As `Run.find_or_create`; the files of `data` become inputs, with their SHA-256."""
+        """Returns the run as `Run.find_or_create`, with the files of `data` as inputs, by SHA-256."""
         from mlflow.entities import Dataset, DatasetInput, InputTag
 
         run = super().find_or_create(client, experiment)
@@ -228,18 +228,18 @@ class TrainingRun(Run):
                     digest = hashlib.file_digest(file, "sha256").hexdigest()
                 client.set_tag(run.info.run_id, f"data.{name}", digest)
                 profile = json.dumps({"bytes": path.stat().st_size, "sha256": digest})
-                # MLflow takes digests of up to 36 characters.
+                # MLflow limits digests to 36 characters.
                 dataset = Dataset(name, digest[:36], "local", json.dumps({"uri": str(path)}), profile=profile)
                 inputs.append(DatasetInput(dataset, [InputTag("mlflow.data.context", "training")]))
             client.log_inputs(run.info.run_id, inputs)
         return run
 
     def finish(self, curve: Path, network: Path) -> None:
-        """Sends what the store lacks of the training, ends the run, and adds the network as a model.
+        """Sends the remaining metrics of the training, ends the run, and adds the network as a model.
 
         Args:
             curve: the losses of all steps (.csv).
-            network: its file (.safetensors).
+            network: file (.safetensors).
         """
         from relight.tracking.model import log_network
 
@@ -260,7 +260,7 @@ class TrainingRun(Run):
         self.attempt(send)
 
     def log_scores(self, values: Mapping[str, float], *files: Path) -> None:
-        """Sends scores of the finished training that are new; the end of the run stays that of the training.
+        """Sends new scores of the finished training; the end time of the run stays that of the training.
 
         Args:
             values: the scores by name.
@@ -283,7 +283,7 @@ class TrainingRun(Run):
         self.attempt(send)
 
     def fail(self) -> None:
-        """Marks the run as failed, if it was made."""
+        """Marks the run as failed, if it was created."""
         if self.id:
             self.attempt(lambda: self.end("FAILED"))
 
@@ -292,7 +292,7 @@ class TrainingRun(Run):
 def training_run(
     track: Track, name: str, fingerprint: str, settings: dict, data: Mapping[str, Path] | None = None
 ) -> Iterator[TrainingRun]:
-    """The run of a training (see TrainingRun), marked as failed where the block raises."""
+    """Yields the run of a training (see TrainingRun), and marks it as failed if the block raises."""
     run = TrainingRun(track, name, fingerprint, settings, data)
     try:
         yield run
@@ -302,12 +302,12 @@ def training_run(
 
 
 def workflow_run(workflow: Workflow) -> Run:
-    """The run above those of a workflow's trainings."""
+    """Returns the parent run of a workflow's trainings."""
     return Run(
         workflow.track,
         workflow.name,
         workflow.fingerprint,
         workflow.settings,
-        {**workflow.tags, "mlflow.source.name": "Snakefile"},  # else the stage that makes the run
+        {**workflow.tags, "mlflow.source.name": "Snakefile"},  # instead of the stage that creates the run
         start=workflow.start,
     )

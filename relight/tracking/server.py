@@ -1,4 +1,4 @@
-"""`relight ui`: MLflow's pages on this machine; and networks of its registered models."""
+"""Runs MLflow's server for `relight ui`, and downloads networks of registered models."""
 
 import os
 import sys
@@ -10,20 +10,20 @@ from relight.files import UserError
 from relight.tracking.store import configure, connect
 from relight.tracking.workflow import VIEW
 
-RUNS = f"?{VIEW}&orderByKey=attributes.start_time&orderByAsc=false"  # of the page of runs
+RUNS_QUERY = f"?{VIEW}&orderByKey=attributes.start_time&orderByAsc=false"  # query of the page of runs
 
 
 def serve(track: Track, port: int) -> None:
-    """Prints the address of the runs, and becomes MLflow's server where they are in a file or a database.
+    """Prints the address of the runs, and becomes MLflow's server if they are in a file or a database.
 
-    The server has one worker, which is enough for one person, and no jobs for language models.
+    The server has one worker, which is enough for one user, and no jobs for language models.
 
     Args:
-        track: the address of the runs, and their experiment.
+        track: store and experiment.
         port: of the server, on this machine only.
 
     Raises:
-        UserError: nothing is tracked.
+        UserError: if nothing is tracked.
     """
     if not track.uri:
         raise UserError("track.uri is null: nothing is recorded in MLflow")
@@ -31,7 +31,7 @@ def serve(track: Track, port: int) -> None:
     is_server = track.uri.startswith("http")
     server = track.uri.rstrip("/") if is_server else f"http://127.0.0.1:{port}"
     _, experiment = connect(track)
-    print(f"MLflow: {server}/#/experiments/{experiment}/runs{RUNS}", flush=True)
+    print(f"MLflow: {server}/#/experiments/{experiment}/runs{RUNS_QUERY}", flush=True)
     if is_server:
         return
     os.environ |= {"MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false", "MLFLOW_LOGGING_LEVEL": "WARNING"}
@@ -43,14 +43,14 @@ def download_network(uri: str) -> Path:
     """Downloads the network of a model in MLflow.
 
     Args:
-        uri: of the model, such as models:/relight@photo. It is looked up at MLFLOW_TRACKING_URI, else where this
-            repository tracks its runs.
+        uri: of the model, such as models:/relight@photo, at MLFLOW_TRACKING_URI or by default in the store of this
+            repository.
 
     Returns:
         The network's file (.safetensors).
 
     Raises:
-        UserError: the model or its network is not there.
+        UserError: if there is no such model, or it is not a network of relight.
     """
     address = os.environ.get("MLFLOW_TRACKING_URI") or composed().track.uri
     configure()
@@ -62,6 +62,6 @@ def download_network(uri: str) -> Path:
                 raise FileNotFoundError(f"there is no store {address}")
             folder = Path(mlflow.artifacts.download_artifacts(uri, tracking_uri=address)).resolve()
         return next(folder.rglob("*.safetensors"))
-    except Exception as error:  # MLflow raises what its stores raise
+    except Exception as error:  # MLflow raises exceptions of its stores
         reason = str(error).strip().split("\n")[0] or "it holds no network of relight"
         raise UserError(f"{uri} is not in MLflow ({address}): {reason}") from None

@@ -1,4 +1,4 @@
-"""Where MLflow keeps its runs: a server or a database; a SQLite database is made where it is missing."""
+"""Connects to the store of MLflow's runs, a server or a database, and creates missing SQLite databases."""
 
 import fcntl
 import logging
@@ -15,8 +15,8 @@ from relight.files import atomic_write
 
 LOCK = Path(".mlflow.lock")
 ARTIFACTS = "mlruns"
-SQLITE_TIMEOUT = 5.0  # seconds that a locked database is waited for
-# Nothing is sent anywhere, migrations are not logged, and a server that is gone is given up on after seconds.
+SQLITE_TIMEOUT = 5.0  # seconds to wait for a locked database
+# No telemetry, no logs of migrations, and short timeouts for unreachable servers.
 DEFAULTS = {
     "MLFLOW_DISABLE_TELEMETRY": "true",
     "DO_NOT_TRACK": "true",
@@ -25,30 +25,30 @@ DEFAULTS = {
     "MLFLOW_HTTP_REQUEST_TIMEOUT": "20",
     "MLFLOW_HTTP_REQUEST_MAX_RETRIES": "2",
 }
-# Else MLflow's pages show what language models need.
+# Otherwise MLflow's pages are those for language models.
 EXPERIMENT_TAGS = {"mlflow.experimentKind": "custom_model_development"}
 
 
 def configure() -> None:
-    """Sets MLflow's environment variables where the user has not; to be called before MLflow is imported."""
+    """Sets MLflow's environment variables, unless the user has; to be called before MLflow is imported."""
     for variable, value in DEFAULTS.items():
         os.environ.setdefault(variable, value)
     logging.getLogger("alembic").setLevel(logging.WARNING)
 
 
 def connect(track: Track) -> tuple:
-    """Connects to the store, and makes the database and the experiment where they are missing.
+    """Connects to the store, and creates a missing database and experiment.
 
     Args:
-        track: the address, a SQLite file, a database or a server; and the name of the experiment.
+        track: address of a SQLite file, a database or a server, and name of the experiment.
 
     Returns:
         An `MlflowClient`, and the id of the experiment.
 
     Raises:
-        Exception: whatever the store raises.
+        Exception: any exception of the store.
     """
-    assert track.uri  # who records nothing asks for no store
+    assert track.uri  # without tracking, no store is opened
     configure()
     from mlflow import MlflowClient
 
@@ -58,29 +58,29 @@ def connect(track: Track) -> tuple:
         if found := client.get_experiment_by_name(track.experiment):
             return client, found.experiment_id
         experiment = client.create_experiment(track.experiment, tags=EXPERIMENT_TAGS)
-        create_database(track.uri)  # whose new experiment has its artifacts at an absolute path
+        create_database(track.uri)  # makes the path of the new experiment's artifacts relative
         return client, experiment
 
 
 @contextmanager
 def lock() -> Iterator[None]:
-    """Held while a database, an experiment or a run is looked for and made: two processes must not make one twice."""
+    """Locks the store, so that two processes do not create the same database, experiment or run."""
     with open(LOCK, "w") as file:
         fcntl.flock(file, fcntl.LOCK_EX)
         yield
 
 
 def create_database(uri: str) -> None:
-    """Makes the tables of a missing SQLite database, and the paths of artifacts relative to its folder.
+    """Creates a missing SQLite database, and makes its paths of artifacts relative to its folder.
 
-    The tables are made whole or not at all, since MLflow cannot repair a half-made database. MLflow stores absolute
-    paths, so a checkout that was moved would go on writing to where it was. Other stores are left alone.
+    The database is written atomically, since MLflow cannot repair an incomplete one. MLflow stores absolute paths, so a
+    repository that was moved would write to its old place. Other stores are not changed.
 
     Args:
         uri: of the store.
 
     Raises:
-        sqlite3.Error: the database is locked or damaged; MLflow itself would try for minutes.
+        sqlite3.Error: if the database is locked or damaged; MLflow itself would try for minutes.
     """
     path = Path(uri.removeprefix("sqlite:///"))
     if not uri.startswith("sqlite:///"):
@@ -89,7 +89,10 @@ def create_database(uri: str) -> None:
         configure()
         from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
 
-        with tempfile.TemporaryDirectory() as folder, atomic_write(path) as tmp:  # SQLite leaves its journal there
+        with (
+            tempfile.TemporaryDirectory() as folder,
+            atomic_write(path) as tmp,
+        ):  # SQLite writes its journal to the folder
             SqlAlchemyStore(f"sqlite:///{folder}/new.db", str(Path(ARTIFACTS).resolve()))
             shutil.copyfile(f"{folder}/new.db", tmp)
     if path.is_absolute():

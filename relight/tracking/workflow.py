@@ -1,4 +1,4 @@
-"""What a workflow tells its stages about itself, and what MLflow keeps of one that has ended."""
+"""Passes the record of a workflow to its stages, and completes its run in MLflow."""
 
 import json
 import os
@@ -10,26 +10,26 @@ from pathlib import Path
 
 from relight.config import Track
 
-WORKFLOW = "RELIGHT_WORKFLOW"  # in a stage's environment: the Workflow that it works for, as JSON
+WORKFLOW = "RELIGHT_WORKFLOW"  # environment variable of stages: their Workflow as JSON
 MODEL = "relight"  # the registered model
-SCORE = "test/shading_rmse"  # by which the best network of a workflow is chosen
-KEPT = (".html", ".csv", ".md", ".tex", ".png")  # files of the report that become artifacts
-MAX_BYTES = 32 << 20  # of each
-VIEW = "workflowType=machine_learning"  # of MLflow's pages, whose other view is of language models
+SCORE = "test/shading_rmse"  # metric by which the best network of a workflow is selected
+ARTIFACT_SUFFIXES = (".html", ".csv", ".md", ".tex", ".png")  # of the report's files that become artifacts
+MAX_ARTIFACT_BYTES = 32 << 20  # per file
+VIEW = "workflowType=machine_learning"  # of MLflow's pages; the other view is for language models
 
 
 @dataclass(frozen=True)
 class Workflow:
-    """A workflow, as its stages and MLflow know it.
+    """The record of a workflow for its stages and MLflow.
 
     Attributes:
-        track: where it is recorded.
+        track: store and experiment.
         name: of its results.
-        fingerprint: a hash of its settings.
-        settings: its parameters, nested.
-        rows: each row with the experiments that compare it.
+        fingerprint: hash of its settings.
+        settings: parameters, nested.
+        rows: row -> experiments that compare it.
         tags: of its run and of those of its trainings.
-        start: when it began, in ms since 1970.
+        start: time of its start, ms since 1970.
     """
 
     track: Track
@@ -42,30 +42,30 @@ class Workflow:
 
     @staticmethod
     def from_environment() -> "Workflow | None":
-        """The workflow that this process is a stage of, if any."""
+        """Returns the workflow of which this process is a stage, if any."""
         if not (text := os.environ.get(WORKFLOW)):
             return None
         fields = json.loads(text)
         return Workflow(**{**fields, "track": Track(**fields["track"])})
 
     def to_json(self) -> str:
-        """For the environment of the stages."""
+        """Returns the record for the environment of the stages."""
         return json.dumps(asdict(self))
 
 
 def milliseconds() -> int:
-    """The time in ms since 1970, as MLflow stores it."""
+    """Returns the time in ms since 1970, the unit of MLflow."""
     return int(1000 * time.time())
 
 
 def finish_workflow(workflow: Workflow, networks: Mapping[str, Path | str], report: Path, failed: bool = False) -> None:
-    """Ends the run of a workflow; adds its report as artifacts, a description, and registers its best network.
+    """Ends the run of a workflow: adds its report as artifacts and a description, and registers its best network.
 
     Args:
-        workflow: what ended.
-        networks: the files of its trainings, by name.
-        report: the folder of its report.
-        failed: only this is recorded then; one that ended before its first training has no run.
+        workflow: that ended.
+        networks: files of its trainings, by name.
+        report: folder of its report.
+        failed: whether it failed; then only the status is set, if there is a run.
     """
     if failed and not (report.parent / "train").exists():
         return
@@ -80,11 +80,11 @@ def finish_workflow(workflow: Workflow, networks: Mapping[str, Path | str], repo
         run.client.set_tag(run.id, "mlflow.note.content", description(workflow, trained))
         run.log_settings()
         run.log_files([report.parent / "run.yaml"])
-        files = [file for file in sorted(report.glob("*")) if file.suffix in KEPT]
-        run.log_files([file for file in files if file.stat().st_size < MAX_BYTES], "report")
-        scored = [one for one in trained.values() if SCORE in one.data.metrics]
-        if scored:
-            best = min(scored, key=lambda one: one.data.metrics[SCORE])
+        files = [file for file in sorted(report.glob("*")) if file.suffix in ARTIFACT_SUFFIXES]
+        run.log_files([file for file in files if file.stat().st_size < MAX_ARTIFACT_BYTES], "report")
+        with_score = [training for training in trained.values() if SCORE in training.data.metrics]
+        if with_score:
+            best = min(with_score, key=lambda training: training.data.metrics[SCORE])
             run.client.set_tag(run.id, "best", best.info.run_name)
             run.client.log_metric(run.id, f"best.{SCORE}", best.data.metrics[SCORE])
             register(run.client, best)
@@ -94,12 +94,12 @@ def finish_workflow(workflow: Workflow, networks: Mapping[str, Path | str], repo
 
 
 def find_trainings(client, experiment: str, networks: Mapping[str, Path | str]) -> dict:
-    """The runs of networks, by the names and the fingerprints that the networks' files hold.
+    """Finds the runs of networks, by the names and the fingerprints in the networks' files.
 
     Args:
         client: an `MlflowClient`.
         experiment: the id of their experiment.
-        networks: files (.safetensors) by name; those that do not exist are passed over.
+        networks: files (.safetensors) by name; missing ones are skipped.
 
     Returns:
         name -> `mlflow.entities.Run`.
@@ -118,34 +118,38 @@ def find_trainings(client, experiment: str, networks: Mapping[str, Path | str]) 
 
 
 def description(workflow: Workflow, trained: Mapping) -> str:
-    """The description of a workflow's run, in Markdown: its trainings by experiment, with links.
+    """Returns the description of a workflow's run in Markdown: its trainings by experiment, with links.
 
     Args:
         workflow: its rows name the experiments.
-        trained: as from `find_trainings`.
+        trained: runs of `find_trainings`.
     """
     lines = [f"The workflow of `results/{workflow.name}`. Its tables, pictures and report are among the artifacts."]
     if len(trained) > 1:
-        runs = json.dumps([one.info.run_id for one in trained.values()], separators=(",", ":"))
+        runs = json.dumps([training.info.run_id for training in trained.values()], separators=(",", ":"))
         experiment = next(iter(trained.values())).info.experiment_id
         link = f'#/compare-runs?runs={runs}&experiments=["{experiment}"]&{VIEW}'.replace('"', "%22")
         lines.append(f"[Compare them]({link})")
     for experiment in dict.fromkeys(name for names in workflow.rows.values() for name in names):
-        shown = {n: one for n, one in trained.items() if experiment in workflow.rows.get(one.data.tags["row"], [])}
+        shown = {
+            n: training
+            for n, training in trained.items()
+            if experiment in workflow.rows.get(training.data.tags["row"], [])
+        }
         if shown:
             table = [f"| training | {SCORE} |", "|---|---|"]
-            for name, one in shown.items():
-                link = f"#/experiments/{one.info.experiment_id}/runs/{one.info.run_id}?{VIEW}"
-                table.append(f"| [{name}]({link}) | {one.data.metrics.get(SCORE, float('nan')):.4f} |")
+            for name, training in shown.items():
+                link = f"#/experiments/{training.info.experiment_id}/runs/{training.info.run_id}?{VIEW}"
+                table.append(f"| [{name}]({link}) | {training.data.metrics.get(SCORE, float('nan')):.4f} |")
             lines += [f"### {experiment}", "\n".join(table)]
     return "\n\n".join(lines)
 
 
 def register(client, run) -> None:
-    """Makes the network of a run the newest version of the registered model, under the alias of its colour model.
+    """Registers the network of a run as the newest version of the model, with its colour model as an alias.
 
-    `models:/relight@photo` is then the best network of the last workflow that trained for photographs,
-    `models:/relight@paper` that of the last one in the paper's colours.
+    `models:/relight@photo` is then the best network of the last workflow with the colour model `photo`, and
+    `models:/relight@paper` that of the last one with `paper`.
 
     Args:
         client: an `MlflowClient`.

@@ -103,7 +103,7 @@ def test_the_stage_shows_as_many_figures_as_a_page_holds(tmp_path, maps, monkeyp
         return re.findall(r'data-title="(g\d+)"', (tmp_path / "a.html").read_text())
 
     few = shown()
-    assert len(few) == page.MOST and few[0] == names[0] and few[-1] == names[-1] and few == sorted(set(few))
+    assert len(few) == page.MAX_FIGURES and few[0] == names[0] and few[-1] == names[-1] and few == sorted(set(few))
     whole = (tmp_path / "a.html").stat().st_size
-    monkeypatch.setattr(page, "SIZE", page.OWN + 5 * (whole - page.OWN) // page.MOST)
+    monkeypatch.setattr(page, "MAX_BYTES", page.PAGE_BYTES + 5 * (whole - page.PAGE_BYTES) // page.MAX_FIGURES)
     assert 3 <= len(shown()) <= 8

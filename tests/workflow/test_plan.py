@@ -171,7 +171,7 @@ def test_sweeps_are_named(words, names):
 
 
 def test_a_sweep_over_an_interval_is_refused():
-    with pytest.raises(UserError, match=r"train.lr=interval\(1e-4,1e-3\) is no list of values"):
+    with pytest.raises(UserError, match=r"train.lr=interval\(1e-4,1e-3\) is not a list of values"):
         expand_sweep(["train.lr=interval(1e-4,1e-3)"])
 
 
@@ -184,7 +184,7 @@ def test_rows_with_the_same_overrides_stay():
 def test_what_snakemake_is_given_in_other_words_is_refused():
     with pytest.raises(UserError, match=r'--config scale=smoke: write .* --config hydra="scale=smoke"'):
         Plan({"scale": "smoke"})
-    with pytest.raises(UserError, match=r"runs: '\$\(touch x\)' is no name"):
+    with pytest.raises(UserError, match=r"runs: '\$\(touch x\)' is not a valid name"):
         Plan({"hydra": "scale=smoke", "runs": {"$(touch x)": []}})
 
 

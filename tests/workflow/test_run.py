@@ -111,7 +111,7 @@ class Again:
         self.calls = []
 
     def run(self, command, env, **_):
-        self.calls.append((command, json.loads(env[workflow.FAILED])))
+        self.calls.append((command, json.loads(env[workflow.FAILED_VARIABLE])))
         return subprocess.CompletedProcess(command, 0)
 
 
@@ -122,14 +122,14 @@ def test_what_failed_leaves_the_report_of_the_others(tmp_path, monkeypatch, caps
     monkeypatch.setattr(workflow, "subprocess", again)
     config = {"hydra": "scale=smoke experiment=[table1,inference_time] sweep.only=[sfsnet,ours_full]"}
     plan = workflow.Plan(config)
-    workflow.report_others(plan)
+    workflow.report_completed(plan)
     assert not again.calls, "nothing is there: nothing to report"
     wanted = [*plan.score_files, *(plan.network(training) for training in plan.scored)]
     wanted += [f"{plan.out}/{path}" for path in ("packed.safetensors", "figures.json", "lights/lights.npz")]
     for path in wanted:
         (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / path).write_text("")
-    workflow.report_others(plan)
+    workflow.report_completed(plan)
     failed = {"inference_time": [f"{plan.out}/inference_time/ours_full.s0.csv"]}
     assert again.calls == [([*sys.orig_argv, "--nolock"], failed)]
     assert "failed: inference_time" in capsys.readouterr().err
@@ -137,7 +137,7 @@ def test_what_failed_leaves_the_report_of_the_others(tmp_path, monkeypatch, caps
     assert list(without.experiments) == ["table1"] and without.tables == ["table1"]
     found = json.loads(without.experiments_json())
     assert found["inference_time"]["failed"] == failed["inference_time"] and "scores" in found["table1"]
-    workflow.report_others(without)
+    workflow.report_completed(without)
     assert len(again.calls) == 1, "a report of the others that fails is not tried again"
 
 
@@ -145,7 +145,7 @@ def test_what_a_killed_run_left_at_work_is_ended(tmp_path, monkeypatch):
     """And nothing else: not a stage that someone started by hand in the same folder."""
     monkeypatch.setattr(module, "ROOT", tmp_path)
     program = "import time; print('here', flush=True); time.sleep(300)"
-    environments = {"job": {module.MARK: "1"}, "own": {}, "snakemake": {}}
+    environments = {"job": {module.RUN_VARIABLE: "1"}, "own": {}, "snakemake": {}}
     started = {}
     try:
         for name, marks in environments.items():
@@ -156,10 +156,10 @@ def test_what_a_killed_run_left_at_work_is_ended(tmp_path, monkeypatch):
             started[name] = subprocess.Popen(words, cwd=tmp_path, env=marks, stdout=subprocess.PIPE)
             assert started[name].stdout.readline() == b"here\n"
         with pytest.raises(UserError, match=rf"process {started['snakemake'].pid}"):
-            module.end_orphans()
+            module.kill_orphans()
         started["snakemake"].kill()
         started["snakemake"].wait()
-        module.end_orphans()
+        module.kill_orphans()
         assert started["job"].poll() is not None and started["own"].poll() is None
     finally:
         for process in started.values():

@@ -13,13 +13,13 @@ from relight.files import UserError, is_unsafe_name
 from relight.processes import STARTED_BY
 from relight.scheduling import limit_scheduler_timers
 from relight.tracking.workflow import WORKFLOW, finish_workflow
-from relight.workflow import FAILED, Plan, report_others
+from relight.workflow import FAILED_VARIABLE, Plan, report_completed
 
 limit_scheduler_timers()
 os.environ[STARTED_BY] = str(os.getpid())
 
 try:
-    PLAN = Plan(config, json.loads(os.environ.get(FAILED, "{}")))
+    PLAN = Plan(config, json.loads(os.environ.get(FAILED_VARIABLE, "{}")))
     PLAN.check()
 except UserError as error:
     raise WorkflowError(str(error)) from None
@@ -39,11 +39,11 @@ onsuccess:
 
 onerror:
     finish_workflow(WORKFLOW_INFO, PLAN.networks, Path(OUT, "report"), failed=True)
-    # Not after Ctrl-C, which Snakemake tells nowhere else; and where everything was to be made.
+    # Not after Ctrl-C, which only this attribute shows, and only if the whole workflow was requested.
     if not workflow.scheduler._user_kill and any(
         job.rule.name == "all" for job in workflow.dag.jobs
     ):
-        report_others(PLAN)
+        report_completed(PLAN)
 
 
 wildcard_constraints:
@@ -60,7 +60,7 @@ def settings(stage):
 
 
 def command(stage):
-    """The command of a stage; its words reach the console and the log."""
+    """Returns the command of a stage; its output goes to the console and the log."""
     return (
         f"{{{{ {shlex.quote(sys.executable)} -m relight.stages.{stage} "
         f'--config-dir {OUT}/config --config-name "$(basename {{input.cfg:q}} .yaml)" '
@@ -68,29 +68,29 @@ def command(stage):
 
 
 def named(port, field):
-    """A word `port=name`, quoted for the shell and for Hydra, which takes null, true and 1e5 for values."""
+    """Returns an argument `port=name`, quoted for the shell and for Hydra, which would convert null, true and 1e5."""
     return f'{port}="\'"{{{field}:q}}"\'" '
 
 
 def files(paths):
-    """The user's files as inputs, without those whose names Snakemake would read as patterns; their stage says so."""
+    """Returns the user's files as inputs, without those whose names are unsafe; their stage reports these."""
     return [str(path) for path in paths if not is_unsafe_name(path)]
 
 
 def several(port, words):
-    """A word `port=[path,...]` for Hydra. Generated names need no quotes; scans, whose may, come one by one."""
+    """Returns an argument `port=[path,...]` for Hydra; scans, whose names may need quotes, are passed one by one."""
     if PLAN.scans:
         return f"{port}={words} "
     return f'{port}="[$(echo {words} | tr " " ,)]" '
 
 
 def decade(folder):
-    """The records of the figures of a decade in a folder, as patterns."""
+    """Returns the patterns of the records of a decade's figures in a folder."""
     return [f"{OUT}/{folder}/{{decade}}{digit}.npz" for digit in range(10)]
 
 
 def maps_of(names):
-    """The maps of figures, from the front and from other sides, as patterns."""
+    """Returns the patterns of the maps of figures: frontal ones, and further views."""
     views = [view for name in names for view in PLAN.maps(name)[1:]]
     found = {"frontal": names, "views": views}
     return {
@@ -100,35 +100,25 @@ def maps_of(names):
 
 
 def split_of(run):
-    """The split that a run is trained and scored on."""
+    """Returns the file of the split on which a run is trained and scored."""
     return f"{OUT}/split/{PLAN.settings(run)['split']['kind']}.json"
 
 
 def condition(on):
-    """Overrides for the figures and lights that a folder of scores is about: "" or "sitting-test"."""
+    """Returns the overrides for the figures and lights of a folder of scores: "" or "sitting-test"."""
     figures, lights = Path(on).name.split("-") if on else ("test", "test")
     return f"evaluate.figures={figures} evaluate.lights={lights}"
 
 
 def networks_of(experiment):
-    """All trainings of an experiment's rows."""
+    """Returns the networks of all trainings of an experiment's rows."""
     if experiment not in PLAN.experiments:
         return []
     rows = PLAN.experiments[experiment].rows
-    return [PLAN.network(run) for row in rows for run in PLAN.of_row(row)]
+    return [PLAN.network(run) for row in rows for run in PLAN.trainings_of(row)]
 
 
-def own_results(experiment):
-    """What the report needs of an experiment that has stages of its own."""
-    if experiment == "light_transfer":
-        return rules.light_transfer.output
-    if experiment == "path_traced":
-        return rules.path_traced.output
-    rows = PLAN.experiments[experiment].rows
-    return [f"{OUT}/inference_time/{PLAN.of_row(row)[0]}.csv" for row in rows]
-
-
-# The braces are a shell of its own, whose word about a command that the system killed is long and not needed (see the
-# logger). A stage says first what it was called with (relight.stages.stage): lines with "# ", which are for the log alone.
+# The braces hide the shell's message about a killed command, which the logger reports. The header of a stage's log
+# (relight.stages.stage), whose lines start with "# ", is not printed on the console.
 LOGGED = " 2>&1; }} 2>/dev/null | tee {log:q} | sed -u '\\,^# ,d'"
 LOGGED_RUN = LOGGED + """ | sed -u s,^,{rule:q}" "{wildcards.run:q}": ","""

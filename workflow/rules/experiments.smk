@@ -1,4 +1,4 @@
-# Experiments that are no table of trainings: each has stages of its own, and rows that say which networks they use.
+# Experiments that are not tables of trainings. Each has stages of its own; its rows are the networks that it uses.
 TEST_SPLIT = f"{OUT}/split/{PLAN.cfg.split.kind}.json"
 
 
@@ -75,7 +75,7 @@ rule path_traced:
         + LOGGED
 
 
-# It takes all cores, so that nothing of this workflow runs beside it.
+# It requests all cores, so that no other job of this workflow runs at the same time.
 rule inference_time:
     input:
         cfg=settings("inference_time.{run}"),
@@ -96,9 +96,9 @@ rule inference_time:
         + LOGGED_RUN
 
 
-OWN_RESULTS = [
+STAGE_OUTPUTS = [
     path
     for name, experiment in PLAN.experiments.items()
     if not experiment.table
-    for path in PLAN.own_files(name)
+    for path in PLAN.stage_outputs(name)
 ]

@@ -1,4 +1,4 @@
-# From figures to the packed set. Maps are baked from meshes, or measured where figures are captures of a light stage.
+# From figures to the packed set. Maps are baked from meshes, or measured from captures of a light stage.
 if PLAN.captures:
 
     rule capture:

@@ -1,6 +1,6 @@
-# From seeds or scans to maps. Where ten figures of one decade (g0120 to g0129) are all in the plan, one job makes
-# them: a process takes seconds to start, as long as its work on a figure takes. Which these are does not depend on the
-# machine, nor on how many other figures there are.
+# From seeds or scans to maps. If all ten figures of a decade (g0120 to g0129) are in the plan, one job makes them, since
+# a process takes as long to start as it works on a figure. The grouping does not depend on the machine or on the other
+# figures.
 if PLAN.scans:
 
     rule scan:

@@ -29,7 +29,7 @@ rule plates:
         cfg=settings("plates"),
         experiments=f"{OUT}/config/experiments.json",
         networks=lambda wildcards: [
-            PLAN.network(PLAN.of_row(row)[0])
+            PLAN.network(PLAN.trainings_of(row)[0])
             for row in PLAN.experiments[wildcards.experiment].rows
         ],
         scores=lambda wildcards: [
@@ -129,7 +129,7 @@ rule report:
         lights=f"{OUT}/report/lights.png",
         occlusion=f"{OUT}/report/occlusion.csv",
         histogram=f"{OUT}/report/occlusion.png",
-        own=OWN_RESULTS,
+        stage_outputs=STAGE_OUTPUTS,
     output:
         page=report(
             f"{OUT}/report/report.html",
@@ -156,7 +156,7 @@ rule viewer:
         cfg=settings("viewer"),
         experiments=f"{OUT}/config/experiments.json",
         networks=[
-            PLAN.network(PLAN.of_row(row)[0])
+            PLAN.network(PLAN.trainings_of(row)[0])
             for experiment in PLAN.tables[:1]
             for row in PLAN.experiments[experiment].rows
         ],

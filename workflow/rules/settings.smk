@@ -1,4 +1,4 @@
-# The settings of every stage are a file in the graph, so that a change re-runs what reads them, and what follows.
+# The settings of every stage are a file in the graph: a change re-runs the stages that read them, and later ones.
 rule settings:
     output:
         f"{OUT}/config/{{stage}}.yaml",
