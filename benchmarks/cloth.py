@@ -1,17 +1,17 @@
-"""How rough the clothes of generated figures are beside photographs: log-luminance by wavelength.
+"""Compares the roughness of generated clothes with photographs: variation of log luminance by wavelength.
 
     python benchmarks/cloth.py --seeds 5000-5009
 
 Each figure is baked at 768 px, where a person is 691 px high (2.5 mm a pixel), and lit by generated rooms (order 2).
-In every garment, the standard deviation of what lies between two Gaussians of ln luminance, for three pairs of them:
-in the picture, in its shading alone (no pattern), and in the albedo alone; medians over garments of a kind, or of a
-fabric. The last rows are the photographs' (one garment of each, hand-picked boxes, with tone curve and sharpening) and
-the cloth of real scans. AO is over all pixels; `lost` is the root mean square of |T - T open|.
+Roughness is the standard deviation over a garment of the difference of two Gaussian blurs of ln luminance, for three
+pairs of Gaussians: of the picture, of its shading alone, and of its albedo alone, as medians over garments of a kind or
+a fabric. The last rows are photographs (one garment each, hand-picked boxes, with tone curve and sharpening) and the
+cloth of real scans. AO is the mean over all pixels; `lost` is the RMS of |T - T without occlusion|.
 """
 
 import os
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy is there, see transport.py
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy is imported, see transport.py
 
 import argparse
 import json
@@ -34,21 +34,21 @@ from relight.transport.raycaster import RayCaster
 SIGMAS = ((0.7, 1.4), (1.4, 2.8), (2.8, 5.6))  # pixels: wavelengths around 14, 27 and 55 mm of a person 691 px high
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear sRGB
 SIZE = 768  # pixels of the image
-LEAST = 400  # pixels of a garment that is measured
+MIN_PIXELS = 400  # of a garment to measure
 ROOMS = (3, 11, 19, 27)
 PHOTOGRAPHS = {
     "dress": (0.084, 0.129, 0.193),
     "denim trousers": (0.119, 0.109, 0.098),
     "coat, jacket": (0.083, 0.078, 0.073),
 }
-SCANS = (0.037, 0.069)  # of albedo alone, the finest band
+SCANS = (0.037, 0.069)  # range of the albedo alone, in the finest band
 
 
 def roughness(luminance: np.ndarray, mask: np.ndarray) -> list[float]:
-    """Standard deviation of ln luminance (H,W) in the mask (H,W), between the Gaussians of each pair of SIGMAS.
+    """Returns the standard deviation of ln luminance (H,W) in the mask (H,W), between the Gaussians of each of SIGMAS.
 
-    The Gaussians are normalised, so that nothing outside the mask is seen, and the mask is eroded by 1.5 of the larger
-    sigma. Not a number where fewer than LEAST pixels are left.
+    The Gaussians are normalised, so that pixels outside the mask have no effect, and the mask is eroded by 1.5 of the
+    larger sigma. NaN if fewer than MIN_PIXELS pixels remain.
     """
     inside = mask.astype(float)
     log = np.log(np.maximum(luminance, 0.01 * np.median(luminance[mask]))) if mask.any() else np.zeros_like(luminance)
@@ -60,12 +60,12 @@ def roughness(luminance: np.ndarray, mask: np.ndarray) -> list[float]:
     out = []
     for small, large in SIGMAS:
         kept = depth > 1.5 * large
-        out.append(float((blurred(small) - blurred(large))[kept].std()) if kept.sum() >= LEAST else np.nan)
+        out.append(float((blurred(small) - blurred(large))[kept].std()) if kept.sum() >= MIN_PIXELS else np.nan)
     return out
 
 
 def figure(seed: int, detail: str, texture: int) -> tuple[Mesh, list[set[int]], float]:
-    """The aligned figure of a seed, the materials of each of its garments, and its CPU seconds."""
+    """Generates the aligned figure of a seed; returns also the materials of each garment, and the CPU seconds."""
     from relight.config import composed
     from relight.meshes import align
 
@@ -89,7 +89,7 @@ def figure(seed: int, detail: str, texture: int) -> tuple[Mesh, list[set[int]], 
 
 
 def visible(mesh: Mesh) -> np.ndarray:
-    """The material (SIZE,SIZE) that each pixel shows, -1 for none."""
+    """Returns the material (SIZE,SIZE) visible at each pixel, -1 for none."""
     caster = RayCaster(mesh.vertices, mesh.faces)
     row, column = np.divmod(np.arange(SIZE * SIZE), SIZE)
     camera = Camera(SIZE, max(2.0, float(caster.high[2]) + caster.diagonal / 100))
@@ -163,9 +163,9 @@ def main() -> None:
 
 
 def middle(rows: list) -> np.ndarray:
-    """The median (3,) of the garments that were large enough, band by band."""
+    """Returns the median (3,) over garments that are large enough, by band."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # no garment of this kind was
+        warnings.simplefilter("ignore", RuntimeWarning)  # no garment of this kind was large enough
         return np.nanmedian(np.array(rows, float), axis=0)
 
 

@@ -1,11 +1,11 @@
-"""The light of panoramas against Blender's Cycles, which shares no code with relight: values, axes and facing.
+"""Compares the light of panoramas with Blender's Cycles, an independent renderer: values, axes and orientation.
 
     python benchmarks/cycles.py [FOLDER]
 
-Cycles renders a white matt ball under each lat-long panorama of FOLDER, or under those that Blender brings (measured,
-CC0), from the camera of docs/lights.md: looking at the middle of the panorama. What it renders is irradiance / pi; ours
-comes from the light's harmonics up to order 2, 4, 8 and 16. Printed is the root mean square of the difference over that
-of the ball: the renderer's noise, and what the order leaves out; and the same for the panorama's mirror image.
+Cycles renders a white diffuse ball under each lat-long panorama of FOLDER, or under those of Blender (measured, CC0),
+from the camera of docs/lights.md, which looks at the middle of the panorama. The result, irradiance / pi, is compared
+with that of the light's harmonics up to order 2, 4, 8 and 16. Prints the relative RMS difference, which contains the
+renderer's noise and the truncation error, and the same for the mirrored panorama.
 """
 
 import argparse
@@ -62,11 +62,13 @@ for number, path in enumerate(panoramas):
 """
 
 
-def shipped() -> Path:
-    """The folder of panoramas that Blender brings."""
-    say = "import bpy; print('AT', bpy.utils.resource_path('LOCAL'), bpy.utils.resource_path('SYSTEM'), sep='|')"
-    said = subprocess.run(["blender", "-b", "--python-expr", say], capture_output=True, text=True, check=True).stdout
-    roots = next(line for line in said.splitlines() if line.startswith("AT|")).split("|")[1:]
+def blender_panoramas() -> Path:
+    """Returns the folder of Blender's panoramas."""
+    expression = "import bpy; print('AT', bpy.utils.resource_path('LOCAL'), bpy.utils.resource_path('SYSTEM'), sep='|')"
+    output = subprocess.run(
+        ["blender", "-b", "--python-expr", expression], capture_output=True, text=True, check=True
+    ).stdout
+    roots = next(line for line in output.splitlines() if line.startswith("AT|")).split("|")[1:]
     places = [Path(root) / "datafiles/studiolights/world" for root in roots if root]
     return next(place for place in places if place.is_dir())
 
@@ -74,7 +76,7 @@ def shipped() -> Path:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, nargs="?")
-    folder = parser.parse_args().folder or shipped()
+    folder = parser.parse_args().folder or blender_panoramas()
     panoramas = sorted(p for p in folder.iterdir() if p.suffix in (".exr", ".hdr"))
     x, y = (np.arange(SIDE) + 0.5) / SIDE * 2 - 1, 1 - (np.arange(SIDE) + 0.5) / SIDE * 2
     x, y = np.meshgrid(x, y)
@@ -91,13 +93,13 @@ def main() -> None:
             traced = next(channels[name] for name in ("RGBA", "RGB") if name in channels).pixels[..., :3][on]
             panorama = read_panorama(path, layout="latlong")
 
-            def off(order: int, at: np.ndarray, traced: np.ndarray = traced, panorama=panorama) -> float:
+            def relative_error(order: int, at: np.ndarray, traced: np.ndarray = traced, panorama=panorama) -> float:
                 ours = irradiance(project(panorama, order), at) / np.pi
                 return float(np.sqrt(((ours - traced) ** 2).mean() / (traced**2).mean()))
 
             level = irradiance(project(panorama, ORDERS[-1]), normals).mean(axis=0) / np.pi / traced.mean(axis=0)
-            errors = "".join(f"{off(order, normals):<10.4f}" for order in ORDERS)
-            mirrored = off(ORDERS[-1], normals * [-1, 1, 1])
+            errors = "".join(f"{relative_error(order, normals):<10.4f}" for order in ORDERS)
+            mirrored = relative_error(ORDERS[-1], normals * [-1, 1, 1])
             print(f"{path.stem:16}{errors}{mirrored:<10.3f}" + " ".join(f"{value:.4f}" for value in level))
 
 

@@ -1,4 +1,4 @@
-"""Figures per CPU-hour: time of each part of a figure, over consecutive seeds, in one process.
+"""Measures figures per CPU-hour, and the time of each part of a figure, over consecutive seeds in one process.
 
 python benchmarks/figures.py --seeds 0-11 --detail full --texture 1024
 """
@@ -40,7 +40,7 @@ def main() -> None:
     timed(dress.gates, "figure", "gates")
     dress.colliders.prepare()
     start = time.process_time()
-    dress.make_figure(0, "draft", 64)  # compiles or loads the kernels, reads the data
+    dress.make_figure(0, "draft", 64)  # warm-up: compiles or loads the kernels, and reads the data
     print(json.dumps({"warm-up, CPU s": round(time.process_time() - start, 1)}))
     spent.update(dict.fromkeys(spent, 0.0))
     seconds, redrawn = [], 0

@@ -1,18 +1,18 @@
-"""How the hair of generated heads looks from eight sides: scalp that shows, black inside, and how soft its outline is.
+"""Measures the hair of generated heads from eight directions: visible scalp, black pixels, softness of the outline.
 
     python benchmarks/hair.py --seeds 20000-20011 --sheet heads.png
 
-Heads are drawn alone, without clothes, in the pose, style and colours of each seed, and baked from eight directions.
-Scalp: pixels of skin inside the hairline over those of hair and scalp together. Black: hair pixels that face the camera
-(seen from the head's centre, above the jaw) with ambient occlusion under .1. Edge: millimetres over which coverage
-falls at the outline, the integral of 4 c (1 - c) over the image by the length of the outline of the smoothed
-coverage. Grain: the standard deviation of ln luminance between Gaussians of 1 and 3 mm, in albedo and in its
-shading. The sheet shows each head lit by a generated room.
+Heads are made without clothes, in the pose, style and colours of each seed, and baked from eight directions.
+Scalp: fraction of skin inside the hairline among pixels of hair and scalp. Black: fraction of hair pixels on the side
+of the camera, above the jaw, with ambient occlusion under .1. Edge: width in millimetres over which coverage falls at
+the outline, the integral of 4 c (1 - c) over the image divided by the length of the outline of the smoothed coverage.
+Grain: standard deviation of ln luminance between Gaussians of 1 and 3 mm, in albedo and in shading. The sheet shows
+each head lit by a generated room.
 """
 
 import os
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy is there, see transport.py
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy is imported, see transport.py
 
 import argparse
 import json
@@ -37,12 +37,12 @@ from relight.transport.baker import Baker, pixel_corners, primary_hits
 from relight.transport.view import View
 
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear sRGB
-BELOW = 0.17  # metres under the eyes at which a head is cut off
+CUT_BELOW_EYES = 0.17  # metres, where a head is cut off
 ROOM = 11
 
 
 class Head:
-    """The head of a seed, made ready to be baked: its picture's scale, and what each face is."""
+    """The head of a seed, ready for baking, with the kind of each face."""
 
     def __init__(self, seed: int, style: str | None, detail: str, texture: int, rays: int):
         draw = dress.sample(seed, 0, 1, 0.0)
@@ -55,7 +55,7 @@ class Head:
         faces, uv = base.faces["body"], base.uv[base.uv_faces["body"]]
         posed = way.skin(makehuman.rig().weights[makehuman.BODY], body.skin)
         eye = body.vertices[makehuman.EYES["L"]].mean(0)
-        near = (body.skin[:, 1] > eye[1] - BELOW) & (np.abs(body.skin[:, 0]) < 0.14)
+        near = (body.skin[:, 1] > eye[1] - CUT_BELOW_EYES) & (np.abs(body.skin[:, 0]) < 0.14)
         shown = near[faces].all(1) & ~assembly.mouth_cavity()
         self.name, self.style, self.sex = f"g{seed:05d}", outfit.hair.name, draw.person.female > 0.5
         builder = Builder()
@@ -75,7 +75,7 @@ class Head:
         low, high = mesh.vertices.min(0), mesh.vertices.max(0)
         self.scale = 1.9 / float((high - low).max())
         mesh.vertices = ((mesh.vertices - (low + high) / 2) * self.scale).astype(np.float32)
-        kinds = {"skin": 0, "hair": 2}  # of faces; 1 is scalp, 3 is all else
+        kinds = {"skin": 0, "hair": 2}  # of faces; 1 is scalp, 3 is anything else
         self.kind = np.array([kinds.get(material.name, 3) for material in mesh.materials])[mesh.material]
         self.kind[: len(inside)] = inside
         self.faces = len(mesh.faces)
@@ -86,7 +86,7 @@ class Head:
         self.baker = Baker(mesh, rays)
 
     def seen(self, size: int, supersample: int, yaw: float) -> dict:
-        """Maps from one side, what each pixel shows (-1 nothing), which pixels face the camera, metres of a pixel."""
+        """Returns maps from one direction, the kind at each pixel (-1: none), the camera's side, and the pixel size."""
         view = View(yaw)
         maps = self.baker.maps(size, supersample, view)
         camera = self.baker.camera(size, view)
@@ -103,14 +103,14 @@ class Head:
 
 
 def measured(view: dict) -> dict[str, tuple[float, float]]:
-    """Numerators and denominators of what is counted in one view."""
+    """Returns the numerators and denominators of the measures in one view."""
     maps, kind, pixel = view["maps"], view["kind"], 1000 * view["metres"]
     hair, outside = kind == 2, view["ahead"] & (kind == 2)
     scalp = kind == 1
     cover = maps.coverage.astype(float)
     smooth = gaussian_filter(cover, 4 / pixel) > 0.5
     outline = np.abs(np.diff(smooth.astype(float), axis=0)).sum() + np.abs(np.diff(smooth.astype(float), axis=1)).sum()
-    outline *= np.pi / 4  # of the steps of a raster, on average over directions
+    outline *= np.pi / 4  # mean ratio of the length of a line to that of its raster steps
     out = {
         "scalp": (scalp.sum(), (scalp | hair).sum()),
         "black": ((outside & (maps.ao < 0.1)).sum(), outside.sum()),
@@ -130,7 +130,7 @@ def measured(view: dict) -> dict[str, tuple[float, float]]:
 
 
 def lit(maps, light: np.ndarray) -> np.ndarray:
-    """The picture (H,W,3) uint8 under `light` (9,3), before grey."""
+    """Returns the picture (H,W,3) uint8 under a light (9,3), on grey."""
     picture = maps.albedo * np.maximum(maps.transport @ light, 0)
     cover = (maps.coverage * maps.mask)[..., None]
     return to_bytes(encode(picture * cover + 0.35 * (1 - cover)))

@@ -1,12 +1,11 @@
-"""What a network for photographs gets wrong, and what it lets move that must not: light, transport and albedo of one
-person under another framing, mask, exposure, white balance or in the mirror.
+"""Measures errors and invariances of networks for photographs: to framing, mask, exposure, white balance, mirroring.
 
     python benchmarks/invariance.py relight/weights/photo.safetensors [other.safetensors ...]
 
 Prints a table with a column for each network: the measures of `relight.benchmark.measures`, without a path tracer. The
-figures (seeds 9000 to 9005, in no training set), lit by six rooms that no training has, are drawn and baked at 512 px
-once and kept in --cache. Everything goes through the same code as `relight photo`. A light that is always the same
-passes every invariance: read those rows beside the errors.
+figures (seeds 9000 to 9005) and the six rooms are in no training set; they are generated and baked at 512 px once, and
+stored in --cache. Inference is by the code of `relight photo`. A network that always infers the same light is
+invariant, too: read these rows together with the errors.
 """
 
 import os
@@ -33,7 +32,7 @@ from relight.srgb import encode, to_bytes
 SEEDS = range(9000, 9006)
 ROOMS = range(50000, 50006)
 SIZE = 512
-BEHIND = 0.18  # linear value of the plain background that a mask which is too fat takes in
+BACKGROUND = 0.18  # linear value of the plain background
 ERRORS = {
     "albedo": "error of albedo",
     "transport": "error of transport",
@@ -46,7 +45,7 @@ ERRORS = {
 
 
 def figures(cache: Path) -> list[Maps]:
-    """The baked figures; drawn and baked where `cache` has none."""
+    """Returns baked figures, generated and baked if they are not in `cache`."""
     from transport import figure
 
     from relight.transport import bake
@@ -59,23 +58,27 @@ def figures(cache: Path) -> list[Maps]:
     return [read_maps(cache / f"{seed}.exr") for seed in SEEDS]
 
 
-def photographed(maps: Maps, light: np.ndarray, gain: np.ndarray | float = 1.0) -> np.ndarray:
-    """The 8-bit photograph (H,W,3) of a figure under light (9,3); gain: on each channel, before the camera clips."""
+def take_photograph(maps: Maps, light: np.ndarray, gain: np.ndarray | float = 1.0) -> np.ndarray:
+    """Returns the 8-bit photograph (H,W,3) of a figure under a light (9,3), with a gain on channels before clipping."""
     linear = maps.albedo * np.maximum(maps.transport @ light, 0)
     coverage = maps.coverage[..., None]
-    return to_bytes(encode(np.clip((linear * coverage + BEHIND * (1 - coverage)) * gain, 0, 1)))
+    return to_bytes(encode(np.clip((linear * coverage + BACKGROUND * (1 - coverage)) * gain, 0, 1)))
 
 
 def truth(maps: Maps, light: np.ndarray, box: Crop) -> Intrinsics:
-    """The true maps on the square."""
+    """Returns the true maps on the square."""
     return on_square(maps, np.maximum(maps.transport @ light, 0), light, box)
 
 
-def judged(relighter: Relighter, maps: Maps, light: np.ndarray) -> dict[str, float]:
-    """All rows of the table for one figure under one light."""
-    shots = variants(partial(photographed, maps, light), to_bytes(maps.coverage), relighter.network.size)
-    seen = {name: relighter.infer_person(shot.photo, shot.mask, shot.square) for name, shot in shots.items()}
-    return {**errors(seen[""], truth(maps, light, shots[""].square)), **invariances(seen), **leaks(seen[""])}
+def score(relighter: Relighter, maps: Maps, light: np.ndarray) -> dict[str, float]:
+    """Returns all rows of the table for one figure under one light."""
+    shots = variants(partial(take_photograph, maps, light), to_bytes(maps.coverage), relighter.network.size)
+    inferred = {name: relighter.infer_person(shot.photo, shot.mask, shot.square) for name, shot in shots.items()}
+    return {
+        **errors(inferred[""], truth(maps, light, shots[""].square)),
+        **invariances(inferred),
+        **leaks(inferred[""]),
+    }
 
 
 def main() -> None:
@@ -88,7 +91,7 @@ def main() -> None:
     columns = {}
     for path in args.weights:
         relighter = load(path, threads=1)
-        rows = [judged(relighter, maps, light) for maps, light in progress(list(zip(people, lights)), path.stem)]
+        rows = [score(relighter, maps, light) for maps, light in progress(list(zip(people, lights)), path.stem)]
         columns[str(path)] = {name: float(np.mean([row[name] for row in rows])) for name in rows[0]}
     squares = [crop_around(to_bytes(maps.coverage), relighter.network.size) for maps in people]
     rows = [leaks(truth(maps, light, square)) for maps, light, square in zip(people, lights, squares)]

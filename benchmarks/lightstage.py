@@ -1,10 +1,10 @@
-"""What noise, gloss and bounces make of transport that a light stage measures: a figure path traced under each lamp.
+"""Measures the effect of noise, gloss and bounces on transport from a light stage, by path tracing each lamp.
 
     python benchmarks/lightstage.py --size 128 --samples 8
 
-Mitsuba renders a figure under 331 lamps, one at a time, rounded to 8 bits as published captures are. What
-`relight.benchmark.lightstage` measures of the frames is compared with transport baked from the mesh. Lengths are RMS
-over pixels of vectors of nine; the columns are those of `relight.benchmark.bakedstage.agreement`.
+Mitsuba renders a figure under 331 lamps, one at a time, rounded to 8 bits like published captures. Transport measured
+from these frames by `relight.benchmark.lightstage` is compared with transport baked from the mesh. The columns are
+those of `relight.benchmark.bakedstage.agreement`.
 """
 
 import argparse
@@ -30,14 +30,14 @@ LEVEL = 0.6  # k of the frames
 
 
 def lamps(count: int) -> np.ndarray:
-    """Positions (L,3) on Vogel's spiral over the sphere."""
+    """Returns positions (L,3) on Vogel's spiral over the sphere."""
     index = np.arange(count) + 0.5
     y, angle = 1 - 2 * index / count, index * np.pi * (3 - np.sqrt(5))
     around = np.sqrt(1 - y * y)
     return RADIUS * np.stack([around * np.cos(angle), y, around * np.sin(angle)], -1)
 
 
-def traced(tracer: PathTracer, positions: np.ndarray, samples: int, bounces: int) -> Iterator[np.ndarray]:
+def render_frames(tracer: PathTracer, positions: np.ndarray, samples: int, bounces: int) -> Iterator[np.ndarray]:
     """Yields the frame (S,S,3) uint8 of each lamp."""
     scene = tracer.mi.load_dict(
         {
@@ -77,7 +77,7 @@ def compare(name: str, mesh: Mesh, gloss: bool, size: int, samples: int, bounces
     inside = shown.hit.reshape(size, size)
     baked = bake_as_seen(mesh, camera, inside, stage, 1024)
     points = camera.rays(column[inside], row[inside])[:, 3:] * baked.depth[:, None]
-    images = progress(traced(tracer, stage.positions + camera.eye, samples, bounces), name, count)
+    images = progress(render_frames(tracer, stage.positions + camera.eye, samples, bounces), name, count)
     frames = [(lamp, image[inside]) for lamp, image in enumerate(images)]
     found = agreement(measure(lambda: frames, stage, points), baked, inside)
     keys = ("pixels", "length", "difference", "shape", "lamps", "rest", "noise", "factor", "normals")

@@ -1,11 +1,12 @@
-"""How well the built-in mask finds people: generated figures before backgrounds, of which the true coverage is known.
+"""Measures the built-in mask on generated figures in front of backgrounds, whose true coverage is known.
 
     python benchmarks/masks.py FOLDER [--sheet masks.jpg]
 
-FOLDER holds baked figures (.exr, as `relight bake` or a run's `baked/` has them). Each is lit by a generated room, put
-into the view of another one at some place and size, with noise, as a JPEG of 1000 x 1250. Prints intersection over
-union at half coverage, mean and least, after each step; the share of the figure that is missed and of the mask that is
-background; CPU-seconds. Generated figures are not what the network was trained on: photographs are easier for it.
+FOLDER contains baked figures (.exr, of `relight bake` or a run's `maps/`). Each is lit by a generated room and
+composited over the view of another one at a random place and size, with noise, as a JPEG of 1000 x 1250. Prints the
+mean and least intersection over union at half coverage after each step, the fraction of the figure that is missed, the
+fraction of the mask that is background, and CPU-seconds. The network was trained on photographs, which are easier for
+it.
 """
 
 import os
@@ -30,20 +31,20 @@ from relight.photos.render import over
 from relight.srgb import to_bytes
 
 SHAPE = 1250, 1000
-BLUR = 1.0  # of the background, degrees: generated rooms are sharper than what stands behind people
-GRAIN = 2.5  # standard deviation, of 255
+BLUR = 1.0  # of the background, degrees; generated rooms are sharper than real backgrounds
+GRAIN = 2.5  # standard deviation of the noise, in 8-bit codes
 
 
-def drawn(path: Path, number: int) -> tuple[np.ndarray, np.ndarray]:
-    """A picture (H,W,3) uint8 of the figure in `path`, and its true coverage (H,W) in [0,1]."""
+def render_picture(path: Path, number: int) -> tuple[np.ndarray, np.ndarray]:
+    """Returns a picture (H,W,3) uint8 of the figure in a file, and its true coverage (H,W) in [0,1]."""
     rng = np.random.default_rng(number)
     maps, light = read_maps(path), load_light(f"room:{100 + number}")
     shading = np.maximum(maps.transport @ light.coefficients.astype(np.float32), 0)
     lit = maps.albedo * shading / np.percentile(shading[maps.mask], 90)
     side = rng.uniform(0.6, 1.25) * SHAPE[1]
     left, top = rng.uniform(-0.1, 0.1) * SHAPE[1] + (SHAPE[1] - side) / 2, rng.uniform(0.3, 0.9) * (SHAPE[0] - side)
-    behind = load_light(f"room:{300 + number}").panorama
-    view = camera_view(behind, SHAPE, rng.uniform(0, 2 * np.pi), BLUR)
+    background = load_light(f"room:{300 + number}").panorama
+    view = camera_view(background, SHAPE, rng.uniform(0, 2 * np.pi), BLUR)
     view = roll_off(view * rng.uniform(0.15, 0.5) / view.mean())
 
     def placed(image: np.ndarray) -> np.ndarray:
@@ -62,14 +63,14 @@ def drawn(path: Path, number: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def overlap(found: np.ndarray, true: np.ndarray) -> tuple[float, float, float]:
-    """Intersection over union, share of the figure missed, share of the mask that is none of it."""
+    """Returns intersection over union, fraction of the figure missed, and fraction of the mask that is background."""
     found, true = found > 0.5, true > 0.5
     both = (found & true).sum()
     return both / max((found | true).sum(), 1), 1 - both / true.sum(), 1 - both / max(found.sum(), 1)
 
 
 def masks(pixels: np.ndarray) -> dict[str, np.ndarray]:
-    """The mask (H,W) in [0,1] after each step."""
+    """Returns the mask (H,W) in [0,1] after each step."""
     whole = (0, 0, pixels.shape[1], pixels.shape[0])
     once = selfie.predict(pixels, whole)
     passes = selfie.segment_coarsely(pixels)
@@ -86,7 +87,7 @@ def main() -> None:
     rows: dict[str, list] = {}
     sheet, seconds = [], []
     for number, path in enumerate(sorted(args.folder.glob("*.exr"))[: args.count]):
-        pixels, true = drawn(path, number)
+        pixels, true = render_picture(path, number)
         start = time.process_time()
         selfie.segment(pixels)
         seconds.append(time.process_time() - start)

@@ -1,10 +1,10 @@
-"""CPU-seconds that a frame of `relight movie` takes, for a photo whose light turns; against another checkout, in pairs.
+"""Measures the CPU-seconds per frame of `relight movie` with a rotating light, also against another checkout.
 
     python benchmarks/movie.py [--photo me.jpg --mask me_mask.png] [--against FOLDER]
 
-Without a photo it takes the portrait of docs/photos.md, at 720 x 940. Processes of the two checkouts take turns, so
-that a busy machine weighs on both alike; each infers the photo once and then draws its frames, of which the median
-counts. The last frames of the two are compared, too.
+By default the photo is the portrait of docs/photos.md, at 720 x 940. Processes of the two checkouts alternate, so that
+other load affects both. Each infers the photo once and renders its frames, of which the median is reported. The last
+frames of the two are compared.
 """
 
 import argparse
@@ -22,8 +22,8 @@ BACKGROUNDS = ("keep", "#808890", "panorama")
 SIZE = 720, 940
 
 
-def timed(photo: Path | None, mask: Path | None, frames: int, kept: Path) -> dict[str, float]:
-    """Median seconds of CPU a frame, by background; the last frames go to `kept`, an .npz."""
+def time_frames(photo: Path | None, mask: Path | None, frames: int, last_frames: Path) -> dict[str, float]:
+    """Returns the median CPU-seconds per frame, by background, and saves the last frames to an .npz."""
     import time
 
     import torch
@@ -55,20 +55,20 @@ def timed(photo: Path | None, mask: Path | None, frames: int, kept: Path) -> dic
         light = options.read_light(relighter)
         matched, background = match_exposure(people, light.coefficients, options.read_background(light))
         stream = turn_light(pixels, people, matched, options, background, frames)
-        taken = []
+        times = []
         for _ in range(frames):
             start = time.process_time()
             last[name] = next(stream)
-            taken.append(time.process_time() - start)
-        seconds[name] = float(np.median(taken[1:]))
-    np.savez(kept, **last)
+            times.append(time.process_time() - start)
+        seconds[name] = float(np.median(times[1:]))
+    np.savez(last_frames, **last)
     return seconds
 
 
-def child(checkout: Path, words: list[str], kept: Path) -> dict[str, float]:
-    """The same by the package in `checkout`."""
+def run_checkout(checkout: Path, words: list[str], last_frames: Path) -> dict[str, float]:
+    """Runs `time_frames` with the package in `checkout`."""
     environment = os.environ | {"PYTHONPATH": str(checkout), "OMP_NUM_THREADS": "1"}
-    command = [sys.executable, __file__, *words, "--child", str(kept)]
+    command = [sys.executable, __file__, *words, "--child", str(last_frames)]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     if done.returncode:
         sys.exit(f"{checkout}: {done.stderr}")
@@ -85,7 +85,7 @@ def main() -> None:
     parser.add_argument("--child", type=Path, help=argparse.SUPPRESS)
     args = parser.parse_args()
     if args.child:
-        print(json.dumps(timed(args.photo, args.mask, args.frames, args.child)))
+        print(json.dumps(time_frames(args.photo, args.mask, args.frames, args.child)))
         return
     words = ["--frames", str(args.frames)]
     words += ["--photo", str(args.photo), "--mask", str(args.mask)] if args.photo else []
@@ -94,7 +94,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for _ in range(args.pairs):
             for number, checkout in enumerate(checkouts):
-                found[checkout].append(child(checkout, words, Path(folder) / f"{number}.npz"))
+                found[checkout].append(run_checkout(checkout, words, Path(folder) / f"{number}.npz"))
         pictures = [np.load(Path(folder) / f"{number}.npz") for number in range(len(checkouts))]
         print(
             "| background | "
@@ -105,8 +105,8 @@ def main() -> None:
         )
         for name in BACKGROUNDS:
             values = [f"{np.median([each[name] for each in runs]):.3f}" for runs in found.values()]
-            apart = max(int(np.abs(each[name].astype(int) - pictures[-1][name]).max()) for each in pictures)
-            print(f"| {name} | " + " | ".join(values) + f" | {apart} |")
+            difference = max(int(np.abs(each[name].astype(int) - pictures[-1][name]).max()) for each in pictures)
+            print(f"| {name} | " + " | ".join(values) + f" | {difference} |")
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
-"""How long panoramas take: one of 4k x 2k to its light, a folder of 1k ones, and the generated rooms.
+"""Measures the time for panoramas: reading and projecting 4k x 2k and 1k files, and generating rooms and skies.
 
     python benchmarks/panoramas.py [--folder 64]
 
-Prints seconds of this process's CPU, and the most memory it has held. The targets: 4k x 2k in 1.5 s, 2,144 panoramas of
-1k in 15 minutes on two cores with flat memory, 2,000 rooms in 60 s on two cores.
+Prints CPU-seconds and peak memory. The targets: 4k x 2k in 1.5 s, 2,144 panoramas of 1k in 15 minutes on two cores with
+constant memory, and 2,000 rooms in 60 s on two cores.
 """
 
 import os
@@ -23,7 +23,7 @@ from relight.panoramas import Panorama, generate_room, generate_sky, project, re
 
 
 def hdr_bytes(height: int, width: int, runs: bool) -> bytes:
-    """A Radiance picture of noise: literals of 128 bytes or, harder to read, runs of 4 between literals of 4."""
+    """Returns a Radiance picture of noise: literals of 128 bytes, or (slower) runs of 4 between literals of 4."""
     rng = np.random.default_rng(0)
     noise = rng.integers(100, 140, (height, 4, width), np.uint8)
     if runs:
@@ -54,7 +54,7 @@ def report(what: str, start: float, count: int = 1) -> float:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--folder", type=int, default=64, help="panoramas of 1k to read one after the other")
+    parser.add_argument("--folder", type=int, default=64, help="number of 1k panoramas to read")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

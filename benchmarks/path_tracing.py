@@ -1,10 +1,10 @@
-"""The baked maps against Mitsuba 3, a path tracer that shares no code with them, and what truncating the light costs.
+"""Compares baked maps with Mitsuba 3, an independent path tracer, and measures the error of truncating the light.
 
     python benchmarks/path_tracing.py --size 256 --samples 200 --out docs/images/path_tracing.png
 
-Mitsuba renders a clothed figure of albedo .5 under a panorama band-limited to order 2, pixel by pixel the mean over
-the pixel's area; the baked side is albedo / pi * (T . L), of 1,024 rays shared by 4 x 4 places of a pixel. Then both
-under the panorama as it is: the difference is what orders 2, 3 and 4 cannot hold. The same with one bounce.
+Mitsuba renders a clothed figure of albedo .5 under a panorama band-limited to order 2, as means over pixels. The baked
+picture is albedo / pi * (T . L), by 1,024 rays shared by 4 x 4 points of a pixel, without and with one bounce. Then the
+full panorama is traced: the difference is the truncation error of orders 2, 3 and 4.
 """
 
 import argparse
@@ -20,7 +20,7 @@ from relight.transport.tracer import interior_blocks, sky_directions, sky_weight
 
 
 def panorama(seed: int) -> np.ndarray:
-    """A generated room on Mitsuba's texels, (256, 512, 3), scaled to mean radiance 1."""
+    """Returns a generated room on Mitsuba's texels (256,512,3), scaled to mean radiance 1."""
     from relight.panoramas import generate_room
 
     pixels = generate_room(seed)  # lat-long: the centre looks along -z, +x is to its right
@@ -33,8 +33,10 @@ def panorama(seed: int) -> np.ndarray:
 
 
 def compare(name: str, traced: np.ndarray, baked: np.ndarray, where: np.ndarray, noise: float | None = None) -> None:
-    """A row: mean and RMS difference over pixels and channels, in percent of the traced mean, and the correlation of
-    the difference with that of the pixel to the right: 0 for noise, near 1 for structure."""
+    """Prints a row: mean and RMS difference over pixels and channels, in percent of the traced mean.
+
+    It also has the correlation of the difference between neighbouring pixels: 0 for noise, near 1 for structure.
+    """
     level = traced[where].mean()
     image = (baked - traced) / level * 100
     difference = image[where]
@@ -89,7 +91,7 @@ def main() -> None:
     full = np.einsum("hw,hwk,hwc->kc", sky_weights(), basis(sky_directions(), 4), sky)
     light = full[:9].copy()
     lowest = (values @ light).min()
-    light[0] += max(0, 0.01 - lowest) * math.sqrt(4 * math.pi)  # a path tracer takes no negative light
+    light[0] += max(0, 0.01 - lowest) * math.sqrt(4 * math.pi)  # a path tracer needs positive light
     print("\nLight: a room, band-limited to order 2" + f" and raised by {max(0, -lowest):.2f} to be positive")
     print("\n| | traced mean | mean difference | RMS difference | correlation |\n|---|---|---|---|---|")
     limited = tracer.radiance(values @ light, samples)
@@ -112,7 +114,7 @@ def main() -> None:
 
 
 def plate(pictures: list[np.ndarray], white: float, path: Path) -> None:
-    """Side by side: traced, baked, five times their relative difference about grey; then traced, order 2, order 4."""
+    """Writes pictures side by side: traced, baked, five times their relative difference; traced, order 2, order 4."""
     from PIL import Image
 
     columns = np.flatnonzero(pictures[0].sum((0, 2)) > 0)

@@ -1,13 +1,13 @@
-"""Errors of networks for photographs on held-out figures: in pictures as relit, and in pictures as photographs are.
+"""Measures errors of networks for photographs on test figures: on relit pictures, and on augmented ones.
 
     python benchmarks/photographs.py results/photo relight/weights/photo.safetensors [other.safetensors ...]
 
 The first argument is a folder of `relight run experiment=photo`: its packed set, lights and split. Each test figure is
 seen under three test lights. "Photographs" have the framing, masks, exposures and camera of augment=photo; "and tints"
-its white balances and recoloured clothes, too; "and gloss" all that and glossy materials in each picture. Light errors
-are of irradiance, norm of the difference over the norm; others are root mean squares of vectors in the mask. Columns
-with a star are up to one factor a picture: how bright a scene is, no photograph tells. Detail is the energy of the
-error's detail over the truth's (`losses.detail`): 1 for maps without any; that of shading is under the true light.
+also its white balances and recoloured clothes; "and gloss" also glossy materials in each picture. Light errors are
+relative errors of irradiance; others are RMSE of vectors in the mask. Columns with a star are after the best factor for
+each picture, since a photograph does not determine a scene's brightness. Detail is the energy of the error's detail
+over the truth's (`losses.detail`): 1 for maps without detail; that of shading is under the true light.
 """
 
 import os
@@ -37,45 +37,45 @@ KINDS = {
     "and tints": [*PHOTOGRAPHS, "augment.gloss=0"],
     "and gloss": [*PHOTOGRAPHS, "augment.gloss=1"],
 }
-SEEN = 3  # lights for each figure
+LIGHTS_PER_FIGURE = 3
 COLUMNS = ("light", "light*", "albedo", "albedo*", "transport", "shading", "shading*")
 DETAILS = ("albedo", "transport", "shading")
 
 
-def factor(values: Tensor, other: Tensor) -> Tensor:
-    """What to multiply `values` by to come nearest to `other`."""
+def best_scale(values: Tensor, other: Tensor) -> Tensor:
+    """Returns the factor on `values` that minimises the squared difference from `other`."""
     return (values * other).sum() / (values**2).sum().clamp_min(1e-9)
 
 
 def rms(difference: Tensor) -> Tensor:
-    """Root of the mean over pixels of the squared norm of vectors (P,C)."""
+    """Returns the RMS over pixels of the norm of vectors (P,C)."""
     return (difference**2).sum(-1).mean().sqrt()
 
 
 @torch.inference_mode()
 def errors(network: torch.nn.Module, data: RelitSet, figures: np.ndarray, kind: list[str]) -> np.ndarray:
-    """Means of COLUMNS and of the energies of DETAILS over figures and lights."""
+    """Returns the means of COLUMNS and of the energies of DETAILS over figures and lights."""
     settings = OmegaConf.to_object(composed(kind).augment)
     lights = np.flatnonzero(data.light_split == "test")
     weight = torch.tensor(per_coefficient(cosine_factors(network.order)), dtype=torch.float32)[:, None]
     rows, energies = [], []
     for i, figure in enumerate(figures):
-        lit = lights[(i + np.arange(SEEN) * len(lights) // SEEN) % len(lights)]
-        generators = [np.random.default_rng([i, j]) for j in range(SEEN)]
-        batch = augmented(data.batch(np.full(SEEN, figure), lit), settings, generators, network.size)
+        lit = lights[(i + np.arange(LIGHTS_PER_FIGURE) * len(lights) // LIGHTS_PER_FIGURE) % len(lights)]
+        generators = [np.random.default_rng([i, j]) for j in range(LIGHTS_PER_FIGURE)]
+        batch = augmented(data.batch(np.full(LIGHTS_PER_FIGURE, figure), lit), settings, generators, network.size)
         outputs = network(batch.image, batch.mask)
         light = outputs.pop("light") / batch.exposure[:, None, None]
         maps = {name: batch.take(dense) for name, dense in outputs.items()}
         maps["shading"] = shade(maps["transport"], batch.light)
         energies.append([detail(maps[name] - (true := getattr(batch, name)), true, batch) for name in DETAILS])
         maps["shading"] = shade(maps["transport"], light)
-        for j in range(SEEN):
+        for j in range(LIGHTS_PER_FIGURE):
             inside = batch.inside[j, :, 0] > 0
             found, true = light[j] * weight, batch.light[j] * weight
-            row = [(found * f - true).norm() / true.norm() for f in (1, factor(found, true))]
+            row = [(found * f - true).norm() / true.norm() for f in (1, best_scale(found, true))]
             for name in ("albedo", "transport", "shading"):
                 found, true = maps[name][j][inside], getattr(batch, name)[j][inside]
-                row += [rms(found * f - true) for f in ((1, factor(found, true)) if name != "transport" else (1,))]
+                row += [rms(found * f - true) for f in ((1, best_scale(found, true)) if name != "transport" else (1,))]
             rows.append(row)
     return np.concatenate([np.array(rows, float).mean(0), np.array(energies, float).mean(0)])
 

@@ -1,9 +1,9 @@
-"""How like measured indoor light the generated rooms are: tenth, median and ninetieth percentile of lights' statistics.
+"""Compares generated rooms with measured indoor light: 10th, 50th and 90th percentiles of the lights' statistics.
 
     python benchmarks/rooms.py [--rooms 400]
 
-Prints the table of docs/lights.md. Sixteen measured maps say little of a tenth percentile, so the last column has what
-sixteen rooms drawn at random would say in nine of ten draws: a measured value outside of it tells the two apart.
+Prints the table of docs/lights.md. Percentiles of sixteen maps are uncertain, so the last column has the 90 % range of
+those of sixteen random rooms: measured values outside it differ significantly.
 """
 
 import argparse
@@ -15,7 +15,7 @@ from relight.lights.chain import generated_light
 
 PERCENTILES = (10, 50, 90)
 MAPS = 16
-# Of 13 indoor panoramas and the printed lights of St. Peter's, Galileo and Kitchen.
+# Percentiles of 13 indoor panoramas and the published lights of St. Peter's, Galileo and Kitchen.
 MEASURED = {
     "first": ("contrast, \\|L1\\| / L00", (0.57, 0.86, 1.16)),
     "second": ("structure, \\|L2\\| / L00", (0.30, 0.85, 1.62)),

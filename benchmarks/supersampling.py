@@ -1,15 +1,15 @@
-"""What supersampling buys: how far a baked map is from the mean over each pixel, at equal rays, and what it costs.
+"""Measures the effect of supersampling: the error of baked maps against the mean over each pixel, and the time.
 
     python benchmarks/supersampling.py --size 256 --seeds 0 4 10
 
-The truth is a bake of four times the size with 1024 rays, averaged over its 4 x 4 pixels in each one. Errors are
-root mean squares over pixels (whole inside the figure) of the 9-vector's length; "smooth" are the pixels whose truth
-stays within .05 over the 4 x 4, where only the sampling of directions is left. CPU time, one thread, one process.
+The reference is a bake at four times the size with 1024 rays, averaged over 4 x 4 pixels. Errors are RMS lengths of the
+vectors of nine over pixels that the figure covers. In "smooth" pixels, the reference varies by less than .05 over the
+4 x 4, so only the sampling of directions causes errors. CPU time, one thread, one process.
 """
 
 import os
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy is there, see transport.py
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy is imported, see transport.py
 
 import argparse
 import time
@@ -35,11 +35,11 @@ def main() -> None:
     errors, seconds = {case: [] for case in cases}, dict.fromkeys(cases, 0.0)
     for seed in args.seeds:
         mesh = figure(None, seed)
-        fine = bake(mesh, 4 * args.size, 1024)
-        inside = blocks(fine.mask, 4).all(2)
-        all_of = blocks(fine.transport, 4)[inside]
-        truth = all_of.mean(1)
-        smooth = np.sqrt(((all_of - truth[:, None]) ** 2).sum(-1)).max(1) < 0.05
+        reference = bake(mesh, 4 * args.size, 1024)
+        inside = blocks(reference.mask, 4).all(2)
+        subpixels = blocks(reference.transport, 4)[inside]
+        truth = subpixels.mean(1)
+        smooth = np.sqrt(((subpixels - truth[:, None]) ** 2).sum(-1)).max(1) < 0.05
         for k, rays in cases:
             start = time.process_time()
             maps = bake(mesh, args.size, rays, supersample=k)

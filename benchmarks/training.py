@@ -1,17 +1,18 @@
-"""Speed and memory of training and inference, against what the device's matrix products reach.
+"""Measures speed and memory of training and inference, relative to the device's rate of matrix products.
 
-    python benchmarks/training.py                       # the CPU, one thread, CPU time: holds on a busy machine too
+    python benchmarks/training.py                       # the CPU, one thread, CPU time: also valid on a busy machine
     python benchmarks/training.py --device cuda         # the first GPU, wall time
-    python benchmarks/training.py --cases 256:1:8:f32   # size:width:batch:precision, any number of them
+    python benchmarks/training.py --cases 256:1:8:f32   # size:width:batch:precision, one or more
     python benchmarks/training.py --memory smoke demo study paper
 
 A step is: relight the batch from the packed set ("data"), the network forward and backward, the 15 losses forward and
-backward ("losses"), Adam. GFLOP/s counts two operations per multiply-add of the convolutions and three passes: forward,
-and backward for inputs and for weights. "share" is that over the rate of a large square matrix product, measured on the
-same machine in the same precision.
+backward ("losses"), Adam. GFLOP/s counts two operations per multiply-add of the convolutions in three passes: forward,
+and backward for inputs and for weights. "share" is this rate over that of a large square matrix product, on the same
+machine in the same precision.
 
---memory: "step" is what weights, gradients, Adam's moments, activations and four figures take over the process that has
-merely imported torch; "packed set" is what all figures of the preset take on the device, with masks of 16 % of it.
+--memory: "step" is the memory of weights, gradients, Adam's moments, activations and four figures, without that of a
+process that has only imported torch; "packed set" is that of all figures of the preset, with masks of 16 % of the
+image.
 """
 
 import argparse
@@ -48,11 +49,11 @@ FULL = Loss(
     tv_reference=1024,
     reduction="image",
 )
-SHARE = 0.16  # of the image, in the mask of a figure
+MASK_SHARE = 0.16  # of the image
 
 
 def figure(size: int, name: str) -> Maps:
-    """An ellipse with bulges that covers 16 % of the image, as a person does."""
+    """Returns an ellipse with bulges that covers 16 % of the image, like a person."""
     row, column = np.mgrid[:size, :size]
     x, y = (2 * column + 1) / size - 1, 1 - (2 * row + 1) / size
     mask = (x / 0.23) ** 2 + (y / 0.9) ** 2 < 1
@@ -65,7 +66,7 @@ def figure(size: int, name: str) -> Maps:
 
 
 def data_set(size: int, folder: Path, device: str) -> RelitSet:
-    """Four figures and 40 lights."""
+    """Writes and loads a data set of four figures and 40 lights."""
     paths = [folder / f"{i}.exr" for i in range(4)]
     for path in paths:
         write_maps(path, figure(size, path.stem))
@@ -76,7 +77,7 @@ def data_set(size: int, folder: Path, device: str) -> RelitSet:
 
 
 class Clock:
-    """Seconds of a call: the least of CPU time on one thread, the median of wall time otherwise."""
+    """Measures the seconds of a call: the least CPU time on one thread, else the median of wall time."""
 
     def __init__(self, device: str, threads: int, seconds: float):
         self.cuda, self.cpu_time, self.seconds = device == "cuda", device == "cpu" and threads == 1, seconds
@@ -88,16 +89,16 @@ class Clock:
 
     def __call__(self, call: Callable[[], object]) -> float:
         call()
-        taken, until = [], time.perf_counter() + self.seconds
-        while len(taken) < 3 or time.perf_counter() < until:
+        times, deadline = [], time.perf_counter() + self.seconds
+        while len(times) < 3 or time.perf_counter() < deadline:
             start = self.now()
             call()
-            taken.append(self.now() - start)
-        return min(taken) if self.cpu_time else statistics.median(taken)
+            times.append(self.now() - start)
+        return min(times) if self.cpu_time else statistics.median(times)
 
 
 class Case:
-    """A training: its network, its data, and a step of it."""
+    """A training: network, data, and step."""
 
     def __init__(self, model: Model, size: int, count: int, precision: str, device: str, compiled: bool, folder: Path):
         self.data, self.count = data_set(size, folder, device), count
@@ -135,42 +136,42 @@ def measure(text: str, device: str, clock: Clock, compiled: bool) -> None:
         case = Case(model, size, count, precision, device, compiled, Path(folder))
     fixed = case.draw()
     with case.autocast, torch.no_grad():
-        found = case.network(fixed.image, fixed.mask)
-        leaves = {name: value.detach().requires_grad_() for name, value in found.items()}
+        outputs = case.network(fixed.image, fixed.mask)
+        leaves = {name: value.detach().requires_grad_() for name, value in outputs.items()}
 
     def infer() -> None:
         with case.autocast, torch.inference_mode():
             case.network(fixed.image[:1], fixed.mask[:1])
 
-    whole, relit = clock(case.step), clock(case.draw)
+    step_time, data_time = clock(case.step), clock(case.draw)
     memory = peak(device)
-    lost = clock(lambda: case.total(leaves, fixed).backward())
+    loss_time = clock(lambda: case.total(leaves, fixed).backward())
     case.network.eval()
-    one, macs, rate = clock(infer), multiply_adds(model, size), matmul_rate(clock, device, precision)
+    inference_time, macs, rate = clock(infer), multiply_adds(model, size), matmul_rate(clock, device, precision)
     cells = [
         text,
-        f"{1e3 * whole:.1f}",
-        f"{count / whole:.2f}",
-        f"{6 * macs * count / whole / 1e9:.0f}",
-        f"{6 * macs * count / whole / rate:.0%}",
-        f"{relit / whole:.1%}",
-        f"{lost / whole:.1%}",
-        f"{1e3 * one:.1f}",
-        f"{2 * macs / one / rate:.0%}",
+        f"{1e3 * step_time:.1f}",
+        f"{count / step_time:.2f}",
+        f"{6 * macs * count / step_time / 1e9:.0f}",
+        f"{6 * macs * count / step_time / rate:.0%}",
+        f"{data_time / step_time:.1%}",
+        f"{loss_time / step_time:.1%}",
+        f"{1e3 * inference_time:.1f}",
+        f"{2 * macs / inference_time / rate:.0%}",
         f"{memory / 2**30:.1f}",
     ]
     print("| " + " | ".join(cells) + " |", flush=True)
 
 
 def peak(device: str) -> int:
-    """Most bytes in use so far: of this process, or of what torch holds on the GPU."""
+    """Returns the peak memory in bytes: of this process, or of torch on the GPU."""
     if device == "cuda":
         return torch.cuda.max_memory_allocated()
     return 1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 
 
 def memory(scale: str, device: str) -> str:
-    """A row: what two steps of a preset's training take, in a process that has done nothing else."""
+    """Returns a row: the memory of two steps of a preset's training, in a new process."""
     before = peak(device)
     cfg = OmegaConf.to_object(composed([f"scale={scale}"]))
     with tempfile.TemporaryDirectory() as folder:
@@ -182,7 +183,7 @@ def memory(scale: str, device: str) -> str:
     stored = sum(
         v.nbytes for v in vars(case.data).values() if isinstance(v, torch.Tensor) and len(v) >= len(case.data.pixel)
     )
-    pixels = cfg.figures.count * SHARE * cfg.bake.size**2
+    pixels = cfg.figures.count * MASK_SHARE * cfg.bake.size**2
     cells = [
         f"`{scale}`",
         f"{cfg.bake.size} px, {cfg.model.width:g}, {cfg.train.batch}, {cfg.train.precision}",
@@ -199,7 +200,7 @@ def main() -> None:
     parser.add_argument("--device", choices=["cpu", "cuda"], default="cpu")
     parser.add_argument("--threads", type=int, default=1, help="of the CPU; with more than one, wall time is measured")
     parser.add_argument("--cases", nargs="+", metavar="SIZE:WIDTH:BATCH:PRECISION", help="f32 or bf16")
-    parser.add_argument("--seconds", type=float, default=5.0, help="spent on each measurement at least")
+    parser.add_argument("--seconds", type=float, default=5.0, help="least duration of each measurement")
     parser.add_argument("--compile", action="store_true", help="torch.compile the network")
     parser.add_argument("--memory", nargs="+", metavar="SCALE", help="only the peak memory of these presets' training")
     options = parser.parse_args()

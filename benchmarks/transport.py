@@ -1,22 +1,22 @@
-"""Error against time of the transport baker, of its two baselines, and the ceiling that Open3D sets.
+"""Measures error against time of the transport baker and of two baselines, and the upper limit set by Open3D.
 
     python benchmarks/transport.py --out docs/images/transport.png
 
 All methods run in one process, on one thread, in interleaved rounds, on the same points; time is CPU time. The
 baselines follow their published descriptions:
 
-- PIFu (Saito et al. 2019, prt_util): n x n independent directions over the whole sphere, one set shared by all
-  points, n = 40 by default; trimesh with embreex. Its `stratified` form jitters a grid instead, and sums by products.
+- PIFu (Saito et al. 2019, prt_util): n x n independent directions over the whole sphere, shared by all points, n = 40
+  by default; trimesh with embreex. The variant `stratified` has a jittered grid, and sums by matrix products.
 - cosine: independent cosine-distributed directions per point, T = pi/N sum V Y; Open3D.
 
-RMSE is over points and coefficients, against 65,536 scrambled Sobol rays per point. All methods start their rays at
-the same offset, so only sampling is compared. Errors of shared directions are common to all points, a tint rather than
-noise, so those are taken over 24 seeds.
+RMSE is over points and coefficients, against 65,536 scrambled Sobol rays per point. Rays of all methods start at the
+same offset, so only sampling is compared. Errors of shared directions are the same at all points, so they are averaged
+over 24 seeds.
 """
 
 import os
 
-os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy is there: a second thread of BLAS waits at full CPU time
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy is imported: idle threads of BLAS take CPU time
 
 import argparse
 import platform
@@ -37,7 +37,7 @@ from relight.transport.surface import shading_normals
 
 
 def figure(path: Path | None, seed: int) -> Mesh:
-    """The aligned mesh of `path` (any format), or a generated clothed figure."""
+    """Returns the aligned mesh of a file (any format), or a generated clothed figure."""
     from relight.config import composed
     from relight.meshes import align, clean, read_mesh
 
@@ -52,7 +52,7 @@ def figure(path: Path | None, seed: int) -> Mesh:
 
 
 def pixels(mesh: Mesh, caster: RayCaster, size: int, every: int) -> tuple[np.ndarray, ...]:
-    """Points, shading normals and geometric normals of every `every`-th row of a `size` px image, in raster order."""
+    """Returns points, shading normals and geometric normals of every `every`-th row of an image, in raster order."""
     row, column = np.divmod(np.arange(size * size), size)
     keep = row % every == every // 2
     _, face, weights = primary_hits(caster, Camera(size), column[keep] + 0.5, row[keep] + 0.5)
@@ -62,12 +62,12 @@ def pixels(mesh: Mesh, caster: RayCaster, size: int, every: int) -> tuple[np.nda
     return caster.points(face, weights), normals * side, geometric * side
 
 
-def ours(caster: RayCaster, points, normals, geometric, rays: int, seed: int) -> np.ndarray:
+def relight_baker(caster: RayCaster, points, normals, geometric, rays: int, seed: int) -> np.ndarray:
     return integrate(caster, points, normals, geometric, rays, seed=seed)[0]
 
 
 def local_rays(caster: RayCaster, points, normals, geometric, directions: np.ndarray, seed: int) -> np.ndarray:
-    """(P, N, 6) float32: the same offset and frames as ours, with any directions (N, 3) or (P, N, 3) about +z."""
+    """Returns rays (P,N,6) float32 with relight's offset and frames, of directions (N,3) or (P,N,3) about +z."""
     world = np.matmul(directions, tangent_frames(normals, random_azimuths(len(normals), seed)))
     start = caster.to_local(points + caster.offset * geometric)
     return np.concatenate([np.broadcast_to(start[:, None], world.shape), world], 2).astype(np.float32)
@@ -98,7 +98,7 @@ def sphere_directions(uniform: np.ndarray) -> np.ndarray:
 
 
 def pifu(intersector, caster: RayCaster, points, normals, geometric, n: int, seed: int) -> np.ndarray:
-    """The published procedure: for n slices of n directions, every pair of point and direction is written out."""
+    """Computes transport as published: n slices of n directions, with all pairs of point and direction."""
     directions = sphere_directions(np.random.default_rng(seed).random((n * n, 2)))
     values = basis(directions)
     starts = np.repeat(points + caster.offset * geometric, n, 0)
@@ -114,7 +114,7 @@ def pifu(intersector, caster: RayCaster, points, normals, geometric, n: int, see
 
 
 def stratified(intersector, caster: RayCaster, points, normals, geometric, n: int, seed: int) -> np.ndarray:
-    """The same scheme at its best: a jittered n x n grid of directions, and matrix products for the sums."""
+    """Computes transport by an improved form of `pifu`: a jittered n x n grid of directions, and matrix products."""
     cell = np.indices((n, n)).reshape(2, -1).T
     directions = sphere_directions((cell + np.random.default_rng(seed).random((n * n, 2))) / n)
     values = basis(directions)
@@ -128,7 +128,7 @@ def stratified(intersector, caster: RayCaster, points, normals, geometric, n: in
 
 
 def reference(caster: RayCaster, points, normals, geometric, power: int = 15) -> tuple[np.ndarray, float]:
-    """Transport by two independent sets of 2^power Sobol rays, and the RMSE of one half against the other, halved."""
+    """Returns transport by two independent sets of 2^power Sobol rays, and half the RMSE between the two."""
     halves = []
     for seed in (1, 2):
         directions = cosine_directions(qmc.Sobol(2, seed=seed).random_base2(power))
@@ -146,7 +146,7 @@ def rmse(values: np.ndarray, truth: np.ndarray) -> float:
     return float(np.sqrt(((values - truth) ** 2).mean()))
 
 
-def cpu(function, *arguments) -> float:
+def cpu_seconds(function, *arguments) -> float:
     start = time.process_time()
     function(*arguments)
     return time.process_time() - start
@@ -163,7 +163,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
     parser.add_argument("--mesh", type=Path, help="a mesh instead of a generated figure")
     parser.add_argument("--seed", type=int, default=0, help="of the generated figure")
-    parser.add_argument("--points", type=int, default=600, help="points that the error is measured at")
+    parser.add_argument("--points", type=int, default=600, help="number of points for errors")
     parser.add_argument("--rounds", type=int, default=5)
     parser.add_argument("--out", type=Path, help="plot (.png)")
     options = parser.parse_args()
@@ -174,17 +174,19 @@ def main() -> None:
     mesh = figure(options.mesh, options.seed)
     caster = RayCaster(mesh.vertices, mesh.faces, threads=1)
     intersector = RayMeshIntersector(trimesh.Trimesh(mesh.vertices, mesh.faces, process=False))
-    everything = pixels(mesh, caster, 1024, 16)
-    some = tuple(array[np.random.default_rng(0).permutation(len(array))[: options.points]] for array in everything)
-    truth, doubt = reference(caster, *some)
-    print(
-        f"{machine()}; {len(mesh.faces)} triangles, {len(everything[0])} points timed, {len(truth)} points for errors"
+    all_points = pixels(mesh, caster, 1024, 16)
+    sampled_points = tuple(
+        array[np.random.default_rng(0).permutation(len(array))[: options.points]] for array in all_points
     )
-    print(f"reference: half-difference {doubt:.1e}, rms of the transport {np.sqrt((truth**2).mean()):.3f}\n")
+    truth, reference_error = reference(caster, *sampled_points)
+    print(
+        f"{machine()}; {len(mesh.faces)} triangles, {len(all_points[0])} points timed, {len(truth)} points for errors"
+    )
+    print(f"reference: half-difference {reference_error:.1e}, rms of the transport {np.sqrt((truth**2).mean()):.3f}\n")
 
-    methods = {}  # (name, rays): function, what it takes for its rays, seeds that the error is taken over
+    methods = {}  # (name, rays): function, its parameter for the rays, number of seeds for the error
     for rays in (16, 24, 64, 256, 1024):
-        methods["ours", rays] = (lambda *a: ours(caster, *a), rays, 2)
+        methods["ours", rays] = (lambda *a: relight_baker(caster, *a), rays, 2)
     for rays in (64, 256, 1024):
         methods["cosine", rays] = (lambda *a: cosine(caster, *a), rays, 2)
     for n in (8, 16, 32, 40):
@@ -192,27 +194,29 @@ def main() -> None:
         methods["stratified", n * n] = (lambda *a: stratified(intersector, caster, *a), n, 24)
     seconds = {key: [] for key in methods}
     for _ in range(options.rounds):
-        for key, (function, effort, _) in methods.items():
-            seconds[key].append(cpu(function, *everything, effort, 0) / len(everything[0]) * 1e5)
+        for key, (function, parameter, _) in methods.items():
+            seconds[key].append(cpu_seconds(function, *all_points, parameter, 0) / len(all_points[0]) * 1e5)
     rows = []
-    for key, (function, effort, seeds) in methods.items():
-        error = np.sqrt(np.mean([rmse(function(*some, effort, seed + 10), truth) ** 2 for seed in range(seeds)]))
-        rows.append((*key, error, min(seconds[key])))  # other users of the machine only add to it
+    for key, (function, parameter, seeds) in methods.items():
+        error = np.sqrt(
+            np.mean([rmse(function(*sampled_points, parameter, seed + 10), truth) ** 2 for seed in range(seeds)])
+        )
+        rows.append((*key, error, min(seconds[key])))  # the least time, since other load only adds to it
 
     print("| baker | rays | RMSE | CPU-s per 100k points | Mray per CPU-s |\n|---|---|---|---|---|")
     for name, rays, error, cost in rows:
         print(f"| {name} | {rays} | {error:.1e} | {cost:.2f} | {rays / cost / 10:.2f} |")
-    mine = np.log(sorted((error, cost) for name, _, error, cost in rows if name == "ours"))
+    curve = np.log(sorted((error, cost) for name, _, error, cost in rows if name == "ours"))
     for name in ("PIFu", "stratified"):
         error, cost = next(row[2:] for row in rows if row[:2] == (name, 1600))
-        ratio = cost / np.exp(np.interp(np.log(error), *mine.T))
+        ratio = cost / np.exp(np.interp(np.log(error), *curve.T))
         print(f"\nAt the error of {name} with 1600 rays, {error:.1e}: {ratio:.0f} times less CPU time")
 
-    cast = local_rays(caster, *everything, vogel_directions(256), 0).reshape(-1, 6)
+    cast = local_rays(caster, *all_points, vogel_directions(256), 0).reshape(-1, 6)
     ratios = []
     for _ in range(max(options.rounds, 9)):
-        raw = cpu(lambda: [caster.occluded(cast[i : i + BATCH]) for i in range(0, len(cast), BATCH)])
-        ratios.append((raw / cpu(ours, caster, *everything, 256, 0), len(cast) / raw * 1e-6))
+        raw = cpu_seconds(lambda: [caster.occluded(cast[i : i + BATCH]) for i in range(0, len(cast), BATCH)])
+        ratios.append((raw / cpu_seconds(relight_baker, caster, *all_points, 256, 0), len(cast) / raw * 1e-6))
     share, rate = np.median(ratios, 0)
     print(
         f"Raw test_occlusions on the same rays: {rate:.1f} Mray per CPU-s; the baker reaches {100 * share:.0f} % of it"

@@ -1,7 +1,6 @@
-"""`alone.py FILE command...` runs a command once no other holds FILE, so that two `make` do not install at once.
+"""`alone.py FILE command...` runs a command while it holds a lock on FILE, so that two `make` do not install at once.
 
-The command inherits the lock: it is free as soon as the command and all that it started have ended. Standard library
-only.
+The command and its children inherit the lock, which is released when all of them have ended. Standard library only.
 """
 
 import fcntl
@@ -15,7 +14,7 @@ def main() -> None:
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
-        print("another make installs in this folder: waiting for it", flush=True)
+        print("another make is installing in this folder: waiting for it", flush=True)
         fcntl.flock(handle, fcntl.LOCK_EX)
     os.set_inheritable(handle, True)
     os.execvp(command[0], command)

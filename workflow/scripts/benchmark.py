@@ -2,7 +2,8 @@
 
 python workflow/scripts/benchmark.py SET ANSWERS [--out FILE.jpg]
 
-The pictures stand at even steps of `full: RMSE`, from the best on the left to the worst; each in its first new light.
+The pictures are evenly spaced by rank of `full: RMSE`, from the best on the left to the worst; each in its first new
+light.
 """
 
 import argparse
@@ -28,15 +29,15 @@ def main() -> None:
     entries = [entry for entry in benchmark.entries if not entry.of]
     order = np.argsort(read_scores(args.answers).columns["full"])
     columns = []
-    for place in np.linspace(0, len(entries) - 1, COUNT).round().astype(int):
-        entry = entries[order[place]]
+    for rank in np.linspace(0, len(entries) - 1, COUNT).round().astype(int):
+        entry = entries[order[rank]]
         answer, shot = read_arrays(args.answers / f"{entry.name}.npz"), entry.shot()
         pictures = [answer["ratio"][0], answer["full"][0], benchmark.truth(entry)[1][0]]
         inside = shot.mask[..., None] / 255
-        cut = [np.uint8(one * inside + PAPER * (1 - inside) + 0.5) for one in pictures]
+        on_paper = [np.uint8(one * inside + PAPER * (1 - inside) + 0.5) for one in pictures]
         top, left, side = (round(value) for value in (shot.square.top, shot.square.left, shot.square.side))
         tiles = [Image.new("RGB", (side, side), (PAPER,) * 3) for _ in range(4)]
-        for tile, pixels in zip(tiles, (shot.photo, *cut)):
+        for tile, pixels in zip(tiles, (shot.photo, *on_paper)):
             tile.paste(Image.fromarray(pixels), (-left, -top))
         columns.append(
             np.concatenate([np.asarray(one.resize((SIDE, SIDE), Image.Resampling.LANCZOS)) for one in tiles])

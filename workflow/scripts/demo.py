@@ -1,6 +1,6 @@
-"""MkDocs hooks: the page that `relight web` writes becomes the demo of the site's page on it, where it has been built.
+"""MkDocs hooks that embed the page of `relight web` in the site, if it has been built.
 
-`make docs` builds it into the folder that `extra.demo` of mkdocs.yml names.
+`make docs` builds it into the folder `extra.demo` of mkdocs.yml.
 """
 
 import shutil
@@ -20,7 +20,7 @@ def _folder(config) -> Path:
 
 
 def on_page_markdown(markdown: str, *, page, config, **_) -> str:
-    """Shows the demo below the title of its page."""
+    """Inserts the demo below the title of its page."""
     if page.file.src_uri != PAGE or not (_folder(config) / "index.html").is_file():
         return markdown
     title, rest = markdown.split("\n", 1)

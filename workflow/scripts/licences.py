@@ -1,4 +1,4 @@
-"""Writes docs/licences.md: the licence of each package that `make` installs, as its own metadata says."""
+"""Writes docs/licences.md: the licence of each package that `make` installs, from its metadata."""
 
 import re
 from importlib import metadata
@@ -25,7 +25,7 @@ TEXTS = {
 
 
 def licence(found: metadata.Distribution) -> str:
-    """The licence of a package, from the first place that tells it."""
+    """Returns the licence of a package: from its metadata, its classifiers, or the text of its licence files."""
     stated = found.metadata.get("License-Expression") or found.metadata.get("License") or ""
     if stated and "\n" not in stated and stated.upper() != "UNKNOWN":
         return stated
@@ -40,7 +40,7 @@ def licence(found: metadata.Distribution) -> str:
 
 
 def home(found: metadata.Distribution) -> str:
-    """Where a package lives."""
+    """Returns the address of a package's home page or repository."""
     links = [line.partition(", ") for line in found.metadata.get_all("Project-URL", [])]
     ranked = {name.lower(): link for name, _, link in links}
     named = next((ranked[n] for n in ("homepage", "home", "source", "source code", "repository") if n in ranked), None)
@@ -50,17 +50,17 @@ def home(found: metadata.Distribution) -> str:
 def main() -> None:
     text = Path("requirements.txt").read_text()
     names = {*re.findall(r"^([\w.-]+)==", text, re.M), "torch"}
-    rows, away = [], []
+    rows, not_installed = [], []
     for name in sorted(names, key=str.lower):
         try:
             found = metadata.distribution(name)
         except metadata.PackageNotFoundError:
-            away.append(name)
+            not_installed.append(name)
             continue
         version = found.version.partition("+")[0]
         rows.append(f"| {found.metadata['Name']} | {version} | {licence(found)} | {home(found)} |\n")
-    last = f"\nOn other platforms or versions of Python only: {', '.join(away)}.\n" if away else ""
-    Path("docs/licences.md").write_text(HEAD + "".join(rows) + last)
+    footer = f"\nOn other platforms or versions of Python only: {', '.join(not_installed)}.\n" if not_installed else ""
+    Path("docs/licences.md").write_text(HEAD + "".join(rows) + footer)
 
 
 if __name__ == "__main__":

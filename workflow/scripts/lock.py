@@ -6,10 +6,10 @@ import sys
 import tempfile
 from pathlib import Path
 
-# Releases that everything was measured with; raise them with the numbers in docs/.
+# Releases with which the numbers in docs/ were measured; update both together.
 PINS = "torch==2.13.0\n"
-# torch and what its CUDA builds bring: a machine may take a build of its own (CPU, another CUDA, a cluster's), of the
-# same version and other bytes.
+# torch and the packages of its CUDA builds: a machine may need another build (CPU, another CUDA) of the same version,
+# with other hashes.
 OWN_BUILD = re.compile(r"(torch|triton|cuda-[\w-]+|nvidia-[\w-]+)==")
 
 CONSTRAINTS = "# Exact versions of everything, from pyproject.toml by `make lock`; used as pip's constraints.\n"
@@ -31,7 +31,7 @@ dependencies:
 
 
 def compiled(extras: tuple[str, ...], constraints: str, *options: str) -> str:
-    """The lock of pyproject.toml with these extras, for all platforms and Python versions."""
+    """Returns the lock of pyproject.toml with some extras, for all platforms and Python versions."""
     command = [sys.executable, "-m", "uv", "pip", "compile", "pyproject.toml"]
     command += [f"--extra={extra}" for extra in extras]
     command += ["--universal", "--no-header", "--no-annotate", "--python-version=3.11", "--quiet"]
@@ -40,7 +40,7 @@ def compiled(extras: tuple[str, ...], constraints: str, *options: str) -> str:
 
 
 def packages(text: str) -> list[str]:
-    """The entries of a lock, each with the lines of its hashes."""
+    """Returns the entries of a lock, each with the lines of its hashes."""
     return re.findall(r"^\S.*(?:\n[ \t]+.*)*\n", text, re.M)
 
 
@@ -49,8 +49,7 @@ def main() -> None:
         pins = Path(folder) / "pins.txt"
         pins.write_text(PINS)
         text = compiled(("dev", "docs", "slurm", "postgres", "bench", "export"), str(pins))
-        # No local build tag: the same line takes the CUDA build where there is one, and the CPU build where pip prefers
-        # it.
+        # Without local build tags, so that pip can choose the CUDA build or the CPU build.
         Path("constraints.txt").write_text(CONSTRAINTS + re.sub(r"(==[\w.]+)\+[\w.]+", r"\1", text))
         hashed = compiled(("dev",), "constraints.txt", "--generate-hashes")
     kept = [package for package in packages(hashed) if not OWN_BUILD.match(package)]

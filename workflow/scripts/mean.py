@@ -1,9 +1,9 @@
-"""Averages the weights of a network and of the one that its training went on from.
+"""Averages the weights of a network and of the network from which its training started.
 
 python workflow/scripts/mean.py start.safetensors end.safetensors out.safetensors
 
-On the straight line between the two, errors on pictures unlike those of the last training are often the smallest
-(Wortsman et al. 2022, Robust Fine-Tuning of Zero-Shot Models). Settings are those of the end.
+Such averages often have smaller errors on pictures that differ from those of the last training (Wortsman et al. 2022,
+Robust Fine-Tuning of Zero-Shot Models). Settings are those of the end.
 """
 
 import sys
@@ -16,7 +16,7 @@ def main(start: str, end: str, out: str) -> None:
     (first, _), (last, made_with) = load_network(start), load_network(end)
     weights = last.state_dict()
     for name, other in first.state_dict().items():
-        if other.is_floating_point():  # the others count batches
+        if other.is_floating_point():  # the others are counts of batches
             weights[name] = (weights[name] + other) / 2
     last.load_state_dict(weights)
     model = config.Model(**made_with.pop("model"))

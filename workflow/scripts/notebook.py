@@ -1,4 +1,4 @@
-"""Runs the blocks of docs/first_hour.md as one program, and writes their outputs and pictures into the page."""
+"""Runs the code blocks of docs/first_hour.md as one program, and inserts their output and pictures into the page."""
 
 import re
 import sys
@@ -17,14 +17,14 @@ CELL = re.compile(r"```python\n(?P<code>.*?)```\n(?:```text\n(?P<output>.*?)```\
 
 
 def run(page: str, pictures: Path) -> Iterator[tuple[re.Match[str], str]]:
-    """Runs the blocks of a page, one after the other in one namespace.
+    """Runs the code blocks of a page in order, in one namespace.
 
     Args:
-        page: Markdown, with Python in fences, and after some of them their output in a fence of text.
-        pictures: the folder that gets the figures of matplotlib, as first_hour_1.jpg and so on.
+        page: Markdown, with fenced Python blocks, some of which are followed by a text block with their output.
+        pictures: folder for the figures of matplotlib, named first_hour_1.jpg and so on.
 
     Yields:
-        The match of CELL for each block, and what it printed.
+        The match of CELL for each block, and its output.
     """
     matplotlib.use("Agg")
     names: dict[str, Any] = {"__name__": "__main__"}

@@ -1,4 +1,4 @@
-"""Makes docs/images/photo.jpg: a photograph (NASA, by scikit-image), what is inferred of it, and it in other lights.
+"""Draws docs/images/photo.jpg: a photograph (NASA, by scikit-image), its inferred maps, and the relit photograph.
 
 python workflow/scripts/portrait.py [--weights FILE] [--out FILE.jpg]
 """

@@ -1,4 +1,4 @@
-"""Writes docs/settings.md: all settings, from their schema and the presets in conf/."""
+"""Writes docs/settings.md: all settings, from the schema and the presets in conf/."""
 
 from dataclasses import Field, fields, is_dataclass
 from typing import Any, get_origin
@@ -41,7 +41,7 @@ def page() -> str:
 
 
 def scales(default: str) -> list[str]:
-    """Returns the section of the presets of `scale`: what they are for, and what each sets."""
+    """Returns the section of the presets of `scale`, with the settings of each."""
     files = {name: OmegaConf.load(CONF / "scale" / f"{name}.yaml") for name in presets()["scale"]}
     found = {name: flat(OmegaConf.to_container(file)) for name, file in files.items()}
     keys = dict.fromkeys(key for values in found.values() for key in values)
@@ -62,8 +62,8 @@ def experiments(default: list[str]) -> list[str]:
 
 
 def listed_presets(group: str, default: list[str], overrides: bool = True) -> str:
-    """Returns a list of the presets of a group: the comment at the head of each file and, with `overrides`, what
-    it changes of the preset that it starts from."""
+    """Returns a list of the presets of a group: the comment at the top of each file and, with `overrides`, its
+    differences from the preset on which it is based."""
     lines = []
     for name in presets()[group]:
         text = (CONF / group / f"{name}.yaml").read_text(encoding="utf-8")
@@ -89,7 +89,7 @@ def table(items: dict[str, Field[Any]], cfg: DictConfig | None) -> str:
 
 
 def values(item: Field[Any]) -> str:
-    """Returns the type of a field, and which values of it the field may have."""
+    """Returns the type and the domain of a field."""
     if choices := setting_of(item).choices:
         return ("a list of " if get_origin(item.type) is list else "") + ", ".join(f"`{name}`" for name in choices)
     kind, null, _ = type_in_words(item.type).partition(", or null")
@@ -103,7 +103,7 @@ def paragraph(schema: type) -> str:
 
 
 def shown(value: object) -> str:
-    """Returns a value as YAML shows it."""
+    """Returns a value in YAML."""
     if value is MISSING:
         return ""
     plain = OmegaConf.to_container(value) if OmegaConf.is_config(value) else value

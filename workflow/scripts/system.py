@@ -1,7 +1,7 @@
-"""Looks for what `make` needs from the system before anything heavy runs; standard library only.
+"""Checks the system libraries that `make` needs; standard library only.
 
-Open3D does not import without these libraries, and pymeshlab silently loses its readers, so they are loaded by name
-here. As root on Debian or Ubuntu missing packages are installed; otherwise the line to type is printed.
+Without them, Open3D cannot be imported, and pymeshlab silently lacks readers. Missing packages are installed as root on
+Debian or Ubuntu; otherwise the command is printed.
 """
 
 import ctypes
@@ -24,7 +24,7 @@ PYTHONS = ((3, 11), (3, 13))
 
 
 def missing() -> list[str]:
-    """Debian packages whose library does not load, or whose module is not there."""
+    """Returns the Debian packages of libraries that cannot be loaded and of missing modules."""
     packages = []
     try:
         import ensurepip  # noqa: F401  (Debian keeps it in a package of its own)
@@ -58,7 +58,7 @@ def main() -> None:
     subprocess.run([apt, "update", "-qq"], check=False, **quiet)
     if subprocess.run([apt, *line.split()[1:]], check=False, **quiet).returncode:
         sys.exit(f"the installation of system packages failed; type:\n    {line}")
-    # A new library is found by a new process only.
+    # Only a new process finds new libraries.
     left = subprocess.run(
         [sys.executable, __file__, "--list"], capture_output=True, text=True, check=False
     ).stdout.split()

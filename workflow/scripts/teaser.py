@@ -1,4 +1,4 @@
-"""Draws docs/images/teaser.jpg: figures as pictures, albedo, transport, and under other lights.
+"""Draws docs/images/teaser.jpg: pictures of figures, albedo, transport, and relit pictures.
 
 python workflow/scripts/teaser.py [seed ...]
 """
@@ -45,13 +45,13 @@ def main(seeds: list[int]) -> None:
 
 
 def halved(picture: np.ndarray) -> np.ndarray:
-    """The mean of each 2 x 2 pixels."""
+    """Returns a picture at half the size, by means over 2 x 2 pixels."""
     height, width = picture.shape[:2]
     return picture.reshape(height // 2, 2, width // 2, 2, -1).mean((1, 3))
 
 
 def add_ball(picture: np.ndarray, light: np.ndarray) -> None:
-    """Draws the lit ball of a light into the picture's lower right corner."""
+    """Draws the ball of a light into the lower right corner of a picture."""
     size = SIZE // 9
     drawn = lit_ball(light, size)
     corner = picture[-size:, -size:]

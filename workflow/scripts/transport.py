@@ -1,4 +1,4 @@
-"""Draws docs/images/transport.jpg: what light transport is, in three pictures.
+"""Draws docs/images/transport.jpg, which explains light transport in three pictures.
 
 python workflow/scripts/transport.py [seed]
 """
@@ -32,7 +32,7 @@ def main(seed: int) -> None:
     mesh = align(clean(mesh, settings.clean), settings.align)
     maps = bake(mesh, SIZE, 256)
     light = load_light(LIGHT).normalised(0.8).coefficients
-    open_point, dark_point = chosen(maps)
+    open_point, dark_point = select_points(maps)
 
     figure = plt.figure(figsize=(15, 5.4), layout="constrained")
     grid = GridSpec(1, 3, figure, width_ratios=[1.25, 0.8, 1.6])
@@ -81,22 +81,22 @@ def main(seed: int) -> None:
     figure.savefig(ROOT / "docs" / "images" / "transport.jpg", dpi=100, pil_kwargs={"quality": 88})
 
 
-def chosen(maps) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Two pixels (row, column) of the upper body that face the camera: one that sees most, one that sees little."""
+def select_points(maps) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Returns two pixels (row, column) of the upper body that face the camera: the least and the most occluded one."""
     rows = np.flatnonzero(maps.mask.any(1))
     upper = np.zeros_like(maps.mask)
     upper[rows[0] + len(rows) // 6 : rows[0] + len(rows) // 3] = True
-    able = maps.mask & upper & (maps.normal[..., 2] > 0.35)
-    score = np.where(able, maps.ao, np.nan)
+    candidates = maps.mask & upper & (maps.normal[..., 2] > 0.35)
+    score = np.where(candidates, maps.ao, np.nan)
     return np.unravel_index(np.nanargmax(score), score.shape), np.unravel_index(np.nanargmin(score), score.shape)
 
 
 def visibility(scene: RayCaster, maps, point: tuple[int, int]) -> np.ndarray:
-    """The sphere as seen from a pixel, its front half as a disc: grey where light can arrive, red where not."""
+    """Draws the visibility of the front hemisphere from a pixel as a disc: grey where visible, red where occluded."""
     row, column = point
     size = len(maps.mask)
-    place = np.array([(2 * column + 1) / size - 1, 1 - (2 * row + 1) / size, 0])
-    start = scene_point(scene, place)
+    position = np.array([(2 * column + 1) / size - 1, 1 - (2 * row + 1) / size, 0])
+    start = scene_point(scene, position)
     disc, direction = front()
     normal = maps.normal[point]
     rays = np.concatenate(
@@ -110,14 +110,14 @@ def visibility(scene: RayCaster, maps, point: tuple[int, int]) -> np.ndarray:
     return picture
 
 
-def scene_point(scene: RayCaster, place: np.ndarray) -> np.ndarray:
-    """The first point of the mesh behind (x, y) of the aligned frame."""
-    ray = np.concatenate([scene.to_local(place + [0, 0, 2 * scene.diagonal]), [0, 0, -1]]).astype(np.float32)[None]
+def scene_point(scene: RayCaster, position: np.ndarray) -> np.ndarray:
+    """Returns the first point of the mesh behind (x, y) of the aligned frame."""
+    ray = np.concatenate([scene.to_local(position + [0, 0, 2 * scene.diagonal]), [0, 0, -1]]).astype(np.float32)[None]
     return scene.points(*scene.intersect(ray))[0]
 
 
 def front() -> tuple[np.ndarray, np.ndarray]:
-    """The disc (BALL,BALL) bool of a unit sphere seen from the front, and its directions (N,3)."""
+    """Returns the disc (BALL,BALL) bool of a unit sphere seen from the front, and its directions (N,3)."""
     grid = (2 * np.arange(BALL) + 1) / BALL - 1
     x, y = np.meshgrid(grid, -grid)
     disc = x**2 + y**2 < 0.98

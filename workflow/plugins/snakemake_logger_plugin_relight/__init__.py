@@ -1,4 +1,4 @@
-"""Snakemake's progress in one line: how far each rule is, and the time left; errors in full, and nothing else."""
+"""Logs Snakemake's progress in one line, with the jobs of each rule and the time left, and errors in full."""
 
 import logging
 import os
@@ -14,26 +14,28 @@ from snakemake_interface_logger_plugins.settings import LogHandlerSettingsBase
 from relight.progress import duration
 from snakemake_logger_plugin_relight.costs import Costs, makespan, measured
 
-EVERY = 10.0  # seconds between two lines where there is no terminal
-OVERDUE = 0.1  # of its time so far, that a job which takes longer than others is taken to need yet
-KILLED = "returned non-zero exit status 137"  # what a shell makes of SIGKILL; Snakemake's words are all there is of it
-NO_WORK = ("total", "all", "settings", "listing", "experiments")  # rules that write a few lines
+LOG_INTERVAL = 10.0  # seconds between lines in a log
+OVERDUE_SHARE = 0.1  # remaining time of a job that takes longer than expected, relative to its time so far
+KILLED_MESSAGE = (
+    "returned non-zero exit status 137"  # the shell's status after SIGKILL, which only Snakemake's message shows
+)
+TRIVIAL_RULES = ("total", "all", "settings", "listing", "experiments")  # rules that are not counted
 
 
 @dataclass
 class LogHandlerSettings(LogHandlerSettingsBase):
-    """From the command line, as --logger-relight-results and --logger-relight-scale."""
+    """Options of the command line: --logger-relight-results and --logger-relight-scale."""
 
-    results: str = field(default="", metadata={"help": "Folder of the results, which says what jobs cost before."})
-    scale: str = field(default="", metadata={"help": "Scale whose measured costs hold for what has not run before."})
+    results: str = field(default="", metadata={"help": "Folder of the results, with the costs of earlier jobs."})
+    scale: str = field(default="", metadata={"help": "Scale of the costs of jobs that have not run before."})
 
 
 class LogHandler(LogHandlerBase):
-    """`12%: figure 12/64, bake 8/64; about 4 min left`: rewritten on a terminal, a line now and then in a log."""
+    """Writes lines such as `12%: figure 12/64, bake 8/64; about 4 min left`; on a terminal, one line is updated."""
 
     writes_to_stream = True
     writes_to_file = False
-    has_filter = True  # else the profile's `quiet` hides the names of the rules, which are counted here
+    has_filter = True  # otherwise the profile's `quiet` hides the names of the rules, which are counted here
     has_formatter = True
     needs_rulegraph = True
 
@@ -45,8 +47,8 @@ class LogHandler(LogHandlerBase):
         self.done: Counter[str] = Counter()
         self.rule: dict[int, str] = {}
         self.benchmark: dict[int, str] = {}
-        self.since: dict[int, float] = {}  # jobs at work, and when they began
-        self.killed: set[int | None] = set()  # threads of Snakemake's whose command was
+        self.since: dict[int, float] = {}  # running jobs and their start
+        self.killed: set[int | None] = set()  # threads of Snakemake whose command was killed
         self.cores = os.cpu_count() or 1
         self.start = self.last = time.monotonic()
         self.terminal = sys.stderr.isatty()
@@ -59,7 +61,7 @@ class LogHandler(LogHandlerBase):
         elif event == LogEvent.RESOURCES_INFO:
             self.cores = getattr(record, "cores", None) or getattr(record, "nodes", None) or self.cores
         elif event == LogEvent.RUN_INFO:
-            self.total = self.total or {rule: n for rule, n in record.stats.items() if rule not in NO_WORK}
+            self.total = self.total or {rule: n for rule, n in record.stats.items() if rule not in TRIVIAL_RULES}
             if self.total:
                 self.say(f"{sum(self.total.values())} jobs; {self.left()}", whole=True)
         elif event == LogEvent.JOB_INFO:
@@ -78,23 +80,23 @@ class LogHandler(LogHandlerBase):
             self.say(record.getMessage(), whole=True)
 
     def finished(self, job: int) -> None:
-        """Counts a job, and tells where things are when it is time to."""
+        """Counts a finished job, and reports the progress if it is time to."""
         rule, now = self.rule.get(job, ""), time.monotonic()
         since = self.since.pop(job, now)
         if rule not in self.total:
             return
         self.done[rule] += 1
-        # Snakemake's own measure leaves out what a job waited for in the queue of a cluster.
+        # Snakemake's measurement does not include the time in the queue of a cluster.
         seconds = measured(self.benchmark.get(job, ""))
         self.costs.add(rule, now - since if seconds is None else seconds)
-        if self.terminal or now - self.last > EVERY:
+        if self.terminal or now - self.last > LOG_INTERVAL:
             under_way = [rule for rule in self.total if 0 < self.done[rule] < self.total[rule]]
             counts = ", ".join(f"{rule} {self.done[rule]}/{self.total[rule]}" for rule in under_way or [rule])
             share = sum(self.done.values()) / max(1, sum(self.total.values()))
             self.say(f"{share:.0%}: {counts}; {self.left()}")
 
     def left(self) -> str:
-        """The time that is left: `about` where all costs are this run's own, else `roughly`, or `more than`."""
+        """Returns the time left: `about` with costs of this run, else `roughly`, or `more than` if some are unknown."""
         now = time.monotonic()
         running = {job: self.rule.get(job, "") for job in self.since if self.rule.get(job) in self.total}
         at_work = Counter(running.values())
@@ -102,7 +104,9 @@ class LogHandler(LogHandlerBase):
         ahead = [rule for rule, n in self.total.items() if self.done[rule] < n]
         cost = {rule: self.costs[rule] for rule in ahead}
         spent = {job: now - self.since[job] for job in running}
-        rest = [(rule, max((cost[rule] or 0.0) - spent[job], OVERDUE * spent[job])) for job, rule in running.items()]
+        rest = [
+            (rule, max((cost[rule] or 0.0) - spent[job], OVERDUE_SHARE * spent[job])) for job, rule in running.items()
+        ]
         known = {rule: seconds or 0.0 for rule, seconds in cost.items()}
         cores = min(self.cores, max(1, sum(waiting.values()) + len(rest)))
         seconds = makespan(waiting, known, self.needs, rest, cores)
@@ -112,7 +116,7 @@ class LogHandler(LogHandlerBase):
         return f"{'about' if all(map(self.costs.measured, ahead)) else 'roughly'} {duration(seconds)} left"
 
     def failed(self, record: logging.LogRecord, event: str | None) -> None:
-        """What went wrong, in the words of the job or of Snakemake."""
+        """Reports an error of a job or of Snakemake."""
         if event == LogEvent.JOB_ERROR:
             self.since.pop(getattr(record, "jobid", -1), None)
             name = getattr(record, "rule_name", None) or self.rule.get(getattr(record, "jobid", -1), "a job")
@@ -121,13 +125,16 @@ class LogHandler(LogHandlerBase):
             if record.thread in self.killed:
                 how = "was killed; where memory is short the system does so: run fewer jobs at once (--cores)"
             self.say(f"{name} {how}{f'; its log: {log}' if log else ''}", whole=True)
-        elif getattr(record, "exception", None) in ("RuleException", "CalledProcessError"):  # told by the job itself
-            (self.killed.add if KILLED in record.getMessage() else self.killed.discard)(record.thread)
+        elif getattr(record, "exception", None) in (
+            "RuleException",
+            "CalledProcessError",
+        ):  # reported by the job itself
+            (self.killed.add if KILLED_MESSAGE in record.getMessage() else self.killed.discard)(record.thread)
         else:
             self.say(record.getMessage().strip(), whole=True)
 
     def say(self, text: str, whole: bool = False) -> None:
-        """Writes a line; on a terminal it is rewritten by the next one unless it is `whole`."""
+        """Writes a line; on a terminal, the next line replaces it unless it is `whole`."""
         self.last = time.monotonic()
         if self.terminal:
             print(f"\r\x1b[K{text}", end="\n" if whole else "", file=sys.stderr, flush=True)

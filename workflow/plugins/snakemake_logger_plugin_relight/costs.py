@@ -1,4 +1,4 @@
-"""What the jobs of a workflow cost, and how long those ahead take on some cores."""
+"""Estimates the costs of a workflow's jobs, and the time of the remaining ones on some cores."""
 
 import csv
 import heapq
@@ -7,9 +7,9 @@ from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
-# Seconds of a job, measured on two free cores of the machine that the README speaks of. Figures of `laptop`, which
-# are drawn in full and tested under fifty lights, follow from CPU seconds each. Other scales were never run whole.
-SHARED = {
+# Seconds of a job, measured on two free cores of the machine in the README. Those of figures of `laptop` follow from
+# CPU-seconds. Other scales were not measured.
+COMMON_COSTS = {
     "lights": 34.0,
     "pack": 1.0,
     "split": 1.0,
@@ -40,7 +40,7 @@ REFERENCE = {
         "report": 10.0,
     },
     "demo": {
-        **SHARED,
+        **COMMON_COSTS,
         "figure": 7.2,
         "figure_decade": 42.0,
         "clean": 1.7,
@@ -56,7 +56,7 @@ REFERENCE = {
         "inference_time": 30.0,
     },
     "laptop": {
-        **SHARED,
+        **COMMON_COSTS,
         "figure": 15.0,
         "figure_decade": 122.0,
         "clean": 3.0,
@@ -69,28 +69,28 @@ REFERENCE = {
         "baselines": 30.0,
     },
 }
-LATEST = 8  # jobs that tell how slow this run is
+RECENT_JOBS = 8  # number of jobs from which the slowdown of this run is estimated
 
 
 def measured(file: Path | str) -> float | None:
-    """The seconds of a job as Snakemake measured them, from its benchmark file; None where there is none."""
+    """Returns the seconds of a job from its benchmark file, or None if there is none."""
     with suppress(OSError, ValueError, KeyError, StopIteration), open(file, newline="") as table:
         return float(next(csv.DictReader(table, delimiter="\t"))["s"])
     return None
 
 
 class Costs:
-    """The seconds of a job of each rule: in this run, or else before it times how much slower this run is.
+    """The seconds per job of each rule: those of this run, or earlier ones times the slowdown of this run.
 
     Attributes:
-        before: seconds by rule from earlier runs in the same folder, and from REFERENCE where there were none.
+        before: seconds by rule of earlier runs in the same folder, or of REFERENCE.
     """
 
     def __init__(self, folder: Path | str | None = None, scale: str = ""):
         """
         Args:
-            folder: of the results, whose benchmark/<rule>/ holds files of earlier runs.
-            scale: a key of REFERENCE; of others, nothing is known before it ran.
+            folder: of the results, with files of earlier runs in benchmark/<rule>/.
+            scale: a key of REFERENCE; for other scales, only earlier runs are known.
         """
         self.before = dict(REFERENCE.get(scale, {}))
         for rule in Path(folder, "benchmark").glob("*") if folder else ():
@@ -98,26 +98,26 @@ class Costs:
             if seconds:
                 self.before[rule.name] = sum(seconds) / len(seconds)
         self._took: dict[str, list[float]] = defaultdict(list)
-        self._latest: deque[tuple[float, float]] = deque(maxlen=LATEST)  # seconds, and what was expected
+        self._latest: deque[tuple[float, float]] = deque(maxlen=RECENT_JOBS)  # measured and expected seconds
 
     def add(self, rule: str, seconds: float) -> None:
-        """Takes note of a job that has ended."""
+        """Records a job that has ended."""
         self._took[rule].append(seconds)
         if rule in self.before:
             self._latest.append((seconds, self.before[rule]))
 
     @property
     def slower(self) -> float:
-        """How much longer than before the latest jobs took: other work on the machine, or other settings."""
+        """The ratio of measured to expected seconds of recent jobs, due to other load or other settings."""
         took, expected = map(sum, zip(*self._latest)) if self._latest else (1.0, 1.0)
         return took / expected if expected else 1.0
 
     def measured(self, rule: str) -> bool:
-        """Whether a job of the rule has ended in this run."""
+        """Returns whether a job of the rule has ended in this run."""
         return bool(self._took.get(rule))
 
     def __getitem__(self, rule: str) -> float | None:
-        """The seconds of a job of a rule; None where nothing is known."""
+        """Returns the seconds of a job of a rule, or None if unknown."""
         if seconds := self._took.get(rule):
             return sum(seconds) / len(seconds)
         return self.slower * self.before[rule] if rule in self.before else None
@@ -130,31 +130,31 @@ def makespan(
     running: Iterable[tuple[str, float]],
     cores: int,
 ) -> float:
-    """The seconds until the last job ends, when each starts as soon as a core is free and what it needs is done.
+    """Returns the seconds until the last job ends, if each starts as soon as a core is free and its inputs are there.
 
-    A job needs all jobs of the rules that its rule needs, which is a little more than Snakemake waits for.
+    Jobs wait for all jobs of the rules that their rule needs, while Snakemake waits only for their inputs.
 
     Args:
-        waiting: how many jobs of each rule have not started.
-        cost: the seconds of a job of each of these rules.
-        needs: by rule, the rules whose outputs it reads.
-        running: the rule and the remaining seconds of each job at work.
-        cores: jobs side by side.
+        waiting: rule -> number of jobs that have not started.
+        cost: rule -> seconds per job.
+        needs: rule -> rules whose outputs it reads.
+        running: rule and remaining seconds of each running job.
+        cores: number of jobs at the same time.
     """
     ends: dict[str, float] = {}
     free = [0.0] * cores
     for rule, seconds in running:
         ends[rule] = max(ends.get(rule, 0.0), seconds)
         heapq.heapreplace(free, seconds)
-    left = {rule: n for rule, n in waiting.items() if n}
-    while left:
+    remaining = {rule: n for rule, n in waiting.items() if n}
+    while remaining:
         ready = {
             rule: max((ends.get(other, 0.0) for other in needs.get(rule, ())), default=0.0)
-            for rule in left
-            if not any(other in left for other in needs.get(rule, ()) if other != rule)
+            for rule in remaining
+            if not any(other in remaining for other in needs.get(rule, ()) if other != rule)
         }
-        rule = min(ready, key=ready.get) if ready else next(iter(left))
-        for _ in range(left.pop(rule)):
+        rule = min(ready, key=ready.get) if ready else next(iter(remaining))
+        for _ in range(remaining.pop(rule)):
             end = max(free[0], ready.get(rule, 0.0)) + cost[rule]
             heapq.heapreplace(free, end)
             ends[rule] = max(ends.get(rule, 0.0), end)
