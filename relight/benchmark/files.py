@@ -56,14 +56,14 @@ class Entry:
     def shot(self) -> Shot:
         """Reads the photograph with its mask and square. Raises UserError if a file is missing or broken."""
         photo, mask = (read_picture(self.folder / f"{name}.png") for name in ("photo", "mask"))
-        return Shot(photo, mask, read_square(mask, self.square, self.side))
+        return Shot(photo, mask, make_square(mask, self.square, self.side))
 
     def panoramas(self) -> list[Path]:
         """Returns the files of the new lights."""
         return [self.folder / f"new_{number}.exr" for number in range(self.new)]
 
 
-def read_square(mask: np.ndarray, square: tuple[float, float, float], side: int) -> Crop:
+def make_square(mask: np.ndarray, square: tuple[float, float, float], side: int) -> Crop:
     """Returns the square with this (top, left, side) in a photograph, to be sampled with `side` pixels."""
     top, left, length = square
     return replace(crop_around(mask, side), top=top, left=left, side=length)
