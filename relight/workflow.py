@@ -33,27 +33,12 @@ defaults: [schema, _self_, override hydra/job_logging: none, override hydra/hydr
 hydra: {run: {dir: .}, output_subdir: null, job: {chdir: false}}
 """
 USUAL_CONDITION = ("test", "test")  # the figures and lights of the tables
-SHARED_GROUPS = (
-    "figures",
-    "clean",
-    "align",
-    "bake",
-    "split",
-    "panoramas",
-    "lights",
-    "evaluate",
-)  # equal for all rows, except SPLIT_KIND
+# Equal for all rows, except SPLIT_KIND.
+SHARED_GROUPS = ("figures", "clean", "align", "bake", "split", "panoramas", "lights", "evaluate")
 SPLIT_KIND = ("split", "kind")
 MAX_CLOCK_SKEW = 60  # seconds by which the clock of a file server may be ahead
-ROW_GROUPS = (
-    "model",
-    "loss",
-    "train",
-    "augment",
-    "split",
-    "timing",
-    "track",
-)  # the groups that stages read for each row
+# The groups that stages read for each row.
+ROW_GROUPS = ("model", "loss", "train", "augment", "split", "timing", "track")
 SETTINGS_CACHE = Path(".snakemake", "relight.settings.json")  # settings of rows, by the hash of their sources
 FAILED_VARIABLE = "RELIGHT_FAILED"  # environment variable with Plan.failed as JSON
 

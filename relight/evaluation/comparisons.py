@@ -9,9 +9,8 @@ from relight.evaluation.paper import ARGUMENTS, printed
 from relight.evaluation.statistics import ALPHA, Difference, Estimate, compare, holm
 from relight.evaluation.tables import TABLE2_COLUMNS, Table, sign
 
-MARGIN = (
-    0.035  # relative; rows are equivalent if they differ by less; most differences that the paper prints are smaller
-)
+# Relative; rows are equivalent if they differ by less; most differences that the paper prints are smaller.
+MARGIN = 0.035
 
 
 class Verdict(Enum):

@@ -16,9 +16,8 @@ from snakemake_logger_plugin_relight.costs import Costs, makespan, measured
 
 LOG_INTERVAL = 10.0  # seconds between lines in a log
 OVERDUE_SHARE = 0.1  # remaining time of a job that takes longer than expected, relative to its time so far
-KILLED_MESSAGE = (
-    "returned non-zero exit status 137"  # the shell's status after SIGKILL, which only Snakemake's message shows
-)
+# The shell's status after SIGKILL, which only Snakemake's message shows.
+KILLED_MESSAGE = "returned non-zero exit status 137"
 TRIVIAL_RULES = ("total", "all", "settings", "listing", "experiments")  # rules that are not counted
 
 
