@@ -69,20 +69,20 @@ def figure(seed: int, detail: str, texture: int) -> tuple[Mesh, list[set[int]], 
     from relight.config import composed
     from relight.meshes import align
 
-    inner, mine = assembly.clothe, []
+    inner, mine = assembly.add_garment, []
 
-    def clothe(builder, *args) -> None:
+    def add_garment(builder, *args) -> None:
         first = len(builder.materials)
         mine.append((builder, first))
         inner(builder, *args)
         mine[-1] = (builder, set(range(first, len(builder.materials))))
 
-    assembly.clothe = clothe
+    assembly.add_garment = add_garment
     start = time.process_time()
     try:
         mesh = dress.make_figure(seed, detail, texture)
     finally:
-        assembly.clothe = inner
+        assembly.add_garment = inner
     seconds = time.process_time() - start
     last = mine[-1][0]
     return align(mesh, composed().align), [materials for builder, materials in mine if builder is last], seconds

@@ -13,7 +13,12 @@ import numpy as np
 from relight.figures import dress
 from relight.figures.commands import seeds_of
 
-PARTS = ("build_body", "motion", "wear", "assemble")
+PARTS = {  # label: function of relight.figures.dress
+    "build_body": "build_body",
+    "motion": "build_motion",
+    "wear": "drape_outfit",
+    "assemble": "assemble",
+}
 
 
 def main() -> None:
@@ -35,10 +40,10 @@ def main() -> None:
 
         setattr(module, name, outer)
 
-    for part in PARTS:
-        timed(dress, part, part)
-    timed(dress.gates, "figure", "gates")
-    dress.colliders.prepare()
+    for part, function in PARTS.items():
+        timed(dress, function, part)
+    timed(dress.gates, "check_figure", "gates")
+    dress.colliders.init_warp()
     start = time.process_time()
     dress.make_figure(0, "draft", 64)  # warm-up: compiles or loads the kernels, and reads the data
     print(json.dumps({"warm-up, CPU s": round(time.process_time() - start, 1)}))

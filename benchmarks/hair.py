@@ -28,7 +28,7 @@ from relight.figures.body import build_body
 from relight.figures.combing import head_centre
 from relight.figures.commands import seeds_of
 from relight.figures.hair import STYLES
-from relight.figures.poses import motion
+from relight.figures.poses import build_motion
 from relight.figures.surfaces import loop
 from relight.figures.wear import DETAILS
 from relight.meshes import Material
@@ -50,10 +50,10 @@ class Head:
         if style is not None:
             outfit = dress.replace(outfit, hair=next(one for one in STYLES if one.name == style))
         body = build_body(draw.person, draw.expression)
-        way = motion(body, draw.pose, 1)
+        motion = build_motion(body, draw.pose, 1)
         base = makehuman.base()
         faces, uv = base.faces["body"], base.uv[base.uv_faces["body"]]
-        posed = way.skin(makehuman.rig().weights[makehuman.BODY], body.skin)
+        posed = motion.skin(makehuman.rig().weights[makehuman.BODY], body.skin)
         eye = body.vertices[makehuman.EYES["L"]].mean(0)
         near = (body.skin[:, 1] > eye[1] - CUT_BELOW_EYES) & (np.abs(body.skin[:, 0]) < 0.14)
         shown = near[faces].all(1) & ~assembly.mouth_cavity()
@@ -67,9 +67,9 @@ class Head:
         builder.add(vertices, shown, corners, Material(texture=picture, name="skin"), layer=0)
         inside = skin.above_hairline(rest[shown].mean(1)) > 0.1
         start = time.process_time()
-        assembly.eyes(builder, body, way, outfit, texture, seed)
-        colliders.prepare()
-        assembly.head_of_hair(builder, body, way, outfit, (posed, faces), detail, texture, seed)
+        assembly.add_eyes(builder, body, motion, outfit, texture, seed)
+        colliders.init_warp()
+        assembly.add_hair(builder, body, motion, outfit, (posed, faces), detail, texture, seed)
         self.seconds = time.process_time() - start
         mesh = builder.mesh({"name": self.name}, [outfit])
         low, high = mesh.vertices.min(0), mesh.vertices.max(0)
@@ -79,7 +79,7 @@ class Head:
         self.kind = np.array([kinds.get(material.name, 3) for material in mesh.materials])[mesh.material]
         self.kind[: len(inside)] = inside
         self.faces = len(mesh.faces)
-        centre = way.transforms[-1, way.bones["head"]]
+        centre = motion.transforms[-1, motion.bones["head"]]
         centre = centre[:, :3] @ head_centre(body) + centre[:, 3]
         grounded = np.concatenate(builder.vertices)[:, 1].min()
         self.centre = (centre - [0, grounded, 0] - (low + high) / 2) * self.scale

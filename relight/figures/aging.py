@@ -35,7 +35,7 @@ class Marks:
 def marks(body: Body, pattern: Pattern) -> Marks:
     """The marks of a garment, whatever pose it is worn in."""
     level, f = pattern.levels[-1], pattern.fields
-    faces, p = level.faces, level.pattern
+    faces, p = level.faces, level.rest_shape
     sides = rim(faces)
     ends = p[sides]
     border = np.concatenate([ends[:, 0] + t * (ends[:, 1] - ends[:, 0]) for t in (0.0, 0.25, 0.5, 0.75)])
@@ -49,7 +49,7 @@ def marks(body: Body, pattern: Pattern) -> Marks:
         rub = np.maximum(np.exp(-(((leg - 1.0) / 0.14) ** 2)), 0.8 * thigh) * np.clip(middle / 0.05, 0, 1)
         bend = np.maximum(np.exp(-(((leg - 0.05) / 0.22) ** 2)), np.exp(-(((leg - 1.0) / 0.2) ** 2)))
     elif pattern.garment.kind == "top":
-        arm, on = np.maximum(f["armL"], f["armR"]), np.maximum(f["onL"], f["onR"])
+        arm, on = np.maximum(f["armL"], f["armR"]), np.maximum(f["arm_shareL"], f["arm_shareR"])
         rub = np.clip(on, 0, 1) * np.exp(-(((arm - 1.0) / 0.15) ** 2))
         bend = np.clip(on, 0, 1) * np.exp(-(((arm - 1.0) / 0.25) ** 2))
     rub = np.maximum(rub[faces], 0.7 * np.exp(-edge / 0.004))
@@ -59,7 +59,7 @@ def marks(body: Body, pattern: Pattern) -> Marks:
 def seam_distance(body: Body, pattern: Pattern) -> np.ndarray:
     """Metres (F,3) from the corners of the faces to the nearest seam: sides, shoulders, armholes, insides of limbs."""
     level = pattern.levels[-1]
-    faces, p = level.faces, level.pattern
+    faces, p = level.faces, level.rest_shape
     corner = p[faces]
     if pattern.garment.kind == "scarf":
         return np.full(faces.shape, FAR)

@@ -8,22 +8,22 @@ from relight.figures import makehuman
 from relight.figures.body import Body
 from relight.figures.colliders import Collider
 from relight.figures.garments import Garment
-from relight.figures.layers import sided
-from relight.figures.poses import Solver, carried, rotation_vectors, skinned
+from relight.figures.layers import signed_distance
+from relight.figures.poses import PoseSolver, bone_transforms, rotation_vectors, skinned
 from relight.figures.stances import Pose
 
 LAYER = 0.005  # metres that each garment adds
-MOST = 0.05  # metres by which a wrist moves at once
-REACH = 0.2  # metres within which the body is looked for
+MAX_STEP = 0.05  # metres by which a wrist moves per round
+RANGE = 0.2  # metres within which the body is searched
 ROUNDS = 4
 
 
 def room(garments: list[Garment], sitting: bool) -> tuple[float, float]:
-    """How much room the clothes take up.
+    """Returns how much room the clothes take up.
 
     Args:
         garments: all that is worn.
-        sitting: whether the figure sits; then tops do not reach the lap.
+        sitting: whether the figure sits; its tops do not reach the lap.
 
     Returns:
         Metres at the hips and thighs, and metres at the chest.
@@ -38,13 +38,13 @@ def room(garments: list[Garment], sitting: bool) -> tuple[float, float]:
     return max(hips, default=0.01) + LAYER * len(cut), max((g.torso[3] for g in tops), default=0.0) + LAYER * len(tops)
 
 
-def shares(*names: str) -> np.ndarray:
-    """The share (V,) of each skin vertex's skinning weights that belongs to bones whose names begin so."""
+def bone_weights(*prefixes: str) -> np.ndarray:
+    """Returns for each skin vertex (V,) the sum of its skinning weights for bones whose names begin with these."""
     rig = makehuman.rig()
-    return rig.weights[makehuman.BODY][:, [i for i, bone in enumerate(rig.bones) if bone.startswith(names)]].sum(1)
+    return rig.weights[makehuman.BODY][:, [i for i, bone in enumerate(rig.bones) if bone.startswith(prefixes)]].sum(1)
 
 
-def cleared(body: Body, pose: Pose, needed: tuple[float, float]) -> Pose:
+def clear_hands(body: Body, pose: Pose, needed: tuple[float, float]) -> Pose:
     """Moves the wrists of a pose until the hands clear the clothes.
 
     Args:
@@ -57,29 +57,31 @@ def cleared(body: Body, pose: Pose, needed: tuple[float, float]) -> Pose:
         too; a hand at the face stays there.
     """
     weights, faces = makehuman.rig().weights[makehuman.BODY], makehuman.base().faces["body"]
-    hand = shares("finger", "metacarpal", "wrist") > 0.5
-    trunk = shares("root", "pelvis", "spine", "breast", "upperleg", "lowerleg") > 0.5
-    solid = faces[trunk[faces].all(1)]
+    hand = bone_weights("finger", "metacarpal", "wrist") > 0.5
+    trunk = bone_weights("root", "pelvis", "spine", "breast", "upperleg", "lowerleg") > 0.5
+    trunk_faces = faces[trunk[faces].all(1)]
     for _ in range(ROUNDS):
-        solver = Solver(body)
-        turns = carried(body, rotation_vectors(solver.solve(pose)), solver.shift)
-        skin = skinned(weights, body.skin, turns)
-        surface = Collider(skin, skin, solid)
-        turn, chest = solver.placed("spine01")
+        solver = PoseSolver(body)
+        transforms = bone_transforms(body, rotation_vectors(solver.solve(pose)), solver.shift)
+        skin = skinned(weights, body.skin, transforms)
+        surface = Collider(skin, skin, trunk_faces)
+        chest_rotation, chest = solver.world_transform("spine01")
+        hips = solver.world_transform("root")[1]
         moved = {}
         for side, sign in (("left", 1), ("right", -1)):
             points = skin[hand & (np.sign(body.skin[:, 0]) == sign)]
-            face, distance, normal = sided(points, surface, REACH)
-            low = solver.placed("root")[1][1]
-            lacking = np.where(face >= 0, np.interp(points[:, 1], [low, chest[1]], needed) - distance, -REACH)
+            face, distance, normal = signed_distance(points, surface, RANGE)
+            required = np.interp(points[:, 1], [hips[1], chest[1]], needed)
+            missing = np.where(face >= 0, required - distance, -RANGE)
             own = getattr(pose, side)
-            deficit = float(np.clip(np.percentile(lacking, 95), -MOST if own.rests else 0, MOST))
+            deficit = float(np.clip(np.percentile(missing, 95), -MAX_STEP if own.rests else 0, MAX_STEP))
             if abs(deficit) < 0.002 or (face < 0).all():
                 continue
-            worst = lacking >= np.percentile(lacking, 80)
-            out = normal[worst].mean(0)
-            out /= max(np.linalg.norm(out), 1e-6)
-            step = turn.inv().apply(deficit * out) * [sign, 1, 1] / solver.arm_length("L" if sign > 0 else "R")
+            worst = missing >= np.percentile(missing, 80)
+            outward = normal[worst].mean(0)
+            outward /= max(np.linalg.norm(outward), 1e-6)
+            step = chest_rotation.inv().apply(deficit * outward) * [sign, 1, 1]
+            step = step / solver.arm_length("L" if sign > 0 else "R")
             moved[side] = replace(own, wrist=tuple(map(float, np.array(own.wrist) + step)))
         if not moved:
             break

@@ -9,7 +9,7 @@ from scipy.spatial import cKDTree
 from relight.figures.body import Body
 from relight.figures.colliders import Collider
 from relight.figures.fabrics import noise
-from relight.figures.layers import sided
+from relight.figures.layers import signed_distance
 from relight.figures.poses import Motion
 from relight.figures.surfaces import Surface, border_loops, extruded, normals, smoothed, thickened
 
@@ -20,7 +20,7 @@ NEAR = 0.16  # metres from the base of the neck within which a border is the nec
 LAPEL = 0.27  # metres below it to which lapels reach
 BAND = 0.030  # metres over which a neckband evens the neckline: the standard deviation of its mean
 DRAWN = 0.045  # metres of cloth that go with it
-STEPS = 10  # of a way over the cloth
+STEPS = 10  # of a path over the cloth
 SEWN = 0.0005  # metres at which a collar begins, below the border: what lies at the same place would be merged
 CLEAR = 0.002  # metres by which a hood stays off the cloth
 WAYS = 30  # times that a hood's ways, and the cloth under it, are averaged with what is beside them
@@ -30,9 +30,9 @@ HOOD = (  # rows of a hood that lies on the back: share of its length, height ov
 )  # fmt: skip
 
 
-def neck_of(body: Body, way: Motion) -> tuple[np.ndarray, np.ndarray]:
+def neck_of(body: Body, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     """The base of the posed neck (3,), metres, and the axes (3,3) of the neck: to its left, up, forward."""
-    bone = way.transforms[-1][way.bones["neck01"]]
+    bone = motion.transforms[-1][motion.bones["neck01"]]
     up, left = bone[:, :3] @ np.array([0.0, 0.94, 0.34]), bone[:, :3] @ np.array([1.0, 0.0, 0.0])
     return bone[:, :3] @ body.joints["neck01"] + bone[:, 3], np.stack([left, up, np.cross(left, up)])
 
@@ -124,7 +124,7 @@ def way_over(
     (STEPS + 1,m,3)."""
     points, places, facing = start, [], []
     for _ in range(STEPS + 1):
-        face, distance, normal = sided(points, surface, 0.06)
+        face, distance, normal = signed_distance(points, surface, 0.06)
         points = points - np.where(face >= 0, distance, 0)[:, None] * normal
         places.append(points)
         facing.append(normal)
@@ -185,7 +185,7 @@ def laid(
         for row, rise in zip(rows[-4:], (0.006, 0.010, 0.012, 0.006)):
             row += np.outer(rise + 0.016 * back, up)
         for row in rows:
-            face, distance, normal = sided(row, cloth, 0.03)
+            face, distance, normal = signed_distance(row, cloth, 0.03)
             row += np.where(face >= 0, np.clip(CLEAR - distance, 0, 0.02), 0)[:, None] * normal
     return rows
 
@@ -242,7 +242,7 @@ def cords(vertices: np.ndarray, faces: np.ndarray, neck: np.ndarray, left: np.nd
         y = neck[1] + 0.05 - STEP * np.arange(60)
         origin = np.broadcast_to(neck + side * 0.028 * left + [0, 0, 0.6], (60, 3)).copy()
         origin[:, 1] = y
-        _, depth = surface.cast(origin, np.broadcast_to([0.0, 0.0, -1.0], (60, 3)))
+        _, depth = surface.raycast(origin, np.broadcast_to([0.0, 0.0, -1.0], (60, 3)))
         on = np.flatnonzero(np.isfinite(depth) & (depth < 0.58))[: round(CORD / STEP)]
         if len(on) < 12:
             continue

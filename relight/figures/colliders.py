@@ -1,4 +1,4 @@
-"""Warp's session and device, and surfaces that other things are measured against or kept out of."""
+"""Warp's setup and device, and collision meshes: nearest faces and ray casts."""
 
 import os
 import sys
@@ -10,7 +10,7 @@ import numpy as np
 import warp as wp
 from platformdirs import user_cache_path
 
-from relight.figures.kernels import find_below, first_hit
+from relight.figures.kernels import cast_rays, find_nearest_faces
 from relight.figures.surfaces import normals
 from relight.files import UserError
 
@@ -18,69 +18,94 @@ wp.config.log_level = wp.LOG_ERROR
 DEVICES = ("cpu", "cuda", "auto")
 
 
-def prepare() -> None:
-    """Compiled kernels are kept in relight's cache folder (moved by RELIGHT_CACHE)."""
+def init_warp() -> None:
+    """Initialises Warp on the CPU, with compiled kernels in relight's cache folder (moved by RELIGHT_CACHE)."""
     folder = os.environ.get("RELIGHT_CACHE") or user_cache_path("relight")
     wp.config.kernel_cache_dir = os.path.join(str(folder), "warp")
-    with quiet():
+    with without_driver_messages():
         wp.init()
     wp.set_device("cpu")
 
 
 @contextmanager
-def quiet() -> Iterator[None]:
-    """Holds back what Warp's native code writes to stderr where there is no GPU: the drape runs on the CPU anyway."""
+def without_driver_messages() -> Iterator[None]:
+    """Drops what Warp's native code writes to stderr about a missing CUDA driver."""
     sys.stderr.flush()
-    kept = os.dup(2)
+    stderr = os.dup(2)
     with tempfile.TemporaryFile() as file:
         os.dup2(file.fileno(), 2)
         try:
             yield
         finally:
-            os.dup2(kept, 2)
-            os.close(kept)
+            os.dup2(stderr, 2)
+            os.close(stderr)
             file.seek(0)
             os.write(2, b"".join(line for line in file if b"CUDA driver" not in line))
 
 
-def working(device: str) -> wp.ScopedDevice:
-    """A context in which cloth is worked on `device`: cpu | cuda | auto (cuda where there is a GPU). Raises UserError
-    for another name, and for cuda without a GPU."""
+def use_device(device: str) -> wp.ScopedDevice:
+    """Returns a context in which cloth is simulated on a device.
+
+    Args:
+        device: cpu | cuda | auto (cuda where there is a GPU).
+
+    Raises:
+        UserError: for another name, and for cuda without a GPU.
+    """
     if device not in DEVICES:
         raise UserError(f"figures.device is {device!r}; it must be one of {', '.join(DEVICES)}")
-    prepare()
-    found = wp.is_cuda_available()
-    if device == "cuda" and not found:
+    init_warp()
+    has_gpu = wp.is_cuda_available()
+    if device == "cuda" and not has_gpu:
         raise UserError("figures.device is cuda, but there is no usable NVIDIA GPU here; cpu or auto would do")
-    return wp.ScopedDevice("cuda" if found and device != "cpu" else "cpu")
+    return wp.ScopedDevice("cuda" if has_gpu and device != "cpu" else "cpu")
 
 
-def vectors(values: np.ndarray) -> wp.array:
-    """Points (n,3) as an array of Warp."""
+def vec3_array(values: np.ndarray) -> wp.array:
+    """Returns points (n,3) as a Warp array."""
     return wp.array(np.ascontiguousarray(values, np.float32), dtype=wp.vec3)
 
 
 class Collider:
-    """A closed or open surface (V,3), (F,3) that moves from `before` to `after` during a frame. What is nearest is
-    looked for on `before`, where cloth still is: limbs move further in a frame than they are thick."""
+    """A closed or open mesh that moves from `start` to `end` during a frame.
 
-    def __init__(self, before: np.ndarray, after: np.ndarray, faces: np.ndarray):
-        self.corner: wp.array = wp.array(faces.astype(np.int32).ravel(), dtype=int)
-        self.before, self.after = vectors(before), vectors(after)
-        self.normal = vectors(normals(after, faces))
-        self.mesh = wp.Mesh(points=self.before, indices=self.corner)
+    Nearest faces and ray hits are searched on `start`, where cloth still is: limbs move further in a frame than they
+    are thick.
 
-    def nearest(self, points: np.ndarray, far: float) -> tuple[np.ndarray, np.ndarray]:
-        """For points (n,3): the face (n,) nearest to each, -1 beyond `far`, and its barycentric weights (n,3)."""
+    Attributes:
+        indices: (3 F,) vertices of the faces.
+        start, end: (V,3) vertices at the start and the end of the frame, metres.
+        normals: (V,3) unit vertex normals at the end.
+        mesh: Warp's mesh of `start`.
+    """
+
+    def __init__(self, start: np.ndarray, end: np.ndarray, faces: np.ndarray):
+        self.indices: wp.array = wp.array(faces.astype(np.int32).ravel(), dtype=int)
+        self.start, self.end = vec3_array(start), vec3_array(end)
+        self.normals = vec3_array(normals(end, faces))
+        self.mesh = wp.Mesh(points=self.start, indices=self.indices)
+
+    def nearest(self, points: np.ndarray, max_distance: float) -> tuple[np.ndarray, np.ndarray]:
+        """Finds the nearest face for points (n,3).
+
+        Returns:
+            The face (n,), -1 beyond `max_distance`, and the barycentric weights (n,3) of the nearest point on it.
+        """
         face = wp.zeros(len(points), dtype=int)
-        at = wp.zeros(len(points), dtype=wp.vec2)
-        wp.launch(find_below, dim=len(points), inputs=[self.mesh.id, vectors(points), far, face, at])
-        weights = at.numpy().astype(float)
+        barycentric = wp.zeros(len(points), dtype=wp.vec2)
+        inputs = [self.mesh.id, vec3_array(points), max_distance, face, barycentric]
+        wp.launch(find_nearest_faces, dim=len(points), inputs=inputs)
+        weights = barycentric.numpy().astype(float)
         return face.numpy(), np.c_[weights, 1 - weights.sum(1)]
 
-    def cast(self, origin: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The first face (n,) that rays (n,3), (n,3) meet, -1 for none, and how far (n,) it is, infinite for none."""
+    def raycast(self, origin: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Casts rays from origins (n,3) in unit directions (n,3).
+
+        Returns:
+            The first face (n,) that each ray hits, -1 for none, and its distance (n,) in metres, infinite for none.
+        """
         face = wp.zeros(len(origin), dtype=int)
         depth = wp.zeros(len(origin), dtype=float)
-        wp.launch(first_hit, dim=len(origin), inputs=[self.mesh.id, vectors(origin), vectors(direction), face, depth])
+        inputs = [self.mesh.id, vec3_array(origin), vec3_array(direction), face, depth]
+        wp.launch(cast_rays, dim=len(origin), inputs=inputs)
         return face.numpy(), np.where(face.numpy() >= 0, depth.numpy().astype(float), np.inf)

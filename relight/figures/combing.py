@@ -1,4 +1,4 @@
-"""How hair is worn: where it is rooted, which way it is combed, how long it is."""
+"""How hair is worn: where it is rooted, in which direction it is combed, how long it is."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -17,21 +17,36 @@ WHORL = np.array([0.12, 0.80, -0.59])  # from the head's centre: where short hai
 
 @dataclass(frozen=True)
 class Comb:
-    """How hair is worn. count: guides; strands: of each guide; length: metres on the top; sides: their length over
-    that; width: of a strand, metres; way: forward | aside | back | down | out | tie, where the top is combed; fringe:
-    share of the front that falls on the forehead; part: azimuth of the parting; lift: 0 lies flat to 1 stands up;
-    weight: how soon it falls; cling: how close it keeps to the head; body: metres of the topmost strand over the skin;
-    curl: radius of its turns, and pitch: metres from one turn to the next; clump: how far the strands of a guide draw
-    together at their tips, in [0,1]; fray: metres by which they stray; wander: how much guides turn at each step;
-    roll: radians by which strands are turned about themselves, to either side; above: metres over the skin where
-    they start."""
+    """How hair is combed and cut.
+
+    Attributes:
+        count: number of guides.
+        length: metres on the top.
+        strands: per guide.
+        sides: length at the sides over that on the top.
+        width: of a strand, metres.
+        direction: in which the top is combed: forward | aside | back | down | out | tie.
+        fringe: share of the front that falls on the forehead.
+        part: azimuth of the parting.
+        lift: from 0 (lies flat) to 1 (stands up).
+        weight: how soon hair falls.
+        cling: how close it keeps to the head.
+        body: metres of the topmost strand over the skin.
+        curl: radius of its turns, metres.
+        pitch: metres from one turn to the next.
+        clump: how far the strands of a guide draw together at their tips, in [0,1].
+        fray: metres by which strands stray.
+        wander: how much guides turn at each step.
+        roll: radians by which strands are turned about themselves, to either side.
+        above: metres over the skin where strands start.
+    """
 
     count: int
     length: float
     strands: int = 10
     sides: float = 1.0
     width: float = 0.0022
-    way: str = "down"
+    direction: str = "down"
     fringe: float = 0.0
     part: float = 0.0
     lift: float = 0.25
@@ -115,7 +130,7 @@ def ramp(value: np.ndarray, low: float, high: float) -> np.ndarray:
 
 
 def combed(comb: Comb, roots: Roots) -> tuple[np.ndarray, np.ndarray]:
-    """The way (n,3) each guide is combed, in the head's rest frame, and its length (n,) in metres."""
+    """The direction (n,3) each guide is combed, in the head's rest frame, and its length (n,) in metres."""
     x, y, z = roots.sides.T
     azimuth = np.arctan2(x, z)
     top = ramp(y, 0.25, 0.75)[:, None]
@@ -126,31 +141,31 @@ def combed(comb: Comb, roots: Roots) -> tuple[np.ndarray, np.ndarray]:
     fall = down + 0.25 * left - 0.25 * ahead * (1 - front)
     away = roots.sides - WHORL
     away = away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 0.15) + 0.5 * (1 - top) * down
-    if comb.way == "forward":
-        way = away + 0.4 * top * left * front
-    elif comb.way == "aside":
-        way = away * (1 - front) + top * (left + 0.25 * ahead)
-    elif comb.way == "back":
-        way = top * (0.2 * left - ahead) + (1 - top) * (down - 0.7 * ahead) + front * np.array([0.0, 1.6, 0])
-    elif comb.way == "out":
-        way = 2 * roots.pick[:, :3] - 1
+    if comb.direction == "forward":
+        direction = away + 0.4 * top * left * front
+    elif comb.direction == "aside":
+        direction = away * (1 - front) + top * (left + 0.25 * ahead)
+    elif comb.direction == "back":
+        direction = top * (0.2 * left - ahead) + (1 - top) * (down - 0.7 * ahead) + front * np.array([0.0, 1.6, 0])
+    elif comb.direction == "out":
+        direction = 2 * roots.pick[:, :3] - 1
     else:
         crown = 1.4 * left + 0.3 * down - 0.8 * ahead * behind[:, None]
-        way = top * crown + (1 - top) * fall + front * (1.6 * left - 0.7 * ahead - 0.3 * down)
+        direction = top * crown + (1 - top) * fall + front * (1.6 * left - 0.7 * ahead - 0.3 * down)
     length = comb.length * (comb.sides + (1 - comb.sides) * top[:, 0]) * (0.82 + 0.3 * roots.pick[:, 0])
     if comb.fringe:
         falls = front[:, 0] * (np.abs(azimuth) < 0.75 * comb.fringe + 0.12) > 0.3
-        way = np.where(falls[:, None], 1.1 * ahead + 0.35 * left + 0.4 * down, way)
+        direction = np.where(falls[:, None], 1.1 * ahead + 0.35 * left + 0.4 * down, direction)
         length = np.where(falls, 0.050 + 0.055 * ramp(y, 0.4, 0.95), length)
-    elif comb.way == "down":
+    elif comb.direction == "down":
         length = length + 0.11 * ramp(y, -0.5, 0.9)  # tips end at one height
     if comb.length < 0.06:
         length = length * (0.4 + 0.6 * roots.rim)
-    return way + 0.14 * (2 * roots.pick[:, 1:] - 1), length
+    return direction + 0.14 * (2 * roots.pick[:, 1:] - 1), length
 
 
 def tie_point(body: Body, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
-    """Where hair is tied at the back of the head, posed, and the way (3,) it leaves the head there."""
+    """Where hair is tied at the back of the head, posed, and the direction (3,) it leaves the head there."""
     centre, backward = head_centre(body), np.array([0.0, 0.30, -0.95])
     behind = body.skin[body.skin[:, 1] > centre[1] - 0.1] - centre
     reach = (behind @ backward).max()

@@ -1,8 +1,8 @@
-"""Cloth by extended position-based dynamics (XPBD) in Warp: stretch, bending, contact with layers below, friction.
+"""Cloth simulation in Warp: stretch and bending constraints, contacts with the layers below, self-contact, friction.
 
-Macklin, Mueller, Chentanez, "XPBD: position-based simulation of compliant constrained dynamics", 2016; here with the
-rigid limit and relaxation factors, which is what cloth at 6 mm to 25 mm edges needs. Constraints are solved one after
-the other in a fixed order (Gauss-Seidel), so the result is the same to the last bit in every process.
+The method is extended position-based dynamics (Macklin, Mueller, Chentanez, "XPBD: position-based simulation of
+compliant constrained dynamics", 2016) in the rigid limit, with relaxation factors. Constraints are solved in a fixed
+order (Gauss-Seidel), so results are the same to the last bit in every process.
 """
 
 from collections.abc import Callable
@@ -13,62 +13,85 @@ import numpy as np
 import scipy.sparse as sparse
 import warp as wp
 
-from relight.figures.colliders import Collider, vectors
+from relight.figures.colliders import Collider, vec3_array
 from relight.figures.kernels import (
-    find_below,
-    find_close,
-    hold_lengths,
-    pin,
-    predict,
-    push_apart,
-    push_out,
+    find_nearest_faces,
+    find_self_contacts,
+    integrate,
+    pull_to_targets,
+    resolve_contacts,
+    resolve_self_contacts,
+    solve_distance_constraints,
     update_velocity,
 )
 from relight.figures.surfaces import edges, neighbours
 
-GRAVITY = -9.8
-NEIGHBOURS = 8  # self-contact: as many close vertices as one vertex looks at
-EDGE = 0.025  # metres: the edges at which `Cloth.bend` is given
-FAR = 0.15  # metres within which a layer below is looked for
+GRAVITY = -9.8  # metres per second squared
+FRAME_TIME = 1 / 60  # seconds
+MAX_SPEED = 3.0  # metres per second
+MAX_PARTNERS = 8  # vertices that self-contact tests per vertex
+BEND_EDGE = 0.025  # metres: edge length for which `Cloth.bend` is given
+CONTACT_RANGE = 0.15  # metres within which the collider's nearest face is searched
+TORN = 1.5  # strain above which an edge is relaxed at the end
 
 
 @dataclass(frozen=True)
 class Crimp:
-    """How a cloth folds more finely than it is draped. width: metres from crest to crest of its finest folds; slack:
-    how much longer it is than its pattern, for these folds; often: crests for the room there is; length: metres of a
-    usual crest."""
+    """The wrinkles of a cloth that are finer than the simulation.
+
+    Attributes:
+        width: metres from crest to crest of the finest folds.
+        slack: length that these folds take up, relative to that of the pattern.
+        density: crests relative to the room there is.
+        length: metres of a typical crest.
+    """
 
     width: float = 0.026
     slack: float = 0.06
-    often: float = 2.0
+    density: float = 2.0
     length: float = 0.07
 
 
 @dataclass(frozen=True)
 class Cloth:
-    """What the fabric is like. bend: 0 silk to 0.6 leather, at edges of 25 mm; crumple: how much longer the cloth is
-    than its pattern; thickness: metres between the layers; friction in [0,1]; crimp: its fine folds."""
+    """Mechanical properties of a fabric.
+
+    Attributes:
+        bend: bending stiffness at edges of 25 mm, from 0 (silk) to 0.6 (leather).
+        extra_length: rest lengths over those of the pattern, minus 1; negative for elastic cloth.
+        thickness: metres to the layer below.
+        friction: in [0,1].
+        crimp: its fine wrinkles.
+    """
 
     bend: float = 0.15
-    crumple: float = 0.02
+    extra_length: float = 0.02
     thickness: float = 0.004
     friction: float = 0.25
     crimp: Crimp = Crimp()
 
 
 @dataclass(frozen=True)
-class Effort:
-    """How a level of detail is simulated: substeps per frame, iterations per substep, frames of rest, self-contact."""
+class SolverSettings:
+    """How one level of detail is simulated.
+
+    Attributes:
+        substeps: per frame.
+        iterations: over all constraints, per substep.
+        settle_frames: at the end, without motion of the body.
+        gravity: metres per second squared.
+        self_contact: whether the cloth is kept from passing through itself.
+    """
 
     substeps: int
     iterations: int
-    settle: int
+    settle_frames: int
     gravity: float = GRAVITY
-    contact: bool = True
+    self_contact: bool = True
 
 
-def coloured(pairs: np.ndarray) -> np.ndarray:
-    """Colours (m,) of pairs (m,2) such that pairs of one colour share no vertex: greedy, in the order given."""
+def greedy_colouring(pairs: np.ndarray) -> np.ndarray:
+    """Returns colours (m,) of pairs (m,2), greedy in the order given, so that pairs of one colour share no vertex."""
     taken: list[set[int]] = [set() for _ in range(int(pairs.max()) + 1)]
     color = np.empty(len(pairs), int)
     for k, (i, j) in enumerate(pairs.tolist()):
@@ -79,147 +102,203 @@ def coloured(pairs: np.ndarray) -> np.ndarray:
     return color
 
 
-class Sheet:
-    """One garment at one level of detail. pattern (n,3): its shape defines the lengths at rest; parallel: whether pairs
-    are solved many at a time, as a GPU needs it; by default as the device is."""
+def bending_pairs(faces: np.ndarray) -> np.ndarray:
+    """Returns the two vertices opposite each inner edge (m,2), in the order of `surfaces.edges`."""
+    edge_vertices, face_edge, uses = edges(faces)
+    opposite = np.full((len(edge_vertices), 2), -1)
+    for side, corner in ((0, 2), (1, 0), (2, 1)):
+        edge = face_edge[:, side]
+        first = opposite[edge, 0] < 0
+        first[np.setdiff1d(np.arange(len(edge)), np.unique(edge, return_index=True)[1])] = False
+        opposite[edge[first], 0] = faces[first, corner]
+        opposite[edge[~first], 1] = faces[~first, corner]
+    return opposite[(uses == 2) & (opposite >= 0).all(1)]
 
-    def __init__(self, pattern: np.ndarray, faces: np.ndarray, cloth: Cloth, parallel: bool | None = None):
+
+class ClothSolver:
+    """Simulates one garment at one level of detail.
+
+    Args:
+        rest_shape: (n,3) vertices of the pattern, metres; they define the rest lengths.
+        faces: (F,3).
+        cloth: the fabric's properties.
+        parallel: whether constraints are solved in batches that share no vertex, as a GPU needs it. Default: on a GPU.
+
+    Attributes:
+        edges: (E,2) the edges.
+        batch_offsets: where the batches of constraints begin and end; one batch if they are solved in sequence.
+    """
+
+    def __init__(self, rest_shape: np.ndarray, faces: np.ndarray, cloth: Cloth, parallel: bool | None = None):
         parallel = wp.get_device().is_cuda if parallel is None else parallel
-        self.cloth, self.n, self.faces = cloth, len(pattern), faces
-        stretch, face_edge, uses = edges(faces)
-        across = np.full((len(stretch), 2), -1)
-        for side, opposite in ((0, 2), (1, 0), (2, 1)):
-            edge = face_edge[:, side]
-            first = across[edge, 0] < 0
-            first[np.setdiff1d(np.arange(len(edge)), np.unique(edge, return_index=True)[1])] = False
-            across[edge[first], 0] = faces[first, opposite]
-            across[edge[~first], 1] = faces[~first, opposite]
-        bend = across[(uses == 2) & (across >= 0).all(1)]
-        pairs = np.concatenate([bend, stretch])
-        length = np.linalg.norm(pattern[pairs[:, 0]] - pattern[pairs[:, 1]], axis=1)
-        softer = min(1.0, length[len(bend) :].mean() / EDGE) ** 1.5  # else finer cloth would be stiffer cloth
-        gain = np.r_[np.full(len(bend), cloth.bend * softer), np.ones(len(stretch))]
-        self.edge, self.edge_rest = stretch, length[len(bend) :]
-        self.mean = float(self.edge_rest.mean())
-        self.bounds = [0, len(pairs)]
+        self.cloth, self.n = cloth, len(rest_shape)
+        self.edges = edges(faces)[0]
+        bend = bending_pairs(faces)
+        pairs = np.concatenate([bend, self.edges])
+        length = np.linalg.norm(rest_shape[pairs[:, 0]] - rest_shape[pairs[:, 1]], axis=1)
+        self.edge_length = length[len(bend) :]
+        self.mean_edge = float(self.edge_length.mean())
+        # shorter edges bend at more places: without this factor a finer mesh would be stiffer cloth
+        bend_factor = min(1.0, self.edge_length.mean() / BEND_EDGE) ** 1.5
+        stiffness = np.r_[np.full(len(bend), cloth.bend * bend_factor), np.ones(len(self.edges))]
+        self.batch_offsets = [0, len(pairs)]
         if parallel:
-            color = coloured(pairs)
+            color = greedy_colouring(pairs)
             order = np.argsort(color, kind="stable")
-            pairs, gain, length = pairs[order], gain[order], length[order]
-            self.bounds = [0, *np.cumsum(np.bincount(color)).tolist()]
-        self.pair: wp.array = wp.array(pairs.astype(np.int32), dtype=wp.vec2i)
-        self.rest: wp.array = wp.array((length * (1 + cloth.crumple)).astype(np.float32), dtype=float)
-        self.gain: wp.array = wp.array(gain.astype(np.float32), dtype=float)
-        self.pattern = vectors(pattern)
-        self.x, self.p, self.y, self.v = vectors(pattern), vectors(pattern), vectors(pattern), vectors(pattern * 0)
-        self.face = wp.zeros(self.n, dtype=int)
-        self.at = wp.zeros(self.n, dtype=wp.vec2)
-        self.close = wp.full(self.n * NEIGHBOURS, -1, dtype=int)
+            pairs, stiffness, length = pairs[order], stiffness[order], length[order]
+            self.batch_offsets = [0, *np.cumsum(np.bincount(color)).tolist()]
+        self.pairs: wp.array = wp.array(pairs.astype(np.int32), dtype=wp.vec2i)
+        self.rest_length: wp.array = wp.array((length * (1 + cloth.extra_length)).astype(np.float32), dtype=float)
+        self.stiffness: wp.array = wp.array(stiffness.astype(np.float32), dtype=float)
+        self.rest_shape = vec3_array(rest_shape)
+        self.x, self.previous, self.resolved = (vec3_array(rest_shape) for _ in range(3))
+        self.v = vec3_array(rest_shape * 0)
+        self.contact_face = wp.zeros(self.n, dtype=int)
+        self.contact_barycentric = wp.zeros(self.n, dtype=wp.vec2)
+        self.partners = wp.full(self.n * MAX_PARTNERS, -1, dtype=int)
         self.grid = wp.HashGrid(64, 64, 64)
 
     def move_to(self, positions: np.ndarray) -> None:
-        """Puts the vertices at positions (n,3), at rest."""
-        self.x = vectors(positions)
+        """Sets the vertices to positions (n,3), with velocity 0."""
+        self.x = vec3_array(positions)
         self.v.zero_()
 
     def positions(self) -> np.ndarray:
-        """Where the vertices are, (n,3) metres."""
+        """Returns the vertices (n,3), metres."""
         return self.x.numpy().astype(float)
 
     def strain(self) -> np.ndarray:
-        """Length of each edge over its length on the pattern."""
+        """Returns each edge's length over its length on the pattern (E,)."""
         x = self.positions()
-        return np.linalg.norm(x[self.edge[:, 0]] - x[self.edge[:, 1]], axis=1) / self.edge_rest
+        return np.linalg.norm(x[self.edges[:, 0]] - x[self.edges[:, 1]], axis=1) / self.edge_length
 
-    def hold_lengths(self, times: int) -> None:
-        """All pairs in their order; or colour by colour, where no two pairs of a colour share a vertex."""
-        constraint = [self.x, self.pair, self.rest, self.gain]
-        if len(self.bounds) == 2:
-            wp.launch(hold_lengths, dim=1, inputs=[*constraint, 0, self.bounds[1], 1, times])
+    def solve_constraints(self, iterations: int) -> None:
+        """Solves all distance constraints in sequence, or batch by batch where they are solved in parallel."""
+        constraints = [self.x, self.pairs, self.rest_length, self.stiffness]
+        if len(self.batch_offsets) == 2:
+            inputs = [*constraints, 0, self.batch_offsets[1], 1, iterations]
+            wp.launch(solve_distance_constraints, dim=1, inputs=inputs)
             return
-        for _ in range(times):
-            for first, last in pairwise(self.bounds):
-                wp.launch(hold_lengths, dim=last - first, inputs=[*constraint, first, last, last - first, 1])
+        for _ in range(iterations):
+            for first, last in pairwise(self.batch_offsets):
+                inputs = [*constraints, first, last, last - first, 1]
+                wp.launch(solve_distance_constraints, dim=last - first, inputs=inputs)
 
-    def frame(self, below: Collider, effort: Effort, ground: float, damp: float) -> None:
-        """Advances a sixtieth of a second."""
-        dt, cloth = 1 / 60 / effort.substeps, self.cloth
+    def contacts(self, collider: Collider) -> list[wp.array]:
+        """Returns the arrays that `resolve_contacts` needs of the nearest faces and the collider."""
+        nearest = [self.contact_face, self.contact_barycentric]
+        return [*nearest, collider.indices, collider.start, collider.end, collider.normals]
 
-        def launch(kernel: wp.Kernel, *inputs: object, dim: int = self.n) -> None:
-            wp.launch(kernel, dim=dim, inputs=list(inputs))
+    def step_frame(self, collider: Collider, settings: SolverSettings, ground: float, damping: float) -> None:
+        """Advances the simulation by one frame.
 
-        launch(find_below, below.mesh.id, self.x, FAR, self.face, self.at)
-        if effort.contact:
-            self.grid.build(self.x, self.mean)
-            launch(find_close, self.grid.id, self.x, self.pattern, self.mean, self.close, NEIGHBOURS)
-        contact = [self.face, self.at, below.corner, below.before, below.after, below.normal]
-        for k in range(effort.substeps):
-            launch(predict, self.x, self.v, self.p, effort.gravity, dt, damp)
-            self.hold_lengths(effort.iterations)
-            if effort.contact:
-                launch(push_apart, self.x, self.y, self.close, NEIGHBOURS, 0.9 * self.mean)
-                self.x, self.y = self.y, self.x
-            span = [k / effort.substeps, (k + 1) / effort.substeps]
-            launch(push_out, self.x, self.p, *contact, *span, cloth.thickness, cloth.friction, ground)
-            launch(update_velocity, self.x, self.p, self.v, dt, 3.0)
-
-    def hold(self, held: np.ndarray, gain: np.ndarray, goal: np.ndarray, below: Collider, ground: float) -> None:
-        """Pulls the vertices `held` (m,) to their goals (m,3) with gains (m,) in [0,1], then all out of the layers.
-
-        Those held fully end exactly at their goals: folds below must not drag a waistband down.
+        Args:
+            collider: the surface below the cloth, which moves during the frame.
+            settings: of this level of detail.
+            ground: height below which no vertex may be, metres.
+            damping: factor of the velocities, per substep.
         """
-        index: wp.array = wp.array(held.astype(np.int32), dtype=int)
-        pull: wp.array = wp.array(gain.astype(np.float32), dtype=float)
-        keep: wp.array = wp.array((gain > 0.99).astype(np.float32), dtype=float)
-        to = vectors(goal)
-        wp.launch(pin, dim=len(held), inputs=[self.x, index, pull, to])
-        contact = [self.face, self.at, below.corner, below.before, below.after, below.normal]
-        wp.launch(
-            push_out,
-            dim=self.n,
-            inputs=[self.x, self.x, *contact, 1.0, 1.0, self.cloth.thickness, 0.0, ground],
-        )
-        wp.launch(pin, dim=len(held), inputs=[self.x, index, keep, to])
+        dt, cloth = FRAME_TIME / settings.substeps, self.cloth
+
+        def launch(kernel: wp.Kernel, *inputs: object) -> None:
+            wp.launch(kernel, dim=self.n, inputs=list(inputs))
+
+        nearest = [self.contact_face, self.contact_barycentric]
+        launch(find_nearest_faces, collider.mesh.id, self.x, CONTACT_RANGE, *nearest)
+        if settings.self_contact:
+            self.grid.build(self.x, self.mean_edge)
+            partners = [self.partners, MAX_PARTNERS]
+            launch(find_self_contacts, self.grid.id, self.x, self.rest_shape, self.mean_edge, *partners)
+        for k in range(settings.substeps):
+            launch(integrate, self.x, self.v, self.previous, settings.gravity, dt, damping)
+            self.solve_constraints(settings.iterations)
+            if settings.self_contact:
+                launch(resolve_self_contacts, self.x, self.resolved, *partners, 0.9 * self.mean_edge)
+                self.x, self.resolved = self.resolved, self.x
+            times = [k / settings.substeps, (k + 1) / settings.substeps]
+            surface = [*self.contacts(collider), *times, cloth.thickness, cloth.friction, ground]
+            launch(resolve_contacts, self.x, self.previous, *surface)
+            launch(update_velocity, self.x, self.previous, self.v, dt, MAX_SPEED)
+
+    def pin(self, index: np.ndarray, weight: np.ndarray, target: np.ndarray, collider: Collider, ground: float) -> None:
+        """Pulls vertices to their targets, then resolves contacts.
+
+        Vertices with a weight above .99 end exactly at their targets, even below the surface of the collider: folds
+        below must not drag a waistband down.
+
+        Args:
+            index: (m,) the pinned vertices.
+            weight: (m,) in [0,1].
+            target: (m,3) metres.
+            collider: the surface below the cloth.
+            ground: height below which no vertex may be, metres.
+        """
+        vertices: wp.array = wp.array(index.astype(np.int32), dtype=int)
+        soft: wp.array = wp.array(weight.astype(np.float32), dtype=float)
+        hard: wp.array = wp.array((weight > 0.99).astype(np.float32), dtype=float)
+        targets = vec3_array(target)
+        wp.launch(pull_to_targets, dim=len(index), inputs=[self.x, vertices, soft, targets])
+        surface = [*self.contacts(collider), 1.0, 1.0, self.cloth.thickness, 0.0, ground]
+        wp.launch(resolve_contacts, dim=self.n, inputs=[self.x, self.x, *surface])
+        wp.launch(pull_to_targets, dim=len(index), inputs=[self.x, vertices, hard, targets])
 
 
 @dataclass(frozen=True)
 class Level:
-    """pattern (n,3): lengths at rest; start, held (n,3): where it begins, where pins hold it, on the rest pose; pinned
-    (n,) in [0,1]; weights (n,B) of the skinning that moves the pins."""
+    """A garment at one level of detail.
 
-    pattern: np.ndarray
+    Attributes:
+        rest_shape: (n,3) vertices of the pattern, which define the rest lengths, metres.
+        start: (n,3) where the simulation begins, on the body's rest pose.
+        fitted: (n,3) where the garment fits the body closely, on its rest pose; pins hold it there.
+        pin_weight: (n,) in [0,1].
+        weights: (n,B) skinning weights that move the pins.
+        faces: (F,3).
+    """
+
+    rest_shape: np.ndarray
     start: np.ndarray
-    held: np.ndarray
-    pinned: np.ndarray
+    fitted: np.ndarray
+    pin_weight: np.ndarray
     weights: np.ndarray
     faces: np.ndarray
 
-    def mapped(self, matrix: sparse.csr_matrix, faces: np.ndarray) -> "Level":
-        """The level with other faces, whose vertices (m) are mixed from these by a matrix (m,n)."""
-        start, held, pinned = matrix @ self.start, matrix @ self.held, matrix @ self.pinned
-        return Level(matrix @ self.pattern, start, held, pinned, matrix @ self.weights, faces)
+    def resampled(self, matrix: sparse.csr_matrix, faces: np.ndarray) -> "Level":
+        """Returns the level with other faces and vertices (m), combined from its own by a matrix (m,n)."""
+        start, fitted, pin_weight = matrix @ self.start, matrix @ self.fitted, matrix @ self.pin_weight
+        return Level(matrix @ self.rest_shape, start, fitted, pin_weight, matrix @ self.weights, faces)
 
 
 @dataclass(frozen=True)
-class Draped:
-    """positions (n,3) at the finest level, history: level-0 positions at each frame, strain of the finest edges."""
+class DrapeResult:
+    """A garment after the simulation.
+
+    Attributes:
+        positions: (n,3) vertices of the finest level, metres.
+        history: (m,3) vertices of the coarsest level at each frame.
+        strain: (E,) length of the finest level's edges over that on the pattern.
+    """
 
     positions: np.ndarray
     history: list[np.ndarray]
     strain: np.ndarray
 
 
-def mended(x: np.ndarray, faces: np.ndarray, edge: np.ndarray, strain: np.ndarray, firm: np.ndarray) -> np.ndarray:
-    """Spreads single over-stretched edges, where a pin and a contact disagreed, over their neighbourhood; vertices in
-    the mask `firm` (n,) stay."""
-    torn = np.zeros(len(x))
-    torn[edge[strain > 1.5].ravel()] = 1
-    near = neighbours(faces, len(x))
+def relax_torn_edges(
+    x: np.ndarray, faces: np.ndarray, edge: np.ndarray, strain: np.ndarray, fixed: np.ndarray
+) -> np.ndarray:
+    """Smooths vertices (n,3) around edges (E,2) with a strain above TORN, where a pin and a contact disagreed.
+
+    Vertices in the mask `fixed` (n,) stay.
+    """
+    amount = np.zeros(len(x))
+    amount[edge[strain > TORN].ravel()] = 1
+    average = neighbours(faces, len(x))
     for _ in range(2):
-        torn = np.maximum(torn, np.minimum(1, near @ torn * 2))
-    torn[firm] = 0
+        amount = np.maximum(amount, np.minimum(1, average @ amount * 2))
+    amount[fixed] = 0
     for _ in range(8):
-        x = x + (0.6 * torn)[:, None] * (near @ x - x)
+        x = x + (0.6 * amount)[:, None] * (average @ x - x)
     return x
 
 
@@ -227,46 +306,55 @@ def drape(
     levels: list[Level],
     refine: list[sparse.csr_matrix],
     cloth: Cloth,
-    efforts: list[Effort],
-    below: Callable[[int, bool], tuple[np.ndarray, np.ndarray]],
+    settings: list[SolverSettings],
+    surface_at: Callable[[int, bool], tuple[np.ndarray, np.ndarray]],
     skin: Callable[[np.ndarray, np.ndarray, int], np.ndarray],
     frames: int,
     ground: float,
-) -> Draped:
-    """Drapes from coarse to fine: the coarsest level follows the body's motion, the finer ones settle at its end.
+) -> DrapeResult:
+    """Drapes a garment from coarse to fine: its coarsest level follows the motion, the others settle at the end.
 
-    below(frame, fine) gives the surface under the garment; skin(weights, rest, frame) moves the pins; refine[k] is the
-    matrix from level k to k+1.
+    Args:
+        levels: the garment, from coarse to fine.
+        refine: the matrices from each level's vertices to those of the next.
+        cloth: the fabric's properties.
+        settings: the solver's, for each level.
+        surface_at: (frame, fine) to the vertices and faces of the surface below the garment.
+        skin: (weights, rest positions, frame) to posed positions; moves the pins.
+        frames: the last frame of the motion; 0 if the body does not move.
+        ground: height below which no vertex may be, metres.
     """
     history: list[np.ndarray] = []
     x = skin(levels[0].weights, levels[0].start, 0)
-    for number, (level, effort) in enumerate(zip(levels, efforts)):
-        sheet = Sheet(level.pattern, level.faces, cloth)
-        sheet.move_to(x)
-        held = np.flatnonzero(level.pinned > 0.01)
-        moving = list(range(1, frames + 1)) if number == 0 else []
-        if number == 0:
-            history.append(sheet.positions())
-        fine = number > 0
-        surface: Collider | None = None
-        for step, now in enumerate(moving + [frames] * effort.settle):
-            if surface is None or step <= len(moving):
-                last = now - 1 if step < len(moving) else now
-                before, faces = below(last, fine)
-                surface = Collider(before, below(now, fine)[0] if last != now else before, faces)
-            sheet.frame(surface, effort, ground, damp=0.99 if step < len(moving) else 0.9)
-            if len(held):
-                goal = skin(level.weights[held], level.held[held], now)
-                sheet.hold(held, level.pinned[held], goal, surface, ground)
-            if number == 0 and step < len(moving):
-                history.append(sheet.positions())
-        x = sheet.positions()
-        if number == len(levels) - 1:
-            x = mended(x, level.faces, sheet.edge, sheet.strain(), level.pinned > 0.99)
-            sheet.move_to(x)
-        strain = sheet.strain()
-        if number == 0:
+    for number, (level, solver_settings) in enumerate(zip(levels, settings)):
+        coarsest, finest = number == 0, number == len(levels) - 1
+        solver = ClothSolver(level.rest_shape, level.faces, cloth)
+        solver.move_to(x)
+        pinned = np.flatnonzero(level.pin_weight > 0.01)
+        moving_frames = list(range(1, frames + 1)) if coarsest else []
+        if coarsest:
+            history.append(solver.positions())
+        collider: Collider | None = None
+        for step, frame in enumerate(moving_frames + [frames] * solver_settings.settle_frames):
+            moving = step < len(moving_frames)
+            if collider is None or step <= len(moving_frames):  # at rest, one collider serves all frames
+                previous = frame - 1 if moving else frame
+                start, faces = surface_at(previous, not coarsest)
+                end = surface_at(frame, not coarsest)[0] if moving else start
+                collider = Collider(start, end, faces)
+            solver.step_frame(collider, solver_settings, ground, damping=0.99 if moving else 0.9)
+            if len(pinned):
+                target = skin(level.weights[pinned], level.fitted[pinned], frame)
+                solver.pin(pinned, level.pin_weight[pinned], target, collider, ground)
+            if moving:
+                history.append(solver.positions())
+        x = solver.positions()
+        if finest:
+            x = relax_torn_edges(x, level.faces, solver.edges, solver.strain(), level.pin_weight > 0.99)
+            solver.move_to(x)
+        strain = solver.strain()
+        if coarsest:
             history[-1] = x
-        if number < len(levels) - 1:
+        if not finest:
             x = refine[number] @ x
-    return Draped(x, history, strain)
+    return DrapeResult(x, history, strain)

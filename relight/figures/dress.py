@@ -1,4 +1,4 @@
-"""From an integer seed to a clothed figure: draws, gates, re-draws, and the mesh record at their end."""
+"""Generates a clothed figure from an integer seed: draws it, drapes it, and draws again until it passes the gates."""
 
 from dataclasses import dataclass, replace
 
@@ -7,22 +7,22 @@ import numpy as np
 from relight.figures import colliders, gates, props
 from relight.figures.assembly import Builder, assemble
 from relight.figures.body import Expression, Person, build_body, sample_expression
-from relight.figures.clearance import cleared, room
+from relight.figures.clearance import clear_hands, room
 from relight.figures.constraints import Constraints
 from relight.figures.outfits import Outfit, fitted_to_pose, in_other_fabrics
-from relight.figures.poses import motion
+from relight.figures.poses import build_motion
 from relight.figures.shading import shaded
 from relight.figures.stances import Pose
 from relight.figures.surfaces import stacked
-from relight.figures.wear import DETAILS, Detail, wear
+from relight.figures.wear import DETAILS, Detail, drape_outfit
 from relight.files import UserError
 from relight.meshes import Mesh
 
 GENERATOR = 10  # raised when the same seed gives another figure
 ATTEMPTS = 8
-SIT = 4  # draws after which a figure that was to sit may stand, unless all are required to sit
-FREE = Constraints()
-SLOWER = 2  # times the frames to sit down: legs that swing so far leave trousers behind
+SITTING_ATTEMPTS = 4  # draws after which a figure that sits by chance may stand
+UNCONSTRAINED = Constraints()
+SITTING_FRAMES = 2  # factor of the frames to sit down: legs that swing so far leave trousers behind
 
 
 def make_figure(
@@ -33,7 +33,7 @@ def make_figure(
     shading: float = 0.0,
     device: str = "cpu",
     outfits: int = 1,
-    constraints: Constraints = FREE,
+    constraints: Constraints = UNCONSTRAINED,
 ) -> Mesh:
     """Makes the figure of an integer seed, the same in every process on machines of one kind and with one device.
 
@@ -41,16 +41,16 @@ def make_figure(
         seed: 0 or more.
         detail: draft (for maps up to 128 px) or full (1024 px).
         texture: side of the largest texture in pixels, 64 or more.
-        per_subject: so many consecutive seeds, from a multiple of it on, are one person in one outfit, in as many poses
-            and expressions.
+        per_subject: number of consecutive seeds, from a multiple of it on, that are one person in one outfit, in
+            other poses and expressions.
         shading: strength in [0, 1] of the shading that is baked into the albedo, as scans have it.
-        device: cpu | cuda | auto, where cloth is draped.
-        outfits: how many: its own and others of other fabrics, whose materials are in the mesh's `outfits`.
-        constraints: what is not left to chance.
+        device: cpu | cuda | auto, where cloth is simulated.
+        outfits: number of outfits; the materials of those after the first are in the mesh's `outfits`.
+        constraints: what is not drawn at random.
 
     Returns:
         A mesh in metres, y up, facing +z, standing on y = 0. Its info has name, subject, source, seed, version of the
-        generator, traits, pose, garments, hair, shoes, what the gates measured, and how often it was drawn again.
+        generator, traits, pose, garments, hair, shoes, the measures of the gates, and the number of redraws.
 
     Raises:
         UserError: for a bad argument, and when no attempt passes the gates.
@@ -66,7 +66,7 @@ def make_figure(
     reasons: list[str] = []
     sits = constraints.sitting
     for attempt in range(ATTEMPTS):
-        with colliders.working(device):
+        with colliders.use_device(device):
             draw = sample(seed, attempt, per_subject, sits, constraints)
             mesh, reason = attempt_figure(draw, seed, DETAILS[detail], texture, per_subject, outfits)
         if mesh is not None:
@@ -74,19 +74,19 @@ def make_figure(
             mesh.info |= {"detail": detail, "redrawn": attempt, "redrawn_because": reasons}
             return mesh
         reasons.append(str(reason))
-        if constraints.sitting < 1:  # what is hard to dress is not drawn less for it
-            sits = 1.0 if draw.pose.sitting and attempt + 1 < SIT else 0.0
+        if constraints.sitting < 1:  # else sitting figures, which fail more often, would be fewer than asked for
+            sits = 1.0 if draw.pose.sitting and attempt + 1 < SITTING_ATTEMPTS else 0.0
     raise UserError(f"no figure of seed {seed} passed the gates in {ATTEMPTS} attempts: {'; '.join(reasons)}")
 
 
 def subject_of(seed: int, per_subject: int) -> str:
-    """The name of the person whom a seed shows: the figure's own where every seed is somebody else."""
+    """Returns the name of a seed's person: the figure's own name if every seed is another person."""
     return f"g{seed:04d}" if per_subject == 1 else f"s{seed // per_subject:04d}"
 
 
 @dataclass(frozen=True)
 class Draw:
-    """Who, in what, how: everything about a figure that is left to chance before its cloth is draped."""
+    """What is drawn of a figure at random before its cloth is draped."""
 
     person: Person
     outfit: Outfit
@@ -94,9 +94,16 @@ class Draw:
     expression: Expression
 
 
-def sample(seed: int, attempt: int, per_subject: int, sits: float, constraints: Constraints = FREE) -> Draw:
-    """One draw, sitting with the probability `sits`. The person stays from attempt to attempt; pose and clothes change,
-    and the pose only where others wear the same clothes."""
+def sample(seed: int, attempt: int, per_subject: int, sits: float, constraints: Constraints = UNCONSTRAINED) -> Draw:
+    """Draws a figure.
+
+    Args:
+        seed: of the figure.
+        attempt: from 0. All attempts have the same person; with more than one figure per subject also the same outfit.
+        per_subject: see `make_figure`.
+        sits: probability of a sitting pose.
+        constraints: what is not drawn at random.
+    """
     subject = seed // per_subject
     person = constraints.sample_person(np.random.default_rng([subject, 0]))
     rng = np.random.default_rng([subject, 1, attempt if per_subject == 1 else 0])
@@ -109,27 +116,27 @@ def sample(seed: int, attempt: int, per_subject: int, sits: float, constraints: 
 def attempt_figure(
     draw: Draw, seed: int, detail: Detail, texture: int, per_subject: int, outfits: int = 1
 ) -> tuple[Mesh | None, str | None]:
-    """One draw carried out: the mesh, or the reason why it is not good enough."""
+    """Makes the figure of a draw; returns the mesh and None, or None and the reason why a gate rejected it."""
     person, outfit, pose, expression = draw.person, draw.outfit, draw.pose, draw.expression
     if pose.sitting:
-        detail = replace(detail, frames=SLOWER * detail.frames)
+        detail = replace(detail, frames=SITTING_FRAMES * detail.frames)
     body = build_body(person, expression)
-    pose = cleared(body, pose, room([garment for garment, _ in outfit.garments], pose.sitting))
-    way = motion(body, pose, detail.frames)
-    worn = wear(body, way, outfit, detail)
-    reason = next((why for w in worn if (why := gates.cloth(w.pattern, w.draped, way, body))), None)
+    pose = clear_hands(body, pose, room([garment for garment, _ in outfit.garments], pose.sitting))
+    motion = build_motion(body, pose, detail.frames)
+    worn = drape_outfit(body, motion, outfit, detail)
+    reason = next((why for w in worn if (why := gates.check_garment(w.pattern, w.draped, motion, body))), None)
     if reason:
         return None, reason
-    reason, measured = gates.wardrobe(worn, way, body, pose.sitting)
+    reason, measured = gates.check_outfit(worn, motion, body, pose.sitting)
     if reason:
         return None, reason
     builder = Builder()
-    assemble(builder, body, way, outfit, worn, detail, texture, seed // per_subject)
+    assemble(builder, body, motion, outfit, worn, detail, texture, seed // per_subject)
     surface = stacked(list(zip(builder.vertices, (faces - faces.min() for faces in builder.faces))))
-    things = props.props(body, way, pose, surface, seed)
-    for thing in things:
-        builder.add(thing.vertices, thing.faces, None, thing.material)
-    dressings = [outfit, *(in_other_fabrics(outfit, np.random.default_rng([seed, 4, k])) for k in range(1, outfits))]
+    figure_props = props.props(body, motion, pose, surface, seed)
+    for prop in figure_props:
+        builder.add(prop.vertices, prop.faces, None, prop.material)
+    all_outfits = [outfit, *(in_other_fabrics(outfit, np.random.default_rng([seed, 4, k])) for k in range(1, outfits))]
     info = {
         "name": f"g{seed:04d}",
         "subject": subject_of(seed, per_subject),
@@ -140,8 +147,8 @@ def attempt_figure(
         "expression": expression.name,
         "garments": [w.pattern.garment.name for w in worn],
         "fabrics": [w.fabric.kind for w in worn],
-        "outfits": [[fabric.kind for _, fabric in dressing.garments] for dressing in dressings],
-        "props": [thing.material.name for thing in things],
+        "outfits": [[fabric.kind for _, fabric in one.garments] for one in all_outfits],
+        "props": [prop.material.name for prop in figure_props],
         "shoes": outfit.shoe.name,
         "hair": outfit.hair.name,
         "sex": "female" if person.female > 0.5 else "male",
@@ -152,6 +159,6 @@ def attempt_figure(
         "strain": round(float(max(np.percentile(w.draped.strain, 95) for w in worn)), 3),
         **measured,
     }
-    mesh = builder.mesh(info, dressings)
-    reason = gates.figure(mesh, np.concatenate(builder.layers))
+    mesh = builder.mesh(info, all_outfits)
+    reason = gates.check_figure(mesh, np.concatenate(builder.layers))
     return (None, reason) if reason else (mesh, None)

@@ -30,15 +30,15 @@ def brows(body: Body, motion: Motion, seed: int, fine: bool) -> Strip:
     roots = plant(body, posed, 600 if fine else 160, seed + 71, lambda at: skin.brow_share(at, body.person) - 0.2)
     x = roots.sides[:, 0] * np.linalg.norm([1, 1])
     outward, side = ramp(np.abs(x), 0.25, 0.85), np.sign(x)
-    way = np.stack([side * (0.5 + 0.6 * outward), 0.6 - 0.95 * outward, np.zeros_like(x)], 1)
-    way += 0.25 * (2 * roots.pick[:, 1:] - 1)
-    way = way @ motion.transforms[-1, motion.bones["head"], :, :3].T
-    way -= (way * roots.normals).sum(1, keepdims=True) * roots.normals
-    way /= np.linalg.norm(way, axis=1, keepdims=True)
+    direction = np.stack([side * (0.5 + 0.6 * outward), 0.6 - 0.95 * outward, np.zeros_like(x)], 1)
+    direction += 0.25 * (2 * roots.pick[:, 1:] - 1)
+    direction = direction @ motion.transforms[-1, motion.bones["head"], :, :3].T
+    direction -= (direction * roots.normals).sum(1, keepdims=True) * roots.normals
+    direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     length = (0.005 + 0.003 * roots.pick[:, :1]) * (1 - 0.15 * body.person.female)
     s = np.linspace(0, 1, 4)[None, :, None]
     rise = 0.0003 + 0.0014 * s * (1 - 0.75 * s)
-    points = roots.points[:, None] + s * (length * way)[:, None] + rise * roots.normals[:, None]
+    points = roots.points[:, None] + s * (length * direction)[:, None] + rise * roots.normals[:, None]
     normals = np.broadcast_to(roots.normals[:, None], points.shape)
     return ribbons(0.0006 if fine else 0.0014, points, normals, roots.pick, 0.3)
 
@@ -87,11 +87,11 @@ def beard(
     roots = plant(body, posed, 6000 if fine else 1200, seed + 61, skin.beard_share)
     x, y, z = roots.sides.T
     lip = ramp(y, -0.72, -0.62) * ramp(z, 0.55, 0.7)  # the moustache is short and parted
-    way = np.stack([0.2 * x + 0.9 * np.sign(x) * lip, -np.ones_like(x), 0.35 * (1 - lip)], 1)
-    way = (way + 0.2 * (2 * roots.pick[:, 1:] - 1)) @ motion.transforms[-1, motion.bones["head"], :, :3].T
+    direction = np.stack([0.2 * x + 0.9 * np.sign(x) * lip, -np.ones_like(x), 0.35 * (1 - lip)], 1)
+    direction = (direction + 0.2 * (2 * roots.pick[:, 1:] - 1)) @ motion.transforms[-1, motion.bones["head"], :, :3].T
     chin = ramp(-y, 0.55, 0.9) * ramp(z, 0.1, 0.5)
     length = (0.008 + 0.007 * full + 0.022 * full * chin) * (1 - 0.35 * lip) * (0.6 + 0.5 * roots.pick[:, 0])
     comb = Comb(len(x), 0.03, body=0.001 + 0.005 * full, lift=0.1, weight=0.15, cling=0.3)
     level = Roots(roots.points, roots.normals, roots.sides, np.ones(len(x)), roots.pick)
-    points, normals = grown(comb, level, way, length, Collider(below[0], *below), 4 if fine else 3, seed + 62)
+    points, normals = grown(comb, level, direction, length, Collider(below[0], *below), 4 if fine else 3, seed + 62)
     return ribbons((0.0011 + 0.0008 * full) * (1 if fine else 1.8), points, normals, roots.pick, 0.3)

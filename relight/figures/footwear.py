@@ -157,11 +157,11 @@ def laces(
 ) -> Part:
     """`count` bands across the instep and up the shaft, standing 2 mm off the upper."""
     facing = normals(shape, faces)
-    way = toes - shape[:, 2] + 0.9 * (shape[:, 1] - ground)  # from the toes over the instep up the shaft, metres
+    distance = toes - shape[:, 2] + 0.9 * (shape[:, 1] - ground)  # from the toes over the instep up the shaft, metres
     first, apart = 0.36 * length + 0.03, 0.017
-    number = np.clip(np.round((way - first) / apart), 0, count - 1)
-    off = np.abs(way - first - number * apart)
-    middle = np.median(shape[np.abs(way - first - 0.03) < 0.02, 0])
+    number = np.clip(np.round((distance - first) / apart), 0, count - 1)
+    off = np.abs(distance - first - number * apart)
+    middle = np.median(shape[np.abs(distance - first - 0.03) < 0.02, 0])
     inside = 0.021 - np.abs(shape[:, 0] - middle)
     field = np.minimum(np.minimum(0.0032 - off, inside), np.where(facing[:, 1] + facing[:, 2] > 0.35, 1.0, -1.0))
     matrix, cut = clip(sparse.identity(len(shape), format="csr"), faces, field, snap=0.1)

@@ -29,19 +29,23 @@ class Style:
     scalp: float = 1.0
 
 
-SHORT = Comb(500, 0.028, 18, width=0.0024, way="forward", body=0.005, cling=0.8, lift=0.12, clump=0.2, fray=0.0006)
-TIED = Comb(260, 0.1, 12, width=0.0025, way="tie", body=0.004, cling=0.9, lift=0.05, weight=0.0, clump=0.8)
+SHORT = Comb(
+    500, 0.028, 18, width=0.0024, direction="forward", body=0.005, cling=0.8, lift=0.12, clump=0.2, fray=0.0006
+)
+TIED = Comb(260, 0.1, 12, width=0.0025, direction="tie", body=0.004, cling=0.9, lift=0.05, weight=0.0, clump=0.8)
 TIED = replace(TIED, fray=0.001, wander=0.05)
 LONG = Comb(380, 0.30, 9, width=0.0030, lift=0.14, weight=0.4, cling=0.5, body=0.014, clump=0.45, fray=0.0016)
 TIGHT = Comb(
-    400, 0.05, 10, width=0.0028, way="out", lift=1.3, weight=0.06, body=0.010, curl=0.0045, pitch=0.017, clump=0
+    400, 0.05, 10, width=0.0028, direction="out", lift=1.3, weight=0.06, body=0.010, curl=0.0045, pitch=0.017, clump=0
 )
 STYLES = (
     Style("bald", scalp=0.0),
     Style("shaved", scalp=0.75),
     Style("crop", SHORT),
-    Style("side part", replace(SHORT, length=0.065, sides=0.4, way="aside", part=0.45, body=0.010, lift=0.3)),
-    Style("quiff", replace(SHORT, length=0.075, sides=0.3, way="back", body=0.022, cling=0.5, lift=0.5, weight=0.04)),
+    Style("side part", replace(SHORT, length=0.065, sides=0.4, direction="aside", part=0.45, body=0.010, lift=0.3)),
+    Style(
+        "quiff", replace(SHORT, length=0.075, sides=0.3, direction="back", body=0.022, cling=0.5, lift=0.5, weight=0.04)
+    ),
     Style("bob", replace(LONG, length=0.115, fringe=0.9, part=0.1)),
     Style("chin length", replace(LONG, length=0.095, part=-0.35)),
     Style("long", LONG),
@@ -149,7 +153,7 @@ def scalp_radius(head: Collider, centre: np.ndarray, direction: np.ndarray) -> n
     """Distance from `centre` to the skin along each direction, by a few steps of nearest-point search."""
     flat = direction.reshape(-1, 3)
     radius = np.full(len(flat), 0.10)
-    vertices, corner = head.after.numpy(), head.corner.numpy().reshape(-1, 3)
+    vertices, corner = head.end.numpy(), head.indices.numpy().reshape(-1, 3)
     for _ in range(8):
         face, weights = head.nearest(centre + flat * radius[:, None], 0.2)
         nearest = np.einsum("nk,nkd->nd", weights, vertices[corner[face]])

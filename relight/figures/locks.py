@@ -11,7 +11,7 @@ from relight.figures.body import Body
 from relight.figures.colliders import Collider
 from relight.figures.combing import Comb, Roots, below_hat, combed, head_centre, plant, ramp, scalp_roots, tie_point
 from relight.figures.fabrics import noise
-from relight.figures.layers import sided
+from relight.figures.layers import signed_distance
 from relight.figures.poses import Motion
 from relight.figures.strands import randoms, ribbons, spread
 
@@ -22,7 +22,7 @@ CLOSE = 0.02  # metres up to which it clings to that as much as it does at all
 def grown(
     comb: Comb,
     roots: Roots,
-    way: np.ndarray,
+    direction: np.ndarray,
     length: np.ndarray,
     below: Collider,
     steps: int,
@@ -30,13 +30,13 @@ def grown(
     going: np.ndarray | None = None,
     shy: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Lines (n, steps+1, 3) that set out along `way` (n,3, posed), and the normal of what lies below
-    them. Each step follows the last one, falls, and slides along what is in its way. going (n,3): where they set out
+    """Lines (n, steps+1, 3) that set out along `direction` (n,3, posed), and the normal of what lies below
+    them. Each step follows the last one, falls, and slides along obstacles. going (n,3): where they set out
     to, if not along the skin; shy: moves the next points (n,3) away from where no hair shall hang."""
     n = len(roots.points)
     layer = comb.body * (0.85 + 0.15 * roots.pick[:, 3]) * (0.35 + 0.65 * roots.rim)
     layer = 0.002 + np.minimum(layer, 0.25 * length)  # short hair lies flat
-    flat = way - (way * roots.normals).sum(1, keepdims=True) * roots.normals
+    flat = direction - (direction * roots.normals).sum(1, keepdims=True) * roots.normals
     flat /= np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-9)
     if going is None:
         going = flat + comb.lift * (0.5 + roots.pick[:, :1]) * roots.normals
@@ -51,7 +51,7 @@ def grown(
         going = going + [0, -comb.weight * min(1.0, 2.5 * k / steps), 0] + comb.wander * wander
         going /= np.linalg.norm(going, axis=1, keepdims=True)
         ahead = at + step * going
-        face, distance, facing = sided(ahead, below, NEAR)
+        face, distance, facing = signed_distance(ahead, below, NEAR)
         close = face >= 0
         normal = np.where(close[:, None], facing, normal)
         room = layer * min(1.0, k / 2.5)
@@ -97,16 +97,16 @@ def grow(
     posed = motion.skin(makehuman.rig().weights[makehuman.BODY], body.skin)
     share = below_hat if hat else scalp_roots
     guides = plant(body, posed, comb.count, seed, share)
-    way, length = combed(comb, guides)
-    way = way @ motion.transforms[-1, motion.bones["head"], :, :3].T
+    direction, length = combed(comb, guides)
+    direction = direction @ motion.transforms[-1, motion.bones["head"], :, :3].T
     goal, _ = tie_point(body, motion)
-    if comb.way == "tie":
-        way = goal - guides.points
-        length = 1.12 * np.linalg.norm(way, axis=1)
+    if comb.direction == "tie":
+        direction = goal - guides.points
+        length = 1.12 * np.linalg.norm(direction, axis=1)
     steps = int(np.clip(np.ceil(length.max() / (0.014 if fine else 0.022)), 5, 18))
-    shy = off_the_face(body, motion) if comb.way == "down" else None
-    points, normals = grown(comb, guides, way, length, Collider(below[0], *below), steps, seed, shy=shy)
-    if comb.way == "tie":  # what the last steps miss of the tie
+    shy = off_the_face(body, motion) if comb.direction == "down" else None
+    points, normals = grown(comb, guides, direction, length, Collider(below[0], *below), steps, seed, shy=shy)
+    if comb.direction == "tie":  # what the last steps miss of the tie
         points = points + ramp(np.linspace(0, 1, steps + 1), 0.3, 1.0)[None, :, None] * (goal - points[:, -1:])
     roots = plant(body, posed, comb.count * comb.strands, seed + 1, share)
     pieces = int(np.clip(np.ceil(length.max() / (0.018 if fine else 0.03)), 4, 14))
@@ -120,20 +120,20 @@ def tail(
     body: Body, motion: Motion, kind: str, below: tuple[np.ndarray, np.ndarray], seed: int, fine: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """The bun or the ponytail of tied hair: posed vertices, faces, uv."""
-    start, way = tie_point(body, motion)
+    start, direction = tie_point(body, motion)
     count, width = (900, 0.0028) if fine else (260, 0.006)
     pick = randoms(count, seed + 50)
     if kind == "bun":
-        return ribbons(width, *wound(start + 0.022 * way, way, pick), pick, 0.3)
+        return ribbons(width, *wound(start + 0.022 * direction, direction, pick), pick, 0.3)
     side = np.array([1.0, 0, 0])
-    up = np.cross(way, side)
+    up = np.cross(direction, side)
     angle = 2 * np.pi * pick[:, 2]
     spoke = np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * up
     comb = Comb(count, 0.24, body=0.022, weight=0.4)
-    at = start + 0.010 * np.sqrt(pick[:, :1]) * spoke - 0.006 * way
-    roots = Roots(at, np.tile(way, (count, 1)), spoke, np.ones(count), pick)
+    at = start + 0.010 * np.sqrt(pick[:, :1]) * spoke - 0.006 * direction
+    roots = Roots(at, np.tile(direction, (count, 1)), spoke, np.ones(count), pick)
     length = comb.length * (0.7 + 0.45 * pick[:, 0])
-    going = 0.6 * way + 0.3 * np.sqrt(pick[:, :1]) * spoke - np.array([0.0, 0.35, 0.0])
+    going = 0.6 * direction + 0.3 * np.sqrt(pick[:, :1]) * spoke - np.array([0.0, 0.35, 0.0])
     surface = Collider(below[0], *below)
     points, normals = grown(comb, roots, spoke, length, surface, 14 if fine else 9, seed, going=going)
     return ribbons(width, points, np.broadcast_to(spoke[:, None], normals.shape), pick, 0.6)

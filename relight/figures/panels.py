@@ -40,7 +40,7 @@ def around(sideways: np.ndarray, forward: np.ndarray) -> np.ndarray:
 
 def side_plane(pattern: Pattern) -> float:
     """The z of the plane between front and back of what is cut from the trunk."""
-    p, y = pattern.levels[-1].pattern, pattern.fields["y"]
+    p, y = pattern.levels[-1].rest_shape, pattern.fields["y"]
     return float(np.median(p[y > np.median(y), 2]))
 
 
@@ -48,7 +48,7 @@ def limb_frame(body: Body, pattern: Pattern, side: str) -> tuple[np.ndarray, np.
     """Which faces (F,) are of the sleeve or trouser leg of a side; of their corners (m,3), metres from the limb's axis:
     outward and forward of a leg, upward and forward of an arm."""
     level, j = pattern.levels[-1], body.joints
-    corner = level.pattern[level.faces]
+    corner = level.rest_shape[level.faces]
     middle = corner.mean(1)[:, 0]
     sign = 1 if side == "L" else -1
     mine = middle > 0 if side == "L" else middle <= 0
@@ -74,7 +74,7 @@ def arm_axes(body: Body, side: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 def cloth_coordinates(body: Body, pattern: Pattern) -> tuple[list[str], np.ndarray, np.ndarray]:
     """Names, panel of each face (F,), cloth coordinates (F,3,2) of its corners in metres."""
     level = pattern.levels[-1]
-    faces, p = level.faces, level.pattern
+    faces, p = level.faces, level.rest_shape
     corner = p[faces]
     if pattern.garment.kind == "scarf":  # both halves carry the same picture, from the middle to the ends
         return ["scarf"], np.zeros(len(faces), int), np.stack([corner[..., 0], np.abs(corner[..., 1])], axis=-1)

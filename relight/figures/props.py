@@ -6,10 +6,10 @@ import numpy as np
 
 from relight.figures import makehuman
 from relight.figures.body import Body
-from relight.figures.clearance import shares
+from relight.figures.clearance import bone_weights
 from relight.figures.colliders import Collider
-from relight.figures.layers import sided
-from relight.figures.poses import Motion, frame, unit
+from relight.figures.layers import signed_distance
+from relight.figures.poses import Motion, orthonormal_frame, unit
 from relight.figures.stances import Pose
 from relight.figures.surfaces import Surface, stacked
 from relight.meshes import Material
@@ -109,25 +109,25 @@ def colour(rng: np.random.Generator, least: float = 0.0) -> np.ndarray:
     return np.clip(grey * np.array(TINTS[rng.integers(len(TINTS))]), 0.01, 0.85).astype(np.float32)
 
 
-def palm(body: Body, way: Motion, side: str) -> tuple[np.ndarray, np.ndarray]:
+def palm(body: Body, motion: Motion, side: str) -> tuple[np.ndarray, np.ndarray]:
     """Where the fingers of a posed hand begin (3,), and its axes (3,3): along the fingers, out of the palm, across."""
 
     def posed(bone: str) -> np.ndarray:
-        turn = way.transforms[-1][way.bones[bone]]
+        turn = motion.transforms[-1][motion.bones[bone]]
         return turn[:, :3] @ body.joints[bone] + turn[:, 3]
 
     wrist, root, index, little = (posed(f"{bone}.{side}") for bone in ("wrist", "finger3-1", "finger2-1", "finger5-1"))
     out = np.cross(index - little, root - wrist) * (-1 if side == "L" else 1)
-    return root, frame(root - wrist, out)
+    return root, orthonormal_frame(root - wrist, out)
 
 
-def held(what: str, body: Body, way: Motion, side: str, worn: Surface, rng: np.random.Generator) -> list[Prop]:
+def held(what: str, body: Body, motion: Motion, side: str, worn: Surface, rng: np.random.Generator) -> list[Prop]:
     """The pieces of what a hand holds, posed.
 
     Args:
         what: phone | cup | bag.
         body: in its rest pose.
-        way: the motion into the pose.
+        motion: the motion into the pose.
         side: L | R, of the hand.
         worn: posed surface of skin and clothes, which a bag keeps off.
         rng: the source of chance.
@@ -135,7 +135,7 @@ def held(what: str, body: Body, way: Motion, side: str, worn: Surface, rng: np.r
     Returns:
         The pieces; none where there is no room for a bag.
     """
-    root, axes = palm(body, way, side)
+    root, axes = palm(body, motion, side)
     along, out, _ = axes.T
     if what == "phone":
         phone = placed(box((0.074, 0.004, 0.036), 0.004), axes, root + 0.020 * out + 0.012 * along)
@@ -150,15 +150,15 @@ def held(what: str, body: Body, way: Motion, side: str, worn: Surface, rng: np.r
         return [Prop(place + x, faces, Material(colour(rng, 0.12), name="cup"))]
     grip = root + 0.030 * out
     outward = np.array([1.0 if side == "L" else -1.0, 0.0, 0.0])
-    ahead = way.transforms[-1][way.bones["root"]][:, :3] @ np.array([0.0, 0.0, 1.0])
-    outward = frame(ahead * [1, 0, 1], outward)[:, 1]
+    ahead = motion.transforms[-1][motion.bones["root"]][:, :3] @ np.array([0.0, 0.0, 1.0])
+    outward = orthonormal_frame(ahead * [1, 0, 1], outward)[:, 1]
     high, wide, loop = rng.uniform(0.11, 0.16), rng.uniform(0.13, 0.18), rng.uniform(0.12, 0.18)
-    turn = np.stack([frame(ahead * [1, 0, 1], outward)[:, 0], [0.0, 1.0, 0.0], outward], axis=1)
+    turn = np.stack([orthonormal_frame(ahead * [1, 0, 1], outward)[:, 0], [0.0, 1.0, 0.0], outward], axis=1)
     x, faces = placed(box((wide, high, 0.035), 0.012, bulge=0.012), turn, grip - [0, loop + high, 0])
     near = Collider(worn[0], *worn)
     away = 0.0
     while away <= FURTHEST:
-        face, distance, _ = sided(x + away * outward, near, 0.1)
+        face, distance, _ = signed_distance(x + away * outward, near, 0.1)
         if not ((face >= 0) & (distance < ROOM)).any():
             break
         away += 0.01
@@ -176,20 +176,20 @@ def held(what: str, body: Body, way: Motion, side: str, worn: Surface, rng: np.r
     return [Prop(*pieces, material)]
 
 
-def stool(body: Body, way: Motion, worn: Surface, ground: float, rng: np.random.Generator) -> list[Prop]:
+def stool(body: Body, motion: Motion, worn: Surface, ground: float, rng: np.random.Generator) -> list[Prop]:
     """A stool under who sits; none under a skirt, which hangs where its seat would be.
 
     Args:
         body: in its rest pose.
-        way: the motion into the pose.
+        motion: the motion into the pose.
         worn: posed surface of skin and clothes.
         ground: height of the floor, metres.
         rng: the source of chance.
     """
-    skin = way.skin(makehuman.rig().weights[makehuman.BODY], body.skin)
-    skin = skin[shares("root", "pelvis", "upperleg") > 0.5]
+    skin = motion.skin(makehuman.rig().weights[makehuman.BODY], body.skin)
+    skin = skin[bone_weights("root", "pelvis", "upperleg") > 0.5]
     low = skin[skin[:, 1] < skin[:, 1].min() + 0.04]
-    ahead = unit(way.transforms[-1][way.bones["root"]][:, 2] * [1, 0, 1])
+    ahead = unit(motion.transforms[-1][motion.bones["root"]][:, 2] * [1, 0, 1])
     up = np.array([0.0, 1.0, 0.0])
     axes = np.stack([np.cross(up, ahead), up, ahead], axis=1)
     centre = np.array([*low.mean(0)[:1], low[:, 1].min(), *low.mean(0)[2:]])
@@ -214,19 +214,19 @@ def stool(body: Body, way: Motion, worn: Surface, ground: float, rng: np.random.
     return [Prop(*cushion, Material(seat, name="seat")), Prop(*stacked(legs), Material(wood, name="stool legs"))]
 
 
-def props(body: Body, way: Motion, pose: Pose, worn: Surface, seed: int) -> list[Prop]:
+def props(body: Body, motion: Motion, pose: Pose, worn: Surface, seed: int) -> list[Prop]:
     """All that a figure holds and sits on.
 
     Args:
         body: in its rest pose.
-        way: the motion into the pose.
+        motion: the motion into the pose.
         pose: says what the hands hold and whether the figure sits.
         worn: posed surface of the whole figure, which stands on the floor.
         seed: of colours and sizes.
     """
     rng = np.random.default_rng([seed, 5])
-    out = stool(body, way, worn, float(worn[0][:, 1].min()), rng) if pose.sitting else []
+    out = stool(body, motion, worn, float(worn[0][:, 1].min()), rng) if pose.sitting else []
     for side, hand in (("L", pose.left), ("R", pose.right)):
         if hand.holds:
-            out += held(hand.holds, body, way, side, worn, rng)
+            out += held(hand.holds, body, motion, side, worn, rng)
     return out

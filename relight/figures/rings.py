@@ -56,7 +56,9 @@ def winding(ring: np.ndarray, line: np.ndarray) -> int:
         The signed number of times that the line goes through the fan of triangles from the ring's mean to its pieces.
     """
     first, last = line[0] - line[1], line[-1] - line[-2]
-    before, after = (end + FAR * way / np.linalg.norm(way) for end, way in ((line[0], first), (line[-1], last)))
+    before, after = (
+        end + FAR * direction / np.linalg.norm(direction) for end, direction in ((line[0], first), (line[-1], last))
+    )
     points = np.concatenate([[before], line, [after]])
     start, along = points[:-1, None], np.diff(points, axis=0)[:, None]
     centre = ring.mean((0, 1))
@@ -72,7 +74,7 @@ def winding(ring: np.ndarray, line: np.ndarray) -> int:
     return int((np.sign(facing) * inside).sum())
 
 
-def lost_rings(pattern: Pattern, x: np.ndarray, way: Motion, body: Body) -> dict[str, tuple[int, int]]:
+def lost_rings(pattern: Pattern, x: np.ndarray, motion: Motion, body: Body) -> dict[str, tuple[int, int]]:
     """How many rings around sleeves or trouser legs do not wind around the bone once.
 
     Rings are the closed lines on which the garment's field along the limb takes one of LEVELS. Those count that wind
@@ -81,7 +83,7 @@ def lost_rings(pattern: Pattern, x: np.ndarray, way: Motion, body: Body) -> dict
     Args:
         pattern: whose fields run along arms (tops) or legs (trousers).
         x: (n,3) the draped finest vertices, metres.
-        way: the motion, at whose last frame the garment was draped.
+        motion: the motion, at whose last frame the garment was draped.
         body: in its rest pose.
 
     Returns:
@@ -92,9 +94,9 @@ def lost_rings(pattern: Pattern, x: np.ndarray, way: Motion, body: Body) -> dict
     for side, word in (("L", "left"), ("R", "right")) if bones else ():
         names = [f"{bone}.{side}" for bone in bones]
         rest = np.stack([body.joints[name] for name in names])
-        turn = way.transforms[-1][[way.bones[name] for name in names]]
+        turn = motion.transforms[-1][[motion.bones[name] for name in names]]
         posed = np.einsum("nij,nj->ni", turn[:, :, :3], rest) + turn[:, :, 3]
-        on = pattern.fields[f"on{side}"] > 0.5 if field == "arm" else (pattern.fields["x"] > 0) == (side == "L")
+        on = pattern.fields[f"arm_share{side}"] > 0.5 if field == "arm" else (pattern.fields["x"] > 0) == (side == "L")
         faces = level.faces[on[level.faces].all(1)]
         wound = []
         for at in LEVELS:
@@ -102,7 +104,7 @@ def lost_rings(pattern: Pattern, x: np.ndarray, way: Motion, body: Body) -> dict
             if not closed or len(edge) == 0:
                 continue
             near, far, share = edge[..., 0], edge[..., 1], share[..., None]
-            before, after = (p[near] * (1 - share) + p[far] * share for p in (level.held, x))
+            before, after = (p[near] * (1 - share) + p[far] * share for p in (level.fitted, x))
             if winding(before, rest) == 1:
                 wound.append(winding(after, posed) == 1)
         if wound:

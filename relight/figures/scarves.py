@@ -8,7 +8,7 @@ from scipy.ndimage import gaussian_filter1d
 from relight.figures.body import Body
 from relight.figures.collars import neck_of
 from relight.figures.colliders import Collider
-from relight.figures.drape import Cloth, Effort, Level
+from relight.figures.drape import Cloth, Level, SolverSettings
 from relight.figures.garments import Garment
 from relight.figures.patterns import Pattern, refined
 from relight.figures.poses import Motion
@@ -36,13 +36,13 @@ WRAPS = {
     "scarf": Wrap(-34, 292, (0.50, 0.58), (-0.075, 0.075), 0.03),
     "wrapped scarf": Wrap(-58, 628, (0.34, 0.40), (-0.07, 0.06), 0.018),
 }
-SOFT = Cloth(bend=0.25, crumple=0.0, thickness=0.007, friction=0.6)
+SOFT = Cloth(bend=0.25, extra_length=0.0, thickness=0.007, friction=0.6)
 SCARVES = tuple(
     Garment(name, "scarf", drop=0.0, thick=0.005, cloth=SOFT, fabrics=("knit", "plain", "check", "stripes", "melange"))
     for name in WRAPS
 )
 WIDTH = {"scarf": 0.15, "wrapped scarf": 0.13}  # metres
-EFFORTS = [Effort(12, 3, 22), Effort(10, 4, 12), Effort(8, 5, 10, gravity=-5.0)]
+SOLVER = [SolverSettings(12, 3, 22), SolverSettings(10, 4, 12), SolverSettings(8, 5, 10, gravity=-5.0)]
 
 
 def outline(surface: Collider, centre: np.ndarray, frame: np.ndarray) -> np.ndarray:
@@ -53,7 +53,7 @@ def outline(surface: Collider, centre: np.ndarray, frame: np.ndarray) -> np.ndar
     radius = np.full(OUTLINE, 0.05)
     for height in (0.03, 0.045, 0.06):
         from_out = centre + height * frame[1] + 0.14 * out
-        radius = np.maximum(radius, 0.14 - np.minimum(surface.cast(from_out, -out)[1], 0.09))
+        radius = np.maximum(radius, 0.14 - np.minimum(surface.raycast(from_out, -out)[1], 0.09))
     return gaussian_filter1d(np.minimum(radius, 0.115), 3, mode="wrap")
 
 
@@ -61,7 +61,7 @@ def hanging(surface: Collider, x: float, top: float, length: float, lift: float)
     """A line (m,3) down the front of the figure, `lift` off it, from height `top`, somewhat longer than `length`."""
     y = top - np.arange(0.0, 1.15 * length, 0.01)
     origin = np.stack([np.full_like(y, x), y, np.full_like(y, 1.5)], axis=1)
-    z = 1.5 - surface.cast(origin, np.broadcast_to([0.0, 0.0, -1.0], origin.shape))[1]
+    z = 1.5 - surface.raycast(origin, np.broadcast_to([0.0, 0.0, -1.0], origin.shape))[1]
     reached = np.isfinite(z)
     z = np.interp(y[::-1], y[reached][::-1], z[reached][::-1])[::-1] if reached.any() else np.full_like(y, 0.1)
     z = np.maximum(gaussian_filter1d(z, 4, mode="nearest"), z)
@@ -94,12 +94,12 @@ def course(wrap: Wrap, surface: Collider, centre: np.ndarray, frame: np.ndarray)
     return line, away / np.linalg.norm(away, axis=1, keepdims=True)
 
 
-def build_scarf(body: Body, way: Motion, garment: Garment, surface: Collider, levels: int) -> Pattern:
+def build_scarf(body: Body, motion: Motion, garment: Garment, surface: Collider, levels: int) -> Pattern:
     """The pattern of a scarf, refined `levels` times, whose start lies around the posed figure `surface`.
 
     Its pattern is the flat ribbon (x across, y along, metres), its weights are empty: it does not move with the body.
     """
-    centre, frame = neck_of(body, way)
+    centre, frame = neck_of(body, motion)
     line, away = course(WRAPS[garment.name], surface, centre, frame)
     along = np.gradient(line, axis=0)
     along /= np.linalg.norm(along, axis=1, keepdims=True)
@@ -116,7 +116,7 @@ def build_scarf(body: Body, way: Motion, garment: Garment, surface: Collider, le
     a, b, c, d = index[:-1, :-1].ravel(), index[:-1, 1:].ravel(), index[1:, :-1].ravel(), index[1:, 1:].ravel()
     faces = np.concatenate([np.stack([a, b, c], 1), np.stack([b, d, c], 1)])
     start = start.reshape(-1, 3)
-    fields = {"tube": np.ones(len(flat))}
+    fields = {"drop": np.ones(len(flat))}
     nothing = np.zeros(len(flat))
     coarsest = Level(flat, start, start, nothing, np.zeros((len(flat), 1)), faces)
     return refined(garment, coarsest, fields, 0.0, np.zeros(len(faces), bool), levels)

@@ -1,4 +1,4 @@
-"""The library of stances, standing and sitting, and how one is drawn and varied."""
+"""The library of poses, standing and sitting, and how one is drawn and varied."""
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
@@ -11,17 +11,17 @@ Triple = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Hand:
-    """Where a hand goes. Directions are in the frame of the chest, mirrored so that +x is outward.
+    """The goal of a hand. Directions are in the frame of the chest, mirrored so that +x is outward.
 
     Attributes:
-        wrist: in units of the arm's length from the shoulder.
-        elbow: the way that the elbow points.
-        palm: degrees of turn about the forearm, where `along` is None.
-        along: the way from the wrist to the fingers, as far as wrist and forearm turn, or None.
-        facing: the way that the palm looks, where `along` is given.
-        curl: degrees by which fingers bend at each joint, about.
+        wrist: position relative to the shoulder, in arm lengths.
+        elbow: direction in which the elbow points.
+        palm: degrees of rotation about the forearm, where `along` is None.
+        along: direction from the wrist to the fingers, within the limits of wrist and forearm, or None.
+        facing: direction in which the palm faces, where `along` is given.
+        curl: mean degrees by which fingers bend at each joint.
         rests: whether the hand lies on the body.
-        holds: what is in it: "" | phone | cup | bag.
+        holds: the prop in it: "" | phone | cup | bag.
     """
 
     wrist: Triple
@@ -36,8 +36,13 @@ class Hand:
 
 @dataclass(frozen=True)
 class Foot:
-    """Where an ankle goes from its rest place, in leg lengths (outward, up, forward), and the foot's turn outward
-    and its pitch (toes down), degrees."""
+    """The goal of a foot.
+
+    Attributes:
+        step: displacement of the ankle from the rest pose, in leg lengths (outward, up, forward).
+        turn: degrees outward.
+        pitch: degrees, toes down.
+    """
 
     step: Triple = (0.0, 0.0, 0.0)
     turn: float = 8.0
@@ -45,7 +50,7 @@ class Foot:
 
 
 class Trunk(TypedDict):
-    """What stances with the same trunk share; see `Pose`."""
+    """Arguments of `Pose` that poses with the same trunk share."""
 
     spine: Triple
     hips: Triple
@@ -54,17 +59,17 @@ class Trunk(TypedDict):
 
 @dataclass(frozen=True)
 class Pose:
-    """A stance: angles in degrees about x (forward), y (to the figure's left) and z.
+    """A pose of a body. Angles are in degrees about x (forward), y (to the figure's left) and z.
 
     Attributes:
         name: as `relight figures --names` lists it.
-        left, right: where the hands go.
-        feet: where the left and the right foot go.
-        spine: how far the trunk leans, twists and tilts, shared by its bones.
-        hips: the same of the pelvis.
-        head: the same of the head, against the world.
+        left, right: goals of the hands.
+        feet: goals of the left and the right foot.
+        spine: rotation of the trunk, distributed over its bones.
+        hips: rotation of the pelvis.
+        head: rotation of the head in the world.
         shift: of the pelvis, in leg lengths.
-        sitting: whether it sits.
+        sitting: whether the figure sits.
         turn: of the whole figure about the vertical, toward its left.
     """
 
@@ -80,10 +85,10 @@ class Pose:
     turn: float = 0.0
 
 
-NARROW = 0.05  # the rest pose stands with its legs apart: by this much of their length closer
-CLOSER = (0.04, 0.09)  # by which feet of half of those who stand level are closer still
-TURN = 25.0  # degrees, spread of the turn of those who stand or sit turned
-TURNED = 0.4  # share of them
+NARROWER = 0.05  # leg lengths by which each foot is closer to the middle than on the rest pose
+CLOSER_FEET = (0.04, 0.09)  # the same in addition, for half of the poses with level feet
+TURN_SPREAD = 25.0  # degrees, standard deviation
+TURNED_SHARE = 0.4  # of the poses
 
 DOWN = Hand((0.22, -0.95, 0.06))
 DOWN_LOOSE = Hand((0.36, -0.88, 0.12))
@@ -259,9 +264,9 @@ def sample_pose(rng: np.random.Generator, sitting: float = 0.0, names: Collectio
     """Draws a pose and varies it, mirrored half of the time.
 
     Args:
-        rng: the source of chance.
-        sitting: probability of a pose that sits.
-        names: of the poses to draw from; all where it is empty. Where all of them stand, or all sit, so does the pose.
+        rng: random generator.
+        sitting: probability of a sitting pose; without effect if all poses to draw from stand, or all sit.
+        names: of the poses to draw from; empty for all.
     """
     library = [pose for pose in (*STANDING, *SITTING) if not names or pose.name in names]
     sits = rng.random() < sitting
@@ -270,8 +275,7 @@ def sample_pose(rng: np.random.Generator, sitting: float = 0.0, names: Collectio
 
 
 def varied(pose: Pose, rng: np.random.Generator) -> Pose:
-    """The pose as another person would take it: mirrored half of the time, a little different, with the feet closer
-    half of the time where it stands level, and some turned as a whole."""
+    """Returns a variant of a pose: random angles and wrists, at times mirrored, turned, or with the feet closer."""
 
     def near(values: Triple, spread: float) -> Triple:
         x, y, z = np.array(values) + rng.normal(0, spread, 3)
@@ -291,10 +295,10 @@ def varied(pose: Pose, rng: np.random.Generator) -> Pose:
     pose = replace(
         pose, left=left, right=right, spine=near(pose.spine, 1.5), hips=near(pose.hips, 1.0), head=near(pose.head, 4.0)
     )
-    closer, turn = float(rng.uniform(*CLOSER)), float(rng.normal(0, TURN))
+    closer, turn = float(rng.uniform(*CLOSER_FEET)), float(rng.normal(0, TURN_SPREAD))
     if rng.random() < 0.5 and not pose.sitting and all(foot.step[0] <= 0.07 and not foot.step[1] for foot in pose.feet):
         left_foot, right_foot = (
             replace(foot, step=(foot.step[0] - closer, foot.step[1], foot.step[2])) for foot in pose.feet
         )
         pose = replace(pose, feet=(left_foot, right_foot))
-    return replace(pose, turn=turn if rng.random() < TURNED else 0.0)
+    return replace(pose, turn=turn if rng.random() < TURNED_SHARE else 0.0)

@@ -25,7 +25,7 @@ def band(pattern: Pattern, positions: np.ndarray, uv: np.ndarray) -> tuple[np.nd
     if garment.front not in BANDS:
         return None
     low, high = BANDS[garment.front]
-    p = level.pattern
+    p = level.rest_shape
     x, z = p[:, 0], p[:, 2]
     ahead = (z > np.median(z)) & (np.abs(x) < 0.2)
     faces = level.faces[ahead[level.faces].all(1) & ~pattern.sleeve]
@@ -46,7 +46,7 @@ def band(pattern: Pattern, positions: np.ndarray, uv: np.ndarray) -> tuple[np.nd
 
 def belt(vertices: np.ndarray, faces: np.ndarray, band: np.ndarray, ahead: np.ndarray, width: float) -> list[Surface]:
     """A belt `width` metres wide over a garment (vertices, faces), and its buckle; nothing where the cloth is not all
-    around. band (k,3): points of the garment at the belt; ahead (3,): the way that the pelvis faces."""
+    around. band (k,3): points of the garment at the belt; ahead (3,): the direction that the pelvis faces."""
     centre = band.mean(0)
     up = np.linalg.svd(band - centre)[2][2]
     up = up * np.sign(up[1])
@@ -57,7 +57,7 @@ def belt(vertices: np.ndarray, faces: np.ndarray, band: np.ndarray, ahead: np.nd
     out = np.outer(np.cos(turn), ahead) + np.outer(np.sin(turn), left)
     heights = np.linspace(-0.5, 0.5, 4) * width
     far = 1.25 * np.linalg.norm(band - centre, axis=1).max() + 0.03
-    depth = np.stack([surface.cast(centre + h * up + far * out, -out)[1] for h in heights])
+    depth = np.stack([surface.raycast(centre + h * up + far * out, -out)[1] for h in heights])
     radius = far - depth
     if not np.isfinite(radius).all() or (radius < 0.3 * far).any():
         return []
@@ -94,7 +94,7 @@ def tie(vertices: np.ndarray, faces: np.ndarray, neck: np.ndarray, left: np.ndar
     top = neck + 0.02 * np.array([0.0, 1.0, 0.0])
     origin = top + (half[:, None] * across)[..., None] * left + [0.0, 0.0, 0.6]
     origin[..., 1] -= s[:, None]
-    depth = surface.cast(origin.reshape(-1, 3), np.broadcast_to([0.0, 0.0, -1.0], (origin.size // 3, 3)))[1]
+    depth = surface.raycast(origin.reshape(-1, 3), np.broadcast_to([0.0, 0.0, -1.0], (origin.size // 3, 3)))[1]
     depth = depth.reshape(origin.shape[:2])
     whole = np.isfinite(depth).all(1) & (depth < 0.6).all(1)
     if whole[KNOT < s].sum() < 25:

@@ -1,177 +1,246 @@
-"""Dressing: the garments of an outfit draped one over the other on a body that moves into its pose."""
+"""Dresses a body: drapes the garments of an outfit one over the other while it moves into its pose."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
 from relight.figures import collars, drape, footwear, layers, makehuman, patterns, scarves, wrinkles
 from relight.figures.body import Body
+from relight.figures.clearance import bone_weights
 from relight.figures.colliders import Collider
-from relight.figures.drape import Effort
+from relight.figures.drape import SolverSettings
 from relight.figures.fabrics import Fabric
 from relight.figures.garments import Garment
 from relight.figures.outfits import Outfit
 from relight.figures.poses import Motion
 from relight.figures.surfaces import Surface, neighbours, normals, stacked
 
-HANGS = 0.2  # metres of a drop from which on cloth hangs free in it
-CLEFT = (0.04, -0.15, 0.16)  # metres from the middle, and from and to which height above the crotch, buttocks meet
-BROAD = 100  # times that normals are averaged with their neighbours', to span several gathers
-CLOSE = 0.6  # of a cloth's thickness: its folds come no nearer to what lies below
+FREE_DROP = 0.2  # metres of a drop from which on its cloth hangs free
+CLEFT = (
+    0.04,
+    -0.15,
+    0.16,
+)  # the cleft between the buttocks: metres from the middle, lowest and highest above the crotch
+BROAD = 100  # averagings of normals with their neighbours', to span several gathers
+MIN_FOLD_DISTANCE = 0.6  # of a cloth's thickness, which its wrinkles keep from the layer below
+GROUND = 0.006  # metres above which cloth stays
 
 
 @dataclass(frozen=True)
 class Detail:
-    """refine: subdivisions of a garment; frames of the motion; efforts by level; body: subdivisions of the skin."""
+    """How fine a figure is.
+
+    Attributes:
+        refine: subdivisions of the garments.
+        frames: of the motion into the pose.
+        solver: settings for each level of a garment, from coarse to fine.
+        body: subdivisions of the skin.
+    """
 
     refine: int
     frames: int
-    efforts: list[Effort]
+    solver: list[SolverSettings]
     body: int
 
 
 DETAILS = {
-    "draft": Detail(1, 20, [Effort(12, 2, 8), Effort(10, 3, 8)], 0),
-    "full": Detail(2, 28, [Effort(14, 2, 12), Effort(10, 4, 12), Effort(8, 5, 14, gravity=-5.0)], 1),
+    "draft": Detail(1, 20, [SolverSettings(12, 2, 8), SolverSettings(10, 3, 8)], 0),
+    "full": Detail(
+        2, 28, [SolverSettings(14, 2, 12), SolverSettings(10, 4, 12), SolverSettings(8, 5, 14, gravity=-5.0)], 1
+    ),
 }
 
 
 @dataclass(frozen=True)
-class Worn:
-    """One draped garment: its pattern, its fabric, and how it hangs."""
+class DrapedGarment:
+    """A garment of a figure: its pattern, its fabric, and the result of its simulation."""
 
     pattern: patterns.Pattern
     fabric: Fabric
-    draped: drape.Draped
+    draped: drape.DrapeResult
 
 
-def wear(body: Body, way: Motion, outfit: Outfit, detail: Detail) -> list[Worn]:
-    """Drapes the garments one over the other."""
-    rig, frames = makehuman.rig(), detail.frames
-    weights = rig.weights[makehuman.BODY]
-    faces = makehuman.base().faces["body"]
+class Obstacles:
+    """The posed surfaces on which garments are draped: skin, shoes, and the garments below.
 
-    def share(*names: str) -> np.ndarray:
-        return weights[:, [i for i, bone in enumerate(rig.bones) if bone.startswith(names)]].sum(1)
+    Hands and, for what hangs from the waist, arms are no obstacles: fingers would catch the cloth.
+    """
 
-    head = share(
-        "head", "jaw", "eye", "levator", "oris", "special", "temporalis", "risorius", "oculi", "tongue", "orbicularis"
-    )
-    hands = share("finger", "metacarpal") + head
-    arms = hands + share("wrist", "lowerarm", "upperarm")
-    # hands and, for what hangs from the waist, arms are no obstacles: fingers would catch the cloth
-    solid = {"top": faces[(hands[faces] < 0.3).all(1)], "other": faces[(arms[faces] < 0.3).all(1)]}
-    solid["top"] = solid["top"][~cleft(body, body.skin, solid["top"])]
-    posed = [way.skin(weights, body.skin, t) for t in range(frames + 1)]
-    uppers = [] if outfit.shoe.straps else [footwear.upper(body, way.bones, outfit.shoe, side) for side in "LR"]
-    shoes = [[(way.skin(one.weights, one.shape, t), one.faces) for one in uppers] for t in range(frames + 1)]
-    worn: list[Worn] = []
+    def __init__(self, body: Body, motion: Motion, outfit: Outfit, frames: int):
+        weights, faces = makehuman.rig().weights[makehuman.BODY], makehuman.base().faces["body"]
+        head = bone_weights(
+            "head", "jaw", "eye", "levator", "oris", "special", "temporalis", "risorius", "oculi", "tongue",
+            "orbicularis",
+        )  # fmt: skip
+        fingers = bone_weights("finger", "metacarpal") + head
+        arms = fingers + bone_weights("wrist", "lowerarm", "upperarm")
+        trunk_and_arms = faces[(fingers[faces] < 0.3).all(1)]
+        self.body, self.frames = body, frames
+        self.under_tops = trunk_and_arms[~cleft(body, body.skin, trunk_and_arms)]
+        self.under_bottoms = faces[(arms[faces] < 0.3).all(1)]
+        self.under_scarves = faces[(fingers - head)[faces].max(1) < 0.3]
+        self.skin = [motion.skin(weights, body.skin, frame) for frame in range(frames + 1)]
+        uppers = [] if outfit.shoe.straps else [footwear.upper(body, motion.bones, outfit.shoe, side) for side in "LR"]
+        self.shoes = [
+            [(motion.skin(upper.weights, upper.shape, frame), upper.faces) for upper in uppers]
+            for frame in range(frames + 1)
+        ]
+
+    def below(self, garment: Garment, inner: list[DrapedGarment], frame: int, fine: bool) -> Surface:
+        """Returns the surface below a garment.
+
+        Args:
+            garment: to be draped; no scarf.
+            inner: the garments already draped.
+            frame: of the motion.
+            fine: whether their finest levels are meant, as they hang at the last frame, or their coarsest, at `frame`.
+        """
+        top = garment.kind == "top"
+        parts = [(self.skin[frame], self.under_tops if top else self.under_bottoms)]
+        parts += [] if top else self.shoes[frame]
+        for other in inner:
+            level = other.pattern.levels[-1 if fine else 0]
+            faces = level.faces
+            if top:
+                catching = cleft(self.body, level.fitted, faces)
+                if fine and (other.pattern.garment.gather or other.pattern.garment.pleat):
+                    catching |= fallen_over(other.draped.positions, faces)
+                faces = faces[~catching]
+            parts.append((other.draped.positions if fine else other.draped.history[frame], faces))
+        return stacked(parts)
+
+
+def drape_outfit(body: Body, motion: Motion, outfit: Outfit, detail: Detail) -> list[DrapedGarment]:
+    """Drapes the garments of an outfit one over the other, from the skin outward."""
+    obstacles, worn = Obstacles(body, motion, outfit, detail.frames), list[DrapedGarment]()
     for garment, fabric in outfit.garments:
         if garment.kind == "scarf":
-            bare = faces[(hands - head)[faces].max(1) < 0.3]
-            worn.append(wrapped(body, way, garment, fabric, (posed[-1], bare), worn, detail))
+            skin = obstacles.skin[-1], obstacles.under_scarves
+            worn.append(drape_scarf(body, motion, garment, fabric, skin, worn, detail))
             continue
         pattern = patterns.build_pattern(body, garment, detail.refine)
-        top = garment.kind == "top"
-        under = solid["top" if top else "other"]
-
-        def below(
-            frame: int,
-            fine: bool,
-            under: np.ndarray = under,
-            top: bool = top,
-            before: tuple[Worn, ...] = tuple(worn),
-        ):
-            parts = [(posed[frame], under), *([] if top else shoes[frame])]
-            for w in before:
-                level = w.pattern.levels[-1 if fine else 0]
-                cloth = level.faces
-                if top:
-                    caught = cleft(body, level.held, cloth)
-                    if fine and (w.pattern.garment.gather or w.pattern.garment.pleat):
-                        caught |= fallen_over(w.draped.positions, cloth)
-                    cloth = cloth[~caught]
-                parts.append((w.draped.positions if fine else w.draped.history[frame], cloth))
-            return stacked(parts)
-
+        surface_at = partial(obstacles.below, garment, list(worn))
         draped = drape.drape(
-            pattern.levels, pattern.refine, garment.cloth, detail.efforts, below, way.skin, frames, ground=0.006
+            pattern.levels,
+            pattern.refine,
+            garment.cloth,
+            detail.solver,
+            surface_at,
+            motion.skin,
+            detail.frames,
+            ground=GROUND,
         )
-        surface, corners = below(frames, True)
-        folded = finished(pattern, draped, fabric, Collider(surface, surface, corners), neckband(pattern, body, way))
-        worn.append(Worn(pattern, fabric, folded))
+        vertices, faces = surface_at(detail.frames, True)
+        below, band = Collider(vertices, vertices, faces), neckband(pattern, body, motion)
+        worn.append(DrapedGarment(pattern, fabric, finished(pattern, draped, fabric, below, band)))
     return worn
 
 
 def cleft(body: Body, rest: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Which faces (F,) of a surface (vertices (n,3) on the rest pose, faces (F,3)) line the cleft between the buttocks
-    and the thighs below. Cloth that hangs over them must not be caught there."""
+    """Returns which faces line the cleft between the buttocks and the thighs below, where cloth must not be caught.
+
+    Args:
+        body: in its rest pose.
+        rest: (n,3) vertices of a surface on the rest pose, metres.
+        faces: (F,3).
+
+    Returns:
+        (F,) bool.
+    """
     a, b, c = (rest[faces[:, k]] for k in range(3))
-    middle, normal = (a + b + c) / 3, np.cross(b - a, c - a)
+    centre, normal = (a + b + c) / 3, np.cross(b - a, c - a)
     sideways = np.abs(normal[:, 0]) > 0.6 * np.linalg.norm(normal, axis=1)
-    high = middle[:, 1] - patterns.landmarks(body)["crotch"]
-    return sideways & (np.abs(middle[:, 0]) < CLEFT[0]) & (high > CLEFT[1]) & (high < CLEFT[2])
+    height = centre[:, 1] - patterns.landmarks(body)["crotch"]
+    return sideways & (np.abs(centre[:, 0]) < CLEFT[0]) & (height > CLEFT[1]) & (height < CLEFT[2])
 
 
 def fallen_over(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Which faces (F,) of cloth (n,3) turn against the side to which the cloth around them turns: gathers that fell
-    over. What hangs over the cloth would be pushed into it by them, and be caught there."""
+    """Returns which faces (F,) of cloth (n,3) face against the cloth around them: gathers that fell over.
+
+    They would push cloth that hangs over them inward, and catch it.
+    """
     facing = normals(x, faces)
-    around = wrinkles.averaged(facing, neighbours(faces, len(x)), BROAD)
-    middle, (a, b, c) = around[faces].sum(1), (x[faces[:, k]] for k in range(3))
-    return np.einsum("fx,fx->f", np.cross(b - a, c - a), middle) < 0
+    average = wrinkles.averaged(facing, neighbours(faces, len(x)), BROAD)
+    around, (a, b, c) = average[faces].sum(1), (x[faces[:, k]] for k in range(3))
+    return np.einsum("fx,fx->f", np.cross(b - a, c - a), around) < 0
 
 
-def neckband(pattern: patterns.Pattern, body: Body, way: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """What `collars.banded` asks of a top: the cloth without folds (n,3), base and axis of the neck (3,)."""
+def neckband(pattern: patterns.Pattern, body: Body, motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """Returns the arguments of `collars.banded` for a top: cloth without folds (n,3), base and axis of the neck."""
     if pattern.garment.kind != "top":
         return None
-    level, (neck, axes) = pattern.levels[-1], collars.neck_of(body, way)
-    return way.skin(level.weights, level.held), neck, axes[1]
+    level, (neck, axes) = pattern.levels[-1], collars.neck_of(body, motion)
+    return motion.skin(level.weights, level.fitted), neck, axes[1]
 
 
 def finished(
     pattern: patterns.Pattern,
-    draped: drape.Draped,
+    draped: drape.DrapeResult,
     fabric: Fabric,
     below: Collider,
     band: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None,
-) -> drape.Draped:
-    """The drape with the fine folds of its cloth and, with a `neckband`, an even neckline, outside what lies below."""
+) -> drape.DrapeResult:
+    """Adds fine wrinkles to a draped garment, and an even neckline, and moves it out of the layers below.
+
+    Args:
+        pattern: of the garment.
+        draped: the result of its simulation.
+        fabric: its seed places the wrinkles.
+        below: the layers below.
+        band: see `neckband`.
+    """
     garment, level = pattern.garment, pattern.levels[-1]
     crimp = wrinkles.of_one_garment(garment.cloth.crimp, fabric.seed)
-    hang = np.clip(4 * pattern.fields["tube"], 0, 1) * (garment.drop > HANGS)
+    hang = np.clip(4 * pattern.fields["drop"], 0, 1) * (garment.drop > FREE_DROP)
     x = wrinkles.folded(pattern.levels, pattern.refine, draped.positions, crimp, hang, fabric.seed)
     if band is not None:
         x = collars.banded(x, level.faces, *band)
-    face, distance, out = layers.sided(x, below, 2 * garment.cloth.thickness)
-    lacking = np.clip(CLOSE * garment.cloth.thickness - distance, 0, garment.cloth.thickness)
-    x = x + np.where((face >= 0) & (level.pinned < 0.5), lacking, 0)[:, None] * out
+    face, distance, outward = layers.signed_distance(x, below, 2 * garment.cloth.thickness)
+    depth = np.clip(MIN_FOLD_DISTANCE * garment.cloth.thickness - distance, 0, garment.cloth.thickness)
+    x = x + np.where((face >= 0) & (level.pin_weight < 0.5), depth, 0)[:, None] * outward
     return replace(draped, positions=x)
 
 
-def wrapped(
-    body: Body, way: Motion, garment: Garment, fabric: Fabric, skin: Surface, below: list[Worn], detail: Detail
-) -> Worn:
-    """A scarf over the posed skin (vertices, faces) and all garments below it; it is laid there, not carried there."""
-    neck, axes = collars.neck_of(body, way)
+def drape_scarf(
+    body: Body,
+    motion: Motion,
+    garment: Garment,
+    fabric: Fabric,
+    skin: Surface,
+    inner: list[DrapedGarment],
+    detail: Detail,
+) -> DrapedGarment:
+    """Drapes a scarf around the neck of the posed figure; it does not take part in the motion.
+
+    Args:
+        body: in its rest pose.
+        motion: into the pose.
+        garment: the scarf.
+        fabric: of the scarf.
+        skin: vertices and faces, posed.
+        inner: the garments already draped.
+        detail: how fine the figure is.
+    """
+    neck, axes = collars.neck_of(body, motion)
     parts = [skin]
-    for w in below:
-        x, cloth = w.draped.positions, w.pattern.levels[-1].faces
+    for other in inner:
+        x, cloth = other.draped.positions, other.pattern.levels[-1].faces
         parts.append((x, cloth))
-        if w.pattern.garment.kind == "top":
-            collar = collars.collar(x, cloth, np.zeros((len(x), 2)), w.pattern.garment.collar, neck, axes[1], 1.0)
+        if other.pattern.garment.kind == "top":
+            kind = other.pattern.garment.collar
+            collar = collars.collar(x, cloth, np.zeros((len(x), 2)), kind, neck, axes[1], 1.0)
             parts += [collar[:2]] if collar else []
     vertices, faces = stacked(parts)
-    pattern = scarves.build_scarf(body, way, garment, Collider(vertices, vertices, faces), detail.refine)
+    pattern = scarves.build_scarf(body, motion, garment, Collider(vertices, vertices, faces), detail.refine)
     draped = drape.drape(
         pattern.levels,
         pattern.refine,
         garment.cloth,
-        scarves.EFFORTS[: detail.refine + 1],
+        scarves.SOLVER[: detail.refine + 1],
         lambda frame, fine: (vertices, faces),
         lambda weights, rest, frame: rest,
         frames=0,
-        ground=0.006,
+        ground=GROUND,
     )
-    return Worn(pattern, fabric, draped)
+    return DrapedGarment(pattern, fabric, draped)

@@ -89,16 +89,16 @@ def crests(
     """
     points = tree.data
     places, nearest, lines, at = [], [], [], []
-    for way in (1.0, -1.0):
+    for sign in (1.0, -1.0):
         place, vertex = points[start].copy(), start.copy()
-        heading = way * along[start]
+        heading = sign * along[start]
         for k in range(int(np.ceil(length.max() / 2 / step))):
             on = np.flatnonzero(k * step < length / 2)
-            if k or way > 0:
+            if k or sign > 0:
                 places.append(place[on])
                 nearest.append(vertex[on])
                 lines.append(on)
-                at.append(way * 2 * k * step / length[on])
+                at.append(sign * 2 * k * step / length[on])
             ahead = along[vertex]
             ahead = ahead * np.where(np.einsum("mx,mx->m", ahead, heading) < 0, -1.0, 1.0)[:, None]
             heading = 0.5 * heading + 0.5 * ahead
@@ -146,7 +146,7 @@ def ridges(
     along = np.cross(normal, across)
     rng = np.random.default_rng([seed, 5])
     longer = 1 + 1.2 * hang
-    crowd = CROWD * np.clip(5 * crimp.often * room, 0, 1)  # on the area of one crest
+    crowd = CROWD * np.clip(5 * crimp.density * room, 0, 1)  # on the area of one crest
     area = areas(pattern, faces)
     usual = float(np.median(area))  # sparser vertices carry no more crests
     chance = crowd * np.minimum(area, usual) / (crimp.width * crimp.length * longer)
@@ -196,19 +196,21 @@ def folds(levels: list[Level], refine: list, x: np.ndarray, crimp: Crimp, hang: 
     """
     finest, height = levels[-1], np.zeros(len(x))
     around = neighbours(finest.faces, len(x))
-    smooth = np.minimum(*(smoothness(points, finest.faces, around) for points in (finest.pattern, x)))
+    smooth = np.minimum(*(smoothness(points, finest.faces, around) for points in (finest.rest_shape, x)))
     for back, (scale, share) in enumerate(zip(SCALES[: len(levels)], SHARES), 1):
         level = levels[-back]
         if scale == SCALES[-1] and not hang.any():
             continue
-        n = len(level.pattern)  # subdivision keeps the vertices of the coarser levels, and begins with them
-        mean = float(np.linalg.norm(level.pattern[level.faces[:, 0]] - level.pattern[level.faces[:, 1]], axis=1).mean())
+        n = len(level.rest_shape)  # subdivision keeps the vertices of the coarser levels, and begins with them
+        mean = float(
+            np.linalg.norm(level.rest_shape[level.faces[:, 0]] - level.rest_shape[level.faces[:, 1]], axis=1).mean()
+        )
         wide = max(crimp.width * scale, VERTICES * mean)
         this = replace(crimp, width=wide, length=crimp.length * max(1.0, wide / crimp.width) ** 0.7)
-        free = smooth[:n] * (1 - np.clip(1.5 * level.pinned, 0, 1)) * (hang[:n] if scale == SCALES[-1] else 1)
+        free = smooth[:n] * (1 - np.clip(1.5 * level.pin_weight, 0, 1)) * (hang[:n] if scale == SCALES[-1] else 1)
         most = HIGH * crimp.width * np.sqrt(scale)
         near = around if back == 1 else neighbours(level.faces, n)
-        more = ridges(level.pattern, x[:n], level.faces, near, this, share, free, hang[:n], most, seed + 100 * back)
+        more = ridges(level.rest_shape, x[:n], level.faces, near, this, share, free, hang[:n], most, seed + 100 * back)
         for up in refine[len(refine) - back + 1 :]:
             more = up @ more
         height += more
@@ -222,7 +224,7 @@ def of_one_garment(crimp: Crimp, seed: int) -> Crimp:
         crimp,
         width=crimp.width * np.exp(0.15 * one),
         slack=crimp.slack * np.exp(0.22 * two),
-        often=crimp.often * np.exp(0.25 * three),
+        density=crimp.density * np.exp(0.25 * three),
     )
 
 

@@ -14,8 +14,8 @@ from relight.figures.colliders import Collider
 from relight.figures.constraints import LIBRARY
 from relight.figures.drape import Level
 from relight.figures.fabrics import Fabric
-from relight.figures.layers import sided
-from relight.figures.poses import motion
+from relight.figures.layers import signed_distance
+from relight.figures.poses import build_motion
 from relight.figures.surfaces import border_loops, edges, loop
 
 UP, LEFT, AHEAD = np.eye(3)[[1, 0, 2]]
@@ -23,7 +23,7 @@ UP, LEFT, AHEAD = np.eye(3)[[1, 0, 2]]
 
 @pytest.fixture(scope="module")
 def body():
-    colliders.prepare()
+    colliders.init_warp()
     return build_body(sample_person(np.random.default_rng(3)))
 
 
@@ -42,7 +42,7 @@ def test_cloth_has_no_length_for_the_hollow_between_the_buttocks(body, name):
     at, level = patterns.landmarks(body), cut(body, name).levels[0]
     for height in np.arange(at["crotch"] + 0.1, at["hip"] + 0.02, 0.02):
         suit = body.tights[np.abs(body.tights[:, 1] - height) < 0.01][:, [0, 2]]
-        for points in (level.pattern, level.held):
+        for points in (level.rest_shape, level.fitted):
             near = points[np.abs(points[:, 1] - height) < 0.01][:, [0, 2]]
             near = near[np.abs(near[:, 0]) < np.abs(suit[:, 0]).max() + 0.05]
             assert len(near) > 6 and hollow(near) < 0.006
@@ -56,11 +56,11 @@ def test_the_hull_is_exact_on_a_known_outline():
     ring = np.concatenate([np.stack([x + 0.1 * np.sin(turn), 0.1 * np.cos(turn)], 1) for x in (-0.1, 0.1)])
     heights = np.arange(0.0, 0.5, 0.005)
     points = np.concatenate([np.insert(ring, 1, y, axis=1) for y in heights])
-    fields = {"onL": np.zeros(len(points)), "onR": np.zeros(len(points))}
+    fields = {"arm_shareL": np.zeros(len(points)), "arm_shareR": np.zeros(len(points))}
     hull = patterns.trunk_hull(points, fields, {"crotch": 0.1, "waist": 0.25, "neck": 0.45})
     asked = np.array([[0.0, 0.2, 0.05], [0.3, 0.2, 0.0], [0.1, 0.2, 0.02]])
     assert hull.radius(asked)[:2] == pytest.approx([0.1, 0.2], abs=1e-3)
-    moved = hull.spanned(asked, np.array([1.0, 1.0, 0.5]))
+    moved = hull.expand(asked, np.array([1.0, 1.0, 0.5]))
     assert moved[0] == pytest.approx([0, 0.2, 0.1], abs=1e-3)
     np.testing.assert_allclose(moved[1], asked[1], atol=1e-12)  # what is outside stays
     assert 0.02 < moved[2, 2] < 0.1
@@ -72,7 +72,7 @@ def test_the_hull_bridges_heights_without_vertices():
     heights = np.concatenate([np.arange(0.0, 0.2, 0.005), np.arange(0.28, 0.5, 0.005)])
     points = np.concatenate([(0.1 + 0.2 * y) * np.stack([np.sin(turn), 0 * turn, np.cos(turn)], 1) for y in heights])
     points[:, 1] = np.repeat(heights, len(turn))
-    fields = {"onL": np.zeros(len(points)), "onR": np.zeros(len(points))}
+    fields = {"arm_shareL": np.zeros(len(points)), "arm_shareR": np.zeros(len(points))}
     hull = patterns.trunk_hull(points, fields, {"crotch": 0.1, "waist": 0.25, "neck": 0.45})
     for y in (0.2, 0.24, 0.28):
         assert hull.radius(np.array([[0.0, y, 0.05]]))[0] == pytest.approx(0.1 + 0.2 * y, abs=5e-3)
@@ -83,13 +83,13 @@ def test_a_loose_top_hangs_straight_over_a_hollow():
     heights = np.linspace(0, 1, 21)
     radii = np.repeat((0.2 - 0.08 * np.sin(np.pi * heights))[:, None], patterns.BEARINGS, axis=1)
     hull = patterns.Hull(0.0, heights, radii)
-    np.testing.assert_allclose(hull.hung(-1.0, 1.0).radii, 0.2, atol=1e-12)
-    np.testing.assert_allclose(hull.hung(-1.0, 0.5).radii, (0.2 + radii) / 2, atol=1e-12)
-    above = hull.hung(0.5, 1.0).radii  # straight from the waist up to the chest, as cut below it
+    np.testing.assert_allclose(hull.straightened(-1.0, 1.0).radii, 0.2, atol=1e-12)
+    np.testing.assert_allclose(hull.straightened(-1.0, 0.5).radii, (0.2 + radii) / 2, atol=1e-12)
+    above = hull.straightened(0.5, 1.0).radii  # straight from the waist up to the chest, as cut below it
     np.testing.assert_allclose(above[:11], radii[:11], atol=1e-12)
     np.testing.assert_allclose(above[10:, 0], 0.12 + 0.16 * (heights[10:] - 0.5), atol=1e-12)
     bulging = patterns.Hull(0.0, heights, 0.4 - radii)
-    np.testing.assert_allclose(bulging.hung(-1.0, 1.0).radii, bulging.radii, atol=1e-12)
+    np.testing.assert_allclose(bulging.straightened(-1.0, 1.0).radii, bulging.radii, atol=1e-12)
 
 
 def test_only_a_loose_closed_top_hangs_straight(body):
@@ -98,9 +98,9 @@ def test_only_a_loose_closed_top_hangs_straight(body):
 
     def off(ease: float, **changes) -> float:
         level = cut(body, "sweater", torso=(ease,) * 6, **changes).levels[0]
-        x, y, z = level.held.T
+        x, y, z = level.fitted.T
         back = (np.abs(y - waist - 0.03) < 0.03) & (np.abs(x) < 0.05) & (z < np.median(z))
-        return float((level.held - level.pattern)[back, 2].mean()) - ease + patterns.NUDE
+        return float((level.fitted - level.rest_shape)[back, 2].mean()) - ease + patterns.PIN_OFFSET
 
     assert abs(off(0.004)) < 0.002 and abs(off(0.03, open=0.02)) < 0.006
     assert off(0.03) > off(0.03, open=0.02) + 0.004
@@ -113,7 +113,7 @@ def test_cloth_is_not_bunched_over_the_cleft(body, name, monkeypatch):
 
     def areas() -> np.ndarray:
         level = cut(body, name).levels[0]
-        a, b, c = (level.held[level.faces[:, k]] for k in range(3))
+        a, b, c = (level.fitted[level.faces[:, k]] for k in range(3))
         middle, normal = (a + b + c) / 3, np.cross(b - a, c - a)
         high = middle[:, 1] - at["crotch"]
         there = (np.abs(middle[:, 0]) < 0.025) & (high > 0.02) & (high < 0.2) & (middle[:, 2] < np.median(middle[:, 2]))
@@ -121,7 +121,7 @@ def test_cloth_is_not_bunched_over_the_cleft(body, name, monkeypatch):
         return np.linalg.norm(normal[there], axis=1) / 2
 
     spread = areas()
-    monkeypatch.setattr(patterns, "unbunched", lambda hull, points, faces, share: hull.spanned(points, share))
+    monkeypatch.setattr(patterns, "expand_evenly", lambda hull, points, faces, share: hull.expand(points, share))
     bunched = areas()
     assert spread.min() > 1.8 * bunched.min() and np.median(spread) > 1.2 * np.median(bunched)
 
@@ -149,12 +149,12 @@ def lengths(points: np.ndarray, ring: np.ndarray) -> float:
 def test_what_is_cut_wide_starts_in_folds_of_the_same_length(body, name):
     pattern = cut(body, name)
     level = pattern.levels[0]
-    hem = next(ring for ring in border_loops(level.faces) if (pattern.fields["tube"][ring] > 0.999).all())
-    top = pattern.fields["tube"] == 0
-    waist = level.pattern[top][np.argsort(level.pattern[top][:, 1])[:30]]
-    assert lengths(level.pattern, hem) > 2.2 * np.pi * np.ptp(waist[:, 0])
-    assert lengths(level.start, hem) == pytest.approx(lengths(level.pattern, hem), rel=0.02)
-    wide = [np.ptp(x[hem], axis=0)[[0, 2]].mean() for x in (level.start, level.pattern)]
+    hem = next(ring for ring in border_loops(level.faces) if (pattern.fields["drop"][ring] > 0.999).all())
+    top = pattern.fields["drop"] == 0
+    waist = level.rest_shape[top][np.argsort(level.rest_shape[top][:, 1])[:30]]
+    assert lengths(level.rest_shape, hem) > 2.2 * np.pi * np.ptp(waist[:, 0])
+    assert lengths(level.start, hem) == pytest.approx(lengths(level.rest_shape, hem), rel=0.02)
+    wide = [np.ptp(x[hem], axis=0)[[0, 2]].mean() for x in (level.start, level.rest_shape)]
     assert wide[0] < 0.9 * wide[1], "it hangs narrower than it is cut"
 
 
@@ -163,8 +163,8 @@ def test_gathers_make_cloth_longer_than_its_outline(body):
 
     def across(pattern) -> float:
         level = pattern.levels[0]
-        ring = next(r for r in border_loops(level.faces) if (pattern.fields["tube"][r] > 0.999).all())
-        return lengths(level.pattern, ring)
+        ring = next(r for r in border_loops(level.faces) if (pattern.fields["drop"][r] > 0.999).all())
+        return lengths(level.rest_shape, ring)
 
     assert across(gathered) > 1.25 * across(plain)
 
@@ -175,9 +175,9 @@ def test_a_finer_hem_is_the_same_surface():
     i = np.arange(12)
     j = (i + 1) % 12
     faces = np.concatenate([np.stack([i, j, i + 12], 1), np.stack([j, j + 12, i + 12], 1)])
-    ring, closed = patterns.lowest(faces, points[:, 1])
+    ring, closed = patterns.lowest_border(faces, points[:, 1])
     assert closed and sorted(ring) == list(range(12))
-    matrix, finer, parent = patterns.doubled(faces, len(points), ring)
+    matrix, finer, parent = patterns.split_border(faces, len(points), ring)
     finest = matrix @ points
     area = [trimesh.Trimesh(p, f, process=False).area for p, f in ((points, faces), (finest, finer))]
     assert area[1] == pytest.approx(area[0], rel=1e-12)
@@ -190,7 +190,7 @@ def test_a_v_neck_is_deeper_in_front_only(body):
     low = []
     for vee in (0.0, 0.1):
         pattern = cut(body, "t-shirt", vee=vee, neck=(0.08, 0.06, 0.09))
-        held = pattern.levels[0].held
+        held = pattern.levels[0].fitted
         ring = max(border_loops(pattern.levels[0].faces), key=lambda r: held[r, 1].mean())
         front = held[ring, 2] > body.joints["neck01"][2] + 0.035
         low.append((held[ring][front, 1].min(), held[ring][~front, 1].min()))
@@ -220,7 +220,7 @@ def tube(radius: float = 0.06, columns: int = 24) -> tuple[np.ndarray, np.ndarra
 @pytest.mark.parametrize("kind", ["none", "roll", "stand"])
 def test_a_neckband_is_smooth_all_the_way_round(kind):
     """A neckline as uneven as a drape's, in and out by 3 %: no notch is left, nor where the band is joined."""
-    colliders.prepare()
+    colliders.init_warp()
     points, faces = tube()
     ring = max(border_loops(faces), key=lambda ring: points[ring, 1].mean())
     points[ring] *= 1 + 0.03 * (-1.0) ** np.arange(len(ring))[:, None]
@@ -248,7 +248,7 @@ def test_a_band_holds_the_neckline_and_the_cloth_beside_it():
 
 
 def test_a_hood_is_whole_over_a_crease_down_the_back():
-    colliders.prepare()
+    colliders.init_warp()
     points, faces = tube()
     back = np.clip(-points[:, 2] / np.hypot(points[:, 0], points[:, 2]), 0, 1)
     points[:, 2] += 0.025 * np.exp(-((points[:, 0] / 0.012) ** 2)) * back
@@ -261,10 +261,10 @@ def test_a_hood_is_whole_over_a_crease_down_the_back():
 
 @pytest.mark.parametrize("kind", ["hood", "lapel"])
 def test_what_lies_on_the_cloth_is_outside_it(kind):
-    colliders.prepare()
+    colliders.init_warp()
     points, faces = tube()
     vertices, solid, _ = collars.collar(points, faces, np.zeros((len(points), 2)), kind, np.zeros(3), UP, 1.0)
-    _, distance, _ = sided(vertices, Collider(points, points, faces), 0.2)
+    _, distance, _ = signed_distance(vertices, Collider(points, points, faces), 0.2)
     assert np.percentile(distance, 2) > -0.004 and distance.max() > 0.004
     shell = trimesh.Trimesh(vertices, solid, process=False)
     assert shell.is_watertight and shell.is_winding_consistent
@@ -305,7 +305,7 @@ def test_the_band_of_a_closed_front(front):
 
 
 def test_a_belt_goes_around_and_its_buckle_sits_in_front():
-    colliders.prepare()
+    colliders.init_warp()
     body = trimesh.creation.cylinder(0.15, 0.6, sections=64)
     points = body.vertices[:, [1, 2, 0]]
     turn = np.linspace(0, 2 * np.pi, 20)
@@ -323,7 +323,7 @@ def test_a_belt_goes_around_and_its_buckle_sits_in_front():
 
 def test_a_belt_leans_with_hips_that_widen():
     """Around a cone: as far off the cloth at its upper edge as at its lower one."""
-    colliders.prepare()
+    colliders.init_warp()
     cone = trimesh.creation.cylinder(0.15, 0.6, sections=64)
     points = cone.vertices[:, [1, 2, 0]].copy()
     points[:, [0, 2]] *= (1 - 0.8 * points[:, 1])[:, None]
@@ -335,7 +335,7 @@ def test_a_belt_leans_with_hips_that_widen():
 
 
 def test_a_tie_lies_on_the_shirt():
-    colliders.prepare()
+    colliders.init_warp()
     points, faces = sheet(0.5, 0.1)
     vertices, solid = trims.tie(points, faces, np.array([0, 0.4, 0.0]), LEFT)
     shell = trimesh.Trimesh(vertices, solid, process=False)
@@ -378,13 +378,13 @@ def test_what_is_worn_under_a_jacket_is_close_and_no_top_is_wider_than_it_drapes
 def test_a_belt_holds_the_cloth_under_it_and_none_beside_it(body, name, above):
     free, belted = (cut(body, name, belt=belt) for belt in (None, above))
     y, level = belted.fields["y"], belted.levels[-1]
-    on = np.maximum(belted.fields["onL"], belted.fields["onR"])
+    on = np.maximum(belted.fields["arm_shareL"], belted.fields["arm_shareR"])
     off = np.abs(y - patterns.landmarks(body)["waist"] - above)
-    under = (off < 0.017) & (on < 0.05) & (belted.fields["tube"] == 0)
-    assert under.sum() > 30 and level.pinned[under].min() > 0.85
-    assert free.levels[-1].pinned[under].mean() < 0.6
-    far = off > patterns.BELT + patterns.EASED + 0.03
-    np.testing.assert_array_equal(level.pinned[far], free.levels[-1].pinned[far])
+    under = (off < 0.017) & (on < 0.05) & (belted.fields["drop"] == 0)
+    assert under.sum() > 30 and level.pin_weight[under].min() > 0.85
+    assert free.levels[-1].pin_weight[under].mean() < 0.6
+    far = off > patterns.BELT + patterns.BELT_FADE + 0.03
+    np.testing.assert_array_equal(level.pin_weight[far], free.levels[-1].pin_weight[far])
 
 
 def test_an_outfit_anew_is_cut_alike():
@@ -409,11 +409,11 @@ def test_every_garment_can_be_cut(body, name):
     level = pattern.levels[0]
     openings = {"top": 4 - bool(garment.open), "trousers": 3, "skirt": 2}[garment.kind]
     assert len(border_loops(level.faces)) == openings
-    assert all(np.isfinite(part).all() for part in (level.pattern, level.start, level.held))
+    assert all(np.isfinite(part).all() for part in (level.rest_shape, level.start, level.fitted))
     assert np.isfinite(way_of(body).skin(level.weights, level.start)).all()
-    long = np.linalg.norm(np.diff(level.pattern[edges(level.faces)[0]], axis=1), axis=-1)
+    long = np.linalg.norm(np.diff(level.rest_shape[edges(level.faces)[0]], axis=1), axis=-1)
     assert long.max() < 0.16
 
 
 def way_of(body):
-    return motion(body, stances.STANDING[1], 1)
+    return build_motion(body, stances.STANDING[1], 1)

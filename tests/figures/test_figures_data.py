@@ -52,13 +52,13 @@ def test_arc_takes_one_direction_to_the_other():
     rng = np.random.default_rng(0)
     for _ in range(20):
         a, b = rng.normal(size=(2, 3))
-        turned = poses.arc(a, b).apply(a / np.linalg.norm(a))
+        turned = poses.rotation_between(a, b).apply(a / np.linalg.norm(a))
         np.testing.assert_allclose(turned, b / np.linalg.norm(b), atol=1e-12)
 
 
 def test_two_bones_keep_their_lengths():
     root, goal, pole = np.zeros(3), np.array([0.3, -0.4, 0.1]), np.array([0.0, 0.0, -1.0])
-    middle = poses.two_bones(root, goal, 0.3, 0.35, pole)
+    middle = poses.middle_joint(root, goal, 0.3, 0.35, pole)
     assert np.linalg.norm(middle - root) == pytest.approx(0.3)
     assert np.linalg.norm(middle - goal) == pytest.approx(0.35)
     assert middle[2] < 0  # bends toward the pole
@@ -67,12 +67,12 @@ def test_two_bones_keep_their_lengths():
 def test_motion_begins_at_rest_and_ends_on_the_ground(person):
     rig = makehuman.rig()
     for pose in (stances.STANDING[3], stances.STANDING[15], stances.SITTING[0]):
-        way = poses.motion(person, pose, 6)
+        motion = poses.build_motion(person, pose, 6)
         weights = rig.weights[makehuman.BODY]
-        rest = way.skin(weights, person.skin, 0) - person.skin
+        rest = motion.skin(weights, person.skin, 0) - person.skin
         np.testing.assert_allclose(rest, np.broadcast_to(rest[0], rest.shape), atol=1e-9)  # only moved up as a whole
-        assert abs(way.skin(weights, person.skin)[:, 1].min()) < 1e-9
-        turn = way.transforms[-1, :, :, :3]
+        assert abs(motion.skin(weights, person.skin)[:, 1].min()) < 1e-9
+        turn = motion.transforms[-1, :, :, :3]
         np.testing.assert_allclose(turn @ turn.transpose(0, 2, 1), np.broadcast_to(np.eye(3), turn.shape), atol=1e-9)
 
 
@@ -82,19 +82,19 @@ def pose_of(name: str) -> stances.Pose:
 
 def joints_of(person, pose, *names) -> list[np.ndarray]:
     """Posed places (3,) of bones."""
-    way = poses.motion(person, pose, 1)
-    turns = [way.transforms[-1][way.bones[name]] for name in names]
+    motion = poses.build_motion(person, pose, 1)
+    turns = [motion.transforms[-1][motion.bones[name]] for name in names]
     return [turn[:, :3] @ person.joints[name] + turn[:, 3] for turn, name in zip(turns, names)]
 
 
 def test_wrists_and_ankles_reach_their_goals(person):
     pose = pose_of("hands on hips")
-    solver = poses.Solver(person)
+    solver = poses.PoseSolver(person)
     solver.solve(pose)
-    trunk, _ = solver.placed("spine01")
+    trunk, _ = solver.world_transform("spine01")
     for side, sign, hand in (("L", 1, pose.left), ("R", -1, pose.right)):
-        _, shoulder = solver.placed(f"upperarm01.{side}")
-        _, wrist = solver.placed(f"wrist.{side}")
+        _, shoulder = solver.world_transform(f"upperarm01.{side}")
+        _, wrist = solver.world_transform(f"wrist.{side}")
         j = person.joints
         arm = np.linalg.norm(j[f"lowerarm01.{side}"] - j[f"upperarm01.{side}"])
         arm += np.linalg.norm(j[f"wrist.{side}"] - j[f"lowerarm01.{side}"])
@@ -159,15 +159,15 @@ def test_crossed_arms_cross_and_do_not_go_through_each_other(person):
 
 @pytest.mark.parametrize("name", ["hands on hips", "hands in pockets", "hands in back pockets", "sitting"])
 def test_hands_that_rest_lie_on_the_body_with_their_palms(person, name):
-    colliders.prepare()
-    pose = clearance.cleared(person, pose_of(name), (0.02, 0.02))
-    skin = poses.motion(person, pose, 1).skin(makehuman.rig().weights[makehuman.BODY], person.skin)
+    colliders.init_warp()
+    pose = clearance.clear_hands(person, pose_of(name), (0.02, 0.02))
+    skin = poses.build_motion(person, pose, 1).skin(makehuman.rig().weights[makehuman.BODY], person.skin)
     faces = makehuman.base().faces["body"]
-    trunk = clearance.shares("root", "pelvis", "spine", "upperleg", "lowerleg") > 0.5
+    trunk = clearance.bone_weights("root", "pelvis", "spine", "upperleg", "lowerleg") > 0.5
     for sign in (1, -1):
-        hand = (clearance.shares("finger", "metacarpal") > 0.7) & (np.sign(person.skin[:, 0]) == sign)
+        hand = (clearance.bone_weights("finger", "metacarpal") > 0.7) & (np.sign(person.skin[:, 0]) == sign)
         surface = colliders.Collider(skin, skin, faces[trunk[faces].all(1)])
-        _, distance, _ = layers.sided(skin[hand], surface, 0.3)
+        _, distance, _ = layers.signed_distance(skin[hand], surface, 0.3)
         assert 0.0 < np.percentile(distance, 2) < 0.035
         facing = surfaces.normals(skin, faces)[hand]
         centre = skin[hand].mean(0)
@@ -191,7 +191,7 @@ def test_half_of_those_who_stand_level_have_their_feet_together_and_some_are_tur
 def test_a_turn_moves_the_whole_figure(person):
     pose = stances.replace(pose_of("straight"), turn=90.0)
     for frame in (0, -1):
-        before, after = (poses.motion(person, one, 2).transforms[frame] for one in (pose_of("straight"), pose))
+        before, after = (poses.build_motion(person, one, 2).transforms[frame] for one in (pose_of("straight"), pose))
         turned = np.array([[0, 0, 1], [0, 1, 0], [-1, 0, 0]]) @ before
         np.testing.assert_allclose(after, turned, atol=1e-12)
 
@@ -208,8 +208,8 @@ def test_a_mirrored_pose_mirrors_hands_and_feet():
     assert seen == {pose.left.elbow, pose.right.elbow}
 
 
-def surface_of(person, way) -> surfaces.Surface:
-    return way.skin(makehuman.rig().weights[makehuman.BODY], person.skin), makehuman.base().faces["body"]
+def surface_of(person, motion) -> surfaces.Surface:
+    return motion.skin(makehuman.rig().weights[makehuman.BODY], person.skin), makehuman.base().faces["body"]
 
 
 def volume(vertices, faces) -> float:
@@ -235,42 +235,44 @@ def test_shapes_of_props_are_closed_and_face_outward():
 @pytest.mark.parametrize("name", ["with a phone", "with a cup", "with a bag"])
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_what_is_held_is_in_the_palm(person, name, mirrored):
-    colliders.prepare()
+    colliders.init_warp()
     pose = pose_of(name)
     if mirrored:
         pose = stances.replace(pose, left=pose.right, right=pose.left)
-    way = poses.motion(person, pose, 1)
-    skin, faces = surface_of(person, way)
-    (thing,) = props.props(person, way, pose, (skin, faces), 3)
+    motion = poses.build_motion(person, pose, 1)
+    skin, faces = surface_of(person, motion)
+    (thing,) = props.props(person, motion, pose, (skin, faces), 3)
     assert thing.material.name == name.rpartition(" ")[2] and np.isfinite(thing.vertices).all()
-    tips = clearance.shares("finger", "metacarpal") > 0.7
+    tips = clearance.bone_weights("finger", "metacarpal") > 0.7
     tips &= np.sign(person.skin[:, 0]) == (-1 if mirrored else 1)
     toward = thing.vertices[np.linalg.norm(thing.vertices - skin[tips].mean(0), axis=1).argsort()[:20]].mean(0)
     surface = colliders.Collider(thing.vertices, thing.vertices, thing.faces)
-    _, distance, _ = layers.sided(skin[tips], surface, 0.2)
+    _, distance, _ = layers.signed_distance(skin[tips], surface, 0.2)
     assert distance.min() < 0.015, "it touches the hand"
     if name == "with a bag":
-        hands = clearance.shares("finger", "metacarpal", "wrist") > 0.1
+        hands = clearance.bone_weights("finger", "metacarpal", "wrist") > 0.1
         rest = colliders.Collider(skin, skin, faces[~hands[faces].any(1)])
-        assert (layers.sided(thing.vertices, rest, 0.2)[1] > 0.5 * props.ROOM).all(), "and keeps off the leg"
+        assert (layers.signed_distance(thing.vertices, rest, 0.2)[1] > 0.5 * props.ROOM).all(), "and keeps off the leg"
     else:
-        root, axes = props.palm(person, way, "R" if mirrored else "L")
+        root, axes = props.palm(person, motion, "R" if mirrored else "L")
         assert (toward - root) @ axes[:, 1] > 0.005, "on the side of the palm"
         assert (distance < -0.012).mean() < 0.03, "and not in it"
 
 
 def test_who_sits_sits_on_a_stool_that_stands_on_the_floor(person):
-    colliders.prepare()
+    colliders.init_warp()
     pose = pose_of("sitting")
-    way = poses.motion(person, pose, 1)
-    skin, faces = surface_of(person, way)
-    seat, legs = props.props(person, way, pose, (skin, faces), 3)
+    motion = poses.build_motion(person, pose, 1)
+    skin, faces = surface_of(person, motion)
+    seat, legs = props.props(person, motion, pose, (skin, faces), 3)
     assert legs.vertices[:, 1].min() == pytest.approx(skin[:, 1].min(), abs=1e-3)
     assert seat.vertices[:, 1].min() == pytest.approx(legs.vertices[:, 1].max(), abs=0.01)
     surface = colliders.Collider(seat.vertices, seat.vertices, seat.faces)
-    _, distance, _ = layers.sided(skin, surface, 0.3)
+    _, distance, _ = layers.signed_distance(skin, surface, 0.3)
     assert -0.01 < distance.min() < 0.005, "flesh touches it and is not in it"
-    assert not props.props(person, poses.motion(person, pose_of("straight"), 1), pose_of("straight"), (skin, faces), 3)
+    assert not props.props(
+        person, poses.build_motion(person, pose_of("straight"), 1), pose_of("straight"), (skin, faces), 3
+    )
 
 
 def test_missing_data_is_one_sentence(monkeypatch):

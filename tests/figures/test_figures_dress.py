@@ -21,7 +21,7 @@ from relight.figures import colliders, dress, gates, patterns, stances, wardrobe
 from relight.figures.body import sample_person
 from relight.figures.commands import seeds_of, write_table
 from relight.figures.constraints import Constraints
-from relight.figures.drape import Draped
+from relight.figures.drape import DrapeResult
 from relight.figures.dress import make_figure
 from relight.figures.export import export
 from relight.figures.fabrics import Fabric
@@ -29,7 +29,7 @@ from relight.figures.gloss import CLOTH as CLOTH_GLOSS
 from relight.figures.gloss import GLOSS, LEATHER, with_gloss
 from relight.figures.outfits import fitted_to_pose, sample_outfit
 from relight.figures.rings import lost_rings
-from relight.figures.wear import Worn
+from relight.figures.wear import DrapedGarment
 from relight.files import UserError
 from relight.meshes import Material, Mesh, clean, read_mesh
 from relight.meshes.cleaning import FINDINGS
@@ -51,7 +51,7 @@ def digest(mesh: Mesh) -> str:
 
 @pytest.fixture(scope="module")
 def figure() -> Mesh:
-    colliders.prepare()
+    colliders.init_warp()
     return make_figure(SEED, "draft", 128, SUBJECT)
 
 
@@ -87,7 +87,7 @@ def test_the_record_is_complete(figure):
 @pytest.mark.slow
 def test_the_figure_faces_forward(figure):
     mesh = figure
-    face, _ = gates.seen(mesh.vertices, mesh.faces)
+    face, _ = gates.first_seen(mesh.vertices, mesh.faces)
     rows = np.flatnonzero((face >= 0).any(1))
     upper = face[rows[: len(rows) // 3]]
     assert (np.isin(mesh.material[upper[upper >= 0]], [1, 2])).sum() >= 4  # eyes are seen from +z
@@ -208,18 +208,18 @@ def test_who_sits_by_chance_sits_when_drawn_again_but_not_for_ever(figure, monke
 @pytest.fixture(scope="module")
 def snug():
     """A dress as its pattern lies around a standing body, not draped: a drape that passes."""
-    colliders.prepare()
+    colliders.init_warp()
     body = dress.build_body(sample_person(np.random.default_rng(3)))
-    way = dress.motion(body, stances.STANDING[1], 4)
+    motion = dress.build_motion(body, stances.STANDING[1], 4)
     pattern = patterns.build_pattern(body, wardrobe.DRESSES[0], 0)
     level = pattern.levels[0]
-    x = way.skin(level.weights, level.pattern)
-    return body, way, pattern, x, np.ones(1000)
+    x = motion.skin(level.weights, level.rest_shape)
+    return body, motion, pattern, x, np.ones(1000)
 
 
 def lifted(x, pattern):
     x = x.copy()
-    x[(pattern.fields["tube"] > 0) & (x[:, 0] > 0), 1] += 0.35
+    x[(pattern.fields["drop"] > 0) & (x[:, 0] > 0), 1] += 0.35
     return x
 
 
@@ -237,27 +237,27 @@ def lifted(x, pattern):
     ],
 )
 def test_each_gate_bites(snug, spoil, said):
-    body, way, pattern, x, strain = snug
+    body, motion, pattern, x, strain = snug
     x, strain = spoil(x, strain, pattern)
-    reason = gates.cloth(pattern, Draped(x, [], strain), way, body)
+    reason = gates.check_garment(pattern, DrapeResult(x, [], strain), motion, body)
     assert reason is None if said is None else re.search(said, reason)
 
 
 def test_a_short_hem_that_was_swept_up_is_found_and_one_that_leans_is_not(snug):
-    body, way = snug[:2]
+    body, motion = snug[:2]
     pattern = patterns.build_pattern(body, wardrobe.TOPS[0], 0)
     level = pattern.levels[0]
-    x = way.skin(level.weights, level.held)
-    assert gates.hem_swept(pattern, x, way) < 0.001
-    leaning = way.transforms.copy()
+    x = motion.skin(level.weights, level.fitted)
+    assert gates.hem_swept(pattern, x, motion) < 0.001
+    leaning = motion.transforms.copy()
     leaning[:, :, 1] += 0.4 * leaning[:, :, 0]  # half of the body higher than the other
-    leaned = replace(way, transforms=leaning)
-    moved = leaned.skin(level.weights, level.held)
-    assert np.ptp(moved[pattern.fields["tube"] > 0.999, 1] - x[pattern.fields["tube"] > 0.999, 1]) > 0.1
+    leaned = replace(motion, transforms=leaning)
+    moved = leaned.skin(level.weights, level.fitted)
+    assert np.ptp(moved[pattern.fields["drop"] > 0.999, 1] - x[pattern.fields["drop"] > 0.999, 1]) > 0.1
     assert gates.hem_swept(pattern, moved, leaned) < 0.001
     swept = lifted(x, pattern)
-    assert gates.hem_swept(pattern, swept, way) > 0.3
-    assert "swept" in gates.cloth(pattern, Draped(swept, [], np.ones(1000)), way, body)
+    assert gates.hem_swept(pattern, swept, motion) > 0.3
+    assert "swept" in gates.check_garment(pattern, DrapeResult(swept, [], np.ones(1000)), motion, body)
 
 
 @pytest.mark.parametrize(
@@ -274,40 +274,40 @@ def test_a_short_hem_that_was_swept_up_is_found_and_one_that_leans_is_not(snug):
 def test_a_limb_that_left_its_cloth_is_found_and_one_that_twists_it_is_not(
     snug, monkeypatch, garment, limb, root, tip, middle, turned
 ):
-    body, way = snug[:2]
+    body, motion = snug[:2]
     pattern = patterns.build_pattern(body, garment, 0)
     level = pattern.levels[0]
-    x = way.skin(level.weights, level.pattern)
-    rings = lost_rings(pattern, x, way, body)
+    x = motion.skin(level.weights, level.rest_shape)
+    rings = lost_rings(pattern, x, motion, body)
     assert set(rings) == {f"left {limb}", f"right {limb}"}
     assert all(lost == 0 and found > 25 for lost, found in rings.values())
-    bone = way.transforms[-1][way.bones[f"{root}.L"]]
+    bone = motion.transforms[-1][motion.bones[f"{root}.L"]]
     upper, lower = (body.joints[f"{name}.L"] @ bone[:, :3].T + bone[:, 3] for name in (root, tip))
     axis = (lower - upper) / np.linalg.norm(lower - upper)
     off = x - upper - ((x - upper) @ axis)[:, None] * axis
     middling = 1 - np.abs(pattern.fields[f"{limb}L"] - middle) / 0.3
-    on = (middling > 0) & (pattern.fields["x"] > 0) & ((pattern.fields["onL"] > 0.5) | (limb == "leg"))
+    on = (middling > 0) & (pattern.fields["x"] > 0) & ((pattern.fields["arm_shareL"] > 0.5) | (limb == "leg"))
     if turned:  # up to half a turn about the limb
         angle = np.pi * middling[on, None]
         x[on] += (np.cos(angle) - 1) * off[on] + np.sin(angle) * np.cross(axis, off[on])
     else:  # all to one side of it
         x[on] -= 2 * off[on] * (off[on, 2:] > 0)
-    rings = lost_rings(pattern, x, way, body)
+    rings = lost_rings(pattern, x, motion, body)
     assert rings[f"right {limb}"][0] == 0
     assert rings[f"left {limb}"][0] == 0 if turned else rings[f"left {limb}"][0] >= 5
-    monkeypatch.setattr(gates, "sunk", lambda *_: 0.0)  # cloth moved by hand touches the body, too
-    reason = gates.cloth(pattern, Draped(x, [], np.ones(1000)), way, body)
+    monkeypatch.setattr(gates, "share_inside", lambda *_: 0.0)  # cloth moved by hand touches the body, too
+    reason = gates.check_garment(pattern, DrapeResult(x, [], np.ones(1000)), motion, body)
     assert reason is None if turned else f"the left {limb} left it" in reason
 
 
 @pytest.mark.parametrize(("share", "stands", "sits"), [(0.01, True, True), (0.02, False, True), (0.04, False, False)])
 def test_how_much_cloth_may_go_through_cloth(snug, monkeypatch, share, stands, sits):
-    body, way, pattern, x, strain = snug
-    worn = [Worn(replace(pattern, levels=pattern.levels * 2), CLOTH, Draped(x, [], strain))]
+    body, motion, pattern, x, strain = snug
+    worn = [DrapedGarment(replace(pattern, levels=pattern.levels * 2), CLOTH, DrapeResult(x, [], strain))]
     monkeypatch.setattr(gates, "crossing", lambda *_: [share])
     monkeypatch.setattr(gates, "covered_hands", lambda *_: (0.0, 0.0))
     for sitting, passes in ((False, stands), (True, sits)):
-        reason, measured = gates.wardrobe(worn, way, body, sitting)
+        reason, measured = gates.check_outfit(worn, motion, body, sitting)
         assert (reason is None) == passes and measured["crossing"] == share
 
 
@@ -326,11 +326,11 @@ def two_walls(hole: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def test_poke_through_is_seen_and_measured():
-    colliders.prepare()
-    assert gates.through(*two_walls(0.0)) == 0
-    found = gates.through(*two_walls(0.0051))
-    assert 4 <= found <= gates.SPECK
-    assert gates.through(*two_walls(0.2)) == 0  # a large opening is no speck
+    colliders.init_warp()
+    assert gates.poke_through(*two_walls(0.0)) == 0
+    found = gates.poke_through(*two_walls(0.0051))
+    assert 4 <= found <= gates.MAX_PATCH
+    assert gates.poke_through(*two_walls(0.2)) == 0  # a large opening is no speck
 
 
 @pytest.mark.slow

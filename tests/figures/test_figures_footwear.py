@@ -9,16 +9,16 @@ from relight.figures.stances import STANDING
 
 @pytest.fixture(scope="module")
 def feet():
-    colliders.prepare()
+    colliders.init_warp()
     built = body.build_body(body.sample_person(np.random.default_rng(2)))
-    return built, poses.motion(built, STANDING[0], 1)
+    return built, poses.build_motion(built, STANDING[0], 1)
 
 
 @pytest.mark.parametrize("shoe", footwear.SHOES, ids=lambda shoe: shoe.name)
 def test_a_shoe_has_its_pieces_around_the_foot(feet, shoe):
-    built, way = feet
-    skin = way.skin(makehuman.rig().weights[makehuman.BODY], built.skin)
-    parts = footwear.build_shoes(built, way, shoe)
+    built, motion = feet
+    skin = motion.skin(makehuman.rig().weights[makehuman.BODY], built.skin)
+    parts = footwear.build_shoes(built, motion, shoe)
     names = {part.name for part in parts}
     expected = {"upper", "sole"} | ({"cap"} if shoe.cap else set()) | ({"lace"} if shoe.laces else set())
     assert names == expected == names & set(footwear.palette(shoe, (0.5, 0.4, 0.3), (0.1, 0.1, 0.1)))
@@ -28,7 +28,7 @@ def test_a_shoe_has_its_pieces_around_the_foot(feet, shoe):
         assert np.abs(used[:, 0]).max() < np.abs(skin[skin[:, 1] < 0.1, 0]).max() + 0.03
         top = (
             used[:, 1].max()
-            - way.skin(np.eye(len(way.bones))[[way.bones["foot.L"]]], built.joints["foot.L"][None])[0, 1]
+            - motion.skin(np.eye(len(motion.bones))[[motion.bones["foot.L"]]], built.joints["foot.L"][None])[0, 1]
         )
         assert top < max(shoe.top, 0) + 0.06
     soles = np.concatenate([part.vertices for part in parts if part.name == "sole"])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from relight.figures import body, colliders, combing, facial, hair, layers, locks, makehuman, poses, skin, strands
-from relight.figures.assembly import Builder, head_of_hair
+from relight.figures.assembly import Builder, add_hair
 from relight.figures.outfits import in_other_fabrics, sample_outfit
 from relight.figures.stances import STANDING
 from relight.figures.surfaces import normals
@@ -21,11 +21,11 @@ def person():
 @pytest.fixture(scope="module")
 def head(person):
     """A body, its pose, and its posed skin: all that hair needs."""
-    colliders.prepare()
+    colliders.init_warp()
     built = body.build_body(person)
-    way = poses.motion(built, STANDING[0], 1)
-    posed = way.skin(makehuman.rig().weights[makehuman.BODY], built.skin)
-    return built, way, (posed, makehuman.base().faces["body"])
+    motion = poses.build_motion(built, STANDING[0], 1)
+    posed = motion.skin(makehuman.rig().weights[makehuman.BODY], built.skin)
+    return built, motion, (posed, makehuman.base().faces["body"])
 
 
 def grown(head, name: str, fine: bool = False) -> list[hair.HairPart]:
@@ -75,14 +75,14 @@ def test_hair_is_finite_and_outside_of_the_head(head, heads, style):
     for part in heads[style]:
         assert np.isfinite(part.vertices).all() and part.uv.min() >= 0 and part.uv.max() <= 1
         assert part.faces.max() < len(part.vertices) == len(part.uv)
-        _, distance, _ = layers.sided(part.vertices, surface, 0.05)
+        _, distance, _ = layers.signed_distance(part.vertices, surface, 0.05)
         assert np.mean(distance < -0.008) < 0.01, part.name
 
 
 @pytest.mark.parametrize("style", ["chin length", "long", "wavy long", "ponytail", "beanie", "cap"])
 def test_hair_and_hats_leave_the_face_free(head, heads, style):
-    built, way, _ = head
-    turn = way.transforms[-1, way.bones["head"]]
+    built, motion, _ = head
+    turn = motion.transforms[-1, motion.bones["head"]]
     eye = built.vertices[makehuman.EYES["L"]].mean(0)
     for part in (part for part in heads[style] if part.what in ("hair", "hat")):
         rest = (part.vertices - turn[:, 3]) @ turn[:, :3] - eye
@@ -91,9 +91,9 @@ def test_hair_and_hats_leave_the_face_free(head, heads, style):
 
 
 def test_what_hangs_before_the_face_is_moved_aside_and_on_shoulders_it_does_not_spread(head):
-    built, way, _ = head
-    turn = way.transforms[-1, way.bones["head"]]
-    shy = locks.off_the_face(built, way)
+    built, motion, _ = head
+    turn = motion.transforms[-1, motion.bones["head"]]
+    shy = locks.off_the_face(built, motion)
 
     def moved(last, now) -> float:
         """The sideways move of points given from the head's centre, in its rest frame."""
@@ -130,7 +130,7 @@ def test_hair_falls_with_gravity_and_lies_on_the_shoulders(head, heads):
     part = named(heads["long"], "locks")
     neck = np.ptp(posed[:, 1]) * 0.8
     assert part.vertices[:, 1].min() < neck  # it reaches below the shoulders
-    _, distance, _ = layers.sided(part.vertices, colliders.Collider(posed, posed, faces), 0.1)
+    _, distance, _ = layers.signed_distance(part.vertices, colliders.Collider(posed, posed, faces), 0.1)
     low = part.vertices[:, 1] < neck + 0.02
     assert np.median(distance[low & np.isfinite(distance)]) < 0.04
 
@@ -148,11 +148,11 @@ def test_little_scalp_shows_from_any_side(head, name):
     strips = np.concatenate([part.faces + offset for part, offset in zip(parts, offsets)])
     cover = colliders.Collider(hairy, hairy, strips)
     seen = total = 0
-    for way in np.random.default_rng(2).normal(size=(24, 3)):
-        way /= np.linalg.norm(way)
-        facing = np.flatnonzero(inside & (out @ way > 0.3))
-        start = posed[facing] + 0.4 * way
-        _, depth = cover.cast(start, np.broadcast_to(-way, start.shape))
+    for direction in np.random.default_rng(2).normal(size=(24, 3)):
+        direction /= np.linalg.norm(direction)
+        facing = np.flatnonzero(inside & (out @ direction > 0.3))
+        start = posed[facing] + 0.4 * direction
+        _, depth = cover.raycast(start, np.broadcast_to(-direction, start.shape))
         seen, total = seen + int((depth > 0.4).sum()), total + len(facing)
     assert seen / total < 0.15
 
@@ -161,8 +161,8 @@ def test_strands_start_at_their_roots_and_draw_together(head):
     built, _, below = head
     comb = combing.Comb(40, 0.15, clump=0.6, fray=0.0)
     guides, roots = (combing.plant(built, below[0], count, 3 + count) for count in (40, 600))
-    way, length = combing.combed(comb, guides)
-    points, facing = locks.grown(comb, guides, way, length, colliders.Collider(below[0], *below), 8, 3)
+    direction, length = combing.combed(comb, guides)
+    points, facing = locks.grown(comb, guides, direction, length, colliders.Collider(below[0], *below), 8, 3)
     lines, _ = strands.spread(comb, guides, points, facing, roots, length, 9, 4)
     own = np.linalg.norm(guides.points[None] - roots.points[:, None], axis=2).argmin(1)
     sunk = points[:, 0] - guides.points  # guides start a little inside the skin
@@ -192,7 +192,7 @@ def test_ribbons_are_as_wide_as_asked_and_face_outward():
 
 
 def test_beards_grow_on_jaw_and_lip_only(head, heads):
-    built, way, below = head
+    built, motion, below = head
     base = makehuman.base().vertices[makehuman.BODY]
     share = skin.beard_share(base)
     eye = makehuman.base().vertices[makehuman.EYES["L"]].mean(0)
@@ -200,9 +200,9 @@ def test_beards_grow_on_jaw_and_lip_only(head, heads):
     assert (share[base[:, 2] < eye[2] - 0.1] == 0).all()  # not on the nape
     lips = base[[skin.UPPER_LIP, skin.LOWER_LIP]]
     assert (skin.beard_share(lips) == 0).all()
-    assert facial.beard(built, way, facial.STUBBLE, below, 5, False) is None
+    assert facial.beard(built, motion, facial.STUBBLE, below, 5, False) is None
     surface = colliders.Collider(below[0], *below)
-    _, distance, _ = layers.sided(named(heads["bald"], "beard").vertices, surface, 0.1)
+    _, distance, _ = layers.signed_distance(named(heads["bald"], "beard").vertices, surface, 0.1)
     assert np.mean(distance < -0.004) < 0.02 and distance.max() < 0.05
 
 
@@ -215,12 +215,12 @@ def test_brows_are_of_the_hair_and_never_white(color):
 
 
 def test_lashes_stand_on_the_lids_of_both_eyes(head):
-    built, way, _ = head
+    built, motion, _ = head
     for lid, tip in (facial.UPPER, facial.LOWER):
         left, right = built.vertices[list(lid + tip)], built.vertices[np.array(lid + tip) + facial.MIRRORED]
         np.testing.assert_allclose(left, right * [-1, 1, 1], atol=2e-3)
-    vertices, _, _ = facial.lashes(built, way, 5, True)
-    turn = way.transforms[-1, way.bones["head"]]
+    vertices, _, _ = facial.lashes(built, motion, 5, True)
+    turn = motion.transforms[-1, motion.bones["head"]]
     rest = (vertices - turn[:, 3]) @ turn[:, :3]
     for eye in ("L", "R"):
         centre = built.vertices[makehuman.EYES[eye]].mean(0)
@@ -235,7 +235,7 @@ def test_hats_are_of_the_outfit_and_hair_is_of_the_person(head, heads, person):
     own = replace(own, hat=own.garments[0][1])
     looks = [own, in_other_fabrics(own, np.random.default_rng(4))]
     builder = Builder()
-    parts = head_of_hair(builder, *head[:2], own, head[2], DETAILS["draft"], 64, 5)
+    parts = add_hair(builder, *head[:2], own, head[2], DETAILS["draft"], 64, 5)
     mesh = builder.mesh({}, looks)
     assert [part.what for part in parts].count("hat") == 2, "crown and peak"
     assert sorted(material.name for material in mesh.materials) == ["beard", "brows", "hair", "hat", "lashes"]

@@ -21,43 +21,43 @@ from relight.figures import (
 )
 from relight.figures.body import build_body, sample_person
 from relight.figures.colliders import Collider
-from relight.figures.drape import Draped, Level
+from relight.figures.drape import DrapeResult, Level
 from relight.figures.fabrics import Fabric
 from relight.figures.footwear import SHOES, upper
-from relight.figures.layers import sided
-from relight.figures.poses import motion
+from relight.figures.layers import signed_distance
+from relight.figures.poses import build_motion
 from relight.figures.surfaces import border_loops
-from relight.figures.wear import DETAILS, Worn, fallen_over, wear, wrapped
+from relight.figures.wear import DETAILS, DrapedGarment, drape_outfit, drape_scarf, fallen_over
 
 CLOTH = Fabric("plain", (0.3, 0.1, 0.05), (0.1, 0.4, 0.7), 1.0, 5)
 
 
 @pytest.fixture(scope="module")
 def person():
-    colliders.prepare()
+    colliders.init_warp()
     return build_body(sample_person(np.random.default_rng(3)))
 
 
 @pytest.fixture(scope="module")
 def standing(person):
-    way = motion(person, stances.STANDING[1], 1)
-    return way, way.skin(makehuman.rig().weights[makehuman.BODY], person.skin)
+    motion = build_motion(person, stances.STANDING[1], 1)
+    return motion, motion.skin(makehuman.rig().weights[makehuman.BODY], person.skin)
 
 
 @pytest.mark.parametrize("garment", scarves.SCARVES, ids=lambda garment: garment.name)
 def test_a_scarf_lies_around_the_neck_and_hangs_in_front(person, standing, garment):
-    way, skin = standing
+    motion, skin = standing
     faces = makehuman.base().faces["body"]
-    worn = wrapped(person, way, garment, CLOTH, (skin, faces), [], DETAILS["draft"])
+    worn = drape_scarf(person, motion, garment, CLOTH, (skin, faces), [], DETAILS["draft"])
     x = worn.draped.positions
-    neck, axes = collars.neck_of(person, way)
+    neck, axes = collars.neck_of(person, motion)
     near = (x - neck)[np.linalg.norm(x - neck, axis=1) < 0.17]
     around = np.unique(np.round(np.degrees(np.arctan2(near @ axes[0], near @ axes[2])) / 20))
     assert len(around) >= 15  # of 19: all sides but perhaps the front
     low = x[x[:, 1] < neck[1] - 0.15]
     assert (low[:, 2] > neck[2]).all() and low[:, 0].min() < -0.03 and low[:, 0].max() > 0.03
-    assert gates.cloth(worn.pattern, worn.draped, way, person) is None
-    _, distance, _ = sided(x, Collider(skin, skin, faces), 0.1)
+    assert gates.check_garment(worn.pattern, worn.draped, motion, person) is None
+    _, distance, _ = signed_distance(x, Collider(skin, skin, faces), 0.1)
     assert np.percentile(distance, 1) > -0.002
 
 
@@ -65,9 +65,9 @@ def test_a_tucked_top_is_held_below_the_waistband_only(person):
     top, bottom = outfits.tucked(wardrobe.TOPS[0], wardrobe.BOTTOMS[0])
     pattern = patterns.build_pattern(person, top, 0)
     edge = patterns.landmarks(person)["waist"] + bottom.waist
-    y, pinned = pattern.fields["y"], pattern.levels[0].pinned
+    y, pinned = pattern.fields["y"], pattern.levels[0].pin_weight
     assert (pinned[y < edge - 0.01] > 0.89).all()
-    assert (pinned[(y > edge + 0.035) & (pattern.fields["onL"] + pattern.fields["onR"] < 0.1)] == 0).all()
+    assert (pinned[(y > edge + 0.035) & (pattern.fields["arm_shareL"] + pattern.fields["arm_shareR"] < 0.1)] == 0).all()
 
 
 def folded_sheet(over: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -102,16 +102,16 @@ def box(open_side: bool) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("open_side", [False, True])
 def test_who_looks_out_of_a_box(open_side):
-    colliders.prepare()
+    colliders.init_warp()
     vertices, faces = box(open_side)
     points = np.array([[0, 0, 0], [0.5, 0.3, -0.9], [0, 0, 0]])
     normal = np.array([[0.0, 0, 1], [0, 0, 1], [0, 0, -1]])  # the last turns its back to the open side
-    out = layers.sees_out(points, normal, Collider(vertices, vertices, faces))
+    out = layers.sees_outside(points, normal, Collider(vertices, vertices, faces))
     assert out.tolist() == ([True, True, False] if open_side else [False] * 3)
 
 
 def test_skin_that_comes_through_cloth_is_pushed_under_it_and_none_out_of_a_fold():
-    colliders.prepare()
+    colliders.init_warp()
     a = np.linspace(-0.1, 0.1, 21)
     skin = np.stack([*np.meshgrid(a, a), np.zeros((21, 21))], -1).reshape(-1, 3)
     i = np.arange(441).reshape(21, 21)
@@ -120,10 +120,10 @@ def test_skin_that_comes_through_cloth_is_pushed_under_it_and_none_out_of_a_fold
     facing, free = np.tile([0.0, 0, 1], (441, 1)), np.ones(441, bool)
     inner = (np.abs(skin[:, :2]) < 0.06).all(1)
 
-    through = layers.tucked_under(skin, faces, (skin - [0, 0, 0.005], faces), 0.002, free, facing)
+    through = layers.push_under(skin, faces, (skin - [0, 0, 0.005], faces), 0.002, free, facing)
     np.testing.assert_allclose(through[inner], skin[inner] - [0, 0, 0.007], atol=1e-6)
     turned = skin + [0, 0, 0.005], faces[:, ::-1]  # the inner side of a fold lies before the skin
-    np.testing.assert_array_equal(layers.tucked_under(skin, faces, turned, 0.002, free, facing), skin)
+    np.testing.assert_array_equal(layers.push_under(skin, faces, turned, 0.002, free, facing), skin)
 
 
 def test_what_is_seen_under_a_lifted_garment_is_not_left_out():
@@ -153,14 +153,14 @@ def test_what_is_seen_under_a_lifted_garment_is_not_left_out():
 @pytest.mark.parametrize("name", ["tank top", "dress"])
 def test_short_sleeves_leave_the_trunk_whole(name, seed):
     """Hem, neck and two armholes that end under the arm, not a hand's breadth down the side."""
-    colliders.prepare()
+    colliders.init_warp()
     body = build_body(sample_person(np.random.default_rng(seed)))
     garment = next(g for g in (*wardrobe.TOPS, *wardrobe.DRESSES) if g.name == name)
     level = patterns.build_pattern(body, garment, 0).levels[0]
-    loops = sorted(border_loops(level.faces), key=lambda ring: level.held[ring, 1].mean())
+    loops = sorted(border_loops(level.faces), key=lambda ring: level.fitted[ring, 1].mean())
     assert len(loops) == 4
     for armhole in loops[1:3]:
-        assert body.joints["upperarm01.L"][1] - level.held[armhole, 1].min() < (0.10 if garment.armhole else 0.09)
+        assert body.joints["upperarm01.L"][1] - level.fitted[armhole, 1].min() < (0.10 if garment.armhole else 0.09)
 
 
 @pytest.mark.parametrize("name", ["high sneakers", "boots"])
@@ -168,22 +168,22 @@ def test_trousers_hang_over_the_shoes(person, name):
     shoe = next(s for s in SHOES if s.name == name)
     outfit = outfits.sample_outfit(np.random.default_rng(0), person.person)
     outfit = replace(outfit, garments=[(wardrobe.BOTTOMS[0], CLOTH)], shoe=shoe)
-    way = motion(person, stances.STANDING[1], DETAILS["draft"].frames)
-    x = wear(person, way, outfit, DETAILS["draft"])[0].draped.positions
+    motion = build_motion(person, stances.STANDING[1], DETAILS["draft"].frames)
+    x = drape_outfit(person, motion, outfit, DETAILS["draft"])[0].draped.positions
     for side in "LR":
-        leather = upper(person, way.bones, shoe, side)
-        posed = way.skin(leather.weights, leather.shape)
-        _, distance, _ = sided(x, Collider(posed, posed, leather.faces), 0.03)
+        leather = upper(person, motion.bones, shoe, side)
+        posed = motion.skin(leather.weights, leather.shape)
+        _, distance, _ = signed_distance(x, Collider(posed, posed, leather.faces), 0.03)
         near = np.isfinite(distance) & (x[:, 1] < posed[:, 1].max() - 0.005)
         assert near.sum() > 20 and (distance[near] < -0.002).mean() < 0.02
 
 
 def hands(body, pose):
-    skin = motion(body, pose, 1).skin(makehuman.rig().weights[makehuman.BODY], body.skin)
+    skin = build_motion(body, pose, 1).skin(makehuman.rig().weights[makehuman.BODY], body.skin)
     faces = makehuman.base().faces["body"]
-    trunk = clearance.shares("root", "pelvis", "spine", "breast", "upperleg", "lowerleg") > 0.5
-    hand = clearance.shares("finger", "metacarpal", "wrist") > 0.5
-    _, distance, _ = sided(skin[hand], Collider(skin, skin, faces[trunk[faces].all(1)]), 0.3)
+    trunk = clearance.bone_weights("root", "pelvis", "spine", "breast", "upperleg", "lowerleg") > 0.5
+    hand = clearance.bone_weights("finger", "metacarpal", "wrist") > 0.5
+    _, distance, _ = signed_distance(skin[hand], Collider(skin, skin, faces[trunk[faces].all(1)]), 0.3)
     return np.percentile(distance, 5)
 
 
@@ -191,14 +191,14 @@ def test_hands_make_room_for_clothes(person):
     loose = replace(stances.DOWN, wrist=(0.05, -0.95, 0.06))
     pose = stances.Pose("", loose, loose)
     assert hands(person, pose) < 0.0
-    assert hands(person, clearance.cleared(person, pose, (0.04, 0.02))) > 0.025
+    assert hands(person, clearance.clear_hands(person, pose, (0.04, 0.02))) > 0.025
 
 
 def test_hands_that_rest_come_close(person):
     far = replace(stances.HIP, wrist=(0.45, -0.66, 0.03))
     pose = stances.Pose("", far, far)
     before = hands(person, pose)
-    after = hands(person, clearance.cleared(person, pose, (0.02, 0.02)))
+    after = hands(person, clearance.clear_hands(person, pose, (0.02, 0.02)))
     assert before > 0.05 and 0.01 < after < 0.035
 
 
@@ -211,15 +211,15 @@ def test_room_grows_with_what_is_worn():
 
 @pytest.mark.parametrize(("gap", "share", "turned"), [(0.02, 1.0, False), (0.2, 0.0, False), (0.02, 0.0, True)])
 def test_a_hand_behind_cloth_is_measured(person, standing, gap, share, turned):
-    way, skin = standing
-    left = skin[(clearance.shares("finger", "metacarpal") > 0.7) & (person.skin[:, 0] > 0)]
+    motion, skin = standing
+    left = skin[(clearance.bone_weights("finger", "metacarpal") > 0.7) & (person.skin[:, 0] > 0)]
     (x0, y0, _), (x1, y1, front) = left.min(0) - 0.05, left.max(0) + 0.05
     front += gap - 0.05
     sheet = np.array([[x0, y0, front], [x1, y0, front], [x1, y1, front], [x0, y1, front]])
     faces = np.array([[0, 1, 2], [0, 2, 3]])[:, :: -1 if turned else 1]  # the back of a shirt, a hand behind it
     level = Level(sheet, sheet, sheet, np.zeros(4), np.zeros((4, 1)), faces)
     pattern = patterns.Pattern(wardrobe.TOPS[0], [level], [], {}, 0.0, np.zeros(2, bool))
-    covered = gates.covered_hands([Worn(pattern, CLOTH, Draped(sheet, [], np.ones(1)))], way, person)
+    covered = gates.covered_hands([DrapedGarment(pattern, CLOTH, DrapeResult(sheet, [], np.ones(1)))], motion, person)
     assert covered == (share, 0.0) if share == 0 else covered[0] > 0.5 and covered[1] == 0.0
 
 
@@ -243,7 +243,7 @@ def test_coats_come_off_to_sit_and_scarves_where_arms_are_crossed(person):
 
 
 def test_drawstrings_are_closed_tubes_on_the_front():
-    colliders.prepare()
+    colliders.init_warp()
     sheet = np.array([[-0.3, 0, 0.1], [0.3, 0, 0.1], [0.3, 0.5, 0.1], [-0.3, 0.5, 0.1]])
     found = collars.cords(sheet, np.array([[0, 1, 2], [0, 2, 3]]), np.array([0, 0.52, 0.0]), np.array([1.0, 0, 0]))
     assert len(found) == 2

@@ -7,7 +7,7 @@ import pytest
 
 from relight.figures import colliders, layers, patterns, wardrobe, wear, wrinkles
 from relight.figures.colliders import Collider
-from relight.figures.drape import Cloth, Crimp, Draped, Level
+from relight.figures.drape import Cloth, Crimp, DrapeResult, Level
 from relight.figures.fabrics import Fabric
 from relight.figures.surfaces import normals
 
@@ -89,18 +89,18 @@ def test_more_to_lose_makes_deeper_folds_within_limits():
 
 
 def test_folds_stay_outside_what_lies_below():
-    colliders.prepare()
+    colliders.init_warp()
     flat, faces = sheet()
     cloth = Cloth(thickness=0.004, crimp=replace(CRIMP, slack=0.1))
     garment = replace(wardrobe.TOPS[0], cloth=cloth)
     level = Level(flat, flat, flat, np.zeros(len(flat)), np.zeros((len(flat), 1)), faces)
-    pattern = patterns.Pattern(garment, [level], [], {"tube": np.zeros(len(flat))}, 0.0, np.zeros(len(faces), bool))
+    pattern = patterns.Pattern(garment, [level], [], {"drop": np.zeros(len(flat))}, 0.0, np.zeros(len(faces), bool))
     below = Collider(flat, flat, faces)
     fabric = Fabric("plain", (0.3, 0.1, 0.05), (0.1, 0.4, 0.7), 1.0, 5)
-    x = wear.finished(pattern, Draped(flat + [0, 0, 0.004], [], np.ones(1)), fabric, below).positions
+    x = wear.finished(pattern, DrapeResult(flat + [0, 0, 0.004], [], np.ones(1)), fabric, below).positions
     assert x[:, 2].max() > 0.005
-    _, distance, _ = layers.sided(x, below, 0.02)
-    assert distance.min() > wear.CLOSE * cloth.thickness - 2e-4
+    _, distance, _ = layers.signed_distance(x, below, 0.02)
+    assert distance.min() > wear.MIN_FOLD_DISTANCE * cloth.thickness - 2e-4
 
 
 @pytest.mark.parametrize("cloth", [wardrobe.DENIM, wardrobe.SILK])
