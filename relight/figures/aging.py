@@ -123,8 +123,8 @@ def aged(
     # sewn
     uneven = grain(u, v, 0.012, 0.012, texel, fabric.seed + 60, offset)
     log -= 0.40 * thin * line(at["seam"] / max(1.0, texel / 0.0011)) * (kind != "scarf")
-    stitch = line((at["edge"] - 0.020 * (1 + (garment.thick > 0.004))) / max(1.0, texel / 0.0011))
-    ribbed = kind not in ("denim", "leather") and max(garment.rib, garment.cuff - 0.1) > 0.35
+    stitch = line((at["edge"] - 0.020 * (1 + (garment.thickness > 0.004))) / max(1.0, texel / 0.0011))
+    ribbed = kind not in ("denim", "leather") and max(garment.hem_pin, garment.cuff_pin - 0.1) > 0.35
     if ribbed:
         inside = np.clip((RIB - at["edge"]) / 0.003, 0, 1)
         log += inside * (0.30 * thin * (band(u, 0.0055, 0.5, max(0.002, texel)) - 0.5) - 0.05)
@@ -153,8 +153,8 @@ def aged(
         radius = 0.004 + 0.022 * r**2
         distance = np.hypot(u - x, v - y) / radius + 0.15 * uneven
         log -= (0.10 + 0.22 * r) * np.clip((1.15 - distance) / 0.3, 0, 1)
-    if garment.open and garment.collar == "stand" and name == "front":  # the teeth of a zip
-        teeth = (at["edge"] < 0.006) & (np.abs(u) < 3 * garment.open)
+    if garment.front_gap and garment.collar == "stand" and name == "front":  # the teeth of a zip
+        teeth = (at["edge"] < 0.006) & (np.abs(u) < 3 * garment.front_gap)
         share = 0.8 * teeth * (0.35 + 0.65 * thin * band(v, 0.004, 0.5, max(0.001, texel)))
         color = color + (np.array([0.30, 0.29, 0.27]) - color) * share[..., None]
     return np.clip(color * np.exp(log)[..., None], 0.006, 0.88)

@@ -354,7 +354,7 @@ def add_garment(
     rings = 3 if detail.refine > 1 else 2
     if garment.kind == "scarf":  # seen from both sides
         rings = 99
-    vertices, thick_faces, source = thickened(positions, faces, np.full(len(positions), garment.thick), rings)
+    vertices, thick_faces, source = thickened(positions, faces, np.full(len(positions), garment.thickness), rings)
     vertex_uv = np.zeros((len(positions), 2))
     vertex_uv[faces.ravel()] = atlas.uv.reshape(-1, 2)
     uv = np.concatenate([atlas.uv, vertex_uv[source[thick_faces[len(faces) :]]]])
@@ -363,8 +363,8 @@ def add_garment(
     builder.add(vertices, thick_faces[shown], uv[shown], material, layer)
     if garment.kind == "top":
         neck, axes = collars.neck_of(body, motion)
-        texels_per_metre = atlas.scale / atlas.side
-        collar = collars.collar(positions, faces, vertex_uv, garment.collar, neck, axes[1], texels_per_metre)
+        uv_per_metre = atlas.scale / atlas.side
+        collar = collars.collar(positions, faces, vertex_uv, garment.collar, neck, axes[1], uv_per_metre)
         if collar is not None:
             builder.add(*collar, material)
         band = trims.band(worn.pattern, positions, vertex_uv)
@@ -438,7 +438,9 @@ def add_accessories(
             uv = (vertices[:, :2] - vertices[:, :2].min(0)) / np.ptp(vertices[:, 1])
             builder.add(vertices, faces, uv[faces], tie_paint(max(64, texture // 4)))
     belted = [
-        k for k, w in enumerate(cut) if w.pattern.garment.kind == "trousers" or w.pattern.garment.belt is not None
+        k
+        for k, w in enumerate(cut)
+        if w.pattern.garment.kind == "trousers" or w.pattern.garment.belt_height is not None
     ]
     if outfit.belt is not None and belted:
         pattern, positions = cut[belted[-1]].pattern, shown[belted[-1]]
@@ -456,7 +458,7 @@ def add_accessories(
 
 def at_belt(body: Body, pattern: patterns.Pattern) -> np.ndarray:
     """Returns the vertices (n,) of a garment that lie under its belt."""
-    height, belt = pattern.fields["y"], pattern.garment.belt
+    height, belt = pattern.fields["y"], pattern.garment.belt_height
     if belt is None:
         return np.abs(height - height.max() + 0.022) < 0.012
     trunk = np.maximum(pattern.fields["arm_shareL"], pattern.fields["arm_shareR"]) < 0.1

@@ -1,5 +1,4 @@
-"""Collars, ribbed necklines, lapels and hoods: strips that continue the draped neckline, along the neck or folded over
-onto the cloth."""
+"""Collars, neckbands, lapels and hoods: strips that continue the draped neckline, upward or folded onto the cloth."""
 
 from itertools import pairwise
 
@@ -14,16 +13,16 @@ from relight.figures.poses import Motion
 from relight.figures.surfaces import Surface, border_loops, extruded, normals, smoothed, thickened
 
 CORD = 0.20  # metres of a drawstring
-THIN = 0.0028  # its radius
-STEP = 0.007  # between its rings
-NEAR = 0.16  # metres from the base of the neck within which a border is the neckline
+CORD_RADIUS = 0.0028  # metres
+CORD_STEP = 0.007  # metres between its rings
+NECK_RANGE = 0.16  # metres from the base of the neck within which a border is the neckline
 LAPEL = 0.27  # metres below it to which lapels reach
-BAND = 0.030  # metres over which a neckband evens the neckline: the standard deviation of its mean
-DRAWN = 0.045  # metres of cloth that go with it
-STEPS = 10  # of a path over the cloth
-SEWN = 0.0005  # metres at which a collar begins, below the border: what lies at the same place would be merged
-CLEAR = 0.002  # metres by which a hood stays off the cloth
-WAYS = 30  # times that a hood's ways, and the cloth under it, are averaged with what is beside them
+BAND = 0.030  # metres, standard deviation of the average by which a neckband smooths the neckline
+BAND_RANGE = 0.045  # metres of cloth beside the neckline that move with it
+PATH_STEPS = 10  # of a path over the cloth
+SEAM_OFFSET = 0.0005  # metres below the border where a collar begins: vertices at the same place would be merged
+HOOD_CLEARANCE = 0.002  # metres between a hood and the cloth
+HOOD_SMOOTHING = 30  # times that a hood's paths, and the cloth under it, are averaged with their neighbours
 HOOD = (  # rows of a hood that lies on the back: share of its length, height over its thickness
     (0.2, 0.10), (0.5, 0.10), (0.8, 0.12), (0.97, 0.22), (1.0, 0.55), (0.92, 0.85), (0.7, 1.0), (0.42, 1.05),
     (0.2, 0.95), (0.08, 0.75), (0.05, 0.6),
@@ -31,7 +30,7 @@ HOOD = (  # rows of a hood that lies on the back: share of its length, height ov
 
 
 def neck_of(body: Body, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
-    """The base of the posed neck (3,), metres, and the axes (3,3) of the neck: to its left, up, forward."""
+    """Returns the base of the posed neck (3,), metres, and its axes (3,3): left, up, forward."""
     bone = motion.transforms[-1][motion.bones["neck01"]]
     up, left = bone[:, :3] @ np.array([0.0, 0.94, 0.34]), bone[:, :3] @ np.array([1.0, 0.0, 0.0])
     return bone[:, :3] @ body.joints["neck01"] + bone[:, 3], np.stack([left, up, np.cross(left, up)])
@@ -40,13 +39,21 @@ def neck_of(body: Body, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
 def neckline(
     vertices: np.ndarray, faces: np.ndarray, neck: np.ndarray, up: np.ndarray, low: float = 0.0
 ) -> tuple[np.ndarray, bool] | None:
-    """The border around the neck (m,) and whether it is a whole loop, which begins in front; None where there is none.
+    """Finds the border around the neck.
 
-    neck, up (3,): base of the posed neck and its axis; low: metres below it to which the edges of an open front count.
+    Args:
+        vertices: (n,3) metres.
+        faces: (F,3).
+        neck: (3,) base of the posed neck, metres.
+        up: (3,) its axis.
+        low: metres below the neck down to which the edges of an open front belong to the neckline.
+
+    Returns:
+        Its vertices (m,) in order, and whether it is a closed loop, which begins in front; None if there is none.
     """
     for ring in border_loops(faces):
         away = vertices[ring] - neck
-        near = np.linalg.norm(away, axis=1) < NEAR
+        near = np.linalg.norm(away, axis=1) < NECK_RANGE
         if near.sum() < 12:
             continue
         near |= (np.linalg.norm(away, axis=1) < 2 * low) & (away @ up > -low)
@@ -59,8 +66,8 @@ def neckline(
     return None
 
 
-def evened(values: np.ndarray, times: int, closed: bool) -> np.ndarray:
-    """Values (m,...) along a line, averaged with their neighbours; the ends of an open one stay."""
+def smooth_line(values: np.ndarray, times: int, closed: bool) -> np.ndarray:
+    """Returns values (m,...) along a line, averaged `times` with neighbours; the ends of an open line stay."""
     for _ in range(times):
         mean = 0.5 * values + 0.25 * (np.roll(values, 1, 0) + np.roll(values, -1, 0))
         if not closed:
@@ -70,15 +77,15 @@ def evened(values: np.ndarray, times: int, closed: bool) -> np.ndarray:
 
 
 def banded(vertices: np.ndarray, faces: np.ndarray, smooth: np.ndarray, neck: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """The vertices of a garment whose neckline a band holds: cloth bunches, and the band does not.
+    """Smooths a garment's neckline as a neckband does, and returns the vertices (n,3).
 
-    What is left of the border's departure from a smooth border is its mean over BAND metres along it. The cloth beside
-    it follows, less and less up to DRAWN metres away.
+    The border's displacement from a smooth border is replaced by its average over BAND metres along it. The cloth
+    beside it follows, less and less up to BAND_RANGE metres away.
 
     Args:
         vertices: (n,3) as draped, metres.
         faces: (F,3).
-        smooth: (n,3) the garment as it lies on the body, without folds, metres.
+        smooth: (n,3) the garment close around the body, without folds, metres.
         neck: (3,) base of the posed neck.
         up: (3,) its axis.
     """
@@ -88,9 +95,9 @@ def banded(vertices: np.ndarray, faces: np.ndarray, smooth: np.ndarray, neck: np
     ring, closed = found
     step = np.linalg.norm(np.diff(smooth[ring], axis=0), axis=1).mean()
     off = (vertices - smooth)[ring]
-    move = evened(off, round(2 * (BAND / step) ** 2), closed) - off
-    distance, nearest = cKDTree(vertices[ring]).query(vertices, 4, distance_upper_bound=DRAWN)
-    share = np.clip(1 - distance / DRAWN, 0, 1) ** 2
+    move = smooth_line(off, round(2 * (BAND / step) ** 2), closed) - off
+    distance, nearest = cKDTree(vertices[ring]).query(vertices, 4, distance_upper_bound=BAND_RANGE)
+    share = np.clip(1 - distance / BAND_RANGE, 0, 1) ** 2
     mean = np.einsum("nk,nkd->nd", share, np.concatenate([move, [[0, 0, 0]]])[nearest])
     out = vertices + share.max(1, keepdims=True) * mean / np.maximum(share.sum(1, keepdims=True), 1e-9)
     out[ring] = vertices[ring] + move
@@ -98,7 +105,16 @@ def banded(vertices: np.ndarray, faces: np.ndarray, smooth: np.ndarray, neck: np
 
 
 def profile(kind: str, back: np.ndarray, front: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Rows of a collar as (up, out) metres from the neckline; back, front (m,) say where on the neck."""
+    """Returns the rows of a collar.
+
+    Args:
+        kind: fold | roll | stand; anything else is a ribbed neckband.
+        back: (m,) 1 at the back of the neck to 0 at its sides.
+        front: (m,) the same for its front.
+
+    Returns:
+        For each row its metres (m,) up and out from the neckline.
+    """
     flat = np.zeros_like(back)
     if kind == "fold":
         fall = -0.008 - 0.026 * front**3
@@ -117,25 +133,34 @@ def profile(kind: str, back: np.ndarray, front: np.ndarray) -> list[tuple[np.nda
     return [(flat + 0.007, flat - 0.001), (flat + 0.013, flat - 0.003)]
 
 
-def way_over(
+def paths_over(
     surface: Collider, start: np.ndarray, heading: np.ndarray, length: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Ways over a surface: from points (m,3) in directions (m,3), so many metres (m,) far. Points and unit normals
-    (STEPS + 1,m,3)."""
+    """Traces paths over a surface.
+
+    Args:
+        surface: to follow.
+        start: (m,3) first points, metres.
+        heading: (m,3) first directions.
+        length: (m,) of the paths, metres.
+
+    Returns:
+        Points and unit normals (PATH_STEPS + 1,m,3).
+    """
     points, places, facing = start, [], []
-    for _ in range(STEPS + 1):
+    for _ in range(PATH_STEPS + 1):
         face, distance, normal = signed_distance(points, surface, 0.06)
         points = points - np.where(face >= 0, distance, 0)[:, None] * normal
         places.append(points)
         facing.append(normal)
         heading = heading - (heading * normal).sum(1, keepdims=True) * normal
         heading /= np.maximum(np.linalg.norm(heading, axis=1, keepdims=True), 1e-9)
-        heading = evened(heading, 2, False)
-        points = points + heading * (length / STEPS)[:, None]
+        heading = smooth_line(heading, 2, False)
+        points = points + heading * (length / PATH_STEPS)[:, None]
     return np.stack(places), np.stack(facing)
 
 
-def laid(
+def lay_on_cloth(
     vertices: np.ndarray,
     faces: np.ndarray,
     ring: np.ndarray,
@@ -144,24 +169,36 @@ def laid(
     neck: np.ndarray,
     up: np.ndarray,
 ) -> list[np.ndarray]:
-    """Rows (m,3) of a hood or of lapels that begin at the border run `ring` (m,), smoothed to base (m,3), and lie on
-    the cloth."""
-    normal = evened(normals(vertices, faces)[ring], 6, False)
-    tangent = evened(np.gradient(base, axis=0), 6, False)
-    inward = evened(np.cross(normal, tangent), 12, False)  # borders run so that the cloth is to their left
+    """Lays a hood or lapels on the cloth.
+
+    Args:
+        vertices: (n,3) of the garment, metres.
+        faces: (F,3).
+        ring: (m,) vertices of the neckline, in order.
+        base: (m,3) the neckline, smoothed.
+        kind: hood | lapel.
+        neck: (3,) base of the posed neck, metres.
+        up: (3,) its axis.
+
+    Returns:
+        Rows (m,3) of the strip.
+    """
+    normal = smooth_line(normals(vertices, faces)[ring], 6, False)
+    tangent = smooth_line(np.gradient(base, axis=0), 6, False)
+    inward = smooth_line(np.cross(normal, tangent), 12, False)  # borders run so that the cloth is to their left
     inward /= np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-9)
     away = base - neck
     flat = away - np.outer(away @ up, up)
     back = np.clip(-flat[:, 2] / np.maximum(np.linalg.norm(flat, axis=1), 1e-6), 0, 1)
     surface = cloth = Collider(vertices, vertices, faces)
-    if kind == "hood":  # away from the neck on all sides, over the folds of the cloth: ways must not cross
-        flattened = smoothed(vertices, faces, WAYS)
+    if kind == "hood":  # outward on all sides; over unsmoothed folds the paths would cross
+        flattened = smoothed(vertices, faces, HOOD_SMOOTHING)
         surface = Collider(flattened, flattened, faces)
         length, thick = 0.045 + 0.15 * back**1.2, 0.020 + 0.030 * back
         heading = flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-6) - up
-        start, heading = evened(base, WAYS, False), evened(heading, WAYS, False)
-        points, out = way_over(surface, start, heading, length)
-        out = np.stack([evened(row, WAYS, False) for row in out])
+        start, heading = smooth_line(base, HOOD_SMOOTHING, False), smooth_line(heading, HOOD_SMOOTHING, False)
+        points, out = paths_over(surface, start, heading, length)
+        out = np.stack([smooth_line(row, HOOD_SMOOTHING, False) for row in out])
         turn = np.arange(len(ring)) / 7.0
         shape: tuple[tuple[float, float], ...] = HOOD
     else:
@@ -171,31 +208,47 @@ def laid(
         notch = 1 - 0.5 * np.exp(-(((below - 0.055) / 0.014) ** 2))
         length = (0.062 * collar + 0.085 * (1 - collar) * (1 - below / LAPEL) ** 0.7) * notch * np.clip(ends, 0.1, 1)
         thick = 0.008 + 0.020 * collar
-        points, out = way_over(surface, base, inward, length)
+        points, out = paths_over(surface, base, inward, length)
         turn = np.zeros(len(ring))
         shape = ((0.02, 0.7), (0.12, 1.0), (0.3, 0.9), (0.6, 0.55), (1.0, 0.35))
     rows = []
     for share, height in shape:
-        k = min(int(share * STEPS), STEPS - 1)
-        t = share * STEPS - k
+        k = min(int(share * PATH_STEPS), PATH_STEPS - 1)
+        t = share * PATH_STEPS - k
         row, raised = (part[k] * (1 - t) + part[k + 1] * t for part in (points, out))
         crease = 0.25 * (noise(turn, np.full_like(turn, 5 * share), 5) - 0.5) if kind == "hood" else 0.0
-        rows.append(evened(row + raised * ((height + crease) * thick)[:, None], 8 if kind == "hood" else 2, False))
-    if kind == "hood":  # the edge of the opening stands up around the neck, and spans the hollow behind it
+        rows.append(smooth_line(row + raised * ((height + crease) * thick)[:, None], 8 if kind == "hood" else 2, False))
+    if kind == "hood":  # the edge of the opening stands up around the neck
         for row, rise in zip(rows[-4:], (0.006, 0.010, 0.012, 0.006)):
             row += np.outer(rise + 0.016 * back, up)
         for row in rows:
             face, distance, normal = signed_distance(row, cloth, 0.03)
-            row += np.where(face >= 0, np.clip(CLEAR - distance, 0, 0.02), 0)[:, None] * normal
+            row += np.where(face >= 0, np.clip(HOOD_CLEARANCE - distance, 0, 0.02), 0)[:, None] * normal
     return rows
 
 
 def collar(
-    vertices: np.ndarray, faces: np.ndarray, uv: np.ndarray, kind: str, neck: np.ndarray, up: np.ndarray, metre: float
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    uv: np.ndarray,
+    kind: str,
+    neck: np.ndarray,
+    up: np.ndarray,
+    uv_per_metre: float,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Vertices, faces and corner uv of the collar of a draped garment, or None where the neckline is lost.
+    """Builds the collar of a draped garment.
 
-    uv (V,2): of the garment's vertices; neck, up (3,): base of the neck and its axis; metre: texture units per metre.
+    Args:
+        vertices: (n,3) of the garment, metres.
+        faces: (F,3).
+        uv: (n,2) of the vertices.
+        kind: see `Garment.collar`.
+        neck: (3,) base of the posed neck, metres.
+        up: (3,) its axis.
+        uv_per_metre: texture units per metre.
+
+    Returns:
+        Vertices, faces and corner uv; None if the neckline is not found.
     """
     found = neckline(vertices, faces, neck, up, LAPEL if kind == "lapel" else 0.0)
     if found is None:
@@ -205,9 +258,9 @@ def collar(
         closed = False
     elif closed:  # a band is joined at the back
         ring = np.roll(ring, len(ring) // 2)
-    base = evened(vertices[ring], 4, closed)
+    base = smooth_line(vertices[ring], 4, closed)
     if kind in ("lapel", "hood"):
-        rows = laid(vertices, faces, ring, base, kind, neck, up)
+        rows = lay_on_cloth(vertices, faces, ring, base, kind, neck, up)
     else:
         out = base - neck - np.outer((base - neck) @ up, up)
         out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-6)
@@ -223,34 +276,40 @@ def collar(
         ]
     travel = np.cumsum([np.linalg.norm(b - a, axis=1) for a, b in pairwise([base, *rows])], axis=0)
     strip, strip_faces = extruded(np.arange(len(ring)), rows, len(ring), closed)
-    points = np.concatenate([vertices[ring] - SEWN * up, strip])
+    points = np.concatenate([vertices[ring] - SEAM_OFFSET * up, strip])
     points, solid, source = thickened(points, strip_faces, np.full(len(points), 0.0025), 99)
     column, row = source % len(ring), source // len(ring)
     travel = np.concatenate([np.zeros((1, len(ring))), travel])
-    at = uv[ring][column] - np.stack([0 * column, travel[row, column] * metre], axis=1)
+    at = uv[ring][column] - np.stack([0 * column, travel[row, column] * uv_per_metre], axis=1)
     corner = at[solid]
-    torn = np.ptp(corner[..., 0], axis=1) > 0.06 * metre  # across a seam between panels: stay on one of them
+    torn = np.ptp(corner[..., 0], axis=1) > 0.06 * uv_per_metre  # across a seam between panels: use one of them
     corner[torn] = corner[torn][:, :1]
     return points, solid, np.clip(corner, 0.001, 0.999)
 
 
 def cords(vertices: np.ndarray, faces: np.ndarray, neck: np.ndarray, left: np.ndarray) -> list[Surface]:
-    """The two drawstrings of a hood: tubes that lie on the garment's front (faces of its body only), from the neckline
-    down. neck (3,): base of the posed neck; left (3,): the axis to its left."""
+    """Builds the two drawstrings of a hood: tubes that lie on the garment's front, from the neckline down.
+
+    Args:
+        vertices: (n,3) of the garment, metres.
+        faces: (F,3) without sleeves.
+        neck: (3,) base of the posed neck, metres.
+        left: (3,) axis to its left.
+    """
     surface, out = Collider(vertices, vertices, faces), []
     for side in (-1, 1):
-        y = neck[1] + 0.05 - STEP * np.arange(60)
+        y = neck[1] + 0.05 - CORD_STEP * np.arange(60)
         origin = np.broadcast_to(neck + side * 0.028 * left + [0, 0, 0.6], (60, 3)).copy()
         origin[:, 1] = y
         _, depth = surface.raycast(origin, np.broadcast_to([0.0, 0.0, -1.0], (60, 3)))
-        on = np.flatnonzero(np.isfinite(depth) & (depth < 0.58))[: round(CORD / STEP)]
+        on = np.flatnonzero(np.isfinite(depth) & (depth < 0.58))[: round(CORD / CORD_STEP)]
         if len(on) < 12:
             continue
-        path = origin[on] - [0, 0, 1] * (depth[on] - 1.5 * THIN)[:, None]
+        path = origin[on] - [0, 0, 1] * (depth[on] - 1.5 * CORD_RADIUS)[:, None]
         for _ in range(3):
             path[1:-1] = 0.5 * path[1:-1] + 0.25 * (path[:-2] + path[2:])
         turn = 2 * np.pi * np.arange(6) / 6
-        around = THIN * np.stack([np.cos(turn), 0 * turn, -np.sin(turn)], axis=1)
+        around = CORD_RADIUS * np.stack([np.cos(turn), 0 * turn, -np.sin(turn)], axis=1)
         rings = [point + around for point in path]
         strip, tube = extruded(np.arange(6), rings[1:], 6, True)
         ends = [[0, k, k + 1] for k in range(1, 5)] + [

@@ -1,4 +1,4 @@
-"""What a user fixes of figures, and the draws that satisfy it: pose, clothes and hair that are not left to chance."""
+"""Constraints on random figures, and draws of people, outfits and poses that satisfy them."""
 
 import difflib
 from collections.abc import Collection
@@ -14,8 +14,8 @@ from relight.figures.scarves import SCARVES
 from relight.figures.stances import SITTING, STANDING, Pose, sample_pose
 from relight.files import UserError
 
-PEOPLE = 40  # drawn, at most, until one may wear what is required
-OUTFITS = 80  # drawn for each of them: with these the rarest garment is found on one person of two
+PEOPLE = 40  # maximal number drawn until one can wear the required garments
+OUTFITS = 80  # maximal number drawn for each of them; it finds the rarest garment for one person of two
 POSES = [pose.name for pose in (*STANDING, *SITTING)]
 LIBRARY = {
     garment.name: garment
@@ -35,7 +35,7 @@ HAIR = [style.name for style in STYLES]
 
 @dataclass(frozen=True)
 class Constraints:
-    """What is fixed of figures. Without any, a seed's figure is the one that it has always been.
+    """Constraints on what is otherwise drawn at random.
 
     Attributes:
         sitting: share of the figures that sit, in [0, 1].
@@ -62,73 +62,73 @@ class Constraints:
                 check_name(what, name, known)
 
     def sample_person(self, rng: np.random.Generator) -> Person:
-        """Draws people until one may have the hair and wear the garments.
+        """Draws people until one can have the hair and wear the garments.
 
         Args:
-            rng: the source of chance. Without constraints on clothes and hair the first person is taken.
+            rng: random generator. Without constraints on clothes and hair the first person is taken.
 
         Raises:
-            UserError: if none of PEOPLE may, as where two garments are never worn together.
+            UserError: if none of PEOPLE can, for example because two garments are never worn together.
         """
         for _ in range(PEOPLE):
             person = sample_person(rng)
-            if self._has_hair(person) and (not self.garments or self._fitting(rng, person) is not None):
+            if self._has_hair(person) and (not self.garments or self._find_outfit(rng, person) is not None):
                 return person
-        raise UserError(f"nobody of {PEOPLE} people who were drawn would have {self._words()}")
+        raise UserError(f"nobody of {PEOPLE} people who were drawn would have {self._describe()}")
 
     def sample_outfit(self, rng: np.random.Generator, person: Person) -> Outfit:
         """Draws outfits until one has the garments, and hair of one of the styles.
 
         Args:
-            rng: the source of chance. Without constraints on clothes the first outfit is taken.
+            rng: random generator. Without constraints on clothes the first outfit is taken.
             person: who wears it, drawn by `sample_person`.
 
         Raises:
             UserError: if none of PEOPLE x OUTFITS has the garments.
         """
         for _ in range(PEOPLE):
-            if (outfit := self._fitting(rng, person)) is not None:
+            if (outfit := self._find_outfit(rng, person)) is not None:
                 return outfit
-        raise UserError(f"no outfit of {PEOPLE * OUTFITS} that were drawn has {self._words()}")
+        raise UserError(f"no outfit of {PEOPLE * OUTFITS} that were drawn has {self._describe()}")
 
     def sample_pose(self, rng: np.random.Generator, sitting: float, outfit: Outfit) -> Pose:
-        """Draws poses until one leaves the garments on: long coats come off to sit, scarves where arms are crossed.
+        """Draws poses until one keeps the garments: long coats come off to sit, scarves to cross the arms.
 
         Args:
-            rng: the source of chance. Without constraints the first pose is taken.
+            rng: random generator. Without constraints the first pose is taken.
             sitting: probability of a pose that sits.
             outfit: drawn by `sample_outfit`.
 
         Raises:
-            UserError: if none of PEOPLE leaves them on.
+            UserError: if none of PEOPLE does.
         """
         for _ in range(PEOPLE):
             pose = sample_pose(rng, sitting, self.poses)
-            if self._holds(fitted_to_pose(outfit, pose)):
+            if self._has_garments(fitted_to_pose(outfit, pose)):
                 return pose
-        raise UserError(f"no pose of {PEOPLE} that were drawn can be taken in {self._words()}")
+        raise UserError(f"no pose of {PEOPLE} that were drawn can be taken in {self._describe()}")
 
     def _has_hair(self, person: Person) -> bool:
         return bool(hair_odds(person.female > 0.5, person, self.hair).any())
 
-    def _fitting(self, rng: np.random.Generator, person: Person) -> Outfit | None:
+    def _find_outfit(self, rng: np.random.Generator, person: Person) -> Outfit | None:
         """Returns the first of OUTFITS draws that has the garments, or None."""
         for _ in range(OUTFITS):
             outfit = sample_outfit(rng, person, self.hair)
-            if self._holds(outfit):
+            if self._has_garments(outfit):
                 return outfit
         return None
 
-    def _holds(self, outfit: Outfit) -> bool:
+    def _has_garments(self, outfit: Outfit) -> bool:
         return {garment.name for garment, _ in outfit.garments}.issuperset(self.garments)
 
-    def _words(self) -> str:
-        """The required garments and styles, for messages."""
+    def _describe(self) -> str:
+        """Returns the required garments and styles, for messages."""
         return " and ".join([*self.garments, *([f"{' or '.join(self.hair)} hair"] if self.hair else [])])
 
 
 def check_name(what: str, name: str, known: Collection[str]) -> None:
-    """Raises UserError for a name that is none of the known ones; it says what comes closest, and what there is."""
+    """Raises UserError for an unknown name; the message suggests the closest known one and lists all."""
     if name not in known:
         close = difflib.get_close_matches(name, known, 1)
         hint = f"did you mean {close[0]!r}? " if close else ""

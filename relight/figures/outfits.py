@@ -1,4 +1,4 @@
-"""Who wears what: an outfit drawn for a person, from the skin outward, with fabrics, footwear, hair and make-up."""
+"""Draws a person's outfit: garments, fabrics, footwear, hair and make-up."""
 
 from collections.abc import Collection
 from dataclasses import dataclass, replace
@@ -18,8 +18,20 @@ from relight.figures.stances import Pose
 
 @dataclass(frozen=True)
 class Outfit:
-    """garments: in the order in which they are draped, each over those before; sole, upper: linear albedo of shoes;
-    tie, belt: what they are made of, where they are worn."""
+    """The clothes, hair and make-up of a figure. Colours are linear albedo.
+
+    Attributes:
+        garments: with their fabrics, from the skin outward.
+        shoe: its shape.
+        upper, sole: colours of the shoes.
+        hair: its style.
+        hair_color: also of beard and brows.
+        hat: fabric of the hat that some hair styles include.
+        beard: amount in [0,1].
+        makeup: amount in [0,1].
+        iris: colour.
+        tie, belt: their fabrics, or None.
+    """
 
     garments: list[tuple[Garment, Fabric]]
     shoe: Shoe
@@ -35,7 +47,7 @@ class Outfit:
     belt: Fabric | None = None
 
 
-NECKS = (  # of what is cut like a t-shirt: radii of the opening, and the depth of a V below it
+NECKS = (  # of tops cut like a t-shirt: radii of the opening, and depth of a V below it
     ((0.078, 0.075, 0.085), 0.0),
     ((0.074, 0.066, 0.082), 0.0),
     ((0.088, 0.105, 0.100), 0.0),
@@ -46,107 +58,115 @@ NECKS = (  # of what is cut like a t-shirt: radii of the opening, and the depth 
 TUCKS = ("shirt", "t-shirt", "fitted t-shirt", "long sleeve", "polo shirt", "roll-neck")  # may be worn inside trousers
 ROUND = ("t-shirt", "fitted t-shirt", "long sleeve", "sweater", "dress", "long dress")  # cut like a t-shirt at the neck
 TIES = ("plain", "stripes", "print", "check")
-WIDEST = 0.036  # metres of ease at the waist at most of a top: wider cloth falls into one deep fold at the back
-SLIM = 0.020  # metres of ease at most of the trunk of what is worn under a jacket
-SLIM_ARM = 0.016  # of its sleeves
-BENT = 0.009  # metres of ease of trousers that sit, unless they stretch
-LAP = 0.10  # metres above the crotch: where tops of who sits end
-LONGEST = 1.06  # times its usual length: skirts would lie on the floor
-BELT = 0.09  # metres above the navel: where robes are belted
+MAX_WAIST_EASE = 0.036  # metres, of a top: wider cloth falls into one deep fold at the back
+MAX_INNER_EASE = 0.020  # metres, of the trunk of a top worn under a jacket
+MAX_INNER_ARM_EASE = 0.016  # the same of its sleeves
+MIN_SITTING_EASE = 0.009  # metres, of the legs of trousers on a sitting figure, unless they stretch
+SITTING_HEM = 0.10  # metres above the crotch: hem of tops on a sitting figure
+MAX_LENGTH = 1.06  # factor of a drop's usual length: longer skirts would lie on the floor
+BELT = 0.09  # metres above the navel: the belt of a robe
 ABOVE_SEAM = 0.022  # metres above the seam of a dress: the middle of its belt
-LEAST = 0.004  # metres of ease that no piece is cut below
+MIN_EASE = 0.004  # metres, not scaled by the fit
 
 
 def tailored(rng: np.random.Generator, garment: Garment) -> Garment:
-    """A garment as one person owns it: a draw of its fit, lengths, neckline and the places of its folds.
+    """Draws the fit, lengths, neckline and folds of one person's garment.
 
     Args:
-        rng: the source of chance.
-        garment: of the wardrobe, as its kind is usually cut.
+        rng: random generator.
+        garment: of the wardrobe, with its usual cut.
 
     Returns:
-        The garment with other numbers: its ease (metres between body and cloth, where above 4 mm) scaled by .5 to 1.8,
-        its sleeves, legs and drop longer or shorter, one of NECKS where its neckline is round.
+        The garment with its ease above MIN_EASE scaled by .5 to 1.8, its sleeves, legs and drop longer or shorter, and
+        one of NECKS if its neckline is round.
     """
-    wide = float(np.exp(np.clip(rng.normal(-0.05, 0.32), -0.7, 0.6)))
+    width = float(np.exp(np.clip(rng.normal(-0.05, 0.32), -0.7, 0.6)))
     if garment.kind == "top":
-        wide = min(wide, WIDEST / garment.torso[1])
+        width = min(width, MAX_WAIST_EASE / garment.torso_ease[1])
     longer, sleeve, leg = rng.normal(0, [0.025, 0.05, 0.03])
 
     def eased(ease: tuple[float, ...]) -> tuple[float, ...]:
-        return tuple(min(e, LEAST) + wide * max(e - LEAST, 0) for e in ease)
+        return tuple(min(e, MIN_EASE) + width * max(e - MIN_EASE, 0) for e in ease)
 
     if garment.name in ROUND:
         neck, vee = NECKS[int(rng.choice(len(NECKS), p=(0.4, 0.15, 0.15, 0.08, 0.14, 0.08)))]
-        garment = replace(garment, neck=neck, vee=vee)
-    if garment.sleeve > 1.5 and garment.collar not in ("lapel", "stand") and rng.random() < 0.14:
-        garment = replace(garment, sleeve=float(rng.uniform(1.3, 1.65)), cuff=max(garment.cuff, 0.5))  # pushed up
-    elif 0.3 < garment.sleeve < 0.9:
-        garment = replace(garment, sleeve=float(np.clip(garment.sleeve + 2 * sleeve, 0.32, 0.85)))
-    if garment.kind == "trousers" and garment.leg > 1.5:
-        leg = garment.leg - abs(leg) - (0.25 if rng.random() < 0.12 else 0)  # some end above the ankle
+        garment = replace(garment, neck=neck, v_depth=vee)
+    if garment.sleeve_end > 1.5 and garment.collar not in ("lapel", "stand") and rng.random() < 0.14:
+        garment = replace(
+            garment, sleeve_end=float(rng.uniform(1.3, 1.65)), cuff_pin=max(garment.cuff_pin, 0.5)
+        )  # pushed up
+    elif 0.3 < garment.sleeve_end < 0.9:
+        garment = replace(garment, sleeve_end=float(np.clip(garment.sleeve_end + 2 * sleeve, 0.32, 0.85)))
+    if garment.kind == "trousers" and garment.leg_end > 1.5:
+        leg = garment.leg_end - abs(leg) - (0.25 if rng.random() < 0.12 else 0)  # some end above the ankle
     elif garment.kind == "trousers":
-        leg = garment.leg + 3 * leg
+        leg = garment.leg_end + 3 * leg
     if garment.drop > 0.2:
-        longer = garment.drop * (min(float(np.exp(rng.normal(-0.03, 0.12))), LONGEST) - 1)
+        longer = garment.drop * (min(float(np.exp(rng.normal(-0.03, 0.12))), MAX_LENGTH) - 1)
     return replace(
         garment,
-        torso=eased(garment.torso),
-        arm=eased(garment.arm),
-        legs=eased(garment.legs),
-        leg=leg if garment.kind == "trousers" else garment.leg,
+        torso_ease=eased(garment.torso_ease),
+        arm_ease=eased(garment.arm_ease),
+        leg_ease=eased(garment.leg_ease),
+        leg_end=leg if garment.kind == "trousers" else garment.leg_end,
         drop=max(garment.drop + longer, 0.0) if garment.drop else 0.0,
         flare=garment.flare * float(np.exp(rng.normal(0, 0.15))),
-        turn=float(rng.uniform(0, 2 * np.pi)),
+        fold_phase=float(rng.uniform(0, 2 * np.pi)),
     )
 
 
 def over(outer: Garment, inner: Garment) -> Garment:
-    """An outer garment with at least so much ease that the inner one fits under it.
+    """Widens an outer garment so that the inner one fits under it.
 
     Args:
         outer: a jacket, coat, cardigan or vest.
         inner: the top that is worn under it.
 
     Returns:
-        `outer` with ease (metres between body and cloth) of its trunk at least 8 mm more than that of `inner`, and of
-        its sleeves 6 mm more, where `inner` has sleeves.
+        `outer` with at least 8 mm more ease than `inner` at the trunk, and 6 mm more at the sleeves if `inner` has
+        any.
     """
-    torso = tuple(max(o, i + 0.008) for o, i in zip(outer.torso, inner.torso))
-    arm = outer.arm if inner.armhole else tuple(max(o, i + 0.006) for o, i in zip(outer.arm, inner.arm))
-    return replace(outer, torso=torso, arm=arm)
+    torso = tuple(max(o, i + 0.008) for o, i in zip(outer.torso_ease, inner.torso_ease))
+    arm = outer.arm_ease if inner.armhole else tuple(max(o, i + 0.006) for o, i in zip(outer.arm_ease, inner.arm_ease))
+    return replace(outer, torso_ease=torso, arm_ease=arm)
 
 
 def under(inner: Garment) -> Garment:
-    """A top cut close enough to be worn under a jacket."""
+    """Returns a top cut close enough to be worn under a jacket."""
     return replace(
         inner,
-        torso=tuple(min(ease, SLIM) for ease in inner.torso),
-        arm=tuple(min(ease, SLIM_ARM) for ease in inner.arm),
+        torso_ease=tuple(min(ease, MAX_INNER_EASE) for ease in inner.torso_ease),
+        arm_ease=tuple(min(ease, MAX_INNER_ARM_EASE) for ease in inner.arm_ease),
         sleeve_slack=min(inner.sleeve_slack, 0.02),
     )
 
 
 def tucked(top: Garment, bottom: Garment) -> list[Garment]:
-    """A top inside the waistband of a skirt or trousers, and those over it."""
-    snug = tuple(ease * share for ease, share in zip(top.torso, (0.5, 0.5, 0.7, 1, 1, 1)))
-    inside = replace(top, hem=0.10, drop=0.0, flare=0.0, slack=0.025, torso=snug, tuck=bottom.waist)
-    return [inside, replace(bottom, over=0.007)]
+    """Returns a top tucked into a skirt or trousers, and these with a waistband that fits over it."""
+    snug = tuple(ease * share for ease, share in zip(top.torso_ease, (0.5, 0.5, 0.7, 1, 1, 1)))
+    inside = replace(top, hem=0.10, drop=0.0, flare=0.0, slack=0.025, torso_ease=snug, tuck_height=bottom.waist)
+    return [inside, replace(bottom, waistband_offset=0.007)]
 
 
 def cut_to_sit(garment: Garment) -> Garment:
-    """Clothes as they are pulled straight to sit: tops without the length that the lap would push up under the chest,
-    trousers with room to bend in, and shorts no wider, as they would gape below the thighs."""
+    """Adapts a garment to a sitting figure.
+
+    Tops lose the length that the lap would push up under the chest. Trousers get room for bent legs, and shorts get no
+    more than that: they would gape below the thighs.
+    """
     if garment.kind == "trousers":
-        most = 1.4 * BENT if garment.leg < 1.2 else np.inf
-        return replace(garment, legs=tuple(min(max(e, BENT), most) if e > 0.003 else e for e in garment.legs))
+        max_ease = 1.4 * MIN_SITTING_EASE if garment.leg_end < 1.2 else np.inf
+        return replace(
+            garment,
+            leg_ease=tuple(min(max(e, MIN_SITTING_EASE), max_ease) if e > 0.003 else e for e in garment.leg_ease),
+        )
     if garment.kind != "top" or garment.drop > 0.2:
         return garment
-    return replace(garment, slack=0.0, drop=0.0, hem=max(garment.hem, LAP))
+    return replace(garment, slack=0.0, drop=0.0, hem=max(garment.hem, SITTING_HEM))
 
 
 def fitted_to_pose(outfit: Outfit, pose: Pose) -> Outfit:
-    """The outfit as the pose allows it: long coats come off to sit, scarves where hands are before the chest."""
+    """Adapts an outfit to a pose: removes long coats to sit, and scarves where hands are in front of the chest."""
     crossed = min(pose.left.wrist[0], pose.right.wrist[0]) < -0.1
 
     def stays(garment: Garment) -> bool:
@@ -158,19 +178,19 @@ def fitted_to_pose(outfit: Outfit, pose: Pose) -> Outfit:
 
 
 def pick(rng: np.random.Generator, *names: str) -> Garment:
-    """A piece of one of the kinds."""
+    """Draws a garment of one of the names."""
     library = (*wardrobe.TOPS, *wardrobe.OUTER, *wardrobe.BOTTOMS, *wardrobe.SKIRTS, *wardrobe.DRESSES, *wardrobe.ROBES)
     by_name = {garment.name: garment for garment in library}
     return tailored(rng, by_name[str(rng.choice(names))])
 
 
 def sample_outfit(rng: np.random.Generator, person: Person, styles: Collection[str] = ()) -> Outfit:
-    """Draws an outfit. Skirts and dresses go to women, beards to men; all else is shared.
+    """Draws an outfit. Only women wear skirts and dresses, only men have beards.
 
     Args:
-        rng: the source of chance.
+        rng: random generator.
         person: who wears it.
-        styles: names of the hair styles to draw from, of which the person has at least one; all where it is empty.
+        styles: names of the hair styles to draw from, at least one of which suits the person; empty for all.
     """
     woman = person.female > 0.5
     draw = rng.random()
@@ -205,7 +225,7 @@ def sample_outfit(rng: np.random.Generator, person: Person, styles: Collection[s
     thin = worn[0] if len(worn) == 1 else next(g for g in worn if g.kind == "top")
     if thin.name not in ("sweater", "hoodie", "robe") and thin.seam is None and rng.random() < 0.40:
         outer = ["jacket", "jacket", "closed jacket", "blazer", "coat", "closed coat", "cardigan", "vest"]
-        waistcoat = ["waistcoat"] if thin.collar == "fold" and thin.tuck is not None else []
+        waistcoat = ["waistcoat"] if thin.collar == "fold" and thin.tuck_height is not None else []
         inner = under(thin)
         worn[worn.index(thin)] = inner
         worn.append(over(pick(rng, *outer, *waistcoat), inner))
@@ -215,10 +235,10 @@ def sample_outfit(rng: np.random.Generator, person: Person, styles: Collection[s
     pieces = {g.name for g in worn}
     ties = "shirt" in pieces and not woman and not pieces & {"scarf", "wrapped scarf", "shorts"}
     tie = ties and rng.random() < (0.85 if pieces & {"blazer", "waistcoat"} else 0.3)
-    waisted = thin.tuck is not None and worn[1].kind == "trousers" and not pieces & {"leggings", "joggers"}
+    waisted = thin.tuck_height is not None and worn[1].kind == "trousers" and not pieces & {"leggings", "joggers"}
     belt = rng.random() < (0.6 if waisted else 0.35 if thin.seam is not None else 0.4 * (thin.name == "robe"))
     if belt and not waisted:
-        worn[0] = replace(thin, belt=BELT if thin.seam is None else thin.seam + ABOVE_SEAM)
+        worn[0] = replace(thin, belt_height=BELT if thin.seam is None else thin.seam + ABOVE_SEAM)
     cloths = [(g, fabrics.sample_fabric(rng, g.fabrics, is_muted(g))) for g in worn]
     shoe = SHOES[int(rng.choice(len(SHOES), p=shoe_odds(woman, worn)))]
     upper = shoe_color(rng, shoe)
@@ -247,8 +267,7 @@ def sample_outfit(rng: np.random.Generator, person: Person, styles: Collection[s
 
 
 def in_other_fabrics(outfit: Outfit, rng: np.random.Generator) -> Outfit:
-    """The same clothes, cut and worn alike, of other fabrics and in other colours."""
-
+    """Returns the same clothes in other fabrics and colours."""
     return replace(
         outfit,
         garments=[(g, fabrics.sample_fabric(rng, g.fabrics, is_muted(g))) for g, _ in outfit.garments],
@@ -260,7 +279,7 @@ def in_other_fabrics(outfit: Outfit, rng: np.random.Generator) -> Outfit:
 
 
 def is_muted(garment: Garment) -> bool:
-    """Whether such clothes are mostly of neutral colours."""
+    """Returns whether a garment is mostly of neutral colours."""
     return garment.kind == "trousers" or garment.name in {g.name for g in wardrobe.OUTER}
 
 
@@ -270,7 +289,7 @@ def shoe_color(rng: np.random.Generator, shoe: Shoe) -> Color:
 
 
 def shoe_odds(woman: bool, worn: list[Garment]) -> np.ndarray:
-    """Probability of each of SHOES (S,), by what else is worn."""
+    """Returns the probability of each of SHOES (S,) with these garments."""
     skirted = worn[0].name.endswith("dress") or any(g.kind == "skirt" for g in worn)
     odds = {"sneakers": 3, "high sneakers": 1.5, "oxfords": 1.2, "loafers": 1, "boots": 1.5, "sandals": 0.8}
     if woman:
@@ -280,7 +299,7 @@ def shoe_odds(woman: bool, worn: list[Garment]) -> np.ndarray:
 
 
 def hair_odds(woman: bool, person: Person, styles: Collection[str] = ()) -> np.ndarray:
-    """Probability of each of STYLES (S,), of those with one of the names if there are any; all 0 where none fits."""
+    """Returns the probability of each of STYLES (S,), 0 for those that `styles` excludes; all 0 if none is left."""
     men = {
         "bald": 1 + max(0, person.age - 35) / 20,
         "shaved": 1.6,

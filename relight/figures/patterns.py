@@ -223,8 +223,8 @@ def neck_field(body: Body, garment: Garment, fields: Fields) -> np.ndarray:
         + (np.minimum(fields["y"] - centre[1], 0) / high) ** 2
     )
     out = (r - 1) * wide
-    if garment.vee:
-        half = 0.8 * wide * (fields["y"] - centre[1] + high + garment.vee) / (high + garment.vee)
+    if garment.v_depth:
+        half = 0.8 * wide * (fields["y"] - centre[1] + high + garment.v_depth) / (high + garment.v_depth)
         out = np.where(fields["z"] > centre[2], np.minimum(out, np.abs(fields["x"]) - half), out)
     return np.where(np.maximum(fields["arm_shareL"], fields["arm_shareR"]) > 0.3, 1.0, out)
 
@@ -246,14 +246,14 @@ def cut_fields(body: Body, garment: Garment, heights: dict[str, float]) -> list:
         for side, on_side in (("L", left), ("R", right)):  # vertices that hardly move with the arm belong to the trunk
 
             def sleeve(fields: Fields, side: str = side, on_side=on_side) -> np.ndarray:
-                end = SLEEVELESS if garment.armhole else garment.sleeve
+                end = SLEEVELESS if garment.armhole else garment.sleeve_end
                 within = end - fields[f"arm{side}"] + 8 * np.clip(TRUNK - fields[f"arm_share{side}"], 0, 1)
                 if garment.armhole:  # two cuts would leave slivers between them
                     within = np.minimum(within, armhole_field(body, garment, fields, side))
                 return np.where(on_side(fields), within, 1.0)
 
             out.append(sleeve)
-        if garment.open:
+        if garment.front_gap:
             neck, chest = body.joints["neck01"], heights["hip"] + 0.2
 
             def widen(fields: Fields) -> np.ndarray:
@@ -261,14 +261,14 @@ def cut_fields(body: Body, garment: Garment, heights: dict[str, float]) -> list:
 
             out.append(
                 lambda fields: np.where(
-                    fields["z"] > neck[2] + 0.02, np.abs(fields["x"]) - garment.open * widen(fields), 1.0
+                    fields["z"] > neck[2] + 0.02, np.abs(fields["x"]) - garment.front_gap * widen(fields), 1.0
                 )
             )
         return out
     waist = heights["waist"] + garment.waist
     out = [lambda fields: waist - fields["y"]]
     if garment.kind == "trousers":
-        out.append(lambda fields: garment.leg - np.where(left(fields), fields["legL"], fields["legR"]))
+        out.append(lambda fields: garment.leg_end - np.where(left(fields), fields["legL"], fields["legR"]))
     else:
         low = hem_height(garment, heights)
         out.append(lambda fields: fields["y"] - low)
@@ -296,13 +296,13 @@ def build_pattern(body: Body, garment: Garment, levels: int) -> Pattern:
         spanned *= np.clip(1 - 5 * np.maximum(fields["arm_shareL"], fields["arm_shareR"]), 0, 1)
         points = hanging = expand_evenly(hull, points, faces, spanned)
     if garment.kind == "top":
-        low = hem_height(garment, heights) if garment.tuck is None else heights["waist"] + garment.tuck
-        straight = 0.0 if garment.open else np.interp(garment.torso[1], STRAIGHT_EASE, (0.0, 1.0))
+        low = hem_height(garment, heights) if garment.tuck_height is None else heights["waist"] + garment.tuck_height
+        straight = 0.0 if garment.front_gap else np.interp(garment.torso_ease[1], STRAIGHT_EASE, (0.0, 1.0))
         hanging = hull.straightened(low, straight).expand(points, spanned)
     outward = smoothed(normals(points, faces), faces, 4)
     outward /= np.linalg.norm(outward, axis=1, keepdims=True)
     ease, lengthening = fit(body, garment, fields, heights, points, outward)
-    fitted = points + outward * (PIN_OFFSET + garment.over)
+    fitted = points + outward * (PIN_OFFSET + garment.waistband_offset)
     start = hanging + lengthening + outward * np.minimum(ease, 0.006)[:, None]
     rest_shape = hanging + lengthening + outward * ease[:, None]
     fields["drop"] = np.zeros(len(points))
@@ -407,7 +407,10 @@ def fit(
             np.maximum(fields["armL"], fields["armR"]),
             np.clip(np.maximum(fields["arm_shareL"], fields["arm_shareR"]), 0, 1),
         )
-        ease = np.interp(up, TORSO_AT, garment.torso) * (1 - on_arm) + np.interp(arm, ARM_AT, garment.arm) * on_arm
+        ease = (
+            np.interp(up, TORSO_AT, garment.torso_ease) * (1 - on_arm)
+            + np.interp(arm, ARM_AT, garment.arm_ease) * on_arm
+        )
         lengthening = lengthening + down * (np.clip(1 - up, 0, 1) * (1 - on_arm) * garment.slack)[:, None]
         for side in "LR":
             axis = body.joints[f"wrist.{side}"] - body.joints[f"upperarm01.{side}"]
@@ -415,7 +418,7 @@ def fit(
             lengthening = lengthening + (share * garment.sleeve_slack)[:, None] * axis / np.linalg.norm(axis)
         return ease, lengthening
     leg = np.where(fields["x"] > 0, fields["legL"], fields["legR"])
-    ease = np.interp(leg, LEG_AT, garment.legs)
+    ease = np.interp(leg, LEG_AT, garment.leg_ease)
     if garment.kind == "trousers":
         lengthening = lengthening + down * (np.clip(leg, 0, 2) / 2 * garment.leg_slack)[:, None]
         inner = outward[:, 0] * np.sign(points[:, 0]) < -0.3
@@ -429,25 +432,25 @@ def pin_weights(body: Body, garment: Garment, fields: Fields, heights: dict[str,
     arm, leg = np.maximum(fields["armL"], fields["armR"]), np.where(fields["x"] > 0, fields["legL"], fields["legR"])
     if garment.kind != "top":
         waist = np.clip(1 - (heights["waist"] + garment.waist - fields["y"]) / 0.035, 0, 1)
-        cuff = np.clip((leg - (garment.leg - 0.05)) / 0.04, 0, 1) * garment.cuff * (garment.kind == "trousers")
+        cuff = np.clip((leg - (garment.leg_end - 0.05)) / 0.04, 0, 1) * garment.cuff_pin * (garment.kind == "trousers")
         return np.maximum(waist, cuff)
     out = (
         np.clip(1 - neck_field(body, garment, fields) / 0.02, 0, 1)
-        * garment.grip
+        * garment.neck_pin
         * (fields["y"] > heights["neck"] - 0.2)
     )
-    if garment.tuck is not None:  # inside a waistband the cloth lies flat
-        edge = heights["waist"] + garment.tuck
+    if garment.tuck_height is not None:  # inside a waistband the cloth lies flat
+        edge = heights["waist"] + garment.tuck_height
         out = np.maximum(out, 0.9 * np.clip((edge + 0.03 - fields["y"]) / 0.02, 0, 1))
-    if garment.belt is not None:
-        off = np.abs(fields["y"] - heights["waist"] - garment.belt)
+    if garment.belt_height is not None:
+        off = np.abs(fields["y"] - heights["waist"] - garment.belt_height)
         trunk = np.maximum(fields["arm_shareL"], fields["arm_shareR"]) < 0.1
         out = np.maximum(out, 0.95 * np.clip(1 - (off - BELT) / BELT_FADE, 0, 1) * trunk)
-    out = np.maximum(out, np.clip((arm - (garment.sleeve - 0.07)) / 0.05, 0, 1) * garment.cuff)
+    out = np.maximum(out, np.clip((arm - (garment.sleeve_end - 0.07)) / 0.05, 0, 1) * garment.cuff_pin)
     rib = np.clip(1 - (fields["y"] - hem_height(garment, heights)) / 0.03, 0, 1) * (
         np.maximum(fields["arm_shareL"], fields["arm_shareR"]) < 0.1
     )
-    return np.maximum(out, rib * garment.rib)
+    return np.maximum(out, rib * garment.hem_pin)
 
 
 def lowest_border(faces: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, bool]:
@@ -496,9 +499,9 @@ def split_border(faces: np.ndarray, n: int, ring: np.ndarray) -> tuple[sparse.cs
 
 
 def wave_profile(garment: Garment, angle: np.ndarray) -> np.ndarray:
-    """Returns the height (n,) in [0,1] of a drop's folds at bearings (n,), irregular, and rotated by `garment.turn`."""
-    uneven = 0.5 * np.sin(3 * angle + garment.turn) + 0.4 * np.sin(5 * angle + 2.3 * garment.turn)
-    return 0.5 + 0.5 * np.sin(garment.waves * angle + uneven + 4.1 * garment.turn)
+    """Returns the height (n,) in [0,1] of a drop's irregular folds at bearings (n,)."""
+    uneven = 0.5 * np.sin(3 * angle + garment.fold_phase) + 0.4 * np.sin(5 * angle + 2.3 * garment.fold_phase)
+    return 0.5 + 0.5 * np.sin(garment.fold_count * angle + uneven + 4.1 * garment.fold_phase)
 
 
 def rounded(flat: np.ndarray, centre: np.ndarray, angle: np.ndarray) -> np.ndarray:

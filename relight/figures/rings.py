@@ -1,4 +1,4 @@
-"""Whether limbs are inside their cloth: how often rings around a sleeve or trouser leg wind around the bone."""
+"""Tests whether limbs are inside their cloth: how often rings around a sleeve or trouser leg wind around the bone."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from relight.figures.body import Body
 from relight.figures.patterns import Pattern
 from relight.figures.poses import Motion
 
-FAR = 10.0  # metres by which a bone is extended beyond both of its ends, further than any ring
+EXTENSION = 10.0  # metres by which a limb's line is extended at both ends, beyond any ring
 LEVELS = np.arange(0.05, 2.0, 0.05)  # where rings lie along an arm (0 shoulder, 1 elbow, 2 wrist) or leg
 LIMBS = {  # kind of garment: the field along its limbs, and the bones at whose heads that is 0, 1, 2
     "top": ("arm", ("upperarm01", "lowerarm01", "wrist")),
@@ -15,7 +15,7 @@ LIMBS = {  # kind of garment: the field along its limbs, and the bones at whose 
 
 
 def contour(values: np.ndarray, faces: np.ndarray, level: float) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Finds the line on a surface along which a field takes a value; it crosses each face in one straight piece.
+    """Finds the contour line of a field on a surface; it crosses each face in one straight piece.
 
     Args:
         values: (n,) the field at the vertices, linear on each face.
@@ -23,10 +23,9 @@ def contour(values: np.ndarray, faces: np.ndarray, level: float) -> tuple[np.nda
         level: the value.
 
     Returns:
-        edges: (S,2,2) for each of the S pieces the edge that it begins on and the edge that it ends on, each as its two
-            vertices. Pieces run with the higher values to their right, seen from the side on which faces turn
-            counter-clockwise.
-        share: (S,2) where on these edges, 0 at the first vertex and 1 at the second.
+        edges: (S,2,2) vertices of the two edges on which each of the S pieces begins and ends. Pieces run with the
+            higher values to their right, seen from the side on which faces turn counter-clockwise.
+        share: (S,2) position on these edges, 0 at the first vertex and 1 at the second.
         closed: whether every piece begins where another one ends.
     """
     above = values[faces] > level
@@ -45,19 +44,21 @@ def contour(values: np.ndarray, faces: np.ndarray, level: float) -> tuple[np.nda
 
 
 def winding(ring: np.ndarray, line: np.ndarray) -> int:
-    """How often a closed ring winds around a line, counter-clockwise when seen from the line's end: their linking
-    number, which no bending or twisting changes that does not take one through the other.
+    """Returns how often a closed ring winds around a line, counter-clockwise when seen from the line's end.
+
+    This is their linking number. No deformation changes it unless one passes through the other.
 
     Args:
-        ring: (S,2,3) the beginnings and ends of its pieces, in any order; several closed rings count together.
-        line: (m,3) points of a polyline, whose ends are extended straight on by FAR.
+        ring: (S,2,3) start and end of its pieces, in any order; several closed rings count together.
+        line: (m,3) points of a polyline, whose ends are extended straight on by EXTENSION.
 
     Returns:
-        The signed number of times that the line goes through the fan of triangles from the ring's mean to its pieces.
+        The signed number of times that the line crosses the fan of triangles from the ring's mean to its pieces.
     """
     first, last = line[0] - line[1], line[-1] - line[-2]
     before, after = (
-        end + FAR * direction / np.linalg.norm(direction) for end, direction in ((line[0], first), (line[-1], last))
+        end + EXTENSION * direction / np.linalg.norm(direction)
+        for end, direction in ((line[0], first), (line[-1], last))
     )
     points = np.concatenate([[before], line, [after]])
     start, along = points[:-1, None], np.diff(points, axis=0)[:, None]
@@ -75,19 +76,19 @@ def winding(ring: np.ndarray, line: np.ndarray) -> int:
 
 
 def lost_rings(pattern: Pattern, x: np.ndarray, motion: Motion, body: Body) -> dict[str, tuple[int, int]]:
-    """How many rings around sleeves or trouser legs do not wind around the bone once.
+    """Counts the rings around sleeves or trouser legs that do not wind around the bone once.
 
-    Rings are the closed lines on which the garment's field along the limb takes one of LEVELS. Those count that wind
-    around the bone once on the rest pose: the ones that lie on a sleeve or leg, not on the trunk.
+    Rings are closed contour lines of the garment's field along the limb, at LEVELS. Only rings that wind around the
+    bone once on the rest pose are tested: those on a sleeve or leg, not on the trunk.
 
     Args:
         pattern: whose fields run along arms (tops) or legs (trousers).
         x: (n,3) the draped finest vertices, metres.
-        motion: the motion, at whose last frame the garment was draped.
+        motion: into the pose.
         body: in its rest pose.
 
     Returns:
-        For each limb on which there are rings, the number that do not wind once, and the number of all.
+        For each limb with rings, the number that do not wind once, and the number of all.
     """
     field, bones = LIMBS.get(pattern.garment.kind, ("", ()))
     level, out = pattern.levels[-1], {}

@@ -1,4 +1,4 @@
-"""Scarves: a pleated ribbon laid around the neck of the posed and dressed figure, ends in front, then draped there."""
+"""Scarves: pleated ribbons laid around the neck of the posed and dressed figure, then draped there."""
 
 from dataclasses import dataclass
 
@@ -14,16 +14,22 @@ from relight.figures.patterns import Pattern, refined
 from relight.figures.poses import Motion
 
 EDGE = 0.025  # metres between the vertices of the coarsest ribbon
-PLEAT = 0.42  # the pleated ribbon's width over the flat one's
+PLEAT = 0.42  # width of the pleated ribbon over that of the flat one
 LAYER = 0.032  # metres by which each turn lies outside the one before
-OUTLINE = 72  # directions in which the neck is measured
+BEARINGS = 72  # directions in which the neck is measured
 
 
 @dataclass(frozen=True)
 class Wrap:
-    """How a scarf is worn. start, turn: degrees around the neck, from the front to the figure's left, where the first
-    end comes up and how far the ribbon then goes to the figure's right; ends: metres that hang, right and left; at:
-    metres from the middle where each end hangs; height: metres of the turns above the base of the neck."""
+    """How a scarf is worn.
+
+    Attributes:
+        start: bearing at which the first end reaches the neck, degrees from the front to the figure's left.
+        turn: degrees that the ribbon then runs around the neck, to the figure's right.
+        ends: metres that hang down, right and left.
+        at: metres from the middle where each end hangs.
+        height: metres of the turns above the base of the neck.
+    """
 
     start: float
     turn: float
@@ -38,7 +44,9 @@ WRAPS = {
 }
 SOFT = Cloth(bend=0.25, extra_length=0.0, thickness=0.007, friction=0.6)
 SCARVES = tuple(
-    Garment(name, "scarf", drop=0.0, thick=0.005, cloth=SOFT, fabrics=("knit", "plain", "check", "stripes", "melange"))
+    Garment(
+        name, "scarf", drop=0.0, thickness=0.005, cloth=SOFT, fabrics=("knit", "plain", "check", "stripes", "melange")
+    )
     for name in WRAPS
 )
 WIDTH = {"scarf": 0.15, "wrapped scarf": 0.13}  # metres
@@ -46,19 +54,27 @@ SOLVER = [SolverSettings(12, 3, 22), SolverSettings(10, 4, 12), SolverSettings(8
 
 
 def outline(surface: Collider, centre: np.ndarray, frame: np.ndarray) -> np.ndarray:
-    """Radius (OUTLINE,) of what the neck and collars occupy around `centre`, in the plane of the frame's (3,3) first
-    and third row, from the front to the left."""
-    angle = 2 * np.pi * np.arange(OUTLINE) / OUTLINE
+    """Measures neck and collars around a centre.
+
+    Args:
+        surface: the dressed figure.
+        centre: (3,) base of the neck, metres.
+        frame: (3,3) axes of the neck in rows: left, up, forward.
+
+    Returns:
+        Radii (BEARINGS,) in metres, from the front to the left.
+    """
+    angle = 2 * np.pi * np.arange(BEARINGS) / BEARINGS
     out = np.outer(np.sin(angle), frame[0]) + np.outer(np.cos(angle), frame[2])
-    radius = np.full(OUTLINE, 0.05)
+    radius = np.full(BEARINGS, 0.05)
     for height in (0.03, 0.045, 0.06):
-        from_out = centre + height * frame[1] + 0.14 * out
-        radius = np.maximum(radius, 0.14 - np.minimum(surface.raycast(from_out, -out)[1], 0.09))
+        origin = centre + height * frame[1] + 0.14 * out
+        radius = np.maximum(radius, 0.14 - np.minimum(surface.raycast(origin, -out)[1], 0.09))
     return gaussian_filter1d(np.minimum(radius, 0.115), 3, mode="wrap")
 
 
 def hanging(surface: Collider, x: float, top: float, length: float, lift: float) -> np.ndarray:
-    """A line (m,3) down the front of the figure, `lift` off it, from height `top`, somewhat longer than `length`."""
+    """Returns a line (m,3) down the figure's front, `lift` metres off it, from height `top`, longer than `length`."""
     y = top - np.arange(0.0, 1.15 * length, 0.01)
     origin = np.stack([np.full_like(y, x), y, np.full_like(y, 1.5)], axis=1)
     z = 1.5 - surface.raycast(origin, np.broadcast_to([0.0, 0.0, -1.0], origin.shape))[1]
@@ -68,12 +84,12 @@ def hanging(surface: Collider, x: float, top: float, length: float, lift: float)
     return np.stack([origin[:, 0], y, z + lift], axis=1)
 
 
-def course(wrap: Wrap, surface: Collider, centre: np.ndarray, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The ribbon's middle line (n,3), EDGE between its points, and the directions (n,3) away from the figure."""
+def centre_line(wrap: Wrap, surface: Collider, centre: np.ndarray, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the ribbon's centre line (n,3), a point every EDGE, and the directions (n,3) away from the figure."""
     radius = outline(surface, centre, frame)
     angle = np.radians(wrap.start - np.arange(0, wrap.turn + 1, 4.0))
     layers = LAYER * np.abs(angle - angle[0]) / (2 * np.pi)
-    r = np.interp(angle, 2 * np.pi * np.arange(OUTLINE) / OUTLINE, radius, period=2 * np.pi) + 0.024 + layers
+    r = np.interp(angle, 2 * np.pi * np.arange(BEARINGS) / BEARINGS, radius, period=2 * np.pi) + 0.024 + layers
     out = np.outer(np.sin(angle), frame[0]) + np.outer(np.cos(angle), frame[2])
     ring = centre + wrap.height * frame[1] + out * r[:, None]
     ends = [
@@ -83,24 +99,25 @@ def course(wrap: Wrap, surface: Collider, centre: np.ndarray, frame: np.ndarray)
     ahead = np.broadcast_to([0.0, 0.0, 1.0], (1, 3))
     line = np.concatenate([ends[0][::-1], ring, ends[1]])
     away = np.concatenate([np.repeat(ahead, len(ends[0]), 0), out, np.repeat(ahead, len(ends[1]), 0)])
-    far = np.r_[0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))]
-    first = far[len(ends[0])] - wrap.ends[0]
-    last = far[-len(ends[1])] + wrap.ends[1]
+    travel = np.r_[0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))]
+    first = travel[len(ends[0])] - wrap.ends[0]
+    last = travel[-len(ends[1])] + wrap.ends[1]
     count = round((last - first) / EDGE)
     at = np.linspace(first, last, count + 1)
-    line, away = (np.stack([np.interp(at, far, v[:, d]) for d in range(3)], axis=1) for v in (line, away))
+    line, away = (np.stack([np.interp(at, travel, v[:, d]) for d in range(3)], axis=1) for v in (line, away))
     line = gaussian_filter1d(line, 1.2, axis=0, mode="nearest")
     away = gaussian_filter1d(away, 2.0, axis=0, mode="nearest")
     return line, away / np.linalg.norm(away, axis=1, keepdims=True)
 
 
 def build_scarf(body: Body, motion: Motion, garment: Garment, surface: Collider, levels: int) -> Pattern:
-    """The pattern of a scarf, refined `levels` times, whose start lies around the posed figure `surface`.
+    """Builds the pattern of a scarf, refined `levels` times, whose start lies around the posed figure `surface`.
 
-    Its pattern is the flat ribbon (x across, y along, metres), its weights are empty: it does not move with the body.
+    Its rest shape is the flat ribbon (x across, y along, metres). Its skinning weights are 0: it does not move with the
+    body.
     """
     centre, frame = neck_of(body, motion)
-    line, away = course(WRAPS[garment.name], surface, centre, frame)
+    line, away = centre_line(WRAPS[garment.name], surface, centre, frame)
     along = np.gradient(line, axis=0)
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     across = np.cross(along, away)
@@ -117,6 +134,6 @@ def build_scarf(body: Body, motion: Motion, garment: Garment, surface: Collider,
     faces = np.concatenate([np.stack([a, b, c], 1), np.stack([b, d, c], 1)])
     start = start.reshape(-1, 3)
     fields = {"drop": np.ones(len(flat))}
-    nothing = np.zeros(len(flat))
-    coarsest = Level(flat, start, start, nothing, np.zeros((len(flat), 1)), faces)
+    unpinned = np.zeros(len(flat))
+    coarsest = Level(flat, start, start, unpinned, np.zeros((len(flat), 1)), faces)
     return refined(garment, coarsest, fields, 0.0, np.zeros(len(faces), bool), levels)

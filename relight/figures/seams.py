@@ -57,7 +57,7 @@ def stitched(
         draw(np.clip(0.5 - button / 0.001, 0, 1) * reach, pale if size < 0.01 else dark)
     if garment.kind == "top" and garment.collar == "fold" and garment.front == "none" and name == "front":
         pocket = np.maximum(np.abs(u - 0.085) - 0.05, np.abs(v - 0.36) - 0.058)
-        draw(0.7 * line(pocket) * (garment.sleeve > 0.6), dark)
+        draw(0.7 * line(pocket) * (garment.sleeve_end > 0.6), dark)
     if garment.front == "zip" and name == "front":
         draw(
             0.8 * (np.abs(u) < 0.004) * (np.mod(v, 0.004) < 0.002),

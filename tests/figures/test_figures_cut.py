@@ -97,13 +97,13 @@ def test_only_a_loose_closed_top_hangs_straight(body):
     waist = patterns.landmarks(body)["waist"]
 
     def off(ease: float, **changes) -> float:
-        level = cut(body, "sweater", torso=(ease,) * 6, **changes).levels[0]
+        level = cut(body, "sweater", torso_ease=(ease,) * 6, **changes).levels[0]
         x, y, z = level.fitted.T
         back = (np.abs(y - waist - 0.03) < 0.03) & (np.abs(x) < 0.05) & (z < np.median(z))
         return float((level.fitted - level.rest_shape)[back, 2].mean()) - ease + patterns.PIN_OFFSET
 
-    assert abs(off(0.004)) < 0.002 and abs(off(0.03, open=0.02)) < 0.006
-    assert off(0.03) > off(0.03, open=0.02) + 0.004
+    assert abs(off(0.004)) < 0.002 and abs(off(0.03, front_gap=0.02)) < 0.006
+    assert off(0.03) > off(0.03, front_gap=0.02) + 0.004
 
 
 @pytest.mark.parametrize("name", ["fitted t-shirt", "robe"])
@@ -189,7 +189,7 @@ def test_a_finer_hem_is_the_same_surface():
 def test_a_v_neck_is_deeper_in_front_only(body):
     low = []
     for vee in (0.0, 0.1):
-        pattern = cut(body, "t-shirt", vee=vee, neck=(0.08, 0.06, 0.09))
+        pattern = cut(body, "t-shirt", v_depth=vee, neck=(0.08, 0.06, 0.09))
         held = pattern.levels[0].fitted
         ring = max(border_loops(pattern.levels[0].faces), key=lambda r: held[r, 1].mean())
         front = held[ring, 2] > body.joints["neck01"][2] + 0.035
@@ -240,7 +240,7 @@ def test_a_band_holds_the_neckline_and_the_cloth_beside_it():
     held = collars.banded(drape, faces, smooth, np.zeros(3), UP)
     bump = [np.ptp((x - smooth)[ring, 1]) for x in (drape, held)]
     assert bump[0] > 0.019 and bump[1] < 0.45 * bump[0]
-    far = np.linalg.norm(drape[:, None] - drape[ring], axis=-1).min(1) > collars.DRAWN
+    far = np.linalg.norm(drape[:, None] - drape[ring], axis=-1).min(1) > collars.BAND_RANGE
     np.testing.assert_array_equal(held[far], drape[far])
     still = collars.banded(smooth + [0.01, 0, 0], faces, smooth, np.zeros(3), UP)
     np.testing.assert_allclose(still, smooth + [0.01, 0, 0], atol=1e-12)  # a neckline that moved as a whole stays so
@@ -350,12 +350,12 @@ def test_a_tie_lies_on_the_shirt():
 def test_pieces_of_one_kind_differ_within_bounds():
     rng = np.random.default_rng(0)
     drawn = [outfits.pick(rng, "jeans") for _ in range(60)]
-    knee = [garment.legs[5] for garment in drawn]
+    knee = [garment.leg_ease[5] for garment in drawn]
     assert np.std(knee) > 0.002 and min(knee) > outfits.LEAST and max(knee) < 0.03
-    assert min(garment.leg for garment in drawn) > 1.5 and max(garment.leg for garment in drawn) <= 1.97
+    assert min(garment.leg_end for garment in drawn) > 1.5 and max(garment.leg_end for garment in drawn) <= 1.97
     assert {garment.name for garment in drawn} == {"jeans"}
     shirts = [outfits.pick(rng, "t-shirt") for _ in range(60)]
-    assert {shirt.vee > 0 for shirt in shirts} == {True, False} and len({shirt.neck for shirt in shirts}) > 3
+    assert {shirt.v_depth > 0 for shirt in shirts} == {True, False} and len({shirt.neck for shirt in shirts}) > 3
 
 
 def test_outer_garments_have_room_for_what_is_under_them():
@@ -363,20 +363,22 @@ def test_outer_garments_have_room_for_what_is_under_them():
     for _ in range(20):
         inner, outer = outfits.pick(rng, "sweater"), outfits.pick(rng, "blazer")
         outer = outfits.over(outer, inner)
-        assert all(o > i for o, i in zip(outer.torso, inner.torso)) and all(o > i for o, i in zip(outer.arm, inner.arm))
+        assert all(o > i for o, i in zip(outer.torso_ease, inner.torso_ease)) and all(
+            o > i for o, i in zip(outer.arm_ease, inner.arm_ease)
+        )
 
 
 def test_what_is_worn_under_a_jacket_is_close_and_no_top_is_wider_than_it_drapes():
     rng = np.random.default_rng(2)
     for _ in range(30):
         inner = outfits.under(outfits.pick(rng, "t-shirt"))
-        assert max(inner.torso) <= outfits.SLIM and max(inner.arm) <= outfits.SLIM_ARM
-        assert outfits.pick(rng, "coat", "t-shirt", "robe").torso[1] <= outfits.WIDEST + 1e-9
+        assert max(inner.torso_ease) <= outfits.MAX_INNER_EASE and max(inner.arm_ease) <= outfits.MAX_INNER_ARM_EASE
+        assert outfits.pick(rng, "coat", "t-shirt", "robe").torso_ease[1] <= outfits.MAX_WAIST_EASE + 1e-9
 
 
 @pytest.mark.parametrize(("name", "above"), [("robe", outfits.BELT), ("dress", 0.09 + outfits.ABOVE_SEAM)])
 def test_a_belt_holds_the_cloth_under_it_and_none_beside_it(body, name, above):
-    free, belted = (cut(body, name, belt=belt) for belt in (None, above))
+    free, belted = (cut(body, name, belt_height=belt) for belt in (None, above))
     y, level = belted.fields["y"], belted.levels[-1]
     on = np.maximum(belted.fields["arm_shareL"], belted.fields["arm_shareR"])
     off = np.abs(y - patterns.landmarks(body)["waist"] - above)
@@ -407,7 +409,7 @@ def test_every_garment_can_be_cut(body, name):
     garment = LIBRARY[name]
     pattern = cut(body, name)
     level = pattern.levels[0]
-    openings = {"top": 4 - bool(garment.open), "trousers": 3, "skirt": 2}[garment.kind]
+    openings = {"top": 4 - bool(garment.front_gap), "trousers": 3, "skirt": 2}[garment.kind]
     assert len(border_loops(level.faces)) == openings
     assert all(np.isfinite(part).all() for part in (level.rest_shape, level.start, level.fitted))
     assert np.isfinite(way_of(body).skin(level.weights, level.start)).all()

@@ -85,7 +85,7 @@ def test_more_to_lose_makes_deeper_folds_within_limits():
     flat, _ = sheet()
     deep = [heights(flat * [1 - share, 1.0, 1.0]) for share in (0.03, 0.10, 0.6)]
     assert deep[0].std() < deep[1].std() < deep[2].std()
-    assert np.abs(deep[2]).max() < wrinkles.HIGH * CRIMP.width * (1 + np.sqrt(wrinkles.SCALES[1]))
+    assert np.abs(deep[2]).max() < wrinkles.MAX_HEIGHT * CRIMP.width * (1 + np.sqrt(wrinkles.SCALES[1]))
 
 
 def test_folds_stay_outside_what_lies_below():
