@@ -315,11 +315,11 @@ def add_hair(
     parts = hair.build_hair(body, motion, outfit.hair, outfit.beard, below, seed, fine=detail.body > 0)
     side = max(64, texture // 4)
     paints = {
-        what: hat_paint(side) if what == "hat" else hair_material(outfit, what, side, seed)
-        for what in dict.fromkeys(part.what for part in parts)
+        kind: hat_paint(side) if kind == "hat" else hair_material(outfit, kind, side, seed)
+        for kind in dict.fromkeys(part.kind for part in parts)
     }
     for part in parts:
-        builder.add(part.vertices, part.faces, part.uv[part.faces], paints[part.what])
+        builder.add(part.vertices, part.faces, part.uv[part.faces], paints[part.kind])
     return parts
 
 
@@ -525,15 +525,15 @@ def square(name: str, fabric: Fabric, width: float, side: int) -> Material:
     return Material(texture=texture, name=name)
 
 
-def hair_material(outfit: Outfit, what: str, side: int, seed: int) -> Material:
-    """Returns a material with strands along v of varying lightness; `what` is hair, beard, brows or lashes."""
+def hair_material(outfit: Outfit, kind: str, side: int, seed: int) -> Material:
+    """Returns a material with strands along v of varying lightness; `kind` is hair, beard, brows or lashes."""
     color = np.array(outfit.hair_color)
-    if what == "lashes":
-        return Material((0.3 * np.minimum(color, 0.12)).astype(np.float32), name=what)
-    if what == "brows":
+    if kind == "lashes":
+        return Material((0.3 * np.minimum(color, 0.12)).astype(np.float32), name=kind)
+    if kind == "brows":
         color = skin.brow_color(color)
     u, v = np.meshgrid((np.arange(side) + 0.5) / side, (np.arange(side) + 0.5) / side)
     pale = float(np.clip(color.mean() / 0.3, 0, 1))  # light hair varies less, in shares of its own albedo
     spread = 0.30 - 0.16 * pale
     streaks = fabrics.noise(u * 120, v * 5, seed) + 0.7 * fabrics.noise(u * 31, v * 3, seed + 1) - 0.85
-    return Material(texture=panels.coded(color * np.exp(2.4 * spread * streaks)[..., None]), name=what)
+    return Material(texture=panels.coded(color * np.exp(2.4 * spread * streaks)[..., None]), name=kind)

@@ -1,4 +1,4 @@
-"""A person: sampled traits, and the body that MakeHuman's targets make of them, in its rest pose (arms half down)."""
+"""People: sampled traits, and bodies built from them with MakeHuman's targets, in the rest pose (arms half down)."""
 
 from dataclasses import dataclass, field
 from itertools import product
@@ -47,8 +47,15 @@ HEADS = ("oval", "round", "square", "rectangular", "diamond", "triangular", "inv
 
 @dataclass(frozen=True)
 class Person:
-    """Traits of one subject. female, muscle, weight, height, proportions, bust in [0,1]; age in years (20 to 85);
-    ancestry: three shares that sum to 1; skin: lightness in [0,1]; face: target name -> weight."""
+    """Traits of one subject, in [0,1] unless said otherwise.
+
+    Attributes:
+        female, muscle, weight, height, proportions, bust: as MakeHuman's sliders.
+        age: years, 20 to 85.
+        ancestry: three shares that sum to 1, see ANCESTRIES.
+        skin: lightness.
+        face: weights of face targets by name.
+    """
 
     female: float
     age: float
@@ -64,7 +71,7 @@ class Person:
 
 @dataclass(frozen=True)
 class Expression:
-    """What a face does, with the mouth closed. units: target name -> weight."""
+    """A facial expression with the mouth closed. `units` are weights of face units by name."""
 
     name: str = "calm"
     units: dict[str, float] = field(default_factory=dict)
@@ -72,7 +79,7 @@ class Expression:
 
 @dataclass(frozen=True)
 class Body:
-    """vertices (19158,3) metres in the rest pose; joints: bone -> (3,) where it turns."""
+    """A person's body in the rest pose: vertices (19158,3) of the base mesh, metres; joints (3,) by bone."""
 
     person: Person
     vertices: np.ndarray
@@ -80,17 +87,17 @@ class Body:
 
     @property
     def tights(self) -> np.ndarray:
-        """The vertices (n,3) of MakeHuman's suit, from which clothes are cut."""
+        """Returns the vertices (n,3) of MakeHuman's suit, from which clothes are cut."""
         return self.vertices[makehuman.TIGHTS]
 
     @property
     def skin(self) -> np.ndarray:
-        """The vertices (n,3) of the skin."""
+        """Returns the vertices (n,3) of the skin."""
         return self.vertices[makehuman.BODY]
 
 
 def sample_person(rng: np.random.Generator) -> Person:
-    """Draws a person: both sexes alike, adult ages, builds from slight to heavy, skin tied loosely to ancestry."""
+    """Draws a person: adults of both sexes, builds from slight to heavy, skin loosely correlated with ancestry."""
     female = float(np.clip(rng.choice([0.05, 0.95]) + rng.normal(0, 0.06), 0, 1))
     age = float(np.clip(20 + rng.gamma(2.0, 12.0), 20, 85))
     ancestry = rng.dirichlet([0.6, 0.6, 0.6])
@@ -128,7 +135,7 @@ def between(value: float, names: tuple[str, str, str]) -> dict[str, float]:
 
 
 def macro_weights(person: Person) -> dict[str, float]:
-    """MakeHuman's macro targets and their weights: products of the traits' linear weights."""
+    """Returns the weights of MakeHuman's macro targets: products of the traits' linear weights."""
     sex = {"female": person.female, "male": 1 - person.female}
     years = np.interp(person.age, [12, 25, 90], [0, 0.5, 1])
     age = between(float(years), AGES)
@@ -152,7 +159,7 @@ def macro_weights(person: Person) -> dict[str, float]:
 
 
 def units(name: str, strength: float = 1.0, swap: bool = False) -> dict[str, float]:
-    """The face units (target name -> weight) of one of EXPRESSIONS."""
+    """Returns the weights of face units of one of EXPRESSIONS, by target name; `swap` exchanges the sides."""
     out = {}
     for unit, weight in EXPRESSIONS[name].items():
         unit, _, only = unit.partition(".")
@@ -163,7 +170,7 @@ def units(name: str, strength: float = 1.0, swap: bool = False) -> dict[str, flo
 
 
 def sample_expression(rng: np.random.Generator) -> Expression:
-    """Draws an expression, calm in three of ten cases, its strength, the sides of a lopsided one, and the gaze."""
+    """Draws an expression (calm in 30 % of cases), its strength, its sides, and the gaze."""
     names = list(EXPRESSIONS)
     name = str(rng.choice(names, p=[0.3, 0.21] + [0.07] * (len(names) - 2)))
     face = units(name, float(rng.uniform(0.45, 1.0)), rng.random() < 0.5)
@@ -175,7 +182,7 @@ def sample_expression(rng: np.random.Generator) -> Expression:
 
 
 def build_body(person: Person, expression: Expression | None = None) -> Body:
-    """The person's body in the rest pose, mouth closed."""
+    """Builds a person's body in the rest pose, with the mouth closed."""
     face = person.face | (expression.units if expression else {})
     vertices = makehuman.blended(macro_weights(person) | face)
     rig = makehuman.rig()

@@ -277,14 +277,14 @@ def collar(
     travel = np.cumsum([np.linalg.norm(b - a, axis=1) for a, b in pairwise([base, *rows])], axis=0)
     strip, strip_faces = extruded(np.arange(len(ring)), rows, len(ring), closed)
     points = np.concatenate([vertices[ring] - SEAM_OFFSET * up, strip])
-    points, solid, source = thickened(points, strip_faces, np.full(len(points), 0.0025), 99)
+    points, shell, source = thickened(points, strip_faces, np.full(len(points), 0.0025), 99)
     column, row = source % len(ring), source // len(ring)
     travel = np.concatenate([np.zeros((1, len(ring))), travel])
     at = uv[ring][column] - np.stack([0 * column, travel[row, column] * uv_per_metre], axis=1)
-    corner = at[solid]
+    corner = at[shell]
     torn = np.ptp(corner[..., 0], axis=1) > 0.06 * uv_per_metre  # across a seam between panels: use one of them
     corner[torn] = corner[torn][:, :1]
-    return points, solid, np.clip(corner, 0.001, 0.999)
+    return points, shell, np.clip(corner, 0.001, 0.999)
 
 
 def cords(vertices: np.ndarray, faces: np.ndarray, neck: np.ndarray, left: np.ndarray) -> list[Surface]:

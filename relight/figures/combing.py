@@ -1,4 +1,4 @@
-"""How hair is worn: where it is rooted, in which direction it is combed, how long it is."""
+"""Hair styles: where hair grows, in which direction it is combed, and its length."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -64,38 +64,52 @@ class Comb:
 
 @dataclass(frozen=True)
 class Roots:
-    """Where hair grows: points, normals (n,3) posed; sides (n,3) unit, from the head's centre in its rest frame;
-    rim (n,): 0 at the hairline to 1 well inside; pick (n,4) random numbers in [0,1]."""
+    """Where hair grows.
+
+    Attributes:
+        points: (n,3) posed, metres.
+        normals: (n,3) of the skin, posed.
+        sides: (n,3) unit directions from the head's centre, in its rest frame.
+        rim: (n,) from 0 at the hairline to 1 well inside.
+        random: (n,4) random numbers in [0,1].
+    """
 
     points: np.ndarray
     normals: np.ndarray
     sides: np.ndarray
     rim: np.ndarray
-    pick: np.ndarray
+    random: np.ndarray
 
 
 def head_centre(body: Body) -> np.ndarray:
-    """The middle (3,) of the skull in the rest pose, metres, from where the eyes are."""
+    """Returns the centre (3,) of the skull in the rest pose, metres, relative to the eyes."""
     eye = body.vertices[makehuman.EYES["L"]].mean(0)
     return np.array([0.0, eye[1] + 0.028, eye[2] - 0.085])
 
 
 def scalp_roots(points: np.ndarray) -> np.ndarray:
-    """How densely the scalp carries hair: thinner within a centimetre of the hairline."""
+    """Returns the density (n,) of hair on the scalp, in [0,1]; it is thinner within a centimetre of the hairline."""
     return np.clip(above_hairline(points) / 0.08, 0, 1)
 
 
 def below_hat(points: np.ndarray) -> np.ndarray:
-    """The same where a hat leaves it free."""
+    """Returns the density (n,) of hair that a hat leaves free, in [0,1]."""
     eye = makehuman.base().vertices[makehuman.EYES["L"]].mean(0)
     return scalp_roots(points) * (points[:, 1] < eye[1] + 0.02)
 
 
-def plant(
+def plant_roots(
     body: Body, posed: np.ndarray, count: int, seed: int, share: Callable[[np.ndarray], np.ndarray] = scalp_roots
 ) -> Roots:
-    """Up to `count` roots, even over the skin where hair grows. posed (13380,3): the skin; share: how densely hair
-    grows at points (n,3) of the base body, in [0,1]."""
+    """Samples up to `count` roots, evenly over the skin where hair grows.
+
+    Args:
+        body: in its rest pose.
+        posed: (13380,3) vertices of the posed skin, metres.
+        count: number of samples, of which those are dropped where hair is thin.
+        seed: of the samples.
+        share: the density of hair in [0,1] at points (n,3) of the base body.
+    """
     faces, base = makehuman.base().faces["body"], makehuman.base().vertices
     faces = faces[share(base[faces].reshape(-1, 3)).reshape(-1, 3).max(1) > 0]
     corner = posed[faces]
@@ -124,13 +138,13 @@ def plant(
 
 
 def ramp(value: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Smoothstep: 0 below `low`, 1 above `high`, and a cubic between."""
+    """Returns the smoothstep of values: 0 below `low`, 1 above `high`, and a cubic between."""
     t = np.clip((value - low) / (high - low), 0, 1)
     return t * t * (3 - 2 * t)
 
 
-def combed(comb: Comb, roots: Roots) -> tuple[np.ndarray, np.ndarray]:
-    """The direction (n,3) each guide is combed, in the head's rest frame, and its length (n,) in metres."""
+def comb_directions(comb: Comb, roots: Roots) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the direction (n,3) of each guide, in the head's rest frame, and its length (n,) in metres."""
     x, y, z = roots.sides.T
     azimuth = np.arctan2(x, z)
     top = ramp(y, 0.25, 0.75)[:, None]
@@ -148,11 +162,11 @@ def combed(comb: Comb, roots: Roots) -> tuple[np.ndarray, np.ndarray]:
     elif comb.direction == "back":
         direction = top * (0.2 * left - ahead) + (1 - top) * (down - 0.7 * ahead) + front * np.array([0.0, 1.6, 0])
     elif comb.direction == "out":
-        direction = 2 * roots.pick[:, :3] - 1
+        direction = 2 * roots.random[:, :3] - 1
     else:
         crown = 1.4 * left + 0.3 * down - 0.8 * ahead * behind[:, None]
         direction = top * crown + (1 - top) * fall + front * (1.6 * left - 0.7 * ahead - 0.3 * down)
-    length = comb.length * (comb.sides + (1 - comb.sides) * top[:, 0]) * (0.82 + 0.3 * roots.pick[:, 0])
+    length = comb.length * (comb.sides + (1 - comb.sides) * top[:, 0]) * (0.82 + 0.3 * roots.random[:, 0])
     if comb.fringe:
         falls = front[:, 0] * (np.abs(azimuth) < 0.75 * comb.fringe + 0.12) > 0.3
         direction = np.where(falls[:, None], 1.1 * ahead + 0.35 * left + 0.4 * down, direction)
@@ -161,11 +175,11 @@ def combed(comb: Comb, roots: Roots) -> tuple[np.ndarray, np.ndarray]:
         length = length + 0.11 * ramp(y, -0.5, 0.9)  # tips end at one height
     if comb.length < 0.06:
         length = length * (0.4 + 0.6 * roots.rim)
-    return direction + 0.14 * (2 * roots.pick[:, 1:] - 1), length
+    return direction + 0.14 * (2 * roots.random[:, 1:] - 1), length
 
 
 def tie_point(body: Body, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
-    """Where hair is tied at the back of the head, posed, and the direction (3,) it leaves the head there."""
+    """Returns the point (3,) where hair is tied at the back of the posed head, and the direction (3,) of the tail."""
     centre, backward = head_centre(body), np.array([0.0, 0.30, -0.95])
     behind = body.skin[body.skin[:, 1] > centre[1] - 0.1] - centre
     reach = (behind @ backward).max()

@@ -1,4 +1,4 @@
-"""`relight figures`: clothed figures from seeds, for relight or for any other program."""
+"""`relight figures`: generates clothed figures from seeds, for relight or for any other program."""
 
 from contextlib import nullcontext
 from pathlib import Path
@@ -10,16 +10,16 @@ app = typer.Typer()
 
 
 def seeds_of(text: str) -> list[int]:
-    """The integers of "7", "0-47" or "1,4,10-12", each once, in the order given."""
+    """Parses "7", "0-47" or "1,4,10-12" into integers, each once, in the order given."""
     from relight.files import UserError
 
     out: list[int] = []
     for part in text.split(","):
         first, _, last = part.strip().partition("-")
         if not first.isdigit() or (last and not last.isdigit()):
-            raise UserError(f"--seeds {text}: integers and ranges such as 7, 0-47 or 1,4,10-12")
+            raise UserError(f"--seeds {text}: it must be integers and ranges such as 7, 0-47 or 1,4,10-12")
         if last and int(last) < int(first):
-            raise UserError(f"--seeds {text}: the range {part.strip()} runs backwards")
+            raise UserError(f"--seeds {text}: the range {part.strip()} must not run backwards")
         out += range(int(first), int(last or first) + 1)
     return list(dict.fromkeys(out))
 
@@ -70,11 +70,11 @@ def figures(
         return
     numbers = seeds_of(seeds)
     if export not in FORMATS:
-        raise UserError(f"--export {export}: {' or '.join(FORMATS)}")
+        raise UserError(f"--export {export}: it must be {' or '.join(FORMATS)}")
     if detail not in DETAILS:
-        raise UserError(f"--detail {detail}: {' or '.join(DETAILS)}")
+        raise UserError(f"--detail {detail}: it must be {' or '.join(DETAILS)}")
     if device not in DEVICES:
-        raise UserError(f"--device {device}: {', '.join(DEVICES)}")
+        raise UserError(f"--device {device}: it must be one of {', '.join(DEVICES)}")
     settings = {
         "detail": detail,
         "texture": texture,
@@ -93,7 +93,7 @@ def figures(
 
 
 def make_one(task: tuple[int, dict, Path]) -> str | None:
-    """Makes and writes one figure with its note (.json), unless both are there; returns why that failed, or None.
+    """Makes and writes one figure and its record (.json), unless both exist; returns the error message, or None.
 
     Args:
         task: the seed, the arguments of `make_figure`, and the path of the figure.
@@ -106,17 +106,17 @@ def make_one(task: tuple[int, dict, Path]) -> str | None:
     from relight.files import UserError, atomic_write
 
     seed, settings, path = task
-    note = path.with_suffix(".json")
+    record = path.with_suffix(".json")
     plain = json.loads(json.dumps({**settings, "constraints": asdict(settings["constraints"])}))
-    if path.is_file() and note.is_file():
-        known = json.loads(note.read_text())
+    if path.is_file() and record.is_file():
+        known = json.loads(record.read_text())
         if known.get("settings") == plain and known.get("generator") == GENERATOR:
             return None
     try:
         mesh = make_figure(seed, **settings)
         mesh.info |= {"licence": LICENCE, "settings": plain}
         export(mesh, path)
-        with atomic_write(note) as tmp:
+        with atomic_write(record) as tmp:
             tmp.write_text(json.dumps(mesh.info, indent=1) + "\n")
     except UserError as error:
         return str(error)
@@ -124,20 +124,20 @@ def make_one(task: tuple[int, dict, Path]) -> str | None:
 
 
 def write_table(folder: Path) -> None:
-    """Writes figures.csv: a row for each figure of the folder, from all the notes that are there.
+    """Writes figures.csv with a row for each record (.json) in the folder.
 
-    Columns that some notes lack are empty in their rows; lists and dictionaries are JSON.
+    Columns that a record lacks are empty in its row; lists and dictionaries are JSON.
     """
     import csv
     import json
 
     from relight.files import atomic_write
 
-    notes = [json.loads(path.read_text()) for path in sorted(folder.glob("g[0-9]*.json"))]
-    if not notes:
+    records = [json.loads(path.read_text()) for path in sorted(folder.glob("g[0-9]*.json"))]
+    if not records:
         return
     with atomic_write(folder / "figures.csv") as tmp, open(tmp, "w", newline="") as file:
-        table = csv.DictWriter(file, list(dict.fromkeys(key for note in notes for key in note)))
+        table = csv.DictWriter(file, list(dict.fromkeys(key for record in records for key in record)))
         table.writeheader()
-        for note in notes:
-            table.writerow({k: v if isinstance(v, str) else json.dumps(v) for k, v in note.items()})
+        for record in records:
+            table.writerow({k: v if isinstance(v, str) else json.dumps(v) for k, v in record.items()})

@@ -1,7 +1,7 @@
-"""Figures for other programs: binary glTF with the textures inside.
+"""Writes figures for other programs: binary glTF with embedded textures.
 
-trimesh writes glTF too, but rounds colours of materials and of vertices to 8 bits of linear light: an albedo of .0036,
-as of lashes, would come back as .0039. Here both are floats.
+trimesh writes glTF too, but rounds colours of materials and vertices to 8 bits of linear light, which turns an albedo
+of .0036 (of lashes) into .0039. This module writes floats.
 """
 
 import io
@@ -46,7 +46,7 @@ def corners(mesh: Mesh, number: int) -> tuple[np.ndarray, np.ndarray, np.ndarray
 
 
 class Document:
-    """A glTF document while it is written: its lists by name, and its binary data."""
+    """A glTF document under construction: its lists by name, and its binary data."""
 
     def __init__(self):
         self.blob = bytearray()
@@ -67,7 +67,7 @@ class Document:
         return self.append("bufferViews", entry | ({"target": target} if target else {}))
 
     def accessor(self, array: np.ndarray, kind: str, component: int, target: int) -> int:
-        """Appends an array, and returns the index of its accessor. kind: of an element, such as VEC3."""
+        """Appends an array with elements of a kind such as VEC3, and returns the index of its accessor."""
         view = self.view(array.tobytes(), target)
         entry = {"bufferView": view, "componentType": component, "count": len(array), "type": kind}
         if kind == "VEC3":
@@ -75,7 +75,7 @@ class Document:
         return self.append("accessors", entry)
 
     def texture(self, pixels: np.ndarray) -> int:
-        """Returns the index of a texture (H,W,3) uint8, which is appended unless one with the same pixels is there."""
+        """Returns the index of a texture (H,W,3) uint8, appended unless the document has one with the same pixels."""
         file = io.BytesIO()
         Image.fromarray(pixels).save(file, "png", compress_level=6)
         data = file.getvalue()
@@ -98,7 +98,7 @@ class Document:
         return self.append("materials", named | {"pbrMetallicRoughness": surface, "doubleSided": True} | gloss)
 
     def write(self, path: Path, root: int) -> None:
-        """Writes the document, whole or not at all. root: the node of the scene."""
+        """Writes the document atomically, with `root` as the node of the scene."""
         self.blob.extend(b"\0" * (-len(self.blob) % 4))
         head = {"asset": ASSET, "extensionsUsed": [SPECULAR], "scene": 0, "scenes": [{"nodes": [root]}]}
         head |= {"buffers": [{"byteLength": len(self.blob)}]}
@@ -110,10 +110,10 @@ class Document:
 
 
 def write_glb(mesh: Mesh, path: Path) -> None:
-    """Writes binary glTF 2.0: a node named after the figure, and below it one for each material, named alike.
+    """Writes binary glTF 2.0: a node named after the figure, with a child named after each material.
 
-    Units and frame are glTF's own: metres, y up, facing +z. The upper node's `extras` are the mesh's info, the asset's
-    the licence.
+    Units and frame are those of glTF: metres, y up, facing +z. The root node's `extras` are the mesh's info, those of
+    the asset are the licence.
 
     Args:
         mesh: a generated figure, in its own outfit.
@@ -150,5 +150,5 @@ def export(mesh: Mesh, path: Path) -> None:
     """
     kind = path.suffix[1:].lower()
     if kind not in FORMATS:
-        raise UserError(f"{path}: figures are written as {' or '.join(FORMATS)}")
+        raise UserError(f"{path}: the suffix of a figure must be {' or '.join(FORMATS)}")
     write_glb(mesh, path) if kind == "glb" else mesh.save(path)

@@ -1,4 +1,4 @@
-"""Fabrics: albedo as a function of cloth coordinates in metres, in the colours that wardrobes have. No shading."""
+"""Fabrics: albedo as a function of cloth coordinates in metres, without shading, in common colours of clothes."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,6 @@ import numpy as np
 
 Color = tuple[float, float, float]  # linear albedo of red, green and blue
 
-# linear albedo: neutrals are worn more often than colours
 NEUTRALS = {
     "white": (0.78, 0.77, 0.74),
     "off-white": (0.68, 0.63, 0.53),
@@ -45,7 +44,7 @@ DENIMS = ((0.030, 0.055, 0.135), (0.075, 0.135, 0.27), (0.20, 0.30, 0.46), (0.01
 LEATHERS = ((0.022, 0.020, 0.020), (0.085, 0.038, 0.020), (0.17, 0.075, 0.032), (0.12, 0.016, 0.018))
 
 
-SAMPLES = 1.4  # texels that a feature needs
+MIN_TEXELS = 1.4  # size of the smallest feature
 GRAINS = {  # standard deviations of ln albedo: warp, weft, flecks, blotches
     "plain": (0.085, 0.10, 0.055, 0.055),
     "jersey": (0.02, 0.04, 0.09, 0.055),
@@ -66,8 +65,15 @@ GRAINS = {  # standard deviations of ln albedo: warp, weft, flecks, blotches
 
 @dataclass(frozen=True)
 class Fabric:
-    """kind: see `weave`; first, second: names or linear albedo of the ground and the figure; size: of the repeat, a
-    factor; seed: of what is irregular in it."""
+    """The material of a garment.
+
+    Attributes:
+        kind: see `weave`.
+        first: linear albedo of the ground.
+        second: linear albedo of the pattern on it.
+        size: factor of the pattern's size.
+        seed: of its irregularities and details.
+    """
 
     kind: str
     first: Color
@@ -77,19 +83,19 @@ class Fabric:
 
 
 def as_color(values: np.ndarray) -> Color:
-    """The three numbers of an array (3,)."""
+    """Returns an array (3,) as a tuple."""
     red, green, blue = values.tolist()
     return red, green, blue
 
 
 def sample_fabric(rng: np.random.Generator, kinds: tuple[str, ...], muted: bool) -> Fabric:
-    """Draws a fabric of one of the kinds; `muted` garments (trousers, coats) are mostly neutral."""
+    """Draws a fabric of one of the kinds; `muted` ones, for trousers and coats, are mostly of neutral colours."""
     kind = str(rng.choice(kinds))
     pool = list((NEUTRALS if rng.random() < (0.8 if muted else 0.42) else COLOURS).values())
     first = np.array(pool[rng.integers(len(pool))])
-    everything = [np.array(c) for c in (*NEUTRALS.values(), *COLOURS.values())]
-    far = [c for c in everything if abs(np.log((c.mean() + 0.02) / (first.mean() + 0.02))) > 0.9]
-    second = far[rng.integers(len(far))]
+    all_colours = [np.array(c) for c in (*NEUTRALS.values(), *COLOURS.values())]
+    contrasting = [c for c in all_colours if abs(np.log((c.mean() + 0.02) / (first.mean() + 0.02))) > 0.9]
+    second = contrasting[rng.integers(len(contrasting))]
     if kind == "denim":
         first = np.array(DENIMS[rng.integers(len(DENIMS))])
     if kind == "leather":
@@ -105,7 +111,7 @@ def sample_fabric(rng: np.random.Generator, kinds: tuple[str, ...], muted: bool)
 
 
 def lattice(i: np.ndarray, j: np.ndarray, seed: int) -> np.ndarray:
-    """A hash of integer lattice points to [0,1), the same on every machine."""
+    """Hashes integer lattice points to [0,1), the same on every machine."""
     with np.errstate(over="ignore"):
         h = i.astype(np.int64).astype(np.uint32) * np.uint32(374761393) + j.astype(np.int64).astype(
             np.uint32
@@ -116,9 +122,9 @@ def lattice(i: np.ndarray, j: np.ndarray, seed: int) -> np.ndarray:
 
 
 def noise(x: np.ndarray, y: np.ndarray, seed: int = 0) -> np.ndarray:
-    """Value noise in [0,1] with unit features; on a grid whose rows and columns are views, at a tenth of the time."""
+    """Returns value noise in [0,1] with features of size 1. Broadcast grids take a tenth of the time."""
     if x.ndim == 2 and x.strides[0] == 0 and y.strides[1] == 0:
-        return separable(x[0], y[:, 0], seed)
+        return grid_noise(x[0], y[:, 0], seed)
     i, j = np.floor(x), np.floor(y)
     a, b = x - i, y - j
     a, b = a * a * (3 - 2 * a), b * b * (3 - 2 * b)
@@ -127,8 +133,8 @@ def noise(x: np.ndarray, y: np.ndarray, seed: int = 0) -> np.ndarray:
     return low * (1 - b) + high * b
 
 
-def separable(x: np.ndarray, y: np.ndarray, seed: int) -> np.ndarray:
-    """`noise` (h,w) at the points of a grid with columns x (w,) and rows y (h,)."""
+def grid_noise(x: np.ndarray, y: np.ndarray, seed: int) -> np.ndarray:
+    """Returns `noise` (h,w) at the points of a grid with columns x (w,) and rows y (h,)."""
     i, j = np.floor(x).astype(int), np.floor(y).astype(int)
     a, b = (x - i).astype(x.dtype), (y - j).astype(y.dtype)
     a, b = a * a * (3 - 2 * a), (b * b * (3 - 2 * b))[:, None]
@@ -139,25 +145,25 @@ def separable(x: np.ndarray, y: np.ndarray, seed: int) -> np.ndarray:
 
 
 def grain(
-    u: np.ndarray, v: np.ndarray, wide: float, high: float, texel: float, seed: int, offset: float = 0.0
+    u: np.ndarray, v: np.ndarray, width: float, height: float, texel: float, seed: int, offset: float = 0.0
 ) -> np.ndarray:
-    """Noise of mean 0 and standard deviation about 1 with features `wide` by `high` metres.
+    """Returns noise of mean 0 and standard deviation about 1 with features of `width` by `height` metres.
 
-    What is finer than SAMPLES texels is averaged away as the mean of so many independent features would be.
+    Features finer than MIN_TEXELS texels are enlarged, with the lower contrast of averages of independent ones.
     """
-    least = SAMPLES * texel
-    x, y = max(wide, least), max(high, least)
-    return float(np.sqrt(wide / x * high / y)) * 5.0 * (noise(u / x + offset, v / y, seed) - 0.5)
+    smallest = MIN_TEXELS * texel
+    x, y = max(width, smallest), max(height, smallest)
+    return float(np.sqrt(width / x * height / y)) * 5.0 * (noise(u / x + offset, v / y, seed) - 0.5)
 
 
 def band(x: np.ndarray, period: float, share: float, soft: float = 0.0012) -> np.ndarray:
-    """1 inside stripes that fill `share` of each period, edges `soft` metres wide."""
+    """Returns 1 inside stripes that fill `share` of each period, with edges of `soft` metres."""
     d = np.abs((x / period + 0.5) % 1 - 0.5) * period
     return np.clip((share * period / 2 - d) / soft + 0.5, 0, 1)
 
 
 def motif(kind: int, u: np.ndarray, v: np.ndarray, cell: float, seed: int) -> np.ndarray:
-    """Scattered dots, flowers or leaves: coverage in [0,1]."""
+    """Returns the coverage in [0,1] of scattered motifs of a kind (0 dots, 1 flowers, 2 leaves)."""
     i, j = np.floor(u / cell), np.floor(v / cell + 0.5 * (np.floor(u / cell) % 2))
     x = u / cell - i - 0.5 - 0.25 * (lattice(i, j, seed) - 0.5)
     y = v / cell + 0.5 * (i % 2) - j - 0.5 - 0.25 * (lattice(i, j, seed + 1) - 0.5)
@@ -175,20 +181,20 @@ def motif(kind: int, u: np.ndarray, v: np.ndarray, cell: float, seed: int) -> np
 
 
 def trait(fabric: Fabric, number: int) -> float:
-    """A property in [0,1) of this piece of cloth, one for each number."""
+    """Returns a random property in [0,1) of a piece of cloth, one for each number."""
     return float(lattice(np.array(number), np.array(77), fabric.seed))
 
 
 def palette(fabric: Fabric, number: int) -> np.ndarray:
-    """A further colour (3,) of the fabric."""
-    every = [*NEUTRALS.values(), *COLOURS.values()]
-    return np.array(every[int(trait(fabric, 20 + number) * len(every))])
+    """Returns a further colour (3,) of the fabric."""
+    colours = [*NEUTRALS.values(), *COLOURS.values()]
+    return np.array(colours[int(trait(fabric, 20 + number) * len(colours))])
 
 
 def irregular(fabric: Fabric, u: np.ndarray, v: np.ndarray, offset: float, texel: float) -> np.ndarray:
-    """Logarithm of the factor (h,w) by which yarn and dye make the cloth lighter or darker from place to place."""
+    """Returns the logarithm (h,w) of the factor by which yarn and dye vary the albedo."""
     warp, weft, fleck, blotch = GRAINS.get(fabric.kind, GRAINS["plain"])
-    much, linen = 0.7 + 0.6 * trait(fabric, 0), trait(fabric, 7)
+    strength, linen = 0.7 + 0.6 * trait(fabric, 0), trait(fabric, 7)
     warp, weft, fleck = warp * (0.25 + linen), weft * (0.25 + linen), fleck * (1.6 - linen)
     yarn = 0.0012 + 0.0014 * trait(fabric, 1)
     seed = fabric.seed
@@ -197,12 +203,22 @@ def irregular(fabric: Fabric, u: np.ndarray, v: np.ndarray, offset: float, texel
     out += fleck * grain(u, v, 0.0022, 0.0030, texel, seed + 33, offset)
     out += blotch * grain(u, v, 0.0055, 0.0075, texel, seed + 34, offset)
     out += 0.6 * blotch * grain(u, v, 0.016, 0.021, texel, seed + 35, offset)
-    return much * out + 0.035 * grain(u, v, 0.09, 0.13, texel, seed + 36, offset)
+    return strength * out + 0.035 * grain(u, v, 0.09, 0.13, texel, seed + 36, offset)
 
 
 def weave(fabric: Fabric, name: str, u: np.ndarray, v: np.ndarray, texel: float = 0.001) -> np.ndarray:
-    """Linear albedo (...,3) of the fabric at cloth coordinates u across, v along (metres) of the panel `name`; texel:
-    metres between the samples, for what is too fine for them."""
+    """Computes the albedo of a fabric.
+
+    Args:
+        fabric: its kind is one of the keys of GRAINS.
+        name: of the panel.
+        u: (...) cloth coordinate across, metres.
+        v: (...) cloth coordinate along, metres.
+        texel: metres between the samples; finer details are averaged.
+
+    Returns:
+        (...,3) linear albedo.
+    """
     first, second, s = np.array(fabric.first, u.dtype), np.array(fabric.second, u.dtype), fabric.size
     seed, offset = fabric.seed, 7.31 * (sum(map(ord, name)) % 17)
     soft = max(0.0012, texel)
@@ -263,13 +279,13 @@ def weave(fabric: Fabric, name: str, u: np.ndarray, v: np.ndarray, texel: float 
     return np.clip(color * np.exp(irregular(fabric, u, v, offset, texel))[..., None], 0.008, 0.88)
 
 
-def mixed(ground: np.ndarray, figure: np.ndarray, share: np.ndarray) -> np.ndarray:
-    """Colours (...,3) between `ground` and `figure`, each (3,) or (...,3), by a share (...)."""
-    return ground + (figure - ground) * share[..., None]
+def mixed(ground: np.ndarray, pattern: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Interpolates colours (...,3) from `ground` to `pattern`, each (3,) or (...,3), by a share (...)."""
+    return ground + (pattern - ground) * share[..., None]
 
 
 def printed(fabric: Fabric, u: np.ndarray, v: np.ndarray, offset: float, soft: float) -> np.ndarray:
-    """An all-over print (...,3): dots, flowers or leaves in one or two colours, camouflage, or tie-dye."""
+    """Returns an all-over print (...,3): dots, flowers or leaves in one or two colours, camouflage, or tie-dye."""
     first, second, seed = np.array(fabric.first), np.array(fabric.second), fabric.seed
     kind, size = int(trait(fabric, 2) * 8), fabric.size * (0.5 + 1.2 * trait(fabric, 3) ** 2)
     if kind == 6:
@@ -299,7 +315,7 @@ GLYPHS = (31599, 29847, 29671, 31143, 29391, 4687, 31567, 23533, 29847, 24914, 2
 
 
 def lettering(x: np.ndarray, y: np.ndarray, seed: int, count: int) -> np.ndarray:
-    """Coverage (...) of a line of `count` block letters, each a unit square, centred at the origin."""
+    """Returns the coverage (...) of a line of `count` block letters, each a unit square, centred at the origin."""
     x = x + count / 2
     at = np.floor(x)
     glyph = np.array(GLYPHS)[(lattice(at, 0 * at, seed) * len(GLYPHS)).astype(int)]
@@ -310,7 +326,7 @@ def lettering(x: np.ndarray, y: np.ndarray, seed: int, count: int) -> np.ndarray
 
 
 def emblem(fabric: Fabric, name: str, u: np.ndarray, v: np.ndarray, soft: float) -> np.ndarray:
-    """A plain ground (...,3) with a print on the chest, large or small, or on the back, and perhaps on the sleeves."""
+    """Returns a plain ground (...,3) with a print on the chest, large or small, or on the back, or on the sleeves."""
     first, second, third = np.array(fabric.first), np.array(fabric.second), palette(fabric, 0)
     color = np.broadcast_to(first, (*np.broadcast(u, v).shape, 3))
     kind, place = int(trait(fabric, 2) * 9), trait(fabric, 3)

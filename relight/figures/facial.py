@@ -5,13 +5,13 @@ import numpy as np
 from relight.figures import makehuman, skin
 from relight.figures.body import Body
 from relight.figures.colliders import Collider
-from relight.figures.combing import Comb, Roots, plant, ramp
-from relight.figures.locks import grown
+from relight.figures.combing import Comb, Roots, plant_roots, ramp
+from relight.figures.locks import grow_guides
 from relight.figures.poses import Motion
-from relight.figures.strands import randoms, ribbons
+from relight.figures.strands import random_numbers, ribbons
 
 Strip = tuple[np.ndarray, np.ndarray, np.ndarray]  # vertices, faces, uv
-STUBBLE = 0.4  # a beard up to this is painted only
+STUBBLE = 0.4  # amount of beard up to which it is only painted
 # vertices of MakeHuman's lash helpers of the left eye, from its outer corner inward: at the lid, and at the tips
 UPPER = (
     (14749, 14748, 14747, 14746, 14745, 14744, 14742, 14743, 14760, 14761, 14762, 14766, 14763),
@@ -21,77 +21,79 @@ LOWER = (
     (14751, 14792, 14752, 14753, 14754, 14755, 14756, 14757, 14758, 14793, 14759, 14765),
     (14841, 14831, 14840, 14839, 14838, 14837, 14836, 14835, 14834, 14830, 14833, 14832),
 )
-MIRRORED = 125  # from a vertex of the left lashes to that of the right ones
+MIRROR_OFFSET = 125  # from a vertex index of the left lashes to that of the right ones
 
 
 def brows(body: Body, motion: Motion, seed: int, fine: bool) -> Strip:
-    """Hairs of both brows, up at their inner ends and outward at the outer ones."""
+    """Returns the hairs of both brows, upward at their inner ends and outward at the outer ones."""
     posed = motion.skin(makehuman.rig().weights[makehuman.BODY], body.skin)
-    roots = plant(body, posed, 600 if fine else 160, seed + 71, lambda at: skin.brow_share(at, body.person) - 0.2)
+    roots = plant_roots(body, posed, 600 if fine else 160, seed + 71, lambda at: skin.brow_share(at, body.person) - 0.2)
     x = roots.sides[:, 0] * np.linalg.norm([1, 1])
     outward, side = ramp(np.abs(x), 0.25, 0.85), np.sign(x)
     direction = np.stack([side * (0.5 + 0.6 * outward), 0.6 - 0.95 * outward, np.zeros_like(x)], 1)
-    direction += 0.25 * (2 * roots.pick[:, 1:] - 1)
+    direction += 0.25 * (2 * roots.random[:, 1:] - 1)
     direction = direction @ motion.transforms[-1, motion.bones["head"], :, :3].T
     direction -= (direction * roots.normals).sum(1, keepdims=True) * roots.normals
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
-    length = (0.005 + 0.003 * roots.pick[:, :1]) * (1 - 0.15 * body.person.female)
+    length = (0.005 + 0.003 * roots.random[:, :1]) * (1 - 0.15 * body.person.female)
     s = np.linspace(0, 1, 4)[None, :, None]
     rise = 0.0003 + 0.0014 * s * (1 - 0.75 * s)
     points = roots.points[:, None] + s * (length * direction)[:, None] + rise * roots.normals[:, None]
     normals = np.broadcast_to(roots.normals[:, None], points.shape)
-    return ribbons(0.0006 if fine else 0.0014, points, normals, roots.pick, 0.3)
+    return ribbons(0.0006 if fine else 0.0014, points, normals, roots.random, 0.3)
 
 
 def lashes(body: Body, motion: Motion, seed: int, fine: bool) -> Strip:
-    """Lashes between the lids' edges and the tips of MakeHuman's helpers, bent upward (the lower ones downward)."""
+    """Returns lashes from the lids' edges to the tips of MakeHuman's helpers, bent upward (the lower ones downward)."""
     weights = makehuman.rig().weights
     parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     share = 0.75 + 0.25 * body.person.female
     for number, (line, count) in enumerate(((UPPER, 46), (LOWER, 26)) * 2):
-        lid, tip = np.array(line) + MIRRORED * (number // 2)
-        pick = randoms(count if fine else count // 2, seed + 80 + number)
-        x = np.linspace(0, len(lid) - 1.001, len(pick))
+        lid, tip = np.array(line) + MIRROR_OFFSET * (number // 2)
+        random = random_numbers(count if fine else count // 2, seed + 80 + number)
+        x = np.linspace(0, len(lid) - 1.001, len(random))
         i, t = x.astype(int), (x - x.astype(int))[:, None]
         first = body.vertices[lid[i]] * (1 - t) + body.vertices[lid[i + 1]] * t
         last = body.vertices[tip[i]] * (1 - t) + body.vertices[tip[i + 1]] * t
-        last = first + (last - first) * share * (0.75 + 0.35 * pick[:, :1])
-        last[:, 0] += 0.0015 * (2 * pick[:, 1] - 1)
+        last = first + (last - first) * share * (0.75 + 0.35 * random[:, :1])
+        last[:, 0] += 0.0015 * (2 * random[:, 1] - 1)
         bend = first + (last - first) * [0.6, -0.1, 0.75]
         s = np.linspace(0, 1, 5)[None, :, None]
         rest = (1 - s) ** 2 * first[:, None] + 2 * s * (1 - s) * bend[:, None] + s**2 * last[:, None]
         points = motion.skin(np.repeat(weights[lid[i]], 5, axis=0), rest.reshape(-1, 3)).reshape(rest.shape)
         up = motion.transforms[-1, motion.bones["head"], :, 1]
-        parts.append((points, np.broadcast_to(up, points.shape), pick))
-    points, normals, pick = (np.concatenate(column) for column in zip(*parts))
-    return ribbons(0.0006 if fine else 0.001, points, normals, pick, 0.0)
+        parts.append((points, np.broadcast_to(up, points.shape), random))
+    points, normals, random = (np.concatenate(column) for column in zip(*parts))
+    return ribbons(0.0006 if fine else 0.001, points, normals, random, 0.0)
 
 
 def beard(
     body: Body, motion: Motion, amount: float, below: tuple[np.ndarray, np.ndarray], seed: int, fine: bool
 ) -> Strip | None:
-    """A beard, from trimmed to full, that falls from cheeks, lip and chin; None where it is painted stubble.
+    """Returns a beard on cheeks, lip and chin, from trimmed to full, or None if it is painted stubble.
 
     Args:
         body: in its rest pose.
-        motion: the motion, at whose last frame the beard is grown.
+        motion: into the pose.
         amount: of beard, in [0,1].
-        below: posed surface of skin and clothes, on which it lies.
-        seed: of what varies.
+        below: vertices and faces of posed skin and clothes.
+        seed: of the strands.
         fine: all strands, else fewer, wider ones.
     """
     if amount <= STUBBLE:
         return None
     full = (amount - STUBBLE) / (1 - STUBBLE)
     posed = motion.skin(makehuman.rig().weights[makehuman.BODY], body.skin)
-    roots = plant(body, posed, 6000 if fine else 1200, seed + 61, skin.beard_share)
+    roots = plant_roots(body, posed, 6000 if fine else 1200, seed + 61, skin.beard_share)
     x, y, z = roots.sides.T
     lip = ramp(y, -0.72, -0.62) * ramp(z, 0.55, 0.7)  # the moustache is short and parted
     direction = np.stack([0.2 * x + 0.9 * np.sign(x) * lip, -np.ones_like(x), 0.35 * (1 - lip)], 1)
-    direction = (direction + 0.2 * (2 * roots.pick[:, 1:] - 1)) @ motion.transforms[-1, motion.bones["head"], :, :3].T
+    direction = (direction + 0.2 * (2 * roots.random[:, 1:] - 1)) @ motion.transforms[-1, motion.bones["head"], :, :3].T
     chin = ramp(-y, 0.55, 0.9) * ramp(z, 0.1, 0.5)
-    length = (0.008 + 0.007 * full + 0.022 * full * chin) * (1 - 0.35 * lip) * (0.6 + 0.5 * roots.pick[:, 0])
+    length = (0.008 + 0.007 * full + 0.022 * full * chin) * (1 - 0.35 * lip) * (0.6 + 0.5 * roots.random[:, 0])
     comb = Comb(len(x), 0.03, body=0.001 + 0.005 * full, lift=0.1, weight=0.15, cling=0.3)
-    level = Roots(roots.points, roots.normals, roots.sides, np.ones(len(x)), roots.pick)
-    points, normals = grown(comb, level, direction, length, Collider(below[0], *below), 4 if fine else 3, seed + 62)
-    return ribbons((0.0011 + 0.0008 * full) * (1 if fine else 1.8), points, normals, roots.pick, 0.3)
+    level = Roots(roots.points, roots.normals, roots.sides, np.ones(len(x)), roots.random)
+    points, normals = grow_guides(
+        comb, level, direction, length, Collider(below[0], *below), 4 if fine else 3, seed + 62
+    )
+    return ribbons((0.0011 + 0.0008 * full) * (1 if fine else 1.8), points, normals, roots.random, 0.3)

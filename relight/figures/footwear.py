@@ -1,4 +1,4 @@
-"""Footwear: an upper cut from the foot of the suit and drawn in over the toes, on a sole with a heel and an edge."""
+"""Builds shoes: an upper cut from the foot of the suit, narrowed at the toes, on a sole with a heel."""
 
 from dataclasses import dataclass
 
@@ -15,9 +15,18 @@ from relight.figures.surfaces import clip, compacted, loop, normals, smoothed, s
 
 @dataclass(frozen=True)
 class Shoe:
-    """top: metres above the ankle where it ends (below: negative); sole, heel: thickness under toes and heel; point:
-    how much the toe is drawn to a point; straps: only bands of the upper remain; laces: how many bands; cap: share of
-    the length that a toe cap covers."""
+    """A kind of shoe.
+
+    Attributes:
+        name: as in the record of a figure.
+        top: metres above the ankle where the upper ends; negative below it.
+        sole: metres of thickness under the toes.
+        heel: the same under the heel.
+        point: how pointed the toe is, in [0,1].
+        straps: whether the upper consists of straps.
+        laces: number of bands of laces.
+        cap: share of the length that a toe cap covers.
+    """
 
     name: str
     top: float
@@ -43,7 +52,7 @@ SHOES = (
 
 @dataclass(frozen=True)
 class Part:
-    """vertices (V,3) posed, faces (F,3), name of the piece: upper, cap, sole, lace."""
+    """A part of a shoe: name (upper, cap, sole, lace), vertices (V,3) posed, faces (F,3)."""
 
     name: str
     vertices: np.ndarray
@@ -52,8 +61,16 @@ class Part:
 
 @dataclass(frozen=True)
 class Upper:
-    """The outside of an upper around the rest pose: shape (n,3), bone weights (n,B), faces (m,3); `foot` (B,), the
-    weights of what is rigid below the ankle; metres: height of the ground, z of toes and heel."""
+    """The outer surface of an upper.
+
+    Attributes:
+        shape: (n,3) vertices on the rest pose, metres.
+        weights: (n,B) skinning weights.
+        faces: (m,3).
+        foot: (B,) skinning weights of rigid parts below the ankle.
+        ground: height of the ground, metres.
+        toes, heel: z of both ends of the foot, metres.
+    """
 
     shape: np.ndarray
     weights: np.ndarray
@@ -65,7 +82,7 @@ class Upper:
 
 
 def palette(shoe: Shoe, upper: Color, sole: Color) -> dict[str, np.ndarray]:
-    """Linear albedo (3,) float32 of each piece, from those of the upper and the sole: rubber caps on canvas."""
+    """Returns the linear albedo (3,) of each part, from those of upper and sole; canvas shoes have rubber caps."""
     cloth, rubber = np.array(upper, np.float32), np.array(sole, np.float32)
     canvas = "sneakers" in shoe.name
     lace = rubber if canvas and rubber[0] > 0.3 else 0.35 * cloth + np.float32(0.01)
@@ -74,12 +91,12 @@ def palette(shoe: Shoe, upper: Color, sole: Color) -> dict[str, np.ndarray]:
 
 
 def build_shoes(body: Body, motion: Motion, shoe: Shoe) -> list[Part]:
-    """Both shoes at the last frame of the motion, soles below the feet."""
+    """Builds both shoes at the last frame of a motion, with the soles below the feet."""
     return [part for side in "LR" for part in one_shoe(body, motion, shoe, side)]
 
 
 def upper(body: Body, bones: dict[str, int], shoe: Shoe, side: str) -> Upper:
-    """The outside of the shoe's upper on a side ("L" | "R"), cut from the foot of the suit; bones: numbers by name."""
+    """Cuts the upper of a side ("L" | "R") from the foot of the suit; `bones` are the bones' indices by name."""
     suit, ankle = body.tights, body.joints[f"foot.{side}"]
     faces = makehuman.base().faces["helper-tights"] - makehuman.TIGHTS.start
     mine = (suit[:, 0] > 0) == (side == "L")
@@ -111,7 +128,7 @@ def upper(body: Body, bones: dict[str, int], shoe: Shoe, side: str) -> Upper:
 
 
 def one_shoe(body: Body, motion: Motion, shoe: Shoe, side: str) -> list[Part]:
-    """The parts of the shoe on a side ("L" | "R"), at the last frame of the motion."""
+    """Builds the shoe of a side ("L" | "R") at the last frame of a motion."""
     outside, ankle = upper(body, motion.bones, shoe, side), body.joints[f"foot.{side}"]
     shape, weights, faces = outside.shape, outside.weights, outside.faces
     ground, toes, heel = outside.ground, outside.toes, outside.heel
@@ -155,7 +172,7 @@ def laces(
     toes: float,
     count: int,
 ) -> Part:
-    """`count` bands across the instep and up the shaft, standing 2 mm off the upper."""
+    """Builds `count` bands of laces across the instep and up the shaft, 2.5 mm off the upper."""
     facing = normals(shape, faces)
     distance = toes - shape[:, 2] + 0.9 * (shape[:, 1] - ground)  # from the toes over the instep up the shaft, metres
     first, apart = 0.36 * length + 0.03, 0.017
@@ -175,7 +192,7 @@ def laces(
 def sole(
     bottom: np.ndarray, ground: float, shoe: Shoe, motion: Motion, foot: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """A closed slab under the outline of the foot: vertices, faces."""
+    """Returns vertices and faces of a closed slab under the outline of the foot."""
     flat = bottom[:, [0, 2]]
     hull = flat[ConvexHull(flat).vertices]
     steps = np.r_[0, np.cumsum(np.linalg.norm(np.roll(hull, -1, 0) - hull, axis=1))]

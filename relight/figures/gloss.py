@@ -1,6 +1,6 @@
-"""Gloss of a figure's materials: reflection at a clear surface over the albedo, as in glTF 2.0.
+"""Gloss of a figure's materials: roughness and specular as in glTF 2.0.
 
-Skin and eyes reflect by their refractive indices, taken as 1.4 and 1.376; all else is set by eye, not measured.
+The specular of skin and eyes follows from their refractive indices, 1.4 and 1.376. All other values are set by eye.
 """
 
 from dataclasses import replace
@@ -9,7 +9,7 @@ from relight.figures.fabrics import Fabric, trait
 from relight.figures.outfits import Outfit
 from relight.meshes import Material
 
-CLOTH = (0.85, 0.3)  # roughness, and reflectance as a share of 4 %
+CLOTH = (0.85, 0.3)  # roughness; specular: reflectance over 4 %
 SATIN = (0.38, 0.8)
 LEATHER = (0.45, 0.8)
 GLOSS = {
@@ -28,22 +28,22 @@ GLOSS = {
     "seat": (0.6, 0.6),
     "stool legs": (0.5, 0.8),
 }
-WOVEN = ("plain", "print", "stripes", "fine stripes", "check")  # of which some cloth is satin
-SATINS = 0.12  # share of it
+WOVEN = ("plain", "print", "stripes", "fine stripes", "check")  # kinds of fabric that may be satin
+SATIN_SHARE = 0.12  # of these fabrics
 
 
 def fabric_gloss(fabric: Fabric) -> tuple[float, float]:
-    """Roughness and specular of a fabric."""
-    if fabric.kind in WOVEN and trait(fabric, 30) < SATINS:
+    """Returns roughness and specular of a fabric."""
+    if fabric.kind in WOVEN and trait(fabric, 30) < SATIN_SHARE:
         return SATIN
     return GLOSS.get(fabric.kind, CLOTH)
 
 
 def with_gloss(material: Material, outfit: Outfit) -> Material:
-    """A material with the gloss that its name and the outfit's fabrics tell."""
-    worn: dict[str, Fabric | None] = {garment.name: fabric for garment, fabric in outfit.garments}
-    worn |= {"hat": outfit.hat, "tie": outfit.tie, "belt": outfit.belt}
-    fabric = worn.get(material.name)
+    """Returns a material with the gloss for its name and the outfit's fabrics."""
+    fabrics: dict[str, Fabric | None] = {garment.name: fabric for garment, fabric in outfit.garments}
+    fabrics |= {"hat": outfit.hat, "tie": outfit.tie, "belt": outfit.belt}
+    fabric = fabrics.get(material.name)
     if fabric is not None:
         roughness, specular = fabric_gloss(fabric)
     elif material.name.startswith("shoes:") and "sneakers" in outfit.shoe.name and not material.name.endswith("sole"):

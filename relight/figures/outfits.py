@@ -57,6 +57,8 @@ NECKS = (  # of tops cut like a t-shirt: radii of the opening, and depth of a V 
 )
 TUCKS = ("shirt", "t-shirt", "fitted t-shirt", "long sleeve", "polo shirt", "roll-neck")  # may be worn inside trousers
 ROUND = ("t-shirt", "fitted t-shirt", "long sleeve", "sweater", "dress", "long dress")  # cut like a t-shirt at the neck
+LIGHT_SKIN_IRISES = (0.1, 0.3, 0.25, 0.15, 0.2)  # probabilities of IRISES
+DARK_SKIN_IRISES = (0.6, 0.34, 0.02, 0.02, 0.02)
 TIES = ("plain", "stripes", "print", "check")
 MAX_WAIST_EASE = 0.036  # metres, of a top: wider cloth falls into one deep fold at the back
 MAX_INNER_EASE = 0.020  # metres, of the trunk of a top worn under a jacket
@@ -83,7 +85,7 @@ def tailored(rng: np.random.Generator, garment: Garment) -> Garment:
     width = float(np.exp(np.clip(rng.normal(-0.05, 0.32), -0.7, 0.6)))
     if garment.kind == "top":
         width = min(width, MAX_WAIST_EASE / garment.torso_ease[1])
-    longer, sleeve, leg = rng.normal(0, [0.025, 0.05, 0.03])
+    extra_drop, sleeve, leg = rng.normal(0, [0.025, 0.05, 0.03])
 
     def eased(ease: tuple[float, ...]) -> tuple[float, ...]:
         return tuple(min(e, MIN_EASE) + width * max(e - MIN_EASE, 0) for e in ease)
@@ -102,14 +104,14 @@ def tailored(rng: np.random.Generator, garment: Garment) -> Garment:
     elif garment.kind == "trousers":
         leg = garment.leg_end + 3 * leg
     if garment.drop > 0.2:
-        longer = garment.drop * (min(float(np.exp(rng.normal(-0.03, 0.12))), MAX_LENGTH) - 1)
+        extra_drop = garment.drop * (min(float(np.exp(rng.normal(-0.03, 0.12))), MAX_LENGTH) - 1)
     return replace(
         garment,
         torso_ease=eased(garment.torso_ease),
         arm_ease=eased(garment.arm_ease),
         leg_ease=eased(garment.leg_ease),
         leg_end=leg if garment.kind == "trousers" else garment.leg_end,
-        drop=max(garment.drop + longer, 0.0) if garment.drop else 0.0,
+        drop=max(garment.drop + extra_drop, 0.0) if garment.drop else 0.0,
         flare=garment.flare * float(np.exp(rng.normal(0, 0.15))),
         fold_phase=float(rng.uniform(0, 2 * np.pi)),
     )
@@ -184,6 +186,48 @@ def pick(rng: np.random.Generator, *names: str) -> Garment:
     return tailored(rng, by_name[str(rng.choice(names))])
 
 
+def sample_base_garments(rng: np.random.Generator, woman: bool) -> list[Garment]:
+    """Draws the garments below jackets and scarves, from the skin outward."""
+    draw = rng.random()
+    if draw > 0.975:
+        return [pick(rng, "robe")]
+    if woman and draw < 0.20:
+        return [pick(rng, "dress", "dress", "sleeveless dress", "long dress", "shift dress")]
+    if woman and draw < 0.40:
+        names = ["t-shirt", "fitted t-shirt", "shirt", "long sleeve", "tank top", "short shirt", "roll-neck"]
+        skirts = ["a-line skirt", "short skirt", "long skirt", "flared skirt", "pleated skirt", "pencil skirt"]
+        return tucked(pick(rng, *names), pick(rng, *skirts))
+    if woman and draw < 0.48:
+        return [pick(rng, "leggings"), pick(rng, "t-shirt", "long sleeve", "sweater", "hoodie", "tank top", "shirt")]
+    names = ["jeans", "jeans", "wide jeans", "slim trousers", "trousers", "trousers", "joggers", "wide trousers"]
+    bottom = pick(rng, *names, "shorts")
+    names = ["t-shirt", "t-shirt", "long sleeve", "shirt", "shirt", "short shirt", "polo shirt", "sweater", "hoodie"]
+    top = pick(rng, *names, "roll-neck", "tank top", *(["fitted t-shirt"] if woman else []))
+    inside = top.name in TUCKS and bottom.name != "joggers" and rng.random() < 0.38
+    return tucked(top, bottom) if inside else [bottom, top]
+
+
+def innermost_top(worn: list[Garment]) -> Garment:
+    """Returns the first top of the garments, or the only garment."""
+    return worn[0] if len(worn) == 1 else next(g for g in worn if g.kind == "top")
+
+
+def add_outer_layers(rng: np.random.Generator, worn: list[Garment]) -> list[Garment]:
+    """Draws a jacket or coat over the garments, and a scarf over that; often there is neither."""
+    worn, top = list(worn), innermost_top(worn)
+    if top.name in ("sweater", "hoodie", "robe") or top.seam is not None or rng.random() >= 0.40:
+        return worn
+    outer = ["jacket", "jacket", "closed jacket", "blazer", "coat", "closed coat", "cardigan", "vest"]
+    waistcoat = ["waistcoat"] if top.collar == "fold" and top.tuck_height is not None else []
+    inner = under(top)
+    worn[worn.index(top)] = inner
+    worn.append(over(pick(rng, *outer, *waistcoat), inner))
+    odds = {"coat": 0.5, "closed coat": 0.5, "jacket": 0.3, "blazer": 0.25, "cardigan": 0.25}.get(worn[-1].name, 0)
+    if rng.random() < odds and not any(g.name in ("shorts", "tank top") for g in worn):
+        worn.append(SCARVES[int(rng.integers(len(SCARVES)))])
+    return worn
+
+
 def sample_outfit(rng: np.random.Generator, person: Person, styles: Collection[str] = ()) -> Outfit:
     """Draws an outfit. Only women wear skirts and dresses, only men have beards.
 
@@ -193,59 +237,22 @@ def sample_outfit(rng: np.random.Generator, person: Person, styles: Collection[s
         styles: names of the hair styles to draw from, at least one of which suits the person; empty for all.
     """
     woman = person.female > 0.5
-    draw = rng.random()
-    worn: list[Garment] = []
-    if draw > 0.975:
-        worn = [pick(rng, "robe")]
-    elif woman and draw < 0.20:
-        worn = [pick(rng, "dress", "dress", "sleeveless dress", "long dress", "shift dress")]
-    elif woman and draw < 0.40:
-        names = ["t-shirt", "fitted t-shirt", "shirt", "long sleeve", "tank top", "short shirt", "roll-neck"]
-        skirts = ["a-line skirt", "short skirt", "long skirt", "flared skirt", "pleated skirt", "pencil skirt"]
-        worn = tucked(pick(rng, *names), pick(rng, *skirts))
-    elif woman and draw < 0.48:
-        worn = [pick(rng, "leggings"), pick(rng, "t-shirt", "long sleeve", "sweater", "hoodie", "tank top", "shirt")]
-    else:
-        names = ["jeans", "jeans", "wide jeans", "slim trousers", "trousers", "trousers", "joggers", "wide trousers"]
-        bottom = pick(rng, *names, "shorts")
-        names = [
-            "t-shirt",
-            "t-shirt",
-            "long sleeve",
-            "shirt",
-            "shirt",
-            "short shirt",
-            "polo shirt",
-            "sweater",
-            "hoodie",
-        ]
-        top = pick(rng, *names, "roll-neck", "tank top", *(["fitted t-shirt"] if woman else []))
-        inside = top.name in TUCKS and bottom.name != "joggers" and rng.random() < 0.38
-        worn = tucked(top, bottom) if inside else [bottom, top]
-    thin = worn[0] if len(worn) == 1 else next(g for g in worn if g.kind == "top")
-    if thin.name not in ("sweater", "hoodie", "robe") and thin.seam is None and rng.random() < 0.40:
-        outer = ["jacket", "jacket", "closed jacket", "blazer", "coat", "closed coat", "cardigan", "vest"]
-        waistcoat = ["waistcoat"] if thin.collar == "fold" and thin.tuck_height is not None else []
-        inner = under(thin)
-        worn[worn.index(thin)] = inner
-        worn.append(over(pick(rng, *outer, *waistcoat), inner))
-        odds = {"coat": 0.5, "closed coat": 0.5, "jacket": 0.3, "blazer": 0.25, "cardigan": 0.25}.get(worn[-1].name, 0)
-        if rng.random() < odds and not any(g.name in ("shorts", "tank top") for g in worn):
-            worn.append(SCARVES[int(rng.integers(len(SCARVES)))])
-    pieces = {g.name for g in worn}
-    ties = "shirt" in pieces and not woman and not pieces & {"scarf", "wrapped scarf", "shorts"}
-    tie = ties and rng.random() < (0.85 if pieces & {"blazer", "waistcoat"} else 0.3)
-    waisted = thin.tuck_height is not None and worn[1].kind == "trousers" and not pieces & {"leggings", "joggers"}
-    belt = rng.random() < (0.6 if waisted else 0.35 if thin.seam is not None else 0.4 * (thin.name == "robe"))
-    if belt and not waisted:
+    worn = add_outer_layers(rng, sample_base_garments(rng, woman))
+    names = {g.name for g in worn}
+    thin = innermost_top(worn)
+    can_tie = "shirt" in names and not woman and not names & {"scarf", "wrapped scarf", "shorts"}
+    tie = can_tie and rng.random() < (0.85 if names & {"blazer", "waistcoat"} else 0.3)
+    has_loops = thin.tuck_height is not None and worn[1].kind == "trousers" and not names & {"leggings", "joggers"}
+    belt = rng.random() < (0.6 if has_loops else 0.35 if thin.seam is not None else 0.4 * (thin.name == "robe"))
+    if belt and not has_loops:
         worn[0] = replace(thin, belt_height=BELT if thin.seam is None else thin.seam + ABOVE_SEAM)
-    cloths = [(g, fabrics.sample_fabric(rng, g.fabrics, is_muted(g))) for g in worn]
+    garments = [(g, fabrics.sample_fabric(rng, g.fabrics, is_muted(g))) for g in worn]
     shoe = SHOES[int(rng.choice(len(SHOES), p=shoe_odds(woman, worn)))]
     upper = shoe_color(rng, shoe)
     pale = "sneaker" in shoe.name and rng.random() < 0.75
     style = STYLES[int(rng.choice(len(STYLES), p=hair_odds(woman, person, styles)))]
     return Outfit(
-        garments=cloths,
+        garments=garments,
         shoe=shoe,
         upper=upper,
         sole=(0.68, 0.66, 0.62) if pale else (0.03, 0.025, 0.022),
@@ -254,13 +261,7 @@ def sample_outfit(rng: np.random.Generator, person: Person, styles: Collection[s
         hat=fabrics.sample_fabric(rng, ("knit",) if style.hat == "beanie" else ("plain", "denim"), False),
         beard=0.0 if woman or rng.random() < 0.5 else float(rng.uniform(0.15, 0.9)),
         makeup=float(rng.uniform(0.1, 0.9)) if woman else 0.0,
-        iris=IRISES[
-            int(
-                rng.choice(
-                    len(IRISES), p=(0.1, 0.3, 0.25, 0.15, 0.2) if person.skin > 0.75 else (0.6, 0.34, 0.02, 0.02, 0.02)
-                )
-            )
-        ],
+        iris=IRISES[int(rng.choice(len(IRISES), p=LIGHT_SKIN_IRISES if person.skin > 0.75 else DARK_SKIN_IRISES))],
         tie=fabrics.sample_fabric(rng, TIES, False) if tie else None,
         belt=fabrics.sample_fabric(rng, ("leather",), True) if belt else None,
     )

@@ -1,4 +1,4 @@
-"""Flat panels: a garment's cloth coordinates (metres, straight grain as a tailor cuts it) and their texture atlas."""
+"""Panels: a garment's cloth coordinates in metres, along the straight grain, and their texture atlas."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,17 +10,26 @@ from relight.figures.patterns import Pattern
 from relight.srgb import encode
 
 GUTTER = 2  # pixels between panels and around them
-CODES = (255 * encode(np.arange(65536) / 65535) + 0.5).astype(np.uint8)
+SRGB = (255 * encode(np.arange(65536) / 65535) + 0.5).astype(np.uint8)
 
 
-Box = tuple[float, float, int, int, int, int]  # of a panel: metres (u0, v0) of its corner; column, row, columns, rows
+Box = tuple[float, float, int, int, int, int]  # u0, v0 (metres) of a panel's corner; its column, row, columns, rows
 Painter = Callable[[str, np.ndarray, np.ndarray, tuple[slice, slice]], np.ndarray]  # see `draw`
 
 
 @dataclass(frozen=True)
 class Panels:
-    """panel (F,) names of each face by number; cloth (F,3,2) metres across and along; uv (F,3,2) in the atlas; boxes:
-    the rectangle of each panel by number; scale: pixels per metre; side: pixels of the atlas."""
+    """The panels of a garment and their texture atlas.
+
+    Attributes:
+        names: of the panels, by number.
+        panel: (F,) number of each face's panel.
+        cloth: (F,3,2) cloth coordinates of the corners, metres across and along.
+        uv: (F,3,2) of the corners in the atlas.
+        boxes: rectangle of each panel, by number.
+        scale: pixels per metre.
+        side: pixels of the atlas.
+    """
 
     names: list[str]
     panel: np.ndarray
@@ -31,22 +40,31 @@ class Panels:
     side: int
 
 
-def around(sideways: np.ndarray, forward: np.ndarray) -> np.ndarray:
-    """Arc length from the panel's middle: angle times radius; the angle is made continuous inside each face."""
+def arc_length(sideways: np.ndarray, forward: np.ndarray) -> np.ndarray:
+    """Returns the arc length (F,3) from a panel's middle: radius times angle, which is continuous inside each face."""
     angle = np.arctan2(sideways, forward)
     angle = angle[:, :1] + (angle - angle[:, :1] + np.pi) % (2 * np.pi) - np.pi
     return angle * np.hypot(sideways, forward)
 
 
 def side_plane(pattern: Pattern) -> float:
-    """The z of the plane between front and back of what is cut from the trunk."""
+    """Returns the z of the plane between front and back of the trunk, metres."""
     p, y = pattern.levels[-1].rest_shape, pattern.fields["y"]
     return float(np.median(p[y > np.median(y), 2]))
 
 
 def limb_frame(body: Body, pattern: Pattern, side: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Which faces (F,) are of the sleeve or trouser leg of a side; of their corners (m,3), metres from the limb's axis:
-    outward and forward of a leg, upward and forward of an arm."""
+    """Finds the faces of a sleeve or trouser leg.
+
+    Args:
+        body: in its rest pose.
+        pattern: of a top or trousers.
+        side: L | R.
+
+    Returns:
+        Which faces (F,) belong to the limb; of their corners, the metres (m,3) outward from a leg's axis, or upward
+        from an arm's; the same forward.
+    """
     level, j = pattern.levels[-1], body.joints
     corner = level.rest_shape[level.faces]
     middle = corner.mean(1)[:, 0]
@@ -63,7 +81,7 @@ def limb_frame(body: Body, pattern: Pattern, side: str) -> tuple[np.ndarray, np.
 
 
 def arm_axes(body: Body, side: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Unit vectors (3,) along the arm of the rest pose, up, and forward."""
+    """Returns unit vectors (3,) along an arm of the rest pose, up, and forward."""
     start, end = body.joints[f"upperarm01.{side}"], body.joints[f"wrist.{side}"]
     along = (end - start) / np.linalg.norm(end - start)
     up = np.array([0.0, 1.0, 0.0]) - along * along[1]
@@ -72,11 +90,11 @@ def arm_axes(body: Body, side: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]
 
 
 def cloth_coordinates(body: Body, pattern: Pattern) -> tuple[list[str], np.ndarray, np.ndarray]:
-    """Names, panel of each face (F,), cloth coordinates (F,3,2) of its corners in metres."""
+    """Returns the panels' names, the panel (F,) of each face, and cloth coordinates (F,3,2) of its corners, metres."""
     level = pattern.levels[-1]
     faces, p = level.faces, level.rest_shape
     corner = p[faces]
-    if pattern.garment.kind == "scarf":  # both halves carry the same picture, from the middle to the ends
+    if pattern.garment.kind == "scarf":  # both halves have the same texture, from the middle to the ends
         return ["scarf"], np.zeros(len(faces), int), np.stack([corner[..., 0], np.abs(corner[..., 1])], axis=-1)
     middle = corner.mean(1)
     cloth = np.zeros((*faces.shape, 2))
@@ -90,19 +108,19 @@ def cloth_coordinates(body: Body, pattern: Pattern) -> tuple[list[str], np.ndarr
             back = forward.mean(1) < 0
             panel[mine] = k + 2 * back
             turn = np.where(back, -1, 1)[:, None]
-            cloth[mine, :, 0] = around(out * turn, forward * turn) * turn * sign
+            cloth[mine, :, 0] = arc_length(out * turn, forward * turn) * turn * sign
         return names, panel, cloth
     names = ["front", "back", "left sleeve", "right sleeve"]
     axis = side_plane(pattern)
     back = middle[:, 2] < axis
     turn = np.where(back, -1, 1)[:, None]
     panel[back] = 1
-    cloth[..., 0] = around(corner[..., 0] * turn, (corner[..., 2] - axis) * turn)
+    cloth[..., 0] = arc_length(corner[..., 0] * turn, (corner[..., 2] - axis) * turn)
     if pattern.garment.kind == "top":
         for k, side in enumerate("LR"):
             mine, up, forward = limb_frame(body, pattern, side)
             panel[mine] = 2 + k
-            cloth[mine, :, 0] = around(forward, up)
+            cloth[mine, :, 0] = arc_length(forward, up)
             cloth[mine, :, 1] = -((corner[mine] - body.joints[f"upperarm01.{side}"]) @ arm_axes(body, side)[0])
     return names, panel, cloth
 
@@ -115,7 +133,7 @@ def lay_out(names: list[str], panel: np.ndarray, cloth: np.ndarray, side: int) -
     order = sorted(used, key=lambda k: (-span[k][1], k))
 
     def place(scale: float) -> dict[int, Box]:
-        """The rectangles at a scale; none where they do not fit."""
+        """Returns the rectangles at a scale; none if they do not fit."""
         boxes, x, y, row = {}, 0, 0, 0
         for k in order:
             w, h = (int(np.ceil(s * scale)) + 2 * GUTTER for s in span[k])
@@ -141,8 +159,16 @@ def lay_out(names: list[str], panel: np.ndarray, cloth: np.ndarray, side: int) -
 
 
 def draw(panels: Panels, paint: Painter) -> np.ndarray:
-    """The atlas: paint(name, u (h,w), v (h,w), place) -> (h,w,3) linear albedo, for each panel, which takes up `place`
-    (two slices, rows from the bottom up) of it. (side,side,3) uint8 sRGB."""
+    """Paints the atlas of a garment.
+
+    Args:
+        panels: of the garment.
+        paint: (name of a panel, u (h,w), v (h,w), place) to linear albedo (h,w,3); the place is two slices of the
+            atlas with rows from the bottom up.
+
+    Returns:
+        (side,side,3) uint8 sRGB.
+    """
     image = np.full((panels.side, panels.side, 3), 128, np.uint8)
     for k, (u0, v0, x, y, w, h) in panels.boxes.items():
         u = u0 + (np.arange(w) + 0.5 - GUTTER) / panels.scale
@@ -154,5 +180,5 @@ def draw(panels: Panels, paint: Painter) -> np.ndarray:
 
 
 def coded(linear: np.ndarray) -> np.ndarray:
-    """Linear values, clipped to [0,1], as 8-bit sRGB, from 16 bits."""
-    return CODES[(65535 * np.clip(linear, 0, 1) + 0.5).astype(np.uint16)]
+    """Returns linear values, clipped to [0,1], as 8-bit sRGB."""
+    return SRGB[(65535 * np.clip(linear, 0, 1) + 0.5).astype(np.uint16)]

@@ -1,22 +1,34 @@
-"""What a tailor adds to the cloth, as albedo on the panels: waistbands, pockets, plackets and buttons."""
+"""Paints waistbands, pockets, plackets and buttons into the albedo of the panels."""
 
 import numpy as np
 
 from relight.figures.garments import Garment
 
-STITCH = 0.0011  # metres
+STITCH = 0.0011  # half the width of a line of stitches, metres
 
 
 def line(distance: np.ndarray) -> np.ndarray:
-    """1 on a line where `distance` (metres) is 0."""
+    """Returns the coverage of a line of stitches at `distance` metres from it, in [0,1]."""
     return np.clip(1.5 - np.abs(distance) / STITCH, 0, 1)
 
 
 def stitched(
     garment: Garment, kind: str, name: str, u: np.ndarray, v: np.ndarray, top: float, color: np.ndarray
 ) -> np.ndarray:
-    """Adds to the albedo (...,3) of panel `name` at u, v (metres; v from the crotch) what is sewn there. top: v of the
-    panel's upper end."""
+    """Adds sewn details to the albedo of a panel.
+
+    Args:
+        garment: of the panel.
+        kind: of fabric.
+        name: of the panel.
+        u: (...) cloth coordinate across, metres.
+        v: (...) cloth coordinate along, metres, 0 at the crotch.
+        top: v of the panel's upper end.
+        color: (...,3) linear albedo.
+
+    Returns:
+        (...,3) linear albedo.
+    """
     dark, thread = color * 0.55, color * 0.6
     if kind == "denim":
         thread = np.broadcast_to(np.array([0.36, 0.20, 0.07]), color.shape)

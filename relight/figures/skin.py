@@ -1,4 +1,4 @@
-"""Albedo of skin and eyes: tone, lips, brows, lids, nails, stubble, cropped hair, painted in MakeHuman's UV."""
+"""Paints the albedo of skin and eyes in MakeHuman's UV: tone, lips, brows, lids, nails, stubble, cropped hair."""
 
 from functools import cache
 
@@ -46,7 +46,7 @@ UPPER_LIP, LOWER_LIP = 474, 494  # vertices of the base mesh where the lips meet
 
 @cache
 def texels(side: int) -> np.ndarray:
-    """The point of the base body (metres) at each texel of its UV map: (side, side, 3), NaN outside the islands."""
+    """Returns the point of the base body (side,side,3) at each texel of its UV map, metres; NaN outside the islands."""
     base = makehuman.base()
     at = base.uv[base.uv_faces["body"]] * side - 0.5
     corner = base.vertices[base.faces["body"]]
@@ -73,20 +73,33 @@ def texels(side: int) -> np.ndarray:
 
 @cache
 def region(name: str, side: int) -> np.ndarray:
-    """One of MakeHuman's UV masks (lips, eyelids, ears, fingernails, toenails, ...) at `side` pixels, in [0,1]."""
+    """Returns one of MakeHuman's UV masks (lips, eyelids, ears, fingernails, ...) at `side` pixels, in [0,1]."""
     picture = Image.open(makehuman.folder() / f"mpfb2/textures/mpfb_{name}.jpg").convert("L")
     return np.asarray(picture.resize((side, side), Image.Resampling.BILINEAR), float) / 255
 
 
 def tone(person: Person) -> np.ndarray:
-    """The person's base skin albedo, linear (3,)."""
+    """Returns the person's mean skin albedo, linear (3,)."""
     return np.array([np.interp(person.skin * (len(TONES) - 1), range(len(TONES)), TONES[:, c]) for c in range(3)])
 
 
 def paint_skin(
     person: Person, hair: np.ndarray, scalp: float, beard: float, makeup: float, side: int, seed: int
 ) -> np.ndarray:
-    """The body's texture (side,side,3) uint8 sRGB. scalp, beard: coverage of cropped hair in [0,1]; makeup in [0,1]."""
+    """Paints the texture of a body.
+
+    Args:
+        person: skin tone, sex.
+        hair: (3,) linear albedo of the hair.
+        scalp: coverage of cropped hair on the scalp, in [0,1].
+        beard: the same of the beard.
+        makeup: amount in [0,1].
+        side: pixels of the texture.
+        seed: of the random details.
+
+    Returns:
+        (side,side,3) uint8 sRGB.
+    """
     point = texels(side)
     inside = np.isfinite(point[..., 0])
     x, y, z = np.moveaxis(point[inside], -1, 0)
@@ -108,7 +121,7 @@ def paint_skin(
         color = color * (1 - share) + goal * share
 
     fleck = noise(x * 330, y * 330 + z * 250, seed + 5)
-    sunny = np.exp(-(((y - eye[1] + 0.04) / 0.035) ** 2)) * front + 0.25  # freckles: most across nose and cheeks
+    sunny = np.exp(-(((y - eye[1] + 0.04) / 0.035) ** 2)) * front + 0.25  # freckles are densest across nose and cheeks
     mix(0.5 * freckles(person, seed) * sunny * np.clip((fleck - 0.66) / 0.12, 0, 1), skin * [0.66, 0.52, 0.44])
     mole = noise(x * 170, y * 170 + z * 130, seed + 6)
     mix(0.7 * np.clip((mole - 0.965) / 0.015, 0, 1), skin * [0.42, 0.33, 0.30])
@@ -138,12 +151,12 @@ def paint_skin(
 
 
 def brow_color(hair: np.ndarray) -> np.ndarray:
-    """Linear albedo (3,) of brows, and of cropped beards: white hair is thin there, and skin shows through."""
+    """Returns the linear albedo (3,) of brows and cropped beards; skin shows through where hair is light and thin."""
     return 0.8 * hair * min(1.0, (0.09 / max(float(hair.mean()), 1e-6)) ** 0.7)
 
 
 def brow_share(points: np.ndarray, person: Person) -> np.ndarray:
-    """How densely brows grow at points (n,3) of the base body, in [0,1]."""
+    """Returns the density (n,) of brows at points (n,3) of the base body, in [0,1]."""
     eye = makehuman.base().vertices[makehuman.EYES["L"]].mean(0)
     across, y = np.abs(points[:, 0]), points[:, 1]
     ridge = eye[1] + 0.0225 - 0.30 * np.clip(across - eye[0] - 0.004, 0, 1) - 0.12 * np.clip(eye[0] - across, 0, 1)
@@ -155,7 +168,7 @@ def brow_share(points: np.ndarray, person: Person) -> np.ndarray:
 
 
 def beard_share(points: np.ndarray) -> np.ndarray:
-    """How densely beards grow at points (n,3) of the base body, in [0,1]: jaw, chin, and upper lip."""
+    """Returns the density (n,) of a beard on jaw, chin and upper lip at points (n,3) of the base body, in [0,1]."""
     eye = makehuman.base().vertices[makehuman.EYES["L"]].mean(0)
 
     def ramp(value: np.ndarray, width: float) -> np.ndarray:
@@ -169,20 +182,20 @@ def beard_share(points: np.ndarray) -> np.ndarray:
 
 
 def mouth_share(points: np.ndarray) -> np.ndarray:
-    """1 at points (n,3) of the base body on the lips and in the mouth, where nothing grows, else 0."""
+    """Returns 1 (n,) at points (n,3) of the base body on the lips and in the mouth, else 0."""
     lips = makehuman.base().vertices[[UPPER_LIP, LOWER_LIP]].mean(0)
     off = (points - lips) / [0.027, 0.009, 0.03]
     return ((off**2).sum(1) < 1).astype(float)
 
 
 def freckles(person: Person, seed: int) -> float:
-    """How freckled somebody is, in [0,1]: one in two with light skin."""
+    """Returns how freckled a person is, in [0,1]: above 0 for every second person with light skin."""
     drawn = float(lattice(np.array(seed), np.array(1), 91))
     return max(0.0, 2 * drawn - 1) * float(np.clip(3 * (person.skin - 0.5), 0, 1))
 
 
 def hairline(azimuth: np.ndarray) -> np.ndarray:
-    """Elevation (sine) above which the head carries hair; azimuth 0 is the face, +-pi the nape, 1.2 a sideburn."""
+    """Returns the elevation (sine) above which hair grows; azimuth 0 is the face, +-pi the nape, 1.2 a sideburn."""
     at = [0, 0.5, 0.8, 0.98, 1.10, 1.22, 1.34, 1.62, 1.75, 1.95, 2.35, np.pi]
     return np.interp(
         np.abs(azimuth), at, [0.34, 0.33, 0.24, 0.04, -0.22, -0.38, -0.20, -0.20, -0.40, -0.62, -0.74, -0.80]
@@ -190,7 +203,7 @@ def hairline(azimuth: np.ndarray) -> np.ndarray:
 
 
 def above_hairline(points: np.ndarray) -> np.ndarray:
-    """How far points (..., 3) of the base head lie above its hairline, as the sine of elevation; -1 below the head."""
+    """Returns how far points (...,3) of the base head are above its hairline, in sine of elevation; -1 below it."""
     eye = makehuman.base().vertices[makehuman.EYES["L"]].mean(0)
     direction = points - np.array([0.0, eye[1] + 0.028, eye[2] - 0.085])
     direction = direction / np.linalg.norm(direction, axis=-1, keepdims=True)
@@ -199,12 +212,12 @@ def above_hairline(points: np.ndarray) -> np.ndarray:
 
 
 def scalp_share(points: np.ndarray, soft: float) -> np.ndarray:
-    """1 where the base head carries hair, falling to 0 over `soft` (sine of elevation) at the hairline."""
+    """Returns 1 where hair grows on the base head, down to 0 over `soft` (sine of elevation) at the hairline."""
     return np.clip(above_hairline(points) / soft - 0.4, 0, 1)
 
 
 def paint_eye(iris: np.ndarray, side: int, seed: int) -> np.ndarray:
-    """An eye seen from in front, filling the picture: (side,side,3) uint8 sRGB."""
+    """Paints an eye seen from the front, as large as the picture: (side,side,3) uint8 sRGB."""
     a = (np.arange(side) + 0.5) / side * 2 - 1
     x, y = np.meshgrid(a, -a)
     r, angle = np.hypot(x, y), np.arctan2(y, x)

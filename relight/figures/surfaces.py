@@ -1,6 +1,7 @@
-"""Triangle surfaces whose vertices are sparse combinations of other vertices, so that every attribute follows a cut.
+"""Operations on triangle meshes: cuts, subdivision, borders, smoothing.
 
-A surface is (M, faces): M (n,k) sparse maps attributes of k source vertices (positions, weights, fields) to its n own.
+Where vertices are combinations of other vertices, a mesh is (matrix, faces). The sparse matrix (n,k) maps attributes
+(positions, weights, fields) of k source vertices to its n vertices.
 """
 
 import numpy as np
@@ -10,7 +11,7 @@ Surface = tuple[np.ndarray, np.ndarray]  # vertices (V,3) and faces (F,3)
 
 
 def edges(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Unique edges (E,2), the edge (F,3) of each side 01, 12, 20, and how many faces (E,) use each edge."""
+    """Returns the edges (E,2), the edge (F,3) of each side 01, 12, 20, and the number of faces (E,) at each edge."""
     sides = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1).astype(np.int64)
     n = int(faces.max(initial=0)) + 1
     unique, inverse, count = np.unique(sides[:, 0] * n + sides[:, 1], return_inverse=True, return_counts=True)
@@ -18,14 +19,14 @@ def edges(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def rim(faces: np.ndarray) -> np.ndarray:
-    """The directed sides (m,2) that only one face uses, sorted by their first vertex."""
+    """Returns the directed border edges (m,2), sorted by their first vertex."""
     _, face_edge, count = edges(faces)
     out = np.concatenate([faces[count[face_edge[:, k]] == 1][:, [k, (k + 1) % 3]] for k in range(3)])
     return out[np.lexsort((out[:, 1], out[:, 0]))]
 
 
 def neighbours(faces: np.ndarray, n: int) -> sparse.csr_matrix:
-    """Row-stochastic vertex adjacency (n,n)."""
+    """Returns the row-stochastic vertex adjacency (n,n), whose product with values averages them over neighbours."""
     e = edges(faces)[0]
     a = sparse.coo_matrix(
         (np.ones(2 * len(e)), (np.r_[e[:, 0], e[:, 1]], np.r_[e[:, 1], e[:, 0]])), shape=(n, n)
@@ -34,7 +35,7 @@ def neighbours(faces: np.ndarray, n: int) -> sparse.csr_matrix:
 
 
 def normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    """Area-weighted unit vertex normals (V,3)."""
+    """Returns area-weighted unit vertex normals (V,3)."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     flat = np.cross(b - a, c - a)
     out = np.stack([np.bincount(faces.ravel(), np.repeat(flat[:, d], 3), len(vertices)) for d in range(3)], axis=1)
@@ -42,7 +43,7 @@ def normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def compacted(matrix: sparse.csr_matrix, faces: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray]:
-    """Drops the vertices that no face uses."""
+    """Drops unused vertices."""
     used, inverse = np.unique(faces, return_inverse=True)
     return matrix[used], inverse.reshape(faces.shape)
 
@@ -50,9 +51,9 @@ def compacted(matrix: sparse.csr_matrix, faces: np.ndarray) -> tuple[sparse.csr_
 def clip(
     matrix: sparse.csr_matrix, faces: np.ndarray, field: np.ndarray, snap: float = 0.35
 ) -> tuple[sparse.csr_matrix, np.ndarray]:
-    """Keeps the part of the surface where `field` (n,) > 0, cut along the exact zero line.
+    """Keeps the part of a surface where `field` (n,) > 0, cut along its zero line.
 
-    A vertex closer to the line than `snap` of its edge slides onto it, so that the cut leaves no slivers.
+    A vertex whose distance from the line is less than `snap` of its edge moves onto it, which avoids slivers.
     """
     n, s = matrix.shape[0], field.astype(float).copy()
     e, face_edge, count = edges(faces)
@@ -61,7 +62,7 @@ def clip(
     t = a[crossing] / (a[crossing] - b[crossing])
     near = np.concatenate([t, 1 - t])
     vertex, other = e[crossing].T.ravel(), e[crossing][:, ::-1].T.ravel()
-    at_rim = np.zeros(n, bool)  # a vertex of the border slides along the border only
+    at_rim = np.zeros(n, bool)  # border vertices move along the border only
     at_rim[e[count == 1].ravel()] = True
     near = np.where(at_rim[vertex] & np.tile(count[crossing] != 1, 2), np.inf, near)
     order = np.lexsort((other, near, vertex))
@@ -99,20 +100,24 @@ def clip(
 def split(
     matrix: sparse.csr_matrix, faces: np.ndarray, field: np.ndarray
 ) -> tuple[sparse.csr_matrix, np.ndarray, np.ndarray]:
-    """The whole surface, cut along the zero line of `field` (n,) and sewn together again, so that edges run along the
-    line; and for each face whether it lies on the positive side (F,)."""
+    """Inserts edges into a surface along the zero line of `field` (n,).
+
+    Returns:
+        The matrix to its vertices, its faces (F,3), and which of them (F,) lie on the positive side.
+    """
     (one, front), (two, back) = (clip(matrix, faces, sign * field) for sign in (1, -1))
     both = sparse.vstack([one, two]).tocsr()
-    place = np.round(both @ np.random.default_rng(0).random((both.shape[1], 3)), 9)  # equal rows, equal places
+    # equal rows of the matrix are equal vertices
+    place = np.round(both @ np.random.default_rng(0).random((both.shape[1], 3)), 9)
     _, first, inverse = np.unique(place, axis=0, return_index=True, return_inverse=True)
     joined = inverse.reshape(-1)[np.concatenate([front, back + one.shape[0]])]
     return both[first], joined, np.arange(len(joined)) < len(front)
 
 
 def loop(faces: np.ndarray, n: int) -> tuple[sparse.csr_matrix, np.ndarray]:
-    """One step of Loop subdivision: the matrix (n+E, n) to the new vertices, and the new faces (4F,3).
+    """Subdivides once by Loop's scheme; returns the matrix (n+E,n) to the new vertices, and the new faces (4F,3).
 
-    Loop, "Smooth subdivision surfaces based on triangles", 1987; borders by the cubic B-spline rule.
+    Loop, "Smooth subdivision surfaces based on triangles", 1987; borders follow the cubic B-spline rule.
     """
     e, face_edge, count = edges(faces)
     m, border = len(e), count == 1
@@ -147,7 +152,7 @@ def loop(faces: np.ndarray, n: int) -> tuple[sparse.csr_matrix, np.ndarray]:
 
 
 def border_loops(faces: np.ndarray) -> list[np.ndarray]:
-    """The border as vertex loops, each in the direction of its faces, longest first."""
+    """Returns the border as vertex loops, each in the direction of its faces, longest first."""
     following = dict(rim(faces).tolist())
     loops = []
     while following:
@@ -160,7 +165,7 @@ def border_loops(faces: np.ndarray) -> list[np.ndarray]:
 
 
 def border_distance(vertices: np.ndarray, faces: np.ndarray, rings: int) -> np.ndarray:
-    """How many edges each vertex is from the border, at most `rings`: (V,) int."""
+    """Returns the number of edges (V,) from each vertex to the border, at most `rings`."""
     e, _, count = edges(faces)
     out = np.full(len(vertices), rings)
     out[e[count == 1].ravel()] = 0
@@ -174,9 +179,16 @@ def border_distance(vertices: np.ndarray, faces: np.ndarray, rings: int) -> np.n
 def thickened(
     vertices: np.ndarray, faces: np.ndarray, depth: np.ndarray, rings: int = 3
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Cloth with a visible edge: near the border an inner layer `depth` (V,) metres behind, joined along the border.
+    """Adds a visible edge to cloth: an inner layer near the border, joined to the outer one.
 
-    Returns vertices, faces, and for each vertex the outer one it belongs to (V',).
+    Args:
+        vertices: (V,3) metres.
+        faces: (F,3).
+        depth: (V,) metres between the layers.
+        rings: width of the inner layer in edges; 99 for all of the cloth.
+
+    Returns:
+        Vertices (V',3), faces that begin with the given ones, and the outer vertex (V',) of each vertex.
     """
     distance = border_distance(vertices, faces, rings)
     band = (distance[faces] < rings).any(1) & (depth[faces] > 0).all(1)
@@ -193,7 +205,7 @@ def thickened(
 
 
 def smoothed(values: np.ndarray, faces: np.ndarray, times: int, keep: np.ndarray | None = None) -> np.ndarray:
-    """Laplacian smoothing of vertex values (V,...), those in the mask `keep` held."""
+    """Returns vertex values (V,...) after Laplacian smoothing; those in the mask `keep` stay."""
     around = neighbours(faces, len(values))
     for _ in range(times):
         mean = 0.5 * values + 0.5 * (around @ values)
@@ -202,9 +214,16 @@ def smoothed(values: np.ndarray, faces: np.ndarray, times: int, keep: np.ndarray
 
 
 def extruded(ring: np.ndarray, rows: list[np.ndarray], offset: int, closed: bool) -> tuple[np.ndarray, np.ndarray]:
-    """New vertices and faces of a strip that continues the border `ring` (m,) through `rows` of (m,3) points.
+    """Builds a strip that continues a border, with faces of the same orientation.
 
-    `offset` is the index of the first new vertex; faces turn the same way as those on the other side of the border.
+    Args:
+        ring: (m,) vertices of the border, in order.
+        rows: (m,3) points of each row.
+        offset: index of the first new vertex.
+        closed: whether the border is a closed loop.
+
+    Returns:
+        New vertices and faces.
     """
     m, previous, faces = len(ring), ring, []
     for k in range(len(rows)):
@@ -217,6 +236,6 @@ def extruded(ring: np.ndarray, rows: list[np.ndarray], offset: int, closed: bool
 
 
 def stacked(parts: list[Surface]) -> Surface:
-    """Several surfaces as one."""
+    """Joins several surfaces into one."""
     starts = np.cumsum([0] + [len(vertices) for vertices, _ in parts])
     return np.concatenate([v for v, _ in parts]), np.concatenate([f + s for (_, f), s in zip(parts, starts)])

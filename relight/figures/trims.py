@@ -1,4 +1,4 @@
-"""What is laid on draped clothes: belts, ties, and the band under which a closed front is fastened."""
+"""Accessories on draped clothes: belts, ties, and the band of a closed front."""
 
 import numpy as np
 import scipy.sparse as sparse
@@ -10,16 +10,22 @@ from relight.figures.surfaces import Surface, clip, extruded, normals, thickened
 
 BANDS = {"zip": (-0.013, 0.013), "buttons": (-0.018, 0.018), "placket": (-0.017, 0.017), "double": (-0.030, 0.085)}
 PLACKET = 0.15  # metres below the neckline to which a placket reaches
-RAISED = 0.0025  # metres by which a band, a belt and a tie stand off the cloth
+OFFSET = 0.0025  # metres between the cloth and a band, a belt or a tie; also their thickness
 BEARINGS = 72  # around a belt
 TIE = 0.48  # metres of a tie
 KNOT = 0.035  # metres of its knot
 
 
 def band(pattern: Pattern, positions: np.ndarray, uv: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-    """Vertices, faces and corner uv of the raised band of a closed front; None where the garment has none.
+    """Builds the raised band of a closed front.
 
-    positions (n,3): of the finest vertices as draped; uv (n,2): theirs.
+    Args:
+        pattern: of the garment.
+        positions: (n,3) finest vertices as draped, metres.
+        uv: (n,2) of these vertices.
+
+    Returns:
+        Vertices, faces and corner uv; None if the garment has no such band.
     """
     garment, level = pattern.garment, pattern.levels[-1]
     if garment.front not in BANDS:
@@ -39,14 +45,24 @@ def band(pattern: Pattern, positions: np.ndarray, uv: np.ndarray) -> tuple[np.nd
             return None
         matrix, faces = clip(matrix, faces, matrix @ field, snap=0.2)
     flat = matrix @ positions
-    out = flat + RAISED * normals(flat, faces)
-    points, solid, source = thickened(out, faces, np.full(len(out), RAISED), 99)
-    return points, solid, (matrix @ uv)[source][solid]
+    out = flat + OFFSET * normals(flat, faces)
+    points, shell, source = thickened(out, faces, np.full(len(out), OFFSET), 99)
+    return points, shell, (matrix @ uv)[source][shell]
 
 
 def belt(vertices: np.ndarray, faces: np.ndarray, band: np.ndarray, ahead: np.ndarray, width: float) -> list[Surface]:
-    """A belt `width` metres wide over a garment (vertices, faces), and its buckle; nothing where the cloth is not all
-    around. band (k,3): points of the garment at the belt; ahead (3,): the direction that the pelvis faces."""
+    """Builds a belt over a garment, and its buckle.
+
+    Args:
+        vertices: (n,3) of the garment, metres.
+        faces: (F,3).
+        band: (k,3) points of the garment at the belt, metres.
+        ahead: (3,) direction in which the pelvis faces.
+        width: of the belt, metres.
+
+    Returns:
+        Belt and buckle; nothing if the cloth does not go all around.
+    """
     centre = band.mean(0)
     up = np.linalg.svd(band - centre)[2][2]
     up = up * np.sign(up[1])
@@ -61,13 +77,13 @@ def belt(vertices: np.ndarray, faces: np.ndarray, band: np.ndarray, ahead: np.nd
     radius = far - depth
     if not np.isfinite(radius).all() or (radius < 0.3 * far).any():
         return []
-    radius = maximum_filter(radius, 3, mode=("nearest", "wrap"))  # it leans with the cloth, and does not stand off it
-    radius = gaussian_filter1d(radius, 1.0, mode="wrap") + RAISED
+    radius = maximum_filter(radius, 3, mode=("nearest", "wrap"))  # follows the cloth closely
+    radius = gaussian_filter1d(radius, 1.0, mode="wrap") + OFFSET
     rings = [centre + h * up + r[:, None] * out for h, r in zip(heights[::-1], radius[::-1])]
     radius = radius.max(0)
     strip, loop = extruded(np.arange(BEARINGS), rings[1:], BEARINGS, True)
     points = np.concatenate([rings[0], strip])
-    ribbon = thickened(points, loop, np.full(len(points), RAISED), 99)[:2]
+    ribbon = thickened(points, loop, np.full(len(points), OFFSET), 99)[:2]
     x, y = np.meshgrid(np.linspace(-0.026, 0.026, 5), np.linspace(0.62, -0.62, 3) * width)
     at = np.interp(x / radius[0], turn - 2 * np.pi * (turn > np.pi), radius, period=2 * np.pi) + 0.003
     plate = centre + y[..., None] * up + x[..., None] * left + np.sqrt(np.maximum(at**2 - x**2, 0))[..., None] * ahead
@@ -76,16 +92,23 @@ def belt(vertices: np.ndarray, faces: np.ndarray, band: np.ndarray, ahead: np.nd
 
 
 def grid_faces(rows: int, columns: int) -> np.ndarray:
-    """Triangles of a grid whose rows run downward and whose columns run to the right, as seen."""
+    """Returns the triangles of a grid with rows downward and columns to the right, as seen."""
     index = np.arange(rows * columns).reshape(rows, columns)
     a, b, c, d = index[:-1, :-1].ravel(), index[:-1, 1:].ravel(), index[1:, :-1].ravel(), index[1:, 1:].ravel()
     return np.concatenate([np.stack([a, c, b], 1), np.stack([b, c, d], 1)])
 
 
 def tie(vertices: np.ndarray, faces: np.ndarray, neck: np.ndarray, left: np.ndarray) -> Surface | None:
-    """A tie that lies on a shirt's front (vertices, faces of its body), from the collar down; None where there is none.
+    """Builds a tie on a shirt's front, from the collar down.
 
-    neck (3,): base of the posed neck; left (3,): the axis to its left.
+    Args:
+        vertices: (n,3) of the shirt, metres.
+        faces: (F,3) without sleeves.
+        neck: (3,) base of the posed neck, metres.
+        left: (3,) axis to its left.
+
+    Returns:
+        Vertices and faces; None if the shirt's front is not found.
     """
     surface = Collider(vertices, vertices, faces)
     s = np.linspace(0, TIE, 40)
@@ -104,6 +127,6 @@ def tie(vertices: np.ndarray, faces: np.ndarray, neck: np.ndarray, left: np.ndar
     depth = np.where(np.isfinite(depth), depth, np.nanmin(np.where(np.isfinite(depth), depth, np.nan)))[rows]
     depth = np.minimum(gaussian_filter1d(depth, 1.5, axis=0, mode="nearest"), depth)
     knot = 0.011 * np.exp(-(((s[rows] - 0.4 * KNOT) / (0.6 * KNOT)) ** 2))[:, None] * (1 - 0.5 * across**2)
-    points = origin[rows] - np.array([0.0, 0.0, 1.0]) * (depth - 2 * RAISED - knot)[..., None]
+    points = origin[rows] - np.array([0.0, 0.0, 1.0]) * (depth - 2 * OFFSET - knot)[..., None]
     face = grid_faces(*points.shape[:2])
-    return thickened(points.reshape(-1, 3), face, np.full(points.shape[0] * 7, RAISED), 99)[:2]
+    return thickened(points.reshape(-1, 3), face, np.full(points.shape[0] * 7, OFFSET), 99)[:2]

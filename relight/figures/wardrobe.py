@@ -3,15 +3,17 @@
 from relight.figures.drape import Cloth, Crimp
 from relight.figures.garments import Garment
 
-SLIM = (0.004, 0.005, 0.006, 0.008, 0.009, 0.010, 0.011, 0.008)
-WIDE = (0.004, 0.007, 0.016, 0.032, 0.045, 0.055, 0.07, 0.08)
-SHIRT = (0.016, 0.032, 0.026, 0.014, 0.008, 0.006)
-COAT = (0.036, 0.036, 0.031, 0.025, 0.018, 0.012)
-SLEEVE = (0.010, 0.018, 0.024, 0.025, 0.022, 0.016, 0.006)
-COAT_SLEEVE = (0.022, 0.028, 0.030, 0.030, 0.026, 0.022, 0.014)
+# eases and neck openings that several garments share, metres; see `Garment`
+SLIM_LEG_EASE = (0.004, 0.005, 0.006, 0.008, 0.009, 0.010, 0.011, 0.008)
+WIDE_LEG_EASE = (0.004, 0.007, 0.016, 0.032, 0.045, 0.055, 0.07, 0.08)
+SHIRT_EASE = (0.016, 0.032, 0.026, 0.014, 0.008, 0.006)
+COAT_EASE = (0.036, 0.036, 0.031, 0.025, 0.018, 0.012)
+SLEEVE_EASE = (0.010, 0.018, 0.024, 0.025, 0.022, 0.016, 0.006)
+COAT_SLEEVE_EASE = (0.022, 0.028, 0.030, 0.030, 0.026, 0.022, 0.014)
 NARROW_NECK = (0.070, 0.058, 0.082)
-YOKE = (0.008, 0.010, 0.012, 0.014, 0.02, 0.02, 0.02, 0.02)
+SKIRT_EASE = (0.008, 0.010, 0.012, 0.014, 0.02, 0.02, 0.02, 0.02)
 SHIRT_NECK = (0.072, 0.072, 0.092)
+# mechanical properties; thickness and widths of folds in metres
 KNIT = Cloth(bend=0.35, thickness=0.006, extra_length=0.02, crimp=Crimp(0.034, 0.06, 1.3, 0.08))
 JERSEY = Cloth(bend=0.12, extra_length=0.04, crimp=Crimp(0.026, 0.09, 2.0, 0.09))
 POPLIN = Cloth(bend=0.18, extra_length=0.035, crimp=Crimp(0.022, 0.11, 2.4, 0.07))
@@ -60,7 +62,7 @@ TOPS = (
         drop=0.03,
         slack=0.02,
         sleeve_slack=0.04,
-        arm_ease=SLEEVE,
+        arm_ease=SLEEVE_EASE,
         cuff_pin=0.4,
         cloth=JERSEY,
         fabrics=("stripes", "jersey", "melange", "stripes"),
@@ -72,8 +74,8 @@ TOPS = (
         drop=0.03,
         slack=0.02,
         sleeve_slack=0.05,
-        torso_ease=SHIRT,
-        arm_ease=SLEEVE,
+        torso_ease=SHIRT_EASE,
+        arm_ease=SLEEVE_EASE,
         cuff_pin=0.6,
         neck=SHIRT_NECK,
         collar="fold",
@@ -86,7 +88,7 @@ TOPS = (
         0.66,
         drop=0.03,
         slack=0.02,
-        torso_ease=SHIRT,
+        torso_ease=SHIRT_EASE,
         neck=SHIRT_NECK,
         collar="fold",
         cloth=POPLIN,
@@ -167,8 +169,8 @@ OUTER = (
         front_gap=0.035,
         slack=0.02,
         sleeve_slack=0.04,
-        torso_ease=COAT,
-        arm_ease=COAT_SLEEVE,
+        torso_ease=COAT_EASE,
+        arm_ease=COAT_SLEEVE_EASE,
         cuff_pin=0.25,
         thickness=0.005,
         neck=(0.08, 0.07, 0.095),
@@ -185,8 +187,8 @@ OUTER = (
         front_gap=0.02,
         slack=0.01,
         sleeve_slack=0.02,
-        torso_ease=COAT,
-        arm_ease=COAT_SLEEVE,
+        torso_ease=COAT_EASE,
+        arm_ease=COAT_SLEEVE_EASE,
         cuff_pin=0.2,
         thickness=0.005,
         neck=(0.08, 0.07, 0.1),
@@ -203,8 +205,8 @@ OUTER = (
         front_gap=0.03,
         slack=0.0,
         sleeve_slack=0.02,
-        torso_ease=COAT,
-        arm_ease=COAT_SLEEVE,
+        torso_ease=COAT_EASE,
+        arm_ease=COAT_SLEEVE_EASE,
         cuff_pin=0.2,
         thickness=0.006,
         neck=(0.08, 0.07, 0.1),
@@ -221,7 +223,7 @@ OUTER = (
         slack=0.02,
         sleeve_slack=0.05,
         torso_ease=(0.036, 0.038, 0.034, 0.024, 0.016, 0.012),
-        arm_ease=COAT_SLEEVE,
+        arm_ease=COAT_SLEEVE_EASE,
         cuff_pin=0.5,
         thickness=0.005,
         neck=(0.085, 0.08, 0.105),
@@ -236,7 +238,7 @@ OUTER = (
         slack=0.03,
         sleeve_slack=0.05,
         torso_ease=(0.036, 0.037, 0.032, 0.026, 0.018, 0.012),
-        arm_ease=COAT_SLEEVE,
+        arm_ease=COAT_SLEEVE_EASE,
         cuff_pin=0.5,
         hem_pin=0.5,
         waistband_offset=0.012,
@@ -254,7 +256,7 @@ OUTER = (
         drop=0.42,
         flare=0.14,
         torso_ease=(0.036, 0.034, 0.030, 0.025, 0.018, 0.012),
-        arm_ease=COAT_SLEEVE,
+        arm_ease=COAT_SLEEVE_EASE,
         sleeve_slack=0.02,
         cuff_pin=0.2,
         thickness=0.006,
@@ -319,7 +321,7 @@ BOTTOMS = (
         "trousers",
         leg_end=1.9,
         leg_slack=0.02,
-        leg_ease=SLIM,
+        leg_ease=SLIM_LEG_EASE,
         cuff_pin=0.2,
         waist=-0.02,
         cloth=POPLIN,
@@ -363,7 +365,7 @@ BOTTOMS = (
         "trousers",
         leg_end=1.94,
         leg_slack=0.02,
-        leg_ease=WIDE,
+        leg_ease=WIDE_LEG_EASE,
         waist=0.02,
         cloth=SILK,
         fabrics=("plain", "plain", "fine stripes"),
@@ -389,7 +391,7 @@ SKIRTS = (
         flare=1.0,
         pleat=0.10,
         fold_count=7,
-        leg_ease=YOKE,
+        leg_ease=SKIRT_EASE,
         cloth=POPLIN,
         fabrics=("plain", "print", "check", "denim", "tweed"),
     ),
@@ -400,7 +402,7 @@ SKIRTS = (
         flare=0.16,
         pleat=0.03,
         fold_count=8,
-        leg_ease=YOKE,
+        leg_ease=SKIRT_EASE,
         cloth=DENIM,
         fabrics=("denim", "plain", "leather", "check"),
     ),
@@ -414,7 +416,7 @@ SKIRTS = (
         gather=0.03,
         pleat=0.12,
         fold_count=11,
-        leg_ease=YOKE,
+        leg_ease=SKIRT_EASE,
         cloth=SILK,
         fabrics=("plain", "print", "stripes"),
     ),
@@ -428,7 +430,7 @@ SKIRTS = (
         gather=0.02,
         pleat=0.12,
         fold_count=10,
-        leg_ease=YOKE,
+        leg_ease=SKIRT_EASE,
         cloth=SILK,
         fabrics=("print", "plain", "print", "check"),
     ),
@@ -442,7 +444,7 @@ SKIRTS = (
         gather=0.07,
         pleat=0.02,
         fold_count=16,
-        leg_ease=YOKE,
+        leg_ease=SKIRT_EASE,
         cloth=POPLIN,
         fabrics=("plain", "check", "plain", "tweed"),
     ),
@@ -451,7 +453,7 @@ SKIRTS = (
         "skirt",
         drop=0.42,
         flare=-0.02,
-        leg_ease=YOKE,
+        leg_ease=SKIRT_EASE,
         cloth=POPLIN,
         fabrics=("plain", "tweed", "pinstripe", "leather", "denim"),
     ),

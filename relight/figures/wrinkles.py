@@ -182,15 +182,15 @@ def ridges(region: Region, crimp: Crimp, share: float, max_height: float, seed: 
     room = np.sqrt(share * region.free * np.clip(crimp.slack * old + 1 - least, 0, MAX_EXCESS))
     along = np.cross(normal, across)
     rng = np.random.default_rng([seed, 5])
-    longer = 1 + 1.2 * hang
+    length_factor = 1 + 1.2 * hang
     crowd = MAX_CROWD * np.clip(5 * crimp.density * room, 0, 1)
     area = areas(rest, region.faces)
     usual = float(np.median(area))  # sparser vertices start no more crests
-    probability = crowd * np.minimum(area, usual) / (crimp.width * crimp.length * longer)
+    probability = crowd * np.minimum(area, usual) / (crimp.width * crimp.length * length_factor)
     start = np.flatnonzero(rng.random(count) < probability)
     if not len(start):
         return np.zeros(count)
-    length = crimp.length * longer[start] * np.exp(rng.normal(0, 0.45, len(start)))
+    length = crimp.length * length_factor[start] * np.exp(rng.normal(0, 0.45, len(start)))
     width = crimp.width * np.exp(rng.normal(0, 0.22, len(start)))
     relief = np.where(rng.random(len(start)) < 0.75, 1.0, -0.7) * np.exp(rng.normal(0, 0.25, len(start)))
     step = 1.5 * region.edge

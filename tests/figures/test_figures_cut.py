@@ -299,7 +299,7 @@ def test_the_band_of_a_closed_front(front):
     shell = trimesh.Trimesh(vertices, solid, process=False)
     assert shell.is_watertight and shell.is_winding_consistent and shell.volume > 0
     assert (vertices[:, 0].min(), vertices[:, 0].max()) == pytest.approx(trims.BANDS[front], abs=1e-6)
-    assert vertices[:, 2].max() == pytest.approx(0.1 + trims.RAISED) and vertices[:, 2].min() == pytest.approx(0.1)
+    assert vertices[:, 2].max() == pytest.approx(0.1 + trims.OFFSET) and vertices[:, 2].min() == pytest.approx(0.1)
     assert np.ptp(vertices[:, 1]) == pytest.approx(trims.PLACKET if front == "placket" else 0.8, abs=1e-6)
     np.testing.assert_allclose(uv, vertices[solid][..., :2], atol=1e-9)
 
@@ -351,7 +351,7 @@ def test_pieces_of_one_kind_differ_within_bounds():
     rng = np.random.default_rng(0)
     drawn = [outfits.pick(rng, "jeans") for _ in range(60)]
     knee = [garment.leg_ease[5] for garment in drawn]
-    assert np.std(knee) > 0.002 and min(knee) > outfits.LEAST and max(knee) < 0.03
+    assert np.std(knee) > 0.002 and min(knee) > outfits.MIN_EASE and max(knee) < 0.03
     assert min(garment.leg_end for garment in drawn) > 1.5 and max(garment.leg_end for garment in drawn) <= 1.97
     assert {garment.name for garment in drawn} == {"jeans"}
     shirts = [outfits.pick(rng, "t-shirt") for _ in range(60)]

@@ -222,10 +222,10 @@ def test_shapes_of_props_are_closed_and_face_outward():
     assert volume(*props.box(half)) == pytest.approx(8 * np.prod(half), rel=2e-3)
     assert volume(*props.box(half, 0.02)) < 8 * np.prod(half)
     cup = np.array([(0, 0), (0.04, 0), (0.04, 0.1), (0, 0.1)])
-    assert volume(*props.turned(cup, 90)) == pytest.approx(np.pi * 0.04**2 * 0.1, rel=2e-3)
+    assert volume(*props.revolved(cup, 90)) == pytest.approx(np.pi * 0.04**2 * 0.1, rel=2e-3)
     line = np.linspace([0, 0, 0], [0, 1, 0], 9)
-    assert volume(*props.band(line, np.array([1.0, 0, 0]), 0.02, 0.004)) == pytest.approx(0.02 * 0.004)
-    for vertices, faces in (props.box(half, 0.01), props.turned(cup), props.band(line, np.eye(3)[0], 0.02, 0.004)):
+    assert volume(*props.strap(line, np.array([1.0, 0, 0]), 0.02, 0.004)) == pytest.approx(0.02 * 0.004)
+    for vertices, faces in (props.box(half, 0.01), props.revolved(cup), props.strap(line, np.eye(3)[0], 0.02, 0.004)):
         edges = np.sort(faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
         edges = edges[np.linalg.norm(np.diff(vertices[edges], axis=1)[:, 0], axis=1) > 1e-9]
         _, uses = np.unique(vertices[edges].round(9).reshape(len(edges), 6), axis=0, return_counts=True)
@@ -252,7 +252,9 @@ def test_what_is_held_is_in_the_palm(person, name, mirrored):
     if name == "with a bag":
         hands = clearance.bone_weights("finger", "metacarpal", "wrist") > 0.1
         rest = colliders.Collider(skin, skin, faces[~hands[faces].any(1)])
-        assert (layers.signed_distance(thing.vertices, rest, 0.2)[1] > 0.5 * props.ROOM).all(), "and keeps off the leg"
+        assert (layers.signed_distance(thing.vertices, rest, 0.2)[1] > 0.5 * props.BAG_CLEARANCE).all(), (
+            "and keeps off the leg"
+        )
     else:
         root, axes = props.palm(person, motion, "R" if mirrored else "L")
         assert (toward - root) @ axes[:, 1] > 0.005, "on the side of the palm"

@@ -84,7 +84,7 @@ def test_hair_and_hats_leave_the_face_free(head, heads, style):
     built, motion, _ = head
     turn = motion.transforms[-1, motion.bones["head"]]
     eye = built.vertices[makehuman.EYES["L"]].mean(0)
-    for part in (part for part in heads[style] if part.what in ("hair", "hat")):
+    for part in (part for part in heads[style] if part.kind in ("hair", "hat")):
         rest = (part.vertices - turn[:, 3]) @ turn[:, :3] - eye
         before = (rest[:, 2] > -0.01) & (np.abs(rest[:, 0] + eye[0]) < 1.6 * eye[0]) & (np.abs(rest[:, 1]) < 0.02)
         assert before.mean() < 0.002, part.name
@@ -93,12 +93,12 @@ def test_hair_and_hats_leave_the_face_free(head, heads, style):
 def test_what_hangs_before_the_face_is_moved_aside_and_on_shoulders_it_does_not_spread(head):
     built, motion, _ = head
     turn = motion.transforms[-1, motion.bones["head"]]
-    shy = locks.off_the_face(built, motion)
+    deflect = locks.deflect_from_face(built, motion)
 
     def moved(last, now) -> float:
         """The sideways move of points given from the head's centre, in its rest frame."""
         at, ahead = ((combing.head_centre(built) + np.array([p])) @ turn[:, :3].T + turn[:, 3] for p in (last, now))
-        return float((shy(at, ahead) - ahead)[0] @ turn[:, 0])
+        return float((deflect(at, ahead) - ahead)[0] @ turn[:, 0])
 
     before, behind, low = np.array([0.02, -0.05, 0.10]), np.array([0.02, -0.05, -0.02]), np.array([0.08, -0.2, 0.0])
     assert moved(before, before) > 0.01 and moved(before * [-1, 1, 1], before * [-1, 1, 1]) < -0.01
@@ -115,9 +115,9 @@ def test_the_same_seed_is_the_same_hair(head, heads):
 def test_a_lock_keeps_its_length_and_a_draft_has_half_of_them(head, heads):
     built, _, below = head
     comb = combing.Comb(60, 0.2)
-    roots = combing.plant(built, below[0], comb.count, 3)
-    ahead, length = combing.combed(comb, roots)
-    points, _ = locks.grown(comb, roots, ahead, length, colliders.Collider(below[0], below[0], below[1]), 10, 3)
+    roots = combing.plant_roots(built, below[0], comb.count, 3)
+    ahead, length = combing.comb_directions(comb, roots)
+    points, _ = locks.grow_guides(comb, roots, ahead, length, colliders.Collider(below[0], below[0], below[1]), 10, 3)
     steps = np.linalg.norm(np.diff(points, axis=1), axis=2)
     np.testing.assert_allclose(steps, np.repeat(length[:, None] / 10, 10, 1), rtol=1e-6)
     assert (roots.rim > 0).all()
@@ -139,7 +139,7 @@ def test_hair_falls_with_gravity_and_lies_on_the_shoulders(head, heads):
 def test_little_scalp_shows_from_any_side(head, name):
     """Rays from all around toward the scalp inside the hairline meet hair first."""
     _, _, (posed, faces) = head
-    parts = [part for part in grown(head, name, fine=True) if part.what == "hair"]
+    parts = [part for part in grown(head, name, fine=True) if part.kind == "hair"]
     base = makehuman.base().vertices[makehuman.BODY]
     inside = skin.above_hairline(base) > 0.12
     out = normals(posed, faces)
@@ -160,10 +160,10 @@ def test_little_scalp_shows_from_any_side(head, name):
 def test_strands_start_at_their_roots_and_draw_together(head):
     built, _, below = head
     comb = combing.Comb(40, 0.15, clump=0.6, fray=0.0)
-    guides, roots = (combing.plant(built, below[0], count, 3 + count) for count in (40, 600))
-    direction, length = combing.combed(comb, guides)
-    points, facing = locks.grown(comb, guides, direction, length, colliders.Collider(below[0], *below), 8, 3)
-    lines, _ = strands.spread(comb, guides, points, facing, roots, length, 9, 4)
+    guides, roots = (combing.plant_roots(built, below[0], count, 3 + count) for count in (40, 600))
+    direction, length = combing.comb_directions(comb, guides)
+    points, facing = locks.grow_guides(comb, guides, direction, length, colliders.Collider(below[0], *below), 8, 3)
+    lines, _ = strands.spread_strands(comb, guides, points, facing, roots, length, 9, 4)
     own = np.linalg.norm(guides.points[None] - roots.points[:, None], axis=2).argmin(1)
     sunk = points[:, 0] - guides.points  # guides start a little inside the skin
     np.testing.assert_allclose(np.linalg.norm(sunk, axis=1), 0.002, rtol=1e-6)
@@ -171,7 +171,7 @@ def test_strands_start_at_their_roots_and_draw_together(head):
 
     def widths(at: int) -> np.ndarray:
         """Distances between strands of one guide that end alike, at one of their points."""
-        alike = (own[:, None] == own) & (np.abs(roots.pick[:, :1] - roots.pick[:, 0]) < 0.05)
+        alike = (own[:, None] == own) & (np.abs(roots.random[:, :1] - roots.random[:, 0]) < 0.05)
         i, j = np.nonzero(np.triu(alike, 1))
         return np.linalg.norm(lines[i, at] - lines[j, at], axis=1)
 
@@ -180,8 +180,8 @@ def test_strands_start_at_their_roots_and_draw_together(head):
 
 def test_ribbons_are_as_wide_as_asked_and_face_outward():
     line = np.stack([np.zeros(6), -np.linspace(0, 0.1, 6), np.zeros(6)], 1)[None]
-    pick = np.array([[0.5, 0.5, 0.5, 0.5]])  # of middle width, not turned
-    vertices, faces, uv = strands.ribbons(0.003, line, np.broadcast_to([0.0, 0, 1], line.shape), pick, 0.4)
+    random = np.array([[0.5, 0.5, 0.5, 0.5]])  # of middle width, not turned
+    vertices, faces, uv = strands.ribbons(0.003, line, np.broadcast_to([0.0, 0, 1], line.shape), random, 0.4)
     across = vertices.reshape(6, 2, 3)
     np.testing.assert_allclose(
         np.linalg.norm(across[:, 1] - across[:, 0], axis=1), 0.003 * np.interp(np.linspace(0, 1, 6), *strands.OUTLINE)
@@ -217,7 +217,7 @@ def test_brows_are_of_the_hair_and_never_white(color):
 def test_lashes_stand_on_the_lids_of_both_eyes(head):
     built, motion, _ = head
     for lid, tip in (facial.UPPER, facial.LOWER):
-        left, right = built.vertices[list(lid + tip)], built.vertices[np.array(lid + tip) + facial.MIRRORED]
+        left, right = built.vertices[list(lid + tip)], built.vertices[np.array(lid + tip) + facial.MIRROR_OFFSET]
         np.testing.assert_allclose(left, right * [-1, 1, 1], atol=2e-3)
     vertices, _, _ = facial.lashes(built, motion, 5, True)
     turn = motion.transforms[-1, motion.bones["head"]]
@@ -237,7 +237,7 @@ def test_hats_are_of_the_outfit_and_hair_is_of_the_person(head, heads, person):
     builder = Builder()
     parts = add_hair(builder, *head[:2], own, head[2], DETAILS["draft"], 64, 5)
     mesh = builder.mesh({}, looks)
-    assert [part.what for part in parts].count("hat") == 2, "crown and peak"
+    assert [part.kind for part in parts].count("hat") == 2, "crown and peak"
     assert sorted(material.name for material in mesh.materials) == ["beard", "brows", "hair", "hat", "lashes"]
     hats = [number for number, material in enumerate(mesh.materials) if material.name == "hat"]
     assert sorted(mesh.outfits[0]) == hats
