@@ -32,8 +32,8 @@ from relight.meshes.mesh import Material, Mesh
 Paint = Material | Callable[[Outfit], Material]  # a function if the material depends on the outfit's colours
 
 
-GAP = 0.003  # metres by which clothes and shoes stay under the next garment
-SKIN_GAP = 0.002  # metres by which skin stays under a garment
+GAP = 0.003  # metres between clothes or shoes and the garment over them
+SKIN_GAP = 0.002  # metres between skin and the garment over it
 
 
 class Builder:
@@ -194,7 +194,7 @@ def add_skin(
     texture: int,
     seed: int,
 ) -> np.ndarray:
-    """Adds the skin without what is always hidden, and returns all its posed vertices, pushed under the clothes.
+    """Adds the skin without faces that are always hidden, and returns its posed vertices, pushed under the clothes.
 
     Args:
         builder: to add to.
@@ -422,7 +422,7 @@ def add_accessories(
         builder: to add to.
         body: in its rest pose.
         motion: into the pose.
-        outfit: what is worn.
+        outfit: has the fabrics of tie and belt.
         cut: the garments without scarves.
         shown: (n,3) their vertices as added, metres.
         texture: side of the largest texture in pixels.

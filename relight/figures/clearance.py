@@ -13,8 +13,8 @@ from relight.figures.poses import PoseSolver, bone_transforms, rotation_vectors,
 from relight.figures.stances import Pose
 
 LAYER = 0.005  # metres that each garment adds
-MAX_STEP = 0.05  # metres by which a wrist moves per round
-RANGE = 0.2  # metres within which the body is searched
+MAX_STEP = 0.05  # largest move of a wrist per round, metres
+RANGE = 0.2  # search range of the body, metres
 ROUNDS = 4
 
 

@@ -15,10 +15,10 @@ from relight.figures.surfaces import Surface, border_loops, extruded, normals, s
 CORD = 0.20  # metres of a drawstring
 CORD_RADIUS = 0.0028  # metres
 CORD_STEP = 0.007  # metres between its rings
-NECK_RANGE = 0.16  # metres from the base of the neck within which a border is the neckline
-LAPEL = 0.27  # metres below it to which lapels reach
-BAND = 0.030  # metres, standard deviation of the average by which a neckband smooths the neckline
-BAND_RANGE = 0.045  # metres of cloth beside the neckline that move with it
+NECK_RANGE = 0.16  # largest distance of the neckline from the base of the neck, metres
+LAPEL = 0.27  # length of lapels below the base of the neck, metres
+BAND = 0.030  # standard deviation of the average by which a neckband smooths the neckline, metres
+BAND_RANGE = 0.045  # width of the cloth beside the neckline that moves with it, metres
 PATH_STEPS = 10  # of a path over the cloth
 SEAM_OFFSET = 0.0005  # metres below the border where a collar begins: vertices at the same place would be merged
 HOOD_CLEARANCE = 0.002  # metres between a hood and the cloth

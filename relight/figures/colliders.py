@@ -29,7 +29,7 @@ def init_warp() -> None:
 
 @contextmanager
 def without_driver_messages() -> Iterator[None]:
-    """Drops what Warp's native code writes to stderr about a missing CUDA driver."""
+    """Drops messages of Warp's native code about a missing CUDA driver from stderr."""
     sys.stderr.flush()
     stderr = os.dup(2)
     with tempfile.TemporaryFile() as file:

@@ -65,8 +65,8 @@ def figures(
     from relight.progress import progress
 
     if names:
-        for what, known in (("poses", POSES), ("garments", GARMENTS), ("hair", HAIR)):
-            typer.echo(f"{what}: {', '.join(known)}")
+        for kind, known in (("poses", POSES), ("garments", GARMENTS), ("hair", HAIR)):
+            typer.echo(f"{kind}: {', '.join(known)}")
         return
     numbers = seeds_of(seeds)
     if export not in FORMATS:

@@ -53,13 +53,13 @@ class Constraints:
         """Raises UserError for a share outside [0, 1], and for unknown names."""
         if not 0 <= self.sitting <= 1:
             raise UserError(f"the share of figures that sit must lie in [0, 1], not {self.sitting}")
-        for what, names, known in (
+        for kind, names, known in (
             ("pose", self.poses, POSES),
             ("garment", self.garments, GARMENTS),
             ("hair style", self.hair, HAIR),
         ):
             for name in names:
-                check_name(what, name, known)
+                check_name(kind, name, known)
 
     def sample_person(self, rng: np.random.Generator) -> Person:
         """Draws people until one can have the hair and wear the garments.
@@ -127,9 +127,9 @@ class Constraints:
         return " and ".join([*self.garments, *([f"{' or '.join(self.hair)} hair"] if self.hair else [])])
 
 
-def check_name(what: str, name: str, known: Collection[str]) -> None:
+def check_name(kind: str, name: str, known: Collection[str]) -> None:
     """Raises UserError for an unknown name; the message suggests the closest known one and lists all."""
     if name not in known:
         close = difflib.get_close_matches(name, known, 1)
         hint = f"did you mean {close[0]!r}? " if close else ""
-        raise UserError(f"no {what} is called {name!r}; {hint}there are {', '.join(known)}")
+        raise UserError(f"no {kind} is called {name!r}; {hint}there are {', '.join(known)}")

@@ -7,7 +7,7 @@ from relight.figures.colliders import vec3_array
 from relight.figures.kernels import find_intersections
 from relight.figures.surfaces import Surface, stacked
 
-MIN_DEPTH = 0.003  # metres by which two faces must reach through each other's planes, on both sides
+MIN_DEPTH = 0.003  # how deep two faces must reach through each other's planes, on both sides, metres
 MIN_REST_DISTANCE = 0.03  # metres on the pattern: closer faces of one garment are neighbours
 
 

@@ -30,8 +30,8 @@ GRAVITY = -9.8  # metres per second squared
 FRAME_TIME = 1 / 60  # seconds
 MAX_SPEED = 3.0  # metres per second
 MAX_PARTNERS = 8  # vertices that self-contact tests per vertex
-BEND_EDGE = 0.025  # metres: edge length for which `Cloth.bend` is given
-CONTACT_RANGE = 0.15  # metres within which the collider's nearest face is searched
+BEND_EDGE = 0.025  # edge length to which `Cloth.bend` refers, metres
+CONTACT_RANGE = 0.15  # search range of the collider's nearest face, metres
 TORN = 1.5  # strain above which an edge is relaxed at the end
 
 

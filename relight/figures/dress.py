@@ -20,7 +20,7 @@ from relight.meshes import Mesh
 
 GENERATOR = 10  # raised when the same seed gives another figure
 ATTEMPTS = 8
-SITTING_ATTEMPTS = 4  # draws after which a figure that sits by chance may stand
+SITTING_ATTEMPTS = 4  # attempts in which a figure that sits by chance keeps sitting
 UNCONSTRAINED = Constraints()
 SITTING_FRAMES = 2  # factor of the frames to sit down: legs that swing so far leave trousers behind
 
@@ -46,7 +46,7 @@ def make_figure(
         shading: strength in [0, 1] of the shading that is baked into the albedo, as scans have it.
         device: cpu | cuda | auto, where cloth is simulated.
         outfits: number of outfits; the materials of those after the first are in the mesh's `outfits`.
-        constraints: what is not drawn at random.
+        constraints: on what is otherwise drawn at random.
 
     Returns:
         A mesh in metres, y up, facing +z, standing on y = 0. Its info has name, subject, source, seed, version of the
@@ -102,7 +102,7 @@ def sample(seed: int, attempt: int, per_subject: int, sits: float, constraints: 
         attempt: from 0. All attempts have the same person; with more than one figure per subject also the same outfit.
         per_subject: see `make_figure`.
         sits: probability of a sitting pose.
-        constraints: what is not drawn at random.
+        constraints: on what is otherwise drawn at random.
     """
     subject = seed // per_subject
     person = constraints.sample_person(np.random.default_rng([subject, 0]))

@@ -11,7 +11,7 @@ from relight.figures.poses import Motion
 from relight.figures.strands import random_numbers, ribbons
 
 Strip = tuple[np.ndarray, np.ndarray, np.ndarray]  # vertices, faces, uv
-STUBBLE = 0.4  # amount of beard up to which it is only painted
+STUBBLE = 0.4  # largest amount of beard that is only painted
 # vertices of MakeHuman's lash helpers of the left eye, from its outer corner inward: at the lid, and at the tips
 UPPER = (
     (14749, 14748, 14747, 14746, 14745, 14744, 14742, 14743, 14760, 14761, 14762, 14766, 14763),

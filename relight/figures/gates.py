@@ -20,7 +20,7 @@ from relight.meshes import Mesh
 MAX_STRAIN = 1.35  # 95th percentile of an edge's length over that on the pattern
 MAX_EXTREME_STRAIN = 2.5  # 99.9th percentile of the same
 MAX_INSIDE = 0.012  # share of the cloth inside the body
-INSIDE = 0.012  # metres under the skin from which on cloth counts as inside
+INSIDE = 0.012  # depth under the skin at which cloth counts as inside, metres
 PIXEL = 0.003  # metres between the rays that look for skin or cloth that pokes through
 MAX_PATCH = 250  # pixels of a patch of a lower layer inside a higher one; larger patches are openings
 MAX_POKE_THROUGH = 60  # pixels of such patches per figure
@@ -28,11 +28,11 @@ MAX_CROSSING = 0.015  # share of a garment's faces that passed through cloth
 MAX_CROSSING_SITTING = 0.03  # the same for figures that sit: trousers crease through themselves in the fold of the hip
 MAX_COVERED = 0.25  # share of a hand, seen from the front, that cloth covers
 COVER_RANGE = 0.04  # metres: cloth further before a hand merely hangs in front of it
-MIN_HAND_VERTICES = 40  # seen from the front, up to which a hand is not judged
-LONG_DROP = 0.2  # metres from which on the hem of a drop hangs level in all poses
-MAX_HEM_SWEPT = 0.10  # metres by which one part of a hem may be above another
-MAX_SPREAD = 0.25  # metres beyond the body that cloth may reach
-MAX_SLID = 0.12  # metres by which the top of a garment may have come down
+MIN_HAND_VERTICES = 40  # seen from the front; with fewer or as many a hand is not judged
+LONG_DROP = 0.2  # length of a drop above which its hem hangs level in all poses, metres
+MAX_HEM_SWEPT = 0.10  # difference in height between parts of a hem, metres
+MAX_SPREAD = 0.25  # distance of cloth from the body, in addition to its drop, metres
+MAX_SLID = 0.12  # distance that the top of a garment may slide down, metres
 
 
 def check_garment(pattern: Pattern, draped: DrapeResult, motion: Motion, body: Body) -> str | None:

@@ -5,10 +5,10 @@ import numpy as np
 from relight.figures.colliders import Collider
 from relight.figures.surfaces import border_distance, smoothed
 
-DEEP = 0.006  # metres under a garment from which on a covered point must also be dark; offset of its rays' origins
+DEEP = 0.006  # depth under a garment at which a hidden point must also be out of sight, metres
 DIRECTIONS = 64  # of the rays, over the whole sphere
-REST_RANGE = 0.035  # metres within which a garment is searched on the rest pose
-POSED_RANGE = 0.07  # the same as it hangs
+REST_RANGE = 0.035  # search range of a garment on the rest pose, metres
+POSED_RANGE = 0.07  # search range of a garment as it hangs, metres
 
 
 def signed_distance(

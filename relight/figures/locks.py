@@ -24,8 +24,8 @@ from relight.figures.layers import signed_distance
 from relight.figures.poses import Motion
 from relight.figures.strands import random_numbers, ribbons, spread_strands
 
-CONTACT_RANGE = 0.08  # metres within which a guide interacts with the surface below
-CLING_RANGE = 0.02  # metres within which it clings to that surface with full strength
+CONTACT_RANGE = 0.08  # search range of the surface below a guide, metres
+CLING_RANGE = 0.02  # distance from that surface up to which a guide clings to it with full strength, metres
 
 
 def grow_guides(

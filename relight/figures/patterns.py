@@ -28,24 +28,24 @@ from relight.figures.surfaces import (
     split,
 )
 
-PIN_OFFSET = 0.004  # metres outside the suit at which cuffs, waistbands and necklines are pinned
-HEM = 0.06  # metres above the crotch: the height from which `Garment.drop` counts if it is sewn on at the waist
-LEG = 0.82  # metres from hip to ankle for which the drops are given
+PIN_OFFSET = 0.004  # metres from the suit to pinned cuffs, waistbands and necklines
+HEM = 0.06  # height above the crotch where the length of a drop with a seam at the waist begins, metres
+LEG = 0.82  # metres from hip to ankle, for which the lengths of drops are given
 ROW = 0.028  # metres between the rows of a drop
-GATHERED = 0.06  # metres of a drop within which gathers reach their depth
-HANGING_FLARE = 0.35  # a drop's flare as it hangs, over that as it is cut
-HIP_CLEARANCE = 0.014  # metres that a drop keeps from the hull of the hips
-BEARINGS = 96  # directions in which the hull of the trunk is measured
-SLICE = 0.02  # metres between the heights at which it is measured
-MIN_OUTLINE = 6  # vertices that a slice needs to outline the trunk; those of a tall person are further apart
-BLADES = 0.06  # metres below the base of the neck, up to which cloth spans the hollow of the spine
-FADE = 0.12  # metres below that within which it begins to
-SEAT = (0.06, 0.25)  # metres from the middle, and above the crotch, within which the cleft between the buttocks is
-BUNCHED = 0.012  # metres moved out to the hull, from which on cloth is spread fully
-STRAIGHT_EASE = (0.006, 0.024)  # metres at the waist from which on a top hangs straight, and from which on fully
-SLEEVELESS = 0.06  # of the arm, where what is beyond an armhole ends
-BELT = 0.020  # metres above and below the middle of a belt within which it pins the cloth
-BELT_FADE = 0.02  # metres beyond that within which the cloth comes free
+GATHERED = 0.06  # metres from the top of a drop to the full depth of its gathers
+HANGING_FLARE = 0.35  # share of its flare that a drop keeps as it hangs
+HIP_CLEARANCE = 0.014  # metres between a drop and the hull of the hips
+BEARINGS = 96  # directions of the trunk's hull
+SLICE = 0.02  # metres between the slices of the trunk's hull
+MIN_OUTLINE = 6  # vertices of a slice; those of a tall person are further apart, and some slices have fewer
+BLADES = 0.06  # metres below the base of the neck: highest point at which cloth spans the hollow of the spine
+FADE = 0.12  # metres below that over which this begins
+SEAT = (0.06, 0.25)  # cleft of the buttocks: largest distance from the middle, height above the crotch, metres
+BUNCHED = 0.012  # metres that cloth is moved out to the hull, for which it is spread with full strength
+STRAIGHT_EASE = (0.006, 0.024)  # ease at the waist at which a top begins to hang straight, and hangs straight, metres
+SLEEVELESS = 0.06  # position along the arm, 0 shoulder to 1 elbow, where a sleeveless garment is cut
+BELT = 0.020  # half the height of the cloth that a belt pins, metres
+BELT_FADE = 0.02  # metres beyond that over which the pins fade
 TRUNK = 0.35  # share of arm bones in the skinning, below which a vertex belongs to the trunk
 
 Fields = dict[str, np.ndarray]  # attributes of vertices by name, see `suit_fields`
@@ -542,7 +542,7 @@ def drop_rows(
         return float(np.linalg.norm(np.roll(outline, -1, 0) - outline, axis=1)[: len(top) - (not closed)].sum())
 
     def row_outline(s: float, flare: float, depth: float) -> np.ndarray:
-        """The row (m,2) at the share s of the drop: wider by a flare, outside the hips, waves of a depth in metres."""
+        """Returns the row (m,2) at the share s of the drop, wider by a flare, with folds of a depth in metres."""
         y = cut_height - garment.drop * s
         ring = centre + (flat + (round_ - flat) * min(1.0, 5 * s) - centre)
         out = centre + (ring - centre) * (1 + flare * s)

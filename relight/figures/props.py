@@ -17,10 +17,10 @@ from relight.meshes import Material
 GREYS = (0.02, 0.04, 0.12, 0.45, 0.7)  # luminance of albedo
 TINTS = ((1.0, 1.0, 1.0), (1.25, 0.95, 0.75), (0.75, 1.0, 1.3), (1.5, 0.7, 0.6), (0.8, 1.15, 0.7))
 BAG_CLEARANCE = 0.012  # metres between a bag and the clothes
-MAX_BAG_OFFSET = 0.16  # metres by which a bag may be moved outward
+MAX_BAG_OFFSET = 0.16  # largest distance that a bag is moved outward, metres
 SEAT = (0.20, 0.19, 0.035)  # half the width and depth of a stool's seat, and its thickness, metres
 LEG = 0.016  # half the thickness of its legs
-SEAT_RANGE = 0.03  # metres below the thighs within which cloth lies on the seat
+SEAT_RANGE = 0.03  # largest distance of cloth on the seat from the thighs, metres
 MAX_HANGING = 0.02  # share of the vertices above or below the seat that may hang below it; skirts have more
 
 

@@ -6,7 +6,7 @@ from relight.figures.body import Body
 from relight.figures.patterns import Pattern
 from relight.figures.poses import Motion
 
-EXTENSION = 10.0  # metres by which a limb's line is extended at both ends, beyond any ring
+EXTENSION = 10.0  # extension of a limb's line at both ends, beyond any ring, metres
 LEVELS = np.arange(0.05, 2.0, 0.05)  # where rings lie along an arm (0 shoulder, 1 elbow, 2 wrist) or leg
 LIMBS = {  # kind of garment: the field along its limbs, and the bones at whose heads that is 0, 1, 2
     "top": ("arm", ("upperarm01", "lowerarm01", "wrist")),

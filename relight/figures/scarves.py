@@ -15,7 +15,7 @@ from relight.figures.poses import Motion
 
 EDGE = 0.025  # metres between the vertices of the coarsest ribbon
 PLEAT = 0.42  # width of the pleated ribbon over that of the flat one
-LAYER = 0.032  # metres by which each turn lies outside the one before
+LAYER = 0.032  # distance of each turn from the one below it, metres
 BEARINGS = 72  # directions in which the neck is measured
 
 

@@ -85,7 +85,7 @@ class Pose:
     turn: float = 0.0
 
 
-NARROWER = 0.05  # leg lengths by which each foot is closer to the middle than on the rest pose
+NARROWER = 0.05  # how much closer to the middle each foot is than on the rest pose, in leg lengths
 CLOSER_FEET = (0.04, 0.09)  # the same in addition, for half of the poses with level feet
 TURN_SPREAD = 25.0  # degrees, standard deviation
 TURNED_SHARE = 0.4  # of the poses

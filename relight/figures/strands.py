@@ -6,8 +6,8 @@ from scipy.spatial import cKDTree
 from relight.figures.combing import Comb, Roots, ramp
 from relight.figures.fabrics import lattice, noise
 
-DEPTH = 0.002  # metres over which strands lie at different depths; gaps in a deeper layer would be black
-FLYAWAY = 4.0  # factor by which a few strands stray further
+DEPTH = 0.002  # range of depths of strands, metres; gaps in a deeper layer would be black
+FLYAWAY = 4.0  # factor of the straying of a few strands
 OUTLINE = ((0.0, 0.15, 0.6, 1.0), (0.75, 1.0, 0.9, 0.15))  # position along a strand, width over that of the comb
 
 

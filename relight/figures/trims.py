@@ -9,7 +9,7 @@ from relight.figures.patterns import Pattern
 from relight.figures.surfaces import Surface, clip, extruded, normals, thickened
 
 BANDS = {"zip": (-0.013, 0.013), "buttons": (-0.018, 0.018), "placket": (-0.017, 0.017), "double": (-0.030, 0.085)}
-PLACKET = 0.15  # metres below the neckline to which a placket reaches
+PLACKET = 0.15  # length of a placket, metres
 OFFSET = 0.0025  # metres between the cloth and a band, a belt or a tie; also their thickness
 BEARINGS = 72  # around a belt
 TIE = 0.48  # metres of a tie

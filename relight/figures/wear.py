@@ -16,15 +16,15 @@ from relight.figures.outfits import Outfit
 from relight.figures.poses import Motion
 from relight.figures.surfaces import Surface, neighbours, normals, stacked
 
-FREE_DROP = 0.2  # metres of a drop from which on its cloth hangs free
+FREE_DROP = 0.2  # length of a drop above which its cloth hangs free, metres
 CLEFT = (
     0.04,
     -0.15,
     0.16,
 )  # the cleft between the buttocks: metres from the middle, lowest and highest above the crotch
-BROAD = 100  # averagings of normals with their neighbours', to span several gathers
-MIN_FOLD_DISTANCE = 0.6  # of a cloth's thickness, which its wrinkles keep from the layer below
-GROUND = 0.006  # metres above which cloth stays
+BROAD = 100  # averagings of normals with their neighbours', which span several gathers
+MIN_FOLD_DISTANCE = 0.6  # smallest distance of wrinkles from the layer below, over the cloth's thickness
+GROUND = 0.006  # lowest height of cloth, metres
 
 
 @dataclass(frozen=True)

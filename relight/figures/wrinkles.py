@@ -25,7 +25,7 @@ MIN_EDGES = 2.7  # edges of a level per fold width
 MAX_CROWD = 2.2  # crests on the area of one
 MAX_EXCESS = 0.20  # excess length, relative
 MAX_HEIGHT = 0.28  # of all crests together, in widths of the finest folds, at the finest scale
-SMOOTHED_EDGE = 0.0062  # metres: edge length at which cloth is averaged 6 times before its deformation is measured
+SMOOTHED_EDGE = 0.0062  # edge length for which cloth is averaged 6 times before its deformation is measured, metres
 
 
 def stretch(pattern: np.ndarray, x: np.ndarray, faces: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""The measure of how rough cloth is, on waves of known height."""
+"""The roughness of cloth, measured on waves of known height."""
 
 import importlib.util
 from pathlib import Path
@@ -29,7 +29,7 @@ def test_a_wave_has_the_height_that_the_gaussians_leave_of_it(cloth, wave):
     assert cloth.roughness(luminance, mask) == pytest.approx(want, rel=0.03, abs=5e-4)
 
 
-def test_what_is_too_small_is_not_measured(cloth):
+def test_small_regions_are_not_measured(cloth):
     mask = np.zeros((60, 60), bool)
     mask[20:40, 20:40] = True
     fine, _, coarse = cloth.roughness(np.ones((60, 60)), mask)

@@ -1,4 +1,4 @@
-"""How garments are cut, and what is sewn on them: hulls, drops, necklines, collars, bands, belts, ties, fits."""
+"""Cuts and trims of garments: hulls, drops, necklines, collars, bands, belts, ties, fits."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -146,7 +146,7 @@ def lengths(points: np.ndarray, ring: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("name", ["dress", "flared skirt", "pleated skirt", "long skirt"])
-def test_what_is_cut_wide_starts_in_folds_of_the_same_length(body, name):
+def test_a_wide_drop_starts_in_folds_of_the_same_length(body, name):
     pattern = cut(body, name)
     level = pattern.levels[0]
     hem = next(ring for ring in border_loops(level.faces) if (pattern.fields["drop"][ring] > 0.999).all())
@@ -230,7 +230,7 @@ def test_a_neckband_is_smooth_all_the_way_round(kind):
     assert np.ptp(np.hypot(band[:, 0], band[:, 2])) < 0.0006
 
 
-def test_a_band_holds_the_neckline_and_the_cloth_beside_it():
+def test_a_neckband_smooths_the_neckline_and_the_cloth_beside_it():
     """Cloth bunched at the neckline, 30 mm wide and 20 mm high: most of that goes, and what is away from it stays."""
     smooth, faces = tube()
     ring = max(border_loops(faces), key=lambda ring: smooth[ring, 1].mean())
@@ -260,7 +260,7 @@ def test_a_hood_is_whole_over_a_crease_down_the_back():
 
 
 @pytest.mark.parametrize("kind", ["hood", "lapel"])
-def test_what_lies_on_the_cloth_is_outside_it(kind):
+def test_hoods_and_lapels_are_outside_the_cloth(kind):
     colliders.init_warp()
     points, faces = tube()
     vertices, solid, _ = collars.collar(points, faces, np.zeros((len(points), 2)), kind, np.zeros(3), UP, 1.0)
@@ -358,7 +358,7 @@ def test_pieces_of_one_kind_differ_within_bounds():
     assert {shirt.v_depth > 0 for shirt in shirts} == {True, False} and len({shirt.neck for shirt in shirts}) > 3
 
 
-def test_outer_garments_have_room_for_what_is_under_them():
+def test_outer_garments_fit_over_inner_ones():
     rng = np.random.default_rng(1)
     for _ in range(20):
         inner, outer = outfits.pick(rng, "sweater"), outfits.pick(rng, "blazer")
@@ -368,7 +368,7 @@ def test_outer_garments_have_room_for_what_is_under_them():
         )
 
 
-def test_what_is_worn_under_a_jacket_is_close_and_no_top_is_wider_than_it_drapes():
+def test_tops_under_a_jacket_are_close_and_no_top_exceeds_the_largest_ease():
     rng = np.random.default_rng(2)
     for _ in range(30):
         inner = outfits.under(outfits.pick(rng, "t-shirt"))
@@ -377,7 +377,7 @@ def test_what_is_worn_under_a_jacket_is_close_and_no_top_is_wider_than_it_drapes
 
 
 @pytest.mark.parametrize(("name", "above"), [("robe", outfits.BELT), ("dress", 0.09 + outfits.ABOVE_SEAM)])
-def test_a_belt_holds_the_cloth_under_it_and_none_beside_it(body, name, above):
+def test_a_belt_pins_the_cloth_under_it_only(body, name, above):
     free, belted = (cut(body, name, belt_height=belt) for belt in (None, above))
     y, level = belted.fields["y"], belted.levels[-1]
     on = np.maximum(belted.fields["arm_shareL"], belted.fields["arm_shareR"])
@@ -389,7 +389,7 @@ def test_a_belt_holds_the_cloth_under_it_and_none_beside_it(body, name, above):
     np.testing.assert_array_equal(level.pin_weight[far], free.levels[-1].pin_weight[far])
 
 
-def test_an_outfit_anew_is_cut_alike():
+def test_other_fabrics_keep_the_cut():
     person = sample_person(np.random.default_rng(5))
     outfit = replace(
         outfits.sample_outfit(np.random.default_rng(5), person),

@@ -48,7 +48,7 @@ def test_heights_are_those_of_adults():
     assert 1.4 < min(heights) and max(heights) < 2.1
 
 
-def test_arc_takes_one_direction_to_the_other():
+def test_a_rotation_takes_one_direction_to_the_other():
     rng = np.random.default_rng(0)
     for _ in range(20):
         a, b = rng.normal(size=(2, 3))
@@ -177,7 +177,7 @@ def test_hands_that_rest_lie_on_the_body_with_their_palms(person, name):
         assert (facing[near] @ toward).mean() > 0.1, "what is near the body looks at it"
 
 
-def test_half_of_those_who_stand_level_have_their_feet_together_and_some_are_turned():
+def test_half_of_the_level_poses_have_closer_feet_and_some_are_turned():
     drawn = [stances.varied(pose_of("relaxed"), np.random.default_rng(seed)) for seed in range(300)]
     together = np.array([pose.feet[0].step[0] < -0.03 for pose in drawn])
     turns = np.array([pose.turn for pose in drawn])
@@ -234,7 +234,7 @@ def test_shapes_of_props_are_closed_and_face_outward():
 
 @pytest.mark.parametrize("name", ["with a phone", "with a cup", "with a bag"])
 @pytest.mark.parametrize("mirrored", [False, True])
-def test_what_is_held_is_in_the_palm(person, name, mirrored):
+def test_props_are_in_the_palm(person, name, mirrored):
     colliders.init_warp()
     pose = pose_of(name)
     if mirrored:
@@ -261,7 +261,7 @@ def test_what_is_held_is_in_the_palm(person, name, mirrored):
         assert (distance < -0.012).mean() < 0.03, "and not in it"
 
 
-def test_who_sits_sits_on_a_stool_that_stands_on_the_floor(person):
+def test_sitting_figures_have_a_stool_that_stands_on_the_floor(person):
     colliders.init_warp()
     pose = pose_of("sitting")
     motion = poses.build_motion(person, pose, 1)

@@ -1,4 +1,4 @@
-"""Cloth that hangs, lies and stays the same."""
+"""The cloth solver, its colliders, and cloth that passes through cloth."""
 
 import numpy as np
 import pytest
@@ -52,7 +52,7 @@ def test_a_free_cloth_falls_as_anything_falls():
     assert 3 - solver.positions()[:, 1].mean() == pytest.approx(9.8 * 0.2**2 / 2, rel=0.03)
 
 
-def test_the_ground_holds():
+def test_cloth_stays_above_the_ground():
     vertices, faces = square(9, height=0.05)
     under = Collider(*([ball(height=3.0)[0]] * 2), ball()[1])
     solver = ClothSolver(vertices, faces, Cloth())

@@ -1,4 +1,4 @@
-"""Whole figures: the same in every process, complete, in the budget; gates that bite; files that others read."""
+"""Whole figures: determinism, completeness, gates, constraints, and exported files."""
 
 import csv
 import hashlib
@@ -167,10 +167,10 @@ def test_another_seed_is_another_figure():
 
 
 @pytest.mark.parametrize(
-    ("seed", "detail", "texture", "said"), [(1, "huge", 128, "huge"), (-1, "draft", 128, "-1"), (1, "draft", 8, "8")]
+    ("seed", "detail", "texture", "message"), [(1, "huge", 128, "huge"), (-1, "draft", 128, "-1"), (1, "draft", 8, "8")]
 )
-def test_bad_arguments_are_one_sentence(seed, detail, texture, said):
-    with pytest.raises(UserError, match=said):
+def test_bad_arguments_are_one_sentence(seed, detail, texture, message):
+    with pytest.raises(UserError, match=message):
         make_figure(seed, detail, texture)
 
 
@@ -199,7 +199,7 @@ def test_a_failed_attempt_is_drawn_again_and_counted(figure, monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("share", "sits"), [(0.0, [False] * 6), (0.99, [True] * 4 + [False] * 2), (1.0, [True] * 6)])
-def test_who_sits_by_chance_sits_when_drawn_again_but_not_for_ever(figure, monkeypatch, share, sits):
+def test_figures_that_sit_by_chance_sit_in_the_first_redraws_only(figure, monkeypatch, share, sits):
     draws = failing(monkeypatch, 5, figure)
     make_figure(SEED, "draft", 128, constraints=Constraints(share))
     assert [draw.pose.sitting for draw in draws] == sits
@@ -224,7 +224,7 @@ def lifted(x, pattern):
 
 
 @pytest.mark.parametrize(
-    ("spoil", "said"),
+    ("spoil", "message"),
     [
         (lambda x, strain, pattern: (x, strain), None),
         (lambda x, strain, pattern: (np.where(np.arange(len(x))[:, None] == 5, np.nan, x), strain), "finite"),
@@ -236,11 +236,11 @@ def lifted(x, pattern):
         (lambda x, strain, pattern: (x * [0.6, 1, 0.6], strain), "inside"),
     ],
 )
-def test_each_gate_bites(snug, spoil, said):
+def test_each_gate_rejects(snug, spoil, message):
     body, motion, pattern, x, strain = snug
     x, strain = spoil(x, strain, pattern)
     reason = gates.check_garment(pattern, DrapeResult(x, [], strain), motion, body)
-    assert reason is None if said is None else re.search(said, reason)
+    assert reason is None if message is None else re.search(message, reason)
 
 
 def test_a_short_hem_that_was_swept_up_is_found_and_one_that_leans_is_not(snug):
@@ -334,7 +334,7 @@ def test_poke_through_is_seen_and_measured():
 
 
 @pytest.mark.slow
-def test_glb_says_what_the_mesh_says(figure, tmp_path):
+def test_glb_has_the_content_of_the_mesh(figure, tmp_path):
     mesh = figure
     export(mesh, tmp_path / "f.glb")
     scene = trimesh.load(tmp_path / "f.glb", process=False)
@@ -380,7 +380,7 @@ def test_glb_holds_its_licence_and_each_texture_once(tmp_path):
     assert [(material.roughness, material.specular) for material in read.materials] == [(0.25, 0.5), (1, 0), (1, 0)]
 
 
-def test_materials_shine_by_what_they_are(figure):
+def test_materials_have_the_gloss_of_their_kind(figure):
     found = {material.name: (material.roughness, material.specular) for material in figure.materials}
     assert found["skin"] == GLOSS["skin"] and found["eyes"] == GLOSS["eyes"]
     assert all(0 < roughness <= 1 and 0 < specular <= 1 for roughness, specular in found.values())
@@ -483,7 +483,7 @@ def test_no_constraints_change_nothing():
 
 
 @pytest.mark.parametrize(
-    ("fixed", "said"),
+    ("fixed", "message"),
     [
         ({"poses": ("wavin",)}, "did you mean 'waving'"),
         ({"garments": ("toga",)}, "no garment is called 'toga'; .*robe"),
@@ -491,21 +491,21 @@ def test_no_constraints_change_nothing():
         ({"sitting": 1.1}, "1.1"),
     ],
 )
-def test_unknown_names_are_one_sentence(fixed, said):
-    with pytest.raises(UserError, match=said):
+def test_unknown_names_are_one_sentence(fixed, message):
+    with pytest.raises(UserError, match=message):
         Constraints(**fixed)
 
 
 @pytest.mark.parametrize(
-    ("fixed", "said"),
+    ("fixed", "message"),
     [
         ({"garments": ("jeans", "dress")}, "would have jeans and dress"),
         ({"garments": ("coat",), "sitting": 1.0}, "can be taken in coat"),
         ({"garments": ("dress",), "hair": ("bald",)}, "dress and bald hair"),
     ],
 )
-def test_what_does_not_go_together_is_one_sentence(monkeypatch, fixed, said):
+def test_impossible_constraints_are_one_sentence(monkeypatch, fixed, message):
     monkeypatch.setattr("relight.figures.constraints.OUTFITS", 20)
     constraints = Constraints(**fixed)
-    with pytest.raises(UserError, match=said):
+    with pytest.raises(UserError, match=message):
         dress.sample(3, 0, 1, constraints.sitting, constraints)

@@ -90,7 +90,7 @@ def test_hair_and_hats_leave_the_face_free(head, heads, style):
         assert before.mean() < 0.002, part.name
 
 
-def test_what_hangs_before_the_face_is_moved_aside_and_on_shoulders_it_does_not_spread(head):
+def test_hair_before_the_face_moves_aside_and_does_not_spread_on_shoulders(head):
     built, motion, _ = head
     turn = motion.transforms[-1, motion.bones["head"]]
     deflect = locks.deflect_from_face(built, motion)

@@ -76,7 +76,7 @@ def test_a_sleeve_wound_twice_around():
     assert winding(twice, BONE - [0.03, 0.02, 0.9]) == 2
 
 
-def test_a_ring_that_hangs_to_one_side_winds_around_what_is_inside_it():
+def test_a_ring_that_hangs_to_one_side_winds_around_its_inside():
     """Rings of any shape against the turns of the angle at the bone: a loose sleeve is not centred on it."""
     rng = np.random.default_rng(0)
     inside = 0

@@ -66,8 +66,8 @@ def test_strength_blends_from_nothing():
 
 
 @pytest.mark.parametrize(
-    ("per_subject", "strength", "said"), [(0, 0.0, "per_subject"), (1, 1.5, "1.5"), (1, -0.1, "-0.1")]
+    ("per_subject", "strength", "message"), [(0, 0.0, "per_subject"), (1, 1.5, "1.5"), (1, -0.1, "-0.1")]
 )
-def test_bad_options_are_one_sentence(per_subject, strength, said):
-    with pytest.raises(UserError, match=said):
+def test_bad_options_are_one_sentence(per_subject, strength, message):
+    with pytest.raises(UserError, match=message):
         dress.make_figure(0, "draft", 128, per_subject, strength)

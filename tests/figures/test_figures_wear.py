@@ -61,7 +61,7 @@ def test_a_scarf_lies_around_the_neck_and_hangs_in_front(person, standing, garme
     assert np.percentile(distance, 1) > -0.002
 
 
-def test_a_tucked_top_is_held_below_the_waistband_only(person):
+def test_a_tucked_top_is_pinned_below_the_waistband_only(person):
     top, bottom = outfits.tucked(wardrobe.TOPS[0], wardrobe.BOTTOMS[0])
     pattern = patterns.build_pattern(person, top, 0)
     edge = patterns.landmarks(person)["waist"] + bottom.waist
@@ -101,7 +101,7 @@ def box(open_side: bool) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("open_side", [False, True])
-def test_who_looks_out_of_a_box(open_side):
+def test_points_that_see_out_of_a_box(open_side):
     colliders.init_warp()
     vertices, faces = box(open_side)
     points = np.array([[0, 0, 0], [0.5, 0.3, -0.9], [0, 0, 0]])
@@ -126,7 +126,7 @@ def test_skin_that_comes_through_cloth_is_pushed_under_it_and_none_out_of_a_fold
     np.testing.assert_array_equal(layers.push_under(skin, faces, turned, 0.002, free, facing), skin)
 
 
-def test_what_is_seen_under_a_lifted_garment_is_not_left_out():
+def test_skin_that_is_seen_under_a_lifted_garment_is_kept():
     """A sheet of cloth on skin: what it lies on is left out; lifted on one side, only what is still dark."""
     a = np.linspace(-0.5, 0.5, 41)
     x, y = np.meshgrid(a, a)
@@ -202,7 +202,7 @@ def test_hands_that_rest_come_close(person):
     assert before > 0.05 and 0.01 < after < 0.035
 
 
-def test_room_grows_with_what_is_worn():
+def test_room_grows_with_the_clothes():
     jeans, tee, coat = wardrobe.BOTTOMS[0], wardrobe.TOPS[0], wardrobe.OUTER[2]
     bare, dressed = clearance.room([jeans, tee], False), clearance.room([jeans, tee, coat], False)
     assert dressed[0] > bare[0] and dressed[1] > bare[1]

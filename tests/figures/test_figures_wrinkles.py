@@ -1,4 +1,4 @@
-"""Fine folds: strain by its closed form, crests across the compression, none where cloth is taut or held."""
+"""Fine folds: strain by its closed form, crests across the compression, none where cloth is taut or pinned."""
 
 from dataclasses import replace
 
@@ -57,7 +57,7 @@ def test_crests_run_across_the_compression_and_use_up_its_length():
     assert np.corrcoef(other.reshape(n, n)[10:-10, 10:-10].ravel(), h.ravel())[0, 1] < 0.3  # no two are the same
 
 
-def test_where_vertices_lie_denser_folds_are_no_more():
+def test_denser_vertices_have_no_more_folds():
     columns = np.concatenate(
         [np.arange(-0.25, -0.03, 0.0062), np.arange(-0.03, 0.03, 0.0016), np.arange(0.03, 0.25, 0.0062)]
     )
@@ -75,20 +75,20 @@ def test_where_vertices_lie_denser_folds_are_no_more():
     assert 0.6 < usual / (wrinkles.SHARES[0] * 0.1) < 1.3
 
 
-def test_cloth_that_is_taut_or_held_has_no_folds():
+def test_taut_or_pinned_cloth_has_no_folds():
     flat, _ = sheet()
     assert np.abs(heights(flat * [1.3, 1.3, 1.0])).max() == 0
     assert np.abs(heights(flat * [0.9, 1.0, 1.0], pinned=1.0)).max() == 0
 
 
-def test_more_to_lose_makes_deeper_folds_within_limits():
+def test_more_excess_length_makes_deeper_folds_within_limits():
     flat, _ = sheet()
     deep = [heights(flat * [1 - share, 1.0, 1.0]) for share in (0.03, 0.10, 0.6)]
     assert deep[0].std() < deep[1].std() < deep[2].std()
     assert np.abs(deep[2]).max() < wrinkles.MAX_HEIGHT * CRIMP.width * (1 + np.sqrt(wrinkles.SCALES[1]))
 
 
-def test_folds_stay_outside_what_lies_below():
+def test_folds_stay_outside_the_layer_below():
     colliders.init_warp()
     flat, faces = sheet()
     cloth = Cloth(thickness=0.004, crimp=replace(CRIMP, slack=0.1))
