@@ -23,7 +23,7 @@ from omegaconf import OmegaConf
 from torch import Tensor
 
 from relight.config import composed
-from relight.learning.augment import augmented
+from relight.learning.augment import augment_batch
 from relight.learning.camera import shade
 from relight.learning.checkpoint import load_network
 from relight.learning.data import RelitSet, read_split
@@ -62,10 +62,10 @@ def errors(network: torch.nn.Module, data: RelitSet, figures: np.ndarray, kind: 
     for i, figure in enumerate(figures):
         lit = lights[(i + np.arange(LIGHTS_PER_FIGURE) * len(lights) // LIGHTS_PER_FIGURE) % len(lights)]
         generators = [np.random.default_rng([i, j]) for j in range(LIGHTS_PER_FIGURE)]
-        batch = augmented(data.batch(np.full(LIGHTS_PER_FIGURE, figure), lit), settings, generators, network.size)
+        batch = augment_batch(data.batch(np.full(LIGHTS_PER_FIGURE, figure), lit), settings, generators, network.size)
         outputs = network(batch.image, batch.mask)
         light = outputs.pop("light") / batch.exposure[:, None, None]
-        maps = {name: batch.take(dense) for name, dense in outputs.items()}
+        maps = {name: batch.gather(dense) for name, dense in outputs.items()}
         maps["shading"] = shade(maps["transport"], batch.light)
         energies.append([detail(maps[name] - (true := getattr(batch, name)), true, batch) for name in DETAILS])
         maps["shading"] = shade(maps["transport"], light)

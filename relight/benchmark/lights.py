@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from relight.learning.augment import RED
+from relight.learning.augment import RED_PER_BLUE
 from relight.lights.light import Light
 from relight.panoramas import Panorama, generate_room, generate_sky, project
 from relight.panoramas.colour import blackbody, daylight
@@ -56,7 +56,7 @@ def panorama(light: Lamplight, pitch: float, brightness: float) -> Panorama:
     """
     upright = Panorama(KINDS[light.kind](light.seed), yaw=light.yaw)
     radiance = lookup(upright, view_directions() @ View(pitch=pitch).rotation)  # camera to world, which is upright
-    gains = np.exp([RED * light.tint, 0, light.tint])
+    gains = np.exp([RED_PER_BLUE * light.tint, 0, light.tint])
     pixels = np.maximum(radiance * gains, 0).reshape(HEIGHT, WIDTH, 3)
     source = f"{light.kind}:{light.seed}"
     before = project(Panorama(pixels), 2)

@@ -12,7 +12,7 @@ from relight.benchmark.measures import Intrinsics
 from relight.benchmark.recipes import Recipe
 from relight.benchmark.shots import Shot, variants
 from relight.config import NO_AUGMENTATION
-from relight.learning.augment import developed
+from relight.learning.augment import simulate_camera
 from relight.maps import Maps
 from relight.meshes import Mesh
 from relight.panoramas import Panorama, project
@@ -101,7 +101,7 @@ def render_picture(recipe: Recipe, mesh: Mesh, settings: Settings) -> Picture:
     def expose(gain: np.ndarray | float) -> np.ndarray:
         """Returns the photograph at a gain; the noise is always the same."""
         image = torch.from_numpy(np.moveaxis(linear * gain, -1, 0)[None].astype(np.float32))
-        photo = developed(image, CAMERA, [np.random.default_rng([recipe.seed, int(recipe.name[-1]), 0xCA])])
+        photo = simulate_camera(image, CAMERA, [np.random.default_rng([recipe.seed, int(recipe.name[-1]), 0xCA])])
         return to_bytes(encode(np.moveaxis(photo[0].numpy(), 0, -1)))[window]
 
     maps = crop_maps(maps, window)

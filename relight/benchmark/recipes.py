@@ -11,7 +11,7 @@ import numpy as np
 
 from relight.benchmark.lights import Lamplight
 from relight.files import UserError
-from relight.learning.augment import CUT
+from relight.learning.augment import CUT_HEIGHT
 from relight.meshes import Mesh
 from relight.transport import View, random_view
 
@@ -80,7 +80,7 @@ def draw_recipe(seed: int, number: int) -> Recipe:
             Lamplight(kind, light_seed, round(float(rng.normal(0, TINT)), 3), round(float(rng.uniform(-180, 180)), 1))
         )
     is_half = number > 1 and rng.random() < HALF_SHARE
-    cut = round(float(rng.uniform(*CUT)), 3) if is_half else None
+    cut = round(float(rng.uniform(*CUT_HEIGHT)), 3) if is_half else None
     stops = round(float(rng.uniform(*STOPS)), 3)
     varied = number == 1 and seed % VARIANT_EVERY == 0
     return Recipe(name, seed, random_view(name, 0), cut, lights[0], tuple(lights[1:]), stops, varied)

@@ -121,8 +121,8 @@ def select_figures(data: RelitSet, split: Path, figures: str) -> np.ndarray:
     scores = read_split(split)
     if figures != "views":
         return data.figures(scores[figures])
-    others = data.others(data.figures(scores["test"]))
-    return others[data.turned[others]]
+    others = data.other_views(data.figures(scores["test"]))
+    return others[data.has_view[others]]
 
 
 def has_pairs(data: RelitSet, split: Path, settings: config.Evaluate) -> bool:
@@ -211,7 +211,7 @@ def compact(network: Network, batch: Batch) -> dict[str, torch.Tensor]:
     """Runs a network; returns maps at the in-mask pixels (B,P,C), among them transport, and the light (B,K,3)."""
     outputs = network(batch.image, batch.mask)
     light = outputs.pop("light").float()
-    maps = {name: batch.take(dense) for name, dense in outputs.items()}
+    maps = {name: batch.gather(dense) for name, dense in outputs.items()}
     if "transport" not in maps:
         maps["transport"] = unoccluded(maps["normal"], network.order)
     return {**maps, "light": light}

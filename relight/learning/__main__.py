@@ -1,11 +1,11 @@
-"""Training on a machine that has torch, numpy, hydra and safetensors and nothing else of this project's needs.
+"""Trains a network from files; needs only torch, numpy, hydra and safetensors of this project's dependencies.
 
     python -m relight.learning --packed packed.safetensors --lights lights.npz --split subject.json \\
         --out ours.safetensors scale=study model=ours loss=full train.seed=1
     torchrun --nproc-per-node 8 -m relight.learning ...        # the same on eight GPUs
 
-The overrides are those of `relight run`. Beside the network come its losses (.csv) and, until it is done, the state
-(.state.pt) that the same command goes on from.
+The overrides are those of `relight run`. The losses (.csv) are written beside the network. So is the state (.state.pt)
+from which the same command resumes; it is removed at the end.
 """
 
 import argparse
@@ -26,13 +26,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         "relight.learning", description=__doc__, formatter_class=argparse.RawTextHelpFormatter
     )
-    for name, what in (
-        ("packed", "packed set (.safetensors)"),
-        ("lights", ".npz"),
-        ("split", ".json"),
-        ("out", ".safetensors"),
+    for name, description in (
+        ("packed", "packed maps (.safetensors)"),
+        ("lights", "light set (.npz)"),
+        ("split", "split of the figures (.json)"),
+        ("out", "network to write (.safetensors)"),
     ):
-        parser.add_argument(f"--{name}", type=Path, required=True, help=what)
+        parser.add_argument(f"--{name}", type=Path, required=True, help=description)
     parser.add_argument("overrides", nargs="*", metavar="key=value", help="settings, as for relight run")
     options = parser.parse_intermixed_args()
     try:

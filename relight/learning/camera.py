@@ -1,23 +1,23 @@
-"""From radiance to the pixels that a network sees: the colour models `paper` and `photo`."""
+"""Converts radiance to the input of a network, by the colour models `paper` and `photo`."""
 
 import torch
 from torch import Tensor
 
-BRIGHTEST = 10.0  # shadings are clipped to [0, 10], as the authors do
+MAX_SHADING = 10.0  # as the authors clip
 
 
 def decode(coded: Tensor) -> Tensor:
-    """Linear values of sRGB codes, both in [0,1] (IEC 61966-2-1)."""
+    """Returns linear values of sRGB codes, both in [0,1] (IEC 61966-2-1)."""
     return torch.where(coded <= 0.04045, coded / 12.92, ((coded.clamp_min(0.04045) + 0.055) / 1.055) ** 2.4)
 
 
 def encode(linear: Tensor) -> Tensor:
-    """sRGB codes of linear values, both in [0,1] (IEC 61966-2-1)."""
+    """Returns sRGB codes of linear values, both in [0,1] (IEC 61966-2-1)."""
     return torch.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear.clamp_min(0.0031308) ** (1 / 2.4) - 0.055)
 
 
 def quantised(linear: Tensor) -> Tensor:
-    """The 8-bit sRGB codes (uint8) of linear values, clipped to [0,1]."""
+    """Returns the 8-bit sRGB codes (uint8) of linear values, clipped to [0,1]."""
     return (encode(linear.clamp(0, 1)) * 255).round().to(torch.uint8)
 
 
@@ -25,15 +25,15 @@ LINEAR = decode(torch.arange(256) / 255)  # linear value of each code
 
 
 def shade(transport: Tensor, light: Tensor) -> Tensor:
-    """Shading T.L (..., P, 3) of transport (..., P, K) under light (..., K, 3), clipped to [0, 10]."""
-    return (transport @ light).clamp(0, BRIGHTEST)
+    """Returns the shading T.L (..., P, 3) of transport (..., P, K) under light (..., K, 3), clipped to [0, 10]."""
+    return (transport @ light).clamp(0, MAX_SHADING)
 
 
 def photograph(relit: Tensor, color: str) -> Tensor:
-    """What a network sees of relit radiance.
+    """Returns the network input for relit radiance.
 
     Args:
-        relit: albedo * shading.
+        relit: albedo * shading, linear.
         color: `paper` returns the values unchanged, as the authors do; `photo` records them as a camera does: clipped
             to [0,1], stored as 8-bit sRGB, and decoded.
     """

@@ -1,7 +1,7 @@
 """Networks and interrupted trainings on disk.
 
-A network is a safetensors file whose header holds all that is needed to build it. The state of a training is a file of
-torch that is read with `weights_only=True`, so that neither can run code.
+A network is a safetensors file whose header holds the settings to build it. The state of a training is a file of torch,
+read with `weights_only=True`. Neither can run code when it is read.
 """
 
 import json
@@ -20,7 +20,7 @@ from relight.config import Model
 from relight.files import UserError, atomic_write, existing_file
 from relight.learning.networks import Network, build
 
-LARGEST = 8192  # px of the pictures of a network that is read
+MAX_SIZE = 8192  # px, of the images of a network
 
 
 def save_network(path: Path, network: Network, model: Model, half: bool = False, **config: Any) -> None:
@@ -31,18 +31,18 @@ def save_network(path: Path, network: Network, model: Model, half: bool = False,
         network: its weights are written as float32.
         model: the settings that it was built with.
         half: write float16 instead.
-        config: plain values to keep beside them, such as the settings of the training.
+        config: plain values to store in the header, such as the settings of the training.
     """
     weights = {name: tensor.detach().cpu().contiguous() for name, tensor in network.state_dict().items()}
     if half:
         weights = {name: tensor.half() if tensor.is_floating_point() else tensor for name, tensor in weights.items()}
-    kept = {"size": network.size, "model": asdict(model), **config}
+    header = {"size": network.size, "model": asdict(model), **config}
     with atomic_write(path) as tmp:
-        save_file(weights, tmp, metadata={"relight": json.dumps(kept)})
+        save_file(weights, tmp, metadata={"relight": json.dumps(header)})
 
 
 def read_config(path: Path | str) -> dict[str, Any]:
-    """Reads what was saved beside the weights, without the weights.
+    """Reads the header of a network: its size, its model and the other values that `save_network` was given.
 
     Raises:
         UserError: if the file does not exist, is not safetensors, or holds no network of this project.
@@ -63,7 +63,7 @@ def load_network(path: Path | str, device: str | torch.device = "cpu") -> tuple[
     """Reads a network.
 
     Returns:
-        The network, float32 and in evaluation mode; and its config: size, model, and what else was saved beside them.
+        The network, float32 and in evaluation mode; and its config, as from `read_config`.
 
     Raises:
         UserError: if the file does not exist, is not safetensors, or holds no network of this version.
@@ -72,15 +72,15 @@ def load_network(path: Path | str, device: str | torch.device = "cpu") -> tuple[
     try:
         model, size = Model(**config["model"]), config["size"]
         if unset := [name for name, value in vars(model).items() if value == MISSING]:
-            raise KeyError(f"it does not say model.{unset[0]}")
-        if not size <= LARGEST:
-            raise ValueError(f"it is of {size} px; {LARGEST} are the most")
-        with torch.device("meta"):  # shapes without memory: what a header asks for is compared with the file first
+            raise KeyError(f"model.{unset[0]} is missing")
+        if not size <= MAX_SIZE:
+            raise ValueError(f"its size is {size} px, and the maximum is {MAX_SIZE}")
+        with torch.device("meta"):  # allocates no memory before the header's shapes are compared with the tensors
             network = build(model, size)
         with safe_open(path, "pt") as file:
             weights = {name: file.get_tensor(name) for name in file.keys()}
-        kinds = {name: tensor.dtype for name, tensor in network.state_dict().items()}
-        weights = {name: tensor.to(kinds.get(name, tensor.dtype)) for name, tensor in weights.items()}
+        dtypes = {name: tensor.dtype for name, tensor in network.state_dict().items()}
+        weights = {name: tensor.to(dtypes.get(name, tensor.dtype)) for name, tensor in weights.items()}
         network.load_state_dict(weights, assign=True)
     except (TypeError, KeyError, ValueError, RuntimeError, OverflowError, AttributeError, SafetensorError) as error:
         reason = (str(error).splitlines() or [type(error).__name__])[0]
@@ -96,7 +96,7 @@ def save_state(
     step: int,
     history: list[dict[str, float]],
 ) -> None:
-    """Writes what an interrupted training needs, whole or not at all.
+    """Writes the state from which an interrupted training resumes, whole or not at all.
 
     Args:
         path: .pt.
@@ -107,24 +107,24 @@ def save_state(
     """
     with atomic_write(path) as tmp:
         states = {name: part.state_dict() for name, part in parts.items()}
-        with open(tmp, "wb") as file:  # torch's own file would hide why a write failed
+        with open(tmp, "wb") as file:  # with a path, torch.save would hide why a write failed
             torch.save({"settings": digest, "step": step, "history": history, **states}, file)
 
 
-def restore(
+def restore_state(
     path: Path, digest: str, parts: Mapping[str, nn.Module | torch.optim.Optimizer], device: torch.device
 ) -> tuple[int, list[dict[str, float]], str]:
-    """Loads the state of the same training into `parts`, if there is one.
+    """Loads the state of the same training into `parts`, if it exists.
 
     Returns:
-        The step to go on with, the rows logged before, and a line that says what was found, "" if nothing was.
+        The first step to do, the rows logged before, and a message about the file, "" if there is none.
     """
     if not path.exists():
         return 0, [], ""
     try:
         found = torch.load(path, map_location=device, weights_only=True)
         same = found["settings"] == digest
-    except Exception as error:  # of pickle, zipfile and torch: it was damaged on its disk, for it is written whole
+    except Exception as error:  # of pickle, zipfile or torch: the file was damaged after it was written
         return 0, [], f"{path} cannot be read ({type(error).__name__}): starting from the beginning"
     if not same:
         return 0, [], f"{path} belongs to other settings or data: starting from the beginning"

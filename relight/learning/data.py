@@ -1,8 +1,8 @@
-"""Relit batches from the packed set, made on the device: no loader, no workers, nothing rendered in advance.
+"""Relights batches of the packed set on the device, without loader, workers or pictures rendered in advance.
 
 Only the pixels inside the masks are stored and computed with, as compact maps (B,P,C): the in-mask pixels of each image
-row by row, padded with zeros to P. In a batch of the packed set P is the most pixels of any figure, so that shapes
-never change.
+row by row, padded with zeros to P. In batches of the packed set P is the largest number of pixels of any figure, which
+makes shapes constant.
 """
 
 import json
@@ -29,73 +29,96 @@ MULTIPLE = 64  # P is a multiple of it
 
 @dataclass(frozen=True, kw_only=True)
 class CompactIndex:
-    """Where the pixels of compact maps are in their images; differences between neighbours need it."""
+    """The positions of the pixels of compact maps in their images.
 
-    pixel: Tensor  # (B*P,) index of each pixel among the B*S*S; that of the padding is outside the mask
-    inside: Tensor  # (B,P,1) 1 for pixels, 0 for padding
-    interior: Tensor  # (B,P,1) 1 where all four neighbours are in the mask; the right one is the next in the row
-    below: Tensor  # (B*P,) index among the B*P of the pixel below each interior pixel, else its own
+    Attributes:
+        pixel: (B*P,) index of each pixel among the B*S*S; for padding, that of a pixel outside the mask.
+        inside: (B,P,1) 1 for pixels, 0 for padding.
+        interior: (B,P,1) 1 where all four neighbours are in the mask; the next entry is then the right neighbour.
+        below: (B*P,) index among the B*P of the pixel below each interior pixel; for other pixels, their own.
+    """
 
-    def take(self, dense: Tensor) -> Tensor:
-        """The in-mask pixels (B,P,C), float32, of a dense map (B,C,S,S)."""
+    pixel: Tensor
+    inside: Tensor
+    interior: Tensor
+    below: Tensor
+
+    def gather(self, dense: Tensor) -> Tensor:
+        """Gathers the in-mask pixels (B,P,C), float32, of a dense map (B,C,S,S)."""
         rows = dense.permute(0, 2, 3, 1).reshape(-1, dense.shape[1])  # no copy when channels_last
-        # Pixels are distinct, so the gradient of this gather adds to each place once, in no order: it is deterministic.
+        # Pixels are distinct, so the gradient adds to each element once and is deterministic.
         return rows.index_select(0, self.pixel).float().view(len(dense), -1, dense.shape[1]) * self.inside
 
 
-def index_of(mask: Tensor) -> CompactIndex:
-    """The index of masks (B,1,S,S) bool; each image needs a pixel outside its mask."""
+def compact_index(mask: Tensor) -> CompactIndex:
+    """Returns the index of masks (B,1,S,S) bool; each image needs a pixel outside its mask."""
     batch, size = len(mask), mask.shape[-1]
     padded = F.pad(mask[:, 0], (1, 1, 1, 1))
     eroded = mask[:, 0] & padded[:, :-2, 1:-1] & padded[:, 2:, 1:-1] & padded[:, 1:-1, :-2] & padded[:, 1:-1, 2:]
     flat, eroded = mask.flatten(1), eroded.flatten(1)
-    most = -(-int(flat.sum(1).max()) // MULTIPLE) * MULTIPLE
-    place = flat.cumsum(1) - 1
-    image, at = flat.nonzero(as_tuple=True)
-    slot = place[image, at]
-    pixel = (~flat).int().argmax(1)[:, None].repeat(1, most)
-    pixel[image, slot] = at
-    below = torch.arange(most, device=mask.device).repeat(batch, 1)
-    under = place[image, (at + size).clamp_max(size * size - 1)]
-    inner = eroded[image, at]
-    below[image, slot] = torch.where(inner, under, slot)
-    inside, interior = (torch.zeros(batch, most, 1, device=mask.device) for _ in range(2))
+    width = -(-int(flat.sum(1).max()) // MULTIPLE) * MULTIPLE
+    rank = flat.cumsum(1) - 1
+    image, flat_index = flat.nonzero(as_tuple=True)
+    slot = rank[image, flat_index]
+    pixel = (~flat).int().argmax(1)[:, None].repeat(1, width)
+    pixel[image, slot] = flat_index
+    below = torch.arange(width, device=mask.device).repeat(batch, 1)
+    slot_below = rank[image, (flat_index + size).clamp_max(size * size - 1)]
+    is_interior = eroded[image, flat_index]
+    below[image, slot] = torch.where(is_interior, slot_below, slot)
+    inside, interior = (torch.zeros(batch, width, 1, device=mask.device) for _ in range(2))
     inside[image, slot] = 1
-    interior[image, slot, 0] = inner.float()
-    start = torch.arange(batch, device=mask.device)[:, None]
+    interior[image, slot, 0] = is_interior.float()
+    image_start = torch.arange(batch, device=mask.device)[:, None]
     return CompactIndex(
-        pixel=(pixel + start * size * size).flatten(),
+        pixel=(pixel + image_start * size * size).flatten(),
         inside=inside,
         interior=interior,
-        below=(below + start * most).flatten(),
+        below=(below + image_start * width).flatten(),
     )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Batch(CompactIndex):
-    """Input of the network and ground truth for B pairs of figure and light. Compact maps are zero at their padding."""
+    """Input of the network and ground truth for B pairs of figure and light. Compact maps are zero at their padding.
 
-    image: Tensor  # (B,3,S,S) what the camera records, zero outside the mask
-    mask: Tensor  # (B,1,S,S) of 0 and 1
-    albedo: Tensor  # (B,P,3)
-    transport: Tensor  # (B,P,K)
-    normal: Tensor  # (B,P,3) unit, camera frame
-    ao: Tensor  # (B,P,1)
-    gloss: Tensor | None = None  # (B,P,2) roughness and specular, as in `relight.meshes.Material`, where they are known
-    light: Tensor  # (B,K,3)
-    shading: Tensor  # (B,P,3) transport . light of all bands in [0,10]
-    relit: Tensor  # (B,P,3) albedo * shading, before the camera
-    exposure: Tensor  # (B,) of the camera: a factor on the light that `light`, `shading` and `relit` do not have
-    size: int  # S
-    scope: float  # pixels in the masks of one batch, for reduction=mask
+    Attributes:
+        image: (B,3,S,S) network input in the colour model of the training, zero outside the mask.
+        mask: (B,1,S,S) of 0 and 1.
+        albedo: (B,P,3) linear, or sRGB codes / 255 in the colour model `paper`.
+        transport: (B,P,K).
+        normal: (B,P,3) unit, camera frame.
+        ao: (B,P,1) in [0,1].
+        gloss: (B,P,2) roughness and specular, as in `relight.meshes.Material`; None if unknown.
+        light: (B,K,3) radiance coefficients.
+        shading: (B,P,3) transport . light of all bands, in [0,10].
+        relit: (B,P,3) albedo * shading, before the camera.
+        exposure: (B,) factor that the camera applies; `light`, `shading` and `relit` are without it.
+        size: S, pixels.
+        mask_pixels: number of pixels in all masks of a batch, the divisor of reduction=mask.
+    """
 
-    def put(self, compact: Tensor) -> Tensor:
-        """The dense map (B,C,S,S), zero outside the mask, of a compact one."""
-        return put(compact, self.pixel, self.size)
+    image: Tensor
+    mask: Tensor
+    albedo: Tensor
+    transport: Tensor
+    normal: Tensor
+    ao: Tensor
+    gloss: Tensor | None = None
+    light: Tensor
+    shading: Tensor
+    relit: Tensor
+    exposure: Tensor
+    size: int
+    mask_pixels: float
+
+    def scatter(self, compact: Tensor) -> Tensor:
+        """Scatters a compact map (B,P,C) to a dense one (B,C,S,S), zero outside the mask."""
+        return scatter(compact, self.pixel, self.size)
 
 
-def put(compact: Tensor, pixel: Tensor, size: int) -> Tensor:
-    """Scatters (B,P,C) to (B,C,S,S), channels_last; the padding's zeros go to pixels outside the mask."""
+def scatter(compact: Tensor, pixel: Tensor, size: int) -> Tensor:
+    """Scatters (B,P,C) to (B,C,S,S), channels_last; zeros of the padding go to pixels outside the mask."""
     batch, _, channels = compact.shape
     dense = compact.new_zeros(batch * size * size, channels)
     dense[pixel] = compact.reshape(-1, channels)
@@ -108,14 +131,14 @@ class RelitSet:
     def __init__(self, packed: Path, lights: Path, order: int, color: str, device: torch.device | str = "cpu"):
         """Loads the files.
 
-        Images and shadings are lit by all bands of the files; transport and lights of a batch end at `order`. So what a
-        network of that order cannot express counts as its error.
+        Images and shadings use all bands of the files; transport and lights of a batch end at `order`. So the losses of
+        a network include the error of truncating the harmonics.
 
         Args:
             packed: packed maps (relight.maps.packed).
             lights: light set (relight.lights.table).
             order: of the harmonics that the network infers.
-            color: `paper` takes the 8-bit sRGB codes of the albedo as if they were linear; `photo` takes linear albedo.
+            color: `paper` uses the 8-bit sRGB codes of the albedo as linear values; `photo` uses linear albedo.
             device: of all tensors.
 
         Raises:
@@ -124,7 +147,10 @@ class RelitSet:
         figures = PackedMaps(packed)
         table = read_npz(lights, "light set")
         if not {"coefficients", "split"} <= set(table) or table["coefficients"].ndim != 3:
-            raise UserError(f"{lights} is not a light set of relight (it lacks coefficients (N, K, 3), or the split)")
+            raise UserError(
+                f"{lights} is not a light set of relight (coefficients (N, K, 3) or split are missing): "
+                "give one of the stage lights"
+            )
         self.coefficients = (order + 1) ** 2
         bands = order_of(table["coefficients"].shape[1])
         for path, found in ((packed, figures.order), (lights, bands)):
@@ -133,7 +159,7 @@ class RelitSet:
                     f"{path} has harmonics up to order {found}: model.order={order} needs bake.order={order}"
                 )
         self.names, self.size, self.color = list(figures.names), figures.size, color
-        self.shown, self.turned = list(figures.figures), np.array([view is not None for view in figures.views])
+        self.figure_of, self.has_view = list(figures.figures), np.array([view is not None for view in figures.views])
         self.light_split = np.asarray(table["split"])
         self.order = min(figures.order, bands)
         all_bands = (self.order + 1) ** 2
@@ -141,7 +167,7 @@ class RelitSet:
         arrays = figures.arrays()
         offset = np.asarray(arrays["offset"], np.int64)
         self.counts = np.diff(offset)
-        self.most = int(-(-self.counts.max() // 64) * 64)
+        self.max_pixels = int(-(-self.counts.max() // 64) * 64)
         below, interior, outside = neighbours(np.asarray(arrays["pixel"]), offset, self.size)
 
         def load(array: np.ndarray) -> Tensor:
@@ -156,14 +182,14 @@ class RelitSet:
         self.signs = mirror_signs(self.order).to(device)
 
     def figures(self, names: list[str]) -> np.ndarray:
-        """Indices of the named figures, in order, without those that the packed set lacks."""
+        """Returns the indices of the named figures, in order, without those that the packed set lacks."""
         place = {name: i for i, name in enumerate(self.names)}
         return np.array([place[name] for name in names if name in place], np.int64)
 
-    def others(self, figures: np.ndarray) -> np.ndarray:
-        """Indices of the further views and outfits of `figures`, which are indices of their own frontal views."""
+    def other_views(self, figures: np.ndarray) -> np.ndarray:
+        """Returns the indices of the other views and outfits of `figures`, which are indices of frontal views."""
         chosen = {self.names[figure] for figure in figures}
-        found = [i for i, shown in enumerate(self.shown) if shown in chosen and shown != self.names[i]]
+        found = [i for i, figure in enumerate(self.figure_of) if figure in chosen and figure != self.names[i]]
         return np.array(found, np.int64)
 
     def batch(
@@ -180,9 +206,9 @@ class RelitSet:
             mirror: (B,) bool, which pairs are mirrored left to right: image, maps and light. Their compact maps keep
                 the order of the unmirrored pixels.
         """
-        device, size, most = self.pixel.device, self.size, self.most
+        device, size, width = self.pixel.device, self.size, self.max_pixels
         chosen = torch.as_tensor(figure, device=device)
-        slot = torch.arange(most, device=device)
+        slot = torch.arange(width, device=device)
         count = self.count[chosen, None]
         inside = (slot < count).float()[..., None]
         rows = self.offset[chosen, None] + torch.minimum(slot, count - 1)
@@ -208,8 +234,8 @@ class RelitSet:
         image_start = torch.arange(len(chosen), device=device)[:, None]
         pixel = (pixel + image_start * size * size).flatten()
         return Batch(
-            image=put(photograph(relit, self.color), pixel, size),
-            mask=put(inside, pixel, size),
+            image=scatter(photograph(relit, self.color), pixel, size),
+            mask=scatter(inside, pixel, size),
             albedo=albedo,
             transport=transport[..., : self.coefficients],
             normal=normal,
@@ -221,10 +247,10 @@ class RelitSet:
             inside=inside,
             interior=self.interior[rows].float()[..., None] * inside,
             pixel=pixel,
-            below=(below + image_start * most).flatten(),
+            below=(below + image_start * width).flatten(),
             exposure=torch.ones(len(chosen), device=device),
             size=size,
-            scope=float(self.counts[figure].sum()),
+            mask_pixels=float(self.counts[figure].sum()),
         )
 
 
@@ -237,8 +263,9 @@ def neighbours(pixel: np.ndarray, offset: np.ndarray, size: int) -> tuple[np.nda
         size: of the images, pixels.
 
     Returns:
-        below (pixels,) int32, the place of the pixel underneath within its figure, its own if not interior; interior
-        (pixels,) bool, whether all four neighbours are in the mask; outside (figures,) int32, a background pixel.
+        below (pixels,) int32, the index within its figure of the pixel below, or the pixel's own if not interior;
+        interior (pixels,) bool, whether all four neighbours are in the mask; outside (figures,) int32, the flat index
+        of a background pixel.
     """
     below, interior = np.empty(len(pixel), np.int32), np.empty(len(pixel), bool)
     outside = np.zeros(len(offset) - 1, np.int32)
@@ -264,20 +291,22 @@ def read_split(path: Path) -> dict[str, list[str]]:
             return parts
     except (ValueError, AttributeError, TypeError, RecursionError):
         pass
-    raise UserError(f"{path} is not a split of relight: it has lists of names of figures, such as train and test")
+    raise UserError(
+        f"{path} is not a split of relight: a split holds lists of names of figures, such as train and test"
+    )
 
 
-def pairs(seed: int, step: int, batch: int, figures: int, lights: int, order: str = "shuffled") -> np.ndarray:
-    """Which figure is seen under which light at a step: a function of seed and step alone, so nothing needs saving.
+def draw_pairs(seed: int, step: int, batch: int, figures: int, lights: int, order: str = "shuffled") -> np.ndarray:
+    """Returns the pairs of figure and light of a step, a function of seed and step alone.
 
-    Each epoch shows every pair exactly once. A batch may reach over the end of an epoch into the next.
+    Each epoch shows every pair exactly once. A batch may span the end of one epoch and the start of the next.
 
     Args:
         seed: of the training.
         step: from 0.
         batch: pairs of a step.
-        figures: how many there are.
-        lights: how many there are.
+        figures: number of figures.
+        lights: number of lights.
         order: `shuffled`, all pairs of an epoch in random order; or `rows`, the figures in random order and the lights
             of each in a row, as the authors do.
 
@@ -291,7 +320,7 @@ def pairs(seed: int, step: int, batch: int, figures: int, lights: int, order: st
 
 @lru_cache(maxsize=4)
 def epoch_order(seed: int, epoch: int, figures: int, lights: int, order: str) -> np.ndarray:
-    """The order (figures * lights,) in which an epoch shows the pairs, numbered figure * lights + light."""
+    """Returns the order (figures * lights,) of the pairs in an epoch, numbered figure * lights + light."""
     rng = generator(seed, epoch)
     if order == "shuffled":
         return rng.permutation(figures * lights)
@@ -300,5 +329,5 @@ def epoch_order(seed: int, epoch: int, figures: int, lights: int, order: str) ->
 
 
 def generator(seed: int, counter: int, purpose: int = 0) -> np.random.Generator:
-    """The random numbers of (seed, counter, purpose), independent of all others."""
+    """Returns a random generator for (seed, counter, purpose), independent of all others."""
     return np.random.Generator(np.random.Philox(key=[seed, (purpose << 48) + counter]))

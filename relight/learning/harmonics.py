@@ -1,4 +1,4 @@
-"""Spherical harmonics in torch: the differentiable transport of unoccluded normals, for SfSNet's networks."""
+"""Spherical harmonics in torch: the differentiable unoccluded transport of normals, for SfSNet's networks."""
 
 import math
 
@@ -9,10 +9,10 @@ from relight.sh import cosine_factors
 
 
 def basis(directions: Tensor, order: int) -> Tensor:
-    """Real orthonormal spherical harmonics, the torch twin of `relight.sh.basis`.
+    """Returns real orthonormal spherical harmonics, as `relight.sh.basis` does for NumPy.
 
     No Condon-Shortley phase, pole +z, sines for m < 0. With c_m + i s_m = (x + iy)^m the functions are polynomials in
-    x, y and z, so the gradient exists at the poles, too.
+    x, y and z, so the gradient also exists at the poles.
 
     Args:
         directions: unit vectors (..., 3).
@@ -44,14 +44,14 @@ def basis(directions: Tensor, order: int) -> Tensor:
 
 
 def unoccluded(normals: Tensor, order: int) -> Tensor:
-    """Transport T_lm(n) = A_l Y_lm(n), (..., (order+1)^2), of unit normals (..., 3) without occlusion."""
+    """Returns the transport T_lm(n) = A_l Y_lm(n), (..., (order+1)^2), of unit normals (..., 3) without occlusion."""
     factors = cosine_factors(order)
     bands = [float(factors[l]) for l in range(order + 1) for _ in range(2 * l + 1)]
     return basis(normals, order) * normals.new_tensor(bands)
 
 
 def mirror_signs(order: int) -> Tensor:
-    """The sign ((order+1)^2,) that each coefficient takes under the reflection x -> -x."""
+    """Returns the sign ((order+1)^2,) of each coefficient under the reflection x -> -x."""
     direction = torch.tensor([0.48, 0.6, 0.64], dtype=torch.float64)
     mirrored = direction * torch.tensor([-1.0, 1.0, 1.0], dtype=torch.float64)
     odd = (basis(direction, order) - basis(mirrored, order)).abs() > 1e-9

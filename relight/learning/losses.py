@@ -1,7 +1,7 @@
 """The fifteen L1 losses of the paper (section 4), and four of detail for photographs.
 
 They are computed on the pixels inside the masks. Outside, ground truth and masked outputs are both zero, so sums over
-the masks are sums over the images. Let A, T, L be the ground truth, A^, T^, L^ what is inferred, S = T.L and I = A*S.
+the masks are sums over the images. Let A, T, L be the ground truth, A^, T^, L^ the prediction, S = T.L and I = A*S.
 Four of the seven reconstructions need no new map: |A*(T^.L) - I| = A*|T^.L - S|, the same for the other two shadings,
 and |A^*S - I| = S*|A^ - A|.
 """
@@ -20,39 +20,39 @@ from relight.learning.networks import with_transport
 from relight.sh import order_of
 
 OCTAVES = 5  # of detail: structures of about 2 to 64 pixels
-LEVEL = 0.05  # of a truth's own root mean square: detail weaker than that counts no more
-DARK = 0.02  # least value of which ln is taken
+LEVEL = 0.05  # of the true map's root mean square: bounds the divisor where the true detail is weaker
+DARK = 0.02  # lower bound of values whose ln is taken
 
 
 def losses(outputs: dict[str, Tensor], batch: Batch, loss: Loss) -> dict[str, Tensor]:
     """Computes the losses whose weights are not zero.
 
-    The name of a shading or reconstruction tells what is inferred in it: `reconstruction_albedo_light` compares
-    A^*(T.L^) with the image. A network that infers normals has the losses `normal` (and `ao`) in place of `transport`;
-    the other losses take the transport that follows from its normals.
+    The name of a shading or reconstruction lists its inferred factors: `reconstruction_albedo_light` compares A^*(T.L^)
+    with the image. A network that infers normals has the losses `normal` (and `ao`) instead of `transport`; its other
+    losses use the transport that follows from its normals (and AO).
 
     Args:
         outputs: of the network, maps (B,C,S,S) and light (B,K,3).
         batch: the ground truth.
-        loss: weights, of which only zero or not matters here, and the reduction: the mean over the channels and over
-            all pixels of the image, background included (`image`, the authors'), or over those of the masks (`mask`).
+        loss: weights and reduction. Losses of weight 0 are skipped. The reduction is the mean over the channels and
+            over all pixels, background included (`image`, the authors'), or over those of the masks (`mask`).
 
     Returns:
-        Scalars by name, not weighted.
+        Unweighted scalars by name.
     """
     order = order_of(batch.light.shape[1])
-    maps = with_transport({k: batch.take(v) for k, v in outputs.items() if k != "light"}, order)
+    maps = with_transport({k: batch.gather(v) for k, v in outputs.items() if k != "light"}, order)
     albedo, transport, light = maps["albedo"], maps["transport"], outputs["light"].float()
     if "normal" in maps:
-        transport = transport * batch.inside  # that of the padding's zero normals is not zero
-    pixels = len(light) * batch.size**2 if loss.reduction == "image" else batch.scope
+        transport = transport * batch.inside  # zero normals of the padding have non-zero transport
+    pixels = len(light) * batch.size**2 if loss.reduction == "image" else batch.mask_pixels
     values = {}
 
     def mean(error: Tensor) -> Tensor:
         return error.sum() / (pixels * error.shape[-1])
 
     def weighted(weight: Tensor, error: Tensor) -> Tensor:
-        """Mean of weight * error without making that product."""
+        """Returns the mean of weight * error without storing the product."""
         return torch.dot(weight.flatten(), error.flatten()) / (pixels * error.shape[-1])
 
     albedo_error = (albedo - batch.albedo).abs()
@@ -77,12 +77,12 @@ def losses(outputs: dict[str, Tensor], batch: Batch, loss: Loss) -> dict[str, Te
         shadings["transport_light"] = shade(transport, light)
     for name in ("albedo", "transport", "shading"):
         if getattr(loss, f"detail_{name}"):
-            found = {"albedo": albedo, "transport": transport, "shading": shade(transport, batch.light)}[name]
+            inferred = {"albedo": albedo, "transport": transport, "shading": shade(transport, batch.light)}[name]
             truth = getattr(batch, name)
-            values[f"detail_{name}"] = detail(found - truth, truth, batch)
+            values[f"detail_{name}"] = detail(inferred - truth, truth, batch)
     if loss.exclusion:
-        own, true = (albedo, shade(transport, batch.light)), (batch.albedo, batch.shading)
-        values["exclusion"] = exclusion(own, true, batch)
+        inferred_maps, true_maps = (albedo, shade(transport, batch.light)), (batch.albedo, batch.shading)
+        values["exclusion"] = exclusion(inferred_maps, true_maps, batch)
     if loss.shading or loss.reconstruction:
         errors = {name: (shading - batch.shading).abs() for name, shading in shadings.items()}
     if loss.shading:
@@ -99,22 +99,22 @@ def losses(outputs: dict[str, Tensor], batch: Batch, loss: Loss) -> dict[str, Te
 
 
 def variation(compact: Tensor, batch: Batch) -> Tensor:
-    """Absolute forward differences |dx| + |dy| (B,P,C) in the mask eroded by one pixel, zero elsewhere."""
+    """Returns absolute forward differences |dx| + |dy| (B,P,C) in the mask eroded by one pixel, zero elsewhere."""
     right = (compact[:, 1:] - compact[:, :-1]).abs()
     below = compact.flatten(0, 1).index_select(0, batch.below).view_as(compact)
     return (F.pad(right, (0, 0, 0, 1)) + (below - compact).abs()) * batch.interior
 
 
 def detail(error: Tensor, truth: Tensor, batch: Batch) -> Tensor:
-    """The energy of an error's detail over that of the truth, as a mean over octaves and images.
+    """Returns the energy of the error's detail over that of the true detail, as a mean over octaves and images.
 
-    The squared error is smallest at the expected detail; absolute differences, at their median, which for folds that a
-    picture leaves in doubt is close to none.
+    The squared error is minimal at the expected detail. The absolute error is minimal at the median, which is close to
+    zero for folds that the picture leaves ambiguous.
 
     Args:
-        error: inferred less true values (B,P,C).
+        error: inferred minus true values (B,P,C).
         truth: (B,P,C).
-        batch: whose pixels they are.
+        batch: the batch of the compact maps.
     """
     level = LEVEL**2 * (truth**2).sum((1, 2))
     energies = []
@@ -125,38 +125,38 @@ def detail(error: Tensor, truth: Tensor, batch: Batch) -> Tensor:
     return torch.stack(energies).mean()
 
 
-def exclusion(found: tuple[Tensor, Tensor], truth: tuple[Tensor, Tensor], batch: Batch) -> Tensor:
-    """How much more two inferred maps share their detail than the true ones do, as a mean over octaves and images.
+def exclusion(inferred: tuple[Tensor, Tensor], truth: tuple[Tensor, Tensor], batch: Batch) -> Tensor:
+    """Returns by how much the correlation of two inferred maps' detail exceeds that of the true maps.
 
-    Shared is mean |a s| over the root mean squares of a and s, the detail of ln of both maps' channel means (the idea
-    is the exclusion loss of Zhang et al. 2018, Single Image Reflection Separation). Squared errors put an edge of
-    doubtful origin into both maps; this puts it into one.
+    Correlation is mean |a s| over the root mean squares of a and s, the detail of the ln of the maps' channel means;
+    excess is averaged over octaves and images. The idea is the exclusion loss of Zhang et al. 2018, Single Image
+    Reflection Separation. With squared errors alone, an ambiguous edge appears in both maps; with this loss, in one.
 
     Args:
-        found: two inferred maps (B,P,C), here albedo and shading.
-        truth: the true ones.
-        batch: whose pixels they are.
+        inferred: two maps (B,P,C), here albedo and shading.
+        truth: the true maps.
+        batch: the batch of the compact maps.
     """
-    maps = [x.mean(-1, keepdim=True).clamp_min(DARK).log() for x in (*found, *truth)]
+    maps = [x.mean(-1, keepdim=True).clamp_min(DARK).log() for x in (*inferred, *truth)]
     excess = []
     for images, weight in octaves(maps, batch):
         energy = torch.stack([(x**2 * weight).sum((1, 2, 3)) for x in images])
         energy[:2] += LEVEL**2 * energy[2:]
         shared = torch.stack([((a * s).abs() * weight).sum((1, 2, 3)) for a, s in (images[:2], images[2:])])
-        own, true = shared / (energy[::2] * energy[1::2]).clamp_min(1e-12).sqrt()
-        excess.append((own - true).clamp_min(0).mean())
+        inferred_correlation, true_correlation = shared / (energy[::2] * energy[1::2]).clamp_min(1e-12).sqrt()
+        excess.append((inferred_correlation - true_correlation).clamp_min(0).mean())
     return torch.stack(excess).mean()
 
 
 def octaves(maps: Sequence[Tensor], batch: Batch) -> Iterator[tuple[list[Tensor], Tensor]]:
-    """The detail of maps (B,P,C), one octave after the other, the finest first.
+    """Yields the detail of maps (B,P,C) by octave, the finest first, as a Laplacian pyramid within the mask.
 
-    An octave is what means over 2^k x 2^k pixels within the mask have beyond those over twice the side.
+    Octave k is the difference between means over 2^k x 2^k and over 2^(k+1) x 2^(k+1) pixels.
 
     Yields:
-        Maps (B,C,S,S) of side S = size / 2^k, and the share (B,1,S,S) of each of their pixels that is in the mask.
+        Maps (B,C,S,S) of side S = size / 2^k, and (B,1,S,S), the share of each of their pixels inside the mask.
     """
-    *images, weight = (batch.put(x) for x in (*maps, batch.inside))
+    *images, weight = (batch.scatter(x) for x in (*maps, batch.inside))
     for _ in range(min(OCTAVES, batch.size.bit_length() - 1)):
         share = F.avg_pool2d(weight, 2)
         means = [F.avg_pool2d(x * weight, 2) / share.clamp_min(1e-6) for x in images]
@@ -165,18 +165,18 @@ def octaves(maps: Sequence[Tensor], batch: Batch) -> Iterator[tuple[list[Tensor]
 
 
 def weighted_sum(values: dict[str, Tensor], weight: dict[str, float]) -> Tensor:
-    """The loss of a training: the sum of its losses, each times its weight."""
+    """Returns the sum of the losses, each times its weight."""
     first, *others = (weight[name] * value for name, value in values.items())
     return sum(others, first)
 
 
 def weights(loss: Loss, size: int) -> dict[str, float]:
-    """The weight of each loss, by name, for images of `size` pixels.
+    """Returns the weight of each loss, by name, for images of `size` pixels.
 
-    Total variation is a mean over pixels. That of transport shrinks as the image grows, since fewer pixels lie on the
-    edges of shapes, so its weight is multiplied by size / loss.tv_reference. That of albedo does not: textures bring
-    new edges at every scale (.036, .083 and .048 per pixel in three texture maps at 1024 px, .074, .073 and .057 at
-    128 px).
+    Total variation is a mean over pixels. For transport it decreases with the image size, since a smaller share of the
+    pixels lies on edges of shapes; so its weight is multiplied by size / loss.tv_reference. For albedo it does not:
+    textures have edges at every scale (.036, .083 and .048 per pixel in three texture maps at 1024 px, .074, .073 and
+    .057 at 128 px).
     """
     return {
         "albedo": loss.albedo,

@@ -1,4 +1,4 @@
-"""The networks: the paper's with its two predecessors (section 5), and one for photographs.
+"""The networks: the paper's with its two predecessors (section 5), and a U-Net for photographs.
 
 Channels and sizes of the paper's network at 1024 px and width 1:
 
@@ -8,7 +8,7 @@ Channels and sizes of the paper's network at 1024 px and width 1:
                                  encoder's features of the same size after all but the last
     light     conv 4, stride 2   (encoder and residual outputs) -> 512@8 256@4 128@2 27@1
 
-A map of one pixel is its own mean, so a norm would turn it into zeros: there the convolution keeps its bias instead.
+A norm would turn a map of one pixel into zeros, since the pixel is its own mean: such a convolution has a bias instead.
 """
 
 from itertools import pairwise
@@ -25,7 +25,7 @@ from relight.learning.harmonics import unoccluded
 ENCODER = (64, 128, 256, 512, 512, 512)  # channels at 1/2 to 1/64 of the size, at width 1
 DECODER = (512, 512, 256, 128, 64)
 LIGHT = (512, 256, 128)  # channels of the light head
-STRIDE = 2 ** len(ENCODER)  # image sizes are multiples of it
+STRIDE = 2 ** len(ENCODER)  # image sizes are multiples of it, since the encoder halves them so often
 UNET = (64, 128, 192, 256, 384, 384)  # channels at 1/2 to 1/64 of the size, at width 1
 FULL_SIZE = 32  # channels at full size of the U-Net, at width 1
 PLAIN_LEVELS = 2  # finest levels of the U-Net, without residual blocks
@@ -42,7 +42,7 @@ class InstanceNorm(nn.Module):
         self.bias = nn.Parameter(torch.zeros(channels))
 
     def forward(self, x: Tensor) -> Tensor:
-        if len(x) == 1:  # the same thing, and these kernels keep channels_last
+        if len(x) == 1:  # equal to instance norm, and this kernel keeps channels_last
             return F.batch_norm(x, None, None, self.weight, self.bias, training=True)
         return F.group_norm(x, x.shape[1], self.weight, self.bias)  # twice as fast as instance_norm in channels_last
 
@@ -51,7 +51,7 @@ NORMS = {"instance": InstanceNorm, "batch": nn.BatchNorm2d}
 
 
 def normalised(conv: type, inputs: int, outputs: int, kernel: tuple[int, int, int], side: int, norm: str) -> nn.Module:
-    """A (de)convolution and its norm; without a norm where the output has one pixel.
+    """Returns a (de)convolution followed by a norm; without the norm where the output has one pixel.
 
     Args:
         conv: `nn.Conv2d` or `nn.ConvTranspose2d`.
@@ -67,7 +67,7 @@ def normalised(conv: type, inputs: int, outputs: int, kernel: tuple[int, int, in
 
 
 class Residual(nn.Module):
-    """x + norm(conv(relu(norm(conv(x))))), nothing after the sum."""
+    """A residual block x + norm(conv(relu(norm(conv(x))))), without an activation after the sum."""
 
     def __init__(self, channels: int, side: int, norm: str):
         super().__init__()
@@ -97,7 +97,7 @@ class Decoder(nn.Module):
         """Decodes the encoder's features.
 
         Args:
-            features: of all levels, finest first.
+            features: (B,C,s,s) of all levels of the encoder, finest first.
 
         Returns:
             The output of the residual block (B,C,S/64,S/64), and the map (B,outputs,S,S).
@@ -134,7 +134,7 @@ class StridedHead(nn.Module):
 
 
 class PooledHead(nn.Module):
-    """A light head that averages features over the figure alone; their size is 1/stride of the image's."""
+    """A light head that averages features over the mask; their size is 1/stride of the image's."""
 
     def __init__(self, inputs: int, channels: list[int], outputs: int, stride: int):
         super().__init__()
@@ -145,7 +145,7 @@ class PooledHead(nn.Module):
 
     def forward(self, x: Tensor, mask: Tensor) -> Tensor:
         share = F.avg_pool2d(mask, self.stride)
-        x = F.leaky_relu(self.layers[0](x), SLOPE)  # before the pooling, so that pixels can be weighted
+        x = F.leaky_relu(self.layers[0](x), SLOPE)  # before the pooling: the network can weight pixels
         x = (x * share).sum((2, 3), keepdim=True) / share.sum((2, 3), keepdim=True).clamp_min(1e-6)
         for layer in self.layers[1:]:
             x = F.leaky_relu(layer(x), SLOPE)
@@ -153,25 +153,25 @@ class PooledHead(nn.Module):
 
 
 class Refinement(nn.Module):
-    """Refines a light by ridge regression so that, with the inferred maps, it explains the image (not in the paper).
+    """Refines a light by ridge regression of the image on the inferred maps (not in the paper).
 
     For each colour channel the refined L minimises mean_p (a_p T_p.L - I_p)^2 + sum_k w_k (L_k - L0_k)^2 over the
     pixels p of the figure, in closed form. a is the inferred albedo, T the inferred transport, I the image, L0 the
-    light of the head. The weights w, the trust in the head, are learned. The maps get no gradient from here, so that
-    an error of the light does not bend them.
+    light of the head. The weights w are learned; `trust` is ln w. The maps are detached: errors of the light pass no
+    gradient to them.
     """
 
-    SIDE = 64  # maps are subsampled to about so many pixels a side: hundreds of equations for nine unknowns
+    SIDE = 64  # pixels per side to which maps are subsampled: hundreds of equations for nine unknowns
 
     def __init__(self, coefficients: int):
         super().__init__()
         self.trust = nn.Parameter(torch.full((coefficients,), -4.0))  # ln w
 
     def forward(self, light: Tensor, albedo: Tensor, transport: Tensor, image: Tensor, mask: Tensor) -> Tensor:
-        """Solves the regression.
+        """Returns the refined light, the solution of the regression.
 
         Args:
-            light: the head's (B,K,3).
+            light: (B,K,3) of the head.
             albedo: inferred (B,3,S,S).
             transport: inferred (B,K,S,S).
             image: linear (B,3,S,S).
@@ -181,9 +181,9 @@ class Refinement(nn.Module):
             The refined light (B,K,3).
         """
         with torch.autocast(light.device.type, enabled=False):
-            every = max(1, image.shape[-1] // self.SIDE)
+            step = max(1, image.shape[-1] // self.SIDE)
             albedo, transport, image, mask = (
-                x[..., ::every, ::every].flatten(2).float().detach() for x in (albedo, transport, image, mask)
+                x[..., ::step, ::step].flatten(2).float().detach() for x in (albedo, transport, image, mask)
             )
             transport = transport * mask
             weighted = (albedo**2)[:, :, None] * transport[:, None]  # (B,3,K,P)
@@ -195,14 +195,14 @@ class Refinement(nn.Module):
 
 
 class Network(nn.Module):
-    """From an image and its mask to albedo, light and a shape map.
+    """Infers albedo, light and a shape map from an image and its mask.
 
     The shape map is transport (`ours`, `unet`), normal (`sfsnet`), or normal and AO (`sfsnet_ao`). Subclasses
     implement `infer`.
     """
 
-    layout = torch.channels_last  # of the features
-    unlearned: frozenset[str] = frozenset()  # outputs that no loss trained; the evaluation sets it
+    layout = torch.channels_last  # memory format of the features
+    unlearned: frozenset[str] = frozenset()  # outputs that no loss trained; set by the evaluation
 
     refinement: "Refinement | None"
 
@@ -211,7 +211,7 @@ class Network(nn.Module):
         self.order, self.size, self.albedo, self.sees = model.order, size, model.albedo, model.sees
 
     def infer(self, seen: Tensor, mask: Tensor) -> tuple[dict[str, Tensor], Tensor]:
-        """Runs the layers.
+        """Runs the layers; subclasses implement it.
 
         Args:
             seen: image (B,3,S,S) scaled to [-1,1], 0 outside the mask.
@@ -237,7 +237,7 @@ class Network(nn.Module):
         x = (2 * image - 1) * mask if self.sees == "image" else mask.expand_as(image)
         outputs, light = self.infer(x.contiguous(memory_format=self.layout), mask)
         outputs["light"] = light.unflatten(1, (-1, 3))
-        outputs["albedo"] = constrained(outputs["albedo"], self.albedo)
+        outputs["albedo"] = constrain_albedo(outputs["albedo"], self.albedo)
         if "normal" in outputs:
             outputs["normal"] = F.normalize(outputs["normal"].float(), dim=1, eps=1e-6)
         if self.refinement:
@@ -300,7 +300,7 @@ class PaperNetwork(Network):
             nn.init.normal_(self.light.last.weight, 0, 0.01)
 
     def infer(self, seen: Tensor, mask: Tensor) -> tuple[dict[str, Tensor], Tensor]:
-        """As `Network.infer`; the light is inferred from the residual blocks' outputs of all decoders."""
+        """Implements `Network.infer`; the light is inferred from the outputs of the residual blocks of all decoders."""
         x, features = seen, []
         for layer in self.encoder:
             x = F.leaky_relu(layer(x), SLOPE)
@@ -313,11 +313,11 @@ class PaperNetwork(Network):
 
 
 class UNet(Network):
-    """One encoder and one decoder for all maps, made for photographs.
+    """A U-Net for photographs: one encoder, and one decoder for all maps.
 
-    Transposed convolutions leave stripes in the maps, and without the image at full size the maps blur. So the decoder
-    upsamples bilinearly, and its last two convolutions see the image. The light is pooled over the figure from decoder
-    features at 1/8 of the size, which already describe the shape.
+    The decoder upsamples bilinearly, because transposed convolutions leave stripes in the maps. Its last two
+    convolutions get the image at full size, because the maps are blurred without it. The light is pooled over the
+    figure from decoder features at 1/8 of the size, which already describe the shape.
     """
 
     layout = torch.contiguous_format  # a training step on a CPU takes 1.25 times as long in channels_last
@@ -338,7 +338,7 @@ class UNet(Network):
         self.reduce, self.decoder = nn.ModuleList(), nn.ModuleList()
         for level, width in reversed(list(enumerate(sizes[:-1]))):
             side *= 2
-            self.reduce.append(nn.Conv2d(inputs, width, 1))  # before the map is enlarged: a quarter of the work
+            self.reduce.append(nn.Conv2d(inputs, width, 1))  # before the upsampling: a quarter of the operations
             block = [normalised(nn.Conv2d, 2 * width, width, (3, 1, 1), side, model.norm), nn.ReLU()]
             if level >= PLAIN_LEVELS:
                 block.append(Residual(width, side, model.norm))
@@ -365,7 +365,7 @@ class UNet(Network):
             nn.init.normal_(last.weight, 0, 0.01)
 
     def infer(self, seen: Tensor, mask: Tensor) -> tuple[dict[str, Tensor], Tensor]:
-        """As `Network.infer`; the light is inferred from a coarse level of the decoder."""
+        """Implements `Network.infer`; the light is inferred from a coarse level of the decoder."""
         picture = torch.cat([seen, mask], 1).contiguous(memory_format=self.layout)
         x, features = picture, []
         for layer in self.encoder:
@@ -383,21 +383,21 @@ class UNet(Network):
 
 
 def upsampled(x: Tensor) -> Tensor:
-    """A map (B,C,H,W) at twice the size, bilinear."""
+    """Upsamples a map (B,C,H,W) to twice the size, bilinearly."""
     return F.interpolate(x, scale_factor=2, mode="bilinear", align_corners=False)
 
 
-def scaled(count: int, width: float) -> int:
-    """`count` channels times a relative `width`, rounded to a multiple of 8 (whole vectors on every device)."""
-    return max(8, 8 * round(count * width / 8))
+def scaled(channels: int, width: float) -> int:
+    """Returns `channels` times a relative `width`, rounded to a multiple of 8 for vector instructions; at least 8."""
+    return max(8, 8 * round(channels * width / 8))
 
 
-def constrained(albedo: Tensor, how: str) -> Tensor:
-    """Albedo in [0,1] by `clip` (the paper's; no gradient outside), `straight_through` (with gradient) or `sigmoid`."""
-    if how == "sigmoid":
+def constrain_albedo(albedo: Tensor, mode: str) -> Tensor:
+    """Constrains albedo to [0,1] by mode: `clip` (paper; no gradient outside), `straight_through`, or `sigmoid`."""
+    if mode == "sigmoid":
         return torch.sigmoid(albedo)
     clipped = albedo.clamp(0, 1)
-    return clipped if how == "clip" else albedo + (clipped - albedo).detach()
+    return clipped if mode == "clip" else albedo + (clipped - albedo).detach()
 
 
 def with_transport(maps: dict[str, Tensor], order: int) -> dict[str, Tensor]:
@@ -408,7 +408,8 @@ def with_transport(maps: dict[str, Tensor], order: int) -> dict[str, Tensor]:
         order: of the harmonics.
 
     Returns:
-        The maps with `transport` (..., K): the inferred one, or that of the unoccluded normals, times `ao` if inferred.
+        The maps with `transport` (..., K): as inferred, or the unoccluded transport of the normals, times `ao` if there
+        is one.
     """
     if "transport" in maps:
         return maps
@@ -417,18 +418,24 @@ def with_transport(maps: dict[str, Tensor], order: int) -> dict[str, Tensor]:
 
 
 def on_meta(network: nn.Module) -> bool:
-    """Whether a network has shapes alone; to draw weights there, torch would import its compiler (1 CPU-second)."""
+    """Returns whether the parameters are on the meta device, where drawing weights would import torch's compiler."""
     return next(network.parameters()).is_meta
 
 
 def build(model: Model, size: int) -> Network:
-    """A new network for square images of `size` pixels, its weights drawn by torch's generator.
+    """Returns a new network with weights drawn by torch's global generator.
+
+    Args:
+        model: settings of the network.
+        size: S of the square images in pixels, a multiple of 64.
 
     Raises:
-        UserError: if the size is not a multiple of 64, or there is no such network.
+        UserError: if the size is not a multiple of 64, or no network or extension has the name `model.name`.
     """
     if size < STRIDE or size % STRIDE:
-        raise UserError(f"the image size is {size} px: the network halves it six times, so give a multiple of {STRIDE}")
+        raise UserError(
+            f"the image size is {size} px: it must be a multiple of {STRIDE}, because the network halves it six times"
+        )
     own = {"unet": UNet, "ours": PaperNetwork, "sfsnet": PaperNetwork, "sfsnet_ao": PaperNetwork}
     kind: type[Network] = own.get(model.name) or extension(model.name, "network")
     return kind(model, size).to(memory_format=kind.layout)  # type: ignore[call-overload]  # not in torch's hints

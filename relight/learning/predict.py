@@ -1,4 +1,4 @@
-"""Inference on arrays."""
+"""Inference on NumPy arrays."""
 
 import numpy as np
 import torch
@@ -19,8 +19,8 @@ def predict(network: Network, image: np.ndarray, mask: np.ndarray, mirrored: boo
         image: (S,S,3) or (B,S,S,3), linear, about [0,1], in the colour model of the training (`train.color`).
             S is the size that the network was trained for. Values outside the mask do not matter.
         mask: (S,S) or (B,S,S), float or bool.
-        mirrored: average with what is inferred from the mirror image, so that a mirrored image has the mirrored maps,
-            at twice the cost.
+        mirrored: average with the prediction for the mirror image. This makes predictions equivariant to mirroring, at
+            twice the cost.
 
     Returns:
         float32 arrays with the leading axis of the input: `albedo` (S,S,3) in [0,1]; `transport` (S,S,K); `light`
@@ -51,7 +51,7 @@ def predict(network: Network, image: np.ndarray, mask: np.ndarray, mirrored: boo
 
 
 def _maps(network: Network, image: Tensor, inside: Tensor) -> dict[str, Tensor]:
-    """Light (B,K,3) and maps (B,S,S,C), zero outside the mask, of images (B,S,S,3) with masks (B,S,S,1)."""
+    """Infers light (B,K,3) and maps (B,S,S,C), zero outside the mask, from images (B,S,S,3) and masks (B,S,S,1)."""
     outputs = network(image.permute(0, 3, 1, 2), inside.permute(0, 3, 1, 2))
     light = outputs.pop("light").float()
     maps = {name: dense.permute(0, 2, 3, 1).float() for name, dense in outputs.items()}
@@ -59,7 +59,7 @@ def _maps(network: Network, image: Tensor, inside: Tensor) -> dict[str, Tensor]:
 
 
 def _unmirrored(maps: dict[str, Tensor], order: int) -> dict[str, Tensor]:
-    """Turns the maps of a mirror image into those of the image."""
+    """Returns the maps of an image, given those of its mirror image."""
     signs = {"transport": mirror_signs(order), "light": mirror_signs(order)[:, None], "normal": torch.ones(3)}
     signs["normal"][0] = -1
     flipped = {name: values if name == "light" else values.flip(2) for name, values in maps.items()}

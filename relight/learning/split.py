@@ -1,4 +1,4 @@
-"""Splits of the figures into training and test, with seated figures apart."""
+"""Splits of the figures into training and test, with seated figures as a part of their own."""
 
 from collections.abc import Mapping, Set
 from typing import Any
@@ -17,11 +17,11 @@ def split_figures(
     Seated figures are a part of their own, as in the paper (section 5.1), unless `split.sitting=dealt`. The others are
     split by `split.kind`:
 
-    - `subject` draws whole subjects for the test until it holds the share asked for: no person is on both sides.
+    - `subject` draws whole subjects until the test has the share `split.test`: no person is on both sides.
     - `paper` draws figures at random (section 5): figures of one person may be on both sides.
     - `disjoint` and `siblings` have the same test figures and equally many training figures. Every second figure of the
-      test subjects is a test figure, the others are their siblings. `siblings` trains on these in place of as many
-      figures of other people. So the two differ in whether the network has seen the person that it is tested on.
+      test subjects is a test figure; the others are its siblings. `siblings` trains on them instead of the same number
+      of figures of other people. So the two differ only in whether the training includes the test subjects.
 
     Args:
         names: of all figures.
@@ -37,16 +37,18 @@ def split_figures(
     """
     if split.sitting == "dealt":
         sitting = set()
-    apart = [name for name in names if name in sitting]
+    seated = [name for name in names if name in sitting]
     subjects = [subject for name, subject in zip(names, subjects) if name not in sitting]
     names = [name for name in names if name not in sitting]
     if split.kind in ("disjoint", "siblings"):
-        return {**sibling_split(names, subjects, split), "sitting": apart}
+        return {**sibling_split(names, subjects, split), "sitting": seated}
     units = subjects if split.kind == "subject" else names
     order = sorted(set(units))
     if len(order) < 2:
         what = "subjects" if split.kind == "subject" else "figures"
-        raise UserError(f"split: at least two {what} are needed, one to train on and one to test on, not {len(order)}")
+        raise UserError(
+            f"split: at least two {what} are needed, one for training and one for the test, not {len(order)}"
+        )
     np.random.default_rng(split.seed).shuffle(order)
     wanted = split.test * len(names)
     test: set[str] = set()
@@ -60,16 +62,16 @@ def split_figures(
     return {
         "train": [name for name, unit in zip(names, units) if unit not in test],
         "test": [name for name, unit in zip(names, units) if unit in test],
-        "sitting": apart,
+        "sitting": seated,
     }
 
 
 def sibling_split(names: list[str], subjects: list[str], split: Split) -> dict[str, list[str]]:
-    """The split `disjoint` or `siblings` (see `split_figures`)."""
-    own: dict[str, list[str]] = {}
+    """Returns the split `disjoint` or `siblings` (see `split_figures`)."""
+    figures_of: dict[str, list[str]] = {}
     for name, subject in zip(names, subjects):
-        own.setdefault(subject, []).append(name)
-    several = sorted(subject for subject, figures in own.items() if len(figures) > 1)
+        figures_of.setdefault(subject, []).append(name)
+    several = sorted(subject for subject, figures in figures_of.items() if len(figures) > 1)
     rng = np.random.default_rng(split.seed)
     rng.shuffle(several)
     test: set[str] = set()
@@ -78,14 +80,14 @@ def sibling_split(names: list[str], subjects: list[str], split: Split) -> dict[s
     for subject in several:
         if len(test) >= split.test * len(names):
             break
-        test |= set(own[subject][::2])
-        siblings |= set(own[subject][1::2])
+        test |= set(figures_of[subject][::2])
+        siblings |= set(figures_of[subject][1::2])
         used.add(subject)
     others = [name for name, subject in zip(names, subjects) if subject not in used]
     if not test or len(others) <= len(siblings):
         raise UserError(
             f"split.kind={split.kind} needs several figures of one person and more of other people: {len(several)} of "
-            f"{len(own)} subjects have several; give figures.per_subject=4 and a larger figures.count"
+            f"{len(figures_of)} subjects have several; give figures.per_subject=4 and a larger figures.count"
         )
     dropped = set(rng.permutation(others)[: len(siblings)].tolist())
     trained = set(others) if split.kind == "disjoint" else (set(others) - dropped) | siblings
@@ -93,5 +95,5 @@ def sibling_split(names: list[str], subjects: list[str], split: Split) -> dict[s
 
 
 def is_seated(info: Mapping[str, Any]) -> bool:
-    """Whether the figure of a record (`Maps.info`) is seated, by its `sitting`, else by the name of its pose."""
+    """Returns whether the figure of a record (`Maps.info`) is seated, by its `sitting` or else the name of its pose."""
     return bool(info.get("sitting", str(info.get("pose", "")).startswith("sitting")))

@@ -1,7 +1,7 @@
 """Trains one network: a fixed number of steps on pairs that are relit on the fly.
 
-All randomness is a function of (seed, step). So the weights, the optimiser's moments and the step are the whole state,
-and a training that was killed at any moment ends with the same bytes.
+All random numbers are a function of (seed, step). So the whole state consists of the weights, the optimiser's moments
+and the step, and an interrupted training that resumes ends with the same bytes.
 """
 
 import copy
@@ -26,24 +26,31 @@ from torch.nn.parallel import DistributedDataParallel
 
 from relight.config import Augment, Loss, Model, Train
 from relight.files import UserError, atomic_write, existing_file
-from relight.learning.augment import augmented
-from relight.learning.checkpoint import load_network, restore, save_network, save_state
-from relight.learning.data import Batch, RelitSet, generator, pairs, read_split
+from relight.learning.augment import augment_batch
+from relight.learning.checkpoint import load_network, restore_state, save_network, save_state
+from relight.learning.data import Batch, RelitSet, draw_pairs, generator, read_split
 from relight.learning.losses import losses, weighted_sum, weights
 from relight.learning.networks import STRIDE, Network, UNet, build
 from relight.learning.validation import Validation
 from relight.progress import duration
 
-# Purposes of random numbers (`data.generator`); 0 orders the pairs.
+# Purposes of random numbers, as for `data.generator`; purpose 0 is the order of the pairs.
 STEP_DRAWS = 1
 SUBSET = 2
-PICTURE = 3
-FLOOR = 0.02  # share of the learning rate at which the cosine ends
+AUGMENTATION = 3
+FINAL_LR = 0.02  # learning rate at the end of the cosine schedule, over train.lr
 
 
 @dataclass(frozen=True)
 class Recipe:
-    """All settings of a training."""
+    """All settings of a training.
+
+    Attributes:
+        model: of the network.
+        loss: weights and reduction.
+        train: steps, optimiser, data and precision.
+        augment: strengths of the augmentation.
+    """
 
     model: Model
     loss: Loss
@@ -51,13 +58,19 @@ class Recipe:
     augment: Augment
 
     def as_dict(self) -> dict[str, dict[str, Any]]:
-        """All settings of the recipe by the name of their group."""
+        """Returns all settings by the name of their group."""
         return {part.name: asdict(getattr(self, part.name)) for part in fields(self)}
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """The files that a training reads, beside `train.start`."""
+    """The input files of a training, apart from `train.start`.
+
+    Attributes:
+        packed: packed maps (.safetensors).
+        lights: light set (.npz).
+        split: names of figures by part (.json).
+    """
 
     packed: Path
     lights: Path
@@ -65,7 +78,7 @@ class Inputs:
 
 
 def fingerprint(recipe: Recipe, inputs: Inputs) -> str:
-    """A hash of all settings, `train.version` among them, and of the content of all inputs, `train.start` included.
+    """Returns a hash of all settings, including `train.version`, and of all input files, including `train.start`.
 
     Raises:
         UserError: if an input does not exist.
@@ -88,44 +101,44 @@ def train(
     log: Callable[[dict[str, float], int], None] | None = None,
     show: Callable[[np.ndarray, int], None] | None = None,
 ) -> None:
-    """Trains a network on `selection`, pairs of figures of the split and lights of the table.
+    """Trains a network on `select_training_data`, pairs of figures of the split and lights of the table.
 
     After every `train.epoch` steps it prints a line of progress, calls `show` and `log`, and writes `state`. The next
-    call with the same recipe and inputs goes on from there; the state of another training is ignored, with a line that
-    says so. The state stays at the end: the caller removes it once the outputs are safe.
+    call with the same recipe and inputs resumes from there; it ignores the state of another training and prints a
+    message. The caller removes the state after the outputs are stored.
 
-    Under torchrun each process takes its share of the batch and the gradients are averaged. On a CPU the training keeps
-    to one thread: its results then do not depend on the machine's load, and several trainings run side by side.
+    Under torchrun each process takes its share of the batch, and the gradients are averaged. On a CPU the training uses
+    one thread: its results do not depend on the machine's load, and several trainings can run in parallel.
 
     Args:
         recipe: all settings.
         inputs: the files to train on.
         out: the network (.safetensors), written whole at the end.
-        state: what an interrupted training goes on from.
-        curve: all that was logged (.csv), a row per epoch, written whole at the end.
-        log: receives the steps done and, by name, the means of the losses since the last call, the learning rate `lr`,
-            and the losses on fixed pairs of the test as `validation/*`.
-        show: receives a picture of what is inferred of these pairs, and the steps done.
+        state: the state from which an interrupted training resumes (.pt).
+        curve: all logged values (.csv), a row per epoch, written whole at the end.
+        log: receives values by name, and the steps done: the means of the losses since the last call, the learning rate
+            `lr`, and the losses on fixed pairs of the test as `validation/*`.
+        show: receives a picture of the predictions for these pairs, and the steps done.
 
     Raises:
         UserError: if the loss is not finite; it names the step, and the last good state stays.
     """
     settings = recipe.train
-    with processes(settings) as (device, rank, world), torch_settings(device):
+    with distributed_process(settings) as (device, rank, world), torch_context(device):
         data = RelitSet(inputs.packed, inputs.lights, recipe.model.order, settings.color, device)
-        figures, lights = selection(data, inputs.split, settings)
+        figures, lights = select_training_data(data, inputs.split, settings)
 
         torch.manual_seed(settings.seed)
-        network = start_network(recipe, data, inputs.packed).to(device)
+        network = initial_network(recipe, data, inputs.packed).to(device)
         average = copy.deepcopy(network) if settings.average else None
         optimizer = make_optimizer(network, settings)
         parts: dict[str, nn.Module | torch.optim.Optimizer] = {"network": network, "optimizer": optimizer}
         if average:
             parts["average"] = average
         digest = fingerprint(recipe, inputs)
-        first, history, found = restore(state, digest, parts, device)
-        if found and rank == 0:
-            say(found)
+        first, history, message = restore_state(state, digest, parts, device)
+        if message and rank == 0:
+            print_line(message)
 
         forward: Callable[..., dict[str, Tensor]] = network
         if world > 1:
@@ -156,18 +169,18 @@ def train(
             if done % settings.epoch and done < settings.steps:
                 continue
             means = meter.means(world)
-            if validation is None:  # of another process than the first
+            if validation is None:  # only the first process logs
                 continue
             seconds = (time.monotonic() - began) / (done - first)
             line = f"step {done}/{settings.steps}, loss {means['loss']:.4f}, {1e3 * seconds:.0f} ms a step"
-            say(f"{line}, {duration(seconds * (settings.steps - done))} left")
+            print_line(f"{line}, {duration(seconds * (settings.steps - done))} left")
             validated, picture = validation(average or network, drawn=show is not None)
             values = {**means, "lr": learning_rate(settings, step)}
             values |= {f"validation/{name}": value for name, value in validated.items()}
             if picture is not None and show:
                 show(picture, done)
             if log:
-                log(values, done)  # before the state: a state that is found again has been logged
+                log(values, done)  # before save_state: all steps of a restored state have been logged
             history.append({"step": done, **values})
             save_state(state, digest, parts, done, history)
 
@@ -179,8 +192,8 @@ def train(
 
 
 @contextmanager
-def torch_settings(device: torch.device) -> Iterator[None]:
-    """One thread on a CPU, the fastest algorithms on a GPU, and a random state of its own; restores all at the end."""
+def torch_context(device: torch.device) -> Iterator[None]:
+    """Sets one thread on a CPU, cuDNN's benchmark mode and a separate random state; restores them at the end."""
     threads, benchmark = torch.get_num_threads(), torch.backends.cudnn.benchmark
     if device.type == "cpu":
         torch.set_num_threads(1)
@@ -194,10 +207,14 @@ def torch_settings(device: torch.device) -> Iterator[None]:
 
 
 @contextmanager
-def processes(train: Train) -> Iterator[tuple[torch.device, int, int]]:
-    """Yields device, rank and number of processes: one process alone, or one of torchrun's, joined to the others."""
+def distributed_process(train: Train) -> Iterator[tuple[torch.device, int, int]]:
+    """Yields device, rank and number of processes; under torchrun, joins the process group.
+
+    Raises:
+        UserError: if there is no GPU for `train.device=cuda`, or the batch cannot be divided among the processes.
+    """
     if train.device == "cuda" and not torch.cuda.is_available():
-        raise UserError("train.device is cuda and torch sees no GPU here: give train.device=cpu or auto")
+        raise UserError("train.device=cuda, but torch finds no GPU: give train.device=cpu or auto")
     kind = "cuda" if train.device != "cpu" and torch.cuda.is_available() else "cpu"
     world = int(os.environ.get("WORLD_SIZE", 1))
     if world == 1:
@@ -205,7 +222,7 @@ def processes(train: Train) -> Iterator[tuple[torch.device, int, int]]:
         return
     if train.batch % world:
         raise UserError(
-            f"train.batch {train.batch} does not divide among {world} processes: give a multiple of {world}"
+            f"train.batch={train.batch} is not divisible by the {world} processes: give a multiple of {world}"
         )
     device = torch.device(kind, int(os.environ["LOCAL_RANK"])) if kind == "cuda" else torch.device("cpu")
     if kind == "cuda":
@@ -217,56 +234,62 @@ def processes(train: Train) -> Iterator[tuple[torch.device, int, int]]:
         distributed.destroy_process_group()
 
 
-def selection(data: RelitSet, split: Path, train: Train) -> tuple[np.ndarray, np.ndarray]:
-    """Selects what to train on: figures of `train.part` of the split, and lights with the marks `train.lights`.
+def select_training_data(data: RelitSet, split: Path, train: Train) -> tuple[np.ndarray, np.ndarray]:
+    """Selects the training data: figures of `train.part` of the split, and lights whose split is in `train.lights`.
 
-    With `train.figures` N, the figures are the first N of an order drawn from the seed, so that fewer are part of more.
+    With `train.figures` N, the figures are the first N of an order drawn from the seed: a smaller set is a subset of a
+    larger one.
 
     Returns:
         Indices of the figures' maps, those of all their views and outfits included, and indices of the lights.
 
     Raises:
-        UserError: if nothing is left.
+        UserError: if no figure or no light is left.
     """
     figures = data.figures(read_split(split)[train.part])
     lights = np.flatnonzero(np.isin(data.light_split, train.lights))
     if not len(figures) or not len(lights):
-        raise UserError(f"{len(figures)} figures and {len(lights)} lights to train on: at least one of each is needed")
+        raise UserError(
+            f"there are {len(figures)} figures and {len(lights)} lights to train on: at least one of each is needed"
+        )
     if train.figures:
         if train.figures > len(figures):
-            say(f"train.figures={train.figures}: there are {len(figures)}, and all of them are trained on")
+            print_line(f"train.figures={train.figures}, but there are {len(figures)} figures: training on all of them")
         first = generator(train.seed, 0, SUBSET).permutation(len(figures))[: train.figures]
         figures = figures[np.sort(first)]
-    return np.concatenate([figures, data.others(figures)]), lights
+    return np.concatenate([figures, data.other_views(figures)]), lights
 
 
-def start_network(recipe: Recipe, data: RelitSet, packed: Path) -> Network:
-    """The network at step 0: new, or that of `train.start`.
+def initial_network(recipe: Recipe, data: RelitSet, packed: Path) -> Network:
+    """Returns the network at step 0: a new one, or that of `train.start`.
 
-    With `train.only=encoder` all other parts keep their weights and running statistics.
+    With `train.only=encoder` all parts except the encoder are frozen, including their running statistics.
 
     Raises:
-        UserError: if the size does not fit the maps, or `train.start` not the network.
+        UserError: if the size is larger than that of the maps, or `train.start` has other model settings.
     """
     settings = recipe.train
     size = settings.size or data.size
     if size > data.size:
-        raise UserError(f"train.size={size}: the maps of {packed} have {data.size} px, give at most that")
+        raise UserError(f"train.size={size} is larger than the maps of {packed}: give at most {data.size}")
     network = build(recipe.model, size).train()
     if not settings.start:
         if settings.only:
-            raise UserError(f"train.only={settings.only} needs train.start=<the network whose other parts stay>")
+            raise UserError(f"train.only={settings.only} needs train.start=<the network whose other parts are kept>")
         return network
-    found, config = load_network(settings.start)
-    given, wanted = {"size": config["size"], **config["model"]}, {"size": network.size, **asdict(recipe.model)}
-    if isinstance(network, UNet) and min(network.size, config["size"]) > STRIDE:  # its layers fit every size
-        given["size"] = network.size
-    if {given["albedo"], wanted["albedo"]} == {"clip", "straight_through"}:  # they have the same values
-        given["albedo"] = wanted["albedo"]
-    if other := [key for key in wanted if given[key] != wanted[key]]:
-        theirs, ours = (", ".join(f"{key}={values[key]}" for key in other) for values in (given, wanted))
+    start, start_config = load_network(settings.start)
+    start_settings = {"size": start_config["size"], **start_config["model"]}
+    new_settings = {"size": network.size, **asdict(recipe.model)}
+    # A U-Net is convolutional: its weights fit every size above one pixel at the bottleneck.
+    if isinstance(network, UNet) and min(network.size, start_config["size"]) > STRIDE:
+        start_settings["size"] = network.size
+    # Both have the same outputs; only their gradients differ.
+    if {start_settings["albedo"], new_settings["albedo"]} == {"clip", "straight_through"}:
+        start_settings["albedo"] = new_settings["albedo"]
+    if other := [key for key in new_settings if start_settings[key] != new_settings[key]]:
+        theirs, ours = (", ".join(f"{key}={values[key]}" for key in other) for values in (start_settings, new_settings))
         raise UserError(f"train.start={settings.start} is a network with {theirs}: give one with {ours}")
-    network.load_state_dict(found.state_dict())
+    network.load_state_dict(start.state_dict())
     if settings.only == "encoder":
         for name, part in network.named_children():
             if name != "encoder":
@@ -275,97 +298,103 @@ def start_network(recipe: Recipe, data: RelitSet, packed: Path) -> Network:
 
 
 def make_optimizer(network: nn.Module, train: Train) -> torch.optim.Optimizer:
-    """Adam as in the paper, or AdamW, whose decay spares norms and biases."""
+    """Returns Adam, as in the paper, or AdamW without weight decay on norms and biases."""
     common: dict[str, Any] = {"lr": train.lr, "betas": (train.beta1, train.beta2), "fused": True}
-    learned = [p for p in network.parameters() if p.requires_grad]
+    trainable = [p for p in network.parameters() if p.requires_grad]
     if train.optimizer == "adam":
-        return torch.optim.Adam(learned, **common)
-    kernels = [p for p in learned if p.ndim > 1]
-    others = [p for p in learned if p.ndim <= 1]
+        return torch.optim.Adam(trainable, **common)
+    matrices = [p for p in trainable if p.ndim > 1]
+    others = [p for p in trainable if p.ndim <= 1]
     return torch.optim.AdamW(
-        [{"params": kernels, "weight_decay": train.decay}, {"params": others, "weight_decay": 0.0}], **common
+        [{"params": matrices, "weight_decay": train.decay}, {"params": others, "weight_decay": 0.0}], **common
     )
 
 
 def learning_rate(train: Train, step: int) -> float:
-    """The learning rate of `step`: a linear warm-up, then constant or half a cosine down to 2 %."""
+    """Returns the learning rate of `step`: linear warm-up, then constant or cosine decay to FINAL_LR."""
     warm = min(1.0, (step + 1) / train.warmup) if train.warmup else 1.0
     if train.schedule == "constant":
         return train.lr * warm
-    return train.lr * warm * (FLOOR + (1 - FLOOR) * 0.5 * (1 + math.cos(math.pi * step / train.steps)))
+    return train.lr * warm * (FINAL_LR + (1 - FINAL_LR) * 0.5 * (1 + math.cos(math.pi * step / train.steps)))
 
 
 def draw_batch(
     data: RelitSet, figures: np.ndarray, lights: np.ndarray, recipe: Recipe, step: int, rank: int, world: int
 ) -> Batch:
-    """The batch of a step, or this process's share of it; it also seeds torch for the dropout of the step."""
+    """Draws the batch of a step, or this process's share of it; also seeds torch for the dropout of the step."""
     settings = recipe.train
-    chosen = pairs(settings.seed, step, settings.batch, len(figures), len(lights), settings.pairs)
+    chosen = draw_pairs(settings.seed, step, settings.batch, len(figures), len(lights), settings.pairs)
     rng = generator(settings.seed, step, STEP_DRAWS)
     torch.manual_seed(int(rng.integers(2**62)) + rank)
     mirror = rng.random(settings.batch) < 0.5
-    mine = slice(rank, None, world)
-    figure, light = figures[chosen[mine, 0]], lights[chosen[mine, 1]]
-    batch = data.batch(figure, light, mirror=mirror[mine] if settings.mirror else None)
-    batch = replace(batch, scope=float(data.counts[figures[chosen[:, 0]]].sum()) / world)
-    numbers = range(step * settings.batch, (step + 1) * settings.batch)[mine]
-    generators = [generator(settings.seed, number, PICTURE) for number in numbers]
-    return augmented(batch, recipe.augment, generators, settings.size or data.size)
+    local = slice(rank, None, world)
+    figure, light = figures[chosen[local, 0]], lights[chosen[local, 1]]
+    batch = data.batch(figure, light, mirror=mirror[local] if settings.mirror else None)
+    batch = replace(batch, mask_pixels=float(data.counts[figures[chosen[:, 0]]].sum()) / world)
+    numbers = range(step * settings.batch, (step + 1) * settings.batch)[local]
+    generators = [generator(settings.seed, number, AUGMENTATION) for number in numbers]
+    return augment_batch(batch, recipe.augment, generators, settings.size or data.size)
 
 
 @torch.no_grad()
 def update_average(average: nn.Module, network: nn.Module, decay: float) -> None:
-    """average = decay * average + (1 - decay) * network; buffers are copied."""
+    """Updates the exponential moving average of the weights: average = decay * average + (1 - decay) * network.
+
+    Buffers are copied.
+    """
     torch._foreach_lerp_(list(average.parameters()), list(network.parameters()), 1 - decay)
-    for mine, other in zip(average.buffers(), network.buffers()):
-        mine.copy_(other)
+    for averaged, current in zip(average.buffers(), network.buffers()):
+        averaged.copy_(current)
 
 
 class Meter:
-    """Means of the losses over an epoch, summed on the device, so that no step waits for a number."""
+    """Means of the losses over an epoch, summed on the device to avoid a synchronisation in each step."""
 
     def __init__(self, device: torch.device):
         self.device = device
         self.clear()
 
     def clear(self) -> None:
-        """Forgets all values."""
+        """Resets all sums."""
         self.names: list[str] = []
         self.sums, self.steps = torch.zeros((), device=self.device), 0
-        self.bad = torch.tensor(torch.inf, device=self.device)
+        self.first_nonfinite = torch.tensor(torch.inf, device=self.device)
 
     def add(self, values: dict[str, Tensor], step: int) -> None:
-        """Adds the losses of a step; no value leaves the device."""
+        """Adds the losses of a step without a transfer from the device."""
         row = torch.stack([value.detach() for value in values.values()])
         self.names, self.sums, self.steps = list(values), self.sums + row, self.steps + 1
-        self.bad = torch.where(row[0].isfinite(), self.bad, self.bad.clamp_max(step))
+        self.first_nonfinite = torch.where(
+            row[0].isfinite(), self.first_nonfinite, self.first_nonfinite.clamp_max(step)
+        )
 
     def means(self, world: int) -> dict[str, float]:
-        """The means over steps and processes since the last call.
+        """Returns the means over steps and processes since the last call.
 
         Raises:
             UserError: if a loss was not finite; it names the first such step.
         """
         if world > 1:
             distributed.all_reduce(self.sums)
-            distributed.all_reduce(self.bad, op=distributed.ReduceOp.MIN)
-        means, bad = (self.sums / (self.steps * world)).tolist(), self.bad.item()
-        if bad < math.inf:
+            distributed.all_reduce(self.first_nonfinite, op=distributed.ReduceOp.MIN)
+        means, nonfinite_step = (self.sums / (self.steps * world)).tolist(), self.first_nonfinite.item()
+        if nonfinite_step < math.inf:
             raise UserError(
-                f"the loss is not a finite number at step {int(bad)}: the last good state is kept; try a lower train.lr"
+                f"the loss is not a finite number at step {int(nonfinite_step)}: the last good state is kept; "
+                "try a lower train.lr"
             )
         names = self.names
         self.clear()
         return dict(zip(names, means))
 
 
-def say(line: str) -> None:
-    """Prints a line to stderr, where logs of jobs are read."""
+def print_line(line: str) -> None:
+    """Prints a line to stderr, which the logs of jobs contain."""
     print(line, file=sys.stderr, flush=True)
 
 
 def write_curve(path: Path, history: list[dict[str, float]]) -> None:
-    """The log as CSV: step, total and each named loss, learning rate, and the losses on the validation's pairs."""
+    """Writes the log as CSV: step, total and each named loss, learning rate, and the losses on the validation pairs."""
     with atomic_write(path) as tmp, open(tmp, "w", newline="") as file:
         writer = csv.DictWriter(file, list(history[-1]))
         writer.writeheader()

@@ -1,6 +1,6 @@
-"""Validation: the losses on a few fixed pairs of the test, and a picture of what is inferred of them beside the truth.
+"""Validation: losses on a few fixed pairs of the test, and a picture of predictions beside the ground truth.
 
-Nothing is chosen by them: a training takes its number of steps, whatever they say.
+They are for monitoring only: the training neither stops early nor selects a checkpoint by them.
 """
 
 from dataclasses import replace
@@ -12,39 +12,46 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from relight.config import NO_AUGMENTATION, Loss
-from relight.learning.augment import augmented
+from relight.learning.augment import augment_batch
 from relight.learning.camera import encode, shade
 from relight.learning.data import RelitSet, read_split
 from relight.learning.losses import losses, weighted_sum, weights
 from relight.learning.networks import with_transport
 from relight.sh import order_of
 
-PAIRS = 4  # at most
-LARGEST = 192  # pixels of a cell's height
-GAP, PAPER = 4, 0.97
+MAX_PAIRS = 4
+MAX_HEIGHT = 192  # pixels, of a cell
+GAP = 4  # pixels between cells
+BACKGROUND = 0.97  # grey value
 
 
 class Validation:
-    """Some pairs of a test figure and a test light, spread over both, as a network under training is shown them.
+    """Pairs of a test figure and a test light, evenly spread over both, relit as for the training.
 
-    Without test figures or test lights there are none, and `pairs` is 0.
+    Attributes:
+        pairs: their number; 0 without test figures or test lights.
+        batch: the pairs; unset without any.
+        loss: weights and reduction.
+        color: colour model.
     """
 
     def __init__(self, data: RelitSet, split: Path, loss: Loss, size: int):
         figures = data.figures(read_split(split).get("test", []))
         lights = np.flatnonzero(data.light_split == "test")
         self.loss, self.color = loss, data.color
-        self.pairs = min(PAIRS, max(len(figures), len(lights))) if len(figures) and len(lights) else 0
+        self.pairs = min(MAX_PAIRS, max(len(figures), len(lights))) if len(figures) and len(lights) else 0
         if self.pairs:
             spread = np.linspace(0, 1, self.pairs)
             chosen = [part[np.round(spread * (len(part) - 1)).astype(int)] for part in (figures, lights)]
             batch = data.batch(*chosen)
-            batch = replace(batch, scope=float(batch.inside.sum()))
-            self.batch = augmented(batch, NO_AUGMENTATION, [np.random.default_rng(0) for _ in range(self.pairs)], size)
+            batch = replace(batch, mask_pixels=float(batch.inside.sum()))
+            self.batch = augment_batch(
+                batch, NO_AUGMENTATION, [np.random.default_rng(0) for _ in range(self.pairs)], size
+            )
 
     @torch.inference_mode()
     def __call__(self, network: nn.Module, drawn: bool = False) -> tuple[dict[str, float], np.ndarray | None]:
-        """The losses of `network`, which is left as it was; and a picture (H,W,3) uint8 if it is to be `drawn`."""
+        """Returns the losses of `network` by name and, if `drawn`, a picture (H,W,3) uint8."""
         if not self.pairs:
             return {}, None
         modes = [(part, part.training) for part in network.modules()]
@@ -60,15 +67,16 @@ class Validation:
         return {name: float(value) for name, value in values.items()}, self.picture(outputs) if drawn else None
 
     def picture(self, outputs: dict[str, Tensor]) -> np.ndarray:
-        """Two rows a pair, truth over inference: picture, albedo, shading, lit ball, relit by the next pair's light.
+        """Draws two rows per pair, ground truth above prediction, with the pairs in two columns.
 
-        What a network infers of the picture is albedo * shading. Pairs lie two by two.
+        The cells are the image (albedo * shading), albedo, shading, lit ball, and the figure under the light of
+        the next pair.
         """
         from relight.lights import lit_ball
 
         batch = self.batch
         order = order_of(batch.light.shape[1])
-        maps = with_transport({name: batch.take(dense) for name, dense in outputs.items() if name != "light"}, order)
+        maps = with_transport({name: batch.gather(dense) for name, dense in outputs.items() if name != "light"}, order)
         white = batch.shading.flatten(1).amax(1).clamp_min(1.0)
         rows = []
         for albedo, transport, light, shading in (
@@ -85,37 +93,38 @@ class Validation:
             lines = []
             for (*panels, last), coefficients in rows:
                 lit = lit_ball(coefficients[pair], min(height, width))
-                cell = np.full((height, width, 3), PAPER, np.float32)
+                cell = np.full((height, width, 3), BACKGROUND, np.float32)
                 top, left = (height - len(lit)) // 2, (width - len(lit)) // 2
                 inside = cell[top : top + len(lit), left : left + len(lit)]
                 inside[:] = lit[..., :3] * lit[..., 3:] + inside * (1 - lit[..., 3:])
                 lines.append([*(panel[pair] for panel in panels), cell, last[pair]])
-            blocks.append(joined([joined(line, 1) for line in lines], 0))
+            blocks.append(concatenated([concatenated(line, 1) for line in lines], 0))
         if len(blocks) > 1 and len(blocks) % 2:
-            blocks.append(np.full_like(blocks[0], PAPER))
-        sheet = joined([joined(blocks[i : i + 2], 1, 4 * GAP) for i in range(0, len(blocks), 2)], 0, 4 * GAP)
+            blocks.append(np.full_like(blocks[0], BACKGROUND))
+        sheet = concatenated(
+            [concatenated(blocks[i : i + 2], 1, 4 * GAP) for i in range(0, len(blocks), 2)], 0, 4 * GAP
+        )
         return np.round(np.clip(sheet, 0, 1) * 255).astype(np.uint8)
 
     def _cells(self, compact: list[Tensor]) -> list[np.ndarray]:
-        """Compact maps (B,P,3) as pictures (B,h,w,3): display-coded, on paper, cut to the figures, no higher than
-        LARGEST."""
+        """Returns compact maps (B,P,3) as cropped pictures (B,h,w,3) for display, at most MAX_HEIGHT high."""
         batch = self.batch
         rows, columns = (torch.nonzero(batch.mask.amax((0, 1, axis)) > 0).flatten() for axis in (3, 2))
         window = (..., slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
-        shrink = -(-int(rows[-1] - rows[0] + 1) // LARGEST)
-        found = []
+        shrink = -(-int(rows[-1] - rows[0] + 1) // MAX_HEIGHT)
+        pictures = []
         for values in compact:
             values = values.clamp(0, 1)
-            dense = batch.put(encode(values) if self.color == "photo" else values)
-            cell = (dense + PAPER * (1 - batch.mask))[window]
+            dense = batch.scatter(encode(values) if self.color == "photo" else values)
+            cell = (dense + BACKGROUND * (1 - batch.mask))[window]
             cell = F.avg_pool2d(cell, shrink) if shrink > 1 else cell
-            found.append(cell.permute(0, 2, 3, 1).cpu().numpy())
-        return found
+            pictures.append(cell.permute(0, 2, 3, 1).cpu().numpy())
+        return pictures
 
 
-def joined(parts: list[np.ndarray], axis: int, gap: int = GAP) -> np.ndarray:
-    """Pictures (h,w,3) side by side along `axis`, `gap` pixels of paper between them."""
+def concatenated(parts: list[np.ndarray], axis: int, gap: int = GAP) -> np.ndarray:
+    """Concatenates pictures (h,w,3) along `axis`, with gaps of the background colour."""
     shape = list(parts[0].shape)
     shape[axis] = gap
-    space = np.full(shape, PAPER, np.float32)
+    space = np.full(shape, BACKGROUND, np.float32)
     return np.concatenate([part for picture in parts for part in (picture, space)][:-1], axis)

@@ -8,9 +8,9 @@ import pytest
 import torch
 from PIL import Image
 
-from relight.learning.augment import RED, augmented, compressed, reflection
+from relight.learning.augment import RED_PER_BLUE, augment_batch, compress_jpeg, specular_reflection
 from relight.learning.camera import encode, photograph
-from relight.learning.data import RelitSet, index_of
+from relight.learning.data import RelitSet, compact_index
 from relight.learning.losses import variation
 from relight.sh import basis
 
@@ -33,7 +33,7 @@ def generators(count, seed=0):
 
 def test_compact_places_are_those_of_the_packed_set(data):
     batch = batch_of(data)
-    places = index_of(batch.mask > 0)
+    places = compact_index(batch.mask > 0)
     count = int(batch.inside.sum(1).max())
     for name in ("inside", "interior"):
         torch.testing.assert_close(getattr(places, name)[:, :count], getattr(batch, name)[:, :count])
@@ -44,30 +44,30 @@ def test_compact_places_are_those_of_the_packed_set(data):
             "raster order of the mask"
         )
         assert torch.equal(places.below.view(4, -1)[i, :own] - i * ours, batch.below.view(4, -1)[i, :own] - i * most)
-    torch.testing.assert_close(places.take(batch.put(batch.albedo))[:, :count], batch.albedo[:, :count])
+    torch.testing.assert_close(places.gather(batch.scatter(batch.albedo))[:, :count], batch.albedo[:, :count])
 
 
 def test_nothing_asked_for_changes_nothing(data, augment):
     batch = batch_of(data)
-    assert augmented(batch, augment(), generators(4), data.size) is batch
+    assert augment_batch(batch, augment(), generators(4), data.size) is batch
 
 
 def test_a_picture_does_not_depend_on_those_beside_it(data, augment):
-    together = augmented(batch_of(data), augment(**ALL), generators(4), data.size)
-    alone = augmented(batch_of(data, [0, 1, 2, 3]), augment(**ALL), generators(4), data.size)
+    together = augment_batch(batch_of(data), augment(**ALL), generators(4), data.size)
+    alone = augment_batch(batch_of(data, [0, 1, 2, 3]), augment(**ALL), generators(4), data.size)
     assert torch.equal(together.image, alone.image)
     last = data.batch(np.array([3]), np.array([3]))
-    single = augmented(last, augment(**ALL), generators(4)[3:], data.size)
+    single = augment_batch(last, augment(**ALL), generators(4)[3:], data.size)
     torch.testing.assert_close(together.image[3:], single.image, atol=0.01, rtol=0)
     torch.testing.assert_close(together.light[3:], single.light)
 
 
 def test_truth_still_explains_the_picture_after_framing_tint_recolouring_and_exposure(data, augment):
     settings = augment(**{**ALL, "gloss": 0, "mask": 0, "tone": 0, "blur": 0, "sharpen": 0, "noise": 0, "jpeg": 0})
-    batch = augmented(batch_of(data), settings, generators(4), data.size)
+    batch = augment_batch(batch_of(data), settings, generators(4), data.size)
     torch.testing.assert_close(batch.relit, batch.albedo * batch.shading)
     seen = photograph(batch.relit * batch.exposure[:, None, None], "photo")
-    torch.testing.assert_close(batch.take(batch.image), seen * batch.inside, atol=0.02, rtol=0)
+    torch.testing.assert_close(batch.gather(batch.image), seen * batch.inside, atol=0.02, rtol=0)
     assert batch.mask.sum() == batch.inside.sum()
     lengths = batch.normal.norm(dim=-1, keepdim=True)
     torch.testing.assert_close(lengths, batch.inside)
@@ -78,9 +78,9 @@ def test_framing_moves_the_maps_as_an_affine_map_says(data, augment):
     batch = batch_of(data)
     row, column = np.mgrid[: data.size, : data.size]
     field = torch.tensor(np.stack([row, column, np.ones_like(row)]), dtype=torch.float32)[None].repeat(4, 1, 1, 1)
-    batch = replace(batch, albedo=batch.take(field))
+    batch = replace(batch, albedo=batch.gather(field))
     settings = augment(framing=1.0, zoom=[0.8, 0.8])
-    new = augmented(batch, settings, generators(4), data.size)
+    new = augment_batch(batch, settings, generators(4), data.size)
     for i in range(4):
         inside = new.interior[i, :, 0] > 0
         pixel = new.pixel.view(4, -1)[i][inside] % data.size**2
@@ -97,7 +97,7 @@ def test_framing_moves_the_maps_as_an_affine_map_says(data, augment):
 
 def test_cut_figures_end_below_and_fill_the_square_again(data, augment):
     settings = augment(framing=1.0, cut=1.0)
-    batch = augmented(batch_of(data), settings, generators(4, seed=3), data.size)
+    batch = augment_batch(batch_of(data), settings, generators(4, seed=3), data.size)
     for mask in batch.mask[:, 0]:
         rows, columns = torch.nonzero(mask.any(1))[:, 0], torch.nonzero(mask.any(0))[:, 0]
         sides = (int(x[-1] - x[0]) + 1 for x in (rows, columns))
@@ -106,10 +106,10 @@ def test_cut_figures_end_below_and_fill_the_square_again(data, augment):
 
 
 def test_half_the_size_is_the_mean_of_four_pixels(augment):
-    from relight.learning.augment import _framed
+    from relight.learning.augment import _reframed
 
     maps = torch.rand(1, 2, 16, 16)
-    small, mask = _framed(maps, torch.ones(1, 1, 16, 16), augment(), generators(1), 8)
+    small, mask = _reframed(maps, torch.ones(1, 1, 16, 16), augment(), generators(1), 8)
     expected = torch.nn.functional.avg_pool2d(maps, 2)
     torch.testing.assert_close(small[..., 1:], expected[..., 1:])
     assert mask.sum() == 63, "one pixel stays outside for the padding of compact maps"
@@ -117,28 +117,28 @@ def test_half_the_size_is_the_mean_of_four_pixels(augment):
 
 def test_tint_goes_to_the_light_and_follows_the_white_balance_of_lamps(data, augment):
     batch = batch_of(data)
-    new = augmented(batch, augment(tint=0.4), generators(4), data.size)
+    new = augment_batch(batch, augment(tint=0.4), generators(4), data.size)
     gains = (new.light / batch.light).mean(1)
     torch.testing.assert_close(new.light, batch.light * gains[:, None])
     torch.testing.assert_close(gains.max(1).values, torch.ones(4))
     red, blue = (gains[:, 0] / gains[:, 1]).log(), (gains[:, 2] / gains[:, 1]).log()
-    assert blue.abs().max() > 0.1 and (red - RED * blue).abs().max() < 0.3
+    assert blue.abs().max() > 0.1 and (red - RED_PER_BLUE * blue).abs().max() < 0.3
     torch.testing.assert_close(new.albedo[:, : batch.albedo.shape[1]], batch.albedo[:, : new.albedo.shape[1]])
 
 
 def test_exposure_is_on_the_picture_alone(data, augment):
     batch = batch_of(data)
-    new = augmented(batch, augment(exposure=[-1.0, -1.0]), generators(4), data.size)
+    new = augment_batch(batch, augment(exposure=[-1.0, -1.0]), generators(4), data.size)
     assert new.exposure.tolist() == [0.5] * 4
     torch.testing.assert_close(new.light, batch.light)
-    lit = batch.put(batch.relit).amax(1, keepdim=True) < 0.9
+    lit = batch.scatter(batch.relit).amax(1, keepdim=True) < 0.9
     torch.testing.assert_close(new.image * lit, batch.image * lit * 0.5, atol=0.01, rtol=0)
 
 
 @pytest.mark.parametrize("seed", range(6))
 def test_recoloured_albedo_stays_an_albedo_and_keeps_texture(data, seed, augment):
     batch = batch_of(data)
-    new = augmented(batch, augment(recolour=1.0), generators(4, seed), data.size)
+    new = augment_batch(batch, augment(recolour=1.0), generators(4, seed), data.size)
     inside = new.inside[..., 0] > 0
     assert 0.003 < new.albedo[inside].min() and new.albedo[inside].max() < 0.96
     assert (new.light == batch.light).all() and (new.relit == new.albedo * new.shading).all()
@@ -146,7 +146,7 @@ def test_recoloured_albedo_stays_an_albedo_and_keeps_texture(data, seed, augment
 
 def test_prints_change_the_albedo_of_garments_and_nothing_else(data, augment):
     batch = batch_of(data)
-    new = augmented(batch, augment(prints=1.0), generators(4, 2), data.size)
+    new = augment_batch(batch, augment(prints=1.0), generators(4, 2), data.size)
     for name in ("light", "shading", "transport", "normal"):
         torch.testing.assert_close(getattr(new, name), getattr(batch, name), atol=1e-3, rtol=0)
     torch.testing.assert_close(new.relit, new.albedo * new.shading)
@@ -156,14 +156,14 @@ def test_prints_change_the_albedo_of_garments_and_nothing_else(data, augment):
     assert (edges[1] > 1.1 * edges[0]).any(), "a print has edges of its own"
 
     skin = torch.tensor([0.6, 0.4, 0.3]).expand_as(batch.albedo) * batch.inside
-    kept = augmented(replace(batch, albedo=skin), augment(prints=1.0, recolour=1.0), generators(4, 2), data.size)
+    kept = augment_batch(replace(batch, albedo=skin), augment(prints=1.0, recolour=1.0), generators(4, 2), data.size)
     torch.testing.assert_close(kept.albedo, skin)
 
 
 def test_gloss_brightens_the_picture_and_leaves_the_truth(data, augment):
     batch = batch_of(data)
-    matt = augmented(batch, augment(prints=1.0), generators(4), data.size)
-    glossy = augmented(batch, augment(prints=1.0, gloss=1.0), generators(4), data.size)
+    matt = augment_batch(batch, augment(prints=1.0), generators(4), data.size)
+    glossy = augment_batch(batch, augment(prints=1.0, gloss=1.0), generators(4), data.size)
     for name in ("albedo", "transport", "light", "shading", "relit"):
         assert torch.equal(getattr(matt, name), getattr(glossy, name)), name
     more = glossy.image - matt.image
@@ -192,11 +192,11 @@ def test_reflection_of_a_lamp_is_that_of_microfacets(roughness):
     normals = np.random.default_rng(0).normal(size=(200, 3))
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     inputs = [torch.tensor(x, dtype=torch.float64) for x in (normals, light)]
-    found = reflection(*inputs, roughness, 0.04).numpy()
+    found = specular_reflection(*inputs, roughness, 0.04).numpy()
     behind = normals[:, 2] <= 0
     assert behind.sum() > 50 and not found[behind].any()
     inputs[1][1:] = 0
-    found -= reflection(*inputs, roughness, 0.04).numpy()
+    found -= specular_reflection(*inputs, roughness, 0.04).numpy()
     dark = normals @ lamp <= 0
     np.testing.assert_allclose(found[dark], 0, atol=1e-12)
     lit = ~behind & ~dark
@@ -209,7 +209,7 @@ def test_reflection_of_light_from_everywhere():
     light = torch.zeros(9, 3)
     light[0] = float(np.sqrt(4 * np.pi)) * torch.tensor([1.0, 2.0, 3.0])  # radiance 1, 2, 3
     normals = torch.tensor([[0.0, 0.0, 1.0], [1.0, 0.0, 1e-6]])
-    found = reflection(normals, light, 0.5, 0.04)
+    found = specular_reflection(normals, light, 0.5, 0.04)
     radiance = torch.tensor([1.0, 2.0, 3.0]) * np.pi
     torch.testing.assert_close(found, torch.stack([0.04 * radiance, radiance]), rtol=1e-4, atol=0)
 
@@ -220,11 +220,11 @@ def test_the_gloss_of_the_maps_is_what_shines(data, augment):
     inside, gloss = batch.inside.bool()[..., 0], torch.zeros(*batch.inside.shape[:2], 2)
     gloss[..., 0] = 0.5
     gloss[:, ::2, 1] = 1.0
-    plain = augmented(batch, augment(exposure=(-1.0, -1.0)), generators(4, 5), data.size)
-    shiny = augmented(
+    plain = augment_batch(batch, augment(exposure=(-1.0, -1.0)), generators(4, 5), data.size)
+    shiny = augment_batch(
         replace(batch, gloss=gloss), augment(gloss=1.0, exposure=(-1.0, -1.0)), generators(4, 5), data.size
     )
-    more = batch.take(shiny.image - plain.image).amax(-1)
+    more = batch.gather(shiny.image - plain.image).amax(-1)
     matt = inside & (gloss[..., 1] == 0)
     assert more[matt].abs().max() < 1e-6 and (more[inside & ~matt] > 0).float().mean() > 0.5
     for name in ("albedo", "shading", "light", "transport"):
@@ -233,7 +233,7 @@ def test_the_gloss_of_the_maps_is_what_shines(data, augment):
 
 def test_masks_err_by_a_pixel_at_most_and_the_truth_keeps_to_both(data, augment):
     batch = batch_of(data)
-    new = augmented(batch, augment(mask=1), generators(4, 5), data.size)
+    new = augment_batch(batch, augment(mask=1), generators(4, 5), data.size)
     pool = torch.nn.functional.max_pool2d
     fat, thin = pool(batch.mask, 3, 1, 1), 1 - pool(1 - batch.mask, 3, 1, 1)
     assert (new.mask <= fat).all() and (new.mask >= thin).all() and (new.mask != batch.mask).any()
@@ -253,14 +253,14 @@ def test_jpeg_is_that_of_a_library(quality):
     pixels = (coded.permute(1, 2, 0).numpy() * 255).astype(np.uint8)
     Image.fromarray(pixels).save(file, "JPEG", quality=quality, subsampling=0)
     expected = torch.tensor(np.asarray(Image.open(file))).permute(2, 0, 1) / 255
-    found = compressed(coded, quality)
+    found = compress_jpeg(coded, quality)
     assert (found - expected).abs().mean() < 0.008
     lost, theirs = float((found - coded).abs().mean()), float((expected - coded).abs().mean())
     assert lost == pytest.approx(theirs, rel=0.1)
 
 
 def test_only_photographs_are_augmented_to_codes(data, augment):
-    batch = augmented(batch_of(data), augment(**ALL), generators(4), data.size)
+    batch = augment_batch(batch_of(data), augment(**ALL), generators(4), data.size)
     codes = encode(batch.image) * 255
     torch.testing.assert_close(codes, codes.round(), atol=2e-3, rtol=0)
     for name in ("image", "albedo", "transport", "normal", "shading", "relit", "light"):

@@ -35,11 +35,11 @@ def test_maps_and_image(tiny_world, order):
         shading = np.clip(truth["transport"] @ every[light], 0, 10)
         truth["transport"] = truth["transport"][..., : (order + 1) ** 2]
         for key, value in truth.items():
-            found = batch.put(getattr(batch, key))[i].permute(1, 2, 0).numpy()
+            found = batch.scatter(getattr(batch, key))[i].permute(1, 2, 0).numpy()
             np.testing.assert_array_equal(found, value)
         np.testing.assert_array_equal(batch.light[i].numpy(), lights[light])
         relit = truth["albedo"] * shading
-        np.testing.assert_allclose(batch.put(batch.relit)[i].permute(1, 2, 0).numpy(), relit, atol=1e-6)
+        np.testing.assert_allclose(batch.scatter(batch.relit)[i].permute(1, 2, 0).numpy(), relit, atol=1e-6)
         coded = np.round(encode(torch.tensor(np.clip(relit, 0, 1))).numpy() * 255) / 255
         seen = decode(torch.tensor(coded)).numpy()
         np.testing.assert_allclose(batch.image[i].permute(1, 2, 0).numpy(), seen, atol=0.01)
@@ -55,16 +55,16 @@ def test_color_paper_takes_the_codes_of_albedo_as_linear_and_never_clips(tiny_wo
     paper = data.batch(FIGURES, LIGHTS)
     codes = (encode(photo.albedo) * 255).round() / 255
     torch.testing.assert_close(paper.albedo, codes * photo.inside)
-    torch.testing.assert_close(paper.image, paper.put(paper.albedo * paper.shading))
+    torch.testing.assert_close(paper.image, paper.scatter(paper.albedo * paper.shading))
     assert paper.image.max() > 1.2
 
 
 def test_take_is_the_inverse_of_put(tiny_world):
     batch = RelitSet(tiny_world["packed"], tiny_world["lights"], 2, "paper").batch(FIGURES, LIGHTS)
-    assert torch.equal(batch.take(batch.put(batch.transport)), batch.transport)
+    assert torch.equal(batch.gather(batch.scatter(batch.transport)), batch.transport)
     noise = torch.randn(3, 4, 16, 16)
-    assert torch.equal(batch.put(batch.take(noise)), noise * batch.mask)
-    assert batch.scope == batch.mask.sum() == batch.inside.sum()
+    assert torch.equal(batch.scatter(batch.gather(noise)), noise * batch.mask)
+    assert batch.mask_pixels == batch.mask.sum() == batch.inside.sum()
     for compact in (batch.albedo, batch.transport, batch.normal, batch.ao, batch.shading, batch.relit):
         assert (compact * (1 - batch.inside) == 0).all()
 
@@ -94,8 +94,8 @@ def test_mirrored_batch_is_the_mirrored_image(tiny_world):
         for key in ("image", "mask"):
             one, other = getattr(plain, key)[i], getattr(mixed, key)[i]
             torch.testing.assert_close(other, one.flip(-1) if flipped else one)
-        normal = mixed.put(mixed.normal)[i] * torch.tensor([-1.0 if flipped else 1.0, 1, 1])[:, None, None]
-        expected = plain.put(plain.normal)[i]
+        normal = mixed.scatter(mixed.normal)[i] * torch.tensor([-1.0 if flipped else 1.0, 1, 1])[:, None, None]
+        expected = plain.scatter(plain.normal)[i]
         assert torch.equal(normal, expected.flip(-1) if flipped else expected)
     # What makes the mirrored truth right: transport of mirrored normals, and light from the mirrored side.
     torch.testing.assert_close(mixed.transport @ mixed.light, plain.transport @ plain.light, atol=1e-5, rtol=1e-4)

@@ -51,7 +51,7 @@ def by_hand(outputs: dict, batch, reduction: str) -> dict[str, float]:
         return tensor.double().permute(0, 2, 3, 1).numpy()
 
     mask = image(batch.mask)[..., 0] > 0
-    true = {key: image(batch.put(getattr(batch, key))) for key in ("albedo", "transport", "normal", "ao")}
+    true = {key: image(batch.scatter(getattr(batch, key))) for key in ("albedo", "transport", "normal", "ao")}
     own = {key: image(value) for key, value in outputs.items() if key != "light"}
     if "transport" not in own:
         own["transport"] = unoccluded(own["normal"], 2) * own.get("ao", np.ones(1))
@@ -151,7 +151,7 @@ def test_against_the_formulas(tiny_world, loss, name, reduction):
 
 def test_the_truth_costs_its_own_variation_only(tiny_world, loss):
     batch = batch_of(tiny_world)
-    truth = {"albedo": batch.put(batch.albedo), "transport": batch.put(batch.transport), "light": batch.light}
+    truth = {"albedo": batch.scatter(batch.albedo), "transport": batch.scatter(batch.transport), "light": batch.light}
     found = losses(truth, batch, loss())
     assert {key for key, value in found.items() if value > 1e-6} == {"tv_albedo", "tv_transport"}
 
@@ -177,7 +177,7 @@ def parts_of(name: str) -> set[str]:
 def test_each_loss_teaches_what_its_name_says_and_nothing_else(tiny_world, loss, name):
     batch = batch_of(tiny_world)
     outputs = {key: value.float() for key, value in inferred(batch).items()}
-    outputs["transport"] = batch.put(batch.transport) + 0.1 * outputs["transport"]
+    outputs["transport"] = batch.scatter(batch.transport) + 0.1 * outputs["transport"]
     leaves = {key: value.requires_grad_() for key, value in outputs.items()}
     settings = loss(**dict.fromkeys(DETAILS, 1.0))
     value = losses(leaves, batch, settings)[name]

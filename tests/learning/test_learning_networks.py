@@ -7,7 +7,7 @@ from torch import nn
 from torch.utils.flop_counter import FlopCounterMode
 
 from relight.files import UserError
-from relight.learning.networks import PooledHead, Refinement, build, constrained
+from relight.learning.networks import PooledHead, Refinement, build, constrain_albedo
 
 HEAD = {"ours": "strided", "unet": "pooled"}
 
@@ -135,14 +135,14 @@ def test_normals_are_unit(model):
 @pytest.mark.parametrize("how, gradient", [("clip", [0, 1, 0]), ("straight_through", [1, 1, 1])])
 def test_albedo_stays_in_range_and_its_gradient_is_as_said(how, gradient):
     x = torch.tensor([-0.5, 0.25, 1.5], requires_grad=True)
-    y = constrained(x, how)
+    y = constrain_albedo(x, how)
     assert y.tolist() == [0, 0.25, 1]
     y.sum().backward()
     assert x.grad.tolist() == gradient
 
 
 def test_sigmoid_albedo():
-    torch.testing.assert_close(constrained(torch.tensor([0.0, 1.0]), "sigmoid"), torch.tensor([0.5, 0.7310586]))
+    torch.testing.assert_close(constrain_albedo(torch.tensor([0.0, 1.0]), "sigmoid"), torch.tensor([0.5, 0.7310586]))
 
 
 @pytest.mark.parametrize("size, light", [(1024, 0.02), (128, None)])

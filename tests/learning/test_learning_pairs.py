@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from relight.learning.data import pairs
+from relight.learning.data import draw_pairs
 
 
 def taken(order: str, batch: int, steps: int, seed: int = 3) -> list[tuple[int, int]]:
-    return [tuple(pair) for step in range(steps) for pair in pairs(seed, step, batch, 5, 7, order).tolist()]
+    return [tuple(pair) for step in range(steps) for pair in draw_pairs(seed, step, batch, 5, 7, order).tolist()]
 
 
 @pytest.mark.parametrize("order", ["shuffled", "rows"])
@@ -26,9 +26,9 @@ def test_the_order_does_not_depend_on_the_batch_and_depends_on_the_seed():
 
 
 def test_any_step_can_be_asked_for_alone():
-    late = pairs(3, 1000, 4, 5, 7)
+    late = draw_pairs(3, 1000, 4, 5, 7)
     taken("shuffled", 4, 3)
-    assert np.array_equal(pairs(3, 1000, 4, 5, 7), late)
+    assert np.array_equal(draw_pairs(3, 1000, 4, 5, 7), late)
 
 
 def test_rows_give_a_figure_its_lights_in_a_row():

@@ -14,8 +14,8 @@ import torch
 
 from relight.files import UserError
 from relight.learning.checkpoint import load_network
-from relight.learning.data import RelitSet, pairs
-from relight.learning.train import Inputs, Recipe, learning_rate, selection, train, update_average
+from relight.learning.data import RelitSet, draw_pairs
+from relight.learning.train import Inputs, Recipe, learning_rate, select_training_data, train, update_average
 
 ROOT = Path(__file__).parents[2]
 
@@ -161,7 +161,7 @@ def test_one_figure_under_one_light_is_learned_by_heart(run, world, tmp_path, na
         return (error.square().sum() / (batch.inside.sum() * error.shape[-1])).sqrt().item()
 
     shape = "transport" if name == "ours" else "normal"
-    errors = {key: rms(batch.take(outputs[key]) - getattr(batch, key)) for key in ("albedo", shape)}
+    errors = {key: rms(batch.gather(outputs[key]) - getattr(batch, key)) for key in ("albedo", shape)}
     spread = {key: rms(getattr(batch, key) - getattr(batch, key).mean(1) * batch.inside) for key in errors}
     assert all(errors[key] < 0.4 * spread[key] for key in errors), (errors, spread)
     assert (outputs["light"] - batch.light).abs().mean() < 0.02
@@ -199,7 +199,7 @@ def test_the_curve_of_a_resumed_run_is_whole(run):
 
 def test_a_loss_that_is_not_finite_names_its_step_and_keeps_the_last_good_state(run, world, tmp_path):
     lit = [0, 2, 3, 5]
-    seen = [lit[pairs(0, step, 1, 4, 4)[0, 1]] for step in range(12)]
+    seen = [lit[draw_pairs(0, step, 1, 4, 4)[0, 1]] for step in range(12)]
     first, light = max((seen.index(light), light) for light in set(seen))
     table = dict(np.load(world["lights"]))
     table["coefficients"][light, 0, 0] = np.nan
@@ -274,7 +274,7 @@ def test_what_is_trained_on(world, schedule, tmp_path):
     data = RelitSet(world["packed"], world["lights"], 2, "paper")
 
     def chosen(**changes):
-        figures, lights = selection(data, world["split"], schedule(**changes))
+        figures, lights = select_training_data(data, world["split"], schedule(**changes))
         return figures.tolist(), lights.tolist()
 
     assert chosen() == ([0, 1, 2, 3], [0, 2, 3, 5])
@@ -295,7 +295,7 @@ def test_user_errors(run, world, tmp_path):
     with pytest.raises(UserError, match="0 figures and 4 lights to train on"):
         nobody()
     if not torch.cuda.is_available():
-        with pytest.raises(UserError, match="torch sees no GPU"):
+        with pytest.raises(UserError, match="torch finds no GPU"):
             run(device="cuda")()
 
 

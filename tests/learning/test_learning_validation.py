@@ -22,7 +22,7 @@ class Oracle(nn.Module):
         self.batch = batch
 
     def forward(self, image, mask):
-        dense = {name: self.batch.put(getattr(self.batch, name)) for name in ("albedo", "transport")}
+        dense = {name: self.batch.scatter(getattr(self.batch, name)) for name in ("albedo", "transport")}
         return {**dense, "light": self.batch.light}
 
 

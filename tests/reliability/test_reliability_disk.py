@@ -18,7 +18,7 @@ from namespaces import mounted, namespaced
 
 from relight.config import ROOT, Model
 from relight.files import UserError, atomic_write, system_errno
-from relight.learning.checkpoint import restore, save_network, save_state
+from relight.learning.checkpoint import restore_state, save_network, save_state
 from relight.learning.networks import build
 from relight.lights import Light, write_light
 from relight.maps import Maps, pack_maps, write_maps
@@ -210,7 +210,7 @@ def test_a_state_that_is_damaged_begins_anew(tmp_path):
     path = tmp_path / "state.pt"
     for content in (b"", b"no state", b"PK\x03\x04" + bytes(100)):
         path.write_bytes(content)
-        step, history, told = restore(path, "digest", {}, "cpu")
+        step, history, told = restore_state(path, "digest", {}, "cpu")
         assert (step, history) == (0, []) and "cannot be read" in told and "beginning" in told
 
 

@@ -12,7 +12,7 @@ from relight.config import composed
 from relight.evaluation.evaluate import has_pairs, select_pairs
 from relight.files import UserError
 from relight.learning.data import RelitSet
-from relight.learning.train import selection
+from relight.learning.train import select_training_data
 from relight.maps import PackedMaps, read_info, read_maps
 from relight.meshes import Material, Mesh, align
 from relight.stages import bake, pack, split
@@ -96,10 +96,10 @@ def test_views_are_on_the_side_of_their_figure(made, settings):
     parts = json.loads((made / "split").read_text())
     assert sorted(parts["train"] + parts["test"]) == ["ann", "bob"], "the split deals figures"
     data = RelitSet(made / "packed", made / "lights.npz", 2, "photo")
-    trained = [data.names[i] for i in selection(data, made / "split", settings.train)[0]]
+    trained = [data.names[i] for i in select_training_data(data, made / "split", settings.train)[0]]
     own = parts["train"][0]
     assert trained == [name for name, figure in zip(packed.names, packed.figures) if figure == own]
-    assert len(selection(data, made / "split", replace(settings.train, figures=1))[0]) == len(trained)
+    assert len(select_training_data(data, made / "split", replace(settings.train, figures=1))[0]) == len(trained)
 
 
 def test_outfits_are_maps_of_their_own_that_share_transport(made):
