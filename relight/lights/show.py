@@ -51,7 +51,7 @@ def lit_ball(
 
 @lru_cache(maxsize=4)
 def open_ball(size: int, order: int) -> tuple[np.ndarray, np.ndarray]:
-    """A unit ball seen from the front.
+    """Returns the disc and the unoccluded transport of a unit ball seen from the front.
 
     Args:
         size: of the picture in pixels.
@@ -146,7 +146,7 @@ def oriented_pixels(panorama: Panorama) -> np.ndarray:
 
 
 def nearest_pixels(panorama: Panorama, height: int) -> np.ndarray:
-    """(height, 2 height, 3): the pixel that looks nearest to each direction of a lat-long, after flip and yaw."""
+    """Returns (height,2 height,3), the pixel nearest to each direction of a lat-long, after flip and yaw."""
     from scipy.spatial import KDTree
 
     step = max(1, max(panorama.pixels.shape[:2]) // 1024)
@@ -160,7 +160,7 @@ def nearest_pixels(panorama: Panorama, height: int) -> np.ndarray:
 
 
 def latlong_normals(height: int) -> np.ndarray:
-    """The directions (height * 2 height, 3) of the pixels of a lat-long with its centre at -z."""
+    """Returns the directions (height * 2 height, 3) of the pixels of a lat-long with its centre at -z."""
     theta = (np.arange(height) + 0.5)[:, None] / height * np.pi
     phi = (2 * (np.arange(2 * height) + 0.5) / (2 * height) - 1) * np.pi
     normals = np.stack(

@@ -16,11 +16,11 @@ if TYPE_CHECKING:
     import pymeshlab
 
 MIN_DISTANCE = 0.01  # of small parts from all large ones, over the figure's diagonal, to count as floating
-MAX_SPECK = 0.03  # of the figure's diagonal: larger parts are never dropped (a shoe has .15, an eye .013)
-MIN_KEPT = 0.5  # of the surface: a mesh of which less is left was no figure
+MAX_FLOATING = 0.03  # largest size of a dropped part over the figure's diagonal (a shoe has .15, an eye .013)
+MIN_KEPT = 0.5  # least share of the surface that must remain
 MAIN_PART = 0.5  # least share of the surface of a part that is most of the figure
 MIN_SOLIDITY = 0.1  # of a part that has an inside; hair cards and collars have about 0
-MAX_LOST = 0.1  # of the faces, without area, before the figure is warned of
+MAX_DEGENERATE = 0.1  # share of faces without area above which there is a warning
 FINDINGS = ("seam vertices", "holes", "boundary edges", "parts")  # are counted, and change neither shape nor albedo
 
 
@@ -56,7 +56,7 @@ def clean(mesh: Mesh, settings: Clean) -> Mesh:
         repairs["faces before decimation"] = len(mesh.faces)
         mesh = decimate(mesh, settings.max_faces)
     mesh.info = {**mesh.info, "repairs": {what: count for what, count in repairs.items() if count}}
-    if repairs["faces without area"] > MAX_LOST * given:
+    if repairs["faces without area"] > MAX_DEGENERATE * given:
         share = repairs["faces without area"] / given
         warning = f"{share:.0%} of its {given} faces have no area and were dropped: look at what is left"
         mesh.info["warnings"] = [*mesh.info.get("warnings", []), warning]
@@ -71,8 +71,8 @@ def count_opposed_faces(mesh: Mesh) -> int:
     turned = faces[:, 1] > faces[:, 2]
     faces.sort(axis=1)
     _, group = np.unique(faces, axis=0, return_inverse=True)
-    ways = np.stack([np.bincount(group.reshape(-1), way, minlength=len(faces)) for way in (turned, ~turned)])
-    return int(ways.min(axis=0).sum())
+    counts = np.stack([np.bincount(group.reshape(-1), winding, minlength=len(faces)) for winding in (turned, ~turned)])
+    return int(counts.min(axis=0).sum())
 
 
 def submesh(mesh: Mesh, faces: np.ndarray) -> Mesh:
@@ -268,11 +268,13 @@ def _without_floating(mesh: Mesh, share: float, repairs: dict[str, int]) -> Mesh
     np.minimum.at(low, part, corners.min(axis=1))
     np.maximum.at(high, part, corners.max(axis=1))
     large = np.bincount(part) >= share * len(part)
-    large |= np.linalg.norm(high - low, axis=-1) > MAX_SPECK * diagonal
+    large |= np.linalg.norm(high - low, axis=-1) > MAX_FLOATING * diagonal
     if large.all():
         return mesh
     if not large.any():
-        raise UserError(f"{_name(mesh)} is dust: none of its {count} parts is larger than {MAX_SPECK:.0%} of the whole")
+        raise UserError(
+            f"{_name(mesh)} has no main part: none of its {count} parts is larger than {MAX_FLOATING:.0%} of the whole"
+        )
     tree = cKDTree(mesh.vertices[np.unique(mesh.faces[large[part]])])
     distance = np.full(count, np.inf)
     small = ~large[part]

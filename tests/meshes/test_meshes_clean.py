@@ -225,7 +225,7 @@ def test_what_is_no_figure_is_refused(person, ellipsoid):
         dust = add_ball(
             dust, (random.random((1, 3)) + [[0, 0, 0], [0, 0.002, 0], [0.002, 0, 0]], np.array([[0, 1, 2]]))
         )
-    with pytest.raises(UserError, match="dust"):
+    with pytest.raises(UserError, match="no main part"):
         clean(dust, PLAIN)
 
 
