@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 import sys
+import time
 import tomllib
 
 import pytest
@@ -114,10 +115,10 @@ def test_profiles_ask_for_what_snakemake_knows(profile):
 
 
 PYTHON = """#!/bin/sh
-# Stands for the Python that installs, and is its own virtual environment.
+# Stands for the Python that installs, and is its own virtual environment. It installs when there is a file `go`.
 case "$1" in
 -m) mkdir -p .venv/bin && cp "$0" .venv/bin/python
-    echo "begin $2 $3" >> log; sleep 0.2; echo "end $2 $3" >> log ;;
+    echo "begin $2 $3" >> log; while ! [ -e go ]; do sleep 0.05; done; echo "end $2 $3" >> log ;;
 *) exec {python} "$@" ;;
 esac
 """
@@ -135,10 +136,21 @@ def test_two_make_at_once_install_one_after_the_other(tmp_path):
     (tmp_path / "python").chmod(0o755)
     plain = {name: value for name, value in os.environ.items() if not name.startswith("MAKE")}
     command = ["make", "env", "PYTHON=./python"]
-    two = [subprocess.Popen(command, cwd=tmp_path, env=plain, stdout=subprocess.PIPE, text=True) for _ in range(2)]
-    told = [make.communicate()[0] for make in two]
-    assert [make.returncode for make in two] == [0, 0], told
-    assert sum("another make installs" in text for text in told) == 1
+
+    def start() -> subprocess.Popen:
+        return subprocess.Popen(command, cwd=tmp_path, env=plain, stdout=subprocess.PIPE, text=True)
+
+    try:
+        first = start()
+        while not (tmp_path / "log").exists():  # the first make holds the lock once it installs
+            assert first.poll() is None, first.communicate()[0]
+            time.sleep(0.05)
+        second = start()
+        assert "another make is installing" in second.stdout.readline()
+    finally:
+        (tmp_path / "go").touch()
+    told = [make.communicate()[0] for make in (first, second)]
+    assert [first.returncode, second.returncode] == [0, 0], told
     done = ["venv .venv", *3 * ["pip install"]]
     assert (tmp_path / "log").read_text().splitlines() == [f"{end} {what}" for what in done for end in ("begin", "end")]
 
