@@ -3,9 +3,9 @@
     python benchmarks/invariance.py relight/weights/photo.safetensors [other.safetensors ...]
 
 Prints a table with a column for each network: the measures of `relight.benchmark.measures`, without a path tracer. The
-figures (seeds 9000 to 9005) and the six rooms are in no training set; they are generated and baked at 512 px once, and
-stored in --cache. Inference is by the code of `relight photo`. A network that always infers the same light is
-invariant, too: read these rows together with the errors.
+figures (seeds 9000 to 9005, and one person in 12 poses: 9600 to 9611) and the six rooms are in no training set; they
+are generated and baked at 512 px once, and stored in --cache. Inference is by the code of `relight photo`. A network
+that always infers the same light is invariant, too: read these rows together with the errors.
 """
 
 import os
@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.benchmark.measures import INVARIANCES, LEAKS, Intrinsics, errors, invariances, leaks
+from relight.benchmark.measures import INVARIANCES, IRRADIANCE, LEAKS, Intrinsics, errors, invariances, leaks
 from relight.benchmark.picture import on_square
 from relight.benchmark.shots import variants
 from relight.lights import Light
@@ -30,6 +30,7 @@ from relight.progress import progress
 from relight.srgb import encode, to_bytes
 
 SEEDS = range(9000, 9006)
+POSES = range(9600, 9612)  # one person in one outfit
 ROOMS = range(50000, 50006)
 SIZE = 512
 BACKGROUND = 0.18  # linear value of the plain background
@@ -42,20 +43,21 @@ ERRORS = {
     "albedo_factor": "error of albedo, up to a factor",
     "shading_factor": "error of shading, up to a factor",
 }
+SPREAD = {"poses": "light: one person in 12 poses, spread"}
 
 
-def figures(cache: Path) -> list[Maps]:
+def figures(cache: Path, seeds: range, per_subject: int = 1) -> list[Maps]:
     """Returns baked figures, generated and baked if they are not in `cache`."""
     from transport import figure
 
     from relight.transport import bake
 
     cache.mkdir(parents=True, exist_ok=True)
-    for seed in progress(SEEDS, "figures"):
+    for seed in progress(seeds, "figures"):
         path = cache / f"{seed}.exr"
         if not path.exists():
-            write_maps(path, bake(figure(None, seed), SIZE, 256, supersample=2))
-    return [read_maps(cache / f"{seed}.exr") for seed in SEEDS]
+            write_maps(path, bake(figure(None, seed, per_subject), SIZE, 256, supersample=2))
+    return [read_maps(cache / f"{seed}.exr") for seed in seeds]
 
 
 def take_photograph(maps: Maps, light: np.ndarray, gain: np.ndarray | float = 1.0) -> np.ndarray:
@@ -81,24 +83,40 @@ def score(relighter: Relighter, maps: Maps, light: np.ndarray) -> dict[str, floa
     }
 
 
+def pose_spread(relighter: Relighter, poses: list[Maps], light: np.ndarray) -> float:
+    """Returns how much the inferred light of one person changes with the pose.
+
+    Returns:
+        The standard deviation over poses of the coefficients of irradiance, as the norm of a vector, over the norm of
+        their mean.
+    """
+    coverages = [to_bytes(maps.coverage) for maps in poses]
+    people = [relighter.infer_person(take_photograph(maps, light), mask) for maps, mask in zip(poses, coverages)]
+    irradiance = np.stack([person.light * IRRADIANCE for person in people])
+    mean = irradiance.mean(0)
+    return float(np.sqrt(((irradiance - mean) ** 2).sum((1, 2)).mean()) / np.linalg.norm(mean))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("weights", type=Path, nargs="+")
     parser.add_argument("--cache", type=Path, default=Path("results/invariance"), help="of the figures' maps")
     args = parser.parse_args()
-    people = figures(args.cache)
+    people, poses = figures(args.cache, SEEDS), figures(args.cache, POSES, len(POSES))
     lights = [Light(generated_light(f"room:{room}", 2), f"room:{room}").normalised().coefficients for room in ROOMS]
     columns = {}
     for path in args.weights:
         relighter = load(path, threads=1)
         rows = [score(relighter, maps, light) for maps, light in progress(list(zip(people, lights)), path.stem)]
         columns[str(path)] = {name: float(np.mean([row[name] for row in rows])) for name in rows[0]}
+        spreads = [pose_spread(relighter, poses, light) for light in progress(lights, f"{path.stem}, poses")]
+        columns[str(path)]["poses"] = float(np.mean(spreads))
     squares = [crop_around(to_bytes(maps.coverage), relighter.network.size) for maps in people]
     rows = [leaks(truth(maps, light, square)) for maps, light, square in zip(people, lights, squares)]
     ideal = {"dark_albedo": 1.0, "dark_shading": 0.5, "tint": 1.0}
     columns["truth"] = {**ideal, **{name: float(np.mean([row[name] for row in rows])) for name in LEAKS}}
     print("| | " + " | ".join(columns) + " |\n|---|" + "---|" * len(columns))
-    for name, words in {**ERRORS, **INVARIANCES, **LEAKS}.items():
+    for name, words in {**ERRORS, **INVARIANCES, **SPREAD, **LEAKS}.items():
         cells = (f"{column[name]:.3f}" if name in column else "" for column in columns.values())
         print(f"| {words} | " + " | ".join(cells) + " |")
 

@@ -36,8 +36,14 @@ from relight.transport.sampling import random_azimuths, tangent_frames, vogel_di
 from relight.transport.surface import shading_normals
 
 
-def figure(path: Path | None, seed: int) -> Mesh:
-    """Returns the aligned mesh of a file (any format), or a generated clothed figure."""
+def figure(path: Path | None, seed: int, per_subject: int = 1) -> Mesh:
+    """Returns the aligned mesh of a file (any format), or a generated clothed figure.
+
+    Args:
+        path: of a mesh; None for a generated figure.
+        seed: of the generated figure.
+        per_subject: number of consecutive seeds that are one person in one outfit, in different poses.
+    """
     from relight.config import composed
     from relight.meshes import align, clean, read_mesh
 
@@ -45,7 +51,7 @@ def figure(path: Path | None, seed: int) -> Mesh:
     if path is None:
         from relight.figures.dress import make_figure
 
-        mesh = make_figure(seed, "full", 512)
+        mesh = make_figure(seed, "full", 512, per_subject)
     else:
         mesh = Mesh.load(path) if path.suffix == ".npz" else read_mesh(path)
     return align(clean(mesh, cfg.clean), cfg.align)
