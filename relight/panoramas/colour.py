@@ -4,8 +4,8 @@ import numpy as np
 
 from relight.srgb import LUMINANCE
 
-# Linear Rec. 709 from CIE XYZ with white at D65 (ITU-R BT.709).
-FROM_XYZ = np.array([[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]])
+# CIE XYZ to linear Rec. 709, white D65 (ITU-R BT.709).
+XYZ_TO_RGB = np.array([[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]])
 
 
 def luminance(rgb: np.ndarray) -> np.ndarray:
@@ -48,5 +48,5 @@ def daylight(temperature: float) -> np.ndarray:
 
 def from_chromaticity(x: float, y: float) -> np.ndarray:
     """Returns the colour of a CIE 1931 chromaticity, (3,) linear Rec. 709 of luminance 1, clipped to the gamut."""
-    colour = np.maximum(FROM_XYZ @ np.array([x / y, 1.0, (1 - x - y) / y]), 0)
+    colour = np.maximum(XYZ_TO_RGB @ np.array([x / y, 1.0, (1 - x - y) / y]), 0)
     return colour / luminance(colour)

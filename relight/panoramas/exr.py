@@ -17,21 +17,22 @@ from relight.files import UserError
 from relight.panoramas.panorama import check_size
 
 REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
-MAX_BYTES = 2**29  # of all channels at four bytes
-FREE_BYTES, MOST_PACKED = 2**26, 2**11  # so much is believed of any file, more only at this ratio to the file's size
-MOST_EMPTY = 64  # pixels of the display window for each of the data window
-MAX_TILE = 2**20  # pixels; OpenEXR takes memory for a whole tile, also where the picture is smaller
+MAX_BYTES = 2**29  # decoded size, all channels at four bytes
+UNCHECKED_BYTES = 2**26  # decoded size up to which the compression ratio is not checked
+MAX_COMPRESSION = 2**11  # decoded size over file size
+MAX_WINDOW_RATIO = 64  # area of the display window over that of the data window
+MAX_TILE_PIXELS = 2**20  # OpenEXR allocates whole tiles, even if the image is smaller
 BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
 
 
 @dataclass(frozen=True)
 class ExrPicture:
-    """What a file holds.
+    """The pixels of an OpenEXR file.
 
     Attributes:
         pixels: (H,W,3) float32, linear Rec. 709.
-        envmap: the attribute of that name, "latlong", "cube" or None.
-        repairs: a sentence each.
+        envmap: the header attribute `envmap`: "latlong", "cube" or None.
+        repairs: what was changed, one sentence each.
     """
 
     pixels: np.ndarray
@@ -41,11 +42,21 @@ class ExrPicture:
 
 @dataclass(frozen=True)
 class Header:
-    """The relevant values of one part's header; windows are x0, y0, x1, y1, both ends included."""
+    """The header of one part. Windows are (x0, y0, x1, y1), both ends included.
+
+    Attributes:
+        deep: whether the part stores deep samples.
+        tile: width and height of a tile; None for scanlines.
+        channels: sampling in x and y, by name.
+        data: window of the stored pixels.
+        display: window of the image.
+        envmap: "latlong", "cube" or None.
+        chromaticities: x and y of the primaries and of white (8 numbers), or None.
+    """
 
     deep: bool
-    tile: tuple[int, int] | None  # width and height
-    channels: dict[str, tuple[int, int]]  # name to its sampling in x and y
+    tile: tuple[int, int] | None
+    channels: dict[str, tuple[int, int]]
     data: tuple[int, int, int, int]
     display: tuple[int, int, int, int]
     envmap: str | None
@@ -59,7 +70,7 @@ class Header:
 
 
 def read_exr(path: Path) -> ExrPicture:
-    """Reads the first part with colours, or with luminance alone.
+    """Reads the first part that has RGB or luminance channels.
 
     Raises:
         UserError: if the file is damaged, too large, or has no such part.
@@ -70,19 +81,19 @@ def read_exr(path: Path) -> ExrPicture:
     number = choose_part(path, headers)
     header = headers[number]
     try:
-        with hushed():
+        with suppress_output():
             parts = OpenEXR.File(str(path), separate_channels=True, num_threads=1).parts
-        if len(parts) < len(headers):  # the binding leaves out a part that it cannot read, and the others move up
-            found = "its pixels" if len(headers) == 1 else f"the pixels of {len(headers) - len(parts)} of its parts"
-            raise UserError(f"{path}: cut short or damaged: {found} cannot be read; get the file anew")
+        if len(parts) < len(headers):  # the binding omits unreadable parts, which shifts the indices of the others
+            missing = "its pixels" if len(headers) == 1 else f"the pixels of {len(headers) - len(parts)} of its parts"
+            raise UserError(f"{path}: cut short or damaged: {missing} cannot be read; download the file again")
         stored = parts[number].channels
-        planes = colour_planes(path, set(header.channels), lambda name: np.asarray(stored.pop(name).pixels))
+        window_pixels = stack_channels(path, set(header.channels), lambda name: np.asarray(stored.pop(name).pixels))
     except UserError:
         raise
-    except Exception as error:  # the binding raises whatever its layers raise, UnicodeDecodeError included
-        raise UserError(f"{path}: OpenEXR cannot read it whole ({one_line(error)})") from error
+    except Exception as error:  # the binding raises many types, UnicodeDecodeError included
+        raise UserError(f"{path}: OpenEXR cannot read all of its pixels ({one_line(error)})") from error
     repairs = [f"part {number} of {len(headers)} was read"] if len(headers) > 1 else []
-    pixels = on_display(path, header, planes, repairs)
+    pixels = to_display_window(path, header, window_pixels, repairs)
     to_709 = chromaticity_matrix(header.chromaticities)
     if to_709 is not None:
         for row in range(0, len(pixels), 256):
@@ -92,11 +103,15 @@ def read_exr(path: Path) -> ExrPicture:
 
 
 def read_headers(path: Path, OpenEXR: Any) -> list[Header]:
-    """Reads the headers of all parts and no pixels; a damaged file may fail at any step, even at decoding a name."""
+    """Reads the headers of all parts, without pixels.
+
+    Raises:
+        UserError: if any step fails; in a damaged file even decoding a name may.
+    """
     envmaps = {OpenEXR.ENVMAP_LATLONG: "latlong", OpenEXR.ENVMAP_CUBE: "cube"}
     try:
         headers = []
-        with hushed():
+        with suppress_output():
             parts = OpenEXR.File(str(path), header_only=True).parts
         for part in parts:
             header = dict(part.header)
@@ -119,118 +134,140 @@ def read_headers(path: Path, OpenEXR: Any) -> list[Header]:
 
 
 @contextmanager
-def hushed() -> Iterator[None]:
-    """Keeps from the user what OpenEXR prints of a damaged file: a screenful of lines from C, and some by `print`."""
-    nowhere, kept = os.open(os.devnull, os.O_WRONLY), None
+def suppress_output() -> Iterator[None]:
+    """Suppresses the messages that OpenEXR prints about damaged files, from C++ to stderr and from Python to stdout."""
+    null_device, saved_stderr = os.open(os.devnull, os.O_WRONLY), None
     try:
-        with suppress(OSError):  # a process may have closed its error stream
-            kept = os.dup(2)
-            os.dup2(nowhere, 2)
+        with suppress(OSError):  # the process may have closed stderr
+            saved_stderr = os.dup(2)
+            os.dup2(null_device, 2)
         with redirect_stdout(io.StringIO()):
             yield
     finally:
-        if kept is not None:
-            os.dup2(kept, 2)
-            os.close(kept)
-        os.close(nowhere)
+        if saved_stderr is not None:
+            os.dup2(saved_stderr, 2)
+            os.close(saved_stderr)
+        os.close(null_device)
 
 
 def window(box: Any) -> tuple[int, int, int, int]:
-    """Returns a window of the binding as plain integers."""
+    """Converts a window of the OpenEXR binding to (x0, y0, x1, y1)."""
     (x0, y0), (x1, y1) = box
     return int(x0), int(y0), int(x1), int(y1)
 
 
 def choose_part(path: Path, headers: list[Header]) -> int:
-    """Returns the first part with colours; raises UserError if there is none, or a part is too large or deep."""
-    decoded, chosen = 0, None
+    """Returns the index of the first part with RGB or luminance channels.
+
+    Raises:
+        UserError: if there is none, a part is deep or too large, or a channel is subsampled.
+    """
+    decoded, selected = 0, None
     for number, header in enumerate(headers):
         if header.deep:
-            raise UserError(f"{path}: a deep OpenEXR image; flatten it first")
+            raise UserError(f"{path} is a deep OpenEXR image: flatten it first")
         width, height = header.size
         check_size(path, width, height)
-        if header.tile and header.tile[0] * header.tile[1] > max(MAX_TILE, width * height):
-            raise UserError(f"{path}: damaged: its tiles ({header.tile[0]} x {header.tile[1]}) are larger than it is")
+        if header.tile and header.tile[0] * header.tile[1] > max(MAX_TILE_PIXELS, width * height):
+            tile = f"{header.tile[0]} x {header.tile[1]}"
+            raise UserError(f"{path}: damaged: its tiles ({tile}) are larger than the image ({width} x {height})")
         decoded += width * height * len(header.channels) * 4
-        if chosen is None and (set("RGB") <= set(header.channels) or "Y" in header.channels):
-            chosen = number
+        if selected is None and (set("RGB") <= set(header.channels) or "Y" in header.channels):
+            selected = number
     stored = path.stat().st_size
-    if decoded > max(FREE_BYTES, MOST_PACKED * stored):
-        raise UserError(f"{path}: damaged: its header promises {decoded >> 20} MB, and it has {stored >> 10} kB")
+    if decoded > max(UNCHECKED_BYTES, MAX_COMPRESSION * stored):
+        raise UserError(f"{path}: damaged: its header declares {decoded >> 20} MB, but the file has {stored >> 10} kB")
     if decoded > MAX_BYTES:
-        raise UserError(f"{path}: {decoded >> 20} MB of channels, more than {MAX_BYTES >> 20}; keep only R, G and B")
-    if chosen is None:
+        raise UserError(
+            f"{path} has {decoded >> 20} MB of channels, more than {MAX_BYTES >> 20} MB: keep only R, G and B"
+        )
+    if selected is None:
         found = ", ".join(sorted({name for header in headers for name in header.channels})[:8])
-        raise UserError(f"{path}: has the channels {found or 'none'}; a panorama has R, G and B, or Y")
-    if {"RY", "BY"} & set(headers[chosen].channels):
-        raise UserError(f"{path}: luminance-chroma OpenEXR, which keeps colour at half the size; save it as RGB")
-    for name, sampling in headers[chosen].channels.items():
+        raise UserError(f"{path} has the channels {found or 'none'}; a panorama has R, G and B, or Y")
+    if {"RY", "BY"} & set(headers[selected].channels):
+        raise UserError(f"{path} is a luminance-chroma OpenEXR image, with colour at half the size: save it as RGB")
+    for name, sampling in headers[selected].channels.items():
         if name in "RGBY" and sampling != (1, 1):
-            raise UserError(f"{path}: its channel {name} is subsampled; save it with a sample per pixel")
-    return chosen
+            raise UserError(f"{path}: its channel {name} is subsampled: save it with one sample per pixel")
+    return selected
 
 
-def colour_planes(path: Path, names: set[str], take: Callable[[str], np.ndarray]) -> np.ndarray:
-    """Stacks the channels that `take` returns by name to (h,w,3) float32; each is freed once it is copied."""
+def stack_channels(path: Path, names: set[str], pop_channel: Callable[[str], np.ndarray]) -> np.ndarray:
+    """Stacks R, G and B, or Y three times, to (h,w,3) float32.
+
+    Args:
+        path: for error messages.
+        names: of the channels.
+        pop_channel: returns the pixels (h,w) of a channel; each array is freed as soon as it is copied.
+
+    Raises:
+        UserError: if the channels differ in size.
+    """
     if not names >= {"R", "G", "B"}:
-        return np.repeat(take("Y").astype(np.float32)[..., None], 3, 2)
-    red = take("R")
+        return np.repeat(pop_channel("Y").astype(np.float32)[..., None], 3, 2)
+    red = pop_channel("R")
     pixels = np.empty((*red.shape, 3), np.float32)
     pixels[..., 0] = red
     del red
     for c, name in ((1, "G"), (2, "B")):
-        plane = take(name)
+        plane = pop_channel(name)
         if plane.shape != pixels.shape[:2]:
-            raise UserError(f"{path}: its channels differ in size")
+            raise UserError(f"{path}: its channels differ in size: R, G and B must have the same")
         pixels[..., c] = plane
     return pixels
 
 
-def on_display(path: Path, header: Header, pixels: np.ndarray, repairs: list[str]) -> np.ndarray:
-    """Brings pixels from the data window to the display window: missing ones are black, those outside are cut off."""
-    (x0, y0, x1, y1), (dx, dy, ex, ey) = header.data, header.display
+def to_display_window(path: Path, header: Header, pixels: np.ndarray, repairs: list[str]) -> np.ndarray:
+    """Crops and pads pixels (h,w,3) from the data window to the display window; missing ones are black.
+
+    Appends to `repairs` if the windows differ.
+
+    Raises:
+        UserError: if pixels and header disagree, or if the windows do not overlap.
+    """
+    (x0, y0, x1, y1), (display_x0, display_y0, display_x1, display_y1) = header.data, header.display
     if pixels.shape[1::-1] != header.size:
-        raise UserError(f"{path}: its pixels are not the size that its header says")
+        raise UserError(f"{path}: damaged: the size of its pixels is not that of its header")
     if header.display == header.data:
         return pixels
-    width, height = ex - dx + 1, ey - dy + 1
+    width, height = display_x1 - display_x0 + 1, display_y1 - display_y0 + 1
     check_size(path, width, height)
-    if width * height > MOST_EMPTY * pixels[..., 0].size:
+    if width * height > MAX_WINDOW_RATIO * pixels[..., 0].size:
         raise UserError(f"{path}: damaged: its display window ({width} x {height}) is nearly empty")
     canvas = np.zeros((height, width, 3), np.float32)
-    left, top, right, bottom = max(x0, dx), max(y0, dy), min(x1, ex), min(y1, ey)
+    left, top, right, bottom = max(x0, display_x0), max(y0, display_y0), min(x1, display_x1), min(y1, display_y1)
     if left > right or top > bottom:
-        raise UserError(f"{path}: its pixels lie outside its display window")
+        raise UserError(f"{path}: its data window lies outside its display window")
     inside = pixels[top - y0 : bottom - y0 + 1, left - x0 : right - x0 + 1]
-    canvas[top - dy : bottom - dy + 1, left - dx : right - dx + 1] = inside
+    canvas[top - display_y0 : bottom - display_y0 + 1, left - display_x0 : right - display_x0 + 1] = inside
     repairs.append("its pixels do not fill its display window; the rest is black")
     return canvas
 
 
 def chromaticity_matrix(chromaticities: tuple[float, ...] | None) -> np.ndarray | None:
-    """Returns the matrix (3,3) float32 to linear Rec. 709, or None if the colours are Rec. 709, as by default.
+    """Returns the matrix (3,3) float32 from a file's RGB to linear Rec. 709; None if none is needed.
 
-    White is adapted (Bradford), except for files in XYZ, whose values are absolute.
+    White is adapted by the Bradford transform, except for files in XYZ, whose values are absolute.
     """
     if chromaticities is None:
         return None
     xy = np.array(chromaticities)
     if xy.shape != (8,) or not np.all(np.isfinite(xy)) or np.allclose(xy, REC709, atol=2e-3):
         return None
-    ours, theirs = primaries(np.array(REC709)), primaries(xy)
-    if ours is None or theirs is None:
+    target, source = rgb_to_xyz(np.array(REC709)), rgb_to_xyz(xy)
+    if target is None or source is None:
         return None
     adapt = np.eye(3)
     if not np.allclose(xy[6:], 1 / 3, atol=2e-3):
-        cone = (BRADFORD @ ours.sum(1)) / (BRADFORD @ theirs.sum(1))
-        adapt = np.linalg.inv(BRADFORD) @ np.diag(cone) @ BRADFORD
-    return (np.linalg.inv(ours) @ adapt @ theirs).astype(np.float32)
+        cone_gains = (BRADFORD @ target.sum(1)) / (BRADFORD @ source.sum(1))
+        adapt = np.linalg.inv(BRADFORD) @ np.diag(cone_gains) @ BRADFORD
+    return (np.linalg.inv(target) @ adapt @ source).astype(np.float32)
 
 
-def primaries(xy: np.ndarray) -> np.ndarray | None:
-    """Returns the matrix (3,3) from RGB to XYZ of primaries and white (8,), with a white of luminance 1.
+def rgb_to_xyz(xy: np.ndarray) -> np.ndarray | None:
+    """Returns the matrix (3,3) from RGB to XYZ, for chromaticities (8,) of primaries and white; white has luminance 1.
 
-    None if the primaries are degenerate.
+    Returns None if the primaries are degenerate.
     """
     points = xy.reshape(4, 2)
     xyz = np.concatenate([points, 1 - points.sum(1, keepdims=True)], 1).T

@@ -1,4 +1,4 @@
-"""The panorama record, and how large a panorama may be."""
+"""The panorama record and the limit of its size."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,13 +18,13 @@ class Panorama:
     Attributes:
         pixels: (H,W,3) float32 radiance, linear Rec. 709, row 0 at the top, finite and not negative.
         layout: one of LAYOUTS, how pixels map to directions (relight.panoramas.projection).
-        corners: whether the outermost samples lie on the edges of the image, as in OpenEXR environment maps, and not
-            half a pixel inside.
+        corners: whether the outermost samples lie on the edges of the image, as in OpenEXR environment maps; otherwise
+            they lie half a pixel inside.
         flip: whether the light is mirrored left to right, before the rotation.
         yaw: degrees by which the light is rotated about the vertical, from +z toward +x.
         front: the axis at the centre of a lat-long image: "-z" (Debevec, Laval, Poly Haven) or "+z" (OpenEXR).
-        source: what it was read or generated from.
-        repairs: of the reader, a sentence each.
+        source: the file's path, or the generator and seed.
+        repairs: what the reader changed, one sentence each.
     """
 
     pixels: np.ndarray
@@ -38,8 +38,8 @@ class Panorama:
 
 
 def check_size(path: Path, width: int, height: int) -> None:
-    """Raises UserError for an image without pixels or with more than 8192 x 4096; called before pixels are read."""
+    """Raises UserError for an image without pixels or with more than MAX_PIXELS; call it before reading pixels."""
     if width <= 0 or height <= 0:
         raise UserError(f"{path}: its size is {width} x {height}; a panorama has pixels")
     if width * height > MAX_PIXELS:
-        raise UserError(f"{path}: {width} x {height} pixels are more than 8192 x 4096; make it smaller first")
+        raise UserError(f"{path}: {width} x {height} pixels are more than 8192 x 4096: scale it down first")

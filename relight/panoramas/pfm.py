@@ -12,7 +12,7 @@ HEADER = re.compile(rb"(PF|Pf)\s+(\d{1,9})\s+(\d{1,9})\s+([-+.0-9eE]{1,32})\s")
 
 
 def read_pfm(path: Path) -> np.ndarray:
-    """Reads pixels (H,W,3) float32, row 0 at the top; raises UserError if the file is not whole."""
+    """Returns the pixels (H,W,3) float32, row 0 at the top; raises UserError if the file is damaged."""
     data = path.read_bytes()
     match = HEADER.match(data[:256])
     try:

@@ -1,8 +1,8 @@
-"""From panoramas to lights: the direction of each pixel in each layout, and the integrals of Y_lm over the pixels.
+"""Projects panoramas to spherical harmonics.
 
-The integrated function is constant over each pixel or, where samples lie on the corners, bilinear between them. So a
-constant panorama of any size has L00 = sqrt(4 pi) c and no other coefficients, and the weight of a pixel is its solid
-angle. Directions are in the camera frame: +x right, +y up, +z toward the camera.
+Radiance is constant over each pixel or, if samples lie on the corners, bilinear between them, and Y_lm is integrated
+over the exact solid angles. A constant panorama of any size therefore has L00 = sqrt(4 pi) c and no other coefficients.
+Directions are in the camera frame: +x right, +y up, +z toward the camera.
 """
 
 from collections.abc import Callable
@@ -12,7 +12,7 @@ import numpy as np
 from relight.panoramas.panorama import Panorama
 from relight.sh import bands, basis, coefficient_count, order_of, rotate_y, rotation_matrix
 
-# Faces of a cube, seen from its centre: the axis of the face, image right, image down.
+# Faces of a cube seen from its centre: axis of the face, image right, image down.
 CUBE_FACES = {
     "+x": ((1, 0, 0), (0, 0, 1), (0, -1, 0)),
     "-x": ((-1, 0, 0), (0, 0, -1), (0, -1, 0)),
@@ -22,11 +22,11 @@ CUBE_FACES = {
     "-z": ((0, 0, -1), (1, 0, 0), (0, -1, 0)),
 }
 STRIP = ("+x", "-x", "+y", "-y", "+z", "-z")  # OpenEXR
-# In OpenGL, Direct3D and three.js +z is forward, left-handed: their fifth face is the one in front of our camera.
+# OpenGL, Direct3D and three.js are left-handed with +z forward, so their fifth face is at -z of the camera frame.
 STRIP_GL = ("+x", "-x", "+y", "-y", "-z", "+z")
-# Row and column of the faces of a cross; that of +z differs between standing and lying ones.
+# Row and column of the faces of a cross; that of +z depends on the orientation.
 CROSS = {"+y": (0, 1), "-x": (1, 0), "-z": (1, 1), "+x": (1, 2), "-y": (2, 1)}
-LATLONG_FRAME = np.array([[0, 0, -1], [1, 0, 0], [0, 1, 0]])  # camera frame to (image centre, image right, up)
+LATLONG_FRAME = np.array([[0, 0, -1], [1, 0, 0], [0, 1, 0]])  # camera frame to (image centre, image right, image up)
 MIRROR = np.diag([-1.0, 1.0, 1.0])
 
 ToSphere = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
@@ -68,28 +68,28 @@ def orient(light: np.ndarray, yaw: float = 0.0, flip: bool = False) -> np.ndarra
     return rotate_y(light, np.radians(yaw)) if yaw else light
 
 
-def gauss(nodes: int) -> tuple[np.ndarray, np.ndarray]:
+def gauss_legendre(nodes: int) -> tuple[np.ndarray, np.ndarray]:
     """Returns Gauss-Legendre nodes and weights on [0,1]."""
     x, w = np.polynomial.legendre.leggauss(nodes)
     return (x + 1) / 2, w / 2
 
 
 def profile_integrals(function: Callable[[np.ndarray], np.ndarray], samples: int, corners: bool) -> np.ndarray:
-    """Integrates a function over [0,1] times the basis function of each of some samples in a row.
+    """Integrates a function over [0,1] times the basis function of each sample of a row or column.
 
-    The basis function is the box of a pixel or, where samples lie on the corners, the hat between the neighbours.
-    Sixteen nodes per cell are exact to rounding for low orders, even with a single cell from pole to pole.
+    The basis function is the box of a pixel or, if samples lie on the corners, the hat between the neighbours. Sixteen
+    nodes per cell are exact to rounding for low orders, even with a single cell from pole to pole.
 
     Args:
         function: from (N,) in [0,1] to (N,K).
-        samples: their number.
+        samples: number of samples.
         corners: whether the first and last sample lie at 0 and 1.
 
     Returns:
         (samples,K) integrals.
     """
     cells = samples - 1 if corners else samples
-    x, w = gauss(16)
+    x, w = gauss_legendre(16)
     values = function(((np.arange(cells)[:, None] + x) / cells).ravel()).reshape(cells, len(x), -1) / cells
     if not corners:
         return np.einsum("cnk,n->ck", values, w)
@@ -100,16 +100,24 @@ def profile_integrals(function: Callable[[np.ndarray], np.ndarray], samples: int
 
 
 def project_latlong(pixels: np.ndarray, order: int, corners: bool = False) -> np.ndarray:
-    """Projects a lat-long image (H,W,C) with -z at its centre and +x to the right to coefficients (K,C).
+    """Projects a lat-long image to spherical harmonics.
 
-    With the pole of the image, Y_lm is a function of the row times cos or sin of m times the azimuth, so an image of
-    any size takes one product with 2 order + 1 columns; a fixed rotation then brings the pole to z.
+    In the frame of the image's pole, Y_lm separates into a function of the row and cos or sin of m times the azimuth.
+    The columns are therefore reduced to 2 order + 1 first; a fixed rotation then takes the pole to z.
+
+    Args:
+        pixels: (H,W,C) with -z at the centre and +x to the right.
+        order: of the spherical harmonics.
+        corners: as in `Panorama`.
+
+    Returns:
+        Coefficients (K,C).
     """
     height, width = pixels.shape[:2]
 
     def rows(t: np.ndarray) -> np.ndarray:
         theta = np.pi * t
-        meridian = np.stack([np.sin(theta), np.zeros_like(theta), np.cos(theta)], -1)  # azimuth 0, where cos m phi = 1
+        meridian = np.stack([np.sin(theta), np.zeros_like(theta), np.cos(theta)], -1)  # azimuth 0: cos m phi = 1
         return basis(meridian, order) * (np.pi * np.sin(theta))[:, None]
 
     def columns(t: np.ndarray) -> np.ndarray:
@@ -118,40 +126,40 @@ def project_latlong(pixels: np.ndarray, order: int, corners: bool = False) -> np
 
     row, column = profile_integrals(rows, height, corners), profile_integrals(columns, width, corners)
     harmonic = np.empty((height, 2 * order + 1, pixels.shape[2]))
-    for start in range(0, height, 64):  # in slices: the product is in double precision
+    for start in range(0, height, 64):  # in slices, since the product is in double precision
         part = pixels[start : start + 64]
         harmonic[start : start + 64] = np.einsum("hwc,wm->hmc", part, column, optimize=True)
     k = np.arange(coefficient_count(order))
     l = bands(order)
     m = k - l * l - l
     profile = row[:, l * l + l + abs(m)]
-    own = np.einsum("hk,hkc->kc", profile, harmonic[:, np.where(m < 0, order - m, m)])
-    return rotation_matrix(LATLONG_FRAME.T, order) @ own
+    coefficients = np.einsum("hk,hkc->kc", profile, harmonic[:, np.where(m < 0, order - m, m)])
+    return rotation_matrix(LATLONG_FRAME.T, order) @ coefficients
 
 
 def latlong_solid_angles(height: int, width: int) -> np.ndarray:
-    """Returns the solid angle (height,) of a pixel in each row of a lat-long image; all pixels sum to 4 pi."""
+    """Returns the solid angle (height,) of a pixel in each row of a lat-long image; the sum over all pixels is 4 pi."""
     return -np.diff(np.cos(np.arange(height + 1) / height * np.pi)) * 2 * np.pi / width
 
 
 def project_plane(
     pixels: np.ndarray, to_sphere: ToSphere, order: int, corners: bool = False, disc: bool = False
 ) -> np.ndarray:
-    """Projects a square image that is mapped to the sphere.
+    """Projects a square image to spherical harmonics, by Gauss-Legendre quadrature in each pixel.
 
     Args:
         pixels: (n,n,C).
-        to_sphere: from (u,v), u right and v down in [-1,1], to directions (...,3) and solid angle per area.
+        to_sphere: maps (u,v) in [-1,1], u right and v down, to directions (...,3) and solid angle per area (...).
         order: of the spherical harmonics.
         corners: whether the outermost samples lie on the edges of the image.
-        disc: whether only the part of each pixel inside the unit circle counts; not with `corners`.
+        disc: whether only the part of each pixel inside the unit circle counts; not supported with `corners`.
 
     Returns:
         Coefficients (K,C).
     """
     n = pixels.shape[0]
     cells = n - 1 if corners else n
-    x, w = gauss(int(np.clip(1024 // n, 2, 8)))
+    nodes, node_weights = gauss_legendre(int(np.clip(1024 // n, 2, 8)))
     edges = 2 * np.arange(cells + 1) / cells - 1
     rows = np.arcsin(edges) if disc else edges
     total = np.zeros((coefficient_count(order), pixels.shape[2]))
@@ -160,32 +168,32 @@ def project_plane(
         stop = min(start + step, cells)
         part = pixels[start : stop + 1 if corners else stop].astype(np.float64)
         height = np.diff(rows[start : stop + 1])[:, None]
-        for y, wy in zip(x, w):
-            v = rows[start:stop, None] + y * height
+        for node_v, weight_v in zip(nodes, node_weights):
+            v = rows[start:stop, None] + node_v * height
             if disc:  # v = sin t, u = cos t sin s is regular at the rim, so pixels that it cuts are exact, too
-                reach = np.cos(v)
+                half_chord = np.cos(v)
                 v = np.sin(v)
-                columns = np.arcsin(np.clip(edges / reach, -1, 1))
+                columns = np.arcsin(np.clip(edges / half_chord, -1, 1))
             else:
-                reach = 1.0
+                half_chord = 1.0
                 columns = np.broadcast_to(edges, (len(v), cells + 1))
             width = np.diff(columns)
-            for z, wx in zip(x, w):
-                u, area = columns[:, :-1] + z * width, wx * wy * width * height
+            for node_u, weight_u in zip(nodes, node_weights):
+                u, area = columns[:, :-1] + node_u * width, weight_u * weight_v * width * height
                 if disc:
-                    u, area = reach * np.sin(u), area * reach**2 * np.cos(u)
+                    u, area = half_chord * np.sin(u), area * half_chord**2 * np.cos(u)
                 direction, density = to_sphere(u, v)
-                value = part
+                radiance = part
                 if corners:
-                    value = part[:-1] * (1 - y) + part[1:] * y
-                    value = value[:, :-1] * (1 - z) + value[:, 1:] * z
-                values = basis(direction, order) * (density * area)[..., None]
-                total += np.tensordot(values, value, axes=((0, 1), (0, 1)))
+                    radiance = part[:-1] * (1 - node_v) + part[1:] * node_v
+                    radiance = radiance[:, :-1] * (1 - node_u) + radiance[:, 1:] * node_u
+                weighted_basis = basis(direction, order) * (density * area)[..., None]
+                total += np.tensordot(weighted_basis, radiance, axes=((0, 1), (0, 1)))
     return total
 
 
 def angular_to_sphere(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Maps an angular map (Debevec) to the sphere: -z is at the centre, the angle from it is pi times the radius."""
+    """Maps an angular map (Debevec) to the sphere: -z is at the centre, the angle to -z is pi times the radius."""
     r = np.hypot(u, v)
     sinc = np.sinc(r)  # sin(pi r) / (pi r)
     direction = np.stack([np.pi * u * sinc, -np.pi * v * sinc, -np.cos(np.pi * r)], -1)
@@ -193,7 +201,7 @@ def angular_to_sphere(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 
 def ball_to_sphere(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Maps an orthographic photo of a mirror ball to the sphere: the centre reflects +z, the rim what is behind it."""
+    """Maps an orthographic photo of a mirror ball to the sphere: the centre reflects +z, the rim -z."""
     r2 = np.minimum(u * u + v * v, 1.0)
     forward = 2 * np.sqrt(1 - r2)  # reflection of +z about the normal (u, -v, sqrt(1 - r2))
     direction = np.stack([u * forward, -v * forward, 1 - 2 * r2], -1)
@@ -208,7 +216,7 @@ def face_to_sphere(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray
 
 
 def cut_faces(pixels: np.ndarray, layout: str) -> dict[str, np.ndarray]:
-    """Cuts a cross (3:4 or 4:3) or strip (1:6 or 6:1) into six faces (n,n,C), each upright as in CUBE_FACES."""
+    """Cuts a cross (3:4 or 4:3) or strip (1:6 or 6:1) into six faces (n,n,C), oriented as in CUBE_FACES."""
     height, width = pixels.shape[:2]
     if layout == "cross":
         n = height // (4 if height > width else 3)
@@ -219,43 +227,44 @@ def cut_faces(pixels: np.ndarray, layout: str) -> dict[str, np.ndarray]:
         places = {face: (i, 0) if height > width else (0, i) for i, face in enumerate(order)}
     faces = {face: pixels[n * i : n * (i + 1), n * j : n * (j + 1)] for face, (i, j) in places.items()}
     if layout == "cross" and height > width:
-        faces["+z"] = faces["+z"][::-1, ::-1]  # the lowest face of a standing cross is upside down
+        faces["+z"] = faces["+z"][::-1, ::-1]  # the lowest face of an upright cross is upside down
     return faces
 
 
 def project_cube(faces: dict[str, np.ndarray], order: int, corners: bool = False) -> np.ndarray:
-    """Projects six faces (n,n,C) to coefficients (K,C): all as if at +z, then each is rotated to its axis."""
+    """Projects six faces (n,n,C) to coefficients (K,C): each as the face at +z, then rotated to its axis."""
     channels = next(iter(faces.values())).shape[2]
-    together = project_plane(np.concatenate(list(faces.values()), -1), face_to_sphere, order, corners)
-    total = np.zeros((together.shape[0], channels))
+    stacked = project_plane(np.concatenate(list(faces.values()), -1), face_to_sphere, order, corners)
+    total = np.zeros((stacked.shape[0], channels))
     for i, face in enumerate(faces):
         axis, right, down = np.array(CUBE_FACES[face], float)
-        turn = np.stack([right, -down, axis], -1)
-        total += rotation_matrix(turn, order) @ together[:, channels * i : channels * (i + 1)]
+        rotation = np.stack([right, -down, axis], -1)
+        total += rotation_matrix(rotation, order) @ stacked[:, channels * i : channels * (i + 1)]
     return total
 
 
 def directions(panorama: Panorama) -> np.ndarray:
-    """Where the pixels of a panorama that is no lat-long look, in the camera's frame before flip and yaw: (H, W, 3).
+    """Returns the directions (H,W,3) of the pixels of a panorama, in the camera frame before flip and yaw.
 
-    What shows nothing (beside the disc of an angular map, beside the arms of a cross) has nan.
+    Pixels outside the disc of an angular map or ball, or outside the arms of a cross, are NaN. The layout `latlong` is
+    not supported.
     """
     height, width = panorama.pixels.shape[:2]
     found = np.full((height, width, 3), np.nan)
     if panorama.layout in ("angular", "ball"):
         to_sphere = angular_to_sphere if panorama.layout == "angular" else ball_to_sphere
-        u, v = np.meshgrid(middles(width), middles(height))
+        u, v = np.meshgrid(pixel_centres(width), pixel_centres(height))
         inside = np.hypot(u, v) < 1
         found[inside] = to_sphere(u[inside], v[inside])[0]
         return found
-    for face, place in cut_faces(found, panorama.layout).items():  # views of `found`
-        n = len(place)
-        grid = np.linspace(-1, 1, n) if panorama.corners else middles(n)
+    for face, view in cut_faces(found, panorama.layout).items():  # views of `found`
+        n = len(view)
+        grid = np.linspace(-1, 1, n) if panorama.corners else pixel_centres(n)
         axis, right, down = np.array(CUBE_FACES[face], float)
-        place[:] = face_to_sphere(grid[None, :], grid[:, None])[0] @ np.stack([right, -down, axis])
+        view[:] = face_to_sphere(grid[None, :], grid[:, None])[0] @ np.stack([right, -down, axis])
     return found
 
 
-def middles(n: int) -> np.ndarray:
-    """The centres of n pixels side by side on [-1, 1]."""
+def pixel_centres(n: int) -> np.ndarray:
+    """Returns the centres (n,) of n adjacent pixels that span [-1,1]."""
     return (2 * np.arange(n) + 1) / n - 1

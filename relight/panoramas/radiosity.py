@@ -1,6 +1,7 @@
-"""Renders a room: direct light on a grid of cells, radiosity between the walls, and a panorama of it.
+"""Renders panoramas of rooms: direct light on a grid of cells, then radiosity between the walls.
 
-Furniture casts shadows and receives light. The light that it reflects is not traced; the walls' albedo is lower for it.
+Furniture casts shadows and receives light. The light that it reflects is not traced; a lower albedo of the walls
+accounts for what it absorbs.
 """
 
 import math
@@ -13,21 +14,21 @@ from relight.panoramas.projection import latlong_solid_angles
 
 HEIGHT, WIDTH = 64, 128
 CELLS = 8  # per side of a wall
-FACE_CELLS = 3  # per side of a face of furniture
-BOUNCES = 20  # after which less than 1 % of the light is left, in the room of the highest albedo
-ABSORBED = 0.15  # share of the light that furniture takes from the walls
-IN_PLANE = ((1, 2), (0, 2), (0, 1))  # the axes of a wall across x, y, z
+BOX_CELLS = 3  # per side of a face of furniture
+BOUNCES = 20  # leaves less than 1 % of the light in the room with the highest albedo
+FURNITURE_ABSORPTION = 0.15  # share of the walls' reflected light that furniture absorbs
+IN_PLANE = ((1, 2), (0, 2), (0, 1))  # the two axes in the plane of a wall whose normal is along x, y, z
 
 
 @dataclass(frozen=True)
 class AreaLight:
-    """A lit rectangle in a wall: the sky or the ground in a window, or a panel in the ceiling.
+    """An emitting rectangle in a wall: sky or ground seen in a window, or a panel in the ceiling.
 
     Attributes:
         wall: 2 * axis + side.
-        low, high: (3,) metres, its corners; they agree along the wall's axis.
+        low, high: (3,) metres, corners; equal along the wall's axis.
         radiance: (3,) linear RGB.
-        daylight: whether the sun shines in through it.
+        daylight: whether it is a window, through which the sun can shine.
     """
 
     wall: int
@@ -39,7 +40,7 @@ class AreaLight:
 
 @dataclass(frozen=True)
 class Lamp:
-    """A glowing sphere.
+    """A spherical lamp.
 
     Attributes:
         centre: (3,) metres.
@@ -57,8 +58,8 @@ class Box:
     """A piece of furniture.
 
     Attributes:
-        low, high: (3,) metres, its corners.
-        albedo: (3,).
+        low, high: (3,) metres, corners.
+        albedo: (3,) linear RGB.
     """
 
     low: np.ndarray
@@ -68,11 +69,11 @@ class Box:
 
 @dataclass(frozen=True)
 class Sun:
-    """The sun, which shines in through windows.
+    """The sun, which shines through windows.
 
     Attributes:
-        direction: (3,) unit vector toward it.
-        irradiance: (3,) linear RGB, of a surface that faces it.
+        direction: (3,) unit vector toward the sun.
+        irradiance: (3,) linear RGB, on a surface that faces the sun.
     """
 
     direction: np.ndarray
@@ -81,16 +82,18 @@ class Sun:
 
 @dataclass
 class Room:
-    """A box from the origin to `size`, y up. Walls are numbered 2 * axis + side: the floor is 2, the ceiling 3.
+    """A box-shaped room from the origin to `size`, y up.
+
+    Walls are numbered 2 * axis + side: the floor is 2, the ceiling 3.
 
     Attributes:
         size: (3,) metres.
-        camera: (3,) metres, the position that the panorama is seen from.
+        camera: (3,) metres, position of the panorama's camera.
         albedo: (6,3) of the walls.
         area_lights: windows and panels.
-        lamps: spheres.
+        lamps: spherical lamps.
         boxes: furniture.
-        sun: None without one.
+        sun: the sun, or None.
     """
 
     size: np.ndarray
@@ -112,7 +115,7 @@ def view_directions() -> np.ndarray:
 
 
 class Grid:
-    """Cells on the faces of boxes: the walls of the room (one box from inside) or furniture (boxes from outside).
+    """Radiosity cells on the faces of boxes: the walls of a room (one box, from inside) or furniture (from outside).
 
     The faces of box b are numbered 6 b + 2 axis + side. There are N = faces * n * n cells.
 
@@ -124,7 +127,14 @@ class Grid:
     """
 
     def __init__(self, low: np.ndarray, high: np.ndarray, n: int, inside: bool):
-        """Makes n x n cells on each face of boxes with the corners `low` and `high` (B,3)."""
+        """Creates n x n cells on each face.
+
+        Args:
+            low: (B,3) metres, corners of the boxes.
+            high: (B,3) metres, opposite corners.
+            n: cells per side of a face.
+            inside: whether normals point into the box.
+        """
         self.low, self.high, self.n = low, high, n
         centre = (np.arange(n) + 0.5) / n
         unit = np.zeros((6, n, n, 3))
@@ -142,7 +152,16 @@ class Grid:
         self.area = np.repeat(np.repeat(area, 2, 1).ravel(), n * n)
 
     def interpolate(self, cells: np.ndarray, face: np.ndarray, point: np.ndarray) -> np.ndarray:
-        """Interpolates values (N,3) of the cells bilinearly at points (P,3) on faces (P,), to (P,3)."""
+        """Interpolates cell values bilinearly, within each face.
+
+        Args:
+            cells: (N,3) values.
+            face: (P,) of the points.
+            point: (P,3) metres.
+
+        Returns:
+            (P,3) values at the points.
+        """
         n, box, axis = self.n, face // 6, face % 6 // 2
         plane = np.array(IN_PLANE)[axis]
         low, high = (np.take_along_axis(edge[box], plane, 1) for edge in (self.low, self.high))
@@ -156,7 +175,7 @@ class Grid:
 
 
 def intersect_walls(size: np.ndarray, origin: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns distance (N,) and wall (N,) at which rays from inside the room meet it."""
+    """Returns distance (N,) and wall (N,) of the first intersection of rays that start inside the room."""
     with np.errstate(divide="ignore", invalid="ignore"):
         distance = np.where(direction > 0, size - origin, -origin) / direction
     distance = np.where(direction == 0, np.inf, distance)
@@ -169,36 +188,42 @@ def intersect_walls(size: np.ndarray, origin: np.ndarray, direction: np.ndarray)
 def intersect_boxes(
     low: np.ndarray, high: np.ndarray, origin: np.ndarray, direction: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Intersects rays with boxes by the slab method.
+    """Intersects rays with boxes by the slab method (Kay and Kajiya 1986).
 
     Args:
         low: (B,3) corners of the boxes.
-        high: (B,3).
+        high: (B,3) opposite corners.
         origin: (...,3) of the rays.
         direction: (...,3) of the rays.
 
     Returns:
-        Entry and exit (...,B) in units of `direction`, and the axis (...,B) of the face that is entered. A ray misses a
-        box where entry > exit.
+        Ray parameters (...,B) of entry and exit, in units of `direction`, and the axis (...,B) of the face that is
+        entered. A ray misses a box where entry > exit.
     """
-    entry, leave, axis = np.array(-np.inf), np.array(np.inf), np.array(0)
+    t_enter, t_exit, axis = np.array(-np.inf), np.array(np.inf), np.array(0)
     for a in range(3):
         d = direction[..., a, None]
         d = np.where(d == 0, 1e-12, d)
-        t = (low[:, a] - origin[..., a, None]) / d
-        u = (high[:, a] - origin[..., a, None]) / d
-        first = np.minimum(t, u)
-        axis = np.where(first > entry, a, axis)
-        entry, leave = np.maximum(entry, first), np.minimum(leave, np.maximum(t, u))
-    return entry, leave, axis
+        t_low = (low[:, a] - origin[..., a, None]) / d
+        t_high = (high[:, a] - origin[..., a, None]) / d
+        t_near = np.minimum(t_low, t_high)
+        axis = np.where(t_near > t_enter, a, axis)
+        t_enter, t_exit = np.maximum(t_enter, t_near), np.minimum(t_exit, np.maximum(t_low, t_high))
+    return t_enter, t_exit, axis
 
 
 def is_occluded(room: Room, origin: np.ndarray, direction: np.ndarray) -> np.ndarray:
-    """Returns whether furniture is between `origin` and `origin + direction`, both (...,3), as (...) bool."""
+    """Returns whether furniture intersects the segments from `origin` to `origin + direction`, (...) bool.
+
+    Args:
+        room: with any furniture.
+        origin: (...,3) metres.
+        direction: (...,3) metres, not normalised.
+    """
     if not room.boxes:
         return np.zeros(np.broadcast_shapes(origin.shape, direction.shape)[:-1], bool)
-    entry, leave, _ = intersect_boxes(*box_bounds(room), origin, direction)
-    return np.any((entry <= leave) & (leave > 1e-3) & (entry < 1 - 1e-3), axis=-1)
+    t_enter, t_exit, _ = intersect_boxes(*box_bounds(room), origin, direction)
+    return np.any((t_enter <= t_exit) & (t_exit > 1e-3) & (t_enter < 1 - 1e-3), axis=-1)
 
 
 def box_bounds(room: Room) -> tuple[np.ndarray, np.ndarray]:
@@ -207,10 +232,10 @@ def box_bounds(room: Room) -> tuple[np.ndarray, np.ndarray]:
 
 
 def sample_emitters(room: Room) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Samples the emitters of a room: large area lights by 2 x 2 points, a lamp by its centre and the disc's area.
+    """Samples the emitters of a room: large area lights at 2 x 2 points, others at the centre.
 
     Returns:
-        Points (S,3), normals (S,3), zero for lamps, areas (S,) and radiances (S,3).
+        Points (S,3); normals (S,3), zero for lamps; areas (S,), for lamps of their disc; radiances (S,3).
     """
     points, normals, areas, radiances = [], [], [], []
     for light in room.area_lights:
@@ -237,38 +262,44 @@ def sample_emitters(room: Room) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.
 
 
 def direct_irradiance(room: Room, position: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Returns the irradiance (N,3) of points (N,3) from windows, panels and lamps, shadowed by furniture; no sun."""
+    """Returns the irradiance (N,3) from windows, panels and lamps, with shadows of the furniture, without the sun.
+
+    Args:
+        room: with at least one emitter.
+        position: (N,3) metres, receiving points.
+        normal: (N,3) unit normals of the points.
+    """
     points, normals, areas, radiances = sample_emitters(room)
     toward = points[None] - (position + 1e-3 * normal)[:, None]
-    distance2 = (toward**2).sum(-1) + 0.05  # a cell is not a point: bounds the irradiance of lamps near a wall
-    cosine = np.maximum(np.einsum("nsk,nk->ns", toward, normal), 0)
-    facing = np.maximum(-np.einsum("nsk,sk->ns", toward, normals), 0)
-    lamp = ~normals.any(1)
-    facing[:, lamp] = np.sqrt(distance2[:, lamp])
-    share = cosine * facing * areas / distance2**2
-    lit = share > 0
-    n, s = np.nonzero(lit)
-    share[n, s] *= ~is_occluded(room, (position + 1e-3 * normal)[n], toward[n, s])
-    return share @ radiances
+    distance2 = (toward**2).sum(-1) + 0.05  # m^2: bounds the irradiance near lamps, since a cell is not a point
+    receiver_cosine = np.maximum(np.einsum("nsk,nk->ns", toward, normal), 0)
+    emitter_cosine = np.maximum(-np.einsum("nsk,sk->ns", toward, normals), 0)
+    is_lamp = ~normals.any(1)
+    emitter_cosine[:, is_lamp] = np.sqrt(distance2[:, is_lamp])
+    geometry = receiver_cosine * emitter_cosine * areas / distance2**2
+    n, s = np.nonzero(geometry > 0)
+    geometry[n, s] *= ~is_occluded(room, (position + 1e-3 * normal)[n], toward[n, s])
+    return geometry @ radiances
 
 
 def sunlit(room: Room, sun: Sun, point: np.ndarray) -> np.ndarray:
-    """Returns whether the sun reaches points (N,3) through a window or skylight, (N,) bool."""
+    """Returns whether the sun reaches points (N,3) through a window or skylight, as (N,) bool."""
     toward = np.broadcast_to(sun.direction, point.shape)
     distance, wall = intersect_walls(room.size, point, toward)
     exit_point = point + toward * distance[:, None]
-    through = np.zeros(len(point), bool)
+    passes_window = np.zeros(len(point), bool)
     for light in room.area_lights:
         if light.daylight:
             inside = (exit_point >= light.low - 1e-6) & (exit_point <= light.high + 1e-6)
             plane = list(IN_PLANE[light.wall // 2])
-            through |= (wall == light.wall) & inside[:, plane].all(1)
-    through[through] = ~is_occluded(room, point[through], toward[through] * distance[through, None])
-    return through
+            passes_window |= (wall == light.wall) & inside[:, plane].all(1)
+    to_window = toward[passes_window] * distance[passes_window, None]
+    passes_window[passes_window] = ~is_occluded(room, point[passes_window], to_window)
+    return passes_window
 
 
 def sun_irradiance(room: Room, sun: Sun, grid: Grid) -> np.ndarray:
-    """Returns the irradiance (N,3) of the sun on the cells of a grid, each sampled at four points."""
+    """Returns the irradiance (N,3) of the sun on the cells of a grid, sampled at four points per cell."""
     n = len(grid.position)
     cosine = np.maximum(grid.normal @ sun.direction, 0)
     lit = np.zeros(n)
@@ -277,49 +308,48 @@ def sun_irradiance(room: Room, sun: Sun, grid: Grid) -> np.ndarray:
     along = 1 - abs(grid.normal)
     facing = cosine > 0
     for a, b in ((-1, -1), (-1, 1), (1, -1), (1, 1)):
-        sign = np.array([[b, a, b], [a, b, b], [a, b, a]], float)[face % 6 // 2]  # two signs in the cell's own plane
+        sign = np.array([[b, a, b], [a, b, b], [a, b, a]], float)[face % 6 // 2]  # both in-plane axes get all signs
         shifted = grid.position + 0.25 * sign * size * along + 1e-3 * grid.normal
         lit[facing] += sunlit(room, sun, shifted[facing]) / 4
     return (lit * cosine)[:, None] * sun.irradiance
 
 
 def form_factors(receiver: Grid, sender: Grid) -> np.ndarray:
-    """Returns the form factors between cells: the share of a sender in what a receiver sees.
+    """Returns the form factors F_rs = cos_r cos_s A_s / (pi d^2) between cell centres, without occlusion.
 
-    F_rs = cos_r cos_s A_s / (pi d^2), with cell centres for cells (Goral et al. 1984) and no occlusion. So the
-    irradiance by diffuse cells of radiosity B is F @ B.
+    The irradiance from diffuse cells of radiosity B is F @ B (Goral et al. 1984, "Modeling the Interaction of Light
+    Between Diffuse Surfaces").
 
     Args:
-        receiver: of R cells.
-        sender: of S cells.
+        receiver: R cells.
+        sender: S cells.
 
     Returns:
         (R,S); rows are normalised to 1, since a room is closed.
     """
     r, s = receiver, sender
-    # Products of matrices in place of differences (R,S,3): this takes most of the time of a room.
+    # Matrix products are faster than differences (R,S,3); this step dominates the time of a room.
     distance2 = (r.position**2).sum(1)[:, None] + (s.position**2).sum(1) - 2 * r.position @ s.position.T + 1e-3
-    here = np.maximum(r.normal @ s.position.T - (r.normal * r.position).sum(1)[:, None], 0)
-    there = np.maximum((r.position @ s.normal.T) - (s.normal * s.position).sum(1), 0)
-    factors = here * there * s.area / (np.pi * distance2**2)
-    return factors / np.maximum(
-        factors.sum(1, keepdims=True), 1e-9
-    )  # the room is closed: cells near a corner overshoot
+    receiver_cosine = np.maximum(r.normal @ s.position.T - (r.normal * r.position).sum(1)[:, None], 0)
+    sender_cosine = np.maximum((r.position @ s.normal.T) - (s.normal * s.position).sum(1), 0)
+    factors = receiver_cosine * sender_cosine * s.area / (np.pi * distance2**2)
+    # Without the normalisation, cells near a corner would exceed 1.
+    return factors / np.maximum(factors.sum(1, keepdims=True), 1e-9)
 
 
 def indirect_irradiance(factors: np.ndarray, albedo: np.ndarray, irradiance: np.ndarray) -> np.ndarray:
-    """Returns the irradiance (N,3) of cells by light that cells reflect, by Jacobi iterations.
+    """Returns the irradiance (N,3) of cells from light that cells reflect, by Jacobi iterations.
 
     Args:
         factors: (N,N) form factors.
         albedo: (N,3) of the cells.
-        irradiance: (N,3) of the cells by direct light.
+        irradiance: (N,3) of the cells from direct light.
     """
     bounced = np.zeros_like(irradiance)
-    arriving = irradiance
+    incoming = irradiance
     for _ in range(BOUNCES):
-        arriving = factors @ (albedo * arriving)
-        bounced += arriving
+        incoming = factors @ (albedo * incoming)
+        bounced += incoming
     return bounced
 
 
@@ -328,14 +358,14 @@ def render_room(room: Room) -> np.ndarray:
     walls = Grid(np.zeros((1, 3)), room.size[None], CELLS, inside=True)
     irradiance = direct_irradiance(room, walls.position, walls.normal)
     sunlight = sun_irradiance(room, room.sun, walls) if room.sun else 0.0
-    albedo = np.repeat(room.albedo, CELLS**2, 0) * (1 - ABSORBED)
+    albedo = np.repeat(room.albedo, CELLS**2, 0) * (1 - FURNITURE_ABSORPTION)
     bounced = indirect_irradiance(form_factors(walls, walls), albedo, irradiance + sunlight)
     total = albedo * (irradiance + sunlight + bounced)
 
     direction = view_directions()
     depth, wall = intersect_walls(room.size, room.camera, direction)
     point = room.camera + direction * depth[:, None]
-    # Sunlight has sharp edges, so it is added per pixel and not from the cells.
+    # Sunlight has sharp edges, so it is added per pixel, not per cell.
     image = walls.interpolate(irradiance + bounced, wall, point)
     if room.sun:
         cosine = walls.normal[wall * CELLS**2] @ room.sun.direction
@@ -358,22 +388,22 @@ def render_boxes(room: Room, walls: Grid, radiosity: np.ndarray, image: np.ndarr
 
     Args:
         room: with furniture.
-        walls: the room's cells.
+        walls: cells of the walls.
         radiosity: (cells,3) of the walls.
         image: (N,3) linear radiance in `view_directions`.
-        depth: (N,) metres from the camera to what the image shows; updated.
+        depth: (N,) metres from the camera to the visible surface; updated.
     """
     direction = view_directions()
     low, high = box_bounds(room)
-    entry, leave, axis = intersect_boxes(low, high, room.camera[None], direction)
-    distance = np.where((entry <= leave) & (entry > 0), entry, np.inf)
+    t_enter, t_exit, axis = intersect_boxes(low, high, room.camera[None], direction)
+    distance = np.where((t_enter <= t_exit) & (t_enter > 0), t_enter, np.inf)
     box = distance.argmin(1)
     row = np.arange(len(box))
     hit = np.flatnonzero(distance[row, box] < depth)
     if not len(hit):
         return
     depth[hit] = distance[hit, box[hit]]
-    grid = Grid(low, high, FACE_CELLS, inside=False)
+    grid = Grid(low, high, BOX_CELLS, inside=False)
     irradiance = direct_irradiance(room, grid.position, grid.normal) + form_factors(grid, walls) @ radiosity
     if room.sun:
         irradiance += sun_irradiance(room, room.sun, grid)
@@ -385,20 +415,26 @@ def render_boxes(room: Room, walls: Grid, radiosity: np.ndarray, image: np.ndarr
 
 
 def render_lamps(room: Room, image: np.ndarray, depth: np.ndarray) -> None:
-    """Renders visible lamps into `image` (N,3), each with the flux of its exact solid angle on whole pixels."""
+    """Renders visible lamps into `image` (N,3), in place; a lamp covers whole pixels with the flux of its solid angle.
+
+    Args:
+        room: with any lamps.
+        image: (N,3) linear radiance in `view_directions`.
+        depth: (N,) metres from the camera to the visible surface.
+    """
     direction = view_directions()
     weight = pixel_solid_angles()
     for lamp in room.lamps:
         toward = lamp.centre - room.camera
         distance = float(np.linalg.norm(toward))
-        edge = math.sqrt(max(1 - (lamp.radius / distance) ** 2, 0))
+        cosine_limit = math.sqrt(max(1 - (lamp.radius / distance) ** 2, 0))
         cosine = direction @ (toward / distance)
-        covered = cosine > edge
+        covered = cosine > cosine_limit
         if not covered.any():
             covered = np.arange(len(cosine)) == cosine.argmax()
-        share = 2 * np.pi * (1 - edge) / weight[covered].sum()
+        scale = 2 * np.pi * (1 - cosine_limit) / weight[covered].sum()
         visible = covered & (depth > distance - lamp.radius)
-        image[visible] = lamp.radiance * share
+        image[visible] = lamp.radiance * scale
 
 
 @cache

@@ -1,4 +1,4 @@
-"""Reads panoramas of all formats: detects format and layout, checks and repairs pixels."""
+"""Reads panoramas: detects format and layout, checks and repairs pixels."""
 
 from pathlib import Path
 
@@ -12,12 +12,12 @@ from relight.panoramas.pfm import read_pfm
 from relight.panoramas.repair import repair_pixels
 
 SUFFIXES = (".hdr", ".pic", ".rgbe", ".xyze", ".exr", ".pfm")
-# First bytes of files that are no panorama, and what they are.
+# First bytes of files that are not panoramas, and an error message for each.
 OTHER_FILES = (
     (b"version https://git-lfs", "a git-lfs pointer; fetch the file itself (git lfs pull)"),
-    (b"\x89PNG", "a PNG picture, which has no range for light; use the .hdr or .exr of it"),
-    (b"\xff\xd8\xff", "a JPEG picture, which has no range for light; use the .hdr or .exr of it"),
-    (b"GIF8", "a GIF picture, which has no range for light; use the .hdr or .exr of it"),
+    (b"\x89PNG", "a PNG picture, whose range is too low for light; use its .hdr or .exr"),
+    (b"\xff\xd8\xff", "a JPEG picture, whose range is too low for light; use its .hdr or .exr"),
+    (b"GIF8", "a GIF picture, whose range is too low for light; use its .hdr or .exr"),
     (b"II*\x00", "a TIFF picture; save it as .exr"),
     (b"MM\x00*", "a TIFF picture; save it as .exr"),
     (b"PK\x03\x04", "a zip archive; unpack it first"),
@@ -34,43 +34,42 @@ def read_panorama(
     repair: bool = False,
     upside_down: bool = False,
 ) -> Panorama:
-    """Reads a .hdr, .exr or .pfm panorama; the format is detected from the content, not from the name.
+    """Reads a .hdr, .exr or .pfm panorama; the format is detected from the content, not the name.
 
     Args:
         path: of the file.
-        layout: one of LAYOUTS, or "auto": by OpenEXR's envmap attribute, else by the aspect ratio. A square picture
-            needs one.
+        layout: one of LAYOUTS; "auto" takes OpenEXR's attribute `envmap`, else decides by the aspect ratio. Square
+            pictures are ambiguous and need a layout.
         yaw: degrees by which the light is rotated about the vertical, from +z toward +x.
         flip: whether left and right are mirrored.
         exposure: factor on the pixels.
-        repair: whether pixels that are not finite get the mean of their neighbours (`repair_pixels`).
-        upside_down: whether the file's rows run from the bottom up, whatever its format says.
+        repair: whether non-finite pixels are replaced by the mean of their neighbours (`repair_pixels`).
+        upside_down: whether the file's rows run from the bottom up, against its format.
 
     Returns:
-        The panorama; its `repairs` say what was changed. Negative pixels are set to zero.
+        The panorama, with negative pixels set to zero; `repairs` lists the changes.
 
     Raises:
-        UserError: if the file is not a whole panorama with finite pixels and some light, or an argument is out of
-            range.
+        UserError: if the file is damaged, black or has non-finite pixels, or if an argument is out of range.
     """
     path = existing_file(path, "panorama")
     if layout != "auto" and layout not in LAYOUTS:
-        raise UserError(f"layout={layout}: auto, {', '.join(LAYOUTS[:-1])} or {LAYOUTS[-1]}")
+        raise UserError(f"layout={layout}: must be auto, {', '.join(LAYOUTS[:-1])} or {LAYOUTS[-1]}")
     if not (np.isfinite(exposure) and exposure > 0 and np.isfinite(yaw)):
-        raise UserError(f"exposure={exposure}, yaw={yaw}: must be a positive number and a number of degrees")
+        raise UserError(f"exposure={exposure}, yaw={yaw}: exposure must be positive, yaw a number of degrees")
     pixels, envmap, repairs = read_pixels(path)
-    decided = decide_layout(path, pixels.shape[1], pixels.shape[0], layout, envmap)
-    attribute = envmap is not None and decided == {"latlong": "latlong", "cube": "strip"}[envmap]
+    resolved = decide_layout(path, pixels.shape[1], pixels.shape[0], layout, envmap)
+    has_attribute = envmap is not None and resolved == {"latlong": "latlong", "cube": "strip"}[envmap]
     pixels = np.ascontiguousarray(pixels[::-1] if upside_down else pixels)
     if exposure != 1.0:
         pixels *= np.float32(exposure)
     repairs += repair_pixels(path, pixels, repair) + clip_negatives(path, pixels)
-    front = "+z" if attribute and decided == "latlong" else "-z"
-    return Panorama(pixels, decided, attribute, flip, yaw, front, str(path), repairs)
+    front = "+z" if has_attribute and resolved == "latlong" else "-z"
+    return Panorama(pixels, resolved, has_attribute, flip, yaw, front, str(path), repairs)
 
 
 def read_pixels(path: Path) -> tuple[np.ndarray, str | None, list[str]]:
-    """Reads pixels (H,W,3) float32, OpenEXR's envmap attribute, and the reader's repairs."""
+    """Returns the pixels (H,W,3) float32, OpenEXR's attribute `envmap`, and the reader's repairs."""
     try:
         with open(path, "rb") as file:
             start = file.read(256)
@@ -86,16 +85,20 @@ def read_pixels(path: Path) -> tuple[np.ndarray, str | None, list[str]]:
         return pixels, None, repairs
     if start[:2] in (b"PF", b"Pf"):
         return read_pfm(path), None, []
-    for magic, what in OTHER_FILES:
+    for magic, description in OTHER_FILES:
         if start.startswith(magic):
-            raise UserError(f"{path}: {what}")
+            raise UserError(f"{path}: {description}")
     if start.lstrip()[:1] == b"<":
         raise UserError(f"{path}: a web page, not a picture; download it again")
-    raise UserError(f"{path}: neither Radiance .hdr, OpenEXR nor .pfm")
+    raise UserError(f"{path}: not a panorama; Radiance .hdr, OpenEXR and .pfm are read")
 
 
 def decide_layout(path: Path, width: int, height: int, layout: str, envmap: str | None) -> str:
-    """Returns the layout: that of the user, else of the envmap attribute, else of the aspect ratio."""
+    """Returns the layout that the user names, else that of the attribute `envmap`, else that of the aspect ratio.
+
+    Raises:
+        UserError: if the layout is ambiguous, or if it does not fit the aspect ratio.
+    """
     if layout == "auto" and envmap:
         layout = {"latlong": "latlong", "cube": "strip"}[envmap]
     if layout == "auto":
@@ -127,7 +130,7 @@ def decide_layout(path: Path, width: int, height: int, layout: str, envmap: str 
         aspect = {"angular": "square", "ball": "square", "cross": "3:4 or 4:3", "latlong": "2:1"}.get(
             layout, "1:6 or 6:1"
         )
-        raise UserError(f"{path}: {width} x {height} cannot be laid out as {layout}, which is {aspect}")
+        raise UserError(f"{path}: {width} x {height} does not fit the layout {layout}, which is {aspect}")
     return layout
 
 
@@ -135,21 +138,21 @@ def clip_negatives(path: Path, pixels: np.ndarray) -> list[str]:
     """Sets negative values of finite pixels (H,W,3) to zero, in place.
 
     Returns:
-        The repair as a sentence, or nothing.
+        The repair as one sentence, or an empty list.
 
     Raises:
         UserError: if the picture is black.
     """
-    negative, most = 0, 0.0
+    negative, maximum = 0, 0.0
     for start in range(0, len(pixels), 256):
         part = pixels[start : start + 256]
         if part.min() < 0:
             below = part < 0
             negative += int(below.any(-1).sum())
             part[below] = 0
-        most = max(most, float(part.max()))
-    if most == 0:
-        raise UserError(f"{path}: all black; a panorama has some light")
+        maximum = max(maximum, float(part.max()))
+    if maximum == 0:
+        raise UserError(f"{path} is black; a panorama must have some light")
     if not negative:
         return []
     return [f"{negative} of {pixels.shape[0] * pixels.shape[1]} pixels had negative values, set to zero"]
@@ -159,7 +162,7 @@ def list_panoramas(folder: Path | str) -> list[str]:
     """Lists the panoramas in a folder and its subfolders, without hidden files, as sorted relative paths.
 
     Raises:
-        UserError: if the folder does not exist or holds none.
+        UserError: if the folder does not exist or holds no panorama.
     """
     folder = Path(folder)
     if not folder.is_dir():
@@ -170,5 +173,5 @@ def list_panoramas(folder: Path | str) -> list[str]:
     )
     names = sorted(f.as_posix() for f in files if not any(part.startswith((".", "__MACOSX")) for part in f.parts))
     if not names:
-        raise UserError(f"{folder}: no panorama in it or below; they end in {', '.join(SUFFIXES)}")
+        raise UserError(f"{folder} holds no panorama, nor do its subfolders; suffixes are {', '.join(SUFFIXES)}")
     return names

@@ -1,9 +1,9 @@
 """Indoor panoramas from integer seeds.
 
 A room is a box with coloured walls, windows, lamps and furniture around a camera, rendered by radiosity
-(relight.panoramas.radiosity). There are plain rooms, darker ones that are lit from one side, and soft ones with a high
-albedo that are lit from all around; lamps from tungsten to daylight; windows by day and by night; white balances for
-daylight, for lamps, and by the picture. The ranges are chosen so that the statistics of the lights span those of
+(relight.panoramas.radiosity). Three kinds of rooms exist: plain ones, darker ones lit from one side, and soft ones with
+a high albedo, lit from all sides. Lamps range from tungsten to daylight, windows show day or night, and white balance
+is set for daylight, for lamps, or from the picture. With these ranges, the statistics of the lights span those of
 measured indoor panoramas and of the lights that the paper's authors released (docs/lights.md).
 """
 
@@ -13,9 +13,9 @@ from relight.panoramas.colour import blackbody, daylight, luminance
 from relight.panoramas.projection import latlong_solid_angles
 from relight.panoramas.radiosity import HEIGHT, WIDTH, AreaLight, Box, Lamp, Room, Sun, render_room
 
-UPRIGHT = (0, 1, 4, 5)  # the walls that are neither floor nor ceiling
+SIDE_WALLS = (0, 1, 4, 5)  # the walls that are neither floor nor ceiling
 CLEARANCE = 0.6  # metres around the camera without lamps and furniture
-KINDS = {"plain": 0.36, "sided": 0.4, "soft": 0.24}  # of rooms, with their probabilities
+KINDS = {"plain": 0.36, "sided": 0.4, "soft": 0.24}  # probabilities of the kinds of rooms
 
 
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
@@ -24,11 +24,11 @@ def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
 
 
 def sample_room(rng: np.random.Generator) -> Room:
-    """Draws a room of 2.8 to 14 m with surfaces, daylight, lamps and furniture, and at least one emitter."""
+    """Draws a room 2.8 to 14 m wide and long, with at least one emitter."""
     x, z = log_uniform(rng, 2.8, 14), log_uniform(rng, 2.8, 14)
     y = rng.uniform(2.3, 3.4) if rng.random() < 0.75 else rng.uniform(3.4, 7.0)
-    eye = min(rng.uniform(1.1, 1.7), 0.7 * y)
-    camera = np.array([x * rng.uniform(0.15, 0.85), eye, z * rng.uniform(0.15, 0.85)])
+    eye_height = min(rng.uniform(1.1, 1.7), 0.7 * y)
+    camera = np.array([x * rng.uniform(0.15, 0.85), eye_height, z * rng.uniform(0.15, 0.85)])
     kind = str(rng.choice(list(KINDS), p=list(KINDS.values())))
     room = Room(np.array([x, y, z]), camera, sample_wall_albedo(rng, kind))
     day = rng.random() < 0.58
@@ -36,70 +36,78 @@ def sample_room(rng: np.random.Generator) -> Room:
         add_daylight(room, rng, kind)
     elif rng.random() < 0.5:
         add_night(room, rng)
-    lamps = {"plain": 0.55, "sided": 0.25, "soft": 0.75}[kind]  # probability of lamps by day
-    if not day or not room.area_lights or rng.random() < lamps:
+    lamp_probability = {"plain": 0.55, "sided": 0.25, "soft": 0.75}[kind]  # by day
+    if not day or not room.area_lights or rng.random() < lamp_probability:
         add_lamps(room, rng, kind)
     add_furniture(room, rng)
     return room
 
 
 def sample_wall_albedo(rng: np.random.Generator, kind: str) -> np.ndarray:
-    """Draws the albedo (6,3) of walls: one colour, with a few accent walls, a darker floor and a lighter ceiling."""
+    """Draws the albedo (6,3) of the walls: one colour, a few accent walls, a darker floor and a lighter ceiling."""
     walls = {"plain": (0.2, 0.9), "sided": (0.12, 0.45), "soft": (0.7, 0.92)}[kind]
     floor = {"plain": (0.06, 0.5), "sided": (0.06, 0.35), "soft": (0.25, 0.7)}[kind]
     wall = log_uniform(rng, *walls) * np.array([1, rng.uniform(0.92, 1.0), rng.uniform(0.82, 1.02)])
     albedo = np.stack([wall] * 6)
-    for i in UPRIGHT:
+    for i in SIDE_WALLS:
         if kind != "soft" and rng.random() < 0.22:
             albedo[i] = np.clip(rng.uniform(0.1, 0.75) * (0.5 + 0.7 * rng.random(3)), 0.03, 0.9)
     albedo[2] = log_uniform(rng, *floor) * np.array([1, rng.uniform(0.75, 1.0), rng.uniform(0.5, 1.0)])
-    pale = rng.random() < {"plain": 0.9, "sided": 0.6, "soft": 1.0}[kind]
-    albedo[3] = min(log_uniform(rng, *((0.55, 0.95) if pale else (0.05, 0.4))), 0.92)
+    has_light_ceiling = rng.random() < {"plain": 0.9, "sided": 0.6, "soft": 1.0}[kind]
+    albedo[3] = min(log_uniform(rng, *((0.55, 0.95) if has_light_ceiling else (0.05, 0.4))), 0.92)
     return albedo
 
 
 def add_daylight(room: Room, rng: np.random.Generator, kind: str) -> None:
-    """Adds up to four windows with sky above and ground below, and sometimes a skylight and the sun.
+    """Adds up to four windows that show sky and ground, and sometimes a skylight and the sun.
 
-    The windows are mostly in one wall or in two opposite ones; in sided rooms in one wall, in soft rooms on all sides
-    and behind curtains.
+    Plain rooms have most windows in one wall or in two opposite walls, sided rooms all in one wall; soft rooms have
+    windows with curtains on all sides.
     """
     sky = log_uniform(rng, 2, 40)
-    # Overcast or clear sky.
-    temperature = rng.uniform(5500, 7500) if rng.random() < 0.7 else log_uniform(rng, 7500, 16000)
-    main = rng.choice(UPRIGHT)
-    odds = {"plain": (0.55, 0.2, 0.25), "sided": (1.0, 0.0, 0.0), "soft": (0.25, 0.25, 0.5)}[kind]
+    is_overcast = rng.random() < 0.7
+    temperature = rng.uniform(5500, 7500) if is_overcast else log_uniform(rng, 7500, 16000)
+    main_wall = rng.choice(SIDE_WALLS)
+    probabilities = {"plain": (0.55, 0.2, 0.25), "sided": (1.0, 0.0, 0.0), "soft": (0.25, 0.25, 0.5)}[kind]
     counts = (0.1, 0.1, 0.2, 0.3, 0.3) if kind == "soft" else (0.14, 0.34, 0.27, 0.15, 0.1)
     for _ in range(rng.choice(5, p=counts)):
-        wall = int(rng.choice((main, main ^ 1, rng.choice(UPRIGHT)), p=odds))
-        curtain = 1.0 if kind != "soft" and rng.random() < 0.6 else rng.uniform(0.1, 0.5)
-        tint = daylight(temperature * rng.uniform(0.85, 1.2))  # the sky's colour varies with the direction
-        above = tint * sky * rng.uniform(0.4, 1.0) * curtain
-        below = tint * [0.85, 1.0, 0.7] * sky * rng.uniform(0.05, 0.22) * curtain
+        wall = int(rng.choice((main_wall, main_wall ^ 1, rng.choice(SIDE_WALLS)), p=probabilities))
+        transmittance = 1.0 if kind != "soft" and rng.random() < 0.6 else rng.uniform(0.1, 0.5)  # of the curtain
+        tint = daylight(temperature * rng.uniform(0.85, 1.2))  # the sky's colour varies with direction
+        above = tint * sky * rng.uniform(0.4, 1.0) * transmittance
+        below = tint * [0.85, 1.0, 0.7] * sky * rng.uniform(0.05, 0.22) * transmittance
         add_window(room, rng, wall, above, below)
     if rng.random() < 0.12:
         add_skylight(room, rng, daylight(temperature) * sky)
-    walls = [light.wall for light in room.area_lights if light.wall in UPRIGHT]
+    walls = [light.wall for light in room.area_lights if light.wall in SIDE_WALLS]
     if walls and rng.random() < 0.28:
-        outward, elevation, azimuth = walls[0], np.radians(rng.uniform(15, 60)), rng.uniform(-1, 1)
-        toward = np.zeros(3)
-        toward[outward // 2] = (2 * (outward % 2) - 1) * np.cos(elevation) * np.cos(azimuth)
-        toward[2 - outward // 2] = np.cos(elevation) * np.sin(azimuth)
-        toward[1] = np.sin(elevation)
-        room.sun = Sun(toward, blackbody(rng.uniform(4000, 5600)) * sky * rng.uniform(1.5, 8))
+        wall, elevation, azimuth = walls[0], np.radians(rng.uniform(15, 60)), rng.uniform(-1, 1)
+        direction = np.zeros(3)
+        direction[wall // 2] = (2 * (wall % 2) - 1) * np.cos(elevation) * np.cos(azimuth)
+        direction[2 - wall // 2] = np.cos(elevation) * np.sin(azimuth)
+        direction[1] = np.sin(elevation)
+        room.sun = Sun(direction, blackbody(rng.uniform(4000, 5600)) * sky * rng.uniform(1.5, 8))
 
 
 def add_night(room: Room, rng: np.random.Generator) -> None:
-    """Adds one or two dark windows, with the light of a street below."""
+    """Adds one or two dark windows, with street light below the horizon."""
     for _ in range(rng.integers(1, 3)):
         above = daylight(9000) * log_uniform(rng, 0.002, 0.02)
         below = blackbody(rng.uniform(2000, 4000)) * log_uniform(rng, 0.005, 0.1)
-        add_window(room, rng, int(rng.choice(UPRIGHT)), above, below)
+        add_window(room, rng, int(rng.choice(SIDE_WALLS)), above, below)
 
 
 def add_window(room: Room, rng: np.random.Generator, wall: int, above: np.ndarray, below: np.ndarray) -> None:
-    """Adds a window at a random place of a wall, with the radiance `above` (3,) the horizon and `below` (3,) it."""
-    along = 2 - wall // 2  # a wall across x runs along z and the reverse
+    """Adds a window at a random place of a wall.
+
+    Args:
+        room: is changed.
+        rng: of the room.
+        wall: one of SIDE_WALLS.
+        above: (3,) radiance above the horizon.
+        below: (3,) radiance below the horizon.
+    """
+    along = 2 - wall // 2  # horizontal axis in the wall's plane
     length, height = room.size[along], room.size[1]
     width = min(log_uniform(rng, 0.7, 4.0), 0.8 * length)
     start = rng.uniform(0.05 * length, 0.95 * length - width)
@@ -116,7 +124,7 @@ def add_window(room: Room, rng: np.random.Generator, wall: int, above: np.ndarra
 
 
 def add_skylight(room: Room, rng: np.random.Generator, radiance: np.ndarray) -> None:
-    """Adds a window of this radiance (3,) at a random place of the ceiling."""
+    """Adds a square window of radiance (3,) at a random place of the ceiling."""
     x, y, z = room.size
     side = log_uniform(rng, 0.8, 3)
     sx, sz = min(side, 0.6 * x), min(side, 0.6 * z)
@@ -127,22 +135,27 @@ def add_skylight(room: Room, rng: np.random.Generator, radiance: np.ndarray) -> 
 def add_lamps(room: Room, rng: np.random.Generator, kind: str) -> None:
     """Adds a luminous ceiling, two lamps on opposite sides, panels in the ceiling, or single lamps.
 
-    Sided rooms get one or two lamps or panels, soft rooms many lamps or light from the whole ceiling.
+    Sided rooms get panels or one or two lamps; soft rooms a luminous ceiling, panels or many lamps.
     """
     temperature = sample_temperature(rng)
     power = log_uniform(rng, 0.3, 3.0) * room.size[0] * room.size[2] * 6  # proportional to the floor's area
-    odds = {"plain": (0.2, 0.12, 0.36, 0.32), "sided": (0.0, 0.0, 0.15, 0.85), "soft": (0.5, 0.0, 0.3, 0.2)}[kind]
-    way = rng.choice(4, p=odds)
-    if way == 0:
-        add_bright_ceiling(room, rng, blackbody(temperature) * power)
-    elif way == 1:
+    modes = ("ceiling", "two lamps", "panels", "lamps")
+    probabilities = {
+        "plain": (0.2, 0.12, 0.36, 0.32),
+        "sided": (0.0, 0.0, 0.15, 0.85),
+        "soft": (0.5, 0.0, 0.3, 0.2),
+    }[kind]
+    mode = modes[rng.choice(4, p=probabilities)]
+    if mode == "ceiling":
+        add_luminous_ceiling(room, rng, blackbody(temperature) * power)
+    elif mode == "two lamps":
         add_two_lamps(room, rng, temperature, 2 * power)
-    elif way == 2:
+    elif mode == "panels":
         add_panels(room, rng, blackbody(temperature) * power)
     else:
         count = {"plain": rng.integers(1, 7), "sided": rng.integers(1, 3), "soft": rng.integers(5, 13)}[kind]
-        add_single_lamps(room, rng, temperature, power, int(count), low=0.7 if kind == "sided" else 0.25)
-    if way in (1, 3) and not room.lamps:  # all of them were close to the camera
+        add_single_lamps(room, rng, temperature, power, int(count), low_share=0.7 if kind == "sided" else 0.25)
+    if mode in ("two lamps", "lamps") and not room.lamps:  # all were too close to the camera
         x, _, z = np.where(room.camera < room.size / 2, 0.8, 0.2) * room.size
         add_lamp(room, rng, np.array([x, room.size[1] - 0.2, z]), 0.1, temperature, power)
 
@@ -153,9 +166,9 @@ def sample_temperature(rng: np.random.Generator) -> float:
     return float(rng.uniform(*ranges[rng.choice(4, p=(0.18, 0.47, 0.2, 0.15))]))
 
 
-def add_bright_ceiling(room: Room, rng: np.random.Generator, power: np.ndarray) -> None:
-    """Adds an area light that nearly fills the ceiling, and raises the walls' albedo: broad light from above."""
-    room.albedo[list(UPRIGHT)] = np.maximum(room.albedo[list(UPRIGHT)], rng.uniform(0.35, 0.75))
+def add_luminous_ceiling(room: Room, rng: np.random.Generator, power: np.ndarray) -> None:
+    """Adds an area light of `power` (3,) that nearly fills the ceiling, and raises the walls' albedo."""
+    room.albedo[list(SIDE_WALLS)] = np.maximum(room.albedo[list(SIDE_WALLS)], rng.uniform(0.35, 0.75))
     low, high = np.array([0, room.size[1], 0]), room.size.copy()
     margin = rng.uniform(0.02, 0.12) * room.size * [1, 0, 1]
     low, high = low + margin, high - margin
@@ -163,43 +176,52 @@ def add_bright_ceiling(room: Room, rng: np.random.Generator, power: np.ndarray) 
 
 
 def add_two_lamps(room: Room, rng: np.random.Generator, temperature: float, power: float) -> None:
-    """Adds two lamps on opposite sides of the camera and darkens the room: light with a strong second band."""
+    """Adds two lamps on opposite sides of the camera and darkens the room, for light with a strong second band."""
     room.albedo *= rng.uniform(0.25, 0.6)
     heading = rng.uniform(0, 2 * np.pi)
-    for turn, share in ((0.0, 1.0), (np.pi + rng.normal(0, 0.4), rng.uniform(0.35, 0.8))):
-        toward = np.array([np.sin(heading + turn), rng.uniform(0, 0.5), np.cos(heading + turn)])
-        centre = np.clip(room.camera + log_uniform(rng, 0.9, 2.5) * toward, 0.15, room.size - 0.15)
+    for angle, share in ((0.0, 1.0), (np.pi + rng.normal(0, 0.4), rng.uniform(0.35, 0.8))):
+        direction = np.array([np.sin(heading + angle), rng.uniform(0, 0.5), np.cos(heading + angle)])
+        centre = np.clip(room.camera + log_uniform(rng, 0.9, 2.5) * direction, 0.15, room.size - 0.15)
         add_lamp(room, rng, centre, 0.1, temperature, share * power / 2)
 
 
 def add_panels(room: Room, rng: np.random.Generator, power: np.ndarray) -> None:
-    """Adds panels in a grid in the ceiling, some of them off."""
+    """Adds a grid of ceiling panels with a total power (3,); some are off."""
     x, y, z = room.size
     nx, nz = (int(np.clip(side / rng.uniform(1.8, 3.5), 1, 5)) for side in (x, z))
     sx, sz = min(rng.choice([0.3, 0.6, 0.6]), 0.8 * x / nx), min(rng.choice([0.6, 1.2, 1.2]), 0.8 * z / nz)
     radiance = power / (nx * nz * sx * sz * np.pi)
-    works = rng.random((nx, nz)) > 0.12
-    works[0, 0] |= not works.any()
+    is_on = rng.random((nx, nz)) > 0.12
+    is_on[0, 0] |= not is_on.any()
     for i, j in np.ndindex(nx, nz):
-        if works[i, j]:
+        if is_on[i, j]:
             centre = np.array([(i + 0.5) * x / nx, y, (j + 0.5) * z / nz])
             half = np.array([sx / 2, 0, sz / 2])
             room.area_lights.append(AreaLight(3, centre - half, centre + half, radiance))
 
 
 def add_single_lamps(
-    room: Room, rng: np.random.Generator, temperature: float, power: float, count: int, low: float
+    room: Room, rng: np.random.Generator, temperature: float, power: float, count: int, low_share: float
 ) -> None:
-    """Adds lamps that hang or, a share `low` of them, stand or are mounted on a wall; none close to the camera."""
+    """Adds lamps, none of them close to the camera.
+
+    Args:
+        room: is changed.
+        rng: of the room.
+        temperature: kelvin.
+        power: of all lamps.
+        count: number of lamps to place.
+        low_share: probability of a floor or wall lamp; the others hang from the ceiling.
+    """
     x, y, z = room.size
     radius = rng.choice([0.06, 0.08, 0.15, 0.22])
     for _ in range(count):
         centre = np.array([rng.uniform(0.1, 0.9) * x, y - 0.2, rng.uniform(0.1, 0.9) * z])
-        if rng.random() >= low:  # hangs
+        if rng.random() >= low_share:  # ceiling lamp
             centre[1] = y - rng.uniform(0.1, 0.9) if y > 2.7 else y - 0.2
-        elif rng.random() < 0.5:  # stands
+        elif rng.random() < 0.5:  # floor lamp
             centre[1] = rng.uniform(1.3, 1.8)
-        else:  # on a wall
+        else:  # wall lamp
             axis = rng.choice([0, 2])
             centre[axis] = 0.12 if rng.random() < 0.5 else room.size[axis] - 0.12
             centre[1] = rng.uniform(1.6, 2.1)
@@ -209,17 +231,23 @@ def add_single_lamps(
 def add_lamp(
     room: Room, rng: np.random.Generator, centre: np.ndarray, radius: float, temperature: float, power: float
 ) -> None:
-    """Adds a lamp unless it is close to the camera.
+    """Adds a lamp, unless it is within CLEARANCE of the camera.
 
-    Its temperature is near the given one; one lamp in six has a random temperature.
+    Args:
+        room: is changed.
+        rng: of the room.
+        centre: (3,) metres.
+        radius: metres.
+        temperature: kelvin; the lamp's own is within 7 % of it, or random for one lamp in six.
+        power: of the lamp.
     """
-    own = sample_temperature(rng) if rng.random() < 1 / 6 else temperature * rng.uniform(0.93, 1.07)
+    own_temperature = sample_temperature(rng) if rng.random() < 1 / 6 else temperature * rng.uniform(0.93, 1.07)
     if np.linalg.norm(centre - room.camera) - radius > CLEARANCE:
-        room.lamps.append(Lamp(centre, radius, blackbody(own) * power / (4 * np.pi**2 * radius**2)))
+        room.lamps.append(Lamp(centre, radius, blackbody(own_temperature) * power / (4 * np.pi**2 * radius**2)))
 
 
 def add_furniture(room: Room, rng: np.random.Generator) -> None:
-    """Adds up to seven boxes on the floor, most of them against a wall, none close to the camera or below it."""
+    """Adds up to seven boxes on the floor, most of them against a wall, none close to or below the camera."""
     for _ in range(rng.integers(0, 8)):
         tall = rng.random() < 0.25
         extents = [
@@ -233,16 +261,16 @@ def add_furniture(room: Room, rng: np.random.Generator) -> None:
             axis = rng.choice([0, 2])
             low[axis] = 0 if rng.random() < 0.5 else room.size[axis] - size[axis]
         albedo = np.clip(log_uniform(rng, 0.06, 0.7) * (0.55 + 0.6 * rng.random(3)), 0.02, 0.9)
-        beside = np.maximum(np.maximum(low - room.camera, room.camera - low - size), 0)[[0, 2]]
-        if np.linalg.norm(beside) > CLEARANCE:
+        gap = np.maximum(np.maximum(low - room.camera, room.camera - low - size), 0)[[0, 2]]
+        if np.linalg.norm(gap) > CLEARANCE:
             room.boxes.append(Box(low, low + size, albedo))
 
 
 def generate_room(seed: int) -> np.ndarray:
     """Generates the panorama of a room.
 
-    The exposure is log-normal, like a photographer's, so that one room in fourteen has a reference brightness below the
-    paper's threshold of 0.2.
+    The exposure is log-normal, as in photography: one room in fourteen has a reference brightness below the paper's
+    threshold of 0.2.
 
     Returns:
         (64,128,3) float32 lat-long, linear, -z at the centre, samples at pixel centres.
@@ -256,15 +284,15 @@ def generate_room(seed: int) -> np.ndarray:
 
 
 def white_balance(rng: np.random.Generator, mean: np.ndarray) -> np.ndarray:
-    """Draws the white balance of a camera, as gains (3,) of its channels.
+    """Draws the white balance of a camera, with a random error, as gains (3,) of the channels.
 
-    It is set for daylight, which keeps lamps warm; or for lamps, which makes daylight blue; or by the mean colour (3,)
-    of the picture, which removes most of a cast. All have a random error.
+    It is set for daylight, which keeps lamps warm; for lamps, which makes daylight blue; or from the mean colour (3,)
+    of the picture, which removes most of a colour cast.
     """
-    way = rng.choice(3, p=(0.66, 0.04, 0.3))
-    if way == 0:
+    mode = ("daylight", "lamps", "picture")[rng.choice(3, p=(0.66, 0.04, 0.3))]
+    if mode == "daylight":
         gains = 1 / daylight(rng.uniform(4800, 6500))
-    elif way == 1:
+    elif mode == "lamps":
         gains = 1 / blackbody(rng.uniform(2900, 4000))
     else:
         colour = np.maximum(mean, 1e-3 * mean.max())

@@ -5,7 +5,7 @@ from omegaconf import OmegaConf
 from relight.config import composed
 from relight.lights import measure, select_lights
 from relight.panoramas import Panorama, generate_room, generate_sky, project
-from relight.panoramas.colour import FROM_XYZ, blackbody, daylight
+from relight.panoramas.colour import XYZ_TO_RGB, blackbody, daylight
 from relight.panoramas.projection import latlong_solid_angles
 from relight.panoramas.radiosity import (
     CELLS,
@@ -105,7 +105,7 @@ def planck(temperature):
     y = 0.821 * lobe(568.8, 0.0213, 0.0247) + 0.286 * lobe(530.9, 0.0613, 0.0322)
     z = 1.217 * lobe(437.0, 0.0845, 0.0278) + 0.681 * lobe(459.0, 0.0385, 0.0725)
     spectrum = nm**-5.0 / np.expm1(1.438776877e7 / (nm * temperature))
-    return FROM_XYZ @ [(spectrum * matched).sum() for matched in (x, y, z)]
+    return XYZ_TO_RGB @ [(spectrum * matched).sum() for matched in (x, y, z)]
 
 
 def ratios(rgb):

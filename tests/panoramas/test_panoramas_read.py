@@ -137,7 +137,8 @@ def test_repaired_pixels_get_the_mean_of_their_neighbours(tmp_path):
                 expected[hole] = np.mean(values, 0)
                 left.discard(hole)
     np.testing.assert_allclose(mended.pixels, expected, rtol=1e-5)
-    assert mended.repairs == ["23 of 3200 pixels are not finite numbers; each has the mean of its neighbours now"]
+    count = "23 of 3200 pixels are not finite numbers"
+    assert mended.repairs == [f"{count}; they were replaced by the mean of their neighbours"]
     assert read_panorama(pfm(tmp_path / "b.pfm", pixels), repair=True).repairs == []
     broken[:, :2] = np.nan
     with pytest.raises(UserError, match="more than 1% cannot be repaired"):
@@ -170,11 +171,11 @@ HOSTILE = {
     "png.hdr": (b"\x89PNG\r\n\x1a\n" + bytes(100), "PNG"),
     "jpeg.exr": (b"\xff\xd8\xff\xe0" + bytes(100), "JPEG"),
     "zip.hdr": (b"PK\x03\x04" + bytes(100), "zip"),
-    "text.hdr": (b"hello", "neither"),
+    "text.hdr": (b"hello", "not a panorama"),
     "short.pfm": (b"PF\n4 2\n-1.0\n" + bytes(95), "too few"),
     "huge.pfm": (b"PF\n99999 99999\n-1.0\n" + bytes(95), "8192 x 4096"),
     "scale.pfm": (b"PF\n4 2\n0.0\n" + bytes(96), "header"),
-    "black.pfm": (b"PF\n4 2\n-1.0\n" + bytes(96), "all black"),
+    "black.pfm": (b"PF\n4 2\n-1.0\n" + bytes(96), "is black"),
     "nan.pfm": (b"PF\n4 2\n-1.0\n" + np.full(24, np.nan, "<f4").tobytes(), "finite"),
     "inf.pfm": (b"PF\n4 2\n-1.0\n" + np.full(24, np.inf, "<f4").tobytes(), "finite"),
     "aspect.pfm": (b"PF\n5 2\n-1.0\n" + np.ones(30, "<f4").tobytes(), "aspect"),
