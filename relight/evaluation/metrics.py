@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from skimage.metrics import structural_similarity
 
-from relight.lights.show import open_ball
+from relight.lights.show import unoccluded_ball
 from relight.sh import order_of
 
 WINDOW = 7  # scikit-image's default
@@ -234,7 +234,7 @@ def light_errors(inferred: np.ndarray, truth: np.ndarray) -> dict[str, np.ndarra
     element = np.sqrt(np.mean((first - second) ** 2, (1, 2)))
     columns = _readings("light", element, 1, (first[..., None], second[..., None]), window=3)
 
-    disc, transport = open_ball(SPHERE, order_of(truth.shape[1]))
+    disc, transport = unoccluded_ball(SPHERE, order_of(truth.shape[1]))
     spheres = [shade(transport, light.astype(np.float64)) for light in (inferred, truth)]
     pictures = np.zeros((2, len(truth), *disc.shape, 3))
     pictures[:, :, disc] = spheres

@@ -1,4 +1,4 @@
-"""From panoramas to the light set: read or generate, project, select."""
+"""Builds the light set: reads or generates panoramas, projects them, and selects lights."""
 
 import logging
 import os
@@ -13,7 +13,7 @@ import numpy as np
 from relight.config import Lights, Panoramas
 from relight.files import UserError, require_safe_name
 from relight.lights.select import select_lights
-from relight.lights.statistics import from_below, measure
+from relight.lights.statistics import is_lit_from_below, measure
 from relight.lights.table import LightSet
 from relight.panoramas import Panorama, generate_room, generate_sky, list_panoramas, orient, project, read_panorama
 from relight.processes import count_cores, end_with_parent, has_semaphores
@@ -24,8 +24,8 @@ log = logging.getLogger(__name__)
 Projected = np.ndarray | tuple[np.ndarray, list[str]] | str  # light, light and repairs, or why there is none
 
 GENERATORS: dict[str, Callable[[int], np.ndarray]] = {"room": generate_room, "sky": generate_sky}
-MIN_PARALLEL = 48  # for fewer panoramas, worker processes take longer to start than they save
-MAX_NAMED = 8  # panoramas in one sentence
+MIN_PARALLEL = 48  # panoramas; for fewer, starting worker processes takes longer than it saves
+MAX_NAMED = 8  # panoramas that a warning lists
 
 
 def build_light_set(
@@ -40,8 +40,8 @@ def build_light_set(
         progress: whether the remaining time is shown.
 
     Returns:
-        The light set, and the record of `select_lights` with two more entries: `unreadable` and `repaired` map files
-        of a folder to what was wrong with them and to what was repaired in them.
+        The light set, and the record of `select_lights` with two more entries: `unreadable` has the error of each file
+        that could not be read, `repaired` the repairs of each file that was repaired.
 
     Raises:
         UserError: if the settings name no panorama, if none can be read, or if no light can be selected.
@@ -53,17 +53,27 @@ def build_light_set(
         record["warnings"] += warnings
         for warning in warnings:
             log.warning(warning)
-    why = {"unreadable": len(unreadable)} if unreadable else {}
-    record["steps"].insert(0, {"step": "read", "in": len(sources) + len(unreadable), "out": len(sources), "why": why})
+    read = {
+        "step": "read",
+        "in": len(sources) + len(unreadable),
+        "out": len(sources),
+        "why": {"unreadable": len(unreadable)} if unreadable else {},
+    }
+    record["steps"].insert(0, read)
     record |= {"unreadable": unreadable, "repaired": repaired}
     return selected, record
 
 
 def warn_unlit(unlit: dict[str, str], total: int) -> list[str]:
-    """Returns a warning that names the panoramas which gave no light (`unlit` of `select_lights`), of `total`."""
+    """Returns a warning about panoramas without usual lights, or an empty list.
+
+    Args:
+        unlit: as in the record of `select_lights`.
+        total: number of panoramas.
+    """
     if not unlit:
         return []
-    named = "; ".join(f"{source}: {why}" for source, why in list(unlit.items())[:MAX_NAMED])
+    named = "; ".join(f"{source}: {reason}" for source, reason in list(unlit.items())[:MAX_NAMED])
     more = f"; and {len(unlit) - MAX_NAMED} more, which chain.json names" if len(unlit) > MAX_NAMED else ""
     return [
         f"{len(unlit)} of {total} panoramas gave no light; the rules for unusual lights (lights.rules) are for rooms, "
@@ -72,8 +82,14 @@ def warn_unlit(unlit: dict[str, str], total: int) -> list[str]:
 
 
 def warn_below(sources: list[str], coefficients: np.ndarray, panoramas: Panoramas) -> list[str]:
-    """Returns a warning that names the panoramas whose lights (N,K,3) are brighter from below than from above."""
-    below = [source for source, is_below in zip(sources, from_below(measure(coefficients))) if is_below]
+    """Returns a warning about panoramas that are brighter from below than from above, or an empty list.
+
+    Args:
+        sources: N names of the panoramas.
+        coefficients: (N,K,3) of their lights.
+        panoramas: settings by which they were read.
+    """
+    below = [source for source, is_below in zip(sources, is_lit_from_below(measure(coefficients))) if is_below]
     if not below:
         return []
     named = ", ".join(below[:MAX_NAMED]) + (f" and {len(below) - MAX_NAMED} more" if len(below) > MAX_NAMED else "")
@@ -90,8 +106,8 @@ def project_panoramas(
     """Projects all panoramas that the settings name.
 
     Returns:
-        The sources of the N panoramas that could be read; their lights (N,K,3); the reason for each that could not be
-        read, by source; what was repaired, by source.
+        The sources of the N panoramas that could be read; their lights (N,K,3); the errors of the others, by source;
+        and the repairs, by source.
 
     Raises:
         UserError: if the settings name no panorama or none can be read.
@@ -100,7 +116,7 @@ def project_panoramas(
         sources = [f"room:{panoramas.seed + i}" for i in range(panoramas.count)]
         sources += [f"sky:{panoramas.seed + i}" for i in range(panoramas.skies)]
         if not sources:
-            raise UserError("panoramas.count=0 and panoramas.skies=0: at least one panorama is needed")
+            raise UserError("panoramas.count and panoramas.skies are 0: at least one panorama is needed")
         light_of: Callable[[str], Projected] = partial(
             generated_light, order=order, yaw=panoramas.yaw, flip=panoramas.flip
         )
@@ -146,8 +162,8 @@ def file_light(source: str, panoramas: Panoramas, order: int) -> tuple[np.ndarra
     """Reads one panorama of a folder and projects it.
 
     Returns:
-        The light (K,3) and the reader's repairs; for a file that cannot be read, the reason instead of an exception,
-        so that one bad file does not end a long run.
+        The light (K,3) and the reader's repairs; or, for a file that cannot be read, the message of the error, since
+        one bad file must not end a long run.
     """
     try:
         panorama = read_from_folder(source, panoramas)
@@ -180,9 +196,9 @@ def read_from_folder(source: str, panoramas: Panoramas, yaw: float = 0.0) -> Pan
 
 
 def parallel_map(function: Callable[[str], Projected], items: list[str]) -> Iterator[Projected]:
-    """Yields `function` of each item, in order, computed on all cores that this process may use.
+    """Yields the results of `function` for all items, in their order, computed on up to 16 cores.
 
-    They are computed in this process where others cannot be shared with.
+    Without semaphores, for few items or on one core, they are computed in this process.
     """
     workers = min(count_cores(), 16)
     if len(items) < MIN_PARALLEL or workers == 1 or not has_semaphores():

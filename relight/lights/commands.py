@@ -1,4 +1,4 @@
-"""`relight light`: the coefficients and statistics of a light, on the terminal, as files and as a picture."""
+"""`relight light`: prints, writes and draws the coefficients and statistics of a light."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,15 +12,18 @@ LIGHT = Annotated[
 ]
 ORDER = Annotated[int, typer.Option(min=0, max=6, help="Order of the spherical harmonics; 2 gives nine coefficients.")]
 LAYOUT = Annotated[
-    str, typer.Option(help="auto, latlong, angular, ball, cross, strip, strip-gl; square pictures need one.")
+    str,
+    typer.Option(
+        help="Layout: auto, latlong, angular, ball, cross, strip or strip-gl; square pictures need one other than auto."
+    ),
 ]
-YAW = Annotated[float, typer.Option(help="Rotate the light about the vertical, degrees; front goes to the right.")]
+YAW = Annotated[float, typer.Option(help="Rotation of the light about the vertical, degrees, from front to right.")]
 FLIP = Annotated[bool, typer.Option("--flip", help="Mirror left and right.")]
 UPSIDE_DOWN = Annotated[bool, typer.Option("--upside-down", help="The panorama's rows run from the bottom up.")]
 EXPOSURE = Annotated[float, typer.Option(help="Factor by which the light is multiplied.")]
 REPAIR = Annotated[
     bool,
-    typer.Option("--repair", help="Replace pixels that are not finite by the mean of their neighbours."),
+    typer.Option("--repair", help="Replace non-finite pixels by the mean of their neighbours."),
 ]
 CONVENTION = Annotated[
     str | None,
@@ -63,7 +66,7 @@ def numbers(
 
     from relight.lights.light import write_light
     from relight.lights.load import load_light
-    from relight.lights.show import described
+    from relight.lights.show import format_statistics
     from relight.sh import bands, from_relight
 
     loaded = load_light(light, order, layout, yaw, flip, exposure, convention, repair, upside_down)
@@ -73,7 +76,7 @@ def numbers(
         table.add_row(name, *(f"{value: .6f}" for value in row))
     console = Console(highlight=False)
     console.print(table)
-    for name, value in described(loaded):
+    for name, value in format_statistics(loaded):
         console.print(f"  {name:32s} {value}")
     for note in loaded.notes:
         typer.echo(note, err=True)
@@ -94,7 +97,7 @@ def show(
     convention: CONVENTION = None,
     repair: REPAIR = False,
 ) -> None:
-    """Draw a light: a lit ball, its diffuse panorama, its statistics. A light set (.npz): a contact sheet."""
+    """Draw a light: lit ball, diffuse panorama and statistics; or the contact sheet of a light set (.npz)."""
     from relight.lights.load import load_light
     from relight.lights.show import write_contact_sheet, write_light_picture
     from relight.lights.table import read_light_set

@@ -12,8 +12,8 @@ from relight.lights.statistics import moment_eigenvalue, reference_brightness
 from relight.panoramas import Panorama
 from relight.sh import UNOCCLUDED_T00, coefficient_count, from_relight, order_of
 
-TOLERANCE = -1e-3  # of the moment eigenvalue: coefficients in files are rounded, colours truncated
-FRAMES = "x right, y up, z toward the camera, unless the convention says otherwise"
+MIN_EIGENVALUE = -1e-3  # moment eigenvalue of a valid light; below 0, as coefficients in files are rounded
+FRAME = "x right, y up, z toward the camera, unless the convention says otherwise"
 
 
 class LightOptions(TypedDict, total=False):
@@ -34,9 +34,9 @@ class Light:
 
     Attributes:
         coefficients: (K,3) float64 radiance, RGB, in relight's convention (docs/conventions.md).
-        source: what the light was made from, such as a file's path or "room:7".
-        panorama: that the coefficients were projected from, if there is one.
-        notes: sentences for the user: what was repaired, and whether such a light is physically possible.
+        source: origin of the light, such as a file's path or "room:7".
+        panorama: from which the coefficients were projected, or None.
+        notes: sentences for the user: repairs, and whether the light is physically possible.
     """
 
     coefficients: np.ndarray
@@ -52,8 +52,7 @@ class Light:
     def normalised(self, target: float = 0.8) -> "Light":
         """Scales the light to the reference brightness `target`, the irradiance E(0,0,1) of the brightest channel.
 
-        A light whose front is dark is scaled by its mean irradiance instead, so that the other sides do not become too
-        bright.
+        A light with a dark front is scaled by its mean irradiance instead, to limit the brightness of the other sides.
 
         Raises:
             UserError: if the mean radiance is not positive.
@@ -61,20 +60,20 @@ class Light:
         brightness = float(reference_brightness(self.coefficients))
         mean = float(self.coefficients[0].max()) * UNOCCLUDED_T00  # irradiance, over all normals
         if mean <= 0:
-            raise UserError(f"{self.source}: a light without light: its mean is not positive")
+            raise UserError(f"{self.source} is black: the mean radiance of a light must be positive")
         scale = target / max(brightness, 0.25 * mean)
         return replace(self, coefficients=self.coefficients * scale)
 
     def at_order(self, order: int) -> "Light":
-        """Truncates the light to `order`, or pads it with zeros to it."""
+        """Returns the light truncated, or padded with zeros, to `order`."""
         coefficients = np.zeros((coefficient_count(order), 3))
         kept = min(len(coefficients), len(self.coefficients))
         coefficients[:kept] = self.coefficients[:kept]
         return replace(self, coefficients=coefficients)
 
     def checked(self) -> "Light":
-        """Adds a note if no non-negative radiance has these coefficients (`moment_eigenvalue`)."""
-        if moment_eigenvalue(self.coefficients) >= TOLERANCE:
+        """Returns the light, with a note if no non-negative radiance has its coefficients (`moment_eigenvalue`)."""
+        if moment_eigenvalue(self.coefficients) >= MIN_EIGENVALUE:
             return self
         note = (
             f"{self.source}: no real light has these coefficients (they need negative light somewhere); they may be in "
@@ -88,8 +87,8 @@ def write_light(light: Light, path: Path, convention: str = "relight") -> Path:
 
     Args:
         light: to write.
-        path: .json (coefficients, convention, frame and source) or .npy ((K,3) float64). The name of a .npy gets the
-            convention, which the format cannot hold: kitchen.npy becomes kitchen.relight.npy.
+        path: .json (coefficients, convention, frame and source) or .npy ((K,3) float64). Since .npy cannot store the
+            convention, it becomes part of the name: kitchen.npy is written as kitchen.relight.npy.
         convention: of the coefficients in the file (relight.sh.conventions).
 
     Returns:
@@ -102,7 +101,7 @@ def write_light(light: Light, path: Path, convention: str = "relight") -> Path:
     if path.suffix == ".json":
         content = {
             "convention": convention,
-            "frame": FRAMES,
+            "frame": FRAME,
             "order": light.order,
             "source": light.source,
             "coefficients": coefficients.tolist(),

@@ -1,4 +1,4 @@
-"""Reads or makes any light that a user can name."""
+"""Loads lights by name: panoramas, files of coefficients, generated, printed and key lights."""
 
 import json
 import re
@@ -11,7 +11,7 @@ from relight import extensions
 from relight.files import UserError, existing_file
 from relight.lights.chain import GENERATORS
 from relight.lights.light import Light
-from relight.lights.statistics import from_below, measure
+from relight.lights.statistics import is_lit_from_below, measure
 from relight.lights.table import read_light_set
 from relight.npz import read_npy
 from relight.panoramas import Panorama, orient, project, read_panorama
@@ -25,11 +25,10 @@ IN_SET = re.compile(r"(.+\.(?:npz|csv)):(\d{1,9})")
 FILL = 0.2  # default irradiance of the fill, relative to the key light's
 MAX_BYTES = 1 << 20  # of a file of coefficients
 
-# Measured lights in print. Grace, Eucalyptus and St. Peter's: Ramamoorthi & Hanrahan 2001, figure 2 (Grace to the six
-# digits of their prefilter.c, in the units of the file). Kitchen and Galileo: the continuation of that table in the
-# OpenGL Shading Language book. Rows in the order and frame of `ramamoorthi2001` (relight.sh.conventions), columns red,
-# green, blue. Copies in circulation have errors (Grace L22 green -.5 for -.05; Eucalyptus L2-2 blue +.04, L2-1 green
-# +.01).
+# Printed measured lights. Grace, Eucalyptus and St. Peter's: Ramamoorthi & Hanrahan 2001, figure 2 (Grace with the six
+# digits and units of their prefilter.c). Kitchen and Galileo: the OpenGL Shading Language book. Rows in the convention
+# `ramamoorthi2001`, columns red, green, blue. Many copies have errors (Grace L22 green -.5 for -.05; Eucalyptus L2-2
+# blue +.04, L2-1 green +.01).
 GRACE = """ .078908  .043710  .054161   .039499  .034989  .060488  -.033974 -.018236 -.026940
            -.029213 -.005562  .000944  -.011141 -.005090 -.012231  -.026240 -.022401 -.047479
            -.015570 -.009471 -.014733   .056014  .021444  .013915   .021205 -.005432 -.030374"""
@@ -55,16 +54,16 @@ def load_light(
     repair: bool = False,
     upside_down: bool = False,
 ) -> Light:
-    """Reads or makes the light that `text` names. Its brightness is not normalised.
+    """Loads the light that `text` names. Its brightness is not normalised.
 
     kitchen.hdr, .exr, .pfm         a panorama
     probe.npy, .txt, .csv, .json    coefficients
     lights.npz:12                   row 12 of a light set
     room:7, sky:3, room:7:40        a generated panorama, the last one rotated by 40 degrees
-    probe:grace                     a measured light in print: grace, eucalyptus, stpeters, kitchen, galileo
+    probe:grace                     a printed measured light: grace, eucalyptus, stpeters, kitchen, galileo
     key:#ffeedd@45,30,0.2           a distant lamp of this sRGB colour, 45 degrees to the right of the camera and 30
                                     degrees up, with a constant fill of 0.2 times its irradiance
-    mine:text                       what relight/extensions/mine.py makes of the text
+    mine:text                       the light that the extension relight/extensions/mine.py returns for the text
 
     Args:
         text: as above.
@@ -75,7 +74,7 @@ def load_light(
         exposure: factor on the radiance.
         convention: of a file of coefficients; by default the one in its JSON or its name (lights.kanamori2018.npy),
             else relight's.
-        repair: whether pixels of a panorama's file that are not finite are replaced; without it they are an error.
+        repair: whether non-finite pixels of a panorama's file are replaced; otherwise they are an error.
         upside_down: whether the rows of a panorama's file run from the bottom up.
 
     Returns:
@@ -89,9 +88,9 @@ def load_light(
     """
     text = str(text)
     if not (np.isfinite(exposure) and exposure > 0 and np.isfinite(yaw)):
-        raise UserError(f"exposure={exposure}, yaw={yaw}: must be a positive number and a number of degrees")
+        raise UserError(f"exposure={exposure}, yaw={yaw}: exposure must be positive, yaw a number of degrees")
     if convention is not None and convention not in CONVENTIONS:
-        raise UserError(f"convention {convention!r}: one of {', '.join(CONVENTIONS)}")
+        raise UserError(f"convention {convention!r}: must be one of {', '.join(CONVENTIONS)}")
     if match := GENERATED.fullmatch(text):
         pixels = GENERATORS[match[1]](int(match[2])) * np.float32(exposure)
         panorama = Panorama(pixels, flip=flip, yaw=yaw + parse_number(match[3] or "0", text), source=text)
@@ -107,11 +106,11 @@ def load_light(
         found = extensions.extension(name, "light")(text.removeprefix(f"{name}:"), order)
         light = found if isinstance(found, Light) else Light(as_table(found, text), text)
     elif text.startswith(("room:", "sky:", "key:")):
-        raise UserError(f"{text}: a generated light is like room:7, sky:3 or key:#ffeedd@45,30")
+        raise UserError(f"{text} is malformed: a generated light is named like room:7, sky:3 or key:#ffeedd@45,30")
     elif Path(text).suffix.lower() in (".npy", ".txt", ".csv", ".json"):
         light = read_coefficients(existing_file(text, "light"), convention)
     elif Path(text).suffix.lower() == ".npz":
-        raise UserError(f"{text}: a set of lights; say which one ({text}:0)")
+        raise UserError(f"{text} is a set of lights: name one of them, such as {text}:0")
     else:
         panorama = read_panorama(text, layout, yaw, flip, exposure, repair, upside_down)
         coefficients = project(panorama, order)
@@ -122,15 +121,15 @@ def load_light(
 
 
 def notes_below(text: str, coefficients: np.ndarray, upside_down: bool) -> list[str]:
-    """Returns a note if a panorama (K,3) gives more light from below than from above, as one that is upside down."""
-    if not from_below(measure(coefficients[None]))[0]:
+    """Returns a note if a panorama's light (K,3) is brighter from below than from above, or an empty list."""
+    if not is_lit_from_below(measure(coefficients[None]))[0]:
         return []
     option = "without --upside-down" if upside_down else "with --upside-down, if its rows run from the bottom up"
     return [f"{text}: brighter from below than from above; read it {option}"]
 
 
 def parse_number(part: str, text: str) -> float:
-    """Parses `part` of `text`; raises UserError if it is no number."""
+    """Parses the number `part` of `text`; raises UserError if it is not a number."""
     try:
         return float(part)
     except ValueError:
@@ -138,19 +137,23 @@ def parse_number(part: str, text: str) -> float:
 
 
 def printed_probe(name: str) -> np.ndarray:
-    """Returns the table (9,3) of a measured light as printed, in the convention `ramamoorthi2001`."""
+    """Returns the table (9,3) of a measured light as printed, in the convention `ramamoorthi2001`.
+
+    Raises:
+        UserError: if `name` is not in PROBES.
+    """
     if name not in PROBES:
-        raise UserError(f"probe:{name}: one of {', '.join(f'probe:{known}' for known in PROBES)}")
+        raise UserError(f"probe:{name} does not exist; there are {', '.join(f'probe:{known}' for known in PROBES)}")
     return np.array(PROBES[name].split(), float).reshape(9, 3)
 
 
 def probe(name: str) -> np.ndarray:
-    """Returns a measured light (9,3) in relight's convention. Scales differ between the probes."""
+    """Returns a measured light (9,3) in relight's convention; each probe has its own scale."""
     return to_relight(printed_probe(name), "ramamoorthi2001")
 
 
 def key_light(colour: str, azimuth: float, elevation: float, fill: float, order: int) -> np.ndarray:
-    """Makes the light of a distant lamp and a constant fill.
+    """Returns the light (K,3) of a distant lamp and a constant fill.
 
     Args:
         colour: irradiance of the lamp on a surface that faces it, six hexadecimal digits of sRGB.
@@ -159,17 +162,14 @@ def key_light(colour: str, azimuth: float, elevation: float, fill: float, order:
         fill: irradiance of the fill over that of the lamp.
         order: of the spherical harmonics.
 
-    Returns:
-        The light (K,3).
-
     Raises:
         UserError: if a number is out of range.
     """
     if not -90 <= elevation <= 90:
-        raise UserError(f"key:#{colour}: elevation {elevation:g} is outside of -90 (from below) to 90 (from above)")
+        raise UserError(f"key:#{colour}: elevation {elevation:g} must be in -90 (from below) to 90 (from above)")
     if not (np.isfinite(azimuth) and np.isfinite(fill) and fill >= 0):
         raise UserError(
-            f"key:#{colour}: azimuth {azimuth:g}, fill {fill:g}: a number of degrees, and a share from 0 up"
+            f"key:#{colour}: azimuth {azimuth:g}, fill {fill:g}: azimuth must be in degrees, fill at least 0"
         )
     linear = decode(np.array([int(colour[i : i + 2], 16) for i in (0, 2, 4)]) / 255)
     a, e = np.radians(azimuth), np.radians(elevation)
@@ -180,37 +180,50 @@ def key_light(colour: str, azimuth: float, elevation: float, fill: float, order:
 
 
 def read_row(path: str, row: int) -> Light:
-    """Reads one row of a light set, counted from 0."""
+    """Reads one row of a light set; rows count from 0."""
     lights = read_light_set(path)
     if row >= len(lights):
-        raise UserError(f"{path}: has {len(lights)} lights, numbered from 0; there is no {row}")
+        raise UserError(f"{path} has {len(lights)} lights, numbered from 0: there is no light {row}")
     source = f"{lights.source[row]}:{lights.yaw[row]:g}"
     return Light(lights.coefficients[row].astype(np.float64), source)
 
 
 def read_coefficients(path: Path, convention: str | None) -> Light:
-    """Reads a file of coefficients in `convention`; if None, in that of the JSON, else of the name, else relight's."""
+    """Reads a file of coefficients.
+
+    Args:
+        path: .npy, .json, .txt or .csv.
+        convention: of the coefficients; None for that of the JSON, else of the file's name, else relight's.
+
+    Raises:
+        UserError: if the file is too large or not a table of coefficients.
+    """
     if path.stat().st_size > MAX_BYTES:
-        raise UserError(f"{path}: {path.stat().st_size >> 20} MB are too many for one light's coefficients")
+        size = path.stat().st_size >> 20
+        raise UserError(f"{path} has {size} MB; the coefficients of a light take at most {MAX_BYTES >> 20} MB")
     suffix = path.stem.split(".")[-1]
-    own = suffix if suffix in CONVENTIONS else None
+    named_convention = suffix if suffix in CONVENTIONS else None
     try:
         if path.suffix.lower() == ".npy":
             array: object = read_npy(path)
         elif path.suffix.lower() == ".json":
             content = json.loads(path.read_text(encoding="utf-8"))
-            array, inside = (content, None) if isinstance(content, list) else parse_json(path, content)
-            own = inside or own
+            array, declared_convention = (content, None) if isinstance(content, list) else parse_json(path, content)
+            named_convention = declared_convention or named_convention
         else:
             lines = (line.split("#")[0].replace(",", " ") for line in path.read_text(encoding="utf-8").splitlines())
             array = np.array([[float(word) for word in line.split()] for line in lines if line.strip()])
     except (ValueError, TypeError, OverflowError, EOFError, RecursionError) as error:
-        raise UserError(f"{path}: not a table of coefficients ({str(error).splitlines()[0][:120]})") from error
-    return Light(to_relight(as_table(array, str(path)), convention or own or "relight"), str(path))
+        raise UserError(f"{path} is not a table of coefficients ({str(error).splitlines()[0][:120]})") from error
+    return Light(to_relight(as_table(array, str(path)), convention or named_convention or "relight"), str(path))
 
 
 def parse_json(path: Path, content: object) -> tuple[object, str | None]:
-    """Returns coefficients and convention of relight's JSON or of a three.js LightProbe."""
+    """Returns coefficients and convention of the JSON of relight or of a three.js LightProbe.
+
+    Raises:
+        UserError: if there are no coefficients, or if the convention is unknown.
+    """
     if isinstance(content, dict):
         if "coefficients" in content:
             convention = content.get("convention")

@@ -1,7 +1,7 @@
-"""The paper's illumination set: scale, rotate, remove unusual lights, cluster, split (method.md section 4).
+"""Selects the light set: rotates, scales, removes unusual lights, clusters and splits (method.md section 4).
 
-With `order: cut_first`, unusual lights are removed before the clustering, since amplified back-lit copies would take
-most clusters otherwise. With `order: paper`, the clustering comes first, as in the paper.
+With `order: cut_first`, unusual lights are removed before the clustering; otherwise, amplified back-lit copies would
+take most clusters. With `order: paper`, the clustering comes first, as in the paper.
 """
 
 import logging
@@ -21,9 +21,9 @@ from relight.sh import order_of, rotation_about_y, rotation_matrix
 
 log = logging.getLogger(__name__)
 
-MAX_UNUSUAL = 80  # clusters of the unusual lights, for the tests and to train on
-MIN_FRONT = 1e-4  # of the mean irradiance: a darker front cannot be scaled to a target
-DIRECTED = 0.35  # |L1| / L00 from which on a light has a main direction that the rules test
+MAX_UNUSUAL = 80  # clusters of unusual lights
+MIN_FRONT = 1e-4  # reference brightness over the mean; a darker front cannot be scaled to a target
+MIN_DIRECTIVITY = 0.35  # |L1| / L00; above it, a light has a main direction, which the rules test
 BATCH = 4096  # lights that are measured at a time
 
 
@@ -33,11 +33,11 @@ def select_lights(coefficients: np.ndarray, sources: list[str], settings: Lights
     Args:
         coefficients: (N,K,3) radiance, in the panoramas' own units.
         sources: N names of the panoramas.
-        settings: of all steps, checked (relight.config.check).
+        settings: of all steps; must have passed relight.config.check.
 
     Returns:
-        The light set, and a record of plain values: for each step the number of lights before and after it and why
-        lights were removed; the warnings; and in `unlit` the panoramas without a usual light, each with the reason.
+        The light set, and a record of plain values: `steps` with the numbers of lights before and after each step and
+        the reasons for removals; `warnings`; and `unlit`, the panoramas without a usual light, each with the reason.
 
     Raises:
         UserError: if the veto file cannot be used or no light can be selected.
@@ -50,7 +50,7 @@ def select_lights(coefficients: np.ndarray, sources: list[str], settings: Lights
     record_step(record, "rotate and scale", len(kept), len(copies), {})
     copies = without_vetoed(copies, settings.veto, record)
     if settings.order == "paper":
-        # 100 clusters for 50 lights: the authors removed about half of theirs by hand.
+        # Twice as many clusters, since the authors removed about half of their lights by hand.
         copies = cluster(copies, 2 * settings.clusters, settings.seed, record)
         candidates, unusual = split_by_rules(copies, settings, record)
         usual = candidates.rows(
@@ -83,16 +83,16 @@ def select_lights(coefficients: np.ndarray, sources: list[str], settings: Lights
     return lights, record
 
 
-def record_step(record: dict[str, Any], step: str, before: int, after: int, why: dict[str, int]) -> None:
-    """Adds a step to the record: numbers of lights before and after it, and of those removed, by reason."""
-    record["steps"].append({"step": step, "in": before, "out": after, "why": why})
+def record_step(record: dict[str, Any], step: str, before: int, after: int, reasons: dict[str, int]) -> None:
+    """Adds a step to the record: the numbers of lights before and after it, and of those removed by each reason."""
+    record["steps"].append({"step": step, "in": before, "out": after, "why": reasons})
 
 
 def above_threshold(coefficients: np.ndarray, threshold: float, record: dict[str, Any]) -> np.ndarray:
     """Returns indices of the lights (N,K,3) whose reference brightness reaches `threshold`.
 
-    The threshold is in the files' own units, hence meaningful only where all panoramas have the same exposure. If it
-    would remove more than half of them, they are in other units: all are kept, with a warning.
+    The threshold is in the files' units and assumes one exposure for all panoramas. If it would remove more than half
+    of them, they must be in other units: all are kept, with a warning.
     """
     brightness = reference_brightness(coefficients)
     bright = brightness >= threshold
@@ -102,16 +102,16 @@ def above_threshold(coefficients: np.ndarray, threshold: float, record: dict[str
             f"reference brightness {np.median(brightness):.3g}): they are in other units, so none was dropped"
         )
         bright[:] = True
-    why = {"dark": int((~bright).sum())} if not bright.all() else {}
-    record_step(record, "threshold", len(bright), int(bright.sum()), why)
+    reasons = {"dark": int((~bright).sum())} if not bright.all() else {}
+    record_step(record, "threshold", len(bright), int(bright.sum()), reasons)
     return np.flatnonzero(bright)
 
 
 def rotated_copies(coefficients: np.ndarray, sources: np.ndarray, settings: Lights) -> LightSet:
-    """Rotates every light about the vertical in equal steps and scales each copy to its own reference brightness.
+    """Rotates every light about the vertical in equal steps and scales each copy to a random reference brightness.
 
-    The reference brightness is drawn uniformly from [low, high] with a seed that depends only on the panorama's
-    position in the list and on the step. A copy whose front gets no light has the scale 0 and is removed later.
+    The reference brightness is uniform in [low, high], with a seed that depends only on the panorama's index and on
+    the step. A copy without light on its front gets scale 0 and is removed later.
 
     Args:
         coefficients: (N,K,3) of the panoramas.
@@ -145,27 +145,36 @@ def rotated_copies(coefficients: np.ndarray, sources: np.ndarray, settings: Ligh
 
 
 def without_vetoed(copies: LightSet, veto: str | None, record: dict[str, Any]) -> LightSet:
-    """Removes the copies that a veto file names, one `source` or `source:yaw` per line, with # before comments."""
+    """Removes the copies that a veto file lists.
+
+    Args:
+        copies: lights to filter.
+        veto: path of a text file with one `source` or `source:yaw` per line and comments after #, or None.
+        record: gets the step and the warnings.
+
+    Raises:
+        UserError: if the file does not exist or lists all lights.
+    """
     if veto is None:
         return copies
     lines = existing_file(Path(veto), "lights.veto").read_text(encoding="utf-8").splitlines()
     vetoed = np.zeros(len(copies), bool)
     for line in filter(None, (line.split("#")[0].strip() for line in lines)):
-        named = copies.source == line
-        if not named.any() and ":" in line:
+        matches = copies.source == line
+        if not matches.any() and ":" in line:
             source, yaw = line.rsplit(":", 1)
-            named = (copies.source == source) & np.isclose(copies.yaw, parse_yaw(yaw), atol=0.01)
-        if not named.any():
+            matches = (copies.source == source) & np.isclose(copies.yaw, parse_yaw(yaw), atol=0.01)
+        if not matches.any():
             record["warnings"].append(f"{veto}: {line!r} names none of the lights (a source, or source:yaw)")
-        vetoed |= named
+        vetoed |= matches
     record_step(record, "veto", len(copies), int((~vetoed).sum()), {"vetoed": int(vetoed.sum())})
     if vetoed.all():
-        raise UserError(f"{veto}: the veto list names every light; leave some")
+        raise UserError(f"{veto} removes all lights: at least one must be left")
     return copies.rows(~vetoed)
 
 
 def parse_yaw(text: str) -> float:
-    """Parses degrees; returns NaN, which matches no light, for other text, as after a colon in a source's name."""
+    """Parses degrees; returns NaN, which matches no light, for other text, such as part of a source with a colon."""
     try:
         return float(text)
     except ValueError:
@@ -180,73 +189,78 @@ def broken_rules(lights: np.ndarray, rules: Rules) -> dict[str, np.ndarray]:
         rules: limits.
 
     Returns:
-        (N,) bool by the name of the rule, true where a light breaks it.
+        Whether each light breaks a rule, (N,) bool, by the rule's name.
     """
     parts = [_broken_rules(lights[start : start + BATCH], rules) for start in range(0, len(lights), BATCH)]
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]} if parts else {}
 
 
 def _broken_rules(lights: np.ndarray, rules: Rules) -> dict[str, np.ndarray]:
-    m = measure(lights)
-    directed = m["first"] > DIRECTED
+    """Tests one batch of lights; see `broken_rules`."""
+    stats = measure(lights)
+    directed = stats["first"] > MIN_DIRECTIVITY
+    is_back_lit = stats["back_mean"] > rules.back * stats["front_mean"]
     return {
-        "bright": (m["front_most"] > rules.bright) | (m["channel_most"] > rules.channel),
-        "dim": m["front"] < rules.dim,
-        "back-lit": (m["back_mean"] > rules.back * m["front_mean"]) | (directed & (m["toward"] < rules.toward)),
-        "contrast": (m["front_least"] < rules.contrast * m["front_most"]) | (m["first"] > rules.first),
-        "colour": np.maximum(abs(m["red"]), abs(m["blue"])) > rules.colour,
-        "from-below": directed & (m["elevation"] < rules.below),
+        "bright": (stats["front_most"] > rules.bright) | (stats["channel_most"] > rules.channel),
+        "dim": stats["front"] < rules.dim,
+        "back-lit": is_back_lit | (directed & (stats["toward"] < rules.toward)),
+        "contrast": (stats["front_least"] < rules.contrast * stats["front_most"]) | (stats["first"] > rules.first),
+        "colour": np.maximum(abs(stats["red"]), abs(stats["blue"])) > rules.colour,
+        "from-below": directed & (stats["elevation"] < rules.below),
     }
 
 
 def joined_names(broken: dict[str, np.ndarray]) -> np.ndarray:
-    """Returns (N,) str, the names of the rules that each light breaks, separated by spaces."""
+    """Returns the names of the rules that each light breaks, separated by spaces, as (N,) str.
+
+    Args:
+        broken: (N,) bool by the name of the rule.
+    """
     names = np.array(list(broken), dtype=object)
     table = np.stack(list(broken.values()), -1)
     return np.array([" ".join(names[row]) for row in table], dtype=str)
 
 
 def split_by_rules(copies: LightSet, settings: Lights, record: dict[str, Any]) -> tuple[LightSet, LightSet]:
-    """Splits lights into usual and unusual ones, and notes the broken rules in their `reason`.
+    """Splits lights into usual and unusual ones, and writes the broken rules to their `reason`.
 
-    If every light breaks a rule, those that break the fewest are the usual ones. Lights of scale 0 are in neither.
+    If every light breaks a rule, those that break the fewest rules are usual. Lights of scale 0 are neither.
 
     Raises:
         UserError: if all lights have scale 0.
     """
     broken = broken_rules(copies.coefficients, settings.rules)
     broken = {"dark": copies.scale == 0, **{name: rule & (copies.scale > 0) for name, rule in broken.items()}}
-    strikes = np.sum(list(broken.values()), axis=0) + 10 * broken["dark"]
-    if strikes.min() >= 10:
+    broken_count = np.sum(list(broken.values()), axis=0) + 10 * broken["dark"]
+    if broken_count.min() >= 10:
         raise UserError("lights: no copy of any panorama has light on its front; add other panoramas")
-    usual = strikes == strikes.min()
-    if strikes.min():
+    usual = broken_count == broken_count.min()
+    if broken_count.min():
         record["warnings"].append(
-            f"every light breaks at least {strikes.min()} of the rules for unusual lights; kept the {usual.sum()} that "
-            "break no more"
+            f"every light breaks at least {broken_count.min()} of the rules for unusual lights; kept the "
+            f"{usual.sum()} that break no more"
         )
     copies.reason[:] = joined_names(broken)
-    why = {name: int((rule & ~usual).sum()) for name, rule in broken.items()}
-    record_step(record, "unusual", len(copies), int(usual.sum()), why)
+    reasons = {name: int((rule & ~usual).sum()) for name, rule in broken.items()}
+    record_step(record, "unusual", len(copies), int(usual.sum()), reasons)
     return copies.rows(usual), copies.rows(~usual & ~broken["dark"])
 
 
 def unlit_panoramas(sources: list[str], copies: LightSet, usual: LightSet) -> dict[str, str]:
-    """Returns the panoramas without a usual light at any heading, each with the rules that its copies break."""
+    """Returns the panoramas without a usual light at any heading, with the rules that their copies break."""
     left = set(sources) - set(usual.source.tolist())
-    why = {}
+    reasons = {}
     for source in filter(left.__contains__, sources):
         own = copies.reason[copies.source == source].tolist()
         broken = Counter(word for reason in own for word in reason.split(" ") if word)
-        why[source] = ", ".join(f"{word} at {n} of {len(own)} headings" for word, n in broken.most_common())
-    return {source: words or "below lights.threshold, or vetoed" for source, words in why.items()}
+        reasons[source] = ", ".join(f"{word} at {n} of {len(own)} headings" for word, n in broken.most_common())
+    return {source: words or "below lights.threshold, or vetoed" for source, words in reasons.items()}
 
 
 def darkened(lights: LightSet, limit: float) -> LightSet:
-    """Scales down the lights whose brightest channel exceeds the irradiance `limit` on a front-facing normal.
+    """Scales lights down until the brightest channel is at most `limit`, in irradiance on normals that face the camera.
 
-    A camera would expose for them so: a back-lit light that is scaled to its reference brightness is many times too
-    bright everywhere else.
+    A camera would expose so: a back-lit light scaled to its reference brightness is many times too bright elsewhere.
     """
     brightest = np.concatenate(
         [measure(lights.coefficients[i : i + BATCH])["channel_most"] for i in range(0, len(lights), BATCH)]
@@ -257,7 +271,14 @@ def darkened(lights: LightSet, limit: float) -> LightSet:
 
 
 def cluster(lights: LightSet, clusters: int, seed: int, record: dict[str, Any] | None = None) -> LightSet:
-    """Reduces lights to the medoids of at most `clusters` clusters."""
+    """Reduces lights to the medoids of at most `clusters` clusters.
+
+    Args:
+        lights: to cluster.
+        clusters: their largest number.
+        seed: of k-means.
+        record: gets the step, and a warning if there are fewer clusters; None for neither.
+    """
     chosen, label = medoids(lights.coefficients, lights.source, clusters, seed)
     found = lights.rows(chosen)
     found.cluster[:] = label
@@ -272,16 +293,16 @@ def cluster(lights: LightSet, clusters: int, seed: int, record: dict[str, Any] |
 
 
 def split_unusual(unusual: LightSet, usual: LightSet) -> np.ndarray:
-    """Splits unusual lights by panorama into `unusual`, to test on, and `rich`, to train on.
+    """Splits unusual lights by panorama into `unusual`, for tests, and `rich`, for training.
 
-    A panorama that gives a training light is `rich`, one that gives only test lights is `unusual`, so that no panorama
-    is on both sides of any test. The others go to the smaller side.
+    A panorama with a training light is `rich`, one with only test lights is `unusual`, so no panorama is on both sides.
+    The other panoramas go to the smaller side.
 
     Returns:
         (N,) str, the split of each unusual light.
     """
-    trained, tested = (set(usual.of(split).source.tolist()) for split in ("train", "test"))
-    splits = {room: "rich" if room in trained else "unusual" for room in trained | tested}
+    train_sources, test_sources = (set(usual.of(split).source.tolist()) for split in ("train", "test"))
+    splits = {room: "rich" if room in train_sources else "unusual" for room in train_sources | test_sources}
     count = {split: sum(splits.get(room) == split for room in unusual.source.tolist()) for split in ("unusual", "rich")}
     for room in dict.fromkeys(unusual.source.tolist()):
         if room not in splits:
@@ -291,15 +312,15 @@ def split_unusual(unusual: LightSet, usual: LightSet) -> np.ndarray:
 
 
 def extra_test_lights(candidates: LightSet, lights: LightSet, settings: Lights) -> LightSet:
-    """Selects `settings.extra_test` further test lights; the training lights do not depend on how many.
+    """Selects `settings.extra_test` further test lights, without any effect on the training lights.
 
     Args:
         candidates: usual lights before the clustering.
-        lights: the set so far.
+        lights: the set before.
         settings: extra_test and seed.
 
     Returns:
-        Medoids of the candidates of panoramas that give no light to train or to test on yet.
+        Medoids of the candidates from panoramas that have no training, test or rich light.
     """
     used = np.isin(candidates.source, lights.source[np.isin(lights.split, ("train", "test", "rich"))])
     free = candidates.rows(~used)
@@ -310,17 +331,17 @@ def extra_test_lights(candidates: LightSet, lights: LightSet, settings: Lights) 
 
 def split_warnings(lights: LightSet, settings: Lights) -> list[str]:
     """Returns warnings about test lights that are not independent of the training lights or of each other."""
-    trained, tested = (set(lights.of(split).source.tolist()) for split in ("train", "test"))
-    both, warnings = trained & tested, []
-    if both and settings.split == "room":
+    train_sources, test_sources = (set(lights.of(split).source.tolist()) for split in ("train", "test"))
+    shared, warnings = train_sources & test_sources, []
+    if shared and settings.split == "room":
         warnings.append(
-            f"a single panorama ({both.pop()}) gives both training and test lights: the test is not independent"
+            f"a single panorama ({shared.pop()}) gives both training and test lights: the test is not independent"
         )
-    if len(tested) < len(lights.of("test")):
+    if len(test_sources) < len(lights.of("test")):
         warnings.append(
-            f"the {len(lights.of('test'))} test lights come from {len(tested)} panoramas, the "
-            f"{len(lights.of('train'))} training lights from {len(trained)}: lights of one panorama differ in heading "
-            "and brightness alone"
+            f"the {len(lights.of('test'))} test lights come from {len(test_sources)} panoramas, the "
+            f"{len(lights.of('train'))} training lights from {len(train_sources)}: lights of one panorama differ in "
+            "heading and brightness alone"
         )
     return warnings
 

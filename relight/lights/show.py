@@ -1,4 +1,4 @@
-"""Pictures of lights: a lit ball, the diffuse panorama and the statistics of one; a contact sheet of a set."""
+"""Draws lights: ball, diffuse panorama and statistics of one light; contact sheets of light sets."""
 
 import textwrap
 from functools import lru_cache
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-ALBEDO = 0.5  # of the balls: lights brighter than the reference brightness are not clipped
-INK, FAINT, PAPER, TEST, NIGHT = "#1c1f24", "#7a808a", "#ffffff", "#c2410c", "#15171b"
+ALBEDO = 0.5  # of the balls, so that lights above the reference brightness are not clipped
+TEXT, MUTED_TEXT, WHITE, ACCENT, DARK = "#1c1f24", "#7a808a", "#ffffff", "#c2410c", "#15171b"
 MAX_UNUSUAL = 20  # on a contact sheet
 
 
@@ -35,12 +35,12 @@ def lit_ball(
         size: of the picture in pixels.
         samples: per pixel in each direction.
         white: the irradiance that is shown as 1.
-        linear: whether the light is linear, so that it is sRGB-encoded; else it is shown as it is.
+        linear: whether the light is linear and the result is sRGB-encoded; otherwise, the codes are the light's.
 
     Returns:
         (size,size,4) float64 codes and alpha in [0,1].
     """
-    inside, transport = open_ball(size * samples, order_of(len(coefficients)))
+    inside, transport = unoccluded_ball(size * samples, order_of(len(coefficients)))
     picture = np.zeros((*inside.shape, 4))
     picture[inside, :3] = np.maximum(transport @ coefficients / white, 0)
     picture[inside, 3] = 1
@@ -50,15 +50,15 @@ def lit_ball(
 
 
 @lru_cache(maxsize=4)
-def open_ball(size: int, order: int) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the disc and the unoccluded transport of a unit ball seen from the front.
+def unoccluded_ball(size: int, order: int) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the disc and the transport of a unit ball seen from the front.
 
     Args:
         size: of the picture in pixels.
         order: of the spherical harmonics.
 
     Returns:
-        (size, size) bool, its disc; and (P, K), the unoccluded transport of the disc's pixels, row by row.
+        The disc, (size,size) bool, and the unoccluded transport (P,K) of its pixels in raster order.
     """
     t = (2 * np.arange(size) + 1) / size - 1
     x, y = np.meshgrid(t, -t)
@@ -68,85 +68,92 @@ def open_ball(size: int, order: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def diffuse_panorama(coefficients: np.ndarray, height: int) -> np.ndarray:
-    """Returns the radiance E(n) / pi of a white diffuser for all normals n.
+    """Returns the radiance E(n) / pi of a white diffuse surface for all normals n.
 
     Args:
         coefficients: (K,3) of the light.
         height: of the panorama in pixels.
 
     Returns:
-        (height, 2 height, 3) linear, lat-long with -z at the centre.
+        (height, 2 height,3) linear, lat-long with -z at the centre.
     """
     lit = irradiance(coefficients, latlong_normals(height))
     return np.maximum(lit, 0).reshape(height, 2 * height, 3) / np.pi
 
 
 def write_light_picture(light: Light, path: Path | str) -> None:
-    """Writes a picture of a light as PNG: its panorama if it has one, diffuse panorama, lit ball and statistics.
+    """Writes a picture of a light as PNG: its panorama if known, diffuse panorama, lit ball and statistics.
 
-    The pictures are exposed for the brightest normal; the statistics are of the light as it is.
+    Ball and diffuse panorama are exposed for the brightest normal; the statistics are not scaled.
     """
     from matplotlib.figure import Figure
 
     most = float(measure(light.coefficients[None])["most"][0])
     drawn = light.coefficients * 0.85 / (ALBEDO * max(most, 1e-12))
-    figure = Figure(figsize=(11, 5), dpi=130, facecolor=PAPER)
+    figure = Figure(figsize=(11, 5), dpi=130, facecolor=WHITE)
     title = light.source if len(light.source) <= 70 else "…" + light.source[-69:]
-    figure.text(0.03, 0.93, title, color=INK, fontsize=14, weight="bold", va="center")
+    figure.text(0.03, 0.93, title, color=TEXT, fontsize=14, weight="bold", va="center")
     panes = [("Diffuse panorama", encode(diffuse_panorama(drawn, 128) * np.pi * ALBEDO))]
     if light.panorama is not None:
-        turned = light.panorama.yaw % 360 or light.panorama.flip or light.panorama.front == "+z"
-        panes.insert(0, ("Panorama, as turned" if turned else "Panorama", tone_mapped(oriented_pixels(light.panorama))))
+        is_reoriented = light.panorama.yaw % 360 or light.panorama.flip or light.panorama.front == "+z"
+        panes.insert(
+            0, ("Panorama, as turned" if is_reoriented else "Panorama", tone_mapped(oriented_pixels(light.panorama)))
+        )
     for i, (name, picture) in enumerate(panes):
         axes = figure.add_axes((0.03, 0.51 - 0.45 * i, 0.36, 0.335))
         axes.imshow(picture, aspect="auto", interpolation="bilinear")
-        axes.set_title(name, fontsize=9, color=FAINT, loc="left", pad=4)
+        axes.set_title(name, fontsize=9, color=MUTED_TEXT, loc="left", pad=4)
         label_directions(axes, picture.shape)
-    night = figure.add_axes((0.415, 0.06, 0.30, 0.785), facecolor=NIGHT)
-    night.set(xticks=[], yticks=[])
-    night.set_title("Matt ball, from the camera", fontsize=9, color=FAINT, loc="left", pad=4)
-    night.spines[:].set_visible(False)
+    background = figure.add_axes((0.415, 0.06, 0.30, 0.785), facecolor=DARK)
+    background.set(xticks=[], yticks=[])
+    background.set_title("Matt ball, from the camera", fontsize=9, color=MUTED_TEXT, loc="left", pad=4)
+    background.spines[:].set_visible(False)
     axes = figure.add_axes((0.425, 0.06, 0.28, 0.785))
     axes.imshow(lit_ball(drawn, 420))
     axes.axis("off")
-    for i, (name, value) in enumerate(described(light)):
+    for i, (name, value) in enumerate(format_statistics(light)):
         y = 0.815 - 0.052 * i
-        figure.text(0.74, y, name, color=FAINT, fontsize=9)
-        figure.text(0.975, y, value, color=INK, fontsize=9, ha="right", family="monospace")
+        figure.text(0.74, y, name, color=MUTED_TEXT, fontsize=9)
+        figure.text(0.975, y, value, color=TEXT, fontsize=9, ha="right", family="monospace")
     for i, note in enumerate(light.notes[:4]):
-        figure.text(0.74, 0.20 - 0.09 * i, textwrap.fill(note, 44), color=TEST, fontsize=7, va="top")
+        figure.text(0.74, 0.20 - 0.09 * i, textwrap.fill(note, 44), color=ACCENT, fontsize=7, va="top")
     with atomic_write(path) as temporary:
         figure.savefig(temporary, format="png")
 
 
 def label_directions(axes: "Axes", shape: tuple[int, ...]) -> None:
-    """Labels the directions of columns below a lat-long picture whose centre is -z."""
+    """Labels the directions below a lat-long picture with -z at the centre.
+
+    Args:
+        axes: that show the picture.
+        shape: of the picture.
+    """
     axes.set(xticks=[], yticks=[])
     axes.spines[:].set_visible(False)
     for i, name in enumerate(("camera", "left", "away", "right", "camera")):
         align = "left" if i == 0 else "right" if i == 4 else "center"
-        axes.text(shape[1] * i / 4 - 0.5, shape[0] * 1.075, name, fontsize=7, color=FAINT, ha=align)
+        axes.text(shape[1] * i / 4 - 0.5, shape[0] * 1.075, name, fontsize=7, color=MUTED_TEXT, ha=align)
 
 
 def oriented_pixels(panorama: Panorama) -> np.ndarray:
-    """Returns the pixels (h,w,3) of a panorama as a lat-long with its flip and yaw applied and -z at the centre.
+    """Returns a panorama as lat-long (h,w,3) with its flip and yaw applied and -z at the centre.
 
-    A lat-long is rotated by whole columns, and of one with over 512 rows only every n-th row and column is returned.
-    Other layouts give their nearest pixels.
+    Lat-long images are rotated by whole columns and, above 512 rows, subsampled. Other layouts are resampled to 256 x
+    512 by nearest neighbour.
     """
     pixels = panorama.pixels
     if panorama.layout != "latlong":
         return nearest_pixels(panorama, 256)
     step = max(1, pixels.shape[0] // 512)
     width = pixels.shape[1]
-    around = (np.arange(0, width, step) + 0.5) / width + panorama.yaw / 360
-    around = (1 - around if panorama.flip else around) + (0.5 if panorama.front == "+z" else 0)
-    column = np.floor(around % 1 * width + 1e-6).astype(int) % width
+    azimuth = (np.arange(0, width, step) + 0.5) / width + panorama.yaw / 360
+    azimuth = (1 - azimuth if panorama.flip else azimuth) + (0.5 if panorama.front == "+z" else 0)
+    column = np.floor(azimuth % 1 * width + 1e-6).astype(int) % width
     return pixels[::step, column]
 
 
 def nearest_pixels(panorama: Panorama, height: int) -> np.ndarray:
-    """Returns (height,2 height,3), the pixel nearest to each direction of a lat-long, after flip and yaw."""
+    """Resamples a panorama to lat-long (height, 2 height,3) by nearest neighbour, after flip and yaw."""
     from scipy.spatial import KDTree
 
     step = max(1, max(panorama.pixels.shape[:2]) // 1024)
@@ -154,13 +161,13 @@ def nearest_pixels(panorama: Panorama, height: int) -> np.ndarray:
     shown = np.isfinite(toward[:, 0])
     x, y, z = toward[shown].T
     x, yaw = -x if panorama.flip else x, np.radians(panorama.yaw)
-    turned = np.stack([x * np.cos(yaw) + z * np.sin(yaw), y, z * np.cos(yaw) - x * np.sin(yaw)], -1)
-    nearest = KDTree(turned).query(latlong_normals(height))[1]
+    rotated = np.stack([x * np.cos(yaw) + z * np.sin(yaw), y, z * np.cos(yaw) - x * np.sin(yaw)], -1)
+    nearest = KDTree(rotated).query(latlong_normals(height))[1]
     return panorama.pixels[::step, ::step].reshape(-1, 3)[shown][nearest].reshape(height, 2 * height, 3)
 
 
 def latlong_normals(height: int) -> np.ndarray:
-    """Returns the directions (height * 2 height, 3) of the pixels of a lat-long with its centre at -z."""
+    """Returns the directions (height * 2 height,3) of the pixels of a lat-long image with -z at the centre."""
     theta = (np.arange(height) + 0.5)[:, None] / height * np.pi
     phi = (2 * (np.arange(2 * height) + 0.5) / (2 * height) - 1) * np.pi
     normals = np.stack(
@@ -170,28 +177,28 @@ def latlong_normals(height: int) -> np.ndarray:
 
 
 def tone_mapped(pixels: np.ndarray) -> np.ndarray:
-    """Tone-maps linear pixels (h,w,3) to sRGB codes: exposed for their 60th percentile, with soft highlights."""
+    """Tone-maps linear pixels (h,w,3) to sRGB codes in [0,1]; the 60th percentile sets the exposure."""
     pixels = pixels.astype(np.float64)
     exposed = pixels * 0.35 / max(float(np.percentile(pixels.mean(-1), 60)), 1e-9)
     return encode(exposed * (1 + exposed / 16) / (1 + exposed * 0.6))
 
 
-def described(light: Light) -> list[tuple[str, str]]:
-    """Returns the layout of a light's panorama and its statistics as labels and formatted values."""
-    m = {name: float(value[0]) for name, value in measure(light.coefficients[None]).items()}
+def format_statistics(light: Light) -> list[tuple[str, str]]:
+    """Returns the layout of a light's panorama and the light's statistics, as labels and formatted values."""
+    stats = {name: float(value[0]) for name, value in measure(light.coefficients[None]).items()}
     layout = [("layout of the panorama", light.panorama.layout)] if light.panorama else []
     return [
         *layout,
-        ("reference brightness, E(0,0,1)", f"{m['reference']:.3f}"),
-        ("mean irradiance", f"{m['mean']:.3f}"),
-        ("darkest, brightest / mean", f"{m['least'] / m['mean']:.2f}  {m['most'] / m['mean']:.2f}"),
-        ("from above, below / mean", f"{m['up']:.2f}  {m['down']:.2f}"),
-        ("front, back", f"{m['front_mean']:.3f}  {m['back_mean']:.3f}"),
-        ("contrast |L1| / L00", f"{m['first']:.2f}"),
-        ("structure |L2| / L00", f"{m['second']:.2f}"),
-        ("main direction: right, up", f"{m['azimuth']:+.0f}°  {m['elevation']:+.0f}°"),
-        ("colour ln R/G, ln B/G", f"{m['red']:+.2f}  {m['blue']:+.2f}"),
-        ("realisable (moments)", f"{'yes' if m['moment'] >= -1e-3 else 'NO'}  {m['moment']:+.3f}"),
+        ("reference brightness, E(0,0,1)", f"{stats['reference']:.3f}"),
+        ("mean irradiance", f"{stats['mean']:.3f}"),
+        ("darkest, brightest / mean", f"{stats['least'] / stats['mean']:.2f}  {stats['most'] / stats['mean']:.2f}"),
+        ("from above, below / mean", f"{stats['up']:.2f}  {stats['down']:.2f}"),
+        ("front, back", f"{stats['front_mean']:.3f}  {stats['back_mean']:.3f}"),
+        ("contrast |L1| / L00", f"{stats['first']:.2f}"),
+        ("structure |L2| / L00", f"{stats['second']:.2f}"),
+        ("main direction: right, up", f"{stats['azimuth']:+.0f}°  {stats['elevation']:+.0f}°"),
+        ("colour ln R/G, ln B/G", f"{stats['red']:+.2f}  {stats['blue']:+.2f}"),
+        ("realisable (moments)", f"{'yes' if stats['moment'] >= -1e-3 else 'NO'}  {stats['moment']:+.3f}"),
         ("order", f"{light.order}"),
     ]
 
@@ -204,19 +211,19 @@ def write_contact_sheet(lights: LightSet, path: Path | str) -> None:
     from matplotlib.figure import Figure
 
     train, test, unusual = (lights.of(split) for split in ("train", "test", "unusual"))
-    # Unusual lights are taken evenly from all reasons, so that a common one does not crowd out the others.
+    # Unusual lights are sampled evenly over all reasons; a random sample would show the commonest one only.
     order = np.argsort([reason.split(" ")[0] for reason in unusual.reason], kind="stable")
     picked = order[np.unique(np.linspace(0, len(order) - 1, min(len(order), MAX_UNUSUAL)).round().astype(int))]
     parts = [
-        (f"{len(train)} training lights", train, INK),
-        (f"{len(test)} test lights", test, TEST),
-        (f"Unusual lights, left out: {len(picked)} of the {len(unusual)} kept", unusual.rows(picked), FAINT),
+        (f"{len(train)} training lights", train, TEXT),
+        (f"{len(test)} test lights", test, ACCENT),
+        (f"Unusual lights, left out: {len(picked)} of the {len(unusual)} kept", unusual.rows(picked), MUTED_TEXT),
     ]
     parts = [part for part in parts if len(part[1])]
     columns, cell, head = 10, 1.22, 0.42
     rows = [-(-len(part) // columns) for _, part, _ in parts]
     width, height = columns * cell + 0.4, sum(rows) * cell * 1.28 + head * len(parts) + 0.25
-    figure = Figure(figsize=(width, height), dpi=120, facecolor=PAPER)
+    figure = Figure(figsize=(width, height), dpi=120, facecolor=WHITE)
     top = height - 0.12
     for (title, part, colour), count in zip(parts, rows):
         level = (top - 0.2) / height
@@ -231,11 +238,21 @@ def write_contact_sheet(lights: LightSet, path: Path | str) -> None:
 
 
 def draw_cell(figure: "Figure", light: LightSet, x: float, y: float, cell: float, width: float, height: float) -> None:
-    """Draws one light of a contact sheet into the cell whose lower left corner is at (x,y) inches."""
+    """Draws one light of a contact sheet.
+
+    Args:
+        figure: the contact sheet.
+        light: a light set of one row.
+        x, y: lower left corner of the cell, inches.
+        cell: side of the cell, inches.
+        width, height: of the figure, inches.
+    """
     coefficients = light.coefficients[0]
-    night = figure.add_axes(((x + 0.05) / width, (y + 0.30) / height, (cell - 0.1) / width, (cell - 0.02) / height))
-    night.set(xticks=[], yticks=[], facecolor=NIGHT)
-    night.spines[:].set_visible(False)
+    background = figure.add_axes(
+        ((x + 0.05) / width, (y + 0.30) / height, (cell - 0.1) / width, (cell - 0.02) / height)
+    )
+    background.set(xticks=[], yticks=[], facecolor=DARK)
+    background.spines[:].set_visible(False)
     axes = figure.add_axes(((x + 0.11) / width, (y + 0.44) / height, (cell - 0.22) / width, (cell - 0.22) / height))
     axes.imshow(lit_ball(coefficients, 120), interpolation="bilinear")
     axes.axis("off")
@@ -247,14 +264,14 @@ def draw_cell(figure: "Figure", light: LightSet, x: float, y: float, cell: float
     name = source if len(source) <= 16 else source[:7] + "…" + source[-8:]
     centre = (x + cell / 2) / width
     label = f"{name}  {light.yaw[0]:.0f}°"
-    figure.text(centre, (y + 0.215) / height, label, fontsize=6.2, color=INK, ha="center", va="center")
+    figure.text(centre, (y + 0.215) / height, label, fontsize=6.2, color=TEXT, ha="center", va="center")
     detail = light.reason[0].replace(" ", ", ") or f"E {reference_brightness(coefficients):.2f}"
     figure.text(
         centre,
         (y + 0.10) / height,
         detail if len(detail) <= 24 else detail[:23] + "…",
         fontsize=5.6,
-        color=FAINT,
+        color=MUTED_TEXT,
         ha="center",
         va="center",
     )

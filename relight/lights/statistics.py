@@ -8,15 +8,15 @@ from relight.panoramas import luminance
 from relight.sh import order_of, unoccluded
 
 FRONT = np.array([0.0, 0.0, 1.0])
-NORMALS = 1000  # on which the irradiance is sampled
-BELOW = 1.1  # ratio of the irradiance from below to that from above from which on the user gets a note
+NORMAL_COUNT = 1000  # on which the irradiance is sampled
+MAX_BELOW = 1.1  # irradiance from below over that from above; lights beyond it get a note
 
 
 @cache
 def sphere_normals() -> np.ndarray:
-    """Returns unit normals (NORMALS,3), spread evenly over the sphere by a Fibonacci spiral."""
-    i = np.arange(NORMALS)
-    z = 1 - (2 * i + 1) / NORMALS
+    """Returns unit normals (NORMAL_COUNT,3), spread evenly over the sphere by a Fibonacci spiral."""
+    i = np.arange(NORMAL_COUNT)
+    z = 1 - (2 * i + 1) / NORMAL_COUNT
     azimuth = np.pi * (3 - np.sqrt(5)) * i
     s = np.sqrt(1 - z * z)
     return np.stack([s * np.cos(azimuth), s * np.sin(azimuth), z], -1)
@@ -28,11 +28,11 @@ def reference_brightness(lights: np.ndarray) -> np.ndarray:
 
 
 def moment_eigenvalue(lights: np.ndarray) -> np.ndarray:
-    """Returns the smallest eigenvalue of the 4 x 4 moment matrix over m0, the smallest over the channels.
+    """Returns the smallest eigenvalue of the 4 x 4 moment matrix over m0; of the channels, the smallest.
 
-    Nine coefficients are those of a non-negative radiance if and only if this is not negative (method.md section 1).
-    Of higher orders, the first nine coefficients are tested. Lights of order 0 or 1 have no second moments: for those
-    it is the sign of m0, or 1 - |m| / m0. A black channel beside others is skipped.
+    Nine coefficients are those of a non-negative radiance if and only if it is not negative (method.md section 1). At
+    higher orders, the first nine coefficients are tested. At orders 0 and 1, which have no second moments, it is the
+    sign of m0, or 1 - |m| / m0. Black channels are skipped unless all are black.
 
     Args:
         lights: (...,K,3).
@@ -55,7 +55,7 @@ def moment_eigenvalue(lights: np.ndarray) -> np.ndarray:
     x, y, z = m[..., 0], m[..., 1], m[..., 2]
     matrix = np.stack([m0, x, y, z, x, xx, xy, xz, y, xy, yy, yz, z, xz, yz, zz], -1).reshape(*m0.shape, 4, 4)
     smallest = np.linalg.eigvalsh(matrix)[..., 0]
-    black = (c == 0).all(-1)  # valid: the green and blue channels of a red lamp
+    black = (c == 0).all(-1)  # e.g. the green and blue channels of a red lamp, which are valid
     normalised = np.where(black, np.inf, np.where(m0 > 0, smallest / positive, -1.0)).min(-1)
     return np.where(black.all(-1), -1.0, normalised)
 
@@ -67,18 +67,18 @@ def measure(lights: np.ndarray) -> dict[str, np.ndarray]:
         lights: (N,K,3).
 
     Returns:
-        Arrays (N,) by name. All are of luminance, unless a channel is named.
+        Arrays (N,) by name, of luminance unless a channel is named:
 
         reference: irradiance E(0,0,1) of the brightest channel
         front: irradiance E(0,0,1)
         mean: irradiance, mean over all normals
         least, most: irradiance of the darkest and of the brightest normal
         front_least, front_most, front_mean: the same over the normals that face the camera (z > 0)
-        back_mean: over the other normals
+        back_mean: mean over the other normals
         channel_most: irradiance of the brightest channel on the normals that face the camera
         up, down: irradiance of the normals (0,1,0) and (0,-1,0), over the mean
         side_least, side_most: of upright surfaces (normals with y = 0), over the mean
-        first, second: |L1| / L00 and |L2| / L00, how directed and how structured the light is
+        first, second: |L1| / L00 and |L2| / L00, norms of bands 1 and 2
         elevation: of the main direction, degrees above the horizon
         azimuth: of the main direction, degrees from the camera toward +x
         toward: cosine between the main direction and the direction to the camera
@@ -89,49 +89,52 @@ def measure(lights: np.ndarray) -> dict[str, np.ndarray]:
     order = order_of(lights.shape[-2])
     n = sphere_normals()
     transport = unoccluded(n, order)
-    grey = luminance(lights)
-    e = grey @ transport.T
-    facing = n[:, 2] > 0
-    mean = grey[:, 0] * unoccluded(FRONT, 0)[0]
-    safe = np.where(mean > 0, mean, np.inf)
+    luminances = luminance(lights)
+    irradiances = luminances @ transport.T
+    faces_camera = n[:, 2] > 0
+    mean = luminances[:, 0] * unoccluded(FRONT, 0)[0]
+    positive_mean = np.where(mean > 0, mean, np.inf)
     circle = np.linspace(0, 2 * np.pi, 72, endpoint=False)
-    around = np.stack([np.sin(circle), np.zeros(72), np.cos(circle)], -1)
-    side = grey @ unoccluded(around, order).T
-    up, down, front = (grey @ unoccluded(np.array(d, float), order) for d in ((0, 1, 0), (0, -1, 0), (0, 0, 1)))
-    base = np.where(grey[:, 0] > 0, grey[:, 0], np.inf)
-    main = grey[:, [3, 1, 2]] if order else np.zeros((len(grey), 3))
-    length = np.maximum(np.linalg.norm(main, axis=-1), 1e-12)
+    horizontal = np.stack([np.sin(circle), np.zeros(72), np.cos(circle)], -1)
+    side = luminances @ unoccluded(horizontal, order).T
+    up, down, front = (luminances @ unoccluded(np.array(d, float), order) for d in ((0, 1, 0), (0, -1, 0), (0, 0, 1)))
+    positive_l00 = np.where(luminances[:, 0] > 0, luminances[:, 0], np.inf)
+    direction = luminances[:, [3, 1, 2]] if order else np.zeros((len(luminances), 3))
+    length = np.maximum(np.linalg.norm(direction, axis=-1), 1e-12)
     colour = np.log(np.maximum(lights[:, 0], 1e-9))
-    channel = np.max([(lights[..., c] @ transport[facing].T).max(1) for c in range(3)], axis=0)
+    channel = np.max([(lights[..., c] @ transport[faces_camera].T).max(1) for c in range(3)], axis=0)
     return {
         "reference": reference_brightness(lights),
         "front": front,
         "mean": mean,
-        "least": e.min(1),
-        "most": e.max(1),
-        "front_most": e[:, facing].max(1),
-        "front_least": e[:, facing].min(1),
-        "front_mean": e[:, facing].mean(1),
-        "back_mean": e[:, ~facing].mean(1),
+        "least": irradiances.min(1),
+        "most": irradiances.max(1),
+        "front_most": irradiances[:, faces_camera].max(1),
+        "front_least": irradiances[:, faces_camera].min(1),
+        "front_mean": irradiances[:, faces_camera].mean(1),
+        "back_mean": irradiances[:, ~faces_camera].mean(1),
         "channel_most": channel,
-        "up": up / safe,
-        "down": down / safe,
-        "side_least": side.min(1) / safe,
-        "side_most": side.max(1) / safe,
-        "first": np.linalg.norm(main, axis=-1) / base,
-        "second": np.linalg.norm(grey[:, 4:9], axis=-1) / base,
-        "elevation": np.degrees(np.arcsin(np.clip(main[:, 1] / length, -1, 1))),
-        "azimuth": np.degrees(np.arctan2(main[:, 0], main[:, 2])),
-        "toward": main[:, 2] / length,
+        "up": up / positive_mean,
+        "down": down / positive_mean,
+        "side_least": side.min(1) / positive_mean,
+        "side_most": side.max(1) / positive_mean,
+        "first": np.linalg.norm(direction, axis=-1) / positive_l00,
+        "second": np.linalg.norm(luminances[:, 4:9], axis=-1) / positive_l00,
+        "elevation": np.degrees(np.arcsin(np.clip(direction[:, 1] / length, -1, 1))),
+        "azimuth": np.degrees(np.arctan2(direction[:, 0], direction[:, 2])),
+        "toward": direction[:, 2] / length,
         "red": colour[:, 0] - colour[:, 1],
         "blue": colour[:, 2] - colour[:, 1],
         "moment": moment_eigenvalue(lights),
     }
 
 
-def from_below(measured: dict[str, np.ndarray]) -> np.ndarray:
-    """Whether lights, as `measure` has them, are brighter from below than from above: (N,) bool.
+def is_lit_from_below(measured: dict[str, np.ndarray]) -> np.ndarray:
+    """Returns whether lights are brighter from below than from above, as (N,) bool.
 
-    Most often the rows of such a panorama run from the bottom up.
+    The rows of such panoramas usually run from the bottom up.
+
+    Args:
+        measured: statistics of `measure`.
     """
-    return measured["down"] > BELOW * measured["up"]
+    return measured["down"] > MAX_BELOW * measured["up"]

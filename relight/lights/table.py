@@ -1,4 +1,4 @@
-"""The light set: a table of lights, stored as lights.npz for programs and lights.csv for people."""
+"""The light set: a table of lights, stored as lights.npz for programs and as lights.csv for people."""
 
 import csv
 from dataclasses import dataclass, fields, replace
@@ -10,7 +10,7 @@ from relight.files import UserError, atomic_write
 from relight.lights.statistics import reference_brightness
 from relight.npz import read_npz
 from relight.sh import bands, coefficient_count, order_of
-from relight.sh.conventions import LARGEST
+from relight.sh.conventions import MAX_COEFFICIENT
 
 CONVENTION = "relight"  # radiance, orthonormal, no Condon-Shortley, l*l+l+m, +z toward the camera, linear Rec. 709 RGB
 SPLITS = ("train", "test", "unusual", "rich")
@@ -22,13 +22,13 @@ class LightSet:
 
     Attributes:
         coefficients: (N,K,3) float32 radiance.
-        split: (N,) str, "train" or "test"; for unusual lights "unusual" (to test on) or "rich" (to train on).
+        split: (N,) str, "train" or "test"; for unusual lights "unusual" (for tests) or "rich" (for training).
         source: (N,) str, the panorama: "room:12", "sky:3", or a file's path within its folder.
         yaw: (N,) degrees by which the panorama's light was rotated about the vertical, from +z toward +x.
-        seed: (N,) int, that the light's reference brightness was drawn with.
+        seed: (N,) int, of the light's reference brightness.
         scale: (N,) factor from the panorama's units.
-        cluster: (N,) int, the k-means cluster that the light is the medoid of.
-        reason: (N,) str, the rules that an unusual light breaks, separated by spaces; empty for the others.
+        cluster: (N,) int, the k-means cluster whose medoid the light is.
+        reason: (N,) str, the rules that an unusual light breaks, separated by spaces; empty for usual lights.
     """
 
     coefficients: np.ndarray
@@ -97,7 +97,7 @@ def read_light_set(path: Path | str) -> LightSet:
         path: the .npz, the .csv beside it, or a folder that holds lights.npz.
 
     Raises:
-        UserError: if there is no such file, if it is no light set, or if it has another convention.
+        UserError: if there is no such file, if it is not a light set, or if it has another convention.
     """
     archive, _ = table_paths(path)
     stored = read_npz(archive, "light set")
@@ -105,12 +105,15 @@ def read_light_set(path: Path | str) -> LightSet:
     if missing := {"convention", *names} - set(stored):
         raise UserError(f"{archive} is not a light set of relight (it lacks {', '.join(sorted(missing))})")
     if str(stored["convention"]) != CONVENTION:
-        said = str(stored["convention"])
-        raise UserError(f"{archive}: its convention is {said!r}, a light set of relight says {CONVENTION!r}")
+        found = str(stored["convention"])
+        raise UserError(f"{archive}: its convention is {found!r}; that of a light set is {CONVENTION!r}")
     lights = LightSet(**{name: stored[name] for name in names})
     table = lights.coefficients
-    if table.ndim != 3 or table.shape[2] != 3 or table.dtype.kind != "f" or not (np.abs(table) <= LARGEST).all():
-        raise UserError(f"{archive} is not a light set of relight (its coefficients are no finite numbers (N, K, 3))")
+    has_shape = table.ndim == 3 and table.shape[2] == 3 and table.dtype.kind == "f"
+    if not (has_shape and (np.abs(table) <= MAX_COEFFICIENT).all()):
+        raise UserError(
+            f"{archive} is not a light set of relight (its coefficients must be finite, of shape (N, K, 3))"
+        )
     if any(getattr(lights, name).shape != (len(lights),) for name in names if name != "coefficients"):
         raise UserError(f"{archive} is not a light set of relight (its columns differ in length)")
     lights.order  # noqa: B018  (raises where K is no number of coefficients)

@@ -1,9 +1,9 @@
-"""Maps of a view of a figure, and their OpenEXR files with named layers, which Blender, Nuke and tev open.
+"""Maps of one view of a figure, and their OpenEXR files, whose layers Blender, Nuke and tev can show.
 
-`albedo.R/G/B`, `normal.X/Y/Z`, `ao.Y`, `mask.A`, `coverage.A`, `transport.L0M0.Y`, `transport.L1Mn1.Y` ... half
-floats, `depth.Z` a float, of glossy surfaces `roughness.Y` and `specular.Y`, and with bounces `bounced.L0M0.R/G/B` ...
-"n" stands for a minus sign. A name ends in one letter because Blender drops channels whose last part is longer, and has
-letters and digits only because of Nuke.
+Channels are half floats except `depth.Z`, a float: `albedo.R/G/B`, `normal.X/Y/Z`, `ao.Y`, `mask.A`, `coverage.A`,
+`transport.L0M0.Y`, `transport.L1Mn1.Y`, ...; for glossy surfaces `roughness.Y` and `specular.Y`; with bounces
+`bounced.L0M0.R/G/B`, ... "n" stands for a minus sign. Names end in one letter, since Blender drops channels with a
+longer last part, and consist of letters and digits because of Nuke.
 """
 
 import json
@@ -20,7 +20,8 @@ from relight.sh import order_of
 
 FRAME = "right-handed, +x image right, +y up, +z toward the camera"
 CONVENTION = "real orthonormal spherical harmonics, no Condon-Shortley phase, index l*l+l+m; transport without 1/pi"
-LARGEST_SIZE, LARGEST_ORDER = 8192, 30  # of maps that are read: 3 GB at order 2
+MAX_SIZE = 8192  # pixels; such maps have 3 GB at order 2
+MAX_ORDER = 30
 
 
 @dataclass
@@ -31,15 +32,15 @@ class Maps:
 
     Attributes:
         mask: (S,S) bool, whether the centre of a pixel shows the figure.
-        coverage: (S,S) float32 in [0,1], the share of a pixel that the figure covers; the mask without supersampling.
+        coverage: (S,S) float32 in [0,1], the share of a pixel that the figure covers; without supersampling, the mask.
         albedo: (S,S,3) float32, linear.
         normal: (S,S,3) float32 unit shading normals in the camera frame (+x right, +y up, +z toward the camera).
         depth: (S,S) float32 distance from the camera plane along -z, in scene units.
         ao: (S,S) float32 in [0,1], ambient occlusion T_00 / .8862.
         transport: (S,S,K) float32, direct, without 1/pi, index l*l + l + m.
-        bounced: (S,S,K,3) float32, what interreflection adds to the transport of each colour channel; None if the maps
-            were baked without bounces.
-        gloss: (S,S,2) float32 in [0,1], roughness and specular (`relight.meshes.Material`); None where all is matt.
+        bounced: (S,S,K,3) float32 bounced transport of each colour channel; None if the maps were baked without
+            bounces.
+        gloss: (S,S,2) float32 in [0,1], roughness and specular (`relight.meshes.Material`); None if all is matt.
         info: plain JSON values (name, subject, rays, order, ...), stored in the header of the file (docs/maps.md).
     """
 
@@ -56,11 +57,11 @@ class Maps:
 
 
 class LeftOut(Exception):
-    """Raised for the file of a figure that was left out of the data set; the message is the reason."""
+    """Raised on reading the file of a left-out figure; the message is the reason."""
 
 
 def coefficient_names(order: int) -> list[str]:
-    """Returns the names of the coefficients in their order.
+    """Returns the names of the coefficients in their order; "n" stands for a minus sign.
 
     >>> coefficient_names(1)
     ['L0M0', 'L1Mn1', 'L1M0', 'L1M1']
@@ -71,7 +72,7 @@ def coefficient_names(order: int) -> list[str]:
 def write_maps(path: Path | str, maps: Maps) -> None:
     """Writes maps, whole or not at all.
 
-    Depth is stored as float32, all others as half floats, with a relative error of at most 2^-11.
+    Depth is stored as float32; the other maps as half floats, with a relative error of at most 2^-11.
     """
     layers = {f"albedo.{c}": maps.albedo[..., i] for i, c in enumerate("RGB")}
     layers |= {f"normal.{c}": maps.normal[..., i] for i, c in enumerate("XYZ")}
@@ -86,13 +87,13 @@ def write_maps(path: Path | str, maps: Maps) -> None:
         layers |= {"roughness.Y": maps.gloss[..., 0], "specular.Y": maps.gloss[..., 1]}
     channels = {name: np.ascontiguousarray(layer, np.float16) for name, layer in layers.items()}
     channels["depth.Z"] = np.ascontiguousarray(maps.depth, np.float32)
-    own: dict[str, Any] = {} if maps.gloss is None else {"gloss": True}
-    own |= {"size": len(maps.mask), "order": order_of(maps.transport.shape[2]), "pixels": int(maps.mask.sum())}
-    _write(path, channels, {**maps.info, **own})
+    derived: dict[str, Any] = {} if maps.gloss is None else {"gloss": True}
+    derived |= {"size": len(maps.mask), "order": order_of(maps.transport.shape[2]), "pixels": int(maps.mask.sum())}
+    _write(path, channels, {**maps.info, **derived})
 
 
 def write_left_out(path: Path | str, info: dict[str, Any], reason: str) -> None:
-    """Writes a file of 1 x 1 px in place of the maps of a figure that is left out of the data set.
+    """Writes a file of 1 x 1 px in place of the maps of a left-out figure.
 
     Args:
         path: of the file.
@@ -103,10 +104,10 @@ def write_left_out(path: Path | str, info: dict[str, Any], reason: str) -> None:
 
 
 def read_info(path: Path | str) -> dict[str, Any]:
-    """Reads the header alone: `Maps.info` and `pixels`, the number of pixels in the mask.
+    """Reads the header only: `Maps.info` and `pixels`, the number of pixels in the mask.
 
     Raises:
-        UserError: if the file does not exist or holds no maps.
+        UserError: if the file does not exist or is not a file of maps.
     """
     return _read(path, header_only=True)[0]
 
@@ -116,7 +117,7 @@ def read_maps(path: Path | str) -> Maps:
 
     Raises:
         LeftOut: if the figure was left out of the data set.
-        UserError: if the file does not exist or holds no maps.
+        UserError: if the file does not exist, is damaged or is not a file of maps.
     """
     info, channels = _read(path)
     if "left_out" in info:
@@ -125,7 +126,7 @@ def read_maps(path: Path | str) -> Maps:
     def layer(*names: str) -> np.ndarray:
         missing = [name for name in names if name not in channels]
         if missing:
-            raise UserError(f"{path} is not a whole file of maps: it lacks {', '.join(missing)}")
+            raise UserError(f"{path} is not a complete file of maps: it lacks {', '.join(missing)}")
         stack = [channels[name].pixels for name in names]
         return np.stack(stack, -1).astype(np.float32) if len(stack) > 1 else stack[0].astype(np.float32)
 
@@ -149,6 +150,7 @@ def read_maps(path: Path | str) -> Maps:
 
 
 def _write(path: Path | str, channels: dict[str, np.ndarray], info: dict[str, Any]) -> None:
+    """Writes channels with `info` in the header."""
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
@@ -162,28 +164,27 @@ def _write(path: Path | str, channels: dict[str, np.ndarray], info: dict[str, An
 
 
 def _read(path: Path | str, header_only: bool = False) -> tuple[dict[str, Any], dict[str, OpenEXR.Channel]]:
-    """Reads `Maps.info` and the channels; no channels with `header_only`."""
+    """Returns the header's `Maps.info` and the channels by name; with `header_only`, no channels."""
     path = existing_file(path, "maps")
-
     try:
         header = OpenEXR.File(str(path), separate_channels=True, header_only=True).header()
-    except Exception as error:  # the library raises RuntimeError, ValueError and worse on broken files
+    except Exception as error:  # the binding raises many types on damaged files
         raise UserError(f"{path} is not a readable OpenEXR file ({error})") from None
     try:
         info = json.loads(header["relight"])
         low, high = header["dataWindow"]
         side = 1 if "left_out" in info else info["size"]
-        sound = "left_out" in info or (type(info["order"]) is int and 0 <= info["order"] <= LARGEST_ORDER)
+        is_valid = "left_out" in info or (type(info["order"]) is int and 0 <= info["order"] <= MAX_ORDER)
         width, height = high - low + 1
-        if not (sound and height == side and 1 <= min(width, height) and max(width, height) <= LARGEST_SIZE):
+        if not (is_valid and height == side and 1 <= min(width, height) and max(width, height) <= MAX_SIZE):
             raise ValueError
     except (KeyError, ValueError, TypeError, RecursionError):
         raise UserError(
-            f"{path} holds no maps of relight: its header lacks the 'relight' record, or contradicts it"
+            f"{path} is not a file of maps of relight: its header lacks the 'relight' record, or contradicts it"
         ) from None
     if header_only:
         return info, {}
     try:
         return info, OpenEXR.File(str(path), separate_channels=True).channels()
-    except Exception:  # it prints why, and goes on without the pixels until they are asked for
-        raise UserError(f"{path} is damaged: OpenEXR cannot read all of its pixels; make it again") from None
+    except Exception:  # damaged pixels only fail when channels are accessed; OpenEXR prints the reason
+        raise UserError(f"{path} is damaged: OpenEXR cannot read all of its pixels; bake the maps again") from None

@@ -1,4 +1,4 @@
-"""Maps as one picture."""
+"""Draws maps as one picture."""
 
 from pathlib import Path
 
@@ -9,14 +9,15 @@ from relight.files import atomic_write
 from relight.maps.exr import Maps
 from relight.srgb import encode, to_bytes
 
-KEY = np.array([0.5, 0.6, 0.62])  # direction toward the light of the shaded view: upper right, in front
-GROUND = 0.2  # grey behind the figure: neither a white albedo nor a zero coefficient vanishes on it
+LIGHT_DIRECTION = np.array([0.5, 0.6, 0.62])  # toward the light of the shaded view: upper right, in front
+BACKGROUND = 0.2  # grey, on which white albedo and zero coefficients are visible
 
 
 def draw_maps(maps: Maps) -> np.ndarray:
-    """Draws maps in two rows, cropped to the figure: albedo, normal, AO and a shaded view; up to nine coefficients.
+    """Draws maps in two rows, cropped to the figure.
 
-    Coefficients are red where positive and blue where negative.
+    The first row shows albedo, normal, AO and a shaded view, the second up to nine transport coefficients, red where
+    positive and blue where negative.
 
     Returns:
         (height,width,3) uint8 sRGB.
@@ -30,7 +31,7 @@ def draw_maps(maps: Maps) -> np.ndarray:
     light = np.zeros(transport.shape[2])
     light[0] = 0.6
     if k >= 4:
-        light[1:4] = 0.6 * KEY[[1, 2, 0]] / np.linalg.norm(KEY)  # y, z, x
+        light[1:4] = 0.6 * LIGHT_DIRECTION[[1, 2, 0]] / np.linalg.norm(LIGHT_DIRECTION)  # y, z, x
     shading = transport @ light
     if maps.bounced is not None:
         shading = shading[..., None] + np.einsum("hwkc,k->hwc", maps.bounced[crop], light)
@@ -42,14 +43,16 @@ def draw_maps(maps: Maps) -> np.ndarray:
         np.repeat(maps.ao[crop][..., None], 3, 2),
         encode(maps.albedo[crop] * shading),
     ]
-    top = np.concatenate([np.where(inside, panel, GROUND) for panel in panels], 1)
+    first_row = np.concatenate([np.where(inside, panel, BACKGROUND) for panel in panels], 1)
     signed = [transport[..., i : i + 1] / 1.03 for i in range(k)]
     red, blue = np.array([0.70, 0.09, 0.17]), np.array([0.13, 0.40, 0.67])
     panels = [np.where(value > 0, 1 - value * (1 - red), 1 + value * (1 - blue)) for value in signed]
-    small = np.concatenate([np.where(inside, panel, GROUND) for panel in panels], 1)
-    height = round(small.shape[0] * top.shape[1] / small.shape[1])
-    bottom = Image.fromarray(to_bytes(small)).resize((top.shape[1], height), Image.Resampling.LANCZOS)
-    return np.concatenate([to_bytes(top), np.asarray(bottom)])
+    coefficient_row = np.concatenate([np.where(inside, panel, BACKGROUND) for panel in panels], 1)
+    height = round(coefficient_row.shape[0] * first_row.shape[1] / coefficient_row.shape[1])
+    second_row = Image.fromarray(to_bytes(coefficient_row)).resize(
+        (first_row.shape[1], height), Image.Resampling.LANCZOS
+    )
+    return np.concatenate([to_bytes(first_row), np.asarray(second_row)])
 
 
 def write_maps_picture(path: Path | str, maps: Maps) -> None:

@@ -18,17 +18,17 @@ import numpy as np
 from relight.files import UserError
 from relight.sh.harmonics import bands, coefficient_count, cosine_factors, order_of, per_coefficient, rotation_matrix
 
-KANAMORI_ORDER = [0, 2, 3, 1, 4, 5, 7, 6, 8]  # their indices of our 1, y, z, x, xy, yz, 3z^2-1, xz, x^2-y^2
-TO_Z_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # our directions to dpr's: x, -z, y
-MAX_ORDER = 6  # a file with more numbers is more likely something else
-LARGEST = 1e30  # of a coefficient: pictures are float32, which overflows at 3e38
+KANAMORI_ORDER = [0, 2, 3, 1, 4, 5, 7, 6, 8]  # indices in kanamori2018 of 1, y, z, x, xy, yz, 3z^2-1, xz, x^2-y^2
+TO_Z_UP = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])  # directions of relight to those of dpr: x, -z, y
+MAX_ORDER = 6  # files with more numbers are hardly lights
+MAX_COEFFICIENT = 1e30  # pictures are float32, which overflows at 3e38
 
 
 def as_table(numbers: object, name: str = "light") -> np.ndarray:
-    """Brings the coefficients of a light into one shape.
+    """Reshapes the coefficients of a light to (K,3).
 
     Args:
-        numbers: an array or nested lists, (K,3), (3,K), grey (K,) or (K,1), or a flat row (3 K,) of RGB triples.
+        numbers: an array or nested lists: (K,3), (3,K), grey (K,) or (K,1), or flat (3 K,) RGB triples.
         name: for error messages.
 
     Returns:
@@ -40,7 +40,7 @@ def as_table(numbers: object, name: str = "light") -> np.ndarray:
     try:
         array = np.asarray(numbers, np.float64).squeeze()
     except (TypeError, ValueError):
-        raise UserError(f"{name}: not a table of numbers") from None
+        raise UserError(f"{name} is not a table of numbers") from None
     sizes = {coefficient_count(order) for order in range(MAX_ORDER + 1)}
     if array.ndim == 1 and array.size in sizes:
         array = np.repeat(array[:, None], 3, 1)
@@ -50,58 +50,59 @@ def as_table(numbers: object, name: str = "light") -> np.ndarray:
         array = array.T
     if array.ndim != 2 or array.shape[1] != 3 or array.shape[0] not in sizes:
         raise UserError(
-            f"{name}: a table of shape {array.shape}; a light has 9 x 3 numbers (4, 16, 25 ... for other orders)"
+            f"{name} has the shape {array.shape}; a light has 9 x 3 coefficients (4, 16, 25 ... x 3 for other orders)"
         )
     if not np.isfinite(array).all():
-        raise UserError(f"{name}: has numbers that are not finite")
-    if np.abs(array).max() > LARGEST:
-        raise UserError(f"{name}: has the number {np.abs(array).max():.0e}; no light is larger than {LARGEST:.0e}")
+        raise UserError(f"{name} has coefficients that are not finite")
+    if np.abs(array).max() > MAX_COEFFICIENT:
+        largest = np.abs(array).max()
+        raise UserError(f"{name} has the coefficient {largest:.0e}; they must be at most {MAX_COEFFICIENT:.0e}")
     return array
 
 
 def from_kanamori(light: np.ndarray) -> np.ndarray:
-    """Reorders a light (9,3) of kanamori2018 for relight."""
+    """Converts a light (9,3) from kanamori2018 to relight."""
     require_order_2(light, "kanamori2018")
     return light[KANAMORI_ORDER][:, ::-1]
 
 
 def to_kanamori(light: np.ndarray) -> np.ndarray:
-    """Reorders a light (9,3) of relight for kanamori2018."""
+    """Converts a light (9,3) from relight to kanamori2018."""
     require_order_2(light, "kanamori2018")
-    theirs = np.empty_like(light)
-    theirs[KANAMORI_ORDER] = light[:, ::-1]
-    return theirs
+    reordered = np.empty_like(light)
+    reordered[KANAMORI_ORDER] = light[:, ::-1]
+    return reordered
 
 
 def mirror_z(light: np.ndarray) -> np.ndarray:
-    """Mirrors a light (K,3) in z, its own inverse: Y_lm is odd in z where l + m is odd."""
+    """Mirrors a light (K,3) in z by negating the coefficients with odd l + m, whose Y_lm are odd in z."""
     k = np.arange(len(light))
     l = bands(order_of(len(light)))
     return light * np.where((k - l * l) % 2, -1.0, 1.0)[:, None]
 
 
 def from_z_up(light: np.ndarray) -> np.ndarray:
-    """Rotates a light (K,3) from the frame of dpr into relight's."""
+    """Rotates a light (K,3) from dpr's frame to relight's."""
     return rotation_matrix(TO_Z_UP.T, order_of(len(light))) @ light
 
 
 def to_z_up(light: np.ndarray) -> np.ndarray:
-    """Rotates a light (K,3) from relight's frame into that of dpr."""
+    """Rotates a light (K,3) from relight's frame to dpr's."""
     return rotation_matrix(TO_Z_UP, order_of(len(light))) @ light
 
 
 def irradiance_factors(light: np.ndarray) -> np.ndarray:
-    """Returns A_l (K,1) for the coefficients of a light (K,3); raises UserError if some are zero, above order 2."""
+    """Returns A_l (K,1) for the coefficients of a light (K,3); raises UserError above order 2, where some are zero."""
     order = order_of(len(light))
     if order > 2:
-        raise UserError(f"irradiance has no bands 3, 5, ...: a light of order {order} cannot be computed from it")
+        raise UserError(f"irradiance has no bands 3, 5, ...: it expresses lights of order 0 to 2, not of order {order}")
     return per_coefficient(cosine_factors(order))[:, None]
 
 
 def require_order_2(light: np.ndarray, name: str) -> None:
     """Raises UserError unless the light of the convention `name` has nine coefficients."""
     if len(light) != 9:
-        raise UserError(f"{name}: {len(light)} coefficients; its lights have 9")
+        raise UserError(f"{name}: the light has {len(light)} coefficients; this convention needs 9")
 
 
 def unchanged(light: np.ndarray) -> np.ndarray:
@@ -109,7 +110,7 @@ def unchanged(light: np.ndarray) -> np.ndarray:
     return light
 
 
-# By name: from it to relight, and back.
+# Functions to relight's convention and back, by the name of the convention.
 CONVENTIONS: dict[str, tuple[Callable[[np.ndarray], np.ndarray], Callable[[np.ndarray], np.ndarray]]] = {
     "relight": (unchanged, unchanged),
     "kanamori2018": (from_kanamori, to_kanamori),
@@ -130,7 +131,7 @@ def to_relight(array: np.ndarray, name: str) -> np.ndarray:
     """Converts a light of the convention `name`, in any shape that `as_table` takes, to relight's (K,3) float64.
 
     Raises:
-        UserError: if there is no such convention, or if it cannot hold such a light.
+        UserError: if there is no such convention, or if it cannot express the light.
 
     >>> to_relight(np.eye(9, 3), "ramamoorthi2001")[2].tolist()  # odd in z
     [-0.0, -0.0, -1.0]
@@ -139,16 +140,16 @@ def to_relight(array: np.ndarray, name: str) -> np.ndarray:
 
 
 def from_relight(array: np.ndarray, name: str) -> np.ndarray:
-    """Converts a light of relight to (K,3) in the convention `name`, the exact inverse of `to_relight`.
+    """Converts a light of relight to (K,3) in the convention `name`; the inverse of `to_relight`.
 
     Raises:
-        UserError: if there is no such convention, or if it cannot hold such a light.
+        UserError: if there is no such convention, or if it cannot express the light.
     """
     return converters(name)[1](as_table(array))
 
 
 def converters(name: str) -> tuple[Callable[[np.ndarray], np.ndarray], Callable[[np.ndarray], np.ndarray]]:
-    """Returns the functions from the convention `name` to relight and back; raises UserError if there is none."""
+    """Returns the functions from the convention `name` to relight and back; raises UserError if it is unknown."""
     if name not in CONVENTIONS:
-        raise UserError(f"convention {name!r}: one of {', '.join(CONVENTIONS)}")
+        raise UserError(f"convention {name!r}: must be one of {', '.join(CONVENTIONS)}")
     return CONVENTIONS[name]

@@ -10,7 +10,7 @@ import numpy as np
 
 from relight.files import UserError
 
-UNOCCLUDED_T00 = math.sqrt(math.pi) / 2  # the largest T_00, of a point that nothing occludes: pi Y_00 = .8862
+UNOCCLUDED_T00 = math.sqrt(math.pi) / 2  # T_00 of unoccluded points, its maximum: pi Y_00 = .8862
 
 
 def coefficient_count(order: int) -> int:
@@ -23,10 +23,10 @@ def coefficient_count(order: int) -> int:
 
 
 def order_of(coefficients: int) -> int:
-    """Returns the order of a full set of K coefficients.
+    """Returns the order of a series with K coefficients.
 
     Raises:
-        UserError: if K is not a square.
+        UserError: if K is not a square number.
 
     >>> order_of(9)
     2
@@ -47,7 +47,7 @@ def bands(order: int) -> np.ndarray:
 
 
 def per_coefficient(per_band: np.ndarray) -> np.ndarray:
-    """Repeats values per band (order+1,) for each coefficient of the band, (K,)."""
+    """Expands values per band (order+1,) to values per coefficient (K,)."""
     per_band = np.asarray(per_band)
     return per_band[bands(len(per_band) - 1)]
 
@@ -63,8 +63,8 @@ def basis(directions: np.ndarray, order: int = 2) -> np.ndarray:
     """Evaluates the spherical harmonics Y_lm.
 
     For order 2 these are 1, y, z, x, xy, yz, 3z^2-1, xz, x^2-y^2 times .282095, .488603 (3 times), 1.092548,
-    1.092548, .315392, 1.092548, .546274. They are evaluated as polynomials in x, y, z, hence also exact at the poles:
-    P_lm(z) / sin^m follows the three-term recurrence of the Legendre functions, Re and Im of (x+iy)^m give the azimuth.
+    1.092548, .315392, 1.092548, .546274. Polynomials in x, y, z are also exact at the poles: P_lm(z) / sin^m follows
+    the three-term recurrence of the Legendre functions, and Re and Im of (x+iy)^m give the azimuth.
 
     Args:
         directions: (...,3) unit vectors.
@@ -95,9 +95,9 @@ def basis(directions: np.ndarray, order: int = 2) -> np.ndarray:
 
 
 def cosine_factors(order: int) -> np.ndarray:
-    """Returns the factors A_l (order+1,) of the clamped cosine (Ramamoorthi & Hanrahan 2001, equation 8).
+    """Returns the factors A_l (order+1,) of the clamped cosine: pi, 2 pi/3, pi/4, 0, -pi/24, ...
 
-    They are pi, 2 pi/3, pi/4, 0, -pi/24, ...; irradiance has the coefficients A_l L_lm.
+    Irradiance has the coefficients A_l L_lm (Ramamoorthi & Hanrahan 2001, equation 8).
     """
     factors = np.zeros(order + 1)
     for l in range(order + 1):
@@ -111,7 +111,7 @@ def cosine_factors(order: int) -> np.ndarray:
 
 
 def unoccluded(normals: np.ndarray, order: int = 2) -> np.ndarray:
-    """Returns the transport T_lm(n) = A_l Y_lm(n) of points that nothing occludes, without 1/pi (method.md section 1).
+    """Returns the transport T_lm(n) = A_l Y_lm(n) of unoccluded points, without 1/pi (method.md section 1).
 
     Args:
         normals: (...,3) unit vectors.
@@ -127,9 +127,9 @@ def unoccluded(normals: np.ndarray, order: int = 2) -> np.ndarray:
 
 
 def irradiance(light: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Returns the irradiance E(n) = sum A_l L_lm Y_lm(n) of surfaces that nothing occludes.
+    """Returns the irradiance E(n) = sum A_l L_lm Y_lm(n) of unoccluded surfaces.
 
-    The truncated series may be slightly negative.
+    The truncated series can be slightly negative.
 
     Args:
         light: (...,K,C) radiance.
@@ -146,10 +146,10 @@ def sphere_quadrature(degree: int) -> tuple[np.ndarray, np.ndarray]:
     """Returns a quadrature rule on the sphere: Gauss-Legendre in z times equal steps of azimuth.
 
     Args:
-        degree: up to which polynomials in x, y, z are integrated exactly.
+        degree: largest degree of polynomials in x, y, z that are integrated exactly.
 
     Returns:
-        Directions (N,3) and weights (N,), whose sum is 4 pi.
+        Directions (N,3), and weights (N,) with the sum 4 pi.
     """
     z, wz = np.polynomial.legendre.leggauss(degree // 2 + 1)
     azimuth = 2 * np.pi * np.arange(degree + 1) / (degree + 1)
@@ -162,10 +162,11 @@ def sphere_quadrature(degree: int) -> tuple[np.ndarray, np.ndarray]:
 def rotation_matrix(rotation: np.ndarray, order: int = 2) -> np.ndarray:
     """Returns the matrix that rotates coefficients.
 
-    M_jk is the integral of Y_j(w) Y_k(R^T w), a polynomial of degree 2 * order, so the quadrature is exact.
+    M_jk is the integral of Y_j(w) Y_k(R^T w), a polynomial of degree 2 * order, which the quadrature integrates
+    exactly.
 
     Args:
-        rotation: (3,3) rotation R of the light itself, or a reflection.
+        rotation: (3,3) rotation, or reflection, R of the light.
         order: the highest band.
 
     Returns:
@@ -174,7 +175,7 @@ def rotation_matrix(rotation: np.ndarray, order: int = 2) -> np.ndarray:
     directions, weights = sphere_quadrature(2 * order)
     matrix = basis(directions, order).T @ (weights[:, None] * basis(directions @ rotation, order))
     band = bands(order)
-    return np.where(band[:, None] == band, matrix, 0.0)  # bands do not mix: what the sum left there is rounding
+    return np.where(band[:, None] == band, matrix, 0.0)  # bands do not mix: other entries are rounding errors
 
 
 def rotation_about_y(angle: float) -> np.ndarray:

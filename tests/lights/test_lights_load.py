@@ -159,7 +159,7 @@ def test_normalised_scales_the_front_to_the_target_and_limits_back_lit_lights():
     assert float(reference_brightness(light.coefficients)) == pytest.approx(0.8)
     behind = load_light("key:ffffff@180,0,0.01").normalised(0.8)
     assert irradiance(behind.coefficients, np.eye(3)).max() < 4
-    with pytest.raises(UserError, match="without light"):
+    with pytest.raises(UserError, match="is black"):
         Light(np.zeros((9, 3)), "nothing").normalised()
 
 

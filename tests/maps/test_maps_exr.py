@@ -96,7 +96,7 @@ def test_foreign_and_broken_files_are_refused(tmp_path):
     write_maps(tmp_path / "good.exr", random_maps(size=40))
     whole = (tmp_path / "good.exr").read_bytes()
     (tmp_path / "cut.exr").write_bytes(whole[: len(whole) // 2])
-    for name, words in (("text", "not a readable"), ("foreign", "no maps of relight"), ("cut", "cut.exr")):
+    for name, words in (("text", "not a readable"), ("foreign", "not a file of maps"), ("cut", "cut.exr")):
         with pytest.raises(UserError, match=words):
             read_maps(tmp_path / f"{name}.exr")
 

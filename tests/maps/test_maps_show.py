@@ -4,7 +4,7 @@ import numpy as np
 from PIL import Image
 
 from relight.maps import Maps, write_maps_picture
-from relight.maps.show import GROUND
+from relight.maps.show import BACKGROUND
 from relight.srgb import encode
 
 
@@ -31,7 +31,7 @@ def test_panels(tmp_path):
     np.testing.assert_array_equal(centers[0], (encode(np.array([0.5, 0.25, 0.1])) * 255).round())
     np.testing.assert_array_equal(centers[1], [128, 128, 255])
     np.testing.assert_array_equal(centers[2], [191, 191, 191])
-    assert (shown[0, 0] == round(255 * GROUND)).all()
+    assert (shown[0, 0] == round(255 * BACKGROUND)).all()
     row = shown[32:]
     at = [row[row.shape[0] // 2, int((k + 0.5) / 9 * shown.shape[1])].astype(int) for k in range(9)]
     assert at[0][0] > at[0][2] + 50 and at[3][2] > at[3][0] + 50  # positive red, negative blue
