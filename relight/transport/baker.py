@@ -12,12 +12,12 @@ from relight.meshes import Mesh, vertex_normals
 from relight.progress import progress
 from relight.sh import UNOCCLUDED_T00, rotation_matrix
 from relight.transport.bounce import solve_radiosity
-from relight.transport.camera import Camera, CastsRays
+from relight.transport.camera import Camera, RayCamera
 from relight.transport.integrate import BATCH, integrate, require_at_least
 from relight.transport.raycaster import MISS, RayCaster
 from relight.transport.sampling import random_azimuths
 from relight.transport.surface import sample_albedo, sample_gloss, shading_normals
-from relight.transport.view import FRONTAL, View, place, view_record
+from relight.transport.view import FRONTAL, View, place_mesh, view_record
 
 
 def bake(
@@ -36,17 +36,17 @@ def bake(
 
 
 class Baker:
-    """Bakes maps of any number of views of one mesh; what the views share is computed once.
+    """Bakes maps of any number of views of one mesh; the views share all preparations.
 
     Attributes:
         mesh: as given.
-        looks: the mesh in each of its outfits, its own first.
-        glossy: whether any material is.
+        outfit_meshes: the mesh in each of its outfits, its own first.
+        glossy: whether any material is glossy.
         rays, order, seed, bounces: as given.
         caster: casts rays against the mesh.
         normals: (V,3) float32 of the vertices.
         gather_caster: casts the rays that gather light; with bounces, against a mesh whose long edges are split.
-        radiosity: (F,K,3) float32, what each face of `gather_caster` reflects; None without bounces.
+        radiosity: (F,K,3) float32 of the faces of `gather_caster`; None without bounces.
     """
 
     def __init__(self, mesh: Mesh, rays: int, order: int = 2, seed: int = 0, bounces: int = 0, threads: int = 1):
@@ -62,15 +62,17 @@ class Baker:
             threads: 0 takes every core. The result does not depend on it.
 
         Raises:
-            UserError: if a setting is out of range or `RayCaster` refuses the mesh.
+            UserError: if a setting is out of range or `RayCaster` rejects the mesh.
         """
         require_at_least(1, rays=rays)
         require_at_least(0, order=order, bounces=bounces)
         if bounces and mesh.outfits:
-            raise UserError("what surfaces reflect depends on their albedo: with outfits, bounces must be 0")
+            raise UserError(
+                "bounced light depends on the albedo of one outfit: with several outfits, bounces must be 0"
+            )
         self.mesh, self.rays, self.order, self.seed, self.bounces = mesh, rays, order, seed, bounces
-        self.looks = [mesh.dressed(outfit) for outfit in range(1 + len(mesh.outfits))]
-        self.glossy = any(material.specular for look in self.looks for material in look.materials)
+        self.outfit_meshes = [mesh.dressed(outfit) for outfit in range(1 + len(mesh.outfits))]
+        self.glossy = any(material.specular for outfit_mesh in self.outfit_meshes for material in outfit_mesh.materials)
         self.caster = RayCaster(mesh.vertices, mesh.faces, threads)
         self.normals = vertex_normals(mesh)
         self.gather_caster, self.radiosity = self.caster, None
@@ -80,7 +82,7 @@ class Baker:
     def camera(self, size: int, view: View) -> Camera:
         """Returns the camera of a view.
 
-        The frontal view leaves the mesh where it is; all others place it so that it fills the picture (`place`).
+        The frontal view shows the mesh in its own frame; other views place it to fill the picture (`place_mesh`).
 
         Args:
             size: of the image in pixels.
@@ -92,7 +94,7 @@ class Baker:
         used = np.zeros(len(self.mesh.vertices), bool)
         used[caster.faces] = True
         vertices = self.mesh.vertices[used].astype(np.float64)
-        pose = place(view, vertices)
+        pose = place_mesh(view, vertices)
         if view.distance is not None:
             return Camera(size, view.distance, True, pose)
         front = float(pose.to_camera(vertices)[:, 2].max())
@@ -105,13 +107,12 @@ class Baker:
     def outfits(self, size: int, supersample: int = 1, view: View = FRONTAL) -> list[Maps]:
         """Bakes maps of one view in each outfit: normals and transport in the camera's axes, depth in its units.
 
-        Outfits differ in albedo and gloss only, and cost no rays.
+        Outfits differ in albedo and gloss only, and need no additional rays.
 
-        Mask and depth are sampled at the pixels' centres. All other maps are means over k x k samples of a pixel,
-        k = `supersample`, which share the pixel's rays: pixels are filtered at no additional cost. Samples that miss
-        the mesh are not counted, so nothing is darkened at silhouettes; normals are normalised again. Back faces are
-        seen, too, with their normals turned to the camera. In perspective, the axes are the same for all pixels, with z
-        along the optical axis and not along each pixel's ray.
+        Mask and depth are sampled at pixel centres. The other maps are means over k x k samples of a pixel, k =
+        `supersample`. The samples share the pixel's rays, so filtering costs no additional rays. Samples that miss the
+        mesh do not count, to avoid dark silhouettes; mean normals are normalised. Back faces are visible, with normals
+        turned to the camera. In perspective, all pixels have the same axes, with z along the optical axis.
 
         Args:
             size: of the image in pixels.
@@ -119,16 +120,16 @@ class Baker:
             view: of the mesh.
 
         Returns:
-            The maps of each of `looks`.
+            The maps of each of `outfit_meshes`.
 
         Raises:
-            UserError: if a setting is out of range or no pixel's centre shows the mesh.
+            UserError: if a setting is out of range or no pixel centre shows the mesh.
         """
         require_at_least(1, supersample=supersample)
         if self.rays < supersample**2:
             raise UserError(
-                f"rays is {self.rays}: it must be at least {supersample**2}, one for each of the pixel's {supersample} "
-                f"x {supersample} places (supersample)"
+                f"rays is {self.rays}: it must be at least {supersample**2}, one for each of the {supersample} x "
+                f"{supersample} samples of a pixel (supersample)"
             )
         camera = self.camera(size, view)
         centres = primary_hits(self.caster, camera, *pixel_corners(size) + 0.5)
@@ -136,13 +137,13 @@ class Baker:
             low, high = self.caster.low, self.caster.high
             span = ", ".join(f"{axis} {a:.3g} to {b:.3g}" for axis, a, b in zip("xyz", low, high))
             if view != FRONTAL or (np.abs([low[:2], high[:2]]) <= 1).all():
-                cure = f"it is thinner than the pixels of an image of {size} x {size}: give a larger size"
+                advice = f"it is thinner than the pixels of an image of {size} x {size}: give a larger size"
             else:
-                cure = "the image shows x and y from -1 to 1: align it first"
-            raise UserError(f"the camera sees nothing of the mesh, which spans {span}; {cure}")
+                advice = "the image shows x and y from -1 to 1: align it first"
+            raise UserError(f"the camera sees nothing of the mesh, which spans {span}; {advice}")
         means, coverage = self._pixel_means(camera, centres, supersample)
         self._rotate_to_camera(means, camera)
-        return self._assembled(means, coverage, centres, camera, supersample, view)
+        return self._to_maps(means, coverage, centres, camera, supersample, view)
 
     def _pixel_means(
         self, camera: Camera, centres: "Hits", supersample: int
@@ -154,43 +155,46 @@ class Baker:
         """
         column, row = pixel_corners(camera.size)
         azimuth = random_azimuths(len(centres.ray), self.seed)
-        number = np.full(camera.size**2, -1)  # of each pixel among the P, -1 for the others
-        number[centres.ray] = np.arange(len(centres.ray))
+        pixel_index = np.full(camera.size**2, -1)  # from pixels of the image to the P, -1 for the others
+        pixel_index[centres.ray] = np.arange(len(centres.ray))
         sums, covered = PixelSums(len(centres.ray)), np.zeros(camera.size**2)
-        steps = (np.arange(supersample) + 0.5) / supersample
-        grid = list(product(steps, steps))
-        for j, (dy, dx) in enumerate(progress(grid, "places of each pixel") if len(grid) > 1 else grid):
+        offsets = (np.arange(supersample) + 0.5) / supersample
+        grid = list(product(offsets, offsets))
+        for j, (dy, dx) in enumerate(progress(grid, "samples per pixel") if len(grid) > 1 else grid):
             hits = primary_hits(self.caster, camera, column + dx, row + dy)
             covered[hits.ray] += 1
-            masked = number[hits.ray] >= 0
-            pixels = number[hits.ray[masked]]
+            masked = pixel_index[hits.ray] >= 0
+            pixels = pixel_index[hits.ray[masked]]
             subset = (j, len(grid))
             sums.add(
                 pixels, self._surface_values(camera, hits.face[masked], hits.weights[masked], azimuth[pixels], subset)
             )
-        missed = np.flatnonzero(sums.counts == 0)  # the surface at the centre is thinner than the samples are apart
-        if len(missed):
-            face, weights = centres.face[missed], centres.weights[missed]
-            sums.add(missed, self._surface_values(camera, face, weights, azimuth[missed], (0, 1)))
+        unsampled = np.flatnonzero(sums.counts == 0)  # the surface is thinner than the samples' spacing
+        if len(unsampled):
+            face, weights = centres.face[unsampled], centres.weights[unsampled]
+            sums.add(unsampled, self._surface_values(camera, face, weights, azimuth[unsampled], (0, 1)))
         return sums.means(), covered / len(grid)
 
     def _surface_values(
         self, camera: Camera, face: np.ndarray, weights: np.ndarray, azimuth: np.ndarray, subset: tuple[int, int]
     ) -> dict[str, np.ndarray]:
-        """Computes transport, normal, albedo and gloss (of each outfit: N,O,3 and N,O,2) and, with bounces, bounced
-        (N,...) of points.
+        """Computes the values of N points of the surface.
 
         Args:
-            camera: that the normals are turned to.
+            camera: to which normals are turned.
             face: (N,) of the points.
             weights: (N,3) barycentric.
             azimuth: (N,) of the rays, radians.
             subset: of the rays, as for `integrate`.
+
+        Returns:
+            `transport` (N,K), `normal` (N,3), `albedo` (N,O,3) of O outfits; `gloss` (N,O,2) for glossy meshes;
+            `bounced` (N,K,3) with bounces.
         """
         points, geometric = self.caster.points(face, weights), self.caster.normals[face]
         normals = shading_normals(self.normals, self.mesh.faces, face, weights, geometric)
-        side = np.where(faces_away(camera, points, geometric), -1.0, 1.0)[:, None]
-        normals, geometric = normals * side, geometric * side
+        sign = np.where(faces_away(camera, points, geometric), -1.0, 1.0)[:, None]
+        normals, geometric = normals * sign, geometric * sign
         transport, bounced = integrate(
             self.gather_caster,
             points,
@@ -202,10 +206,10 @@ class Baker:
             azimuth=azimuth,
             subset=subset,
         )
-        albedo = np.stack([sample_albedo(look, face, weights) for look in self.looks], axis=1)
+        albedo = np.stack([sample_albedo(outfit_mesh, face, weights) for outfit_mesh in self.outfit_meshes], axis=1)
         values = {"transport": transport, "normal": normals, "albedo": albedo}
         if self.glossy:
-            values["gloss"] = np.stack([sample_gloss(look, face) for look in self.looks], axis=1)
+            values["gloss"] = np.stack([sample_gloss(outfit_mesh, face) for outfit_mesh in self.outfit_meshes], axis=1)
         return values if bounced is None else {**values, "bounced": bounced}
 
     def _rotate_to_camera(self, means: dict[str, np.ndarray], camera: Camera) -> None:
@@ -217,7 +221,7 @@ class Baker:
                 means[name] = np.einsum("jk,pk...->pj...", matrix, means[name])
         means["normal"] = means["normal"] / np.linalg.norm(means["normal"], axis=1, keepdims=True)
 
-    def _assembled(
+    def _to_maps(
         self,
         means: dict[str, np.ndarray],
         coverage: np.ndarray,
@@ -226,52 +230,60 @@ class Baker:
         supersample: int,
         view: View,
     ) -> list[Maps]:
-        """Puts values of the masked pixels into images, and the settings into the record, for each outfit."""
+        """Returns the maps of each outfit: images of the pixels' means, with the settings as `info`."""
         size = camera.size
         points = self.caster.points(centres.face, centres.weights)
-        backs = faces_away(camera, points, self.caster.normals[centres.face])
+        is_back = faces_away(camera, points, self.caster.normals[centres.face])
         transport = means["transport"].astype(np.float32)
 
-        def image(values: np.ndarray) -> np.ndarray:
+        def to_image(values: np.ndarray) -> np.ndarray:
             pixels = np.zeros((size * size, *values.shape[1:]), values.dtype)
             pixels[centres.ray] = values
             return pixels.reshape(size, size, *values.shape[1:])
 
-        looks = [{"albedo": image(albedo)} for albedo in np.moveaxis(means["albedo"].astype(np.float32), 1, 0)]
+        outfit_layers = [
+            {"albedo": to_image(albedo)} for albedo in np.moveaxis(means["albedo"].astype(np.float32), 1, 0)
+        ]
         if self.glossy:
-            for look, gloss in zip(looks, np.moveaxis(means["gloss"].astype(np.float32), 1, 0)):
-                look["gloss"] = image(gloss)
+            for layers, gloss in zip(outfit_layers, np.moveaxis(means["gloss"].astype(np.float32), 1, 0)):
+                layers["gloss"] = to_image(gloss)
         maps = Maps(
-            mask=image(np.ones(len(centres.ray), bool)),
+            mask=to_image(np.ones(len(centres.ray), bool)),
             coverage=coverage.astype(np.float32).reshape(size, size),
-            **looks[0],
-            normal=image(means["normal"].astype(np.float32)),
-            depth=image(camera.depth(points).astype(np.float32)),
-            ao=image((transport[:, 0] / np.float32(UNOCCLUDED_T00)).clip(0, 1)),
-            transport=image(transport),
-            bounced=image(means["bounced"].astype(np.float32)) if self.bounces else None,
+            **outfit_layers[0],
+            normal=to_image(means["normal"].astype(np.float32)),
+            depth=to_image(camera.depth(points).astype(np.float32)),
+            ao=to_image((transport[:, 0] / np.float32(UNOCCLUDED_T00)).clip(0, 1)),
+            transport=to_image(transport),
+            bounced=to_image(means["bounced"].astype(np.float32)) if self.bounces else None,
             info={
                 **self.mesh.info,
                 "size": size,
                 "rays": self.rays,
                 "order": self.order,
-                "ray_seed": self.seed,  # the figure has a seed of its own
+                "ray_seed": self.seed,  # `seed` is that of the figure
                 "supersample": supersample,
                 "bounces": self.bounces,
                 "camera": "perspective" if camera.perspective else "orthographic",
                 "camera_distance": round(camera.distance, 6),
                 "offset": self.caster.offset,
-                "backs": round(float(backs.mean()), 4),  # share of the pixels that show the back of a face
+                "backs": round(float(is_back.mean()), 4),  # share of pixels that show back faces
                 **({} if camera.pose is None else {"view": view_record(view, camera.pose)}),
             },
         )
-        return [maps, *(replace(maps, **look, info=dict(maps.info)) for look in looks[1:])]
+        return [maps, *(replace(maps, **layers, info=dict(maps.info)) for layers in outfit_layers[1:])]
 
 
 class PixelSums:
-    """Sums of values over the samples of each of P pixels."""
+    """Accumulates named values over the samples of each of P pixels.
+
+    Attributes:
+        counts: (P,) samples per pixel.
+        sums: (P,...) by name.
+    """
 
     def __init__(self, pixels: int):
+        """Starts with zero samples in each of `pixels` pixels."""
         self.counts = np.zeros(pixels)
         self.sums: dict[str, np.ndarray] = {}
 
@@ -288,11 +300,11 @@ class PixelSums:
 
 
 class Hits(NamedTuple):
-    """Where rays meet a mesh first.
+    """First intersections of rays with a mesh.
 
     Attributes:
-        ray: (P,) indices of the rays that meet it, ascending.
-        face: (P,) that they meet.
+        ray: (P,) indices of the rays that hit, ascending.
+        face: (P,) that is hit.
         weights: (P,3) barycentric weights of the face's corners.
     """
 
@@ -301,8 +313,8 @@ class Hits(NamedTuple):
     weights: np.ndarray
 
 
-def primary_hits(caster: RayCaster, camera: CastsRays, column: np.ndarray, row: np.ndarray) -> Hits:
-    """Casts camera rays through continuous pixel coordinates (N,), as `Camera.rays` counts them."""
+def primary_hits(caster: RayCaster, camera: RayCamera, column: np.ndarray, row: np.ndarray) -> Hits:
+    """Casts camera rays through continuous pixel coordinates (N,), as defined by `Camera.rays`."""
     index, faces, weights = [], [], []
     for begin in range(0, len(column), BATCH):
         rays = camera.rays(column[begin : begin + BATCH], row[begin : begin + BATCH])
@@ -321,6 +333,6 @@ def pixel_corners(size: int) -> np.ndarray:
     return np.stack([column, row])
 
 
-def faces_away(camera: CastsRays, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
-    """Returns whether normals (N,3) at points (N,3) of the mesh's frame point away from the camera, (N,) bool."""
+def faces_away(camera: RayCamera, points: np.ndarray, normals: np.ndarray) -> np.ndarray:
+    """Returns whether normals (N,3) at points (N,3), in the mesh's frame, point away from the camera, (N,) bool."""
     return np.einsum("nx,nx->n", normals, camera.toward(points)) < 0

@@ -12,8 +12,8 @@ from relight.transport.integrate import integrate
 from relight.transport.raycaster import RayCaster
 from relight.transport.surface import sample_albedo
 
-MAX_EDGE = 0.03  # of the diagonal: longer edges are split, since the radiosity of a face is constant
-FEWER = 4  # times fewer rays per face than per pixel: a pixel's rays average over hundreds of faces
+MAX_EDGE = 0.03  # over the diagonal; longer edges are split, since radiosity is constant on a face
+RAY_DIVISOR = 4  # rays per pixel over rays per face: a pixel's rays average over hundreds of faces
 
 
 def solve_radiosity(
@@ -21,8 +21,8 @@ def solve_radiosity(
 ) -> tuple[RayCaster, np.ndarray]:
     """Computes the radiosity of the mesh's faces per unit of each coefficient of the light.
 
-    It is rho (T_0 + ... + T_(bounces-1)) on the front of a face, at its centroid and with its geometric normal. Backs
-    reflect nothing: closed meshes hide them, and for the inside of open ones there is no albedo.
+    It is rho (T_0 + ... + T_(bounces-1)) on the front of a face, at its centroid and with its geometric normal. Back
+    faces reflect nothing: closed meshes hide them, and the inside of open meshes has no albedo.
 
     Args:
         mesh: for the albedo.
@@ -33,37 +33,38 @@ def solve_radiosity(
         bounces: at least 1.
 
     Returns:
-        A caster whose faces are split where they are large, and the radiosity (F,K,3) float32 of its faces.
+        A ray caster of the mesh with long edges split, and the radiosity (F,K,3) float32 of its faces.
     """
-    fine, parent = _with_short_edges(caster)
-    centroid = fine.corners.mean(1)
+    split_caster, parent = _split_long_edges(caster)
+    centroid = split_caster.corners.mean(1)
     color = sample_albedo(mesh, parent, _barycentric(caster.corners[parent], centroid))[:, None, :]
-    solid = fine.areas > 0
-    rays = max(16, rays // FEWER)
-    reflected: np.ndarray | None = None
+    has_area = split_caster.areas > 0
+    normals = split_caster.normals[has_area]
+    rays = max(16, rays // RAY_DIVISOR)
+    radiosity: np.ndarray | None = None
     for _ in range(bounces):
-        # The same seed casts the same rays at every bounce, so all iterations are of one linear system.
+        # One seed casts the same rays at every bounce, so all iterations solve one linear system.
         direct, gathered = integrate(
-            fine, centroid[solid], fine.normals[solid], fine.normals[solid], rays, order, seed + 1, reflected
+            split_caster, centroid[has_area], normals, normals, rays, order, seed + 1, radiosity
         )
         total = direct[..., None] if gathered is None else direct[..., None] + gathered
-        reflected = np.zeros((len(solid), total.shape[1], 3), np.float32)
-        reflected[solid] = color[solid] * total
-    assert reflected is not None  # bounces is at least 1
-    return fine, reflected
+        radiosity = np.zeros((len(has_area), total.shape[1], 3), np.float32)
+        radiosity[has_area] = color[has_area] * total
+    assert radiosity is not None  # bounces is at least 1
+    return split_caster, radiosity
 
 
-def _with_short_edges(caster: RayCaster) -> tuple[RayCaster, np.ndarray]:
-    """Splits long edges; also returns the original face (F,) that each face lies in."""
+def _split_long_edges(caster: RayCaster) -> tuple[RayCaster, np.ndarray]:
+    """Returns a caster of the mesh with long edges split, and the original face (F,) of each of its faces."""
     limit = MAX_EDGE * caster.diagonal
     longest = np.linalg.norm(caster.corners - np.roll(caster.corners, 1, 1), axis=2).max(1)
     if (longest <= limit).all():
         return caster, np.arange(len(caster.faces))
     from trimesh.remesh import subdivide_to_size  # .4 s to import, and figures rarely need it
 
-    soup = caster.corners.reshape(-1, 3)
+    vertices_of_faces = caster.corners.reshape(-1, 3)
     vertices, faces, parent = subdivide_to_size(
-        soup, np.arange(len(soup)).reshape(-1, 3), limit, max_iter=30, return_index=True
+        vertices_of_faces, np.arange(len(vertices_of_faces)).reshape(-1, 3), limit, max_iter=30, return_index=True
     )
     return RayCaster(vertices, faces, caster.threads), parent
 
@@ -75,9 +76,9 @@ def _barycentric(corners: np.ndarray, points: np.ndarray) -> np.ndarray:
     aa, ab, bb = (np.einsum("nx,nx->n", *pair) for pair in ((a, a), (a, b), (b, b)))
     pa, pb = np.einsum("nx,nx->n", p, a), np.einsum("nx,nx->n", p, b)
     area = aa * bb - ab * ab
-    flat = area <= 0
-    safe = np.where(flat, 1, area)
+    is_degenerate = area <= 0
+    safe = np.where(is_degenerate, 1, area)
     v, w = (pa * bb - pb * ab) / safe, (pb * aa - pa * ab) / safe
     weights = np.stack([1 - v - w, v, w], 1)
-    weights[flat] = 1 / 3
+    weights[is_degenerate] = 1 / 3
     return weights

@@ -6,17 +6,17 @@ from typing import Protocol
 import numpy as np
 
 from relight.files import UserError
-from relight.transport.view import Pose, rotated
+from relight.transport.view import Pose, rotate_vectors
 
 
-class CastsRays(Protocol):
-    """What the baker needs of a camera: `Camera`, or a calibrated one."""
+class RayCamera(Protocol):
+    """Interface of cameras whose rays can be cast: `Camera`, or a calibrated one."""
 
     def rays(self, column: np.ndarray, row: np.ndarray) -> np.ndarray:
-        """Rays (N,6), origin and direction, through points (N,) of the image."""
+        """Returns rays (N,6), origin and direction, through points (N,) of the image."""
 
     def toward(self, points: np.ndarray) -> np.ndarray:
-        """Directions (N,3), not normalised, from points (N,3) to the camera."""
+        """Returns directions (N,3), not normalised, from points (N,3) to the camera."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Camera:
     Attributes:
         size: of the image in pixels.
         distance: of the camera plane from the origin, in units of the camera's frame.
-        perspective: or orthographic.
+        perspective: whether the camera is perspective; otherwise it is orthographic.
         pose: of the mesh in the camera's frame; None if the mesh's frame is the camera's.
 
     Raises:
@@ -67,7 +67,7 @@ class Camera:
             rays[:, 0], rays[:, 1] = x, y
         if self.pose is not None:
             rays[:, :3] = self.pose.to_mesh(rays[:, :3])
-            rays[:, 3:] = rotated(self.pose.rotation.T, rays[:, 3:]) / self.pose.scale
+            rays[:, 3:] = rotate_vectors(self.pose.rotation.T, rays[:, 3:]) / self.pose.scale
         return rays
 
     def toward(self, points: np.ndarray) -> np.ndarray:

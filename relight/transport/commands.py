@@ -56,9 +56,9 @@ def bake(
 ) -> None:
     """Bake light transport (spherical harmonics), AO, albedo, normals and depth of a mesh.
 
-    Image = albedo x (transport . light), with any light that `relight light` writes. From any view (--yaw, --pitch,
-    --focal) the figure fills the picture, and its maps are in the camera's axes. Transport per vertex is in the file's
-    own frame and order of vertices. Formats and conventions: docs/transport.md and docs/maps.md.
+    Image = albedo x (transport . light), with any light that `relight light` writes. In other views (--yaw, --pitch,
+    --focal) the figure fills the picture, and its maps are in the camera's axes. Transport per vertex keeps the file's
+    frame and order of vertices. Formats and conventions: docs/transport.md and docs/maps.md.
     """
     import time
 
@@ -70,9 +70,9 @@ def bake(
         if target.suffix.lower() not in kinds:
             raise UserError(f"{target}: maps are written as .exr or .png, transport per vertex as .ply or .npz")
         if target.resolve() == mesh.resolve():
-            raise UserError(f"{target} is the mesh itself: choose another --out")
+            raise UserError(f"--out {target} is the mesh itself: choose another file")
     if not 0 <= padding < 0.5:
-        raise UserError(f"--padding {padding}: a share of the image's height, from 0 to under 0.5")
+        raise UserError(f"--padding {padding}: must be a share of the image's height, from 0 to under 0.5")
 
     from relight.meshes import read_mesh
     from relight.meshes.axes import AXES
@@ -83,17 +83,15 @@ def bake(
 
     for name, axis in (("--up", up), ("--front", front)):
         if axis not in AXES and axis != "auto":
-            raise UserError(f"{name} {axis}: an axis of the file, {', '.join(AXES)}, or auto")
+            raise UserError(f"{name} {axis}: must be an axis of the file, {', '.join(AXES)}, or auto")
     source = read_mesh(mesh)
     for note in source.info.get("warnings", []):
         typer.echo(f"{mesh.name}: {note}", err=True)
     start = time.monotonic()
     per_vertex = any(target.suffix.lower() in (".ply", ".npz") for target in targets)
     if (as_is or per_vertex) and (count := count_opposed_faces(source)):
-        cure = (
-            "remove them: what is baked per vertex is not repaired" if per_vertex else "leave out --as-is, to repair it"
-        )
-        note = f"{count} faces lie on others and are turned the other way, so normals cancel there; {cure}"
+        advice = "remove them, since baking per vertex does not repair" if per_vertex else "omit --as-is to repair them"
+        note = f"{count} faces coincide with faces of opposite orientation, so vertex normals cancel; {advice}"
         typer.echo(f"{mesh.name}: {note}", err=True)
     if any(target.suffix.lower() in (".exr", ".png") for target in targets):
         from relight.maps import write_maps, write_maps_picture
@@ -142,7 +140,7 @@ def _cleaned_and_aligned(mesh: "Mesh", up: str, front: str, padding: float) -> "
             text = ", ".join(f"{name} {count}" for name, count in counts.items())
             typer.echo(f"{mesh.info['name']}: {word} ({text})", err=True)
     aligned = align(cleaned, settings)
-    for note in aligned.info["warnings"][len(mesh.info.get("warnings", [])) :]:  # those of the file are told
+    for note in aligned.info["warnings"][len(mesh.info.get("warnings", [])) :]:  # the earlier ones are printed already
         typer.echo(f"{mesh.info['name']}: {note}", err=True)
     record = aligned.info["align"]
     if "auto" in (up, front):

@@ -1,4 +1,4 @@
-"""The transport integral, by casting rays from each point."""
+"""Computes the transport integral by casting rays from each point."""
 
 import numpy as np
 
@@ -8,11 +8,11 @@ from relight.sh import basis, coefficient_count, unoccluded
 from relight.transport.raycaster import MISS, RayCaster
 from relight.transport.sampling import random_azimuths, rotate_to_world, tangent_frames, vogel_directions
 
-BATCH = 1 << 18  # rays per cast: 6 MB; from 2^14 on the rate is constant
+BATCH = 1 << 18  # rays per cast, 6 MB; the rate is constant from 2^14
 
 
 def require_at_least(minimum: int, **settings: int) -> None:
-    """Raises UserError that names the first of the settings below `minimum`."""
+    """Raises UserError for the first of the named settings that is below `minimum`."""
     for name, value in settings.items():
         if value < minimum:
             raise UserError(f"{name} is {value}: it must be at least {minimum}")
@@ -37,8 +37,8 @@ def integrate(
 
         T = A_l Y_lm(n) - pi/N sum over blocked w_j of Y_lm(w_j),
 
-    so points that nothing occludes are exact at any N. The result depends neither on `batch` nor on the number of
-    threads: the rays do not, and the sums are of fixed-point numbers, exact in any order.
+    so unoccluded points are exact for any N. The result depends neither on `batch` nor on the number of threads: the
+    rays do not, and sums of fixed-point numbers are exact in any order.
 
     Args:
         caster: of the mesh that occludes.
@@ -48,43 +48,46 @@ def integrate(
         rays: N, per point.
         order: of the spherical harmonics.
         seed: of the rays' azimuths.
-        radiosity: (F,K,C), what the front of each face reflects per unit of each coefficient (`solve_radiosity`).
+        radiosity: (F,K,C) of the front of each face, per unit of each coefficient of the light (`solve_radiosity`).
         batch: rays that are cast at a time.
-        azimuth: (P,) radians, in place of random ones.
-        subset: (j, m) casts the j-th, (j+m)-th, ... of the N rays alone, as for the m samples of a pixel with one
-            azimuth. Every m-th point of Vogel's spiral is a spiral again, so on smooth surfaces the mean over the
-            samples is as accurate as all N rays.
+        azimuth: (P,) radians, instead of random ones.
+        subset: (j, m) casts only the j-th, (j+m)-th, ... of the N rays, for the m samples of a pixel with one azimuth.
+            Every m-th point of Vogel's spiral forms a spiral again, so on smooth surfaces the mean over the samples is
+            as accurate as all N rays.
 
     Returns:
-        Transport (P,K) float32, and what the rays gather of the radiosity, (P,K,C) float32, or None without it.
+        Transport (P,K) float32, and the gathered radiosity (P,K,C) float32, or None without `radiosity`.
+
+    Raises:
+        ValueError: if points or normals are not finite.
     """
     if not all(np.isfinite(array).all() for array in (points, normals, geometric)):
         raise ValueError("points and normals must be finite: Embree calls such rays unoccluded")
-    total, coefficients = len(points), coefficient_count(order)
+    point_count, coefficients = len(points), coefficient_count(order)
     directions = vogel_directions(rays)[subset[0] :: subset[1]]
     rays = len(directions)
-    spread = np.concatenate([np.ones((rays, 1)), directions], 1).astype(np.float32)
-    # Multiples of 2^-32: float64 adds up to 2^20 of them without rounding, hence in any order.
+    local_rays = np.concatenate([np.ones((rays, 1)), directions], 1).astype(np.float32)
+    # Multiples of 2^-32: float64 adds 2^20 of them without rounding, so the order does not matter.
     projector = np.round(basis(directions, order) * 2.0**32) / 2.0**32
-    frame = tangent_frames(normals, random_azimuths(total, seed) if azimuth is None else azimuth)
+    frame = tangent_frames(normals, random_azimuths(point_count, seed) if azimuth is None else azimuth)
     start = caster.to_local(points + caster.offset * geometric)
-    blocked = np.empty((total, coefficients))
+    blocked = np.empty((point_count, coefficients))
     gathered: np.ndarray | None = None
     if radiosity is not None:
         flat = np.ascontiguousarray(radiosity.reshape(len(radiosity), -1), np.float32)
-        gathered = np.empty((total, flat.shape[1]), np.float32)
+        gathered = np.empty((point_count, flat.shape[1]), np.float32)
 
     step = max(1, batch // rays)
-    buffer = np.empty((min(step, total), rays, 6), np.float32)
-    steps = range(0, total, step)
+    buffer = np.empty((min(step, point_count), rays, 6), np.float32)
+    steps = range(0, point_count, step)
     for begin in progress(steps, "casting rays") if subset[1] == 1 else steps:  # of subsets, the caller shows progress
-        part = slice(begin, min(begin + step, total))
-        bundle = buffer[: part.stop - begin]
-        # One product makes origin and direction: (1, w) @ [[origin, 0], [0, frame]].
-        placement = np.zeros((len(bundle), 4, 6), np.float32)
+        part = slice(begin, min(begin + step, point_count))
+        batch_rays = buffer[: part.stop - begin]
+        # One product gives origin and direction: (1, w) @ [[origin, 0], [0, frame]].
+        placement = np.zeros((len(batch_rays), 4, 6), np.float32)
         placement[:, 0, :3], placement[:, 1:, 3:] = start[part], frame[part]
-        np.matmul(spread, placement, out=bundle)
-        flat_rays = bundle.reshape(-1, 6)
+        np.matmul(local_rays, placement, out=batch_rays)
+        flat_rays = batch_rays.reshape(-1, 6)
         if gathered is None:
             hit = caster.occluded(flat_rays)
         else:
@@ -95,12 +98,12 @@ def integrate(
 
     transport = unoccluded(normals, order) - np.pi / rays * rotate_to_world(blocked, frame, order)
     if gathered is not None:
-        return transport.astype(np.float32), gathered.reshape(total, coefficients, -1)
+        return transport.astype(np.float32), gathered.reshape(point_count, coefficients, -1)
     return transport.astype(np.float32), None
 
 
 def _first_faces(caster: RayCaster, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the face (N,) that each ray meets first, and whether it meets its front, (N,) bool."""
+    """Returns the first face (N,) that each ray hits, and whether it hits the front, (N,) bool."""
     face, _ = caster.intersect(rays)
     hit = np.flatnonzero(face != MISS)
     front = np.zeros(len(rays), bool)
@@ -109,8 +112,18 @@ def _first_faces(caster: RayCaster, rays: np.ndarray) -> tuple[np.ndarray, np.nd
 
 
 def _gather(radiosity: np.ndarray, face: np.ndarray, front: np.ndarray, rays: int) -> np.ndarray:
-    """Averages radiosity (F,M) over each point's rays, to (P,M); rays that meet no front count as zero."""
-    from scipy.sparse import csr_array  # .1 s to import, and only bounces need it
+    """Averages radiosity over the rays of each point; rays that hit no front face count as zero.
+
+    Args:
+        radiosity: (F,M) of the faces.
+        face: (P * rays,) that each ray hits.
+        front: (P * rays,) bool, whether the ray hits the face's front.
+        rays: per point.
+
+    Returns:
+        (P,M) float32.
+    """
+    from scipy.sparse import csr_array  # takes .1 s to import, and only bounces need it
 
     ends = np.concatenate([[0], np.cumsum(front.reshape(-1, rays).sum(1))])
     used = face[front]

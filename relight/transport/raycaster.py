@@ -1,4 +1,4 @@
-"""Ray casting against a checked and centred mesh, by Open3D (Embree)."""
+"""Casts rays against a mesh by Open3D (Embree)."""
 
 import numpy as np
 import open3d.core as o3c
@@ -6,18 +6,17 @@ from open3d.t.geometry import RaycastingScene
 
 from relight.files import UserError
 
-# Start of rays off the surface, over the bounding box's diagonal: at a tenth of it surfaces shadow themselves, at ten
-# times creases leak.
+# Distance of ray origins from the surface, over the diagonal of the bounding box: a tenth of it causes self-shadowing,
+# ten times as much leaks light into creases.
 OFFSET = 6e-6
-MISS = np.uint32(0xFFFFFFFF)  # face of a ray that meets none
+MISS = np.uint32(0xFFFFFFFF)  # face index of a ray that hits nothing
 
 
 class RayCaster:
     """Casts rays against triangles.
 
-    Rays are float32 relative to the centre of the bounding box: Embree loses rays when a mesh is far from the origin
-    (.4 % at 10 km). Open3D holds Python's lock during a cast, so several figures are baked in parallel by processes,
-    not threads.
+    Rays are float32, relative to the centre of the bounding box, since Embree loses rays far from the origin (.4 % at
+    10 km). Open3D holds the GIL during a cast, so figures are baked in parallel by processes, not threads.
 
     Attributes:
         faces: (F,3) as given.
@@ -33,7 +32,7 @@ class RayCaster:
     def __init__(self, vertices: np.ndarray, faces: np.ndarray, threads: int = 0):
         """Checks the mesh and builds the acceleration structure.
 
-        Embree silently drops bad triangles and reports bad rays as unoccluded, hence the checks.
+        The checks are needed because Embree silently drops invalid triangles and reports invalid rays as unoccluded.
 
         Args:
             vertices: (V,3), in any frame and unit.
@@ -73,11 +72,11 @@ class RayCaster:
         )
 
     def to_local(self, points: np.ndarray) -> np.ndarray:
-        """Converts points (...,3) of the mesh's frame to float32 relative to the centre, as rays have them."""
+        """Converts points (...,3) of the mesh's frame to float32 ray coordinates, relative to the centre."""
         return (points - self.centre).astype(np.float32)
 
     def occluded(self, rays: np.ndarray) -> np.ndarray:
-        """Returns whether rays (N,6) float32, origin relative to the centre and direction, meet any face, (N,) bool."""
+        """Returns whether rays (N,6), as for `intersect`, hit any face, (N,) bool."""
         return self._scene.test_occlusions(o3c.Tensor.from_numpy(rays), nthreads=self.threads).numpy()
 
     def intersect(self, rays: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Albedo, gloss and shading normal at points of the surface."""
+"""Samples albedo, gloss and shading normals at points of the surface."""
 
 import numpy as np
 
@@ -11,8 +11,8 @@ def sample_texture(texture: np.ndarray, uv: np.ndarray) -> np.ndarray:
     """Looks up a texture bilinearly; texels are decoded before they are interpolated.
 
     Args:
-        texture: (H,W,3) uint8 sRGB, which repeats.
-        uv: (N,2), (0,0) is the bottom left corner of the picture.
+        texture: (H,W,3) uint8 sRGB; it repeats.
+        uv: (N,2); (0,0) is the bottom left corner of the texture.
 
     Returns:
         (N,3) float32, linear.
@@ -20,13 +20,13 @@ def sample_texture(texture: np.ndarray, uv: np.ndarray) -> np.ndarray:
     height, width = texture.shape[:2]
     x, y = uv[:, 0] * width - 0.5, (1 - uv[:, 1]) * height - 0.5
     left, top = np.floor(x), np.floor(y)
-    across, down = (x - left).astype(np.float32)[:, None], (y - top).astype(np.float32)[:, None]
+    weight_x, weight_y = (x - left).astype(np.float32)[:, None], (y - top).astype(np.float32)[:, None]
     columns = [(left + k).astype(np.int64) % width for k in (0, 1)]
     rows = [(top + k).astype(np.int64) % height for k in (0, 1)]
-    upper, lower = (
-        LINEAR[texture[row, columns[0]]] * (1 - across) + LINEAR[texture[row, columns[1]]] * across for row in rows
+    upper_row, lower_row = (
+        LINEAR[texture[row, columns[0]]] * (1 - weight_x) + LINEAR[texture[row, columns[1]]] * weight_x for row in rows
     )
-    return upper * (1 - down) + lower * down
+    return upper_row * (1 - weight_y) + lower_row * weight_y
 
 
 def sample_albedo(mesh: Mesh, face: np.ndarray, weights: np.ndarray) -> np.ndarray:
@@ -50,15 +50,15 @@ def sample_albedo(mesh: Mesh, face: np.ndarray, weights: np.ndarray) -> np.ndarr
         )
     result = np.empty((len(face), 3), np.float32)
     for index in np.unique(material):
-        surface = mesh.materials[index]
-        chosen = material == index
-        value = np.broadcast_to(np.asarray(surface.color, np.float32), (chosen.sum(), 3))
-        if surface.texture is not None:
-            uv = np.einsum("nc,ncx->nx", weights[chosen], mesh.uv[face[chosen]])
+        entry = mesh.materials[index]
+        selected = material == index
+        albedo = np.broadcast_to(np.asarray(entry.color, np.float32), (selected.sum(), 3))
+        if entry.texture is not None:
+            uv = np.einsum("nc,ncx->nx", weights[selected], mesh.uv[face[selected]])
             if not np.isfinite(uv).all():
                 raise UserError("the mesh has texture coordinates that are not finite: repair or drop them")
-            value = value * sample_texture(surface.texture, uv)
-        result[chosen] = value
+            albedo = albedo * sample_texture(entry.texture, uv)
+        result[selected] = albedo
     if mesh.color is not None:
         result *= np.einsum("nc,ncx->nx", weights, mesh.color[mesh.faces[face]]).astype(np.float32)
     if not np.isfinite(result).all():
@@ -67,7 +67,7 @@ def sample_albedo(mesh: Mesh, face: np.ndarray, weights: np.ndarray) -> np.ndarr
 
 
 def sample_gloss(mesh: Mesh, face: np.ndarray) -> np.ndarray:
-    """Returns roughness and specular (N,2) float32 of points on the faces (N,): those of their materials."""
+    """Returns roughness and specular (N,2) float32 of the materials of faces (N,)."""
     gloss = np.array([(material.roughness, material.specular) for material in mesh.materials], np.float32)
     return gloss[mesh.material[face]]
 
@@ -77,8 +77,8 @@ def shading_normals(
 ) -> np.ndarray:
     """Interpolates vertex normals.
 
-    Where this gives no direction, or one that is more than 78 degrees from the geometric normal, as on torn or
-    inconsistently wound scans but never on smooth surfaces, the geometric normal is returned.
+    Where the result vanishes or is more than 78 degrees from the geometric normal, the geometric normal is returned.
+    This happens on torn or inconsistently wound scans, never on smooth surfaces.
 
     Args:
         vertex_normals: (V,3) of the mesh.

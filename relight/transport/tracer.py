@@ -1,4 +1,4 @@
-"""Path tracing of a mesh by Mitsuba 3, which shares no code with the baker: an independent check of the maps.
+"""Path-traces meshes with Mitsuba 3, an independent check of the maps that shares no code with the baker.
 
 Mitsuba is optional (`pip install mitsuba`). Its scalar variant is used, which needs no LLVM on the machine.
 """
@@ -14,72 +14,86 @@ from relight.meshes import Material, Mesh, vertex_normals
 from relight.srgb import LINEAR
 from relight.transport.camera import Camera
 from relight.transport.surface import sample_albedo
-from relight.transport.view import rotated
+from relight.transport.view import rotate_vectors
 
 ROWS = 256  # of an environment map
-EYE = 4.0  # least distance of the orthographic camera from the origin
+MIN_EYE_DISTANCE = 4.0  # least distance of the orthographic camera from the origin
 
 
 def import_mitsuba() -> ModuleType:
-    """Returns the module with its variant set; raises UserError if it is not installed."""
+    """Imports Mitsuba and sets its variant; raises UserError if it is not installed."""
     try:
         import mitsuba
     except ImportError:
-        raise UserError("path tracing is done by Mitsuba, which is not installed here: pip install mitsuba") from None
+        raise UserError("path tracing needs Mitsuba, which is not installed: pip install mitsuba") from None
     mitsuba.set_variant("scalar_rgb")
-    mitsuba.set_log_level(mitsuba.LogLevel.Error)  # it warns wherever it rounds the number of samples up
+    mitsuba.set_log_level(mitsuba.LogLevel.Error)  # it would warn whenever it rounds the number of samples up
     return mitsuba
 
 
 class PathTracer:
-    """A mesh before the camera of `bake`, one shape for each of its materials.
+    """Renders a mesh from a camera as of `bake`, with one Mitsuba shape per material.
 
-    Albedo is that of the textures; where a mesh has vertex colours too it is that of the corners, linear between them.
+    Albedo is that of the textures. If a mesh has vertex colours, it is the albedo at the corners, interpolated
+    linearly.
+
+    Attributes:
+        mi: the module Mitsuba.
+        size: of the image in pixels.
+        camera: as given, or the frontal one.
+        front: the largest z of the mesh in the camera's frame.
+        shapes: Mitsuba's shapes by name.
     """
 
     def __init__(self, mesh: Mesh, size: int, camera: Camera | None = None, gloss: bool = False):
-        """Pictures have size x size pixels, each the mean over the pixel's area.
+        """Creates the shapes.
 
-        camera: where the mesh is seen from (`Baker.camera`), from the front by default. gloss: whether materials have
-        theirs; without it all are diffuse.
+        Args:
+            mesh: aligned, if it is seen from the front.
+            size: of the image in pixels; a pixel is the mean over its area.
+            camera: as of `Baker.camera`; by default the frontal one.
+            gloss: whether glossy materials reflect; otherwise, all are diffuse.
+
+        Raises:
+            UserError: if Mitsuba is not installed.
         """
-        self.mi, self.size, self.camera = import_mitsuba(), size, camera or Camera(size, EYE)
+        self.mi, self.size, self.camera = import_mitsuba(), size, camera or Camera(size, MIN_EYE_DISTANCE)
         vertices, normals = mesh.vertices.astype(np.float64), vertex_normals(mesh).astype(np.float64)
         if pose := self.camera.pose:
-            vertices, normals = pose.to_camera(vertices), rotated(pose.rotation, normals)
+            vertices, normals = pose.to_camera(vertices), rotate_vectors(pose.rotation, normals)
         self.front = float(vertices[:, 2].max())
         self.shapes = {}
         for number in np.unique(mesh.material):
-            chosen = mesh.material == number
+            selected = mesh.material == number
             surface = self._diffuse(mesh, number)
             if gloss and mesh.materials[number].specular:
                 surface = self._glossy(surface["reflectance"], mesh.materials[number])
             properties = self.mi.Properties()
             properties["bsdf"] = self.mi.load_dict({"type": "twosided", "bsdf": surface})
-            count, corners = int(chosen.sum()), mesh.faces[chosen].ravel()
+            face_count, corners = int(selected.sum()), mesh.faces[selected].ravel()
             shape = self.mi.Mesh(
                 f"material{number}",
-                3 * count,
-                count,
+                3 * face_count,
+                face_count,
                 has_vertex_normals=True,
                 has_vertex_texcoords=True,
                 props=properties,
             )
             if mesh.color is not None:
-                color = sample_albedo(mesh, np.repeat(np.flatnonzero(chosen), 3), np.tile(np.eye(3), (count, 1)))
+                color = sample_albedo(mesh, np.repeat(np.flatnonzero(selected), 3), np.tile(np.eye(3), (face_count, 1)))
                 shape.add_attribute("vertex_color", 3, np.ascontiguousarray(color.ravel(), np.float32))
             parameters = self.mi.traverse(shape)
             for name, values in (("positions", vertices[corners]), ("normals", normals[corners])):
                 parameters[f"vertex_{name}"] = np.ascontiguousarray(values.ravel(), np.float32)
-            # Rows of a texture run from the top, and Mitsuba's second coordinate with them.
-            uv = mesh.uv[chosen].reshape(-1, 2) * [1, -1] + [0, 1]
+            # Mitsuba's v runs from the top of a texture.
+            uv = mesh.uv[selected].reshape(-1, 2) * [1, -1] + [0, 1]
             parameters["vertex_texcoords"] = np.ascontiguousarray(uv.ravel(), np.float32)
-            parameters["faces"] = np.arange(3 * count, dtype=np.uint32)
+            parameters["faces"] = np.arange(3 * face_count, dtype=np.uint32)
             parameters.update()
             self.shapes[f"material{number}"] = shape
 
     def _diffuse(self, mesh: Mesh, number: int) -> dict[str, Any]:
-        """The material of this number, without a coat."""
+        """Returns Mitsuba's settings for the diffuse part of material `number`."""
         material = mesh.materials[number]
         if mesh.color is not None:
             reflectance: dict[str, Any] = {"type": "mesh_attribute", "name": "vertex_color"}
@@ -92,9 +106,10 @@ class PathTracer:
         return {"type": "diffuse", "reflectance": reflectance}
 
     def _glossy(self, reflectance: dict[str, Any], material: Material) -> dict[str, Any]:
-        """Reflection at a clear surface over the albedo (Burley 2012, "Physically-based shading at Disney").
+        """Returns Mitsuba's settings for a clear coat over the albedo.
 
-        The diffuse part is not quite Lambertian where one looks along the surface (section 5.3).
+        At grazing angles, the diffuse part is not quite Lambertian (Burley 2012, "Physically-based shading at Disney",
+        section 5.3).
         """
         return {
             "type": "principled",
@@ -121,25 +136,26 @@ class PathTracer:
         """Renders the irradiance of the visible surface: radiance times pi over the albedo of the same samples.
 
         Args:
-            sky: (H,W,3) radiance; may be negative, as truncated series are. Both signs are rendered separately, since
-                light is additive.
+            sky: (H,W,3) radiance; may be negative, as truncated series are. Positive and negative parts are rendered
+                separately, since light is additive.
             samples: per pixel.
             bounces: of interreflection.
             seed: of the samples.
 
         Returns:
-            (S,S,3) float64, the mean over the covered part of each pixel; zero where there is no mesh.
+            (S,S,3) float64, the mean over the covered part of each pixel; zero outside the mesh.
         """
-        both = {"type": "aov", "aovs": "albedo:albedo", "path": path_integrator(bounces)}
+        integrator = {"type": "aov", "aovs": "albedo:albedo", "path": path_integrator(bounces)}
         total = np.zeros((self.size, self.size, 3))
         for sign in (1, -1):
             part = np.maximum(sign * sky, 0)
             if part.any():
-                radiance, color = np.split(self._render(part, samples, both, seed), 2, axis=-1)
+                radiance, color = np.split(self._render(part, samples, integrator, seed), 2, axis=-1)
                 total += sign * np.pi * radiance / np.maximum(color, 1e-6)
         return total
 
     def _render(self, sky: np.ndarray, samples: int, integrator: dict[str, Any], seed: int) -> np.ndarray:
+        """Renders the scene under a sky (H,W,3), not negative, with Mitsuba's settings of an integrator."""
         scene = self.mi.load_dict(
             {
                 "type": "scene",
@@ -163,23 +179,29 @@ class PathTracer:
         return np.array(self.mi.render(scene, seed=seed))
 
     def _sensor(self) -> dict[str, Any]:
-        eye = self.camera.distance if self.camera.perspective else max(EYE, self.front + 1)
-        look = self.mi.ScalarTransform4f().look_at(origin=[0, 0, eye], target=[0, 0, 0], up=[0, 1, 0])
+        """Returns Mitsuba's settings for the camera."""
+        eye = self.camera.distance if self.camera.perspective else max(MIN_EYE_DISTANCE, self.front + 1)
+        to_world = self.mi.ScalarTransform4f().look_at(origin=[0, 0, eye], target=[0, 0, 0], up=[0, 1, 0])
         if not self.camera.perspective:
-            return {"type": "orthographic", "to_world": look}
-        return {"type": "perspective", "fov": 2 * math.degrees(math.atan(1 / eye)), "near_clip": 1e-3, "to_world": look}
+            return {"type": "orthographic", "to_world": to_world}
+        return {
+            "type": "perspective",
+            "fov": 2 * math.degrees(math.atan(1 / eye)),
+            "near_clip": 1e-3,
+            "to_world": to_world,
+        }
 
 
 def path_integrator(bounces: int) -> dict[str, Any]:
-    """Returns Mitsuba's settings for all paths of up to `bounces` bounces, with the sky itself invisible."""
+    """Returns Mitsuba's settings for paths of up to `bounces` bounces; the sky itself is invisible."""
     return {"type": "path", "max_depth": 2 + bounces, "rr_depth": 100, "hide_emitters": True}
 
 
 def sky_directions(rows: int = ROWS) -> np.ndarray:
     """Returns the directions (rows, 2 rows, 3) of the texels of a Mitsuba environment map, in the camera frame.
 
-    Measured on mi.load_dict({"type": "envmap"}).eval: rows run from pole to pole inclusive, columns are centres, and
-    u = 1/4 is +x, u = 1/2 is +z.
+    Measured with mi.load_dict({"type": "envmap"}).eval: rows run from pole to pole inclusive, columns are at pixel
+    centres, u = 1/4 is +x, and u = 1/2 is +z.
     """
     theta = np.linspace(0, np.pi, rows)[:, None]
     phi = 2 * np.pi * ((np.arange(2 * rows) + 0.5) / (2 * rows))[None]

@@ -1,4 +1,4 @@
-"""Light transport per vertex, for tools that shade meshes rather than images."""
+"""Bakes light transport per vertex, for tools that shade meshes instead of images."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,14 +15,14 @@ from relight.transport.integrate import integrate, require_at_least
 from relight.transport.raycaster import RayCaster
 from relight.transport.surface import sample_albedo
 
-SMALLEST = 1e-6  # units: the extent from which on single precision is enough
+MIN_EXTENT = 1e-6  # units; single precision is enough for meshes of at least this extent
 
 
 @dataclass
 class VertexTransport:
     """Transport at the vertices of a mesh, in its frame and units.
 
-    Vertices that no face uses have a position; all their other values are zero.
+    Vertices that no face uses keep their position; their other values are zero.
 
     Attributes:
         vertices: (V,3) float32.
@@ -61,7 +61,7 @@ class VertexTransport:
             raise UserError(f"{path}: transport per vertex is written as .ply or .npz")
 
     def _ply(self) -> bytes:
-        """Returns a binary PLY with the properties x, nx, albedo_r (linear), L0M0, L1Mn1, bounced_r_L0M0 and so on."""
+        """Returns a binary PLY with the properties x, nx, albedo_r (linear), L0M0, L1Mn1, bounced_r_L0M0 etc."""
         names = coefficient_names(order_of(self.transport.shape[1]))
         columns = [*"xyz", "nx", "ny", "nz", "albedo_r", "albedo_g", "albedo_b", *names]
         parts = [self.vertices, self.normals, self.albedo, self.transport]
@@ -79,10 +79,10 @@ class VertexTransport:
 def bake_vertices(
     mesh: Mesh, rays: int, order: int = 2, seed: int = 0, bounces: int = 0, threads: int = 1
 ) -> VertexTransport:
-    """Bakes the transport at every vertex, on the side of its normal, by the integral that `bake` takes at pixels.
+    """Bakes the transport at every vertex, on the side of its normal, by the same integral as `bake`.
 
     Args:
-        mesh: in any frame and unit. The albedo of a vertex is that in the first face that uses it.
+        mesh: in any frame and unit. The albedo of a vertex is that of the first face that uses it.
         rays: per vertex.
         order: of the spherical harmonics.
         seed: of the rays' azimuths.
@@ -90,45 +90,45 @@ def bake_vertices(
         threads: 0 takes every core. The result does not depend on it.
 
     Raises:
-        UserError: if a setting is out of range or `RayCaster` refuses the mesh.
+        UserError: if a setting is out of range or `RayCaster` rejects the mesh.
     """
     require_at_least(1, rays=rays)
     require_at_least(0, order=order, bounces=bounces)
-    given = mesh.vertices
-    mesh = _at_least_visible(mesh)
+    original_vertices = mesh.vertices
+    mesh = _scaled_for_float32(mesh)
     caster, radiosity = RayCaster(mesh.vertices, mesh.faces, threads), None
     if bounces:
         caster, radiosity = solve_radiosity(mesh, caster, rays, order, seed, bounces)
-    used, first = np.unique(mesh.faces.reshape(-1), return_index=True)
-    face, corner = np.divmod(first, 3)
+    used, first_use = np.unique(mesh.faces.reshape(-1), return_index=True)
+    face, corner = np.divmod(first_use, 3)
     normals = vertex_normals(mesh)[used].astype(np.float64)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)  # to double precision
     points = np.asarray(mesh.vertices, np.float64)[used]
     transport, gathered = integrate(caster, points, normals, normals, rays, order, seed, radiosity)
 
-    def for_all(values: np.ndarray) -> np.ndarray:
+    def scatter(values: np.ndarray) -> np.ndarray:
         array = np.zeros((len(mesh.vertices), *values.shape[1:]), np.float32)
         array[used] = values
         return array
 
     return VertexTransport(
-        vertices=np.asarray(given, np.float32),
+        vertices=np.asarray(original_vertices, np.float32),
         faces=np.asarray(mesh.faces, np.int32),
-        normals=for_all(normals),
-        albedo=for_all(sample_albedo(mesh, face, np.eye(3)[corner])),
-        transport=for_all(transport),
-        bounced=None if gathered is None else for_all(gathered),
+        normals=scatter(normals),
+        albedo=scatter(sample_albedo(mesh, face, np.eye(3)[corner])),
+        transport=scatter(transport),
+        bounced=None if gathered is None else scatter(gathered),
     )
 
 
-def _at_least_visible(mesh: Mesh) -> Mesh:
-    """`mesh`, or one that is too small for single precision scaled up by a power of two.
+def _scaled_for_float32(mesh: Mesh) -> Mesh:
+    """Returns the mesh, scaled up by a power of two if it is too small for single precision.
 
-    Transport does not depend on the scale, and such a scaling rounds nothing. Normals and the ray caster multiply edges
-    with each other: from 1e-12 units on the products are lost without a word.
+    Transport does not depend on the scale, and a power of two causes no rounding. Without it, products of edges in the
+    normals and in the ray caster underflow at 1e-12 units.
     """
     finite = mesh.vertices[np.isfinite(mesh.vertices).all(axis=1)]
     extent = float(np.ptp(finite, axis=0).max()) if len(finite) else 0.0
-    if not 0 < extent < SMALLEST:
+    if not 0 < extent < MIN_EXTENT:
         return mesh
     return replace(mesh, vertices=np.asarray(mesh.vertices, np.float64) * 2.0 ** -np.floor(np.log2(extent)))

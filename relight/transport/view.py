@@ -8,8 +8,8 @@ import numpy as np
 from relight.files import UserError
 from relight.sh import rotation_about_y
 
-FILM = 18.0  # half the height of the image on film, mm: the long side of 36 x 24 mm, the camera held upright
-NEAR = 0.05  # least distance of the figure from the eye, over the longer side of the figure's box
+HALF_FILM_HEIGHT = 18.0  # mm, for 36 x 24 mm film in portrait format
+MIN_EYE_DISTANCE = 0.05  # from the figure, over the longer side of the figure's box
 
 
 @dataclass(frozen=True)
@@ -18,9 +18,9 @@ class View:
 
     Attributes:
         yaw: degrees by which the figure is rotated about its vertical, its front toward image right where positive.
-        pitch: degrees by which the camera is above the figure and looks down, below where negative.
-        focal: focal length in mm for 36 mm of film over the height of the image (the 35 mm equivalent of a camera held
-            upright); None for an orthographic camera.
+        pitch: degrees by which the camera is raised and looks down; negative: lowered, looking up.
+        focal: focal length in mm for 36 mm of film over the height of the image (the 35 mm equivalent in portrait
+            format); None for an orthographic camera.
 
     Raises:
         UserError: if an angle or the focal length is out of range.
@@ -32,11 +32,11 @@ class View:
 
     def __post_init__(self) -> None:
         if not -180 <= self.yaw <= 180:
-            raise UserError(f"yaw {self.yaw}: a figure is turned by -180 to 180 degrees")
+            raise UserError(f"yaw {self.yaw}: a figure can be turned by -180 to 180 degrees")
         if not -90 <= self.pitch <= 90:
-            raise UserError(f"pitch {self.pitch}: a figure is seen from -90 degrees, straight below, to 90, above")
+            raise UserError(f"pitch {self.pitch}: must be from -90 degrees (straight below) to 90 (straight above)")
         if self.focal is not None and not 10 <= self.focal <= 10000:
-            raise UserError(f"focal length {self.focal}: it is 10 to 10000 mm, or none for an orthographic camera")
+            raise UserError(f"focal length {self.focal}: must be 10 to 10000 mm, or none for an orthographic camera")
 
     @property
     def rotation(self) -> np.ndarray:
@@ -47,7 +47,7 @@ class View:
     @property
     def distance(self) -> float | None:
         """The eye's distance from the plane z = 0, where it sees the square [-1,1]^2; None if orthographic."""
-        return None if self.focal is None else self.focal / FILM
+        return None if self.focal is None else self.focal / HALF_FILM_HEIGHT
 
 
 FRONTAL = View()
@@ -59,7 +59,7 @@ class Pose:
 
     Attributes:
         rotation: (3,3).
-        centre: (3,), of the mesh's frame.
+        centre: (3,) in the mesh's frame.
         scale: positive.
     """
 
@@ -69,23 +69,23 @@ class Pose:
 
     def to_camera(self, points: np.ndarray) -> np.ndarray:
         """Transforms points (N,3) from the mesh's frame to the camera's."""
-        return self.scale * rotated(self.rotation, points - self.centre)
+        return self.scale * rotate_vectors(self.rotation, points - self.centre)
 
     def to_mesh(self, points: np.ndarray) -> np.ndarray:
         """Transforms points (N,3) from the camera's frame to the mesh's."""
-        return rotated(self.rotation.T, points) / self.scale + self.centre
+        return rotate_vectors(self.rotation.T, points) / self.scale + self.centre
 
 
-def rotated(rotation: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Rotates vectors (N,3) by a rotation (3,3); unlike BLAS, with the same rounding for any number of threads."""
+def rotate_vectors(rotation: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+    """Rotates vectors (N,3) by a rotation (3,3); unlike BLAS, it rounds equally for any number of threads."""
     return np.einsum("jk,nk->nj", rotation, vectors)
 
 
-def place(view: View, vertices: np.ndarray) -> Pose:
-    """Places a mesh before the camera.
+def place_mesh(view: View, vertices: np.ndarray) -> Pose:
+    """Places a mesh in front of the camera of a view.
 
-    The figure's box in the image is centred, and its longer side is as long as in the frontal view. For that the eye
-    moves and the focal length stays. The middle of the figure's depth lies in the plane z = 0.
+    The figure's bounding box in the image is centred, and its longer side is as long as in the frontal view. To achieve
+    this, the eye moves; the focal length stays. The middle of the figure's depth lies in the plane z = 0.
 
     Args:
         view: of the mesh.
@@ -95,8 +95,8 @@ def place(view: View, vertices: np.ndarray) -> Pose:
         UserError: if the figure has no extent in the image, or if the eye would touch it.
     """
     low, high = vertices.min(0), vertices.max(0)
-    middle, side = (low + high) / 2, float((high - low)[:2].max())
-    points = rotated(view.rotation, vertices - middle)
+    mesh_centre, side = (low + high) / 2, float((high - low)[:2].max())
+    points = rotate_vectors(view.rotation, vertices - mesh_centre)
     low, high = points.min(0), points.max(0)
     extent = float((high - low)[:2].max())
     if not (side > 0 and extent > 0):
@@ -104,56 +104,58 @@ def place(view: View, vertices: np.ndarray) -> Pose:
     shift = (low + high) / 2
     scale = side / extent
     if (distance := view.distance) is not None:
-        away = max(eye_distance(axis, points[:, 2], side / 2, distance) for axis in points.T[:2])
-        if away - high[2] < NEAR * side:
-            raise UserError(f"focal length {view.focal:g}: the eye would touch the figure; give a longer one")
-        shift[:2] = [eye_offset(axis, points[:, 2], distance, away) for axis in points.T[:2]]
-        scale = distance / (away - shift[2])
-    return Pose(view.rotation, middle + view.rotation.T @ shift, float(scale))
+        eye_z = max(eye_distance(lateral, points[:, 2], side / 2, distance) for lateral in points.T[:2])
+        if eye_z - high[2] < MIN_EYE_DISTANCE * side:
+            raise UserError(f"focal length {view.focal:g}: the eye would touch the figure; choose a longer one")
+        shift[:2] = [eye_offset(lateral, points[:, 2], distance, eye_z) for lateral in points.T[:2]]
+        scale = distance / (eye_z - shift[2])
+    return Pose(view.rotation, mesh_centre + view.rotation.T @ shift, float(scale))
 
 
-def extreme_points(across: np.ndarray, depth: np.ndarray, half: float, distance: float) -> tuple[int, int]:
-    """Finds the points that limit how close an eye can be, if all points are to be within +-half in its image.
+def extreme_points(lateral: np.ndarray, depth: np.ndarray, half_width: float, distance: float) -> tuple[int, int]:
+    """Finds the points that limit how close an eye can be, if the image shows all points within +-half_width.
 
-    A point (x, z) is at distance * (x - t) / (a - z) in the image of an eye at (t, a). It is within +-half if
-    distance x + half z <= half a + distance t (the right side) and half z - distance x <= half a - distance t (the
-    left one). Each inequality is tightest at the point where its left-hand side is largest, wherever the eye is.
+    An eye at (t, a) sees a point (x, z) at distance * (x - t) / (a - z) of its image plane. With h = half_width, the
+    point is within +-h if distance x + h z <= h a + distance t (right side) and h z - distance x <= h a - distance t
+    (left side). Each inequality is tightest at the point with the largest left-hand side, wherever the eye is.
 
     Args:
-        across: (V,) x, or y, of the points.
+        lateral: (V,) x, or y, of the points.
         depth: (V,) z of the points.
-        half: half of the width in the image.
+        half_width: of the points in the image.
         distance: from the eye to its image plane.
 
     Returns:
         Indices of the point that limits the right side, and of the one that limits the left side.
     """
-    return int((half * depth + distance * across).argmax()), int((half * depth - distance * across).argmax())
+    return int((half_width * depth + distance * lateral).argmax()), int(
+        (half_width * depth - distance * lateral).argmax()
+    )
 
 
-def eye_distance(across: np.ndarray, depth: np.ndarray, half: float, distance: float) -> float:
-    """Returns the eye's z from which points fill +-half of the image, centred; arguments as of `extreme_points`."""
-    right, left = extreme_points(across, depth, half, distance)
-    return float(depth[right] + depth[left] + distance / half * (across[right] - across[left])) / 2
+def eye_distance(lateral: np.ndarray, depth: np.ndarray, half_width: float, distance: float) -> float:
+    """Returns the eye's z from which points fill +-half_width of the image; arguments as of `extreme_points`."""
+    right, left = extreme_points(lateral, depth, half_width, distance)
+    return float(depth[right] + depth[left] + distance / half_width * (lateral[right] - lateral[left])) / 2
 
 
-def eye_offset(across: np.ndarray, depth: np.ndarray, distance: float, away: float) -> float:
-    """Returns the eye's x, or y, at z = `away` from which the points are centred in the image.
+def eye_offset(lateral: np.ndarray, depth: np.ndarray, distance: float, eye_z: float) -> float:
+    """Returns the eye's x, or y, at z = `eye_z` from which the points are centred in the image.
 
-    Solves for the half-width that the points fill. It is the root of a convex, piecewise linear function, so Newton's
-    iterations from 0 never overshoot, and end.
+    The half width that the points fill is the root of a convex, piecewise linear function. Newton's iterations from 0
+    therefore converge without overshooting, in a finite number of steps. Arguments as of `extreme_points`.
     """
-    half, grows = 0.0, True
-    while grows:
-        right, left = extreme_points(across, depth, half, distance)
-        step = distance * float(across[right] - across[left]) / float(2 * away - depth[right] - depth[left])
-        grows = step > half * (1 + 1e-12)
-        half = max(half, step)
-    return float(across[right] + across[left] + half / distance * (depth[right] - depth[left])) / 2
+    half_width, is_growing = 0.0, True
+    while is_growing:
+        right, left = extreme_points(lateral, depth, half_width, distance)
+        step = distance * float(lateral[right] - lateral[left]) / float(2 * eye_z - depth[right] - depth[left])
+        is_growing = step > half_width * (1 + 1e-12)
+        half_width = max(half_width, step)
+    return float(lateral[right] + lateral[left] + half_width / distance * (depth[right] - depth[left])) / 2
 
 
 def view_record(view: View, pose: Pose) -> dict[str, Any]:
-    """Returns the record of a view in the header of maps, as plain values."""
+    """Returns the record of a view for the header of maps, as plain values."""
     return {
         **asdict(view),
         "rotation": pose.rotation.round(9).tolist(),
@@ -172,7 +174,7 @@ def view_names(figure: str, views: int) -> list[str]:
 
 
 def outfit_names(figure: str, outfits: int) -> list[str]:
-    """Returns the names of the maps of a figure's frontal view in each of its outfits, its own first.
+    """Returns the names of the maps of a figure's frontal view in each outfit, its own first.
 
     >>> outfit_names("g0012", 3)
     ['g0012', 'g0012.o1', 'g0012.o2']
@@ -181,10 +183,10 @@ def outfit_names(figure: str, outfits: int) -> list[str]:
 
 
 def random_view(name: str, seed: int) -> View:
-    """Draws a view as photographs of people have; it depends on name and seed alone.
+    """Draws a view that is typical of photographs of people; it depends on name and seed only.
 
-    Yaw: three in four from N(0, 30 degrees), one in four uniform; pitch: N(0, 6 degrees), clipped to +-15; one in four
-    orthographic, the others with a focal length of 25 to 120 mm, uniform in its logarithm.
+    Yaw is from N(0, 30 degrees) with probability .75, else uniform. Pitch is from N(0, 6 degrees), clipped to +-15. One
+    view in four is orthographic; the focal length of the others is log-uniform from 25 to 120 mm.
 
     Args:
         name: of the view's maps.

@@ -76,8 +76,8 @@ def test_errors_name_their_cause(mesh, tmp_path):
         ((mesh, "--padding", "0.7"), "--padding 0.7"),
         ((tmp_path / "far.ply", "--as-is"), "sees nothing.*align it first"),
         ((tmp_path / "thread.ply", "--size", "16", "--rays", "1"), "sees nothing.*thinner than the pixels.*16 x 16"),
-        ((mesh, "--focal", "5"), "focal length 5.0: it is 10 to 10000 mm"),
-        ((mesh, "--yaw", "270"), "turned by -180 to 180 degrees"),
+        ((mesh, "--focal", "5"), "focal length 5.0: must be 10 to 10000 mm"),
+        ((mesh, "--yaw", "270"), "can be turned by -180 to 180 degrees"),
         ((mesh, "--pitch", "-91"), "from -90 degrees"),
     ):
         with pytest.raises(UserError, match=words):
@@ -96,7 +96,7 @@ def test_faces_turned_both_ways_are_told_of(tmp_path):
     path = tmp_path / "box.ply"
     path.write_bytes(trimesh.exchange.ply.export_ply(box))
     options = ["-o", tmp_path / "a.exr", "--size", 16, "--rays", 1]
-    told = "2 faces lie on others and are turned the other way, so normals cancel there; "
-    assert told + "leave out --as-is" in run(path, *options, "--as-is").output
+    told = "2 faces coincide with faces of opposite orientation, so vertex normals cancel; "
+    assert told + "omit --as-is" in run(path, *options, "--as-is").output
     assert told + "remove them" in run(path, *options, "-o", tmp_path / "a.npz").output
-    assert "lie on others" not in run(path, *options).output
+    assert "coincide with faces" not in run(path, *options).output

@@ -13,7 +13,7 @@ from relight.transport.camera import Camera
 from relight.transport.integrate import integrate
 from relight.transport.sampling import random_azimuths, tangent_frames
 from relight.transport.surface import shading_normals
-from relight.transport.view import place
+from relight.transport.view import place_mesh
 
 CENTRES = np.array([[0.5, 0.3, 0.1], [-0.4, 0.6, -0.3], [-0.1, -0.5, 0.35], [0.15, 0.1, -0.1]])
 RADII = np.array([0.3, 0.25, 0.3, 0.35])
@@ -139,7 +139,7 @@ def test_bounced_transport_is_rotated_too():
 def shown(mesh, view):
     """The vertices' places (V, 2) in the picture of a view."""
     vertices = mesh.vertices.astype(float)
-    placed = place(view, vertices)
+    placed = place_mesh(view, vertices)
     at = placed.to_camera(vertices)
     np.testing.assert_allclose(placed.to_mesh(at), vertices, atol=1e-9 * np.abs(vertices).max() + 1e-12)
     if view.focal is None:
@@ -222,9 +222,9 @@ def test_invalid_views_are_refused():
             View(*view)
     line = mesh_of([[0, 0, 0], [0, 0, 1], [0, 0, 2]], [[0, 1, 2]])
     with pytest.raises(UserError, match="no extent"):
-        place(View(30), line.vertices.astype(float))
+        place_mesh(View(30), line.vertices.astype(float))
     spear = np.array([[-0.5, -0.9, 0], [0.5, -0.9, 0], [0, 0.9, 0], [0, 0, 1.2]])
-    assert place(View(0, 0, 25), spear).scale > 0
+    assert place_mesh(View(0, 0, 25), spear).scale > 0
     with pytest.raises(UserError, match="focal length 10: the eye would touch"):
-        place(View(0, 0, 10), spear)
+        place_mesh(View(0, 0, 10), spear)
     assert Camera(8).pose is None and FRONTAL == View()
