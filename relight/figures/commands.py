@@ -1,5 +1,6 @@
 """`relight figures`: generates clothed figures from seeds, for relight or for any other program."""
 
+import shlex
 from contextlib import nullcontext
 from pathlib import Path
 from typing import Annotated
@@ -65,8 +66,8 @@ def figures(
     from relight.progress import progress
 
     if names:
-        for kind, known in (("poses", POSES), ("garments", GARMENTS), ("hair", HAIR)):
-            typer.echo(f"{kind}: {', '.join(known)}")
+        for option, known in (("--pose", POSES), ("--garment", GARMENTS), ("--hair", HAIR)):
+            typer.echo("\n".join(f"{option} {shlex.quote(name)}" for name in known))
         return
     numbers = seeds_of(seeds)
     if export not in FORMATS:

@@ -5,6 +5,7 @@ import hashlib
 import io
 import json
 import re
+import shlex
 import subprocess
 import sys
 from dataclasses import replace
@@ -15,11 +16,12 @@ import pytest
 import trimesh
 from omegaconf import OmegaConf
 from PIL import Image
+from typer.testing import CliRunner
 
 from relight.config import composed
 from relight.figures import colliders, dress, gates, patterns, stances, wardrobe
 from relight.figures.body import sample_person
-from relight.figures.commands import seeds_of, write_table
+from relight.figures.commands import app, seeds_of, write_table
 from relight.figures.constraints import Constraints
 from relight.figures.drape import DrapeResult
 from relight.figures.dress import make_figure
@@ -480,6 +482,16 @@ def test_no_constraints_change_nothing():
     assert draw.person == sample_person(np.random.default_rng([5, 0]))
     outfit = sample_outfit(rng, draw.person)
     assert draw.pose == stances.sample_pose(rng, 0.08) and draw.outfit == fitted_to_pose(outfit, draw.pose)
+
+
+def test_listed_names_are_options_to_copy():
+    """A name of several words, or with a comma, is one argument of a shell, and a known name."""
+    lines = CliRunner().invoke(app, ["--names"]).output.splitlines()
+    arguments = [shlex.split(line) for line in lines]
+    for option, field in (("--pose", "poses"), ("--garment", "garments"), ("--hair", "hair")):
+        names = [name for given, name in arguments if given == option]
+        assert len(names) > 10
+        Constraints(**{field: tuple(names)})
 
 
 @pytest.mark.parametrize(
