@@ -121,7 +121,7 @@ def bad(tmp_path, weights):
     yield [me, "--out", me / "sub"], "nothing can be written there"
     yield [me, "--out", "/proc/relight"], "nothing can be written there"
     yield [me, "--background", tmp_path / "none.png"], "background: there is no file"
-    yield [me, "--light", "key:#ffeedd@45,95"], "elevation 95 is outside"
+    yield [me, "--light", "key:#ffeedd@45,95"], "elevation 95 must be in -90"
     yield [me, "--mask", me], "is the photo itself"
 
 
