@@ -206,6 +206,11 @@ class Loss:
         least=0,
     )
     reconstruction_full: float = setting("error of the relit image with all three inferred", least=0)
+    relit: float = setting(
+        "error of shading and image under the light of another image of the batch, by the inferred transport and albedo; "
+        "weight of each of the two",
+        least=0,
+    )
     detail_albedo: float = setting(
         "energy of the detail of albedo's error, relative to that of the true albedo", least=0
     )

@@ -14,6 +14,7 @@ LABELS = {
     "no_reconstruction": "w/o reconstruction",
     "sfsnet_ao_full": "SfSNet-AO, all losses",
     "plus_no_weight": "plus w/o weight of the transport",
+    "plus_no_relit": "plus w/o losses under another light",
     "plus_no_refinement": "plus w/o refined light",
     "plus_no_mirror": "plus w/o mirroring",
     "plus_no_average": "plus w/o averaged weights",

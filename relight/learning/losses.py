@@ -1,9 +1,13 @@
-"""The fifteen L1 losses of the paper (section 4), and four of detail for photographs.
+"""The fifteen L1 losses of the paper (section 4), two under another light, and four of detail for photographs.
 
 They are computed on the pixels inside the masks. Outside, ground truth and masked outputs are both zero, so sums over
 the masks are sums over the images. Let A, T, L be the ground truth, A^, T^, L^ the prediction, S = T.L and I = A*S.
 Four of the seven reconstructions need no new map: |A*(T^.L) - I| = A*|T^.L - S|, the same for the other two shadings,
 and |A^*S - I| = S*|A^ - A|.
+
+All shadings and reconstructions of the paper have the light of the image, and a transport can fit that light at the
+cost of others. The losses `relit` compare T^.L' and A^*(T^.L') with T.L' and A*(T.L') under L', the light of another
+image of the batch.
 """
 
 from collections.abc import Iterator, Sequence
@@ -94,6 +98,11 @@ def losses(outputs: dict[str, Tensor], batch: Batch, loss: Loss) -> dict[str, Te
             values[f"reconstruction_albedo_{name}"] = mean((albedo * shadings[name] - batch.relit).abs())
     if loss.reconstruction_full:
         values["reconstruction_full"] = mean((albedo * shadings["transport_light"] - batch.relit).abs())
+    if loss.relit:
+        other = batch.light.roll(1, 0)
+        inferred, truth = shade(transport, other), shade(batch.transport, other)
+        values["relit_shading"] = mean((inferred - truth).abs())
+        values["relit_image"] = mean((albedo * inferred - batch.albedo * truth).abs())
     extra = {f"extra_{name}": extension(name, "loss")(outputs, batch) for name, weight in loss.extra.items() if weight}
     return values | extra
 
@@ -196,6 +205,8 @@ def weights(loss: Loss, size: int) -> dict[str, float]:
         "reconstruction_albedo_light": loss.reconstruction,
         "reconstruction_transport_light": loss.reconstruction,
         "reconstruction_full": loss.reconstruction_full,
+        "relit_shading": loss.relit,
+        "relit_image": loss.relit,
         "detail_albedo": loss.detail_albedo,
         "detail_transport": loss.detail_transport,
         "detail_shading": loss.detail_shading,

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
-import yaml
+from omegaconf import OmegaConf
 
+from relight.config import composed
 from relight.learning.data import RelitSet
 from relight.learning.losses import DARK, LEVEL, OCTAVES, losses, weights
 from relight.sh import unoccluded
@@ -19,7 +20,9 @@ FIFTEEN = {
     *("reconstruction_albedo_transport", "reconstruction_albedo_light", "reconstruction_transport_light"),
     "reconstruction_full",
 }
+RELIT = {"relit_shading", "relit_image"}
 DETAILS = {"detail_albedo", "detail_transport", "detail_shading", "exclusion"}
+BEYOND_THE_PAPER = dict.fromkeys(DETAILS | {"relit"}, 1.0)  # settings
 CONF = Path(__file__).parents[2] / "conf" / "loss"
 
 
@@ -56,7 +59,8 @@ def by_hand(outputs: dict, batch, reduction: str) -> dict[str, float]:
     if "transport" not in own:
         own["transport"] = unoccluded(own["normal"], 2) * own.get("ao", np.ones(1))
     light = {"true": batch.light.double().numpy(), "own": outputs["light"].numpy()}
-    sums = dict.fromkeys(FIFTEEN | DETAILS | set(own), 0.0)
+    light["other"] = light["true"][::-1]  # of the other of two images
+    sums = dict.fromkeys(FIFTEEN | RELIT | DETAILS | set(own), 0.0)
     channels = {"albedo": 3, "transport": 9, "normal": 3, "ao": 1, "tv_albedo": 3, "tv_transport": 9}
     for b, i, j in itertools.product(range(2), range(size), range(size)):
         if not mask[b, i, j]:
@@ -72,7 +76,7 @@ def by_hand(outputs: dict, batch, reduction: str) -> dict[str, float]:
                     sums[f"tv_{key}"] += abs(own[key][b, i, j + 1, c] - here) + abs(own[key][b, i + 1, j, c] - here)
         for c in range(3):
             shading = {}
-            for t, l in itertools.product(("true", "own"), repeat=2):
+            for t, l in itertools.product(("true", "own"), ("true", "own", "other")):
                 transport = (true if t == "true" else own)["transport"][b, i, j]
                 value = sum(transport[k] * light[l][b, k, c] for k in range(9))
                 shading[t, l] = min(max(value, 0.0), 10.0)
@@ -80,6 +84,9 @@ def by_hand(outputs: dict, batch, reduction: str) -> dict[str, float]:
             sums["shading_transport"] += abs(shading["own", "true"] - shading["true", "true"])
             sums["shading_light"] += abs(shading["true", "own"] - shading["true", "true"])
             sums["shading_transport_light"] += abs(shading["own", "own"] - shading["true", "true"])
+            relit = true["albedo"][b, i, j, c] * shading["true", "other"]
+            sums["relit_shading"] += abs(shading["own", "other"] - shading["true", "other"])
+            sums["relit_image"] += abs(own["albedo"][b, i, j, c] * shading["own", "other"] - relit)
             for a, t, l in itertools.product(("true", "own"), repeat=3):
                 parts = [part for part, kind in (("albedo", a), ("transport", t), ("light", l)) if kind == "own"]
                 if parts:
@@ -138,13 +145,13 @@ def exclusion_by_hand(own: dict, true: dict, mask: np.ndarray) -> float:
 def test_against_the_formulas(tiny_world, loss, name, reduction):
     batch = batch_of(tiny_world)
     outputs = inferred(batch, name)
-    found = losses(outputs, batch, loss(reduction=reduction, **dict.fromkeys(DETAILS, 1.0)))
+    found = losses(outputs, batch, loss(reduction=reduction, **BEYOND_THE_PAPER))
     expected = by_hand(outputs, batch, reduction)
     if name == "ours":
-        assert set(found) == FIFTEEN | DETAILS
+        assert set(found) == FIFTEEN | RELIT | DETAILS
     else:
         own = {"normal"} if name == "sfsnet" else {"normal", "ao"}
-        assert set(found) == FIFTEEN - {"transport"} | DETAILS | own
+        assert set(found) == FIFTEEN - {"transport"} | RELIT | DETAILS | own
     for key, value in found.items():
         assert value.item() == pytest.approx(expected[key], rel=1e-6, abs=1e-6), key
 
@@ -168,18 +175,20 @@ def parts_of(name: str) -> set[str]:
     """The outputs that a loss must teach: those in its name, all of them for `full`."""
     if name == "detail_shading":  # under the true light
         return {"transport"}
-    if name == "exclusion":
+    if name == "relit_shading":
+        return {"transport"}
+    if name in ("relit_image", "exclusion"):
         return {"albedo", "transport"}
     return {"albedo", "transport", "light"} & set(name.split("_")) or {"albedo", "transport", "light"}
 
 
-@pytest.mark.parametrize("name", sorted(FIFTEEN | DETAILS))
+@pytest.mark.parametrize("name", sorted(FIFTEEN | RELIT | DETAILS))
 def test_each_loss_teaches_what_its_name_says_and_nothing_else(tiny_world, loss, name):
     batch = batch_of(tiny_world)
     outputs = {key: value.float() for key, value in inferred(batch).items()}
     outputs["transport"] = batch.scatter(batch.transport) + 0.1 * outputs["transport"]
     leaves = {key: value.requires_grad_() for key, value in outputs.items()}
-    settings = loss(**dict.fromkeys(DETAILS, 1.0))
+    settings = loss(**BEYOND_THE_PAPER)
     value = losses(leaves, batch, settings)[name]
     value.backward()
     taught = {key for key, leaf in leaves.items() if leaf.grad is not None and leaf.grad.abs().max() > 0}
@@ -203,14 +212,13 @@ def test_shading_teaches_normals_and_ao(tiny_world, loss, name):
     assert taught == set(leaves) - {"albedo", "light"}
 
 
-def test_presets_hold_the_losses_of_the_tables(tiny_world, loss):
+def test_presets_hold_the_losses_of_the_tables(tiny_world):
     batch = batch_of(tiny_world)
-    full = yaml.safe_load((CONF / "full.yaml").read_text())
     expected = {
         "full": FIFTEEN,
         "min": {"albedo", "transport", "light", "reconstruction_full"},
-        "plus": FIFTEEN,
-        "photo": FIFTEEN - {"tv_albedo", "tv_transport"} | DETAILS,
+        "plus": FIFTEEN | RELIT,
+        "photo": FIFTEEN - {"tv_albedo", "tv_transport"} | RELIT | DETAILS,
         "self_supervised": {"reconstruction_full"},
         "transport": {"transport", "tv_transport"},
         "no_tv": FIFTEEN - {"tv_albedo", "tv_transport"},
@@ -219,15 +227,14 @@ def test_presets_hold_the_losses_of_the_tables(tiny_world, loss):
     }
     assert {path.stem for path in CONF.glob("*.yaml")} == set(expected)
     for preset, names in expected.items():
-        settings = {**full, **yaml.safe_load((CONF / f"{preset}.yaml").read_text())}
-        settings.pop("defaults", None)
-        assert set(losses(inferred(batch), batch, loss(**settings))) == names, preset
+        settings = OmegaConf.to_object(composed([f"loss={preset}"])).loss
+        assert set(losses(inferred(batch), batch, settings)) == names, preset
 
 
 def test_weights_are_one_and_variation_scales_with_the_image(loss):
     at_paper = weights(loss(), 1024)
-    assert set(at_paper) == FIFTEEN | DETAILS | {"normal", "ao"}
-    assert {at_paper.pop(name) for name in DETAILS} == {0.0} and set(at_paper.values()) == {1.0}
-    at_demo = weights(loss(tv_albedo=2.0, **dict.fromkeys(DETAILS, 1.0)), 128)
+    assert set(at_paper) == FIFTEEN | RELIT | DETAILS | {"normal", "ao"}
+    assert {at_paper.pop(name) for name in RELIT | DETAILS} == {0.0} and set(at_paper.values()) == {1.0}
+    at_demo = weights(loss(tv_albedo=2.0, **BEYOND_THE_PAPER), 128)
     assert at_demo.pop("tv_albedo") == 2.0 and at_demo.pop("tv_transport") == 0.125
     assert set(at_demo.values()) == {1.0}
