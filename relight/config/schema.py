@@ -207,7 +207,7 @@ class Loss:
     )
     reconstruction_full: float = setting("error of the relit image with all three inferred", least=0)
     relit: float = setting(
-        "error of shading and image under the light of another image of the batch, by the inferred transport and albedo; "
+        "error of the inferred shading and image under the light of another image of the batch; "
         "weight of each of the two",
         least=0,
     )
