@@ -141,8 +141,9 @@ def plus_parts(results: Results, name: str, table: Table) -> Numbers:
     """Compares Ours plus with its ablations; `costly` are those for which some error is significantly worse."""
     without = [row for row in table.networks if row not in ("ours_plus", "ours_full")]
     pairs = {("ours_plus", row): "the part is worth" for row in [*without, "ours_full"]}
-    costly = [label(row) for row in without if better(compare_rows(table, "ours_plus", row, ERRORS))]
-    grid = comparison_grid(compare_pairs(table, pairs, ERRORS))
+    columns = (*ERRORS, "relit_rmse")
+    costly = [label(row) for row in without if better(compare_rows(table, "ours_plus", row, columns))]
+    grid = comparison_grid(compare_pairs(table, pairs, columns))
     return {"comparisons": grid, "costly": costly, "without": len(without)}
 
 
