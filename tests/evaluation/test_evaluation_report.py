@@ -179,8 +179,9 @@ def test_equal_losses_part_what_is_inferred_from_the_losses(tmp_path):
 
 def test_the_parts_of_plus_that_cost_something(tmp_path):
     errors = {"plus_no_mirror": {"albedo_rmse": 0.2}, "ours_full": {"albedo_rmse": 0.2}}
+    errors["plus_no_relit"] = {"relit_rmse": 0.6}
     made = numbers(tmp_path, "plus_parts", errors)
-    assert (made["costly"], made["without"]) == (["plus w/o mirroring"], 5)
+    assert (made["costly"], made["without"]) == (["plus w/o losses under another light", "plus w/o mirroring"], 5)
     assert verdicts(made)["Ours plus against Ours (full): the part is worth", "albedo RMSE"] is Verdict.BETTER
 
 
