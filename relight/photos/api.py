@@ -52,7 +52,7 @@ class RelitPhoto(np.ndarray):
         return array
 
     def _repr_html_(self) -> str | None:
-        """Both pictures side by side; None for a part of a picture, which is shown as numbers."""
+        """Returns both pictures side by side; None for a part of a picture, which is shown as numbers."""
         if self.before is None:
             return None
         return "".join(
@@ -261,7 +261,7 @@ def _training_lights(config: dict, order: int) -> np.ndarray | None:
 
 
 def _read_inputs(image: Picture, mask: Picture | None) -> tuple[Photo, np.ndarray]:
-    """A photo and its coverage (H,W) uint8. Raises UserError."""
+    """Reads a photo and its coverage (H,W) uint8. Raises UserError."""
     if isinstance(image, str | Path):
         photo = read_photo(image)
     elif isinstance(image, Image.Image):

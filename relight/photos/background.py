@@ -132,7 +132,7 @@ def estimate_white(picture: np.ndarray) -> np.ndarray:
 
 
 def _hue(color: np.ndarray) -> np.ndarray:
-    """A colour (3,) at luminance 1, with no channel below a fifth."""
+    """Returns a colour (3,) scaled to luminance 1, with no channel below a fifth."""
     return np.maximum(color / max(float(luminance(color)), 1e-6), 0.2)
 
 

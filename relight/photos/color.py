@@ -125,7 +125,7 @@ def clipping_excess(linear: np.ndarray, colors: np.ndarray) -> np.ndarray:
 
 
 def _clipped(linear: np.ndarray) -> np.ndarray:
-    """How far values count as clipped, in [0,1]: a smooth step from CLIPPING to 1."""
+    """Returns how far values count as clipped, in [0,1]: a smooth step from CLIPPING to 1."""
     t = np.clip((linear - CLIPPING) / (1 - CLIPPING), 0, 1)
     return t * t * (3 - 2 * t)
 

@@ -83,7 +83,7 @@ def relighting_options(
     upside_down: UpsideDown = False,
     convention: Convention = None,
 ) -> "Options":
-    """The options that `photo` and `movie` share."""
+    """Adds the options that `photo` and `movie` share."""
     from relight.photos.photo import Options
 
     return Options(

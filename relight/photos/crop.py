@@ -115,7 +115,7 @@ class Crop:
         return out[0] if len(out) == 1 else np.moveaxis(out, 0, -1)
 
     def _margin(self, scale: float) -> int:
-        """How far the window reaches past the square, in pixels of the square, on the side where it does most."""
+        """Returns how far the window reaches past the square at most, in pixels of the square."""
         low = min(self.rows[0] - self.top, self.columns[0] - self.left)
         high = max(self.rows[1] - self.top, self.columns[1] - self.left) - self.side
         return max(int(np.ceil(max(-low, high) * scale)), 0) + 2
@@ -125,7 +125,7 @@ class Crop:
 def _resampling(
     size: int, margin: int, span: tuple[float, float], count: int, kind: Image.Resampling
 ) -> list[tuple[slice, slice, np.ndarray]]:
-    """The weights by which Pillow resamples a line, for `_resample`: what it makes of unit vectors.
+    """Returns the weights by which Pillow resamples a line, for `_resample`: its results for unit vectors.
 
     Args:
         size: S, of the line.

@@ -96,7 +96,7 @@ def lookup(panorama: Panorama, directions: np.ndarray) -> np.ndarray:
 
 
 def _bilinear(pixels: np.ndarray, v: np.ndarray, u: np.ndarray, corners: bool, wrap: bool = False) -> np.ndarray:
-    """Values at v (down) and u (to the right), both in [0,1] over the image; `wrap`: its left and right edges meet."""
+    """Interpolates at v (down) and u (to the right), in [0,1] over the image; `wrap`: its left and right edges meet."""
     height, width = pixels.shape[:2]
     row = v * (height - 1) if corners else v * height - 0.5
     column = u * (width - 1) if corners else u * width - 0.5

@@ -40,7 +40,7 @@ class Exported(nn.Module):
 
 
 def finished(maps: dict[str, Tensor], mask: Tensor, order: int) -> tuple[Tensor, Tensor]:
-    """albedo (B,3,H,W) and transport (B,K,H,W) of a network's maps, zero outside the mask."""
+    """Returns the albedo (B,3,H,W) and transport (B,K,H,W) of a network's maps, zero outside the mask."""
     maps = with_transport({name: maps[name].permute(0, 2, 3, 1) for name in maps if name != "light"}, order)
     return maps["albedo"].permute(0, 3, 1, 2) * mask, maps["transport"].permute(0, 3, 1, 2) * mask
 
@@ -56,7 +56,7 @@ class OpenRefinement(nn.Module):
         self.trust = refinement.trust
 
     def forward(self, light: Tensor, albedo: Tensor, transport: Tensor, image: Tensor, mask: Tensor) -> Tensor:
-        """The refined light (B,K,3), as `Refinement.forward` gives it."""
+        """Returns the refined light (B,K,3), as `Refinement.forward` does."""
         mask = mask * _thinning(*image.shape[-2:])
         albedo, transport, image, mask = (x.flatten(2) for x in (albedo, transport, image, mask))
         pixels = mask.sum((1, 2)).clamp_min(1)[:, None, None]
@@ -74,7 +74,7 @@ class OpenRefinement(nn.Module):
 
 
 def _thinning(height: int, width: int) -> Tensor:
-    """(H,W) 1 at the pixels that Refinement thins an image out to, 0 elsewhere."""
+    """Returns (H,W): 1 at the pixels that Refinement keeps of an image, 0 elsewhere."""
     rows, columns = torch.arange(height), torch.arange(width)
     every = ((columns[-1] + 1) // Refinement.SIDE).clamp_min(1)  # a tensor: ONNX knows no arithmetic with open sizes
     return (rows % every == 0).float()[:, None] * (columns % every == 0).float()
@@ -116,7 +116,7 @@ def export(network: Network, path: Path | str, half: bool = False) -> float:
 
 
 def check(network: Network, path: Path, tolerance: float = TOLERANCE) -> float:
-    """The largest difference between the file's outputs and the network's, at two shapes that the export has not seen.
+    """Returns the largest difference between the file's outputs and the network's, at two shapes new to the export.
 
     Raises RuntimeError when it is above `tolerance`.
     """
@@ -135,12 +135,12 @@ def check(network: Network, path: Path, tolerance: float = TOLERANCE) -> float:
 
 
 def least(network: Network) -> int:
-    """The smallest side that the network can take: its own, and never a bottleneck of a single pixel."""
+    """Returns the smallest side that the network can take. Its bottleneck must have more than one pixel."""
     return max(network.size, 2 * STRIDE)
 
 
 def sample(batch: int, height: int, width: int) -> tuple[Tensor, Tensor]:
-    """An image and a mask of the right kind, the same ones every time."""
+    """Returns an image and a mask of the right kind, always the same ones."""
     rng = np.random.default_rng(batch * height + width)
     image = torch.from_numpy(rng.random((batch, 3, height, width), np.float32))
     mask = torch.zeros(batch, 1, height, width)

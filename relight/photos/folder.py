@@ -165,7 +165,7 @@ def _mask_in(masks: Path, photo: Path) -> Path:
 
 
 def _fingerprint(options: Options, photo: Path, mask: Path | None, weights: Path | None) -> str:
-    """A hash of all that the results depend on; files count by size and time."""
+    """Returns a hash of all that the results depend on; of files, their sizes and times."""
     model = automatic_model(options.mask_model)
     files = [photo, mask, weights, options.light, options.background, options.light_mask, model]
     stamps = []

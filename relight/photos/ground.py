@@ -140,7 +140,7 @@ def ground_under(coverages: Sequence[np.ndarray], order: int = 2) -> Ground | No
 
 
 def _transport(points: np.ndarray, balls: np.ndarray, order: int) -> tuple[np.ndarray, np.ndarray]:
-    """The transport that `balls` (N,4) occlude at points (P,3) that face up, (P,K), and that of the open sky, (K,)."""
+    """Returns the transport (P,K) that `balls` (N,4) occlude at points (P,3) facing up, and the open sky's (K,)."""
     directions = vogel_directions(RAYS)[:, [1, 2, 0]].astype(np.float32)  # about +y
     values = basis(directions, order) * (np.pi / RAYS)
     points, balls = points.astype(np.float32), balls.astype(np.float32)
@@ -158,7 +158,7 @@ def _transport(points: np.ndarray, balls: np.ndarray, order: int) -> tuple[np.nd
 
 
 def _box(coverage: np.ndarray) -> tuple[int, int, int, int]:
-    """Top, bottom, left and right of the person."""
+    """Returns the top, bottom, left and right of the person."""
     solid = coverage >= MASK_THRESHOLD
     rows, columns = np.flatnonzero(solid.any(1)), np.flatnonzero(solid.any(0))
     return int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
@@ -187,7 +187,7 @@ def _fill_with_balls(coverage: np.ndarray, box: tuple[int, int, int, int], camer
 
 
 def _lift(solid: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """How many rows above the lowest row the foot ends that is nearest to each of `columns`."""
+    """Returns, for each of `columns`, by how many rows the nearest foot ends above the lowest row."""
     first = int((1 - FEET) * len(solid))
     parts, count = label(solid[first:])
     feet = [np.nonzero(parts == i) for i in range(1, count + 1)]

@@ -16,7 +16,7 @@ from relight.photos.upsample import FittedMap, Guide, clamp_rim, fit_map, luma, 
 from relight.srgb import LINEAR, decode, encode
 
 OPAQUE = 240  # coverage (of 255) from which a pixel shows hardly anything but the person
-LEAST = 0.2  # of the luminance: no channel of the light's colour is divided by less
+LEAST_CHANNEL = 0.2  # of the luminance: lower bound of the channels of `Person.white`, which lights are divided by
 PAPER_GAMMA = 2.2  # a factor on coded values is its power on linear ones, for networks trained with color=paper
 
 
@@ -33,8 +33,7 @@ class Person:
         transport: (S,S,K).
         light: (K,3) inferred radiance coefficients.
         gamma: 1, or PAPER_GAMMA for networks of coded values.
-        white: (3,) colour of the light as the network has it, which is white in the photo and went over to the albedo
-            (`balanced`); 1 where it did not.
+        white: (3,) colour that `balanced` moved from the inferred light to the albedo; 1 without it.
     """
 
     crop: Crop
@@ -172,14 +171,14 @@ def network_input(pixels: np.ndarray, coverage: np.ndarray, crop: Crop) -> tuple
 
 
 def balanced(people: Sequence[Person]) -> list[Person]:
-    """Takes the colour that the light has on average over the people of a photo to be white in the photo.
+    """Moves the mean colour of the light from the light to the albedo, as if the camera had balanced it to white.
 
-    A camera balances its pictures to about white, while the network takes a part of warm cloth for warm light. So that
-    colour goes over from the light to the albedo; their product, and the luminance of the mean shading, stay.
+    A camera balances its pictures to about white, while the network takes a part of warm cloth for warm light. The
+    product of light and albedo, and the luminance of the mean shading, stay. The mean is over the people of a photo.
     """
     areas = [(person.crop.side / person.crop.size) ** 2 for person in people]
     total = sum(area * person.shading[person.mask].sum(0, dtype=np.float64) for area, person in zip(areas, people))
-    white = np.maximum(total / max(float(luminance(total)), 1e-6), LEAST).astype(np.float32)
+    white = np.maximum(total / max(float(luminance(total)), 1e-6), LEAST_CHANNEL).astype(np.float32)
     return [
         replace(person, albedo=person.albedo * white, light=person.light / white, white=person.white * white)
         for person in people

@@ -164,7 +164,7 @@ def count_heads(solid: np.ndarray) -> int:
 
 
 def _is_the_photo(mask: np.ndarray, pixels: np.ndarray) -> bool:
-    """Whether a mask is mostly grey and correlates with the photo's brightness."""
+    """Returns whether a mask is mostly grey and correlates with the photo's brightness."""
     part = np.s_[:: max(len(mask) // 256, 1), :: max(mask.shape[1] // 256, 1)]
     mask, grey = mask[part].astype(np.float64), pixels[part].astype(np.float64) @ [0.299, 0.587, 0.114]
     if ((mask > 15) & (mask < 240)).mean() < 0.2 or mask.std() < 1 or grey.std() < 1:

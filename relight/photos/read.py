@@ -132,7 +132,7 @@ def mask_beside(photo: Path | str) -> Path | None:
 
 
 def is_picture(path: Path | str) -> bool:
-    """Whether a file name is that of a picture, and not of a panorama or a light."""
+    """Returns whether a file name is that of a picture, and not of a panorama or a light."""
     return Path(path).suffix.lower() in SUFFIXES
 
 
@@ -208,7 +208,7 @@ def _bits(path: Path, image: Image.Image) -> int:
 
 
 def _to_srgb(image: Image.Image, what: str) -> Image.Image:
-    """RGB in sRGB. Phones write Display P3, which would look pale if read as sRGB."""
+    """Converts to RGB in sRGB. Phones write Display P3, which would look pale if read as sRGB."""
     profile = image.info.get("icc_profile")
     image = image.convert("RGB")
     if not profile:

@@ -214,7 +214,7 @@ def compose(
 
 
 def _relight(own: PersonPixels, fits: tuple[FittedMap, ...], factor: np.float32) -> np.ndarray:
-    """The person's own colour (N,3) relit: by the gain, or as albedo times shading."""
+    """Relights the person's own colour (N,3): by the gain, or as albedo times shading."""
     *albedo, last = fits
     crop = own.person.crop
     values = last.place(crop, luma(own.detail), own.rows, own.where) * factor

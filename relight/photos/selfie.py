@@ -43,12 +43,12 @@ STEEP = 1.6  # the fitted edge is that much too soft
 
 
 def network_file() -> Path:
-    """Where the network is kept once it is set up: in the user's data folder, which RELIGHT_DATA moves."""
+    """Returns the path of the network once it is set up: in the user's data folder, or in RELIGHT_DATA."""
     return Path(os.environ.get("RELIGHT_DATA") or user_data_path("relight")) / "masks" / NAME
 
 
 def license_file() -> Path:
-    """Where its licence is kept, beside it."""
+    """Returns the path of its licence, beside it."""
     return network_file().with_name(f"{NAME}.LICENSE")
 
 
@@ -115,7 +115,7 @@ def segment(pixels: np.ndarray) -> np.ndarray:
 
 
 def segment_coarsely(pixels: np.ndarray) -> np.ndarray:
-    """The mask (H,W) float32 in [0,1] of a photo (H,W,3) uint8 after all PASSES, at the network's detail."""
+    """Returns the mask (H,W) float32 in [0,1] of a photo (H,W,3) uint8 after all PASSES, at the network's detail."""
     height, width = pixels.shape[:2]
     found = np.zeros((height, width), np.float32)
     box = (0, 0, width, height)
@@ -149,7 +149,7 @@ def predict(pixels: np.ndarray, box: tuple[int, int, int, int]) -> np.ndarray:
 
 
 def drop_small_parts(found: np.ndarray) -> np.ndarray:
-    """A mask (H,W) in [0,1] without the parts that are small beside the largest and lie apart (SHARE, NEAR)."""
+    """Removes the parts of a mask (H,W) in [0,1] that are small and far from the largest one (SHARE, NEAR)."""
     labels, count = label(found > 0.5)
     if count < 2:
         return found
@@ -160,7 +160,7 @@ def drop_small_parts(found: np.ndarray) -> np.ndarray:
 
 
 def box_around(found: np.ndarray) -> tuple[int, int, int, int]:
-    """The box (left, upper, right, lower) of what is above .5 in a mask (H,W), with a margin."""
+    """Returns the box (left, upper, right, lower) of the values above .5 in a mask (H,W), with a margin."""
     (top, bottom), (left, right) = (np.flatnonzero((found > 0.5).any(axis))[[0, -1]] for axis in (1, 0))
     margin = int(MARGIN * (bottom + 1 - top))
     height, width = found.shape

@@ -202,7 +202,10 @@ def _convolved(x: Tensor, weight: Tensor, bias: Tensor, options: dict[str, int],
 
 
 def _margins(x: Tensor, size: Sequence[int], options: dict[str, int]) -> list[int]:
-    """Left, right, above, below: what padding SAME adds for a window of `size` (rows, columns), more of it behind."""
+    """Returns padding SAME (left, right, above, below) for a window of `size` (rows, columns).
+
+    An odd pixel goes to the right, or below.
+    """
     margins = []
     for length, window, stride in zip(x.shape[:1:-1], size[::-1], _stride(options)[::-1]):
         missing = max((-(-length // stride) - 1) * stride + window - length, 0) if options["padding"] == SAME else 0

@@ -45,7 +45,7 @@ def assess(person: Person, training: np.ndarray | None = None, stops: float = 0.
     Args:
         person: as inferred.
         training: (N,K,3) lights of the network's training.
-        stops: by how much brighter the training made them at most.
+        stops: by which the training made them brighter at most.
     """
     warnings = []
     if person.error > ERROR:
@@ -74,7 +74,7 @@ def assess(person: Person, training: np.ndarray | None = None, stops: float = 0.
 
 
 def _distance(light: np.ndarray, training: np.ndarray) -> tuple[float, float]:
-    """Distance of `light` to the nearest of `training`, and the 95 % quantile of the same among `training`.
+    """Returns the distance of `light` to the nearest of `training`, and the 95 % quantile of that among `training`.
 
     The distance is that of the coefficients of irradiance, normalised.
     """
@@ -92,11 +92,16 @@ def _distance(light: np.ndarray, training: np.ndarray) -> tuple[float, float]:
 
 
 def _light_warnings(light: np.ndarray, gain: float = 1.0) -> list[str]:
-    """Says what is unusual about a light (K,3), by the rules for the lights of the training (docs/lights.md).
+    """Returns what is unusual about a light, by the rules for the lights of the training (docs/lights.md).
 
     A dim light is not unusual: the photo may be underexposed.
 
-    gain: factor by which the training made them brighter at most.
+    Args:
+        light: (K,3).
+        gain: largest factor by which the training made its lights brighter.
+
+    Returns:
+        Sentences.
     """
     light = light[None] / gain
     stats = measure(light)

@@ -143,7 +143,7 @@ def clamp_rim(maps: np.ndarray, mask: np.ndarray) -> np.ndarray:
 
 
 def _range(values: np.ndarray, where: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:
-    """Least and largest of `values` (S,S,C) over `where` (S,S) in squares of `width`; +-inf where there is none."""
+    """Returns minimum and maximum of `values` (S,S,C) at `where` (S,S) in squares of `width`; +-inf in empty ones."""
     size = (width, width, 1)
     low = minimum_filter(np.where(where[..., None], values, np.inf), size, mode="nearest")
     return low, maximum_filter(np.where(where[..., None], values, -np.inf), size, mode="nearest")

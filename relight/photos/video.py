@@ -69,7 +69,7 @@ def _write_video(path: Path, frames: Iterable[np.ndarray], fps: float, codec: st
 
 
 def _write_gif(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
-    """One palette for all frames, from four of them, so that colours do not flicker."""
+    """Writes a GIF with one palette for all frames, made from four of them, so that colours do not flicker."""
     images = [Image.fromarray(np.ascontiguousarray(f)) for f in frames]
     if not images:
         raise UserError("the movie has no frames")
@@ -80,7 +80,7 @@ def _write_gif(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
 
 
 def is_video(path: Path | str) -> bool:
-    """Whether a file name is that of a video or an animated GIF."""
+    """Returns whether a file name is that of a video or an animated GIF."""
     return Path(path).suffix.lower() in READABLE
 
 

@@ -92,7 +92,7 @@ def page_text(
     limit: int | None = None,
     additions: Additions = VIEWER,
 ) -> str:
-    """The HTML that `build_gallery` writes, with its arguments and errors; additions: to the viewer."""
+    """Returns the HTML that `build_gallery` writes, with its arguments and errors; additions: to the viewer."""
     if not figures or not lights:
         raise UserError("a viewer page needs at least one figure and one light")
     if background is not None and background not in BACKGROUNDS:

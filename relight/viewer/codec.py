@@ -13,7 +13,7 @@ STRATEGIES = (zlib.Z_DEFAULT_STRATEGY, zlib.Z_FILTERED)
 
 
 def deflate(data: bytes) -> bytes:
-    """The zlib stream of `data` by the shorter of two strategies: residuals have few matches and skewed bytes."""
+    """Compresses `data` to a zlib stream by the better strategy: residuals have few matches and skewed bytes."""
     streams = []
     for strategy in STRATEGIES:
         coder = zlib.compressobj(9, zlib.DEFLATED, 15, 9, strategy)
@@ -22,7 +22,7 @@ def deflate(data: bytes) -> bytes:
 
 
 def neighbours(values: np.ndarray, region: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Left, upper and upper-left neighbours of each pixel.
+    """Returns the left, upper and upper-left neighbours of each pixel.
 
     The decoder does not know pixels outside the region. If one of left and upper is missing, all three take the other's
     value; if both are, they are 0; an upper-left that is missing alone is the mean of the others.
@@ -44,7 +44,7 @@ def neighbours(values: np.ndarray, region: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def predictions(left: np.ndarray, up: np.ndarray, corner: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The three predictions from the neighbours (H,W) of `neighbours`.
+    """Returns the three predictions from the neighbours (H,W) of `neighbours`.
 
     Returns:
         The mean, for noise; the median predictor of JPEG-LS, for edges; a damped gradient, for noisy ramps.

@@ -68,7 +68,7 @@ class Figure:
 
 
 def octahedral(normals: np.ndarray) -> np.ndarray:
-    """The octahedral map of unit normals (Meyer et al. 2010).
+    """Returns the octahedral map of unit normals (Meyer et al. 2010).
 
     Args:
         normals: (...,3).
@@ -91,7 +91,7 @@ def bounding_box(region: np.ndarray) -> tuple[slice, slice]:
 
 
 def differences(codes: np.ndarray) -> np.ndarray:
-    """Green, red - green and blue - green (...,3) of codes (...,3), so that grey detail is coded once."""
+    """Returns green, red - green and blue - green (...,3) of codes (...,3), so that grey detail is coded once."""
     red, green, blue = np.moveaxis(codes.astype(np.int32), -1, 0)
     return np.stack([green, red - green, blue - green], -1)
 
@@ -165,14 +165,14 @@ def pack(figure: Figure, transport_steps: int, background_step: int) -> tuple[di
 
 
 def to_json(figure: Figure, quality: tuple[int, int]) -> str:
-    """The JSON text of a figure's header and its bytes as base64, in one of QUALITIES."""
+    """Returns the JSON text of a figure's header and its bytes as base64, in one of QUALITIES."""
     header, data = pack(figure, *quality)
     text = json.dumps(header | {"data": base64.b64encode(data).decode()}, separators=(",", ":"))
     return text.replace("<", "\\u003c")  # a title must not close the script element
 
 
 def embed(figure: Figure, limit: int) -> str:
-    """The JSON text of a figure in the finest of QUALITIES that takes at most `limit` bytes.
+    """Returns the JSON text of a figure in the finest of QUALITIES that takes at most `limit` bytes.
 
     Raises:
         UserError: if none does.

@@ -30,7 +30,7 @@ FILES = {
 
 
 def package_file() -> Path:
-    """Where the package is kept once it is set up: in the user's data folder, which RELIGHT_DATA moves."""
+    """Returns the path of the package once it is set up: in the user's data folder, or in RELIGHT_DATA."""
     return Path(os.environ.get("RELIGHT_DATA") or user_data_path("relight")) / "web" / NAME
 
 

@@ -33,7 +33,7 @@ LIGHTS = {
 
 
 def named_lights(texts: Iterable[str] = ()) -> dict[str, np.ndarray]:
-    """The lights that a page offers.
+    """Returns the lights that a page offers.
 
     The first is scaled to the reference brightness BRIGHTNESS, unless it comes from behind, where that would dazzle;
     the others are scaled to the mean radiance of the first.
@@ -59,7 +59,7 @@ def named_lights(texts: Iterable[str] = ()) -> dict[str, np.ndarray]:
 
 
 def baked_figure(path: Path, title: str | None = None) -> Figure:
-    """The figure of a file of maps (relight.maps.exr).
+    """Reads the figure of a file of maps (relight.maps.exr).
 
     Raises:
         UserError: if there is no such file, or it stands for a figure that was left out.
@@ -74,7 +74,7 @@ def baked_figure(path: Path, title: str | None = None) -> Figure:
 
 
 def figure_of(path: Path, relighter: "Relighter | None", mask: Path | None = None, size: int = 1024) -> Figure:
-    """The figure of a file of maps, or of a photo.
+    """Makes the figure of a file of maps, or of a photo.
 
     Args:
         path: maps (.exr) or a photo.
@@ -98,7 +98,7 @@ def figure_of(path: Path, relighter: "Relighter | None", mask: Path | None = Non
 
 
 def portrait(relighter: "Relighter") -> Figure:
-    """The portrait of Eileen Collins by NASA (public domain) that comes with scikit-image, with a mask of ours."""
+    """Makes the figure of the portrait of Eileen Collins by NASA (public domain, from scikit-image)."""
     from skimage import data
 
     mask = np.asarray(Image.open(PORTRAIT_MASK))
@@ -106,7 +106,7 @@ def portrait(relighter: "Relighter") -> Figure:
 
 
 def photo_figure(relighter: "Relighter", pixels: np.ndarray, coverage: np.ndarray, title: str) -> Figure:
-    """The figure of a photo: what the network infers about its people, at the photo's pixels.
+    """Makes the figure of a photo: what the network infers about its people, at the photo's pixels.
 
     A page has one light a photo: several people share the mean of theirs, weighted by area.
 
