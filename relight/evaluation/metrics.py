@@ -1,4 +1,4 @@
-"""Computes the errors of the paper's section 6.1, in each reading that its text allows.
+"""Computes the errors of the paper's section 7.1, in each reading that its text allows.
 
 The RMSE of maps is computed inside the mask, over pixels of the **vector** norm (with which the paper's printed numbers
 agree) and, in a second column, over elements. SSIM is computed inside the bounding box of the mask, with both pictures

@@ -17,7 +17,7 @@ SECONDS = 0.43  # per picture of 1024 px on a GeForce GTX 1080 Ti (section 1)
 
 QUANTITIES = ("shading", "transport", "normal", "ao", "light", "albedo")
 
-# (better row by the paper's argument, worse row, the argument): section 6.1 and the discussion of Table 2.
+# (better row by the paper's argument, worse row, the argument): section 7.1 and the discussion of Table 2.
 ARGUMENTS = (
     ("ours_min", "sfsnet", "knowing occlusion helps"),
     ("ours_full", "sfsnet", "knowing occlusion helps"),

@@ -14,7 +14,7 @@ def split_figures(
 ) -> dict[str, list[str]]:
     """Splits figures into parts.
 
-    Seated figures are a part of their own, as in the paper (section 5.1), unless `split.sitting=dealt`. The others are
+    Seated figures are a part of their own, as in the paper (section 6), unless `split.sitting=dealt`. The others are
     split by `split.kind`:
 
     - `subject` draws whole subjects until the test has the share `split.test`: no person is on both sides.

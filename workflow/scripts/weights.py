@@ -45,8 +45,8 @@ Limits:
 - The maps have {size} px. Finer folds are not in them, but mode `ratio`, the default, keeps such folds, because it
   multiplies the photo itself.
 - A photograph does not tell how bright its scene is, so albedo and light are known only up to a factor.
-- Back light, children, several touching people and props are outside of what the network has seen. `relight photo`
-  warns when the inferred light is unusual.
+- Back light, children, several touching people, and props other than phones, cups, bags and stools are outside of what
+  the network has seen. `relight photo` warns when the inferred light is unusual.
 - The network recognises nobody, and was trained on no photo of a real person.
 
 Stages of the training, each continuing the one before:
