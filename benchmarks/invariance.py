@@ -21,6 +21,7 @@ import numpy as np
 from relight.benchmark.measures import INVARIANCES, IRRADIANCE, LEAKS, Intrinsics, errors, invariances, leaks
 from relight.benchmark.picture import on_square
 from relight.benchmark.shots import variants
+from relight.figures.dress import GENERATOR
 from relight.lights import Light
 from relight.lights.chain import generated_light
 from relight.maps import Maps, read_maps, write_maps
@@ -54,10 +55,10 @@ def figures(cache: Path, seeds: range, per_subject: int = 1) -> list[Maps]:
 
     cache.mkdir(parents=True, exist_ok=True)
     for seed in progress(seeds, "figures"):
-        path = cache / f"{seed}.exr"
+        path = cache / f"v{GENERATOR}_{SIZE}px_{seed}.exr"
         if not path.exists():
             write_maps(path, bake(figure(None, seed, per_subject), SIZE, 256, supersample=2))
-    return [read_maps(cache / f"{seed}.exr") for seed in seeds]
+    return [read_maps(cache / f"v{GENERATOR}_{SIZE}px_{seed}.exr") for seed in seeds]
 
 
 def take_photograph(maps: Maps, light: np.ndarray, gain: np.ndarray | float = 1.0) -> np.ndarray:

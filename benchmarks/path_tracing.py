@@ -42,9 +42,10 @@ def compare(name: str, traced: np.ndarray, baked: np.ndarray, where: np.ndarray,
     difference = image[where]
     both = where[:, 1:] & where[:, :-1]
     structure = np.corrcoef(image[:, 1:][both].ravel(), image[:, :-1][both].ravel())[0, 1]
-    rest = "" if noise is None else f" {math.sqrt(max(difference.std() ** 2 - (100 * noise / level) ** 2, 0)):.2f} |"
+    rms = math.sqrt((difference**2).mean())
+    rest = "" if noise is None else f" {math.sqrt(max(rms**2 - (100 * noise / level) ** 2, 0)):.2f} |"
     print(
-        f"| {name} | {level:.3f} | {difference.mean():+.2f} % | {difference.std():.2f} % | {structure:+.2f} |{rest}",
+        f"| {name} | {level:.3f} | {difference.mean():+.2f} % | {rms:.2f} % | {structure:+.2f} |{rest}",
         flush=True,
     )
 

@@ -30,7 +30,7 @@ import numpy as np
 import torch
 from omegaconf import OmegaConf
 
-from relight.config import Loss, Model, composed
+from relight.config import Model, composed
 from relight.evaluation.timing import matmul_rate, multiply_adds
 from relight.learning.data import Batch, RelitSet
 from relight.learning.losses import losses, weights
@@ -42,13 +42,7 @@ CASES = {
     "cpu": ["128:0.25:4:f32", "128:0.25:4:bf16", "256:1:8:f32", "1024:1:1:f32"],
     "cuda": ["128:1:64:bf16", "256:1:16:f32", "256:1:16:bf16", "512:1:8:bf16", "1024:1:1:bf16", "1024:1:4:bf16"],
 }
-FULL = Loss(
-    **dict.fromkeys(
-        "albedo transport light tv_albedo tv_transport shading reconstruction reconstruction_full".split(), 1.0
-    ),
-    tv_reference=1024,
-    reduction="image",
-)
+FULL = OmegaConf.to_object(composed(["loss=full"])).loss
 MASK_SHARE = 0.16  # of the image
 
 

@@ -82,7 +82,7 @@ def import_captures(
     figures: set[str] = set()
     for name, figure, run_job in LAYOUTS[layout](Path(source), only, rays, supersample):
         if not names:
-            check_plan(folder, {"format": FORMAT, "set": layout, "settings": settings})
+            check_plan(folder, {"format": FORMAT, "set": layout, "settings": settings, "only": only})
         with_variants = figure not in figures  # the first picture of each figure has variants
         names.append(name)
         figures.add(figure)

@@ -92,12 +92,12 @@ class BenchmarkSet:
         self.folder = Path(folder)
         try:
             self.index = json.loads((self.folder / INDEX).read_text())
-        except (OSError, ValueError):
+            self.hash: str = self.index["sha256"]
+            self.scaled: bool = self.index.get("scale") != "unknown"
+        except (OSError, ValueError, KeyError, TypeError):
             raise UserError(
                 f"{folder}: there is no finished benchmark there (relight benchmark make --out {folder})"
             ) from None
-        self.hash: str = self.index["sha256"]
-        self.scaled: bool = self.index.get("scale") != "unknown"
 
     @cached_property
     def entries(self) -> list[Entry]:

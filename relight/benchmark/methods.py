@@ -1,5 +1,7 @@
 """Answers the benchmark with relight's own networks, trivial baselines, and ground truth."""
 
+import hashlib
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -8,7 +10,7 @@ import numpy as np
 from PIL import Image
 
 from relight.benchmark.files import BenchmarkSet, Entry, sha256, square_mask, write_arrays
-from relight.files import UserError, writable_folder
+from relight.files import UserError, atomic_write, writable_folder
 from relight.maps import read_maps
 from relight.panoramas import project, read_panorama
 from relight.photos.api import Relighter, load
@@ -21,6 +23,7 @@ from relight.progress import progress
 from relight.srgb import LINEAR, decode
 
 Method = Callable[[BenchmarkSet, Entry], dict[str, np.ndarray]]
+RECORD = "answers.json"  # in a folder of answers: what made them
 
 
 def answer(folder: Path | str, out: Path | str, method: str, weights: Path | None = None) -> int:
@@ -36,17 +39,42 @@ def answer(folder: Path | str, out: Path | str, method: str, weights: Path | Non
         The number of answers written.
 
     Raises:
-        UserError: for an unknown method, a missing set, or a folder that cannot be written.
+        UserError: for an unknown method, a missing set, a folder that cannot be written, or one that holds the answers
+            of another method, network or set.
     """
     if method != "network" and method not in BASELINES:
         raise UserError(f"--method {method}: must be one of network, {', '.join(BASELINES)}")
     benchmark, out = BenchmarkSet(folder), writable_folder(out, "--out")
-    apply = network(load(weights, threads=1)) if method == "network" else BASELINES[method]()
+    record = {"set": benchmark.hash, "method": method}
+    if method == "network":
+        relighter = load(weights, threads=1)
+        apply, record["weights"] = network(relighter), weights_hash(relighter)
+    else:
+        apply = BASELINES[method]()
+    check_answers(out, record)
     wanted = [entry for entry in benchmark.entries if method == "network" or not entry.of]
     missing = [entry for entry in wanted if not (out / f"{entry.name}.npz").is_file()]
     for entry in progress(missing, f"answers of {out.name}"):
         write_arrays(out / f"{entry.name}.npz", sha256(entry.folder / "photo.png"), apply(benchmark, entry))
     return len(missing)
+
+
+def weights_hash(relighter: Relighter) -> str:
+    """Returns the SHA-256 of a network's weights."""
+    digest = hashlib.sha256()
+    for name, values in relighter.network.state_dict().items():
+        digest.update(name.encode() + values.numpy().tobytes())
+    return digest.hexdigest()
+
+
+def check_answers(out: Path, record: dict[str, str]) -> None:
+    """Writes what made the answers of a folder, or raises UserError if something else made those that it holds."""
+    path = out / RECORD
+    if not path.is_file() and not any(out.glob("*.npz")):
+        with atomic_write(path) as tmp:
+            tmp.write_text(json.dumps(record, indent=1) + "\n")
+    elif not path.is_file() or json.loads(path.read_text()) != record:
+        raise UserError(f"{out} holds answers of another method, network or set: give another folder")
 
 
 def network(relighter: Relighter) -> Method:

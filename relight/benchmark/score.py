@@ -1,6 +1,7 @@
 """Scores folders of answers, and compares methods in tables."""
 
 import csv
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -171,8 +172,10 @@ def tables(rows: list[MethodScores], bootstrap: int = RESAMPLES) -> dict[str, Se
         Tables by the stem of their files.
 
     Raises:
-        UserError: if the methods were scored on different sets.
+        UserError: if the methods were scored on different sets, or two folders have the same name.
     """
+    if len({row.name for row in rows}) < len(rows):
+        raise UserError("two folders of answers have the same name, by which tables tell methods apart: rename one")
     for row in rows[1:]:
         if row.keys != rows[0].keys:
             raise UserError(f"{row.name} and {rows[0].name} were scored on different sets: score both on the same one")
@@ -189,27 +192,35 @@ def tables(rows: list[MethodScores], bootstrap: int = RESAMPLES) -> dict[str, Se
             return None
         return estimate(np.array(list(means.values()))[None, :, None], bootstrap, 0)
 
+    sample = (
+        f"of set {rows[0].keys[0][0]}, ± half the 95 % interval (bootstrap over figures). A star: after the best "
+        "factor for each picture."
+    )
+
+    def means(shown: Iterable[MethodScores], columns: Iterable[str]) -> str:
+        answered = [~np.isnan(row.columns[name]) for row in shown for name in columns]
+        scored = np.any(answered, 0) if answered else np.zeros(len(figures), bool)
+        return f"means over {count(int(scored.sum()), 'picture')} of {count(len(set(figures[scored])), 'figure')}"
+
     def table(title: str, heads: dict[str, str], words: str) -> Section:
         kept = {name: head for name, head in heads.items() if any(cell(row, name) for row in rows)}
         lines = [[row.name, *(cell(row, name) for name in kept)] for row in rows]
-        return Section(title, f"{words} {sample}", Grid.of(["method", *kept.values()], lines))
+        return Section(
+            title, f"{words} All are {means(rows, kept)} {sample}", Grid.of(["method", *kept.values()], lines)
+        )
 
     def invariance_table() -> Section:
         """Transposed, since there are more measures than methods."""
         answering = [row for row in rows if any(cell(row, name) for name in INVARIANCE_ROWS)]
         lines = [[words, *(cell(row, name) for row in answering)] for name, words in INVARIANCE_ROWS.items()]
         words = (
-            "Ideally 0, but 1 for albedo at exposure x .5 and for a tint, and .5 for shading at exposure x .5. The "
-            "last four rows measure leaks of the albedo into the shading."
+            "Ideally 0, but 1 for albedo at exposure x .5 and for a tint, and .5 for shading at exposure x .5; "
+            f"{means(answering, INVARIANCES)}. The last four rows measure leaks of the albedo into the shading; "
+            f"{means(answering, LEAKS)}"
         )
         grid = Grid.of(["measure", *(row.name for row in answering)], lines)
         return Section("Invariances and leaks", f"{words} {sample}", grid)
 
-    pictures, people = count(len(figures), "picture"), count(len(names), "figure")
-    sample = (
-        f"Means over {pictures} of {people} of set {rows[0].keys[0][0]}, ± half the 95 % interval (bootstrap over "
-        "figures). A star: after the best factor for each picture."
-    )
     found = {
         "benchmark_pictures": table("Relit pictures", PICTURE_HEADS, "Errors of sRGB codes in [0,1]."),
         "benchmark_maps": table("Maps and light", MAP_HEADS, "RMSE of vectors; light: relative error of irradiance."),

@@ -3,18 +3,19 @@
 import difflib
 import re
 from collections.abc import Iterable, Iterator
+from dataclasses import fields
 from itertools import chain
 from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
 from relight import extensions
-from relight.config.schema import EXPERIMENT, FIELDS, STRENGTHS
+from relight.config.schema import EXPERIMENT, FIELDS, STRENGTHS, Loss
 from relight.config.setting import domain_in_words, setting_of
 from relight.files import UserError
 
 NAME_PATTERN, MAX_NAME_LENGTH = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._+-]*"), 100
-SUPERVISED_LOSSES = ("albedo", "transport", "light", "shading", "reconstruction")  # losses that need ground truth
+UNSUPERVISED_LOSSES = ("reconstruction_full", "tv_albedo", "tv_transport")  # all others need ground truth
 
 
 def check(cfg: DictConfig) -> None:
@@ -98,7 +99,8 @@ def _inconsistent(cfg: DictConfig) -> Iterator[str]:
     if get("model.name") == "unet" and get("model.light_head") == "strided":
         yield "model.name=unet has a pooled light head only: give model=unet or model.light_head=pooled"
     if get("train.part") == "test" or "test" in (get("train.lights") or ()):
-        if used := [name for name in SUPERVISED_LOSSES if get(f"loss.{name}")]:
+        supervised = [one.name for one in fields(Loss) if one.type in (float, "float")]
+        if used := [name for name in supervised if name not in UNSUPERVISED_LOSSES and get(f"loss.{name}")]:
             yield (
                 f"the test's pictures need losses without ground truth, and loss.{used[0]} uses it: give "
                 "loss=self_supervised"

@@ -75,7 +75,7 @@ class Bake:
 
     size: int = setting("side of the maps, pixels", least=64, multiple=64)
     rays: int = setting("rays per pixel: transport has an RMS error of 5e-3 with 256; 64 are for drafts", least=1)
-    order: int = setting("order of the spherical harmonics; the paper has 2, nine coefficients", least=1)
+    order: int = setting("order of the spherical harmonics; the paper has 2, nine coefficients", least=2)
     bounces: int = setting("number of bounces of interreflection; the paper has none", least=0)
     supersample: int = setting("k: maps are means over k x k points of a pixel, which share its rays", least=1)
     views: int = setting("number of further views of each figure, rotated and in perspective, to train on", least=0)
@@ -175,7 +175,7 @@ class Model:
     width: float = setting("factor on the number of channels of every layer", least=0.01)
     norm: str = setting("normalisation by the statistics of each image, or of the batch", choices=("instance", "batch"))
     dropout: float = setting("share of features that are zeroed in training", least=0, below=1)
-    order: int = setting("order of the inferred transport and light", least=1)
+    order: int = setting("order of the inferred transport and light", least=2)
     albedo: str = setting(
         "how albedo is limited to [0, 1]: clipped; clipped, with a straight-through gradient; or by a sigmoid",
         choices=("clip", "straight_through", "sigmoid"),
@@ -319,7 +319,7 @@ class Evaluate:
     bootstrap: int = setting("number of bootstrap resamples for each interval", 2000, least=1)
     plates: int = setting("number of test figures on a plate", 4, least=1)
     sheet: int = setting("number of figures on the contact sheet", 48, least=1)
-    seed: int = setting("seed of the resamples and of the figures that are shown", 0, least=0)
+    seed: int = setting("seed of the resamples", 0, least=0)
     figures: str = setting("part of the split to score; set by an experiment", "test", choices=PARTS)
 
 

@@ -41,8 +41,8 @@ WITHOUT_EFFECT = {
     "sheets": ("evaluate.bootstrap", "evaluate.plates", "evaluate.seed"),
     "viewer": ("evaluate.bootstrap", "evaluate.plates", "evaluate.sheet", "evaluate.seed"),
     "trace": ("evaluate.bootstrap", "evaluate.plates", "evaluate.sheet", "evaluate.seed"),
-    "light_transfer": ("evaluate.sheet",),
-    "path_traced": ("evaluate.sheet",),
+    "light_transfer": ("evaluate.bootstrap", "evaluate.sheet", "evaluate.seed"),
+    "path_traced": ("evaluate.bootstrap", "evaluate.sheet", "evaluate.seed"),
 }
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import matplotlib
 import matplotlib.lines
@@ -21,6 +22,7 @@ from relight.files import UserError, atomic_write
 from relight.run_name import RunName
 
 COLORS = ("#7a5195", "#ef5675", "#ffa600", "#00798c", "#30638e", "#6a994e", "#8d99ae", "#bc6c25")
+STYLES = ("-", "--", ":", "-.")  # for more rows than colours
 GREY = "#9a9a9e"  # of baselines
 DASHES = ("--", ":", "-.", (0, (1, 4)), (0, (6, 4)), (0, (4, 1, 1, 1, 1, 1)), (0, (14, 2)))  # of baselines
 VALIDATION = "validation/"  # prefix of the names of losses on the validation pairs
@@ -106,26 +108,33 @@ class PlainLog(LogFormatter):
 def plot_curves(curves: list[Path], out: Path) -> None:
     """Draws training curves, one panel per loss: thick lines on fixed test pairs, thin lines on the training pictures.
 
-    Trainings of a row have one colour. The total loss is left out, since trainings differ in their losses.
+    Trainings of a row have one colour and line style. The total loss is left out, since trainings differ in their
+    losses.
 
     Args:
         curves: CSV files of `learning.train`, named row.s<seed>.csv.
         out: the chart.
 
     Raises:
-        UserError: if a file is not a training curve.
+        UserError: if a file is not a training curve, or none has a loss.
     """
     data = {path: read_table(path, "training curve", ["step"], "relight-train") for path in curves}
     names = dict.fromkeys(name for curve in data.values() for name in curve)
     shown = [name for name in names if name not in ("step", "lr", "loss") and not name.startswith(VALIDATION)]
     rows = list(dict.fromkeys(RunName.parse(path.stem).run for path in curves))
+    if not shown:
+        raise UserError(f"{out}: the training curves hold no losses")
+    styles: dict[str, dict[str, Any]] = {
+        row: {"color": COLORS[i % len(COLORS)], "linestyle": STYLES[i // len(COLORS) % len(STYLES)]}
+        for i, row in enumerate(rows)
+    }
     across = min(4, len(shown))
     down = -(-len(shown) // across)
     with chart(out, 3.1 * across, 0.7 + 2.1 * down) as figure:
         panels = figure.subplots(down, across, squeeze=False).ravel()
         for panel, name in zip(panels, shown):
             for path, curve in data.items():
-                style = {"color": color_of(RunName.parse(path.stem).run)}
+                style = styles[RunName.parse(path.stem).run]
                 if name in curve:
                     panel.plot(curve["step"], curve[name], linewidth=0.8, alpha=0.6, **style)
                 if f"{VALIDATION}{name}" in curve:
@@ -139,7 +148,7 @@ def plot_curves(curves: list[Path], out: Path) -> None:
             panel.set_visible(False)
         for panel in panels[max(0, len(shown) - across) : len(shown)]:
             panel.set_xlabel("step")
-        handles = [matplotlib.lines.Line2D([], [], color=color_of(row), linewidth=2) for row in rows]
+        handles = [matplotlib.lines.Line2D([], [], linewidth=2, **styles[row]) for row in rows]
         figure.legend(handles, map(label, rows), loc="outside lower center", ncols=min(len(rows), 4), fontsize=9)
 
 
@@ -151,10 +160,11 @@ def plot_axis(points: list[tuple[float, str]], table: Table, columns: tuple[str,
     Args:
         points: (value on the axis, row of the table).
         table: of the experiment.
-        columns: one panel for each.
+        columns: one panel for each that a row has.
         axis: label.
         out: the chart.
     """
+    columns = tuple(column for column in columns if any(column in table.rows[row] for _, row in points))
     with chart(out, 2.9 * len(columns), 3.6) as figure:
         shown: dict[str, matplotlib.lines.Line2D] = {}
         for panel, column in zip(figure.subplots(1, len(columns), squeeze=False)[0], columns):
@@ -209,6 +219,6 @@ def plot_occlusion(table: pd.DataFrame, out: Path) -> None:
 
 
 def color_of(row: str) -> str:
-    """Returns the colour of a row, the same in every chart."""
+    """Returns the colour of a row, the same in every chart of errors, which name their rows."""
     known = list(LABELS)
     return COLORS[(known.index(row) if row in known else sum(row.encode())) % len(COLORS)]

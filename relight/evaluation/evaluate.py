@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -59,12 +60,16 @@ def load(checkpoint: Path, packed: Path, lights: Path, settings: config.Evaluate
         The network, with the outputs that no loss constrained in `Network.unlearned`, and the data.
 
     Raises:
-        UserError: if a file has other contents, or the maps have another size than the network.
+        UserError: if a file has other contents, the network has no colour model, or the maps have another size than
+            the network.
     """
     device = torch_device(settings.device)
     network, made_with = load_network(checkpoint, device)
     network.unlearned = unlearned(made_with.get("loss"))
-    data = RelitSet(packed, lights, network.order, made_with["train"]["color"], device)
+    color = (made_with.get("train") or {}).get("color")
+    if color is None:
+        raise UserError(f"{checkpoint} does not say in which colour model it was trained: train it again")
+    data = RelitSet(packed, lights, network.order, color, device)
     if data.size != network.size:
         raise UserError(
             f"{checkpoint} was trained at {network.size} px and {packed} holds maps of {data.size} px: they must agree"
@@ -72,11 +77,16 @@ def load(checkpoint: Path, packed: Path, lights: Path, settings: config.Evaluate
     return network, data
 
 
-def unlearned(loss: dict[str, float] | None) -> frozenset[str]:
+def unlearned(loss: dict[str, Any] | None) -> frozenset[str]:
     """Returns which of albedo and light no loss of a training constrains; they are replaced by the truth."""
-    terms = {"albedo": ("albedo", "tv_albedo"), "light": ("light", "shading")}
+    if not loss or any((loss.get("extra") or {}).values()):  # a loss of the user's may constrain anything
+        return frozenset()
+    terms = {
+        "albedo": ("albedo", "tv_albedo", "relit", "detail_albedo", "exclusion"),
+        "light": ("light", "shading"),
+    }
     shared = ("reconstruction", "reconstruction_full")
-    return frozenset(name for name, own in terms.items() if loss and not any(loss[key] for key in (*own, *shared)))
+    return frozenset(name for name, own in terms.items() if not any(loss.get(key) for key in (*own, *shared)))
 
 
 def torch_device(name: str) -> torch.device:
@@ -118,10 +128,10 @@ def select_pairs(
 
 def select_figures(data: RelitSet, split: Path, figures: str) -> np.ndarray:
     """Returns indices of the frontal figures of a part of the split; `views` are other views of the test figures."""
-    scores = read_split(split)
+    parts = read_split(split)
     if figures != "views":
-        return data.figures(scores[figures])
-    others = data.other_views(data.figures(scores["test"]))
+        return data.figures(parts.get(figures, []))
+    others = data.other_views(data.figures(parts["test"]))
     return others[data.has_view[others]]
 
 
@@ -195,7 +205,7 @@ def infer(network: Network, data: RelitSet, figure: int, lights: np.ndarray) -> 
         for name, values in compact(network, batch).items():
             values = values if name == "light" else values[:, :count]
             found.setdefault(name, []).append(values.cpu().numpy())
-    maps = {name: np.concatenate(scores) for name, scores in found.items() if name not in network.unlearned}
+    maps = {name: np.concatenate(batches) for name, batches in found.items() if name not in network.unlearned}
     ao = maps["ao"][..., 0] if "ao" in maps else None
     return Inferred(
         maps.get("albedo"),

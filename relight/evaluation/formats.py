@@ -248,7 +248,9 @@ def bound(one: Comparison) -> str | None:
 
 
 def number(value: float, digits: int = 3) -> str:
-    """Formats a number with fixed decimals and without a leading zero: .123, −.5, ∞."""
+    """Formats a number with fixed decimals and without a leading zero: .123, −.5, ∞; NaN as a dash."""
+    if np.isnan(value):
+        return "–"
     if not np.isfinite(value):
         return "∞" if value > 0 else "−∞"
     text = re.sub(r"^(-?)0\.", r"\1.", f"{value:.{digits}f}")
@@ -256,7 +258,9 @@ def number(value: float, digits: int = 3) -> str:
 
 
 def percent(value: float) -> str:
-    """Formats a fraction as a percentage with a sign and one decimal."""
+    """Formats a fraction as a percentage with a sign and one decimal; NaN as a dash."""
+    if np.isnan(value):
+        return "–"
     if not np.isfinite(value):
         return "∞" if value > 0 else "−∞"
     text = f"{100 * value:+.1f} %".replace("-", "−")

@@ -127,9 +127,9 @@ class Truth:
     def _box(self, pixel: np.ndarray, size: int) -> None:
         row, column = np.divmod(pixel, size)
         top, height = _widen_to_window(row.min(), row.max() + 1)
-        residual, width = _widen_to_window(column.min(), column.max() + 1)
+        left, width = _widen_to_window(column.min(), column.max() + 1)
         self.shape = height, width
-        self.inside = (row - top) * width + column - residual
+        self.inside = (row - top) * width + column - left
 
     def crop(self, values: np.ndarray) -> np.ndarray:
         """Returns values (N,P,C) as images (N,h,w,C) of the mask's bounding box (at least one window), zero outside."""

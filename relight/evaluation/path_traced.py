@@ -74,6 +74,8 @@ class Chain:
     @classmethod
     def of(cls, data: RelitSet, scene: Scene) -> "Chain":
         """Returns the chain of a scene. Raises UserError if it was traced with other maps or at another order."""
+        if scene.figure >= len(data.names) or scene.seen >= len(data.light_split):
+            raise UserError("the path traced scenes belong to a larger data set than this: trace them again")
         true = truth(data, scene.figure, np.array([scene.seen]))
         albedo, transport = true.maps["albedo"][0], true.transport[0]
         if len(albedo) != len(scene.area) or transport.shape[1] != len(scene.light):
@@ -215,7 +217,7 @@ def traced_plate(
             relit = [[] for _ in chains]
         for chain, pictures in zip(chains, relit):
             pictures.append(chain.relight(infer(network, data, chain.scene.figure, np.array([chain.scene.seen]))))
-    lines = [Line(scene.name, scene, views(chain, pictures)) for scene, chain, pictures in zip(subjects, chains, relit)]
+    lines = [Line(one.name, one, views(chain, pictures)) for one, chain, pictures in zip(subjects, chains, relit)]
     heads = ["input", *(f"relit by {label(row)}" for row in networks), "true maps, relit", "path traced"]
     heads += [*(f"error of {label(row)}" for row in networks), "error of the true maps", "inter-reflection"]
     note = (

@@ -140,7 +140,8 @@ def estimate(
         values: (S,F,L), by training, figure and light.
         resamples: number of resamples.
         seed: of the resamples; rows with the same seed are resampled alike.
-        spread: pooled over the table's trainings; a larger one of the row itself is preferred. Without it, the interval
+        spread: pooled over the table's trainings; a larger one of the row itself, with its own degrees of freedom, is
+            preferred. Without it, the interval
             does not include the variation between trainings.
         pairs: names of the figures, and indices of the lights.
         noise: seed of the noise of the trainings; it must differ between the rows of a table.
@@ -152,8 +153,9 @@ def estimate(
     mean, pair_means = float(values.mean()), values.mean(0)
     error, freedom = 0.0, 0
     if spread and spread.freedom:
-        freedom = spread.freedom
-        error = max(spread.deviation, pooled_spread([values]).deviation) / np.sqrt(trainings)
+        own = pooled_spread([values])
+        chosen = own if own.deviation > spread.deviation else spread
+        error, freedom = chosen.deviation / np.sqrt(trainings), chosen.freedom
     found = Estimate(mean, -np.inf, np.inf, pair_means, list(pairs[0]), list(pairs[1]), error, freedom)
     if figures == 1:
         return found
@@ -190,8 +192,11 @@ def compare(first: Estimate, second: Estimate) -> Difference:
     components = variance_components(first, second)
     if not components:
         return Difference(mean, -np.inf, np.inf, 1.0)
-    if trainings := max(first.freedom, second.freedom):
-        components.append((first.error**2 + second.error**2, trainings))
+    if first.freedom == second.freedom:
+        trainings = [(first.error**2 + second.error**2, first.freedom)]  # both have the pooled spread, one estimate
+    else:
+        trainings = [(row.error**2, row.freedom) for row in (first, second)]
+    components += [component for component in trainings if component[1]]
     variance = sum(component for component, _ in components)
     if variance <= 0:
         return Difference(mean, mean, mean, float(mean == 0), 0.0)

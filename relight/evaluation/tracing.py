@@ -75,10 +75,12 @@ def trace(
         out: the scenes (.npz).
 
     Raises:
-        UserError: if Mitsuba is not installed, or a light has no panorama.
+        UserError: if Mitsuba is not installed, there is only one light, or a light has no panorama.
     """
     data = RelitSet(packed, lights, order, "paper", torch_device("cpu"))
     figures, light_indices = select_pairs(data, split, evaluate.lights)
+    if len(light_indices) < 2:
+        raise UserError("path tracing needs at least two test lights: raise lights.test")
     chosen = figures[evenly_spaced(len(figures), settings.figures)].tolist()
     table, scenes = read_light_set(lights), []
     for i, figure in enumerate(progress(chosen, "figures traced")):

@@ -178,7 +178,8 @@ def _specular_highlights(batch: Batch, settings: Augment, generators: list[np.ra
     Roughness and specular come from the maps and are varied at random. Where the maps have none, pixels whose colour is
     close to that of a random pixel get a random material.
     """
-    cosine = (batch.shading / shade(unoccluded(batch.normal, 2), batch.light[:, :9]).clamp_min(1e-3)).clamp(0, 1)
+    # The share of the light that arrives: highlights are occluded, too.
+    visibility = (batch.shading / shade(unoccluded(batch.normal, 2), batch.light[:, :9]).clamp_min(1e-3)).clamp(0, 1)
     reflected = torch.zeros_like(batch.albedo)
     for i, rng in enumerate(generators):
         if rng.random() >= settings.gloss:
@@ -189,13 +190,13 @@ def _specular_highlights(batch: Batch, settings: Augment, generators: list[np.ra
             light = specular_reflection(
                 batch.normal[i], batch.light[i], (roughness_factor * roughness).clamp(0.05, 1), 0.04
             )
-            reflected[i] = specular_factor * specular * light * cosine[i]
+            reflected[i] = specular_factor * specular * light * visibility[i]
             continue
         for chosen in rng.integers(0, int(batch.inside[i].sum()), rng.integers(1, 4)):
             similarity = _colour_similarity(batch.albedo[i], batch.albedo[i, chosen].clamp_min(0.02))
             roughness, strength = rng.uniform(*ROUGHNESS_RANGE), rng.uniform(*SPECULAR_STRENGTH)
             light = specular_reflection(batch.normal[i], batch.light[i], roughness, 0.04 * strength)
-            reflected[i] += similarity * (light * cosine[i] - reflected[i])
+            reflected[i] += similarity * (light * visibility[i] - reflected[i])
     return reflected * batch.inside
 
 
@@ -266,8 +267,9 @@ def _reframed(
         if rng.random() >= settings.framing:
             continue
         if rng.random() < settings.cut:
-            top, bottom, left, right = _bounding_box(mask[i, 0])
+            top, bottom, _, _ = _bounding_box(mask[i, 0])
             mask[i, :, top + math.ceil(rng.uniform(*CUT_HEIGHT) * (bottom - top)) :] = 0
+            _, _, left, right = _bounding_box(mask[i, 0])
             if rng.random() < 0.25:  # also cut at the left or right edge of the photograph
                 width = math.ceil(rng.uniform(0.6, 0.95) * (right - left))
                 mask[i, ..., *((slice(left + width, None),) if rng.random() < 0.5 else (slice(0, right - width),))] = 0

@@ -96,6 +96,7 @@ class Batch(CompactIndex):
         exposure: (B,) factor that the camera applies; `light`, `shading` and `relit` are without it.
         size: S, pixels.
         mask_pixels: number of pixels in all masks of a batch, the divisor of reduction=mask.
+        other_light: (B,K,3), for the losses under another light; None: that of the previous pair of the batch.
     """
 
     image: Tensor
@@ -111,6 +112,7 @@ class Batch(CompactIndex):
     exposure: Tensor
     size: int
     mask_pixels: float
+    other_light: Tensor | None = None
 
     def scatter(self, compact: Tensor) -> Tensor:
         """Scatters a compact map (B,P,C) to a dense one (B,C,S,S), zero outside the mask."""
@@ -287,7 +289,9 @@ def read_split(path: Path) -> dict[str, list[str]]:
     """Reads a split: names of figures by part, `train`, `test` and `sitting`; raises UserError on any other file."""
     try:
         parts = json.loads(existing_file(path, "split").read_text())
-        if all(isinstance(name, str) for names in parts.values() for name in names):
+        names = [name for part in parts.values() for name in part]
+        lists = all(isinstance(part, list) for part in parts.values())
+        if lists and {"train", "test"} <= set(parts) and all(isinstance(name, str) for name in names):
             return parts
     except (ValueError, AttributeError, TypeError, RecursionError):
         pass

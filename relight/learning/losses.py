@@ -99,7 +99,7 @@ def losses(outputs: dict[str, Tensor], batch: Batch, loss: Loss) -> dict[str, Te
     if loss.reconstruction_full:
         values["reconstruction_full"] = mean((albedo * shadings["transport_light"] - batch.relit).abs())
     if loss.relit:
-        other = batch.light.roll(1, 0)
+        other = batch.light.roll(1, 0) if batch.other_light is None else batch.other_light
         inferred, truth = shade(transport, other), shade(batch.transport, other)
         values["relit_shading"] = mean((inferred - truth).abs())
         values["relit_image"] = mean((albedo * inferred - batch.albedo * truth).abs())

@@ -331,9 +331,17 @@ def draw_batch(
     figure, light = figures[chosen[local, 0]], lights[chosen[local, 1]]
     batch = data.batch(figure, light, mirror=mirror[local] if settings.mirror else None)
     batch = replace(batch, mask_pixels=float(data.counts[figures[chosen[:, 0]]].sum()) / world)
+    if recipe.loss.relit and len(figure) == 1:  # the batch has no other light
+        other = data.lights[lights[rng.integers(len(lights))]]
+        batch = replace(batch, other_light=other[None, : batch.light.shape[1]])
     numbers = range(step * settings.batch, (step + 1) * settings.batch)[local]
     generators = [generator(settings.seed, number, AUGMENTATION) for number in numbers]
-    return augment_batch(batch, recipe.augment, generators, settings.size or data.size)
+    augmented = augment_batch(batch, recipe.augment, generators, settings.size or data.size)
+    if augmented is not batch and distributed.is_initialized():  # every process divides by the mean over all
+        pixels = torch.tensor(augmented.mask_pixels, device=augmented.mask.device)
+        distributed.all_reduce(pixels)
+        augmented = replace(augmented, mask_pixels=float(pixels) / world)
+    return augmented
 
 
 @torch.no_grad()

@@ -171,6 +171,8 @@ def test_a_network_answers_all_of_it(drawn, weights, tmp_path):
     photo = np.asarray(Image.open(base.folder / "photo.png"))
     assert all((given[mode][:, outside] == photo[outside]).all() for mode in PICTURES)
     assert answer(drawn, out, "network", weights) == 0  # what is there is kept
+    with pytest.raises(UserError, match="holds answers of another method, network or set"):
+        answer(drawn, out, "true_maps")
     says = CliRunner().invoke(app, ["benchmark", "score", str(out), "--truth", str(drawn)])
     assert says.exit_code == 0 and "Relit pictures" in says.output and "light: square shifted by 4 px" in says.output
     row = read_scores(out)
@@ -213,6 +215,10 @@ def test_rows_beside_each_other(drawn, truth, tmp_path):
     found = cells["as_it_is"]
     assert np.isclose(found.mean, np.mean(by_figure)) and np.allclose(found.values[:, 0], by_figure)
     assert found.low < found.mean < found.high
+    assert "3 pictures of 2 figures" in made["benchmark_pictures"].note
+    assert "means over 0 pictures of 0 figures. The last" in made["benchmark_invariance"].note
+    with pytest.raises(UserError, match="two folders of answers have the same name"):
+        tables([rows[0], rows[0]])
     lines = (tmp_path / "as_it_is" / "scores.csv").read_text().replace(rows[1].keys[0][0], "0" * 16)
     (tmp_path / "as_it_is" / "scores.csv").write_text(lines)
     with pytest.raises(UserError, match="as_it_is and truth were scored on different sets"):

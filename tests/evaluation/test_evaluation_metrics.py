@@ -122,7 +122,7 @@ def test_shading_is_clipped_at_zero(truth):
     assert (one.maps["transport"] @ lights).min() < 0
 
 
-def test_values_outside_the_box_do_not_matter_and_thin_masks_work():
+def test_the_box_of_a_thin_mask_is_widened_to_a_window():
     pixel = np.array([5 * 16 + 7])  # one pixel: the box is widened to a window
     maps = np.ones((1, 9)), np.full((1, 3), 0.5), np.array([[0.0, 0, 1]]), np.ones(1)
     one = Truth(pixel, *maps, np.zeros((1, 9, 3)), 16)

@@ -141,6 +141,19 @@ def test_the_spread_of_trainings_widens_the_interval():
     assert pooled_spread([calm[:1]]).freedom == 0
 
 
+@pytest.mark.parametrize("noisy", [1, 3, 6])
+def test_a_row_whose_trainings_differ_more_is_not_sure_of_itself(noisy):
+    """With the degrees of freedom of the pooled spread, 12 % of p-values would be under .05."""
+    found = []
+    for trial in range(600):
+        rng = np.random.default_rng(trial)
+        scale = np.where(np.arange(8) == 0, noisy, 1)[:, None, None, None]
+        rows = 0.05 * scale * rng.normal(0, 1, (8, 3, 1, 1)) + rng.normal(0, 0.001, (8, 3, 12, 1))
+        spread = pooled_spread(list(rows))
+        found.append(compare(*(estimate(row, 2, 0, spread) for row in rows[:2])).p)
+    assert np.mean(np.array(found) < 0.05) <= 0.075 and np.mean(np.array(found) < 0.001) <= 0.015
+
+
 def test_few_figures_cannot_be_sure():
     first, second = (estimate(np.array([row])[..., None], 2000, 0) for row in ([0.5, 0.6], [0.7, 0.9]))
     assert compare(first, second).p > 0.1

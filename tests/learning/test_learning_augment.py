@@ -105,6 +105,17 @@ def test_cut_figures_end_below_and_fill_the_square_again(data, augment):
         assert mask[rows[-1]].sum() > 0.25 * mask.sum(1).max(), "a straight edge, not a tip"
 
 
+def test_a_figure_whose_legs_lie_to_one_side_is_never_cut_away(augment):
+    from relight.learning.augment import _reframed
+
+    mask = torch.zeros(1, 1, 64, 64)
+    mask[..., 4:60, 8:14] = 1  # the body at the left, the legs on the ground at the right
+    mask[..., 56:60, 8:60] = 1
+    for seed in range(200):
+        _, inside = _reframed(mask, mask, augment(framing=1.0, cut=1.0), generators(1, seed), 64)
+        assert inside.sum() > 20
+
+
 def test_half_the_size_is_the_mean_of_four_pixels(augment):
     from relight.learning.augment import _reframed
 

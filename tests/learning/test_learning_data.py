@@ -116,3 +116,7 @@ def test_user_errors(tiny_world, tmp_path):
         RelitSet(tiny_world["packed"], tmp_path / "none.npz", 2, "paper")
     with pytest.raises(UserError, match=r"there is no file .*none\.json"):
         read_split(tmp_path / "none.json")
+    for text in ("{}", '{"train": "figure0", "test": []}', '{"train": ["figure0"]}'):
+        (tmp_path / "split.json").write_text(text)
+        with pytest.raises(UserError, match="is not a split of relight"):
+            read_split(tmp_path / "split.json")

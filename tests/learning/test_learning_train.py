@@ -15,7 +15,15 @@ import torch
 from relight.files import UserError
 from relight.learning.checkpoint import load_network
 from relight.learning.data import RelitSet, draw_pairs
-from relight.learning.train import Inputs, Recipe, learning_rate, select_training_data, train, update_average
+from relight.learning.train import (
+    Inputs,
+    Recipe,
+    draw_batch,
+    learning_rate,
+    select_training_data,
+    train,
+    update_average,
+)
 
 ROOT = Path(__file__).parents[2]
 
@@ -299,13 +307,26 @@ def test_user_errors(run, world, tmp_path):
             run(device="cuda")()
 
 
+def test_a_batch_of_one_is_relit_under_another_light(run, world):
+    """Under its own light, the two losses would be those of shading and reconstruction."""
+    one = run(batch=1, loss_changes={"relit": 1.0})
+    data = RelitSet(world["packed"], world["lights"], 2, "paper")
+    lights = np.flatnonzero(data.light_split == "train")
+    batches = [draw_batch(data, np.arange(4), lights, one.recipe, step, 0, 1) for step in range(8)]
+    others = [batch.other_light for batch in batches]
+    assert all(light is not None and light.shape == batch.light.shape for light, batch in zip(others, batches))
+    assert sum(not torch.equal(light, batch.light) for light, batch in zip(others, batches)) >= 4
+
+
 @pytest.mark.slow
-def test_two_processes_train_the_network_that_one_does(run, tmp_path):
+@pytest.mark.parametrize("photo", [False, True])
+def test_two_processes_train_the_network_that_one_does(run, tmp_path, photo):
     """torchrun with gloo. Without dropout and with instance statistics the averaged gradient is that of the batch."""
     changes = {"norm": "instance", "dropout": 0.0}
-    alone = run("alone", changes, {"reduction": "mask"}, steps=4)
+    more = ({"framing": 1.0, "cut": 0.5}, {"color": "photo"}) if photo else ({}, {})
+    alone = run("alone", changes, {"reduction": "mask"}, more[0], steps=4, **more[1])
     alone()
-    pair = run("pair", changes, {"reduction": "mask"}, steps=4)
+    pair = run("pair", changes, {"reduction": "mask"}, more[0], steps=4, **more[1])
     script = tmp_path / "pair.py"
     script.write_text(pair.program(pair.curve))
     command = [sys.executable, "-m", "torch.distributed.run", "--standalone", "--nproc-per-node=2", str(script)]

@@ -177,6 +177,14 @@ def test_a_file_that_is_no_yaml_is_named_with_the_line(tmp_path):
         composed([f"hydra.searchpath=[{tmp_path}]", "model=mine"])
 
 
+@pytest.mark.parametrize("name", ["relit", "detail_albedo", "detail_transport", "detail_shading", "exclusion", "light"])
+def test_no_loss_of_ground_truth_sees_the_test(name):
+    words = ["loss=self_supervised", "train.part=test", "train.lights=[test]"]
+    composed(words)
+    with pytest.raises(UserError, match=f"without ground truth, and loss.{name} uses it"):
+        composed([*words, f"loss.{name}=1"])
+
+
 def test_view_hands_over_what_is_read():
     tree = OmegaConf.to_container(composed(["train.lr=0.5"]))
     assert set(view(tree, "bake")) == {"bake"}

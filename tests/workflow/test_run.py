@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import yaml
@@ -73,26 +74,16 @@ def test_results_of_a_clock_that_was_ahead_are_dated_now(calls, tmp_path):
     assert dates["early"] < before - 3000 and before <= dates["late"] <= time.time()
 
 
-def test_tables_of_other_experiments_leave_the_report(tmp_path, monkeypatch):
-    from relight.evaluation.report import results, sections
-    from relight.stages.tables import main
-
-    class Results:
-        tables = ("table1",)
-
-        def __init__(self, *_):
-            self.table = self.title = lambda name: name
+def test_files_of_other_experiments_leave_the_report(tmp_path):
+    from relight.evaluation.report.build import remove_earlier
 
     ends = (".csv", ".md", ".tex")
-    monkeypatch.setattr(results, "Results", Results)
-    monkeypatch.setattr(
-        sections, "write_score_table", lambda table, title, out: [Path(f"{out}{end}").write_text("") for end in ends]
-    )
-    kept = {"occlusion.csv", "notes.md", "table1_plates.png"}
+    planned = {f"{name}{end}" for name in ("table1", "table1_occlusion", "light_transfer") for end in ends}
+    kept = planned | {"occlusion.csv", "notes.md", "table1_plates.png"}
     for name in (*kept, "order_plates.png", *(f"order{end}" for end in ends)):
         (tmp_path / name).write_text("")
-    main(None, tmp_path, tmp_path, tmp_path)
-    assert {path.name for path in tmp_path.iterdir()} == kept | {f"table1{end}" for end in ends}
+    remove_earlier(SimpleNamespace(report=tmp_path, experiments={"table1": {}, "light_transfer": {}}))
+    assert {path.name for path in tmp_path.iterdir()} == kept
 
 
 def test_a_sweep_of_a_stage_leaves_its_outputs_alone(tmp_path):

@@ -6,13 +6,14 @@ Such averages often have smaller errors on pictures that differ from those of th
 Robust Fine-Tuning of Zero-Shot Models). Settings are those of the end.
 """
 
-import sys
+import argparse
+from pathlib import Path
 
 from relight import config
 from relight.learning.checkpoint import load_network, save_network
 
 
-def main(start: str, end: str, out: str) -> None:
+def main(start: Path, end: Path, out: Path) -> None:
     (first, _), (last, made_with) = load_network(start), load_network(end)
     weights = last.state_dict()
     for name, other in first.state_dict().items():
@@ -25,4 +26,7 @@ def main(start: str, end: str, out: str) -> None:
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    for name in ("start", "end", "out"):
+        parser.add_argument(name, type=Path)
+    main(**vars(parser.parse_args()))

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from relight import config
+from relight.files import atomic_write
 from relight.learning.checkpoint import load_network, save_network
 from relight.lights import read_light_set
 
@@ -70,11 +71,11 @@ def main(results: Path, run: str) -> None:
     stages = lineage(made_with, {"figures": len(split["train"]), "generator": generator})
     rest = {key: made_with[key] for key in ("loss", "train", "augment", "note") if key in made_with}
     rest["train"] = {**rest["train"], "start": None}  # a path of this machine
-    save_network(out, network, model, half=True, **rest, stages=stages, lights=np.round(training, 5).ravel().tolist())
-    if out.stat().st_size > LIMIT:
-        sys.exit(
-            f"{out} has {out.stat().st_size / 2**20:.1f} MiB, over {LIMIT / 2**20:.0f}: give a smaller model.width"
-        )
+    new = out.with_suffix(".new.safetensors")
+    save_network(new, network, model, half=True, **rest, stages=stages, lights=np.round(training, 5).ravel().tolist())
+    if (size := new.stat().st_size) > LIMIT:
+        new.unlink()
+        sys.exit(f"the weights have {size / 2**20:.1f} MiB, over {LIMIT / 2**20:.0f}: give a smaller model.width")
     with open(results / "evaluate" / f"{run}.csv", newline="") as file:
         rows = list(csv.DictReader(file))
     names = ("shading_rmse", "transport_rmse", "albedo_rmse", "light_rmse")
@@ -95,8 +96,10 @@ def main(results: Path, run: str) -> None:
         "test_lights": len({row["light"] for row in rows}),
         **{name: np.mean([float(row[name]) for row in rows]) for name in names},
     }
-    (OUT / "README.md").write_text(CARD.format(**facts))
-    print(f"{out}: {out.stat().st_size / 2**20:.1f} MiB")
+    with atomic_write(OUT / "README.md") as tmp:
+        tmp.write_text(CARD.format(**facts))
+    new.replace(out)
+    print(f"{out}: {size / 2**20:.1f} MiB")
 
 
 def lineage(config: dict, data: dict) -> list[dict]:

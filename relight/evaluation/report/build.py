@@ -19,6 +19,13 @@ from relight.files import UserError, atomic_write
 
 T = TypeVar("T")
 
+FILE_ENDS = (
+    ".csv",
+    ".md",
+    ".tex",
+    *(f"_{kind}.png" for kind in ("plates", "relit", "overview", "extremes")),
+)  # of an experiment
+
 
 @dataclass
 class Section:
@@ -40,6 +47,8 @@ class Section:
 def build_report(name: str, settings: config.Evaluate, experiments: Path, folder: Path, out: Path) -> None:
     """Writes the page of a run, its charts, and the tables of experiments with stages of their own.
 
+    Files of experiments that are no longer in the run are removed.
+
     A section that cannot be made gives the reason; the others are not affected.
 
     Args:
@@ -53,6 +62,7 @@ def build_report(name: str, settings: config.Evaluate, experiments: Path, folder
         UserError: if no section could be made.
     """
     results = Results(folder, settings, experiments)
+    remove_earlier(results)
     compared = bool(results.tables)  # False if all experiments have stages of their own
     parts = [
         *(
@@ -74,6 +84,15 @@ def build_report(name: str, settings: config.Evaluate, experiments: Path, folder
     html = page.page("page.html", title=f"relight: {name}", head=head(name, results, failed), sections=parts)
     with atomic_write(out) as tmp:
         tmp.write_text(html, encoding="utf-8")
+
+
+def remove_earlier(results: Results) -> None:
+    """Removes the tables and pictures of experiments that earlier calls had and this run does not have."""
+    planned = tuple(results.experiments)
+    for stem in {path.stem for path in results.report.glob("*.tex")}:
+        if not any(stem == name or stem.startswith(f"{name}_") for name in planned):
+            for end in FILE_ENDS:
+                (results.report / f"{stem}{end}").unlink(missing_ok=True)
 
 
 def experiment(results: Results, name: str) -> Section:
