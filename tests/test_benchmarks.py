@@ -1,0 +1,36 @@
+"""Scripts of `benchmarks/`: they import, and a step of the training that they time runs."""
+
+import importlib
+import sys
+from pathlib import Path
+
+import pytest
+
+FOLDER = Path(__file__).parents[1] / "benchmarks"
+
+
+@pytest.fixture
+def scripts(monkeypatch):
+    """The folder on the path; its modules are forgotten afterwards."""
+    monkeypatch.syspath_prepend(FOLDER)
+    names = [path.stem for path in sorted(FOLDER.glob("*.py"))]
+    yield names
+    for name in names:
+        sys.modules.pop(name, None)
+
+
+@pytest.mark.slow
+def test_every_script_can_be_imported(scripts):
+    for name in scripts:
+        importlib.import_module(name)
+
+
+def test_a_step_of_the_timed_training_runs(scripts, tmp_path):
+    from relight.config import Model
+
+    training = importlib.import_module("training")
+    model = Model("ours", 0.125, "batch", 0.5, 2, "clip", "strided", False, "image")
+    case = training.Case(model, 64, 2, "f32", "cpu", False, tmp_path)
+    before = [weight.detach().clone() for weight in case.network.parameters()]
+    case.step()
+    assert any((one != other).any() for one, other in zip(before, case.network.parameters()))
