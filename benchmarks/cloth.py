@@ -26,13 +26,13 @@ from relight.figures import assembly, dress, wardrobe
 from relight.figures.commands import seeds_of
 from relight.meshes import Mesh
 from relight.sh import unoccluded
+from relight.srgb import LUMINANCE
 from relight.transport import bake
 from relight.transport.baker import primary_hits
 from relight.transport.camera import Camera
 from relight.transport.raycaster import RayCaster
 
 SIGMAS = ((0.7, 1.4), (1.4, 2.8), (2.8, 5.6))  # pixels: wavelengths around 14, 27 and 55 mm of a person 691 px high
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear sRGB
 SIZE = 768  # pixels of the image
 MIN_PIXELS = 400  # of a garment to measure
 ROOMS = (3, 11, 19, 27)

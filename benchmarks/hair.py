@@ -32,11 +32,10 @@ from relight.figures.poses import build_motion
 from relight.figures.surfaces import loop
 from relight.figures.wear import DETAILS
 from relight.meshes import Material
-from relight.srgb import encode, to_bytes
+from relight.srgb import LUMINANCE, encode, to_bytes
 from relight.transport.baker import Baker, pixel_corners, primary_hits
 from relight.transport.view import View
 
-LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # of linear sRGB
 CUT_BELOW_EYES = 0.17  # metres, where a head is cut off
 ROOM = 11
 
