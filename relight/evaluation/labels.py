@@ -13,6 +13,7 @@ LABELS = {
     "no_shading": "w/o shading",
     "no_reconstruction": "w/o reconstruction",
     "sfsnet_ao_full": "SfSNet-AO, all losses",
+    "sfsnet_ao_plus": "SfSNet-AO plus",
     "plus_no_weight": "plus w/o weight of the transport",
     "plus_no_relit": "plus w/o losses under another light",
     "plus_no_refinement": "plus w/o refined light",

@@ -234,9 +234,9 @@ def variance_components(first: Estimate, second: Estimate) -> list[tuple[float, 
     interaction = [component for component in interaction if component[1]]
     shared_variance = sum(variance for variance, _ in interaction)
     totals = [sum(variance for variance, _ in factor) + shared_variance for factor in factors]
-    if not factors[1] or totals[1] <= 0:
+    if not factors[1]:
         return factors[0]
-    return factors[1] if totals[0] <= 0 else [*factors[0], *factors[1], *interaction]
+    return factors[int(np.argmax(totals))] if min(totals) <= 0 else [*factors[0], *factors[1], *interaction]
 
 
 def _interaction(values: np.ndarray) -> float:

@@ -30,8 +30,8 @@ SHOWN_COLUMNS = {  # by experiment; TABLE1_COLUMNS by default
     "silhouette": _columns("shading_true_light", "transport"),
     "relit": _columns("relit", "reconstruction", "shading_true_light", "albedo"),
     **dict.fromkeys(("self_supervised", "splits", "order", "data_size", "width"), PART_COLUMNS),
-    **dict.fromkeys(("equal_losses", "steps"), PART_COLUMNS),
-    "plus_parts": _columns("shading", "shading_true_light", "transport", "light", "albedo", "relit"),
+    "steps": PART_COLUMNS,
+    **dict.fromkeys(("equal_losses", "plus_parts"), (*PART_COLUMNS, *_columns("relit"))),
 }
 
 Rows = dict[str, list[Scores]]  # row -> the scores of its trainings

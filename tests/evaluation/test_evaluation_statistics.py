@@ -108,15 +108,17 @@ def test_p_values_of_equal_rows_are_uniform(lights, trainings):
     assert np.mean(np.array(found) < 0.01) <= 0.025
 
 
-def test_rows_that_share_a_factor_only_are_paired_in_that():
+@pytest.mark.parametrize("seed", range(20))
+def test_rows_that_share_a_factor_only_are_paired_in_that(seed):
     """Other figures under the same lights: what the lights do to both rows alike falls out; and the other way round."""
-    shared, own = RNG.normal(0, 1, 8), RNG.normal(0, 0.01, (2, 12, 8))
+    rng = np.random.default_rng(seed)
+    shared, own = rng.normal(0, 1, 8), rng.normal(0, 0.01, (2, 12, 8))
     rows = [Estimate(v.mean(), 0, 0, v, figures=[i], lights=[0]) for i, v in enumerate(shared + own)]
     assert compare(*rows).error < 0.01
     turned = [Estimate(r.mean, 0, 0, r.values.T, figures=[0], lights=[i]) for i, r in enumerate(rows)]
     assert compare(*turned).error == pytest.approx(compare(*rows).error)
     apart = [Estimate(r.mean, 0, 0, r.values, figures=[i], lights=[i]) for i, r in enumerate(rows)]
-    assert compare(*apart).error > 0.3
+    assert compare(*apart).error > 0.2
 
 
 def test_pairing_finds_what_the_intervals_hide():

@@ -126,6 +126,7 @@ def equal_losses(results: Results, name: str, table: Table) -> Numbers:
     pairs = {
         ("ours_min", "sfsnet_ao"): "what is inferred, four losses",
         ("ours_full", "sfsnet_ao_full"): "what is inferred, fifteen losses",
+        ("ours_plus", "sfsnet_ao_plus"): "what is inferred, as plus",
         ("sfsnet_ao_full", "sfsnet_ao"): "the losses, ambient occlusion",
         ("ours_full", "ours_min"): "the losses, transport",
         ("ours_full", "sfsnet_ao"): "both, as in Table 1",
@@ -134,7 +135,7 @@ def equal_losses(results: Results, name: str, table: Table) -> Numbers:
     if all(row in table.rows for row in rows):
         ao, ao_full, least, full = (table.rows[row]["shading_rmse"].mean for row in rows)
         parts = {"inferred": (ao - least + ao_full - full) / 2 / ao, "losses": (ao - ao_full + least - full) / 2 / ao}
-    return {"parts": parts, "comparisons": comparison_grid(compare_pairs(table, pairs, ERRORS))}
+    return {"parts": parts, "comparisons": comparison_grid(compare_pairs(table, pairs, (*ERRORS, "relit_rmse")))}
 
 
 def plus_parts(results: Results, name: str, table: Table) -> Numbers:
