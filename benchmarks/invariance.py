@@ -17,6 +17,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from scipy.ndimage import binary_erosion
 
 from relight.benchmark.measures import INVARIANCES, IRRADIANCE, LEAKS, Intrinsics, errors, invariances, leaks
 from relight.benchmark.picture import on_square
@@ -28,6 +29,7 @@ from relight.maps import Maps, read_maps, write_maps
 from relight.photos.api import Relighter, load
 from relight.photos.crop import Crop, crop_around
 from relight.progress import progress
+from relight.sh import basis
 from relight.srgb import encode, to_bytes
 
 SEEDS = range(9000, 9006)
@@ -44,6 +46,11 @@ ERRORS = {
     "albedo_factor": "error of albedo, up to a factor",
     "shading_factor": "error of shading, up to a factor",
 }
+RIM = {
+    "rim": "lamp 130° from the front: outermost pixels, over the true",
+    "inside": "the same lamp: inside, over the true",
+}
+LAMP = 130  # degrees from the direction of the camera
 SPREAD = {"poses": "light: one person in 12 poses, spread"}
 
 
@@ -77,10 +84,29 @@ def score(relighter: Relighter, maps: Maps, light: np.ndarray) -> dict[str, floa
     """Returns all rows of the table for one figure under one light."""
     shots = variants(partial(take_photograph, maps, light), to_bytes(maps.coverage), relighter.network.size)
     inferred = {name: relighter.infer_person(shot.photo, shot.mask, shot.square) for name, shot in shots.items()}
+    true = truth(maps, light, shots[""].square)
     return {
-        **errors(inferred[""], truth(maps, light, shots[""].square)),
+        **errors(inferred[""], true),
         **invariances(inferred),
         **leaks(inferred[""]),
+        **lit_from_behind(inferred[""].transport, true),
+    }
+
+
+def lit_from_behind(transport: np.ndarray, true: Intrinsics) -> dict[str, float]:
+    """Returns the light that a lamp behind the figure gives by the inferred transport (S,S,9), over the true light.
+
+    Means over lamps LAMP degrees to the left and to the right of the camera.
+
+    Returns:
+        `rim`: of the outermost pixels of the figure; `inside`: of pixels four or more from the outline.
+    """
+    angle = np.radians(LAMP)
+    lamps = basis(np.array([[side * np.sin(angle), 0, np.cos(angle)] for side in (-1, 1)]))
+    regions = {"rim": true.mask & ~binary_erosion(true.mask), "inside": binary_erosion(true.mask, iterations=4)}
+    shadings = [np.maximum(maps @ lamps.T, 0) for maps in (transport, true.transport)]
+    return {
+        name: float(np.divide(*(shading[region].mean() for shading in shadings))) for name, region in regions.items()
     }
 
 
@@ -114,10 +140,10 @@ def main() -> None:
         columns[str(path)]["poses"] = float(np.mean(spreads))
     squares = [crop_around(to_bytes(maps.coverage), relighter.network.size) for maps in people]
     rows = [leaks(truth(maps, light, square)) for maps, light, square in zip(people, lights, squares)]
-    ideal = {"dark_albedo": 1.0, "dark_shading": 0.5, "tint": 1.0}
+    ideal = {"dark_albedo": 1.0, "dark_shading": 0.5, "tint": 1.0, "rim": 1.0, "inside": 1.0}
     columns["truth"] = {**ideal, **{name: float(np.mean([row[name] for row in rows])) for name in LEAKS}}
     print("| | " + " | ".join(columns) + " |\n|---|" + "---|" * len(columns))
-    for name, words in {**ERRORS, **INVARIANCES, **SPREAD, **LEAKS}.items():
+    for name, words in {**ERRORS, **INVARIANCES, **SPREAD, **LEAKS, **RIM}.items():
         cells = (f"{column[name]:.3f}" if name in column else "" for column in columns.values())
         print(f"| {words} | " + " | ".join(cells) + " |")
 

@@ -15,6 +15,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from dataclasses import asdict, dataclass, fields, replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -31,6 +32,7 @@ from relight.learning.checkpoint import load_network, restore_state, save_networ
 from relight.learning.data import Batch, RelitSet, draw_pairs, generator, read_split
 from relight.learning.losses import losses, weighted_sum, weights
 from relight.learning.networks import STRIDE, Network, UNet, build
+from relight.learning.optimizers import make_optimizers
 from relight.learning.validation import Validation
 from relight.progress import duration
 
@@ -131,8 +133,8 @@ def train(
         torch.manual_seed(settings.seed)
         network = initial_network(recipe, data, inputs.packed).to(device)
         average = copy.deepcopy(network) if settings.average else None
-        optimizer = make_optimizer(network, settings)
-        parts: dict[str, nn.Module | torch.optim.Optimizer] = {"network": network, "optimizer": optimizer}
+        optimizers = make_optimizers(network, settings)
+        parts: dict[str, nn.Module | torch.optim.Optimizer] = {"network": network, **optimizers}
         if average:
             parts["average"] = average
         digest = fingerprint(recipe, inputs)
@@ -151,16 +153,18 @@ def train(
         meter, began = Meter(device), time.monotonic()
         for step in range(first, settings.steps):
             batch = draw_batch(data, figures, lights, recipe, step, rank, world)
-            for group in optimizer.param_groups:
-                group["lr"] = learning_rate(settings, step)
+            for group in chain.from_iterable(optimizer.param_groups for optimizer in optimizers.values()):
+                group["lr"] = learning_rate(settings, step) * group.get("factor", 1.0)
             with autocast:
                 outputs = forward(batch.image, batch.mask)
             outputs["light"] = outputs["light"] / batch.exposure[:, None, None]
             terms = losses(outputs, batch, recipe.loss)
             total = weighted_sum(terms, weight)
-            optimizer.zero_grad(set_to_none=True)
+            for optimizer in optimizers.values():
+                optimizer.zero_grad()
             total.backward()
-            optimizer.step()
+            for optimizer in optimizers.values():
+                optimizer.step()
             if average:
                 update_average(average, network, min(settings.average, (1 + step) / (10 + step)))
             meter.add({"loss": total, **terms}, step)
@@ -295,19 +299,6 @@ def initial_network(recipe: Recipe, data: RelitSet, packed: Path) -> Network:
             if name != "encoder":
                 part.requires_grad_(False).eval()
     return network
-
-
-def make_optimizer(network: nn.Module, train: Train) -> torch.optim.Optimizer:
-    """Returns Adam, as in the paper, or AdamW without weight decay on norms and biases."""
-    common: dict[str, Any] = {"lr": train.lr, "betas": (train.beta1, train.beta2), "fused": True}
-    trainable = [p for p in network.parameters() if p.requires_grad]
-    if train.optimizer == "adam":
-        return torch.optim.Adam(trainable, **common)
-    matrices = [p for p in trainable if p.ndim > 1]
-    others = [p for p in trainable if p.ndim <= 1]
-    return torch.optim.AdamW(
-        [{"params": matrices, "weight_decay": train.decay}, {"params": others, "weight_decay": 0.0}], **common
-    )
 
 
 def learning_rate(train: Train, step: int) -> float:

@@ -66,7 +66,7 @@ def run(tmp_path, world, model, loss, schedule, augment):
     return make
 
 
-PLUS = dict(optimizer="adamw", decay=0.01, average=0.9, mirror=True, color="photo", pairs="rows")
+PLUS = dict(optimizer="muon", average=0.9, mirror=True, color="photo", pairs="rows")
 PHOTO = {
     "model_changes": dict(name="unet", light_head="pooled", refine=True),
     "augment_changes": dict(

@@ -90,6 +90,7 @@ def main(results: Path, run: str) -> None:
         "training": "\n".join(
             f"{number}. {stage['steps']:,} steps of {stage['batch']} images at {stage['size']} px, of "
             f"{stage['figures']} figures (generator {', '.join(map(str, stage['generator']))})"
+            f"{', by Muon' if stage.get('optimizer') == 'muon' else ''}"
             for number, stage in enumerate(stages, 1)
         ),
         "test_figures": len({row["figure"] for row in rows}),
@@ -112,7 +113,7 @@ def lineage(config: dict, data: dict) -> list[dict]:
     """
     if "stages" in config:
         return config["stages"]
-    start, own = config["train"]["start"], {key: config["train"][key] for key in ("steps", "batch")}
+    start, own = config["train"]["start"], {key: config["train"][key] for key in ("steps", "batch", "optimizer")}
     before = lineage(load_network(start)[1], data) if start else []
     return [*before, {**own, "size": config["size"], **data}]
 
