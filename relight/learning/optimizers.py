@@ -1,17 +1,16 @@
-"""The optimisers: Adam, as in the paper, or Muon for hidden convolutions, with Adam for the other weights."""
+"""The optimisers: Adam, as in the paper, or Muon for convolutions with a norm, and Adam for the other weights."""
 
 from collections.abc import Callable
-from typing import Any
 
 import torch
 from torch import Tensor, nn
 
 from relight.config import Train
+from relight.learning.networks import NORMS
 
 # Learning rate of Muon over that of Adam. Muon spreads each step over all directions of a matrix, so it takes steps of
 # a larger RMS than Adam; docs/training.md has the measurement.
 MUON_LR = 5.0
-PICTURE = 4  # channels of a picture and its mask
 
 
 class ConvolutionMuon(torch.optim.Muon):
@@ -46,24 +45,23 @@ def as_matrix(values: Tensor, weight: Tensor) -> Tensor:
     return (values if weight.is_contiguous() else values.permute(0, 2, 3, 1)).flatten(1)
 
 
-def is_hidden(name: str, parameter: Tensor) -> bool:
-    """Returns whether a parameter of a network belongs to a convolution between others.
+def normalised_weights(network: nn.Module) -> list[Tensor]:
+    """Returns the trainable weights of all convolutions that a norm follows.
 
-    Not hidden are the layers that see the picture and its mask, and those that write an output, which are named `last`.
+    Their scale has no effect on the output, so they may grow under Muon's steps of constant size.
     """
-    return parameter.ndim == 4 and parameter.shape[1] > PICTURE and not name.endswith("last.weight")
+    pairs = (part for part in network.modules() if isinstance(part, nn.Sequential) and len(part) > 1)
+    weights = [part[0].weight for part in pairs if isinstance(part[1], tuple(NORMS.values()))]
+    return [weight for weight in weights if weight.requires_grad]
 
 
 def make_optimizers(network: nn.Module, train: Train) -> dict[str, torch.optim.Optimizer]:
     """Returns the optimisers by name; together they update every trainable parameter."""
-    muon: list[Tensor] = []
-    adam: list[Tensor] = []
-    for name, parameter in network.named_parameters():
-        if parameter.requires_grad:
-            chosen = muon if train.optimizer == "muon" and is_hidden(name, parameter) else adam
-            chosen.append(parameter)
-    common: dict[str, Any] = {"lr": train.lr, "betas": (train.beta1, train.beta2), "fused": True}
-    found: dict[str, torch.optim.Optimizer] = {"adam": torch.optim.Adam(adam, **common)}
+    muon = normalised_weights(network) if train.optimizer == "muon" else []
+    chosen = {id(weight) for weight in muon}
+    adam = [p for p in network.parameters() if p.requires_grad and id(p) not in chosen]
+    betas = (train.beta1, train.beta2)
+    found: dict[str, torch.optim.Optimizer] = {"adam": torch.optim.Adam(adam, train.lr, betas, fused=True)}
     if muon:
         found["muon"] = ConvolutionMuon(muon)
     return found
