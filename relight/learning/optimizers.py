@@ -1,6 +1,7 @@
 """The optimisers: Adam, as in the paper, or Muon for convolutions with a norm, and Adam for the other weights."""
 
 from collections.abc import Callable
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -51,7 +52,7 @@ def normalised_weights(network: nn.Module) -> list[Tensor]:
     Their scale has no effect on the output, so they may grow under Muon's steps of constant size.
     """
     pairs = (part for part in network.modules() if isinstance(part, nn.Sequential) and len(part) > 1)
-    weights = [part[0].weight for part in pairs if isinstance(part[1], tuple(NORMS.values()))]
+    weights: list[Any] = [part[0].weight for part in pairs if isinstance(part[1], tuple(NORMS.values()))]
     return [weight for weight in weights if weight.requires_grad]
 
 
