@@ -249,7 +249,7 @@ class Train:
         "order of the pairs: at random (shuffled), or all lights of a figure in a row, as in the authors' code (rows)",
         choices=("shuffled", "rows"),
     )
-    optimizer: str = setting("Adam, or Muon for hidden convolutions", choices=("adam", "muon"))
+    optimizer: str = setting("Adam, or Muon for convolutions with a norm", choices=("adam", "muon"))
     average: float = setting(
         "decay of the moving average of the weights, which is saved; 0 saves the last weights", least=0, below=1
     )

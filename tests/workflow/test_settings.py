@@ -20,7 +20,7 @@ def test_help_has_every_setting_with_its_value_and_description():
         assert key in ("sweep.runs", "name") or key.startswith("lights.rules") or f" {key}=" in text, key
     words = " ".join(text.split())
     assert "figures.count=6 number of seeds (at least 1)" in words
-    assert "train.optimizer=adam Adam, or Muon for hidden convolutions (one of adam, muon)" in words
+    assert "train.optimizer=adam Adam, or Muon for convolutions with a norm (one of adam, muon)" in words
     assert max(map(len, text.splitlines())) <= 110
 
 
