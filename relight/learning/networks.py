@@ -355,7 +355,10 @@ class UNet(Network):
             self.initialise()
 
     def initialise(self) -> None:
-        """Draws the weights by He's rule, those of the last layers from N(0, .01)."""
+        """Draws the weights by He's rule, those of the last layers from N(0, .01).
+
+        Biases are zero but for two: with zeros, some trainings kept a constant albedo for hundreds of steps or diverged.
+        """
         for module in self.modules():
             if isinstance(module, nn.Conv2d):
                 nn.init.kaiming_normal_(module.weight, a=SLOPE)
@@ -363,6 +366,9 @@ class UNet(Network):
                     nn.init.zeros_(module.bias)
         for last in (self.last, self.light.last):
             nn.init.normal_(last.weight, 0, 0.01)
+        assert self.sharpen.bias is not None and self.last.bias is not None
+        nn.init.ones_(self.sharpen.bias)  # most of an image is negative, and units that start dead stay dead
+        nn.init.constant_(self.last.bias[self.coefficients :], 0.3)  # albedo starts within [0,1]
 
     def infer(self, seen: Tensor, mask: Tensor) -> tuple[dict[str, Tensor], Tensor]:
         """Implements `Network.infer`; the light is inferred from a coarse level of the decoder."""
