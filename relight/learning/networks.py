@@ -357,7 +357,8 @@ class UNet(Network):
     def initialise(self) -> None:
         """Draws the weights by He's rule, those of the last layers from N(0, .01).
 
-        Biases are zero but for two: with zeros, some trainings kept a constant albedo for hundreds of steps or diverged.
+        Biases are zero but for two: with zeros, some trainings kept a constant albedo for hundreds of steps, or
+        diverged.
         """
         for module in self.modules():
             if isinstance(module, nn.Conv2d):
