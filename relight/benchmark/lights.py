@@ -64,6 +64,6 @@ def panorama(light: Lamplight, pitch: float, brightness: float) -> Panorama:
     return Panorama((pixels * scale).astype(np.float32), source=source)
 
 
-def sky_of(source: Panorama) -> np.ndarray:
+def resampled(source: Panorama) -> np.ndarray:
     """Returns a panorama resampled to the texels of the path tracer (`sky_directions`)."""
     return lookup(source, sky_directions()).astype(np.float64)

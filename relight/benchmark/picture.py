@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import torch
 
-from relight.benchmark.lights import panorama, sky_of
+from relight.benchmark.lights import panorama, resampled
 from relight.benchmark.measures import Intrinsics
 from relight.benchmark.recipes import Recipe
 from relight.benchmark.shots import Shot, variants
@@ -87,14 +87,14 @@ def render_picture(recipe: Recipe, mesh: Mesh, settings: Settings) -> Picture:
     tracer = PathTracer(mesh, size, camera, gloss=True)
 
     def render(source: Panorama, seed: int) -> np.ndarray:
-        return math.pi * tracer.radiance(sky_of(source), settings.samples, BOUNCES, seed)
+        return math.pi * tracer.radiance(resampled(source), settings.samples, BOUNCES, seed)
 
     coverage = maps.coverage[..., None]
     background = math.pi * camera_view(light, (size, size))  # as bright as a white diffuse surface that faces it
     linear = render(light, 1) + (1 - coverage) * background
     relit = [to_bytes(encode(render(one, 2 + i))) for i, one in enumerate(new)]
     # `PathTracer.irradiance` would divide by the albedo of the same samples, but takes six times as long.
-    diffuse = math.pi * PathTracer(mesh, size, camera).radiance(sky_of(light), settings.samples, BOUNCES, 0)
+    diffuse = math.pi * PathTracer(mesh, size, camera).radiance(resampled(light), settings.samples, BOUNCES, 0)
     shading = diffuse / np.maximum(maps.albedo * coverage, MIN_ALBEDO)
     window = crop_window(maps.mask, recipe.cut)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from relight.benchmark import recipes as recipes_module
-from relight.benchmark.lights import KINDS, Lamplight, panorama, sky_of
+from relight.benchmark.lights import KINDS, Lamplight, panorama, resampled
 from relight.benchmark.recipes import HASHES, SPARE_OFFSET, digest, draw_recipe, draw_recipes, with_gloss
 from relight.files import UserError
 from relight.lights.statistics import reference_brightness
@@ -77,7 +77,7 @@ def test_lights_are_scaled_tinted_and_seen_from_above(kind):
 
 def test_the_path_tracers_sky_holds_the_same_light():
     found = panorama(Lamplight("room", 11, 0.1, 30.0), 5.0, 0.7)
-    light = np.einsum("hw,hwk,hwc->kc", sky_weights(), basis(sky_directions()), sky_of(found))
+    light = np.einsum("hw,hwk,hwc->kc", sky_weights(), basis(sky_directions()), resampled(found))
     assert np.allclose(light, project(found, 2), atol=0.01 * np.abs(light).max())
 
 
