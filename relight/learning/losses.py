@@ -11,6 +11,7 @@ image of the batch.
 """
 
 from collections.abc import Iterator, Sequence
+from itertools import pairwise
 
 import torch
 import torch.nn.functional as F
@@ -126,12 +127,25 @@ def detail(error: Tensor, truth: Tensor, batch: Batch) -> Tensor:
         batch: the batch of the compact maps.
     """
     level = LEVEL**2 * (truth**2).sum((1, 2))
-    energies = []
-    for (wrong, true), weight in octaves([error, truth], batch):
-        pixels = (batch.size / weight.shape[-1]) ** 2
-        wrong, true = (pixels * (x**2 * weight).sum((1, 2, 3)) for x in (wrong, true))
-        energies.append((wrong / (true + level).clamp_min(1e-9)).mean())
-    return torch.stack(energies).mean()
+    wrong, true = detail_energies(error, batch), detail_energies(truth, batch)
+    return (wrong / (true + level).clamp_min(1e-9)).mean()
+
+
+def detail_energies(compact: Tensor, batch: Batch) -> Tensor:
+    """Returns the sums of squares (octaves,B) of the detail of maps (B,P,C), the finest octave first.
+
+    What the means over small squares have beyond those over larger ones needs no difference: both have the same sums
+    over a larger square, so the energy of their difference is the difference of their energies. These are added in
+    double precision, since they may be nearly equal.
+    """
+    energies = [(compact**2).sum((1, 2), dtype=torch.float64)]
+    weight = batch.scatter(batch.inside)
+    sums = batch.scatter(compact)
+    for _ in octave_range(batch):
+        # Of 2^k x 2^k pixels; avg_pool2d with the divisor 1 adds.
+        weight, sums = (F.avg_pool2d(x, 2, divisor_override=1) for x in (weight, sums))
+        energies.append((sums**2 / weight.clamp_min(1)).sum((1, 2, 3), dtype=torch.float64))
+    return torch.stack([finer - coarser for finer, coarser in pairwise(energies)]).clamp_min(0).to(compact.dtype)
 
 
 def exclusion(inferred: tuple[Tensor, Tensor], truth: tuple[Tensor, Tensor], batch: Batch) -> Tensor:
@@ -166,11 +180,16 @@ def octaves(maps: Sequence[Tensor], batch: Batch) -> Iterator[tuple[list[Tensor]
         Maps (B,C,S,S) of side S = size / 2^k, and (B,1,S,S), the share of each of their pixels inside the mask.
     """
     *images, weight = (batch.scatter(x) for x in (*maps, batch.inside))
-    for _ in range(min(OCTAVES, batch.size.bit_length() - 1)):
+    for _ in octave_range(batch):
         share = F.avg_pool2d(weight, 2)
         means = [F.avg_pool2d(x * weight, 2) / share.clamp_min(1e-6) for x in images]
         yield [x - F.interpolate(mean, scale_factor=2.0) for x, mean in zip(images, means)], weight
         images, weight = means, share
+
+
+def octave_range(batch: Batch) -> range:
+    """Returns a range over the octaves of detail that images of a batch have."""
+    return range(min(OCTAVES, batch.size.bit_length() - 1))
 
 
 def weighted_sum(values: dict[str, Tensor], weight: dict[str, float]) -> Tensor:
