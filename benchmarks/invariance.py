@@ -51,7 +51,10 @@ RIM = {
     "inside": "the same lamp: inside, over the true",
 }
 LAMP = 130  # degrees from the direction of the camera
-SPREAD = {"poses": "light: one person in 12 poses, spread"}
+SPREAD = {
+    "poses": "light: one person in 12 poses, spread",
+    "poses_relative": "the same, over the spread between the six rooms",
+}
 
 
 def figures(cache: Path, seeds: range, per_subject: int = 1) -> list[Maps]:
@@ -110,18 +113,23 @@ def lit_from_behind(transport: np.ndarray, true: Intrinsics) -> dict[str, float]
     }
 
 
-def pose_spread(relighter: Relighter, poses: list[Maps], light: np.ndarray) -> float:
-    """Returns how much the inferred light of one person changes with the pose.
+def pose_spread(relighter: Relighter, poses: list[Maps], lights: list[np.ndarray], name: str) -> dict[str, float]:
+    """Returns how much the inferred light of one person changes with the pose, as coefficients of irradiance.
 
     Returns:
-        The standard deviation over poses of the coefficients of irradiance, as the norm of a vector, over the norm of
-        their mean.
+        `poses`: the standard deviation over poses (as the norm of a vector), over the norm of their mean; mean over the
+        lights (9,3). `poses_relative`: the root mean square over the lights of the standard deviation over poses, over
+        the standard deviation over lights of the mean over poses.
     """
-    coverages = [to_bytes(maps.coverage) for maps in poses]
-    people = [relighter.infer_person(take_photograph(maps, light), mask) for maps, mask in zip(poses, coverages)]
-    irradiance = np.stack([person.light * IRRADIANCE for person in people])
-    mean = irradiance.mean(0)
-    return float(np.sqrt(((irradiance - mean) ** 2).sum((1, 2)).mean()) / np.linalg.norm(mean))
+    means, variances = [], []
+    for light in progress(lights, f"{name}, poses"):
+        shots = ((take_photograph(maps, light), to_bytes(maps.coverage)) for maps in poses)
+        irradiance = np.stack([relighter.infer_person(*shot).light * IRRADIANCE for shot in shots])
+        means.append(irradiance.mean(0))
+        variances.append(((irradiance - means[-1]) ** 2).sum((1, 2)).mean())
+    spreads = np.sqrt(variances) / [np.linalg.norm(mean) for mean in means]
+    between = ((means - np.mean(means, 0)) ** 2).sum((1, 2)).mean()
+    return {"poses": float(spreads.mean()), "poses_relative": float(np.sqrt(np.mean(variances) / between))}
 
 
 def main() -> None:
@@ -136,8 +144,7 @@ def main() -> None:
         relighter = load(path, threads=1)
         rows = [score(relighter, maps, light) for maps, light in progress(list(zip(people, lights)), path.stem)]
         columns[str(path)] = {name: float(np.mean([row[name] for row in rows])) for name in rows[0]}
-        spreads = [pose_spread(relighter, poses, light) for light in progress(lights, f"{path.stem}, poses")]
-        columns[str(path)]["poses"] = float(np.mean(spreads))
+        columns[str(path)] |= pose_spread(relighter, poses, lights, path.stem)
     squares = [crop_around(to_bytes(maps.coverage), relighter.network.size) for maps in people]
     rows = [leaks(truth(maps, light, square)) for maps, light, square in zip(people, lights, squares)]
     ideal = {"dark_albedo": 1.0, "dark_shading": 0.5, "tint": 1.0, "rim": 1.0, "inside": 1.0}
