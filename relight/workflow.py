@@ -105,6 +105,8 @@ class Plan:
         inputs = [scan.path for scan in self.scans.values()]
         inputs += [path for figure in self.captures for path in self.capture_files(figure)]
         inputs += [*map(Path, self.table), *map(Path, self.panoramas)]
+        if "benchmark" in self.experiments:
+            inputs.append(self.benchmark_index)
         limit = time.time() + MAX_CLOCK_SKEW
         for path in inputs:  # Snakemake ends a job whose outputs are older than its inputs
             if path.exists() and path.stat().st_mtime > limit:
@@ -399,8 +401,31 @@ class Plan:
         files = (f"{self.out}/{path}" for rows in found for paths in rows.values() for path in paths)
         return list(dict.fromkeys(files))
 
+    @property
+    def benchmark_index(self) -> Path:
+        """The index of the benchmark's set. Raises UserError if there is no set, or it has no true maps."""
+        from relight.benchmark.files import INDEX, BenchmarkSet
+
+        benchmark = BenchmarkSet(self.cfg.benchmark.folder)
+        benchmark.maps(benchmark.entries[0])
+        return benchmark.folder / INDEX
+
+    @cached_property
+    def benchmark_weights(self) -> dict[str, str]:
+        """The file of weights of each method that answers the benchmark, by the name of the training or the method.
+
+        Baselines have those that ship with relight, since `mean_light` is the mean of their training lights.
+        """
+        from relight.benchmark.methods import FIXED
+        from relight.photos.api import WEIGHTS
+
+        trainings = [each for row in self.requested["benchmark"].rows for each in self.trainings_of(row)]
+        return {each: self.network(each) for each in trainings} | dict.fromkeys(FIXED, str(WEIGHTS))
+
     def stage_outputs(self, experiment: str) -> list[str]:
         """Returns the files that the stages of an experiment without a table write for the report."""
+        if experiment == "benchmark":
+            return [f"{self.out}/benchmark_scores/{method}/scores.csv" for method in self.benchmark_weights]
         if experiment == "inference_time":
             return [
                 f"{self.out}/{experiment}/{self.trainings_of(row)[0]}.csv" for row in self.requested[experiment].rows

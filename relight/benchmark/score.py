@@ -150,6 +150,31 @@ def read_scores(answers: Path | str) -> MethodScores:
     return MethodScores(Path(answers).resolve().name, keys, columns)
 
 
+def mean_scores(name: str, trainings: list[MethodScores]) -> MethodScores:
+    """Averages the scores of the trainings of a network, picture by picture.
+
+    Args:
+        name: of the network.
+        trainings: one or more.
+
+    Returns:
+        The scores of the network.
+
+    Raises:
+        UserError: if the trainings were scored on different sets.
+    """
+    require_one_set(trainings)
+    columns = {column: np.mean([one.columns[column] for one in trainings], 0) for column in COLUMNS}
+    return MethodScores(name, trainings[0].keys, columns)
+
+
+def require_one_set(rows: list[MethodScores]) -> None:
+    """Raises UserError if not all were scored on the same set."""
+    for row in rows[1:]:
+        if row.keys != rows[0].keys:
+            raise UserError(f"{row.name} and {rows[0].name} were scored on different sets: score both on the same one")
+
+
 @dataclass
 class Section:
     """A table with its title, and a note that explains its numbers."""
@@ -176,9 +201,7 @@ def tables(rows: list[MethodScores], bootstrap: int = RESAMPLES) -> dict[str, Se
     """
     if len({row.name for row in rows}) < len(rows):
         raise UserError("two folders of answers have the same name, by which tables tell methods apart: rename one")
-    for row in rows[1:]:
-        if row.keys != rows[0].keys:
-            raise UserError(f"{row.name} and {rows[0].name} were scored on different sets: score both on the same one")
+    require_one_set(rows)
     figures = np.array([figure for _, _, figure in rows[0].keys])
     names = list(dict.fromkeys(figures))
 

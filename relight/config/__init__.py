@@ -8,6 +8,7 @@ from relight.config.schema import (
     Align,
     Augment,
     Bake,
+    Benchmark,
     Clean,
     Config,
     Evaluate,
@@ -29,7 +30,7 @@ from relight.config.stages import READS, view
 
 __all__ = [
     "CONF", "IS_CLONE", "MAX_NAME_LENGTH", "NO_AUGMENTATION", "READS", "ROOT", "STRENGTHS",
-    "Align", "Augment", "Bake", "Clean", "Config", "Evaluate", "Experiment", "Figures", "Lights", "Loss", "Model",
-    "Panoramas", "Rules", "Split", "Sweep", "Timing", "Trace", "Track", "Train",
+    "Align", "Augment", "Bake", "Benchmark", "Clean", "Config", "Evaluate", "Experiment", "Figures", "Lights", "Loss",
+    "Model", "Panoramas", "Rules", "Split", "Sweep", "Timing", "Trace", "Track", "Train",
     "check", "check_name", "composed", "flat", "presets", "read_preset", "resolved", "view",
 ]  # fmt: skip

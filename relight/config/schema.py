@@ -345,6 +345,14 @@ class Timing:
 
 
 @dataclass
+class Benchmark:
+    """The benchmark of path-traced pictures, for the experiment `benchmark`."""
+
+    folder: str = setting("folder of the set that `relight benchmark make` wrote")
+    version: int = setting(VERSION, least=0)
+
+
+@dataclass
 class Experiment:
     """A question, the runs that answer it, and its section of the report."""
 
@@ -394,6 +402,7 @@ class Config:
     evaluate: Evaluate = field(default_factory=Evaluate)
     trace: Trace = field(default_factory=Trace)
     timing: Timing = field(default_factory=Timing)
+    benchmark: Benchmark = field(default_factory=Benchmark)
     sweep: Sweep = field(default_factory=Sweep)
     experiments: dict[str, Experiment] = field(default_factory=dict)
     track: Track = field(default_factory=Track)

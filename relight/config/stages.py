@@ -25,6 +25,7 @@ READS = {
     "trace": ("evaluate", "trace", "panoramas", "bake.order", "bake.rays"),
     "path_traced": ("evaluate",),
     "inference_time": ("model", "timing"),
+    "benchmark_scores": ("benchmark",),
     "report": ("evaluate", "name"),
 }
 

@@ -87,6 +87,22 @@ def drawn(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
+def weights(tmp_path_factory):
+    """A network of random weights at another size than the square's."""
+    import torch
+
+    from relight.config import Model, composed
+    from relight.learning.checkpoint import save_network
+    from relight.learning.networks import build
+
+    torch.manual_seed(0)
+    model = Model(**{**dict(composed().model), "width": 0.125, "norm": "instance"})
+    path = tmp_path_factory.mktemp("weights") / "tiny.safetensors"
+    save_network(path, build(model, 64), model, train={"color": "photo"})
+    return path
+
+
+@pytest.fixture(scope="session")
 def humanolat(tmp_path_factory):
     """A folder in HumanOLAT's layout: one pose of one twin, from two cameras."""
     return olat_twin.write(tmp_path_factory.mktemp("olat"), cameras=(1, 3))

@@ -141,22 +141,6 @@ def test_a_set_that_was_touched_is_refused(drawn, truth, tmp_path):
         score(copy, truth)
 
 
-@pytest.fixture(scope="module")
-def weights(tmp_path_factory):
-    """A network of random weights at another size than the square's."""
-    import torch
-
-    from relight.config import Model, composed
-    from relight.learning.checkpoint import save_network
-    from relight.learning.networks import build
-
-    torch.manual_seed(0)
-    model = Model(**{**dict(composed().model), "width": 0.125, "norm": "instance"})
-    path = tmp_path_factory.mktemp("weights") / "tiny.safetensors"
-    save_network(path, build(model, 64), model, train={"color": "photo"})
-    return path
-
-
 def test_a_network_answers_all_of_it(drawn, weights, tmp_path):
     out = tmp_path / "tiny"
     says = CliRunner().invoke(app, ["benchmark", "answer", str(out), "--truth", str(drawn), "-w", str(weights)])

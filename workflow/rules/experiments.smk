@@ -96,6 +96,27 @@ rule inference_time:
         + LOGGED_RUN
 
 
+# Each of the networks, the shipped weights and the baselines answers the set; a set that was made again is scored again.
+rule benchmark_scores:
+    input:
+        cfg=settings("benchmark_scores"),
+        index=lambda wildcards: files([PLAN.benchmark_index]),
+        weights=lambda wildcards: PLAN.benchmark_weights[wildcards.method],
+    output:
+        f"{OUT}/benchmark_scores/{{method}}/scores.csv",
+    log:
+        f"{OUT}/log/benchmark_scores/{{method}}.log",
+    benchmark:
+        f"{OUT}/benchmark/benchmark_scores/{{method}}.tsv"
+    resources:
+        mem_mb=8000,
+    shell:
+        command("benchmark_scores")
+        + named("io.method", "wildcards.method")
+        + "io.weights={input.weights:q} io.out={output:q}"
+        + LOGGED
+
+
 STAGE_OUTPUTS = [
     path
     for name, experiment in PLAN.experiments.items()

@@ -2,7 +2,7 @@
 
 import sys
 import traceback
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -18,6 +18,7 @@ from relight.evaluation.report.results import Results
 from relight.files import UserError, atomic_write
 
 T = TypeVar("T")
+Makers = Mapping[str, Callable[[Results, str], dict]]
 
 FILE_ENDS = (
     ".csv",
@@ -44,7 +45,9 @@ class Section:
     failed: bool = False
 
 
-def build_report(name: str, settings: config.Evaluate, experiments: Path, folder: Path, out: Path) -> None:
+def build_report(
+    name: str, settings: config.Evaluate, experiments: Path, folder: Path, out: Path, makers: Makers = own.OWN
+) -> None:
     """Writes the page of a run, its charts, and the tables of experiments with stages of their own.
 
     Files of experiments that are no longer in the run are removed.
@@ -57,6 +60,7 @@ def build_report(name: str, settings: config.Evaluate, experiments: Path, folder
         experiments: the experiments of the run (experiments.json, `Plan.requested`).
         folder: results/<name>.
         out: the page (.html).
+        makers: experiment with stages of its own -> the function that computes the numbers of its section.
 
     Raises:
         UserError: if no section could be made.
@@ -71,7 +75,7 @@ def build_report(name: str, settings: config.Evaluate, experiments: Path, folder
             else []
         ),
         Section("how-to-read", "How to read this page", page.section("sections/reading.md")),
-        *(experiment(results, one) for one in results.experiments),
+        *(experiment(results, one, makers) for one in results.experiments),
         *([make_section("training", "Training", "training.md", data.training, results)] if compared else []),
         make_section("figures", "Figures", "figures.md", data.figures, results),
         make_section("lights", "Lights", "lights.md", data.lights, results),
@@ -95,16 +99,16 @@ def remove_earlier(results: Results) -> None:
                 (results.report / f"{stem}{end}").unlink(missing_ok=True)
 
 
-def experiment(results: Results, name: str) -> Section:
-    """Makes the section of an experiment."""
+def experiment(results: Results, name: str, makers: Makers = own.OWN) -> Section:
+    """Makes the section of an experiment; `makers` as in `build_report`."""
     one = results.experiments[name]
     if one.get("failed"):
         missing = ", ".join(one["failed"])
         return failed_section(
             name, results.title(name), f"Its jobs failed: {missing} was not made. {results.folder}/log says why."
         )
-    make = own.OWN.get(name, sections.experiment)
-    template = f"{name}.md" if name in own.OWN or name in sections.EXPERIMENTS else "experiment.md"
+    make = makers.get(name, sections.experiment)
+    template = f"{name}.md" if name in makers or name in sections.EXPERIMENTS else "experiment.md"
     return make_section(name, results.title(name), template, lambda results: make(results, name), results)
 
 

@@ -1,0 +1,36 @@
+"""Computes the numbers of the report's section about the benchmark, and writes its tables."""
+
+from typing import Any
+
+from relight.benchmark.methods import BASELINES, FIXED
+from relight.benchmark.score import mean_scores, read_scores, tables
+from relight.evaluation.formats import write_tables
+from relight.evaluation.labels import label
+from relight.evaluation.report.results import Results
+
+
+def benchmark(results: Results, name: str) -> dict[str, Any]:
+    """Compares the networks of a run, the weights that ship with relight, and the baselines.
+
+    Args:
+        results: of the run.
+        name: of the experiment.
+
+    Returns:
+        The context of templates/sections/benchmark.md.
+
+    Raises:
+        UserError: if scores are missing, or were made on different sets.
+    """
+    one = results.experiments[name]
+    rows = {**one["runs"], **{method: [method] for method in FIXED}}
+    scored = [
+        mean_scores(label(row), [read_scores(results.folder / "benchmark_scores" / method) for method in methods])
+        for row, methods in rows.items()
+    ]
+    kinds = {label(row): "baseline" if row in BASELINES else "network" for row in rows}
+    found = tables(scored, results.settings.bootstrap)
+    for stem, section in found.items():
+        section.grid.kinds = [kinds.get(words, "") for words in section.grid.frame.index]  # the last table has measures
+        write_tables(results.report / stem, section.title, section.note, section.grid)
+    return {"experiment": one, "trainings": max(map(len, one["runs"].values())), "tables": found}
