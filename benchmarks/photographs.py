@@ -1,13 +1,15 @@
 """Measures errors of networks for photographs on test figures: on relit pictures, and on augmented ones.
 
     python benchmarks/photographs.py results/photo relight/weights/photo.safetensors [other.safetensors ...]
+    python benchmarks/photographs.py results/held ... --all
 
-The first argument is a folder of `relight run experiment=photo`: its packed set, lights and split. Each test figure is
-seen under three test lights. "Photographs" have the framing, masks, exposures and camera of augment=photo; "and tints"
-also its white balances and recoloured clothes; "and gloss" also glossy materials in each picture. Light errors are
-relative errors of irradiance; others are RMSE of vectors in the mask. Columns with a star are after the best factor for
-each picture, since a photograph does not determine a scene's brightness. Detail is the energy of the error's detail
-over the truth's (`losses.detail`): 1 for maps without detail; that of shading is under the true light.
+The first argument is a folder of `relight run experiment=photo`: its packed set, lights and split. Each test figure
+(with --all, each figure) is seen under three test lights. "Photographs" have the framing, masks, exposures and camera
+of augment=photo; "and tints" also its white balances and recoloured clothes; "and gloss" also glossy materials in each
+picture. Light errors are relative errors of irradiance; others are RMSE of vectors in the mask. Columns with a star are
+after the best factor for each picture, since a photograph does not determine a scene's brightness. Detail is the energy
+of the error's detail over the truth's (`losses.detail`): 1 for maps without detail; that of shading is under the true
+light.
 """
 
 import os
@@ -84,18 +86,21 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("results", type=Path)
     parser.add_argument("weights", type=Path, nargs="+")
+    parser.add_argument("--kinds", choices=KINDS, nargs="+", default=list(KINDS), help="of pictures; by default all")
+    parser.add_argument("--all", action="store_true", help="of a set that no training has seen, take all figures")
     args = parser.parse_args()
     torch.set_num_threads(1)
     columns = [*COLUMNS, *(f"detail of {name}" for name in DETAILS)]
     print("| pictures | weights | " + " | ".join(columns) + " |\n|---|---|" + "---|" * len(columns))
-    for title, kind in KINDS.items():
+    for title in args.kinds:
         for path in args.weights:
             network, _ = load_network(path)
             data = RelitSet(
                 args.results / "packed.safetensors", args.results / "lights" / "lights.npz", network.order, "photo"
             )
-            figures = data.figures(read_split(args.results / "split" / "subject.json")["test"])
-            means = errors(network, data, figures, kind)
+            split = None if args.all else read_split(args.results / "split" / "subject.json")
+            figures = data.figures(data.names if split is None else split["test"])
+            means = errors(network, data, figures, KINDS[title])
             print(f"| {title} | {path} | " + " | ".join(f"{value:.3f}" for value in means) + " |")
 
 
