@@ -98,8 +98,11 @@ def main() -> None:
             data = RelitSet(
                 args.results / "packed.safetensors", args.results / "lights" / "lights.npz", network.order, "photo"
             )
-            split = None if args.all else read_split(args.results / "split" / "subject.json")
-            figures = data.figures(data.names if split is None else split["test"])
+            if args.all:
+                names = sorted(set(data.figure_of))  # from the front, in the first outfit
+            else:
+                names = read_split(args.results / "split" / "subject.json")["test"]
+            figures = data.figures(names)
             means = errors(network, data, figures, KINDS[title])
             print(f"| {title} | {path} | " + " | ".join(f"{value:.3f}" for value in means) + " |")
 
