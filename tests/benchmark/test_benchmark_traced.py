@@ -71,8 +71,8 @@ def test_true_maps_agree_with_the_tracer_to_its_noise(traced, person, tmp_path, 
     from relight.benchmark.files import BenchmarkSet, read_arrays
 
     recipe, drawn = traced
-    making.save(tmp_path, recipe.name, person.info["name"], asdict(recipe), drawn)
-    making.index(tmp_path, "report", [recipe.name], asdict(SETTINGS))
+    making.save_picture(tmp_path, recipe.name, person.info["name"], asdict(recipe), drawn)
+    making.write_index(tmp_path, "report", [recipe.name], asdict(SETTINGS))
     benchmark = BenchmarkSet(tmp_path)
     entry = benchmark.entries[0]
     says = true_maps()(benchmark, entry)
