@@ -31,7 +31,7 @@ def main(evaluate: Evaluate, track: Track, packed: Path, lights: Path, split: Pa
     # A network without a fingerprint was trained elsewhere, and has its own run.
     fingerprint = trained.get("fingerprint") or hashlib.sha256(network.read_bytes()).hexdigest()
     finite = {name: value for name, value in means.items() if value == value}
-    TrainingRun(track, network.stem, fingerprint, settings).log_scores(finite, out)
+    TrainingRun(track, network.stem, fingerprint, settings).log_scores(finite, network, out)
 
 
 if __name__ == "__main__":

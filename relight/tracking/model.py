@@ -50,13 +50,13 @@ def log_network(client, run: str, path: Path) -> None:
         run: the id of the run.
         path: the network's file.
     """
+    found = client.get_run(run)
+    if found.outputs and found.outputs.model_outputs:
+        return
     import mlflow.pyfunc
     from mlflow.entities import LoggedModelOutput
     from mlflow.models import Model
 
-    found = client.get_run(run)
-    if found.outputs and found.outputs.model_outputs:
-        return
     predictor = _load_pyfunc(str(path))
     model = client.create_logged_model(
         found.info.experiment_id, path.stem.replace(".", "-"), run, params=found.data.params, model_type="relighting"

@@ -259,17 +259,21 @@ class TrainingRun(Run):
 
         self.attempt(send)
 
-    def log_scores(self, values: Mapping[str, float], *files: Path) -> None:
+    def log_scores(self, values: Mapping[str, float], network: Path, *files: Path) -> None:
         """Sends new scores of the finished training; the end time of the run stays that of the training.
 
         Args:
             values: the scores by name.
+            network: file (.safetensors), added as a model if the training was killed after it had written the file.
             files: further artifacts.
         """
+        from relight.tracking.model import log_network
 
         def send() -> None:
             from mlflow.entities import Metric
 
+            assert self.id is not None  # `attempt` opened the run
+            log_network(self.client, self.id, network)
             run, when = self.client.get_run(self.id), milliseconds()
             models = run.outputs.model_outputs if run.outputs else []
             model = models[0].model_id if models else None

@@ -264,11 +264,20 @@ def test_scores_are_added_to_the_run_of_their_network(training):
     training()
     one = TrainingRun(Track(training.uri, "test"), OUT.stem, header()["fingerprint"], {})
     for _ in range(2):
-        one.log_scores({"test/light_rmse": 0.5}, CURVE)
-    one.log_scores({"test/light_rmse": 0.25})
+        one.log_scores({"test/light_rmse": 0.5}, OUT, CURVE)
+    one.log_scores({"test/light_rmse": 0.25}, OUT)
     (run,) = training.runs()
     history = MlflowClient(training.uri).get_metric_history(run.info.run_id, "test/light_rmse")
     assert [point.value for point in history] == [0.5, 0.25]
+
+
+def test_a_network_that_a_killed_training_did_not_log_comes_with_its_scores(training):
+    training()
+    one = TrainingRun(Track(training.uri, "test"), "killed.s0", "9" * 64, {})
+    for score in (0.5, 0.25):
+        one.log_scores({"test/light_rmse": score}, OUT)
+    assert not one.warnings
+    assert len(MlflowClient(training.uri).get_run(one.id).outputs.model_outputs) == 1
 
 
 def test_a_moved_folder_keeps_its_artifacts_with_it(training, tmp_path, monkeypatch):

@@ -187,7 +187,7 @@ def trained(name: str, mark: str, score: float, curve: Path) -> Path:
     save_network(network, build(NETWORK, 64), NETWORK, fingerprint=mark, train={"color": "photo"})
     run = TrainingRun(Track(), name, mark, {"train": {"color": "photo"}})
     run.finish(curve, network)
-    run.log_scores({"test/shading_rmse": score})
+    run.log_scores({"test/shading_rmse": score}, network)
     assert not run.warnings
     return network
 
@@ -237,7 +237,7 @@ def test_without_an_address_nothing_is_tracked(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     run = TrainingRun(Track(), "ours.s0", "1" * 64, {"lr": 1})
     run.log({"loss": 0.5}, 0)
-    run.log_scores({"test": 1.0})
+    run.log_scores({"test": 1.0}, tmp_path / "ours.safetensors")
     finish_workflow(replace(FLOW, track=Track()), {}, tmp_path)
     assert not list(tmp_path.iterdir()) and capsys.readouterr() == ("", "")
 
