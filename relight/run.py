@@ -51,7 +51,7 @@ def run(
     """
     config: dict[str, Any] = {"hydra": overrides}
     if multirun:
-        config["hydra"], config["runs"] = expand_sweep(overrides)
+        config["hydra"], config["rows"] = expand_sweep(overrides)
     plan = Plan(config)
     plan.check()
     if multirun:
@@ -163,13 +163,13 @@ def suspend(process: subprocess.Popen[bytes], *_: Any) -> None:
 
 
 def expand_sweep(overrides: list[str]) -> tuple[list[str], dict[str, list[str]]]:
-    """Expands a sweep to runs: one for each combination of the overrides with several values.
+    """Expands a sweep to rows: one for each combination of the overrides with several values.
 
     Args:
         overrides: of Hydra; several values are written as train.lr=1e-4,2e-4.
 
     Returns:
-        The overrides with one value, and the overrides of each run by its name.
+        The overrides with one value, and the overrides of each row by its name.
 
     >>> expand_sweep(["train.lr=1e-4,2e-4", "scale=demo"])
     (['scale=demo'], {'lr_0.0001': ['train.lr=0.0001'], 'lr_0.0002': ['train.lr=0.0002']})
@@ -197,15 +197,15 @@ def expand_sweep(overrides: list[str]) -> tuple[list[str], dict[str, list[str]]]
         raise UserError(f"cannot read the overrides: {' '.join(str(error).split())}") from None
     if not axes:
         raise UserError("-m sweeps over lists, such as train.lr=1e-4,2e-4: give an override with several values")
-    runs: dict[str, list[str]] = {}
+    rows: dict[str, list[str]] = {}
     for choice in itertools.product(*axes):
         words = [f"{key}={value}" for key, value in choice]
         name = "-".join(f"{key.lstrip('+').rpartition('.')[2]}_{value}" for key, value in choice)
         safe_name = re.sub(r"[^A-Za-z0-9._+-]+", "_", name)
-        if len(safe_name) > MAX_NAME_LENGTH or runs.get(safe_name, words) != words:
+        if len(safe_name) > MAX_NAME_LENGTH or rows.get(safe_name, words) != words:
             safe_name = f"{safe_name[: MAX_NAME_LENGTH - 9]}-{hashlib.sha256(name.encode()).hexdigest()[:8]}"
-        runs[safe_name] = words
-    return fixed, runs
+        rows[safe_name] = words
+    return fixed, rows
 
 
 @contextmanager

@@ -22,8 +22,8 @@ from relight import config as schema
 from relight.config import CONF, ROOT, Experiment, Track, check_name, composed, view
 from relight.files import UserError, atomic_write, remove_folder
 from relight.processes import end_with_parent, git
-from relight.run_name import RunName
 from relight.tracking.workflow import Workflow, milliseconds
+from relight.training_name import TrainingName
 
 if TYPE_CHECKING:
     from relight.meshes.scans import Scan
@@ -46,14 +46,14 @@ FAILED_VARIABLE = "RELIGHT_FAILED"  # environment variable with Plan.failed as J
 class Plan:
     """The plan of one workflow.
 
-    A *row* is a named set of overrides, that is, a run of the tables. A *training* is a row with a seed.
+    A *row* is a named set of overrides, that is, of one row of the tables. A *training* is a row with a seed.
 
     Attributes:
         overrides: of Hydra, as given.
         cfg: the settings that all rows share.
         out: the folder of the results, relative to the repository.
         rows: name -> overrides, of all that may be trained.
-        trainings: name -> RunName, for all rows and seeds.
+        trainings: name -> TrainingName, for all rows and seeds.
         is_sweep: whether the rows are those of `relight run -m`.
         requested: name -> experiment, with the rows that are selected and not duplicates.
         failed: experiments to leave out -> their missing files.
@@ -64,27 +64,27 @@ class Plan:
         """Composes the settings.
 
         Args:
-            config: of Snakemake. `hydra` contains overrides, as a list or one string of words. `runs`, if given,
+            config: of Snakemake. `hydra` contains overrides, as a list or one string of words. `rows`, if given,
                 replaces the rows, and all experiments by one table of them.
             failed: see the attributes.
 
         Raises:
             UserError: if a setting or a name is invalid.
         """
-        if unknown := sorted(set(config) - {"hydra", "runs"}):
+        if unknown := sorted(set(config) - {"hydra", "rows"}):
             word = f"{unknown[0]}={config[unknown[0]]}"
             raise UserError(f'--config {word}: write the settings as one word, --config hydra="{word}"')
         overrides = config.get("hydra") or []
         self.overrides = shlex.split(overrides) if isinstance(overrides, str) else list(overrides)
         self.cfg = composed(self.overrides)
         self.out = f"results/{self.cfg.name}"
-        for row in config.get("runs") or ():
-            check_name("runs", row)
-        rows: Any = config.get("runs") or OmegaConf.to_container(self.cfg.sweep.runs)
+        for row in config.get("rows") or ():
+            check_name("rows", row)
+        rows: Any = config.get("rows") or OmegaConf.to_container(self.cfg.sweep.rows)
         self.rows: dict[str, list[str]] = rows
-        names = [RunName(row, seed) for row in self.rows for seed in self.cfg.sweep.seeds]
+        names = [TrainingName(row, seed) for row in self.rows for seed in self.cfg.sweep.seeds]
         self.trainings = {str(name): name for name in names}
-        self.is_sweep = "runs" in config
+        self.is_sweep = "rows" in config
         self.requested = self._requested()
         self.failed = failed or {}
         self.experiments = {name: experiment for name, experiment in self.requested.items() if name not in self.failed}
@@ -140,7 +140,7 @@ class Plan:
         Returns:
             The file, which is not touched if its content is already right.
         """
-        requested = {"hydra": self.overrides, **({"runs": self.rows} if self.is_sweep else {})}
+        requested = {"hydra": self.overrides, **({"rows": self.rows} if self.is_sweep else {})}
         file, text = Path(folder) / self.out / "run.yaml", yaml.safe_dump(json.loads(json.dumps(requested)))
         if not file.exists() or file.read_text() != text:
             with atomic_write(file) as tmp:
@@ -166,7 +166,7 @@ class Plan:
     def _requested(self) -> dict[str, Experiment]:
         selected = set(self.cfg.sweep.only or self.rows)
         if unknown := selected - set(self.rows):
-            raise UserError(f"sweep.only: no run {min(unknown)}; there are {', '.join(self.rows)}")
+            raise UserError(f"sweep.only: no row {min(unknown)}; there are {', '.join(self.rows)}")
         if self.is_sweep:
             return {"sweep": Experiment(rows=list(self.rows), plates=True)}
         given: Any = OmegaConf.to_object(self.cfg.experiments)
@@ -204,7 +204,7 @@ class Plan:
     def scored(self) -> list[str]:
         """The trainings that the tables compare."""
         rows = {row for experiment in self.experiments.values() if experiment.table for row in experiment.rows}
-        return [training for training, name in self.trainings.items() if name.run in rows]
+        return [training for training, name in self.trainings.items() if name.row in rows]
 
     def condition_folder(self, experiment: str) -> str:
         """Returns the folder of an experiment's scores in evaluate/: "" for the usual condition, or sitting-test/."""
@@ -304,7 +304,7 @@ class Plan:
         """
         if training not in self._by_training:
             name = self.trainings[training]
-            groups = self._row_settings(name.run)
+            groups = self._row_settings(name.row)
             start = groups["train"]["start"]
             own_settings = {
                 "seed": name.seed,
@@ -322,10 +322,10 @@ class Plan:
                     cfg[group][key] != value for key, value in self.shared[group].items() if (group, key) != SPLIT_KIND
                 ):
                     raise UserError(
-                        f"run {row} changes {group}, which all runs share: change it for all, under a new name"
+                        f"row {row} changes {group}, which all rows share: change it for all, under a new name"
                     )
             if cfg.train.start == row:
-                raise UserError(f"run {row}: train.start={row} is the run itself: name another run")
+                raise UserError(f"row {row}: train.start={row} is the row itself: name another row")
             self._by_row[row] = {group: OmegaConf.to_container(cfg[group]) for group in ROW_GROUPS}
         return self._by_row[row]
 
@@ -347,8 +347,8 @@ class Plan:
 
         The trainings of `relight run -m` have a separate experiment in MLflow.
         """
-        runs = {row: list(words) for row, words in self.rows.items()}
-        settings = {**self.shared, "sweep": {**self.shared["sweep"], "runs": runs}}
+        overrides = {row: list(words) for row, words in self.rows.items()}
+        settings = {**self.shared, "sweep": {**self.shared["sweep"], "rows": overrides}}
         track = Track(**settings.pop("track"))
         if self.is_sweep:
             track.experiment += " sweeps"
@@ -380,7 +380,7 @@ class Plan:
 
     def trainings_of(self, row: str) -> list[str]:
         """Returns the trainings of a row, one per seed."""
-        return [training for training, name in self.trainings.items() if name.run == row]
+        return [training for training, name in self.trainings.items() if name.row == row]
 
     def scores(self, experiment: str, usual: bool = False) -> dict[str, list[str]]:
         """Returns the files of scores of an experiment's rows, and of its baselines under "".
@@ -471,7 +471,7 @@ class Plan:
         if stage == "split":
             tree = {**self.shared, "split": {**self.shared["split"], "kind": of}}
         elif of and of not in self.trainings:
-            raise UserError(f"no run {of}; there are {', '.join(self.trainings)}")
+            raise UserError(f"no training {of}; there are {', '.join(self.trainings)}")
         else:
             tree = self.settings(of) if of else self.shared
         return HEAD + OmegaConf.to_yaml(view(tree, stage))
@@ -479,13 +479,13 @@ class Plan:
     def experiments_json(self) -> str:
         """Returns the experiments as JSON, for the report.
 
-        Each has its fields, and its trainings (`runs`) by row. Tables also have files in results/<name>: their
+        Each has its fields, and its `trainings` by row. Tables also have files in results/<name>: their
         `scores`, those on the `usual` figures and lights, and the `splits` of their rows. An experiment that is
         left out has its missing files in `failed`.
         """
         found = {}
         for name, experiment in self.requested.items():
-            found[name] = {**asdict(experiment), "runs": {row: self.trainings_of(row) for row in experiment.rows}}
+            found[name] = {**asdict(experiment), "trainings": {row: self.trainings_of(row) for row in experiment.rows}}
             if name in self.failed:
                 found[name] |= {"failed": self.failed[name]}
             elif experiment.table:

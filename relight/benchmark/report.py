@@ -23,7 +23,7 @@ def benchmark(results: Results, name: str) -> dict[str, Any]:
         UserError: if scores are missing, or were made on different sets.
     """
     one = results.experiments[name]
-    rows = {**one["runs"], **{method: [method] for method in FIXED}}
+    rows = {**one["trainings"], **{method: [method] for method in FIXED}}
     scored = [
         mean_scores(label(row), [read_scores(results.folder / "benchmark_scores" / method) for method in methods])
         for row, methods in rows.items()
@@ -33,4 +33,4 @@ def benchmark(results: Results, name: str) -> dict[str, Any]:
     for stem, section in found.items():
         section.grid.kinds = [kinds.get(words, "") for words in section.grid.frame.index]  # the last table has measures
         write_tables(results.report / stem, section.title, section.note, section.grid)
-    return {"experiment": one, "trainings": max(map(len, one["runs"].values())), "tables": found}
+    return {"experiment": one, "trainings": max(map(len, one["trainings"].values())), "tables": found}

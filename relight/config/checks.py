@@ -28,7 +28,7 @@ def check(cfg: DictConfig) -> None:
     """
     if (results := OmegaConf.select(cfg, "name")) is not None:
         check_name("name", results)
-    for key in ("sweep.runs", "experiments"):
+    for key in ("sweep.rows", "experiments"):
         for name in OmegaConf.select(cfg, key) or ():
             check_name(key, name)
     for sentence in chain(_unknown(cfg), _out_of_range(cfg), _inconsistent(cfg)):
@@ -39,8 +39,8 @@ def check_name(what: str, name: str) -> None:
     """Checks that a name is safe in paths and commands.
 
     Args:
-        what: the setting, for the error: `name`, `runs`.
-        name: of results, a run or an experiment.
+        what: the setting, for the error: `name`, `rows`.
+        name: of results, a row or an experiment.
 
     Raises:
         UserError: if it is not safe.
@@ -106,8 +106,8 @@ def _inconsistent(cfg: DictConfig) -> Iterator[str]:
                 "loss=self_supervised"
             )
     for name, experiment in (get("experiments") or {}).items():
-        if unknown := [row for row in experiment.rows if row not in (get("sweep.runs") or {})]:
-            yield f"experiments.{name}.rows: no run {unknown[0]} in sweep.runs; add it there"
+        if unknown := [row for row in experiment.rows if row not in (get("sweep.rows") or {})]:
+            yield f"experiments.{name}.rows: no row {unknown[0]} in sweep.rows; add it there"
     if (get("figures.outfits") or 1) > 1 and (get("figures.source") != "generated" or get("bake.bounces")):
         yield "figures.outfits must be 1 with bake.bounces, which depend on albedo, and unless figures are generated"
     for name, weight in (get("loss.extra") or {}).items():

@@ -19,7 +19,8 @@ class Figures:
     """The source and the content of figures."""
 
     source: str = setting(
-        "generated figures; scans: meshes in a folder; olat: captures of a light stage, one light at a time",
+        "generated figures; scans: meshes in a folder; olat: captures of a light stage, one light at a time; or the "
+        "name of a file in relight/extensions",
         choices=("generated", "scans", "olat", *extensions.names()),
     )
     folder: str | None = setting("folder of the scans or captures", None)
@@ -171,7 +172,10 @@ class Lights:
 class Model:
     """The network."""
 
-    name: str = setting("architecture", choices=("ours", "sfsnet", "sfsnet_ao", "unet", *extensions.names()))
+    name: str = setting(
+        "architecture, or the name of a file in relight/extensions",
+        choices=("ours", "sfsnet", "sfsnet_ao", "unet", *extensions.names()),
+    )
     width: float = setting("factor on the number of channels of every layer", least=0.01)
     norm: str = setting("normalisation by the statistics of each image, or of the batch", choices=("instance", "batch"))
     dropout: float = setting("share of features that are zeroed in training", least=0, below=1)
@@ -280,8 +284,8 @@ class Train:
 class Augment:
     """Random changes as by photographers, cameras and masks, drawn for each training pair; 0 turns one off.
 
-    Pixels are those of the network's image. Framing, tint, exposure and recolouring change both picture and ground
-    truth, the others only the picture.
+    Pixels are those of the network's image. Framing, tint, exposure, recolouring and prints change both picture and
+    ground truth, the others only the picture.
     """
 
     framing: float = setting("share of the pictures with a new framing", least=0, most=1)
@@ -354,9 +358,9 @@ class Benchmark:
 
 @dataclass
 class Experiment:
-    """A question, the runs that answer it, and its section of the report."""
+    """A question, the rows that answer it, and its section of the report."""
 
-    rows: list[str] = setting("runs that the section compares, in order")
+    rows: list[str] = setting("rows that the section compares, in order")
     title: str = setting("title of its section and table; the experiment's name if empty", "")
     question: str = setting("the question, in a sentence", "")
     figures: str = setting("part of the split on which its rows are scored", "test", choices=PARTS)
@@ -368,11 +372,11 @@ class Experiment:
 
 @dataclass
 class Sweep:
-    """The runs to train, to which presets of `experiment` add."""
+    """The rows to train, to which presets of `experiment` add."""
 
-    runs: dict[str, list[str]] = setting("overrides of each run, by name")
-    only: list[str] | None = setting("names of the runs to train; null for all", None)
-    seeds: list[int] = setting("seeds, with each of which every run is trained", least=0)
+    rows: dict[str, list[str]] = setting("overrides of each row, by name")
+    only: list[str] | None = setting("names of the rows to train; null for all", None)
+    seeds: list[int] = setting("seeds, with each of which every row is trained", least=0)
 
 
 @dataclass

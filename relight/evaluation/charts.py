@@ -19,7 +19,7 @@ from relight.evaluation.scores import read_table
 from relight.evaluation.statistics import Estimate
 from relight.evaluation.tables import Table, sign
 from relight.files import UserError, atomic_write
-from relight.run_name import RunName
+from relight.training_name import TrainingName
 
 COLORS = ("#7a5195", "#ef5675", "#ffa600", "#00798c", "#30638e", "#6a994e", "#8d99ae", "#bc6c25")
 STYLES = ("-", "--", ":", "-.")  # for more rows than colours
@@ -121,7 +121,7 @@ def plot_curves(curves: list[Path], out: Path) -> None:
     data = {path: read_table(path, "training curve", ["step"], "relight-train") for path in curves}
     names = dict.fromkeys(name for curve in data.values() for name in curve)
     shown = [name for name in names if name not in ("step", "lr", "loss") and not name.startswith(VALIDATION)]
-    rows = list(dict.fromkeys(RunName.parse(path.stem).run for path in curves))
+    rows = list(dict.fromkeys(TrainingName.parse(path.stem).row for path in curves))
     if not shown:
         raise UserError(f"{out}: the training curves hold no losses")
     styles: dict[str, dict[str, Any]] = {
@@ -134,7 +134,7 @@ def plot_curves(curves: list[Path], out: Path) -> None:
         panels = figure.subplots(down, across, squeeze=False).ravel()
         for panel, name in zip(panels, shown):
             for path, curve in data.items():
-                style = styles[RunName.parse(path.stem).run]
+                style = styles[TrainingName.parse(path.stem).row]
                 if name in curve:
                     panel.plot(curve["step"], curve[name], linewidth=0.8, alpha=0.6, **style)
                 if f"{VALIDATION}{name}" in curve:

@@ -33,8 +33,8 @@ from relight.evaluation.tracing import Scene, read_scenes
 from relight.files import UserError, atomic_write
 from relight.learning.data import RelitSet
 from relight.progress import progress
-from relight.run_name import RunName
 from relight.sh import order_of, unoccluded
+from relight.training_name import TrainingName
 
 CAUSES = {
     "network": "what the network infers",
@@ -170,7 +170,7 @@ def tables(path: Path, settings: config.Evaluate) -> dict[str, Grid]:
         UserError: if the file is not such a table.
     """
     found = read_table(path, "errors against path tracing", [*KEYS, *COLUMNS], "relight-path-traced")
-    found["row"] = [RunName.parse(name).run for name in found["name"]]
+    found["row"] = [TrainingName.parse(name).row for name in found["name"]]
     figures, values = found["figure"].nunique(), dict(list(found.groupby(["kind", "row"], sort=False)))
     networks = {row: label(row) for kind, row in values if kind == "answer" and row not in ANSWERS}
     causes = {f"network:{row}": f"{CAUSES['network']}: {words}" for row, words in networks.items()}

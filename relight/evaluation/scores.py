@@ -8,7 +8,7 @@ import pandas as pd
 
 from relight.evaluation.metrics import COLLAPSE, COLUMNS
 from relight.files import UserError, atomic_write, existing_file
-from relight.run_name import RunName
+from relight.training_name import TrainingName
 
 KEYS = ["predictor", "figure", "light"]
 
@@ -100,7 +100,7 @@ def gather(paths: list[Path]) -> dict[str, list[Scores]]:
             first = first or (path, scores)
             if (scores.figures, scores.lights) != (first[1].figures, first[1].lights):
                 raise UserError(f"{path} and {first[0]} are scores of different test pairs: evaluate both on one split")
-            rows.setdefault(RunName.parse(name).run, []).append(scores)
+            rows.setdefault(TrainingName.parse(name).row, []).append(scores)
     return rows
 
 

@@ -115,7 +115,7 @@ def experiment_table(
         UserError: if there is no run.
     """
     if not networks:
-        raise UserError(f"{name}: there is no run to put in its table")
+        raise UserError(f"{name}: there is no training to put in its table")
     given = {**networks, **baselines}
     rows: dict[str, dict[str, Estimate]] = {row: {} for row in given}
     for column in COLUMNS:

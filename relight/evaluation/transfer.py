@@ -21,7 +21,7 @@ from relight.evaluation.scores import Scores, write_scores
 from relight.files import UserError
 from relight.learning.data import RelitSet
 from relight.progress import progress
-from relight.run_name import RunName
+from relight.training_name import TrainingName
 
 # The maps and the light of a relit picture. Inferred maps are from the figure's own picture, lights from its partner's.
 VARIANTS = {
@@ -80,11 +80,11 @@ def evaluate_transfer(
     baselines: dict[str, Scores] = {}
     for name, checkpoint in progress(list(networks.items()), "networks that swap lights"):
         network, data = load(checkpoint, packed, lights, settings)
-        training = RunName.parse(name)
+        training = TrainingName.parse(name)
         found = score_swaps(partial(infer, network, data), data, split, settings)
         baselines = {name: found.pop(name) for name in BASELINES}
         for variant, one in found.items():
-            scores[str(replace(training, run=f"{training.run}:{variant}")) if variant else name] = one
+            scores[str(replace(training, row=f"{training.row}:{variant}")) if variant else name] = one
     write_scores(out, {**scores, **baselines})
 
 

@@ -33,8 +33,8 @@ def list_scans(folder: Path | str) -> dict[str, Scan]:
 
     A table `scans.csv` in the folder (column path, optionally use, name, subject) says which files are figures; without
     it all mesh files in the folder and its subfolders are, except hidden ones. A scan has the name of its file, with
-    the folders before it or a hash of its path where names would be the same. The subject is the subfolder of `folder`,
-    the person of a RenderPeople name (rp_<person>_...), or the scan's own name.
+    the folders before it or a hash of its path where names would be the same. Where the table names no subject, it is
+    the subfolder of `folder`, of a RenderPeople name (rp_<person>_...) the person, or else the scan's own name.
 
     Args:
         folder: of the scans.
@@ -94,11 +94,11 @@ def short_hash(text: str) -> str:
 
 
 def _subject(relative: Path, name: str) -> str:
-    """Returns the subject of a scan without a table."""
-    if len(relative.parts) > 1:
-        return safe_name(relative.parts[0])
-    person = re.match(r"rp_([a-z]+)", name, re.IGNORECASE)
-    return person[1].lower() if person else name
+    """Returns the subject of a scan, from its path in the folder of the scans, or from its name if it is outside."""
+    inside = len(relative.parts) > 1 and not relative.is_absolute() and ".." not in relative.parts
+    subject = safe_name(relative.parts[0]) if inside else name
+    person = re.match(r"rp_([a-z]+)", subject, re.IGNORECASE)
+    return person[1].lower() if person else subject
 
 
 def _finest_versions(files: list[Path]) -> list[Path]:
@@ -122,13 +122,14 @@ def _from_table(table: Path) -> dict[str, Scan]:
     for row in rows:
         if row.get("use", "1").lower() in ("0", "no", "false"):
             continue
-        path = table.parent / row["path"].replace("\\", "/")
+        written = Path(row["path"].replace("\\", "/"))
+        path = table.parent / written
         name = safe_name(row.get("name") or path.stem)
         if not path.is_file():
             raise UserError(f"{table} names {row['path']}, which is not there; paths start at the table's folder")
         if name in scans:
             raise UserError(f"{table} names {name} twice")
-        scans[name] = Scan(path, safe_name(row.get("subject") or name))
+        scans[name] = Scan(path, safe_name(row.get("subject") or _subject(written, name)))
     if not scans:
         raise UserError(f"{table} chooses no scan")
     return scans

@@ -13,9 +13,9 @@ def networks_of(experiments: Path, name: str, folder: Path) -> tuple[dict[str, P
         folder: of the networks.
 
     Returns:
-        The files of all trainings by run (ours_full.s0), and those of the first training of each row by row
+        The files of all trainings by name (ours_full.s0), and those of the first training of each row by row
         (ours_full).
     """
-    rows = json.loads(experiments.read_text())[name]["runs"]
-    by_run = {run: folder / f"{run}.safetensors" for runs in rows.values() for run in runs}
-    return by_run, {row: by_run[runs[0]] for row, runs in rows.items()}
+    rows = json.loads(experiments.read_text())[name]["trainings"]
+    files = {name: folder / f"{name}.safetensors" for trainings in rows.values() for name in trainings}
+    return files, {row: files[trainings[0]] for row, trainings in rows.items()}

@@ -47,10 +47,10 @@ def main(
         f"{source.replace(':', ' ')} at {yaw:.0f}°": light[:9]
         for source, yaw, light in zip(test.source, test.yaw, test.coefficients)
     }
-    tables = (one["runs"] for one in json.loads(experiments.read_text()).values() if "scores" in one)
+    tables = (one["trainings"] for one in json.loads(experiments.read_text()).values() if "scores" in one)
     networks = {
-        label(row): load(results / "train" / f"{runs[0]}.safetensors", packed, lights, evaluate)
-        for row, runs in next(tables, {}).items()
+        label(row): load(results / "train" / f"{trainings[0]}.safetensors", packed, lights, evaluate)
+        for row, trainings in next(tables, {}).items()
     }
     first = int((light_set.split == "test").argmax())
 

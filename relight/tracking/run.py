@@ -13,9 +13,9 @@ import numpy as np
 
 from relight import __version__
 from relight.config import Track, flat
-from relight.run_name import RunName
 from relight.tracking.store import configure, connect, lock
 from relight.tracking.workflow import Workflow, milliseconds
+from relight.training_name import TrainingName
 
 NOTE = """\
 `loss` and its parts are means over the steps since the last point, `validation/` the same on a few fixed pairs of test
@@ -183,10 +183,10 @@ class TrainingRun(Run):
             settings: of the training, nested.
             data: input files by name.
         """
-        workflow, training = Workflow.from_environment(), RunName.parse(name)
-        tags = {"row": training.run} | ({} if training.seed is None else {"seed": str(training.seed)})
+        workflow, training = Workflow.from_environment(), TrainingName.parse(name)
+        tags = {"row": training.row} | ({} if training.seed is None else {"seed": str(training.seed)})
         if workflow:
-            tags |= {**workflow.tags, "experiment": ", ".join(workflow.rows.get(training.run, []))}
+            tags |= {**workflow.tags, "experiment": ", ".join(workflow.rows.get(training.row, []))}
             track = workflow.track
         tags["mlflow.note.content"] = NOTE
         super().__init__(track, name, fingerprint, settings, tags, workflow_run(workflow) if workflow else None)

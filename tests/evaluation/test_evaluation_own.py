@@ -22,7 +22,7 @@ SETTINGS = Evaluate(bootstrap=500, plates=1, sheet=6, lights="test", device="cpu
 @pytest.fixture
 def results(tmp_path):
     runs = {"ours_full": ["ours_full.s0", "ours_full.s1"]}
-    experiments = {name: {"runs": runs, "title": name, "question": "How?"} for name in own.OWN}
+    experiments = {name: {"trainings": runs, "title": name, "question": "How?"} for name in own.OWN}
     for name in ("light_transfer/plate.png", "path_traced/plate.png"):
         (tmp_path / name).parent.mkdir()
         Image.new("RGB", (9, 9)).save(tmp_path / name)

@@ -62,13 +62,13 @@ def results(folder, preset: str, errors: dict[str, dict[str, float]], usual=None
     (folder / "config").mkdir(parents=True, exist_ok=True)
     (folder / "report").mkdir(exist_ok=True)
     for row in rows:
-        words = dict(word.split("=") for word in one["sweep"]["runs"][row] if "." in word.split("=")[0])
+        words = dict(word.split("=") for word in one["sweep"]["rows"][row] if "." in word.split("=")[0])
         figures = int(words["train.figures"]) if "train.figures" in words else None
         train = {"figures": figures, "part": "train", "steps": int(words.get("train.steps", 1000 + len(row)))}
         model = {"width": float(words.get("model.width", 1)), "order": int(words.get("model.order", 2))}
         settings = {"defaults": [], "hydra": {}, "train": train, "model": model, "loss": {"light": 1}}
         (folder / "config" / f"train.{row}.s0.yaml").write_text(yaml.safe_dump(settings))
-    record = {**experiment, **files, "runs": {row: [f"{row}.s0"] for row in rows}}
+    record = {**experiment, **files, "trainings": {row: [f"{row}.s0"] for row in rows}}
     record["splits"] = dict.fromkeys(rows, "split.json")
     (folder / "experiments.json").write_text(json.dumps({preset: record}))
     return Results(folder, SETTINGS, folder / "experiments.json")
@@ -336,7 +336,8 @@ def test_a_failed_section_takes_no_other_along(tmp_path, capsys):
     (folder / "evaluate" / "test-test" / "no_tv.s0.csv").write_text("a,b\n1,2\n")
     (folder / "lights" / "chain.json").unlink()
     asked = json.loads((folder / "experiments.json").read_text())
-    asked["inference_time"] = {"title": "", "question": "", "table": False, "rows": [], "runs": {}, "plates": False}
+    asked["inference_time"] = {"title": "", "question": "", "table": False, "plates": False}
+    asked["inference_time"] |= {"rows": [], "trainings": {}}
     asked["inference_time"] |= {"failed": ["inference_time/a.csv"]}
     (folder / "experiments.json").write_text(json.dumps(asked))
     out = folder / "report" / "report.html"
@@ -400,7 +401,7 @@ def test_a_run_says_how_to_repeat_it(tmp_path):
     assert provenance.command(folder) == "relight run"
     (folder / "run.yaml").write_text(yaml.safe_dump({"hydra": ["name=mine", "experiment=[a,b]"]}))
     assert provenance.command(folder) == "relight run name=mine 'experiment=[a,b]'"
-    (folder / "run.yaml").write_text(yaml.safe_dump({"hydra": ["name=mine"], "runs": {"a": []}}))
+    (folder / "run.yaml").write_text(yaml.safe_dump({"hydra": ["name=mine"], "rows": {"a": []}}))
     assert provenance.command(folder) == "snakemake all --configfile results/mine/run.yaml"
 
 

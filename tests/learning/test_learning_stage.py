@@ -162,7 +162,7 @@ def test_a_sweep_has_an_experiment_and_a_parent_of_its_own(training, monkeypatch
     """Beside a run of the tables that has the settings of one of its trainings."""
     words = ["scale=smoke", "experiment=one", f"track.uri={training.uri}"]
     rows = {f"lr_{lr}": [f"train.lr={lr}"] for lr in (0.002, 0.001)}
-    plans = [Plan({"hydra": words}), Plan({"hydra": words, "runs": rows})]
+    plans = [Plan({"hydra": words}), Plan({"hydra": words, "rows": rows})]
     flows = [plan.workflow() for plan in plans]
     given = [(flows[0], "one", 0.002), *((flows[1], row, float(row[3:])) for row in rows)]
     networks = {f"{row}.s0": Path("train") / f"{row}.s0.safetensors" for _, row, _ in given}

@@ -46,6 +46,7 @@ def test_the_layouts_of_renderpeople_thuman_and_own_folders(tmp_path):
         "rp_aaron_posed_013_OBJ/rp_aaron_posed_013_30k.obj",
         "rp_aaron_posed_013_OBJ/rp_aaron_posed_013_100k.obj",
         "rp_aaron_posed_013_OBJ/tex/rp_aaron_posed_013_dif_8k.jpg",
+        "rp_aaron_posed_014_OBJ/rp_aaron_posed_014.obj",
         "0001/0001.obj",
         "0001/material0.jpeg",
         "eve/standing.glb",
@@ -56,7 +57,8 @@ def test_the_layouts_of_renderpeople_thuman_and_own_folders(tmp_path):
         "0001": ("0001/0001.obj", "0001"),
         "adam_standing": ("adam/standing.glb", "adam"),
         "eve_standing": ("eve/standing.glb", "eve"),
-        "rp_aaron_posed_013_100k": ("rp_aaron_posed_013_OBJ/rp_aaron_posed_013_100k.obj", "rp_aaron_posed_013_OBJ"),
+        "rp_aaron_posed_013_100k": ("rp_aaron_posed_013_OBJ/rp_aaron_posed_013_100k.obj", "aaron"),
+        "rp_aaron_posed_014": ("rp_aaron_posed_014_OBJ/rp_aaron_posed_014.obj", "aaron"),
         "sitting": ("eve/sitting.glb", "eve"),
     }
     touch(tmp_path / "flat", "rp_eve_posed_001.obj", "rp_eve_posed_002.obj")
@@ -67,6 +69,11 @@ def test_a_table_replaces_the_listing(tmp_path):
     touch(tmp_path, "x/a.ply", "x/b.ply", "c.ply", "d.ply")
     (tmp_path / "scans.csv").write_text("use,name,subject,path\n1,second,eve,x\\b.ply\n0,first,eve,x/a.ply\n,,,c.ply\n")
     assert listed(tmp_path) == {"second": ("x/b.ply", "eve"), "c": ("c.ply", "c")}
+    (tmp_path / "scans.csv").write_text("name,path\nfirst,x/a.ply\nsecond,x\\b.ply\n,./d.ply\n")
+    assert {name: subject for name, (_, subject) in listed(tmp_path).items()} == {"first": "x", "second": "x", "d": "d"}
+    outside = f"../{tmp_path.name}/c.ply", f"{tmp_path}/x/a.ply"  # folders outside say nothing about the person
+    (tmp_path / "scans.csv").write_text("path\n" + "\n".join(outside))
+    assert [scan.subject for scan in list_scans(tmp_path).values()] == ["c", "a"]
     for text, says in (
         ("name\na\n", "no column `path`"),
         ("path\nnone.ply\n", "none.ply"),

@@ -72,7 +72,7 @@ def test_domains(rules, words, right, wrong):
 
 
 def test_types_and_domains_in_words():
-    keys = ("train.lr", "bake.size", "model.refine", "train.size", "timing.sizes", "augment.zoom", "sweep.runs")
+    keys = ("train.lr", "bake.size", "model.refine", "train.size", "timing.sizes", "augment.zoom", "sweep.rows")
     assert [(type_in_words(FIELDS[key].type), domain_in_words(FIELDS[key])) for key in keys] == [
         ("a number", "greater than 0"),
         ("a whole number", "a multiple of 64 and at least 64"),
@@ -109,7 +109,7 @@ def test_what_stages_read_is_there(stage):
         ("model.refine=perhaps", ["model.refine must be true or false, not 'perhaps'"]),
         ("timing.sizes=[64,a]", ["timing.sizes must be a list of whole numbers, not 'a'"]),
         ("name=null", ["name must be text, not null"]),
-        ("sweep.runs=3", ["sweep.runs must be names, each with a list of texts, not 3"]),
+        ("sweep.rows=3", ["sweep.rows must be names, each with a list of texts, not 3"]),
         ("loss=ful", ["loss=ful", "full", "min"]),
         ("los=full", ["los: no such setting", "did you mean loss", "track"]),
         ("+extra=1", ["extra", "train"]),
@@ -136,7 +136,7 @@ def test_what_stages_read_is_there(stage):
         ("train.lights=[dim]", ["train.lights", "train, rich, test", "dim"]),
         ("train.part=test", ["without ground truth", "loss.albedo", "loss=self_supervised"]),
         ("train.lights=[train,test]", ["without ground truth", "loss.albedo"]),
-        ("experiments.table1.rows=[nobody]", ["experiments.table1.rows", "no run nobody"]),
+        ("experiments.table1.rows=[nobody]", ["experiments.table1.rows", "no row nobody"]),
         ("experiments.table1.figures=lying", ["experiments.table1.figures", "sitting", "lying"]),
         ("experiments.table1.figures=[1]", ["experiments.table1.figures must be text, not [1]"]),
         ("experiments.table9.rows=[ours_full]", ["experiments.table9: no such setting", "table1, table2"]),
@@ -145,8 +145,8 @@ def test_what_stages_read_is_there(stage):
         ("name=.", ["name", "'.'"]),
         ("name=-x", ["name", "'-x'"]),
         ("name=", ["name", "''"]),
-        ("++sweep.runs={x/y: []}", ["sweep.runs", "x/y"]),
-        ("++sweep.runs={$x: []}", ["sweep.runs", "$x"]),
+        ("++sweep.rows={x/y: []}", ["sweep.rows", "x/y"]),
+        ("++sweep.rows={$x: []}", ["sweep.rows", "$x"]),
         ("++experiments={a b: {rows: []}}", ["experiments", "a b"]),
         ("+train.foo=1", ["train.foo", "no such setting", "steps"]),
         ("+train._target_=os.system", ["train._target_", "no such setting"]),

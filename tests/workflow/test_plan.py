@@ -57,7 +57,7 @@ def test_a_row_means_the_same_in_every_preset():
     rows: dict[str, list[str]] = {}
     for preset in PRESETS:
         for row, words in (
-            yaml.safe_load((CONF / "experiment" / f"{preset}.yaml").read_text())["sweep"]["runs"]
+            yaml.safe_load((CONF / "experiment" / f"{preset}.yaml").read_text())["sweep"]["rows"]
         ).items():
             assert rows.setdefault(row, words) == words, (preset, row)
 
@@ -71,7 +71,7 @@ def test_every_preset_plans(preset):
     for run in plan.trainings:
         plan.settings_file(f"train.{run}")
     found = json.loads(plan.experiments_json())[preset]
-    assert list(found["runs"]) == found["rows"]
+    assert list(found["trainings"]) == found["rows"]
     if found["table"]:
         assert set(found["scores"]) == set(found["usual"]) == {*found["rows"], ""}
         assert f"{plan.out}/{found['scores'][''][0]}" in plan.score_files
@@ -126,9 +126,9 @@ def test_rows_may_have_splits_of_their_own():
     ("hydra", "message"),
     [
         ("evaluate.lights=unusual", "experiment=sitting"),
-        ("sweep.only=[nobody]", "no run nobody"),
-        ("+sweep.runs.wide=['bake.rays=9']", "changes bake"),
-        ("+sweep.runs.wide=['train.start=wide']", "is the run itself"),
+        ("sweep.only=[nobody]", "no row nobody"),
+        ("+sweep.rows.wide=['bake.rays=9']", "changes bake"),
+        ("+sweep.rows.wide=['train.start=wide']", "is the row itself"),
     ],
 )
 def test_impossible_plans(hydra, message):
@@ -167,7 +167,7 @@ def test_sweeps_are_named(words, names):
     assert len(runs) == len(names)
     for name, wanted in zip(runs, names):
         assert name == wanted if wanted else re.fullmatch(r"start_[\w-]{6,94}", name)
-    Plan({"hydra": ["scale=smoke"], "runs": runs})
+    Plan({"hydra": ["scale=smoke"], "rows": runs})
 
 
 def test_a_sweep_over_an_interval_is_refused():
@@ -176,7 +176,7 @@ def test_a_sweep_over_an_interval_is_refused():
 
 
 def test_rows_with_the_same_overrides_stay():
-    words = ["+sweep.runs.again=['model=ours','loss=full']", "experiments.table2.rows=[ours_full,again]"]
+    words = ["+sweep.rows.again=['model=ours','loss=full']", "experiments.table2.rows=[ours_full,again]"]
     plan = Plan({"hydra": ["scale=smoke", "experiment=table2", *words]})
     assert plan.experiments["table2"].rows == ["ours_full", "again"]
 
@@ -184,8 +184,8 @@ def test_rows_with_the_same_overrides_stay():
 def test_what_snakemake_is_given_in_other_words_is_refused():
     with pytest.raises(UserError, match=r'--config scale=smoke: write .* --config hydra="scale=smoke"'):
         Plan({"scale": "smoke"})
-    with pytest.raises(UserError, match=r"runs: '\$\(touch x\)' is not a valid name"):
-        Plan({"hydra": "scale=smoke", "runs": {"$(touch x)": []}})
+    with pytest.raises(UserError, match=r"rows: '\$\(touch x\)' is not a valid name"):
+        Plan({"hydra": "scale=smoke", "rows": {"$(touch x)": []}})
 
 
 def test_a_package_that_is_missing_is_told_with_the_plan(monkeypatch):
@@ -197,7 +197,7 @@ def test_a_package_that_is_missing_is_told_with_the_plan(monkeypatch):
 
 def test_what_was_asked_for_is_written_down(tmp_path):
     runs = {"a": ["train.lr=0.1"]}
-    for config in ({"hydra": "scale=smoke name=x"}, {"hydra": ["scale=smoke", "name=x"], "runs": runs}):
+    for config in ({"hydra": "scale=smoke name=x"}, {"hydra": ["scale=smoke", "name=x"], "rows": runs}):
         file = Plan(config).write_record(tmp_path)
         assert file == tmp_path / "results/x/run.yaml"
         found = yaml.safe_load(file.read_text())

@@ -260,7 +260,7 @@ def test_a_workflow_tells_what_was_asked_for(monkeypatch):
     others = ("scale=smoke", "scale=smoke train.lr=0.5", "scale=smoke track=none")
     marks = [Plan({"hydra": words}).workflow().fingerprint for words in others]
     assert marks[0] == marks[2] != marks[1]
-    swept = Plan({"hydra": "scale=smoke", "runs": {"lr_1": ["train.lr=1"]}}).workflow()
+    swept = Plan({"hydra": "scale=smoke", "rows": {"lr_1": ["train.lr=1"]}}).workflow()
     assert (
         swept.track.experiment == "smoke sweeps" and swept.tags["sweep"] == "true" and swept.rows == {"lr_1": ["sweep"]}
     )

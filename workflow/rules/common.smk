@@ -49,7 +49,7 @@ onerror:
 wildcard_constraints:
     figure="|".join(map(re.escape, PLAN.single_figures)) or "(?!)",
     decade="|".join(PLAN.decades) or "(?!)",
-    run="|".join(map(re.escape, PLAN.trainings)),
+    training="|".join(map(re.escape, PLAN.trainings)),
     experiment="|".join(map(re.escape, PLAN.experiments)),
     kind="subject|paper|disjoint|siblings",
     on="((test|sitting|views)-(test|unusual)/)?",
@@ -99,9 +99,9 @@ def maps_of(names):
     }
 
 
-def split_of(run):
-    """Returns the file of the split on which a run is trained and scored."""
-    return f"{OUT}/split/{PLAN.settings(run)['split']['kind']}.json"
+def split_of(training):
+    """Returns the file of the split on which a network is trained and scored."""
+    return f"{OUT}/split/{PLAN.settings(training)['split']['kind']}.json"
 
 
 def condition(on):
@@ -115,10 +115,12 @@ def networks_of(experiment):
     if experiment not in PLAN.experiments:
         return []
     rows = PLAN.experiments[experiment].rows
-    return [PLAN.network(run) for row in rows for run in PLAN.trainings_of(row)]
+    return [
+        PLAN.network(training) for row in rows for training in PLAN.trainings_of(row)
+    ]
 
 
 # The braces hide the shell's message about a killed command, which the logger reports. The header of a stage's log
 # (relight.stages.stage), whose lines start with "# ", is not printed on the console.
 LOGGED = " 2>&1; }} 2>/dev/null | tee {log:q} | sed -u '\\,^# ,d'"
-LOGGED_RUN = LOGGED + """ | sed -u s,^,{rule:q}" "{wildcards.run:q}": ","""
+LOGGED_TRAINING = LOGGED + """ | sed -u s,^,{rule:q}" "{wildcards.training:q}": ","""

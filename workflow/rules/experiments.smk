@@ -78,22 +78,22 @@ rule path_traced:
 # It requests all cores, so that no other job of this workflow runs at the same time.
 rule inference_time:
     input:
-        cfg=settings("inference_time.{run}"),
+        cfg=settings("inference_time.{training}"),
     output:
-        f"{OUT}/inference_time/{{run}}.csv",
+        f"{OUT}/inference_time/{{training}}.csv",
     log:
-        f"{OUT}/log/inference_time/{{run}}.log",
+        f"{OUT}/log/inference_time/{{training}}.log",
     threads: workflow.cores
     resources:
         mem_mb=8000,
         gpu=PLAN.gpus,
     params:
-        row=lambda wildcards: PLAN.trainings[wildcards.run].run,
+        row=lambda wildcards: PLAN.trainings[wildcards.training].row,
     shell:
         command("inference_time")
         + named("io.row", "params.row")
         + "io.out={output:q}"
-        + LOGGED_RUN
+        + LOGGED_TRAINING
 
 
 # Each of the networks, the shipped weights and the baselines answers the set; a set that was made again is scored again.

@@ -1,17 +1,17 @@
 rule train:
     input:
-        cfg=settings("train.{run}"),
+        cfg=settings("train.{training}"),
         packed=f"{OUT}/packed.safetensors",
-        split=lambda wildcards: split_of(wildcards.run),
+        split=lambda wildcards: split_of(wildcards.training),
         lights=f"{OUT}/lights/lights.npz",
-        start=lambda wildcards: PLAN.start_network(wildcards.run),
+        start=lambda wildcards: PLAN.start_network(wildcards.training),
     output:
-        network=f"{OUT}/train/{{run}}.safetensors",
-        curve=f"{OUT}/train/{{run}}.csv",
+        network=f"{OUT}/train/{{training}}.safetensors",
+        curve=f"{OUT}/train/{{training}}.csv",
     log:
-        f"{OUT}/log/train/{{run}}.log",
+        f"{OUT}/log/train/{{training}}.log",
     benchmark:
-        f"{OUT}/benchmark/train/{{run}}.tsv"
+        f"{OUT}/benchmark/train/{{training}}.tsv"
     resources:
         mem_mb=8000,
         runtime=1440,
@@ -20,22 +20,22 @@ rule train:
         command("train")
         + "io.packed={input.packed:q} io.split={input.split:q} io.lights={input.lights:q} "
         + "io.out={output.network:q} io.curve={output.curve:q}"
-        + LOGGED_RUN
+        + LOGGED_TRAINING
 
 
 rule evaluate:
     input:
         cfg=settings("evaluate"),
         packed=f"{OUT}/packed.safetensors",
-        split=lambda wildcards: split_of(wildcards.run),
+        split=lambda wildcards: split_of(wildcards.training),
         lights=f"{OUT}/lights/lights.npz",
-        network=f"{OUT}/train/{{run}}.safetensors",
+        network=f"{OUT}/train/{{training}}.safetensors",
     output:
-        f"{OUT}/evaluate/{{on}}{{run}}.csv",
+        f"{OUT}/evaluate/{{on}}{{training}}.csv",
     log:
-        f"{OUT}/log/evaluate/{{on}}{{run}}.log",
+        f"{OUT}/log/evaluate/{{on}}{{training}}.log",
     benchmark:
-        f"{OUT}/benchmark/evaluate/{{on}}{{run}}.tsv"
+        f"{OUT}/benchmark/evaluate/{{on}}{{training}}.tsv"
     resources:
         mem_mb=8000,
         gpu=PLAN.gpus,
@@ -45,7 +45,7 @@ rule evaluate:
         command("evaluate")
         + "{params.condition} io.packed={input.packed:q} io.split={input.split:q} io.lights={input.lights:q} "
         + "io.network={input.network:q} io.out={output:q}"
-        + LOGGED_RUN
+        + LOGGED_TRAINING
 
 
 rule baselines:

@@ -118,8 +118,8 @@ rule report:
         record=f"{OUT}/figures.json",
         chain=f"{OUT}/lights/chain.json",
         scores=lambda wildcards: PLAN.score_files,
-        curves=expand(f"{OUT}/train/{{run}}.csv", run=PLAN.scored),
-        networks=[PLAN.network(run) for run in PLAN.scored],
+        curves=expand(f"{OUT}/train/{{training}}.csv", training=PLAN.scored),
+        networks=[PLAN.network(training) for training in PLAN.scored],
         plates=expand(
             f"{OUT}/report/{{experiment}}_{{kind}}.png",
             experiment=PLAN.plates,

@@ -81,7 +81,7 @@ def table(items: dict[str, Field[Any]], cfg: DictConfig | None) -> str:
     rows = []
     for key, item in items.items():
         value = item.default if cfg is None else OmegaConf.select(cfg, key)
-        if key == "sweep.runs":
+        if key == "sweep.rows":
             value = ", ".join(value)
         about = setting_of(item).about
         rows.append([f"`{key}`", shown(value), values(item), about[0].upper() + about[1:]])

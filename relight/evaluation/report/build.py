@@ -147,7 +147,7 @@ def head(name: str, results: Results, failed: int) -> Markup:
     outcome = value_or_none(lambda: sections.summary(results))
     lights = value_or_none(lambda: results.lights["lights"])
     figures = value_or_none(lambda: len(results.record["figures"]))
-    rows = {row for one in results.tables for row in results.experiments[one]["runs"]}
+    rows = {row for one in results.tables for row in results.experiments[one]["trainings"]}
     steps = value_or_none(lambda: sorted({results.setting(row, "train.steps") for row in rows}))
     found, wall = costs(results.folder)
     shown = [one for one in results.tables if results.experiments[one]["plates"]]
@@ -164,7 +164,7 @@ def head(name: str, results: Results, failed: int) -> Markup:
         overview=bool(shown),
         figures=figures,
         lights=lights,
-        trainings=len(results.runs),
+        trainings=len(results.trainings),
         steps=steps,
         origin=provenance(results.folder),
         wall=wall,

@@ -25,21 +25,21 @@ def training(results: Results) -> Numbers:
     files = {"errors": results.report / "errors.png", "curves": results.report / "curves.png"}
     table = results.table(results.readable[0])
     charts.plot_errors(table, tuple(c for c in table.columns if c.endswith("rmse")), files["errors"])
-    charts.plot_curves([results.folder / "train" / f"{run}.csv" for run in results.runs], files["curves"])
+    charts.plot_curves([results.folder / "train" / f"{name}.csv" for name in results.trainings], files["curves"])
     return files | {"networks": networks(results, results.readable[0])}
 
 
 def networks(results: Results, name: str) -> list[tuple[str, Path]]:
     """Draws the different networks of a table; returns the labels of the rows of each, and its diagram."""
-    runs = {row: trainings[0] for row, trainings in results.experiments[name]["runs"].items()}
+    first = {row: trainings[0] for row, trainings in results.experiments[name]["trainings"].items()}
     settings = results.settings_files()
     rows_by_model: dict[str, list[str]] = {}
-    for row, run in runs.items():
-        model = {key: value for key, value in settings[f"train.{run}"].items() if key.startswith("model.")}
+    for row, training in first.items():
+        model = {key: value for key, value in settings[f"train.{training}"].items() if key.startswith("model.")}
         rows_by_model.setdefault(str(model), []).append(row)
     found = []
     for rows in rows_by_model.values():
-        file = results.folder / "train" / f"{runs[rows[0]]}.safetensors"
+        file = results.folder / "train" / f"{first[rows[0]]}.safetensors"
         if file.exists():
             network, _ = load_network(file)
             weights = sum(weight.numel() for weight in network.parameters())
@@ -144,8 +144,8 @@ def costs_and_settings(results: Results) -> Numbers:
         stage: {key: "none" if value is None else str(value) for key, value in values.items()}
         for stage, values in results.settings_files().items()
     }
-    runs = {run: settings[f"train.{run}"] for run in results.runs if f"train.{run}" in settings}
-    trained = pd.DataFrame(runs, dtype=object).fillna("")
+    trainings = {name: settings[f"train.{name}"] for name in results.trainings if f"train.{name}" in settings}
+    trained = pd.DataFrame(trainings, dtype=object).fillna("")
     is_shared = trained.nunique(axis=1) == 1
     shared: dict[str, str] = {}
     for stage, values in settings.items():

@@ -84,8 +84,8 @@ def traced(results: Results, name: str) -> Numbers:
 
 def inference_time(results: Results, name: str) -> Numbers:
     """Computes the inference time of each network at each size."""
-    runs = [runs[0] for runs in results.experiments[name]["runs"].values()]
-    times = pd.concat([timing.read_times(results.folder / "inference_time" / f"{run}.csv") for run in runs])
+    first = [trainings[0] for trainings in results.experiments[name]["trainings"].values()]
+    times = pd.concat([timing.read_times(results.folder / "inference_time" / f"{training}.csv") for training in first])
     times["on"] = ["a GPU" if one.device == "cuda" else count(one.threads, "thread") for one in times.itertuples()]
     rows = [
         [

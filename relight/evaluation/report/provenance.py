@@ -62,7 +62,7 @@ def command(folder: Path) -> str:
     """Returns the command that repeats a run in a clone; a sweep is repeated from its record."""
     record = folder / "run.yaml"
     config = yaml.safe_load(record.read_text()) if record.exists() else {}
-    if "runs" in config:
+    if "rows" in config:
         return f"snakemake all --configfile results/{folder.name}/run.yaml"
     return shlex.join(["relight", "run", *config.get("hydra", [])])
 

@@ -4,6 +4,7 @@ import json
 from collections.abc import Iterable
 from contextlib import suppress
 from functools import cached_property
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -60,10 +61,10 @@ class Results:
         return self.experiments[name]["title"] or name
 
     @cached_property
-    def runs(self) -> list[str]:
+    def trainings(self) -> list[str]:
         """The trainings that the tables compare."""
-        found = (run for name in self.readable for runs in self.experiments[name]["runs"].values() for run in runs)
-        return list(dict.fromkeys(found))
+        rows = (row for name in self.readable for row in self.experiments[name]["trainings"].values())
+        return list(dict.fromkeys(chain.from_iterable(rows)))
 
     @cached_property
     def record(self) -> dict[str, Any]:
@@ -130,8 +131,8 @@ class Results:
 
     def setting(self, row: str, key: str) -> Any:
         """Returns the value of a setting, such as `model.width`, with which a row was trained."""
-        run = next(one["runs"][row][0] for one in self.experiments.values() if row in one["runs"])
-        value = yaml.safe_load((self.folder / "config" / f"train.{run}.yaml").read_text())
+        training = next(one["trainings"][row][0] for one in self.experiments.values() if row in one["trainings"])
+        value = yaml.safe_load((self.folder / "config" / f"train.{training}.yaml").read_text())
         for part in key.split("."):
             value = value[part]
         return value

@@ -1,0 +1,27 @@
+"""The name of a training: its row of the tables and its seed."""
+
+import re
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class TrainingName:
+    """A row and a seed; its `str()` is the name of files, jobs and MLflow runs: `ours_full.s0`.
+
+    >>> TrainingName.parse("ours_full.s0")
+    TrainingName(row='ours_full', seed=0)
+    >>> str(TrainingName("ours_full", 0))
+    'ours_full.s0'
+    """
+
+    row: str
+    seed: int | None = None
+
+    def __str__(self) -> str:
+        return self.row if self.seed is None else f"{self.row}.s{self.seed}"
+
+    @classmethod
+    def parse(cls, text: str) -> "TrainingName":
+        """Parses a name; without a seed, as for baselines, all of it is the row."""
+        found = re.fullmatch(r"(.*)\.s(\d+)", text, re.S)
+        return cls(found[1], int(found[2])) if found else cls(text)
