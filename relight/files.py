@@ -144,6 +144,18 @@ def atomic_write(path: Path | str) -> Iterator[Path]:
 @contextmanager
 def atomic_folder(path: Path | str) -> Iterator[Path]:
     """Writes a folder atomically: yields an empty folder that replaces `path` if the block succeeds."""
+    path = Path(path).absolute()
+    with temporary_folder(path) as temporary:
+        yield temporary
+        temporary.chmod(0o755)
+        if path.exists():
+            shutil.rmtree(path)
+        os.replace(temporary, path)
+
+
+@contextmanager
+def temporary_folder(path: Path | str) -> Iterator[Path]:
+    """Yields an empty folder beside `path`, and removes it at the end, as well as those of killed writers of `path`."""
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     _remove_stale(path.parent, f".{path.name}.")
@@ -152,10 +164,6 @@ def atomic_folder(path: Path | str) -> Iterator[Path]:
     try:
         _try_lock(handle)
         yield temporary
-        temporary.chmod(0o755)
-        if path.exists():
-            shutil.rmtree(path)
-        os.replace(temporary, path)
     finally:
         os.close(handle)
         shutil.rmtree(temporary, ignore_errors=True)

@@ -33,11 +33,8 @@ defaults: [schema, _self_, override hydra/job_logging: none, override hydra/hydr
 hydra: {run: {dir: .}, output_subdir: null, job: {chdir: false}}
 """
 USUAL_CONDITION = ("test", "test")  # the figures and lights of the tables
-# Equal for all rows, except SPLIT_KIND.
-SHARED_GROUPS = ("figures", "clean", "align", "bake", "split", "panoramas", "lights", "evaluate")
-SPLIT_KIND = ("split", "kind")
 MAX_CLOCK_SKEW = 60  # seconds by which the clock of a file server may be ahead
-# The groups that stages read for each row.
+# The groups that rows may change; of the split only its kind.
 ROW_GROUPS = ("model", "loss", "train", "augment", "split", "timing", "track")
 SETTINGS_CACHE = Path(".snakemake", "relight.settings.json")  # settings of rows, by the hash of their sources
 FAILED_VARIABLE = "RELIGHT_FAILED"  # environment variable with Plan.failed as JSON
@@ -115,6 +112,12 @@ class Plan:
             raise UserError("experiment=path_traced needs meshes, which figures.source=olat does not make")
         if "path_traced" in self.experiments and find_spec("mitsuba") is None:
             raise UserError("experiment=path_traced needs Mitsuba, which is not installed here: pip install mitsuba")
+        if "path_traced" in self.experiments and self.cfg.bake.bounces:
+            raise UserError("experiment=path_traced separates direct from bounced light, and needs bake.bounces=0")
+        self._check_rows()
+
+    def _check_rows(self) -> None:
+        """Checks the settings of all rows. They are cached, since composing them takes seconds."""
         keys = {row: self._cache_key(row) for row in self.rows}
         try:
             cached = json.loads((ROOT / SETTINGS_CACHE).read_text())
@@ -130,6 +133,18 @@ class Plan:
                     tmp.write_text(json.dumps({key: self._by_row[row] for row, key in keys.items()}))
             except UserError:  # a read-only folder: settings are composed again next time
                 pass
+        for row in dict.fromkeys(row for one in self.experiments.values() if one.table for row in one.rows):
+            train = self._row_settings(row)["train"]
+            if train["color"] != self.cfg.train.color:
+                raise UserError(
+                    f"row {row} has train.color={train['color']}, and the baselines {self.cfg.train.color}: their "
+                    f"errors cannot be compared; give train.color={train['color']} to the run, under a new name"
+                )
+            if train["size"] not in (None, self.cfg.bake.size):
+                raise UserError(
+                    f"row {row} has train.size={train['size']}, and is tested on maps of "
+                    f"bake.size={self.cfg.bake.size}: give one size, or let another row start from it"
+                )
 
     def write_record(self, folder: Path | str) -> Path:
         """Writes the given overrides and rows to run.yaml in the results.
@@ -316,17 +331,19 @@ class Plan:
     def _row_settings(self, row: str) -> dict[str, Any]:
         """Returns the ROW_GROUPS of a row as plain values. Raises UserError if they are invalid."""
         if row not in self._by_row:
-            cfg = composed([*self.overrides, *self.rows[row]])
-            for group in SHARED_GROUPS:
-                if any(
-                    cfg[group][key] != value for key, value in self.shared[group].items() if (group, key) != SPLIT_KIND
-                ):
+            for word in (*self.overrides, *self.rows[row]):
+                if word.lstrip("+").startswith("train.seed="):
+                    raise UserError(f"{word}: give the seeds of all trainings, sweep.seeds=[{word.partition('=')[2]}]")
+            cfg: Any = OmegaConf.to_container(composed([*self.overrides, *self.rows[row]]))
+            split_kind = {"kind": cfg["split"]["kind"]}
+            for group, shared in {**self.shared, "split": {**self.shared["split"], **split_kind}}.items():
+                if (group not in ROW_GROUPS or group == "split") and cfg[group] != shared:
                     raise UserError(
                         f"row {row} changes {group}, which all rows share: change it for all, under a new name"
                     )
-            if cfg.train.start == row:
+            if cfg["train"]["start"] == row:
                 raise UserError(f"row {row}: train.start={row} is the row itself: name another row")
-            self._by_row[row] = {group: OmegaConf.to_container(cfg[group]) for group in ROW_GROUPS}
+            self._by_row[row] = {group: cfg[group] for group in ROW_GROUPS}
         return self._by_row[row]
 
     def _cache_key(self, row: str) -> str:

@@ -22,7 +22,7 @@ from relight.files import UserError, atomic_write, read_table, writable_folder
 from relight.maps import Maps
 from relight.meshes import read_mesh
 from relight.panoramas import Panorama, project
-from relight.panoramas.radiosity import view_directions
+from relight.panoramas.radiosity import HEIGHT, WIDTH, view_directions
 from relight.photos.crop import MASK_THRESHOLD, crop_around, fill_outside
 from relight.photos.environment import camera_view
 from relight.progress import progress
@@ -280,8 +280,8 @@ def import_gradients(capture: ultrastage.Capture, with_variants: bool) -> Import
     """
     found = ultrastage.read(capture)
     square = crop_around(found.mask, SQUARE_SIZE)
-    even = np.full((64, 128, 3), BRIGHTNESS / np.pi, np.float32)
-    directions = view_directions().reshape(64, 128, 3)
+    even = np.full((HEIGHT, WIDTH, 3), BRIGHTNESS / np.pi, np.float32)
+    directions = view_directions().reshape(HEIGHT, WIDTH, 3)
     slope = directions @ (capture.rotation @ found.gradients.T)  # of each channel
     light = Panorama(even, source="full on")
     new = [Panorama((even * found.level * (1 + sign * slope) / 2).astype(np.float32)) for sign in (1, -1)]

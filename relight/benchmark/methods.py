@@ -1,6 +1,5 @@
 """Answers the benchmark with relight's own networks, trivial baselines, and ground truth."""
 
-import hashlib
 import json
 from collections.abc import Callable
 from dataclasses import replace
@@ -48,7 +47,7 @@ def answer(folder: Path | str, out: Path | str, method: str, weights: Path | Non
     record = {"set": benchmark.hash, "method": method}
     if method == "network":
         relighter = load(weights, threads=1)
-        apply, record["weights"] = network(relighter), weights_hash(relighter)
+        apply, record["weights"] = network(relighter), relighter.weights_hash()
     else:
         apply = BASELINES[method]()
     check_answers(out, record)
@@ -57,14 +56,6 @@ def answer(folder: Path | str, out: Path | str, method: str, weights: Path | Non
     for entry in progress(missing, f"answers of {out.name}"):
         write_arrays(out / f"{entry.name}.npz", sha256(entry.folder / "photo.png"), apply(benchmark, entry))
     return len(missing)
-
-
-def weights_hash(relighter: Relighter) -> str:
-    """Returns the SHA-256 of a network's weights."""
-    digest = hashlib.sha256()
-    for name, values in relighter.network.state_dict().items():
-        digest.update(name.encode() + values.numpy().tobytes())
-    return digest.hexdigest()
 
 
 def check_answers(out: Path, record: dict[str, str]) -> None:

@@ -98,6 +98,8 @@ def _inconsistent(cfg: DictConfig) -> Iterator[str]:
         yield "augment and train.size need train.color=photo, since they change pictures as cameras do"
     if get("model.name") == "unet" and get("model.light_head") == "strided":
         yield "model.name=unet has a pooled light head only: give model=unet or model.light_head=pooled"
+    if get("model.name") == "unet" and get("model.dropout"):
+        yield "model.name=unet has no dropout: give model=unet or model.dropout=0"
     if get("train.part") == "test" or "test" in (get("train.lights") or ()):
         supervised = [one.name for one in fields(Loss) if one.type in (float, "float")]
         if used := [name for name in supervised if name not in UNSUPERVISED_LOSSES and get(f"loss.{name}")]:

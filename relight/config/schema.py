@@ -304,7 +304,7 @@ class Augment:
     blur: float = setting("largest standard deviation of the blur, pixels", least=0)
     sharpen: float = setting("largest weight of the unsharp mask", least=0)
     noise: float = setting("largest standard deviation of the noise, of codes in [0, 1]", least=0)
-    jpeg: float = setting("share of the pictures that are compressed, at qualities from 40 to 95", least=0, most=1)
+    jpeg: float = setting("share of the pictures that are compressed, at qualities from 40 to 94", least=0, most=1)
 
 
 # The settings of Augment that change pictures, apart from `exposure`.

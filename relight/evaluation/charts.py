@@ -82,6 +82,10 @@ def plot_errors(table: Table, columns: tuple[str, ...], out: Path) -> None:
     """
     shown = table.present(columns)
     rows = [row for row, cells in table.rows.items() if any(column in cells for column in shown)]
+    if not rows:
+        with chart(out, 4, 1) as figure:
+            figure.text(0.5, 0.5, "no scores", ha="center", va="center")
+        return
     with chart(out, 2.6 + 2.3 * len(shown), 0.9 + 0.34 * len(rows)) as figure:
         panels = figure.subplots(1, len(shown), sharey=True, squeeze=False)[0]
         for panel, column in zip(panels, shown):

@@ -6,7 +6,7 @@ picture differs from the next by one cause, whose name is on its line:
     network          albedo^ * max(T^.L, 0), inferred maps relit
     clipping         albedo * max(T.L, 0), true maps relit: the reference of the other scores
     sampling         albedo * T.L, which may be negative, since L has few coefficients
-    baker            the same as the mean over the pixel's area, while maps hold the values at its centre
+    baker            the same with more samples of the pixel's area than the maps have (bake.supersample)
     truncation       path traced in the panorama cut to the order of T and L
     interreflection  path traced in the whole panorama, without interreflection
     (the end)        path traced with interreflection

@@ -241,7 +241,7 @@ def weave(fabric: Fabric, name: str, u: np.ndarray, v: np.ndarray, texel: float 
             )
             color = mixed(mixed(first, second, share), palette(fabric, 0), line)
     elif fabric.kind == "print":
-        color = printed(fabric, u, v, offset, soft)
+        color = printed(fabric, u, v, offset)
     elif fabric.kind == "logo":
         color = emblem(fabric, name, u, v, soft)
     elif fabric.kind == "melange":
@@ -284,7 +284,7 @@ def mixed(ground: np.ndarray, pattern: np.ndarray, share: np.ndarray) -> np.ndar
     return ground + (pattern - ground) * share[..., None]
 
 
-def printed(fabric: Fabric, u: np.ndarray, v: np.ndarray, offset: float, soft: float) -> np.ndarray:
+def printed(fabric: Fabric, u: np.ndarray, v: np.ndarray, offset: float) -> np.ndarray:
     """Returns an all-over print (...,3): dots, flowers or leaves in one or two colours, camouflage, or tie-dye."""
     first, second, seed = np.array(fabric.first), np.array(fabric.second), fabric.seed
     kind, size = int(trait(fabric, 2) * 8), fabric.size * (0.5 + 1.2 * trait(fabric, 3) ** 2)

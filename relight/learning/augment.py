@@ -29,7 +29,7 @@ PRINT_PERIOD = (0.012, 0.2)  # range of a print's period, as a share of the imag
 ROUGHNESS_RANGE = (0.25, 0.7)  # of glossy materials: the square root of GGX's alpha
 SPECULAR_STRENGTH = (0.2, 1.5)  # of their reflectance at normal incidence, over 4 %
 MAX_WEAR = 1.5  # largest factor, and its inverse the smallest, on roughness and reflectance of known materials
-JPEG_QUALITY = (40, 95)
+JPEG_QUALITY = (40, 95)  # the end is excluded
 
 # Quantisation tables of JPEG (ITU-T T.81, Annex K) for luminance and chrominance.
 _LUMINANCE_TABLE = (

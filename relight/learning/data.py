@@ -169,7 +169,7 @@ class RelitSet:
         arrays = figures.arrays()
         offset = np.asarray(arrays["offset"], np.int64)
         self.counts = np.diff(offset)
-        self.max_pixels = int(-(-self.counts.max() // 64) * 64)
+        self.max_pixels = int(-(-self.counts.max() // MULTIPLE) * MULTIPLE)
         below, interior, outside = neighbours(np.asarray(arrays["pixel"]), offset, self.size)
 
         def load(array: np.ndarray) -> Tensor:

@@ -1,6 +1,7 @@
 """The Python interface: `relight.load()` and its `Relighter`. Pictures are arrays, images of Pillow, or files."""
 
 import base64
+import hashlib
 import io
 from dataclasses import replace
 from pathlib import Path
@@ -86,6 +87,13 @@ class Relighter:
     def order(self) -> int:
         """Of the spherical harmonics."""
         return self.network.order
+
+    def weights_hash(self) -> str:
+        """Returns the SHA-256 of the network's weights."""
+        digest = hashlib.sha256()
+        for name, values in self.network.state_dict().items():
+            digest.update(name.encode() + values.numpy().tobytes())
+        return digest.hexdigest()
 
     def infer(
         self, image: Picture, mask: Picture | None = None, split: bool = True, white_balance: str = "keep"

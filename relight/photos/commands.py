@@ -214,7 +214,7 @@ def movie(
     from relight.photos.video import writable_video
 
     writable_video(out)
-    if options.background == "transparent":
+    if options.background in ("transparent", "none"):
         raise UserError("a movie cannot be transparent: give another --background")
     if not path.exists():
         raise UserError(f"movie: there is no file or folder {path}")

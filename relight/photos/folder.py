@@ -15,7 +15,7 @@ from relight import __version__
 from relight.files import UserError, writable_folder
 from relight.photos.mask import automatic_model
 from relight.photos.photo import Options, relight_file
-from relight.photos.read import list_photos, mask_beside
+from relight.photos.read import list_photos, mask_beside, mask_in
 from relight.photos.write import write_json
 from relight.processes import has_semaphores
 from relight.progress import progress
@@ -76,12 +76,13 @@ def relight_folder(
     writable_folder(out, "--out")
     if masks and not Path(masks).is_dir():
         raise UserError(f"mask {masks}: for a folder of photos give a folder of masks")
-    options.read_background(options.read_light(load(weights)))  # errors of the options come once, not for each photo
+    relighter = load(weights)
+    options.read_background(options.read_light(relighter))  # errors of the options come once, not for each photo
     summary = Summary()
     tasks = {}
     for photo in photos:
-        mask = _mask_in(Path(masks), photo) if masks else mask_beside(photo)
-        fingerprint = _fingerprint(options, photo, mask, weights)
+        mask = (mask_in(masks, photo.stem) or Path(masks) / f"{photo.stem}.png") if masks else mask_beside(photo)
+        fingerprint = _fingerprint(options, photo, mask, relighter)
         if _recorded(Path(out) / photo.name) == fingerprint:
             summary.kept.append(photo.name)
         else:
@@ -159,20 +160,16 @@ def _relight_one(options: Options, photo: Path, out: Path, mask: Path | None, fi
         return f"unexpected {type(error).__name__}: {error}"
 
 
-def _mask_in(masks: Path, photo: Path) -> Path:
-    found = sorted(masks.glob(f"{photo.stem}.*")) + sorted(masks.glob(f"{photo.stem}_mask.*"))
-    return found[0] if found else masks / f"{photo.stem}.png"  # which does not exist: the error names it
-
-
-def _fingerprint(options: Options, photo: Path, mask: Path | None, weights: Path | None) -> str:
+def _fingerprint(options: Options, photo: Path, mask: Path | None, relighter: "Relighter") -> str:
     """Returns a hash of all that the results depend on; of files, their sizes and times."""
     model = automatic_model(options.mask_model)
-    files = [photo, mask, weights, options.light, options.background, options.light_mask, model]
+    files = [photo, mask, options.light, options.background, options.light_mask, model]
     stamps = []
     for path in files:
         stat = Path(path).stat() if path and Path(path).is_file() else None
         stamps.append([stat.st_size, stat.st_mtime_ns] if stat else None)
-    return hashlib.sha256(json.dumps([__version__, asdict(options), stamps]).encode()).hexdigest()
+    parts = [__version__, asdict(options), stamps, relighter.weights_hash()]
+    return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
 
 
 def _recorded(out: Path) -> str | None:

@@ -23,7 +23,7 @@ from relight.photos.crop import Crop, crop_around
 from relight.photos.infer import Person, balanced
 from relight.photos.mask import find_mask
 from relight.photos.photo import Options
-from relight.photos.read import Photo, list_pictures, mask_beside, read_photo
+from relight.photos.read import Photo, list_photos, list_pictures, mask_beside, mask_in, read_photo
 from relight.photos.render import compose, fit_maps, ground_of, render, split_layers
 from relight.photos.video import FPS, is_video, read_frames, write_video
 from relight.progress import progress
@@ -51,7 +51,8 @@ def write_movie(
     Args:
         relighter: the network.
         path: of a photo, a video, or a folder of frames.
-        mask: of the photo; for a clip, a folder or a video of masks. By default masks are found.
+        mask: of the photo; for a clip, a video of masks, or a folder of them, with the names of the frames or in their
+            order. By default masks are found.
         out: the video file.
         options: of the command.
         seconds: length, for a photo.
@@ -197,8 +198,11 @@ def _with_masks(
     masks = Path(masks)
     if masks.is_dir():
         files = iter(list_pictures(masks))
+        named = Path(clip).is_dir() and any(mask_in(masks, frame.stem) for frame in list_photos(clip))
         for number, photo in enumerate(frames, 1):
-            mask = next(files, None)
+            mask = mask_in(masks, photo.name) if named else next(files, None)
+            if mask is None and named:
+                raise UserError(f"folder {masks} holds no mask of the frame {photo.name}")
             if mask is None:
                 raise UserError(f"folder {masks} holds {number - 1} masks, but the clip has more frames")
             yield photo, find_mask(photo, mask)

@@ -165,7 +165,7 @@ def swap_lights(
         relighter: the network.
         paths: of the photos.
         masks: their files; by default they are found.
-        out: folder of the results.
+        out: folder of the results, named after the photos (me_1 and me_2, if both are called me).
         options: of the command.
 
     Returns:
@@ -173,11 +173,14 @@ def swap_lights(
     """
     writable_folder(out, "--out")
     inferred = [read_people(relighter, path, mask, options) for path, mask in zip(paths, masks)]
-    lights = [Light(mean_light(people), photo.name) for photo, people in inferred]
+    names = [photo.name for photo, _ in inferred]
+    if names[0].lower() == names[1].lower():  # some file systems do not distinguish a and A
+        names = [f"{name}_{number}" for number, name in enumerate(names, 1)]
+    lights = [Light(mean_light(people), name) for name, (_, people) in zip(names, inferred)]
     relit = {}
-    for (photo, people), light in zip(inferred, lights[::-1]):
+    for name, (photo, people), light in zip(names, inferred, lights[::-1]):
         coefficients, background = match_exposure(people, light.coefficients, options.read_background(light))
-        path = Path(out) / f"{photo.name}_lit_as_{light.source}.png"
+        path = Path(out) / f"{name}_lit_as_{light.source}.png"
         relit[path] = render(photo.pixels, people, coefficients, options.mode, background, stops=options.stops)
     for path, pixels in relit.items():
         write_picture(path, pixels)

@@ -1,6 +1,8 @@
 """Reading photos and masks. What is wrong with a file is one sentence, before pixels are decoded where possible."""
 
+import glob
 import io
+import re
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -18,6 +20,7 @@ MAX_BYTES = 500_000_000
 FREE_PIXELS, MOST_PACKED = 2**22, 2**13  # pixels that are believed of any file, and of each of its bytes
 SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".avif", ".heic", ".heif")
 HEIC = (".heic", ".heif")
+NUMBER = re.compile(r"(\d+)")
 
 
 @dataclass
@@ -131,19 +134,27 @@ def mask_beside(photo: Path | str) -> Path | None:
     return beside if beside.is_file() else None
 
 
+def mask_in(masks: Path | str, name: str) -> Path | None:
+    """Returns the mask of the photo `name` in a folder of masks, name.png or name_mask.png; None if there is none."""
+    for stem in (name, f"{name}_mask"):
+        if found := sorted(file for file in Path(masks).glob(f"{glob.escape(stem)}.*") if is_picture(file)):
+            return found[0]
+    return None
+
+
 def is_picture(path: Path | str) -> bool:
     """Returns whether a file name is that of a picture, and not of a panorama or a light."""
     return Path(path).suffix.lower() in SUFFIXES
 
 
 def list_pictures(folder: Path | str) -> list[Path]:
-    """Lists the pictures in a folder by name. Raises UserError if there is none."""
+    """Lists the pictures in a folder by name, 2 before 10. Raises UserError if there is none."""
     folder = Path(folder)
     require_readable(folder, "folder")
-    found = sorted(p for p in folder.iterdir() if p.is_file() and is_picture(p) and not p.name.startswith("."))
+    found = [p for p in folder.iterdir() if p.is_file() and is_picture(p) and not p.name.startswith(".")]
     if not found:
         raise UserError(f"folder {folder} holds no photo (.jpg, .png, .webp, .tif)")
-    return found
+    return sorted(found, key=lambda path: [int(part) if part.isdecimal() else part for part in NUMBER.split(path.name)])
 
 
 def list_photos(folder: Path | str) -> list[Path]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator
 from fractions import Fraction
+from itertools import pairwise
 from pathlib import Path
 
 import av
@@ -15,6 +16,7 @@ CODECS = {".mp4": ("libx264", {"crf": "18", "preset": "medium"}), ".webm": ("lib
 FPS = 25.0  # of what does not state its rate
 READABLE = (".mp4", ".mov", ".webm", ".mkv", ".avi", ".m4v", ".gif")
 WRITABLE = (*CODECS, ".gif")
+MIN_GIF_TICKS = 2  # hundredths of a second of a frame; many players slow shorter ones down
 
 
 def writable_video(path: Path | str) -> Path:
@@ -76,7 +78,9 @@ def _write_gif(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
     samples = [np.asarray(images[i]) for i in sorted({0, len(images) // 4, len(images) // 2, len(images) - 1})]
     palette = Image.fromarray(np.concatenate(samples)).quantize(256, method=Image.Quantize.MEDIANCUT)
     first, *rest = [image.quantize(palette=palette, dither=Image.Dither.FLOYDSTEINBERG) for image in images]
-    first.save(path, format="GIF", save_all=True, append_images=rest, duration=round(1000 / fps), loop=0, disposal=1)
+    ends = [round(100 * (i + 1) / fps) for i in range(len(images))]  # GIF counts hundredths of a second
+    durations = [10 * max(MIN_GIF_TICKS, end - begin) for begin, end in pairwise([0, *ends])]
+    first.save(path, format="GIF", save_all=True, append_images=rest, duration=durations, loop=0, disposal=1)
 
 
 def is_video(path: Path | str) -> bool:

@@ -1,10 +1,9 @@
 """Answers the benchmark by one method, and scores the answers."""
 
-import shutil
 from pathlib import Path
 
 from relight.config import Benchmark
-from relight.files import atomic_folder
+from relight.files import atomic_write, temporary_folder
 from relight.stages.stage import stage
 
 
@@ -12,18 +11,18 @@ from relight.stages.stage import stage
     "benchmark_scores",
     method="a training or shipped, for a network; or a baseline",
     weights="network (.safetensors)",
-    out="scores (.csv), in a folder that has nothing else",
+    out="scores (.csv)",
 )
 def main(benchmark: Benchmark, method: Path, weights: Path, out: Path) -> None:
     """Writes the scores of a method; `method` is its name, not a file. The answers, which are large, are not kept."""
     from relight.benchmark.methods import BASELINES, answer
     from relight.benchmark.score import score
 
-    with atomic_folder(out.parent) as folder:
+    with temporary_folder(out) as folder:
         answers = folder / method.name
         answer(benchmark.folder, answers, method.name if method.name in BASELINES else "network", weights)
-        score(benchmark.folder, answers).rename(folder / out.name)
-        shutil.rmtree(answers)
+        with atomic_write(out) as tmp:
+            score(benchmark.folder, answers).replace(tmp)
 
 
 if __name__ == "__main__":

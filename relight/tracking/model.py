@@ -81,18 +81,13 @@ def signature(network):
     from mlflow.models import ModelSignature
     from mlflow.types import Schema, TensorSpec
 
-    size, bands = network.size, (network.order + 1) ** 2
-    shapes = {
-        "albedo": (size, size, 3),
-        "transport": (size, size, bands),
-        "light": (bands, 3),
-        "shading": (size, size, 3),
-    }
+    from relight.learning.predict import predict
 
-    def schema(named: dict[str, tuple[int, ...]]) -> Schema:
-        return Schema([TensorSpec(np.dtype(np.float32), (-1, *shape), name) for name, shape in named.items()])
+    def schema(arrays: dict[str, np.ndarray]) -> Schema:
+        return Schema([TensorSpec(np.dtype(np.float32), (-1, *one.shape[1:]), name) for name, one in arrays.items()])
 
-    return ModelSignature(schema({"image": (size, size, 3), "mask": (size, size)}), schema(shapes))
+    inputs = example(network.size)
+    return ModelSignature(schema(inputs), schema(predict(network, inputs["image"], inputs["mask"])))
 
 
 def example(size: int) -> dict[str, np.ndarray]:

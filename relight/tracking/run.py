@@ -61,6 +61,7 @@ class Run:
         self.tags, self.parent, self.start = dict(tags or {}), parent, start or milliseconds()
         self.id: str | None = None
         self.status = ""
+        self.opened = False  # whether it was ever found or created in the store
         self.warnings: set[str] = set()
         self._metrics: dict[int, tuple[int, Mapping[str, float]]] = {}  # unsent, by step: time and values
         self._images: dict[int, np.ndarray] = {}  # unsent, by step
@@ -82,13 +83,13 @@ class Run:
         """Adds an image (H,W,3) uint8 of a step, which the next `log` sends."""
         self._images[step] = image
 
-    def attempt(self, action: Callable[[], object]) -> None:
-        """Calls `action` with the run open, as `self.client` and `self.id`; exceptions become warnings."""
+    def attempt(self, action: Callable[[], object], opened: bool = True) -> None:
+        """Calls `action` with the run open, if wanted, as `self.client` and `self.id`; exceptions become warnings."""
         if not self.track.uri:
             return
         began = time.monotonic()
         try:
-            if not self.id:
+            if opened and not self.id:
                 self._open()
             action()
         except Exception as error:  # of any kind, since no training must end because of it
@@ -99,10 +100,20 @@ class Run:
             self.warnings.add(reason)
             self._retry_at = time.monotonic() + RETRY_FACTOR * (time.monotonic() - began)
 
-    def end(self, status: str = "FINISHED") -> None:
+    def end(self) -> None:
         """Ends the run, unless it has finished before; to be called in `attempt`."""
         if self.status != "FINISHED":
-            self.client.set_terminated(self.id, status)
+            self.client.set_terminated(self.id, "FINISHED")
+
+    def fail(self) -> None:
+        """Marks the run as failed, if there is one, even if an earlier call has finished it."""
+
+        def send() -> None:
+            client, experiment = connect(self.track)
+            if run := self._find(client, experiment):
+                client.set_terminated(run.info.run_id, "FAILED")
+
+        self.attempt(send, opened=False)
 
     def log_settings(self) -> None:
         """Adds the settings to the artifacts as config.yaml; to be called in `attempt`."""
@@ -117,7 +128,7 @@ class Run:
         self.client, experiment = connect(self.track)
         with lock():
             run = self.find_or_create(self.client, experiment)
-        self.id, self.status = run.info.run_id, run.info.status
+        self.id, self.status, self.opened = run.info.run_id, run.info.status, True
         self._sent_metrics = {point.step for point in self.client.get_metric_history(self.id, "loss")}
         if self._images:  # a killed training may have sent the images of a step without its metrics
             sent = [item.path for item in self.client.list_artifacts(self.id, "images") if "+step+" in item.path]
@@ -136,8 +147,7 @@ class Run:
         from mlflow.entities import Param
         from mlflow.tracking.context.registry import resolve_tags
 
-        found = client.search_runs([experiment], f"tags.fingerprint = '{self.fingerprint}'")
-        run = next((run for run in found if run.info.run_name == self.name), None)
+        run = self._find(client, experiment)
         if run is None:
             tags = {**self.tags, "fingerprint": self.fingerprint, "relight.version": __version__}
             if self.parent:
@@ -150,6 +160,11 @@ class Run:
         for first in range(0, len(new), MAX_PARAMS_PER_BATCH):
             client.log_batch(run.info.run_id, params=new[first : first + MAX_PARAMS_PER_BATCH])
         return run
+
+    def _find(self, client, experiment: str):
+        """Returns the run in MLflow, or None."""
+        found = client.search_runs([experiment], f"tags.fingerprint = '{self.fingerprint}'")
+        return next((run for run in found if run.info.run_name == self.name), None)
 
     def _send_metrics(self) -> None:
         from mlflow.entities import Metric
@@ -286,11 +301,6 @@ class TrainingRun(Run):
 
         self.attempt(send)
 
-    def fail(self) -> None:
-        """Marks the run as failed, if it was created."""
-        if self.id:
-            self.attempt(lambda: self.end("FAILED"))
-
 
 @contextmanager
 def training_run(
@@ -301,7 +311,8 @@ def training_run(
     try:
         yield run
     except BaseException:
-        run.fail()
+        if run.opened:
+            run.fail()
         raise
 
 

@@ -67,30 +67,41 @@ def finish_workflow(workflow: Workflow, networks: Mapping[str, Path | str], repo
         report: folder of its report.
         failed: whether it failed; then only the status is set, if there is a run.
     """
-    if failed and not (report.parent / "train").exists():
+    if failed and not (report.parent / "train").exists():  # nothing was trained, so there is no run
         return
     from relight.tracking.run import workflow_run
 
     run = workflow_run(workflow)
+    if failed:
+        return run.fail()
 
     def send() -> None:
-        if failed:
-            return run.end("FAILED")
         trained = find_trainings(run.client, run.client.get_run(run.id).info.experiment_id, networks)
         run.client.set_tag(run.id, "mlflow.note.content", description(workflow, trained))
         run.log_settings()
         run.log_files([report.parent / "run.yaml"])
         files = [file for file in sorted(report.glob("*")) if file.suffix in ARTIFACT_SUFFIXES]
         run.log_files([file for file in files if file.stat().st_size < MAX_ARTIFACT_BYTES], "report")
-        with_score = [training for training in trained.values() if SCORE in training.data.metrics]
-        if with_score:
-            best = min(with_score, key=lambda training: training.data.metrics[SCORE])
+        candidates = [training for training in trained.values() if can_be_best(training)]
+        if candidates:
+            best = min(candidates, key=lambda training: training.data.metrics[SCORE])
             run.client.set_tag(run.id, "best", best.info.run_name)
             run.client.log_metric(run.id, f"best.{SCORE}", best.data.metrics[SCORE])
             register(run.client, best)
         run.end()
 
     run.attempt(send)
+
+
+def can_be_best(training) -> bool:
+    """Returns whether a training may be registered: it infers all that relighting needs, and saw no test data.
+
+    Args:
+        training: its run (`mlflow.entities.Run`).
+    """
+    params, metrics = training.data.params, training.data.metrics
+    infers_all = all(score in metrics for score in (SCORE, "test/albedo_rmse", "test/light_rmse"))
+    return infers_all and params.get("train.part") == "train" and "test" not in params.get("train.lights", "")
 
 
 def find_trainings(client, experiment: str, networks: Mapping[str, Path | str]) -> dict:

@@ -18,7 +18,7 @@ from relight.evaluation.occlusion import (
 )
 from relight.evaluation.panels import COLUMNS, extremes, overview, plates, relit
 from relight.evaluation.scores import Scores, write_scores
-from relight.evaluation.tables import TABLE2_COLUMNS, experiment_table
+from relight.evaluation.tables import TABLE2_COLUMNS, Table, experiment_table
 from relight.files import UserError
 from relight.maps import read_maps, write_left_out
 from relight.sh import unoccluded
@@ -229,6 +229,8 @@ def test_charts_are_made_and_are_the_same_again(tmp_path):
         plot_errors(table, ("shading_rmse", "transport_rmse", "ao_rmse"), tmp_path / name)
     assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
     assert Image.open(tmp_path / "c.png").width > 500
+    plot_errors(Table(TABLE2_COLUMNS), ("shading_rmse",), tmp_path / "empty.png")  # nobody sits, say
+    assert Image.open(tmp_path / "empty.png").width > 100
     curve = "step,lr,loss,light\n10,.1,3,.2\n20,.1,1,.1\n"
     for name in ("ours_full.s0.csv", "ours_full.s1.csv", "sfsnet.s0.csv"):
         (tmp_path / name).write_text(curve)

@@ -17,7 +17,7 @@ from relight.evaluation.comparisons import Verdict
 from relight.evaluation.metrics import COLUMNS
 from relight.evaluation.occlusion import HISTOGRAM
 from relight.evaluation.report import build, page, provenance, sections
-from relight.evaluation.report.data import redraws
+from relight.evaluation.report.data import costs_and_settings, redraws
 from relight.evaluation.report.results import Results
 from relight.evaluation.scores import Scores, write_scores
 
@@ -90,6 +90,18 @@ def test_every_section_is_made(tmp_path, preset):
     assert not made.failed and made.name == preset and "<table" in made.html
     assert ("data:image/png" in made.html) == (preset in ("order", "data_size", "width"))
     check(made.html)
+
+
+def test_only_what_all_share_is_among_the_shared_settings(tmp_path):
+    """Files of single rows, and of several splits, say nothing about the run as a whole."""
+    made = results(tmp_path, "table1", {})
+    others = {"inference_time.sfsnet": {"model": {"width": 3}}, "split.a": {"split": {"kind": "a"}}}
+    for name, settings in {**others, "split.b": {"split": {"kind": "b"}}, "bake": {"bake": {"rays": 256}}}.items():
+        (tmp_path / "config" / f"{name}.yaml").write_text(yaml.safe_dump(settings))
+    found = costs_and_settings(made)
+    shared = found["shared"].frame["value"]
+    assert {"model.width", "split.kind", "train.steps"}.isdisjoint(shared.index) and shared["bake.rays"] == "256"
+    assert list(found["differing"].frame.index) == ["train.steps"]
 
 
 def test_what_is_not_in_the_data_is_said(tmp_path):

@@ -10,9 +10,9 @@ from relight.photos.api import match_exposure
 from relight.photos.background import Background
 from relight.photos.crop import crop_around
 from relight.photos.infer import Person
-from relight.photos.movie import downscale, smooth_over_time, turn_light, windows
+from relight.photos.movie import _with_masks, downscale, smooth_over_time, turn_light, windows
 from relight.photos.photo import Options
-from relight.photos.read import Photo
+from relight.photos.read import Photo, mask_in
 from relight.photos.video import read_frames, write_video
 
 COLORS = [(200, 60, 40), (40, 180, 60), (60, 80, 220), (128, 128, 128), (250, 250, 250)]
@@ -29,6 +29,18 @@ def test_written_and_read_back(suffix, tmp_path):
     for color, image in zip(COLORS, back):
         assert np.abs(image.reshape(-1, 3).mean(0) - color).max() < 6, (suffix, color)
         assert image.shape[0] in (49, 50) and image.shape[1] in (65, 66)
+
+
+@pytest.mark.parametrize("fps", [24, 30, 50])
+def test_a_gif_lasts_as_long_as_it_should(tmp_path, fps):
+    """Its frames last whole hundredths of a second; their rounding must not add up."""
+    write_video(tmp_path / "a.gif", [np.full((8, 8, 3), i, np.uint8) for i in range(0, 240, 2)], fps)
+    with Image.open(tmp_path / "a.gif") as image:
+        lasting = 0
+        for frame in range(image.n_frames):
+            image.seek(frame)
+            lasting += image.info["duration"]
+    assert lasting == round(100 * 120 / fps) * 10
 
 
 def test_a_failed_movie_leaves_the_old_one(tmp_path):
@@ -77,7 +89,7 @@ def test_movie_of_a_photo(run, photo_files, weights, tmp_path):
         stream = container.streams.video[0]
         assert (stream.frames, stream.height, stream.width) == (10, 64, 50)
     with pytest.raises(UserError, match="cannot be transparent"):
-        run("movie", me, "--out", tmp_path / "b.mp4", "--background", "transparent")
+        run("movie", me, "--out", tmp_path / "b.mp4", "--background", "none")
 
 
 def test_movie_of_a_clip(run, weights, tmp_path, draw):
@@ -102,8 +114,35 @@ def test_movie_of_a_clip(run, weights, tmp_path, draw):
     pairs = zip(read_frames(tmp_path / "a.webm")[0], read_frames(tmp_path / "b.webm")[0], strict=True)
     assert all(np.array_equal(a.pixels, b.pixels) for a, b in pairs)
     (masks / "4.png").unlink()
+    with pytest.raises(UserError, match="holds no mask of the frame 4"):
+        run(*words)
+    for i in range(4):
+        (masks / f"{i}.png").rename(masks / f"mask {i}.png")  # other names: in their order
     with pytest.raises(UserError, match="holds 4 masks"):
         run(*words)
+
+
+def test_frames_and_masks_are_paired_by_name_and_by_number(tmp_path):
+    """Frames without leading zeros; _ sorts after digits, . before them."""
+    for i in range(1, 12):
+        value = np.full((8, 8), 20 * i, np.uint8)
+        Image.fromarray(np.stack([value] * 3, -1)).save(tmp_path / f"{i}.png")
+        (tmp_path / "masks").mkdir(exist_ok=True)
+        mask = np.zeros((8, 8), np.uint8)
+        mask[: i // 2 + 1] = 255
+        Image.fromarray(mask).save(tmp_path / "masks" / f"{i}_mask.png")
+    frames = read_frames(tmp_path)[0]
+    pairs = [
+        (photo.name, int((mask > 0).sum()) // 8)
+        for photo, mask in _with_masks(tmp_path, frames, tmp_path / "masks", Options())
+    ]
+    assert pairs == [(str(i), i // 2 + 1) for i in range(1, 12)]
+
+
+def test_a_mask_is_found_whatever_the_photo_is_called(tmp_path):
+    (tmp_path / "IMG[1]_mask.png").touch()
+    (tmp_path / "IMG1.png").touch()
+    assert mask_in(tmp_path, "IMG[1]") == tmp_path / "IMG[1]_mask.png" and mask_in(tmp_path, "other") is None
 
 
 def test_windows_see_each_neighbour():

@@ -201,6 +201,7 @@ def test_view_hands_over_what_is_read():
         (["augment.exposure=[-1,0]"], "need train.color=photo"),
         (["train.size=64"], "need train.color=photo"),
         (["model=unet", "model.light_head=strided"], "pooled light head only"),
+        (["model=unet", "model.dropout=0.5"], "has no dropout"),
         (["augment.zoom=[1.2,0.8]"], r"augment.zoom must be \[least, most\]"),
         (["augment.noise=-1"], "augment.noise must be at least 0"),
     ],

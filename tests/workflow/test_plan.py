@@ -129,11 +129,27 @@ def test_rows_may_have_splits_of_their_own():
         ("sweep.only=[nobody]", "no row nobody"),
         ("+sweep.rows.wide=['bake.rays=9']", "changes bake"),
         ("+sweep.rows.wide=['train.start=wide']", "is the row itself"),
+        ("+sweep.rows.wide=['trace.samples=9']", "changes trace"),
+        ("+sweep.rows.wide=['split.test=.5']", "changes split"),
+        ("+sweep.rows.wide=['train.seed=1']", r"sweep.seeds=\[1\]"),
+        ("train.seed=1", r"sweep.seeds=\[1\]"),
     ],
 )
 def test_impossible_plans(hydra, message):
     with pytest.raises(UserError, match=message):
-        Plan({"hydra": ["scale=smoke", hydra]}).settings("wide.s0")
+        Plan({"hydra": ["scale=smoke", "+sweep.rows.wide=[]", hydra.replace("+sweep", "sweep")]}).settings("wide.s0")
+
+
+@pytest.mark.parametrize(
+    ("shared", "own", "message"),
+    [
+        ("", "train.color=photo", "row b has train.color=photo, and the baselines paper"),
+        ("train.color=photo bake.size=128", "train.size=64", "row b has train.size=64, .* bake.size=128"),
+    ],
+)
+def test_rows_of_a_table_are_measured_alike(shared, own, message):
+    with pytest.raises(UserError, match=message):
+        Plan({"hydra": f"scale=smoke {shared}", "rows": {"a": [], "b": [own]}}).check()
 
 
 def test_sweep_is_the_product():

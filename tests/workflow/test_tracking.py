@@ -181,13 +181,14 @@ def test_a_deleted_run_is_made_anew(client):
     client.delete_run(runs_of_one[1].id)
 
 
-def trained(name: str, mark: str, score: float, curve: Path) -> Path:
-    """A finished training with a network of its own, scored."""
+def trained(name: str, mark: str, curve: Path, score: float, complete: bool = True, part: str = "train") -> Path:
+    """A finished training with a network of its own, scored; if not complete, it has no light."""
     network = curve.parent / f"{name}.safetensors"
     save_network(network, build(NETWORK, 64), NETWORK, fingerprint=mark, train={"color": "photo"})
-    run = TrainingRun(Track(), name, mark, {"train": {"color": "photo"}})
+    run = TrainingRun(Track(), name, mark, {"train": {"color": "photo", "part": part, "lights": [part]}})
     run.finish(curve, network)
-    run.log_scores({"test/shading_rmse": score}, network)
+    maps = ("shading", "albedo", "light") if complete else ("shading", "albedo")
+    run.log_scores({f"test/{name}_rmse": score for name in maps}, network)
     assert not run.warnings
     return network
 
@@ -206,8 +207,9 @@ def test_the_end_of_a_workflow(tmp_path, folder, client, monkeypatch):
         (folder / name).write_text("x")
     curve = tmp_path / "curve.csv"
     curve.write_text("step,loss,validation/loss\n4,0.5,0.75\n")
-    scores = {"ours.s0": 0.3, "ours.s1": 0.2}
-    networks = {name: trained(name, name, score, curve) for name, score in scores.items()}
+    scores: dict[str, tuple] = {"ours.s0": (0.3,), "ours.s1": (0.2,)}
+    scores |= {"silhouette.s0": (0.1, False), "self_all.s0": (0.1, True, "test")}  # neither can be the best
+    networks = {name: trained(name, name, curve, *how) for name, how in scores.items()}
     finish_workflow(flow, networks, folder / "report")
     run = next(run for run in runs(client) if run.info.run_name == "ended")
     assert run.info.status == "FINISHED" and run.data.tags["best"] == "ours.s1"
@@ -227,10 +229,33 @@ def test_the_end_of_a_workflow(tmp_path, folder, client, monkeypatch):
     served = mlflow.pyfunc.load_model("models:/relight@photo")
     example = served.input_example
     found, wanted = served.predict(example), predict(own.network, example["image"], example["mask"])
-    assert set(served.metadata.signature.outputs.input_names()) <= set(found)
+    assert served.metadata.signature.outputs.input_names() == list(found)
     for name, values in wanted.items():
         np.testing.assert_array_equal(found[name], values)
     assert not [path for path in folder.rglob("*") if path.suffix in (".pkl", ".pickle", ".pth")], "no pickle"
+
+
+def test_a_failure_is_recorded_even_after_a_success(tmp_path, folder, client, monkeypatch):
+    """A training or workflow that is made again and fails did not finish; one that has no run gets none."""
+    first = TrainingRun(Track(URI, "test"), "again", "4" * 64, {})
+    first.log({"loss": 0.5}, 0)
+    first.attempt(first.end)
+    TrainingRun(Track(URI, "test"), "again", "4" * 64, {}).fail()
+    assert client.get_run(first.id).info.status == "FAILED"
+    count = len(runs(client))
+    TrainingRun(Track(URI, "test"), "never", "5" * 64, {}).fail()
+    assert len(runs(client)) == count
+    client.delete_run(first.id)
+
+    flow = replace(FLOW, name="twice", fingerprint="6" * 64)
+    (folder / "train").mkdir(exist_ok=True)
+    finish_workflow(flow, {}, folder / "report", failed=True)
+    assert "twice" not in {run.info.run_name for run in runs(client)}
+    finish_workflow(flow, {}, folder / "report")
+    finish_workflow(flow, {}, folder / "report", failed=True)
+    (run,) = (run for run in runs(client) if run.info.run_name == "twice")
+    assert run.info.status == "FAILED"
+    client.delete_run(run.info.run_id)
 
 
 def test_without_an_address_nothing_is_tracked(tmp_path, monkeypatch, capsys):

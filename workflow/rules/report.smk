@@ -161,7 +161,7 @@ rule viewer:
             for row in PLAN.experiments[experiment].rows
         ],
         packed=f"{OUT}/packed.safetensors",
-        split=f"{OUT}/split/{PLAN.cfg.split.kind}.json",
+        split=f"{OUT}/split/{PLAN.split_kind(PLAN.tables[0]) if PLAN.tables else PLAN.cfg.split.kind}.json",
         maps=expand(f"{OUT}/maps/{{figure}}.exr", figure=PLAN.figures),
         lights=f"{OUT}/lights/lights.npz",
     output:

@@ -28,8 +28,8 @@ CARD = """\
 | | |
 |---|---|
 | network | `{model}`, width {width}, {size} px |
-| training | in the stages listed below, in {precision}{note} |
-| training lights | {lights}, from generated rooms |
+| training | in the stages listed below{note} |
+| training lights | {lights} in the last stage, from generated rooms |
 | training pictures | like a camera's: linear light, exposed, clipped, 8-bit sRGB; augmented as docs/training.md says |
 | held out | {test_figures} figures, {test_lights} lights |
 | licence | Apache-2.0; the training data are generated from public-domain sources (docs/figures.md) |
@@ -80,7 +80,6 @@ def main(results: Path, run: str) -> None:
         rows = list(csv.DictReader(file))
     names = ("shading_rmse", "transport_rmse", "albedo_rmse", "light_rmse")
     facts = {
-        "precision": made_with["train"]["precision"],
         "note": f"; {made_with['note']}" if "note" in made_with else "",
         "parameters": sum(p.numel() for p in network.parameters()) / 1e6,
         "model": made_with["model"]["name"],
@@ -90,7 +89,7 @@ def main(results: Path, run: str) -> None:
         "training": "\n".join(
             f"{number}. {stage['steps']:,} steps of {stage['batch']} images at {stage['size']} px, of "
             f"{stage['figures']} figures (generator {', '.join(map(str, stage['generator']))})"
-            f"{', by Muon' if stage.get('optimizer') == 'muon' else ''}"
+            f"{', by Muon' if stage.get('optimizer') == 'muon' else ''}, in {stage['precision']}"
             for number, stage in enumerate(stages, 1)
         ),
         "test_figures": len({row["figure"] for row in rows}),
@@ -113,9 +112,11 @@ def lineage(config: dict, data: dict) -> list[dict]:
     """
     if "stages" in config:
         return config["stages"]
-    start, own = config["train"]["start"], {key: config["train"][key] for key in ("steps", "batch", "optimizer")}
-    before = lineage(load_network(start)[1], data) if start else []
-    return [*before, {**own, "size": config["size"], **data}]
+    train = config["train"]
+    before = lineage(load_network(train["start"])[1], data) if train["start"] else []
+    own = {key: train[key] for key in ("steps", "batch", "optimizer", "precision")}
+    figures = min(data["figures"], train["figures"] or data["figures"])
+    return [*before, {**own, "size": config["size"], **data, "figures": figures}]
 
 
 if __name__ == "__main__":

@@ -23,7 +23,8 @@ Numbers = dict[str, Any]
 def training(results: Results) -> Numbers:
     """Draws the errors of the first table, the training curves, and diagrams of the networks."""
     files = {"errors": results.report / "errors.png", "curves": results.report / "curves.png"}
-    table = results.table(results.readable[0])
+    tables = [results.table(name) for name in results.readable]
+    table = next((one for one in tables if one.rows), tables[0])  # that of sitting figures is empty if nobody sits
     charts.plot_errors(table, tuple(c for c in table.columns if c.endswith("rmse")), files["errors"])
     charts.plot_curves([results.folder / "train" / f"{name}.csv" for name in results.trainings], files["curves"])
     return files | {"networks": networks(results, results.readable[0])}
@@ -147,11 +148,12 @@ def costs_and_settings(results: Results) -> Numbers:
     trainings = {name: settings[f"train.{name}"] for name in results.trainings if f"train.{name}" in settings}
     trained = pd.DataFrame(trainings, dtype=object).fillna("")
     is_shared = trained.nunique(axis=1) == 1
-    shared: dict[str, str] = {}
-    for stage, values in settings.items():
-        if not stage.startswith("train."):
-            shared |= values
-    shared |= {key: row.iloc[0] for key, row in trained[is_shared].iterrows()}
+    found_values: dict[str, set[str]] = {}  # by setting; files such as split.subject and train.ours_full.s0 may differ
+    for values in [*trainings.values(), *(one for stage, one in settings.items() if not stage.startswith("train."))]:
+        for key, value in values.items():
+            found_values.setdefault(key, set()).add(value)
+    differing = set(trained.index[~is_shared])
+    shared = {key: min(one) for key, one in found_values.items() if len(one) == 1 and key not in differing}
     return {
         "costs": grid,
         "wall": wall,
