@@ -13,14 +13,14 @@ from relight.stages.stage import stage
     weights="network (.safetensors)",
     out="scores (.csv)",
 )
-def main(benchmark: Benchmark, method: Path, weights: Path, out: Path) -> None:
-    """Writes the scores of a method; `method` is its name, not a file. The answers, which are large, are not kept."""
+def main(benchmark: Benchmark, method: str, weights: Path, out: Path) -> None:
+    """Writes the scores of a method. The answers, which are large, are not kept."""
     from relight.benchmark.methods import BASELINES, answer
     from relight.benchmark.score import score
 
     with temporary_folder(out) as folder:
-        answers = folder / method.name
-        answer(benchmark.folder, answers, method.name if method.name in BASELINES else "network", weights)
+        answers = folder / method
+        answer(benchmark.folder, answers, method if method in BASELINES else "network", weights)
         with atomic_write(out) as tmp:
             score(benchmark.folder, answers).replace(tmp)
 

@@ -9,7 +9,7 @@ from relight.stages.stage import stage
 
 
 @stage("capture", figure="name of the capture, such as C003.P00.Cam07", out="maps (.exr)")
-def main(figures: Figures, size: int, figure: Path, out: Path) -> None:
+def main(figures: Figures, size: int, figure: str, out: Path) -> None:
     """Writes the measured maps of a capture, or the record of a left-out figure."""
     from relight.benchmark.captures import training_maps
     from relight.benchmark.humanolat import capture_subject, list_captures
@@ -17,15 +17,14 @@ def main(figures: Figures, size: int, figure: Path, out: Path) -> None:
 
     if figures.folder is None:
         raise UserError("figures.folder=<the folder of the captures> is missing")
-    name = figure.name
     captures = list_captures(figures.folder)
-    if name not in captures:
-        raise UserError(f"io.figure: {figures.folder} has no capture {name}; it has {', '.join(captures)}")
+    if figure not in captures:
+        raise UserError(f"io.figure: {figures.folder} has no capture {figure}; it has {', '.join(captures)}")
     try:
-        write_maps(out, training_maps(captures[name], size))
+        write_maps(out, training_maps(captures[figure], size))
     except UserError as error:
-        print(f"{name} is left out: {error}", file=sys.stderr)
-        write_left_out(out, {"name": name, "subject": capture_subject(captures[name])}, str(error))
+        print(f"{figure} is left out: {error}", file=sys.stderr)
+        write_left_out(out, {"name": figure, "subject": capture_subject(captures[figure])}, str(error))
 
 
 if __name__ == "__main__":

@@ -10,15 +10,14 @@ from relight.stages.step import save_mesh
 
 
 @stage("figure", figure="g and a seed, such as g0012", out="mesh record (.npz)")
-def main(figures: Figures, figure: Path, out: Path) -> None:
+def main(figures: Figures, figure: str, out: Path) -> None:
     """Writes the figure of a seed, or the record of a left-out figure."""
     from relight.figures.constraints import Constraints
     from relight.figures.dress import make_figure, subject_of
 
-    name = figure.name
-    if not (name.startswith("g") and name[1:].isdigit()):
-        raise UserError(f"io.figure must be g and a seed, such as g0012, not {name}")
-    seed = int(name[1:])
+    if not (figure.startswith("g") and figure[1:].isdigit()):
+        raise UserError(f"io.figure must be g and a seed, such as g0012, not {figure}")
+    seed = int(figure[1:])
 
     def make():
         if figures.source != "generated":
@@ -37,10 +36,10 @@ def main(figures: Figures, figure: Path, out: Path) -> None:
         return add_name(mesh)
 
     def add_name(mesh):
-        mesh.info.update(name=name, axes={"up": "+y", "front": "+z"})
+        mesh.info.update(name=figure, axes={"up": "+y", "front": "+z"})
         return mesh
 
-    info = {"name": name, "subject": subject_of(seed, figures.per_subject), "outfits": [None] * figures.outfits}
+    info = {"name": figure, "subject": subject_of(seed, figures.per_subject), "outfits": [None] * figures.outfits}
     save_mesh(make, info, out)
 
 

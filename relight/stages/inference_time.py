@@ -7,11 +7,11 @@ from relight.stages.stage import stage
 
 
 @stage("inference_time", row="its name in the table", out="times (.csv)")
-def main(model: Model, timing: Timing, row: Path, out: Path) -> None:
-    """Writes the inference times of a network by size and device; `row` is its name, not a file."""
+def main(model: Model, timing: Timing, row: str, out: Path) -> None:
+    """Writes the inference times of a network by size and device."""
     from relight.evaluation.timing import time_networks
 
-    time_networks({row.name: model}, timing, out)
+    time_networks({row: model}, timing, out)
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ from relight.stages.stage import stage
 def main(
     evaluate: Evaluate,
     experiments: Path,
-    experiment: Path,
+    experiment: str,
     results: Path,
     packed: Path,
     lights: Path,
@@ -37,8 +37,8 @@ def main(
     """Draws the four pictures of an experiment, by the first training of each of its rows."""
     from relight.evaluation import panels
 
-    _, networks = networks_of(experiments, experiment.name, results / "train")
-    scored = json.loads(experiments.read_text())[experiment.name]["scores"]
+    _, networks = networks_of(experiments, experiment, results / "train")
+    scored = json.loads(experiments.read_text())[experiment]["scores"]
     scores = [results / path for row, paths in scored.items() if row for path in paths]
     data = packed, lights, split, evaluate
     panels.plates(networks, *data, out)

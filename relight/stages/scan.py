@@ -9,24 +9,23 @@ from relight.stages.step import save_mesh
 
 
 @stage("scan", figure="name of the figure in the folder", out="mesh record (.npz)")
-def main(figures: Figures, figure: Path, out: Path) -> None:
+def main(figures: Figures, figure: str, out: Path) -> None:
     """Writes the mesh of a scan without changes, or the record of a left-out figure."""
     from relight.meshes import list_scans, read_mesh
 
     if figures.folder is None:
         raise UserError("figures.folder=<the folder of the scans> is missing")
-    name = figure.name
     scans = list_scans(figures.folder)
-    if name not in scans:
-        raise UserError(f"io.figure: {figures.folder} has no scan {name}; it has {', '.join(scans)}")
+    if figure not in scans:
+        raise UserError(f"io.figure: {figures.folder} has no scan {figure}; it has {', '.join(scans)}")
 
     def make():
-        require_safe_name(scans[name].path)
-        mesh = read_mesh(scans[name].path)
-        mesh.info.update(name=name, subject=scans[name].subject)
+        require_safe_name(scans[figure].path)
+        mesh = read_mesh(scans[figure].path)
+        mesh.info.update(name=figure, subject=scans[figure].subject)
         return mesh
 
-    save_mesh(make, {"name": name, "subject": scans[name].subject}, out)
+    save_mesh(make, {"name": figure, "subject": scans[figure].subject}, out)
 
 
 if __name__ == "__main__":

@@ -46,18 +46,20 @@ def stage(name: str, **ports: str) -> Callable[[Callable[..., None]], Stage]:
     """Returns a decorator that gives a function the command line of a stage, as its attribute `cli`.
 
     The function is called with the settings in READS[name] (the dataclass of a group, or the value of a single setting
-    under its last name) and one Path per port. If ports are lists of files, it is called for each position of the
-    lists. A UserError ends the program with one line and exit code 1.
+    under its last name) and one Path per port, or one str if the function's parameter is a str. If ports are lists, it
+    is called for each position of the lists. A UserError ends the program with one line and exit code 1.
 
     Args:
         name: of the stage.
-        ports: name -> description of each file that it reads or writes.
+        ports: name -> description of each file that it reads or writes, and of each name that it is given.
 
     Returns:
         The decorator.
     """
 
     def wrap(function: Callable[..., None]) -> Stage:
+        kinds = {port: function.__annotations__[port] for port in ports}
+
         def run(cfg: DictConfig) -> None:
             try:
                 call(cfg)
@@ -80,10 +82,11 @@ def stage(name: str, **ports: str) -> Callable[[Callable[..., None]], Stage]:
             if STARTED_BY in os.environ:
                 print(log_header(settings), flush=True)
             for paths in zip(*files.values()):
-                function(**settings, **{port: Path(path) for port, path in zip(ports, paths)})
+                function(**settings, **{port: kinds[port](path) for port, path in zip(ports, paths)})
 
         def usage() -> str:
-            files = "\n".join(f"    {f'io.{port}=FILE':34s}  {what}" for port, what in ports.items())
+            words = {port: f"io.{port}={'NAME' if kinds[port] is str else 'FILE'}" for port in ports}
+            files = "\n".join(f"    {words[port]:34s}  {what}" for port, what in ports.items())
             about = (sys.modules[function.__module__].__doc__ or "").strip()
             settings = listing(composed(), READS[name])
             return f"{about}\n\nFiles:\n{files}\n\nSettings that it reads, as key=value:\n{settings}\n{FLAGS}"

@@ -159,7 +159,7 @@ def test_a_file_that_the_workflow_cannot_name_is_left_out_with_a_line(tmp_path, 
     touch(tmp_path, *odd_ones)
     figures = OmegaConf.to_object(composed(["figures=scans", f"figures.folder={tmp_path}"]).figures)
     for name, scan in list_scans(tmp_path).items():
-        main(figures, Path(name), tmp_path / "out.npz")
+        main(figures, name, tmp_path / "out.npz")
         reason = Mesh.load(tmp_path / "out.npz").info["left_out"]
         assert "rename it" in reason and reason.isascii() and reason.isprintable()
         assert f"{name} is left out: {reason}\n" == capsys.readouterr().err
