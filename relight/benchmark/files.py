@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -20,6 +21,14 @@ INDEX = "index.json"
 PICTURES = ("ratio", "full")  # relit pictures: the photograph times a gain, and rendered from maps alone
 MAPS = {"albedo": 3, "shading": 3, "transport": 9}  # number of channels, on the square
 KEYS = (*PICTURES, *MAPS, "light")
+
+
+def capture_pattern(text: str) -> re.Pattern[str]:
+    """Compiles a regular expression for the names of captures; raises UserError if it is none."""
+    try:
+        return re.compile(text)
+    except re.error as error:
+        raise UserError(f"{text!r} is not a regular expression ({error}): give one for the names of captures") from None
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ from pathlib import Path
 import numpy as np
 from PIL import features
 
+from relight.benchmark.files import capture_pattern
 from relight.benchmark.lightstage import LightStage, Pinhole
 from relight.files import UserError, existing_file
 from relight.photos.read import read_mask, read_photo
@@ -113,10 +114,7 @@ def list_captures(folder: Path | str, only: str = "") -> dict[str, Path]:
     """
     folder = Path(folder)
     subjects = [folder] if folder.name.startswith("SUBJECT_") else sorted(folder.glob("SUBJECT_*"))
-    try:
-        wanted = re.compile(only)
-    except re.error as error:
-        raise UserError(f"{only!r} is not a regular expression ({error}): give one for the names of captures") from None
+    wanted = capture_pattern(only)
     cameras = (path for subject in subjects for path in sorted(subject.glob("POSE_*/images_processed/Cam*")))
     found = {name: path for path in cameras if path.is_dir() and wanted.search(name := capture_name(path))}
     if not found:

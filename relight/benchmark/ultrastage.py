@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from relight.benchmark.files import capture_pattern
 from relight.files import UserError, existing_file
 from relight.photos.crop import MASK_THRESHOLD
 from relight.photos.read import SUFFIXES, read_mask, read_photo
@@ -78,10 +79,7 @@ def captures(folder: Path | str, only: str = "") -> Iterator[Capture]:
     Raises:
         UserError: if there are none, or files of one are missing or broken.
     """
-    try:
-        wanted = re.compile(only)
-    except re.error as error:
-        raise UserError(f"{only!r} is not a regular expression ({error}): give one for the names of captures") from None
+    wanted = capture_pattern(only)
     found = False
     for capture_folder in sorted(path.parent for path in Path(folder).glob("*/full_on")):
         rotations: dict[int, np.ndarray] = {}
