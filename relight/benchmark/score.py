@@ -185,12 +185,12 @@ class Section:
 
 
 def tables(rows: list[MethodScores], bootstrap: int = RESAMPLES) -> dict[str, Section]:
-    """Compares methods: tables of relit pictures, of maps and light, and of invariances.
+    """Compares methods: tables of relit pictures, of maps and light, of differences, and of invariances.
 
     Cells are means with the intervals of a bootstrap over figures.
 
     Args:
-        rows: the methods.
+        rows: the methods; differences are from the first.
         bootstrap: number of resamples.
 
     Returns:
@@ -205,10 +205,12 @@ def tables(rows: list[MethodScores], bootstrap: int = RESAMPLES) -> dict[str, Se
     figures = np.array([figure for _, _, figure in rows[0].keys])
     names = list(dict.fromkeys(figures))
 
-    def cell(row: MethodScores, column: str):
+    def cell(row: MethodScores, column: str, reference: MethodScores | None = None):
         means = {}
         for name in names:
             values = row.columns[column][figures == name]
+            if reference:
+                values = values - reference.columns[column][figures == name]
             if not np.isnan(values).all():
                 means[name] = np.nanmean(values)
         if not means:
@@ -232,6 +234,16 @@ def tables(rows: list[MethodScores], bootstrap: int = RESAMPLES) -> dict[str, Se
             title, f"{words} All are {means(rows, kept)} {sample}", Grid.of(["method", *kept.values()], lines)
         )
 
+    def difference_table() -> Section:
+        first, *others = rows
+        kept = {name: head for name, head in DIFFERENCE_HEADS.items() if any(cell(row, name, first) for row in others)}
+        lines = [[row.name, *(cell(row, name, first) for name in kept)] for row in others]
+        words = (
+            f"Error of each method minus that of {first.name}, picture by picture; positive where {first.name} is "
+            f"better. All are {means([first], kept)} {sample}"
+        )
+        return Section(f"Differences from {first.name}", words, Grid.of(["method", *kept.values()], lines))
+
     def invariance_table() -> Section:
         """Transposed, since there are more measures than methods."""
         answering = [row for row in rows if any(cell(row, name) for name in INVARIANCE_ROWS)]
@@ -247,6 +259,7 @@ def tables(rows: list[MethodScores], bootstrap: int = RESAMPLES) -> dict[str, Se
     found = {
         "benchmark_pictures": table("Relit pictures", PICTURE_HEADS, "Errors of sRGB codes in [0,1]."),
         "benchmark_maps": table("Maps and light", MAP_HEADS, "RMSE of vectors; light: relative error of irradiance."),
+        "benchmark_differences": difference_table(),
         "benchmark_invariance": invariance_table(),
     }
     return {name: section for name, section in found.items() if section.grid.frame.shape[1]}
@@ -256,3 +269,4 @@ INVARIANCE_ROWS = INVARIANCES | LEAKS
 READINGS = {"": "RMSE", "_factor": "RMSE*", "_ssim": "SSIM"}
 PICTURE_HEADS = {f"{mode}{key}": f"{mode}: {head}" for mode in PICTURES for key, head in READINGS.items()}
 MAP_HEADS = {name: name.replace("_factor", "*").replace("_ssim", " SSIM") for name in MAP_COLUMNS}
+DIFFERENCE_HEADS = {name: head for name, head in (PICTURE_HEADS | MAP_HEADS).items() if not name.endswith("_ssim")}

@@ -201,6 +201,11 @@ def test_rows_beside_each_other(drawn, truth, tmp_path):
     assert found.low < found.mean < found.high
     assert "3 pictures of 2 figures" in made["benchmark_pictures"].note
     assert "means over 0 pictures of 0 figures. The last" in made["benchmark_invariance"].note
+    answer(drawn, tmp_path / "mean", "mean_light")
+    other = read_scores(score(drawn, tmp_path / "mean").parent)
+    difference = tables([rows[1], other], 200)["benchmark_differences"].grid.frame["ratio: RMSE"]["mean"]
+    gaps = other.columns["ratio"] - values
+    assert np.isclose(difference.mean, np.mean([gaps[:2].mean(), gaps[2]]))
     with pytest.raises(UserError, match="two folders of answers have the same name"):
         tables([rows[0], rows[0]])
     lines = (tmp_path / "as_it_is" / "scores.csv").read_text().replace(rows[1].keys[0][0], "0" * 16)
