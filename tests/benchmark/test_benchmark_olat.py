@@ -47,7 +47,7 @@ def made(tmp_path_factory, settings):
     """Their maps by the stage."""
     folder = tmp_path_factory.mktemp("measured")
     for name in NAMES:
-        capture.main(settings.figures, SIZE, folder / name, folder / f"{name}.exr")
+        capture.main(settings.figures, SIZE, name, folder / f"{name}.exr")
     return folder
 
 
@@ -135,4 +135,4 @@ def test_what_is_refused(olat, settings, tmp_path):
         refused(f"bake.{word} must be .* with figures.source=olat", folder, f"bake.{word}={value}")
     refused("path_traced needs meshes, which figures.source=olat does not make", folder, "experiment=path_traced")
     with pytest.raises(UserError, match=re.escape(f"has no capture T009; it has {', '.join(NAMES)}")):
-        capture.main(settings.figures, SIZE, tmp_path / "T009", tmp_path / "out.exr")
+        capture.main(settings.figures, SIZE, "T009", tmp_path / "out.exr")

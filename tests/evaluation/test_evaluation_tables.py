@@ -80,7 +80,7 @@ def test_an_experiment_shows_its_own_columns_and_its_rows_in_their_order():
     assert list(table.rows) == list(names) and "normal_rmse" not in table.columns
     mine = experiment_table("of my own", given, {}, SETTINGS)
     assert mine.columns == TABLE1_COLUMNS and table.printed and not mine.printed
-    with pytest.raises(UserError, match="no run"):
+    with pytest.raises(UserError, match="no training"):
         experiment_table("table2", {}, {}, SETTINGS)
 
 
