@@ -29,7 +29,7 @@ def benchmark(results: Results, name: str) -> dict[str, Any]:
         for row, methods in rows.items()
     ]
     kinds = {label(row): "baseline" if row in BASELINES else "network" for row in rows}
-    found = tables(scored, results.settings.bootstrap)
+    found = tables(scored, results.settings.bootstrap, list(rows).index("shipped"))
     for stem, section in found.items():
         section.grid.kinds = [kinds.get(words, "") for words in section.grid.frame.index]  # the last table has measures
         write_tables(results.report / stem, section.title, section.note, section.grid)

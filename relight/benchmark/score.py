@@ -184,14 +184,15 @@ class Section:
     grid: Grid
 
 
-def tables(rows: list[MethodScores], bootstrap: int = RESAMPLES) -> dict[str, Section]:
+def tables(rows: list[MethodScores], bootstrap: int = RESAMPLES, reference: int = 0) -> dict[str, Section]:
     """Compares methods: tables of relit pictures, of maps and light, of differences, and of invariances.
 
     Cells are means with the intervals of a bootstrap over figures.
 
     Args:
-        rows: the methods; differences are from the first.
+        rows: the methods.
         bootstrap: number of resamples.
+        reference: index of the method from which differences are taken.
 
     Returns:
         Tables by the stem of their files.
@@ -217,10 +218,8 @@ def tables(rows: list[MethodScores], bootstrap: int = RESAMPLES) -> dict[str, Se
             return None
         return estimate(np.array(list(means.values()))[None, :, None], bootstrap, 0)
 
-    sample = (
-        f"of set {rows[0].keys[0][0]}, ± half the 95 % interval (bootstrap over figures). A star: after the best "
-        "factor for each picture."
-    )
+    sample = f"of set {rows[0].keys[0][0]}, ± half the 95 % interval (bootstrap over figures)."
+    star = "A star: after the best factor for each picture."
 
     def means(shown: Iterable[MethodScores], columns: Iterable[str]) -> str:
         answered = [~np.isnan(row.columns[name]) for row in shown for name in columns]
@@ -230,17 +229,18 @@ def tables(rows: list[MethodScores], bootstrap: int = RESAMPLES) -> dict[str, Se
     def table(title: str, heads: dict[str, str], words: str) -> Section:
         kept = {name: head for name, head in heads.items() if any(cell(row, name) for row in rows)}
         lines = [[row.name, *(cell(row, name) for name in kept)] for row in rows]
-        return Section(
-            title, f"{words} All are {means(rows, kept)} {sample}", Grid.of(["method", *kept.values()], lines)
-        )
+        lines = [line for line in lines if any(line[1:])]
+        words = f"{words} All are {means(rows, kept)} {sample} {star}"
+        return Section(title, words, Grid.of(["method", *kept.values()], lines))
 
     def difference_table() -> Section:
-        first, *others = rows
+        first, others = rows[reference], [*rows[:reference], *rows[reference + 1 :]]
         kept = {name: head for name, head in DIFFERENCE_HEADS.items() if any(cell(row, name, first) for row in others)}
         lines = [[row.name, *(cell(row, name, first) for name in kept)] for row in others]
+        lines = [line for line in lines if any(line[1:])]
         words = (
             f"Error of each method minus that of {first.name}, picture by picture; positive where {first.name} is "
-            f"better. All are {means([first], kept)} {sample}"
+            f"better. All are {means([first], kept)} {sample} {star}"
         )
         return Section(f"Differences from {first.name}", words, Grid.of(["method", *kept.values()], lines))
 
