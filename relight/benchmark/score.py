@@ -206,12 +206,12 @@ def tables(rows: list[MethodScores], bootstrap: int = RESAMPLES, reference: int 
     figures = np.array([figure for _, _, figure in rows[0].keys])
     names = list(dict.fromkeys(figures))
 
-    def cell(row: MethodScores, column: str, reference: MethodScores | None = None):
+    def cell(row: MethodScores, column: str, minus: MethodScores | None = None):
         means = {}
         for name in names:
             values = row.columns[column][figures == name]
-            if reference:
-                values = values - reference.columns[column][figures == name]
+            if minus:
+                values = values - minus.columns[column][figures == name]
             if not np.isnan(values).all():
                 means[name] = np.nanmean(values)
         if not means:

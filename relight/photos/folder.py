@@ -77,12 +77,13 @@ def relight_folder(
     if masks and not Path(masks).is_dir():
         raise UserError(f"mask {masks}: for a folder of photos give a folder of masks")
     relighter = load(weights)
+    network = relighter.weights_hash()
     options.read_background(options.read_light(relighter))  # errors of the options come once, not for each photo
     summary = Summary()
     tasks = {}
     for photo in photos:
         mask = (mask_in(masks, photo.stem) or Path(masks) / f"{photo.stem}.png") if masks else mask_beside(photo)
-        fingerprint = _fingerprint(options, photo, mask, relighter)
+        fingerprint = _fingerprint(options, photo, mask, network)
         if _recorded(Path(out) / photo.name) == fingerprint:
             summary.kept.append(photo.name)
         else:
@@ -160,15 +161,15 @@ def _relight_one(options: Options, photo: Path, out: Path, mask: Path | None, fi
         return f"unexpected {type(error).__name__}: {error}"
 
 
-def _fingerprint(options: Options, photo: Path, mask: Path | None, relighter: "Relighter") -> str:
-    """Returns a hash of all that the results depend on; of files, their sizes and times."""
+def _fingerprint(options: Options, photo: Path, mask: Path | None, network: str) -> str:
+    """Returns a hash of all that the results depend on: of the network its hash, of files their sizes and times."""
     model = automatic_model(options.mask_model)
     files = [photo, mask, options.light, options.background, options.light_mask, model]
     stamps = []
     for path in files:
         stat = Path(path).stat() if path and Path(path).is_file() else None
         stamps.append([stat.st_size, stat.st_mtime_ns] if stat else None)
-    parts = [__version__, asdict(options), stamps, relighter.weights_hash()]
+    parts = [__version__, asdict(options), stamps, network]
     return hashlib.sha256(json.dumps(parts).encode()).hexdigest()
 
 
