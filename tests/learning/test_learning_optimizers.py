@@ -2,9 +2,10 @@
 
 import pytest
 import torch
+from torch import Tensor
 
 from relight.learning.networks import build
-from relight.learning.optimizers import MUON_LR, ConvolutionMuon, make_optimizers
+from relight.learning.optimizers import MUON_LR, QUINTIC, Muon, make_optimizers, orthogonalised
 
 
 @pytest.mark.parametrize("name", ["ours", "unet"])
@@ -12,8 +13,7 @@ def test_muon_has_the_weights_whose_scale_has_no_effect(model, schedule, name):
     torch.manual_seed(0)
     network = build(model(name=name, dropout=0.0), 64).double()
     optimizers = make_optimizers(network, schedule(optimizer="muon"))
-    adam = [p for group in optimizers["adam"].param_groups for p in group["params"]]
-    muon = optimizers["muon"].weights
+    adam, muon = ([p for group in optimizers[name].param_groups for p in group["params"]] for name in ("adam", "muon"))
     assert sorted(map(id, [*adam, *muon])) == sorted(map(id, network.parameters())), "each parameter once"
     image, mask = torch.rand(4, 3, 64, 64).double(), torch.ones(4, 1, 64, 64).double()
 
@@ -42,7 +42,7 @@ def test_a_first_step_is_the_orthogonal_factor_of_the_gradient(layout):
     weight = torch.randn(12, 5, 3, 3, generator=generator).to(memory_format=layout).requires_grad_()
     gradient = torch.randn(12, 5, 3, 3, generator=generator) * torch.arange(1, 13)[:, None, None, None]
     weight.grad = gradient.to(memory_format=layout)
-    before, optimizer = weight.detach().clone(), ConvolutionMuon([weight])
+    before, optimizer = weight.detach().clone(), Muon([weight])
     optimizer.param_groups[0]["lr"] = MUON_LR * 1e-3
     optimizer.step()
     step = (before - weight.detach()).flatten(1)
@@ -52,3 +52,46 @@ def test_a_first_step_is_the_orthogonal_factor_of_the_gradient(layout):
     assert step.square().mean().sqrt().item() == pytest.approx(0.2 * MUON_LR * 1e-3, rel=0.2)
     optimizer.zero_grad()
     assert weight.grad is None
+
+
+def newton_schulz(matrix: Tensor) -> Tensor:
+    """The iteration as Jordan et al. write it, on the matrix itself."""
+    a, b, c = QUINTIC
+    x = matrix / matrix.norm()
+    for _ in range(5):
+        gram = x @ x.mT
+        x = a * x + (b * gram + c * gram @ gram) @ x
+    return x
+
+
+@pytest.mark.parametrize("rows, columns", [(48, 432), (48, 48), (90, 20)])
+def test_orthogonalised_is_the_newton_schulz_iteration_on_the_matrix(rows, columns):
+    """In float32, for singular values over five decades, against the plain iteration in float64."""
+    generator = torch.Generator().manual_seed(5)
+    left, _, right = torch.linalg.svd(torch.randn(rows, columns, generator=generator).double(), full_matrices=False)
+    values = torch.logspace(0, -5, min(rows, columns)).double()
+    matrix = (left * values) @ right
+    truth = newton_schulz(matrix)
+    result = orthogonalised(matrix.float())
+    assert result.dtype == torch.float32
+    assert (result - truth).norm() / truth.norm() < 1e-3
+    large = values > 2e-3 * values.norm()
+    scaled = torch.diagonal(left.mT @ result.double() @ right.mT)[large]
+    assert (scaled > 0.6).all() and (scaled < 1.3).all()
+
+
+def test_steps_are_those_of_torch_muon():
+    """Three steps with momentum; torch's computes in bfloat16, so they agree to its eight bits only."""
+    generator = torch.Generator().manual_seed(7)
+    ours = torch.randn(16, 40, generator=generator).requires_grad_()
+    theirs = ours.detach().clone().requires_grad_()
+    first = Muon([ours])
+    first.param_groups[0]["lr"] = 0.01
+    second = torch.optim.Muon([theirs], lr=0.01, weight_decay=0, adjust_lr_fn="match_rms_adamw")
+    before = ours.detach().clone()
+    for _ in range(3):
+        ours.grad = theirs.grad = torch.randn(16, 40, generator=generator)
+        first.step()
+        second.step()
+    difference, moved = (ours - theirs).norm(), (ours - before).norm()
+    assert difference < 0.03 * moved
