@@ -12,6 +12,7 @@ A norm would turn a map of one pixel into zeros, since the pixel is its own mean
 """
 
 from itertools import pairwise
+from typing import Any
 
 import torch
 import torch.nn.functional as F
@@ -155,17 +156,19 @@ class PooledHead(nn.Module):
 class Refinement(nn.Module):
     """Refines a light by ridge regression of the image on the inferred maps (not in the paper).
 
-    For each colour channel the refined L minimises mean_p (a_p T_p.L - I_p)^2 + sum_k w_k (L_k - L0_k)^2 over the
-    pixels p of the figure, in closed form. a is the inferred albedo, T the inferred transport, I the image, L0 the
-    light of the head. The weights w are learned; `trust` is ln w. The maps are detached: errors of the light pass no
-    gradient to them.
+    The refined L minimises sum_c mean_p (a_pc T_p.L_c - I_pc)^2 + sum_k |C_k^T (L_k - L0_k)|^2 over the pixels p of the
+    figure and the colour channels c, in closed form. a is the inferred albedo, T the inferred transport, I the image,
+    L0 the light of the head. The matrices C_k (3,3) are learned: `trust` is the logarithm of their squared scale, and
+    `coupling` their difference from diagonal ones, since the errors of the channels go together. The maps are detached:
+    errors of the light pass no gradient to them.
     """
 
-    SIDE = 64  # pixels per side to which maps are subsampled: hundreds of equations for nine unknowns
+    SIDE = 64  # pixels per side to which maps are subsampled: hundreds of equations for 27 unknowns
 
     def __init__(self, coefficients: int):
         super().__init__()
-        self.trust = nn.Parameter(torch.full((coefficients,), -4.0))  # ln w
+        self.trust = nn.Parameter(torch.full((coefficients,), -4.0))
+        self.coupling = nn.Parameter(torch.zeros(coefficients, 3, 3))
 
     def forward(self, light: Tensor, albedo: Tensor, transport: Tensor, image: Tensor, mask: Tensor) -> Tensor:
         """Returns the refined light, the solution of the regression.
@@ -182,16 +185,30 @@ class Refinement(nn.Module):
         """
         with torch.autocast(light.device.type, enabled=False):
             step = max(1, image.shape[-1] // self.SIDE)
-            albedo, transport, image, mask = (
-                x[..., ::step, ::step].flatten(2).float().detach() for x in (albedo, transport, image, mask)
-            )
-            transport = transport * mask
-            weighted = (albedo**2)[:, :, None] * transport[:, None]  # (B,3,K,P)
-            pixels = mask.sum((1, 2)).clamp_min(1)[:, None, None]
-            trust = self.trust.exp()
-            left = weighted @ transport[:, None].mT / pixels[..., None] + torch.diag(trust)
-            right = (albedo * image) @ transport.mT / pixels + trust * light.float().mT
-            return torch.linalg.solve(left, right).mT
+            maps = [x[..., ::step, ::step].float().detach() for x in (albedo, transport, image, mask)]
+            return torch.linalg.solve(*self.normal_equations(light.float(), *maps)).view_as(light.mT).mT
+
+    def normal_equations(
+        self, light: Tensor, albedo: Tensor, transport: Tensor, image: Tensor, mask: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """Returns the matrix (B,3K,3K), symmetric and positive definite, and the right-hand side (B,3K)."""
+        albedo, transport, image, mask = (x.flatten(2) for x in (albedo, transport, image, mask))
+        pixels = mask.sum((1, 2)).clamp_min(1)[:, None, None]
+        transport = transport * mask
+        weighted = (albedo**2)[:, :, None] * transport[:, None]  # (B,3,K,P)
+        data = weighted @ transport[:, None].mT / pixels[..., None]
+        factor = (0.5 * self.trust).exp()[:, None, None] * (torch.eye(3, device=light.device) + self.coupling)
+        prior = factor @ factor.mT  # (K,3,3)
+        blocks = torch.diag_embed(prior.permute(1, 2, 0)) + data[:, :, None] * torch.eye(3, device=light.device).view(
+            3, 3, 1, 1
+        )  # (B,3,3,K,K)
+        right = (albedo * image) @ transport.mT / pixels + (prior @ light[..., None])[..., 0].mT
+        return blocks.transpose(2, 3).flatten(3).flatten(1, 2), right.flatten(1)
+
+    def _load_from_state_dict(self, state: dict[str, Tensor], prefix: str, *others: Any) -> None:
+        # Networks of version 0.2 have no coupling.
+        state.setdefault(f"{prefix}coupling", torch.zeros(len(self.trust), 3, 3))
+        super()._load_from_state_dict(state, prefix, *others)
 
 
 class Network(nn.Module):

@@ -15,7 +15,16 @@ from relight.files import UserError, require_safe_name
 from relight.lights.select import select_lights
 from relight.lights.statistics import is_lit_from_below, measure
 from relight.lights.table import LightSet
-from relight.panoramas import Panorama, generate_room, generate_sky, list_panoramas, orient, project, read_panorama
+from relight.panoramas import (
+    Panorama,
+    generate_lamps,
+    generate_room,
+    generate_sky,
+    list_panoramas,
+    orient,
+    project,
+    read_panorama,
+)
 from relight.processes import count_cores, end_with_parent, has_semaphores
 from relight.progress import progress as show_progress
 
@@ -23,7 +32,11 @@ log = logging.getLogger(__name__)
 
 Projected = np.ndarray | tuple[np.ndarray, list[str]] | str  # light, light and repairs, or why there is none
 
-GENERATORS: dict[str, Callable[[int], np.ndarray]] = {"room": generate_room, "sky": generate_sky}
+GENERATORS: dict[str, Callable[[int], np.ndarray]] = {
+    "room": generate_room,
+    "sky": generate_sky,
+    "lamps": generate_lamps,
+}
 MIN_PARALLEL = 48  # panoramas; for fewer, starting worker processes takes longer than it saves
 MAX_NAMED = 8  # panoramas that a warning lists
 
@@ -146,7 +159,7 @@ def generated_light(source: str, order: int, yaw: float = 0.0, flip: bool = Fals
     """Generates a panorama and projects it.
 
     Args:
-        source: such as "room:12" or "sky:3".
+        source: such as "room:12", "sky:3" or "lamps:5".
         order: of the spherical harmonics.
         yaw: degrees by which the light is rotated about the vertical, from +z toward +x.
         flip: whether left and right are mirrored first.

@@ -19,7 +19,7 @@ from relight.sh import CONVENTIONS, basis, to_relight
 from relight.sh.conventions import as_table
 from relight.srgb import decode
 
-GENERATED = re.compile(r"(room|sky):(\d{1,9})(?::([-+.0-9]+))?")
+GENERATED = re.compile(r"(room|sky|lamps):(\d{1,9})(?::([-+.0-9]+))?")
 KEY = re.compile(r"key:#?([0-9a-fA-F]{6})@([-+.0-9]+),([-+.0-9]+)(?:,([-+.0-9]+))?")
 IN_SET = re.compile(r"(.+\.(?:npz|csv)):(\d{1,9})")
 FILL = 0.2  # default irradiance of the fill, relative to the key light's
@@ -59,7 +59,7 @@ def load_light(
     kitchen.hdr, .exr, .pfm         a panorama
     probe.npy, .txt, .csv, .json    coefficients
     lights.npz:12                   row 12 of a light set
-    room:7, sky:3, room:7:40        a generated panorama, the last one rotated by 40 degrees
+    room:7, sky:3, lamps:5, room:7:40  a generated panorama, the last one rotated by 40 degrees
     probe:grace                     a printed measured light: grace, eucalyptus, stpeters, kitchen, galileo
     key:#ffeedd@45,30,0.2           a distant lamp of this sRGB colour, 45 degrees to the right of the camera and 30
                                     degrees up, with a constant fill of 0.2 times its irradiance
@@ -105,8 +105,10 @@ def load_light(
     elif ":" in text and (name := text.partition(":")[0]) in extensions.names():
         found = extensions.extension(name, "light")(text.removeprefix(f"{name}:"), order)
         light = found if isinstance(found, Light) else Light(as_table(found, text), text)
-    elif text.startswith(("room:", "sky:", "key:")):
-        raise UserError(f"{text} is malformed: a generated light is named like room:7, sky:3 or key:#ffeedd@45,30")
+    elif text.startswith(("room:", "sky:", "lamps:", "key:")):
+        raise UserError(
+            f"{text} is malformed: a generated light is named like room:7, sky:3, lamps:5 or key:#ffeedd@45,30"
+        )
     elif Path(text).suffix.lower() in (".npy", ".txt", ".csv", ".json"):
         light = read_coefficients(existing_file(text, "light"), convention)
     elif Path(text).suffix.lower() == ".npz":

@@ -18,7 +18,7 @@ mask_app = typer.Typer(help="Automatic masks: set them up once, or write one to 
 LightText = Annotated[
     str,
     typer.Option(
-        "--light", "-l", help="Panorama, light file, room:N, sky:N, key:#RRGGBB@AZIMUTH,ELEVATION or a photo."
+        "--light", "-l", help="Panorama, light file, room:N, sky:N, lamps:N, key:#RRGGBB@AZIMUTH,ELEVATION or a photo."
     ),
 ]
 MaskPath = Annotated[

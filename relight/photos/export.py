@@ -53,24 +53,18 @@ class OpenRefinement(nn.Module):
 
     def __init__(self, refinement: Refinement):
         super().__init__()
-        self.trust = refinement.trust
+        self.refinement = refinement
 
     def forward(self, light: Tensor, albedo: Tensor, transport: Tensor, image: Tensor, mask: Tensor) -> Tensor:
         """Returns the refined light (B,K,3), as `Refinement.forward` does."""
         mask = mask * _thinning(*image.shape[-2:])
-        albedo, transport, image, mask = (x.flatten(2) for x in (albedo, transport, image, mask))
-        pixels = mask.sum((1, 2)).clamp_min(1)[:, None, None]
-        trust = self.trust.exp()
-        transport = transport * mask
-        weighted = (albedo**2)[:, :, None] * transport[:, None]  # (B,3,K,P)
-        left = weighted @ transport[:, None].mT / pixels[..., None] + torch.diag(trust)
-        right = (albedo * image) @ transport.mT / pixels + trust * light.mT
+        left, right = self.refinement.normal_equations(light, albedo, transport, image, mask)
         system = torch.cat([left, right[..., None]], -1)
-        for k in range(len(self.trust)):
-            row = system[:, :, k : k + 1] / system[:, :, k : k + 1, k : k + 1]
+        for k in range(3 * len(self.refinement.trust)):
+            row = system[:, k : k + 1] / system[:, k : k + 1, k : k + 1]
             others = system - system[..., k : k + 1] * row
-            system = torch.cat([others[:, :, :k], row, others[:, :, k + 1 :]], 2)
-        return system[..., -1].mT
+            system = torch.cat([others[:, :k], row, others[:, k + 1 :]], 1)
+        return system[..., -1].view(-1, 3, len(self.refinement.trust)).mT
 
 
 def _thinning(height: int, width: int) -> Tensor:

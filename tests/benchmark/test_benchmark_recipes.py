@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from relight.benchmark import recipes as recipes_module
-from relight.benchmark.lights import KINDS, Lamplight, panorama, resampled
+from relight.benchmark.lights import Lamplight, panorama, resampled
 from relight.benchmark.recipes import HASHES, SPARE_OFFSET, digest, draw_recipe, draw_recipes, with_gloss
 from relight.files import UserError
+from relight.lights.chain import GENERATORS
 from relight.lights.statistics import reference_brightness
 from relight.meshes import Material, Mesh
 from relight.panoramas import Panorama, project
@@ -58,10 +59,10 @@ def test_gloss_belongs_to_the_figure():
     assert gloss(900_000, 2) == [(0.703, 0.264), (0.741, 0.256)]  # as the pictures of the set were drawn
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", GENERATORS)
 def test_lights_are_scaled_tinted_and_seen_from_above(kind):
     level = panorama(Lamplight(kind, 7, 0.0, 0.0), 0.0, 0.6)
-    assert np.allclose(level.pixels / level.pixels.max(), KINDS[kind](7) / KINDS[kind](7).max(), atol=1e-5)
+    assert np.allclose(level.pixels / level.pixels.max(), GENERATORS[kind](7) / GENERATORS[kind](7).max(), atol=1e-5)
     assert float(reference_brightness(project(level, 2))) <= 0.6 + 1e-6
     # Tipped by the pitch of the camera, as its frame is; what is at the poles and in small lamps is resampled.
     tipped = panorama(Lamplight(kind, 7, 0.0, 0.0), 20.0, 0.6)
@@ -83,7 +84,7 @@ def test_the_path_tracers_sky_holds_the_same_light():
 
 def test_lamps_are_lamps():
     for seed in range(6):
-        pixels = KINDS["lamps"](seed)
+        pixels = GENERATORS["lamps"](seed)
         assert pixels.shape == (64, 128, 3) and pixels.min() > 0
         assert pixels.max() > 3 * np.median(pixels)
         light = project(Panorama(pixels), 2)

@@ -178,25 +178,41 @@ def test_pooled_head_looks_at_the_figure_only():
 
 @pytest.mark.parametrize("size", [64, 256])
 def test_refined_light_solves_the_weighted_least_squares(size):
-    """Twin: numpy's least squares on the equations stacked one under the other, channel by channel."""
+    """Twin: numpy's least squares on all equations stacked one under the other; unknowns are (channel, coefficient)."""
     generator = torch.Generator().manual_seed(7)
     albedo, transport, image = (torch.rand(2, c, size, size, generator=generator) for c in (3, 9, 3))
     mask = (torch.rand(2, 1, size, size, generator=generator) > 0.5).float()
     light = torch.randn(2, 9, 3, generator=generator)
     refinement = Refinement(9)
     nn.init.normal_(refinement.trust, -3, 1, generator=generator)
+    nn.init.normal_(refinement.coupling, 0, 0.3, generator=generator)
     refined = refinement(light, albedo, transport, image * mask, mask)
     every = max(1, size // Refinement.SIDE)
+    roots = refinement.trust.detach().double().exp().sqrt()[:, None, None] * (torch.eye(3) + refinement.coupling.detach())
     for b in range(2):
         rows, columns = np.nonzero(mask[b, 0, ::every, ::every].numpy())
+        at = (b, slice(None), rows * every, columns * every)
+        equations, values = [], []
         for c in range(3):
-            at = (b, slice(None), rows * every, columns * every)
-            equations = (albedo[at][c] * transport[at]).double().numpy().T / len(rows) ** 0.5
-            values = image[at][c].double().numpy() / len(rows) ** 0.5
-            root = refinement.trust.detach().double().exp().sqrt().numpy()
-            stacked = np.concatenate([equations, np.diag(root)])
-            expected = np.linalg.lstsq(stacked, np.concatenate([values, root * light[b, :, c].numpy()]), rcond=None)[0]
-            np.testing.assert_allclose(refined[b, :, c].detach().numpy(), expected, rtol=2e-3, atol=2e-3)
+            block = np.zeros((len(rows), 3, 9))
+            block[:, c] = (albedo[at][c] * transport[at]).double().numpy().T / len(rows) ** 0.5
+            equations.append(block.reshape(-1, 27))
+            values.append(image[at][c].double().numpy() / len(rows) ** 0.5)
+        for k in range(9):  # three equations: C_k^T L_k = C_k^T L0_k
+            block = np.zeros((3, 3, 9))
+            block[:, :, k] = roots[k].double().numpy().T
+            equations.append(block.reshape(-1, 27))
+            values.append(block[:, :, k] @ light[b, k].double().numpy())
+        expected = np.linalg.lstsq(np.concatenate(equations), np.concatenate(values), rcond=None)[0]
+        np.testing.assert_allclose(refined[b].T.flatten().detach().numpy(), expected, rtol=2e-3, atol=2e-3)
+
+
+def test_refinement_of_a_network_without_coupling():
+    """Networks of version 0.2 have `trust` alone, one weight for all channels."""
+    refinement = Refinement(9)
+    nn.init.constant_(refinement.coupling, 0.5)
+    refinement.load_state_dict({"trust": torch.arange(9.0)})
+    assert torch.equal(refinement.trust, torch.arange(9.0)) and not refinement.coupling.any()
 
 
 @pytest.mark.parametrize("name", ["ours", "sfsnet_ao"])
@@ -204,7 +220,8 @@ def test_refinement_teaches_the_head_and_its_trust_but_not_the_maps(model, name)
     torch.manual_seed(8)
     network = build(model(name=name, refine=True, light_head="pooled"), 64).train()
     network(torch.rand(2, 3, 64, 64), torch.ones(2, 1, 64, 64))["light"].sum().backward()
-    assert network.refinement.trust.grad.abs().min() > 0 and network.light.last.weight.grad.abs().max() > 0
+    assert network.refinement.trust.grad.abs().min() > 0 and network.refinement.coupling.grad.abs().min() > 0
+    assert network.light.last.weight.grad.abs().max() > 0
     assert all(decoder.last.weight.grad is None for decoder in network.decoders.values())
     empty = network(torch.rand(2, 3, 64, 64), torch.zeros(2, 1, 64, 64))["light"]
     assert empty.isfinite().all(), "without a single pixel the head's own light stands"

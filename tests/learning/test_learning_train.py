@@ -274,6 +274,10 @@ def test_learning_rate(schedule):
     assert learning_rate(cosine, 50) == pytest.approx(0.51) and learning_rate(cosine, 99) == pytest.approx(
         0.02, abs=1e-3
     )
+    halves = [schedule(steps=50, lr=1.0, warmup=0, span=span) for span in ([0.0, 0.5], [0.5, 1.0])]
+    whole = schedule(steps=100, lr=1.0, warmup=0)
+    for half, first in zip(halves, (0, 50)):
+        assert learning_rate(half, 20) == pytest.approx(learning_rate(whole, first + 20))
     assert {learning_rate(schedule(schedule="constant", warmup=0, lr=0.3), step) for step in range(8)} == {0.3}
 
 

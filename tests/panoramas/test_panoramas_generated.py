@@ -4,7 +4,7 @@ from omegaconf import OmegaConf
 
 from relight.config import composed
 from relight.lights import measure, select_lights
-from relight.panoramas import Panorama, generate_room, generate_sky, project
+from relight.panoramas import Panorama, generate_lamps, generate_room, generate_sky, project
 from relight.panoramas.colour import XYZ_TO_RGB, blackbody, daylight
 from relight.panoramas.projection import latlong_solid_angles
 from relight.panoramas.radiosity import (
@@ -146,7 +146,7 @@ def test_cameras_leave_lamps_warm_make_them_white_or_turn_daylight_blue():
     assert 0.0 < np.median(cold) < 0.3 and 0.02 < np.mean(cold > 0.5) < 0.1
 
 
-@pytest.mark.parametrize("generate", [generate_room, generate_sky])
+@pytest.mark.parametrize("generate", [generate_room, generate_sky, generate_lamps])
 def test_panoramas_are_whole_and_the_same_from_the_same_seed(generate):
     first, again, other = generate(5), generate(5), generate(6)
     assert first.shape == (64, 128, 3) and first.dtype == np.float32

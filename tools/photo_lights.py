@@ -1,0 +1,58 @@
+"""Makes the lights under which the weights for photos are trained: rooms, skies, studios and real panoramas.
+
+    python tools/photo_lights.py FOLDER lights.npz
+
+FOLDER holds the real panoramas, as `relight light setup` unpacks them. Each kind is selected on its own, so that its
+share is known. Rooms keep the rules for usual lights; skies and studios are as strong and as directed as they come, but
+not from behind or from below, since networks trained with many such lights find the light of photographs there.
+"""
+
+import sys
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from relight.config import Lights, Panoramas, read_preset
+from relight.lights import build_light_set, select_lights, write_light_set
+from relight.lights.chain import generated_light, parallel_map
+from relight.lights.select import concatenate, darkened
+from relight.lights.table import LightSet
+
+HELD_OUT = ("city", "forest", "lobby", "sky", "sunset", "workshop")  # every third of the eighteen, for the benchmark
+FIRST_SEED = 5000  # of skies and studios: apart from those of the benchmark
+GENERATED = {"sky": (600, 120), "lamps": (600, 120)}  # panoramas drawn, lights selected
+HEADINGS = 12  # lights of each real panorama
+
+
+def exposed(lights: LightSet, usual: Lights) -> LightSet:
+    """Returns the training and test lights, dimmed as a camera would expose: no brighter than usual lights may be."""
+    return darkened(lights.rows(np.isin(lights.split, ("train", "test"))), usual.rules.channel)
+
+
+def main() -> None:
+    folder, out = Path(sys.argv[1]), Path(sys.argv[2])
+    usual = read_preset("lights")
+    strong = replace(usual, test=1, rules=replace(usual.rules, bright=6.0, channel=8.0, first=1.72, colour=1.5))
+    lights, _ = build_light_set(read_preset("panoramas", "generated"), replace(usual, clusters=410), 2)
+    for kind, (drawn, count) in GENERATED.items():
+        sources = [f"{kind}:{FIRST_SEED + i}" for i in range(drawn)]
+        table = np.stack(list(parallel_map(partial(generated_light, order=2), sources)))
+        chosen, _ = select_lights(table, sources, replace(strong, clusters=count))
+        lights = concatenate(lights, exposed(chosen, usual))
+    names = [path.stem for path in sorted(folder.glob("*.exr"))]
+    panoramas = Panoramas("folder", str(folder), 0, 0, 0, "auto", 0.0, False, version=1)
+    real, _ = build_light_set(panoramas, replace(strong, clusters=HEADINGS * len(names), split="random"), 2)
+    real = exposed(real, usual)
+    held_out = np.isin([Path(source).stem for source in real.source], HELD_OUT)
+    real.split[:] = np.where(held_out, "test", "train")
+    lights = concatenate(lights, real)
+    for split in ("train", "test"):
+        kinds = [str(source).split(":")[0] if ":" in str(source) else "real" for source in lights.of(split).source]
+        print(split, {kind: kinds.count(kind) for kind in dict.fromkeys(kinds)})
+    write_light_set(lights, out)
+
+
+if __name__ == "__main__":
+    main()
