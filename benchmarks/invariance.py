@@ -1,6 +1,6 @@
 """Measures errors and invariances of networks for photographs: to framing, mask, exposure, white balance, mirroring.
 
-    python benchmarks/invariance.py relight/weights/photo.safetensors [other.safetensors ...]
+    python benchmarks/invariance.py relight/weights/photo.onnx [other.safetensors ...]
 
 Prints a table with a column for each network: the measures of `relight.benchmark.measures`, without a path tracer. The
 figures (seeds 9000 to 9005, and one person in 12 poses: 9600 to 9611) and the six rooms are in no training set; they

@@ -30,8 +30,8 @@ def time_frames(photo: Path | None, mask: Path | None, frames: int, last_frames:
     from PIL import Image
 
     from relight.photos.api import load, match_exposure
-    from relight.photos.movie import downscale, turn_light
-    from relight.photos.photo import Options
+    from relight.photos.movie import turn_light
+    from relight.photos.photo import Options, downscale
     from relight.photos.read import Photo, read_mask, read_photo
 
     torch.set_num_threads(1)

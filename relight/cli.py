@@ -1,6 +1,5 @@
 """The command line."""
 
-import gc
 import sys
 from typing import Annotated, Any, Literal
 
@@ -19,9 +18,30 @@ from relight.transport.commands import app as transport
 from relight.viewer.commands import app as viewer
 from relight.viewer.commands import web_app as web
 
-# Allocations between garbage collections. With the default of 700 (2,000 from Python 3.12), collections take about .2
-# of the 1.5 CPU-seconds of torch's import, whose objects all stay alive.
-GC_THRESHOLD = 100_000
+# The extra of pyproject.toml that brings a package, by the package's name in imports.
+EXTRAS = {
+    "anny": "figures",
+    "av": "video",
+    "hydra": "workflow",
+    "jinja2": "workflow",
+    "markdown_it": "workflow",
+    "matplotlib": "workflow",
+    "mitsuba": "bench",
+    "mlflow": "tracking",
+    "onnx": "export",
+    "onnxscript": "export",
+    "open3d": "scans",
+    "pandas": "workflow",
+    "psutil": "workflow",
+    "pymeshlab": "scans",
+    "safetensors": "train",
+    "skimage": "workflow",
+    "sklearn": "workflow",
+    "snakemake": "workflow",
+    "torch": "train",
+    "trimesh": "scans",
+    "warp": "figures",
+}
 
 app = typer.Typer(
     help="The open laboratory for occlusion-aware relighting of people.",
@@ -124,13 +144,16 @@ def need_clone(command: str) -> None:
 
 def main() -> None:
     """Runs the command line; a UserError is printed in one line, with exit code 1."""
-    gc.set_threshold(GC_THRESHOLD)
     try:
         app()
     except UserError as error:
         sys.exit(f"relight: {error}")
     except MemoryError as error:
         sys.exit(f"relight: {out_of_memory(error)}")
+    except ModuleNotFoundError as error:
+        if (extra := EXTRAS.get((error.name or "").partition(".")[0])) is None:
+            raise
+        sys.exit(f"relight: this needs {error.name}: run `pip install '.[{extra}]'` in the clone of relight")
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@ import csv
 import errno
 import fcntl
 import glob
+import hashlib
 import os
 import re
 import shutil
@@ -239,6 +240,12 @@ def existing_file(path: Path | str, what: str) -> Path:
         raise UserError(f"{what}: there is no file {path}")
     require_readable(path, what)
     return path
+
+
+def file_hash(path: Path) -> str:
+    """Returns the SHA-256 of a file, hexadecimal."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def require_readable(path: Path, what: str) -> None:

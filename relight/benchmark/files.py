@@ -1,6 +1,5 @@
 """Reads and writes the files of the benchmark: sets of pictures, and methods' answers (docs/benchmark.md)."""
 
-import hashlib
 import json
 import re
 from collections.abc import Mapping
@@ -14,7 +13,7 @@ from PIL import Image
 
 from relight.benchmark.measures import Intrinsics
 from relight.benchmark.shots import Shot
-from relight.files import UserError, atomic_write, existing_file
+from relight.files import UserError, atomic_write, existing_file, file_hash
 from relight.photos.crop import MASK_THRESHOLD, Crop, crop_around
 
 INDEX = "index.json"
@@ -132,7 +131,7 @@ class BenchmarkSet:
         for one in self.index["pictures"]:
             for name, expected in one["files"].items():
                 path = self.folder / name
-                if sha256(existing_file(path, "benchmark")) != expected:
+                if file_hash(existing_file(path, "benchmark")) != expected:
                     raise UserError(f"{path} has changed since the benchmark was made: make it again")
 
     def truth(self, entry: Entry) -> tuple[Intrinsics, np.ndarray]:
@@ -157,11 +156,6 @@ def square_mask(entry: Entry) -> np.ndarray:
 def to_intrinsics(arrays: Mapping[str, np.ndarray], inside: np.ndarray) -> Intrinsics:
     """Returns the maps and the light of an answer or of a ground truth as float64; `inside` (S,S) is the mask."""
     return Intrinsics(inside, **{name: arrays[name].astype(np.float64) for name in (*MAPS, "light") if name in arrays})
-
-
-def sha256(path: Path) -> str:
-    """Returns the SHA-256 of a file, in hexadecimal."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def write_arrays(path: Path, photo: str, arrays: Mapping[str, np.ndarray]) -> None:

@@ -11,11 +11,11 @@ import numpy as np
 import OpenEXR
 from PIL import Image
 
-from relight.benchmark.files import INDEX, MAPS, sha256, write_arrays
+from relight.benchmark.files import INDEX, MAPS, write_arrays
 from relight.benchmark.picture import Picture, Settings, render_picture
 from relight.benchmark.recipes import FIGURES, HASHES, SPARE_OFFSET, VIEWS, Recipe, digest, draw_recipes, with_gloss
 from relight.config import Align
-from relight.files import UserError, atomic_folder, atomic_write, writable_folder
+from relight.files import UserError, atomic_folder, atomic_write, file_hash, writable_folder
 from relight.maps import write_maps
 from relight.meshes import Mesh, align
 from relight.panoramas import Panorama
@@ -117,7 +117,7 @@ def save_picture(folder: Path, name: str, figure: str, recipe: dict, picture: Pi
                     write_panorama(tmp / f"new_{number}.exr", panorama)
                 known = {key: getattr(picture.truth, key) for key in (*MAPS, "light")}
                 arrays = {"full": picture.relit, **{key: values for key, values in known.items() if values is not None}}
-                write_arrays(truth / f"{name}.npz", sha256(tmp / "photo.png"), arrays)
+                write_arrays(truth / f"{name}.npz", file_hash(tmp / "photo.png"), arrays)
                 write_panorama(truth / f"{name}.light.exr", picture.light)
 
 
@@ -137,7 +137,7 @@ def write_index(folder: Path, kind: str, names: list[str], settings: dict, **ext
             files = sorted(path.iterdir())
             if not record["of"]:
                 files += sorted((folder / "truth").glob(f"{name}.*"))
-            hashes = {str(file.relative_to(folder)): sha256(file) for file in files}
+            hashes = {str(file.relative_to(folder)): file_hash(file) for file in files}
             pictures.append({"name": path.name, **record, "files": hashes})
     text = json.dumps([one["files"] for one in pictures], sort_keys=True)
     total = hashlib.sha256(text.encode()).hexdigest()

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from relight.benchmark.files import BenchmarkSet, Entry, sha256, square_mask, write_arrays
-from relight.files import UserError, atomic_write, writable_folder
+from relight.benchmark.files import BenchmarkSet, Entry, square_mask, write_arrays
+from relight.files import UserError, atomic_write, file_hash, writable_folder
 from relight.maps import read_maps
 from relight.panoramas import project, read_panorama
 from relight.photos.api import Relighter, load
@@ -47,14 +47,14 @@ def answer(folder: Path | str, out: Path | str, method: str, weights: Path | Non
     record = {"set": benchmark.hash, "method": method}
     if method == "network":
         relighter = load(weights, threads=1)
-        apply, record["weights"] = network(relighter), relighter.weights_hash()
+        apply, record["weights"] = network(relighter), relighter.network.digest
     else:
         apply = BASELINES[method]()
     check_answers(out, record)
     wanted = [entry for entry in benchmark.entries if method == "network" or not entry.of]
     missing = [entry for entry in wanted if not (out / f"{entry.name}.npz").is_file()]
     for entry in progress(missing, f"answers of {out.name}"):
-        write_arrays(out / f"{entry.name}.npz", sha256(entry.folder / "photo.png"), apply(benchmark, entry))
+        write_arrays(out / f"{entry.name}.npz", file_hash(entry.folder / "photo.png"), apply(benchmark, entry))
     return len(missing)
 
 

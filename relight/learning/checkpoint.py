@@ -1,7 +1,8 @@
 """Networks and interrupted trainings on disk.
 
-A network is a safetensors file whose header holds the settings to build it. The state of a training is a file of torch,
-read with `weights_only=True`. Neither can run code when it is read.
+A network is a safetensors file whose header holds the settings to build it, or the .onnx file of one
+(relight.learning.export). The state of a training is a file of torch, read with `weights_only=True`. None of them can
+run code when it is read.
 """
 
 import json
@@ -18,24 +19,24 @@ from torch import nn
 
 from relight.config import Model
 from relight.files import UserError, atomic_write, existing_file
+from relight.inference import read_onnx
 from relight.learning.networks import Network, build
 
+PREFIX = "network."  # of the weights' names in an .onnx file
+HALF = ".half"  # after the name of a constant of an .onnx file that is stored in half precision
 MAX_SIZE = 8192  # px, of the images of a network
 
 
-def save_network(path: Path, network: Network, model: Model, half: bool = False, **config: Any) -> None:
+def save_network(path: Path, network: Network, model: Model, **config: Any) -> None:
     """Writes a network, whole or not at all.
 
     Args:
         path: .safetensors.
         network: its weights are written as float32.
         model: the settings that it was built with.
-        half: write float16 instead.
         config: plain values to store in the header, such as the settings of the training.
     """
     weights = {name: tensor.detach().cpu().contiguous() for name, tensor in network.state_dict().items()}
-    if half:
-        weights = {name: tensor.half() if tensor.is_floating_point() else tensor for name, tensor in weights.items()}
     header = {"size": network.size, "model": asdict(model), **config}
     with atomic_write(path) as tmp:
         save_file(weights, tmp, metadata={"relight": json.dumps(header)})
@@ -45,9 +46,11 @@ def read_config(path: Path | str) -> dict[str, Any]:
     """Reads the header of a network: its size, its model and the other values that `save_network` was given.
 
     Raises:
-        UserError: if the file does not exist, is not safetensors, or holds no network of this project.
+        UserError: if the file does not exist, is neither safetensors nor .onnx, or holds no network of this project.
     """
     path = existing_file(path, "network")
+    if path.suffix == ".onnx":
+        return read_onnx(path).config
     try:
         with safe_open(path, "np") as file:
             metadata = file.metadata() or {}
@@ -77,8 +80,7 @@ def load_network(path: Path | str, device: str | torch.device = "cpu") -> tuple[
             raise ValueError(f"its size is {size} px, and the maximum is {MAX_SIZE}")
         with torch.device("meta"):  # allocates no memory before the header's shapes are compared with the tensors
             network = build(model, size)
-        with safe_open(path, "pt") as file:
-            weights = {name: file.get_tensor(name) for name in file.keys()}
+        weights = read_weights(Path(path), network)
         dtypes = {name: tensor.dtype for name, tensor in network.state_dict().items()}
         weights = {name: tensor.to(dtypes.get(name, tensor.dtype)) for name, tensor in weights.items()}
         network.load_state_dict(weights, assign=True)
@@ -87,6 +89,22 @@ def load_network(path: Path | str, device: str | torch.device = "cpu") -> tuple[
         raise UserError(f"{path} does not fit this version of relight: {reason}") from None
     network.to(device, memory_format=network.layout)  # type: ignore[call-overload]  # not in torch's hints
     return network.eval(), config
+
+
+def read_weights(path: Path, network: Network) -> dict[str, torch.Tensor]:
+    """Reads the weights of a file by their names in the network."""
+    if path.suffix != ".onnx":
+        with safe_open(path, "pt") as file:
+            return {name: file.get_tensor(name) for name in file.keys()}
+    import onnx
+
+    constants = {}
+    for constant in onnx.load(path).graph.initializer:
+        name = constant.name.removeprefix(PREFIX).removesuffix(HALF)
+        constants[name] = torch.from_numpy(onnx.numpy_helper.to_array(constant).copy())
+    names = dict(network.state_dict())
+    counters = {name: torch.zeros((), dtype=torch.int64) for name in names if name.endswith("num_batches_tracked")}
+    return counters | {name: values for name, values in constants.items() if name in names}
 
 
 def save_state(

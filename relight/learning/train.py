@@ -26,7 +26,7 @@ from torch import Tensor, nn
 from torch.nn.parallel import DistributedDataParallel
 
 from relight.config import Augment, Loss, Model, Train
-from relight.files import UserError, atomic_write, existing_file
+from relight.files import UserError, atomic_write, existing_file, file_hash
 from relight.learning.augment import augment_batch
 from relight.learning.checkpoint import load_network, restore_state, save_network, save_state
 from relight.learning.data import Batch, RelitSet, draw_pairs, generator, read_split
@@ -89,8 +89,7 @@ def fingerprint(recipe: Recipe, inputs: Inputs) -> str:
     start = recipe.train.start
     paths: list[Path | str] = [inputs.packed, inputs.lights, inputs.split, *([start] if start else [])]
     for path in paths:
-        with open(existing_file(path, "training"), "rb") as file:
-            digest.update(hashlib.file_digest(file, "sha256").digest())
+        digest.update(bytes.fromhex(file_hash(existing_file(path, "training"))))
     return digest.hexdigest()
 
 

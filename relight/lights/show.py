@@ -26,7 +26,7 @@ MAX_UNUSUAL = 20  # on a contact sheet
 
 
 def lit_ball(
-    coefficients: np.ndarray, size: int, samples: int = 3, white: float = 1 / ALBEDO, linear: bool = True
+    coefficients: np.ndarray, size: int, samples: int = 2, white: float = 1 / ALBEDO, linear: bool = True
 ) -> np.ndarray:
     """Renders a diffuse ball under a light, as the camera sees it.
 

@@ -1,7 +1,6 @@
 """The Python interface: `relight.load()` and its `Relighter`. Pictures are arrays, images of Pillow, or files."""
 
 import base64
-import hashlib
 import io
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +9,8 @@ from typing import Unpack
 import numpy as np
 from PIL import Image
 
-from relight.files import UserError
+from relight.files import UserError, existing_file
+from relight.inference import PhotoNetwork, read_onnx
 from relight.lights import Light, LightOptions
 from relight.photos.background import Background, read_background
 from relight.photos.crop import MASK_THRESHOLD, Crop
@@ -21,7 +21,7 @@ from relight.photos.render import render
 from relight.photos.trust import Trust, assess
 from relight.sh import rotate_y
 
-WEIGHTS = Path(__file__).parent.parent / "weights" / "photo.safetensors"
+WEIGHTS = Path(__file__).parent.parent / "weights" / "photo.onnx"
 MODES = ("ratio", "full")
 WHITE_BALANCES = ("keep", "scene")
 PREVIEW = 480  # pixels of the longer side of a picture in a notebook
@@ -75,25 +75,19 @@ class Relighter:
     """A network that is ready for photos.
 
     Attributes:
-        network: in evaluation mode.
-        config: the network's, as in its checkpoint.
+        network: that infers.
         lights: (N,K,3) of its training, or None if unknown.
     """
 
-    def __init__(self, network, config: dict, lights: np.ndarray | None = None):
-        self.network, self.config, self.lights = network, config, lights
+    def __init__(self, network: PhotoNetwork):
+        self.network = network
+        lights = network.config.get("lights")
+        self.lights = np.asarray(lights, np.float32).reshape(-1, (self.order + 1) ** 2, 3) if lights else None
 
     @property
     def order(self) -> int:
         """Of the spherical harmonics."""
         return self.network.order
-
-    def weights_hash(self) -> str:
-        """Returns the SHA-256 of the network's weights."""
-        digest = hashlib.sha256()
-        for name, values in self.network.state_dict().items():
-            digest.update(name.encode() + values.numpy().tobytes())
-        return digest.hexdigest()
 
     def infer(
         self, image: Picture, mask: Picture | None = None, split: bool = True, white_balance: str = "keep"
@@ -122,7 +116,7 @@ class Relighter:
 
     def infer_person(self, pixels: np.ndarray, coverage: np.ndarray, crop: Crop | None = None) -> Person:
         """Infers one person, in a given square or the one around the coverage (relight.photos.infer.infer_person)."""
-        return infer_person(self.network, self.config, pixels, coverage, crop)
+        return infer_person(self.network, pixels, coverage, crop)
 
     def read_light(
         self,
@@ -202,7 +196,7 @@ class Relighter:
 
     def trust(self, person: Person) -> Trust:
         """Assesses how far an inference can be trusted."""
-        return assess(person, self.lights, self.config.get("augment", {}).get("exposure", [0.0])[-1])
+        return assess(person, self.lights, self.network.config.get("augment", {}).get("exposure", [0.0])[-1])
 
 
 def require_white_balance(white_balance: str) -> None:
@@ -231,41 +225,31 @@ def match_exposure(
     return light, background.matched(light, factor, factor / needed)
 
 
-def load(path: Path | str | None = None, threads: int | None = None) -> Relighter:
+def load(path: Path | str | None = None, threads: int = 0) -> Relighter:
     """Loads a network.
 
     Args:
-        path: a .safetensors checkpoint of relight, or a model in MLflow, such as models:/relight@photo; by default the
-            network that comes with the package.
-        threads: of torch; its own choice by default.
+        path: an .onnx file that `relight export` wrote, a checkpoint (.safetensors), or a model in MLflow, such as
+            models:/relight@photo; by default the network that comes with the package. All but .onnx need torch.
+        threads: of the inference; 0 for one per core.
 
     Raises:
-        UserError: if it is no such checkpoint.
+        UserError: if it is no such network.
     """
-    import torch
-
-    from relight.learning.checkpoint import load_network
-
     if path is None and not WEIGHTS.is_file():
-        raise UserError("this installation has no weights: give a checkpoint with --weights FILE.safetensors")
+        raise UserError("this installation has no weights: give a network with --weights FILE")
     if str(path).startswith("models:/"):
         from relight.tracking.server import download_network
 
         path = download_network(str(path))
-    path = Path(path or WEIGHTS)
-    if path.is_file() and path.suffix in (".pt", ".pth", ".pkl", ".pickle", ".ckpt"):
-        raise UserError(
-            f"{path} is a pickle, which can run code when it is read: give a .safetensors checkpoint of relight"
-        )
-    if threads:
-        torch.set_num_threads(threads)
-    network, config = load_network(path)
-    return Relighter(network, config, _training_lights(config, network.order))
+    path = existing_file(path or WEIGHTS, "network")
+    if path.suffix == ".onnx":
+        return Relighter(read_onnx(path, threads))
+    if path.suffix != ".safetensors":
+        raise UserError(f"{path} is no network of relight: give an .onnx or .safetensors file")
+    from relight.learning.export import photo_network
 
-
-def _training_lights(config: dict, order: int) -> np.ndarray | None:
-    lights = config.get("lights")
-    return np.asarray(lights, np.float32).reshape(-1, (order + 1) ** 2, 3) if lights else None
+    return Relighter(photo_network(path, threads))
 
 
 def _read_inputs(image: Picture, mask: Picture | None) -> tuple[Photo, np.ndarray]:

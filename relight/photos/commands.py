@@ -58,7 +58,7 @@ Convention = Annotated[str | None, typer.Option(help="Convention of a coefficien
 Weights = Annotated[
     Path | None,
     typer.Option(
-        "--weights", "-w", help="A checkpoint (.safetensors) of relight, or models:/relight@photo from MLflow."
+        "--weights", "-w", help="A network: .onnx, a checkpoint (.safetensors), or models:/relight@photo from MLflow."
     ),
 ]
 Size = Annotated[int, typer.Option(min=16, max=4096, help="Largest length of the longer side, pixels.")]
@@ -131,6 +131,9 @@ def photo(
         Path | None, typer.Option("--out", "-o", help="Folder for the results; by default PHOTO_relit.")
     ] = None,
     together: Together = False,
+    maps: Annotated[
+        bool, typer.Option("--maps", help="Also write maps.exr: albedo, shading and transport in half floats.")
+    ] = False,
     weights: Weights = None,
     jobs: Annotated[
         int | None, typer.Option("--jobs", "-j", min=1, help="For a folder: photos relit at the same time.")
@@ -141,7 +144,7 @@ def photo(
 
     if not path.exists():
         raise UserError(f"photo: there is no file or folder {path}")
-    options = replace(options, together=together)
+    options = replace(options, together=together, maps=maps)
     out = out or path.with_name(f"{path.stem if path.is_file() else path.name}_relit")
     if path.is_dir():
         from relight.photos.folder import relight_folder
@@ -227,17 +230,15 @@ def movie(
 
 @app.command()
 def export(
-    out: Annotated[Path, typer.Argument(help="The file to write: .onnx, or .pt2 for torch.export.")],
-    weights: Weights = None,
-    half: Annotated[
-        bool, typer.Option("--half", help="Store the weights in half precision: an .onnx of half the size.")
-    ] = False,
+    checkpoint: Annotated[Path, typer.Argument(help="A network that a training wrote (.safetensors).")],
+    out: Annotated[Path, typer.Argument(help="The .onnx file to write.")],
 ) -> None:
-    """Write the network for other programs, for any batch and image size, and check it against torch."""
-    from relight.photos.api import load
-    from relight.photos.export import export as write
+    """Write a trained network as one graph (.onnx) for `relight photo -w` and other programs, for any image size."""
+    from relight.learning.checkpoint import load_network
+    from relight.learning.export import export as write
 
-    difference = write(load(weights).network, out, half)
+    network, config = load_network(checkpoint)
+    difference = write(network, out, config)
     print(f"{out}: differs from torch by {difference:.1e} at most")
 
 

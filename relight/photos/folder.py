@@ -77,7 +77,7 @@ def relight_folder(
     if masks and not Path(masks).is_dir():
         raise UserError(f"mask {masks}: for a folder of photos give a folder of masks")
     relighter = load(weights)
-    network = relighter.weights_hash()
+    network = relighter.network.digest
     options.read_background(options.read_light(relighter))  # errors of the options come once, not for each photo
     summary = Summary()
     tasks = {}

@@ -6,13 +6,12 @@ from functools import cached_property
 
 import numpy as np
 
-from relight.learning.networks import Network
-from relight.learning.predict import predict
+from relight.inference import PhotoNetwork
 from relight.panoramas import luminance
 from relight.photos.color import chroma
 from relight.photos.crop import MASK_THRESHOLD, Crop, crop_around
 from relight.photos.shading import exposure_factor, shading, shading_floor, shading_ratio
-from relight.photos.upsample import FittedMap, Guide, clamp_rim, fit_map, luma, square_root
+from relight.photos.upsample import FittedMap, Guide, fit_map, luma, square_root
 from relight.srgb import LINEAR, decode, encode
 
 OPAQUE = 240  # coverage (of 255) from which a pixel shows hardly anything but the person
@@ -113,14 +112,11 @@ class Person:
         return values if self.gamma == 1 else decode(values).astype(np.float32)
 
 
-def infer_person(
-    network: Network, config: dict, pixels: np.ndarray, coverage: np.ndarray, crop: Crop | None = None
-) -> Person:
-    """Infers the light, albedo and transport of one person. The rim of both maps is clamped (`upsample.clamp_rim`).
+def infer_person(network: PhotoNetwork, pixels: np.ndarray, coverage: np.ndarray, crop: Crop | None = None) -> Person:
+    """Infers the light, albedo and transport of one person.
 
     Args:
-        network: in evaluation mode.
-        config: the network's; `train.color` says which values its images have.
+        network: `train.color` of its config says which values its images have.
         pixels: (H,W,3) uint8 sRGB.
         coverage: (H,W) uint8 of the person.
         crop: the square to use; by default the one around the coverage.
@@ -130,18 +126,18 @@ def infer_person(
     """
     crop = crop or crop_around(coverage, network.size)
     image, mask = network_input(pixels, coverage, crop)
-    paper = config.get("train", {}).get("color") == "paper"
+    paper = network.config.get("train", {}).get("color") == "paper"
     if paper:  # these networks were trained with coded values as if they were linear
         image = encode(image).astype(np.float32)
-    maps = predict(network, image, mask, mirrored=True)
+    albedo, transport, light = network.infer(image, mask)
     return Person(
         crop=crop,
         coverage=coverage,
         mask=mask,
         image=image,
-        albedo=clamp_rim(maps["albedo"], mask),
-        transport=clamp_rim(maps["transport"], mask),
-        light=maps["light"],
+        albedo=albedo,
+        transport=transport,
+        light=light,
         gamma=PAPER_GAMMA if paper else 1.0,
     )
 

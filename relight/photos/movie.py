@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import TypeVar
 
 import numpy as np
-from PIL import Image
 
 from relight.files import UserError
 from relight.lights import Light
@@ -22,7 +21,7 @@ from relight.photos.color import to_srgb8
 from relight.photos.crop import Crop, crop_around
 from relight.photos.infer import Person, balanced
 from relight.photos.mask import find_mask
-from relight.photos.photo import Options
+from relight.photos.photo import Options, downscale
 from relight.photos.read import Photo, list_photos, list_pictures, mask_beside, mask_in, read_photo
 from relight.photos.render import compose, fit_maps, ground_of, render, split_layers
 from relight.photos.video import FPS, is_video, read_frames, write_video
@@ -173,18 +172,6 @@ def relight_clip(
             yield render(pixels, [person], turned, options.mode, matched, turn, options.stops)
 
     return relit(), count, fps
-
-
-def downscale(photo: Photo, coverage: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Scales a photo and its coverage down so that the longer side is at most `size`; returns both as uint8."""
-    height, width = coverage.shape
-    scale = size / max(height, width)
-    if scale >= 1:
-        return photo.pixels, coverage
-    shape = max(8, round(width * scale)), max(8, round(height * scale))
-    images = (Image.fromarray(photo.pixels), Image.fromarray(coverage))
-    pixels, coverage = (np.asarray(image.resize(shape, Image.Resampling.LANCZOS, reducing_gap=3)) for image in images)
-    return pixels, coverage
 
 
 def _with_masks(

@@ -4,6 +4,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from relight.files import UserError, writable_folder
 from relight.lights import Light, LightOptions
@@ -14,7 +15,7 @@ from relight.photos.infer import Person, mean_light
 from relight.photos.mask import AUTOMATIC, find_mask, mask_warnings
 from relight.photos.read import Photo, mask_beside, read_photo
 from relight.photos.render import render
-from relight.photos.write import write_inference, write_json, write_light_files, write_picture
+from relight.photos.write import write_inference, write_json, write_light_files, write_maps, write_picture
 from relight.sh import rotate_y
 
 BYTES_PER_PIXEL = 48  # of the photo, at most, for the results: three pictures and 16 maps of half floats
@@ -35,6 +36,7 @@ class Options:
         stops: exposure, as a power of two.
         match: whether the light is scaled to the photo's exposure.
         together: whether the whole mask is one person.
+        maps: whether the maps are also written as maps.exr.
         light_mask: of the photo that `light` names.
         mask_model: ONNX network for automatic masks.
         layout: of a panorama.
@@ -54,6 +56,7 @@ class Options:
     stops: float = 0.0
     match: bool = True
     together: bool = False
+    maps: bool = False
     light_mask: str | None = None
     mask_model: str | None = None
     layout: str = "auto"
@@ -88,6 +91,18 @@ def read_people(
     photo = read_photo(path)
     coverage = find_mask(photo, mask or mask_beside(path), options.mask_model)
     return photo, relighter.infer(photo.pixels, coverage, not options.together, options.white_balance)
+
+
+def downscale(photo: Photo, coverage: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
+    """Scales a photo and its coverage down so that the longer side is at most `size`; returns both as uint8."""
+    height, width = coverage.shape
+    scale = size / max(height, width)
+    if scale >= 1:
+        return photo.pixels, coverage
+    shape = max(8, round(width * scale)), max(8, round(height * scale))
+    images = (Image.fromarray(photo.pixels), Image.fromarray(coverage))
+    pixels, coverage = (np.asarray(image.resize(shape, Image.Resampling.LANCZOS, reducing_gap=3)) for image in images)
+    return pixels, coverage
 
 
 def relight_file(
@@ -127,6 +142,8 @@ def relight_file(
     assessed = [relighter.trust(person) for person in people]
     write_picture(out / "relit.png", relit)
     write_inference(out, people, photo.pixels)
+    if options.maps:
+        write_maps(out / "maps.exr", people, photo.pixels)
     for i, person in enumerate(people, 1):
         name = "light" if len(people) == 1 else f"light_{i}"
         write_light_files(out / name, person.light, f"inferred from {photo.name}")

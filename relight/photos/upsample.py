@@ -4,23 +4,17 @@ The guided filter (He, Sun and Tang 2013; its fast form, He and Sun 2015) explai
 window map = slope * guide + offset. The slopes are fitted on the square and applied to the detail that the photo has
 beyond the square's resolution, so a map that changes at an edge of the photo changes at that edge and not up to a
 network pixel beside it. Without such detail, the result is the map itself.
-
-The outermost pixels of a person, where the network sees least and is wrong most, are clamped to the range of the
-inside.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import binary_erosion, distance_transform_edt, maximum_filter, minimum_filter, uniform_filter
+from scipy.ndimage import distance_transform_edt, maximum_filter, minimum_filter, uniform_filter
 
 from relight.photos.crop import Crop
 from relight.srgb import LUMINANCE
 
 RADIUS = 2  # of a window, pixels of the square
-RIM = 1  # width of the rim along the silhouette, pixels of the square
-NEIGHBOURHOOD = 5  # side of the square in which the inside near a pixel of the rim is searched
-SLACK = 0.5  # share of the range of the inside by which the rim may leave that range
 SMOOTH = 1e-3  # variance of the guide under which a window counts as flat: weaker texture is not copied
 SMOOTH_ALBEDO = 1e-4  # the same for albedo, whose texture is the photo's
 
@@ -119,27 +113,6 @@ def fit_map(maps: np.ndarray, guide: Guide, textured: bool = False) -> FittedMap
     base = guide.fill_outside(maps)
     slope = guide.fill_outside(guide.slope(maps, SMOOTH_ALBEDO if textured else SMOOTH))
     return FittedMap(base, slope, *((None, None) if textured else _range(base, np.ones_like(guide.mask), 3)))
-
-
-def clamp_rim(maps: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Clamps the rim of a person to the range of the inside next to it.
-
-    Values may leave that range by SLACK of it, so a gradient toward the silhouette continues and an outlier does not
-    stand out. Parts as thin as the rim, such as fingers, keep their values.
-
-    Args:
-        maps: (S,S,C).
-        mask: (S,S) bool.
-
-    Returns:
-        (S,S,C) float32.
-    """
-    inside = binary_erosion(mask, iterations=RIM)
-    low, high = _range(maps, inside, NEIGHBOURHOOD)
-    rim = (mask & ~inside & (low[..., 0] < np.inf))[..., None]
-    low, high = (np.where(rim, each, maps) for each in (low, high))
-    slack = SLACK * (high - low)
-    return np.clip(maps, low - slack, high + slack).astype(np.float32)
 
 
 def _range(values: np.ndarray, where: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:

@@ -4,13 +4,16 @@ from collections.abc import Iterable, Iterator
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import av
 import numpy as np
 from PIL import Image
 
 from relight.files import UserError, atomic_write, writable_file
 from relight.photos.read import Photo, list_photos, read_photo
+
+if TYPE_CHECKING:
+    pass
 
 CODECS = {".mp4": ("libx264", {"crf": "18", "preset": "medium"}), ".webm": ("libvpx-vp9", {"crf": "28", "b": "0"})}
 FPS = 25.0  # of what does not state its rate
@@ -24,6 +27,8 @@ def writable_video(path: Path | str) -> Path:
     path = Path(path)
     if path.suffix.lower() not in WRITABLE:
         raise UserError(f"movie {path}: the name must end in .mp4, .webm or .gif")
+    if path.suffix.lower() in CODECS:
+        import av  # noqa: F401  (says at once that it is missing)
     return writable_file(path, "movie")
 
 
@@ -49,6 +54,8 @@ def write_video(path: Path | str, frames: Iterable[np.ndarray], fps: float = FPS
 
 
 def _write_video(path: Path, frames: Iterable[np.ndarray], fps: float, codec: str, options: dict[str, str]) -> None:
+    import av
+
     with av.open(str(path), "w", options={"movflags": "faststart"} if path.suffix == ".mp4" else {}) as container:
         stream: av.VideoStream | None = None
         for pixels in frames:
@@ -103,6 +110,8 @@ def read_frames(path: Path | str) -> tuple[Iterator[Photo], int | None, float]:
         return (read_photo(file) for file in files), len(files), FPS
     if not path.is_file():
         raise UserError(f"movie: there is no file or folder {path}")
+    import av
+
     try:
         with av.open(str(path)) as container:
             stream = container.streams.video[0]
@@ -113,6 +122,8 @@ def read_frames(path: Path | str) -> tuple[Iterator[Photo], int | None, float]:
 
 
 def _decoded(path: Path) -> Iterator[Photo]:
+    import av
+
     try:
         with av.open(str(path)) as container:
             for image in container.decode(video=0):  # phones store portrait clips rotated

@@ -1,7 +1,7 @@
 """The files that `relight photo` writes: pictures, maps and light, in the photo's size and at its place."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +17,7 @@ from relight.photos.color import display_shading, to_srgb8
 from relight.photos.infer import Person
 from relight.photos.render import strips, total_coverage
 from relight.photos.shading import shading
-from relight.photos.upsample import luma
+from relight.photos.upsample import FittedMap, luma
 from relight.sh import order_of
 from relight.srgb import LINEAR
 
@@ -31,14 +31,35 @@ def write_picture(path: Path, pixels: np.ndarray) -> None:
 
 
 def write_inference(folder: Path, people: Sequence[Person], pixels: np.ndarray) -> None:
-    """Writes the inferred maps at the photo's resolution: albedo.png, shading.png and maps.exr.
+    """Writes the inferred maps as pictures, albedo.png and shading.png, transparent around the people.
 
-    The PNGs are transparent around the people; the shading is scaled for display (color.display_shading). maps.exr has
-    the channels `albedo.R/G/B`, `shading.R/G/B`, `transport.L0M0.Y` ... and `coverage.A` in half floats. Its display
-    window is the photo, its data window the part that contains the people.
+    The shading is scaled for display (color.display_shading).
 
     Args:
         folder: of the files.
+        people: as inferred.
+        pixels: (H,W,3) uint8, the photo.
+    """
+    pictures = {name: np.zeros((*pixels.shape[:2], 4), np.uint8) for name in ("albedo", "shading")}
+    for picture in pictures.values():
+        picture[..., 3] = total_coverage(people)
+    for person in people:
+        fits = person.fitted_albedo, person.fit_shading(person.light)
+        for window, own, albedo, lit in placed_maps(person, pixels, fits):
+            for name, codes in (("albedo", to_srgb8(albedo**2)), ("shading", to_srgb8(display_shading(lit)))):
+                pictures[name][window][own, :3] = codes
+    for name, picture in pictures.items():
+        write_picture(folder / f"{name}.png", picture)
+
+
+def write_maps(path: Path, people: Sequence[Person], pixels: np.ndarray) -> None:
+    """Writes the inferred maps at the photo's resolution as a layered OpenEXR in half floats.
+
+    It has the channels `albedo.R/G/B`, `shading.R/G/B`, `transport.L0M0.Y` ... and `coverage.A`. Its display window is
+    the photo, its data window the part that contains the people.
+
+    Args:
+        path: .exr.
         people: as inferred.
         pixels: (H,W,3) uint8, the photo.
     """
@@ -48,29 +69,15 @@ def write_inference(folder: Path, people: Sequence[Person], pixels: np.ndarray) 
     names = [f"albedo.{c}" for c in "RGB"] + [f"shading.{c}" for c in "RGB"]
     names += [f"transport.{name}.Y" for name in coefficient_names(order_of(people[0].transport.shape[2]))]
     channels = {name: np.zeros((bottom - top, right - left), np.float16) for name in names}
-    pictures = {name: np.zeros((height, width, 4), np.uint8) for name in ("albedo", "shading")}
-    for picture in pictures.values():
-        picture[..., 3] = total_coverage(people)
-    channels["coverage.A"] = (pictures["albedo"][top:bottom, left:right, 3] / np.float32(255)).astype(np.float16)
+    coverage = total_coverage(people)[top:bottom, left:right]
+    channels["coverage.A"] = (coverage / np.float32(255)).astype(np.float16)
     for person in people:
         fits = person.fitted_albedo, person.fitted_transport
-        columns = slice(*person.crop.columns)
-        for rows in strips(*person.crop.rows):  # the maps of a person in an 8k photo are gigabytes
-            own = person.coverage[slice(*rows), columns] > 0
-            where = np.flatnonzero(own)
-            detail = person.detail(LINEAR[pixels[slice(*rows), columns][own]], rows, where)
-            albedo, transport = (
-                fit.place(person.crop, guide, rows, where) for fit, guide in zip(fits, (detail, luma(detail)))
-            )
-            albedo = albedo**2
-            lit = shading(transport, person.light)
-            for name, codes in (("albedo", to_srgb8(albedo)), ("shading", to_srgb8(display_shading(lit)))):
-                pictures[name][slice(*rows), columns, :3][own] = codes
-            window = slice(rows[0] - top, rows[1] - top), slice(columns.start - left, columns.stop - left)
-            for name, values in zip(names, np.concatenate([albedo, lit, transport], -1).T):
-                channels[name][window][own] = values
-    for name, picture in pictures.items():
-        write_picture(folder / f"{name}.png", picture)
+        for (rows, columns), own, albedo, transport in placed_maps(person, pixels, fits):
+            window = slice(rows.start - top, rows.stop - top), slice(columns.start - left, columns.stop - left)
+            values = np.concatenate([albedo**2, shading(transport, person.light), transport], -1)
+            for name, channel in zip(names, values.T):
+                channels[name][window][own] = channel
     header = {
         "compression": OpenEXR.ZIP_COMPRESSION,
         "type": OpenEXR.scanlineimage,
@@ -80,8 +87,33 @@ def write_inference(folder: Path, people: Sequence[Person], pixels: np.ndarray) 
         "frame": FRAME,
         "convention": CONVENTION,
     }
-    with atomic_write(folder / "maps.exr") as tmp:
+    with atomic_write(path) as tmp:
         OpenEXR.File(header, channels).write(str(tmp))
+
+
+def placed_maps(
+    person: Person, pixels: np.ndarray, fits: tuple[FittedMap, FittedMap]
+) -> Iterator[tuple[tuple[slice, slice], np.ndarray, np.ndarray, np.ndarray]]:
+    """Yields two fitted maps of a person at the photo's pixels, in strips: those of an 8k photo are gigabytes.
+
+    Args:
+        person: whose maps they are.
+        pixels: (H,W,3) uint8, the photo.
+        fits: a map that the colours guide, and one that the luma guides.
+
+    Yields:
+        The window of a strip in the photo, its pixels of the person (h,w) bool, and the values (N,C) of both maps.
+    """
+    columns = slice(*person.crop.columns)
+    for first, last in strips(*person.crop.rows):
+        window = slice(first, last), columns
+        own = person.coverage[window] > 0
+        where = np.flatnonzero(own)
+        detail = person.detail(LINEAR[pixels[window][own]], (first, last), where)
+        by_color, by_luma = (
+            fit.place(person.crop, guide, (first, last), where) for fit, guide in zip(fits, (detail, luma(detail)))
+        )
+        yield window, own, by_color, by_luma
 
 
 def write_light_files(stem: Path, coefficients: np.ndarray, source: str) -> None:

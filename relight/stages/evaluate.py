@@ -1,9 +1,9 @@
 """Scores one network on every figure under every light of a condition, and adds the means to its run in MLflow."""
 
-import hashlib
 from pathlib import Path
 
 from relight.config import Evaluate, Track
+from relight.files import file_hash
 from relight.stages.stage import stage
 
 
@@ -29,7 +29,7 @@ def main(evaluate: Evaluate, track: Track, packed: Path, lights: Path, split: Pa
     trained = read_config(network)
     settings = {part: trained[part] for part in ("model", "loss", "train", "augment") if part in trained}
     # A network without a fingerprint was trained elsewhere, and has its own run.
-    fingerprint = trained.get("fingerprint") or hashlib.sha256(network.read_bytes()).hexdigest()
+    fingerprint = trained.get("fingerprint") or file_hash(network)
     finite = {name: value for name, value in means.items() if value == value}
     TrainingRun(track, network.stem, fingerprint, settings).log_scores(finite, network, out)
 

@@ -49,7 +49,7 @@ def view(
             min=0.1, max=100, help="Largest size of the page, MB: 6 by default, and 2.5 for each further figure."
         ),
     ] = None,
-    weights: Annotated[Path | None, typer.Option("--weights", "-w", help="A checkpoint (.safetensors).")] = None,
+    weights: Annotated[Path | None, typer.Option("--weights", "-w", help="A network (.onnx, .safetensors).")] = None,
     open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
 ) -> None:
     """Write one self-contained .html page: drag to turn the light, choose lights, drop your own .hdr."""
@@ -94,16 +94,20 @@ def web_build(
     webgpu: Annotated[
         bool, typer.Option("--webgpu", help="Browsers with WebGPU load 13 MB more and use the GPU.")
     ] = False,
-    weights: Annotated[Path | None, typer.Option("--weights", "-w", help="A checkpoint (.safetensors).")] = None,
+    weights: Annotated[Path | None, typer.Option("--weights", "-w", help="A network (.onnx).")] = None,
 ) -> None:
-    """Write the site to the folder DIR, for any static web server. Takes about half a minute."""
-    from relight.photos.api import load
+    """Write the site to the folder DIR, for any static web server."""
+    from relight.files import UserError
+    from relight.photos.api import WEIGHTS, load
     from relight.viewer.site import build_site
     from relight.viewer.source import figure_of, named_lights, portrait
 
-    relighter = load(weights)
+    network = weights or WEIGHTS
+    if network.suffix != ".onnx":
+        raise UserError(f"{network}: a site needs an .onnx file; `relight export` writes one of a checkpoint")
+    relighter = load(network)
     figures = [figure_of(path, relighter, size=size) for path in paths or ()] or [portrait(relighter)]
-    build_site(out, relighter.network, figures, named_lights(light or ()), title, webgpu)
+    build_site(out, network, relighter.network.size, figures, named_lights(light or ()), title, webgpu)
     size = sum(path.stat().st_size for path in out.iterdir())
     typer.echo(f"{out}: {size / 1e6:.0f} MB")
     typer.echo(f"to look at it: python -m http.server --bind 127.0.0.1 --directory {out}, then http://127.0.0.1:8000")

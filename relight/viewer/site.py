@@ -8,9 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from relight.files import UserError, atomic_folder
-from relight.learning.networks import Network
 from relight.photos import selfie
-from relight.photos.export import export, export_mask_network
 from relight.viewer import runtime
 from relight.viewer.build import Additions, page_text
 from relight.viewer.bundle import bundle
@@ -26,7 +24,8 @@ POLICY = (
 
 def build_site(
     out: Path,
-    network: Network,
+    network: Path,
+    size: int,
     figures: Sequence[Figure],
     lights: Mapping[str, np.ndarray],
     title: str = "Turn the light in a photo",
@@ -38,7 +37,8 @@ def build_site(
 
     Args:
         out: a folder that is new, empty, or a site of this function.
-        network: for photos (`train.color=photo`), of order 2.
+        network: the .onnx file of a network for photos (`train.color=photo`), of order 2.
+        size: S, of the network's images in pixels.
         figures: what the page offers before a photo is opened, in the order shown; at least one.
         lights: as in `relight.viewer.build.build_gallery`.
         title: of the page.
@@ -53,10 +53,10 @@ def build_site(
         raise UserError(f"web: the folder {out} holds other files: give a new or an empty one")
     with atomic_folder(out) as folder:
         files = runtime.unpack(folder, ["wasm", "webgpu"] if webgpu else ["wasm"])
-        export(network, folder / "network.onnx", half=True)
+        shutil.copyfile(network, folder / "network.onnx")
         files["networks"] = [folder / "network.onnx"]
         if selfie.network_file().is_file():
-            export_mask_network(folder / "mask.onnx")
+            shutil.copyfile(selfie.network_file(), folder / "mask.onnx")
             shutil.copyfile(selfie.license_file(), folder / "mask.LICENSE.txt")
             files["networks"].append(folder / "mask.onnx")
         sizes = {
@@ -69,7 +69,7 @@ def build_site(
             stage=(WEB / "stage.html").read_text(encoding="utf-8"),
             panel=(WEB / "panel.html").read_text(encoding="utf-8"),
             worker=bundle(WEB / "worker.js"),
-            settings={"web": {"size": network.size, "files": sizes}},
+            settings={"web": {"size": size, "files": sizes}},
         )
         text = page_text(figures, lights, title=title, additions=additions)
         (folder / "index.html").write_text(text, encoding="utf-8")

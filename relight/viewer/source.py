@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from relight.photos.api import Relighter
 
 BRIGHTNESS = 0.8  # the first light's irradiance toward the viewer, the middle of the paper's [.7, .9]
+PORTRAIT = Path(__file__).parent / "web" / "astronaut.jpg"
 PORTRAIT_MASK = Path(__file__).parent / "web" / "astronaut_mask.png"
 LIGHTS = {
     "Warm, from the right": "room:8",
@@ -88,7 +89,7 @@ def figure_of(path: Path, relighter: "Relighter | None", mask: Path | None = Non
     if path.suffix.lower() == ".exr":
         return baked_figure(path)
     from relight.photos.mask import find_mask
-    from relight.photos.movie import downscale
+    from relight.photos.photo import downscale
     from relight.photos.read import mask_beside, read_photo
 
     assert relighter is not None, "photos need a relighter"
@@ -98,11 +99,9 @@ def figure_of(path: Path, relighter: "Relighter | None", mask: Path | None = Non
 
 
 def portrait(relighter: "Relighter") -> Figure:
-    """Makes the figure of the portrait of Eileen Collins by NASA (public domain, from scikit-image)."""
-    from skimage import data
-
-    mask = np.asarray(Image.open(PORTRAIT_MASK))
-    return photo_figure(relighter, data.astronaut(), mask, "Eileen Collins (NASA)")
+    """Makes the figure of the portrait of Eileen Collins by NASA (public domain)."""
+    photo, mask = (np.asarray(Image.open(path)) for path in (PORTRAIT, PORTRAIT_MASK))
+    return photo_figure(relighter, photo, mask, "Eileen Collins (NASA)")
 
 
 def photo_figure(relighter: "Relighter", pixels: np.ndarray, coverage: np.ndarray, title: str) -> Figure:

@@ -59,17 +59,6 @@ def test_the_mean_of_two_networks(network, model, tmp_path):
     assert made_with["stages"] == [1, 2] and "mean" in made_with["note"] and "fingerprint" not in made_with
 
 
-def test_half_is_half_as_large_and_loads_as_float32(network, model, tmp_path):
-    save_network(tmp_path / "full.safetensors", network, model())
-    save_network(tmp_path / "half.safetensors", network, model(), half=True)
-    sizes = [(tmp_path / f"{name}.safetensors").stat().st_size for name in ("full", "half")]
-    assert sizes[1] == pytest.approx(sizes[0] / 2, rel=0.02)
-    loaded, _ = load_network(tmp_path / "half.safetensors")
-    for name, value in network.state_dict().items():
-        assert loaded.state_dict()[name].dtype == value.dtype
-        torch.testing.assert_close(loaded.state_dict()[name], value, atol=1e-6, rtol=1e-3)
-
-
 def test_user_errors(network, model, tmp_path):
     with pytest.raises(UserError, match=r"there is no file .*none\.safetensors"):
         load_network(tmp_path / "none.safetensors")

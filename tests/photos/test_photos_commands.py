@@ -20,7 +20,9 @@ def picture(path):
 def test_photo_writes_everything_at_its_place(run, photo_files, weights, tmp_path):
     me, _, pixels, mask = photo_files  # me_mask.png lies beside me.png and is found
     out = tmp_path / "out"
-    says = run("photo", me, "--light", "room:3:40", "--out", out, "--weights", weights)
+    run("photo", me, "--light", "room:3:40", "--out", out, "--weights", weights)
+    assert not (out / "maps.exr").exists()
+    says = run("photo", me, "--light", "room:3:40", "--out", out, "--weights", weights, "--maps")
     assert "relit.png" in says
     relit = picture(out / "relit.png")
     assert relit.shape == pixels.shape and np.array_equal(relit[mask == 0], pixels[mask == 0])
@@ -114,7 +116,7 @@ def bad(tmp_path, weights):
     yield [me, "--background", "nothing such"], "background"
     yield [me, "--mode", "best"], "neither ratio nor full"
     yield [me, "--white-balance", "auto"], "neither keep nor scene"
-    yield [me, "--weights", tmp_path / "old.pt"], "pickle"
+    yield [me, "--weights", tmp_path / "old.pt"], "no network of relight"
     yield [me, "--weights", tmp_path / "pickle.safetensors"], "safetensors"
     yield [me, "--weights", tmp_path / "foreign.safetensors"], "no relight network"
     yield [me, "--weights", tmp_path / "older.safetensors"], "does not fit this version"
@@ -192,10 +194,10 @@ def test_changed_options_or_files_are_relit_again(photo_files, weights, tmp_path
     from relight.photos.photo import Options
 
     me, mask, _, _ = photo_files
-    network = load(weights).weights_hash()
+    network = load(weights).network.digest
     fingerprint = _fingerprint(Options(), me, mask, network)
-    assert fingerprint == _fingerprint(Options(), me, mask, load(weights).weights_hash())
+    assert fingerprint == _fingerprint(Options(), me, mask, load(weights).network.digest)
     assert fingerprint != _fingerprint(Options(stops=1), me, mask, network)
-    assert fingerprint != _fingerprint(Options(), me, mask, load().weights_hash())  # the weights that ship
+    assert fingerprint != _fingerprint(Options(), me, mask, load().network.digest)  # the weights that ship
     Image.new("L", (140, 180), 9).save(mask)
     assert fingerprint != _fingerprint(Options(), me, mask, network)

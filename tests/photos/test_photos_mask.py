@@ -13,6 +13,7 @@ from relight.files import UserError
 from relight.photos import selfie, u2net
 from relight.photos.mask import automatic_model, find_mask
 from relight.photos.read import Photo, read_photo
+from relight.photos.tflite import convert
 from relight.viewer.source import PORTRAIT_MASK
 
 FETCHED = u2net.fetched_model
@@ -61,9 +62,9 @@ def overlap(a, b):
 def test_setup_from_a_wheel(run, wheel, bright):
     assert "photos without a mask" in run("mask", "setup", "--from", wheel)
     path = selfie.network_file()
-    assert path.read_bytes() == bright and sorted(p.name for p in path.parent.iterdir()) == [
-        "selfie_segmentation.tflite",
-        "selfie_segmentation.tflite.LICENSE",
+    assert sorted(p.name for p in path.parent.iterdir()) == [
+        "selfie_segmentation.onnx",
+        "selfie_segmentation.onnx.LICENSE",
     ]
     assert path.with_name(f"{path.name}.LICENSE").read_text() == "Apache License"
 
@@ -83,7 +84,7 @@ def test_what_is_no_such_wheel_changes_nothing(run, wheel, bright, tmp_path):
         with pytest.raises(UserError, match=says) as error:
             run("mask", "setup", "--from", tmp_path / name)
         assert "\n" not in str(error.value)
-    assert selfie.network_file().read_bytes() == bright
+    assert selfie.network_file().read_bytes() == convert(bright)
 
 
 def test_setup_by_pip(run, wheel, bright, monkeypatch):
@@ -91,7 +92,7 @@ def test_setup_by_pip(run, wheel, bright, monkeypatch):
     monkeypatch.setenv("PIP_NO_INDEX", "1")
     monkeypatch.setenv("PIP_FIND_LINKS", str(wheel.parent))
     assert "36 MB" in run("mask", "setup")
-    assert selfie.network_file().read_bytes() == bright
+    assert selfie.network_file().read_bytes() == convert(bright)
     failed = subprocess.CompletedProcess([], 1, "", "WARNING: slow\nERROR: no route to the index")
     monkeypatch.setattr(subprocess, "run", lambda *_, **__: failed)
     with pytest.raises(UserError, match=r"\(no route to the index\): run `pip download --no-deps .*--from FILE.whl`"):

@@ -10,8 +10,8 @@ from relight.photos.api import match_exposure
 from relight.photos.background import Background
 from relight.photos.crop import crop_around
 from relight.photos.infer import Person
-from relight.photos.movie import _with_masks, downscale, smooth_over_time, turn_light, windows
-from relight.photos.photo import Options
+from relight.photos.movie import _with_masks, smooth_over_time, turn_light, windows
+from relight.photos.photo import Options, downscale
 from relight.photos.read import Photo, mask_in
 from relight.photos.video import read_frames, write_video
 

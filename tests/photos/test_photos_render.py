@@ -271,8 +271,10 @@ def test_paper_networks_see_coded_values(relighter, weights, draw):
     from relight.photos.infer import infer_person
 
     pixels, mask = draw()
-    paper = infer_person(relighter.network, {"train": {"color": "paper"}}, pixels, mask)
-    photo = infer_person(relighter.network, {"train": {"color": "photo"}}, pixels, mask)
+    paper, photo = (
+        infer_person(replace(relighter.network, config={"train": {"color": color}}), pixels, mask)
+        for color in ("paper", "photo")
+    )
     assert np.abs(to_srgb8(photo.image) / 255.0 - paper.image)[photo.mask].max() < 0.003
     assert np.array_equal(render(pixels, [paper], paper.light), pixels)
 

@@ -1,12 +1,12 @@
-"""A graph of every operation, written here by the format's schema, gives what plain loops over its pixels give."""
+"""A graph of every operation, written by the format's schema, says as .onnx what plain loops over its pixels say."""
 
 import struct
 
 import numpy as np
+import onnxruntime
 import pytest
-import torch
 
-from relight.photos.tflite import read_graph
+from relight.photos.tflite import convert
 
 # Numbers of the schema, as in schema.fbs: operations, types of options and of tensors.
 ADD, POOL, CONV, DEPTHWISE, DEQUANTIZE, LOGISTIC, MUL, RELU = 0, 1, 3, 4, 6, 14, 18, 19
@@ -52,7 +52,7 @@ def resized(x, rows, columns):
     return out
 
 
-def test_a_graph_of_every_operation(tflite, tmp_path):
+def test_convert_of_every_operation(tflite):
     rng = np.random.default_rng(0)
     image = rng.uniform(0, 1, (9, 7, 3))
     w = {
@@ -88,25 +88,26 @@ def test_a_graph_of_every_operation(tflite, tmp_path):
     large = writer.operation(RESIZE, [gated, writer.tensor(np.array([5, 4], np.int32))], [(3, "Bool", True)])
     total = writer.operation(ADD, [large, swish], [(0, "Int8", 3)])
     last = writer.operation("Convolution2DTransposeBias", [total, *weights("up")], custom=struct.pack("<3i", 1, 2, 2))
-    path = tmp_path / "every.tflite"
-    path.write_bytes(writer.bytes(first, last))
+    session = onnxruntime.InferenceSession(convert(writer.bytes(first, last)))
 
     w, bias = ({name: each.astype(float) for name, each in group.items()} for group in (w, bias))
-    a = slid(image, w["conv"], bias["conv"], 2, True)
-    a = a * np.clip(a + 3, 0, 6) / 6
-    b = np.maximum(slid(a, w["depth"], bias["depth"], 2, True, depthwise=True), 0)
-    assert b.shape == (3, 2, 4)
-    g = np.maximum(slid(b.mean((0, 1), keepdims=True), w["squeeze"], bias["squeeze"], 1, False), 0)
-    c = np.clip(resized(b / (1 + np.exp(-g)), 5, 4) + a, 0, 6)
-    out = np.zeros((10, 8, 2))
-    for i, j in np.ndindex(10, 8):
-        out[i, j] = bias["up"] + w["up"][:, i % 2, j % 2] @ c[i // 2, j // 2]
 
-    x = torch.from_numpy(image.astype(np.float32)).permute(2, 0, 1)
-    both = read_graph(path)(torch.stack([x, x]))
-    assert both.shape == (2, 2, 10, 8)
-    for found in both:
-        assert np.abs(found.permute(1, 2, 0).numpy() - out).max() < 1e-5
+    def looped(image):
+        a = slid(image, w["conv"], bias["conv"], 2, True)
+        a = a * np.clip(a + 3, 0, 6) / 6
+        b = np.maximum(slid(a, w["depth"], bias["depth"], 2, True, depthwise=True), 0)
+        assert b.shape == (3, 2, 4)
+        g = np.maximum(slid(b.mean((0, 1), keepdims=True), w["squeeze"], bias["squeeze"], 1, False), 0)
+        c = np.clip(resized(b / (1 + np.exp(-g)), 5, 4) + a, 0, 6)
+        out = np.zeros((10, 8, 2))
+        for i, j in np.ndindex(10, 8):
+            out[i, j] = bias["up"] + w["up"][:, i % 2, j % 2] @ c[i // 2, j // 2]
+        return out
+
+    (mask,) = session.run(None, {"image": image.astype(np.float32).transpose(2, 0, 1)[None]})
+    expected = (looped(image) + looped(image[:, ::-1])[:, ::-1]) / 2
+    assert mask.shape == (1, 2, 10, 8)
+    assert np.abs(mask[0].transpose(1, 2, 0) - expected).max() < 1e-5
 
 
 @pytest.mark.parametrize(
@@ -114,12 +115,21 @@ def test_a_graph_of_every_operation(tflite, tmp_path):
     [
         (25, [], "number 25"),
         ("Nobody", [], "Nobody"),
-        (POOL, [*window(0, 2), (3, "Int32", 2), (4, "Int32", 2)], "padded"),
+        (ADD, [(0, "Int8", 2)], "activation 2"),
     ],
 )
-def test_what_is_not_known_is_said(code, options, says, tflite, tmp_path):
+def test_convert_refuses_what_it_does_not_know(code, options, says, tflite):
     writer = tflite()
     first = writer.tensor(shape=[1, 3, 3, 1])
-    (tmp_path / "odd.tflite").write_bytes(writer.bytes(first, writer.operation(code, [first], options)))
     with pytest.raises(ValueError, match=says):
-        read_graph(tmp_path / "odd.tflite")(torch.zeros(1, 1, 3, 3))
+        convert(writer.bytes(first, writer.operation(code, [first, first], options)))
+
+
+def test_convert_averages_padded_windows_over_what_is_inside(tflite):
+    """TensorFlow Lite divides by the pixels inside, not by the size of the window."""
+    writer = tflite()
+    first = writer.tensor(shape=[1, 3, 3, 1])
+    last = writer.operation(POOL, [first], [*window(0, 2), (3, "Int32", 2), (4, "Int32", 2)])
+    session = onnxruntime.InferenceSession(convert(writer.bytes(first, last)))
+    (mask,) = session.run(None, {"image": np.ones((1, 1, 3, 3), np.float32)})
+    np.testing.assert_allclose(mask, np.ones((1, 1, 2, 2)))

@@ -8,6 +8,7 @@ from scipy.ndimage import gaussian_filter
 from typer.testing import CliRunner
 
 from relight.files import UserError
+from relight.inference import PhotoNetwork
 from relight.maps import write_left_out, write_maps
 from relight.photos.api import Relighter
 from relight.photos.crop import crop_around
@@ -74,10 +75,8 @@ def test_wrong_input_is_told_in_a_sentence(tmp_path):
 class Oracle(Relighter):
     """A relighter without a network: smooth maps of its own invention on squares of 48 px, a light for each person."""
 
-    order = 2
-
     def __init__(self):
-        super().__init__(None, {})
+        super().__init__(PhotoNetwork(48, {"model": {"order": 2}}, "", run=lambda image, mask: []))
 
     def infer_person(self, image, coverage, crop=None):
         i = int(np.argwhere(coverage)[:, 1].mean() > image.shape[1] / 2)  # from left to right

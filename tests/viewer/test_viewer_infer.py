@@ -7,10 +7,10 @@ import subprocess
 
 import numpy as np
 import pytest
-import torch
 from PIL import Image
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
+from relight.inference import PhotoNetwork
 from relight.photos import selfie
 from relight.photos.api import Relighter
 from relight.photos.color import chroma, clipping_excess
@@ -31,48 +31,37 @@ const text = require("fs").readFileSync(0, "utf8");
 (async () => process.stdout.write(JSON.stringify(await main(JSON.parse(text)), coded)))();
 """
 KINDS = {"Float32Array": np.float32, "Float64Array": np.float64, "Uint8Array": np.uint8, "Int32Array": np.int32}
-# The twin of `Invented`, below.
+# The twin of `invented`, below.
 RUN = """
-async function run(images, masks) {
+async function run(image, mask) {
   const area = 64 * 64, at = (i) => -1 + (2 * i) / 63, scale = [1, 0.3, 0.2, 0.5, 0.1, 0.05, 0.02, 0.07, 0.03];
-  const albedo = new Float32Array(6 * area), transport = new Float32Array(18 * area), light = new Float32Array(54);
-  for (let n = 0; n < 2; n++) {
-    for (let i = 0; i < area; i++) {
-      const x = at(i % 64), y = at(Math.floor(i / 64)), inside = masks[n * area + i];
-      const image = [0, 1, 2].map((c) => images[(3 * n + c) * area + i]);
-      image.forEach((v, c) => (albedo[(3 * n + c) * area + i] = inside * Math.min(0.9 * v + 0.05, 1)));
-      for (let k = 0; k < 9; k++) {
-        const value = 0.8 * (k === 0) + 0.2 * image[k % 3] + 0.1 * k * x * y + 0.3 * x * (k % 2);
-        transport[(9 * n + k) * area + i] = inside * value;
-        for (let c = 0; c < 3; c++) light[27 * n + 3 * k + c] += (scale[k] * image[c]) / area;
-      }
+  const albedo = new Float32Array(3 * area), transport = new Float32Array(9 * area), light = new Float32Array(27);
+  for (let i = 0; i < area; i++) {
+    const x = at(i % 64), y = at(Math.floor(i / 64)), color = [0, 1, 2].map((c) => image[c * area + i]);
+    color.forEach((v, c) => (albedo[c * area + i] = mask[i] * Math.min(0.9 * v + 0.05, 1)));
+    for (let k = 0; k < 9; k++) {
+      const value = 0.8 * (k === 0) + 0.2 * color[k % 3] + 0.1 * k * x * y + 0.3 * x * (k % 2);
+      transport[k * area + i] = mask[i] * value;
+      for (let c = 0; c < 3; c++) light[3 * k + c] += (scale[k] * color[c]) / area;
     }
-    for (let c = 0; c < 3; c++) light[27 * n + c] += 0.5;
   }
+  for (let c = 0; c < 3; c++) light[c] += 0.5;
   return { albedo, transport, light };
 }
 """
 
 
-class Invented(torch.nn.Module):
+def invented(image, mask):
     """Maps and a light that depend on the image, its place and its sides, without training."""
+    x, y = np.meshgrid(*2 * [np.linspace(-1, 1, SIZE, dtype=np.float32)])
+    transport = [0.8 * (k == 0) + 0.2 * image[0, k % 3] + 0.1 * k * x * y + 0.3 * x * (k % 2) for k in range(9)]
+    scale = np.array([1, 0.3, 0.2, 0.5, 0.1, 0.05, 0.02, 0.07, 0.03], np.float32)
+    light = image.mean((2, 3))[:, None] * scale[:, None]
+    light[:, 0] += 0.5
+    return [(0.9 * image + 0.05).clip(0, 1) * mask, np.stack(transport)[None] * mask, light]
 
-    order, size = 2, SIZE
 
-    def __init__(self):
-        super().__init__()
-        self.anchor = torch.nn.Parameter(torch.zeros(1))
-
-    def forward(self, image, mask):
-        grid = torch.linspace(-1, 1, SIZE)
-        x, y = grid.expand_as(mask), grid[:, None].expand_as(mask)
-        transport = [
-            0.8 * (k == 0) + 0.2 * image[:, k % 3 : k % 3 + 1] + 0.1 * k * x * y + 0.3 * x * (k % 2) for k in range(9)
-        ]
-        scale = torch.tensor([1, 0.3, 0.2, 0.5, 0.1, 0.05, 0.02, 0.07, 0.03])
-        light = image.mean((2, 3))[:, None] * scale[:, None]
-        light[:, 0] += 0.5
-        return {"albedo": (0.9 * image + 0.05).clamp(0, 1), "transport": torch.cat(transport, 1), "light": light}
+NETWORK = PhotoNetwork(SIZE, {"model": {"order": 2}}, "", invented)
 
 
 def node(module, program, values):
@@ -106,7 +95,7 @@ def picture(height, width, centres, seed=0):
 def test_a_figure_is_that_of_the_view_command(shape, centres):
     """Two people; one smaller than the network's square; one that the photo's border cuts."""
     pixels, mask = picture(*shape, centres)
-    figure = photo_figure(Relighter(Invented(), {}), pixels, mask, "me")
+    figure = photo_figure(Relighter(NETWORK), pixels, mask, "me")
     rgba = np.dstack([pixels, np.full(shape, 255, np.uint8)])
     found = node(
         "infer",
@@ -183,18 +172,20 @@ def test_the_mask_is_that_of_python_whatever_the_network_says(monkeypatch):
     )
     noise = np.random.default_rng(3).normal(0, 6, (110, 150, 3))
     pixels = (90 + noise + 150 * redness[..., None].clip(0, 0.5) * [1, 0, -1]).clip(0, 255).astype(np.uint8)
-    monkeypatch.setattr(
-        selfie, "load_network", lambda: lambda images: torch.sigmoid(30 * (images[:, :1] - images[:, 2:] - 0.1))
-    )
+
+    class Redness:
+        def run(self, _, inputs):
+            image = inputs["image"]
+            return [1 / (1 + np.exp(-30 * (image[:, :1] - image[:, 2:] - np.float32(0.1))))]
+
+    monkeypatch.setattr(selfie, "load_network", Redness)
     expected = selfie.segment(pixels)
     found = node(
         "selfie",
-        """const main = ({ pixels, width, height }) => $selfie.findPeople({ pixels, width, height }, async (images) => {
+        """const main = ({ pixels, width, height }) => $selfie.findPeople({ pixels, width, height }, async (image) => {
         const area = 256 * 256;
-        return Float32Array.from({ length: 2 * area }, (_, i) => {
-          const at = 3 * area * Math.floor(i / area) + (i % area);
-          return 1 / (1 + Math.exp(-30 * (images[at] - images[at + 2 * area] - 0.1)));
-        });
+        const redness = (i) => image[i] - image[i + 2 * area] - 0.1;
+        return Float32Array.from({ length: area }, (_, i) => 1 / (1 + Math.exp(-30 * redness(i))));
         });""",
         {"pixels": np.dstack([pixels, pixels[..., :1]]).ravel().tolist(), "width": 150, "height": 110},
     ).reshape(expected.shape)

@@ -3,8 +3,10 @@
 import base64
 import io
 import time
+from dataclasses import asdict
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 from threading import Thread
 
 import numpy as np
@@ -15,6 +17,8 @@ from scipy.ndimage import gaussian_filter
 
 from relight.config import Model, composed
 from relight.files import UserError
+from relight.inference import read_onnx
+from relight.learning.export import export
 from relight.learning.networks import build
 from relight.photos.api import Relighter
 from relight.viewer import runtime
@@ -33,8 +37,8 @@ class Static(SimpleHTTPRequestHandler):
 
 
 @pytest.fixture(scope="module")
-def network():
-    """A small one with the parts of the network that ships; its maps lie where those of people do."""
+def exported(tmp_path_factory):
+    """The .onnx file of a small network with the parts of the one that ships; its maps lie where those of people do."""
     torch.set_num_threads(1)
     torch.manual_seed(0)
     model = Model(**{**dict(composed().model), "name": "unet", "width": 0.125, "light_head": "pooled", "refine": True})
@@ -42,19 +46,19 @@ def network():
     with torch.no_grad():
         network.last.bias.copy_(torch.tensor([0.8, 0.1, 0.3, 0.1, 0, 0, 0, 0, 0, 0.5, 0.4, 0.3]))
         network.light.last.bias[:3] = 0.8
-    return network
+    path = tmp_path_factory.mktemp("network") / "a.onnx"
+    export(network, path, {"model": asdict(model)})
+    return path
 
 
 @pytest.fixture(scope="module")
-def site(tmp_path_factory, network, maps, lights):
-    pytest.importorskip("onnxscript")
-    pytest.importorskip("onnxruntime")
+def site(tmp_path_factory, exported, maps, lights):
     if not runtime.package_file().is_file():
         pytest.skip("onnxruntime-web is not set up")
     folder = tmp_path_factory.mktemp("site") / "site"
     with pytest.MonkeyPatch.context() as patch:  # the user's network for masks would find somebody, or not
         patch.setattr("relight.photos.selfie.network_file", lambda: folder / "none")
-        build_site(folder, network, [Figure("Balls", maps)], lights)
+        build_site(folder, exported, SIDE, [Figure("Balls", maps)], lights)
     return folder
 
 
@@ -108,7 +112,7 @@ def photograph():
 VIEWS = ("albedo", "shading", "ao", "relit")
 
 
-def test_a_photo_becomes_the_maps_of_python_and_nothing_is_sent(page, server, network, lights, tmp_path):
+def test_a_photo_becomes_the_maps_of_python_and_nothing_is_sent(page, server, exported, lights, tmp_path):
     from relight.viewer.build import build_viewer
 
     pixels, alpha = photograph()
@@ -128,7 +132,7 @@ def test_a_photo_becomes_the_maps_of_python_and_nothing_is_sent(page, server, ne
     ) == "refused"  # fmt: skip
     assert server.asked == before
 
-    figure = photo_figure(Relighter(network, {}), pixels, alpha, "me")
+    figure = photo_figure(Relighter(read_onnx(exported)), pixels, alpha, "me")
     build_viewer(tmp_path / "me.html", figure.maps, lights, figure.photo, figure.photo_light)
     page.open(tmp_path / "me.html")
     for view, mine in found.items():
@@ -193,11 +197,11 @@ def test_what_is_no_picture_is_told(page, server):
     assert page.run("relight.figure().title") == "Balls"
 
 
-def test_other_folders_are_left_alone(tmp_path, network, maps, lights):
+def test_other_folders_are_left_alone(tmp_path, maps, lights):
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine" / "letter.txt").write_text("dear")
     (tmp_path / "file").write_text("")
     for name, message in {"mine": "holds other files", "file": "is a file"}.items():
         with pytest.raises(UserError, match=message):
-            build_site(tmp_path / name, network, [Figure("Balls", maps)], lights)
+            build_site(tmp_path / name, Path("none.onnx"), SIDE, [Figure("Balls", maps)], lights)
     assert (tmp_path / "mine" / "letter.txt").read_text() == "dear"

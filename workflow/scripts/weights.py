@@ -14,7 +14,8 @@ import numpy as np
 
 from relight import config
 from relight.files import atomic_write
-from relight.learning.checkpoint import load_network, save_network
+from relight.learning.checkpoint import load_network
+from relight.learning.export import export
 from relight.lights import read_light_set
 
 OUT = Path(config.ROOT) / "relight" / "weights"
@@ -22,7 +23,7 @@ LIMIT = 16 * 2**20
 CARD = """\
 # Weights for photos
 
-`photo.safetensors` holds the weights that `relight photo`, `relight view` and `relight.load()` use by default:
+`photo.onnx` holds the weights that `relight photo`, `relight view` and `relight.load()` use by default:
 {parameters:.1f} million parameters in half precision.
 
 | | |
@@ -55,7 +56,7 @@ Stages of the training, each continuing the one before:
 {training}
 
 Made with the settings of `experiment=photo`, in these stages, and `workflow/scripts/weights.py`. How the inferred light
-changes with framing, mask and white balance: `python benchmarks/invariance.py relight/weights/photo.safetensors`.
+changes with framing, mask and white balance: `python benchmarks/invariance.py relight/weights/photo.onnx`.
 """
 
 
@@ -64,15 +65,16 @@ def main(results: Path, run: str) -> None:
     chosen = read_light_set(results / "lights" / "lights.npz")
     training = np.concatenate([chosen.of(mark).coefficients for mark in made_with["train"]["lights"]])
     model = config.Model(**made_with["model"])
-    out = OUT / "photo.safetensors"
+    out = OUT / "photo.onnx"
     split = json.loads((results / "split" / "subject.json").read_text())
     infos = json.loads((results / "figures.json").read_text())["figures"]
     generator = sorted({info["generator"] for info in infos.values() if "left_out" not in info})
     stages = lineage(made_with, {"figures": len(split["train"]), "generator": generator})
     rest = {key: made_with[key] for key in ("loss", "train", "augment", "note") if key in made_with}
     rest["train"] = {**rest["train"], "start": None}  # a path of this machine
-    new = out.with_suffix(".new.safetensors")
-    save_network(new, network, model, half=True, **rest, stages=stages, lights=np.round(training, 5).ravel().tolist())
+    new = out.with_suffix(".new.onnx")
+    lights = np.round(training, 5).ravel().tolist()
+    export(network, new, {"model": made_with["model"], **rest, "stages": stages, "lights": lights})
     if (size := new.stat().st_size) > LIMIT:
         new.unlink()
         sys.exit(f"the weights have {size / 2**20:.1f} MiB, over {LIMIT / 2**20:.0f}: give a smaller model.width")

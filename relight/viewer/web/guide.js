@@ -2,9 +2,9 @@
 // guides are lists of planes, one a channel.
 
 import { extremes, means } from "./filters.js";
-import { eroded, nearest } from "./regions.js";
+import { nearest } from "./regions.js";
 
-const RADIUS = 2, NEIGHBOURHOOD = 5, SLACK = 0.5; // pixels of the square; the share of a range
+const RADIUS = 2; // pixels of the square
 const SMOOTH = 1e-3, SMOOTH_ALBEDO = 1e-4; // variance of the guide under which a window is flat: for other maps, for albedo
 
 class Guide {
@@ -55,14 +55,4 @@ class Guide {
   }
 }
 
-// A plane of the square with the figure's rim held to what the inside beside it has, and SLACK of its range more.
-function clampRim(plane, mask, size) {
-  const inside = eroded(mask, size), [low, high] = extremes(plane, size, NEIGHBOURHOOD, inside);
-  return plane.map((value, i) => {
-    if (!mask[i] || inside[i] || low[i] === Infinity) return value;
-    const slack = SLACK * (high[i] - low[i]);
-    return Math.min(Math.max(value, low[i] - slack), high[i] + slack);
-  });
-}
-
-export { Guide, clampRim };
+export { Guide };

@@ -4,7 +4,7 @@
 import { textures } from "../page/figure.js";
 import { CLIPPING, LINEAR, chroma, clippingExcess, estimateForeground } from "./colors.js";
 import { Crop, MASK_THRESHOLD } from "./crop.js";
-import { Guide, clampRim } from "./guide.js";
+import { Guide } from "./guide.js";
 import { extent, label, nearest } from "./regions.js";
 
 const OPAQUE = 240; // coverage from which a pixel shows hardly anything but the figure
@@ -13,7 +13,6 @@ const MIN_SIZE = 8; // pixels: a figure smaller than this in both directions is 
 const FLOOR = 0.1; // of the mean old shading, under which it is not divided by
 const LEAST = 0.2; // of the luminance: no channel of the light's colour is divided by less
 const MARGIN = 2; // pixels around the figure
-const MIRROR = [1, 1, 1, -1, -1, 1, 1, -1, 1]; // signs of the coefficients of a mirror image
 const LUMA = [0.2126, 0.7152, 0.0722];
 
 // One coverage for each person, from left to right; empty when the mask holds nobody.
@@ -44,34 +43,17 @@ function networkInput(crop, image, coverage) {
   return { square, mask };
 }
 
-// The mean of what the network infers from the square and from its mirror image. run: (images, masks) of a batch of two
-// -> {albedo, transport, light}, flat.
-async function predict(run, square, mask, size) {
-  const area = size * size, mirrored = (i) => i - (i % size) + size - 1 - (i % size);
-  const images = new Float32Array(6 * area), masks = new Float32Array(2 * area);
-  for (let i = 0; i < area; i++) {
-    for (const [n, from] of [i, mirrored(i)].entries()) {
-      masks[n * area + i] = mask[from];
-      for (let c = 0; c < 3; c++) images[(3 * n + c) * area + i] = square[c][from];
-    }
-  }
-  const { albedo, transport, light } = await run(images, masks);
-  const averaged = (values, signs) => signs.map((sign, c) => Float32Array.from({ length: area }, (_, i) =>
-    (values[c * area + i] + sign * values[(signs.length + c) * area + mirrored(i)]) / 2));
-  return {
-    albedo: averaged(albedo, [1, 1, 1]),
-    transport: averaged(transport, MIRROR),
-    light: light.slice(0, 27).map((value, i) => (value + MIRROR[Math.floor(i / 3)] * light[27 + i]) / 2),
-  };
-}
-
-// What the network infers of one person, on its square; scale: pixels of the photo to one of the square.
+// What the network infers of one person, on its square; scale: pixels of the photo to one of the square. run: (image,
+// mask) -> {albedo, transport, light}, flat.
 async function inferPerson(image, width, coverage, run, size) {
-  const crop = new Crop(coverage, width, size), { square, mask } = networkInput(crop, image, coverage);
-  const { albedo, transport, light } = await predict(run, square, mask, size);
-  const [held, transports] = [albedo, transport].map((planes) => planes.map((plane) => clampRim(plane, mask, size)));
-  const rows = Array.from({ length: 9 }, (_, k) => light.slice(3 * k, 3 * k + 3)), scale = (crop.side / size) ** 2;
-  return { coverage, crop, square, mask, albedo: held, transport: transports, light: rows, scale };
+  const crop = new Crop(coverage, width, size), { square, mask } = networkInput(crop, image, coverage), area = size * size;
+  const images = new Float32Array(3 * area);
+  square.forEach((plane, c) => images.set(plane, c * area));
+  const found = await run(images, Float32Array.from(mask)), scale = (crop.side / size) ** 2;
+  const [albedo, transport] = [found.albedo, found.transport].map((values) =>
+    Array.from({ length: values.length / area }, (_, c) => values.subarray(c * area, (c + 1) * area)));
+  const light = Array.from({ length: 9 }, (_, k) => [...found.light.subarray(3 * k, 3 * k + 3)]);
+  return { coverage, crop, square, mask, albedo, transport, light, scale };
 }
 
 // The mean colour of the light over the people, at luminance 1: white in the photo (balanced in relight/photos/infer.py).

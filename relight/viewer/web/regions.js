@@ -1,4 +1,4 @@
-// Sets of pixels: connected parts, the nearest pixel of a set, erosion. A set is a plane of 0 and 1.
+// Sets of pixels: connected parts, the nearest pixel of a set. A set is a plane of 0 and 1.
 
 // The flat index of the nearest pixel of `set` for each pixel; of several at the same distance the one that
 // scipy.ndimage.distance_transform_edt takes, whose algorithm this is (Maurer, Qi and Raghavan 2003). -1 for an empty set.
@@ -56,16 +56,6 @@ function label(set, width, diagonal = false) {
   return { labels, areas };
 }
 
-// The set without the pixels that have a neighbour outside of it, or the border, above, below or beside them.
-function eroded(set, width) {
-  const height = set.length / width;
-  return set.map((inside, i) => {
-    const x = i % width, y = Math.floor(i / width);
-    if (!inside || x === 0 || y === 0 || x === width - 1 || y === height - 1) return 0;
-    return set[i - 1] && set[i + 1] && set[i - width] && set[i + width] ? 1 : 0;
-  });
-}
-
 // [first, end) of the rows and of the columns that hold pixels of the set; null for an empty one.
 function extent(set, width) {
   let [top, bottom, left, right] = [Infinity, -1, Infinity, -1];
@@ -80,4 +70,4 @@ function extent(set, width) {
   return bottom < 0 ? null : { rows: [top, bottom + 1], columns: [left, right + 1] };
 }
 
-export { eroded, extent, label, nearest };
+export { extent, label, nearest };

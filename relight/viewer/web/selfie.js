@@ -20,26 +20,24 @@ const paste = (plane, width, part, [left, top, right]) => {
   }
 };
 
-// The mean of what the network says about a part of the photo and about its mirror image, in [0,1].
-async function predict(planes, width, part, run) {
-  const area = SIDE * SIDE, images = new Float32Array(6 * area), mirrored = (i) => i - 2 * (i % SIDE) + SIDE - 1;
+// What the network says about a part of the photo, in [0,1], SIDE x SIDE.
+function predict(planes, width, part, run) {
+  const area = SIDE * SIDE, image = new Float32Array(3 * area);
   planes.forEach((plane, c) => resample(plane, width, [SIDE, SIDE], bilinear, part).forEach((value, i) => {
-    images[c * area + i] = images[(3 + c) * area + mirrored(i)] = value / 255;
+    image[c * area + i] = value / 255;
   }));
-  const masks = await run(images), mean = Float32Array.from({ length: area }, (_, i) => (masks[i] + masks[area + mirrored(i)]) / 2);
-  const seen = resample(mean, SIDE, [part[2] - part[0], part[3] - part[1]], bicubic);
-  return seen.map((value) => Math.min(Math.max(value, 0), 1));
+  return run(image);
 }
 
 const solid = (plane) => Uint8Array.from(plane, (value) => (value > 0.5 ? 1 : 0));
 
-// `found` without the parts that are small beside the largest and lie apart.
-function dropSmallParts(found, width) {
-  const { labels, areas } = label(solid(found), width), largest = Math.max(...areas), height = found.length / width;
+// `found`, SIDE x SIDE, without the parts that are small beside the largest and lie apart.
+function dropSmallParts(found) {
+  const { labels, areas } = label(solid(found), SIDE), largest = Math.max(...areas);
   if (areas.length < 3) return found;
-  const closest = nearest(labels.map((n) => (n && areas[n] >= SHARE * largest ? 1 : 0)), width);
-  const far = NEAR * Math.max(width, height), y = (i) => Math.floor(i / width);
-  return found.map((value, i) => (Math.hypot((i % width) - (closest[i] % width), y(i) - y(closest[i])) <= far ? value : 0));
+  const closest = nearest(labels.map((n) => (n && areas[n] >= SHARE * largest ? 1 : 0)), SIDE);
+  const x = (i) => i % SIDE, y = (i) => Math.floor(i / SIDE);
+  return found.map((value, i) => (Math.hypot(x(i) - x(closest[i]), y(i) - y(closest[i])) <= NEAR * SIDE ? value : 0));
 }
 
 // The part [left, top, right, bottom] that holds what is solid, with a margin; null where nothing is.
@@ -81,16 +79,16 @@ function fitToEdges(planes, found, width) {
   });
 }
 
-// Coverage, a byte per pixel, of the people in a photo; zero everywhere when the network sees nobody. run: images of a
-// batch of two, flat -> masks, flat.
+// Coverage, a byte per pixel, of the people in a photo; zero everywhere when the network sees nobody. run: image -> mask,
+// flat.
 async function findPeople({ pixels, width, height }, run) {
   const planes = [0, 1, 2].map((c) => Uint8Array.from({ length: width * height }, (_, i) => pixels[4 * i + c]));
   const found = new Float32Array(width * height);
   let part = [0, 0, width, height];
   for (let n = 0; n < PASSES && part; n++) {
-    const seen = dropSmallParts(await predict(planes, width, part, run), part[2] - part[0]);
+    const size = [part[2] - part[0], part[3] - part[1]], seen = dropSmallParts(await predict(planes, width, part, run));
     found.fill(0);
-    paste(found, width, seen, part);
+    paste(found, width, resample(seen, SIDE, size, bicubic).map((value) => Math.min(Math.max(value, 0), 1)), part);
     part = boxAround(found, width);
   }
   if (part) {

@@ -31,16 +31,16 @@ const tasks = {
   // The coverage of the people in the photo, or null where there is no network that finds them.
   async mask({ photo }) {
     if (!sessions.mask) return null;
-    return findPeople(photo, async (images) => {
-      const { masks } = await sessions.mask.run({ images: new ort.Tensor("float32", images, [2, 3, 256, 256]) });
-      return masks.data;
+    return findPeople(photo, async (image) => {
+      const { mask } = await sessions.mask.run({ image: new ort.Tensor("float32", image, [1, 3, 256, 256]) });
+      return mask.data;
     });
   },
 
   infer({ photo, coverage, size }) {
-    return inferFigure(photo, coverage, async (images, masks) => {
-      const image = new ort.Tensor("float32", images, [2, 3, size, size]);
-      const { albedo, transport, light } = await sessions.network.run({ image, mask: new ort.Tensor("float32", masks, [2, 1, size, size]) });
+    return inferFigure(photo, coverage, async (planes, inside) => {
+      const image = new ort.Tensor("float32", planes, [1, 3, size, size]), mask = new ort.Tensor("float32", inside, [1, 1, size, size]);
+      const { albedo, transport, light } = await sessions.network.run({ image, mask });
       return { albedo: albedo.data, transport: transport.data, light: light.data };
     }, size);
   },

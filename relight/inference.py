@@ -1,0 +1,88 @@
+"""The network for photos as one graph, an .onnx file that onnxruntime runs: relighting a photo needs no torch."""
+
+import json
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from relight.files import UserError, existing_file, file_hash
+
+INPUTS = ["image", "mask"]
+OUTPUTS = ["albedo", "transport", "light"]
+METADATA = "relight"  # key of the config in the file's metadata
+
+
+@dataclass(frozen=True)
+class PhotoNetwork:
+    """A network that is ready for photos.
+
+    Attributes:
+        size: S, the side of its images in pixels.
+        config: of its training, by group: `model`, `train`, `augment`, and `lights` if known.
+        digest: SHA-256 of its file.
+        run: image (B,3,S,S) linear in [0,1] and mask (B,1,S,S) float32 -> albedo (B,3,S,S), transport (B,K,S,S) and
+            light (B,K,3), averaged with the mirror image; maps are zero outside the mask.
+    """
+
+    size: int
+    config: dict[str, Any]
+    digest: str
+    run: Callable[[np.ndarray, np.ndarray], list[np.ndarray]]
+
+    @property
+    def order(self) -> int:
+        """Of the spherical harmonics."""
+        return int(self.config["model"]["order"])
+
+    def infer(self, image: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Infers albedo (S,S,3), transport (S,S,K) and light (K,3), float32, of an image (S,S,3) and a mask (S,S)."""
+        planes = np.ascontiguousarray(np.moveaxis(image, -1, 0)[None], np.float32)
+        albedo, transport, light = self.run(planes, np.asarray(mask, np.float32)[None, None])
+        return np.moveaxis(albedo[0], 0, -1), np.moveaxis(transport[0], 0, -1), light[0]
+
+
+def read_onnx(path: Path | str, threads: int = 0) -> PhotoNetwork:
+    """Reads a network that `relight export` wrote.
+
+    Args:
+        path: the .onnx file.
+        threads: of the inference; 0 for one per core.
+
+    Raises:
+        UserError: if there is no such file, or it holds no network of relight.
+    """
+    path = existing_file(path, "network")
+    session = open_session(path, threads)
+    try:
+        config = json.loads(session.get_modelmeta().custom_metadata_map[METADATA])
+        size = int(config["size"])
+    except (KeyError, ValueError, TypeError, RecursionError):
+        raise UserError(f"{path} holds no network of relight: give one that `relight export` wrote") from None
+
+    def run(image: np.ndarray, mask: np.ndarray) -> list[np.ndarray]:
+        return session.run(OUTPUTS, dict(zip(INPUTS, (image, mask))))
+
+    return PhotoNetwork(size, config, file_hash(path), run)
+
+
+def open_session(path: Path, threads: int = 0) -> Any:
+    """Opens an .onnx file in onnxruntime on the CPU.
+
+    Idle threads sleep: by default onnxruntime's wait in a loop, which costs CPU time and gains nothing here.
+
+    Raises:
+        UserError: if it is damaged, or of a version that onnxruntime does not know.
+    """
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = threads
+    options.log_severity_level = 4
+    options.add_session_config_entry("session.intra_op.allow_spinning", "0")
+    try:
+        return onnxruntime.InferenceSession(str(path), options, providers=["CPUExecutionProvider"])
+    except Exception as error:  # onnxruntime's own kinds have no common base
+        raise UserError(f"{path} cannot be read as a network ({str(error).splitlines()[0]})") from None

@@ -1,0 +1,152 @@
+"""The exported network says what the network says, at batches and sizes that it was not exported at."""
+
+import numpy as np
+import onnx
+import pytest
+import torch
+from scipy.ndimage import binary_erosion, maximum_filter, minimum_filter
+
+from relight.files import UserError
+from relight.inference import read_onnx
+from relight.learning.checkpoint import load_network, save_network
+from relight.learning.export import NEIGHBOURHOOD, SLACK, check, clamp_rim, export, least, photo_network, sample
+from relight.learning.networks import build
+from relight.learning.predict import predict
+
+
+@pytest.fixture(scope="module", params=["ours", "unet"])
+def exported(request, model, tmp_path_factory):
+    """A network with all that exports differently from how it is trained, its checkpoint, and its .onnx file."""
+    torch.set_num_threads(1)
+    torch.manual_seed(0)
+    norm = {"ours": "instance", "unet": "batch"}[request.param]
+    settings = model(name=request.param, norm=norm, light_head="pooled", refine=True, dropout=0.0)
+    network = build(settings, 128).train()
+    with torch.no_grad():
+        network(torch.rand(4, 3, 128, 128), torch.ones(4, 1, 128, 128))  # moves the running statistics
+        torch.nn.init.normal_(network.refinement.coupling, 0, 0.3)
+    folder = tmp_path_factory.mktemp(request.param)
+    save_network(folder / "a.safetensors", network.eval(), settings, train={"color": "photo"})
+    network, config = load_network(folder / "a.safetensors")
+    export(network, folder / "a.onnx", config)
+    return network, folder / "a.safetensors", folder / "a.onnx"
+
+
+def test_export_runs_at_other_batches_and_sizes(exported):
+    _, _, path = exported
+    image, mask = sample(4, 256, 192)
+    albedo, transport, light = read_onnx(path).run(image.numpy(), mask.numpy())
+    assert albedo.shape == (4, 3, 256, 192) and transport.shape == (4, 9, 256, 192) and light.shape == (4, 9, 3)
+    assert (transport[:, :, :8] == 0).all()
+
+
+def test_onnx_and_checkpoint_infer_the_mean_over_the_mirror_image(exported):
+    """Twin: `predict` averages by itself; what it says inside, away from the rim, is what the graph says."""
+    network, checkpoint, path = exported
+    image, mask = (values[0].numpy() for values in sample(1, 128, 128))
+    image, mask = np.moveaxis(image, 0, -1), mask[0]
+    expected = predict(network, image, mask, mirrored=True)
+    inside = binary_erosion(mask > 0)
+    for read in (read_onnx, photo_network):
+        graph = read(path if read is read_onnx else checkpoint)
+        albedo, transport, light = graph.infer(image, mask)
+        assert np.abs(albedo - expected["albedo"])[inside].max() < 2e-3
+        assert np.abs(transport - expected["transport"])[inside].max() < 2e-3
+        assert np.abs(light - expected["light"]).max() < 2e-3
+        assert graph.size == 128 and graph.order == 2 and graph.config["train"] == {"color": "photo"}
+
+
+def test_a_training_can_start_from_the_file(exported):
+    """Weights keep their names, in half precision, and no layer is fused with another."""
+    network, checkpoint, path = exported
+    other, config = load_network(path)
+    assert config["model"]["name"] == load_network(checkpoint)[1]["model"]["name"]
+    for (name, first), (other_name, second) in zip(network.state_dict().items(), other.state_dict().items()):
+        assert name == other_name
+        if not name.endswith("num_batches_tracked"):
+            torch.testing.assert_close(first, second, rtol=1e-3, atol=1e-5)
+
+
+def test_the_file_is_half_as_large_as_its_weights(exported):
+    network, _, path = exported
+    bytes_ = sum(values.numel() * 4 for values in network.state_dict().values())
+    assert path.stat().st_size < 0.5 * bytes_ + 300_000  # the graph itself
+
+
+def test_check_compares(exported):
+    network, checkpoint, path = exported
+    changed, _ = load_network(checkpoint)
+    with torch.no_grad():
+        last = changed.last if hasattr(changed, "last") else changed.decoders["albedo"].last
+        last.bias.add_(0.1)
+    assert 0 < check(network, path)
+    with pytest.raises(RuntimeError, match="differs"):
+        check(changed, path)
+
+
+def test_export_refuses_other_suffixes(model, tmp_path):
+    network = build(model(), 64)
+    assert least(network) == 128
+    with pytest.raises(UserError, match=r"must end in .onnx"):
+        export(network, tmp_path / "a.pth", {})
+
+
+@pytest.mark.parametrize("content", [b"", b"\x80\x04pickle", None], ids=["empty", "pickle", "of others"])
+def test_read_onnx_refuses_other_files(content, tmp_path):
+    path = tmp_path / "a.onnx"
+    if content is None:
+        value = onnx.helper.make_tensor_value_info("x", 1, [1])
+        graph = onnx.helper.make_graph([onnx.helper.make_node("Relu", ["x"], ["y"])], "a", [value],
+                                       [onnx.helper.make_tensor_value_info("y", 1, [1])])  # fmt: skip
+        opset = [onnx.helper.make_opsetid("", 18)]
+        onnx.save(onnx.helper.make_model(graph, opset_imports=opset, ir_version=8), path)
+    else:
+        path.write_bytes(content)
+    with pytest.raises(UserError, match="network"):
+        read_onnx(path)
+
+
+def clamped(maps: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Twin of `clamp_rim` by scipy's filters: maps (H,W,C), mask (H,W) bool."""
+    inside = binary_erosion(mask)
+    size = (NEIGHBOURHOOD, NEIGHBOURHOOD, 1)
+    low = minimum_filter(np.where(inside[..., None], maps, np.inf), size, mode="nearest")
+    high = maximum_filter(np.where(inside[..., None], maps, -np.inf), size, mode="nearest")
+    rim = (mask & ~inside & (low[..., 0] < np.inf))[..., None]
+    low, high = (np.where(rim, bound, maps) for bound in (low, high))
+    slack = SLACK * (high - low)
+    return np.clip(maps, low - slack, high + slack)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_clamp_rim_is_that_of_plain_filters(seed):
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[:40, :48]
+    mask = (np.hypot(x - 20, y - 24) < 16) | (rng.random((40, 48)) > 0.97)
+    mask[20:, 40:] = True  # reaches the border
+    maps = rng.normal(0, 0.5, (40, 48, 3)).astype(np.float32)
+    tensors = torch.from_numpy(maps).permute(2, 0, 1)[None], torch.from_numpy(mask)[None, None].float()
+    result = clamp_rim(*tensors)[0].permute(1, 2, 0).numpy()
+    np.testing.assert_allclose(result, clamped(maps, mask), atol=1e-5)
+
+
+def test_clamp_rim_cuts_noise_and_continues_gradients():
+    """A thin part keeps what it has."""
+    y, x = np.mgrid[:48, :48]
+    mask = np.hypot(x - 20, y - 24) < 16
+    mask[23:25, 34:46] = True  # a finger, two pixels wide
+    true = ((0.5 + 0.01 * x)[..., None] + np.zeros(3)).astype(np.float32)
+    core = binary_erosion(mask)
+
+    def run(maps: np.ndarray) -> np.ndarray:
+        tensors = torch.from_numpy(maps).permute(2, 0, 1)[None], torch.from_numpy(mask)[None, None].float()
+        return clamp_rim(*tensors)[0].permute(1, 2, 0).numpy()
+
+    assert np.abs(run(true) - true)[mask].max() < 0.021
+    noise = np.random.default_rng(3).normal(0, 0.5, true.shape)
+    noisy = np.where(core[..., None], true, true + noise).astype(np.float32)
+    result = run(noisy)
+    rim = mask & ~core & (x < 34)
+    assert np.abs(result - true)[rim].mean() < 0.15 * np.abs(noisy - true)[rim].mean()
+    assert np.array_equal(result[23:25, 42:46], noisy[23:25, 42:46])
+    assert np.array_equal(result[core | ~mask], noisy[core | ~mask])

@@ -1,0 +1,157 @@
+"""What `pip install .` brings, without any extra, relights photos, and says what is missing for the rest."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from importlib.metadata import PackageNotFoundError, packages_distributions, requires
+from pathlib import Path
+
+import numpy as np
+import pytest
+from packaging.requirements import Requirement
+from PIL import Image
+
+from relight.cli import EXTRAS
+from relight.config import ROOT
+
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+# Run before the command: packages that the core does not install cannot be imported.
+GUARD = """
+import json, sys
+class Guard:
+    hidden = frozenset(json.loads({hidden!r}))
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] in self.hidden:
+            raise ModuleNotFoundError("No module named " + repr(name), name=name)
+sys.meta_path.insert(0, Guard())
+"""
+
+
+def canonical(name: str) -> str:
+    return re.sub(r"[-_.]+", "-", name).lower()
+
+
+def core_packages() -> set[str]:
+    """Returns the names of the packages that the core needs, directly or not."""
+    found: set[str] = set()
+    queue = [Requirement(line) for line in PROJECT["dependencies"]]
+    while queue:
+        name = canonical(queue.pop().name)
+        if name in found:
+            continue
+        found.add(name)
+        try:
+            needed = [Requirement(line) for line in requires(name) or []]
+        except PackageNotFoundError:  # of another platform
+            continue
+        queue += [each for each in needed if each.marker is None or each.marker.evaluate({"extra": ""})]
+    return found
+
+
+@pytest.fixture(scope="module")
+def core(tmp_path_factory):
+    """The function that runs `relight` as where the core alone is installed, and returns the finished process."""
+    allowed = core_packages()
+    hidden = [
+        module
+        for module, owners in packages_distributions().items()
+        if not {canonical(owner) for owner in owners} & {*allowed, "relight", "coverage"}
+    ]
+    folder = tmp_path_factory.mktemp("core")
+    (folder / "guard.py").write_text(GUARD.format(hidden=json.dumps(hidden)))
+    environment = {**os.environ, "PYTHONPATH": f"{folder}{os.pathsep}{ROOT}", "RELIGHT_DATA": str(folder / "data")}
+
+    def run(*words, program="from relight.cli import main; main()"):
+        command = [sys.executable, "-c", f"import guard; {program}", *map(str, words)]
+        return subprocess.run(command, capture_output=True, text=True, env=environment, cwd=folder)
+
+    return run
+
+
+def test_core_has_nine_direct_dependencies():
+    assert len(PROJECT["dependencies"]) <= 9
+    assert not {"torch", "snakemake", "mlflow", "open3d-cpu", "pymeshlab"} & core_packages()
+
+
+def test_torch_cannot_be_imported_in_the_core(core):
+    assert core(program="import torch").returncode != 0
+
+
+@pytest.fixture(scope="module")
+def photo(tmp_path_factory):
+    """The portrait, with its mask beside it, 256 px."""
+    web, folder = ROOT / "relight" / "viewer" / "web", tmp_path_factory.mktemp("photo")
+    Image.open(web / "astronaut.jpg").resize((256, 256)).save(folder / "me.png")
+    Image.open(web / "astronaut_mask.png").resize((256, 256)).save(folder / "me_mask.png")
+    return folder / "me.png"
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["photo", "PHOTO", "--light", "lamps:5", "--out", "relit", "--maps"],
+        ["transfer", "PHOTO", "PHOTO", "--mask-b", "MASK", "--out", "swapped"],
+        ["view", "PHOTO", "--out", "me.html"],
+        ["light", "room:7", "--out", "room.json"],
+        ["photo", "--help"],
+        ["--help"],
+    ],
+    ids=lambda words: words[0] + words[-1],
+)
+def test_commands_of_the_core_run(core, photo, words):
+    mask = photo.with_name("me_mask.png")
+    done = core(*(str(photo) if word == "PHOTO" else str(mask) if word == "MASK" else word for word in words))
+    assert done.returncode == 0, done.stderr
+
+
+def test_python_interface_of_the_core(core, photo):
+    program = f"import relight; print(relight.load().relight({str(photo)!r}, light='room:12').shape)"
+    done = core(program=program)
+    assert done.stdout.strip() == "(256, 256, 3)", done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "extra"),
+    [
+        (["export", "a.safetensors", "a.onnx"], "train"),
+        (["bake", "MESH"], "scans"),
+        (["figures", "--seeds", "0", "--export", "glb"], "figures"),
+        (["photo", "PHOTO", "--weights", "NETWORK"], "train"),
+        (["movie", "PHOTO", "--out", "a.mp4"], "video"),
+        (["run", "scale=smoke"], "workflow"),
+        (["ui"], "tracking|workflow"),
+    ],
+    ids=lambda value: value[0] if isinstance(value, list) else value,
+)
+def test_missing_extras_are_named_in_one_line(core, photo, words, extra, tmp_path):
+    (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    (tmp_path / "a.safetensors").write_bytes(np.zeros(8, np.uint8).tobytes())
+    files = {"PHOTO": photo, "MESH": tmp_path / "a.obj", "NETWORK": tmp_path / "a.safetensors"}
+    done = core(*(files.get(word, word) for word in words))
+    line = done.stderr.strip().splitlines()[-1]
+    assert done.returncode == 1 and re.search(rf"needs \w+: run `pip install '\.\[({extra})\]'`", line), line
+
+
+def test_every_extra_that_is_named_exists():
+    assert {*EXTRAS.values()} <= {*PROJECT["optional-dependencies"]}
+    for module, extra in EXTRAS.items():
+        owners = {canonical(owner) for owner in packages_distributions().get(module, [])}
+        listed = {canonical(Requirement(line).name) for line in PROJECT["optional-dependencies"][extra]}
+        assert not owners or owners & listed, f"{module} does not come with {extra}"
+
+
+def test_no_module_of_the_core_imports_more(core):
+    """Every module of the core's packages is imported."""
+    packages = ("lights", "panoramas", "photos", "sh", "viewer")
+    names = [
+        ".".join(path.relative_to(ROOT).with_suffix("").parts)
+        for package in packages
+        for path in sorted(Path(ROOT / "relight" / package).rglob("*.py"))
+        if path.stem != "__init__"
+    ]
+    imports = "; ".join(f"import {name}" for name in [*names, "relight.inference", "relight.cli", "relight.npz"])
+    done = core(program=imports)
+    assert done.returncode == 0, done.stderr
