@@ -2,6 +2,7 @@
 
 import functools
 import inspect
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -155,9 +156,20 @@ def photo(
             raise typer.Exit(1)
         return
     from relight.photos.api import load
+    from relight.photos.mask import NoMaskNetwork
     from relight.photos.photo import relight_file
 
-    record = relight_file(load(weights), path, out, options, mask)
+    relighter = load(weights)
+    try:
+        record = relight_file(relighter, path, out, options, mask)
+    except NoMaskNetwork:
+        if not at_terminal():
+            raise
+        print(f"{path.name} has no mask. A network that finds people can be fetched, once (a download of 36 MB).")
+        if not typer.confirm("Fetch it now?", default=True):
+            raise
+        mask_setup()
+        record = relight_file(relighter, path, out, options, mask)
     print(f"{out}/relit.png: {path.name} in the light of {options.light}")
     _print_notes(record)
 
@@ -273,6 +285,11 @@ def mask_draw(
     out = writable_file(out or path.with_name(f"{path.stem}_mask.png"), "--out")
     write_picture(out, automatic_mask(read_photo(path), mask_model))
     print(out)
+
+
+def at_terminal() -> bool:
+    """Returns whether somebody can answer a question."""
+    return sys.stdin.isatty() and sys.stdout.isatty()
 
 
 def _text(path: Path | None) -> str | None:

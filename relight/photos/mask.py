@@ -25,6 +25,10 @@ SIDES: dict[str, tuple[int | slice, ...]] = {
 }  # fmt: skip
 
 
+class NoMaskNetwork(UserError):
+    """A photo needs an automatic mask, and no network for it has been set up."""
+
+
 def find_mask(photo: Photo, path: Path | str | None = None, model: Path | str | None = None) -> np.ndarray:
     """Finds the mask of a photo: the file, else the photo's alpha, else an automatic mask.
 
@@ -62,11 +66,11 @@ def automatic_mask(photo: Photo, model: Path | str | None = None) -> np.ndarray:
         Coverage (H,W) uint8.
 
     Raises:
-        UserError: if there is no such network, or it finds nobody.
+        UserError: if there is no such network (NoMaskNetwork), or it finds nobody.
     """
     path = automatic_model(model)
     if path is None:
-        raise UserError(
+        raise NoMaskNetwork(
             f"photo {photo.name} has no mask: for automatic masks run `relight mask setup` once; or give --mask FILE "
             "(white on the person) or a PNG with an alpha channel"
         )

@@ -8,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
+from typer.testing import CliRunner
 
+from relight.cli import app
 from relight.files import UserError
 from relight.photos import selfie, u2net
 from relight.photos.mask import automatic_model, find_mask
@@ -143,6 +145,19 @@ def test_photo_without_a_mask(run, wheel, weights, tmp_path):
     selfie.load_network.cache_clear()
     with pytest.raises(UserError, match="is damaged: run `relight mask setup` again"):
         run("mask", "draw", tmp_path / "me.png")
+
+
+@pytest.mark.parametrize("answer", ["y", "", "n"])
+def test_photo_at_a_terminal_asks_whether_to_fetch_the_network(answer, wheel, weights, tmp_path, monkeypatch):
+    Image.fromarray(scene()[0]).save(tmp_path / "me.png")
+    monkeypatch.setattr("relight.photos.commands.at_terminal", lambda: True)
+    monkeypatch.setenv("PIP_NO_INDEX", "1")
+    monkeypatch.setenv("PIP_FIND_LINKS", str(wheel.parent))
+    words = ["photo", str(tmp_path / "me.png"), "--weights", str(weights)]
+    result = CliRunner().invoke(app, words, input=f"{answer}\n")
+    assert "Fetch it now? [Y/n]" in result.output
+    assert (tmp_path / "me_relit" / "relit.png").is_file() == selfie.network_file().is_file() == (answer != "n")
+    assert isinstance(result.exception, UserError) == (answer == "n")
 
 
 def test_the_real_network(real_network, monkeypatch):
