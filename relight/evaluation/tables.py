@@ -24,6 +24,7 @@ TABLE1_COLUMNS = _columns("shading", "transport", "normal", "ao", "light", "albe
 TABLE2_COLUMNS = _columns("shading", "transport", "light", "albedo")  # of Table 2
 PART_COLUMNS = _columns("shading", "shading_true_light", "transport", "light", "albedo")
 SHOWN_COLUMNS = {  # by experiment; TABLE1_COLUMNS by default
+    "claim": _columns("shading_true_light", "relit", "shading", "transport"),
     "table2": TABLE2_COLUMNS,
     "sitting": TABLE2_COLUMNS,
     "unusual_lights": TABLE2_COLUMNS,

@@ -28,7 +28,7 @@ LEFT = (
     "docs",
     "tests",
 )
-WORDS = ("scale=smoke", "figures.count=3", "sweep.only=[ours_full,sfsnet_ao,no_tv]")
+WORDS = ("scale=smoke", "experiment=[table1,table2]", "figures.count=3", "sweep.only=[ours_full,sfsnet_ao,no_tv]")
 OUT = "results/smoke"
 
 

@@ -5,7 +5,7 @@ import traceback
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from markupsafe import Markup
 
@@ -67,7 +67,8 @@ def build_report(
     """
     results = Results(folder, settings, experiments)
     remove_earlier(results)
-    compared = bool(results.tables)  # False if all experiments have stages of their own
+    # Whether a table of the run is one of the paper's, whose orderings are tested.
+    compared = bool({"table1", "table2"} & set(results.tables))
     parts = [
         *(
             [make_section("what-came-out", "What came out", "summary.md", sections.summary, results)]
@@ -76,7 +77,7 @@ def build_report(
         ),
         Section("how-to-read", "How to read this page", page.section("sections/reading.md")),
         *(experiment(results, one, makers) for one in results.experiments),
-        *([make_section("training", "Training", "training.md", data.training, results)] if compared else []),
+        *([make_section("training", "Training", "training.md", data.training, results)] if results.tables else []),
         make_section("figures", "Figures", "figures.md", data.figures, results),
         make_section("lights", "Lights", "lights.md", data.lights, results),
         Section("the-paper", "The paper, part by part", page.section("sections/paper.md", grid=contents(results))),
@@ -144,7 +145,8 @@ def contents(results: Results) -> Grid:
 
 def head(name: str, results: Results, failed: int) -> Markup:
     """Makes the head of the page: the paper, the questions, the outcome, and the provenance."""
-    outcome = value_or_none(lambda: sections.summary(results))
+    outcome = value_or_none(lambda: sections.summary(results)) if {"table1", "table2"} & set(results.tables) else None
+    answer = value_or_none(lambda: answered(results))
     lights = value_or_none(lambda: results.lights["lights"])
     figures = value_or_none(lambda: len(results.record["figures"]))
     rows = {row for one in results.tables for row in results.experiments[one]["trainings"]}
@@ -159,6 +161,9 @@ def head(name: str, results: Results, failed: int) -> Markup:
         paper=CITATION,
         questions=questions,
         outcome=outcome,
+        answer=answer,
+        scans=any(found.get("figures.source") == "scans" for found in results.settings_files().values()),
+        left_out=value_or_none(lambda: len(results.record["left_out"])),
         failed=failed,
         hero=hero if hero.exists() else None,
         overview=bool(shown),
@@ -170,6 +175,15 @@ def head(name: str, results: Results, failed: int) -> Markup:
         wall=wall,
         seconds=float(found.seconds.sum()),
     )
+
+
+def answered(results: Results, name: str = "claim") -> dict[str, Any] | None:
+    """Returns the context of templates/answer.md; None if the experiment is not in the run or lacks a row."""
+    if name not in results.tables:
+        return None
+    table = results.table(name)
+    claims = sections.claim(results, name, table)["claims"]
+    return {"name": name, "claims": claims, "scored": table} if len(claims) == 2 else None
 
 
 def value_or_none(make: Callable[[], T]) -> T | None:

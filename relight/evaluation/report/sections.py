@@ -110,6 +110,25 @@ def compare_pairs(table: Table, pairs: dict[tuple[str, str], str], columns: tupl
     return {pair: by_column for pair, by_column in compared.items() if by_column}
 
 
+def claim(results: Results, name: str, table: Table) -> Numbers:
+    """Compares networks that know occlusion with SfSNet, which does not, and transport with ambient occlusion.
+
+    `claims` are the comparisons of Ours (min) with SfSNet, which has the same losses, by column; p-values are corrected
+    over them. Empty if a row is missing.
+    """
+    pairs = {
+        ("ours_min", "sfsnet"): "transport in place of normals",
+        ("sfsnet_ao", "sfsnet"): "normals and ambient occlusion in place of normals",
+        ("ours_min", "sfsnet_ao"): "transport in place of normals and ambient occlusion",
+        ("ours_plus", "ours_min"): "our own recipe",
+    }
+    columns = ("shading_true_light_rmse", "relit_rmse")
+    return {
+        "claims": compare_rows(table, "ours_min", "sfsnet", columns),
+        "comparisons": comparison_grid(compare_pairs(table, pairs, columns)),
+    }
+
+
 def table1(results: Results, name: str, table: Table) -> Numbers:
     """Compares transport with the mean training figure, and Ours (min) with SfSNet-AO, which has the same losses."""
     compared = compare_pairs(table, {(row, "mean_figure"): "transport" for row in table.networks}, ("transport_rmse",))
@@ -317,6 +336,7 @@ def steps(results: Results, name: str, table: Table) -> Numbers:
 
 
 EXPERIMENTS: dict[str, Callable[[Results, str, Table], Numbers]] = {
+    "claim": claim,
     "table1": table1,
     "equal_losses": equal_losses,
     "plus_parts": plus_parts,
