@@ -92,14 +92,16 @@ def report(
     answers: Annotated[
         list[Path], typer.Argument(help="Folders of answers that were scored on the same set.", metavar="FOLDERS")
     ],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the tables.")] = Path("."),
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder of the tables; by default the one that holds the first.")
+    ] = None,
 ) -> None:
     """Compare scored answers in tables: CSV, Markdown and LaTeX."""
     from relight.benchmark.score import read_scores
     from relight.evaluation.formats import write_tables
 
     for name, section in show([read_scores(folder) for folder in answers]).items():
-        write_tables(out / name, section.title, section.note, section.grid)
+        write_tables((out or answers[0].parent) / name, section.title, section.note, section.grid)
 
 
 def show(rows: list) -> dict:

@@ -85,7 +85,15 @@ def test_a_set_that_was_made_again_is_scored_again(drawn, tmp_path):
     scores = tmp_path / "results" / "smoke" / "benchmark_scores" / "as_it_is" / "scores.csv"
 
     def snakemake(*options: str) -> str:
-        words = ["--snakefile", str(ROOT / "Snakefile"), "--directory", str(tmp_path), "--cores", "1", *options]
+        words = [
+            "--snakefile",
+            str(ROOT / "workflow" / "Snakefile"),
+            "--directory",
+            str(tmp_path),
+            "--cores",
+            "1",
+            *options,
+        ]
         command = [sys.executable, "-m", "snakemake", str(scores.relative_to(tmp_path)), *words]
         command += ["--config", f"hydra={WORDS} benchmark.folder={copy}"]
         environment = {**os.environ, "PYTHONPATH": str(ROOT)}

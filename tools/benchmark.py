@@ -1,6 +1,6 @@
 """Draws docs/images/benchmark.jpg: photos of a benchmark, relit by a method in two ways, and the truth.
 
-python workflow/scripts/benchmark.py SET ANSWERS [--out FILE.jpg]
+python tools/benchmark.py SET ANSWERS [--out FILE.jpg]
 
 The pictures are evenly spaced by rank of `full: RMSE`, from the best on the left to the worst; each in its first new
 light.

@@ -1,20 +1,23 @@
 """Writes docs/licences.md: the licence of each package that `make` installs, from its metadata."""
 
 import re
+import subprocess
+import sys
 from importlib import metadata
 from pathlib import Path
 
 HEAD = """\
 # Licences of what is installed
 
-relight's own code is Apache-2.0. These are the packages that `make` installs (`requirements.txt` and torch), with the
-licence that each states in its metadata, or else in its licence file; written by `make licences`. CUDA builds of torch
-bring NVIDIA's libraries (`nvidia-*`, under NVIDIA's own terms) and triton (MIT). **pymeshlab is GPL-3**: see
+relight's own code is Apache-2.0. These are the packages that `make` installs (the extra `dev` of `uv.lock`, and torch),
+with the licence that each states in its metadata, or else in its licence file; written by `make licences`. CUDA builds
+of torch bring NVIDIA's libraries (`nvidia-*`, under NVIDIA's own terms) and triton (MIT). **pymeshlab is GPL-3**: see
 `NOTICE`.
 
 | package | version | licence | home |
 |---|---|---|---|
 """
+TORCH = ("torch", "filelock", "fsspec")  # with what it alone needs; uv.lock is without
 TEXTS = {
     "Apache License": "Apache-2.0",
     "Permission is hereby granted, free of charge": "MIT",
@@ -47,9 +50,15 @@ def home(found: metadata.Distribution) -> str:
     return named or found.metadata.get("Home-page") or (links[0][2] if links else "")
 
 
+def locked() -> set[str]:
+    """Returns the names of the packages that `make` installs, for all platforms."""
+    command = [sys.executable, "-m", "uv", "export", "--frozen", "--no-emit-project", "--no-hashes", "--extra=dev"]
+    text = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    return {*re.findall(r"^([\w.-]+)==", text, re.M), *TORCH}
+
+
 def main() -> None:
-    text = Path("requirements.txt").read_text()
-    names = {*re.findall(r"^([\w.-]+)==", text, re.M), "torch"}
+    names = locked()
     rows, not_installed = [], []
     for name in sorted(names, key=str.lower):
         try:

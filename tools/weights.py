@@ -2,7 +2,7 @@
 
 They are in half precision, with the lights of the training.
 
-python workflow/scripts/weights.py results/photo [run]
+python tools/weights.py results/photo [run]
 """
 
 import csv
@@ -54,7 +54,7 @@ Stages of the training, each continuing the one before:
 
 {training}
 
-Made with the settings of `experiment=photo`, in these stages, and `workflow/scripts/weights.py`. How the inferred light
+Made with the settings of `experiment=photo`, in these stages, and `tools/weights.py`. How the inferred light
 changes with framing, mask and white balance: `python benchmarks/invariance.py relight/weights/photo.safetensors`.
 """
 

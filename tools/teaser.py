@@ -1,6 +1,6 @@
 """Draws docs/images/teaser.jpg: pictures of figures, albedo, transport, and relit pictures.
 
-python workflow/scripts/teaser.py [seed ...]
+python tools/teaser.py [seed ...]
 """
 
 import sys

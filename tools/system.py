@@ -1,14 +1,11 @@
 """Checks the system libraries that `make` needs; standard library only.
 
-Without them, Open3D cannot be imported, and pymeshlab silently lacks readers. Missing packages are installed as root on
-Debian or Ubuntu; otherwise the command is printed.
+Without them, Open3D cannot be imported, and pymeshlab silently lacks readers. If some are missing, this prints the
+command that installs them on Debian or Ubuntu, and fails; with `--list`, it prints the names of the packages alone.
 """
 
 import ctypes
-import os
 import platform
-import shutil
-import subprocess
 import sys
 
 LIBRARIES = {
@@ -44,26 +41,9 @@ def main() -> None:
     if not PYTHONS[0] <= found <= PYTHONS[1]:
         names = " to ".join(".".join(map(str, version)) for version in PYTHONS)
         sys.exit(f"relight needs Python {names}, and {sys.executable} is {found[0]}.{found[1]}: make PYTHON=python3.12")
-    packages = missing()
-    if not packages:
-        return
-    apt = shutil.which("apt-get")
-    line = f"apt-get install -y --no-install-recommends {' '.join(packages)}"
-    if not apt:
-        sys.exit(f"relight needs these system libraries (Debian's names): {' '.join(packages)}")
-    if os.geteuid() != 0:
-        sys.exit(f"relight needs system packages; type:\n    sudo {line}")
-    print(f"installing system packages: {' '.join(packages)}", flush=True)
-    quiet = {"stdout": subprocess.DEVNULL, "env": {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}}
-    subprocess.run([apt, "update", "-qq"], check=False, **quiet)
-    if subprocess.run([apt, *line.split()[1:]], check=False, **quiet).returncode:
-        sys.exit(f"the installation of system packages failed; type:\n    {line}")
-    # Only a new process finds new libraries.
-    left = subprocess.run(
-        [sys.executable, __file__, "--list"], capture_output=True, text=True, check=False
-    ).stdout.split()
-    if left:
-        sys.exit(f"these system packages are still missing: {' '.join(left)}")
+    if packages := missing():
+        line = f"apt-get install -y --no-install-recommends {' '.join(packages)}"
+        sys.exit(f"relight needs system packages; on Debian or Ubuntu, type:\n    sudo {line}")
 
 
 if __name__ == "__main__":

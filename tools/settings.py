@@ -35,8 +35,8 @@ def page() -> str:
             parts.append(table(own, cfg))
             nested = [item for item in fields(group.type) if is_dataclass(item.type)]
             parts += [f"`{group.name}.{item.name}`: {paragraph(item.type)}" for item in nested]
-            stages = [f"`relight-{name.replace('_', '-')}`" for name, read in READS.items() if group.name in read]
-            parts += [f"Read by {', '.join(stages)}."] if stages else []
+            stages = [f"`{name}`" for name, read in READS.items() if group.name in read]
+            parts += [f"Read by the stages {', '.join(stages)}."] if stages else []
     return "\n\n".join(part.strip() for part in parts) + "\n"
 
 

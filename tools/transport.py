@@ -1,6 +1,6 @@
 """Draws docs/images/transport.jpg, which explains light transport in three pictures.
 
-python workflow/scripts/transport.py [seed]
+python tools/transport.py [seed]
 """
 
 import sys

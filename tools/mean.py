@@ -1,6 +1,6 @@
 """Averages the weights of a network and of the network from which its training started.
 
-python workflow/scripts/mean.py start.safetensors end.safetensors out.safetensors
+python tools/mean.py start.safetensors end.safetensors out.safetensors
 
 Such averages often have smaller errors on pictures that differ from those of the last training (Wortsman et al. 2022,
 Robust Fine-Tuning of Zero-Shot Models). Settings are those of the end.

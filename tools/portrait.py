@@ -1,7 +1,7 @@
 """Draws docs/images/photo.jpg: a photograph (NASA, by scikit-image), its inferred maps, and the relit photograph.
 
-python workflow/scripts/portrait.py
-python workflow/scripts/portrait.py --weights old.safetensors new.safetensors --out both.jpg   # a row for each
+python tools/portrait.py
+python tools/portrait.py --weights old.safetensors new.safetensors --out both.jpg   # a row for each
 """
 
 import argparse
@@ -17,7 +17,7 @@ from relight.photos.crop import fill_outside
 from relight.srgb import encode, to_bytes
 from relight.viewer.source import PORTRAIT_MASK
 
-IMAGES = Path(__file__).parents[2] / "docs" / "images"
+IMAGES = Path(__file__).parents[1] / "docs" / "images"
 LIGHTS = ("key:#ffd9a0@70,20,0.15", "key:#a8c8ff@-70,20,0.15", "room:12")
 
 
