@@ -210,12 +210,6 @@ class Plan:
         return word == f"model.width={self.cfg.model.width}"
 
     @property
-    def scale(self) -> str:
-        """The selected preset of conf/scale."""
-        chosen = [value for key, _, value in (word.partition("=") for word in self.overrides) if key == "scale"]
-        return chosen[-1] if chosen else "demo"
-
-    @property
     def scored(self) -> list[str]:
         """The trainings that the tables compare."""
         rows = {row for experiment in self.experiments.values() if experiment.table for row in experiment.rows}

@@ -91,9 +91,6 @@ def web_build(
     size: Annotated[
         int, typer.Option(min=64, max=4096, help="Longer side of the photos to show first, pixels.")
     ] = 1024,
-    webgpu: Annotated[
-        bool, typer.Option("--webgpu", help="Browsers with WebGPU load 13 MB more and use the GPU.")
-    ] = False,
     weights: Annotated[Path | None, typer.Option("--weights", "-w", help="A checkpoint (.safetensors).")] = None,
 ) -> None:
     """Write the site to the folder DIR, for any static web server. Takes about half a minute."""
@@ -103,7 +100,7 @@ def web_build(
 
     relighter = load(weights)
     figures = [figure_of(path, relighter, size=size) for path in paths or ()] or [portrait(relighter)]
-    build_site(out, relighter.network, figures, named_lights(light or ()), title, webgpu)
+    build_site(out, relighter.network, figures, named_lights(light or ()), title)
     size = sum(path.stat().st_size for path in out.iterdir())
     typer.echo(f"{out}: {size / 1e6:.0f} MB")
     typer.echo(f"to look at it: python -m http.server --bind 127.0.0.1 --directory {out}, then http://127.0.0.1:8000")
