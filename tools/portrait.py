@@ -11,9 +11,9 @@ import numpy as np
 from PIL import Image
 from skimage import data
 
+from relight.crop import fill_outside
 from relight.photos.api import Relighter, load
 from relight.photos.background import read_background
-from relight.photos.crop import fill_outside
 from relight.srgb import encode, to_bytes
 from relight.viewer.source import PORTRAIT_MASK
 

@@ -74,7 +74,7 @@ def test_a_set_that_is_missing_or_cannot_be_answered_is_told_with_the_plan(drawn
         plan(copy).check()
     for maps in (copy / "truth").glob("*.exr"):
         maps.unlink()
-    with pytest.raises(UserError, match="has no true maps"):
+    with pytest.raises(UserError, match="true maps: there is no file"):
         plan(copy).check()
 
 

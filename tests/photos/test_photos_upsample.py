@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.ndimage import binary_erosion, zoom
 
-from relight.photos.crop import Crop
+from relight.crop import Crop
 from relight.photos.upsample import RIM, SMOOTH, Guide, clamp_rim, fit_map, luma, square_root
 
 SIDE, SCALE = 48, 8

@@ -1,9 +1,10 @@
-"""A twin of HumanOLAT's layout: a ball over a slab, drawn from formulas, under the lamps of a small light stage.
+"""A capture in closed form: a ball over a slab, drawn from formulas, under the lamps of a small light stage.
 
 No mesh, ray caster or spherical harmonics take part in the frames: surface, shadows and shading have closed forms. The
 mesh that lies beside them is what a reconstruction would be.
 """
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,6 @@ SLAB = np.array([600.0, 30.0, 450.0])  # half sizes
 TOP = -300.0  # of the slab
 STAGE, MIDDLE = 2500.0, np.array([40.0, 0.0, -60.0])
 POWER = 0.6  # k of the frames; no pixel of them reaches code 255
-CAMERAS = 4
 
 
 def lamps(count: int = 331) -> np.ndarray:
@@ -95,60 +95,20 @@ def lit(seen: dict[str, np.ndarray], lamp: np.ndarray) -> np.ndarray:
     return frame
 
 
-def schedule(count: int) -> dict[int, int]:
-    """Which lamp (or -1, all of them) each frame from 14 on shows, written out by hand."""
-    shown, lamp = {14: -1}, 0
-    number = 15
-    for length in [19] + [20] * count:
-        for _ in range(length):
-            if lamp == count:
-                return shown
-            shown[number] = lamp
-            lamp, number = lamp + 1, number + 1
-        shown[number] = -1
-        number += 1
-    return shown
-
-
-def write(
-    folder: Path, cameras=(1,), count: int = 331, suffix: str = ".png", inverse: bool = False, who: str = "T001"
-) -> Path:
-    """Writes one subject's pose; returns the folder of the data set."""
-    subject = folder / f"SUBJECT_{who}"
-    pose, shared = subject / "POSE_00", subject / "shared"
-    shared.mkdir(parents=True)
-    positions = lamps(count)
-    order = np.random.default_rng(5).permutation(count)  # the lamp that is lit at each step
-    (shared / "LSX_light_positions_aligned.pc").write_text(
-        "# lamps\n" + "".join(f"v {x:.6f} {y:.6f} {z:.6f}\n" for x, y, z in positions / 1000)
-    )
-    (shared / "LSX3_light_z_spiral.txt").write_text("".join(f"{lamp + 1}\n" for lamp in order))
-    text = "tc camera calibration v0.3\n"
-    for number in range(CAMERAS):
-        extrinsic, intrinsic = camera(number)
-        if inverse:
-            turn = extrinsic[:, :3].T
-            extrinsic = np.concatenate([turn, -turn @ extrinsic[:, 3:]], 1)
-        text += f"camera\t{number}\tCamera_{number + 1}\n\tframe\t0\n\t\tsensorSize 10 13.3 # in mm\n"
-        for what, rows in (("extrinsics", extrinsic), ("intrinsics", intrinsic)):
-            text += f"#    {what}\n" + "".join("#\t\t" + "\t".join(f"{x:.8f}" for x in row) + "\n" for row in rows)
-        text += "\t\torientation 3\n"
-    (shared / "cameras.calib").write_text(text)
-    for number in cameras:
-        seen = surface(number - 1)
-        place = pose / "images_processed" / f"Cam{number:02d}"
-        masks = pose / "segmentations" / "masks" / "000"
-        for one in (place, masks):
-            one.mkdir(parents=True, exist_ok=True)
-        Image.fromarray(to_bytes(seen["mask"].astype(float))).save(masks / f"Cam{number:02d}.png")
-        full = to_bytes(encode(2 * seen["albedo"]))
-        more = {"quality": 99, "subsampling": "4:4:4", "speed": 10} if suffix == ".avif" else {}
-        frames = {number: full for number in range(14)}
-        for frame, lamp in schedule(count).items():
-            frames[frame] = full if lamp < 0 else to_bytes(encode(lit(seen, positions[order[lamp]])))
-        for frame, pixels in frames.items():
-            Image.fromarray(pixels).save(place / f"{who}_A.{frame:06d}{suffix}", **more)
-    mesh(pose / "model" / "model.obj")
+def write_capture(folder: Path, name: str, camera_number: int, lamp_count: int = 331) -> Path:
+    """Writes a capture into folder/name; returns `folder`."""
+    place, seen, positions = folder / name, surface(camera_number), lamps(lamp_count)
+    (place / "frames").mkdir(parents=True)
+    extrinsics, intrinsics = camera(camera_number)
+    order = np.random.default_rng(5).permutation(lamp_count)  # frames are in no order of the lamps
+    entries = []
+    for frame, lamp in enumerate(order):
+        Image.fromarray(to_bytes(encode(lit(seen, positions[lamp])))).save(place / "frames" / f"{frame:03d}.png")
+        entries.append({"frame": f"frames/{frame:03d}.png", "position": positions[lamp].tolist()})
+    matrices = {"intrinsics": (np.diag([WIDTH, WIDTH, 1]) @ intrinsics).tolist(), "extrinsics": extrinsics.tolist()}
+    (place / "capture.json").write_text(json.dumps({"camera": matrices, "lamps": entries}))
+    Image.fromarray(to_bytes(seen["mask"].astype(float))).save(place / "mask.png")
+    mesh(place / "mesh.obj")
     return folder
 
 
@@ -159,7 +119,6 @@ def mesh(path: Path) -> None:
     slab = trimesh.creation.box(2 * SLAB)
     slab.apply_translation([0, TOP - SLAB[1], 0])
     slab.unmerge_vertices()  # sharp edges
-    path.parent.mkdir(parents=True)
     parts, text, first = (ball, slab), "", 1
     for part in parts:
         text += "".join(f"v {x:.5f} {y:.5f} {z:.5f}\n" for x, y, z in part.vertices)

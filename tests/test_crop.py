@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from relight.crop import Crop, crop_around, figure_means, fill_outside
 from relight.files import UserError
-from relight.photos.crop import Crop, crop_around, fill_outside
 
 
 def figure(height, width, top, left, bottom, right):
@@ -133,3 +133,16 @@ def test_extend_takes_the_nearest():
 def test_empty_mask_is_said():
     with pytest.raises(UserError, match="empty"):
         crop_around(np.full((20, 20), 100, np.uint8), 64)
+
+
+def test_figure_means_of_one_channel_and_of_three_are_averages_over_the_figure():
+    coverage = np.zeros((64, 48), np.float32)
+    coverage[8:56, 12:36] = 1
+    box = crop_around(np.uint8(255 * coverage), 20)
+    inside, mean = figure_means(coverage, coverage > 0, box)
+    assert inside.shape == (20, 20) and 0.2 < inside.mean() < 0.6
+    for channels in (1, 3):
+        values = np.full((64, 48, channels), 7.0) * coverage[..., None] - 9 * (coverage[..., None] == 0)
+        means = mean(values)
+        assert means.shape == (20, 20, channels)
+        assert np.allclose(means[inside], 7, atol=1e-4) and not means[~inside].any()

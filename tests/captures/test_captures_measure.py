@@ -2,21 +2,11 @@
 
 import numpy as np
 import pytest
-from olat_twin import MIDDLE, STAGE, lamps
+from capture_twin import MIDDLE, STAGE, lamps
 
-from relight.benchmark.lightstage import (
-    MAX_DEGREE,
-    LightStage,
-    Panoramas,
-    blur_to_spacing,
-    measure,
-    projection_error,
-    quadrature_weights,
-)
+from relight.captures.lightstage import MAX_DEGREE, LightStage, projection_error, quadrature_weights
+from relight.captures.measure import measure
 from relight.files import UserError
-from relight.panoramas import Panorama, generate_room, project
-from relight.panoramas.radiosity import view_directions
-from relight.photos.environment import lookup
 from relight.sh import basis, unoccluded
 from relight.srgb import encode, to_bytes
 
@@ -93,8 +83,12 @@ def test_pictures_under_a_panorama_are_sums_of_frames():
     stage = LightStage.from_positions(lamps())
     scene = ball(stage, np.zeros(3))
     coefficients = np.concatenate([np.full((1, 3), 1.2), np.random.default_rng(1).uniform(-0.25, 0.25, (8, 3))])
-    radiance = (basis(view_directions()) @ coefficients).reshape(64, 128, 3).astype(np.float32)
-    found = measure(scene["frames"], stage, scene["points"], Panoramas([radiance, 0 * radiance + 1]))
+
+    def radiance(directions):
+        first = basis(directions) @ coefficients
+        return np.stack([first, np.ones_like(first)], 1)
+
+    found = measure(scene["frames"], stage, scene["points"], radiance)
     expected = scene["albedo"] * (unoccluded(scene["normals"]) @ coefficients)
     assert np.abs(found.pictures[:, 0] / 0.5 - expected).max() < 0.02
     assert np.allclose(found.pictures[:, 1] / 0.5, np.pi * scene["albedo"], rtol=0.01)
@@ -125,26 +119,3 @@ def test_noise_is_that_of_rounding():
     variance = np.var([run.transport for run in runs], 0, ddof=1).mean()
     predicted = np.mean([run.noise**2 for run in runs])
     assert 0.4 < variance / 2 / predicted < 1
-
-
-def test_blurred_panoramas_keep_their_light():
-    """Band l falls by exp(-l (l + 1) s^2 / 2), where s is .6 of the distance between lamps."""
-    pixels = generate_room(3)
-    soft, turned = blur_to_spacing(np.stack([pixels, np.roll(pixels, 32, 1)]), 331)
-    first, second = (project(Panorama(x.astype(np.float32)), 2) for x in (pixels, soft))
-    variance = 0.36 * 4 * np.pi / 331
-    assert np.allclose(second[0], first[0], rtol=0.01)
-    assert np.allclose(second[4:], first[4:] * np.exp(-3 * variance), atol=0.02 * np.abs(first).max())
-    assert np.allclose(turned, np.roll(soft, 32, 1), rtol=1e-6)
-    directions = view_directions()
-    weight = np.exp((directions @ directions[20 * 128 + 77] - 1) / variance) * np.hypot(*directions.T[[0, 2]])
-    assert np.allclose(soft[20, 77], weight @ pixels.reshape(-1, 3) / weight.sum(), rtol=1e-5)
-
-
-def test_lookups_are_those_of_panoramas():
-    pixels = np.random.default_rng(4).uniform(size=(2, 64, 128, 3)).astype(np.float32)
-    soft = blur_to_spacing(pixels, 331).astype(np.float32)
-    directions = np.random.default_rng(5).normal(size=(500, 3))
-    found = Panoramas(soft).radiance(directions / np.linalg.norm(directions, axis=1, keepdims=True))
-    expected = np.stack([lookup(Panorama(one), directions) for one in soft], 1)
-    assert found.shape == (500, 2, 3) and np.abs(found - expected).max() < 0.02 < expected.std()

@@ -5,6 +5,7 @@ of the box is 1 - 2 * padding of its side. Its corners fall between the pixels o
 Both directions use the same real-valued square and pixel centres, so maps return to the place they were taken from.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -13,6 +14,7 @@ from PIL import Image
 from scipy.ndimage import distance_transform_edt
 
 from relight.files import UserError
+from relight.srgb import to_bytes
 
 MASK_THRESHOLD = 128  # coverage (of 255) from which a pixel counts as the person's
 BLOCK = 32  # lines that are resampled by one product of matrices
@@ -176,6 +178,30 @@ def crop_around(coverage: np.ndarray, size: int, padding: float = 0.05) -> Crop:
         return max(span[0], int(start - side / 2)), min(span[1], int(start + 1.5 * side) + 1)
 
     return Crop(top, left, side, near(rows, top), near(columns, left), size)
+
+
+def figure_means(
+    coverage: np.ndarray, mask: np.ndarray, box: Crop
+) -> tuple[np.ndarray, Callable[[np.ndarray], np.ndarray]]:
+    """Returns the figure's mask on a square, and a function that averages maps over the figure in each of its pixels.
+
+    Args:
+        coverage: (H,W) of the photo's pixels by the figure, in [0,1].
+        mask: (H,W) bool, where maps are known.
+        box: the square, of S pixels.
+
+    Returns:
+        The mask (S,S) bool; a function from values (H,W,C) to their means (S,S,C), zero outside the mask.
+    """
+    inside = box.extract(to_bytes(coverage)) >= MASK_THRESHOLD
+    weight = coverage * mask
+    total = np.maximum(box.extract(weight), 1e-3)[..., None]
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        sums = box.extract(values * weight[..., None]).reshape(*inside.shape, -1)  # it drops a single channel
+        return sums / total * inside[..., None]
+
+    return inside, mean
 
 
 def fill_outside(maps: np.ndarray, mask: np.ndarray) -> np.ndarray:
