@@ -22,12 +22,12 @@ from scipy.ndimage import binary_erosion
 from relight.benchmark.measures import INVARIANCES, IRRADIANCE, LEAKS, Intrinsics, errors, invariances, leaks
 from relight.benchmark.picture import on_square
 from relight.benchmark.shots import variants
+from relight.crop import Crop, crop_around
 from relight.figures.dress import GENERATOR
 from relight.lights import Light
 from relight.lights.chain import generated_light
 from relight.maps import Maps, read_maps, write_maps
 from relight.photos.api import Relighter, load
-from relight.photos.crop import Crop, crop_around
 from relight.progress import progress
 from relight.sh import basis
 from relight.srgb import encode, to_bytes

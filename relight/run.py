@@ -67,8 +67,8 @@ def run(
             return snakemake([*command, "--configfile", file.name, "--dry-run"])
     with lock_folder():
         fix_future_dates(ROOT / plan.out)
-        command += ["--configfile", str(plan.write_record(ROOT)), "--logger", "relight"]
-        command += ["--logger-relight-results", plan.out, "--logger-relight-scale", plan.scale]
+        command += ["--configfile", str(plan.write_record(ROOT))]
+        command += ["--logger", "relight", "--logger-relight-results", plan.out]
         code = snakemake(command)
         if code == 0 and targets == ["all"]:
             report = ROOT / plan.out / "report" / "report.html"

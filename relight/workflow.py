@@ -210,12 +210,6 @@ class Plan:
         return word == f"model.width={self.cfg.model.width}"
 
     @property
-    def scale(self) -> str:
-        """The selected preset of conf/scale."""
-        chosen = [value for key, _, value in (word.partition("=") for word in self.overrides) if key == "scale"]
-        return chosen[-1] if chosen else "demo"
-
-    @property
     def scored(self) -> list[str]:
         """The trainings that the tables compare."""
         rows = {row for experiment in self.experiments.values() if experiment.table for row in experiment.rows}
@@ -246,15 +240,15 @@ class Plan:
         """The folders of a light stage's captures by name; empty for other sources."""
         if self.cfg.figures.source != "olat":
             return {}
-        from relight.benchmark.humanolat import list_captures
+        from relight.captures.capture import list_captures
 
         return list_captures(self.cfg.figures.folder, self.cfg.figures.only)
 
     def capture_files(self, figure: str) -> list[Path]:
         """Returns the input files and folders of a capture."""
-        from relight.benchmark import humanolat
+        from relight.captures.capture import capture_files
 
-        return humanolat.capture_files(self.captures[figure])
+        return capture_files(self.captures[figure])
 
     @property
     def table(self) -> list[str]:
@@ -420,7 +414,7 @@ class Plan:
 
     @property
     def benchmark_index(self) -> Path:
-        """The index of the benchmark's set. Raises UserError if there is no set, or it has no true maps."""
+        """The index of the benchmark's set. Raises UserError if there is no complete set."""
         from relight.benchmark.files import INDEX, BenchmarkSet
 
         benchmark = BenchmarkSet(self.cfg.benchmark.folder)

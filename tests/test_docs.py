@@ -42,7 +42,7 @@ def test_the_paper_page_names_every_equation_section_figure_and_table():
 def test_the_first_hour_runs_and_prints_what_its_page_says(tmp_path, monkeypatch):
     """Words as they are, and numbers to a tenth, since the last digits are those of a machine."""
     monkeypatch.chdir(ROOT)
-    run = runpy.run_path(str(ROOT / "workflow" / "scripts" / "notebook.py"))["run"]
+    run = runpy.run_path(str(ROOT / "tools" / "notebook.py"))["run"]
     page = (ROOT / "docs" / "first_hour.md").read_text()
     number = re.compile(r"-?\d[\d,]*\.?\d*")
     for cell, printed in run(page, tmp_path):

@@ -2,7 +2,7 @@
 
 import re
 import shlex
-import tomllib
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -20,7 +20,7 @@ PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").g
 # Not run by any test, with the reason. What is checked of the others is in `check`.
 NOT_RUN = {
     "pip install": "it installs packages, some of them from the network",
-    "docker": "it needs Docker",
+    "uv sync": "it installs packages from the network",
     "torchrun": "it needs several GPUs",
     "snakemake": "by hand; tests/workflow runs Snakemake by the same rules",
     "pytest": "it is the test runner itself",
@@ -65,14 +65,16 @@ def check(line: str) -> None:
                 composed([*fixed, *run])
         elif words[1] == "run":
             composed(overrides)
-    elif words[0].startswith("relight-"):
-        assert words[0] in tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["scripts"]
-        composed([word for word in words[1:] if "=" in word])
     elif words[0] == "make":
         target = next((word for word in words[1:] if "=" not in word), "all")
         assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(), re.M)
     elif words[0] == "python":
-        assert words[1] in ("-m", "-c") or (ROOT / words[1]).exists()
+        if words[1] == "-m":
+            assert find_spec(words[2])
+        elif words[1] != "-c":
+            assert (ROOT / words[1]).exists()
+        if words[2:] and words[2].startswith("relight.stages."):
+            composed([word for word in words[3:] if "=" in word])
     else:
         raise AssertionError("it is neither run nor listed")
 
@@ -93,7 +95,15 @@ def test_what_is_listed_as_not_run_stands_on_a_page():
 
 
 @pytest.mark.parametrize(
-    "line", ["relight bakes scan.obj", "relight bake --ray 3 a.obj", "relight run trian.lr=1", "make al"]
+    "line",
+    [
+        "relight bakes scan.obj",
+        "relight bake --ray 3 a.obj",
+        "relight run trian.lr=1",
+        "make al",
+        "python -m relight.stages.trian",
+        "python -m relight.stages.train trian.lr=1",
+    ],
 )
 def test_a_wrong_line_is_noticed(line):
     with pytest.raises(Exception, match=r"No such|trian|neither|assert"):

@@ -39,23 +39,14 @@ def make(
 
 @app.command("import")
 def import_(
-    layout: Annotated[str, typer.Argument(help="The data set: humanolat or ultrastage.")],
-    source: Annotated[Path, typer.Argument(help="The data set's folder, as published.", metavar="FOLDER")],
-    out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Folder of the set; by default the layout's name.")
-    ] = None,
+    source: Annotated[Path, typer.Argument(help="Folder of the captures (docs/captures.md).", metavar="FOLDER")],
+    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the set.")] = BENCHMARK,
     only: Annotated[str, typer.Option(help="Regular expression for the captures' names; all by default.")] = "",
-    rays: Annotated[int, typer.Option(min=1, help="Rays per pixel for baking the captures' meshes.")] = 256,
-    places: Annotated[int, typer.Option(min=1, help="Baked maps are means over k x k points of a pixel.")] = 4,
 ) -> None:
     """Make a set from captures of real people, to be answered and scored like a generated one."""
-    from relight.benchmark.captures import BAKED_TABLE, import_captures
+    from relight.benchmark.captures import import_captures
 
-    folder = out or Path(layout)
-    found = import_captures(layout, source, folder, only, rays, places)
-    if (folder / BAKED_TABLE).is_file():
-        print(f"measured and baked transport compared: {folder / BAKED_TABLE}")
-    print(f"{folder}: set {found[:16]}")
+    print(f"{out}: set {import_captures(source, out, only)[:16]}")
 
 
 @app.command()
@@ -92,14 +83,16 @@ def report(
     answers: Annotated[
         list[Path], typer.Argument(help="Folders of answers that were scored on the same set.", metavar="FOLDERS")
     ],
-    out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the tables.")] = Path("."),
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", help="Folder of the tables; by default the one that holds the first.")
+    ] = None,
 ) -> None:
     """Compare scored answers in tables: CSV, Markdown and LaTeX."""
     from relight.benchmark.score import read_scores
     from relight.evaluation.formats import write_tables
 
     for name, section in show([read_scores(folder) for folder in answers]).items():
-        write_tables(out / name, section.title, section.note, section.grid)
+        write_tables((out or answers[0].parent) / name, section.title, section.note, section.grid)
 
 
 def show(rows: list) -> dict:

@@ -1,7 +1,6 @@
 """Reads and writes the files of the benchmark: sets of pictures, and methods' answers (docs/benchmark.md)."""
 
 import json
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -13,21 +12,13 @@ from PIL import Image
 
 from relight.benchmark.measures import Intrinsics
 from relight.benchmark.shots import Shot
+from relight.crop import MASK_THRESHOLD, Crop, crop_around
 from relight.files import UserError, atomic_write, existing_file, file_hash
-from relight.photos.crop import MASK_THRESHOLD, Crop, crop_around
 
 INDEX = "index.json"
 PICTURES = ("ratio", "full")  # relit pictures: the photograph times a gain, and rendered from maps alone
 MAPS = {"albedo": 3, "shading": 3, "transport": 9}  # number of channels, on the square
 KEYS = (*PICTURES, *MAPS, "light")
-
-
-def capture_pattern(text: str) -> re.Pattern[str]:
-    """Compiles a regular expression for the names of captures; raises UserError if it is none."""
-    try:
-        return re.compile(text)
-    except re.error as error:
-        raise UserError(f"{text!r} is not a regular expression ({error}): give one for the names of captures") from None
 
 
 @dataclass(frozen=True)
@@ -140,11 +131,8 @@ class BenchmarkSet:
         return to_intrinsics(arrays, square_mask(entry)), arrays["full"]
 
     def maps(self, entry: Entry) -> Path:
-        """Returns the file of the true maps at the photograph's pixels. Raises UserError if there is none."""
-        path = self.folder / "truth" / f"{entry.name}.exr"
-        if not path.is_file():
-            raise UserError(f"{self.folder} has no true maps: answer it by --method network or as_it_is")
-        return path
+        """Returns the file of the true maps at the photograph's pixels. Raises UserError if it is missing."""
+        return existing_file(self.folder / "truth" / f"{entry.name}.exr", "true maps")
 
 
 def square_mask(entry: Entry) -> np.ndarray:

@@ -74,7 +74,6 @@ def render_missing(missing: list[Recipe], folder: Path, settings: Settings) -> I
         for recipe in group:
             picture = render_picture(recipe, mesh, settings)
             info = {"name": recipe.name, "subject": mesh.info["subject"], "view": asdict(recipe.view)}
-            assert picture.maps is not None  # only imported photographs have none
             picture.maps.info = {**picture.maps.info, **info}
             save_picture(folder, recipe.name, mesh.info["name"], asdict(recipe), picture)
             yield recipe
@@ -96,8 +95,7 @@ def make_mesh(seed: int, settings: Settings) -> Mesh:
 def save_picture(folder: Path, name: str, figure: str, recipe: dict, picture: Picture) -> None:
     """Writes one picture. Its folder of inputs is written last, so its presence means that the picture is complete."""
     truth, inputs = folder / "truth", folder / "inputs"
-    if picture.maps:
-        write_maps(truth / f"{name}.exr", picture.maps)
+    write_maps(truth / f"{name}.exr", picture.maps)
     for variant, shot in sorted(picture.shots.items(), reverse=True):  # the picture itself, "", comes last
         with atomic_folder(inputs / (f"{name}+{variant}" if variant else name)) as tmp:
             Image.fromarray(np.ascontiguousarray(shot.photo)).save(tmp / "photo.png")

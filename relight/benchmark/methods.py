@@ -9,12 +9,12 @@ import numpy as np
 from PIL import Image
 
 from relight.benchmark.files import BenchmarkSet, Entry, square_mask, write_arrays
+from relight.crop import fill_outside
 from relight.files import UserError, atomic_write, file_hash, writable_folder
 from relight.maps import read_maps
 from relight.panoramas import project, read_panorama
 from relight.photos.api import Relighter, load
 from relight.photos.color import apply_gain, to_srgb8
-from relight.photos.crop import fill_outside
 from relight.photos.infer import Person
 from relight.photos.render import render
 from relight.photos.shading import shading, shading_floor, shading_ratio

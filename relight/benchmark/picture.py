@@ -1,7 +1,6 @@
 """Renders one picture of the benchmark: a path-traced figure as a camera takes it, with its ground truth."""
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,11 +11,11 @@ from relight.benchmark.measures import Intrinsics
 from relight.benchmark.recipes import Recipe
 from relight.benchmark.shots import Shot, variants
 from relight.config import NO_AUGMENTATION
+from relight.crop import Crop, figure_means
 from relight.learning.augment import simulate_camera
 from relight.maps import Maps
 from relight.meshes import Mesh
 from relight.panoramas import Panorama, project
-from relight.photos.crop import MASK_THRESHOLD, Crop
 from relight.photos.environment import camera_view
 from relight.srgb import encode, to_bytes
 from relight.transport import Baker
@@ -63,7 +62,7 @@ class Picture:
         shots: the photograph, under "", and its variants by name.
         light: of the photograph, in the camera's frame.
         new: the N new lights, in the camera's frame.
-        maps: ground truth at the photograph's pixels, or None.
+        maps: ground truth at the photograph's pixels.
         relit: (N,H,W,3) uint8, true pictures in the new lights, black around the figure.
         truth: ground truth on the square of the photograph.
     """
@@ -71,7 +70,7 @@ class Picture:
     shots: dict[str, Shot]
     light: Panorama
     new: list[Panorama]
-    maps: Maps | None
+    maps: Maps
     relit: np.ndarray
     truth: Intrinsics
 
@@ -138,17 +137,5 @@ def on_square(maps: Maps, shading: np.ndarray, light: np.ndarray, box: Crop) -> 
         light: (9,3).
         box: the square in the picture.
     """
-    inside, mean = figure_means(maps, box)
+    inside, mean = figure_means(maps.coverage, maps.mask, box)
     return Intrinsics(inside, mean(maps.albedo), mean(maps.transport), mean(shading), light)
-
-
-def figure_means(maps: Maps, box: Crop) -> tuple[np.ndarray, Callable[[np.ndarray], np.ndarray]]:
-    """Returns the mask (S,S) of a square, and a function from values (H,W,C) to their means over the figure (S,S,C)."""
-    inside = box.extract(to_bytes(maps.coverage)) >= MASK_THRESHOLD
-    weight = maps.coverage * maps.mask  # maps are zero where the figure does not cover the pixel's centre
-    total = np.maximum(box.extract(weight), 1e-3)[..., None]
-
-    def mean(values: np.ndarray) -> np.ndarray:
-        return box.extract(values * weight[..., None]) / total * inside[..., None]
-
-    return inside, mean

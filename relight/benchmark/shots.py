@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import binary_dilation, binary_erosion
 
-from relight.photos.crop import MASK_THRESHOLD, Crop, crop_around
+from relight.crop import MASK_THRESHOLD, Crop, crop_around
 
 SHIFTS = (4, 8)  # pixels of the square
 LARGER, SMALLER = 1.15, 0.93  # factors on the side of the square

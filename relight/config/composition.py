@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 ROOT = _PACKAGE.parent
-IS_CLONE = (ROOT / "Snakefile").exists()  # else relight was installed from a wheel, with conf/ in the package
+IS_CLONE = (ROOT / "workflow" / "Snakefile").exists()  # else a wheel was installed, with conf/ in the package
 CONF = (ROOT if IS_CLONE else _PACKAGE) / "conf"
 
 

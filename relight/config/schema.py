@@ -38,10 +38,6 @@ class Figures:
     garments: list[str] = setting("names of garments that every figure wears; [] for any")
     hair: list[str] = setting("names of the hair styles to draw from; [] for all")
     shading: float = setting("strength of the shading baked into the albedo, to imitate scans", least=0, most=1)
-    device: str = setting(
-        "device of the cloth simulation; figures are reproducible on devices of one kind only",
-        choices=("cpu", "cuda", "auto"),
-    )
     version: int = setting(VERSION, least=0)
 
 

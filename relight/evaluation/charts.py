@@ -122,7 +122,7 @@ def plot_curves(curves: list[Path], out: Path) -> None:
     Raises:
         UserError: if a file is not a training curve, or none has a loss.
     """
-    data = {path: read_table(path, "training curve", ["step"], "relight-train") for path in curves}
+    data = {path: read_table(path, "training curve", ["step"], "the stage train") for path in curves}
     names = dict.fromkeys(name for curve in data.values() for name in curve)
     shown = [name for name in names if name not in ("step", "lr", "loss") and not name.startswith(VALIDATION)]
     rows = list(dict.fromkeys(TrainingName.parse(path.stem).row for path in curves))

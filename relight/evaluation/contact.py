@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from relight.crop import fill_outside
 from relight.evaluation.canvas import CELL, FAINT, Canvas, ball, bounding_box, composite
 from relight.evaluation.metrics import shade
 from relight.files import UserError
 from relight.lights import measure
 from relight.maps import LeftOut, Maps, read_info, read_maps
-from relight.photos.crop import fill_outside
 from relight.progress import progress
 from relight.srgb import encode
 

@@ -169,7 +169,7 @@ def tables(path: Path, settings: config.Evaluate) -> dict[str, Grid]:
     Raises:
         UserError: if the file is not such a table.
     """
-    found = read_table(path, "errors against path tracing", [*KEYS, *COLUMNS], "relight-path-traced")
+    found = read_table(path, "errors against path tracing", [*KEYS, *COLUMNS], "the stage path_traced")
     found["row"] = [TrainingName.parse(name).row for name in found["name"]]
     figures, values = found["figure"].nunique(), dict(list(found.groupby(["kind", "row"], sort=False)))
     networks = {row: label(row) for kind, row in values if kind == "answer" and row not in ANSWERS}

@@ -57,11 +57,11 @@ def read_scores(path: Path) -> dict[str, Scores]:
     Raises:
         UserError: if the file is not a table of scores, or a figure lacks a light.
     """
-    table = read_table(path, "scores", KEYS, "relight-evaluate")
+    table = read_table(path, "scores", KEYS, "the stage evaluate")
     try:
         return {name: _grid(rows) for name, rows in table.groupby("predictor", sort=False)}
     except ValueError as error:
-        raise UserError(f"{path} is not a table of scores, as relight-evaluate writes it ({error})") from None
+        raise UserError(f"{path} is not a table of scores, as the stage evaluate writes it ({error})") from None
 
 
 def read_table(path: Path, what: str, columns: list[str], writer: str) -> pd.DataFrame:

@@ -128,5 +128,5 @@ def read_times(path: Path) -> pd.DataFrame:
     Raises:
         UserError: if it is not such a table.
     """
-    table = read_table(path, "times", COLUMNS, "relight-inference-time")
+    table = read_table(path, "times", COLUMNS, "the stage inference_time")
     return table.assign(share=table.gflop / table.wall / table.rate)

@@ -105,7 +105,7 @@ def read_scenes(path: Path) -> list[Scene]:
     try:
         found = [{name: stored[f"{i}.{name}"] for name in names} for i in range(count)]
     except KeyError as error:
-        raise UserError(f"{path} is not a file of relight-trace ({error})") from None
+        raise UserError(f"{path} is not a file of the stage trace ({error})") from None
     return [
         Scene(int(figure), int(seen), int(new), *arrays)
         for figure, seen, new, *arrays in ([one[name] for name in names] for one in found)

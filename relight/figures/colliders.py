@@ -1,4 +1,4 @@
-"""Warp's setup and device, and collision meshes: nearest faces and ray casts."""
+"""Warp's setup, and collision meshes: nearest faces and ray casts."""
 
 import os
 import sys
@@ -12,10 +12,8 @@ from platformdirs import user_cache_path
 
 from relight.figures.kernels import cast_rays, find_nearest_faces
 from relight.figures.surfaces import normals
-from relight.files import UserError
 
 wp.config.log_level = wp.LOG_ERROR
-DEVICES = ("cpu", "cuda", "auto")
 
 
 def init_warp() -> None:
@@ -41,24 +39,6 @@ def without_driver_messages() -> Iterator[None]:
             os.close(stderr)
             file.seek(0)
             os.write(2, b"".join(line for line in file if b"CUDA driver" not in line))
-
-
-def use_device(device: str) -> wp.ScopedDevice:
-    """Returns a context in which cloth is simulated on a device.
-
-    Args:
-        device: cpu | cuda | auto (cuda where there is a GPU).
-
-    Raises:
-        UserError: for another name, and for cuda without a GPU.
-    """
-    if device not in DEVICES:
-        raise UserError(f"figures.device is {device!r}; it must be one of {', '.join(DEVICES)}")
-    init_warp()
-    has_gpu = wp.is_cuda_available()
-    if device == "cuda" and not has_gpu:
-        raise UserError("figures.device is cuda, but there is no usable NVIDIA GPU here; cpu or auto would do")
-    return wp.ScopedDevice("cuda" if has_gpu and device != "cpu" else "cpu")
 
 
 def vec3_array(values: np.ndarray) -> wp.array:

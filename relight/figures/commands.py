@@ -45,9 +45,6 @@ def figures(
         list[str] | None, typer.Option(help="A hair style; if repeated, each figure takes one of them.")
     ] = None,
     names: Annotated[bool, typer.Option("--names", help="List all poses, garments and hair styles, and exit.")] = False,
-    device: Annotated[
-        str, typer.Option(help="Where cloth is draped: cpu, cuda or auto. Results differ between kinds of devices.")
-    ] = "cpu",
     jobs: Annotated[int, typer.Option(min=1, help="Figures made at the same time, about 1 GB of memory each.")] = 1,
 ) -> None:
     """Make clothed figures. A seed always gives the same figure; figures.csv lists all figures of the folder.
@@ -57,7 +54,6 @@ def figures(
     """
     import multiprocessing
 
-    from relight.figures.colliders import DEVICES
     from relight.figures.constraints import GARMENTS, HAIR, POSES, Constraints
     from relight.figures.dress import DETAILS
     from relight.figures.export import FORMATS
@@ -74,14 +70,11 @@ def figures(
         raise UserError(f"--export {export}: it must be {' or '.join(FORMATS)}")
     if detail not in DETAILS:
         raise UserError(f"--detail {detail}: it must be {' or '.join(DETAILS)}")
-    if device not in DEVICES:
-        raise UserError(f"--device {device}: it must be one of {', '.join(DEVICES)}")
     settings = {
         "detail": detail,
         "texture": texture,
         "per_subject": per_subject,
         "shading": shading,
-        "device": device,
         "constraints": Constraints(sitting, tuple(pose or ()), tuple(garment or ()), tuple(hair or ())),
     }
     tasks = [(seed, settings, out / f"g{seed:04d}.{export}") for seed in numbers]

@@ -7,7 +7,6 @@ order (Gauss-Seidel), so results are the same to the last bit in every process.
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from itertools import count, pairwise
 
 import numpy as np
 import scipy.sparse as sparse
@@ -90,18 +89,6 @@ class SolverSettings:
     self_contact: bool = True
 
 
-def greedy_colouring(pairs: np.ndarray) -> np.ndarray:
-    """Returns colours (m,) of pairs (m,2), greedy in the order given, so that pairs of one colour share no vertex."""
-    taken: list[set[int]] = [set() for _ in range(int(pairs.max()) + 1)]
-    color = np.empty(len(pairs), int)
-    for k, (i, j) in enumerate(pairs.tolist()):
-        used = taken[i] | taken[j]
-        color[k] = next(c for c in count() if c not in used)
-        taken[i].add(color[k])
-        taken[j].add(color[k])
-    return color
-
-
 def bending_pairs(faces: np.ndarray) -> np.ndarray:
     """Returns the two vertices opposite each inner edge (m,2), in the order of `surfaces.edges`."""
     edge_vertices, face_edge, uses = edges(faces)
@@ -122,15 +109,12 @@ class ClothSolver:
         rest_shape: (n,3) vertices of the pattern, metres; they define the rest lengths.
         faces: (F,3).
         cloth: the fabric's properties.
-        parallel: whether constraints are solved in batches that share no vertex, as a GPU needs it. Default: on a GPU.
 
     Attributes:
         edges: (E,2) the edges.
-        batch_offsets: where the batches of constraints begin and end; one batch if they are solved in sequence.
     """
 
-    def __init__(self, rest_shape: np.ndarray, faces: np.ndarray, cloth: Cloth, parallel: bool | None = None):
-        parallel = wp.get_device().is_cuda if parallel is None else parallel
+    def __init__(self, rest_shape: np.ndarray, faces: np.ndarray, cloth: Cloth):
         self.cloth, self.n = cloth, len(rest_shape)
         self.edges = edges(faces)[0]
         bend = bending_pairs(faces)
@@ -141,12 +125,6 @@ class ClothSolver:
         # shorter edges bend at more places: without this factor a finer mesh would be stiffer cloth
         bend_factor = min(1.0, self.edge_length.mean() / BEND_EDGE) ** 1.5
         stiffness = np.r_[np.full(len(bend), cloth.bend * bend_factor), np.ones(len(self.edges))]
-        self.batch_offsets = [0, len(pairs)]
-        if parallel:
-            color = greedy_colouring(pairs)
-            order = np.argsort(color, kind="stable")
-            pairs, stiffness, length = pairs[order], stiffness[order], length[order]
-            self.batch_offsets = [0, *np.cumsum(np.bincount(color)).tolist()]
         self.pairs: wp.array = wp.array(pairs.astype(np.int32), dtype=wp.vec2i)
         self.rest_length: wp.array = wp.array((length * (1 + cloth.extra_length)).astype(np.float32), dtype=float)
         self.stiffness: wp.array = wp.array(stiffness.astype(np.float32), dtype=float)
@@ -173,16 +151,9 @@ class ClothSolver:
         return np.linalg.norm(x[self.edges[:, 0]] - x[self.edges[:, 1]], axis=1) / self.edge_length
 
     def solve_constraints(self, iterations: int) -> None:
-        """Solves all distance constraints in sequence, or batch by batch where they are solved in parallel."""
-        constraints = [self.x, self.pairs, self.rest_length, self.stiffness]
-        if len(self.batch_offsets) == 2:
-            inputs = [*constraints, 0, self.batch_offsets[1], 1, iterations]
-            wp.launch(solve_distance_constraints, dim=1, inputs=inputs)
-            return
-        for _ in range(iterations):
-            for first, last in pairwise(self.batch_offsets):
-                inputs = [*constraints, first, last, last - first, 1]
-                wp.launch(solve_distance_constraints, dim=last - first, inputs=inputs)
+        """Solves all distance constraints in sequence."""
+        inputs = [self.x, self.pairs, self.rest_length, self.stiffness, len(self.pairs), iterations]
+        wp.launch(solve_distance_constraints, dim=1, inputs=inputs)
 
     def contacts(self, collider: Collider) -> list[wp.array]:
         """Returns the arrays that `resolve_contacts` needs of the nearest faces and the collider."""

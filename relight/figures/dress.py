@@ -31,11 +31,10 @@ def make_figure(
     texture: int = 1024,
     per_subject: int = 1,
     shading: float = 0.0,
-    device: str = "cpu",
     outfits: int = 1,
     constraints: Constraints = UNCONSTRAINED,
 ) -> Mesh:
-    """Makes the figure of an integer seed, the same in every process on machines of one kind and with one device.
+    """Makes the figure of an integer seed, the same in every process on machines of one kind.
 
     Args:
         seed: 0 or more.
@@ -44,7 +43,6 @@ def make_figure(
         per_subject: number of consecutive seeds, from a multiple of it on, that are one person in one outfit, in
             other poses and expressions.
         shading: strength in [0, 1] of the shading that is baked into the albedo, as scans have it.
-        device: cpu | cuda | auto, where cloth is simulated.
         outfits: number of outfits; the materials of those after the first are in the mesh's `outfits`.
         constraints: on what is otherwise drawn at random.
 
@@ -63,12 +61,12 @@ def make_figure(
         raise UserError(f"a figure needs per_subject >= 1 and a shading in [0, 1], not {per_subject} and {shading}")
     if outfits < 1:
         raise UserError(f"a figure needs outfits >= 1, not {outfits}")
+    colliders.init_warp()
     reasons: list[str] = []
     sits = constraints.sitting
     for attempt in range(ATTEMPTS):
-        with colliders.use_device(device):
-            draw = sample(seed, attempt, per_subject, sits, constraints)
-            mesh, reason = attempt_figure(draw, seed, DETAILS[detail], texture, per_subject, outfits)
+        draw = sample(seed, attempt, per_subject, sits, constraints)
+        mesh, reason = attempt_figure(draw, seed, DETAILS[detail], texture, per_subject, outfits)
         if mesh is not None:
             mesh = shaded(mesh, shading)
             mesh.info |= {"detail": detail, "redrawn": attempt, "redrawn_because": reasons}

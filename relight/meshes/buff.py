@@ -9,8 +9,9 @@ side, and the frame nearest to each mean is selected.
 
 import csv
 import re
-from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
+from itertools import groupby, islice
 from pathlib import Path
 
 import numpy as np
@@ -96,19 +97,18 @@ def silhouettes(vertices: np.ndarray) -> np.ndarray:
     return np.stack(images).reshape(-1)
 
 
-def select_frames(folder: Path | str, out: Path | str, count: int = 74, stride: int = 5, seed: int = 0) -> int:
+def select_frames(folder: Path | str, out: Path | str, count: int = 74, stride: int = 5) -> int:
     """Selects frames of BUFF and writes them to a table that `list_scans` reads and a user may edit.
 
-    All combinations of subject and outfit get the same number of frames; the remainder is distributed at random. Frames
-    that cannot be read are skipped. The table has one row per frame: use, name, subject, path, outfit, motion, frame,
-    and stands_for, the number of frames in its cluster.
+    Each combination of subject and outfit gets an equal share of the frames. Frames that cannot be read are skipped.
+    The table has one row per frame: use, name, subject, path, outfit, motion, frame, and stands_for, the number of
+    frames in its cluster.
 
     Args:
         folder: of BUFF.
         out: the table, best `scans.csv` in the folder.
         count: of the frames.
         stride: every `stride`-th frame of a sequence is read.
-        seed: of the clustering.
 
     Returns:
         How many frames were selected.
@@ -119,24 +119,22 @@ def select_frames(folder: Path | str, out: Path | str, count: int = 74, stride: 
     folder, out = Path(folder), Path(out)
     if out.exists():
         raise UserError(f"{out} is there already, and may have been edited: delete it, or name another file")
+    sequences = groupby(list_frames(folder), key=lambda frame: (frame.subject, frame.outfit, frame.motion))
+    frames = [frame for _, sequence in sequences for frame in islice(sequence, 0, None, stride)]
     groups: dict[tuple[str, str], dict[BuffFrame, np.ndarray]] = {}
-    for frame in progress(list(_strided(list_frames(folder), stride)), "BUFF frames"):
-        try:
+    for frame in progress(frames, "BUFF frames"):
+        with suppress(UserError):
             shape = silhouettes(read_mesh(frame.path).vertices)
-        except UserError:
-            continue
-        groups.setdefault((frame.subject, frame.outfit), {})[frame] = shape
+            groups.setdefault((frame.subject, frame.outfit), {})[frame] = shape
     if not groups:
         raise UserError(f"{folder}: no frame can be read")
-    shares = _even_shares([len(group) for group in groups.values()], count, seed)
-    chosen = [
-        row for group, share in zip(groups.values(), shares) for row in cluster_representatives(group, share, seed)
-    ]
+    shares = map(len, np.array_split(np.arange(count), len(groups)))
+    chosen = [row for group, share in zip(groups.values(), shares) for row in cluster_representatives(group, share)]
     _write_table(sorted(chosen, key=lambda row: row[0].name), stride, out)
     return len(chosen)
 
 
-def cluster_representatives(shapes: dict[BuffFrame, np.ndarray], count: int, seed: int) -> list[tuple[BuffFrame, int]]:
+def cluster_representatives(shapes: dict[BuffFrame, np.ndarray], count: int) -> list[tuple[BuffFrame, int]]:
     """Returns the frames nearest to the means of `count` clusters of silhouettes, and the sizes of the clusters."""
     from sklearn.cluster import KMeans
 
@@ -144,7 +142,7 @@ def cluster_representatives(shapes: dict[BuffFrame, np.ndarray], count: int, see
     count = min(count, len(np.unique(features, axis=0)))  # frames may be identical
     if not count:
         return []
-    means = KMeans(count, n_init=4, random_state=seed).fit(features)
+    means = KMeans(count, n_init=4, random_state=0).fit(features)
     distance = np.linalg.norm(features - means.cluster_centers_[means.labels_], axis=-1)
     members = [np.flatnonzero(means.labels_ == cluster) for cluster in range(count)]
     return [(frames[inside[distance[inside].argmin()]], len(inside)) for inside in members]
@@ -162,24 +160,3 @@ def _write_table(rows: list[tuple[BuffFrame, int]], stride: int, out: Path) -> N
             table.writerow(
                 [1, frame.name, frame.subject, file_name, frame.outfit, frame.motion, frame.number, size * stride]
             )
-
-
-def _strided(frames: list[BuffFrame], stride: int) -> Iterator[BuffFrame]:
-    """Yields every `stride`-th frame of each sequence."""
-    seen: dict[tuple[str, str, str], int] = {}
-    for frame in frames:
-        key = (frame.subject, frame.outfit, frame.motion)
-        if seen.setdefault(key, 0) % stride == 0:
-            yield frame
-        seen[key] += 1
-
-
-def _even_shares(sizes: list[int], count: int, seed: int) -> list[int]:
-    """Distributes `count` evenly over groups of these sizes, to each no more than its size."""
-    shares = [0] * len(sizes)
-    order = np.random.default_rng(seed).permutation(len(sizes))
-    while sum(shares) < min(count, sum(sizes)):
-        for group in order:
-            if shares[group] < sizes[group] and sum(shares) < count:
-                shares[group] += 1
-    return shares

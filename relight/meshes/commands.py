@@ -52,8 +52,6 @@ def check(
 def pick(
     folder: Annotated[Path, typer.Argument(help="BUFF, unpacked.")],
     count: Annotated[int, typer.Option(min=1, help="Frames to select.")] = 74,
-    stride: Annotated[int, typer.Option(min=1, help="Read one in this many frames of a sequence.")] = 5,
-    seed: Annotated[int, typer.Option(help="Seed of the clustering.")] = 0,
     out: Annotated[Path | None, typer.Option(help="The table; by default scans.csv in the folder.")] = None,
 ) -> None:
     """Select representative frames of BUFF, and write them to a table that you can edit."""
@@ -61,4 +59,4 @@ def pick(
     from relight.meshes.scans import TABLE
 
     out = out or folder / TABLE
-    print(f"{select_frames(folder, out, count, stride, seed)} frames in {out}")
+    print(f"{select_frames(folder, out, count)} frames in {out}")

@@ -9,11 +9,11 @@ from typing import Unpack
 import numpy as np
 from PIL import Image
 
+from relight.crop import MASK_THRESHOLD, Crop
 from relight.files import UserError, existing_file
 from relight.inference import PhotoNetwork, read_onnx
 from relight.lights import Light, LightOptions
 from relight.photos.background import Background, read_background
-from relight.photos.crop import MASK_THRESHOLD, Crop
 from relight.photos.infer import Person, balanced, infer_person, mean_exposure_factor, mean_light
 from relight.photos.mask import find_mask, split_people
 from relight.photos.read import Photo, is_picture, mask_beside, mask_from_image, photo_from_image, read_photo

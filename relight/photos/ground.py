@@ -16,7 +16,7 @@ import numpy as np
 from PIL import Image
 from scipy.ndimage import distance_transform_edt, gaussian_filter, label
 
-from relight.photos.crop import MASK_THRESHOLD
+from relight.crop import MASK_THRESHOLD
 from relight.photos.environment import FIELD_OF_VIEW
 from relight.sh import basis
 from relight.transport.sampling import vogel_directions

@@ -6,10 +6,10 @@ from functools import cached_property
 
 import numpy as np
 
+from relight.crop import MASK_THRESHOLD, Crop, crop_around
 from relight.inference import PhotoNetwork
 from relight.panoramas import luminance
 from relight.photos.color import chroma
-from relight.photos.crop import MASK_THRESHOLD, Crop, crop_around
 from relight.photos.shading import exposure_factor, shading, shading_floor, shading_ratio
 from relight.photos.upsample import FittedMap, Guide, fit_map, luma, square_root
 from relight.srgb import LINEAR, decode, encode

@@ -13,12 +13,12 @@ from typing import TypeVar
 
 import numpy as np
 
+from relight.crop import Crop, crop_around
 from relight.files import UserError
 from relight.lights import Light
 from relight.photos.api import Relighter, match_exposure
 from relight.photos.background import Background
 from relight.photos.color import to_srgb8
-from relight.photos.crop import Crop, crop_around
 from relight.photos.infer import Person, balanced
 from relight.photos.mask import find_mask
 from relight.photos.photo import Options, downscale

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import distance_transform_edt, maximum_filter, minimum_filter, uniform_filter
 
-from relight.photos.crop import Crop
+from relight.crop import Crop
 from relight.srgb import LUMINANCE
 
 RADIUS = 2  # of a window, pixels of the square
@@ -50,7 +50,7 @@ class Guide:
         return self._mean((self._mean(self.values * maps) - self._average * level) / (self._variance + smooth))
 
     def fill_outside(self, maps: np.ndarray) -> np.ndarray:
-        """As relight.photos.crop.fill_outside, for maps (S,S,C) of this mask."""
+        """As relight.crop.fill_outside, for maps (S,S,C) of this mask."""
         return np.asarray(maps, np.float32)[self._nearest]
 
     def _mean(self, values: np.ndarray) -> np.ndarray:

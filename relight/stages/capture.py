@@ -8,11 +8,11 @@ from relight.files import UserError
 from relight.stages.stage import stage
 
 
-@stage("capture", figure="name of the capture, such as C003.P00.Cam07", out="maps (.exr)")
+@stage("capture", figure="name of the capture, such as anna.front", out="maps (.exr)")
 def main(figures: Figures, size: int, figure: str, out: Path) -> None:
     """Writes the measured maps of a capture, or the record of a left-out figure."""
-    from relight.benchmark.captures import training_maps
-    from relight.benchmark.humanolat import capture_subject, list_captures
+    from relight.captures.capture import capture_subject, list_captures
+    from relight.captures.maps import training_maps
     from relight.maps import write_left_out, write_maps
 
     if figures.folder is None:
@@ -24,7 +24,7 @@ def main(figures: Figures, size: int, figure: str, out: Path) -> None:
         write_maps(out, training_maps(captures[figure], size))
     except UserError as error:
         print(f"{figure} is left out: {error}", file=sys.stderr)
-        write_left_out(out, {"name": figure, "subject": capture_subject(captures[figure])}, str(error))
+        write_left_out(out, {"name": figure, "subject": capture_subject(figure)}, str(error))
 
 
 if __name__ == "__main__":

@@ -29,7 +29,6 @@ def main(figures: Figures, figure: str, out: Path) -> None:
             figures.texture,
             figures.per_subject,
             figures.shading,
-            figures.device,
             figures.outfits,
             Constraints(figures.sitting, *names),
         )

@@ -91,9 +91,6 @@ def web_build(
     size: Annotated[
         int, typer.Option(min=64, max=4096, help="Longer side of the photos to show first, pixels.")
     ] = 1024,
-    webgpu: Annotated[
-        bool, typer.Option("--webgpu", help="Browsers with WebGPU load 13 MB more and use the GPU.")
-    ] = False,
     weights: Annotated[Path | None, typer.Option("--weights", "-w", help="A network (.onnx).")] = None,
 ) -> None:
     """Write the site to the folder DIR, for any static web server."""
@@ -107,7 +104,7 @@ def web_build(
         raise UserError(f"{network}: a site needs an .onnx file; `relight export` writes one of a checkpoint")
     relighter = load(network)
     figures = [figure_of(path, relighter, size=size) for path in paths or ()] or [portrait(relighter)]
-    build_site(out, network, relighter.network.size, figures, named_lights(light or ()), title, webgpu)
+    build_site(out, network, relighter.network.size, figures, named_lights(light or ()), title)
     size = sum(path.stat().st_size for path in out.iterdir())
     typer.echo(f"{out}: {size / 1e6:.0f} MB")
     typer.echo(f"to look at it: python -m http.server --bind 127.0.0.1 --directory {out}, then http://127.0.0.1:8000")

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from relight.crop import fill_outside
 from relight.files import UserError
 from relight.maps import Maps
 from relight.photos.color import CLIPPING, chroma, clipping_excess
-from relight.photos.crop import fill_outside
 from relight.photos.render import estimate_foreground
 from relight.photos.shading import shading, shading_floor
 from relight.sh import coefficient_count
@@ -99,7 +99,7 @@ def differences(codes: np.ndarray) -> np.ndarray:
 def pack(figure: Figure, transport_steps: int, background_step: int) -> tuple[dict, bytes]:
     """Codes a figure as bytes, which `page/figure.js` decodes.
 
-    Where a soft mask covers more than the maps, these are carried outward (relight.photos.crop.fill_outside).
+    Where a soft mask covers more than the maps, these are carried outward (relight.crop.fill_outside).
 
     Args:
         figure: the figure.

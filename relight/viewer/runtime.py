@@ -11,7 +11,6 @@ import shutil
 import tarfile
 import urllib.error
 import urllib.request
-from collections.abc import Sequence
 from pathlib import Path
 
 from platformdirs import user_data_path
@@ -22,11 +21,7 @@ PACKAGE, VERSION = "onnxruntime-web", "1.30.0"
 INTEGRITY = "q0y+JrrtukXSzsBWEMccVfqX25LRmosXHF+CaRJmg8pZClzcV7svNc4rKY3jL02Vb7QmRMDs1SigqR4CXAfKYQ=="  # SHA-512
 NAME = f"{PACKAGE}-{VERSION}.tgz"
 REGISTRY = "https://registry.npmjs.org"
-# Of each execution provider the script and the WebAssembly.
-FILES = {
-    "wasm": ("ort.wasm.bundle.min.mjs", "ort-wasm-simd-threaded.wasm"),
-    "webgpu": ("ort.webgpu.bundle.min.mjs", "ort-wasm-simd-threaded.asyncify.wasm"),
-}
+FILES = ("ort.wasm.bundle.min.mjs", "ort-wasm-simd-threaded.wasm")  # the script and the WebAssembly
 
 
 def package_file() -> Path:
@@ -66,15 +61,14 @@ def setup(package: Path | str | None = None) -> Path:
     return path
 
 
-def unpack(folder: Path, providers: Sequence[str] = tuple(FILES)) -> dict[str, list[Path]]:
-    """Puts the files of execution providers into `folder`.
+def unpack(folder: Path) -> list[Path]:
+    """Puts FILES into an existing folder.
 
     Args:
-        folder: an existing one.
-        providers: of FILES.
+        folder: where to put them.
 
     Returns:
-        The paths by provider, the script first.
+        Their paths, in the order of FILES.
 
     Raises:
         UserError: if the package is not set up, or damaged.
@@ -84,11 +78,11 @@ def unpack(folder: Path, providers: Sequence[str] = tuple(FILES)) -> dict[str, l
         raise UserError(f"{PACKAGE}, which runs networks in a browser, is not set up: run once `relight web setup`")
     try:
         with tarfile.open(package) as archive:
-            for name in (name for provider in providers for name in FILES[provider]):
+            for name in FILES:
                 file = archive.extractfile(f"package/dist/{name}")
                 if file is None:
                     raise KeyError(name)
                 (folder / name).write_bytes(file.read())
     except (tarfile.TarError, EOFError, KeyError):
         raise UserError(f"{package} is damaged: run `relight web setup` again") from None
-    return {provider: [folder / name for name in FILES[provider]] for provider in providers}
+    return [folder / name for name in FILES]

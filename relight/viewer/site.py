@@ -29,7 +29,6 @@ def build_site(
     figures: Sequence[Figure],
     lights: Mapping[str, np.ndarray],
     title: str = "Turn the light in a photo",
-    webgpu: bool = False,
 ) -> None:
     """Writes the site into the folder `out`, which is replaced as a whole.
 
@@ -42,7 +41,6 @@ def build_site(
         figures: what the page offers before a photo is opened, in the order shown; at least one.
         lights: as in `relight.viewer.build.build_gallery`.
         title: of the page.
-        webgpu: browsers with WebGPU load another runtime, of 27 MB in place of 14 MB, and infer on the GPU.
 
     Raises:
         UserError: if the folder holds anything else, onnxruntime-web is not set up, or for `build_gallery`'s reasons.
@@ -52,16 +50,13 @@ def build_site(
     if out.is_dir() and any(out.iterdir()) and not (out / "sw.js").is_file():
         raise UserError(f"web: the folder {out} holds other files: give a new or an empty one")
     with atomic_folder(out) as folder:
-        files = runtime.unpack(folder, ["wasm", "webgpu"] if webgpu else ["wasm"])
         shutil.copyfile(network, folder / "network.onnx")
-        files["networks"] = [folder / "network.onnx"]
+        files = [*runtime.unpack(folder), folder / "network.onnx"]
         if selfie.network_file().is_file():
             shutil.copyfile(selfie.network_file(), folder / "mask.onnx")
             shutil.copyfile(selfie.license_file(), folder / "mask.LICENSE.txt")
-            files["networks"].append(folder / "mask.onnx")
-        sizes = {
-            name: [{"name": path.name, "bytes": path.stat().st_size} for path in paths] for name, paths in files.items()
-        }
+            files.append(folder / "mask.onnx")
+        sizes = [{"name": path.name, "bytes": path.stat().st_size} for path in files]
         additions = Additions(
             script=WEB / "studio.js",
             policy=POLICY,

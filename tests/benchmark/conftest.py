@@ -1,7 +1,6 @@
 """A set of the benchmark whose pictures are painted ellipsoids: truth in closed form, no figure and no path tracer."""
 
 import numpy as np
-import olat_twin
 import pytest
 
 from relight.benchmark import make as making
@@ -100,9 +99,3 @@ def weights(tmp_path_factory):
     path = tmp_path_factory.mktemp("weights") / "tiny.safetensors"
     save_network(path, build(model, 64), model, train={"color": "photo"})
     return path
-
-
-@pytest.fixture(scope="session")
-def humanolat(tmp_path_factory):
-    """A folder in HumanOLAT's layout: one pose of one twin, from two cameras."""
-    return olat_twin.write(tmp_path_factory.mktemp("olat"), cameras=(1, 3))

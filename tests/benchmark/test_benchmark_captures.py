@@ -1,40 +1,42 @@
 """Captures become sets: their truth against formulas, their scores, and what is refused."""
 
-import csv
-import hashlib
-import json
-import re
-import shutil
-
+import capture_twin
 import numpy as np
-import olat_twin as twin
 import pytest
-from PIL import Image
 from scipy.ndimage import binary_erosion
 from typer.testing import CliRunner
 
-from relight.benchmark.captures import SQUARE_SIZE, WHITE_ALBEDO, import_captures
-from relight.benchmark.files import BenchmarkSet, read_arrays, write_arrays
-from relight.benchmark.humanolat import captures
-from relight.benchmark.methods import answer, new_lights
+from relight.benchmark.captures import SQUARE_SIZE, Panoramas, blur_to_spacing, import_captures
+from relight.benchmark.files import BenchmarkSet
+from relight.benchmark.methods import answer
 from relight.benchmark.score import ABSOLUTE, read_scores, score
+from relight.captures.capture import read_capture
+from relight.captures.maps import WHITE_ALBEDO
 from relight.cli import app
 from relight.files import UserError
 from relight.maps import read_maps
-from relight.panoramas import project, read_panorama
+from relight.panoramas import Panorama, generate_room, project, read_panorama
+from relight.panoramas.radiosity import view_directions
 from relight.photos.environment import lookup
-from relight.sh import sphere_quadrature, unoccluded
-from relight.srgb import LINEAR, encode, to_bytes
+from relight.sh import sphere_quadrature
+from relight.srgb import encode, to_bytes
 
 
 @pytest.fixture(scope="module")
-def brought(humanolat, tmp_path_factory):
+def captures(tmp_path_factory):
+    """Two views of one person."""
+    folder = tmp_path_factory.mktemp("captures")
+    for name, number in (("anna.front", 0), ("anna.left", 2)):
+        capture_twin.write_capture(folder, name, number)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def imported(captures, tmp_path_factory):
     """The set of the twin, by the command."""
-    folder = tmp_path_factory.mktemp("sets") / "humanolat"
-    says = CliRunner().invoke(
-        app, ["benchmark", "import", "humanolat", str(humanolat), "-o", str(folder), "--rays", "64", "--places", "1"]
-    )
-    assert says.exit_code == 0 and f"{folder}: set {BenchmarkSet(folder).hash[:16]}" in says.output, says.output
+    folder = tmp_path_factory.mktemp("sets") / "captures"
+    result = CliRunner().invoke(app, ["benchmark", "import", str(captures), "-o", str(folder)])
+    assert result.exit_code == 0 and f"{folder}: set {BenchmarkSet(folder).hash[:16]}" in result.output, result.output
     return folder
 
 
@@ -46,19 +48,19 @@ def true_picture(seen, panorama, turn):
     total = np.zeros((len(point), 3))
     for toward, weight, light in zip(directions, weights, radiance):
         facing = np.flatnonzero(normal @ toward > 0)
-        free = twin.visible(point[facing], normal[facing], np.broadcast_to(toward, (len(facing), 3)))
+        free = capture_twin.visible(point[facing], normal[facing], np.broadcast_to(toward, (len(facing), 3)))
         total[facing[free]] += weight * (normal[facing[free]] @ toward)[:, None] * light
     return total
 
 
-def test_the_truth_is_that_of_the_formulas(humanolat, brought):
+def test_the_truth_is_that_of_the_formulas(captures, imported):
     """Pictures, shading, albedo, normals, transport and light, up to the one factor that no frame tells."""
-    benchmark = BenchmarkSet(brought)
+    benchmark = BenchmarkSet(imported)
     benchmark.verify()
-    entry = next(one for one in benchmark.entries if one.name == "T001.P00.Cam01")
-    assert not benchmark.scaled and entry.figure == "T001" and entry.side == SQUARE_SIZE and entry.new == 4
-    capture = next(captures(humanolat))
-    seen, maps = twin.surface(0), read_maps(benchmark.maps(entry))
+    entry = next(one for one in benchmark.entries if one.name == "anna.front")
+    assert not benchmark.scaled and entry.figure == "anna" and entry.side == SQUARE_SIZE and entry.new == 4
+    capture = read_capture(captures / "anna.front")
+    seen, maps = capture_twin.surface(0), read_maps(benchmark.maps(entry))
     mask, turn = seen["mask"], capture.camera.rotation
     inner = binary_erosion(mask, iterations=2)
     assert np.array_equal(maps.mask, mask) and maps.info["measured"]["lamps"] == 331
@@ -74,7 +76,7 @@ def test_the_truth_is_that_of_the_formulas(humanolat, brought):
         assert np.abs(picture[mask].astype(int) - codes).mean() < 2
         assert not picture[~mask].any()
     true, _ = benchmark.truth(entry)
-    light = read_panorama(brought / "truth" / f"{entry.name}.light.exr")
+    light = read_panorama(imported / "truth" / f"{entry.name}.light.exr")
     assert np.allclose(true.light, project(light, 2), rtol=1e-4, atol=1e-4)
     photo, linear = entry.shot().photo, np.median(ratio) * seen["albedo"][mask] * true_picture(seen, light, turn)
     assert np.abs(photo[mask].astype(int) - to_bytes(encode(linear))).mean() < 2
@@ -82,19 +84,11 @@ def test_the_truth_is_that_of_the_formulas(humanolat, brought):
     assert behind.std() > 0 and behind.mean() > 3  # the panorama
 
 
-def test_baked_transport_is_set_beside_it(brought):
-    with open(brought / "baked.csv", newline="") as file:
-        rows = list(csv.DictReader(file))
-    assert [row["picture"] for row in rows] == ["T001.P00.Cam01", "T001.P00.Cam03"]
-    for row in rows:
-        assert float(row["rest"]) < 0.004 < float(row["difference"]) < 0.04 and float(row["pixels"]) > 300
-
-
-def test_rows_are_scored_up_to_a_factor(brought, tmp_path):
+def test_rows_are_scored_up_to_a_factor(imported, tmp_path):
     scored = {}
     for method in ("true_maps", "mean_light", "as_it_is"):
-        answer(brought, tmp_path / method, method)
-        scored[method] = read_scores(score(brought, tmp_path / method).parent).columns
+        answer(imported, tmp_path / method, method)
+        scored[method] = read_scores(score(imported, tmp_path / method).parent).columns
     for columns in scored.values():
         assert all(np.isnan(columns[name]).all() for name in ABSOLUTE)
     best = scored["true_maps"]
@@ -105,117 +99,34 @@ def test_rows_are_scored_up_to_a_factor(brought, tmp_path):
     assert best["light_factor"].max() < scored["mean_light"]["light_factor"].min()
 
 
-def test_an_import_goes_on_and_keeps_to_its_set(humanolat, brought, tmp_path):
-    before = {path: path.stat().st_mtime_ns for path in brought.rglob("photo.png")}
-    assert import_captures("humanolat", humanolat, brought, rays=64, supersample=1) == BenchmarkSet(brought).hash
-    assert before == {path: path.stat().st_mtime_ns for path in brought.rglob("photo.png")}
-    varied = {one.name.partition("+")[0] for one in BenchmarkSet(brought).entries if one.of}
-    assert varied == {"T001.P00.Cam01"}  # the first of the person
+def test_an_import_goes_on_and_keeps_to_its_set(captures, imported):
+    before = {path: path.stat().st_mtime_ns for path in imported.rglob("photo.png")}
+    assert import_captures(captures, imported) == BenchmarkSet(imported).hash
+    assert before == {path: path.stat().st_mtime_ns for path in imported.rglob("photo.png")}
+    varied = {one.name.partition("+")[0] for one in BenchmarkSet(imported).entries if one.of}
+    assert varied == {"anna.front"}  # the first of the person
     with pytest.raises(UserError, match="holds another set, or one with other settings"):
-        import_captures("humanolat", humanolat, brought, rays=128, supersample=1)
-    with pytest.raises(UserError, match="layout goliath: must be humanolat or ultrastage"):
-        import_captures("goliath", humanolat, tmp_path)
+        import_captures(captures, imported, "front")
 
 
-def test_without_a_mesh_the_person_is_in_a_plane(humanolat, brought, tmp_path):
-    copy = shutil.copytree(humanolat, tmp_path / "copy")
-    model = copy / "SUBJECT_T001/POSE_00/model/model.obj"
-    text = model.read_text()
-    model.unlink()
-    import_captures("humanolat", copy, tmp_path / "flat", "Cam03")
-    (entry,) = (one for one in BenchmarkSet(tmp_path / "flat").entries if not one.of)
-    flat, deep = (read_maps(BenchmarkSet(folder).maps(entry)) for folder in (tmp_path / "flat", brought))
-    assert not (tmp_path / "flat" / "baked.csv").exists()
-    assert np.ptp(flat.depth[flat.mask]) == 0 < np.ptp(deep.depth[deep.mask])
-    error = np.sqrt(((flat.transport - deep.transport)[flat.mask] ** 2).sum(1).mean())
-    assert 0.01 < error < 0.25  # lamps at 2.5 m, a ball of .3 m
-    model.write_text(re.sub(r"(-?\d+\.\d+)", lambda found: f"{float(found[1]) / 1000:.8f}", text))
-    with pytest.raises(UserError, match=r"model\.obj is not in the picture of T001\.P00\.Cam03: it must be in mill"):
-        import_captures("humanolat", copy, tmp_path / "metres", "Cam03")
+def test_blurred_panoramas_keep_their_light():
+    """Band l falls by exp(-l (l + 1) s^2 / 2), where s is .6 of the distance between lamps."""
+    pixels = generate_room(3)
+    soft, turned = blur_to_spacing(np.stack([pixels, np.roll(pixels, 32, 1)]), 331)
+    first, second = (project(Panorama(x.astype(np.float32)), 2) for x in (pixels, soft))
+    variance = 0.36 * 4 * np.pi / 331
+    assert np.allclose(second[0], first[0], rtol=0.01)
+    assert np.allclose(second[4:], first[4:] * np.exp(-3 * variance), atol=0.02 * np.abs(first).max())
+    assert np.allclose(turned, np.roll(soft, 32, 1), rtol=1e-6)
+    directions = view_directions()
+    weight = np.exp((directions @ directions[20 * 128 + 77] - 1) / variance) * np.hypot(*directions.T[[0, 2]])
+    assert np.allclose(soft[20, 77], weight @ pixels.reshape(-1, 3) / weight.sum(), rtol=1e-5)
 
 
-GRADIENTS = np.array([[1.0, 0, 0], [0, 1, 0], [0, 0, -1]])  # of red, green, blue
-
-
-@pytest.fixture
-def stage(tmp_path):
-    """UltraStage's layout: a matt ball in closed form, from two cameras."""
-    place = tmp_path / "ultra" / "8fuu"
-    size, frames = 96, []
-    row, column = np.mgrid[:size, :size]
-    x, y = (2 * column + 1) / size - 1, 1 - (2 * row + 1) / size
-    radius = 0.8
-    mask = np.hypot(x, y) < radius
-    own = np.stack([x, y, np.sqrt(np.maximum(radius**2 - x**2 - y**2, 0))], -1) / radius
-    for number, angle in ((0, 0.4), (3, 2.0)):
-        c, s = np.cos(angle), np.sin(angle)
-        turn = np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]]) @ np.array([[1, 0, 0], [0, 0.96, -0.28], [0, 0.28, 0.96]])
-        frames.append({"file_path": f"./full_on/{number:05d}.jpg", "transform_matrix": np.eye(4).tolist()})
-        frames[-1]["transform_matrix"] = np.block([[turn, np.ones((3, 1))], [np.zeros(3), 1]]).tolist()
-        normal = own @ turn.T
-        albedo = np.where((np.sin(12 * y) > 0)[..., None], [0.6, 0.5, 0.4], [0.3, 0.35, 0.4]) * mask[..., None]
-        pictures = {"full_on": albedo}
-        for part, sign in (("pos", 1), ("neg", -1)):
-            pictures[part] = albedo * (1 + sign * 2 / 3 * normal @ GRADIENTS.T) / 2
-        files = {part: to_bytes(encode(linear)) for part, linear in pictures.items()} | {"mask": to_bytes(1.0 * mask)}
-        alpha = to_bytes(np.concatenate([(normal * mask[..., None] + 1) / 2, mask[..., None]], -1))
-        for part, pixels in (files | {"normal_alpha": alpha}).items():
-            (place / part).mkdir(parents=True, exist_ok=True)
-            Image.fromarray(pixels).save(place / part / f"{number:05d}.png")
-    (place / "transforms.json").write_text(json.dumps({"frames": frames}))
-    return tmp_path / "ultra"
-
-
-def test_gradients_are_new_lights(stage, tmp_path):
-    """An answer by the formula, through panoramas in the camera's frame, is the pictures that are there."""
-    out, answers = tmp_path / "set", tmp_path / "answers"
-    import_captures("ultrastage", stage, out)
-    benchmark = BenchmarkSet(out)
-    pictures = [entry for entry in benchmark.entries if not entry.of]
-    assert [entry.name for entry in pictures] == ["8fuu.00000", "8fuu.00003"]
-    for number, entry in enumerate(pictures):
-        recipe = json.loads((entry.folder / "picture.json").read_text())["recipe"]
-        assert np.array_equal(recipe["gradients"], GRADIENTS) and recipe["fit"] > 0.99
-        size = 96
-        row, column = np.mgrid[:size, :size]
-        x, y = (2 * column + 1) / size - 1, 1 - (2 * row + 1) / size
-        own = np.stack([x, y, np.sqrt(np.maximum(0.64 - x**2 - y**2, 0))], -1)
-        transport = unoccluded(own / np.maximum(np.linalg.norm(own, axis=-1, keepdims=True), 1e-9))
-        true, _ = benchmark.truth(entry)
-        shading = transport @ true.light
-        shot = entry.shot()
-        full = [to_bytes(encode(LINEAR[shot.photo] * (transport @ new) / shading)) for new in new_lights(entry)]
-        seal = hashlib.sha256((entry.folder / "photo.png").read_bytes()).hexdigest()
-        answers.mkdir(exist_ok=True)
-        write_arrays(answers / f"{entry.name}.npz", seal, {"ratio": np.stack(full), "light": 7 * true.light})
-        assert set(read_arrays(out / "truth" / f"{entry.name}.npz")) == {"photo", "full", "light"}, number
-    columns = read_scores(score(out, answers).parent).columns
-    assert columns["ratio_factor"].max() < 0.01 and columns["light_factor"].max() < 1e-6
-    with pytest.raises(UserError, match="has no true maps: answer it by --method network or as_it_is"):
-        answer(out, tmp_path / "true", "true_maps")
-
-
-def test_what_is_refused_of_ultrastage(stage, tmp_path):
-    place = stage / "8fuu"
-
-    def refused(words, only=""):
-        with pytest.raises(UserError, match=words) as caught:
-            import_captures("ultrastage", stage, tmp_path / "set", only)
-        assert "\n" not in str(caught.value)
-
-    kept = (place / "transforms.json").read_text()
-    for text in ("{", '{"frames": [{"file_path": "1"}]}', kept.replace("[[", "[[7, ")):
-        (place / "transforms.json").write_text(text)
-        refused("`frames` with `file_path` and a rigid `transform_matrix` each are expected")
-    (place / "transforms.json").write_text(kept.replace("00003", "00004"))
-    refused("has no camera 00003", "3$")
-    (place / "transforms.json").write_text(kept)
-    shutil.copy(place / "full_on/00000.png", place / "pos/00000.png")
-    shutil.copy(place / "full_on/00000.png", place / "neg/00000.png")
-    refused("its normals explain 0% of the difference between pos and neg")
-    Image.new("RGB", (90, 96)).save(place / "neg/00000.png")
-    refused(r"neg/00000\.png is 90x96 pixels and the picture under all lamps 96x96")
-    (place / "neg/00000.png").unlink()
-    refused("neg: there is no file")
-    refused("holds no CAPTURE/full_on/00000.jpg whose name matches 77", "77")
-    refused(r"'\(' is not a regular expression", "(")
+def test_lookups_are_those_of_panoramas():
+    pixels = np.random.default_rng(4).uniform(size=(2, 64, 128, 3)).astype(np.float32)
+    soft = blur_to_spacing(pixels, 331).astype(np.float32)
+    directions = np.random.default_rng(5).normal(size=(500, 3))
+    found = Panoramas(soft).radiance(directions / np.linalg.norm(directions, axis=1, keepdims=True))
+    expected = np.stack([lookup(Panorama(one), directions) for one in soft], 1)
+    assert found.shape == (500, 2, 3) and np.abs(found - expected).max() < 0.02 < expected.std()

@@ -17,7 +17,7 @@ from relight.benchmark.measures import (
 )
 from relight.benchmark.score import relit_errors
 from relight.benchmark.shots import variants
-from relight.photos.crop import crop_around
+from relight.crop import crop_around
 from relight.sh import irradiance, sphere_quadrature
 from relight.srgb import decode, encode, to_bytes
 

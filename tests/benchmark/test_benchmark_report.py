@@ -74,7 +74,7 @@ def test_a_set_that_is_missing_or_cannot_be_answered_is_told_with_the_plan(drawn
         plan(copy).check()
     for maps in (copy / "truth").glob("*.exr"):
         maps.unlink()
-    with pytest.raises(UserError, match="has no true maps"):
+    with pytest.raises(UserError, match="true maps: there is no file"):
         plan(copy).check()
 
 
@@ -85,7 +85,15 @@ def test_a_set_that_was_made_again_is_scored_again(drawn, tmp_path):
     scores = tmp_path / "results" / "smoke" / "benchmark_scores" / "as_it_is" / "scores.csv"
 
     def snakemake(*options: str) -> str:
-        words = ["--snakefile", str(ROOT / "Snakefile"), "--directory", str(tmp_path), "--cores", "1", *options]
+        words = [
+            "--snakefile",
+            str(ROOT / "workflow" / "Snakefile"),
+            "--directory",
+            str(tmp_path),
+            "--cores",
+            "1",
+            *options,
+        ]
         command = [sys.executable, "-m", "snakemake", str(scores.relative_to(tmp_path)), *words]
         command += ["--config", f"hydra={WORDS} benchmark.folder={copy}"]
         environment = {**os.environ, "PYTHONPATH": str(ROOT)}

@@ -8,7 +8,6 @@ from relight.figures import colliders, crossings, drape
 from relight.figures.colliders import Collider
 from relight.figures.drape import Cloth, ClothSolver, SolverSettings
 from relight.figures.rings import winding
-from relight.files import UserError
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -100,40 +99,6 @@ def test_relaxing_spreads_one_torn_edge():
     before = solver.strain().max()
     solver.move_to(drape.relax_torn_edges(torn, faces, solver.edges, solver.strain(), np.zeros(81, bool)))
     assert solver.strain().max() < 0.4 * before
-
-
-def test_no_two_pairs_of_a_colour_share_a_vertex():
-    pairs = np.random.default_rng(0).integers(0, 40, (300, 2))
-    pairs = pairs[pairs[:, 0] != pairs[:, 1]]
-    color = drape.greedy_colouring(pairs)
-    for c in range(color.max() + 1):
-        used = pairs[color == c].ravel()
-        assert len(np.unique(used)) == len(used)
-
-
-def test_pairs_solved_by_colour_make_the_same_cloth():
-    vertices, faces = square(15)
-    under = Collider(*([ball()[0]] * 2), ball()[1])
-    hung = []
-    for parallel in (False, True):
-        solver = ClothSolver(vertices, faces, Cloth(extra_length=0.0, friction=0.6), parallel)
-        assert (len(solver.batch_offsets) > 2) == parallel
-        for _ in range(30):
-            solver.step_frame(under, SolverSettings(10, 4, 0, self_contact=False), ground=0.0, damping=0.98)
-        assert np.abs(np.percentile(solver.strain(), [2, 98]) - 1).max() < 0.05
-        hung.append(solver.positions())
-    assert np.abs(hung[0] - hung[1]).mean() < 0.01
-
-
-def test_the_device_is_the_one_asked_for_or_refused(monkeypatch):
-    monkeypatch.setattr(colliders.wp, "is_cuda_available", lambda: False)
-    for name in ("cpu", "auto"):
-        with colliders.use_device(name):
-            assert not colliders.wp.get_device().is_cuda
-    with pytest.raises(UserError, match="no usable NVIDIA GPU"):
-        colliders.use_device("cuda")
-    with pytest.raises(UserError, match="tpu"):
-        colliders.use_device("tpu")
 
 
 def test_rays_meet_the_first_face():

@@ -50,7 +50,7 @@ def test_the_mean_of_two_networks(network, model, tmp_path):
     save_network(start, network, model(), stages=[1])
     torch.manual_seed(1)
     save_network(end, build(model(), 64), model(), stages=[1, 2], fingerprint="of the end alone")
-    subprocess.run([sys.executable, ROOT / "workflow" / "scripts" / "mean.py", start, end, out], check=True)
+    subprocess.run([sys.executable, ROOT / "tools" / "mean.py", start, end, out], check=True)
     first, last, mean = (load_file(path) for path in (start, end, out))
     for name, tensor in mean.items():
         expected = (first[name] + last[name]) / 2 if tensor.is_floating_point() else last[name]

@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from relight.crop import Crop, crop_around
 from relight.files import UserError
 from relight.photos import render as rendering
 from relight.photos.background import Background, read_background
 from relight.photos.color import apply_gain, to_srgb8
-from relight.photos.crop import Crop, crop_around
 from relight.photos.infer import Person, balanced
 from relight.photos.render import estimate_foreground, over, render, strips
 from relight.photos.shading import (

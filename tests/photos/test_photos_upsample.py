@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.ndimage import zoom
 
-from relight.photos.crop import Crop
+from relight.crop import Crop
 from relight.photos.upsample import SMOOTH, Guide, fit_map, square_root
 
 SIDE, SCALE = 48, 8

@@ -7,11 +7,11 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 from typer.testing import CliRunner
 
+from relight.crop import crop_around
 from relight.files import UserError
 from relight.inference import PhotoNetwork
 from relight.maps import write_left_out, write_maps
 from relight.photos.api import Relighter
-from relight.photos.crop import crop_around
 from relight.photos.infer import Person, network_input
 from relight.sh import basis, irradiance, unoccluded
 from relight.viewer.commands import app

@@ -11,12 +11,12 @@ from PIL import Image
 from scipy.ndimage import binary_fill_holes, gaussian_filter
 from scipy.spatial.transform import Rotation
 
+from relight.crop import Crop
 from relight.lights.load import key_light
 from relight.maps import Maps
 from relight.panoramas import Panorama, project
 from relight.photos.background import Background
 from relight.photos.color import apply_gain, chroma, clipping_excess, display_shading, roll_off
-from relight.photos.crop import Crop
 from relight.photos.infer import Person as Inferred
 from relight.photos.infer import mean_exposure_factor
 from relight.photos.render import render

@@ -13,8 +13,8 @@ def handler(monkeypatch):
     """A handler on two cores whose clock is set by the test."""
     now = [0.0]
     monkeypatch.setattr(plugin.time, "monotonic", lambda: now[0])
-    monkeypatch.setitem(costs.REFERENCE, "tiny", {"figure": 10.0, "train": 100.0})
-    made = plugin.LogHandler(None, plugin.LogHandlerSettings(scale="tiny"))
+    made = plugin.LogHandler(None, plugin.LogHandlerSettings())
+    made.costs.before = {"figure": 10.0, "train": 100.0}
     made.cores, made.now = 2, now
     return made
 
@@ -65,6 +65,8 @@ def test_what_was_never_measured_is_told(handler, capsys):
     assert capsys.readouterr().err.splitlines() == told
     handler.total = {"scan": 2}
     assert handler.left() == "time left unknown (scan not measured yet)"
+    handler.total = {"scan": 2, "clean": 2, "align": 2, "bake": 2}
+    assert handler.left() == "time left unknown (4 of the stages not measured yet)"
 
 
 def test_costs_are_those_of_the_folder(handler, tmp_path):
@@ -73,9 +75,9 @@ def test_costs_are_those_of_the_folder(handler, tmp_path):
         file = tmp_path / "benchmark" / f"{name}.tsv"
         file.parent.mkdir(parents=True, exist_ok=True)
         file.write_text(f"s\th:m:s\n{seconds}\t-\n")
-    found = costs.Costs(tmp_path, "tiny")
-    assert found.before == {"figure": 3, "evaluate": 9, "train": 100}
-    assert costs.Costs(tmp_path / "none", "unheard_of").before == {}
+    found = costs.Costs(tmp_path)
+    assert found.before == {"figure": 3, "evaluate": 9}
+    assert costs.Costs(tmp_path / "none").before == costs.Costs().before == {}
     handler.costs = found
     tell(handler, LogEvent.RUN_INFO, stats={"figure": 2, "evaluate": 1})
     start(handler, 0, "figure", str(tmp_path / "benchmark/figure/b.tsv"))

@@ -32,7 +32,7 @@ def test_help_of_a_stage_has_what_it_reads(stage):
 
 
 def test_the_page_of_settings_is_fresh():
-    page = runpy.run_path(str(ROOT / "workflow" / "scripts" / "settings.py"))["page"]()
+    page = runpy.run_path(str(ROOT / "tools" / "settings.py"))["page"]()
     assert (ROOT / "docs" / "settings.md").read_text() == page, "make settings"
     groups = page.partition("\n## name\n")[2]
     assert re.findall(r"^\| `([\w.]+)` \| .* \| .+ \| .+ \|$", groups, re.M) == [*FIELDS][1:]

@@ -1,4 +1,4 @@
-"""The workflow through profiles/slurm, on a Slurm of one node: the same bytes as without, also when it is disturbed."""
+"""The workflow with the profile slurm, on a Slurm of one node: the same bytes as without, also when it is disturbed."""
 
 import subprocess
 import sys
@@ -22,7 +22,7 @@ def test_a_killed_job_and_a_node_that_was_lost_are_repeated(done, tmp_path):
     queue, suffices: nobody calls it again.
     """
     repo = copy(tmp_path)
-    command = [sys.executable, "-m", "relight.cli", "run", *WORDS, "--snakemake", "--profile profiles/slurm"]
+    command = [sys.executable, "-m", "relight.cli", "run", *WORDS, "--snakemake", "--profile workflow/profiles/slurm"]
     with Cluster(tmp_path / "slurm") as cluster, open(tmp_path / "log", "w") as log:
         flow = start(repo, command, cluster.environment, stdout=log, stderr=subprocess.STDOUT)
 

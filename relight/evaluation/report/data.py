@@ -2,13 +2,11 @@
 
 import re
 from collections import Counter
-from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from relight.evaluation import charts
-from relight.evaluation.diagram import draw_network
 from relight.evaluation.formats import Grid, number
 from relight.evaluation.labels import label
 from relight.evaluation.occlusion import SEPARATOR, group_occlusion, read_occlusion
@@ -21,7 +19,7 @@ Numbers = dict[str, Any]
 
 
 def training(results: Results) -> Numbers:
-    """Draws the errors of the first table, the training curves, and diagrams of the networks."""
+    """Draws the errors of the first table and the training curves, and lists the networks."""
     files = {"errors": results.report / "errors.png", "curves": results.report / "curves.png"}
     tables = [results.table(name) for name in results.readable]
     table = next((one for one in tables if one.rows), tables[0])  # that of sitting figures is empty if nobody sits
@@ -30,24 +28,22 @@ def training(results: Results) -> Numbers:
     return files | {"networks": networks(results, results.readable[0])}
 
 
-def networks(results: Results, name: str) -> list[tuple[str, Path]]:
-    """Draws the different networks of a table; returns the labels of the rows of each, and its diagram."""
+def networks(results: Results, name: str) -> Grid:
+    """Returns the different networks of a table: the rows that train each, its number of weights, and its size."""
     first = {row: trainings[0] for row, trainings in results.experiments[name]["trainings"].items()}
     settings = results.settings_files()
     rows_by_model: dict[str, list[str]] = {}
     for row, training in first.items():
         model = {key: value for key, value in settings[f"train.{training}"].items() if key.startswith("model.")}
         rows_by_model.setdefault(str(model), []).append(row)
-    found = []
+    found: list[list] = []
     for rows in rows_by_model.values():
         file = results.folder / "train" / f"{first[rows[0]]}.safetensors"
         if file.exists():
             network, _ = load_network(file)
             weights = sum(weight.numel() for weight in network.parameters())
-            words, out = ", ".join(map(label, rows)), results.report / f"network_{rows[0]}.png"
-            draw_network(network, f"{words}: {weights / 1e6:.2g} million weights, {network.size} px", out)
-            found.append((words, out))
-    return found
+            found.append([", ".join(map(label, rows)), weights / 1e6, network.size])
+    return Grid.of(["network", "weights, millions", "side of its picture, px"], found)
 
 
 def figures(results: Results) -> Numbers:

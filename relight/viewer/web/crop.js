@@ -1,4 +1,4 @@
-// The square that the network sees of a photo, and the way back: relight/photos/crop.py.
+// The square that the network sees of a photo, and the way back: relight/crop.py.
 
 import { bicubic, bilinear, resample } from "./resample.js";
 import { extent } from "./regions.js";

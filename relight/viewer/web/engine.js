@@ -56,15 +56,14 @@ function startWorker(runtime) {
 // Loads and starts all; onProgress gets the share that has come, and the bytes in all. Returns the worker's function.
 async function startEngine(onProgress) {
   await keepSite();
-  const hasGPU = !!page.web.files.webgpu && !!(await navigator.gpu?.requestAdapter().catch(() => null));
-  const provider = hasGPU ? "webgpu" : "wasm", files = [...page.web.files[provider], ...page.web.files.networks];
+  const { files } = page.web;
   const total = files.reduce((sum, { bytes }) => sum + bytes, 0);
   let come = 0;
   const [script, ...loaded] = await Promise.all(files.map(({ name }) => load(name, (count) => onProgress((come += count) / total, total))));
   const binaries = await Promise.all(loaded.map((file) => file.arrayBuffer())), [runtime, network, mask] = binaries;
   lock();
   const ask = startWorker(script);
-  await ask("start", { runtime, network, mask, provider }, binaries);
+  await ask("start", { runtime, network, mask }, binaries);
   return ask;
 }
 

@@ -8,11 +8,11 @@ const sessions = {};
 
 const tasks = {
   // mask: the network that finds people, or undefined.
-  async start({ runtime, network, mask, provider }) {
+  async start({ runtime, network, mask }) {
     Object.assign(ort.env.wasm, { wasmBinary: runtime, numThreads: 1 });
-    const create = (bytes, name) => ort.InferenceSession.create(bytes, { executionProviders: [name] });
-    sessions.network = await create(network, provider).catch(() => create(network, "wasm")); // a GPU may refuse
-    if (mask) sessions.mask = await create(mask, "wasm");
+    const create = (bytes) => ort.InferenceSession.create(bytes, { executionProviders: ["wasm"] });
+    sessions.network = await create(network);
+    if (mask) sessions.mask = await create(mask);
   },
 
   // The photo with its longer side at most `longest` pixels, and its alpha where that varies (else null).

@@ -15,6 +15,7 @@ from relight.progress import duration
 from snakemake_logger_plugin_relight.costs import Costs, makespan, measured
 
 LOG_INTERVAL = 10.0  # seconds between lines in a log
+MAX_NAMED = 3  # stages without a measured job; more are counted
 OVERDUE_SHARE = 0.1  # remaining time of a job that takes longer than expected, relative to its time so far
 # The shell's status after SIGKILL, which only Snakemake's message shows.
 KILLED_MESSAGE = "returned non-zero exit status 137"
@@ -23,10 +24,9 @@ TRIVIAL_RULES = ("total", "all", "settings", "listing", "experiments")  # rules 
 
 @dataclass
 class LogHandlerSettings(LogHandlerSettingsBase):
-    """Options of the command line: --logger-relight-results and --logger-relight-scale."""
+    """The option of the command line, --logger-relight-results."""
 
     results: str = field(default="", metadata={"help": "Folder of the results, with the costs of earlier jobs."})
-    scale: str = field(default="", metadata={"help": "Scale of the costs of jobs that have not run before."})
 
 
 class LogHandler(LogHandlerBase):
@@ -40,7 +40,7 @@ class LogHandler(LogHandlerBase):
 
     def __post_init__(self) -> None:
         settings = self.settings or LogHandlerSettings()
-        self.costs = Costs(settings.results, settings.scale)
+        self.costs = Costs(settings.results)
         self.total: dict[str, int] = {}
         self.needs: dict[str, set[str]] = defaultdict(set)
         self.done: Counter[str] = Counter()
@@ -95,7 +95,7 @@ class LogHandler(LogHandlerBase):
             self.say(f"{share:.0%}: {counts}; {self.left()}")
 
     def left(self) -> str:
-        """Returns the time left: `about` with costs of this run, else `roughly`, or `more than` if some are unknown."""
+        """Returns the time left: `about` by jobs of this run, `roughly` by earlier ones, else `more than`."""
         now = time.monotonic()
         running = {job: self.rule.get(job, "") for job in self.since if self.rule.get(job) in self.total}
         at_work = Counter(running.values())
@@ -110,8 +110,9 @@ class LogHandler(LogHandlerBase):
         cores = min(self.cores, max(1, sum(waiting.values()) + len(rest)))
         seconds = makespan(waiting, known, self.needs, rest, cores)
         if unknown := [rule for rule in ahead if cost[rule] is None]:
-            least = f"more than {duration(seconds)} left" if seconds else "time left unknown"
-            return f"{least} ({', '.join(unknown)} not measured yet)"
+            known_part = f"more than {duration(seconds)} left" if seconds else "time left unknown"
+            names = ", ".join(unknown) if len(unknown) <= MAX_NAMED else f"{len(unknown)} of the stages"
+            return f"{known_part} ({names} not measured yet)"
         return f"{'about' if all(map(self.costs.measured, ahead)) else 'roughly'} {duration(seconds)} left"
 
     def failed(self, record: logging.LogRecord, event: str | None) -> None:

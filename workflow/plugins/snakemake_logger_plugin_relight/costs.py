@@ -7,68 +7,6 @@ from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
-# Seconds of a job, measured on two free cores of the machine in the README. Those of figures of `laptop` follow from
-# CPU-seconds. Other scales were not measured.
-COMMON_COSTS = {
-    "lights": 34.0,
-    "pack": 1.0,
-    "split": 1.0,
-    "train": 115.0,
-    "baselines": 9.0,
-    "tables": 3.0,
-    "plates": 16.0,
-    "sheets": 11.0,
-    "viewer": 9.0,
-    "report": 10.0,
-}
-REFERENCE = {
-    "smoke": {
-        "figure": 6.2,
-        "clean": 1.8,
-        "align": 0.6,
-        "bake": 1.7,
-        "pack": 1.0,
-        "split": 1.5,
-        "lights": 3.6,
-        "train": 12.1,
-        "evaluate": 10.5,
-        "baselines": 3.1,
-        "tables": 4.0,
-        "plates": 9.1,
-        "sheets": 4.9,
-        "viewer": 10.4,
-        "report": 10.0,
-    },
-    "demo": {
-        **COMMON_COSTS,
-        "figure": 7.2,
-        "figure_decade": 42.0,
-        "clean": 1.7,
-        "clean_decade": 6.8,
-        "align": 0.6,
-        "align_decade": 0.9,
-        "bake": 2.0,
-        "bake_decade": 5.5,
-        "evaluate": 9.6,
-        "trace": 60.0,
-        "light_transfer": 20.0,
-        "path_traced": 20.0,
-        "inference_time": 30.0,
-    },
-    "laptop": {
-        **COMMON_COSTS,
-        "figure": 15.0,
-        "figure_decade": 122.0,
-        "clean": 3.0,
-        "clean_decade": 15.0,
-        "align": 1.0,
-        "align_decade": 2.0,
-        "bake": 3.0,
-        "bake_decade": 10.0,
-        "evaluate": 50.0,
-        "baselines": 30.0,
-    },
-}
 RECENT_JOBS = 8  # number of jobs from which the slowdown of this run is estimated
 
 
@@ -83,16 +21,12 @@ class Costs:
     """The seconds per job of each rule: those of this run, or earlier ones times the slowdown of this run.
 
     Attributes:
-        before: seconds by rule of earlier runs in the same folder, or of REFERENCE.
+        before: seconds by rule of earlier runs in the same folder.
     """
 
-    def __init__(self, folder: Path | str | None = None, scale: str = ""):
-        """
-        Args:
-            folder: of the results, with files of earlier runs in benchmark/<rule>/.
-            scale: a key of REFERENCE; for other scales, only earlier runs are known.
-        """
-        self.before = dict(REFERENCE.get(scale, {}))
+    def __init__(self, folder: Path | str | None = None):
+        """Reads the files of earlier runs in benchmark/<rule>/ of the folder of the results, if one is given."""
+        self.before: dict[str, float] = {}
         for rule in Path(folder, "benchmark").glob("*") if folder else ():
             seconds = [found for file in rule.rglob("*.tsv") if (found := measured(file)) is not None]
             if seconds:

@@ -1,0 +1,220 @@
+"""The square of a photo that the network is given, and the way back to the photo's pixels.
+
+The square is that of the training images (docs/conventions.md): the person's box is centred in it, and the longer side
+of the box is 1 - 2 * padding of its side. Its corners fall between the pixels of the photo and may lie outside of it.
+Both directions use the same real-valued square and pixel centres, so maps return to the place they were taken from.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from PIL import Image
+from scipy.ndimage import distance_transform_edt
+
+from relight.files import UserError
+from relight.srgb import to_bytes
+
+MASK_THRESHOLD = 128  # coverage (of 255) from which a pixel counts as the person's
+BLOCK = 32  # lines that are resampled by one product of matrices
+
+
+@dataclass(frozen=True)
+class Crop:
+    """A square of a photo, resampled to the network's size.
+
+    Attributes:
+        top: of the square, in photo pixels (real; pixel i spans [i, i+1)).
+        left: likewise.
+        side: likewise.
+        rows: half-open range of the photo's rows with coverage of the person. Soft edges may reach past the square, by
+            half of its side at most.
+        columns: likewise.
+        size: S, the side of the network's image in pixels.
+    """
+
+    top: float
+    left: float
+    side: float
+    rows: tuple[int, int]
+    columns: tuple[int, int]
+    size: int
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """(h, w) of `window`."""
+        return self.rows[1] - self.rows[0], self.columns[1] - self.columns[0]
+
+    @property
+    def window(self) -> tuple[slice, slice]:
+        """The part of the photo that `place` fills, as an index."""
+        return slice(*self.rows), slice(*self.columns)
+
+    def extract(self, image: np.ndarray) -> np.ndarray:
+        """Resamples a photo to the square.
+
+        Args:
+            image: (H,W) or (H,W,C), in the size of the photo.
+
+        Returns:
+            (S,S) or (S,S,C) float32; 0 outside of the photo.
+        """
+        top, left = int(np.floor(self.top)) - 1, int(np.floor(self.left)) - 1  # an integer canvas around the square
+        reach = int(np.ceil(self.side)) + 3
+        rows = slice(max(top, 0), min(top + reach, image.shape[0]))
+        columns = slice(max(left, 0), min(left + reach, image.shape[1]))
+        canvas = np.zeros((reach, reach), np.float32)
+        box = (self.left - left, self.top - top, self.left - left + self.side, self.top - top + self.side)
+        kind = Image.Resampling.BILINEAR  # a tent as wide as two of the coarser pixels: no ringing, hardly any shift
+        image = image if image.ndim == 3 else image[..., None]
+        out = np.empty((self.size, self.size, image.shape[2]), np.float32)
+        for channel in range(image.shape[2]):
+            canvas[rows.start - top : rows.stop - top, columns.start - left : columns.stop - left] = image[
+                rows, columns, channel
+            ]
+            out[..., channel] = np.asarray(
+                Image.fromarray(canvas).resize((self.size, self.size), kind, box, reducing_gap=None)
+            )
+        return out[..., 0] if out.shape[2] == 1 else out
+
+    def place(
+        self,
+        maps: np.ndarray,
+        rows: tuple[int, int] | None = None,
+        cubic: bool = True,
+        where: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Resamples maps of the square to the pixels of the photo.
+
+        Args:
+            maps: (S,S) or (S,S,C).
+            rows: half-open range of the photo's rows within `self.rows`, all of them by default. Strips equal the
+                whole but for rounding.
+            cubic: interpolation where maps are enlarged; bilinear otherwise, which is cheaper and does not ring.
+            where: flat indices (N,) into (h,w); only these pixels are returned.
+
+        Returns:
+            (h,w[,C]) float32 at the pixels of `window` or its `rows`, or (N[,C]).
+        """
+        first, last = rows or self.rows
+        scale = self.size / self.side
+        margin = self._margin(scale)
+        kind = Image.Resampling.BICUBIC if scale < 1 and cubic else Image.Resampling.BILINEAR
+        down, across = (
+            _resampling(self.size, margin, ((a - start) * scale, (b - start) * scale), b - a, kind)
+            for (a, b), start in (((first, last), self.top), (self.columns, self.left))
+        )
+        shape = (last - first, self.columns[1] - self.columns[0])
+        maps = (maps if maps.ndim == 3 else maps[..., None]).astype(np.float32, copy=False)
+        out = np.empty((maps.shape[2], *(shape if where is None else where.shape)), np.float32)  # as filled and read
+        wide, whole = np.empty((shape[1], self.size), np.float32), np.empty(shape, np.float32)
+        for channel, placed in enumerate(out):
+            _resample(across, maps[..., channel].T, wide)
+            _resample(down, wide.T, placed if where is None else whole)
+            if where is not None:
+                np.take(whole, where, out=placed)
+        return out[0] if len(out) == 1 else np.moveaxis(out, 0, -1)
+
+    def _margin(self, scale: float) -> int:
+        """Returns how far the window reaches past the square at most, in pixels of the square."""
+        low = min(self.rows[0] - self.top, self.columns[0] - self.left)
+        high = max(self.rows[1] - self.top, self.columns[1] - self.left) - self.side
+        return max(int(np.ceil(max(-low, high) * scale)), 0) + 2
+
+
+@lru_cache(maxsize=8)
+def _resampling(
+    size: int, margin: int, span: tuple[float, float], count: int, kind: Image.Resampling
+) -> list[tuple[slice, slice, np.ndarray]]:
+    """Returns the weights by which Pillow resamples a line, for `_resample`: its results for unit vectors.
+
+    Args:
+        size: S, of the line.
+        margin: by how many copies of its ends the line is extended.
+        span: what is resampled, from 0 to S inside the line.
+        count: of the values in the result.
+        kind: of the interpolation.
+
+    Returns:
+        A band matrix (count,S) in blocks: their rows, their columns, and their weights.
+    """
+    units = np.pad(np.eye(size, dtype=np.float32), ((margin, margin), (0, 0)), mode="edge")
+    box = (0, span[0] + margin, size, span[1] + margin)
+    weights = np.asarray(Image.fromarray(units).resize((size, count), kind, box))
+    blocks = []
+    for first in range(0, count, BLOCK):
+        rows = slice(first, first + BLOCK)
+        used = np.flatnonzero(weights[rows].any(0))
+        columns = slice(int(used[0]), int(used[-1]) + 1)
+        blocks.append((rows, columns, np.ascontiguousarray(weights[rows, columns])))
+    return blocks
+
+
+def _resample(blocks: list[tuple[slice, slice, np.ndarray]], lines: np.ndarray, out: np.ndarray) -> None:
+    """Writes the product of a band matrix, from `_resampling`, and `lines` (S,N) to `out` (count,N)."""
+    for rows, columns, weights in blocks:
+        np.matmul(weights, lines[columns], out=out[rows])
+
+
+def crop_around(coverage: np.ndarray, size: int, padding: float = 0.05) -> Crop:
+    """Finds the square around a person.
+
+    Args:
+        coverage: (H,W) uint8.
+        size: side of the network's image, pixels.
+        padding: margin around the person's box, as a share of the square's side.
+
+    Raises:
+        UserError: if no pixel reaches MASK_THRESHOLD.
+    """
+    rows, columns = _extent(coverage >= MASK_THRESHOLD)
+    height, width = rows[1] - rows[0], columns[1] - columns[0]
+    side = max(height, width) / (1 - 2 * padding)
+    top, left = (sum(rows) - side) / 2, (sum(columns) - side) / 2
+    rows, columns = _extent(coverage > 0)
+
+    def near(span: tuple[int, int], start: float) -> tuple[int, int]:
+        return max(span[0], int(start - side / 2)), min(span[1], int(start + 1.5 * side) + 1)
+
+    return Crop(top, left, side, near(rows, top), near(columns, left), size)
+
+
+def figure_means(
+    coverage: np.ndarray, mask: np.ndarray, box: Crop
+) -> tuple[np.ndarray, Callable[[np.ndarray], np.ndarray]]:
+    """Returns the figure's mask on a square, and a function that averages maps over the figure in each of its pixels.
+
+    Args:
+        coverage: (H,W) of the photo's pixels by the figure, in [0,1].
+        mask: (H,W) bool, where maps are known.
+        box: the square, of S pixels.
+
+    Returns:
+        The mask (S,S) bool; a function from values (H,W,C) to their means (S,S,C), zero outside the mask.
+    """
+    inside = box.extract(to_bytes(coverage)) >= MASK_THRESHOLD
+    weight = coverage * mask
+    total = np.maximum(box.extract(weight), 1e-3)[..., None]
+
+    def mean(values: np.ndarray) -> np.ndarray:
+        sums = box.extract(values * weight[..., None]).reshape(*inside.shape, -1)  # it drops a single channel
+        return sums / total * inside[..., None]
+
+    return inside, mean
+
+
+def fill_outside(maps: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Replaces every pixel of `maps` (S,S[,C]) outside `mask` (S,S) by the nearest one inside.
+
+    Maps are unknown outside. Without this, interpolation would mix what stands there into the person's edge.
+    """
+    nearest = distance_transform_edt(~mask, return_distances=False, return_indices=True)
+    return maps[tuple(nearest)]
+
+
+def _extent(mask: np.ndarray) -> tuple[tuple[int, int], tuple[int, int]]:
+    rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
+    if not len(rows):
+        raise UserError("the mask is empty: no pixel of it is at least half white")
+    return (int(rows[0]), int(rows[-1]) + 1), (int(columns[0]), int(columns[-1]) + 1)

@@ -1,0 +1,76 @@
+"""Writes docs/licences.md: the licence of each package that `make` installs, from its metadata."""
+
+import re
+import subprocess
+import sys
+from importlib import metadata
+from pathlib import Path
+
+HEAD = """\
+# Licences of what is installed
+
+relight's own code is Apache-2.0. These are the packages that `make` installs (the extra `dev` of `uv.lock`, and torch),
+with the licence that each states in its metadata, or else in its licence file; written by `make licences`. CUDA builds
+of torch bring NVIDIA's libraries (`nvidia-*`, under NVIDIA's own terms) and triton (MIT). **pymeshlab is GPL-3**: see
+`NOTICE`.
+
+| package | version | licence | home |
+|---|---|---|---|
+"""
+TORCH = ("torch", "filelock", "fsspec")  # with what it alone needs; uv.lock is without
+TEXTS = {
+    "Apache License": "Apache-2.0",
+    "Permission is hereby granted, free of charge": "MIT",
+    "Redistributions in binary form": "BSD",
+    "Redistribution and use in source and binary forms": "BSD",
+    "Mozilla Public License": "MPL-2.0",
+}
+
+
+def licence(found: metadata.Distribution) -> str:
+    """Returns the licence of a package: from its metadata, its classifiers, or the text of its licence files."""
+    stated = found.metadata.get("License-Expression") or found.metadata.get("License") or ""
+    if stated and "\n" not in stated and stated.upper() != "UNKNOWN":
+        return stated
+    classified = [
+        line.rpartition(" :: ")[2] for line in found.metadata.get_all("Classifier", []) if line.startswith("License ::")
+    ]
+    if named := [line for line in classified if line != "OSI Approved"]:
+        return "; ".join(named)
+    files = [file for file in found.files or [] if re.match(r"(licen[sc]e|copying)", file.name, re.IGNORECASE)]
+    texts = [stated, *(file.read_text() for file in files)]
+    return next((name for sign, name in TEXTS.items() if any(sign in text for text in texts)), "not stated")
+
+
+def home(found: metadata.Distribution) -> str:
+    """Returns the address of a package's home page or repository."""
+    links = [line.partition(", ") for line in found.metadata.get_all("Project-URL", [])]
+    ranked = {name.lower(): link for name, _, link in links}
+    named = next((ranked[n] for n in ("homepage", "home", "source", "source code", "repository") if n in ranked), None)
+    return named or found.metadata.get("Home-page") or (links[0][2] if links else "")
+
+
+def locked() -> set[str]:
+    """Returns the names of the packages that `make` installs, for all platforms."""
+    command = [sys.executable, "-m", "uv", "export", "--frozen", "--no-emit-project", "--no-hashes", "--extra=dev"]
+    text = subprocess.run(command, check=True, capture_output=True, text=True).stdout
+    return {*re.findall(r"^([\w.-]+)==", text, re.M), *TORCH}
+
+
+def main() -> None:
+    names = locked()
+    rows, not_installed = [], []
+    for name in sorted(names, key=str.lower):
+        try:
+            found = metadata.distribution(name)
+        except metadata.PackageNotFoundError:
+            not_installed.append(name)
+            continue
+        version = found.version.partition("+")[0]
+        rows.append(f"| {found.metadata['Name']} | {version} | {licence(found)} | {home(found)} |\n")
+    footer = f"\nOn other platforms or versions of Python only: {', '.join(not_installed)}.\n" if not_installed else ""
+    Path("docs/licences.md").write_text(HEAD + "".join(rows) + footer)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,50 @@
+"""Draws docs/images/photo.jpg: a photograph (NASA, by scikit-image), its inferred maps, and the relit photograph.
+
+python tools/portrait.py
+python tools/portrait.py --weights old.safetensors new.safetensors --out both.jpg   # a row for each
+"""
+
+import argparse
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+from skimage import data
+
+from relight.crop import fill_outside
+from relight.photos.api import Relighter, load
+from relight.photos.background import read_background
+from relight.srgb import encode, to_bytes
+from relight.viewer.source import PORTRAIT_MASK
+
+IMAGES = Path(__file__).parents[1] / "docs" / "images"
+LIGHTS = ("key:#ffd9a0@70,20,0.15", "key:#a8c8ff@-70,20,0.15", "room:12")
+
+
+def row(relighter: Relighter, photo: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """Returns the photo (S,S,3) uint8, its albedo, half its shading, and the photo in LIGHTS, side by side."""
+    person = relighter.infer(photo, mask)[0]
+    grey = read_background("#808080")
+    relit = [relighter.relight(photo, mask, light, background=grey) for light in LIGHTS]
+    inside = person.coverage[..., None] / 255
+    shown = []
+    for values in (person.albedo, person.shading / 2):
+        placed = np.zeros(photo.shape)
+        placed[person.crop.window] = person.crop.place(fill_outside(values, person.mask))
+        shown.append(np.uint8(to_bytes(encode(np.clip(placed, 0, 1))) * inside + 128 * (1 - inside)))
+    return np.concatenate([photo, *shown, *(picture[..., :3] for picture in relit)], 1)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--weights", type=Path, nargs="+", default=[None], help="by default those that ship")
+    parser.add_argument("--out", type=Path, default=IMAGES / "photo.jpg")
+    args = parser.parse_args()
+    photo, mask = data.astronaut(), np.asarray(Image.open(PORTRAIT_MASK))
+    sheet = np.concatenate([row(load(path), photo, mask) for path in args.weights])
+    half = (sheet.shape[1] // 2, sheet.shape[0] // 2)
+    Image.fromarray(sheet).resize(half, Image.Resampling.LANCZOS).save(args.out, quality=90)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,120 @@
+"""Writes docs/settings.md: all settings, from the schema and the presets in conf/."""
+
+from dataclasses import Field, fields, is_dataclass
+from typing import Any, get_origin
+
+import yaml
+from omegaconf import MISSING, DictConfig, OmegaConf
+
+from relight.config import CONF, READS, ROOT, Config, Experiment, composed, flat, presets
+from relight.config.schema import EXPERIMENT, FIELDS
+from relight.config.setting import domain_in_words, setting_of, type_in_words
+
+PAGE = ROOT / "docs" / "settings.md"
+HEAD = """\
+# Settings
+
+All settings of `relight run` and its stages, written by `make settings` from `relight/config/schema.py` and `conf/`.
+[The workflow](workflow.md) says how to give them. The defaults are those of a run without overrides, `scale=demo`.
+"""
+
+
+def page() -> str:
+    """Returns the text of the page."""
+    defaults = yaml.safe_load((CONF / "config.yaml").read_text(encoding="utf-8"))["defaults"]
+    chosen = {group: name for item in defaults if isinstance(item, dict) for group, name in item.items()}
+    parts = [HEAD, *scales(chosen["scale"]), *protocols(chosen["protocol"]), *experiments(chosen["experiment"])]
+    cfg = composed()
+    parts += ["## name", f"`name`: {setting_of(FIELDS['name']).about}; it comes with the scale (`{cfg.name}`)."]
+    for group in fields(Config):
+        if is_dataclass(group.type):
+            parts += [f"## {group.name}", paragraph(group.type)]
+            if len(presets().get(group.name, ())) > 1:
+                parts.append(listed_presets(group.name, [chosen[group.name]]))
+            own = {key: item for key, item in FIELDS.items() if key.startswith(f"{group.name}.")}
+            parts.append(table(own, cfg))
+            nested = [item for item in fields(group.type) if is_dataclass(item.type)]
+            parts += [f"`{group.name}.{item.name}`: {paragraph(item.type)}" for item in nested]
+            stages = [f"`{name}`" for name, read in READS.items() if group.name in read]
+            parts += [f"Read by the stages {', '.join(stages)}."] if stages else []
+    return "\n\n".join(part.strip() for part in parts) + "\n"
+
+
+def scales(default: str) -> list[str]:
+    """Returns the section of the presets of `scale`, with the settings of each."""
+    files = {name: OmegaConf.load(CONF / "scale" / f"{name}.yaml") for name in presets()["scale"]}
+    found = {name: flat(OmegaConf.to_container(file)) for name, file in files.items()}
+    keys = dict.fromkeys(key for values in found.values() for key in values)
+    rows = [[f"`{key}`", *(shown(values[key]) if key in values else "" for values in found.values())] for key in keys]
+    names = [f"`{name}`" for name in found]
+    return ["## scale", listed_presets("scale", [default], overrides=False), markdown(["", *names], rows)]
+
+
+def protocols(default: str) -> list[str]:
+    """Returns the section of the presets of `protocol`."""
+    return ["## protocol", listed_presets("protocol", [default], overrides=False)]
+
+
+def experiments(default: list[str]) -> list[str]:
+    """Returns the section of the presets of `experiment`, and the settings of an experiment."""
+    about = paragraph(Experiment)
+    return ["## experiment", about, listed_presets("experiment", default, overrides=False), table(EXPERIMENT, None)]
+
+
+def listed_presets(group: str, default: list[str], overrides: bool = True) -> str:
+    """Returns a list of the presets of a group: the comment at the top of each file and, with `overrides`, its
+    differences from the preset on which it is based."""
+    lines = []
+    for name in presets()[group]:
+        text = (CONF / group / f"{name}.yaml").read_text(encoding="utf-8")
+        comment = [line[2:] for line in text.splitlines() if line.startswith("# ") and "@package" not in line]
+        content = yaml.safe_load(text) or {}
+        based = [base for base in content.pop("defaults", []) if base != "_self_"]
+        given = ", ".join(f"`{key}={shown(value)}`" for key, value in content.items()) if overrides and based else ""
+        above = f" ({f'`{based[0]}` with ' if based else ''}{given})" if given else ""
+        lines.append(f"- `{group}={name}`{' (default)' if name in default else ''}: {' '.join(comment)}{above}")
+    return "\n".join(lines)
+
+
+def table(items: dict[str, Field[Any]], cfg: DictConfig | None) -> str:
+    """Returns a table of settings; their values are those of `cfg`, or the defaults of the schema."""
+    rows = []
+    for key, item in items.items():
+        value = item.default if cfg is None else OmegaConf.select(cfg, key)
+        if key == "sweep.rows":
+            value = ", ".join(value)
+        about = setting_of(item).about
+        rows.append([f"`{key}`", shown(value), values(item), about[0].upper() + about[1:]])
+    return markdown(["setting", "default", "values", "meaning"], rows)
+
+
+def values(item: Field[Any]) -> str:
+    """Returns the type and the domain of a field."""
+    if choices := setting_of(item).choices:
+        return ("a list of " if get_origin(item.type) is list else "") + ", ".join(f"`{name}`" for name in choices)
+    kind, null, _ = type_in_words(item.type).partition(", or null")
+    among = domain_in_words(item)
+    return (among if get_origin(item.type) is list and among else f"{kind}, {among}" if among else kind) + null
+
+
+def paragraph(schema: type) -> str:
+    """Returns the docstring of a group in one line."""
+    return " ".join((schema.__doc__ or "").split())
+
+
+def shown(value: object) -> str:
+    """Returns a value in YAML."""
+    if value is MISSING:
+        return ""
+    plain = OmegaConf.to_container(value) if OmegaConf.is_config(value) else value
+    return yaml.safe_dump(plain, default_flow_style=True).split("\n")[0]
+
+
+def markdown(head: list[str], rows: list[list[str]]) -> str:
+    """Returns a table in Markdown."""
+    lines = [head, ["---"] * len(head), *([cell.replace("|", "\\|") for cell in row] for row in rows)]
+    return "\n".join(f"| {' | '.join(cells)} |" for cells in lines)
+
+
+if __name__ == "__main__":
+    PAGE.write_text(page(), encoding="utf-8")

@@ -1,0 +1,125 @@
+"""Turns a network (`relight run experiment=photo`, or mean.py) into the weights that ship, with their card.
+
+They are in half precision, with the lights of the training.
+
+python tools/weights.py results/photo [run]
+"""
+
+import csv
+import json
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from relight import config
+from relight.files import atomic_write
+from relight.learning.checkpoint import load_network
+from relight.learning.export import export
+from relight.lights import read_light_set
+
+OUT = Path(config.ROOT) / "relight" / "weights"
+LIMIT = 16 * 2**20
+CARD = """\
+# Weights for photos
+
+`photo.onnx` holds the weights that `relight photo`, `relight view` and `relight.load()` use by default:
+{parameters:.1f} million parameters in half precision.
+
+| | |
+|---|---|
+| network | `{model}`, width {width}, {size} px |
+| training | in the stages listed below{note} |
+| training lights | {lights} in the last stage, from generated rooms |
+| training pictures | like a camera's: linear light, exposed, clipped, 8-bit sRGB; augmented as docs/training.md says |
+| held out | {test_figures} figures, {test_lights} lights |
+| licence | Apache-2.0; the training data are generated from public-domain sources (docs/figures.md) |
+
+Errors on the held-out figures and lights (means; RMSE per pixel vector, as defined in docs/evaluation.md):
+
+| shading | transport | albedo | light |
+|---|---|---|---|
+| {shading_rmse:.3f} | {transport_rmse:.3f} | {albedo_rmse:.3f} | {light_rmse:.3f} |
+
+Limits:
+
+- The training figures are synthetic, in indoor light.
+- The maps have {size} px. Finer folds are not in them, but mode `ratio`, the default, keeps such folds, because it
+  multiplies the photo itself.
+- A photograph does not tell how bright its scene is, so albedo and light are known only up to a factor.
+- Back light, children, several touching people, and props other than phones, cups, bags and stools are outside of what
+  the network has seen. `relight photo` warns when the inferred light is unusual.
+- The network recognises nobody, and was trained on no photo of a real person.
+
+Stages of the training, each continuing the one before:
+
+{training}
+
+Made with the settings of `experiment=photo`, in these stages, and `tools/weights.py`. How the inferred light
+changes with framing, mask and white balance: `python benchmarks/invariance.py relight/weights/photo.onnx`.
+"""
+
+
+def main(results: Path, run: str) -> None:
+    network, made_with = load_network(results / "train" / f"{run}.safetensors")
+    chosen = read_light_set(results / "lights" / "lights.npz")
+    training = np.concatenate([chosen.of(mark).coefficients for mark in made_with["train"]["lights"]])
+    model = config.Model(**made_with["model"])
+    out = OUT / "photo.onnx"
+    split = json.loads((results / "split" / "subject.json").read_text())
+    infos = json.loads((results / "figures.json").read_text())["figures"]
+    generator = sorted({info["generator"] for info in infos.values() if "left_out" not in info})
+    stages = lineage(made_with, {"figures": len(split["train"]), "generator": generator})
+    rest = {key: made_with[key] for key in ("loss", "train", "augment", "note") if key in made_with}
+    rest["train"] = {**rest["train"], "start": None}  # a path of this machine
+    new = out.with_suffix(".new.onnx")
+    lights = np.round(training, 5).ravel().tolist()
+    export(network, new, {"model": made_with["model"], **rest, "stages": stages, "lights": lights})
+    if (size := new.stat().st_size) > LIMIT:
+        new.unlink()
+        sys.exit(f"the weights have {size / 2**20:.1f} MiB, over {LIMIT / 2**20:.0f}: give a smaller model.width")
+    with open(results / "evaluate" / f"{run}.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    names = ("shading_rmse", "transport_rmse", "albedo_rmse", "light_rmse")
+    facts = {
+        "note": f"; {made_with['note']}" if "note" in made_with else "",
+        "parameters": sum(p.numel() for p in network.parameters()) / 1e6,
+        "model": made_with["model"]["name"],
+        "width": model.width,
+        "size": network.size,
+        "lights": len(training),
+        "training": "\n".join(
+            f"{number}. {stage['steps']:,} steps of {stage['batch']} images at {stage['size']} px, of "
+            f"{stage['figures']} figures (generator {', '.join(map(str, stage['generator']))})"
+            f"{', by Muon' if stage.get('optimizer') == 'muon' else ''}, in {stage['precision']}"
+            for number, stage in enumerate(stages, 1)
+        ),
+        "test_figures": len({row["figure"] for row in rows}),
+        "test_lights": len({row["light"] for row in rows}),
+        **{name: np.mean([float(row[name]) for row in rows]) for name in names},
+    }
+    with atomic_write(OUT / "README.md") as tmp:
+        tmp.write_text(CARD.format(**facts))
+    new.replace(out)
+    print(f"{out}: {size / 2**20:.1f} MiB")
+
+
+def lineage(config: dict, data: dict) -> list[dict]:
+    """The trainings that led to a network, oldest first.
+
+    Args:
+        config: of the network.
+        data: facts on the figures that it was trained on; the networks that it went on from are taken to have seen the
+            same, unless their own config tells.
+    """
+    if "stages" in config:
+        return config["stages"]
+    train = config["train"]
+    before = lineage(load_network(train["start"])[1], data) if train["start"] else []
+    own = {key: train[key] for key in ("steps", "batch", "optimizer", "precision")}
+    figures = min(data["figures"], train["figures"] or data["figures"])
+    return [*before, {**own, "size": config["size"], **data, "figures": figures}]
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), sys.argv[2] if len(sys.argv) > 2 else "photo.s0")
