@@ -18,7 +18,7 @@ from relight.benchmark.measures import Intrinsics
 from relight.benchmark.picture import BRIGHTNESS, MIN_ALBEDO, Picture, figure_means, on_square
 from relight.benchmark.recipes import draw_recipe
 from relight.benchmark.shots import Shot, variants
-from relight.files import UserError, atomic_write, read_table, writable_folder
+from relight.files import UserError, atomic_write, writable_folder
 from relight.maps import Maps
 from relight.meshes import read_mesh
 from relight.panoramas import Panorama, project
@@ -28,6 +28,7 @@ from relight.photos.environment import camera_view
 from relight.progress import progress
 from relight.sh import UNOCCLUDED_T00
 from relight.srgb import LINEAR, encode, to_bytes
+from relight.text import read_table
 from relight.transport.raycaster import RayCaster
 
 SQUARE_SIZE = 256  # pixels, of the square on which maps are compared

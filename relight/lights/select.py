@@ -5,6 +5,7 @@ take most clusters. With `order: paper`, the clustering comes first, as in the p
 """
 
 import logging
+import re
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from relight.lights.cluster import choose_test_lights, medoids
 from relight.lights.statistics import measure, reference_brightness
 from relight.lights.table import SPLITS, LightSet
 from relight.sh import order_of, rotation_about_y, rotation_matrix
+from relight.text import read_text
 
 log = logging.getLogger(__name__)
 
@@ -157,9 +159,12 @@ def without_vetoed(copies: LightSet, veto: str | None, record: dict[str, Any]) -
     """
     if veto is None:
         return copies
-    lines = existing_file(Path(veto), "lights.veto").read_text(encoding="utf-8").splitlines()
+    try:
+        lines = read_text(existing_file(Path(veto), "lights.veto")).splitlines()
+    except ValueError as error:
+        raise UserError(f"{veto} is not a text file ({error})") from None
     vetoed = np.zeros(len(copies), bool)
-    for line in filter(None, (line.split("#")[0].strip() for line in lines)):
+    for line in filter(None, (re.sub(r"(^|\s+)#.*", "", line).strip() for line in lines)):
         matches = copies.source == line
         if not matches.any() and ":" in line:
             source, yaw = line.rsplit(":", 1)

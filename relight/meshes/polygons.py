@@ -1,0 +1,135 @@
+"""Cuts polygons into triangles: fans where they stay inside, else by clipping ears."""
+
+from pathlib import Path
+
+import numpy as np
+
+from relight.files import UserError
+
+MAX_CORNERS = 1000  # of a polygon that is not convex; clipping ears takes the square of it
+BLOCK = 1 << 16  # polygons that are tested at a time
+FLAT = 1e-9  # share of a polygon's area that rounding may turn over
+
+
+def triangulate(
+    path: Path, counts: np.ndarray, index: np.ndarray, vertices: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Cuts polygons, whose corners are in one flat list, into triangles.
+
+    Args:
+        path: for error messages.
+        counts: (P,) of the polygons' corners; polygons of fewer than three give no triangle.
+        index: (N,) the vertex of each corner, whole numbers of any type.
+        vertices: (V,3).
+
+    Returns:
+        Positions (F,3) of the triangles' corners in the flat list, and the polygon (F,) of each triangle.
+
+    Raises:
+        UserError: if a polygon that is not convex has over MAX_CORNERS corners.
+    """
+    position, polygon = fan(counts)
+    if (counts > 3).any() and index.min() >= 0 and index.max() < len(vertices):
+        index = index.astype(np.int64)  # some readers have floats
+        first = np.searchsorted(polygon, np.arange(len(counts)))
+        for bad in _turned_over(position, polygon, counts, index, vertices):
+            if counts[bad] > MAX_CORNERS:
+                raise UserError(f"{path}: a face that is not convex has {counts[bad]} corners: cut it into triangles")
+            start, pieces = position[first[bad], 0], slice(first[bad], first[bad] + counts[bad] - 2)
+            position[pieces] = start + clip_ears(vertices[index[start : start + counts[bad]]])
+    return position, polygon
+
+
+def fan(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Cuts polygons into fans of triangles from their first corners; arguments and result as for `triangulate`.
+
+    >>> fan(np.array([3, 4]))[0].tolist()
+    [[0, 1, 2], [3, 4, 5], [3, 5, 6]]
+    """
+    counts = np.asarray(counts, np.int64)
+    start = np.concatenate([[0], np.cumsum(counts)[:-1]]) if len(counts) else counts
+    if len(counts) and (counts == 3).all():
+        return start[:, None] + np.arange(3), np.arange(len(counts))
+    pieces = np.maximum(counts - 2, 0)
+    polygon = np.repeat(np.arange(len(counts)), pieces)
+    step = np.arange(len(polygon)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    first = start[polygon]
+    return np.stack([first, first + step + 1, first + step + 2], axis=-1), polygon
+
+
+def _turned_over(
+    position: np.ndarray, polygon: np.ndarray, counts: np.ndarray, index: np.ndarray, vertices: np.ndarray
+) -> np.ndarray:
+    """Returns the polygons whose fans leave them: triangles of such a fan face both ways."""
+    bad = [np.zeros(0, np.int64)]
+    larger = np.flatnonzero(counts > 3)
+    axes = np.ascontiguousarray(vertices.T)  # thrice as fast as rows
+    for start in range(0, len(larger), BLOCK):
+        block = larger[start : start + BLOCK]
+        first, last = np.searchsorted(polygon, [block[0], block[-1] + 1])
+        part = np.arange(first, last)[counts[polygon[first:last]] > 3]
+        corners = index[position[part].T]
+        with np.errstate(invalid="ignore", over="ignore"):
+            a, b, c = (axes[:, corner] for corner in corners)
+            (ux, uy, uz), (vx, vy, vz) = b - a, c - a
+            normal = np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx])
+            pieces = counts[block] - 2
+            total = np.add.reduceat(normal, np.cumsum(pieces) - pieces, axis=1)
+            limit = -FLAT * (total**2).sum(0)
+            against = (normal * np.repeat(total, pieces, axis=1)).sum(0) < np.repeat(limit, pieces)
+        bad.append(polygon[part[against]])
+    return np.unique(np.concatenate(bad))
+
+
+def clip_ears(corners: np.ndarray) -> np.ndarray:
+    """Cuts a simple polygon into triangles that stay inside (Meisters, "Polygons have ears", 1975).
+
+    An ear is a corner whose triangle holds no other corner. The best-shaped one is cut off first.
+
+    Args:
+        corners: (N,3), not quite in one plane either.
+
+    Returns:
+        (N-2,3) numbers of corners, wound as the polygon.
+    """
+    flat = _projected(corners)
+    before, after = np.roll(np.arange(len(flat)), 1), np.roll(np.arange(len(flat)), -1)
+    turn = _cross(flat - flat[before], flat[after] - flat)
+    tiny = FLAT * np.abs(turn).max()
+
+    def score(corner: int) -> float:
+        """Returns the shape of an ear, above 0; -1 for a straight corner, -2 for one that is no ear."""
+        triangle = flat[[before[corner], corner, after[corner]]]
+        if turn[corner] <= tiny:
+            return -1 if turn[corner] >= -tiny else -2
+        inner = flat[turn < -tiny]
+        sides = np.roll(triangle, -1, axis=0) - triangle
+        within = (_cross(sides, inner[:, None] - triangle) >= -tiny).all(-1)
+        within &= (inner[:, None] != triangle).any(-1).all(-1)  # others at the place of a corner are no obstacle
+        return -2 if within.any() else float(turn[corner] / (sides**2).sum())
+
+    scores = np.array([score(corner) for corner in range(len(flat))])
+    triangles = []
+    for _ in range(len(flat) - 2):
+        corner = int(scores.argmax())  # a polygon that crosses itself may have no ear
+        start, end = before[corner], after[corner]
+        triangles.append((start, corner, end))
+        after[start], before[end] = end, start
+        turn[corner], scores[corner] = 0, -3
+        for other in (start, end):
+            turn[other] = _cross(flat[other] - flat[before[other]], flat[after[other]] - flat[other])
+        scores[start], scores[end] = score(start), score(end)
+    return np.array(triangles)
+
+
+def _projected(corners: np.ndarray) -> np.ndarray:
+    """Returns a polygon (N,3) in the coordinate plane (N,2) that it is most parallel to, counter-clockwise."""
+    centred = corners - corners.mean(axis=0)
+    normal = np.cross(centred, np.roll(centred, -1, axis=0)).sum(axis=0)
+    drop = int(np.abs(normal).argmax())
+    flat = centred[:, [(drop + 1) % 3, (drop + 2) % 3]]
+    return flat if normal[drop] > 0 else flat * [1, -1]
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
