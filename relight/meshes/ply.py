@@ -71,14 +71,14 @@ def read_ply(path: Path) -> RawMesh:
     corners = next((face[name] for name in ("vertex_indices", "vertex_index") if name in face), None)
     if corners is None or not len(corners[0]):
         raise UserError(f"{path} has points but no faces: relight needs a surface")
-    counts, index = corners
+    counts, index = corners[0], corners[1] if corners[1].dtype.kind in "iu" else corners[1].astype(np.int64)
     vertices = np.stack([vertex[axis] for axis in "xyz"], axis=-1).astype(np.float64)
     position, polygon = triangulate(path, counts, index, vertices)
     materials: list[Material | None] = [
         Material(texture=read_texture(find_file(path, name), f"{path}: texture {spellings(name)[0]}"))
         for name in pictures
     ]
-    faces = index[position].astype(np.int64)
+    faces = index[position]
     raw = RawMesh(
         vertices=vertices,
         faces=faces,
@@ -100,7 +100,7 @@ def read_ply(path: Path) -> RawMesh:
 def _with_face_colors(raw: RawMesh, color: np.ndarray) -> RawMesh:
     """Gives vertices the colours (F,3) of their faces; one that joins several colours is repeated for each."""
     _, number = np.unique(color, axis=0, return_inverse=True)
-    corner = raw.faces * (int(number.max()) + 1) + number.reshape(-1, 1)
+    corner = raw.faces.astype(np.int64) * (int(number.max()) + 1) + number.reshape(-1, 1)
     _, first, faces = np.unique(corner, return_index=True, return_inverse=True)
     vertices = raw.vertices[raw.faces.reshape(-1)[first]]
     return replace(raw, vertices=vertices, faces=faces.reshape(-1, 3), color=color[first // 3])

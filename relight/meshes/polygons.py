@@ -7,7 +7,7 @@ import numpy as np
 from relight.files import UserError
 
 MAX_CORNERS = 1000  # of a polygon that is not convex; clipping ears takes the square of it
-BLOCK = 1 << 16  # polygons that are tested at a time
+BLOCK = 1 << 13  # polygons that are tested at a time
 FLAT = 1e-9  # share of a polygon's area that rounding may turn over
 
 
@@ -19,7 +19,7 @@ def triangulate(
     Args:
         path: for error messages.
         counts: (P,) of the polygons' corners; polygons of fewer than three give no triangle.
-        index: (N,) the vertex of each corner, whole numbers of any type.
+        index: (N,) the vertex of each corner.
         vertices: (V,3).
 
     Returns:
@@ -30,13 +30,13 @@ def triangulate(
     """
     position, polygon = fan(counts)
     if (counts > 3).any() and index.min() >= 0 and index.max() < len(vertices):
-        index = index.astype(np.int64)  # some readers have floats
-        first = np.searchsorted(polygon, np.arange(len(counts)))
-        for bad in _turned_over(position, polygon, counts, index, vertices):
+        for bad in _turned_over(np.asarray(counts, np.int64), index, vertices):
             if counts[bad] > MAX_CORNERS:
                 raise UserError(f"{path}: a face that is not convex has {counts[bad]} corners: cut it into triangles")
-            start, pieces = position[first[bad], 0], slice(first[bad], first[bad] + counts[bad] - 2)
-            position[pieces] = start + clip_ears(vertices[index[start : start + counts[bad]]])
+            first = np.searchsorted(polygon, bad)
+            start = position[first, 0]
+            corners = vertices[index[start : start + counts[bad]]]
+            position[first : first + counts[bad] - 2] = start + clip_ears(corners)
     return position, polygon
 
 
@@ -47,37 +47,38 @@ def fan(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     [[0, 1, 2], [3, 4, 5], [3, 5, 6]]
     """
     counts = np.asarray(counts, np.int64)
-    start = np.concatenate([[0], np.cumsum(counts)[:-1]]) if len(counts) else counts
-    if len(counts) and (counts == 3).all():
-        return start[:, None] + np.arange(3), np.arange(len(counts))
+    if len(counts) and (counts == counts[0]).all():
+        step = np.arange(max(counts[0] - 2, 0))
+        corners = np.stack([np.zeros_like(step), step + 1, step + 2], axis=-1)
+        position = (counts[0] * np.arange(len(counts)))[:, None, None] + corners
+        return position.reshape(-1, 3), np.repeat(np.arange(len(counts)), len(step))
     pieces = np.maximum(counts - 2, 0)
     polygon = np.repeat(np.arange(len(counts)), pieces)
+    start = np.cumsum(counts) - counts
     step = np.arange(len(polygon)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     first = start[polygon]
     return np.stack([first, first + step + 1, first + step + 2], axis=-1), polygon
 
 
-def _turned_over(
-    position: np.ndarray, polygon: np.ndarray, counts: np.ndarray, index: np.ndarray, vertices: np.ndarray
-) -> np.ndarray:
+def _turned_over(counts: np.ndarray, index: np.ndarray, vertices: np.ndarray) -> np.ndarray:
     """Returns the polygons whose fans leave them: triangles of such a fan face both ways."""
-    bad = [np.zeros(0, np.int64)]
-    larger = np.flatnonzero(counts > 3)
-    axes = np.ascontiguousarray(vertices.T)  # thrice as fast as rows
-    for start in range(0, len(larger), BLOCK):
-        block = larger[start : start + BLOCK]
-        first, last = np.searchsorted(polygon, [block[0], block[-1] + 1])
-        part = np.arange(first, last)[counts[polygon[first:last]] > 3]
-        corners = index[position[part].T]
-        with np.errstate(invalid="ignore", over="ignore"):
-            a, b, c = (axes[:, corner] for corner in corners)
-            (ux, uy, uz), (vx, vy, vz) = b - a, c - a
-            normal = np.stack([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx])
-            pieces = counts[block] - 2
-            total = np.add.reduceat(normal, np.cumsum(pieces) - pieces, axis=1)
-            limit = -FLAT * (total**2).sum(0)
-            against = (normal * np.repeat(total, pieces, axis=1)).sum(0) < np.repeat(limit, pieces)
-        bad.append(polygon[part[against]])
+    start, bad = np.cumsum(counts) - counts, [np.zeros(0, np.int64)]
+    axes = [np.ascontiguousarray(vertices[:, axis]) for axis in range(3)]  # four times as fast as rows of three
+    for size in np.unique(counts[counts > 3]):
+        alike = np.flatnonzero(counts == size)
+        for block in np.split(alike, range(BLOCK, len(alike), BLOCK)):
+            corner = index[start[block] + np.arange(size)[:, None]]
+            with np.errstate(invalid="ignore", over="ignore"):
+                x, y, z = (edge[1:] - edge[0] for edge in (axis.take(corner) for axis in axes))
+                normal = (
+                    y[:-1] * z[1:] - z[:-1] * y[1:],
+                    z[:-1] * x[1:] - x[:-1] * z[1:],
+                    x[:-1] * y[1:] - y[:-1] * x[1:],
+                )
+                total = [part.sum(0) for part in normal]
+                along = sum(part * whole for part, whole in zip(normal, total))
+                against = along < -FLAT * sum(whole * whole for whole in total)
+            bad.append(block[against.any(0)])
     return np.unique(np.concatenate(bad))
 
 

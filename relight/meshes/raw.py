@@ -72,8 +72,9 @@ def checked_mesh(raw: RawMesh, path: Path) -> Mesh:
         if not count:
             count, what = int((~usable).sum()), f"have coordinates beyond {MAX_COORDINATE:g}"
         raise UserError(f"{path}: {count} of {len(vertices)} vertices {what}; 1 % is let pass")
-    vertices = np.where(usable[:, None], vertices, np.nan)
-    lowest, highest = np.nanmin(vertices, axis=0), np.nanmax(vertices, axis=0)
+    if not usable.all():
+        vertices = np.where(usable[:, None], vertices, np.nan)
+    lowest, highest = np.fmin.reduce(vertices, axis=0), np.fmax.reduce(vertices, axis=0)
     size = float((highest - lowest).max())
     if size == 0:
         raise UserError(f"{path}: all vertices lie at one point")
@@ -83,11 +84,11 @@ def checked_mesh(raw: RawMesh, path: Path) -> Mesh:
     if np.abs(centre).max() > 1000 * size:  # float32 would leave under 14 bits for the figure itself
         vertices = vertices - centre
         info["origin"] = centre.tolist()
-    uv = np.zeros((len(faces), 3, 2)) if raw.uv is None else np.where(np.isfinite(raw.uv), raw.uv, 0)
+    uv = np.zeros((len(faces), 3, 2), np.float32) if raw.uv is None else np.where(np.isfinite(raw.uv), raw.uv, 0)
     return Mesh(
         vertices=vertices.astype(np.float32),
-        faces=faces.astype(np.int32),
-        uv=uv.astype(np.float32),
+        faces=faces.astype(np.int32, copy=False),
+        uv=uv.astype(np.float32, copy=False),
         material=np.zeros(len(faces), np.int16) if raw.material is None else raw.material.astype(np.int16),
         materials=[material or Material() for material in raw.materials],
         color=None if raw.color is None else np.nan_to_num(raw.color).clip(0, 1).astype(np.float32),
