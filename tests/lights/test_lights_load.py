@@ -220,7 +220,7 @@ TABLES = {
     "decimal commas": "\n".join(";".join(map(str, row)).replace(".", ",") for row in ROWS).encode(),
     "decimal commas and tabs": "\n".join("\t".join(map(str, row)).replace(".", ",") for row in ROWS).encode(),
     "quotes": "\n".join(",".join(f'"{value}"' for value in row) for row in ROWS).encode(),
-    "comments in Latin-1": "# \xe9clair\n".encode("latin-1") + "\n".join(" ".join(map(str, row)) for row in ROWS).encode(),
+    "comments in Latin-1": b"# \xe9clair\n" + "\n".join(" ".join(map(str, row)) for row in ROWS).encode(),
 }  # fmt: skip
 
 
