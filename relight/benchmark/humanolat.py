@@ -214,7 +214,7 @@ def read_frame(path: Path, size: tuple[int, int] | None = None) -> np.ndarray:
         raise UserError(
             f"{path}: this Pillow reads no AVIF; pip install --upgrade pillow (11.3 or later), or convert to PNG"
         )
-    pixels = read_photo(path, "frame").pixels
+    pixels = read_photo(path, "frame").codes
     if size and pixels.shape[:2] != tuple(size):
         height, width = pixels.shape[:2]
         raise UserError(

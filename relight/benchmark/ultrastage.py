@@ -144,7 +144,7 @@ def read(capture: Capture) -> Pictures:
         UserError: if sizes differ, or the normals do not explain the gradients.
     """
     full_on, positive, negative, encoded_normal = (
-        read_photo(capture.files[part], part).pixels for part in ("full_on", "pos", "neg", "normal_alpha")
+        read_photo(capture.files[part], part).codes for part in ("full_on", "pos", "neg", "normal_alpha")
     )
     for part, pixels in (("pos", positive), ("neg", negative), ("normal_alpha", encoded_normal)):
         if pixels.shape != full_on.shape:

@@ -178,6 +178,11 @@ def without_vetoed(copies: LightSet, veto: str | None, record: dict[str, Any]) -
     return copies.rows(~vetoed)
 
 
+def counted(count: int, what: str) -> str:
+    """Returns a number with its noun, in the plural except for one."""
+    return f"{count} {what}{'' if count == 1 else 's'}"
+
+
 def parse_yaw(text: str) -> float:
     """Parses degrees; returns NaN, which matches no light, for other text, such as part of a source with a colon."""
     try:
@@ -344,7 +349,7 @@ def split_warnings(lights: LightSet, settings: Lights) -> list[str]:
         )
     if len(test_sources) < len(lights.of("test")):
         warnings.append(
-            f"the {len(lights.of('test'))} test lights come from {len(test_sources)} panoramas, the "
+            f"the {len(lights.of('test'))} test lights come from {counted(len(test_sources), 'panorama')}, the "
             f"{len(lights.of('train'))} training lights from {len(train_sources)}: lights of one panorama differ in "
             "heading and brightness alone"
         )

@@ -33,11 +33,13 @@ class ExrPicture:
         pixels: (H,W,3) float32, linear Rec. 709.
         envmap: the header attribute `envmap`: "latlong", "cube" or None.
         repairs: what was changed, one sentence each.
+        alpha: (H,W) float32, by which the colours are multiplied, or None.
     """
 
     pixels: np.ndarray
     envmap: str | None
     repairs: list[str]
+    alpha: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -89,6 +91,7 @@ def read_exr(path: Path) -> ExrPicture:
         stored = parts[number].channels
         names = color_channels(header.channels) or ""
         window_pixels = stack_channels(path, names, lambda name: np.asarray(stored.pop(name).pixels))
+        alpha = np.asarray(stored["A"].pixels, np.float32) if "A" in header.channels else None
     except UserError:
         raise
     except Exception as error:  # the binding raises many types, UnicodeDecodeError included
@@ -102,7 +105,9 @@ def read_exr(path: Path) -> ExrPicture:
         repairs.append("its channels X, Y and Z were taken as CIE XYZ and converted to Rec. 709")
     else:
         repairs += convert_primaries(pixels, header.chromaticities)
-    return ExrPicture(pixels, header.envmap, repairs)
+    if alpha is not None and alpha.shape == window_pixels.shape[:2]:
+        alpha = to_display_window(path, header, alpha[..., None], [])[..., 0]
+    return ExrPicture(pixels, header.envmap, repairs, alpha)
 
 
 def read_headers(path: Path, OpenEXR: Any) -> list[Header]:
@@ -186,7 +191,7 @@ def choose_part(path: Path, headers: list[Header]) -> int:
         )
     if selected is None:
         found = ", ".join(sorted({name for header in headers for name in header.channels})[:8])
-        raise UserError(f"{path} has the channels {found or 'none'}; a panorama has R, G and B, or X, Y and Z, or Y")
+        raise UserError(f"{path} has the channels {found or 'none'}; a picture has R, G and B, or X, Y and Z, or Y")
     if {"RY", "BY"} & set(headers[selected].channels):
         raise UserError(f"{path} is a luminance-chroma OpenEXR image, with colour at half the size: save it as RGB")
     for name, sampling in headers[selected].channels.items():
@@ -233,7 +238,7 @@ def stack_channels(path: Path, names: str, pop_channel: Callable[[str], np.ndarr
 
 
 def to_display_window(path: Path, header: Header, pixels: np.ndarray, repairs: list[str]) -> np.ndarray:
-    """Crops and pads pixels (h,w,3) from the data window to the display window; missing ones are black.
+    """Crops and pads pixels (h,w,C) from the data window to the display window; missing ones are black.
 
     Appends to `repairs` if the windows differ.
 
@@ -249,7 +254,7 @@ def to_display_window(path: Path, header: Header, pixels: np.ndarray, repairs: l
     check_size(path, width, height)
     if width * height > MAX_WINDOW_RATIO * pixels[..., 0].size:
         raise UserError(f"{path}: damaged: its display window ({width} x {height}) is nearly empty")
-    canvas = np.zeros((height, width, 3), np.float32)
+    canvas = np.zeros((height, width, pixels.shape[2]), np.float32)
     left, top, right, bottom = max(x0, display_x0), max(y0, display_y0), min(x1, display_x1), min(y1, display_y1)
     if left > right or top > bottom:
         raise UserError(f"{path}: its data window lies outside its display window")

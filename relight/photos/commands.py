@@ -155,7 +155,7 @@ def photo(
     from relight.photos.photo import relight_file
 
     record = relight_file(load(weights), path, out, options, mask)
-    print(f"{out}/relit.png: {path.name} in the light of {options.light}")
+    print(f"{out}/{record['picture']}: {path.name} in the light of {options.light}")
     _print_notes(record)
 
 
@@ -279,7 +279,7 @@ def _text(path: Path | None) -> str | None:
 
 
 def _print_notes(record: dict) -> None:
-    for note in record["light"]["notes"] + record["mask"]["notes"]:
+    for note in record["notes"] + record["light"]["notes"] + record["mask"]["notes"]:
         print(f"note: {note}")
     for number, person in enumerate(record["people"], 1):
         for warning in person["warnings"]:

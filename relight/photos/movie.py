@@ -180,9 +180,9 @@ def downscale(photo: Photo, coverage: np.ndarray, size: int) -> tuple[np.ndarray
     height, width = coverage.shape
     scale = size / max(height, width)
     if scale >= 1:
-        return photo.pixels, coverage
+        return photo.codes, coverage
     shape = max(8, round(width * scale)), max(8, round(height * scale))
-    images = (Image.fromarray(photo.pixels), Image.fromarray(coverage))
+    images = (Image.fromarray(photo.codes), Image.fromarray(coverage))
     pixels, coverage = (np.asarray(image.resize(shape, Image.Resampling.LANCZOS, reducing_gap=3)) for image in images)
     return pixels, coverage
 
@@ -216,7 +216,7 @@ def _with_masks(
             raise UserError(f"mask video {masks} has {number - 1} frames, but the clip has more")
         if drawn.pixels.shape != photo.pixels.shape:
             raise UserError(f"mask video {masks} is of another size than the clip: they must be equal")
-        yield photo, drawn.pixels.max(-1)
+        yield photo, drawn.codes.max(-1)
 
 
 def smooth_over_time(
