@@ -164,8 +164,11 @@ def without_vetoed(copies: LightSet, veto: str | None, record: dict[str, Any]) -
     except ValueError as error:
         raise UserError(f"{veto} is not a text file ({error})") from None
     vetoed = np.zeros(len(copies), bool)
-    for line in filter(None, (re.sub(r"(^|\s+)#.*", "", line).strip() for line in lines)):
+    for line in filter(None, (re.sub("^#.*", "", line.strip()) for line in lines)):
         matches = copies.source == line
+        if not matches.any():  # else the # belongs to the name
+            line = re.split(r"\s#", line)[0].strip()
+            matches = copies.source == line
         if not matches.any() and ":" in line:
             source, yaw = line.rsplit(":", 1)
             matches = (copies.source == source) & np.isclose(copies.yaw, parse_yaw(yaw), atol=0.01)

@@ -8,7 +8,7 @@ import numpy as np
 
 from relight.config import Align
 from relight.files import UserError, existing_file
-from relight.meshes.axes import AXES, find_axes
+from relight.meshes.axes import AXES, find_axes, flat_side
 from relight.meshes.mesh import Mesh
 from relight.sh import rotation_about_y
 from relight.text import read_table
@@ -45,6 +45,11 @@ def align(mesh: Mesh, settings: Align) -> Mesh:
     if up is None or front is None:
         axes = find_axes(mesh, up, front)
         up, front = axes.up, axes.front
+        if side := flat_side(mesh):
+            warnings.append(
+                f"its {side} side is flat, as a floor or a plinth, so its axes ({up} up, {front} to the front) may be "
+                "wrong: cut the floor off, or give them in align.table"
+            )
         if axes.certainty < MIN_CERTAINTY:
             warnings.append(f"its front is a guess ({front} with {up} up): check it, and correct it in align.table")
     rotation = rotation_about_y(np.radians(turn)) @ axes_rotation(up, front)
