@@ -49,7 +49,10 @@ def _read(gltf: Gltf) -> RawMesh:
             name = f"TEXCOORD_{channel}"
             if name not in primitive["attributes"]:
                 raise UserError(f"{gltf.path}: faces of the textured material {number} have no {name}")
-            uv = gltf.accessor(primitive["attributes"][name]) @ placement[:, :2].T + placement[:, 2]
+            uv = gltf.accessor(primitive["attributes"][name])
+            if uv.dtype.kind in "iu" and "KHR_mesh_quantization" not in gltf.json.get("extensionsUsed", []):
+                uv = uv / np.iinfo(uv.dtype.char).max  # whole numbers mean nothing else without that extension
+            uv = uv @ placement[:, :2].T + placement[:, 2]
             uv = np.stack([uv[:, 0], 1 - uv[:, 1]], axis=-1)[faces]  # glTF counts v from the top
         color = primitive["attributes"].get("COLOR_0")
         color = None if color is None else _colors(gltf.accessor(color)[:, :3], notes)

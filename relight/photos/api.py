@@ -13,6 +13,7 @@ from PIL import Image
 from relight.files import UserError
 from relight.lights import Light, LightOptions
 from relight.photos.background import Background, read_background
+from relight.photos.coverage import coverage_of
 from relight.photos.crop import MASK_THRESHOLD, Crop
 from relight.photos.infer import Person, balanced, infer_person, mean_exposure_factor, mean_light
 from relight.photos.mask import find_mask, split_people
@@ -298,10 +299,7 @@ def _checked_mask(mask: np.ndarray) -> np.ndarray:
     mask = np.asarray(mask)
     if mask.ndim != 2:
         raise UserError(f"the mask has shape {mask.shape}: give (height, width)")
-    if mask.dtype == bool:
-        mask = mask * np.uint8(255)
-    elif mask.dtype != np.uint8:
-        mask = np.round(np.clip(np.nan_to_num(mask.astype(np.float32)), 0, 1) * 255).astype(np.uint8)
+    mask, _ = coverage_of(mask * np.uint8(255) if mask.dtype == bool else mask, "the mask")
     if not (mask >= MASK_THRESHOLD).any():
         raise UserError("the mask is empty: no pixel of it is at least half white")
     return mask

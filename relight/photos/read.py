@@ -2,29 +2,20 @@
 
 import glob
 import re
-import warnings
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from PIL import Image, ImageOps, TiffImagePlugin
+from PIL import Image, ImageOps
 
 from relight.files import UserError, existing_file, require_readable
 from relight.photos.color import to_srgb8
 from relight.photos.coverage import coverage_of
 from relight.photos.deep import is_exr, read_16_bits, read_linear
+from relight.photos.opening import bits_of, decoding_errors, open_picture, require_still
 from relight.photos.profile import to_srgb
 
-MAX_PIXELS = 100_000_000  # of a photo; decoders allocate memory before they find that a file is a decompression bomb
-TOO_LARGE = f"at most {MAX_PIXELS // 10**6} million pixels are read"
-MAX_BYTES = 500_000_000
-FREE_PIXELS, MOST_PACKED = 2**22, 2**13  # pixels that are believed of any file, and of each of its bytes
 SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".avif", ".heic", ".heif")
-HEIC = (".heic", ".heif")
-ANIMATIONS = ("GIF", "WEBP", "PNG", "AVIF")  # formats whose further pictures are frames; in others they are previews
-REDUCED, TRANSPARENCY = 1, 4  # bits of a TIFF page's NewSubfileType: a preview, a mask
 NUMBER = re.compile(r"(\d+)")
 
 
@@ -73,7 +64,7 @@ def read_photo(path: Path | str, what: str = "photo") -> Photo:
     if is_exr(path):
         pixels, alpha, notes = read_linear(path, f"{what} {path}")
         return _checked(Photo(pixels, alpha, path.stem, ".exr", notes), f"{what} {path}")
-    with _decoding_errors(f"{what} {path}"), _open(path, what) as image:
+    with decoding_errors(f"{what} {path}"), open_picture(path, what) as image:
         return photo_from_image(image, f"{what} {path}", path.stem, path)
 
 
@@ -91,12 +82,12 @@ def photo_from_image(
     Raises:
         UserError: as `read_photo`.
     """
-    _require_still(image, what)
+    require_still(image, what)
     if image.mode in ("L", "LA", "1") or image.mode.startswith("I;16"):
         raise UserError(f"{what} is grey: give a colour picture, for the light's colour is read from it")
     if image.mode in ("CMYK", "YCCK", "LAB", "HSV"):
         raise UserError(f"{what} is {image.mode}: convert it to RGB (sRGB)")
-    bits = _bits(image, file)
+    bits = bits_of(image, file)
     if bits > 16 or image.mode.startswith(("I", "F")):
         raise UserError(f"{what} has more than 16 bits per channel: save it in 16 bits, or as OpenEXR if it is linear")
     stored, orientation = image, image.getexif().get(274, 1)
@@ -123,24 +114,6 @@ def _checked(photo: Photo, what: str) -> Photo:
     return photo
 
 
-def _require_still(image: Image.Image, what: str) -> None:
-    """Goes to the first picture of a file that is no preview; raises UserError if the file is a film or has pages."""
-    count = getattr(image, "n_frames", 1)
-    if count == 1:
-        return
-    if image.format in ANIMATIONS:
-        raise UserError(f"{what} is animated ({count} frames): save one, or use `relight movie`")
-    if isinstance(image, TiffImagePlugin.TiffImageFile):
-        pages = []
-        for page in range(count):
-            image.seek(page)
-            if not image.tag_v2.get(254, 0) & (REDUCED | TRANSPARENCY):
-                pages.append(page)
-        if len(pages) > 1:
-            raise UserError(f"{what} has {len(pages)} pages: save one of them")
-        image.seek(pages[0] if pages else 0)
-
-
 def read_mask(path: Path | str, size: tuple[int, int], notes: list[str] | None = None) -> np.ndarray:
     """Reads a mask: the file's alpha channel if that varies, else its brightness, or its two labels or colours.
 
@@ -156,7 +129,7 @@ def read_mask(path: Path | str, size: tuple[int, int], notes: list[str] | None =
         UserError: if it is no still picture of that size, or a map of several labels.
     """
     path = existing_file(path, "mask")
-    with _decoding_errors(f"mask {path}"), _open(path, "mask") as image:
+    with decoding_errors(f"mask {path}"), open_picture(path, "mask") as image:
         return mask_from_image(image, size, f"mask {path}", notes)
 
 
@@ -164,7 +137,7 @@ def mask_from_image(
     image: Image.Image, size: tuple[int, int], what: str = "the mask", notes: list[str] | None = None
 ) -> np.ndarray:
     """Converts an image of Pillow as `read_mask` does; `what` is its name in errors."""
-    _require_still(image, what)
+    require_still(image, what)
     image = ImageOps.exif_transpose(image)
     if image.mode.startswith(("I", "F")):
         values = np.asarray(image)
@@ -224,56 +197,3 @@ def list_photos(folder: Path | str) -> list[Path]:
     if not found:
         raise UserError(f"folder {folder} holds masks only")
     return found
-
-
-def _open(path: Path, what: str) -> Image.Image:
-    """Reads the header of a file and checks the size; no pixel is decoded yet."""
-    if path.stat().st_size > MAX_BYTES:
-        raise UserError(f"{what} {path} is larger than {MAX_BYTES // 10**6} MB: give a smaller file")
-    if path.suffix.lower() in HEIC:
-        try:
-            from pillow_heif import register_heif_opener
-        except ImportError:
-            raise UserError(
-                f"{what} {path} is HEIC, which needs pillow-heif: pip install 'relight[heic]', or save it as JPEG"
-            ) from None
-        register_heif_opener()
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Pillow only warns of large pictures; here they are an error
-            image = Image.open(path)
-    except Image.DecompressionBombError:
-        raise UserError(f"{what} {path} is too large: {TOO_LARGE}") from None
-    except Exception:
-        raise UserError(f"{what} {path} cannot be read as a picture: give JPEG, PNG, WebP, TIFF or AVIF") from None
-    width, height = image.size
-    if width * height > MAX_PIXELS:
-        image.close()
-        raise UserError(f"{what} {path} is too large, {width}x{height}: {TOO_LARGE}")
-    stored = path.stat().st_size
-    if width * height > max(FREE_PIXELS, MOST_PACKED * stored):
-        image.close()
-        raise UserError(f"{what} {path} is damaged: it promises {width}x{height} pixels in {stored} bytes")
-    return image
-
-
-@contextmanager
-def _decoding_errors(what: str) -> Iterator[None]:
-    """Turns what Pillow's decoders raise for damaged files, a dozen types, into a UserError."""
-    try:
-        yield
-    except UserError:
-        raise
-    except Exception as error:
-        raise UserError(f"{what} is damaged or cut short ({str(error).split(chr(10))[0]})") from None
-
-
-def _bits(image: Image.Image, file: Path | None) -> int:
-    """Returns the bits per channel of a file, of which Pillow drops the lower half silently."""
-    if image.format == "PNG" and file is not None:
-        with open(file, "rb") as data:
-            return data.read(25)[24]
-    if isinstance(image, TiffImagePlugin.TiffImageFile):
-        bits = image.tag_v2.get(258, 8)  # BitsPerSample
-        return max(bits) if isinstance(bits, tuple) else int(bits)
-    return 8

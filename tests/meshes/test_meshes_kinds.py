@@ -393,6 +393,23 @@ def test_gltf_sampler_wraps_u(tmp_path, u, wrap, color):
     np.testing.assert_allclose(albedo(Mesh.load(tmp_path / "a.npz")), color, atol=1e-6)
 
 
+@pytest.mark.parametrize(("kind", "component"), [("<u1", 5121), ("<u2", 5123)])
+@pytest.mark.parametrize("normalized", [True, False])
+def test_gltf_texture_coordinates_of_integers(tmp_path, kind, component, normalized):
+    """0.8 of the largest integer is on the right; as whole numbers they would repeat the texture."""
+    right = int(0.8 * np.iinfo(kind).max)
+
+    def change(scene):
+        scene["bufferViews"][1]["byteLength"] = 6 * np.dtype(kind).itemsize
+        scene["accessors"][1].update(componentType=component, normalized=normalized)
+
+    content = glb(change, STRIPES)
+    place = content.index(np.full(6, 0.5, "<f4").tobytes())
+    numbers = np.array([(right, np.iinfo(kind).max // 2)] * 3, kind).tobytes()
+    path = write(tmp_path, {"a.glb": content[:place] + numbers + content[place + len(numbers) :]})
+    np.testing.assert_allclose(albedo(read_mesh(path)), BLUE_, atol=1e-6)
+
+
 @pytest.mark.parametrize(("option", "color"), [("", RED_), ("-clamp on ", BLUE_), ("-clamp off ", RED_)])
 def test_mtl_clamps_a_texture(tmp_path, option, color):
     text = used(b"A").replace(b"f 1 2 3", b"vt 1.25 .5\nf 1/1 2/1 3/1")

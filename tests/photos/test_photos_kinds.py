@@ -495,6 +495,14 @@ def test_a_note_on_the_mask_reaches_the_screen_and_the_record(tmp_path, run, wei
     assert "two values 0 and 1" in (tmp_path / "out/photo.json").read_text()
 
 
+@pytest.mark.parametrize("label", [np.uint8(1), np.int64(15), np.float32(0.4), np.uint16(65535), True])
+def test_infer_takes_arrays_of_labels(relighter, draw, label):
+    pixels, mask = draw()
+    solid = mask > 127
+    (person,) = relighter.infer(pixels, solid * np.asarray(label))
+    np.testing.assert_array_equal(person.coverage, solid * np.uint8(255))
+
+
 def test_person_is_shown_in_a_line(relighter, draw):
     (person,) = relighter.infer(*draw())
     assert len(repr(person)) < 200 and "\n" not in repr(person) and "9 coefficients" in repr(person)
