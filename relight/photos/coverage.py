@@ -1,6 +1,7 @@
 """From the values of a mask's file to coverage: soft masks, labels of segmentation programs, masks in one colour."""
 
 import numpy as np
+from PIL import Image
 
 from relight.files import UserError
 
@@ -27,9 +28,11 @@ def coverage_of(values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
         UserError: if the values are labels of several things.
     """
     if values.ndim == 3:
-        if int(np.ptp(values, axis=-1).max()) > GREY:
+        red, green, blue = (np.ascontiguousarray(values[..., channel]) for channel in range(3))
+        spread = np.maximum(np.maximum(red, green), blue) - np.minimum(np.minimum(red, green), blue)
+        if spread.max() > GREY:
             return _of_colors(values, what)
-        values = np.round(values @ np.array([0.299, 0.587, 0.114])).astype(np.uint8)
+        values = np.asarray(Image.fromarray(values).convert("L")) if spread.any() else red
     notes = []
     if values.dtype.kind == "f":
         finite = np.isfinite(values)
@@ -46,6 +49,8 @@ def coverage_of(values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
         return np.where(values == high, np.uint8(255), np.uint8(0)), notes
     if values.dtype.kind in "iu" and high < FULL:
         raise UserError(f"{what} holds labels or shades from {low} to {high} of 255: {WANTED}")
+    if values.dtype == np.uint8:
+        return values, notes
     return np.round(np.maximum(values, 0) * (255 / _top(values, high))).astype(np.uint8), notes
 
 

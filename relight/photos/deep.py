@@ -4,7 +4,6 @@ from fractions import Fraction
 from pathlib import Path
 from typing import cast
 
-import av
 import numpy as np
 import OpenEXR
 from PIL import Image
@@ -50,6 +49,8 @@ def read_16_bits(path: Path, image: Image.Image, orientation: int, what: str) ->
     Raises:
         UserError: if the file is of a kind that only Pillow reads.
     """
+    import av
+
     try:
         with av.open(str(path)) as container:
             stored = next(container.decode(video=0)).to_ndarray(format="rgba64le")[..., :3]
@@ -102,6 +103,8 @@ def write_deep(path: Path, pixels: np.ndarray) -> None:
 
 
 def _encoded(pixels: np.ndarray, coder: str) -> bytes:
+    import av
+
     form = {3: "rgb48", 4: "rgba64"}[pixels.shape[2]] + {"png": "be", "tiff": "le"}[coder]
     context = cast(av.VideoCodecContext, av.CodecContext.create(coder, "w"))
     context.height, context.width = pixels.shape[:2]
