@@ -174,8 +174,11 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="plot (.png)")
     options = parser.parse_args()
 
-    import trimesh
-    from trimesh.ray.ray_pyembree import RayMeshIntersector
+    try:
+        import trimesh
+        from trimesh.ray.ray_pyembree import RayMeshIntersector
+    except ImportError as error:
+        parser.exit(1, f"PIFu's baseline needs embreex, which the extra `bench` installs ({error})\n")
 
     mesh = figure(options.mesh, options.seed)
     caster = RayCaster(mesh.vertices, mesh.faces, threads=1)

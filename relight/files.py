@@ -1,6 +1,5 @@
 """Atomic writing of files, checks of paths before long work, and the exception for errors of users."""
 
-import csv
 import errno
 import fcntl
 import glob
@@ -252,24 +251,6 @@ def require_readable(path: Path, what: str) -> None:
     """Raises UserError if this user may not read a file, or list a folder; `what` is its name in the error."""
     if not os.access(path, os.R_OK, effective_ids=os.access in os.supports_effective_ids):
         raise UserError(f"{what}: {path} cannot be read: permission denied")
-
-
-def read_table(path: Path) -> tuple[list[str], list[dict[str, str]]]:
-    """Reads a CSV table.
-
-    Returns:
-        The names of the columns, and the rows by column, stripped and without cells beyond the last column.
-
-    Raises:
-        UserError: if the file is not CSV in UTF-8.
-    """
-    try:
-        with open(path, newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file)
-            rows = [{key: (value or "").strip() for key, value in row.items() if key is not None} for row in reader]
-            return list(reader.fieldnames or []), rows
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise UserError(f"{path} is not a CSV table in UTF-8 ({error})") from None
 
 
 def out_of_memory(error: MemoryError) -> str:

@@ -34,3 +34,12 @@ def test_a_step_of_the_timed_training_runs(scripts, tmp_path):
     before = [weight.detach().clone() for weight in case.network.parameters()]
     case.step()
     assert any((one != other).any() for one, other in zip(before, case.network.parameters()))
+
+
+def test_transport_without_its_extra_says_what_to_install(scripts, monkeypatch, capsys):
+    transport = importlib.import_module("transport")
+    monkeypatch.setattr(sys, "argv", ["transport.py"])
+    monkeypatch.setitem(sys.modules, "trimesh.ray.ray_pyembree", None)  # as if embreex were not installed
+    with pytest.raises(SystemExit):
+        transport.main()
+    assert "embreex, which the extra `bench` installs" in capsys.readouterr().err

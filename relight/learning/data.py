@@ -23,6 +23,7 @@ from relight.maps import PackedMaps
 from relight.npz import read_npz
 from relight.progress import progress
 from relight.sh import order_of
+from relight.text import read_text
 
 MULTIPLE = 64  # P is a multiple of it
 
@@ -288,7 +289,7 @@ def neighbours(pixel: np.ndarray, offset: np.ndarray, size: int) -> tuple[np.nda
 def read_split(path: Path) -> dict[str, list[str]]:
     """Reads a split: names of figures by part, `train`, `test` and `sitting`; raises UserError on any other file."""
     try:
-        parts = json.loads(existing_file(path, "split").read_text())
+        parts = json.loads(read_text(existing_file(path, "split")))
         names = [name for part in parts.values() for name in part]
         lists = all(isinstance(part, list) for part in parts.values())
         if lists and {"train", "test"} <= set(parts) and all(isinstance(name, str) for name in names):

@@ -18,6 +18,7 @@ from relight.panoramas import Panorama, orient, project, read_panorama
 from relight.sh import CONVENTIONS, basis, to_relight
 from relight.sh.conventions import as_table
 from relight.srgb import decode
+from relight.text import read_text
 
 GENERATED = re.compile(r"(room|sky|lamps):(\d{1,9})(?::([-+.0-9]+))?")
 KEY = re.compile(r"key:#?([0-9a-fA-F]{6})@([-+.0-9]+),([-+.0-9]+)(?:,([-+.0-9]+))?")
@@ -169,10 +170,10 @@ def key_light(colour: str, azimuth: float, elevation: float, fill: float, order:
     """
     if not -90 <= elevation <= 90:
         raise UserError(f"key:#{colour}: elevation {elevation:g} must be in -90 (from below) to 90 (from above)")
-    if not (np.isfinite(azimuth) and np.isfinite(fill) and fill >= 0):
-        raise UserError(
-            f"key:#{colour}: azimuth {azimuth:g}, fill {fill:g}: azimuth must be in degrees, fill at least 0"
-        )
+    if not -360 <= azimuth <= 360:
+        raise UserError(f"key:#{colour}: azimuth {azimuth:g} must be in -360 to 360 degrees")
+    if not (np.isfinite(fill) and fill >= 0):
+        raise UserError(f"key:#{colour}: fill {fill:g} must be at least 0")
     linear = decode(np.array([int(colour[i : i + 2], 16) for i in (0, 2, 4)]) / 255)
     a, e = np.radians(azimuth), np.radians(elevation)
     toward = np.array([np.sin(a) * np.cos(e), np.sin(e), np.cos(a) * np.cos(e)])
@@ -209,15 +210,25 @@ def read_coefficients(path: Path, convention: str | None) -> Light:
         if path.suffix.lower() == ".npy":
             array: object = read_npy(path)
         elif path.suffix.lower() == ".json":
-            content = json.loads(path.read_text(encoding="utf-8"))
+            content = json.loads(read_text(path))
             array, declared_convention = (content, None) if isinstance(content, list) else parse_json(path, content)
             named_convention = declared_convention or named_convention
         else:
-            lines = (line.split("#")[0].replace(",", " ") for line in path.read_text(encoding="utf-8").splitlines())
-            array = np.array([[float(word) for word in line.split()] for line in lines if line.strip()])
+            array = parse_rows(read_text(path))
     except (ValueError, TypeError, OverflowError, EOFError, RecursionError) as error:
         raise UserError(f"{path} is not a table of coefficients ({str(error).splitlines()[0][:120]})") from error
     return Light(to_relight(as_table(array, str(path)), convention or named_convention or "relight"), str(path))
+
+
+def parse_rows(text: str) -> np.ndarray:
+    """Parses rows of numbers between blanks, commas or semicolons; beside semicolons and tabs a comma is a point.
+
+    Raises:
+        ValueError: if they are no such table.
+    """
+    point = "." if re.search(r"[;\t]", text) and not re.search(r"\d\.\d", text) else " "
+    lines = (re.sub(r'[;"]', " ", line.split("#")[0].replace(",", point)) for line in text.splitlines())
+    return np.array([[float(word) for word in line.split()] for line in lines if line.strip()])
 
 
 def parse_json(path: Path, content: object) -> tuple[object, str | None]:

@@ -5,6 +5,7 @@ take most clusters. With `order: paper`, the clustering comes first, as in the p
 """
 
 import logging
+import re
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +19,7 @@ from relight.lights.cluster import choose_test_lights, medoids
 from relight.lights.statistics import measure, reference_brightness
 from relight.lights.table import SPLITS, LightSet
 from relight.sh import order_of, rotation_about_y, rotation_matrix
+from relight.text import read_text
 
 log = logging.getLogger(__name__)
 
@@ -157,10 +159,16 @@ def without_vetoed(copies: LightSet, veto: str | None, record: dict[str, Any]) -
     """
     if veto is None:
         return copies
-    lines = existing_file(Path(veto), "lights.veto").read_text(encoding="utf-8").splitlines()
+    try:
+        lines = read_text(existing_file(Path(veto), "lights.veto")).splitlines()
+    except ValueError as error:
+        raise UserError(f"{veto} is not a text file ({error})") from None
     vetoed = np.zeros(len(copies), bool)
-    for line in filter(None, (line.split("#")[0].strip() for line in lines)):
+    for line in filter(None, (re.sub("^#.*", "", line.strip()) for line in lines)):
         matches = copies.source == line
+        if not matches.any():  # else the # belongs to the name
+            line = re.split(r"\s#", line)[0].strip()
+            matches = copies.source == line
         if not matches.any() and ":" in line:
             source, yaw = line.rsplit(":", 1)
             matches = (copies.source == source) & np.isclose(copies.yaw, parse_yaw(yaw), atol=0.01)
@@ -171,6 +179,11 @@ def without_vetoed(copies: LightSet, veto: str | None, record: dict[str, Any]) -
     if vetoed.all():
         raise UserError(f"{veto} removes all lights: at least one must be left")
     return copies.rows(~vetoed)
+
+
+def counted(count: int, what: str) -> str:
+    """Returns a number with its noun, in the plural except for one."""
+    return f"{count} {what}{'' if count == 1 else 's'}"
 
 
 def parse_yaw(text: str) -> float:
@@ -339,7 +352,7 @@ def split_warnings(lights: LightSet, settings: Lights) -> list[str]:
         )
     if len(test_sources) < len(lights.of("test")):
         warnings.append(
-            f"the {len(lights.of('test'))} test lights come from {len(test_sources)} panoramas, the "
+            f"the {len(lights.of('test'))} test lights come from {counted(len(test_sources), 'panorama')}, the "
             f"{len(lights.of('train'))} training lights from {len(train_sources)}: lights of one panorama differ in "
             "heading and brightness alone"
         )

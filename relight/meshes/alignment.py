@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from relight import files
 from relight.config import Align
 from relight.files import UserError, existing_file
-from relight.meshes.axes import AXES, find_axes
+from relight.meshes.axes import AXES, find_axes, flat_side
 from relight.meshes.mesh import Mesh
 from relight.sh import rotation_about_y
+from relight.text import read_table
 
 MIN_CERTAINTY = 0.3  # of the front, below which there is a warning
 
@@ -40,11 +40,16 @@ def align(mesh: Mesh, settings: Align) -> Mesh:
         _first_axis(key, row.get(key), getattr(settings, key), mesh.info.get("axes", {}).get(key))
         for key in ("up", "front")
     )
-    turn = float(row.get("turn") or 0)
+    turn = float(row.get("turn", 0))
     warnings = list(mesh.info.get("warnings", []))
     if up is None or front is None:
         axes = find_axes(mesh, up, front)
         up, front = axes.up, axes.front
+        if side := flat_side(mesh):
+            warnings.append(
+                f"its {side} side is flat, as a floor or a plinth, so its axes ({up} up, {front} to the front) may be "
+                "wrong: cut the floor off, or give them in align.table"
+            )
         if axes.certainty < MIN_CERTAINTY:
             warnings.append(f"its front is a guess ({front} with {up} up): check it, and correct it in align.table")
     rotation = rotation_about_y(np.radians(turn)) @ axes_rotation(up, front)
@@ -103,7 +108,7 @@ def read_align_table(path: Path | str) -> dict[str, dict[str, str]]:
         UserError: if the file does not exist, has no column `name`, has a name twice, or a cell cannot be parsed.
     """
     path = existing_file(path, "align.table")
-    columns, found = files.read_table(path)
+    columns, found = read_table(path)
     if "name" not in columns:
         raise UserError(f"{path} has no column `name`; a table of overrides has name, up, front, turn")
     rows: dict[str, dict[str, str]] = {}
@@ -114,7 +119,8 @@ def read_align_table(path: Path | str) -> dict[str, dict[str, str]]:
             if row.get(key) and row[key] not in (*AXES, "auto"):
                 raise UserError(f"{path}: {key} {row[key]!r} of {row['name']}; {', '.join(AXES)} and auto are known")
         try:
-            known = math.isfinite(float(row.get("turn") or 0))
+            row["turn"] = (row.get("turn") or "0").replace(",", ".")  # a decimal comma
+            known = math.isfinite(float(row["turn"]))
         except ValueError:
             known = False
         if not known:

@@ -14,6 +14,7 @@ FEET, ANKLES = (0.0, 0.04), (0.05, 0.10)  # of the height, from the soles
 FACE, NECK = (0.05, 0.12), (0.14, 0.17)  # of the height, from the top of the head
 MIN_OFFSET = 0.008  # of the height: smaller horizontal offsets show no direction
 SOLES = 0.01  # least area of two soles, over the squared height: .015 in the median; the top of a head has .006
+FLOOR = 0.06  # area of a floor, over the squared longest extent; the soles of six dressed figures have .016 to .018
 GRID = 256  # cells along the longest extent, in which covered areas are counted
 SHINS, LEVELS = (0.06, 0.20), 6  # of the height: where there is a gap between two legs, but none in a head or skirt
 MIN_GAP = 0.03  # of the height: that between legs is .04 to .2; loose hair has .015
@@ -74,6 +75,20 @@ def find_axes(mesh: Mesh, up: str | None = None, front: str | None = None) -> Ax
     if shown[front] > MIN_OFFSET:
         return Axes(up, front, min(1.0, shown[front] / (4 * MIN_OFFSET)))
     return Axes(up, "-y" if up[1] == "z" else "+z", 0.0)
+
+
+def flat_side(mesh: Mesh) -> str | None:
+    """Returns the side, named in AXES, at which a flat part covers more than FLOOR, as a floor or a plinth does."""
+    area = face_areas(mesh.vertices, mesh.faces)
+    points = mesh.vertices[mesh.faces].mean(axis=1, dtype=np.float64)
+    limit = FLOOR * max(np.ptp(mesh.vertices, axis=0).max(), 1e-30) ** 2
+    for name, axis in AXES.items():
+        height = points @ axis
+        if area[height >= height.max() - 0.02 * np.ptp(height)].sum() < limit:  # at least what they cover
+            continue
+        if _sole_area(mesh, points, -axis) > FLOOR:
+            return name
+    return None
 
 
 def _in_band(points: np.ndarray, up: np.ndarray, band: Band) -> tuple[np.ndarray, float]:

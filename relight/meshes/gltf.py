@@ -7,9 +7,11 @@ from typing import Any
 import numpy as np
 
 from relight.files import UserError
-from relight.meshes.gltf_file import Gltf
-from relight.meshes.mesh import Material
-from relight.meshes.raw import MAX_FACES, RawMesh, read_texture
+from relight.meshes.gltf_file import READERS, Gltf, read_extension, reads_extension
+from relight.meshes.mesh import CLAMP, MIRROR, REPEAT, Material
+from relight.meshes.raw import MAX_FACES, RawMesh, read_texture, unit_colors
+
+WRAPS = {10497: REPEAT, 33071: CLAMP, 33648: MIRROR}  # of a sampler
 
 
 def read_gltf(path: Path) -> RawMesh:
@@ -23,7 +25,8 @@ def read_gltf(path: Path) -> RawMesh:
 
 def _read(gltf: Gltf) -> RawMesh:
     """Concatenates the primitives of the default scene."""
-    materials: list[tuple[Material, np.ndarray, int]] = []
+    materials: list[tuple[Material | None, np.ndarray, int]] = []
+    notes: list[str] = []
     parts, slots, total = [], {}, 0
     for primitive, matrix in _primitives(gltf):
         points = gltf.accessor(primitive["attributes"]["POSITION"]).astype(np.float64)
@@ -42,11 +45,17 @@ def _read(gltf: Gltf) -> RawMesh:
             materials.append(_material(gltf, number))
         material, placement, channel = materials[slots[number]]
         uv = np.zeros((len(faces), 3, 2))
-        if material.texture is not None:
-            uv = gltf.accessor(primitive["attributes"][f"TEXCOORD_{channel}"]) @ placement[:, :2].T + placement[:, 2]
+        if material is not None and material.texture is not None:
+            name = f"TEXCOORD_{channel}"
+            if name not in primitive["attributes"]:
+                raise UserError(f"{gltf.path}: faces of the textured material {number} have no {name}")
+            uv = gltf.accessor(primitive["attributes"][name])
+            if uv.dtype.kind in "iu" and "KHR_mesh_quantization" not in gltf.json.get("extensionsUsed", []):
+                uv = uv / np.iinfo(uv.dtype.char).max  # whole numbers mean nothing else without that extension
+            uv = uv @ placement[:, :2].T + placement[:, 2]
             uv = np.stack([uv[:, 0], 1 - uv[:, 1]], axis=-1)[faces]  # glTF counts v from the top
         color = primitive["attributes"].get("COLOR_0")
-        color = None if color is None else gltf.accessor(color)[:, :3].astype(np.float32)
+        color = None if color is None else _colors(gltf.accessor(color)[:, :3], notes)
         parts.append((points @ matrix[:3, :3].T + matrix[:3, 3], faces, uv, np.full(len(faces), slots[number]), color))
     if not total:
         raise UserError(f"{gltf.path} has no triangles: relight needs a surface")
@@ -59,7 +68,15 @@ def _read(gltf: Gltf) -> RawMesh:
         material=np.concatenate([material for *_, material, _ in parts]),
         materials=[material for material, _, _ in materials],
         color=np.concatenate([np.ones((len(p), 3)) if c is None else c for p, *_, c in parts]) if colored else None,
+        warnings=list(dict.fromkeys(notes)),
     )
+
+
+def _colors(values: np.ndarray, notes: list[str]) -> np.ndarray:
+    """Returns linear vertex colours (V,3) float32 in [0,1]; integers that are not marked as normalised are, too."""
+    codes, unusual = unit_colors(values, "its vertex colours")
+    notes += unusual
+    return (codes / np.float32(255) if codes.dtype == np.uint8 else codes).astype(np.float32)
 
 
 def _primitives(gltf: Gltf) -> Iterator[tuple[dict[str, Any], np.ndarray]]:
@@ -115,42 +132,70 @@ def _triangles(gltf: Gltf, index: np.ndarray, mode: int) -> np.ndarray:
     return np.zeros((0, 3), np.int64)
 
 
-def _material(gltf: Gltf, number: int | None) -> tuple[Material, np.ndarray, int]:
+def _material(gltf: Gltf, number: int | None) -> tuple[Material | None, np.ndarray, int]:
     """Returns a material, the transform (2,3) of its texture coordinates, and the number of their set.
 
-    It is matt unless the file gives its reflection (KHR_materials_specular): the defaults of glTF, which writers leave
-    as they are, would make all scans glossy.
+    The material is None where the file gives no colour. It is matt unless the file gives its reflection
+    (KHR_materials_specular): the defaults of glTF, which writers leave as they are, would make all scans glossy.
     """
     placement = np.eye(2, 3)
     if number is None:
-        return Material(), placement, 0
+        return None, placement, 0
     entry = gltf.item("materials", number)
     base = entry.get("pbrMetallicRoughness", {})
-    legacy = entry.get("extensions", {}).get("KHR_materials_pbrSpecularGlossiness", {})
-    factor = base.get("baseColorFactor", legacy.get("diffuseFactor", (1, 1, 1, 1)))
-    slot = base.get("baseColorTexture", legacy.get("diffuseTexture"))
-    color, name = np.array(factor[:3], np.float32), str(entry.get("name", ""))
-    gloss = {}
-    if (specular := entry.get("extensions", {}).get("KHR_materials_specular")) is not None:
-        gloss = {"roughness": base.get("roughnessFactor", 1.0), "specular": specular.get("specularFactor", 1.0)}
-        gloss = {key: min(1.0, max(0.0, float(value))) for key, value in gloss.items()}
+    given = (read_extension(entry, "KHR_materials_pbrSpecularGlossiness") or {}) | base
+    factor, slot = given.get("baseColorFactor"), given.get("baseColorTexture")
+    if factor is None and slot is None:
+        return None, placement, 0
+    color, name = np.array((factor or (1, 1, 1))[:3], np.float32), str(entry.get("name", ""))
+    gloss = read_extension(entry, "KHR_materials_specular", base) or {}
     if slot is None:
         return Material(color, name=name, **gloss), placement, 0
-    moved = slot.get("extensions", {}).get("KHR_texture_transform", {})
-    if moved:
-        c, s = np.cos(moved.get("rotation", 0)), np.sin(moved.get("rotation", 0))
-        placement = np.array([[c, s], [-s, c]]) * np.array(moved.get("scale", (1, 1)))
-        placement = np.concatenate([placement, np.array(moved.get("offset", (0, 0)))[:, None]], axis=1)
-    channel = moved.get("texCoord", slot.get("texCoord", 0))
-    return Material(color, _texture(gltf, slot["index"]), name, **gloss), placement, channel
+    moved, channel = read_extension(slot, "KHR_texture_transform") or (placement, None)
+    texture, wrap = _texture(gltf, slot["index"])
+    channel = slot.get("texCoord", 0) if channel is None else channel
+    return Material(color, texture, name, **gloss, wrap=wrap), moved, channel
 
 
-def _texture(gltf: Gltf, index: int) -> np.ndarray:
-    """Reads a texture (H,W,3) from a file, or from the binary data."""
+@reads_extension("KHR_materials_pbrSpecularGlossiness")
+def _legacy_base(extension: dict[str, Any]) -> dict[str, Any]:
+    names = {"diffuseFactor": "baseColorFactor", "diffuseTexture": "baseColorTexture"}
+    return {new: extension[old] for old, new in names.items() if old in extension}
+
+
+@reads_extension("KHR_materials_specular")
+def _gloss(extension: dict[str, Any], base: dict[str, Any]) -> dict[str, float]:
+    gloss = {"roughness": base.get("roughnessFactor", 1.0), "specular": extension.get("specularFactor", 1.0)}
+    return {key: min(1.0, max(0.0, float(value))) for key, value in gloss.items()}
+
+
+@reads_extension("KHR_texture_transform")
+def _placement(extension: dict[str, Any]) -> tuple[np.ndarray, int | None]:
+    c, s = np.cos(extension.get("rotation", 0)), np.sin(extension.get("rotation", 0))
+    turned = np.array([[c, s], [-s, c]]) * np.array(extension.get("scale", (1, 1)))
+    offset = np.array(extension.get("offset", (0, 0)))[:, None]
+    return np.concatenate([turned, offset], axis=1), extension.get("texCoord")
+
+
+@reads_extension("EXT_texture_webp")
+@reads_extension("EXT_texture_avif")
+@reads_extension("MSFT_texture_dds")
+def _other_source(extension: dict[str, Any]) -> int | None:
+    return extension.get("source")
+
+
+def _texture(gltf: Gltf, index: int) -> tuple[np.ndarray, tuple[str, str]]:
+    """Reads a texture (H,W,3) from a file, or from the binary data; also returns its wrap modes."""
     texture = gltf.item("textures", index)
-    source = texture.get("source", texture.get("extensions", {}).get("EXT_texture_webp", {}).get("source"))
+    known = [read_extension(texture, name) for name, reader in READERS.items() if reader is _other_source]
+    source = next((one for one in (texture.get("source"), *known) if one is not None), None)
+    if source is None:
+        forms = ", ".join(texture.get("extensions", {})) or "no picture"
+        raise UserError(f"{gltf.path}: texture {index} is given as {forms} only: save it as PNG or JPEG")
+    sampler = gltf.item("samplers", texture["sampler"]) if "sampler" in texture else {}
+    wrap = WRAPS[sampler.get("wrapS", 10497)], WRAPS[sampler.get("wrapT", 10497)]
     image = gltf.item("images", source)
     what = f"{gltf.path}: texture {image.get('name') or image.get('uri', '')[:60] or source}"
     if "uri" in image:
-        return read_texture(gltf.resource(image["uri"]), what)
-    return read_texture(bytes(gltf.view(image["bufferView"])[0]), what)
+        return read_texture(gltf.resource(image["uri"]), what), wrap
+    return read_texture(bytes(gltf.view(image["bufferView"])[0]), what), wrap

@@ -1,25 +1,46 @@
-"""The container of glTF 2.0: JSON, buffers, views and accessors; all accesses are checked against the sizes."""
+"""The container of glTF 2.0: JSON, extensions, buffers, views, accessors; accesses are checked against the sizes."""
 
 import base64
 import binascii
 import json
 import struct
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
-from urllib.parse import unquote
+from typing import Any, TypeVar
+from urllib.parse import unquote_to_bytes
 
 import numpy as np
 
 from relight.files import UserError
-from relight.meshes.mtl import find_file
+from relight.meshes.find import find_file
 from relight.meshes.raw import MAX_FACES
+from relight.text import decode
 
 COMPONENTS = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 WIDTHS = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4}
-EXTENSIONS = {  # that a file may require: they are implemented, or have no effect here
-    "KHR_texture_transform", "KHR_mesh_quantization", "KHR_materials_unlit", "KHR_materials_specular",
-    "KHR_materials_ior", "KHR_materials_clearcoat", "KHR_materials_sheen", "KHR_materials_emissive_strength",
-}  # fmt: skip
+# Extensions that a file may require although nothing here reads them: they change neither shape nor base colour.
+WITHOUT_EFFECT = {f"KHR_materials_{name}" for name in (
+    "anisotropy", "clearcoat", "diffuse_transmission", "dispersion", "emissive_strength", "ior", "iridescence", "sheen",
+    "transmission", "unlit", "variants", "volume",
+)} | {"EXT_lights_image_based", "KHR_lights_punctual", "KHR_mesh_quantization", "KHR_xmp_json_ld"}  # fmt: skip
+Read = TypeVar("Read", bound=Callable[..., Any])
+READERS: dict[str, Callable[..., Any]] = {}  # of extensions, by name
+
+
+def reads_extension(name: str) -> Callable[[Read], Read]:
+    """Marks the function that reads an extension, so that files may require it."""
+
+    def mark(function: Read) -> Read:
+        READERS[name] = function
+        return function
+
+    return mark
+
+
+def read_extension(entry: dict[str, Any], name: str, *arguments: Any) -> Any:
+    """Returns what the reader of an extension makes of an entry that has it; None if it has not."""
+    found = entry.get("extensions", {}).get(name)
+    return None if found is None else READERS[name](found, *arguments)
 
 
 class Gltf:
@@ -38,12 +59,12 @@ class Gltf:
         data = path.read_bytes()
         text, self.chunk = self._split(data) if path.suffix.lower() == ".glb" else (data, None)
         try:
-            self.json = json.loads(text)
+            self.json = json.loads(decode(text.rstrip(b"\0")))
         except (ValueError, RecursionError):
             raise UserError(f"{path}: the glTF description is not whole JSON") from None
         if not isinstance(self.json, dict) or not str(self.json.get("asset", {}).get("version", "")).startswith("2"):
             raise UserError(f"{path} is not glTF 2.0")
-        required = set(self.json.get("extensionsRequired", [])) - EXTENSIONS
+        required = set(self.json.get("extensionsRequired", [])) - WITHOUT_EFFECT - READERS.keys()
         if required:
             raise UserError(f"{path} needs {', '.join(sorted(required))}; save it without compression or extensions")
         self.buffers: dict[int, bytes] = {}
@@ -85,7 +106,7 @@ class Gltf:
                 raise UserError(f"{self.path}: data inside the file are not whole base64") from None
         if "://" in uri:
             raise UserError(f"{self.path} names {uri[:80]}; nothing is fetched from the network")
-        return find_file(self.path, unquote(uri)).read_bytes()
+        return find_file(self.path, unquote_to_bytes(uri), uri).read_bytes()
 
     def view(self, index: int) -> tuple[memoryview, int | None]:
         """Returns the bytes of a buffer view, and its stride."""

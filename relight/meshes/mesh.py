@@ -10,6 +10,8 @@ import numpy as np
 from relight.files import UserError, atomic_write
 from relight.npz import read_npz
 
+REPEAT, CLAMP, MIRROR = "repeat", "clamp", "mirror"  # how a texture goes on beyond its edge
+
 
 @dataclass
 class Material:
@@ -21,6 +23,7 @@ class Material:
         name: what the surface is, "skin" or "jeans"; "" where a file does not say.
         roughness: in [0,1], the square root of GGX's alpha.
         specular: in [0,1], reflectance at right angles as a share of 4 %; 0 is matt.
+        wrap: how the texture goes on along u and v: REPEAT, CLAMP or MIRROR.
     """
 
     color: np.ndarray = field(default_factory=lambda: np.ones(3, np.float32))
@@ -28,6 +31,7 @@ class Material:
     name: str = ""
     roughness: float = 1.0
     specular: float = 0.0
+    wrap: tuple[str, str] = (REPEAT, REPEAT)
 
 
 @dataclass
@@ -76,6 +80,8 @@ class Mesh:
                     arrays[f"texture{name}"] = material.texture
                 if material.specular:
                     arrays[f"gloss{name}"] = np.array([material.roughness, material.specular], np.float32)
+                if material.wrap != (REPEAT, REPEAT):
+                    arrays[f"wrap{name}"] = np.array(material.wrap)
         arrays["info"] = np.array(json.dumps(self.info))
         arrays |= {"count": np.array(len(self.materials)), "outfits": np.array(len(self.outfits))}
         with atomic_write(path) as tmp, open(tmp, "wb") as file:
@@ -102,4 +108,5 @@ def _material(data: dict[str, np.ndarray], name: str) -> Material:
     """Returns the material that `Mesh.save` wrote under this name."""
     roughness, specular = map(float, data.get(f"gloss{name}", (1, 0)))
     color, texture = data[f"color{name}"], data.get(f"texture{name}")
-    return Material(color, texture, str(data.get(f"name{name}", "")), roughness, specular)
+    u, v = map(str, data.get(f"wrap{name}", (REPEAT, REPEAT)))
+    return Material(color, texture, str(data.get(f"name{name}", "")), roughness, specular, (u, v))

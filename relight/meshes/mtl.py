@@ -1,39 +1,116 @@
 """Reads the materials of .obj files: .mtl libraries and their textures."""
 
-import os
 import re
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import numpy as np
 
 from relight.files import UserError
-from relight.meshes.mesh import Material
-from relight.meshes.raw import linear, read_texture
+from relight.meshes.find import find_file
+from relight.meshes.mesh import CLAMP, REPEAT, Material
+from relight.meshes.raw import linear, read_texture, unit_colors
+from relight.text import open_lines, spellings
 
 MAX_BYTES = 16 << 20  # a material has under 1 kB
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 VECTOR = rf"{NUMBER}(?:\s+{NUMBER}){{0,2}}"  # the second and third are optional
 OPTION = re.compile(
-    rf"-(?:(?P<key>blendu|blendv|cc|clamp|imfchan|type)\s+\S+|(?P<one>bm|boost|texres)\s+{NUMBER}"
-    rf"|(?P<pair>mm)\s+{NUMBER}\s+{NUMBER}|(?P<vector>[ost])\s+(?P<values>{VECTOR}))\s+(?=\S)"
+    rf"-(?:clamp\s+(?P<clamp>\S+)|(?:blendu|blendv|cc|imfchan|type)\s+\S+|(?:bm|boost|texres)\s+{NUMBER}"
+    rf"|mm\s+{NUMBER}\s+{NUMBER}|(?P<vector>[ost])\s+(?P<values>{VECTOR}))\s+(?=\S)"
 )
+NO_PLACEMENT = np.array([1.0, 1.0, 0.0, 0.0])
 
 
 @dataclass
-class Library:
-    """Materials of a library.
+class Surface:
+    """An entry of a library.
 
     Attributes:
-        materials: by name.
-        placement: (4,) by name, scale u v and offset u v of texture coordinates, by the options -s and -o.
+        material: None while the library says nothing of its colour.
+        placement: (4,) scale u v and offset u v of texture coordinates, by the options -s and -o.
+        warnings: sentences for the report.
     """
 
-    materials: dict[str, Material]
-    placement: dict[str, np.ndarray]
+    material: Material | None
+    placement: np.ndarray
+    warnings: list[str]
 
 
-def read_mtl(path: Path) -> Library:
+def read_libraries(
+    path: Path, statements: list[bytes], names: list[bytes], colored: bool
+) -> tuple[list[Surface], list[str]]:
+    """Reads the materials that an .obj file uses.
+
+    Args:
+        path: of the .obj file.
+        statements: the rests of its `mtllib` lines, each one name, which may hold blanks, or several.
+        names: of the materials; b"" is none.
+        colored: whether the vertices have colours, so that a library that no face uses may be missing.
+
+    Returns:
+        A surface for each name, and warnings.
+
+    Raises:
+        UserError: if a library or a material that is used is missing, or a library is damaged.
+    """
+    library: dict[bytes, Surface] = {}
+    missing: list[UserError] = []
+    for statement in statements:
+        for file in _library_files(path, statement, missing):
+            library |= read_mtl(file)
+    unused = not any(names)
+    found = {name: Surface(None, NO_PLACEMENT, []) if unused or not statements else _named(library, name)
+             for name in names}  # fmt: skip
+    lost = [name for name, surface in found.items() if surface is None]
+    if missing and (lost or (unused and not colored)):
+        raise missing[0]
+    if lost:
+        listed = ", ".join(spellings(statement)[0] for statement in statements)
+        raise UserError(f"{path} uses the material {spellings(lost[0])[0]!r}, which {listed} does not define")
+    notes = [f"{error}; no face needs it" for error in missing]
+    if not unused and not statements:
+        notes.append("the file uses materials but names no .mtl file: they are left out")
+    surfaces = [surface for surface in found.values() if surface is not None]
+    return surfaces, notes + [warning for surface in surfaces for warning in surface.warnings]
+
+
+def _library_files(path: Path, statement: bytes, missing: list[UserError]) -> list[Path]:
+    """Returns the files of a `mtllib` line; what is not found is added to `missing`."""
+    whole = statement.strip().strip(b'"')
+    try:
+        return [find_file(path, whole, *_without_comment(whole))]
+    except UserError as error:
+        words = [(quoted or bare) for quoted, bare in re.findall(rb'"([^"]+)"|(\S+)', statement)]
+        if len(words) == 1:
+            missing.append(error)
+            return []
+    files = []
+    for word in words:
+        try:
+            files.append(find_file(path, word))
+        except UserError as error:
+            missing.append(error)
+    return files
+
+
+def _without_comment(name: bytes) -> list[bytes]:
+    """Returns a name without what may be a comment at its end, if there is such: names may hold # as well."""
+    return [name.split(b" #")[0].rstrip()] if b" #" in name else []
+
+
+def _named(library: dict[bytes, Surface], name: bytes) -> Surface | None:
+    """Returns the surface of a name: of the same bytes, else without quotes or a comment, else of the same text."""
+    if not name:
+        return Surface(None, NO_PLACEMENT, [])
+    for written in (name, name.strip(b'"'), *_without_comment(name)):
+        if written in library:
+            return library[written]
+    alike = [known for known in library if set(spellings(known)) & set(spellings(name))]
+    return library[alike[0]] if len(alike) == 1 else None
+
+
+def read_mtl(path: Path) -> dict[bytes, Surface]:
     """Reads a .mtl file and its textures.
 
     A texture is not multiplied by Kd, as exporters write .8 or 0 beside it as often as 1. Without a texture, the colour
@@ -44,105 +121,54 @@ def read_mtl(path: Path) -> Library:
     """
     if path.stat().st_size > MAX_BYTES:
         raise UserError(f"{path} is too large for a material library")
-    materials: dict[str, Material] = {}
-    placement: dict[str, np.ndarray] = {}
+    library: dict[bytes, Surface] = {}
     pictures: dict[Path, np.ndarray] = {}
-    name = None
-    for line in path.read_text(encoding="utf-8", errors="replace").replace("\\\n", " ").splitlines():
-        key, _, rest = line.strip().partition(" ") if " " in line.strip() else line.strip().partition("\t")
+    surface = None
+    with open_lines(path) as file:
+        lines = join_lines(file.read()).splitlines()
+    for line in lines:
+        key, rest = (*line.split(None, 1), b"", b"")[:2]
         key, rest = key.lower(), rest.strip()
-        if key == "newmtl":
-            name = rest
-            materials[name] = Material()
-        elif name is None:
+        if key == b"newmtl":
+            surface = library[rest] = Surface(None, NO_PLACEMENT, [])
+        elif surface is None:
             continue
-        elif key == "kd" and materials[name].texture is None:
-            materials[name].color = _color(path, rest)
-        elif key == "map_kd":
-            file, placement[name] = _map(rest)
-            found = find_file(path, file)
+        elif key == b"kd" and (surface.material is None or surface.material.texture is None):
+            color, surface.warnings = _color(path, rest)
+            surface.material = Material(color)
+        elif key == b"map_kd":
+            written, surface.placement, clamp = _map(rest)
+            found = find_file(path, written, *_without_comment(written))
             if found not in pictures:
-                pictures[found] = read_texture(found, f"{path}: texture {file}")
-            materials[name] = Material(texture=pictures[found])
-    return Library(materials, placement)
+                pictures[found] = read_texture(found, f"{path}: texture {spellings(written)[0]}")
+            surface.material = Material(texture=pictures[found], wrap=(CLAMP, CLAMP) if clamp else (REPEAT, REPEAT))
+    return library
 
 
-def _color(path: Path, text: str) -> np.ndarray:
-    """Parses the linear colour (3,) of a Kd statement."""
+def join_lines(text: bytes) -> bytes:
+    """Joins lines that end in a backslash. After a byte over 127, it is half a character of Shift-JIS, Big5 or GBK."""
+    return re.sub(rb"(?<![\x80-\xff])\\\r?\n", b" ", text)
+
+
+def _color(path: Path, text: bytes) -> tuple[np.ndarray, list[str]]:
+    """Parses the linear colour (3,) of a Kd statement; also returns warnings."""
     try:
         values = np.array([float(word) for word in text.split()[:3]])
     except ValueError:
-        raise UserError(f"{path}: the colour `Kd {text[:60]}` is not three numbers") from None
-    return linear(np.broadcast_to(values, 3) if len(values) in (1, 3) else np.ones(3))
+        said = text[:60].decode("latin-1")
+        raise UserError(f"{path}: the colour `Kd {said}` is not three numbers") from None
+    codes, note = unit_colors(np.broadcast_to(values, 3) if len(values) in (1, 3) else np.ones(3), f"{path.name}: Kd")
+    return linear(codes), note
 
 
-def _map(text: str) -> tuple[str, np.ndarray]:
-    """Parses the file and the placement (4,) of a map statement; names may hold spaces."""
-    placement = np.array([1.0, 1.0, 0.0, 0.0])
-    while match := OPTION.match(text):
+def _map(text: bytes) -> tuple[bytes, np.ndarray, bool]:
+    """Parses file, placement (4,) and clamping of a map statement; names may hold blanks."""
+    placement, clamp, rest = NO_PLACEMENT.copy(), False, text.decode("latin-1")
+    while match := OPTION.match(rest):
         if match["vector"] in ("s", "o"):
             values = [float(value) for value in match["values"].split()]
-            default = 1.0 if match["vector"] == "s" else 0.0
             first = 0 if match["vector"] == "s" else 2
-            placement[first : first + 2] = (values + [default])[:2]
-        text = text[match.end() :]
-    return text.strip().strip('"'), placement
-
-
-def find_file(beside: Path, name: str) -> Path:
-    """Finds a file that another one names, in the same folder or a subfolder; never outside of it.
-
-    The path as written is tried first, then the name alone in the folder, then in its subfolders. So backslashes, other
-    capitals and folders of another computer do no harm.
-
-    Args:
-        beside: the .obj, .mtl, .ply or .gltf file that names it.
-        name: as written there.
-
-    Raises:
-        UserError: if there is no such file, if several are found in subfolders, or if it is outside the folder.
-    """
-    folder = beside.parent.resolve()
-    wanted = PurePosixPath(name.replace("\\", "/"))
-    if not wanted.name:
-        raise UserError(f"{beside} names no file where it should name one")
-    inside = not wanted.is_absolute() and ".." not in wanted.parts and ":" not in wanted.parts[0]
-    found = (_find_path(folder, wanted.parts) if inside else None) or _find_path(folder, wanted.parts[-1:])
-    if found is None:
-        matches = {
-            Path(root, file)
-            for root, folders, files in os.walk(folder)
-            for file in files
-            if file.lower() == wanted.name.lower()
-        }
-        if len(matches) > 1:
-            raise UserError(f"{beside} names {name}, and {len(matches)} files in the subfolders are called so")
-        found = next(iter(matches), None)
-    if found is None:
-        where = "it lies outside the folder" if not inside else "there is no such file in the folder"
-        raise UserError(f"{beside} names {name}, but {where}; put it beside {beside.name}")
-    try:
-        real = found.resolve(strict=True)
-    except (OSError, RuntimeError):
-        raise UserError(f"{beside} names {name}, which is a link that leads nowhere") from None
-    if not real.is_relative_to(folder) or not real.is_file():
-        raise UserError(
-            f"{beside} names {name}, which leads out of the folder or is no file; put it beside {beside.name}"
-        )
-    return real
-
-
-def _find_path(folder: Path, parts: tuple[str, ...]) -> Path | None:
-    """Returns the path `parts` in `folder`, with the given capitals or else with any; None if there is none."""
-    path = folder
-    for part in parts:
-        if part in ("", "."):
-            continue
-        if not os.path.lexists(path / part):
-            names = sorted(os.listdir(path)) if path.is_dir() else []
-            alike = next((name for name in names if name.lower() == part.lower()), None)
-            if alike is None:
-                return None
-            part = alike
-        path = path / part
-    return path
+            placement[first : first + 2] = [*values, 1.0 if match["vector"] == "s" else 0.0][:2]
+        clamp = match["clamp"] == "on" if match["clamp"] else clamp
+        rest = rest[match.end() :]
+    return rest.strip().strip('"').encode("latin-1"), placement, clamp

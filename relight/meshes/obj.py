@@ -2,16 +2,19 @@
 
 import warnings
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from relight.files import UserError
-from relight.meshes.mesh import Material
-from relight.meshes.mtl import Library, find_file, read_mtl
-from relight.meshes.raw import RawMesh, fan, linear
+from relight.meshes.mtl import NO_PLACEMENT, Surface, read_libraries
+from relight.meshes.polygons import triangulate
+from relight.meshes.raw import RawMesh, linear, unit_colors, without_tints
+from relight.text import open_lines, spellings
 
 CHUNK = 1 << 17  # lines that are parsed at a time, so that 5 million faces never exist as text objects
+CONTINUED = b"\\\n", b"\\\r\n"  # after a byte over 127 the backslash is half a character
 MAX_LINE = 1 << 20  # bytes; a file with a longer line is no text
 
 
@@ -20,13 +23,14 @@ class Numbers:
 
     Attributes:
         count: number of the lines.
+        widest: columns of the longest line.
     """
 
     def __init__(self, path: Path, what: str, least: int, most: int):
         self.path, self.what, self.least, self.most = path, what, least, most
         self.lines: list[bytes] = []
         self.rows: list[np.ndarray] = []
-        self.count = 0
+        self.count = self.widest = 0
 
     def add(self, line: bytes) -> None:
         """Adds a line without its keyword."""
@@ -39,9 +43,11 @@ class Numbers:
         if not self.lines:
             return
         width = len(self.lines[0].split())
+        self.widest = max(self.widest, width)
         values = parse(self.path, b" ".join(self.lines), np.float64)
         if values.size != width * len(self.lines):  # some lines are longer than others
-            width = min(len(line.split()) for line in self.lines)
+            widths = [len(line.split()) for line in self.lines]
+            width, self.widest = min(widths), max(self.widest, *widths)
             values = parse(self.path, b" ".join(b" ".join(line.split()[:width]) for line in self.lines), np.float64)
         if width < self.least:
             raise UserError(f"{self.path}: a `{self.what}` line has {width} numbers; {self.least} are needed")
@@ -99,7 +105,7 @@ class Faces:
             vertex = parse(self.path, text, np.int64)
             return np.stack([vertex, np.zeros_like(vertex)], axis=-1)
         alike = slashes == form * len(words) and all(word.count(b"/") == form for word in words)
-        if alike and form == 2 and text.count(b"//") == len(words):
+        if alike and form == 2 and text.count(b"//") == len(words) and b"// " not in text + b" ":
             vertex = self._table(text.replace(b"//", b" "), len(words), 2)[:, 0]
             return np.stack([vertex, np.zeros_like(vertex)], axis=-1)
         if alike and b"//" not in text and b"/ " not in text and not text.endswith(b"/"):
@@ -138,12 +144,11 @@ def read_obj(path: Path) -> RawMesh:
     """Reads triangles with uv per corner, material per face, and vertex colours (`v x y z r g b`, sRGB).
 
     Raises:
-        UserError: if the file is malformed, or a .mtl file, a material or a texture is missing.
+        UserError: if the file is malformed, or a .mtl file, a material or a texture that faces use is missing.
     """
-    points, coordinates, faces = Numbers(path, "v", 3, 6), Numbers(path, "vt", 1, 2), Faces(path)
-    names: list[str] = []  # materials in the order of their first use
-    libraries: list[str] = []
-    changes: list[tuple[int, int]] = []  # (face line, index into names) where `usemtl` changes the material
+    points, coordinates, faces = Numbers(path, "v", 3, 8), Numbers(path, "vt", 1, 2), Faces(path)
+    libraries: list[bytes] = []
+    changes: list[tuple[int, bytes]] = [(0, b"")]  # (face line, material) where `usemtl` changes the material
     lines = 0
     for key, rest in _statements(path):
         if key == b"v":
@@ -154,99 +159,95 @@ def read_obj(path: Path) -> RawMesh:
         elif key == b"vt":
             coordinates.add(rest)
         elif key == b"usemtl":
-            name = rest.decode("utf-8", "replace").strip()
-            if name not in names:
-                names.append(name)
-            changes.append((lines, names.index(name)))
+            changes.append((lines, rest.strip()))
         elif key == b"mtllib":
-            libraries.append(rest.decode("utf-8", "replace").strip())
+            libraries.append(rest.strip())
     vertices, uv = points.array(), coordinates.array()
     counts, corners = faces.arrays()
-    position, polygon = fan(counts)
-    library, notes = _library(path, libraries, names)
-    used = np.zeros(lines, np.int64)
-    for line, index in changes:
-        used[line:] = index
-    materials = [library.materials[name] for name in names] if library.materials else [Material()]
-    material = used[polygon] if library.materials else np.zeros(len(polygon), np.int64)
-    corner = corners[:, 1][position]
-    if corner.size and corner.max() >= len(uv):
-        raise UserError(f"{path}: a face names texture coordinate {corner.max() + 1}, but there are {len(uv)}")
-    color = vertices[:, 3:6] if vertices.shape[1] == 6 else None
-    if color is not None and np.nanmax(color, initial=0) > 1:
-        color = color / 255
-    if color is None and not library.materials:
-        notes.append("the file has neither materials nor vertex colours: the albedo is white")
-    return RawMesh(
-        vertices=vertices[:, :3],
-        faces=corners[:, 0][position],
-        uv=_placed(path, uv, corner, material, materials, names, library) if library.materials else None,
-        material=material,
-        materials=materials,
-        color=None if color is None else linear(color),
-        warnings=notes,
+    position, polygon = triangulate(path, counts, corners[:, 0], vertices[:, :3])
+    color, notes = _colors(path, vertices, points.widest)
+    numbers: dict[bytes, int] = {}  # of the materials, in the order of their first face
+    runs = [(name, end - line) for (line, name), (end, _) in pairwise([*changes, (lines, b"")]) if end > line]
+    used = np.repeat([numbers.setdefault(name, len(numbers)) for name, _ in runs], [length for _, length in runs])
+    surfaces, told = read_libraries(path, libraries, [*numbers], color is not None)
+    material = used[polygon]
+    return without_tints(
+        RawMesh(
+            vertices=vertices[:, :3],
+            faces=corners[:, 0][position],
+            uv=_placed(path, uv, corners[:, 1][position], material, [*numbers], surfaces),
+            material=material,
+            materials=[surface.material for surface in surfaces],
+            color=color,
+            warnings=notes + told,
+        )
     )
 
 
+def _colors(path: Path, vertices: np.ndarray, widest: int) -> tuple[np.ndarray | None, list[str]]:
+    """Returns the linear colours (V,3) that follow the coordinates x y z or x y z w, or None; and warnings."""
+    columns = vertices.shape[1]
+    if columns < 6:
+        return None, ["some vertices have colours and others none: they are left out"] if widest >= 6 else []
+    notes, first = [], 3
+    if columns > 6:
+        # x y z w r g b, as the standard has it, or x y z r g b a; alpha and w are mostly 1.
+        ends = vertices[:, 6]
+        alpha = columns == 7 and not (vertices[:, 3] == 1).all() and (ends == ends.max(initial=0)).all()
+        first = 3 if alpha else 4
+        said = "red, green, blue and alpha" if alpha else "a weight and red, green and blue"
+        notes.append(f"the {columns - 3} numbers after the coordinates are taken as {said}")
+    codes, unusual = unit_colors(vertices[:, first : first + 3], "its vertex colours")
+    return linear(codes), notes + unusual
+
+
 def _statements(path: Path) -> Iterator[tuple[bytes, bytes]]:
-    """Yields keyword and rest of the lines; joins continued lines and skips comments and empty lines."""
-    with open(path, "rb") as file:
+    """Yields keyword and rest of the lines; joins continued lines and skips comments and empty lines.
+
+    Names may hold #, so a comment ends other statements only.
+    """
+    with open_lines(path) as file:
         while line := file.readline(MAX_LINE):
-            if len(line) == MAX_LINE:
+            while line.endswith(CONTINUED) and line.rstrip()[-2:-1] < b"\x80" and len(line) < MAX_LINE:
+                line = line.rstrip()[:-1] + b" " + file.readline(MAX_LINE)
+            if len(line) >= MAX_LINE:
                 raise UserError(f"{path} is not an .obj file: it has a line of over {MAX_LINE} bytes")
-            while line.rstrip(b"\r\n").endswith(b"\\") and (more := file.readline(MAX_LINE)):
-                line = line.rstrip(b"\r\n")[:-1] + b" " + more
-                if len(line) > MAX_LINE:
-                    raise UserError(f"{path} is not an .obj file: it has a line of over {MAX_LINE} bytes")
-            words = line.split(b"#", 1)[0].split(None, 1) if b"#" in line else line.split(None, 1)
+            words = line.split(None, 1)
             if len(words) == 2:
-                yield words[0], words[1]
-
-
-def _library(path: Path, libraries: list[str], names: list[str]) -> tuple[Library, list[str]]:
-    """Reads the materials of all libraries; raises UserError if one that is used is missing. Also returns warnings."""
-    library, notes = Library({}, {}), []
-    for text in libraries:
-        try:
-            files = [find_file(path, text)]  # one name with spaces in it, or several names
-        except UserError:
-            if len(text.split()) == 1:
-                raise
-            files = [find_file(path, name) for name in text.split()]
-        for file in files:
-            read = read_mtl(file)
-            library.materials.update(read.materials)
-            library.placement.update(read.placement)
-    if libraries:
-        missing = [name for name in names if name not in library.materials]
-        if missing:
-            raise UserError(f"{path} uses the material {missing[0]!r}, which {', '.join(libraries)} does not define")
-    elif names:
-        notes.append("the file uses materials but names no .mtl file: they are left out")
-    if not names:
-        return Library({}, {}), notes
-    return library, notes
+                if b"#" in line and words[0] not in (b"usemtl", b"mtllib"):
+                    words = line.split(b"#", 1)[0].split(None, 1)
+                if len(words) == 2:
+                    yield words[0], words[1]
+            elif words == [b"usemtl"]:
+                yield words[0], b""
 
 
 def _placed(
-    path: Path,
-    uv: np.ndarray,
-    corner: np.ndarray,
-    material: np.ndarray,
-    materials: list[Material],
-    names: list[str],
-    library: Library,
-) -> np.ndarray:
-    """Returns uv (F,3,2) with the placements of materials; raises UserError if textured faces have none."""
-    textured = np.array([entry.texture is not None for entry in materials])[material]
-    if (corner[textured] < 0).any():
-        name = names[int(material[textured & (corner < 0).any(axis=-1)][0])]
+    path: Path, uv: np.ndarray, corner: np.ndarray, material: np.ndarray, names: list[bytes], surfaces: list[Surface]
+) -> np.ndarray | None:
+    """Returns uv (F,3,2) with the placements of materials, or None; raises UserError if textured faces have none.
+
+    Args:
+        path: for error messages.
+        uv: (T,1|2), the texture coordinates.
+        corner: (F,3) the texture coordinate of each corner, -1 for none; it counts on textured faces only.
+        material: (F,) of the faces.
+        names: of the materials.
+        surfaces: of the materials.
+    """
+    textured = np.array([one.material is not None and one.material.texture is not None for one in surfaces])[material]
+    if not textured.any():
+        return None
+    used = corner[textured]
+    if used.max() >= len(uv):
+        raise UserError(f"{path}: a face names texture coordinate {used.max() + 1}, but there are {len(uv)}")
+    if (used < 0).any():
+        name = spellings(names[int(material[textured][(used < 0).any(axis=-1)][0])])[0]
         raise UserError(f"{path}: faces of the textured material {name!r} have no texture coordinates")
-    uv = np.concatenate([np.pad(uv[:, :2], ((0, 0), (0, 2 - uv.shape[1]))), np.zeros((1, 2))])  # the last is for -1
-    placed = uv[corner]
-    for index, name in enumerate(names):
-        if name in library.placement:
+    placed = np.zeros((len(corner), 3, 2))
+    placed[textured, :, : uv.shape[1]] = uv[used, :2]
+    for index, surface in enumerate(surfaces):
+        if surface.placement is not NO_PLACEMENT:
             faces = material == index
-            scale, offset = library.placement[name][:2], library.placement[name][2:]
-            placed[faces] = placed[faces] * scale + offset
+            placed[faces] = placed[faces] * surface.placement[:2] + surface.placement[2:]
     return placed

@@ -1,17 +1,21 @@
 """Reads PLY files, ascii and binary, with vertex colours and the texture coordinates that MeshLab writes."""
 
+import codecs
+import re
 import struct
 import warnings
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from relight.files import UserError
+from relight.meshes.find import find_file
 from relight.meshes.mesh import Material
-from relight.meshes.mtl import find_file
-from relight.meshes.raw import RawMesh, fan, linear, read_texture
+from relight.meshes.polygons import triangulate
+from relight.meshes.raw import RawMesh, linear, read_texture, unit_colors, without_tints
+from relight.text import spellings
 
 TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4",
@@ -21,6 +25,10 @@ TYPES = {
 }  # fmt: skip
 FORMATS = {"ascii": None, "binary_little_endian": "<", "binary_big_endian": ">"}
 HEADER = 1 << 20  # bytes; real headers have under a thousand
+COLORS = [
+    [prefix + name for name in names] for prefix in ("", "diffuse_") for names in (("red", "green", "blue"), "rgb")
+]
+COORDINATES = ("s", "t"), ("u", "v"), ("texture_u", "texture_v"), ("tx", "ty")
 Block = dict[str, Any]  # columns by property: (N,), or of a list its lengths (N,) and its values one after another
 
 
@@ -44,8 +52,8 @@ class Element:
 
 
 def read_ply(path: Path) -> RawMesh:
-    """Reads triangles; polygons are cut into fans. Raises UserError if the file is malformed."""
-    data = path.read_bytes()
+    """Reads triangles; polygons are cut. Raises UserError if the file is malformed."""
+    data = path.read_bytes().removeprefix(codecs.BOM_UTF8)
     order, elements, pictures, start = _header(path, data[:HEADER])
     needed = sum(element.count * element.least_bytes(ascii=order is None) for element in elements)
     if needed > len(data) - start + (order is None):  # checked before such an array is allocated
@@ -63,44 +71,65 @@ def read_ply(path: Path) -> RawMesh:
     corners = next((face[name] for name in ("vertex_indices", "vertex_index") if name in face), None)
     if corners is None or not len(corners[0]):
         raise UserError(f"{path} has points but no faces: relight needs a surface")
-    counts, index = corners
-    position, polygon = fan(counts)
+    counts, index = corners[0], corners[1] if corners[1].dtype.kind in "iu" else corners[1].astype(np.int64)
     vertices = np.stack([vertex[axis] for axis in "xyz"], axis=-1).astype(np.float64)
-    materials = [Material(texture=read_texture(find_file(path, name), f"{path}: texture {name}")) for name in pictures]
-    faces = index[position].astype(np.int64)
-    return RawMesh(
+    position, polygon = triangulate(path, counts, index, vertices)
+    materials: list[Material | None] = [
+        Material(texture=read_texture(find_file(path, name), f"{path}: texture {spellings(name)[0]}"))
+        for name in pictures
+    ]
+    faces = index[position]
+    raw = RawMesh(
         vertices=vertices,
         faces=faces,
         uv=_texture_coordinates(path, vertex, face, counts, position, faces) if pictures else None,
         material=np.clip(face["texnumber"], 0, len(materials) - 1)[polygon] if len(materials) > 1 else None,
-        materials=materials or [Material()],
-        color=_color(vertex),
+        materials=materials or [None],
     )
+    if not pictures and any("texcoord" in face or vertex.keys() >= {*names} for names in COORDINATES):
+        raw.warnings.append("it has texture coordinates but names no texture (`comment TextureFile skin.png`)")
+    raw.color = _color(vertex, raw.warnings)
+    of_faces = _color(face, raw.warnings)
+    if of_faces is not None and raw.color is not None:
+        raw.warnings.append("its colours of faces are left out: the vertices have colours")
+    elif of_faces is not None:
+        raw = _with_face_colors(raw, of_faces[polygon])
+    return without_tints(raw)
 
 
-def _header(path: Path, head: bytes) -> tuple[str | None, list[Element], list[str], int]:
+def _with_face_colors(raw: RawMesh, color: np.ndarray) -> RawMesh:
+    """Gives vertices the colours (F,3) of their faces; one that joins several colours is repeated for each."""
+    _, number = np.unique(color, axis=0, return_inverse=True)
+    corner = raw.faces.astype(np.int64) * (int(number.max()) + 1) + number.reshape(-1, 1)
+    _, first, faces = np.unique(corner, return_index=True, return_inverse=True)
+    vertices = raw.vertices[raw.faces.reshape(-1)[first]]
+    return replace(raw, vertices=vertices, faces=faces.reshape(-1, 3), color=color[first // 3])
+
+
+def _header(path: Path, head: bytes) -> tuple[str | None, list[Element], list[bytes], int]:
     """Parses byte order (None for ascii), elements, names of textures, and where the data begin."""
     end = head.find(b"end_header")
-    line_end = head.find(b"\n", end)
-    if not head.startswith(b"ply") or end < 0 or line_end < 0:
+    first = re.match(rb"ply[ \t]*(\r\n|\n|\r)", head)  # all lines of a header end as the first one does
+    line_end = head.find(first[1], end) if first else -1
+    if first is None or end < 0 or line_end < 0:
         raise UserError(f"{path} is not a PLY file: it lacks the line `ply` at the top or the line `end_header`")
     format, elements, pictures = "", [], []
-    for line in head[:end].decode("latin-1").splitlines()[1:]:
+    for line in head[:end].decode("latin-1").split(first[1].decode())[1:]:
         words = line.split()
         try:
             match words:
                 case ["format", name, *_]:
                     format = name
                 case ["comment", "TextureFile", *_]:
-                    pictures.append(line.split("TextureFile", 1)[1].strip())
+                    pictures.append(line.split("TextureFile", 1)[1].strip().strip('"').encode("latin-1"))
                 case ["element", name, count]:
                     elements.append(Element(name, int(count)))
                     if elements[-1].count < 0:
                         raise ValueError
                 case ["property", "list", size, type, name]:
-                    elements[-1].properties.append((name, TYPES[type], TYPES[size]))
+                    elements[-1].properties.append((name.lower(), TYPES[type], TYPES[size]))
                 case ["property", type, name]:
-                    elements[-1].properties.append((name, TYPES[type], None))
+                    elements[-1].properties.append((name.lower(), TYPES[type], None))
                 case ["comment" | "obj_info", *_] | []:
                     pass
                 case _:
@@ -113,7 +142,7 @@ def _header(path: Path, head: bytes) -> tuple[str | None, list[Element], list[st
         names = [name for name, _, _ in element.properties]
         if len(set(names)) < len(names):
             raise UserError(f"{path}: the PLY header names a property of {element.name} twice")
-    return FORMATS[format], [element for element in elements if element.properties], pictures, line_end + 1
+    return FORMATS[format], [element for element in elements if element.properties], pictures, line_end + len(first[1])
 
 
 def _blocks(path: Path, data: bytes, start: int, order: str, elements: list[Element]) -> dict[str, Block]:
@@ -206,22 +235,29 @@ def _ascii_blocks(path: Path, text: bytes, elements: list[Element]) -> dict[str,
         block: {
             name: (column[0].astype(np.int64), column[1])
             if isinstance(column, tuple)
-            else column.astype(np.uint8) if kinds[block, name] == "u1" else column
+            else _as_declared(column, kinds[block, name])
             for name, column in columns.items()
         }
         for block, columns in blocks.items()
-    }  # fmt: skip
+    }
 
 
-def _color(vertex: Block) -> np.ndarray | None:
-    """Returns linear vertex colours (V,3) from 8-bit, 16-bit or float sRGB, or None."""
-    for prefix in ("", "diffuse_"):
-        names = [prefix + name for name in ("red", "green", "blue")]
-        if all(name in vertex for name in names):
-            color = np.stack([vertex[name] for name in names], axis=-1)
-            if color.dtype.kind in "ui" and color.dtype != np.uint8:
-                color = color / np.iinfo(color.dtype).max
-            return linear(color)
+def _as_declared(column: np.ndarray, kind: str) -> np.ndarray:
+    """Returns doubles as the integers that they were declared, or wider ones where they do not fit."""
+    if kind[0] == "f" or not np.isfinite(column).all() or np.abs(column).max(initial=0) > 2**53:
+        return column
+    limits = np.iinfo(kind)
+    fits = column.min(initial=0) >= limits.min and column.max(initial=0) <= limits.max
+    return column.astype(kind if fits else np.int64)
+
+
+def _color(block: Block, warnings: list[str]) -> np.ndarray | None:
+    """Returns linear colours (N,3) from the columns of vertices or faces, sRGB of any type, or None."""
+    for names in COLORS:
+        if all(name in block and not isinstance(block[name], tuple) for name in names):
+            codes, notes = unit_colors(np.stack([block[name] for name in names], axis=-1), "its colours")
+            warnings += notes
+            return linear(codes)
     return None
 
 
@@ -234,7 +270,7 @@ def _texture_coordinates(
         if not np.array_equal(lengths, 2 * counts):
             raise UserError(f"{path}: `texcoord` must hold two numbers per corner of each face")
         return values.reshape(-1, 2)[position]
-    for names in (("s", "t"), ("u", "v"), ("texture_u", "texture_v")):
+    for names in COORDINATES:
         if all(name in vertex for name in names) and faces.max() < len(vertex["x"]) and faces.min() >= 0:
             return np.stack([vertex[name] for name in names], axis=-1)[faces]
     raise UserError(f"{path} names a texture but has no texture coordinates")

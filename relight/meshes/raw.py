@@ -1,8 +1,8 @@
-"""What the readers of all formats share: triangles as a file has them, their checks, polygons and textures."""
+"""What the readers of all formats share: triangles as a file has them, their checks, colours and textures."""
 
 import io
 import warnings
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ from relight.srgb import LINEAR, decode
 
 MAX_COORDINATE = 1e12
 MAX_STEP = 1e-4  # of the size, between neighbouring coordinates; above it a figure's small faces are lost
+MAX_MATERIALS = 32767
 MAX_FACES = 20_000_000  # 2.5 GB in memory; the largest body scans have 5 to 10 million
 
 
@@ -23,7 +24,7 @@ class RawMesh:
     Attributes:
         vertices: (V,3) float64.
         faces: (F,3) of any integer type.
-        materials: as in `Mesh`.
+        materials: as in `Mesh`; None where the file says nothing of the colour.
         uv: (F,3,2) or None.
         material: (F,) or None.
         color: (V,3) or None.
@@ -32,7 +33,7 @@ class RawMesh:
 
     vertices: np.ndarray
     faces: np.ndarray
-    materials: list[Material]
+    materials: list[Material | None]
     uv: np.ndarray | None = None
     material: np.ndarray | None = None
     color: np.ndarray | None = None
@@ -58,6 +59,8 @@ def checked_mesh(raw: RawMesh, path: Path) -> Mesh:
         raise UserError(f"{path} has no faces: relight needs a surface")
     if len(faces) > MAX_FACES:
         raise UserError(f"{path} has {len(faces)} faces; up to {MAX_FACES} are read: decimate it first")
+    if len(raw.materials) > MAX_MATERIALS:
+        raise UserError(f"{path} has {len(raw.materials)} materials; up to {MAX_MATERIALS} are read: join them")
     low, high = int(faces.min()), int(faces.max())
     if low < 0 or high >= len(vertices):
         wrong = low if low < 0 else high
@@ -69,26 +72,38 @@ def checked_mesh(raw: RawMesh, path: Path) -> Mesh:
         if not count:
             count, what = int((~usable).sum()), f"have coordinates beyond {MAX_COORDINATE:g}"
         raise UserError(f"{path}: {count} of {len(vertices)} vertices {what}; 1 % is let pass")
-    vertices = np.where(usable[:, None], vertices, np.nan)
-    lowest, highest = np.nanmin(vertices, axis=0), np.nanmax(vertices, axis=0)
+    if not usable.all():
+        vertices = np.where(usable[:, None], vertices, np.nan)
+    lowest, highest = np.fmin.reduce(vertices, axis=0), np.fmax.reduce(vertices, axis=0)
     size = float((highest - lowest).max())
     if size == 0:
         raise UserError(f"{path}: all vertices lie at one point")
     centre = (lowest + highest) / 2
-    info = {"name": path.stem, "source": path.name, "warnings": [*raw.warnings, *_rounding(vertices, size)]}
+    warnings = [*raw.warnings, *_colorless(raw), *_rounding(vertices, size)]
+    info = {"name": path.stem, "source": path.name, "warnings": warnings}
     if np.abs(centre).max() > 1000 * size:  # float32 would leave under 14 bits for the figure itself
         vertices = vertices - centre
         info["origin"] = centre.tolist()
-    uv = np.zeros((len(faces), 3, 2)) if raw.uv is None else np.where(np.isfinite(raw.uv), raw.uv, 0)
+    uv = np.zeros((len(faces), 3, 2), np.float32) if raw.uv is None else np.where(np.isfinite(raw.uv), raw.uv, 0)
     return Mesh(
         vertices=vertices.astype(np.float32),
-        faces=faces.astype(np.int32),
-        uv=uv.astype(np.float32),
+        faces=faces.astype(np.int32, copy=False),
+        uv=uv.astype(np.float32, copy=False),
         material=np.zeros(len(faces), np.int16) if raw.material is None else raw.material.astype(np.int16),
-        materials=raw.materials,
+        materials=[material or Material() for material in raw.materials],
         color=None if raw.color is None else np.nan_to_num(raw.color).clip(0, 1).astype(np.float32),
         info=info,
     )
+
+
+def _colorless(raw: RawMesh) -> list[str]:
+    """Returns a warning if faces have no colour at all."""
+    if raw.color is not None or None not in raw.materials:
+        return []
+    if not any(raw.materials):
+        return ["the file has neither materials nor vertex colours: the albedo is white"]
+    bare = np.array([material is None for material in raw.materials])[raw.material]
+    return [f"{int(bare.sum())} of {len(bare)} faces have neither a material nor vertex colours: they are white"]
 
 
 def _rounding(vertices: np.ndarray, size: float) -> list[str]:
@@ -102,27 +117,62 @@ def _rounding(vertices: np.ndarray, size: float) -> list[str]:
     ]
 
 
-def fan(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Cuts polygons, whose corners are in one flat list, into triangle fans.
+def unit_colors(values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
+    """Scales colours, whose writers give them in [0,1] or as codes of 8 or 16 bits, to [0,1].
+
+    Integers are codes. Floats are codes if one is above 2; up to there they are rounding errors, which are clipped.
 
     Args:
-        counts: (P,) of the polygons' corners; polygons of fewer than three give no triangle.
+        values: of any shape and type.
+        what: names the colours in warnings.
 
     Returns:
-        Positions (F,3) of the triangles' corners in the flat list, and the polygon (F,) of each triangle.
-
-    >>> fan(np.array([3, 4]))[0].tolist()
-    [[0, 1, 2], [3, 4, 5], [3, 5, 6]]
+        uint8 codes as they are, else floats in [0,1]; and warnings where the numbers can mean two things.
     """
-    counts = np.asarray(counts, np.int64)
-    start = np.concatenate([[0], np.cumsum(counts)[:-1]]) if len(counts) else counts
-    if len(counts) and (counts == 3).all():
-        return start[:, None] + np.arange(3), np.arange(len(counts))
-    pieces = np.maximum(counts - 2, 0)
-    polygon = np.repeat(np.arange(len(counts)), pieces)
-    step = np.arange(len(polygon)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-    first = start[polygon]
-    return np.stack([first, first + step + 1, first + step + 2], axis=-1), polygon
+    if values.dtype.itemsize == 1:
+        return values.view(np.uint8), []
+    largest, whole = float(np.fmax.reduce(values, axis=None, initial=0)), values.dtype.kind in "iu"
+    if not whole and (largest <= 2 or not np.isfinite(largest)):
+        notes = [f"{what}: values up to {largest:g} are clipped to 1"] if largest > 1.001 else []
+        return values.clip(0, 1), notes
+    scale = next((scale for scale in (255, 65535) if largest <= scale), 2**31 - 1 if largest < 2**31 else 2**32 - 1)
+    unusual = largest <= 1 or (scale == 255 and values.dtype.itemsize == 2) or scale > 65535
+    notes = [f"{what}: values up to {largest:g} are taken as codes of 0 to {scale}"] if unusual else []
+    return (values / scale).clip(0, 1), notes
+
+
+def without_tints(raw: RawMesh) -> RawMesh:
+    """Leaves one colour to each face where a format may give several that mean the same: .obj and .ply.
+
+    A texture counts before vertex colours, and these before the material's colour unless they are all white. glTF
+    multiplies them; programs that write both into other formats mean the same colour twice.
+    """
+    if raw.color is None:
+        return raw
+    textured = np.array([material is not None and material.texture is not None for material in raw.materials])
+    tinted = any(m is not None and m.texture is None and (m.color < 1).any() for m in raw.materials)
+    own = np.full(len(raw.faces), True) if raw.material is None else ~textured[raw.material]
+    own &= not textured.all()
+    if (tinted or textured.any()) and np.fmin.reduce(raw.color, axis=None, initial=1) > 0.999:
+        return replace(raw, color=None)
+    if not own.any():
+        return replace(raw, color=None, warnings=[*raw.warnings, "its vertex colours are left out: it has textures"])
+    notes = ["its vertex colours are used in place of the colours of its materials"] if tinted else []
+    materials = [m if m is None or m.texture is not None else Material() for m in raw.materials]
+    if not textured.any():
+        return replace(raw, materials=materials, warnings=raw.warnings + notes)
+    notes.append(f"its vertex colours are used on the {int(own.sum())} faces that have no texture")
+    used = np.unique(raw.faces[~own])  # textured faces get vertices of their own, which are white
+    number = np.arange(len(raw.vertices))
+    number[used] = len(raw.vertices) + np.arange(len(used))
+    return replace(
+        raw,
+        vertices=np.concatenate([raw.vertices, raw.vertices[used]]),
+        faces=np.where(own[:, None], raw.faces, number[raw.faces]),
+        color=np.concatenate([raw.color, np.ones((len(used), 3), raw.color.dtype)]),
+        materials=materials,
+        warnings=raw.warnings + notes,
+    )
 
 
 def linear(srgb: np.ndarray) -> np.ndarray:

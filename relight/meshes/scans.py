@@ -8,10 +8,13 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-from relight.files import UserError, read_table, require_readable
+from relight.files import UserError, require_readable
+from relight.meshes.find import find_path
 from relight.meshes.read import READERS, suffix_list
+from relight.text import Table, read_table
 
 TABLE = "scans.csv"
+YES, NO = ("", "1", "1.0", "y", "yes", "t", "true", "x", "on"), ("0", "0.0", "n", "no", "f", "false", "-", "off")
 MAX_NAME = 71  # characters of a name, before the hash
 
 
@@ -115,15 +118,24 @@ def _finest_versions(files: list[Path]) -> list[Path]:
 
 def _from_table(table: Path) -> dict[str, Scan]:
     """Reads the scans of a table."""
-    columns, rows = read_table(table)
+
+    def place(row: dict[str, str]) -> Path:
+        written = Path(row["path"].replace("\\", "/"))
+        path = table.parent / written
+        inside = not written.is_absolute() and ".." not in written.parts
+        return path if path.is_file() or not inside else find_path(table.parent, written.parts) or path
+
+    def names_files(read: Table) -> bool:
+        return all(place(row).is_file() for row in read[1] if row.get("path") and _is_used(table, row))
+
+    columns, rows = read_table(table, names_files)
     if "path" not in columns:
         raise UserError(f"{table} has no column `path`; it may have use, name, subject and path")
     scans: dict[str, Scan] = {}
     for row in rows:
-        if row.get("use", "1").lower() in ("0", "no", "false"):
+        if not _is_used(table, row):
             continue
-        written = Path(row["path"].replace("\\", "/"))
-        path = table.parent / written
+        written, path = Path(row["path"].replace("\\", "/")), place(row)
         name = safe_name(row.get("name") or path.stem)
         if not path.is_file():
             raise UserError(f"{table} names {row['path']}, which is not there; paths start at the table's folder")
@@ -133,3 +145,11 @@ def _from_table(table: Path) -> dict[str, Scan]:
     if not scans:
         raise UserError(f"{table} chooses no scan")
     return scans
+
+
+def _is_used(table: Path, row: dict[str, str]) -> bool:
+    """Returns what the cell `use` of a row says; an empty one says yes."""
+    said = row.get("use", "").lower()
+    if said not in YES + NO:
+        raise UserError(f"{table}: use is {said!r} for {row.get('path', '')}; give 1 or 0, yes or no")
+    return said in YES

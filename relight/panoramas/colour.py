@@ -1,11 +1,15 @@
-"""Colours of black bodies and daylight, and luminance."""
+"""Colours of black bodies and daylight, luminance, and conversion between primaries."""
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from relight.srgb import LUMINANCE
 
 # CIE XYZ to linear Rec. 709, white D65 (ITU-R BT.709).
 XYZ_TO_RGB = np.array([[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]])
+REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)  # x and y of the primaries and of white
+XYZ = (1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1 / 3, 1 / 3)  # the same of CIE XYZ, whose primaries are imaginary
+BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
 
 
 def luminance(rgb: np.ndarray) -> np.ndarray:
@@ -50,3 +54,45 @@ def from_chromaticity(x: float, y: float) -> np.ndarray:
     """Returns the colour of a CIE 1931 chromaticity, (3,) linear Rec. 709 of luminance 1, clipped to the gamut."""
     colour = np.maximum(XYZ_TO_RGB @ np.array([x / y, 1.0, (1 - x - y) / y]), 0)
     return colour / luminance(colour)
+
+
+def convert_primaries(pixels: np.ndarray, chromaticities: ArrayLike | None) -> list[str]:
+    """Converts pixels (H,W,3) with these chromaticities to Rec. 709 in place; returns the repair as one sentence."""
+    if chromaticities is None or np.allclose(chromaticities, REC709, atol=2e-3):
+        return []
+    matrix = chromaticity_matrix(chromaticities)
+    if matrix is None:
+        return ["its chromaticities are not those of a colour space: they were taken for Rec. 709"]
+    for row in range(0, len(pixels), 256):
+        pixels[row : row + 256] = pixels[row : row + 256] @ matrix.T.astype(np.float32)
+    return ["colours were converted to Rec. 709 from the file's chromaticities"]
+
+
+def chromaticity_matrix(chromaticities: ArrayLike) -> np.ndarray | None:
+    """Returns the matrix (3,3) from RGB of these primaries and white to linear Rec. 709; None if they are degenerate.
+
+    White is adapted by the Bradford transform, except for XYZ, whose values are absolute.
+    """
+    xy = np.array(chromaticities)
+    if xy.shape != (8,) or not np.all(np.isfinite(xy)):
+        return None
+    target, source = rgb_to_xyz(np.array(REC709)), rgb_to_xyz(xy)
+    if target is None or source is None:
+        return None
+    adapt = np.eye(3)
+    if not np.allclose(xy, XYZ, atol=2e-3):
+        cone_gains = (BRADFORD @ target.sum(1)) / (BRADFORD @ source.sum(1))
+        adapt = np.linalg.inv(BRADFORD) @ np.diag(cone_gains) @ BRADFORD
+    return np.linalg.inv(target) @ adapt @ source
+
+
+def rgb_to_xyz(xy: np.ndarray) -> np.ndarray | None:
+    """Returns the matrix (3,3) from RGB to XYZ, for chromaticities (8,) of primaries and white; white has luminance 1.
+
+    Returns None if the primaries are degenerate.
+    """
+    points = xy.reshape(4, 2)
+    xyz = np.concatenate([points, 1 - points.sum(1, keepdims=True)], 1).T
+    if abs(np.linalg.det(xyz[:, :3])) < 1e-6 or abs(xyz[1, 3]) < 1e-6:
+        return None
+    return xyz[:, :3] * np.linalg.solve(xyz[:, :3], xyz[:, 3] / xyz[1, 3])

@@ -5,7 +5,7 @@ Only `OpenEXR.File` is used: the older `InputFile` crashes the process on trunca
 
 import io
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,15 +14,15 @@ from typing import Any
 import numpy as np
 
 from relight.files import UserError
+from relight.panoramas.colour import XYZ, convert_primaries
 from relight.panoramas.panorama import check_size
 
-REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 MAX_BYTES = 2**29  # decoded size, all channels at four bytes
 UNCHECKED_BYTES = 2**26  # decoded size up to which the compression ratio is not checked
 MAX_COMPRESSION = 2**11  # decoded size over file size
 MAX_WINDOW_RATIO = 64  # area of the display window over that of the data window
 MAX_TILE_PIXELS = 2**20  # OpenEXR allocates whole tiles, even if the image is smaller
-BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
+MAX_NEGATIVE = 0.01  # share of the largest value, below zero, that colours may have; positions have more
 
 
 @dataclass(frozen=True)
@@ -33,11 +33,13 @@ class ExrPicture:
         pixels: (H,W,3) float32, linear Rec. 709.
         envmap: the header attribute `envmap`: "latlong", "cube" or None.
         repairs: what was changed, one sentence each.
+        alpha: (H,W) float32, by which the colours are multiplied, or None.
     """
 
     pixels: np.ndarray
     envmap: str | None
     repairs: list[str]
+    alpha: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
@@ -87,19 +89,25 @@ def read_exr(path: Path) -> ExrPicture:
             missing = "its pixels" if len(headers) == 1 else f"the pixels of {len(headers) - len(parts)} of its parts"
             raise UserError(f"{path}: cut short or damaged: {missing} cannot be read; download the file again")
         stored = parts[number].channels
-        window_pixels = stack_channels(path, set(header.channels), lambda name: np.asarray(stored.pop(name).pixels))
+        names = color_channels(header.channels) or ""
+        window_pixels = stack_channels(path, names, lambda name: np.asarray(stored.pop(name).pixels))
+        alpha = np.asarray(stored["A"].pixels, np.float32) if "A" in header.channels else None
     except UserError:
         raise
     except Exception as error:  # the binding raises many types, UnicodeDecodeError included
         raise UserError(f"{path}: OpenEXR cannot read all of its pixels ({one_line(error)})") from error
     repairs = [f"part {number} of {len(headers)} was read"] if len(headers) > 1 else []
     pixels = to_display_window(path, header, window_pixels, repairs)
-    to_709 = chromaticity_matrix(header.chromaticities)
-    if to_709 is not None:
-        for row in range(0, len(pixels), 256):
-            pixels[row : row + 256] = pixels[row : row + 256] @ to_709.T
-        repairs.append("colours were converted to Rec. 709 from the file's chromaticities")
-    return ExrPicture(pixels, header.envmap, repairs)
+    if color_channels(header.channels) == "XYZ":
+        if np.fmin.reduce(pixels, axis=None) < -MAX_NEGATIVE * np.fmax.reduce(pixels, axis=None):
+            raise UserError(f"{path}: its channels X, Y and Z have negative values, as positions do; light has R, G, B")
+        convert_primaries(pixels, XYZ)
+        repairs.append("its channels X, Y and Z were taken as CIE XYZ and converted to Rec. 709")
+    else:
+        repairs += convert_primaries(pixels, header.chromaticities)
+    if alpha is not None and alpha.shape == window_pixels.shape[:2]:
+        alpha = to_display_window(path, header, alpha[..., None], [])[..., 0]
+    return ExrPicture(pixels, header.envmap, repairs, alpha)
 
 
 def read_headers(path: Path, OpenEXR: Any) -> list[Header]:
@@ -172,7 +180,7 @@ def choose_part(path: Path, headers: list[Header]) -> int:
             tile = f"{header.tile[0]} x {header.tile[1]}"
             raise UserError(f"{path}: damaged: its tiles ({tile}) are larger than the image ({width} x {height})")
         decoded += width * height * len(header.channels) * 4
-        if selected is None and (set("RGB") <= set(header.channels) or "Y" in header.channels):
+        if selected is None and color_channels(header.channels):
             selected = number
     stored = path.stat().st_size
     if decoded > max(UNCHECKED_BYTES, MAX_COMPRESSION * stored):
@@ -183,42 +191,54 @@ def choose_part(path: Path, headers: list[Header]) -> int:
         )
     if selected is None:
         found = ", ".join(sorted({name for header in headers for name in header.channels})[:8])
-        raise UserError(f"{path} has the channels {found or 'none'}; a panorama has R, G and B, or Y")
+        raise UserError(f"{path} has the channels {found or 'none'}; a picture has R, G and B, or X, Y and Z, or Y")
     if {"RY", "BY"} & set(headers[selected].channels):
         raise UserError(f"{path} is a luminance-chroma OpenEXR image, with colour at half the size: save it as RGB")
     for name, sampling in headers[selected].channels.items():
-        if name in "RGBY" and sampling != (1, 1):
+        if name in "RGBXYZ" and sampling != (1, 1):
             raise UserError(f"{path}: its channel {name} is subsampled: save it with one sample per pixel")
     return selected
 
 
-def stack_channels(path: Path, names: set[str], pop_channel: Callable[[str], np.ndarray]) -> np.ndarray:
-    """Stacks R, G and B, or Y three times, to (h,w,3) float32.
+def color_channels(channels: Collection[str]) -> str | None:
+    """Returns which channels hold the colour: "RGB", "XYZ" or "Y", luminance; None if none do.
+
+    Y beside X alone is a coordinate. Z alone is a depth, so Y beside it is luminance.
+    """
+    if {"R", "G", "B"} <= set(channels):
+        return "RGB"
+    if {"X", "Y", "Z"} <= set(channels):
+        return "XYZ"
+    return "Y" if "Y" in channels and "X" not in channels else None
+
+
+def stack_channels(path: Path, names: str, pop_channel: Callable[[str], np.ndarray]) -> np.ndarray:
+    """Stacks three channels, or one three times, to (h,w,3) float32.
 
     Args:
         path: for error messages.
-        names: of the channels.
+        names: of the channels, a letter each.
         pop_channel: returns the pixels (h,w) of a channel; each array is freed as soon as it is copied.
 
     Raises:
         UserError: if the channels differ in size.
     """
-    if not names >= {"R", "G", "B"}:
-        return np.repeat(pop_channel("Y").astype(np.float32)[..., None], 3, 2)
-    red = pop_channel("R")
-    pixels = np.empty((*red.shape, 3), np.float32)
-    pixels[..., 0] = red
-    del red
-    for c, name in ((1, "G"), (2, "B")):
+    if len(names) == 1:
+        return np.repeat(pop_channel(names).astype(np.float32)[..., None], 3, 2)
+    first = pop_channel(names[0])
+    pixels = np.empty((*first.shape, 3), np.float32)
+    pixels[..., 0] = first
+    del first
+    for c, name in enumerate(names[1:], 1):
         plane = pop_channel(name)
         if plane.shape != pixels.shape[:2]:
-            raise UserError(f"{path}: its channels differ in size: R, G and B must have the same")
+            raise UserError(f"{path}: its channels differ in size: {', '.join(names)} must have the same")
         pixels[..., c] = plane
     return pixels
 
 
 def to_display_window(path: Path, header: Header, pixels: np.ndarray, repairs: list[str]) -> np.ndarray:
-    """Crops and pads pixels (h,w,3) from the data window to the display window; missing ones are black.
+    """Crops and pads pixels (h,w,C) from the data window to the display window; missing ones are black.
 
     Appends to `repairs` if the windows differ.
 
@@ -234,7 +254,7 @@ def to_display_window(path: Path, header: Header, pixels: np.ndarray, repairs: l
     check_size(path, width, height)
     if width * height > MAX_WINDOW_RATIO * pixels[..., 0].size:
         raise UserError(f"{path}: damaged: its display window ({width} x {height}) is nearly empty")
-    canvas = np.zeros((height, width, 3), np.float32)
+    canvas = np.zeros((height, width, pixels.shape[2]), np.float32)
     left, top, right, bottom = max(x0, display_x0), max(y0, display_y0), min(x1, display_x1), min(y1, display_y1)
     if left > right or top > bottom:
         raise UserError(f"{path}: its data window lies outside its display window")
@@ -242,38 +262,6 @@ def to_display_window(path: Path, header: Header, pixels: np.ndarray, repairs: l
     canvas[top - display_y0 : bottom - display_y0 + 1, left - display_x0 : right - display_x0 + 1] = inside
     repairs.append("its pixels do not fill its display window; the rest is black")
     return canvas
-
-
-def chromaticity_matrix(chromaticities: tuple[float, ...] | None) -> np.ndarray | None:
-    """Returns the matrix (3,3) float32 from a file's RGB to linear Rec. 709; None if none is needed.
-
-    White is adapted by the Bradford transform, except for files in XYZ, whose values are absolute.
-    """
-    if chromaticities is None:
-        return None
-    xy = np.array(chromaticities)
-    if xy.shape != (8,) or not np.all(np.isfinite(xy)) or np.allclose(xy, REC709, atol=2e-3):
-        return None
-    target, source = rgb_to_xyz(np.array(REC709)), rgb_to_xyz(xy)
-    if target is None or source is None:
-        return None
-    adapt = np.eye(3)
-    if not np.allclose(xy[6:], 1 / 3, atol=2e-3):
-        cone_gains = (BRADFORD @ target.sum(1)) / (BRADFORD @ source.sum(1))
-        adapt = np.linalg.inv(BRADFORD) @ np.diag(cone_gains) @ BRADFORD
-    return (np.linalg.inv(target) @ adapt @ source).astype(np.float32)
-
-
-def rgb_to_xyz(xy: np.ndarray) -> np.ndarray | None:
-    """Returns the matrix (3,3) from RGB to XYZ, for chromaticities (8,) of primaries and white; white has luminance 1.
-
-    Returns None if the primaries are degenerate.
-    """
-    points = xy.reshape(4, 2)
-    xyz = np.concatenate([points, 1 - points.sum(1, keepdims=True)], 1).T
-    if abs(np.linalg.det(xyz[:, :3])) < 1e-6 or abs(xyz[1, 3]) < 1e-6:
-        return None
-    return xyz[:, :3] * np.linalg.solve(xyz[:, :3], xyz[:, 3] / xyz[1, 3])
 
 
 def one_line(error: Exception) -> str:

@@ -1,20 +1,30 @@
 """Reads Radiance .hdr pictures strictly: a truncated file is an error.
 
 Supported are all eight orientations, flat pixels, both run-length codings, and XYZE. EXPOSURE and COLORCORR are divided
-out. The format is described by Ward, "Real pixels" (Graphics Gems II) and "Radiance file formats".
+out, and PRIMARIES converted. The format is described by Ward, "Real pixels" (Graphics Gems II) and "Radiance file
+formats".
 """
 
+import codecs
 import re
 from pathlib import Path
 
 import numpy as np
 
 from relight.files import UserError
+from relight.panoramas.colour import XYZ, convert_primaries
 from relight.panoramas.panorama import check_size
 
-XYZ_TO_RGB = np.array(
-    [[3.240479, -1.537150, -0.498535], [-0.969256, 1.875992, 0.041556], [0.055648, -0.204043, 1.057311]]
-)
+PLAIN = (
+    0.64,
+    0.33,
+    0.29,
+    0.60,
+    0.15,
+    0.06,
+    1 / 3,
+    1 / 3,
+)  # Radiance's default, which hardly any file means
 RESOLUTION = re.compile(rb"([+-])([XY]) +(\d{1,9}) +([+-])([XY]) +(\d{1,9})\s*")
 MAX_HEADER = 65536
 # Pixels and bytes of a packet by its first byte; tables are the fastest. Code 0 is invalid, so it overfills any line.
@@ -33,9 +43,9 @@ def read_hdr(path: Path) -> tuple[np.ndarray, list[str]]:
     Raises:
         UserError: if the file is not a whole Radiance picture.
     """
-    data = path.read_bytes()
+    data = path.read_bytes().removeprefix(codecs.BOM_UTF8)
     try:
-        divisor, xyz, start = read_header(data)
+        divisor, xyz, primaries, start = read_header(data)
         is_column_major, sign1, sign2, height, width, start = read_resolution(data, start)
         check_size(path, width, height)
         # The shortest scanlines: one old run of four bytes, or a marker and four channels of runs.
@@ -45,39 +55,41 @@ def read_hdr(path: Path) -> tuple[np.ndarray, list[str]]:
         pixels = read_pixels(data, start, height, width)
     except Malformed as problem:
         raise UserError(f"{path}: not a whole Radiance picture: {problem}") from None
-    for row in range(0, height, ROWS):
-        part = pixels[row : row + ROWS]
-        if xyz:
-            part[:] = part @ XYZ_TO_RGB.T.astype(np.float32)
-        for channel in np.flatnonzero(divisor != 1):
-            part[..., channel] /= np.float32(divisor[channel])
+    for channel in np.flatnonzero(divisor != 1):
+        pixels[..., channel] /= np.float32(divisor[channel])
+    repairs = convert_primaries(pixels, XYZ if xyz else primaries)
     if sign1 == (b"-" if is_column_major else b"+"):
         pixels = pixels[::-1]
     if sign2 == (b"+" if is_column_major else b"-"):
         pixels = pixels[:, ::-1]
     if is_column_major:
         pixels = pixels.transpose(1, 0, 2)
-    return pixels, ["converted from XYZ"] if xyz else []
+    return pixels, ["converted from XYZ"] if xyz else repairs
 
 
 class Malformed(Exception):
     """Raised for bytes that are not a Radiance picture; the message is the reason."""
 
 
-def read_header(data: bytes) -> tuple[np.ndarray, bool, int]:
-    """Returns the product (3,) of EXPOSURE and COLORCORR, whether pixels are XYZE, and the end of the header."""
+def read_header(data: bytes) -> tuple[np.ndarray, bool, np.ndarray | None, int]:
+    """Reads the header; indented lines belong to the headers of pictures that this one was made from.
+
+    Returns:
+        The product (3,) of EXPOSURE and COLORCORR, whether pixels are XYZE, the chromaticities (8,) if they are not
+        the default, and the end of the header.
+    """
     if not data.startswith(b"#?"):
         raise Malformed("it does not begin with #?")
-    divisor, xyz, position = np.ones(3), False, 0
+    divisor, xyz, primaries, position = np.ones(3), False, None, 0
     while True:
         end = data.find(b"\n", position, MAX_HEADER)
         if end < 0:
             raise Malformed("its header does not end")
-        line, position = data[position:end].strip(), end + 1
+        line, position = data[position:end].rstrip(), end + 1
         if not line:
-            return divisor, xyz, position
+            return divisor, xyz, primaries, position
         key, _, value = line.partition(b"=")
-        match key.strip():
+        match key.rstrip():
             case b"FORMAT":
                 if value.strip() not in (b"32-bit_rle_rgbe", b"32-bit_rle_xyze"):
                     raise Malformed(f"its FORMAT is {value.decode('latin-1')!r}")
@@ -86,15 +98,26 @@ def read_header(data: bytes) -> tuple[np.ndarray, bool, int]:
                 divisor *= parse_positive(value, 1)
             case b"COLORCORR":
                 divisor *= parse_positive(value, 3)
+            case b"PRIMARIES":
+                found = parse_numbers(value, 8)
+                primaries = None if not found.any() or np.allclose(found, PLAIN, atol=2e-3) else found
 
 
-def parse_positive(text: bytes, count: int) -> np.ndarray:
-    """Parses the `count` positive numbers of a header value."""
+def parse_numbers(text: bytes, count: int) -> np.ndarray:
+    """Parses the `count` numbers of a header value."""
     try:
         values = np.array([float(part) for part in text.split()])
     except ValueError:
         values = np.array([])
-    if len(values) != count or not np.all((values > 1e-30) & (values < 1e30)):
+    if len(values) != count or not np.isfinite(values).all():
+        raise Malformed(f"a header value is {text.decode('latin-1')!r}, not {count} number(s)")
+    return values
+
+
+def parse_positive(text: bytes, count: int) -> np.ndarray:
+    """Parses the `count` positive numbers of a header value."""
+    values = parse_numbers(text, count)
+    if not np.all((values > 1e-30) & (values < 1e30)):
         raise Malformed(f"a header value is {text.decode('latin-1')!r}, not {count} positive number(s)")
     return values
 

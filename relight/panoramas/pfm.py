@@ -8,7 +8,7 @@ import numpy as np
 from relight.files import UserError
 from relight.panoramas.panorama import check_size
 
-HEADER = re.compile(rb"(PF|Pf)\s+(\d{1,9})\s+(\d{1,9})\s+([-+.0-9eE]{1,32})\s")
+HEADER = re.compile(rb"(?:\xef\xbb\xbf)?(PF|Pf)\s+(\d{1,9})\s+(\d{1,9})\s+([-+.0-9eE]{1,32})(\r\n|\s)")
 
 
 def read_pfm(path: Path) -> np.ndarray:
@@ -23,9 +23,13 @@ def read_pfm(path: Path) -> np.ndarray:
         raise UserError(f"{path}: not a portable float map: its header is not like 'PF 1024 512 -1.0'")
     width, height, channels = int(match[2]), int(match[3]), 3 if match[1] == b"PF" else 1
     check_size(path, width, height)
-    body = memoryview(data)[match.end() :]
-    if len(body) < width * height * channels * 4:
-        raise UserError(f"{path}: {len(body)} bytes of pixels are too few for {width} x {height}")
-    stored = np.frombuffer(body, "<f4" if scale < 0 else ">f4", width * height * channels)
+    needed, start = width * height * channels * 4, match.end()
+    if match[5] == b"\r\n" and len(data) - start == needed - 1:  # the CR ends the header, and the LF is a pixel's
+        start -= 1
+    if len(data) - start < needed:
+        raise UserError(f"{path}: {len(data) - start} bytes of pixels are too few for {width} x {height}")
+    if len(data) - start > needed:
+        raise UserError(f"{path}: {len(data) - start - needed} bytes are left over after {width} x {height} pixels")
+    stored = np.frombuffer(data, "<f4" if scale < 0 else ">f4", width * height * channels, start)
     pixels = stored.reshape(height, width, channels)[::-1].astype(np.float32)
     return np.repeat(pixels, 3, 2) if channels == 1 else pixels

@@ -1,5 +1,6 @@
 """Reads panoramas: detects format and layout, checks and repairs pixels."""
 
+import codecs
 from pathlib import Path
 
 import numpy as np
@@ -72,7 +73,7 @@ def read_pixels(path: Path) -> tuple[np.ndarray, str | None, list[str]]:
     """Returns the pixels (H,W,3) float32, OpenEXR's attribute `envmap`, and the reader's repairs."""
     try:
         with open(path, "rb") as file:
-            start = file.read(256)
+            start = file.read(256).removeprefix(codecs.BOM_UTF8)
     except OSError as error:
         raise UserError(f"{path}: cannot be read ({error.strerror})") from error
     if not start:

@@ -14,9 +14,10 @@ from relight.files import UserError, existing_file
 from relight.inference import PhotoNetwork, read_onnx
 from relight.lights import Light, LightOptions
 from relight.photos.background import Background, read_background
+from relight.photos.coverage import coverage_of
 from relight.photos.infer import Person, balanced, infer_person, mean_exposure_factor, mean_light
 from relight.photos.mask import find_mask, split_people
-from relight.photos.read import Photo, is_picture, mask_beside, mask_from_image, photo_from_image, read_photo
+from relight.photos.read import Photo, as_codes, is_picture, mask_beside, mask_from_image, photo_from_image, read_photo
 from relight.photos.render import render
 from relight.photos.trust import Trust, assess
 from relight.sh import rotate_y
@@ -64,7 +65,7 @@ class RelitPhoto(np.ndarray):
 
 
 def _webp(pixels: np.ndarray) -> str:
-    image = Image.fromarray(np.asarray(pixels))
+    image = Image.fromarray(as_codes(np.asarray(pixels)))
     image.thumbnail((PREVIEW, PREVIEW), Image.Resampling.LANCZOS)
     file = io.BytesIO()
     image.save(file, "WEBP", quality=90)
@@ -90,12 +91,12 @@ class Relighter:
         return self.network.order
 
     def infer(
-        self, image: Picture, mask: Picture | None = None, split: bool = True, white_balance: str = "keep"
+        self, image: Picture | Photo, mask: Picture | None = None, split: bool = True, white_balance: str = "keep"
     ) -> list[Person]:
         """Infers the light, albedo and transport of each person in a photo.
 
         Args:
-            image: (H,W,3) uint8 sRGB, an image of Pillow, or a file.
+            image: (H,W,3) uint8 or uint16 sRGB, an image of Pillow, a file, or a `Photo`.
             mask: (H,W) bool, uint8 of 0 to 255 or float in [0,1], soft edges included; an image of Pillow, or a file.
                 By default it is found as for `relight photo` (docs/photos.md).
             split: whether people who do not touch are inferred one by one.
@@ -144,7 +145,7 @@ class Relighter:
         if is_picture(text):
             photo = read_photo(text)
             coverage = find_mask(photo, mask or mask_beside(text), mask_model)
-            people = self.infer(photo.pixels, coverage, white_balance=white_balance)
+            people = self.infer(photo, coverage, white_balance=white_balance)
             return Light(mean_light(people), text)
         from relight.lights import load_light
 
@@ -177,7 +178,7 @@ class Relighter:
             white_balance: as in `infer`; also of a photo that `light` names.
 
         Returns:
-            (H,W,3) uint8 sRGB, or (H,W,4) for a transparent background.
+            (H,W,3) of the photo's type, or (H,W,4) for a transparent background; linear floats for OpenEXR.
 
         Raises:
             UserError: if an argument is none of these.
@@ -185,7 +186,7 @@ class Relighter:
         if mode not in MODES:
             raise UserError(f"mode {mode!r} is neither ratio nor full")
         photo, coverage = _read_inputs(image, mask)
-        people = self.infer(photo.pixels, coverage, white_balance=white_balance)
+        people = self.infer(photo, coverage, white_balance=white_balance)
         background = read_background(background) if isinstance(background, str) else background
         if not isinstance(light, np.ndarray):
             light = self.read_light(str(light), white_balance=white_balance).coefficients
@@ -252,9 +253,11 @@ def load(path: Path | str | None = None, threads: int = 0) -> Relighter:
     return Relighter(photo_network(path, threads))
 
 
-def _read_inputs(image: Picture, mask: Picture | None) -> tuple[Photo, np.ndarray]:
+def _read_inputs(image: Picture | Photo, mask: Picture | None) -> tuple[Photo, np.ndarray]:
     """Reads a photo and its coverage (H,W) uint8. Raises UserError."""
-    if isinstance(image, str | Path):
+    if isinstance(image, Photo):
+        photo = image
+    elif isinstance(image, str | Path):
         photo = read_photo(image)
     elif isinstance(image, Image.Image):
         photo = photo_from_image(image)
@@ -271,8 +274,8 @@ def _read_inputs(image: Picture, mask: Picture | None) -> tuple[Photo, np.ndarra
 
 def _checked_image(image: np.ndarray) -> np.ndarray:
     image = np.asarray(image)
-    if image.dtype != np.uint8 or image.ndim != 3 or image.shape[2] != 3:
-        raise UserError(f"the image is {image.dtype} {image.shape}: give (height, width, 3) uint8 sRGB")
+    if image.dtype not in (np.uint8, np.uint16) or image.ndim != 3 or image.shape[2] != 3:
+        raise UserError(f"the image is {image.dtype} {image.shape}: give (height, width, 3) uint8 sRGB, or uint16")
     return image
 
 
@@ -280,10 +283,7 @@ def _checked_mask(mask: np.ndarray) -> np.ndarray:
     mask = np.asarray(mask)
     if mask.ndim != 2:
         raise UserError(f"the mask has shape {mask.shape}: give (height, width)")
-    if mask.dtype == bool:
-        mask = mask * np.uint8(255)
-    elif mask.dtype != np.uint8:
-        mask = np.round(np.clip(np.nan_to_num(mask.astype(np.float32)), 0, 1) * 255).astype(np.uint8)
+    mask, _ = coverage_of(mask * np.uint8(255) if mask.dtype == bool else mask, "the mask")
     if not (mask >= MASK_THRESHOLD).any():
         raise UserError("the mask is empty: no pixel of it is at least half white")
     return mask

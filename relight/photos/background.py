@@ -105,7 +105,7 @@ def read_background(text: str, panorama: Panorama | None = None, blur: float = 0
             )
         return Background("panorama", panorama=panorama, blur=blur)
     if is_picture(text):
-        return Background("picture", picture=read_photo(text, "background").pixels)
+        return Background("picture", picture=read_photo(text, "background").codes)
     try:
         return Background("color", color=np.array(ImageColor.getrgb(text)[:3], np.uint8))
     except ValueError:

@@ -9,7 +9,7 @@ far as the gain is below 1; near black, where values are noise, large gains coun
 import numpy as np
 from scipy.ndimage import uniform_filter
 
-from relight.srgb import LINEAR, decode
+from relight.srgb import LINEAR, decode, encode
 
 KNEE = 0.8  # linear value from which values are rolled off
 FADE = 0.06  # how fast a rolled-off colour pales, so that a strong lamp still shows as brightness
@@ -137,6 +137,15 @@ _TOP = float(_EDGES[-1]) * 1.0001
 _STEPS = 1 << 15  # cells of the lookup table; a cell above 0.001 holds at most one edge, so one comparison is enough
 _CELLS = np.searchsorted(_EDGES, (np.arange(_STEPS + 1) / _STEPS) ** 2 * _TOP, side="right").astype(np.uint8)
 _PADDED = np.append(_EDGES, np.float32(np.inf))
+
+
+def to_codes(linear: np.ndarray, type: np.dtype | type) -> np.ndarray:
+    """Encodes linear values as sRGB of a type, uint8 or uint16; floats stay linear. The inverse of `to_linear`."""
+    if np.dtype(type).kind == "f":
+        return np.asarray(linear, type)
+    if type == np.uint8:
+        return to_srgb8(linear)
+    return np.round(encode(np.nan_to_num(linear).astype(np.float64)) * 65535).astype(np.uint16)
 
 
 def to_srgb8(linear: np.ndarray) -> np.ndarray:

@@ -170,7 +170,7 @@ def photo(
             raise
         mask_setup()
         record = relight_file(relighter, path, out, options, mask)
-    print(f"{out}/relit.png: {path.name} in the light of {options.light}")
+    print(f"{out}/{record['picture']}: {path.name} in the light of {options.light}")
     _print_notes(record)
 
 
@@ -297,7 +297,7 @@ def _text(path: Path | None) -> str | None:
 
 
 def _print_notes(record: dict) -> None:
-    for note in record["light"]["notes"] + record["mask"]["notes"]:
+    for note in record["notes"] + record["light"]["notes"] + record["mask"]["notes"]:
         print(f"note: {note}")
     for number, person in enumerate(record["people"], 1):
         for warning in person["warnings"]:

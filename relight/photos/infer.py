@@ -12,14 +12,14 @@ from relight.panoramas import luminance
 from relight.photos.color import chroma
 from relight.photos.shading import exposure_factor, shading, shading_floor, shading_ratio
 from relight.photos.upsample import FittedMap, Guide, fit_map, luma, square_root
-from relight.srgb import LINEAR, decode, encode
+from relight.srgb import decode, encode, to_linear
 
 OPAQUE = 240  # coverage (of 255) from which a pixel shows hardly anything but the person
 LEAST_CHANNEL = 0.2  # of the luminance: lower bound of the channels of `Person.white`, which lights are divided by
 PAPER_GAMMA = 2.2  # a factor on coded values is its power on linear ones, for networks trained with color=paper
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Person:
     """A person of a photo and what was inferred of them. Maps are (S,S,...) float32, zero outside of `mask`.
 
@@ -44,6 +44,14 @@ class Person:
     light: np.ndarray
     gamma: float = 1.0
     white: np.ndarray = field(default_factory=lambda: np.ones(3, np.float32))
+
+    def __repr__(self) -> str:
+        height, width = self.coverage.shape
+        rows, columns = self.crop.window
+        return (
+            f"Person(rows {rows.start} to {rows.stop}, columns {columns.start} to {columns.stop} of {width} x {height} "
+            f"pixels; {len(self.light)} coefficients)"
+        )
 
     @cached_property
     def shading(self) -> np.ndarray:
@@ -117,7 +125,7 @@ def infer_person(network: PhotoNetwork, pixels: np.ndarray, coverage: np.ndarray
 
     Args:
         network: `train.color` of its config says which values its images have.
-        pixels: (H,W,3) uint8 sRGB.
+        pixels: (H,W,3) as of `Photo`.
         coverage: (H,W) uint8 of the person.
         crop: the square to use; by default the one around the coverage.
 
@@ -149,7 +157,7 @@ def network_input(pixels: np.ndarray, coverage: np.ndarray, crop: Crop) -> tuple
     at the silhouette.
 
     Args:
-        pixels: (H,W,3) uint8 sRGB.
+        pixels: (H,W,3) as of `Photo`.
         coverage: (H,W) uint8.
         crop: the square.
 
@@ -162,7 +170,7 @@ def network_input(pixels: np.ndarray, coverage: np.ndarray, crop: Crop) -> tuple
         mask = share >= share.max()
     image = np.empty((*mask.shape, 3), np.float32)
     for channel in range(3):  # one at a time: an 8k photo in float32 is 800 MB
-        image[..., channel] = crop.extract(LINEAR[pixels[..., channel]] * coverage) / np.maximum(share, 1e-3)
+        image[..., channel] = crop.extract(to_linear(pixels[..., channel]) * coverage) / np.maximum(share, 1e-3)
     return np.clip(image * mask[..., None], 0, 1), mask
 
 

@@ -33,7 +33,7 @@ def find_mask(photo: Photo, path: Path | str | None = None, model: Path | str | 
     """Finds the mask of a photo: the file, else the photo's alpha, else an automatic mask.
 
     Args:
-        photo: as read.
+        photo: as read; gets notes where the file of the mask can mean two things.
         path: of the mask.
         model: an ONNX segmentation model of rembg's kind for automatic masks, instead of `automatic_model`'s choice.
 
@@ -44,12 +44,12 @@ def find_mask(photo: Photo, path: Path | str | None = None, model: Path | str | 
         UserError: if there is no mask, or it is empty, covers everything, or is the photo itself.
     """
     if path is not None:
-        mask = read_mask(path, photo.pixels.shape[:2])
+        mask = read_mask(path, photo.pixels.shape[:2], photo.notes)
         if (mask >= MASK_THRESHOLD).all():
             raise UserError(f"mask {path} covers the whole photo: it must be white on the person and black elsewhere")
         if not (mask >= MASK_THRESHOLD).any():
             raise UserError(f"mask {path} is empty: no pixel of it is at least half white")
-        if _is_the_photo(mask, photo.pixels):
+        if _is_the_photo(mask, photo.codes):
             raise UserError(f"mask {path} is the photo itself: it must be white on the person and black elsewhere")
         return mask
     if photo.alpha is not None:
@@ -75,7 +75,7 @@ def automatic_mask(photo: Photo, model: Path | str | None = None) -> np.ndarray:
             "(white on the person) or a PNG with an alpha channel"
         )
     built_in = path == selfie.network_file()
-    mask = selfie.segment(photo.pixels) if built_in else u2net.segment(photo.pixels, path)
+    mask = selfie.segment(photo.codes) if built_in else u2net.segment(photo.codes, path)
     if not (mask >= MASK_THRESHOLD).any() or (mask >= MASK_THRESHOLD).all():
         raise UserError(
             f"the automatic mask found nobody in {photo.name}: give --mask FILE (white on the person) or a PNG with an "

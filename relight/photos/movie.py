@@ -203,7 +203,7 @@ def _with_masks(
             raise UserError(f"mask video {masks} has {number - 1} frames, but the clip has more")
         if drawn.pixels.shape != photo.pixels.shape:
             raise UserError(f"mask video {masks} is of another size than the clip: they must be equal")
-        yield photo, drawn.pixels.max(-1)
+        yield photo, drawn.codes.max(-1)
 
 
 def smooth_over_time(

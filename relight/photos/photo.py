@@ -90,7 +90,7 @@ def read_people(
     """Reads a photo and infers its people."""
     photo = read_photo(path)
     coverage = find_mask(photo, mask or mask_beside(path), options.mask_model)
-    return photo, relighter.infer(photo.pixels, coverage, not options.together, options.white_balance)
+    return photo, relighter.infer(photo, coverage, not options.together, options.white_balance)
 
 
 def downscale(photo: Photo, coverage: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
@@ -98,9 +98,9 @@ def downscale(photo: Photo, coverage: np.ndarray, size: int) -> tuple[np.ndarray
     height, width = coverage.shape
     scale = size / max(height, width)
     if scale >= 1:
-        return photo.pixels, coverage
+        return photo.codes, coverage
     shape = max(8, round(width * scale)), max(8, round(height * scale))
-    images = (Image.fromarray(photo.pixels), Image.fromarray(coverage))
+    images = (Image.fromarray(photo.codes), Image.fromarray(coverage))
     pixels, coverage = (np.asarray(image.resize(shape, Image.Resampling.LANCZOS, reducing_gap=3)) for image in images)
     return pixels, coverage
 
@@ -140,7 +140,7 @@ def relight_file(
     turned = rotate_y(matched, np.radians(options.turn)).astype(np.float32)
     relit = render(photo.pixels, people, turned, options.mode, background, np.radians(options.turn), options.stops)
     assessed = [relighter.trust(person) for person in people]
-    write_picture(out / "relit.png", relit)
+    write_picture(out / f"relit{photo.suffix}", relit)
     write_inference(out, people, photo.pixels)
     if options.maps:
         write_maps(out / "maps.exr", people, photo.pixels)
@@ -151,6 +151,8 @@ def relight_file(
     automatic = photo.alpha is None and not (mask or mask_beside(path))
     record = {
         "photo": str(path),
+        "picture": f"relit{photo.suffix}",
+        "notes": photo.notes,
         "size": [photo.pixels.shape[1], photo.pixels.shape[0]],
         "options": asdict(options),
         "shading_png": {"stops": DISPLAY_STOPS, "straight_to": KNEE},
@@ -197,7 +199,7 @@ def swap_lights(
     relit = {}
     for name, (photo, people), light in zip(names, inferred, lights[::-1]):
         coefficients, background = match_exposure(people, light.coefficients, options.read_background(light))
-        path = Path(out) / f"{name}_lit_as_{light.source}.png"
+        path = Path(out) / f"{name}_lit_as_{light.source}{photo.suffix}"
         relit[path] = render(photo.pixels, people, coefficients, options.mode, background, stops=options.stops)
     for path, pixels in relit.items():
         write_picture(path, pixels)

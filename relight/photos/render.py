@@ -10,12 +10,12 @@ import numpy as np
 from scipy.ndimage import maximum_filter, uniform_filter1d
 
 from relight.photos.background import Background
-from relight.photos.color import CLIPPING, apply_gain, clipping_excess, roll_off, to_srgb8
+from relight.photos.color import CLIPPING, apply_gain, clipping_excess, roll_off, to_codes
 from relight.photos.ground import Ground, ground_under
 from relight.photos.infer import Person
 from relight.photos.upsample import FittedMap, luma
 from relight.sh import order_of
-from relight.srgb import LINEAR
+from relight.srgb import to_linear
 
 STRIP = 512  # rows
 RADII = 45, 6  # of the two passes of `estimate_foreground`, pixels: hair, then detail
@@ -82,7 +82,7 @@ def render(
     """Relights the people of a photo.
 
     Args:
-        pixels: (H,W,3) uint8 sRGB.
+        pixels: (H,W,3) as of `Photo`.
         people: as inferred from it.
         light: (K,3) radiance coefficients, already turned; or one for each person.
         mode: `ratio` multiplies the photo by new / old shading and keeps all its detail; `full` is albedo * shading.
@@ -91,7 +91,7 @@ def render(
         stops: exposure of the people and of a panorama behind, as powers of two.
 
     Returns:
-        (H,W,3) uint8 sRGB, or (H,W,4) for a transparent background.
+        (H,W,3) of the same type, or (H,W,4) for a transparent background. Values of a linear photo are not rolled off.
     """
     background = background or Background()
     maps = fit_maps(people, light, mode)
@@ -104,7 +104,7 @@ def render(
         if ground:
             behind = np.require(behind, requirements="W")
             ground.cast_shadows(behind, light if isinstance(light, np.ndarray) else np.mean(light, 0))
-    out = np.empty((*pixels.shape[:2], 4 if transparent else 3), np.uint8)
+    out = np.empty((*pixels.shape[:2], 4 if transparent else 3), pixels.dtype)
     for first, last in strips(0, len(pixels)):
         rows = out[first:last, :, :3]
         rows[:] = pixels[first:last]
@@ -112,12 +112,12 @@ def render(
             continue
         part = split_layers(pixels, people, (first, last))
         if transparent:
-            rows[:] = to_srgb8(part.foreground)
+            rows[:] = to_codes(part.foreground, out.dtype)
             for own in filter(None, part.people):
                 own.linear, own.alpha = own.foreground, np.ones_like(own.alpha)
         compose(rows, part, maps, None if behind is None else behind[first:last], stops)
     if transparent:
-        out[..., 3] = coverage
+        out[..., 3] = coverage * np.array({1: 1, 2: 257, 4: 1 / 255}[out.itemsize], out.dtype)
     return out
 
 
@@ -147,14 +147,14 @@ def split_layers(
     """Separates a part of a photo into people and background. The result does not depend on how rows are cut.
 
     Args:
-        pixels: (H,W,3) uint8 sRGB.
+        pixels: (H,W,3) as of `Photo`.
         people: in the photo.
         rows: half-open.
         columns: half-open, with the crops of all people within; all columns by default.
     """
     (first, last), across = rows, slice(*(columns or (0, pixels.shape[1])))
     top, bottom = max(first - REACH, 0), min(last + REACH, len(pixels))
-    linear = LINEAR[pixels[top:bottom]]
+    linear = to_linear(pixels[top:bottom])
     alpha = total_coverage(people, slice(top, bottom)).astype(np.float32) / 255
     own = slice(first - top, last - top), across
     part = Layers(first, across.start, linear[own], alpha[own], estimate_foreground(linear, alpha)[own], [])
@@ -194,7 +194,7 @@ def compose(
     """Writes a part of a photo with its people relit.
 
     Args:
-        out: (h,w,3) uint8 to write to; without `behind` it holds the photo.
+        out: (h,w,3) of a type as of `Photo` to write to; without `behind` it holds the photo.
         part: of the photo.
         maps: of each person, from `fit_maps`.
         behind: (h,w,3) linear background of the same part; None for the photo's own.
@@ -204,23 +204,24 @@ def compose(
     for own, fits in zip(part.people, maps):
         if own is None:
             continue
-        values = _relight(own, fits, np.float32(2**stops))
+        values = _relight(own, fits, np.float32(2**stops), scene=out.dtype.kind == "f")
         if front is None:
-            out[own.index] = to_srgb8(own.linear + own.alpha * (values - own.foreground))
+            out[own.index] = to_codes(own.linear + own.alpha * (values - own.foreground), out.dtype)
         else:
             front[own.index] = values
     if front is not None and behind is not None:
-        out[:] = to_srgb8(over(front, part.alpha, behind))
+        out[:] = to_codes(over(front, part.alpha, behind), out.dtype)
 
 
-def _relight(own: PersonPixels, fits: tuple[FittedMap, ...], factor: np.float32) -> np.ndarray:
-    """Relights the person's own colour (N,3): by the gain, or as albedo times shading."""
+def _relight(own: PersonPixels, fits: tuple[FittedMap, ...], factor: np.float32, scene: bool) -> np.ndarray:
+    """Relights the person's own colour (N,3): by the gain, or as albedo times shading; rolled off unless of a scene."""
     *albedo, last = fits
     crop = own.person.crop
     values = last.place(crop, luma(own.detail), own.rows, own.where) * factor
     if not albedo:
-        return apply_gain(own.foreground, values, own.excess)
-    return roll_off(albedo[0].place(crop, own.detail, own.rows, own.where) ** 2 * values)
+        return own.foreground * values if scene else apply_gain(own.foreground, values, own.excess)
+    product = albedo[0].place(crop, own.detail, own.rows, own.where) ** 2 * values
+    return product if scene else roll_off(product)
 
 
 def strips(first: int, last: int) -> Iterator[tuple[int, int]]:

@@ -14,18 +14,22 @@ from relight.lights import Light, lit_ball, write_light
 from relight.maps import coefficient_names
 from relight.maps.exr import CONVENTION, FRAME
 from relight.photos.color import display_shading, to_srgb8
+from relight.photos.deep import write_deep
 from relight.photos.infer import Person
 from relight.photos.render import strips, total_coverage
 from relight.photos.shading import shading
 from relight.photos.upsample import FittedMap, luma
 from relight.sh import order_of
-from relight.srgb import LINEAR
+from relight.srgb import to_linear
 
 RUNS = 3  # zlib's Z_RLE: a photo becomes as small as by its default, in a quarter of the time
 
 
 def write_picture(path: Path, pixels: np.ndarray) -> None:
-    """Writes (H,W) or (H,W,3|4) uint8 as PNG."""
+    """Writes (H,W) or (H,W,3|4): uint8 as PNG, uint16 as PNG or TIFF and float32 as OpenEXR, by the suffix."""
+    if pixels.dtype != np.uint8:
+        write_deep(path, pixels)
+        return
     with atomic_write(path) as tmp:
         Image.fromarray(pixels).save(tmp, format="PNG", compress_type=RUNS)
 
@@ -38,7 +42,7 @@ def write_inference(folder: Path, people: Sequence[Person], pixels: np.ndarray) 
     Args:
         folder: of the files.
         people: as inferred.
-        pixels: (H,W,3) uint8, the photo.
+        pixels: (H,W,3) of the photo.
     """
     pictures = {name: np.zeros((*pixels.shape[:2], 4), np.uint8) for name in ("albedo", "shading")}
     for picture in pictures.values():
@@ -61,7 +65,7 @@ def write_maps(path: Path, people: Sequence[Person], pixels: np.ndarray) -> None
     Args:
         path: .exr.
         people: as inferred.
-        pixels: (H,W,3) uint8, the photo.
+        pixels: (H,W,3) of the photo.
     """
     height, width = people[0].coverage.shape
     top, left = (min(person.crop.window[axis].start for person in people) for axis in (0, 1))
@@ -98,7 +102,7 @@ def placed_maps(
 
     Args:
         person: whose maps they are.
-        pixels: (H,W,3) uint8, the photo.
+        pixels: (H,W,3) of the photo.
         fits: a map that the colours guide, and one that the luma guides.
 
     Yields:
@@ -109,7 +113,7 @@ def placed_maps(
         window = slice(first, last), columns
         own = person.coverage[window] > 0
         where = np.flatnonzero(own)
-        detail = person.detail(LINEAR[pixels[window][own]], (first, last), where)
+        detail = person.detail(to_linear(pixels[window][own]), (first, last), where)
         by_color, by_luma = (
             fit.place(person.crop, guide, (first, last), where) for fit, guide in zip(fits, (detail, luma(detail)))
         )

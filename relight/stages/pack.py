@@ -30,10 +30,10 @@ def main(split: Split, names: Path, maps: Path, out: Path, record: Path) -> None
     reasons = {name: info["left_out"] for name, info in figures.items() if "left_out" in info}
     usable = len(figures) - len(reasons)
     if usable < max(2, split.least * len(figures)):
-        first = "; ".join(f"{name}: {reason}" for name, reason in list(reasons.items())[:3])
+        first = "".join(f"; {name}: {reason}" for name, reason in list(reasons.items())[:3])
         raise UserError(
             f"only {usable} of {len(figures)} figures are usable, and at least "
-            f"{max(2, int(-(-split.least * len(figures) // 1)))} are needed (split.least={split.least}); {first}"
+            f"{max(2, int(-(-split.least * len(figures) // 1)))} are needed (split.least={split.least}){first}"
         )
     for name, reason in reasons.items():
         print(f"left out: {name}: {reason}", file=sys.stderr)

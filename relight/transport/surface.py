@@ -4,15 +4,31 @@ import numpy as np
 
 from relight.files import UserError
 from relight.meshes import Mesh
+from relight.meshes.mesh import CLAMP, MIRROR, REPEAT
 from relight.srgb import LINEAR
 
 
-def sample_texture(texture: np.ndarray, uv: np.ndarray) -> np.ndarray:
+def wrapped(texel: np.ndarray, size: int, mode: str) -> np.ndarray:
+    """Returns the numbers in [0,size) of texels (N,), int64, that lie beyond the edges too: in a wrap mode.
+
+    >>> [wrapped(np.arange(-2, 4), 2, mode).tolist() for mode in (REPEAT, CLAMP, MIRROR)]
+    [[0, 1, 0, 1, 0, 1], [0, 0, 0, 1, 1, 1], [1, 0, 0, 1, 1, 0]]
+    """
+    if mode == CLAMP:
+        return texel.clip(0, size - 1)
+    if mode == MIRROR:
+        there = texel % (2 * size)
+        return np.minimum(there, 2 * size - 1 - there)
+    return texel % size
+
+
+def sample_texture(texture: np.ndarray, uv: np.ndarray, wrap: tuple[str, str] = (REPEAT, REPEAT)) -> np.ndarray:
     """Looks up a texture bilinearly; texels are decoded before they are interpolated.
 
     Args:
-        texture: (H,W,3) uint8 sRGB; it repeats.
+        texture: (H,W,3) uint8 sRGB.
         uv: (N,2); (0,0) is the bottom left corner of the texture.
+        wrap: as of `Material`.
 
     Returns:
         (N,3) float32, linear.
@@ -21,8 +37,8 @@ def sample_texture(texture: np.ndarray, uv: np.ndarray) -> np.ndarray:
     x, y = uv[:, 0] * width - 0.5, (1 - uv[:, 1]) * height - 0.5
     left, top = np.floor(x), np.floor(y)
     weight_x, weight_y = (x - left).astype(np.float32)[:, None], (y - top).astype(np.float32)[:, None]
-    columns = [(left + k).astype(np.int64) % width for k in (0, 1)]
-    rows = [(top + k).astype(np.int64) % height for k in (0, 1)]
+    columns = [wrapped((left + k).astype(np.int64), width, wrap[0]) for k in (0, 1)]
+    rows = [wrapped((top + k).astype(np.int64), height, wrap[1]) for k in (0, 1)]
     upper_row, lower_row = (
         LINEAR[texture[row, columns[0]]] * (1 - weight_x) + LINEAR[texture[row, columns[1]]] * weight_x for row in rows
     )
@@ -57,7 +73,7 @@ def sample_albedo(mesh: Mesh, face: np.ndarray, weights: np.ndarray) -> np.ndarr
             uv = np.einsum("nc,ncx->nx", weights[selected], mesh.uv[face[selected]])
             if not np.isfinite(uv).all():
                 raise UserError("the mesh has texture coordinates that are not finite: repair or drop them")
-            albedo = albedo * sample_texture(entry.texture, uv)
+            albedo = albedo * sample_texture(entry.texture, uv, entry.wrap)
         result[selected] = albedo
     if mesh.color is not None:
         result *= np.einsum("nc,ncx->nx", weights, mesh.color[mesh.faces[face]]).astype(np.float32)

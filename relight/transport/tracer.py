@@ -100,7 +100,9 @@ class PathTracer:
         elif material.texture is not None:
             values = LINEAR[material.texture] * np.asarray(material.color, np.float32)
             bitmap = self.mi.Bitmap(np.ascontiguousarray(values.clip(0, 1), np.float32))
-            reflectance = {"type": "bitmap", "bitmap": bitmap, "raw": True}
+            if material.wrap[0] != material.wrap[1]:
+                raise UserError(f"a texture that goes on as {' and '.join(material.wrap)} cannot be path traced")
+            reflectance = {"type": "bitmap", "bitmap": bitmap, "raw": True, "wrap_mode": material.wrap[0]}
         else:
             reflectance = {"type": "rgb", "value": np.clip(material.color, 0, 1).tolist()}
         return {"type": "diffuse", "reflectance": reflectance}

@@ -16,7 +16,7 @@ from relight.lights import (
 )
 from relight.lights.chain import generated_light
 from relight.lights.cluster import farthest_first, irradiance_features, medoids
-from relight.lights.select import broken_rules
+from relight.lights.select import broken_rules, counted
 from relight.lights.table import SPLITS
 from relight.panoramas.colour import blackbody, daylight
 from relight.sh import basis, irradiance, rotate_y, sphere_quadrature
@@ -135,6 +135,24 @@ def test_veto(rooms, tmp_path):
     assert gone not in lights.source
     assert turned not in [f"{s}:{y:g}" for s, y in zip(lights.source, lights.yaw)]
     assert any("room:999" in warning for warning in record["warnings"])
+
+
+@pytest.mark.parametrize("page", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
+def test_veto_of_names_with_hashes_in_any_code_page(rooms, tmp_path, page):
+    sources, coefficients = rooms
+    first, _ = select_lights(coefficients, sources, SETTINGS)
+    named = ["salle #1 \xe0 vivre.hdr" if source == first.source[0] else source for source in sources]
+    veto = tmp_path / "veto.txt"
+    veto.write_bytes("# r\xe9sum\xe9\nsalle #1 \xe0 vivre.hdr\r\n".encode(page))
+    assert "salle #1 \xe0 vivre.hdr" in select_lights(coefficients, named, SETTINGS)[0].source
+    lights, record = select_lights(coefficients, named, replace(SETTINGS, veto=str(veto)))
+    assert "salle #1 \xe0 vivre.hdr" not in lights.source
+    assert not any("names none of the lights" in line for line in record["warnings"])
+
+
+@pytest.mark.parametrize(("count", "said"), [(1, "1 panorama"), (2, "2 panoramas"), (0, "0 panoramas")])
+def test_counted(count, said):
+    assert counted(count, "panorama") == said
 
 
 def test_lights_without_sources_and_missing_veto_files_are_refused(rooms):

@@ -207,3 +207,37 @@ def test_the_command_prints_writes_and_draws(tmp_path):
     assert picture.shape[0] > 500 and picture.std() > 30
     assert isinstance(run(app, ["nowhere.hdr"]).exception, UserError)
     assert run(app, ["--help"]).exit_code == 0
+
+
+ROWS = [[round(0.1 * row - 0.2 * column, 2) for column in range(3)] for row in range(9)]
+# what a table of coefficients may look like
+TABLES = {
+    "blanks": "\n".join(" ".join(map(str, row)) for row in ROWS).encode(),
+    "commas": "\n".join(",".join(map(str, row)) for row in ROWS).encode(),
+    "a mark and CR LF": ("\ufeff" + "\r\n".join(",".join(map(str, row)) for row in ROWS)).encode(),
+    "utf-16": "\n".join("\t".join(map(str, row)) for row in ROWS).encode("utf-16"),
+    "semicolons": "\n".join(";".join(map(str, row)) for row in ROWS).encode(),
+    "decimal commas": "\n".join(";".join(map(str, row)).replace(".", ",") for row in ROWS).encode(),
+    "decimal commas and tabs": "\n".join("\t".join(map(str, row)).replace(".", ",") for row in ROWS).encode(),
+    "quotes": "\n".join(",".join(f'"{value}"' for value in row) for row in ROWS).encode(),
+    "comments in Latin-1": b"# \xe9clair\n" + "\n".join(" ".join(map(str, row)) for row in ROWS).encode(),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_load_light_reads_tables_of_every_spelling(tmp_path, name):
+    (tmp_path / "a.csv").write_bytes(TABLES[name])
+    np.testing.assert_allclose(load_light(tmp_path / "a.csv").coefficients, ROWS)
+
+
+@pytest.mark.parametrize("page", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
+def test_load_light_reads_json_of_every_code_page(tmp_path, page):
+    text = json.dumps({"coefficients": ROWS, "name": "caf\xe9"}, ensure_ascii=False)
+    (tmp_path / "a.json").write_bytes(text.encode(page))
+    np.testing.assert_allclose(load_light(tmp_path / "a.json").coefficients, ROWS)
+
+
+@pytest.mark.parametrize("azimuth", ["400", "-361", "1e5", "nan"])
+def test_load_light_refuses_a_lamp_beyond_a_turn(azimuth):
+    with pytest.raises(UserError, match=r"azimuth 400|azimuth -361|malformed"):
+        load_light(f"key:#ff0000@{azimuth},20")

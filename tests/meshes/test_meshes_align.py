@@ -206,3 +206,27 @@ def test_known_axes_are_used_and_a_guess_gets_a_warning(person, ellipsoid):
     egg.vertices, egg.faces = vertices.astype(np.float32), faces.astype(np.int32)
     got = align(egg, AUTO)
     assert got.info["align"]["front"] == "+z" and "guess" in got.info["warnings"][0]
+
+
+@pytest.mark.parametrize("size", [None, 0.6, 1.2, 3.0])
+@pytest.mark.parametrize("up", ["y", "z"])
+def test_align_warns_of_a_piece_of_floor(person, size, up):
+    """A floor wider than the figure is high is taken for its height; the warning comes with any that may be."""
+    mesh = person()
+    if size:
+        corners = 0.5 * size * np.array([(-1, 0, -1), (1, 0, -1), (1, 0, 1), (-1, 0, 1)], np.float32)
+        faces = len(mesh.vertices) + np.array([[0, 2, 1], [0, 3, 2]])
+        mesh = Mesh(
+            vertices=np.concatenate([mesh.vertices, corners]),
+            faces=np.concatenate([mesh.faces, faces]).astype(np.int32),
+            uv=np.concatenate([mesh.uv, mesh.uv[:2]]),
+            material=np.concatenate([mesh.material, mesh.material[:2]]),
+            materials=mesh.materials,
+        )
+    if up == "z":
+        mesh.vertices = mesh.vertices[:, [2, 0, 1]]
+    found = align(mesh, Align(up="auto", front="auto", padding=0.05, version=1))
+    told = [line for line in found.info.get("warnings", []) if f"its -{up} side is flat, as a floor" in line]
+    assert bool(told) == bool(size)
+    given = align(mesh, Align(up=f"+{up}", front="+z" if up == "y" else "+x", padding=0.05, version=1))
+    assert not given.info.get("warnings")

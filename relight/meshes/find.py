@@ -1,0 +1,82 @@
+"""Finds the files that a mesh names: textures, libraries of materials, buffers, scans of a table."""
+
+import os
+import unicodedata
+from pathlib import Path, PurePosixPath
+
+from relight.files import UserError
+from relight.text import spellings
+
+
+def find_file(beside: Path, *names: str | bytes) -> Path:
+    """Finds a file that another one names, in the same folder or a subfolder; never outside of it.
+
+    The path as written is tried first, then the name alone in the folder, then in its subfolders. So backslashes, other
+    capitals and folders of another computer do no harm. Bytes are read in each code page until one names a file.
+
+    Args:
+        beside: the .obj, .mtl, .ply or .gltf file that names it.
+        *names: as written there, the likeliest first.
+
+    Raises:
+        UserError: if there is no such file, if several are found in subfolders, or if it is outside the folder.
+    """
+    folder = beside.parent.resolve()
+    written = [text for name in names for text in (spellings(name) if isinstance(name, bytes) else [name])]
+    tried = [path for text in written if (path := PurePosixPath(text.replace("\\", "/"))).name]
+    if not tried:
+        raise UserError(f"{beside} names no file where it should name one")
+    found = next((file for wanted in tried if (file := _find_beside(folder, wanted))), None)
+    found = found or _find_below(beside, folder, tried)
+    if found is None:
+        where = "there is no such file in the folder" if _is_inside(tried[0]) else "it lies outside the folder"
+        raise UserError(f"{beside} names {written[0]}, but {where}; put it beside {beside.name}")
+    try:
+        real = found.resolve(strict=True)
+    except (OSError, RuntimeError):
+        raise UserError(f"{beside} names {written[0]}, which is a link that leads nowhere") from None
+    if not real.is_relative_to(folder) or not real.is_file():
+        raise UserError(
+            f"{beside} names {written[0]}, which leads out of the folder or is no file; put it beside {beside.name}"
+        )
+    return real
+
+
+def find_path(folder: Path, parts: tuple[str, ...]) -> Path | None:
+    """Returns the path `parts` in `folder`, written so or with other capitals or accents; None if there is none."""
+    path = folder
+    for part in parts:
+        if part in ("", "."):
+            continue
+        if not os.path.lexists(path / part):
+            names = sorted(os.listdir(path)) if path.is_dir() else []
+            alike = next((name for name in names if _folded(name) == _folded(part)), None)
+            if alike is None:
+                return None
+            part = alike
+        path = path / part
+    return path
+
+
+def _is_inside(path: PurePosixPath) -> bool:
+    return not path.is_absolute() and ".." not in path.parts and ":" not in path.parts[0]
+
+
+def _find_beside(folder: Path, wanted: PurePosixPath) -> Path | None:
+    """Returns the path as written, or the file of that name in the folder."""
+    whole = find_path(folder, wanted.parts) if _is_inside(wanted) else None
+    return whole or find_path(folder, wanted.parts[-1:])
+
+
+def _find_below(beside: Path, folder: Path, tried: list[PurePosixPath]) -> Path | None:
+    """Returns the one file of such a name in the subfolders; raises UserError if there are several."""
+    names = {_folded(wanted.name) for wanted in tried}
+    found = [Path(root, file) for root, _, files in os.walk(folder) for file in files if _folded(file) in names]
+    if len(found) > 1:
+        raise UserError(f"{beside} names {tried[0]}, and {len(found)} files in the subfolders are called so")
+    return found[0] if found else None
+
+
+def _folded(name: str) -> str:
+    """Returns a name without the differences that file systems disregard: capitals, and how accents are composed."""
+    return unicodedata.normalize("NFC", name).casefold()

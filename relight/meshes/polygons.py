@@ -1,0 +1,136 @@
+"""Cuts polygons into triangles: fans where they stay inside, else by clipping ears."""
+
+from pathlib import Path
+
+import numpy as np
+
+from relight.files import UserError
+
+MAX_CORNERS = 1000  # of a polygon that is not convex; clipping ears takes the square of it
+BLOCK = 1 << 13  # polygons that are tested at a time
+FLAT = 1e-9  # share of a polygon's area that rounding may turn over
+
+
+def triangulate(
+    path: Path, counts: np.ndarray, index: np.ndarray, vertices: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Cuts polygons, whose corners are in one flat list, into triangles.
+
+    Args:
+        path: for error messages.
+        counts: (P,) of the polygons' corners; polygons of fewer than three give no triangle.
+        index: (N,) the vertex of each corner.
+        vertices: (V,3).
+
+    Returns:
+        Positions (F,3) of the triangles' corners in the flat list, and the polygon (F,) of each triangle.
+
+    Raises:
+        UserError: if a polygon that is not convex has over MAX_CORNERS corners.
+    """
+    position, polygon = fan(counts)
+    if (counts > 3).any() and index.min() >= 0 and index.max() < len(vertices):
+        for bad in _turned_over(np.asarray(counts, np.int64), index, vertices):
+            if counts[bad] > MAX_CORNERS:
+                raise UserError(f"{path}: a face that is not convex has {counts[bad]} corners: cut it into triangles")
+            first = np.searchsorted(polygon, bad)
+            start = position[first, 0]
+            corners = vertices[index[start : start + counts[bad]]]
+            position[first : first + counts[bad] - 2] = start + clip_ears(corners)
+    return position, polygon
+
+
+def fan(counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Cuts polygons into fans of triangles from their first corners; arguments and result as for `triangulate`.
+
+    >>> fan(np.array([3, 4]))[0].tolist()
+    [[0, 1, 2], [3, 4, 5], [3, 5, 6]]
+    """
+    counts = np.asarray(counts, np.int64)
+    if len(counts) and (counts == counts[0]).all():
+        step = np.arange(max(counts[0] - 2, 0))
+        corners = np.stack([np.zeros_like(step), step + 1, step + 2], axis=-1)
+        position = (counts[0] * np.arange(len(counts)))[:, None, None] + corners
+        return position.reshape(-1, 3), np.repeat(np.arange(len(counts)), len(step))
+    pieces = np.maximum(counts - 2, 0)
+    polygon = np.repeat(np.arange(len(counts)), pieces)
+    start = np.cumsum(counts) - counts
+    step = np.arange(len(polygon)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+    first = start[polygon]
+    return np.stack([first, first + step + 1, first + step + 2], axis=-1), polygon
+
+
+def _turned_over(counts: np.ndarray, index: np.ndarray, vertices: np.ndarray) -> np.ndarray:
+    """Returns the polygons whose fans leave them: triangles of such a fan face both ways."""
+    start, bad = np.cumsum(counts) - counts, [np.zeros(0, np.int64)]
+    axes = [np.ascontiguousarray(vertices[:, axis]) for axis in range(3)]  # four times as fast as rows of three
+    for size in np.unique(counts[counts > 3]):
+        alike = np.flatnonzero(counts == size)
+        for block in np.split(alike, range(BLOCK, len(alike), BLOCK)):
+            corner = index[start[block] + np.arange(size)[:, None]]
+            with np.errstate(invalid="ignore", over="ignore"):
+                x, y, z = (edge[1:] - edge[0] for edge in (axis.take(corner) for axis in axes))
+                normal = (
+                    y[:-1] * z[1:] - z[:-1] * y[1:],
+                    z[:-1] * x[1:] - x[:-1] * z[1:],
+                    x[:-1] * y[1:] - y[:-1] * x[1:],
+                )
+                total = [part.sum(0) for part in normal]
+                along = sum(part * whole for part, whole in zip(normal, total))
+                against = along < -FLAT * sum(whole * whole for whole in total)
+            bad.append(block[against.any(0)])
+    return np.unique(np.concatenate(bad))
+
+
+def clip_ears(corners: np.ndarray) -> np.ndarray:
+    """Cuts a simple polygon into triangles that stay inside (Meisters, "Polygons have ears", 1975).
+
+    An ear is a corner whose triangle holds no other corner. The best-shaped one is cut off first.
+
+    Args:
+        corners: (N,3), not quite in one plane either.
+
+    Returns:
+        (N-2,3) numbers of corners, wound as the polygon.
+    """
+    flat = _projected(corners)
+    before, after = np.roll(np.arange(len(flat)), 1), np.roll(np.arange(len(flat)), -1)
+    turn = _cross(flat - flat[before], flat[after] - flat)
+    tiny = FLAT * np.abs(turn).max()
+
+    def score(corner: int) -> float:
+        """Returns the shape of an ear, above 0; -1 for a straight corner, -2 for one that is no ear."""
+        triangle = flat[[before[corner], corner, after[corner]]]
+        if turn[corner] <= tiny:
+            return -1 if turn[corner] >= -tiny else -2
+        inner = flat[turn < -tiny]
+        sides = np.roll(triangle, -1, axis=0) - triangle
+        within = (_cross(sides, inner[:, None] - triangle) >= -tiny).all(-1)
+        within &= (inner[:, None] != triangle).any(-1).all(-1)  # others at the place of a corner are no obstacle
+        return -2 if within.any() else float(turn[corner] / (sides**2).sum())
+
+    scores = np.array([score(corner) for corner in range(len(flat))])
+    triangles = []
+    for _ in range(len(flat) - 2):
+        corner = int(scores.argmax())  # a polygon that crosses itself may have no ear
+        start, end = before[corner], after[corner]
+        triangles.append((start, corner, end))
+        after[start], before[end] = end, start
+        turn[corner], scores[corner] = 0, -3
+        for other in (start, end):
+            turn[other] = _cross(flat[other] - flat[before[other]], flat[after[other]] - flat[other])
+        scores[start], scores[end] = score(start), score(end)
+    return np.array(triangles)
+
+
+def _projected(corners: np.ndarray) -> np.ndarray:
+    """Returns a polygon (N,3) in the coordinate plane (N,2) that it is most parallel to, counter-clockwise."""
+    centred = corners - corners.mean(axis=0)
+    normal = np.cross(centred, np.roll(centred, -1, axis=0)).sum(axis=0)
+    drop = int(np.abs(normal).argmax())
+    flat = centred[:, [(drop + 1) % 3, (drop + 2) % 3]]
+    return flat if normal[drop] > 0 else flat * [1, -1]
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

@@ -1,0 +1,89 @@
+"""Opens the files of pictures: what is wrong with them is one sentence, before pixels are decoded where possible."""
+
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from PIL import Image, TiffImagePlugin
+
+from relight.files import UserError
+
+MAX_PIXELS = 100_000_000  # of a photo; decoders allocate memory before they find that a file is a decompression bomb
+TOO_LARGE = f"at most {MAX_PIXELS // 10**6} million pixels are read"
+MAX_BYTES = 500_000_000
+FREE_PIXELS, MOST_PACKED = 2**22, 2**13  # pixels that are believed of any file, and of each of its bytes
+HEIC = (".heic", ".heif")
+ANIMATIONS = ("GIF", "WEBP", "PNG", "AVIF")  # formats whose further pictures are frames; in others they are previews
+REDUCED, TRANSPARENCY = 1, 4  # bits of a TIFF page's NewSubfileType: a preview, a mask
+
+
+def open_picture(path: Path, what: str) -> Image.Image:
+    """Reads the header of a file and checks the size; no pixel is decoded yet."""
+    if path.stat().st_size > MAX_BYTES:
+        raise UserError(f"{what} {path} is larger than {MAX_BYTES // 10**6} MB: give a smaller file")
+    if path.suffix.lower() in HEIC:
+        try:
+            from pillow_heif import register_heif_opener
+        except ImportError:
+            raise UserError(
+                f"{what} {path} is HEIC, which needs pillow-heif: pip install 'relight[heic]', or save it as JPEG"
+            ) from None
+        register_heif_opener()
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Pillow only warns of large pictures; here they are an error
+            image = Image.open(path)
+    except Image.DecompressionBombError:
+        raise UserError(f"{what} {path} is too large: {TOO_LARGE}") from None
+    except Exception:
+        raise UserError(f"{what} {path} cannot be read as a picture: give JPEG, PNG, WebP, TIFF or AVIF") from None
+    width, height = image.size
+    if width * height > MAX_PIXELS:
+        image.close()
+        raise UserError(f"{what} {path} is too large, {width}x{height}: {TOO_LARGE}")
+    stored = path.stat().st_size
+    if width * height > max(FREE_PIXELS, MOST_PACKED * stored):
+        image.close()
+        raise UserError(f"{what} {path} is damaged: it promises {width}x{height} pixels in {stored} bytes")
+    return image
+
+
+@contextmanager
+def decoding_errors(what: str) -> Iterator[None]:
+    """Turns what Pillow's decoders raise for damaged files, a dozen types, into a UserError."""
+    try:
+        yield
+    except UserError:
+        raise
+    except Exception as error:
+        raise UserError(f"{what} is damaged or cut short ({str(error).split(chr(10))[0]})") from None
+
+
+def require_still(image: Image.Image, what: str) -> None:
+    """Goes to the first picture of a file that is no preview; raises UserError if the file is a film or has pages."""
+    count = getattr(image, "n_frames", 1)
+    if count == 1:
+        return
+    if image.format in ANIMATIONS:
+        raise UserError(f"{what} is animated ({count} frames): save one, or use `relight movie`")
+    if isinstance(image, TiffImagePlugin.TiffImageFile):
+        pages = []
+        for page in range(count):
+            image.seek(page)
+            if not image.tag_v2.get(254, 0) & (REDUCED | TRANSPARENCY):
+                pages.append(page)
+        if len(pages) > 1:
+            raise UserError(f"{what} has {len(pages)} pages: save one of them")
+        image.seek(pages[0] if pages else 0)
+
+
+def bits_of(image: Image.Image, file: Path | None) -> int:
+    """Returns the bits per channel of a file, of which Pillow drops the lower half silently."""
+    if image.format == "PNG" and file is not None:
+        with open(file, "rb") as data:
+            return data.read(25)[24]
+    if isinstance(image, TiffImagePlugin.TiffImageFile):
+        bits = image.tag_v2.get(258, 8)  # BitsPerSample
+        return max(bits) if isinstance(bits, tuple) else int(bits)
+    return 8

@@ -1,0 +1,150 @@
+"""Conversion of photos to sRGB by what their files say of their colours: ICC profile, PNG's gamma, EXIF.
+
+8-bit pictures are converted by LittleCMS. Pillow's binding of it knows no 16 bits; these are converted by the curves
+and primaries of the profile, which those of cameras and photo editors have.
+"""
+
+import io
+import struct
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from PIL import Image, ImageCms
+
+from relight.files import UserError
+from relight.panoramas.colour import REC709, chromaticity_matrix
+from relight.srgb import decode, encode
+
+SRGB_GAMMA = 0.45455  # as PNG writes it
+ADOBE = (0.64, 0.33, 0.21, 0.71, 0.15, 0.06, 0.3127, 0.3290)  # x and y of the primaries and of white
+ADOBE_GAMMA = 563 / 256
+Curve = Callable[[np.ndarray], np.ndarray]  # from codes in [0,1] to linear values
+ROWS = 256  # that are converted at a time
+PROBE = np.stack(np.meshgrid(*[np.arange(0, 256, 15, dtype=np.uint8)] * 3), axis=-1).reshape(1, -1, 3)
+
+
+def to_srgb(pixels: np.ndarray, image: Image.Image, what: str) -> tuple[np.ndarray, list[str]]:
+    """Converts the pixels of an image to sRGB. sRGB itself stays as it is, bit for bit.
+
+    Args:
+        pixels: (H,W,3) uint8 or uint16.
+        image: whose metadata say what the pixels mean.
+        what: its name in errors.
+
+    Returns:
+        Pixels of the same type, and notes, one sentence each.
+
+    Raises:
+        UserError: if the profile of a 16-bit picture has no curves and primaries.
+    """
+    if profile := image.info.get("icc_profile"):
+        return _by_profile(pixels, profile, what)
+    if image.format == "PNG" and "srgb" not in image.info and "gamma" in image.info:
+        gamma = image.info["gamma"] or SRGB_GAMMA
+        xy = image.info.get("chromaticity")  # white first
+        primaries = REC709 if xy is None else (*xy[2:], *xy[:2])
+        if abs(gamma - SRGB_GAMMA) < 0.01 and np.allclose(primaries, REC709, atol=0.003):
+            return pixels, []
+        matrix = chromaticity_matrix(primaries)
+        curve = decode if abs(gamma - SRGB_GAMMA) < 0.01 else lambda code: code ** (1 / gamma)
+        note = f"it was converted by the gamma that the file gives, {gamma:g}"
+        return _by_curves(pixels, [curve] * 3, np.eye(3) if matrix is None else matrix), [note]
+    if _is_adobe(image):
+        matrix = chromaticity_matrix(ADOBE)
+        assert matrix is not None
+        curves = [lambda code: code**ADOBE_GAMMA] * 3
+        return _by_curves(pixels, curves, matrix), ["it was converted from Adobe RGB, which its camera says it has"]
+    return pixels, []
+
+
+def _is_adobe(image: Image.Image) -> bool:
+    """Returns whether the EXIF data of a camera say Adobe RGB (DCF 2.0: uncalibrated, and the mark R03)."""
+    exif = image.getexif()
+    if not exif:
+        return False
+    return exif.get_ifd(0x8769).get(0xA001) == 0xFFFF and str(exif.get_ifd(0xA005).get(1, "")).startswith("R03")
+
+
+def _by_profile(pixels: np.ndarray, profile: bytes, what: str) -> tuple[np.ndarray, list[str]]:
+    """Converts by an ICC profile; one that is not of RGB pictures is left out with a note, as browsers do."""
+    try:
+        source, target = ImageCms.ImageCmsProfile(io.BytesIO(profile)), ImageCms.createProfile("sRGB")
+        transform = ImageCms.buildTransform(source, target, "RGB", "RGB")
+    except (ImageCms.PyCMSError, OSError):
+        return pixels, ["its colour profile is damaged, or not one of RGB pictures: it was left out, as by browsers"]
+
+    def convert(values: np.ndarray) -> np.ndarray:
+        image = ImageCms.applyTransform(Image.fromarray(values), transform)
+        assert image is not None  # as it is where the image is changed in place
+        return np.asarray(image)
+
+    if np.abs(convert(PROBE).astype(int) - PROBE).max() <= 1:  # sRGB, whatever it is called
+        return pixels, []
+    if pixels.dtype == np.uint8:
+        return convert(pixels), []
+    curves = [_curve(profile, tag) for tag in (b"rTRC", b"gTRC", b"bTRC")]
+    own, srgb = _colorants(source.profile), _colorants(target)
+    known = [curve for curve in curves if curve is not None]
+    if own is None or srgb is None or _tag(profile, b"A2B0") or len(known) < 3:
+        raise UserError(f"{what} has 16 bits and a colour profile of tables: convert it to sRGB, or save it in 8 bits")
+    return _by_curves(pixels, known, np.linalg.solve(srgb, own)), []
+
+
+def _by_curves(pixels: np.ndarray, curves: Sequence[Curve], matrix: np.ndarray) -> np.ndarray:
+    """Converts pixels by curves, from codes in [0,1] to linear, and a matrix (3,3) to Rec. 709."""
+    largest = np.iinfo(pixels.dtype).max
+    codes = np.arange(largest + 1) / largest
+    tables = [curve(codes).astype(np.float32) for curve in curves]
+    out = np.empty_like(pixels)
+    for row in range(0, len(pixels), ROWS):
+        part = pixels[row : row + ROWS]
+        linear = np.stack([table[part[..., channel]] for channel, table in enumerate(tables)], axis=-1)
+        out[row : row + ROWS] = np.round(encode(linear @ matrix.T.astype(np.float32)) * largest)
+    return out
+
+
+def _colorants(profile: ImageCms.core.CmsProfile) -> np.ndarray | None:
+    """Returns the matrix (3,3) from a profile's linear RGB to XYZ of the connection space; None if it has none."""
+    found = [getattr(profile, f"{name}_colorant") for name in ("red", "green", "blue")]
+    return None if None in found else np.array([xyz for xyz, _ in found]).T
+
+
+def _tag(profile: bytes, name: bytes) -> bytes | None:
+    """Returns the data of a tag of an ICC profile (ICC.1:2022, section 7.3), or None."""
+    (count,) = struct.unpack_from(">I", profile, 128)
+    for place in range(132, min(132 + 12 * count, len(profile) - 11), 12):
+        key, start, size = struct.unpack_from(">4sII", profile, place)
+        if key == name:
+            return profile[start : start + size]
+    return None
+
+
+def _curve(profile: bytes, name: bytes) -> Curve | None:
+    """Returns the function of a curve of an ICC profile (ICC.1:2022, sections 10.6 and 10.18), or None."""
+    data = _tag(profile, name) or b""
+    if data[:4] == b"curv" and len(data) >= 12:
+        (count,) = struct.unpack_from(">I", data, 8)
+        if len(data) < 12 + 2 * count:
+            return None
+        values = np.frombuffer(data, ">u2", count, 12).astype(np.float64)
+        if count > 1:
+            return lambda code: np.interp(code, np.linspace(0, 1, count), values / 65535)
+        return lambda code: code ** (values[0] / 256 if count else 1.0)
+    if data[:4] == b"para" and len(data) >= 16:
+        kind = struct.unpack_from(">H", data, 8)[0]
+        sizes = (1, 3, 4, 5, 7)
+        if kind >= len(sizes) or len(data) < 12 + 4 * sizes[kind]:
+            return None
+        given = np.frombuffer(data, ">i4", sizes[kind], 12) / 65536
+        return lambda code: _parametric(kind, given, code)
+    return None
+
+
+def _parametric(kind: int, given: np.ndarray, code: np.ndarray) -> np.ndarray:
+    """Returns (a x + b)^g + offset from x = start on, and slope x + constant below, by the type of the function."""
+    g, a, b, c, d, e, f = np.pad(given, (0, 7 - len(given))).tolist()
+    a = a if kind else 1.0
+    start = d if kind > 2 else -b / (a or 1.0)
+    slope = c if kind > 2 else 0.0
+    offset, constant = {2: (c, c), 4: (e, f)}.get(kind, (0.0, 0.0))
+    return np.where(code >= start, np.maximum(a * code + b, 0) ** g + offset, slope * code + constant)

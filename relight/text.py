@@ -1,0 +1,104 @@
+"""Text as people bring it: any byte order mark, line end, code page or separator of columns."""
+
+import codecs
+import csv
+import io
+import os
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import BinaryIO
+
+from relight.files import UserError
+
+# In the order in which they are tried. Any bytes are text in Latin-1.
+CODE_PAGES = ("utf-8", "cp1252", "gb18030", "cp932", "big5", "cp949", "cp1251", "cp1250", "latin-1")
+MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+CONTROL = re.compile(r"[\x00-\x08\x0e-\x19\x1b-\x1f]")  # no text has these; 1A ends files of DOS
+Table = tuple[list[str], list[dict[str, str]]]
+
+
+def spellings(name: bytes) -> list[str]:
+    """Returns what the bytes of a file's name may say, the likeliest first.
+
+    UTF-8, then the bytes as they are, as Linux keeps them in names, then each other code page that has such bytes.
+    """
+    found = [*decodings(name)]
+    return list(dict.fromkeys([*found[:1], os.fsdecode(name), *found[1:]]))
+
+
+def decodings(data: bytes) -> Iterator[str]:
+    """Yields what bytes say in Unicode, if they begin with a byte order mark, or else in each code page."""
+    if data.startswith(MARKS):
+        yield data.decode("utf-16", "replace")
+        return
+    data = data.removeprefix(codecs.BOM_UTF8)
+    for page in CODE_PAGES:
+        try:
+            yield data.decode(page)
+        except UnicodeDecodeError:
+            continue
+
+
+def decode(data: bytes) -> str:
+    """Returns what bytes most likely say; raises ValueError for bytes that are no text."""
+    text = next(decodings(data))
+    if match := CONTROL.search(text):
+        raise ValueError(f"it holds the character {match[0]!r}, which no text has")
+    return text
+
+
+def read_text(path: Path) -> str:
+    """Reads a text file; raises ValueError if it is none."""
+    return decode(path.read_bytes())
+
+
+def open_lines(path: Path) -> BinaryIO:
+    """Opens a text file to read it line by line as bytes of a superset of ASCII.
+
+    A byte order mark is skipped, UTF-16 becomes UTF-8, and lines that end in a lone CR end in LF.
+    """
+    file = open(path, "rb")
+    start = file.read(4096)
+    if start.startswith(MARKS):
+        file.close()
+        return io.BytesIO(path.read_bytes().decode("utf-16", "replace").encode())
+    if b"\r" in start[:-1] and b"\n" not in start:
+        file.close()
+        return io.BytesIO(path.read_bytes().removeprefix(codecs.BOM_UTF8).replace(b"\r", b"\n"))
+    file.seek(len(codecs.BOM_UTF8) if start.startswith(codecs.BOM_UTF8) else 0)
+    return file
+
+
+def read_table(path: Path, is_right: Callable[[Table], bool] = lambda table: True) -> Table:
+    """Reads a CSV table with columns that are separated by comma, semicolon or tab.
+
+    Args:
+        path: of the file.
+        is_right: whether a reading is the one that was meant, such as by files that it names. The code page is the
+            first that gives such a reading, else the first that gives any.
+
+    Returns:
+        The names of the columns, and the rows by column, stripped and without cells beyond the last column.
+
+    Raises:
+        UserError: if the file is not a CSV table.
+    """
+    data = path.read_bytes()
+    try:
+        decode(data)
+        first, *others = (_parse_table(text) for text in dict.fromkeys(decodings(data)))
+    except (ValueError, csv.Error) as error:
+        raise UserError(f"{path} is not a CSV table ({error})") from None
+    return next((table for table in (first, *others) if is_right(table)), first)
+
+
+def _parse_table(text: str) -> Table:
+    if match := re.match(r"sep=(.)\r?\n", text):  # Excel's own line
+        separator, text = match[1], text[match.end() :]
+    else:
+        head = re.sub(r'"[^"]*"', "", text.lstrip().split("\n", 1)[0])
+        separator = max(",;\t", key=head.count)
+    reader = csv.DictReader(io.StringIO(text, newline=None), delimiter=separator)
+    rows = [{key.strip(): (value or "").strip() for key, value in row.items() if key is not None} for row in reader]
+    return [name.strip() for name in reader.fieldnames or []], rows

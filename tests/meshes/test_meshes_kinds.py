@@ -1,0 +1,519 @@
+"""What meshes may say, and the right value: names, code pages, colours, polygons, extensions, wrap modes, tables."""
+
+import codecs
+import io
+import json
+import struct
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from relight.files import UserError
+from relight.meshes import Mesh, align, list_scans, read_mesh
+from relight.meshes.gltf_file import READERS, WITHOUT_EFFECT
+from relight.meshes.polygons import clip_ears, fan, triangulate
+from relight.transport.surface import sample_albedo
+
+POINTS = b"v 0 0 0\nv 1 0 0\nv 0 1 0\n"
+FACE = b"f 1 2 3\n"
+RED = b"newmtl %s\nKd 1 0 0\n"
+
+
+def write(folder, files):
+    """Writes files by name, str or bytes; returns the first."""
+    for name, content in files.items():
+        path = bytes(folder) + b"/" + (name if isinstance(name, bytes) else name.encode())
+        with open(path, "wb") as file:
+            file.write(content)
+    first = next(iter(files))
+    return folder / (first if isinstance(first, str) else first.decode())
+
+
+def png(*colors) -> bytes:
+    """A picture of one row."""
+    file = io.BytesIO()
+    Image.fromarray(np.array([colors], np.uint8)).save(file, "PNG")
+    return file.getvalue()
+
+
+def albedo(mesh, face=0, weights=(1 / 3, 1 / 3, 1 / 3)):
+    return sample_albedo(mesh, np.array([face]), np.array([weights]))[0]
+
+
+def used(name: bytes, library: bytes = b"a.mtl") -> bytes:
+    return b"mtllib " + library + b"\n" + POINTS + b"usemtl " + name + b"\n" + FACE
+
+
+def says(text: bytes, page: str) -> bytes:
+    return text.decode("utf-8").encode(page)
+
+
+TEXTS = {
+    "utf-8 mark in .obj": {"a.obj": codecs.BOM_UTF8 + used(b"A"), "a.mtl": RED % b"A"},
+    "utf-8 mark in .mtl": {"a.obj": used(b"A"), "a.mtl": codecs.BOM_UTF8 + RED % b"A"},
+    "utf-16 .obj": {"a.obj": used(b"A").decode().encode("utf-16"), "a.mtl": RED % b"A"},
+    "utf-16 .mtl": {"a.obj": used(b"A"), "a.mtl": (RED % b"A").decode().encode("utf-16")},
+    "lines that end in CR": {"a.obj": used(b"A").replace(b"\n", b"\r"), "a.mtl": (RED % b"A").replace(b"\n", b"\r")},
+    "lines that end in CR LF": {"a.obj": used(b"A").replace(b"\n", b"\r\n"), "a.mtl": RED % b"A\r"},
+    "names in GBK": {"a.obj": used(says("材质".encode(), "gbk")), "a.mtl": RED % says("材质".encode(), "gbk")},
+    "a name that ends in 5C in Shift-JIS": {"a.obj": used("表".encode("cp932")), "a.mtl": RED % "表".encode("cp932")},
+    "a name of another code page in each file": {"a.obj": used("Körper".encode()), "a.mtl": RED % b"K\xf6rper"},
+    "# in a name": {"a.obj": used(b"Grey #1"), "a.mtl": RED % b"Grey #1"},
+    "# at the start of a name": {"a.obj": used(b"#1"), "a.mtl": RED % b"#1"},
+    "# in the name of a library": {"a.obj": used(b"A", b"c#1.mtl"), "c#1.mtl": RED % b"A"},
+    "a comment after a name": {"a.obj": used(b"A # the skin"), "a.mtl": RED % b"A"},
+    "a comment after a library": {"a.obj": used(b"A", b"a.mtl # mine"), "a.mtl": RED % b"A"},
+    "a comment after numbers": {"a.obj": used(b"A").replace(b"v 0 0 0", b"v 0 0 0# first"), "a.mtl": RED % b"A"},
+    "a library in quotes": {"a.obj": used(b"A", b'"my lib.mtl"'), "my lib.mtl": RED % b"A"},
+    "two libraries": {"a.obj": used(b"A", b'b.mtl "my lib.mtl"'), "my lib.mtl": RED % b"A", "b.mtl": b""},
+    "a name in quotes": {"a.obj": used(b'"A"'), "a.mtl": RED % b"A"},
+    "a library of another code page": {"a.obj": used(b"A", b"K\xf6rper.mtl"), "Körper.mtl": RED % b"A"},
+    "a library whose name is no text": {"a.obj": used(b"A", b"K\xf6rper.mtl"), b"K\xf6rper.mtl": RED % b"A"},
+    "a library with accents in two parts": {"a.obj": used(b"A", "Zoë.mtl".encode()), "Zoe\u0308.mtl": RED % b"A"},
+    "a texture in Shift-JIS": {
+        "a.obj": used(b"A").replace(b"f 1 2 3", b"vt 0 0\nf 1/1 2/1 3/1"),
+        "a.mtl": b"newmtl A\nmap_Kd tex\\" + "表.png".encode("cp932"),
+        "表.png": png((255, 0, 0)),
+    },
+    "a texture with # and a blank": {
+        "a.obj": used(b"A").replace(b"f 1 2 3", b"vt 0 0\nf 1/1 2/1 3/1"),
+        "a.mtl": b"newmtl A\nmap_Kd skin #2.png\n",
+        "skin #2.png": png((255, 0, 0)),
+    },
+    "Kd of 0 to 255": {"a.obj": used(b"A"), "a.mtl": b"newmtl A\nKd 255 0 0\n"},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_obj_of_this_text_is_red(tmp_path, name):
+    mesh = read_mesh(write(tmp_path, TEXTS[name]))
+    np.testing.assert_allclose(albedo(mesh), [1, 0, 0], atol=1e-6)
+    assert not mesh.info["warnings"]
+
+
+def test_obj_names_that_differ_in_one_byte_are_two_materials(tmp_path):
+    text = b"mtllib a.mtl\n" + POINTS + b"v 1 1 0\nusemtl K\xf6rper\nf 1 2 3\nusemtl K\xe4rper\nf 2 4 3\n"
+    library = RED % b"K\xf6rper" + b"newmtl K\xe4rper\nKd 0 0 1\n"
+    mesh = read_mesh(write(tmp_path, {"a.obj": text, "a.mtl": library}))
+    np.testing.assert_allclose([albedo(mesh, face) for face in (0, 1)], [[1, 0, 0], [0, 0, 1]])
+
+
+COLORED = b"v 0 0 0 1 0 0\nv 1 0 0 1 0 0\nv 0 1 0 1 0 0\n"
+SOME = b"v 0 0 0 1 0 0\nv 1 0 0 1 0 0\nv 0 1 0\n"
+FOUR = b"v 0 0 0 %s\nv 1 0 0 %s\nv 0 1 0 %s\n"
+# The text of an .obj beside a red material A; the albedo of its last face, and what a warning says.
+SYNTAX = {
+    "corners v//": (POINTS + b"f 1// 2// 3//\n", (1, 1, 1), "neither materials nor vertex colours"),
+    "coordinates that are not there": (POINTS + b"f 1/7 2/8 3/9\n", (1, 1, 1), "neither materials"),
+    "no material after one": (used(b"A") + b"usemtl\nf 1 3 2\n", (1, 1, 1), "1 of 2 faces have neither"),
+    "a face before the first material": (used(b"A").replace(b"usemtl", b"f 1 2 3\nusemtl"), (1, 0, 0), "1 of 2 faces"),
+    "a library that no face needs": (b"mtllib gone.mtl\n" + COLORED + FACE, (1, 0, 0), "no face needs it"),
+    "a material that no face uses": (b"mtllib gone.mtl\n" + COLORED + FACE + b"usemtl B\n", (1, 0, 0), "no face needs"),
+    "colours of some vertices": (SOME + FACE, (1, 1, 1), "some vertices have colours and others none"),
+    "x y z w r g b": (FOUR % (3 * (b"1 1 0 0",)) + FACE, (1, 0, 0), "a weight and red, green and blue"),
+    "x y z w": (FOUR % (3 * (b"1",)) + FACE, (1, 1, 1), "neither"),
+    "x y z r g b a": (FOUR % (b"0 1 0 1", b"0 1 0 1", b"0 1 0 1") + FACE, (0, 1, 0), "red, green, blue and alpha"),
+    "colours a little above 1": (COLORED.replace(b"1 0 0\nv", b"1.2 0 0\nv") + FACE, (1, 0, 0), "clipped to 1"),
+    "colours of 0 to 65535": (COLORED.replace(b" 1 0 0\n", b" 65535 0 0\n") + FACE, (1, 0, 0), ""),
+    "colours beside a material": (b"mtllib a.mtl\n" + COLORED.replace(b"1 0 0\n", b"0 0 1\n") + b"usemtl A\n" + FACE,
+                                  (0, 0, 1), "in place of the colours of its materials"),
+    "white colours beside a material": (used(b"A").replace(b"0\n", b"0 1 1 1\n"), (1, 0, 0), ""),
+    "a line that goes on": (POINTS + b"f 1 \\\r\n2 3\n", (1, 1, 1), "neither"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SYNTAX)
+def test_obj_of_this_syntax(tmp_path, name):
+    text, color, warned = SYNTAX[name]
+    mesh = read_mesh(write(tmp_path, {"a.obj": text, "a.mtl": RED % b"A"}))
+    np.testing.assert_allclose(albedo(mesh, len(mesh.faces) - 1), color, atol=1e-6)
+    assert warned in " ".join(mesh.info["warnings"]) and bool(warned) == bool(mesh.info["warnings"])
+
+
+@pytest.mark.parametrize("colors", ["0.7373", "0", "0.2"])
+def test_obj_texture_is_not_multiplied_by_vertex_colours(tmp_path, colors):
+    """Programs write the same colour twice, or black or random colours beside a texture."""
+    points = POINTS.replace(b"0\n", b"0 %s %s %s\n" % (3 * (colors.encode(),)))
+    text = b"mtllib a.mtl\nvt 0 0\n" + points + b"usemtl A\nf 1/1 2/1 3/1\n"
+    files = {"a.obj": text, "a.mtl": b"newmtl A\nKd .1 .1 .1\nmap_Kd t.png\n", "t.png": png((188, 188, 188))}
+    mesh = read_mesh(write(tmp_path, files))
+    np.testing.assert_allclose(albedo(mesh), 0.503, atol=1e-3)
+    assert "vertex colours are left out" in mesh.info["warnings"][0]
+
+
+def test_obj_with_a_texture_on_some_faces_keeps_vertex_colours_on_others(tmp_path):
+    text = b"mtllib a.mtl\nvt 0 0\n" + COLORED + b"usemtl A\nf 1/1 2/1 3/1\nusemtl B\nf 1 3 2\n"
+    library = b"newmtl A\nmap_Kd t.png\nnewmtl B\nKd 0 1 0\n"
+    mesh = read_mesh(write(tmp_path, {"a.obj": text, "a.mtl": library, "t.png": png((0, 0, 255))}))
+    np.testing.assert_allclose([albedo(mesh, face) for face in (0, 1)], [[0, 0, 1], [1, 0, 0]], atol=1e-6)
+
+
+def ply(rows, properties="", face="", form="ascii", comment="") -> bytes:
+    """An ascii .ply of a triangle; `rows` are what follows the coordinates of each vertex, and the corners."""
+    head = f"ply\nformat {form} 1.0\n{comment}element vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    head += "".join(f"property {line}\n" for line in properties.split(", ") if line)
+    head += "element face 1\nproperty list uchar int vertex_indices\n"
+    head += "".join(f"property {line}\n" for line in face.split(", ") if line) + "end_header\n"
+    points = "".join(f"{point} {rows[0]}\n" for point in ("0 0 0", "1 0 0", "0 1 0"))
+    return (head + points + f"3 0 1 2 {rows[1]}\n").encode()
+
+
+def channels(kind: str, names: str = "red green blue") -> str:
+    return ", ".join(f"{kind} {name}" for name in names.split())
+
+
+ORANGE = (1, 0.2159, 0)  # 255 128 0
+# name -> (file, albedo, what a warning says)
+PLYS = {
+    "uchar": (ply(("255 128 0", ""), channels("uchar")), ORANGE, ""),
+    "ushort": (ply(("65535 32896 0", ""), channels("ushort")), ORANGE, ""),
+    "ushort of 0 to 255": (ply(("255 128 0", ""), channels("ushort")), ORANGE, "codes of 0 to 255"),
+    "int of 0 to 255": (ply(("255 128 0", ""), channels("int")), ORANGE, ""),
+    "int of 0 to 65535": (ply(("65535 32896 0", ""), channels("int")), ORANGE, ""),
+    "short of 0 to 255": (ply(("255 128 0", ""), channels("short")), ORANGE, "codes of 0 to 255"),
+    "uint of 32 bits": (ply(("4294967295 2155905152 0", ""), channels("uint")), ORANGE, "0 to 4294967295"),
+    "float of 0 to 1": (ply(("1 0.50196 0", ""), channels("float")), ORANGE, ""),
+    "float of 0 to 255": (ply(("255 128 0", ""), channels("float")), ORANGE, ""),
+    "double a little above 1": (ply(("1.5 0.50196 0", ""), channels("double")), ORANGE, "clipped to 1"),
+    "char, the sign bit of 255": (ply(("-1 -128 0", ""), channels("char")), ORANGE, ""),
+    "r g b": (ply(("255 128 0", ""), channels("uchar", "r g b")), ORANGE, ""),
+    "Red Green Blue": (ply(("255 128 0", ""), channels("uchar", "Red Green Blue")), ORANGE, ""),
+    "diffuse": (ply(("255 128 0", ""), channels("uchar", "diffuse_red diffuse_green diffuse_blue")), ORANGE, ""),
+    "of faces": (ply(("", "255 128 0"), face=channels("uchar")), ORANGE, ""),
+    "of faces, r g b": (ply(("", "1 0.50196 0"), face=channels("float", "r g b")), ORANGE, ""),
+    "of both": (ply(("255 128 0", "0 0 255"), channels("uchar"), channels("uchar")), ORANGE, "of faces are left"),
+    "none": (ply(("", "")), (1, 1, 1), "neither materials nor vertex colours"),
+    "coordinates without a texture": (ply(("0 0", ""), channels("float", "s t")), (1, 1, 1), "names no texture"),
+    "texture in quotes and colours": (
+        ply(("0 0 9 9 9", ""), channels("float", "u v") + ", " + channels("uchar"),
+            comment='comment TextureFile "t.png"\n'), ORANGE, "vertex colours are left out"),
+    "byte order mark": (codecs.BOM_UTF8 + ply(("255 128 0", ""), channels("uchar")), ORANGE, ""),
+    "CR LF": (ply(("255 128 0", ""), channels("uchar")).replace(b"\n", b"\r\n"), ORANGE, ""),
+    "CR": (ply(("255 128 0", ""), channels("uchar")).replace(b"\n", b"\r"), ORANGE, ""),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", PLYS)
+def test_ply_whose_colours_are_written_so(tmp_path, name):
+    content, color, warned = PLYS[name]
+    mesh = read_mesh(write(tmp_path, {"a.ply": content, "t.png": png((255, 128, 0))}))
+    np.testing.assert_allclose(albedo(mesh), color, atol=1e-4)
+    assert warned in " ".join(mesh.info["warnings"]) and bool(warned) == bool(mesh.info["warnings"])
+
+
+@pytest.mark.parametrize("end", [b"\n", b"\r\n", b"\r"])
+def test_binary_ply_begins_after_its_own_line_end(tmp_path, end):
+    """The first byte of the data is a line feed, which no line end of the header may take."""
+    head = ply(("", ""), form="binary_little_endian").split(b"end_header\n")[0] + b"end_header\n"
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4")
+    points[0, 0] = np.frombuffer(b"\n\0\0\0", "<f4")[0]
+    body = points.tobytes() + struct.pack("<B3i", 3, 0, 1, 2)
+    mesh = read_mesh(write(tmp_path, {"a.ply": head.replace(b"\n", end) + body}))
+    np.testing.assert_array_equal(mesh.vertices, points)
+
+
+def test_ply_colours_of_faces_that_share_vertices(tmp_path):
+    text = ply(("", "255 0 0"), face=channels("uchar")).replace(b"face 1", b"face 2") + b"3 0 2 1 0 0 255\n"
+    mesh = read_mesh(write(tmp_path, {"a.ply": text}))
+    np.testing.assert_allclose([albedo(mesh, face) for face in (0, 1)], [[1, 0, 0], [0, 0, 1]])
+    assert len(mesh.vertices) == 6
+
+
+# Corners of polygons in a plane, and their area by the shoelace formula.
+POLYGONS = {
+    "arrow": [(0, 0), (0.2, 0.2), (1, 0), (0, 1)],
+    "arrow from its reflex corner": [(0.2, 0.2), (1, 0), (0, 1), (0, 0)],
+    "L": [(0, 0), (2, 0), (2, 1), (1, 1), (1, 2), (0, 2)],
+    "L, clockwise": [(0, 0), (0, 2), (1, 2), (1, 1), (2, 1), (2, 0)],
+    "star": [(r * np.cos(a), r * np.sin(a)) for a, r in zip(np.arange(10) * np.pi / 5, [1, 0.3] * 5)],
+    "comb": [(0, 0), (7, 0), (7, 3), (6, 3), (6, 1), (4, 1), (4, 3), (3, 3), (3, 1), (1, 1), (1, 3), (0, 3)],
+    "a corner in a straight line": [(0, 0), (1, 0), (2, 0), (2, 2), (1, 1), (0, 2)],
+    "twice the same corner": [(0, 0), (2, 0), (2, 0), (2, 2), (1, 0.5), (0, 2)],
+    "hole with a bridge": [(0, 0), (3, 0), (3, 3), (0, 3), (0, 0), (1, 1), (1, 2), (2, 2), (2, 1), (1, 1)],
+    "convex": [(0, 0), (2, 0), (3, 1), (2, 2), (0, 2)],
+}
+
+
+@pytest.mark.parametrize("name", POLYGONS)
+@pytest.mark.parametrize("axes", [(0, 1, 2), (1, 2, 0), (0, 2, 1)])
+@pytest.mark.parametrize("kind", ["obj", "ply"])
+def test_polygons_are_cut_inside(tmp_path, name, axes, kind):
+    flat = np.array(POLYGONS[name], float)
+    corners = np.column_stack([flat, 0.3 * flat[:, 0]])[:, axes]
+    lines = [" ".join(map(str, corner)) for corner in corners.tolist()]
+    if kind == "obj":
+        text = "".join(f"v {line}\n" for line in lines) + "f " + " ".join(map(str, range(1, len(lines) + 1)))
+    else:
+        text = ply(("", "")).decode().replace("vertex 3", f"vertex {len(lines)}").split("end_header\n")[0]
+        text += "end_header\n" + "\n".join(lines) + f"\n{len(lines)} " + " ".join(map(str, range(len(lines))))
+    mesh = read_mesh(write(tmp_path, {f"a.{kind}": text.encode()}))
+    a, b, c = np.moveaxis(mesh.vertices[mesh.faces].astype(float), 1, 0)
+    normals = np.cross(b - a, c - a)
+    whole = np.cross(corners, np.roll(corners, -1, axis=0)).sum(0)
+    assert len(mesh.faces) == len(lines) - 2
+    np.testing.assert_allclose(np.linalg.norm(normals, axis=1).sum(), np.linalg.norm(whole), rtol=1e-6)
+    assert (normals @ whole >= -1e-6).all()
+
+
+def test_triangulate_convex_polygons_stay_fans():
+    angle = np.arange(12) * np.pi / 6
+    corners = np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+    counts = np.array([5, 3, 4])
+    for rolled in (corners, corners[::-1]):
+        np.testing.assert_array_equal(triangulate("a", counts, np.arange(12), rolled)[0], fan(counts)[0])
+
+
+def test_triangulate_random_polygons_have_the_area_of_the_shoelace_formula():
+    """Polygons around a point, of any radii, in any plane, from any corner."""
+    rng = np.random.default_rng(0)
+    for n in rng.integers(4, 60, 80):
+        angle = (np.arange(n) + rng.random(n)) * 2 * np.pi / n
+        flat = rng.uniform(0.1, 1, (n, 1)) * np.column_stack([np.cos(angle), np.sin(angle), 0 * angle])
+        corners = np.roll(flat @ np.linalg.qr(rng.normal(size=(3, 3)))[0], rng.integers(n), axis=0)
+        a, b, c = np.moveaxis(corners[clip_ears(corners)], 1, 0)
+        normals, whole = np.cross(b - a, c - a), np.cross(corners, np.roll(corners, -1, axis=0)).sum(0)
+        np.testing.assert_allclose(np.linalg.norm(normals, axis=1).sum(), np.linalg.norm(whole))
+        assert (normals @ whole > 0).all()
+
+
+def test_triangulate_refuses_what_would_take_minutes():
+    zigzag = np.column_stack([np.arange(1200), np.arange(1200) % 2, np.zeros(1200)])
+    corners = np.concatenate([zigzag, zigzag[::-1] + [0, 3, 0]])
+    with pytest.raises(UserError, match="2400 corners: cut it into triangles"):
+        triangulate("a", np.array([2400]), np.arange(2400), corners)
+
+
+DARK_RED = png((200, 0, 0))
+
+
+def glb(change=lambda scene: None, picture=DARK_RED, uv=(0.5, 0.5), color=b"", pad=b" ") -> bytes:
+    """A textured triangle; `change` alters its description."""
+    parts = [np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4").tobytes(), np.full((3, 2), uv, "<f4").tobytes(),
+             picture, color]  # fmt: skip
+    start = np.cumsum([0, *map(len, parts)]).tolist()
+    scene = {
+        "asset": {"version": "2.0"},
+        "nodes": [{"mesh": 0}],
+        "meshes": [{"primitives": [{"attributes": {"POSITION": 0, "TEXCOORD_0": 1}, "material": 0}]}],
+        "materials": [{"pbrMetallicRoughness": {"baseColorTexture": {"index": 0}}}],
+        "textures": [{"source": 0}],
+        "images": [{"bufferView": 2}],
+        "samplers": [{}],
+        "accessors": [
+            {"bufferView": 0, "componentType": 5126, "count": 3, "type": "VEC3"},
+            {"bufferView": 1, "componentType": 5126, "count": 3, "type": "VEC2"},
+        ],
+        "bufferViews": [{"buffer": 0, "byteOffset": s, "byteLength": len(p)} for s, p in zip(start, parts)],
+        "buffers": [{"byteLength": start[-1]}],
+    }
+    change(scene)
+    text, data = json.dumps(scene).encode(), b"".join(parts)
+    text, data = text + pad * (4 + -len(text) % 4), data + b"\0" * (-len(data) % 4)
+    chunks = struct.pack("<I4s", len(text), b"JSON") + text + struct.pack("<I4s", len(data), b"BIN\0") + data
+    return b"glTF" + struct.pack("<II", 2, 12 + len(chunks)) + chunks
+
+
+def picture_of(kind: str) -> bytes:
+    file = io.BytesIO()
+    Image.new("RGB", (4, 4), (200, 0, 0)).save(file, kind)
+    return file.getvalue()
+
+
+def legacy(scene):
+    texture = scene["materials"][0].pop("pbrMetallicRoughness")["baseColorTexture"]
+    extension = {"diffuseTexture": texture, "diffuseFactor": [1, 1, 1, 1]}
+    scene["materials"][0]["extensions"] = {"KHR_materials_pbrSpecularGlossiness": extension}
+
+
+def source_in(name):
+    def change(scene):
+        scene["textures"] = [{"extensions": {name: {"source": 0}}}]
+
+    return change
+
+
+REQUIRED = {
+    "EXT_texture_webp": (source_in("EXT_texture_webp"), "WEBP"),
+    "EXT_texture_avif": (source_in("EXT_texture_avif"), "AVIF"),
+    "MSFT_texture_dds": (source_in("MSFT_texture_dds"), "DDS"),
+    "KHR_materials_pbrSpecularGlossiness": (legacy, "PNG"),
+    "KHR_texture_transform": (lambda scene: None, "PNG"),
+    "KHR_materials_specular": (lambda scene: None, "PNG"),
+    **{name: (lambda scene: None, "PNG") for name in sorted(WITHOUT_EFFECT)},
+}
+
+
+@pytest.mark.parametrize("name", REQUIRED)
+def test_gltf_may_require_what_is_read(tmp_path, name):
+    change, kind = REQUIRED[name]
+
+    def require(scene):
+        change(scene)
+        scene["extensionsRequired"] = [name]
+
+    mesh = read_mesh(write(tmp_path, {"a.glb": glb(require, picture_of(kind))}))
+    np.testing.assert_allclose(albedo(mesh), [0.578, 0, 0], atol=0.01)
+
+
+def test_gltf_each_extension_that_is_read_may_be_required():
+    assert READERS.keys() | WITHOUT_EFFECT == REQUIRED.keys()
+
+
+def test_gltf_of_a_texture_in_a_form_that_is_not_read(tmp_path):
+    with pytest.raises(UserError, match="given as KHR_texture_basisu only: save it as PNG"):
+        read_mesh(write(tmp_path, {"a.glb": glb(source_in("KHR_texture_basisu"))}))
+
+
+@pytest.mark.parametrize("pad", [b"\0", b" ", b"\n"])
+def test_glb_with_a_padded_description(tmp_path, pad):
+    assert len(read_mesh(write(tmp_path, {"a.glb": glb(pad=pad)})).faces) == 1
+
+
+STRIPES = png((255, 0, 0), (255, 0, 0), (0, 0, 255), (0, 0, 255))
+RED_, BLUE_ = (1, 0, 0), (0, 0, 1)
+
+
+@pytest.mark.parametrize(
+    ("u", "wrap", "color"),
+    [
+        (1.25, None, RED_), (1.25, 10497, RED_), (1.25, 33071, BLUE_), (1.25, 33648, BLUE_),
+        (-0.3, 10497, BLUE_), (-0.3, 33071, RED_), (-0.3, 33648, RED_), (2.25, 33648, RED_),
+        (0.01, 33071, RED_), (0.99, 33071, BLUE_), (-1.25, 33648, BLUE_),
+    ],
+)  # fmt: skip
+def test_gltf_sampler_wraps_u(tmp_path, u, wrap, color):
+    def change(scene):
+        if wrap:
+            scene["samplers"], scene["textures"][0]["sampler"] = [{"wrapS": wrap}], 0
+
+    mesh = read_mesh(write(tmp_path, {"a.glb": glb(change, STRIPES, (u, 0.5))}))
+    np.testing.assert_allclose(albedo(mesh), color, atol=1e-6)
+    mesh.save(tmp_path / "a.npz")
+    np.testing.assert_allclose(albedo(Mesh.load(tmp_path / "a.npz")), color, atol=1e-6)
+
+
+@pytest.mark.parametrize(("kind", "component"), [("<u1", 5121), ("<u2", 5123)])
+@pytest.mark.parametrize("normalized", [True, False])
+def test_gltf_texture_coordinates_of_integers(tmp_path, kind, component, normalized):
+    """0.8 of the largest integer is on the right; as whole numbers they would repeat the texture."""
+    right = int(0.8 * np.iinfo(kind).max)
+
+    def change(scene):
+        scene["bufferViews"][1]["byteLength"] = 6 * np.dtype(kind).itemsize
+        scene["accessors"][1].update(componentType=component, normalized=normalized)
+
+    content = glb(change, STRIPES)
+    place = content.index(np.full(6, 0.5, "<f4").tobytes())
+    numbers = np.array([(right, np.iinfo(kind).max // 2)] * 3, kind).tobytes()
+    path = write(tmp_path, {"a.glb": content[:place] + numbers + content[place + len(numbers) :]})
+    np.testing.assert_allclose(albedo(read_mesh(path)), BLUE_, atol=1e-6)
+
+
+@pytest.mark.parametrize(("option", "color"), [("", RED_), ("-clamp on ", BLUE_), ("-clamp off ", RED_)])
+def test_mtl_clamps_a_texture(tmp_path, option, color):
+    text = used(b"A").replace(b"f 1 2 3", b"vt 1.25 .5\nf 1/1 2/1 3/1")
+    files = {"a.obj": text, "a.mtl": f"newmtl A\nmap_Kd {option}t.png\n".encode(), "t.png": STRIPES}
+    np.testing.assert_allclose(albedo(read_mesh(write(tmp_path, files))), color, atol=1e-6)
+
+
+def colored(kind: str, component: int, normalized: bool):
+    def change(scene):
+        scene["meshes"][0]["primitives"][0] = {"attributes": {"POSITION": 0, "COLOR_0": 2}}
+        scene["accessors"].append(
+            {"bufferView": 3, "componentType": component, "normalized": normalized, "count": 3, "type": "VEC3"}
+        )
+
+    return change, np.dtype(kind)
+
+
+@pytest.mark.parametrize(
+    ("kind", "component", "normalized", "values"),
+    [
+        ("<u1", 5121, True, (255, 51, 0)),
+        ("<u1", 5121, False, (255, 51, 0)),
+        ("<u2", 5123, True, (65535, 13107, 0)),
+        ("<u2", 5123, False, (65535, 13107, 0)),
+        ("<f4", 5126, False, (1, 0.2, 0)),
+        ("<f4", 5126, False, (255, 51, 0)),
+    ],
+)
+def test_gltf_vertex_colours_of_every_type(tmp_path, kind, component, normalized, values):
+    change, dtype = colored(kind, component, normalized)
+    data = np.array([values] * 3, dtype).tobytes()
+    mesh = read_mesh(write(tmp_path, {"a.glb": glb(change, color=data)}))
+    np.testing.assert_allclose(albedo(mesh), [1, 0.2, 0], atol=1e-6)  # linear, by the standard
+
+
+@pytest.mark.parametrize("materials", [[{}], None])
+def test_gltf_without_colours_is_white_with_a_warning(tmp_path, materials):
+    def change(scene):
+        scene["materials"] = materials or []
+        scene["meshes"][0]["primitives"][0].pop("material") if materials is None else None
+
+    mesh = read_mesh(write(tmp_path, {"a.glb": glb(change)}))
+    np.testing.assert_array_equal(albedo(mesh), 1)
+    assert "neither materials nor vertex colours" in mesh.info["warnings"][0]
+
+
+def test_gltf_textured_without_coordinates_is_one_sentence(tmp_path):
+    def change(scene):
+        scene["meshes"][0]["primitives"][0]["attributes"].pop("TEXCOORD_0")
+
+    with pytest.raises(UserError, match="textured material 0 have no TEXCOORD_0"):
+        read_mesh(write(tmp_path, {"a.glb": glb(change)}))
+
+
+@pytest.mark.parametrize("name", ["t%20#1.png", "t #1.png", "K%F6.png", "K%C3%B6.png"])
+def test_gltf_names_of_files(tmp_path, name):
+    def change(scene):
+        scene["images"] = [{"uri": name}]
+
+    stored = {"t%20#1.png": "t #1.png", "K%F6.png": "Kö.png", "K%C3%B6.png": "Kö.png"}.get(name, name)
+    mesh = read_mesh(write(tmp_path, {"a.glb": glb(change), stored: png((255, 0, 0))}))
+    np.testing.assert_allclose(albedo(mesh), [1, 0, 0])
+
+
+# The bytes of scans.csv beside Zoë.obj, 人.obj and a,b.obj; the files that it chooses.
+TABLES = {
+    "utf-8": ("path\nZoë.obj\n".encode(), ["Zoë.obj"]),
+    "utf-8 with a mark": (codecs.BOM_UTF8 + "path,use\nZoë.obj,1\n".encode(), ["Zoë.obj"]),
+    "utf-16": ("path\tuse\nZoë.obj\t1\n".encode("utf-16"), ["Zoë.obj"]),
+    "cp1252": ("path\nZoë.obj\n".encode("cp1252"), ["Zoë.obj"]),
+    "GBK": ("path\n人.obj\n".encode("gbk"), ["人.obj"]),
+    "Shift-JIS": ("path\n人.obj\n".encode("cp932"), ["人.obj"]),
+    "semicolons": (b"use;path\n1;a,b.obj\n", ["a,b.obj"]),
+    "Excel's own line": (b"sep=;\r\nuse;path\r\n1;a,b.obj\r\n", ["a,b.obj"]),
+    "quotes": (b'use,path\r\n1,"a,b.obj"\r\n', ["a,b.obj"]),
+    "quoted names of columns": (b'"use";"path"\n"1";"a,b.obj"\n', ["a,b.obj"]),
+    "lines that end in CR": (b"use;path\r1;a,b.obj\r", ["a,b.obj"]),
+    "capitals and accents in two parts": ("path\nzOe\u0308.obj\n".encode(), ["Zoë.obj"]),
+    "n": ("use,path\nn,Zoë.obj\ny,人.obj\n".encode(), ["人.obj"]),
+    "FALSE": ("use,path\nFALSE,Zoë.obj\nTRUE,人.obj\n".encode(), ["人.obj"]),
+    "0.0": ("use,path\n0.0,Zoë.obj\n1.0,人.obj\n".encode(), ["人.obj"]),
+}
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_scans_table_of_every_spelling(tmp_path, name):
+    data, chosen = TABLES[name]
+    write(tmp_path, {"scans.csv": data, "Zoë.obj": b"", "人.obj": b"", "a,b.obj": b""})
+    assert [scan.path.name for scan in list_scans(tmp_path).values()] == chosen
+
+
+@pytest.mark.parametrize("use", ["maybe", "2", "nein"])
+def test_scans_table_with_a_use_that_says_nothing(tmp_path, use):
+    write(tmp_path, {"scans.csv": f"use,path\n{use},a.obj\n".encode(), "a.obj": b""})
+    with pytest.raises(UserError, match=f"use is '{use}' for a.obj; give 1 or 0, yes or no"):
+        list_scans(tmp_path)
+
+
+def test_align_table_with_a_decimal_comma(tmp_path, person):
+    from relight.config import Align
+
+    meshes = []
+    for text in ("name;turn\nperson;22,5\n", "name,turn\nperson,22.5\n"):
+        (tmp_path / "axes.csv").write_text(text)
+        settings = Align(up="+y", front="+z", padding=0.05, version=1, table=str(tmp_path / "axes.csv"))
+        meshes.append(align(person(), settings).vertices)
+    np.testing.assert_array_equal(*meshes)

@@ -1,0 +1,169 @@
+"""What panoramas may say, and the right value: marks, line ends, headers of other pictures, primaries, channels."""
+
+import codecs
+
+import numpy as np
+import OpenEXR
+import pytest
+
+from relight.files import UserError
+from relight.panoramas import read_panorama
+from relight.panoramas.colour import REC709, XYZ, chromaticity_matrix
+
+P3 = (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290)
+REC2020 = (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290)
+E = (1 / 3, 1 / 3)
+SHARP = (0.6898, 0.3206, 0.0736, 0.9003, 0.1166, 0.0374, *E)  # Radiance's, for spectral accuracy
+PLAIN = (0.640, 0.330, 0.290, 0.600, 0.150, 0.060, *E)  # Radiance's default
+D50 = (*REC709[:6], 0.3457, 0.3585)
+ORANGE = np.array([200, 100, 50, 128], np.uint8)
+CODES = (200 / 256, 100 / 256, 50 / 256)
+
+
+def hdr(lines: bytes, pixel=ORANGE, start=b"#?RADIANCE\n") -> bytes:
+    return start + lines + b"FORMAT=32-bit_rle_rgbe\n\n-Y 32 +X 64\n" + pixel.tobytes() * (32 * 64)
+
+
+def primaries(values) -> bytes:
+    return b"PRIMARIES=" + " ".join(map(str, values)).encode() + b"\n"
+
+
+def to_709(xy) -> np.ndarray:
+    """The matrix to Rec. 709, written out: RGB to XYZ by the definition, Bradford's cones of both whites."""
+
+    def to_xyz(xy):
+        points = np.array([(x / y, 1, (1 - x - y) / y) for x, y in np.reshape(xy, (4, 2))]).T
+        return points[:, :3] * np.linalg.solve(points[:, :3], points[:, 3]), points[:, 3]
+
+    cones = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
+    (source, white), (target, own) = to_xyz(xy), to_xyz(REC709)
+    return np.linalg.inv(target) @ np.linalg.inv(cones) @ np.diag(cones @ own / (cones @ white)) @ cones @ source
+
+
+# lines of the header -> radiance of a pixel that is stored as CODES
+HEADERS = {
+    "nothing": (b"", CODES),
+    "EXPOSURE": (b"EXPOSURE=2\n", np.divide(CODES, 2)),
+    "EXPOSURE twice": (b"EXPOSURE=2\nEXPOSURE=.5\n", CODES),
+    "an indented EXPOSURE": (b"in.hdr:\n\tpfilt -e 4\n\tEXPOSURE=4\npcomb in.hdr\nEXPOSURE=2\n", np.divide(CODES, 2)),
+    "EXPOSURE after blanks": (b"  EXPOSURE=4\n", CODES),
+    "an indented COLORCORR": (b"\tCOLORCORR=2 4 8\n", CODES),
+    "an indented FORMAT": (b"\tFORMAT=32-bit_rle_xyze\n", CODES),
+    "an indented PRIMARIES": (b"\t" + primaries(P3), CODES),
+    "COLORCORR": (b"COLORCORR=1 2 4\n", np.divide(CODES, (1, 2, 4))),
+    "PRIMARIES of Rec. 709": (primaries(REC709), CODES),
+    "PRIMARIES of Radiance": (primaries(PLAIN), CODES),
+    "PRIMARIES of zeros": (primaries([0] * 8), CODES),
+    "PRIMARIES of Display P3": (primaries(P3), to_709(P3) @ CODES),
+    "PRIMARIES with white E": (primaries(SHARP), to_709(SHARP) @ CODES),
+    "PRIMARIES with white D50": (primaries(D50), to_709(D50) @ CODES),
+    "PRIMARIES of CIE XYZ": (primaries(XYZ), np.linalg.solve(
+        [[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]], CODES)),
+    "PRIMARIES and EXPOSURE": (primaries(P3) + b"EXPOSURE=2\n", to_709(P3) @ CODES / 2),
+    "CR LF": (b"EXPOSURE=2\r\n" + primaries(P3).replace(b"\n", b"\r\n"), to_709(P3) @ CODES / 2),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", HEADERS)
+def test_hdr_of_this_header(tmp_path, name):
+    lines, radiance = HEADERS[name]
+    (tmp_path / "a.hdr").write_bytes(hdr(lines))
+    found = read_panorama(tmp_path / "a.hdr")
+    np.testing.assert_allclose(found.pixels[0, 0], np.maximum(radiance, 0), rtol=1e-3, atol=1e-4)
+    assert any("chromaticities" in line for line in found.repairs) == (not np.allclose(radiance, CODES)
+                                                                     and name.startswith(("PRIM", "CR")))  # fmt: skip
+
+
+def test_hdr_with_a_byte_order_mark(tmp_path):
+    (tmp_path / "a.hdr").write_bytes(hdr(b"", start=codecs.BOM_UTF8 + b"#?RADIANCE\n"))
+    np.testing.assert_allclose(read_panorama(tmp_path / "a.hdr").pixels[0, 0], CODES, rtol=1e-6)
+
+
+@pytest.mark.parametrize("text", [b"1 2 3", b"a b c d e f g h", b"nan " * 8])
+def test_hdr_of_malformed_primaries_is_refused(tmp_path, text):
+    (tmp_path / "a.hdr").write_bytes(hdr(b"PRIMARIES=" + text + b"\n"))
+    with pytest.raises(UserError, match=r"not a whole Radiance picture: a header value"):
+        read_panorama(tmp_path / "a.hdr")
+
+
+def test_hdr_of_impossible_primaries_says_what_was_taken(tmp_path):
+    (tmp_path / "a.hdr").write_bytes(hdr(primaries([0.3] * 8)))
+    found = read_panorama(tmp_path / "a.hdr")
+    np.testing.assert_allclose(found.pixels[0, 0], CODES, rtol=1e-6)
+    assert found.repairs == ["its chromaticities are not those of a colour space: they were taken for Rec. 709"]
+
+
+@pytest.mark.parametrize("xy", [P3, REC2020, D50, SHARP])
+def test_exr_and_hdr_convert_chromaticities_alike(tmp_path, xy):
+    (tmp_path / "a.hdr").write_bytes(hdr(primaries(xy)))
+    planes = {c: np.full((32, 64), code, np.float32) for c, code in zip("RGB", CODES)}
+    OpenEXR.File({"chromaticities": xy}, planes).write(str(tmp_path / "a.exr"))
+    for name in ("a.hdr", "a.exr"):
+        pixel = read_panorama(tmp_path / name).pixels[0, 0]
+        np.testing.assert_allclose(pixel, np.maximum(to_709(xy) @ CODES, 0), rtol=1e-3, atol=1e-4)
+    np.testing.assert_allclose(chromaticity_matrix(xy) @ np.ones(3), 1, atol=1e-4)  # white stays white
+
+
+WHITE, RED = (0.9505, 1.0, 1.089), (0.4124, 0.2126, 0.0193)
+# channels and their values -> the colour of a pixel
+CHANNELS = {
+    "X Y Z, white": (dict(zip("XYZ", WHITE)), (1, 1, 1)),
+    "X Y Z, red": (dict(zip("XYZ", RED)), (1, 0, 0)),
+    "X Y Z and alpha": ({**dict(zip("XYZ", WHITE)), "A": 1}, (1, 1, 1)),
+    "R G B beside X Y Z": ({**dict(zip("RGB", CODES)), **dict(zip("XYZ", WHITE))}, CODES),
+    "Y": ({"Y": 0.5}, (0.5, 0.5, 0.5)),
+    "Y and alpha": ({"Y": 0.5, "A": 1}, (0.5, 0.5, 0.5)),
+    "Y beside a depth": ({"Y": 0.5, "Z": 9}, (0.5, 0.5, 0.5)),
+}
+
+
+@pytest.mark.parametrize("name", CHANNELS)
+def test_exr_of_these_channels(tmp_path, name):
+    values, color = CHANNELS[name]
+    planes = {c: np.full((32, 64), value, np.float32) for c, value in values.items()}
+    OpenEXR.File({}, planes).write(str(tmp_path / "a.exr"))
+    found = read_panorama(tmp_path / "a.exr")
+    np.testing.assert_allclose(found.pixels[0, 0], color, atol=1e-3)
+    assert any("CIE XYZ" in line for line in found.repairs) == name.startswith("X")
+
+
+@pytest.mark.parametrize(
+    ("values", "says"),
+    [({"X": -1, "Y": 0.5, "Z": 2}, "negative values, as positions"), ({"X": 1, "Y": 1}, "R, G and B, or X, Y and Z")],
+)
+def test_exr_of_positions_is_refused(tmp_path, values, says):
+    planes = {c: np.full((32, 64), value, np.float32) for c, value in values.items()}
+    OpenEXR.File({}, planes).write(str(tmp_path / "a.exr"))
+    with pytest.raises(UserError, match=says):
+        read_panorama(tmp_path / "a.exr")
+
+
+ROW = np.linspace(0.5, 2, 64, dtype=np.float32)
+# headers that the pixels follow
+PFMS = {
+    "LF": b"PF\n64 32\n%s\n",
+    "CR LF": b"PF\r\n64 32\r\n%s\r\n",
+    "CR LF after LF": b"PF\n64 32\n%s\r\n",
+    "CR": b"PF\r64 32\r%s\r",
+    "blanks": b"PF 64 32 %s ",
+    "byte order mark": codecs.BOM_UTF8 + b"PF\n64 32\n%s\n",
+}
+
+
+@pytest.mark.parametrize("name", PFMS)
+@pytest.mark.parametrize(("order", "scale"), [("<", b"-1.0"), (">", b"1.0")])
+@pytest.mark.parametrize("first", [0.5, np.frombuffer(b"\n\n\n\n", "<f4")[0]])
+def test_pfm_whose_header_ends_so(tmp_path, name, order, scale, first):
+    """Also where the first byte of the pixels is a line feed itself."""
+    picture = np.broadcast_to(ROW[None, :, None], (32, 64, 3)).copy()
+    picture[0, 0] = first  # rows run from the bottom up
+    (tmp_path / "a.pfm").write_bytes(PFMS[name] % scale + picture.astype(order + "f4").tobytes())
+    np.testing.assert_array_equal(read_panorama(tmp_path / "a.pfm").pixels, picture[::-1])
+
+
+@pytest.mark.parametrize("extra", [-3, 3, 12])
+def test_pfm_of_another_length_is_refused(tmp_path, extra):
+    data = b"PF\n64 32\n-1.0\n" + np.ones(64 * 32 * 3, "<f4").tobytes()
+    (tmp_path / "a.pfm").write_bytes(data + bytes(extra) if extra > 0 else data[:extra])
+    with pytest.raises(UserError, match=r"left over|too few"):
+        read_panorama(tmp_path / "a.pfm")
