@@ -22,7 +22,7 @@ import pytest
 from mlflow import MlflowClient
 
 from relight.config import ROOT, Model, Track
-from relight.files import UserError
+from relight.files import UserError, file_hash
 from relight.learning.checkpoint import save_network
 from relight.learning.networks import build
 from relight.tracking import store
@@ -197,6 +197,7 @@ def test_the_end_of_a_workflow(tmp_path, folder, client, monkeypatch):
     """Its report among its artifacts, its trainings in its description, and its best network loads in both ways."""
     import mlflow
 
+    from relight.learning.checkpoint import load_network
     from relight.learning.predict import predict
     from relight.photos.api import load
 
@@ -221,14 +222,15 @@ def test_the_end_of_a_workflow(tmp_path, folder, client, monkeypatch):
 
     monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{folder}/mlflow.db")
     monkeypatch.setattr("relight.tracking.server.ROOT", folder)
-    own = load("models:/relight@photo")
+    assert load("models:/relight@photo").network.digest == file_hash(networks["ours.s1"])
     assert download_network("models:/relight@photo").read_bytes() == networks["ours.s1"].read_bytes()
     with pytest.raises(UserError, match=r"models:/relight@nothing is not in MLflow"):
         load("models:/relight@nothing")
     mlflow.set_tracking_uri(URI)
     served = mlflow.pyfunc.load_model("models:/relight@photo")
     example = served.input_example
-    found, wanted = served.predict(example), predict(own.network, example["image"], example["mask"])
+    network, _ = load_network(networks["ours.s1"])
+    found, wanted = served.predict(example), predict(network, example["image"], example["mask"])
     assert served.metadata.signature.outputs.input_names() == list(found)
     for name, values in wanted.items():
         np.testing.assert_array_equal(found[name], values)
