@@ -6,7 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
+from PIL import Image, ImageCms
 
 
 def panorama(path: str) -> None:
@@ -127,6 +127,7 @@ def write_whole(folder: Path) -> dict[str, list[Path]]:
     from relight.lights import Light, LightSet, write_light, write_light_set
     from relight.maps import Maps, pack_maps, write_left_out, write_maps
     from relight.meshes import Material, Mesh
+    from relight.photos.write import write_picture
 
     rng = np.random.default_rng(0)
     found: dict[str, list[Path]] = {}
@@ -181,6 +182,13 @@ def write_whole(folder: Path) -> dict[str, list[Path]]:
     for kind in ("PNG", "JPEG", "TIFF", "WEBP", "BMP"):
         add("photo", f"photo.{kind.lower()}", encoded(pixels(), kind))
     add("photo", "cutout.png", encoded(pixels("RGBA"), "PNG"))
+    deep = rng.integers(0, 65536, (12, 16, 3)).astype(np.uint16)
+    for name in ("deep.png", "deep.tif"):
+        write_picture(add("photo", name), deep)
+    write_picture(add("photo", "linear.exr"), rng.random((12, 16, 3)).astype(np.float32))
+    profile = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+    add("photo", "profile.png", encoded(pixels(), "PNG", icc_profile=profile))
+    add("mask", "labels.png", encoded(pixels("L").point(lambda value: value % 2), "PNG"))
     add("mask", "mask.png", encoded(pixels("L"), "PNG"))
     add("mask", "mask.tiff", encoded(pixels("I"), "TIFF"))
     add("textured", "skin.png", encoded(pixels(), "PNG"))
