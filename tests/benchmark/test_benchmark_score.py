@@ -3,6 +3,7 @@
 import hashlib
 import json
 import shutil
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -188,6 +189,10 @@ def test_rows_beside_each_other(drawn, truth, tmp_path):
     assert {p.name for p in out.iterdir()} == {
         f"benchmark_{name}.{suffix}" for name in ("pictures", "maps", "invariance") for suffix in ("csv", "md", "tex")
     }
+    before = {path.name for path in Path.cwd().iterdir()}
+    assert CliRunner().invoke(app, ["benchmark", "report", str(tmp_path / "as_it_is")]).exit_code == 0
+    assert (tmp_path / "benchmark_pictures.csv").is_file()  # beside the answers
+    assert {path.name for path in Path.cwd().iterdir()} == before
     rows = [read_scores(truth), read_scores(tmp_path / "as_it_is")]
     made = tables(rows, 200)
     moves = made["benchmark_invariance"].grid.frame
