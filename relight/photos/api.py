@@ -249,7 +249,7 @@ def load(path: Path | str | None = None, threads: int | None = None) -> Relighte
     if path is None and not WEIGHTS.is_file():
         raise UserError("this installation has no weights: give a checkpoint with --weights FILE.safetensors")
     if str(path).startswith("models:/"):
-        from relight.tracking.server import download_network
+        from relight.tracking.registry import download_network
 
         path = download_network(str(path))
     path = Path(path or WEIGHTS)
