@@ -59,10 +59,11 @@ def register(client, runs: list) -> None:
         best = min(candidates, key=lambda run: run.data.metrics.get(SCORE, math.inf))
         with suppress(MlflowException):  # it exists
             client.create_registered_model(MODEL, description="Networks of relight; the aliases name color models.")
-        versions = client.search_model_versions(f"name = '{MODEL}' and run_id = '{best.info.run_id}'")
-        source = f"models:/{model_of(best)}"
-        version = versions[0] if versions else client.create_model_version(MODEL, source, best.info.run_id)
-        client.set_registered_model_alias(MODEL, color, version.version)
+        model, run = model_of(best), best.info.run_id
+        versions = client.search_model_versions(f"name = '{MODEL}' and run_id = '{run}'")
+        if not versions:
+            versions = [client.create_model_version(MODEL, f"models:/{model}", run, model_id=model)]
+        client.set_registered_model_alias(MODEL, color, versions[0].version)
 
 
 def download_network(uri: str) -> Path:

@@ -9,12 +9,15 @@ import sys
 import tempfile
 from contextlib import closing
 from pathlib import Path
+from urllib.parse import urlparse
+from urllib.request import url2pathname
 
 from relight.config import Track
 from relight.files import UserError, atomic_write
 
 SQLITE = "sqlite:///"
 LOCK = Path(".mlflow.lock")
+ARTIFACTS = Path("mlruns")
 SQLITE_TIMEOUT = 5.0  # seconds to wait for a locked database
 # No telemetry, no logs of migrations, and short timeouts for unreachable servers.
 DEFAULTS = {
@@ -63,9 +66,11 @@ def connect(track: Track) -> tuple:
         client = MlflowClient()
         experiment = client.get_experiment_by_name(track.experiment)
         if experiment is None:
-            return client, client.create_experiment(track.experiment, tags=EXPERIMENT_TAGS)
-    folder = Path(experiment.artifact_location).parent  # of a clone: MLflow stores its absolute path
-    if folder.is_absolute() and not folder.parent.exists():
+            # An address, since MLflow takes a path for one, whatever characters it holds. A server has its own place.
+            place = None if track.uri.startswith("http") else ARTIFACTS.resolve().as_uri()
+            return client, client.create_experiment(track.experiment, place, EXPERIMENT_TAGS)
+    place = urlparse(experiment.artifact_location)
+    if place.scheme == "file" and not (folder := Path(url2pathname(place.path))).parent.exists():
         raise UserError(f"{folder} is gone: a clone that was moved needs another track.experiment")
     return client, experiment.experiment_id
 

@@ -288,7 +288,7 @@ def whole_run(folder, *presets: str, **options):
             (folder / "train" / f"{row}.s0.csv").write_text("step,lr,loss,light\n10,.1,3,.2\n20,.1,1,.1\n")
     (folder / "lights").mkdir()
     steps = [{"step": "read", "in": 5, "out": 4, "why": {"dark": 1}}]
-    chain = {"steps": steps, "lights": {"train": 3, "test": 1}, "warnings": [], "repaired": {}}
+    chain = {"steps": steps, "lights": {"train": 3, "validation": 0, "test": 1}, "warnings": [], "repaired": {}}
     chain |= {"unreadable": {"x.hdr": "empty"}, "unlit": {"room:9": "bright at 36 of 36 headings"}}
     (folder / "lights" / "chain.json").write_text(json.dumps(chain))
     save_lights(folder / "lights")

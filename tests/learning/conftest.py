@@ -53,7 +53,9 @@ def make_world(folder: Path, size: int = SIZE) -> dict[str, Path]:
     lights = np.concatenate([lights, 0.5 * (lights[:1] + lights[3:4])])
     split = np.array(["train", "test", "train", "train", "unusual", "train", "validation"])
     np.savez(paths["lights"], coefficients=lights, split=split, source=np.array([f"room {i}" for i in range(7)]))
-    paths["split"].write_text(json.dumps({"train": names[:4], "validation": [names[5]], "test": [names[4], "left out"]}))
+    paths["split"].write_text(
+        json.dumps({"train": names[:4], "validation": [names[5]], "test": [names[4], "left out"]})
+    )
     return paths
 
 
