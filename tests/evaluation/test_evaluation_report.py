@@ -338,7 +338,7 @@ def test_the_page_is_whole_and_stands_alone(tmp_path):
         assert f">{setting}<" in html
     assert html.count('<a href="#table2">Table 2</a>') == 3 and ">Figure 12<" in html and "#sitting" not in html
     assert "8 trainings of 1,005 to 1,017 steps;" in html
-    assert "relight run experiment=sitting" in html and "validation" not in html
+    assert "relight run experiment=sitting" in html and "validation/" not in html
     for said in ("it is a plane", "x.hdr", "bright back", "bright at 36 of 36 headings", "4.0"):
         assert said in html
 
