@@ -67,8 +67,8 @@ def connect(track: Track) -> tuple:
         experiment = client.get_experiment_by_name(track.experiment)
         if experiment is None:
             # An address, since MLflow takes a path for one, whatever characters it holds. A server has its own place.
-            place = None if track.uri.startswith("http") else ARTIFACTS.resolve().as_uri()
-            return client, client.create_experiment(track.experiment, place, EXPERIMENT_TAGS)
+            address = None if track.uri.startswith("http") else ARTIFACTS.resolve().as_uri()
+            return client, client.create_experiment(track.experiment, address, EXPERIMENT_TAGS)
     place = urlparse(experiment.artifact_location)
     if place.scheme == "file" and not (folder := Path(url2pathname(place.path))).parent.exists():
         raise UserError(f"{folder} is gone: a clone that was moved needs another track.experiment")
