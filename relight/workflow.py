@@ -3,6 +3,7 @@
 import hashlib
 import json
 import os
+import platform
 import shlex
 import subprocess
 import sys
@@ -19,10 +20,9 @@ import yaml
 from omegaconf import OmegaConf
 
 from relight import config as schema
-from relight.config import CONF, ROOT, Experiment, Track, check_name, composed, view
+from relight.config import CONF, ROOT, Experiment, check_name, composed, view
 from relight.files import UserError, atomic_write, remove_folder
 from relight.processes import end_with_parent, git
-from relight.tracking.workflow import Workflow, milliseconds
 from relight.training_name import TrainingName
 
 if TYPE_CHECKING:
@@ -33,6 +33,7 @@ defaults: [schema, _self_, override hydra/job_logging: none, override hydra/hydr
 hydra: {run: {dir: .}, output_subdir: null, job: {chdir: false}}
 """
 USUAL_CONDITION = ("test", "test")  # the figures and lights of the tables
+MAX_TAG = 5000  # characters of a tag in MLflow
 MAX_CLOCK_SKEW = 60  # seconds by which the clock of a file server may be ahead
 # The groups that rows may change; of the split only its kind.
 ROW_GROUPS = ("model", "loss", "train", "augment", "split", "timing", "track")
@@ -353,23 +354,20 @@ class Plan:
             digest.update(f"\0{file.name}\0".encode() + file.read_bytes())
         return digest.hexdigest()
 
-    def workflow(self) -> Workflow:
-        """Returns the record of this workflow for MLflow.
+    @property
+    def clone(self) -> str:
+        """The machine and the folder of this clone."""
+        return f"{platform.node()}:{ROOT}"
 
-        The trainings of `relight run -m` have a separate experiment in MLflow.
-        """
-        overrides = {row: list(words) for row, words in self.rows.items()}
-        settings = {**self.shared, "sweep": {**self.shared["sweep"], "rows": overrides}}
-        track = Track(**settings.pop("track"))
-        if self.is_sweep:
-            track.experiment += " sweeps"
-        rows = {row: [name for name, e in self.experiments.items() if row in e.rows] for row in self.rows}
+    def tracking(self) -> dict[str, Any]:
+        """Returns what MLflow's runs of the trainings tell of the workflow (`relight.tracking.run.WORKFLOW`)."""
         commit, changes = (git(ROOT, *words) for words in (("rev-parse", "HEAD"), ("status", "--porcelain")))
-        tags = {"workflow": self.cfg.name, "sweep": str(self.is_sweep).lower()}
+        tags = {"workflow": self.cfg.name, "settings": shlex.join(self.overrides)[:MAX_TAG], "clone": self.clone}
         if commit:
             tags |= {"mlflow.source.git.commit": commit, "git.dirty": str(bool(changes)).lower()}
-        fingerprint = hashlib.sha256(json.dumps(settings, sort_keys=True).encode()).hexdigest()
-        return Workflow(track, self.cfg.name, fingerprint, settings, rows, tags, milliseconds())
+        experiments = {row: [name for name, e in self.experiments.items() if row in e.rows] for row in self.rows}
+        by_row = {row: {**tags, "experiment": ", ".join(names)} for row, names in experiments.items()}
+        return {"track": self.shared["track"], "tags": by_row}
 
     @property
     def networks(self) -> dict[str, str]:

@@ -82,7 +82,7 @@ class Bake:
 
 @dataclass
 class Split:
-    """Division of the figures into training and test."""
+    """Division of the figures into training, validation and test."""
 
     kind: str = setting(
         "what the test figures are: whole subjects (subject); single figures (paper); every second figure of the test "
@@ -386,7 +386,7 @@ class Sweep:
 class Track:
     """Tracking in MLflow."""
 
-    uri: str | None = setting("store of the runs: sqlite:///FILE or a server's address; null for none", None)
+    uri: str | None = setting("store of the runs: sqlite:///FILE, a database or a server; null for none", None)
     experiment: str = setting("name of the experiment in MLflow", "relight")
 
 

@@ -1,4 +1,4 @@
-"""Splits of the figures into training and test, with seated figures as a part of their own."""
+"""Splits of the figures into training, validation and test, with seated figures as a part of their own."""
 
 from collections.abc import Mapping, Set
 from typing import Any
@@ -8,11 +8,14 @@ import numpy as np
 from relight.config import Split
 from relight.files import UserError
 
+VALIDATION = 0.1  # share of the figures for training that are left out of it for the validation
+MAX_VALIDATION = 8  # figures
+
 
 def split_figures(
     names: list[str], subjects: list[str], split: Split, sitting: Set[str] = frozenset()
 ) -> dict[str, list[str]]:
-    """Splits figures into parts.
+    """Splits figures into parts: first the test, then the validation from what is left.
 
     Seated figures are a part of their own, as in the paper (section 6), unless `split.sitting=dealt`. The others are
     split by `split.kind`:
@@ -23,6 +26,8 @@ def split_figures(
       test subjects is a test figure; the others are its siblings. `siblings` trains on them instead of the same number
       of figures of other people. So the two differ only in whether the training includes the test subjects.
 
+    The validation gets whole subjects with `subject`, and single figures otherwise; none if only one is left.
+
     Args:
         names: of all figures.
         subjects: the person of each.
@@ -30,7 +35,8 @@ def split_figures(
         sitting: names of the seated figures.
 
     Returns:
-        Names by part, `train`, `test` and `sitting`, each in the order of `names`; train and test are never empty.
+        Names by part, `train`, `validation`, `test` and `sitting`, each in the order of `names`; train and test are
+        never empty.
 
     Raises:
         UserError: if there are too few figures or subjects.
@@ -40,34 +46,51 @@ def split_figures(
     seated = [name for name in names if name in sitting]
     subjects = [subject for name, subject in zip(names, subjects) if name not in sitting]
     names = [name for name in names if name not in sitting]
-    if split.kind in ("disjoint", "siblings"):
-        return {**sibling_split(names, subjects, split), "sitting": seated}
-    units = subjects if split.kind == "subject" else names
+    paired = split.kind in ("disjoint", "siblings")
+    unit_of = dict(zip(names, subjects if split.kind == "subject" else names))
+    train, test = sibling_split(names, subjects, split) if paired else subject_split(unit_of, split)
+    wanted = min(MAX_VALIDATION, VALIDATION * len(train))
+    held_out = draw({name: unit_of[name] for name in train}, wanted, np.random.default_rng([split.seed, 1]))
+    train = [name for name in train if name not in held_out]
+    return {"train": train, "validation": held_out, "test": test, "sitting": seated}
+
+
+def draw(unit_of: Mapping[str, str], wanted: float, rng: np.random.Generator) -> list[str]:
+    """Draws whole units until about `wanted` figures are drawn: at least one unit, and never all of them.
+
+    Args:
+        unit_of: the unit of each figure, such as its subject.
+        wanted: number of figures.
+        rng: draws the units.
+    """
+    units = list(unit_of.values())
     order = sorted(set(units))
-    if len(order) < 2:
-        what = "subjects" if split.kind == "subject" else "figures"
-        raise UserError(
-            f"split: at least two {what} are needed, one for training and one for the test, not {len(order)}"
-        )
-    np.random.default_rng(split.seed).shuffle(order)
-    wanted = split.test * len(names)
-    test: set[str] = set()
+    rng.shuffle(order)
+    drawn: set[str] = set()
     count = 0
     for unit in order[:-1]:
         size = units.count(unit)
-        if test and count + size / 2 > wanted:
+        if drawn and count + size / 2 > wanted:
             break
-        test.add(unit)
+        drawn.add(unit)
         count += size
-    return {
-        "train": [name for name, unit in zip(names, units) if unit not in test],
-        "test": [name for name, unit in zip(names, units) if unit in test],
-        "sitting": seated,
-    }
+    return [name for name, unit in unit_of.items() if unit in drawn]
 
 
-def sibling_split(names: list[str], subjects: list[str], split: Split) -> dict[str, list[str]]:
-    """Returns the split `disjoint` or `siblings` (see `split_figures`)."""
+def subject_split(unit_of: Mapping[str, str], split: Split) -> tuple[list[str], list[str]]:
+    """Returns the figures for training and for the test of the splits `subject` and `paper` (see `split_figures`)."""
+    if len(set(unit_of.values())) < 2:
+        what = "subjects" if split.kind == "subject" else "figures"
+        raise UserError(
+            f"split: at least two {what} are needed, one for training and one for the test, not "
+            f"{len(set(unit_of.values()))}"
+        )
+    test = draw(unit_of, split.test * len(unit_of), np.random.default_rng(split.seed))
+    return [name for name in unit_of if name not in test], test
+
+
+def sibling_split(names: list[str], subjects: list[str], split: Split) -> tuple[list[str], list[str]]:
+    """Returns the figures for training and for the test of `disjoint` or `siblings` (see `split_figures`)."""
     figures_of: dict[str, list[str]] = {}
     for name, subject in zip(names, subjects):
         figures_of.setdefault(subject, []).append(name)
@@ -91,7 +114,7 @@ def sibling_split(names: list[str], subjects: list[str], split: Split) -> dict[s
         )
     dropped = set(rng.permutation(others)[: len(siblings)].tolist())
     trained = set(others) if split.kind == "disjoint" else (set(others) - dropped) | siblings
-    return {"train": [n for n in names if n in trained], "test": [n for n in names if n in test]}
+    return [name for name in names if name in trained], [name for name in names if name in test]
 
 
 def is_seated(info: Mapping[str, Any]) -> bool:

@@ -118,7 +118,7 @@ def train(
         state: the state from which an interrupted training resumes (.pt).
         curve: all logged values (.csv), a row per epoch, written whole at the end.
         log: receives values by name, and the steps done: the means of the losses since the last call, the learning rate
-            `lr`, and the losses on fixed pairs of the test as `validation/*`.
+            `lr`, and the losses on the pairs of `Validation` as `validation/*`.
         show: receives a picture of the predictions for these pairs, and the steps done.
 
     Raises:

@@ -1,6 +1,6 @@
-"""Validation: losses on a few fixed pairs of the test, and a picture of predictions beside the ground truth.
+"""Validation: losses on a few fixed pairs that are left out of the training, and a picture of predictions beside them.
 
-They are for monitoring only: the training neither stops early nor selects a checkpoint by them.
+The training neither stops early nor selects a checkpoint by them. The best of several trainings is chosen by the loss.
 """
 
 from dataclasses import replace
@@ -19,25 +19,26 @@ from relight.learning.losses import losses, weighted_sum, weights
 from relight.learning.networks import with_transport
 from relight.sh import order_of
 
-MAX_PAIRS = 4
+MAX_PAIRS = 8
+MAX_DRAWN = 4  # pairs in the picture
 MAX_HEIGHT = 192  # pixels, of a cell
 GAP = 4  # pixels between cells
 BACKGROUND = 0.97  # grey value
 
 
 class Validation:
-    """Pairs of a test figure and a test light, evenly spread over both, relit as for the training.
+    """Pairs of a validation figure and a validation light, evenly spread over both, relit as for the training.
 
     Attributes:
-        pairs: their number; 0 without test figures or test lights.
+        pairs: their number; 0 without validation figures or lights.
         batch: the pairs; unset without any.
         loss: weights and reduction.
         color: colour model.
     """
 
     def __init__(self, data: RelitSet, split: Path, loss: Loss, size: int):
-        figures = data.figures(read_split(split).get("test", []))
-        lights = np.flatnonzero(data.light_split == "test")
+        figures = data.figures(read_split(split).get("validation", []))
+        lights = np.flatnonzero(data.light_split == "validation")
         self.loss, self.color = loss, data.color
         self.pairs = min(MAX_PAIRS, max(len(figures), len(lights))) if len(figures) and len(lights) else 0
         if self.pairs:
@@ -67,7 +68,7 @@ class Validation:
         return {name: float(value) for name, value in values.items()}, self.picture(outputs) if drawn else None
 
     def picture(self, outputs: dict[str, Tensor]) -> np.ndarray:
-        """Draws two rows per pair, ground truth above prediction, with the pairs in two columns.
+        """Draws two rows for each of the first pairs, ground truth above prediction, with the pairs in two columns.
 
         The cells are the image (albedo * shading), albedo, shading, lit ball, and the figure under the light of
         the next pair.
@@ -89,7 +90,7 @@ class Validation:
             rows.append((self._cells([cell * batch.inside for cell in cells]), light.cpu().numpy()))
         height, width = rows[0][0][0].shape[1:3]
         blocks = []
-        for pair in range(self.pairs):
+        for pair in range(min(self.pairs, MAX_DRAWN)):
             lines = []
             for (*panels, last), coefficients in rows:
                 lit = lit_ball(coefficients[pair], min(height, width))

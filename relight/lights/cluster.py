@@ -1,4 +1,4 @@
-"""Clusters of lights, their medoids, and the split into training and test lights."""
+"""Clusters of lights, their medoids, and the split into training, validation and test lights."""
 
 import math
 
@@ -6,6 +6,9 @@ import numpy as np
 
 from relight.config import Lights
 from relight.sh import cosine_factors, order_of, per_coefficient
+
+VALIDATION = 0.1  # share of the lights for training that are left out of it for the validation
+MAX_VALIDATION = 8  # lights
 
 
 def irradiance_features(lights: np.ndarray) -> np.ndarray:
@@ -109,3 +112,15 @@ def choose_test_lights(lights: np.ndarray, sources: np.ndarray, settings: Lights
             break
         test |= sources == panoramas[i]
     return test
+
+
+def choose_validation_lights(lights: np.ndarray) -> np.ndarray:
+    """Returns the indices (C,) of a few of the lights (N,K,3) for training, spaced evenly in farthest-first order.
+
+    One light is left for the training.
+    """
+    n = len(lights)
+    if n < 2:
+        return np.zeros(0, int)
+    count = min(MAX_VALIDATION, max(1, round(VALIDATION * n)))
+    return farthest_first(irradiance_features(lights))[((np.arange(count) + 0.5) * n / count).astype(int)]

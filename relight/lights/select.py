@@ -15,7 +15,7 @@ import numpy as np
 
 from relight.config import Lights, Rules
 from relight.files import UserError, existing_file
-from relight.lights.cluster import choose_test_lights, medoids
+from relight.lights.cluster import choose_test_lights, choose_validation_lights, medoids
 from relight.lights.statistics import measure, reference_brightness
 from relight.lights.table import SPLITS, LightSet
 from relight.sh import order_of, rotation_about_y, rotation_matrix
@@ -78,6 +78,8 @@ def select_lights(coefficients: np.ndarray, sources: list[str], settings: Lights
                 f"lights.extra_test: {settings.extra_test} were asked for and {len(extra)} found among the panoramas "
                 "that give no other light to train or to test on"
             )
+    train = np.flatnonzero(lights.split == "train")
+    lights.split[train[choose_validation_lights(lights.coefficients[train])]] = "validation"
     record["lights"] = {split: int((lights.split == split).sum()) for split in SPLITS}
     record["panoramas"] = len(set(usual.source.tolist()))
     for warning in record["warnings"]:
@@ -136,7 +138,7 @@ def rotated_copies(coefficients: np.ndarray, sources: np.ndarray, settings: Ligh
     scale = np.where(lit, target / np.where(lit, brightness, 1), 0.0)
     return LightSet(
         coefficients=(rotated * scale[:, None, None]).astype(np.float32),
-        split=np.full(n * steps, "train", dtype="<U7"),
+        split=np.full(n * steps, "train", dtype="<U10"),
         source=np.repeat(np.asarray(sources, dtype=str), steps),
         yaw=np.tile(yaw, n),
         seed=seed,

@@ -204,18 +204,19 @@ def format_statistics(light: Light) -> list[tuple[str, str]]:
 
 
 def write_contact_sheet(lights: LightSet, path: Path | str) -> None:
-    """Writes a contact sheet of a light set as PNG: all training and test lights, and some of the unusual ones.
+    """Writes a contact sheet of a light set as PNG: all usual lights, and some of the unusual ones.
 
     Each cell holds a lit ball, all at the same exposure, and the horizon of the diffuse panorama.
     """
     from matplotlib.figure import Figure
 
-    train, test, unusual = (lights.of(split) for split in ("train", "test", "unusual"))
+    train, validation, test, unusual = (lights.of(split) for split in ("train", "validation", "test", "unusual"))
     # Unusual lights are sampled evenly over all reasons; a random sample would show the commonest one only.
     order = np.argsort([reason.split(" ")[0] for reason in unusual.reason], kind="stable")
     picked = order[np.unique(np.linspace(0, len(order) - 1, min(len(order), MAX_UNUSUAL)).round().astype(int))]
     parts = [
         (f"{len(train)} training lights", train, TEXT),
+        (f"{len(validation)} validation lights", validation, TEXT),
         (f"{len(test)} test lights", test, ACCENT),
         (f"Unusual lights, left out: {len(picked)} of the {len(unusual)} kept", unusual.rows(picked), MUTED_TEXT),
     ]

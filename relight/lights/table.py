@@ -13,7 +13,7 @@ from relight.sh import bands, coefficient_count, order_of
 from relight.sh.conventions import MAX_COEFFICIENT
 
 CONVENTION = "relight"  # radiance, orthonormal, no Condon-Shortley, l*l+l+m, +z toward the camera, linear Rec. 709 RGB
-SPLITS = ("train", "test", "unusual", "rich")
+SPLITS = ("train", "validation", "test", "unusual", "rich")
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,8 @@ class LightSet:
 
     Attributes:
         coefficients: (N,K,3) float32 radiance.
-        split: (N,) str, "train" or "test"; for unusual lights "unusual" (for tests) or "rich" (for training).
+        split: (N,) str, "train", "validation" or "test"; for unusual lights "unusual" (for tests) or "rich" (for
+            training).
         source: (N,) str, the panorama: "room:12", "sky:3", or a file's path within its folder.
         yaw: (N,) degrees by which the panorama's light was rotated about the vertical, from +z toward +x.
         seed: (N,) int, of the light's reference brightness.

@@ -240,7 +240,7 @@ def load(path: Path | str | None = None, threads: int = 0) -> Relighter:
     if path is None and not WEIGHTS.is_file():
         raise UserError("this installation has no weights: give a network with --weights FILE")
     if str(path).startswith("models:/"):
-        from relight.tracking.server import download_network
+        from relight.tracking.registry import download_network
 
         path = download_network(str(path))
     path = existing_file(path or WEIGHTS, "network")

@@ -59,7 +59,9 @@ Convention = Annotated[str | None, typer.Option(help="Convention of a coefficien
 Weights = Annotated[
     Path | None,
     typer.Option(
-        "--weights", "-w", help="A network: .onnx, a checkpoint (.safetensors), or models:/relight@photo from MLflow."
+        "--weights",
+        "-w",
+        help="A network: .onnx, .safetensors, or, after `relight run experiment=photo`, models:/relight@photo.",
     ),
 ]
 Size = Annotated[int, typer.Option(min=16, max=4096, help="Largest length of the longer side, pixels.")]

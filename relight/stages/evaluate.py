@@ -3,7 +3,6 @@
 from pathlib import Path
 
 from relight.config import Evaluate, Track
-from relight.files import file_hash
 from relight.stages.stage import stage
 
 
@@ -20,18 +19,14 @@ def main(evaluate: Evaluate, track: Track, packed: Path, lights: Path, split: Pa
     from relight.evaluation.evaluate import evaluate as score
     from relight.evaluation.scores import read_scores
     from relight.learning.checkpoint import read_config
-    from relight.tracking.run import TrainingRun
+    from relight.tracking.run import log_scores
 
     score(network, packed, lights, split, evaluate, out)
     on = "test" if (evaluate.figures, evaluate.lights) == ("test", "test") else f"{evaluate.figures}-{evaluate.lights}"
     scores = next(iter(read_scores(out).values()), None)
-    means = {f"{on}/{name}": float(values.mean()) for name, values in (scores.columns if scores else {}).items()}
-    trained = read_config(network)
-    settings = {part: trained[part] for part in ("model", "loss", "train", "augment") if part in trained}
-    # A network without a fingerprint was trained elsewhere, and has its own run.
-    fingerprint = trained.get("fingerprint") or file_hash(network)
-    finite = {name: value for name, value in means.items() if value == value}
-    TrainingRun(track, network.stem, fingerprint, settings).log_scores(finite, network, out)
+    means = {name: float(values.mean()) for name, values in (scores.columns if scores else {}).items()}
+    finite = {name: mean for name, mean in means.items() if mean == mean}
+    log_scores(track, network, read_config(network), on, finite, out)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Splits the figures, each with all its views, into training and test, with sitting figures apart."""
+"""Splits the figures, each with all its views, into training, validation and test, with sitting figures apart."""
 
 import json
 from pathlib import Path

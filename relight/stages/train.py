@@ -39,9 +39,10 @@ def main(
     state = out.parent / "state" / out.stem
     data = {"figures": packed, "lights": lights, "split": split}
     with training_run(track, out.stem, fingerprint(recipe, inputs), recipe.as_dict(), data) as run:
-        add_image = run.add_image if run.track.uri else None
-        train_network(recipe, inputs, out, state / "state.pt", curve, run.log, add_image)
-        run.finish(curve, out)
+        hooks = (run.log, run.add_image) if run else ()
+        train_network(recipe, inputs, out, state / "state.pt", curve, *hooks)
+        if run:
+            run.finish(out, curve)
     if STARTED_BY not in os.environ:  # otherwise `Plan.clean_up` removes it after Snakemake has recorded the outputs
         remove_folder(state)
 

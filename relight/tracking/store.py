@@ -1,20 +1,23 @@
-"""Connects to the store of MLflow's runs, a server or a database, and creates missing SQLite databases."""
+"""Opens the store of MLflow's runs: a SQLite file, a database or a server."""
 
 import fcntl
 import logging
 import os
 import shutil
 import sqlite3
+import sys
 import tempfile
-from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import closing
 from pathlib import Path
+from urllib.parse import urlparse
+from urllib.request import url2pathname
 
 from relight.config import Track
-from relight.files import atomic_write
+from relight.files import UserError, atomic_write
 
+SQLITE = "sqlite:///"
 LOCK = Path(".mlflow.lock")
-ARTIFACTS = "mlruns"
+ARTIFACTS = Path("mlruns")
 SQLITE_TIMEOUT = 5.0  # seconds to wait for a locked database
 # No telemetry, no logs of migrations, and short timeouts for unreachable servers.
 DEFAULTS = {
@@ -29,15 +32,19 @@ DEFAULTS = {
 EXPERIMENT_TAGS = {"mlflow.experimentKind": "custom_model_development"}
 
 
-def configure() -> None:
-    """Sets MLflow's environment variables, unless the user has; to be called before MLflow is imported."""
+def select_store(uri: str) -> None:
+    """Makes a store that of this process, for runs and for models; MLflow must not have been imported before."""
     for variable, value in DEFAULTS.items():
         os.environ.setdefault(variable, value)
     logging.getLogger("alembic").setLevel(logging.WARNING)
+    import mlflow
+
+    mlflow.set_tracking_uri(uri)
+    mlflow.set_registry_uri(uri)
 
 
 def connect(track: Track) -> tuple:
-    """Connects to the store, and creates a missing database and experiment.
+    """Selects a store, and creates a missing database and experiment.
 
     Args:
         track: address of a SQLite file, a database or a server, and name of the experiment.
@@ -47,61 +54,64 @@ def connect(track: Track) -> tuple:
 
     Raises:
         Exception: any exception of the store.
+        UserError: if the folder of the experiment's artifacts is gone.
     """
-    assert track.uri  # without tracking, no store is opened
-    configure()
+    assert track.uri  # without an address, no store is opened
+    select_store(track.uri)
     from mlflow import MlflowClient
 
-    with lock():
-        create_database(track.uri)
-        client = MlflowClient(track.uri)
-        if found := client.get_experiment_by_name(track.experiment):
-            return client, found.experiment_id
-        experiment = client.create_experiment(track.experiment, tags=EXPERIMENT_TAGS)
-        create_database(track.uri)  # makes the path of the new experiment's artifacts relative
-        return client, experiment
-
-
-@contextmanager
-def lock() -> Iterator[None]:
-    """Locks the store, so that two processes do not create the same database, experiment or run."""
     with open(LOCK, "w") as file:
-        fcntl.flock(file, fcntl.LOCK_EX)
-        yield
+        fcntl.flock(file, fcntl.LOCK_EX)  # so that two processes do not create the same database or experiment
+        create_database(track.uri)
+        client = MlflowClient()
+        experiment = client.get_experiment_by_name(track.experiment)
+        if experiment is None:
+            # An address, since MLflow takes a path for one, whatever characters it holds. A server has its own place.
+            address = None if track.uri.startswith("http") else ARTIFACTS.resolve().as_uri()
+            return client, client.create_experiment(track.experiment, address, EXPERIMENT_TAGS)
+    place = urlparse(experiment.artifact_location)
+    if place.scheme == "file" and not (folder := Path(url2pathname(place.path))).parent.exists():
+        raise UserError(f"{folder} is gone: a clone that was moved needs another track.experiment")
+    return client, experiment.experiment_id
 
 
 def create_database(uri: str) -> None:
-    """Creates a missing SQLite database, and makes its paths of artifacts relative to its folder.
-
-    The database is written atomically, since MLflow cannot repair an incomplete one. MLflow stores absolute paths, so a
-    repository that was moved would write to its old place. Other stores are not changed.
+    """Creates a missing SQLite database, whole or not at all, since MLflow cannot repair an incomplete one.
 
     Args:
-        uri: of the store.
+        uri: of the store; nothing is done for others.
 
     Raises:
         sqlite3.Error: if the database is locked or damaged; MLflow itself would try for minutes.
     """
-    path = Path(uri.removeprefix("sqlite:///"))
-    if not uri.startswith("sqlite:///"):
+    path = Path(uri.removeprefix(SQLITE))
+    if not uri.startswith(SQLITE):
         return
     if not path.exists():
-        configure()
-        from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
+        from mlflow import MlflowClient
 
-        with (
-            tempfile.TemporaryDirectory() as folder,
-            atomic_write(path) as tmp,
-        ):  # SQLite writes its journal to the folder
-            SqlAlchemyStore(f"sqlite:///{folder}/new.db", str(Path(ARTIFACTS).resolve()))
-            shutil.copyfile(f"{folder}/new.db", tmp)
-    if path.is_absolute():
-        return
-    experiment = f"'{ARTIFACTS}/' || experiment_id"
-    with closing(sqlite3.connect(path, timeout=SQLITE_TIMEOUT)) as store, store:
-        for table, column, relative in (
-            ("experiments", "artifact_location", experiment),
-            ("runs", "artifact_uri", f"{experiment} || '/' || run_uuid || '/artifacts'"),
-            ("logged_models", "artifact_location", f"{experiment} || '/models/' || model_id || '/artifacts'"),
-        ):
-            store.execute(f"UPDATE {table} SET {column} = {relative} WHERE {column} LIKE '%/' || {relative}")
+        with tempfile.TemporaryDirectory() as folder, atomic_write(path) as temporary:
+            MlflowClient(f"{SQLITE}{folder}/new.db").search_experiments()
+            shutil.copyfile(f"{folder}/new.db", temporary)
+    with closing(sqlite3.connect(path, timeout=SQLITE_TIMEOUT)) as database:
+        database.execute("SELECT name FROM sqlite_master")
+
+
+def find_run(client, experiment: str, name: str, fingerprint: str):
+    """Returns the run (`mlflow.entities.Run`) of a name and a fingerprint, or None."""
+    runs = client.search_runs([experiment], f"tags.fingerprint = '{fingerprint}'")
+    return next((run for run in runs if run.info.run_name == name), None)
+
+
+def model_of(run) -> str | None:
+    """Returns the id of the model that a run (`mlflow.entities.Run`) has logged, if any."""
+    models = run.outputs.model_outputs if run.outputs else []
+    return models[0].model_id if models else None
+
+
+def warn(name: str, track: Track, error: Exception, reasons: set[str]) -> None:
+    """Prints that `name` is not recorded, and why, unless `reasons` holds that; adds it there."""
+    reason = str(error).strip().split("\n")[0]
+    if reason not in reasons:
+        print(f"{name} is not recorded in MLflow ({track.uri}): {reason}", file=sys.stderr)
+    reasons.add(reason)

@@ -288,7 +288,7 @@ def whole_run(folder, *presets: str, **options):
             (folder / "train" / f"{row}.s0.csv").write_text("step,lr,loss,light\n10,.1,3,.2\n20,.1,1,.1\n")
     (folder / "lights").mkdir()
     steps = [{"step": "read", "in": 5, "out": 4, "why": {"dark": 1}}]
-    chain = {"steps": steps, "lights": {"train": 3, "test": 1}, "warnings": [], "repaired": {}}
+    chain = {"steps": steps, "lights": {"train": 3, "validation": 0, "test": 1}, "warnings": [], "repaired": {}}
     chain |= {"unreadable": {"x.hdr": "empty"}, "unlit": {"room:9": "bright at 36 of 36 headings"}}
     (folder / "lights" / "chain.json").write_text(json.dumps(chain))
     save_lights(folder / "lights")
@@ -338,7 +338,7 @@ def test_the_page_is_whole_and_stands_alone(tmp_path):
         assert f">{setting}<" in html
     assert html.count('<a href="#table2">Table 2</a>') == 3 and ">Figure 12<" in html and "#sitting" not in html
     assert "8 trainings of 1,005 to 1,017 steps;" in html
-    assert "relight run experiment=sitting" in html and "validation" not in html
+    assert "relight run experiment=sitting" in html and "validation/" not in html
     for said in ("it is a plane", "x.hdr", "bright back", "bright at 36 of 36 headings", "4.0"):
         assert said in html
 

@@ -40,19 +40,22 @@ def figure(rng: np.random.Generator, name: str, size: int = SIZE, order: int = 2
 
 
 def make_world(folder: Path, size: int = SIZE) -> dict[str, Path]:
-    """Paths packed, lights, split of 5 figures (4 to train on) and 6 lights (4 to train on), order 3."""
-    rng = np.random.default_rng(7)
-    names = [f"figure{i}" for i in range(5)]
+    """Paths packed, lights, split of 6 figures (4 to train on) and 7 lights (4 to train on), order 3."""
+    rng, other = np.random.default_rng(7), np.random.default_rng(8)
+    names = [f"figure{i}" for i in range(6)]
     for name in names:
-        write_maps(folder / f"{name}.exr", figure(rng, name, size, order=3))
+        write_maps(folder / f"{name}.exr", figure(other if name == names[-1] else rng, name, size, order=3))
     paths = {"packed": folder / "packed.safetensors", "lights": folder / "lights.npz", "split": folder / "split.json"}
     pack_maps([folder / f"{name}.exr" for name in names], paths["packed"])
     lights = 0.25 * rng.normal(size=(6, 16, 3)).astype(np.float32)
     lights[:, 0] = rng.uniform(0.7, 1.0, (6, 3))
     lights[:, 2] += 0.3
-    split = np.array(["train", "test", "train", "train", "unusual", "train"])
-    np.savez(paths["lights"], coefficients=lights, split=split, source=np.array([f"room {i}" for i in range(6)]))
-    paths["split"].write_text(json.dumps({"train": names[:4], "test": [names[4], "left out"]}))
+    lights = np.concatenate([lights, 0.5 * (lights[:1] + lights[3:4])])
+    split = np.array(["train", "test", "train", "train", "unusual", "train", "validation"])
+    np.savez(paths["lights"], coefficients=lights, split=split, source=np.array([f"room {i}" for i in range(7)]))
+    paths["split"].write_text(
+        json.dumps({"train": names[:4], "validation": [names[5]], "test": [names[4], "left out"]})
+    )
     return paths
 
 

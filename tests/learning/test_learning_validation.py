@@ -1,4 +1,4 @@
-"""Validation touches nothing: losses of fixed test pairs, and a picture whose rows agree for a perfect network."""
+"""Validation touches nothing: losses of fixed pairs, and a picture whose rows agree for a perfect network."""
 
 import copy
 import json
@@ -58,9 +58,9 @@ def test_the_values_are_the_losses_and_nothing_is_left_behind(validation, model)
     assert values["loss"] == pytest.approx(sum(weight[name] * float(value) for name, value in found.items()), rel=1e-5)
 
 
-def test_without_a_test_there_is_none(world, loss, tmp_path):
+def test_without_figures_for_it_there_is_none(world, loss, tmp_path):
     split = tmp_path / "split.json"
-    split.write_text('{"train": ["figure0"], "test": []}')
+    split.write_text('{"train": ["figure0"], "test": ["figure4"]}')
     data = RelitSet(world["packed"], world["lights"], 2, "paper")
     assert Validation(data, split, loss(), data.size)(nn.Identity(), drawn=True) == ({}, None)
 
@@ -70,9 +70,22 @@ def test_pictures_are_those_of_the_size_that_is_trained(tmp_path, world, loss):
     assert Validation(data, world["split"], loss(), 48).batch.image.shape[-2:] == (48, 48)
 
 
-@pytest.mark.parametrize("count", [1, 2, 3, 4])
+def test_pairs_are_of_validation_figures_and_lights(tmp_path, world, loss):
+    """A light and a figure of the training or the test are never among them."""
+    data = RelitSet(world["packed"], world["lights"], 2, "paper")
+    found = Validation(data, world["split"], loss(), data.size)
+    wanted = data.batch(data.figures(["figure5"]), np.flatnonzero(data.light_split == "validation"))
+    assert found.pairs == 1
+    torch.testing.assert_close(found.batch.image, wanted.image)
+    torch.testing.assert_close(found.batch.light, wanted.light)
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 5])
 def test_any_number_of_pairs_makes_a_picture(tmp_path, world, loss, count):
-    (tmp_path / "split.json").write_text(json.dumps({"train": [], "test": [f"figure{i}" for i in range(count)]}))
+    (tmp_path / "split.json").write_text(
+        json.dumps({"train": [], "validation": [f"figure{i}" for i in range(count)], "test": []})
+    )
     validation = Validation(RelitSet(world["packed"], world["lights"], 2, "paper"), tmp_path / "split.json", loss(), 64)
     _, picture = validation(Oracle(validation.batch), drawn=True)
     assert validation.pairs == count and picture.ndim == 3 and picture.shape[2] == 3
+    assert picture.shape[0] <= 2 * (2 * 64 + GAP) + 4 * GAP, "no more than four are drawn"

@@ -15,7 +15,7 @@ from relight.lights import (
     write_light_set,
 )
 from relight.lights.chain import generated_light
-from relight.lights.cluster import farthest_first, irradiance_features, medoids
+from relight.lights.cluster import choose_validation_lights, farthest_first, irradiance_features, medoids
 from relight.lights.select import broken_rules, counted
 from relight.lights.table import SPLITS
 from relight.panoramas.colour import blackbody, daylight
@@ -38,9 +38,9 @@ def rooms():
 def test_the_light_set_has_the_properties_that_the_settings_ask_for(rooms, order, split):
     sources, coefficients = rooms
     lights, record = select_lights(coefficients, sources, replace(SETTINGS, order=order, split=split))
-    usual = lights.rows(np.isin(lights.split, ("train", "test")))
+    usual = lights.rows(np.isin(lights.split, ("train", "validation", "test")))
     if order == "cut_first":
-        assert (lights.split == "train").sum() == 9 and (lights.split == "test").sum() == 3
+        assert [int((lights.split == part).sum()) for part in ("train", "validation", "test")] == [8, 1, 3]
     assert (lights.split == "test").sum() >= 1
     reference = reference_brightness(usual.coefficients)
     assert reference.min() >= 0.7 - 1e-6 and reference.max() <= 0.9 + 1e-6
@@ -50,8 +50,9 @@ def test_the_light_set_has_the_properties_that_the_settings_ask_for(rooms, order
         assert len(lights.of(mark)) and all(lights.of(mark).reason)
     assert not any(usual.reason)
     rooms = {mark: set(lights.of(mark).source.tolist()) for mark in SPLITS}
-    assert not rooms["unusual"] & (rooms["train"] | rooms["rich"])
+    assert not rooms["unusual"] & (rooms["train"] | rooms["validation"] | rooms["rich"])
     assert not rooms["rich"] & (rooms["test"] - rooms["train"])
+    assert not rooms["validation"] & (rooms["train"] | rooms["test"])
     assert abs(len(lights.of("unusual")) - len(lights.of("rich"))) <= len(usual)
     by_source = dict(zip(sources, coefficients))
     for i in range(0, len(lights), 5):  # every row can be made again from what it says of itself
@@ -76,7 +77,7 @@ def test_no_room_is_on_both_sides(rooms):
     _, coefficients = rooms
     few = [f"room:{i // 8}" for i in range(40)]  # five rooms of eight pictures: more than one light each
     lights, _ = select_lights(coefficients, few, SETTINGS)
-    assert not set(lights.of("train").source) & set(lights.of("test").source)
+    assert not {*lights.of("train").source, *lights.of("validation").source} & set(lights.of("test").source)
     assert len(lights.of("test"))
 
 
@@ -94,6 +95,14 @@ def test_extra_test_lights_are_of_other_rooms_and_change_no_other_light(rooms):
     assert any("lights.extra_test: 500" in warning for warning in record["warnings"])
 
 
+@pytest.mark.parametrize(("count", "chosen"), [(1, 0), (2, 1), (4, 1), (40, 4), (400, 8)])
+def test_choose_validation_lights_takes_a_tenth_and_leaves_one(count, chosen):
+    """At most eight, none twice."""
+    lights = np.random.default_rng(0).normal(size=(count, 9, 3))
+    found = choose_validation_lights(lights)
+    assert len(set(found.tolist())) == len(found) == chosen and set(found.tolist()) <= set(range(count))
+
+
 def test_two_panoramas_make_a_light_set(rooms):
     lights, _ = select_lights(rooms[1][16:18], rooms[0][16:18], replace(SETTINGS, clusters=50, test=10))
     assert len(lights.of("train")) and len(lights.of("test"))
@@ -104,7 +113,9 @@ def test_smoke_size():
     lights, record = build_light_set(
         replace(GENERATED, count=12), replace(SETTINGS, clusters=6, test=2), 2, progress=False
     )
-    assert (lights.split == "train").sum() == 4 and (lights.split == "test").sum() == 2
+    assert record["lights"] == {"train": 3, "validation": 1, "test": 2, "unusual": 0, "rich": 0} | {
+        part: len(lights.of(part)) for part in ("unusual", "rich")
+    }
     assert record["steps"][0] == {"step": "read", "in": 12, "out": 12, "why": {}}
 
 

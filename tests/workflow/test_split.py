@@ -1,4 +1,4 @@
-"""Training and test figures."""
+"""Training, validation and test figures."""
 
 from dataclasses import replace
 
@@ -20,15 +20,16 @@ def split(kind, test=0.25, seed=0):
 @pytest.mark.parametrize("kind", ["subject", "paper"])
 def test_every_figure_once(kind):
     parts = split_figures(NAMES, SUBJECTS, split(kind))
-    assert sorted(parts["train"] + parts["test"]) == NAMES
-    assert len(parts["test"]) == pytest.approx(10, abs=2)
+    assert sorted(parts["train"] + parts["validation"] + parts["test"]) == NAMES
+    assert len(parts["test"]) == pytest.approx(10, abs=2) and 3 <= len(parts["validation"]) <= 4
 
 
 def test_subjects_stay_on_one_side():
     subject = dict(zip(NAMES, SUBJECTS))
     for seed in range(10):
         parts = split_figures(NAMES, SUBJECTS, split("subject", seed=seed))
-        assert not {subject[name] for name in parts["train"]} & {subject[name] for name in parts["test"]}
+        train, validation, test = ({subject[name] for name in parts[part]} for part in ("train", "validation", "test"))
+        assert not train & test and not train & validation and not validation & test and validation
     leaks = [split_figures(NAMES, SUBJECTS, split("paper", seed=seed)) for seed in range(10)]
     assert any({subject[n] for n in part["train"]} & {subject[n] for n in part["test"]} for part in leaks)
 
@@ -38,6 +39,15 @@ def test_both_sides_hold_a_figure():
         for count in (2, 3, 5):
             parts = split_figures(NAMES[:count], NAMES[:count], split("subject", float(test)))
             assert parts["train"] and parts["test"]
+            assert len(parts["validation"]) == (len(parts["train"] + parts["validation"]) > 1)
+
+
+def test_the_validation_has_few_figures_and_changes_no_test():
+    names = [f"f{i:03d}" for i in range(345)]
+    parts = split_figures(names, names, split("subject"))
+    assert len(parts["validation"]) == 8 and len(parts["train"]) == 345 - 8 - len(parts["test"])
+    more = split_figures(names, names, split("subject", seed=1))
+    assert set(parts["validation"]) != set(more["validation"])
 
 
 def test_too_few_subjects():
@@ -67,10 +77,11 @@ def test_paired_splits_differ_only_in_whether_the_person_was_seen():
         apart, together = (split_figures(NAMES, SUBJECTS, split(kind, 0.2, seed)) for kind in ("disjoint", "siblings"))
         assert apart["test"] == together["test"] and len(apart["train"]) == len(together["train"])
         for parts in (apart, together):
-            assert not set(parts["train"]) & set(parts["test"])
+            assert not set(parts["train"] + parts["validation"]) & set(parts["test"])
+            assert parts["validation"] and not set(parts["train"]) & set(parts["validation"])
         people = {subject[name] for name in apart["test"]}
         assert not people & {subject[name] for name in apart["train"]}
-        siblings = [name for name in together["train"] if subject[name] in people]
+        siblings = [name for name in together["train"] + together["validation"] if subject[name] in people]
         assert {subject[name] for name in siblings} == people and len(siblings) == len(together["test"])
         assert len(apart["test"]) == pytest.approx(0.2 * len(NAMES), abs=2)
         tests.add(tuple(apart["test"]))

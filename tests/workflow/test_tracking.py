@@ -1,6 +1,7 @@
-"""MLflow: the store is made once under contention, whole or not at all; workflows have runs above their trainings; a
-server, and nothing at all, do as well."""
+"""MLflow: the store is made once under contention, whole or not at all; trainings are recorded, and the best is
+registered, in every kind of store; nothing at all does as well."""
 
+import json
 import multiprocessing
 import os
 import shutil
@@ -12,9 +13,10 @@ import tempfile
 import time
 import urllib.request
 from collections.abc import Iterator
-from dataclasses import replace
+from contextlib import chdir
 from importlib.util import find_spec
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import psutil
@@ -22,13 +24,12 @@ import pytest
 from mlflow import MlflowClient
 
 from relight.config import ROOT, Model, Track
-from relight.files import UserError, file_hash
+from relight.files import UserError
 from relight.learning.checkpoint import save_network
 from relight.learning.networks import build
-from relight.tracking import store
-from relight.tracking.run import TrainingRun
-from relight.tracking.server import download_network
-from relight.tracking.workflow import WORKFLOW, Workflow, finish_workflow
+from relight.tracking import registry, store
+from relight.tracking.registry import download_network, finish_workflow
+from relight.tracking.run import WORKFLOW, log_scores, training_run
 from relight.workflow import Plan
 
 URI = "sqlite:///mlflow.db"
@@ -36,44 +37,42 @@ NETWORK = Model(
     name="ours", width=0.125, norm="batch", dropout=0.5, order=2, albedo="clip", light_head="strided", refine=False,
     sees="image",
 )  # fmt: skip
-WRITERS = 8
-FLOW = Workflow(Track(URI, "test"), "demo", "9" * 64, {"a": {"b": 1}}, {"ours": ["table1", "table2"]}, {"sweep": "no"})
+WRITERS = 4
+TAGS = {"workflow": "demo", "clone": "here", "experiment": "table1, table2"}
 FORKS = multiprocessing.get_context("forkserver")  # to import MLflow once for all writers
 FORKS.set_forkserver_preload(["mlflow", "mlflow.store.tracking.sqlalchemy_store", "relight.tracking.run"])
+HAS_POSTGRES = pytest.mark.skipif(
+    not (shutil.which("initdb") and find_spec("psycopg2")), reason="there is no PostgreSQL, or no psycopg2"
+)
 
 pytestmark = pytest.mark.slow
-KILLED = """
-import os, signal
-from mlflow.store.tracking import sqlalchemy_store
-from relight.tracking.store import create_database
-
-class Store:
-    def __init__(self, uri, *_):
-        path = uri.removeprefix("sqlite:///")
-        for name in (path, path + "-journal"):
-            open(name, "w").close()
-        os.kill(os.getpid(), signal.SIGKILL)
-
-sqlalchemy_store.SqlAlchemyStore = Store
-create_database("sqlite:///mlflow.db")
-"""
-WRITER = """
-import os, sys
-os.chdir({folder!r})
-os.environ["RELIGHT_WORKFLOW"] = {flow!r}
-from relight.config import Track
-from relight.tracking import store
-from relight.tracking.run import TrainingRun
-run = TrainingRun(Track(), "ours.s{seed}", str({seed}) * 64, {{"lr": {seed}}})
-for step in range(3):
-    run.log({{"loss": {seed} + step / 4}}, step)
-"""
 
 
-def write_at_once(folder: Path, flow: Workflow) -> None:
+def in_folder(folder: Path, action, *arguments) -> None:
+    """Calls a function in a process of its own, whose working folder is `folder`."""
+    job = FORKS.Process(target=chdir_and_call, args=(folder, action, *arguments))
+    job.start()
+    job.join(timeout=300)
+    assert job.exitcode == 0
+
+
+def chdir_and_call(folder: Path, action, *arguments) -> None:
+    with chdir(folder):
+        action(*arguments)
+
+
+def write(uri: str, seed: int) -> None:
+    """A training of three epochs that does not end."""
+    os.environ[WORKFLOW] = json.dumps({"track": {"uri": uri, "experiment": "test"}, "tags": {"ours": TAGS}})
+    with training_run(Track(), f"ours.s{seed}", str(seed) * 64, {"lr": seed}, {}) as run:
+        for step in range(3):
+            run.log({"loss": seed + step / 4, "validation/loss": seed}, step)
+    os._exit(0)  # as if it were killed
+
+
+def write_at_once(folder: Path, uri: str) -> None:
     """Trainings of a workflow, all at the same time, in a folder."""
-    programs = [WRITER.format(folder=str(folder), flow=flow.to_json(), seed=seed) for seed in range(WRITERS)]
-    jobs = [FORKS.Process(target=exec, args=(program, {})) for program in programs]
+    jobs = [FORKS.Process(target=chdir_and_call, args=(folder, write, uri, seed)) for seed in range(WRITERS)]
     for job in jobs:
         job.start()
     for job in jobs:
@@ -81,14 +80,27 @@ def write_at_once(folder: Path, flow: Workflow) -> None:
     assert [job.exitcode for job in jobs] == WRITERS * [0]
 
 
+def make_database_and_be_killed() -> None:
+    """Stops between the file and its tables."""
+    store.select_store(URI)
+
+    def killed(source, target):
+        Path(target).write_bytes(Path(source).read_bytes()[:100])
+        os.kill(os.getpid(), signal.SIGKILL)
+
+    store.shutil.copyfile = killed
+    store.create_database(URI)
+
+
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory) -> Path:
-    """A folder in which a process was killed while it made the store, and then eight trainings started at once."""
+    """A folder in which a process was killed while it made the store, and then several trainings started at once."""
     folder = tmp_path_factory.mktemp("track")
-    killed = subprocess.run([sys.executable, "-c", KILLED], cwd=folder, env={"PYTHONPATH": str(ROOT)}, timeout=120)
-    assert killed.returncode == -9
-    assert not list(folder.glob("*-journal")) and not list(folder.glob(".*-journal"))
-    write_at_once(folder, FLOW)
+    job = FORKS.Process(target=chdir_and_call, args=(folder, make_database_and_be_killed))
+    job.start()
+    job.join(timeout=120)
+    assert job.exitcode == -9
+    write_at_once(folder, URI)
     return folder
 
 
@@ -125,180 +137,232 @@ def runs(client) -> list:
 
 
 def check_writers(client) -> None:
-    """Each of the trainings has its own parameters and metrics, below the run of the workflow."""
-    above, *trainings = runs(client)
+    """Each of the trainings has its own parameters and metrics, and none is above or below another."""
+    trainings = runs(client)
     assert [run.info.run_name for run in trainings] == [f"ours.s{seed}" for seed in range(WRITERS)]
     for seed, run in enumerate(trainings):
         assert run.data.params == {"lr": str(seed)}
-        points = client.get_metric_history(run.info.run_id, "loss")
+        points = client.get_metric_history(run.info.run_id, "loss/train")
         assert [(point.step, point.value) for point in points] == [(step, seed + step / 4) for step in range(3)]
-        assert "system/cpu_utilization_percentage" in run.data.metrics
-        tags = {
-            "mlflow.parentRunId": above.info.run_id,
-            "experiment": "table1, table2",
-            "seed": str(seed),
-            "sweep": "no",
-        }
-        assert run.data.tags.items() >= tags.items()
-    assert above.info.run_name == "demo" and above.data.params == {"a.b": "1"}
-    assert above.data.tags["mlflow.source.name"] == "Snakefile"
+        assert run.data.metrics["loss/validation"] == seed
+        assert run.data.tags.items() >= {**TAGS, "row": "ours", "seed": str(seed)}.items()
+        assert "mlflow.parentRunId" not in run.data.tags
 
 
-def test_processes_share_a_new_store(client, folder):
+def test_connect_processes_share_a_new_store(client, folder):
     assert {path.name for path in folder.iterdir()} == {"mlflow.db", ".mlflow.lock"}
     check_writers(client)
-    assert {run.info.artifact_uri.split("/")[0] for run in runs(client)} == {"mlruns"}
 
 
-@pytest.mark.skipif(not shutil.which("initdb"), reason="there is no PostgreSQL")
-@pytest.mark.skipif(not find_spec("psycopg2"), reason="there is no psycopg2, the extra `postgres`")
-def test_processes_share_a_database_server(postgres, tmp_path):
-    write_at_once(tmp_path, replace(FLOW, track=Track(postgres, "test")))
+@HAS_POSTGRES
+def test_connect_processes_share_a_database_server(postgres, tmp_path):
+    write_at_once(tmp_path, postgres)
     assert {path.name for path in tmp_path.iterdir()} == {".mlflow.lock"}
     check_writers(MlflowClient(postgres))
 
 
-def test_a_run_is_found_again_by_name_and_fingerprint(client):
-    before = {run.info.run_id for run in runs(client)}
-    again = TrainingRun(Track(URI, "test"), "ours.s1", "1" * 64, {"lr": 1})
-    again.log({"loss": 9.0}, 2)
-    again.log({"loss": 0.25}, 3)
-    assert {run.info.run_id for run in runs(client)} == before
-    points = [(point.step, point.value) for point in client.get_metric_history(again.id, "loss")]
-    assert points == [(0, 1), (1, 1.25), (2, 1.5), (3, 0.25)]
-    other = TrainingRun(Track(URI, "test"), "ours.s1", "2" * 64, {"lr": 2})
-    other.log({"loss": 0.5}, 0)
-    assert other.id not in before and client.get_run(other.id).data.params["lr"] == "2"
-    client.delete_run(other.id)
+def make_run(name: str = "ours.s0", mark: str = "1" * 64, steps=(4, 8)) -> None:
+    with training_run(Track(URI, "test"), name, mark, {"lr": 1}, {}) as run:
+        for step in steps:
+            run.add_image(np.zeros((8, 8, 3), np.uint8), step)
+            run.log({"loss": step / 8, "albedo": 1.0}, step)
+        assert not run._warnings
+        os._exit(0)
 
 
-def test_a_deleted_run_is_made_anew(client):
-    runs_of_one = [TrainingRun(Track(URI, "test"), "gone", "3" * 64, {}) for _ in range(2)]
-    runs_of_one[0].log({"loss": 0.5}, 0)
-    client.delete_run(runs_of_one[0].id)
-    runs_of_one[1].log({"loss": 0.5}, 0)
-    assert runs_of_one[1].id not in (None, runs_of_one[0].id)
-    client.delete_run(runs_of_one[1].id)
+def test_training_run_is_found_again_and_has_each_step_once(tmp_path):
+    """A training that was killed logs an epoch again; another fingerprint is another run."""
+    for steps in ((4, 8), (8, 12)):
+        in_folder(tmp_path, make_run, "ours.s0", "1" * 64, steps)
+    in_folder(tmp_path, make_run, "ours.s0", "2" * 64)
+    client = MlflowClient(f"sqlite:///{tmp_path}/mlflow.db")
+    first, other = sorted(runs(client), key=lambda run: run.info.start_time)
+    for metric in ("loss/train", "train/albedo"):
+        assert [point.step for point in client.get_metric_history(first.info.run_id, metric)] == [4, 8, 12]
+    assert [point.step for point in client.get_metric_history(other.info.run_id, "loss/train")] == [4, 8]
+    pictures = [item.path.split("+")[2] for item in client.list_artifacts(first.info.run_id, "images")]
+    assert sorted(set(pictures), key=int) == ["4", "8", "12"]
 
 
-def trained(name: str, mark: str, curve: Path, score: float, complete: bool = True, part: str = "train") -> Path:
-    """A finished training with a network of its own, scored; if not complete, it has no light."""
-    network = curve.parent / f"{name}.safetensors"
-    save_network(network, build(NETWORK, 64), NETWORK, fingerprint=mark, train={"color": "photo"})
-    run = TrainingRun(Track(), name, mark, {"train": {"color": "photo", "part": part, "lights": [part]}})
-    run.finish(curve, network)
-    maps = ("shading", "albedo", "light") if complete else ("shading", "albedo")
-    run.log_scores({f"test/{name}_rmse": score for name in maps}, network)
-    assert not run.warnings
-    return network
+def record(track: Track, losses: dict[str, float]) -> None:
+    """Records a workflow whose trainings have finished and are scored, given their validation losses."""
+    networks = {}
+    for name, loss in losses.items():
+        networks[name] = Path(f"{name}.safetensors")
+        settings = {"train": {"color": "paper"}}
+        save_network(networks[name], build(NETWORK, 64), NETWORK, fingerprint=name.encode().hex(), **settings)
+        curve = Path(f"{name}.csv")
+        curve.write_text(f"step,loss,validation/loss\n4,0.5,{loss + 1}\n8,0.25,{loss}\n")
+        data = {"lights": networks[name]}
+        with training_run(track, name, name.encode().hex(), settings, data) as run:
+            run.log({"loss": 0.5, "validation/loss": loss + 1}, 4)
+            run.finish(networks[name], curve)
+            assert not run._warnings
+        means = {"shading_rmse": 0.5 - loss, "shading_ssim": 0.75}
+        for condition in ("test", "sitting-test", "test"):
+            log_scores(track, networks[name], {"fingerprint": name.encode().hex()}, condition, means, curve)
+    finish_workflow(track, networks, "here")
 
 
-def test_the_end_of_a_workflow(tmp_path, folder, client, monkeypatch):
-    """Its report among its artifacts, its trainings in its description, and its best network loads in both ways."""
+def check_record(address: str, best: str = "ours_full.s1") -> None:
+    """The runs of `record` ended, are complete, and the best one is registered."""
+    store.select_store(address)
+    client = MlflowClient()
+    for run in runs(client):
+        assert run.info.status == "FINISHED" and run.data.params == {"train.color": "paper"}
+        scores = {name for name in run.data.metrics if name.startswith("test")}
+        assert scores == {"test_shading_rmse"}
+        assert len(client.get_metric_history(run.info.run_id, "test_shading_rmse")) == 1
+        points = client.get_metric_history(run.info.run_id, "loss/train")
+        assert [(point.step, point.value) for point in points] == [(4, 0.5), (8, 0.25)]
+        folders = {f"scores/{name}" for name in ("test", "sitting-test")}
+        assert {item.path for item in client.list_artifacts(run.info.run_id, "scores")} == folders
+        assert [item.dataset.name for item in run.inputs.dataset_inputs] == ["lights"]
+    version = client.get_model_version_by_alias("relight", "paper")
+    assert client.get_run(version.run_id).info.run_name == best
+
+
+LOSSES = {"ours_full.s0": 0.3, "ours_full.s1": 0.2, "sfsnet.s0": 0.1}
+
+
+@pytest.mark.parametrize(("name", "elsewhere"), [("a b'ü", False), ("a b'ü 50%20#1 {x}", True)])
+def test_finish_workflow_registers_the_best_network_in_sqlite(tmp_path, name, elsewhere, monkeypatch):
+    """In a folder of any name, and in another folder's database: by the validation loss, not by the test."""
+    folder, other = tmp_path / name / "clone", tmp_path / name / "other"
+    folder.mkdir(parents=True)
+    other.mkdir()
+    uri = f"sqlite:///{other}/o.db" if elsewhere else URI
+    in_folder(folder, record, Track(uri, "test"), LOSSES)
+    made = {path.name for path in folder.iterdir() if path.suffix not in (".csv", ".safetensors")}
+    assert made == {".mlflow.lock", "mlruns", *([] if elsewhere else ["mlflow.db"])}
+    assert {path.name for path in folder.parent.iterdir()} == {"clone", "other"}
+    address = f"sqlite:///{other}/o.db" if elsewhere else f"sqlite:///{folder}/mlflow.db"
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", address)
+    monkeypatch.setattr(registry, "ROOT", folder)
+    check_record(address)
+    assert download_network("models:/relight@paper").read_bytes() == (folder / "ours_full.s1.safetensors").read_bytes()
+    with pytest.raises(UserError, match=r"models:/relight@photo is not in MLflow"):
+        download_network("models:/relight@photo")
+    if "#" not in name:  # which MLflow cannot load from
+        check_model(folder / "ours_full.s1.safetensors")
+
+
+def check_model(network: Path) -> None:
+    """The registered model is the network of a file, as a function and without a pickle."""
     import mlflow
 
     from relight.learning.checkpoint import load_network
     from relight.learning.predict import predict
-    from relight.photos.api import load
 
-    flow = replace(FLOW, name="ended", fingerprint="8" * 64)
-    monkeypatch.setenv(WORKFLOW, flow.to_json())
-    (folder / "report").mkdir()
-    for name in ("report/report.html", "report/table1.csv", "report/notes.bin", "run.yaml"):
-        (folder / name).write_text("x")
-    curve = tmp_path / "curve.csv"
-    curve.write_text("step,loss,validation/loss\n4,0.5,0.75\n")
-    scores: dict[str, tuple] = {"ours.s0": (0.3,), "ours.s1": (0.2,)}
-    scores |= {"silhouette.s0": (0.1, False), "self_all.s0": (0.1, True, "test")}  # neither can be the best
-    networks = {name: trained(name, name, curve, *how) for name, how in scores.items()}
-    finish_workflow(flow, networks, folder / "report")
-    run = next(run for run in runs(client) if run.info.run_name == "ended")
-    assert run.info.status == "FINISHED" and run.data.tags["best"] == "ours.s1"
-    assert {item.path for item in client.list_artifacts(run.info.run_id)} == {"config.yaml", "report", "run.yaml"}
-    kept = {item.path for item in client.list_artifacts(run.info.run_id, "report")}
-    assert kept == {"report/report.html", "report/table1.csv"}
-    note = run.data.tags["mlflow.note.content"]
-    assert "### table2" in note and "| 0.2000 |" in note and "compare-runs" in note
-
-    monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{folder}/mlflow.db")
-    monkeypatch.setattr("relight.tracking.server.ROOT", folder)
-    assert load("models:/relight@photo").network.digest == file_hash(networks["ours.s1"])
-    assert download_network("models:/relight@photo").read_bytes() == networks["ours.s1"].read_bytes()
-    with pytest.raises(UserError, match=r"models:/relight@nothing is not in MLflow"):
-        load("models:/relight@nothing")
-    mlflow.set_tracking_uri(URI)
-    served = mlflow.pyfunc.load_model("models:/relight@photo")
-    example = served.input_example
-    network, _ = load_network(networks["ours.s1"])
-    found, wanted = served.predict(example), predict(network, example["image"], example["mask"])
+    served, (own, _) = mlflow.pyfunc.load_model("models:/relight@paper"), load_network(network)
+    rng = np.random.default_rng(0)
+    inputs = {"image": rng.random((2, 64, 64, 3), np.float32), "mask": np.ones((2, 64, 64), np.float32)}
+    found, wanted = served.predict(inputs), predict(own, inputs["image"], inputs["mask"])
     assert served.metadata.signature.outputs.input_names() == list(found)
     for name, values in wanted.items():
         np.testing.assert_array_equal(found[name], values)
-    assert not [path for path in folder.rglob("*") if path.suffix in (".pkl", ".pickle", ".pth")], "no pickle"
+    logged = [path.suffix for path in network.parent.rglob("*")]
+    assert ".safetensors" in logged and not {".pkl", ".pickle", ".pth"} & {*logged}, "no pickle"
 
 
-def test_a_failure_is_recorded_even_after_a_success(tmp_path, folder, client, monkeypatch):
-    """A training or workflow that is made again and fails did not finish; one that has no run gets none."""
-    first = TrainingRun(Track(URI, "test"), "again", "4" * 64, {})
-    first.log({"loss": 0.5}, 0)
-    first.attempt(first.end)
-    TrainingRun(Track(URI, "test"), "again", "4" * 64, {}).fail()
-    assert client.get_run(first.id).info.status == "FAILED"
-    count = len(runs(client))
-    TrainingRun(Track(URI, "test"), "never", "5" * 64, {}).fail()
-    assert len(runs(client)) == count
-    client.delete_run(first.id)
+@HAS_POSTGRES
+def test_finish_workflow_registers_the_best_network_in_a_database_server(postgres, tmp_path):
+    in_folder(tmp_path, record, Track(postgres, "test"), LOSSES)
+    check_record(postgres)
 
-    flow = replace(FLOW, name="twice", fingerprint="6" * 64)
-    (folder / "train").mkdir(exist_ok=True)
-    finish_workflow(flow, {}, folder / "report", failed=True)
-    assert "twice" not in {run.info.run_name for run in runs(client)}
-    finish_workflow(flow, {}, folder / "report")
-    finish_workflow(flow, {}, folder / "report", failed=True)
-    (run,) = (run for run in runs(client) if run.info.run_name == "twice")
-    assert run.info.status == "FAILED"
-    client.delete_run(run.info.run_id)
+
+@pytest.mark.parametrize(("color", "best"), [("paper", "b"), ("photo", "f")])
+def test_register_names_the_network_of_its_color_model(color, best):
+    """Of the row that is named so, with a model, by the least validation loss; other rows and colors change nothing."""
+    runs = [
+        fake_run("a", "ours_full", "paper", 0.3),
+        fake_run("b", "ours_full", "paper", 0.2),
+        fake_run("c", "ours_full", "paper", 0.1, model=None),
+        fake_run("d", "ours_full", "photo", 0.1),
+        fake_run("e", "sfsnet", "paper", 0.1),
+        fake_run("f", "photo", "photo", None),
+    ]
+    client = Mock()
+    client.search_model_versions.return_value = [Mock(version="7")]
+    registry.register(client, [run for run in runs if run.data.params["train.color"] == color])
+    client.search_model_versions.assert_called_once_with(f"name = 'relight' and run_id = '{best}'")
+    client.set_registered_model_alias.assert_called_once_with("relight", color, "7")
+
+
+def fake_run(name: str, row: str, color: str, loss: float | None, model: str | None = "m") -> Mock:
+    """A run of MLflow; without a loss its training had no validation."""
+    run = Mock()
+    run.info.run_id = name
+    run.data.tags, run.data.params = {"row": row}, {"train.color": color}
+    run.data.metrics = {} if loss is None else {"loss/validation": loss, "test_shading_rmse": -loss}
+    run.outputs = Mock(model_outputs=[Mock(model_id=model)]) if model else None
+    return run
+
+
+def fail() -> None:
+    with pytest.raises(ZeroDivisionError), training_run(Track(URI, "test"), "ours.s0", "1" * 64, {}, {}):
+        print(1 / 0)
+
+
+def test_what_did_not_finish_is_not_left_running(tmp_path):
+    """An exception ends a run; the end of the workflow ends those of its clone that were killed, and no others."""
+    in_folder(tmp_path, fail)
+    client = MlflowClient(f"sqlite:///{tmp_path}/mlflow.db")
+    assert [run.info.status for run in runs(client)] == ["FAILED"]
+    for seed in (2, 3):
+        in_folder(tmp_path, write, URI, seed)
+    client.set_tag(runs(client)[1].info.run_id, "clone", "elsewhere")
+    assert [run.info.status for run in runs(client)] == ["FAILED", "RUNNING", "RUNNING"]
+    in_folder(tmp_path, finish_workflow, Track(URI, "test"), {"ours.s2": tmp_path / "ours.s2.safetensors"}, "here")
+    assert [run.info.status for run in runs(client)] == ["FAILED", "RUNNING", "KILLED"]
+
+
+def test_connect_says_that_a_clone_was_moved(tmp_path, capfd):
+    """Artifacts would be written to the old place."""
+    (tmp_path / "old").mkdir()
+    in_folder(tmp_path / "old", make_run)
+    (tmp_path / "old").rename(tmp_path / "new")
+    with chdir(tmp_path / "new"), pytest.raises(UserError, match=r"old/mlruns is gone.*track\.experiment"):
+        store.connect(Track(f"sqlite:///{tmp_path}/new/mlflow.db", "test"))
+    assert not (tmp_path / "old").exists()
+    store.connect(Track(f"sqlite:///{tmp_path}/new/mlflow.db", "other"))
 
 
 def test_without_an_address_nothing_is_tracked(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
-    run = TrainingRun(Track(), "ours.s0", "1" * 64, {"lr": 1})
-    run.log({"loss": 0.5}, 0)
-    run.log_scores({"test": 1.0}, tmp_path / "ours.safetensors")
-    finish_workflow(replace(FLOW, track=Track()), {}, tmp_path)
+    network = tmp_path / "ours.s0.safetensors"
+    with training_run(Track(), "ours.s0", "1" * 64, {"lr": 1}, {}) as run:
+        assert run is None
+    log_scores(Track(), network, {"fingerprint": "1" * 64}, "test", {"light_rmse": 1.0}, network)
+    finish_workflow(Track(), {"ours.s0": network}, "here")
     assert not list(tmp_path.iterdir()) and capsys.readouterr() == ("", "")
 
 
-def test_mlflow_is_silenced_before_anything_imports_it(monkeypatch):
-    """Its monitors of the machine come first; and it would tell its makers that it is used."""
+def test_select_store_silences_mlflow(monkeypatch):
+    """It would tell its makers that it is used."""
     for variable in store.DEFAULTS:
         monkeypatch.delenv(variable, raising=False)
-    TrainingRun(Track(URI, "test"), "ours.s0", "1" * 64, {"lr": 1})
+    store.select_store(URI)
     assert store.DEFAULTS.items() <= os.environ.items() and store.DEFAULTS["DO_NOT_TRACK"] == "true"
 
 
-def test_a_workflow_tells_what_was_asked_for(monkeypatch):
-    plan = Plan({"hydra": "scale=smoke experiment=[table1,table2] track.experiment=own"})
-    flow = plan.workflow()
-    monkeypatch.setenv(WORKFLOW, flow.to_json())
-    assert Workflow.from_environment() == flow and flow.track == Track("sqlite:///mlflow.db", "own")
-    assert flow.rows["ours_full"] == ["table1", "table2"] and flow.tags["sweep"] == "false"
-    assert flow.settings["train"]["steps"] == 24 and "track" not in flow.settings
-    others = ("scale=smoke", "scale=smoke train.lr=0.5", "scale=smoke track=none")
-    marks = [Plan({"hydra": words}).workflow().fingerprint for words in others]
-    assert marks[0] == marks[2] != marks[1]
-    swept = Plan({"hydra": "scale=smoke", "rows": {"lr_1": ["train.lr=1"]}}).workflow()
-    assert (
-        swept.track.experiment == "smoke sweeps" and swept.tags["sweep"] == "true" and swept.rows == {"lr_1": ["sweep"]}
-    )
+def test_plan_tracking_tells_what_was_asked_for():
+    words = "scale=smoke experiment=[table1,table2] track.experiment=own"
+    told = Plan({"hydra": words}).tracking()
+    assert told["track"] == {"uri": "sqlite:///mlflow.db", "experiment": "own"}
+    tags = told["tags"]["ours_full"]
+    assert tags["experiment"] == "table1, table2" and tags["workflow"] == "smoke"
+    assert tags["settings"] == "scale=smoke 'experiment=[table1,table2]' track.experiment=own"
+    swept = Plan({"hydra": "scale=smoke", "rows": {"lr_1": ["train.lr=1"]}}).tracking()
+    assert swept["tags"]["lr_1"]["experiment"] == "sweep"
 
 
-def test_runs_on_a_server_and_the_server_of_relight_ui(tmp_path):
-    """`relight ui` takes overrides, says where the runs are, and is one server that ends with it."""
+def test_serve_is_one_server_that_ends_with_it_and_takes_runs(tmp_path):
+    """`relight ui` takes overrides and says where the runs are; by http, trainings are recorded and registered, too."""
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    words = ["ui", f"track.uri=sqlite:///{tmp_path}/a.db", "track.experiment=mine", "--port", str(port)]
+    words = ["ui", f"track.uri=sqlite:///{tmp_path}/a.db", "track.experiment=test", "--port", str(port)]
     server = subprocess.Popen(
         [sys.executable, "-m", "relight.cli", *words],
         env={**os.environ, "PYTHONPATH": str(ROOT)},
@@ -317,13 +381,8 @@ def test_runs_on_a_server_and_the_server_of_relight_ui(tmp_path):
                 break
             except OSError:
                 time.sleep(0.2)
-        run = TrainingRun(Track(address, "mine"), "ours.s0", "1" * 64, {str(i): i for i in range(150)})
-        run.add_image(np.zeros((8, 8, 3), np.uint8), 4)
-        run.log({"loss": 0.5}, 4)
-        assert not run.warnings
-        found = MlflowClient(address).get_run(run.id)
-        assert found.info.experiment_id == "1" and found.data.metrics["loss"] == 0.5 and len(found.data.params) == 150
-        assert MlflowClient(address).list_artifacts(run.id, "images")
+        in_folder(tmp_path, record, Track(address, "test"), LOSSES)
+        check_record(address)
         family = [server.pid, *(child.pid for child in psutil.Process(server.pid).children(recursive=True))]
         assert len(family) <= 4, "one person looks"
     finally:

@@ -12,7 +12,8 @@ from snakemake.exceptions import WorkflowError
 from relight.files import UserError, is_unsafe_name
 from relight.processes import STARTED_BY
 from relight.scheduling import limit_scheduler_timers
-from relight.tracking.workflow import WORKFLOW, finish_workflow
+from relight.tracking.registry import finish_workflow
+from relight.tracking.run import WORKFLOW
 from relight.workflow import FAILED_VARIABLE, Plan, report_completed
 
 limit_scheduler_timers()
@@ -24,8 +25,7 @@ try:
 except UserError as error:
     raise WorkflowError(str(error)) from None
 OUT = PLAN.out
-WORKFLOW_INFO = PLAN.workflow()
-os.environ[WORKFLOW] = WORKFLOW_INFO.to_json()
+os.environ[WORKFLOW] = json.dumps(PLAN.tracking())
 
 
 onstart:
@@ -34,11 +34,11 @@ onstart:
 
 onsuccess:
     PLAN.clean_up({str(path) for job in workflow.dag.jobs for path in job.output})
-    finish_workflow(WORKFLOW_INFO, PLAN.networks, Path(OUT, "report"))
+    finish_workflow(PLAN.cfg.track, PLAN.networks, PLAN.clone)
 
 
 onerror:
-    finish_workflow(WORKFLOW_INFO, PLAN.networks, Path(OUT, "report"), failed=True)
+    finish_workflow(PLAN.cfg.track, PLAN.networks, PLAN.clone)
     # Not after Ctrl-C, which only this attribute shows, and only if the whole workflow was requested.
     if not workflow.scheduler._user_kill and any(
         job.rule.name == "all" for job in workflow.dag.jobs
