@@ -33,7 +33,7 @@ from omegaconf import OmegaConf
 from relight.config import Model, composed
 from relight.evaluation.timing import matmul_rate, multiply_adds
 from relight.learning.data import Batch, RelitSet
-from relight.learning.losses import losses, weights
+from relight.learning.losses import losses
 from relight.learning.networks import build
 from relight.maps import Maps, pack_maps, write_maps
 from relight.sh import unoccluded
@@ -100,13 +100,13 @@ class Case:
         self.forward = torch.compile(self.network) if compiled else self.network
         self.optimizer = torch.optim.Adam(self.network.parameters(), lr=1e-4, fused=True)
         self.autocast = torch.autocast(device, torch.bfloat16) if precision == "bf16" else nullcontext()
-        self.weight, self.rng = weights(FULL, size), np.random.default_rng(1)
+        self.rng = np.random.default_rng(1)
 
     def draw(self) -> Batch:
         return self.data.batch(self.rng.integers(0, 4, self.count), self.rng.integers(0, 40, self.count))
 
     def total(self, outputs: dict, batch: Batch) -> torch.Tensor:
-        return sum(self.weight[name] * value for name, value in losses(outputs, batch, FULL).items())
+        return losses(outputs, batch, FULL)[0]
 
     def step(self) -> None:
         batch = self.draw()

@@ -24,7 +24,6 @@ import torch
 from relight.config import Loss, composed, resolved, check
 from relight.files import UserError
 from relight.learning.checkpoint import load_network, save_network
-from relight.learning.losses import losses, weights, weighted_sum
 from relight.learning.networks import build
 from relight.lights import load_light
 from relight.stages.figure import main
@@ -44,7 +43,7 @@ assert type(again).__name__ == "network" and torch.equal(again.maps.weight, netw
 
 light = load_light("mine:2.5", order=1).coefficients
 assert light.shape == (4, 3) and (light[0] == 2.5).all() and not light[1:].any()
-assert weights(settings.loss, 64)["extra_mine"] == 0.5
+assert settings.loss.extra == {"mine": 0.5}
 
 sys.argv = ["figure", "+figures.source=mine", "io.figure=g0007", "io.out=g0007.npz"]
 sys.argv[1:2] = ["scale=smoke", "figures.source=mine"]

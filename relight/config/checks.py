@@ -3,19 +3,17 @@
 import difflib
 import re
 from collections.abc import Iterable, Iterator
-from dataclasses import fields
 from itertools import chain
 from typing import Any
 
 from omegaconf import DictConfig, OmegaConf
 
 from relight import extensions
-from relight.config.schema import EXPERIMENT, FIELDS, STRENGTHS, Loss
+from relight.config.schema import EXPERIMENT, FIELDS, STRENGTHS
 from relight.config.setting import domain_in_words, setting_of
 from relight.files import UserError
 
 NAME_PATTERN, MAX_NAME_LENGTH = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._+-]*"), 100
-UNSUPERVISED_LOSSES = ("reconstruction_full", "tv_albedo", "tv_transport")  # all others need ground truth
 
 
 def check(cfg: DictConfig) -> None:
@@ -101,12 +99,10 @@ def _inconsistent(cfg: DictConfig) -> Iterator[str]:
     if get("model.name") == "unet" and get("model.dropout"):
         yield "model.name=unet has no dropout: give model=unet or model.dropout=0"
     if get("train.part") == "test" or "test" in (get("train.lights") or ()):
-        supervised = [one.name for one in fields(Loss) if one.type in (float, "float")]
-        if used := [name for name in supervised if name not in UNSUPERVISED_LOSSES and get(f"loss.{name}")]:
-            yield (
-                f"the test's pictures need losses without ground truth, and loss.{used[0]} uses it: give "
-                "loss=self_supervised"
-            )
+        supervised = [key for key, field in FIELDS.items() if setting_of(field).supervised]
+        if used := [key for key in supervised if get(key)]:
+            sentence = f"the test's pictures need losses without ground truth, and {used[0]} uses it"
+            yield f"{sentence}: give loss=self_supervised"
     for name, experiment in (get("experiments") or {}).items():
         if unknown := [row for row in experiment.rows if row not in (get("sweep.rows") or {})]:
             yield f"experiments.{name}.rows: no row {unknown[0]} in sweep.rows; add it there"

@@ -14,6 +14,11 @@ AXES = ("auto", "+x", "-x", "+y", "-y", "+z", "-z")
 VERSION = "version of the code; results are recomputed when it is raised"
 
 
+def weight(about: str, supervised: bool = True) -> Any:
+    """Returns a field for the weight of a loss, 0 by default; `supervised` if the loss needs ground truth."""
+    return setting(about, 0.0, least=0, supervised=supervised)
+
+
 @dataclass
 class Figures:
     """The source and the content of figures."""
@@ -190,39 +195,36 @@ class Model:
 
 @dataclass
 class Loss:
-    """Weights of the losses; a loss of weight 0 is not computed."""
+    """Weights of the losses of `relight.learning.losses.TERMS`; a loss of weight 0 is not computed."""
 
-    albedo: float = setting("error of albedo", least=0)
-    transport: float = setting("error of transport, or of normals and AO for networks that infer these", least=0)
-    light: float = setting("error of the light", least=0)
-    tv_albedo: float = setting("total variation of albedo", least=0)
-    tv_transport: float = setting("total variation of transport", least=0)
-    shading: float = setting(
-        "error of shading, by the inferred transport, by the inferred light, and by both; weight of each of the three",
-        least=0,
+    albedo: float = weight("error of albedo")
+    transport: float = weight("error of transport, or of normals and AO for networks that infer these")
+    light: float = weight("error of the light")
+    tv_albedo: float = weight("total variation of albedo", supervised=False)
+    tv_transport: float = weight("total variation of transport", supervised=False)
+    shading: float = weight(
+        "error of shading, by the inferred transport, by the inferred light, and by both; weight of each of the three"
     )
-    reconstruction: float = setting(
-        "error of the relit image with one or two of albedo, transport and light inferred; weight of each of the six",
-        least=0,
+    reconstruction: float = weight(
+        "error of the relit image with one or two of albedo, transport and light inferred; weight of each of the six"
     )
-    reconstruction_full: float = setting("error of the relit image with all three inferred", least=0)
-    relit: float = setting(
+    reconstruction_full: float = weight("error of the relit image with all three inferred", supervised=False)
+    relit: float = weight(
         "error of the inferred shading and image under the light of another image of the batch; "
-        "weight of each of the two",
-        least=0,
+        "weight of each of the two"
     )
-    detail_albedo: float = setting(
-        "energy of the detail of albedo's error, relative to that of the true albedo", least=0
-    )
-    detail_transport: float = setting("the same of transport", least=0)
-    detail_shading: float = setting("the same of shading under the true light", least=0)
-    exclusion: float = setting("detail common to albedo and shading, beyond that of the true ones", least=0)
-    extra: dict[str, float] = setting("weights of your own losses, by the names of the files in relight/extensions", {})
+    detail_albedo: float = weight("energy of the detail of albedo's error, relative to that of the true albedo")
+    detail_transport: float = weight("same, for transport")
+    detail_shading: float = weight("same, for shading under the true light")
+    exclusion: float = weight("detail common to albedo and shading, beyond that of the true ones")
+    extra: dict[str, float] = setting("weights of your own losses, by the names of the extensions", {})
     tv_reference: int = setting(
-        "image size in pixels at which tv_transport applies; the weight is proportional to the image size", least=1
+        "image size in pixels at which tv_transport applies; the weight is proportional to the image size",
+        1024,
+        least=1,
     )
     reduction: str = setting(
-        "whether losses are means over the whole image, or over its mask", choices=("image", "mask")
+        "whether losses are means over the whole image, or over its mask", "image", choices=("image", "mask")
     )
 
 

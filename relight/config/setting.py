@@ -21,6 +21,7 @@ class Setting:
         above, below: exclusive bounds of a number.
         multiple: divisor of a number.
         interval: whether it is a list [least, most] of two numbers.
+        supervised: whether it is the weight of a loss that needs ground truth.
     """
 
     about: str
@@ -31,6 +32,7 @@ class Setting:
     below: float | None = None
     multiple: int | None = None
     interval: bool = False
+    supervised: bool = False
 
     @property
     def domain(self) -> str:
@@ -72,8 +74,8 @@ def setting(about: str, default: Any = MISSING, **rules: Any) -> Any:
 
     Args:
         about: description, with the unit.
-        default: only for settings that files may omit: those that are newer than existing files, and those that the
-            workflow omits for stages whose outputs do not depend on them (`WITHOUT_EFFECT`).
+        default: only for settings that files may omit: weights of losses, settings that are newer than existing files,
+            and those that the workflow omits for stages whose outputs do not depend on them (`WITHOUT_EFFECT`).
         **rules: the domain, as in `Setting`.
     """
     metadata = {"setting": Setting(about, **rules)}

@@ -1,5 +1,8 @@
 """The fifteen L1 losses of the paper (section 4), two under another light, and four of detail for photographs.
 
+`TERMS` is the table of the losses: the name of a weight in `relight.config.Loss`, and the function that computes what
+it weighs. To add a loss, add a weight there and a term here.
+
 They are computed on the pixels inside the masks. Outside, ground truth and masked outputs are both zero, so sums over
 the masks are sums over the images. Let A, T, L be the ground truth, A^, T^, L^ the prediction, S = T.L and I = A*S.
 Four of the seven reconstructions need no new map: |A*(T^.L) - I| = A*|T^.L - S|, the same for the other two shadings,
@@ -10,7 +13,7 @@ cost of others. The losses `relit` compare T^.L' and A^*(T^.L') with T.L' and A*
 image of the batch.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 
 import torch
@@ -19,6 +22,7 @@ from torch import Tensor
 
 from relight.config import Loss
 from relight.extensions import extension
+from relight.files import UserError
 from relight.learning.camera import shade
 from relight.learning.data import Batch
 from relight.learning.networks import with_transport
@@ -29,8 +33,54 @@ LEVEL = 0.05  # of the true map's root mean square: bounds the divisor where the
 DARK = 0.02  # lower bound of values whose ln is taken
 
 
-def losses(outputs: dict[str, Tensor], batch: Batch, loss: Loss) -> dict[str, Tensor]:
-    """Computes the losses whose weights are not zero.
+class Comparison:
+    """The inferred maps of a batch beside the true ones, as the terms need them; what several terms need is kept.
+
+    Attributes:
+        outputs: of the network, maps (B,C,S,S) and light (B,K,3).
+        batch: the ground truth.
+        maps: the inferred maps (B,P,C) inside the masks, with the transport that follows from normals (and AO).
+        albedo, transport: two of them.
+        light: (B,K,3).
+    """
+
+    def __init__(self, outputs: dict[str, Tensor], batch: Batch, reduction: str):
+        order = order_of(batch.light.shape[1])
+        self.outputs, self.batch = outputs, batch
+        self.maps = with_transport({k: batch.gather(v) for k, v in outputs.items() if k != "light"}, order)
+        self.albedo, self.transport, self.light = self.maps["albedo"], self.maps["transport"], outputs["light"].float()
+        if "normal" in self.maps:
+            self.transport = self.transport * batch.inside  # zero normals of the padding have non-zero transport
+        self.pixels = len(self.light) * batch.size**2 if reduction == "image" else batch.mask_pixels
+        self._kept: dict[str, Tensor] = {}
+
+    def _keep(self, name: str, compute: Callable[[], Tensor]) -> Tensor:
+        if name not in self._kept:
+            self._kept[name] = compute()
+        return self._kept[name]
+
+    def shading(self, inferred: str) -> Tensor:
+        """Returns the shading (B,P,3) by the inferred "transport", by the inferred "light", or by "transport_light"."""
+        transport = self.batch.transport if inferred == "light" else self.transport
+        light = self.batch.light if inferred == "transport" else self.light
+        return self._keep(inferred, lambda: shade(transport, light))
+
+    def shading_error(self, inferred: str) -> Tensor:
+        """Returns the absolute error (B,P,3) of such a shading."""
+        return self._keep(f"{inferred} error", lambda: (self.shading(inferred) - self.batch.shading).abs())
+
+    def albedo_error(self) -> Tensor:
+        """Returns the absolute error (B,P,3) of the albedo."""
+        return self._keep("albedo error", lambda: (self.albedo - self.batch.albedo).abs())
+
+    def mean(self, error: Tensor, weight: Tensor | None = None) -> Tensor:
+        """Returns the mean of an error (B,P,C), times a weight of the same shape if there is one."""
+        total = error.sum() if weight is None else torch.dot(weight.flatten(), error.flatten())
+        return total / (self.pixels * error.shape[-1])
+
+
+def losses(outputs: dict[str, Tensor], batch: Batch, loss: Loss) -> tuple[Tensor, dict[str, Tensor]]:
+    """Computes the losses whose weights are not zero, and their weighted sum.
 
     The name of a shading or reconstruction lists its inferred factors: `reconstruction_albedo_light` compares A^*(T.L^)
     with the image. A network that infers normals has the losses `normal` (and `ao`) instead of `transport`; its other
@@ -43,69 +93,85 @@ def losses(outputs: dict[str, Tensor], batch: Batch, loss: Loss) -> dict[str, Te
             over all pixels, background included (`image`, the authors'), or over those of the masks (`mask`).
 
     Returns:
-        Unweighted scalars by name.
+        The weighted sum, and the unweighted scalars by name.
+
+    Raises:
+        UserError: if all weights are zero.
     """
-    order = order_of(batch.light.shape[1])
-    maps = with_transport({k: batch.gather(v) for k, v in outputs.items() if k != "light"}, order)
-    albedo, transport, light = maps["albedo"], maps["transport"], outputs["light"].float()
-    if "normal" in maps:
-        transport = transport * batch.inside  # zero normals of the padding have non-zero transport
-    pixels = len(light) * batch.size**2 if loss.reduction == "image" else batch.mask_pixels
-    values = {}
+    comparison = Comparison(outputs, batch, loss.reduction)
+    values: dict[str, Tensor] = {}
+    weighted: list[Tensor] = []
 
-    def mean(error: Tensor) -> Tensor:
-        return error.sum() / (pixels * error.shape[-1])
+    def add(found: dict[str, Tensor], weight: float) -> None:
+        values.update(found)
+        weighted.extend(weight * value for value in found.values())
 
-    def weighted(weight: Tensor, error: Tensor) -> Tensor:
-        """Returns the mean of weight * error without storing the product."""
-        return torch.dot(weight.flatten(), error.flatten()) / (pixels * error.shape[-1])
+    for name, term in TERMS.items():
+        if weight := getattr(loss, name):
+            # A mean over pixels. A larger image has a smaller share of them on edges of shapes, where transport
+            # varies; textures have edges at every scale (0.036, 0.083 and 0.048 per pixel in three texture maps at
+            # 1024 px, 0.074, 0.073 and 0.057 at 128 px).
+            add(term(comparison), weight * batch.size / loss.tv_reference if name == "tv_transport" else weight)
+    for name, weight in loss.extra.items():
+        if weight:
+            add({f"extra_{name}": extension(name, "loss")(outputs, batch)}, weight)
+    if not weighted:
+        raise UserError("every weight in the group loss is 0: give one, such as loss=full")
+    return sum(weighted[1:], weighted[0]), values
 
-    albedo_error = (albedo - batch.albedo).abs()
-    if loss.albedo:
-        values["albedo"] = mean(albedo_error)
-    if loss.transport:
-        for name in ("transport", "normal", "ao"):
-            if name in outputs:
-                values[name] = mean((maps[name] - getattr(batch, name)).abs())
-    if loss.light:
-        values["light"] = F.l1_loss(light, batch.light)
-    if loss.tv_albedo:
-        values["tv_albedo"] = mean(variation(albedo, batch))
-    if loss.tv_transport:
-        values["tv_transport"] = mean(variation(transport, batch))
 
-    shadings = {}
-    if loss.shading or loss.reconstruction:
-        shadings["transport"] = shade(transport, batch.light)
-        shadings["light"] = shade(batch.transport, light)
-    if loss.shading or loss.reconstruction or loss.reconstruction_full:
-        shadings["transport_light"] = shade(transport, light)
-    for name in ("albedo", "transport", "shading"):
-        if getattr(loss, f"detail_{name}"):
-            inferred = {"albedo": albedo, "transport": transport, "shading": shade(transport, batch.light)}[name]
-            truth = getattr(batch, name)
-            values[f"detail_{name}"] = detail(inferred - truth, truth, batch)
-    if loss.exclusion:
-        inferred_maps, true_maps = (albedo, shade(transport, batch.light)), (batch.albedo, batch.shading)
-        values["exclusion"] = exclusion(inferred_maps, true_maps, batch)
-    if loss.shading or loss.reconstruction:
-        errors = {name: (shading - batch.shading).abs() for name, shading in shadings.items()}
-    if loss.shading:
-        values |= {f"shading_{name}": mean(error) for name, error in errors.items()}
-    if loss.reconstruction:
-        values |= {f"reconstruction_{name}": weighted(batch.albedo, error) for name, error in errors.items()}
-        values["reconstruction_albedo"] = weighted(batch.shading, albedo_error)
-        for name in ("transport", "light"):
-            values[f"reconstruction_albedo_{name}"] = mean((albedo * shadings[name] - batch.relit).abs())
-    if loss.reconstruction_full:
-        values["reconstruction_full"] = mean((albedo * shadings["transport_light"] - batch.relit).abs())
-    if loss.relit:
-        other = batch.light.roll(1, 0) if batch.other_light is None else batch.other_light
-        inferred, truth = shade(transport, other), shade(batch.transport, other)
-        values["relit_shading"] = mean((inferred - truth).abs())
-        values["relit_image"] = mean((albedo * inferred - batch.albedo * truth).abs())
-    extra = {f"extra_{name}": extension(name, "loss")(outputs, batch) for name, weight in loss.extra.items() if weight}
-    return values | extra
+def transport_losses(c: Comparison) -> dict[str, Tensor]:
+    """Returns the error of transport, or those of the normals and AO that a network infers in its place."""
+    names = [name for name in ("transport", "normal", "ao") if name in c.outputs]
+    return {name: c.mean((c.maps[name] - getattr(c.batch, name)).abs()) for name in names}
+
+
+def shading_losses(c: Comparison) -> dict[str, Tensor]:
+    """Returns the errors of the shadings by the inferred transport, the inferred light, and both."""
+    return {f"shading_{name}": c.mean(c.shading_error(name)) for name in ("transport", "light", "transport_light")}
+
+
+def reconstruction_losses(c: Comparison) -> dict[str, Tensor]:
+    """Returns the errors of the image of which one or two of albedo, transport and light are inferred."""
+    shadings = ("transport", "light", "transport_light")
+    values = {f"reconstruction_{name}": c.mean(c.shading_error(name), c.batch.albedo) for name in shadings}
+    values["reconstruction_albedo"] = c.mean(c.albedo_error(), c.batch.shading)
+    for name in ("transport", "light"):
+        values[f"reconstruction_albedo_{name}"] = c.mean((c.albedo * c.shading(name) - c.batch.relit).abs())
+    return values
+
+
+def relit_losses(c: Comparison) -> dict[str, Tensor]:
+    """Returns the errors of shading and image under another light."""
+    light = c.batch.light.roll(1, 0) if c.batch.other_light is None else c.batch.other_light
+    inferred, truth = shade(c.transport, light), shade(c.batch.transport, light)
+    image_error = (c.albedo * inferred - c.batch.albedo * truth).abs()
+    return {"relit_shading": c.mean((inferred - truth).abs()), "relit_image": c.mean(image_error)}
+
+
+TERMS: dict[str, Callable[[Comparison], dict[str, Tensor]]] = {
+    "albedo": lambda c: {"albedo": c.mean(c.albedo_error())},
+    "transport": transport_losses,
+    "light": lambda c: {"light": F.l1_loss(c.light, c.batch.light)},
+    "tv_albedo": lambda c: {"tv_albedo": c.mean(variation(c.albedo, c.batch))},
+    "tv_transport": lambda c: {"tv_transport": c.mean(variation(c.transport, c.batch))},
+    "shading": shading_losses,
+    "reconstruction": reconstruction_losses,
+    "reconstruction_full": lambda c: {
+        "reconstruction_full": c.mean((c.albedo * c.shading("transport_light") - c.batch.relit).abs())
+    },
+    "relit": relit_losses,
+    "detail_albedo": lambda c: {"detail_albedo": detail(c.albedo - c.batch.albedo, c.batch.albedo, c.batch)},
+    "detail_transport": lambda c: {
+        "detail_transport": detail(c.transport - c.batch.transport, c.batch.transport, c.batch)
+    },
+    "detail_shading": lambda c: {
+        "detail_shading": detail(c.shading("transport") - c.batch.shading, c.batch.shading, c.batch)
+    },
+    "exclusion": lambda c: {
+        "exclusion": exclusion((c.albedo, c.shading("transport")), (c.batch.albedo, c.batch.shading), c.batch)
+    },
+}
 
 
 def variation(compact: Tensor, batch: Batch) -> Tensor:
@@ -190,45 +256,3 @@ def octaves(maps: Sequence[Tensor], batch: Batch) -> Iterator[tuple[list[Tensor]
 def octave_range(batch: Batch) -> range:
     """Returns a range over the octaves of detail that images of a batch have."""
     return range(min(OCTAVES, batch.size.bit_length() - 1))
-
-
-def weighted_sum(values: dict[str, Tensor], weight: dict[str, float]) -> Tensor:
-    """Returns the sum of the losses, each times its weight."""
-    first, *others = (weight[name] * value for name, value in values.items())
-    return sum(others, first)
-
-
-def weights(loss: Loss, size: int) -> dict[str, float]:
-    """Returns the weight of each loss, by name, for images of `size` pixels.
-
-    Total variation is a mean over pixels. For transport it decreases with the image size, since a smaller share of the
-    pixels lies on edges of shapes; so its weight is multiplied by size / loss.tv_reference. For albedo it does not:
-    textures have edges at every scale (.036, .083 and .048 per pixel in three texture maps at 1024 px, .074, .073 and
-    .057 at 128 px).
-    """
-    return {
-        "albedo": loss.albedo,
-        "transport": loss.transport,
-        "normal": loss.transport,
-        "ao": loss.transport,
-        "light": loss.light,
-        "tv_albedo": loss.tv_albedo,
-        "tv_transport": loss.tv_transport * size / loss.tv_reference,
-        "shading_transport": loss.shading,
-        "shading_light": loss.shading,
-        "shading_transport_light": loss.shading,
-        "reconstruction_albedo": loss.reconstruction,
-        "reconstruction_transport": loss.reconstruction,
-        "reconstruction_light": loss.reconstruction,
-        "reconstruction_albedo_transport": loss.reconstruction,
-        "reconstruction_albedo_light": loss.reconstruction,
-        "reconstruction_transport_light": loss.reconstruction,
-        "reconstruction_full": loss.reconstruction_full,
-        "relit_shading": loss.relit,
-        "relit_image": loss.relit,
-        "detail_albedo": loss.detail_albedo,
-        "detail_transport": loss.detail_transport,
-        "detail_shading": loss.detail_shading,
-        "exclusion": loss.exclusion,
-        **{f"extra_{name}": weight for name, weight in loss.extra.items()},
-    }

@@ -30,7 +30,7 @@ from relight.files import UserError, atomic_write, existing_file, file_hash
 from relight.learning.augment import augment_batch
 from relight.learning.checkpoint import load_network, restore_state, save_network, save_state
 from relight.learning.data import Batch, RelitSet, draw_pairs, generator, read_split
-from relight.learning.losses import losses, weighted_sum, weights
+from relight.learning.losses import losses
 from relight.learning.networks import STRIDE, Network, UNet, build
 from relight.learning.optimizers import make_optimizers
 from relight.learning.validation import Validation
@@ -149,7 +149,6 @@ def train(
         if settings.compile:
             forward = torch.compile(forward)
         autocast = torch.autocast(device.type, torch.bfloat16) if settings.precision == "bf16" else nullcontext()
-        weight = weights(recipe.loss, network.size)
         validation = Validation(data, inputs.split, recipe.loss, network.size) if rank == 0 else None
         meter, began = Meter(device), time.monotonic()
         for step in range(first, settings.steps):
@@ -159,8 +158,7 @@ def train(
             with autocast:
                 outputs = forward(batch.image, batch.mask)
             outputs["light"] = outputs["light"] / batch.exposure[:, None, None]
-            terms = losses(outputs, batch, recipe.loss)
-            total = weighted_sum(terms, weight)
+            total, terms = losses(outputs, batch, recipe.loss)
             for optimizer in optimizers.values():
                 optimizer.zero_grad()
             total.backward()

@@ -15,7 +15,7 @@ from relight.config import NO_AUGMENTATION, Loss
 from relight.learning.augment import augment_batch
 from relight.learning.camera import encode, shade
 from relight.learning.data import RelitSet, read_split
-from relight.learning.losses import losses, weighted_sum, weights
+from relight.learning.losses import losses
 from relight.learning.networks import with_transport
 from relight.sh import order_of
 
@@ -62,10 +62,10 @@ class Validation:
         finally:
             for part, mode in modes:
                 part.training = mode
-        values = losses(outputs, self.batch, self.loss)
-        weight = weights(self.loss, self.batch.size)
-        values = {"loss": weighted_sum(values, weight), **values}
-        return {name: float(value) for name, value in values.items()}, self.picture(outputs) if drawn else None
+        total, terms = losses(outputs, self.batch, self.loss)
+        return {name: float(value) for name, value in {"loss": total, **terms}.items()}, self.picture(
+            outputs
+        ) if drawn else None
 
     def picture(self, outputs: dict[str, Tensor]) -> np.ndarray:
         """Draws two rows for each of the first pairs, ground truth above prediction, with the pairs in two columns.

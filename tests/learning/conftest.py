@@ -83,9 +83,7 @@ def model():
 def loss():
     """Loss settings: `full`."""
     names = "albedo transport light tv_albedo tv_transport shading reconstruction reconstruction_full".split()
-    off = dict.fromkeys(["relit", "detail_albedo", "detail_transport", "detail_shading", "exclusion"], 0.0)
-    settings = {**dict.fromkeys(names, 1.0), **off, "tv_reference": 1024, "reduction": "image"}
-    return lambda **changes: Loss(**{**settings, **changes})
+    return lambda **changes: Loss(**{**dict.fromkeys(names, 1.0), **changes})
 
 
 @pytest.fixture(scope="session")

@@ -1,6 +1,7 @@
 """The losses against formulas written out pixel by pixel on whole images, and their gradients."""
 
 import itertools
+from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -8,9 +9,10 @@ import pytest
 import torch
 from omegaconf import OmegaConf
 
-from relight.config import composed
+from relight.config import Loss, composed
+from relight.files import UserError
 from relight.learning.data import RelitSet
-from relight.learning.losses import DARK, LEVEL, OCTAVES, losses, weights
+from relight.learning.losses import DARK, LEVEL, OCTAVES, TERMS, losses
 from relight.sh import unoccluded
 
 FIFTEEN = {
@@ -145,7 +147,7 @@ def exclusion_by_hand(own: dict, true: dict, mask: np.ndarray) -> float:
 def test_against_the_formulas(tiny_world, loss, name, reduction):
     batch = batch_of(tiny_world)
     outputs = inferred(batch, name)
-    found = losses(outputs, batch, loss(reduction=reduction, **BEYOND_THE_PAPER))
+    _, found = losses(outputs, batch, loss(reduction=reduction, **BEYOND_THE_PAPER))
     expected = by_hand(outputs, batch, reduction)
     if name == "ours":
         assert set(found) == FIFTEEN | RELIT | DETAILS
@@ -159,7 +161,7 @@ def test_against_the_formulas(tiny_world, loss, name, reduction):
 def test_the_truth_costs_its_own_variation_only(tiny_world, loss):
     batch = batch_of(tiny_world)
     truth = {"albedo": batch.scatter(batch.albedo), "transport": batch.scatter(batch.transport), "light": batch.light}
-    found = losses(truth, batch, loss())
+    _, found = losses(truth, batch, loss())
     assert {key for key, value in found.items() if value > 1e-6} == {"tv_albedo", "tv_transport"}
 
 
@@ -167,8 +169,8 @@ def test_values_outside_the_mask_do_not_matter(tiny_world, loss):
     batch = batch_of(tiny_world)
     outputs = inferred(batch)
     wild = {k: v if k == "light" else v + 100 * (1 - batch.mask) for k, v in outputs.items()}
-    one, other = losses(outputs, batch, loss()), losses(wild, batch, loss())
-    assert all(torch.equal(one[key], other[key]) for key in one)
+    (_, tame), (_, same) = losses(outputs, batch, loss()), losses(wild, batch, loss())
+    assert all(torch.equal(tame[key], same[key]) for key in tame)
 
 
 def parts_of(name: str) -> set[str]:
@@ -189,7 +191,7 @@ def test_each_loss_teaches_what_its_name_says_and_nothing_else(tiny_world, loss,
     outputs["transport"] = batch.scatter(batch.transport) + 0.1 * outputs["transport"]
     leaves = {key: value.requires_grad_() for key, value in outputs.items()}
     settings = loss(**BEYOND_THE_PAPER)
-    value = losses(leaves, batch, settings)[name]
+    value = losses(leaves, batch, settings)[1][name]
     value.backward()
     taught = {key for key, leaf in leaves.items() if leaf.grad is not None and leaf.grad.abs().max() > 0}
     assert taught == parts_of(name)
@@ -197,7 +199,7 @@ def test_each_loss_teaches_what_its_name_says_and_nothing_else(tiny_world, loss,
     slope = sum((leaves[key].grad.double() ** 2).sum().item() for key in taught)
     step = 1e-3 * value.item() / slope
     moved = {key: (leaf - step * leaf.grad if key in taught else leaf).detach() for key, leaf in leaves.items()}
-    drop = value.item() - losses(moved, batch, settings)[name].item()
+    drop = value.item() - losses(moved, batch, settings)[1][name].item()
     assert drop == pytest.approx(step * slope, rel=0.05)
     for key in taught - {"light"}:
         assert (leaves[key].grad * (1 - batch.mask)).abs().max() == 0
@@ -207,7 +209,7 @@ def test_each_loss_teaches_what_its_name_says_and_nothing_else(tiny_world, loss,
 def test_shading_teaches_normals_and_ao(tiny_world, loss, name):
     batch = batch_of(tiny_world)
     leaves = {key: value.float().requires_grad_() for key, value in inferred(batch, name).items()}
-    losses(leaves, batch, loss())["shading_transport"].backward()
+    losses(leaves, batch, loss())[1]["shading_transport"].backward()
     taught = {key for key, leaf in leaves.items() if leaf.grad is not None and leaf.grad.abs().max() > 0}
     assert taught == set(leaves) - {"albedo", "light"}
 
@@ -228,13 +230,24 @@ def test_presets_hold_the_losses_of_the_tables(tiny_world):
     assert {path.stem for path in CONF.glob("*.yaml")} == set(expected)
     for preset, names in expected.items():
         settings = OmegaConf.to_object(composed([f"loss={preset}"])).loss
-        assert set(losses(inferred(batch), batch, settings)) == names, preset
+        assert set(losses(inferred(batch), batch, settings)[1]) == names, preset
 
 
-def test_weights_are_one_and_variation_scales_with_the_image(loss):
-    at_paper = weights(loss(), 1024)
-    assert set(at_paper) == FIFTEEN | RELIT | DETAILS | {"normal", "ao"}
-    assert {at_paper.pop(name) for name in RELIT | DETAILS} == {0.0} and set(at_paper.values()) == {1.0}
-    at_demo = weights(loss(tv_albedo=2.0, **BEYOND_THE_PAPER), 128)
-    assert at_demo.pop("tv_albedo") == 2.0 and at_demo.pop("tv_transport") == 0.125
-    assert set(at_demo.values()) == {1.0}
+def test_total_is_the_weighted_sum_and_scales_the_variation_of_transport(tiny_world, loss):
+    batch = batch_of(tiny_world)
+    chosen = {"light": 3.0, "shading": 0.5, "tv_albedo": 2.0, **BEYOND_THE_PAPER}
+    total, values = losses(inferred(batch), batch, loss(**chosen))
+    weight = {"light": 3.0, "tv_albedo": 2.0, "tv_transport": batch.size / 1024}
+    weight |= dict.fromkeys([name for name in values if name.startswith("shading")], 0.5)
+    expected = sum(weight.get(name, 1.0) * value.item() for name, value in values.items())
+    assert total.item() == pytest.approx(expected, rel=1e-6)
+
+
+def test_every_weight_has_a_term_and_every_term_a_weight():
+    numbers = {item.name for item in fields(Loss) if item.type is float}
+    assert numbers == set(TERMS)
+
+
+def test_losses_without_any_weight_are_refused(tiny_world):
+    with pytest.raises(UserError, match="every weight in the group loss is 0"):
+        losses(inferred(batch := batch_of(tiny_world)), batch, Loss())
