@@ -72,12 +72,29 @@ def test_what_is_not_there_is_named(tmp_path, monkeypatch):
     monkeypatch.setattr(extensions, "__path__", [*extensions.__path__, str(tmp_path)])
     assert extensions.names() == ("half",)
     assert extensions.extension("half", "loss")(None, None) == 0
-    with pytest.raises(UserError, match=r"relight/extensions/half\.py defines no `network`"):
+    with pytest.raises(UserError, match=r"relight\.extensions\.half defines no `network`"):
         extensions.extension("half", "network")
     with pytest.raises(UserError, match=r"no file os\.py in relight/extensions"):
         extensions.extension("os", "network")
-    with pytest.raises(UserError, match=r"half\.py defines no `light`"):
+    with pytest.raises(UserError, match=r"half defines no `light`"):
         load_light("half:3")
+
+
+def test_an_installed_package_offers_an_extension(tmp_path, monkeypatch):
+    (tmp_path / "guest.py").write_text("def loss(outputs, batch): return 7\n")
+    (tmp_path / "guest-1.dist-info").mkdir()
+    (tmp_path / "guest-1.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: guest\nVersion: 1\n")
+    (tmp_path / "guest-1.dist-info" / "entry_points.txt").write_text("[relight.extensions]\nguest_loss = guest\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    extensions.installed.cache_clear()
+    try:
+        assert "guest_loss" in extensions.names()
+        assert extensions.extension("guest_loss", "loss")(None, None) == 7
+        with pytest.raises(UserError, match="guest defines no `network`"):
+            extensions.extension("guest_loss", "network")
+        check(resolved(composed(["scale=smoke", "+loss.extra.guest_loss=1"])))
+    finally:
+        extensions.installed.cache_clear()
 
 
 @pytest.mark.parametrize(

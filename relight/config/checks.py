@@ -110,7 +110,7 @@ def _inconsistent(cfg: DictConfig) -> Iterator[str]:
         yield "figures.outfits must be 1 with bake.bounces, which depend on albedo, and unless figures are generated"
     for name, weight in (get("loss.extra") or {}).items():
         if name not in extensions.names():
-            yield f"loss.extra.{name}: there is no file {name}.py in relight/extensions"
+            yield f"loss.extra.{extensions.missing(name)}"
         if weight < 0:
             yield f"loss.extra.{name} is {weight}: it must be at least 0"
     measured_values = {"bake.order": 2, "bake.bounces": 0, "bake.views": 0}

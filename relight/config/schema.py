@@ -25,7 +25,7 @@ class Figures:
 
     source: str = setting(
         "generated figures; scans: meshes in a folder; olat: captures of a light stage, one light at a time; or the "
-        "name of a file in relight/extensions",
+        "name of an extension",
         choices=("generated", "scans", "olat", *extensions.names()),
     )
     folder: str | None = setting("folder of the scans or captures", None)
@@ -174,7 +174,7 @@ class Model:
     """The network."""
 
     name: str = setting(
-        "architecture, or the name of a file in relight/extensions",
+        "architecture, or the name of an extension",
         choices=("ours", "sfsnet", "sfsnet_ao", "unet", *extensions.names()),
     )
     width: float = setting("factor on the number of channels of every layer", least=0.01)

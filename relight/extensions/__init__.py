@@ -1,42 +1,61 @@
-"""Networks, losses, lights and figures of your own: a file each in this folder, which settings name by its stem.
+"""Networks, losses, lights and figures of users: a file in this folder, or a module of an installed package.
 
-A file defines what it offers, one or several of these:
+Settings refer to a file by its stem, and to a module by the name of its entry point in the group `relight.extensions`.
+It defines what it offers, one or several of these:
 
-network     a subclass of `relight.learning.networks.Network`; model.name=<stem>
-loss        loss(outputs, batch) -> scalar Tensor, as in `relight.learning.losses`; +loss.extra.<stem>=<weight>
-light       light(text, order) -> Light or coefficients (K,3); `<stem>:<text>` wherever a light is named
-figure      figure(figures, seed) -> Mesh in meters; figures.source=<stem>
+network     a subclass of `relight.learning.networks.Network`; model.name=<name>
+loss        loss(outputs, batch) -> scalar Tensor, as in `relight.learning.losses`; +loss.extra.<name>=<weight>
+light       light(text, order) -> Light or coefficients (K,3); `<name>:<text>` wherever a light is named
+figure      figure(figures, seed) -> Mesh in meters; figures.source=<name>
 """
 
+from functools import cache
 from importlib import import_module
+from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
 from relight.files import UserError
 
+GROUP = "relight.extensions"
+
+
+@cache
+def installed() -> dict[str, str]:
+    """Returns the modules of installed packages by the names of their entry points; none is imported."""
+    return {point.name: point.value for point in entry_points(group=GROUP)}
+
 
 def names() -> tuple[str, ...]:
-    """The stems of the files. None is imported: settings are checked where torch is not loaded."""
-    files = (file for folder in __path__ for file in Path(folder).glob("*.py"))
-    return tuple(sorted(file.stem for file in files if not file.stem.startswith("_")))
+    """Returns the names of all extensions. None is imported: settings are checked where torch is not loaded."""
+    files = (file.stem for folder in __path__ for file in Path(folder).glob("*.py"))
+    return tuple(sorted({*installed(), *(stem for stem in files if not stem.startswith("_"))}))
+
+
+def missing(name: str) -> str:
+    """Returns the sentence that there is no extension of this name."""
+    return (
+        f"{name}: there is no file {name}.py in relight/extensions, and no installed package has an entry point {name}"
+    )
 
 
 def extension(name: str, part: str) -> Any:
-    """Imports a file of this folder.
+    """Imports an extension.
 
     Args:
-        name: its stem. Others are refused, since names come from files of weights, too.
+        name: its name. Others are refused, since names come from files of weights, too.
         part: what it must define, such as "network".
 
     Returns:
         What it defines by that name.
 
     Raises:
-        UserError: if there is no such file, or it does not define `part`.
+        UserError: if there is no such extension, or it does not define `part`.
     """
     if name not in names():
-        raise UserError(f"{name}: there is no file {name}.py in relight/extensions")
-    found = getattr(import_module(f"{__name__}.{name}"), part, None)
-    if found is None:
-        raise UserError(f"relight/extensions/{name}.py defines no `{part}`")
-    return found
+        raise UserError(missing(name))
+    module = installed().get(name, f"{__name__}.{name}")
+    defined = getattr(import_module(module), part, None)
+    if defined is None:
+        raise UserError(f"the extension {module} defines no `{part}`")
+    return defined

@@ -64,7 +64,7 @@ def load_light(
     probe:grace                     a printed measured light: grace, eucalyptus, stpeters, kitchen, galileo
     key:#ffeedd@45,30,0.2           a distant lamp of this sRGB colour, 45 degrees to the right of the camera and 30
                                     degrees up, with a constant fill of 0.2 times its irradiance
-    mine:text                       the light that the extension relight/extensions/mine.py returns for the text
+    mine:text                       the light that the extension `mine` returns for the text
 
     Args:
         text: as above.
