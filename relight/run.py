@@ -57,6 +57,8 @@ def run(
     if multirun:
         for row, words in plan.rows.items():
             print(f"{row}: {' '.join(words)}")
+    for line in change_lines(plan):
+        print(line)
     command = [sys.executable, "-m", "snakemake", *targets, *extra]
     if cores:
         command += ["--cores", str(cores)]
@@ -80,6 +82,26 @@ def run(
             if code == 0:
                 print(f"the report: {report}")
         return code
+
+
+def change_lines(plan: Plan) -> list[str]:
+    """Returns what to say before existing results are made again: why, by which stages, and how to keep them."""
+    changes = plan.changes()
+    settings = sorted({key for keys in changes.values() for key in keys} - {"code"})
+    lines = []
+    if settings:
+        stages = [stage for stage, keys in changes.items() if keys != ["code"]]
+        shown = ", ".join(settings[:4]) + (f" and {len(settings) - 4} more" if len(settings) > 4 else "")
+        lines.append(
+            f"{plan.out} was made with other settings ({shown}): {', '.join(stages)} and what depends on them are made "
+            "again; to keep both, give this run a name, name=NAME"
+        )
+    if stages := [stage for stage, keys in changes.items() if "code" in keys]:
+        lines.append(
+            f"the code of {', '.join(stages)} has changed since {plan.out} was made: they run again; "
+            f"pin=[{','.join(stages)}] keeps their results"
+        )
+    return lines
 
 
 def snakemake(command: list[str], stdout: int | None = None) -> int:

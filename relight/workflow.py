@@ -20,9 +20,10 @@ import yaml
 from omegaconf import OmegaConf
 
 from relight import config as schema
-from relight.config import CONF, ROOT, Experiment, check_name, composed, view
+from relight.config import CONF, READS, ROOT, Experiment, check_name, composed, flat, view
 from relight.files import UserError, atomic_write, remove_folder
 from relight.processes import end_with_parent, git
+from relight.stages.code import code_hash, save_cache
 from relight.training_name import TrainingName
 
 if TYPE_CHECKING:
@@ -471,11 +472,14 @@ class Plan:
         return {} if missing(shared) or len(found) == len(self.experiments) else found
 
     def settings_file(self, stage: str) -> str:
-        """Returns the text of the settings file of a stage, in YAML.
+        """Returns the text of the settings file of a stage, in YAML: its settings, and the hash of its code.
+
+        A stage in `pin` keeps the hash that its file has.
 
         Args:
             stage: `stage`, `stage.training` or `split.kind`.
         """
+        full_name = stage
         stage, _, of = stage.partition(".")
         if stage == "split":
             tree = {**self.shared, "split": {**self.shared["split"], "kind": of}}
@@ -483,7 +487,34 @@ class Plan:
             raise UserError(f"no training {of}; there are {', '.join(self.trainings)}")
         else:
             tree = self.settings(of) if of else self.shared
-        return HEAD + OmegaConf.to_yaml(view(tree, stage))
+        settings = view(tree, stage)
+        code = self.recorded(full_name).get("code") if stage in self.cfg.pin else None
+        settings["code"] = code or code_hash(stage, words_of(settings))
+        return HEAD + OmegaConf.to_yaml(settings)
+
+    def recorded(self, stage: str) -> dict[str, Any]:
+        """Returns the settings with which the results of a stage were made; empty if there is no such record."""
+        try:
+            recorded = yaml.safe_load((ROOT / self.out / "config" / f"{stage}.yaml").read_text(encoding="utf-8"))
+        except (OSError, ValueError, yaml.YAMLError):
+            return {}
+        return recorded if isinstance(recorded, dict) else {}
+
+    def changes(self) -> dict[str, list[str]]:
+        """Returns what differs from the settings with which existing results were made.
+
+        Returns:
+            stage -> keys of settings, such as loss.albedo, and "code" for its code.
+        """
+        differing: dict[str, set[str]] = {}
+        for file in sorted((ROOT / self.out / "config").glob("*.yaml")):
+            stage, _, of = file.stem.partition(".")
+            if stage in READS and (not of or stage == "split" or of in self.trainings):
+                before, now = flat(self.recorded(file.stem)), flat(yaml.safe_load(self.settings_file(file.stem)))
+                keys = {key for key in before.keys() | now.keys() if before.get(key) != now.get(key)}
+                differing.setdefault(stage, set()).update(keys)
+        save_cache()
+        return {stage: sorted(keys) for stage, keys in differing.items() if keys}
 
     def experiments_json(self) -> str:
         """Returns the experiments as JSON, for the report.
@@ -502,6 +533,15 @@ class Plan:
                 splits = {row: f"split/{kind}.json" for row, kind in kinds.items()}
                 found[name] |= {"scores": self.scores(name), "usual": self.scores(name, usual=True), "splits": splits}
         return json.dumps(found, indent=1)
+
+
+def words_of(settings: Any) -> frozenset[str]:
+    """Returns the keys and texts of a tree of settings."""
+    if isinstance(settings, dict):
+        return frozenset(settings).union(*map(words_of, settings.values()))
+    if isinstance(settings, list):
+        return frozenset().union(*map(words_of, settings))
+    return frozenset({settings} if isinstance(settings, str) else ())
 
 
 def report_completed(plan: Plan) -> None:

@@ -26,6 +26,7 @@ def page() -> str:
     parts = [HEAD, *scales(chosen["scale"]), *protocols(chosen["protocol"]), *experiments(chosen["experiment"])]
     cfg = composed()
     parts += ["## name", f"`name`: {setting_of(FIELDS['name']).about}; it comes with the scale (`{cfg.name}`)."]
+    parts += [f"`pin`: {setting_of(FIELDS['pin']).about} ([what re-runs](workflow.md#what-re-runs))."]
     for group in fields(Config):
         if is_dataclass(group.type):
             parts += [f"## {group.name}", paragraph(group.type)]

@@ -83,7 +83,7 @@ def make_mesh(seed: int, settings: Settings) -> Mesh:
     """Generates the aligned figure of a seed, or of a spare seed if the generator refuses it. Raises UserError."""
     from relight.figures.dress import make_figure
 
-    facing = Align(up="+y", front="+z", table=None, padding=PADDING, version=0)
+    facing = Align(up="+y", front="+z", table=None, padding=PADDING)
     for spare in range(3):
         try:
             return align(make_figure(seed + spare * SPARE_OFFSET, settings.detail, settings.texture), facing)

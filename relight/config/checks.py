@@ -11,6 +11,7 @@ from omegaconf import DictConfig, OmegaConf
 from relight import extensions
 from relight.config.schema import EXPERIMENT, FIELDS, STRENGTHS
 from relight.config.setting import domain_in_words, setting_of
+from relight.config.stages import READS
 from relight.files import UserError
 
 NAME_PATTERN, MAX_NAME_LENGTH = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._+-]*"), 100
@@ -87,6 +88,8 @@ def _inconsistent(cfg: DictConfig) -> Iterator[str]:
     def get(key: str) -> Any:
         return OmegaConf.select(cfg, key)
 
+    if unknown := [stage for stage in get("pin") or () if stage not in READS]:
+        yield f"pin: no stage {unknown[0]}; there are {', '.join(READS)}"
     if get("lights.low") is not None and get("lights.low") > get("lights.high"):
         yield f"lights.low {get('lights.low')} must not be above lights.high {get('lights.high')}"
     if get("lights.test") is not None and get("lights.test") >= get("lights.clusters"):

@@ -11,7 +11,6 @@ DEVICES = ("auto", "cpu", "cuda")
 PARTS = ("test", "sitting", "views")  # parts of the split that can be scored
 SCORED_LIGHTS = ("test", "unusual")  # splits of the light set that can be scored under
 AXES = ("auto", "+x", "-x", "+y", "-y", "+z", "-z")
-VERSION = "version of the code; results are recomputed when it is raised"
 
 
 def weight(about: str, supervised: bool = True) -> Any:
@@ -43,7 +42,6 @@ class Figures:
     garments: list[str] = setting("names of garments that every figure wears; [] for any")
     hair: list[str] = setting("names of the hair styles to draw from; [] for all")
     shading: float = setting("strength of the shading baked into the albedo, to imitate scans", least=0, most=1)
-    version: int = setting(VERSION, least=0)
 
 
 @dataclass
@@ -55,7 +53,6 @@ class Clean:
     )
     close_holes: int = setting("largest hole that is closed, number of edges; 0 closes none", least=0)
     max_faces: int = setting("number of faces to which larger meshes are decimated; 0 decimates none", least=0)
-    version: int = setting(VERSION, least=0)
 
 
 @dataclass
@@ -68,7 +65,6 @@ class Align:
         "CSV table with the columns name, up, front and turn (degrees), for individual figures", None
     )
     padding: float = setting("margin at each edge, as a share of the image", least=0, below=0.5)
-    version: int = setting(VERSION, least=0)
 
 
 @dataclass
@@ -82,7 +78,6 @@ class Bake:
     supersample: int = setting("k: maps are means over k x k points of a pixel, which share its rays", least=1)
     views: int = setting("number of further views of each figure, rotated and in perspective, to train on", least=0)
     seed: int = setting("seed of rays and views", least=0)
-    version: int = setting(VERSION, least=0)
 
 
 @dataclass
@@ -123,7 +118,6 @@ class Panoramas:
         "whether pixels that are not finite are replaced by the mean of their neighbours; else the file is left out",
         False,
     )
-    version: int = setting(VERSION, least=0)
 
 
 @dataclass
@@ -166,7 +160,6 @@ class Lights:
     veto: str | None = setting("file of lights to remove, with a source or source:heading per line", None)
     rules: Rules = field(default_factory=Rules)
     seed: int = setting("seed of scales, clusters and split", least=0)
-    version: int = setting(VERSION, least=0)
 
 
 @dataclass
@@ -282,7 +275,6 @@ class Train:
         ["train"],
         choices=("train", "rich", "test"),
     )
-    version: int = setting(VERSION, least=0)
 
 
 @dataclass
@@ -323,7 +315,6 @@ class Evaluate:
 
     lights: str = setting("split of the light set to score under; set by an experiment", choices=SCORED_LIGHTS)
     device: str = setting("device of the inference", choices=DEVICES)
-    version: int = setting(VERSION, least=0)
     bootstrap: int = setting("number of bootstrap resamples for each interval", 2000, least=1)
     plates: int = setting("number of test figures on a plate", 4, least=1)
     sheet: int = setting("number of figures on the contact sheet", 48, least=1)
@@ -341,7 +332,6 @@ class Trace:
         "number of bounces of interreflection; 6 leave out one percent of it at an albedo of .5", least=0
     )
     seed: int = setting("seed of the paths", least=0)
-    version: int = setting(VERSION, least=0)
 
 
 @dataclass
@@ -350,7 +340,6 @@ class Timing:
 
     sizes: list[int] = setting("sides of the images, pixels", above=0, multiple=64)
     seconds: float = setting("least duration of each measurement, seconds", above=0)
-    version: int = setting(VERSION, least=0)
 
 
 @dataclass
@@ -358,7 +347,6 @@ class Benchmark:
     """The benchmark of path-traced pictures, for the experiment `benchmark`."""
 
     folder: str = setting("folder of the set that `relight benchmark make` wrote")
-    version: int = setting(VERSION, least=0)
 
 
 @dataclass
@@ -397,6 +385,10 @@ class Config:
     """All settings."""
 
     name: str = setting("name of the folder in results/")
+    pin: list[str] = setting(
+        "stages that keep their results although their code has changed, such as [figure, bake]", []
+    )
+    code: str = setting("hash of a stage's code, which the workflow writes into the stage's settings", "")
     figures: Figures = field(default_factory=Figures)
     clean: Clean = field(default_factory=Clean)
     align: Align = field(default_factory=Align)

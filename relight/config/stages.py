@@ -14,7 +14,7 @@ READS = {
     "pack": ("split",),
     "split": ("split",),
     "lights": ("panoramas", "lights", "bake.order"),
-    "train": ("model", "loss", "train", "augment", "track"),
+    "train": ("model", "loss", "train", "augment", "track", "code"),
     "evaluate": ("evaluate", "track"),
     "baselines": ("evaluate", "train.color", "bake.order"),
     "tables": ("evaluate",),
@@ -56,6 +56,8 @@ def view(tree: Mapping[str, Any], stage: str) -> dict[str, Any]:
     """
     part: dict[str, Any] = {}
     for key in READS[stage]:
+        if key == "code":
+            continue
         group, _, name = key.partition(".")
         value = tree[group]
         part[group] = {**part.get(group, {}), name: value[name]} if name else value

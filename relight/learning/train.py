@@ -72,20 +72,22 @@ class Inputs:
         packed: packed maps (.safetensors).
         lights: light set (.npz).
         split: names of figures by part (.json).
+        code: hash of the training's code, if the workflow records it.
     """
 
     packed: Path
     lights: Path
     split: Path
+    code: str = ""
 
 
 def fingerprint(recipe: Recipe, inputs: Inputs) -> str:
-    """Returns a hash of all settings, including `train.version`, and of all input files, including `train.start`.
+    """Returns a hash of all settings, of all input files, including `train.start`, and of the recorded code.
 
     Raises:
         UserError: if an input does not exist.
     """
-    digest = hashlib.sha256(json.dumps(list(recipe.as_dict().values()), sort_keys=True).encode())
+    digest = hashlib.sha256(json.dumps([*recipe.as_dict().values(), inputs.code], sort_keys=True).encode())
     start = recipe.train.start
     paths: list[Path | str] = [inputs.packed, inputs.lights, inputs.split, *([start] if start else [])]
     for path in paths:

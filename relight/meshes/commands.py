@@ -32,9 +32,7 @@ def check(
     settings = composed()
     original = read_mesh(mesh)
     textures = [material.texture for material in original.materials if material.texture is not None]
-    result = align(
-        clean(original, settings.clean), Align(up=up, front=front, padding=settings.align.padding, version=0)
-    )
+    result = align(clean(original, settings.clean), Align(up=up, front=front, padding=settings.align.padding))
     size = " x ".join(f"{extent:.4g}" for extent in original.vertices.max(axis=0) - original.vertices.min(axis=0))
     print(f"{mesh.name}: {len(original.faces)} faces, {len(original.vertices)} vertices, {size} units")
     print(

@@ -23,6 +23,7 @@ def main(
     train: Train,
     augment: Augment,
     track: Track,
+    code: str,
     packed: Path,
     lights: Path,
     split: Path,
@@ -34,7 +35,7 @@ def main(
     from relight.learning.train import train as train_network
     from relight.tracking.run import training_run
 
-    recipe, inputs = Recipe(model, loss, train, augment), Inputs(packed, lights, split)
+    recipe, inputs = Recipe(model, loss, train, augment), Inputs(packed, lights, split, code)
     # Not declared as an output, since Snakemake deletes declared outputs before a retry.
     state = out.parent / "state" / out.stem
     data = {"figures": packed, "lights": lights, "split": split}

@@ -22,7 +22,7 @@ from relight.stages.report import main as report
 from relight.workflow import Plan
 
 WORDS = "scale=smoke experiment=benchmark sweep.only=[ours_full] sweep.seeds=[0,1] track=none"
-SETTINGS = Evaluate(bootstrap=200, plates=1, sheet=6, lights="test", device="cpu", seed=0, version=1)
+SETTINGS = Evaluate(bootstrap=200, plates=1, sheet=6, lights="test", device="cpu", seed=0)
 
 
 def plan(folder) -> Plan:

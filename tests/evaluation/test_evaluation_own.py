@@ -16,7 +16,7 @@ from relight.evaluation.scores import Scores, write_scores
 from relight.evaluation.timing import COLUMNS as TIMES
 from relight.evaluation.transfer import BASELINES, VARIANTS
 
-SETTINGS = Evaluate(bootstrap=500, plates=1, sheet=6, lights="test", device="cpu", seed=0, version=1)
+SETTINGS = Evaluate(bootstrap=500, plates=1, sheet=6, lights="test", device="cpu", seed=0)
 
 
 @pytest.fixture

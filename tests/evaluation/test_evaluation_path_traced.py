@@ -171,7 +171,7 @@ def test_a_ball_is_traced(rooms, tmp_path):
     pack_maps([tmp_path / f"ball{i}.exr" for i in range(2)], tmp_path / "packed.safetensors")
     (tmp_path / "split.json").write_text('{"train": ["ball0"], "test": ["ball1"], "sitting": []}')
     paths = tmp_path / "packed.safetensors", rooms, tmp_path / "split.json", tmp_path
-    settings = Evaluate(bootstrap=10, plates=1, sheet=1, lights="test", device="cpu", seed=0, version=1)
+    settings = Evaluate(bootstrap=10, plates=1, sheet=1, lights="test", device="cpu", seed=0)
     trace(*paths, GENERATED, settings, Trace(1, 64, 2, 0, 1), 2, 32, tmp_path / "traced.npz")
     (scene,) = read_scenes(tmp_path / "traced.npz")
     assert (scene.seen, scene.new) == (1, 2)

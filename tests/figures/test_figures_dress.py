@@ -450,10 +450,6 @@ def test_the_table_lists_all_figures_of_the_folder(tmp_path):
     ]
 
 
-def test_conf_has_the_generator_s_version():
-    assert composed().figures.version == dress.GENERATOR
-
-
 @pytest.mark.parametrize(
     "fixed",
     [

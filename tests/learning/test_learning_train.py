@@ -39,7 +39,7 @@ class Run:
     def program(self, curve: Path | None, log: str = "None") -> str:
         """Python that runs this training in a process of its own."""
         parts = ", ".join(f"config.{name.title()}(**{settings})" for name, settings in self.recipe.as_dict().items())
-        paths = ", ".join(f"Path({str(path)!r})" for path in astuple(self.inputs))
+        paths = ", ".join(f"Path({str(path)!r})" for path in astuple(self.inputs)[:3])
         return (
             "import os, signal\n"
             "from pathlib import Path\n"

@@ -24,7 +24,7 @@ from relight.sh import basis, irradiance, rotate_y, sphere_quadrature
 SETTINGS = replace(read_preset("lights"), clusters=12, test=3)
 RULES = SETTINGS.rules
 GENERATED = Panoramas(
-    source="generated", count=40, skies=0, seed=0, layout="auto", yaw=0.0, flip=False, version=1
+    source="generated", count=40, skies=0, seed=0, layout="auto", yaw=0.0, flip=False
 )  # fmt: skip
 
 

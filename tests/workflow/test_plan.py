@@ -31,7 +31,7 @@ def test_runs_are_rows_times_seeds():
 
 def test_a_stage_gets_what_it_reads_and_nothing_else():
     settings = yaml.safe_load(Plan({"hydra": "scale=smoke"}).settings_file("bake"))
-    assert set(settings) == {"defaults", "hydra", "bake"}
+    assert set(settings) == {"defaults", "hydra", "bake", "code"}
 
 
 def test_settings_of_a_split_are_those_that_name_it():

@@ -17,7 +17,7 @@ from relight.config.schema import FIELDS
 def test_help_has_every_setting_with_its_value_and_description():
     text = overview(composed(["scale=smoke"]))
     for key in FIELDS:
-        assert key in ("sweep.rows", "name") or key.startswith("lights.rules") or f" {key}=" in text, key
+        assert key in ("sweep.rows", "name", "pin", "code") or key.startswith("lights.rules") or f" {key}=" in text, key
     words = " ".join(text.split())
     assert "figures.count=6 number of seeds (at least 1)" in words
     assert "train.optimizer=adam Adam, or Muon for convolutions with a norm (one of adam, muon)" in words
@@ -35,7 +35,7 @@ def test_the_page_of_settings_is_fresh():
     page = runpy.run_path(str(ROOT / "tools" / "settings.py"))["page"]()
     assert (ROOT / "docs" / "settings.md").read_text() == page, "make settings"
     groups = page.partition("\n## name\n")[2]
-    assert re.findall(r"^\| `([\w.]+)` \| .* \| .+ \| .+ \|$", groups, re.M) == [*FIELDS][1:]
+    assert re.findall(r"^\| `([\w.]+)` \| .* \| .+ \| .+ \|$", groups, re.M) == [key for key in FIELDS if "." in key]
     named = re.findall(r"^- `(\w+)=(\w+)`", page, re.M)
     assert set(named) == {(group, name) for group, names in presets().items() if len(names) > 1 for name in names}
 
