@@ -9,9 +9,10 @@ from collections.abc import Callable
 from contextlib import nullcontext, suppress
 from dataclasses import asdict, field, is_dataclass, make_dataclass
 from datetime import datetime
+from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import Any
 
 import hydra
 import yaml
@@ -34,87 +35,86 @@ FLAGS = """
   --hydra-help       more of Hydra"""
 
 
-class Stage(Protocol):
-    """A function with the command line of a stage, `cli`."""
-
-    cli: Callable[[], None]
-
-    def __call__(self, *args: Any, **settings: Any) -> None: ...
-
-
-def stage(name: str, **ports: str) -> Callable[[Callable[..., None]], Stage]:
-    """Returns a decorator that gives a function the command line of a stage, as its attribute `cli`.
+class Stage:
+    """A function with the command line of a stage.
 
     The function is called with the settings in READS[name] (the dataclass of a group, or the value of a single setting
     under its last name) and one Path per port, or one str if the function's parameter is a str. If ports are lists, it
-    is called for each position of the lists. A UserError ends the program with one line and exit code 1.
+    is called for each position of the lists.
 
-    Args:
+    Attributes:
         name: of the stage.
         ports: name -> description of each file that it reads or writes, and of each name that it is given.
-
-    Returns:
-        The decorator.
     """
 
-    def wrap(function: Callable[..., None]) -> Stage:
-        kinds = {port: function.__annotations__[port] for port in ports}
+    def __init__(self, name: str, ports: dict[str, str], function: Callable[..., None]):
+        self.name, self.ports, self._function = name, ports, function
+        self._kinds = {port: function.__annotations__[port] for port in ports}  # Path or str
 
-        def run(cfg: DictConfig) -> None:
-            try:
-                call(cfg)
-            except UserError as error:  # caught here, since Hydra would print more lines
-                sys.exit(f"relight {name}: {error}")
-            except OmegaConfBaseException as error:
-                sys.exit(f"relight {name}: {explain(error)}")
-            except MemoryError as error:
-                sys.exit(f"relight {name}: {out_of_memory(error)}")
+    def __call__(self, *args: Any, **settings: Any) -> None:
+        self._function(*args, **settings)
 
-        def call(cfg: DictConfig) -> None:
-            missing = [f"io.{port}=<{what}>" for port, what in ports.items() if OmegaConf.is_missing(cfg.io, port)]
-            if missing:
-                raise UserError(f"missing: {' '.join(missing)}")
-            check(resolved(cfg))
-            settings = {key.rpartition(".")[2]: unwrap(OmegaConf.select(cfg, key)) for key in READS[name]}
-            files = {port: [str(path) for path in as_list(cfg.io[port])] for port in ports}
-            if len({len(paths) for paths in files.values()}) > 1:
-                raise UserError(f"lists of files must be equally long: {', '.join(f'io.{port}' for port in ports)}")
-            if STARTED_BY in os.environ:
-                print(log_header(settings), flush=True)
-            for paths in zip(*files.values()):
-                function(**settings, **{port: kinds[port](path) for port, path in zip(ports, paths)})
+    def cli(self) -> None:
+        """Runs the stage with the settings and ports of the command line.
 
-        def usage() -> str:
-            words = {port: f"io.{port}={'NAME' if kinds[port] is str else 'FILE'}" for port in ports}
-            files = "\n".join(f"    {words[port]:34s}  {what}" for port, what in ports.items())
-            about = (sys.modules[function.__module__].__doc__ or "").strip()
-            settings = listing(composed(), READS[name])
-            return f"{about}\n\nFiles:\n{files}\n\nSettings that it reads, as key=value:\n{settings}\n{FLAGS}"
+        What a user can cause ends the program with one line and exit code 1.
+        """
+        # One thread per job, since several jobs run at the same time.
+        for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+            os.environ.setdefault(variable, "1")
+        end_with_snakemake()
+        if {"-h", "--help"} & set(sys.argv[1:]):
+            return print(self.usage())
+        os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra raises errors instead of printing a traceback
+        io = make_dataclass("Files", [(port, Any, MISSING) for port in self.ports])
+        schema = make_dataclass("StageConfig", [("io", io, field(default_factory=io))], bases=(Config,))
+        ConfigStore.instance().store(name="schema", node=schema)
+        multirun = {"-m", "--multirun"} & set(sys.argv)
+        try:
+            with tempfile.TemporaryDirectory() if multirun else nullcontext(".") as scratch:
+                os.environ["RELIGHT_SCRATCH"] = scratch  # the folder of Hydra's file multirun.yaml
+                hydra.main(config_path=str(CONF), config_name="config", version_base="1.3")(self._run)()
+        except (HydraException, OmegaConfBaseException, yaml.YAMLError) as error:
+            sys.exit(f"relight {self.name}: {explain(error)}")
 
-        def cli() -> None:
-            # One thread per job, since several jobs run at the same time.
-            for variable in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-                os.environ.setdefault(variable, "1")
-            end_with_snakemake()
-            if {"-h", "--help"} & set(sys.argv[1:]):
-                return print(usage())
-            os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra raises errors instead of printing a traceback
-            io = make_dataclass("Files", [(port, Any, MISSING) for port in ports])
-            schema = make_dataclass("StageConfig", [("io", io, field(default_factory=io))], bases=(Config,))
-            ConfigStore.instance().store(name="schema", node=schema)
-            multirun = {"-m", "--multirun"} & set(sys.argv)
-            try:
-                with tempfile.TemporaryDirectory() if multirun else nullcontext(".") as scratch:
-                    os.environ["RELIGHT_SCRATCH"] = scratch  # the folder of Hydra's file multirun.yaml
-                    hydra.main(config_path=str(CONF), config_name="config", version_base="1.3")(run)()
-            except (HydraException, OmegaConfBaseException, yaml.YAMLError) as error:
-                sys.exit(f"relight {name}: {explain(error)}")
+    def usage(self) -> str:
+        """Returns the help: what the stage does, its files, and the settings that it reads."""
+        words = {port: f"io.{port}={'NAME' if kind is str else 'FILE'}" for port, kind in self._kinds.items()}
+        files = "\n".join(f"    {words[port]:34s}  {what}" for port, what in self.ports.items())
+        about = (sys.modules[self._function.__module__].__doc__ or "").strip()
+        settings = listing(composed(), READS[self.name])
+        return f"{about}\n\nFiles:\n{files}\n\nSettings that it reads, as key=value:\n{settings}\n{FLAGS}"
 
-        decorated = cast(Stage, function)
-        decorated.cli = cli
-        return decorated
+    def _run(self, cfg: DictConfig) -> None:
+        """Runs the stage with composed settings. Errors end here, since Hydra would print more lines."""
+        try:
+            self._call(cfg)
+        except UserError as error:
+            sys.exit(f"relight {self.name}: {error}")
+        except OmegaConfBaseException as error:
+            sys.exit(f"relight {self.name}: {explain(error)}")
+        except MemoryError as error:
+            sys.exit(f"relight {self.name}: {out_of_memory(error)}")
 
-    return wrap
+    def _call(self, cfg: DictConfig) -> None:
+        ports = self.ports
+        missing = [f"io.{port}=<{what}>" for port, what in ports.items() if OmegaConf.is_missing(cfg.io, port)]
+        if missing:
+            raise UserError(f"missing: {' '.join(missing)}")
+        check(resolved(cfg))
+        settings = {key.rpartition(".")[2]: unwrap(OmegaConf.select(cfg, key)) for key in READS[self.name]}
+        files = {port: [str(path) for path in as_list(cfg.io[port])] for port in ports}
+        if len({len(paths) for paths in files.values()}) > 1:
+            raise UserError(f"lists of files must be equally long: {', '.join(f'io.{port}' for port in ports)}")
+        if STARTED_BY in os.environ:
+            print(log_header(settings), flush=True)
+        for paths in zip(*files.values()):
+            self(**settings, **{port: self._kinds[port](path) for port, path in zip(ports, paths)})
+
+
+def stage(name: str, **ports: str) -> Callable[[Callable[..., None]], Stage]:
+    """Returns a decorator that makes a function the stage `name` with these ports."""
+    return partial(Stage, name, ports)
 
 
 def unwrap(part: Any) -> Any:
