@@ -19,6 +19,7 @@ from typing import Any
 import yaml
 
 from relight.config import CONF, MAX_NAME_LENGTH, ROOT
+from relight.config.composition import quoted
 from relight.files import UserError, atomic_write, writable_folder
 from relight.processes import end_with_parent
 from relight.workflow import Plan
@@ -54,12 +55,15 @@ def run(
         config["hydra"], config["rows"] = expand_sweep(overrides)
     plan = Plan(config)
     plan.check()
+    if targets == ["all"]:
+        plan.check_figures()
     if multirun:
         for row, words in plan.rows.items():
             print(f"{row}: {' '.join(words)}")
     for line in change_lines(plan):
         print(line)
     command = [sys.executable, "-m", "snakemake", *targets, *extra]
+    command += ["--logger", "relight", "--logger-relight-results", plan.out]
     if cores:
         command += ["--cores", str(cores)]
     if dry:
@@ -70,7 +74,6 @@ def run(
     with lock_folder():
         fix_future_dates(ROOT / plan.out)
         command += ["--configfile", str(plan.write_record(ROOT))]
-        command += ["--logger", "relight", "--logger-relight-results", plan.out]
         code = snakemake(command)
         if code == 0 and targets == ["all"]:
             report = ROOT / plan.out / "report" / "report.html"
@@ -205,6 +208,7 @@ def expand_sweep(overrides: list[str]) -> tuple[list[str], dict[str, list[str]]]
     from hydra.errors import HydraException
 
     fixed, axes = [], []
+    overrides = [override if "," in override else quoted(override) for override in overrides]
     try:
         with initialize_config_dir(str(CONF), version_base="1.3"):
             parser = OverridesParser.create(GlobalHydra.instance().config_loader())  # expands glob(*)

@@ -118,6 +118,18 @@ class Plan:
             raise UserError("experiment=path_traced separates direct from bounced light, and needs bake.bounces=0")
         self._check_rows()
 
+    def check_figures(self) -> None:
+        """Checks that there are figures for a training and for the test.
+
+        Raises:
+            UserError: if there is one figure only.
+        """
+        if len(self.figures) < 2:
+            raise UserError(
+                f"a training and its test need at least two figures, and there is only {self.figures[0]}: "
+                "`relight bake MESH OUT` bakes one mesh"
+            )
+
     def _check_rows(self) -> None:
         """Checks the settings of all rows. They are cached, since composing them takes seconds."""
         keys = {row: self._cache_key(row) for row in self.rows}

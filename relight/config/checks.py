@@ -52,13 +52,27 @@ def check_name(what: str, name: str) -> None:
 
 
 def no_such(key: str, known: Iterable[str]) -> str:
-    """Returns the message that there is no setting `key`, with the known ones in its place."""
+    """Returns the message that there is no setting `key`, with the most similar one and the known ones."""
     known = list(known)
     if not known:
         return f"{key}: nothing has this name yet; to add it, write +{key}=<value>"
-    close = difflib.get_close_matches(key.rpartition(".")[2], known, 1)
-    hint = f"did you mean {close[0]}? " if close else ""
+    name = key.rpartition(".")[2]
+    elsewhere = {other.rpartition(".")[2]: other for other in FIELDS}
+    if close := difflib.get_close_matches(name, known, 1):
+        hint = f"did you mean {close[0]}? "
+    elif close := difflib.get_close_matches(name, elsewhere, 1):
+        hint = f"did you mean {elsewhere[close[0]]}? "
+    else:
+        hint = ""
     return f"{key}: no such setting; {hint}there are {', '.join(known)}"
+
+
+def no_choice(group: str, name: str, choices: Iterable[str]) -> str:
+    """Returns the message that a group of settings has no preset `name`, with the most similar one and all of them."""
+    choices = list(choices)
+    close = difflib.get_close_matches(name, choices, 1)
+    hint = f"did you mean {close[0]}? " if close else ""
+    return f"{group}={name}: no such choice; {hint}{group} is one of {', '.join(choices)}"
 
 
 def _unknown(cfg: DictConfig, above: str = "") -> Iterator[str]:

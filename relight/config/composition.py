@@ -9,8 +9,9 @@ import yaml
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from relight.config.checks import check
-from relight.config.schema import Config
+from relight.config.checks import check, no_choice
+from relight.config.schema import FIELDS, Config
+from relight.config.setting import setting_of
 from relight.files import UserError
 
 if TYPE_CHECKING:
@@ -46,7 +47,7 @@ def composed(overrides: Iterable[str] = ()) -> DictConfig:
 
     if not CONF.is_dir():
         raise UserError(f"there is no folder {CONF}: the workflow and its stages run from a clone of the repository")
-    overrides = list(overrides)
+    overrides = [quoted(override) for override in overrides]
     ConfigStore.instance().store(name="schema", node=Config)
     try:
         for override in OverridesParser.create().parse_overrides(overrides):
@@ -57,6 +58,23 @@ def composed(overrides: Iterable[str] = ()) -> DictConfig:
     except (HydraException, OmegaConfBaseException, yaml.YAMLError) as error:
         raise UserError(explain(error)) from None
     return cfg
+
+
+def quoted(override: str) -> str:
+    """Quotes the value of a setting that takes any text, such as a folder, so that all its signs stand for themselves.
+
+    >>> quoted("figures.folder=/data/a=b, #2")
+    'figures.folder="/data/a=b, #2"'
+    >>> quoted("train.lr=1e-3"), quoted("figures.folder=null")
+    ('train.lr=1e-3', 'figures.folder=null')
+    """
+    key, separator, value = override.partition("=")
+    field = FIELDS.get(key.lstrip("+"))
+    is_text = field is not None and field.type in (str, str | None) and not setting_of(field).choices
+    if not separator or not is_text or value in ("", "null") or value[0] in "'\"" or value.startswith("${"):
+        return override
+    escaped = re.sub(r"(\\*)(\"|$)", lambda match: match[1] * 2 + match[2].replace('"', '\\"'), value)
+    return f'{key}="{escaped}"'
 
 
 def presets() -> dict[str, list[str]]:
@@ -113,4 +131,4 @@ def _check_override(override: "Override") -> None:
         if key.partition(".")[0] in Config.__dataclass_fields__:
             raise UserError(f"{text}: a setting cannot be removed; give it another value")
     elif key in (known := presets()) and not isinstance(override.value(), str | list):
-        raise UserError(f"{text}: no such choice; {key} is one of {', '.join(known[key])}")
+        raise UserError(no_choice(key, str(text).partition("=")[2], known[key]))

@@ -6,7 +6,8 @@ import yaml
 from hydra.errors import MissingConfigException, OverrideParseException
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException, ValidationError
 
-from relight.config.checks import no_such
+from relight.config.checks import no_choice, no_such
+from relight.config.composition import presets
 from relight.config.schema import field_of
 from relight.config.setting import type_in_words
 
@@ -19,11 +20,17 @@ def explain(error: Exception) -> str:
                 return f"{mark.name}, line {mark.line + 1}: {link.problem}"
             case MissingConfigException(missing_cfg_file=str(preset), options=[*options]) if options:
                 group, _, name = preset.rpartition("/")
-                return f"{group}={name}: no such choice; {group} is one of {', '.join(options)}"
+                return no_choice(group, name, options)
             case OverrideParseException(override=override):
-                return f"cannot read the override {override!r}: write key=value, lists as key=[a,b]"
+                return (
+                    f"cannot read the override {override!r}: write key=value, lists as key=[a,b], and a value with "
+                    """signs such as = # ( or ' in two pairs of quotes, 'key="value"'"""
+                )
             case ConfigKeyError() | ConfigAttributeError() if link.full_key and link.parent_node is not None:
-                return no_such(link.full_key, [key for key in map(str, link.parent_node) if key != "hydra"])
+                known = [key for key in map(str, link.parent_node) if key not in ("hydra", "code")]
+                if "." not in link.full_key:
+                    known = list(dict.fromkeys([*presets(), *known]))
+                return no_such(link.full_key, known)
             case ValidationError(full_key=str(key)) if field := field_of(key.partition("[")[0]):
                 value = "null" if link.value is None else repr(link.value)
                 return f"{key.partition('[')[0]} must be {type_in_words(field.type)}, not {value}"

@@ -23,6 +23,8 @@ def listing(cfg: DictConfig, keys: Iterable[str]) -> str:
     lines = []
     for key in keys:
         group, _, single = key.partition(".")
+        if key == "code":  # which only the workflow gives
+            continue
         if not isinstance(cfg[group], DictConfig):
             lines += ["", _line(key, cfg[key])]
             continue
@@ -41,7 +43,7 @@ def overview(cfg: DictConfig) -> str:
         text = f"  {group}={' | '.join(presets()[group])}"
         lines += textwrap.wrap(text, WIDTH, subsequent_indent=(len(group) + 3) * " ")
     lines += [_line("sweep.only", "[ROW,...]"), _line("sweep.seeds", "[0,...]"), ""]
-    groups = [name for name in Config.__dataclass_fields__ if name not in ("sweep", "experiments")]
+    groups = [name for name in Config.__dataclass_fields__ if name not in ("sweep", "experiments", "code")]
     return "\n".join([*lines, listing(cfg, groups)])
 
 

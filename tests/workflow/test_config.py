@@ -113,6 +113,10 @@ def test_what_stages_read_is_there(stage):
         ("sweep.rows=3", ["sweep.rows must be names, each with a list of texts, not 3"]),
         ("loss=ful", ["loss=ful", "full", "min"]),
         ("los=full", ["los: no such setting", "did you mean loss", "track"]),
+        ("scal=smoke", ["scal: no such setting", "did you mean scale?"]),
+        ("train.widht=1", ["train.widht: no such setting", "did you mean model.width?"]),
+        ("experiment=tabel1", ["experiment=tabel1: no such choice", "did you mean table1?"]),
+        ("train.lr=(1", ["cannot read the override", "in two pairs of quotes"]),
         ("+extra=1", ["extra", "train"]),
         ("train=[", ["train=[", "key=value"]),
         ("x y=3", ["'x y=3'", "key=value"]),
@@ -230,3 +234,12 @@ def test_one_switch_does_all_that_the_paper_did():
     assert (paper.model.norm, paper.loss.tv_reference, paper.loss.shading) == ("instance", paper.bake.size, 0)
     assert (own.model.albedo, paper.model.albedo) == ("straight_through", "clip")
     assert (paper.train.lr, paper.train.steps) == (1e-3, own.train.steps)
+
+
+@pytest.mark.parametrize(
+    "folder", ["a=b", "a, b", "a#b", "it's", "(x)", 'say "hi"', "back\\", "\\", "ä:b", "{x}", "[y]", "~", "1e5"]
+)
+def test_folders_may_have_any_sign(folder):
+    if folder.startswith(("[", "{")):
+        folder = "x/" + folder
+    assert composed([f"figures.folder={folder}", "figures.source=scans"]).figures.folder == folder

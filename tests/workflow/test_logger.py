@@ -1,6 +1,7 @@
 """The workflow's own progress: one line with counts and the time left, and errors."""
 
 import logging
+from types import SimpleNamespace
 
 import pytest
 import snakemake_logger_plugin_relight as plugin
@@ -13,7 +14,7 @@ def handler(monkeypatch):
     """A handler on two cores whose clock is set by the test."""
     now = [0.0]
     monkeypatch.setattr(plugin.time, "monotonic", lambda: now[0])
-    made = plugin.LogHandler(None, plugin.LogHandlerSettings())
+    made = plugin.LogHandler(SimpleNamespace(dryrun=False), plugin.LogHandlerSettings())
     made.costs.before = {"figure": 10.0, "train": 100.0}
     made.cores, made.now = 2, now
     return made
@@ -139,3 +140,11 @@ def test_a_job_that_was_killed_is_told_from_one_that_failed(handler, capsys):
     first, second, third = capsys.readouterr().err.splitlines()
     assert first == third == "bake failed; its log: a.log"
     assert second.startswith("bake was killed; where memory is short")
+
+
+def test_dry_run_says_once_what_would_run(handler, capsys):
+    handler.common_settings.dryrun = True
+    for _ in range(2):
+        tell(handler, LogEvent.RUN_INFO, stats={"figure": 4, "train": 1, "settings": 9, "total": 14})
+    tell(handler, message="Reasons: (check individual jobs above for details)")
+    assert capsys.readouterr().err == "5 jobs would run: figure 4, train 1; roughly 2 min 00 s left\n"

@@ -30,6 +30,7 @@ def calls(tmp_path, monkeypatch) -> list:
 
     monkeypatch.setattr(module, "snakemake", snakemake)
     monkeypatch.setattr(module, "ROOT", tmp_path)
+    monkeypatch.setattr("relight.workflow.ROOT", tmp_path)
     monkeypatch.setattr(module, "LOCK", tmp_path / ".snakemake" / "relight.lock")
     return found
 
@@ -184,3 +185,10 @@ def test_a_job_takes_lists_of_files_and_its_log_says_what_it_was(tmp_path):
 def test_a_sweep_tells_its_runs_once(calls, capsys):
     module.run(["scale=smoke", "train.lr=0.1,0.2"], True, None, True, ["all"], [])
     assert capsys.readouterr().out == "lr_0.1: train.lr=0.1\nlr_0.2: train.lr=0.2\n"
+
+
+def test_one_figure_is_refused_before_anything_runs(calls):
+    with pytest.raises(UserError, match=r"at least two figures, and there is only g0000: `relight bake"):
+        run("figures.count=1")
+    assert module.run([*WORDS, "figures.count=1"], False, None, True, ["bake"], []) == 1
+    assert len(calls) == 1

@@ -59,10 +59,14 @@ class LogHandler(LogHandlerBase):
                 self.needs[link["targetrule"]].add(link["sourcerule"])
         elif event == LogEvent.RESOURCES_INFO:
             self.cores = getattr(record, "cores", None) or getattr(record, "nodes", None) or self.cores
-        elif event == LogEvent.RUN_INFO:
-            self.total = self.total or {rule: n for rule, n in record.stats.items() if rule not in TRIVIAL_RULES}
-            if self.total:
-                self.say(f"{sum(self.total.values())} jobs; {self.left()}", whole=True)
+        elif event == LogEvent.RUN_INFO and not self.total:  # a dry run tells it twice
+            self.total = {rule: n for rule, n in record.stats.items() if rule not in TRIVIAL_RULES}
+            jobs = f"{sum(self.total.values())} jobs"
+            if self.total and self.common_settings.dryrun:
+                counts = ", ".join(f"{rule} {n}" for rule, n in self.total.items())
+                self.say(f"{jobs} would run: {counts}; {self.left()}", whole=True)
+            elif self.total:
+                self.say(f"{jobs}; {self.left()}", whole=True)
         elif event == LogEvent.JOB_INFO:
             self.rule[record.jobid] = record.rule_name
             self.benchmark[record.jobid] = getattr(record, "benchmark", None) or ""
