@@ -22,8 +22,9 @@ from collections import defaultdict
 import numpy as np
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
-from relight.figures import assembly, dress, wardrobe
+from relight.figures import assembly, dress
 from relight.figures.commands import seeds_of
+from relight.figures.tailor import wardrobe
 from relight.meshes import Mesh
 from relight.sh import unoccluded
 from relight.srgb import LUMINANCE

@@ -22,13 +22,15 @@ import numpy as np
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
-from relight.figures import assembly, colliders, dress, makehuman, skin
+from relight.figures import assembly, dress
 from relight.figures.assembly import Builder, split_corners
-from relight.figures.body import build_body
-from relight.figures.combing import head_centre
+from relight.figures.body import makehuman, skin
+from relight.figures.body.person import build_body
+from relight.figures.cloth import colliders
 from relight.figures.commands import seeds_of
-from relight.figures.hair import STYLES
-from relight.figures.poses import build_motion
+from relight.figures.hair.combing import head_centre
+from relight.figures.hair.styles import STYLES
+from relight.figures.pose.poses import build_motion
 from relight.figures.surfaces import loop
 from relight.figures.wear import DETAILS
 from relight.meshes import Material

@@ -5,27 +5,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from relight.figures import (
-    aging,
-    collars,
-    fabrics,
-    footwear,
-    hair,
-    layers,
-    makehuman,
-    panels,
-    patterns,
-    seams,
-    skin,
-    trims,
-)
-from relight.figures.body import Body, Person
-from relight.figures.colliders import Collider
-from relight.figures.fabrics import Fabric
+from relight.figures.body import makehuman, skin
+from relight.figures.body.person import Body, Person
+from relight.figures.cloth import layers
+from relight.figures.cloth.colliders import Collider
 from relight.figures.gloss import with_gloss
+from relight.figures.hair.styles import HairPart, build_hair
 from relight.figures.outfits import Outfit
-from relight.figures.poses import Motion
+from relight.figures.pose.poses import Motion
 from relight.figures.surfaces import loop, normals, stacked, thickened
+from relight.figures.tailor import aging, collars, fabrics, footwear, panels, patterns, seams, trims
+from relight.figures.tailor.fabrics import Fabric
+from relight.figures.texture import coded, noise
 from relight.figures.wear import Detail, DrapedGarment
 from relight.meshes.mesh import Material, Mesh
 
@@ -310,9 +301,9 @@ def add_hair(
     detail: Detail,
     texture: int,
     seed: int,
-) -> list[hair.HairPart]:
+) -> list[HairPart]:
     """Adds hair, beard, brows, lashes and hat over the surface `below` (vertices, faces), and returns them in order."""
-    parts = hair.build_hair(body, motion, outfit.hair, outfit.beard, below, seed, fine=detail.body > 0)
+    parts = build_hair(body, motion, outfit.hair, outfit.beard, below, seed, fine=detail.body > 0)
     side = max(64, texture // 4)
     paints = {
         kind: hat_paint(side) if kind == "hat" else hair_material(outfit, kind, side, seed)
@@ -521,7 +512,7 @@ def cord_paint(number: int) -> Paint:
 def square(name: str, fabric: Fabric, width: float, side: int) -> Material:
     """Returns a material with a square of fabric, `width` metres, as a texture of `side` pixels."""
     u, v = np.meshgrid((np.arange(side) + 0.5) / side, (np.arange(side) + 0.5) / side)
-    texture = panels.coded(fabrics.weave(fabric, "front", width * u, -0.5 * width * v, width / side))
+    texture = coded(fabrics.weave(fabric, "front", width * u, -0.5 * width * v, width / side))
     return Material(texture=texture, name=name)
 
 
@@ -535,5 +526,5 @@ def hair_material(outfit: Outfit, kind: str, side: int, seed: int) -> Material:
     u, v = np.meshgrid((np.arange(side) + 0.5) / side, (np.arange(side) + 0.5) / side)
     pale = float(np.clip(color.mean() / 0.3, 0, 1))  # light hair varies less, in shares of its own albedo
     spread = 0.30 - 0.16 * pale
-    streaks = fabrics.noise(u * 120, v * 5, seed) + 0.7 * fabrics.noise(u * 31, v * 3, seed + 1) - 0.85
-    return Material(texture=panels.coded(color * np.exp(2.4 * spread * streaks)[..., None]), name=kind)
+    streaks = noise(u * 120, v * 5, seed) + 0.7 * noise(u * 31, v * 3, seed + 1) - 0.85
+    return Material(texture=coded(color * np.exp(2.4 * spread * streaks)[..., None]), name=kind)

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from relight.figures import wardrobe
-from relight.figures.body import Person, sample_person
-from relight.figures.hair import STYLES
+from relight.figures.body.person import Person, sample_person
+from relight.figures.hair.styles import STYLES
 from relight.figures.outfits import Outfit, fitted_to_pose, hair_odds, sample_outfit
-from relight.figures.scarves import SCARVES
-from relight.figures.stances import SITTING, STANDING, Pose, sample_pose
+from relight.figures.pose.stances import SITTING, STANDING, Pose, sample_pose
+from relight.figures.tailor import wardrobe
+from relight.figures.tailor.scarves import SCARVES
 from relight.files import UserError
 
 PEOPLE = 40  # maximal number drawn until one can wear the required garments

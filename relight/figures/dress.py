@@ -4,16 +4,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from relight.figures import colliders, gates, props
+from relight.figures import gates
 from relight.figures.assembly import Builder, assemble
-from relight.figures.body import Expression, Person, build_body, sample_expression
-from relight.figures.clearance import clear_hands, room
+from relight.figures.body.person import Expression, Person, build_body, sample_expression
+from relight.figures.cloth import colliders
 from relight.figures.constraints import Constraints
 from relight.figures.outfits import Outfit, fitted_to_pose, in_other_fabrics
-from relight.figures.poses import build_motion
+from relight.figures.pose import props
+from relight.figures.pose.clearance import clear_hands
+from relight.figures.pose.poses import build_motion
+from relight.figures.pose.stances import Pose
 from relight.figures.shading import shaded
-from relight.figures.stances import Pose
 from relight.figures.surfaces import stacked
+from relight.figures.tailor.garments import room_for_hands
 from relight.figures.wear import DETAILS, Detail, drape_outfit
 from relight.files import UserError
 from relight.meshes import Mesh
@@ -119,7 +122,7 @@ def attempt_figure(
     if pose.sitting:
         detail = replace(detail, frames=SITTING_FRAMES * detail.frames)
     body = build_body(person, expression)
-    pose = clear_hands(body, pose, room([garment for garment, _ in outfit.garments], pose.sitting))
+    pose = clear_hands(body, pose, room_for_hands([garment for garment, _ in outfit.garments], pose.sitting))
     motion = build_motion(body, pose, detail.frames)
     worn = drape_outfit(body, motion, outfit, detail)
     reason = next((why for w in worn if (why := gates.check_garment(w.pattern, w.draped, motion, body))), None)

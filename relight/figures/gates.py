@@ -3,17 +3,16 @@
 import numpy as np
 from scipy import ndimage
 
-from relight.figures import makehuman
-from relight.figures.body import Body
-from relight.figures.clearance import bone_weights
-from relight.figures.colliders import Collider
-from relight.figures.crossings import crossing
-from relight.figures.drape import DrapeResult
-from relight.figures.layers import signed_distance
-from relight.figures.patterns import Pattern
-from relight.figures.poses import Motion
+from relight.figures.body import makehuman
+from relight.figures.body.person import Body
+from relight.figures.cloth.colliders import Collider
+from relight.figures.cloth.crossings import crossing
+from relight.figures.cloth.drape import DrapeResult
+from relight.figures.cloth.layers import signed_distance
+from relight.figures.pose.poses import Motion
 from relight.figures.rings import lost_rings
 from relight.figures.surfaces import normals, stacked
+from relight.figures.tailor.patterns import Pattern
 from relight.figures.wear import DrapedGarment
 from relight.meshes import Mesh
 
@@ -138,7 +137,7 @@ def covered_hands(worn: list[DrapedGarment], motion: Motion, body: Body) -> tupl
     for w in worn:
         parts.append((w.draped.positions, w.pattern.levels[-1].faces[~w.pattern.sleeve]))
     vertices, faces = stacked(parts)
-    hand = bone_weights("finger", "metacarpal") > 0.7
+    hand = makehuman.bone_weights("finger", "metacarpal") > 0.7
     skin_forward = normals(skin, skin_faces)[:, 2] > 0.2
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     face_forward = np.cross(b - a, c - a)[:, 2] > 0
@@ -163,7 +162,7 @@ def share_inside(x: np.ndarray, skin: np.ndarray) -> float:
         The share of vertices deeper than INSIDE under the skin, without that of hands and wrists.
     """
     faces = makehuman.base().faces["body"]
-    hands = bone_weights("finger", "metacarpal", "wrist") > 0.3
+    hands = makehuman.bone_weights("finger", "metacarpal", "wrist") > 0.3
     _, distance, _ = signed_distance(x, Collider(skin, skin, faces[~hands[faces].any(1)]), 0.12)
     return float((distance < -INSIDE).mean())
 

@@ -5,8 +5,8 @@ The specular of skin and eyes follows from their refractive indices, 1.4 and 1.3
 
 from dataclasses import replace
 
-from relight.figures.fabrics import Fabric, trait
 from relight.figures.outfits import Outfit
+from relight.figures.tailor.fabrics import Fabric, trait
 from relight.meshes import Material
 
 CLOTH = (0.85, 0.3)  # roughness; specular: reflectance over 4 %

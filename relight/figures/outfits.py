@@ -5,15 +5,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from relight.figures import fabrics, wardrobe
-from relight.figures.body import Person
-from relight.figures.fabrics import Color, Fabric, as_color
-from relight.figures.footwear import SHOES, Shoe
-from relight.figures.garments import Garment
-from relight.figures.hair import STYLES, Style
-from relight.figures.scarves import SCARVES
-from relight.figures.skin import HAIR, IRISES
-from relight.figures.stances import Pose
+from relight.figures.body.person import Person
+from relight.figures.body.skin import HAIR, IRISES
+from relight.figures.hair.styles import STYLES, Style
+from relight.figures.pose.stances import Pose
+from relight.figures.tailor import fabrics, wardrobe
+from relight.figures.tailor.fabrics import Color, Fabric, as_color
+from relight.figures.tailor.footwear import SHOES, Shoe
+from relight.figures.tailor.garments import Garment
+from relight.figures.tailor.scarves import SCARVES
 
 
 @dataclass(frozen=True)

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from relight.figures.body import Body
-from relight.figures.patterns import Pattern
-from relight.figures.poses import Motion
+from relight.figures.body.person import Body
+from relight.figures.pose.poses import Motion
+from relight.figures.tailor.patterns import Pattern
 
 EXTENSION = 10.0  # extension of a limb's line at both ends, beyond any ring, metres
 LEVELS = np.arange(0.05, 2.0, 0.05)  # where rings lie along an arm (0 shoulder, 1 elbow, 2 wrist) or leg

@@ -5,16 +5,17 @@ from functools import partial
 
 import numpy as np
 
-from relight.figures import collars, drape, footwear, layers, makehuman, patterns, scarves, wrinkles
-from relight.figures.body import Body
-from relight.figures.clearance import bone_weights
-from relight.figures.colliders import Collider
-from relight.figures.drape import SolverSettings
-from relight.figures.fabrics import Fabric
-from relight.figures.garments import Garment
+from relight.figures.body import makehuman
+from relight.figures.body.person import Body
+from relight.figures.cloth import drape, layers, wrinkles
+from relight.figures.cloth.colliders import Collider
+from relight.figures.cloth.drape import SolverSettings
 from relight.figures.outfits import Outfit
-from relight.figures.poses import Motion
+from relight.figures.pose.poses import Motion
 from relight.figures.surfaces import Surface, neighbours, normals, stacked
+from relight.figures.tailor import collars, footwear, patterns, scarves
+from relight.figures.tailor.fabrics import Fabric
+from relight.figures.tailor.garments import Garment
 
 FREE_DROP = 0.2  # length of a drop above which its cloth hangs free, metres
 CLEFT = (
@@ -69,12 +70,12 @@ class Obstacles:
 
     def __init__(self, body: Body, motion: Motion, outfit: Outfit, frames: int):
         weights, faces = makehuman.rig().weights[makehuman.BODY], makehuman.base().faces["body"]
-        head = bone_weights(
+        head = makehuman.bone_weights(
             "head", "jaw", "eye", "levator", "oris", "special", "temporalis", "risorius", "oculi", "tongue",
             "orbicularis",
         )  # fmt: skip
-        fingers = bone_weights("finger", "metacarpal") + head
-        arms = fingers + bone_weights("wrist", "lowerarm", "upperarm")
+        fingers = makehuman.bone_weights("finger", "metacarpal") + head
+        arms = fingers + makehuman.bone_weights("wrist", "lowerarm", "upperarm")
         trunk_and_arms = faces[(fingers[faces] < 0.3).all(1)]
         self.body, self.frames = body, frames
         self.under_tops = trunk_and_arms[~cleft(body, body.skin, trunk_and_arms)]
