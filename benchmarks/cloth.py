@@ -24,7 +24,7 @@ from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from relight.figures import assembly, dress
 from relight.figures.commands import seeds_of
-from relight.figures.tailor import wardrobe
+from relight.figures.tailor.garments import group
 from relight.meshes import Mesh
 from relight.sh import unoccluded
 from relight.srgb import LUMINANCE
@@ -101,16 +101,16 @@ def visible(mesh: Mesh) -> np.ndarray:
 
 
 def kind(name: str, fabric: str) -> str:
-    if name in {garment.name for garment in wardrobe.BOTTOMS}:
+    if name in group("bottoms"):
         return "denim trousers" if fabric == "denim" else "trousers"
     groups = {
-        "dress": [garment.name for garment in (*wardrobe.DRESSES, *wardrobe.ROBES)],
-        "skirt": [garment.name for garment in wardrobe.SKIRTS],
+        "dress": (*group("dresses"), *group("robes")),
+        "skirt": group("skirts"),
         "coat, jacket": ("jacket", "blazer", "coat", "closed jacket", "closed coat", "vest", "waistcoat"),
         "knitwear": ("sweater", "hoodie", "cardigan", "roll-neck"),
         "scarf": ("scarf", "wrapped scarf"),
     }
-    return next((group for group, names in groups.items() if name in names), "shirt")
+    return next((kind for kind, names in groups.items() if name in names), "shirt")
 
 
 def lights() -> list[np.ndarray]:

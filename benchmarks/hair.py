@@ -29,7 +29,7 @@ from relight.figures.body.person import build_body
 from relight.figures.cloth import colliders
 from relight.figures.commands import seeds_of
 from relight.figures.hair.combing import head_centre
-from relight.figures.hair.styles import STYLES
+from relight.figures.hair.styles import styles
 from relight.figures.pose.poses import build_motion
 from relight.figures.surfaces import loop
 from relight.figures.wear import DETAILS
@@ -49,7 +49,7 @@ class Head:
         draw = dress.sample(seed, 0, 1, 0.0)
         outfit, detail = draw.outfit, DETAILS[detail]
         if style is not None:
-            outfit = dress.replace(outfit, hair=next(one for one in STYLES if one.name == style))
+            outfit = dress.replace(outfit, hair=styles()[style])
         body = build_body(draw.person, draw.expression)
         motion = build_motion(body, draw.pose, 1)
         base = makehuman.base()

@@ -14,8 +14,9 @@ from relight.figures.hair.styles import HairPart, build_hair
 from relight.figures.outfits import Outfit
 from relight.figures.pose.poses import Motion
 from relight.figures.surfaces import loop, normals, stacked, thickened
-from relight.figures.tailor import aging, collars, fabrics, footwear, panels, patterns, seams, trims
+from relight.figures.tailor import aging, collars, footwear, panels, patterns, seams, trims
 from relight.figures.tailor.fabrics import Fabric
+from relight.figures.tailor.weaves import woven
 from relight.figures.texture import coded, noise
 from relight.figures.wear import Detail, DrapedGarment
 from relight.meshes.mesh import Material, Mesh
@@ -388,7 +389,7 @@ def garment_paint(
         name, fabric = outfit.garments[number][0].name, outfit.garments[number][1]
 
         def paint(panel_name: str, u: np.ndarray, v: np.ndarray, place: tuple[slice, slice]) -> np.ndarray:
-            color = fabrics.weave(fabric, panel_name, u, v, texel)
+            color = woven(fabric, panel_name, u, v, texel)
             color = seams.stitched(garment, fabric.kind, panel_name, u, v, top[panel_name], color)
             marks_here = {mark: picture[place] for mark, picture in marks.items()}
             return aging.aged(garment, fabric, panel_name, u, v, marks_here, texel, color)
@@ -512,7 +513,7 @@ def cord_paint(number: int) -> Paint:
 def square(name: str, fabric: Fabric, width: float, side: int) -> Material:
     """Returns a material with a square of fabric, `width` metres, as a texture of `side` pixels."""
     u, v = np.meshgrid((np.arange(side) + 0.5) / side, (np.arange(side) + 0.5) / side)
-    texture = coded(fabrics.weave(fabric, "front", width * u, -0.5 * width * v, width / side))
+    texture = coded(woven(fabric, "front", width * u, -0.5 * width * v, width / side))
     return Material(texture=texture, name=name)
 
 

@@ -54,7 +54,8 @@ def figures(
     """
     import multiprocessing
 
-    from relight.figures.constraints import GARMENTS, HAIR, POSES, Constraints
+    from relight.figures.constraints import Constraints
+    from relight.figures.constraints import names as known_names
     from relight.figures.dress import DETAILS
     from relight.figures.export import FORMATS
     from relight.files import UserError
@@ -62,8 +63,8 @@ def figures(
     from relight.progress import progress
 
     if names:
-        for option, known in (("--pose", POSES), ("--garment", GARMENTS), ("--hair", HAIR)):
-            typer.echo("\n".join(f"{option} {shlex.quote(name)}" for name in known))
+        for kind, known in known_names().items():
+            typer.echo("\n".join(f"--{kind.split()[0]} {shlex.quote(name)}" for name in known))
         return
     numbers = seeds_of(seeds)
     if export not in FORMATS:

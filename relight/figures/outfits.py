@@ -6,14 +6,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from relight.figures.body.person import Person
-from relight.figures.body.skin import HAIR, IRISES
-from relight.figures.hair.styles import STYLES, Style
+from relight.figures.body.skin import sample_iris
+from relight.figures.hair.styles import Style, sample_color, style_odds, styles
 from relight.figures.pose.stances import Pose
-from relight.figures.tailor import fabrics, wardrobe
-from relight.figures.tailor.fabrics import Color, Fabric, as_color
-from relight.figures.tailor.footwear import SHOES, Shoe
-from relight.figures.tailor.garments import Garment
-from relight.figures.tailor.scarves import SCARVES
+from relight.figures.tailor import fabrics
+from relight.figures.tailor.fabrics import Fabric
+from relight.figures.tailor.footwear import Shoe, shoes
+from relight.figures.tailor.garments import Garment, group, wardrobe
+from relight.figures.texture import Color
 
 
 @dataclass(frozen=True)
@@ -23,13 +23,13 @@ class Outfit:
     Attributes:
         garments: with their fabrics, from the skin outward.
         shoe: its shape.
-        upper, sole: colours of the shoes.
+        upper, sole: colors of the shoes.
         hair: its style.
         hair_color: also of beard and brows.
         hat: fabric of the hat that some hair styles include.
         beard: amount in [0,1].
         makeup: amount in [0,1].
-        iris: colour.
+        iris: color.
         tie, belt: their fabrics, or None.
     """
 
@@ -57,8 +57,6 @@ NECKS = (  # of tops cut like a t-shirt: radii of the opening, and depth of a V 
 )
 TUCKS = ("shirt", "t-shirt", "fitted t-shirt", "long sleeve", "polo shirt", "roll-neck")  # may be worn inside trousers
 ROUND = ("t-shirt", "fitted t-shirt", "long sleeve", "sweater", "dress", "long dress")  # cut like a t-shirt at the neck
-LIGHT_SKIN_IRISES = (0.1, 0.3, 0.25, 0.15, 0.2)  # probabilities of IRISES
-DARK_SKIN_IRISES = (0.6, 0.34, 0.02, 0.02, 0.02)
 TIES = ("plain", "stripes", "print", "check")
 MAX_WAIST_EASE = 0.036  # metres, of a top: wider cloth falls into one deep fold at the back
 MAX_INNER_EASE = 0.020  # metres, of the trunk of a top worn under a jacket
@@ -181,9 +179,7 @@ def fitted_to_pose(outfit: Outfit, pose: Pose) -> Outfit:
 
 def pick(rng: np.random.Generator, *names: str) -> Garment:
     """Draws a garment of one of the names."""
-    library = (*wardrobe.TOPS, *wardrobe.OUTER, *wardrobe.BOTTOMS, *wardrobe.SKIRTS, *wardrobe.DRESSES, *wardrobe.ROBES)
-    by_name = {garment.name: garment for garment in library}
-    return tailored(rng, by_name[str(rng.choice(names))])
+    return tailored(rng, wardrobe()[str(rng.choice(names))])
 
 
 def sample_base_garments(rng: np.random.Generator, woman: bool) -> list[Garment]:
@@ -224,17 +220,18 @@ def add_outer_layers(rng: np.random.Generator, worn: list[Garment]) -> list[Garm
     worn.append(over(pick(rng, *outer, *waistcoat), inner))
     odds = {"coat": 0.5, "closed coat": 0.5, "jacket": 0.3, "blazer": 0.25, "cardigan": 0.25}.get(worn[-1].name, 0)
     if rng.random() < odds and not any(g.name in ("shorts", "tank top") for g in worn):
-        worn.append(SCARVES[int(rng.integers(len(SCARVES)))])
+        scarves = list(group("scarves").values())
+        worn.append(scarves[int(rng.integers(len(scarves)))])
     return worn
 
 
-def sample_outfit(rng: np.random.Generator, person: Person, styles: Collection[str] = ()) -> Outfit:
+def sample_outfit(rng: np.random.Generator, person: Person, hair: Collection[str] = ()) -> Outfit:
     """Draws an outfit. Only women wear skirts and dresses, only men have beards.
 
     Args:
         rng: random generator.
         person: who wears it.
-        styles: names of the hair styles to draw from, at least one of which suits the person; empty for all.
+        hair: names of the styles to draw from, at least one of which suits the person; empty for all.
     """
     woman = person.female > 0.5
     worn = add_outer_layers(rng, sample_base_garments(rng, woman))
@@ -247,28 +244,28 @@ def sample_outfit(rng: np.random.Generator, person: Person, styles: Collection[s
     if belt and not has_loops:
         worn[0] = replace(thin, belt_height=BELT if thin.seam is None else thin.seam + ABOVE_SEAM)
     garments = [(g, fabrics.sample_fabric(rng, g.fabrics, is_muted(g))) for g in worn]
-    shoe = SHOES[int(rng.choice(len(SHOES), p=shoe_odds(woman, worn)))]
+    shoe = shoes()[int(rng.choice(len(shoes()), p=shoe_odds(woman, worn)))]
     upper = shoe_color(rng, shoe)
     pale = "sneaker" in shoe.name and rng.random() < 0.75
-    style = STYLES[int(rng.choice(len(STYLES), p=hair_odds(woman, person, styles)))]
+    style = styles()[list(styles())[int(rng.choice(len(styles()), p=style_odds(woman, person, hair)))]]
     return Outfit(
         garments=garments,
         shoe=shoe,
         upper=upper,
         sole=(0.68, 0.66, 0.62) if pale else (0.03, 0.025, 0.022),
         hair=style,
-        hair_color=hair_color(rng, person),
+        hair_color=sample_color(rng, person),
         hat=fabrics.sample_fabric(rng, ("knit",) if style.hat == "beanie" else ("plain", "denim"), False),
         beard=0.0 if woman or rng.random() < 0.5 else float(rng.uniform(0.15, 0.9)),
         makeup=float(rng.uniform(0.1, 0.9)) if woman else 0.0,
-        iris=IRISES[int(rng.choice(len(IRISES), p=LIGHT_SKIN_IRISES if person.skin > 0.75 else DARK_SKIN_IRISES))],
+        iris=sample_iris(rng, person),
         tie=fabrics.sample_fabric(rng, TIES, False) if tie else None,
         belt=fabrics.sample_fabric(rng, ("leather",), True) if belt else None,
     )
 
 
 def in_other_fabrics(outfit: Outfit, rng: np.random.Generator) -> Outfit:
-    """Returns the same clothes in other fabrics and colours."""
+    """Returns the same clothes in other fabrics and colors."""
     return replace(
         outfit,
         garments=[(g, fabrics.sample_fabric(rng, g.fabrics, is_muted(g))) for g, _ in outfit.garments],
@@ -280,67 +277,20 @@ def in_other_fabrics(outfit: Outfit, rng: np.random.Generator) -> Outfit:
 
 
 def is_muted(garment: Garment) -> bool:
-    """Returns whether a garment is mostly of neutral colours."""
-    return garment.kind == "trousers" or garment.name in {g.name for g in wardrobe.OUTER}
+    """Returns whether a garment is mostly of neutral colors."""
+    return garment.kind == "trousers" or garment.name in group("outer")
 
 
 def shoe_color(rng: np.random.Generator, shoe: Shoe) -> Color:
-    """Draws the colour of a shoe's upper."""
+    """Draws the color of a shoe's upper."""
     return fabrics.sample_fabric(rng, ("leather",) if "sneaker" not in shoe.name else ("plain",), True).first
 
 
 def shoe_odds(woman: bool, worn: list[Garment]) -> np.ndarray:
-    """Returns the probability of each of SHOES (S,) with these garments."""
+    """Returns the probability of each of `shoes` (S,) with these garments."""
     skirted = worn[0].name.endswith("dress") or any(g.kind == "skirt" for g in worn)
-    odds = {"sneakers": 3, "high sneakers": 1.5, "oxfords": 1.2, "loafers": 1, "boots": 1.5, "sandals": 0.8}
-    if woman:
-        odds |= {"ballet flats": 3 if skirted else 1.2, "high boots": 1.5 if skirted else 0.3}
-    weights = np.array([odds.get(shoe.name, 0.0) for shoe in SHOES])
-    return weights / weights.sum()
-
-
-def hair_odds(woman: bool, person: Person, styles: Collection[str] = ()) -> np.ndarray:
-    """Returns the probability of each of STYLES (S,), 0 for those that `styles` excludes; all 0 if none is left."""
-    men = {
-        "bald": 1 + max(0, person.age - 35) / 20,
-        "shaved": 1.6,
-        "crop": 3,
-        "side part": 2,
-        "quiff": 1.5,
-        "curly": 1,
-        "beanie": 0.7,
-        "cap": 0.8,
-    }
-    women = {
-        "bob": 2,
-        "chin length": 1.6,
-        "long": 2,
-        "wavy long": 2,
-        "bun": 1.6,
-        "ponytail": 1.6,
-        "curly": 1,
-        "crop": 0.6,
-        "beanie": 0.4,
-        "cap": 0.3,
-    }
-    odds = women if woman else men
-    if person.ancestry[0] > 0.5:
-        odds |= {"afro": 2, "curly": 2, "long": 0.5, "wavy long": 0.7, "quiff": 0.2, "side part": 0.2}
-    weights = np.array([odds.get(style.name, 0.0) * (not styles or style.name in styles) for style in STYLES])
-    return weights / max(weights.sum(), np.finfo(float).tiny)
-
-
-def hair_color(rng: np.random.Generator, person: Person) -> Color:
-    """Draws a hair colour: grey or white with age, else by skin and ancestry."""
-    if rng.random() < np.clip((person.age - 42) / 35, 0, 0.9):
-        name = "white" if rng.random() < (person.age - 50) / 40 else "grey"
-    elif person.skin > 0.72 and person.ancestry[2] > 0.4:
-        name = str(
-            rng.choice(
-                ["dark brown", "brown", "auburn", "blond", "fair", "red", "black"],
-                p=[0.25, 0.28, 0.08, 0.2, 0.08, 0.04, 0.07],
-            )
-        )
-    else:
-        name = str(rng.choice(["black", "dark brown", "brown"], p=[0.6, 0.32, 0.08]))
-    return as_color(np.array(HAIR[name]) * np.exp(rng.normal(0, 0.12)))
+    weights = []
+    for shoe in shoes():
+        weight = shoe.women if woman else shoe.men
+        weights.append(shoe.with_skirt if woman and skirted and shoe.with_skirt is not None else weight)
+    return np.array(weights) / np.sum(weights)

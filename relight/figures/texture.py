@@ -1,9 +1,11 @@
-"""Procedural textures: noise that is the same on every machine, and 8-bit sRGB."""
+"""Procedural textures: noise that is the same on every machine, stripes, blends of colors, and 8-bit sRGB."""
 
 import numpy as np
 
 from relight.srgb import encode
 
+Color = tuple[float, float, float]  # linear albedo of red, green and blue
+MIN_TEXELS = 1.4  # size of the smallest feature
 SRGB = (255 * encode(np.arange(65536) / 65535) + 0.5).astype(np.uint8)  # by linear value
 
 
@@ -39,6 +41,29 @@ def grid_noise(x: np.ndarray, y: np.ndarray, seed: int) -> np.ndarray:
     values = lattice(columns[None], rows[:, None], seed).astype(x.dtype)
     left = np.take(values, i - columns[0], 1) * (1 - a) + np.take(values, i + 1 - columns[0], 1) * a
     return left[j - rows[0]] * (1 - b) + left[j + 1 - rows[0]] * b
+
+
+def grain(
+    u: np.ndarray, v: np.ndarray, width: float, height: float, texel: float, seed: int, offset: float = 0.0
+) -> np.ndarray:
+    """Returns noise of mean 0 and standard deviation about 1 with features of `width` by `height` metres.
+
+    Features finer than MIN_TEXELS texels are enlarged, with the lower contrast of averages of independent ones.
+    """
+    smallest = MIN_TEXELS * texel
+    x, y = max(width, smallest), max(height, smallest)
+    return float(np.sqrt(width / x * height / y)) * 5.0 * (noise(u / x + offset, v / y, seed) - 0.5)
+
+
+def band(x: np.ndarray, period: float, share: float, soft: float = 0.0012) -> np.ndarray:
+    """Returns 1 inside stripes that fill `share` of each period, with edges of `soft` metres."""
+    d = np.abs((x / period + 0.5) % 1 - 0.5) * period
+    return np.clip((share * period / 2 - d) / soft + 0.5, 0, 1)
+
+
+def mixed(ground: np.ndarray, pattern: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Interpolates colors (...,3) from `ground` to `pattern`, each (3,) or (...,3), by a share (...)."""
+    return ground + (pattern - ground) * share[..., None]
 
 
 def coded(linear: np.ndarray) -> np.ndarray:

@@ -14,12 +14,12 @@ from relight.figures.cloth import colliders
 from relight.figures.cloth.colliders import Collider
 from relight.figures.cloth.drape import Level
 from relight.figures.cloth.layers import signed_distance
-from relight.figures.constraints import LIBRARY
 from relight.figures.pose import stances
 from relight.figures.pose.poses import build_motion
 from relight.figures.surfaces import border_loops, edges, loop
 from relight.figures.tailor import collars, patterns, trims
 from relight.figures.tailor.fabrics import Fabric
+from relight.figures.tailor.garments import wardrobe
 
 UP, LEFT, AHEAD = np.eye(3)[[1, 0, 2]]
 
@@ -31,7 +31,7 @@ def body():
 
 
 def cut(body, name, **changes):
-    return patterns.build_pattern(body, replace(LIBRARY[name], **changes), 0)
+    return patterns.build_pattern(body, replace(wardrobe()[name], **changes), 0)
 
 
 def hollow(points: np.ndarray) -> float:
@@ -292,7 +292,7 @@ def test_the_band_of_a_closed_front(front):
     level = Level(
         both, both, both, np.zeros(len(both)), np.zeros((len(both), 1)), np.concatenate([faces, behind + len(points)])
     )
-    garment = replace(LIBRARY["closed coat"], front=front)
+    garment = replace(wardrobe()["closed coat"], front=front)
     pattern = patterns.Pattern(garment, [level], [], {}, 0.0, np.zeros(2 * len(faces), bool))
     found = trims.band(pattern, both, both[:, :2])
     if front == "none":
@@ -406,10 +406,10 @@ def test_other_fabrics_keep_the_cut():
     assert other.tie is None and other.belt != outfit.belt and other.shoe == outfit.shoe and other.hair == outfit.hair
 
 
-@pytest.mark.parametrize("name", sorted(LIBRARY))
+@pytest.mark.parametrize("name", sorted(wardrobe()))
 def test_every_garment_can_be_cut(body, name):
     """In one piece, with as many borders as it has openings, around a body that stands."""
-    garment = LIBRARY[name]
+    garment = wardrobe()[name]
     pattern = cut(body, name)
     level = pattern.levels[0]
     openings = {"top": 4 - bool(garment.front_gap), "trousers": 3, "skirt": 2}[garment.kind]
@@ -421,4 +421,4 @@ def test_every_garment_can_be_cut(body, name):
 
 
 def way_of(body):
-    return build_motion(body, stances.STANDING[1], 1)
+    return build_motion(body, stances.poses()["straight"], 1)

@@ -70,7 +70,7 @@ def test_two_bones_keep_their_lengths():
 
 def test_motion_begins_at_rest_and_ends_on_the_ground(person):
     rig = makehuman.rig()
-    for pose in (stances.STANDING[3], stances.STANDING[15], stances.SITTING[0]):
+    for pose in (stances.poses()["contrapposto"], stances.poses()["hands behind, astride"], stances.poses()["sitting"]):
         motion = poses.build_motion(person, pose, 6)
         weights = rig.weights[makehuman.BODY]
         rest = motion.skin(weights, person.skin, 0) - person.skin
@@ -81,7 +81,7 @@ def test_motion_begins_at_rest_and_ends_on_the_ground(person):
 
 
 def pose_of(name: str) -> stances.Pose:
-    return next(pose for pose in (*stances.STANDING, *stances.SITTING) if pose.name == name)
+    return stances.poses()[name]
 
 
 def joints_of(person, pose, *names) -> list[np.ndarray]:
@@ -201,7 +201,7 @@ def test_a_turn_moves_the_whole_figure(person):
 
 
 def test_names_of_poses_differ():
-    names = [pose.name for pose in (*stances.STANDING, *stances.SITTING)]
+    names = list(stances.poses())
     assert len(set(names)) == len(names) >= 60
 
 

@@ -32,8 +32,9 @@ from relight.figures.gloss import GLOSS, LEATHER, with_gloss
 from relight.figures.outfits import fitted_to_pose, sample_outfit
 from relight.figures.pose import stances
 from relight.figures.rings import lost_rings
-from relight.figures.tailor import patterns, wardrobe
+from relight.figures.tailor import patterns
 from relight.figures.tailor.fabrics import Fabric
+from relight.figures.tailor.garments import wardrobe
 from relight.figures.wear import DrapedGarment
 from relight.files import UserError
 from relight.meshes import Material, Mesh, clean, read_mesh
@@ -215,8 +216,8 @@ def snug():
     """A dress as its pattern lies around a standing body, not draped: a drape that passes."""
     colliders.init_warp()
     body = dress.build_body(sample_person(np.random.default_rng(3)))
-    motion = dress.build_motion(body, stances.STANDING[1], 4)
-    pattern = patterns.build_pattern(body, wardrobe.DRESSES[0], 0)
+    motion = dress.build_motion(body, stances.poses()["straight"], 4)
+    pattern = patterns.build_pattern(body, wardrobe()["dress"], 0)
     level = pattern.levels[0]
     x = motion.skin(level.weights, level.rest_shape)
     return body, motion, pattern, x, np.ones(1000)
@@ -250,7 +251,7 @@ def test_each_gate_rejects(snug, spoil, message):
 
 def test_a_short_hem_that_was_swept_up_is_found_and_one_that_leans_is_not(snug):
     body, motion = snug[:2]
-    pattern = patterns.build_pattern(body, wardrobe.TOPS[0], 0)
+    pattern = patterns.build_pattern(body, wardrobe()["t-shirt"], 0)
     level = pattern.levels[0]
     x = motion.skin(level.weights, level.fitted)
     assert gates.hem_swept(pattern, x, motion) < 0.001
@@ -268,10 +269,10 @@ def test_a_short_hem_that_was_swept_up_is_found_and_one_that_leans_is_not(snug):
 @pytest.mark.parametrize(
     ("garment", "limb", "root", "tip", "middle"),
     [
-        (wardrobe.TOPS[3], "arm", "upperarm01", "lowerarm01", 0.5),
-        (wardrobe.TOPS[3], "arm", "lowerarm01", "wrist", 1.5),
-        (wardrobe.BOTTOMS[0], "leg", "upperleg01", "lowerleg01", 0.55),
-        (wardrobe.BOTTOMS[0], "leg", "lowerleg01", "foot", 1.5),
+        (wardrobe()["long sleeve"], "arm", "upperarm01", "lowerarm01", 0.5),
+        (wardrobe()["long sleeve"], "arm", "lowerarm01", "wrist", 1.5),
+        (wardrobe()["jeans"], "leg", "upperleg01", "lowerleg01", 0.55),
+        (wardrobe()["jeans"], "leg", "lowerleg01", "foot", 1.5),
     ],
     ids=["upper arm", "forearm", "thigh", "shin"],
 )

@@ -6,8 +6,7 @@ import pytest
 from relight.figures.body import makehuman
 from relight.figures.body.person import build_body, sample_person
 from relight.figures.cloth import colliders
-from relight.figures.pose import poses
-from relight.figures.pose.stances import STANDING
+from relight.figures.pose import poses, stances
 from relight.figures.tailor import footwear
 
 
@@ -15,10 +14,10 @@ from relight.figures.tailor import footwear
 def feet():
     colliders.init_warp()
     built = build_body(sample_person(np.random.default_rng(2)))
-    return built, poses.build_motion(built, STANDING[0], 1)
+    return built, poses.build_motion(built, stances.poses()["relaxed"], 1)
 
 
-@pytest.mark.parametrize("shoe", footwear.SHOES, ids=lambda shoe: shoe.name)
+@pytest.mark.parametrize("shoe", footwear.shoes(), ids=lambda shoe: shoe.name)
 def test_a_shoe_has_its_pieces_around_the_foot(feet, shoe):
     built, motion = feet
     skin = motion.skin(makehuman.rig().weights[makehuman.BODY], built.skin)
@@ -46,7 +45,7 @@ def test_a_shoe_has_its_pieces_around_the_foot(feet, shoe):
 
 
 def test_both_feet_are_shod_alike(feet):
-    parts = footwear.build_shoes(*feet, footwear.SHOES[1])
+    parts = footwear.build_shoes(*feet, footwear.shoes()[1])
     half = len(parts) // 2
     for left, right in zip(parts[:half], parts[half:], strict=True):
         assert left.name == right.name

@@ -7,13 +7,14 @@ import pytest
 
 from relight.figures.assembly import Builder, add_hair
 from relight.figures.body import makehuman, skin
-from relight.figures.body.person import EXPRESSIONS, Expression, build_body, sample_expression, sample_person, units
+from relight.figures.body.person import Expression, build_body, expressions, sample_expression, sample_person, units
+from relight.figures.catalogue.schema import entries
 from relight.figures.cloth import colliders, layers
 from relight.figures.hair import combing, facial, locks, strands, styles
 from relight.figures.outfits import in_other_fabrics, sample_outfit
-from relight.figures.pose import poses
-from relight.figures.pose.stances import STANDING
+from relight.figures.pose import poses, stances
 from relight.figures.surfaces import normals
+from relight.figures.texture import Color
 from relight.figures.wear import DETAILS
 
 
@@ -27,13 +28,13 @@ def head(person):
     """A body, its pose, and its posed skin: all that hair needs."""
     colliders.init_warp()
     built = build_body(person)
-    motion = poses.build_motion(built, STANDING[0], 1)
+    motion = poses.build_motion(built, stances.poses()["relaxed"], 1)
     posed = motion.skin(makehuman.rig().weights[makehuman.BODY], built.skin)
     return built, motion, (posed, makehuman.base().faces["body"])
 
 
 def grown(head, name: str, fine: bool = False) -> list[styles.HairPart]:
-    style = next(style for style in styles.STYLES if style.name == name)
+    style = styles.styles()[name]
     return styles.build_hair(*head[:2], style, 0.8, head[2], 5, fine)
 
 
@@ -44,10 +45,10 @@ def named(parts: list[styles.HairPart], name: str) -> styles.HairPart:
 @pytest.fixture(scope="module")
 def heads(head):
     """Each style's parts, grown once."""
-    return {style.name: grown(head, style.name) for style in styles.STYLES}
+    return {style.name: grown(head, style.name) for style in styles.styles().values()}
 
 
-@pytest.mark.parametrize("name", EXPRESSIONS)
+@pytest.mark.parametrize("name", expressions())
 def test_an_expression_moves_the_face_and_keeps_the_mouth_closed(person, name):
     calm = build_body(person).vertices
     face = build_body(person, Expression(name, units(name))).vertices
@@ -61,7 +62,7 @@ def test_an_expression_moves_the_face_and_keeps_the_mouth_closed(person, name):
 
 def test_expressions_vary_and_follow_their_seed():
     drawn = [sample_expression(np.random.default_rng([seed, 3])) for seed in range(60)]
-    assert {one.name for one in drawn} == set(EXPRESSIONS)
+    assert {one.name for one in drawn} == set(expressions())
     assert drawn[7] == sample_expression(np.random.default_rng([7, 3]))
     assert all(0 <= weight <= 1 for one in drawn for weight in one.units.values())
     for unit in {unit for one in drawn for unit in one.units}:
@@ -73,7 +74,7 @@ def test_a_lopsided_expression_swaps_its_sides():
     assert one["faceunits/mouthSmileLeft"] == other["faceunits/mouthSmileRight"] > other["faceunits/mouthSmileLeft"]
 
 
-@pytest.mark.parametrize("style", [style.name for style in styles.STYLES if style.comb])
+@pytest.mark.parametrize("style", [style.name for style in styles.styles().values() if style.comb])
 def test_hair_is_finite_and_outside_of_the_head(head, heads, style):
     surface = colliders.Collider(head[2][0], *head[2])
     for part in heads[style]:
@@ -139,7 +140,9 @@ def test_hair_falls_with_gravity_and_lies_on_the_shoulders(head, heads):
     assert np.median(distance[low & np.isfinite(distance)]) < 0.04
 
 
-@pytest.mark.parametrize("name", [style.name for style in styles.STYLES if style.comb and style.hat == "none"])
+@pytest.mark.parametrize(
+    "name", [style.name for style in styles.styles().values() if style.comb and style.hat == "none"]
+)
 def test_little_scalp_shows_from_any_side(head, name):
     """Rays from all around toward the scalp inside the hairline meet hair first."""
     _, _, (posed, faces) = head
@@ -210,9 +213,9 @@ def test_beards_grow_on_jaw_and_lip_only(head, heads):
     assert np.mean(distance < -0.004) < 0.02 and distance.max() < 0.05
 
 
-@pytest.mark.parametrize("color", skin.HAIR)
+@pytest.mark.parametrize("color", entries("colors", "hair", Color))
 def test_brows_are_of_the_hair_and_never_white(color):
-    hair_color = np.array(skin.HAIR[color])
+    hair_color = np.array(entries("colors", "hair", Color)[color])
     brow = skin.brow_color(hair_color)
     np.testing.assert_allclose(brow / brow.sum(), hair_color / hair_color.sum())
     assert (brow < hair_color).all() and brow.max() < 0.27
@@ -234,7 +237,7 @@ def test_lashes_stand_on_the_lids_of_both_eyes(head):
 
 
 def test_hats_are_of_the_outfit_and_hair_is_of_the_person(head, heads, person):
-    style = next(style for style in styles.STYLES if style.name == "cap")
+    style = styles.styles()["cap"]
     own = replace(sample_outfit(np.random.default_rng(3), person), hair=style, beard=0.8)
     own = replace(own, hat=own.garments[0][1])
     looks = [own, in_other_fabrics(own, np.random.default_rng(4))]

@@ -4,18 +4,13 @@ import numpy as np
 import pytest
 
 from relight.figures import texture
-from relight.figures.tailor import aging, fabrics, panels, wardrobe
+from relight.figures.tailor import aging, fabrics, panels, prints
 from relight.figures.tailor.fabrics import Fabric
-from relight.figures.tailor.scarves import SCARVES
+from relight.figures.tailor.garments import wardrobe
+from relight.figures.tailor.weaves import WEAVES, woven
 
 LATTICE = [0.212093949, 0.283698976, 0.247471035, 0.376442909]
-KINDS = sorted(
-    {
-        k
-        for g in (*wardrobe.TOPS, *wardrobe.OUTER, *wardrobe.BOTTOMS, *wardrobe.SKIRTS, *wardrobe.DRESSES, *SCARVES)
-        for k in g.fabrics
-    }
-)
+KINDS = sorted(WEAVES)
 
 
 def grid(side=200, span=0.4):
@@ -26,7 +21,7 @@ def grid(side=200, span=0.4):
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_fabric_is_an_albedo_with_something_in_it(kind):
     u, v = grid()
-    color = fabrics.weave(Fabric(kind, (0.3, 0.1, 0.05), (0.1, 0.4, 0.7), 1.0, 5), "front", u, v)
+    color = woven(Fabric(kind, (0.3, 0.1, 0.05), (0.1, 0.4, 0.7), 1.0, 5), "front", u, v)
     assert color.shape == (200, 200, 3) and np.isfinite(color).all()
     assert color.min() > 0 and color.max() < 1
     assert color.std() > 0.003
@@ -34,7 +29,7 @@ def test_every_fabric_is_an_albedo_with_something_in_it(kind):
 
 def test_stripes_have_their_period_and_share():
     _, v = grid(800, 0.55)
-    share = fabrics.band(v, 0.055, 0.42)
+    share = texture.band(v, 0.055, 0.42)
     assert share.mean() == pytest.approx(0.42, abs=0.01)
     np.testing.assert_allclose(share[:80], share[80:160], atol=1e-6)
 
@@ -91,11 +86,11 @@ def test_grain_finer_than_a_texel_leaves_its_mean():
     side, coarse = 1600, 0.008
     a = (np.arange(side) + 0.5) * 0.0005
     u, v = np.broadcast_arrays(a[None], a[:, None])
-    fine = fabrics.grain(u, v, 0.002, 0.002, 0.0005, 1)
+    fine = texture.grain(u, v, 0.002, 0.002, 0.0005, 1)
     assert fine.std() == pytest.approx(1, abs=0.15)
     k = round(coarse / 0.0005)
     means = fine.reshape(side // k, k, side // k, k).mean((1, 3))
-    drawn = fabrics.grain(u[::k, ::k].copy(), v[::k, ::k].copy(), 0.002, 0.002, coarse, 1)
+    drawn = texture.grain(u[::k, ::k].copy(), v[::k, ::k].copy(), 0.002, 0.002, coarse, 1)
     assert 0.5 < drawn.std() / means.std() < 2
     assert drawn.std() < 0.4
 
@@ -105,14 +100,14 @@ def test_no_cloth_has_one_colour(kind):
     """The scatter of ln albedo between places 2.5 mm apart, which scans of cloth have as well."""
     a = np.arange(240) * 0.0013
     u, v = np.broadcast_arrays(a[None].astype(np.float32), a[:, None].astype(np.float32))
-    color = fabrics.weave(Fabric(kind, (0.3, 0.2, 0.15), (0.1, 0.4, 0.7), 1.0, 11), "back", u, v, 0.0013)
+    color = woven(Fabric(kind, (0.3, 0.2, 0.15), (0.1, 0.4, 0.7), 1.0, 11), "back", u, v, 0.0013)
     log = np.log(color.mean(-1).reshape(120, 2, 120, 2).mean((1, 3)))
     assert np.diff(log, axis=1).std() > 0.03
 
 
 def test_letters_are_black_or_white_and_in_their_line():
     x, y = np.meshgrid(np.linspace(-4, 4, 400), np.linspace(-1, 1, 100))
-    cover = fabrics.lettering(x, y, 3, 5)
+    cover = prints.lettering(x, y, 3, 5)
     assert set(np.unique(cover)) == {0.0, 1.0}
     assert not cover[np.abs(x) > 2.5].any() and not cover[np.abs(y) > 0.5].any()
     assert 0.2 < cover[(np.abs(x) < 2.5) & (np.abs(y) < 0.5)].mean() < 0.8
@@ -141,7 +136,7 @@ def test_seams_and_hems_are_sewn_and_knees_fade():
     far = np.full(u.shape, 0.1)
     at = {"seam": far, "edge": far, "rub": 0 * u, "bend": 0 * u}
     denim = Fabric("denim", (0.03, 0.055, 0.135), (0.5, 0.5, 0.5), 1.0, 5)
-    trousers, ground = wardrobe.BOTTOMS[0], np.full((100, 100, 3), 0.1)
+    trousers, ground = wardrobe()["jeans"], np.full((100, 100, 3), 0.1)
 
     def look(**marks):
         return aging.aged(trousers, denim, "front left", u, v, at | marks, 0.002, ground)

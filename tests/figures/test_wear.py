@@ -16,9 +16,10 @@ from relight.figures.cloth.layers import signed_distance
 from relight.figures.pose import clearance, stances
 from relight.figures.pose.poses import build_motion
 from relight.figures.surfaces import border_loops
-from relight.figures.tailor import collars, garments, patterns, scarves, wardrobe
+from relight.figures.tailor import collars, garments, patterns
 from relight.figures.tailor.fabrics import Fabric
-from relight.figures.tailor.footwear import SHOES, upper
+from relight.figures.tailor.footwear import shoes, upper
+from relight.figures.tailor.garments import group, wardrobe
 from relight.figures.wear import DETAILS, DrapedGarment, drape_outfit, drape_scarf, fallen_over
 
 CLOTH = Fabric("plain", (0.3, 0.1, 0.05), (0.1, 0.4, 0.7), 1.0, 5)
@@ -32,11 +33,11 @@ def person():
 
 @pytest.fixture(scope="module")
 def standing(person):
-    motion = build_motion(person, stances.STANDING[1], 1)
+    motion = build_motion(person, stances.poses()["straight"], 1)
     return motion, motion.skin(makehuman.rig().weights[makehuman.BODY], person.skin)
 
 
-@pytest.mark.parametrize("garment", scarves.SCARVES, ids=lambda garment: garment.name)
+@pytest.mark.parametrize("garment", group("scarves").values(), ids=lambda garment: garment.name)
 def test_a_scarf_lies_around_the_neck_and_hangs_in_front(person, standing, garment):
     motion, skin = standing
     faces = makehuman.base().faces["body"]
@@ -54,7 +55,7 @@ def test_a_scarf_lies_around_the_neck_and_hangs_in_front(person, standing, garme
 
 
 def test_a_tucked_top_is_pinned_below_the_waistband_only(person):
-    top, bottom = outfits.tucked(wardrobe.TOPS[0], wardrobe.BOTTOMS[0])
+    top, bottom = outfits.tucked(wardrobe()["t-shirt"], wardrobe()["jeans"])
     pattern = patterns.build_pattern(person, top, 0)
     edge = patterns.landmarks(person)["waist"] + bottom.waist
     y, pinned = pattern.fields["y"], pattern.levels[0].pin_weight
@@ -147,7 +148,7 @@ def test_short_sleeves_leave_the_trunk_whole(name, seed):
     """Hem, neck and two armholes that end under the arm, not a hand's breadth down the side."""
     colliders.init_warp()
     body = build_body(sample_person(np.random.default_rng(seed)))
-    garment = next(g for g in (*wardrobe.TOPS, *wardrobe.DRESSES) if g.name == name)
+    garment = wardrobe()[name]
     level = patterns.build_pattern(body, garment, 0).levels[0]
     loops = sorted(border_loops(level.faces), key=lambda ring: level.fitted[ring, 1].mean())
     assert len(loops) == 4
@@ -157,10 +158,10 @@ def test_short_sleeves_leave_the_trunk_whole(name, seed):
 
 @pytest.mark.parametrize("name", ["high sneakers", "boots"])
 def test_trousers_hang_over_the_shoes(person, name):
-    shoe = next(s for s in SHOES if s.name == name)
+    shoe = next(s for s in shoes() if s.name == name)
     outfit = outfits.sample_outfit(np.random.default_rng(0), person.person)
-    outfit = replace(outfit, garments=[(wardrobe.BOTTOMS[0], CLOTH)], shoe=shoe)
-    motion = build_motion(person, stances.STANDING[1], DETAILS["draft"].frames)
+    outfit = replace(outfit, garments=[(wardrobe()["jeans"], CLOTH)], shoe=shoe)
+    motion = build_motion(person, stances.poses()["straight"], DETAILS["draft"].frames)
     x = drape_outfit(person, motion, outfit, DETAILS["draft"])[0].draped.positions
     for side in "LR":
         leather = upper(person, motion.bones, shoe, side)
@@ -180,14 +181,14 @@ def hands(body, pose):
 
 
 def test_hands_make_room_for_clothes(person):
-    loose = replace(stances.DOWN, wrist=(0.05, -0.95, 0.06))
+    loose = replace(stances.poses()["straight"].left, wrist=(0.05, -0.95, 0.06))
     pose = stances.Pose("", loose, loose)
     assert hands(person, pose) < 0.0
     assert hands(person, clearance.clear_hands(person, pose, (0.04, 0.02))) > 0.025
 
 
 def test_hands_that_rest_come_close(person):
-    far = replace(stances.HIP, wrist=(0.45, -0.66, 0.03))
+    far = replace(stances.poses()["hands on hips"].left, wrist=(0.45, -0.66, 0.03))
     pose = stances.Pose("", far, far)
     before = hands(person, pose)
     after = hands(person, clearance.clear_hands(person, pose, (0.02, 0.02)))
@@ -195,7 +196,7 @@ def test_hands_that_rest_come_close(person):
 
 
 def test_room_grows_with_the_clothes():
-    jeans, tee, coat = wardrobe.BOTTOMS[0], wardrobe.TOPS[0], wardrobe.OUTER[2]
+    jeans, tee, coat = wardrobe()["jeans"], wardrobe()["t-shirt"], wardrobe()["coat"]
     bare, dressed = garments.room_for_hands([jeans, tee], False), garments.room_for_hands([jeans, tee, coat], False)
     assert dressed[0] > bare[0] and dressed[1] > bare[1]
     assert garments.room_for_hands([jeans, tee, coat], True)[0] < dressed[0]
@@ -210,7 +211,7 @@ def test_a_hand_behind_cloth_is_measured(person, standing, gap, share, turned):
     sheet = np.array([[x0, y0, front], [x1, y0, front], [x1, y1, front], [x0, y1, front]])
     faces = np.array([[0, 1, 2], [0, 2, 3]])[:, :: -1 if turned else 1]  # the back of a shirt, a hand behind it
     level = Level(sheet, sheet, sheet, np.zeros(4), np.zeros((4, 1)), faces)
-    pattern = patterns.Pattern(wardrobe.TOPS[0], [level], [], {}, 0.0, np.zeros(2, bool))
+    pattern = patterns.Pattern(wardrobe()["t-shirt"], [level], [], {}, 0.0, np.zeros(2, bool))
     covered = gates.covered_hands([DrapedGarment(pattern, CLOTH, DrapeResult(sheet, [], np.ones(1)))], motion, person)
     assert covered == (share, 0.0) if share == 0 else covered[0] > 0.5 and covered[1] == 0.0
 
@@ -218,17 +219,19 @@ def test_a_hand_behind_cloth_is_measured(person, standing, gap, share, turned):
 def test_coats_come_off_to_sit_and_scarves_where_arms_are_crossed(person):
     outfit = outfits.sample_outfit(np.random.default_rng(0), person.person)
     outfit = replace(
-        outfit, garments=[(g, CLOTH) for g in (wardrobe.BOTTOMS[0], wardrobe.OUTER[2], scarves.SCARVES[0])]
+        outfit, garments=[(g, CLOTH) for g in (wardrobe()["jeans"], wardrobe()["coat"], group("scarves")["scarf"])]
     )
-    poses = {pose.name: pose for pose in (*stances.STANDING, *stances.SITTING)}
+    poses = stances.poses()
 
     def left(name):
         return [g.name for g, _ in outfits.fitted_to_pose(outfit, poses[name]).garments]
 
-    seated = outfits.fitted_to_pose(replace(outfit, garments=[(wardrobe.TOPS[0], CLOTH)]), poses["sitting"]).garments[
-        0
-    ][0]
-    assert seated.slack == seated.drop == 0 and seated.hem > wardrobe.TOPS[0].hem, "shorter: the lap pushes tops up"
+    seated = outfits.fitted_to_pose(
+        replace(outfit, garments=[(wardrobe()["t-shirt"], CLOTH)]), poses["sitting"]
+    ).garments[0][0]
+    assert seated.slack == seated.drop == 0 and seated.hem > wardrobe()["t-shirt"].hem, (
+        "shorter: the lap pushes tops up"
+    )
     assert left("relaxed") == ["jeans", "coat", "scarf"]
     assert left("sitting") == ["jeans", "scarf"]
     assert left("arms crossed") == ["jeans", "coat"]

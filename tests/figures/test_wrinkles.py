@@ -10,8 +10,9 @@ from relight.figures.cloth import colliders, layers, wrinkles
 from relight.figures.cloth.colliders import Collider
 from relight.figures.cloth.drape import Cloth, Crimp, DrapeResult, Level
 from relight.figures.surfaces import normals
-from relight.figures.tailor import patterns, wardrobe
+from relight.figures.tailor import patterns
 from relight.figures.tailor.fabrics import Fabric
+from relight.figures.tailor.garments import wardrobe
 
 CRIMP = Crimp(0.024, 0.0, 3.0, 0.08)
 
@@ -94,7 +95,7 @@ def test_folds_stay_outside_the_layer_below():
     colliders.init_warp()
     flat, faces = sheet()
     cloth = Cloth(thickness=0.004, crimp=replace(CRIMP, slack=0.1))
-    garment = replace(wardrobe.TOPS[0], cloth=cloth)
+    garment = replace(wardrobe()["t-shirt"], cloth=cloth)
     level = Level(flat, flat, flat, np.zeros(len(flat)), np.zeros((len(flat), 1)), faces)
     pattern = patterns.Pattern(garment, [level], [], {"drop": np.zeros(len(flat))}, 0.0, np.zeros(len(faces), bool))
     below = Collider(flat, flat, faces)
@@ -105,7 +106,7 @@ def test_folds_stay_outside_the_layer_below():
     assert distance.min() > wear.MIN_FOLD_DISTANCE * cloth.thickness - 2e-4
 
 
-@pytest.mark.parametrize("cloth", [wardrobe.DENIM, wardrobe.SILK])
+@pytest.mark.parametrize("cloth", [wardrobe()["jeans"].cloth, wardrobe()["dress"].cloth])
 def test_each_piece_folds_in_its_own_way(cloth):
     one, two = (wrinkles.of_one_garment(cloth.crimp, seed) for seed in (1, 2))
     assert one != two and one == wrinkles.of_one_garment(cloth.crimp, 1)

@@ -6,41 +6,10 @@ from itertools import product
 import numpy as np
 
 from relight.figures.body import makehuman
+from relight.figures.catalogue.schema import entries
 
 AGES = ("child", "young", "old")  # 12, 25 and 90 years: the anchors of MakeHuman's age slider
 ANCESTRIES = ("african", "asian", "caucasian")
-FACE = (  # (negative target, positive target, spread of the weight)
-    ("nose/nose-scale-horiz-decr", "nose/nose-scale-horiz-incr", 0.35),
-    ("nose/nose-scale-vert-decr", "nose/nose-scale-vert-incr", 0.3),
-    ("nose/nose-hump-decr", "nose/nose-hump-incr", 0.3),
-    ("nose/nose-point-down", "nose/nose-point-up", 0.3),
-    ("chin/chin-width-decr", "chin/chin-width-incr", 0.4),
-    ("chin/chin-prominent-decr", "chin/chin-prominent-incr", 0.3),
-    ("mouth/mouth-scale-horiz-decr", "mouth/mouth-scale-horiz-incr", 0.3),
-    ("mouth/mouth-upperlip-volume-decr", "mouth/mouth-upperlip-volume-incr", 0.4),
-    ("mouth/mouth-lowerlip-volume-decr", "mouth/mouth-lowerlip-volume-incr", 0.4),
-    ("eyebrows/eyebrows-trans-down", "eyebrows/eyebrows-trans-up", 0.4),
-    ("eyebrows/eyebrows-angle-down", "eyebrows/eyebrows-angle-up", 0.4),
-    ("head/head-fat-decr", "head/head-fat-incr", 0.3),
-    ("head/head-scale-horiz-decr", "head/head-scale-horiz-incr", 0.25),
-    ("cheek/l-cheek-bones-decr", "cheek/l-cheek-bones-incr", 0.4),
-    ("eyes/l-eye-scale-decr", "eyes/l-eye-scale-incr", 0.25),
-    ("eyes/l-eye-corner2-down", "eyes/l-eye-corner2-up", 0.35),
-    ("torso/torso-vshape-decr", "torso/torso-vshape-incr", 0.2),
-    ("hip/hip-scale-horiz-decr", "hip/hip-scale-horiz-incr", 0.2),
-    ("stomach/stomach-tone-decr", "stomach/stomach-tone-incr", 0.25),
-)
-EXPRESSIONS = {  # face units at full strength; .L and .R: on one side only, and a draw may swap the sides
-    "calm": {},
-    "smile": {"mouthSmile": 0.6, "cheekSquint": 0.5, "eyeSquint": 0.3},
-    "smirk": {"mouthSmile.L": 0.55, "mouthSmile.R": 0.15, "cheekSquint.L": 0.3, "mouthDimple.L": 0.3},
-    "brows raised": {"browInnerUp": 0.9, "browOuterUp": 0.9, "eyeWide": 0.35},
-    "squint": {"eyeSquint": 0.9, "browDown": 0.5, "cheekSquint": 0.5, "noseSneer": 0.15},
-    "stern": {"browDown": 0.8, "mouthPress": 0.6, "mouthFrown": 0.3},
-    "doubtful": {"browOuterUp.L": 0.9, "browDown.R": 0.6, "mouthFrown.R": 0.4},
-    "pressed lips": {"mouthPress": 0.8, "mouthDimple": 0.5, "mouthRollLower": 0.25},
-    "sad": {"browInnerUp": 0.9, "mouthFrown": 0.6, "mouthShrugLower": 0.3},
-}
 WHOLE_FACE = ("browInnerUp", "mouthRollLower", "mouthShrugLower")  # units without sides
 HEADS = ("oval", "round", "square", "rectangular", "diamond", "triangular", "invertedtriangular")
 
@@ -67,6 +36,15 @@ class Person:
     ancestry: tuple[float, float, float]
     skin: float
     face: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A shape of face or trunk: two opposite targets of MakeHuman, and the standard deviation of their weight."""
+
+    negative: str
+    positive: str
+    spread: float
 
 
 @dataclass(frozen=True)
@@ -103,9 +81,9 @@ def sample_person(rng: np.random.Generator) -> Person:
     ancestry = rng.dirichlet([0.6, 0.6, 0.6])
     african, asian, caucasian = ancestry.tolist()
     face = {}
-    for negative, positive, spread in FACE:
-        weight = float(np.clip(rng.normal(0, spread), -0.9, 0.9))
-        name, weight = (positive if weight > 0 else negative), abs(weight)
+    for shape in entries("faces", "shapes", Shape).values():
+        weight = float(np.clip(rng.normal(0, shape.spread), -0.9, 0.9))
+        name, weight = (shape.positive if weight > 0 else shape.negative), abs(weight)
         face[name] = weight
         if "/l-" in name:
             face[name.replace("/l-", "/r-")] = weight
@@ -158,10 +136,15 @@ def macro_weights(person: Person) -> dict[str, float]:
     return {name: weight for name, weight in out.items() if weight > 1e-4}
 
 
+def expressions() -> dict[str, dict[str, float]]:
+    """Returns the weights of face units at full strength, by the name of the expression."""
+    return entries("faces", "expressions", dict[str, float])
+
+
 def units(name: str, strength: float = 1.0, swap: bool = False) -> dict[str, float]:
-    """Returns the weights of face units of one of EXPRESSIONS, by target name; `swap` exchanges the sides."""
+    """Returns the weights of the face units of an expression, by target name; `swap` exchanges the sides."""
     out = {}
-    for unit, weight in EXPRESSIONS[name].items():
+    for unit, weight in expressions()[name].items():
         unit, _, only = unit.partition(".")
         for side, long in (("L", "Right"), ("R", "Left")) if swap else (("L", "Left"), ("R", "Right")):
             if only in ("", side):
@@ -171,7 +154,7 @@ def units(name: str, strength: float = 1.0, swap: bool = False) -> dict[str, flo
 
 def sample_expression(rng: np.random.Generator) -> Expression:
     """Draws an expression (calm in 30 % of cases), its strength, its sides, and the gaze."""
-    names = list(EXPRESSIONS)
+    names = list(expressions())
     name = str(rng.choice(names, p=[0.3, 0.21] + [0.07] * (len(names) - 2)))
     face = units(name, float(rng.uniform(0.45, 1.0)), rng.random() < 0.5)
     aside, down = np.clip(rng.normal([0, 0.05], [0.22, 0.12]), -0.5, 0.5)  # shares of the eyes' range, to the left

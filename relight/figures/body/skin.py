@@ -1,5 +1,6 @@
 """Paints the albedo of skin and eyes in MakeHuman's UV: tone, lips, brows, lids, nails, stubble, cropped hair."""
 
+from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
@@ -7,40 +8,26 @@ from PIL import Image
 
 from relight.figures.body import makehuman
 from relight.figures.body.person import Person
-from relight.figures.texture import coded, lattice, noise
-
-# linear albedo from dark to light skin
-TONES = np.array(
-    [
-        [0.045, 0.026, 0.019],
-        [0.10, 0.055, 0.036],
-        [0.19, 0.105, 0.066],
-        [0.33, 0.19, 0.125],
-        [0.47, 0.295, 0.215],
-        [0.60, 0.41, 0.325],
-    ]
-)
-HAIR = {
-    "black": (0.012, 0.010, 0.010),
-    "dark brown": (0.030, 0.018, 0.012),
-    "brown": (0.075, 0.042, 0.024),
-    "auburn": (0.12, 0.040, 0.018),
-    "blond": (0.36, 0.24, 0.115),
-    "fair": (0.52, 0.40, 0.24),
-    "red": (0.28, 0.085, 0.025),
-    "grey": (0.30, 0.29, 0.28),
-    "white": (0.62, 0.61, 0.58),
-}
-IRISES = (
-    (0.060, 0.028, 0.014),
-    (0.12, 0.062, 0.026),
-    (0.16, 0.24, 0.32),
-    (0.13, 0.19, 0.12),
-    (0.24, 0.25, 0.25),
-)
-
+from relight.figures.catalogue.schema import entries
+from relight.figures.texture import Color, coded, lattice, noise
 
 UPPER_LIP, LOWER_LIP = 474, 494  # vertices of the base mesh where the lips meet, in the middle
+
+
+@dataclass(frozen=True)
+class Iris:
+    """A color of eyes, and the shares of people with light and with darker skin who have it."""
+
+    color: Color
+    light_skin: float
+    dark_skin: float
+
+
+def sample_iris(rng: np.random.Generator, person: Person) -> Color:
+    """Draws the linear albedo of a person's irises."""
+    irises = list(entries("colors", "irises", Iris).values())
+    odds = [iris.light_skin if person.skin > 0.75 else iris.dark_skin for iris in irises]
+    return irises[int(rng.choice(len(irises), p=odds))].color
 
 
 @cache
@@ -79,7 +66,8 @@ def region(name: str, side: int) -> np.ndarray:
 
 def tone(person: Person) -> np.ndarray:
     """Returns the person's mean skin albedo, linear (3,)."""
-    return np.array([np.interp(person.skin * (len(TONES) - 1), range(len(TONES)), TONES[:, c]) for c in range(3)])
+    tones = np.array(list(entries("colors", "skin", Color).values()))
+    return np.array([np.interp(person.skin * (len(tones) - 1), range(len(tones)), tones[:, c]) for c in range(3)])
 
 
 def paint_skin(

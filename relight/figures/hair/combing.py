@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -25,7 +26,7 @@ class Comb:
         strands: per guide.
         sides: length at the sides over that on the top.
         width: of a strand, metres.
-        direction: in which the top is combed: forward | aside | back | down | out | tie.
+        direction: in which the top is combed.
         fringe: share of the front that falls on the forehead.
         part: azimuth of the parting.
         lift: from 0 (lies flat) to 1 (stands up).
@@ -46,7 +47,7 @@ class Comb:
     strands: int = 10
     sides: float = 1.0
     width: float = 0.0022
-    direction: str = "down"
+    direction: Literal["forward", "aside", "back", "down", "out", "tie"] = "down"
     fringe: float = 0.0
     part: float = 0.0
     lift: float = 0.25

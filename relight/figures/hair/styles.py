@@ -1,20 +1,27 @@
 """Builds hair of head and face from strands, and hats with the hair that they leave free."""
 
+from collections.abc import Collection
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from relight.figures.body import makehuman
-from relight.figures.body.person import Body
+from relight.figures.body.person import Body, Person
+from relight.figures.catalogue.schema import entries
 from relight.figures.cloth.colliders import Collider
 from relight.figures.hair import facial
 from relight.figures.hair.combing import Comb, head_centre
 from relight.figures.hair.locks import grow_locks, tied_hair
 from relight.figures.pose.poses import Motion
 from relight.figures.surfaces import thickened
-from relight.figures.texture import lattice
+from relight.figures.texture import Color, lattice
 
 COLUMNS, CROWN_ROWS = 180, 34
+LIGHT_SKIN_COLORS = {
+    "dark brown": 0.25, "brown": 0.28, "auburn": 0.08, "blond": 0.2, "fair": 0.08, "red": 0.04, "black": 0.07,
+}  # fmt: skip
+DARK_SKIN_COLORS = {"black": 0.6, "dark brown": 0.32, "brown": 0.08}
 
 
 @dataclass(frozen=True)
@@ -24,48 +31,53 @@ class Style:
     Attributes:
         name: as `relight figures --names` lists it.
         comb: how the hair lies, or None for painted hair only.
-        tie: none | bun | ponytail.
-        hat: none | beanie | cap.
+        tie, hat: its kind, or none.
         slack: metres between scalp and hat.
         scalp: coverage of the cropped hair painted on the scalp, in [0,1].
+        men, women: how often they have it, relative to other styles.
+        african: likewise, for people of mostly African ancestry; None if that makes no difference.
+        balding: whether it is more frequent with age, among men.
     """
 
     name: str
     comb: Comb | None = None
-    tie: str = "none"
-    hat: str = "none"
+    tie: Literal["none", "bun", "ponytail"] = "none"
+    hat: Literal["none", "beanie", "cap"] = "none"
     slack: float = 0.0
     scalp: float = 1.0
+    men: float = 0.0
+    women: float = 0.0
+    african: float | None = None
+    balding: bool = False
 
 
-SHORT = Comb(
-    500, 0.028, 18, width=0.0024, direction="forward", body=0.005, cling=0.8, lift=0.12, clump=0.2, fray=0.0006
-)
-TIED = Comb(260, 0.1, 12, width=0.0025, direction="tie", body=0.004, cling=0.9, lift=0.05, weight=0.0, clump=0.8)
-TIED = replace(TIED, fray=0.001, wander=0.05)
-LONG = Comb(380, 0.30, 9, width=0.0030, lift=0.14, weight=0.4, cling=0.5, body=0.014, clump=0.45, fray=0.0016)
-TIGHT = Comb(
-    400, 0.05, 10, width=0.0028, direction="out", lift=1.3, weight=0.06, body=0.010, curl=0.0045, pitch=0.017, clump=0
-)
-STYLES = (
-    Style("bald", scalp=0.0),
-    Style("shaved", scalp=0.75),
-    Style("crop", SHORT),
-    Style("side part", replace(SHORT, length=0.065, sides=0.4, direction="aside", part=0.45, body=0.010, lift=0.3)),
-    Style(
-        "quiff", replace(SHORT, length=0.075, sides=0.3, direction="back", body=0.022, cling=0.5, lift=0.5, weight=0.04)
-    ),
-    Style("bob", replace(LONG, length=0.115, fringe=0.9, part=0.1)),
-    Style("chin length", replace(LONG, length=0.095, part=-0.35)),
-    Style("long", LONG),
-    Style("wavy long", replace(LONG, length=0.26, part=0.3, curl=0.007, pitch=0.09)),
-    Style("bun", TIED, tie="bun"),
-    Style("ponytail", TIED, tie="ponytail"),
-    Style("curly", replace(TIGHT, length=0.055, weight=0.2, above=0.003)),
-    Style("afro", replace(TIGHT, length=0.050, pitch=0.014, above=0.014)),
-    Style("beanie", replace(SHORT, count=160), hat="beanie", slack=0.011),
-    Style("cap", replace(SHORT, count=160), hat="cap", slack=0.014),
-)
+def styles() -> dict[str, Style]:
+    """Returns all hair styles, by name."""
+    return entries("hair", "styles", Style)
+
+
+def style_odds(woman: bool, person: Person, names: Collection[str] = ()) -> np.ndarray:
+    """Returns the probability of each of `styles` (S,), 0 for those that `names` excludes; all 0 if none is left."""
+    odds = []
+    for style in styles().values():
+        weight = style.women if woman else style.men
+        if style.balding and not woman:
+            weight += max(0, person.age - 35) / 20
+        if style.african is not None and person.ancestry[0] > 0.5:
+            weight = style.african
+        odds.append(weight * (not names or style.name in names))
+    return np.array(odds) / max(np.sum(odds), np.finfo(float).tiny)
+
+
+def sample_color(rng: np.random.Generator, person: Person) -> Color:
+    """Draws the linear albedo of a person's hair: grey or white with age, else by skin and ancestry."""
+    if rng.random() < np.clip((person.age - 42) / 35, 0, 0.9):
+        name = "white" if rng.random() < (person.age - 50) / 40 else "grey"
+    else:
+        odds = LIGHT_SKIN_COLORS if person.skin > 0.72 and person.ancestry[2] > 0.4 else DARK_SKIN_COLORS
+        name = str(rng.choice(list(odds), p=list(odds.values())))
+    red, green, blue = (np.array(entries("colors", "hair", Color)[name]) * np.exp(rng.normal(0, 0.12))).tolist()
+    return red, green, blue
 
 
 @dataclass(frozen=True)

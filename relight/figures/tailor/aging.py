@@ -8,12 +8,12 @@ from scipy.spatial import cKDTree
 
 from relight.figures.body.person import Body
 from relight.figures.surfaces import rim
-from relight.figures.tailor.fabrics import Fabric, band, grain, trait
+from relight.figures.tailor.fabrics import Fabric, trait
 from relight.figures.tailor.garments import Garment
 from relight.figures.tailor.panels import Panels, limb_frame, side_plane
 from relight.figures.tailor.patterns import Pattern
 from relight.figures.tailor.seams import line
-from relight.figures.texture import lattice
+from relight.figures.texture import band, grain, lattice
 
 MAX_DISTANCE = 0.2  # metres, from seams and borders
 CELL = 2  # pixels of the atlas per cell of the images of marks

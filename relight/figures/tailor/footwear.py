@@ -8,9 +8,10 @@ from scipy.spatial import ConvexHull
 
 from relight.figures.body import makehuman
 from relight.figures.body.person import Body
+from relight.figures.catalogue.schema import entries
 from relight.figures.pose.poses import Motion
 from relight.figures.surfaces import clip, compacted, loop, normals, smoothed, split, thickened
-from relight.figures.tailor.fabrics import Color
+from relight.figures.texture import Color
 
 
 @dataclass(frozen=True)
@@ -21,11 +22,13 @@ class Shoe:
         name: as in the record of a figure.
         top: metres above the ankle where the upper ends; negative below it.
         sole: metres of thickness under the toes.
-        heel: the same under the heel.
+        heel: likewise, under the heel.
         point: how pointed the toe is, in [0,1].
         straps: whether the upper consists of straps.
         laces: number of bands of laces.
         cap: share of the length that a toe cap covers.
+        men, women: how often they wear it, relative to other shoes.
+        with_skirt: likewise, for women in skirts and dresses; None if that makes no difference.
     """
 
     name: str
@@ -36,18 +39,14 @@ class Shoe:
     straps: bool = False
     laces: int = 0
     cap: float = 0.0
+    men: float = 0.0
+    women: float = 0.0
+    with_skirt: float | None = None
 
 
-SHOES = (
-    Shoe("sneakers", -0.005, 0.024, 0.028, laces=5, cap=0.16),
-    Shoe("high sneakers", 0.055, 0.022, 0.026, laces=8, cap=0.18),
-    Shoe("oxfords", -0.018, 0.010, 0.024, 0.4, laces=3, cap=0.2),
-    Shoe("loafers", -0.026, 0.010, 0.020, 0.3),
-    Shoe("ballet flats", -0.046, 0.006, 0.010, 0.3),
-    Shoe("boots", 0.15, 0.018, 0.034, 0.2, laces=9, cap=0.17),
-    Shoe("high boots", 0.27, 0.012, 0.036, 0.4),
-    Shoe("sandals", 0.0, 0.018, 0.022, straps=True),
-)
+def shoes() -> list[Shoe]:
+    """Returns all kinds of shoes."""
+    return list(entries("shoes", "shoes", Shoe).values())
 
 
 @dataclass(frozen=True)

@@ -1,10 +1,16 @@
-"""Descriptions of garments: cuts of a smooth suit around the body, ease, lengths and cloth."""
+"""Garments: cuts of a smooth suit around the body, their ease, lengths and cloth. The wardrobe has them all."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cache
+from typing import Literal
 
+from relight.figures.catalogue.schema import entries
 from relight.figures.cloth.drape import Cloth
+from relight.figures.tailor.weaves import WEAVES
 
 LAYER = 0.005  # metres of room that hands need for each garment
+GROUPS = ("tops", "outer", "bottoms", "skirts", "dresses", "robes")  # of the catalogue
 # where ease is given
 TORSO_AT = (0.0, 0.3, 0.55, 0.8, 0.95, 1.1)  # 0 the crotch, 1 the base of the neck
 ARM_AT = (0.0, 0.3, 0.6, 1.0, 1.4, 1.8, 2.0)  # 0 the shoulder, 1 the elbow, 2 the wrist
@@ -17,7 +23,7 @@ class Garment:
 
     Attributes:
         name: as in the record of a figure.
-        kind: top | trousers | skirt | scarf.
+        kind: how it is cut; dresses are tops.
         sleeve_end: where sleeves end: 0 shoulder, 1 elbow, 2 wrist.
         leg_end: where trousers end: 0 hip, 1 knee, 2 ankle.
         hem: height of the cut above the crotch.
@@ -26,7 +32,7 @@ class Garment:
         drop: length added below the hem, or below the hips if there is a seam.
         flare: extra width at the end of the drop, relative.
         gather: depth of the drop's folds at its upper end, relative to its radius.
-        pleat: the same at its lower end.
+        pleat: likewise, at its lower end.
         fold_count: number of the drop's folds.
         fold_phase: radians by which they are rotated about the body.
         waist: height of a waistband above the navel.
@@ -34,27 +40,26 @@ class Garment:
         v_depth: depth of a V below the neck opening.
         front_gap: half the gap of a garment that is open in front, else 0.
         torso_ease: distance between body and cloth at TORSO_AT.
-        arm_ease: the same at ARM_AT.
-        leg_ease: the same at LEG_AT.
+        arm_ease: likewise, at ARM_AT.
+        leg_ease: likewise, at LEG_AT.
         slack: extra length of the trunk, which makes folds.
-        sleeve_slack: the same of the sleeves.
-        leg_slack: the same of the legs.
+        sleeve_slack: likewise, of the sleeves.
+        leg_slack: likewise, of the legs.
         cuff_pin: how firmly the ends of sleeves and legs are pinned to the body, in [0,1].
-        hem_pin: the same of the hem, as by ribbing.
-        neck_pin: the same of the neckline.
+        hem_pin: likewise, for the hem, as by ribbing.
+        neck_pin: likewise, for the neckline.
         thickness: of the visible edge.
         tuck_height: height above the navel of the waistband inside which a top is worn, or None.
         belt_height: height above the navel of a belt that gathers the cloth, or None.
         waistband_offset: how far outside other clothes a waistband is pinned.
-        collar: none | fold | stand | roll | hood | lapel.
-        front: fastening of a closed front: none | placket (at the neck only) | buttons | zip | double (two rows of
-            buttons).
+        collar: its kind.
+        front: fastening of a closed front; a placket ends below the neck, double means two rows of buttons.
         cloth: mechanical properties.
         fabrics: kinds of fabric, drawn with equal probabilities.
     """
 
     name: str
-    kind: str
+    kind: Literal["top", "trousers", "skirt", "scarf"]
     sleeve_end: float = 0.6
     leg_end: float = 1.95
     hem: float = 0.06
@@ -83,10 +88,30 @@ class Garment:
     tuck_height: float | None = None
     belt_height: float | None = None
     waistband_offset: float = 0.0
-    collar: str = "none"
-    front: str = "none"
+    collar: Literal["none", "fold", "stand", "roll", "hood", "lapel"] = "none"
+    front: Literal["none", "placket", "buttons", "zip", "double"] = "none"
     cloth: Cloth = field(default_factory=Cloth)
     fabrics: tuple[str, ...] = ("plain", "stripes", "print", "melange")
+
+    def __post_init__(self) -> None:
+        """Raises ValueError if an ease has not one number for each place, or a fabric is unknown."""
+        for name, places in (("torso_ease", TORSO_AT), ("arm_ease", ARM_AT), ("leg_ease", LEG_AT)):
+            if len(getattr(self, name)) != len(places):
+                raise ValueError(f"{name} must have {len(places)} numbers, not {len(getattr(self, name))}")
+        for kind in self.fabrics:
+            if kind not in WEAVES:
+                raise ValueError(f"there is no fabric {kind}; fabrics are {', '.join(WEAVES)}")
+
+
+def group(name: str) -> Mapping[str, Garment]:
+    """Returns the garments of a group of the catalogue by name: one of GROUPS, or scarves."""
+    return entries("garments", name, Garment)
+
+
+@cache
+def wardrobe() -> Mapping[str, Garment]:
+    """Returns all garments that are cut for a body, by name; scarves are not."""
+    return {name: garment for section in GROUPS for name, garment in group(section).items()}
 
 
 def room_for_hands(garments: list[Garment], sitting: bool) -> tuple[float, float]:

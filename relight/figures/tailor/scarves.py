@@ -6,8 +6,9 @@ import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
 from relight.figures.body.person import Body
+from relight.figures.catalogue.schema import entries
 from relight.figures.cloth.colliders import Collider
-from relight.figures.cloth.drape import Cloth, Level, SolverSettings
+from relight.figures.cloth.drape import Level, SolverSettings
 from relight.figures.pose.poses import Motion
 from relight.figures.tailor.collars import neck_of
 from relight.figures.tailor.garments import Garment
@@ -29,6 +30,7 @@ class Wrap:
         ends: metres that hang down, right and left.
         at: metres from the middle where each end hangs.
         height: metres of the turns above the base of the neck.
+        width: metres of the flat ribbon.
     """
 
     start: float
@@ -36,20 +38,9 @@ class Wrap:
     ends: tuple[float, float]
     at: tuple[float, float]
     height: float
+    width: float
 
 
-WRAPS = {
-    "scarf": Wrap(-34, 292, (0.50, 0.58), (-0.075, 0.075), 0.03),
-    "wrapped scarf": Wrap(-58, 628, (0.34, 0.40), (-0.07, 0.06), 0.018),
-}
-SOFT = Cloth(bend=0.25, extra_length=0.0, thickness=0.007, friction=0.6)
-SCARVES = tuple(
-    Garment(
-        name, "scarf", drop=0.0, thickness=0.005, cloth=SOFT, fabrics=("knit", "plain", "check", "stripes", "melange")
-    )
-    for name in WRAPS
-)
-WIDTH = {"scarf": 0.15, "wrapped scarf": 0.13}  # metres
 SOLVER = [SolverSettings(12, 3, 22), SolverSettings(10, 4, 12), SolverSettings(8, 5, 10, gravity=-5.0)]
 
 
@@ -117,12 +108,13 @@ def build_scarf(body: Body, motion: Motion, garment: Garment, surface: Collider,
     body.
     """
     centre, frame = neck_of(body, motion)
-    line, away = centre_line(WRAPS[garment.name], surface, centre, frame)
+    wrap = entries("garments", "wraps", Wrap)[garment.name]
+    line, away = centre_line(wrap, surface, centre, frame)
     along = np.gradient(line, axis=0)
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     across = np.cross(along, away)
     across /= np.linalg.norm(across, axis=1, keepdims=True)
-    columns = round(WIDTH[garment.name] / EDGE) + 1
+    columns = round(wrap.width / EDGE) + 1
     j = np.arange(columns) - (columns - 1) / 2
     fold = EDGE * np.sqrt(1 - PLEAT**2) * np.sin(np.pi / 2 * np.arange(columns))
     start = line[:, None] + PLEAT * EDGE * j[:, None] * across[:, None] + fold[:, None] * away[:, None]
