@@ -22,7 +22,8 @@ from collections import defaultdict
 import numpy as np
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
-from relight.figures import assembly, dress
+from relight.figures import dress
+from relight.figures.assembly import Assembly
 from relight.figures.commands import seeds_of
 from relight.figures.tailor.garments import group
 from relight.meshes import Mesh
@@ -70,20 +71,20 @@ def figure(seed: int, detail: str, texture: int) -> tuple[Mesh, list[set[int]], 
     from relight.config import composed
     from relight.meshes import align
 
-    inner, mine = assembly.add_garment, []
+    inner, mine = Assembly.add_garment, []
 
-    def add_garment(builder, *args) -> None:
-        first = len(builder.materials)
-        mine.append((builder, first))
-        inner(builder, *args)
-        mine[-1] = (builder, set(range(first, len(builder.materials))))
+    def add_garment(self, *args) -> np.ndarray:
+        first = len(self.builder.paints)
+        positions = inner(self, *args)
+        mine.append((self.builder, set(range(first, len(self.builder.paints)))))
+        return positions
 
-    assembly.add_garment = add_garment
+    Assembly.add_garment = add_garment
     start = time.process_time()
     try:
         mesh = dress.make_figure(seed, detail, texture)
     finally:
-        assembly.add_garment = inner
+        Assembly.add_garment = inner
     seconds = time.process_time() - start
     last = mine[-1][0]
     return align(mesh, composed().align), [materials for builder, materials in mine if builder is last], seconds

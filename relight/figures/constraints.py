@@ -105,7 +105,7 @@ class Constraints:
         return None
 
     def _has_garments(self, outfit: Outfit) -> bool:
-        return {garment.name for garment, _ in outfit.garments}.issuperset(self.garments)
+        return {worn.garment.name for worn in outfit.garments}.issuperset(self.garments)
 
     def _describe(self) -> str:
         """Returns the required garments and styles, for messages."""

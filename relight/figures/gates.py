@@ -4,7 +4,6 @@ import numpy as np
 from scipy import ndimage
 
 from relight.figures.body import makehuman
-from relight.figures.body.person import Body
 from relight.figures.cloth.colliders import Collider
 from relight.figures.cloth.crossings import crossing
 from relight.figures.cloth.drape import DrapeResult
@@ -34,14 +33,13 @@ MAX_SPREAD = 0.25  # distance of cloth from the body, in addition to its drop, m
 MAX_SLID = 0.12  # distance that the top of a garment may slide down, metres
 
 
-def check_garment(pattern: Pattern, draped: DrapeResult, motion: Motion, body: Body) -> str | None:
+def check_garment(pattern: Pattern, draped: DrapeResult, motion: Motion) -> str | None:
     """Judges one draped garment.
 
     Args:
         pattern: its pattern.
         draped: the result of its simulation.
-        motion: into the pose.
-        body: in its rest pose.
+        motion: of the body into the pose.
 
     Returns:
         Why it is rejected, in one phrase; None if it passes.
@@ -54,7 +52,7 @@ def check_garment(pattern: Pattern, draped: DrapeResult, motion: Motion, body: B
         return f"{name}: stretched to {strain:.2f} of its pattern"
     if (strain := np.percentile(draped.strain, 99.9)) > MAX_EXTREME_STRAIN:
         return f"{name}: torn, edges at {strain:.2f} of their pattern"
-    skin = motion.skin(makehuman.rig().weights[makehuman.BODY], body.skin)
+    skin = motion.posed_skin
     reach = MAX_SPREAD + garment.drop * (0.4 + garment.flare)
     low, high = skin.min(0) - reach, skin.max(0) + reach
     if (x < low).any() or (x > high).any():
@@ -69,7 +67,7 @@ def check_garment(pattern: Pattern, draped: DrapeResult, motion: Motion, body: B
     slid = x[:, 1].max() - motion.skin(pattern.levels[0].weights, pattern.levels[0].fitted)[:, 1].max()
     if slid < -MAX_SLID:
         return f"{name}: slid down by {-slid:.2f} m"
-    for limb, (lost, rings) in lost_rings(pattern, x, motion, body).items():
+    for limb, (lost, rings) in lost_rings(pattern, x, motion).items():
         if lost:
             return f"{name}: the {limb} left it, {lost} of {rings} rings do not go around it"
     return None
@@ -95,15 +93,12 @@ def hem_swept(pattern: Pattern, x: np.ndarray, motion: Motion) -> float:
     return float(np.ptp(np.percentile(height, [5, 95])))
 
 
-def check_outfit(
-    worn: list[DrapedGarment], motion: Motion, body: Body, sitting: bool
-) -> tuple[str | None, dict[str, float]]:
+def check_outfit(worn: list[DrapedGarment], motion: Motion, sitting: bool) -> tuple[str | None, dict[str, float]]:
     """Judges the garments together.
 
     Args:
         worn: the draped garments, from the skin outward.
-        motion: into the pose.
-        body: in its rest pose.
+        motion: of the body into the pose.
         sitting: whether the figure sits; more of its cloth may go through cloth.
 
     Returns:
@@ -113,7 +108,7 @@ def check_outfit(
     levels = [w.pattern.levels[1] for w in worn]  # begins with the same vertices as the finest one
     sheets = [(w.draped.positions[: len(level.rest_shape)], level.faces) for w, level in zip(worn, levels)]
     crossings = crossing(sheets, [level.rest_shape for level in levels])
-    hidden = max(covered_hands(worn, motion, body))
+    hidden = max(covered_hands(worn, motion))
     measured = {"crossing": round(max(crossings), 4), "covered": round(hidden, 3)}
     for w, share in zip(worn, crossings):
         if share > (MAX_CROSSING_SITTING if sitting else MAX_CROSSING):
@@ -123,7 +118,7 @@ def check_outfit(
     return None, measured
 
 
-def covered_hands(worn: list[DrapedGarment], motion: Motion, body: Body) -> tuple[float, float]:
+def covered_hands(worn: list[DrapedGarment], motion: Motion) -> tuple[float, float]:
     """Returns the shares of the left and the right hand that cloth covers, seen from the front.
 
     Only skin that faces forward counts. It is covered where the first surface in front of it is cloth within
@@ -132,7 +127,7 @@ def covered_hands(worn: list[DrapedGarment], motion: Motion, body: Body) -> tupl
     share 0.
     """
     skin_faces = makehuman.base().faces["body"]
-    skin = motion.skin(makehuman.rig().weights[makehuman.BODY], body.skin)
+    skin = motion.posed_skin
     parts = [(skin, skin_faces)]
     for w in worn:
         parts.append((w.draped.positions, w.pattern.levels[-1].faces[~w.pattern.sleeve]))
@@ -143,7 +138,7 @@ def covered_hands(worn: list[DrapedGarment], motion: Motion, body: Body) -> tupl
     face_forward = np.cross(b - a, c - a)[:, 2] > 0
     surface, out = Collider(vertices, vertices, faces), []
     for sign in (1, -1):
-        points = skin[hand & skin_forward & (np.sign(body.skin[:, 0]) == sign)] + [0, 0, 0.001]
+        points = skin[hand & skin_forward & (np.sign(motion.body.skin[:, 0]) == sign)] + [0, 0, 0.001]
         face, depth = surface.raycast(points, np.broadcast_to([0.0, 0.0, 1.0], points.shape))
         under = (face >= len(skin_faces)) & (depth < COVER_RANGE) & face_forward[face]
         counted = under | (face < 0)

@@ -7,12 +7,12 @@ import numpy as np
 
 from relight.figures.body.person import Person
 from relight.figures.body.skin import sample_iris
-from relight.figures.hair.styles import Style, sample_color, style_odds, styles
+from relight.figures.hair.styles import HairStyle, sample_color, style_odds, styles
 from relight.figures.pose.stances import Pose
 from relight.figures.tailor import fabrics
 from relight.figures.tailor.fabrics import Fabric
 from relight.figures.tailor.footwear import Shoe, shoes
-from relight.figures.tailor.garments import Garment, group, wardrobe
+from relight.figures.tailor.garments import Garment, Worn, group, wardrobe
 from relight.figures.texture import Color
 
 
@@ -21,7 +21,7 @@ class Outfit:
     """The clothes, hair and make-up of a figure. Colours are linear albedo.
 
     Attributes:
-        garments: with their fabrics, from the skin outward.
+        garments: from the skin outward.
         shoe: its shape.
         upper, sole: colors of the shoes.
         hair: its style.
@@ -33,11 +33,11 @@ class Outfit:
         tie, belt: their fabrics, or None.
     """
 
-    garments: list[tuple[Garment, Fabric]]
+    garments: list[Worn]
     shoe: Shoe
     upper: Color
     sole: Color
-    hair: Style
+    hair: HairStyle
     hair_color: Color
     hat: Fabric
     beard: float
@@ -173,8 +173,10 @@ def fitted_to_pose(outfit: Outfit, pose: Pose) -> Outfit:
         long_coat = garment.collar == "lapel" and garment.drop > 0.2
         return not (pose.sitting and long_coat) and not (crossed and garment.kind == "scarf")
 
-    kept = [(g, fabric) for g, fabric in outfit.garments if stays(g)]
-    return replace(outfit, garments=[(cut_to_sit(g), fabric) for g, fabric in kept] if pose.sitting else kept)
+    kept = [worn for worn in outfit.garments if stays(worn.garment)]
+    if pose.sitting:
+        kept = [Worn(cut_to_sit(worn.garment), worn.fabric) for worn in kept]
+    return replace(outfit, garments=kept)
 
 
 def pick(rng: np.random.Generator, *names: str) -> Garment:
@@ -243,7 +245,7 @@ def sample_outfit(rng: np.random.Generator, person: Person, hair: Collection[str
     belt = rng.random() < (0.6 if has_loops else 0.35 if thin.seam is not None else 0.4 * (thin.name == "robe"))
     if belt and not has_loops:
         worn[0] = replace(thin, belt_height=BELT if thin.seam is None else thin.seam + ABOVE_SEAM)
-    garments = [(g, fabrics.sample_fabric(rng, g.fabrics, is_muted(g))) for g in worn]
+    garments = [in_fabric(rng, garment) for garment in worn]
     shoe = shoes()[int(rng.choice(len(shoes()), p=shoe_odds(woman, worn)))]
     upper = shoe_color(rng, shoe)
     pale = "sneaker" in shoe.name and rng.random() < 0.75
@@ -268,7 +270,7 @@ def in_other_fabrics(outfit: Outfit, rng: np.random.Generator) -> Outfit:
     """Returns the same clothes in other fabrics and colors."""
     return replace(
         outfit,
-        garments=[(g, fabrics.sample_fabric(rng, g.fabrics, is_muted(g))) for g, _ in outfit.garments],
+        garments=[in_fabric(rng, worn.garment) for worn in outfit.garments],
         upper=shoe_color(rng, outfit.shoe),
         hat=fabrics.sample_fabric(rng, (outfit.hat.kind,), False),
         tie=None if outfit.tie is None else fabrics.sample_fabric(rng, TIES, False),
@@ -276,9 +278,10 @@ def in_other_fabrics(outfit: Outfit, rng: np.random.Generator) -> Outfit:
     )
 
 
-def is_muted(garment: Garment) -> bool:
-    """Returns whether a garment is mostly of neutral colors."""
-    return garment.kind == "trousers" or garment.name in group("outer")
+def in_fabric(rng: np.random.Generator, garment: Garment) -> Worn:
+    """Draws the fabric of a garment; trousers and outer garments are mostly of neutral colors."""
+    muted = garment.kind == "trousers" or garment.name in group("outer")
+    return Worn(garment, fabrics.sample_fabric(rng, garment.fabrics, muted))
 
 
 def shoe_color(rng: np.random.Generator, shoe: Shoe) -> Color:

@@ -17,7 +17,7 @@ from relight.figures.cloth.layers import signed_distance
 from relight.figures.pose import stances
 from relight.figures.pose.poses import build_motion
 from relight.figures.surfaces import border_loops, edges, loop
-from relight.figures.tailor import collars, patterns, trims
+from relight.figures.tailor import collars, drops, patterns, suit, trims
 from relight.figures.tailor.fabrics import Fabric
 from relight.figures.tailor.garments import wardrobe
 
@@ -42,7 +42,7 @@ def hollow(points: np.ndarray) -> float:
 
 @pytest.mark.parametrize("name", ["sweater", "t-shirt", "short skirt"])
 def test_cloth_has_no_length_for_the_hollow_between_the_buttocks(body, name):
-    at, level = patterns.landmarks(body), cut(body, name).levels[0]
+    at, level = body.heights, cut(body, name).levels[0]
     for height in np.arange(at["crotch"] + 0.1, at["hip"] + 0.02, 0.02):
         suit = body.tights[np.abs(body.tights[:, 1] - height) < 0.01][:, [0, 2]]
         for points in (level.rest_shape, level.fitted):
@@ -60,7 +60,7 @@ def test_the_hull_is_exact_on_a_known_outline():
     heights = np.arange(0.0, 0.5, 0.005)
     points = np.concatenate([np.insert(ring, 1, y, axis=1) for y in heights])
     fields = {"arm_shareL": np.zeros(len(points)), "arm_shareR": np.zeros(len(points))}
-    hull = patterns.trunk_hull(points, fields, {"crotch": 0.1, "waist": 0.25, "neck": 0.45})
+    hull = suit.trunk_hull(points, fields, {"crotch": 0.1, "waist": 0.25, "neck": 0.45})
     asked = np.array([[0.0, 0.2, 0.05], [0.3, 0.2, 0.0], [0.1, 0.2, 0.02]])
     assert hull.radius(asked)[:2] == pytest.approx([0.1, 0.2], abs=1e-3)
     moved = hull.expand(asked, np.array([1.0, 1.0, 0.5]))
@@ -76,7 +76,7 @@ def test_the_hull_bridges_heights_without_vertices():
     points = np.concatenate([(0.1 + 0.2 * y) * np.stack([np.sin(turn), 0 * turn, np.cos(turn)], 1) for y in heights])
     points[:, 1] = np.repeat(heights, len(turn))
     fields = {"arm_shareL": np.zeros(len(points)), "arm_shareR": np.zeros(len(points))}
-    hull = patterns.trunk_hull(points, fields, {"crotch": 0.1, "waist": 0.25, "neck": 0.45})
+    hull = suit.trunk_hull(points, fields, {"crotch": 0.1, "waist": 0.25, "neck": 0.45})
     for y in (0.2, 0.24, 0.28):
         assert hull.radius(np.array([[0.0, y, 0.05]]))[0] == pytest.approx(0.1 + 0.2 * y, abs=5e-3)
 
@@ -84,20 +84,20 @@ def test_the_hull_bridges_heights_without_vertices():
 def test_a_loose_top_hangs_straight_over_a_hollow():
     """A body of revolution as slim as an hourglass between a chest and a seat of one width, and a bump at its foot."""
     heights = np.linspace(0, 1, 21)
-    radii = np.repeat((0.2 - 0.08 * np.sin(np.pi * heights))[:, None], patterns.BEARINGS, axis=1)
-    hull = patterns.Hull(0.0, heights, radii)
+    radii = np.repeat((0.2 - 0.08 * np.sin(np.pi * heights))[:, None], suit.BEARINGS, axis=1)
+    hull = suit.Hull(0.0, heights, radii)
     np.testing.assert_allclose(hull.straightened(-1.0, 1.0).radii, 0.2, atol=1e-12)
     np.testing.assert_allclose(hull.straightened(-1.0, 0.5).radii, (0.2 + radii) / 2, atol=1e-12)
     above = hull.straightened(0.5, 1.0).radii  # straight from the waist up to the chest, as cut below it
     np.testing.assert_allclose(above[:11], radii[:11], atol=1e-12)
     np.testing.assert_allclose(above[10:, 0], 0.12 + 0.16 * (heights[10:] - 0.5), atol=1e-12)
-    bulging = patterns.Hull(0.0, heights, 0.4 - radii)
+    bulging = suit.Hull(0.0, heights, 0.4 - radii)
     np.testing.assert_allclose(bulging.straightened(-1.0, 1.0).radii, bulging.radii, atol=1e-12)
 
 
 def test_only_a_loose_closed_top_hangs_straight(body):
     """In the small of the back the cloth stands off further than its ease where it is cut wide, unless it is open."""
-    waist = patterns.landmarks(body)["waist"]
+    waist = body.heights["waist"]
 
     def off(ease: float, **changes) -> float:
         level = cut(body, "sweater", torso_ease=(ease,) * 6, **changes).levels[0]
@@ -112,7 +112,7 @@ def test_only_a_loose_closed_top_hangs_straight(body):
 @pytest.mark.parametrize("name", ["fitted t-shirt", "robe"])
 def test_cloth_is_not_bunched_over_the_cleft(body, name, monkeypatch):
     """What lined it would be slivers if it were only moved out to the hull."""
-    at = patterns.landmarks(body)
+    at = body.heights
 
     def areas() -> np.ndarray:
         level = cut(body, name).levels[0]
@@ -134,11 +134,10 @@ def test_the_faces_in_the_cleft():
     boxes = [trimesh.creation.box((0.1, 0.6, 0.1)).apply_translation((x, 0, 0)) for x in (-0.055, 0.055)]
     both = trimesh.util.concatenate([box.subdivide().subdivide().subdivide() for box in boxes])
 
-    joints = {name: np.zeros(3) for name in ("root", "upperleg01.L", "spine04", "neck01")}
-    found = wear.cleft(SimpleNamespace(tights=np.zeros((1, 3)), joints=joints), both.vertices, both.faces)
+    found = wear.cleft(SimpleNamespace(heights={"crotch": 0.0}), both.vertices, both.faces)
     middle, normal = both.triangles_center[found], both.face_normals[found]
     assert found.sum() > 40 and (np.abs(middle[:, 0]) < 0.006).all() and (np.abs(normal[:, 0]) > 0.99).all()
-    low, high = wear.CLEFT[1:]
+    low, high = wear.CLEFT_HEIGHTS
     inner = np.abs(both.triangles_center[:, 0]) < 0.006
     within = (both.triangles_center[:, 1] > low) & (both.triangles_center[:, 1] < high)
     assert found.sum() == (inner & within).sum()
@@ -178,9 +177,9 @@ def test_a_finer_hem_is_the_same_surface():
     i = np.arange(12)
     j = (i + 1) % 12
     faces = np.concatenate([np.stack([i, j, i + 12], 1), np.stack([j, j + 12, i + 12], 1)])
-    ring, closed = patterns.lowest_border(faces, points[:, 1])
+    ring, closed = drops.lowest_border(faces, points[:, 1])
     assert closed and sorted(ring) == list(range(12))
-    matrix, finer, parent = patterns.split_border(faces, len(points), ring)
+    matrix, finer, parent = drops.split_border(faces, len(points), ring)
     finest = matrix @ points
     area = [trimesh.Trimesh(p, f, process=False).area for p, f in ((points, faces), (finest, finer))]
     assert area[1] == pytest.approx(area[0], rel=1e-12)
@@ -293,7 +292,7 @@ def test_the_band_of_a_closed_front(front):
         both, both, both, np.zeros(len(both)), np.zeros((len(both), 1)), np.concatenate([faces, behind + len(points)])
     )
     garment = replace(wardrobe()["closed coat"], front=front)
-    pattern = patterns.Pattern(garment, [level], [], {}, 0.0, np.zeros(2 * len(faces), bool))
+    pattern = patterns.Pattern(None, garment, [level], [], {}, np.zeros(2 * len(faces), bool))
     found = trims.band(pattern, both, both[:, :2])
     if front == "none":
         assert found is None
@@ -384,7 +383,7 @@ def test_a_belt_pins_the_cloth_under_it_only(body, name, above):
     free, belted = (cut(body, name, belt_height=belt) for belt in (None, above))
     y, level = belted.fields["y"], belted.levels[-1]
     on = np.maximum(belted.fields["arm_shareL"], belted.fields["arm_shareR"])
-    off = np.abs(y - patterns.landmarks(body)["waist"] - above)
+    off = np.abs(y - body.heights["waist"] - above)
     under = (off < 0.017) & (on < 0.05) & (belted.fields["drop"] == 0)
     assert under.sum() > 30 and level.pin_weight[under].min() > 0.85
     assert free.levels[-1].pin_weight[under].mean() < 0.6
@@ -400,9 +399,9 @@ def test_other_fabrics_keep_the_cut():
         belt=Fabric("leather", (0.1,) * 3, (0.2,) * 3, 1, 1),
     )
     other = outfits.in_other_fabrics(outfit, np.random.default_rng(9))
-    assert [g for g, _ in other.garments] == [g for g, _ in outfit.garments]
-    assert all(new != old for (_, new), (_, old) in zip(other.garments, outfit.garments))
-    assert all(fabric.kind in garment.fabrics for garment, fabric in other.garments)
+    assert [worn.garment for worn in other.garments] == [worn.garment for worn in outfit.garments]
+    assert all(new.fabric != old.fabric for new, old in zip(other.garments, outfit.garments))
+    assert all(worn.fabric.kind in worn.garment.fabrics for worn in other.garments)
     assert other.tie is None and other.belt != outfit.belt and other.shoe == outfit.shoe and other.hair == outfit.hair
 
 

@@ -245,7 +245,7 @@ def test_props_are_in_the_palm(person, name, mirrored):
         pose = stances.replace(pose, left=pose.right, right=pose.left)
     motion = poses.build_motion(person, pose, 1)
     skin, faces = surface_of(person, motion)
-    (thing,) = props.props(person, motion, pose, (skin, faces), 3)
+    (thing,) = props.props(motion, pose, (skin, faces), 3)
     assert thing.material.name == name.rpartition(" ")[2] and np.isfinite(thing.vertices).all()
     tips = makehuman.bone_weights("finger", "metacarpal") > 0.7
     tips &= np.sign(person.skin[:, 0]) == (-1 if mirrored else 1)
@@ -260,7 +260,7 @@ def test_props_are_in_the_palm(person, name, mirrored):
             "and keeps off the leg"
         )
     else:
-        root, axes = props.palm(person, motion, "R" if mirrored else "L")
+        root, axes = props.palm(motion, "R" if mirrored else "L")
         assert (toward - root) @ axes[:, 1] > 0.005, "on the side of the palm"
         assert (distance < -0.012).mean() < 0.03, "and not in it"
 
@@ -270,15 +270,14 @@ def test_sitting_figures_have_a_stool_that_stands_on_the_floor(person):
     pose = pose_of("sitting")
     motion = poses.build_motion(person, pose, 1)
     skin, faces = surface_of(person, motion)
-    seat, legs = props.props(person, motion, pose, (skin, faces), 3)
+    seat, legs = props.props(motion, pose, (skin, faces), 3)
     assert legs.vertices[:, 1].min() == pytest.approx(skin[:, 1].min(), abs=1e-3)
     assert seat.vertices[:, 1].min() == pytest.approx(legs.vertices[:, 1].max(), abs=0.01)
     surface = colliders.Collider(seat.vertices, seat.vertices, seat.faces)
     _, distance, _ = layers.signed_distance(skin, surface, 0.3)
     assert -0.01 < distance.min() < 0.005, "flesh touches it and is not in it"
-    assert not props.props(
-        person, poses.build_motion(person, pose_of("straight"), 1), pose_of("straight"), (skin, faces), 3
-    )
+    upright = pose_of("straight")
+    assert not props.props(poses.build_motion(person, upright, 1), upright, (skin, faces), 3)
 
 
 def test_missing_data_is_one_sentence(monkeypatch):

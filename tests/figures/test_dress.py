@@ -4,10 +4,13 @@ import csv
 import hashlib
 import io
 import json
+import os
 import re
 import shlex
+import signal
 import subprocess
 import sys
+import time
 from dataclasses import replace
 from pathlib import Path
 
@@ -142,7 +145,7 @@ def test_a_shaded_figure_is_darker_by_a_sensible_share_and_keeps_its_shape(figur
 
 
 @pytest.mark.slow
-def test_vertex_colours_survive_the_glb(shaded, tmp_path):
+def test_vertex_colors_survive_the_glb(shaded, tmp_path):
     export(shaded, tmp_path / "f.glb")
     assert read_mesh(tmp_path / "f.glb").color.mean() == pytest.approx(shaded.color.mean(), abs=0.02)
 
@@ -243,9 +246,9 @@ def lifted(x, pattern):
     ],
 )
 def test_each_gate_rejects(snug, spoil, message):
-    body, motion, pattern, x, strain = snug
+    _, motion, pattern, x, strain = snug
     x, strain = spoil(x, strain, pattern)
-    reason = gates.check_garment(pattern, DrapeResult(x, [], strain), motion, body)
+    reason = gates.check_garment(pattern, DrapeResult(x, [], strain), motion)
     assert reason is None if message is None else re.search(message, reason)
 
 
@@ -263,7 +266,7 @@ def test_a_short_hem_that_was_swept_up_is_found_and_one_that_leans_is_not(snug):
     assert gates.hem_swept(pattern, moved, leaned) < 0.001
     swept = lifted(x, pattern)
     assert gates.hem_swept(pattern, swept, motion) > 0.3
-    assert "swept" in gates.check_garment(pattern, DrapeResult(swept, [], np.ones(1000)), motion, body)
+    assert "swept" in gates.check_garment(pattern, DrapeResult(swept, [], np.ones(1000)), motion)
 
 
 @pytest.mark.parametrize(
@@ -284,7 +287,7 @@ def test_a_limb_that_left_its_cloth_is_found_and_one_that_twists_it_is_not(
     pattern = patterns.build_pattern(body, garment, 0)
     level = pattern.levels[0]
     x = motion.skin(level.weights, level.rest_shape)
-    rings = lost_rings(pattern, x, motion, body)
+    rings = lost_rings(pattern, x, motion)
     assert set(rings) == {f"left {limb}", f"right {limb}"}
     assert all(lost == 0 and found > 25 for lost, found in rings.values())
     bone = motion.transforms[-1][motion.bones[f"{root}.L"]]
@@ -298,22 +301,22 @@ def test_a_limb_that_left_its_cloth_is_found_and_one_that_twists_it_is_not(
         x[on] += (np.cos(angle) - 1) * off[on] + np.sin(angle) * np.cross(axis, off[on])
     else:  # all to one side of it
         x[on] -= 2 * off[on] * (off[on, 2:] > 0)
-    rings = lost_rings(pattern, x, motion, body)
+    rings = lost_rings(pattern, x, motion)
     assert rings[f"right {limb}"][0] == 0
     assert rings[f"left {limb}"][0] == 0 if turned else rings[f"left {limb}"][0] >= 5
     monkeypatch.setattr(gates, "share_inside", lambda *_: 0.0)  # cloth moved by hand touches the body, too
-    reason = gates.check_garment(pattern, DrapeResult(x, [], np.ones(1000)), motion, body)
+    reason = gates.check_garment(pattern, DrapeResult(x, [], np.ones(1000)), motion)
     assert reason is None if turned else f"the left {limb} left it" in reason
 
 
 @pytest.mark.parametrize(("share", "stands", "sits"), [(0.01, True, True), (0.02, False, True), (0.04, False, False)])
 def test_how_much_cloth_may_go_through_cloth(snug, monkeypatch, share, stands, sits):
-    body, motion, pattern, x, strain = snug
+    _, motion, pattern, x, strain = snug
     worn = [DrapedGarment(replace(pattern, levels=pattern.levels * 2), CLOTH, DrapeResult(x, [], strain))]
     monkeypatch.setattr(gates, "crossing", lambda *_: [share])
     monkeypatch.setattr(gates, "covered_hands", lambda *_: (0.0, 0.0))
     for sitting, passes in ((False, stands), (True, sits)):
-        reason, measured = gates.check_outfit(worn, motion, body, sitting)
+        reason, measured = gates.check_outfit(worn, motion, sitting)
         assert (reason is None) == passes and measured["crossing"] == share
 
 
@@ -391,11 +394,11 @@ def test_materials_have_the_gloss_of_their_kind(figure):
     assert found["skin"] == GLOSS["skin"] and found["eyes"] == GLOSS["eyes"]
     assert all(0 < roughness <= 1 and 0 < specular <= 1 for roughness, specular in found.values())
     draw = dress.sample(0, 0, 1, 0.0)
-    (garment, fabric), *rest = draw.outfit.garments
+    worn, *rest = draw.outfit.garments
     for kind, wanted in (("leather", LEATHER), ("denim", CLOTH_GLOSS), ("knit", GLOSS["knit"])):
-        outfit = replace(draw.outfit, garments=((garment, replace(fabric, kind=kind)), *rest))
-        worn = with_gloss(Material(name=garment.name), outfit)
-        assert (worn.roughness, worn.specular) == wanted
+        outfit = replace(draw.outfit, garments=[replace(worn, fabric=replace(worn.fabric, kind=kind)), *rest])
+        material = with_gloss(Material(name=worn.garment.name), outfit)
+        assert (material.roughness, material.specular) == wanted
     for shoe, wanted in (("oxfords", LEATHER), ("sneakers", CLOTH_GLOSS)):
         outfit = replace(draw.outfit, shoe=replace(draw.outfit.shoe, name=shoe))
         worn = with_gloss(Material(name="shoes: upper"), outfit)
@@ -472,7 +475,7 @@ def test_draws_satisfy_the_constraints(fixed):
     constraints = Constraints(**fixed)
     for seed in range(2):
         draw = dress.sample(seed, 0, 1, constraints.sitting, constraints)
-        assert {garment.name for garment, _ in draw.outfit.garments} >= set(constraints.garments)
+        assert {worn.garment.name for worn in draw.outfit.garments} >= set(constraints.garments)
         assert not constraints.poses or draw.pose.name in constraints.poses
         assert not constraints.hair or draw.outfit.hair.name in constraints.hair
         assert draw.pose.sitting or constraints.sitting < 1
@@ -525,3 +528,26 @@ def test_impossible_constraints_are_one_sentence(monkeypatch, fixed, message):
     constraints = Constraints(**fixed)
     with pytest.raises(UserError, match=message):
         dress.sample(3, 0, 1, constraints.sitting, constraints)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("group", [False, True], ids=["process", "process group"])
+def test_figures_command_ends_quietly_when_terminated(tmp_path, group):
+    """Its workers end with it, and what lies in the folder is whole."""
+    command = [sys.executable, "-m", "relight.cli", "figures", "--seeds", "0-9", "--jobs", "2", "--detail", "draft"]
+    command += ["--texture", "64", "--out", str(tmp_path)]
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    while process.poll() is None and not list(tmp_path.glob("*.json")):
+        time.sleep(0.1)
+    if group:
+        os.killpg(process.pid, signal.SIGTERM)
+    else:
+        process.terminate()
+    out, err = process.communicate()  # returns when all that hold the pipes have ended
+    assert process.returncode == 143
+    assert out == "" and all(line.startswith("figures ") for line in err.splitlines()), err
+    assert not [path.name for path in tmp_path.iterdir() if path.suffix not in (".glb", ".json")]
+    for path in tmp_path.glob("*.glb"):
+        assert len(read_mesh(path).faces) > 1000

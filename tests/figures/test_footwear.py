@@ -21,7 +21,7 @@ def feet():
 def test_a_shoe_has_its_pieces_around_the_foot(feet, shoe):
     built, motion = feet
     skin = motion.skin(makehuman.rig().weights[makehuman.BODY], built.skin)
-    parts = footwear.build_shoes(built, motion, shoe)
+    parts = footwear.build_shoes(motion, shoe)
     names = {part.name for part in parts}
     expected = {"upper", "sole"} | ({"cap"} if shoe.cap else set()) | ({"lace"} if shoe.laces else set())
     assert names == expected == names & set(footwear.palette(shoe, (0.5, 0.4, 0.3), (0.1, 0.1, 0.1)))
@@ -45,7 +45,7 @@ def test_a_shoe_has_its_pieces_around_the_foot(feet, shoe):
 
 
 def test_both_feet_are_shod_alike(feet):
-    parts = footwear.build_shoes(*feet, footwear.shoes()[1])
+    parts = footwear.build_shoes(feet[1], footwear.shoes()[1])
     half = len(parts) // 2
     for left, right in zip(parts[:half], parts[half:], strict=True):
         assert left.name == right.name

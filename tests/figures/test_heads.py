@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from relight.figures.assembly import Builder, add_hair
+from relight.figures.assembly import Assembly
 from relight.figures.body import makehuman, skin
 from relight.figures.body.person import Expression, build_body, expressions, sample_expression, sample_person, units
+from relight.figures.builder import Builder
 from relight.figures.catalogue.schema import entries
 from relight.figures.cloth import colliders, layers
 from relight.figures.hair import combing, facial, locks, strands, styles
+from relight.figures.hair.heads import HairPart, build_hair
 from relight.figures.outfits import in_other_fabrics, sample_outfit
 from relight.figures.pose import poses, stances
 from relight.figures.surfaces import normals
@@ -29,16 +31,15 @@ def head(person):
     colliders.init_warp()
     built = build_body(person)
     motion = poses.build_motion(built, stances.poses()["relaxed"], 1)
-    posed = motion.skin(makehuman.rig().weights[makehuman.BODY], built.skin)
-    return built, motion, (posed, makehuman.base().faces["body"])
+    return built, motion, (motion.posed_skin, makehuman.base().faces["body"])
 
 
-def grown(head, name: str, fine: bool = False) -> list[styles.HairPart]:
+def grown(head, name: str, fine: bool = False) -> list[HairPart]:
     style = styles.styles()[name]
-    return styles.build_hair(*head[:2], style, 0.8, head[2], 5, fine)
+    return build_hair(head[1], style, 0.8, head[2], 5, fine)
 
 
-def named(parts: list[styles.HairPart], name: str) -> styles.HairPart:
+def named(parts: list[HairPart], name: str) -> HairPart:
     return next(part for part in parts if part.name == name)
 
 
@@ -87,7 +88,7 @@ def test_hair_is_finite_and_outside_of_the_head(head, heads, style):
 @pytest.mark.parametrize("style", ["chin length", "long", "wavy long", "ponytail", "beanie", "cap"])
 def test_hair_and_hats_leave_the_face_free(head, heads, style):
     built, motion, _ = head
-    turn = motion.transforms[-1, motion.bones["head"]]
+    turn = motion.bone("head")
     eye = built.vertices[makehuman.EYES["L"]].mean(0)
     for part in (part for part in heads[style] if part.kind in ("hair", "hat")):
         rest = (part.vertices - turn[:, 3]) @ turn[:, :3] - eye
@@ -97,8 +98,8 @@ def test_hair_and_hats_leave_the_face_free(head, heads, style):
 
 def test_hair_before_the_face_moves_aside_and_does_not_spread_on_shoulders(head):
     built, motion, _ = head
-    turn = motion.transforms[-1, motion.bones["head"]]
-    deflect = locks.deflect_from_face(built, motion)
+    turn = motion.bone("head")
+    deflect = locks.deflect_from_face(motion)
 
     def moved(last, now) -> float:
         """The sideways move of points given from the head's centre, in its rest frame."""
@@ -118,9 +119,9 @@ def test_the_same_seed_is_the_same_hair(head, heads):
 
 
 def test_a_lock_keeps_its_length_and_a_draft_has_half_of_them(head, heads):
-    built, _, below = head
+    _, motion, below = head
     comb = combing.Comb(60, 0.2)
-    roots = combing.plant_roots(built, below[0], comb.count, 3)
+    roots = combing.plant_roots(motion, comb.count, 3)
     ahead, length = combing.comb_directions(comb, roots)
     points, _ = locks.grow_guides(comb, roots, ahead, length, colliders.Collider(below[0], below[0], below[1]), 10, 3)
     steps = np.linalg.norm(np.diff(points, axis=1), axis=2)
@@ -165,9 +166,9 @@ def test_little_scalp_shows_from_any_side(head, name):
 
 
 def test_strands_start_at_their_roots_and_draw_together(head):
-    built, _, below = head
+    _, motion, below = head
     comb = combing.Comb(40, 0.15, clump=0.6, fray=0.0)
-    guides, roots = (combing.plant_roots(built, below[0], count, 3 + count) for count in (40, 600))
+    guides, roots = (combing.plant_roots(motion, count, 3 + count) for count in (40, 600))
     direction, length = combing.comb_directions(comb, guides)
     points, facing = locks.grow_guides(comb, guides, direction, length, colliders.Collider(below[0], *below), 8, 3)
     lines, _ = strands.spread_strands(comb, guides, points, facing, roots, length, 9, 4)
@@ -199,7 +200,7 @@ def test_ribbons_are_as_wide_as_asked_and_face_outward():
 
 
 def test_beards_grow_on_jaw_and_lip_only(head, heads):
-    built, motion, below = head
+    _, motion, below = head
     base = makehuman.base().vertices[makehuman.BODY]
     share = skin.beard_share(base)
     eye = makehuman.base().vertices[makehuman.EYES["L"]].mean(0)
@@ -207,7 +208,7 @@ def test_beards_grow_on_jaw_and_lip_only(head, heads):
     assert (share[base[:, 2] < eye[2] - 0.1] == 0).all()  # not on the nape
     lips = base[[skin.UPPER_LIP, skin.LOWER_LIP]]
     assert (skin.beard_share(lips) == 0).all()
-    assert facial.beard(built, motion, facial.STUBBLE, below, 5, False) is None
+    assert facial.beard(motion, facial.STUBBLE, below, 5, False) is None
     surface = colliders.Collider(below[0], *below)
     _, distance, _ = layers.signed_distance(named(heads["bald"], "beard").vertices, surface, 0.1)
     assert np.mean(distance < -0.004) < 0.02 and distance.max() < 0.05
@@ -226,8 +227,8 @@ def test_lashes_stand_on_the_lids_of_both_eyes(head):
     for lid, tip in (facial.UPPER, facial.LOWER):
         left, right = built.vertices[list(lid + tip)], built.vertices[np.array(lid + tip) + facial.MIRROR_OFFSET]
         np.testing.assert_allclose(left, right * [-1, 1, 1], atol=2e-3)
-    vertices, _, _ = facial.lashes(built, motion, 5, True)
-    turn = motion.transforms[-1, motion.bones["head"]]
+    vertices, _, _ = facial.lashes(motion, 5, True)
+    turn = motion.bone("head")
     rest = (vertices - turn[:, 3]) @ turn[:, :3]
     for eye in ("L", "R"):
         centre = built.vertices[makehuman.EYES[eye]].mean(0)
@@ -238,11 +239,12 @@ def test_lashes_stand_on_the_lids_of_both_eyes(head):
 
 def test_hats_are_of_the_outfit_and_hair_is_of_the_person(head, heads, person):
     style = styles.styles()["cap"]
-    own = replace(sample_outfit(np.random.default_rng(3), person), hair=style, beard=0.8)
-    own = replace(own, hat=own.garments[0][1])
-    looks = [own, in_other_fabrics(own, np.random.default_rng(4))]
+    outfit = replace(sample_outfit(np.random.default_rng(3), person), hair=style, beard=0.8)
+    outfit = replace(outfit, hat=outfit.garments[0].fabric)
+    looks = [outfit, in_other_fabrics(outfit, np.random.default_rng(4))]
     builder = Builder()
-    parts = add_hair(builder, *head[:2], own, head[2], DETAILS["draft"], 64, 5)
+    detail = replace(DETAILS["draft"], texture=64)
+    parts = Assembly(builder, head[1], outfit, [], detail, 5).add_hair(head[2])
     mesh = builder.mesh({}, looks)
     assert [part.kind for part in parts].count("hat") == 2, "crown and peak"
     assert sorted(material.name for material in mesh.materials) == ["beard", "brows", "hair", "hat", "lashes"]

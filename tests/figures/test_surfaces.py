@@ -79,7 +79,7 @@ def test_border_loops_of_a_tube():
 
 def test_thickened_cloth_is_closed_at_its_border():
     vertices, faces = plate(7)
-    out, solid, source = surfaces.thickened(vertices, faces, np.full(len(vertices), 0.01), rings=99)
+    out, solid, source = surfaces.thickened(vertices, faces, 0.01, rings=None)
     shell = trimesh.Trimesh(out, solid, process=False)
     assert shell.is_watertight and shell.is_winding_consistent
     assert shell.volume == pytest.approx(0.01)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from relight.figures import texture
-from relight.figures.tailor import aging, fabrics, panels, prints
+from relight.figures.tailor import aging, fabrics, marks, panels, prints
 from relight.figures.tailor.fabrics import Fabric
 from relight.figures.tailor.garments import wardrobe
 from relight.figures.tailor.weaves import WEAVES, woven
@@ -96,7 +96,7 @@ def test_grain_finer_than_a_texel_leaves_its_mean():
 
 
 @pytest.mark.parametrize("kind", [*KINDS, "denim"])
-def test_no_cloth_has_one_colour(kind):
+def test_no_cloth_has_one_color(kind):
     """The scatter of ln albedo between places 2.5 mm apart, which scans of cloth have as well."""
     a = np.arange(240) * 0.0013
     u, v = np.broadcast_arrays(a[None].astype(np.float32), a[:, None].astype(np.float32))
@@ -122,7 +122,7 @@ def test_marks_are_found_again_in_the_atlas():
     cloth = np.stack([x, y], -1).reshape(-1, 2)[faces]
     laid = panels.lay_out(["front"], np.zeros(len(faces), int), cloth, 256)
     far = np.abs(cloth[..., 0] - 0.2)
-    found = aging.images(laid, aging.Marks(far, far / 2, 0 * far, 0 * far))
+    found = marks.images(laid, marks.Marks(far, far / 2, 0 * far, 0 * far))
     u0, _, column, row, w, h = laid.boxes[0]
     u = u0 + (np.arange(w) + 0.5 - panels.GUTTER) / laid.scale
     inside = (slice(row + 8, row + h - 8), slice(column + 8, column + w - 8))

@@ -19,7 +19,7 @@ from relight.figures.surfaces import border_loops
 from relight.figures.tailor import collars, garments, patterns
 from relight.figures.tailor.fabrics import Fabric
 from relight.figures.tailor.footwear import shoes, upper
-from relight.figures.tailor.garments import group, wardrobe
+from relight.figures.tailor.garments import Worn, group, wardrobe
 from relight.figures.wear import DETAILS, DrapedGarment, drape_outfit, drape_scarf, fallen_over
 
 CLOTH = Fabric("plain", (0.3, 0.1, 0.05), (0.1, 0.4, 0.7), 1.0, 5)
@@ -41,15 +41,15 @@ def standing(person):
 def test_a_scarf_lies_around_the_neck_and_hangs_in_front(person, standing, garment):
     motion, skin = standing
     faces = makehuman.base().faces["body"]
-    worn = drape_scarf(person, motion, garment, CLOTH, (skin, faces), [], DETAILS["draft"])
+    worn = drape_scarf(motion, Worn(garment, CLOTH), (skin, faces), [], DETAILS["draft"])
     x = worn.draped.positions
-    neck, axes = collars.neck_of(person, motion)
+    neck, axes = collars.neck_of(motion)
     near = (x - neck)[np.linalg.norm(x - neck, axis=1) < 0.17]
     around = np.unique(np.round(np.degrees(np.arctan2(near @ axes[0], near @ axes[2])) / 20))
     assert len(around) >= 15  # of 19: all sides but perhaps the front
     low = x[x[:, 1] < neck[1] - 0.15]
     assert (low[:, 2] > neck[2]).all() and low[:, 0].min() < -0.03 and low[:, 0].max() > 0.03
-    assert gates.check_garment(worn.pattern, worn.draped, motion, person) is None
+    assert gates.check_garment(worn.pattern, worn.draped, motion) is None
     _, distance, _ = signed_distance(x, Collider(skin, skin, faces), 0.1)
     assert np.percentile(distance, 1) > -0.002
 
@@ -57,7 +57,7 @@ def test_a_scarf_lies_around_the_neck_and_hangs_in_front(person, standing, garme
 def test_a_tucked_top_is_pinned_below_the_waistband_only(person):
     top, bottom = outfits.tucked(wardrobe()["t-shirt"], wardrobe()["jeans"])
     pattern = patterns.build_pattern(person, top, 0)
-    edge = patterns.landmarks(person)["waist"] + bottom.waist
+    edge = person.heights["waist"] + bottom.waist
     y, pinned = pattern.fields["y"], pattern.levels[0].pin_weight
     assert (pinned[y < edge - 0.01] > 0.89).all()
     assert (pinned[(y > edge + 0.035) & (pattern.fields["arm_shareL"] + pattern.fields["arm_shareR"] < 0.1)] == 0).all()
@@ -133,7 +133,7 @@ def test_skin_that_is_seen_under_a_lifted_garment_is_kept():
 
     def left_out(draped: np.ndarray) -> np.ndarray:
         around = Collider(*[np.concatenate([skin, draped])] * 2, np.concatenate([faces, faces + len(skin)]))
-        return layers.covered(skin, skin, normal, snug, draped, faces, solid, 2, around)
+        return layers.Cover(snug, draped, faces, solid).hides(skin, skin, normal, 2, around)
 
     inner = np.abs(skin[:, :2]).max(1) < 0.42
     assert left_out(snug)[inner].all() and not left_out(snug)[~inner & (np.abs(skin[:, :2]).max(1) > 0.46)].any()
@@ -160,11 +160,11 @@ def test_short_sleeves_leave_the_trunk_whole(name, seed):
 def test_trousers_hang_over_the_shoes(person, name):
     shoe = next(s for s in shoes() if s.name == name)
     outfit = outfits.sample_outfit(np.random.default_rng(0), person.person)
-    outfit = replace(outfit, garments=[(wardrobe()["jeans"], CLOTH)], shoe=shoe)
+    outfit = replace(outfit, garments=[Worn(wardrobe()["jeans"], CLOTH)], shoe=shoe)
     motion = build_motion(person, stances.poses()["straight"], DETAILS["draft"].frames)
-    x = drape_outfit(person, motion, outfit, DETAILS["draft"])[0].draped.positions
+    x = drape_outfit(motion, outfit, DETAILS["draft"])[0].draped.positions
     for side in "LR":
-        leather = upper(person, motion.bones, shoe, side)
+        leather = upper(person, shoe, side)
         posed = motion.skin(leather.weights, leather.shape)
         _, distance, _ = signed_distance(x, Collider(posed, posed, leather.faces), 0.03)
         near = np.isfinite(distance) & (x[:, 1] < posed[:, 1].max() - 0.005)
@@ -211,24 +211,26 @@ def test_a_hand_behind_cloth_is_measured(person, standing, gap, share, turned):
     sheet = np.array([[x0, y0, front], [x1, y0, front], [x1, y1, front], [x0, y1, front]])
     faces = np.array([[0, 1, 2], [0, 2, 3]])[:, :: -1 if turned else 1]  # the back of a shirt, a hand behind it
     level = Level(sheet, sheet, sheet, np.zeros(4), np.zeros((4, 1)), faces)
-    pattern = patterns.Pattern(wardrobe()["t-shirt"], [level], [], {}, 0.0, np.zeros(2, bool))
-    covered = gates.covered_hands([DrapedGarment(pattern, CLOTH, DrapeResult(sheet, [], np.ones(1)))], motion, person)
+    pattern = patterns.Pattern(person, wardrobe()["t-shirt"], [level], [], {}, np.zeros(2, bool))
+    covered = gates.covered_hands([DrapedGarment(pattern, CLOTH, DrapeResult(sheet, [], np.ones(1)))], motion)
     assert covered == (share, 0.0) if share == 0 else covered[0] > 0.5 and covered[1] == 0.0
 
 
 def test_coats_come_off_to_sit_and_scarves_where_arms_are_crossed(person):
     outfit = outfits.sample_outfit(np.random.default_rng(0), person.person)
     outfit = replace(
-        outfit, garments=[(g, CLOTH) for g in (wardrobe()["jeans"], wardrobe()["coat"], group("scarves")["scarf"])]
+        outfit, garments=[Worn(g, CLOTH) for g in (wardrobe()["jeans"], wardrobe()["coat"], group("scarves")["scarf"])]
     )
     poses = stances.poses()
 
     def left(name):
-        return [g.name for g, _ in outfits.fitted_to_pose(outfit, poses[name]).garments]
+        return [worn.garment.name for worn in outfits.fitted_to_pose(outfit, poses[name]).garments]
 
-    seated = outfits.fitted_to_pose(
-        replace(outfit, garments=[(wardrobe()["t-shirt"], CLOTH)]), poses["sitting"]
-    ).garments[0][0]
+    seated = (
+        outfits.fitted_to_pose(replace(outfit, garments=[Worn(wardrobe()["t-shirt"], CLOTH)]), poses["sitting"])
+        .garments[0]
+        .garment
+    )
     assert seated.slack == seated.drop == 0 and seated.hem > wardrobe()["t-shirt"].hem, (
         "shorter: the lap pushes tops up"
     )

@@ -97,7 +97,7 @@ def test_folds_stay_outside_the_layer_below():
     cloth = Cloth(thickness=0.004, crimp=replace(CRIMP, slack=0.1))
     garment = replace(wardrobe()["t-shirt"], cloth=cloth)
     level = Level(flat, flat, flat, np.zeros(len(flat)), np.zeros((len(flat), 1)), faces)
-    pattern = patterns.Pattern(garment, [level], [], {"drop": np.zeros(len(flat))}, 0.0, np.zeros(len(faces), bool))
+    pattern = patterns.Pattern(None, garment, [level], [], {"drop": np.zeros(len(flat))}, np.zeros(len(faces), bool))
     below = Collider(flat, flat, faces)
     fabric = Fabric("plain", (0.3, 0.1, 0.05), (0.1, 0.4, 0.7), 1.0, 5)
     x = wear.finished(pattern, DrapeResult(flat + [0, 0, 0.004], [], np.ones(1)), fabric, below).positions
@@ -108,6 +108,6 @@ def test_folds_stay_outside_the_layer_below():
 
 @pytest.mark.parametrize("cloth", [wardrobe()["jeans"].cloth, wardrobe()["dress"].cloth])
 def test_each_piece_folds_in_its_own_way(cloth):
-    one, two = (wrinkles.of_one_garment(cloth.crimp, seed) for seed in (1, 2))
-    assert one != two and one == wrinkles.of_one_garment(cloth.crimp, 1)
+    one, two = (wrinkles.varied(cloth.crimp, seed) for seed in (1, 2))
+    assert one != two and one == wrinkles.varied(cloth.crimp, 1)
     assert 0.5 < one.width / cloth.crimp.width < 2

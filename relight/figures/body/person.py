@@ -1,6 +1,7 @@
 """People: sampled traits, and bodies built from them with MakeHuman's targets, in the rest pose (arms half down)."""
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from itertools import product
 
 import numpy as np
@@ -72,6 +73,18 @@ class Body:
     def skin(self) -> np.ndarray:
         """Returns the vertices (n,3) of the skin."""
         return self.vertices[makehuman.BODY]
+
+    @cached_property
+    def heights(self) -> dict[str, float]:
+        """The heights of crotch, hip, waist and neck, metres."""
+        joints = self.joints
+        middle = (np.abs(self.tights[:, 0]) < 0.01) & (self.tights[:, 1] < joints["root"][1] + 0.1)
+        return {
+            "crotch": float(self.tights[middle, 1].min()),
+            "hip": float(joints["upperleg01.L"][1]),
+            "waist": float(joints["spine04"][1]),
+            "neck": float(joints["neck01"][1]),
+        }
 
 
 def sample_person(rng: np.random.Generator) -> Person:

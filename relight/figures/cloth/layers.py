@@ -1,9 +1,11 @@
 """Layers of clothes: removes what a garment covers, and pushes back under it what comes through."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from relight.figures.cloth.colliders import Collider
-from relight.figures.surfaces import border_distance, smoothed
+from relight.figures.surfaces import Surface, border_distance, smoothed
 
 DEEP = 0.006  # depth under a garment at which a hidden point must also be out of sight, metres
 DIRECTIONS = 64  # of the rays, over the whole sphere
@@ -33,42 +35,52 @@ def signed_distance(
     return face, np.where(face >= 0, np.einsum("nd,nd->n", points - base, normal), np.inf), normal
 
 
-def covered(
-    rest: np.ndarray,
-    posed: np.ndarray,
-    normal: np.ndarray,
-    fitted: np.ndarray,
-    draped: np.ndarray,
-    faces: np.ndarray,
-    close: np.ndarray,
-    rings: int,
-    figure: Collider,
-) -> np.ndarray:
-    """Returns which points (n,) a garment always hides, so that they can be removed.
+@dataclass(frozen=True)
+class Cover:
+    """A draped garment, as it covers what is below it.
 
-    A point must lie under the garment both on the rest pose and as the garment hangs: a sleeve may slide up an arm, and
-    a hand may come to rest on the cloth. Where the garment hangs off it, no ray from it may leave the figure either:
-    one sees far into an open jacket or an armhole.
-
-    Args:
-        rest: (n,3) the points on the rest pose, metres.
-        posed: (n,3) the same, posed.
-        normal: (n,3) their unit normals, posed.
-        fitted: (m,3) the garment's vertices close around the body on the rest pose.
-        draped: (m,3) the same as the garment hangs.
-        faces: (F,3) of the garment.
+    Attributes:
+        fitted: (m,3) its vertices close around the body on the rest pose, metres.
+        draped: (m,3) the same as it hangs.
+        faces: (F,3).
         close: (m,) vertices that cover; those of a free-hanging drop do not.
-        rings: edges by which a covering face must be away from the garment's border.
-        figure: all surfaces of the figure.
     """
-    inner = (border_distance(fitted, faces, rings + 1) > rings) & close
-    face, distance, _ = signed_distance(rest, Collider(fitted, fitted, faces), REST_RANGE)
-    hidden = (face >= 0) & (np.abs(distance) < 0.03) & (distance < 0.015) & inner[faces[face]].all(1)
-    face, distance, _ = signed_distance(posed, Collider(draped, draped, faces), POSED_RANGE)
-    hidden &= (face >= 0) & (distance < 0.012) & inner[faces[face]].all(1)
-    deep = np.flatnonzero(hidden & (distance < -DEEP))
-    hidden[deep] = ~sees_outside(posed[deep], normal[deep], figure)
-    return hidden
+
+    fitted: np.ndarray
+    draped: np.ndarray
+    faces: np.ndarray
+    close: np.ndarray
+
+    @property
+    def surface(self) -> Surface:
+        """Returns its vertices as it hangs, and its faces."""
+        return self.draped, self.faces
+
+    def hides(
+        self, rest: np.ndarray, posed: np.ndarray, normal: np.ndarray, rings: int, figure: Collider
+    ) -> np.ndarray:
+        """Returns which points (n,) it always hides, so that they can be removed.
+
+        A point must lie under the garment both on the rest pose and as the garment hangs: a sleeve may slide up an arm,
+        and a hand may come to rest on the cloth. Where the garment hangs off it, no ray from it may leave the figure
+        either: one sees far into an open jacket or an armhole.
+
+        Args:
+            rest: (n,3) the points on the rest pose, metres.
+            posed: (n,3) the same, posed.
+            normal: (n,3) their unit normals, posed.
+            rings: edges by which a covering face must be away from the garment's border.
+            figure: all surfaces of the figure.
+        """
+        inner = (border_distance(self.fitted, self.faces, rings + 1) > rings) & self.close
+        fitted, draped = (Collider(points, points, self.faces) for points in (self.fitted, self.draped))
+        face, distance, _ = signed_distance(rest, fitted, REST_RANGE)
+        hidden = (face >= 0) & (np.abs(distance) < 0.03) & (distance < 0.015) & inner[self.faces[face]].all(1)
+        face, distance, _ = signed_distance(posed, draped, POSED_RANGE)
+        hidden &= (face >= 0) & (distance < 0.012) & inner[self.faces[face]].all(1)
+        deep = np.flatnonzero(hidden & (distance < -DEEP))
+        hidden[deep] = ~sees_outside(posed[deep], normal[deep], figure)
+        return hidden
 
 
 def sees_outside(points: np.ndarray, normal: np.ndarray, figure: Collider) -> np.ndarray:
@@ -95,7 +107,7 @@ def sees_outside(points: np.ndarray, normal: np.ndarray, figure: Collider) -> np
 def push_under(
     points: np.ndarray,
     faces: np.ndarray,
-    garment: tuple[np.ndarray, np.ndarray],
+    garment: Surface,
     gap: float,
     movable: np.ndarray | None = None,
     facing: np.ndarray | None = None,
@@ -115,8 +127,9 @@ def push_under(
         The points (n,3), and with them their neighbours, smoothly.
     """
     movable = np.ones(len(points), bool) if movable is None else movable
-    surface = Collider(garment[0], garment[0], garment[1])
-    inner = (border_distance(garment[0], garment[1], 2) > 0)[garment[1]].all(1)
+    vertices, garment_faces = garment
+    surface = Collider(vertices, vertices, garment_faces)
+    inner = np.all(border_distance(vertices, garment_faces, 2)[garment_faces] > 0, axis=1)
     for _ in range(3):
         face, distance, normal = signed_distance(points, surface, 0.02)
         outside = movable & (face >= 0) & (distance > -gap) & inner[face]

@@ -61,14 +61,14 @@ def areas(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
 def principal(tensor: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Returns the least stretch (n,), and its direction (n,3), of tensors (n,3,3) in planes with unit normals."""
     helper = np.where(np.abs(normal[:, :1]) < 0.7, [[1.0, 0, 0]], [[0.0, 1, 0]])
-    one = np.cross(normal, helper)
-    one /= np.linalg.norm(one, axis=1, keepdims=True)
-    two = np.cross(normal, one)
-    p, q = (np.einsum("nx,nxy,ny->n", v, tensor, v) for v in (one, two))
-    r = np.einsum("nx,nxy,ny->n", one, tensor, two)
+    across = np.cross(normal, helper)
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    along = np.cross(normal, across)
+    p, q = (np.einsum("nx,nxy,ny->n", axis, tensor, axis) for axis in (across, along))
+    r = np.einsum("nx,nxy,ny->n", across, tensor, along)
     mean, spread = (p + q) / 2, np.hypot((p - q) / 2, r)
     angle = 0.5 * np.arctan2(2 * r, p - q) + np.pi / 2
-    direction = np.cos(angle)[:, None] * one + np.sin(angle)[:, None] * two
+    direction = np.cos(angle)[:, None] * across + np.sin(angle)[:, None] * along
     return np.sqrt(np.maximum(mean - spread, 0)), direction
 
 
@@ -263,15 +263,10 @@ def folds(levels: list[Level], refine: list, x: np.ndarray, crimp: Crimp, hang: 
     return smooth * height
 
 
-def of_one_garment(crimp: Crimp, seed: int) -> Crimp:
+def varied(crimp: Crimp, seed: int) -> Crimp:
     """Returns the crimp of one piece of cloth: more or less creased, soft or stiff."""
-    one, two, three = np.random.default_rng([seed, 6]).normal(size=3)
-    return replace(
-        crimp,
-        width=crimp.width * np.exp(0.15 * one),
-        slack=crimp.slack * np.exp(0.22 * two),
-        density=crimp.density * np.exp(0.25 * three),
-    )
+    width, slack, density = np.exp(np.array([0.15, 0.22, 0.25]) * np.random.default_rng([seed, 6]).normal(size=3))
+    return replace(crimp, width=crimp.width * width, slack=crimp.slack * slack, density=crimp.density * density)
 
 
 def folded(levels: list[Level], refine: list, x: np.ndarray, crimp: Crimp, hang: np.ndarray, seed: int) -> np.ndarray:

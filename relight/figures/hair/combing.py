@@ -100,18 +100,17 @@ def below_hat(points: np.ndarray) -> np.ndarray:
 
 
 def plant_roots(
-    body: Body, posed: np.ndarray, count: int, seed: int, share: Callable[[np.ndarray], np.ndarray] = scalp_roots
+    motion: Motion, count: int, seed: int, share: Callable[[np.ndarray], np.ndarray] = scalp_roots
 ) -> Roots:
     """Samples up to `count` roots, evenly over the skin where hair grows.
 
     Args:
-        body: in its rest pose.
-        posed: (13380,3) vertices of the posed skin, metres.
+        motion: of the body into the pose.
         count: number of samples, of which those are dropped where hair is thin.
         seed: of the samples.
         share: the density of hair in [0,1] at points (n,3) of the base body.
     """
-    faces, base = makehuman.base().faces["body"], makehuman.base().vertices
+    faces, base, posed = makehuman.base().faces["body"], makehuman.base().vertices, motion.posed_skin
     faces = faces[share(base[faces].reshape(-1, 3)).reshape(-1, 3).max(1) > 0]
     corner = posed[faces]
     area = np.linalg.norm(np.cross(corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]), axis=1)
@@ -128,7 +127,7 @@ def plant_roots(
     point = at(base)
     grows = share(point) > random[:, 3]
     chosen, weights = chosen[grows], weights[grows]
-    side, normal = at(body.skin) - head_centre(body), at(normals(posed, makehuman.base().faces["body"]))
+    side, normal = at(motion.body.skin) - head_centre(motion.body), at(normals(posed, makehuman.base().faces["body"]))
     return Roots(
         at(posed),
         normal / np.linalg.norm(normal, axis=1, keepdims=True),
@@ -179,10 +178,10 @@ def comb_directions(comb: Comb, roots: Roots) -> tuple[np.ndarray, np.ndarray]:
     return direction + 0.14 * (2 * roots.random[:, 1:] - 1), length
 
 
-def tie_point(body: Body, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+def tie_point(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     """Returns the point (3,) where hair is tied at the back of the posed head, and the direction (3,) of the tail."""
-    centre, backward = head_centre(body), np.array([0.0, 0.30, -0.95])
-    behind = body.skin[body.skin[:, 1] > centre[1] - 0.1] - centre
+    centre, backward = head_centre(motion.body), np.array([0.0, 0.30, -0.95])
+    behind = motion.body.skin[motion.body.skin[:, 1] > centre[1] - 0.1] - centre
     reach = (behind @ backward).max()
-    turn = motion.transforms[-1, motion.bones["head"]]
+    turn = motion.bone("head")
     return turn[:, :3] @ (centre + backward * (reach + 0.004)) + turn[:, 3], turn[:, :3] @ backward

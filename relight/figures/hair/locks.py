@@ -5,8 +5,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from relight.figures.body import makehuman
-from relight.figures.body.person import Body
 from relight.figures.cloth.colliders import Collider
 from relight.figures.cloth.layers import signed_distance
 from relight.figures.hair.combing import (
@@ -20,8 +18,9 @@ from relight.figures.hair.combing import (
     scalp_roots,
     tie_point,
 )
-from relight.figures.hair.strands import random_numbers, ribbons, spread_strands
+from relight.figures.hair.strands import Strip, random_numbers, ribbons, spread_strands
 from relight.figures.pose.poses import Motion
+from relight.figures.surfaces import Surface
 from relight.figures.texture import noise
 
 CONTACT_RANGE = 0.08  # search range of the surface below a guide, metres
@@ -92,10 +91,10 @@ def grow_guides(
     return np.stack(points, 1), normals
 
 
-def deflect_from_face(body: Body, motion: Motion) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+def deflect_from_face(motion: Motion) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
     """Returns a function that moves hair from the face to its sides, and keeps it from spreading on the shoulders."""
-    centre, head = head_centre(body), motion.transforms[-1, motion.bones["head"]]
-    cheek = body.skin[np.abs(body.skin[:, 1] - centre[1] + 0.05) < 0.02]
+    centre, head = head_centre(motion.body), motion.bone("head")
+    cheek = motion.body.skin[np.abs(motion.body.skin[:, 1] - centre[1] + 0.05) < 0.02]
     width = 0.90 * cheek[cheek[:, 2] > centre[2] + 0.03, 0].max()
 
     def deflect(at: np.ndarray, ahead: np.ndarray) -> np.ndarray:
@@ -109,14 +108,11 @@ def deflect_from_face(body: Body, motion: Motion) -> Callable[[np.ndarray, np.nd
     return deflect
 
 
-def grow_locks(
-    body: Body, motion: Motion, comb: Comb, below: tuple[np.ndarray, np.ndarray], seed: int, fine: bool, hat: bool
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def grow_locks(motion: Motion, comb: Comb, below: Surface, seed: int, fine: bool, hat: bool) -> Strip:
     """Grows all strands of a head.
 
     Args:
-        body: in its rest pose.
-        motion: into the pose.
+        motion: of the body into the pose.
         comb: the style.
         below: vertices and faces of posed skin and clothes.
         seed: of each strand.
@@ -128,23 +124,22 @@ def grow_locks(
     """
     if not fine:
         comb = coarser(comb)
-    posed = motion.skin(makehuman.rig().weights[makehuman.BODY], body.skin)
     share = below_hat if hat else scalp_roots
-    guides = plant_roots(body, posed, comb.count, seed, share)
+    guides = plant_roots(motion, comb.count, seed, share)
     direction, length = comb_directions(comb, guides)
-    direction = direction @ motion.transforms[-1, motion.bones["head"], :, :3].T
-    goal, _ = tie_point(body, motion)
+    direction = direction @ motion.bone("head")[:, :3].T
+    goal, _ = tie_point(motion)
     if comb.direction == "tie":
         direction = goal - guides.points
         length = 1.12 * np.linalg.norm(direction, axis=1)
     steps = int(np.clip(np.ceil(length.max() / (0.014 if fine else 0.022)), 5, 18))
-    deflect = deflect_from_face(body, motion) if comb.direction == "down" else None
+    deflect = deflect_from_face(motion) if comb.direction == "down" else None
     points, normals = grow_guides(
         comb, guides, direction, length, Collider(below[0], *below), steps, seed, deflect=deflect
     )
     if comb.direction == "tie":  # closes the gap of the last steps to the tie
         points = points + ramp(np.linspace(0, 1, steps + 1), 0.3, 1.0)[None, :, None] * (goal - points[:, -1:])
-    roots = plant_roots(body, posed, comb.count * comb.strands, seed + 1, share)
+    roots = plant_roots(motion, comb.count * comb.strands, seed + 1, share)
     pieces = int(np.clip(np.ceil(length.max() / (0.018 if fine else 0.03)), 4, 14))
     if comb.curl:
         pieces = int(np.clip(np.ceil(5 * length.max() / comb.pitch), pieces, 16 if fine else 12))
@@ -152,11 +147,9 @@ def grow_locks(
     return ribbons(comb.width, points, normals, roots.random, comb.roll)
 
 
-def tied_hair(
-    body: Body, motion: Motion, kind: str, below: tuple[np.ndarray, np.ndarray], seed: int, fine: bool
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def tied_hair(motion: Motion, kind: str, below: Surface, seed: int, fine: bool) -> Strip:
     """Returns posed vertices, faces and uv of a `kind` of tied hair, bun or ponytail."""
-    start, direction = tie_point(body, motion)
+    start, direction = tie_point(motion)
     count, width = (900, 0.0028) if fine else (260, 0.006)
     random = random_numbers(count, seed + 50)
     if kind == "bun":

@@ -6,6 +6,7 @@ from scipy.spatial import cKDTree
 from relight.figures.hair.combing import Comb, Roots, ramp
 from relight.figures.texture import lattice, noise
 
+Strip = tuple[np.ndarray, np.ndarray, np.ndarray]  # posed vertices, faces, and uv of the vertices
 DEPTH = 0.002  # range of depths of strands, metres; gaps in a deeper layer would be black
 FLYAWAY = 4.0  # factor of the straying of a few strands
 OUTLINE = ((0.0, 0.15, 0.6, 1.0), (0.75, 1.0, 0.9, 0.15))  # position along a strand, width over that of the comb
@@ -84,9 +85,7 @@ def spread_strands(
     return place + aside[..., None] * across + (depth + rise)[..., None] * up, up
 
 
-def ribbons(
-    width: float, points: np.ndarray, normals: np.ndarray, random: np.ndarray, roll: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def ribbons(width: float, points: np.ndarray, normals: np.ndarray, random: np.ndarray, roll: float) -> Strip:
     """Builds flat ribbons along lines. Tubes would show too much of their sides for strands of many hairs.
 
     Args:

@@ -29,7 +29,7 @@ def clear_hands(body: Body, pose: Pose, needed: tuple[float, float]) -> Pose:
         too; a hand at the face stays there.
     """
     weights, faces = makehuman.rig().weights[makehuman.BODY], makehuman.base().faces["body"]
-    hand = makehuman.bone_weights("finger", "metacarpal", "wrist") > 0.5
+    hands = makehuman.bone_weights("finger", "metacarpal", "wrist") > 0.5
     trunk = makehuman.bone_weights("root", "pelvis", "spine", "breast", "upperleg", "lowerleg") > 0.5
     trunk_faces = faces[trunk[faces].all(1)]
     for _ in range(ROUNDS):
@@ -41,12 +41,12 @@ def clear_hands(body: Body, pose: Pose, needed: tuple[float, float]) -> Pose:
         hips = solver.world_transform("root")[1]
         moved = {}
         for side, sign in (("left", 1), ("right", -1)):
-            points = skin[hand & (np.sign(body.skin[:, 0]) == sign)]
+            points = skin[hands & (np.sign(body.skin[:, 0]) == sign)]
             face, distance, normal = signed_distance(points, surface, RANGE)
             required = np.interp(points[:, 1], [hips[1], chest[1]], needed)
             missing = np.where(face >= 0, required - distance, -RANGE)
-            own = getattr(pose, side)
-            deficit = float(np.clip(np.percentile(missing, 95), -MAX_STEP if own.rests else 0, MAX_STEP))
+            hand = getattr(pose, side)
+            deficit = float(np.clip(np.percentile(missing, 95), -MAX_STEP if hand.rests else 0, MAX_STEP))
             if abs(deficit) < 0.002 or (face < 0).all():
                 continue
             worst = missing >= np.percentile(missing, 80)
@@ -54,7 +54,7 @@ def clear_hands(body: Body, pose: Pose, needed: tuple[float, float]) -> Pose:
             outward /= max(np.linalg.norm(outward), 1e-6)
             step = chest_rotation.inv().apply(deficit * outward) * [sign, 1, 1]
             step = step / solver.arm_length("L" if sign > 0 else "R")
-            moved[side] = replace(own, wrist=tuple(map(float, np.array(own.wrist) + step)))
+            moved[side] = replace(hand, wrist=tuple(map(float, np.array(hand.wrist) + step)))
         if not moved:
             break
         pose = replace(pose, **moved)

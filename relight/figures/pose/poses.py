@@ -5,6 +5,7 @@ and legs are set by closed-form two-bone inverse kinematics from the positions o
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -24,18 +25,32 @@ class Motion:
     """How a body moves from its rest pose into a pose.
 
     Attributes:
-        pose: its name.
+        body: in its rest pose.
         transforms: (T,B,3,4) bone transforms from the rest pose to each frame; the last frame is the pose.
         bones: indices of the bones by name.
     """
 
-    pose: str
+    body: Body
     transforms: np.ndarray
     bones: dict[str, int]
 
     def skin(self, weights: np.ndarray, rest: np.ndarray, frame: int = -1) -> np.ndarray:
         """Returns vertices (V,3) at a frame by linear blend skinning with weights (V,B), from their rest pose (V,3)."""
         return skinned(weights, rest, self.transforms[frame])
+
+    @cached_property
+    def posed_skin(self) -> np.ndarray:
+        """The vertices (n,3) of the skin in the pose, metres."""
+        return self.skin(makehuman.rig().weights[makehuman.BODY], self.body.skin)
+
+    def bone(self, name: str) -> np.ndarray:
+        """Returns the transform (3,4) of a bone from the rest pose into the pose."""
+        return self.transforms[-1, self.bones[name]]
+
+    def joint(self, name: str) -> np.ndarray:
+        """Returns the joint (3,) of a bone in the pose, metres."""
+        bone = self.bone(name)
+        return bone[:, :3] @ self.body.joints[name] + bone[:, 3]
 
 
 def skinned(weights: np.ndarray, rest: np.ndarray, transforms: np.ndarray) -> np.ndarray:
@@ -266,4 +281,4 @@ def build_motion(body: Body, pose: Pose, frames: int) -> Motion:
     lowest = skinned(rig.weights[makehuman.BODY], body.skin, transforms[-1])[:, 1].min()
     transforms[..., 1, 3] -= lowest
     turned = Rotation.from_euler("y", pose.turn, degrees=True).as_matrix() @ transforms
-    return Motion(pose.name, turned, {bone: i for i, bone in enumerate(rig.bones)})
+    return Motion(body, turned, {bone: i for i, bone in enumerate(rig.bones)})

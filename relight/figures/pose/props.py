@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from relight.figures.body import makehuman
-from relight.figures.body.person import Body
 from relight.figures.cloth.colliders import Collider
 from relight.figures.cloth.layers import signed_distance
 from relight.figures.pose.poses import Motion, orthonormal_frame, unit
@@ -49,11 +48,11 @@ def box(half: tuple[float, float, float], rounding: float = 0.0, bulge: float = 
     i = np.arange(n * n).reshape(n, n)
     a, b, c, d = (corner.ravel() for corner in (i[:-1, :-1], i[:-1, 1:], i[1:, 1:], i[1:, :-1]))
     square = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
-    sides, one = [], np.ones_like(u)
+    sides = []
     for axis in range(3):
         for sign in (1, -1):
             side = np.empty((n * n, 3))
-            side[:, axis], side[:, (axis + 1) % 3], side[:, (axis + 2) % 3] = sign * one, sign * u, v
+            side[:, axis], side[:, (axis + 1) % 3], side[:, (axis + 2) % 3] = sign, sign * u, v
             sides.append((side, square))
     unit_cube, faces = stacked(sides)
     _, first, inverse = np.unique(unit_cube.round(6), axis=0, return_index=True, return_inverse=True)
@@ -102,33 +101,26 @@ def transformed(surface: Surface, axes: np.ndarray, at: np.ndarray) -> Surface:
     return vertices @ axes.T + at, faces if np.linalg.det(axes) > 0 else faces[:, ::-1]
 
 
-def sample_colour(rng: np.random.Generator, min_grey: float = 0.0) -> np.ndarray:
+def sample_color(rng: np.random.Generator, min_grey: float = 0.0) -> np.ndarray:
     """Draws a linear albedo (3,), of GREYS of at least `min_grey`, tinted."""
     grey = rng.choice([grey for grey in GREYS if grey >= min_grey])
     return np.clip(grey * np.array(TINTS[rng.integers(len(TINTS))]), 0.01, 0.85).astype(np.float32)
 
 
-def palm(body: Body, motion: Motion, side: str) -> tuple[np.ndarray, np.ndarray]:
+def palm(motion: Motion, side: str) -> tuple[np.ndarray, np.ndarray]:
     """Returns the root (3,) of a posed hand's fingers, and its axes (3,3): along them, out of the palm, across."""
-
-    def posed(bone: str) -> np.ndarray:
-        turn = motion.transforms[-1][motion.bones[bone]]
-        return turn[:, :3] @ body.joints[bone] + turn[:, 3]
-
-    wrist, root, index, little = (posed(f"{bone}.{side}") for bone in ("wrist", "finger3-1", "finger2-1", "finger5-1"))
+    bones = ("wrist", "finger3-1", "finger2-1", "finger5-1")
+    wrist, root, index, little = (motion.joint(f"{bone}.{side}") for bone in bones)
     out = np.cross(index - little, root - wrist) * (-1 if side == "L" else 1)
     return root, orthonormal_frame(root - wrist, out)
 
 
-def hand_prop(
-    kind: str, body: Body, motion: Motion, side: str, figure: Surface, rng: np.random.Generator
-) -> list[Prop]:
+def hand_prop(kind: str, motion: Motion, side: str, figure: Surface, rng: np.random.Generator) -> list[Prop]:
     """Builds the prop in a posed hand.
 
     Args:
         kind: phone | cup | bag.
-        body: in its rest pose.
-        motion: into the pose.
+        motion: of the body into the pose.
         side: L | R, of the hand.
         figure: vertices and faces of the posed and dressed figure, from which a bag keeps BAG_CLEARANCE.
         rng: random generator.
@@ -136,11 +128,11 @@ def hand_prop(
     Returns:
         The prop; none if there is no room for a bag.
     """
-    root, axes = palm(body, motion, side)
+    root, axes = palm(motion, side)
     along, out, _ = axes.T
     if kind == "phone":
         phone = transformed(box((0.074, 0.004, 0.036), 0.004), axes, root + 0.020 * out + 0.012 * along)
-        return [Prop(*phone, Material(sample_colour(rng), name="phone"))]
+        return [Prop(*phone, Material(sample_color(rng), name="phone"))]
     if kind == "cup":
         tall = 0.105
         profile = np.array(
@@ -148,10 +140,10 @@ def hand_prop(
         )
         x, faces = revolved(profile)
         place = root + 0.052 * out - 0.018 * along - np.array([0.0, 0.5 * tall + 0.01, 0.0])
-        return [Prop(place + x, faces, Material(sample_colour(rng, 0.12), name="cup"))]
+        return [Prop(place + x, faces, Material(sample_color(rng, 0.12), name="cup"))]
     grip = root + 0.030 * out
     outward = np.array([1.0 if side == "L" else -1.0, 0.0, 0.0])
-    ahead = motion.transforms[-1][motion.bones["root"]][:, :3] @ np.array([0.0, 0.0, 1.0])
+    ahead = motion.bone("root")[:, 2]
     outward = orthonormal_frame(ahead * [1, 0, 1], outward)[:, 1]
     high, wide, loop = rng.uniform(0.11, 0.16), rng.uniform(0.13, 0.18), rng.uniform(0.12, 0.18)
     turn = np.stack([orthonormal_frame(ahead * [1, 0, 1], outward)[:, 0], [0.0, 1.0, 0.0], outward], axis=1)
@@ -165,7 +157,7 @@ def hand_prop(
         away += 0.01
     else:
         return []
-    material = Material(sample_colour(rng), name="bag")
+    material = Material(sample_color(rng), name="bag")
     s = np.linspace(-1, 1, 25)[:, None]
     straps = []
     for sign in (1, -1):
@@ -177,20 +169,19 @@ def hand_prop(
     return [Prop(*pieces, material)]
 
 
-def stool(body: Body, motion: Motion, figure: Surface, ground: float, rng: np.random.Generator) -> list[Prop]:
+def stool(motion: Motion, figure: Surface, ground: float, rng: np.random.Generator) -> list[Prop]:
     """Builds a stool under a sitting figure, or none under a skirt, which hangs where the seat would be.
 
     Args:
-        body: in its rest pose.
-        motion: into the pose.
+        motion: of the body into the pose.
         figure: vertices and faces of the posed and dressed figure.
         ground: height of the floor, metres.
         rng: random generator.
     """
-    skin = motion.skin(makehuman.rig().weights[makehuman.BODY], body.skin)
+    skin = motion.posed_skin
     skin = skin[makehuman.bone_weights("root", "pelvis", "upperleg") > 0.5]
     low = skin[skin[:, 1] < skin[:, 1].min() + 0.04]
-    ahead = unit(motion.transforms[-1][motion.bones["root"]][:, 2] * [1, 0, 1])
+    ahead = unit(motion.bone("root")[:, 2] * [1, 0, 1])
     up = np.array([0.0, 1.0, 0.0])
     axes = np.stack([np.cross(up, ahead), up, ahead], axis=1)
     centre = np.array([*low.mean(0)[:1], low[:, 1].min(), *low.mean(0)[2:]])
@@ -211,23 +202,22 @@ def stool(body: Body, motion: Motion, figure: Surface, ground: float, rng: np.ra
             leg[:, [0, 2]] += 0.03 * np.array([sx, sz]) * (0.5 - leg[:, 1:2] / tall)
             corner = axes @ [sx * (wide - 0.04), 0, sz * (deep - 0.04)]
             legs.append(transformed((leg, faces), axes, corner + [centre[0], ground + tall / 2, centre[2]]))
-    seat, wood = sample_colour(rng), sample_colour(rng)
+    seat, wood = sample_color(rng), sample_color(rng)
     return [Prop(*cushion, Material(seat, name="seat")), Prop(*stacked(legs), Material(wood, name="stool legs"))]
 
 
-def props(body: Body, motion: Motion, pose: Pose, figure: Surface, seed: int) -> list[Prop]:
+def props(motion: Motion, pose: Pose, figure: Surface, seed: int) -> list[Prop]:
     """Builds all props of a figure.
 
     Args:
-        body: in its rest pose.
-        motion: into the pose.
+        motion: of the body into the pose.
         pose: has the props of the hands, and whether the figure sits.
         figure: vertices and faces of the posed and dressed figure, which stands on the floor.
-        seed: of colours and sizes.
+        seed: of colors and sizes.
     """
     rng = np.random.default_rng([seed, 5])
-    out = stool(body, motion, figure, float(figure[0][:, 1].min()), rng) if pose.sitting else []
+    out = stool(motion, figure, float(figure[0][:, 1].min()), rng) if pose.sitting else []
     for side, hand in (("L", pose.left), ("R", pose.right)):
         if hand.holds:
-            out += hand_prop(hand.holds, body, motion, side, figure, rng)
+            out += hand_prop(hand.holds, motion, side, figure, rng)
     return out

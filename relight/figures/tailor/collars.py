@@ -5,7 +5,6 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial import cKDTree
 
-from relight.figures.body.person import Body
 from relight.figures.cloth.colliders import Collider
 from relight.figures.cloth.layers import signed_distance
 from relight.figures.pose.poses import Motion
@@ -15,6 +14,7 @@ from relight.figures.texture import noise
 CORD = 0.20  # metres of a drawstring
 CORD_RADIUS = 0.0028  # metres
 CORD_STEP = 0.007  # metres between its rings
+NECK_AXIS = (0.0, 0.94, 0.34)  # of the rest pose: necks lean forward by 20 degrees
 NECK_RANGE = 0.16  # largest distance of the neckline from the base of the neck, metres
 LAPEL = 0.27  # length of lapels below the base of the neck, metres
 BAND = 0.030  # standard deviation of the average by which a neckband smooths the neckline, metres
@@ -29,11 +29,11 @@ HOOD = (  # rows of a hood that lies on the back: share of its length, height ov
 )  # fmt: skip
 
 
-def neck_of(body: Body, motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+def neck_of(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
     """Returns the base of the posed neck (3,), metres, and its axes (3,3): left, up, forward."""
-    bone = motion.transforms[-1][motion.bones["neck01"]]
-    up, left = bone[:, :3] @ np.array([0.0, 0.94, 0.34]), bone[:, :3] @ np.array([1.0, 0.0, 0.0])
-    return bone[:, :3] @ body.joints["neck01"] + bone[:, 3], np.stack([left, up, np.cross(left, up)])
+    turn = motion.bone("neck01")[:, :3]
+    left, up = turn @ [1.0, 0.0, 0.0], turn @ NECK_AXIS
+    return motion.joint("neck01"), np.stack([left, up, np.cross(left, up)])
 
 
 def neckline(
@@ -79,8 +79,9 @@ def smooth_line(values: np.ndarray, times: int, closed: bool) -> np.ndarray:
 def banded(vertices: np.ndarray, faces: np.ndarray, smooth: np.ndarray, neck: np.ndarray, up: np.ndarray) -> np.ndarray:
     """Smooths a garment's neckline as a neckband does, and returns the vertices (n,3).
 
-    The border's displacement from a smooth border is replaced by its average over BAND metres along it. The cloth
-    beside it follows, less and less up to BAND_RANGE metres away.
+    The border's displacement from a smooth border is replaced by its average along it, with a Gaussian of standard
+    deviation BAND. Averages with both neighbours, repeated, tend to a Gaussian: each adds half the square of the
+    distance between vertices to its variance. The cloth beside the border follows, less and less up to BAND_RANGE.
 
     Args:
         vertices: (n,3) as draped, metres.
@@ -89,13 +90,14 @@ def banded(vertices: np.ndarray, faces: np.ndarray, smooth: np.ndarray, neck: np
         neck: (3,) base of the posed neck.
         up: (3,) its axis.
     """
-    found = neckline(vertices, faces, neck, up)
-    if found is None:
+    border = neckline(vertices, faces, neck, up)
+    if border is None:
         return vertices
-    ring, closed = found
-    step = np.linalg.norm(np.diff(smooth[ring], axis=0), axis=1).mean()
-    off = (vertices - smooth)[ring]
-    move = smooth_line(off, round(2 * (BAND / step) ** 2), closed) - off
+    ring, closed = border
+    spacing = np.linalg.norm(np.diff(smooth[ring], axis=0), axis=1).mean()
+    averagings = round(BAND**2 / (0.5 * spacing**2))
+    displacement = (vertices - smooth)[ring]
+    move = smooth_line(displacement, averagings, closed) - displacement
     distance, nearest = cKDTree(vertices[ring]).query(vertices, 4, distance_upper_bound=BAND_RANGE)
     share = np.clip(1 - distance / BAND_RANGE, 0, 1) ** 2
     mean = np.einsum("nk,nkd->nd", share, np.concatenate([move, [[0, 0, 0]]])[nearest])
@@ -250,10 +252,10 @@ def collar(
     Returns:
         Vertices, faces and corner uv; None if the neckline is not found.
     """
-    found = neckline(vertices, faces, neck, up, LAPEL if kind == "lapel" else 0.0)
-    if found is None:
+    border = neckline(vertices, faces, neck, up, LAPEL if kind == "lapel" else 0.0)
+    if border is None:
         return None
-    ring, closed = found
+    ring, closed = border
     if kind in ("fold", "lapel", "hood"):
         closed = False
     elif closed:  # a band is joined at the back
@@ -277,7 +279,7 @@ def collar(
     travel = np.cumsum([np.linalg.norm(b - a, axis=1) for a, b in pairwise([base, *rows])], axis=0)
     strip, strip_faces = extruded(np.arange(len(ring)), rows, len(ring), closed)
     points = np.concatenate([vertices[ring] - SEAM_OFFSET * up, strip])
-    points, shell, source = thickened(points, strip_faces, np.full(len(points), 0.0025), 99)
+    points, shell, source = thickened(points, strip_faces, 0.0025, rings=None)
     column, row = source % len(ring), source // len(ring)
     travel = np.concatenate([np.zeros((1, len(ring))), travel])
     at = uv[ring][column] - np.stack([0 * column, travel[row, column] * uv_per_metre], axis=1)

@@ -89,13 +89,13 @@ def palette(shoe: Shoe, upper: Color, sole: Color) -> dict[str, np.ndarray]:
     return {"upper": cloth, "sole": rubber, "lace": lace, "cap": cap}
 
 
-def build_shoes(body: Body, motion: Motion, shoe: Shoe) -> list[Part]:
+def build_shoes(motion: Motion, shoe: Shoe) -> list[Part]:
     """Builds both shoes at the last frame of a motion, with the soles below the feet."""
-    return [part for side in "LR" for part in one_shoe(body, motion, shoe, side)]
+    return [part for side in "LR" for part in one_shoe(motion, shoe, side)]
 
 
-def upper(body: Body, bones: dict[str, int], shoe: Shoe, side: str) -> Upper:
-    """Cuts the upper of a side ("L" | "R") from the foot of the suit; `bones` are the bones' indices by name."""
+def upper(body: Body, shoe: Shoe, side: str) -> Upper:
+    """Cuts the upper of a side ("L" | "R") from the foot of the suit."""
     suit, ankle = body.tights, body.joints[f"foot.{side}"]
     faces = makehuman.base().faces["helper-tights"] - makehuman.TIGHTS.start
     mine = (suit[:, 0] > 0) == (side == "L")
@@ -120,15 +120,15 @@ def upper(body: Body, bones: dict[str, int], shoe: Shoe, side: str) -> Upper:
     shape[:, 1] = np.maximum(shape[:, 1], ground + 0.001)
     weights = matrix @ makehuman.rig().weights[makehuman.TIGHTS]
     foot = np.zeros(weights.shape[1])
-    foot[bones[f"foot.{side}"]] = 1
+    foot[makehuman.rig().bones.index(f"foot.{side}")] = 1
     rigid = np.clip((ankle[1] + 0.01 - shape[:, 1]) / 0.03, 0, 1)[:, None]
     weights = weights / weights.sum(1, keepdims=True) * (1 - rigid) + foot * rigid
     return Upper(shape, weights, faces, foot, ground, toes, heel)
 
 
-def one_shoe(body: Body, motion: Motion, shoe: Shoe, side: str) -> list[Part]:
+def one_shoe(motion: Motion, shoe: Shoe, side: str) -> list[Part]:
     """Builds the shoe of a side ("L" | "R") at the last frame of a motion."""
-    outside, ankle = upper(body, motion.bones, shoe, side), body.joints[f"foot.{side}"]
+    outside, ankle = upper(motion.body, shoe, side), motion.body.joints[f"foot.{side}"]
     shape, weights, faces = outside.shape, outside.weights, outside.faces
     ground, toes, heel = outside.ground, outside.toes, outside.heel
     length = toes - heel
@@ -140,7 +140,7 @@ def one_shoe(body: Body, motion: Motion, shoe: Shoe, side: str) -> list[Part]:
         strap = np.minimum(0.009 - np.abs(shape[:, 1] - ankle[1] + 0.012 + 0.10 * along), 0.40 - along)
         keep, cut = clip(sparse.identity(len(shape), format="csr"), faces, np.maximum(field, 4 * strap))
         posed = motion.skin(keep @ weights, keep @ shape)
-        vertices, cut, _ = thickened(posed, cut, np.full(len(posed), 0.003), 99)
+        vertices, cut, _ = thickened(posed, cut, 0.003, rings=None)
         parts.append(Part("upper", vertices, cut))
     else:
         front = np.zeros(len(faces), bool)
@@ -149,7 +149,7 @@ def one_shoe(body: Body, motion: Motion, shoe: Shoe, side: str) -> list[Part]:
             whole, faces, front = split(sparse.identity(len(shape), format="csr"), faces, line)
             shape, weights = whole @ shape, whole @ weights
         posed = motion.skin(weights, shape)
-        vertices, thick, _ = thickened(posed, faces, np.full(len(posed), 0.004), 4)
+        vertices, thick, _ = thickened(posed, faces, 0.004, 4)
         front = np.r_[front, np.zeros(len(thick) - len(faces), bool)]
         parts.append(Part("upper", vertices, thick[~front]))
         if shoe.cap:
@@ -184,7 +184,7 @@ def laces(
     matrix, cut = compacted(matrix, cut)
     rest = matrix @ shape + (matrix @ normals(shape, faces)) * 0.0025
     posed = motion.skin(matrix @ weights, rest)
-    vertices, cut, _ = thickened(posed, cut, np.full(len(posed), 0.0025), 2)
+    vertices, cut, _ = thickened(posed, cut, 0.0025, 2)
     return Part("lace", vertices, cut)
 
 

@@ -7,6 +7,7 @@ from typing import Literal
 
 from relight.figures.catalogue.schema import entries
 from relight.figures.cloth.drape import Cloth
+from relight.figures.tailor.fabrics import Fabric
 from relight.figures.tailor.weaves import WEAVES
 
 LAYER = 0.005  # metres of room that hands need for each garment
@@ -101,6 +102,14 @@ class Garment:
         for kind in self.fabrics:
             if kind not in WEAVES:
                 raise ValueError(f"there is no fabric {kind}; fabrics are {', '.join(WEAVES)}")
+
+
+@dataclass(frozen=True)
+class Worn:
+    """A garment in a fabric."""
+
+    garment: Garment
+    fabric: Fabric
 
 
 def group(name: str) -> Mapping[str, Garment]:

@@ -51,11 +51,10 @@ def side_plane(pattern: Pattern) -> float:
     return float(np.median(p[y > np.median(y), 2]))
 
 
-def limb_frame(body: Body, pattern: Pattern, side: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def limb_frame(pattern: Pattern, side: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Finds the faces of a sleeve or trouser leg.
 
     Args:
-        body: in its rest pose.
         pattern: of a top or trousers.
         side: L | R.
 
@@ -63,7 +62,7 @@ def limb_frame(body: Body, pattern: Pattern, side: str) -> tuple[np.ndarray, np.
         Which faces (F,) belong to the limb; of their corners, the metres (m,3) outward from a leg's axis, or upward
         from an arm's; the same forward.
     """
-    level, j = pattern.levels[-1], body.joints
+    level, j = pattern.levels[-1], pattern.body.joints
     corner = level.rest_shape[level.faces]
     middle = corner.mean(1)[:, 0]
     sign = 1 if side == "L" else -1
@@ -73,7 +72,7 @@ def limb_frame(body: Body, pattern: Pattern, side: str) -> tuple[np.ndarray, np.
         centre = [np.interp(corner[mine][..., 1], line[:, 1], line[:, axis]) for axis in (0, 2)]
         return mine, (corner[mine][..., 0] - centre[0]) * sign, corner[mine][..., 2] - centre[1]
     mine = pattern.sleeve & ((middle > 0) == (side == "L"))
-    _, up, forward = arm_axes(body, side)
+    _, up, forward = arm_axes(pattern.body, side)
     r = corner[mine] - j[f"upperarm01.{side}"]
     return mine, r @ up, r @ forward
 
@@ -87,7 +86,7 @@ def arm_axes(body: Body, side: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     return along, up, np.cross(along, up) * (-1 if side == "L" else 1)
 
 
-def cloth_coordinates(body: Body, pattern: Pattern) -> tuple[list[str], np.ndarray, np.ndarray]:
+def cloth_coordinates(pattern: Pattern) -> tuple[list[str], np.ndarray, np.ndarray]:
     """Returns the panels' names, the panel (F,) of each face, and cloth coordinates (F,3,2) of its corners, metres."""
     level = pattern.levels[-1]
     faces, p = level.faces, level.rest_shape
@@ -96,13 +95,13 @@ def cloth_coordinates(body: Body, pattern: Pattern) -> tuple[list[str], np.ndarr
         return ["scarf"], np.zeros(len(faces), int), np.stack([corner[..., 0], np.abs(corner[..., 1])], axis=-1)
     middle = corner.mean(1)
     cloth = np.zeros((*faces.shape, 2))
-    cloth[..., 1] = corner[..., 1] - pattern.crotch
+    cloth[..., 1] = corner[..., 1] - pattern.body.heights["crotch"]
     panel = np.zeros(len(faces), int)
     if pattern.garment.kind == "trousers":
         names = ["front left", "front right", "back left", "back right"]
         for k, side in enumerate("LR"):
             sign = 1 if side == "L" else -1
-            mine, out, forward = limb_frame(body, pattern, side)
+            mine, out, forward = limb_frame(pattern, side)
             back = forward.mean(1) < 0
             panel[mine] = k + 2 * back
             turn = np.where(back, -1, 1)[:, None]
@@ -116,10 +115,12 @@ def cloth_coordinates(body: Body, pattern: Pattern) -> tuple[list[str], np.ndarr
     cloth[..., 0] = arc_length(corner[..., 0] * turn, (corner[..., 2] - axis) * turn)
     if pattern.garment.kind == "top":
         for k, side in enumerate("LR"):
-            mine, up, forward = limb_frame(body, pattern, side)
+            mine, up, forward = limb_frame(pattern, side)
             panel[mine] = 2 + k
             cloth[mine, :, 0] = arc_length(forward, up)
-            cloth[mine, :, 1] = -((corner[mine] - body.joints[f"upperarm01.{side}"]) @ arm_axes(body, side)[0])
+            cloth[mine, :, 1] = -(
+                (corner[mine] - pattern.body.joints[f"upperarm01.{side}"]) @ arm_axes(pattern.body, side)[0]
+            )
     return names, panel, cloth
 
 

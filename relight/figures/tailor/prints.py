@@ -93,7 +93,7 @@ def lettering(x: np.ndarray, y: np.ndarray, seed: int, count: int) -> np.ndarray
 
 
 @dataclass(frozen=True)
-class Canvas:
+class PrintArea:
     """The place of an emblem on a panel.
 
     Attributes:
@@ -132,66 +132,66 @@ class Canvas:
         return lettering(self.x * 0.5 * count / 1.2, (self.y + height) * scale, self.fabric.seed + seed, count)
 
 
-def ring_and_bar(canvas: Canvas) -> np.ndarray:
+def ring_and_bar(area: PrintArea) -> np.ndarray:
     """Paints a ring with a bar in it."""
-    ring = canvas.cover(np.abs(np.hypot(canvas.x, canvas.y) - 0.85) - 0.15)
-    bar = canvas.cover(np.maximum(np.abs(canvas.x) - 0.45, np.abs(canvas.y) - 0.14))
-    return mixed(canvas.ground, canvas.second, np.maximum(ring, bar))
+    ring = area.cover(np.abs(np.hypot(area.x, area.y) - 0.85) - 0.15)
+    bar = area.cover(np.maximum(np.abs(area.x) - 0.45, np.abs(area.y) - 0.14))
+    return mixed(area.ground, area.second, np.maximum(ring, bar))
 
 
-def diamond(canvas: Canvas) -> np.ndarray:
+def diamond(area: PrintArea) -> np.ndarray:
     """Paints the outline of a diamond."""
-    outline = canvas.cover(np.abs(np.abs(canvas.y) + 1.2 * np.abs(canvas.x) - 0.68) - 0.22)
-    return mixed(canvas.ground, canvas.second, outline)
+    outline = area.cover(np.abs(np.abs(area.y) + 1.2 * np.abs(area.x) - 0.68) - 0.22)
+    return mixed(area.ground, area.second, outline)
 
 
-def bars(canvas: Canvas) -> np.ndarray:
+def bars(area: PrintArea) -> np.ndarray:
     """Paints a box of bars."""
-    box = canvas.cover(np.maximum(np.abs(canvas.x) - 1.3, np.abs(canvas.y) - 0.8))
-    return mixed(canvas.ground, canvas.second, band(canvas.v, 0.03, 0.5, canvas.soft) * box)
+    box = area.cover(np.maximum(np.abs(area.x) - 1.3, np.abs(area.y) - 0.8))
+    return mixed(area.ground, area.second, band(area.v, 0.03, 0.5, area.soft) * box)
 
 
-def word(canvas: Canvas) -> np.ndarray:
+def word(area: PrintArea) -> np.ndarray:
     """Paints a word of four to eight letters."""
-    count = 4 + int(5 * trait(canvas.fabric, 6))
-    return mixed(canvas.ground, canvas.second, canvas.line(0.0, 1.6, 0, count))
+    count = 4 + int(5 * trait(area.fabric, 6))
+    return mixed(area.ground, area.second, area.line(0.0, 1.6, 0, count))
 
 
-def two_lines(canvas: Canvas) -> np.ndarray:
+def two_lines(area: PrintArea) -> np.ndarray:
     """Paints a word with small print below it."""
-    return mixed(word(canvas), canvas.third, canvas.line(0.55, 5.5, 1, 14))
+    return mixed(word(area), area.third, area.line(0.55, 5.5, 1, 14))
 
 
-def two_figures(canvas: Canvas) -> np.ndarray:
+def two_figures(area: PrintArea) -> np.ndarray:
     """Paints a number, as on a jersey."""
-    return mixed(canvas.ground, canvas.second, lettering(canvas.x * 0.9, canvas.y * 0.55, canvas.fabric.seed, 2))
+    return mixed(area.ground, area.second, lettering(area.x * 0.9, area.y * 0.55, area.fabric.seed, 2))
 
 
-def star(canvas: Canvas) -> np.ndarray:
+def star(area: PrintArea) -> np.ndarray:
     """Paints a star on a disc."""
-    r, turn = np.hypot(canvas.x, canvas.y), np.arctan2(canvas.y, canvas.x)
-    points = canvas.cover(r - 0.55 - 0.4 * np.cos(5 * (turn - np.pi / 2)))
-    return mixed(mixed(canvas.ground, canvas.third, canvas.cover(r - 1.1)), canvas.second, points)
+    r, turn = np.hypot(area.x, area.y), np.arctan2(area.y, area.x)
+    points = area.cover(r - 0.55 - 0.4 * np.cos(5 * (turn - np.pi / 2)))
+    return mixed(mixed(area.ground, area.third, area.cover(r - 1.1)), area.second, points)
 
 
-def landscape(canvas: Canvas) -> np.ndarray:
+def landscape(area: PrintArea) -> np.ndarray:
     """Paints a picture of a sun over hills, in a box."""
-    x, y = canvas.x, canvas.y
-    hill = canvas.cover(y + 0.25 + 0.5 * (noise(x * 1.7 + 9, 0 * x, canvas.fabric.seed) - 0.5))
-    sky = np.broadcast_to(canvas.second, canvas.ground.shape)
-    picture = mixed(sky, palette(canvas.fabric, 1), np.clip(0.5 + 0.5 * y, 0, 1))
-    picture = mixed(picture, canvas.third, canvas.cover(np.hypot(x - 0.2, y - 0.3) - 0.35))
-    picture = mixed(picture, 0.4 * canvas.third, hill)
-    return mixed(canvas.ground, picture, canvas.cover(np.maximum(np.abs(x), np.abs(y)) - 1))
+    x, y = area.x, area.y
+    hill = area.cover(y + 0.25 + 0.5 * (noise(x * 1.7 + 9, 0 * x, area.fabric.seed) - 0.5))
+    sky = np.broadcast_to(area.second, area.ground.shape)
+    picture = mixed(sky, palette(area.fabric, 1), np.clip(0.5 + 0.5 * y, 0, 1))
+    picture = mixed(picture, area.third, area.cover(np.hypot(x - 0.2, y - 0.3) - 0.35))
+    picture = mixed(picture, 0.4 * area.third, hill)
+    return mixed(area.ground, picture, area.cover(np.maximum(np.abs(x), np.abs(y)) - 1))
 
 
-def chest_band(canvas: Canvas) -> np.ndarray:
+def chest_band(area: PrintArea) -> np.ndarray:
     """Paints a band across the chest, between two lines."""
-    color = mixed(canvas.ground, canvas.second, canvas.cover(np.abs(canvas.y) - 0.5))
-    return mixed(color, canvas.third, canvas.cover(np.abs(np.abs(canvas.y) - 0.72) - 0.07))
+    color = mixed(area.ground, area.second, area.cover(np.abs(area.y) - 0.5))
+    return mixed(color, area.third, area.cover(np.abs(np.abs(area.y) - 0.72) - 0.07))
 
 
-EMBLEMS: tuple[Callable[[Canvas], np.ndarray], ...] = (
+EMBLEMS: tuple[Callable[[PrintArea], np.ndarray], ...] = (
     ring_and_bar, diamond, bars, word, two_lines, two_figures, star, landscape, chest_band,
 )  # fmt: skip
 
@@ -216,4 +216,4 @@ def emblem(fabric: Fabric, panel: str, u: np.ndarray, v: np.ndarray, soft: float
     small = 0.55 < place < 0.85
     reach = (0.032 if small else 0.075 + 0.07 * trait(fabric, 5)) * min(fabric.size, 1.3)
     x, y = (u - (0.085 if small else 0.0)) / reach, (v - (0.41 if small else 0.35)) / reach
-    return EMBLEMS[int(trait(fabric, 2) * len(EMBLEMS))](Canvas(fabric, ground, v, x, y, reach, soft))
+    return EMBLEMS[int(trait(fabric, 2) * len(EMBLEMS))](PrintArea(fabric, ground, v, x, y, reach, soft))

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from relight.figures.body.person import Body
 from relight.figures.catalogue.schema import entries
 from relight.figures.cloth.colliders import Collider
 from relight.figures.cloth.drape import Level, SolverSettings
@@ -101,13 +100,13 @@ def centre_line(wrap: Wrap, surface: Collider, centre: np.ndarray, frame: np.nda
     return line, away / np.linalg.norm(away, axis=1, keepdims=True)
 
 
-def build_scarf(body: Body, motion: Motion, garment: Garment, surface: Collider, levels: int) -> Pattern:
+def build_scarf(motion: Motion, garment: Garment, surface: Collider, levels: int) -> Pattern:
     """Builds the pattern of a scarf, refined `levels` times, whose start lies around the posed figure `surface`.
 
     Its rest shape is the flat ribbon (x across, y along, metres). Its skinning weights are 0: it does not move with the
     body.
     """
-    centre, frame = neck_of(body, motion)
+    centre, frame = neck_of(motion)
     wrap = entries("garments", "wraps", Wrap)[garment.name]
     line, away = centre_line(wrap, surface, centre, frame)
     along = np.gradient(line, axis=0)
@@ -128,4 +127,4 @@ def build_scarf(body: Body, motion: Motion, garment: Garment, surface: Collider,
     fields = {"drop": np.ones(len(flat))}
     unpinned = np.zeros(len(flat))
     coarsest = Level(flat, start, start, unpinned, np.zeros((len(flat), 1)), faces)
-    return refined(garment, coarsest, fields, 0.0, np.zeros(len(faces), bool), levels)
+    return refined(motion.body, garment, coarsest, fields, np.zeros(len(faces), bool), levels)

@@ -46,7 +46,7 @@ def band(pattern: Pattern, positions: np.ndarray, uv: np.ndarray) -> tuple[np.nd
         matrix, faces = clip(matrix, faces, matrix @ field, snap=0.2)
     flat = matrix @ positions
     out = flat + OFFSET * normals(flat, faces)
-    points, shell, source = thickened(out, faces, np.full(len(out), OFFSET), 99)
+    points, shell, source = thickened(out, faces, OFFSET, rings=None)
     return points, shell, (matrix @ uv)[source][shell]
 
 
@@ -83,12 +83,12 @@ def belt(vertices: np.ndarray, faces: np.ndarray, band: np.ndarray, ahead: np.nd
     radius = radius.max(0)
     strip, loop = extruded(np.arange(BEARINGS), rings[1:], BEARINGS, True)
     points = np.concatenate([rings[0], strip])
-    ribbon = thickened(points, loop, np.full(len(points), OFFSET), 99)[:2]
+    ribbon = thickened(points, loop, OFFSET, rings=None)[:2]
     x, y = np.meshgrid(np.linspace(-0.026, 0.026, 5), np.linspace(0.62, -0.62, 3) * width)
     at = np.interp(x / radius[0], turn - 2 * np.pi * (turn > np.pi), radius, period=2 * np.pi) + 0.003
     plate = centre + y[..., None] * up + x[..., None] * left + np.sqrt(np.maximum(at**2 - x**2, 0))[..., None] * ahead
     face = grid_faces(*x.shape)
-    return [ribbon, thickened(plate.reshape(-1, 3), face, np.full(x.size, 0.003), 99)[:2]]
+    return [ribbon, thickened(plate.reshape(-1, 3), face, 0.003, rings=None)[:2]]
 
 
 def grid_faces(rows: int, columns: int) -> np.ndarray:
@@ -129,4 +129,4 @@ def tie(vertices: np.ndarray, faces: np.ndarray, neck: np.ndarray, left: np.ndar
     knot = 0.011 * np.exp(-(((s[rows] - 0.4 * KNOT) / (0.6 * KNOT)) ** 2))[:, None] * (1 - 0.5 * across**2)
     points = origin[rows] - np.array([0.0, 0.0, 1.0]) * (depth - 2 * OFFSET - knot)[..., None]
     face = grid_faces(*points.shape[:2])
-    return thickened(points.reshape(-1, 3), face, np.full(points.shape[0] * 7, OFFSET), 99)[:2]
+    return thickened(points.reshape(-1, 3), face, OFFSET, rings=None)[:2]
