@@ -7,6 +7,7 @@ import numpy as np
 
 from relight.figures.body.person import Person
 from relight.figures.body.skin import sample_iris
+from relight.figures.catalogue.schema import entries
 from relight.figures.hair.styles import HairStyle, sample_color, style_odds, styles
 from relight.figures.pose.stances import Pose
 from relight.figures.tailor import fabrics
@@ -179,8 +180,9 @@ def fitted_to_pose(outfit: Outfit, pose: Pose) -> Outfit:
     return replace(outfit, garments=kept)
 
 
-def pick(rng: np.random.Generator, *names: str) -> Garment:
-    """Draws a garment of one of the names."""
+def pick(rng: np.random.Generator, *draws: str) -> Garment:
+    """Draws a garment of one of the names that these draws of the catalogue list."""
+    names = [name for draw in draws for name in entries("garments", "draws", tuple[str, ...])[draw]]
     return tailored(rng, wardrobe()[str(rng.choice(names))])
 
 
@@ -188,19 +190,15 @@ def sample_base_garments(rng: np.random.Generator, woman: bool) -> list[Garment]
     """Draws the garments below jackets and scarves, from the skin outward."""
     draw = rng.random()
     if draw > 0.975:
-        return [pick(rng, "robe")]
+        return [pick(rng, "robes")]
     if woman and draw < 0.20:
-        return [pick(rng, "dress", "dress", "sleeveless dress", "long dress", "shift dress")]
+        return [pick(rng, "dresses")]
     if woman and draw < 0.40:
-        names = ["t-shirt", "fitted t-shirt", "shirt", "long sleeve", "tank top", "short shirt", "roll-neck"]
-        skirts = ["a-line skirt", "short skirt", "long skirt", "flared skirt", "pleated skirt", "pencil skirt"]
-        return tucked(pick(rng, *names), pick(rng, *skirts))
+        return tucked(pick(rng, "tops in skirts"), pick(rng, "skirts"))
     if woman and draw < 0.48:
-        return [pick(rng, "leggings"), pick(rng, "t-shirt", "long sleeve", "sweater", "hoodie", "tank top", "shirt")]
-    names = ["jeans", "jeans", "wide jeans", "slim trousers", "trousers", "trousers", "joggers", "wide trousers"]
-    bottom = pick(rng, *names, "shorts")
-    names = ["t-shirt", "t-shirt", "long sleeve", "shirt", "shirt", "short shirt", "polo shirt", "sweater", "hoodie"]
-    top = pick(rng, *names, "roll-neck", "tank top", *(["fitted t-shirt"] if woman else []))
+        return [pick(rng, "leggings"), pick(rng, "tops over leggings")]
+    bottom = pick(rng, "trousers")
+    top = pick(rng, "tops", *(["further tops of women"] if woman else []))
     inside = top.name in TUCKS and bottom.name != "joggers" and rng.random() < 0.38
     return tucked(top, bottom) if inside else [bottom, top]
 
@@ -215,11 +213,10 @@ def add_outer_layers(rng: np.random.Generator, worn: list[Garment]) -> list[Garm
     worn, top = list(worn), innermost_top(worn)
     if top.name in ("sweater", "hoodie", "robe") or top.seam is not None or rng.random() >= 0.40:
         return worn
-    outer = ["jacket", "jacket", "closed jacket", "blazer", "coat", "closed coat", "cardigan", "vest"]
-    waistcoat = ["waistcoat"] if top.collar == "fold" and top.tuck_height is not None else []
+    draws = ["outer", "outer over tucked shirts"][: 1 + (top.collar == "fold" and top.tuck_height is not None)]
     inner = under(top)
     worn[worn.index(top)] = inner
-    worn.append(over(pick(rng, *outer, *waistcoat), inner))
+    worn.append(over(pick(rng, *draws), inner))
     odds = {"coat": 0.5, "closed coat": 0.5, "jacket": 0.3, "blazer": 0.25, "cardigan": 0.25}.get(worn[-1].name, 0)
     if rng.random() < odds and not any(g.name in ("shorts", "tank top") for g in worn):
         scarves = list(group("scarves").values())

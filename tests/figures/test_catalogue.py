@@ -13,7 +13,7 @@ from relight.figures.catalogue.schema import FOLDER, contents, entries
 from relight.figures.constraints import names
 from relight.figures.hair.styles import style_odds
 from relight.figures.outfits import shoe_odds
-from relight.figures.tailor.garments import GROUPS, Garment, group
+from relight.figures.tailor.garments import GROUPS, Garment, group, wardrobe
 from relight.figures.tailor.scarves import Wrap
 from relight.files import UserError
 
@@ -93,7 +93,7 @@ def test_catalogue_sections_are_all_read():
     read = {
         "colors": {"neutrals", "colors", "denims", "leathers", "skin", "hair", "irises"},
         "faces": {"shapes", "expressions"},
-        "garments": {"shared", "cloths", *GROUPS, "scarves", "wraps"},
+        "garments": {"shared", "cloths", "draws", *GROUPS, "scarves", "wraps"},
         "hair": {"combs", "styles"},
         "poses": {"hands", "feet", "trunks", "standing", "sitting"},
         "shoes": {"shoes"},
@@ -105,6 +105,8 @@ def test_catalogue_names_are_unique_and_every_target_exists():
     for kind, known in names().items():
         assert len(known) == len(set(known)) > 10, kind
     assert set(entries("garments", "wraps", Wrap)) == set(group("scarves"))
+    drawn = [name for listed in entries("garments", "draws", tuple[str, ...]).values() for name in listed]
+    assert set(drawn) == set(wardrobe())
     targets = [
         name for shape in entries("faces", "shapes", Shape).values() for name in (shape.negative, shape.positive)
     ]

@@ -168,7 +168,8 @@ def units(name: str, strength: float = 1.0, swap: bool = False) -> dict[str, flo
 def sample_expression(rng: np.random.Generator) -> Expression:
     """Draws an expression (calm in 30 % of cases), its strength, its sides, and the gaze."""
     names = list(expressions())
-    name = str(rng.choice(names, p=[0.3, 0.21] + [0.07] * (len(names) - 2)))
+    shares = np.array([30, 21] + [7] * (len(names) - 2))  # calm, a smile, each of the others
+    name = str(rng.choice(names, p=shares / shares.sum()))
     face = units(name, float(rng.uniform(0.45, 1.0)), rng.random() < 0.5)
     aside, down = np.clip(rng.normal([0, 0.05], [0.22, 0.12]), -0.5, 0.5)  # shares of the eyes' range, to the left
     for eye, outward in (("Left", aside), ("Right", -aside)):
