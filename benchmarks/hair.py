@@ -31,7 +31,7 @@ from relight.figures.commands import seeds_of
 from relight.figures.hair.combing import head_centre
 from relight.figures.hair.styles import styles
 from relight.figures.paints import skin_material
-from relight.figures.pose.poses import build_motion
+from relight.figures.pose.motion import build_motion
 from relight.figures.wear import DETAILS
 from relight.srgb import LUMINANCE, encode, to_bytes
 from relight.transport.baker import Baker, pixel_corners, primary_hits

@@ -9,7 +9,7 @@ from relight.figures.cloth.layers import Cover, push_under
 from relight.figures.hair.heads import HairPart, build_hair
 from relight.figures.outfits import Outfit
 from relight.figures.paints import GarmentPaint, accessory_paint, cord_paint, hair_material, shoe_paint, skin_material
-from relight.figures.pose.poses import Motion
+from relight.figures.pose.motion import Motion
 from relight.figures.surfaces import Surface, loop, normals, stacked, thickened
 from relight.figures.tailor import collars, footwear, panels, trims
 from relight.figures.tailor.patterns import Pattern

@@ -13,7 +13,7 @@ from relight.figures.constraints import Constraints
 from relight.figures.outfits import Outfit, fitted_to_pose, in_other_fabrics
 from relight.figures.pose import props
 from relight.figures.pose.clearance import clear_hands
-from relight.figures.pose.poses import build_motion
+from relight.figures.pose.motion import build_motion
 from relight.figures.pose.stances import Pose
 from relight.figures.shading import shaded
 from relight.figures.surfaces import stacked

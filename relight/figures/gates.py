@@ -8,7 +8,7 @@ from relight.figures.cloth.colliders import Collider
 from relight.figures.cloth.crossings import crossing
 from relight.figures.cloth.drape import DrapeResult
 from relight.figures.cloth.layers import signed_distance
-from relight.figures.pose.poses import Motion
+from relight.figures.pose.motion import Motion
 from relight.figures.rings import lost_rings
 from relight.figures.surfaces import normals, stacked
 from relight.figures.tailor.patterns import Pattern

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from relight.figures.pose.poses import Motion
+from relight.figures.pose.motion import Motion
 from relight.figures.tailor.patterns import Pattern
 
 EXTENSION = 10.0  # extension of a limb's line at both ends, beyond any ring, metres

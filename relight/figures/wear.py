@@ -9,9 +9,9 @@ from relight.figures.body import makehuman
 from relight.figures.body.person import Body
 from relight.figures.cloth import drape, layers, wrinkles
 from relight.figures.cloth.colliders import Collider
-from relight.figures.cloth.drape import SolverSettings
+from relight.figures.cloth.solver import SolverSettings
 from relight.figures.outfits import Outfit
-from relight.figures.pose.poses import Motion
+from relight.figures.pose.motion import Motion
 from relight.figures.surfaces import Surface, neighbours, normals, stacked
 from relight.figures.tailor import collars, footwear, patterns, scarves
 from relight.figures.tailor.fabrics import Fabric

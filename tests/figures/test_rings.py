@@ -31,7 +31,7 @@ def ring(points: np.ndarray, faces: np.ndarray, field: np.ndarray, level: float)
     return points[edge[..., 0]] * (1 - share[..., None]) + points[edge[..., 1]] * share[..., None]
 
 
-def test_a_contour_lies_where_the_field_has_its_value():
+def test_contour_lies_where_the_field_has_its_value():
     points, faces, field = tube()
     found = ring(points, faces, field, 0.333)
     np.testing.assert_allclose(found[..., 2], 0.333, atol=1e-12)
@@ -39,7 +39,7 @@ def test_a_contour_lies_where_the_field_has_its_value():
     assert length == pytest.approx(2 * AROUND * 0.1 * np.sin(np.pi / AROUND), rel=0.01)
 
 
-def test_a_contour_that_is_cut_is_not_closed():
+def test_contour_that_is_cut_is_not_closed():
     points, faces, field = tube()
     slit = faces[(points[faces, 1] > -0.09).all(1)]
     assert contour(field, faces, 0.3)[2] and not contour(field, slit, 0.3)[2]
@@ -48,7 +48,7 @@ def test_a_contour_that_is_cut_is_not_closed():
 @pytest.mark.parametrize("level", [0.12, 0.71, 0.97, 1.04, 1.83])
 @pytest.mark.parametrize("turns", [0.0, 0.5, -3.0])
 @pytest.mark.parametrize(("off", "times"), [(0.0, 1), (0.08, 1), (0.12, 0), (0.5, 0)])
-def test_a_bone_inside_is_wound_around_once_however_the_sleeve_is_twisted(level, turns, off, times):
+def test_winding_is_one_however_the_sleeve_is_twisted(level, turns, off, times):
     found = ring(*tube(turns=turns), level)
     for angle in (0.1, 2.0, 4.3):
         bone = BONE + off * np.array([np.cos(angle), np.sin(angle), 0])
@@ -58,7 +58,7 @@ def test_a_bone_inside_is_wound_around_once_however_the_sleeve_is_twisted(level,
 
 
 @pytest.mark.parametrize("bend", [0.5, 1.5, 2.6])
-def test_a_bent_sleeve_is_wound_around_a_bent_bone(bend):
+def test_winding_of_a_bent_sleeve_around_a_bent_bone(bend):
     """Rings slid along the bone count too, and a bone on which one half leaves the sleeve shows on that half only."""
     points, faces, field = tube(radius=0.05, bend=bend)
     centre = points.reshape(ALONG, AROUND, 3).mean(1)
@@ -69,14 +69,14 @@ def test_a_bent_sleeve_is_wound_around_a_bent_bone(bend):
     assert [winding(ring(points, faces, field, level), half) for level in (0.31, 0.71, 1.32, 1.71)] == [1, 1, 0, 0]
 
 
-def test_a_sleeve_wound_twice_around():
+def test_winding_of_a_sleeve_wound_twice():
     angle = np.linspace(0, 4 * np.pi, 101)
     points = np.stack([np.cos(angle), np.sin(angle), 0.1 * np.sin(angle / 2)], axis=1)
     twice = np.stack([points[:-1], points[1:]], axis=1)
     assert winding(twice, BONE - [0.03, 0.02, 0.9]) == 2
 
 
-def test_a_ring_that_hangs_to_one_side_winds_around_its_inside():
+def test_winding_of_a_ring_to_one_side():
     """Rings of any shape against the turns of the angle at the bone: a loose sleeve is not centred on it."""
     rng = np.random.default_rng(0)
     inside = 0
@@ -93,7 +93,7 @@ def test_a_ring_that_hangs_to_one_side_winds_around_its_inside():
     assert 50 < inside < 250
 
 
-def test_a_crumpled_ring_still_winds_once():
+def test_winding_of_a_crumpled_ring_is_one():
     """Folds that go to and fro, even across the bone's axis and back, are no winding of their own."""
     angle = np.linspace(0, 2 * np.pi, 361)
     radius = 0.1 + 0.09 * np.sin(13 * angle)

@@ -34,14 +34,14 @@ def without_plate(mesh: Mesh) -> Mesh:
     return Mesh(mesh.vertices[:-4], mesh.faces[:-2], mesh.uv[:-2], mesh.material[:-2], mesh.materials, info=mesh.info)
 
 
-def test_the_sky_gives_one_to_an_open_surface_that_faces_up():
+def test_overhead_gives_one_to_an_open_upward_surface():
     normals = np.array([[0, 1.0, 0], [1, 0, 0], [0, -1, 0]])
     cosine_lobe = np.pi * np.array([1, 2 / 3, 2 / 3, 2 / 3])  # of bands 0 and 1
     received = (basis(normals, 1) * cosine_lobe) @ shading.overhead()
     np.testing.assert_allclose(received, [1, 0.75, 0.5], atol=1e-12)
 
 
-def test_shading_is_bright_above_dim_below_and_dark_in_a_crevice():
+def test_shaded_is_bright_above_dim_below_and_dark_in_a_crevice():
     open_ball = without_plate(ball_and_plate())
     y = open_ball.vertices[:, 1]
     factor = shading.shaded(open_ball, 1.0).color
@@ -53,7 +53,7 @@ def test_shading_is_bright_above_dim_below_and_dark_in_a_crevice():
     assert under[y > 0.95].mean() < 0.2 < factor[y > 0.95, 0].mean()
 
 
-def test_strength_blends_from_nothing():
+def test_shaded_strength_blends_from_nothing():
     mesh = without_plate(ball_and_plate())
     assert shading.shaded(mesh, 0.0) is mesh
     full, half = (shading.shaded(mesh, s) for s in (1.0, 0.5))
@@ -68,6 +68,6 @@ def test_strength_blends_from_nothing():
 @pytest.mark.parametrize(
     ("per_subject", "strength", "message"), [(0, 0.0, "per_subject"), (1, 1.5, "1.5"), (1, -0.1, "-0.1")]
 )
-def test_bad_options_are_one_sentence(per_subject, strength, message):
+def test_make_figure_bad_options_are_one_sentence(per_subject, strength, message):
     with pytest.raises(UserError, match=message):
         dress.make_figure(0, "draft", 128, per_subject, strength)

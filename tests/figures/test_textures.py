@@ -19,7 +19,7 @@ def grid(side=200, span=0.4):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_fabric_is_an_albedo_with_something_in_it(kind):
+def test_woven_of_each_kind_is_an_albedo_with_something_in_it(kind):
     u, v = grid()
     color = woven(Fabric(kind, (0.3, 0.1, 0.05), (0.1, 0.4, 0.7), 1.0, 5), "front", u, v)
     assert color.shape == (200, 200, 3) and np.isfinite(color).all()
@@ -27,14 +27,14 @@ def test_every_fabric_is_an_albedo_with_something_in_it(kind):
     assert color.std() > 0.003
 
 
-def test_stripes_have_their_period_and_share():
+def test_band_has_its_period_and_share():
     _, v = grid(800, 0.55)
     share = texture.band(v, 0.055, 0.42)
     assert share.mean() == pytest.approx(0.42, abs=0.01)
     np.testing.assert_allclose(share[:80], share[80:160], atol=1e-6)
 
 
-def test_the_hash_is_the_same_everywhere():
+def test_lattice_is_the_same_everywhere():
     i = np.array([0, 1, -3, 70000])
     np.testing.assert_allclose(texture.lattice(i, i[::-1], 7), LATTICE, atol=1e-8)
     noise = texture.noise(np.linspace(-5, 5, 100001), np.zeros(100001), 3)
@@ -42,7 +42,7 @@ def test_the_hash_is_the_same_everywhere():
     assert np.abs(np.diff(noise)).max() < 4e-4  # continuous
 
 
-def test_sampled_fabrics_reach_from_near_black_to_white_and_saturated():
+def test_sample_fabric_reaches_from_near_black_to_white_and_saturated():
     rng = np.random.default_rng(0)
     first = np.array([fabrics.sample_fabric(rng, ("plain",), False).first for _ in range(400)])
     assert first.min() > 0.01 and first.max() <= 0.82
@@ -50,7 +50,7 @@ def test_sampled_fabrics_reach_from_near_black_to_white_and_saturated():
     assert (first[:, 0] > 8 * first[:, 2]).any() and (first[:, 2] > 4 * first[:, 0]).any()  # reds, blues
 
 
-def test_panels_do_not_overlap_and_uv_finds_the_paint():
+def test_lay_out_panels_do_not_overlap_and_uv_finds_the_paint():
     rng = np.random.default_rng(2)
     panel = rng.integers(0, 4, 300)
     cloth = rng.uniform(-0.3, 0.5, (300, 1, 2)) + rng.uniform(0, 0.02, (300, 3, 2)) + panel[:, None, None]
@@ -71,7 +71,7 @@ def test_panels_do_not_overlap_and_uv_finds_the_paint():
     assert np.abs(seen.astype(int) - want.astype(int)).max() <= 3
 
 
-def test_srgb_code_points():
+def test_coded_srgb_code_points():
     np.testing.assert_array_equal(texture.coded(np.array([0.0, 0.0031308, 0.2140, 1.0])), [0, 10, 127, 255])
 
 
@@ -96,7 +96,7 @@ def test_grain_finer_than_a_texel_leaves_its_mean():
 
 
 @pytest.mark.parametrize("kind", [*KINDS, "denim"])
-def test_no_cloth_has_one_color(kind):
+def test_woven_is_uneven_for_each_kind(kind):
     """The scatter of ln albedo between places 2.5 mm apart, which scans of cloth have as well."""
     a = np.arange(240) * 0.0013
     u, v = np.broadcast_arrays(a[None].astype(np.float32), a[:, None].astype(np.float32))
@@ -105,7 +105,7 @@ def test_no_cloth_has_one_color(kind):
     assert np.diff(log, axis=1).std() > 0.03
 
 
-def test_letters_are_black_or_white_and_in_their_line():
+def test_lettering_is_black_or_white_and_in_its_line():
     x, y = np.meshgrid(np.linspace(-4, 4, 400), np.linspace(-1, 1, 100))
     cover = prints.lettering(x, y, 3, 5)
     assert set(np.unique(cover)) == {0.0, 1.0}
@@ -113,7 +113,7 @@ def test_letters_are_black_or_white_and_in_their_line():
     assert 0.2 < cover[(np.abs(x) < 2.5) & (np.abs(y) < 0.5)].mean() < 0.8
 
 
-def test_marks_are_found_again_in_the_atlas():
+def test_images_show_marks_in_the_atlas():
     a = np.linspace(0, 0.4, 65)
     x, y = np.meshgrid(a, a)
     i = np.arange(65 * 65).reshape(65, 65)
@@ -131,7 +131,7 @@ def test_marks_are_found_again_in_the_atlas():
     assert np.abs(found["edge"][inside] - want / 2).max() < 0.0015
 
 
-def test_seams_and_hems_are_sewn_and_knees_fade():
+def test_aged_sews_seams_and_hems_and_fades_knees():
     u, v = grid(100, 0.2)
     far = np.full(u.shape, 0.1)
     at = {"seam": far, "edge": far, "rub": 0 * u, "bend": 0 * u}

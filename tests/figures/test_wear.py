@@ -14,9 +14,9 @@ from relight.figures.cloth.colliders import Collider
 from relight.figures.cloth.drape import DrapeResult, Level
 from relight.figures.cloth.layers import signed_distance
 from relight.figures.pose import clearance, stances
-from relight.figures.pose.poses import build_motion
+from relight.figures.pose.motion import build_motion
 from relight.figures.surfaces import border_loops
-from relight.figures.tailor import collars, garments, patterns
+from relight.figures.tailor import collars, fitting, garments, patterns
 from relight.figures.tailor.fabrics import Fabric
 from relight.figures.tailor.footwear import shoes, upper
 from relight.figures.tailor.garments import Worn, group, wardrobe
@@ -38,7 +38,7 @@ def standing(person):
 
 
 @pytest.mark.parametrize("garment", group("scarves").values(), ids=lambda garment: garment.name)
-def test_a_scarf_lies_around_the_neck_and_hangs_in_front(person, standing, garment):
+def test_drape_scarf_lies_around_the_neck_and_hangs_in_front(person, standing, garment):
     motion, skin = standing
     faces = makehuman.base().faces["body"]
     worn = drape_scarf(motion, Worn(garment, CLOTH), (skin, faces), [], DETAILS["draft"])
@@ -54,8 +54,8 @@ def test_a_scarf_lies_around_the_neck_and_hangs_in_front(person, standing, garme
     assert np.percentile(distance, 1) > -0.002
 
 
-def test_a_tucked_top_is_pinned_below_the_waistband_only(person):
-    top, bottom = outfits.tucked(wardrobe()["t-shirt"], wardrobe()["jeans"])
+def test_tucked_top_is_pinned_below_the_waistband_only(person):
+    top, bottom = fitting.tucked(wardrobe()["t-shirt"], wardrobe()["jeans"])
     pattern = patterns.build_pattern(person, top, 0)
     edge = person.heights["waist"] + bottom.waist
     y, pinned = pattern.fields["y"], pattern.levels[0].pin_weight
@@ -76,7 +76,7 @@ def folded_sheet(over: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return points, faces, np.tile(s, len(points) // len(s))[faces].mean(1)
 
 
-def test_gathers_that_fell_over_are_found_and_upright_ones_are_not():
+def test_fallen_over_finds_gathers_that_fell_and_no_upright_ones():
     points, faces, _ = folded_sheet(0.0)
     assert not fallen_over(points, faces).any()
     points, faces, along = folded_sheet(0.05)
@@ -94,7 +94,7 @@ def box(open_side: bool) -> tuple[np.ndarray, np.ndarray]:
 
 
 @pytest.mark.parametrize("open_side", [False, True])
-def test_points_that_see_out_of_a_box(open_side):
+def test_sees_outside_through_the_open_side_of_a_box(open_side):
     colliders.init_warp()
     vertices, faces = box(open_side)
     points = np.array([[0, 0, 0], [0.5, 0.3, -0.9], [0, 0, 0]])
@@ -103,7 +103,7 @@ def test_points_that_see_out_of_a_box(open_side):
     assert out.tolist() == ([True, True, False] if open_side else [False] * 3)
 
 
-def test_skin_that_comes_through_cloth_is_pushed_under_it_and_none_out_of_a_fold():
+def test_push_under_moves_skin_under_cloth_and_none_out_of_a_fold():
     colliders.init_warp()
     a = np.linspace(-0.1, 0.1, 21)
     skin = np.stack([*np.meshgrid(a, a), np.zeros((21, 21))], -1).reshape(-1, 3)
@@ -119,7 +119,7 @@ def test_skin_that_comes_through_cloth_is_pushed_under_it_and_none_out_of_a_fold
     np.testing.assert_array_equal(layers.push_under(skin, faces, turned, 0.002, free, facing), skin)
 
 
-def test_skin_that_is_seen_under_a_lifted_garment_is_kept():
+def test_cover_does_not_hide_skin_under_a_lifted_garment():
     """A sheet of cloth on skin: what it lies on is left out; lifted on one side, only what is still dark."""
     a = np.linspace(-0.5, 0.5, 41)
     x, y = np.meshgrid(a, a)
@@ -144,7 +144,7 @@ def test_skin_that_is_seen_under_a_lifted_garment_is_kept():
 
 @pytest.mark.parametrize("seed", [3, 5, 9])
 @pytest.mark.parametrize("name", ["tank top", "dress"])
-def test_short_sleeves_leave_the_trunk_whole(name, seed):
+def test_cut_from_suit_short_sleeves_leave_the_trunk_whole(name, seed):
     """Hem, neck and two armholes that end under the arm, not a hand's breadth down the side."""
     colliders.init_warp()
     body = build_body(sample_person(np.random.default_rng(seed)))
@@ -157,7 +157,7 @@ def test_short_sleeves_leave_the_trunk_whole(name, seed):
 
 
 @pytest.mark.parametrize("name", ["high sneakers", "boots"])
-def test_trousers_hang_over_the_shoes(person, name):
+def test_drape_outfit_hangs_trousers_over_the_shoes(person, name):
     shoe = next(s for s in shoes() if s.name == name)
     outfit = outfits.sample_outfit(np.random.default_rng(0), person.person)
     outfit = replace(outfit, garments=[Worn(wardrobe()["jeans"], CLOTH)], shoe=shoe)
@@ -180,14 +180,14 @@ def hands(body, pose):
     return np.percentile(distance, 5)
 
 
-def test_hands_make_room_for_clothes(person):
+def test_clear_hands_makes_room_for_clothes(person):
     loose = replace(stances.poses()["straight"].left, wrist=(0.05, -0.95, 0.06))
     pose = stances.Pose("", loose, loose)
     assert hands(person, pose) < 0.0
     assert hands(person, clearance.clear_hands(person, pose, (0.04, 0.02))) > 0.025
 
 
-def test_hands_that_rest_come_close(person):
+def test_clear_hands_moves_resting_hands_close(person):
     far = replace(stances.poses()["hands on hips"].left, wrist=(0.45, -0.66, 0.03))
     pose = stances.Pose("", far, far)
     before = hands(person, pose)
@@ -195,7 +195,7 @@ def test_hands_that_rest_come_close(person):
     assert before > 0.05 and 0.01 < after < 0.035
 
 
-def test_room_grows_with_the_clothes():
+def test_room_for_hands_grows_with_the_clothes():
     jeans, tee, coat = wardrobe()["jeans"], wardrobe()["t-shirt"], wardrobe()["coat"]
     bare, dressed = garments.room_for_hands([jeans, tee], False), garments.room_for_hands([jeans, tee, coat], False)
     assert dressed[0] > bare[0] and dressed[1] > bare[1]
@@ -203,7 +203,7 @@ def test_room_grows_with_the_clothes():
 
 
 @pytest.mark.parametrize(("gap", "share", "turned"), [(0.02, 1.0, False), (0.2, 0.0, False), (0.02, 0.0, True)])
-def test_a_hand_behind_cloth_is_measured(person, standing, gap, share, turned):
+def test_covered_hands_measures_a_hand_behind_cloth(person, standing, gap, share, turned):
     motion, skin = standing
     left = skin[(makehuman.bone_weights("finger", "metacarpal") > 0.7) & (person.skin[:, 0] > 0)]
     (x0, y0, _), (x1, y1, front) = left.min(0) - 0.05, left.max(0) + 0.05
@@ -216,7 +216,7 @@ def test_a_hand_behind_cloth_is_measured(person, standing, gap, share, turned):
     assert covered == (share, 0.0) if share == 0 else covered[0] > 0.5 and covered[1] == 0.0
 
 
-def test_coats_come_off_to_sit_and_scarves_where_arms_are_crossed(person):
+def test_fitted_to_pose_takes_off_coats_to_sit_and_scarves_to_cross_arms(person):
     outfit = outfits.sample_outfit(np.random.default_rng(0), person.person)
     outfit = replace(
         outfit, garments=[Worn(g, CLOTH) for g in (wardrobe()["jeans"], wardrobe()["coat"], group("scarves")["scarf"])]
@@ -239,7 +239,7 @@ def test_coats_come_off_to_sit_and_scarves_where_arms_are_crossed(person):
     assert left("arms crossed") == ["jeans", "coat"]
 
 
-def test_drawstrings_are_closed_tubes_on_the_front():
+def test_cords_are_closed_tubes_on_the_front():
     colliders.init_warp()
     sheet = np.array([[-0.3, 0, 0.1], [0.3, 0, 0.1], [0.3, 0.5, 0.1], [-0.3, 0.5, 0.1]])
     found = collars.cords(sheet, np.array([[0, 1, 2], [0, 2, 3]]), np.array([0, 0.52, 0.0]), np.array([1.0, 0, 0]))

@@ -8,7 +8,8 @@ import pytest
 from relight.figures import wear
 from relight.figures.cloth import colliders, layers, wrinkles
 from relight.figures.cloth.colliders import Collider
-from relight.figures.cloth.drape import Cloth, Crimp, DrapeResult, Level
+from relight.figures.cloth.drape import DrapeResult, Level
+from relight.figures.cloth.solver import Cloth, Crimp
 from relight.figures.surfaces import normals
 from relight.figures.tailor import patterns
 from relight.figures.tailor.fabrics import Fabric
@@ -33,7 +34,7 @@ def heights(x, crimp=CRIMP, pinned=0.0, seed=4):
     return wrinkles.folds([level], [], x, crimp, np.zeros(len(flat)), seed)
 
 
-def test_the_strain_of_an_affine_map_is_its_own():
+def test_stretch_of_an_affine_map_is_exact():
     flat, faces = sheet(0.1)
     rng = np.random.default_rng(0)
     turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
@@ -48,7 +49,7 @@ def test_the_strain_of_an_affine_map_is_its_own():
     np.testing.assert_allclose(np.abs(across @ (plane @ vectors[:, 0])), 1, atol=1e-6)
 
 
-def test_crests_run_across_the_compression_and_use_up_its_length():
+def test_folds_run_across_the_compression_and_use_up_its_length():
     flat, _ = sheet()
     n = round(len(flat) ** 0.5)
     h = heights(flat * [0.9, 1.0, 1.0]).reshape(n, n)[10:-10, 10:-10]
@@ -60,7 +61,7 @@ def test_crests_run_across_the_compression_and_use_up_its_length():
     assert np.corrcoef(other.reshape(n, n)[10:-10, 10:-10].ravel(), h.ravel())[0, 1] < 0.3  # no two are the same
 
 
-def test_denser_vertices_have_no_more_folds():
+def test_folds_do_not_grow_with_the_density_of_vertices():
     columns = np.concatenate(
         [np.arange(-0.25, -0.03, 0.0062), np.arange(-0.03, 0.03, 0.0016), np.arange(0.03, 0.25, 0.0062)]
     )
@@ -78,20 +79,20 @@ def test_denser_vertices_have_no_more_folds():
     assert 0.6 < usual / (wrinkles.SHARES[0] * 0.1) < 1.3
 
 
-def test_taut_or_pinned_cloth_has_no_folds():
+def test_folds_of_taut_or_pinned_cloth_are_none():
     flat, _ = sheet()
     assert np.abs(heights(flat * [1.3, 1.3, 1.0])).max() == 0
     assert np.abs(heights(flat * [0.9, 1.0, 1.0], pinned=1.0)).max() == 0
 
 
-def test_more_excess_length_makes_deeper_folds_within_limits():
+def test_folds_deepen_with_excess_length_within_limits():
     flat, _ = sheet()
     deep = [heights(flat * [1 - share, 1.0, 1.0]) for share in (0.03, 0.10, 0.6)]
     assert deep[0].std() < deep[1].std() < deep[2].std()
     assert np.abs(deep[2]).max() < wrinkles.MAX_HEIGHT * CRIMP.width * (1 + np.sqrt(wrinkles.SCALES[1]))
 
 
-def test_folds_stay_outside_the_layer_below():
+def test_finished_keeps_folds_outside_the_layer_below():
     colliders.init_warp()
     flat, faces = sheet()
     cloth = Cloth(thickness=0.004, crimp=replace(CRIMP, slack=0.1))
@@ -107,7 +108,7 @@ def test_folds_stay_outside_the_layer_below():
 
 
 @pytest.mark.parametrize("cloth", [wardrobe()["jeans"].cloth, wardrobe()["dress"].cloth])
-def test_each_piece_folds_in_its_own_way(cloth):
+def test_varied_crimps_differ_by_seed(cloth):
     one, two = (wrinkles.varied(cloth.crimp, seed) for seed in (1, 2))
     assert one != two and one == wrinkles.varied(cloth.crimp, 1)
     assert 0.5 < one.width / cloth.crimp.width < 2

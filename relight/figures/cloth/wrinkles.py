@@ -11,7 +11,8 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.spatial import cKDTree
 
-from relight.figures.cloth.drape import Crimp, Level
+from relight.figures.cloth.drape import Level
+from relight.figures.cloth.solver import Crimp
 from relight.figures.surfaces import neighbours, normals
 
 NEAREST = 26  # vertices that a point of a crest may lift

@@ -9,7 +9,7 @@ import numpy as np
 from relight.figures.body import makehuman
 from relight.figures.body.person import Body
 from relight.figures.body.skin import above_hairline
-from relight.figures.pose.poses import Motion
+from relight.figures.pose.motion import Motion
 from relight.figures.surfaces import normals
 from relight.figures.texture import lattice
 

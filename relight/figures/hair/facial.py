@@ -7,7 +7,7 @@ from relight.figures.cloth.colliders import Collider
 from relight.figures.hair.combing import Comb, Roots, plant_roots, ramp
 from relight.figures.hair.locks import grow_guides
 from relight.figures.hair.strands import Strip, random_numbers, ribbons
-from relight.figures.pose.poses import Motion
+from relight.figures.pose.motion import Motion
 from relight.figures.surfaces import Surface
 
 STUBBLE = 0.4  # largest amount of beard that is only painted

@@ -7,7 +7,7 @@ from relight.figures.cloth.colliders import Collider
 from relight.figures.hair.combing import head_centre
 from relight.figures.hair.strands import Strip
 from relight.figures.hair.styles import HairStyle
-from relight.figures.pose.poses import Motion
+from relight.figures.pose.motion import Motion
 from relight.figures.surfaces import thickened
 
 COLUMNS, CROWN_ROWS = 180, 34

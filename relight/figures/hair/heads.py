@@ -8,7 +8,7 @@ from relight.figures.hair import facial
 from relight.figures.hair.hats import hat
 from relight.figures.hair.locks import grow_locks, tied_hair
 from relight.figures.hair.styles import HairStyle, varied
-from relight.figures.pose.poses import Motion
+from relight.figures.pose.motion import Motion
 from relight.figures.surfaces import Surface
 
 

@@ -19,7 +19,7 @@ from relight.figures.hair.combing import (
     tie_point,
 )
 from relight.figures.hair.strands import Strip, random_numbers, ribbons, spread_strands
-from relight.figures.pose.poses import Motion
+from relight.figures.pose.motion import Motion
 from relight.figures.surfaces import Surface
 from relight.figures.texture import noise
 

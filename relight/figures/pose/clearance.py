@@ -8,7 +8,8 @@ from relight.figures.body import makehuman
 from relight.figures.body.person import Body
 from relight.figures.cloth.colliders import Collider
 from relight.figures.cloth.layers import signed_distance
-from relight.figures.pose.poses import PoseSolver, bone_transforms, rotation_vectors, skinned
+from relight.figures.pose.motion import bone_transforms, rotation_vectors, skinned
+from relight.figures.pose.solver import PoseSolver
 from relight.figures.pose.stances import Pose
 
 MAX_STEP = 0.05  # largest move of a wrist per round, metres

@@ -7,7 +7,8 @@ import numpy as np
 from relight.figures.body import makehuman
 from relight.figures.cloth.colliders import Collider
 from relight.figures.cloth.layers import signed_distance
-from relight.figures.pose.poses import Motion, orthonormal_frame, unit
+from relight.figures.pose.motion import Motion
+from relight.figures.pose.solver import orthonormal_frame, unit
 from relight.figures.pose.stances import Pose
 from relight.figures.surfaces import Surface, stacked
 from relight.meshes import Material

@@ -7,7 +7,7 @@ from scipy.spatial import cKDTree
 
 from relight.figures.cloth.colliders import Collider
 from relight.figures.cloth.layers import signed_distance
-from relight.figures.pose.poses import Motion
+from relight.figures.pose.motion import Motion
 from relight.figures.surfaces import Surface, border_loops, extruded, normals, smoothed, thickened
 from relight.figures.texture import noise
 

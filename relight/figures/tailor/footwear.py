@@ -9,7 +9,7 @@ from scipy.spatial import ConvexHull
 from relight.figures.body import makehuman
 from relight.figures.body.person import Body
 from relight.figures.catalogue.schema import entries
-from relight.figures.pose.poses import Motion
+from relight.figures.pose.motion import Motion
 from relight.figures.surfaces import clip, compacted, loop, normals, smoothed, split, thickened
 from relight.figures.texture import Color
 

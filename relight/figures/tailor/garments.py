@@ -6,7 +6,7 @@ from functools import cache
 from typing import Literal
 
 from relight.figures.catalogue.schema import entries
-from relight.figures.cloth.drape import Cloth
+from relight.figures.cloth.solver import Cloth
 from relight.figures.tailor.fabrics import Fabric
 from relight.figures.tailor.weaves import WEAVES
 

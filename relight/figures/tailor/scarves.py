@@ -7,8 +7,9 @@ from scipy.ndimage import gaussian_filter1d
 
 from relight.figures.catalogue.schema import entries
 from relight.figures.cloth.colliders import Collider
-from relight.figures.cloth.drape import Level, SolverSettings
-from relight.figures.pose.poses import Motion
+from relight.figures.cloth.drape import Level
+from relight.figures.cloth.solver import SolverSettings
+from relight.figures.pose.motion import Motion
 from relight.figures.tailor.collars import neck_of
 from relight.figures.tailor.garments import Garment
 from relight.figures.tailor.patterns import Pattern, refined
