@@ -7,14 +7,13 @@ import numpy as np
 
 from relight.figures.body.person import Person
 from relight.figures.body.skin import sample_iris
-from relight.figures.catalogue.schema import entries
 from relight.figures.hair.styles import HairStyle, sample_color, style_odds, styles
 from relight.figures.pose.stances import Pose
 from relight.figures.tailor import fabrics
 from relight.figures.tailor.fabrics import Fabric
 from relight.figures.tailor.fitting import cut_to_sit, over, tailored, tucked, under
 from relight.figures.tailor.footwear import Shoe, shoes
-from relight.figures.tailor.garments import Garment, Worn, group, wardrobe
+from relight.figures.tailor.garments import Garment, Worn, drawn_from, group, wardrobe
 from relight.figures.texture import Color
 
 TUCKS = ("shirt", "t-shirt", "fitted t-shirt", "long sleeve", "polo shirt", "roll-neck")  # may be worn inside trousers
@@ -92,7 +91,7 @@ def fitted_to_pose(outfit: Outfit, pose: Pose) -> Outfit:
 
 def pick(rng: np.random.Generator, *draws: str) -> Garment:
     """Draws a garment of one of the names that these draws of the catalogue list."""
-    names = [name for draw in draws for name in entries("garments", "draws", tuple[str, ...])[draw]]
+    names = [name for draw in draws for name in drawn_from(draw)]
     return tailored(rng, wardrobe()[str(rng.choice(names))])
 
 

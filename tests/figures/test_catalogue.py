@@ -13,6 +13,7 @@ from relight.figures.catalogue.schema import FOLDER, contents, entries
 from relight.figures.constraints import names
 from relight.figures.hair.styles import style_odds
 from relight.figures.outfits import shoe_odds
+from relight.figures.tailor import garments
 from relight.figures.tailor.garments import GROUPS, Garment, group, wardrobe
 from relight.figures.tailor.scarves import Wrap
 from relight.files import UserError
@@ -66,6 +67,7 @@ def test_entries_are_converted_to_their_types(tmp_path):
         ("7", "b must be a mapping, not 7"),
         ("{size: 1}\n  b: {size: 2}", "b stands twice"),
         ("{size: 1", "buttons.yaml: while parsing"),
+        ("{size: 1}\nall: {}", "all stands twice"),
     ],
 )
 def test_entries_refuses_what_does_not_fit_in_one_sentence(tmp_path, entry, message):
@@ -86,6 +88,20 @@ def test_garment_refuses_what_cannot_be_cut(tmp_path, change, message):
     (tmp_path / "garments.yaml").write_text(f"tops:\n  ruff:\n    kind: top\n    {change}\n")
     with pytest.raises(UserError, match=f"tops: ruff: {message}"):
         entries("garments", "tops", Garment, tmp_path)
+
+
+@pytest.mark.parametrize("text", ["", "some:\n  b: {size: 1}\n", "all: 3\n"])
+def test_entries_refuses_a_missing_section(tmp_path, text):
+    with pytest.raises(UserError, match="buttons.yaml needs a section all"):
+        buttons(tmp_path, text)
+
+
+@pytest.mark.parametrize(("listed", "message"), [(("jeans", "toga"), "there is no garment toga"), ((), "must list")])
+def test_drawn_from_refuses_unknown_garments_in_one_sentence(monkeypatch, listed, message):
+    wardrobe()
+    monkeypatch.setattr(garments, "entries", lambda *_: {"trousers": listed})
+    with pytest.raises(UserError, match=f"draws: trousers: .*{message}"):
+        garments.drawn_from("trousers")
 
 
 def test_catalogue_sections_are_all_read():

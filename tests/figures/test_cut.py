@@ -351,19 +351,19 @@ def test_tie_lies_on_the_shirt():
 
 def test_tailored_garments_differ_within_bounds():
     rng = np.random.default_rng(0)
-    drawn = [outfits.pick(rng, "jeans") for _ in range(60)]
+    drawn = [fitting.tailored(rng, wardrobe()["jeans"]) for _ in range(60)]
     knee = [garment.leg_ease[5] for garment in drawn]
     assert np.std(knee) > 0.002 and min(knee) > fitting.MIN_EASE and max(knee) < 0.03
     assert min(garment.leg_end for garment in drawn) > 1.5 and max(garment.leg_end for garment in drawn) <= 1.97
     assert {garment.name for garment in drawn} == {"jeans"}
-    shirts = [outfits.pick(rng, "t-shirt") for _ in range(60)]
+    shirts = [fitting.tailored(rng, wardrobe()["t-shirt"]) for _ in range(60)]
     assert {shirt.v_depth > 0 for shirt in shirts} == {True, False} and len({shirt.neck for shirt in shirts}) > 3
 
 
 def test_over_leaves_room_for_the_inner_garment():
     rng = np.random.default_rng(1)
     for _ in range(20):
-        inner, outer = outfits.pick(rng, "sweater"), outfits.pick(rng, "blazer")
+        inner, outer = (fitting.tailored(rng, wardrobe()[name]) for name in ("sweater", "blazer"))
         outer = fitting.over(outer, inner)
         assert all(o > i for o, i in zip(outer.torso_ease, inner.torso_ease)) and all(
             o > i for o, i in zip(outer.arm_ease, inner.arm_ease)
@@ -373,9 +373,10 @@ def test_over_leaves_room_for_the_inner_garment():
 def test_under_and_tailored_bound_the_ease():
     rng = np.random.default_rng(2)
     for _ in range(30):
-        inner = fitting.under(outfits.pick(rng, "t-shirt"))
+        inner = fitting.under(fitting.tailored(rng, wardrobe()["t-shirt"]))
         assert max(inner.torso_ease) <= fitting.MAX_INNER_EASE and max(inner.arm_ease) <= fitting.MAX_INNER_ARM_EASE
-        assert outfits.pick(rng, "coat", "t-shirt", "robe").torso_ease[1] <= fitting.MAX_WAIST_EASE + 1e-9
+        for name in ("coat", "t-shirt", "robe"):
+            assert fitting.tailored(rng, wardrobe()[name]).torso_ease[1] <= fitting.MAX_WAIST_EASE + 1e-9
 
 
 @pytest.mark.parametrize(("name", "above"), [("robe", outfits.BELT), ("dress", 0.09 + outfits.ABOVE_SEAM)])

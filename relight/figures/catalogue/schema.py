@@ -48,10 +48,12 @@ def entries(name: str, section: str, kind: type[T], folder: Path = FOLDER) -> di
         folder: of the file.
 
     Raises:
-        UserError: for an entry that does not fit `kind`.
+        UserError: for a missing section, and for an entry that does not fit `kind`.
     """
     path = folder / f"{name}.yaml"
-    table = contents(path)[section]
+    table = (contents(path) or {}).get(section)
+    if not isinstance(table, dict):
+        raise UserError(f"{path} needs a section {section} with entries")
     return {key: converted(value, kind, f"{path}: {section}: {key}", key) for key, value in table.items()}
 
 

@@ -9,6 +9,7 @@ from relight.figures.catalogue.schema import entries
 from relight.figures.cloth.solver import Cloth
 from relight.figures.tailor.fabrics import Fabric
 from relight.figures.tailor.weaves import WEAVES
+from relight.files import UserError
 
 LAYER = 0.005  # metres of room that hands need for each garment
 GROUPS = ("tops", "outer", "bottoms", "skirts", "dresses", "robes")  # of the catalogue
@@ -121,6 +122,20 @@ def group(name: str) -> Mapping[str, Garment]:
 def wardrobe() -> Mapping[str, Garment]:
     """Returns all garments that are cut for a body, by name; scarves are not."""
     return {name: garment for section in GROUPS for name, garment in group(section).items()}
+
+
+def drawn_from(draw: str) -> tuple[str, ...]:
+    """Returns the names of the garments that a draw of the catalogue lists.
+
+    Raises:
+        UserError: if it is missing, or lists a garment that does not exist.
+    """
+    names = entries("garments", "draws", tuple[str, ...]).get(draw, ())
+    unknown = [name for name in names if name not in wardrobe()]
+    if unknown or not names:
+        what = f"there is no garment {unknown[0]}" if unknown else "it must list garments"
+        raise UserError(f"garments.yaml: draws: {draw}: {what}")
+    return names
 
 
 def room_for_hands(garments: list[Garment], sitting: bool) -> tuple[float, float]:
