@@ -92,7 +92,7 @@ def test_garment_refuses_what_cannot_be_cut(tmp_path, change, message):
 
 @pytest.mark.parametrize("text", ["", "some:\n  b: {size: 1}\n", "all: 3\n"])
 def test_entries_refuses_a_missing_section(tmp_path, text):
-    with pytest.raises(UserError, match="buttons.yaml needs a section all"):
+    with pytest.raises(UserError, match=r"buttons\.yaml needs a section all"):
         buttons(tmp_path, text)
 
 
