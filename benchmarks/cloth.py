@@ -22,8 +22,10 @@ from collections import defaultdict
 import numpy as np
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
-from relight.figures import assembly, dress, wardrobe
+from relight.figures import dress
+from relight.figures.assembly import Assembly
 from relight.figures.commands import seeds_of
+from relight.figures.tailor.garments import group
 from relight.meshes import Mesh
 from relight.sh import unoccluded
 from relight.srgb import LUMINANCE
@@ -69,20 +71,20 @@ def figure(seed: int, detail: str, texture: int) -> tuple[Mesh, list[set[int]], 
     from relight.config import composed
     from relight.meshes import align
 
-    inner, mine = assembly.add_garment, []
+    inner, mine = Assembly.add_garment, []
 
-    def add_garment(builder, *args) -> None:
-        first = len(builder.materials)
-        mine.append((builder, first))
-        inner(builder, *args)
-        mine[-1] = (builder, set(range(first, len(builder.materials))))
+    def add_garment(self, *args) -> np.ndarray:
+        first = len(self.builder.paints)
+        positions = inner(self, *args)
+        mine.append((self.builder, set(range(first, len(self.builder.paints)))))
+        return positions
 
-    assembly.add_garment = add_garment
+    Assembly.add_garment = add_garment
     start = time.process_time()
     try:
         mesh = dress.make_figure(seed, detail, texture)
     finally:
-        assembly.add_garment = inner
+        Assembly.add_garment = inner
     seconds = time.process_time() - start
     last = mine[-1][0]
     return align(mesh, composed().align), [materials for builder, materials in mine if builder is last], seconds
@@ -100,16 +102,16 @@ def visible(mesh: Mesh) -> np.ndarray:
 
 
 def kind(name: str, fabric: str) -> str:
-    if name in {garment.name for garment in wardrobe.BOTTOMS}:
+    if name in group("bottoms"):
         return "denim trousers" if fabric == "denim" else "trousers"
     groups = {
-        "dress": [garment.name for garment in (*wardrobe.DRESSES, *wardrobe.ROBES)],
-        "skirt": [garment.name for garment in wardrobe.SKIRTS],
+        "dress": (*group("dresses"), *group("robes")),
+        "skirt": group("skirts"),
         "coat, jacket": ("jacket", "blazer", "coat", "closed jacket", "closed coat", "vest", "waistcoat"),
         "knitwear": ("sweater", "hoodie", "cardigan", "roll-neck"),
         "scarf": ("scarf", "wrapped scarf"),
     }
-    return next((group for group, names in groups.items() if name in names), "shirt")
+    return next((kind for kind, names in groups.items() if name in names), "shirt")
 
 
 def lights() -> list[np.ndarray]:

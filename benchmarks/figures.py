@@ -13,11 +13,12 @@ import numpy as np
 from relight.figures import dress
 from relight.figures.commands import seeds_of
 
-PARTS = {  # label: function of relight.figures.dress
-    "build_body": "build_body",
-    "motion": "build_motion",
-    "wear": "drape_outfit",
-    "assemble": "assemble",
+PARTS = {  # label: a function's module or class, and its name
+    "build_body": (dress, "build_body"),
+    "motion": (dress, "build_motion"),
+    "wear": (dress, "drape_outfit"),
+    "assemble": (dress.Assembly, "add_all"),
+    "gates": (dress.gates, "check_figure"),
 }
 
 
@@ -27,7 +28,7 @@ def main() -> None:
     parser.add_argument("--detail", default="full", choices=dress.DETAILS)
     parser.add_argument("--texture", type=int, default=1024)
     options = parser.parse_args()
-    spent: dict[str, float] = dict.fromkeys((*PARTS, "gates"), 0.0)
+    spent: dict[str, float] = dict.fromkeys(PARTS, 0.0)
 
     def timed(module, name: str, part: str) -> None:
         inner = getattr(module, name)
@@ -40,9 +41,8 @@ def main() -> None:
 
         setattr(module, name, outer)
 
-    for part, function in PARTS.items():
-        timed(dress, function, part)
-    timed(dress.gates, "check_figure", "gates")
+    for part, (owner, function) in PARTS.items():
+        timed(owner, function, part)
     dress.colliders.init_warp()
     start = time.process_time()
     dress.make_figure(0, "draft", 64)  # warm-up: compiles or loads the kernels, and reads the data

@@ -22,16 +22,17 @@ import numpy as np
 from PIL import Image
 from scipy.ndimage import gaussian_filter
 
-from relight.figures import assembly, colliders, dress, makehuman, skin
-from relight.figures.assembly import Builder, split_corners
-from relight.figures.body import build_body
-from relight.figures.combing import head_centre
+from relight.figures import assembly, dress
+from relight.figures.body import makehuman, skin
+from relight.figures.body.person import build_body
+from relight.figures.builder import Builder
+from relight.figures.cloth import colliders
 from relight.figures.commands import seeds_of
-from relight.figures.hair import STYLES
-from relight.figures.poses import build_motion
-from relight.figures.surfaces import loop
+from relight.figures.hair.combing import head_centre
+from relight.figures.hair.styles import styles
+from relight.figures.paints import skin_material
+from relight.figures.pose.motion import build_motion
 from relight.figures.wear import DETAILS
-from relight.meshes import Material
 from relight.srgb import LUMINANCE, encode, to_bytes
 from relight.transport.baker import Baker, pixel_corners, primary_hits
 from relight.transport.view import View
@@ -45,30 +46,28 @@ class Head:
 
     def __init__(self, seed: int, style: str | None, detail: str, texture: int, rays: int):
         draw = dress.sample(seed, 0, 1, 0.0)
-        outfit, detail = draw.outfit, DETAILS[detail]
+        outfit, detail = draw.outfit, dress.replace(DETAILS[detail], texture=texture)
         if style is not None:
-            outfit = dress.replace(outfit, hair=next(one for one in STYLES if one.name == style))
+            outfit = dress.replace(outfit, hair=styles()[style])
         body = build_body(draw.person, draw.expression)
         motion = build_motion(body, draw.pose, 1)
         base = makehuman.base()
         faces, uv = base.faces["body"], base.uv[base.uv_faces["body"]]
-        posed = motion.skin(makehuman.rig().weights[makehuman.BODY], body.skin)
+        posed = motion.posed_skin
         eye = body.vertices[makehuman.EYES["L"]].mean(0)
         near = (body.skin[:, 1] > eye[1] - CUT_BELOW_EYES) & (np.abs(body.skin[:, 0]) < 0.14)
         shown = near[faces].all(1) & ~assembly.mouth_cavity()
         self.name, self.style, self.sex = f"g{seed:05d}", outfit.hair.name, draw.person.female > 0.5
         builder = Builder()
-        vertices, corners, rest, shown = posed, uv[shown], base.vertices[makehuman.BODY], faces[shown]
-        for _ in range(detail.body):
-            up, finer = loop(shown, len(vertices))
-            vertices, rest, shown, corners = up @ vertices, up @ rest, finer, split_corners(corners)
-        picture = assembly.skin_picture(body.person, outfit, texture, seed)
-        builder.add(vertices, shown, corners, Material(texture=picture, name="skin"), layer=0)
+        rest, _, _ = assembly.refined(base.vertices[makehuman.BODY], faces[shown], uv[shown], detail.body)
+        vertices, shown, corners = assembly.refined(posed, faces[shown], uv[shown], detail.body)
+        builder.add(vertices, shown, corners, skin_material(body.person, outfit, texture, seed), layer=0)
         inside = skin.above_hairline(rest[shown].mean(1)) > 0.1
         start = time.process_time()
-        assembly.add_eyes(builder, body, motion, outfit, texture, seed)
         colliders.init_warp()
-        assembly.add_hair(builder, body, motion, outfit, (posed, faces), detail, texture, seed)
+        figure = assembly.Assembly(builder, motion, outfit, [], detail, seed)
+        figure.add_eyes()
+        figure.add_hair((posed, faces))
         self.seconds = time.process_time() - start
         mesh = builder.mesh({"name": self.name}, [outfit])
         low, high = mesh.vertices.min(0), mesh.vertices.max(0)

@@ -59,18 +59,23 @@ def test_no_circular_imports():
     assert not graph, f"modules in circles, or that import such: {sorted(graph)}"
 
 
-def test_packages_import_only_from_lower_layers():
-    """Also inside functions. The layers are those of CONTRIBUTING.md, whose every package exists."""
-    listed = (ROOT.parent / "CONTRIBUTING.md").read_text().partition("* **Layers**")[2].split("```")[1]
+@pytest.mark.parametrize(
+    ("package", "heading"), [("relight", "* **Layers**"), ("relight.figures", "`relight/figures`:")]
+)
+def test_packages_import_only_from_lower_layers(package, heading):
+    """Also inside functions. The layers are those of CONTRIBUTING.md, which lists every part of a package."""
+    listed = (ROOT.parent / "CONTRIBUTING.md").read_text().partition(heading)[2].split("```")[1]
     layer = {name: number for number, line in enumerate(listed.strip().splitlines()) for name in line.split()}
-    parts = {path.stem for path in ROOT.iterdir() if path.suffix == ".py" or (path / "__init__.py").is_file()}
+    depth = package.count(".") + 1
+    folder = ROOT.parent.joinpath(*package.split("."))
+    parts = {path.stem for path in folder.iterdir() if path.suffix == ".py" or (path / "__init__.py").is_file()}
     assert layer.keys() == parts - {"__init__"}
     upward = []
-    for path in ROOT.rglob("*.py"):
-        own = path.relative_to(ROOT).with_suffix("").parts[0]
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if own in layer else ():
-            if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "relight":
+    for path in folder.rglob("*.py"):
+        part = path.relative_to(folder).with_suffix("").parts[0]
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if part in layer else ():
+            if isinstance(node, ast.ImportFrom) and f"{node.module}.".startswith(f"{package}."):
                 names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-                used = {name.split(".")[1] for name in names if "." in name} & layer.keys() - {own}
-                upward += [f"{path.relative_to(ROOT)} imports {name}" for name in used if layer[name] >= layer[own]]
+                used = {name.split(".")[depth] for name in names if name.count(".") >= depth} & layer.keys() - {part}
+                upward += [f"{path.relative_to(folder)} imports {name}" for name in used if layer[name] >= layer[part]]
     assert not upward

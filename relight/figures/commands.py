@@ -1,7 +1,10 @@
 """`relight figures`: generates clothed figures from seeds, for relight or for any other program."""
 
 import shlex
-from contextlib import nullcontext
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Annotated
 
@@ -23,6 +26,22 @@ def seeds_of(text: str) -> list[int]:
             raise UserError(f"--seeds {text}: the range {part.strip()} must not run backwards")
         out += range(int(first), int(last or first) + 1)
     return list(dict.fromkeys(out))
+
+
+@contextmanager
+def ended_by_exit() -> Iterator[None]:
+    """Lets SIGTERM end the process by SystemExit, with code 143: workers end, and temporary files are removed."""
+    previous = signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, previous)
+
+
+def start_worker() -> None:
+    """Prepares a worker: SIGTERM, which the parent sends, ends it as in `ended_by_exit`; Ctrl-C is the parent's."""
+    signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 @app.command()
@@ -54,7 +73,8 @@ def figures(
     """
     import multiprocessing
 
-    from relight.figures.constraints import GARMENTS, HAIR, POSES, Constraints
+    from relight.figures.constraints import Constraints
+    from relight.figures.constraints import names as known_names
     from relight.figures.dress import DETAILS
     from relight.figures.export import FORMATS
     from relight.files import UserError
@@ -62,8 +82,8 @@ def figures(
     from relight.progress import progress
 
     if names:
-        for option, known in (("--pose", POSES), ("--garment", GARMENTS), ("--hair", HAIR)):
-            typer.echo("\n".join(f"{option} {shlex.quote(name)}" for name in known))
+        for kind, known in known_names().items():
+            typer.echo("\n".join(f"--{kind.split()[0]} {shlex.quote(name)}" for name in known))
         return
     numbers = seeds_of(seeds)
     if export not in FORMATS:
@@ -78,7 +98,8 @@ def figures(
         "constraints": Constraints(sitting, tuple(pose or ()), tuple(garment or ()), tuple(hair or ())),
     }
     tasks = [(seed, settings, out / f"g{seed:04d}.{export}") for seed in numbers]
-    with multiprocessing.get_context("spawn").Pool(jobs) if has_semaphores() else nullcontext() as pool:
+    workers = multiprocessing.get_context("spawn").Pool(jobs, start_worker) if has_semaphores() else nullcontext()
+    with ended_by_exit(), workers as pool:
         made = pool.imap(make_one, tasks) if pool else map(make_one, tasks)
         errors = [error for error in progress(made, "figures", total=len(tasks)) if error]
     write_table(out)

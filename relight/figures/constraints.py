@@ -6,31 +6,20 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from relight.figures import wardrobe
-from relight.figures.body import Person, sample_person
-from relight.figures.hair import STYLES
-from relight.figures.outfits import Outfit, fitted_to_pose, hair_odds, sample_outfit
-from relight.figures.scarves import SCARVES
-from relight.figures.stances import SITTING, STANDING, Pose, sample_pose
+from relight.figures.body.person import Person, sample_person
+from relight.figures.hair.styles import style_odds, styles
+from relight.figures.outfits import Outfit, fitted_to_pose, sample_outfit
+from relight.figures.pose.stances import Pose, poses, sample_pose
+from relight.figures.tailor.garments import group, wardrobe
 from relight.files import UserError
 
 PEOPLE = 40  # maximal number drawn until one can wear the required garments
 OUTFITS = 80  # maximal number drawn for each of them; it finds the rarest garment for one person of two
-POSES = [pose.name for pose in (*STANDING, *SITTING)]
-LIBRARY = {
-    garment.name: garment
-    for group in (
-        wardrobe.TOPS,
-        wardrobe.OUTER,
-        wardrobe.BOTTOMS,
-        wardrobe.SKIRTS,
-        wardrobe.DRESSES,
-        wardrobe.ROBES,
-    )
-    for garment in group
-}
-GARMENTS = [*LIBRARY, *(scarf.name for scarf in SCARVES)]
-HAIR = [style.name for style in STYLES]
+
+
+def names() -> dict[str, list[str]]:
+    """Returns the names of all poses, garments and hair styles."""
+    return {"pose": list(poses()), "garment": [*wardrobe(), *group("scarves")], "hair style": list(styles())}
 
 
 @dataclass(frozen=True)
@@ -53,12 +42,8 @@ class Constraints:
         """Raises UserError for a share outside [0, 1], and for unknown names."""
         if not 0 <= self.sitting <= 1:
             raise UserError(f"the share of figures that sit must lie in [0, 1], not {self.sitting}")
-        for kind, names, known in (
-            ("pose", self.poses, POSES),
-            ("garment", self.garments, GARMENTS),
-            ("hair style", self.hair, HAIR),
-        ):
-            for name in names:
+        for (kind, known), chosen in zip(names().items(), (self.poses, self.garments, self.hair)):
+            for name in chosen:
                 check_name(kind, name, known)
 
     def sample_person(self, rng: np.random.Generator) -> Person:
@@ -109,7 +94,7 @@ class Constraints:
         raise UserError(f"no pose of {PEOPLE} that were drawn can be taken in {self._describe()}")
 
     def _has_hair(self, person: Person) -> bool:
-        return bool(hair_odds(person.female > 0.5, person, self.hair).any())
+        return bool(style_odds(person.female > 0.5, person, self.hair).any())
 
     def _find_outfit(self, rng: np.random.Generator, person: Person) -> Outfit | None:
         """Returns the first of OUTFITS draws that has the garments, or None."""
@@ -120,7 +105,7 @@ class Constraints:
         return None
 
     def _has_garments(self, outfit: Outfit) -> bool:
-        return {garment.name for garment, _ in outfit.garments}.issuperset(self.garments)
+        return {worn.garment.name for worn in outfit.garments}.issuperset(self.garments)
 
     def _describe(self) -> str:
         """Returns the required garments and styles, for messages."""

@@ -4,16 +4,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from relight.figures import colliders, gates, props
-from relight.figures.assembly import Builder, assemble
-from relight.figures.body import Expression, Person, build_body, sample_expression
-from relight.figures.clearance import clear_hands, room
+from relight.figures import gates
+from relight.figures.assembly import Assembly
+from relight.figures.body.person import Expression, Person, build_body, sample_expression
+from relight.figures.builder import Builder
+from relight.figures.cloth import colliders
 from relight.figures.constraints import Constraints
 from relight.figures.outfits import Outfit, fitted_to_pose, in_other_fabrics
-from relight.figures.poses import build_motion
+from relight.figures.pose import props
+from relight.figures.pose.clearance import clear_hands
+from relight.figures.pose.motion import build_motion
+from relight.figures.pose.stances import Pose
 from relight.figures.shading import shaded
-from relight.figures.stances import Pose
 from relight.figures.surfaces import stacked
+from relight.figures.tailor.garments import room_for_hands
 from relight.figures.wear import DETAILS, Detail, drape_outfit
 from relight.files import UserError
 from relight.meshes import Mesh
@@ -63,10 +67,11 @@ def make_figure(
         raise UserError(f"a figure needs outfits >= 1, not {outfits}")
     colliders.init_warp()
     reasons: list[str] = []
+    fineness = replace(DETAILS[detail], texture=texture)
     sits = constraints.sitting
     for attempt in range(ATTEMPTS):
         draw = sample(seed, attempt, per_subject, sits, constraints)
-        mesh, reason = attempt_figure(draw, seed, DETAILS[detail], texture, per_subject, outfits)
+        mesh, reason = attempt_figure(draw, seed, fineness, per_subject, outfits)
         if mesh is not None:
             mesh = shaded(mesh, shading)
             mesh.info |= {"detail": detail, "redrawn": attempt, "redrawn_because": reasons}
@@ -112,26 +117,26 @@ def sample(seed: int, attempt: int, per_subject: int, sits: float, constraints: 
 
 
 def attempt_figure(
-    draw: Draw, seed: int, detail: Detail, texture: int, per_subject: int, outfits: int = 1
+    draw: Draw, seed: int, detail: Detail, per_subject: int, outfits: int = 1
 ) -> tuple[Mesh | None, str | None]:
     """Makes the figure of a draw; returns the mesh and None, or None and the reason why a gate rejected it."""
     person, outfit, pose, expression = draw.person, draw.outfit, draw.pose, draw.expression
     if pose.sitting:
         detail = replace(detail, frames=SITTING_FRAMES * detail.frames)
     body = build_body(person, expression)
-    pose = clear_hands(body, pose, room([garment for garment, _ in outfit.garments], pose.sitting))
+    pose = clear_hands(body, pose, room_for_hands([worn.garment for worn in outfit.garments], pose.sitting))
     motion = build_motion(body, pose, detail.frames)
-    worn = drape_outfit(body, motion, outfit, detail)
-    reason = next((why for w in worn if (why := gates.check_garment(w.pattern, w.draped, motion, body))), None)
+    worn = drape_outfit(motion, outfit, detail)
+    reason = next((why for w in worn if (why := gates.check_garment(w.pattern, w.draped, motion))), None)
     if reason:
         return None, reason
-    reason, measured = gates.check_outfit(worn, motion, body, pose.sitting)
+    reason, measured = gates.check_outfit(worn, motion, pose.sitting)
     if reason:
         return None, reason
     builder = Builder()
-    assemble(builder, body, motion, outfit, worn, detail, texture, seed // per_subject)
+    Assembly(builder, motion, outfit, worn, detail, seed // per_subject).add_all()
     surface = stacked(list(zip(builder.vertices, (faces - faces.min() for faces in builder.faces))))
-    figure_props = props.props(body, motion, pose, surface, seed)
+    figure_props = props.props(motion, pose, surface, seed)
     for prop in figure_props:
         builder.add(prop.vertices, prop.faces, None, prop.material)
     all_outfits = [outfit, *(in_other_fabrics(outfit, np.random.default_rng([seed, 4, k])) for k in range(1, outfits))]
@@ -145,7 +150,7 @@ def attempt_figure(
         "expression": expression.name,
         "garments": [w.pattern.garment.name for w in worn],
         "fabrics": [w.fabric.kind for w in worn],
-        "outfits": [[fabric.kind for _, fabric in one.garments] for one in all_outfits],
+        "outfits": [[worn.fabric.kind for worn in look.garments] for look in all_outfits],
         "props": [prop.material.name for prop in figure_props],
         "shoes": outfit.shoe.name,
         "hair": outfit.hair.name,

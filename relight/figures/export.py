@@ -1,6 +1,6 @@
 """Writes figures for other programs: binary glTF with embedded textures.
 
-trimesh writes glTF too, but rounds colours of materials and vertices to 8 bits of linear light, which turns an albedo
+trimesh writes glTF too, but rounds colors of materials and vertices to 8 bits of linear light, which turns an albedo
 of .0036 (of lashes) into .0039. This module writes floats.
 """
 

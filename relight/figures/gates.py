@@ -3,17 +3,15 @@
 import numpy as np
 from scipy import ndimage
 
-from relight.figures import makehuman
-from relight.figures.body import Body
-from relight.figures.clearance import bone_weights
-from relight.figures.colliders import Collider
-from relight.figures.crossings import crossing
-from relight.figures.drape import DrapeResult
-from relight.figures.layers import signed_distance
-from relight.figures.patterns import Pattern
-from relight.figures.poses import Motion
+from relight.figures.body import makehuman
+from relight.figures.cloth.colliders import Collider
+from relight.figures.cloth.crossings import crossing
+from relight.figures.cloth.drape import DrapeResult
+from relight.figures.cloth.layers import signed_distance
+from relight.figures.pose.motion import Motion
 from relight.figures.rings import lost_rings
 from relight.figures.surfaces import normals, stacked
+from relight.figures.tailor.patterns import Pattern
 from relight.figures.wear import DrapedGarment
 from relight.meshes import Mesh
 
@@ -35,14 +33,13 @@ MAX_SPREAD = 0.25  # distance of cloth from the body, in addition to its drop, m
 MAX_SLID = 0.12  # distance that the top of a garment may slide down, metres
 
 
-def check_garment(pattern: Pattern, draped: DrapeResult, motion: Motion, body: Body) -> str | None:
+def check_garment(pattern: Pattern, draped: DrapeResult, motion: Motion) -> str | None:
     """Judges one draped garment.
 
     Args:
         pattern: its pattern.
         draped: the result of its simulation.
-        motion: into the pose.
-        body: in its rest pose.
+        motion: of the body into the pose.
 
     Returns:
         Why it is rejected, in one phrase; None if it passes.
@@ -55,7 +52,7 @@ def check_garment(pattern: Pattern, draped: DrapeResult, motion: Motion, body: B
         return f"{name}: stretched to {strain:.2f} of its pattern"
     if (strain := np.percentile(draped.strain, 99.9)) > MAX_EXTREME_STRAIN:
         return f"{name}: torn, edges at {strain:.2f} of their pattern"
-    skin = motion.skin(makehuman.rig().weights[makehuman.BODY], body.skin)
+    skin = motion.posed_skin
     reach = MAX_SPREAD + garment.drop * (0.4 + garment.flare)
     low, high = skin.min(0) - reach, skin.max(0) + reach
     if (x < low).any() or (x > high).any():
@@ -70,7 +67,7 @@ def check_garment(pattern: Pattern, draped: DrapeResult, motion: Motion, body: B
     slid = x[:, 1].max() - motion.skin(pattern.levels[0].weights, pattern.levels[0].fitted)[:, 1].max()
     if slid < -MAX_SLID:
         return f"{name}: slid down by {-slid:.2f} m"
-    for limb, (lost, rings) in lost_rings(pattern, x, motion, body).items():
+    for limb, (lost, rings) in lost_rings(pattern, x, motion).items():
         if lost:
             return f"{name}: the {limb} left it, {lost} of {rings} rings do not go around it"
     return None
@@ -96,15 +93,12 @@ def hem_swept(pattern: Pattern, x: np.ndarray, motion: Motion) -> float:
     return float(np.ptp(np.percentile(height, [5, 95])))
 
 
-def check_outfit(
-    worn: list[DrapedGarment], motion: Motion, body: Body, sitting: bool
-) -> tuple[str | None, dict[str, float]]:
+def check_outfit(worn: list[DrapedGarment], motion: Motion, sitting: bool) -> tuple[str | None, dict[str, float]]:
     """Judges the garments together.
 
     Args:
         worn: the draped garments, from the skin outward.
-        motion: into the pose.
-        body: in its rest pose.
+        motion: of the body into the pose.
         sitting: whether the figure sits; more of its cloth may go through cloth.
 
     Returns:
@@ -114,7 +108,7 @@ def check_outfit(
     levels = [w.pattern.levels[1] for w in worn]  # begins with the same vertices as the finest one
     sheets = [(w.draped.positions[: len(level.rest_shape)], level.faces) for w, level in zip(worn, levels)]
     crossings = crossing(sheets, [level.rest_shape for level in levels])
-    hidden = max(covered_hands(worn, motion, body))
+    hidden = max(covered_hands(worn, motion))
     measured = {"crossing": round(max(crossings), 4), "covered": round(hidden, 3)}
     for w, share in zip(worn, crossings):
         if share > (MAX_CROSSING_SITTING if sitting else MAX_CROSSING):
@@ -124,7 +118,7 @@ def check_outfit(
     return None, measured
 
 
-def covered_hands(worn: list[DrapedGarment], motion: Motion, body: Body) -> tuple[float, float]:
+def covered_hands(worn: list[DrapedGarment], motion: Motion) -> tuple[float, float]:
     """Returns the shares of the left and the right hand that cloth covers, seen from the front.
 
     Only skin that faces forward counts. It is covered where the first surface in front of it is cloth within
@@ -133,18 +127,18 @@ def covered_hands(worn: list[DrapedGarment], motion: Motion, body: Body) -> tupl
     share 0.
     """
     skin_faces = makehuman.base().faces["body"]
-    skin = motion.skin(makehuman.rig().weights[makehuman.BODY], body.skin)
+    skin = motion.posed_skin
     parts = [(skin, skin_faces)]
     for w in worn:
         parts.append((w.draped.positions, w.pattern.levels[-1].faces[~w.pattern.sleeve]))
     vertices, faces = stacked(parts)
-    hand = bone_weights("finger", "metacarpal") > 0.7
+    hand = makehuman.bone_weights("finger", "metacarpal") > 0.7
     skin_forward = normals(skin, skin_faces)[:, 2] > 0.2
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     face_forward = np.cross(b - a, c - a)[:, 2] > 0
     surface, out = Collider(vertices, vertices, faces), []
     for sign in (1, -1):
-        points = skin[hand & skin_forward & (np.sign(body.skin[:, 0]) == sign)] + [0, 0, 0.001]
+        points = skin[hand & skin_forward & (np.sign(motion.body.skin[:, 0]) == sign)] + [0, 0, 0.001]
         face, depth = surface.raycast(points, np.broadcast_to([0.0, 0.0, 1.0], points.shape))
         under = (face >= len(skin_faces)) & (depth < COVER_RANGE) & face_forward[face]
         counted = under | (face < 0)
@@ -163,7 +157,7 @@ def share_inside(x: np.ndarray, skin: np.ndarray) -> float:
         The share of vertices deeper than INSIDE under the skin, without that of hands and wrists.
     """
     faces = makehuman.base().faces["body"]
-    hands = bone_weights("finger", "metacarpal", "wrist") > 0.3
+    hands = makehuman.bone_weights("finger", "metacarpal", "wrist") > 0.3
     _, distance, _ = signed_distance(x, Collider(skin, skin, faces[~hands[faces].any(1)]), 0.12)
     return float((distance < -INSIDE).mean())
 

@@ -5,8 +5,8 @@ The specular of skin and eyes follows from their refractive indices, 1.4 and 1.3
 
 from dataclasses import replace
 
-from relight.figures.fabrics import Fabric, trait
 from relight.figures.outfits import Outfit
+from relight.figures.tailor.fabrics import Fabric, trait
 from relight.meshes import Material
 
 CLOTH = (0.85, 0.3)  # roughness; specular: reflectance over 4 %
@@ -41,7 +41,7 @@ def fabric_gloss(fabric: Fabric) -> tuple[float, float]:
 
 def with_gloss(material: Material, outfit: Outfit) -> Material:
     """Returns a material with the gloss for its name and the outfit's fabrics."""
-    fabrics: dict[str, Fabric | None] = {garment.name: fabric for garment, fabric in outfit.garments}
+    fabrics: dict[str, Fabric | None] = {worn.garment.name: worn.fabric for worn in outfit.garments}
     fabrics |= {"hat": outfit.hat, "tie": outfit.tie, "belt": outfit.belt}
     fabric = fabrics.get(material.name)
     if fabric is not None:

@@ -5,15 +5,21 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from relight.figures import fabrics, wardrobe
-from relight.figures.body import Person
-from relight.figures.fabrics import Color, Fabric, as_color
-from relight.figures.footwear import SHOES, Shoe
-from relight.figures.garments import Garment
-from relight.figures.hair import STYLES, Style
-from relight.figures.scarves import SCARVES
-from relight.figures.skin import HAIR, IRISES
-from relight.figures.stances import Pose
+from relight.figures.body.person import Person
+from relight.figures.body.skin import sample_iris
+from relight.figures.hair.styles import HairStyle, sample_color, style_odds, styles
+from relight.figures.pose.stances import Pose
+from relight.figures.tailor import fabrics
+from relight.figures.tailor.fabrics import Fabric
+from relight.figures.tailor.fitting import cut_to_sit, over, tailored, tucked, under
+from relight.figures.tailor.footwear import Shoe, shoes
+from relight.figures.tailor.garments import Garment, Worn, drawn_from, group, wardrobe
+from relight.figures.texture import Color
+
+TUCKS = ("shirt", "t-shirt", "fitted t-shirt", "long sleeve", "polo shirt", "roll-neck")  # may be worn inside trousers
+TIES = ("plain", "stripes", "print", "check")
+BELT = 0.09  # metres above the navel: the belt of a robe
+ABOVE_SEAM = 0.022  # metres above the seam of a dress: the middle of its belt
 
 
 @dataclass(frozen=True)
@@ -21,23 +27,23 @@ class Outfit:
     """The clothes, hair and make-up of a figure. Colours are linear albedo.
 
     Attributes:
-        garments: with their fabrics, from the skin outward.
+        garments: from the skin outward.
         shoe: its shape.
-        upper, sole: colours of the shoes.
+        upper, sole: colors of the shoes.
         hair: its style.
         hair_color: also of beard and brows.
         hat: fabric of the hat that some hair styles include.
         beard: amount in [0,1].
         makeup: amount in [0,1].
-        iris: colour.
+        iris: color.
         tie, belt: their fabrics, or None.
     """
 
-    garments: list[tuple[Garment, Fabric]]
+    garments: list[Worn]
     shoe: Shoe
     upper: Color
     sole: Color
-    hair: Style
+    hair: HairStyle
     hair_color: Color
     hat: Fabric
     beard: float
@@ -57,8 +63,6 @@ NECKS = (  # of tops cut like a t-shirt: radii of the opening, and depth of a V 
 )
 TUCKS = ("shirt", "t-shirt", "fitted t-shirt", "long sleeve", "polo shirt", "roll-neck")  # may be worn inside trousers
 ROUND = ("t-shirt", "fitted t-shirt", "long sleeve", "sweater", "dress", "long dress")  # cut like a t-shirt at the neck
-LIGHT_SKIN_IRISES = (0.1, 0.3, 0.25, 0.15, 0.2)  # probabilities of IRISES
-DARK_SKIN_IRISES = (0.6, 0.34, 0.02, 0.02, 0.02)
 TIES = ("plain", "stripes", "print", "check")
 MAX_WAIST_EASE = 0.036  # metres, of a top: wider cloth falls into one deep fold at the back
 MAX_INNER_EASE = 0.020  # metres, of the trunk of a top worn under a jacket
@@ -71,102 +75,6 @@ ABOVE_SEAM = 0.022  # metres above the seam of a dress: the middle of its belt
 MIN_EASE = 0.004  # metres, not scaled by the fit
 
 
-def tailored(rng: np.random.Generator, garment: Garment) -> Garment:
-    """Draws the fit, lengths, neckline and folds of one person's garment.
-
-    Args:
-        rng: random generator.
-        garment: of the wardrobe, with its usual cut.
-
-    Returns:
-        The garment with its ease above MIN_EASE scaled by .5 to 1.8, its sleeves, legs and drop longer or shorter, and
-        one of NECKS if its neckline is round.
-    """
-    width = float(np.exp(np.clip(rng.normal(-0.05, 0.32), -0.7, 0.6)))
-    if garment.kind == "top":
-        width = min(width, MAX_WAIST_EASE / garment.torso_ease[1])
-    extra_drop, sleeve, leg = rng.normal(0, [0.025, 0.05, 0.03])
-
-    def eased(ease: tuple[float, ...]) -> tuple[float, ...]:
-        return tuple(min(e, MIN_EASE) + width * max(e - MIN_EASE, 0) for e in ease)
-
-    if garment.name in ROUND:
-        neck, vee = NECKS[int(rng.choice(len(NECKS), p=(0.4, 0.15, 0.15, 0.08, 0.14, 0.08)))]
-        garment = replace(garment, neck=neck, v_depth=vee)
-    if garment.sleeve_end > 1.5 and garment.collar not in ("lapel", "stand") and rng.random() < 0.14:
-        garment = replace(
-            garment, sleeve_end=float(rng.uniform(1.3, 1.65)), cuff_pin=max(garment.cuff_pin, 0.5)
-        )  # pushed up
-    elif 0.3 < garment.sleeve_end < 0.9:
-        garment = replace(garment, sleeve_end=float(np.clip(garment.sleeve_end + 2 * sleeve, 0.32, 0.85)))
-    if garment.kind == "trousers" and garment.leg_end > 1.5:
-        leg = garment.leg_end - abs(leg) - (0.25 if rng.random() < 0.12 else 0)  # some end above the ankle
-    elif garment.kind == "trousers":
-        leg = garment.leg_end + 3 * leg
-    if garment.drop > 0.2:
-        extra_drop = garment.drop * (min(float(np.exp(rng.normal(-0.03, 0.12))), MAX_LENGTH) - 1)
-    return replace(
-        garment,
-        torso_ease=eased(garment.torso_ease),
-        arm_ease=eased(garment.arm_ease),
-        leg_ease=eased(garment.leg_ease),
-        leg_end=leg if garment.kind == "trousers" else garment.leg_end,
-        drop=max(garment.drop + extra_drop, 0.0) if garment.drop else 0.0,
-        flare=garment.flare * float(np.exp(rng.normal(0, 0.15))),
-        fold_phase=float(rng.uniform(0, 2 * np.pi)),
-    )
-
-
-def over(outer: Garment, inner: Garment) -> Garment:
-    """Widens an outer garment so that the inner one fits under it.
-
-    Args:
-        outer: a jacket, coat, cardigan or vest.
-        inner: the top that is worn under it.
-
-    Returns:
-        `outer` with at least 8 mm more ease than `inner` at the trunk, and 6 mm more at the sleeves if `inner` has
-        any.
-    """
-    torso = tuple(max(o, i + 0.008) for o, i in zip(outer.torso_ease, inner.torso_ease))
-    arm = outer.arm_ease if inner.armhole else tuple(max(o, i + 0.006) for o, i in zip(outer.arm_ease, inner.arm_ease))
-    return replace(outer, torso_ease=torso, arm_ease=arm)
-
-
-def under(inner: Garment) -> Garment:
-    """Returns a top cut close enough to be worn under a jacket."""
-    return replace(
-        inner,
-        torso_ease=tuple(min(ease, MAX_INNER_EASE) for ease in inner.torso_ease),
-        arm_ease=tuple(min(ease, MAX_INNER_ARM_EASE) for ease in inner.arm_ease),
-        sleeve_slack=min(inner.sleeve_slack, 0.02),
-    )
-
-
-def tucked(top: Garment, bottom: Garment) -> list[Garment]:
-    """Returns a top tucked into a skirt or trousers, and these with a waistband that fits over it."""
-    snug = tuple(ease * share for ease, share in zip(top.torso_ease, (0.5, 0.5, 0.7, 1, 1, 1)))
-    inside = replace(top, hem=0.10, drop=0.0, flare=0.0, slack=0.025, torso_ease=snug, tuck_height=bottom.waist)
-    return [inside, replace(bottom, waistband_offset=0.007)]
-
-
-def cut_to_sit(garment: Garment) -> Garment:
-    """Adapts a garment to a sitting figure.
-
-    Tops lose the length that the lap would push up under the chest. Trousers get room for bent legs, and shorts get no
-    more than that: they would gape below the thighs.
-    """
-    if garment.kind == "trousers":
-        max_ease = 1.4 * MIN_SITTING_EASE if garment.leg_end < 1.2 else np.inf
-        return replace(
-            garment,
-            leg_ease=tuple(min(max(e, MIN_SITTING_EASE), max_ease) if e > 0.003 else e for e in garment.leg_ease),
-        )
-    if garment.kind != "top" or garment.drop > 0.2:
-        return garment
-    return replace(garment, slack=0.0, drop=0.0, hem=max(garment.hem, SITTING_HEM))
-
-
 def fitted_to_pose(outfit: Outfit, pose: Pose) -> Outfit:
     """Adapts an outfit to a pose: removes long coats to sit, and scarves where hands are in front of the chest."""
     crossed = min(pose.left.wrist[0], pose.right.wrist[0]) < -0.1
@@ -175,34 +83,31 @@ def fitted_to_pose(outfit: Outfit, pose: Pose) -> Outfit:
         long_coat = garment.collar == "lapel" and garment.drop > 0.2
         return not (pose.sitting and long_coat) and not (crossed and garment.kind == "scarf")
 
-    kept = [(g, fabric) for g, fabric in outfit.garments if stays(g)]
-    return replace(outfit, garments=[(cut_to_sit(g), fabric) for g, fabric in kept] if pose.sitting else kept)
+    kept = [worn for worn in outfit.garments if stays(worn.garment)]
+    if pose.sitting:
+        kept = [Worn(cut_to_sit(worn.garment), worn.fabric) for worn in kept]
+    return replace(outfit, garments=kept)
 
 
-def pick(rng: np.random.Generator, *names: str) -> Garment:
-    """Draws a garment of one of the names."""
-    library = (*wardrobe.TOPS, *wardrobe.OUTER, *wardrobe.BOTTOMS, *wardrobe.SKIRTS, *wardrobe.DRESSES, *wardrobe.ROBES)
-    by_name = {garment.name: garment for garment in library}
-    return tailored(rng, by_name[str(rng.choice(names))])
+def pick(rng: np.random.Generator, *draws: str) -> Garment:
+    """Draws a garment of one of the names that these draws of the catalogue list."""
+    names = [name for draw in draws for name in drawn_from(draw)]
+    return tailored(rng, wardrobe()[str(rng.choice(names))])
 
 
 def sample_base_garments(rng: np.random.Generator, woman: bool) -> list[Garment]:
     """Draws the garments below jackets and scarves, from the skin outward."""
     draw = rng.random()
     if draw > 0.975:
-        return [pick(rng, "robe")]
+        return [pick(rng, "robes")]
     if woman and draw < 0.20:
-        return [pick(rng, "dress", "dress", "sleeveless dress", "long dress", "shift dress")]
+        return [pick(rng, "dresses")]
     if woman and draw < 0.40:
-        names = ["t-shirt", "fitted t-shirt", "shirt", "long sleeve", "tank top", "short shirt", "roll-neck"]
-        skirts = ["a-line skirt", "short skirt", "long skirt", "flared skirt", "pleated skirt", "pencil skirt"]
-        return tucked(pick(rng, *names), pick(rng, *skirts))
+        return tucked(pick(rng, "tops in skirts"), pick(rng, "skirts"))
     if woman and draw < 0.48:
-        return [pick(rng, "leggings"), pick(rng, "t-shirt", "long sleeve", "sweater", "hoodie", "tank top", "shirt")]
-    names = ["jeans", "jeans", "wide jeans", "slim trousers", "trousers", "trousers", "joggers", "wide trousers"]
-    bottom = pick(rng, *names, "shorts")
-    names = ["t-shirt", "t-shirt", "long sleeve", "shirt", "shirt", "short shirt", "polo shirt", "sweater", "hoodie"]
-    top = pick(rng, *names, "roll-neck", "tank top", *(["fitted t-shirt"] if woman else []))
+        return [pick(rng, "leggings"), pick(rng, "tops over leggings")]
+    bottom = pick(rng, "trousers")
+    top = pick(rng, "tops", *(["further tops of women"] if woman else []))
     inside = top.name in TUCKS and bottom.name != "joggers" and rng.random() < 0.38
     return tucked(top, bottom) if inside else [bottom, top]
 
@@ -217,24 +122,24 @@ def add_outer_layers(rng: np.random.Generator, worn: list[Garment]) -> list[Garm
     worn, top = list(worn), innermost_top(worn)
     if top.name in ("sweater", "hoodie", "robe") or top.seam is not None or rng.random() >= 0.40:
         return worn
-    outer = ["jacket", "jacket", "closed jacket", "blazer", "coat", "closed coat", "cardigan", "vest"]
-    waistcoat = ["waistcoat"] if top.collar == "fold" and top.tuck_height is not None else []
+    draws = ["outer", "outer over tucked shirts"][: 1 + (top.collar == "fold" and top.tuck_height is not None)]
     inner = under(top)
     worn[worn.index(top)] = inner
-    worn.append(over(pick(rng, *outer, *waistcoat), inner))
+    worn.append(over(pick(rng, *draws), inner))
     odds = {"coat": 0.5, "closed coat": 0.5, "jacket": 0.3, "blazer": 0.25, "cardigan": 0.25}.get(worn[-1].name, 0)
     if rng.random() < odds and not any(g.name in ("shorts", "tank top") for g in worn):
-        worn.append(SCARVES[int(rng.integers(len(SCARVES)))])
+        scarves = list(group("scarves").values())
+        worn.append(scarves[int(rng.integers(len(scarves)))])
     return worn
 
 
-def sample_outfit(rng: np.random.Generator, person: Person, styles: Collection[str] = ()) -> Outfit:
+def sample_outfit(rng: np.random.Generator, person: Person, hair: Collection[str] = ()) -> Outfit:
     """Draws an outfit. Only women wear skirts and dresses, only men have beards.
 
     Args:
         rng: random generator.
         person: who wears it.
-        styles: names of the hair styles to draw from, at least one of which suits the person; empty for all.
+        hair: names of the styles to draw from, at least one of which suits the person; empty for all.
     """
     woman = person.female > 0.5
     worn = add_outer_layers(rng, sample_base_garments(rng, woman))
@@ -246,32 +151,32 @@ def sample_outfit(rng: np.random.Generator, person: Person, styles: Collection[s
     belt = rng.random() < (0.6 if has_loops else 0.35 if thin.seam is not None else 0.4 * (thin.name == "robe"))
     if belt and not has_loops:
         worn[0] = replace(thin, belt_height=BELT if thin.seam is None else thin.seam + ABOVE_SEAM)
-    garments = [(g, fabrics.sample_fabric(rng, g.fabrics, is_muted(g))) for g in worn]
-    shoe = SHOES[int(rng.choice(len(SHOES), p=shoe_odds(woman, worn)))]
+    garments = [in_fabric(rng, garment) for garment in worn]
+    shoe = shoes()[int(rng.choice(len(shoes()), p=shoe_odds(woman, worn)))]
     upper = shoe_color(rng, shoe)
     pale = "sneaker" in shoe.name and rng.random() < 0.75
-    style = STYLES[int(rng.choice(len(STYLES), p=hair_odds(woman, person, styles)))]
+    style = styles()[list(styles())[int(rng.choice(len(styles()), p=style_odds(woman, person, hair)))]]
     return Outfit(
         garments=garments,
         shoe=shoe,
         upper=upper,
         sole=(0.68, 0.66, 0.62) if pale else (0.03, 0.025, 0.022),
         hair=style,
-        hair_color=hair_color(rng, person),
+        hair_color=sample_color(rng, person),
         hat=fabrics.sample_fabric(rng, ("knit",) if style.hat == "beanie" else ("plain", "denim"), False),
         beard=0.0 if woman or rng.random() < 0.5 else float(rng.uniform(0.15, 0.9)),
         makeup=float(rng.uniform(0.1, 0.9)) if woman else 0.0,
-        iris=IRISES[int(rng.choice(len(IRISES), p=LIGHT_SKIN_IRISES if person.skin > 0.75 else DARK_SKIN_IRISES))],
+        iris=sample_iris(rng, person),
         tie=fabrics.sample_fabric(rng, TIES, False) if tie else None,
         belt=fabrics.sample_fabric(rng, ("leather",), True) if belt else None,
     )
 
 
 def in_other_fabrics(outfit: Outfit, rng: np.random.Generator) -> Outfit:
-    """Returns the same clothes in other fabrics and colours."""
+    """Returns the same clothes in other fabrics and colors."""
     return replace(
         outfit,
-        garments=[(g, fabrics.sample_fabric(rng, g.fabrics, is_muted(g))) for g, _ in outfit.garments],
+        garments=[in_fabric(rng, worn.garment) for worn in outfit.garments],
         upper=shoe_color(rng, outfit.shoe),
         hat=fabrics.sample_fabric(rng, (outfit.hat.kind,), False),
         tie=None if outfit.tie is None else fabrics.sample_fabric(rng, TIES, False),
@@ -279,68 +184,22 @@ def in_other_fabrics(outfit: Outfit, rng: np.random.Generator) -> Outfit:
     )
 
 
-def is_muted(garment: Garment) -> bool:
-    """Returns whether a garment is mostly of neutral colours."""
-    return garment.kind == "trousers" or garment.name in {g.name for g in wardrobe.OUTER}
+def in_fabric(rng: np.random.Generator, garment: Garment) -> Worn:
+    """Draws the fabric of a garment; trousers and outer garments are mostly of neutral colors."""
+    muted = garment.kind == "trousers" or garment.name in group("outer")
+    return Worn(garment, fabrics.sample_fabric(rng, garment.fabrics, muted))
 
 
 def shoe_color(rng: np.random.Generator, shoe: Shoe) -> Color:
-    """Draws the colour of a shoe's upper."""
+    """Draws the color of a shoe's upper."""
     return fabrics.sample_fabric(rng, ("leather",) if "sneaker" not in shoe.name else ("plain",), True).first
 
 
 def shoe_odds(woman: bool, worn: list[Garment]) -> np.ndarray:
-    """Returns the probability of each of SHOES (S,) with these garments."""
+    """Returns the probability of each of `shoes` (S,) with these garments."""
     skirted = worn[0].name.endswith("dress") or any(g.kind == "skirt" for g in worn)
-    odds = {"sneakers": 3, "high sneakers": 1.5, "oxfords": 1.2, "loafers": 1, "boots": 1.5, "sandals": 0.8}
-    if woman:
-        odds |= {"ballet flats": 3 if skirted else 1.2, "high boots": 1.5 if skirted else 0.3}
-    weights = np.array([odds.get(shoe.name, 0.0) for shoe in SHOES])
-    return weights / weights.sum()
-
-
-def hair_odds(woman: bool, person: Person, styles: Collection[str] = ()) -> np.ndarray:
-    """Returns the probability of each of STYLES (S,), 0 for those that `styles` excludes; all 0 if none is left."""
-    men = {
-        "bald": 1 + max(0, person.age - 35) / 20,
-        "shaved": 1.6,
-        "crop": 3,
-        "side part": 2,
-        "quiff": 1.5,
-        "curly": 1,
-        "beanie": 0.7,
-        "cap": 0.8,
-    }
-    women = {
-        "bob": 2,
-        "chin length": 1.6,
-        "long": 2,
-        "wavy long": 2,
-        "bun": 1.6,
-        "ponytail": 1.6,
-        "curly": 1,
-        "crop": 0.6,
-        "beanie": 0.4,
-        "cap": 0.3,
-    }
-    odds = women if woman else men
-    if person.ancestry[0] > 0.5:
-        odds |= {"afro": 2, "curly": 2, "long": 0.5, "wavy long": 0.7, "quiff": 0.2, "side part": 0.2}
-    weights = np.array([odds.get(style.name, 0.0) * (not styles or style.name in styles) for style in STYLES])
-    return weights / max(weights.sum(), np.finfo(float).tiny)
-
-
-def hair_color(rng: np.random.Generator, person: Person) -> Color:
-    """Draws a hair colour: grey or white with age, else by skin and ancestry."""
-    if rng.random() < np.clip((person.age - 42) / 35, 0, 0.9):
-        name = "white" if rng.random() < (person.age - 50) / 40 else "grey"
-    elif person.skin > 0.72 and person.ancestry[2] > 0.4:
-        name = str(
-            rng.choice(
-                ["dark brown", "brown", "auburn", "blond", "fair", "red", "black"],
-                p=[0.25, 0.28, 0.08, 0.2, 0.08, 0.04, 0.07],
-            )
-        )
-    else:
-        name = str(rng.choice(["black", "dark brown", "brown"], p=[0.6, 0.32, 0.08]))
-    return as_color(np.array(HAIR[name]) * np.exp(rng.normal(0, 0.12)))
+    weights = []
+    for shoe in shoes():
+        weight = shoe.women if woman else shoe.men
+        weights.append(shoe.with_skirt if woman and skirted and shoe.with_skirt is not None else weight)
+    return np.array(weights) / np.sum(weights)

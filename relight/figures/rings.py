@@ -2,9 +2,8 @@
 
 import numpy as np
 
-from relight.figures.body import Body
-from relight.figures.patterns import Pattern
-from relight.figures.poses import Motion
+from relight.figures.pose.motion import Motion
+from relight.figures.tailor.patterns import Pattern
 
 EXTENSION = 10.0  # extension of a limb's line at both ends, beyond any ring, metres
 LEVELS = np.arange(0.05, 2.0, 0.05)  # where rings lie along an arm (0 shoulder, 1 elbow, 2 wrist) or leg
@@ -75,7 +74,7 @@ def winding(ring: np.ndarray, line: np.ndarray) -> int:
     return int((np.sign(facing) * inside).sum())
 
 
-def lost_rings(pattern: Pattern, x: np.ndarray, motion: Motion, body: Body) -> dict[str, tuple[int, int]]:
+def lost_rings(pattern: Pattern, x: np.ndarray, motion: Motion) -> dict[str, tuple[int, int]]:
     """Counts the rings around sleeves or trouser legs that do not wind around the bone once.
 
     Rings are closed contour lines of the garment's field along the limb, at LEVELS. Only rings that wind around the
@@ -84,8 +83,7 @@ def lost_rings(pattern: Pattern, x: np.ndarray, motion: Motion, body: Body) -> d
     Args:
         pattern: whose fields run along arms (tops) or legs (trousers).
         x: (n,3) the draped finest vertices, metres.
-        motion: into the pose.
-        body: in its rest pose.
+        motion: of the body into the pose.
 
     Returns:
         For each limb with rings, the number that do not wind once, and the number of all.
@@ -94,9 +92,8 @@ def lost_rings(pattern: Pattern, x: np.ndarray, motion: Motion, body: Body) -> d
     level, out = pattern.levels[-1], {}
     for side, word in (("L", "left"), ("R", "right")) if bones else ():
         names = [f"{bone}.{side}" for bone in bones]
-        rest = np.stack([body.joints[name] for name in names])
-        turn = motion.transforms[-1][[motion.bones[name] for name in names]]
-        posed = np.einsum("nij,nj->ni", turn[:, :, :3], rest) + turn[:, :, 3]
+        rest = np.stack([motion.body.joints[name] for name in names])
+        posed = np.stack([motion.joint(name) for name in names])
         on = pattern.fields[f"arm_share{side}"] > 0.5 if field == "arm" else (pattern.fields["x"] > 0) == (side == "L")
         faces = level.faces[on[level.faces].all(1)]
         wound = []

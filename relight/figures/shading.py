@@ -21,7 +21,7 @@ def overhead() -> np.ndarray:
 
 
 def shaded(mesh: Mesh, strength: float) -> Mesh:
-    """Multiplies the vertex colours of a mesh by 1 - strength + strength * shading.
+    """Multiplies the vertex colors of a mesh by 1 - strength + strength * shading.
 
     The shading, 0 in the dark and 1 for an open surface facing up, is the irradiance of the sky `overhead`, occluded by
     the figure, averaged over neighbouring vertices.

@@ -105,12 +105,12 @@ def split(
     Returns:
         The matrix to its vertices, its faces (F,3), and which of them (F,) lie on the positive side.
     """
-    (one, front), (two, back) = (clip(matrix, faces, sign * field) for sign in (1, -1))
-    both = sparse.vstack([one, two]).tocsr()
+    (ahead, front), (behind, back) = (clip(matrix, faces, sign * field) for sign in (1, -1))
+    both = sparse.vstack([ahead, behind]).tocsr()
     # equal rows of the matrix are equal vertices
     place = np.round(both @ np.random.default_rng(0).random((both.shape[1], 3)), 9)
     _, first, inverse = np.unique(place, axis=0, return_index=True, return_inverse=True)
-    joined = inverse.reshape(-1)[np.concatenate([front, back + one.shape[0]])]
+    joined = inverse.reshape(-1)[np.concatenate([front, back + ahead.shape[0]])]
     return both[first], joined, np.arange(len(joined)) < len(front)
 
 
@@ -176,25 +176,29 @@ def border_distance(vertices: np.ndarray, faces: np.ndarray, rings: int) -> np.n
     return out
 
 
+def near_border(vertices: np.ndarray, faces: np.ndarray, rings: int) -> np.ndarray:
+    """Returns which faces (F,) have a vertex less than `rings` edges from the border."""
+    return (border_distance(vertices, faces, rings)[faces] < rings).any(1)
+
+
 def thickened(
-    vertices: np.ndarray, faces: np.ndarray, depth: np.ndarray, rings: int = 3
+    vertices: np.ndarray, faces: np.ndarray, depth: float, rings: int | None = 3
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Adds a visible edge to cloth: an inner layer near the border, joined to the outer one.
 
     Args:
         vertices: (V,3) metres.
         faces: (F,3).
-        depth: (V,) metres between the layers.
-        rings: width of the inner layer in edges; 99 for all of the cloth.
+        depth: metres between the layers.
+        rings: width of the inner layer in edges; None for all of the cloth, if both sides are seen.
 
     Returns:
         Vertices (V',3), faces that begin with the given ones, and the outer vertex (V',) of each vertex.
     """
-    distance = border_distance(vertices, faces, rings)
-    band = (distance[faces] < rings).any(1) & (depth[faces] > 0).all(1)
+    band = np.ones(len(faces), bool) if rings is None else near_border(vertices, faces, rings)
     used, inverse = np.unique(faces[band], return_inverse=True)
     inner = len(vertices) + inverse.reshape(-1, 3)
-    below = vertices[used] - normals(vertices, faces)[used] * depth[used, None]
+    below = vertices[used] - normals(vertices, faces)[used] * depth
     position = np.full(len(vertices), -1)
     position[used] = len(vertices) + np.arange(len(used))
     sides = rim(faces)

@@ -5,23 +5,21 @@ from functools import partial
 
 import numpy as np
 
-from relight.figures import collars, drape, footwear, layers, makehuman, patterns, scarves, wrinkles
-from relight.figures.body import Body
-from relight.figures.clearance import bone_weights
-from relight.figures.colliders import Collider
-from relight.figures.drape import SolverSettings
-from relight.figures.fabrics import Fabric
-from relight.figures.garments import Garment
+from relight.figures.body import makehuman
+from relight.figures.body.person import Body
+from relight.figures.cloth import drape, layers, wrinkles
+from relight.figures.cloth.colliders import Collider
+from relight.figures.cloth.solver import SolverSettings
 from relight.figures.outfits import Outfit
-from relight.figures.poses import Motion
+from relight.figures.pose.motion import Motion
 from relight.figures.surfaces import Surface, neighbours, normals, stacked
+from relight.figures.tailor import collars, footwear, patterns, scarves
+from relight.figures.tailor.fabrics import Fabric
+from relight.figures.tailor.garments import Garment, Worn
 
 FREE_DROP = 0.2  # length of a drop above which its cloth hangs free, metres
-CLEFT = (
-    0.04,
-    -0.15,
-    0.16,
-)  # the cleft between the buttocks: metres from the middle, lowest and highest above the crotch
+CLEFT_WIDTH = 0.04  # largest distance of the cleft between the buttocks from the middle, metres
+CLEFT_HEIGHTS = (-0.15, 0.16)  # its ends above the crotch, metres
 BROAD = 100  # averagings of normals with their neighbours', which span several gathers
 MIN_FOLD_DISTANCE = 0.6  # smallest distance of wrinkles from the layer below, over the cloth's thickness
 GROUND = 0.006  # lowest height of cloth, metres
@@ -36,12 +34,14 @@ class Detail:
         frames: of the motion into the pose.
         solver: settings for each level of a garment, from coarse to fine.
         body: subdivisions of the skin.
+        texture: side of the largest texture in pixels.
     """
 
     refine: int
     frames: int
     solver: list[SolverSettings]
     body: int
+    texture: int = 1024
 
 
 DETAILS = {
@@ -60,6 +60,11 @@ class DrapedGarment:
     fabric: Fabric
     draped: drape.DrapeResult
 
+    @property
+    def surface(self) -> Surface:
+        """Returns its vertices as it hangs, and its faces."""
+        return self.draped.positions, self.pattern.levels[-1].faces
+
 
 class Obstacles:
     """The posed surfaces on which garments are draped: skin, shoes, and the garments below.
@@ -67,21 +72,21 @@ class Obstacles:
     Hands and, for what hangs from the waist, arms are no obstacles: fingers would catch the cloth.
     """
 
-    def __init__(self, body: Body, motion: Motion, outfit: Outfit, frames: int):
+    def __init__(self, motion: Motion, outfit: Outfit, frames: int):
         weights, faces = makehuman.rig().weights[makehuman.BODY], makehuman.base().faces["body"]
-        head = bone_weights(
+        head = makehuman.bone_weights(
             "head", "jaw", "eye", "levator", "oris", "special", "temporalis", "risorius", "oculi", "tongue",
             "orbicularis",
         )  # fmt: skip
-        fingers = bone_weights("finger", "metacarpal") + head
-        arms = fingers + bone_weights("wrist", "lowerarm", "upperarm")
+        fingers = makehuman.bone_weights("finger", "metacarpal") + head
+        arms = fingers + makehuman.bone_weights("wrist", "lowerarm", "upperarm")
         trunk_and_arms = faces[(fingers[faces] < 0.3).all(1)]
-        self.body, self.frames = body, frames
-        self.under_tops = trunk_and_arms[~cleft(body, body.skin, trunk_and_arms)]
+        self.body, self.frames = motion.body, frames
+        self.under_tops = trunk_and_arms[~cleft(motion.body, motion.body.skin, trunk_and_arms)]
         self.under_bottoms = faces[(arms[faces] < 0.3).all(1)]
         self.under_scarves = faces[(fingers - head)[faces].max(1) < 0.3]
-        self.skin = [motion.skin(weights, body.skin, frame) for frame in range(frames + 1)]
-        uppers = [] if outfit.shoe.straps else [footwear.upper(body, motion.bones, outfit.shoe, side) for side in "LR"]
+        self.skin = [motion.skin(weights, motion.body.skin, frame) for frame in range(frames + 1)]
+        uppers = [] if outfit.shoe.straps else [footwear.upper(motion.body, outfit.shoe, side) for side in "LR"]
         self.shoes = [
             [(motion.skin(upper.weights, upper.shape, frame), upper.faces) for upper in uppers]
             for frame in range(frames + 1)
@@ -111,15 +116,16 @@ class Obstacles:
         return stacked(parts)
 
 
-def drape_outfit(body: Body, motion: Motion, outfit: Outfit, detail: Detail) -> list[DrapedGarment]:
+def drape_outfit(motion: Motion, outfit: Outfit, detail: Detail) -> list[DrapedGarment]:
     """Drapes the garments of an outfit one over the other, from the skin outward."""
-    obstacles, worn = Obstacles(body, motion, outfit, detail.frames), list[DrapedGarment]()
-    for garment, fabric in outfit.garments:
+    obstacles, worn = Obstacles(motion, outfit, detail.frames), list[DrapedGarment]()
+    for item in outfit.garments:
+        garment = item.garment
         if garment.kind == "scarf":
             skin = obstacles.skin[-1], obstacles.under_scarves
-            worn.append(drape_scarf(body, motion, garment, fabric, skin, worn, detail))
+            worn.append(drape_scarf(motion, item, skin, worn, detail))
             continue
-        pattern = patterns.build_pattern(body, garment, detail.refine)
+        pattern = patterns.build_pattern(motion.body, garment, detail.refine)
         surface_at = partial(obstacles.below, garment, list(worn))
         draped = drape.drape(
             pattern.levels,
@@ -132,8 +138,8 @@ def drape_outfit(body: Body, motion: Motion, outfit: Outfit, detail: Detail) -> 
             ground=GROUND,
         )
         vertices, faces = surface_at(detail.frames, True)
-        below, band = Collider(vertices, vertices, faces), neckband(pattern, body, motion)
-        worn.append(DrapedGarment(pattern, fabric, finished(pattern, draped, fabric, below, band)))
+        below, band = Collider(vertices, vertices, faces), neckband(pattern, motion)
+        worn.append(DrapedGarment(pattern, item.fabric, finished(pattern, draped, item.fabric, below, band)))
     return worn
 
 
@@ -151,8 +157,8 @@ def cleft(body: Body, rest: np.ndarray, faces: np.ndarray) -> np.ndarray:
     a, b, c = (rest[faces[:, k]] for k in range(3))
     centre, normal = (a + b + c) / 3, np.cross(b - a, c - a)
     sideways = np.abs(normal[:, 0]) > 0.6 * np.linalg.norm(normal, axis=1)
-    height = centre[:, 1] - patterns.landmarks(body)["crotch"]
-    return sideways & (np.abs(centre[:, 0]) < CLEFT[0]) & (height > CLEFT[1]) & (height < CLEFT[2])
+    height = centre[:, 1] - body.heights["crotch"]
+    return sideways & (np.abs(centre[:, 0]) < CLEFT_WIDTH) & (height > CLEFT_HEIGHTS[0]) & (height < CLEFT_HEIGHTS[1])
 
 
 def fallen_over(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
@@ -166,11 +172,11 @@ def fallen_over(x: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return np.einsum("fx,fx->f", np.cross(b - a, c - a), around) < 0
 
 
-def neckband(pattern: patterns.Pattern, body: Body, motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+def neckband(pattern: patterns.Pattern, motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
     """Returns the arguments of `collars.banded` for a top: cloth without folds (n,3), base and axis of the neck."""
     if pattern.garment.kind != "top":
         return None
-    level, (neck, axes) = pattern.levels[-1], collars.neck_of(body, motion)
+    level, (neck, axes) = pattern.levels[-1], collars.neck_of(motion)
     return motion.skin(level.weights, level.fitted), neck, axes[1]
 
 
@@ -191,7 +197,7 @@ def finished(
         band: see `neckband`.
     """
     garment, level = pattern.garment, pattern.levels[-1]
-    crimp = wrinkles.of_one_garment(garment.cloth.crimp, fabric.seed)
+    crimp = wrinkles.varied(garment.cloth.crimp, fabric.seed)
     hang = np.clip(4 * pattern.fields["drop"], 0, 1) * (garment.drop > FREE_DROP)
     x = wrinkles.folded(pattern.levels, pattern.refine, draped.positions, crimp, hang, fabric.seed)
     if band is not None:
@@ -203,26 +209,18 @@ def finished(
 
 
 def drape_scarf(
-    body: Body,
-    motion: Motion,
-    garment: Garment,
-    fabric: Fabric,
-    skin: Surface,
-    inner: list[DrapedGarment],
-    detail: Detail,
+    motion: Motion, scarf: Worn, skin: Surface, inner: list[DrapedGarment], detail: Detail
 ) -> DrapedGarment:
     """Drapes a scarf around the neck of the posed figure; it does not take part in the motion.
 
     Args:
-        body: in its rest pose.
-        motion: into the pose.
-        garment: the scarf.
-        fabric: of the scarf.
+        motion: of the body into the pose.
+        scarf: to be draped.
         skin: vertices and faces, posed.
         inner: the garments already draped.
         detail: how fine the figure is.
     """
-    neck, axes = collars.neck_of(body, motion)
+    neck, axes = collars.neck_of(motion)
     parts = [skin]
     for other in inner:
         x, cloth = other.draped.positions, other.pattern.levels[-1].faces
@@ -232,15 +230,15 @@ def drape_scarf(
             collar = collars.collar(x, cloth, np.zeros((len(x), 2)), kind, neck, axes[1], 1.0)
             parts += [collar[:2]] if collar else []
     vertices, faces = stacked(parts)
-    pattern = scarves.build_scarf(body, motion, garment, Collider(vertices, vertices, faces), detail.refine)
+    pattern = scarves.build_scarf(motion, scarf.garment, Collider(vertices, vertices, faces), detail.refine)
     draped = drape.drape(
         pattern.levels,
         pattern.refine,
-        garment.cloth,
+        scarf.garment.cloth,
         scarves.SOLVER[: detail.refine + 1],
         lambda frame, fine: (vertices, faces),
         lambda weights, rest, frame: rest,
         frames=0,
         ground=GROUND,
     )
-    return DrapedGarment(pattern, fabric, draped)
+    return DrapedGarment(pattern, scarf.fabric, draped)

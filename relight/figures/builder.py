@@ -1,0 +1,62 @@
+"""Collects the parts of a mesh, with materials that may depend on the outfit."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from relight.figures.gloss import with_gloss
+from relight.figures.outfits import Outfit
+from relight.meshes import Material, Mesh
+
+Paint = Material | Callable[[Outfit], Material]  # a function if the material depends on the outfit's colors
+
+
+class Builder:
+    """Collects the parts of a mesh. Parts share no vertices, so normals are smooth within a part only."""
+
+    def __init__(self) -> None:
+        self.vertices: list[np.ndarray] = []
+        self.faces: list[np.ndarray] = []
+        self.uv: list[np.ndarray] = []
+        self.material: list[np.ndarray] = []
+        self.layers: list[np.ndarray] = []
+        self.paints: list[Paint] = []
+        self.offset = 0
+
+    def add(
+        self, vertices: np.ndarray, faces: np.ndarray, uv: np.ndarray | None, paint: Paint, layer: int = -1
+    ) -> None:
+        """Adds a part.
+
+        Args:
+            vertices: (V,3) metres; those without faces are dropped.
+            faces: (F,3).
+            uv: (F,3,2) per corner, or None.
+            paint: parts that are given the same object share their material.
+            layer: as for `gates.poke_through`.
+        """
+        number = next((k for k, known in enumerate(self.paints) if known is paint), len(self.paints))
+        if number == len(self.paints):
+            self.paints.append(paint)
+        used, inverse = np.unique(faces, return_inverse=True)
+        self.vertices.append(vertices[used].astype(np.float32))
+        self.faces.append(inverse.reshape(-1, 3).astype(np.int32) + self.offset)
+        self.uv.append(np.zeros((len(faces), 3, 2), np.float32) if uv is None else uv.astype(np.float32))
+        self.material.append(np.full(len(faces), number, np.int16))
+        self.layers.append(np.full(len(faces), layer, np.int16))
+        self.offset += len(used)
+
+    def mesh(self, info: dict, outfits: list[Outfit]) -> Mesh:
+        """Returns the mesh in the first outfit; its `outfits` are the materials that the others change."""
+        painted = [
+            {
+                number: with_gloss(paint if isinstance(paint, Material) else paint(outfit), outfit)
+                for number, paint in enumerate(self.paints)
+                if outfit is outfits[0] or not isinstance(paint, Material)
+            }
+            for outfit in outfits
+        ]
+        vertices = np.concatenate(self.vertices)
+        vertices[:, 1] -= vertices[:, 1].min()
+        faces, uv, material = map(np.concatenate, (self.faces, self.uv, self.material))
+        return Mesh(vertices, faces, uv, material, list(painted[0].values()), None, info, painted[1:])

@@ -1,0 +1,1 @@
+"""Cloth: its simulation, layers, crossings and fine wrinkles."""

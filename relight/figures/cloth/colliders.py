@@ -1,0 +1,91 @@
+"""Warp's setup, and collision meshes: nearest faces and ray casts."""
+
+import os
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import numpy as np
+import warp as wp
+from platformdirs import user_cache_path
+
+from relight.figures.cloth.kernels import cast_rays, find_nearest_faces
+from relight.figures.surfaces import normals
+
+wp.config.log_level = wp.LOG_ERROR
+
+
+def init_warp() -> None:
+    """Initialises Warp on the CPU, with compiled kernels in relight's cache folder (moved by RELIGHT_CACHE)."""
+    folder = os.environ.get("RELIGHT_CACHE") or user_cache_path("relight")
+    wp.config.kernel_cache_dir = os.path.join(str(folder), "warp")
+    with without_driver_messages():
+        wp.init()
+    wp.set_device("cpu")
+
+
+@contextmanager
+def without_driver_messages() -> Iterator[None]:
+    """Drops messages of Warp's native code about a missing CUDA driver from stderr."""
+    sys.stderr.flush()
+    stderr = os.dup(2)
+    with tempfile.TemporaryFile() as file:
+        os.dup2(file.fileno(), 2)
+        try:
+            yield
+        finally:
+            os.dup2(stderr, 2)
+            os.close(stderr)
+            file.seek(0)
+            os.write(2, b"".join(line for line in file if b"CUDA driver" not in line))
+
+
+def vec3_array(values: np.ndarray) -> wp.array:
+    """Returns points (n,3) as a Warp array."""
+    return wp.array(np.ascontiguousarray(values, np.float32), dtype=wp.vec3)
+
+
+class Collider:
+    """A closed or open mesh that moves from `start` to `end` during a frame.
+
+    Nearest faces and ray hits are searched on `start`, where cloth still is: limbs move further in a frame than they
+    are thick.
+
+    Attributes:
+        indices: (3 F,) vertices of the faces.
+        start, end: (V,3) vertices at the start and the end of the frame, metres.
+        normals: (V,3) unit vertex normals at the end.
+        mesh: Warp's mesh of `start`.
+    """
+
+    def __init__(self, start: np.ndarray, end: np.ndarray, faces: np.ndarray):
+        self.indices: wp.array = wp.array(faces.astype(np.int32).ravel(), dtype=int)
+        self.start, self.end = vec3_array(start), vec3_array(end)
+        self.normals = vec3_array(normals(end, faces))
+        self.mesh = wp.Mesh(points=self.start, indices=self.indices)
+
+    def nearest(self, points: np.ndarray, max_distance: float) -> tuple[np.ndarray, np.ndarray]:
+        """Finds the nearest face for points (n,3).
+
+        Returns:
+            The face (n,), -1 beyond `max_distance`, and the barycentric weights (n,3) of the nearest point on it.
+        """
+        face = wp.zeros(len(points), dtype=int)
+        barycentric = wp.zeros(len(points), dtype=wp.vec2)
+        inputs = [self.mesh.id, vec3_array(points), max_distance, face, barycentric]
+        wp.launch(find_nearest_faces, dim=len(points), inputs=inputs)
+        weights = barycentric.numpy().astype(float)
+        return face.numpy(), np.c_[weights, 1 - weights.sum(1)]
+
+    def raycast(self, origin: np.ndarray, direction: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Casts rays from origins (n,3) in unit directions (n,3).
+
+        Returns:
+            The first face (n,) that each ray hits, -1 for none, and its distance (n,) in metres, infinite for none.
+        """
+        face = wp.zeros(len(origin), dtype=int)
+        depth = wp.zeros(len(origin), dtype=float)
+        inputs = [self.mesh.id, vec3_array(origin), vec3_array(direction), face, depth]
+        wp.launch(cast_rays, dim=len(origin), inputs=inputs)
+        return face.numpy(), np.where(face.numpy() >= 0, depth.numpy().astype(float), np.inf)

@@ -1,0 +1,130 @@
+"""Drapes a garment from coarse to fine while the body moves into its pose."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sparse
+
+from relight.figures.cloth.colliders import Collider
+from relight.figures.cloth.solver import Cloth, ClothSolver, SolverSettings
+from relight.figures.surfaces import neighbours
+
+TORN = 1.5  # strain above which an edge is relaxed at the end
+
+
+@dataclass(frozen=True)
+class Level:
+    """A garment at one level of detail.
+
+    Attributes:
+        rest_shape: (n,3) vertices of the pattern, which define the rest lengths, metres.
+        start: (n,3) where the simulation begins, on the body's rest pose.
+        fitted: (n,3) where the garment fits the body closely, on its rest pose; pins hold it there.
+        pin_weight: (n,) in [0,1].
+        weights: (n,B) skinning weights that move the pins.
+        faces: (F,3).
+    """
+
+    rest_shape: np.ndarray
+    start: np.ndarray
+    fitted: np.ndarray
+    pin_weight: np.ndarray
+    weights: np.ndarray
+    faces: np.ndarray
+
+    def resampled(self, matrix: sparse.csr_matrix, faces: np.ndarray) -> "Level":
+        """Returns the level with other faces and vertices (m), combined from its own by a matrix (m,n)."""
+        start, fitted, pin_weight = matrix @ self.start, matrix @ self.fitted, matrix @ self.pin_weight
+        return Level(matrix @ self.rest_shape, start, fitted, pin_weight, matrix @ self.weights, faces)
+
+
+@dataclass(frozen=True)
+class DrapeResult:
+    """A garment after the simulation.
+
+    Attributes:
+        positions: (n,3) vertices of the finest level, metres.
+        history: (m,3) vertices of the coarsest level at each frame.
+        strain: (E,) length of the finest level's edges over that on the pattern.
+    """
+
+    positions: np.ndarray
+    history: list[np.ndarray]
+    strain: np.ndarray
+
+
+def relax_torn_edges(
+    x: np.ndarray, faces: np.ndarray, edge: np.ndarray, strain: np.ndarray, fixed: np.ndarray
+) -> np.ndarray:
+    """Smooths vertices (n,3) around edges (E,2) with a strain above TORN, where a pin and a contact disagreed.
+
+    Vertices in the mask `fixed` (n,) stay.
+    """
+    amount = np.zeros(len(x))
+    amount[edge[strain > TORN].ravel()] = 1
+    average = neighbours(faces, len(x))
+    for _ in range(2):
+        amount = np.maximum(amount, np.minimum(1, average @ amount * 2))
+    amount[fixed] = 0
+    for _ in range(8):
+        x = x + (0.6 * amount)[:, None] * (average @ x - x)
+    return x
+
+
+def drape(
+    levels: list[Level],
+    refine: list[sparse.csr_matrix],
+    cloth: Cloth,
+    settings: list[SolverSettings],
+    surface_at: Callable[[int, bool], tuple[np.ndarray, np.ndarray]],
+    skin: Callable[[np.ndarray, np.ndarray, int], np.ndarray],
+    frames: int,
+    ground: float,
+) -> DrapeResult:
+    """Drapes a garment from coarse to fine: its coarsest level follows the motion, the others settle at the end.
+
+    Args:
+        levels: the garment, from coarse to fine.
+        refine: the matrices from each level's vertices to those of the next.
+        cloth: the fabric's properties.
+        settings: the solver's, for each level.
+        surface_at: (frame, fine) to the vertices and faces of the surface below the garment.
+        skin: (weights, rest positions, frame) to posed positions; moves the pins.
+        frames: the last frame of the motion; 0 if the body does not move.
+        ground: height below which no vertex may be, metres.
+    """
+    history: list[np.ndarray] = []
+    x = skin(levels[0].weights, levels[0].start, 0)
+    for number, (level, solver_settings) in enumerate(zip(levels, settings)):
+        coarsest, finest = number == 0, number == len(levels) - 1
+        solver = ClothSolver(level.rest_shape, level.faces, cloth)
+        solver.move_to(x)
+        pinned = np.flatnonzero(level.pin_weight > 0.01)
+        moving_frames = list(range(1, frames + 1)) if coarsest else []
+        if coarsest:
+            history.append(solver.positions())
+        collider: Collider | None = None
+        for step, frame in enumerate(moving_frames + [frames] * solver_settings.settle_frames):
+            moving = step < len(moving_frames)
+            if collider is None or step <= len(moving_frames):  # at rest, one collider serves all frames
+                previous = frame - 1 if moving else frame
+                start, faces = surface_at(previous, not coarsest)
+                end = surface_at(frame, not coarsest)[0] if moving else start
+                collider = Collider(start, end, faces)
+            solver.step_frame(collider, solver_settings, ground, damping=0.99 if moving else 0.9)
+            if len(pinned):
+                target = skin(level.weights[pinned], level.fitted[pinned], frame)
+                solver.pin(pinned, level.pin_weight[pinned], target, collider, ground)
+            if moving:
+                history.append(solver.positions())
+        x = solver.positions()
+        if finest:
+            x = relax_torn_edges(x, level.faces, solver.edges, solver.strain(), level.pin_weight > 0.99)
+            solver.move_to(x)
+        strain = solver.strain()
+        if coarsest:
+            history[-1] = x
+        if not finest:
+            x = refine[number] @ x
+    return DrapeResult(x, history, strain)

@@ -1,0 +1,278 @@
+"""Wrinkles finer than the simulation: crests across the compression of the cloth, as deep as its excess length asks.
+
+The deformation of the simulated cloth against its pattern gives its excess length and direction (a tension field, as in
+Rohmer et al., "Animation wrinkling: augmenting coarse cloth simulations with realistic-looking wrinkles", 2010). Each
+wrinkle is one crest, traced through that field, that rises and ends: cloth has no endless ripples.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import scipy.sparse as sparse
+from scipy.spatial import cKDTree
+
+from relight.figures.cloth.drape import Level
+from relight.figures.cloth.solver import Crimp
+from relight.figures.surfaces import neighbours, normals
+
+NEAREST = 26  # vertices that a point of a crest may lift
+DENSE_FACTOR = 4  # times as many where vertices are at least twice as dense as usual, as in the cleft of the buttocks
+MAX_SLOPE = 0.14  # height of a crest over its width
+TAPER = 1.4  # height of a crest's middle over that of an endless one that takes up the same length
+SCALES = (1.0, 1.9, 2.6)  # width of the folds of each level, from fine to coarse, over that of the finest
+SHARES = (0.6, 0.4, 0.7)  # of the excess length in each; the simulation has the widest, except where cloth hangs free
+PROFILE = 4.4  # a fold's width over the length in its profile, (1 - t^2) exp(-t^2 / 2)
+MIN_EDGES = 2.7  # edges of a level per fold width
+MAX_CROWD = 2.2  # crests on the area of one
+MAX_EXCESS = 0.20  # excess length, relative
+MAX_HEIGHT = 0.28  # of all crests together, in widths of the finest folds, at the finest scale
+SMOOTHED_EDGE = 0.0062  # edge length for which cloth is averaged 6 times before its deformation is measured, metres
+
+
+def stretch(pattern: np.ndarray, x: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Returns the right Cauchy-Green tensors (n,3,3) of the deformation from the pattern (n,3) to x (n,3).
+
+    They lie in the tangent planes of the pattern, and are averages over the faces of each vertex, weighted by area.
+    """
+    a, b, c = faces.T
+    flat = np.stack([pattern[b] - pattern[a], pattern[c] - pattern[a]], axis=1)
+    bent = np.stack([x[b] - x[a], x[c] - x[a]], axis=1)
+    metric = np.einsum("fix,fjx->fij", flat, flat)
+    area = np.sqrt(np.maximum(metric[:, 0, 0] * metric[:, 1, 1] - metric[:, 0, 1] ** 2, 1e-16))
+    inverse = np.stack([metric[:, 1, 1], -metric[:, 0, 1], -metric[:, 0, 1], metric[:, 0, 0]], 1).reshape(-1, 2, 2)
+    dual = np.einsum("fij,fjx->fix", inverse / area[:, None, None] ** 2, flat)
+    tensor = np.einsum("fix,fij,fjy->fxy", dual, np.einsum("fix,fjx->fij", bent, bent), dual)
+    weight = np.repeat(area, 3)
+    total = np.bincount(faces.ravel(), weight, len(pattern))
+    upper = [(i, j) for i in range(3) for j in range(i, 3)]
+    out = np.empty((len(pattern), 3, 3))
+    for i, j in upper:
+        mean = np.bincount(faces.ravel(), weight * np.repeat(tensor[:, i, j], 3), len(pattern))
+        out[:, i, j] = out[:, j, i] = mean / np.maximum(total, 1e-16)
+    return out
+
+
+def areas(points: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Returns the area (n,) of each vertex of a surface (n,3): a third of that of its faces, square metres."""
+    a, b, c = (points[faces[:, k]] for k in range(3))
+    third = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 6
+    return np.bincount(faces.ravel(), np.repeat(third, 3), len(points))
+
+
+def principal(tensor: np.ndarray, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the least stretch (n,), and its direction (n,3), of tensors (n,3,3) in planes with unit normals."""
+    helper = np.where(np.abs(normal[:, :1]) < 0.7, [[1.0, 0, 0]], [[0.0, 1, 0]])
+    across = np.cross(normal, helper)
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    along = np.cross(normal, across)
+    p, q = (np.einsum("nx,nxy,ny->n", axis, tensor, axis) for axis in (across, along))
+    r = np.einsum("nx,nxy,ny->n", across, tensor, along)
+    mean, spread = (p + q) / 2, np.hypot((p - q) / 2, r)
+    angle = 0.5 * np.arctan2(2 * r, p - q) + np.pi / 2
+    direction = np.cos(angle)[:, None] * across + np.sin(angle)[:, None] * along
+    return np.sqrt(np.maximum(mean - spread, 0)), direction
+
+
+def smooth_noise(points: np.ndarray, size: float, seed: int) -> np.ndarray:
+    """Returns smooth noise (n,) of mean 0 and standard deviation about 1, with features of `size` metres."""
+    rng = np.random.default_rng(seed)
+    waves = rng.normal(size=(12, 3)) / size * 1.6
+    return np.sqrt(2 / 12) * np.cos(points @ waves.T + rng.uniform(0, 2 * np.pi, 12)).sum(1)
+
+
+def trace_crests(
+    tree: cKDTree, normal: np.ndarray, along: np.ndarray, start: np.ndarray, length: np.ndarray, step: float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Traces lines through a direction field on a surface, both ways from some of its vertices.
+
+    Args:
+        tree: of the vertices (n,3), metres.
+        normal: (n,3) unit normals.
+        along: (n,3) the direction field.
+        start: (m,) vertices where lines start.
+        length: (m,) of the lines, metres.
+        step: metres between the points of a line.
+
+    Returns:
+        For each of k points: its place (k,3), the nearest vertex (k,), its line (k,) and its signed distance (k,) from
+        the line's middle over half the line's length, in [-1,1].
+    """
+    points = tree.data
+    places, nearest, lines, distances = [], [], [], []
+    for sign in (1.0, -1.0):
+        place, vertex = points[start].copy(), start.copy()
+        heading = sign * along[start]
+        for k in range(int(np.ceil(length.max() / 2 / step))):
+            unfinished = np.flatnonzero(k * step < length / 2)
+            if k or sign > 0:
+                places.append(place[unfinished])
+                nearest.append(vertex[unfinished])
+                lines.append(unfinished)
+                distances.append(sign * 2 * k * step / length[unfinished])
+            ahead = along[vertex]
+            ahead = ahead * np.where(np.einsum("mx,mx->m", ahead, heading) < 0, -1.0, 1.0)[:, None]
+            heading = 0.5 * heading + 0.5 * ahead
+            heading /= np.maximum(np.linalg.norm(heading, axis=1, keepdims=True), 1e-9)
+            place = place + step * heading
+            vertex = tree.query(place)[1]
+            off = np.einsum("mx,mx->m", place - points[vertex], normal[vertex])
+            place = place - off[:, None] * normal[vertex]
+    return np.concatenate(places), np.concatenate(nearest), np.concatenate(lines), np.concatenate(distances)
+
+
+@dataclass(frozen=True)
+class Region:
+    """The cloth of one level and where it may wrinkle.
+
+    Attributes:
+        rest_shape: (n,3) vertices of the pattern, metres.
+        x: (n,3) the same as draped.
+        faces: (F,3).
+        average: (n,n) matrix of averages over neighbours.
+        free: (n,) in [0,1], how freely the cloth can wrinkle; 0 where it is pinned.
+        hang: (n,) in [0,1], how freely it hangs down.
+        edge: mean length of its edges, metres.
+    """
+
+    rest_shape: np.ndarray
+    x: np.ndarray
+    faces: np.ndarray
+    average: sparse.csr_matrix
+    free: np.ndarray
+    hang: np.ndarray
+    edge: float
+
+
+def compression(region: Region, normal: np.ndarray, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the least stretch (n,) of the cloth and its unit direction (n,3) on the pattern with normals (n,3)."""
+    times = int(np.ceil(6 * (SMOOTHED_EDGE / region.edge) ** 2))  # the same centimetre at all levels
+    rest, draped = (averaged(points, region.average, times) for points in (region.rest_shape, region.x))
+    rows = stretch(rest, draped, region.faces).reshape(-1, 9)
+    for _ in range(3):
+        rows = 0.4 * rows + 0.6 * (region.average @ rows)
+    tensor = rows.reshape(-1, 3, 3)
+    for k in range(3):  # where nothing compresses the cloth, old creases give the direction
+        other = (k + 1) % 3
+        skew = 0.015 * smooth_noise(region.rest_shape, 0.08, seed + 3 + k)
+        tensor[:, k, k] += 0.02 * smooth_noise(region.rest_shape, 0.08, seed + k)
+        tensor[:, k, other] += skew
+        tensor[:, other, k] += skew
+    # cloth that hangs free falls into upright folds
+    level = np.stack([normal[:, 2], 0 * region.hang, -normal[:, 0]], axis=1)
+    tensor -= (0.10 * region.hang)[:, None, None] * level[:, :, None] * level[:, None, :]
+    return principal(tensor, normal)
+
+
+def ridges(region: Region, crimp: Crimp, share: float, max_height: float, seed: int) -> np.ndarray:
+    """Computes the heights of the folds of one width.
+
+    Args:
+        region: the cloth.
+        crimp: width, length and density of the folds.
+        share: of the excess length, which these folds take up.
+        max_height: metres.
+        seed: of their places and sizes.
+
+    Returns:
+        Heights (n,) along the normals, metres.
+    """
+    rest, hang, count = region.rest_shape, region.hang, len(region.x)
+    normal = normals(rest, region.faces)
+    least, across = compression(region, normal, seed)
+    old = np.clip(1 + 0.6 * smooth_noise(rest, 0.10, seed + 7), 0.1, 2.2)
+    room = np.sqrt(share * region.free * np.clip(crimp.slack * old + 1 - least, 0, MAX_EXCESS))
+    along = np.cross(normal, across)
+    rng = np.random.default_rng([seed, 5])
+    length_factor = 1 + 1.2 * hang
+    crowd = MAX_CROWD * np.clip(5 * crimp.density * room, 0, 1)
+    area = areas(rest, region.faces)
+    usual = float(np.median(area))  # sparser vertices start no more crests
+    probability = crowd * np.minimum(area, usual) / (crimp.width * crimp.length * length_factor)
+    start = np.flatnonzero(rng.random(count) < probability)
+    if not len(start):
+        return np.zeros(count)
+    length = crimp.length * length_factor[start] * np.exp(rng.normal(0, 0.45, len(start)))
+    width = crimp.width * np.exp(rng.normal(0, 0.22, len(start)))
+    relief = np.where(rng.random(len(start)) < 0.75, 1.0, -0.7) * np.exp(rng.normal(0, 0.25, len(start)))
+    step = 1.5 * region.edge
+    tree = cKDTree(rest)
+    place, vertex, line, distance = trace_crests(tree, normal, along, start, length, step)
+    # a sinusoid of amplitude A and wavenumber k takes up the relative length (A k / 2)^2
+    rise = relief[line] * width[line] * np.minimum(TAPER * room[vertex] / np.pi, MAX_SLOPE)
+    rise *= np.cos(0.5 * np.pi * np.clip(distance, -1, 1)) ** 0.8
+    height, dense = np.zeros(count), area[vertex] < 0.5 * usual
+    for chosen, nearest in ((np.flatnonzero(~dense), NEAREST), (np.flatnonzero(dense), DENSE_FACTOR * NEAREST)):
+        _, near = tree.query(place[chosen], min(nearest, count))
+        offset, middle = rest[near] - place[chosen, None], vertex[chosen]
+        s = np.einsum("kjx,kx->kj", offset, along[middle]) / step
+        t = np.einsum("kjx,kx->kj", offset, across[middle]) * (PROFILE / width[line[chosen]])[:, None]
+        facing = np.clip(np.einsum("kjx,kx->kj", normal[near], normal[middle]) / 0.6, 0, 1)
+        lift = rise[chosen, None] * facing * (1 - t**2) * np.exp(-0.5 * t**2 - 0.5 * s**2) / np.sqrt(2 * np.pi)
+        height += np.bincount(near.ravel(), lift.ravel(), count)
+    return region.free * max_height * np.tanh(height / max_height)
+
+
+def averaged(values: np.ndarray, average: sparse.csr_matrix, times: int) -> np.ndarray:
+    """Returns vertex values (n,...) averaged `times` with those of their neighbours."""
+    for _ in range(times):
+        values = 0.5 * values + 0.5 * (average @ values)
+    return values
+
+
+def smoothness(points: np.ndarray, faces: np.ndarray, average: sparse.csr_matrix) -> np.ndarray:
+    """Returns 1 where a surface (n,3) is smooth, down to 0 (n,) at sharp turns such as pleats, which have no folds."""
+    normal = normals(points, faces)
+    mean = averaged(normal, average, 6)
+    mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-9)
+    return np.clip((np.einsum("nx,nx->n", normal, mean) - 0.55) / 0.3, 0, 1)
+
+
+def folds(levels: list[Level], refine: list, x: np.ndarray, crimp: Crimp, hang: np.ndarray, seed: int) -> np.ndarray:
+    """Computes the heights of a garment's folds: wider ones on coarser levels, none where the cloth is pinned.
+
+    Args:
+        levels: of the pattern, from coarse to fine.
+        refine: matrices between them.
+        x: (n,3) vertices of the finest level as draped, metres.
+        crimp: of the finest folds.
+        hang: (n,) in [0,1], how freely the cloth hangs down.
+        seed: of the folds' places and sizes.
+
+    Returns:
+        Heights (n,) along the normals, metres.
+    """
+    finest, height = levels[-1], np.zeros(len(x))
+    average = neighbours(finest.faces, len(x))
+    smooth = np.minimum(*(smoothness(points, finest.faces, average) for points in (finest.rest_shape, x)))
+    for back, (scale, share) in enumerate(zip(SCALES[: len(levels)], SHARES), 1):
+        level, widest = levels[-back], scale == SCALES[-1]
+        if widest and not hang.any():
+            continue
+        rest, faces = level.rest_shape, level.faces
+        n = len(rest)  # the vertices of a coarser level are the first ones of a finer level
+        edge = float(np.linalg.norm(rest[faces[:, 0]] - rest[faces[:, 1]], axis=1).mean())
+        width = max(crimp.width * scale, MIN_EDGES * edge)
+        scaled = replace(crimp, width=width, length=crimp.length * max(1.0, width / crimp.width) ** 0.7)
+        free = smooth[:n] * (1 - np.clip(1.5 * level.pin_weight, 0, 1)) * (hang[:n] if widest else 1)
+        level_average = average if back == 1 else neighbours(faces, n)
+        region = Region(rest, x[:n], faces, level_average, free, hang[:n], edge)
+        max_height = MAX_HEIGHT * crimp.width * np.sqrt(scale)
+        level_height = ridges(region, scaled, share, max_height, seed + 100 * back)
+        for matrix in refine[len(refine) - back + 1 :]:
+            level_height = matrix @ level_height
+        height += level_height
+    return smooth * height
+
+
+def varied(crimp: Crimp, seed: int) -> Crimp:
+    """Returns the crimp of one piece of cloth: more or less creased, soft or stiff."""
+    width, slack, density = np.exp(np.array([0.15, 0.22, 0.25]) * np.random.default_rng([seed, 6]).normal(size=3))
+    return replace(crimp, width=crimp.width * width, slack=crimp.slack * slack, density=crimp.density * density)
+
+
+def folded(levels: list[Level], refine: list, x: np.ndarray, crimp: Crimp, hang: np.ndarray, seed: int) -> np.ndarray:
+    """Returns cloth at x (n,3) with its `folds`, raised along its smoothed normals."""
+    faces = levels[-1].faces
+    outward = averaged(normals(x, faces), neighbours(faces, len(x)), 3)
+    outward /= np.maximum(np.linalg.norm(outward, axis=1, keepdims=True), 1e-9)
+    return x + folds(levels, refine, x, crimp, hang, seed)[:, None] * outward

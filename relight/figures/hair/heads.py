@@ -1,0 +1,67 @@
+"""Builds hair of head and face from strands, and hats with the hair that they leave free."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from relight.figures.hair import facial
+from relight.figures.hair.hats import hat
+from relight.figures.hair.locks import grow_locks, tied_hair
+from relight.figures.hair.styles import HairStyle, varied
+from relight.figures.pose.motion import Motion
+from relight.figures.surfaces import Surface
+
+
+@dataclass(frozen=True)
+class HairPart:
+    """A part of hair or hat.
+
+    Attributes:
+        name: of the part.
+        vertices: (V,3) posed, metres.
+        faces: (F,3).
+        uv: (V,2) across and along the strands.
+        kind: hair | hat | brows | lashes | beard, which differ in color.
+    """
+
+    name: str
+    vertices: np.ndarray
+    faces: np.ndarray
+    uv: np.ndarray
+    kind: str = "hair"
+
+
+def build_hair(
+    motion: Motion,
+    style: HairStyle,
+    bearded: float,
+    below: Surface,
+    seed: int,
+    fine: bool,
+) -> list[HairPart]:
+    """Builds the hair of head and face, and the hat, at the last frame.
+
+    Args:
+        motion: of the body into the pose.
+        style: of the hair.
+        bearded: amount of beard, in [0,1].
+        below: vertices and faces of posed skin and clothes.
+        seed: of length, parting, fringe, and of each strand.
+        fine: all strands, else fewer, wider ones.
+    """
+    parts = [
+        HairPart("brows", *facial.brows(motion, seed, fine), "brows"),
+        HairPart("lashes", *facial.lashes(motion, seed, fine), "lashes"),
+    ]
+    beard = facial.beard(motion, bearded, below, seed, fine)
+    if beard is not None:
+        parts.append(HairPart("beard", *beard, "beard"))
+    if style.comb is None:
+        return parts
+    if style.hat != "none":
+        parts += [HairPart(style.name, *strip, "hat") for strip in hat(motion, style)]
+    comb = varied(style.comb, seed)
+    parts.append(HairPart("locks", *grow_locks(motion, comb, below, seed, fine, style.hat != "none")))
+    if style.tie != "none":
+        parts.append(HairPart(style.tie, *tied_hair(motion, style.tie, below, seed, fine)))
+    return parts

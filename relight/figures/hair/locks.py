@@ -1,0 +1,185 @@
+"""Grows guides of hair out of the scalp: they are combed, fall, and lie on head and shoulders. Strands follow them."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from relight.figures.cloth.colliders import Collider
+from relight.figures.cloth.layers import signed_distance
+from relight.figures.hair.combing import (
+    Comb,
+    Roots,
+    below_hat,
+    comb_directions,
+    head_centre,
+    plant_roots,
+    ramp,
+    scalp_roots,
+    tie_point,
+)
+from relight.figures.hair.strands import Strip, random_numbers, ribbons, spread_strands
+from relight.figures.pose.motion import Motion
+from relight.figures.surfaces import Surface
+from relight.figures.texture import noise
+
+CONTACT_RANGE = 0.08  # search range of the surface below a guide, metres
+CLING_RANGE = 0.02  # distance from that surface up to which a guide clings to it with full strength, metres
+
+
+def grow_guides(
+    comb: Comb,
+    roots: Roots,
+    direction: np.ndarray,
+    length: np.ndarray,
+    below: Collider,
+    steps: int,
+    seed: int,
+    heading: np.ndarray | None = None,
+    deflect: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Grows guides step by step: each step follows the last one, falls, and slides along the surface below.
+
+    Args:
+        comb: weight, cling, lift and wander of the hair.
+        roots: of the n guides.
+        direction: (n,3) in which they are combed, posed.
+        length: (n,) metres.
+        below: skin and clothes.
+        steps: per guide.
+        seed: of their wandering.
+        heading: (n,3) first directions; along the skin if it is None.
+        deflect: (points, next points) to next points (n,3), away from where hair must not hang.
+
+    Returns:
+        Points and normals (n,steps+1,3) of the surface below.
+    """
+    n = len(roots.points)
+    layer = comb.body * (0.85 + 0.15 * roots.random[:, 3]) * (0.35 + 0.65 * roots.rim)
+    layer = 0.002 + np.minimum(layer, 0.25 * length)  # short hair lies flat
+    flat = direction - (direction * roots.normals).sum(1, keepdims=True) * roots.normals
+    flat /= np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-9)
+    if heading is None:
+        heading = flat + comb.lift * (0.5 + roots.random[:, :1]) * roots.normals
+    heading /= np.linalg.norm(heading, axis=1, keepdims=True)
+    rise = comb.above * np.sqrt(roots.rim * (2 - roots.rim))
+    at = roots.points + (rise - np.minimum(0.002, 0.1 * length))[:, None] * roots.normals
+    normal = roots.normals
+    points, facings = [at], [normal]
+    step = (length / steps)[:, None]
+    for k in range(1, steps + 1):
+        wander = np.stack([noise(roots.sides[:, c] * 9 + c, np.full(n, 0.7 * k), seed + c) for c in range(3)], -1) - 0.5
+        heading = heading + [0, -comb.weight * min(1.0, 2.5 * k / steps), 0] + comb.wander * wander
+        heading /= np.linalg.norm(heading, axis=1, keepdims=True)
+        ahead = at + step * heading
+        face, distance, facing = signed_distance(ahead, below, CONTACT_RANGE)
+        close = face >= 0
+        normal = np.where(close[:, None], facing, normal)
+        room = layer * min(1.0, k / 2.5)
+        out = np.where(close, room - np.where(close, distance, 0), 0)
+        out = np.where(out > 0, out, comb.cling * (1 - ramp(distance, CLING_RANGE, CONTACT_RANGE)) * out)
+        ahead = ahead + np.clip(out, -0.03, 0.03)[:, None] * normal
+        if deflect is not None:
+            ahead = deflect(at, ahead)
+        heading = (ahead - at) / np.maximum(np.linalg.norm(ahead - at, axis=1, keepdims=True), 1e-9)
+        at = at + step * heading
+        points.append(at)
+        facings.append(normal)
+    normals = np.stack(facings, 1)
+    for _ in range(2):
+        normals[:, 1:-1] = (normals[:, :-2] + 2 * normals[:, 1:-1] + normals[:, 2:]) / 4
+    return np.stack(points, 1), normals
+
+
+def deflect_from_face(motion: Motion) -> Callable[[np.ndarray, np.ndarray], np.ndarray]:
+    """Returns a function that moves hair from the face to its sides, and keeps it from spreading on the shoulders."""
+    centre, head = head_centre(motion.body), motion.bone("head")
+    cheek = motion.body.skin[np.abs(motion.body.skin[:, 1] - centre[1] + 0.05) < 0.02]
+    width = 0.90 * cheek[cheek[:, 2] > centre[2] + 0.03, 0].max()
+
+    def deflect(at: np.ndarray, ahead: np.ndarray) -> np.ndarray:
+        rest, last = ((points - head[:, 3]) @ head[:, :3] - centre for points in (ahead, at))
+        side = np.where(rest[:, 0] > 0, 1.0, -1.0)
+        before = ramp(rest[:, 2], 0.02, 0.06) * ramp(-rest[:, 1], -0.03, 0.02)
+        aside = 0.6 * before * np.maximum(width - np.abs(rest[:, 0]), 0)
+        spread = 0.75 * ramp(-rest[:, 1], 0.09, 0.14) * np.maximum((rest[:, 0] - last[:, 0]) * side, 0)
+        return ahead + ((aside - spread) * side)[:, None] * head[:, 0]
+
+    return deflect
+
+
+def grow_locks(motion: Motion, comb: Comb, below: Surface, seed: int, fine: bool, hat: bool) -> Strip:
+    """Grows all strands of a head.
+
+    Args:
+        motion: of the body into the pose.
+        comb: the style.
+        below: vertices and faces of posed skin and clothes.
+        seed: of each strand.
+        fine: all strands, else a third of them, wider.
+        hat: only hair that a hat leaves free.
+
+    Returns:
+        Posed vertices, faces and uv.
+    """
+    if not fine:
+        comb = coarser(comb)
+    share = below_hat if hat else scalp_roots
+    guides = plant_roots(motion, comb.count, seed, share)
+    direction, length = comb_directions(comb, guides)
+    direction = direction @ motion.bone("head")[:, :3].T
+    goal, _ = tie_point(motion)
+    if comb.direction == "tie":
+        direction = goal - guides.points
+        length = 1.12 * np.linalg.norm(direction, axis=1)
+    steps = int(np.clip(np.ceil(length.max() / (0.014 if fine else 0.022)), 5, 18))
+    deflect = deflect_from_face(motion) if comb.direction == "down" else None
+    points, normals = grow_guides(
+        comb, guides, direction, length, Collider(below[0], *below), steps, seed, deflect=deflect
+    )
+    if comb.direction == "tie":  # closes the gap of the last steps to the tie
+        points = points + ramp(np.linspace(0, 1, steps + 1), 0.3, 1.0)[None, :, None] * (goal - points[:, -1:])
+    roots = plant_roots(motion, comb.count * comb.strands, seed + 1, share)
+    pieces = int(np.clip(np.ceil(length.max() / (0.018 if fine else 0.03)), 4, 14))
+    if comb.curl:
+        pieces = int(np.clip(np.ceil(5 * length.max() / comb.pitch), pieces, 16 if fine else 12))
+    points, normals = spread_strands(comb, guides, points, normals, roots, length, pieces, seed)
+    return ribbons(comb.width, points, normals, roots.random, comb.roll)
+
+
+def tied_hair(motion: Motion, kind: str, below: Surface, seed: int, fine: bool) -> Strip:
+    """Returns posed vertices, faces and uv of a `kind` of tied hair, bun or ponytail."""
+    start, direction = tie_point(motion)
+    count, width = (900, 0.0028) if fine else (260, 0.006)
+    random = random_numbers(count, seed + 50)
+    if kind == "bun":
+        return ribbons(width, *bun_arcs(start + 0.022 * direction, direction, random), random, 0.3)
+    side = np.array([1.0, 0, 0])
+    up = np.cross(direction, side)
+    angle = 2 * np.pi * random[:, 2]
+    spoke = np.cos(angle)[:, None] * side + np.sin(angle)[:, None] * up
+    comb = Comb(count, 0.24, body=0.022, weight=0.4)
+    at = start + 0.010 * np.sqrt(random[:, :1]) * spoke - 0.006 * direction
+    roots = Roots(at, np.tile(direction, (count, 1)), spoke, np.ones(count), random)
+    length = comb.length * (0.7 + 0.45 * random[:, 0])
+    heading = 0.6 * direction + 0.3 * np.sqrt(random[:, :1]) * spoke - np.array([0.0, 0.35, 0.0])
+    surface = Collider(below[0], *below)
+    points, normals = grow_guides(comb, roots, spoke, length, surface, 14 if fine else 9, seed, heading=heading)
+    return ribbons(width, points, np.broadcast_to(spoke[:, None], normals.shape), random, 0.6)
+
+
+def bun_arcs(centre: np.ndarray, axis: np.ndarray, random: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the centre lines and outward normals of arcs around a ball, as hair is wound into a bun."""
+    side = np.cross(axis, [0.0, 1.0, 0.0])
+    side /= np.linalg.norm(side)
+    up = np.cross(side, axis)
+    t = np.linspace(-1.0, 1.0, 12)[None] + 2 * np.pi * random[:, 2:3]
+    height = np.clip((2 * random[:, :1] - 1) + 0.2 * np.sin(t * 0.8), -0.999, 0.999)
+    flat = np.sqrt(1 - height**2)
+    out = (flat * np.cos(t))[..., None] * side + (flat * np.sin(t))[..., None] * up + 0.8 * height[..., None] * axis
+    return centre + out * (0.030 + 0.005 * random[:, 3, None, None]), out
+
+
+def coarser(comb: Comb) -> Comb:
+    """Returns the style with fewer and wider strands, for drafts."""
+    return replace(comb, count=comb.count // 2, strands=max(2, round(comb.strands / 1.5)), width=1.8 * comb.width)

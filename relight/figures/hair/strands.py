@@ -1,0 +1,118 @@
+"""Strands of hair: thin ribbons that follow guides, in locks that draw together toward their tips."""
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from relight.figures.hair.combing import Comb, Roots, ramp
+from relight.figures.texture import lattice, noise
+
+Strip = tuple[np.ndarray, np.ndarray, np.ndarray]  # posed vertices, faces, and uv of the vertices
+DEPTH = 0.002  # range of depths of strands, metres; gaps in a deeper layer would be black
+FLYAWAY = 4.0  # factor of the straying of a few strands
+OUTLINE = ((0.0, 0.15, 0.6, 1.0), (0.75, 1.0, 0.9, 0.15))  # position along a strand, width over that of the comb
+
+
+def line_frames(points: np.ndarray, normals: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns unit vectors (n,m,3) along lines, across them, and upward, given their points and normals (n,m,3)."""
+
+    def unit(vectors: np.ndarray) -> np.ndarray:
+        return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-9)
+
+    along = unit(np.gradient(points, axis=1))
+    across = unit(np.cross(along, normals))
+    return along, across, np.cross(across, along)
+
+
+def interpolate_lines(values: np.ndarray, line: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Interpolates values (g,k,3) on g lines at parameters `at` (n,m) in [0,1] of the lines `line` (n,)."""
+    x = at * (values.shape[1] - 1)
+    i = np.minimum(x.astype(int), values.shape[1] - 2)
+    t = (x - i)[..., None]
+    return values[line[:, None], i] * (1 - t) + values[line[:, None], i + 1] * t
+
+
+def spread_strands(
+    comb: Comb,
+    guides: Roots,
+    points: np.ndarray,
+    normals: np.ndarray,
+    roots: Roots,
+    length: np.ndarray,
+    steps: int,
+    seed: int,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Returns strands (n,steps+1,3) from their roots along the nearest guides, and the normals of the hair.
+
+    A strand keeps its place beside its guide in the guide's frame, drawn toward it by `comb.clump` at the tip; it lies
+    at a depth of its own within DEPTH, strays by `comb.fray`, ends a little earlier than others, and is curled.
+
+    Args:
+        comb: the style.
+        guides: roots of the g guides.
+        points: (g,k,3) of the guides, metres.
+        normals: (g,k,3) of the surface below the guides.
+        roots: of the n strands.
+        length: (g,) of the guides, metres.
+        steps: segments of a strand.
+        seed: of their straying.
+    """
+    n = len(roots.points)
+    line = cKDTree(guides.points).query(roots.points)[1]
+    along, across, up = line_frames(points, normals)
+    off = roots.points - guides.points[line]
+    beside = [np.einsum("nd,nd->n", off, axis[line, 0])[:, None, None] for axis in (along, across, up)]
+    s = np.linspace(0, 1, steps + 1)[None]
+    at = s * (0.78 + 0.22 * roots.random[:, :1])
+    centre, up = interpolate_lines(points, line, at), interpolate_lines(up, line, at)
+    along, across = interpolate_lines(along, line, at), interpolate_lines(across, line, at)
+    near = (1 - comb.clump * ramp(s, 0.05, 1.0))[..., None]
+    risen = ramp(s, 0.0, 0.35) * roots.rim[:, None]
+    depth = DEPTH * (roots.random[:, 3:4] - 0.5) * risen
+    stray = np.where(roots.random[:, 2:3] > 0.94, FLYAWAY, 1.0) * comb.fray * ramp(s, 0.0, 0.8)
+    row = np.arange(n)[:, None] * 7.3
+    wave = [np.broadcast_to(3.0 * s, at.shape) + 11 * k for k in range(2)]
+    aside, rise = (2 * noise(np.broadcast_to(row, at.shape), w, seed + 31 + k) - 1 for k, w in enumerate(wave))
+    rise = np.abs(rise) - 0.3  # more outward than inward, where strands would enter the head
+    if comb.curl:
+        common = roots.random[:, 2:3] if comb.pitch < 0.03 else guides.random[line, 2:3] + 0.12 * roots.random[:, 2:3]
+        angle = 2 * np.pi * (at * length[line, None] / comb.pitch + common)
+        radius = comb.curl * np.minimum(1, 4 * s) * (0.75 + 0.5 * roots.random[:, 1:2])
+        aside = stray * aside + radius * np.sin(angle)
+        rise = stray * rise + radius * (1 + np.cos(angle)) * (0.4 if comb.pitch > 0.06 else 1.0)  # waves lie flat
+    else:
+        aside, rise = stray * aside, stray * rise
+    place = centre + near * (beside[0] * along + beside[1] * across + beside[2] * up)
+    return place + aside[..., None] * across + (depth + rise)[..., None] * up, up
+
+
+def ribbons(width: float, points: np.ndarray, normals: np.ndarray, random: np.ndarray, roll: float) -> Strip:
+    """Builds flat ribbons along lines. Tubes would show too much of their sides for strands of many hairs.
+
+    Args:
+        width: metres.
+        points: (n,m,3) of the lines, metres.
+        normals: (n,m,3) that the ribbons face.
+        random: (n,4) numbers in [0,1].
+        roll: radians by which ribbons are turned about themselves, to either side.
+
+    Returns:
+        Vertices, faces and uv; v runs along the strand.
+    """
+    n, m, _ = points.shape
+    s = np.linspace(0, 1, m)
+    _, across, up = line_frames(points, normals)
+    turn = roll * (2 * random[:, 3] - 1)[:, None, None]
+    half = 0.5 * width * (0.7 + 0.6 * random[:, :1]) * np.interp(s, *OUTLINE)
+    side = half[..., None] * (np.cos(turn) * across + np.sin(turn) * up)
+    ring = np.stack([points - side, points + side], 2)
+    base = (np.arange(n)[:, None] * 2 * m + 2 * np.arange(m - 1)).reshape(-1)
+    faces = np.stack([base, base + 1, base + 2, base + 1, base + 3, base + 2], 1).reshape(-1, 3)
+    u = np.clip(random[:, 1, None, None] + 0.008 * np.array([-1.0, 1]), 0, 1)
+    uv = np.stack(np.broadcast_arrays(u, 1 - s[None, :, None]), -1).reshape(-1, 2)
+    return ring.reshape(-1, 3), faces, uv
+
+
+def random_numbers(count: int, seed: int) -> np.ndarray:
+    """Returns four random numbers in [0,1) for each strand, (count,4)."""
+    number = np.arange(count)
+    return np.stack([lattice(number, np.full(count, k), seed) for k in range(4)], -1)

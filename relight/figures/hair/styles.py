@@ -1,0 +1,84 @@
+"""Hair styles and colors: what there is, and how one is drawn."""
+
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from relight.figures.body.person import Person
+from relight.figures.catalogue.schema import entries
+from relight.figures.hair.combing import Comb
+from relight.figures.texture import Color, lattice
+
+LIGHT_SKIN_COLORS = {
+    "dark brown": 0.25, "brown": 0.28, "auburn": 0.08, "blond": 0.2, "fair": 0.08, "red": 0.04, "black": 0.07,
+}  # fmt: skip
+DARK_SKIN_COLORS = {"black": 0.6, "dark brown": 0.32, "brown": 0.08}
+
+
+@dataclass(frozen=True)
+class HairStyle:
+    """A hair style.
+
+    Attributes:
+        name: as `relight figures --names` lists it.
+        comb: how the hair lies, or None for painted hair only.
+        tie, hat: its kind, or none.
+        slack: metres between scalp and hat.
+        scalp: coverage of the cropped hair painted on the scalp, in [0,1].
+        men, women: how often they have it, relative to other styles.
+        african: likewise, for people of mostly African ancestry; None if that makes no difference.
+        balding: whether it is more frequent with age, among men.
+    """
+
+    name: str
+    comb: Comb | None = None
+    tie: Literal["none", "bun", "ponytail"] = "none"
+    hat: Literal["none", "beanie", "cap"] = "none"
+    slack: float = 0.0
+    scalp: float = 1.0
+    men: float = 0.0
+    women: float = 0.0
+    african: float | None = None
+    balding: bool = False
+
+
+def styles() -> dict[str, HairStyle]:
+    """Returns all hair styles, by name."""
+    return entries("hair", "styles", HairStyle)
+
+
+def style_odds(woman: bool, person: Person, names: Collection[str] = ()) -> np.ndarray:
+    """Returns the probability of each of `styles` (S,), 0 for those that `names` excludes; all 0 if none is left."""
+    odds = []
+    for style in styles().values():
+        weight = style.women if woman else style.men
+        if style.balding and not woman:
+            weight += max(0, person.age - 35) / 20
+        if style.african is not None and person.ancestry[0] > 0.5:
+            weight = style.african
+        odds.append(weight * (not names or style.name in names))
+    return np.array(odds) / max(np.sum(odds), np.finfo(float).tiny)
+
+
+def sample_color(rng: np.random.Generator, person: Person) -> Color:
+    """Draws the linear albedo of a person's hair: grey or white with age, else by skin and ancestry."""
+    if rng.random() < np.clip((person.age - 42) / 35, 0, 0.9):
+        name = "white" if rng.random() < (person.age - 50) / 40 else "grey"
+    else:
+        odds = LIGHT_SKIN_COLORS if person.skin > 0.72 and person.ancestry[2] > 0.4 else DARK_SKIN_COLORS
+        name = str(rng.choice(list(odds), p=list(odds.values())))
+    red, green, blue = (np.array(entries("colors", "hair", Color)[name]) * np.exp(rng.normal(0, 0.12))).tolist()
+    return red, green, blue
+
+
+def varied(comb: Comb, seed: int) -> Comb:
+    """Draws one person's length, parting and fringe."""
+    a, b, c = (float(lattice(np.array(seed), np.array(k), 77)) for k in range(3))
+    return replace(
+        comb,
+        length=comb.length * (0.85 + 0.3 * a),
+        part=comb.part * (1 if b < 0.5 else -1),
+        fringe=comb.fringe if comb.fringe == 0 or c < 0.7 else 0.0,
+    )

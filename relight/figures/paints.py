@@ -1,0 +1,117 @@
+"""Paints of a figure's parts: functions from an outfit to a material, and the materials that all outfits share."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from relight.figures.body import skin
+from relight.figures.body.person import Person
+from relight.figures.builder import Paint
+from relight.figures.outfits import Outfit
+from relight.figures.tailor import footwear, panels, trims
+from relight.figures.tailor.aging import aged
+from relight.figures.tailor.fabrics import Fabric
+from relight.figures.tailor.garments import Garment
+from relight.figures.tailor.marks import images, marks
+from relight.figures.tailor.patterns import Pattern
+from relight.figures.tailor.seams import stitched
+from relight.figures.tailor.weaves import woven
+from relight.figures.texture import coded, noise
+from relight.meshes import Material
+
+
+@dataclass(frozen=True)
+class GarmentPaint:
+    """Paints the texture atlas of a garment: its fabric, seams and wear.
+
+    Attributes:
+        number: of the garment in the outfit.
+        garment: as it was cut.
+        atlas: its panels.
+        marks: see `marks.images`.
+    """
+
+    number: int
+    garment: Garment
+    atlas: panels.Panels
+    marks: dict[str, np.ndarray]
+
+    @classmethod
+    def of(cls, pattern: Pattern, number: int, atlas: panels.Panels) -> "GarmentPaint":
+        """Returns the paint of the garment that is cut by a pattern."""
+        return cls(number, pattern.garment, atlas, images(atlas, marks(pattern)))
+
+    def __call__(self, outfit: Outfit) -> Material:
+        """Returns the material of the garment in an outfit."""
+        worn, texel = outfit.garments[self.number], 1 / self.atlas.scale
+
+        def paint(panel: str, u: np.ndarray, v: np.ndarray, place: tuple[slice, slice]) -> np.ndarray:
+            faces = self.atlas.panel == self.atlas.names.index(panel)
+            top = self.atlas.cloth[faces][..., 1].max()
+            color = woven(worn.fabric, panel, u, v, texel)
+            color = stitched(self.garment, worn.fabric.kind, panel, u, v, top, color)
+            marks_here = {mark: image[place] for mark, image in self.marks.items()}
+            return aged(self.garment, worn.fabric, panel, u, v, marks_here, texel, color)
+
+        return Material(texture=panels.draw(self.atlas, paint), name=worn.garment.name)
+
+
+def cord_paint(number: int) -> Paint:
+    """Returns the paint of the cords of a hood, paler than the garment with this number."""
+
+    def paint(outfit: Outfit) -> Material:
+        ground = np.array(outfit.garments[number].fabric.first, np.float32)
+        return Material(0.5 * (ground + 0.7), name="hood cord")
+
+    return paint
+
+
+def shoe_paint(part: str) -> Paint:
+    """Returns the paint of a part of the shoes, named as in `footwear.palette`."""
+
+    def paint(outfit: Outfit) -> Material:
+        return Material(footwear.palette(outfit.shoe, outfit.upper, outfit.sole)[part], name=f"shoes: {part}")
+
+    return paint
+
+
+ACCESSORIES: dict[str, tuple[float, Callable[[Outfit], Fabric | None]]] = {  # width of the cloth, metres; its fabric
+    "hat": (0.6, lambda outfit: outfit.hat),
+    "tie": (trims.TIE, lambda outfit: outfit.tie),
+    "belt": (0.3, lambda outfit: outfit.belt),
+}
+
+
+def accessory_paint(name: str, side: int) -> Paint:
+    """Returns the paint of one of ACCESSORIES: a square of fabric as a texture of `side` pixels."""
+    width, fabric_of = ACCESSORIES[name]
+    u, v = np.meshgrid((np.arange(side) + 0.5) / side, (np.arange(side) + 0.5) / side)
+
+    def paint(outfit: Outfit) -> Material:
+        fabric = fabric_of(outfit)
+        assert fabric is not None  # all outfits of a figure have the same clothes
+        return Material(texture=coded(woven(fabric, "front", width * u, -0.5 * width * v, width / side)), name=name)
+
+    return paint
+
+
+def skin_material(person: Person, outfit: Outfit, side: int, seed: int) -> Material:
+    """Returns the material of a person's skin, with a texture of `side` pixels."""
+    hair_color = np.array(outfit.hair_color)
+    texture = skin.paint_skin(person, hair_color, outfit.hair.scalp, outfit.beard, outfit.makeup, side, seed)
+    return Material(texture=texture, name="skin")
+
+
+def hair_material(outfit: Outfit, kind: str, side: int, seed: int) -> Material:
+    """Returns a material with strands along v of varying lightness; `kind` is hair, beard, brows or lashes."""
+    color = np.array(outfit.hair_color)
+    if kind == "lashes":
+        return Material((0.3 * np.minimum(color, 0.12)).astype(np.float32), name=kind)
+    if kind == "brows":
+        color = skin.brow_color(color)
+    u, v = np.meshgrid((np.arange(side) + 0.5) / side, (np.arange(side) + 0.5) / side)
+    pale = float(np.clip(color.mean() / 0.3, 0, 1))  # light hair varies less, in shares of its own albedo
+    spread = 0.30 - 0.16 * pale
+    streaks = noise(u * 120, v * 5, seed) + 0.7 * noise(u * 31, v * 3, seed + 1) - 0.85
+    return Material(texture=coded(color * np.exp(2.4 * spread * streaks)[..., None]), name=kind)

@@ -1,0 +1,1 @@
+"""Poses, the motion into them, and props."""

@@ -1,0 +1,87 @@
+"""The motion of a body from its rest pose into a pose, and skinning: how its vertices follow the bones."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from relight.figures.body import makehuman
+from relight.figures.body.person import Body
+from relight.figures.pose.solver import PoseSolver
+from relight.figures.pose.stances import Pose
+
+
+@dataclass(frozen=True)
+class Motion:
+    """How a body moves from its rest pose into a pose.
+
+    Attributes:
+        body: in its rest pose.
+        transforms: (T,B,3,4) bone transforms from the rest pose to each frame; the last frame is the pose.
+        bones: indices of the bones by name.
+    """
+
+    body: Body
+    transforms: np.ndarray
+    bones: dict[str, int]
+
+    def skin(self, weights: np.ndarray, rest: np.ndarray, frame: int = -1) -> np.ndarray:
+        """Returns vertices (V,3) at a frame by linear blend skinning with weights (V,B), from their rest pose (V,3)."""
+        return skinned(weights, rest, self.transforms[frame])
+
+    @cached_property
+    def posed_skin(self) -> np.ndarray:
+        """The vertices (n,3) of the skin in the pose, metres."""
+        return self.skin(makehuman.rig().weights[makehuman.BODY], self.body.skin)
+
+    def bone(self, name: str) -> np.ndarray:
+        """Returns the transform (3,4) of a bone from the rest pose into the pose."""
+        return self.transforms[-1, self.bones[name]]
+
+    def joint(self, name: str) -> np.ndarray:
+        """Returns the joint (3,) of a bone in the pose, metres."""
+        bone = self.bone(name)
+        return bone[:, :3] @ self.body.joints[name] + bone[:, 3]
+
+
+def skinned(weights: np.ndarray, rest: np.ndarray, transforms: np.ndarray) -> np.ndarray:
+    """Returns vertices (V,3) by linear blend skinning with weights (V,B) and bone transforms (B,3,4)."""
+    blend = (weights @ transforms.reshape(-1, 12)).reshape(-1, 3, 4)
+    return np.einsum("nij,nj->ni", blend[:, :, :3], rest) + blend[:, :, 3]
+
+
+def rotation_vectors(local: dict[str, Rotation]) -> np.ndarray:
+    """Returns the rotation vectors (B,3) of all bones, 0 for those without a rotation."""
+    return np.stack([local[bone].as_rotvec() if bone in local else np.zeros(3) for bone in makehuman.rig().bones])
+
+
+def bone_transforms(body: Body, vectors: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """Returns transforms (B,3,4) from the rest pose for rotation vectors (B,3) of the bones and a shift (3,) of all."""
+    rig = makehuman.rig()
+    joints = np.stack([body.joints[bone] for bone in rig.bones])
+    rotations = Rotation.from_rotvec(vectors).as_matrix()
+    out = np.empty((len(rig.bones), 3, 4))
+    for b, parent in enumerate(rig.parent):
+        parent_transform = out[parent] if parent >= 0 else np.c_[np.eye(3), shift]
+        out[b, :, :3] = parent_transform[:, :3] @ rotations[b]
+        joint = parent_transform[:, :3] @ joints[b] + parent_transform[:, 3]
+        out[b, :, 3] = joint - out[b, :, :3] @ joints[b]
+    return out
+
+
+def build_motion(body: Body, pose: Pose, frames: int) -> Motion:
+    """Interpolates from the rest pose to a pose in `frames` + 1 frames, slowly at both ends.
+
+    The lowest vertex of the skin ends at y = 0.
+    """
+    rig = makehuman.rig()
+    solver = PoseSolver(body)
+    local = solver.solve(pose)
+    vectors = rotation_vectors(local)
+    u = np.linspace(0, 1, frames + 1)
+    transforms = np.stack([bone_transforms(body, vectors * a, solver.shift * a) for a in u * u * (3 - 2 * u)])
+    lowest = skinned(rig.weights[makehuman.BODY], body.skin, transforms[-1])[:, 1].min()
+    transforms[..., 1, 3] -= lowest
+    turned = Rotation.from_euler("y", pose.turn, degrees=True).as_matrix() @ transforms
+    return Motion(body, turned, {bone: i for i, bone in enumerate(rig.bones)})

@@ -1,0 +1,224 @@
+"""Props that figures hold or sit on: phone, cup, bag, stool."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from relight.figures.body import makehuman
+from relight.figures.cloth.colliders import Collider
+from relight.figures.cloth.layers import signed_distance
+from relight.figures.pose.motion import Motion
+from relight.figures.pose.solver import orthonormal_frame, unit
+from relight.figures.pose.stances import Pose
+from relight.figures.surfaces import Surface, stacked
+from relight.meshes import Material
+
+GREYS = (0.02, 0.04, 0.12, 0.45, 0.7)  # luminance of albedo
+TINTS = ((1.0, 1.0, 1.0), (1.25, 0.95, 0.75), (0.75, 1.0, 1.3), (1.5, 0.7, 0.6), (0.8, 1.15, 0.7))
+BAG_CLEARANCE = 0.012  # metres between a bag and the clothes
+MAX_BAG_OFFSET = 0.16  # largest distance that a bag is moved outward, metres
+SEAT = (0.20, 0.19, 0.035)  # half the width and depth of a stool's seat, and its thickness, metres
+LEG = 0.016  # half the thickness of its legs
+SEAT_RANGE = 0.03  # largest distance of cloth on the seat from the thighs, metres
+MAX_HANGING = 0.02  # share of the vertices above or below the seat that may hang below it; skirts have more
+
+
+@dataclass(frozen=True)
+class Prop:
+    """A prop: vertices (V,3) posed, faces (F,3), material."""
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    material: Material
+
+
+def box(half: tuple[float, float, float], rounding: float = 0.0, bulge: float = 0.0) -> Surface:
+    """Builds a closed box around the origin, finely divided.
+
+    Args:
+        half: half of its sides, metres.
+        rounding: radius of its edges.
+        bulge: metres by which the middles of its sides at both ends of z bulge.
+
+    Returns:
+        Vertices (V,3) and faces (F,3), counter-clockwise outward.
+    """
+    n = 9
+    t = np.linspace(-1, 1, n)
+    u, v = (grid.ravel() for grid in np.meshgrid(t, t))
+    i = np.arange(n * n).reshape(n, n)
+    a, b, c, d = (corner.ravel() for corner in (i[:-1, :-1], i[:-1, 1:], i[1:, 1:], i[1:, :-1]))
+    square = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    sides = []
+    for axis in range(3):
+        for sign in (1, -1):
+            side = np.empty((n * n, 3))
+            side[:, axis], side[:, (axis + 1) % 3], side[:, (axis + 2) % 3] = sign, sign * u, v
+            sides.append((side, square))
+    unit_cube, faces = stacked(sides)
+    _, first, inverse = np.unique(unit_cube.round(6), axis=0, return_index=True, return_inverse=True)
+    unit_cube, faces = unit_cube[first], inverse.reshape(-1)[faces]
+    inner = np.maximum(np.array(half) - rounding, 1e-4)
+    core = unit_cube * inner
+    out = np.where(np.abs(unit_cube) > 1 - 1e-6, np.sign(unit_cube), 0.0)
+    x = core + rounding * out / np.linalg.norm(out, axis=1, keepdims=True)
+    swell = bulge * (1 - unit_cube[:, 0] ** 2) * (1 - unit_cube[:, 1] ** 2)
+    x[:, 2] += np.sign(unit_cube[:, 2]) * swell * (np.abs(unit_cube[:, 2]) > 1 - 1e-6)
+    return x, faces
+
+
+def revolved(profile: np.ndarray, sides: int = 28) -> Surface:
+    """Builds a surface of revolution about y from a profile (m,2): radius and height, from its lower end up."""
+    angle = 2 * np.pi * np.arange(sides) / sides
+    ring = np.stack([np.sin(angle), np.zeros(sides), np.cos(angle)], 1)
+    x = profile[:, None, :1] * ring + profile[:, None, 1:] * np.array([0.0, 1.0, 0.0])
+    i = np.arange(len(profile) * sides).reshape(len(profile), sides)
+    a, b, c, d = (corner.ravel() for corner in (i[:-1], np.roll(i, -1, 1)[:-1], np.roll(i, -1, 1)[1:], i[1:]))
+    x, faces = x.reshape(-1, 3), np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    area = np.linalg.norm(np.cross(x[faces[:, 1]] - x[faces[:, 0]], x[faces[:, 2]] - x[faces[:, 0]]), axis=1)
+    return x, faces[area > 1e-12]  # triangles at the ends are degenerate
+
+
+def strap(line: np.ndarray, across: np.ndarray, width: float, thickness: float) -> Surface:
+    """Builds a closed strap along a line (m,3), whose width is along `across` (3,), perpendicular to the line."""
+    along = np.gradient(line, axis=0)
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    side = np.broadcast_to(unit(across), line.shape)
+    up = np.cross(along, side)
+    ring = [line + s * width / 2 * side + t * thickness / 2 * up for s, t in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+    x = np.stack(ring, 1)
+    i = np.arange(4 * len(line)).reshape(-1, 4)
+    j = np.roll(i, -1, axis=1)
+    a, b, c, d = (corner.ravel() for corner in (i[:-1], j[:-1], j[1:], i[1:]))
+    sides = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    ends = [[i[0, 0], i[0, 2], i[0, 1]], [i[0, 0], i[0, 3], i[0, 2]]]
+    ends += [[i[-1, 0], i[-1, 1], i[-1, 2]], [i[-1, 0], i[-1, 2], i[-1, 3]]]
+    return x.reshape(-1, 3), np.concatenate([sides, ends])
+
+
+def transformed(surface: Surface, axes: np.ndarray, at: np.ndarray) -> Surface:
+    """Returns a surface with its axes along the columns of an orthonormal matrix (3,3), and its origin at `at` (3,)."""
+    vertices, faces = surface
+    return vertices @ axes.T + at, faces if np.linalg.det(axes) > 0 else faces[:, ::-1]
+
+
+def sample_color(rng: np.random.Generator, min_grey: float = 0.0) -> np.ndarray:
+    """Draws a linear albedo (3,), of GREYS of at least `min_grey`, tinted."""
+    grey = rng.choice([grey for grey in GREYS if grey >= min_grey])
+    return np.clip(grey * np.array(TINTS[rng.integers(len(TINTS))]), 0.01, 0.85).astype(np.float32)
+
+
+def palm(motion: Motion, side: str) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the root (3,) of a posed hand's fingers, and its axes (3,3): along them, out of the palm, across."""
+    bones = ("wrist", "finger3-1", "finger2-1", "finger5-1")
+    wrist, root, index, little = (motion.joint(f"{bone}.{side}") for bone in bones)
+    out = np.cross(index - little, root - wrist) * (-1 if side == "L" else 1)
+    return root, orthonormal_frame(root - wrist, out)
+
+
+def hand_prop(kind: str, motion: Motion, side: str, figure: Surface, rng: np.random.Generator) -> list[Prop]:
+    """Builds the prop in a posed hand.
+
+    Args:
+        kind: phone | cup | bag.
+        motion: of the body into the pose.
+        side: L | R, of the hand.
+        figure: vertices and faces of the posed and dressed figure, from which a bag keeps BAG_CLEARANCE.
+        rng: random generator.
+
+    Returns:
+        The prop; none if there is no room for a bag.
+    """
+    root, axes = palm(motion, side)
+    along, out, _ = axes.T
+    if kind == "phone":
+        phone = transformed(box((0.074, 0.004, 0.036), 0.004), axes, root + 0.020 * out + 0.012 * along)
+        return [Prop(*phone, Material(sample_color(rng), name="phone"))]
+    if kind == "cup":
+        tall = 0.105
+        profile = np.array(
+            [(0, 0), (0.026, 0), (0.029, 0.002), (0.037, tall), (0.039, tall + 0.004), (0.036, tall + 0.006), (0, tall)]
+        )
+        x, faces = revolved(profile)
+        place = root + 0.052 * out - 0.018 * along - np.array([0.0, 0.5 * tall + 0.01, 0.0])
+        return [Prop(place + x, faces, Material(sample_color(rng, 0.12), name="cup"))]
+    grip = root + 0.030 * out
+    outward = np.array([1.0 if side == "L" else -1.0, 0.0, 0.0])
+    ahead = motion.bone("root")[:, 2]
+    outward = orthonormal_frame(ahead * [1, 0, 1], outward)[:, 1]
+    high, wide, loop = rng.uniform(0.11, 0.16), rng.uniform(0.13, 0.18), rng.uniform(0.12, 0.18)
+    turn = np.stack([orthonormal_frame(ahead * [1, 0, 1], outward)[:, 0], [0.0, 1.0, 0.0], outward], axis=1)
+    x, faces = transformed(box((wide, high, 0.035), 0.012, bulge=0.012), turn, grip - [0, loop + high, 0])
+    surface = Collider(figure[0], *figure)
+    away = 0.0
+    while away <= MAX_BAG_OFFSET:
+        face, distance, _ = signed_distance(x + away * outward, surface, 0.1)
+        if not ((face >= 0) & (distance < BAG_CLEARANCE)).any():
+            break
+        away += 0.01
+    else:
+        return []
+    material = Material(sample_color(rng), name="bag")
+    s = np.linspace(-1, 1, 25)[:, None]
+    straps = []
+    for sign in (1, -1):
+        foot = x.mean(0) + away * outward + sign * 0.033 * outward + [0, high - 0.02, 0]
+        line = foot + 0.55 * wide * s * turn[:, 0]
+        rise = (1 - s**4) * (grip + 0.006 * sign * outward - foot)
+        straps.append(strap(line + rise - 0.55 * wide * s * (1 - s**4) * 0.75 * turn[:, 0], outward, 0.004, 0.02))
+    pieces = stacked([(x + away * outward, faces), *straps])
+    return [Prop(*pieces, material)]
+
+
+def stool(motion: Motion, figure: Surface, ground: float, rng: np.random.Generator) -> list[Prop]:
+    """Builds a stool under a sitting figure, or none under a skirt, which hangs where the seat would be.
+
+    Args:
+        motion: of the body into the pose.
+        figure: vertices and faces of the posed and dressed figure.
+        ground: height of the floor, metres.
+        rng: random generator.
+    """
+    skin = motion.posed_skin
+    skin = skin[makehuman.bone_weights("root", "pelvis", "upperleg") > 0.5]
+    low = skin[skin[:, 1] < skin[:, 1].min() + 0.04]
+    ahead = unit(motion.bone("root")[:, 2] * [1, 0, 1])
+    up = np.array([0.0, 1.0, 0.0])
+    axes = np.stack([np.cross(up, ahead), up, ahead], axis=1)
+    centre = np.array([*low.mean(0)[:1], low[:, 1].min(), *low.mean(0)[2:]])
+    off = (figure[0] - centre) @ axes
+    over = (np.abs(off[:, 0]) < SEAT[0]) & (np.abs(off[:, 2]) < SEAT[1])
+    core = over & (np.abs(off[:, 2]) < 0.5 * SEAT[1]) & (np.abs(off[:, 1]) < SEAT_RANGE)  # calves hang before it
+    top = float(np.percentile(figure[0][core, 1], 0.5))
+    below = over & (figure[0][:, 1] < top - SEAT_RANGE) & (figure[0][:, 1] > top - 4 * SEAT_RANGE)
+    if below.sum() > MAX_HANGING * over.sum():
+        return []
+    wide, deep, thick = SEAT
+    cushion = transformed(box((wide, thick / 2, deep), 0.012), axes, np.array([centre[0], top - thick / 2, centre[2]]))
+    legs = []
+    tall = top - thick - ground
+    for sx in (-1, 1):
+        for sz in (-1, 1):
+            leg, faces = box((LEG, tall / 2, LEG), 0.004)
+            leg[:, [0, 2]] += 0.03 * np.array([sx, sz]) * (0.5 - leg[:, 1:2] / tall)
+            corner = axes @ [sx * (wide - 0.04), 0, sz * (deep - 0.04)]
+            legs.append(transformed((leg, faces), axes, corner + [centre[0], ground + tall / 2, centre[2]]))
+    seat, wood = sample_color(rng), sample_color(rng)
+    return [Prop(*cushion, Material(seat, name="seat")), Prop(*stacked(legs), Material(wood, name="stool legs"))]
+
+
+def props(motion: Motion, pose: Pose, figure: Surface, seed: int) -> list[Prop]:
+    """Builds all props of a figure.
+
+    Args:
+        motion: of the body into the pose.
+        pose: has the props of the hands, and whether the figure sits.
+        figure: vertices and faces of the posed and dressed figure, which stands on the floor.
+        seed: of colors and sizes.
+    """
+    rng = np.random.default_rng([seed, 5])
+    out = stool(motion, figure, float(figure[0][:, 1].min()), rng) if pose.sitting else []
+    for side, hand in (("L", pose.left), ("R", pose.right)):
+        if hand.holds:
+            out += hand_prop(hand.holds, motion, side, figure, rng)
+    return out

@@ -1,0 +1,206 @@
+"""Solves stances into bone rotations of a body by inverse kinematics.
+
+A bone's rotation is given in world-aligned axes relative to its parent, so a pose reads the same for every body. Arms
+and legs are set by closed-form two-bone inverse kinematics from the positions of hands and feet.
+"""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from relight.figures.body import makehuman
+from relight.figures.body.person import Body
+from relight.figures.pose.stances import NARROWER, Foot, Hand, Pose
+
+MAX_WRIST_BEND = np.radians(65)
+MAX_FOREARM_TWIST = np.radians(95)
+FINGERS_CLOSED = 0.75  # share of the rest pose's angles between fingers that a relaxed hand closes
+THUMB_CLOSED = 0.45  # the same for the thumb
+
+
+def rotation_between(a: np.ndarray, b: np.ndarray) -> Rotation:
+    """Returns the smallest rotation that takes direction a to direction b."""
+    a, b = a / np.linalg.norm(a), b / np.linalg.norm(b)
+    axis = np.cross(a, b)
+    sine = np.linalg.norm(axis)
+    if sine < 1e-9:
+        return Rotation.identity()
+    return Rotation.from_rotvec(axis / sine * np.arctan2(sine, a @ b))
+
+
+def middle_joint(
+    root: np.ndarray, goal: np.ndarray, upper: float | np.floating, lower: float | np.floating, pole: np.ndarray
+) -> np.ndarray:
+    """Solves two-bone inverse kinematics.
+
+    Args:
+        root: (3,) joint of the first bone.
+        goal: (3,) for the tip of the second bone.
+        upper, lower: lengths of the bones.
+        pole: (3,) direction in which the limb bends.
+
+    Returns:
+        (3,) the joint between the bones.
+    """
+    span = goal - root
+    reach = np.minimum(np.linalg.norm(span), 0.998 * (upper + lower))
+    axis = span / np.linalg.norm(span)
+    along = (upper**2 - lower**2 + reach**2) / (2 * reach)
+    side = pole - axis * (pole @ axis)
+    return root + axis * along + side / np.linalg.norm(side) * np.sqrt(max(upper**2 - along**2, 0.0))
+
+
+def unit(vector: np.ndarray) -> np.ndarray:
+    """Returns the vector scaled to length 1."""
+    return vector / np.linalg.norm(vector)
+
+
+def orthonormal_frame(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Returns an orthonormal matrix (3,3): two directions after Gram-Schmidt, and their cross product, as columns."""
+    x = unit(first)
+    y = unit(second - x * (second @ x))
+    return np.stack([x, y, np.cross(x, y)], axis=1)
+
+
+def twist_and_swing(rotation: Rotation, axis: np.ndarray) -> tuple[float, Rotation]:
+    """Splits a rotation into a swing followed by a twist, an angle in (-pi, pi] about a unit axis."""
+    x, y, z, w = rotation.as_quat()
+    angle = 2 * np.arctan2(np.array([x, y, z]) @ axis, w)
+    angle = float((angle + np.pi) % (2 * np.pi) - np.pi)
+    return angle, Rotation.from_rotvec(-angle * axis) * rotation
+
+
+def angle_about(axis: np.ndarray, first: np.ndarray, second: np.ndarray) -> float:
+    """Returns the angle, radians, from one direction to another about a unit axis."""
+    return float(np.arctan2(axis @ np.cross(first, second), first @ second - (axis @ first) * (axis @ second)))
+
+
+class PoseSolver:
+    """Solves a pose into rotations of one body's bones.
+
+    Attributes:
+        local: rotations relative to the parent bone, in world-aligned axes, by bone.
+        shift: (3,) of the root, metres.
+    """
+
+    def __init__(self, body: Body):
+        self.joints, self.rig = body.joints, makehuman.rig()
+        self.local: dict[str, Rotation] = {}
+        self.shift = np.zeros(3)
+
+    def world_transform(self, bone: str) -> tuple[Rotation, np.ndarray]:
+        """Returns world rotation and joint position of a bone under the rotations set so far."""
+        chain = [bone]
+        index = {name: i for i, name in enumerate(self.rig.bones)}
+        while self.rig.parent[index[chain[0]]] >= 0:
+            chain.insert(0, self.rig.bones[self.rig.parent[index[chain[0]]]])
+        rotation, position = Rotation.identity(), self.joints[chain[0]] + self.shift
+        for parent, child in zip([None, *chain], chain):
+            if parent:
+                position = position + rotation.apply(self.joints[child] - self.joints[parent])
+            rotation = rotation * self.local.get(child, Rotation.identity())
+        return rotation, position
+
+    def solve(self, pose: Pose) -> dict[str, Rotation]:
+        """Returns the local rotations of all bones that a pose moves, by name."""
+        leg = self.joints["upperleg01.L"][1] - self.joints["foot.L"][1]
+        self.shift = np.array(pose.shift) * leg
+        self.local["root"] = Rotation.from_euler("yxz", [pose.hips[1], pose.hips[0], pose.hips[2]], degrees=True)
+        lean, twist, tilt = pose.spine
+        for bone in ("spine05", "spine04", "spine03", "spine02", "spine01"):
+            self.local[bone] = Rotation.from_euler("yxz", np.array([twist, lean, tilt]) / 5, degrees=True)
+        # the pose gives the head's rotation in the world, so the neck undoes that of hips and spine
+        head = np.array([pose.head[1], pose.head[0] - 0.5 * (lean + pose.hips[0]), pose.head[2] - tilt - pose.hips[2]])
+        for bone, share in (("neck01", 0.25), ("neck02", 0.25), ("head", 0.5)):
+            self.local[bone] = Rotation.from_euler("yxz", head * share, degrees=True)
+        for side, sign, hand, foot in (("L", 1, pose.left, pose.feet[0]), ("R", -1, pose.right, pose.feet[1])):
+            self.arm(side, sign, hand)
+            self.leg(side, sign, foot, leg)
+        return self.local
+
+    def limb(self, upper: str, lower: str, tip: str, goal: np.ndarray, pole: np.ndarray) -> None:
+        """Rotates two bones so that `tip` reaches `goal` (3,) and the joint between them points toward `pole` (3,)."""
+        j = self.joints
+        rotation, root = self.world_transform(upper)
+        before = rotation * self.local.get(upper, Rotation.identity()).inv()
+        middle = middle_joint(root, goal, np.linalg.norm(j[lower] - j[upper]), np.linalg.norm(j[tip] - j[lower]), pole)
+        self.local[upper] = rotation_between(j[lower] - j[upper], before.inv().apply(middle - root))
+        rotation = before * self.local[upper]
+        self.local[lower] = rotation_between(j[tip] - j[lower], rotation.inv().apply(goal - middle))
+
+    def arm_length(self, side: str) -> float:
+        """Returns the metres from shoulder to wrist of a stretched arm."""
+        j = self.joints
+        upper = np.linalg.norm(j[f"lowerarm01.{side}"] - j[f"upperarm01.{side}"])
+        return float(upper + np.linalg.norm(j[f"wrist.{side}"] - j[f"lowerarm01.{side}"]))
+
+    def arm(self, side: str, sign: int, hand: Hand) -> None:
+        """Rotates the arm of a side ("L" | "R"; sign 1 | -1), from collar bone to fingers."""
+        mirror = np.array([sign, 1, 1])
+        length = self.arm_length(side)
+        raised = np.clip(hand.wrist[1] + 0.25, 0, 1)  # the collar bone helps an arm that goes up
+        self.local[f"clavicle.{side}"] = Rotation.from_euler("z", sign * (18 * raised - 3), degrees=True)
+        trunk, _ = self.world_transform("spine01")
+        _, shoulder = self.world_transform(f"upperarm01.{side}")
+        reach = np.array(hand.wrist)
+        reach = reach / max(1.0, np.linalg.norm(reach) / 0.985)
+        goal = shoulder + trunk.apply(reach * mirror * length)
+        self.limb(
+            f"upperarm01.{side}",
+            f"lowerarm01.{side}",
+            f"wrist.{side}",
+            goal,
+            trunk.apply(np.array(hand.elbow) * mirror),
+        )
+        self.hand(side, mirror, hand, trunk)
+
+    def hand(self, side: str, mirror: np.ndarray, hand: Hand, trunk: Rotation) -> None:
+        """Rotates forearm and wrist, within their limits, to the directions of the hand, and curls its fingers.
+
+        Args:
+            side: L | R.
+            mirror: (3,) signs that take outward to +x or -x.
+            hand: the directions and the curl.
+            trunk: world rotation of the chest; the hand's directions are in its frame.
+        """
+        j = self.joints
+        forearm = unit(j[f"wrist.{side}"] - j[f"lowerarm01.{side}"])
+        across = np.cross(forearm, j[f"finger2-1.{side}"] - j[f"finger5-1.{side}"])
+        hinge = mirror[0] * unit(np.cross(forearm, across))  # axis of the curl; mirroring reverses rotation axes
+        palm = np.cross(hinge, forearm)
+        twist, bend = mirror[0] * np.radians(hand.palm), Rotation.identity()
+        if hand.along is not None:
+            rest = orthonormal_frame(j[f"finger3-1.{side}"] - j[f"wrist.{side}"], palm)
+            goal = orthonormal_frame(
+                *(trunk.apply(np.array(direction) * mirror) for direction in (hand.along, hand.facing))
+            )
+            arm, _ = self.world_transform(f"lowerarm01.{side}")
+            twist, bend = twist_and_swing(arm.inv() * Rotation.from_matrix(goal @ rest.T), forearm)
+            bend = Rotation.from_rotvec(bend.as_rotvec() * min(1.0, MAX_WRIST_BEND / max(bend.magnitude(), 1e-9)))
+        self.local[f"lowerarm02.{side}"] = Rotation.from_rotvec(
+            np.clip(twist, -MAX_FOREARM_TWIST, MAX_FOREARM_TWIST) * forearm
+        )
+        self.local[f"wrist.{side}"] = bend
+        middle = j[f"finger3-2.{side}"] - j[f"finger3-1.{side}"]
+        for finger in (1, 2, 3, 4, 5):
+            first, second = (f"finger{finger}-{part}.{side}" for part in (1, 2))
+            apart = angle_about(palm, middle, j[second] - j[first])
+            closed = THUMB_CLOSED if finger == 1 else FINGERS_CLOSED
+            if hand.holds and finger == 1:
+                closed = 0.0
+            closing = Rotation.from_rotvec(-closed * apart * palm)
+            for part, share in ((1, 0.9), (2, 1.4), (3, 1.0)):
+                curl = np.radians(hand.curl * share * (0.8 + 0.1 * finger) * (finger > 1))
+                bent = Rotation.from_rotvec(hinge * curl)
+                self.local[f"finger{finger}-{part}.{side}"] = bent * closing if part == 1 else bent
+
+    def leg(self, side: str, sign: int, foot: Foot, length: float) -> None:
+        """Rotates the leg of a side ("L" | "R"; sign 1 | -1) with a length in metres."""
+        mirror = np.array([sign, 1, 1])
+        j = self.joints
+        step = np.array(foot.step) - [NARROWER, 0, 0]
+        goal = j[f"foot.{side}"] + step * mirror * length
+        facing = Rotation.from_euler("y", sign * foot.turn, degrees=True)
+        pole = facing.apply([0.05 * sign, 0.25, 1.0])
+        self.limb(f"upperleg01.{side}", f"lowerleg01.{side}", f"foot.{side}", goal, pole)
+        before, _ = self.world_transform(f"lowerleg02.{side}")
+        self.local[f"foot.{side}"] = before.inv() * facing * Rotation.from_euler("x", foot.pitch, degrees=True)

@@ -1,0 +1,1 @@
+"""Garments and shoes: what there is, how it is cut, sewn and painted."""

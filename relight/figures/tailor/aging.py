@@ -1,0 +1,176 @@
+"""Traces of sewing and wear in the albedo: seams, hems, ribs, fading, creases, soil, panels of unequal dye."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from relight.figures.tailor.fabrics import Fabric, trait
+from relight.figures.tailor.garments import Garment
+from relight.figures.tailor.seams import line
+from relight.figures.texture import band, grain, lattice
+
+THREAD = np.array([0.36, 0.20, 0.07])  # of denim's seams
+FADED_DENIM = np.array([0.48, 0.51, 0.55])
+METAL = np.array([0.30, 0.29, 0.27])  # of zips
+RIB = 0.055  # metres of ribbing at hems and cuffs
+FADES = {"denim": 1.0, "leather": 0.45, "corduroy": 0.35, "knit": 0.1, "melange": 0.1, "tweed": 0.08}  # others have .2
+
+
+@dataclass
+class Patch:
+    """The albedo of a panel, on which traces are left one after the other.
+
+    Attributes:
+        garment: of the panel.
+        fabric: its seed gives age and soil.
+        panel: its name.
+        u, v: (h,w) cloth coordinates across and along, metres.
+        marks: (h,w) the panel's part of `marks.images`, by name.
+        texel: metres between the samples.
+        color: (h,w,3) linear albedo, without `log`.
+        log: (h,w) logarithm of the factor by which traces change the albedo.
+    """
+
+    garment: Garment
+    fabric: Fabric
+    panel: str
+    u: np.ndarray
+    v: np.ndarray
+    marks: dict[str, np.ndarray]
+    texel: float
+    color: np.ndarray
+    log: np.ndarray
+
+    @property
+    def number(self) -> int:
+        """Returns a number that differs between panels."""
+        return sum(map(ord, self.panel))
+
+    @property
+    def thin(self) -> float:
+        """Returns the contrast in [0,1] of a line that may be thinner than a texel."""
+        return min(1.0, 0.0016 / self.texel)
+
+    @property
+    def fading(self) -> float:
+        """Returns how much the fabric fades with its age."""
+        return FADES.get(self.fabric.kind, 0.2) * (0.4 + 0.9 * trait(self.fabric, 11))
+
+    @cached_property
+    def uneven(self) -> np.ndarray:
+        """Noise (h,w) of a centimetre."""
+        return self.grain(0.012, 0.012, 60)
+
+    @cached_property
+    def pucker(self) -> np.ndarray:
+        """How near (h,w) the cloth is to a seam or border, in [0,1]."""
+        return np.exp(-np.minimum(self.marks["seam"], self.marks["edge"]) / 0.010)
+
+    @cached_property
+    def rope(self) -> np.ndarray:
+        """Noise (h,w) across the bias, as puckered cloth turns to ropes."""
+        u, v = self.u + self.v, self.v - self.u
+        return grain(u, v, 0.010, 0.014, self.texel, self.fabric.seed + 61, self.offset)
+
+    @property
+    def offset(self) -> float:
+        """Returns a number that makes noise differ between panels."""
+        return 3.17 * (self.number % 19)
+
+    def grain(self, width: float, height: float, number: int) -> np.ndarray:
+        """Returns `texture.grain` (h,w) with features of `width` by `height` metres, another one for each number."""
+        return grain(self.u, self.v, width, height, self.texel, self.fabric.seed + number, self.offset)
+
+    def line(self, distance: np.ndarray) -> np.ndarray:
+        """Returns the coverage (h,w) of a line of stitches at `distance` metres, not thinner than a texel."""
+        return line(distance / max(1.0, self.texel / 0.0011))
+
+    def paint(self, color: np.ndarray, share: np.ndarray) -> None:
+        """Paints a color (3,) or (h,w,3) with a share (h,w)."""
+        self.color = self.color + (color - self.color) * share[..., None]
+
+
+def seams(patch: Patch) -> None:
+    """Darkens the lines of seams."""
+    patch.log -= 0.40 * patch.thin * patch.line(patch.marks["seam"]) * (patch.fabric.kind != "scarf")
+
+
+def hems(patch: Patch) -> None:
+    """Ribs or stitches the borders; on denim also the seams, with yellow thread."""
+    garment, edge = patch.garment, patch.marks["edge"]
+    stitch = patch.line(edge - 0.020 * (1 + (garment.thickness > 0.004)))
+    if patch.fabric.kind not in ("denim", "leather") and max(garment.hem_pin, garment.cuff_pin - 0.1) > 0.35:
+        ribs = 0.30 * patch.thin * (band(patch.u, 0.0055, 0.5, max(0.002, patch.texel)) - 0.5)
+        patch.log += np.clip((RIB - edge) / 0.003, 0, 1) * (ribs - 0.05)
+        patch.log -= 0.30 * patch.thin * patch.line(edge - RIB)
+    elif patch.fabric.kind == "denim":
+        beside = [line(patch.marks["seam"] - distance) for distance in (0.0025, 0.0075)]
+        patch.paint(THREAD, 0.55 * patch.thin * np.maximum(stitch, np.maximum(*beside)))
+    else:
+        patch.log -= 0.22 * patch.thin * stitch
+
+
+def puckers(patch: Patch) -> None:
+    """Shades the small folds along seams and borders."""
+    patch.log += (0.05 + 0.13 * patch.fading) * patch.pucker * patch.rope
+
+
+def fading(patch: Patch) -> None:
+    """Bleaches cloth where it rubs."""
+    worn = patch.marks["rub"] * (0.75 + 0.25 * patch.uneven) + 0.35 * patch.pucker * np.clip(patch.rope, 0, 2)
+    pale = 0.5 * patch.color + 0.5 * FADED_DENIM if patch.fabric.kind == "denim" else 1.5 * patch.color + 0.01
+    patch.paint(pale, np.clip(0.55 * patch.fading * np.clip(worn, 0, 1), 0, 1))
+
+
+def creases(patch: Patch) -> None:
+    """Bleaches old creases, which lost their dye."""
+    lines = np.clip(1 - 1.8 * np.abs(patch.grain(0.055, 0.011, 62)), -0.3, 1)
+    patch.log += (0.02 + 0.13 * patch.fading) * patch.marks["bend"] * lines
+
+
+def soil(patch: Patch) -> None:
+    """Darkens the hems of trousers, and leaves stains."""
+    soiled, seed, number = trait(patch.fabric, 10), patch.fabric.seed, patch.number
+    low = np.exp(-patch.marks["edge"] / 0.035) * (patch.garment.kind == "trousers")
+    patch.log -= 0.25 * soiled * low * np.clip(0.6 + 0.5 * patch.uneven, 0, 2)
+    for stain in range(int(5 * soiled**2 * (0.5 + trait(patch.fabric, 13)))):
+        x, y, r = (float(lattice(np.array(stain), np.array(number + 100 * j), seed)) for j in range(3))
+        x, y = patch.u.min() + x * np.ptp(patch.u), patch.v.min() + y * np.ptp(patch.v)
+        distance = np.hypot(patch.u - x, patch.v - y) / (0.004 + 0.022 * r**2) + 0.15 * patch.uneven
+        patch.log -= (0.10 + 0.22 * r) * np.clip((1.15 - distance) / 0.3, 0, 1)
+
+
+def zip_teeth(patch: Patch) -> None:
+    """Paints the teeth of a zip along an open front."""
+    garment = patch.garment
+    if not garment.front_gap or garment.collar != "stand" or patch.panel != "front":
+        return
+    teeth = (patch.marks["edge"] < 0.006) & (np.abs(patch.u) < 3 * garment.front_gap)
+    metal = 0.35 + 0.65 * patch.thin * band(patch.v, 0.004, 0.5, max(0.001, patch.texel))
+    patch.paint(METAL, 0.8 * teeth * metal)
+
+
+TRACES = (seams, hems, puckers, fading, creases, soil, zip_teeth)  # in this order
+
+
+def aged(
+    garment: Garment,
+    fabric: Fabric,
+    panel: str,
+    u: np.ndarray,
+    v: np.ndarray,
+    marks: dict[str, np.ndarray],
+    texel: float,
+    color: np.ndarray,
+) -> np.ndarray:
+    """Adds traces of sewing and wear to the albedo of a panel; arguments as in `Patch`.
+
+    Returns:
+        (h,w,3) linear albedo.
+    """
+    dye = 2 * trait(fabric, 40 + sum(map(ord, panel)) % 7) - 1  # panels are cut from other bolts
+    patch = Patch(garment, fabric, panel, u, v, marks, texel, color, 0.035 * dye * np.ones(u.shape, u.dtype))
+    for leave in TRACES:
+        leave(patch)
+    return np.clip(patch.color * np.exp(patch.log)[..., None], 0.006, 0.88)

@@ -1,0 +1,321 @@
+"""Collars, neckbands, lapels and hoods: strips that continue the draped neckline, upward or folded onto the cloth."""
+
+from itertools import pairwise
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from relight.figures.cloth.colliders import Collider
+from relight.figures.cloth.layers import signed_distance
+from relight.figures.pose.motion import Motion
+from relight.figures.surfaces import Surface, border_loops, extruded, normals, smoothed, thickened
+from relight.figures.texture import noise
+
+CORD = 0.20  # metres of a drawstring
+CORD_RADIUS = 0.0028  # metres
+CORD_STEP = 0.007  # metres between its rings
+NECK_AXIS = (0.0, 0.94, 0.34)  # of the rest pose: necks lean forward by 20 degrees
+NECK_RANGE = 0.16  # largest distance of the neckline from the base of the neck, metres
+LAPEL = 0.27  # length of lapels below the base of the neck, metres
+BAND = 0.030  # standard deviation of the average by which a neckband smooths the neckline, metres
+BAND_RANGE = 0.045  # width of the cloth beside the neckline that moves with it, metres
+PATH_STEPS = 10  # of a path over the cloth
+SEAM_OFFSET = 0.0005  # metres below the border where a collar begins: vertices at the same place would be merged
+HOOD_CLEARANCE = 0.002  # metres between a hood and the cloth
+HOOD_SMOOTHING = 30  # times that a hood's paths, and the cloth under it, are averaged with their neighbours
+HOOD = (  # rows of a hood that lies on the back: share of its length, height over its thickness
+    (0.2, 0.10), (0.5, 0.10), (0.8, 0.12), (0.97, 0.22), (1.0, 0.55), (0.92, 0.85), (0.7, 1.0), (0.42, 1.05),
+    (0.2, 0.95), (0.08, 0.75), (0.05, 0.6),
+)  # fmt: skip
+
+
+def neck_of(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the base of the posed neck (3,), metres, and its axes (3,3): left, up, forward."""
+    turn = motion.bone("neck01")[:, :3]
+    left, up = turn @ [1.0, 0.0, 0.0], turn @ NECK_AXIS
+    return motion.joint("neck01"), np.stack([left, up, np.cross(left, up)])
+
+
+def neckline(
+    vertices: np.ndarray, faces: np.ndarray, neck: np.ndarray, up: np.ndarray, low: float = 0.0
+) -> tuple[np.ndarray, bool] | None:
+    """Finds the border around the neck.
+
+    Args:
+        vertices: (n,3) metres.
+        faces: (F,3).
+        neck: (3,) base of the posed neck, metres.
+        up: (3,) its axis.
+        low: metres below the neck down to which the edges of an open front belong to the neckline.
+
+    Returns:
+        Its vertices (m,) in order, and whether it is a closed loop, which begins in front; None if there is none.
+    """
+    for ring in border_loops(faces):
+        away = vertices[ring] - neck
+        near = np.linalg.norm(away, axis=1) < NECK_RANGE
+        if near.sum() < 12:
+            continue
+        near |= (np.linalg.norm(away, axis=1) < 2 * low) & (away @ up > -low)
+        if near.all():
+            front = int(np.argmax(vertices[ring, 2] - 0.2 * np.abs(vertices[ring, 0] - neck[0])))
+            return np.roll(ring, -front), True
+        first = np.flatnonzero(near & ~np.roll(near, 1))
+        run = max((np.roll(ring, -k)[: int(np.argmin(np.roll(near, -k)))] for k in first), key=len)
+        return (run, False) if len(run) > 12 else None
+    return None
+
+
+def smooth_line(values: np.ndarray, times: int, closed: bool) -> np.ndarray:
+    """Returns values (m,...) along a line, averaged `times` with neighbours; the ends of an open line stay."""
+    for _ in range(times):
+        mean = 0.5 * values + 0.25 * (np.roll(values, 1, 0) + np.roll(values, -1, 0))
+        if not closed:
+            mean[[0, -1]] = values[[0, -1]]
+        values = mean
+    return values
+
+
+def banded(vertices: np.ndarray, faces: np.ndarray, smooth: np.ndarray, neck: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Smooths a garment's neckline as a neckband does, and returns the vertices (n,3).
+
+    The border's displacement from a smooth border is replaced by its average along it, with a Gaussian of standard
+    deviation BAND. Averages with both neighbours, repeated, tend to a Gaussian: each adds half the square of the
+    distance between vertices to its variance. The cloth beside the border follows, less and less up to BAND_RANGE.
+
+    Args:
+        vertices: (n,3) as draped, metres.
+        faces: (F,3).
+        smooth: (n,3) the garment close around the body, without folds, metres.
+        neck: (3,) base of the posed neck.
+        up: (3,) its axis.
+    """
+    border = neckline(vertices, faces, neck, up)
+    if border is None:
+        return vertices
+    ring, closed = border
+    spacing = np.linalg.norm(np.diff(smooth[ring], axis=0), axis=1).mean()
+    averagings = round(BAND**2 / (0.5 * spacing**2))
+    displacement = (vertices - smooth)[ring]
+    move = smooth_line(displacement, averagings, closed) - displacement
+    distance, nearest = cKDTree(vertices[ring]).query(vertices, 4, distance_upper_bound=BAND_RANGE)
+    share = np.clip(1 - distance / BAND_RANGE, 0, 1) ** 2
+    mean = np.einsum("nk,nkd->nd", share, np.concatenate([move, [[0, 0, 0]]])[nearest])
+    out = vertices + share.max(1, keepdims=True) * mean / np.maximum(share.sum(1, keepdims=True), 1e-9)
+    out[ring] = vertices[ring] + move
+    return out
+
+
+def profile(kind: str, back: np.ndarray, front: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Returns the rows of a collar.
+
+    Args:
+        kind: fold | roll | stand; anything else is a ribbed neckband.
+        back: (m,) 1 at the back of the neck to 0 at its sides.
+        front: (m,) the same for its front.
+
+    Returns:
+        For each row its metres (m,) up and out from the neckline.
+    """
+    flat = np.zeros_like(back)
+    if kind == "fold":
+        fall = -0.008 - 0.026 * front**3
+        return [
+            (flat + 0.010, flat + 0.000),
+            (flat + 0.022 + 0.006 * back, flat + 0.001),
+            (flat + 0.025 + 0.006 * back, flat + 0.006),
+            (flat + 0.012, flat + 0.014),
+            (fall, flat + 0.020 + 0.010 * front),
+        ]
+    if kind == "roll":
+        shape = ((0.014, 0.0), (0.034, -0.005), (0.052, -0.006), (0.058, 0.001), (0.050, 0.007), (0.032, 0.009))
+        return [(flat + rise, flat + reach) for rise, reach in (*shape, (0.004, 0.012))]
+    if kind == "stand":
+        return [(flat + 0.012, flat - 0.002), (flat + 0.026, flat - 0.001), (flat + 0.040, flat + 0.002)]
+    return [(flat + 0.007, flat - 0.001), (flat + 0.013, flat - 0.003)]
+
+
+def paths_over(
+    surface: Collider, start: np.ndarray, heading: np.ndarray, length: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Traces paths over a surface.
+
+    Args:
+        surface: to follow.
+        start: (m,3) first points, metres.
+        heading: (m,3) first directions.
+        length: (m,) of the paths, metres.
+
+    Returns:
+        Points and unit normals (PATH_STEPS + 1,m,3).
+    """
+    points, places, facing = start, [], []
+    for _ in range(PATH_STEPS + 1):
+        face, distance, normal = signed_distance(points, surface, 0.06)
+        points = points - np.where(face >= 0, distance, 0)[:, None] * normal
+        places.append(points)
+        facing.append(normal)
+        heading = heading - (heading * normal).sum(1, keepdims=True) * normal
+        heading /= np.maximum(np.linalg.norm(heading, axis=1, keepdims=True), 1e-9)
+        heading = smooth_line(heading, 2, False)
+        points = points + heading * (length / PATH_STEPS)[:, None]
+    return np.stack(places), np.stack(facing)
+
+
+def lay_on_cloth(
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    ring: np.ndarray,
+    base: np.ndarray,
+    kind: str,
+    neck: np.ndarray,
+    up: np.ndarray,
+) -> list[np.ndarray]:
+    """Lays a hood or lapels on the cloth.
+
+    Args:
+        vertices: (n,3) of the garment, metres.
+        faces: (F,3).
+        ring: (m,) vertices of the neckline, in order.
+        base: (m,3) the neckline, smoothed.
+        kind: hood | lapel.
+        neck: (3,) base of the posed neck, metres.
+        up: (3,) its axis.
+
+    Returns:
+        Rows (m,3) of the strip.
+    """
+    normal = smooth_line(normals(vertices, faces)[ring], 6, False)
+    tangent = smooth_line(np.gradient(base, axis=0), 6, False)
+    inward = smooth_line(np.cross(normal, tangent), 12, False)  # borders run so that the cloth is to their left
+    inward /= np.maximum(np.linalg.norm(inward, axis=1, keepdims=True), 1e-9)
+    away = base - neck
+    flat = away - np.outer(away @ up, up)
+    back = np.clip(-flat[:, 2] / np.maximum(np.linalg.norm(flat, axis=1), 1e-6), 0, 1)
+    surface = cloth = Collider(vertices, vertices, faces)
+    if kind == "hood":  # outward on all sides; over unsmoothed folds the paths would cross
+        flattened = smoothed(vertices, faces, HOOD_SMOOTHING)
+        surface = Collider(flattened, flattened, faces)
+        length, thick = 0.045 + 0.15 * back**1.2, 0.020 + 0.030 * back
+        heading = flat / np.maximum(np.linalg.norm(flat, axis=1, keepdims=True), 1e-6) - up
+        start, heading = smooth_line(base, HOOD_SMOOTHING, False), smooth_line(heading, HOOD_SMOOTHING, False)
+        points, out = paths_over(surface, start, heading, length)
+        out = np.stack([smooth_line(row, HOOD_SMOOTHING, False) for row in out])
+        turn = np.arange(len(ring)) / 7.0
+        shape: tuple[tuple[float, float], ...] = HOOD
+    else:
+        below = np.clip(-(away @ up), 0, LAPEL)
+        collar = np.clip(1 - below / 0.06, 0, 1)
+        ends = np.minimum(np.arange(len(ring)), np.arange(len(ring))[::-1]) / 8
+        notch = 1 - 0.5 * np.exp(-(((below - 0.055) / 0.014) ** 2))
+        length = (0.062 * collar + 0.085 * (1 - collar) * (1 - below / LAPEL) ** 0.7) * notch * np.clip(ends, 0.1, 1)
+        thick = 0.008 + 0.020 * collar
+        points, out = paths_over(surface, base, inward, length)
+        turn = np.zeros(len(ring))
+        shape = ((0.02, 0.7), (0.12, 1.0), (0.3, 0.9), (0.6, 0.55), (1.0, 0.35))
+    rows = []
+    for share, height in shape:
+        k = min(int(share * PATH_STEPS), PATH_STEPS - 1)
+        t = share * PATH_STEPS - k
+        row, raised = (part[k] * (1 - t) + part[k + 1] * t for part in (points, out))
+        crease = 0.25 * (noise(turn, np.full_like(turn, 5 * share), 5) - 0.5) if kind == "hood" else 0.0
+        rows.append(smooth_line(row + raised * ((height + crease) * thick)[:, None], 8 if kind == "hood" else 2, False))
+    if kind == "hood":  # the edge of the opening stands up around the neck
+        for row, rise in zip(rows[-4:], (0.006, 0.010, 0.012, 0.006)):
+            row += np.outer(rise + 0.016 * back, up)
+        for row in rows:
+            face, distance, normal = signed_distance(row, cloth, 0.03)
+            row += np.where(face >= 0, np.clip(HOOD_CLEARANCE - distance, 0, 0.02), 0)[:, None] * normal
+    return rows
+
+
+def collar(
+    vertices: np.ndarray,
+    faces: np.ndarray,
+    uv: np.ndarray,
+    kind: str,
+    neck: np.ndarray,
+    up: np.ndarray,
+    uv_per_metre: float,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """Builds the collar of a draped garment.
+
+    Args:
+        vertices: (n,3) of the garment, metres.
+        faces: (F,3).
+        uv: (n,2) of the vertices.
+        kind: see `Garment.collar`.
+        neck: (3,) base of the posed neck, metres.
+        up: (3,) its axis.
+        uv_per_metre: texture units per metre.
+
+    Returns:
+        Vertices, faces and corner uv; None if the neckline is not found.
+    """
+    border = neckline(vertices, faces, neck, up, LAPEL if kind == "lapel" else 0.0)
+    if border is None:
+        return None
+    ring, closed = border
+    if kind in ("fold", "lapel", "hood"):
+        closed = False
+    elif closed:  # a band is joined at the back
+        ring = np.roll(ring, len(ring) // 2)
+    base = smooth_line(vertices[ring], 4, closed)
+    if kind in ("lapel", "hood"):
+        rows = lay_on_cloth(vertices, faces, ring, base, kind, neck, up)
+    else:
+        out = base - neck - np.outer((base - neck) @ up, up)
+        out /= np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-6)
+        spread = np.zeros_like(base)
+        if kind == "fold":  # the points stand apart where the collar opens
+            far = np.r_[0, np.cumsum(np.linalg.norm(np.diff(base, axis=0), axis=1))]
+            for end, step in ((far, base[2] - base[0]), (far[-1] - far, base[-3] - base[-1])):
+                spread += np.outer(np.exp(-((end / 0.035) ** 2)), 0.013 * step / np.linalg.norm(step))
+        shape = profile(kind, np.clip(-out[:, 2], 0, 1), np.clip(out[:, 2], 0, 1))
+        rows = [
+            base + up * rise[:, None] + out * reach[:, None] + spread * (number / len(shape)) ** 2
+            for number, (rise, reach) in enumerate(shape, 1)
+        ]
+    travel = np.cumsum([np.linalg.norm(b - a, axis=1) for a, b in pairwise([base, *rows])], axis=0)
+    strip, strip_faces = extruded(np.arange(len(ring)), rows, len(ring), closed)
+    points = np.concatenate([vertices[ring] - SEAM_OFFSET * up, strip])
+    points, shell, source = thickened(points, strip_faces, 0.0025, rings=None)
+    column, row = source % len(ring), source // len(ring)
+    travel = np.concatenate([np.zeros((1, len(ring))), travel])
+    at = uv[ring][column] - np.stack([0 * column, travel[row, column] * uv_per_metre], axis=1)
+    corner = at[shell]
+    torn = np.ptp(corner[..., 0], axis=1) > 0.06 * uv_per_metre  # across a seam between panels: use one of them
+    corner[torn] = corner[torn][:, :1]
+    return points, shell, np.clip(corner, 0.001, 0.999)
+
+
+def cords(vertices: np.ndarray, faces: np.ndarray, neck: np.ndarray, left: np.ndarray) -> list[Surface]:
+    """Builds the two drawstrings of a hood: tubes that lie on the garment's front, from the neckline down.
+
+    Args:
+        vertices: (n,3) of the garment, metres.
+        faces: (F,3) without sleeves.
+        neck: (3,) base of the posed neck, metres.
+        left: (3,) axis to its left.
+    """
+    surface, out = Collider(vertices, vertices, faces), []
+    for side in (-1, 1):
+        y = neck[1] + 0.05 - CORD_STEP * np.arange(60)
+        origin = np.broadcast_to(neck + side * 0.028 * left + [0, 0, 0.6], (60, 3)).copy()
+        origin[:, 1] = y
+        _, depth = surface.raycast(origin, np.broadcast_to([0.0, 0.0, -1.0], (60, 3)))
+        on = np.flatnonzero(np.isfinite(depth) & (depth < 0.58))[: round(CORD / CORD_STEP)]
+        if len(on) < 12:
+            continue
+        path = origin[on] - [0, 0, 1] * (depth[on] - 1.5 * CORD_RADIUS)[:, None]
+        for _ in range(3):
+            path[1:-1] = 0.5 * path[1:-1] + 0.25 * (path[:-2] + path[2:])
+        turn = 2 * np.pi * np.arange(6) / 6
+        around = CORD_RADIUS * np.stack([np.cos(turn), 0 * turn, -np.sin(turn)], axis=1)
+        rings = [point + around for point in path]
+        strip, tube = extruded(np.arange(6), rings[1:], 6, True)
+        ends = [[0, k, k + 1] for k in range(1, 5)] + [
+            [len(path) * 6 - 6, len(path) * 6 - 6 + k + 1, len(path) * 6 - 6 + k] for k in range(1, 5)
+        ]
+        out.append((np.concatenate([rings[0], strip]), np.concatenate([tube, ends])))
+    return out

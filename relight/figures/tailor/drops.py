@@ -1,0 +1,161 @@
+"""Drops: skirts, coat tails and shirt tails, which hang from the border of what is cut from the suit."""
+
+import numpy as np
+import scipy.sparse as sparse
+from scipy.spatial import ConvexHull
+
+from relight.figures.cloth.drape import Level
+from relight.figures.surfaces import border_loops, extruded, rim
+from relight.figures.tailor.garments import Garment
+from relight.figures.tailor.suit import Fields, Hull
+
+ROW = 0.028  # metres between the rows of a drop
+GATHERED = 0.06  # metres from the top of a drop to the full depth of its gathers
+HANGING_FLARE = 0.35  # share of its flare that a drop keeps as it hangs
+HIP_CLEARANCE = 0.014  # metres between a drop and the hull of the hips
+
+
+def lowest_border(faces: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, bool]:
+    """Finds the lowest part of the border of a garment as it was cut, with heights y (n,).
+
+    Returns:
+        Its vertices (m,) in order, and whether it is a closed loop.
+    """
+    ring = min(border_loops(faces), key=lambda ring: y[ring].min())
+    low = y[ring] < y[ring].min() + 0.003
+    if low.all():
+        return ring, True
+    # a garment open in front has one border all round, of which only the longest run at the bottom counts
+    starts = np.flatnonzero(low & ~np.roll(low, 1))
+    return max((np.roll(ring, -k)[: int(np.argmin(np.roll(low, -k)))] for k in starts), key=len), False
+
+
+def split_border(faces: np.ndarray, n: int, ring: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray, np.ndarray]:
+    """Splits the border edges between vertices of `ring` (m,) in the middle; each face has at most one of them.
+
+    Returns:
+        The matrix (n+e,n) from n vertices to those with the e middles, the faces, and the face that each comes from.
+    """
+    on_ring = np.zeros(n, bool)
+    on_ring[ring] = True
+    sides = rim(faces)
+    border = {tuple(side) for side in sides[on_ring[sides].all(1)].tolist()}
+    out: list[list[int]] = []
+    parent: list[int] = []
+    ends: list[list[int]] = []
+    for number, face in enumerate(faces.tolist()):
+        rotated = [face[k:] + face[:k] for k in range(3)]
+        on_border = next((corners for corners in rotated if tuple(corners[:2]) in border), None)
+        if on_border is None:
+            out.append(face)
+            parent.append(number)
+        else:
+            a, b, c = on_border
+            middle = n + len(ends)
+            ends.append([a, b])
+            out += [[a, middle, c], [middle, b, c]]
+            parent += [number, number]
+    row = np.repeat(np.arange(len(ends)), 2)
+    middles = sparse.csr_matrix((np.full(len(row), 0.5), (row, np.ravel(ends))), shape=(len(ends), n))
+    return sparse.vstack([sparse.identity(n, format="csr"), middles]).tocsr(), np.array(out), np.array(parent)
+
+
+def wave_profile(garment: Garment, angle: np.ndarray) -> np.ndarray:
+    """Returns the height (n,) in [0,1] of a drop's irregular folds at bearings (n,)."""
+    uneven = 0.5 * np.sin(3 * angle + garment.fold_phase) + 0.4 * np.sin(5 * angle + 2.3 * garment.fold_phase)
+    return 0.5 + 0.5 * np.sin(garment.fold_count * angle + uneven + 4.1 * garment.fold_phase)
+
+
+def rounded(flat: np.ndarray, centre: np.ndarray, angle: np.ndarray) -> np.ndarray:
+    """Returns an outline (m,2) pushed out to its convex hull, which bridges the hollow between the legs."""
+    outline = flat[ConvexHull(flat).vertices]
+    radius = np.linalg.norm(outline - centre, axis=1)
+    bearing = np.arctan2(outline[:, 1] - centre[1], outline[:, 0] - centre[0])
+    order = np.argsort(bearing)
+    hull_radius = np.interp(angle, bearing[order], radius[order], period=2 * np.pi)
+    direction = np.stack([np.cos(angle), np.sin(angle)], 1)
+    return centre + direction * np.maximum(hull_radius, np.linalg.norm(flat - centre, axis=1))[:, None]
+
+
+def drop_rows(
+    garment: Garment, top: np.ndarray, cut_height: np.ndarray, closed: bool, hull: Hull
+) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Computes the rows of a drop.
+
+    What is cut wider than it hangs starts the simulation in folds of the same length.
+
+    Args:
+        garment: its drop, flare and folds.
+        top: (m,3) vertices of the border on which the drop hangs, metres.
+        cut_height: (m,) heights of these vertices as cut.
+        closed: whether the border is a closed loop.
+        hull: of the trunk.
+
+    Returns:
+        The rows (m,3) as cut, and the rows (m,3) at the start of the simulation.
+    """
+    flat = top[:, [0, 2]]
+    centre = flat.mean(0)
+    angle = np.arctan2(flat[:, 1] - centre[1], flat[:, 0] - centre[0])
+    round_ = rounded(flat, centre, angle) if closed else flat.copy()
+    wave = wave_profile(garment, angle)
+
+    def length(outline: np.ndarray) -> float:
+        return float(np.linalg.norm(np.roll(outline, -1, 0) - outline, axis=1)[: len(top) - (not closed)].sum())
+
+    def row_outline(s: float, flare: float, depth: float) -> np.ndarray:
+        """Returns the row (m,2) at the share s of the drop, wider by a flare, with folds of a depth in metres."""
+        y = cut_height - garment.drop * s
+        ring = centre + (flat + (round_ - flat) * min(1.0, 5 * s) - centre)
+        out = centre + (ring - centre) * (1 + flare * s)
+        r = np.linalg.norm(out - centre, axis=1)
+        widest = r
+        if closed:
+            at = np.stack([out[:, 0], y, out[:, 1]], axis=1)
+            widest = np.maximum(r, np.where(y > hull.heights[0], hull.radius(at) + HIP_CLEARANCE, 0))
+        return centre + (out - centre) * ((widest + 2 * depth * wave) / r)[:, None]
+
+    cut_rows: list[np.ndarray] = []
+    start_rows: list[np.ndarray] = []
+    count = max(2, round(garment.drop / ROW))
+    for k in range(1, count + 1):
+        s = k / count
+        r = np.linalg.norm(row_outline(s, garment.flare, 0.0) - centre, axis=1).mean()
+        depth = garment.gather * min(1.0, garment.drop * s / GATHERED) + garment.pleat * s
+        cut = row_outline(s, garment.flare, depth * r)
+        hanging, low, high = cut, 0.0, 0.5 * r
+        for _ in range(12):  # bisection for the depth of the folds at which the row is as long as it is cut
+            middle = (low + high) / 2
+            hanging = row_outline(s, HANGING_FLARE * garment.flare, middle)
+            low, high = (low, middle) if length(hanging) > length(cut) else (middle, high)
+        for rows, outline in ((cut_rows, cut), (start_rows, hanging)):
+            rows.append(np.stack([outline[:, 0], top[:, 1] - garment.drop * s, outline[:, 1]], axis=1))
+    return cut_rows, start_rows
+
+
+def add_drop(garment: Garment, level: Level, fields: Fields, hull: Hull) -> tuple[Level, Fields]:
+    """Continues the lowest border downward: skirts, coat tails, shirt tails. A drop moves with the pelvis.
+
+    Returns:
+        The level and the fields with the drop.
+    """
+    ring, closed = lowest_border(level.faces, fields["y"])
+    cut_rows, start_rows = drop_rows(garment, level.rest_shape[ring].copy(), fields["y"][ring], closed, hull)
+    points, strip = extruded(ring, cut_rows, len(level.rest_shape), closed)
+    start, count = np.concatenate(start_rows), len(cut_rows)
+    down = np.repeat(np.arange(1, count + 1) / count, len(ring))
+    root = np.zeros(level.weights.shape[1])
+    root[0] = 1
+    root_share = np.clip(4 * down, 0, 1)[:, None]
+    weights = np.tile(level.weights[ring], (count, 1)) * (1 - root_share) + root * root_share
+    fields = {name: np.r_[values, np.tile(values[ring], count)] for name, values in fields.items()}
+    fields["drop"][len(level.rest_shape) :] = down
+    whole = Level(
+        np.concatenate([level.rest_shape, points]),
+        np.concatenate([level.start, start]),
+        np.concatenate([level.fitted, start]),
+        np.r_[level.pin_weight, np.zeros(len(points))],
+        np.concatenate([level.weights, weights]),
+        np.concatenate([level.faces, strip]),
+    )
+    return whole, fields

@@ -1,0 +1,234 @@
+"""Builds shoes: an upper cut from the foot of the suit, narrowed at the toes, on a sole with a heel."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.sparse as sparse
+from scipy.spatial import ConvexHull
+
+from relight.figures.body import makehuman
+from relight.figures.body.person import Body
+from relight.figures.catalogue.schema import entries
+from relight.figures.pose.motion import Motion
+from relight.figures.surfaces import clip, compacted, loop, normals, smoothed, split, thickened
+from relight.figures.texture import Color
+
+
+@dataclass(frozen=True)
+class Shoe:
+    """A kind of shoe.
+
+    Attributes:
+        name: as in the record of a figure.
+        top: metres above the ankle where the upper ends; negative below it.
+        sole: metres of thickness under the toes.
+        heel: likewise, under the heel.
+        point: how pointed the toe is, in [0,1].
+        straps: whether the upper consists of straps.
+        laces: number of bands of laces.
+        cap: share of the length that a toe cap covers.
+        men, women: how often they wear it, relative to other shoes.
+        with_skirt: likewise, for women in skirts and dresses; None if that makes no difference.
+    """
+
+    name: str
+    top: float
+    sole: float
+    heel: float
+    point: float = 0.0
+    straps: bool = False
+    laces: int = 0
+    cap: float = 0.0
+    men: float = 0.0
+    women: float = 0.0
+    with_skirt: float | None = None
+
+
+def shoes() -> list[Shoe]:
+    """Returns all kinds of shoes."""
+    return list(entries("shoes", "shoes", Shoe).values())
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of a shoe: name (upper, cap, sole, lace), vertices (V,3) posed, faces (F,3)."""
+
+    name: str
+    vertices: np.ndarray
+    faces: np.ndarray
+
+
+@dataclass(frozen=True)
+class Upper:
+    """The outer surface of an upper.
+
+    Attributes:
+        shape: (n,3) vertices on the rest pose, metres.
+        weights: (n,B) skinning weights.
+        faces: (m,3).
+        foot: (B,) skinning weights of rigid parts below the ankle.
+        ground: height of the ground, metres.
+        toes, heel: z of both ends of the foot, metres.
+    """
+
+    shape: np.ndarray
+    weights: np.ndarray
+    faces: np.ndarray
+    foot: np.ndarray
+    ground: float
+    toes: float
+    heel: float
+
+
+def palette(shoe: Shoe, upper: Color, sole: Color) -> dict[str, np.ndarray]:
+    """Returns the linear albedo (3,) of each part, from those of upper and sole; canvas shoes have rubber caps."""
+    cloth, rubber = np.array(upper, np.float32), np.array(sole, np.float32)
+    canvas = "sneakers" in shoe.name
+    lace = rubber if canvas and rubber[0] > 0.3 else 0.35 * cloth + np.float32(0.01)
+    cap = rubber if shoe.name == "high sneakers" else 0.8 * cloth
+    return {"upper": cloth, "sole": rubber, "lace": lace, "cap": cap}
+
+
+def build_shoes(motion: Motion, shoe: Shoe) -> list[Part]:
+    """Builds both shoes at the last frame of a motion, with the soles below the feet."""
+    return [part for side in "LR" for part in one_shoe(motion, shoe, side)]
+
+
+def upper(body: Body, shoe: Shoe, side: str) -> Upper:
+    """Cuts the upper of a side ("L" | "R") from the foot of the suit."""
+    suit, ankle = body.tights, body.joints[f"foot.{side}"]
+    faces = makehuman.base().faces["helper-tights"] - makehuman.TIGHTS.start
+    mine = (suit[:, 0] > 0) == (side == "L")
+    field = np.where(mine & (suit[:, 1] < ankle[1] + 0.40), ankle[1] + shoe.top - suit[:, 1], -1.0)
+    if shoe.top < -0.01:  # a low shoe is cut lower in front of the ankle than at the heel
+        field = field - np.where(mine, 0.35 * np.clip(0.03 - np.abs(suit[:, 2] - ankle[2] - 0.05), 0, 1), 0)
+    matrix, faces = clip(sparse.identity(len(suit), format="csr"), faces, field)
+    for _ in range(2):
+        up, faces = loop(faces, matrix.shape[0])
+        matrix = up @ matrix
+    rest = matrix @ suit
+    ground = suit[mine, 1].min()
+    toes, heel = rest[:, 2].max(), rest[:, 2].min()
+    length = toes - heel
+    out = smoothed(normals(rest, faces), faces, 3)
+    low = np.clip(1 - (rest[:, 1] - ground) / 0.05, 0, 1)
+    shape = rest + out * (0.005 + 0.004 * low)[:, None]
+    front = np.clip((shape[:, 2] - (toes - 0.32 * length)) / (0.32 * length), 0, 1)
+    middle = np.median(shape[front > 0.2, 0]) if (front > 0.2).any() else ankle[0]
+    shape[:, 0] += (middle - shape[:, 0]) * shoe.point * 0.45 * front**2
+    shape[:, 2] += (0.012 + 0.02 * shoe.point) * front**2
+    shape[:, 1] = np.maximum(shape[:, 1], ground + 0.001)
+    weights = matrix @ makehuman.rig().weights[makehuman.TIGHTS]
+    foot = np.zeros(weights.shape[1])
+    foot[makehuman.rig().bones.index(f"foot.{side}")] = 1
+    rigid = np.clip((ankle[1] + 0.01 - shape[:, 1]) / 0.03, 0, 1)[:, None]
+    weights = weights / weights.sum(1, keepdims=True) * (1 - rigid) + foot * rigid
+    return Upper(shape, weights, faces, foot, ground, toes, heel)
+
+
+def one_shoe(motion: Motion, shoe: Shoe, side: str) -> list[Part]:
+    """Builds the shoe of a side ("L" | "R") at the last frame of a motion."""
+    outside, ankle = upper(motion.body, shoe, side), motion.body.joints[f"foot.{side}"]
+    shape, weights, faces = outside.shape, outside.weights, outside.faces
+    ground, toes, heel = outside.ground, outside.toes, outside.heel
+    length = toes - heel
+    parts = []
+    if shoe.straps:
+        along = (shape[:, 2] - heel) / length
+        bands = ((0.60, 0.80), (0.36, 0.44))
+        field = np.max([np.minimum(along - a, b - along) for a, b in bands], axis=0)
+        strap = np.minimum(0.009 - np.abs(shape[:, 1] - ankle[1] + 0.012 + 0.10 * along), 0.40 - along)
+        keep, cut = clip(sparse.identity(len(shape), format="csr"), faces, np.maximum(field, 4 * strap))
+        posed = motion.skin(keep @ weights, keep @ shape)
+        vertices, cut, _ = thickened(posed, cut, 0.003, rings=None)
+        parts.append(Part("upper", vertices, cut))
+    else:
+        front = np.zeros(len(faces), bool)
+        if shoe.cap:
+            line = shoe.cap + 0.03 * np.clip((shape[:, 1] - ground) / 0.03, 0, 1) - (toes - shape[:, 2]) / length
+            whole, faces, front = split(sparse.identity(len(shape), format="csr"), faces, line)
+            shape, weights = whole @ shape, whole @ weights
+        posed = motion.skin(weights, shape)
+        vertices, thick, _ = thickened(posed, faces, 0.004, 4)
+        front = np.r_[front, np.zeros(len(thick) - len(faces), bool)]
+        parts.append(Part("upper", vertices, thick[~front]))
+        if shoe.cap:
+            parts.append(Part("cap", vertices, thick[front]))
+        if shoe.laces:
+            parts.append(laces(shape, faces, weights, motion, ground, length, toes, shoe.laces))
+    bottom = shape[shape[:, 1] < ground + 0.022]
+    parts.append(Part("sole", *sole(bottom, ground, shoe, motion, outside.foot)))
+    return parts
+
+
+def laces(
+    shape: np.ndarray,
+    faces: np.ndarray,
+    weights: np.ndarray,
+    motion: Motion,
+    ground: float,
+    length: float,
+    toes: float,
+    count: int,
+) -> Part:
+    """Builds `count` bands of laces across the instep and up the shaft, 2.5 mm off the upper."""
+    facing = normals(shape, faces)
+    distance = toes - shape[:, 2] + 0.9 * (shape[:, 1] - ground)  # from the toes over the instep up the shaft, metres
+    first, apart = 0.36 * length + 0.03, 0.017
+    number = np.clip(np.round((distance - first) / apart), 0, count - 1)
+    off = np.abs(distance - first - number * apart)
+    middle = np.median(shape[np.abs(distance - first - 0.03) < 0.02, 0])
+    inside = 0.021 - np.abs(shape[:, 0] - middle)
+    field = np.minimum(np.minimum(0.0032 - off, inside), np.where(facing[:, 1] + facing[:, 2] > 0.35, 1.0, -1.0))
+    matrix, cut = clip(sparse.identity(len(shape), format="csr"), faces, field, snap=0.1)
+    matrix, cut = compacted(matrix, cut)
+    rest = matrix @ shape + (matrix @ normals(shape, faces)) * 0.0025
+    posed = motion.skin(matrix @ weights, rest)
+    vertices, cut, _ = thickened(posed, cut, 0.0025, 2)
+    return Part("lace", vertices, cut)
+
+
+def sole(
+    bottom: np.ndarray, ground: float, shoe: Shoe, motion: Motion, foot: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Returns vertices and faces of a closed slab under the outline of the foot."""
+    flat = bottom[:, [0, 2]]
+    hull = flat[ConvexHull(flat).vertices]
+    steps = np.r_[0, np.cumsum(np.linalg.norm(np.roll(hull, -1, 0) - hull, axis=1))]
+    even = np.linspace(0, steps[-1], 72, endpoint=False)
+    ring = np.stack([np.interp(even, steps, np.r_[hull[:, c], hull[0, c]]) for c in (0, 1)], axis=1)
+    for _ in range(6):
+        ring = 0.5 * ring + 0.25 * (np.roll(ring, 1, 0) + np.roll(ring, -1, 0))
+    centre = ring.mean(0)
+    out = (ring - centre) / np.linalg.norm(ring - centre, axis=1, keepdims=True)
+    along = (ring[:, 1] - ring[:, 1].min()) / np.ptp(ring[:, 1])
+    under = shoe.sole + (shoe.heel - shoe.sole) * np.clip((0.36 - along) / 0.04, 0, 1)
+    rows = []
+    for grow, height in (
+        (-0.020, 0.004),
+        (-0.0025, 0.006),
+        (0.0, 0.002),
+        (-0.0005, -0.5),
+        (-0.001, -0.96),
+        (-0.005, -1.0),
+    ):
+        y = ground + (height if height > 0 else 0) + under * min(height, 0)
+        rows.append(np.stack([ring[:, 0] + out[:, 0] * grow, y, ring[:, 1] + out[:, 1] * grow], axis=1))
+    n, vertices = len(ring), np.concatenate(rows)
+    j = np.arange(n)
+    strips = []
+    for k in range(len(rows) - 1):
+        a, b = k * n + j, k * n + (j + 1) % n
+        strips += [np.stack([a, b, a + n], 1), np.stack([b, b + n, a + n], 1)]
+    tip = [np.r_[centre[0], rows[r][:, 1].mean(), centre[1]][[0, 1, 2]] for r in (0, -1)]
+    vertices = np.concatenate([vertices, tip])
+    last = (len(rows) - 1) * n
+    ends = [
+        np.stack([(j + 1) % n, j, np.full(n, len(vertices) - 2)], 1),
+        np.stack([last + j, last + (j + 1) % n, np.full(n, len(vertices) - 1)], 1),
+    ]
+    faces = np.concatenate(strips + ends)
+    volume = np.einsum("fi,fi->f", vertices[faces[:, 0]], np.cross(vertices[faces[:, 1]], vertices[faces[:, 2]])).sum()
+    if volume < 0:
+        faces = faces[:, ::-1]
+    return motion.skin(np.tile(foot, (len(vertices), 1)), vertices), faces

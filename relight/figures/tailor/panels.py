@@ -1,0 +1,178 @@
+"""Panels: a garment's cloth coordinates in metres, along the straight grain, and their texture atlas."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from relight.figures.body.person import Body
+from relight.figures.tailor.patterns import Pattern
+from relight.figures.texture import coded
+
+GUTTER = 2  # pixels between panels and around them
+
+Box = tuple[float, float, int, int, int, int]  # u0, v0 (metres) of a panel's corner; its column, row, columns, rows
+Painter = Callable[[str, np.ndarray, np.ndarray, tuple[slice, slice]], np.ndarray]  # see `draw`
+
+
+@dataclass(frozen=True)
+class Panels:
+    """The panels of a garment and their texture atlas.
+
+    Attributes:
+        names: of the panels, by number.
+        panel: (F,) number of each face's panel.
+        cloth: (F,3,2) cloth coordinates of the corners, metres across and along.
+        uv: (F,3,2) of the corners in the atlas.
+        boxes: rectangle of each panel, by number.
+        scale: pixels per metre.
+        side: pixels of the atlas.
+    """
+
+    names: list[str]
+    panel: np.ndarray
+    cloth: np.ndarray
+    uv: np.ndarray
+    boxes: dict[int, Box]
+    scale: float
+    side: int
+
+
+def arc_length(sideways: np.ndarray, forward: np.ndarray) -> np.ndarray:
+    """Returns the arc length (F,3) from a panel's middle: radius times angle, which is continuous inside each face."""
+    angle = np.arctan2(sideways, forward)
+    angle = angle[:, :1] + (angle - angle[:, :1] + np.pi) % (2 * np.pi) - np.pi
+    return angle * np.hypot(sideways, forward)
+
+
+def side_plane(pattern: Pattern) -> float:
+    """Returns the z of the plane between front and back of the trunk, metres."""
+    p, y = pattern.levels[-1].rest_shape, pattern.fields["y"]
+    return float(np.median(p[y > np.median(y), 2]))
+
+
+def limb_frame(pattern: Pattern, side: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Finds the faces of a sleeve or trouser leg.
+
+    Args:
+        pattern: of a top or trousers.
+        side: L | R.
+
+    Returns:
+        Which faces (F,) belong to the limb; of their corners, the metres (m,3) outward from a leg's axis, or upward
+        from an arm's; the same forward.
+    """
+    level, j = pattern.levels[-1], pattern.body.joints
+    corner = level.rest_shape[level.faces]
+    middle = corner.mean(1)[:, 0]
+    sign = 1 if side == "L" else -1
+    mine = middle > 0 if side == "L" else middle <= 0
+    if pattern.garment.kind == "trousers":
+        line = np.stack([j[f"{bone}.{side}"] for bone in ("foot", "lowerleg01", "upperleg01")])
+        centre = [np.interp(corner[mine][..., 1], line[:, 1], line[:, axis]) for axis in (0, 2)]
+        return mine, (corner[mine][..., 0] - centre[0]) * sign, corner[mine][..., 2] - centre[1]
+    mine = pattern.sleeve & ((middle > 0) == (side == "L"))
+    _, up, forward = arm_axes(pattern.body, side)
+    r = corner[mine] - j[f"upperarm01.{side}"]
+    return mine, r @ up, r @ forward
+
+
+def arm_axes(body: Body, side: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns unit vectors (3,) along an arm of the rest pose, up, and forward."""
+    start, end = body.joints[f"upperarm01.{side}"], body.joints[f"wrist.{side}"]
+    along = (end - start) / np.linalg.norm(end - start)
+    up = np.array([0.0, 1.0, 0.0]) - along * along[1]
+    up /= np.linalg.norm(up)
+    return along, up, np.cross(along, up) * (-1 if side == "L" else 1)
+
+
+def cloth_coordinates(pattern: Pattern) -> tuple[list[str], np.ndarray, np.ndarray]:
+    """Returns the panels' names, the panel (F,) of each face, and cloth coordinates (F,3,2) of its corners, metres."""
+    level = pattern.levels[-1]
+    faces, p = level.faces, level.rest_shape
+    corner = p[faces]
+    if pattern.garment.kind == "scarf":  # both halves have the same texture, from the middle to the ends
+        return ["scarf"], np.zeros(len(faces), int), np.stack([corner[..., 0], np.abs(corner[..., 1])], axis=-1)
+    middle = corner.mean(1)
+    cloth = np.zeros((*faces.shape, 2))
+    cloth[..., 1] = corner[..., 1] - pattern.body.heights["crotch"]
+    panel = np.zeros(len(faces), int)
+    if pattern.garment.kind == "trousers":
+        names = ["front left", "front right", "back left", "back right"]
+        for k, side in enumerate("LR"):
+            sign = 1 if side == "L" else -1
+            mine, out, forward = limb_frame(pattern, side)
+            back = forward.mean(1) < 0
+            panel[mine] = k + 2 * back
+            turn = np.where(back, -1, 1)[:, None]
+            cloth[mine, :, 0] = arc_length(out * turn, forward * turn) * turn * sign
+        return names, panel, cloth
+    names = ["front", "back", "left sleeve", "right sleeve"]
+    axis = side_plane(pattern)
+    back = middle[:, 2] < axis
+    turn = np.where(back, -1, 1)[:, None]
+    panel[back] = 1
+    cloth[..., 0] = arc_length(corner[..., 0] * turn, (corner[..., 2] - axis) * turn)
+    if pattern.garment.kind == "top":
+        for k, side in enumerate("LR"):
+            mine, up, forward = limb_frame(pattern, side)
+            panel[mine] = 2 + k
+            cloth[mine, :, 0] = arc_length(forward, up)
+            cloth[mine, :, 1] = -(
+                (corner[mine] - pattern.body.joints[f"upperarm01.{side}"]) @ arm_axes(pattern.body, side)[0]
+            )
+    return names, panel, cloth
+
+
+def lay_out(names: list[str], panel: np.ndarray, cloth: np.ndarray, side: int) -> Panels:
+    """Packs the panels' rectangles, rows by height, into a square of `side` pixels at the largest scale that fits."""
+    used = [int(k) for k in np.unique(panel)]
+    low = {k: cloth[panel == k].reshape(-1, 2).min(0) for k in used}
+    span = {k: cloth[panel == k].reshape(-1, 2).max(0) - low[k] for k in used}
+    order = sorted(used, key=lambda k: (-span[k][1], k))
+
+    def place(scale: float) -> dict[int, Box]:
+        """Returns the rectangles at a scale; none if they do not fit."""
+        boxes, x, y, row = {}, 0, 0, 0
+        for k in order:
+            w, h = (int(np.ceil(s * scale)) + 2 * GUTTER for s in span[k])
+            if x + w > side:
+                x, y, row = 0, y + row, 0
+            if w > side or y + h > side:
+                return {}
+            boxes[k] = (float(low[k][0]), float(low[k][1]), x, y, w, h)
+            x, row = x + w, max(row, h)
+        return boxes
+
+    small, large = 1.0, 20.0 * side
+    for _ in range(30):
+        scale = np.sqrt(small * large)
+        small, large = (scale, large) if place(scale) else (small, scale)
+    boxes = place(small)
+    uv = np.zeros_like(cloth)
+    for k, (u0, v0, x, y, _, _) in boxes.items():
+        mine = panel == k
+        uv[mine, :, 0] = (x + GUTTER + (cloth[mine, :, 0] - u0) * small) / side
+        uv[mine, :, 1] = (y + GUTTER + (cloth[mine, :, 1] - v0) * small) / side
+    return Panels(names, panel, cloth, uv, boxes, small, side)
+
+
+def draw(panels: Panels, paint: Painter) -> np.ndarray:
+    """Paints the atlas of a garment.
+
+    Args:
+        panels: of the garment.
+        paint: (name of a panel, u (h,w), v (h,w), place) to linear albedo (h,w,3); the place is two slices of the
+            atlas with rows from the bottom up.
+
+    Returns:
+        (side,side,3) uint8 sRGB.
+    """
+    image = np.full((panels.side, panels.side, 3), 128, np.uint8)
+    for k, (u0, v0, x, y, w, h) in panels.boxes.items():
+        u = u0 + (np.arange(w) + 0.5 - GUTTER) / panels.scale
+        v = v0 + (np.arange(h) + 0.5 - GUTTER) / panels.scale
+        u, v = np.broadcast_arrays(u[None].astype(np.float32), v[:, None].astype(np.float32))
+        place = (slice(y, y + h), slice(x, x + w))
+        image[place] = coded(paint(panels.names[k], u, v, place))
+    return image[::-1].copy()  # rows run from the top, v from the bottom

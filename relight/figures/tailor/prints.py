@@ -1,0 +1,219 @@
+"""Prints on fabrics: scattered motifs, camouflage and tie-dye all over, and emblems with lettering at one place."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from relight.figures.tailor.fabrics import Fabric, palette, trait
+from relight.figures.texture import band, lattice, mixed, noise
+
+EDGE = 0.0012  # metres over which the edge of a motif is soft
+# block letters, whose bits are three columns by five rows
+GLYPHS = (31599, 29847, 29671, 31143, 29391, 4687, 31567, 23533, 29847, 24914, 23469, 29257, 23421, 23533, 31599)
+
+
+def motifs(shape: str, u: np.ndarray, v: np.ndarray, cell: float, seed: int) -> np.ndarray:
+    """Returns the coverage (...) in [0,1] of scattered motifs, one per cell of `cell` metres.
+
+    Args:
+        shape: dots | flowers | leaves.
+        u, v: (...) cloth coordinates, metres.
+        cell: distance of the motifs, metres.
+        seed: of their places and directions.
+    """
+    i, j = np.floor(u / cell), np.floor(v / cell + 0.5 * (np.floor(u / cell) % 2))
+    x = u / cell - i - 0.5 - 0.25 * (lattice(i, j, seed) - 0.5)
+    y = v / cell + 0.5 * (i % 2) - j - 0.5 - 0.25 * (lattice(i, j, seed + 1) - 0.5)
+    turn = 2 * np.pi * lattice(i, j, seed + 2)
+    r, angle = np.hypot(x, y), np.arctan2(y, x) + turn
+    if shape == "dots":
+        size = np.full_like(r, 0.24)
+    elif shape == "flowers":
+        size = 0.30 * (0.7 + 0.3 * np.cos(5 * angle)) * (0.75 + 0.5 * lattice(i, j, seed + 3))
+    else:
+        size = 0.36 * np.abs(np.cos(angle)) ** 2.5 + 0.03
+    inside = np.clip((size - r) * cell / EDGE + 0.5, 0, 1)
+    heart = np.clip((0.07 - r) * cell / EDGE + 0.5, 0, 1) if shape == "flowers" else 0
+    return inside - 0.6 * heart
+
+
+def camouflage(fabric: Fabric, u: np.ndarray, v: np.ndarray, size: float, offset: float) -> np.ndarray:
+    """Returns patches (...,3) of three shades on the ground."""
+    first, second, seed = np.array(fabric.first), np.array(fabric.second), fabric.seed
+    color = np.broadcast_to(first, (*u.shape, 3))
+    shades = (first + (second - first) * 0.6, first + (second - first) * 1.0, 0.4 * first)
+    for number, shade in enumerate(shades):
+        coarse = noise(u / (0.07 * size) + offset, v / (0.05 * size), seed + number)
+        fine = noise(u / (0.026 * size) + offset, v / (0.02 * size), seed + 10 + number)
+        color = mixed(color, shade, np.clip((0.6 * coarse + 0.4 * fine - 0.55) / 0.03, 0, 1))
+    return color
+
+
+def tie_dye(fabric: Fabric, u: np.ndarray, v: np.ndarray, offset: float) -> np.ndarray:
+    """Returns rings (...,3) of the fabric's colors, with patches of a third."""
+    field = noise(u / 0.12 + offset, v / 0.09, fabric.seed)
+    field = field + 0.5 * noise(u / 0.035 + offset, v / 0.03, fabric.seed + 1)
+    rings = mixed(np.array(fabric.first), np.array(fabric.second), 0.5 + 0.5 * np.sin(9 * field))
+    return mixed(rings, palette(fabric, 0), np.clip(2.5 * field - 2.2, 0, 0.8))
+
+
+def printed(fabric: Fabric, u: np.ndarray, v: np.ndarray, offset: float) -> np.ndarray:
+    """Returns an all-over print (...,3): motifs in one or two colors, camouflage, or tie-dye.
+
+    Args:
+        fabric: its traits choose the print.
+        u, v: (...) cloth coordinates, metres.
+        offset: makes the prints of panels differ.
+    """
+    number, size = int(trait(fabric, 2) * 8), fabric.size * (0.5 + 1.2 * trait(fabric, 3) ** 2)
+    if number == 6:
+        return camouflage(fabric, u, v, size, offset)
+    if number == 7:
+        return tie_dye(fabric, u, v, offset)
+    shapes, cell = ("dots", "flowers", "leaves"), 0.055 * size
+    large = motifs(shapes[number % 3], u + offset, v, cell, fabric.seed)
+    color = mixed(np.array(fabric.first), np.array(fabric.second), large)
+    if number < 3:
+        return color
+    place = u + offset + 0.37 * cell, v + 0.45 * cell
+    small = motifs(shapes[(number + 1) % 3], *place, 0.61 * cell, fabric.seed + 50)
+    return mixed(color, palette(fabric, 0), 0.9 * np.clip(small, 0, 1))
+
+
+def lettering(x: np.ndarray, y: np.ndarray, seed: int, count: int) -> np.ndarray:
+    """Returns the coverage (...) of a line of `count` block letters, each a unit square, centred at the origin."""
+    x = x + count / 2
+    at = np.floor(x)
+    glyph = np.array(GLYPHS)[(lattice(at, 0 * at, seed) * len(GLYPHS)).astype(int)]
+    column, row = np.floor((x - at) * 4), np.floor((0.5 - y) * 5)
+    inside = (column < 3) & (row >= 0) & (row < 5) & (at >= 0) & (at < count)
+    bit = np.clip(row * 3 + column, 0, 14).astype(int)
+    return (inside & (np.right_shift(glyph, bit) & 1 == 1)).astype(float)
+
+
+@dataclass(frozen=True)
+class PrintArea:
+    """The place of an emblem on a panel.
+
+    Attributes:
+        fabric: of the panel.
+        ground: (...,3) the panel's albedo without the emblem.
+        v: (...) cloth coordinate along, metres.
+        x, y: (...) coordinates from the emblem's centre, over its reach.
+        reach: half the size of the emblem, metres.
+        soft: metres over which its edges are soft.
+    """
+
+    fabric: Fabric
+    ground: np.ndarray
+    v: np.ndarray
+    x: np.ndarray
+    y: np.ndarray
+    reach: float
+    soft: float
+
+    @property
+    def second(self) -> np.ndarray:
+        """Returns the color (3,) of the fabric's pattern."""
+        return np.array(self.fabric.second)
+
+    @property
+    def third(self) -> np.ndarray:
+        """Returns a further color (3,)."""
+        return palette(self.fabric, 0)
+
+    def cover(self, distance: np.ndarray) -> np.ndarray:
+        """Returns the coverage (...) of a shape, given the signed distance from its edge over the reach."""
+        return np.clip(0.5 - distance * self.reach / self.soft, 0, 1)
+
+    def line(self, height: float, scale: float, seed: int, count: int) -> np.ndarray:
+        """Returns the coverage (...) of a line of letters as wide as the emblem, `height` below its centre."""
+        return lettering(self.x * 0.5 * count / 1.2, (self.y + height) * scale, self.fabric.seed + seed, count)
+
+
+def ring_and_bar(area: PrintArea) -> np.ndarray:
+    """Paints a ring with a bar in it."""
+    ring = area.cover(np.abs(np.hypot(area.x, area.y) - 0.85) - 0.15)
+    bar = area.cover(np.maximum(np.abs(area.x) - 0.45, np.abs(area.y) - 0.14))
+    return mixed(area.ground, area.second, np.maximum(ring, bar))
+
+
+def diamond(area: PrintArea) -> np.ndarray:
+    """Paints the outline of a diamond."""
+    outline = area.cover(np.abs(np.abs(area.y) + 1.2 * np.abs(area.x) - 0.68) - 0.22)
+    return mixed(area.ground, area.second, outline)
+
+
+def bars(area: PrintArea) -> np.ndarray:
+    """Paints a box of bars."""
+    box = area.cover(np.maximum(np.abs(area.x) - 1.3, np.abs(area.y) - 0.8))
+    return mixed(area.ground, area.second, band(area.v, 0.03, 0.5, area.soft) * box)
+
+
+def word(area: PrintArea) -> np.ndarray:
+    """Paints a word of four to eight letters."""
+    count = 4 + int(5 * trait(area.fabric, 6))
+    return mixed(area.ground, area.second, area.line(0.0, 1.6, 0, count))
+
+
+def two_lines(area: PrintArea) -> np.ndarray:
+    """Paints a word with small print below it."""
+    return mixed(word(area), area.third, area.line(0.55, 5.5, 1, 14))
+
+
+def two_figures(area: PrintArea) -> np.ndarray:
+    """Paints a number, as on a jersey."""
+    return mixed(area.ground, area.second, lettering(area.x * 0.9, area.y * 0.55, area.fabric.seed, 2))
+
+
+def star(area: PrintArea) -> np.ndarray:
+    """Paints a star on a disc."""
+    r, turn = np.hypot(area.x, area.y), np.arctan2(area.y, area.x)
+    points = area.cover(r - 0.55 - 0.4 * np.cos(5 * (turn - np.pi / 2)))
+    return mixed(mixed(area.ground, area.third, area.cover(r - 1.1)), area.second, points)
+
+
+def landscape(area: PrintArea) -> np.ndarray:
+    """Paints a picture of a sun over hills, in a box."""
+    x, y = area.x, area.y
+    hill = area.cover(y + 0.25 + 0.5 * (noise(x * 1.7 + 9, 0 * x, area.fabric.seed) - 0.5))
+    sky = np.broadcast_to(area.second, area.ground.shape)
+    picture = mixed(sky, palette(area.fabric, 1), np.clip(0.5 + 0.5 * y, 0, 1))
+    picture = mixed(picture, area.third, area.cover(np.hypot(x - 0.2, y - 0.3) - 0.35))
+    picture = mixed(picture, 0.4 * area.third, hill)
+    return mixed(area.ground, picture, area.cover(np.maximum(np.abs(x), np.abs(y)) - 1))
+
+
+def chest_band(area: PrintArea) -> np.ndarray:
+    """Paints a band across the chest, between two lines."""
+    color = mixed(area.ground, area.second, area.cover(np.abs(area.y) - 0.5))
+    return mixed(color, area.third, area.cover(np.abs(np.abs(area.y) - 0.72) - 0.07))
+
+
+EMBLEMS: tuple[Callable[[PrintArea], np.ndarray], ...] = (
+    ring_and_bar, diamond, bars, word, two_lines, two_figures, star, landscape, chest_band,
+)  # fmt: skip
+
+
+def emblem(fabric: Fabric, panel: str, u: np.ndarray, v: np.ndarray, soft: float) -> np.ndarray:
+    """Returns a plain ground (...,3) with a print on the chest, large or small, or on the back, or on the sleeves.
+
+    Args:
+        fabric: its traits choose the emblem and its place.
+        panel: its name.
+        u, v: (...) cloth coordinates, metres.
+        soft: metres over which edges are soft.
+    """
+    ground = np.broadcast_to(np.array(fabric.first), (*np.broadcast(u, v).shape, 3))
+    place = trait(fabric, 3)
+    if "sleeve" in panel:
+        if trait(fabric, 4) >= 0.25:
+            return ground
+        return mixed(ground, np.array(fabric.second), band(u, 0.024, 0.45, soft) * (np.abs(u) < 0.036))
+    if (panel == "back") != (place > 0.85):
+        return ground
+    small = 0.55 < place < 0.85
+    reach = (0.032 if small else 0.075 + 0.07 * trait(fabric, 5)) * min(fabric.size, 1.3)
+    x, y = (u - (0.085 if small else 0.0)) / reach, (v - (0.41 if small else 0.35)) / reach
+    return EMBLEMS[int(trait(fabric, 2) * len(EMBLEMS))](PrintArea(fabric, ground, v, x, y, reach, soft))

@@ -1,0 +1,131 @@
+"""Scarves: pleated ribbons laid around the neck of the posed and dressed figure, then draped there."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import gaussian_filter1d
+
+from relight.figures.catalogue.schema import entries
+from relight.figures.cloth.colliders import Collider
+from relight.figures.cloth.drape import Level
+from relight.figures.cloth.solver import SolverSettings
+from relight.figures.pose.motion import Motion
+from relight.figures.tailor.collars import neck_of
+from relight.figures.tailor.garments import Garment
+from relight.figures.tailor.patterns import Pattern, refined
+
+EDGE = 0.025  # metres between the vertices of the coarsest ribbon
+PLEAT = 0.42  # width of the pleated ribbon over that of the flat one
+LAYER = 0.032  # distance of each turn from the one below it, metres
+BEARINGS = 72  # directions in which the neck is measured
+
+
+@dataclass(frozen=True)
+class Wrap:
+    """How a scarf is worn.
+
+    Attributes:
+        start: bearing at which the first end reaches the neck, degrees from the front to the figure's left.
+        turn: degrees that the ribbon then runs around the neck, to the figure's right.
+        ends: metres that hang down, right and left.
+        at: metres from the middle where each end hangs.
+        height: metres of the turns above the base of the neck.
+        width: metres of the flat ribbon.
+    """
+
+    start: float
+    turn: float
+    ends: tuple[float, float]
+    at: tuple[float, float]
+    height: float
+    width: float
+
+
+SOLVER = [SolverSettings(12, 3, 22), SolverSettings(10, 4, 12), SolverSettings(8, 5, 10, gravity=-5.0)]
+
+
+def outline(surface: Collider, centre: np.ndarray, frame: np.ndarray) -> np.ndarray:
+    """Measures neck and collars around a centre.
+
+    Args:
+        surface: the dressed figure.
+        centre: (3,) base of the neck, metres.
+        frame: (3,3) axes of the neck in rows: left, up, forward.
+
+    Returns:
+        Radii (BEARINGS,) in metres, from the front to the left.
+    """
+    angle = 2 * np.pi * np.arange(BEARINGS) / BEARINGS
+    out = np.outer(np.sin(angle), frame[0]) + np.outer(np.cos(angle), frame[2])
+    radius = np.full(BEARINGS, 0.05)
+    for height in (0.03, 0.045, 0.06):
+        origin = centre + height * frame[1] + 0.14 * out
+        radius = np.maximum(radius, 0.14 - np.minimum(surface.raycast(origin, -out)[1], 0.09))
+    return gaussian_filter1d(np.minimum(radius, 0.115), 3, mode="wrap")
+
+
+def hanging(surface: Collider, x: float, top: float, length: float, lift: float) -> np.ndarray:
+    """Returns a line (m,3) down the figure's front, `lift` metres off it, from height `top`, longer than `length`."""
+    y = top - np.arange(0.0, 1.15 * length, 0.01)
+    origin = np.stack([np.full_like(y, x), y, np.full_like(y, 1.5)], axis=1)
+    z = 1.5 - surface.raycast(origin, np.broadcast_to([0.0, 0.0, -1.0], origin.shape))[1]
+    reached = np.isfinite(z)
+    z = np.interp(y[::-1], y[reached][::-1], z[reached][::-1])[::-1] if reached.any() else np.full_like(y, 0.1)
+    z = np.maximum(gaussian_filter1d(z, 4, mode="nearest"), z)
+    return np.stack([origin[:, 0], y, z + lift], axis=1)
+
+
+def centre_line(wrap: Wrap, surface: Collider, centre: np.ndarray, frame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the ribbon's centre line (n,3), a point every EDGE, and the directions (n,3) away from the figure."""
+    radius = outline(surface, centre, frame)
+    angle = np.radians(wrap.start - np.arange(0, wrap.turn + 1, 4.0))
+    layers = LAYER * np.abs(angle - angle[0]) / (2 * np.pi)
+    r = np.interp(angle, 2 * np.pi * np.arange(BEARINGS) / BEARINGS, radius, period=2 * np.pi) + 0.024 + layers
+    out = np.outer(np.sin(angle), frame[0]) + np.outer(np.cos(angle), frame[2])
+    ring = centre + wrap.height * frame[1] + out * r[:, None]
+    ends = [
+        hanging(surface, centre[0] + x, ring[k, 1] - 0.03, length, lift)
+        for x, length, k, lift in zip(wrap.at, wrap.ends, (0, -1), (0.012, 0.036))
+    ]
+    ahead = np.broadcast_to([0.0, 0.0, 1.0], (1, 3))
+    line = np.concatenate([ends[0][::-1], ring, ends[1]])
+    away = np.concatenate([np.repeat(ahead, len(ends[0]), 0), out, np.repeat(ahead, len(ends[1]), 0)])
+    travel = np.r_[0, np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))]
+    first = travel[len(ends[0])] - wrap.ends[0]
+    last = travel[-len(ends[1])] + wrap.ends[1]
+    count = round((last - first) / EDGE)
+    at = np.linspace(first, last, count + 1)
+    line, away = (np.stack([np.interp(at, travel, v[:, d]) for d in range(3)], axis=1) for v in (line, away))
+    line = gaussian_filter1d(line, 1.2, axis=0, mode="nearest")
+    away = gaussian_filter1d(away, 2.0, axis=0, mode="nearest")
+    return line, away / np.linalg.norm(away, axis=1, keepdims=True)
+
+
+def build_scarf(motion: Motion, garment: Garment, surface: Collider, levels: int) -> Pattern:
+    """Builds the pattern of a scarf, refined `levels` times, whose start lies around the posed figure `surface`.
+
+    Its rest shape is the flat ribbon (x across, y along, metres). Its skinning weights are 0: it does not move with the
+    body.
+    """
+    centre, frame = neck_of(motion)
+    wrap = entries("garments", "wraps", Wrap)[garment.name]
+    line, away = centre_line(wrap, surface, centre, frame)
+    along = np.gradient(line, axis=0)
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    across = np.cross(along, away)
+    across /= np.linalg.norm(across, axis=1, keepdims=True)
+    columns = round(wrap.width / EDGE) + 1
+    j = np.arange(columns) - (columns - 1) / 2
+    fold = EDGE * np.sqrt(1 - PLEAT**2) * np.sin(np.pi / 2 * np.arange(columns))
+    start = line[:, None] + PLEAT * EDGE * j[:, None] * across[:, None] + fold[:, None] * away[:, None]
+    rows = len(line)
+    x, y = np.meshgrid(EDGE * j, EDGE * (np.arange(rows) - (rows - 1) / 2))
+    flat = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
+    index = np.arange(rows * columns).reshape(rows, columns)
+    a, b, c, d = index[:-1, :-1].ravel(), index[:-1, 1:].ravel(), index[1:, :-1].ravel(), index[1:, 1:].ravel()
+    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([b, d, c], 1)])
+    start = start.reshape(-1, 3)
+    fields = {"drop": np.ones(len(flat))}
+    unpinned = np.zeros(len(flat))
+    coarsest = Level(flat, start, start, unpinned, np.zeros((len(flat), 1)), faces)
+    return refined(motion.body, garment, coarsest, fields, np.zeros(len(faces), bool), levels)

@@ -1,0 +1,215 @@
+"""Weaves: the albedo of each kind of fabric as a function of cloth coordinates, without shading."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from relight.figures.tailor.fabrics import Fabric, palette, trait
+from relight.figures.tailor.prints import emblem, printed
+from relight.figures.texture import band, grain, mixed
+
+
+@dataclass(frozen=True)
+class Swatch:
+    """A piece of a panel, to be painted.
+
+    Attributes:
+        fabric: of the panel.
+        panel: its name.
+        u: (...) cloth coordinate across, metres.
+        v: (...) cloth coordinate along, metres.
+        texel: metres between the samples; finer details are averaged.
+    """
+
+    fabric: Fabric
+    panel: str
+    u: np.ndarray
+    v: np.ndarray
+    texel: float
+
+    @property
+    def first(self) -> np.ndarray:
+        """Returns the color (3,) of the fabric's ground."""
+        return np.array(self.fabric.first, self.u.dtype)
+
+    @property
+    def second(self) -> np.ndarray:
+        """Returns the color (3,) of the fabric's pattern."""
+        return np.array(self.fabric.second, self.u.dtype)
+
+    @property
+    def offset(self) -> float:
+        """Returns a number that makes noise differ between panels."""
+        return 7.31 * (sum(map(ord, self.panel)) % 17)
+
+    @property
+    def soft(self) -> float:
+        """Returns the metres over which edges of a pattern are soft."""
+        return max(0.0012, self.texel)
+
+    def trait(self, number: int) -> float:
+        """Returns `fabrics.trait` of the fabric."""
+        return trait(self.fabric, number)
+
+    def grain(self, width: float, height: float, number: int) -> np.ndarray:
+        """Returns `texture.grain` (...) with features of `width` by `height` metres, another one for each number."""
+        return grain(self.u, self.v, width, height, self.texel, self.fabric.seed + number, self.offset)
+
+    def patterned(self, share: np.ndarray, second: np.ndarray | None = None) -> np.ndarray:
+        """Returns the ground (...,3) with a share (...) of the pattern, in the color `second` (3,)."""
+        return mixed(self.first, self.second if second is None else second, np.clip(share, 0, 1))
+
+
+def plain(swatch: Swatch) -> np.ndarray:
+    """Returns the color of the ground."""
+    return np.broadcast_to(swatch.first, (*swatch.u.shape, 3))
+
+
+def stripes(swatch: Swatch) -> np.ndarray:
+    """Returns stripes across the cloth, on some fabrics with a line of a third color in every other gap."""
+    v, size, soft = swatch.v, swatch.fabric.size, swatch.soft
+    color = swatch.patterned(band(v, 0.055 * size, 0.25 + 0.4 * swatch.trait(2), soft))
+    if swatch.trait(3) >= 0.45:
+        return color
+    line = band(v + 0.0275 * size, 0.055 * size * (1 + (swatch.trait(4) < 0.5)), 0.12, soft)
+    return mixed(color, palette(swatch.fabric, 0), line)
+
+
+def fine_stripes(swatch: Swatch) -> np.ndarray:
+    """Returns narrow stripes along the cloth, as on shirts."""
+    return swatch.patterned(band(swatch.u, 0.016 * swatch.fabric.size, 0.38, 0.0008))
+
+
+def pinstripe(swatch: Swatch) -> np.ndarray:
+    """Returns thin pale lines along the cloth, as on suits."""
+    return swatch.patterned(0.55 * band(swatch.u, 0.022 * swatch.fabric.size, 0.07, 0.0008))
+
+
+def check(swatch: Swatch) -> np.ndarray:
+    """Returns a check, on most fabrics with the lines of a tartan in a third color."""
+    u, v, soft, period = swatch.u, swatch.v, swatch.soft, 0.06 * swatch.fabric.size
+    color = swatch.patterned(0.5 * band(u, period, 0.45, soft) + 0.5 * band(v, period, 0.45, soft))
+    if swatch.trait(2) >= 0.6:
+        return color
+    lines = [band(along + 0.3 * period, period, 0.07, soft) for along in (u, v)]
+    return mixed(color, palette(swatch.fabric, 0), 0.6 * np.maximum(*lines))
+
+
+def all_over_print(swatch: Swatch) -> np.ndarray:
+    """Returns one of `prints.printed`."""
+    return printed(swatch.fabric, swatch.u, swatch.v, swatch.offset)
+
+
+def logo(swatch: Swatch) -> np.ndarray:
+    """Returns one of `prints.emblem`."""
+    return emblem(swatch.fabric, swatch.panel, swatch.u, swatch.v, swatch.soft)
+
+
+def melange(swatch: Swatch) -> np.ndarray:
+    """Returns yarn of two colors, spun together."""
+    return swatch.patterned(0.22 + 0.055 * swatch.grain(0.0025, 0.009, 1), 0.5 * (swatch.second + 0.5))
+
+
+def tweed(swatch: Swatch) -> np.ndarray:
+    """Returns a coarse twill with flecks."""
+    flecks = 0.15 * np.clip(swatch.grain(0.0026, 0.0026, 1), -1.4, 1.6)
+    twill = 0.12 * band(swatch.u + swatch.v, 0.012, 0.5, swatch.soft)
+    return swatch.patterned(0.30 + flecks + twill, 0.5 * (swatch.first + swatch.second))
+
+
+def knit(swatch: Swatch) -> np.ndarray:
+    """Returns stitches, on some fabrics with ribs; stitches finer than two texels are grey."""
+    u, v, period = swatch.u, swatch.v, 0.006 * (0.8 + 0.8 * swatch.trait(2))
+    column = np.abs((u / period) % 1 - 0.5)
+    kept = 1 / (1 + (1.5 * swatch.texel / period) ** 4)
+    stitch = np.clip(band(v + 0.7 * period * column, period, 0.35, 0.002) + 0.6 * (column < 0.08), 0, 1)
+    share = 0.35 * (0.4 + kept * (stitch - 0.4))
+    if swatch.trait(3) < 0.4:
+        share = share + 0.22 * band(u, 0.012 + 0.012 * swatch.trait(4), 0.4, 0.003)
+    return swatch.patterned(share, 0.45 * swatch.first)
+
+
+def corduroy(swatch: Swatch) -> np.ndarray:
+    """Returns ribs along the cloth."""
+    ribs = band(swatch.u, 0.0045 + 0.003 * swatch.trait(2), 0.45, max(0.0020, swatch.texel))
+    return swatch.patterned(0.42 * ribs, 0.45 * swatch.first)
+
+
+def denim(swatch: Swatch) -> np.ndarray:
+    """Returns a twill of blue and white yarn, with streaks along the warp."""
+    twill = band(swatch.u + 0.6 * swatch.v, 0.0035, 0.5, max(0.0015, swatch.texel))
+    streaks, slubs = swatch.grain(0.0016, 0.030, 3), swatch.grain(0.004, 0.09, 4)
+    share = 0.05 * twill + 0.16 + (0.06 + 0.06 * swatch.trait(2)) * streaks + 0.03 * slubs
+    return swatch.patterned(share, 0.5 * swatch.first + 0.5 * np.array([0.48, 0.53, 0.60]))
+
+
+def leather(swatch: Swatch) -> np.ndarray:
+    """Returns pores and pale scuffs."""
+    scuffs = np.clip(swatch.grain(0.03, 0.045, 1), 0, 2) ** 2
+    return swatch.patterned(0.15 + 0.07 * swatch.grain(0.003, 0.003, 0) + 0.05 * scuffs, 2.2 * swatch.first)
+
+
+@dataclass(frozen=True)
+class Weave:
+    """A kind of fabric.
+
+    Attributes:
+        paint: its albedo (...,3) on a swatch, with even yarn and dye.
+        warp, weft, flecks, blotches: standard deviations of ln albedo by which yarn and dye are uneven.
+    """
+
+    paint: Callable[[Swatch], np.ndarray]
+    warp: float
+    weft: float
+    flecks: float
+    blotches: float
+
+
+WEAVES = {
+    "plain": Weave(plain, 0.085, 0.10, 0.055, 0.055),
+    "jersey": Weave(plain, 0.02, 0.04, 0.09, 0.055),
+    "stripes": Weave(stripes, 0.05, 0.06, 0.06, 0.045),
+    "fine stripes": Weave(fine_stripes, 0.05, 0.05, 0.04, 0.045),
+    "pinstripe": Weave(pinstripe, 0.07, 0.05, 0.06, 0.045),
+    "check": Weave(check, 0.06, 0.06, 0.06, 0.045),
+    "print": Weave(all_over_print, 0.05, 0.06, 0.05, 0.045),
+    "logo": Weave(logo, 0.06, 0.06, 0.075, 0.05),
+    "melange": Weave(melange, 0.04, 0.04, 0.07, 0.045),
+    "tweed": Weave(tweed, 0.04, 0.04, 0.07, 0.045),
+    "knit": Weave(knit, 0.05, 0.08, 0.08, 0.06),
+    "corduroy": Weave(corduroy, 0.08, 0.02, 0.06, 0.06),
+    "denim": Weave(denim, 0.04, 0.03, 0.05, 0.05),
+    "leather": Weave(leather, 0.0, 0.0, 0.06, 0.07),
+}
+
+
+def unevenness(swatch: Swatch) -> np.ndarray:
+    """Returns the logarithm (...) of the factor by which yarn and dye vary the albedo."""
+    weave = WEAVES[swatch.fabric.kind]
+    strength, linen = 0.7 + 0.6 * swatch.trait(0), swatch.trait(7)
+    yarn = 0.0012 + 0.0014 * swatch.trait(1)
+    out = weave.warp * (0.25 + linen) * swatch.grain(yarn, 0.045, 31)
+    out = out + weave.weft * (0.25 + linen) * swatch.grain(0.038, yarn, 32)
+    out += weave.flecks * (1.6 - linen) * swatch.grain(0.0022, 0.0030, 33)
+    out += weave.blotches * swatch.grain(0.0055, 0.0075, 34)
+    out += 0.6 * weave.blotches * swatch.grain(0.016, 0.021, 35)
+    return strength * out + 0.035 * swatch.grain(0.09, 0.13, 36)
+
+
+def woven(fabric: Fabric, panel: str, u: np.ndarray, v: np.ndarray, texel: float = 0.001) -> np.ndarray:
+    """Computes the albedo of a fabric.
+
+    Args:
+        fabric: to be painted.
+        panel: its name.
+        u: (...) cloth coordinate across, metres.
+        v: (...) cloth coordinate along, metres.
+        texel: metres between the samples; finer details are averaged.
+
+    Returns:
+        (...,3) linear albedo.
+    """
+    swatch = Swatch(fabric, panel, u, v, texel)
+    color = WEAVES[fabric.kind].paint(swatch) * np.exp(unevenness(swatch))[..., None]
+    return np.clip(color, 0.008, 0.88)

@@ -1,0 +1,142 @@
+"""Catalogues: each entry is used, and an entry that does not fit its schema is refused in one sentence."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import pytest
+
+from relight.figures.body import makehuman
+from relight.figures.body.person import Shape, expressions, sample_person, units
+from relight.figures.body.skin import Iris
+from relight.figures.catalogue.schema import FOLDER, contents, entries
+from relight.figures.constraints import names
+from relight.figures.hair.styles import style_odds
+from relight.figures.outfits import shoe_odds
+from relight.figures.tailor import garments
+from relight.figures.tailor.garments import GROUPS, Garment, group, wardrobe
+from relight.figures.tailor.scarves import Wrap
+from relight.files import UserError
+
+
+@dataclass(frozen=True)
+class Button:
+    size: float
+    kind: Literal["round", "square"] = "round"
+    name: str = ""
+    holes: int | None = None
+    color: tuple[float, float, float] = (0.1, 0.1, 0.1)
+    sewn: bool = False
+    at: tuple[float, ...] = ()
+
+    def __post_init__(self):
+        if self.size > 1:
+            raise ValueError("no button is so large")
+
+
+def buttons(folder, text: str) -> dict[str, Button]:
+    (folder / "buttons.yaml").write_text(text)
+    contents.cache_clear()
+    entries.cache_clear()
+    return entries("buttons", "all", Button, folder)
+
+
+def test_entries_are_converted_to_their_types(tmp_path):
+    big = "big: &big {size: 1, holes: 4, color: [1, 0, 0.5], at: [1]}"
+    flat = "flat: {<<: *big, size: 0.5, kind: square}"
+    big, flat = buttons(tmp_path, f"all:\n  {big}\n  {flat}\n").values()
+    assert big == Button(1.0, "round", "big", 4, (1.0, 0.0, 0.5), False, (1.0,)) and type(big.size) is float
+    assert flat == Button(0.5, "square", "flat", 4, (1.0, 0.0, 0.5), False, (1.0,))
+
+
+@pytest.mark.parametrize(
+    ("entry", "message"),
+    [
+        ("{size: large}", "all: b: size must be a number, not 'large'"),
+        ("{size: true}", "size must be a number, not True"),
+        ("{size: 1, holes: 2.5}", "holes must be an integer, not 2.5"),
+        ("{size: 1, sewn: 1}", "sewn must be true or false, not 1"),
+        ("{size: 1, kind: oval}", "kind must be one of round, square, not 'oval'"),
+        ("{size: 1, color: [1, 2]}", r"color must be a list of 3, not \[1, 2\]"),
+        ("{size: 1, color: [1, 2, x]}", "color must be a number, not 'x'"),
+        ("{size: 1, at: 3}", "at must be a list, not 3"),
+        ("{size: 1, hole: 3}", "hole is no field of Button, which has size, kind"),
+        ("{size: 1, name: c}", "name is no field"),
+        ("{holes: 3}", "b needs size"),
+        ("{size: 2}", "all: b: no button is so large"),
+        ("7", "b must be a mapping, not 7"),
+        ("{size: 1}\n  b: {size: 2}", "b stands twice"),
+        ("{size: 1", "buttons.yaml: while parsing"),
+        ("{size: 1}\nall: {}", "all stands twice"),
+    ],
+)
+def test_entries_refuses_what_does_not_fit_in_one_sentence(tmp_path, entry, message):
+    with pytest.raises(UserError, match=message) as error:
+        buttons(tmp_path, f"all:\n  b: {entry}\n")
+    assert "\n" not in str(error.value) and "buttons.yaml" in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("torso_ease: [0.1]", "torso_ease must have 6 numbers, not 1"),
+        ("fabrics: [velvet]", "there is no fabric velvet; fabrics are plain, jersey"),
+        ("collar: ruff", "collar must be one of none, fold"),
+    ],
+)
+def test_garment_refuses_what_cannot_be_cut(tmp_path, change, message):
+    (tmp_path / "garments.yaml").write_text(f"tops:\n  ruff:\n    kind: top\n    {change}\n")
+    with pytest.raises(UserError, match=f"tops: ruff: {message}"):
+        entries("garments", "tops", Garment, tmp_path)
+
+
+@pytest.mark.parametrize("text", ["", "some:\n  b: {size: 1}\n", "all: 3\n"])
+def test_entries_refuses_a_missing_section(tmp_path, text):
+    with pytest.raises(UserError, match=r"buttons\.yaml needs a section all"):
+        buttons(tmp_path, text)
+
+
+@pytest.mark.parametrize(("listed", "message"), [(("jeans", "toga"), "there is no garment toga"), ((), "must list")])
+def test_drawn_from_refuses_unknown_garments_in_one_sentence(monkeypatch, listed, message):
+    wardrobe()
+    monkeypatch.setattr(garments, "entries", lambda *_: {"trousers": listed})
+    with pytest.raises(UserError, match=f"draws: trousers: .*{message}"):
+        garments.drawn_from("trousers")
+
+
+def test_catalogue_sections_are_all_read():
+    """A misspelled section would be silently without effect."""
+    read = {
+        "colors": {"neutrals", "colors", "denims", "leathers", "skin", "hair", "irises"},
+        "faces": {"shapes", "expressions"},
+        "garments": {"shared", "cloths", "draws", *GROUPS, "scarves", "wraps"},
+        "hair": {"combs", "styles"},
+        "poses": {"hands", "feet", "trunks", "standing", "sitting"},
+        "shoes": {"shoes"},
+    }
+    assert read == {path.stem: set(contents(path)) for path in FOLDER.glob("*.yaml")}
+
+
+def test_catalogue_names_are_unique_and_every_target_exists():
+    for kind, known in names().items():
+        assert len(known) == len(set(known)) > 10, kind
+    assert set(entries("garments", "wraps", Wrap)) == set(group("scarves"))
+    drawn = [name for listed in entries("garments", "draws", tuple[str, ...]).values() for name in listed]
+    assert set(drawn) == set(wardrobe())
+    targets = [
+        name for shape in entries("faces", "shapes", Shape).values() for name in (shape.negative, shape.positive)
+    ]
+    targets += [name for expression in expressions() for name in units(expression)]
+    for name in targets:
+        assert len(makehuman.target(name)[0]), name
+
+
+def test_catalogue_shares_are_probabilities():
+    irises = entries("colors", "irises", Iris).values()
+    assert sum(iris.light_skin for iris in irises) == pytest.approx(1) == sum(iris.dark_skin for iris in irises)
+    for seed in range(20):
+        person = sample_person(np.random.default_rng(seed))
+        for woman in (False, True):
+            odds = style_odds(woman, person)
+            assert odds.sum() == pytest.approx(1) and (odds >= 0).all()
+            assert shoe_odds(woman, [group("skirts")["pencil skirt"]]).sum() == pytest.approx(1)

@@ -1,0 +1,424 @@
+"""Cuts and trims of garments: hulls, drops, necklines, collars, bands, belts, ties, fits."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial import ConvexHull
+
+from relight.figures import outfits, wear
+from relight.figures.body.person import build_body, sample_person
+from relight.figures.cloth import colliders
+from relight.figures.cloth.colliders import Collider
+from relight.figures.cloth.drape import Level
+from relight.figures.cloth.layers import signed_distance
+from relight.figures.pose import stances
+from relight.figures.pose.motion import build_motion
+from relight.figures.surfaces import border_loops, edges, loop
+from relight.figures.tailor import collars, drops, fitting, patterns, suit, trims
+from relight.figures.tailor.fabrics import Fabric
+from relight.figures.tailor.garments import wardrobe
+
+UP, LEFT, AHEAD = np.eye(3)[[1, 0, 2]]
+
+
+@pytest.fixture(scope="module")
+def body():
+    colliders.init_warp()
+    return build_body(sample_person(np.random.default_rng(3)))
+
+
+def cut(body, name, **changes):
+    return patterns.build_pattern(body, replace(wardrobe()[name], **changes), 0)
+
+
+def hollow(points: np.ndarray) -> float:
+    """Metres by which the deepest of points (n,2) lies inside their hull."""
+    sides = ConvexHull(points).equations
+    return float(-(points @ sides[:, :2].T + sides[:, 2]).max(1).min())
+
+
+@pytest.mark.parametrize("name", ["sweater", "t-shirt", "short skirt"])
+def test_build_pattern_has_no_length_for_the_hollow_of_the_seat(body, name):
+    at, level = body.heights, cut(body, name).levels[0]
+    for height in np.arange(at["crotch"] + 0.1, at["hip"] + 0.02, 0.02):
+        suit = body.tights[np.abs(body.tights[:, 1] - height) < 0.01][:, [0, 2]]
+        for points in (level.rest_shape, level.fitted):
+            near = points[np.abs(points[:, 1] - height) < 0.01][:, [0, 2]]
+            near = near[np.abs(near[:, 0]) < np.abs(suit[:, 0]).max() + 0.05]
+            assert len(near) > 6 and hollow(near) < 0.006
+    seat = body.tights[np.abs(body.tights[:, 1] - at["crotch"] - 0.1) < 0.01][:, [0, 2]]
+    assert hollow(seat) > 0.009, "the body is hollow there"
+
+
+def test_trunk_hull_is_exact_on_a_known_outline():
+    """Two cylinders beside each other: their hull is a stadium."""
+    turn = np.linspace(0, 2 * np.pi, 400, endpoint=False)
+    ring = np.concatenate([np.stack([x + 0.1 * np.sin(turn), 0.1 * np.cos(turn)], 1) for x in (-0.1, 0.1)])
+    heights = np.arange(0.0, 0.5, 0.005)
+    points = np.concatenate([np.insert(ring, 1, y, axis=1) for y in heights])
+    fields = {"arm_shareL": np.zeros(len(points)), "arm_shareR": np.zeros(len(points))}
+    hull = suit.trunk_hull(points, fields, {"crotch": 0.1, "waist": 0.25, "neck": 0.45})
+    asked = np.array([[0.0, 0.2, 0.05], [0.3, 0.2, 0.0], [0.1, 0.2, 0.02]])
+    assert hull.radius(asked)[:2] == pytest.approx([0.1, 0.2], abs=1e-3)
+    moved = hull.expand(asked, np.array([1.0, 1.0, 0.5]))
+    assert moved[0] == pytest.approx([0, 0.2, 0.1], abs=1e-3)
+    np.testing.assert_allclose(moved[1], asked[1], atol=1e-12)  # what is outside stays
+    assert 0.02 < moved[2, 2] < 0.1
+
+
+def test_trunk_hull_bridges_heights_without_vertices():
+    """A cone whose vertices have a gap of 8 cm, as between the rings of a very tall person."""
+    turn = np.linspace(0, 2 * np.pi, 400, endpoint=False)
+    heights = np.concatenate([np.arange(0.0, 0.2, 0.005), np.arange(0.28, 0.5, 0.005)])
+    points = np.concatenate([(0.1 + 0.2 * y) * np.stack([np.sin(turn), 0 * turn, np.cos(turn)], 1) for y in heights])
+    points[:, 1] = np.repeat(heights, len(turn))
+    fields = {"arm_shareL": np.zeros(len(points)), "arm_shareR": np.zeros(len(points))}
+    hull = suit.trunk_hull(points, fields, {"crotch": 0.1, "waist": 0.25, "neck": 0.45})
+    for y in (0.2, 0.24, 0.28):
+        assert hull.radius(np.array([[0.0, y, 0.05]]))[0] == pytest.approx(0.1 + 0.2 * y, abs=5e-3)
+
+
+def test_hull_straightened_spans_hollows():
+    """A body of revolution as slim as an hourglass between a chest and a seat of one width, and a bump at its foot."""
+    heights = np.linspace(0, 1, 21)
+    radii = np.repeat((0.2 - 0.08 * np.sin(np.pi * heights))[:, None], suit.BEARINGS, axis=1)
+    hull = suit.Hull(0.0, heights, radii)
+    np.testing.assert_allclose(hull.straightened(-1.0, 1.0).radii, 0.2, atol=1e-12)
+    np.testing.assert_allclose(hull.straightened(-1.0, 0.5).radii, (0.2 + radii) / 2, atol=1e-12)
+    above = hull.straightened(0.5, 1.0).radii  # straight from the waist up to the chest, as cut below it
+    np.testing.assert_allclose(above[:11], radii[:11], atol=1e-12)
+    np.testing.assert_allclose(above[10:, 0], 0.12 + 0.16 * (heights[10:] - 0.5), atol=1e-12)
+    bulging = suit.Hull(0.0, heights, 0.4 - radii)
+    np.testing.assert_allclose(bulging.straightened(-1.0, 1.0).radii, bulging.radii, atol=1e-12)
+
+
+def test_build_pattern_hangs_only_loose_closed_tops_straight(body):
+    """In the small of the back the cloth stands off further than its ease where it is cut wide, unless it is open."""
+    waist = body.heights["waist"]
+
+    def off(ease: float, **changes) -> float:
+        level = cut(body, "sweater", torso_ease=(ease,) * 6, **changes).levels[0]
+        x, y, z = level.fitted.T
+        back = (np.abs(y - waist - 0.03) < 0.03) & (np.abs(x) < 0.05) & (z < np.median(z))
+        return float((level.fitted - level.rest_shape)[back, 2].mean()) - ease + patterns.PIN_OFFSET
+
+    assert abs(off(0.004)) < 0.002 and abs(off(0.03, front_gap=0.02)) < 0.006
+    assert off(0.03) > off(0.03, front_gap=0.02) + 0.004
+
+
+@pytest.mark.parametrize("name", ["fitted t-shirt", "robe"])
+def test_expand_evenly_does_not_bunch_cloth_over_the_cleft(body, name, monkeypatch):
+    """What lined it would be slivers if it were only moved out to the hull."""
+    at = body.heights
+
+    def areas() -> np.ndarray:
+        level = cut(body, name).levels[0]
+        a, b, c = (level.fitted[level.faces[:, k]] for k in range(3))
+        middle, normal = (a + b + c) / 3, np.cross(b - a, c - a)
+        high = middle[:, 1] - at["crotch"]
+        there = (np.abs(middle[:, 0]) < 0.025) & (high > 0.02) & (high < 0.2) & (middle[:, 2] < np.median(middle[:, 2]))
+        assert there.sum() > 20 and (normal[there, 2] < 0).all()
+        return np.linalg.norm(normal[there], axis=1) / 2
+
+    spread = areas()
+    monkeypatch.setattr(patterns, "expand_evenly", lambda hull, points, faces, share: hull.expand(points, share))
+    bunched = areas()
+    assert spread.min() > 1.8 * bunched.min() and np.median(spread) > 1.2 * np.median(bunched)
+
+
+def test_cleft_is_where_two_boxes_meet():
+    """Two boxes beside each other: the sides by which they meet, at the height of the seat, and no others."""
+    boxes = [trimesh.creation.box((0.1, 0.6, 0.1)).apply_translation((x, 0, 0)) for x in (-0.055, 0.055)]
+    both = trimesh.util.concatenate([box.subdivide().subdivide().subdivide() for box in boxes])
+
+    found = wear.cleft(SimpleNamespace(heights={"crotch": 0.0}), both.vertices, both.faces)
+    middle, normal = both.triangles_center[found], both.face_normals[found]
+    assert found.sum() > 40 and (np.abs(middle[:, 0]) < 0.006).all() and (np.abs(normal[:, 0]) > 0.99).all()
+    low, high = wear.CLEFT_HEIGHTS
+    inner = np.abs(both.triangles_center[:, 0]) < 0.006
+    within = (both.triangles_center[:, 1] > low) & (both.triangles_center[:, 1] < high)
+    assert found.sum() == (inner & within).sum()
+
+
+def lengths(points: np.ndarray, ring: np.ndarray) -> float:
+    return float(np.linalg.norm(points[np.roll(ring, -1)] - points[ring], axis=1).sum())
+
+
+@pytest.mark.parametrize("name", ["dress", "flared skirt", "pleated skirt", "long skirt"])
+def test_drop_rows_start_in_folds_of_the_same_length(body, name):
+    pattern = cut(body, name)
+    level = pattern.levels[0]
+    hem = next(ring for ring in border_loops(level.faces) if (pattern.fields["drop"][ring] > 0.999).all())
+    top = pattern.fields["drop"] == 0
+    waist = level.rest_shape[top][np.argsort(level.rest_shape[top][:, 1])[:30]]
+    assert lengths(level.rest_shape, hem) > 2.2 * np.pi * np.ptp(waist[:, 0])
+    assert lengths(level.start, hem) == pytest.approx(lengths(level.rest_shape, hem), rel=0.02)
+    wide = [np.ptp(x[hem], axis=0)[[0, 2]].mean() for x in (level.start, level.rest_shape)]
+    assert wide[0] < 0.9 * wide[1], "it hangs narrower than it is cut"
+
+
+def test_drop_rows_gathers_lengthen_the_outline(body):
+    plain, gathered = (cut(body, "pleated skirt", gather=gather, pleat=0.0, flare=0.5) for gather in (0.0, 0.07))
+
+    def across(pattern) -> float:
+        level = pattern.levels[0]
+        ring = next(r for r in border_loops(level.faces) if (pattern.fields["drop"][r] > 0.999).all())
+        return lengths(level.rest_shape, ring)
+
+    assert across(gathered) > 1.25 * across(plain)
+
+
+def test_split_border_keeps_the_surface():
+    turn = 2 * np.pi * np.arange(12) / 12
+    points = np.concatenate([np.stack([np.sin(turn), 0 * turn + y, np.cos(turn)], 1) for y in (0.0, 1.0)])
+    i = np.arange(12)
+    j = (i + 1) % 12
+    faces = np.concatenate([np.stack([i, j, i + 12], 1), np.stack([j, j + 12, i + 12], 1)])
+    ring, closed = drops.lowest_border(faces, points[:, 1])
+    assert closed and sorted(ring) == list(range(12))
+    matrix, finer, parent = drops.split_border(faces, len(points), ring)
+    finest = matrix @ points
+    area = [trimesh.Trimesh(p, f, process=False).area for p, f in ((points, faces), (finest, finer))]
+    assert area[1] == pytest.approx(area[0], rel=1e-12)
+    assert len(finer) == len(faces) + 12 and (np.bincount(parent) == [2] * 12 + [1] * 12).all()
+    assert sorted(len(r) for r in border_loops(finer)) == [12, 24]
+    assert edges(finer)[2].max() == 2
+
+
+def test_neck_field_v_is_deeper_in_front_only(body):
+    low = []
+    for vee in (0.0, 0.1):
+        pattern = cut(body, "t-shirt", v_depth=vee, neck=(0.08, 0.06, 0.09))
+        held = pattern.levels[0].fitted
+        ring = max(border_loops(pattern.levels[0].faces), key=lambda r: held[r, 1].mean())
+        front = held[ring, 2] > body.joints["neck01"][2] + 0.035
+        low.append((held[ring][front, 1].min(), held[ring][~front, 1].min()))
+    assert low[0][0] - low[1][0] == pytest.approx(0.1, abs=0.025)
+    assert low[0][1] == pytest.approx(low[1][1], abs=0.01)
+
+
+def tube(radius: float = 0.06, columns: int = 24) -> tuple[np.ndarray, np.ndarray]:
+    """A dome with a round hole, as shoulders are to a neck: vertices and faces turned outward."""
+    turn = 2 * np.pi * np.arange(columns) / columns
+    rings = [(radius, 0.0), (0.09, -0.012), (0.13, -0.04), (0.18, -0.10), (0.20, -0.2), (0.20, -0.3)]
+    points = np.concatenate([np.stack([r * np.sin(turn), 0 * turn + y, r * np.cos(turn)], 1) for r, y in rings])
+    i = np.arange(columns)
+    j = (i + 1) % columns
+    faces = [
+        part + k * columns
+        for k in range(len(rings) - 1)
+        for part in (np.stack([i, i + columns, j], 1), np.stack([j, i + columns, j + columns], 1))
+    ]
+    points, faces = points, np.concatenate(faces)
+    for _ in range(2):
+        matrix, finer = loop(faces, len(points))
+        points, faces = matrix @ points, finer
+    return points, faces
+
+
+@pytest.mark.parametrize("kind", ["none", "roll", "stand"])
+def test_collar_of_a_closed_neckline_is_smooth(kind):
+    """A neckline as uneven as a drape's, in and out by 3 %: no notch is left, nor where the band is joined."""
+    colliders.init_warp()
+    points, faces = tube()
+    ring = max(border_loops(faces), key=lambda ring: points[ring, 1].mean())
+    points[ring] *= 1 + 0.03 * (-1.0) ** np.arange(len(ring))[:, None]
+    vertices, _, _ = collars.collar(points, faces, np.zeros((len(points), 2)), kind, np.zeros(3), UP, 1.0)
+    band = vertices[len(ring) : 2 * len(ring)]  # above the row that is sewn to the cloth
+    assert np.ptp(np.hypot(points[ring, 0], points[ring, 2])) > 0.003
+    assert np.ptp(np.hypot(band[:, 0], band[:, 2])) < 0.0006
+
+
+def test_banded_smooths_the_neckline_and_the_cloth_beside_it():
+    """Cloth bunched at the neckline, 30 mm wide and 20 mm high: most of that goes, and what is away from it stays."""
+    smooth, faces = tube()
+    ring = max(border_loops(faces), key=lambda ring: smooth[ring, 1].mean())
+    turn = np.arctan2(smooth[:, 0], smooth[:, 2])
+    near = np.exp(-((0.06 * (turn - 1.0) / 0.015) ** 2)) * np.clip(1 + smooth[:, 1] / 0.04, 0, 1)
+    drape = smooth + 0.02 * near[:, None] * UP + [0.01, -0.005, 0.0]
+    held = collars.banded(drape, faces, smooth, np.zeros(3), UP)
+    bump = [np.ptp((x - smooth)[ring, 1]) for x in (drape, held)]
+    assert bump[0] > 0.019 and bump[1] < 0.45 * bump[0]
+    far = np.linalg.norm(drape[:, None] - drape[ring], axis=-1).min(1) > collars.BAND_RANGE
+    np.testing.assert_array_equal(held[far], drape[far])
+    still = collars.banded(smooth + [0.01, 0, 0], faces, smooth, np.zeros(3), UP)
+    np.testing.assert_allclose(still, smooth + [0.01, 0, 0], atol=1e-12)  # a neckline that moved as a whole stays so
+    assert collars.banded(smooth, faces, smooth, np.array([0, 9.0, 0]), UP) is smooth, "no neckline there"
+
+
+def test_collar_hood_is_whole_over_a_crease():
+    colliders.init_warp()
+    points, faces = tube()
+    back = np.clip(-points[:, 2] / np.hypot(points[:, 0], points[:, 2]), 0, 1)
+    points[:, 2] += 0.025 * np.exp(-((points[:, 0] / 0.012) ** 2)) * back
+    vertices, _, _ = collars.collar(points, faces, np.zeros((len(points), 2)), "hood", np.zeros(3), UP, 1.0)
+    count = len(max(border_loops(faces), key=lambda ring: points[ring, 1].mean()))
+    rows = vertices[count : (1 + len(collars.HOOD)) * count].reshape(len(collars.HOOD), count, 3)
+    turn = np.unwrap(np.arctan2(rows[..., 0], rows[..., 2]), axis=1)
+    assert (np.sign(np.diff(turn)) == np.sign(turn[0, -1] - turn[0, 0])).all(), "its ways cross"
+
+
+@pytest.mark.parametrize("kind", ["hood", "lapel"])
+def test_collar_hood_and_lapel_are_outside_the_cloth(kind):
+    colliders.init_warp()
+    points, faces = tube()
+    vertices, solid, _ = collars.collar(points, faces, np.zeros((len(points), 2)), kind, np.zeros(3), UP, 1.0)
+    _, distance, _ = signed_distance(vertices, Collider(points, points, faces), 0.2)
+    assert np.percentile(distance, 2) > -0.004 and distance.max() > 0.004
+    shell = trimesh.Trimesh(vertices, solid, process=False)
+    assert shell.is_watertight and shell.is_winding_consistent
+    if kind == "hood":
+        assert vertices[vertices[:, 2] < 0, 1].min() < -0.08, "it hangs down the back"
+        assert vertices[vertices[:, 2] > 0.05, 1].min() > -0.05, "and not in front"
+
+
+def sheet(size: float, front: float, step: float = 0.02) -> tuple[np.ndarray, np.ndarray]:
+    """A square of cloth in the plane z = `front`, seen from +z."""
+    a = np.arange(-size, size + 1e-9, step)
+    x, y = np.meshgrid(a, a[::-1])
+    points = np.stack([x, y, np.full_like(x, front)], -1).reshape(-1, 3)
+    return points, trims.grid_faces(len(a), len(a))
+
+
+@pytest.mark.parametrize("front", ["zip", "buttons", "double", "placket", "none"])
+def test_band_of_a_closed_front_has_its_width_and_offset(front):
+    points, faces = sheet(0.4, 0.1)
+    back, behind = sheet(0.4, -0.1)
+    both = np.concatenate([points, back])
+    level = Level(
+        both, both, both, np.zeros(len(both)), np.zeros((len(both), 1)), np.concatenate([faces, behind + len(points)])
+    )
+    garment = replace(wardrobe()["closed coat"], front=front)
+    pattern = patterns.Pattern(None, garment, [level], [], {}, np.zeros(2 * len(faces), bool))
+    found = trims.band(pattern, both, both[:, :2])
+    if front == "none":
+        assert found is None
+        return
+    vertices, solid, uv = found
+    shell = trimesh.Trimesh(vertices, solid, process=False)
+    assert shell.is_watertight and shell.is_winding_consistent and shell.volume > 0
+    assert (vertices[:, 0].min(), vertices[:, 0].max()) == pytest.approx(trims.BANDS[front], abs=1e-6)
+    assert vertices[:, 2].max() == pytest.approx(0.1 + trims.OFFSET) and vertices[:, 2].min() == pytest.approx(0.1)
+    assert np.ptp(vertices[:, 1]) == pytest.approx(trims.PLACKET if front == "placket" else 0.8, abs=1e-6)
+    np.testing.assert_allclose(uv, vertices[solid][..., :2], atol=1e-9)
+
+
+def test_belt_goes_around_with_its_buckle_in_front():
+    colliders.init_warp()
+    body = trimesh.creation.cylinder(0.15, 0.6, sections=64)
+    points = body.vertices[:, [1, 2, 0]]
+    turn = np.linspace(0, 2 * np.pi, 20)
+    ring = np.stack([0.15 * np.sin(turn), 0 * turn, 0.15 * np.cos(turn)], 1)
+    ribbon, buckle = trims.belt(points, body.faces, ring, AHEAD, 0.03)
+    for vertices, faces in (ribbon, buckle):
+        shell = trimesh.Trimesh(vertices, faces, process=False)
+        assert shell.is_watertight and shell.is_winding_consistent and shell.volume > 0
+    radius = np.hypot(ribbon[0][:, 0], ribbon[0][:, 2])
+    assert 0.149 < radius.min() and radius.max() < 0.157
+    assert np.ptp(ribbon[0][:, 1]) == pytest.approx(0.03, abs=1e-4)
+    assert buckle[0][:, 2].min() > 0.145 and np.abs(buckle[0][:, 0]).max() < 0.03
+    assert trims.belt(points[points[:, 2] > -9] + [9.0, 0, 0], body.faces, ring, AHEAD, 0.03) == [], "nothing to hold"
+
+
+def test_belt_leans_with_hips_that_widen():
+    """Around a cone: as far off the cloth at its upper edge as at its lower one."""
+    colliders.init_warp()
+    cone = trimesh.creation.cylinder(0.15, 0.6, sections=64)
+    points = cone.vertices[:, [1, 2, 0]].copy()
+    points[:, [0, 2]] *= (1 - 0.8 * points[:, 1])[:, None]
+    turn = np.linspace(0, 2 * np.pi, 20)
+    ring = np.stack([0.15 * np.sin(turn), 0 * turn, 0.15 * np.cos(turn)], 1)
+    ribbon, _ = trims.belt(points, cone.faces, ring, AHEAD, 0.034)
+    off = np.hypot(ribbon[0][:, 0], ribbon[0][:, 2]) - 0.15 * (1 - 0.8 * ribbon[0][:, 1])
+    assert off.max() < 0.0055 and off.min() > -0.001
+
+
+def test_tie_lies_on_the_shirt():
+    colliders.init_warp()
+    points, faces = sheet(0.5, 0.1)
+    vertices, solid = trims.tie(points, faces, np.array([0, 0.4, 0.0]), LEFT)
+    shell = trimesh.Trimesh(vertices, solid, process=False)
+    assert shell.is_watertight and shell.is_winding_consistent and shell.volume > 0
+    assert vertices[:, 2].min() > 0.1 and vertices[:, 2].max() < 0.125
+    assert np.ptp(vertices[:, 1]) == pytest.approx(trims.TIE, abs=0.02) and np.ptp(vertices[:, 0]) == pytest.approx(
+        0.072, abs=0.004
+    )
+    assert trims.tie(points - [5, 0, 0], faces, np.array([0, 0.4, 0.0]), LEFT) is None
+
+
+def test_tailored_garments_differ_within_bounds():
+    rng = np.random.default_rng(0)
+    drawn = [fitting.tailored(rng, wardrobe()["jeans"]) for _ in range(60)]
+    knee = [garment.leg_ease[5] for garment in drawn]
+    assert np.std(knee) > 0.002 and min(knee) > fitting.MIN_EASE and max(knee) < 0.03
+    assert min(garment.leg_end for garment in drawn) > 1.5 and max(garment.leg_end for garment in drawn) <= 1.97
+    assert {garment.name for garment in drawn} == {"jeans"}
+    shirts = [fitting.tailored(rng, wardrobe()["t-shirt"]) for _ in range(60)]
+    assert {shirt.v_depth > 0 for shirt in shirts} == {True, False} and len({shirt.neck for shirt in shirts}) > 3
+
+
+def test_over_leaves_room_for_the_inner_garment():
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        inner, outer = (fitting.tailored(rng, wardrobe()[name]) for name in ("sweater", "blazer"))
+        outer = fitting.over(outer, inner)
+        assert all(o > i for o, i in zip(outer.torso_ease, inner.torso_ease)) and all(
+            o > i for o, i in zip(outer.arm_ease, inner.arm_ease)
+        )
+
+
+def test_under_and_tailored_bound_the_ease():
+    rng = np.random.default_rng(2)
+    for _ in range(30):
+        inner = fitting.under(fitting.tailored(rng, wardrobe()["t-shirt"]))
+        assert max(inner.torso_ease) <= fitting.MAX_INNER_EASE and max(inner.arm_ease) <= fitting.MAX_INNER_ARM_EASE
+        for name in ("coat", "t-shirt", "robe"):
+            assert fitting.tailored(rng, wardrobe()[name]).torso_ease[1] <= fitting.MAX_WAIST_EASE + 1e-9
+
+
+@pytest.mark.parametrize(("name", "above"), [("robe", outfits.BELT), ("dress", 0.09 + outfits.ABOVE_SEAM)])
+def test_pin_weights_of_a_belt_are_under_it_only(body, name, above):
+    free, belted = (cut(body, name, belt_height=belt) for belt in (None, above))
+    y, level = belted.fields["y"], belted.levels[-1]
+    on = np.maximum(belted.fields["arm_shareL"], belted.fields["arm_shareR"])
+    off = np.abs(y - body.heights["waist"] - above)
+    under = (off < 0.017) & (on < 0.05) & (belted.fields["drop"] == 0)
+    assert under.sum() > 30 and level.pin_weight[under].min() > 0.85
+    assert free.levels[-1].pin_weight[under].mean() < 0.6
+    far = off > patterns.BELT + patterns.BELT_FADE + 0.03
+    np.testing.assert_array_equal(level.pin_weight[far], free.levels[-1].pin_weight[far])
+
+
+def test_in_other_fabrics_keeps_the_cut():
+    person = sample_person(np.random.default_rng(5))
+    outfit = replace(
+        outfits.sample_outfit(np.random.default_rng(5), person),
+        tie=None,
+        belt=Fabric("leather", (0.1,) * 3, (0.2,) * 3, 1, 1),
+    )
+    other = outfits.in_other_fabrics(outfit, np.random.default_rng(9))
+    assert [worn.garment for worn in other.garments] == [worn.garment for worn in outfit.garments]
+    assert all(new.fabric != old.fabric for new, old in zip(other.garments, outfit.garments))
+    assert all(worn.fabric.kind in worn.garment.fabrics for worn in other.garments)
+    assert other.tie is None and other.belt != outfit.belt and other.shoe == outfit.shoe and other.hair == outfit.hair
+
+
+@pytest.mark.parametrize("name", sorted(wardrobe()))
+def test_build_pattern_cuts_every_garment(body, name):
+    """In one piece, with as many borders as it has openings, around a body that stands."""
+    garment = wardrobe()[name]
+    pattern = cut(body, name)
+    level = pattern.levels[0]
+    openings = {"top": 4 - bool(garment.front_gap), "trousers": 3, "skirt": 2}[garment.kind]
+    assert len(border_loops(level.faces)) == openings
+    assert all(np.isfinite(part).all() for part in (level.rest_shape, level.start, level.fitted))
+    assert np.isfinite(way_of(body).skin(level.weights, level.start)).all()
+    long = np.linalg.norm(np.diff(level.rest_shape[edges(level.faces)[0]], axis=1), axis=-1)
+    assert long.max() < 0.16
+
+
+def way_of(body):
+    return build_motion(body, stances.poses()["straight"], 1)

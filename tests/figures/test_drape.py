@@ -1,0 +1,151 @@
+"""The cloth solver, its colliders, and cloth that passes through cloth."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from relight.figures.cloth import colliders, crossings, drape
+from relight.figures.cloth.colliders import Collider
+from relight.figures.cloth.solver import Cloth, ClothSolver, SolverSettings
+from relight.figures.rings import winding
+
+
+@pytest.fixture(scope="module", autouse=True)
+def warp():
+    colliders.init_warp()
+
+
+def square(n=21, side=0.4, height=1.0):
+    a = np.linspace(-side / 2, side / 2, n)
+    x, z = np.meshgrid(a, a)
+    i = np.arange(n * n).reshape(n, n)
+    p, q, r, s = i[:-1, :-1].ravel(), i[:-1, 1:].ravel(), i[1:, :-1].ravel(), i[1:, 1:].ravel()
+    faces = np.concatenate([np.stack([p, r, q], 1), np.stack([q, r, s], 1)])
+    return np.stack([x.ravel(), np.full(n * n, height), z.ravel()], axis=1), faces
+
+
+def ball(radius=0.12, height=0.8):
+    mesh = trimesh.creation.icosphere(subdivisions=4, radius=radius)
+    return np.asarray(mesh.vertices) + [0, height, 0], np.asarray(mesh.faces)
+
+
+def test_step_frame_cloth_over_a_ball_lies_outside_and_keeps_its_lengths():
+    vertices, faces = square()
+    under = Collider(*([ball()[0]] * 2), ball()[1])
+    solver = ClothSolver(vertices, faces, Cloth(extra_length=0.0, friction=0.6))
+    for _ in range(50):
+        solver.step_frame(under, SolverSettings(10, 4, 0, self_contact=False), ground=0.0, damping=0.98)
+    x = solver.positions()
+    distance = np.linalg.norm(x - [0, 0.8, 0], axis=1)
+    assert distance.min() > 0.12 + 0.004 - 0.002  # the thickness, less the facets of the ball
+    assert x[:, 1].min() < 0.85  # the corners hang
+    assert np.abs(np.percentile(solver.strain(), [2, 98]) - 1).max() < 0.05
+
+
+def test_step_frame_free_cloth_falls_as_anything_falls():
+    vertices, faces = square(5, height=3.0)
+    under = Collider(*([ball()[0]] * 2), ball()[1])
+    solver = ClothSolver(vertices, faces, Cloth(extra_length=0.0))
+    for _ in range(12):
+        solver.step_frame(under, SolverSettings(10, 2, 0, self_contact=False), ground=-9.0, damping=1.0)
+    assert 3 - solver.positions()[:, 1].mean() == pytest.approx(9.8 * 0.2**2 / 2, rel=0.03)
+
+
+def test_step_frame_cloth_stays_above_the_ground():
+    vertices, faces = square(9, height=0.05)
+    under = Collider(*([ball(height=3.0)[0]] * 2), ball()[1])
+    solver = ClothSolver(vertices, faces, Cloth())
+    for _ in range(40):
+        solver.step_frame(under, SolverSettings(8, 2, 0, self_contact=False), ground=0.01, damping=0.98)
+    assert solver.positions()[:, 1].min() == pytest.approx(0.01, abs=1e-6)
+
+
+def test_collider_nearest_is_the_true_nearest_point():
+    vertices, faces = ball()
+    points = np.random.default_rng(0).normal(size=(200, 3)) * 0.1 + [0, 0.8, 0]
+    face, weights = Collider(vertices, vertices, faces).nearest(points, 1.0)
+    found = np.einsum("nk,nkd->nd", weights, vertices[faces[face]])
+    true, _, _ = trimesh.proximity.closest_point_naive(trimesh.Trimesh(vertices, faces, process=False), points)
+    np.testing.assert_allclose(np.linalg.norm(found - points, axis=1), np.linalg.norm(true - points, axis=1), atol=2e-6)
+
+
+def test_step_frame_sleeve_follows_a_fast_arm():
+    def tube(radius: float, length: float) -> tuple[np.ndarray, np.ndarray]:
+        angle, y = np.meshgrid(np.arange(20) / 20 * 2 * np.pi, np.linspace(-length / 2, length / 2, 25))
+        i = np.arange(500).reshape(25, 20)
+        p, q, r, s = i[:-1], np.roll(i, -1, 1)[:-1], i[1:], np.roll(i, -1, 1)[1:]
+        faces = np.stack([p, r, q, q, r, s], -1).reshape(-1, 3)
+        return np.stack([radius * np.cos(angle), 1 + y, radius * np.sin(angle)], -1).reshape(-1, 3), faces
+
+    (arm, solid), (sleeve, faces) = tube(0.03, 0.5), tube(0.04, 0.3)
+    solver = ClothSolver(sleeve, faces, Cloth(extra_length=0.0))
+    step = np.array([0.07, 0, 0])
+    for k in range(8):
+        below = Collider(arm + k * step, arm + (k + 1) * step, solid)
+        solver.step_frame(below, SolverSettings(12, 2, 0), ground=0.0, damping=0.99)
+    x = solver.positions()
+    for row in (5, 12, 19):
+        ring = x[20 * row : 20 * row + 20]
+        bone = np.array([[0, 0, 0], [0, 2, 0]]) + 8 * step
+        assert abs(winding(np.stack([ring, np.roll(ring, -1, 0)], axis=1), bone)) == 1
+
+
+def test_relax_torn_edges_spreads_one_torn_edge():
+    vertices, faces = square(9)
+    solver = ClothSolver(vertices, faces, Cloth(extra_length=0.0))
+    torn = vertices.copy()
+    torn[40, 1] += 0.3
+    solver.move_to(torn)
+    before = solver.strain().max()
+    solver.move_to(drape.relax_torn_edges(torn, faces, solver.edges, solver.strain(), np.zeros(81, bool)))
+    assert solver.strain().max() < 0.4 * before
+
+
+def test_raycast_meets_the_first_face():
+    vertices, faces = ball()
+    face, depth = Collider(vertices, vertices, faces).raycast(
+        np.array([[0, 0.8, 1.0], [1, 0.8, 1]]), np.array([[0, 0, -1.0]] * 2)
+    )
+    assert face[0] >= 0 and face[1] == -1
+    assert depth[0] == pytest.approx(0.88, abs=1e-3) and depth[1] == np.inf
+
+
+def standing(n=21):
+    """The square of cloth, upright in the plane x = 8 mm and 10 mm up, so that no vertex of one lies in the other."""
+    vertices, faces = square(n)
+    return np.stack([0 * vertices[:, 0] + 0.008, 1.01 + vertices[:, 0], vertices[:, 2]], axis=1), faces
+
+
+def test_crossing_measures_cloth_through_cloth():
+    flat, wall = square(), standing()
+    found = crossings.crossing([flat, wall], [flat[0], wall[0]])
+    for share, (_, faces) in zip(found, (flat, wall)):
+        assert 20 / len(faces) <= share <= 60 / len(faces)  # the faces along a line of 20 edges
+    clear = wall[0] + [0, 0.25, 0], wall[1]
+    assert crossings.crossing([flat, clear], [flat[0], clear[0]]) == [0, 0]
+
+
+def test_crossing_ignores_a_graze():
+    flat, other = square(), square()
+    bent = other[0] + np.stack([0 * other[0][:, 0], 0.002 * np.sin(60 * other[0][:, 0]), 0 * other[0][:, 0]], axis=1)
+    assert crossings.crossing([flat, (bent, other[1])], [flat[0], other[0]]) == [0, 0]
+
+
+def test_crossing_of_a_garment_with_itself_needs_a_distant_pattern():
+    flat, wall = square(), standing()
+    both = np.concatenate([flat[0], wall[0]]), np.concatenate([flat[1], wall[1] + len(flat[0])])
+    far = np.concatenate([flat[0], wall[0] + [3, 0, 0]])
+    assert crossings.crossing([both], [far])[0] > 0.02
+    near = np.zeros_like(far)
+    assert crossings.crossing([both], [near]) == [0]
+
+
+def test_pin_holds_a_fully_pinned_vertex_at_its_target():
+    vertices, faces = square(9)
+    under = Collider(*([ball(height=0.95)[0]] * 2), ball()[1])
+    solver = ClothSolver(vertices, faces, Cloth(extra_length=0.0))
+    pinned, target = np.array([40, 41]), vertices[[40, 41]] - [0, 0.02, 0]  # inside the ball
+    solver.step_frame(under, SolverSettings(8, 2, 0, self_contact=False), ground=0.0, damping=0.9)
+    solver.pin(pinned, np.array([1.0, 0.5]), target, under, 0.0)
+    np.testing.assert_allclose(solver.positions()[40], target[0], atol=1e-6)
+    assert np.linalg.norm(solver.positions()[41] - [0, 0.95, 0]) > 0.12

@@ -1,0 +1,255 @@
+"""Faces and hair: expressions with the mouth closed, strands that cover the scalp, off the face and out of the head."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from relight.figures.assembly import Assembly
+from relight.figures.body import makehuman, skin
+from relight.figures.body.person import Expression, build_body, expressions, sample_expression, sample_person, units
+from relight.figures.builder import Builder
+from relight.figures.catalogue.schema import entries
+from relight.figures.cloth import colliders, layers
+from relight.figures.hair import combing, facial, locks, strands, styles
+from relight.figures.hair.heads import HairPart, build_hair
+from relight.figures.outfits import in_other_fabrics, sample_outfit
+from relight.figures.pose import stances
+from relight.figures.pose.motion import build_motion
+from relight.figures.surfaces import normals
+from relight.figures.texture import Color
+from relight.figures.wear import DETAILS
+
+
+@pytest.fixture(scope="module")
+def person():
+    return sample_person(np.random.default_rng(1))
+
+
+@pytest.fixture(scope="module")
+def head(person):
+    """A body, its pose, and its posed skin: all that hair needs."""
+    colliders.init_warp()
+    built = build_body(person)
+    motion = build_motion(built, stances.poses()["relaxed"], 1)
+    return built, motion, (motion.posed_skin, makehuman.base().faces["body"])
+
+
+def grown(head, name: str, fine: bool = False) -> list[HairPart]:
+    style = styles.styles()[name]
+    return build_hair(head[1], style, 0.8, head[2], 5, fine)
+
+
+def named(parts: list[HairPart], name: str) -> HairPart:
+    return next(part for part in parts if part.name == name)
+
+
+@pytest.fixture(scope="module")
+def heads(head):
+    """Each style's parts, grown once."""
+    return {style.name: grown(head, style.name) for style in styles.styles().values()}
+
+
+@pytest.mark.parametrize("name", expressions())
+def test_build_body_expression_moves_the_face_and_keeps_the_mouth_closed(person, name):
+    calm = build_body(person).vertices
+    face = build_body(person, Expression(name, units(name))).vertices
+    gap = face[skin.UPPER_LIP, 1] - face[skin.LOWER_LIP, 1]
+    assert gap < calm[skin.UPPER_LIP, 1] - calm[skin.LOWER_LIP, 1] + 0.001
+    moved = np.linalg.norm(face - calm, axis=1)
+    neck = makehuman.base().vertices[:, 1] < 0.5
+    assert moved[neck].max() == 0
+    assert moved.max() == 0 if name == "calm" else 0.002 < moved.max() < 0.03
+
+
+def test_sample_expression_varies_and_follows_its_seed():
+    drawn = [sample_expression(np.random.default_rng([seed, 3])) for seed in range(60)]
+    assert {one.name for one in drawn} == set(expressions())
+    assert drawn[7] == sample_expression(np.random.default_rng([7, 3]))
+    assert all(0 <= weight <= 1 for one in drawn for weight in one.units.values())
+    for unit in {unit for one in drawn for unit in one.units}:
+        assert len(makehuman.target(unit)[0])  # the package has it
+
+
+def test_units_swap_exchanges_the_sides():
+    one, other = units("smirk"), units("smirk", swap=True)
+    assert one["faceunits/mouthSmileLeft"] == other["faceunits/mouthSmileRight"] > other["faceunits/mouthSmileLeft"]
+
+
+@pytest.mark.parametrize("style", [style.name for style in styles.styles().values() if style.comb])
+def test_build_hair_is_finite_and_outside_of_the_head(head, heads, style):
+    surface = colliders.Collider(head[2][0], *head[2])
+    for part in heads[style]:
+        assert np.isfinite(part.vertices).all() and part.uv.min() >= 0 and part.uv.max() <= 1
+        assert part.faces.max() < len(part.vertices) == len(part.uv)
+        _, distance, _ = layers.signed_distance(part.vertices, surface, 0.05)
+        assert np.mean(distance < -0.008) < 0.01, part.name
+
+
+@pytest.mark.parametrize("style", ["chin length", "long", "wavy long", "ponytail", "beanie", "cap"])
+def test_build_hair_leaves_the_face_free(head, heads, style):
+    built, motion, _ = head
+    turn = motion.bone("head")
+    eye = built.vertices[makehuman.EYES["L"]].mean(0)
+    for part in (part for part in heads[style] if part.kind in ("hair", "hat")):
+        rest = (part.vertices - turn[:, 3]) @ turn[:, :3] - eye
+        before = (rest[:, 2] > -0.01) & (np.abs(rest[:, 0] + eye[0]) < 1.6 * eye[0]) & (np.abs(rest[:, 1]) < 0.02)
+        assert before.mean() < 0.002, part.name
+
+
+def test_deflect_from_face_moves_hair_aside_and_not_over_shoulders(head):
+    built, motion, _ = head
+    turn = motion.bone("head")
+    deflect = locks.deflect_from_face(motion)
+
+    def moved(last, now) -> float:
+        """The sideways move of points given from the head's centre, in its rest frame."""
+        at, ahead = ((combing.head_centre(built) + np.array([p])) @ turn[:, :3].T + turn[:, 3] for p in (last, now))
+        return float((deflect(at, ahead) - ahead)[0] @ turn[:, 0])
+
+    before, behind, low = np.array([0.02, -0.05, 0.10]), np.array([0.02, -0.05, -0.02]), np.array([0.08, -0.2, 0.0])
+    assert moved(before, before) > 0.01 and moved(before * [-1, 1, 1], before * [-1, 1, 1]) < -0.01
+    assert moved(behind, behind) == pytest.approx(0, abs=1e-12) == moved(low, low)
+    assert moved(low, low + [0.01, 0, 0]) == pytest.approx(-0.0075, abs=1e-6)
+    assert moved(low, low - [0.01, 0, 0]) == pytest.approx(0, abs=1e-12)  # inward is free
+
+
+def test_build_hair_of_a_seed_is_the_same(head, heads):
+    for part, twin in zip(heads["ponytail"], grown(head, "ponytail"), strict=True):
+        assert np.array_equal(part.vertices, twin.vertices) and np.array_equal(part.uv, twin.uv)
+
+
+def test_grow_guides_keep_their_length_and_drafts_have_half(head, heads):
+    _, motion, below = head
+    comb = combing.Comb(60, 0.2)
+    roots = combing.plant_roots(motion, comb.count, 3)
+    ahead, length = combing.comb_directions(comb, roots)
+    points, _ = locks.grow_guides(comb, roots, ahead, length, colliders.Collider(below[0], below[0], below[1]), 10, 3)
+    steps = np.linalg.norm(np.diff(points, axis=1), axis=2)
+    np.testing.assert_allclose(steps, np.repeat(length[:, None] / 10, 10, 1), rtol=1e-6)
+    assert (roots.rim > 0).all()
+    full = named(grown(head, "long", fine=True), "locks")
+    assert len(named(heads["long"], "locks").vertices) < 0.6 * len(full.vertices)
+
+
+def test_grow_locks_fall_and_lie_on_the_shoulders(head, heads):
+    _, _, (posed, faces) = head
+    part = named(heads["long"], "locks")
+    neck = np.ptp(posed[:, 1]) * 0.8
+    assert part.vertices[:, 1].min() < neck  # it reaches below the shoulders
+    _, distance, _ = layers.signed_distance(part.vertices, colliders.Collider(posed, posed, faces), 0.1)
+    low = part.vertices[:, 1] < neck + 0.02
+    assert np.median(distance[low & np.isfinite(distance)]) < 0.04
+
+
+@pytest.mark.parametrize(
+    "name", [style.name for style in styles.styles().values() if style.comb and style.hat == "none"]
+)
+def test_build_hair_shows_little_scalp_from_any_side(head, name):
+    """Rays from all around toward the scalp inside the hairline meet hair first."""
+    _, _, (posed, faces) = head
+    parts = [part for part in grown(head, name, fine=True) if part.kind == "hair"]
+    base = makehuman.base().vertices[makehuman.BODY]
+    inside = skin.above_hairline(base) > 0.12
+    out = normals(posed, faces)
+    hairy = np.concatenate([part.vertices for part in parts])
+    offsets = np.cumsum([0] + [len(part.vertices) for part in parts])
+    strips = np.concatenate([part.faces + offset for part, offset in zip(parts, offsets)])
+    cover = colliders.Collider(hairy, hairy, strips)
+    seen = total = 0
+    for direction in np.random.default_rng(2).normal(size=(24, 3)):
+        direction /= np.linalg.norm(direction)
+        facing = np.flatnonzero(inside & (out @ direction > 0.3))
+        start = posed[facing] + 0.4 * direction
+        _, depth = cover.raycast(start, np.broadcast_to(-direction, start.shape))
+        seen, total = seen + int((depth > 0.4).sum()), total + len(facing)
+    assert seen / total < 0.15
+
+
+def test_spread_strands_start_at_their_roots_and_draw_together(head):
+    _, motion, below = head
+    comb = combing.Comb(40, 0.15, clump=0.6, fray=0.0)
+    guides, roots = (combing.plant_roots(motion, count, 3 + count) for count in (40, 600))
+    direction, length = combing.comb_directions(comb, guides)
+    points, facing = locks.grow_guides(comb, guides, direction, length, colliders.Collider(below[0], *below), 8, 3)
+    lines, _ = strands.spread_strands(comb, guides, points, facing, roots, length, 9, 4)
+    own = np.linalg.norm(guides.points[None] - roots.points[:, None], axis=2).argmin(1)
+    sunk = points[:, 0] - guides.points  # guides start a little inside the skin
+    np.testing.assert_allclose(np.linalg.norm(sunk, axis=1), 0.002, rtol=1e-6)
+    np.testing.assert_allclose(lines[:, 0], roots.points + sunk[own], atol=1e-9)
+
+    def widths(at: int) -> np.ndarray:
+        """Distances between strands of one guide that end alike, at one of their points."""
+        alike = (own[:, None] == own) & (np.abs(roots.random[:, :1] - roots.random[:, 0]) < 0.05)
+        i, j = np.nonzero(np.triu(alike, 1))
+        return np.linalg.norm(lines[i, at] - lines[j, at], axis=1)
+
+    assert np.median(widths(-1) / widths(0)) == pytest.approx(0.4, abs=0.12)
+
+
+def test_ribbons_are_as_wide_as_asked_and_face_outward():
+    line = np.stack([np.zeros(6), -np.linspace(0, 0.1, 6), np.zeros(6)], 1)[None]
+    random = np.array([[0.5, 0.5, 0.5, 0.5]])  # of middle width, not turned
+    vertices, faces, uv = strands.ribbons(0.003, line, np.broadcast_to([0.0, 0, 1], line.shape), random, 0.4)
+    across = vertices.reshape(6, 2, 3)
+    np.testing.assert_allclose(
+        np.linalg.norm(across[:, 1] - across[:, 0], axis=1), 0.003 * np.interp(np.linspace(0, 1, 6), *strands.OUTLINE)
+    )
+    a, b, c = vertices[faces].swapaxes(0, 1)
+    assert (np.cross(b - a, c - a)[:, 2] > 0).all()
+    assert (np.diff(uv.reshape(6, 2, 2)[:, 0, 1]) < 0).all() and np.ptp(uv[:, 0]) < 0.05
+
+
+def test_beard_grows_on_jaw_and_lip_only(head, heads):
+    _, motion, below = head
+    base = makehuman.base().vertices[makehuman.BODY]
+    share = skin.beard_share(base)
+    eye = makehuman.base().vertices[makehuman.EYES["L"]].mean(0)
+    assert share.max() > 0.9 and (share[base[:, 1] > eye[1] - 0.02] == 0).all()
+    assert (share[base[:, 2] < eye[2] - 0.1] == 0).all()  # not on the nape
+    lips = base[[skin.UPPER_LIP, skin.LOWER_LIP]]
+    assert (skin.beard_share(lips) == 0).all()
+    assert facial.beard(motion, facial.STUBBLE, below, 5, False) is None
+    surface = colliders.Collider(below[0], *below)
+    _, distance, _ = layers.signed_distance(named(heads["bald"], "beard").vertices, surface, 0.1)
+    assert np.mean(distance < -0.004) < 0.02 and distance.max() < 0.05
+
+
+@pytest.mark.parametrize("color", entries("colors", "hair", Color))
+def test_brow_color_is_of_the_hair_and_never_white(color):
+    hair_color = np.array(entries("colors", "hair", Color)[color])
+    brow = skin.brow_color(hair_color)
+    np.testing.assert_allclose(brow / brow.sum(), hair_color / hair_color.sum())
+    assert (brow < hair_color).all() and brow.max() < 0.27
+
+
+def test_lashes_stand_on_the_lids_of_both_eyes(head):
+    built, motion, _ = head
+    for lid, tip in (facial.UPPER, facial.LOWER):
+        left, right = built.vertices[list(lid + tip)], built.vertices[np.array(lid + tip) + facial.MIRROR_OFFSET]
+        np.testing.assert_allclose(left, right * [-1, 1, 1], atol=2e-3)
+    vertices, _, _ = facial.lashes(motion, 5, True)
+    turn = motion.bone("head")
+    rest = (vertices - turn[:, 3]) @ turn[:, :3]
+    for eye in ("L", "R"):
+        centre = built.vertices[makehuman.EYES[eye]].mean(0)
+        off = np.linalg.norm(rest - centre, axis=1)
+        near = off[off < 0.04]
+        assert len(near) == len(vertices) / 2 and near.min() > 0.011 and near.max() < 0.030
+
+
+def test_add_hair_hats_change_with_the_outfit_and_hair_does_not(head, heads, person):
+    style = styles.styles()["cap"]
+    outfit = replace(sample_outfit(np.random.default_rng(3), person), hair=style, beard=0.8)
+    outfit = replace(outfit, hat=outfit.garments[0].fabric)
+    looks = [outfit, in_other_fabrics(outfit, np.random.default_rng(4))]
+    builder = Builder()
+    detail = replace(DETAILS["draft"], texture=64)
+    parts = Assembly(builder, head[1], outfit, [], detail, 5).add_hair(head[2])
+    mesh = builder.mesh({}, looks)
+    assert [part.kind for part in parts].count("hat") == 2, "crown and peak"
+    assert sorted(material.name for material in mesh.materials) == ["beard", "brows", "hair", "hat", "lashes"]
+    hats = [number for number, material in enumerate(mesh.materials) if material.name == "hat"]
+    assert sorted(mesh.outfits[0]) == hats
+    for number in hats:
+        assert (mesh.outfits[0][number].texture != mesh.materials[number].texture).any()

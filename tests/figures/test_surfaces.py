@@ -1,0 +1,92 @@
+"""Cutting, subdividing and thickening surfaces, against closed forms."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sparse
+import trimesh
+
+from relight.figures import surfaces
+
+
+def plate(n=9):
+    x, y = np.meshgrid(np.linspace(0, 1, n), np.linspace(0, 1, n))
+    vertices = np.stack([x.ravel(), y.ravel(), 0 * x.ravel()], axis=1)
+    i = np.arange(n * n).reshape(n, n)
+    a, b, c, d = i[:-1, :-1].ravel(), i[:-1, 1:].ravel(), i[1:, :-1].ravel(), i[1:, 1:].ravel()
+    return vertices, np.concatenate([np.stack([a, b, c], 1), np.stack([b, d, c], 1)])
+
+
+def area(vertices, faces):
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    return np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+
+
+@pytest.mark.parametrize("at", [0.31, 0.5, 0.77])
+def test_clip_keeps_the_exact_area_and_no_slivers(at):
+    vertices, faces = plate()
+    matrix, kept = surfaces.clip(sparse.identity(len(vertices), format="csr"), faces, vertices[:, 0] - at)
+    out = matrix @ vertices
+    assert area(out, kept) == pytest.approx(1 - at)
+    assert out[:, 0].min() == pytest.approx(at)
+    assert (surfaces.normals(out, kept)[:, 2] > 0.99).all()  # faces keep their turn
+    a, b, c = (out[kept[:, k]] for k in range(3))
+    assert np.linalg.norm(np.cross(b - a, c - a), axis=1).min() > 1e-4
+
+
+def test_clip_of_a_slanted_line():
+    vertices, faces = plate(17)
+    matrix, kept = surfaces.clip(sparse.identity(len(vertices), format="csr"), faces, vertices @ [1.0, 0.37, 0] - 0.61)
+    assert area(matrix @ vertices, kept) == pytest.approx(1 - (0.61 - 0.37 / 2), abs=0.004)
+
+
+def test_split_loses_nothing_and_puts_edges_on_the_line():
+    vertices, faces = plate(11)
+    field = vertices @ [1.0, 0.37, 0] - 0.61
+    matrix, joined, side = surfaces.split(sparse.identity(len(vertices), format="csr"), faces, field)
+    out = matrix @ vertices
+    assert area(out, joined) == pytest.approx(1, abs=1e-3)
+    assert len(surfaces.border_loops(joined)) == 1  # sewn: no border inside
+    at = (out @ [1.0, 0.37, 0] - 0.61)[joined]
+    assert (at[side] > -1e-9).all() and (at[~side] < 1e-9).all()
+
+
+def test_loop_is_affine_and_agrees_with_trimesh():
+    ball = trimesh.creation.torus(1.0, 0.4, 12, 8)  # six edges at each vertex, where all weights agree
+    matrix, faces = surfaces.loop(np.asarray(ball.faces), len(ball.vertices))
+    np.testing.assert_allclose(np.asarray(matrix.sum(1)).ravel(), 1)
+    theirs, _ = trimesh.remesh.subdivide_loop(np.asarray(ball.vertices), np.asarray(ball.faces), iterations=1)
+    ours = matrix @ ball.vertices
+    assert len(faces) == 4 * len(ball.faces)
+    distance = np.linalg.norm(ours[:, None] - theirs[None], axis=2).min(1)
+    assert distance.max() < 1e-9
+
+
+def test_loop_keeps_a_straight_border_straight():
+    vertices, faces = plate(5)
+    matrix, finer = surfaces.loop(faces, len(vertices))
+    border = np.concatenate(surfaces.border_loops(finer))
+    out = matrix @ vertices
+    inside = (out[border][:, :2] > 1e-9) & (out[border][:, :2] < 1 - 1e-9)
+    assert (~inside).any(1).sum() >= len(border) - 4  # all but the rounded corners stay on the square
+
+
+def test_border_loops_of_a_tube():
+    tube = trimesh.creation.cylinder(1.0, 2.0, sections=24)
+    wall = tube.faces[np.abs(tube.face_normals[:, 2]) < 0.5]
+    rings = surfaces.border_loops(np.asarray(wall))
+    assert [len(ring) for ring in rings] == [24, 24]
+
+
+def test_thickened_cloth_is_closed_at_its_border():
+    vertices, faces = plate(7)
+    out, solid, source = surfaces.thickened(vertices, faces, 0.01, rings=None)
+    shell = trimesh.Trimesh(out, solid, process=False)
+    assert shell.is_watertight and shell.is_winding_consistent
+    assert shell.volume == pytest.approx(0.01)
+    np.testing.assert_allclose(out[:, :2], vertices[source][:, :2], atol=1e-12)
+
+
+def test_normals_of_a_sphere_point_outward():
+    ball = trimesh.creation.icosphere(subdivisions=3)
+    normals = surfaces.normals(np.asarray(ball.vertices), np.asarray(ball.faces))
+    assert (np.einsum("nd,nd->n", normals, ball.vertices) > 0.999).all()

@@ -1,0 +1,148 @@
+"""Fabrics as functions of cloth coordinates, panels as an atlas of them."""
+
+import numpy as np
+import pytest
+
+from relight.figures import texture
+from relight.figures.tailor import aging, fabrics, marks, panels, prints
+from relight.figures.tailor.fabrics import Fabric
+from relight.figures.tailor.garments import wardrobe
+from relight.figures.tailor.weaves import WEAVES, woven
+
+LATTICE = [0.212093949, 0.283698976, 0.247471035, 0.376442909]
+KINDS = sorted(WEAVES)
+
+
+def grid(side=200, span=0.4):
+    a = np.linspace(0, span, side, endpoint=False)
+    return np.meshgrid(a, a)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_woven_of_each_kind_is_an_albedo_with_something_in_it(kind):
+    u, v = grid()
+    color = woven(Fabric(kind, (0.3, 0.1, 0.05), (0.1, 0.4, 0.7), 1.0, 5), "front", u, v)
+    assert color.shape == (200, 200, 3) and np.isfinite(color).all()
+    assert color.min() > 0 and color.max() < 1
+    assert color.std() > 0.003
+
+
+def test_band_has_its_period_and_share():
+    _, v = grid(800, 0.55)
+    share = texture.band(v, 0.055, 0.42)
+    assert share.mean() == pytest.approx(0.42, abs=0.01)
+    np.testing.assert_allclose(share[:80], share[80:160], atol=1e-6)
+
+
+def test_lattice_is_the_same_everywhere():
+    i = np.array([0, 1, -3, 70000])
+    np.testing.assert_allclose(texture.lattice(i, i[::-1], 7), LATTICE, atol=1e-8)
+    noise = texture.noise(np.linspace(-5, 5, 100001), np.zeros(100001), 3)
+    assert 0 <= noise.min() and noise.max() <= 1
+    assert np.abs(np.diff(noise)).max() < 4e-4  # continuous
+
+
+def test_sample_fabric_reaches_from_near_black_to_white_and_saturated():
+    rng = np.random.default_rng(0)
+    first = np.array([fabrics.sample_fabric(rng, ("plain",), False).first for _ in range(400)])
+    assert first.min() > 0.01 and first.max() <= 0.82
+    assert (first.max(1) < 0.05).any() and (first.min(1) > 0.6).any()
+    assert (first[:, 0] > 8 * first[:, 2]).any() and (first[:, 2] > 4 * first[:, 0]).any()  # reds, blues
+
+
+def test_lay_out_panels_do_not_overlap_and_uv_finds_the_paint():
+    rng = np.random.default_rng(2)
+    panel = rng.integers(0, 4, 300)
+    cloth = rng.uniform(-0.3, 0.5, (300, 1, 2)) + rng.uniform(0, 0.02, (300, 3, 2)) + panel[:, None, None]
+    laid = panels.lay_out(["a", "b", "c", "d"], panel, cloth, 256)
+    owner = np.zeros((256, 256), int)
+    for _, _, x, y, w, h in laid.boxes.values():
+        owner[y : y + h, x : x + w] += 1
+    assert owner.max() == 1
+    assert laid.uv.min() >= 0 and laid.uv.max() <= 1
+    picture = panels.draw(
+        laid,
+        lambda name, u, v, place: np.stack([u / 10 + 0.3, v / 10 + 0.3, np.full_like(u, "abcd".index(name) / 4)], -1),
+    )
+    at = laid.uv.mean(1)
+    seen = picture[(256 * (1 - at[:, 1])).astype(int), (256 * at[:, 0]).astype(int)]
+    middle = cloth.mean(1)
+    want = texture.coded(np.stack([middle[:, 0] / 10 + 0.3, middle[:, 1] / 10 + 0.3, panel / 4], -1))
+    assert np.abs(seen.astype(int) - want.astype(int)).max() <= 3
+
+
+def test_coded_srgb_code_points():
+    np.testing.assert_array_equal(texture.coded(np.array([0.0, 0.0031308, 0.2140, 1.0])), [0, 10, 127, 255])
+
+
+def test_noise_on_a_grid_is_the_same_noise():
+    a, b = np.linspace(-3, 9, 70), np.linspace(-2, 5, 40)
+    u, v = np.broadcast_arrays(a[None], b[:, None])
+    np.testing.assert_allclose(texture.noise(u, v, 3), texture.noise(u.copy(), v.copy(), 3), atol=1e-12)
+
+
+def test_grain_finer_than_a_texel_leaves_its_mean():
+    """Averages of a fine grain over texels, against what is drawn at once for texels of that size."""
+    side, coarse = 1600, 0.008
+    a = (np.arange(side) + 0.5) * 0.0005
+    u, v = np.broadcast_arrays(a[None], a[:, None])
+    fine = texture.grain(u, v, 0.002, 0.002, 0.0005, 1)
+    assert fine.std() == pytest.approx(1, abs=0.15)
+    k = round(coarse / 0.0005)
+    means = fine.reshape(side // k, k, side // k, k).mean((1, 3))
+    drawn = texture.grain(u[::k, ::k].copy(), v[::k, ::k].copy(), 0.002, 0.002, coarse, 1)
+    assert 0.5 < drawn.std() / means.std() < 2
+    assert drawn.std() < 0.4
+
+
+@pytest.mark.parametrize("kind", [*KINDS, "denim"])
+def test_woven_is_uneven_for_each_kind(kind):
+    """The scatter of ln albedo between places 2.5 mm apart, which scans of cloth have as well."""
+    a = np.arange(240) * 0.0013
+    u, v = np.broadcast_arrays(a[None].astype(np.float32), a[:, None].astype(np.float32))
+    color = woven(Fabric(kind, (0.3, 0.2, 0.15), (0.1, 0.4, 0.7), 1.0, 11), "back", u, v, 0.0013)
+    log = np.log(color.mean(-1).reshape(120, 2, 120, 2).mean((1, 3)))
+    assert np.diff(log, axis=1).std() > 0.03
+
+
+def test_lettering_is_black_or_white_and_in_its_line():
+    x, y = np.meshgrid(np.linspace(-4, 4, 400), np.linspace(-1, 1, 100))
+    cover = prints.lettering(x, y, 3, 5)
+    assert set(np.unique(cover)) == {0.0, 1.0}
+    assert not cover[np.abs(x) > 2.5].any() and not cover[np.abs(y) > 0.5].any()
+    assert 0.2 < cover[(np.abs(x) < 2.5) & (np.abs(y) < 0.5)].mean() < 0.8
+
+
+def test_images_show_marks_in_the_atlas():
+    a = np.linspace(0, 0.4, 65)
+    x, y = np.meshgrid(a, a)
+    i = np.arange(65 * 65).reshape(65, 65)
+    p, q, r, s = i[:-1, :-1].ravel(), i[:-1, 1:].ravel(), i[1:, :-1].ravel(), i[1:, 1:].ravel()
+    faces = np.concatenate([np.stack([p, q, r], 1), np.stack([q, s, r], 1)])
+    cloth = np.stack([x, y], -1).reshape(-1, 2)[faces]
+    laid = panels.lay_out(["front"], np.zeros(len(faces), int), cloth, 256)
+    far = np.abs(cloth[..., 0] - 0.2)
+    found = marks.images(laid, marks.Marks(far, far / 2, 0 * far, 0 * far))
+    u0, _, column, row, w, h = laid.boxes[0]
+    u = u0 + (np.arange(w) + 0.5 - panels.GUTTER) / laid.scale
+    inside = (slice(row + 8, row + h - 8), slice(column + 8, column + w - 8))
+    want = np.abs(u - 0.2)[8:-8]
+    assert np.abs(found["seam"][inside] - want).max() < 0.003
+    assert np.abs(found["edge"][inside] - want / 2).max() < 0.0015
+
+
+def test_aged_sews_seams_and_hems_and_fades_knees():
+    u, v = grid(100, 0.2)
+    far = np.full(u.shape, 0.1)
+    at = {"seam": far, "edge": far, "rub": 0 * u, "bend": 0 * u}
+    denim = Fabric("denim", (0.03, 0.055, 0.135), (0.5, 0.5, 0.5), 1.0, 5)
+    trousers, ground = wardrobe()["jeans"], np.full((100, 100, 3), 0.1)
+
+    def look(**marks):
+        return aging.aged(trousers, denim, "front left", u, v, at | marks, 0.002, ground)
+
+    plain = look().mean()
+    assert look(rub=0 * u + 1).mean() > 1.05 * plain
+    assert look(seam=0 * u).mean() < 0.85 * plain
+    creased = np.log(look(bend=0 * u + 1) / look())[..., 0]
+    assert 0.02 < creased.std() < 0.1 and np.abs(np.diff(creased, axis=0)).mean() > 2 * np.abs(np.diff(creased)).mean()

@@ -1,0 +1,250 @@
+"""Scarves, tucked tops, and hands that stay out of the clothes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from relight.figures import gates, outfits
+from relight.figures.body import makehuman
+from relight.figures.body.person import build_body, sample_person
+from relight.figures.cloth import colliders, layers
+from relight.figures.cloth.colliders import Collider
+from relight.figures.cloth.drape import DrapeResult, Level
+from relight.figures.cloth.layers import signed_distance
+from relight.figures.pose import clearance, stances
+from relight.figures.pose.motion import build_motion
+from relight.figures.surfaces import border_loops
+from relight.figures.tailor import collars, fitting, garments, patterns
+from relight.figures.tailor.fabrics import Fabric
+from relight.figures.tailor.footwear import shoes, upper
+from relight.figures.tailor.garments import Worn, group, wardrobe
+from relight.figures.wear import DETAILS, DrapedGarment, drape_outfit, drape_scarf, fallen_over
+
+CLOTH = Fabric("plain", (0.3, 0.1, 0.05), (0.1, 0.4, 0.7), 1.0, 5)
+
+
+@pytest.fixture(scope="module")
+def person():
+    colliders.init_warp()
+    return build_body(sample_person(np.random.default_rng(3)))
+
+
+@pytest.fixture(scope="module")
+def standing(person):
+    motion = build_motion(person, stances.poses()["straight"], 1)
+    return motion, motion.skin(makehuman.rig().weights[makehuman.BODY], person.skin)
+
+
+@pytest.mark.parametrize("garment", group("scarves").values(), ids=lambda garment: garment.name)
+def test_drape_scarf_lies_around_the_neck_and_hangs_in_front(person, standing, garment):
+    motion, skin = standing
+    faces = makehuman.base().faces["body"]
+    worn = drape_scarf(motion, Worn(garment, CLOTH), (skin, faces), [], DETAILS["draft"])
+    x = worn.draped.positions
+    neck, axes = collars.neck_of(motion)
+    near = (x - neck)[np.linalg.norm(x - neck, axis=1) < 0.17]
+    around = np.unique(np.round(np.degrees(np.arctan2(near @ axes[0], near @ axes[2])) / 20))
+    assert len(around) >= 15  # of 19: all sides but perhaps the front
+    low = x[x[:, 1] < neck[1] - 0.15]
+    assert (low[:, 2] > neck[2]).all() and low[:, 0].min() < -0.03 and low[:, 0].max() > 0.03
+    assert gates.check_garment(worn.pattern, worn.draped, motion) is None
+    _, distance, _ = signed_distance(x, Collider(skin, skin, faces), 0.1)
+    assert np.percentile(distance, 1) > -0.002
+
+
+def test_tucked_top_is_pinned_below_the_waistband_only(person):
+    top, bottom = fitting.tucked(wardrobe()["t-shirt"], wardrobe()["jeans"])
+    pattern = patterns.build_pattern(person, top, 0)
+    edge = person.heights["waist"] + bottom.waist
+    y, pinned = pattern.fields["y"], pattern.levels[0].pin_weight
+    assert (pinned[y < edge - 0.01] > 0.89).all()
+    assert (pinned[(y > edge + 0.035) & (pattern.fields["arm_shareL"] + pattern.fields["arm_shareR"] < 0.1)] == 0).all()
+
+
+def folded_sheet(over: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A sheet 30 cm wide that faces +z, with a wave in its middle whose crest leans over by that many metres: vertices,
+    faces, and how far along the sheet each face is."""
+    s = np.linspace(0, 0.36, 73)
+    lift = np.clip(1 - np.abs(s - 0.18) / 0.04, 0, 1)
+    x = np.cumsum(np.r_[0, np.diff(s) * np.where(np.abs(s[1:] - 0.18) < 0.03, 0.2, 1)]) + over * lift**2
+    line = np.stack([x, 0 * s, 0.02 * lift], axis=1)
+    points = np.concatenate([line + [0, y, 0] for y in np.arange(0, 0.3, 0.005)])
+    k = np.arange(len(points) - len(s)).reshape(-1, len(s))[:, :-1].ravel()
+    faces = np.concatenate([np.stack([k, k + 1, k + 74], 1), np.stack([k, k + 74, k + 73], 1)])
+    return points, faces, np.tile(s, len(points) // len(s))[faces].mean(1)
+
+
+def test_fallen_over_finds_gathers_that_fell_and_no_upright_ones():
+    points, faces, _ = folded_sheet(0.0)
+    assert not fallen_over(points, faces).any()
+    points, faces, along = folded_sheet(0.05)
+    found = fallen_over(points, faces)
+    a, b, c = (points[faces[:, k]] for k in range(3))
+    assert np.array_equal(found, np.cross(b - a, c - a)[:, 2] < 0)
+    assert found.any() and np.abs(along[found] - 0.18).max() < 0.04
+
+
+def box(open_side: bool) -> tuple[np.ndarray, np.ndarray]:
+    """A cube of side 2 around the origin, without its +z side if `open_side`."""
+    cube = trimesh.creation.box((2, 2, 2))
+    kept = cube.face_normals[:, 2] < 0.5 if open_side else np.ones(12, bool)
+    return cube.vertices, cube.faces[kept]
+
+
+@pytest.mark.parametrize("open_side", [False, True])
+def test_sees_outside_through_the_open_side_of_a_box(open_side):
+    colliders.init_warp()
+    vertices, faces = box(open_side)
+    points = np.array([[0, 0, 0], [0.5, 0.3, -0.9], [0, 0, 0]])
+    normal = np.array([[0.0, 0, 1], [0, 0, 1], [0, 0, -1]])  # the last turns its back to the open side
+    out = layers.sees_outside(points, normal, Collider(vertices, vertices, faces))
+    assert out.tolist() == ([True, True, False] if open_side else [False] * 3)
+
+
+def test_push_under_moves_skin_under_cloth_and_none_out_of_a_fold():
+    colliders.init_warp()
+    a = np.linspace(-0.1, 0.1, 21)
+    skin = np.stack([*np.meshgrid(a, a), np.zeros((21, 21))], -1).reshape(-1, 3)
+    i = np.arange(441).reshape(21, 21)
+    p, q, r, s = i[:-1, :-1].ravel(), i[:-1, 1:].ravel(), i[1:, :-1].ravel(), i[1:, 1:].ravel()
+    faces = np.concatenate([np.stack([p, q, r], 1), np.stack([q, s, r], 1)])
+    facing, free = np.tile([0.0, 0, 1], (441, 1)), np.ones(441, bool)
+    inner = (np.abs(skin[:, :2]) < 0.06).all(1)
+
+    through = layers.push_under(skin, faces, (skin - [0, 0, 0.005], faces), 0.002, free, facing)
+    np.testing.assert_allclose(through[inner], skin[inner] - [0, 0, 0.007], atol=1e-6)
+    turned = skin + [0, 0, 0.005], faces[:, ::-1]  # the inner side of a fold lies before the skin
+    np.testing.assert_array_equal(layers.push_under(skin, faces, turned, 0.002, free, facing), skin)
+
+
+def test_cover_does_not_hide_skin_under_a_lifted_garment():
+    """A sheet of cloth on skin: what it lies on is left out; lifted on one side, only what is still dark."""
+    a = np.linspace(-0.5, 0.5, 41)
+    x, y = np.meshgrid(a, a)
+    i = np.arange(41 * 41).reshape(41, 41)
+    p, q, r, s = i[:-1, :-1].ravel(), i[:-1, 1:].ravel(), i[1:, :-1].ravel(), i[1:, 1:].ravel()
+    faces = np.concatenate([np.stack([p, q, r], 1), np.stack([q, s, r], 1)])
+    skin = np.stack([x, y, 0 * x], -1).reshape(-1, 3)
+    snug = skin + [0, 0, 0.004]
+    lifted = snug + [0, 0, 0.04] * (skin[:, :1] > 0)
+    normal, solid = np.tile([0.0, 0, 1], (len(skin), 1)), np.ones(len(skin), bool)
+
+    def left_out(draped: np.ndarray) -> np.ndarray:
+        around = Collider(*[np.concatenate([skin, draped])] * 2, np.concatenate([faces, faces + len(skin)]))
+        return layers.Cover(snug, draped, faces, solid).hides(skin, skin, normal, 2, around)
+
+    inner = np.abs(skin[:, :2]).max(1) < 0.42
+    assert left_out(snug)[inner].all() and not left_out(snug)[~inner & (np.abs(skin[:, :2]).max(1) > 0.46)].any()
+    half = left_out(lifted)
+    assert half[inner & (skin[:, 0] < -0.05)].all()
+    assert not half[inner & (skin[:, 0] > 0.38)].any()  # a look of 4 cm under the hem
+
+
+@pytest.mark.parametrize("seed", [3, 5, 9])
+@pytest.mark.parametrize("name", ["tank top", "dress"])
+def test_cut_from_suit_short_sleeves_leave_the_trunk_whole(name, seed):
+    """Hem, neck and two armholes that end under the arm, not a hand's breadth down the side."""
+    colliders.init_warp()
+    body = build_body(sample_person(np.random.default_rng(seed)))
+    garment = wardrobe()[name]
+    level = patterns.build_pattern(body, garment, 0).levels[0]
+    loops = sorted(border_loops(level.faces), key=lambda ring: level.fitted[ring, 1].mean())
+    assert len(loops) == 4
+    for armhole in loops[1:3]:
+        assert body.joints["upperarm01.L"][1] - level.fitted[armhole, 1].min() < (0.10 if garment.armhole else 0.09)
+
+
+@pytest.mark.parametrize("name", ["high sneakers", "boots"])
+def test_drape_outfit_hangs_trousers_over_the_shoes(person, name):
+    shoe = next(s for s in shoes() if s.name == name)
+    outfit = outfits.sample_outfit(np.random.default_rng(0), person.person)
+    outfit = replace(outfit, garments=[Worn(wardrobe()["jeans"], CLOTH)], shoe=shoe)
+    motion = build_motion(person, stances.poses()["straight"], DETAILS["draft"].frames)
+    x = drape_outfit(motion, outfit, DETAILS["draft"])[0].draped.positions
+    for side in "LR":
+        leather = upper(person, shoe, side)
+        posed = motion.skin(leather.weights, leather.shape)
+        _, distance, _ = signed_distance(x, Collider(posed, posed, leather.faces), 0.03)
+        near = np.isfinite(distance) & (x[:, 1] < posed[:, 1].max() - 0.005)
+        assert near.sum() > 20 and (distance[near] < -0.002).mean() < 0.02
+
+
+def hands(body, pose):
+    skin = build_motion(body, pose, 1).skin(makehuman.rig().weights[makehuman.BODY], body.skin)
+    faces = makehuman.base().faces["body"]
+    trunk = makehuman.bone_weights("root", "pelvis", "spine", "breast", "upperleg", "lowerleg") > 0.5
+    hand = makehuman.bone_weights("finger", "metacarpal", "wrist") > 0.5
+    _, distance, _ = signed_distance(skin[hand], Collider(skin, skin, faces[trunk[faces].all(1)]), 0.3)
+    return np.percentile(distance, 5)
+
+
+def test_clear_hands_makes_room_for_clothes(person):
+    loose = replace(stances.poses()["straight"].left, wrist=(0.05, -0.95, 0.06))
+    pose = stances.Pose("", loose, loose)
+    assert hands(person, pose) < 0.0
+    assert hands(person, clearance.clear_hands(person, pose, (0.04, 0.02))) > 0.025
+
+
+def test_clear_hands_moves_resting_hands_close(person):
+    far = replace(stances.poses()["hands on hips"].left, wrist=(0.45, -0.66, 0.03))
+    pose = stances.Pose("", far, far)
+    before = hands(person, pose)
+    after = hands(person, clearance.clear_hands(person, pose, (0.02, 0.02)))
+    assert before > 0.05 and 0.01 < after < 0.035
+
+
+def test_room_for_hands_grows_with_the_clothes():
+    jeans, tee, coat = wardrobe()["jeans"], wardrobe()["t-shirt"], wardrobe()["coat"]
+    bare, dressed = garments.room_for_hands([jeans, tee], False), garments.room_for_hands([jeans, tee, coat], False)
+    assert dressed[0] > bare[0] and dressed[1] > bare[1]
+    assert garments.room_for_hands([jeans, tee, coat], True)[0] < dressed[0]
+
+
+@pytest.mark.parametrize(("gap", "share", "turned"), [(0.02, 1.0, False), (0.2, 0.0, False), (0.02, 0.0, True)])
+def test_covered_hands_measures_a_hand_behind_cloth(person, standing, gap, share, turned):
+    motion, skin = standing
+    left = skin[(makehuman.bone_weights("finger", "metacarpal") > 0.7) & (person.skin[:, 0] > 0)]
+    (x0, y0, _), (x1, y1, front) = left.min(0) - 0.05, left.max(0) + 0.05
+    front += gap - 0.05
+    sheet = np.array([[x0, y0, front], [x1, y0, front], [x1, y1, front], [x0, y1, front]])
+    faces = np.array([[0, 1, 2], [0, 2, 3]])[:, :: -1 if turned else 1]  # the back of a shirt, a hand behind it
+    level = Level(sheet, sheet, sheet, np.zeros(4), np.zeros((4, 1)), faces)
+    pattern = patterns.Pattern(person, wardrobe()["t-shirt"], [level], [], {}, np.zeros(2, bool))
+    covered = gates.covered_hands([DrapedGarment(pattern, CLOTH, DrapeResult(sheet, [], np.ones(1)))], motion)
+    assert covered == (share, 0.0) if share == 0 else covered[0] > 0.5 and covered[1] == 0.0
+
+
+def test_fitted_to_pose_takes_off_coats_to_sit_and_scarves_to_cross_arms(person):
+    outfit = outfits.sample_outfit(np.random.default_rng(0), person.person)
+    outfit = replace(
+        outfit, garments=[Worn(g, CLOTH) for g in (wardrobe()["jeans"], wardrobe()["coat"], group("scarves")["scarf"])]
+    )
+    poses = stances.poses()
+
+    def left(name):
+        return [worn.garment.name for worn in outfits.fitted_to_pose(outfit, poses[name]).garments]
+
+    seated = (
+        outfits.fitted_to_pose(replace(outfit, garments=[Worn(wardrobe()["t-shirt"], CLOTH)]), poses["sitting"])
+        .garments[0]
+        .garment
+    )
+    assert seated.slack == seated.drop == 0 and seated.hem > wardrobe()["t-shirt"].hem, (
+        "shorter: the lap pushes tops up"
+    )
+    assert left("relaxed") == ["jeans", "coat", "scarf"]
+    assert left("sitting") == ["jeans", "scarf"]
+    assert left("arms crossed") == ["jeans", "coat"]
+
+
+def test_cords_are_closed_tubes_on_the_front():
+    colliders.init_warp()
+    sheet = np.array([[-0.3, 0, 0.1], [0.3, 0, 0.1], [0.3, 0.5, 0.1], [-0.3, 0.5, 0.1]])
+    found = collars.cords(sheet, np.array([[0, 1, 2], [0, 2, 3]]), np.array([0, 0.52, 0.0]), np.array([1.0, 0, 0]))
+    assert len(found) == 2
+    for vertices, faces in found:
+        tube = trimesh.Trimesh(vertices, faces, process=False)
+        assert tube.is_watertight and tube.is_winding_consistent and tube.volume > 0
+        assert vertices[:, 2].min() > 0.1 and np.ptp(vertices[:, 1]) == pytest.approx(collars.CORD, abs=0.02)

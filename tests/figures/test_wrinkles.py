@@ -1,0 +1,114 @@
+"""Fine folds: strain by its closed form, crests across the compression, none where cloth is taut or pinned."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from relight.figures import wear
+from relight.figures.cloth import colliders, layers, wrinkles
+from relight.figures.cloth.colliders import Collider
+from relight.figures.cloth.drape import DrapeResult, Level
+from relight.figures.cloth.solver import Cloth, Crimp
+from relight.figures.surfaces import normals
+from relight.figures.tailor import patterns
+from relight.figures.tailor.fabrics import Fabric
+from relight.figures.tailor.garments import wardrobe
+
+CRIMP = Crimp(0.024, 0.0, 3.0, 0.08)
+
+
+def sheet(side=0.5, step=0.0062, columns=None):
+    n = round(side / step) + 1
+    a = np.linspace(-side / 2, side / 2, n)
+    x, y = np.meshgrid(a if columns is None else columns, a)
+    i = np.arange(x.size).reshape(x.shape)
+    p, q, r, s = i[:-1, :-1].ravel(), i[:-1, 1:].ravel(), i[1:, :-1].ravel(), i[1:, 1:].ravel()
+    faces = np.concatenate([np.stack([p, q, r], 1), np.stack([q, s, r], 1)])
+    return np.stack([x, y, 0 * x], -1).reshape(-1, 3), faces
+
+
+def heights(x, crimp=CRIMP, pinned=0.0, seed=4):
+    flat, faces = sheet()
+    level = Level(flat, flat, flat, np.full(len(flat), pinned), np.zeros((len(flat), 1)), faces)
+    return wrinkles.folds([level], [], x, crimp, np.zeros(len(flat)), seed)
+
+
+def test_stretch_of_an_affine_map_is_exact():
+    flat, faces = sheet(0.1)
+    rng = np.random.default_rng(0)
+    turn = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+    f = rng.normal(size=(3, 2))
+    pattern = flat @ turn.T
+    tensor = wrinkles.stretch(pattern, flat[:, :2] @ f.T, faces)
+    plane = turn[:, :2]
+    np.testing.assert_allclose(tensor, np.broadcast_to(plane @ f.T @ f @ plane.T, tensor.shape), atol=1e-9)
+    least, across = wrinkles.principal(tensor, normals(pattern, faces))
+    values, vectors = np.linalg.eigh(f.T @ f)
+    np.testing.assert_allclose(least, np.sqrt(values[0]), rtol=1e-6)
+    np.testing.assert_allclose(np.abs(across @ (plane @ vectors[:, 0])), 1, atol=1e-6)
+
+
+def test_folds_run_across_the_compression_and_use_up_its_length():
+    flat, _ = sheet()
+    n = round(len(flat) ** 0.5)
+    h = heights(flat * [0.9, 1.0, 1.0]).reshape(n, n)[10:-10, 10:-10]
+    along, across = (np.diff(h, axis=axis) * (n - 1) / 0.5 for axis in (0, 1))
+    assert (across**2).mean() > 8 * (along**2).mean()
+    longer = (np.sqrt(0.9**2 + across**2) - 0.9).mean()  # than cloth without folds
+    assert 0.6 < longer / (wrinkles.SHARES[0] * 0.1) < 1.3
+    other = heights(flat * [0.9, 1.0, 1.0], seed=5)
+    assert np.corrcoef(other.reshape(n, n)[10:-10, 10:-10].ravel(), h.ravel())[0, 1] < 0.3  # no two are the same
+
+
+def test_folds_do_not_grow_with_the_density_of_vertices():
+    columns = np.concatenate(
+        [np.arange(-0.25, -0.03, 0.0062), np.arange(-0.03, 0.03, 0.0016), np.arange(0.03, 0.25, 0.0062)]
+    )
+    flat, faces = sheet(columns=columns)
+    level = Level(flat, flat, flat, np.zeros(len(flat)), np.zeros((len(flat), 1)), faces)
+    longer = []
+    for seed in range(3):
+        h = wrinkles.folds([level], [], flat * [1.0, 0.9, 1.0], CRIMP, np.zeros(len(flat)), seed)
+        steep = np.diff(h.reshape(-1, len(columns)), axis=0) / 0.0062
+        inside = np.abs(columns) < 0.025
+        outside = (np.abs(columns) > 0.05) & (np.abs(columns) < 0.2)
+        longer.append([(np.sqrt(0.81 + steep[10:-10, part] ** 2) - 0.9).mean() for part in (inside, outside)])
+    dense, usual = np.mean(longer, axis=0)
+    assert 0.75 < dense / usual < 1.35
+    assert 0.6 < usual / (wrinkles.SHARES[0] * 0.1) < 1.3
+
+
+def test_folds_of_taut_or_pinned_cloth_are_none():
+    flat, _ = sheet()
+    assert np.abs(heights(flat * [1.3, 1.3, 1.0])).max() == 0
+    assert np.abs(heights(flat * [0.9, 1.0, 1.0], pinned=1.0)).max() == 0
+
+
+def test_folds_deepen_with_excess_length_within_limits():
+    flat, _ = sheet()
+    deep = [heights(flat * [1 - share, 1.0, 1.0]) for share in (0.03, 0.10, 0.6)]
+    assert deep[0].std() < deep[1].std() < deep[2].std()
+    assert np.abs(deep[2]).max() < wrinkles.MAX_HEIGHT * CRIMP.width * (1 + np.sqrt(wrinkles.SCALES[1]))
+
+
+def test_finished_keeps_folds_outside_the_layer_below():
+    colliders.init_warp()
+    flat, faces = sheet()
+    cloth = Cloth(thickness=0.004, crimp=replace(CRIMP, slack=0.1))
+    garment = replace(wardrobe()["t-shirt"], cloth=cloth)
+    level = Level(flat, flat, flat, np.zeros(len(flat)), np.zeros((len(flat), 1)), faces)
+    pattern = patterns.Pattern(None, garment, [level], [], {"drop": np.zeros(len(flat))}, np.zeros(len(faces), bool))
+    below = Collider(flat, flat, faces)
+    fabric = Fabric("plain", (0.3, 0.1, 0.05), (0.1, 0.4, 0.7), 1.0, 5)
+    x = wear.finished(pattern, DrapeResult(flat + [0, 0, 0.004], [], np.ones(1)), fabric, below).positions
+    assert x[:, 2].max() > 0.005
+    _, distance, _ = layers.signed_distance(x, below, 0.02)
+    assert distance.min() > wear.MIN_FOLD_DISTANCE * cloth.thickness - 2e-4
+
+
+@pytest.mark.parametrize("cloth", [wardrobe()["jeans"].cloth, wardrobe()["dress"].cloth])
+def test_varied_crimps_differ_by_seed(cloth):
+    one, two = (wrinkles.varied(cloth.crimp, seed) for seed in (1, 2))
+    assert one != two and one == wrinkles.varied(cloth.crimp, 1)
+    assert 0.5 < one.width / cloth.crimp.width < 2
