@@ -31,7 +31,7 @@ import torch
 from omegaconf import OmegaConf
 
 from relight.config import Model, composed
-from relight.evaluation.timing import matmul_rate, multiply_adds
+from relight.evaluation.experiments.timing import matmul_rate, multiply_adds
 from relight.learning.data import Batch, RelitSet
 from relight.learning.losses import losses, weights
 from relight.learning.networks import build

@@ -89,7 +89,7 @@ def report(
 ) -> None:
     """Compare scored answers in tables: CSV, Markdown and LaTeX."""
     from relight.benchmark.score import read_scores
-    from relight.evaluation.formats import write_tables
+    from relight.evaluation.report.formats import write_tables
 
     for name, section in show([read_scores(folder) for folder in answers]).items():
         write_tables((out or answers[0].parent) / name, section.title, section.note, section.grid)
@@ -98,7 +98,7 @@ def report(
 def show(rows: list) -> dict:
     """Prints tables that compare methods, and returns them."""
     from relight.benchmark.score import tables
-    from relight.evaluation.formats import to_markdown
+    from relight.evaluation.report.formats import to_markdown
 
     found = tables(rows)
     for section in found.values():

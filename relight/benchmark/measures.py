@@ -11,7 +11,7 @@ import numpy as np
 from scipy.ndimage import binary_erosion
 from skimage.metrics import structural_similarity
 
-from relight.evaluation.metrics import rmse
+from relight.evaluation.scoring.metrics import rmse
 from relight.sh import cosine_factors, per_coefficient
 
 IRRADIANCE = per_coefficient(cosine_factors(2))[:, None]
@@ -93,7 +93,7 @@ def errors(inferred: Intrinsics, true: Intrinsics) -> dict[str, float]:
         true: ground truth.
 
     Returns:
-        For the light `irradiance_error`; for each map the RMSE of the vector norm (`relight.evaluation.metrics.rmse`);
+        For the light `irradiance_error`; for each map the RMSE of the vector norm (`metrics.rmse`);
         for albedo and shading also the SSIM. What is None on either side is left out.
     """
     found: dict[str, float] = {}

@@ -4,9 +4,9 @@ from typing import Any
 
 from relight.benchmark.methods import BASELINES, FIXED
 from relight.benchmark.score import mean_scores, read_scores, tables
-from relight.evaluation.formats import write_tables
-from relight.evaluation.labels import label
+from relight.evaluation.report.formats import write_tables
 from relight.evaluation.report.results import Results
+from relight.evaluation.scoring.labels import label
 
 
 def benchmark(results: Results, name: str) -> dict[str, Any]:

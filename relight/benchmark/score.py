@@ -9,9 +9,9 @@ import numpy as np
 
 from relight.benchmark.files import PICTURES, BenchmarkSet, Entry, read_answer, square_mask, to_intrinsics
 from relight.benchmark.measures import INVARIANCES, LEAKS, best_scale, errors, invariances, leaks, ssim
-from relight.evaluation.formats import Grid, count
-from relight.evaluation.metrics import rmse
-from relight.evaluation.statistics import estimate
+from relight.evaluation.report.formats import Grid, count
+from relight.evaluation.scoring.metrics import rmse
+from relight.evaluation.scoring.statistics import estimate
 from relight.files import UserError, atomic_write, existing_file
 from relight.photos.infer import OPAQUE
 from relight.progress import progress

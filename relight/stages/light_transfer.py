@@ -28,7 +28,7 @@ def main(
     plate: Path,
 ) -> None:
     """Scores swaps of lights by all networks of the experiment, and draws some by the first network of each row."""
-    from relight.evaluation.transfer import evaluate_transfer, transfer_plate
+    from relight.evaluation.experiments.transfer import evaluate_transfer, transfer_plate
 
     networks_by_run, networks_by_row = networks_of(experiments, "light_transfer", networks)
     evaluate_transfer(networks_by_run, packed, lights, split, evaluate, out)

@@ -28,7 +28,7 @@ def main(
     plate: Path,
 ) -> None:
     """Measures relit pictures against path tracing by cause, and draws some figures."""
-    from relight.evaluation.path_traced import evaluate_traced, traced_plate
+    from relight.evaluation.experiments.path_traced import evaluate_traced, traced_plate
 
     networks_by_run, networks_by_row = networks_of(experiments, "path_traced", networks)
     evaluate_traced(networks_by_run, packed, lights, traced, evaluate, out)

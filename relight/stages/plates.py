@@ -35,7 +35,7 @@ def main(
     extremes: Path,
 ) -> None:
     """Draws the four pictures of an experiment, by the first training of each of its rows."""
-    from relight.evaluation import panels
+    from relight.evaluation.pictures import panels
 
     _, networks = networks_of(experiments, experiment, results / "train")
     scored = json.loads(experiments.read_text())[experiment]["scores"]

@@ -27,9 +27,8 @@ def main(
     histogram: Path,
 ) -> None:
     """Draws figures and lights, and measures the self-occlusion of the figures."""
-    from relight.evaluation.charts import plot_occlusion
-    from relight.evaluation.contact import clearest_light, contact_sheet
-    from relight.evaluation.occlusion import measure_occlusion
+    from relight.evaluation.experiments.occlusion import measure_occlusion, plot_occlusion
+    from relight.evaluation.pictures.contact import clearest_light, contact_sheet
     from relight.lights import read_light_set, write_contact_sheet
 
     paths = [maps / f"{name}.exr" for name in names.read_text().split()]

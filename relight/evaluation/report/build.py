@@ -10,11 +10,11 @@ from typing import Any, TypeVar
 from markupsafe import Markup
 
 from relight import config
-from relight.evaluation.formats import Grid
-from relight.evaluation.paper import CITATION, CONTENTS
 from relight.evaluation.report import data, own, page, sections
+from relight.evaluation.report.formats import Grid
 from relight.evaluation.report.provenance import costs, provenance
 from relight.evaluation.report.results import Results
+from relight.evaluation.scoring.paper import CITATION, CONTENTS
 from relight.files import UserError, atomic_write
 
 T = TypeVar("T")

@@ -6,13 +6,13 @@ from typing import Any
 
 import pandas as pd
 
-from relight.evaluation import charts
-from relight.evaluation.formats import Grid, number
-from relight.evaluation.labels import label
-from relight.evaluation.occlusion import SEPARATOR, group_occlusion, read_occlusion
-from relight.evaluation.paper import IMPLIED_AO, IMPLIED_LOST
+from relight.evaluation.experiments.occlusion import SEPARATOR, group_occlusion, read_occlusion
+from relight.evaluation.pictures import charts
+from relight.evaluation.report.formats import Grid, number
 from relight.evaluation.report.provenance import costs
 from relight.evaluation.report.results import Results
+from relight.evaluation.scoring.labels import label
+from relight.evaluation.scoring.paper import IMPLIED_AO, IMPLIED_LOST
 from relight.learning.checkpoint import load_network
 
 Numbers = dict[str, Any]

@@ -1,19 +1,25 @@
 """Computes the numbers of experiments that are not tables of trainings, and writes their tables."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
-from relight.evaluation import path_traced, timing, transfer
-from relight.evaluation.comparisons import Comparison, Verdict, compare_estimates, correct
-from relight.evaluation.formats import Grid, comparison_grid, count, write_tables
-from relight.evaluation.labels import label
-from relight.evaluation.paper import SECONDS
+from relight import config
+from relight.evaluation.experiments import timing, transfer
+from relight.evaluation.experiments.path_traced import ANSWERS, CAUSES, COLUMNS, KEYS
+from relight.evaluation.report.formats import Grid, comparison_grid, count, write_tables
 from relight.evaluation.report.page import text
 from relight.evaluation.report.results import Results
-from relight.evaluation.scores import gather
-from relight.evaluation.tables import estimates
+from relight.evaluation.scoring.comparisons import Comparison, Verdict, compare_estimates, correct
+from relight.evaluation.scoring.labels import label
+from relight.evaluation.scoring.paper import SECONDS
+from relight.evaluation.scoring.scores import gather, read_table
+from relight.evaluation.scoring.statistics import estimate
+from relight.evaluation.scoring.tables import estimates
+from relight.training_name import TrainingName
 
 Numbers = dict[str, Any]
 PARTS = ("colour", "pattern")  # of a light, which light transfer exchanges separately
@@ -66,20 +72,58 @@ def light_transfer(results: Results, name: str) -> Numbers:
 def traced(results: Results, name: str) -> Numbers:
     """Computes the errors of relit pictures against path tracing, and their causes."""
     path = results.folder / "path_traced" / "scores.csv"
-    tables = path_traced.tables(path, results.settings)
+    tables = traced_tables(path, results.settings)
     answers = {row: float(one["relative, %"].mean) for row, one in tables["path_traced"].frame.iterrows()}
     sizes = {row: one["RMSE"].mean for row, one in tables["path_traced_causes"].frame.iterrows()}
-    causes = [cause for cause in sizes if cause in path_traced.CAUSES.values()]
+    causes = [cause for cause in sizes if cause in CAUSES.values()]
     largest = sorted(causes, key=lambda cause: sizes[cause], reverse=True)
     made = {
         "tables": tables,
         "scenes": pd.read_csv(path)["figure"].nunique(),
-        "answers": {key: answers[label] for key, label in path_traced.ANSWERS.items()},
-        "networks": {row: value for row, value in answers.items() if row not in path_traced.ANSWERS.values()},
+        "answers": {key: answers[label] for key, label in ANSWERS.items()},
+        "networks": {row: value for row, value in answers.items() if row not in ANSWERS.values()},
         "largest": {cause: sizes[cause] for cause in largest},
         "plate": results.folder / "path_traced" / "plate.png",
     }
     return write_grids(results, name, tables, made)
+
+
+def traced_tables(path: Path, settings: config.Evaluate) -> dict[str, Grid]:
+    """Returns tables of the answers and the causes of `path_traced.evaluate_traced`; trainings of a row are averaged.
+
+    Args:
+        path: the file (.csv).
+        settings: number of resamples, and their seed.
+
+    Returns:
+        The tables `path_traced_causes` and `path_traced`.
+
+    Raises:
+        UserError: if the file is not such a table.
+    """
+    found = read_table(path, "errors against path tracing", [*KEYS, *COLUMNS], "the stage path_traced")
+    found["row"] = [TrainingName.parse(name).row for name in found["name"]]
+    figures, values = found["figure"].nunique(), dict(list(found.groupby(["kind", "row"], sort=False)))
+    networks = {row: label(row) for kind, row in values if kind == "answer" and row not in ANSWERS}
+    causes = {f"network:{row}": f"{CAUSES['network']}: {words}" for row, words in networks.items()}
+    causes |= {name: words for name, words in CAUSES.items() if name != "network"}
+
+    def grid(kind: str, labels: dict[str, str]) -> Grid:
+        """Returns a grid with a row per name, in the order of `labels`."""
+        rows, kinds = [], []
+        for name in labels:
+            if (kind, name) in values:
+                numbers = values[kind, name][list(COLUMNS)].to_numpy().reshape(-1, figures, len(COLUMNS))
+                by_column = np.moveaxis(numbers * [1, 100, 100], -1, 0)[..., None]
+                rows.append([labels[name], *(estimate(one, settings.bootstrap, settings.seed) for one in by_column)])
+                kinds.append("baseline" if name in ANSWERS else "network")
+        heads, digits = ["", "RMSE", "relative, %", "mean, %"], {"RMSE": 4, "relative, %": 1, "mean, %": 1}
+        return Grid.of(heads, rows, kinds, digits)
+
+    return {
+        "path_traced_causes": grid("cause", causes),
+        "path_traced": grid("answer", {**networks, **ANSWERS}),
+    }
 
 
 def inference_time(results: Results, name: str) -> Numbers:

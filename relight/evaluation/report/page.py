@@ -11,10 +11,10 @@ from markdown_it import MarkdownIt
 from markupsafe import Markup
 from PIL import Image
 
-from relight.evaluation import formats
-from relight.evaluation.comparisons import MARGIN, Verdict
-from relight.evaluation.labels import column_label, label
-from relight.evaluation.statistics import ALPHA
+from relight.evaluation.report import formats
+from relight.evaluation.scoring.comparisons import MARGIN, Verdict
+from relight.evaluation.scoring.labels import column_label, label
+from relight.evaluation.scoring.statistics import ALPHA
 from relight.files import UserError, existing_file
 from relight.progress import duration
 

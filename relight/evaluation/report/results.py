@@ -12,9 +12,9 @@ import numpy as np
 import yaml
 
 from relight import config
-from relight.evaluation.scores import gather
-from relight.evaluation.statistics import Estimate
-from relight.evaluation.tables import SHOWN_COLUMNS, TABLE1_COLUMNS, Rows, Table, estimates, experiment_table
+from relight.evaluation.scoring.scores import gather
+from relight.evaluation.scoring.statistics import Estimate
+from relight.evaluation.scoring.tables import SHOWN_COLUMNS, TABLE1_COLUMNS, Rows, Table, estimates, experiment_table
 from relight.files import UserError, existing_file
 
 

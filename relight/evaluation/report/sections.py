@@ -9,17 +9,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from relight.evaluation import charts
-from relight.evaluation.comparisons import (
-    Comparison,
-    Ordering,
-    Verdict,
-    compare_estimates,
-    compare_rows,
-    correct,
-    orderings,
-)
-from relight.evaluation.formats import (
+from relight.evaluation.experiments.occlusion import read_occlusion
+from relight.evaluation.pictures import charts
+from relight.evaluation.report.formats import (
     SIGNS,
     Grid,
     bound,
@@ -32,12 +24,20 @@ from relight.evaluation.formats import (
     score_grid,
     write_tables,
 )
-from relight.evaluation.labels import column_label, label
-from relight.evaluation.occlusion import read_occlusion
-from relight.evaluation.paper import ARGUMENTS
 from relight.evaluation.report.page import text
 from relight.evaluation.report.results import Results
-from relight.evaluation.tables import Table
+from relight.evaluation.scoring.comparisons import (
+    Comparison,
+    Ordering,
+    Verdict,
+    compare_estimates,
+    compare_rows,
+    correct,
+    orderings,
+)
+from relight.evaluation.scoring.labels import column_label, label
+from relight.evaluation.scoring.paper import ARGUMENTS
+from relight.evaluation.scoring.tables import Table
 
 ERRORS = ("shading_rmse", "transport_rmse", "albedo_rmse", "light_rmse")
 PARTS = ("shading_rmse", "shading_true_light_rmse", "transport_rmse", "light_rmse", "albedo_rmse")

@@ -8,11 +8,11 @@ import numpy as np
 from PIL import Image
 
 from relight import config
-from relight.evaluation.canvas import FAINT, Canvas, ball, bounding_box, composite, heat, transport_bands
-from relight.evaluation.evaluate import dense, has_pairs, infer, load, pixels, select_pairs, truth
-from relight.evaluation.labels import label
-from relight.evaluation.metrics import Inferred, Truth, shade
-from relight.evaluation.scores import gather
+from relight.evaluation.pictures.canvas import FAINT, Canvas, ball, bounding_box, composite, heat, transport_bands
+from relight.evaluation.scoring.evaluate import dense, has_pairs, infer, load, pixels, select_pairs, truth
+from relight.evaluation.scoring.labels import label
+from relight.evaluation.scoring.metrics import Inferred, Truth, shade
+from relight.evaluation.scoring.scores import gather
 from relight.learning.data import RelitSet
 from relight.progress import progress
 from relight.srgb import encode

@@ -11,7 +11,7 @@ from torch._subclasses.fake_tensor import FakeTensorMode
 from torch.utils.flop_counter import FlopCounterMode
 
 from relight.config import Model, Timing
-from relight.evaluation.scores import read_table
+from relight.evaluation.scoring.scores import read_table
 from relight.files import atomic_write
 from relight.learning.networks import build
 from relight.processes import count_cores

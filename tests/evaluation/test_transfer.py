@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from relight.evaluation.evaluate import truth
-from relight.evaluation.metrics import Inferred
-from relight.evaluation.panels import evenly_spaced
-from relight.evaluation.scores import read_scores
-from relight.evaluation.transfer import (
+from relight.evaluation.experiments.transfer import (
     BASELINES,
     VARIANTS,
     evaluate_transfer,
@@ -20,6 +16,10 @@ from relight.evaluation.transfer import (
     score_swaps,
     transfer_plate,
 )
+from relight.evaluation.pictures.panels import evenly_spaced
+from relight.evaluation.scoring.evaluate import truth
+from relight.evaluation.scoring.metrics import Inferred
+from relight.evaluation.scoring.scores import read_scores
 from relight.files import UserError
 from relight.learning.data import RelitSet
 

@@ -6,8 +6,7 @@ import pandas as pd
 import pytest
 
 from relight.config import Evaluate
-from relight.evaluation.comparisons import MARGIN, Verdict, compare_estimates, compare_rows, correct, orderings
-from relight.evaluation.formats import (
+from relight.evaluation.report.formats import (
     MARKDOWN,
     Grid,
     number,
@@ -18,14 +17,15 @@ from relight.evaluation.formats import (
     to_markdown,
     write_tables,
 )
-from relight.evaluation.labels import LABELS, split_column
-from relight.evaluation.metrics import COLUMNS
-from relight.evaluation.paper import printed
 from relight.evaluation.report.page import table as to_html
 from relight.evaluation.report.sections import matrix, write_score_table
-from relight.evaluation.scores import Scores, gather, read_scores, write_scores
-from relight.evaluation.statistics import Estimate
-from relight.evaluation.tables import TABLE1_COLUMNS, experiment_table
+from relight.evaluation.scoring.comparisons import MARGIN, Verdict, compare_estimates, compare_rows, correct, orderings
+from relight.evaluation.scoring.labels import LABELS, split_column
+from relight.evaluation.scoring.metrics import COLUMNS
+from relight.evaluation.scoring.paper import printed
+from relight.evaluation.scoring.scores import Scores, gather, read_scores, write_scores
+from relight.evaluation.scoring.statistics import Estimate
+from relight.evaluation.scoring.tables import TABLE1_COLUMNS, experiment_table
 from relight.files import UserError
 
 SETTINGS = Evaluate("test", "cpu", 1, 4000, 2, 6, 0)

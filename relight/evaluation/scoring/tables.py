@@ -7,11 +7,11 @@ import numpy as np
 import pandas as pd
 
 from relight import config
-from relight.evaluation.labels import split_column
-from relight.evaluation.metrics import COLUMNS, READINGS
-from relight.evaluation.paper import printed
-from relight.evaluation.scores import Scores
-from relight.evaluation.statistics import Estimate, compare, estimate, holm, pooled_spread
+from relight.evaluation.scoring.labels import split_column
+from relight.evaluation.scoring.metrics import COLUMNS, READINGS
+from relight.evaluation.scoring.paper import printed
+from relight.evaluation.scoring.scores import Scores
+from relight.evaluation.scoring.statistics import Estimate, compare, estimate, holm, pooled_spread
 from relight.files import UserError
 
 

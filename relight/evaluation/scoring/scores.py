@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from relight.evaluation.metrics import COLLAPSE, COLUMNS
+from relight.evaluation.scoring.metrics import COLLAPSE, COLUMNS
 from relight.files import UserError, atomic_write, existing_file
 from relight.training_name import TrainingName
 

@@ -13,11 +13,11 @@ from pathlib import Path
 import numpy as np
 
 from relight import config
-from relight.evaluation.evaluate import Predictor, infer, load, select_pairs, truth
-from relight.evaluation.labels import label
-from relight.evaluation.metrics import Inferred, Truth, light_errors, shade
-from relight.evaluation.panels import Line, Subject, View, draw, evenly_spaced
-from relight.evaluation.scores import Scores, write_scores
+from relight.evaluation.pictures.panels import Line, Subject, View, draw, evenly_spaced
+from relight.evaluation.scoring.evaluate import Predictor, infer, load, select_pairs, truth
+from relight.evaluation.scoring.labels import label
+from relight.evaluation.scoring.metrics import Inferred, Truth, light_errors, shade
+from relight.evaluation.scoring.scores import Scores, write_scores
 from relight.files import UserError
 from relight.learning.data import RelitSet
 from relight.progress import progress

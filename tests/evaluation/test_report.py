@@ -13,13 +13,13 @@ import yaml
 from PIL import Image
 
 from relight.config import CONF, Evaluate
-from relight.evaluation.comparisons import Verdict
-from relight.evaluation.metrics import COLUMNS
-from relight.evaluation.occlusion import HISTOGRAM
+from relight.evaluation.experiments.occlusion import HISTOGRAM
 from relight.evaluation.report import build, page, provenance, sections
 from relight.evaluation.report.data import costs_and_settings, redraws
 from relight.evaluation.report.results import Results
-from relight.evaluation.scores import Scores, write_scores
+from relight.evaluation.scoring.comparisons import Verdict
+from relight.evaluation.scoring.metrics import COLUMNS
+from relight.evaluation.scoring.scores import Scores, write_scores
 
 SETTINGS = Evaluate("test", "cpu", 1, 200, 2, 6, 0)
 FIGURES = [f"f{i}" for i in range(10)]

@@ -5,9 +5,9 @@ from enum import Enum
 
 import numpy as np
 
-from relight.evaluation.paper import ARGUMENTS, printed
-from relight.evaluation.statistics import ALPHA, Difference, Estimate, compare, holm
-from relight.evaluation.tables import TABLE2_COLUMNS, Table, sign
+from relight.evaluation.scoring.paper import ARGUMENTS, printed
+from relight.evaluation.scoring.statistics import ALPHA, Difference, Estimate, compare, holm
+from relight.evaluation.scoring.tables import TABLE2_COLUMNS, Table, sign
 
 # Relative; rows are equivalent if they differ by less; most differences that the paper prints are smaller.
 MARGIN = 0.035

@@ -1,4 +1,4 @@
-"""Draws the charts of the report: errors with intervals, training curves, occlusion. SVG or PNG, by the suffix."""
+"""Draws the charts of the report: errors with intervals, and training curves. SVG or PNG, by the suffix."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -8,16 +8,13 @@ from typing import Any
 import matplotlib
 import matplotlib.lines
 import numpy as np
-import pandas as pd
 from matplotlib.figure import Figure  # no pyplot: no windows, nothing global
 from matplotlib.ticker import LogFormatter, MaxNLocator
 
-from relight.evaluation.labels import LABELS, label, title
-from relight.evaluation.occlusion import BINS, DARK, HISTOGRAM
-from relight.evaluation.paper import IMPLIED_AO, IMPLIED_LOST
-from relight.evaluation.scores import read_table
-from relight.evaluation.statistics import Estimate
-from relight.evaluation.tables import Table, sign
+from relight.evaluation.scoring.labels import LABELS, label, title
+from relight.evaluation.scoring.scores import read_table
+from relight.evaluation.scoring.statistics import Estimate
+from relight.evaluation.scoring.tables import Table, sign
 from relight.files import UserError, atomic_write
 from relight.training_name import TrainingName
 
@@ -187,39 +184,6 @@ def plot_axis(points: list[tuple[float, str]], table: Table, columns: tuple[str,
             panel.set(title=title(column), xlabel=axis)
             panel.set_ylim(0)
         figure.legend(shown.values(), shown, loc="outside lower center", ncols=3, fontsize=9)
-
-
-def plot_occlusion(table: pd.DataFrame, out: Path) -> None:
-    """Draws a histogram of ambient occlusion, and the transport that each figure loses to occlusion.
-
-    Bars are means over figures, lines their central 80 %. The values that the paper implies are marked.
-
-    Args:
-        table: of `occlusion.measure_occlusion`.
-        out: the chart.
-
-    Raises:
-        UserError: if there are no figures.
-    """
-    if table.empty:
-        raise UserError(f"{out}: there are no figures to chart the occlusion of")
-    shares = 100 * table[HISTOGRAM].to_numpy(float)
-    middle = (np.arange(BINS) + 0.5) / BINS
-    low, high = np.quantile(shares, [0.1, 0.9], axis=0)
-    paper = {"color": "#ef5675", "linewidth": 1.6}
-    with chart(out, 9.2, 3.2) as figure:
-        left, right = figure.subplots(1, 2)
-        left.bar(middle, shares.mean(0), 0.9 / BINS, color="#30638e")
-        left.vlines(middle, low, high, color="#1c1c1e", linewidth=1)
-        left.axvline(table.ao.mean(), color="#30638e", linestyle="--", label="mean")
-        left.axvline(IMPLIED_AO, linestyle=":", label="the paper's scans, implied mean", **paper)
-        left.set(xlim=(0, 1), title="Ambient occlusion of pixels", ylabel="% of a figure's pixels")
-        left.set_xlabel(f"AO; lines: 80 % of the figures; under {DARK:g} is deep shade")
-        left.legend(loc="upper left")
-        right.plot(table.ao, table.lost, "o", color="#30638e", markersize=4, alpha=0.7)
-        right.plot(IMPLIED_AO, IMPLIED_LOST, "x", markersize=9, markeredgewidth=2, **paper, label="the paper, implied")
-        right.set(title="Each figure", xlabel="mean AO", ylabel="rms of |T - T unoccluded|")
-        right.legend()
 
 
 def color_of(row: str) -> str:

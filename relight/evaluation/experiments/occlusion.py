@@ -1,12 +1,14 @@
-"""Measures the self-occlusion of figures."""
+"""Measures and charts the self-occlusion of figures."""
 
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from relight.evaluation.scores import read_table
-from relight.files import atomic_write
+from relight.evaluation.pictures.charts import chart
+from relight.evaluation.scoring.paper import IMPLIED_AO, IMPLIED_LOST
+from relight.evaluation.scoring.scores import read_table
+from relight.files import UserError, atomic_write
 from relight.maps import LeftOut, Maps, read_maps
 from relight.progress import progress
 from relight.sh import order_of, unoccluded
@@ -96,3 +98,36 @@ def group_occlusion(table: pd.DataFrame, by: str) -> pd.DataFrame:
         lost=("lost", "mean"),
     )
     return found.sort_values("ao", kind="stable")
+
+
+def plot_occlusion(table: pd.DataFrame, out: Path) -> None:
+    """Draws a histogram of ambient occlusion, and the transport that each figure loses to occlusion.
+
+    Bars are means over figures, lines their central 80 %. The values that the paper implies are marked.
+
+    Args:
+        table: of `measure_occlusion`.
+        out: the chart.
+
+    Raises:
+        UserError: if there are no figures.
+    """
+    if table.empty:
+        raise UserError(f"{out}: there are no figures to chart the occlusion of")
+    shares = 100 * table[HISTOGRAM].to_numpy(float)
+    middle = (np.arange(BINS) + 0.5) / BINS
+    low, high = np.quantile(shares, [0.1, 0.9], axis=0)
+    paper = {"color": "#ef5675", "linewidth": 1.6}
+    with chart(out, 9.2, 3.2) as figure:
+        left, right = figure.subplots(1, 2)
+        left.bar(middle, shares.mean(0), 0.9 / BINS, color="#30638e")
+        left.vlines(middle, low, high, color="#1c1c1e", linewidth=1)
+        left.axvline(table.ao.mean(), color="#30638e", linestyle="--", label="mean")
+        left.axvline(IMPLIED_AO, linestyle=":", label="the paper's scans, implied mean", **paper)
+        left.set(xlim=(0, 1), title="Ambient occlusion of pixels", ylabel="% of a figure's pixels")
+        left.set_xlabel(f"AO; lines: 80 % of the figures; under {DARK:g} is deep shade")
+        left.legend(loc="upper left")
+        right.plot(table.ao, table.lost, "o", color="#30638e", markersize=4, alpha=0.7)
+        right.plot(IMPLIED_AO, IMPLIED_LOST, "x", markersize=9, markeredgewidth=2, **paper, label="the paper, implied")
+        right.set(title="Each figure", xlabel="mean AO", ylabel="rms of |T - T unoccluded|")
+        right.legend()

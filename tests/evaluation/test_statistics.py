@@ -2,7 +2,15 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from relight.evaluation.statistics import Estimate, compare, estimate, holm, interval, pooled_spread, resample_weights
+from relight.evaluation.scoring.statistics import (
+    Estimate,
+    compare,
+    estimate,
+    holm,
+    interval,
+    pooled_spread,
+    resample_weights,
+)
 
 RNG = np.random.default_rng(5)
 

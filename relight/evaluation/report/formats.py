@@ -12,11 +12,11 @@ import numpy as np
 import pandas as pd
 from markupsafe import escape
 
-from relight.evaluation.comparisons import Comparison, Verdict
-from relight.evaluation.labels import QUANTITIES, READING_LABELS, column_label, label, split_column
-from relight.evaluation.metrics import COLUMNS
-from relight.evaluation.statistics import Estimate
-from relight.evaluation.tables import Table, sign
+from relight.evaluation.scoring.comparisons import Comparison, Verdict
+from relight.evaluation.scoring.labels import QUANTITIES, READING_LABELS, column_label, label, split_column
+from relight.evaluation.scoring.metrics import COLUMNS
+from relight.evaluation.scoring.statistics import Estimate
+from relight.evaluation.scoring.tables import Table, sign
 from relight.files import atomic_write
 
 SIGNS = {Verdict.BETTER: "✓", Verdict.WORSE: "✗", Verdict.EQUIVALENT: "≈", Verdict.OPEN: "?"}

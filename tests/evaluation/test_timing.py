@@ -3,7 +3,7 @@ import torch
 from omegaconf import OmegaConf
 
 from relight.config import Timing, composed
-from relight.evaluation.timing import multiply_adds, read_times, time_networks
+from relight.evaluation.experiments.timing import multiply_adds, read_times, time_networks
 from relight.files import UserError
 
 

@@ -9,12 +9,12 @@ import pytest
 from PIL import Image
 
 from relight.config import Evaluate
-from relight.evaluation.comparisons import Verdict
-from relight.evaluation.path_traced import ANSWERS, CAUSES, COLUMNS
+from relight.evaluation.experiments.path_traced import ANSWERS, CAUSES, COLUMNS
+from relight.evaluation.experiments.timing import COLUMNS as TIMES
+from relight.evaluation.experiments.transfer import BASELINES, VARIANTS
 from relight.evaluation.report import own, page
-from relight.evaluation.scores import Scores, write_scores
-from relight.evaluation.timing import COLUMNS as TIMES
-from relight.evaluation.transfer import BASELINES, VARIANTS
+from relight.evaluation.scoring.comparisons import Verdict
+from relight.evaluation.scoring.scores import Scores, write_scores
 
 SETTINGS = Evaluate(bootstrap=500, plates=1, sheet=6, lights="test", device="cpu", seed=0, version=1)
 

@@ -4,21 +4,22 @@ import pytest
 from PIL import Image
 
 from relight.config import Evaluate
-from relight.evaluation.canvas import ball, bounding_box, composite, fit_text, font, heat, transport_bands
-from relight.evaluation.charts import plot_curves, plot_errors, plot_occlusion
-from relight.evaluation.contact import clearest_light, contact_sheet, views
-from relight.evaluation.occlusion import COLUMNS as OCCLUSION
-from relight.evaluation.occlusion import (
+from relight.evaluation.experiments.occlusion import COLUMNS as OCCLUSION
+from relight.evaluation.experiments.occlusion import (
     HISTOGRAM,
     UNKNOWN,
     group_occlusion,
     measure_occlusion,
     occlusion,
+    plot_occlusion,
     read_occlusion,
 )
-from relight.evaluation.panels import COLUMNS, extremes, overview, plates, relit
-from relight.evaluation.scores import Scores, write_scores
-from relight.evaluation.tables import TABLE2_COLUMNS, Table, experiment_table
+from relight.evaluation.pictures.canvas import ball, bounding_box, composite, fit_text, font, heat, transport_bands
+from relight.evaluation.pictures.charts import plot_curves, plot_errors
+from relight.evaluation.pictures.contact import clearest_light, contact_sheet, views
+from relight.evaluation.pictures.panels import COLUMNS, extremes, overview, plates, relit
+from relight.evaluation.scoring.scores import Scores, write_scores
+from relight.evaluation.scoring.tables import TABLE2_COLUMNS, Table, experiment_table
 from relight.files import UserError
 from relight.maps import read_maps, write_left_out
 from relight.sh import unoccluded

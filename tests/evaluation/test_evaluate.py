@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from relight.config import composed
-from relight.evaluation.baselines import evaluate_baselines, make_predictors
-from relight.evaluation.evaluate import evaluate, infer, inferred_maps, load, unlearned
-from relight.evaluation.panels import plates
-from relight.evaluation.scores import Scores, read_scores, write_scores
+from relight.evaluation.pictures.panels import plates
+from relight.evaluation.scoring.baselines import evaluate_baselines, make_predictors
+from relight.evaluation.scoring.evaluate import evaluate, infer, inferred_maps, load, unlearned
+from relight.evaluation.scoring.scores import Scores, read_scores, write_scores
 from relight.files import UserError
 from relight.learning.checkpoint import load_network
 from relight.learning.data import RelitSet
@@ -76,7 +76,7 @@ def test_the_same_bytes_again_from_another_process(checkpoints, world, tmp_path)
     evaluate(checkpoints["ours"], world.packed, world.lights, world.split, world.settings, here)
     code = (
         "import sys; from pathlib import Path; from relight.config import Evaluate; "
-        "from relight.evaluation.evaluate import evaluate; p = [Path(a) for a in sys.argv[1:]]; "
+        "from relight.evaluation.scoring.evaluate import evaluate; p = [Path(a) for a in sys.argv[1:]]; "
         "evaluate(*p[:4], Evaluate('test', 'cpu', 1, 9, 2, 1, 3), p[4])"
     )
     paths = (checkpoints["ours"], world.packed, world.lights, world.split, there)
@@ -106,7 +106,7 @@ def test_figures_that_sit_and_unusual_lights_need_not_be_there(checkpoints, worl
 def test_what_no_loss_asked_for_is_given_the_truth(checkpoints, world, tmp_path, monkeypatch):
     made_with = {"model": None, "train": {"color": "paper"}, "loss": composed(["loss=transport"]).loss}
     network, _ = load_network(checkpoints["ours"])
-    monkeypatch.setattr("relight.evaluation.evaluate.load_network", lambda path, device: (network, made_with))
+    monkeypatch.setattr("relight.evaluation.scoring.evaluate.load_network", lambda path, device: (network, made_with))
     out = tmp_path / "ours.csv"
     evaluate(checkpoints["ours"], world.packed, world.lights, world.split, world.settings, out)
     columns = read_scores(out)["ours"].columns
@@ -122,7 +122,7 @@ def test_inference_in_parts_is_inference_at_once(checkpoints, world, monkeypatch
     network, _ = load_network(checkpoints["sfsnet_ao"])
     data = RelitSet(world.packed, world.lights, 2, "paper")
     together = infer(network, data, 0, np.arange(6))
-    monkeypatch.setattr("relight.evaluation.evaluate.BATCH_PIXELS", 2 * 64**2)
+    monkeypatch.setattr("relight.evaluation.scoring.evaluate.BATCH_PIXELS", 2 * 64**2)
     apart = infer(network, data, 0, np.arange(6))
     for name in ("albedo", "transport", "normal", "ao", "light"):
         np.testing.assert_allclose(getattr(together, name), getattr(apart, name), atol=1e-5)

@@ -16,9 +16,9 @@ from pathlib import Path
 import numpy as np
 
 from relight import config
-from relight.evaluation.evaluate import Predictor, has_pairs, pixel_rows, pixels, score, torch_device, truth
-from relight.evaluation.metrics import Inferred
-from relight.evaluation.scores import write_scores
+from relight.evaluation.scoring.evaluate import Predictor, has_pairs, pixel_rows, pixels, score, torch_device, truth
+from relight.evaluation.scoring.metrics import Inferred
+from relight.evaluation.scoring.scores import write_scores
 from relight.files import UserError
 from relight.learning.data import RelitSet, read_split
 from relight.sh import order_of, unoccluded

@@ -10,9 +10,10 @@ import trimesh
 from PIL import Image
 
 from relight.config import Evaluate, Panoramas, Trace
-from relight.evaluation.evaluate import infer, load
-from relight.evaluation.path_traced import ANSWERS, CAUSES, Chain, evaluate_traced, tables, traced_plate
-from relight.evaluation.tracing import Scene, read_scenes, sky_of, trace
+from relight.evaluation.experiments.path_traced import ANSWERS, CAUSES, Chain, evaluate_traced, traced_plate
+from relight.evaluation.experiments.tracing import Scene, read_scenes, sky_of, trace
+from relight.evaluation.report.own import traced_tables
+from relight.evaluation.scoring.evaluate import infer, load
 from relight.files import UserError
 from relight.learning.data import RelitSet
 from relight.lights import LightSet, read_light_set, write_light_set
@@ -101,7 +102,7 @@ def test_scores_tables_and_pictures(world, data, small_network, tmp_path):
         rmse = np.sqrt(((relit - chain.pictures["truth"]) ** 2).sum(-1).mean())
         for kind, label in (("answer", name), ("cause", f"network:{name}")):
             assert float(found[kind, label, "snowman04"]["rmse"]) == pytest.approx(rmse, rel=1e-4)
-    found = tables(tmp_path / "scores.csv", world.settings)
+    found = traced_tables(tmp_path / "scores.csv", world.settings)
     assert list(found["path_traced"].frame.index) == ["ours", "SfSNet-AO", *ANSWERS.values()]
     assert len(found["path_traced_causes"].frame) == len(CAUSES) - 1 + len(networks)
     assert found["path_traced"].frame["relative, %"].iloc[2].mean == pytest.approx(
@@ -121,7 +122,7 @@ def test_another_data_set_is_refused(data, world, tmp_path):
         read_scenes(tmp_path / "notes.npz")
     (tmp_path / "notes.csv").write_text("a,b\n1,2\n")
     with pytest.raises(UserError, match="not a table"):
-        tables(tmp_path / "notes.csv", world.settings)
+        traced_tables(tmp_path / "notes.csv", world.settings)
 
 
 @pytest.fixture(scope="module")

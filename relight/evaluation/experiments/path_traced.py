@@ -22,19 +22,15 @@ import numpy as np
 import pandas as pd
 
 from relight import config
-from relight.evaluation.evaluate import infer, load, truth
-from relight.evaluation.formats import Grid
-from relight.evaluation.labels import label
-from relight.evaluation.metrics import Inferred, Truth, shade
-from relight.evaluation.panels import Line, Subject, View, draw, evenly_spaced
-from relight.evaluation.scores import read_table
-from relight.evaluation.statistics import estimate
-from relight.evaluation.tracing import Scene, read_scenes
+from relight.evaluation.experiments.tracing import Scene, read_scenes
+from relight.evaluation.pictures.panels import Line, Subject, View, draw, evenly_spaced
+from relight.evaluation.scoring.evaluate import infer, load, truth
+from relight.evaluation.scoring.labels import label
+from relight.evaluation.scoring.metrics import Inferred, Truth, shade
 from relight.files import UserError, atomic_write
 from relight.learning.data import RelitSet
 from relight.progress import progress
 from relight.sh import order_of, unoccluded
-from relight.training_name import TrainingName
 
 CAUSES = {
     "network": "what the network infers",
@@ -154,41 +150,6 @@ def evaluate_traced(
     table = pd.DataFrame(rows, columns=[*KEYS, *COLUMNS])
     with atomic_write(out) as tmp:
         table.to_csv(tmp, index=False, float_format="%.6g", lineterminator="\n")
-
-
-def tables(path: Path, settings: config.Evaluate) -> dict[str, Grid]:
-    """Returns tables of the answers and the causes in a file of `evaluate_traced`; trainings of a row are averaged.
-
-    Args:
-        path: the file (.csv).
-        settings: number of resamples, and their seed.
-
-    Returns:
-        The tables `path_traced_causes` and `path_traced`.
-
-    Raises:
-        UserError: if the file is not such a table.
-    """
-    found = read_table(path, "errors against path tracing", [*KEYS, *COLUMNS], "the stage path_traced")
-    found["row"] = [TrainingName.parse(name).row for name in found["name"]]
-    figures, values = found["figure"].nunique(), dict(list(found.groupby(["kind", "row"], sort=False)))
-    networks = {row: label(row) for kind, row in values if kind == "answer" and row not in ANSWERS}
-    causes = {f"network:{row}": f"{CAUSES['network']}: {words}" for row, words in networks.items()}
-    causes |= {name: words for name, words in CAUSES.items() if name != "network"}
-
-    def grid(kind: str, labels: dict[str, str]) -> Grid:
-        """Returns a grid with a row per name, in the order of `labels`."""
-        rows, kinds = [], []
-        for name in labels:
-            if (kind, name) in values:
-                numbers = values[kind, name][list(COLUMNS)].to_numpy().reshape(-1, figures, len(COLUMNS))
-                by_column = np.moveaxis(numbers * [1, 100, 100], -1, 0)[..., None]
-                rows.append([labels[name], *(estimate(one, settings.bootstrap, settings.seed) for one in by_column)])
-                kinds.append("baseline" if name in ANSWERS else "network")
-        heads, digits = ["", "RMSE", "relative, %", "mean, %"], {"RMSE": 4, "relative, %": 1, "mean, %": 1}
-        return Grid.of(heads, rows, kinds, digits)
-
-    return {"path_traced_causes": grid("cause", causes), "path_traced": grid("answer", {**networks, **ANSWERS})}
 
 
 def traced_plate(
