@@ -59,29 +59,23 @@ def test_no_circular_imports():
     assert not graph, f"modules in circles, or that import such: {sorted(graph)}"
 
 
-def layer_of(module: str, layers: dict[str, int]) -> str:
-    """The package or wing of `layers` that a module of relight is in; "" if it is in none."""
-    parts = module.split(".")
-    names = (".".join(parts[1:end]) for end in range(len(parts), 1, -1))
-    return next((name for name in names if name in layers), "")
-
-
-def test_packages_import_only_from_lower_layers():
-    """Also inside functions. The layers are those of CONTRIBUTING.md, which has every package, or all of its wings."""
-    listed = (ROOT.parent / "CONTRIBUTING.md").read_text().partition("* **Layers**")[2].split("```")[1]
-    layers = {name: number for number, line in enumerate(listed.strip().splitlines()) for name in line.split()}
-    paths = [path for path in ROOT.rglob("*.py") if path.parent != ROOT or path.stem != "__init__"]
-    assert {name.partition(".")[0] for name in layers} == {
-        path.relative_to(ROOT).with_suffix("").parts[0] for path in paths
-    }
+@pytest.mark.parametrize(
+    ("package", "heading"), [("relight", "* **Layers**"), ("relight.evaluation", "`relight/evaluation`:")]
+)
+def test_packages_import_only_from_lower_layers(package, heading):
+    """Also inside functions. The layers are those of CONTRIBUTING.md, which lists every part of a package."""
+    listed = (ROOT.parent / "CONTRIBUTING.md").read_text().partition(heading)[2].split("```")[1]
+    layer = {name: number for number, line in enumerate(listed.strip().splitlines()) for name in line.split()}
+    depth = package.count(".") + 1
+    folder = ROOT.parent.joinpath(*package.split("."))
+    parts = {path.stem for path in folder.iterdir() if path.suffix == ".py" or (path / "__init__.py").is_file()}
+    assert layer.keys() == parts - {"__init__"}
     upward = []
-    for path in paths:
-        module = ".".join(("relight", *path.relative_to(ROOT).with_suffix("").parts))
-        own = layer_of(module, layers)
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ImportFrom) and (node.module or "").split(".")[0] == "relight":
+    for path in folder.rglob("*.py"):
+        part = path.relative_to(folder).with_suffix("").parts[0]
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if part in layer else ():
+            if isinstance(node, ast.ImportFrom) and f"{node.module}.".startswith(f"{package}."):
                 names = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-                used = {layer_of(name, layers) for name in names} - {own, ""}
-                assert own, f"{module} is in no layer"
-                upward += [f"{module} imports {name}" for name in used if layers[name] >= layers[own]]
+                used = {name.split(".")[depth] for name in names if name.count(".") >= depth} & layer.keys() - {part}
+                upward += [f"{path.relative_to(folder)} imports {name}" for name in used if layer[name] >= layer[part]]
     assert not upward
