@@ -21,6 +21,8 @@ class Setting:
         above, below: exclusive bounds of a number.
         multiple: divisor of a number.
         interval: whether it is a list [least, most] of two numbers.
+        reruns: whether a change re-runs the stages that read it; not if it only says which
+            figures to make, or where runs are tracked.
     """
 
     about: str
@@ -31,6 +33,7 @@ class Setting:
     below: float | None = None
     multiple: int | None = None
     interval: bool = False
+    reruns: bool = True
 
     @property
     def domain(self) -> str:
@@ -73,7 +76,7 @@ def setting(about: str, default: Any = MISSING, **rules: Any) -> Any:
     Args:
         about: description, with the unit.
         default: only for settings that files may omit: those that are newer than existing files, and those that the
-            workflow omits for stages whose outputs do not depend on them (`WITHOUT_EFFECT`).
+            workflow omits from the settings of stages (`reruns`).
         **rules: the domain, as in `Setting`.
     """
     metadata = {"setting": Setting(about, **rules)}

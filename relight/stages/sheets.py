@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from relight.config import Evaluate
+from relight.config import Pictures
 from relight.stages.stage import stage
 
 
@@ -17,7 +17,7 @@ from relight.stages.stage import stage
     histogram="chart of their occlusion (.png)",
 )
 def main(
-    evaluate: Evaluate,
+    pictures: Pictures,
     names: Path,
     maps: Path,
     lights: Path,
@@ -35,7 +35,7 @@ def main(
     plot_occlusion(measure_occlusion(paths, occlusion), histogram)
     chosen = read_light_set(lights)
     write_contact_sheet(chosen, spheres)
-    contact_sheet(paths[: evaluate.sheet], clearest_light(chosen.of("test").coefficients), figures)
+    contact_sheet(paths[: pictures.sheet], clearest_light(chosen.of("test").coefficients), figures)
 
 
 if __name__ == "__main__":

@@ -88,7 +88,7 @@ def test_rows_are_scored_up_to_a_factor(imported, tmp_path):
     scored = {}
     for method in ("true_maps", "mean_light", "as_it_is"):
         answer(imported, tmp_path / method, method)
-        scored[method] = read_scores(score(imported, tmp_path / method).parent).columns
+        scored[method] = read_scores(score(imported, tmp_path / method).parent)
     for columns in scored.values():
         assert all(np.isnan(columns[name]).all() for name in ABSOLUTE)
     best = scored["true_maps"]

@@ -8,16 +8,14 @@ from relight.benchmark.measures import (
     LEAKS,
     MIRROR,
     Intrinsics,
-    best_scale,
     errors,
     invariances,
-    irradiance_error,
     leaks,
-    ssim,
 )
 from relight.benchmark.score import relit_errors
 from relight.benchmark.shots import variants
 from relight.crop import crop_around
+from relight.evaluation.scoring.metrics import Box, best_scale, irradiance_error
 from relight.sh import irradiance, sphere_quadrature
 from relight.srgb import decode, encode, to_bytes
 
@@ -88,6 +86,7 @@ def test_relit_pictures_are_those_of_the_slow_twin(two):
     found = relit_errors(first, second, inside)
     assert np.isclose(found[""], slow_rmse(first / 255, second / 255, inside))
     assert np.isclose(found["_ssim"], slow_ssim(first / 255, second / 255, inside))
+    assert np.isclose(found["_psnr"], -20 * np.log10(slow_rmse(first / 255, second / 255, inside) / 3**0.5))
     linear, goal = decode(first / 255), decode(second / 255)
     scale = best_scale(linear[inside], goal[inside])
     assert np.isclose(found["_factor"], slow_rmse(encode(scale * linear), second / 255, inside), rtol=1e-5)
@@ -101,7 +100,8 @@ def test_thin_masks_have_a_similarity():
     inside[5:20, 3:5] = True
     rng = np.random.default_rng(0)
     picture = rng.uniform(size=(SIDE, SIDE, 3))
-    assert ssim(picture, picture, inside) == 1 > ssim(picture, picture[::-1], inside)
+    box = Box.of(inside)
+    assert box.ssim(picture[inside], picture[inside]) == 1 > box.ssim(picture[inside], picture[::-1][inside])
 
 
 def test_what_is_not_said_is_not_scored(two):

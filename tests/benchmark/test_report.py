@@ -14,7 +14,7 @@ import pytest
 
 from relight.benchmark.methods import BASELINES, FIXED, answer
 from relight.benchmark.score import COLUMNS, KEYS, mean_scores, read_scores, score
-from relight.config import ROOT, Benchmark, Evaluate
+from relight.config import ROOT, Benchmark, Statistics
 from relight.files import UserError
 from relight.photos.api import WEIGHTS
 from relight.stages.benchmark_scores import main as benchmark_scores
@@ -22,7 +22,7 @@ from relight.stages.report import main as report
 from relight.workflow import Plan
 
 WORDS = "scale=smoke experiment=benchmark sweep.only=[ours_full] sweep.seeds=[0,1] track=none"
-SETTINGS = Evaluate(bootstrap=200, plates=1, sheet=6, lights="test", device="cpu", seed=0, version=1)
+SETTINGS = Statistics(bootstrap=200, seed=0)
 
 
 def plan(folder) -> Plan:
@@ -102,7 +102,7 @@ def test_a_set_that_was_made_again_is_scored_again(drawn, tmp_path):
         return run.stdout + run.stderr
 
     def scored() -> set[str]:
-        return {key for key, *_ in read_scores(scores.parent).keys}
+        return {key for key, *_ in read_scores(scores.parent).index}
 
     snakemake()
     index = json.loads((copy / "index.json").read_text())
@@ -119,9 +119,9 @@ def test_trainings_are_averaged(tmp_path):
     write(tmp_path / "other", {"full": [0.3, 0.2, 0.5]}, 16 * "f")
     first, second, other = (read_scores(tmp_path / name) for name in ("s0", "s1", "other"))
     mean = mean_scores("mine", [first, second])
-    assert mean.name == "mine" and mean.keys == first.keys
-    assert np.allclose(mean.columns["full"], [0.2, 0.2, 0.4]) and np.allclose(mean.columns["light"], [1.5, 1, 0.5])
-    assert np.isnan(mean.columns["albedo"]).all()
+    assert mean.attrs["method"] == "mine" and mean.index.equals(first.index)
+    assert np.allclose(mean["full"], [0.2, 0.2, 0.4]) and np.allclose(mean["light"], [1.5, 1, 0.5])
+    assert np.isnan(mean["albedo"]).all()
     with pytest.raises(UserError, match="other and s0 were scored on different sets"):
         mean_scores("mine", [first, other])
 

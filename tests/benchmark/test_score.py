@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from PIL import Image
-from skimage.metrics import structural_similarity
+from skimage.metrics import peak_signal_noise_ratio, structural_similarity
 from typer.testing import CliRunner
 
 from relight.benchmark.files import KEYS, MAPS, PICTURES, BenchmarkSet, read_arrays
 from relight.benchmark.measures import INVARIANCES, LEAKS
 from relight.benchmark.methods import answer
-from relight.benchmark.score import COLUMNS, read_scores, score, tables
+from relight.benchmark.score import COLUMNS, read_scores, score
+from relight.benchmark.tables import Comparison
 from relight.cli import app
 from relight.files import UserError
 from relight.photos.infer import OPAQUE
@@ -40,13 +41,13 @@ def changed(path, **arrays):
 
 def test_the_truth_is_an_answer_that_scores_nothing(drawn, truth):
     row = read_scores(score(drawn, truth).parent)
-    assert len(row.keys) == 3
+    assert len(row) == 3
     for name in COLUMNS:
-        values = row.columns[name]
+        values = row[name]
         if name in INVARIANCES or name.startswith("ratio"):
             assert np.isnan(values).all(), name
-        elif name.endswith("_ssim"):
-            assert np.allclose(values, 1), name
+        elif name.endswith(("_ssim", "_psnr")):
+            assert np.allclose(values, 1 if name.endswith("_ssim") else 100), name
         elif name not in LEAKS:
             assert np.allclose(values, 0, atol=1e-6), name
 
@@ -60,15 +61,17 @@ def test_the_untouched_picture_scores_what_it_differs_by(drawn, tmp_path):
         solid = np.asarray(Image.open(entry.folder / "mask.png")) >= OPAQUE
         rows, columns = (np.flatnonzero(solid.any(axis)) for axis in (1, 0))
         box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-        errors, alike = [], []
+        errors, decibel, alike = [], [], []
         for true in read_arrays(drawn / "truth" / f"{entry.name}.npz")["full"] / 255:
             errors.append(np.sqrt(((photo - true)[solid] ** 2).sum(-1).mean()))
+            decibel.append(peak_signal_noise_ratio(true[solid], photo[solid], data_range=1.0))
             pair = (np.where(solid[..., None], x, 0)[box] for x in (photo, true))
             alike.append(structural_similarity(*pair, channel_axis=-1, data_range=1.0))
-        assert np.isclose(row.columns["ratio"][i], np.mean(errors), rtol=1e-5)
-        assert np.isclose(row.columns["ratio_ssim"][i], np.mean(alike), rtol=1e-5)
-        assert row.columns["ratio"][i] > 0.02 and row.columns["ratio_factor"][i] < row.columns["ratio"][i] + 0.02
-    assert all(np.isnan(row.columns[name]).all() for name in COLUMNS if not name.startswith("ratio"))
+        assert np.isclose(row["ratio"].iloc[i], np.mean(errors), rtol=1e-5)
+        assert np.isclose(row["ratio_psnr"].iloc[i], np.mean(decibel), rtol=1e-5)
+        assert np.isclose(row["ratio_ssim"].iloc[i], np.mean(alike), rtol=1e-5)
+        assert row["ratio"].iloc[i] > 0.02 and row["ratio_factor"].iloc[i] < row["ratio"].iloc[i] + 0.02
+    assert all(np.isnan(row[name]).all() for name in COLUMNS if not name.startswith("ratio"))
 
 
 def test_true_maps_are_right_where_the_formulation_is_the_truth(drawn, tmp_path):
@@ -76,17 +79,17 @@ def test_true_maps_are_right_where_the_formulation_is_the_truth(drawn, tmp_path)
     out = tmp_path / "true_maps"
     answer(drawn, out, "true_maps")
     row = read_scores(score(drawn, out).parent)
-    assert row.columns["full"].max() < 0.003 and row.columns["full_ssim"].min() > 0.999
-    assert row.columns["light"].max() < 1e-5 and row.columns["albedo"].max() < 1e-5
-    assert row.columns["shading"].max() < 0.01  # the mean of max(T.L, 0), and max of the mean, in a pixel of the square
-    assert row.columns["ratio"].max() < 0.1
+    assert row["full"].max() < 0.003 and row["full_ssim"].min() > 0.999
+    assert row["light"].max() < 1e-5 and row["albedo"].max() < 1e-5
+    assert row["shading"].max() < 0.01  # the mean of max(T.L, 0), and max of the mean, in a pixel of the square
+    assert row["ratio"].max() < 0.1
 
 
 def test_the_mean_light_is_told_from_the_true_one(drawn, tmp_path):
     answer(drawn, tmp_path / "mean", "mean_light")
     row = read_scores(score(drawn, tmp_path / "mean").parent)
-    assert row.columns["light"].min() > 0.05 and np.isnan(row.columns["albedo"]).all()
-    assert row.columns["light_factor"].mean() <= row.columns["light"].mean()
+    assert row["light"].min() > 0.05 and np.isnan(row["albedo"]).all()
+    assert row["light_factor"].mean() <= row["light"].mean()
 
 
 def test_a_permuted_folder_is_refused(drawn, truth):
@@ -161,9 +164,9 @@ def test_a_network_answers_all_of_it(drawn, weights, tmp_path):
     says = CliRunner().invoke(app, ["benchmark", "score", str(out), "--truth", str(drawn)])
     assert says.exit_code == 0 and "Relit pictures" in says.output and "light: square shifted by 4 px" in says.output
     row = read_scores(out)
-    assert np.isfinite([row.columns[name][0] for name in COLUMNS]).all()
-    varied = [not np.isnan(v) for v in row.columns["knee"]]
-    assert varied == [True, False, False] and np.isfinite(row.columns["full"]).all()
+    assert np.isfinite([row[name].iloc[0] for name in COLUMNS]).all()
+    varied = [not np.isnan(v) for v in row["knee"]]
+    assert varied == [True, False, False] and np.isfinite(row["full"]).all()
     entry = next(e for e in entries if e.variant == "mirror")
     changed(out / f"{entry.name}.npz", albedo=None)
     with pytest.raises(UserError, match=r"g900000\.1\+mirror\.npz holds"):
@@ -175,7 +178,7 @@ def test_a_network_answers_all_of_it(drawn, weights, tmp_path):
         if entry.of:
             (out / f"{entry.name}.npz").unlink(missing_ok=True)
     score(drawn, out)  # all variants may be left out
-    assert np.isnan(read_scores(out).columns["knee"]).all()
+    assert np.isnan(read_scores(out)["knee"]).all()
 
 
 def test_rows_beside_each_other(drawn, truth, tmp_path):
@@ -194,10 +197,10 @@ def test_rows_beside_each_other(drawn, truth, tmp_path):
     assert (tmp_path / "benchmark_pictures.csv").is_file()  # beside the answers
     assert {path.name for path in Path.cwd().iterdir()} == before
     rows = [read_scores(truth), read_scores(tmp_path / "as_it_is")]
-    made = tables(rows, 200)
+    made = Comparison(rows, 200).tables()
     moves = made["benchmark_invariance"].grid.frame
     assert list(moves.columns) == ["truth"] and len(moves) == len(INVARIANCES | LEAKS)  # as_it_is says nothing
-    values = rows[1].columns["ratio"]
+    values = rows[1]["ratio"].to_numpy()
     by_figure = [values[:2].mean(), values[2]]
     cells = made["benchmark_pictures"].grid.frame["ratio: RMSE"]
     assert cells["truth"] is None
@@ -208,15 +211,15 @@ def test_rows_beside_each_other(drawn, truth, tmp_path):
     assert "means over 0 pictures of 0 figures. The last" in made["benchmark_invariance"].note
     answer(drawn, tmp_path / "mean", "mean_light")
     other = read_scores(score(drawn, tmp_path / "mean").parent)
-    difference = tables([rows[1], other], 200)["benchmark_differences"].grid.frame["ratio: RMSE"]["mean"]
-    gaps = other.columns["ratio"] - values
+    difference = Comparison([rows[1], other], 200).tables()["benchmark_differences"].grid.frame["ratio: RMSE"]["mean"]
+    gaps = other["ratio"].to_numpy() - values
     assert np.isclose(difference.mean, np.mean([gaps[:2].mean(), gaps[2]]))
     with pytest.raises(UserError, match="two folders of answers have the same name"):
-        tables([rows[0], rows[0]])
-    lines = (tmp_path / "as_it_is" / "scores.csv").read_text().replace(rows[1].keys[0][0], "0" * 16)
+        Comparison([rows[0], rows[0]])
+    lines = (tmp_path / "as_it_is" / "scores.csv").read_text().replace(rows[1].index[0][0], "0" * 16)
     (tmp_path / "as_it_is" / "scores.csv").write_text(lines)
     with pytest.raises(UserError, match="as_it_is and truth were scored on different sets"):
-        tables([read_scores(truth), read_scores(tmp_path / "as_it_is")])
+        Comparison([read_scores(truth), read_scores(tmp_path / "as_it_is")])
     (truth / "scores.csv").write_text("picture,error\na,1\n")
     with pytest.raises(UserError, match="is not a table of relight benchmark score"):
         read_scores(truth)

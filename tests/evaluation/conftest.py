@@ -78,7 +78,7 @@ def make_world(folder: Path, size: int, figures: int, lights: int, test: int) ->
     np.savez(folder / "lights.npz", coefficients=some_lights(lights, 7), split=split)
     names = [path.stem for path in paths]
     (folder / "split.json").write_text(json.dumps({"train": names[:-test], "test": names[-test:]}))
-    settings = config.Evaluate(bootstrap=2000, plates=2, sheet=6, lights="test", device="cpu", seed=0, version=1)
+    settings = config.Evaluate(lights="test", device="cpu", version=1)
     return World(folder / "packed.safetensors", folder / "lights.npz", folder / "split.json", paths, settings)
 
 

@@ -77,7 +77,7 @@ def test_the_same_bytes_again_from_another_process(checkpoints, world, tmp_path)
     code = (
         "import sys; from pathlib import Path; from relight.config import Evaluate; "
         "from relight.evaluation.scoring.evaluate import evaluate; p = [Path(a) for a in sys.argv[1:]]; "
-        "evaluate(*p[:4], Evaluate('test', 'cpu', 1, 9, 2, 1, 3), p[4])"
+        "evaluate(*p[:4], Evaluate('test', 'cpu', 1), p[4])"
     )
     paths = (checkpoints["ours"], world.packed, world.lights, world.split, there)
     subprocess.run([sys.executable, "-c", code, *map(str, paths)], check=True, env={"OMP_NUM_THREADS": "2", "PATH": ""})
@@ -93,9 +93,8 @@ def test_figures_that_sit_and_unusual_lights_need_not_be_there(checkpoints, worl
         settings, out = replace(world.settings, **on), tmp_path / "ours.csv"
         evaluate(checkpoints["ours"], world.packed, world.lights, tmp_path / split, settings, out)
         evaluate_baselines(world.packed, world.lights, tmp_path / split, settings, tmp_path / "baselines.csv")
-        plates(
-            {"ours": checkpoints["ours"]}, world.packed, world.lights, tmp_path / split, settings, tmp_path / "p.png"
-        )
+        given = world.packed, world.lights, tmp_path / split, settings
+        plates({"ours": checkpoints["ours"]}, *given, lambda names: [0], tmp_path / "p.png")
         assert bool(read_scores(tmp_path / "baselines.csv")) == bool(read_scores(out)) and (tmp_path / "p.png").exists()
         return read_scores(out)
 

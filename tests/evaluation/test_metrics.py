@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 from skimage.metrics import structural_similarity
 
-from relight.evaluation.scoring.metrics import COLLAPSE, COLUMNS, READINGS, Inferred, Truth, light_errors, rmse, ssim
+from relight.evaluation.scoring.metrics import rmse, ssim
+from relight.evaluation.scoring.truth import COLLAPSE, COLUMNS, READINGS, Inferred, Truth, light_errors
 from relight.sh import unoccluded
 
 RNG = np.random.default_rng(3)

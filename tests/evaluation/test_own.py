@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 from PIL import Image
 
-from relight.config import Evaluate
+from relight.config import Statistics
 from relight.evaluation.experiments.path_traced import ANSWERS, CAUSES, COLUMNS
 from relight.evaluation.experiments.timing import COLUMNS as TIMES
 from relight.evaluation.experiments.transfer import BASELINES, VARIANTS
@@ -16,7 +16,7 @@ from relight.evaluation.report import own, page
 from relight.evaluation.scoring.comparisons import Verdict
 from relight.evaluation.scoring.scores import Scores, write_scores
 
-SETTINGS = Evaluate(bootstrap=500, plates=1, sheet=6, lights="test", device="cpu", seed=0, version=1)
+SETTINGS = Statistics(bootstrap=500, seed=0)
 
 
 @pytest.fixture

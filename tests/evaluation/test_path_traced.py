@@ -9,7 +9,7 @@ import pytest
 import trimesh
 from PIL import Image
 
-from relight.config import Evaluate, Panoramas, Trace
+from relight.config import Evaluate, Panoramas, Statistics, Trace
 from relight.evaluation.experiments.path_traced import ANSWERS, CAUSES, Chain, evaluate_traced, traced_plate
 from relight.evaluation.experiments.tracing import Scene, read_scenes, sky_of, trace
 from relight.evaluation.report.own import traced_tables
@@ -102,13 +102,13 @@ def test_scores_tables_and_pictures(world, data, small_network, tmp_path):
         rmse = np.sqrt(((relit - chain.pictures["truth"]) ** 2).sum(-1).mean())
         for kind, label in (("answer", name), ("cause", f"network:{name}")):
             assert float(found[kind, label, "snowman04"]["rmse"]) == pytest.approx(rmse, rel=1e-4)
-    found = traced_tables(tmp_path / "scores.csv", world.settings)
+    found = traced_tables(tmp_path / "scores.csv", Statistics(2000, 0))
     assert list(found["path_traced"].frame.index) == ["ours", "SfSNet-AO", *ANSWERS.values()]
     assert len(found["path_traced_causes"].frame) == len(CAUSES) - 1 + len(networks)
     assert found["path_traced"].frame["relative, %"].iloc[2].mean == pytest.approx(
         50 * 0.1 / 1.1, rel=1e-2
     )  # percent, of two figures
-    traced_plate({name.partition(".")[0]: path for name, path in networks.items()}, *given, tmp_path / "plate.png")
+    traced_plate({name.partition(".")[0]: path for name, path in networks.items()}, *given, 2, tmp_path / "plate.png")
     assert Image.open(tmp_path / "plate.png").height > 600
 
 
@@ -122,7 +122,7 @@ def test_another_data_set_is_refused(data, world, tmp_path):
         read_scenes(tmp_path / "notes.npz")
     (tmp_path / "notes.csv").write_text("a,b\n1,2\n")
     with pytest.raises(UserError, match="not a table"):
-        traced_tables(tmp_path / "notes.csv", world.settings)
+        traced_tables(tmp_path / "notes.csv", Statistics(2000, 0))
 
 
 @pytest.fixture(scope="module")
@@ -172,7 +172,7 @@ def test_a_ball_is_traced(rooms, tmp_path):
     pack_maps([tmp_path / f"ball{i}.exr" for i in range(2)], tmp_path / "packed.safetensors")
     (tmp_path / "split.json").write_text('{"train": ["ball0"], "test": ["ball1"], "sitting": []}')
     paths = tmp_path / "packed.safetensors", rooms, tmp_path / "split.json", tmp_path
-    settings = Evaluate(bootstrap=10, plates=1, sheet=1, lights="test", device="cpu", seed=0, version=1)
+    settings = Evaluate(lights="test", device="cpu", version=1)
     trace(*paths, GENERATED, settings, Trace(1, 64, 2, 0, 1), 2, 32, tmp_path / "traced.npz")
     (scene,) = read_scenes(tmp_path / "traced.npz")
     assert (scene.seen, scene.new) == (1, 2)

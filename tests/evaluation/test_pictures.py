@@ -1,9 +1,11 @@
+from functools import partial
+
 import numpy as np
 import pandas as pd
 import pytest
 from PIL import Image
 
-from relight.config import Evaluate
+from relight.config import Statistics
 from relight.evaluation.experiments.occlusion import COLUMNS as OCCLUSION
 from relight.evaluation.experiments.occlusion import (
     HISTOGRAM,
@@ -17,7 +19,7 @@ from relight.evaluation.experiments.occlusion import (
 from relight.evaluation.pictures.canvas import ball, bounding_box, composite, fit_text, font, heat, transport_bands
 from relight.evaluation.pictures.charts import plot_curves, plot_errors
 from relight.evaluation.pictures.contact import clearest_light, contact_sheet, views
-from relight.evaluation.pictures.panels import COLUMNS, extremes, overview, plates, relit
+from relight.evaluation.pictures.panels import COLUMNS, extreme_places, plates, relit
 from relight.evaluation.scoring.scores import Scores, write_scores
 from relight.evaluation.scoring.tables import TABLE2_COLUMNS, Table, experiment_table
 from relight.files import UserError
@@ -154,7 +156,7 @@ def test_plates_show_the_truth_and_each_network(world, small_network, tmp_path):
         checkpoints[name] = tmp_path / f"{name}.safetensors"
         small_network(checkpoints[name], name, "photo")
     out = tmp_path / "plates.png"
-    plates(checkpoints, world.packed, world.lights, world.split, world.settings, out)
+    plates(checkpoints, world.packed, world.lights, world.split, world.settings, lambda names: [0, 2], out)
     sheet = np.asarray(Image.open(out)).astype(int)
     assert sheet.shape[0] == 60 + 2 * (3 * 306 + 24) + 4 * 24
     # Albedo of the truth: the sheet holds the first test figure's two stripe colours, sRGB-encoded.
@@ -168,6 +170,9 @@ def test_plates_show_the_truth_and_each_network(world, small_network, tmp_path):
         truth, ours, sfsnet_ao = cells(sheet, COLUMNS.index(column))
         assert share_shown(truth, true) > 0.9
         assert np.ptp(ours) == 0 and np.ptp(sfsnet_ao) > 50, "only one of the two infers it"
+    truth, ours, _ = cells(sheet, COLUMNS.index("shading error"))
+    assert share_shown(truth, np.repeat(heat(np.zeros(1), 1), 40, 0)) == 1, "the truth has no error"
+    assert truth.min() > 220 > ours.min()
 
 
 def cells(sheet: np.ndarray, column: int) -> list[np.ndarray]:
@@ -208,8 +213,8 @@ def test_one_figure_at_a_glance_and_the_ends_of_the_errors(world, small_network,
     names = [path.stem for path in world.maps[3:]]
     errors = np.array([[0.2], [0.3], [0.1]])
     write_scores(tmp_path / "ours.s0.csv", {"ours.s0": Scores(names, [4], {"shading_rmse": errors})})
-    extremes(networks, [tmp_path / "ours.s0.csv"], *given, tmp_path / "ends.png")
-    overview(networks, *given, tmp_path / "overview.png")
+    plates(networks, *given, partial(extreme_places, [tmp_path / "ours.s0.csv"]), tmp_path / "ends.png")
+    plates(networks, *given, lambda names: [1], tmp_path / "overview.png")
     ends, one = (np.asarray(Image.open(tmp_path / f"{name}.png")).astype(int) for name in ("ends", "overview"))
     block = 2 * 306 + 24
     assert ends.shape[0] == 60 + 3 * block + 4 * 24 and one.shape[0] == 60 + block + 4 * 24
@@ -225,7 +230,7 @@ def test_charts_are_made_and_are_the_same_again(tmp_path):
     rng = np.random.default_rng(0)
     columns = {c: rng.random((5, 2)) for c in TABLE2_COLUMNS}
     given = {name: [Scores(list("abcde"), [0, 1], columns)] for name in ("sfsnet", "ours_full")}
-    table = experiment_table("table1", given, {"mean_light": given["sfsnet"]}, Evaluate("test", "cpu", 1, 100, 1, 6, 0))
+    table = experiment_table("table1", given, {"mean_light": given["sfsnet"]}, Statistics(100, 0))
     for name in ("a.svg", "b.svg", "c.png"):
         plot_errors(table, ("shading_rmse", "transport_rmse", "ao_rmse"), tmp_path / name)
     assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()

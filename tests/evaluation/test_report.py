@@ -12,16 +12,16 @@ import pytest
 import yaml
 from PIL import Image
 
-from relight.config import CONF, Evaluate
+from relight.config import CONF, Statistics
 from relight.evaluation.experiments.occlusion import HISTOGRAM
 from relight.evaluation.report import build, page, provenance, sections
 from relight.evaluation.report.data import costs_and_settings, redraws
 from relight.evaluation.report.results import Results
 from relight.evaluation.scoring.comparisons import Verdict
-from relight.evaluation.scoring.metrics import COLUMNS
 from relight.evaluation.scoring.scores import Scores, write_scores
+from relight.evaluation.scoring.truth import COLUMNS
 
-SETTINGS = Evaluate("test", "cpu", 1, 200, 2, 6, 0)
+SETTINGS = Statistics(200, 0)
 FIGURES = [f"f{i}" for i in range(10)]
 BASELINES = ("mean_figure", "mean_light", "nearest_light", "no_occlusion", "ao_occlusion", "as_it_is", "cut_2", "cut_3")
 LEVEL = {"shading": 0.3, "transport": 0.4, "light": 0.2, "albedo": 0.1}

@@ -5,7 +5,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from relight.config import Evaluate
+from relight.config import Statistics
 from relight.evaluation.report.formats import (
     MARKDOWN,
     Grid,
@@ -21,14 +21,14 @@ from relight.evaluation.report.page import table as to_html
 from relight.evaluation.report.sections import matrix, write_score_table
 from relight.evaluation.scoring.comparisons import MARGIN, Verdict, compare_estimates, compare_rows, correct, orderings
 from relight.evaluation.scoring.labels import LABELS, split_column
-from relight.evaluation.scoring.metrics import COLUMNS
 from relight.evaluation.scoring.paper import printed
 from relight.evaluation.scoring.scores import Scores, gather, read_scores, write_scores
 from relight.evaluation.scoring.statistics import Estimate
 from relight.evaluation.scoring.tables import TABLE1_COLUMNS, experiment_table
+from relight.evaluation.scoring.truth import COLUMNS
 from relight.files import UserError
 
-SETTINGS = Evaluate("test", "cpu", 1, 4000, 2, 6, 0)
+SETTINGS = Statistics(4000, 0)
 FIGURES = [f"f{i}" for i in range(12)]
 
 
@@ -168,7 +168,7 @@ def test_similarities_count_the_other_way():
 
 def test_nothing_is_claimed_that_noise_can_explain():
     """All rows drawn alike: a stray verdict in about one of twenty repetitions, as the correction promises."""
-    stray, quick = 0, Evaluate("test", "cpu", 1, 2, 2, 6, 0)
+    stray, quick = 0, Statistics(2, 0)
     for trial in range(40):
         rng = np.random.default_rng(trial)
         hard = rng.normal(0, 0.05, (12, 1))

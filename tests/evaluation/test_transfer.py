@@ -18,8 +18,8 @@ from relight.evaluation.experiments.transfer import (
 )
 from relight.evaluation.pictures.panels import evenly_spaced
 from relight.evaluation.scoring.evaluate import truth
-from relight.evaluation.scoring.metrics import Inferred
 from relight.evaluation.scoring.scores import read_scores
+from relight.evaluation.scoring.truth import Inferred
 from relight.files import UserError
 from relight.learning.data import RelitSet
 
@@ -112,11 +112,11 @@ def test_scores_and_plate_of_networks(world, small_network, tmp_path):
     assert list(scores) == [*rows, *BASELINES]
     assert scores["ours:true_light.s0"].columns["light_rmse"].max() < 1e-6
     shown = {name.partition(".")[0]: path for name, path in networks.items()}
-    transfer_plate(shown, *given, tmp_path / "plate.png")
+    transfer_plate(shown, *given, 2, tmp_path / "plate.png")
     sheet = Image.open(tmp_path / "plate.png")
     assert sheet.height > 2 * 300  # one pair, both ways
     first = (tmp_path / "plate.png").read_bytes()
-    transfer_plate(shown, *given, tmp_path / "plate.png")
+    transfer_plate(shown, *given, 2, tmp_path / "plate.png")
     assert (tmp_path / "plate.png").read_bytes() == first
 
 

@@ -190,8 +190,9 @@ def test_view_hands_over_what_is_read():
     assert set(view(tree, "bake")) == {"bake"}
     assert view(tree, "train")["train"]["lr"] == 0.5
     assert view(tree, "lights")["bake"] == {"order": tree["bake"]["order"]}
-    assert "bootstrap" in view(tree, "tables")["evaluate"] and "bootstrap" not in view(tree, "evaluate")["evaluate"]
-    assert "bootstrap" in tree["evaluate"]  # which keeps all
+    assert view(tree, "tables").keys() == {"statistics"} and "track" not in view(tree, "evaluate")
+    assert {"first", "count", "only"}.isdisjoint(view(tree, "figure")["figures"])
+    assert "count" in tree["figures"]  # which keeps all
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,8 @@ from relight.evaluation.experiments.tracing import Scene, read_scenes
 from relight.evaluation.pictures.panels import Line, Subject, View, draw, evenly_spaced
 from relight.evaluation.scoring.evaluate import infer, load, truth
 from relight.evaluation.scoring.labels import label
-from relight.evaluation.scoring.metrics import Inferred, Truth, shade
+from relight.evaluation.scoring.metrics import shade
+from relight.evaluation.scoring.truth import Inferred, Truth
 from relight.files import UserError, atomic_write
 from relight.learning.data import RelitSet
 from relight.progress import progress
@@ -153,7 +154,13 @@ def evaluate_traced(
 
 
 def traced_plate(
-    networks: dict[str, Path], packed: Path, lights: Path, traced: Path, settings: config.Evaluate, out: Path
+    networks: dict[str, Path],
+    packed: Path,
+    lights: Path,
+    traced: Path,
+    settings: config.Evaluate,
+    count: int,
+    out: Path,
 ) -> None:
     """Draws traced figures: the input, relit by each network and by the true maps, path traced, and the errors.
 
@@ -163,7 +170,8 @@ def traced_plate(
         networks: row -> checkpoint.
         packed, lights: the data set.
         traced: file of `tracing.trace`.
-        settings: `plates` is the largest number of figures.
+        settings: `device`.
+        count: largest number of figures.
         out: the picture (.png).
     """
     chains: list[Chain] = []
@@ -173,7 +181,7 @@ def traced_plate(
         network, data = load(checkpoint, packed, lights, settings)
         if not chains:
             scenes = read_scenes(traced)
-            chains = [Chain.of(data, scenes[i]) for i in evenly_spaced(len(scenes), settings.plates)]
+            chains = [Chain.of(data, scenes[i]) for i in evenly_spaced(len(scenes), count)]
             subjects = [Subject.of(data, c.scene.figure, np.array([c.scene.seen])) for c in chains]
             relit = [[] for _ in chains]
         for chain, pictures in zip(chains, relit):

@@ -16,8 +16,9 @@ from relight import config
 from relight.evaluation.pictures.panels import Line, Subject, View, draw, evenly_spaced
 from relight.evaluation.scoring.evaluate import Predictor, infer, load, select_pairs, truth
 from relight.evaluation.scoring.labels import label
-from relight.evaluation.scoring.metrics import Inferred, Truth, light_errors, shade
+from relight.evaluation.scoring.metrics import shade
 from relight.evaluation.scoring.scores import Scores, write_scores
+from relight.evaluation.scoring.truth import Inferred, Truth, light_errors
 from relight.files import UserError
 from relight.learning.data import RelitSet
 from relight.progress import progress
@@ -165,14 +166,21 @@ def compare(true: Truth, picture: np.ndarray, light: np.ndarray) -> dict[str, np
 
 
 def transfer_plate(
-    networks: dict[str, Path], packed: Path, lights: Path, split: Path, settings: config.Evaluate, out: Path
+    networks: dict[str, Path],
+    packed: Path,
+    lights: Path,
+    split: Path,
+    settings: config.Evaluate,
+    count: int,
+    out: Path,
 ) -> None:
     """Draws swaps in two rows each: input, relit by each network with its error, truth.
 
     Args:
         networks: row -> checkpoint.
         packed, lights, split: the data set.
-        settings: `plates` is the number of swaps, evenly spaced over the test set, each with its own two lights.
+        settings: lights and device.
+        count: number of swaps, evenly spaced over the test set, each with its own two lights.
         out: the picture (.png).
     """
     lines: list[Line] = []
@@ -180,7 +188,7 @@ def transfer_plate(
         network, data = load(checkpoint, packed, lights, settings)
         figures, lit = select_pairs(data, split, settings.lights)
         pairs = pair_up(figures)
-        pairs = [pairs[i] for i in evenly_spaced(len(pairs), settings.plates)]
+        pairs = [pairs[i] for i in evenly_spaced(len(pairs), count)]
         swaps = [lit[[i % len(lit), (i + 1) % len(lit)]] for i in range(len(pairs))]
         if not lines:
             subjects = [Subject.of(data, f, two) for pair, two in zip(pairs, swaps) for f in pair]

@@ -11,8 +11,9 @@ from relight import config
 from relight.evaluation.pictures.canvas import FAINT, Canvas, ball, bounding_box, composite, heat, transport_bands
 from relight.evaluation.scoring.evaluate import dense, has_pairs, infer, load, pixels, select_pairs, truth
 from relight.evaluation.scoring.labels import label
-from relight.evaluation.scoring.metrics import Inferred, Truth, shade
+from relight.evaluation.scoring.metrics import shade
 from relight.evaluation.scoring.scores import gather
+from relight.evaluation.scoring.truth import Inferred, Truth
 from relight.learning.data import RelitSet
 from relight.progress import progress
 from relight.srgb import encode
@@ -186,65 +187,6 @@ def draw_view(
         sheet.put(corner, x + width - corner.width - 5, y + 5)
 
 
-def plates(
-    networks: dict[str, Path], packed: Path, lights: Path, split: Path, settings: config.Evaluate, out: Path
-) -> None:
-    """Draws evenly spaced test figures as a PNG: the truth, then each network.
-
-    Each figure is seen under one light of `settings.lights` and relit by the next. Values are displayed sRGB-encoded if
-    the network's colour model is `photo`, and unchanged if it is `paper`. Maps without a loss are
-    true.
-
-    Args:
-        networks: row -> checkpoint.
-        packed, lights, split: the data, as for `evaluate.evaluate`.
-        settings: `plates` is the number of figures.
-        out: the picture (.png).
-
-    Raises:
-        UserError: as `evaluate.evaluate`.
-    """
-
-    def choose(names: list[str]) -> list[int]:
-        return evenly_spaced(len(names), settings.plates)
-
-    draw_plates(networks, packed, lights, split, settings, choose, out)
-
-
-def overview(
-    networks: dict[str, Path], packed: Path, lights: Path, split: Path, settings: config.Evaluate, out: Path
-) -> None:
-    """Draws the plate of one figure and the last network; arguments as for `plates`."""
-    last = dict([list(networks.items())[-1]])
-    draw_plates(last, packed, lights, split, settings, lambda names: [len(names) // 2], out)
-
-
-def extremes(
-    networks: dict[str, Path],
-    scores: list[Path],
-    packed: Path,
-    lights: Path,
-    split: Path,
-    settings: config.Evaluate,
-    out: Path,
-) -> None:
-    """Draws the plates of the figures with the least and the largest shading error, as means over the networks.
-
-    Args:
-        scores: files of the networks' scores on the figures and lights of `settings`.
-        networks, packed, lights, split, settings, out: as for `plates`.
-    """
-    found = [training for trainings in gather(scores).values() for training in trainings]
-
-    def select_extremes(names: list[str]) -> list[int]:
-        means = np.mean([training.figure_means("shading_rmse") for training in found], 0)
-        mean_of = dict(zip(found[0].figures, means))
-        order = sorted(range(len(names)), key=lambda place: mean_of[names[place]])
-        return list(dict.fromkeys([*order[:EXTREME_FIGURES], *order[-EXTREME_FIGURES:]]))
-
-    draw_plates(networks, packed, lights, split, settings, select_extremes, out)
-
-
 def relit(
     networks: dict[str, Path], packed: Path, lights: Path, split: Path, settings: config.Evaluate, out: Path
 ) -> None:
@@ -281,7 +223,7 @@ def relit(
     draw(heads, lines, None, NOTE_RELIT).save(out)
 
 
-def draw_plates(
+def plates(
     networks: dict[str, Path],
     packed: Path,
     lights: Path,
@@ -290,7 +232,22 @@ def draw_plates(
     choose: Callable[[list[str]], list[int]],
     out: Path,
 ) -> None:
-    """Draws plates; `choose` returns the places of the figures to draw from the names of the test figures."""
+    """Draws test figures as a PNG: the truth, then each network.
+
+    Each figure is seen under one light of `settings.lights` and relit by the next. Values are displayed sRGB-encoded if
+    the network's colour model is `photo`, and unchanged if it is `paper`. Maps without a loss are
+    true.
+
+    Args:
+        networks: row -> checkpoint.
+        packed, lights, split: the data, as for `evaluate.evaluate`.
+        settings: which figures and lights.
+        choose: returns the places of the figures to draw from the names of the test figures.
+        out: the picture (.png).
+
+    Raises:
+        UserError: as `evaluate.evaluate`.
+    """
     blocks: list[list[Line]] = []
     for name, checkpoint in progress(list(networks.items()), "networks drawn"):
         network, data = load(checkpoint, packed, lights, settings)
@@ -310,6 +267,19 @@ def draw_plates(
     draw(list(COLUMNS), [line for block in blocks for line in block], MAX_ERROR, NOTE).save(out)
 
 
+def extreme_places(scores: list[Path], names: list[str]) -> list[int]:
+    """Returns the places of the figures with the least and the largest shading error, as means over networks.
+
+    Args:
+        scores: files of the networks' scores on these figures.
+        names: of the figures.
+    """
+    found = [training for trainings in gather(scores).values() for training in trainings]
+    mean_of = dict(zip(found[0].figures, np.mean([training.figure_means("shading_rmse") for training in found], 0)))
+    order = sorted(range(len(names)), key=lambda place: mean_of[names[place]])
+    return list(dict.fromkeys([*order[:EXTREME_FIGURES], *order[-EXTREME_FIGURES:]]))
+
+
 def empty_sheet() -> Canvas:
     """Returns a sheet with the words "nothing to show"."""
     sheet = Canvas(2 * GUTTER, TOP)
@@ -323,9 +293,8 @@ def evenly_spaced(items: int, count: int) -> list[int]:
 
 
 def true_views(subject: Subject) -> list[View]:
-    """Returns the views of COLUMNS of the truth, with the mask in place of an error."""
+    """Returns the views of COLUMNS of the truth, whose error is zero."""
     all_views = views(subject, subject.truth.maps["albedo"][0], subject.truth.transport[0], *subject.truth.lights)
-    all_views["shading error"] = View(np.full((len(subject.pixel), 3), 0.2), coded=True)
     all_views["relit"].light = subject.truth.lights[1]
     all_views |= surface_views(subject.truth.maps["normal"][0], subject.truth.maps["ao"][0, :, 0])
     return [all_views[column] for column in COLUMNS]

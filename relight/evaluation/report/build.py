@@ -46,7 +46,7 @@ class Section:
 
 
 def build_report(
-    name: str, settings: config.Evaluate, experiments: Path, folder: Path, out: Path, makers: Makers = own.OWN
+    name: str, settings: config.Statistics, experiments: Path, folder: Path, out: Path, makers: Makers = own.OWN
 ) -> None:
     """Writes the page of a run, its charts, and the tables of experiments with stages of their own.
 
@@ -56,7 +56,7 @@ def build_report(
 
     Args:
         name: of the run.
-        settings: number of resamples, their seed, and number of figures on the sheets.
+        settings: number of resamples, and their seed.
         experiments: the experiments of the run (experiments.json, `Plan.requested`).
         folder: results/<name>.
         out: the page (.html).

@@ -60,7 +60,6 @@ def figures(results: Results) -> Numbers:
     return {
         "infos": infos,
         "left_out": two_columns(["left out", "reason"], left_out),
-        "shown": min(len(infos), results.settings.sheet),
         "sheet": results.report / "figures.png",
         "histogram": results.report / "occlusion.png",
         "every": group_occlusion(table, "all").iloc[0],

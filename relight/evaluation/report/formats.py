@@ -14,9 +14,9 @@ from markupsafe import escape
 
 from relight.evaluation.scoring.comparisons import Comparison, Verdict
 from relight.evaluation.scoring.labels import QUANTITIES, READING_LABELS, column_label, label, split_column
-from relight.evaluation.scoring.metrics import COLUMNS
 from relight.evaluation.scoring.statistics import Estimate
 from relight.evaluation.scoring.tables import Table, sign
+from relight.evaluation.scoring.truth import COLUMNS
 from relight.files import atomic_write
 
 SIGNS = {Verdict.BETTER: "✓", Verdict.WORSE: "✗", Verdict.EQUIVALENT: "≈", Verdict.OPEN: "?"}

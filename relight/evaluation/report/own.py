@@ -88,7 +88,7 @@ def traced(results: Results, name: str) -> Numbers:
     return write_grids(results, name, tables, made)
 
 
-def traced_tables(path: Path, settings: config.Evaluate) -> dict[str, Grid]:
+def traced_tables(path: Path, settings: config.Statistics) -> dict[str, Grid]:
     """Returns tables of the answers and the causes of `path_traced.evaluate_traced`; trainings of a row are averaged.
 
     Args:

@@ -29,7 +29,7 @@ class Results:
         experiments: experiments.json (`Plan.requested`).
     """
 
-    def __init__(self, folder: Path, settings: config.Evaluate, experiments: Path):
+    def __init__(self, folder: Path, settings: config.Statistics, experiments: Path):
         self.folder, self.settings = folder, settings
         self.experiments: dict[str, dict[str, Any]] = json.loads(experiments.read_text())
         self._tables: dict[tuple[str, bool], Table] = {}

@@ -17,8 +17,8 @@ import numpy as np
 
 from relight import config
 from relight.evaluation.scoring.evaluate import Predictor, has_pairs, pixel_rows, pixels, score, torch_device, truth
-from relight.evaluation.scoring.metrics import Inferred
 from relight.evaluation.scoring.scores import write_scores
+from relight.evaluation.scoring.truth import Inferred
 from relight.files import UserError
 from relight.learning.data import RelitSet, read_split
 from relight.sh import order_of, unoccluded

@@ -1,6 +1,6 @@
 """Labels of rows, columns and quantities in tables and text."""
 
-from relight.evaluation.scoring.metrics import READINGS
+from relight.evaluation.scoring.truth import READINGS
 
 STEPS = (4000, 16000)  # of the experiment `steps`, in addition to those of the scale
 LABELS = {

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from relight.evaluation.scoring.metrics import COLLAPSE, COLUMNS
+from relight.evaluation.scoring.truth import COLLAPSE, COLUMNS
 from relight.files import UserError, atomic_write, existing_file
 from relight.training_name import TrainingName
 
@@ -64,7 +64,9 @@ def read_scores(path: Path) -> dict[str, Scores]:
         raise UserError(f"{path} is not a table of scores, as the stage evaluate writes it ({error})") from None
 
 
-def read_table(path: Path, what: str, columns: list[str], writer: str) -> pd.DataFrame:
+def read_table(
+    path: Path, what: str, columns: list[str], writer: str, types: dict[str, type] | None = None
+) -> pd.DataFrame:
     """Reads a CSV table of a stage; only blanks are NaN.
 
     Args:
@@ -72,13 +74,14 @@ def read_table(path: Path, what: str, columns: list[str], writer: str) -> pd.Dat
         what: its content, for errors.
         columns: required columns.
         writer: the command that writes such files.
+        types: of columns.
 
     Raises:
         UserError: if the file is missing, is not CSV, or lacks a column.
     """
     try:
-        names = {"predictor": str, "figure": str, "name": str}
-        table = pd.read_csv(existing_file(path, what), dtype=names, keep_default_na=False, na_values=[""])
+        types = {"predictor": str, "figure": str, "name": str, **(types or {})}
+        table = pd.read_csv(existing_file(path, what), dtype=types, keep_default_na=False, na_values=[""])
     except ValueError as error:
         reason = " ".join(str(error).split())
         raise UserError(f"{path} is not a table of {what}, as {writer} writes it ({reason})") from None

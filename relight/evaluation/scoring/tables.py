@@ -8,10 +8,10 @@ import pandas as pd
 
 from relight import config
 from relight.evaluation.scoring.labels import split_column
-from relight.evaluation.scoring.metrics import COLUMNS, READINGS
 from relight.evaluation.scoring.paper import printed
 from relight.evaluation.scoring.scores import Scores
 from relight.evaluation.scoring.statistics import Estimate, compare, estimate, holm, pooled_spread
+from relight.evaluation.scoring.truth import COLUMNS, READINGS
 from relight.files import UserError
 
 
@@ -98,7 +98,7 @@ class Table:
 
 
 def experiment_table(
-    name: str, networks: Rows, baselines: Rows, settings: config.Evaluate, pool: Rows | None = None
+    name: str, networks: Rows, baselines: Rows, settings: config.Statistics, pool: Rows | None = None
 ) -> Table:
     """Estimates every column of the scores of an experiment.
 
@@ -130,7 +130,7 @@ def experiment_table(
 
 
 def estimates(
-    rows: Rows, column: str, settings: config.Evaluate, pool: Rows, fixed: Iterable[str] = ()
+    rows: Rows, column: str, settings: config.Statistics, pool: Rows, fixed: Iterable[str] = ()
 ) -> dict[str, Estimate]:
     """Estimates one column of the scores.
 
