@@ -97,10 +97,10 @@ def report(
 
 def show(rows: list) -> dict:
     """Prints tables that compare methods, and returns them."""
-    from relight.benchmark.tables import Comparison
+    from relight.benchmark.tables import MethodComparison
     from relight.evaluation.report.formats import to_markdown
 
-    made = Comparison(rows).tables()
+    made = MethodComparison(rows).tables()
     for table in made.values():
         print(f"## {table.title}\n\n{table.note}\n\n{to_markdown(table.grid)}\n")
     return made

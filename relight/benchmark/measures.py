@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import binary_erosion
 
-from relight.evaluation.scoring.metrics import Box, irradiance_error, rmse, scaled_irradiance_error, scaled_rmse
+from relight.evaluation.scoring.metrics import MaskBox, irradiance_error, rmse, scaled_irradiance_error, scaled_rmse
 
 MIRROR = np.ones(9)
 MIRROR[[3, 4, 7]] = -1  # coefficients of functions odd in x
@@ -82,7 +82,7 @@ def errors(inferred: Intrinsics, true: Intrinsics) -> dict[str, float]:
             found[name] = float(rmse(values, expected))
             if name != "transport":
                 found[f"{name}_factor"] = scaled_rmse(values, expected)
-                found[f"{name}_ssim"] = Box.of(true.mask).ssim(values.clip(0, 1), expected.clip(0, 1))
+                found[f"{name}_ssim"] = MaskBox.of(true.mask).ssim(values.clip(0, 1), expected.clip(0, 1))
     return found
 
 

@@ -4,7 +4,7 @@ from typing import Any
 
 from relight.benchmark.methods import BASELINES, FIXED
 from relight.benchmark.score import mean_scores, read_scores
-from relight.benchmark.tables import Comparison
+from relight.benchmark.tables import MethodComparison
 from relight.evaluation.report.formats import write_tables
 from relight.evaluation.report.results import Results
 from relight.evaluation.scoring.labels import label
@@ -18,7 +18,7 @@ def benchmark(results: Results, name: str) -> dict[str, Any]:
         name: of the experiment.
 
     Returns:
-        The context of templates/sections/benchmark.md.
+        The context of templates/sections/experiments/benchmark.md.
 
     Raises:
         UserError: if scores are missing, or were made on different sets.
@@ -30,7 +30,7 @@ def benchmark(results: Results, name: str) -> dict[str, Any]:
         for row, methods in rows.items()
     ]
     kinds = {label(row): "baseline" if row in BASELINES else "network" for row in rows}
-    found = Comparison(scored, results.settings.bootstrap, list(rows).index("shipped")).tables()
+    found = MethodComparison(scored, results.settings.bootstrap, list(rows).index("shipped")).tables()
     for stem, table in found.items():
         table.grid.kinds = [kinds.get(words, "") for words in table.grid.frame.index]  # the last table has measures
         write_tables(results.report / stem, table.title, table.note, table.grid)

@@ -7,7 +7,7 @@ import pandas as pd
 
 from relight.benchmark.files import PICTURES, BenchmarkSet, Entry, read_answer, square_mask, to_intrinsics
 from relight.benchmark.measures import INVARIANCES, LEAKS, errors, invariances, leaks
-from relight.evaluation.scoring.metrics import Box, best_scale, psnr, rmse
+from relight.evaluation.scoring.metrics import MaskBox, best_scale, psnr, rmse
 from relight.evaluation.scoring.scores import read_table
 from relight.files import UserError, atomic_write
 from relight.photos.infer import OPAQUE
@@ -111,7 +111,7 @@ def relit_errors(relit: np.ndarray, true: np.ndarray, opaque: np.ndarray) -> dic
         "": float(rmse(codes, true_codes)),
         "_factor": float(rmse(scaled, true_codes)),
         "_psnr": float(psnr(codes, true_codes)),
-        "_ssim": Box.of(opaque).ssim(codes, true_codes),
+        "_ssim": MaskBox.of(opaque).ssim(codes, true_codes),
     }
 
 

@@ -9,7 +9,7 @@ import pandas as pd
 from relight.benchmark.files import PICTURES
 from relight.benchmark.measures import INVARIANCES, LEAKS
 from relight.benchmark.score import MAP_COLUMNS, READINGS, require_one_set
-from relight.evaluation.report.formats import Grid, count
+from relight.evaluation.report.formats import TextTable, count
 from relight.evaluation.scoring.statistics import Estimate, estimate
 from relight.files import UserError
 
@@ -27,10 +27,10 @@ class ComparisonTable:
 
     title: str
     note: str
-    grid: Grid
+    grid: TextTable
 
 
-class Comparison:
+class MethodComparison:
     """Methods that were scored on one set.
 
     Args:
@@ -90,7 +90,7 @@ class Comparison:
             f"{self.counted(cells, LEAKS)} {self.sample}"
         )
         lines = [[what, *(by_measure[name] for by_measure in cells.values())] for name, what in measures.items()]
-        return ComparisonTable("Invariances and leaks", words, Grid.of(["measure", *cells], lines))
+        return ComparisonTable("Invariances and leaks", words, TextTable.of(["measure", *cells], lines))
 
     def cells(self, scores: pd.DataFrame, columns: Iterable[str]) -> dict[str, Estimate | None]:
         """Returns the estimates of columns; None for those without a score."""
@@ -110,8 +110,8 @@ class Comparison:
         return f"means over {count(len(scored), 'picture')} of {count(figures, 'figure')}"
 
 
-def columns_with_cells(heads: dict[str, str], rows: dict[str, dict[str, Estimate | None]]) -> Grid:
+def columns_with_cells(heads: dict[str, str], rows: dict[str, dict[str, Estimate | None]]) -> TextTable:
     """Returns a grid of estimates by method, without empty rows and columns."""
     shown = {name: head for name, head in heads.items() if any(cells[name] for cells in rows.values())}
     lines = [[method, *(cells[name] for name in shown)] for method, cells in rows.items()]
-    return Grid.of(["method", *shown.values()], [line for line in lines if any(line[1:])], digits=DIGITS)
+    return TextTable.of(["method", *shown.values()], [line for line in lines if any(line[1:])], digits=DIGITS)

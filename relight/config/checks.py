@@ -110,6 +110,10 @@ def _inconsistent(cfg: DictConfig) -> Iterator[str]:
     for name, experiment in (get("experiments") or {}).items():
         if unknown := [row for row in experiment.rows if row not in (get("sweep.rows") or {})]:
             yield f"experiments.{name}.rows: no row {unknown[0]} in sweep.rows; add it there"
+        for pair in experiment.compare:
+            first, against, second = pair.partition(" against ")
+            if first not in (get("sweep.rows") or {}) or not against or not second:
+                yield f"experiments.{name}.compare: {pair!r} must be ROW against ROW, the first one of sweep.rows"
     if (get("figures.outfits") or 1) > 1 and (get("figures.source") != "generated" or get("bake.bounces")):
         yield "figures.outfits must be 1 with bake.bounces, which depend on albedo, and unless figures are generated"
     for name, weight in (get("loss.extra") or {}).items():

@@ -383,6 +383,17 @@ class Experiment:
     axis: str | None = setting("setting, such as model.width, against which errors are plotted", None)
     table: bool = setting("whether it is a table of trained and scored rows; else it has stages of its own", True)
     plates: bool = setting("whether its rows are drawn side by side on test figures", False)
+    shows: list[str] = setting(
+        "quantities in its table, such as relit; [] for those of the paper's Table 1",
+        [],
+    )
+    compare: dict[str, str] = setting(
+        "pairs of rows that its section compares, `this against that`, each with what the comparison measures", {}
+    )
+    compare_in: list[str] = setting(
+        "columns of the scores in which they are compared, such as relit_rmse",
+        ["shading_rmse", "transport_rmse", "albedo_rmse", "light_rmse"],
+    )
 
 
 @dataclass

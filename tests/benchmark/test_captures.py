@@ -6,7 +6,7 @@ import pytest
 from scipy.ndimage import binary_erosion
 from typer.testing import CliRunner
 
-from relight.benchmark.captures import SQUARE_SIZE, Panoramas, blur_to_spacing, import_captures
+from relight.benchmark.captures import SQUARE_SIZE, UpsampledPanoramas, blur_to_spacing, import_captures
 from relight.benchmark.files import BenchmarkSet
 from relight.benchmark.methods import answer
 from relight.benchmark.score import ABSOLUTE, read_scores, score
@@ -127,6 +127,6 @@ def test_lookups_are_those_of_panoramas():
     pixels = np.random.default_rng(4).uniform(size=(2, 64, 128, 3)).astype(np.float32)
     soft = blur_to_spacing(pixels, 331).astype(np.float32)
     directions = np.random.default_rng(5).normal(size=(500, 3))
-    found = Panoramas(soft).radiance(directions / np.linalg.norm(directions, axis=1, keepdims=True))
+    found = UpsampledPanoramas(soft).radiance(directions / np.linalg.norm(directions, axis=1, keepdims=True))
     expected = np.stack([lookup(Panorama(one), directions) for one in soft], 1)
     assert found.shape == (500, 2, 3) and np.abs(found - expected).max() < 0.02 < expected.std()

@@ -15,7 +15,7 @@ from relight.benchmark.measures import (
 from relight.benchmark.score import relit_errors
 from relight.benchmark.shots import variants
 from relight.crop import crop_around
-from relight.evaluation.scoring.metrics import Box, best_scale, irradiance_error
+from relight.evaluation.scoring.metrics import MaskBox, best_scale, irradiance_error
 from relight.sh import irradiance, sphere_quadrature
 from relight.srgb import decode, encode, to_bytes
 
@@ -100,7 +100,7 @@ def test_thin_masks_have_a_similarity():
     inside[5:20, 3:5] = True
     rng = np.random.default_rng(0)
     picture = rng.uniform(size=(SIDE, SIDE, 3))
-    box = Box.of(inside)
+    box = MaskBox.of(inside)
     assert box.ssim(picture[inside], picture[inside]) == 1 > box.ssim(picture[inside], picture[::-1][inside])
 
 

@@ -15,7 +15,7 @@ from relight.benchmark.files import KEYS, MAPS, PICTURES, BenchmarkSet, read_arr
 from relight.benchmark.measures import INVARIANCES, LEAKS
 from relight.benchmark.methods import answer
 from relight.benchmark.score import COLUMNS, read_scores, score
-from relight.benchmark.tables import Comparison
+from relight.benchmark.tables import MethodComparison
 from relight.cli import app
 from relight.files import UserError
 from relight.photos.infer import OPAQUE
@@ -197,7 +197,7 @@ def test_rows_beside_each_other(drawn, truth, tmp_path):
     assert (tmp_path / "benchmark_pictures.csv").is_file()  # beside the answers
     assert {path.name for path in Path.cwd().iterdir()} == before
     rows = [read_scores(truth), read_scores(tmp_path / "as_it_is")]
-    made = Comparison(rows, 200).tables()
+    made = MethodComparison(rows, 200).tables()
     moves = made["benchmark_invariance"].grid.frame
     assert list(moves.columns) == ["truth"] and len(moves) == len(INVARIANCES | LEAKS)  # as_it_is says nothing
     values = rows[1]["ratio"].to_numpy()
@@ -211,17 +211,19 @@ def test_rows_beside_each_other(drawn, truth, tmp_path):
     assert "means over 0 pictures of 0 figures. The last" in made["benchmark_invariance"].note
     answer(drawn, tmp_path / "mean", "mean_light")
     other = read_scores(score(drawn, tmp_path / "mean").parent)
-    difference = Comparison([rows[1], other], 200).tables()["benchmark_differences"].grid.frame["ratio: RMSE"]["mean"]
+    difference = (
+        MethodComparison([rows[1], other], 200).tables()["benchmark_differences"].grid.frame["ratio: RMSE"]["mean"]
+    )
     gaps = other["ratio"].to_numpy() - values
     assert np.isclose(difference.mean, np.mean([gaps[:2].mean(), gaps[2]]))
     with pytest.raises(UserError, match="two folders of answers have the same name"):
-        Comparison([rows[0], rows[0]])
+        MethodComparison([rows[0], rows[0]])
     lines = (tmp_path / "as_it_is" / "scores.csv").read_text().replace(rows[1].index[0][0], "0" * 16)
     (tmp_path / "as_it_is" / "scores.csv").write_text(lines)
     with pytest.raises(UserError, match="as_it_is and truth were scored on different sets"):
-        Comparison([read_scores(truth), read_scores(tmp_path / "as_it_is")])
+        MethodComparison([read_scores(truth), read_scores(tmp_path / "as_it_is")])
     (truth / "scores.csv").write_text("picture,error\na,1\n")
-    with pytest.raises(UserError, match="is not a table of relight benchmark score"):
+    with pytest.raises(UserError, match="is not a table of scores, as relight benchmark score writes it"):
         read_scores(truth)
 
 

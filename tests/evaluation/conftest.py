@@ -26,7 +26,7 @@ class World:
 
 
 def snowman(size: int, seed: int) -> Maps:
-    """Body and head, coloured stripes, darker toward the neck; transport = AO * T(normal) exactly."""
+    """Body and head, colored stripes, darker toward the neck; transport = AO * T(normal) exactly."""
     rng = np.random.default_rng(seed)
     x = (2 * np.arange(size) + 1) / size - 1
     x, y = np.meshgrid(x, -x)

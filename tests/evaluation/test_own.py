@@ -43,7 +43,7 @@ def test_what_swapping_lights_is_worth(results):
         "": 0.1,
         "true_light": 0.09,
         "true_maps": 0.02,
-        "true_colour": 0.13,
+        "true_color": 0.13,
         "true_pattern": 0.08,
         "mean_light": 0.1,
     }
@@ -55,8 +55,8 @@ def test_what_swapping_lights_is_worth(results):
     verdicts = made["comparisons"].frame["the first is"].to_dict()
     assert verdicts["Ours (full) against the picture as it is"] is Verdict.BETTER
     assert verdicts["Ours (full) against its own maps under the mean light"] not in (Verdict.BETTER, Verdict.WORSE)
-    assert made["costly"] == {"ours_full": "maps"} and made["worse"] == {"ours_full": ["colour"]}
-    assert "<table" in page.section("sections/light_transfer.md", **made)
+    assert made["costly"] == {"ours_full": "maps"} and made["worse"] == {"ours_full": ["color"]}
+    assert "<table" in page.section("sections/experiments/light_transfer.md", **made)
     with open(results.folder / "light_transfer.csv", newline="") as file:
         table = list(csv.DictReader(file))
     assert len(table) == len(VARIANTS) + len(BASELINES)
@@ -75,7 +75,7 @@ def test_what_lies_between_relighting_and_path_tracing(results):
     causes = ["interreflection", "truncation", "baker", "sampling", "clipping"]
     assert list(made["largest"]) == [CAUSES[cause] for cause in causes]
     assert made["answers"]["truth"] == pytest.approx(10) and made["networks"] == {"Ours (full)": pytest.approx(40)}
-    assert "<table" in page.section("sections/path_traced.md", **made)
+    assert "<table" in page.section("sections/experiments/path_traced.md", **made)
     for name in ("path_traced", "path_traced_causes"):
         assert (results.folder / f"{name}.tex").stat().st_size > 300
 
@@ -90,6 +90,6 @@ def test_how_long_a_picture_takes(results):
     pd.DataFrame(times, columns=TIMES).to_csv(results.folder / "inference_time" / "ours_full.s0.csv", index=False)
     made = own.inference_time(results, "inference_time")
     assert list(made["largest"]["wall"]) == [0.5, 0.25] and made["rates"] == {"1 thread": 100, "2 threads": 200}
-    assert "<table" in page.section("sections/inference_time.md", **made)
+    assert "<table" in page.section("sections/experiments/inference_time.md", **made)
     with open(results.folder / "inference_time.csv", newline="") as file:
         assert [float(row["of the matrix rate, %"]) for row in csv.DictReader(file)] == [40] * 4

@@ -91,7 +91,7 @@ def test_cells_show_the_figure_on_the_ground():
     assert np.all(np.diff(heat(np.linspace(0, 1, 9), 1).sum(-1)) < 0)  # darker with the error
 
 
-def test_a_ball_shows_light_as_the_colour_model_has_it():
+def test_a_ball_shows_light_as_the_color_model_has_it():
     """Light from everywhere with irradiance (.4, .2, 1.25), white at .5: sRGB-encoded where it is linear."""
     light = np.zeros((9, 3))
     light[0] = np.array([0.4, 0.2, 1.25]) * np.sqrt(4 * np.pi) / np.pi
@@ -130,7 +130,7 @@ def test_contact_sheet_shows_every_figure(world, tmp_path):
         contact_sheet([], light, tmp_path / "none.png")
 
 
-def test_sheets_are_lit_by_what_shows_forms_and_colours():
+def test_sheets_are_lit_by_what_shows_forms_and_colors():
     white, red = np.ones(3), np.array([1.5, 0.8, 0.7])
     lights = np.zeros((4, 9, 3))
     lights[:, 0] = 1  # the first is flat
@@ -159,7 +159,7 @@ def test_plates_show_the_truth_and_each_network(world, small_network, tmp_path):
     plates(checkpoints, world.packed, world.lights, world.split, world.settings, lambda names: [0, 2], out)
     sheet = np.asarray(Image.open(out)).astype(int)
     assert sheet.shape[0] == 60 + 2 * (3 * 306 + 24) + 4 * 24
-    # Albedo of the truth: the sheet holds the first test figure's two stripe colours, sRGB-encoded.
+    # Albedo of the truth: the sheet holds the first test figure's two stripe colors, sRGB-encoded.
     maps = read_maps(world.maps[3])
     colors = {tuple(c) for c in (encode(maps.albedo[maps.mask]) * 255).round().astype(int)}
     shown = sheet[60:360, 156:].reshape(-1, 3)
@@ -183,13 +183,13 @@ def cells(sheet: np.ndarray, column: int) -> list[np.ndarray]:
 
 
 def share_shown(cell: np.ndarray, colors: np.ndarray) -> float:
-    """The share of colours (N,3) in [0,1], display-coded, that pixels of a cell have."""
+    """The share of colors (N,3) in [0,1], display-coded, that pixels of a cell have."""
     some = (colors[:: len(colors) // 40] * 255).round()
     return float(np.mean([(np.abs(cell.reshape(-1, 3) - color).max(1) <= 4).any() for color in some]))
 
 
 def test_a_figure_is_relit_by_several_lights(world, small_network, tmp_path):
-    """The truth has the colours of each test light; a network, which sees the first alone, has others."""
+    """The truth has the colors of each test light; a network, which sees the first alone, has others."""
     networks = {"ours": tmp_path / "ours.safetensors"}
     small_network(networks["ours"], "ours", "photo")
     relit(networks, world.packed, world.lights, world.split, world.settings, tmp_path / "relit.png")

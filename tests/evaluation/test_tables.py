@@ -8,7 +8,7 @@ import pytest
 from relight.config import Statistics
 from relight.evaluation.report.formats import (
     MARKDOWN,
-    Grid,
+    TextTable,
     number,
     p_value,
     percent,
@@ -24,7 +24,7 @@ from relight.evaluation.scoring.labels import LABELS, split_column
 from relight.evaluation.scoring.paper import printed
 from relight.evaluation.scoring.scores import Scores, gather, read_scores, write_scores
 from relight.evaluation.scoring.statistics import Estimate
-from relight.evaluation.scoring.tables import TABLE1_COLUMNS, experiment_table
+from relight.evaluation.scoring.tables import TABLE1_COLUMNS, TABLE2_COLUMNS, experiment_table
 from relight.evaluation.scoring.truth import COLUMNS
 from relight.files import UserError
 
@@ -76,7 +76,7 @@ def test_baselines_do_not_compete():
 def test_an_experiment_shows_its_own_columns_and_its_rows_in_their_order():
     names = ("ours_full", "no_tv", "no_shading")
     given = {name: [scores(name, 0, {})] for name in names}
-    table = experiment_table("table2", given, {}, SETTINGS)
+    table = experiment_table("table2", given, {}, SETTINGS, TABLE2_COLUMNS)
     assert list(table.rows) == list(names) and "normal_rmse" not in table.columns
     mine = experiment_table("of my own", given, {}, SETTINGS)
     assert mine.columns == TABLE1_COLUMNS and table.printed and not mine.printed
@@ -115,7 +115,7 @@ def test_any_table_in_every_form(tmp_path):
     one = Estimate(0.1234, 0.1, 0.15, np.zeros((3, 1)))
     alone = Estimate(0.5, -np.inf, np.inf, np.zeros((1, 1)))
     lines = [["a & b", one, 3, 12.34, Verdict.WORSE], ["<c>", alone, 4, None, "|"]]
-    grid = Grid.of(["", "RMSE, %", "px", "s", "is"], lines, ["network", "baseline"], {"s": 1})
+    grid = TextTable.of(["", "RMSE, %", "px", "s", "is"], lines, ["network", "baseline"], {"s": 1})
     write_tables(tmp_path / "things", "Things", "Of 100 %.", grid)
     heads, *found = csv.reader((tmp_path / "things.csv").read_text().splitlines())
     assert heads == ["", "RMSE, %", "RMSE, %, low", "RMSE, %, high", "px", "s", "is"]

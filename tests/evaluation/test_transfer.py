@@ -10,7 +10,7 @@ from relight.evaluation.experiments.transfer import (
     BASELINES,
     VARIANTS,
     evaluate_transfer,
-    match_colour,
+    match_color,
     mean_light,
     pair_up,
     score_swaps,
@@ -47,7 +47,7 @@ def drawn_answer(data, figure, lit, occlude=False):
 def test_who_knows_the_truth_errs_by_the_mean_light_alone(world, data):
     scores = score_swaps(lambda f, lit: true_answer(data, f, lit), data, world.split, world.settings)
     assert set(scores) == {*VARIANTS, *BASELINES}
-    for name in ("", "true_light", "true_maps", "true_colour", "true_pattern"):
+    for name in ("", "true_light", "true_maps", "true_color", "true_pattern"):
         assert scores[name].columns["reconstruction_rmse"].max() < 1e-6
         assert scores[name].columns["reconstruction_ssim"].min() > 1 - 1e-6
     one, other = scores["mean_light"].columns, scores["true_maps_mean_light"].columns
@@ -74,7 +74,7 @@ def test_every_variant_agrees_with_swaps_by_hand(world, data, occlude):
                 "": (*mine, told),
                 "true_light": (*mine, lights[new]),
                 "true_maps": (albedo, transport, told),
-                "true_colour": (*mine, told * lights[new][0] / np.maximum(told[0], 1e-3)),
+                "true_color": (*mine, told * lights[new][0] / np.maximum(told[0], 1e-3)),
                 "true_pattern": (*mine, lights[new] * np.maximum(told[0], 1e-3) / lights[new][0]),
                 "mean_light": (*mine, mean),
                 "as_it_is": (albedo, transport, lights[seen]),
@@ -89,15 +89,15 @@ def test_every_variant_agrees_with_swaps_by_hand(world, data, occlude):
             assert found == pytest.approx(np.mean(pair), rel=1e-4), name
 
 
-def test_an_exchange_of_colour_keeps_the_pattern():
+def test_an_exchange_of_color_keeps_the_pattern():
     rng = np.random.default_rng(0)
     light, other = rng.normal(size=(2, 4, 9, 3))
     light[:, 0], other[:, 0] = rng.uniform(0.5, 1, (2, 4, 3))
-    made = match_colour(light, other)
+    made = match_color(light, other)
     np.testing.assert_allclose(made[:, 0], other[:, 0])
     np.testing.assert_allclose(made / made[:, :1], light / light[:, :1])
     other[0, 0] = -1  # an inferred light may be anything
-    assert np.isfinite(match_colour(light, other)).all() and np.isfinite(match_colour(other, light)).all()
+    assert np.isfinite(match_color(light, other)).all() and np.isfinite(match_color(other, light)).all()
 
 
 def test_scores_and_plate_of_networks(world, small_network, tmp_path):

@@ -23,7 +23,7 @@ import pandas as pd
 
 from relight import config
 from relight.evaluation.experiments.tracing import Scene, read_scenes
-from relight.evaluation.pictures.panels import Line, Subject, View, draw, evenly_spaced
+from relight.evaluation.pictures.panels import Cell, Line, Subject, draw, evenly_spaced
 from relight.evaluation.scoring.evaluate import infer, load, truth
 from relight.evaluation.scoring.labels import label
 from relight.evaluation.scoring.metrics import shade
@@ -49,7 +49,7 @@ ANSWERS = {
 }
 KEYS = ("kind", "name", "figure", "light")
 COLUMNS = ("rmse", "relative", "bias")
-MAX_ERROR = 0.3  # error of a picture (vector norm) at the dark end of the colour scale
+MAX_ERROR = 0.3  # error of a picture (vector norm) at the dark end of the color scale
 
 
 @dataclass
@@ -196,12 +196,12 @@ def traced_plate(
     draw(heads, lines, MAX_ERROR, note).save(out)
 
 
-def views(chain: Chain, relit: list[np.ndarray]) -> list[View]:
+def views(chain: Chain, relit: list[np.ndarray]) -> list[Cell]:
     """Returns a row of the plate."""
     traced, true, light = chain.full.mean(0), chain.pictures["truth"], chain.scene.light
     direct = chain.albedo * chain.scene.direct.mean(0)
     return [
-        View(chain.pictures["as_it_is"], light=chain.truth.lights[0]),
-        *(View(picture, light=light) for picture in [*relit, true, traced]),
-        *(View(error=np.linalg.norm(picture - traced, axis=-1)) for picture in [*relit, true, direct]),
+        Cell(chain.pictures["as_it_is"], light=chain.truth.lights[0]),
+        *(Cell(picture, light=light) for picture in [*relit, true, traced]),
+        *(Cell(error=np.linalg.norm(picture - traced, axis=-1)) for picture in [*relit, true, direct]),
     ]

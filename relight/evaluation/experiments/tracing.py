@@ -1,7 +1,7 @@
 """Path traces test figures in the panoramas of the test lights, as references for relit pictures.
 
 A relit picture is albedo * (T.L). The irradiance on the surface is traced, so that the albedo is the same in relit and
-traced pictures, in any colour model. It is traced in the panorama cut to the order of T and L, in the whole panorama,
+traced pictures, in any color model. It is traced in the panorama cut to the order of T and L, in the whole panorama,
 and with interreflection. Each is traced twice, from independent samples, since traced pictures are noisy.
 """
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from relight import config
-from relight.evaluation.pictures.panels import Line, Subject, View, draw, evenly_spaced
+from relight.evaluation.pictures.panels import Cell, Line, Subject, draw, evenly_spaced
 from relight.evaluation.scoring.evaluate import Predictor, infer, load, select_pairs, truth
 from relight.evaluation.scoring.labels import label
 from relight.evaluation.scoring.metrics import shade
@@ -29,7 +29,7 @@ VARIANTS = {
     "": "inferred maps, inferred light",
     "true_light": "inferred maps, true light",
     "true_maps": "true maps, inferred light",
-    "true_colour": "inferred maps, inferred light with the true light's colour and strength",
+    "true_color": "inferred maps, inferred light with the true light's colour and strength",
     "true_pattern": "inferred maps, true light with the inferred light's colour and strength",
     "mean_light": "inferred maps, mean training light",
 }
@@ -38,8 +38,8 @@ BASELINES = {
     "as_it_is": "the picture as it is",
     "true_maps_mean_light": "true maps, mean training light",
 }
-MAX_ERROR = 0.5  # error of a picture (vector norm) at the dark end of the colour scale
-MIN_MEAN = 1e-3  # lower bound of the mean radiance in `match_colour`
+MAX_ERROR = 0.5  # error of a picture (vector norm) at the dark end of the color scale
+MIN_MEAN = 1e-3  # lower bound of the mean radiance in `match_color`
 
 
 @dataclass
@@ -143,8 +143,8 @@ def relight_swapped(a: Partner, b: Partner, mean: np.ndarray, step: int) -> dict
         "": (own, inferred),
         "true_light": (own, true),
         "true_maps": (given, inferred),
-        "true_colour": (own, match_colour(inferred, true)),
-        "true_pattern": (own, match_colour(true, inferred)),
+        "true_color": (own, match_color(inferred, true)),
+        "true_pattern": (own, match_color(true, inferred)),
         "mean_light": (own, mean_lights),
         "as_it_is": (given, np.roll(true, step, 0)),
         "true_maps_mean_light": (given, mean_lights),
@@ -155,7 +155,7 @@ def relight_swapped(a: Partner, b: Partner, mean: np.ndarray, step: int) -> dict
     return found
 
 
-def match_colour(light: np.ndarray, other: np.ndarray) -> np.ndarray:
+def match_color(light: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Returns `light` (N,K,3) with each channel scaled to the mean radiance of `other`."""
     return light * (np.maximum(other[:, :1], MIN_MEAN) / np.maximum(light[:, :1], MIN_MEAN))
 
@@ -198,8 +198,8 @@ def transfer_plate(
             for side, new in ((0, 1), (1, 0)):  # each is seen under its own light, and relit by the other's
                 pictures, found = relight_swapped(sides[side], sides[new], mean_light(data), 1)[""]
                 error = pictures[new] - sides[side].truth.maps["reconstruction"][new]
-                relit = View(pictures[new], light=found[new])
-                lines[2 * i + side].views += [relit, View(error=np.linalg.norm(error, axis=-1))]
+                relit = Cell(pictures[new], light=found[new])
+                lines[2 * i + side].views += [relit, Cell(error=np.linalg.norm(error, axis=-1))]
     for i, line in enumerate(lines):
         line.views.append(line.subject.picture(1 - i % 2))
     heads = ["input", *(h for name in networks for h in (f"relit by {label(name)}", "its error")), "truth"]

@@ -1,4 +1,4 @@
-"""Draws sheets of masked maps: cells, labels, and the display colours of maps."""
+"""Draws sheets of masked maps: cells, labels, and the display colors of maps."""
 
 from functools import lru_cache
 from importlib.util import find_spec
@@ -40,14 +40,14 @@ def transport_bands(transport: np.ndarray) -> list[np.ndarray]:
 
 
 def heat(error: np.ndarray, max_error: float) -> np.ndarray:
-    """Maps errors to colours, from pale (none) over orange to dark red.
+    """Maps errors to colors, from pale (none) over orange to dark red.
 
     Args:
         error: per pixel, any shape (...), not negative.
-        max_error: the error with the darkest colour, to which larger errors are clipped.
+        max_error: the error with the darkest color, to which larger errors are clipped.
 
     Returns:
-        (...,3) display-coded colours in [0,1].
+        (...,3) display-coded colors in [0,1].
     """
     stops = np.array([[0.97, 0.95, 0.90], [0.99, 0.70, 0.35], [0.80, 0.20, 0.15], [0.30, 0.02, 0.10]])
     position = np.clip(error / max_error, 0, 1) * (len(stops) - 1)
@@ -67,7 +67,7 @@ def bounding_box(masks: list[np.ndarray]) -> tuple[slice, slice]:
 
 
 def composite(colors: np.ndarray, alpha: np.ndarray, size: tuple[int, int]) -> Image.Image:
-    """Composites display-coded colours (H,W,3) in [0,1] over the colour of cells by alpha (H,W).
+    """Composites display-coded colors (H,W,3) in [0,1] over the color of cells by alpha (H,W).
 
     Args:
         colors: (H,W,3).

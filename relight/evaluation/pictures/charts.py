@@ -19,7 +19,7 @@ from relight.files import UserError, atomic_write
 from relight.training_name import TrainingName
 
 COLORS = ("#7a5195", "#ef5675", "#ffa600", "#00798c", "#30638e", "#6a994e", "#8d99ae", "#bc6c25")
-STYLES = ("-", "--", ":", "-.")  # for more rows than colours
+STYLES = ("-", "--", ":", "-.")  # for more rows than colors
 GREY = "#9a9a9e"  # of baselines
 DASHES = ("--", ":", "-.", (0, (1, 4)), (0, (6, 4)), (0, (4, 1, 1, 1, 1, 1)), (0, (14, 2)))  # of baselines
 VALIDATION = "validation/"  # prefix of the names of losses on the validation pairs
@@ -109,7 +109,7 @@ class PlainLog(LogFormatter):
 def plot_curves(curves: list[Path], out: Path) -> None:
     """Draws training curves, one panel per loss: thick lines on fixed test pairs, thin lines on the training pictures.
 
-    Trainings of a row have one colour and line style. The total loss is left out, since trainings differ in their
+    Trainings of a row have one color and line style. The total loss is left out, since trainings differ in their
     losses.
 
     Args:
@@ -187,6 +187,6 @@ def plot_axis(points: list[tuple[float, str]], table: Table, columns: tuple[str,
 
 
 def color_of(row: str) -> str:
-    """Returns the colour of a row, the same in every chart of errors, which name their rows."""
+    """Returns the color of a row, the same in every chart of errors, which name their rows."""
     known = list(LABELS)
     return COLORS[(known.index(row) if row in known else sum(row.encode())) % len(COLORS)]

@@ -33,7 +33,7 @@ COLUMNS = (
 )
 CELL_HEIGHT = 300  # pixels
 GAP, GUTTER, TOP, LINE = 6, 150, 60, 24  # pixels: between cells, left of them, above them, of a line of text
-MAX_ERROR = 0.5  # shading error (vector norm) at the dark end of the colour scale
+MAX_ERROR = 0.5  # shading error (vector norm) at the dark end of the color scale
 EXTREME_FIGURES = 2  # figures with the least and with the largest error
 LIGHTS = 8  # number of lights by which a figure is relit
 NOTE = (
@@ -58,7 +58,7 @@ class Subject:
         pixel: (P,) flat indices of the mask in an image of `size` x `size`.
         size: side of the image, pixels.
         white: the shading that is displayed as white.
-        linear: whether colours are linear and must be sRGB-encoded for display.
+        linear: whether colors are linear and must be sRGB-encoded for display.
     """
 
     name: str
@@ -80,18 +80,18 @@ class Subject:
         """The mask (H,W) bool."""
         return dense(np.ones((len(self.pixel), 1)), self.pixel, self.size)[..., 0] > 0
 
-    def picture(self, light: int) -> "View":
+    def picture(self, light: int) -> "Cell":
         """Returns the true picture under a light, by its number, with that light in the corner."""
-        return View(self.truth.maps["reconstruction"][light], light=self.truth.lights[light])
+        return Cell(self.truth.maps["reconstruction"][light], light=self.truth.lights[light])
 
 
 @dataclass
-class View:
+class Cell:
     """The content of a cell; without attributes the cell is empty.
 
     Attributes:
         colors: (P,3) of the subject's pixels.
-        error: (P,) of the subject's pixels, displayed in place of colours.
+        error: (P,) of the subject's pixels, displayed in place of colors.
         light: (K,3), displayed as a small sphere in the corner, or as a large one if there is nothing else.
         coded: whether `colors` are display codes, even if the subject's are linear.
     """
@@ -115,7 +115,7 @@ class Line:
 
     label: str
     subject: Subject
-    views: list[View] = field(default_factory=list)
+    views: list[Cell] = field(default_factory=list)
     first: bool = False
 
 
@@ -125,7 +125,7 @@ def draw(heads: list[str], lines: list[Line], max_error: float | None, note: str
     Args:
         heads: of the columns.
         lines: the rows, with a view for each column.
-        max_error: the error at the dark end of the colour scale; None if no view is an error.
+        max_error: the error at the dark end of the color scale; None if no view is an error.
         note: explains the views.
     """
     box = bounding_box([line.subject.mask for line in lines])
@@ -152,7 +152,7 @@ def draw(heads: list[str], lines: list[Line], max_error: float | None, note: str
 
 def draw_view(
     sheet: Canvas,
-    view: View,
+    view: Cell,
     subject: Subject,
     box: tuple[slice, slice],
     x: int,
@@ -169,7 +169,7 @@ def draw_view(
         box: rows and columns of the image to show.
         x, y: of the cell's top left corner on the sheet.
         size: width and height of the cell in pixels.
-        max_error: the error at the dark end of the colour scale.
+        max_error: the error at the dark end of the color scale.
     """
     width, height = size
     if view.colors is not None:
@@ -216,7 +216,7 @@ def relit(
         inferred = infer(network, data, figure, chosen[:1])
         albedo, transport, light = (values[0] for values in subject.truth.complete(inferred))
         shadings = [shade(transport, each) for each in (light, *subject.truth.lights[1:])]
-        lines.append(Line(label(name), subject, [View(albedo * shading) for shading in shadings]))
+        lines.append(Line(label(name), subject, [Cell(albedo * shading) for shading in shadings]))
     if not lines:
         return empty_sheet().save(out)
     heads = ["picture", *(f"relit {light}" for light in range(1, len(lines[0].views)))]
@@ -235,7 +235,7 @@ def plates(
     """Draws test figures as a PNG: the truth, then each network.
 
     Each figure is seen under one light of `settings.lights` and relit by the next. Values are displayed sRGB-encoded if
-    the network's colour model is `photo`, and unchanged if it is `paper`. Maps without a loss are
+    the network's color model is `photo`, and unchanged if it is `paper`. Maps without a loss are
     true.
 
     Args:
@@ -292,7 +292,7 @@ def evenly_spaced(items: int, count: int) -> list[int]:
     return np.unique(np.linspace(0, items - 1, count).round().astype(int)).tolist()
 
 
-def true_views(subject: Subject) -> list[View]:
+def true_views(subject: Subject) -> list[Cell]:
     """Returns the views of COLUMNS of the truth, whose error is zero."""
     all_views = views(subject, subject.truth.maps["albedo"][0], subject.truth.transport[0], *subject.truth.lights)
     all_views["relit"].light = subject.truth.lights[1]
@@ -300,7 +300,7 @@ def true_views(subject: Subject) -> list[View]:
     return [all_views[column] for column in COLUMNS]
 
 
-def inferred_views(subject: Subject, inferred: Inferred) -> list[View]:
+def inferred_views(subject: Subject, inferred: Inferred) -> list[Cell]:
     """Returns the views of COLUMNS of what a network inferred under the subject's first light."""
     albedo, transport, light = subject.truth.complete(inferred)
     all_views = views(subject, albedo[0], transport[0], light[0], subject.truth.lights[1])
@@ -308,26 +308,26 @@ def inferred_views(subject: Subject, inferred: Inferred) -> list[View]:
     return [all_views[column] for column in COLUMNS]
 
 
-def surface_views(normal: np.ndarray | None, ao: np.ndarray | None) -> dict[str, View]:
-    """Returns views of normals (P,3) as colours and of ambient occlusion (P,) as grey; None gives empty views."""
+def surface_views(normal: np.ndarray | None, ao: np.ndarray | None) -> dict[str, Cell]:
+    """Returns views of normals (P,3) as colors and of ambient occlusion (P,) as grey; None gives empty views."""
     return {
-        "normal": View() if normal is None else View((normal + 1) / 2, coded=True),
-        "AO": View() if ao is None else View(np.repeat(ao[:, None].clip(0, 1), 3, 1), coded=True),
+        "normal": Cell() if normal is None else Cell((normal + 1) / 2, coded=True),
+        "AO": Cell() if ao is None else Cell(np.repeat(ao[:, None].clip(0, 1), 3, 1), coded=True),
     }
 
 
 def views(
     subject: Subject, albedo: np.ndarray, transport: np.ndarray, light: np.ndarray, new: np.ndarray
-) -> dict[str, View]:
+) -> dict[str, Cell]:
     """Returns the views of COLUMNS without those of the surface, by column."""
     shading = shade(transport, light)
     error = np.linalg.norm(shading - subject.truth.maps["shading"][0], axis=-1)
     return {
-        "picture": View(albedo * shading),
-        "albedo": View(albedo),
-        "shading": View(shading / subject.white),
-        "shading error": View(error=error),
-        "light": View(light=light),
-        **{f"transport {band}": View(colors, coded=True) for band, colors in enumerate(transport_bands(transport))},
-        "relit": View(albedo * shade(transport, new)),
+        "picture": Cell(albedo * shading),
+        "albedo": Cell(albedo),
+        "shading": Cell(shading / subject.white),
+        "shading error": Cell(error=error),
+        "light": Cell(light=light),
+        **{f"transport {band}": Cell(colors, coded=True) for band, colors in enumerate(transport_bands(transport))},
+        "relit": Cell(albedo * shade(transport, new)),
     }

@@ -27,7 +27,7 @@ LATEX: dict[str | int, str | int | None] = {
 
 
 @dataclass
-class Grid:
+class TextTable:
     """A table for readers.
 
     Attributes:
@@ -48,7 +48,7 @@ class Grid:
         rows: list[list],
         kinds: list[str] | None = None,
         digits: dict[str, int] | None = None,
-    ) -> "Grid":
+    ) -> "TextTable":
         """Returns a grid of rows of cells, the first of which is the label.
 
         Args:
@@ -61,7 +61,7 @@ class Grid:
         frame = pd.DataFrame([row[1:] for row in rows], index, columns[1:], dtype=object)
         return cls(frame.where(frame.notna(), None), kinds or [""] * len(rows), digits or {})
 
-    def blocks(self) -> list["Grid"]:
+    def blocks(self) -> list["TextTable"]:
         """Returns a grid per block of columns, without rows that are empty there; the grid itself without blocks."""
         if self.frame.columns.nlevels == 1:
             return [self]
@@ -70,10 +70,10 @@ class Grid:
             part = self.frame[block]
             kept = part.notna().any(axis=1).to_numpy()
             part = part[kept].rename_axis(index=block)
-            grids.append(Grid(part, [kind for kind, one in zip(self.kinds, kept) if one], self.digits))
+            grids.append(TextTable(part, [kind for kind, one in zip(self.kinds, kept) if one], self.digits))
         return grids
 
-    def texts(self, style: "Style") -> pd.DataFrame:
+    def texts(self, style: "TextFormat") -> pd.DataFrame:
         """Returns the frame with cells, labels and heads as text."""
         heads = [h if isinstance(h, tuple) else (h,) for h in self.frame.columns]
         cells = [
@@ -103,7 +103,7 @@ class Grid:
 
 
 @dataclass
-class Style:
+class TextFormat:
     """The format strings of a file format, in which {} is the text.
 
     Attributes:
@@ -139,23 +139,23 @@ class Style:
         return self.escape(value if isinstance(value, str) else str(value))
 
 
-MARKDOWN = Style("**{}**", "*{}*", " ± {}", " n.s.", lambda text: text.replace("|", "\\|"))
-TEX = Style(
+MARKDOWN = TextFormat("**{}**", "*{}*", " ± {}", " n.s.", lambda text: text.replace("|", "\\|"))
+TEX = TextFormat(
     r"\textbf{{{}}}",
     r"\textit{{{}}}",
     r"{{\tiny$\pm${}}}",
     r"$^{\mathrm{n.s.}}$",
     lambda text: text.translate(str.maketrans(LATEX)),
 )
-HTML = Style("<b>{}</b>", "{}", "<small>±{}</small>", "<i>n.s.</i>", lambda text: str(escape(text)))
+HTML = TextFormat("<b>{}</b>", "{}", "<small>±{}</small>", "<i>n.s.</i>", lambda text: str(escape(text)))
 
 
-def to_markdown(grid: Grid) -> str:
+def to_markdown(grid: TextTable) -> str:
     """Returns a grid as a table in Markdown."""
     return grid.texts(MARKDOWN).to_markdown(disable_numparse=True)
 
 
-def to_latex(grid: Grid) -> str:
+def to_latex(grid: TextTable) -> str:
     """Returns a grid as a tabular (package booktabs), with a rule before baselines and before printed values."""
     texts = grid.texts(TEX).rename_axis(index=None)
     lines = texts.to_latex(escape=False, multicolumn_format="c", column_format="l" + "c" * texts.shape[1]).splitlines()
@@ -170,9 +170,9 @@ def write_tables(
     stem: Path,
     title: str,
     note: str,
-    shown: Grid,
+    shown: TextTable,
     statistics: pd.DataFrame | None = None,
-    others: Grid | None = None,
+    others: TextTable | None = None,
 ) -> None:
     """Writes a table as stem.csv, stem.md and stem.tex, each atomically.
 
@@ -199,7 +199,7 @@ def write_tables(
             tmp.write_text(text, encoding="utf-8")
 
 
-def score_grid(table: Table, columns: Iterable[str]) -> Grid:
+def score_grid(table: Table, columns: Iterable[str]) -> TextTable:
     """Returns the estimates of a table in some columns, a block per reading; the paper's printed values follow."""
     present = table.present(columns)
     rows: list[tuple[str, str, Mapping[str, Estimate | float]]] = [
@@ -214,7 +214,7 @@ def score_grid(table: Table, columns: Iterable[str]) -> Grid:
     index = pd.Index([name for name, *_ in rows], dtype=object)
     columns = pd.MultiIndex.from_arrays([[head[level] for head in heads] for level in (0, 1)])
     frame = pd.DataFrame(cells, index, columns, dtype=object)
-    return Grid(frame.where(frame.notna(), None), [kind for _, kind, _ in rows])
+    return TextTable(frame.where(frame.notna(), None), [kind for _, kind, _ in rows])
 
 
 def other_columns(table: Table) -> tuple[str, ...]:
@@ -222,7 +222,7 @@ def other_columns(table: Table) -> tuple[str, ...]:
     return tuple(column for column in COLUMNS if column not in table.columns)
 
 
-def comparison_grid(comparisons: dict[str, dict[str, Comparison]]) -> Grid:
+def comparison_grid(comparisons: dict[str, dict[str, Comparison]]) -> TextTable:
     """Returns comparisons with relative gain, both means, p-value, verdict, and a bound on open differences.
 
     Args:
@@ -234,7 +234,7 @@ def comparison_grid(comparisons: dict[str, dict[str, Comparison]]) -> Grid:
         for what, by_column in comparisons.items()
         for c in by_column.values()
     ]
-    return Grid.of(heads, rows)
+    return TextTable.of(heads, rows)
 
 
 def effect(one: Comparison) -> tuple[str, str]:

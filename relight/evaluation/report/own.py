@@ -10,7 +10,7 @@ import pandas as pd
 from relight import config
 from relight.evaluation.experiments import timing, transfer
 from relight.evaluation.experiments.path_traced import ANSWERS, CAUSES, COLUMNS, KEYS
-from relight.evaluation.report.formats import Grid, comparison_grid, count, write_tables
+from relight.evaluation.report.formats import TextTable, comparison_grid, count, write_tables
 from relight.evaluation.report.page import text
 from relight.evaluation.report.results import Results
 from relight.evaluation.scoring.comparisons import Comparison, Verdict, compare_estimates, correct
@@ -22,7 +22,7 @@ from relight.evaluation.scoring.tables import estimates
 from relight.training_name import TrainingName
 
 Numbers = dict[str, Any]
-PARTS = ("colour", "pattern")  # of a light, which light transfer exchanges separately
+PARTS = ("color", "pattern")  # of a light, which light transfer exchanges separately
 
 
 def light_transfer(results: Results, name: str) -> Numbers:
@@ -55,7 +55,7 @@ def light_transfer(results: Results, name: str) -> Numbers:
         lines.append([words, *(found[column][trivial] for column in heads)])
         kinds.append("baseline")
     correct([one for group in comparisons.values() for one in group.values()])
-    grid = Grid.of(["", *heads.values()], lines, kinds)
+    grid = TextTable.of(["", *heads.values()], lines, kinds)
     any_scores = next(iter(rows.values()))[0]
     made = {
         "grid": grid,
@@ -88,7 +88,7 @@ def traced(results: Results, name: str) -> Numbers:
     return write_grids(results, name, tables, made)
 
 
-def traced_tables(path: Path, settings: config.Statistics) -> dict[str, Grid]:
+def traced_tables(path: Path, settings: config.Statistics) -> dict[str, TextTable]:
     """Returns tables of the answers and the causes of `path_traced.evaluate_traced`; trainings of a row are averaged.
 
     Args:
@@ -108,7 +108,7 @@ def traced_tables(path: Path, settings: config.Statistics) -> dict[str, Grid]:
     causes = {f"network:{row}": f"{CAUSES['network']}: {words}" for row, words in networks.items()}
     causes |= {name: words for name, words in CAUSES.items() if name != "network"}
 
-    def grid(kind: str, labels: dict[str, str]) -> Grid:
+    def grid(kind: str, labels: dict[str, str]) -> TextTable:
         """Returns a grid with a row per name, in the order of `labels`."""
         rows, kinds = [], []
         for name in labels:
@@ -118,7 +118,7 @@ def traced_tables(path: Path, settings: config.Statistics) -> dict[str, Grid]:
                 rows.append([labels[name], *(estimate(one, settings.bootstrap, settings.seed) for one in by_column)])
                 kinds.append("baseline" if name in ANSWERS else "network")
         heads, digits = ["", "RMSE", "relative, %", "mean, %"], {"RMSE": 4, "relative, %": 1, "mean, %": 1}
-        return Grid.of(heads, rows, kinds, digits)
+        return TextTable.of(heads, rows, kinds, digits)
 
     return {
         "path_traced_causes": grid("cause", causes),
@@ -147,7 +147,7 @@ def inference_time(results: Results, name: str) -> Numbers:
     ]
     heads = ["network", "width", "parameters", "px", "on", "seconds", "CPU seconds", "GFLOP", "of the matrix rate, %"]
     digits = {"seconds": 4, "CPU seconds": 4, "GFLOP": 1, "of the matrix rate, %": 0}
-    grid = Grid.of(heads, rows, digits=digits)
+    grid = TextTable.of(heads, rows, digits=digits)
     made = {
         "largest": times[times["size"] == times["size"].max()],
         "printed": SECONDS,
@@ -157,7 +157,7 @@ def inference_time(results: Results, name: str) -> Numbers:
     return write_grids(results, name, {name: grid}, made)
 
 
-def write_grids(results: Results, name: str, grids: dict[str, Grid], made: Numbers) -> Numbers:
+def write_grids(results: Results, name: str, grids: dict[str, TextTable], made: Numbers) -> Numbers:
     """Writes the tables of an experiment, and returns the context of its section."""
     one = results.experiments[name]
     for stem, grid in grids.items():

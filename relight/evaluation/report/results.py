@@ -14,7 +14,7 @@ import yaml
 from relight import config
 from relight.evaluation.scoring.scores import gather
 from relight.evaluation.scoring.statistics import Estimate
-from relight.evaluation.scoring.tables import SHOWN_COLUMNS, TABLE1_COLUMNS, Rows, Table, estimates, experiment_table
+from relight.evaluation.scoring.tables import TABLE1_COLUMNS, Rows, Table, columns_of, estimates, experiment_table
 from relight.files import UserError, existing_file
 
 
@@ -104,13 +104,13 @@ class Results:
     def _table(self, name: str, usual: bool) -> Table:
         rows = self.scores(name, usual)
         if not rows:
-            return Table(SHOWN_COLUMNS.get(name, TABLE1_COLUMNS))
+            return Table(self.columns(name))
         pool: Rows = {}
         for other in dict.fromkeys([name, *self.readable]):
             for condition in (False, True):
                 if self._files(other, condition)[""] == self._files(name, usual)[""]:
                     pool |= self.scores(other, condition)
-        return experiment_table(name, rows, self.baselines(name, usual), self.settings, pool)
+        return experiment_table(name, rows, self.baselines(name, usual), self.settings, self.columns(name), pool)
 
     def part(self, name: str, figures: np.ndarray) -> Table:
         """Returns the table of an experiment over some of its figures, by index."""
@@ -118,7 +118,11 @@ class Results:
             {row: [one.part(figures) for one in trainings] for row, trainings in given.items()}
             for given in (self.scores(name), self.baselines(name))
         )
-        return experiment_table(name, rows, baselines, self.settings)
+        return experiment_table(name, rows, baselines, self.settings, self.columns(name))
+
+    def columns(self, name: str) -> tuple[str, ...]:
+        """Returns the columns of an experiment's table."""
+        return columns_of(*self.experiments[name]["shows"]) or TABLE1_COLUMNS
 
     def estimates(self, name: str, column: str) -> dict[str, Estimate]:
         """Returns the estimates of a column of the scores, by row or baseline."""

@@ -39,7 +39,7 @@ def evaluate_baselines(
         packed, lights, split: the data set.
         settings: which figures and lights.
         out: the scores (.csv).
-        color: colour model of the networks to be compared with (`train.color`).
+        color: color model of the networks to be compared with (`train.color`).
         order: of the data (`bake.order`).
     """
     data = RelitSet(packed, lights, order, color, torch_device("cpu"))

@@ -103,9 +103,10 @@ def compare_rows(
     Returns:
         Column -> comparison, for the columns that both rows have; empty if a row is missing.
     """
-    one, two = table.rows.get(first, {}), (other or table).rows.get(second, {})
-    found = [compare_estimates(c, one[c], two[c]) for c in columns if c in one and c in two]
-    return {comparison.column: comparison for comparison in correct(found)}
+    cells, other_cells = table.rows.get(first, {}), (other or table).rows.get(second, {})
+    shared = [column for column in columns if column in cells and column in other_cells]
+    comparisons = [compare_estimates(column, cells[column], other_cells[column]) for column in shared]
+    return {comparison.column: comparison for comparison in correct(comparisons)}
 
 
 @dataclass
@@ -139,16 +140,32 @@ def orderings(tables: list[Table]) -> list[Ordering]:
     """
     found: dict[tuple[str, str, str], Ordering] = {}
     for table in tables:
-        for first, second, _ in ARGUMENTS:
+        for leader, follower, _ in ARGUMENTS:
             for column in TABLE2_COLUMNS:
-                key, (one, two) = (first, second, column), (printed(row).get(column) for row in (first, second))
-                if key in found or one is None or two is None or one == two:
-                    continue
-                if any(row not in table.networks or column not in table.rows[row] for row in (first, second)):
-                    continue
-                argued = sign(column) * (one - two) < 0
-                better, worse = (first, second) if argued else (second, first)
-                comparison = compare_estimates(column, table.rows[better][column], table.rows[worse][column])
-                found[key] = Ordering(better, worse, argued, abs(one - two) / max(one, two), comparison)
+                key = (leader, follower, column)
+                if key not in found and (ordering := printed_ordering(table, leader, follower, column)):
+                    found[key] = ordering
     correct([ordering.comparison for ordering in found.values()])
     return list(found.values())
+
+
+def printed_ordering(table: Table, leader: str, follower: str, column: str) -> Ordering | None:
+    """Compares two rows of a table in the order of their printed values.
+
+    Args:
+        table: of the run.
+        leader, follower: the better and the worse row by the paper's argument.
+        column: of the scores.
+
+    Returns:
+        The comparison without correction; None if the table or the paper lacks a value, or the paper's are equal.
+    """
+    first, second = (printed(row).get(column) for row in (leader, follower))
+    if first is None or second is None or first == second:
+        return None
+    if not all(row in table.networks and column in table.rows[row] for row in (leader, follower)):
+        return None
+    argued = sign(column) * (first - second) < 0
+    better, worse = (leader, follower) if argued else (follower, leader)
+    comparison = compare_estimates(column, table.rows[better][column], table.rows[worse][column])
+    return Ordering(better, worse, argued, abs(first - second) / max(first, second), comparison)

@@ -32,7 +32,7 @@ def evaluate(checkpoint: Path, packed: Path, lights: Path, split: Path, settings
     The same inputs give the same bytes on the same machine, since one thread is used on a CPU.
 
     Args:
-        checkpoint: the network, which also determines the colour model.
+        checkpoint: the network, which also determines the color model.
         packed, lights, split: the data set (.safetensors, .npz, .json).
         settings: which part of the split, and which lights.
         out: the scores (.csv), whose predictor has the name of the file. If there are no sitting figures, further views
@@ -49,7 +49,7 @@ def evaluate(checkpoint: Path, packed: Path, lights: Path, split: Path, settings
 
 
 def load(checkpoint: Path, packed: Path, lights: Path, settings: config.Evaluate) -> tuple[Network, RelitSet]:
-    """Loads a network, and the data at its order and in its colour model.
+    """Loads a network, and the data at its order and in its color model.
 
     Args:
         checkpoint: the network (.safetensors).
@@ -60,7 +60,7 @@ def load(checkpoint: Path, packed: Path, lights: Path, settings: config.Evaluate
         The network, with the outputs that no loss constrained in `Network.unlearned`, and the data.
 
     Raises:
-        UserError: if a file has other contents, the network has no colour model, or the maps have another size than
+        UserError: if a file has other contents, the network has no color model, or the maps have another size than
             the network.
     """
     device = torch_device(settings.device)
@@ -68,7 +68,7 @@ def load(checkpoint: Path, packed: Path, lights: Path, settings: config.Evaluate
     network.unlearned = unlearned(made_with.get("loss"))
     color = (made_with.get("train") or {}).get("color")
     if color is None:
-        raise UserError(f"{checkpoint} does not say in which colour model it was trained: train it again")
+        raise UserError(f"{checkpoint} does not say in which color model it was trained: train it again")
     data = RelitSet(packed, lights, network.order, color, device)
     if data.size != network.size:
         raise UserError(
@@ -168,7 +168,7 @@ def score(predictor: Predictor, data: RelitSet, split: Path, settings: config.Ev
 
 
 def truth(data: RelitSet, figure: int, lights: np.ndarray) -> Truth:
-    """Returns the ground truth of a figure of the set under `lights` (N,), in the set's colour model."""
+    """Returns the ground truth of a figure of the set under `lights` (N,), in the set's color model."""
     batch = data.batch(np.array([figure]), lights[:1])
     count = int(data.counts[figure])
     maps = {name: getattr(batch, name)[0, :count].cpu().numpy() for name in ("albedo", "normal", "ao")}

@@ -42,7 +42,7 @@ def ssim(inferred: np.ndarray, truth: np.ndarray, span: float, window: int = WIN
     Windows are uniform, and covariances are those of samples.
 
     Args:
-        inferred: (N,H,W,C); H and W at least `window`. `Box.crop` makes such pictures of the pixels of a mask.
+        inferred: (N,H,W,C); H and W at least `window`. `MaskBox.crop` makes such pictures of the pixels of a mask.
         truth: (N,H,W,C), or (1,H,W,C) for all.
         span: data range.
         window: side of the window in pixels.
@@ -55,7 +55,7 @@ def ssim(inferred: np.ndarray, truth: np.ndarray, span: float, window: int = WIN
     return np.array([structural_similarity(*two, win_size=window, channel_axis=-1, data_range=span) for two in pairs])
 
 
-class Box:
+class MaskBox:
     """The bounding box of a mask, widened to at least one window of SSIM.
 
     Attributes:
@@ -71,7 +71,7 @@ class Box:
         self.inside = (row - top) * box_width + column - left
 
     @classmethod
-    def of(cls, mask: np.ndarray) -> "Box":
+    def of(cls, mask: np.ndarray) -> "MaskBox":
         """Returns the box of a mask (H,W) bool."""
         return cls(np.flatnonzero(mask), mask.shape[1])
 
@@ -117,8 +117,8 @@ def contrast(shading: np.ndarray) -> np.ndarray:
 def explained_variance(picture: np.ndarray, albedo: np.ndarray) -> np.ndarray:
     """Returns the fraction (N,) of a picture's variance over pixels that the albedo explains.
 
-    The albedo is multiplied by the best factor for each colour channel. The result is 1 if it then equals the picture,
-    and 0 if it is no better than a uniform colour.
+    The albedo is multiplied by the best factor for each color channel. The result is 1 if it then equals the picture,
+    and 0 if it is no better than a uniform color.
 
     Args:
         picture: (N,P,3).

@@ -86,7 +86,7 @@ def read_table(
         reason = " ".join(str(error).split())
         raise UserError(f"{path} is not a table of {what}, as {writer} writes it ({reason})") from None
     if missing := [column for column in columns if column not in table]:
-        raise UserError(f"{path} is not a table of {what}, as {writer} writes it (no column {', '.join(missing)})")
+        raise UserError(f"{path} is not a table of {what}, as {writer} writes it (no column {', '.join(missing[:3])})")
     return table
 
 

@@ -15,25 +15,14 @@ from relight.evaluation.scoring.truth import COLUMNS, READINGS
 from relight.files import UserError
 
 
-def _columns(*quantities: str) -> tuple[str, ...]:
+def columns_of(*quantities: str) -> tuple[str, ...]:
+    """Returns the columns of RMSE and SSIM of quantities."""
     return tuple(f"{quantity}_{reading}" for reading in ("rmse", "ssim") for quantity in quantities)
 
 
 PRINTED = ("table1", "table2")  # the tables that the paper prints
-TABLE1_COLUMNS = _columns("shading", "transport", "normal", "ao", "light", "albedo")  # of Table 1
-TABLE2_COLUMNS = _columns("shading", "transport", "light", "albedo")  # of Table 2
-PART_COLUMNS = _columns("shading", "shading_true_light", "transport", "light", "albedo")
-SHOWN_COLUMNS = {  # by experiment; TABLE1_COLUMNS by default
-    "claim": _columns("shading_true_light", "relit", "shading", "transport"),
-    "table2": TABLE2_COLUMNS,
-    "sitting": TABLE2_COLUMNS,
-    "unusual_lights": TABLE2_COLUMNS,
-    "silhouette": _columns("shading_true_light", "transport"),
-    "relit": _columns("relit", "reconstruction", "shading_true_light", "albedo"),
-    **dict.fromkeys(("self_supervised", "splits", "order", "data_size", "width"), PART_COLUMNS),
-    "steps": PART_COLUMNS,
-    **dict.fromkeys(("equal_losses", "plus_parts"), (*PART_COLUMNS, *_columns("relit"))),
-}
+TABLE1_COLUMNS = columns_of("shading", "transport", "normal", "ao", "light", "albedo")  # of Table 1
+TABLE2_COLUMNS = columns_of("shading", "transport", "light", "albedo")  # of Table 2
 
 Rows = dict[str, list[Scores]]  # row -> the scores of its trainings
 
@@ -98,15 +87,21 @@ class Table:
 
 
 def experiment_table(
-    name: str, networks: Rows, baselines: Rows, settings: config.Statistics, pool: Rows | None = None
+    name: str,
+    networks: Rows,
+    baselines: Rows,
+    settings: config.Statistics,
+    columns: tuple[str, ...] = TABLE1_COLUMNS,
+    pool: Rows | None = None,
 ) -> Table:
     """Estimates every column of the scores of an experiment.
 
     Args:
-        name: of the experiment, which determines the columns to show and the paper's values.
+        name: of the experiment, which determines the paper's values.
         networks: in the order of the table.
         baselines: follow the networks; they are never marked as best.
         settings: number of resamples, and their seed.
+        columns: to show.
         pool: rows over which the spread of trainings is pooled; by default `networks`.
 
     Returns:
@@ -122,7 +117,6 @@ def experiment_table(
     for column in COLUMNS:
         for row, one in estimates(given, column, settings, networks if pool is None else pool, baselines).items():
             rows[row][column] = one
-    columns = SHOWN_COLUMNS.get(name, TABLE1_COLUMNS)
     rank([rows[row] for row in networks], columns)
     trainings, any_scores = {row: len(scores) for row, scores in networks.items()}, next(iter(networks.values()))[0]
     printed_rows = {row: printed(row) for row in rows if name in PRINTED and printed(row)}

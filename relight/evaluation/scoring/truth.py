@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from relight.evaluation.scoring.metrics import WINDOW, Box, contrast, explained_variance, rmse, shade, ssim
+from relight.evaluation.scoring.metrics import WINDOW, MaskBox, contrast, explained_variance, rmse, shade, ssim
 from relight.lights.show import unoccluded_ball
 from relight.sh import order_of
 
@@ -97,7 +97,7 @@ class Truth:
         self.maps["transport"] = self.transport[..., :COMMON_COEFFICIENTS]
         self.maps["shading"] = shade(self.transport, self.lights)
         self.maps["reconstruction"] = self.maps["albedo"] * self.maps["shading"]
-        self.box = Box(np.asarray(pixel), size)
+        self.box = MaskBox(np.asarray(pixel), size)
 
     def compare(self, name: str, values: np.ndarray, quantity: str | None = None) -> dict[str, np.ndarray]:
         """Returns the READINGS, (N,) or (1,), of `values` (N or 1,P,C) against the true map `name`, by column."""
