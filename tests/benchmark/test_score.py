@@ -121,7 +121,7 @@ def test_what_else_is_refused(drawn, truth, tmp_path):
         assert str(caught.value).count("\n") == 0
         path.write_bytes(kept)
     path.write_bytes(kept[:200])
-    with pytest.raises(UserError, match=r"is not an \.npz of arrays"):
+    with pytest.raises(UserError, match="is not a benchmark file of relight"):
         score(drawn, truth)
     path.unlink()
     with pytest.raises(
