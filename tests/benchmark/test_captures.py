@@ -53,7 +53,7 @@ def true_picture(seen, panorama, turn):
     return total
 
 
-def test_the_truth_is_that_of_the_formulas(captures, imported):
+def test_import_captures_truth_agrees_with_formulas(captures, imported):
     """Pictures, shading, albedo, normals, transport and light, up to the one factor that no frame tells."""
     benchmark = BenchmarkSet(imported)
     benchmark.verify()
@@ -84,7 +84,7 @@ def test_the_truth_is_that_of_the_formulas(captures, imported):
     assert behind.std() > 0 and behind.mean() > 3  # the panorama
 
 
-def test_rows_are_scored_up_to_a_factor(imported, tmp_path):
+def test_score_of_captures_leaves_out_absolute_columns(imported, tmp_path):
     scored = {}
     for method in ("true_maps", "mean_light", "as_it_is"):
         answer(imported, tmp_path / method, method)
@@ -99,7 +99,7 @@ def test_rows_are_scored_up_to_a_factor(imported, tmp_path):
     assert best["light_factor"].max() < scored["mean_light"]["light_factor"].min()
 
 
-def test_an_import_goes_on_and_keeps_to_its_set(captures, imported):
+def test_import_captures_resumes_its_own_set(captures, imported):
     before = {path: path.stat().st_mtime_ns for path in imported.rglob("photo.png")}
     assert import_captures(captures, imported) == BenchmarkSet(imported).hash
     assert before == {path: path.stat().st_mtime_ns for path in imported.rglob("photo.png")}
@@ -109,7 +109,7 @@ def test_an_import_goes_on_and_keeps_to_its_set(captures, imported):
         import_captures(captures, imported, "front")
 
 
-def test_blurred_panoramas_keep_their_light():
+def test_blur_to_spacing_by_band():
     """Band l falls by exp(-l (l + 1) s^2 / 2), where s is .6 of the distance between lamps."""
     pixels = generate_room(3)
     soft, turned = blur_to_spacing(np.stack([pixels, np.roll(pixels, 32, 1)]), 331)
@@ -123,7 +123,7 @@ def test_blurred_panoramas_keep_their_light():
     assert np.allclose(soft[20, 77], weight @ pixels.reshape(-1, 3) / weight.sum(), rtol=1e-5)
 
 
-def test_lookups_are_those_of_panoramas():
+def test_upsampled_panoramas_agree_with_lookup():
     pixels = np.random.default_rng(4).uniform(size=(2, 64, 128, 3)).astype(np.float32)
     soft = blur_to_spacing(pixels, 331).astype(np.float32)
     directions = np.random.default_rng(5).normal(size=(500, 3))

@@ -14,7 +14,7 @@ from relight.files import UserError
 from relight.panoramas import Panorama, project, read_panorama
 
 
-def test_a_set_that_was_interrupted_goes_on(painter, drawn, settings, tmp_path, monkeypatch):
+def test_make_resumes_an_interrupted_set(painter, drawn, settings, tmp_path, monkeypatch):
     """The second picture fails while it is drawn, the third while it is written; nothing but whole ones is left."""
     asked = []
 
@@ -48,7 +48,7 @@ def test_a_set_that_was_interrupted_goes_on(painter, drawn, settings, tmp_path, 
     BenchmarkSet(tmp_path).verify()
 
 
-def test_more_of_the_same_set_keeps_what_is_there(painter, settings, tmp_path):
+def test_make_of_more_pictures_keeps_the_first(painter, settings, tmp_path):
     first = make(tmp_path, "choose", 1, settings)
     kept = (tmp_path / "inputs" / "g910000.1" / "photo.png").stat().st_mtime_ns
     second = make(tmp_path, "choose", 2, settings)
@@ -56,7 +56,7 @@ def test_more_of_the_same_set_keeps_what_is_there(painter, settings, tmp_path):
     assert (tmp_path / "inputs" / "g910000.1" / "photo.png").stat().st_mtime_ns == kept
 
 
-def test_folders_and_settings_that_do_not_fit(painter, drawn, settings, tmp_path):
+def test_make_refuses_folders_and_settings(painter, drawn, settings, tmp_path):
     with pytest.raises(UserError, match="holds another set, or one with other settings"):
         make(drawn, "choose", 1, settings)
     with pytest.raises(UserError, match="holds another set, or one with other settings"):
@@ -66,7 +66,7 @@ def test_folders_and_settings_that_do_not_fit(painter, drawn, settings, tmp_path
             make(tmp_path, "report", 1, Settings(size=size))
 
 
-def test_a_figure_that_is_refused_has_a_spare(monkeypatch):
+def test_make_mesh_takes_a_spare_seed(monkeypatch):
     import relight.figures.dress as dress
 
     asked = []
@@ -81,7 +81,7 @@ def test_a_figure_that_is_refused_has_a_spare(monkeypatch):
     assert asked == [900_003, 901_003, 902_003]
 
 
-def test_lights_are_read_back_as_they_were(drawn, tmp_path):
+def test_write_panorama_round_trip(drawn, tmp_path):
     pixels = np.random.default_rng(0).gamma(0.5, 4, (64, 128, 3)).astype(np.float32)
     write_panorama(tmp_path / "light.exr", Panorama(pixels))
     found = read_panorama(tmp_path / "light.exr")

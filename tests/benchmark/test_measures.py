@@ -63,7 +63,7 @@ def slow_ssim(first, second, inside, window=7):
     return np.mean(values)
 
 
-def test_errors_are_those_of_the_slow_twin(two):
+def test_errors_agree_with_the_slow_twin(two):
     seen, true = two
     found = errors(seen, true)
     for name in ("albedo", "shading", "transport"):
@@ -80,7 +80,7 @@ def test_errors_are_those_of_the_slow_twin(two):
     assert np.isclose(found["light"], norm) and found["light_factor"] <= found["light"]
 
 
-def test_relit_pictures_are_those_of_the_slow_twin(two):
+def test_relit_errors_agree_with_the_slow_twin(two):
     inside = two[0].mask
     first, second = (to_bytes(one.albedo) for one in two)
     found = relit_errors(first, second, inside)
@@ -95,7 +95,7 @@ def test_relit_pictures_are_those_of_the_slow_twin(two):
     assert darker["_factor"] < 0.006 < 0.05 < darker[""]  # the rounding to 8 bits is all that is left
 
 
-def test_thin_masks_have_a_similarity():
+def test_mask_box_ssim_of_a_thin_mask():
     inside = np.zeros((SIDE, SIDE), bool)
     inside[5:20, 3:5] = True
     rng = np.random.default_rng(0)
@@ -104,7 +104,7 @@ def test_thin_masks_have_a_similarity():
     assert box.ssim(picture[inside], picture[inside]) == 1 > box.ssim(picture[inside], picture[::-1][inside])
 
 
-def test_what_is_not_said_is_not_scored(two):
+def test_errors_and_leaks_of_missing_maps(two):
     seen, true = two
     assert errors(Intrinsics(true.mask), true) == {} == leaks(Intrinsics(true.mask))
     assert set(errors(Intrinsics(true.mask, light=seen.light), true)) == {"light", "light_factor"}
@@ -119,7 +119,7 @@ def mirrored(seen: Intrinsics) -> Intrinsics:
     return Intrinsics(**maps, transport=seen.transport[:, ::-1] * MIRROR, light=seen.light * MIRROR[:, None])
 
 
-def test_a_method_that_does_all_as_it_should(two):
+def test_invariances_of_an_ideal_method(two):
     usual = two[0]
     shots = variants(lambda gain: np.zeros((40, 40, 3), np.uint8), np.full((40, 40), 255, np.uint8), SIDE)
     seen = dict.fromkeys(shots, usual)
@@ -134,7 +134,7 @@ def test_a_method_that_does_all_as_it_should(two):
         assert np.isclose(found[name], value, atol=2e-3), name
 
 
-def test_each_invariance_is_told_by_its_own_variant(two):
+def test_invariances_depend_on_their_own_variant(two):
     usual, other = two
     shots = variants(lambda gain: np.zeros((40, 40, 3), np.uint8), np.full((40, 40), 255, np.uint8), SIDE)
     still = dict.fromkeys(shots, usual) | {"mirror": mirrored(usual)}
@@ -148,7 +148,7 @@ def test_each_invariance_is_told_by_its_own_variant(two):
         assert all(np.isclose(v, 0) for k, v in found.items() if k != row and k not in ("dark_albedo", "dark_shading"))
 
 
-def test_leaks_of_what_is_known():
+def test_leaks_of_known_edges():
     """Albedo's edges copied by half into the shading, and every second row brighter."""
     rng = np.random.default_rng(3)
     size = 64
@@ -165,13 +165,13 @@ def test_leaks_of_what_is_known():
     assert np.isclose(striped["stripes"], 0.5, atol=0.05)  # (.3 - .1) / .2 down, 0 across
 
 
-def test_maps_without_edges_leak_nothing():
+def test_leaks_of_flat_maps():
     flat = np.full((32, 32, 3), 0.5)
     assert leaks(Intrinsics(np.ones((32, 32), bool), albedo=flat, shading=flat)) == dict.fromkeys(LEAKS, 0.0)
     assert leaks(Intrinsics(np.zeros((32, 32), bool), albedo=flat, shading=flat)) == {}
 
 
-def test_variants_are_what_they_say():
+def test_variants_of_a_picture():
     """The square is that of the mask; the picture in the mirror is that; half a light is half the linear values."""
     y, x = np.mgrid[:96, :80]
     mask = ((np.abs(x - 30) < 14) & (np.abs(y - 50) < 40)).astype(np.uint8) * 255

@@ -16,12 +16,12 @@ from relight.transport.tracer import sky_directions, sky_weights
 from relight.transport.view import View
 
 
-def test_the_sets_are_those_that_were_published():
+def test_draw_recipes_of_the_published_sets():
     for kind, expected in HASHES.items():
         assert digest(draw_recipes(kind)) == expected
 
 
-def test_no_seed_is_shared():
+def test_draw_recipes_share_no_seed():
     made = {kind: draw_recipes(kind) for kind in HASHES}
     for seeds in ([{r.seed + k * SPARE_OFFSET for r in made[kind] for k in range(3)} for kind in HASHES],):
         assert not set.intersection(*seeds) and min(map(min, seeds)) >= 900_000
@@ -33,7 +33,7 @@ def test_no_seed_is_shared():
         assert sum(r.varied for r in made[kind]) == 32 and not any(r.varied and r.cut for r in made[kind])
 
 
-def test_a_change_of_the_recipes_is_noticed(monkeypatch, painter, tmp_path, settings):
+def test_make_refuses_changed_recipes(monkeypatch, painter, tmp_path, settings):
     from relight.benchmark.make import make
 
     monkeypatch.setattr(recipes_module, "TINT", 0.16)
@@ -41,7 +41,7 @@ def test_a_change_of_the_recipes_is_noticed(monkeypatch, painter, tmp_path, sett
         make(tmp_path, "report", None, settings)
 
 
-def test_names_and_numbers_that_are_none():
+def test_draw_recipes_refuses_names_and_counts():
     with pytest.raises(UserError, match="--set best: must be report or choose"):
         draw_recipes("best")
     with pytest.raises(UserError, match="--count 0"):
@@ -49,7 +49,7 @@ def test_names_and_numbers_that_are_none():
     assert draw_recipes("choose", 5) == draw_recipes("choose")[:5]
 
 
-def test_gloss_belongs_to_the_figure():
+def test_with_gloss_depends_on_the_seed():
     def gloss(seed, materials):
         none = np.zeros((0, 3))
         mesh = with_gloss(Mesh(none, none, none, none, [Material()] * materials), seed)
@@ -60,7 +60,7 @@ def test_gloss_belongs_to_the_figure():
 
 
 @pytest.mark.parametrize("kind", GENERATORS)
-def test_lights_are_scaled_tinted_and_seen_from_above(kind):
+def test_panorama_is_scaled_tinted_and_pitched(kind):
     level = panorama(Lamplight(kind, 7, 0.0, 0.0), 0.0, 0.6)
     assert np.allclose(level.pixels / level.pixels.max(), GENERATORS[kind](7) / GENERATORS[kind](7).max(), atol=1e-5)
     assert float(reference_brightness(project(level, 2))) <= 0.6 + 1e-6
@@ -76,13 +76,13 @@ def test_lights_are_scaled_tinted_and_seen_from_above(kind):
     assert np.isclose(np.log(change[2] / change[1]), -0.4, atol=1e-4) and change[0] > change[1]
 
 
-def test_the_path_tracers_sky_holds_the_same_light():
+def test_resampled_keeps_the_light():
     found = panorama(Lamplight("room", 11, 0.1, 30.0), 5.0, 0.7)
     light = np.einsum("hw,hwk,hwc->kc", sky_weights(), basis(sky_directions()), resampled(found))
     assert np.allclose(light, project(found, 2), atol=0.01 * np.abs(light).max())
 
 
-def test_lamps_are_lamps():
+def test_panorama_of_lamps():
     for seed in range(6):
         pixels = GENERATORS["lamps"](seed)
         assert pixels.shape == (64, 128, 3) and pixels.min() > 0
@@ -91,7 +91,7 @@ def test_lamps_are_lamps():
         assert np.isfinite(light).all() and (light[0] > 0).all()
 
 
-def test_half_a_person_is_one_in_four():
+def test_draw_recipes_share_of_half_bodies():
     made = [draw_recipe(950_000 + i, number) for i in range(200) for number in (1, 2)]
     cuts = [r.cut for r in made if r.cut]
     assert all(r.name.endswith(".2") for r in made if r.cut) and 70 < len(cuts) < 130

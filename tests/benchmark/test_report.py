@@ -40,7 +40,7 @@ def write(folder: Path, values: dict[str, list[float]], benchmark: str = "012345
 
 
 @pytest.mark.parametrize("method", ["ours_full.s0", "as_it_is", "mean_light"])
-def test_a_stage_scores_what_the_command_line_would(drawn, weights, tmp_path, method):
+def test_benchmark_scores_stage_agrees_with_the_command(drawn, weights, tmp_path, method):
     """And leaves no answers, but everything else that was in the folder."""
     kind = method if method in BASELINES else "network"
     answer(drawn, tmp_path / "by_hand", kind, weights)
@@ -52,7 +52,7 @@ def test_a_stage_scores_what_the_command_line_would(drawn, weights, tmp_path, me
     assert sorted(path.name for path in out.parent.iterdir()) == ["scores.csv", "thesis.txt"]
 
 
-def test_what_answers_the_set(drawn):
+def test_plan_benchmark_weights(drawn):
     """All trainings of the rows with their networks, and what needs no training with the package's weights."""
     found = plan(drawn)
     networks = {f"ours_full.s{seed}": f"results/smoke/train/ours_full.s{seed}.safetensors" for seed in (0, 1)}
@@ -63,7 +63,7 @@ def test_what_answers_the_set(drawn):
     ]
 
 
-def test_a_set_that_is_missing_or_cannot_be_answered_is_told_with_the_plan(drawn, tmp_path):
+def test_plan_check_of_a_missing_set(drawn, tmp_path):
     plan(drawn).check()
     with pytest.raises(UserError, match=r"there is no finished benchmark there \(relight benchmark make --out \S+\)$"):
         plan(tmp_path).check()
@@ -79,7 +79,7 @@ def test_a_set_that_is_missing_or_cannot_be_answered_is_told_with_the_plan(drawn
 
 
 @pytest.mark.slow
-def test_a_set_that_was_made_again_is_scored_again(drawn, tmp_path):
+def test_benchmark_scores_rule_of_a_new_set(drawn, tmp_path):
     """By the rules of the workflow: its index is what scores depend on."""
     copy = shutil.copytree(drawn, tmp_path / "set")
     scores = tmp_path / "results" / "smoke" / "benchmark_scores" / "as_it_is" / "scores.csv"
@@ -113,7 +113,7 @@ def test_a_set_that_was_made_again_is_scored_again(drawn, tmp_path):
     assert scored() == {16 * "5"}
 
 
-def test_trainings_are_averaged(tmp_path):
+def test_mean_scores_of_trainings(tmp_path):
     write(tmp_path / "s0", {"full": [0.1, 0.2, 0.3], "light": [1, 1, 1]})
     write(tmp_path / "s1", {"full": [0.3, 0.2, 0.5], "light": [2, 1, 0]})
     write(tmp_path / "other", {"full": [0.3, 0.2, 0.5]}, 16 * "f")
@@ -126,7 +126,7 @@ def test_trainings_are_averaged(tmp_path):
         mean_scores("mine", [first, other])
 
 
-def test_the_report_has_a_section_with_the_tables(tmp_path, capsys):
+def test_benchmark_section_of_the_report(tmp_path, capsys):
     """Two trainings at .1 and .3 are a row at .2; sections whose data this folder lacks take nothing from it."""
     levels = {"ours_full.s0": 0.1, "ours_full.s1": 0.3, "shipped": 0.15, "as_it_is": 0.4, "mean_light": 0.35}
     levels["true_maps"] = 0.05

@@ -39,7 +39,7 @@ def changed(path, **arrays):
     np.savez(path, photo=np.array(photo), **{name: values for name, values in found.items() if values is not None})
 
 
-def test_the_truth_is_an_answer_that_scores_nothing(drawn, truth):
+def test_score_of_the_truth(drawn, truth):
     row = read_scores(score(drawn, truth).parent)
     assert len(row) == 3
     for name in COLUMNS:
@@ -52,7 +52,7 @@ def test_the_truth_is_an_answer_that_scores_nothing(drawn, truth):
             assert np.allclose(values, 0, atol=1e-6), name
 
 
-def test_the_untouched_picture_scores_what_it_differs_by(drawn, tmp_path):
+def test_score_of_the_untouched_picture(drawn, tmp_path):
     out = tmp_path / "as_it_is"
     assert answer(drawn, out, "as_it_is") == 3
     row = read_scores(score(drawn, out).parent)
@@ -74,7 +74,7 @@ def test_the_untouched_picture_scores_what_it_differs_by(drawn, tmp_path):
     assert all(np.isnan(row[name]).all() for name in COLUMNS if not name.startswith("ratio"))
 
 
-def test_true_maps_are_right_where_the_formulation_is_the_truth(drawn, tmp_path):
+def test_score_of_true_maps(drawn, tmp_path):
     """The set is painted by albedo * max(T.L, 0): only rounding to 8 bits and half floats is left, and highlights."""
     out = tmp_path / "true_maps"
     answer(drawn, out, "true_maps")
@@ -85,14 +85,14 @@ def test_true_maps_are_right_where_the_formulation_is_the_truth(drawn, tmp_path)
     assert row["ratio"].max() < 0.1
 
 
-def test_the_mean_light_is_told_from_the_true_one(drawn, tmp_path):
+def test_score_of_the_mean_light(drawn, tmp_path):
     answer(drawn, tmp_path / "mean", "mean_light")
     row = read_scores(score(drawn, tmp_path / "mean").parent)
     assert row["light"].min() > 0.05 and np.isnan(row["albedo"]).all()
     assert row["light_factor"].mean() <= row["light"].mean()
 
 
-def test_a_permuted_folder_is_refused(drawn, truth):
+def test_score_refuses_a_permuted_folder(drawn, truth):
     first, second = (truth / f"g900000.{n}.npz" for n in (1, 2))
     first.rename(truth / "other")
     second.rename(first)
@@ -101,7 +101,7 @@ def test_a_permuted_folder_is_refused(drawn, truth):
         score(drawn, truth)
 
 
-def test_what_else_is_refused(drawn, truth, tmp_path):
+def test_score_and_answer_refuse(drawn, truth, tmp_path):
     path = truth / "g900000.1.npz"
     kept = path.read_bytes()
     arrays = read_arrays(path)
@@ -136,7 +136,7 @@ def test_what_else_is_refused(drawn, truth, tmp_path):
         answer(drawn, tmp_path / "best", "best")
 
 
-def test_a_set_that_was_touched_is_refused(drawn, truth, tmp_path):
+def test_score_refuses_a_changed_set(drawn, truth, tmp_path):
     copy = tmp_path / "copy"
     shutil.copytree(drawn, copy)
     picture = copy / "inputs" / "g900000.2" / "photo.png"
@@ -145,7 +145,7 @@ def test_a_set_that_was_touched_is_refused(drawn, truth, tmp_path):
         score(copy, truth)
 
 
-def test_a_network_answers_all_of_it(drawn, weights, tmp_path):
+def test_answer_and_score_of_a_network(drawn, weights, tmp_path):
     out = tmp_path / "tiny"
     says = CliRunner().invoke(app, ["benchmark", "answer", str(out), "--truth", str(drawn), "-w", str(weights)])
     entries = BenchmarkSet(drawn).entries
@@ -181,7 +181,7 @@ def test_a_network_answers_all_of_it(drawn, weights, tmp_path):
     assert np.isnan(read_scores(out)["knee"]).all()
 
 
-def test_rows_beside_each_other(drawn, truth, tmp_path):
+def test_comparison_tables_and_command(drawn, truth, tmp_path):
     answer(drawn, tmp_path / "as_it_is", "as_it_is")
     for folder in (truth, tmp_path / "as_it_is"):
         score(drawn, folder)
@@ -227,7 +227,7 @@ def test_rows_beside_each_other(drawn, truth, tmp_path):
         read_scores(truth)
 
 
-def test_the_index_tells_what_methods_need(drawn):
+def test_index_of_a_set(drawn):
     index = json.loads((drawn / "index.json").read_text())
     assert index["set"] == "report" and len(index["sha256"]) == 64
     varied = [one for one in index["pictures"] if one["of"]]

@@ -65,7 +65,7 @@ def traced(person):
         return recipe, render_picture(recipe, person, SETTINGS)
 
 
-def test_true_maps_agree_with_the_tracer_to_its_noise(traced, person, tmp_path, monkeypatch):
+def test_render_picture_true_maps_agree_with_the_tracer(traced, person, tmp_path, monkeypatch):
     """Through the files and the row `true_maps`, as they are scored."""
     from relight.benchmark import make as making
     from relight.benchmark.files import BenchmarkSet, read_arrays
@@ -91,7 +91,7 @@ def test_true_maps_agree_with_the_tracer_to_its_noise(traced, person, tmp_path, 
     assert np.allclose(seen.light, says["light"])
 
 
-def test_the_photograph_is_that_scene_in_a_camera(traced):
+def test_render_picture_photograph(traced):
     """But for blur, noise and JPEG: in the mean over the figure, and over what is behind it."""
     _, drawn = traced
     shot = drawn.shots[""]
@@ -105,7 +105,7 @@ def test_the_photograph_is_that_scene_in_a_camera(traced):
     assert np.allclose(linear[away].mean(0), np.minimum(behind, 1), atol=0.15)
 
 
-def test_gloss_and_a_bounce_are_in_the_pictures(traced, person, monkeypatch):
+def test_render_picture_has_gloss_and_a_bounce(traced, person, monkeypatch):
     recipe, drawn = traced
     monkeypatch.setattr(module, "panorama", harmonic)
     few = replace(SETTINGS, samples=16, rays=16)
@@ -120,7 +120,7 @@ def test_gloss_and_a_bounce_are_in_the_pictures(traced, person, monkeypatch):
     assert all(np.array_equal(*(getattr(one, name) for one in truth)) for name in ("albedo", "shading", "transport"))
 
 
-def test_the_same_recipe_is_the_same_picture(traced, person, monkeypatch):
+def test_render_picture_is_reproducible(traced, person, monkeypatch):
     recipe, drawn = traced
     monkeypatch.setattr(module, "panorama", harmonic)
     monkeypatch.setattr(module, "BOUNCES", 0)

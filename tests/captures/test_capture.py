@@ -136,7 +136,7 @@ def test_read_frames_refuses_broken_frames(copy):
             list(read_capture(copy).read_frames(inside))
 
 
-def test_the_documented_capture_is_read(tmp_path):
+def test_read_capture_as_documented(tmp_path):
     block = re.search(r"```json\n(.*?)```", (ROOT / "docs" / "captures.md").read_text(), re.S)[1]
     folder = tmp_path / "anna.front"
     folder.mkdir()

@@ -66,7 +66,7 @@ def true_transport(seen, turn):
 
 
 @pytest.mark.parametrize("name", NAMES[:2])
-def test_measured_maps_are_those_of_the_formulas(made, name):
+def test_measure_maps_agrees_with_formulas(made, name):
     """On the person's square, whose box fills nine tenths of it as a baked figure does."""
     maps, seen = read_maps(made / f"{name}.exr"), twin.surface(CAMERAS[name])
     assert maps.info["subject"] == name.partition(".")[0] and maps.info["size"] == SIZE and maps.info["order"] == 2
@@ -94,7 +94,7 @@ def test_measured_maps_are_those_of_the_formulas(made, name):
     assert np.allclose(np.linalg.norm(maps.normal[maps.mask], axis=1), 1, atol=2e-3)
 
 
-def test_a_training_reads_them(made, settings, tmp_path):
+def test_training_reads_measured_maps(made, settings, tmp_path):
     """The one without a frame is left out; a person is on one side of the split."""
     assert "there is no file" in read_info(made / f"{NAMES[2]}.exr")["left_out"]
     (tmp_path / "maps.txt").write_text("\n".join(NAMES))
@@ -115,7 +115,7 @@ def test_a_training_reads_them(made, settings, tmp_path):
     assert np.isfinite(float((tmp_path / "run.csv").read_text().splitlines()[-1].split(",")[1]))
 
 
-def test_the_workflow_measures_in_place_of_baking(olat, tmp_path):
+def test_plan_measures_captures_in_place_of_baking(olat, tmp_path):
     jobs = planned(copy(tmp_path), *WORDS, f"figures.folder={olat}")
     assert jobs["capture"] == 3 and jobs["pack"] == jobs["train"] == 1
     assert not {"figure", "scan", "clean", "align", "bake"} & set(jobs)
@@ -127,7 +127,7 @@ def refused(words, *more):
     assert "\n" not in str(caught.value)
 
 
-def test_what_is_refused(olat, settings, tmp_path):
+def test_capture_stage_and_plan_refuse(olat, settings, tmp_path):
     folder = f"figures.folder={olat}"
     assert Plan({"hydra": [*WORDS, folder, "figures.only='anna|ben'"]}).figures == list(NAMES[:2])
     refused("figures.source=olat needs figures.folder=<the folder to read>")

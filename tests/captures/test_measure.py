@@ -35,7 +35,7 @@ def test_quadrature_weights_integrate_what_a_stage_needs():
         quadrature_weights(np.array([[1.0, 0, 0]] * 9))
 
 
-def test_the_error_is_that_of_the_rule():
+def test_projection_error_by_sampling():
     """`projection_error` against random normals."""
     directions, rng = around(97), np.random.default_rng(2)
     weights = quadrature_weights(directions)
@@ -66,7 +66,7 @@ def ball(stage: LightStage, offset: np.ndarray, count: int = 400) -> dict:
 
 
 @pytest.mark.parametrize("offset", [(0, 0, 0), (100, -800, 50)])
-def test_transport_albedo_and_normals_of_a_ball(offset):
+def test_measure_of_a_ball(offset):
     """Nothing occludes it. Off the centre, lamps are 1.7 to 3.3 m away: falling off and directions must be undone."""
     stage = LightStage.from_positions(lamps())
     assert np.allclose(stage.centre, MIDDLE) and np.isclose(stage.radius, STAGE)
@@ -80,7 +80,7 @@ def test_transport_albedo_and_normals_of_a_ball(offset):
     assert stage.error < 0.0013
 
 
-def test_pictures_under_a_panorama_are_sums_of_frames():
+def test_measure_pictures_under_a_panorama():
     """A panorama of nine coefficients: albedo times irradiance has a closed form; the factor is the lamps'."""
     stage = LightStage.from_positions(lamps())
     scene = ball(stage, np.zeros(3))
@@ -96,7 +96,7 @@ def test_pictures_under_a_panorama_are_sums_of_frames():
     assert np.allclose(found.pictures[:, 1] / 0.5, np.pi * scene["albedo"], rtol=0.01)
 
 
-def test_pixels_lit_by_too_few_lamps_are_unknown():
+def test_measure_of_pixels_lit_by_too_few_lamps():
     """A pixel that three lamps light has no normal, and its maps are zero."""
     stage = LightStage.from_positions(lamps())
     scene = ball(stage, np.zeros(3), 2)

@@ -50,7 +50,7 @@ def traced(person, lightstage, tmp_path_factory):
     return folder, lightstage.write_capture(folder, person, 64, 200, 16, 0, False)
 
 
-def test_maps_measured_from_path_traced_frames_are_the_baked_ones(traced, lightstage):
+def test_measure_maps_of_path_traced_frames(traced, lightstage):
     folder, baked = traced
     _, maps, _ = measure_maps(read_capture(folder))
     found = lightstage.compare(maps, baked)
@@ -60,7 +60,7 @@ def test_maps_measured_from_path_traced_frames_are_the_baked_ones(traced, lights
     assert np.quantile(maps.albedo[maps.mask].max(1), 0.99) == pytest.approx(WHITE_ALBEDO, rel=0.02)
 
 
-def test_path_traced_frames_of_other_lamps_give_other_maps(traced, lightstage, tmp_path):
+def test_measure_maps_of_permuted_lamps(traced, lightstage, tmp_path):
     """What the test above would say if positions were mirrored."""
     folder, baked = traced
     index = json.loads((folder / "capture.json").read_text())

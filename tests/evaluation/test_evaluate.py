@@ -30,7 +30,7 @@ def checkpoints(small_network, tmp_path_factory):
 
 
 @pytest.mark.parametrize("name", ["ours", "sfsnet", "sfsnet_ao"])
-def test_scores_agree_with_predictions_one_at_a_time(name, checkpoints, world, tmp_path):
+def test_evaluate_agrees_with_predictions_one_at_a_time(name, checkpoints, world, tmp_path):
     """Each pair anew from the figure's maps: relit by hand, through `predict`, errors by numpy."""
     out = tmp_path / f"{name}.s0.csv"
     evaluate(checkpoints[name], world.packed, world.lights, world.split, world.settings, out)
@@ -71,7 +71,7 @@ def test_scores_agree_with_predictions_one_at_a_time(name, checkpoints, world, t
     assert ("normal_rmse" in scores.columns) == (name != "ours")
 
 
-def test_the_same_bytes_again_from_another_process(checkpoints, world, tmp_path):
+def test_evaluate_writes_the_same_bytes_in_another_process(checkpoints, world, tmp_path):
     here, there = tmp_path / "here.csv", tmp_path / "there" / "here.csv"
     evaluate(checkpoints["ours"], world.packed, world.lights, world.split, world.settings, here)
     code = (
@@ -84,7 +84,7 @@ def test_the_same_bytes_again_from_another_process(checkpoints, world, tmp_path)
     assert here.read_bytes() == there.read_bytes()
 
 
-def test_figures_that_sit_and_unusual_lights_need_not_be_there(checkpoints, world, tmp_path):
+def test_evaluate_and_plates_without_figures_or_lights(checkpoints, world, tmp_path):
     parts = {"train": ["snowman00"], "test": ["snowman03"], "sitting": ["snowman04"]}
     for name, sitting in (("some", ["snowman04"]), ("none", [])):
         (tmp_path / f"{name}.json").write_text(json.dumps({**parts, "sitting": sitting}))
@@ -102,7 +102,7 @@ def test_figures_that_sit_and_unusual_lights_need_not_be_there(checkpoints, worl
     assert scored("none.json", figures="sitting") == {} and scored("some.json", lights="unusual") == {}
 
 
-def test_what_no_loss_asked_for_is_given_the_truth(checkpoints, world, tmp_path, monkeypatch):
+def test_unlearned_outputs_are_replaced_by_the_truth(checkpoints, world, tmp_path, monkeypatch):
     made_with = {"model": None, "train": {"color": "paper"}, "loss": composed(["loss=transport"]).loss}
     network, _ = load_network(checkpoints["ours"])
     monkeypatch.setattr("relight.evaluation.scoring.evaluate.load_network", lambda path, device: (network, made_with))
@@ -117,7 +117,7 @@ def test_what_no_loss_asked_for_is_given_the_truth(checkpoints, world, tmp_path,
     assert not unlearned({"transport": 1.0, "extra": {"mine": 1.0}})
 
 
-def test_inference_in_parts_is_inference_at_once(checkpoints, world, monkeypatch):
+def test_infer_in_batches_equals_one_batch(checkpoints, world, monkeypatch):
     network, _ = load_network(checkpoints["sfsnet_ao"])
     data = RelitSet(world.packed, world.lights, 2, "paper")
     together = infer(network, data, 0, np.arange(6))
@@ -127,7 +127,7 @@ def test_inference_in_parts_is_inference_at_once(checkpoints, world, monkeypatch
         np.testing.assert_allclose(getattr(together, name), getattr(apart, name), atol=1e-5)
 
 
-def test_baselines_are_what_they_say(world, tmp_path):
+def test_make_predictors_of_each_baseline(world, tmp_path):
     out = tmp_path / "baselines.csv"
     evaluate_baselines(world.packed, world.lights, world.split, world.settings, out, color="photo")
     scores = read_scores(out)
@@ -147,7 +147,7 @@ def test_baselines_are_what_they_say(world, tmp_path):
     assert "light_rmse" not in scores["no_occlusion"].columns
 
 
-def test_mean_figure_is_the_mean_of_those_that_cover_a_pixel(world):
+def test_mean_figure_at_pixels_that_few_figures_cover(world):
     data = RelitSet(world.packed, world.lights, 2, "photo")
     train = [read_maps(path) for path in world.maps[:3]]
     count = np.sum([maps.mask for maps in train], 0)
@@ -164,7 +164,7 @@ def test_mean_figure_is_the_mean_of_those_that_cover_a_pixel(world):
     assert (count[inside] == 0).any() and (count[inside] == 2).any()
 
 
-def test_scores_come_back_from_disk(tmp_path):
+def test_write_scores_and_read_scores_round_trip(tmp_path):
     columns = {"shading_rmse": np.arange(6.0).reshape(2, 3) / 7, "ao_ssim": np.full((2, 3), 0.5)}
     write_scores(tmp_path / "a.csv", {"one": Scores(["x", "y"], [1, 5, 9], columns)})
     found = read_scores(tmp_path / "a.csv")["one"]
@@ -173,7 +173,7 @@ def test_scores_come_back_from_disk(tmp_path):
     np.testing.assert_allclose(found.figure_means("shading_rmse"), columns["shading_rmse"].mean(1), rtol=1e-5)
 
 
-def test_broken_inputs_are_named(checkpoints, world, tmp_path):
+def test_evaluate_refuses_broken_inputs(checkpoints, world, tmp_path):
     arguments = [checkpoints["ours"], world.packed, world.lights, world.split, world.settings, tmp_path / "out.csv"]
     (tmp_path / "empty.json").write_text(json.dumps({"train": ["snowman00"], "test": ["nobody"]}))
     with pytest.raises(UserError, match="0 test figures"):
@@ -190,7 +190,7 @@ def test_broken_inputs_are_named(checkpoints, world, tmp_path):
 
 
 @pytest.mark.parametrize(("name", "color"), [("sfsnet_ao", "paper"), ("ours", "photo")])
-def test_inferred_maps_hold_what_is_inferred_where_the_figure_is(world, small_network, tmp_path, name, color):
+def test_inferred_maps_inside_the_mask(world, small_network, tmp_path, name, color):
     small_network(tmp_path / "a.safetensors", name, color)
     network, data = load(tmp_path / "a.safetensors", world.packed, world.lights, world.settings)
     true = read_maps(world.maps[4])

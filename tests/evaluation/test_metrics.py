@@ -54,7 +54,7 @@ def slow(inferred: np.ndarray, true: np.ndarray, mask: np.ndarray, span: float) 
     return vector, element, *similarity
 
 
-def test_every_map_agrees_with_scikit_image_and_loops(truth):
+def test_truth_score_of_every_map_agrees_with_scikit_image_and_loops(truth):
     one, mask, lights = truth
     inferred = Inferred(
         albedo=noisy(one, "albedo", 3),
@@ -88,7 +88,7 @@ def test_every_map_agrees_with_scikit_image_and_loops(truth):
             np.testing.assert_allclose(found, slow(a, b, mask, span), rtol=2e-5, err_msg=quantity)
 
 
-def test_light_agrees_with_scikit_image():
+def test_light_errors_agree_with_scikit_image():
     true, inferred = RNG.normal(0, 0.4, (2, 4, 9, 3))
     columns = light_errors(inferred, true)
     for n in range(4):
@@ -97,7 +97,7 @@ def test_light_agrees_with_scikit_image():
         assert columns["light_ssim"][n] == pytest.approx(expected)
 
 
-def test_truth_scores_perfectly(truth):
+def test_truth_score_of_the_truth_is_zero(truth):
     one, _, lights = truth
     maps = {name: one.maps[name] for name in ("albedo", "transport", "normal")}
     columns = one.score(Inferred(**maps, ao=one.maps["ao"][..., 0], light=lights))
@@ -106,7 +106,7 @@ def test_truth_scores_perfectly(truth):
         np.testing.assert_allclose(columns[name], 1 if "ssim" in name else 0, atol=1e-6, err_msg=name)
 
 
-def test_a_constant_offset_has_a_closed_form(truth):
+def test_truth_score_of_a_constant_offset(truth):
     """An offset d in each of C channels: vector RMSE is d sqrt(C), per element d."""
     one, _, _ = truth
     columns = one.score(Inferred(transport=one.maps["transport"] + np.float32(0.1)))
@@ -115,7 +115,7 @@ def test_a_constant_offset_has_a_closed_form(truth):
     assert "albedo_rmse" not in columns and "light_rmse" not in columns
 
 
-def test_shading_is_clipped_at_zero(truth):
+def test_shade_is_clipped_at_zero(truth):
     one, _, lights = truth
     columns = one.score(Inferred(transport=np.zeros_like(one.maps["transport"])))
     expected = rmse(np.zeros_like(one.maps["shading"]), np.maximum(one.maps["transport"] @ lights, 0))
@@ -123,7 +123,7 @@ def test_shading_is_clipped_at_zero(truth):
     assert (one.maps["transport"] @ lights).min() < 0
 
 
-def test_the_box_of_a_thin_mask_is_widened_to_a_window():
+def test_mask_box_of_a_thin_mask_has_a_window():
     pixel = np.array([5 * 16 + 7])  # one pixel: the box is widened to a window
     maps = np.ones((1, 9)), np.full((1, 3), 0.5), np.array([[0.0, 0, 1]]), np.ones(1)
     one = Truth(pixel, *maps, np.zeros((1, 9, 3)), 16)
@@ -132,7 +132,7 @@ def test_the_box_of_a_thin_mask_is_widened_to_a_window():
     assert columns["albedo_ssim"][0] == pytest.approx(1) and columns["albedo_rmse"][0] == 0
 
 
-def test_ssim_of_one_truth_for_all_is_that_of_each():
+def test_ssim_of_one_truth_for_all_pictures():
     first, second = RNG.random((2, 5, 12, 9, 4))
     for window, span in ((3, 1.0), (7, 0.3)):
         expected = [
@@ -141,7 +141,7 @@ def test_ssim_of_one_truth_for_all_is_that_of_each():
         assert ssim(first, second[:1], span, window) == pytest.approx(expected, abs=1e-12)
 
 
-def test_a_relit_picture_is_compared_under_the_next_light(truth):
+def test_compare_relit_takes_the_next_light(truth):
     """True maps relit are the truth; the picture as it is differs from it by albedo x the change of the shading."""
     one, _, _ = truth
     columns = one.score(Inferred(transport=one.transport))
@@ -160,7 +160,7 @@ def test_a_relit_picture_is_compared_under_the_next_light(truth):
     np.testing.assert_allclose(relit, [0, 0.5 * level[1], level[2]], atol=1e-5)
 
 
-def test_bleached_shading_and_an_albedo_that_is_the_picture_show_in_the_signs(truth):
+def test_contrast_and_explained_variance_of_a_collapse(truth):
     truth, _, _ = truth
     picture = truth.maps["reconstruction"]
     found = truth.score(Inferred(albedo=picture, transport=np.zeros_like(truth.transport)))
@@ -172,7 +172,7 @@ def test_bleached_shading_and_an_albedo_that_is_the_picture_show_in_the_signs(tr
     assert (0 < truth.score(Inferred())["albedo_share"]).all()
 
 
-def test_networks_of_any_order_are_compared_with_all_bands():
+def test_truth_score_of_networks_of_other_orders():
     """Cutting the true maps costs what the cut bands shade; transport and light are compared in nine coefficients."""
     rng, pixels = np.random.default_rng(0), 100
     transport, lights = rng.normal(0, 0.3, (pixels, 25)), rng.normal(0, 0.3, (2, 25, 3)).astype(np.float32)

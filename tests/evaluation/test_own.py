@@ -29,7 +29,7 @@ def results(tmp_path):
     return SimpleNamespace(folder=tmp_path, report=tmp_path, settings=SETTINGS, experiments=experiments, title=str)
 
 
-def test_what_swapping_lights_is_worth(results):
+def test_light_transfer_section(results):
     """Swapping beats the picture as it is by .05 +- .001 on every pair; the maps cost more than the light."""
     rng = np.random.default_rng(0)
     hard = rng.uniform(0, 0.1, (8, 1))
@@ -63,7 +63,7 @@ def test_what_swapping_lights_is_worth(results):
     assert float(table[1]["relit, RMSE"]) == pytest.approx(0.09 + hard.mean(), abs=1e-3)
 
 
-def test_what_lies_between_relighting_and_path_tracing(results):
+def test_path_traced_section(results):
     lines = [",".join(["kind", "name", "figure", "light", *COLUMNS])]
     for figure in ("a", "b", "c"):
         lines += [f"answer,ours_full.s{s},{figure},1,.3,.4,.1" for s in (0, 1)]
@@ -80,7 +80,7 @@ def test_what_lies_between_relighting_and_path_tracing(results):
         assert (results.folder / f"{name}.tex").stat().st_size > 300
 
 
-def test_how_long_a_picture_takes(results):
+def test_inference_time_section(results):
     (results.folder / "inference_time").mkdir()
     times = [
         ["ours_full", 0.25, 6_000_000, size, "cpu", t, 0.5 / t, 0.5, 20.0, 100.0 * t]

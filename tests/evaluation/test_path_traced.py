@@ -41,7 +41,7 @@ def scene_of(data, figure, seen, new, **changed):
     return Scene(figure, seen, new, light, **{**arrays, **changed})
 
 
-def test_each_cause_is_told_apart(data):
+def test_chain_steps_separate_the_causes(data):
     """0.1, .2, .3 on all channels, one after the other, are all that their causes find."""
     plain = scene_of(data, 3, 4, 5)
     rng = np.random.default_rng(0)
@@ -65,7 +65,7 @@ def test_each_cause_is_told_apart(data):
     assert steps["interreflection"] < 0.5 and np.sqrt(8) * norm > 1  # noise of that size, were it left in
 
 
-def test_a_light_below_zero_is_cut_off(data):
+def test_chain_clipping_of_a_light_below_zero(data):
     light = data.lights[5].numpy().copy()
     light[2] -= 2  # from behind
     chain = Chain.of(data, scene_of(data, 3, 4, 5))
@@ -75,7 +75,7 @@ def test_a_light_below_zero_is_cut_off(data):
     assert cause == "clipping" and (before >= after).all() and (before > after).any()
 
 
-def test_scores_tables_and_pictures(world, data, small_network, tmp_path):
+def test_evaluate_traced_traced_tables_and_traced_plate(world, data, small_network, tmp_path):
     networks = {}
     for name in ("ours", "sfsnet_ao"):
         networks[f"{name}.s0"] = tmp_path / f"{name}.safetensors"
@@ -112,7 +112,7 @@ def test_scores_tables_and_pictures(world, data, small_network, tmp_path):
     assert Image.open(tmp_path / "plate.png").height > 600
 
 
-def test_another_data_set_is_refused(data, world, tmp_path):
+def test_chain_refuses_another_data_set(data, world, tmp_path):
     scene = scene_of(data, 3, 4, 5)
     scene.area = scene.area[1:]
     with pytest.raises(UserError, match="trace it again"):
@@ -145,7 +145,7 @@ def rooms(tmp_path_factory):
     return path
 
 
-def test_the_sky_is_that_of_the_light(rooms):
+def test_sky_of_has_the_coefficients_of_the_light(rooms):
     table = read_light_set(rooms)
     sky = sky_of(table, 1, GENERATED)
     light = np.einsum("hw,hwk,hwc->kc", sky_weights(), basis(sky_directions()), sky)
@@ -154,7 +154,7 @@ def test_the_sky_is_that_of_the_light(rooms):
         sky_of(replace(table, source=np.array(["room:0", "lost.hdr", "room:2"])), 1, GENERATED)
 
 
-def test_a_ball_is_traced(rooms, tmp_path):
+def test_trace_of_a_ball(rooms, tmp_path):
     """Convex, so nothing is occluded and nothing reflects on it: only the truncation is left."""
     pytest.importorskip("mitsuba")
     for i, radius in enumerate((0.6, 0.8)):
@@ -188,7 +188,7 @@ def test_a_ball_is_traced(rooms, tmp_path):
     assert relative["truncation"][0] == pytest.approx(wanted, abs=5e-3)
 
 
-def test_without_mitsuba_one_sentence_says_so(monkeypatch):
+def test_trace_without_mitsuba(monkeypatch):
     from relight.transport.tracer import import_mitsuba
 
     monkeypatch.setitem(sys.modules, "mitsuba", None)

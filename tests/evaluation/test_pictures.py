@@ -28,7 +28,7 @@ from relight.sh import unoccluded
 from relight.srgb import encode
 
 
-def test_occlusion_has_the_worlds_closed_form(world, tmp_path):
+def test_occlusion_closed_form(world, tmp_path):
     """There T = AO * T(n), so |T - T(n)| = (1 - AO) |T(n)|."""
     maps = read_maps(world.maps[0])
     found = occlusion(maps)
@@ -41,7 +41,7 @@ def test_occlusion_has_the_worlds_closed_form(world, tmp_path):
     assert sum(shares[:10]) == pytest.approx(found["dark"], abs=2 / len(ao))
 
 
-def test_occlusion_is_a_table_of_all_that_were_not_left_out(world, tmp_path):
+def test_measure_occlusion_skips_left_out_figures(world, tmp_path):
     write_left_out(tmp_path / "broken.exr", {"name": "broken"}, "it is a plane")
     made = measure_occlusion([*world.maps, tmp_path / "broken.exr"], tmp_path / "occlusion.csv")
     assert list(made.name) == [path.stem for path in world.maps]
@@ -59,7 +59,7 @@ def figures(*rows):
     return pd.DataFrame(found, columns=OCCLUSION)
 
 
-def test_occlusion_is_grouped_by_pose_and_by_garment():
+def test_group_occlusion_by_pose_and_by_garment():
     table = figures(
         ("a", "sitting", "jeans; shirt", 0.7),
         ("b", "walking", "jeans; jeans", 0.9),
@@ -76,14 +76,14 @@ def test_occlusion_is_grouped_by_pose_and_by_garment():
     assert list(counts) == ["shirt", "hooded coat", "jeans"]  # darkest first, then by name
 
 
-def test_bands_of_an_open_surface_that_faces_the_camera():
+def test_transport_bands_of_an_open_surface_that_faces_the_camera():
     grey, first, second = transport_bands(unoccluded(np.array([[0.0, 0, 1]])))
     np.testing.assert_allclose(grey, 1)
     np.testing.assert_allclose(first[0], [0.5, 0.5, 1], atol=1e-6)
     np.testing.assert_allclose(second[0], [0.5, 0.5, 1], atol=1e-6)
 
 
-def test_cells_show_the_figure_on_the_ground():
+def test_composite_and_heat():
     colors, alpha = np.zeros((8, 8, 3)), np.zeros((8, 8))
     colors[2:6, 2:6], alpha[2:6, 2:6] = (1, 0, 0), 1
     cell = np.asarray(composite(colors, alpha, (80, 80)))
@@ -91,7 +91,7 @@ def test_cells_show_the_figure_on_the_ground():
     assert np.all(np.diff(heat(np.linspace(0, 1, 9), 1).sum(-1)) < 0)  # darker with the error
 
 
-def test_a_ball_shows_light_as_the_color_model_has_it():
+def test_ball_in_both_color_models():
     """Light from everywhere with irradiance (.4, .2, 1.25), white at .5: sRGB-encoded where it is linear."""
     light = np.zeros((9, 3))
     light[0] = np.array([0.4, 0.2, 1.25]) * np.sqrt(4 * np.pi) / np.pi
@@ -102,14 +102,14 @@ def test_a_ball_shows_light_as_the_color_model_has_it():
         assert picture[0, 0, 3] == 0 and picture[16, 16, 3] == 255
 
 
-def test_words_are_broken_and_shrunk_to_fit():
+def test_fit_text_breaks_and_shrinks():
     width = font(14).getlength("extraordinarily")
     words, size = fit_text("an extraordinarily long word", 20, int(width), False)
     assert words == "an\nextraordinarily\nlong word" and size <= 14
     assert fit_text("short", 20, 200, False) == ("short", 20)
 
 
-def test_box_holds_all_masks():
+def test_bounding_box_of_several_masks():
     masks = np.zeros((2, 50, 50), bool)
     masks[0, 10:20, 5:9], masks[1, 30:45, 20:30] = True, True
     assert bounding_box(list(masks)) == (slice(8, 47), slice(3, 32))
@@ -130,7 +130,7 @@ def test_contact_sheet_shows_every_figure(world, tmp_path):
         contact_sheet([], light, tmp_path / "none.png")
 
 
-def test_sheets_are_lit_by_what_shows_forms_and_colors():
+def test_clearest_light_is_frontal_and_white():
     white, red = np.ones(3), np.array([1.5, 0.8, 0.7])
     lights = np.zeros((4, 9, 3))
     lights[:, 0] = 1  # the first is flat
@@ -142,7 +142,7 @@ def test_sheets_are_lit_by_what_shows_forms_and_colors():
     assert (clearest_light(lights[:1]) == lights[0]).all()
 
 
-def test_a_sheet_is_exposed_for_each_figure(world):
+def test_views_are_exposed_for_each_figure(world):
     maps = read_maps(world.maps[0])
     light = np.zeros((9, 3), np.float32)
     light[0] = 0.9
@@ -188,7 +188,7 @@ def share_shown(cell: np.ndarray, colors: np.ndarray) -> float:
     return float(np.mean([(np.abs(cell.reshape(-1, 3) - color).max(1) <= 4).any() for color in some]))
 
 
-def test_a_figure_is_relit_by_several_lights(world, small_network, tmp_path):
+def test_relit_by_several_lights(world, small_network, tmp_path):
     """The truth has the colors of each test light; a network, which sees the first alone, has others."""
     networks = {"ours": tmp_path / "ours.safetensors"}
     small_network(networks["ours"], "ours", "photo")
@@ -205,7 +205,7 @@ def test_a_figure_is_relit_by_several_lights(world, small_network, tmp_path):
         assert found[0] > 0.9 and found[0] > found[1] + 0.3
 
 
-def test_one_figure_at_a_glance_and_the_ends_of_the_errors(world, small_network, tmp_path):
+def test_plates_of_one_figure_and_of_extreme_places(world, small_network, tmp_path):
     """Of three test figures in the order 2, 0, 1 of their errors the sheet shows each once, from the best on."""
     networks = {"ours": tmp_path / "ours.safetensors"}
     small_network(networks["ours"], "ours", "photo")
@@ -226,7 +226,7 @@ def test_one_figure_at_a_glance_and_the_ends_of_the_errors(world, small_network,
         assert (np.abs(shown - color).max(1) <= 2).sum() > 500
 
 
-def test_charts_are_made_and_are_the_same_again(tmp_path):
+def test_plot_errors_and_plot_curves_are_reproducible(tmp_path):
     rng = np.random.default_rng(0)
     columns = {c: rng.random((5, 2)) for c in TABLE2_COLUMNS}
     given = {name: [Scores(list("abcde"), [0, 1], columns)] for name in ("sfsnet", "ours_full")}
@@ -247,7 +247,7 @@ def test_charts_are_made_and_are_the_same_again(tmp_path):
         plot_curves([tmp_path / "bad.csv"], tmp_path / "none.svg")
 
 
-def test_occlusion_is_charted_beside_what_the_paper_implies(tmp_path):
+def test_plot_occlusion_is_reproducible(tmp_path):
     found = figures(("a", "sitting", "", 0.7), ("b", "walking", "", 0.9))
     for name in ("a.svg", "b.svg"):
         plot_occlusion(found, tmp_path / name)

@@ -89,14 +89,14 @@ TABLES = [path.stem for path in (CONF / "experiment").glob("*.yaml") if "table: 
 
 
 @pytest.mark.parametrize("preset", sorted({*TABLES} - {"one", "photo"}))
-def test_every_section_is_made(tmp_path, preset):
+def test_section_of_every_table_of_trainings(tmp_path, preset):
     made = build.experiment(results(tmp_path, preset, {}), preset)
     assert not made.failed and made.name == preset and "<table" in made.html
     assert ("data:image/png" in made.html) == (preset in ("order", "data_size", "width"))
     check(made.html)
 
 
-def test_only_what_all_share_is_among_the_shared_settings(tmp_path):
+def test_setting_tables_shared_and_differing(tmp_path):
     """Files of single rows, and of several splits, say nothing about the run as a whole."""
     made = results(tmp_path, "table1", {})
     others = {"inference_time.sfsnet": {"model": {"width": 3}}, "split.a": {"split": {"kind": "a"}}}
@@ -108,7 +108,7 @@ def test_only_what_all_share_is_among_the_shared_settings(tmp_path):
     assert list(found["differing"].frame.index) == ["train.steps"]
 
 
-def test_what_is_not_in_the_data_is_said(tmp_path):
+def test_section_without_such_figures(tmp_path):
     made = results(tmp_path, "sitting", {}, sitting=[])
     section = build.experiment(made, "sitting")
     assert not section.failed and "<table" not in section.html and made.table("sitting").rows == {}
@@ -116,7 +116,7 @@ def test_what_is_not_in_the_data_is_said(tmp_path):
     assert (tmp_path / "sitting.tex").stat().st_size > 50
 
 
-def test_sitting(tmp_path):
+def test_sitting_section(tmp_path):
     worse = {"ours_full": {"shading_rmse": 0.5}, "mean_figure": dict.fromkeys(LEVEL, 0)}
     found = verdicts(numbers(tmp_path, "sitting", worse, usual={"x": {}}))
     assert found["Ours (full), sitting against standing", "shading RMSE"] is Verdict.WORSE
@@ -124,7 +124,7 @@ def test_sitting(tmp_path):
     assert found["Ours (full) against the mean figure", "shading RMSE"] is Verdict.WORSE
 
 
-def test_unusual_lights(tmp_path):
+def test_unusual_lights_section(tmp_path):
     lost = {"light_rmse": 0.4, "albedo_rmse": 0.2}
     errors = {
         "ours_full": lost,
@@ -143,7 +143,7 @@ def test_unusual_lights(tmp_path):
     assert not any(made["fails"].values()) and made["nearest"] is Verdict.BETTER
 
 
-def test_silhouette_measures_how_far_the_mask_goes(tmp_path):
+def test_silhouette_section(tmp_path):
     errors = {"silhouette": {"transport_rmse": 0.35}, "transport_only": {"transport_rmse": 0.2}}
     errors |= {"mean_figure": {"transport_rmse": 0.4, "shading_true_light_rmse": 0.4}}
     made = numbers(tmp_path / "a", "silhouette", errors)
@@ -152,7 +152,7 @@ def test_silhouette_measures_how_far_the_mask_goes(tmp_path):
     assert made["part"] is None and not made["tells"]
 
 
-def test_self_supervised_measures_the_collapse(tmp_path):
+def test_self_supervised_section(tmp_path):
     errors = {"self_all": {"shading_contrast": 0.3, "albedo_share": 0.9}, "self_encoder": {"shading_contrast": 0.3}}
     made = numbers(tmp_path, "self_supervised", errors)
     assert made["collapsed"] == {"self_encoder": 1, "self_all": 2}
@@ -162,7 +162,7 @@ def test_self_supervised_measures_the_collapse(tmp_path):
     assert set(numbers(tmp_path / "none", "self_supervised", {})["collapsed"].values()) == {0}
 
 
-def test_data_size_and_order(tmp_path):
+def test_data_size_and_order_sections(tmp_path):
     falling = {"figures_8": 0.5, "figures_16": 0.4, "figures_32": 0.35, "figures_64": 0.3, "figures_128": 0.3}
     made = numbers(tmp_path / "a", "data_size", {row: {"shading_rmse": value} for row, value in falling.items()})
     assert made["places"][0] == 8 and made["places"][-1] == 40  # all that there are
@@ -173,14 +173,14 @@ def test_data_size_and_order(tmp_path):
     assert verdicts(made)["order 3 against 2", "shading RMSE"] is Verdict.BETTER
 
 
-def test_splits(tmp_path):
+def test_splits_section(tmp_path):
     made = build.experiment(
         results(tmp_path, "splits", {"ours_siblings": {"shading_rmse": 0.2, "albedo_rmse": 0.05}}), "splits"
     )
     assert "With a random split, 2 of 5 errors are significantly smaller." in made.html
 
 
-def test_equal_losses_part_what_is_inferred_from_the_losses(tmp_path):
+def test_equal_losses_section(tmp_path):
     """Of .4 without and .2 with both, .3 with either: each half of the lead, a quarter of the first error."""
     levels = {"sfsnet_ao": 0.4, "sfsnet_ao_full": 0.3, "ours_min": 0.3, "ours_full": 0.2}
     made = numbers(tmp_path, "equal_losses", {row: {"shading_rmse": value} for row, value in levels.items()})
@@ -195,7 +195,7 @@ def test_equal_losses_part_what_is_inferred_from_the_losses(tmp_path):
     assert made["parts"] == pytest.approx({"inferred": 0.5, "losses": 0}, abs=0.01)
 
 
-def test_the_parts_of_plus_that_cost_something(tmp_path):
+def test_plus_parts_section(tmp_path):
     errors = {"plus_no_mirror": {"albedo_rmse": 0.2}, "ours_full": {"albedo_rmse": 0.2}}
     errors["plus_no_relit"] = {"relit_rmse": 0.6}
     made = numbers(tmp_path, "plus_parts", errors)
@@ -208,7 +208,7 @@ def test_the_parts_of_plus_that_cost_something(tmp_path):
     assert "None of the 5 ablations is significantly worse in any error." in html
 
 
-def test_longer_training_can_turn_a_verdict_round(tmp_path):
+def test_steps_section(tmp_path):
     """All fifteen losses trail in transport at 4,000 steps and lead at 16,000."""
     errors = {
         "full_4000": {"transport_rmse": 0.5},
@@ -225,7 +225,7 @@ def test_longer_training_can_turn_a_verdict_round(tmp_path):
     assert numbers(tmp_path / "b", "steps", {})["changed"] == []
 
 
-def test_relighting_is_worth_something_where_it_beats_the_picture_as_it_is(tmp_path):
+def test_relit_section(tmp_path):
     errors = {"as_it_is": {"relit_rmse": 0.3}, "ours_full": {"relit_rmse": 0.2}, "sfsnet": {"relit_rmse": 0.4}}
     errors |= {"sfsnet_ao": {"relit_rmse": 0.3}, "ours_min": {"relit_rmse": 0.3}}
     made = numbers(tmp_path, "relit", errors)
@@ -235,7 +235,7 @@ def test_relighting_is_worth_something_where_it_beats_the_picture_as_it_is(tmp_p
     assert row["first better by"].startswith("+33") and row["within"] is None
 
 
-def test_relative_effects_and_bounds_of_what_is_open(tmp_path):
+def test_summary_effects_and_bounds(tmp_path):
     """Rows alike but for noise are equivalent or open, and `within` says under what; sure ones have no bound."""
     frame = sections.summary(results(tmp_path, "table2", {"no_tv": {"albedo_rmse": 0.2}}))["listed"].frame
     sure = frame[frame["in"] == "albedo RMSE"].loc["w/o TV before Ours (full)"]
@@ -245,7 +245,7 @@ def test_relative_effects_and_bounds_of_what_is_open(tmp_path):
     assert {"†" in value for value in frame["by"]} == {True, False}  # what the paper prints under 3.5 %
 
 
-def test_quarters_of_occlusion_hold_the_right_figures(tmp_path):
+def test_quarters_hold_the_right_figures(tmp_path):
     """Figures in the set grow harder with their number, and are the less occluded the higher it is."""
     made = results(tmp_path, "table2", {})
     write_occlusion(made.report / "occlusion.csv", 1 - np.arange(10) / 10)
@@ -263,7 +263,7 @@ def test_quarters_of_occlusion_hold_the_right_figures(tmp_path):
     assert sections.quarters(made, "table2") == {}
 
 
-def test_a_lead_is_measured_in_each_quarter(tmp_path):
+def test_quarters_compare_methods(tmp_path):
     """Ours (full) is ahead of SfSNet-AO on the five least occluded of ten figures, and behind on the others."""
     made = results(tmp_path, "table1", {})
     lead = np.where(np.arange(10) < 5, -0.1, 0.1)[:, None]
@@ -325,7 +325,7 @@ def save_lights(folder):
     )
 
 
-def test_the_page_is_whole_and_stands_alone(tmp_path):
+def test_build_report_is_whole_and_stands_alone(tmp_path):
     folder = whole_run(tmp_path, "table1", "table2")
     out = folder / "report" / "report.html"
     build.build_report("a <run>", SETTINGS, folder / "experiments.json", folder, out)
@@ -356,7 +356,7 @@ def test_the_page_is_whole_and_stands_alone(tmp_path):
         assert said in html
 
 
-def test_a_failed_section_takes_no_other_along(tmp_path, capsys):
+def test_build_report_with_failed_sections(tmp_path, capsys):
     folder = whole_run(tmp_path, "table1", "table2")
     (folder / "evaluate" / "test-test" / "no_tv.s0.csv").write_text("a,b\n1,2\n")
     (folder / "lights" / "chain.json").unlink()
@@ -407,7 +407,7 @@ def check(html: str) -> Outline:
     return found
 
 
-def test_the_cost_is_the_time_in_which_anything_ran(tmp_path):
+def test_costs_of_overlapping_jobs(tmp_path):
     """Two jobs side by side, a pause, and a third: 4 + 2 s of wall time, 9 s of jobs."""
     for stage, name, seconds, end in (("bake", "a", 4, 104), ("bake", "b", 3, 103), ("evaluate/x-y", "c", 2, 202)):
         path = tmp_path / "benchmark" / stage / f"{name}.tsv"
@@ -420,7 +420,7 @@ def test_the_cost_is_the_time_in_which_anything_ran(tmp_path):
     assert provenance.costs(tmp_path / "none")[1] == 0
 
 
-def test_a_run_says_how_to_repeat_it(tmp_path):
+def test_command_repeats_a_run(tmp_path):
     folder = tmp_path / "mine"
     folder.mkdir()
     assert provenance.command(folder) == "relight run"
@@ -430,7 +430,7 @@ def test_a_run_says_how_to_repeat_it(tmp_path):
     assert provenance.command(folder) == "snakemake all --configfile results/mine/run.yaml"
 
 
-def test_pictures_are_inside_the_page(tmp_path):
+def test_picture_is_embedded(tmp_path):
     noise = np.random.default_rng(0).integers(0, 255, (600, 700, 3), np.uint8)
     Image.fromarray(noise).save(tmp_path / "big.png")
     assert 'src="data:image/jpeg' in page.picture(tmp_path / "big.png", 'a "red" <box>')
@@ -440,7 +440,7 @@ def test_pictures_are_inside_the_page(tmp_path):
         page.picture(tmp_path / "a.gif", "no")
 
 
-def test_redraws_are_counted_and_their_reasons_gathered():
+def test_redraws_by_reason():
     stretched = ["t-shirt: stretched to 1.41 of its pattern", "coat: stretched to 1.52 of its pattern"]
     infos = {
         "g0": {"redrawn": 0, "redrawn_because": []},

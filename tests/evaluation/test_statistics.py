@@ -15,7 +15,7 @@ from relight.evaluation.scoring.statistics import (
 RNG = np.random.default_rng(5)
 
 
-def test_weights_are_resamples_of_the_figures():
+def test_resample_weights_are_resamples():
     weights = resample_weights(7, 500, 1)
     np.testing.assert_allclose(weights.sum(1), 1)
     np.testing.assert_allclose(weights * 7, np.round(weights * 7))
@@ -24,7 +24,7 @@ def test_weights_are_resamples_of_the_figures():
     assert not np.array_equal(weights, resample_weights(7, 500, 2))
 
 
-def test_interval_agrees_with_students_for_normal_figures():
+def test_estimate_interval_agrees_with_students():
     values = RNG.normal(2, 0.3, (1, 40, 1))
     found = estimate(values, 20000, 0)
     low, high = stats.t.interval(0.95, 39, values.mean(), stats.sem(values[0, :, 0]))
@@ -35,7 +35,7 @@ def test_interval_agrees_with_students_for_normal_figures():
 @pytest.mark.parametrize(
     ("figures", "lights", "trainings"), [(16, 1, 1), (8, 1, 1), (16, 1, 3), (12, 6, 1), (10, 8, 3)]
 )
-def test_intervals_cover_the_truth_as_often_as_they_say(figures, lights, trainings):
+def test_estimate_interval_coverage(figures, lights, trainings):
     """Figures, lights and trainings differ: 95 % intervals cover the true mean in 95 % of 400 experiments."""
     covered = 0
     for trial in range(400):
@@ -48,7 +48,7 @@ def test_intervals_cover_the_truth_as_often_as_they_say(figures, lights, trainin
     assert 0.925 <= covered / 400 <= 0.985
 
 
-def test_differences_agree_with_the_paired_t_test():
+def test_compare_agrees_with_the_paired_t_test():
     first, second = RNG.normal(0, 1, (2, 9))
     found = compare(*(estimate(row[None, :, None], 100, 0) for row in (first, second)))
     expected = stats.ttest_rel(first, second)
@@ -56,7 +56,7 @@ def test_differences_agree_with_the_paired_t_test():
     assert (found.p, found.low, found.high) == pytest.approx((expected.pvalue, interval.low, interval.high))
 
 
-def test_differences_over_other_figures_agree_with_welch():
+def test_compare_over_other_figures_agrees_with_welch():
     first, second = RNG.normal(0, 1, 9), RNG.normal(0.5, 2, 14)
     rows = [Estimate(v.mean(), 0, 0, v[:, None], figures=list(range(len(v))), lights=[0]) for v in (first, second)]
     expected = stats.ttest_ind(first, second, equal_var=False)
@@ -65,7 +65,7 @@ def test_differences_over_other_figures_agree_with_welch():
     assert (found.p, found.low, found.high) == pytest.approx((expected.pvalue, interval.low, interval.high))
 
 
-def test_crossed_differences_have_the_variance_of_the_mean_squares():
+def test_compare_crossed_variance_of_the_mean_squares():
     """Of a two-way layout: (MS_figure + MS_light - MS_pair) / FL, degrees of freedom by Satterthwaite."""
     figures, lights = 7, 5
     values = RNG.normal(0, 1, (figures, 1)) + RNG.normal(0, 1.5, lights) + RNG.normal(0, 0.3, (figures, lights))
@@ -92,7 +92,7 @@ def test_crossed_differences_have_the_variance_of_the_mean_squares():
     assert found.p_equivalent(found.bound(0.05)) == pytest.approx(0.05)
 
 
-def test_a_factor_without_spread_of_its_own_takes_nothing_away():
+def test_variance_components_are_not_negative():
     """Means of lights that are closer than the pairs' noise makes them: the variance is that over figures alone."""
     noise = RNG.normal(0, 1, (6, 4))
     values = noise - noise.mean(0) + RNG.normal(0, 2, (6, 1))
@@ -102,7 +102,7 @@ def test_a_factor_without_spread_of_its_own_takes_nothing_away():
 
 
 @pytest.mark.parametrize(("lights", "trainings"), [(1, 1), (1, 3), (6, 1), (6, 3)])
-def test_p_values_of_equal_rows_are_uniform(lights, trainings):
+def test_compare_p_values_of_equal_rows_are_uniform(lights, trainings):
     """5 % of 600 comparisons of rows that are alike fall under .05, although their lights differ in common."""
     found = []
     for trial in range(600):
@@ -117,7 +117,7 @@ def test_p_values_of_equal_rows_are_uniform(lights, trainings):
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_rows_that_share_a_factor_only_are_paired_in_that(seed):
+def test_compare_rows_that_share_one_factor(seed):
     """Other figures under the same lights: what the lights do to both rows alike falls out; and the other way round."""
     rng = np.random.default_rng(seed)
     shared, own = rng.normal(0, 1, 8), rng.normal(0, 0.01, (2, 12, 8))
@@ -129,7 +129,7 @@ def test_rows_that_share_a_factor_only_are_paired_in_that(seed):
     assert compare(*apart).error > 0.2
 
 
-def test_pairing_finds_what_the_intervals_hide():
+def test_compare_pairs_rows():
     """A shift far under the spread of the figures: the rows' intervals overlap, their paired difference is sure."""
     shared = RNG.normal(1, 0.3, 16)
     first = estimate(shared[None, :, None], 2000, 0)
@@ -140,7 +140,7 @@ def test_pairing_finds_what_the_intervals_hide():
     assert found.mean == pytest.approx(-0.02, abs=0.003)
 
 
-def test_the_spread_of_trainings_widens_the_interval():
+def test_estimate_interval_with_the_spread_of_trainings():
     figures = np.linspace(0.9, 1.1, 16)[:, None]
     calm, wild = np.stack([figures, figures, figures]), np.stack([figures - 0.1, figures, figures + 0.1])
     spread = pooled_spread([wild, wild, calm[:1]])
@@ -152,7 +152,7 @@ def test_the_spread_of_trainings_widens_the_interval():
 
 
 @pytest.mark.parametrize("noisy", [1, 3, 6])
-def test_a_row_whose_trainings_differ_more_is_not_sure_of_itself(noisy):
+def test_estimate_prefers_the_larger_spread(noisy):
     """With the degrees of freedom of the pooled spread, 12 % of p-values would be under .05."""
     found = []
     for trial in range(600):
@@ -164,7 +164,7 @@ def test_a_row_whose_trainings_differ_more_is_not_sure_of_itself(noisy):
     assert np.mean(np.array(found) < 0.05) <= 0.075 and np.mean(np.array(found) < 0.001) <= 0.015
 
 
-def test_few_figures_cannot_be_sure():
+def test_estimate_and_compare_of_few_figures():
     first, second = (estimate(np.array([row])[..., None], 2000, 0) for row in ([0.5, 0.6], [0.7, 0.9]))
     assert compare(first, second).p > 0.1
     first, second = (estimate(np.full((1, 1, 3), value), 100, 0) for value in (0.5, 0.7))

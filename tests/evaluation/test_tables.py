@@ -48,7 +48,7 @@ def rows(shift=None, names=("sfsnet", "sfsnet_ao", "ours_min", "ours_full"), see
     return {name: [scores(name, seed, shift.get(name, {}), **options) for seed in range(seeds)] for name in names}
 
 
-def test_the_best_and_what_cannot_be_told_from_it():
+def test_experiment_table_best_and_not_significant():
     given = rows({"ours_min": {"light_rmse": -0.0062}})  # .1988 against .199 of ours_full
     table = experiment_table("table1", given, {}, SETTINGS)
     cells = table.rows
@@ -63,7 +63,7 @@ def test_the_best_and_what_cannot_be_told_from_it():
     assert "ao_rmse" not in cells["ours_full"] and not cells["sfsnet_ao"]["ao_rmse"].best  # alone in its column
 
 
-def test_baselines_do_not_compete():
+def test_experiment_table_baselines_do_not_compete():
     baseline = {"mean_figure": [scores("ours_full", 0, {c: -0.1 for c in TABLE1_COLUMNS})]}
     table = experiment_table("table1", rows(), baseline, SETTINGS)
     assert table.baselines == ["mean_figure"] and list(table.rows)[-1] == "mean_figure"
@@ -73,7 +73,7 @@ def test_baselines_do_not_compete():
     assert score_grid(table, table.columns).frame.index[-5] == LABELS["mean_figure"]  # four printed rows follow
 
 
-def test_an_experiment_shows_its_own_columns_and_its_rows_in_their_order():
+def test_experiment_table_columns_and_order_of_rows():
     names = ("ours_full", "no_tv", "no_shading")
     given = {name: [scores(name, 0, {})] for name in names}
     table = experiment_table("table2", given, {}, SETTINGS, TABLE2_COLUMNS)
@@ -84,7 +84,7 @@ def test_an_experiment_shows_its_own_columns_and_its_rows_in_their_order():
         experiment_table("table2", {}, {}, SETTINGS)
 
 
-def test_files_of_a_table_hold_its_numbers(tmp_path):
+def test_write_tables_of_scores(tmp_path):
     table = experiment_table("table1", rows(seeds=2), {"mean_figure": [scores("ours_min", 5, {})]}, SETTINGS)
     write_score_table(table, "Table 1", tmp_path / "table1")
     with open(tmp_path / "table1.csv", newline="") as file:
@@ -111,7 +111,7 @@ def test_files_of_a_table_hold_its_numbers(tmp_path):
         assert path.read_bytes() == before
 
 
-def test_any_table_in_every_form(tmp_path):
+def test_write_tables_of_any_cells(tmp_path):
     one = Estimate(0.1234, 0.1, 0.15, np.zeros((3, 1)))
     alone = Estimate(0.5, -np.inf, np.inf, np.zeros((1, 1)))
     lines = [["a & b", one, 3, 12.34, Verdict.WORSE], ["<c>", alone, 4, None, "|"]]
@@ -133,7 +133,7 @@ def test_any_table_in_every_form(tmp_path):
     assert grid.texts(MARKDOWN).shape == (2, 4) and grid.blocks() == [grid]
 
 
-def test_the_papers_own_numbers_hold_where_they_differ():
+def test_orderings_of_the_printed_values_hold():
     table = experiment_table("table1", rows(noise=0.0005), {}, SETTINGS)
     found = {(one.better, one.worse, one.comparison.column): one for one in orderings([table])}
     assert found["ours_min", "sfsnet", "shading_rmse"].comparison.verdict is Verdict.BETTER
@@ -146,7 +146,7 @@ def test_the_papers_own_numbers_hold_where_they_differ():
     assert not any(one.better == one.worse for one in found.values())
 
 
-def test_an_order_that_is_turned_round_is_reported_as_such():
+def test_orderings_reversed():
     table = experiment_table("table1", rows({"ours_full": {"transport_rmse": 0.1}}), {}, SETTINGS)
     found = {(one.better, one.worse, one.comparison.column): one.comparison for one in orderings([table])}
     one = found["ours_full", "ours_min", "transport_rmse"]
@@ -155,7 +155,7 @@ def test_an_order_that_is_turned_round_is_reported_as_such():
     assert one.gain == pytest.approx((one.second - one.first) / one.second)
 
 
-def test_similarities_count_the_other_way():
+def test_orderings_and_comparisons_of_similarities():
     table = experiment_table("table1", rows(noise=0.0005), {}, SETTINGS)
     found = compare_rows(table, "ours_full", "ours_min", ("shading_ssim", "shading_rmse", "none"))
     assert (
@@ -166,7 +166,7 @@ def test_similarities_count_the_other_way():
     assert found["shading_ssim"].difference.mean > 0 > found["shading_rmse"].difference.mean
 
 
-def test_nothing_is_claimed_that_noise_can_explain():
+def test_orderings_of_noise_claim_nothing():
     """All rows drawn alike: a stray verdict in about one of twenty repetitions, as the correction promises."""
     stray, quick = 0, Statistics(2, 0)
     for trial in range(40):
@@ -181,7 +181,7 @@ def test_nothing_is_claimed_that_noise_can_explain():
     assert stray <= 5
 
 
-def test_equivalence_is_shown_by_two_one_sided_tests():
+def test_compare_estimates_equivalent():
     """At a true difference of exactly the margin it is claimed in 5 % of cases; at none and little noise, always."""
 
     def claims(shift: float, noise: float) -> float:
@@ -199,7 +199,7 @@ def test_equivalence_is_shown_by_two_one_sided_tests():
     assert claims(0.0, 0.5) < 0.06
 
 
-def test_comparisons_read_together_are_corrected_together():
+def test_compare_rows_corrects_over_its_columns():
     rng = np.random.default_rng(1)
     ones = [Estimate(v.mean(), 0, 0, v[:, None]) for v in rng.normal(1, 0.1, (5, 8))]
     alone = [compare_estimates("shading_rmse", ones[0], one) for one in ones[1:]]
@@ -208,7 +208,7 @@ def test_comparisons_read_together_are_corrected_together():
     assert together[0] == pytest.approx(min(1, 4 * p[0])) and all(a >= b for a, b in zip(together, p))
 
 
-def test_scores_come_back_as_they_were(tmp_path):
+def test_write_scores_keeps_scores(tmp_path):
     one = Scores(["a", "null"], [3, 1], {"shading_rmse": np.array([[0.1234567, 2], [3, np.nan]])})
     write_scores(tmp_path / "a.csv", {"NA": one, "b.s0": one})
     found = read_scores(tmp_path / "a.csv")
@@ -227,7 +227,7 @@ def test_scores_come_back_as_they_were(tmp_path):
             read_scores(tmp_path / f"{name}.csv")
 
 
-def test_gather_puts_trainings_of_a_row_together(tmp_path):
+def test_gather_trainings_by_row(tmp_path):
     for name in ("ours_min.s0", "ours_min.s12", "sfsnet.s0"):
         write_scores(tmp_path / f"{name}.csv", {name: scores(name.split(".")[0], 0, {})})
     found = gather(sorted(tmp_path.glob("*.csv")))
@@ -238,7 +238,7 @@ def test_gather_puts_trainings_of_a_row_together(tmp_path):
         gather(sorted(tmp_path.glob("*.csv")))
 
 
-def test_one_figure_gives_numbers_without_certainty():
+def test_experiment_table_of_one_figure():
     one = {n: [Scores(["f"], [1], {c: v[:1, :1] for c, v in s[0].columns.items()})] for n, s in rows().items()}
     table = experiment_table("table1", one, {}, SETTINGS)
     grid = score_grid(table, table.columns)
@@ -246,13 +246,13 @@ def test_one_figure_gives_numbers_without_certainty():
     assert {one.comparison.verdict for one in orderings([table])} == {Verdict.OPEN}
 
 
-def test_printed_values_are_the_papers():
+def test_printed_values():
     assert printed("ours_full")["shading_rmse"] == 0.219 and printed("sfsnet_ao")["ao_ssim"] == 0.946
     assert "normal_rmse" not in printed("ours_min") and printed("mean_figure") == {}
     assert len(printed("no_reconstruction")) == 8
 
 
-def test_numbers_and_columns():
+def test_number_and_column_label():
     values = {0.1234: ".123", -0.5: "−.500", 10.1234: "10.123", 1.0: "1.000", 0.0: ".000", -1e-9: ".000"}
     assert {value: number(value) for value in values} == values and number(np.inf) == "∞"
     shown = {-0.0312: "−3.1 %", 0.005: "+0.5 %", -1e-9: "0.0 %", -np.inf: "−∞"}

@@ -11,17 +11,17 @@ def model(*words):
     return OmegaConf.to_object(composed(words)).model
 
 
-def test_the_papers_network_at_its_size():
+def test_multiply_adds_of_the_papers_network():
     assert 2 * multiply_adds(model("scale=paper"), 1024) == pytest.approx(328e9, rel=0.01)
 
 
 @pytest.mark.parametrize("words", [("model=ours_plus",), ("model=unet",), ("model=ours_plus", "model.width=1.0")])
-def test_every_network_of_the_rows_is_counted(words):
+def test_multiply_adds_of_every_network(words):
     """Heads that leave autocast, too: fake tensors have a device, meta tensors have one that autocast refuses."""
     assert multiply_adds(model("scale=smoke", *words), 64) > 1e6
 
 
-def test_times_of_small_networks(tmp_path):
+def test_time_networks_of_small_networks(tmp_path):
     small = {"ours_full": model("scale=smoke"), "ours_plus": model("scale=smoke", "model=ours_plus")}
     before = torch.get_num_threads()
     time_networks(small, Timing([64, 128], 0.0, 1), tmp_path / "times.csv")

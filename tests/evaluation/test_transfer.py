@@ -44,7 +44,7 @@ def drawn_answer(data, figure, lit, occlude=False):
     return Inferred(albedo, transport, ao=ao[..., 0] if occlude else None, light=light, occlude=occlude)
 
 
-def test_who_knows_the_truth_errs_by_the_mean_light_alone(world, data):
+def test_score_swaps_of_the_truth(world, data):
     scores = score_swaps(lambda f, lit: true_answer(data, f, lit), data, world.split, world.settings)
     assert set(scores) == {*VARIANTS, *BASELINES}
     for name in ("", "true_light", "true_maps", "true_color", "true_pattern"):
@@ -56,7 +56,7 @@ def test_who_knows_the_truth_errs_by_the_mean_light_alone(world, data):
 
 
 @pytest.mark.parametrize("occlude", [False, True])
-def test_every_variant_agrees_with_swaps_by_hand(world, data, occlude):
+def test_score_swaps_agrees_with_swaps_by_hand(world, data, occlude):
     scores = score_swaps(lambda f, lit: drawn_answer(data, f, lit, occlude), data, world.split, world.settings)
     a, b = data.figures(["snowman03", "snowman04"])
     assert scores[""].figures == ["snowman03+snowman04"]  # the third test figure has no partner
@@ -89,7 +89,7 @@ def test_every_variant_agrees_with_swaps_by_hand(world, data, occlude):
             assert found == pytest.approx(np.mean(pair), rel=1e-4), name
 
 
-def test_an_exchange_of_color_keeps_the_pattern():
+def test_match_color_keeps_the_pattern():
     rng = np.random.default_rng(0)
     light, other = rng.normal(size=(2, 4, 9, 3))
     light[:, 0], other[:, 0] = rng.uniform(0.5, 1, (2, 4, 3))
@@ -100,7 +100,7 @@ def test_an_exchange_of_color_keeps_the_pattern():
     assert np.isfinite(match_color(light, other)).all() and np.isfinite(match_color(other, light)).all()
 
 
-def test_scores_and_plate_of_networks(world, small_network, tmp_path):
+def test_evaluate_transfer_and_transfer_plate(world, small_network, tmp_path):
     networks = {}
     for name in ("ours", "sfsnet_ao"):
         networks[f"{name}.s0"] = tmp_path / f"{name}.safetensors"
@@ -120,7 +120,7 @@ def test_scores_and_plate_of_networks(world, small_network, tmp_path):
     assert (tmp_path / "plate.png").read_bytes() == first
 
 
-def test_nobody_to_swap_with_is_told(world, data):
+def test_score_swaps_without_a_pair(world, data):
     with pytest.raises(UserError, match="two test figures"):
         pair_up(np.array([3]))
     one = dataclasses.replace(world.settings, lights="test")
