@@ -10,7 +10,7 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 
 from relight import extensions
-from relight.config.schema import EXPERIMENT, FIELDS, STRENGTHS, Loss
+from relight.config.schema import EXPERIMENT, FIELDS, QUANTITIES, STRENGTHS, Loss
 from relight.config.setting import domain_in_words, setting_of
 from relight.files import UserError
 
@@ -114,6 +114,9 @@ def _inconsistent(cfg: DictConfig) -> Iterator[str]:
             first, against, second = pair.partition(" against ")
             if first not in (get("sweep.rows") or {}) or not against or not second:
                 yield f"experiments.{name}.compare: {pair!r} must be ROW against ROW, the first one of sweep.rows"
+        columns = [f"{quantity}_{reading}" for quantity in QUANTITIES for reading in ("rmse", "ssim")]
+        if unknown := [column for column in experiment.compare_in if column not in columns]:
+            yield f"experiments.{name}.compare_in: {unknown[0]} must be a quantity and a reading, such as relit_rmse"
     if (get("figures.outfits") or 1) > 1 and (get("figures.source") != "generated" or get("bake.bounces")):
         yield "figures.outfits must be 1 with bake.bounces, which depend on albedo, and unless figures are generated"
     for name, weight in (get("loss.extra") or {}).items():

@@ -10,6 +10,10 @@ from relight.config.setting import setting
 DEVICES = ("auto", "cpu", "cuda")
 PARTS = ("test", "sitting", "views")  # parts of the split that can be scored
 SCORED_LIGHTS = ("test", "unusual")  # splits of the light set that can be scored under
+QUANTITIES = (  # that are scored; the first six are those of the paper's Table 1
+    "shading", "transport", "normal", "ao", "light", "albedo",
+    "shading_true_light", "transport_with_ao", "reconstruction", "relit", "sphere",
+)  # fmt: skip
 AXES = ("auto", "+x", "-x", "+y", "-y", "+z", "-z")
 VERSION = "version of the code; results are recomputed when it is raised"
 
@@ -384,8 +388,7 @@ class Experiment:
     table: bool = setting("whether it is a table of trained and scored rows; else it has stages of its own", True)
     plates: bool = setting("whether its rows are drawn side by side on test figures", False)
     shows: list[str] = setting(
-        "quantities in its table, such as relit; [] for those of the paper's Table 1",
-        [],
+        "quantities in its table; by default those of the paper's Table 1", list(QUANTITIES[:6]), choices=QUANTITIES
     )
     compare: dict[str, str] = setting(
         "pairs of rows that its section compares, `this against that`, each with what the comparison measures", {}

@@ -2,8 +2,10 @@ import numpy as np
 import pytest
 from skimage.metrics import structural_similarity
 
+from relight.config.schema import QUANTITIES
 from relight.evaluation.scoring.metrics import rmse, ssim
-from relight.evaluation.scoring.truth import COLLAPSE, COLUMNS, READINGS, Inferred, Truth, light_errors
+from relight.evaluation.scoring.tables import TABLE1_COLUMNS, columns_of
+from relight.evaluation.scoring.truth import COLLAPSE, COLUMNS, RANGE, READINGS, Inferred, Truth, light_errors
 from relight.sh import unoccluded
 
 RNG = np.random.default_rng(3)
@@ -188,3 +190,8 @@ def test_truth_score_of_networks_of_other_orders():
         np.testing.assert_allclose(found["shading_rmse"], np.sqrt((lost**2).sum(-1).mean(-1)), atol=1e-5)
         assert found["transport_rmse"].max() < 1e-6 and found["light_rmse"].max() < 1e-6
     assert truth.score(Inferred(transport=maps + 1))["transport_rmse"] == pytest.approx(3, rel=1e-5)  # nine ones
+
+
+def test_every_quantity_has_a_range_and_a_setting():
+    assert set(RANGE) == set(QUANTITIES)
+    assert columns_of(*QUANTITIES[:6]) == TABLE1_COLUMNS

@@ -1,14 +1,11 @@
-"""Measures the inference time of networks (the paper, section 1: .43 s at 1024 px), and the machine's matrix rate."""
+"""Measures the inference time of networks (the paper, section 1: 0.43 s at 1024 px)."""
 
 import time
 from collections.abc import Callable
-from functools import partial
 from pathlib import Path
 
 import pandas as pd
 import torch
-from torch._subclasses.fake_tensor import FakeTensorMode
-from torch.utils.flop_counter import FlopCounterMode
 
 from relight.config import Model, Timing
 from relight.evaluation.scoring.scores import read_table
@@ -17,42 +14,7 @@ from relight.learning.networks import build
 from relight.processes import count_cores
 from relight.progress import progress
 
-TYPES = {"f32": torch.float32, "bf16": torch.bfloat16}
-COLUMNS = ["row", "width", "parameters", "size", "device", "threads", "wall", "cpu", "gflop", "rate"]
-
-
-def matmul_rate(clock: Callable[[Callable[[], object]], float], device: str, precision: str) -> float:
-    """Measures the rate of a large square matrix product.
-
-    Args:
-        clock: returns the seconds of a call.
-        device: cpu or cuda.
-        precision: a key of TYPES.
-
-    Returns:
-        Floating-point operations per second.
-    """
-    side = 8192 if device == "cuda" else 2048
-    a = torch.randn(side, side, device=device, dtype=TYPES[precision])
-    return 2 * side**3 / clock(lambda: a @ a)
-
-
-def multiply_adds(model: Model, size: int) -> float:
-    """Counts the multiply-adds of an inference, with fake tensors, which have a device but no data.
-
-    Args:
-        model: settings of the network.
-        size: side of the image in pixels.
-    """
-    network = build(model, size)
-    with FakeTensorMode(allow_non_fake_inputs=True), FlopCounterMode(display=False) as counter:
-        network(torch.empty(1, 3, size, size), torch.empty(1, 1, size, size))
-    return counter.get_total_flops() / 2
-
-
-def wall_seconds(call: Callable[[], object], device: str, seconds: float) -> float:
-    """Returns the least wall seconds of repeated calls; arguments as for `fastest_call`."""
-    return fastest_call(call, device, seconds)[0]
+COLUMNS = ["row", "width", "parameters", "size", "device", "threads", "wall", "cpu"]
 
 
 def fastest_call(call: Callable[[], object], device: str, seconds: float) -> tuple[float, float]:
@@ -86,7 +48,6 @@ def time_networks(models: dict[str, Model], settings: Timing, out: Path) -> None
         models: row -> settings of its network.
         settings: sizes, and seconds for each measurement.
         out: the table (.csv) of COLUMNS. wall, cpu: seconds per picture; cpu is the sum over threads, 0 on a GPU.
-            gflop: two operations per multiply-add. rate: GFLOP/s of a large matrix product on the same device.
     """
     before, cores = torch.get_num_threads(), count_cores()
     devices = [("cpu", 1)] + [("cpu", cores)] * (cores > 1) + [("cuda", 1)] * torch.cuda.is_available()
@@ -94,11 +55,10 @@ def time_networks(models: dict[str, Model], settings: Timing, out: Path) -> None
     try:
         for device, threads in devices:
             torch.set_num_threads(threads)
-            rate = matmul_rate(partial(wall_seconds, device=device, seconds=settings.seconds), device, "f32") / 1e9
             cases = [(row, size) for row in models for size in settings.sizes]
             for row, size in progress(cases, f"networks timed on {device}, threads {threads}"):
                 measured = time_network(models[row], size, device, settings.seconds)
-                rows.append({"row": row, "device": device, "threads": threads, "rate": rate, **measured})
+                rows.append({"row": row, "device": device, "threads": threads, **measured})
     finally:
         torch.set_num_threads(before)
     with atomic_write(out) as tmp:
@@ -118,15 +78,9 @@ def time_network(model: Model, size: int, device: str, seconds: float) -> dict[s
         "size": size,
         "wall": wall,
         "cpu": 0.0 if device == "cuda" else cpu,
-        "gflop": 2 * multiply_adds(model, size) / 1e9,
     }
 
 
 def read_times(path: Path) -> pd.DataFrame:
-    """Reads a table of `time_networks`, and adds `share`: the network's rate as a fraction of the matrix rate.
-
-    Raises:
-        UserError: if it is not such a table.
-    """
-    table = read_table(path, "times", COLUMNS, "the stage inference_time")
-    return table.assign(share=table.gflop / table.wall / table.rate)
+    """Reads a table of `time_networks`. Raises UserError if it is another table."""
+    return read_table(path, "times", COLUMNS, "the stage inference_time")

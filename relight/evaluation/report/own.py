@@ -140,18 +140,15 @@ def inference_time(results: Results, name: str) -> Numbers:
             one.on,
             one.wall,
             None if one.device == "cuda" else one.cpu,
-            one.gflop,
-            100 * one.share,
         ]
         for one in times.itertuples()
     ]
-    heads = ["network", "width", "parameters", "px", "on", "seconds", "CPU seconds", "GFLOP", "of the matrix rate, %"]
-    digits = {"seconds": 4, "CPU seconds": 4, "GFLOP": 1, "of the matrix rate, %": 0}
+    heads = ["network", "width", "parameters", "px", "on", "seconds", "CPU seconds"]
+    digits = {"seconds": 4, "CPU seconds": 4}
     grid = TextTable.of(heads, rows, digits=digits)
     made = {
         "largest": times[times["size"] == times["size"].max()],
         "printed": SECONDS,
-        "rates": times.groupby("on", sort=False)["rate"].median().to_dict(),
         "grid": grid,
     }
     return write_grids(results, name, {name: grid}, made)

@@ -14,7 +14,7 @@ import yaml
 from relight import config
 from relight.evaluation.scoring.scores import gather
 from relight.evaluation.scoring.statistics import Estimate
-from relight.evaluation.scoring.tables import TABLE1_COLUMNS, Rows, Table, columns_of, estimates, experiment_table
+from relight.evaluation.scoring.tables import Rows, Table, columns_of, estimates, experiment_table
 from relight.files import UserError, existing_file
 
 
@@ -122,7 +122,7 @@ class Results:
 
     def columns(self, name: str) -> tuple[str, ...]:
         """Returns the columns of an experiment's table."""
-        return columns_of(*self.experiments[name]["shows"]) or TABLE1_COLUMNS
+        return columns_of(*self.experiments[name]["shows"])
 
     def estimates(self, name: str, column: str) -> dict[str, Estimate]:
         """Returns the estimates of a column of the scores, by row or baseline."""
