@@ -71,19 +71,19 @@ def errors(inferred: Intrinsics, true: Intrinsics) -> dict[str, float]:
         By the measures of `relight.evaluation.scoring.metrics`: for the light the error of irradiance; for each map the
         RMSE; for albedo and shading also the SSIM. What is None on either side is left out.
     """
-    found: dict[str, float] = {}
+    measured: dict[str, float] = {}
     if inferred.light is not None and true.light is not None:
-        found["light"] = irradiance_error(inferred.light, true.light)
-        found["light_factor"] = scaled_irradiance_error(inferred.light, true.light)
+        measured["light"] = irradiance_error(inferred.light, true.light)
+        measured["light_factor"] = scaled_irradiance_error(inferred.light, true.light)
     for name in ("albedo", "shading", "transport"):
         values, expected = getattr(inferred, name), getattr(true, name)
         if values is not None and expected is not None:
             values, expected = values[true.mask], expected[true.mask]
-            found[name] = float(rmse(values, expected))
+            measured[name] = float(rmse(values, expected))
             if name != "transport":
-                found[f"{name}_factor"] = scaled_rmse(values, expected)
-                found[f"{name}_ssim"] = MaskBox.of(true.mask).ssim(values.clip(0, 1), expected.clip(0, 1))
-    return found
+                measured[f"{name}_factor"] = scaled_rmse(values, expected)
+                measured[f"{name}_ssim"] = MaskBox.of(true.mask).ssim(values.clip(0, 1), expected.clip(0, 1))
+    return measured
 
 
 def leaks(inferred: Intrinsics) -> dict[str, float]:
@@ -140,26 +140,26 @@ def invariances(inferred: Mapping[str, Intrinsics]) -> dict[str, float]:
         INVARIANCES by name, for the maps and the light that the method infers. The ideal is 0, but 1 for `dark_albedo`
         and `tint`, and .5 for `dark_shading`.
     """
-    picture, found = inferred[""], {}
+    picture, measured = inferred[""], {}
     lights = {name: one.light for name, one in inferred.items() if one.light is not None}
     shadings = {name: one.shading for name, one in inferred.items() if one.shading is not None}
     if "" in lights:
         changes = {name: irradiance_error(light, lights[""]) for name, light in lights.items() if name != "mirror"}
         for pixels in (4, 8):
-            found[f"shift_{pixels}"] = (changes[f"down_{pixels}"] + changes[f"right_{pixels}"]) / 2
-        found |= {name: changes[name] for name in ("larger", "smaller", "fatter", "thinner", "knee", "waist")}
-        found["mirror_light"] = irradiance_error(lights["mirror"] * MIRROR[:, None], lights[""])
+            measured[f"shift_{pixels}"] = (changes[f"down_{pixels}"] + changes[f"right_{pixels}"]) / 2
+        measured |= {name: changes[name] for name in ("larger", "smaller", "fatter", "thinner", "knee", "waist")}
+        measured["mirror_light"] = irradiance_error(lights["mirror"] * MIRROR[:, None], lights[""])
     both = picture.mask & inferred["mirror"].mask[:, ::-1]
     for name, signs in (("transport", MIRROR), ("albedo", 1.0)):
         if (original := getattr(picture, name)) is not None:
             mirrored = getattr(inferred["mirror"], name)[:, ::-1] * signs
-            found[f"mirror_{name}"] = float(rmse(mirrored[both], original[both]))
+            measured[f"mirror_{name}"] = float(rmse(mirrored[both], original[both]))
     for name in ("albedo", "shading"):
         if (original := getattr(picture, name)) is not None:
             change = (getattr(inferred["dark"], name) + 1e-3) / (original + 1e-3)
-            found[f"dark_{name}"] = float(np.median(change[picture.mask]))
+            measured[f"dark_{name}"] = float(np.median(change[picture.mask]))
     if "" in shadings:
         warm, plain = (shadings[name][picture.mask].mean(0) for name in ("warm", "plain"))
         tint = np.log(warm / plain)
-        found["tint"] = float((tint[0] - tint[2]) / np.log(1.44))
-    return found
+        measured["tint"] = float((tint[0] - tint[2]) / np.log(1.44))
+    return measured

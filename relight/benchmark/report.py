@@ -30,8 +30,8 @@ def benchmark(results: Results, name: str) -> dict[str, Any]:
         for row, methods in rows.items()
     ]
     kinds = {label(row): "baseline" if row in BASELINES else "network" for row in rows}
-    found = MethodComparison(scored, results.settings.bootstrap, list(rows).index("shipped")).tables()
-    for stem, table in found.items():
+    tables = MethodComparison(scored, results.settings.bootstrap, list(rows).index("shipped")).tables()
+    for stem, table in tables.items():
         table.grid.kinds = [kinds.get(words, "") for words in table.grid.frame.index]  # the last table has measures
         write_tables(results.report / stem, table.title, table.note, table.grid)
-    return {"experiment": one, "trainings": max(map(len, one["trainings"].values())), "tables": found}
+    return {"experiment": one, "trainings": max(map(len, one["trainings"].values())), "tables": tables}

@@ -48,8 +48,8 @@ def score(folder: Path | str, answers: Path | str) -> Path:
     rows: list[list] = []
     names: set[str] = set()
     for entry in progress(pictures, "pictures scored"):
-        variants = [one for one in benchmark.entries if one.of == entry.name] if has_variants else []
-        answered = {one: read_answer(answers, one) for one in (entry, *variants)}
+        variants = [variant for variant in benchmark.entries if variant.of == entry.name] if has_variants else []
+        answered = {picture: read_answer(answers, picture) for picture in (entry, *variants)}
         names = names or set(answered[entry])
         for one, arrays in answered.items():
             required = names.difference(PICTURES) if one.of else names
@@ -59,7 +59,7 @@ def score(folder: Path | str, answers: Path | str) -> Path:
                     f"{', '.join(sorted(required))}: all answers of a folder must hold the same arrays"
                 )
         rows.append([benchmark.hash[:16], entry.name, entry.figure, score_answers(benchmark, entry, answered)])
-    frame = pd.DataFrame([{**dict(zip(KEYS, keys)), **found} for *keys, found in rows], columns=[*KEYS, *COLUMNS])
+    frame = pd.DataFrame([{**dict(zip(KEYS, keys)), **scores} for *keys, scores in rows], columns=[*KEYS, *COLUMNS])
     with atomic_write(answers / SCORES) as tmp:
         frame.to_csv(tmp, index=False, float_format="%.6g", lineterminator="\n")
     return answers / SCORES
@@ -81,15 +81,15 @@ def score_answers(
     """
     true, pictures = benchmark.truth(entry)
     inferred = {one.variant: to_intrinsics(arrays, square_mask(one)) for one, arrays in answered.items()}
-    found = errors(inferred[""], true) | leaks(inferred[""])
+    scores = errors(inferred[""], true) | leaks(inferred[""])
     opaque = entry.shot().mask >= OPAQUE
     for mode in PICTURES:
         if mode in answered[entry]:
             by_light = [relit_errors(*pair, opaque) for pair in zip(answered[entry][mode], pictures)]
-            found |= {f"{mode}{key}": float(np.mean([one[key] for one in by_light])) for key in by_light[0]}
+            scores |= {f"{mode}{key}": float(np.mean([of_light[key] for of_light in by_light])) for key in by_light[0]}
     if len(inferred) > 1:
-        found |= invariances(inferred)
-    return found if benchmark.scaled else {name: value for name, value in found.items() if name not in ABSOLUTE}
+        scores |= invariances(inferred)
+    return scores if benchmark.scaled else {name: value for name, value in scores.items() if name not in ABSOLUTE}
 
 
 def relit_errors(relit: np.ndarray, true: np.ndarray, opaque: np.ndarray) -> dict[str, float]:
@@ -146,7 +146,9 @@ def mean_scores(name: str, trainings: list[pd.DataFrame]) -> pd.DataFrame:
         UserError: if the trainings were scored on different sets.
     """
     require_one_set(trainings)
-    frame = pd.DataFrame(np.mean([one.to_numpy() for one in trainings], 0), trainings[0].index, trainings[0].columns)
+    frame = pd.DataFrame(
+        np.mean([training.to_numpy() for training in trainings], 0), trainings[0].index, trainings[0].columns
+    )
     frame.attrs["method"] = name
     return frame
 

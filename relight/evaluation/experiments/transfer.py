@@ -82,23 +82,23 @@ def evaluate_transfer(
     for name, checkpoint in progress(list(networks.items()), "networks that swap lights"):
         network, data = load(checkpoint, packed, lights, settings)
         training = TrainingName.parse(name)
-        found = score_swaps(partial(infer, network, data), data, split, settings)
-        baselines = {name: found.pop(name) for name in BASELINES}
-        for variant, one in found.items():
-            scores[str(replace(training, row=f"{training.row}:{variant}")) if variant else name] = one
+        by_variant = score_swaps(partial(infer, network, data), data, split, settings)
+        baselines = {name: by_variant.pop(name) for name in BASELINES}
+        for variant, swaps in by_variant.items():
+            scores[str(replace(training, row=f"{training.row}:{variant}")) if variant else name] = swaps
     write_scores(out, {**scores, **baselines})
 
 
 def score_swaps(predictor: Predictor, data: RelitSet, split: Path, settings: config.Evaluate) -> dict[str, Scores]:
     """Returns the scores of a predictor's VARIANTS and of BASELINES: a row per pair of figures, a column per swap."""
-    figures, lit = select_pairs(data, split, settings.lights)
+    figures, test_lights = select_pairs(data, split, settings.lights)
     pairs = pair_up(figures)
-    if len(lit) < 2:
+    if len(test_lights) < 2:
         raise UserError("light transfer needs two test lights at least, and the set has one: raise lights.test")
     mean = mean_light(data)
     parts: dict[str, list[dict[str, np.ndarray]]] = {}
     for pair in progress(pairs, "pairs of figures"):
-        a, b = (Partner(truth(data, f, lit), predictor(f, lit)) for f in pair)
+        a, b = (Partner(truth(data, f, test_lights), predictor(f, test_lights)) for f in pair)
         relit_a, relit_b = relight_swapped(a, b, mean, 1), relight_swapped(b, a, mean, -1)
         for name in relit_a:
             # a goes from light l to m = l + 1, b from m to l: both belong to the swap of l.
@@ -106,7 +106,7 @@ def score_swaps(predictor: Predictor, data: RelitSet, split: Path, settings: con
             parts.setdefault(name, []).append({key: (np.roll(first[key], -1) + second[key]) / 2 for key in first})
     names = ["+".join(data.names[f] for f in pair) for pair in pairs]
     return {
-        name: Scores(names, lit.tolist(), {key: np.stack([one[key] for one in rows]) for key in rows[0]})
+        name: Scores(names, test_lights.tolist(), {key: np.stack([one[key] for one in rows]) for key in rows[0]})
         for name, rows in parts.items()
     }
 
@@ -137,22 +137,22 @@ def relight_swapped(a: Partner, b: Partner, mean: np.ndarray, step: int) -> dict
         pictures.
     """
     true, (_, _, inferred) = a.truth.lights, b.truth.complete(b.inferred)
-    own, given = a.maps(step), (a.truth.maps["albedo"], a.truth.transport)
+    inferred_maps, true_maps = a.maps(step), (a.truth.maps["albedo"], a.truth.transport)
     mean_lights = np.repeat(mean, len(true), 0)
     combinations = {
-        "": (own, inferred),
-        "true_light": (own, true),
-        "true_maps": (given, inferred),
-        "true_color": (own, match_color(inferred, true)),
-        "true_pattern": (own, match_color(true, inferred)),
-        "mean_light": (own, mean_lights),
-        "as_it_is": (given, np.roll(true, step, 0)),
-        "true_maps_mean_light": (given, mean_lights),
+        "": (inferred_maps, inferred),
+        "true_light": (inferred_maps, true),
+        "true_maps": (true_maps, inferred),
+        "true_color": (inferred_maps, match_color(inferred, true)),
+        "true_pattern": (inferred_maps, match_color(true, inferred)),
+        "mean_light": (inferred_maps, mean_lights),
+        "as_it_is": (true_maps, np.roll(true, step, 0)),
+        "true_maps_mean_light": (true_maps, mean_lights),
     }
-    found = {}
+    pictures = {}
     for name, ((albedo, transport), light) in combinations.items():
-        found[name] = albedo * shade(transport, light), light
-    return found
+        pictures[name] = albedo * shade(transport, light), light
+    return pictures
 
 
 def match_color(light: np.ndarray, other: np.ndarray) -> np.ndarray:
@@ -186,19 +186,19 @@ def transfer_plate(
     lines: list[Line] = []
     for checkpoint in networks.values():
         network, data = load(checkpoint, packed, lights, settings)
-        figures, lit = select_pairs(data, split, settings.lights)
+        figures, test_lights = select_pairs(data, split, settings.lights)
         pairs = pair_up(figures)
         pairs = [pairs[i] for i in evenly_spaced(len(pairs), count)]
-        swaps = [lit[[i % len(lit), (i + 1) % len(lit)]] for i in range(len(pairs))]
+        swaps = [test_lights[[i % len(test_lights), (i + 1) % len(test_lights)]] for i in range(len(pairs))]
         if not lines:
             subjects = [Subject.of(data, f, two) for pair, two in zip(pairs, swaps) for f in pair]
             lines = [Line(s.name, s, [s.picture(i % 2)], i % 2 == 0) for i, s in enumerate(subjects)]
         for i, (pair, two) in enumerate(zip(pairs, swaps)):
             sides = [Partner(truth(data, f, two), infer(network, data, f, two)) for f in pair]
             for side, new in ((0, 1), (1, 0)):  # each is seen under its own light, and relit by the other's
-                pictures, found = relight_swapped(sides[side], sides[new], mean_light(data), 1)[""]
+                pictures, inferred_lights = relight_swapped(sides[side], sides[new], mean_light(data), 1)[""]
                 error = pictures[new] - sides[side].truth.maps["reconstruction"][new]
-                relit = Cell(pictures[new], light=found[new])
+                relit = Cell(pictures[new], light=inferred_lights[new])
                 lines[2 * i + side].views += [relit, Cell(error=np.linalg.norm(error, axis=-1))]
     for i, line in enumerate(lines):
         line.views.append(line.subject.picture(1 - i % 2))

@@ -34,16 +34,18 @@ def light_transfer(results: Results, name: str) -> Numbers:
     rows = gather([results.folder / "light_transfer" / "scores.csv"])
     networks = {row: trainings for row, trainings in rows.items() if ":" not in row and row not in transfer.BASELINES}
     heads = {"reconstruction_rmse": "relit, RMSE", "reconstruction_ssim": "relit, SSIM", "light_rmse": "light, RMSE"}
-    found = {c: estimates(rows, c, results.settings, networks, transfer.BASELINES) for c in heads}
+    by_column = {c: estimates(rows, c, results.settings, networks, transfer.BASELINES) for c in heads}
 
     def compare(first: str, second: str) -> Comparison:
-        return compare_estimates("reconstruction_rmse", *(found["reconstruction_rmse"][one] for one in (first, second)))
+        return compare_estimates(
+            "reconstruction_rmse", *(by_column["reconstruction_rmse"][one] for one in (first, second))
+        )
 
     lines, kinds, comparisons, costly, worse = [], [], {}, {}, {}
     for row in networks:
         for variant, words in transfer.VARIANTS.items():
             predictor = f"{row}:{variant}" if variant else row
-            lines.append([f"{label(row)}: {words}", *(found[column][predictor] for column in heads)])
+            lines.append([f"{label(row)}: {words}", *(by_column[column][predictor] for column in heads)])
             kinds.append("baseline" if variant else "network")
         others = {"the picture as it is": "as_it_is", "its own maps under the mean light": f"{row}:mean_light"}
         for words, other in others.items():
@@ -52,7 +54,7 @@ def light_transfer(results: Results, name: str) -> Numbers:
         costly[row] = {Verdict.WORSE: "maps", Verdict.BETTER: "light"}.get(parts.verdict)
         worse[row] = [part for part in PARTS if compare(f"{row}:true_{part}", row).verdict is Verdict.WORSE]
     for trivial, words in transfer.BASELINES.items():
-        lines.append([words, *(found[column][trivial] for column in heads)])
+        lines.append([words, *(by_column[column][trivial] for column in heads)])
         kinds.append("baseline")
     correct([one for group in comparisons.values() for one in group.values()])
     grid = TextTable.of(["", *heads.values()], lines, kinds)
@@ -101,9 +103,9 @@ def traced_tables(path: Path, settings: config.Statistics) -> dict[str, TextTabl
     Raises:
         UserError: if the file is not such a table.
     """
-    found = read_table(path, "errors against path tracing", [*KEYS, *COLUMNS], "the stage path_traced")
-    found["row"] = [TrainingName.parse(name).row for name in found["name"]]
-    figures, values = found["figure"].nunique(), dict(list(found.groupby(["kind", "row"], sort=False)))
+    table = read_table(path, "errors against path tracing", [*KEYS, *COLUMNS], "the stage path_traced")
+    table["row"] = [TrainingName.parse(name).row for name in table["name"]]
+    figures, values = table["figure"].nunique(), dict(list(table.groupby(["kind", "row"], sort=False)))
     networks = {row: label(row) for kind, row in values if kind == "answer" and row not in ANSWERS}
     causes = {f"network:{row}": f"{CAUSES['network']}: {words}" for row, words in networks.items()}
     causes |= {name: words for name, words in CAUSES.items() if name != "network"}

@@ -48,13 +48,13 @@ class Results:
     @cached_property
     def readable(self) -> list[str]:
         """Those of `tables` whose scores can be read; a broken file does not affect the other tables."""
-        found = []
+        names = []
         for name in self.tables:
             with suppress(UserError):
                 for usual in (False, True):
                     _ = self.scores(name, usual), self.baselines(name, usual)
-                found.append(name)
-        return found
+                names.append(name)
+        return names
 
     def title(self, name: str) -> str:
         """Returns the title of an experiment, which is its name if it has none."""
@@ -88,8 +88,8 @@ class Results:
     def scores(self, name: str, usual: bool = False) -> Rows:
         """Returns the scores of each row, one per training; empty if the data set has no such figures or lights."""
         files = self._files(name, usual)
-        found = self._gather(path for row, paths in files.items() if row for path in paths)
-        return {row: found[row] for row in files if row in found}
+        rows = self._gather(path for row, paths in files.items() if row for path in paths)
+        return {row: rows[row] for row in files if row in rows}
 
     def baselines(self, name: str, usual: bool = False) -> Rows:
         """Returns the scores of an experiment's baselines."""
@@ -143,11 +143,13 @@ class Results:
 
     def settings_files(self) -> dict[str, dict[str, Any]]:
         """Reads the settings of each stage (`bake`, `train.ours_full.s0`) as dotted names and values."""
-        found = {}
+        by_stage = {}
         for path in sorted((self.folder / "config").glob("*.yaml")):
             settings = yaml.safe_load(path.read_text())
-            found[path.stem] = config.flat({key: v for key, v in settings.items() if key not in ("defaults", "hydra")})
-        return found
+            by_stage[path.stem] = config.flat(
+                {key: v for key, v in settings.items() if key not in ("defaults", "hydra")}
+            )
+        return by_stage
 
     def _gather(self, paths: Iterable[str]) -> Rows:
         files = tuple(paths)

@@ -81,12 +81,12 @@ def compare_estimates(column: str, first: Estimate, second: Estimate) -> Compari
     return Comparison(column, first.mean, second.mean, difference, difference.p, equivalent)
 
 
-def correct(found: list[Comparison]) -> list[Comparison]:
+def correct(comparisons: list[Comparison]) -> list[Comparison]:
     """Corrects the p-values of comparisons for multiple comparisons (Holm), in place, and returns them."""
     for name in ("p", "p_equivalent"):
-        for one, p in zip(found, holm([getattr(one, name) for one in found])):
-            setattr(one, name, float(p))
-    return found
+        for comparison, p in zip(comparisons, holm([getattr(comparison, name) for comparison in comparisons])):
+            setattr(comparison, name, float(p))
+    return comparisons
 
 
 def compare_rows(
@@ -138,15 +138,15 @@ def orderings(tables: list[Table]) -> list[Ordering]:
     The direction is that of the printed values, even if they contradict the paper's argument. Columns with equal
     printed values are skipped. An ordering that several tables have is taken from the first.
     """
-    found: dict[tuple[str, str, str], Ordering] = {}
+    tested: dict[tuple[str, str, str], Ordering] = {}
     for table in tables:
         for leader, follower, _ in ARGUMENTS:
             for column in TABLE2_COLUMNS:
                 key = (leader, follower, column)
-                if key not in found and (ordering := printed_ordering(table, leader, follower, column)):
-                    found[key] = ordering
-    correct([ordering.comparison for ordering in found.values()])
-    return list(found.values())
+                if key not in tested and (ordering := printed_ordering(table, leader, follower, column)):
+                    tested[key] = ordering
+    correct([ordering.comparison for ordering in tested.values()])
+    return list(tested.values())
 
 
 def printed_ordering(table: Table, leader: str, follower: str, column: str) -> Ordering | None:

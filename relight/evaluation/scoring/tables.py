@@ -68,8 +68,8 @@ class Table:
 
     def present(self, columns: Iterable[str]) -> list[str]:
         """Returns those of the given columns that any row has, sorted by reading."""
-        found = [column for column in columns if any(column in cells for cells in self.rows.values())]
-        return sorted(found, key=lambda column: READINGS.index(split_column(column)[1]))
+        present = [column for column in columns if any(column in cells for cells in self.rows.values())]
+        return sorted(present, key=lambda column: READINGS.index(split_column(column)[1]))
 
     def statistics(self) -> pd.DataFrame:
         """Returns all columns, also those not shown: mean, 95 % interval, and p-value against the best network."""
@@ -145,13 +145,13 @@ def estimates(
         return np.stack([scores.columns[column] for scores in trainings]) if has else None
 
     spread = pooled_spread([given for trainings in pool.values() if (given := values(trainings)) is not None])
-    found = {}
+    estimated = {}
     for number, (row, trainings) in enumerate(rows.items()):
         if (given := values(trainings)) is not None:
             row_spread, pairs = None if row in fixed else spread, (trainings[0].figures, trainings[0].lights)
             noise = settings.seed + number
-            found[row] = estimate(given, settings.bootstrap, settings.seed, row_spread, pairs, noise)
-    return found
+            estimated[row] = estimate(given, settings.bootstrap, settings.seed, row_spread, pairs, noise)
+    return estimated
 
 
 def rank(networks: list[dict[str, Estimate]], columns: tuple[str, ...]) -> None:
