@@ -235,8 +235,8 @@ def plates(
     """Draws test figures as a PNG: the truth, then each network.
 
     Each figure is seen under one light of `settings.lights` and relit by the next. Values are displayed sRGB-encoded if
-    the network's color model is `photo`, and unchanged if it is `paper`. Maps without a loss are
-    true.
+    the network's color model is `photo`, and unchanged if it is `paper`. Maps
+    without a loss are true.
 
     Args:
         networks: row -> checkpoint.

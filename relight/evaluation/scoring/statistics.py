@@ -141,8 +141,7 @@ def estimate(
         resamples: number of resamples.
         seed: of the resamples; rows with the same seed are resampled alike.
         spread: pooled over the table's trainings; a larger one of the row itself, with its own degrees of freedom, is
-            preferred. Without it, the interval
-            does not include the variation between trainings.
+            preferred. Without it, the interval does not include the variation between trainings.
         pairs: names of the figures, and indices of the lights.
         noise: seed of the noise of the trainings; it must differ between the rows of a table.
 
