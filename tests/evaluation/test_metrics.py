@@ -3,7 +3,7 @@ import pytest
 from skimage.metrics import structural_similarity
 
 from relight.config.schema import QUANTITIES
-from relight.evaluation.scoring.metrics import rmse, ssim
+from relight.evaluation.scoring.metrics import psnr, rmse, ssim
 from relight.evaluation.scoring.tables import TABLE1_COLUMNS, columns_of
 from relight.evaluation.scoring.truth import COLLAPSE, COLUMNS, RANGE, READINGS, Inferred, Truth, light_errors
 from relight.sh import unoccluded
@@ -129,7 +129,7 @@ def test_mask_box_of_a_thin_mask_has_a_window():
     pixel = np.array([5 * 16 + 7])  # one pixel: the box is widened to a window
     maps = np.ones((1, 9)), np.full((1, 3), 0.5), np.array([[0.0, 0, 1]]), np.ones(1)
     one = Truth(pixel, *maps, np.zeros((1, 9, 3)), 16)
-    assert one.shape == (7, 7)
+    assert one.box.shape == (7, 7)
     columns = one.score(Inferred(albedo=np.full((1, 1, 3), 0.5, np.float32)))
     assert columns["albedo_ssim"][0] == pytest.approx(1) and columns["albedo_rmse"][0] == 0
 
@@ -195,3 +195,9 @@ def test_truth_score_of_networks_of_other_orders():
 def test_every_quantity_has_a_range_and_a_setting():
     assert set(RANGE) == set(QUANTITIES)
     assert columns_of(*QUANTITIES[:6]) == TABLE1_COLUMNS
+
+
+def test_psnr_of_a_constant_offset_and_of_equal_pictures():
+    codes = np.full((2, 5, 3), 0.5)
+    assert psnr(codes + 0.1, codes) == pytest.approx([20, 20])
+    assert psnr(codes, codes) == pytest.approx([100, 100]), "not infinite, so that means stay finite"
