@@ -19,10 +19,11 @@ from pathlib import Path
 import numpy as np
 from scipy.ndimage import binary_erosion
 
-from relight.benchmark.measures import INVARIANCES, IRRADIANCE, LEAKS, Intrinsics, errors, invariances, leaks
+from relight.benchmark.measures import INVARIANCES, LEAKS, Intrinsics, errors, invariances, leaks
 from relight.benchmark.picture import on_square
 from relight.benchmark.shots import variants
 from relight.crop import Crop, crop_around
+from relight.evaluation.scoring import metrics
 from relight.figures.dress import GENERATOR
 from relight.lights import Light
 from relight.lights.chain import generated_light
@@ -124,7 +125,7 @@ def pose_spread(relighter: Relighter, poses: list[Maps], lights: list[np.ndarray
     means, variances = [], []
     for light in progress(lights, f"{name}, poses"):
         shots = ((take_photograph(maps, light), to_bytes(maps.coverage)) for maps in poses)
-        irradiance = np.stack([relighter.infer_person(*shot).light * IRRADIANCE for shot in shots])
+        irradiance = np.stack([metrics.irradiance(relighter.infer_person(*shot).light) for shot in shots])
         means.append(irradiance.mean(0))
         variances.append(((irradiance - means[-1]) ** 2).sum((1, 2)).mean())
     spreads = np.sqrt(variances) / [np.linalg.norm(mean) for mean in means]

@@ -22,15 +22,14 @@ from pathlib import Path
 import numpy as np
 import torch
 from omegaconf import OmegaConf
-from torch import Tensor
 
 from relight.config import composed
+from relight.evaluation.scoring import metrics
 from relight.learning.augment import augment_batch
 from relight.learning.camera import shade
 from relight.learning.checkpoint import load_network
 from relight.learning.data import RelitSet, read_split
 from relight.learning.losses import detail
-from relight.sh import cosine_factors, per_coefficient
 
 PHOTOGRAPHS = ["train.color=photo", "augment=photo"]
 KINDS = {
@@ -44,25 +43,14 @@ COLUMNS = ("light", "light*", "albedo", "albedo*", "transport", "shading", "shad
 DETAILS = ("albedo", "transport", "shading")
 
 
-def best_scale(values: Tensor, other: Tensor) -> Tensor:
-    """Returns the factor on `values` that minimises the squared difference from `other`."""
-    return (values * other).sum() / (values**2).sum().clamp_min(1e-9)
-
-
-def rms(difference: Tensor) -> Tensor:
-    """Returns the RMS over pixels of the norm of vectors (P,C)."""
-    return (difference**2).sum(-1).mean().sqrt()
-
-
 @torch.inference_mode()
 def errors(network: torch.nn.Module, data: RelitSet, figures: np.ndarray, kind: list[str]) -> np.ndarray:
     """Returns the means of COLUMNS and of the energies of DETAILS over figures and lights."""
     settings = OmegaConf.to_object(composed(kind).augment)
-    lights = np.flatnonzero(data.light_split == "test")
-    weight = torch.tensor(per_coefficient(cosine_factors(network.order)), dtype=torch.float32)[:, None]
+    test_lights = np.flatnonzero(data.light_split == "test")
     rows, energies = [], []
     for i, figure in enumerate(figures):
-        lit = lights[(i + np.arange(LIGHTS_PER_FIGURE) * len(lights) // LIGHTS_PER_FIGURE) % len(lights)]
+        lit = test_lights[(i + np.arange(LIGHTS_PER_FIGURE) * len(test_lights) // LIGHTS_PER_FIGURE) % len(test_lights)]
         generators = [np.random.default_rng([i, j]) for j in range(LIGHTS_PER_FIGURE)]
         batch = augment_batch(data.batch(np.full(LIGHTS_PER_FIGURE, figure), lit), settings, generators, network.size)
         outputs = network(batch.image, batch.mask)
@@ -73,11 +61,11 @@ def errors(network: torch.nn.Module, data: RelitSet, figures: np.ndarray, kind: 
         maps["shading"] = shade(maps["transport"], light)
         for j in range(LIGHTS_PER_FIGURE):
             inside = batch.inside[j, :, 0] > 0
-            found, true = light[j] * weight, batch.light[j] * weight
-            row = [(found * f - true).norm() / true.norm() for f in (1, best_scale(found, true))]
+            lights = light[j].numpy(), batch.light[j].numpy()
+            row = [metrics.irradiance_error(*lights), metrics.scaled_irradiance_error(*lights)]
             for name in ("albedo", "transport", "shading"):
-                found, true = maps[name][j][inside], getattr(batch, name)[j][inside]
-                row += [rms(found * f - true) for f in ((1, best_scale(found, true)) if name != "transport" else (1,))]
+                pair = maps[name][j][inside].numpy(), getattr(batch, name)[j][inside].numpy()
+                row += [metrics.rmse(*pair), *([metrics.scaled_rmse(*pair)] if name != "transport" else [])]
             rows.append(row)
     return np.concatenate([np.array(rows, float).mean(0), np.array(energies, float).mean(0)])
 

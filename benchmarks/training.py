@@ -29,9 +29,10 @@ from pathlib import Path
 import numpy as np
 import torch
 from omegaconf import OmegaConf
+from torch._subclasses.fake_tensor import FakeTensorMode
+from torch.utils.flop_counter import FlopCounterMode
 
 from relight.config import Model, composed
-from relight.evaluation.timing import matmul_rate, multiply_adds
 from relight.learning.data import Batch, RelitSet
 from relight.learning.losses import losses
 from relight.learning.networks import build
@@ -44,6 +45,36 @@ CASES = {
 }
 FULL = OmegaConf.to_object(composed(["loss=full"])).loss
 MASK_SHARE = 0.16  # of the image
+TYPES = {"f32": torch.float32, "bf16": torch.bfloat16}
+
+
+def matmul_rate(clock: Callable[[Callable[[], object]], float], device: str, precision: str) -> float:
+    """Measures the rate of a large square matrix product.
+
+    Args:
+        clock: returns the seconds of a call.
+        device: cpu or cuda.
+        precision: a key of TYPES.
+
+    Returns:
+        Floating-point operations per second.
+    """
+    side = 8192 if device == "cuda" else 2048
+    a = torch.randn(side, side, device=device, dtype=TYPES[precision])
+    return 2 * side**3 / clock(lambda: a @ a)
+
+
+def multiply_adds(model: Model, size: int) -> float:
+    """Counts the multiply-adds of an inference, with fake tensors, which have a device but no data.
+
+    Args:
+        model: settings of the network.
+        size: side of the image in pixels.
+    """
+    network = build(model, size)
+    with FakeTensorMode(allow_non_fake_inputs=True), FlopCounterMode(display=False) as counter:
+        network(torch.empty(1, 3, size, size), torch.empty(1, 1, size, size))
+    return counter.get_total_flops() / 2
 
 
 def figure(size: int, name: str) -> Maps:

@@ -60,7 +60,12 @@ def test_no_circular_imports():
 
 
 @pytest.mark.parametrize(
-    ("package", "heading"), [("relight", "* **Layers**"), ("relight.figures", "`relight/figures`:")]
+    ("package", "heading"),
+    [
+        ("relight", "* **Layers**"),
+        ("relight.figures", "`relight/figures`:"),
+        ("relight.evaluation", "`relight/evaluation`:"),
+    ],
 )
 def test_packages_import_only_from_lower_layers(package, heading):
     """Also inside functions. The layers are those of CONTRIBUTING.md, which lists every part of a package."""

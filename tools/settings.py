@@ -81,12 +81,17 @@ def table(items: dict[str, Field[Any]], cfg: DictConfig | None) -> str:
     """Returns a table of settings; their values are those of `cfg`, or the defaults of the schema."""
     rows = []
     for key, item in items.items():
-        value = item.default if cfg is None else OmegaConf.select(cfg, key)
+        value = default_of(item) if cfg is None else OmegaConf.select(cfg, key)
         if key == "sweep.rows":
             value = ", ".join(value)
         about = setting_of(item).about
         rows.append([f"`{key}`", shown(value), values(item), about[0].upper() + about[1:]])
     return markdown(["setting", "default", "values", "meaning"], rows)
+
+
+def default_of(item: Field[Any]) -> Any:
+    """Returns the default of a field of the schema."""
+    return item.default_factory() if callable(item.default_factory) else item.default
 
 
 def values(item: Field[Any]) -> str:

@@ -70,7 +70,7 @@ def import_capture(capture: Capture, with_variants: bool) -> tuple[dict, Picture
     recipe = draw_recipe(FIRST_SEED + zlib.crc32(capture.name.encode()) % FIRST_SEED, 1)
     sharp = [panorama(one, 0.0, BRIGHTNESS * 2**recipe.stops).pixels for one in (recipe.light, *recipe.new)]
     lights = blur_to_spacing(np.stack(sharp), len(capture.lamps)).astype(np.float32)
-    measured, maps, scale = measure_maps(capture, Panoramas(lights).radiance)
+    measured, maps, scale = measure_maps(capture, UpsampledPanoramas(lights).radiance)
     linear, *relit = np.moveaxis(to_image(measured.pictures / scale, inside), 2, 0)
     light, *new = (Panorama(one, source=f"{recipe.name}.{i}") for i, one in enumerate(lights))
     scene = linear + (1 - maps.coverage[..., None]) * np.pi * camera_view(light, mask.shape)
@@ -85,8 +85,8 @@ def import_capture(capture: Capture, with_variants: bool) -> tuple[dict, Picture
     return {**asdict(recipe), "name": capture.name, **maps.info["measured"]}, picture
 
 
-class Panoramas:
-    """Panoramas upsampled so far that a lookup can take the nearest texel.
+class UpsampledPanoramas:
+    """Panoramas, upsampled so far that a lookup can take the nearest texel.
 
     Attributes:
         count: N, the number of panoramas.

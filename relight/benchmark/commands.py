@@ -89,18 +89,18 @@ def report(
 ) -> None:
     """Compare scored answers in tables: CSV, Markdown and LaTeX."""
     from relight.benchmark.score import read_scores
-    from relight.evaluation.formats import write_tables
+    from relight.evaluation.report.formats import write_tables
 
-    for name, section in show([read_scores(folder) for folder in answers]).items():
-        write_tables((out or answers[0].parent) / name, section.title, section.note, section.grid)
+    for name, table in show([read_scores(folder) for folder in answers]).items():
+        write_tables((out or answers[0].parent) / name, table.title, table.note, table.grid)
 
 
 def show(rows: list) -> dict:
     """Prints tables that compare methods, and returns them."""
-    from relight.benchmark.score import tables
-    from relight.evaluation.formats import to_markdown
+    from relight.benchmark.tables import MethodComparison
+    from relight.evaluation.report.formats import to_markdown
 
-    found = tables(rows)
-    for section in found.values():
-        print(f"## {section.title}\n\n{section.note}\n\n{to_markdown(section.grid)}\n")
-    return found
+    made = MethodComparison(rows).tables()
+    for table in made.values():
+        print(f"## {table.title}\n\n{table.note}\n\n{to_markdown(table.grid)}\n")
+    return made

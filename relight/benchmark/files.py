@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from zipfile import BadZipFile
 
 import numpy as np
 from PIL import Image
@@ -14,6 +13,7 @@ from relight.benchmark.measures import Intrinsics
 from relight.benchmark.shots import Shot
 from relight.crop import MASK_THRESHOLD, Crop, crop_around
 from relight.files import UserError, atomic_write, existing_file, file_hash
+from relight.npz import read_npz
 
 INDEX = "index.json"
 PICTURES = ("ratio", "full")  # relit pictures: the photograph times a gain, and rendered from maps alone
@@ -161,14 +161,8 @@ def write_arrays(path: Path, photo: str, arrays: Mapping[str, np.ndarray]) -> No
 
 
 def read_arrays(path: Path) -> dict[str, np.ndarray]:
-    """Reads the arrays of an .npz. Raises UserError for any other file."""
-    try:
-        with np.load(path, allow_pickle=False) as stored:
-            return {name: stored[name] for name in stored}
-    except FileNotFoundError:
-        raise UserError(f"there is no {path}: a folder of answers must have one .npz for each picture") from None
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-        raise UserError(f"{path} is not an .npz of arrays ({error})") from None
+    """Reads the arrays of an answer or of a ground truth. Raises UserError for any other file."""
+    return read_npz(path, "benchmark file")
 
 
 def read_answer(folder: Path, entry: Entry) -> dict[str, np.ndarray]:
@@ -185,6 +179,8 @@ def read_answer(folder: Path, entry: Entry) -> dict[str, np.ndarray]:
         UserError: if it is missing, is for another picture, or its arrays have wrong names, shapes or types.
     """
     path = Path(folder) / f"{entry.name}.npz"
+    if not path.is_file():
+        raise UserError(f"there is no {path}: a folder of answers must have one .npz for each picture")
     arrays = read_arrays(path)
     if str(arrays.pop("photo", "")) != entry.photo:
         raise UserError(

@@ -13,7 +13,16 @@ from PIL import Image
 
 from relight.benchmark.files import INDEX, MAPS, write_arrays
 from relight.benchmark.picture import Picture, Settings, render_picture
-from relight.benchmark.recipes import FIGURES, HASHES, SPARE_OFFSET, VIEWS, Recipe, digest, draw_recipes, with_gloss
+from relight.benchmark.recipes import (
+    FIGURES,
+    HASHES,
+    SPARE_OFFSET,
+    VIEWS,
+    PictureRecipe,
+    digest,
+    draw_recipes,
+    with_gloss,
+)
 from relight.config import Align
 from relight.files import UserError, atomic_folder, atomic_write, file_hash, writable_folder
 from relight.maps import write_maps
@@ -67,7 +76,7 @@ def check_plan(folder: Path, plan: dict) -> None:
         raise UserError(f"{folder} holds another set, or one with other settings ({path}): give another --out")
 
 
-def render_missing(missing: list[Recipe], folder: Path, settings: Settings) -> Iterator[Recipe]:
+def render_missing(missing: list[PictureRecipe], folder: Path, settings: Settings) -> Iterator[PictureRecipe]:
     """Renders and saves pictures; yields each recipe when its picture is saved."""
     for seed, group in groupby(missing, lambda one: one.seed):
         mesh = with_gloss(make_mesh(seed, settings), seed)

@@ -9,16 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import binary_erosion
-from skimage.metrics import structural_similarity
 
-from relight.evaluation.metrics import rmse
-from relight.sh import cosine_factors, per_coefficient
+from relight.evaluation.scoring.metrics import MaskBox, irradiance_error, rmse, scaled_irradiance_error, scaled_rmse
 
-IRRADIANCE = per_coefficient(cosine_factors(2))[:, None]
 MIRROR = np.ones(9)
 MIRROR[[3, 4, 7]] = -1  # coefficients of functions odd in x
 EPSILON = 1e-12  # lower bound of denominators
-WINDOW = 7  # of SSIM, pixels
 
 # The descriptions of the invariances; most have the name of a variant of the picture (`relight.benchmark.shots`).
 INVARIANCES = {
@@ -64,27 +60,6 @@ class Intrinsics:
     light: np.ndarray | None = None
 
 
-def irradiance_error(light: np.ndarray, other: np.ndarray) -> float:
-    """Returns the relative error of the irradiance of lights (9,3): |light - other| / |other|."""
-    return float(np.linalg.norm((light - other) * IRRADIANCE) / np.linalg.norm(other * IRRADIANCE))
-
-
-def best_scale(values: np.ndarray, other: np.ndarray) -> float:
-    """Returns the factor on `values` that minimises the squared difference from `other`."""
-    return float((values * other).sum() / max((values**2).sum(), 1e-9))
-
-
-def ssim(values: np.ndarray, other: np.ndarray, inside: np.ndarray) -> float:
-    """Returns the SSIM of images (H,W,3) in [0,1], set to zero outside `inside` (H,W), in its bounding box."""
-    box = []
-    for axis in (1, 0):
-        found = np.flatnonzero(inside.any(axis))
-        first = max(0, min(found[0], inside.shape[1 - axis] - WINDOW))
-        box.append(slice(first, max(found[-1] + 1, first + WINDOW)))
-    first, second = ((x * inside[..., None])[tuple(box)] for x in (values, other))
-    return float(structural_similarity(first, second, channel_axis=-1, data_range=1.0, win_size=WINDOW))
-
-
 def errors(inferred: Intrinsics, true: Intrinsics) -> dict[str, float]:
     """Returns the errors of inferred maps and light over the true mask.
 
@@ -93,25 +68,22 @@ def errors(inferred: Intrinsics, true: Intrinsics) -> dict[str, float]:
         true: ground truth.
 
     Returns:
-        For the light `irradiance_error`; for each map the RMSE of the vector norm (`relight.evaluation.metrics.rmse`);
-        for albedo and shading also the SSIM. What is None on either side is left out.
+        By the measures of `relight.evaluation.scoring.metrics`: for the light the error of irradiance; for each map the
+        RMSE; for albedo and shading also the SSIM. What is None on either side is left out.
     """
-    found: dict[str, float] = {}
-    inside = true.mask
+    measured: dict[str, float] = {}
     if inferred.light is not None and true.light is not None:
-        found["light"] = irradiance_error(inferred.light, true.light)
-        scale = best_scale(inferred.light * IRRADIANCE, true.light * IRRADIANCE)
-        found["light_factor"] = irradiance_error(inferred.light * scale, true.light)
-    for name in ("albedo", "shading"):
+        measured["light"] = irradiance_error(inferred.light, true.light)
+        measured["light_factor"] = scaled_irradiance_error(inferred.light, true.light)
+    for name in ("albedo", "shading", "transport"):
         values, expected = getattr(inferred, name), getattr(true, name)
         if values is not None and expected is not None:
-            scale = best_scale(values[inside], expected[inside])
-            found[name] = float(rmse(values[inside], expected[inside]))
-            found[f"{name}_factor"] = float(rmse(values[inside] * scale, expected[inside]))
-            found[f"{name}_ssim"] = ssim(np.clip(values, 0, 1), np.clip(expected, 0, 1), inside)
-    if inferred.transport is not None and true.transport is not None:
-        found["transport"] = float(rmse(inferred.transport[inside], true.transport[inside]))
-    return found
+            values, expected = values[true.mask], expected[true.mask]
+            measured[name] = float(rmse(values, expected))
+            if name != "transport":
+                measured[f"{name}_factor"] = scaled_rmse(values, expected)
+                measured[f"{name}_ssim"] = MaskBox.of(true.mask).ssim(values.clip(0, 1), expected.clip(0, 1))
+    return measured
 
 
 def leaks(inferred: Intrinsics) -> dict[str, float]:
@@ -168,26 +140,26 @@ def invariances(inferred: Mapping[str, Intrinsics]) -> dict[str, float]:
         INVARIANCES by name, for the maps and the light that the method infers. The ideal is 0, but 1 for `dark_albedo`
         and `tint`, and .5 for `dark_shading`.
     """
-    picture, found = inferred[""], {}
+    picture, measured = inferred[""], {}
     lights = {name: one.light for name, one in inferred.items() if one.light is not None}
     shadings = {name: one.shading for name, one in inferred.items() if one.shading is not None}
     if "" in lights:
         changes = {name: irradiance_error(light, lights[""]) for name, light in lights.items() if name != "mirror"}
         for pixels in (4, 8):
-            found[f"shift_{pixels}"] = (changes[f"down_{pixels}"] + changes[f"right_{pixels}"]) / 2
-        found |= {name: changes[name] for name in ("larger", "smaller", "fatter", "thinner", "knee", "waist")}
-        found["mirror_light"] = irradiance_error(lights["mirror"] * MIRROR[:, None], lights[""])
+            measured[f"shift_{pixels}"] = (changes[f"down_{pixels}"] + changes[f"right_{pixels}"]) / 2
+        measured |= {name: changes[name] for name in ("larger", "smaller", "fatter", "thinner", "knee", "waist")}
+        measured["mirror_light"] = irradiance_error(lights["mirror"] * MIRROR[:, None], lights[""])
     both = picture.mask & inferred["mirror"].mask[:, ::-1]
     for name, signs in (("transport", MIRROR), ("albedo", 1.0)):
         if (original := getattr(picture, name)) is not None:
             mirrored = getattr(inferred["mirror"], name)[:, ::-1] * signs
-            found[f"mirror_{name}"] = float(rmse(mirrored[both], original[both]))
+            measured[f"mirror_{name}"] = float(rmse(mirrored[both], original[both]))
     for name in ("albedo", "shading"):
         if (original := getattr(picture, name)) is not None:
             change = (getattr(inferred["dark"], name) + 1e-3) / (original + 1e-3)
-            found[f"dark_{name}"] = float(np.median(change[picture.mask]))
+            measured[f"dark_{name}"] = float(np.median(change[picture.mask]))
     if "" in shadings:
         warm, plain = (shadings[name][picture.mask].mean(0) for name in ("warm", "plain"))
         tint = np.log(warm / plain)
-        found["tint"] = float((tint[0] - tint[2]) / np.log(1.44))
-    return found
+        measured["tint"] = float((tint[0] - tint[2]) / np.log(1.44))
+    return measured

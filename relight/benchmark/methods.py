@@ -77,13 +77,13 @@ def network(relighter: Relighter) -> Method:
         inside = square_mask(entry)
         albedo = person.albedo if person.gamma == 1 else decode(person.albedo)
         maps = {"albedo": albedo, "shading": person.shading**person.gamma, "transport": person.transport[..., :9]}
-        found = {name: resize_to_square(values, person, inside) for name, values in maps.items()}
-        found["light"] = person.light[:9]
+        arrays = {name: resize_to_square(values, person, inside) for name, values in maps.items()}
+        arrays["light"] = person.light[:9]
         if entry.new:
             lights = [project(read_panorama(path), relighter.order).astype(np.float32) for path in entry.panoramas()]
             for mode in ("ratio", "full"):
-                found[mode] = np.stack([render(shot.photo, [person], light, mode) for light in lights])
-        return found
+                arrays[mode] = np.stack([render(shot.photo, [person], light, mode) for light in lights])
+        return arrays
 
     return apply
 

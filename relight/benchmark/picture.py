@@ -8,7 +8,7 @@ import torch
 
 from relight.benchmark.lights import panorama, resampled
 from relight.benchmark.measures import Intrinsics
-from relight.benchmark.recipes import Recipe
+from relight.benchmark.recipes import PictureRecipe
 from relight.benchmark.shots import Shot, variants
 from relight.config import NO_AUGMENTATION
 from relight.crop import Crop, figure_means
@@ -23,7 +23,7 @@ from relight.transport.tracer import PathTracer
 
 BRIGHTNESS = 0.8  # reference brightness of lights at exposure 1, as in training (docs/conventions.md)
 BOUNCES = 1
-MIN_ALBEDO = 4e-3  # as of recoloured garments in training
+MIN_ALBEDO = 4e-3  # as of recolored garments in training
 SUPERSAMPLE = 4  # k: true maps are means over k x k points of a pixel
 MARGIN = 0.06  # around half a person, as a fraction of the picture's height
 
@@ -75,7 +75,7 @@ class Picture:
     truth: Intrinsics
 
 
-def render_picture(recipe: Recipe, mesh: Mesh, settings: Settings) -> Picture:
+def render_picture(recipe: PictureRecipe, mesh: Mesh, settings: Settings) -> Picture:
     """Renders one picture of an aligned mesh. Raises UserError without Mitsuba."""
     size = settings.size
     baker = Baker(mesh, settings.rays)

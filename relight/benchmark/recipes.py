@@ -33,7 +33,7 @@ HASHES = {
 
 
 @dataclass(frozen=True)
-class Recipe:
+class PictureRecipe:
     """The content of one picture.
 
     Attributes:
@@ -57,7 +57,7 @@ class Recipe:
     varied: bool
 
 
-def draw_recipes(kind: str, count: int | None = None) -> list[Recipe]:
+def draw_recipes(kind: str, count: int | None = None) -> list[PictureRecipe]:
     """Returns the recipes of the set `report` or `choose`, or the first `count`. Raises UserError for another name."""
     if kind not in FIRST_SEED:
         raise UserError(f"--set {kind}: must be {' or '.join(FIRST_SEED)}")
@@ -68,7 +68,7 @@ def draw_recipes(kind: str, count: int | None = None) -> list[Recipe]:
     return drawn[:count]
 
 
-def draw_recipe(seed: int, number: int) -> Recipe:
+def draw_recipe(seed: int, number: int) -> PictureRecipe:
     """Returns the recipe of picture `number`, from 1, of the figure of a seed."""
     name = f"g{seed}.{number}"
     rng = np.random.default_rng([seed, number, 0xB3])
@@ -83,7 +83,7 @@ def draw_recipe(seed: int, number: int) -> Recipe:
     cut = round(float(rng.uniform(*CUT_HEIGHT)), 3) if is_half else None
     stops = round(float(rng.uniform(*STOPS)), 3)
     varied = number == 1 and seed % VARIANT_EVERY == 0
-    return Recipe(name, seed, random_view(name, 0), cut, lights[0], tuple(lights[1:]), stops, varied)
+    return PictureRecipe(name, seed, random_view(name, 0), cut, lights[0], tuple(lights[1:]), stops, varied)
 
 
 def with_gloss(mesh: Mesh, seed: int) -> Mesh:
@@ -96,7 +96,7 @@ def with_gloss(mesh: Mesh, seed: int) -> Mesh:
     return replace(mesh, materials=materials)
 
 
-def digest(drawn: list[Recipe]) -> str:
+def digest(drawn: list[PictureRecipe]) -> str:
     """Returns the SHA-256 of recipes."""
     text = json.dumps([asdict(one) for one in drawn], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()

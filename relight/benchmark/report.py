@@ -3,10 +3,11 @@
 from typing import Any
 
 from relight.benchmark.methods import BASELINES, FIXED
-from relight.benchmark.score import mean_scores, read_scores, tables
-from relight.evaluation.formats import write_tables
-from relight.evaluation.labels import label
+from relight.benchmark.score import mean_scores, read_scores
+from relight.benchmark.tables import MethodComparison
+from relight.evaluation.report.formats import write_tables
 from relight.evaluation.report.results import Results
+from relight.evaluation.scoring.labels import label
 
 
 def benchmark(results: Results, name: str) -> dict[str, Any]:
@@ -17,7 +18,7 @@ def benchmark(results: Results, name: str) -> dict[str, Any]:
         name: of the experiment.
 
     Returns:
-        The context of templates/sections/benchmark.md.
+        The context of templates/sections/experiments/benchmark.md.
 
     Raises:
         UserError: if scores are missing, or were made on different sets.
@@ -29,8 +30,8 @@ def benchmark(results: Results, name: str) -> dict[str, Any]:
         for row, methods in rows.items()
     ]
     kinds = {label(row): "baseline" if row in BASELINES else "network" for row in rows}
-    found = tables(scored, results.settings.bootstrap, list(rows).index("shipped"))
-    for stem, section in found.items():
-        section.grid.kinds = [kinds.get(words, "") for words in section.grid.frame.index]  # the last table has measures
-        write_tables(results.report / stem, section.title, section.note, section.grid)
-    return {"experiment": one, "trainings": max(map(len, one["trainings"].values())), "tables": found}
+    tables = MethodComparison(scored, results.settings.bootstrap, list(rows).index("shipped")).tables()
+    for stem, table in tables.items():
+        table.grid.kinds = [kinds.get(words, "") for words in table.grid.frame.index]  # the last table has measures
+        write_tables(results.report / stem, table.title, table.note, table.grid)
+    return {"experiment": one, "trainings": max(map(len, one["trainings"].values())), "tables": tables}

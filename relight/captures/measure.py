@@ -26,7 +26,6 @@ from relight.srgb import LINEAR
 STEREO_LEVELS = (0.5, 0.9)  # over a pixel's brightest frame: below, part of it may be in shadow; above, glossy
 MIN_FRAMES = 12  # per pixel, for photometric stereo
 MIN_EIGENVALUE = 0.02  # of the second moments of a pixel's lamp directions, over their trace
-CODE_STEP = np.gradient(LINEAR).astype(np.float32)  # linear difference between neighbouring 8-bit codes
 
 Frames = Callable[[], Iterable[tuple[int, np.ndarray]]]  # (lamp, its frame at P pixels: (P,3) uint8 sRGB)
 Radiance = Callable[[np.ndarray], np.ndarray]  # directions (P,3) -> the radiance (P,N,3) of N panoramas
@@ -41,8 +40,6 @@ class Measured:
         albedo: (P,3), a k.
         normal: (P,3) unit, by photometric stereo.
         transport: (P,9), without 1/pi.
-        noise: (P,9), standard deviation of `transport` from the rounding of frames to 8 bits. The errors of the sums
-            and of the albedo are taken as independent; they are correlated, so the true value is smaller.
         pictures: (P,N,3) linear, under N panoramas, times k.
         clipped: fraction of all pixels of all frames with a channel at code 255.
     """
@@ -51,7 +48,6 @@ class Measured:
     albedo: np.ndarray
     normal: np.ndarray
     transport: np.ndarray
-    noise: np.ndarray
     pictures: np.ndarray
     clipped: float
 
@@ -62,14 +58,12 @@ class FrameSums:
 
     Attributes:
         products: (P,9,3), albedo times transport, times k.
-        squared_steps: (P,9,3), 12 times the variance of the products that the rounding to 8 bits causes.
         pictures: (P,N,3), as in `Measured`.
         peak: (P,) the largest mean of the channels in any frame, with the falloff removed.
         clipped: as in `Measured`.
     """
 
     products: np.ndarray
-    squared_steps: np.ndarray
     pictures: np.ndarray
     peak: np.ndarray
     clipped: float
@@ -83,13 +77,11 @@ class Stereo:
         known: (P,) bool.
         normal: (P,3) unit.
         albedo: (P,3), a k; zero where not known.
-        variance: (P,3) of the albedo, from the rounding to 8 bits.
     """
 
     known: np.ndarray
     normal: np.ndarray
     albedo: np.ndarray
-    variance: np.ndarray
 
 
 def measure(frames: Frames, stage: LightStage, points: np.ndarray, radiance: Radiance | None = None) -> Measured:
@@ -110,33 +102,30 @@ def measure(frames: Frames, stage: LightStage, points: np.ndarray, radiance: Rad
     albedo, normal = stereo.albedo, stereo.normal
     square = np.maximum((albedo**2).sum(1), 1e-12)[:, None]
     transport = np.einsum("pkc,pc->pk", sums.products, albedo) / square
-    noise = np.einsum("pkc,pc->pk", sums.squared_steps / 12, albedo**2) / square**2
-    noise += transport**2 * ((albedo**2 * stereo.variance).sum(1)[:, None] / square**2)
-    for values in (transport, noise, normal):
+    for values in (transport, normal):
         values *= stereo.known[:, None]
-    return Measured(stereo.known, albedo, normal, transport, np.sqrt(noise), sums.pictures, sums.clipped)
+    return Measured(stereo.known, albedo, normal, transport, sums.pictures, sums.clipped)
 
 
 def sum_frames(frames: Frames, stage: LightStage, points: np.ndarray, radiance: Radiance | None) -> FrameSums:
     """Sums up frames, each weighted by the lamp's solid angle; arguments as for `measure`."""
     count = len(points)
-    products, squared_steps = np.zeros((count, 9, 3), np.float32), np.zeros((count, 9, 3), np.float32)
+    products = np.zeros((count, 9, 3), np.float32)
     panoramas = radiance(np.array([[0.0, 0.0, 1.0]])).shape[1] if radiance else 0
     pictures = np.zeros((count, panoramas, 3), np.float32)
     peak, clipped, total = np.zeros(count, np.float32), 0, 0
     for lamp, codes in frames():
-        lit = np.flatnonzero(codes.any(1))
-        directions, weight, falloff = stage.lamp_seen_from(lamp, points[lit])
-        linear = LINEAR[codes[lit]]
+        lit_pixels = np.flatnonzero(codes.any(1))
+        directions, weight, falloff = stage.lamp_seen_from(lamp, points[lit_pixels])
+        linear = LINEAR[codes[lit_pixels]]
         harmonics = (weight[:, None] * basis(directions)).astype(np.float32)[..., None]
-        products[lit] += harmonics * linear[:, None]
-        squared_steps[lit] += (harmonics * CODE_STEP[codes[lit]][:, None]) ** 2
+        products[lit_pixels] += harmonics * linear[:, None]
         if radiance:
-            pictures[lit] += weight[:, None, None] * radiance(directions) * linear[:, None]
-        peak[lit] = np.maximum(peak[lit], linear.mean(1) / falloff)
+            pictures[lit_pixels] += weight[:, None, None] * radiance(directions) * linear[:, None]
+        peak[lit_pixels] = np.maximum(peak[lit_pixels], linear.mean(1) / falloff)
         clipped += int((codes == 255).any(1).sum())
         total += count
-    return FrameSums(products, squared_steps, pictures, peak, clipped / max(total, 1))
+    return FrameSums(products, pictures, peak, clipped / max(total, 1))
 
 
 def photometric_stereo(frames: Frames, stage: LightStage, points: np.ndarray, peak: np.ndarray) -> Stereo:
@@ -152,19 +141,17 @@ def photometric_stereo(frames: Frames, stage: LightStage, points: np.ndarray, pe
     """
     count = len(points)
     moments, responses = np.zeros((count, 3, 3)), np.zeros((count, 3, 3))
-    errors, used = np.zeros((count, 3, 3, 3), np.float32), np.zeros(count, int)
+    used = np.zeros(count, int)
     for lamp, codes in frames():
-        lit = np.flatnonzero(codes.any(1))
-        directions, _, falloff = stage.lamp_seen_from(lamp, points[lit])
-        linear = LINEAR[codes[lit]] / falloff[:, None]
-        level = linear.mean(1) / peak[lit]
+        lit_pixels = np.flatnonzero(codes.any(1))
+        directions, _, falloff = stage.lamp_seen_from(lamp, points[lit_pixels])
+        linear = LINEAR[codes[lit_pixels]] / falloff[:, None]
+        level = linear.mean(1) / peak[lit_pixels]
         selected = np.flatnonzero((level > STEREO_LEVELS[0]) & (level < STEREO_LEVELS[1]))
-        lit, directions, linear = lit[selected], directions[selected], linear[selected]
-        outer = np.einsum("pi,pj->pij", directions, directions)
-        moments[lit] += outer
-        responses[lit] += np.einsum("pi,pc->pic", directions, linear)
-        errors[lit] += np.einsum("pij,pc->pcij", outer, (CODE_STEP[codes[lit]] / falloff[selected, None]) ** 2)
-        used[lit] += 1
+        lit_pixels, directions, linear = lit_pixels[selected], directions[selected], linear[selected]
+        moments[lit_pixels] += np.einsum("pi,pj->pij", directions, directions)
+        responses[lit_pixels] += np.einsum("pi,pc->pic", directions, linear)
+        used[lit_pixels] += 1
     least = np.linalg.eigvalsh(moments)[:, 0]
     trace = np.einsum("pii->p", moments)
     known = (used >= MIN_FRAMES) & (least > MIN_EIGENVALUE * np.maximum(trace, 1e-12))
@@ -173,5 +160,4 @@ def photometric_stereo(frames: Frames, stage: LightStage, points: np.ndarray, pe
     normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-12)
     square = np.maximum(np.einsum("pi,pij,pj->p", normal, solvable, normal), 1e-12)[:, None]
     albedo = np.maximum(np.einsum("pi,pic->pc", normal, responses) / square, 0) * known[:, None]
-    variance = np.einsum("pi,pcij,pj->pc", normal, errors, normal) / 12 / square**2
-    return Stereo(known, normal, albedo, variance)
+    return Stereo(known, normal, albedo)

@@ -9,7 +9,7 @@ from typing import Any
 from omegaconf import DictConfig, OmegaConf
 
 from relight import extensions
-from relight.config.schema import EXPERIMENT, FIELDS, STRENGTHS
+from relight.config.schema import EXPERIMENT, FIELDS, QUANTITIES, STRENGTHS
 from relight.config.setting import domain_in_words, setting_of
 from relight.config.stages import READS
 from relight.files import UserError
@@ -123,6 +123,13 @@ def _inconsistent(cfg: DictConfig) -> Iterator[str]:
     for name, experiment in (get("experiments") or {}).items():
         if unknown := [row for row in experiment.rows if row not in (get("sweep.rows") or {})]:
             yield f"experiments.{name}.rows: no row {unknown[0]} in sweep.rows; add it there"
+        for pair in experiment.compare:
+            first, against, second = pair.partition(" against ")
+            if first not in (get("sweep.rows") or {}) or not against or not second:
+                yield f"experiments.{name}.compare: {pair!r} must be ROW against ROW, the first one of sweep.rows"
+        columns = [f"{quantity}_{reading}" for quantity in QUANTITIES for reading in ("rmse", "ssim")]
+        if unknown := [column for column in experiment.compare_in if column not in columns]:
+            yield f"experiments.{name}.compare_in: {unknown[0]} must be a quantity and a reading, such as relit_rmse"
     if (get("figures.outfits") or 1) > 1 and (get("figures.source") != "generated" or get("bake.bounces")):
         yield "figures.outfits must be 1 with bake.bounces, which depend on albedo, and unless figures are generated"
     for name, weight in (get("loss.extra") or {}).items():

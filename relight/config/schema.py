@@ -10,6 +10,10 @@ from relight.config.setting import setting
 DEVICES = ("auto", "cpu", "cuda")
 PARTS = ("test", "sitting", "views")  # parts of the split that can be scored
 SCORED_LIGHTS = ("test", "unusual")  # splits of the light set that can be scored under
+QUANTITIES = (  # that are scored; the first six are those of the paper's Table 1
+    "shading", "transport", "normal", "ao", "light", "albedo",
+    "shading_true_light", "transport_with_ao", "reconstruction", "relit", "sphere",
+)  # fmt: skip
 AXES = ("auto", "+x", "-x", "+y", "-y", "+z", "-z")
 
 
@@ -28,9 +32,9 @@ class Figures:
         choices=("generated", "scans", "olat", *extensions.names()),
     )
     folder: str | None = setting("folder of the scans or captures", None)
-    only: str = setting("regular expression for the names of captures; empty for all", "")
-    first: int = setting("first seed", 0, least=0)
-    count: int = setting("number of seeds", 1, least=1)
+    only: str = setting("regular expression for the names of captures; empty for all", "", reruns=False)
+    first: int = setting("first seed", 0, least=0, reruns=False)
+    count: int = setting("number of seeds", 1, least=1, reruns=False)
     detail: str = setting("resolution of the drape", choices=("draft", "full"))
     texture: int = setting("side of the largest texture, pixels", least=16)
     per_subject: int = setting(
@@ -311,15 +315,27 @@ NO_AUGMENTATION = Augment(**dict.fromkeys((*STRENGTHS, "cut", "shift"), 0), zoom
 
 @dataclass
 class Evaluate:
-    """Scores of networks, with their tables and pictures."""
+    """Scores of networks."""
 
     lights: str = setting("split of the light set to score under; set by an experiment", choices=SCORED_LIGHTS)
     device: str = setting("device of the inference", choices=DEVICES)
-    bootstrap: int = setting("number of bootstrap resamples for each interval", 2000, least=1)
-    plates: int = setting("number of test figures on a plate", 4, least=1)
-    sheet: int = setting("number of figures on the contact sheet", 48, least=1)
-    seed: int = setting("seed of the resamples", 0, least=0)
     figures: str = setting("part of the split to score; set by an experiment", "test", choices=PARTS)
+
+
+@dataclass
+class Statistics:
+    """Intervals in tables of scores."""
+
+    bootstrap: int = setting("number of bootstrap resamples for each interval", least=1)
+    seed: int = setting("seed of the resamples", least=0)
+
+
+@dataclass
+class Pictures:
+    """Pictures in the report."""
+
+    plates: int = setting("number of test figures on a plate", least=1)
+    sheet: int = setting("number of figures on the contact sheet", least=1)
 
 
 @dataclass
@@ -361,6 +377,16 @@ class Experiment:
     axis: str | None = setting("setting, such as model.width, against which errors are plotted", None)
     table: bool = setting("whether it is a table of trained and scored rows; else it has stages of its own", True)
     plates: bool = setting("whether its rows are drawn side by side on test figures", False)
+    shows: list[str] = setting(
+        "quantities in its table; by default those of the paper's Table 1", list(QUANTITIES[:6]), choices=QUANTITIES
+    )
+    compare: dict[str, str] = setting(
+        "pairs of rows that its section compares, `this against that`, each with what the comparison measures", {}
+    )
+    compare_in: list[str] = setting(
+        "columns of the scores in which they are compared, such as relit_rmse",
+        ["shading_rmse", "transport_rmse", "albedo_rmse", "light_rmse"],
+    )
 
 
 @dataclass
@@ -376,8 +402,10 @@ class Sweep:
 class Track:
     """Tracking in MLflow."""
 
-    uri: str | None = setting("store of the runs: sqlite:///FILE, a database or a server; null for none", None)
-    experiment: str = setting("name of the experiment in MLflow", "relight")
+    uri: str | None = setting(
+        "store of the runs: sqlite:///FILE, a database or a server; null for none", None, reruns=False
+    )
+    experiment: str = setting("name of the experiment in MLflow", "relight", reruns=False)
 
 
 @dataclass
@@ -401,6 +429,8 @@ class Config:
     train: Train = field(default_factory=Train)
     augment: Augment = field(default_factory=Augment)
     evaluate: Evaluate = field(default_factory=Evaluate)
+    statistics: Statistics = field(default_factory=Statistics)
+    pictures: Pictures = field(default_factory=Pictures)
     trace: Trace = field(default_factory=Trace)
     timing: Timing = field(default_factory=Timing)
     benchmark: Benchmark = field(default_factory=Benchmark)

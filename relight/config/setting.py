@@ -22,6 +22,8 @@ class Setting:
         multiple: divisor of a number.
         interval: whether it is a list [least, most] of two numbers.
         supervised: whether it is the weight of a loss that needs ground truth.
+        reruns: whether a change re-runs the stages that read it; not if it only says which
+            figures to make, or where runs are tracked.
     """
 
     about: str
@@ -33,6 +35,7 @@ class Setting:
     multiple: int | None = None
     interval: bool = False
     supervised: bool = False
+    reruns: bool = True
 
     @property
     def domain(self) -> str:
@@ -75,7 +78,7 @@ def setting(about: str, default: Any = MISSING, **rules: Any) -> Any:
     Args:
         about: description, with the unit.
         default: only for settings that files may omit: weights of losses, settings that are newer than existing files,
-            and those that the workflow omits for stages whose outputs do not depend on them (`WITHOUT_EFFECT`).
+            and those that the workflow omits from the settings of stages (`reruns`).
         **rules: the domain, as in `Setting`.
     """
     metadata = {"setting": Setting(about, **rules)}

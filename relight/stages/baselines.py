@@ -14,8 +14,8 @@ from relight.stages.stage import stage
     out="scores (.csv)",
 )
 def main(evaluate: Evaluate, color: str, order: int, packed: Path, lights: Path, split: Path, out: Path) -> None:
-    """Writes the scores of the baselines (`relight.evaluation.baselines`)."""
-    from relight.evaluation.baselines import evaluate_baselines
+    """Writes the scores of the baselines (`relight.evaluation.scoring.baselines`)."""
+    from relight.evaluation.scoring.baselines import evaluate_baselines
 
     evaluate_baselines(packed, lights, split, evaluate, out, color, order)
 

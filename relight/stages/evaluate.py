@@ -16,8 +16,8 @@ from relight.stages.stage import stage
 )
 def main(evaluate: Evaluate, track: Track, packed: Path, lights: Path, split: Path, network: Path, out: Path) -> None:
     """Writes the scores of a network, one row per figure and light, and sends their means to its run in MLflow."""
-    from relight.evaluation.evaluate import evaluate as score
-    from relight.evaluation.scores import read_scores
+    from relight.evaluation.scoring.evaluate import evaluate as score
+    from relight.evaluation.scoring.scores import read_scores
     from relight.learning.checkpoint import read_config
     from relight.tracking.run import log_scores
 

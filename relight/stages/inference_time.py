@@ -9,7 +9,7 @@ from relight.stages.stage import stage
 @stage("inference_time", row="its name in the table", out="times (.csv)")
 def main(model: Model, timing: Timing, row: str, out: Path) -> None:
     """Writes the inference times of a network by size and device."""
-    from relight.evaluation.timing import time_networks
+    from relight.evaluation.experiments.timing import time_networks
 
     time_networks({row: model}, timing, out)
 

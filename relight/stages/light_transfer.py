@@ -1,4 +1,4 @@
-"""Scores figures that swap lights, and draws some of them."""
+"""Scores figures that swap lights."""
 
 from pathlib import Path
 
@@ -15,24 +15,15 @@ from relight.stages.stage import stage
     lights="lights (.npz)",
     split="split (.json)",
     out="scores (.csv)",
-    plate="pictures of some swaps (.png)",
 )
 def main(
-    evaluate: Evaluate,
-    experiments: Path,
-    networks: Path,
-    packed: Path,
-    lights: Path,
-    split: Path,
-    out: Path,
-    plate: Path,
+    evaluate: Evaluate, experiments: Path, networks: Path, packed: Path, lights: Path, split: Path, out: Path
 ) -> None:
-    """Scores swaps of lights by all networks of the experiment, and draws some by the first network of each row."""
-    from relight.evaluation.transfer import evaluate_transfer, transfer_plate
+    """Writes the scores of all networks of the experiment."""
+    from relight.evaluation.experiments.transfer import evaluate_transfer
 
-    networks_by_run, networks_by_row = networks_of(experiments, "light_transfer", networks)
-    evaluate_transfer(networks_by_run, packed, lights, split, evaluate, out)
-    transfer_plate(networks_by_row, packed, lights, split, evaluate, plate)
+    by_training, _ = networks_of(experiments, "light_transfer", networks)
+    evaluate_transfer(by_training, packed, lights, split, evaluate, out)
 
 
 if __name__ == "__main__":

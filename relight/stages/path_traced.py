@@ -1,4 +1,4 @@
-"""Compares relit pictures with path tracing: errors by cause, and plates."""
+"""Scores relit pictures against path tracing, by the causes of the error."""
 
 from pathlib import Path
 
@@ -15,24 +15,15 @@ from relight.stages.stage import stage
     lights="lights (.npz)",
     traced="traced irradiance (.npz)",
     out="scores (.csv)",
-    plate="pictures (.png)",
 )
 def main(
-    evaluate: Evaluate,
-    experiments: Path,
-    networks: Path,
-    packed: Path,
-    lights: Path,
-    traced: Path,
-    out: Path,
-    plate: Path,
+    evaluate: Evaluate, experiments: Path, networks: Path, packed: Path, lights: Path, traced: Path, out: Path
 ) -> None:
-    """Measures relit pictures against path tracing by cause, and draws some figures."""
-    from relight.evaluation.path_traced import evaluate_traced, traced_plate
+    """Writes the scores of all networks of the experiment."""
+    from relight.evaluation.experiments.path_traced import evaluate_traced
 
-    networks_by_run, networks_by_row = networks_of(experiments, "path_traced", networks)
-    evaluate_traced(networks_by_run, packed, lights, traced, evaluate, out)
-    traced_plate(networks_by_row, packed, lights, traced, evaluate, plate)
+    by_training, _ = networks_of(experiments, "path_traced", networks)
+    evaluate_traced(by_training, packed, lights, traced, evaluate, out)
 
 
 if __name__ == "__main__":

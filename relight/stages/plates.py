@@ -1,9 +1,10 @@
 """Draws the plates of an experiment: figures by network, one figure relit, and the best and worst figures."""
 
 import json
+from functools import partial
 from pathlib import Path
 
-from relight.config import Evaluate
+from relight.config import Evaluate, Pictures
 from relight.stages.networks import networks_of
 from relight.stages.stage import stage
 
@@ -23,6 +24,7 @@ from relight.stages.stage import stage
 )
 def main(
     evaluate: Evaluate,
+    pictures: Pictures,
     experiments: Path,
     experiment: str,
     results: Path,
@@ -35,16 +37,16 @@ def main(
     extremes: Path,
 ) -> None:
     """Draws the four pictures of an experiment, by the first training of each of its rows."""
-    from relight.evaluation import panels
+    from relight.evaluation.pictures import panels
 
     _, networks = networks_of(experiments, experiment, results / "train")
     scored = json.loads(experiments.read_text())[experiment]["scores"]
     scores = [results / path for row, paths in scored.items() if row for path in paths]
     data = packed, lights, split, evaluate
-    panels.plates(networks, *data, out)
+    panels.plates(networks, *data, lambda names: panels.evenly_spaced(len(names), pictures.plates), out)
+    panels.plates(networks, *data, partial(panels.extreme_places, scores), extremes)
+    panels.plates(dict([list(networks.items())[-1]]), *data, lambda names: [len(names) // 2], overview)
     panels.relit(networks, *data, relit)
-    panels.overview(networks, *data, overview)
-    panels.extremes(networks, scores, *data, extremes)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from relight.config import Evaluate
+from relight.config import Pictures
 from relight.stages.stage import stage
 
 
@@ -17,7 +17,7 @@ from relight.stages.stage import stage
     histogram="chart of their occlusion (.png)",
 )
 def main(
-    evaluate: Evaluate,
+    pictures: Pictures,
     names: Path,
     maps: Path,
     lights: Path,
@@ -27,16 +27,15 @@ def main(
     histogram: Path,
 ) -> None:
     """Draws figures and lights, and measures the self-occlusion of the figures."""
-    from relight.evaluation.charts import plot_occlusion
-    from relight.evaluation.contact import clearest_light, contact_sheet
-    from relight.evaluation.occlusion import measure_occlusion
+    from relight.evaluation.experiments.occlusion import measure_occlusion, plot_occlusion
+    from relight.evaluation.pictures.contact import clearest_light, contact_sheet
     from relight.lights import read_light_set, write_contact_sheet
 
     paths = [maps / f"{name}.exr" for name in names.read_text().split()]
     plot_occlusion(measure_occlusion(paths, occlusion), histogram)
     chosen = read_light_set(lights)
     write_contact_sheet(chosen, spheres)
-    contact_sheet(paths[: evaluate.sheet], clearest_light(chosen.of("test").coefficients), figures)
+    contact_sheet(paths[: pictures.sheet], clearest_light(chosen.of("test").coefficients), figures)
 
 
 if __name__ == "__main__":

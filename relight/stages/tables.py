@@ -2,17 +2,17 @@
 
 from pathlib import Path
 
-from relight.config import Evaluate
+from relight.config import Statistics
 from relight.stages.stage import stage
 
 
 @stage("tables", experiments="experiments (.json)", results="folder of the results", out="folder of the tables")
-def main(evaluate: Evaluate, experiments: Path, results: Path, out: Path) -> None:
+def main(statistics: Statistics, experiments: Path, results: Path, out: Path) -> None:
     """Writes the tables of all experiments."""
     from relight.evaluation.report.results import Results
     from relight.evaluation.report.sections import write_score_table
 
-    made = Results(results, evaluate, experiments)
+    made = Results(results, statistics, experiments)
     for name in made.tables:
         write_score_table(made.table(name), made.title(name), out / name)
 

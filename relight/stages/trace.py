@@ -26,8 +26,8 @@ def main(
     meshes: Path,
     out: Path,
 ) -> None:
-    """Writes the irradiance of test figures by path tracing (`relight.evaluation.tracing.trace`)."""
-    from relight.evaluation import tracing
+    """Writes the irradiance of test figures by path tracing (`relight.evaluation.experiments.tracing.trace`)."""
+    from relight.evaluation.experiments import tracing
 
     tracing.trace(packed, lights, split, meshes, panoramas, evaluate, trace, order, rays, out)
 

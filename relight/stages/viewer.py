@@ -33,9 +33,9 @@ def main(
     out: Path,
 ) -> None:
     """Writes the page of a run, with as many test figures as fit."""
-    from relight.evaluation.evaluate import inferred_maps, load
-    from relight.evaluation.labels import label
-    from relight.evaluation.panels import evenly_spaced
+    from relight.evaluation.pictures.panels import evenly_spaced
+    from relight.evaluation.scoring.evaluate import inferred_maps, load
+    from relight.evaluation.scoring.labels import label
     from relight.lights import read_light_set
     from relight.viewer.build import build_gallery
     from relight.viewer.figure import QUALITIES, Figure, to_json

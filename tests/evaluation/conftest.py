@@ -26,7 +26,7 @@ class World:
 
 
 def snowman(size: int, seed: int) -> Maps:
-    """Body and head, coloured stripes, darker toward the neck; transport = AO * T(normal) exactly."""
+    """Body and head, colored stripes, darker toward the neck; transport = AO * T(normal) exactly."""
     rng = np.random.default_rng(seed)
     x = (2 * np.arange(size) + 1) / size - 1
     x, y = np.meshgrid(x, -x)
@@ -78,7 +78,7 @@ def make_world(folder: Path, size: int, figures: int, lights: int, test: int) ->
     np.savez(folder / "lights.npz", coefficients=some_lights(lights, 7), split=split)
     names = [path.stem for path in paths]
     (folder / "split.json").write_text(json.dumps({"train": names[:-test], "test": names[-test:]}))
-    settings = config.Evaluate(bootstrap=2000, plates=2, sheet=6, lights="test", device="cpu", seed=0)
+    settings = config.Evaluate(lights="test", device="cpu")
     return World(folder / "packed.safetensors", folder / "lights.npz", folder / "split.json", paths, settings)
 
 

@@ -83,7 +83,7 @@ def mask(path: str) -> None:
 
 
 def scores(path: str) -> None:
-    from relight.evaluation.scores import read_scores
+    from relight.evaluation.scoring.scores import read_scores
 
     read_scores(path)
 

@@ -17,7 +17,7 @@ from people import person
 from scipy.spatial.transform import Rotation
 
 from relight.config import Align, Model
-from relight.evaluation.statistics import compare, estimate
+from relight.evaluation.scoring.statistics import compare, estimate
 from relight.figures.body.person import build_body, sample_person
 from relight.learning.camera import shade
 from relight.learning.networks import build

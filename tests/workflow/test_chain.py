@@ -59,8 +59,8 @@ AFTER_BAKING = {"pack": 1, "split": 1, "train": 3, "baselines": 1, "sheets": 1, 
         ("bake.views=2", {"bake": 3, **AFTER_BAKING}),
         ("align.padding=0.1", {"align": 3, "clean": 3, "bake": 3, **AFTER_BAKING}),
         ("lights.clusters=5", {"lights": 1, "train": 3, "baselines": 1, "sheets": 1, **AFTER_TRAINING}),
-        ("evaluate.bootstrap=99 track=none", {"tables": 1, "report": 1}),
-        ("evaluate.plates=3 evaluate.sheet=3", {"plates": 1, "sheets": 1, "report": 1}),
+        ("statistics.bootstrap=99 track=none", {"tables": 1, "report": 1}),
+        ("pictures.plates=3 pictures.sheet=3", {"plates": 1, "sheets": 1, "report": 1}),
     ],
 )
 def test_a_change_runs_what_it_touches(done, override, jobs):

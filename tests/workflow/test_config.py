@@ -117,6 +117,9 @@ def test_what_stages_read_is_there(stage):
         ("train.widht=1", ["train.widht: no such setting", "did you mean model.width?"]),
         ("experiment=tabel1", ["experiment=tabel1: no such choice", "did you mean table1?"]),
         ("train.lr=(1", ["cannot read the override", "in two pairs of quotes"]),
+        ("+experiments.claim.compare={nobody against sfsnet: x}", ["experiments.claim.compare", "ROW against ROW"]),
+        ("experiments.claim.compare_in=[relit]", ["experiments.claim.compare_in: relit must be", "such as relit_rmse"]),
+        ("experiments.claim.shows=[hue]", ["experiments.claim.shows", "one of shading, transport", "hue"]),
         ("+extra=1", ["extra", "train"]),
         ("train=[", ["train=[", "key=value"]),
         ("x y=3", ["'x y=3'", "key=value"]),
@@ -195,8 +198,9 @@ def test_view_hands_over_what_is_read():
     assert set(view(tree, "bake")) == {"bake"}
     assert view(tree, "train")["train"]["lr"] == 0.5
     assert view(tree, "lights")["bake"] == {"order": tree["bake"]["order"]}
-    assert "bootstrap" in view(tree, "tables")["evaluate"] and "bootstrap" not in view(tree, "evaluate")["evaluate"]
-    assert "bootstrap" in tree["evaluate"]  # which keeps all
+    assert view(tree, "tables").keys() == {"statistics"} and "track" not in view(tree, "evaluate")
+    assert {"first", "count", "only"}.isdisjoint(view(tree, "figure")["figures"])
+    assert "count" in tree["figures"]  # which keeps all
 
 
 @pytest.mark.parametrize(

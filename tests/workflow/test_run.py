@@ -75,16 +75,24 @@ def test_results_of_a_clock_that_was_ahead_are_dated_now(calls, tmp_path):
     assert dates["early"] < before - 3000 and before <= dates["late"] <= time.time()
 
 
-def test_files_of_other_experiments_leave_the_report(tmp_path):
-    from relight.evaluation.report.build import remove_earlier
+@pytest.mark.parametrize("changed", [False, True])
+def test_remove_outdated_of_experiments_that_are_not_in_the_run(tmp_path, changed):
+    """As after a sweep under the name of earlier results: their tables stay unless the data set has changed since."""
+    from relight.evaluation.report.build import remove_outdated
 
-    ends = (".csv", ".md", ".tex")
+    report, ends = tmp_path / "report", (".csv", ".md", ".tex")
+    report.mkdir()
     planned = {f"{name}{end}" for name in ("table1", "table1_occlusion", "light_transfer") for end in ends}
+    others = {"order_plates.png", *(f"order{end}" for end in ends)}
     kept = planned | {"occlusion.csv", "notes.md", "table1_plates.png"}
-    for name in (*kept, "order_plates.png", *(f"order{end}" for end in ends)):
-        (tmp_path / name).write_text("")
-    remove_earlier(SimpleNamespace(report=tmp_path, experiments={"table1": {}, "light_transfer": {}}))
-    assert {path.name for path in tmp_path.iterdir()} == kept
+    for name in kept | others:
+        (report / name).write_text("")
+        os.utime(report / name, (1000, 1000))
+    (tmp_path / "packed.safetensors").write_text("")
+    os.utime(tmp_path / "packed.safetensors", (2000 if changed else 500,) * 2)
+    experiments = {"table1": {}, "light_transfer": {}}
+    remove_outdated(SimpleNamespace(folder=tmp_path, report=report, experiments=experiments))
+    assert {path.name for path in report.iterdir()} == kept | (set() if changed else others)
 
 
 def test_a_sweep_of_a_stage_leaves_its_outputs_alone(tmp_path):

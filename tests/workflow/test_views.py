@@ -9,7 +9,7 @@ from omegaconf import OmegaConf
 from people import person
 
 from relight.config import composed
-from relight.evaluation.evaluate import has_pairs, select_pairs
+from relight.evaluation.scoring.evaluate import has_pairs, select_pairs
 from relight.files import UserError
 from relight.learning.data import RelitSet
 from relight.learning.train import select_training_data

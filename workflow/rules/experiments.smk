@@ -11,8 +11,7 @@ rule light_transfer:
         split=TEST_SPLIT,
         lights=f"{OUT}/lights/lights.npz",
     output:
-        scores=f"{OUT}/light_transfer/scores.csv",
-        plate=f"{OUT}/light_transfer/plate.png",
+        f"{OUT}/light_transfer/scores.csv",
     log:
         f"{OUT}/log/light_transfer.log",
     benchmark:
@@ -23,7 +22,7 @@ rule light_transfer:
     shell:
         command("light_transfer")
         + f"io.experiments={{input.experiments:q}} io.networks={OUT}/train io.packed={{input.packed:q}} "
-        + "io.lights={input.lights:q} io.split={input.split:q} io.out={output.scores:q} io.plate={output.plate:q}"
+        + "io.lights={input.lights:q} io.split={input.split:q} io.out={output:q}"
         + LOGGED
 
 
@@ -59,8 +58,7 @@ rule path_traced:
         lights=f"{OUT}/lights/lights.npz",
         traced=f"{OUT}/path_traced/traced.npz",
     output:
-        scores=f"{OUT}/path_traced/scores.csv",
-        plate=f"{OUT}/path_traced/plate.png",
+        f"{OUT}/path_traced/scores.csv",
     log:
         f"{OUT}/log/path_traced.log",
     benchmark:
@@ -71,7 +69,37 @@ rule path_traced:
     shell:
         command("path_traced")
         + f"io.experiments={{input.experiments:q}} io.networks={OUT}/train io.packed={{input.packed:q}} "
-        + "io.lights={input.lights:q} io.traced={input.traced:q} io.out={output.scores:q} io.plate={output.plate:q}"
+        + "io.lights={input.lights:q} io.traced={input.traced:q} io.out={output:q}"
+        + LOGGED
+
+
+rule plate:
+    input:
+        cfg=settings("plate"),
+        experiments=f"{OUT}/config/experiments.json",
+        networks=lambda wildcards: networks_of(wildcards.experiment),
+        packed=f"{OUT}/packed.safetensors",
+        lights=f"{OUT}/lights/lights.npz",
+        reference=lambda wildcards: (
+            TEST_SPLIT
+            if wildcards.experiment == "light_transfer"
+            else f"{OUT}/path_traced/traced.npz"
+        ),
+    output:
+        f"{OUT}/{{experiment}}/plate.png",
+    log:
+        f"{OUT}/log/plate.{{experiment}}.log",
+    benchmark:
+        f"{OUT}/benchmark/plate/{{experiment}}.tsv"
+    resources:
+        mem_mb=8000,
+        gpu=PLAN.gpus,
+    shell:
+        command("plate")
+        + "io.experiments={input.experiments:q} "
+        + named("io.experiment", "wildcards.experiment")
+        + f"io.networks={OUT}/train io.packed={{input.packed:q}} io.lights={{input.lights:q}} "
+        + "io.reference={input.reference:q} io.out={output:q}"
         + LOGGED
 
 

@@ -10,11 +10,12 @@ from typing import Any, TypeVar
 from markupsafe import Markup
 
 from relight import config
-from relight.evaluation.formats import Grid
-from relight.evaluation.paper import CITATION, CONTENTS
 from relight.evaluation.report import data, own, page, sections
+from relight.evaluation.report.formats import TextTable
 from relight.evaluation.report.provenance import costs, provenance
 from relight.evaluation.report.results import Results
+from relight.evaluation.scoring.comparisons import compare_rows
+from relight.evaluation.scoring.paper import CITATION, CONTENTS
 from relight.files import UserError, atomic_write
 
 T = TypeVar("T")
@@ -46,17 +47,16 @@ class Section:
 
 
 def build_report(
-    name: str, settings: config.Evaluate, experiments: Path, folder: Path, out: Path, makers: Makers = own.OWN
+    name: str, settings: config.Statistics, experiments: Path, folder: Path, out: Path, makers: Makers = own.OWN
 ) -> None:
     """Writes the page of a run, its charts, and the tables of experiments with stages of their own.
 
-    Files of experiments that are no longer in the run are removed.
-
-    A section that cannot be made gives the reason; the others are not affected.
+    Tables and pictures of earlier runs with other experiments stay if the data set is still the same, and else are
+    removed. A section that cannot be made gives the reason; the others are not affected.
 
     Args:
         name: of the run.
-        settings: number of resamples, their seed, and number of figures on the sheets.
+        settings: number of resamples, and their seed.
         experiments: the experiments of the run (experiments.json, `Plan.requested`).
         folder: results/<name>.
         out: the page (.html).
@@ -66,7 +66,7 @@ def build_report(
         UserError: if no section could be made.
     """
     results = Results(folder, settings, experiments)
-    remove_earlier(results)
+    remove_outdated(results)
     # Whether a table of the run is one of the paper's, whose orderings are tested.
     compared = bool({"table1", "table2"} & set(results.tables))
     parts = [
@@ -91,13 +91,16 @@ def build_report(
         tmp.write_text(html, encoding="utf-8")
 
 
-def remove_earlier(results: Results) -> None:
-    """Removes the tables and pictures of experiments that earlier calls had and this run does not have."""
+def remove_outdated(results: Results) -> None:
+    """Removes the tables and pictures of earlier runs with other experiments if the data set has changed since."""
+    data = [results.folder / name for name in ("packed.safetensors", "lights/lights.npz")]
+    changed = max((path.stat().st_mtime for path in data if path.exists()), default=0)
     planned = tuple(results.experiments)
-    for stem in {path.stem for path in results.report.glob("*.tex")}:
-        if not any(stem == name or stem.startswith(f"{name}_") for name in planned):
+    for table in results.report.glob("*.tex"):
+        is_planned = any(table.stem == name or table.stem.startswith(f"{name}_") for name in planned)
+        if not is_planned and table.stat().st_mtime < changed:
             for end in FILE_ENDS:
-                (results.report / f"{stem}{end}").unlink(missing_ok=True)
+                table.with_name(f"{table.stem}{end}").unlink(missing_ok=True)
 
 
 def experiment(results: Results, name: str, makers: Makers = own.OWN) -> Section:
@@ -109,7 +112,7 @@ def experiment(results: Results, name: str, makers: Makers = own.OWN) -> Section
             name, results.title(name), f"Its jobs failed: {missing} was not made. {results.folder}/log says why."
         )
     make = makers.get(name, sections.experiment)
-    template = f"{name}.md" if name in makers or name in sections.EXPERIMENTS else "experiment.md"
+    template = f"experiments/{name}.md" if page.exists(f"sections/experiments/{name}.md") else "experiment.md"
     return make_section(name, results.title(name), template, lambda results: make(results, name), results)
 
 
@@ -129,7 +132,7 @@ def failed_section(name: str, heading: str, reason: str) -> Section:
     return Section(name, heading, page.section("sections/failed.md", reason=reason), failed=True)
 
 
-def contents(results: Results) -> Grid:
+def contents(results: Results) -> TextTable:
     """Returns the paper's figures and tables, linked to the sections of this run, and the commands that repeat them."""
     anchors = {*results.experiments, "figures", "lights", *(["training"] if results.tables else [])}
     rows = [
@@ -140,7 +143,7 @@ def contents(results: Results) -> Grid:
         ]
         for what, shows, anchor, command in CONTENTS
     ]
-    return Grid.of(["the paper's", "shows", "command"], rows)
+    return TextTable.of(["the paper's", "shows", "command"], rows)
 
 
 def head(name: str, results: Results, failed: int) -> Markup:
@@ -182,7 +185,7 @@ def answered(results: Results, name: str = "claim") -> dict[str, Any] | None:
     if name not in results.tables:
         return None
     table = results.table(name)
-    claims = sections.claim(results, name, table)["claims"]
+    claims = compare_rows(table, "ours_min", "sfsnet", ("shading_true_light_rmse", "relit_rmse"))
     return {"name": name, "claims": claims, "scored": table} if len(claims) == 2 else None
 
 

@@ -6,13 +6,13 @@ from typing import Any
 
 import pandas as pd
 
-from relight.evaluation import charts
-from relight.evaluation.formats import Grid, number
-from relight.evaluation.labels import label
-from relight.evaluation.occlusion import SEPARATOR, group_occlusion, read_occlusion
-from relight.evaluation.paper import IMPLIED_AO, IMPLIED_LOST
+from relight.evaluation.experiments.occlusion import SEPARATOR, group_occlusion, read_occlusion
+from relight.evaluation.pictures import charts
+from relight.evaluation.report.formats import TextTable, number
 from relight.evaluation.report.provenance import costs
 from relight.evaluation.report.results import Results
+from relight.evaluation.scoring.labels import label
+from relight.evaluation.scoring.paper import IMPLIED_AO, IMPLIED_LOST
 from relight.learning.checkpoint import load_network
 
 Numbers = dict[str, Any]
@@ -28,7 +28,7 @@ def training(results: Results) -> Numbers:
     return files | {"networks": networks(results, results.readable[0])}
 
 
-def networks(results: Results, name: str) -> Grid:
+def networks(results: Results, name: str) -> TextTable:
     """Returns the different networks of a table: the rows that train each, its number of weights, and its size."""
     first = {row: trainings[0] for row, trainings in results.experiments[name]["trainings"].items()}
     settings = results.settings_files()
@@ -43,7 +43,7 @@ def networks(results: Results, name: str) -> Grid:
             network, _ = load_network(file)
             weights = sum(weight.numel() for weight in network.parameters())
             found.append([", ".join(map(label, rows)), weights / 1e6, network.size])
-    return Grid.of(["network", "weights, millions", "side of its picture, px"], found)
+    return TextTable.of(["network", "weights, millions", "side of its picture, px"], found)
 
 
 def figures(results: Results) -> Numbers:
@@ -60,20 +60,19 @@ def figures(results: Results) -> Numbers:
     return {
         "infos": infos,
         "left_out": two_columns(["left out", "reason"], left_out),
-        "shown": min(len(infos), results.settings.sheet),
         "sheet": results.report / "figures.png",
         "histogram": results.report / "occlusion.png",
         "every": group_occlusion(table, "all").iloc[0],
         "implied": (IMPLIED_AO, IMPLIED_LOST),
         "by_pose": group_grid(table, "pose"),
         "by_garment": group_grid(table, "garment"),
-        "each": Grid.of(["figure", "pose", "garments", "mean AO", "AO < .5", "rms lost"], by_figure),
-        "repairs": Grid.of(["figure", "repairs"], repairs),
+        "each": TextTable.of(["figure", "pose", "garments", "mean AO", "AO < .5", "rms lost"], by_figure),
+        "repairs": TextTable.of(["figure", "repairs"], repairs),
         **redraws(infos),
     }
 
 
-def group_grid(table: pd.DataFrame, by: str) -> Grid:
+def group_grid(table: pd.DataFrame, by: str) -> TextTable:
     """Returns the occlusion of groups of figures, darkest first, followed by all figures and the paper's scans."""
     groups = pd.concat([group_occlusion(table, by), group_occlusion(table, "all")])
     rows = [
@@ -82,7 +81,7 @@ def group_grid(table: pd.DataFrame, by: str) -> Grid:
     ]
     rows.append(["the paper, implied", None, IMPLIED_AO, None, None, IMPLIED_LOST])
     heads = [by, "figures", "mean AO", "range", "AO < .5", "rms lost"]
-    return Grid.of(heads, rows, ["network"] * (len(groups) - 1) + ["baseline"] * 2)
+    return TextTable.of(heads, rows, ["network"] * (len(groups) - 1) + ["baseline"] * 2)
 
 
 def redraws(infos: dict[str, dict]) -> Numbers:
@@ -100,7 +99,7 @@ def redraws(infos: dict[str, dict]) -> Numbers:
         [why, times, ", ".join(f"{name} {n}" for name, n in garments[why].most_common() if n)]
         for why, times in draws.most_common()
     ]
-    grid = Grid.of(["gate", "draws", "garments"], rows)
+    grid = TextTable.of(["gate", "draws", "garments"], rows)
     return {"drawn": len(generated), "redrawn": sum(info["redrawn"] > 0 for info in generated), "reasons": grid}
 
 
@@ -119,10 +118,12 @@ def lights(results: Results) -> Numbers:
         "counts": record["lights"],
         "sources": len({row[0] for row in by_light if row[3] == "test"}),
         "warnings": record["warnings"],
-        "steps": Grid.of(["step", "lights in", "out", "dropped (a light may have several reasons)"], steps),
+        "steps": TextTable.of(["step", "lights in", "out", "dropped (a light may have several reasons)"], steps),
         "sheet": results.report / "lights.png",
-        "test": Grid.of(["test light", "turned by, degrees"], [row[:2] for row in by_light if row[3] == "test"]),
-        "cut": Grid.of(["panorama", "turned by, degrees", "reasons", "kept as"], [row for row in by_light if row[2]]),
+        "test": TextTable.of(["test light", "turned by, degrees"], [row[:2] for row in by_light if row[3] == "test"]),
+        "cut": TextTable.of(
+            ["panorama", "turned by, degrees", "reasons", "kept as"], [row for row in by_light if row[2]]
+        ),
         "unlit": two_columns(["panorama", "rules broken"], record["unlit"]),
         "unreadable": two_columns(["file", "reason"], record["unreadable"]),
         "repaired": two_columns(["file", "how"], record["repaired"]),
@@ -132,33 +133,45 @@ def lights(results: Results) -> Numbers:
 def costs_and_settings(results: Results) -> Numbers:
     """Returns time and memory by stage, and all settings of this run."""
     found, wall = costs(results.folder)
-    rows = [[stage, int(one.jobs), one["mean"], one.seconds, one.cpu, one.memory] for stage, one in found.iterrows()]
-    rows.append(["all", int(found.jobs.sum()), None, found.seconds.sum(), found.cpu.sum(), found.memory.max()])
-    heads = ["stage", "jobs", "s a job", "s in total", "CPU s", "largest memory, GB"]
-    digits = {"s a job": 1, "s in total": 1, "CPU s": 1, "largest memory, GB": 2}
-    grid = Grid.of(heads, rows, digits=digits)
     settings = {
         stage: {key: "none" if value is None else str(value) for key, value in values.items()}
         for stage, values in results.settings_files().items()
     }
-    trainings = {name: settings[f"train.{name}"] for name in results.trainings if f"train.{name}" in settings}
-    trained = pd.DataFrame(trainings, dtype=object).fillna("")
-    is_shared = trained.nunique(axis=1) == 1
-    found_values: dict[str, set[str]] = {}  # by setting; files such as split.subject and train.ours_full.s0 may differ
-    for values in [*trainings.values(), *(one for stage, one in settings.items() if not stage.startswith("train."))]:
-        for key, value in values.items():
-            found_values.setdefault(key, set()).add(value)
-    differing = set(trained.index[~is_shared])
-    shared = {key: min(one) for key, one in found_values.items() if len(one) == 1 and key not in differing}
-    return {
-        "costs": grid,
-        "wall": wall,
-        "seconds": float(found.seconds.sum()),
-        "shared": two_columns(["setting", "value"], dict(sorted(shared.items()))),
-        "differing": Grid(trained[~is_shared].rename_axis("setting"), [""] * int((~is_shared).sum())),
-    }
+    shared, differing = setting_tables(settings, results.trainings)
+    seconds = float(found.seconds.sum())
+    return {"costs": cost_table(found), "wall": wall, "seconds": seconds, "shared": shared, "differing": differing}
 
 
-def two_columns(heads: list[str], found: dict[str, str]) -> Grid:
+def cost_table(found: pd.DataFrame) -> TextTable:
+    """Returns the measurements of `provenance.costs` with their sums."""
+    rows = [[stage, int(one.jobs), one["mean"], one.seconds, one.cpu, one.memory] for stage, one in found.iterrows()]
+    rows.append(["all", int(found.jobs.sum()), None, found.seconds.sum(), found.cpu.sum(), found.memory.max()])
+    heads = ["stage", "jobs", "s a job", "s in total", "CPU s", "largest memory, GB"]
+    digits = {"s a job": 1, "s in total": 1, "CPU s": 1, "largest memory, GB": 2}
+    return TextTable.of(heads, rows, digits=digits)
+
+
+def setting_tables(settings: dict[str, dict[str, str]], names: list[str]) -> tuple[TextTable, TextTable]:
+    """Returns the settings that are the same in the whole run, and those in which its trainings differ.
+
+    Args:
+        settings: settings file (`bake`, `train.ours_full.s0`) -> key -> value.
+        names: of the trainings that the tables compare.
+    """
+    by_training = pd.DataFrame({name: settings[f"train.{name}"] for name in names if f"train.{name}" in settings})
+    by_training = by_training.astype(object).fillna("")
+    differing = by_training[by_training.nunique(axis=1) != 1]
+    values_by_key: dict[str, set[str]] = {}
+    for file, values in settings.items():
+        if not file.startswith("train.") or file.removeprefix("train.") in names:
+            for key, value in values.items():
+                values_by_key.setdefault(key, set()).add(value)
+    # Also files of stages can differ, such as split.subject and split.paper.
+    shared = {key: min(values) for key, values in values_by_key.items() if len(values) == 1}
+    shared = {key: value for key, value in sorted(shared.items()) if key not in differing.index}
+    return two_columns(["setting", "value"], shared), TextTable(differing.rename_axis("setting"), [""] * len(differing))
+
+
+def two_columns(heads: list[str], found: dict[str, str]) -> TextTable:
     """Returns a grid of two columns."""
-    return Grid.of(heads, [list(item) for item in found.items()])
+    return TextTable.of(heads, [list(item) for item in found.items()])

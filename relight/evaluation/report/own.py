@@ -1,22 +1,28 @@
 """Computes the numbers of experiments that are not tables of trainings, and writes their tables."""
 
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
-from relight.evaluation import path_traced, timing, transfer
-from relight.evaluation.comparisons import Comparison, Verdict, compare_estimates, correct
-from relight.evaluation.formats import Grid, comparison_grid, count, write_tables
-from relight.evaluation.labels import label
-from relight.evaluation.paper import SECONDS
+from relight import config
+from relight.evaluation.experiments import timing, transfer
+from relight.evaluation.experiments.path_traced import ANSWERS, CAUSES, COLUMNS, KEYS
+from relight.evaluation.report.formats import TextTable, comparison_grid, count, write_tables
 from relight.evaluation.report.page import text
 from relight.evaluation.report.results import Results
-from relight.evaluation.scores import gather
-from relight.evaluation.tables import estimates
+from relight.evaluation.scoring.comparisons import Comparison, Verdict, compare_estimates, correct
+from relight.evaluation.scoring.labels import label
+from relight.evaluation.scoring.paper import SECONDS
+from relight.evaluation.scoring.scores import gather, read_table
+from relight.evaluation.scoring.statistics import estimate
+from relight.evaluation.scoring.tables import estimates
+from relight.training_name import TrainingName
 
 Numbers = dict[str, Any]
-PARTS = ("colour", "pattern")  # of a light, which light transfer exchanges separately
+PARTS = ("color", "pattern")  # of a light, which light transfer exchanges separately
 
 
 def light_transfer(results: Results, name: str) -> Numbers:
@@ -28,16 +34,18 @@ def light_transfer(results: Results, name: str) -> Numbers:
     rows = gather([results.folder / "light_transfer" / "scores.csv"])
     networks = {row: trainings for row, trainings in rows.items() if ":" not in row and row not in transfer.BASELINES}
     heads = {"reconstruction_rmse": "relit, RMSE", "reconstruction_ssim": "relit, SSIM", "light_rmse": "light, RMSE"}
-    found = {c: estimates(rows, c, results.settings, networks, transfer.BASELINES) for c in heads}
+    by_column = {c: estimates(rows, c, results.settings, networks, transfer.BASELINES) for c in heads}
 
     def compare(first: str, second: str) -> Comparison:
-        return compare_estimates("reconstruction_rmse", *(found["reconstruction_rmse"][one] for one in (first, second)))
+        return compare_estimates(
+            "reconstruction_rmse", *(by_column["reconstruction_rmse"][one] for one in (first, second))
+        )
 
     lines, kinds, comparisons, costly, worse = [], [], {}, {}, {}
     for row in networks:
         for variant, words in transfer.VARIANTS.items():
             predictor = f"{row}:{variant}" if variant else row
-            lines.append([f"{label(row)}: {words}", *(found[column][predictor] for column in heads)])
+            lines.append([f"{label(row)}: {words}", *(by_column[column][predictor] for column in heads)])
             kinds.append("baseline" if variant else "network")
         others = {"the picture as it is": "as_it_is", "its own maps under the mean light": f"{row}:mean_light"}
         for words, other in others.items():
@@ -46,10 +54,10 @@ def light_transfer(results: Results, name: str) -> Numbers:
         costly[row] = {Verdict.WORSE: "maps", Verdict.BETTER: "light"}.get(parts.verdict)
         worse[row] = [part for part in PARTS if compare(f"{row}:true_{part}", row).verdict is Verdict.WORSE]
     for trivial, words in transfer.BASELINES.items():
-        lines.append([words, *(found[column][trivial] for column in heads)])
+        lines.append([words, *(by_column[column][trivial] for column in heads)])
         kinds.append("baseline")
     correct([one for group in comparisons.values() for one in group.values()])
-    grid = Grid.of(["", *heads.values()], lines, kinds)
+    grid = TextTable.of(["", *heads.values()], lines, kinds)
     any_scores = next(iter(rows.values()))[0]
     made = {
         "grid": grid,
@@ -66,20 +74,58 @@ def light_transfer(results: Results, name: str) -> Numbers:
 def traced(results: Results, name: str) -> Numbers:
     """Computes the errors of relit pictures against path tracing, and their causes."""
     path = results.folder / "path_traced" / "scores.csv"
-    tables = path_traced.tables(path, results.settings)
+    tables = traced_tables(path, results.settings)
     answers = {row: float(one["relative, %"].mean) for row, one in tables["path_traced"].frame.iterrows()}
     sizes = {row: one["RMSE"].mean for row, one in tables["path_traced_causes"].frame.iterrows()}
-    causes = [cause for cause in sizes if cause in path_traced.CAUSES.values()]
+    causes = [cause for cause in sizes if cause in CAUSES.values()]
     largest = sorted(causes, key=lambda cause: sizes[cause], reverse=True)
     made = {
         "tables": tables,
         "scenes": pd.read_csv(path)["figure"].nunique(),
-        "answers": {key: answers[label] for key, label in path_traced.ANSWERS.items()},
-        "networks": {row: value for row, value in answers.items() if row not in path_traced.ANSWERS.values()},
+        "answers": {key: answers[label] for key, label in ANSWERS.items()},
+        "networks": {row: value for row, value in answers.items() if row not in ANSWERS.values()},
         "largest": {cause: sizes[cause] for cause in largest},
         "plate": results.folder / "path_traced" / "plate.png",
     }
     return write_grids(results, name, tables, made)
+
+
+def traced_tables(path: Path, settings: config.Statistics) -> dict[str, TextTable]:
+    """Returns tables of the answers and the causes of `path_traced.evaluate_traced`; trainings of a row are averaged.
+
+    Args:
+        path: the file (.csv).
+        settings: number of resamples, and their seed.
+
+    Returns:
+        The tables `path_traced_causes` and `path_traced`.
+
+    Raises:
+        UserError: if the file is not such a table.
+    """
+    table = read_table(path, "errors against path tracing", [*KEYS, *COLUMNS], "the stage path_traced")
+    table["row"] = [TrainingName.parse(name).row for name in table["name"]]
+    figures, values = table["figure"].nunique(), dict(list(table.groupby(["kind", "row"], sort=False)))
+    networks = {row: label(row) for kind, row in values if kind == "answer" and row not in ANSWERS}
+    causes = {f"network:{row}": f"{CAUSES['network']}: {words}" for row, words in networks.items()}
+    causes |= {name: words for name, words in CAUSES.items() if name != "network"}
+
+    def grid(kind: str, labels: dict[str, str]) -> TextTable:
+        """Returns a grid with a row per name, in the order of `labels`."""
+        rows, kinds = [], []
+        for name in labels:
+            if (kind, name) in values:
+                numbers = values[kind, name][list(COLUMNS)].to_numpy().reshape(-1, figures, len(COLUMNS))
+                by_column = np.moveaxis(numbers * [1, 100, 100], -1, 0)[..., None]
+                rows.append([labels[name], *(estimate(one, settings.bootstrap, settings.seed) for one in by_column)])
+                kinds.append("baseline" if name in ANSWERS else "network")
+        heads, digits = ["", "RMSE", "relative, %", "mean, %"], {"RMSE": 4, "relative, %": 1, "mean, %": 1}
+        return TextTable.of(heads, rows, kinds, digits)
+
+    return {
+        "path_traced_causes": grid("cause", causes),
+        "path_traced": grid("answer", {**networks, **ANSWERS}),
+    }
 
 
 def inference_time(results: Results, name: str) -> Numbers:
@@ -96,24 +142,21 @@ def inference_time(results: Results, name: str) -> Numbers:
             one.on,
             one.wall,
             None if one.device == "cuda" else one.cpu,
-            one.gflop,
-            100 * one.share,
         ]
         for one in times.itertuples()
     ]
-    heads = ["network", "width", "parameters", "px", "on", "seconds", "CPU seconds", "GFLOP", "of the matrix rate, %"]
-    digits = {"seconds": 4, "CPU seconds": 4, "GFLOP": 1, "of the matrix rate, %": 0}
-    grid = Grid.of(heads, rows, digits=digits)
+    heads = ["network", "width", "parameters", "px", "on", "seconds", "CPU seconds"]
+    digits = {"seconds": 4, "CPU seconds": 4}
+    grid = TextTable.of(heads, rows, digits=digits)
     made = {
         "largest": times[times["size"] == times["size"].max()],
         "printed": SECONDS,
-        "rates": times.groupby("on", sort=False)["rate"].median().to_dict(),
         "grid": grid,
     }
     return write_grids(results, name, {name: grid}, made)
 
 
-def write_grids(results: Results, name: str, grids: dict[str, Grid], made: Numbers) -> Numbers:
+def write_grids(results: Results, name: str, grids: dict[str, TextTable], made: Numbers) -> Numbers:
     """Writes the tables of an experiment, and returns the context of its section."""
     one = results.experiments[name]
     for stem, grid in grids.items():

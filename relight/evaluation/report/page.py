@@ -11,10 +11,10 @@ from markdown_it import MarkdownIt
 from markupsafe import Markup
 from PIL import Image
 
-from relight.evaluation import formats
-from relight.evaluation.comparisons import MARGIN, Verdict
-from relight.evaluation.labels import column_label, label
-from relight.evaluation.statistics import ALPHA
+from relight.evaluation.report import formats
+from relight.evaluation.scoring.comparisons import MARGIN, Comparison, Verdict
+from relight.evaluation.scoring.labels import column_label, label
+from relight.evaluation.scoring.statistics import ALPHA
 from relight.files import UserError, existing_file
 from relight.progress import duration
 
@@ -38,9 +38,20 @@ def environment() -> Environment:
         "column": column_label,
         "label": label,
         "duration": duration,
+        "better": better,
     }
     made.globals |= {"table": table, "picture": picture, "ALPHA": ALPHA, "MARGIN": MARGIN, "Verdict": Verdict}
     return made
+
+
+def exists(template: str) -> bool:
+    """Returns whether there is such a template."""
+    return template in environment().list_templates()
+
+
+def better(comparisons: dict[str, Comparison]) -> list[str]:
+    """Returns the columns in which the first of two rows is significantly better."""
+    return [column for column, comparison in comparisons.items() if comparison.verdict is Verdict.BETTER]
 
 
 def text(template: str, **context) -> str:
@@ -59,7 +70,7 @@ def page(template: str, **context) -> str:
     return environment().get_template(template).render(context)
 
 
-def table(grid: formats.Grid, caption: str = "") -> Markup:
+def table(grid: formats.TextTable, caption: str = "") -> Markup:
     """Renders a grid as HTML tables, one per block of columns, without blank lines so that Markdown can contain it."""
     parts = []
     for block in grid.blocks():

@@ -12,9 +12,9 @@ import numpy as np
 import yaml
 
 from relight import config
-from relight.evaluation.scores import gather
-from relight.evaluation.statistics import Estimate
-from relight.evaluation.tables import SHOWN_COLUMNS, TABLE1_COLUMNS, Rows, Table, estimates, experiment_table
+from relight.evaluation.scoring.scores import gather
+from relight.evaluation.scoring.statistics import Estimate
+from relight.evaluation.scoring.tables import Rows, Table, columns_of, estimates, experiment_table
 from relight.files import UserError, existing_file
 
 
@@ -29,7 +29,7 @@ class Results:
         experiments: experiments.json (`Plan.requested`).
     """
 
-    def __init__(self, folder: Path, settings: config.Evaluate, experiments: Path):
+    def __init__(self, folder: Path, settings: config.Statistics, experiments: Path):
         self.folder, self.settings = folder, settings
         self.experiments: dict[str, dict[str, Any]] = json.loads(experiments.read_text())
         self._tables: dict[tuple[str, bool], Table] = {}
@@ -48,13 +48,13 @@ class Results:
     @cached_property
     def readable(self) -> list[str]:
         """Those of `tables` whose scores can be read; a broken file does not affect the other tables."""
-        found = []
+        names = []
         for name in self.tables:
             with suppress(UserError):
                 for usual in (False, True):
                     _ = self.scores(name, usual), self.baselines(name, usual)
-                found.append(name)
-        return found
+                names.append(name)
+        return names
 
     def title(self, name: str) -> str:
         """Returns the title of an experiment, which is its name if it has none."""
@@ -88,8 +88,8 @@ class Results:
     def scores(self, name: str, usual: bool = False) -> Rows:
         """Returns the scores of each row, one per training; empty if the data set has no such figures or lights."""
         files = self._files(name, usual)
-        found = self._gather(path for row, paths in files.items() if row for path in paths)
-        return {row: found[row] for row in files if row in found}
+        rows = self._gather(path for row, paths in files.items() if row for path in paths)
+        return {row: rows[row] for row in files if row in rows}
 
     def baselines(self, name: str, usual: bool = False) -> Rows:
         """Returns the scores of an experiment's baselines."""
@@ -104,13 +104,13 @@ class Results:
     def _table(self, name: str, usual: bool) -> Table:
         rows = self.scores(name, usual)
         if not rows:
-            return Table(SHOWN_COLUMNS.get(name, TABLE1_COLUMNS))
+            return Table(self.columns(name))
         pool: Rows = {}
         for other in dict.fromkeys([name, *self.readable]):
             for condition in (False, True):
                 if self._files(other, condition)[""] == self._files(name, usual)[""]:
                     pool |= self.scores(other, condition)
-        return experiment_table(name, rows, self.baselines(name, usual), self.settings, pool)
+        return experiment_table(name, rows, self.baselines(name, usual), self.settings, self.columns(name), pool)
 
     def part(self, name: str, figures: np.ndarray) -> Table:
         """Returns the table of an experiment over some of its figures, by index."""
@@ -118,7 +118,11 @@ class Results:
             {row: [one.part(figures) for one in trainings] for row, trainings in given.items()}
             for given in (self.scores(name), self.baselines(name))
         )
-        return experiment_table(name, rows, baselines, self.settings)
+        return experiment_table(name, rows, baselines, self.settings, self.columns(name))
+
+    def columns(self, name: str) -> tuple[str, ...]:
+        """Returns the columns of an experiment's table."""
+        return columns_of(*self.experiments[name]["shows"])
 
     def estimates(self, name: str, column: str) -> dict[str, Estimate]:
         """Returns the estimates of a column of the scores, by row or baseline."""
@@ -139,11 +143,13 @@ class Results:
 
     def settings_files(self) -> dict[str, dict[str, Any]]:
         """Reads the settings of each stage (`bake`, `train.ours_full.s0`) as dotted names and values."""
-        found = {}
+        by_stage = {}
         for path in sorted((self.folder / "config").glob("*.yaml")):
             settings = yaml.safe_load(path.read_text())
-            found[path.stem] = config.flat({key: v for key, v in settings.items() if key not in ("defaults", "hydra")})
-        return found
+            by_stage[path.stem] = config.flat(
+                {key: v for key, v in settings.items() if key not in ("defaults", "hydra")}
+            )
+        return by_stage
 
     def _gather(self, paths: Iterable[str]) -> Rows:
         files = tuple(paths)

@@ -1,7 +1,7 @@
 """Computes the numbers of the sections about tables of trainings; their text is in templates/sections."""
 
 from collections import Counter, defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -9,19 +9,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from relight.evaluation import charts
-from relight.evaluation.comparisons import (
-    Comparison,
-    Ordering,
-    Verdict,
-    compare_estimates,
-    compare_rows,
-    correct,
-    orderings,
-)
-from relight.evaluation.formats import (
+from relight.evaluation.experiments.occlusion import read_occlusion
+from relight.evaluation.pictures import charts
+from relight.evaluation.report.formats import (
     SIGNS,
-    Grid,
+    TextTable,
     bound,
     comparison_grid,
     effect,
@@ -32,12 +24,20 @@ from relight.evaluation.formats import (
     score_grid,
     write_tables,
 )
-from relight.evaluation.labels import column_label, label
-from relight.evaluation.occlusion import read_occlusion
-from relight.evaluation.paper import ARGUMENTS
-from relight.evaluation.report.page import text
+from relight.evaluation.report.page import better, text
 from relight.evaluation.report.results import Results
-from relight.evaluation.tables import Table
+from relight.evaluation.scoring.comparisons import (
+    Comparison,
+    Ordering,
+    Verdict,
+    compare_estimates,
+    compare_rows,
+    correct,
+    orderings,
+)
+from relight.evaluation.scoring.labels import column_label, label
+from relight.evaluation.scoring.paper import ARGUMENTS
+from relight.evaluation.scoring.tables import Table
 
 ERRORS = ("shading_rmse", "transport_rmse", "albedo_rmse", "light_rmse")
 PARTS = ("shading_rmse", "shading_true_light_rmse", "transport_rmse", "light_rmse", "albedo_rmse")
@@ -64,7 +64,8 @@ def experiment(results: Results, name: str) -> Numbers:
         name: of the experiment.
 
     Returns:
-        The context of templates/sections/experiment.md, and that of the experiment's own template.
+        The context of templates/sections/experiment.md, or of the experiment's own template, which extends it.
+        `compared` are the comparisons of its pairs, by `first against second`.
     """
     table, one = results.table(name), results.experiments[name]
     numbers: Numbers = {"name": name, "experiment": one, "scored": table, "grid": None, "plot": None, "plates": []}
@@ -79,6 +80,8 @@ def experiment(results: Results, name: str) -> Numbers:
         charts.plot_axis(points(results, name), table, errors, axis, numbers["plot"])
     if one["plates"]:
         numbers["plates"] = [results.report / f"{name}_{kind}.png" for kind in ("plates", "relit", "extremes")]
+    compared = compare_pairs(table, one["compare"], one["compare_in"])
+    numbers |= {"compared": compared, "comparisons": pair_grid(compared, one["compare"]) if compared else None}
     return numbers | EXPERIMENTS.get(name, lambda *_: {})(results, name, table)
 
 
@@ -88,101 +91,53 @@ def write_score_table(table: Table, title: str, stem: Path) -> None:
     if table.rows:
         shown, others = score_grid(table, table.columns), score_grid(table, other_columns(table))
     else:
-        shown, others = Grid.of(["row", "nothing to compare"], []), None
+        shown, others = TextTable.of(["row", "nothing to compare"], []), None
     write_tables(stem, title, note, shown, table.statistics(), others)
 
 
-def compare_pairs(table: Table, pairs: dict[tuple[str, str], str], columns: tuple[str, ...]) -> Comparisons:
+def compare_pairs(table: Table, pairs: dict[str, str], columns: Iterable[str]) -> Comparisons:
     """Compares pairs of rows.
 
     Args:
         table: contains the rows.
-        pairs: (first, second) -> what the comparison measures.
+        pairs: `first against second` -> what the comparison measures.
         columns: to compare.
 
     Returns:
-        The comparisons of the pairs that the table has.
+        The comparisons of the pairs that the table has, by pair.
     """
-    compared = {
-        f"{label(first)} against {label(second)}: {measures}": compare_rows(table, first, second, columns)
-        for (first, second), measures in pairs.items()
-    }
+    compared = {}
+    for pair in pairs:
+        first, _, second = pair.partition(" against ")
+        compared[pair] = compare_rows(table, first, second, tuple(columns))
     return {pair: by_column for pair, by_column in compared.items() if by_column}
 
 
-def claim(results: Results, name: str, table: Table) -> Numbers:
-    """Compares networks that know occlusion with SfSNet, which does not, and transport with ambient occlusion.
-
-    `claims` are the comparisons of Ours (min) with SfSNet, which has the same losses, by column; p-values are corrected
-    over them. Empty if a row is missing.
-    """
-    pairs = {
-        ("ours_min", "sfsnet"): "transport in place of normals",
-        ("sfsnet_ao", "sfsnet"): "normals and ambient occlusion in place of normals",
-        ("ours_min", "sfsnet_ao"): "transport in place of normals and ambient occlusion",
-        ("ours_plus", "ours_min"): "our own recipe",
-    }
-    columns = ("shading_true_light_rmse", "relit_rmse")
-    return {
-        "claims": compare_rows(table, "ours_min", "sfsnet", columns),
-        "comparisons": comparison_grid(compare_pairs(table, pairs, columns)),
-    }
+def pair_grid(compared: Comparisons, pairs: dict[str, str]) -> TextTable:
+    """Returns comparisons of pairs with their labels, and what each measures."""
+    words = {pair: " against ".join(map(label, pair.split(" against "))) for pair in compared}
+    return comparison_grid({f"{words[pair]}: {pairs[pair]}": by_column for pair, by_column in compared.items()})
 
 
 def table1(results: Results, name: str, table: Table) -> Numbers:
     """Compares transport with the mean training figure, and Ours (min) with SfSNet-AO, which has the same losses."""
-    compared = compare_pairs(table, {(row, "mean_figure"): "transport" for row in table.networks}, ("transport_rmse",))
-    compared |= compare_pairs(table, {("ours_min", "sfsnet_ao"): "with equal losses"}, ERRORS)
-    return {"comparisons": comparison_grid(compared)}
+    transport = {f"{row} against mean_figure": "transport" for row in table.networks}
+    losses = {"ours_min against sfsnet_ao": "with equal losses"}
+    compared = compare_pairs(table, transport, ("transport_rmse",)) | compare_pairs(table, losses, ERRORS)
+    return {"comparisons": pair_grid(compared, transport | losses)}
 
 
 def equal_losses(results: Results, name: str, table: Table) -> Numbers:
-    """Compares formulations with equal losses, and losses with equal formulations.
+    """Splits the lead of Ours (full) over SfSNet-AO in shading, relative to SfSNet-AO.
 
-    `parts` splits the lead of Ours (full) over SfSNet-AO in shading, relative to SfSNet-AO, into that of the losses and
-    that of the formulation, each the mean over its two comparisons. It is None unless all four are trained.
+    `parts` are that of the losses and that of the formulation, each the mean over its two comparisons. It is None
+    unless all four are trained.
     """
-    pairs = {
-        ("ours_min", "sfsnet_ao"): "what is inferred, four losses",
-        ("ours_full", "sfsnet_ao_full"): "what is inferred, fifteen losses",
-        ("ours_plus", "sfsnet_ao_plus"): "what is inferred, as plus",
-        ("sfsnet_ao_full", "sfsnet_ao"): "the losses, ambient occlusion",
-        ("ours_full", "ours_min"): "the losses, transport",
-        ("ours_full", "sfsnet_ao"): "both, as in Table 1",
-    }
     rows, parts = ("sfsnet_ao", "sfsnet_ao_full", "ours_min", "ours_full"), None
     if all(row in table.rows for row in rows):
         ao, ao_full, least, full = (table.rows[row]["shading_rmse"].mean for row in rows)
         parts = {"inferred": (ao - least + ao_full - full) / 2 / ao, "losses": (ao - ao_full + least - full) / 2 / ao}
-    return {"parts": parts, "comparisons": comparison_grid(compare_pairs(table, pairs, (*ERRORS, "relit_rmse")))}
-
-
-def plus_parts(results: Results, name: str, table: Table) -> Numbers:
-    """Compares Ours plus with its ablations; `costly` are those for which some error is significantly worse."""
-    without = [row for row in table.networks if row not in ("ours_plus", "ours_full")]
-    pairs = {("ours_plus", row): "the part is worth" for row in [*without, "ours_full"]}
-    columns = (*ERRORS, "relit_rmse")
-    costly = [label(row) for row in without if better(compare_rows(table, "ours_plus", row, columns))]
-    grid = comparison_grid(compare_pairs(table, pairs, columns))
-    return {"comparisons": grid, "costly": costly, "without": len(without)}
-
-
-def relit(results: Results, name: str, table: Table) -> Numbers:
-    """Compares relit pictures with the unchanged picture, and methods with and without occlusion."""
-    columns = ("relit_rmse", "relit_ssim")
-    pairs = {(row, "as_it_is"): "relighting" for row in table.networks} | dict.fromkeys(
-        QUARTER_PAIRS, "in relit pictures"
-    )
-    worth = [
-        label(row) for row in table.networks if "relit_rmse" in better(compare_rows(table, row, "as_it_is", columns))
-    ]
-    return {"comparisons": comparison_grid(compare_pairs(table, pairs, columns)), "worth": worth}
-
-
-def baked(results: Results, name: str, table: Table) -> Numbers:
-    """Compares the pairs of methods that the paper argues with, on these figures."""
-    pairs = {(first, second): argument for first, second, argument in ARGUMENTS}
-    return {"comparisons": comparison_grid(compare_pairs(table, pairs, ERRORS))}
+    return {"parts": parts}
 
 
 def sitting(results: Results, name: str, table: Table) -> Numbers:
@@ -224,7 +179,7 @@ def unusual_lights(results: Results, name: str, table: Table) -> Numbers:
         "fails": {column: one.verdict is Verdict.WORSE for column, one in against.items()},
         "nearest": nearest["light_rmse"].verdict,
         "share": shares[first],
-        "shares": Grid.of(
+        "shares": TextTable.of(
             ["light error over that of the mean training light", "unusual lights", "usual lights"],
             [[label(row), *two] for row, two in shares.items()],
             digits={"unusual lights": 2, "usual lights": 2},
@@ -267,15 +222,8 @@ def self_supervised(results: Results, name: str, table: Table) -> Numbers:
         compared[f"{label(row)} against {label(base)}"] = compare_rows(table, row, base, PARTS)
     rows = [[label(row), contrast[row], share[row]] for row in table.networks]
     rows.append(["truth", 1.0, true])
-    signs = Grid.of(["", "contrast of the shading", "share explained by the albedo"], rows)
+    signs = TextTable.of(["", "contrast of the shading", "share explained by the albedo"], rows)
     return {"signs": signs, "collapsed": collapsed, "comparisons": comparison_grid(compared)}
-
-
-def splits(results: Results, name: str, table: Table) -> Numbers:
-    """Compares trainings with and without the people of the test set."""
-    compared = compare_rows(table, "ours_siblings", "ours_disjoint", PARTS)
-    grid = comparison_grid({"person seen against not seen": compared})
-    return {"comparisons": grid, "flattered": len(better(compared)), "of": len(compared)}
 
 
 def along(results: Results, name: str, table: Table) -> Numbers:
@@ -307,7 +255,7 @@ def order(results: Results, name: str, table: Table) -> Numbers:
         f"order {b:g} against {a:g}": compare_rows(table, two, one, ERRORS) for (a, one), (b, two) in pairwise(networks)
     }
     heads = ["", "shading RMSE", "of the cut alone", "share of the squared error"]
-    return {"floors": Grid.of(heads, rows), "comparisons": comparison_grid(steps)}
+    return {"floors": TextTable.of(heads, rows), "comparisons": comparison_grid(steps)}
 
 
 def steps(results: Results, name: str, table: Table) -> Numbers:
@@ -336,27 +284,17 @@ def steps(results: Results, name: str, table: Table) -> Numbers:
 
 
 EXPERIMENTS: dict[str, Callable[[Results, str, Table], Numbers]] = {
-    "claim": claim,
     "table1": table1,
     "equal_losses": equal_losses,
-    "plus_parts": plus_parts,
     "steps": steps,
-    "relit": relit,
-    "baked": baked,
     "silhouette": silhouette,
     "self_supervised": self_supervised,
     "sitting": sitting,
     "unusual_lights": unusual_lights,
-    "splits": splits,
     "order": order,
     "data_size": along,
     "width": along,
 }
-
-
-def better(compared: dict[str, Comparison]) -> list[str]:
-    """Returns the columns in which the first row is significantly better."""
-    return [column for column, one in compared.items() if one.verdict is Verdict.BETTER]
 
 
 def points(results: Results, name: str) -> list[tuple[float, str]]:
@@ -408,7 +346,7 @@ def quarters(results: Results, name: str) -> Numbers:
         for head, table in tables.items()
     }
     frame = pd.DataFrame(columns, pd.Index(map(label, first_table.rows), name="row"), dtype=object)
-    shown = Grid(frame.where(frame.notna(), None), [first_table.kind(row) for row in first_table.rows])
+    shown = TextTable(frame.where(frame.notna(), None), [first_table.kind(row) for row in first_table.rows])
     leads = {
         f"{label(first)} against {label(second)}, {head}": compare_rows(table, first, second, ("shading_rmse",))
         for first, second in QUARTER_PAIRS
@@ -447,11 +385,11 @@ def summary(results: Results) -> Numbers:
         "small": sum(one.below_margin for one in found),
         "trainings": (min(counts, default=0), max(counts, default=0)),
         "matrix": matrix(found),
-        "listed": Grid.of(heads, lines),
+        "listed": TextTable.of(heads, lines),
     }
 
 
-def matrix(found: list[Ordering]) -> Grid:
+def matrix(found: list[Ordering]) -> TextTable:
     """Returns a grid of verdicts and relative gains: a row per pair of ARGUMENTS, a column per quantity."""
     columns = list(dict.fromkeys(one.comparison.column for one in found))
     lines = []
@@ -460,7 +398,7 @@ def matrix(found: list[Ordering]) -> Grid:
         if of_pair:
             cells = [of_pair.get(column) for column in columns]
             lines.append([f"{label(first)} against {label(second)}", *(one and format_cell(one) for one in cells)])
-    return Grid.of(["", *map(column_label, columns)], lines)
+    return TextTable.of(["", *map(column_label, columns)], lines)
 
 
 def format_cell(one: Ordering) -> str:

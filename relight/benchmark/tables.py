@@ -1,0 +1,117 @@
+"""Compares methods on the benchmark in tables."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from relight.benchmark.files import PICTURES
+from relight.benchmark.measures import INVARIANCES, LEAKS
+from relight.benchmark.score import MAP_COLUMNS, READINGS, require_one_set
+from relight.evaluation.report.formats import TextTable, count
+from relight.evaluation.scoring.statistics import Estimate, estimate
+from relight.files import UserError
+
+RESAMPLES = 10_000
+PICTURE_HEADS = {f"{mode}{key}": f"{mode}: {head}" for mode in PICTURES for key, head in READINGS.items()}
+MAP_HEADS = {name: name.replace("_factor", "*").replace("_ssim", " SSIM") for name in MAP_COLUMNS}
+ERROR_HEADS = {name: head for name, head in (PICTURE_HEADS | MAP_HEADS).items() if not name.endswith(("ssim", "psnr"))}
+DIGITS = {head: 2 for head in PICTURE_HEADS.values() if head.endswith("PSNR")}
+STAR = "A star: after the best factor for each picture."
+
+
+@dataclass
+class ComparisonTable:
+    """A table with its title, and a note that explains its numbers."""
+
+    title: str
+    note: str
+    grid: TextTable
+
+
+class MethodComparison:
+    """Methods that were scored on one set.
+
+    Args:
+        rows: the scores of each method (`score.read_scores`, `score.mean_scores`).
+        bootstrap: number of resamples of the intervals.
+        reference: index of the method from which differences are taken.
+
+    Raises:
+        UserError: if the methods were scored on different sets, or two have the same name.
+    """
+
+    def __init__(self, rows: list[pd.DataFrame], bootstrap: int = RESAMPLES, reference: int = 0):
+        self.scores = {row.attrs["method"]: row for row in rows}
+        if len(self.scores) < len(rows):
+            raise UserError("two folders of answers have the same name, by which tables tell methods apart: rename one")
+        require_one_set(rows)
+        self.bootstrap, self.reference = bootstrap, list(self.scores)[reference]
+        self.sample = f"of set {rows[0].index[0][0]}, ± half the 95 % interval (bootstrap over figures)."
+
+    def tables(self) -> dict[str, ComparisonTable]:
+        """Returns tables of relit pictures, of maps and light, of differences, and of invariances, by file stem."""
+        made = {
+            "benchmark_pictures": self.methods("Relit pictures", PICTURE_HEADS, "Errors of sRGB codes in [0,1]."),
+            "benchmark_maps": self.methods(
+                "Maps and light", MAP_HEADS, "RMSE of vectors; light: relative error of irradiance."
+            ),
+            "benchmark_differences": self.differences(),
+            "benchmark_invariance": self.invariances(),
+        }
+        return {name: table for name, table in made.items() if table.grid.frame.shape[1]}
+
+    def methods(self, title: str, heads: dict[str, str], words: str) -> ComparisonTable:
+        """Returns the means of some columns, with a row per method."""
+        grid = columns_with_cells(heads, {name: self.cells(scores, heads) for name, scores in self.scores.items()})
+        return ComparisonTable(title, f"{words} All are {self.counted(self.scores, heads)} {self.sample} {STAR}", grid)
+
+    def differences(self) -> ComparisonTable:
+        """Returns the differences of the other methods from the reference, paired by picture."""
+        reference = self.scores[self.reference]
+        others = {name: scores - reference for name, scores in self.scores.items() if name != self.reference}
+        grid = columns_with_cells(ERROR_HEADS, {name: self.cells(one, ERROR_HEADS) for name, one in others.items()})
+        heads = [name for name, head in ERROR_HEADS.items() if head in grid.frame]
+        words = (
+            f"Error of each method minus that of {self.reference}, picture by picture; positive where {self.reference} "
+            f"is better. All are {self.counted([self.reference], heads)} {self.sample} {STAR}"
+        )
+        return ComparisonTable(f"Differences from {self.reference}", words, grid)
+
+    def invariances(self) -> ComparisonTable:
+        """Returns the invariances and leaks, with a column per method, since there are more measures than methods."""
+        measures = INVARIANCES | LEAKS
+        cells = {name: self.cells(scores, measures) for name, scores in self.scores.items()}
+        cells = {name: by_measure for name, by_measure in cells.items() if any(by_measure.values())}
+        words = (
+            "Ideally 0, but 1 for albedo at exposure x .5 and for a tint, and .5 for shading at exposure x .5; "
+            f"{self.counted(cells, INVARIANCES)}. The last four rows measure leaks of the albedo into the shading; "
+            f"{self.counted(cells, LEAKS)} {self.sample}"
+        )
+        lines = [[what, *(by_measure[name] for by_measure in cells.values())] for name, what in measures.items()]
+        return ComparisonTable("Invariances and leaks", words, TextTable.of(["measure", *cells], lines))
+
+    def cells(self, scores: pd.DataFrame, columns: Iterable[str]) -> dict[str, Estimate | None]:
+        """Returns the estimates of columns; None for those without a score."""
+        means = scores.groupby("figure", sort=False).mean()
+        known = {column: means[column].dropna().to_numpy() for column in columns}
+        return {
+            column: estimate(values[None, :, None], self.bootstrap, 0) if len(values) else None
+            for column, values in known.items()
+        }
+
+    def counted(self, methods: Iterable[str], columns: Iterable[str]) -> str:
+        """Returns the numbers of pictures and figures for which any of the methods has a score, in words."""
+        answered = [self.scores[name][list(columns)].notna().any(axis=1) for name in methods]
+        index = self.scores[self.reference].index
+        scored = index[np.any(answered, 0)] if answered else index[:0]
+        figures = scored.get_level_values("figure").nunique()
+        return f"means over {count(len(scored), 'picture')} of {count(figures, 'figure')}"
+
+
+def columns_with_cells(heads: dict[str, str], rows: dict[str, dict[str, Estimate | None]]) -> TextTable:
+    """Returns a grid of estimates by method, without empty rows and columns."""
+    shown = {name: head for name, head in heads.items() if any(cells[name] for cells in rows.values())}
+    lines = [[method, *(cells[name] for name in shown)] for method, cells in rows.items()]
+    return TextTable.of(["method", *shown.values()], [line for line in lines if any(line[1:])], digits=DIGITS)

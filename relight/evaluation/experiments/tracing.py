@@ -1,0 +1,177 @@
+"""Path traces test figures in the panoramas of the test lights, as references for relit pictures.
+
+A relit picture is albedo * (T.L). The irradiance on the surface is traced, so that the albedo is the same in relit and
+traced pictures, in any color model. It is traced in the panorama cut to the order of T and L, in the whole panorama,
+and with interreflection. Each is traced twice, from independent samples, since traced pictures are noisy.
+"""
+
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+
+from relight import config
+from relight.evaluation.pictures.panels import evenly_spaced
+from relight.evaluation.scoring.evaluate import pixels, select_pairs, torch_device
+from relight.files import UserError, atomic_write
+from relight.learning.data import RelitSet
+from relight.lights import LightSet, read_light_set
+from relight.meshes import Mesh
+from relight.npz import read_npz
+from relight.panoramas import Panorama
+from relight.progress import progress
+from relight.sh import basis, order_of
+from relight.transport import PathTracer
+from relight.transport.tracer import ROWS, block_means, sky_directions, sky_weights
+
+PIXEL_SAMPLES = 4  # k: transport is averaged over k x k points of a pixel
+TEXEL_SAMPLES = 4  # k: the panorama is averaged over k x k points of a texel
+
+
+@dataclass
+class Scene:
+    """A test figure traced under a new light.
+
+    Attributes:
+        figure: index in the packed set.
+        seen, new: rows in the light set of the light of the input picture, and of the new light.
+        light: (K,3) coefficients of the panorama.
+        area: (P,3) irradiance by baked transport, as the mean over each pixel's area.
+        cut, direct, full: (2,P,3) traced irradiance of the panorama cut to the order of T, of the whole panorama, and
+            with interreflection; two independent renderings each.
+    """
+
+    figure: int
+    seen: int
+    new: int
+    light: np.ndarray
+    area: np.ndarray
+    cut: np.ndarray
+    direct: np.ndarray
+    full: np.ndarray
+
+
+def trace(
+    packed: Path,
+    lights: Path,
+    split: Path,
+    meshes: Path,
+    panoramas: config.Panoramas,
+    evaluate: config.Evaluate,
+    settings: config.Trace,
+    order: int,
+    rays: int,
+    out: Path,
+) -> None:
+    """Path traces test figures, each under a test light other than that of its input picture.
+
+    Args:
+        packed, lights, split: the data set.
+        meshes: the folder of aligned meshes.
+        panoramas: source of the lights' panoramas.
+        evaluate: which lights.
+        settings: number of figures, paths per pixel, bounces, seed.
+        order, rays: of the transport.
+        out: the scenes (.npz).
+
+    Raises:
+        UserError: if Mitsuba is not installed, there is only one light, or a light has no panorama.
+    """
+    data = RelitSet(packed, lights, order, "paper", torch_device("cpu"))
+    figures, light_indices = select_pairs(data, split, evaluate.lights)
+    if len(light_indices) < 2:
+        raise UserError("path tracing needs at least two test lights: raise lights.test")
+    chosen = figures[evenly_spaced(len(figures), settings.figures)].tolist()
+    table, scenes = read_light_set(lights), []
+    for i, figure in enumerate(progress(chosen, "figures traced")):
+        seen, new = (int(light_indices[(i + k) % len(light_indices)]) for k in (0, 1))
+        mesh = Mesh.load(meshes / f"{data.names[figure]}.npz")
+        sky = sky_of(table, new, panoramas)
+        scenes.append(Scene(figure, seen, new, *trace_figure(mesh, data, figure, sky, settings, rays)))
+    arrays = {f"{i}.{name}": value for i, scene in enumerate(scenes) for name, value in vars(scene).items()}
+    with atomic_write(out) as tmp, open(tmp, "wb") as file:
+        np.savez_compressed(file, **arrays)
+
+
+def read_scenes(path: Path) -> list[Scene]:
+    """Reads a file of `trace`.
+
+    Raises:
+        UserError: if it is another file.
+    """
+    stored = read_npz(path, "set of traced pictures")
+    count = len({name.partition(".")[0] for name in stored})
+    names = [field.name for field in fields(Scene)]
+    try:
+        found = [{name: stored[f"{i}.{name}"] for name in names} for i in range(count)]
+    except KeyError as error:
+        raise UserError(f"{path} is not a file of the stage trace ({error})") from None
+    return [
+        Scene(int(figure), int(seen), int(new), *arrays)
+        for figure, seen, new, *arrays in ([one[name] for name in names] for one in found)
+    ]
+
+
+def trace_figure(
+    mesh: Mesh, data: RelitSet, figure: int, sky: np.ndarray, settings: config.Trace, rays: int
+) -> tuple[np.ndarray, ...]:
+    """Returns `light`, `area`, `cut`, `direct` and `full` of a Scene."""
+    order = order_of(data.lights.shape[1])
+    harmonics = basis(sky_directions(), order)
+    light = np.einsum("hw,hwk,hwc->kc", sky_weights(), harmonics, sky)
+    pixel = pixels(data, figure)
+    tracer, samples = PathTracer(mesh, data.size), max(1, settings.samples // 2)
+
+    def trace_twice(source: np.ndarray, bounces: int, first: int) -> np.ndarray:
+        images = [tracer.irradiance(source, samples, bounces, 10 * settings.seed + first + k) for k in (0, 1)]
+        return np.stack([image.reshape(-1, 3)[pixel] for image in images]).astype(np.float32)
+
+    area = area_irradiance(mesh, data.size, light, order, rays)[pixel]
+    cut, direct = trace_twice(harmonics @ light, 0, 1), trace_twice(sky, 0, 3)
+    return light, area, cut, direct, trace_twice(sky, settings.bounces, 5)
+
+
+def area_irradiance(mesh: Mesh, size: int, light: np.ndarray, order: int, rays: int) -> np.ndarray:
+    """Returns T.L (size^2, 3) as the albedo-weighted mean over each pixel's area, as in `PathTracer.irradiance`."""
+    from relight.transport import bake
+
+    # Fewer rays are enough, since the mean over PIXEL_SAMPLES^2 samples reduces noise.
+    maps = bake(mesh, PIXEL_SAMPLES * size, max(16, rays // PIXEL_SAMPLES), order)
+    weight = np.maximum(maps.albedo, 1e-6) * maps.mask[..., None]
+    total = np.maximum(block_means(weight, PIXEL_SAMPLES), 1e-12)
+    irradiance = block_means(weight * (maps.transport @ light), PIXEL_SAMPLES) / total
+    return irradiance.reshape(-1, 3).astype(np.float32)
+
+
+def sky_of(table: LightSet, row: int, panoramas: config.Panoramas) -> np.ndarray:
+    """Returns the panorama (ROWS, 2 ROWS, 3) of a light of the set, rotated and scaled like the light."""
+    from relight.photos.environment import lookup
+
+    panorama = panorama_of(str(table.source[row]), float(table.yaw[row]), panoramas)
+    # Means over each texel's area, since lamps of a room can be smaller than a texel.
+    radiance = np.mean([lookup(panorama, directions) for directions in shifted_directions()], 0)
+    return radiance.astype(np.float64) * float(table.scale[row])
+
+
+def shifted_directions() -> list[np.ndarray]:
+    """Returns TEXEL_SAMPLES^2 sets of directions (ROWS, 2 ROWS, 3), evenly spaced in each texel."""
+    theta, phi = np.linspace(0, np.pi, ROWS), 2 * np.pi * (np.arange(2 * ROWS) + 0.5) / (2 * ROWS)
+    sets = []
+    for dv in (np.arange(TEXEL_SAMPLES) + 0.5) / TEXEL_SAMPLES - 0.5:
+        for du in (np.arange(TEXEL_SAMPLES) + 0.5) / TEXEL_SAMPLES - 0.5:
+            t = np.clip(theta + dv * np.pi / (ROWS - 1), 0, np.pi)[:, None]
+            p = (phi + du * np.pi / ROWS)[None]
+            sets.append(np.stack([np.sin(t) * np.sin(p), np.cos(t) + 0 * p, -np.sin(t) * np.cos(p)], -1))
+    return sets
+
+
+def panorama_of(source: str, yaw: float, panoramas: config.Panoramas) -> Panorama:
+    """Returns the panorama of a light set's `source`, rotated by `yaw` degrees after the settings' rotation."""
+    from relight.lights.chain import GENERATORS, read_from_folder
+
+    if panoramas.source == "folder":
+        return read_from_folder(source, panoramas, yaw)
+    kind, _, seed = source.partition(":")
+    if kind not in GENERATORS:
+        raise UserError(f"{source}: path tracing needs the panorama of a light, and this light has none")
+    return Panorama(GENERATORS[kind](int(seed)), flip=panoramas.flip, yaw=panoramas.yaw + yaw, source=source)

@@ -1,0 +1,210 @@
+"""Light transfer (paper, section 7.2): two people in two lights, each relit by the light inferred from the other.
+
+Test figures a and b are seen under test lights l and m. From the picture of a under l and that of b under m, a network
+infers maps and lights. Then a is relit by the light inferred from b, and b by that from a. The results are compared
+with the true pictures of a under m and of b under l. To separate the causes of the error, inferred maps and lights are
+also combined with true ones and with the mean training light. The unchanged pictures are a baseline.
+"""
+
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from relight import config
+from relight.evaluation.pictures.panels import Cell, Line, Subject, draw, evenly_spaced
+from relight.evaluation.scoring.evaluate import Predictor, infer, load, select_pairs, truth
+from relight.evaluation.scoring.labels import label
+from relight.evaluation.scoring.metrics import shade
+from relight.evaluation.scoring.scores import Scores, write_scores
+from relight.evaluation.scoring.truth import Inferred, Truth, light_errors
+from relight.files import UserError
+from relight.learning.data import RelitSet
+from relight.progress import progress
+from relight.training_name import TrainingName
+
+# The maps and the light of a relit picture. Inferred maps are from the figure's own picture, lights from its partner's.
+VARIANTS = {
+    "": "inferred maps, inferred light",
+    "true_light": "inferred maps, true light",
+    "true_maps": "true maps, inferred light",
+    "true_color": "inferred maps, inferred light with the true light's colour and strength",
+    "true_pattern": "inferred maps, true light with the inferred light's colour and strength",
+    "mean_light": "inferred maps, mean training light",
+}
+# Predictions without a network.
+BASELINES = {
+    "as_it_is": "the picture as it is",
+    "true_maps_mean_light": "true maps, mean training light",
+}
+MAX_ERROR = 0.5  # error of a picture (vector norm) at the dark end of the color scale
+MIN_MEAN = 1e-3  # lower bound of the mean radiance in `match_color`
+
+
+@dataclass
+class Partner:
+    """One of two figures that swap lights: its truth under N lights, and what is inferred under each."""
+
+    truth: Truth
+    inferred: Inferred
+
+    def maps(self, step: int) -> tuple[np.ndarray, np.ndarray]:
+        """Returns albedo (N,P,3) and transport (N,P,K) whose row k was inferred under light k - step."""
+        albedo, transport, light = self.truth.complete(self.inferred)
+
+        def rolled(values: np.ndarray) -> np.ndarray:
+            return np.roll(np.broadcast_to(values, (len(light), *values.shape[1:])), step, 0)
+
+        return rolled(albedo), rolled(transport)
+
+
+def evaluate_transfer(
+    networks: dict[str, Path], packed: Path, lights: Path, split: Path, settings: config.Evaluate, out: Path
+) -> None:
+    """Scores networks on swaps of lights, with VARIANTS and BASELINES.
+
+    A row of the scores is a swap: "figure" is the pair a+b, and "light" the index of the light l of a. The scores of
+    the two relit pictures are averaged, since both come from the same two pictures. `reconstruction` is the relit
+    picture before it is clipped and quantised.
+
+    Args:
+        networks: `row.s<seed>` -> checkpoint.
+        packed, lights, split: the data set.
+        settings: lights and device.
+        out: the scores (.csv); variants are named `row:variant.s<seed>`.
+
+    Raises:
+        UserError: if there are fewer than two figures or lights.
+    """
+    scores: dict[str, Scores] = {}
+    baselines: dict[str, Scores] = {}
+    for name, checkpoint in progress(list(networks.items()), "networks that swap lights"):
+        network, data = load(checkpoint, packed, lights, settings)
+        training = TrainingName.parse(name)
+        by_variant = score_swaps(partial(infer, network, data), data, split, settings)
+        baselines = {name: by_variant.pop(name) for name in BASELINES}
+        for variant, swaps in by_variant.items():
+            scores[str(replace(training, row=f"{training.row}:{variant}")) if variant else name] = swaps
+    write_scores(out, {**scores, **baselines})
+
+
+def score_swaps(predictor: Predictor, data: RelitSet, split: Path, settings: config.Evaluate) -> dict[str, Scores]:
+    """Returns the scores of a predictor's VARIANTS and of BASELINES: a row per pair of figures, a column per swap."""
+    figures, test_lights = select_pairs(data, split, settings.lights)
+    pairs = pair_up(figures)
+    if len(test_lights) < 2:
+        raise UserError("light transfer needs two test lights at least, and the set has one: raise lights.test")
+    mean = mean_light(data)
+    parts: dict[str, list[dict[str, np.ndarray]]] = {}
+    for pair in progress(pairs, "pairs of figures"):
+        a, b = (Partner(truth(data, f, test_lights), predictor(f, test_lights)) for f in pair)
+        relit_a, relit_b = relight_swapped(a, b, mean, 1), relight_swapped(b, a, mean, -1)
+        for name in relit_a:
+            # a goes from light l to m = l + 1, b from m to l: both belong to the swap of l.
+            first, second = compare(a.truth, *relit_a[name]), compare(b.truth, *relit_b[name])
+            parts.setdefault(name, []).append({key: (np.roll(first[key], -1) + second[key]) / 2 for key in first})
+    names = ["+".join(data.names[f] for f in pair) for pair in pairs]
+    return {
+        name: Scores(names, test_lights.tolist(), {key: np.stack([one[key] for one in rows]) for key in rows[0]})
+        for name, rows in parts.items()
+    }
+
+
+def pair_up(figures: np.ndarray) -> list[tuple[int, int]]:
+    """Pairs neighbouring figures, without the last of an odd number. Raises UserError if there is no pair."""
+    if len(figures) < 2:
+        raise UserError("light transfer needs two test figures at least: raise split.test or figures.count")
+    return [(int(a), int(b)) for a, b in zip(figures[::2], figures[1::2])]
+
+
+def mean_light(data: RelitSet) -> np.ndarray:
+    """Returns the mean (1,K,3) of the training lights."""
+    return data.lights.cpu().numpy()[data.light_split == "train"].mean(0, keepdims=True)
+
+
+def relight_swapped(a: Partner, b: Partner, mean: np.ndarray, step: int) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Relights a figure by the light that was inferred from its partner.
+
+    Args:
+        a: the figure; for row k it was seen under light k - step (cyclic).
+        b: its partner; for row k it was seen under light k.
+        mean: (1,K,3), the mean training light.
+        step: 1 or -1.
+
+    Returns:
+        For each of VARIANTS and BASELINES, the pictures (N,P,3) of a relit for light k, and the lights (N,K,3) of these
+        pictures.
+    """
+    true, (_, _, inferred) = a.truth.lights, b.truth.complete(b.inferred)
+    inferred_maps, true_maps = a.maps(step), (a.truth.maps["albedo"], a.truth.transport)
+    mean_lights = np.repeat(mean, len(true), 0)
+    combinations = {
+        "": (inferred_maps, inferred),
+        "true_light": (inferred_maps, true),
+        "true_maps": (true_maps, inferred),
+        "true_color": (inferred_maps, match_color(inferred, true)),
+        "true_pattern": (inferred_maps, match_color(true, inferred)),
+        "mean_light": (inferred_maps, mean_lights),
+        "as_it_is": (true_maps, np.roll(true, step, 0)),
+        "true_maps_mean_light": (true_maps, mean_lights),
+    }
+    pictures = {}
+    for name, ((albedo, transport), light) in combinations.items():
+        pictures[name] = albedo * shade(transport, light), light
+    return pictures
+
+
+def match_color(light: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Returns `light` (N,K,3) with each channel scaled to the mean radiance of `other`."""
+    return light * (np.maximum(other[:, :1], MIN_MEAN) / np.maximum(light[:, :1], MIN_MEAN))
+
+
+def compare(true: Truth, picture: np.ndarray, light: np.ndarray) -> dict[str, np.ndarray]:
+    """Returns the errors (N,) of relit pictures and of the lights."""
+    return {**true.compare("reconstruction", picture), **light_errors(light, true.lights)}
+
+
+def transfer_plate(
+    networks: dict[str, Path],
+    packed: Path,
+    lights: Path,
+    split: Path,
+    settings: config.Evaluate,
+    count: int,
+    out: Path,
+) -> None:
+    """Draws swaps in two rows each: input, relit by each network with its error, truth.
+
+    Args:
+        networks: row -> checkpoint.
+        packed, lights, split: the data set.
+        settings: lights and device.
+        count: number of swaps, evenly spaced over the test set, each with its own two lights.
+        out: the picture (.png).
+    """
+    lines: list[Line] = []
+    for checkpoint in networks.values():
+        network, data = load(checkpoint, packed, lights, settings)
+        figures, test_lights = select_pairs(data, split, settings.lights)
+        pairs = pair_up(figures)
+        pairs = [pairs[i] for i in evenly_spaced(len(pairs), count)]
+        swaps = [test_lights[[i % len(test_lights), (i + 1) % len(test_lights)]] for i in range(len(pairs))]
+        if not lines:
+            subjects = [Subject.of(data, f, two) for pair, two in zip(pairs, swaps) for f in pair]
+            lines = [Line(s.name, s, [s.picture(i % 2)], i % 2 == 0) for i, s in enumerate(subjects)]
+        for i, (pair, two) in enumerate(zip(pairs, swaps)):
+            sides = [Partner(truth(data, f, two), infer(network, data, f, two)) for f in pair]
+            for side, new in ((0, 1), (1, 0)):  # each is seen under its own light, and relit by the other's
+                pictures, inferred_lights = relight_swapped(sides[side], sides[new], mean_light(data), 1)[""]
+                error = pictures[new] - sides[side].truth.maps["reconstruction"][new]
+                relit = Cell(pictures[new], light=inferred_lights[new])
+                lines[2 * i + side].views += [relit, Cell(error=np.linalg.norm(error, axis=-1))]
+    for i, line in enumerate(lines):
+        line.views.append(line.subject.picture(1 - i % 2))
+    heads = ["input", *(h for name in networks for h in (f"relit by {label(name)}", "its error")), "truth"]
+    words = (
+        "Two figures in two lights, each relit by the light inferred from the other's picture. The spheres show the "
+        "light of each picture: the true one in input and truth, the inferred one where it was relit."
+    )
+    draw(heads, lines, MAX_ERROR, words).save(out)

@@ -1,0 +1,139 @@
+"""Draws sheets of masked maps: cells, labels, and the display colors of maps."""
+
+from functools import lru_cache
+from importlib.util import find_spec
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageDraw, ImageFont
+
+from relight.files import atomic_write
+from relight.lights import lit_ball
+from relight.sh import unoccluded
+
+PAPER, CELL, INK, FAINT = (255, 255, 255), (243, 243, 240), (28, 28, 30), (120, 120, 124)
+MARGIN = 0.04  # of the picture's height, around figures
+
+
+@lru_cache
+def font(size: int, bold: bool = False) -> ImageFont.FreeTypeFont:
+    """Loads DejaVu Sans from matplotlib's files, so that no font need be installed."""
+    matplotlib = find_spec("matplotlib")
+    assert matplotlib is not None and matplotlib.origin is not None
+    folder = Path(matplotlib.origin).parent / "mpl-data" / "fonts" / "ttf"
+    return ImageFont.truetype(str(folder / f"DejaVuSans{'-Bold' if bold else ''}.ttf"), size)
+
+
+def transport_bands(transport: np.ndarray) -> list[np.ndarray]:
+    """Returns pictures (...,3) in [0,1] of bands 0 to 2 of transport (...,K).
+
+    Band 0, the amount of light that arrives, is grey. Band 1, the direction from which it arrives, has x, y, z as red,
+    green, blue, with 0 at middle grey. Band 2 has xz, yz, 3z^2-1 likewise.
+    """
+    # Values of an unoccluded surface that faces +z: the largest of band 0, and of z in band 1.
+    peak = unoccluded(np.array([0.0, 0, 1]))[[0, 2, 6]]
+    grey = np.repeat(transport[..., :1] / peak[0], 3, -1)
+    return [grey.clip(0, 1)] + [
+        (0.5 + 0.5 * transport[..., picks] / limit).clip(0, 1)
+        for picks, limit in (([3, 1, 2], peak[1]), ([7, 5, 6], peak[2]))
+    ]
+
+
+def heat(error: np.ndarray, max_error: float) -> np.ndarray:
+    """Maps errors to colors, from pale (none) over orange to dark red.
+
+    Args:
+        error: per pixel, any shape (...), not negative.
+        max_error: the error with the darkest color, to which larger errors are clipped.
+
+    Returns:
+        (...,3) display-coded colors in [0,1].
+    """
+    stops = np.array([[0.97, 0.95, 0.90], [0.99, 0.70, 0.35], [0.80, 0.20, 0.15], [0.30, 0.02, 0.10]])
+    position = np.clip(error / max_error, 0, 1) * (len(stops) - 1)
+    return np.stack([np.interp(position, np.arange(len(stops)), channel) for channel in stops.T], -1)
+
+
+def bounding_box(masks: list[np.ndarray]) -> tuple[slice, slice]:
+    """Returns the rows and columns of the common bounding box of masks (S,S), with a margin."""
+    union = np.any(masks, 0)
+    size = union.shape[0]
+    pad = round(MARGIN * size)
+    sides = []
+    for axis in (1, 0):
+        found = np.flatnonzero(union.any(axis))
+        sides.append(slice(max(0, found[0] - pad), min(size, found[-1] + 1 + pad)))
+    return sides[0], sides[1]
+
+
+def composite(colors: np.ndarray, alpha: np.ndarray, size: tuple[int, int]) -> Image.Image:
+    """Composites display-coded colors (H,W,3) in [0,1] over the color of cells by alpha (H,W).
+
+    Args:
+        colors: (H,W,3).
+        alpha: (H,W).
+        size: (width, height) of the result.
+    """
+    ground = np.array(CELL, np.float32) / 255
+    alpha = np.asarray(alpha, np.float32)
+    premultiplied = np.concatenate([np.clip(colors, 0, 1) * alpha[..., None], alpha[..., None]], -1)
+    planes = [
+        np.asarray(Image.fromarray(np.ascontiguousarray(plane, np.float32)).resize(size, Image.Resampling.BICUBIC))
+        for plane in np.moveaxis(premultiplied, -1, 0)
+    ]
+    pixels = np.stack(planes[:3], -1) + (1 - planes[3][..., None]) * ground
+    return Image.fromarray((pixels.clip(0, 1) * 255).round().astype(np.uint8))
+
+
+def ball(light: np.ndarray, size: int, white: float, linear: bool) -> Image.Image:
+    """Draws a ball under a light (`lights.lit_ball`) as an RGBA picture."""
+    return Image.fromarray((lit_ball(light, size, white=white, linear=linear) * 255).round().astype(np.uint8))
+
+
+class Canvas:
+    """A white sheet for cells and words."""
+
+    def __init__(self, width: int, height: int):
+        self.image = Image.new("RGB", (width, height), PAPER)
+        self.draw = ImageDraw.Draw(self.image)
+
+    def cell(self, picture: Image.Image, x: int, y: int, width: int | None = None, height: int | None = None) -> None:
+        """Draws a cell, by default of the picture's size, with a picture in its middle."""
+        width, height = width or picture.width, height or picture.height
+        self.draw.rectangle((x, y, x + width - 1, y + height - 1), fill=CELL)
+        self.put(picture, x + (width - picture.width) // 2, y + (height - picture.height) // 2)
+
+    def put(self, picture: Image.Image, x: int, y: int) -> None:
+        """Pastes a picture, by its alpha if it has one."""
+        self.image.paste(picture, (x, y), picture if picture.mode == "RGBA" else None)
+
+    def text(
+        self, words: str, x: int, y: int, size: int, anchor: str = "la", bold=False, color=INK, width=None
+    ) -> None:
+        """Draws words at (x,y) with an anchor of PIL; broken into lines and shrunk to fit `width` pixels, if given."""
+        if width:
+            words, size = fit_text(words, size, width, bold)
+        multiline = "\n" in words
+        anchor = anchor.replace("t", "a") if multiline else anchor
+        align = {"l": "left", "m": "center", "r": "right"}[anchor[0]]
+        self.draw.text((x, y), words, color, font(size, bold), anchor=anchor, align=align, spacing=3)
+
+    def save(self, path: Path) -> None:
+        """Writes the sheet as a PNG, atomically."""
+        with atomic_write(path) as tmp:
+            self.image.save(tmp, "PNG", optimize=True)
+
+
+def fit_text(words: str, size: int, width: int, bold: bool) -> tuple[str, int]:
+    """Breaks words at blanks into lines of at most `width` pixels; returns them and the largest size that fits."""
+    while True:
+        lines = [""]
+        for word in words.split():
+            longer = f"{lines[-1]} {word}".strip()
+            if font(size, bold).getlength(longer) <= width or not lines[-1]:
+                lines[-1] = longer
+            else:
+                lines.append(word)
+        if size <= 9 or all(font(size, bold).getlength(line) <= width for line in lines):
+            return "\n".join(lines), size
+        size -= 1

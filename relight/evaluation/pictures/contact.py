@@ -1,0 +1,118 @@
+"""Draws contact sheets: the maps of every figure of a data set side by side, with its name."""
+
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from relight.crop import fill_outside
+from relight.evaluation.pictures.canvas import CELL, FAINT, Canvas, ball, bounding_box, composite
+from relight.evaluation.scoring.metrics import shade
+from relight.files import UserError
+from relight.lights import measure
+from relight.maps import LeftOut, Maps, read_info, read_maps
+from relight.progress import progress
+from relight.srgb import encode
+
+VIEWS = ("lit", "albedo", "normal", "AO", "shading")
+CELL_HEIGHT = 240  # pixels
+ASPECT = 0.6  # width over height of a cell; figures with spread arms are scaled down
+GAP, WORDS, TOP = 3, 26, 48  # pixels: between cells, for a name, above the cells
+WIDTH = 2400  # pixels, largest width of a sheet with several figures in a row
+
+
+def contact_sheet(maps_paths: list[Path], light: np.ndarray, out: Path, height: int = CELL_HEIGHT) -> None:
+    """Draws figures side by side: lit, albedo, normals, AO and shading.
+
+    Colours are sRGB-encoded; white is the 99.5th percentile of a figure's shading. Normals are displayed as (n+1)/2. A
+    figure that was left out is replaced by the reason.
+
+    Args:
+        maps_paths: maps of the figures (EXR).
+        light: (K,3).
+        out: the picture (.png).
+        height: of a cell, in pixels.
+
+    Raises:
+        UserError: if there are no maps.
+    """
+    if not maps_paths:
+        raise UserError(f"{out}: there are no maps to show")
+    figures = [read(path) for path in progress(maps_paths, "maps read")]
+    masks = [maps.mask for _, maps in figures if isinstance(maps, Maps)]
+    rows = bounding_box(masks)[0] if masks else slice(0, 1)
+    width = round(ASPECT * height)
+    tile = len(VIEWS) * (width + GAP) + 6 * GAP
+    across = max(1, min(len(figures), WIDTH // tile))
+    down = -(-len(figures) // across)
+    sheet = Canvas(across * tile + 3 * GAP, TOP + down * (height + WORDS))
+    for a in range(across):
+        for v, words in enumerate(VIEWS):
+            sheet.text(words, 4 * GAP + a * tile + v * (width + GAP) + width // 2, TOP // 2, 16, "mm", bold=True)
+    sheet.put(ball(light, TOP - 18, 1, linear=True), 4 * GAP + width // 2 + 20, 9)  # beside the word "lit"
+    for i, (name, maps) in enumerate(figures):
+        x, y = 4 * GAP + i % across * tile, TOP + i // across * (height + WORDS)
+        sheet.text(name, x, y + height + 5, 14, color=FAINT)
+        if isinstance(maps, Maps):
+            for v, colors in enumerate(views(maps, light)):
+                cell = Image.new("RGB", (width, height), CELL)
+                # Extended to pixels that a figure covers in part, but not at their centre.
+                cell.paste(*scale_to_cell(fill_outside(colors, maps.mask), maps, rows, (width, height)))
+                sheet.cell(cell, x + v * (width + GAP), y)
+        else:
+            room = len(VIEWS) * (width + GAP) - GAP
+            sheet.cell(Image.new("RGB", (room, height), CELL), x, y)
+            sheet.text(f"left out: {maps}", x + room // 2, y + height // 2, 15, "mm", color=FAINT, width=room - 40)
+    sheet.save(out)
+
+
+def clearest_light(lights: np.ndarray) -> np.ndarray:
+    """Returns the light (K,3) of lights (N,K,3) that is best for display: directed, from the front, nearly white."""
+    statistics = measure(lights)
+    directed, red, blue = (
+        statistics["first"] + statistics["toward"],
+        np.abs(statistics["red"]),
+        np.abs(statistics["blue"]),
+    )
+    return lights[int(np.argmax(directed - red - blue))]
+
+
+def read(path: Path) -> tuple[str, Maps | str]:
+    """Reads a figure's name, and its maps or the reason why it was left out."""
+    name = read_info(path).get("name", Path(path).stem)
+    try:
+        return name, read_maps(path)
+    except LeftOut as reason:
+        return name, str(reason)
+
+
+def scale_to_cell(
+    colors: np.ndarray, maps: Maps, rows: slice, size: tuple[int, int]
+) -> tuple[Image.Image, tuple[int, int]]:
+    """Returns a figure, scaled to fit a cell of a size (width, height), and its place in the cell.
+
+    Args:
+        colors: (H,W,3), display-coded.
+        maps: of the figure.
+        rows: of the picture, which fill the cell's height unless the figure is too wide.
+        size: of the cell.
+    """
+    box = rows, bounding_box([maps.mask])[1]
+    box_height, box_width = (side.stop - side.start for side in box)
+    scale = min(size[1] / box_height, size[0] / box_width)
+    scaled = max(1, round(box_width * scale)), max(1, round(box_height * scale))
+    return composite(colors[box], maps.coverage[box], scaled), ((size[0] - scaled[0]) // 2, size[1] - scaled[1])
+
+
+def views(maps: Maps, light: np.ndarray) -> list[np.ndarray]:
+    """Returns the pictures of VIEWS (H,W,3), display-coded."""
+    shading = shade(maps.transport, light)
+    white = max(1e-6, float(np.percentile(shading[maps.mask], 99.5)))
+    grey = np.repeat(maps.ao[..., None], 3, -1)
+    return [
+        encode(maps.albedo * shading / white),
+        encode(maps.albedo),
+        (maps.normal + 1) / 2,
+        grey,
+        encode(shading / white),
+    ]

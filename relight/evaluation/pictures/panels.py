@@ -1,0 +1,333 @@
+"""Draws the plates of experiments: a row per figure and network, a column per view (as the paper's figures 5 and 7)."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from relight import config
+from relight.evaluation.pictures.canvas import FAINT, Canvas, ball, bounding_box, composite, heat, transport_bands
+from relight.evaluation.scoring.evaluate import dense, has_pairs, infer, load, pixels, select_pairs, truth
+from relight.evaluation.scoring.labels import label
+from relight.evaluation.scoring.metrics import shade
+from relight.evaluation.scoring.scores import gather
+from relight.evaluation.scoring.truth import Inferred, Truth
+from relight.learning.data import RelitSet
+from relight.progress import progress
+from relight.srgb import encode
+
+COLUMNS = (
+    "picture",
+    "albedo",
+    "normal",
+    "AO",
+    "shading",
+    "shading error",
+    "light",
+    "transport 0",
+    "transport 1",
+    "transport 2",
+    "relit",
+)
+CELL_HEIGHT = 300  # pixels
+GAP, GUTTER, TOP, LINE = 6, 150, 60, 24  # pixels: between cells, left of them, above them, of a line of text
+MAX_ERROR = 0.5  # shading error (vector norm) at the dark end of the color scale
+EXTREME_FIGURES = 2  # figures with the least and with the largest error
+LIGHTS = 8  # number of lights by which a figure is relit
+NOTE = (
+    "Picture: what the networks see (truth), and their albedo x shading. Normals (x, y, z as red, green, blue) and "
+    "AO of the networks that infer them, empty where not. Relit: albedo and transport under the light "
+    "of the small sphere. Transport by band of spherical harmonics: 0 how much light arrives; 1 from where (x, y, z as "
+    "red, green, blue); 2 how it is spread (xz, yz, 3z²-1)."
+)
+
+NOTE_RELIT = (
+    "Relit by the lights of the small spheres: the truth, and what each network makes of the first picture alone."
+)
+
+
+@dataclass
+class Subject:
+    """A test figure.
+
+    Attributes:
+        name: of the figure.
+        truth: under the input light and the new one.
+        pixel: (P,) flat indices of the mask in an image of `size` x `size`.
+        size: side of the image, pixels.
+        white: the shading that is displayed as white.
+        linear: whether colors are linear and must be sRGB-encoded for display.
+    """
+
+    name: str
+    truth: Truth
+    pixel: np.ndarray
+    size: int
+    white: float
+    linear: bool
+
+    @classmethod
+    def of(cls, data: RelitSet, figure: int, lights: np.ndarray) -> "Subject":
+        """Returns the figure of this index under the lights of these indices (N,)."""
+        true = truth(data, figure, lights)
+        white = max(1.0, float(np.percentile(true.maps["shading"], 99.5)))
+        return cls(data.names[figure], true, pixels(data, figure), data.size, white, data.color == "photo")
+
+    @property
+    def mask(self) -> np.ndarray:
+        """The mask (H,W) bool."""
+        return dense(np.ones((len(self.pixel), 1)), self.pixel, self.size)[..., 0] > 0
+
+    def picture(self, light: int) -> "Cell":
+        """Returns the true picture under a light, by its number, with that light in the corner."""
+        return Cell(self.truth.maps["reconstruction"][light], light=self.truth.lights[light])
+
+
+@dataclass
+class Cell:
+    """The content of a cell; without attributes the cell is empty.
+
+    Attributes:
+        colors: (P,3) of the subject's pixels.
+        error: (P,) of the subject's pixels, displayed in place of colors.
+        light: (K,3), displayed as a small sphere in the corner, or as a large one if there is nothing else.
+        coded: whether `colors` are display codes, even if the subject's are linear.
+    """
+
+    colors: np.ndarray | None = None
+    error: np.ndarray | None = None
+    light: np.ndarray | None = None
+    coded: bool = False
+
+
+@dataclass
+class Line:
+    """A row of views.
+
+    Attributes:
+        label: of the row.
+        subject: whose views these are.
+        views: one for each column.
+        first: whether it is the first row of its subject, which has space above it.
+    """
+
+    label: str
+    subject: Subject
+    views: list[Cell] = field(default_factory=list)
+    first: bool = False
+
+
+def draw(heads: list[str], lines: list[Line], max_error: float | None, note: str) -> Canvas:
+    """Draws rows of views, with heads above and a scale of errors below.
+
+    Args:
+        heads: of the columns.
+        lines: the rows, with a view for each column.
+        max_error: the error at the dark end of the color scale; None if no view is an error.
+        note: explains the views.
+    """
+    box = bounding_box([line.subject.mask for line in lines])
+    box_height, box_width = box[0].stop - box[0].start, box[1].stop - box[1].start
+    height, width = CELL_HEIGHT, max(100, round(CELL_HEIGHT * box_width / box_height))
+    spacing = 4 * GAP * sum(line.first for line in lines)
+    sheet = Canvas(GUTTER + len(heads) * (width + GAP) + GAP, TOP + len(lines) * (height + GAP) + spacing + 4 * LINE)
+    for c, head in enumerate(heads):
+        sheet.text(head, GUTTER + c * (width + GAP) + width // 2, TOP // 2, 18, "mm", bold=True, width=width)
+    y = TOP
+    for line in lines:
+        y += 4 * GAP * line.first
+        sheet.text(line.label, GUTTER - 14, y + height // 2, 18, "rm", bold=line.first, width=GUTTER - 24)
+        for c, view in enumerate(line.views):
+            draw_view(sheet, view, line.subject, box, GUTTER + c * (width + GAP), y, (width, height), max_error)
+        y += height + GAP
+    if max_error:
+        bar = np.repeat(heat(np.linspace(0, max_error, 160), max_error)[None], 14, 0)
+        sheet.put(Image.fromarray((bar * 255).round().astype(np.uint8)), GUTTER, y + 8)
+        sheet.text(f"error, 0 to {max_error:g} (vector norm)", GUTTER + 170, y + 5, 14, color=FAINT)
+    sheet.text(note, GUTTER, y + LINE + 8, 14, color=FAINT, width=sheet.image.width - GUTTER - 2 * GAP)
+    return sheet
+
+
+def draw_view(
+    sheet: Canvas,
+    view: Cell,
+    subject: Subject,
+    box: tuple[slice, slice],
+    x: int,
+    y: int,
+    size: tuple[int, int],
+    max_error: float | None,
+) -> None:
+    """Draws a view of a subject.
+
+    Args:
+        sheet: to draw on.
+        view: to draw.
+        subject: whose view it is.
+        box: rows and columns of the image to show.
+        x, y: of the cell's top left corner on the sheet.
+        size: width and height of the cell in pixels.
+        max_error: the error at the dark end of the color scale.
+    """
+    width, height = size
+    if view.colors is not None:
+        colors = view.colors if view.coded else np.clip(view.colors, 0, 1)
+        colors = encode(colors) if subject.linear and not view.coded else colors
+    elif view.error is not None and max_error is not None:
+        colors = heat(view.error, max_error)
+    else:
+        if view.light is not None:
+            sheet.cell(ball(view.light, round(0.8 * width), subject.white, subject.linear), x, y, width, height)
+        return
+    sheet.cell(composite(dense(colors, subject.pixel, subject.size)[box], subject.mask[box], size), x, y)
+    if view.light is not None:
+        corner = ball(view.light, round(0.26 * width), subject.white, subject.linear)
+        sheet.put(corner, x + width - corner.width - 5, y + 5)
+
+
+def relit(
+    networks: dict[str, Path], packed: Path, lights: Path, split: Path, settings: config.Evaluate, out: Path
+) -> None:
+    """Draws one figure relit by up to LIGHTS lights as a PNG: the truth, then each network.
+
+    Args:
+        networks: row -> checkpoint.
+        packed, lights, split: the data, as for `evaluate.evaluate`.
+        settings: which figures and lights.
+        out: the picture (.png).
+
+    Raises:
+        UserError: as `evaluate.evaluate`.
+    """
+    lines: list[Line] = []
+    for name, checkpoint in progress(list(networks.items()), "networks relit"):
+        network, data = load(checkpoint, packed, lights, settings)
+        if not has_pairs(data, split, settings):
+            break
+        figures, lit = select_pairs(data, split, settings.lights, settings.figures)
+        figure, chosen = int(figures[len(figures) // 2]), lit[evenly_spaced(len(lit), LIGHTS)]
+        if not lines:
+            subject = Subject.of(data, figure, chosen)
+            pictures = [subject.picture(light) for light in range(len(chosen))]
+            lines = [Line(f"truth {subject.name}", subject, pictures, first=True)]
+        subject = lines[0].subject
+        inferred = infer(network, data, figure, chosen[:1])
+        albedo, transport, light = (values[0] for values in subject.truth.complete(inferred))
+        shadings = [shade(transport, each) for each in (light, *subject.truth.lights[1:])]
+        lines.append(Line(label(name), subject, [Cell(albedo * shading) for shading in shadings]))
+    if not lines:
+        return empty_sheet().save(out)
+    heads = ["picture", *(f"relit {light}" for light in range(1, len(lines[0].views)))]
+    draw(heads, lines, None, NOTE_RELIT).save(out)
+
+
+def plates(
+    networks: dict[str, Path],
+    packed: Path,
+    lights: Path,
+    split: Path,
+    settings: config.Evaluate,
+    choose: Callable[[list[str]], list[int]],
+    out: Path,
+) -> None:
+    """Draws test figures as a PNG: the truth, then each network.
+
+    Each figure is seen under one light of `settings.lights` and relit by the next. Values are displayed sRGB-encoded if
+    the network's color model is `photo`, and unchanged if it is `paper`. Maps
+    without a loss are true.
+
+    Args:
+        networks: row -> checkpoint.
+        packed, lights, split: the data, as for `evaluate.evaluate`.
+        settings: which figures and lights.
+        choose: returns the places of the figures to draw from the names of the test figures.
+        out: the picture (.png).
+
+    Raises:
+        UserError: as `evaluate.evaluate`.
+    """
+    blocks: list[list[Line]] = []
+    for name, checkpoint in progress(list(networks.items()), "networks drawn"):
+        network, data = load(checkpoint, packed, lights, settings)
+        if not has_pairs(data, split, settings):
+            break
+        figures, lit = select_pairs(data, split, settings.lights, settings.figures)
+        chosen = figures[choose([data.names[f] for f in figures])].tolist()
+        pairs = [(f, lit[[i % len(lit), (i + 1) % len(lit)]]) for i, f in enumerate(chosen)]
+        if not blocks:
+            subjects = [Subject.of(data, *pair) for pair in pairs]
+            blocks = [[Line(f"truth {subject.name}", subject, true_views(subject), first=True)] for subject in subjects]
+        for block, (figure, two) in zip(blocks, pairs):
+            subject = block[0].subject
+            block.append(Line(label(name), subject, inferred_views(subject, infer(network, data, figure, two[:1]))))
+    if not blocks:
+        return empty_sheet().save(out)
+    draw(list(COLUMNS), [line for block in blocks for line in block], MAX_ERROR, NOTE).save(out)
+
+
+def extreme_places(scores: list[Path], names: list[str]) -> list[int]:
+    """Returns the places of the figures with the least and the largest shading error, as means over networks.
+
+    Args:
+        scores: files of the networks' scores on these figures.
+        names: of the figures.
+    """
+    found = [training for trainings in gather(scores).values() for training in trainings]
+    mean_of = dict(zip(found[0].figures, np.mean([training.figure_means("shading_rmse") for training in found], 0)))
+    order = sorted(range(len(names)), key=lambda place: mean_of[names[place]])
+    return list(dict.fromkeys([*order[:EXTREME_FIGURES], *order[-EXTREME_FIGURES:]]))
+
+
+def empty_sheet() -> Canvas:
+    """Returns a sheet with the words "nothing to show"."""
+    sheet = Canvas(2 * GUTTER, TOP)
+    sheet.text("nothing to show", GUTTER, TOP // 2, 15, "mm", color=FAINT)
+    return sheet
+
+
+def evenly_spaced(items: int, count: int) -> list[int]:
+    """Returns at most `count` evenly spaced indices of `items` items, including the first and the last."""
+    return np.unique(np.linspace(0, items - 1, count).round().astype(int)).tolist()
+
+
+def true_views(subject: Subject) -> list[Cell]:
+    """Returns the views of COLUMNS of the truth, whose error is zero."""
+    all_views = views(subject, subject.truth.maps["albedo"][0], subject.truth.transport[0], *subject.truth.lights)
+    all_views["relit"].light = subject.truth.lights[1]
+    all_views |= surface_views(subject.truth.maps["normal"][0], subject.truth.maps["ao"][0, :, 0])
+    return [all_views[column] for column in COLUMNS]
+
+
+def inferred_views(subject: Subject, inferred: Inferred) -> list[Cell]:
+    """Returns the views of COLUMNS of what a network inferred under the subject's first light."""
+    albedo, transport, light = subject.truth.complete(inferred)
+    all_views = views(subject, albedo[0], transport[0], light[0], subject.truth.lights[1])
+    all_views |= surface_views(*(None if part is None else part[0] for part in (inferred.normal, inferred.ao)))
+    return [all_views[column] for column in COLUMNS]
+
+
+def surface_views(normal: np.ndarray | None, ao: np.ndarray | None) -> dict[str, Cell]:
+    """Returns views of normals (P,3) as colors and of ambient occlusion (P,) as grey; None gives empty views."""
+    return {
+        "normal": Cell() if normal is None else Cell((normal + 1) / 2, coded=True),
+        "AO": Cell() if ao is None else Cell(np.repeat(ao[:, None].clip(0, 1), 3, 1), coded=True),
+    }
+
+
+def views(
+    subject: Subject, albedo: np.ndarray, transport: np.ndarray, light: np.ndarray, new: np.ndarray
+) -> dict[str, Cell]:
+    """Returns the views of COLUMNS without those of the surface, by column."""
+    shading = shade(transport, light)
+    error = np.linalg.norm(shading - subject.truth.maps["shading"][0], axis=-1)
+    return {
+        "picture": Cell(albedo * shading),
+        "albedo": Cell(albedo),
+        "shading": Cell(shading / subject.white),
+        "shading error": Cell(error=error),
+        "light": Cell(light=light),
+        **{f"transport {band}": Cell(colors, coded=True) for band, colors in enumerate(transport_bands(transport))},
+        "relit": Cell(albedo * shade(transport, new)),
+    }

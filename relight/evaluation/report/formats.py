@@ -1,0 +1,277 @@
+"""Formats tables: pandas frames of cells, written as CSV, Markdown, LaTeX and HTML.
+
+Bold is the best network of a column; n.s. marks values that do not differ significantly from it.
+"""
+
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from markupsafe import escape
+
+from relight.evaluation.scoring.comparisons import Comparison, Verdict
+from relight.evaluation.scoring.labels import QUANTITIES, READING_LABELS, column_label, label, split_column
+from relight.evaluation.scoring.statistics import Estimate
+from relight.evaluation.scoring.tables import Table, sign
+from relight.evaluation.scoring.truth import COLUMNS
+from relight.files import atomic_write
+
+SIGNS = {Verdict.BETTER: "✓", Verdict.WORSE: "✗", Verdict.EQUIVALENT: "≈", Verdict.OPEN: "?"}
+LATEX: dict[str | int, str | int | None] = {
+    "%": r"\%", "&": r"\&", "_": r"\_", "#": r"\#", "×": r"$\times$", "²": "$^2$", "–": "--", "∞": r"$\infty$",
+    "↓": r"$\downarrow$", "↑": r"$\uparrow$", "≈": r"$\approx$", "✓": "", "✗": "", "−": "$-$",
+}  # fmt: skip
+
+
+@dataclass
+class TextTable:
+    """A table for readers.
+
+    Attributes:
+        frame: indexed by the rows' labels; cells are Estimate, Verdict, str, int, float or None; columns are names, or
+            pairs (block, name).
+        kinds: of the rows: "network", "baseline", "paper", or "" if the rows have no kind.
+        digits: decimals by column, 3 by default.
+    """
+
+    frame: pd.DataFrame
+    kinds: list[str] = field(default_factory=list)
+    digits: dict[str, int] = field(default_factory=dict)
+
+    @classmethod
+    def of(
+        cls,
+        columns: list[str],
+        rows: list[list],
+        kinds: list[str] | None = None,
+        digits: dict[str, int] | None = None,
+    ) -> "TextTable":
+        """Returns a grid of rows of cells, the first of which is the label.
+
+        Args:
+            columns: the heads, the first of which is that of the labels.
+            rows: each with as many cells as there are columns.
+            kinds: of the rows.
+            digits: decimals by column.
+        """
+        index = pd.Index([row[0] for row in rows], name=columns[0], dtype=object)
+        frame = pd.DataFrame([row[1:] for row in rows], index, columns[1:], dtype=object)
+        return cls(frame.where(frame.notna(), None), kinds or [""] * len(rows), digits or {})
+
+    def blocks(self) -> list["TextTable"]:
+        """Returns a grid per block of columns, without rows that are empty there; the grid itself without blocks."""
+        if self.frame.columns.nlevels == 1:
+            return [self]
+        grids = []
+        for block in dict.fromkeys(self.frame.columns.get_level_values(0)):
+            part = self.frame[block]
+            kept = part.notna().any(axis=1).to_numpy()
+            part = part[kept].rename_axis(index=block)
+            grids.append(TextTable(part, [kind for kind, one in zip(self.kinds, kept) if one], self.digits))
+        return grids
+
+    def texts(self, style: "TextFormat") -> pd.DataFrame:
+        """Returns the frame with cells, labels and heads as text."""
+        heads = [h if isinstance(h, tuple) else (h,) for h in self.frame.columns]
+        cells = [
+            [style.cell(value, self.digits.get(head[-1], 3)) for value, head in zip(row, heads)]
+            for row in self.frame.itertuples(index=False, name=None)
+        ]
+        plain = [text if isinstance(text, str) else str(text) for text in self.frame.index]  # str(Markup) is no Markup
+        labels = [style.label(text, kind) for text, kind in zip(plain, self.kinds)]
+        escaped = [tuple(map(style.escape, head)) for head in heads]
+        columns = pd.MultiIndex.from_tuples(escaped) if heads and len(heads[0]) > 1 else [head[0] for head in escaped]
+        return pd.DataFrame(cells, pd.Index(labels, name=style.escape(self.frame.index.name or "")), columns)
+
+    def statistics(self) -> pd.DataFrame:
+        """Returns the frame as numbers: each estimate as mean, low and high, to six significant digits."""
+        statistics = {}
+        for column in self.frame:
+            values = list(self.frame[column])
+            column = ", ".join(column) if isinstance(column, tuple) else column
+            if any(isinstance(value, Estimate) for value in values):
+                for end, name in (("", "mean"), (", low", "low"), (", high", "high")):
+                    statistics[f"{column}{end}"] = [getattr(value, name, np.nan) for value in values]
+            else:
+                statistics[column] = values
+        return pd.DataFrame(statistics, self.frame.index).map(
+            lambda v: float(f"{v:.6g}") if isinstance(v, float) else v
+        )
+
+
+@dataclass
+class TextFormat:
+    """The format strings of a file format, in which {} is the text.
+
+    Attributes:
+        bold, italic: of the best value, and of baselines' labels.
+        margin: of the half-width of an interval.
+        not_significant: the mark of values that do not differ significantly from the best.
+        escape: escapes plain text.
+    """
+
+    bold: str
+    italic: str
+    margin: str
+    not_significant: str
+    escape: Callable[[str], str]
+
+    def label(self, text: str, kind: str) -> str:
+        """Returns the label of a row: baselines in italics, the paper's rows marked as printed."""
+        text = self.escape(text if kind != "paper" else f"{text}, as printed")
+        return self.italic.format(text) if kind == "baseline" else text
+
+    def cell(self, value: object, digits: int) -> str:
+        """Returns a cell as text: estimates with their margin, numbers with `digits` decimals, empty for None."""
+        if value is None:
+            return ""
+        if isinstance(value, Estimate):
+            mean, margin = (self.escape(number(one, digits)) for one in (value.mean, value.margin))
+            shown = (self.bold if value.best else "{}").format(mean) + self.margin.format(margin)
+            return shown + self.not_significant * value.not_significant
+        if isinstance(value, Verdict):
+            return self.escape(f"{SIGNS[value]} {value.value}").strip()
+        if isinstance(value, float):
+            return self.escape(number(value, digits))
+        return self.escape(value if isinstance(value, str) else str(value))
+
+
+MARKDOWN = TextFormat("**{}**", "*{}*", " ± {}", " n.s.", lambda text: text.replace("|", "\\|"))
+TEX = TextFormat(
+    r"\textbf{{{}}}",
+    r"\textit{{{}}}",
+    r"{{\tiny$\pm${}}}",
+    r"$^{\mathrm{n.s.}}$",
+    lambda text: text.translate(str.maketrans(LATEX)),
+)
+HTML = TextFormat("<b>{}</b>", "{}", "<small>±{}</small>", "<i>n.s.</i>", lambda text: str(escape(text)))
+
+
+def to_markdown(grid: TextTable) -> str:
+    """Returns a grid as a table in Markdown."""
+    return grid.texts(MARKDOWN).to_markdown(disable_numparse=True)
+
+
+def to_latex(grid: TextTable) -> str:
+    """Returns a grid as a tabular (package booktabs), with a rule before baselines and before printed values."""
+    texts = grid.texts(TEX).rename_axis(index=None)
+    lines = texts.to_latex(escape=False, multicolumn_format="c", column_format="l" + "c" * texts.shape[1]).splitlines()
+    body = lines.index(r"\midrule") + 1
+    for place in range(len(grid.kinds) - 1, 0, -1):
+        if grid.kinds[place] != grid.kinds[place - 1]:
+            lines.insert(body + place, r"\midrule")
+    return "\n".join([*lines, ""])
+
+
+def write_tables(
+    stem: Path,
+    title: str,
+    note: str,
+    shown: TextTable,
+    statistics: pd.DataFrame | None = None,
+    others: TextTable | None = None,
+) -> None:
+    """Writes a table as stem.csv, stem.md and stem.tex, each atomically.
+
+    Args:
+        stem: path without suffix.
+        title: of the table, plain text.
+        note: explains the numbers, in Markdown.
+        shown: the table; one tabular in LaTeX, a table per block in Markdown.
+        statistics: content of the CSV; by default the statistics of `shown`.
+        others: a further grid for the Markdown file.
+    """
+    statistics = shown.statistics() if statistics is None else statistics
+    parts = [f"## {title}", note, *map(to_markdown, shown.blocks())]
+    if others is not None:
+        parts += ["### Other readings of the same scores", *map(to_markdown, others.blocks())]
+    comments = [f"% {line}" for line in [f"{title}. Needs \\usepackage{{booktabs}}.", *note.splitlines()]]
+    texts = {
+        ".csv": statistics.to_csv(index=statistics.index.name is not None, lineterminator="\n"),
+        ".md": "\n\n".join(parts) + "\n",
+        ".tex": "\n".join([*comments, to_latex(shown)]),
+    }
+    for suffix, text in texts.items():
+        with atomic_write(stem.with_suffix(suffix)) as tmp:
+            tmp.write_text(text, encoding="utf-8")
+
+
+def score_grid(table: Table, columns: Iterable[str]) -> TextTable:
+    """Returns the estimates of a table in some columns, a block per reading; the paper's printed values follow."""
+    present = table.present(columns)
+    rows: list[tuple[str, str, Mapping[str, Estimate | float]]] = [
+        (label(row), table.kind(row), cells) for row, cells in table.rows.items()
+    ]
+    rows += [(label(row), "paper", values) for row, values in table.printed.items()]
+    rows = [row for row in rows if any(column in row[2] for column in present)]
+    heads = []
+    for quantity, reading in map(split_column, present):
+        heads.append((f"{READING_LABELS[reading]} {'↓' if sign(f'_{reading}') > 0 else '↑'}", QUANTITIES[quantity]))
+    cells = [[values.get(column) for column in present] for *_, values in rows]
+    index = pd.Index([name for name, *_ in rows], dtype=object)
+    columns = pd.MultiIndex.from_arrays([[head[level] for head in heads] for level in (0, 1)])
+    frame = pd.DataFrame(cells, index, columns, dtype=object)
+    return TextTable(frame.where(frame.notna(), None), [kind for _, kind, _ in rows])
+
+
+def other_columns(table: Table) -> tuple[str, ...]:
+    """Returns the columns that a table does not show."""
+    return tuple(column for column in COLUMNS if column not in table.columns)
+
+
+def comparison_grid(comparisons: dict[str, dict[str, Comparison]]) -> TextTable:
+    """Returns comparisons with relative gain, both means, p-value, verdict, and a bound on open differences.
+
+    Args:
+        comparisons: label of the pair -> column -> comparison.
+    """
+    heads = ["compared", "in", "first better by", "95 % interval", "first", "second", "p", "the first is", "within"]
+    rows = [
+        [what, column_label(c.column), *effect(c), c.first, c.second, p_value(c.p), c.verdict, bound(c)]
+        for what, by_column in comparisons.items()
+        for c in by_column.values()
+    ]
+    return TextTable.of(heads, rows)
+
+
+def effect(one: Comparison) -> tuple[str, str]:
+    """Returns the gain of the first row relative to the second, and its 95 % interval, as text."""
+    return percent(one.gain), " to ".join(map(percent, one.interval)).replace(" % to", " to")
+
+
+def bound(one: Comparison) -> str | None:
+    """Returns the relative bound on a difference whose verdict is equivalent or open; None for the others."""
+    return None if one.verdict.is_significant else f"±{100 * one.bound:.1f} %"
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Formats a number with fixed decimals and without a leading zero: .123, −.5, ∞; NaN as a dash."""
+    if np.isnan(value):
+        return "–"
+    if not np.isfinite(value):
+        return "∞" if value > 0 else "−∞"
+    text = re.sub(r"^(-?)0\.", r"\1.", f"{value:.{digits}f}")
+    return text.replace("-", "−") if float(f"{value:.{digits}f}") else text.removeprefix("-")
+
+
+def percent(value: float) -> str:
+    """Formats a fraction as a percentage with a sign and one decimal; NaN as a dash."""
+    if np.isnan(value):
+        return "–"
+    if not np.isfinite(value):
+        return "∞" if value > 0 else "−∞"
+    text = f"{100 * value:+.1f} %".replace("-", "−")
+    return text if text[1:] != "0.0 %" else text[1:]
+
+
+def p_value(p: float) -> str:
+    """Formats a p-value with two significant digits, such as .034."""
+    return "< .0001" if p < 1e-4 else f"{p:.2g}".removeprefix("0")
+
+
+def count(many: int, noun: str) -> str:
+    """Formats a count: 1 figure, 2 figures."""
+    return f"{many} {noun}" if many == 1 else f"{many} {noun}s"

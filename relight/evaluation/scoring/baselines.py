@@ -1,0 +1,119 @@
+"""Predicts without a network, as baselines for the scores (docs/method.md, section 7).
+
+| name            | predicts                                                       | is given                     |
+|-----------------|----------------------------------------------------------------|------------------------------|
+| `mean_figure`   | each map as its mean over the training figures, and `mean_light` | the mask                   |
+| `mean_light`    | the mean training light                                        | true maps                    |
+| `nearest_light` | the training light nearest to the true one                      | true maps, the true light   |
+| `no_occlusion`  | transport of the true normals: the upper bound of SfSNet        | true normals, albedo, light |
+| `ao_occlusion`  | the same times the true AO: the upper bound of SfSNet-AO        | and the true AO             |
+| `as_it_is`      | the input picture in place of the relit one                     | the picture                 |
+| `cut_2`, ...    | the true transport to order 2: the upper bound of order 2       | true maps, the true light    |
+"""
+
+from pathlib import Path
+
+import numpy as np
+
+from relight import config
+from relight.evaluation.scoring.evaluate import Predictor, has_pairs, pixel_rows, pixels, score, torch_device, truth
+from relight.evaluation.scoring.scores import write_scores
+from relight.evaluation.scoring.truth import Inferred
+from relight.files import UserError
+from relight.learning.data import RelitSet, read_split
+from relight.sh import order_of, unoccluded
+
+
+def evaluate_baselines(
+    packed: Path,
+    lights: Path,
+    split: Path,
+    settings: config.Evaluate,
+    out: Path,
+    color: str = "paper",
+    order: int = 2,
+) -> None:
+    """Writes the scores (CSV) of all baselines, on the same pairs as `evaluate`.
+
+    Args:
+        packed, lights, split: the data set.
+        settings: which figures and lights.
+        out: the scores (.csv).
+        color: color model of the networks to be compared with (`train.color`).
+        order: of the data (`bake.order`).
+    """
+    data = RelitSet(packed, lights, order, color, torch_device("cpu"))
+    if not has_pairs(data, split, settings):
+        return write_scores(out, {})
+    predictors = make_predictors(data, split)
+    write_scores(out, {name: score(predictor, data, split, settings) for name, predictor in predictors.items()})
+
+
+def make_predictors(data: RelitSet, split: Path) -> dict[str, Predictor]:
+    """Returns the predictors of the module's table by name. Raises UserError without training figures or lights."""
+    figures = data.figures(read_split(split)["train"])
+    train_lights = data.lights.numpy()[data.light_split == "train"]
+    if not len(figures) or not len(train_lights):
+        raise UserError(
+            f"baselines: {len(figures)} training figures and {len(train_lights)} training lights are found; at least "
+            "one of each is needed"
+        )
+    mean_light = train_lights.mean(0, keepdims=True)
+    order = order_of(mean_light.shape[1])
+    mean = MeanFigure(data, figures)
+
+    def true(name: str, figure: int) -> np.ndarray:
+        return getattr(data, name)[pixel_rows(data, figure)].float().numpy()[None]
+
+    def mean_figure(figure: int, lit: np.ndarray) -> Inferred:
+        maps = mean.at(pixels(data, figure))
+        light = np.repeat(mean_light, len(lit), 0)
+        return Inferred(maps["albedo"], maps["transport"], maps["normal"], maps["ao"], light)
+
+    def nearest_light(figure: int, lit: np.ndarray) -> Inferred:
+        distances = ((data.lights.numpy()[lit][:, None] - train_lights[None]) ** 2).sum((2, 3))
+        return Inferred(light=train_lights[distances.argmin(1)])
+
+    def no_occlusion(figure: int, lit: np.ndarray) -> Inferred:
+        return Inferred(transport=unoccluded(true("normal", figure), order).astype(np.float32))
+
+    def ao_occlusion(figure: int, lit: np.ndarray) -> Inferred:
+        return Inferred(transport=no_occlusion(figure, lit).transport * true("ao", figure)[..., None])
+
+    def as_it_is(figure: int, lit: np.ndarray) -> Inferred:
+        return Inferred(relit=truth(data, figure, lit).maps["reconstruction"])
+
+    def truncated(bands: int) -> Predictor:
+        return lambda figure, lit: Inferred(transport=true("transport", figure)[..., : (bands + 1) ** 2])
+
+    return {
+        "mean_figure": mean_figure,
+        "mean_light": lambda figure, lit: Inferred(light=np.repeat(mean_light, len(lit), 0)),
+        "nearest_light": nearest_light,
+        "no_occlusion": no_occlusion,
+        "ao_occlusion": ao_occlusion,
+        "as_it_is": as_it_is,
+        **{f"cut_{bands}": truncated(bands) for bands in range(2, order)},
+    }
+
+
+class MeanFigure:
+    """The mean of the training figures at each pixel; at pixels outside all figures, the mean over all pixels."""
+
+    def __init__(self, data: RelitSet, figures: np.ndarray):
+        rows = np.r_[tuple(pixel_rows(data, figure) for figure in figures)]
+        pixel = data.pixel.numpy()[rows]
+        count = np.bincount(pixel, minlength=data.size**2)
+        self.maps = {}
+        for name in ("albedo", "transport", "normal", "ao"):
+            values = getattr(data, name).numpy()[rows].astype(np.float64).reshape(len(rows), -1)
+            if name == "albedo" and data.color == "paper":
+                values = values / 255
+            total = np.stack([np.bincount(pixel, column, data.size**2) for column in values.T], 1)
+            self.maps[name] = np.where(count[:, None] > 0, total / np.maximum(count, 1)[:, None], values.mean(0))
+
+    def at(self, pixel: np.ndarray) -> dict[str, np.ndarray]:
+        """Returns the maps (1,P,C) and `ao` (1,P) at flat pixel indices (P,), float32; normals have unit length."""
+        maps = {name: values[pixel].astype(np.float32)[None] for name, values in self.maps.items()}
+        maps["normal"] /= np.linalg.norm(maps["normal"], axis=-1, keepdims=True)
+        return {**maps, "ao": maps["ao"][..., 0]}

@@ -1,0 +1,171 @@
+"""Compares rows of tables, and tests which of the paper's orderings hold."""
+
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+
+from relight.evaluation.scoring.paper import ARGUMENTS, printed
+from relight.evaluation.scoring.statistics import ALPHA, Difference, Estimate, compare, holm
+from relight.evaluation.scoring.tables import TABLE2_COLUMNS, Table, sign
+
+# Relative; rows are equivalent if they differ by less; most differences that the paper prints are smaller.
+MARGIN = 0.035
+
+
+class Verdict(Enum):
+    """The result of comparing a first row with a second one, at significance level ALPHA."""
+
+    BETTER = "better"
+    WORSE = "worse"
+    EQUIVALENT = "equivalent"  # the difference is significantly smaller than MARGIN
+    OPEN = "open"  # neither a difference nor equivalence is significant
+
+    @property
+    def is_significant(self) -> bool:
+        """Whether one of the rows is significantly better."""
+        return self in (Verdict.BETTER, Verdict.WORSE)
+
+
+@dataclass
+class Comparison:
+    """The comparison of two rows in one column.
+
+    Attributes:
+        column: of the scores.
+        first, second: the means of the rows.
+        difference: first minus second.
+        p: p-value of the hypothesis that they are equal; `correct` corrects it.
+        p_equivalent: p-value of the hypothesis that they differ by MARGIN or more; `correct` corrects it.
+    """
+
+    column: str
+    first: float
+    second: float
+    difference: Difference
+    p: float
+    p_equivalent: float
+
+    @property
+    def verdict(self) -> Verdict:
+        """BETTER or WORSE if they differ significantly, EQUIVALENT if significantly by less than MARGIN, else OPEN."""
+        if self.p < ALPHA and not self.difference.low <= 0 <= self.difference.high:
+            return Verdict.BETTER if sign(self.column) * self.difference.mean < 0 else Verdict.WORSE
+        return Verdict.EQUIVALENT if self.p_equivalent < ALPHA else Verdict.OPEN
+
+    @property
+    def gain(self) -> float:
+        """How much better the first row is, relative to the second."""
+        return self._relative(self.difference.mean)
+
+    @property
+    def interval(self) -> tuple[float, float]:
+        """The 95 % interval of `gain`; the uncertainty of the second row's mean as divisor is ignored."""
+        low, high = sorted(map(self._relative, (self.difference.low, self.difference.high)))
+        return low, high
+
+    @property
+    def bound(self) -> float:
+        """The least margin, relative to the mean of both rows, at which they are equivalent, without correction."""
+        level = (abs(self.first) + abs(self.second)) / 2
+        return self.difference.bound(ALPHA) / level if level else np.inf
+
+    def _relative(self, difference: float) -> float:
+        return -sign(self.column) * difference / abs(self.second) if self.second else 0.0
+
+
+def compare_estimates(column: str, first: Estimate, second: Estimate) -> Comparison:
+    """Compares two estimates of a column, without correction."""
+    difference = compare(first, second)
+    equivalent = difference.p_equivalent(MARGIN * (abs(first.mean) + abs(second.mean)) / 2)
+    return Comparison(column, first.mean, second.mean, difference, difference.p, equivalent)
+
+
+def correct(comparisons: list[Comparison]) -> list[Comparison]:
+    """Corrects the p-values of comparisons for multiple comparisons (Holm), in place, and returns them."""
+    for name in ("p", "p_equivalent"):
+        for comparison, p in zip(comparisons, holm([getattr(comparison, name) for comparison in comparisons])):
+            setattr(comparison, name, float(p))
+    return comparisons
+
+
+def compare_rows(
+    table: Table, first: str, second: str, columns: tuple[str, ...], other: Table | None = None
+) -> dict[str, Comparison]:
+    """Compares two rows in some columns, with p-values corrected over these columns.
+
+    Args:
+        table: contains the first row.
+        first, second: names of rows.
+        columns: to compare.
+        other: contains the second row; `table` by default.
+
+    Returns:
+        Column -> comparison, for the columns that both rows have; empty if a row is missing.
+    """
+    cells, other_cells = table.rows.get(first, {}), (other or table).rows.get(second, {})
+    shared = [column for column in columns if column in cells and column in other_cells]
+    comparisons = [compare_estimates(column, cells[column], other_cells[column]) for column in shared]
+    return {comparison.column: comparison for comparison in correct(comparisons)}
+
+
+@dataclass
+class Ordering:
+    """Two rows in the order of the paper's printed values in a column, and their comparison in this run.
+
+    Attributes:
+        better, worse: the rows, by the printed values.
+        argued: whether the printed order agrees with the paper's argument.
+        printed_difference: the relative difference of the two printed values.
+        comparison: `better` against `worse` in this run.
+    """
+
+    better: str
+    worse: str
+    argued: bool
+    printed_difference: float
+    comparison: Comparison
+
+    @property
+    def below_margin(self) -> bool:
+        """Whether the printed difference is under MARGIN."""
+        return self.printed_difference < MARGIN
+
+
+def orderings(tables: list[Table]) -> list[Ordering]:
+    """Compares the rows of every ordering of `paper.ARGUMENTS` that a table has, with p-values corrected over all.
+
+    The direction is that of the printed values, even if they contradict the paper's argument. Columns with equal
+    printed values are skipped. An ordering that several tables have is taken from the first.
+    """
+    tested: dict[tuple[str, str, str], Ordering] = {}
+    for table in tables:
+        for leader, follower, _ in ARGUMENTS:
+            for column in TABLE2_COLUMNS:
+                key = (leader, follower, column)
+                if key not in tested and (ordering := printed_ordering(table, leader, follower, column)):
+                    tested[key] = ordering
+    correct([ordering.comparison for ordering in tested.values()])
+    return list(tested.values())
+
+
+def printed_ordering(table: Table, leader: str, follower: str, column: str) -> Ordering | None:
+    """Compares two rows of a table in the order of their printed values.
+
+    Args:
+        table: of the run.
+        leader, follower: the better and the worse row by the paper's argument.
+        column: of the scores.
+
+    Returns:
+        The comparison without correction; None if the table or the paper lacks a value, or the paper's are equal.
+    """
+    first, second = (printed(row).get(column) for row in (leader, follower))
+    if first is None or second is None or first == second:
+        return None
+    if not all(row in table.networks and column in table.rows[row] for row in (leader, follower)):
+        return None
+    argued = sign(column) * (first - second) < 0
+    better, worse = (leader, follower) if argued else (follower, leader)
+    comparison = compare_estimates(column, table.rows[better][column], table.rows[worse][column])
+    return Ordering(better, worse, argued, abs(first - second) / max(first, second), comparison)

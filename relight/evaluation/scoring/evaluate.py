@@ -1,0 +1,262 @@
+"""Scores a trained network, or a baseline, on every test figure under every test light."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from relight import config
+from relight.evaluation.scoring.scores import Scores, write_scores
+from relight.evaluation.scoring.truth import Inferred, Truth
+from relight.files import UserError
+from relight.learning.checkpoint import load_network
+from relight.learning.data import Batch, RelitSet, read_split
+from relight.learning.harmonics import unoccluded
+from relight.learning.networks import Network
+from relight.maps import Maps
+from relight.progress import progress
+from relight.sh import UNOCCLUDED_T00, coefficient_count
+from relight.srgb import decode
+
+BATCH_PIXELS = 2**20  # largest number of pixels of the images in a batch
+
+Predictor = Callable[[int, np.ndarray], Inferred]  # (figure, lights (N,)), indices in a RelitSet -> prediction
+
+
+def evaluate(checkpoint: Path, packed: Path, lights: Path, split: Path, settings: config.Evaluate, out: Path) -> None:
+    """Scores a network on every test figure under every test light.
+
+    The same inputs give the same bytes on the same machine, since one thread is used on a CPU.
+
+    Args:
+        checkpoint: the network, which also determines the color model.
+        packed, lights, split: the data set (.safetensors, .npz, .json).
+        settings: which part of the split, and which lights.
+        out: the scores (.csv), whose predictor has the name of the file. If there are no sitting figures, further views
+            or unusual lights to score, the file has no rows.
+
+    Raises:
+        UserError: if a file has other contents, or there is no figure or light to test on.
+    """
+    network, data = load(checkpoint, packed, lights, settings)
+    if not has_pairs(data, split, settings):
+        return write_scores(out, {})
+    scores = score(lambda figure, lit: infer(network, data, figure, lit), data, split, settings)
+    write_scores(out, {out.stem: scores})
+
+
+def load(checkpoint: Path, packed: Path, lights: Path, settings: config.Evaluate) -> tuple[Network, RelitSet]:
+    """Loads a network, and the data at its order and in its color model.
+
+    Args:
+        checkpoint: the network (.safetensors).
+        packed, lights: the data set.
+        settings: `device`.
+
+    Returns:
+        The network, with the outputs that no loss constrained in `Network.unlearned`, and the data.
+
+    Raises:
+        UserError: if a file has other contents, the network has no color model, or the maps have another size than
+            the network.
+    """
+    device = torch_device(settings.device)
+    network, made_with = load_network(checkpoint, device)
+    network.unlearned = unlearned(made_with.get("loss"))
+    color = (made_with.get("train") or {}).get("color")
+    if color is None:
+        raise UserError(f"{checkpoint} does not say in which color model it was trained: train it again")
+    data = RelitSet(packed, lights, network.order, color, device)
+    if data.size != network.size:
+        raise UserError(
+            f"{checkpoint} was trained at {network.size} px and {packed} holds maps of {data.size} px: they must agree"
+        )
+    return network, data
+
+
+def unlearned(loss: dict[str, Any] | None) -> frozenset[str]:
+    """Returns which of albedo and light no loss of a training constrains; they are replaced by the truth."""
+    if not loss or any((loss.get("extra") or {}).values()):  # a loss of the user's may constrain anything
+        return frozenset()
+    terms = {
+        "albedo": ("albedo", "tv_albedo", "relit", "detail_albedo", "exclusion"),
+        "light": ("light", "shading"),
+    }
+    shared = ("reconstruction", "reconstruction_full")
+    return frozenset(name for name, own in terms.items() if not any(loss.get(key) for key in (*own, *shared)))
+
+
+def torch_device(name: str) -> torch.device:
+    """Returns the device of a name, where `auto` prefers a GPU; on a CPU, limits torch to one reproducible thread."""
+    kind = "cuda" if name != "cpu" and torch.cuda.is_available() else "cpu"
+    if kind == "cpu":
+        torch.set_num_threads(1)
+    if name == "cuda" and kind == "cpu":
+        raise UserError("evaluate.device is cuda and torch sees no GPU here: give evaluate.device=cpu or auto")
+    return torch.device(kind)
+
+
+def select_pairs(
+    data: RelitSet, split: Path, lights: str = "test", figures: str = "test"
+) -> tuple[np.ndarray, np.ndarray]:
+    """Selects the figures and lights to test on.
+
+    Args:
+        data: figures and lights.
+        split: the split (.json).
+        lights: their split in the light set.
+        figures: the part of the split; `views` are the further views of the test figures.
+
+    Returns:
+        Indices of figures (F,) and of lights (L,).
+
+    Raises:
+        UserError: if either is empty.
+    """
+    chosen = select_figures(data, split, figures)
+    lit = np.flatnonzero(data.light_split == lights)
+    if not len(chosen) or not len(lit):
+        raise UserError(
+            f"nothing to evaluate: {len(chosen)} {figures} figures of {split} are in the packed set and "
+            f"{len(lit)} lights are marked {lights}; at least one of each is needed"
+        )
+    return chosen, lit
+
+
+def select_figures(data: RelitSet, split: Path, figures: str) -> np.ndarray:
+    """Returns indices of the frontal figures of a part of the split; `views` are other views of the test figures."""
+    parts = read_split(split)
+    if figures != "views":
+        return data.figures(parts.get(figures, []))
+    others = data.other_views(data.figures(parts["test"]))
+    return others[data.has_view[others]]
+
+
+def has_pairs(data: RelitSet, split: Path, settings: config.Evaluate) -> bool:
+    """Returns whether there are figures and lights to score; test figures and test lights are taken for granted."""
+    figures = settings.figures == "test" or len(select_figures(data, split, settings.figures)) > 0
+    return figures and (settings.lights != "unusual" or bool((data.light_split == "unusual").any()))
+
+
+def pixel_rows(data: RelitSet, figure: int) -> slice:
+    """Returns the rows of a figure's pixels in the arrays of the set."""
+    start = int(data.offset[figure])
+    return slice(start, start + int(data.counts[figure]))
+
+
+def pixels(data: RelitSet, figure: int) -> np.ndarray:
+    """Returns the flat indices (P,) of a figure's pixels in its image."""
+    return data.pixel[pixel_rows(data, figure)].cpu().numpy()
+
+
+def dense(values: np.ndarray, pixel: np.ndarray, size: int) -> np.ndarray:
+    """Scatters values (P,C) to flat pixel indices (P,) of an image (S,S,C) of zeros."""
+    image = np.zeros((size**2, values.shape[-1]), np.float32)
+    image[pixel] = values
+    return image.reshape(size, size, -1)
+
+
+def score(predictor: Predictor, data: RelitSet, split: Path, settings: config.Evaluate) -> Scores:
+    """Scores a predictor on all test pairs, figure by figure."""
+    figures, lights = select_pairs(data, split, settings.lights, settings.figures)
+    scores = [truth(data, f, lights).score(predictor(f, lights)) for f in progress(figures.tolist(), "figures scored")]
+    columns = {name: np.stack([part[name] for part in scores]) for name in scores[0]}
+    return Scores([data.names[f] for f in figures], lights.tolist(), columns)
+
+
+def truth(data: RelitSet, figure: int, lights: np.ndarray) -> Truth:
+    """Returns the ground truth of a figure of the set under `lights` (N,), in the set's color model."""
+    batch = data.batch(np.array([figure]), lights[:1])
+    count = int(data.counts[figure])
+    maps = {name: getattr(batch, name)[0, :count].cpu().numpy() for name in ("albedo", "normal", "ao")}
+    return Truth(
+        batch.pixel[:count].cpu().numpy(),
+        data.transport[pixel_rows(data, figure)].float().cpu().numpy(),
+        maps["albedo"],
+        maps["normal"],
+        maps["ao"][:, 0],
+        data.lights[torch.as_tensor(lights, device=data.lights.device)].cpu().numpy(),
+        data.size,
+    )
+
+
+@torch.inference_mode()
+def infer(network: Network, data: RelitSet, figure: int, lights: np.ndarray) -> Inferred:
+    """Infers maps and lights of a figure from its pictures under some lights.
+
+    Args:
+        network: in evaluation mode.
+        data: its test set.
+        figure: index of the figure.
+        lights: (N,) indices of the lights.
+
+    Returns:
+        The prediction under each light, without outputs that no loss constrained. For SfSNet and SfSNet-AO, transport
+        is that of the normals without occlusion (the paper, Table 1).
+    """
+    count, batch_size = int(data.counts[figure]), max(1, BATCH_PIXELS // data.size**2)
+    found: dict[str, list[np.ndarray]] = {}
+    for start in range(0, len(lights), batch_size):
+        lit = lights[start : start + batch_size]
+        batch = data.batch(np.full(len(lit), figure), lit)
+        for name, values in compact(network, batch).items():
+            values = values if name == "light" else values[:, :count]
+            found.setdefault(name, []).append(values.cpu().numpy())
+    maps = {name: np.concatenate(batches) for name, batches in found.items() if name not in network.unlearned}
+    ao = maps["ao"][..., 0] if "ao" in maps else None
+    return Inferred(
+        maps.get("albedo"),
+        maps.get("transport"),
+        maps.get("normal"),
+        ao,
+        maps.get("light"),
+        occlude=ao is not None,
+    )
+
+
+def compact(network: Network, batch: Batch) -> dict[str, torch.Tensor]:
+    """Runs a network; returns maps at the in-mask pixels (B,P,C), among them transport, and the light (B,K,3)."""
+    outputs = network(batch.image, batch.mask)
+    light = outputs.pop("light").float()
+    maps = {name: batch.gather(dense) for name, dense in outputs.items()}
+    if "transport" not in maps:
+        maps["transport"] = unoccluded(maps["normal"], network.order)
+    return {**maps, "light": light}
+
+
+def inferred_maps(network: Network, data: RelitSet, light: int, true: Maps) -> Maps:
+    """Infers the maps of a figure from its picture under one light.
+
+    Args:
+        network: of any kind; outputs that no loss constrained are replaced by the truth.
+        data: its test set.
+        light: index of the light in the set.
+        true: the figure's baked maps, whose info names it in the set.
+
+    Returns:
+        Maps with the mask of `true`. The albedo is linear; that of networks with `train.color=paper` is decoded. The
+        ambient occlusion is that of the transport. Normals are 0 if they are not inferred.
+    """
+    (figure,) = data.figures([true.info["name"]])
+    inferred = infer(network, data, int(figure), np.array([light]))
+    assert inferred.occluded_transport is not None  # every network infers transport
+    transport = inferred.occluded_transport[0][:, : coefficient_count(2)]
+    values = {"transport": transport, "ao": np.clip(transport[:, :1] / np.float64(UNOCCLUDED_T00), 0, 1)}
+    if inferred.normal is not None:
+        values["normal"] = inferred.normal[0]
+    if inferred.albedo is not None:
+        coded = np.clip(inferred.albedo[0], 0, 1)
+        values["albedo"] = decode(coded) if data.color == "paper" else coded
+    images = {name: dense(array, pixels(data, int(figure)), data.size) for name, array in values.items()}
+    images["ao"] = images["ao"][..., 0]
+    return replace(
+        true,
+        albedo=images.get("albedo", true.albedo),
+        normal=images.get("normal", np.zeros_like(true.normal)),
+        ao=images["ao"],
+        transport=images["transport"],
+        bounced=None,
+    )

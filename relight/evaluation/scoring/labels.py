@@ -1,0 +1,81 @@
+"""Labels of rows, columns and quantities in tables and text."""
+
+from relight.evaluation.scoring.truth import READINGS
+
+STEPS = (4000, 16000)  # of the experiment `steps`, in addition to those of the scale
+LABELS = {
+    "sfsnet": "SfSNet",
+    "sfsnet_ao": "SfSNet-AO",
+    "ours_min": "Ours (min)",
+    "ours_full": "Ours (full)",
+    "ours_plus": "Ours plus",
+    "no_tv": "w/o TV",
+    "no_shading": "w/o shading",
+    "no_reconstruction": "w/o reconstruction",
+    "sfsnet_ao_full": "SfSNet-AO, all losses",
+    "sfsnet_ao_plus": "SfSNet-AO plus",
+    "plus_no_weight": "plus w/o weight of the transport",
+    "plus_no_relit": "plus w/o losses under another light",
+    "plus_no_refinement": "plus w/o refined light",
+    "plus_no_mirror": "plus w/o mirroring",
+    "plus_no_average": "plus w/o averaged weights",
+    "silhouette": "Mask alone",
+    "transport_only": "Picture, same losses",
+    "self_encoder": "Encoder fine-tuned",
+    "self_all": "Everything fine-tuned",
+    "ours_rich": "Ours, richer lights",
+    "ours_disjoint": "Ours, person not seen",
+    "ours_siblings": "Ours, person seen",
+    "mean_figure": "mean training figure, mean light",
+    "mean_light": "true maps, mean training light",
+    "nearest_light": "true maps, nearest training light",
+    "no_occlusion": "true light, true normals without occlusion",
+    "ao_occlusion": "true light, true normals and AO",
+    "as_it_is": "the picture as it is",
+    "true_maps": "true maps, true light",
+    "shipped": "Shipped weights",
+    **{f"cut_{order}": f"true light, true maps to order {order}" for order in range(2, 8)},
+    **{f"order_{order}": f"Ours, order {order}" for order in range(1, 8)},
+    **{f"figures_{count}": f"Ours, {count} figures" for count in (8, 16, 32, 64, 128)},
+    **{f"width_1_{part}": f"Ours, width 1/{part}" for part in (2, 4, 8)},
+    "ours_weighted": "Ours (transport × 4)",
+    **{f"{losses}_{n}": f"Ours ({losses}), {n:,} steps" for losses in ("min", "full") for n in STEPS},
+    **{f"weighted_{n}": f"Ours (transport × 4), {n:,} steps" for n in STEPS},
+}
+QUANTITIES = {
+    "shading": "Shading",
+    "shading_true_light": "Shading, true light",
+    "transport": "Transport",
+    "transport_with_ao": "Transport × AO",
+    "normal": "Normal",
+    "ao": "AO",
+    "light": "Light",
+    "sphere": "Sphere",
+    "albedo": "Albedo",
+    "reconstruction": "Reconstruction",
+    "relit": "Relit",
+}
+READING_LABELS = dict(zip(READINGS, ("RMSE", "RMSE per element", "SSIM", "SSIM, range 2"), strict=True))
+
+
+def label(row: str) -> str:
+    """Returns the label of a row, which is its name if it has none."""
+    return LABELS.get(row, row)
+
+
+def split_column(column: str) -> tuple[str, str]:
+    """Splits the name of a column of scores: shading_true_light_rmse -> (shading_true_light, rmse)."""
+    reading = max((one for one in READINGS if column.endswith(f"_{one}")), key=len)
+    return column.removesuffix(f"_{reading}"), reading
+
+
+def title(column: str) -> str:
+    """Returns the label of a column of scores: shading_rmse -> Shading RMSE."""
+    quantity, reading = split_column(column)
+    return f"{QUANTITIES[quantity]} {READING_LABELS[reading]}"
+
+
+def column_label(column: str) -> str:
+    """Returns the label of a column within a sentence: shading_rmse -> shading RMSE, ao_rmse -> AO RMSE."""
+    words = title(column)
+    return words if words.split()[0].isupper() else words[0].lower() + words[1:]

@@ -1,0 +1,136 @@
+"""Measures of errors, which all scores share: those of the tables, of the benchmark, and of benchmarks/photographs.py.
+
+Arrays are (...,P,C): C channels of the P pixels inside a mask. Where a measure is said to be scaled, the values are
+first multiplied by the factor that brings them nearest to the truth, since a photograph does not determine a scene's
+brightness.
+"""
+
+import numpy as np
+from skimage.metrics import structural_similarity
+
+from relight.sh import cosine_factors, order_of, per_coefficient
+
+WINDOW = 7  # pixels, side of SSIM's windows: scikit-image's default
+MIN_SQUARED_ERROR = 1e-10  # of PSNR, which is at most 100 dB
+
+
+def rmse(inferred: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Returns the RMSE (...) over pixels of the vector norm of differences (...,P,C)."""
+    difference = inferred - truth
+    return np.sqrt(np.einsum("...pc,...pc->...", difference, difference) / difference.shape[-2])
+
+
+def scaled_rmse(inferred: np.ndarray, truth: np.ndarray) -> float:
+    """Returns the RMSE of values (P,C) that are scaled by the best factor."""
+    return float(rmse(best_scale(inferred, truth) * inferred, truth))
+
+
+def best_scale(inferred: np.ndarray, truth: np.ndarray) -> float:
+    """Returns the factor on `inferred` that minimises the squared difference from `truth`, of any equal shape."""
+    return float((inferred * truth).sum() / max((inferred**2).sum(), 1e-9))
+
+
+def psnr(inferred: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Returns the peak signal-to-noise ratio (...) in dB of codes (...,P,C) in [0,1], at most 100."""
+    squared = ((inferred - truth) ** 2).mean((-2, -1))
+    return -10 * np.log10(np.maximum(squared, MIN_SQUARED_ERROR))
+
+
+def ssim(inferred: np.ndarray, truth: np.ndarray, span: float, window: int = WINDOW) -> np.ndarray:
+    """Returns the mean structural similarity (Wang et al. 2004) over windows and channels, by scikit-image.
+
+    Windows are uniform, and covariances are those of samples.
+
+    Args:
+        inferred: (N,H,W,C); H and W at least `window`. `MaskBox.crop` makes such pictures of the pixels of a mask.
+        truth: (N,H,W,C), or (1,H,W,C) for all.
+        span: data range.
+        window: side of the window in pixels.
+
+    Returns:
+        (N,).
+    """
+    truth = np.broadcast_to(truth, (len(inferred), *truth.shape[1:]))
+    pairs = zip(inferred.astype(np.float64), truth.astype(np.float64))
+    return np.array([structural_similarity(*two, win_size=window, channel_axis=-1, data_range=span) for two in pairs])
+
+
+class MaskBox:
+    """The bounding box of a mask, widened to at least one window of SSIM.
+
+    Attributes:
+        shape: (height, width).
+        inside: (P,) flat indices of the mask's pixels in the box.
+    """
+
+    def __init__(self, pixel: np.ndarray, width: int):
+        """Takes the flat indices (P,) of the mask's pixels in an image `width` pixels wide."""
+        row, column = np.divmod(pixel, width)
+        (top, height), (left, box_width) = (_widen_to_window(place.min(), place.max() + 1) for place in (row, column))
+        self.shape = height, box_width
+        self.inside = (row - top) * box_width + column - left
+
+    @classmethod
+    def of(cls, mask: np.ndarray) -> "MaskBox":
+        """Returns the box of a mask (H,W) bool."""
+        return cls(np.flatnonzero(mask), mask.shape[1])
+
+    def crop(self, values: np.ndarray) -> np.ndarray:
+        """Returns values (N,P,C) as images (N,h,w,C) of the box, zero outside the mask."""
+        box = np.zeros((len(values), self.shape[0] * self.shape[1], values.shape[-1]), np.float64)
+        box[:, self.inside] = values
+        return box.reshape(len(values), *self.shape, -1)
+
+    def ssim(self, inferred: np.ndarray, truth: np.ndarray) -> float:
+        """Returns the SSIM of values (P,C) in [0,1]."""
+        return float(ssim(self.crop(inferred[None]), self.crop(truth[None]), span=1.0)[0])
+
+
+def irradiance_error(inferred: np.ndarray, truth: np.ndarray) -> float:
+    """Returns the error of the irradiance of a light (K,3) over all normals, relative to that of the true light."""
+    inferred, truth = irradiance(inferred), irradiance(truth)
+    return float(np.linalg.norm(inferred - truth) / np.linalg.norm(truth))
+
+
+def scaled_irradiance_error(inferred: np.ndarray, truth: np.ndarray) -> float:
+    """Returns the relative error of the irradiance of a light (K,3) that is scaled by the best factor."""
+    return irradiance_error(inferred * best_scale(irradiance(inferred), irradiance(truth)), truth)
+
+
+def irradiance(light: np.ndarray) -> np.ndarray:
+    """Returns the coefficients (K,3) of the irradiance of a light (K,3) of radiance coefficients."""
+    return light * per_coefficient(cosine_factors(order_of(len(light))))[:, None]
+
+
+def shade(transport: np.ndarray, light: np.ndarray) -> np.ndarray:
+    """Returns the shading (N,P,3), clipped at 0, of transport (N or 1,P,K) under light (N or 1,K,3)."""
+    common = min(transport.shape[-1], light.shape[-2])
+    return np.maximum(np.matmul(transport[..., :common], light[..., :common, :]), 0)
+
+
+def contrast(shading: np.ndarray) -> np.ndarray:
+    """Returns the coefficient of variation (N,) over pixels of the grey shading (N,P,3)."""
+    grey = shading.mean(-1, dtype=np.float64)
+    return grey.std(-1) / np.maximum(grey.mean(-1), 1e-9)
+
+
+def explained_variance(picture: np.ndarray, albedo: np.ndarray) -> np.ndarray:
+    """Returns the fraction (N,) of a picture's variance over pixels that the albedo explains.
+
+    The albedo is multiplied by the best factor for each color channel. The result is 1 if it then equals the picture,
+    and 0 if it is no better than a uniform color.
+
+    Args:
+        picture: (N,P,3).
+        albedo: (N or 1,P,3).
+    """
+    albedo = np.broadcast_to(albedo, picture.shape).astype(np.float64)
+    factor = (picture * albedo).sum(1) / np.maximum((albedo**2).sum(1), 1e-12)
+    residual = ((picture - factor[:, None] * albedo) ** 2).sum((1, 2))
+    return 1 - residual / np.maximum(((picture - picture.mean(1, keepdims=True)) ** 2).sum((1, 2)), 1e-12)
+
+
+def _widen_to_window(start: int, stop: int) -> tuple[int, int]:
+    """Returns start and length of a side of the bounding box, widened to at least one window."""
+    padding = max(0, WINDOW - (stop - start))
+    return start - padding // 2, stop - start + padding

@@ -1,0 +1,115 @@
+"""Stores the scores of predictors: a row per predictor, test figure and test light."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from relight.evaluation.scoring.truth import COLLAPSE, COLUMNS
+from relight.files import UserError, atomic_write, existing_file
+from relight.training_name import TrainingName
+
+KEYS = ["predictor", "figure", "light"]
+
+
+@dataclass
+class Scores:
+    """The scores of one predictor.
+
+    Attributes:
+        figures: F names.
+        lights: L indices.
+        columns: name -> (F,L) float64, NaN where there is no score.
+    """
+
+    figures: list[str]
+    lights: list[int]
+    columns: dict[str, np.ndarray]
+
+    def figure_means(self, column: str) -> np.ndarray:
+        """Returns the mean (F,) over lights of each figure."""
+        return self.columns[column].mean(1)
+
+    def part(self, figures: np.ndarray) -> "Scores":
+        """Returns the scores of some of the figures, by index."""
+        columns = {name: values[figures] for name, values in self.columns.items()}
+        return Scores([self.figures[place] for place in figures], self.lights, columns)
+
+    def frame(self, predictor: str) -> pd.DataFrame:
+        """Returns a row per figure and light, with the name of the predictor."""
+        pairs = pd.MultiIndex.from_product([[predictor], self.figures, self.lights], names=KEYS)
+        frame = pd.DataFrame({name: values.ravel() for name, values in self.columns.items()}, pairs)
+        return frame.reindex(columns=[*COLUMNS, *COLLAPSE]).reset_index()
+
+
+def write_scores(path: Path, scores: dict[str, Scores]) -> None:
+    """Writes the scores of predictors as CSV, atomically: six significant digits, and blanks for NaN."""
+    frames = [one.frame(predictor) for predictor, one in scores.items()]
+    table = pd.concat(frames) if frames else pd.DataFrame(columns=[*KEYS, *COLUMNS, *COLLAPSE])
+    with atomic_write(path) as tmp:
+        table.to_csv(tmp, index=False, float_format="%.6g", lineterminator="\n")
+
+
+def read_scores(path: Path) -> dict[str, Scores]:
+    """Reads a file of `write_scores`; empty if there was nothing to score.
+
+    Raises:
+        UserError: if the file is not a table of scores, or a figure lacks a light.
+    """
+    table = read_table(path, "scores", KEYS, "the stage evaluate")
+    try:
+        return {name: _grid(rows) for name, rows in table.groupby("predictor", sort=False)}
+    except ValueError as error:
+        raise UserError(f"{path} is not a table of scores, as the stage evaluate writes it ({error})") from None
+
+
+def read_table(
+    path: Path, what: str, columns: list[str], writer: str, types: dict[str, type] | None = None
+) -> pd.DataFrame:
+    """Reads a CSV table of a stage; only blanks are NaN.
+
+    Args:
+        path: the file.
+        what: its content, for errors.
+        columns: required columns.
+        writer: the command that writes such files.
+        types: of columns.
+
+    Raises:
+        UserError: if the file is missing, is not CSV, or lacks a column.
+    """
+    try:
+        types = {"predictor": str, "figure": str, "name": str, **(types or {})}
+        table = pd.read_csv(existing_file(path, what), dtype=types, keep_default_na=False, na_values=[""])
+    except ValueError as error:
+        reason = " ".join(str(error).split())
+        raise UserError(f"{path} is not a table of {what}, as {writer} writes it ({reason})") from None
+    if missing := [column for column in columns if column not in table]:
+        raise UserError(f"{path} is not a table of {what}, as {writer} writes it (no column {', '.join(missing[:3])})")
+    return table
+
+
+def gather(paths: list[Path]) -> dict[str, list[Scores]]:
+    """Reads the scores of each row, one per training, from files with predictors `row` or `row.s<seed>`.
+
+    Raises:
+        UserError: if the figures and lights of the files differ.
+    """
+    rows: dict[str, list[Scores]] = {}
+    first: tuple[Path, Scores] | None = None
+    for path in paths:
+        for name, scores in read_scores(path).items():
+            first = first or (path, scores)
+            if (scores.figures, scores.lights) != (first[1].figures, first[1].lights):
+                raise UserError(f"{path} and {first[0]} are scores of different test pairs: evaluate both on one split")
+            rows.setdefault(TrainingName.parse(name).row, []).append(scores)
+    return rows
+
+
+def _grid(rows: pd.DataFrame) -> Scores:
+    figures, lights = list(rows["figure"].unique()), [int(light) for light in rows["light"].unique()]
+    if list(zip(rows["figure"], rows["light"])) != [(f, l) for f in figures for l in lights]:
+        raise ValueError("its rows are not every figure under every light")
+    values = rows.drop(columns=KEYS).dropna(axis=1, how="all").astype(np.float64)
+    return Scores(figures, lights, {name: values[name].to_numpy().reshape(len(figures), -1) for name in values})

@@ -1,0 +1,180 @@
+"""Computes the tables of experiments from scores: means, intervals, and the best network of each column."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+import pandas as pd
+
+from relight import config
+from relight.evaluation.scoring.labels import split_column
+from relight.evaluation.scoring.paper import printed
+from relight.evaluation.scoring.scores import Scores
+from relight.evaluation.scoring.statistics import Estimate, compare, estimate, holm, pooled_spread
+from relight.evaluation.scoring.truth import COLUMNS, READINGS
+from relight.files import UserError
+
+
+def columns_of(*quantities: str) -> tuple[str, ...]:
+    """Returns the columns of RMSE and SSIM of quantities."""
+    return tuple(f"{quantity}_{reading}" for reading in ("rmse", "ssim") for quantity in quantities)
+
+
+PRINTED = ("table1", "table2")  # the tables that the paper prints
+TABLE1_COLUMNS = columns_of("shading", "transport", "normal", "ao", "light", "albedo")  # of Table 1
+TABLE2_COLUMNS = columns_of("shading", "transport", "light", "albedo")  # of Table 2
+
+Rows = dict[str, list[Scores]]  # row -> the scores of its trainings
+
+
+@dataclass
+class Table:
+    """The estimates of an experiment.
+
+    Attributes:
+        columns: those to show.
+        rows: network or baseline -> column -> estimate; networks come first, in the order of the experiment.
+        trainings: network -> number of trainings.
+        figures, lights: numbers of test figures and test lights.
+        printed: row -> column -> the paper's value.
+    """
+
+    columns: tuple[str, ...]
+    rows: dict[str, dict[str, Estimate]] = field(default_factory=dict)
+    trainings: dict[str, int] = field(default_factory=dict)
+    figures: int = 0
+    lights: int = 0
+    printed: dict[str, dict[str, float]] = field(default_factory=dict)
+
+    @property
+    def networks(self) -> list[str]:
+        """The rows that are networks."""
+        return list(self.trainings)
+
+    @property
+    def baselines(self) -> list[str]:
+        """The rows that are baselines."""
+        return [row for row in self.rows if row not in self.trainings]
+
+    @property
+    def trainings_range(self) -> tuple[int, int]:
+        """The least and the largest number of trainings of a network."""
+        counts = self.trainings.values()
+        return min(counts, default=0), max(counts, default=0)
+
+    def kind(self, row: str) -> str:
+        """Returns "network" or "baseline"."""
+        return "network" if row in self.trainings else "baseline"
+
+    def present(self, columns: Iterable[str]) -> list[str]:
+        """Returns those of the given columns that any row has, sorted by reading."""
+        present = [column for column in columns if any(column in cells for cells in self.rows.values())]
+        return sorted(present, key=lambda column: READINGS.index(split_column(column)[1]))
+
+    def statistics(self) -> pd.DataFrame:
+        """Returns all columns, also those not shown: mean, 95 % interval, and p-value against the best network."""
+        lines = []
+        for row, cells in self.rows.items():
+            line = {"row": row, "kind": self.kind(row), "trainings": self.trainings.get(row, 1)}
+            for column, cell in cells.items():
+                ends = {"": cell.mean, "_low": cell.low, "_high": cell.high}
+                line |= {f"{column}{end}": round(value, 5) for end, value in ends.items()}
+                line[f"{column}_p"] = np.nan if cell.p is None else float(f"{cell.p:.4g}")
+            lines.append(line)
+        lines += [{"row": name, "kind": "paper", "trainings": 1, **values} for name, values in self.printed.items()]
+        numbers = [f"{column}{end}" for column in self.present(COLUMNS) for end in ("", "_low", "_high", "_p")]
+        return pd.DataFrame(lines, columns=["row", "kind", "trainings", *numbers])
+
+
+def experiment_table(
+    name: str,
+    networks: Rows,
+    baselines: Rows,
+    settings: config.Statistics,
+    columns: tuple[str, ...] = TABLE1_COLUMNS,
+    pool: Rows | None = None,
+) -> Table:
+    """Estimates every column of the scores of an experiment.
+
+    Args:
+        name: of the experiment, which determines the paper's values.
+        networks: in the order of the table.
+        baselines: follow the networks; they are never marked as best.
+        settings: number of resamples, and their seed.
+        columns: to show.
+        pool: rows over which the spread of trainings is pooled; by default `networks`.
+
+    Returns:
+        The table, with the best network of each column, and the p-values of the others' differences from it.
+
+    Raises:
+        UserError: if there is no run.
+    """
+    if not networks:
+        raise UserError(f"{name}: there is no training to put in its table")
+    given = {**networks, **baselines}
+    rows: dict[str, dict[str, Estimate]] = {row: {} for row in given}
+    for column in COLUMNS:
+        for row, one in estimates(given, column, settings, networks if pool is None else pool, baselines).items():
+            rows[row][column] = one
+    rank([rows[row] for row in networks], columns)
+    trainings, any_scores = {row: len(scores) for row, scores in networks.items()}, next(iter(networks.values()))[0]
+    printed_rows = {row: printed(row) for row in rows if name in PRINTED and printed(row)}
+    return Table(columns, rows, trainings, len(any_scores.figures), len(any_scores.lights), printed_rows)
+
+
+def estimates(
+    rows: Rows, column: str, settings: config.Statistics, pool: Rows, fixed: Iterable[str] = ()
+) -> dict[str, Estimate]:
+    """Estimates one column of the scores.
+
+    Args:
+        rows: to estimate.
+        column: of the scores.
+        settings: number of resamples, and their seed.
+        pool: rows over which the spread of trainings is pooled.
+        fixed: rows without trainings.
+
+    Returns:
+        Row -> estimate, without rows that lack the column.
+    """
+
+    def values(trainings: list[Scores]) -> np.ndarray | None:
+        """Returns the scores (S,F,L), or None if a training lacks the column."""
+        has = all(column in scores.columns for scores in trainings)
+        return np.stack([scores.columns[column] for scores in trainings]) if has else None
+
+    spread = pooled_spread([given for trainings in pool.values() if (given := values(trainings)) is not None])
+    estimated = {}
+    for number, (row, trainings) in enumerate(rows.items()):
+        if (given := values(trainings)) is not None:
+            row_spread, pairs = None if row in fixed else spread, (trainings[0].figures, trainings[0].lights)
+            noise = settings.seed + number
+            estimated[row] = estimate(given, settings.bootstrap, settings.seed, row_spread, pairs, noise)
+    return estimated
+
+
+def rank(networks: list[dict[str, Estimate]], columns: tuple[str, ...]) -> None:
+    """Marks the best network of each column, and compares the others with it, in place.
+
+    Args:
+        networks: the estimates of each, by column.
+        columns: p-values are corrected over these columns (Holm), and separately over all others.
+    """
+    for group in (columns, tuple(column for column in COLUMNS if column not in columns)):
+        others, p = [], []
+        for column in group:
+            cells = [row[column] for row in networks if column in row]
+            if len(cells) < 2:
+                continue
+            best = min(cells, key=lambda cell: sign(column) * cell.mean)
+            best.best = True
+            others += [cell for cell in cells if cell is not best]
+            p += [compare(cell, best).p for cell in cells if cell is not best]
+        for cell, corrected in zip(others, holm(p)):
+            cell.p = float(corrected)
+
+
+def sign(column: str) -> int:
+    """Returns 1 for errors, where less is better, and -1 for similarities."""
+    return -1 if "_ssim" in column else 1

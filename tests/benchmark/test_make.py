@@ -1,0 +1,92 @@
+"""Sets come whole: picture by picture, the same whether they were made at once or in pieces."""
+
+import json
+
+import numpy as np
+import pytest
+
+from relight.benchmark import make as making
+from relight.benchmark.files import BenchmarkSet
+from relight.benchmark.make import make, write_panorama
+from relight.benchmark.methods import new_lights
+from relight.benchmark.picture import Settings
+from relight.files import UserError
+from relight.panoramas import Panorama, project, read_panorama
+
+
+def test_make_resumes_an_interrupted_set(painter, drawn, settings, tmp_path, monkeypatch):
+    """The second picture fails while it is drawn, the third while it is written; nothing but whole ones is left."""
+    asked = []
+
+    def once(recipe, *rest):
+        asked.append(recipe.name)
+        if len(asked) == 2:
+            raise KeyboardInterrupt
+        return painter(recipe, *rest)
+
+    monkeypatch.setattr(making, "render_picture", once)
+    with pytest.raises(KeyboardInterrupt):
+        make(tmp_path, "report", 3, settings)
+    inputs = tmp_path / "inputs"
+    assert (inputs / "g900000.1").is_dir() and not (inputs / "g900000.2").exists()
+    with pytest.raises(UserError, match="no finished benchmark"):
+        BenchmarkSet(tmp_path)
+
+    def unwritten(path, panorama):
+        raise OSError("the disk has gone")
+
+    with monkeypatch.context() as patch:
+        patch.setattr(making, "write_panorama", unwritten)
+        with pytest.raises(OSError, match="gone"):
+            make(tmp_path, "report", 3, settings)
+    assert not (inputs / "g900000.2").exists() and not list(inputs.glob(".*"))
+    assert make(tmp_path, "report", 3, settings) == BenchmarkSet(drawn).hash  # that of the set that was made at once
+    assert asked == ["g900000.1", "g900000.2", "g900000.2", "g900000.2", "g900001.1"]
+    assert (
+        make(tmp_path, "report", 3, settings) == BenchmarkSet(drawn).hash and len(asked) == 5
+    )  # nothing is drawn again
+    BenchmarkSet(tmp_path).verify()
+
+
+def test_make_of_more_pictures_keeps_the_first(painter, settings, tmp_path):
+    first = make(tmp_path, "choose", 1, settings)
+    kept = (tmp_path / "inputs" / "g910000.1" / "photo.png").stat().st_mtime_ns
+    second = make(tmp_path, "choose", 2, settings)
+    assert first != second and len([e for e in BenchmarkSet(tmp_path).entries if not e.of]) == 2
+    assert (tmp_path / "inputs" / "g910000.1" / "photo.png").stat().st_mtime_ns == kept
+
+
+def test_make_refuses_folders_and_settings(painter, drawn, settings, tmp_path):
+    with pytest.raises(UserError, match="holds another set, or one with other settings"):
+        make(drawn, "choose", 1, settings)
+    with pytest.raises(UserError, match="holds another set, or one with other settings"):
+        make(drawn, "report", 3, Settings(size=128))
+    for size in (60, 48, 100):
+        with pytest.raises(UserError, match=f"--size {size}: must be a multiple of 16, and at least 64"):
+            make(tmp_path, "report", 1, Settings(size=size))
+
+
+def test_make_mesh_takes_a_spare_seed(monkeypatch):
+    import relight.figures.dress as dress
+
+    asked = []
+
+    def refuse(seed, detail, texture):
+        asked.append(seed)
+        raise UserError("it does not pass the gates")
+
+    monkeypatch.setattr(dress, "make_figure", refuse)
+    with pytest.raises(UserError, match="seed 900003: it does not pass the gates"):
+        making.make_mesh(900_003, Settings())
+    assert asked == [900_003, 901_003, 902_003]
+
+
+def test_write_panorama_round_trip(drawn, tmp_path):
+    pixels = np.random.default_rng(0).gamma(0.5, 4, (64, 128, 3)).astype(np.float32)
+    write_panorama(tmp_path / "light.exr", Panorama(pixels))
+    found = read_panorama(tmp_path / "light.exr")
+    assert np.array_equal(found.pixels, pixels) and found.layout == "latlong" and not found.corners
+    assert np.allclose(project(found, 2), project(Panorama(pixels), 2))
+    entry = BenchmarkSet(drawn).entries[0]
+    light = json.loads((drawn / "index.json").read_text())["pictures"][0]["recipe"]["new"][0]
+    assert light["kind"] in ("room", "sky", "lamps") and len(new_lights(entry)) == 4

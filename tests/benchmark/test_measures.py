@@ -1,0 +1,201 @@
+"""The measures against slow twins that say what they are, pixel by pixel."""
+
+import numpy as np
+import pytest
+
+from relight.benchmark.measures import (
+    INVARIANCES,
+    LEAKS,
+    MIRROR,
+    Intrinsics,
+    errors,
+    invariances,
+    leaks,
+)
+from relight.benchmark.score import relit_errors
+from relight.benchmark.shots import variants
+from relight.crop import crop_around
+from relight.evaluation.scoring.metrics import MaskBox, best_scale, irradiance_error
+from relight.sh import irradiance, sphere_quadrature
+from relight.srgb import decode, encode, to_bytes
+
+SIDE = 24
+
+
+@pytest.fixture
+def two():
+    rng = np.random.default_rng(1)
+    row, column = np.mgrid[:SIDE, :SIDE]
+    mask = np.hypot(row - 12, 1.5 * (column - 11)) < 10
+
+    def one():
+        maps = {
+            name: rng.uniform(0, 1, (SIDE, SIDE, n)) for name, n in (("albedo", 3), ("transport", 9), ("shading", 3))
+        }
+        return Intrinsics(mask, **maps, light=rng.normal(size=(9, 3)))
+
+    return one(), one()
+
+
+def slow_rmse(first, second, inside):
+    total, count = 0.0, 0
+    for i in range(len(inside)):
+        for j in range(inside.shape[1]):
+            if inside[i, j]:
+                total += sum((float(first[i, j, c]) - float(second[i, j, c])) ** 2 for c in range(first.shape[2]))
+                count += 1
+    return (total / count) ** 0.5
+
+
+def slow_ssim(first, second, inside, window=7):
+    """Wang et al. 2004 with uniform windows and sample covariances, each window that fits into the box, one by one."""
+    rows, columns = np.nonzero(inside)
+    box = slice(rows.min(), rows.max() + 1), slice(columns.min(), columns.max() + 1)
+    first, second = (np.where(inside[..., None], x, 0)[box] for x in (first, second))
+    values = []
+    for c in range(3):
+        for i in range(first.shape[0] - window + 1):
+            for j in range(first.shape[1] - window + 1):
+                a, b = (x[i : i + window, j : j + window, c].ravel() for x in (first, second))
+                covariance = np.cov(a, b)
+                top = (2 * a.mean() * b.mean() + 0.01**2) * (2 * covariance[0, 1] + 0.03**2)
+                values.append(top / ((a.mean() ** 2 + b.mean() ** 2 + 0.01**2) * (covariance.trace() + 0.03**2)))
+    return np.mean(values)
+
+
+def test_errors_agree_with_the_slow_twin(two):
+    seen, true = two
+    found = errors(seen, true)
+    for name in ("albedo", "shading", "transport"):
+        assert np.isclose(found[name], slow_rmse(getattr(seen, name), getattr(true, name), true.mask))
+    for name in ("albedo", "shading"):
+        values, expected = getattr(seen, name), getattr(true, name)
+        best = min(np.linspace(0.01, 2, 400), key=lambda f: slow_rmse(f * values, expected, true.mask))
+        assert np.isclose(found[f"{name}_factor"], slow_rmse(best * values, expected, true.mask), atol=1e-4)
+        assert np.isclose(found[f"{name}_ssim"], slow_ssim(values, expected, true.mask))
+    # The norm of irradiance over the sphere, by quadrature.
+    directions, weights = sphere_quadrature(8)
+    first, second = (irradiance(one.light, directions) for one in (seen, true))
+    norm = np.sqrt((weights[:, None] * (first - second) ** 2).sum() / (weights[:, None] * second**2).sum())
+    assert np.isclose(found["light"], norm) and found["light_factor"] <= found["light"]
+
+
+def test_relit_errors_agree_with_the_slow_twin(two):
+    inside = two[0].mask
+    first, second = (to_bytes(one.albedo) for one in two)
+    found = relit_errors(first, second, inside)
+    assert np.isclose(found[""], slow_rmse(first / 255, second / 255, inside))
+    assert np.isclose(found["_ssim"], slow_ssim(first / 255, second / 255, inside))
+    assert np.isclose(found["_psnr"], -20 * np.log10(slow_rmse(first / 255, second / 255, inside) / 3**0.5))
+    linear, goal = decode(first / 255), decode(second / 255)
+    scale = best_scale(linear[inside], goal[inside])
+    assert np.isclose(found["_factor"], slow_rmse(encode(scale * linear), second / 255, inside), rtol=1e-5)
+    brighter = to_bytes(encode(1.5 * decode(first / 255 * 0.5)))
+    darker = relit_errors(to_bytes(first / 255 * 0.5), brighter, inside)
+    assert darker["_factor"] < 0.006 < 0.05 < darker[""]  # the rounding to 8 bits is all that is left
+
+
+def test_mask_box_ssim_of_a_thin_mask():
+    inside = np.zeros((SIDE, SIDE), bool)
+    inside[5:20, 3:5] = True
+    rng = np.random.default_rng(0)
+    picture = rng.uniform(size=(SIDE, SIDE, 3))
+    box = MaskBox.of(inside)
+    assert box.ssim(picture[inside], picture[inside]) == 1 > box.ssim(picture[inside], picture[::-1][inside])
+
+
+def test_errors_and_leaks_of_missing_maps(two):
+    seen, true = two
+    assert errors(Intrinsics(true.mask), true) == {} == leaks(Intrinsics(true.mask))
+    assert set(errors(Intrinsics(true.mask, light=seen.light), true)) == {"light", "light_factor"}
+
+
+def turned(seen: Intrinsics, **changes) -> Intrinsics:
+    return Intrinsics(**{**vars(seen), **changes})
+
+
+def mirrored(seen: Intrinsics) -> Intrinsics:
+    maps = {name: getattr(seen, name)[:, ::-1] for name in ("mask", "albedo", "shading")}
+    return Intrinsics(**maps, transport=seen.transport[:, ::-1] * MIRROR, light=seen.light * MIRROR[:, None])
+
+
+def test_invariances_of_an_ideal_method(two):
+    usual = two[0]
+    shots = variants(lambda gain: np.zeros((40, 40, 3), np.uint8), np.full((40, 40), 255, np.uint8), SIDE)
+    seen = dict.fromkeys(shots, usual)
+    seen["mirror"] = mirrored(usual)
+    seen["dark"] = turned(usual, shading=usual.shading / 2)
+    gains = np.array([1.2, 1, 1 / 1.2])
+    seen["warm"], seen["plain"] = turned(usual, shading=usual.shading * gains), usual
+    found = invariances(seen)
+    assert set(found) == set(INVARIANCES)
+    ideal = {name: {"dark_albedo": 1.0, "dark_shading": 0.5, "tint": 1.0}.get(name, 0.0) for name in INVARIANCES}
+    for name, value in ideal.items():
+        assert np.isclose(found[name], value, atol=2e-3), name
+
+
+def test_invariances_depend_on_their_own_variant(two):
+    usual, other = two
+    shots = variants(lambda gain: np.zeros((40, 40, 3), np.uint8), np.full((40, 40), 255, np.uint8), SIDE)
+    still = dict.fromkeys(shots, usual) | {"mirror": mirrored(usual)}
+    moves = irradiance_error(other.light, usual.light)
+    for variant, share, row in (
+        ("down_4", 0.5, "shift_4"), ("right_8", 0.5, "shift_8"), ("larger", 1, "larger"), ("smaller", 1, "smaller"),
+        ("fatter", 1, "fatter"), ("thinner", 1, "thinner"), ("knee", 1, "knee"), ("waist", 1, "waist"),
+    ):  # fmt: skip
+        found = invariances(still | {variant: turned(usual, light=other.light)})
+        assert np.isclose(found[row], share * moves)
+        assert all(np.isclose(v, 0) for k, v in found.items() if k != row and k not in ("dark_albedo", "dark_shading"))
+
+
+def test_leaks_of_known_edges():
+    """Albedo's edges copied by half into the shading, and every second row brighter."""
+    rng = np.random.default_rng(3)
+    size = 64
+    mask = np.ones((size, size), bool)
+    mask[0] = False
+    edges = np.exp(0.3 * rng.normal(size=(size, size)))[..., None].repeat(3, 2)
+    copied = leaks(Intrinsics(mask, albedo=edges, shading=edges**0.5))
+    assert np.isclose(copied["edges"], 1) and np.isclose(copied["transfer"], 0.5, atol=1e-6)
+    clean = leaks(Intrinsics(mask, albedo=edges, shading=np.exp(0.3 * rng.normal(size=edges.shape))))
+    assert abs(clean["edges"]) < 0.1
+    steps = np.where(np.arange(size) % 2, 0.3, 0.1)  # from an odd to an even pixel the step is three times as long
+    shading = np.exp(np.add.outer(np.cumsum(steps), 0.2 * np.arange(size)) - 12)[..., None].repeat(3, 2) + 0.02
+    striped = leaks(Intrinsics(mask, albedo=edges, shading=np.maximum(shading, 0.02)))
+    assert np.isclose(striped["stripes"], 0.5, atol=0.05)  # (.3 - .1) / .2 down, 0 across
+
+
+def test_leaks_of_flat_maps():
+    flat = np.full((32, 32, 3), 0.5)
+    assert leaks(Intrinsics(np.ones((32, 32), bool), albedo=flat, shading=flat)) == dict.fromkeys(LEAKS, 0.0)
+    assert leaks(Intrinsics(np.zeros((32, 32), bool), albedo=flat, shading=flat)) == {}
+
+
+def test_variants_of_a_picture():
+    """The square is that of the mask; the picture in the mirror is that; half a light is half the linear values."""
+    y, x = np.mgrid[:96, :80]
+    mask = ((np.abs(x - 30) < 14) & (np.abs(y - 50) < 40)).astype(np.uint8) * 255
+    linear = np.stack([x / 200, y / 200, (x + y) / 400], -1)
+
+    def expose(gain):
+        return to_bytes(encode(linear * gain))
+
+    shots = variants(expose, mask, SIDE)
+    usual = shots[""]
+    assert usual.square == crop_around(mask, SIDE)
+    pixel = usual.square.side / SIDE
+    assert np.isclose(shots["down_4"].square.top - usual.square.top, 4 * pixel)
+    assert np.isclose(shots["right_8"].square.left - usual.square.left, 8 * pixel)
+    larger = shots["larger"].square
+    assert np.isclose(larger.side, 1.15 * usual.square.side)
+    assert np.isclose(larger.top + larger.side / 2, usual.square.top + usual.square.side / 2)
+    assert (shots["fatter"].mask >= mask).all() and (shots["fatter"].mask > mask).any()
+    assert (shots["thinner"].mask <= mask).all() and (shots["thinner"].mask < mask).any()
+    for name, share in (("knee", 0.72), ("waist", 0.5)):
+        left = (shots[name].mask > 127).any(1).sum() / (mask > 127).any(1).sum()
+        assert np.isclose(left, share, atol=0.02) and shots[name].square.side < usual.square.side
+    assert np.array_equal(shots["mirror"].photo[:, ::-1], usual.photo)
+    half = decode(shots["dark"].photo / 255)
+    assert np.abs(half - linear / 2).max() < 0.01
+    balance = decode(shots["warm"].photo / 255)[50, 30] / decode(shots["plain"].photo / 255)[50, 30]
+    assert np.allclose(balance, [1.2, 1, 1 / 1.2], atol=0.05)

@@ -1,0 +1,98 @@
+"""What is in the sets is fixed, and apart from all that is trained on and from each other."""
+
+import numpy as np
+import pytest
+
+from relight.benchmark import recipes as recipes_module
+from relight.benchmark.lights import Lamplight, panorama, resampled
+from relight.benchmark.recipes import HASHES, SPARE_OFFSET, digest, draw_recipe, draw_recipes, with_gloss
+from relight.files import UserError
+from relight.lights.chain import GENERATORS
+from relight.lights.statistics import reference_brightness
+from relight.meshes import Material, Mesh
+from relight.panoramas import Panorama, project
+from relight.sh import basis, rotation_matrix
+from relight.transport.tracer import sky_directions, sky_weights
+from relight.transport.view import View
+
+
+def test_draw_recipes_of_the_published_sets():
+    for kind, expected in HASHES.items():
+        assert digest(draw_recipes(kind)) == expected
+
+
+def test_draw_recipes_share_no_seed():
+    made = {kind: draw_recipes(kind) for kind in HASHES}
+    for seeds in ([{r.seed + k * SPARE_OFFSET for r in made[kind] for k in range(3)} for kind in HASHES],):
+        assert not set.intersection(*seeds) and min(map(min, seeds)) >= 900_000
+    lights = [(one.kind, one.seed) for kind in HASHES for r in made[kind] for one in (r.light, *r.new)]
+    assert len(lights) == len(set(lights)) == 2 * 128 * 5 and min(seed for _, seed in lights) >= 900_000
+    for kind in HASHES:
+        names = [r.name for r in made[kind]]
+        assert len(set(names)) == 128 and len({r.seed for r in made[kind]}) == 64
+        assert sum(r.varied for r in made[kind]) == 32 and not any(r.varied and r.cut for r in made[kind])
+
+
+def test_make_refuses_changed_recipes(monkeypatch, painter, tmp_path, settings):
+    from relight.benchmark.make import make
+
+    monkeypatch.setattr(recipes_module, "TINT", 0.16)
+    with pytest.raises(RuntimeError, match="those of a published set must not"):
+        make(tmp_path, "report", None, settings)
+
+
+def test_draw_recipes_refuses_names_and_counts():
+    with pytest.raises(UserError, match="--set best: must be report or choose"):
+        draw_recipes("best")
+    with pytest.raises(UserError, match="--count 0"):
+        draw_recipes("report", 0)
+    assert draw_recipes("choose", 5) == draw_recipes("choose")[:5]
+
+
+def test_with_gloss_depends_on_the_seed():
+    def gloss(seed, materials):
+        none = np.zeros((0, 3))
+        mesh = with_gloss(Mesh(none, none, none, none, [Material()] * materials), seed)
+        return [(one.roughness, one.specular) for one in mesh.materials]
+
+    assert gloss(7, 5)[:3] == gloss(7, 3) and gloss(7, 3) != gloss(8, 3)
+    assert gloss(900_000, 2) == [(0.703, 0.264), (0.741, 0.256)]  # as the pictures of the set were drawn
+
+
+@pytest.mark.parametrize("kind", GENERATORS)
+def test_panorama_is_scaled_tinted_and_pitched(kind):
+    level = panorama(Lamplight(kind, 7, 0.0, 0.0), 0.0, 0.6)
+    assert np.allclose(level.pixels / level.pixels.max(), GENERATORS[kind](7) / GENERATORS[kind](7).max(), atol=1e-5)
+    assert float(reference_brightness(project(level, 2))) <= 0.6 + 1e-6
+    # Tipped by the pitch of the camera, as its frame is; what is at the poles and in small lamps is resampled.
+    tipped = panorama(Lamplight(kind, 7, 0.0, 0.0), 20.0, 0.6)
+    light = project(level, 2)
+    expected = rotation_matrix(View(pitch=20).rotation, 2) @ light
+    found = project(tipped, 2) * light[0, 1] / project(tipped, 2)[0, 1]
+    assert np.linalg.norm(found - expected) < 0.05 * np.linalg.norm(expected)
+    assert np.linalg.norm(found - light) > 0.05 * np.linalg.norm(expected)
+    warm = panorama(Lamplight(kind, 7, -0.4, 0.0), 0.0, 0.6)
+    change = warm.pixels.mean((0, 1)) / level.pixels.mean((0, 1))
+    assert np.isclose(np.log(change[2] / change[1]), -0.4, atol=1e-4) and change[0] > change[1]
+
+
+def test_resampled_keeps_the_light():
+    found = panorama(Lamplight("room", 11, 0.1, 30.0), 5.0, 0.7)
+    light = np.einsum("hw,hwk,hwc->kc", sky_weights(), basis(sky_directions()), resampled(found))
+    assert np.allclose(light, project(found, 2), atol=0.01 * np.abs(light).max())
+
+
+def test_panorama_of_lamps():
+    for seed in range(6):
+        pixels = GENERATORS["lamps"](seed)
+        assert pixels.shape == (64, 128, 3) and pixels.min() > 0
+        assert pixels.max() > 3 * np.median(pixels)
+        light = project(Panorama(pixels), 2)
+        assert np.isfinite(light).all() and (light[0] > 0).all()
+
+
+def test_draw_recipes_share_of_half_bodies():
+    made = [draw_recipe(950_000 + i, number) for i in range(200) for number in (1, 2)]
+    cuts = [r.cut for r in made if r.cut]
+    assert all(r.name.endswith(".2") for r in made if r.cut) and 70 < len(cuts) < 130
+    assert 0.4 <= min(cuts) and max(cuts) <= 0.85

@@ -1,0 +1,238 @@
+"""Folders of answers: what scores zero, what scores by hand, and what is refused in one sentence."""
+
+import hashlib
+import json
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from skimage.metrics import peak_signal_noise_ratio, structural_similarity
+from typer.testing import CliRunner
+
+from relight.benchmark.files import KEYS, MAPS, PICTURES, BenchmarkSet, read_arrays
+from relight.benchmark.measures import INVARIANCES, LEAKS
+from relight.benchmark.methods import answer
+from relight.benchmark.score import COLUMNS, read_scores, score
+from relight.benchmark.tables import MethodComparison
+from relight.cli import app
+from relight.files import UserError
+from relight.photos.infer import OPAQUE
+
+
+@pytest.fixture
+def truth(drawn, tmp_path):
+    """A folder of answers that are the truth."""
+    out = tmp_path / "truth"
+    out.mkdir()
+    for entry in BenchmarkSet(drawn).entries:
+        if not entry.of:
+            shutil.copy(drawn / "truth" / f"{entry.name}.npz", out)
+    return out
+
+
+def changed(path, **arrays):
+    """The answer in `path` with other arrays; None takes one away."""
+    found = {**read_arrays(path), **arrays}
+    photo = str(found.pop("photo"))
+    np.savez(path, photo=np.array(photo), **{name: values for name, values in found.items() if values is not None})
+
+
+def test_score_of_the_truth(drawn, truth):
+    row = read_scores(score(drawn, truth).parent)
+    assert len(row) == 3
+    for name in COLUMNS:
+        values = row[name]
+        if name in INVARIANCES or name.startswith("ratio"):
+            assert np.isnan(values).all(), name
+        elif name.endswith(("_ssim", "_psnr")):
+            assert np.allclose(values, 1 if name.endswith("_ssim") else 100), name
+        elif name not in LEAKS:
+            assert np.allclose(values, 0, atol=1e-6), name
+
+
+def test_score_of_the_untouched_picture(drawn, tmp_path):
+    out = tmp_path / "as_it_is"
+    assert answer(drawn, out, "as_it_is") == 3
+    row = read_scores(score(drawn, out).parent)
+    for i, entry in enumerate(e for e in BenchmarkSet(drawn).entries if not e.of):
+        photo = np.asarray(Image.open(entry.folder / "photo.png")) / 255
+        solid = np.asarray(Image.open(entry.folder / "mask.png")) >= OPAQUE
+        rows, columns = (np.flatnonzero(solid.any(axis)) for axis in (1, 0))
+        box = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+        errors, decibel, alike = [], [], []
+        for true in read_arrays(drawn / "truth" / f"{entry.name}.npz")["full"] / 255:
+            errors.append(np.sqrt(((photo - true)[solid] ** 2).sum(-1).mean()))
+            decibel.append(peak_signal_noise_ratio(true[solid], photo[solid], data_range=1.0))
+            pair = (np.where(solid[..., None], x, 0)[box] for x in (photo, true))
+            alike.append(structural_similarity(*pair, channel_axis=-1, data_range=1.0))
+        assert np.isclose(row["ratio"].iloc[i], np.mean(errors), rtol=1e-5)
+        assert np.isclose(row["ratio_psnr"].iloc[i], np.mean(decibel), rtol=1e-5)
+        assert np.isclose(row["ratio_ssim"].iloc[i], np.mean(alike), rtol=1e-5)
+        assert row["ratio"].iloc[i] > 0.02 and row["ratio_factor"].iloc[i] < row["ratio"].iloc[i] + 0.02
+    assert all(np.isnan(row[name]).all() for name in COLUMNS if not name.startswith("ratio"))
+
+
+def test_score_of_true_maps(drawn, tmp_path):
+    """The set is painted by albedo * max(T.L, 0): only rounding to 8 bits and half floats is left, and highlights."""
+    out = tmp_path / "true_maps"
+    answer(drawn, out, "true_maps")
+    row = read_scores(score(drawn, out).parent)
+    assert row["full"].max() < 0.003 and row["full_ssim"].min() > 0.999
+    assert row["light"].max() < 1e-5 and row["albedo"].max() < 1e-5
+    assert row["shading"].max() < 0.01  # the mean of max(T.L, 0), and max of the mean, in a pixel of the square
+    assert row["ratio"].max() < 0.1
+
+
+def test_score_of_the_mean_light(drawn, tmp_path):
+    answer(drawn, tmp_path / "mean", "mean_light")
+    row = read_scores(score(drawn, tmp_path / "mean").parent)
+    assert row["light"].min() > 0.05 and np.isnan(row["albedo"]).all()
+    assert row["light_factor"].mean() <= row["light"].mean()
+
+
+def test_score_refuses_a_permuted_folder(drawn, truth):
+    first, second = (truth / f"g900000.{n}.npz" for n in (1, 2))
+    first.rename(truth / "other")
+    second.rename(first)
+    (truth / "other").rename(second)
+    with pytest.raises(UserError, match=r"g900000\.1\.npz answers another picture: its `photo` must be the SHA-256 of"):
+        score(drawn, truth)
+
+
+def test_score_and_answer_refuse(drawn, truth, tmp_path):
+    path = truth / "g900000.1.npz"
+    kept = path.read_bytes()
+    arrays = read_arrays(path)
+    for changes, words in (
+        ({"albedo": arrays["albedo"][1:]}, r"albedo has the shape \(31, 32, 3\), but must have \(32, 32, 3\)"),
+        ({"full": arrays["full"][:3]}, r"full has the shape \(3, 64, 64, 3\), but must have \(4, 64, 64, 3\)"),
+        ({"light": arrays["light"][:4]}, r"light has the shape \(4, 3\)"),
+        ({"full": arrays["full"] / 255}, "full is float64, but must be uint8"),
+        ({"shading": arrays["shading"] * np.nan}, "shading has values that are not finite numbers"),
+        ({"relit": arrays["full"]}, "holds relit: it may hold photo, ratio, full, albedo, shading, transport, light"),
+        ({"albedo": None}, "all answers of a folder must hold the same arrays"),
+        (dict.fromkeys(KEYS), "is empty: it must hold at least one of ratio, full"),
+    ):
+        changed(path, **changes)
+        with pytest.raises(UserError, match=words) as caught:
+            score(drawn, truth)
+        assert str(caught.value).count("\n") == 0
+        path.write_bytes(kept)
+    path.write_bytes(kept[:200])
+    with pytest.raises(UserError, match="is not a benchmark file of relight"):
+        score(drawn, truth)
+    path.unlink()
+    with pytest.raises(
+        UserError, match=r"there is no .*g900000\.1\.npz: a folder of answers must have one .npz for each"
+    ):
+        score(drawn, truth)
+    with pytest.raises(UserError, match="there is no such folder of answers"):
+        score(drawn, tmp_path / "nowhere")
+    with pytest.raises(UserError, match="there is no finished benchmark there"):
+        score(tmp_path, truth)
+    with pytest.raises(UserError, match="--method best: must be one of network, as_it_is, mean_light, true_maps"):
+        answer(drawn, tmp_path / "best", "best")
+
+
+def test_score_refuses_a_changed_set(drawn, truth, tmp_path):
+    copy = tmp_path / "copy"
+    shutil.copytree(drawn, copy)
+    picture = copy / "inputs" / "g900000.2" / "photo.png"
+    Image.fromarray(255 - np.asarray(Image.open(picture))).save(picture)
+    with pytest.raises(UserError, match=r"photo\.png has changed since the benchmark was made"):
+        score(copy, truth)
+
+
+def test_answer_and_score_of_a_network(drawn, weights, tmp_path):
+    out = tmp_path / "tiny"
+    says = CliRunner().invoke(app, ["benchmark", "answer", str(out), "--truth", str(drawn), "-w", str(weights)])
+    entries = BenchmarkSet(drawn).entries
+    assert says.exit_code == 0 and f"{len(entries)} answers written" in says.output
+    base = entries[0]
+    given = read_arrays(out / f"{base.name}.npz")
+    assert set(given) == {"photo", *KEYS}
+    assert str(given["photo"]) == hashlib.sha256((base.folder / "photo.png").read_bytes()).hexdigest()
+    assert all(given[name].shape == (32, 32, n) for name, n in MAPS.items())
+    outside = np.asarray(Image.open(base.folder / "mask.png")) == 0
+    photo = np.asarray(Image.open(base.folder / "photo.png"))
+    assert all((given[mode][:, outside] == photo[outside]).all() for mode in PICTURES)
+    assert answer(drawn, out, "network", weights) == 0  # what is there is kept
+    with pytest.raises(UserError, match="holds answers of another method, network or set"):
+        answer(drawn, out, "true_maps")
+    says = CliRunner().invoke(app, ["benchmark", "score", str(out), "--truth", str(drawn)])
+    assert says.exit_code == 0 and "Relit pictures" in says.output and "light: square shifted by 4 px" in says.output
+    row = read_scores(out)
+    assert np.isfinite([row[name].iloc[0] for name in COLUMNS]).all()
+    varied = [not np.isnan(v) for v in row["knee"]]
+    assert varied == [True, False, False] and np.isfinite(row["full"]).all()
+    entry = next(e for e in entries if e.variant == "mirror")
+    changed(out / f"{entry.name}.npz", albedo=None)
+    with pytest.raises(UserError, match=r"g900000\.1\+mirror\.npz holds"):
+        score(drawn, out)
+    (out / f"{entry.name}.npz").unlink()
+    with pytest.raises(UserError, match=r"there is no .*g900000\.1\+mirror\.npz"):
+        score(drawn, out)
+    for entry in entries:
+        if entry.of:
+            (out / f"{entry.name}.npz").unlink(missing_ok=True)
+    score(drawn, out)  # all variants may be left out
+    assert np.isnan(read_scores(out)["knee"]).all()
+
+
+def test_comparison_tables_and_command(drawn, truth, tmp_path):
+    answer(drawn, tmp_path / "as_it_is", "as_it_is")
+    for folder in (truth, tmp_path / "as_it_is"):
+        score(drawn, folder)
+    out = tmp_path / "tables"
+    out.mkdir()
+    says = CliRunner().invoke(app, ["benchmark", "report", str(truth), str(tmp_path / "as_it_is"), "-o", str(out)])
+    assert says.exit_code == 0 and "| as_it_is " in says.output
+    assert {p.name for p in out.iterdir()} == {
+        f"benchmark_{name}.{suffix}" for name in ("pictures", "maps", "invariance") for suffix in ("csv", "md", "tex")
+    }
+    before = {path.name for path in Path.cwd().iterdir()}
+    assert CliRunner().invoke(app, ["benchmark", "report", str(tmp_path / "as_it_is")]).exit_code == 0
+    assert (tmp_path / "benchmark_pictures.csv").is_file()  # beside the answers
+    assert {path.name for path in Path.cwd().iterdir()} == before
+    rows = [read_scores(truth), read_scores(tmp_path / "as_it_is")]
+    made = MethodComparison(rows, 200).tables()
+    moves = made["benchmark_invariance"].grid.frame
+    assert list(moves.columns) == ["truth"] and len(moves) == len(INVARIANCES | LEAKS)  # as_it_is says nothing
+    values = rows[1]["ratio"].to_numpy()
+    by_figure = [values[:2].mean(), values[2]]
+    cells = made["benchmark_pictures"].grid.frame["ratio: RMSE"]
+    assert cells["truth"] is None
+    found = cells["as_it_is"]
+    assert np.isclose(found.mean, np.mean(by_figure)) and np.allclose(found.values[:, 0], by_figure)
+    assert found.low < found.mean < found.high
+    assert "3 pictures of 2 figures" in made["benchmark_pictures"].note
+    assert "means over 0 pictures of 0 figures. The last" in made["benchmark_invariance"].note
+    answer(drawn, tmp_path / "mean", "mean_light")
+    other = read_scores(score(drawn, tmp_path / "mean").parent)
+    difference = (
+        MethodComparison([rows[1], other], 200).tables()["benchmark_differences"].grid.frame["ratio: RMSE"]["mean"]
+    )
+    gaps = other["ratio"].to_numpy() - values
+    assert np.isclose(difference.mean, np.mean([gaps[:2].mean(), gaps[2]]))
+    with pytest.raises(UserError, match="two folders of answers have the same name"):
+        MethodComparison([rows[0], rows[0]])
+    lines = (tmp_path / "as_it_is" / "scores.csv").read_text().replace(rows[1].index[0][0], "0" * 16)
+    (tmp_path / "as_it_is" / "scores.csv").write_text(lines)
+    with pytest.raises(UserError, match="as_it_is and truth were scored on different sets"):
+        MethodComparison([read_scores(truth), read_scores(tmp_path / "as_it_is")])
+    (truth / "scores.csv").write_text("picture,error\na,1\n")
+    with pytest.raises(UserError, match="is not a table of scores, as relight benchmark score writes it"):
+        read_scores(truth)
+
+
+def test_index_of_a_set(drawn):
+    index = json.loads((drawn / "index.json").read_text())
+    assert index["set"] == "report" and len(index["sha256"]) == 64
+    varied = [one for one in index["pictures"] if one["of"]]
+    assert len(index["pictures"]) - len(varied) == 3 and len(varied) == 14
+    assert {one["name"].partition("+")[0] for one in varied} == {"g900000.1"}
+    cut = next(one for one in index["pictures"] if one["recipe"]["cut"] and not one["of"])
+    height, width = np.asarray(Image.open(drawn / "inputs" / cut["name"] / "photo.png")).shape[:2]
+    assert [height, width] == cut["size"] and height < 64 and width < 64

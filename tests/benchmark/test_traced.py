@@ -1,0 +1,130 @@
+"""Pictures as the path tracer draws them (needs the `bench` extra)."""
+
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from relight.benchmark import picture as module
+from relight.benchmark.lights import Lamplight
+from relight.benchmark.methods import true_maps
+from relight.benchmark.picture import Settings, render_picture
+from relight.benchmark.recipes import draw_recipe
+from relight.meshes import Material, Mesh
+from relight.panoramas import Panorama
+from relight.panoramas.radiosity import view_directions
+from relight.sh import basis
+from relight.srgb import decode
+from relight.transport import View
+
+pytest.importorskip("mitsuba")
+
+SETTINGS = Settings(size=64, samples=64, rays=256)
+
+
+@pytest.fixture(scope="module")
+def person():
+    """A head over a body, with a texture that varies slowly: it shades itself."""
+    parts = [trimesh.creation.icosphere(4, 0.25), trimesh.creation.icosphere(4, 0.45)]
+    parts[0].apply_translation([0, 0.65, 0.1])
+    parts[1].vertices *= [0.8, 1.4, 0.6]
+    parts[1].apply_translation([0, -0.2, 0])
+    whole = trimesh.util.concatenate(parts)
+    ramp = np.linspace(90, 230, 64, dtype=np.uint8)
+    texture = np.stack([np.tile(ramp, (64, 1)), np.tile(ramp[:, None], (1, 64)), np.full((64, 64), 150, np.uint8)], -1)
+    uv = (whole.vertices[whole.faces][..., :2] + 1) / 2
+    return Mesh(
+        whole.vertices.astype(np.float32),
+        whole.faces.astype(np.int32),
+        uv.astype(np.float32),
+        np.zeros(len(whole.faces), np.int16),
+        [Material(texture=texture)],
+        info={"name": "somebody", "subject": "somebody"},
+    )
+
+
+def harmonic(light: Lamplight, pitch: float, brightness: float) -> Panorama:
+    """A panorama of nine coefficients that is nowhere negative; another for each seed."""
+    rng = np.random.default_rng(light.seed)
+    coefficients = np.concatenate([np.full((1, 3), 1.2), rng.uniform(-0.25, 0.25, (8, 3))]) * [1.0, 0.9, 0.8]
+    pixels = basis(view_directions()) @ coefficients * brightness
+    assert pixels.min() > 0
+    return Panorama(pixels.reshape(64, 128, 3).astype(np.float32))
+
+
+@pytest.fixture(scope="module")
+def traced(person):
+    """A diffuse person in spherical harmonics without interreflection; the first two new lights are one light."""
+    recipe = draw_recipe(900_000, 1)
+    new = (recipe.new[0], recipe.new[0], *recipe.new[2:])
+    recipe = replace(recipe, view=View(30, 10, 40.0), new=new, varied=False, stops=0.0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(module, "panorama", harmonic)
+        patch.setattr(module, "BOUNCES", 0)
+        return recipe, render_picture(recipe, person, SETTINGS)
+
+
+def test_render_picture_true_maps_agree_with_the_tracer(traced, person, tmp_path, monkeypatch):
+    """Through the files and the row `true_maps`, as they are scored."""
+    from relight.benchmark import make as making
+    from relight.benchmark.files import BenchmarkSet, read_arrays
+
+    recipe, drawn = traced
+    making.save_picture(tmp_path, recipe.name, person.info["name"], asdict(recipe), drawn)
+    making.write_index(tmp_path, "report", [recipe.name], asdict(SETTINGS))
+    benchmark = BenchmarkSet(tmp_path)
+    entry = benchmark.entries[0]
+    says = true_maps()(benchmark, entry)
+    pictures = read_arrays(tmp_path / "truth" / f"{recipe.name}.npz")["full"]
+    inside = entry.shot().mask == 255
+    ours, theirs = (decode(x[:, inside] / 255) for x in (says["full"], pictures))
+    noise = (theirs[0] - theirs[1]).std() / np.sqrt(2)  # the same light, other samples
+    assert inside.sum() > 500 and 0.001 < noise < 0.02
+    for mine, one in zip(ours, theirs):
+        difference = mine - one
+        assert abs(difference.mean()) < 0.005 * one.mean()
+        assert difference.std() < 1.2 * noise
+    assert (ours[0] - ours[2]).std() > 4 * noise  # another light is another picture
+    seen, _ = benchmark.truth(entry)
+    assert np.abs((says["shading"] - seen.shading)[seen.mask].mean(0)).max() < 0.01
+    assert np.allclose(seen.light, says["light"])
+
+
+def test_render_picture_photograph(traced):
+    """But for blur, noise and JPEG: in the mean over the figure, and over what is behind it."""
+    _, drawn = traced
+    shot = drawn.shots[""]
+    inside, away = shot.mask == 255, shot.mask == 0
+    linear = decode(shot.photo / 255)
+    light = drawn.truth.light
+    expected = drawn.maps.albedo * np.maximum(drawn.maps.transport @ light, 0)
+    assert np.allclose(linear[inside].mean(0), expected[inside].mean(0), rtol=0.03)
+    assert 0.001 < (linear - expected)[inside].std() < 0.08
+    behind = np.pi * drawn.light.pixels[32, 64]
+    assert np.allclose(linear[away].mean(0), np.minimum(behind, 1), atol=0.15)
+
+
+def test_render_picture_has_gloss_and_a_bounce(traced, person, monkeypatch):
+    recipe, drawn = traced
+    monkeypatch.setattr(module, "panorama", harmonic)
+    few = replace(SETTINGS, samples=16, rays=16)
+    inside = drawn.shots[""].mask == 255
+    glossy_person = replace(person, materials=[replace(person.materials[0], roughness=0.5, specular=1.0)])
+    bounced = render_picture(recipe, person, few)
+    glossy = render_picture(recipe, glossy_person, few)
+    levels = [decode(one.relit[:, inside] / 255).mean() for one in (drawn, bounced, glossy)]
+    assert levels[1] > 1.002 * levels[0] and levels[2] > 1.1 * levels[1]
+    assert bounced.truth.shading[drawn.truth.mask].mean() > drawn.truth.shading[drawn.truth.mask].mean()
+    truth = [one.truth for one in (bounced, glossy)]  # gloss is in the pictures alone
+    assert all(np.array_equal(*(getattr(one, name) for one in truth)) for name in ("albedo", "shading", "transport"))
+
+
+def test_render_picture_is_reproducible(traced, person, monkeypatch):
+    recipe, drawn = traced
+    monkeypatch.setattr(module, "panorama", harmonic)
+    monkeypatch.setattr(module, "BOUNCES", 0)
+    again = render_picture(recipe, person, SETTINGS)
+    assert np.array_equal(again.relit, drawn.relit)
+    assert np.array_equal(again.shots[""].photo, drawn.shots[""].photo)
+    assert np.array_equal(again.truth.shading, drawn.truth.shading)

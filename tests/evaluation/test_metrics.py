@@ -1,0 +1,203 @@
+import numpy as np
+import pytest
+from skimage.metrics import structural_similarity
+
+from relight.config.schema import QUANTITIES
+from relight.evaluation.scoring.metrics import psnr, rmse, ssim
+from relight.evaluation.scoring.tables import TABLE1_COLUMNS, columns_of
+from relight.evaluation.scoring.truth import COLLAPSE, COLUMNS, RANGE, READINGS, Inferred, Truth, light_errors
+from relight.sh import unoccluded
+
+RNG = np.random.default_rng(3)
+
+
+@pytest.fixture
+def truth():
+    """A ragged mask at the edge of a 40 px image, under three lights that leave some shadings negative."""
+    size = 40
+    mask = np.zeros((size, size), bool)
+    mask[5:31, 23:40] = RNG.random((26, 17)) < 0.8
+    mask[5, 26] = mask[30, 26] = mask[9, 23] = mask[9, 39] = True
+    pixel = np.flatnonzero(mask)
+    normal = RNG.normal(size=(len(pixel), 3))
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    ao = RNG.uniform(0.2, 1, len(pixel)).astype(np.float32)
+    lights = RNG.normal(0.1, 0.4, (3, 9, 3)).astype(np.float32)
+    return (
+        Truth(pixel, unoccluded(normal) * ao[:, None], RNG.random((len(pixel), 3)), normal, ao, lights, size),
+        mask,
+        lights,
+    )
+
+
+def noisy(truth: Truth, name: str, count: int) -> np.ndarray:
+    values = np.repeat(truth.maps[name], count, 0)
+    return (values + RNG.normal(0, 0.2, values.shape)).astype(np.float32)
+
+
+def slow(inferred: np.ndarray, true: np.ndarray, mask: np.ndarray, span: float) -> tuple[float, float, float, float]:
+    """The four readings of compact maps (P,C), pixel by pixel and by scikit-image's own SSIM, channel by channel."""
+    squares = [sum((a - b) ** 2 for a, b in zip(p, q)) for p, q in zip(inferred.tolist(), true.tolist())]
+    vector = (sum(squares) / len(squares)) ** 0.5
+    element = (sum(squares) / len(squares) / inferred.shape[1]) ** 0.5
+    rows, columns = np.where(mask.any(1))[0], np.where(mask.any(0))[0]
+    box = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
+    pictures = np.zeros((2, *mask.shape, inferred.shape[1]))
+    pictures[0][mask], pictures[1][mask] = inferred, true
+    similarity = [
+        np.mean(
+            [
+                structural_similarity(pictures[0][box][..., c], pictures[1][box][..., c], data_range=s)
+                for c in range(len(inferred[0]))
+            ]
+        )
+        for s in (span, 2)
+    ]
+    return vector, element, *similarity
+
+
+def test_truth_score_of_every_map_agrees_with_scikit_image_and_loops(truth):
+    one, mask, lights = truth
+    inferred = Inferred(
+        albedo=noisy(one, "albedo", 3),
+        transport=noisy(one, "transport", 3),
+        normal=noisy(one, "normal", 3),
+        ao=noisy(one, "ao", 3)[..., 0],
+        light=lights + RNG.normal(0, 0.1, lights.shape).astype(np.float32),
+        occlude=True,
+    )
+    columns = one.score(inferred)
+    assert set(columns) == {*COLUMNS, *COLLAPSE}
+    lit, ao = inferred.transport * inferred.ao[..., None], inferred.ao[..., None]
+    for n in range(3):
+        true = {name: values[n if len(values) > 1 else 0] for name, values in one.maps.items()}
+        shading = np.maximum(lit[n] @ inferred.light[n], 0)
+        expected = {
+            "albedo": (inferred.albedo[n], true["albedo"], 1),
+            "transport": (inferred.transport[n], true["transport"], 2),
+            "transport_with_ao": (lit[n], true["transport"], 2),
+            "normal": (inferred.normal[n], true["normal"], 2),
+            "ao": (ao[n], true["ao"], 1),
+            "shading": (shading, np.maximum(true["transport"] @ lights[n], 0), 1),
+            "shading_true_light": (np.maximum(lit[n] @ lights[n], 0), true["shading"], 1),
+            "reconstruction": (inferred.albedo[n] * shading, true["albedo"] * true["shading"], 1),
+        }
+        after = (n + 1) % 3
+        relit = inferred.albedo[n] * np.maximum(lit[n] @ lights[after], 0)
+        expected["relit"] = (relit, one.maps["reconstruction"][after], 1)
+        for quantity, (a, b, span) in expected.items():
+            found = [columns[f"{quantity}_{r}"][n] for r in ("rmse", "rmse_element", "ssim", "ssim_range2")]
+            np.testing.assert_allclose(found, slow(a, b, mask, span), rtol=2e-5, err_msg=quantity)
+
+
+def test_light_errors_agree_with_scikit_image():
+    true, inferred = RNG.normal(0, 0.4, (2, 4, 9, 3))
+    columns = light_errors(inferred, true)
+    for n in range(4):
+        assert columns["light_rmse"][n] == pytest.approx(np.sqrt(((true[n] - inferred[n]) ** 2).mean()))
+        expected = structural_similarity(inferred[n], true[n], win_size=3, data_range=2)
+        assert columns["light_ssim"][n] == pytest.approx(expected)
+
+
+def test_truth_score_of_the_truth_is_zero(truth):
+    one, _, lights = truth
+    maps = {name: one.maps[name] for name in ("albedo", "transport", "normal")}
+    columns = one.score(Inferred(**maps, ao=one.maps["ao"][..., 0], light=lights))
+    np.testing.assert_allclose(columns["shading_contrast"], 1, atol=1e-6)
+    for name in set(columns) - set(COLLAPSE):
+        np.testing.assert_allclose(columns[name], 1 if "ssim" in name else 0, atol=1e-6, err_msg=name)
+
+
+def test_truth_score_of_a_constant_offset(truth):
+    """An offset d in each of C channels: vector RMSE is d sqrt(C), per element d."""
+    one, _, _ = truth
+    columns = one.score(Inferred(transport=one.maps["transport"] + np.float32(0.1)))
+    np.testing.assert_allclose(columns["transport_rmse"], 0.3, rtol=1e-5)
+    np.testing.assert_allclose(columns["transport_rmse_element"], 0.1, rtol=1e-5)
+    assert "albedo_rmse" not in columns and "light_rmse" not in columns
+
+
+def test_shade_is_clipped_at_zero(truth):
+    one, _, lights = truth
+    columns = one.score(Inferred(transport=np.zeros_like(one.maps["transport"])))
+    expected = rmse(np.zeros_like(one.maps["shading"]), np.maximum(one.maps["transport"] @ lights, 0))
+    np.testing.assert_allclose(columns["shading_rmse"], expected)
+    assert (one.maps["transport"] @ lights).min() < 0
+
+
+def test_mask_box_of_a_thin_mask_has_a_window():
+    pixel = np.array([5 * 16 + 7])  # one pixel: the box is widened to a window
+    maps = np.ones((1, 9)), np.full((1, 3), 0.5), np.array([[0.0, 0, 1]]), np.ones(1)
+    one = Truth(pixel, *maps, np.zeros((1, 9, 3)), 16)
+    assert one.box.shape == (7, 7)
+    columns = one.score(Inferred(albedo=np.full((1, 1, 3), 0.5, np.float32)))
+    assert columns["albedo_ssim"][0] == pytest.approx(1) and columns["albedo_rmse"][0] == 0
+
+
+def test_ssim_of_one_truth_for_all_pictures():
+    first, second = RNG.random((2, 5, 12, 9, 4))
+    for window, span in ((3, 1.0), (7, 0.3)):
+        expected = [
+            structural_similarity(one, second[0], win_size=window, channel_axis=-1, data_range=span) for one in first
+        ]
+        assert ssim(first, second[:1], span, window) == pytest.approx(expected, abs=1e-12)
+
+
+def test_compare_relit_takes_the_next_light(truth):
+    """True maps relit are the truth; the picture as it is differs from it by albedo x the change of the shading."""
+    one, _, _ = truth
+    columns = one.score(Inferred(transport=one.transport))
+    assert columns["relit_rmse"].max() < 1e-6 and columns["relit_ssim"].min() > 1 - 1e-6
+    left = one.score(Inferred(relit=one.maps["reconstruction"]))
+    assert set(left) == {f"relit_{reading}" for reading in READINGS}
+    for n, after in enumerate((1, 2, 0)):
+        change = one.maps["shading"][after] - one.maps["shading"][n]
+        expected = np.sqrt(((one.maps["albedo"][0] * change) ** 2).sum(-1).mean())
+        assert left["relit_rmse"][n] == pytest.approx(expected, rel=1e-5)
+    # What was inferred under each light is relit, not what belongs to the next.
+    albedo = np.repeat(one.maps["albedo"], 3, 0) * np.float32([[[1]], [[0.5]], [[0]]])
+    relit = one.score(Inferred(albedo=albedo, transport=one.transport))["relit_rmse"]
+    picture = one.maps["reconstruction"]
+    level = [np.sqrt((picture[after] ** 2).sum(-1).mean()) for after in (1, 2, 0)]
+    np.testing.assert_allclose(relit, [0, 0.5 * level[1], level[2]], atol=1e-5)
+
+
+def test_contrast_and_explained_variance_of_a_collapse(truth):
+    truth, _, _ = truth
+    picture = truth.maps["reconstruction"]
+    found = truth.score(Inferred(albedo=picture, transport=np.zeros_like(truth.transport)))
+    np.testing.assert_allclose(found["shading_contrast"], 0, atol=1e-6)
+    np.testing.assert_allclose(found["albedo_share"], 1, atol=1e-6)
+    uniform = truth.score(Inferred(albedo=np.ones_like(truth.maps["albedo"])))
+    np.testing.assert_allclose(uniform["albedo_share"], 0, atol=1e-6)
+    np.testing.assert_allclose(uniform["shading_contrast"], 1, atol=1e-6)
+    assert (0 < truth.score(Inferred())["albedo_share"]).all()
+
+
+def test_truth_score_of_networks_of_other_orders():
+    """Cutting the true maps costs what the cut bands shade; transport and light are compared in nine coefficients."""
+    rng, pixels = np.random.default_rng(0), 100
+    transport, lights = rng.normal(0, 0.3, (pixels, 25)), rng.normal(0, 0.3, (2, 25, 3)).astype(np.float32)
+    transport[:, 0], lights[:, 0] = 3, 3  # no shading is cut at zero
+    mask = np.add.outer(np.arange(10) * 40, np.arange(10)).ravel()
+    normal = np.tile([0.0, 0, 1], (pixels, 1))
+    truth = Truth(mask, transport, np.ones((pixels, 3)), normal, np.ones(pixels), lights, 40)
+    for order in (2, 3, 4):
+        count = (order + 1) ** 2
+        maps = transport[None, :, :count].astype(np.float32)
+        found = truth.score(Inferred(transport=maps, light=lights[:, :count]))
+        lost = np.einsum("pk,lkc->lpc", transport[:, count:], lights[:, count:])
+        np.testing.assert_allclose(found["shading_rmse"], np.sqrt((lost**2).sum(-1).mean(-1)), atol=1e-5)
+        assert found["transport_rmse"].max() < 1e-6 and found["light_rmse"].max() < 1e-6
+    assert truth.score(Inferred(transport=maps + 1))["transport_rmse"] == pytest.approx(3, rel=1e-5)  # nine ones
+
+
+def test_every_quantity_has_a_range_and_a_setting():
+    assert set(RANGE) == set(QUANTITIES)
+    assert columns_of(*QUANTITIES[:6]) == TABLE1_COLUMNS
+
+
+def test_psnr_of_a_constant_offset_and_of_equal_pictures():
+    codes = np.full((2, 5, 3), 0.5)
+    assert psnr(codes + 0.1, codes) == pytest.approx([20, 20])
+    assert psnr(codes, codes) == pytest.approx([100, 100]), "not infinite, so that means stay finite"

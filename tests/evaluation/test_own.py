@@ -1,0 +1,91 @@
+"""Tables and sections of the experiments that are no table of trainings."""
+
+import csv
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+from PIL import Image
+
+from relight.config import Statistics
+from relight.evaluation.experiments.path_traced import ANSWERS, CAUSES, COLUMNS
+from relight.evaluation.experiments.timing import COLUMNS as TIMES
+from relight.evaluation.experiments.transfer import BASELINES, VARIANTS
+from relight.evaluation.report import own, page
+from relight.evaluation.scoring.comparisons import Verdict
+from relight.evaluation.scoring.scores import Scores, write_scores
+
+SETTINGS = Statistics(bootstrap=500, seed=0)
+
+
+@pytest.fixture
+def results(tmp_path):
+    runs = {"ours_full": ["ours_full.s0", "ours_full.s1"]}
+    experiments = {name: {"trainings": runs, "title": name, "question": "How?"} for name in own.OWN}
+    for name in ("light_transfer/plate.png", "path_traced/plate.png"):
+        (tmp_path / name).parent.mkdir()
+        Image.new("RGB", (9, 9)).save(tmp_path / name)
+    return SimpleNamespace(folder=tmp_path, report=tmp_path, settings=SETTINGS, experiments=experiments, title=str)
+
+
+def test_light_transfer_section(results):
+    """Swapping beats the picture as it is by .05 +- .001 on every pair; the maps cost more than the light."""
+    rng = np.random.default_rng(0)
+    hard = rng.uniform(0, 0.1, (8, 1))
+
+    def scores(level):
+        error = level + hard + rng.normal(0, 0.001, (8, 4))
+        columns = {"reconstruction_rmse": error, "reconstruction_ssim": 1 - error, "light_rmse": error}
+        return Scores([f"a{i}+b{i}" for i in range(8)], [3, 4, 5, 6], columns)
+
+    levels = {
+        "": 0.1,
+        "true_light": 0.09,
+        "true_maps": 0.02,
+        "true_color": 0.13,
+        "true_pattern": 0.08,
+        "mean_light": 0.1,
+    }
+    assert set(levels) == set(VARIANTS)
+    rows = {f"ours_full{':' * bool(v)}{v}.s{s}": scores(level) for v, level in levels.items() for s in (0, 1)}
+    rows |= {"as_it_is": scores(0.15), "true_maps_mean_light": scores(0.03)}
+    write_scores(results.folder / "light_transfer" / "scores.csv", rows)
+    made = own.light_transfer(results, "light_transfer")
+    verdicts = made["comparisons"].frame["the first is"].to_dict()
+    assert verdicts["Ours (full) against the picture as it is"] is Verdict.BETTER
+    assert verdicts["Ours (full) against its own maps under the mean light"] not in (Verdict.BETTER, Verdict.WORSE)
+    assert made["costly"] == {"ours_full": "maps"} and made["worse"] == {"ours_full": ["color"]}
+    assert "<table" in page.section("sections/experiments/light_transfer.md", **made)
+    with open(results.folder / "light_transfer.csv", newline="") as file:
+        table = list(csv.DictReader(file))
+    assert len(table) == len(VARIANTS) + len(BASELINES)
+    assert float(table[1]["relit, RMSE"]) == pytest.approx(0.09 + hard.mean(), abs=1e-3)
+
+
+def test_path_traced_section(results):
+    lines = [",".join(["kind", "name", "figure", "light", *COLUMNS])]
+    for figure in ("a", "b", "c"):
+        lines += [f"answer,ours_full.s{s},{figure},1,.3,.4,.1" for s in (0, 1)]
+        lines += [f"cause,network:ours_full.s{s},{figure},1,.2,.3,.1" for s in (0, 1)]
+        lines += [f"answer,{name},{figure},1,.1,.1{i},.05" for i, name in enumerate(ANSWERS)]
+        lines += [f"cause,{name},{figure},1,.0{i},.0{i},.01" for i, name in enumerate(list(CAUSES)[1:])]
+    (results.folder / "path_traced" / "scores.csv").write_text("\n".join(lines) + "\n")
+    made = own.traced(results, "path_traced")
+    causes = ["interreflection", "truncation", "baker", "sampling", "clipping"]
+    assert list(made["largest"]) == [CAUSES[cause] for cause in causes]
+    assert made["answers"]["truth"] == pytest.approx(10) and made["networks"] == {"Ours (full)": pytest.approx(40)}
+    assert "<table" in page.section("sections/experiments/path_traced.md", **made)
+    for name in ("path_traced", "path_traced_causes"):
+        assert (results.folder / f"{name}.tex").stat().st_size > 300
+
+
+def test_inference_time_section(results):
+    (results.folder / "inference_time").mkdir()
+    times = [["ours_full", 0.25, 6_000_000, size, "cpu", t, 0.5 / t, 0.5] for t in (1, 2) for size in (256, 1024)]
+    pd.DataFrame(times, columns=TIMES).to_csv(results.folder / "inference_time" / "ours_full.s0.csv", index=False)
+    made = own.inference_time(results, "inference_time")
+    assert list(made["largest"]["wall"]) == [0.5, 0.25]
+    assert "<table" in page.section("sections/experiments/inference_time.md", **made)
+    with open(results.folder / "inference_time.csv", newline="") as file:
+        assert [float(row["seconds"]) for row in csv.DictReader(file)] == [0.5, 0.5, 0.25, 0.25]

@@ -1,0 +1,256 @@
+from functools import partial
+
+import numpy as np
+import pandas as pd
+import pytest
+from PIL import Image
+
+from relight.config import Statistics
+from relight.evaluation.experiments.occlusion import COLUMNS as OCCLUSION
+from relight.evaluation.experiments.occlusion import (
+    HISTOGRAM,
+    UNKNOWN,
+    group_occlusion,
+    measure_occlusion,
+    occlusion,
+    plot_occlusion,
+    read_occlusion,
+)
+from relight.evaluation.pictures.canvas import ball, bounding_box, composite, fit_text, font, heat, transport_bands
+from relight.evaluation.pictures.charts import plot_curves, plot_errors
+from relight.evaluation.pictures.contact import clearest_light, contact_sheet, views
+from relight.evaluation.pictures.panels import COLUMNS, extreme_places, plates, relit
+from relight.evaluation.scoring.scores import Scores, write_scores
+from relight.evaluation.scoring.tables import TABLE2_COLUMNS, Table, experiment_table
+from relight.files import UserError
+from relight.maps import read_maps, write_left_out
+from relight.sh import unoccluded
+from relight.srgb import encode
+
+
+def test_occlusion_closed_form(world, tmp_path):
+    """There T = AO * T(n), so |T - T(n)| = (1 - AO) |T(n)|."""
+    maps = read_maps(world.maps[0])
+    found = occlusion(maps)
+    ao = maps.ao[maps.mask]
+    norm = np.linalg.norm(unoccluded(maps.normal[maps.mask]), axis=1)
+    assert found["lost"] == pytest.approx(np.sqrt((((1 - ao) * norm) ** 2).mean()), rel=2e-3)
+    assert (found["ao"], found["dark"]) == pytest.approx((ao.mean(), (ao < 0.5).mean()))
+    shares = [found[name] for name in HISTOGRAM]
+    np.testing.assert_allclose(shares, np.histogram(ao, 20, (0, 1))[0] / len(ao))
+    assert sum(shares[:10]) == pytest.approx(found["dark"], abs=2 / len(ao))
+
+
+def test_measure_occlusion_skips_left_out_figures(world, tmp_path):
+    write_left_out(tmp_path / "broken.exr", {"name": "broken"}, "it is a plane")
+    made = measure_occlusion([*world.maps, tmp_path / "broken.exr"], tmp_path / "occlusion.csv")
+    assert list(made.name) == [path.stem for path in world.maps]
+    assert set(made.pose) == set(made.garments) == {UNKNOWN} and (made.pixels > 0).all()
+    found = read_occlusion(tmp_path / "occlusion.csv")
+    pd.testing.assert_frame_equal(found, made, check_dtype=False, atol=1e-5, rtol=0)
+    (tmp_path / "other.csv").write_text("name,pixels\na,1\n")
+    with pytest.raises(UserError, match="not a table of occlusion"):
+        read_occlusion(tmp_path / "other.csv")
+
+
+def figures(*rows):
+    """A table of figures from name, pose, garments and AO."""
+    found = [[*row, 100, ao, 1 - ao, 2 * (1 - ao), *np.full(20, 0.05)] for *row, ao in rows]
+    return pd.DataFrame(found, columns=OCCLUSION)
+
+
+def test_group_occlusion_by_pose_and_by_garment():
+    table = figures(
+        ("a", "sitting", "jeans; shirt", 0.7),
+        ("b", "walking", "jeans; jeans", 0.9),
+        ("c", "walking", "hooded coat", 0.8),
+    )
+    found = group_occlusion(table, "pose")
+    assert list(found.index) == ["sitting", "walking"] and list(found.figures) == [1, 2]
+    assert found.loc["sitting", "ao"] == 0.7
+    walking = found.loc["walking", ["least", "most", "ao", "dark", "lost"]].tolist()
+    assert walking == pytest.approx([0.8, 0.9, 0.85, 0.15, 0.3])
+    assert group_occlusion(table, "all").loc["all figures", ["figures", "ao"]].tolist() == pytest.approx([3, 0.8])
+    counts = {one.Index: (one.figures, round(one.ao, 6)) for one in group_occlusion(table, "garment").itertuples()}
+    assert counts == {"shirt": (1, 0.7), "jeans": (2, 0.8), "hooded coat": (1, 0.8)}
+    assert list(counts) == ["shirt", "hooded coat", "jeans"]  # darkest first, then by name
+
+
+def test_transport_bands_of_an_open_surface_that_faces_the_camera():
+    grey, first, second = transport_bands(unoccluded(np.array([[0.0, 0, 1]])))
+    np.testing.assert_allclose(grey, 1)
+    np.testing.assert_allclose(first[0], [0.5, 0.5, 1], atol=1e-6)
+    np.testing.assert_allclose(second[0], [0.5, 0.5, 1], atol=1e-6)
+
+
+def test_composite_and_heat():
+    colors, alpha = np.zeros((8, 8, 3)), np.zeros((8, 8))
+    colors[2:6, 2:6], alpha[2:6, 2:6] = (1, 0, 0), 1
+    cell = np.asarray(composite(colors, alpha, (80, 80)))
+    assert tuple(cell[40, 40]) == (255, 0, 0) and tuple(cell[1, 1]) == (243, 243, 240)
+    assert np.all(np.diff(heat(np.linspace(0, 1, 9), 1).sum(-1)) < 0)  # darker with the error
+
+
+def test_ball_in_both_color_models():
+    """Light from everywhere with irradiance (.4, .2, 1.25), white at .5: sRGB-encoded where it is linear."""
+    light = np.zeros((9, 3))
+    light[0] = np.array([0.4, 0.2, 1.25]) * np.sqrt(4 * np.pi) / np.pi
+    shown = np.array([0.8, 0.4, 1])
+    for linear, codes in ((True, encode(shown)), (False, shown)):
+        picture = np.asarray(ball(light, 33, 0.5, linear))
+        assert picture[16, 16, :3] == pytest.approx(255 * codes, abs=1)
+        assert picture[0, 0, 3] == 0 and picture[16, 16, 3] == 255
+
+
+def test_fit_text_breaks_and_shrinks():
+    width = font(14).getlength("extraordinarily")
+    words, size = fit_text("an extraordinarily long word", 20, int(width), False)
+    assert words == "an\nextraordinarily\nlong word" and size <= 14
+    assert fit_text("short", 20, 200, False) == ("short", 20)
+
+
+def test_bounding_box_of_several_masks():
+    masks = np.zeros((2, 50, 50), bool)
+    masks[0, 10:20, 5:9], masks[1, 30:45, 20:30] = True, True
+    assert bounding_box(list(masks)) == (slice(8, 47), slice(3, 32))
+
+
+def test_contact_sheet_shows_every_figure(world, tmp_path):
+    write_left_out(tmp_path / "broken.exr", {"name": "broken"}, "it has no faces")
+    light = np.zeros((9, 3), np.float32)
+    light[0] = 0.9
+    contact_sheet([*world.maps, tmp_path / "broken.exr"], light, tmp_path / "sheet.png", height=100)
+    sheet = np.asarray(Image.open(tmp_path / "sheet.png"))
+    assert sheet.shape[:2] == (48 + 126, 7 * (5 * (60 + 3) + 18) + 9)  # seven figures side by side
+    assert (sheet == (243, 243, 240)).all(-1).mean() > 0.1
+    again = tmp_path / "again.png"
+    contact_sheet([*world.maps, tmp_path / "broken.exr"], light, again, height=100)
+    assert again.read_bytes() == (tmp_path / "sheet.png").read_bytes()
+    with pytest.raises(UserError, match="no maps"):
+        contact_sheet([], light, tmp_path / "none.png")
+
+
+def test_clearest_light_is_frontal_and_white():
+    white, red = np.ones(3), np.array([1.5, 0.8, 0.7])
+    lights = np.zeros((4, 9, 3))
+    lights[:, 0] = 1  # the first is flat
+    lights[1, [2, 3]] = 0.6 * red  # from the front, and red
+    lights[1, 0] = red
+    lights[2, 2] = -0.8 * white  # from behind
+    lights[3, [2, 3]] = 0.6 * white  # from the front and the right
+    assert (clearest_light(lights) == lights[3]).all()
+    assert (clearest_light(lights[:1]) == lights[0]).all()
+
+
+def test_views_are_exposed_for_each_figure(world):
+    maps = read_maps(world.maps[0])
+    light = np.zeros((9, 3), np.float32)
+    light[0] = 0.9
+    for dim, bright in zip(views(maps, 0.1 * light), views(maps, light), strict=True):
+        np.testing.assert_allclose(dim, bright, atol=1e-5)
+
+
+def test_plates_show_the_truth_and_each_network(world, small_network, tmp_path):
+    checkpoints = {}
+    for name in ("ours", "sfsnet_ao"):
+        checkpoints[name] = tmp_path / f"{name}.safetensors"
+        small_network(checkpoints[name], name, "photo")
+    out = tmp_path / "plates.png"
+    plates(checkpoints, world.packed, world.lights, world.split, world.settings, lambda names: [0, 2], out)
+    sheet = np.asarray(Image.open(out)).astype(int)
+    assert sheet.shape[0] == 60 + 2 * (3 * 306 + 24) + 4 * 24
+    # Albedo of the truth: the sheet holds the first test figure's two stripe colors, sRGB-encoded.
+    maps = read_maps(world.maps[3])
+    colors = {tuple(c) for c in (encode(maps.albedo[maps.mask]) * 255).round().astype(int)}
+    shown = sheet[60:360, 156:].reshape(-1, 3)
+    for color in colors:
+        assert (np.abs(shown - color).max(1) <= 2).sum() > 500
+    surfaces = {"normal": (maps.normal[maps.mask] + 1) / 2, "AO": np.repeat(maps.ao[maps.mask, None], 3, 1)}
+    for column, true in surfaces.items():
+        truth, ours, sfsnet_ao = cells(sheet, COLUMNS.index(column))
+        assert share_shown(truth, true) > 0.9
+        assert np.ptp(ours) == 0 and np.ptp(sfsnet_ao) > 50, "only one of the two infers it"
+    truth, ours, _ = cells(sheet, COLUMNS.index("shading error"))
+    assert share_shown(truth, np.repeat(heat(np.zeros(1), 1), 40, 0)) == 1, "the truth has no error"
+    assert truth.min() > 220 > ours.min()
+
+
+def cells(sheet: np.ndarray, column: int) -> list[np.ndarray]:
+    """The cells of a column of COLUMNS, of the first figure and two networks."""
+    width = (sheet.shape[1] - 150 - 6) // len(COLUMNS) - 6
+    left = 150 + column * (width + 6)
+    return [sheet[top : top + 300, left : left + width] for top in (84 + 306 * row for row in range(3))]
+
+
+def share_shown(cell: np.ndarray, colors: np.ndarray) -> float:
+    """The share of colors (N,3) in [0,1], display-coded, that pixels of a cell have."""
+    some = (colors[:: len(colors) // 40] * 255).round()
+    return float(np.mean([(np.abs(cell.reshape(-1, 3) - color).max(1) <= 4).any() for color in some]))
+
+
+def test_relit_by_several_lights(world, small_network, tmp_path):
+    """The truth has the colors of each test light; a network, which sees the first alone, has others."""
+    networks = {"ours": tmp_path / "ours.safetensors"}
+    small_network(networks["ours"], "ours", "photo")
+    relit(networks, world.packed, world.lights, world.split, world.settings, tmp_path / "relit.png")
+    sheet = np.asarray(Image.open(tmp_path / "relit.png")).astype(int)
+    lights, split = (np.load(world.lights)[name] for name in ("coefficients", "split"))
+    maps = read_maps(world.maps[4])
+    assert sheet.shape[0] == 60 + 24 + 2 * 306 + 4 * 24
+    wide = (sheet.shape[1] - 150 - 6) // 2
+    for place, light in enumerate(lights[split == "test"]):
+        true = maps.albedo[maps.mask] * np.maximum(maps.transport[maps.mask] @ light, 0)
+        column = sheet[:, 150 + place * wide : 150 + (place + 1) * wide]
+        found = [share_shown(column[top : top + 300], encode(true.clip(0, 1))) for top in (84, 84 + 306)]
+        assert found[0] > 0.9 and found[0] > found[1] + 0.3
+
+
+def test_plates_of_one_figure_and_of_extreme_places(world, small_network, tmp_path):
+    """Of three test figures in the order 2, 0, 1 of their errors the sheet shows each once, from the best on."""
+    networks = {"ours": tmp_path / "ours.safetensors"}
+    small_network(networks["ours"], "ours", "photo")
+    given = world.packed, world.lights, world.split, world.settings
+    names = [path.stem for path in world.maps[3:]]
+    errors = np.array([[0.2], [0.3], [0.1]])
+    write_scores(tmp_path / "ours.s0.csv", {"ours.s0": Scores(names, [4], {"shading_rmse": errors})})
+    plates(networks, *given, partial(extreme_places, [tmp_path / "ours.s0.csv"]), tmp_path / "ends.png")
+    plates(networks, *given, lambda names: [1], tmp_path / "overview.png")
+    ends, one = (np.asarray(Image.open(tmp_path / f"{name}.png")).astype(int) for name in ("ends", "overview"))
+    block = 2 * 306 + 24
+    assert ends.shape[0] == 60 + 3 * block + 4 * 24 and one.shape[0] == 60 + block + 4 * 24
+    assert one.shape[1] >= 150 + len(COLUMNS) * 106
+    for place, figure in enumerate((5, 3, 4)):
+        maps = read_maps(world.maps[figure])
+        color = (encode(maps.albedo[maps.mask][0]) * 255).round().astype(int)
+        shown = ends[60 + place * block : 60 + (place + 1) * block, 156:].reshape(-1, 3)
+        assert (np.abs(shown - color).max(1) <= 2).sum() > 500
+
+
+def test_plot_errors_and_plot_curves_are_reproducible(tmp_path):
+    rng = np.random.default_rng(0)
+    columns = {c: rng.random((5, 2)) for c in TABLE2_COLUMNS}
+    given = {name: [Scores(list("abcde"), [0, 1], columns)] for name in ("sfsnet", "ours_full")}
+    table = experiment_table("table1", given, {"mean_light": given["sfsnet"]}, Statistics(100, 0))
+    for name in ("a.svg", "b.svg", "c.png"):
+        plot_errors(table, ("shading_rmse", "transport_rmse", "ao_rmse"), tmp_path / name)
+    assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
+    assert Image.open(tmp_path / "c.png").width > 500
+    plot_errors(Table(TABLE2_COLUMNS), ("shading_rmse",), tmp_path / "empty.png")  # nobody sits, say
+    assert Image.open(tmp_path / "empty.png").width > 100
+    curve = "step,lr,loss,light\n10,.1,3,.2\n20,.1,1,.1\n"
+    for name in ("ours_full.s0.csv", "ours_full.s1.csv", "sfsnet.s0.csv"):
+        (tmp_path / name).write_text(curve)
+    plot_curves(sorted(tmp_path.glob("*.csv")), tmp_path / "curves.svg")
+    assert (tmp_path / "curves.svg").stat().st_size > 5000
+    (tmp_path / "bad.csv").write_text("a,b\n1,2\n")
+    with pytest.raises(UserError, match="table of training curve"):
+        plot_curves([tmp_path / "bad.csv"], tmp_path / "none.svg")
+
+
+def test_plot_occlusion_is_reproducible(tmp_path):
+    found = figures(("a", "sitting", "", 0.7), ("b", "walking", "", 0.9))
+    for name in ("a.svg", "b.svg"):
+        plot_occlusion(found, tmp_path / name)
+    assert (tmp_path / "a.svg").read_bytes() == (tmp_path / "b.svg").read_bytes()
+    with pytest.raises(UserError, match="no figures"):
+        plot_occlusion(found[:0], tmp_path / "none.svg")

@@ -1,0 +1,183 @@
+import numpy as np
+import pytest
+from scipy import stats
+
+from relight.evaluation.scoring.statistics import (
+    Estimate,
+    compare,
+    estimate,
+    holm,
+    interval,
+    pooled_spread,
+    resample_weights,
+)
+
+RNG = np.random.default_rng(5)
+
+
+def test_resample_weights_are_resamples():
+    weights = resample_weights(7, 500, 1)
+    np.testing.assert_allclose(weights.sum(1), 1)
+    np.testing.assert_allclose(weights * 7, np.round(weights * 7))
+    assert weights.var(0).mean() == pytest.approx((1 / 7) * (6 / 7) / 7, rel=0.1)  # multinomial: p (1-p) / F
+    assert np.array_equal(weights, resample_weights(7, 500, 1))
+    assert not np.array_equal(weights, resample_weights(7, 500, 2))
+
+
+def test_estimate_interval_agrees_with_students():
+    values = RNG.normal(2, 0.3, (1, 40, 1))
+    found = estimate(values, 20000, 0)
+    low, high = stats.t.interval(0.95, 39, values.mean(), stats.sem(values[0, :, 0]))
+    assert found.mean == pytest.approx(values.mean())
+    assert (found.low, found.high) == pytest.approx((low, high), abs=0.006)
+
+
+@pytest.mark.parametrize(
+    ("figures", "lights", "trainings"), [(16, 1, 1), (8, 1, 1), (16, 1, 3), (12, 6, 1), (10, 8, 3)]
+)
+def test_estimate_interval_coverage(figures, lights, trainings):
+    """Figures, lights and trainings differ: 95 % intervals cover the true mean in 95 % of 400 experiments."""
+    covered = 0
+    for trial in range(400):
+        rng = np.random.default_rng(trial)
+        rows = rng.normal(0, 0.1, (3, trainings, 1, 1)) * (trainings > 1)
+        rows = rows + rng.normal(0, 0.05, (3, trainings, figures, lights))
+        rows += 1 + rng.normal(0, 0.2, (figures, 1)) + rng.normal(0, 0.2, lights) * (lights > 1)
+        found = estimate(rows[0], 400, trial, pooled_spread(list(rows)), noise=trial)
+        covered += found.low <= 1 <= found.high
+    assert 0.925 <= covered / 400 <= 0.985
+
+
+def test_compare_agrees_with_the_paired_t_test():
+    first, second = RNG.normal(0, 1, (2, 9))
+    found = compare(*(estimate(row[None, :, None], 100, 0) for row in (first, second)))
+    expected = stats.ttest_rel(first, second)
+    interval = expected.confidence_interval()
+    assert (found.p, found.low, found.high) == pytest.approx((expected.pvalue, interval.low, interval.high))
+
+
+def test_compare_over_other_figures_agrees_with_welch():
+    first, second = RNG.normal(0, 1, 9), RNG.normal(0.5, 2, 14)
+    rows = [Estimate(v.mean(), 0, 0, v[:, None], figures=list(range(len(v))), lights=[0]) for v in (first, second)]
+    expected = stats.ttest_ind(first, second, equal_var=False)
+    interval = expected.confidence_interval()
+    found = compare(*rows)
+    assert (found.p, found.low, found.high) == pytest.approx((expected.pvalue, interval.low, interval.high))
+
+
+def test_compare_crossed_variance_of_the_mean_squares():
+    """Of a two-way layout: (MS_figure + MS_light - MS_pair) / FL, degrees of freedom by Satterthwaite."""
+    figures, lights = 7, 5
+    values = RNG.normal(0, 1, (figures, 1)) + RNG.normal(0, 1.5, lights) + RNG.normal(0, 0.3, (figures, lights))
+    other = RNG.normal(0, 1, (figures, lights))
+    given = [estimate(one[None], 10, 0) for one in (values + other, other)]
+    grand = values.mean()
+    squares = [
+        lights * sum((row.mean() - grand) ** 2 for row in values) / (figures - 1),
+        figures * sum((column.mean() - grand) ** 2 for column in values.T) / (lights - 1),
+        sum(
+            (values[f, l] - values[f].mean() - values[:, l].mean() + grand) ** 2
+            for f in range(figures)
+            for l in range(lights)
+        )
+        / ((figures - 1) * (lights - 1)),
+    ]
+    variance = (squares[0] + squares[1] - squares[2]) / (figures * lights)
+    degrees = (figures - 1, lights - 1, (figures - 1) * (lights - 1))
+    freedom = (variance * figures * lights) ** 2 / sum(square**2 / n for square, n in zip(squares, degrees))
+    found = compare(*given)
+    assert (found.mean, found.error, found.freedom) == pytest.approx((grand, np.sqrt(variance), freedom))
+    assert found.p == pytest.approx(2 * stats.t.sf(abs(grand) / np.sqrt(variance), freedom))
+    assert found.bound(0.05) == pytest.approx(abs(grand) + stats.t.ppf(0.95, freedom) * np.sqrt(variance))
+    assert found.p_equivalent(found.bound(0.05)) == pytest.approx(0.05)
+
+
+def test_variance_components_are_not_negative():
+    """Means of lights that are closer than the pairs' noise makes them: the variance is that over figures alone."""
+    noise = RNG.normal(0, 1, (6, 4))
+    values = noise - noise.mean(0) + RNG.normal(0, 2, (6, 1))
+    found = compare(estimate(values[None], 10, 0), estimate(np.zeros((1, 6, 4)), 10, 0))
+    expected = stats.ttest_1samp(values.mean(1), 0)
+    assert (found.p, found.freedom) == (pytest.approx(expected.pvalue), 5)
+
+
+@pytest.mark.parametrize(("lights", "trainings"), [(1, 1), (1, 3), (6, 1), (6, 3)])
+def test_compare_p_values_of_equal_rows_are_uniform(lights, trainings):
+    """5 % of 600 comparisons of rows that are alike fall under .05, although their lights differ in common."""
+    found = []
+    for trial in range(600):
+        rng = np.random.default_rng(trial)
+        rows = rng.normal(0, 1, (16, 1)) + rng.normal(0, 0.1, (2, trainings, 16, lights))
+        rows += rng.normal(0, 0.05, (2, trainings, 1, 1)) * (trainings > 1)
+        rows += rng.normal(0, 0.1, (2, 1, 1, lights)) * (lights > 1)  # of each row under each light
+        spread = pooled_spread(list(rows))
+        found.append(compare(*(estimate(row, 2, 0, spread) for row in rows)).p)
+    assert 0.02 <= np.mean(np.array(found) < 0.05) <= 0.075
+    assert np.mean(np.array(found) < 0.01) <= 0.025
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_compare_rows_that_share_one_factor(seed):
+    """Other figures under the same lights: what the lights do to both rows alike falls out; and the other way round."""
+    rng = np.random.default_rng(seed)
+    shared, own = rng.normal(0, 1, 8), rng.normal(0, 0.01, (2, 12, 8))
+    rows = [Estimate(v.mean(), 0, 0, v, figures=[i], lights=[0]) for i, v in enumerate(shared + own)]
+    assert compare(*rows).error < 0.01
+    turned = [Estimate(r.mean, 0, 0, r.values.T, figures=[0], lights=[i]) for i, r in enumerate(rows)]
+    assert compare(*turned).error == pytest.approx(compare(*rows).error)
+    apart = [Estimate(r.mean, 0, 0, r.values, figures=[i], lights=[i]) for i, r in enumerate(rows)]
+    assert compare(*apart).error > 0.2
+
+
+def test_compare_pairs_rows():
+    """A shift far under the spread of the figures: the rows' intervals overlap, their paired difference is sure."""
+    shared = RNG.normal(1, 0.3, 16)
+    first = estimate(shared[None, :, None], 2000, 0)
+    second = estimate((shared + 0.02 + RNG.normal(0, 0.002, 16))[None, :, None], 2000, 0)
+    found = compare(first, second)
+    assert first.high > second.low
+    assert found.high < 0 and found.p < 0.005
+    assert found.mean == pytest.approx(-0.02, abs=0.003)
+
+
+def test_estimate_interval_with_the_spread_of_trainings():
+    figures = np.linspace(0.9, 1.1, 16)[:, None]
+    calm, wild = np.stack([figures, figures, figures]), np.stack([figures - 0.1, figures, figures + 0.1])
+    spread = pooled_spread([wild, wild, calm[:1]])
+    assert (spread.deviation, spread.freedom) == (pytest.approx(0.1), 4)
+    student, still = stats.t.ppf(0.975, 4) * 0.1, estimate(calm, 4000, 0).margin
+    for rows, expected in ((calm, student / np.sqrt(3)), (wild, student / np.sqrt(3)), (calm[:1], student)):
+        assert estimate(rows, 4000, 0, spread).margin == pytest.approx(np.hypot(still, expected), rel=0.05)
+    assert pooled_spread([calm[:1]]).freedom == 0
+
+
+@pytest.mark.parametrize("noisy", [1, 3, 6])
+def test_estimate_prefers_the_larger_spread(noisy):
+    """With the degrees of freedom of the pooled spread, 12 % of p-values would be under .05."""
+    found = []
+    for trial in range(600):
+        rng = np.random.default_rng(trial)
+        scale = np.where(np.arange(8) == 0, noisy, 1)[:, None, None, None]
+        rows = 0.05 * scale * rng.normal(0, 1, (8, 3, 1, 1)) + rng.normal(0, 0.001, (8, 3, 12, 1))
+        spread = pooled_spread(list(rows))
+        found.append(compare(*(estimate(row, 2, 0, spread) for row in rows[:2])).p)
+    assert np.mean(np.array(found) < 0.05) <= 0.075 and np.mean(np.array(found) < 0.001) <= 0.015
+
+
+def test_estimate_and_compare_of_few_figures():
+    first, second = (estimate(np.array([row])[..., None], 2000, 0) for row in ([0.5, 0.6], [0.7, 0.9]))
+    assert compare(first, second).p > 0.1
+    first, second = (estimate(np.full((1, 1, 3), value), 100, 0) for value in (0.5, 0.7))
+    assert (first.low, first.high, first.mean) == (-np.inf, np.inf, 0.5)
+    assert compare(first, second).p == 1
+    assert compare(first, first).p == 1
+
+
+def test_interval_of_known_draws():
+    assert interval(np.arange(1001.0)) == pytest.approx((25, 975))
+
+
+def test_holm_by_hand():
+    np.testing.assert_allclose(holm([0.01, 0.04, 0.03, 0.005]), [0.03, 0.06, 0.06, 0.02])
+    np.testing.assert_allclose(holm([0.6, 0.7]), [1, 1])
+    assert len(holm([])) == 0

@@ -1,0 +1,263 @@
+import csv
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from relight.config import Statistics
+from relight.evaluation.report.formats import (
+    MARKDOWN,
+    TextTable,
+    number,
+    p_value,
+    percent,
+    score_grid,
+    to_latex,
+    to_markdown,
+    write_tables,
+)
+from relight.evaluation.report.page import table as to_html
+from relight.evaluation.report.sections import matrix, write_score_table
+from relight.evaluation.scoring.comparisons import MARGIN, Verdict, compare_estimates, compare_rows, correct, orderings
+from relight.evaluation.scoring.labels import LABELS, split_column
+from relight.evaluation.scoring.paper import printed
+from relight.evaluation.scoring.scores import Scores, gather, read_scores, write_scores
+from relight.evaluation.scoring.statistics import Estimate
+from relight.evaluation.scoring.tables import TABLE1_COLUMNS, TABLE2_COLUMNS, experiment_table
+from relight.evaluation.scoring.truth import COLUMNS
+from relight.files import UserError
+
+SETTINGS = Statistics(4000, 0)
+FIGURES = [f"f{i}" for i in range(12)]
+
+
+def scores(row: str, seed: int, shift: dict[str, float], noise: float = 0.002) -> Scores:
+    """Scores about the paper's printed values plus `shift`; figures are hard or easy alike in every row."""
+    rng = np.random.default_rng([seed, *row.encode()])
+    hard = np.random.default_rng(9).normal(0, 0.05, (12, 1))
+    columns = {
+        column: value + shift.get(column, 0) + hard + rng.normal(0, noise, (12, 4))
+        for column, value in printed(row).items()
+    }
+    return Scores(FIGURES, [3, 4, 5, 6], columns)
+
+
+def rows(shift=None, names=("sfsnet", "sfsnet_ao", "ours_min", "ours_full"), seeds=1, **options):
+    shift = shift or {}
+    return {name: [scores(name, seed, shift.get(name, {}), **options) for seed in range(seeds)] for name in names}
+
+
+def test_experiment_table_best_and_not_significant():
+    given = rows({"ours_min": {"light_rmse": -0.0062}})  # .1988 against .199 of ours_full
+    table = experiment_table("table1", given, {}, SETTINGS)
+    cells = table.rows
+    assert list(cells) == ["sfsnet", "sfsnet_ao", "ours_min", "ours_full"]
+    assert [name for name, row in cells.items() if row["shading_rmse"].best] == ["ours_full"]
+    assert [n for n, row in cells.items() if row["albedo_ssim"].best] == ["sfsnet_ao"]  # more is better
+    assert not cells["sfsnet"]["shading_rmse"].not_significant and cells["sfsnet"]["shading_rmse"].p < 0.05
+    light = [cells[name]["light_rmse"] for name in ("ours_min", "ours_full")]
+    assert sum(cell.best for cell in light) == 1 and sum(cell.not_significant for cell in light) == 1
+    mean = np.mean([s.columns["shading_rmse"] for s in given["sfsnet"]])
+    assert cells["sfsnet"]["shading_rmse"].mean == pytest.approx(mean)
+    assert "ao_rmse" not in cells["ours_full"] and not cells["sfsnet_ao"]["ao_rmse"].best  # alone in its column
+
+
+def test_experiment_table_baselines_do_not_compete():
+    baseline = {"mean_figure": [scores("ours_full", 0, {c: -0.1 for c in TABLE1_COLUMNS})]}
+    table = experiment_table("table1", rows(), baseline, SETTINGS)
+    assert table.baselines == ["mean_figure"] and list(table.rows)[-1] == "mean_figure"
+    assert "mean_figure" not in table.networks and table.kind("mean_figure") == "baseline"
+    assert not any(cell.best or cell.p is not None for cell in table.rows["mean_figure"].values())
+    assert table.rows["ours_full"]["shading_rmse"].best
+    assert score_grid(table, table.columns).frame.index[-5] == LABELS["mean_figure"]  # four printed rows follow
+
+
+def test_experiment_table_columns_and_order_of_rows():
+    names = ("ours_full", "no_tv", "no_shading")
+    given = {name: [scores(name, 0, {})] for name in names}
+    table = experiment_table("table2", given, {}, SETTINGS, TABLE2_COLUMNS)
+    assert list(table.rows) == list(names) and "normal_rmse" not in table.columns
+    mine = experiment_table("of my own", given, {}, SETTINGS)
+    assert mine.columns == TABLE1_COLUMNS and table.printed and not mine.printed
+    with pytest.raises(UserError, match="no training"):
+        experiment_table("table2", {}, {}, SETTINGS)
+
+
+def test_write_tables_of_scores(tmp_path):
+    table = experiment_table("table1", rows(seeds=2), {"mean_figure": [scores("ours_min", 5, {})]}, SETTINGS)
+    write_score_table(table, "Table 1", tmp_path / "table1")
+    with open(tmp_path / "table1.csv", newline="") as file:
+        lines = {(line["row"], line["kind"]): line for line in csv.DictReader(file)}
+    ours = lines["ours_full", "network"]
+    assert ours["trainings"] == "2" and ("mean_figure", "baseline") in lines
+    assert float(lines["ours_full", "paper"]["shading_rmse"]) == 0.219
+    one = table.rows["ours_full"]["shading_rmse"]
+    for end, value in (("", one.mean), ("_low", one.low), ("_high", one.high)):
+        assert float(ours[f"shading_rmse{end}"]) == pytest.approx(value, abs=6e-6)
+    markdown, latex = ((tmp_path / f"table1{end}").read_text() for end in (".md", ".tex"))
+    cells = re.search(r"\| Ours \(full\) +\|(.*)", markdown)[1].split("|")
+    assert cells[0].strip().startswith(f"**{number(one.mean)}** ± {number(one.margin)}")
+    body = [line for line in latex.splitlines() if line.endswith("\\\\") and "multicolumn" not in line]
+    assert len({line.count("&") for line in body}) == 1 and latex.count("{tabular}") == 2
+    undecided = sum(row[c].not_significant for row in table.rows.values() for c in TABLE1_COLUMNS if c in row)
+    html = to_html(score_grid(table, table.columns))
+    shown = markdown.split("### Other")[0].split("\n\n", 2)[2]
+    assert shown.count("n.s.") == latex.count("mathrm{n.s.}") == html.count("<i>n.s.</i>") == undecided
+    assert html.count('<tr class="paper">') == 8 and html.count('<tr class="baseline">') == 2
+    for path in tmp_path.iterdir():
+        before = path.read_bytes()
+        write_score_table(table, "Table 1", tmp_path / "table1")
+        assert path.read_bytes() == before
+
+
+def test_write_tables_of_any_cells(tmp_path):
+    one = Estimate(0.1234, 0.1, 0.15, np.zeros((3, 1)))
+    alone = Estimate(0.5, -np.inf, np.inf, np.zeros((1, 1)))
+    lines = [["a & b", one, 3, 12.34, Verdict.WORSE], ["<c>", alone, 4, None, "|"]]
+    grid = TextTable.of(["", "RMSE, %", "px", "s", "is"], lines, ["network", "baseline"], {"s": 1})
+    write_tables(tmp_path / "things", "Things", "Of 100 %.", grid)
+    heads, *found = csv.reader((tmp_path / "things.csv").read_text().splitlines())
+    assert heads == ["", "RMSE, %", "RMSE, %, low", "RMSE, %, high", "px", "s", "is"]
+    assert found[0][:6] == ["a & b", "0.1234", "0.1", "0.15", "3", "12.34"]
+    assert found[1] == ["<c>", "0.5", "-inf", "inf", "4", "", "|"]
+    cells = [line.split(" | ") for line in to_markdown(grid).splitlines()]
+    assert [cell.strip(" |") for cell in cells[2]] == ["a & b", ".123 ± .025", "3", "12.3", "✗ worse"]
+    assert cells[3][0] == "| *<c>*" and cells[3][1].strip() == ".500 ± ∞"
+    latex = to_latex(grid)
+    assert r"a \& b & .123{\tiny$\pm$.025} & 3 & 12.3 & worse \\" in latex and r"RMSE, \%" in latex
+    assert latex.index("midrule\na") < latex.rindex("midrule") < latex.index(r"\textit{<c>}")
+    page = to_html(grid)
+    assert "a &amp; b</th><td>.123<small>±.025</small></td><td>3</td><td>12.3</td>" in page
+    assert '<tr class="baseline"><th scope="row">&lt;c&gt;' in page and "\n\n" not in page
+    assert grid.texts(MARKDOWN).shape == (2, 4) and grid.blocks() == [grid]
+
+
+def test_orderings_of_the_printed_values_hold():
+    table = experiment_table("table1", rows(noise=0.0005), {}, SETTINGS)
+    found = {(one.better, one.worse, one.comparison.column): one for one in orderings([table])}
+    assert found["ours_min", "sfsnet", "shading_rmse"].comparison.verdict is Verdict.BETTER
+    against = found["sfsnet_ao", "ours_full", "albedo_ssim"]  # as printed, against the paper's general words
+    assert against.comparison.verdict is Verdict.BETTER and not against.argued
+    assert against.printed_difference == pytest.approx((0.955 - 0.943) / 0.955) and against.comparison.gain > 0
+    assert Verdict.WORSE not in {one.comparison.verdict for one in found.values()}
+    cells = matrix(list(found.values())).frame.to_numpy().ravel()
+    assert sum(str(cell).startswith("(") for cell in cells) == sum(not one.argued for one in found.values()) > 0
+    assert not any(one.better == one.worse for one in found.values())
+
+
+def test_orderings_reversed():
+    table = experiment_table("table1", rows({"ours_full": {"transport_rmse": 0.1}}), {}, SETTINGS)
+    found = {(one.better, one.worse, one.comparison.column): one.comparison for one in orderings([table])}
+    one = found["ours_full", "ours_min", "transport_rmse"]
+    low, high = one.interval
+    assert one.verdict is Verdict.WORSE and low < one.gain < high < 0 and one.difference.low > 0
+    assert one.gain == pytest.approx((one.second - one.first) / one.second)
+
+
+def test_orderings_and_comparisons_of_similarities():
+    table = experiment_table("table1", rows(noise=0.0005), {}, SETTINGS)
+    found = compare_rows(table, "ours_full", "ours_min", ("shading_ssim", "shading_rmse", "none"))
+    assert (
+        set(found) == {"shading_ssim", "shading_rmse"}
+        and compare_rows(table, "ours_full", "none", TABLE1_COLUMNS) == {}
+    )
+    assert all(one.gain > 0 and one.verdict is Verdict.BETTER for one in found.values())
+    assert found["shading_ssim"].difference.mean > 0 > found["shading_rmse"].difference.mean
+
+
+def test_orderings_of_noise_claim_nothing():
+    """All rows drawn alike: a stray verdict in about one of twenty repetitions, as the correction promises."""
+    stray, quick = 0, Statistics(2, 0)
+    for trial in range(40):
+        rng = np.random.default_rng(trial)
+        hard = rng.normal(0, 0.05, (12, 1))
+        given = {
+            name: [Scores(FIGURES, [0, 1], {c: 0.3 + hard + rng.normal(0, 0.02, (12, 2)) for c in TABLE1_COLUMNS})]
+            for name in ("sfsnet", "sfsnet_ao", "ours_min", "ours_full")
+        }
+        made = orderings([experiment_table("table1", given, {}, quick)])
+        stray += any(one.comparison.verdict in (Verdict.BETTER, Verdict.WORSE) for one in made)
+    assert stray <= 5
+
+
+def test_compare_estimates_equivalent():
+    """At a true difference of exactly the margin it is claimed in 5 % of cases; at none and little noise, always."""
+
+    def claims(shift: float, noise: float) -> float:
+        found = []
+        for trial in range(400):
+            rng = np.random.default_rng([trial, 3])
+            first = 1 + rng.normal(0, 0.1, 16)
+            second = first + shift + rng.normal(0, noise, 16)
+            one = compare_estimates("shading_rmse", *(Estimate(v.mean(), 0, 0, v[:, None]) for v in (first, second)))
+            found.append(one.p_equivalent < 0.05)
+        return np.mean(found)
+
+    assert claims(0.0, 0.01) == 1
+    assert 0.02 <= claims(MARGIN / (1 - MARGIN / 2), 0.05) <= 0.08
+    assert claims(0.0, 0.5) < 0.06
+
+
+def test_compare_rows_corrects_over_its_columns():
+    rng = np.random.default_rng(1)
+    ones = [Estimate(v.mean(), 0, 0, v[:, None]) for v in rng.normal(1, 0.1, (5, 8))]
+    alone = [compare_estimates("shading_rmse", ones[0], one) for one in ones[1:]]
+    p = sorted(one.p for one in alone)
+    together = sorted(one.p for one in correct(alone))
+    assert together[0] == pytest.approx(min(1, 4 * p[0])) and all(a >= b for a, b in zip(together, p))
+
+
+def test_write_scores_keeps_scores(tmp_path):
+    one = Scores(["a", "null"], [3, 1], {"shading_rmse": np.array([[0.1234567, 2], [3, np.nan]])})
+    write_scores(tmp_path / "a.csv", {"NA": one, "b.s0": one})
+    found = read_scores(tmp_path / "a.csv")
+    assert list(found) == ["NA", "b.s0"] and found["NA"].figures == ["a", "null"] and found["NA"].lights == [3, 1]
+    np.testing.assert_allclose(found["NA"].columns["shading_rmse"], [[0.123457, 2], [3, np.nan]])
+    assert list(found["NA"].columns) == ["shading_rmse"]
+    write_scores(tmp_path / "none.csv", {})
+    assert read_scores(tmp_path / "none.csv") == {}
+    table = pd.read_csv(tmp_path / "a.csv", keep_default_na=False)
+    table.iloc[:-1].to_csv(tmp_path / "short.csv", index=False)
+    for name, text in {"empty.csv": "", "other.csv": "a,b\n1,2\n", "ragged.csv": "a,b\n1,2,3\n4\n"}.items():
+        (tmp_path / name).write_text(text)
+    (tmp_path / "binary.csv").write_bytes(bytes(range(256)))
+    for name in ("short", "empty", "other", "ragged", "binary"):
+        with pytest.raises(UserError, match="not a table of scores"):
+            read_scores(tmp_path / f"{name}.csv")
+
+
+def test_gather_trainings_by_row(tmp_path):
+    for name in ("ours_min.s0", "ours_min.s12", "sfsnet.s0"):
+        write_scores(tmp_path / f"{name}.csv", {name: scores(name.split(".")[0], 0, {})})
+    found = gather(sorted(tmp_path.glob("*.csv")))
+    assert {name: len(trainings) for name, trainings in found.items()} == {"ours_min": 2, "sfsnet": 1}
+    other = Scores(FIGURES[::-1], [3, 4, 5, 6], scores("sfsnet", 0, {}).columns)
+    write_scores(tmp_path / "z.csv", {"z": other})
+    with pytest.raises(UserError, match="different test pairs"):
+        gather(sorted(tmp_path.glob("*.csv")))
+
+
+def test_experiment_table_of_one_figure():
+    one = {n: [Scores(["f"], [1], {c: v[:1, :1] for c, v in s[0].columns.items()})] for n, s in rows().items()}
+    table = experiment_table("table1", one, {}, SETTINGS)
+    grid = score_grid(table, table.columns)
+    assert "± ∞" in to_markdown(grid) and "infty" in to_latex(grid)
+    assert {one.comparison.verdict for one in orderings([table])} == {Verdict.OPEN}
+
+
+def test_printed_values():
+    assert printed("ours_full")["shading_rmse"] == 0.219 and printed("sfsnet_ao")["ao_ssim"] == 0.946
+    assert "normal_rmse" not in printed("ours_min") and printed("mean_figure") == {}
+    assert len(printed("no_reconstruction")) == 8
+
+
+def test_number_and_column_label():
+    values = {0.1234: ".123", -0.5: "−.500", 10.1234: "10.123", 1.0: "1.000", 0.0: ".000", -1e-9: ".000"}
+    assert {value: number(value) for value in values} == values and number(np.inf) == "∞"
+    shown = {-0.0312: "−3.1 %", 0.005: "+0.5 %", -1e-9: "0.0 %", -np.inf: "−∞"}
+    assert {value: percent(value) for value in shown} == shown
+    assert [p_value(p) for p in (1e-5, 0.0123, 1.0)] == ["< .0001", ".012", "1"]
+    assert split_column("shading_true_light_rmse_element") == ("shading_true_light", "rmse_element")
+    assert split_column("light_ssim_range2") == ("light", "ssim_range2")
+    assert {reading for _, reading in map(split_column, COLUMNS)} == {"rmse", "rmse_element", "ssim", "ssim_range2"}

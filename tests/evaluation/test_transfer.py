@@ -1,0 +1,131 @@
+"""Light transfer against a twin that swaps one pair at a time, by hand."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from relight.evaluation.experiments.transfer import (
+    BASELINES,
+    VARIANTS,
+    evaluate_transfer,
+    match_color,
+    mean_light,
+    pair_up,
+    score_swaps,
+    transfer_plate,
+)
+from relight.evaluation.pictures.panels import evenly_spaced
+from relight.evaluation.scoring.evaluate import truth
+from relight.evaluation.scoring.scores import read_scores
+from relight.evaluation.scoring.truth import Inferred
+from relight.files import UserError
+from relight.learning.data import RelitSet
+
+
+@pytest.fixture(scope="module")
+def data(world):
+    return RelitSet(world.packed, world.lights, 2, "paper")
+
+
+def true_answer(data, figure, lit):
+    true = truth(data, figure, lit)
+    return Inferred(**{name: true.maps[name] for name in ("albedo", "transport")}, light=true.lights)
+
+
+def drawn_answer(data, figure, lit, occlude=False):
+    """Maps and lights at random, the same for the same figure and light."""
+    count, parts = int(data.counts[figure]), []
+    for light in lit:
+        rng = np.random.default_rng([figure, int(light)])
+        parts.append([rng.random((count, c)).astype(np.float32) for c in (3, 9, 1)] + [rng.normal(1, 0.4, (9, 3))])
+    albedo, transport, ao, light = (np.stack(column).astype(np.float32) for column in zip(*parts))
+    return Inferred(albedo, transport, ao=ao[..., 0] if occlude else None, light=light, occlude=occlude)
+
+
+def test_score_swaps_of_the_truth(world, data):
+    scores = score_swaps(lambda f, lit: true_answer(data, f, lit), data, world.split, world.settings)
+    assert set(scores) == {*VARIANTS, *BASELINES}
+    for name in ("", "true_light", "true_maps", "true_color", "true_pattern"):
+        assert scores[name].columns["reconstruction_rmse"].max() < 1e-6
+        assert scores[name].columns["reconstruction_ssim"].min() > 1 - 1e-6
+    one, other = scores["mean_light"].columns, scores["true_maps_mean_light"].columns
+    np.testing.assert_array_equal(one["reconstruction_rmse"], other["reconstruction_rmse"])
+    assert scores["as_it_is"].columns["reconstruction_rmse"].min() > 0.01
+
+
+@pytest.mark.parametrize("occlude", [False, True])
+def test_score_swaps_agrees_with_swaps_by_hand(world, data, occlude):
+    scores = score_swaps(lambda f, lit: drawn_answer(data, f, lit, occlude), data, world.split, world.settings)
+    a, b = data.figures(["snowman03", "snowman04"])
+    assert scores[""].figures == ["snowman03+snowman04"]  # the third test figure has no partner
+    lit = np.array(scores[""].lights)
+    lights, mean = data.lights.numpy(), mean_light(data)[0]
+    for place, (l, m) in enumerate(zip(lit, np.roll(lit, -1))):
+        errors = {name: [] for name in scores}
+        for own, other, seen, new in ((a, b, l, m), (b, a, m, l)):
+            true = truth(data, own, np.array([new]))
+            albedo, transport = true.maps["albedo"][0], true.maps["transport"][0]
+            said = drawn_answer(data, own, [seen], occlude)
+            told = drawn_answer(data, other, [new], occlude).light[0]
+            mine = said.albedo[0], said.transport[0] * (said.ao[0][:, None] if occlude else 1)
+            made = {
+                "": (*mine, told),
+                "true_light": (*mine, lights[new]),
+                "true_maps": (albedo, transport, told),
+                "true_color": (*mine, told * lights[new][0] / np.maximum(told[0], 1e-3)),
+                "true_pattern": (*mine, lights[new] * np.maximum(told[0], 1e-3) / lights[new][0]),
+                "mean_light": (*mine, mean),
+                "as_it_is": (albedo, transport, lights[seen]),
+                "true_maps_mean_light": (albedo, transport, mean),
+            }
+            goal = albedo * np.maximum(transport @ lights[new], 0)
+            for name, (color, vectors, light) in made.items():
+                picture = color * np.maximum(vectors @ light, 0)
+                errors[name].append(np.sqrt(((picture - goal) ** 2).sum(-1).mean()))
+        for name, pair in errors.items():
+            found = scores[name].columns["reconstruction_rmse"][0, place]
+            assert found == pytest.approx(np.mean(pair), rel=1e-4), name
+
+
+def test_match_color_keeps_the_pattern():
+    rng = np.random.default_rng(0)
+    light, other = rng.normal(size=(2, 4, 9, 3))
+    light[:, 0], other[:, 0] = rng.uniform(0.5, 1, (2, 4, 3))
+    made = match_color(light, other)
+    np.testing.assert_allclose(made[:, 0], other[:, 0])
+    np.testing.assert_allclose(made / made[:, :1], light / light[:, :1])
+    other[0, 0] = -1  # an inferred light may be anything
+    assert np.isfinite(match_color(light, other)).all() and np.isfinite(match_color(other, light)).all()
+
+
+def test_evaluate_transfer_and_transfer_plate(world, small_network, tmp_path):
+    networks = {}
+    for name in ("ours", "sfsnet_ao"):
+        networks[f"{name}.s0"] = tmp_path / f"{name}.safetensors"
+        small_network(networks[f"{name}.s0"], name, "photo")
+    given = world.packed, world.lights, world.split, world.settings
+    evaluate_transfer(networks, *given, tmp_path / "scores.csv")
+    scores = read_scores(tmp_path / "scores.csv")
+    rows = [f"{row}{':' * bool(v)}{v}.s0" for row in ("ours", "sfsnet_ao") for v in VARIANTS]
+    assert list(scores) == [*rows, *BASELINES]
+    assert scores["ours:true_light.s0"].columns["light_rmse"].max() < 1e-6
+    shown = {name.partition(".")[0]: path for name, path in networks.items()}
+    transfer_plate(shown, *given, 2, tmp_path / "plate.png")
+    sheet = Image.open(tmp_path / "plate.png")
+    assert sheet.height > 2 * 300  # one pair, both ways
+    first = (tmp_path / "plate.png").read_bytes()
+    transfer_plate(shown, *given, 2, tmp_path / "plate.png")
+    assert (tmp_path / "plate.png").read_bytes() == first
+
+
+def test_score_swaps_without_a_pair(world, data):
+    with pytest.raises(UserError, match="two test figures"):
+        pair_up(np.array([3]))
+    one = dataclasses.replace(world.settings, lights="test")
+    data = RelitSet(world.packed, world.lights, 2, "paper")
+    data.light_split = np.array(["train"] * 5 + ["test"])
+    with pytest.raises(UserError, match="two test lights"):
+        score_swaps(lambda f, lit: true_answer(data, f, lit), data, world.split, one)
+    assert evenly_spaced(7, 3) == [0, 3, 6] and evenly_spaced(1, 4) == [0]
