@@ -20,10 +20,10 @@ import yaml
 from omegaconf import OmegaConf
 
 from relight import config as schema
+from relight.code import code_hash, save_cache
 from relight.config import CONF, READS, ROOT, Experiment, check_name, composed, flat, view
 from relight.files import UserError, atomic_write, remove_folder
 from relight.processes import end_with_parent, git
-from relight.stages.code import code_hash, save_cache
 from relight.training_name import TrainingName
 
 if TYPE_CHECKING:

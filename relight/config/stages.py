@@ -44,6 +44,8 @@ def view(tree: Mapping[str, Any], stage: str) -> dict[str, Any]:
     without_effect = {key for key, item in FIELDS.items() if not setting_of(item).reruns}
     part: dict[str, Any] = {}
     for key in READS[stage]:
+        if key == "code":  # which is known only when the settings are written
+            continue
         group, _, name = key.partition(".")
         value = tree[group]
         if isinstance(value, Mapping):

@@ -77,7 +77,7 @@ def test_evaluate_writes_the_same_bytes_in_another_process(checkpoints, world, t
     code = (
         "import sys; from pathlib import Path; from relight.config import Evaluate; "
         "from relight.evaluation.scoring.evaluate import evaluate; p = [Path(a) for a in sys.argv[1:]]; "
-        "evaluate(*p[:4], Evaluate('test', 'cpu', 1), p[4])"
+        "evaluate(*p[:4], Evaluate('test', 'cpu'), p[4])"
     )
     paths = (checkpoints["ours"], world.packed, world.lights, world.split, there)
     subprocess.run([sys.executable, "-c", code, *map(str, paths)], check=True, env={"OMP_NUM_THREADS": "2", "PATH": ""})

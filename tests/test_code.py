@@ -5,10 +5,10 @@ import sys
 
 import pytest
 
+from relight import code
 from relight.config import READS, ROOT, composed
 from relight.files import UserError
 from relight.run import change_lines
-from relight.stages import code
 from relight.workflow import Plan
 
 
