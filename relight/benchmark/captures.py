@@ -18,7 +18,7 @@ from relight.crop import MASK_THRESHOLD, crop_around
 from relight.files import writable_folder
 from relight.panoramas import Panorama, project
 from relight.panoramas.radiosity import HEIGHT, WIDTH
-from relight.photos.environment import camera_view, lookup
+from relight.photos.compose.environment import camera_view, lookup
 from relight.srgb import encode, to_bytes
 
 SET = "captures"

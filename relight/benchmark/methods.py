@@ -14,10 +14,10 @@ from relight.files import UserError, atomic_write, file_hash, writable_folder
 from relight.maps import read_maps
 from relight.panoramas import project, read_panorama
 from relight.photos.api import Relighter, load
-from relight.photos.color import apply_gain, to_srgb8
+from relight.photos.compose.color import apply_gain, to_srgb8
+from relight.photos.compose.render import render
+from relight.photos.compose.shading import shading, shading_floor, shading_ratio
 from relight.photos.infer import Person
-from relight.photos.render import render
-from relight.photos.shading import shading, shading_floor, shading_ratio
 from relight.progress import progress
 from relight.srgb import LINEAR, decode
 

@@ -13,12 +13,12 @@ from relight.crop import MASK_THRESHOLD, Crop
 from relight.files import UserError, existing_file
 from relight.inference import PhotoNetwork, read_onnx
 from relight.lights import Light, LightOptions
-from relight.photos.background import Background, read_background
-from relight.photos.coverage import coverage_of
+from relight.photos.compose.background import Background, read_background
+from relight.photos.compose.render import render
 from relight.photos.infer import Person, balanced, infer_person, mean_exposure_factor, mean_light
-from relight.photos.mask import find_mask, split_people
+from relight.photos.mask.coverage import coverage_of
+from relight.photos.mask.find import find_mask, split_people
 from relight.photos.read import Photo, as_codes, is_picture, mask_beside, mask_from_image, photo_from_image, read_photo
-from relight.photos.render import render
 from relight.photos.trust import Trust, assess
 from relight.sh import rotate_y
 

@@ -158,7 +158,7 @@ def photo(
             raise typer.Exit(1)
         return
     from relight.photos.api import load
-    from relight.photos.mask import NoMaskNetwork
+    from relight.photos.mask.find import NoMaskNetwork
     from relight.photos.photo import relight_file
 
     relighter = load(weights)
@@ -263,7 +263,7 @@ def mask_setup(
     ] = None,
 ) -> None:
     """Fetch the built-in network for masks, once: 249 KB of the package mediapipe (Apache-2.0), with the licence."""
-    from relight.photos.selfie import setup
+    from relight.photos.mask.selfie import setup
 
     if wheel is None:
         print("downloading mediapipe 0.10.21 (36 MB), of which 249 KB are kept", flush=True)
@@ -280,7 +280,7 @@ def mask_draw(
 ) -> None:
     """Write the automatic mask of a photo, to correct in a paint program. `relight photo` finds it beside the photo."""
     from relight.files import writable_file
-    from relight.photos.mask import automatic_mask
+    from relight.photos.mask.find import automatic_mask
     from relight.photos.read import read_photo
     from relight.photos.write import write_picture
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from relight import __version__
 from relight.files import UserError, writable_folder
-from relight.photos.mask import automatic_model
+from relight.photos.mask.find import automatic_model
 from relight.photos.photo import Options, relight_file
 from relight.photos.read import list_photos, mask_beside, mask_in
 from relight.photos.write import write_json

@@ -9,9 +9,9 @@ import numpy as np
 from relight.crop import MASK_THRESHOLD, Crop, crop_around
 from relight.inference import PhotoNetwork
 from relight.panoramas import luminance
-from relight.photos.color import chroma
-from relight.photos.shading import exposure_factor, shading, shading_floor, shading_ratio
-from relight.photos.upsample import FittedMap, Guide, fit_map, luma, square_root
+from relight.photos.compose.color import chroma
+from relight.photos.compose.shading import exposure_factor, shading, shading_floor, shading_ratio
+from relight.photos.compose.upsample import FittedMap, Guide, fit_map, luma, square_root
 from relight.srgb import decode, encode, to_linear
 
 OPAQUE = 240  # coverage (of 255) from which a pixel shows hardly anything but the person
@@ -105,7 +105,7 @@ class Person:
 
     @cached_property
     def chroma(self) -> np.ndarray:
-        """(S,S,3): the colour around each pixel, by which clipped values are rebuilt (relight.photos.color.chroma)."""
+        """(S,S,3): the colour around each pixel, by which clipped values are rebuilt (compose.color.chroma)."""
         return chroma(self._linear(self.image), self.mask)
 
     @cached_property

@@ -17,13 +17,13 @@ from relight.crop import Crop, crop_around
 from relight.files import UserError
 from relight.lights import Light
 from relight.photos.api import Relighter, match_exposure
-from relight.photos.background import Background
-from relight.photos.color import to_srgb8
+from relight.photos.compose.background import Background
+from relight.photos.compose.color import to_srgb8
+from relight.photos.compose.render import compose, fit_maps, ground_of, render, split_layers
 from relight.photos.infer import Person, balanced
-from relight.photos.mask import find_mask
+from relight.photos.mask.find import find_mask
 from relight.photos.photo import Options, downscale
 from relight.photos.read import Photo, list_photos, list_pictures, mask_beside, mask_in, read_photo
-from relight.photos.render import compose, fit_maps, ground_of, render, split_layers
 from relight.photos.video import FPS, is_video, read_frames, write_video
 from relight.progress import progress
 from relight.sh import rotate_y

@@ -9,12 +9,12 @@ from PIL import Image
 from relight.files import UserError, writable_folder
 from relight.lights import Light, LightOptions
 from relight.photos.api import MODES, Relighter, match_exposure, require_white_balance
-from relight.photos.background import Background, read_background
-from relight.photos.color import DISPLAY_STOPS, KNEE
+from relight.photos.compose.background import Background, read_background
+from relight.photos.compose.color import DISPLAY_STOPS, KNEE
+from relight.photos.compose.render import render
 from relight.photos.infer import Person, mean_light
-from relight.photos.mask import AUTOMATIC, find_mask, mask_warnings
+from relight.photos.mask.find import AUTOMATIC, find_mask, mask_warnings
 from relight.photos.read import Photo, mask_beside, read_photo
-from relight.photos.render import render
 from relight.photos.write import write_inference, write_json, write_light_files, write_maps, write_picture
 from relight.sh import rotate_y
 

@@ -9,9 +9,9 @@ import numpy as np
 from PIL import Image, ImageOps
 
 from relight.files import UserError, existing_file, require_readable
-from relight.photos.color import to_srgb8
-from relight.photos.coverage import coverage_of
+from relight.photos.compose.color import to_srgb8
 from relight.photos.deep import is_exr, read_16_bits, read_linear
+from relight.photos.mask.coverage import coverage_of
 from relight.photos.opening import bits_of, decoding_errors, open_picture, require_still
 from relight.photos.profile import to_srgb
 

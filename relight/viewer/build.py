@@ -15,7 +15,7 @@ from relight.maps import Maps
 from relight.viewer.bundle import bundle
 from relight.viewer.figure import Figure, embed
 
-PAGE = Path(__file__).parent / "page"
+PAGE = Path(__file__).parent / "web" / "page"
 BACKGROUNDS = ("studio", "light", "color", "clear", "photo")
 LIMIT = 6_000_000  # bytes of a page with one figure
 FURTHER = 2_500_000  # bytes that the limit grows by with each further one

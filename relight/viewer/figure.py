@@ -9,9 +9,9 @@ import numpy as np
 from relight.crop import fill_outside
 from relight.files import UserError
 from relight.maps import Maps
-from relight.photos.color import CLIPPING, chroma, clipping_excess
-from relight.photos.render import estimate_foreground
-from relight.photos.shading import shading, shading_floor
+from relight.photos.compose.color import CLIPPING, chroma, clipping_excess
+from relight.photos.compose.render import estimate_foreground
+from relight.photos.compose.shading import shading, shading_floor
 from relight.sh import coefficient_count
 from relight.srgb import LINEAR
 from relight.srgb import encode as encode_srgb

@@ -10,7 +10,7 @@ from PIL import Image
 from relight.files import UserError, existing_file
 from relight.lights import load_light, reference_brightness
 from relight.maps import Maps
-from relight.photos.upsample import luma
+from relight.photos.compose.upsample import luma
 from relight.srgb import LINEAR
 from relight.viewer.figure import OPEN, Figure
 
@@ -88,7 +88,7 @@ def figure_of(path: Path, relighter: "Relighter | None", mask: Path | None = Non
     """
     if path.suffix.lower() == ".exr":
         return baked_figure(path)
-    from relight.photos.mask import find_mask
+    from relight.photos.mask.find import find_mask
     from relight.photos.photo import downscale
     from relight.photos.read import mask_beside, read_photo
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from relight.panoramas import Panorama, project
-from relight.photos.environment import camera_view, lookup
+from relight.photos.compose.environment import camera_view, lookup
 from relight.sh import basis, sphere_quadrature
 
 SHAPES = {"latlong": (64, 128), "angular": (128, 128), "ball": (256, 256), "cross": (128, 96), "strip": (32, 192)}

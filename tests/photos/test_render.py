@@ -7,12 +7,11 @@ import pytest
 
 from relight.crop import Crop, crop_around
 from relight.files import UserError
-from relight.photos import render as rendering
-from relight.photos.background import Background, read_background
-from relight.photos.color import apply_gain, to_srgb8
-from relight.photos.infer import Person, balanced
-from relight.photos.render import estimate_foreground, over, render, strips
-from relight.photos.shading import (
+from relight.photos.compose import render as rendering
+from relight.photos.compose.background import Background, read_background
+from relight.photos.compose.color import apply_gain, to_srgb8
+from relight.photos.compose.render import estimate_foreground, over, render, strips
+from relight.photos.compose.shading import (
     ANGLES,
     FLOOR,
     HUE_FLOOR,
@@ -22,6 +21,7 @@ from relight.photos.shading import (
     shading_floor,
     shading_ratio,
 )
+from relight.photos.infer import Person, balanced
 from relight.sh import rotate_y, rotation_matrix, unoccluded
 from relight.srgb import LINEAR, LUMINANCE, encode
 

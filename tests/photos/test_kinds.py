@@ -10,9 +10,9 @@ import tifffile
 from PIL import Image, ImageCms
 
 from relight.files import UserError
-from relight.photos.color import to_codes
+from relight.photos.compose.color import to_codes
 from relight.photos.deep import UPRIGHT
-from relight.photos.mask import find_mask
+from relight.photos.mask.find import find_mask
 from relight.photos.profile import _curve, to_srgb
 from relight.photos.read import as_codes, photo_from_image, read_mask, read_photo
 from relight.photos.write import write_picture

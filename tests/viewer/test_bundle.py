@@ -5,7 +5,7 @@ import pytest
 
 from relight.viewer.build import PAGE
 from relight.viewer.bundle import bundle
-from relight.viewer.site import WEB
+from relight.viewer.site import STUDIO
 
 
 def write(folder, **modules):
@@ -56,9 +56,9 @@ def test_modules_of_other_folders_are_found(tmp_path):
 
 
 def test_pages_use_all_of_their_modules():
-    page, site, worker = (bundle(path) for path in (PAGE / "main.js", WEB / "studio.js", WEB / "worker.js"))
+    page, site, worker = (bundle(path) for path in (PAGE / "main.js", STUDIO / "studio.js", STUDIO / "worker.js"))
     for path in PAGE.glob("*.js"):
         assert page.count(f"const ${path.stem} = ") == site.count(f"const ${path.stem} = ") == 1, path.name
-    for path in WEB.glob("*.js"):
+    for path in STUDIO.glob("*.js"):
         if path.name != "sw.js":
             assert (site + worker).count(f"const ${path.stem} = ") == 1, path.name

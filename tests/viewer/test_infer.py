@@ -11,15 +11,15 @@ from PIL import Image
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from relight.inference import PhotoNetwork
-from relight.photos import selfie
 from relight.photos.api import Relighter
-from relight.photos.color import chroma, clipping_excess
-from relight.photos.mask import split_people
-from relight.photos.render import estimate_foreground
+from relight.photos.compose.color import chroma, clipping_excess
+from relight.photos.compose.render import estimate_foreground
+from relight.photos.mask import selfie
+from relight.photos.mask.find import split_people
 from relight.srgb import LINEAR
 from relight.viewer.bundle import bundle
 from relight.viewer.figure import EXCESS_STEPS, QUALITIES, pack
-from relight.viewer.site import WEB
+from relight.viewer.site import STUDIO
 from relight.viewer.source import photo_figure
 
 SIZE = 64
@@ -69,7 +69,7 @@ def node(module, program, values):
     found = shutil.which("node")
     if found is None:
         pytest.skip("no node on this machine")
-    script = bundle(WEB / f"{module}.js") + program + PROGRAM
+    script = bundle(STUDIO / f"{module}.js") + program + PROGRAM
     done = subprocess.run([found, "-e", script], input=json.dumps(values), capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout, object_hook=arrays)

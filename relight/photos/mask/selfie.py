@@ -85,7 +85,7 @@ def _unpack(wheel: Path) -> Path:
         raise UserError(f"{wheel} is no wheel of {PACKAGE} {VERSION}: it has no {MEMBER}") from None
     if hashlib.sha256(network).hexdigest() != SHA256:
         raise UserError(f"the network in {wheel} is not that of {PACKAGE} {VERSION}: its SHA-256 differs")
-    from relight.photos.tflite import convert
+    from relight.photos.mask.tflite import convert
 
     path = network_file()
     for file, data in ((license_file(), license_), (path, convert(network))):

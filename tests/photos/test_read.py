@@ -10,7 +10,7 @@ import pytest
 from PIL import Image, ImageCms
 
 from relight.files import UserError
-from relight.photos.mask import count_heads, find_mask, mask_warnings, split_people
+from relight.photos.mask.find import count_heads, find_mask, mask_warnings, split_people
 from relight.photos.read import read_mask, read_photo
 
 RGB = np.random.default_rng(0).integers(0, 256, (40, 30, 3)).astype(np.uint8)

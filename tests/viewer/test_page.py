@@ -15,12 +15,12 @@ from relight.crop import Crop
 from relight.lights.load import key_light
 from relight.maps import Maps
 from relight.panoramas import Panorama, project
-from relight.photos.background import Background
-from relight.photos.color import apply_gain, chroma, clipping_excess, display_shading, roll_off
+from relight.photos.compose.background import Background
+from relight.photos.compose.color import apply_gain, chroma, clipping_excess, display_shading, roll_off
+from relight.photos.compose.render import render
+from relight.photos.compose.shading import exposure_factor, shading, shading_floor, shading_ratio
 from relight.photos.infer import Person as Inferred
 from relight.photos.infer import mean_exposure_factor
-from relight.photos.render import render
-from relight.photos.shading import exposure_factor, shading, shading_floor, shading_ratio
 from relight.sh import basis, irradiance, rotation_about_y, rotation_matrix
 from relight.srgb import LINEAR, decode, encode
 from relight.viewer.build import build_gallery, build_viewer
@@ -200,7 +200,7 @@ def test_ratio_keeps_the_photo_and_relights_it(page, photo_html, maps, lights, p
 
 
 def test_soft_photo_equals_the_photo_command(page, tmp_path, maps, lights, photograph):
-    """Against relight.photos.render, soft edges, extended maps, exposure and backgrounds included."""
+    """Against relight.photos.compose.render, soft edges, extended maps, exposure and backgrounds included."""
     photo, own = photograph
     coverage = np.rint(255 * gaussian_filter(maps.mask.astype(np.float32), 1.5)).astype(np.uint8)
     soft = replace(maps, coverage=coverage / np.float32(255))

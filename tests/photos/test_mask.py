@@ -12,10 +12,10 @@ from typer.testing import CliRunner
 
 from relight.cli import app
 from relight.files import UserError
-from relight.photos import selfie, u2net
-from relight.photos.mask import automatic_model, find_mask
+from relight.photos.mask import selfie, u2net
+from relight.photos.mask.find import automatic_model, find_mask
+from relight.photos.mask.tflite import convert
 from relight.photos.read import Photo, read_photo
-from relight.photos.tflite import convert
 from relight.viewer.source import PORTRAIT_MASK
 
 FETCHED = u2net.fetched_model

@@ -8,7 +8,7 @@ from PIL import Image
 from relight.crop import crop_around
 from relight.files import UserError
 from relight.photos.api import match_exposure
-from relight.photos.background import Background
+from relight.photos.compose.background import Background
 from relight.photos.infer import Person
 from relight.photos.movie import _with_masks, smooth_over_time, turn_light, windows
 from relight.photos.photo import Options, downscale

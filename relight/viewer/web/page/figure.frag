@@ -2,7 +2,7 @@ precision highp float;
 precision highp sampler2D;
 
 // One pixel of the stage: what is behind the figure, the figure under a light, or both at its edge. Colours as in
-// relight/photos/color.py. render.js defines the constants PART, VIEW, BACKGROUND, USE_RATIO and IS_CLIPPED, one program
+// relight/photos/compose/color.py. render.js defines the constants PART, VIEW, BACKGROUND, USE_RATIO and IS_CLIPPED, one program
 // for each case: in software, a GPU's stand-in computes all branches that the compiler leaves.
 uniform sampler2D transportA, transportB, transportC, surface, photo, front, excess, panorama;
 struct Light { mat4x3 first, second; vec3 last; }; // nine coefficients of red, green and blue
@@ -76,7 +76,7 @@ vec3 figure(vec2 uv, vec3 own) {
   vec3 lit = SHADING(light, a, b, c.x);
   if (VIEW == SHADING) return rolled(DISPLAY * exposure * lit, 1.0);
   if (!USE_RATIO) return rolled(exposure * texture(surface, uv).rgb * lit, 1.0);
-  vec3 least = max(SHADING(photoLight, a, b, c.x), floorOfRatio); // as in relight/photos/shading.py
+  vec3 least = max(SHADING(photoLight, a, b, c.x), floorOfRatio); // as in relight/photos/compose/shading.py
   vec3 lacking = max(min(largest(least), HUE_FLOOR * floorOfRatio) - least, 0.0);
   vec3 gain = (max(lit, floorOfRatio) + lacking) / (least + lacking);
   return relit(own, exposure * gain, IS_CLIPPED ? texture(excess, uv).rgb : vec3(0.0));
@@ -92,7 +92,7 @@ vec3 studio(vec2 onStage) {
 // Coded values behind the figure. Of a light without a panorama the light as blurred by a cosine lobe, since nine
 // coefficients alone ring below 0 and would leave black holes. Pictures are albedo times irradiance, so radiance is shown
 // times pi: a white figure in even light is as bright as what is behind it. The camera sees 50 degrees along the longer
-// side, as in relight/photos/background.py.
+// side, as in relight/photos/compose/background.py.
 vec3 behind(vec2 at, vec2 onStage) {
   if (BACKGROUND == STUDIO) return studio(onStage);
   if (BACKGROUND == COLOR) return backdrop;

@@ -8,7 +8,7 @@ import { rotate, turn } from "./sh.js";
 import { app, element, embedded, set, state } from "./state.js";
 
 // The factor for a light that gives the figure the brightness it has under `reference`: the mean luminance of its
-// shading at the turn about the vertical where it is largest (relight.photos.shading.exposure_factor).
+// shading at the turn about the vertical where it is largest (relight.photos.compose.shading.exposure_factor).
 function matched(reference, light) {
   const brightest = (values) => {
     const luminances = Array.from({ length: 72 }, (_, step) => {

@@ -57,7 +57,7 @@ def site(tmp_path_factory, exported, maps, lights):
         pytest.skip("onnxruntime-web is not set up")
     folder = tmp_path_factory.mktemp("site") / "site"
     with pytest.MonkeyPatch.context() as patch:  # the user's network for masks would find somebody, or not
-        patch.setattr("relight.photos.selfie.network_file", lambda: folder / "none")
+        patch.setattr("relight.photos.mask.selfie.network_file", lambda: folder / "none")
         build_site(folder, exported, SIDE, [Figure("Balls", maps)], lights)
     return folder
 

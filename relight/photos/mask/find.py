@@ -9,7 +9,7 @@ from scipy.ndimage import distance_transform_edt, label
 
 from relight.crop import MASK_THRESHOLD
 from relight.files import UserError
-from relight.photos import selfie, u2net
+from relight.photos.mask import selfie, u2net
 from relight.photos.read import Photo, read_mask
 
 if TYPE_CHECKING:

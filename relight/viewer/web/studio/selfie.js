@@ -1,4 +1,4 @@
-// Who is in a photo, by MediaPipe's network: relight/photos/selfie.py.
+// Who is in a photo, by MediaPipe's network: relight/photos/mask/selfie.py.
 
 import { means } from "./filters.js";
 import { label, extent, nearest } from "./regions.js";

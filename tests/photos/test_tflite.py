@@ -6,7 +6,7 @@ import numpy as np
 import onnxruntime
 import pytest
 
-from relight.photos.tflite import convert
+from relight.photos.mask.tflite import convert
 
 # Numbers of the schema, as in schema.fbs: operations, types of options and of tensors.
 ADD, POOL, CONV, DEPTHWISE, DEQUANTIZE, LOGISTIC, MUL, RELU = 0, 1, 3, 4, 6, 14, 18, 19
