@@ -20,7 +20,7 @@ from relight.photos.mask.coverage import coverage_of
 from relight.photos.mask.find import find_mask, split_people
 from relight.photos.read import Photo, as_codes, is_picture, mask_beside, mask_from_image, photo_from_image, read_photo
 from relight.photos.trust import Trust, assess
-from relight.sh import rotate_y
+from relight.sh import deringed, rotate_y
 
 WEIGHTS = Path(__file__).parent.parent / "weights" / "photo.onnx"
 MODES = ("ratio", "full")
@@ -137,7 +137,7 @@ class Relighter:
             **options: of `relight.lights.load_light`, for panoramas and coefficients.
 
         Returns:
-            The light, float32, of the order of the network.
+            The light, float32, of the order of the network; `relight.sh.deringed` unless it is that of a photo.
 
         Raises:
             UserError: if it is no light.
@@ -150,7 +150,7 @@ class Relighter:
         from relight.lights import load_light
 
         light = load_light(text, order=self.order, **options)
-        return replace(light, coefficients=light.coefficients.astype(np.float32))
+        return replace(light, coefficients=deringed(light.coefficients).astype(np.float32))
 
     def relight(
         self,

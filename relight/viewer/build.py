@@ -12,6 +12,7 @@ import numpy as np
 
 from relight.files import UserError, atomic_write
 from relight.maps import Maps
+from relight.sh import deringed
 from relight.viewer.bundle import bundle
 from relight.viewer.figure import Figure, embed
 
@@ -103,7 +104,7 @@ def page_text(
     page = {
         "title": title,
         "background": background,
-        "lights": [{"name": name, "values": np.float64(light).round(6).tolist()} for name, light in lights.items()],
+        "lights": [{"name": name, "values": deringed(light).round(6).tolist()} for name, light in lights.items()],
         **additions.settings,
     }
     parts = {

@@ -209,10 +209,20 @@ def test_a_dark_grey_fold_under_a_strong_lamp_stays_grey():
     assert (found.max(-1) / found.min(-1)).max() < 1 + 0.15  # the width of the error over what the lamp brings
     # Where all channels are bright, or equally dark, the gain is new / old; and equal shadings change nothing.
     for known in (rng.uniform(HUE_FLOOR * floor, 2, (50, 3)), rng.uniform(0, 2, (50, 1)) * np.ones(3)):
-        lit = rng.uniform(0, 2, (50, 3))
-        expected = np.maximum(lit, floor) / np.maximum(known, floor)
+        lit = rng.uniform(floor, 2, (50, 3))
+        expected = lit / np.maximum(known, floor)
         np.testing.assert_allclose(shading_ratio(known, lit, floor), expected, rtol=1e-12)
     assert (shading_ratio(old, old, floor) == 1).all()
+
+
+def test_shading_ratio_keeps_the_hue_of_dark_new_light():
+    """A warm lamp's shade is raised to the floor as a whole: channels raised one by one would make it grey."""
+    new = np.array([[0.02, 0.01, 0.005], [0.05, 0.05, 0.02], [0.0, 0.0, 0.0], [-0.1, 0.01, 0.0], [0.4, 0.01, 0.0]])
+    found = shading_ratio(np.ones_like(new), new, FLOOR)
+    np.testing.assert_allclose(found.max(-1), [FLOOR, FLOOR, FLOOR, FLOOR, 0.4])
+    assert (found[:2, 2] < 0.5 * found[:2, 0]).all() and 0.5 < found[0, 1] / found[0, 0] < 0.65
+    np.testing.assert_allclose(found[2], FLOOR)
+    np.testing.assert_array_equal(found[4], new[4])
 
 
 def test_strips_do_not_show(relighter, monkeypatch, draw):

@@ -21,7 +21,7 @@ from relight.photos.compose.render import render
 from relight.photos.compose.shading import exposure_factor, shading, shading_floor, shading_ratio
 from relight.photos.infer import Person as Inferred
 from relight.photos.infer import mean_exposure_factor
-from relight.sh import basis, irradiance, rotation_about_y, rotation_matrix
+from relight.sh import basis, deringed, irradiance, rotation_about_y, rotation_matrix
 from relight.srgb import LINEAR, decode, encode
 from relight.viewer.build import build_gallery, build_viewer
 from relight.viewer.codec import encode as encode_planes
@@ -427,7 +427,7 @@ def test_lamps_are_those_of_python_and_add_to_the_dimmed_room(balls, maps, light
     light = 0.25 * turned(room, 60, 0)
     for lamp in lamps:
         own = key_light(lamp["color"][1:], lamp["azimuth"], lamp["elevation"], 0, 2)
-        light = light + lamp["strength"] * mean * own
+        light = light + lamp["strength"] * mean * deringed(own)
     assert farthest(balls.pixels(**state), codes(maps.albedo * shading(maps.transport, light)), maps.mask) <= 2
 
 
@@ -441,7 +441,17 @@ def test_a_soft_lamp_is_a_disc_of_light(balls, softness):
     points = np.random.default_rng(0).normal(size=(400_000, 3))
     points /= np.linalg.norm(points, axis=1, keepdims=True)
     disc = points[points @ centre >= np.cos(np.radians(softness))] if softness else centre[None]
-    np.testing.assert_allclose(found, basis(disc).mean(0), atol=0.01)
+    np.testing.assert_allclose(found, deringed(np.outer(basis(disc).mean(0), np.ones(3)))[:, 0], atol=0.01)
+
+
+def test_deringed_is_that_of_python(balls):
+    rng = np.random.default_rng(2)
+    lights = [np.outer(basis(d / np.linalg.norm(d)), rng.random(3)) for d in rng.normal(size=(6, 3))]
+    lights += [light + lights[0] + np.eye(9, 1) * rng.random(3) for light in lights]
+    lights += [np.eye(9, 3), np.zeros((9, 3)), lights[0] * [1, 0, 0]]
+    for light in lights:
+        found = balls.call("(light) => [...relight.deringed(light)]", light.ravel().tolist())
+        np.testing.assert_allclose(np.reshape(found, (9, 3)), deringed(light), atol=1e-12)
 
 
 def test_lamps_are_placed_by_mouse_and_keys(balls):

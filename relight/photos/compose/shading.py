@@ -7,6 +7,7 @@ from relight.sh import order_of, rotate_y
 
 ANGLES = 72  # headings, every 5 degrees: at order 2 the largest value is met to 0.2 %
 FLOOR = 0.1  # of the mean shading: darker shading is too uncertain to divide by
+HUE_NOISE = 0.1  # floors: the hue of darker shading is unknown
 HUE_FLOOR = 3  # floors: the hue of darker shading is too uncertain to divide by
 
 
@@ -29,15 +30,26 @@ def shading_floor(old: np.ndarray, mask: np.ndarray) -> float:
     return max(FLOOR * float(old[mask].mean()), 1e-4)
 
 
+def raised(shading: np.ndarray, floor: float) -> np.ndarray:
+    """Raises dark shading (...,3) so that its largest channel is at least `floor`, with its hue kept.
+
+    Where there is hardly any light, its hue fades to white.
+    """
+    light = np.maximum(shading, 0)
+    peak = light.max(-1, keepdims=True)
+    grey = HUE_NOISE * floor
+    return light + np.maximum(floor - peak, 0) * (light + grey) / (peak + grey)
+
+
 def shading_ratio(old: np.ndarray, new: np.ndarray, floor: float) -> np.ndarray:
-    """Returns the gain of mode `ratio`: new / old shading (...,3), each at least `floor`; 1 where they are equal.
+    """Returns the gain of mode `ratio`: new / old shading (...,3), both `raised`; 1 where they are equal.
 
     The channels of dark shading are small differences of large terms: their errors have hues, and a ratio would
     multiply them. What a channel lacks of the largest one, up to HUE_FLOOR floors, is added to both shadings.
     """
-    least = np.maximum(old, floor)
+    least = raised(old, floor)
     lacking = np.maximum(np.minimum(least.max(-1, keepdims=True), HUE_FLOOR * floor) - least, 0)
-    return (np.maximum(new, floor) + lacking) / (least + lacking)
+    return (raised(new, floor) + lacking) / (least + lacking)
 
 
 def max_luminance(transport: np.ndarray, light: np.ndarray) -> float:

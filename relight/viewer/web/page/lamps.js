@@ -2,7 +2,7 @@
 // of relight/lights/load.py; strength as a multiple of the room's mean irradiance; softness, the disc's angular radius.
 
 import { decodeSRGB } from "./figure.js";
-import { basis } from "./sh.js";
+import { basis, deringed } from "./sh.js";
 
 const RADIANS = Math.PI / 180;
 const NEW_LAMP = Object.freeze({ azimuth: -50, elevation: 35, color: "#ffd9a8", strength: 1, softness: 10 });
@@ -18,7 +18,8 @@ function linearColor(color) {
 }
 
 // The 27 coefficients of a lamp whose irradiance on a surface that faces it is `irradiance` times its linear colour.
-// A disc of angular radius r scales the bands of a point by 1, (1 + cos r) / 2 and cos r (1 + cos r) / 2.
+// A disc of angular radius r scales the bands of a point by 1, (1 + cos r) / 2 and cos r (1 + cos r) / 2;
+// a window keeps the shaded side from ringing below zero.
 function lampLight(lamp, irradiance) {
   const c = Math.cos(lamp.softness * RADIANS), bands = [1, (1 + c) / 2, (c * (1 + c)) / 2];
   const rgb = linearColor(lamp.color), light = new Float64Array(27);
@@ -26,7 +27,7 @@ function lampLight(lamp, irradiance) {
     const scale = lamp.strength * irradiance * value * bands[Math.floor(Math.sqrt(k))];
     for (let channel = 0; channel < 3; channel++) light[3 * k + channel] = scale * rgb[channel];
   });
-  return light;
+  return deringed(light);
 }
 
 // Where a lamp is drawn on a round map of all directions: (0, 0) in front of the figure, radius 1/2 beside, above and

@@ -4,7 +4,7 @@ import { loadFigure } from "./figure.js";
 import { project, readHDR } from "./hdr.js";
 import { LABELS, listChoices, listLights, notify, refresh } from "./panel.js";
 import { placement } from "./picture.js";
-import { rotate, turn } from "./sh.js";
+import { deringed, rotate, turn } from "./sh.js";
 import { app, element, embedded, set, state } from "./state.js";
 
 // The factor for a light that gives the figure the brightness it has under `reference`: the mean luminance of its
@@ -49,7 +49,7 @@ function addLight(name, values, panorama = null) {
 
 async function openPanorama(file) {
   try {
-    const panorama = readHDR(await file.arrayBuffer()), light = project(panorama);
+    const panorama = readHDR(await file.arrayBuffer()), light = deringed(project(panorama));
     if (!light.some((v) => v)) throw new Error("The panorama is black.");
     addLight(file.name.replace(/\.[^.]+$/, ""), light, panorama);
     set({ yaw: 0, tilt: 0 });

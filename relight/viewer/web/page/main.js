@@ -10,7 +10,7 @@ import { canvas, fit, pixels, placement, redraw, stage } from "./picture.js";
 import { listen } from "./placement.js";
 import { Renderer } from "./render.js";
 import { record, saveMovie, savePNG } from "./saving.js";
-import { rotate, turn } from "./sh.js";
+import { deringed, rotate, turn } from "./sh.js";
 import { app, element, embedded, set, state, subscribe } from "./state.js";
 import { autoRotate, openingTurn, stopOpening } from "./turning.js";
 
@@ -161,7 +161,7 @@ const ready = start().catch((error) => {
 
 // For tests, and for a page that embeds this one.
 window.relight = {
-  state, choose, placement, readHDR, project, rotate, turn, inflate, decodePlanes, openPanorama, redraw, refit: fit,
+  state, choose, placement, readHDR, project, rotate, turn, deringed, inflate, decodePlanes, openPanorama, redraw, refit: fit,
   lampLight, record, ready,
   set: (changes) => {
     stopOpening();

@@ -34,4 +34,26 @@ export function rotate(light, R) {
   return turned;
 }
 
+const LEAST = 0.05, DIRECTIONS = 1000; // of relight/sh/window.py
+const cosines = Array.from({ length: DIRECTIONS }, (_, i) => {
+  const z = 1 - (2 * i + 1) / DIRECTIONS, azimuth = i * Math.PI * (3 - Math.sqrt(5)), side = Math.sqrt(1 - z * z);
+  return basis([side * Math.cos(azimuth), side * Math.sin(azimuth), z]).map((value, k) => COSINE[k] * value);
+});
+
+// The light windowed until no channel's irradiance is negative: relight/sh/window.py.
+export function deringed(light) {
+  const lowest = [0, 0, 0], mean = [0, 1, 2].map((c) => cosines[0][0] * light[c]);
+  if (Math.max(...mean) <= 0) return light;
+  for (const transport of cosines) {
+    for (let c = 0; c < 3; c++) {
+      let sum = 0;
+      for (let k = 1; k < 9; k++) sum -= transport[k] * light[3 * k + c];
+      if (sum > lowest[c]) lowest[c] = sum;
+    }
+  }
+  const least = 1e-12 * Math.max(...mean);
+  const factor = Math.min(1, ...mean.map((value, c) => ((1 - LEAST) * Math.max(value, 0)) / Math.max(lowest[c], least)));
+  return light.map((value, i) => (i < 3 ? value : factor * value));
+}
+
 export { Y0, Y1, Y2, Y20, Y22 };
