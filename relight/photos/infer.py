@@ -10,7 +10,7 @@ from relight.crop import MASK_THRESHOLD, Crop, crop_around
 from relight.inference import PhotoNetwork
 from relight.panoramas import luminance
 from relight.photos.compose.color import chroma
-from relight.photos.compose.shading import exposure_factor, shading, shading_floor, shading_ratio
+from relight.photos.compose.shading import exposure_factor, gain, shading, steady
 from relight.photos.compose.upsample import FittedMap, Guide, fit_map, luma, square_root
 from relight.srgb import decode, encode, to_linear
 
@@ -66,13 +66,12 @@ class Person:
 
     def fit_gain(self, light: np.ndarray) -> FittedMap:
         """Fits the gain of mode `ratio` on the photo's linear values, under a new light (K,3)."""
-        old = self.shading
-        gain = shading_ratio(old, shading(self.transport, light), shading_floor(old, self.mask))
-        return fit_map(gain**self.gamma, self._grey_guide)
+        return fit_map(gain(self.transport, self.mask, self.light, light) ** self.gamma, self._grey_guide)
 
     def fit_shading(self, light: np.ndarray) -> FittedMap:
         """Fits the shading of mode `full`, as a factor on linear values, under a new light (K,3)."""
-        return fit_map(shading(self.transport, light) ** self.gamma, self._grey_guide)
+        lit = steady(shading(self.transport, light), light)
+        return fit_map(lit**self.gamma, self._grey_guide)
 
     @cached_property
     def fitted_albedo(self) -> FittedMap:

@@ -13,16 +13,17 @@ from relight.photos.compose.color import apply_gain, to_srgb8
 from relight.photos.compose.render import estimate_foreground, over, render, strips
 from relight.photos.compose.shading import (
     ANGLES,
+    DARK,
     FLOOR,
-    HUE_FLOOR,
     exposure_factor,
+    gain,
     max_luminance,
     shading,
     shading_floor,
-    shading_ratio,
+    steady,
 )
 from relight.photos.infer import Person, balanced
-from relight.sh import rotate_y, rotation_matrix, unoccluded
+from relight.sh import UNOCCLUDED_T00, rotate_y, rotation_matrix, unoccluded
 from relight.srgb import LINEAR, LUMINANCE, encode
 
 LIGHT = np.zeros((9, 3), np.float32)
@@ -186,43 +187,55 @@ def test_the_brightest_turn_is_that_of_all_turns():
         assert max_luminance(transport, light) == pytest.approx(max(turns), rel=1e-3)
 
 
-def test_dark_shading_does_not_blow_up():
-    old, new = np.array([[[0.001] * 3, [0.8] * 3]]), np.ones((1, 2, 3))
-    floor = shading_floor(old, np.ones((1, 2), bool))
-    assert floor == pytest.approx(FLOOR * 0.4005)
-    assert shading_ratio(old, new, floor).max() <= 1 / floor
-    assert (shading_ratio(old, old, floor) == 1).all()
+def gain_of(old, new, color=(1, 1, 1), new_color=(1, 1, 1)):
+    """`gain` for shadings (N,3) under lights of these mean colors, of a person whose other pixels all have 1."""
+    transport, light, new_light = np.zeros((len(old) + 20_000, 9)), np.zeros((9, 3)), np.zeros((9, 3))
+    transport[: len(old), 1:7] = np.concatenate([old, new], 1)
+    transport[len(old) :, 1:7] = 1
+    light[0], new_light[0] = (np.divide(mean, UNOCCLUDED_T00) for mean in (color, new_color))
+    light[1:4] = new_light[4:7] = np.eye(3)
+    return gain(transport, np.ones(len(transport), bool), light, new_light)[: len(old)]
+
+
+def test_gain_of_dark_shading_does_not_blow_up():
+    old, new = np.array([[0.001] * 3, [0.8] * 3]), np.ones((2, 3))
+    np.testing.assert_allclose(gain_of(old, new)[:, 0], [1 / FLOOR, 1 / 0.8], rtol=1e-3)
+    assert (gain_of(old, old) == 1).all()
+    assert shading_floor(old[None], np.ones((1, 2), bool)) == pytest.approx(FLOOR * 0.4005)
     assert (shading(np.array([[1.0, 0, 0, 0]]), np.full((4, 3), -1.0)) == 0).all()
 
 
-def test_a_dark_grey_fold_under_a_strong_lamp_stays_grey():
+def test_gain_of_a_dark_grey_fold_under_a_strong_lamp_is_grey():
     """What is inferred of a fold is off by a hue; its codes are off by their rounding. Light brings out neither."""
     rng = np.random.default_rng(0)
-    truth = np.linspace(0.02, 0.22, 200)[:, None] * np.ones(3)  # shading of the fold; elsewhere 1
+    truth = np.linspace(0.02, 0.15, 200)[:, None] * np.ones(3)  # shading of the fold; elsewhere 1
     codes = np.rint(255 * encode(0.5 * truth)).astype(np.uint8)
     old = np.maximum(truth + 0.15 * (rng.random((200, 3)) - 0.5), 0).astype(np.float32)
-    new, floor = np.ones_like(old), FLOOR
-    plain, found = (
-        apply_gain(LINEAR[codes], gain) for gain in (new / np.maximum(old, floor), shading_ratio(old, new, floor))
-    )
+    new = np.ones_like(old)
+    plain, found = (apply_gain(LINEAR[codes], factor) for factor in (new / np.maximum(old, FLOOR), gain_of(old, new)))
     assert (plain.max(-1) / plain.min(-1)).max() > 2
-    assert (found.max(-1) / found.min(-1)).max() < 1 + 0.15  # the width of the error over what the lamp brings
-    # Where all channels are bright, or equally dark, the gain is new / old; and equal shadings change nothing.
-    for known in (rng.uniform(HUE_FLOOR * floor, 2, (50, 3)), rng.uniform(0, 2, (50, 1)) * np.ones(3)):
-        lit = rng.uniform(floor, 2, (50, 3))
-        expected = lit / np.maximum(known, floor)
-        np.testing.assert_allclose(shading_ratio(known, lit, floor), expected, rtol=1e-12)
-    assert (shading_ratio(old, old, floor) == 1).all()
+    assert (found.max(-1) / found.min(-1)).max() < 1 + 0.25
+    bright = rng.uniform(2 * DARK, 2, (50, 3))  # the gain of bright shading is new / old
+    lit = rng.uniform(2 * DARK, 2, (50, 3))
+    np.testing.assert_allclose(gain_of(bright, lit), lit / bright, rtol=1e-5)
+    assert (gain_of(old, old) == 1).all()
 
 
-def test_shading_ratio_keeps_the_hue_of_dark_new_light():
-    """A warm lamp's shade is raised to the floor as a whole: channels raised one by one would make it grey."""
-    new = np.array([[0.02, 0.01, 0.005], [0.05, 0.05, 0.02], [0.0, 0.0, 0.0], [-0.1, 0.01, 0.0], [0.4, 0.01, 0.0]])
-    found = shading_ratio(np.ones_like(new), new, FLOOR)
-    np.testing.assert_allclose(found.max(-1), [FLOOR, FLOOR, FLOOR, FLOOR, 0.4])
-    assert (found[:2, 2] < 0.5 * found[:2, 0]).all() and 0.5 < found[0, 1] / found[0, 0] < 0.65
-    np.testing.assert_allclose(found[2], FLOOR)
-    np.testing.assert_array_equal(found[4], new[4])
+def test_gain_in_the_shade_of_a_warm_lamp_has_its_color():
+    """Also where red has rung below zero and blue has not; shade is raised to the floor as a whole."""
+    warm = np.array([1.2, 1, 0.6])
+    new = np.array([[0.02, 0.01, 0.005], [0.0, 0.0, 0.0], [-0.1, 0.01, 0.05], [0.14, 0.14, 0.14]])
+    found = gain_of(np.ones_like(new), new, new_color=warm)
+    np.testing.assert_allclose(found[:3], FLOOR * np.outer(np.ones(3), warm / (warm @ LUMINANCE)), rtol=1e-3)
+    np.testing.assert_allclose(found[3] @ LUMINANCE, 0.14, rtol=1e-3)
+
+
+def test_steady_shading_is_never_negative_and_continuous():
+    light = np.eye(9, 3) + 0.1
+    levels = np.linspace(-0.2, 2, 2000)[:, None] * [1.2, 0.9, 0.3]
+    found = steady(levels, light)
+    assert found.min() >= 0 and np.abs(np.diff(found, axis=0)).max() < 0.01
+    np.testing.assert_array_equal(found[-1000:], levels[-1000:])
 
 
 def test_strips_do_not_show(relighter, monkeypatch, draw):

@@ -18,7 +18,7 @@ from relight.panoramas import Panorama, project
 from relight.photos.compose.background import Background
 from relight.photos.compose.color import apply_gain, chroma, clipping_excess, display_shading, roll_off
 from relight.photos.compose.render import render
-from relight.photos.compose.shading import exposure_factor, shading, shading_floor, shading_ratio
+from relight.photos.compose.shading import exposure_factor, gain, shading, steady
 from relight.photos.infer import Person as Inferred
 from relight.photos.infer import mean_exposure_factor
 from relight.sh import basis, deringed, irradiance, rotation_about_y, rotation_matrix
@@ -80,12 +80,17 @@ def balls(page, html):
     return page
 
 
+def relit_shading(maps, light):
+    """The shading that the page shows under a light that it was given."""
+    return steady(shading(maps.transport, light), light)
+
+
 @pytest.mark.parametrize("name", ["Window", "Lamp", "Behind"])
 def test_relit_and_shading_equal_python_under_turned_lights(balls, maps, lights, name):
     index = list(lights).index(name)
     for yaw, tilt, stops in [(0, 0, 0), (70, 0, 0), (-155, 40, 1), (10, -75, -1.5)]:
         state = START | {"light": index, "yaw": yaw, "tilt": tilt, "stops": stops}
-        lit = 2**stops * shading(maps.transport, turned(lights[name], yaw, tilt))
+        lit = 2**stops * relit_shading(maps, turned(lights[name], yaw, tilt))
         assert farthest(balls.pixels(**state), codes(maps.albedo * lit), maps.mask) <= 2
         assert farthest(balls.pixels(**state | {"view": "shading"}), 255 * encode(display_shading(lit)), maps.mask) <= 2
 
@@ -103,7 +108,7 @@ def test_the_other_views_equal_python(balls, maps, lights):
     left = np.arange(maps.mask.shape[1]) < maps.mask.shape[1] // 2
     everywhere = maps.albedo * np.maximum(irradiance(light, maps.normal), 0)
     assert farthest(split, codes(everywhere), maps.mask & left) <= 2
-    assert farthest(split, codes(maps.albedo * shading(maps.transport, light)), maps.mask & ~left) <= 2
+    assert farthest(split, codes(maps.albedo * relit_shading(maps, light)), maps.mask & ~left) <= 2
 
 
 @pytest.mark.parametrize("is_disc", [False, True])
@@ -136,7 +141,7 @@ def test_backgrounds_and_soft_edges_are_mixed_as_light(page, tmp_path, maps, lig
     coverage = np.clip(gaussian_filter(maps.mask.astype(np.float32), 1) * 2, 0, 1) * maps.mask
     build_viewer(tmp_path / "soft.html", replace(maps, coverage=coverage), lights)
     page.open(tmp_path / "soft.html")
-    figure, alpha = maps.albedo * shading(maps.transport, lights["Window"]), np.rint(255 * coverage)[..., None] / 255
+    figure, alpha = maps.albedo * relit_shading(maps, lights["Window"]), np.rint(255 * coverage)[..., None] / 255
     size = len(coverage)
     grid = np.tan(np.radians(25)) * ((2 * np.arange(size) + 1) / size - 1)
     x, y = np.meshgrid(grid, -grid)
@@ -188,10 +193,10 @@ def test_ratio_keeps_the_photo_and_relights_it(page, photo_html, maps, lights, p
     np.testing.assert_array_equal(page.pixels(**state | {"view": "photo", "yaw": 50})[..., :3], photo)
     for index, name in enumerate(lights, 1):
         new = lights[name] * exposure_factor(own, lights[name], maps.transport, maps.mask)
-        was, lit = shading(maps.transport, own), shading(maps.transport, turned(new, 40, 10))
+        lit = relit_shading(maps, turned(new, 40, 10))
         above = clipping_excess(LINEAR[photo], chroma(LINEAR[photo], maps.mask))
-        gain = shading_ratio(was, lit, shading_floor(was, maps.mask))
-        expected = 255 * encode(apply_gain(LINEAR[photo], gain, above))
+        factor = gain(maps.transport, maps.mask, own, turned(new, 40, 10))
+        expected = 255 * encode(apply_gain(LINEAR[photo], factor, above))
         pixels = page.pixels(**state | {"light": index, "yaw": 40, "tilt": 10})
         assert farthest(pixels, expected, maps.mask) <= 2
         np.testing.assert_array_equal(pixels[~maps.mask][:, :3], photo[~maps.mask])
@@ -234,7 +239,7 @@ def test_the_window_shows_the_same_pixels(balls, maps, lights):
         "{ scale: 1, x: stage.clientWidth / 2 - 100, y: stage.clientHeight / 2 - 150 }); relight.redraw(); })()"
     )
     shown = np.asarray(Image.open(io.BytesIO(balls.screenshot())).convert("RGB"))[150 : 150 + size, 100 : 100 + size]
-    expected = codes(maps.albedo * shading(maps.transport, lights["Window"]))
+    expected = codes(maps.albedo * relit_shading(maps, lights["Window"]))
     assert farthest(shown, expected, maps.mask) <= 2
 
 
@@ -385,7 +390,7 @@ def test_a_dropped_panorama_lights_the_figure(balls, maps, lights, panorama):
     )
     light = project(Panorama(values(panorama).astype(np.float32)))
     light = light * exposure_factor(lights["Window"], light, maps.transport, maps.mask)
-    expected = codes(maps.albedo * shading(maps.transport, turned(light, 25, 0)))
+    expected = codes(maps.albedo * relit_shading(maps, turned(light, 25, 0)))
     assert farthest(balls.pixels(**START | {"light": 3, "yaw": 25}), expected, maps.mask) <= 2
     assert "kitchen" in balls.run("document.getElementById('light-list').innerText")
 
@@ -428,7 +433,7 @@ def test_lamps_are_those_of_python_and_add_to_the_dimmed_room(balls, maps, light
     for lamp in lamps:
         own = key_light(lamp["color"][1:], lamp["azimuth"], lamp["elevation"], 0, 2)
         light = light + lamp["strength"] * mean * deringed(own)
-    assert farthest(balls.pixels(**state), codes(maps.albedo * shading(maps.transport, light)), maps.mask) <= 2
+    assert farthest(balls.pixels(**state), codes(maps.albedo * relit_shading(maps, light)), maps.mask) <= 2
 
 
 @pytest.mark.parametrize("softness", [0, 25, 90])
@@ -523,7 +528,7 @@ def test_a_movie_is_one_turn_at_the_size_of_the_image(balls, tmp_path, maps, lig
         frames = [frame.to_ndarray(format="rgb24") for frame in movie.decode(video=0)]
     assert len(frames) > 1 and frames[0].shape == (96, 96, 3)  # a slow machine leaves frames out
     turn = [
-        codes(maps.albedo * shading(maps.transport, turned(lights["Window"], 15 + yaw, 0))) for yaw in range(0, 360, 20)
+        codes(maps.albedo * relit_shading(maps, turned(lights["Window"], 15 + yaw, 0))) for yaw in range(0, 360, 20)
     ]
     nearest = [np.argmin([np.abs(frame - picture)[maps.mask].mean() for picture in turn]) for frame in frames]
     onward = [step or len(turn) for step in np.trim_zeros(nearest, "f")]  # the last may be nearest to a whole turn
@@ -625,11 +630,11 @@ def test_a_figure_has_its_maps_from_each_source(page, tmp_path, maps, lights):
         return page.run(texts)
 
     assert page.run("document.getElementById('figure').options.length") == 2 and chosen() == ["One", "truth"]
-    bright = codes(maps.albedo * shading(maps.transport, lights["Window"]))
+    bright = codes(maps.albedo * relit_shading(maps, lights["Window"]))
     assert farthest(page.pixels(**START), bright, maps.mask) <= 2
     pick("source", "net")
     assert chosen() == ["One", "net"]
-    half = codes(dark.albedo * shading(maps.transport, lights["Window"]))
+    half = codes(dark.albedo * relit_shading(maps, lights["Window"]))
     assert farthest(page.pixels(**START), half, maps.mask) <= 2
     pick("figure", "Two")
     assert chosen() == ["Two", "net"]
@@ -647,5 +652,5 @@ def test_gallery_offers_its_figures_and_forgets_the_photo(page, tmp_path, maps, 
     assert page.run("relight.state.background") == "photo"
     page.run("relight.choose(1)")
     assert page.run("relight.state.background") == "studio"
-    expected = codes(small.albedo * shading(small.transport, lights["Window"]))
+    expected = codes(small.albedo * relit_shading(small, lights["Window"]))
     assert farthest(page.pixels(**START), expected, small.mask) <= 2

@@ -3,16 +3,15 @@
 import numpy as np
 
 from relight.panoramas import luminance
-from relight.sh import order_of, rotate_y
+from relight.sh import UNOCCLUDED_T00, order_of, rotate_y
 
 ANGLES = 72  # headings, every 5 degrees: at order 2 the largest value is met to 0.2 %
 FLOOR = 0.1  # of the mean shading: darker shading is too uncertain to divide by
-HUE_NOISE = 0.1  # floors: the hue of darker shading is unknown
-HUE_FLOOR = 3  # floors: the hue of darker shading is too uncertain to divide by
+DARK = 0.15  # of the mean irradiance: the hue of darker shading is the light's, and that of twice as much its own
 
 
 def shading(transport: np.ndarray, light: np.ndarray) -> np.ndarray:
-    """Returns the irradiance max(0, T . L) (paper, equation 4).
+    """Returns the irradiance max(0, T . L) (docs/paper.md, equation 7).
 
     Args:
         transport: (...,K).
@@ -30,26 +29,46 @@ def shading_floor(old: np.ndarray, mask: np.ndarray) -> float:
     return max(FLOOR * float(old[mask].mean()), 1e-4)
 
 
-def raised(shading: np.ndarray, floor: float) -> np.ndarray:
-    """Raises dark shading (...,3) so that its largest channel is at least `floor`, with its hue kept.
+def steady(shading: np.ndarray, light: np.ndarray, floor: float = 0.0) -> np.ndarray:
+    """Gives dark shading the color of its light as a whole, at the luminance that it has, but at least `floor`.
 
-    Where there is hardly any light, its hue fades to white.
+    The channels of dark shading are small differences of large terms. What is left of them has any hue, and what is
+    clipped has the complementary one: under a warm lamp a shaded cheek would be navy.
+
+    Args:
+        shading: (...,3).
+        light: (K,3) that it is of.
+        floor: luminance.
+
+    Returns:
+        (...,3) float32, not negative; brighter shading as it is.
     """
-    light = np.maximum(shading, 0)
-    peak = light.max(-1, keepdims=True)
-    grey = HUE_NOISE * floor
-    return light + np.maximum(floor - peak, 0) * (light + grey) / (peak + grey)
+    mean = np.maximum(light[0], 0).astype(np.float32)
+    brightness = max(float(luminance(mean)), 1e-6)
+    known, level = np.maximum(shading, 0), luminance(shading).astype(np.float32)[..., None]
+    share = np.clip(2 - level / np.float32(max(DARK * UNOCCLUDED_T00 * brightness, floor, 1e-6)), 0, 1)
+    return known + share * (np.maximum(level, np.float32(floor)) * (mean / np.float32(brightness)) - known)
 
 
-def shading_ratio(old: np.ndarray, new: np.ndarray, floor: float) -> np.ndarray:
-    """Returns the gain of mode `ratio`: new / old shading (...,3), both `raised`; 1 where they are equal.
+def gain(transport: np.ndarray, mask: np.ndarray, light: np.ndarray, new_light: np.ndarray) -> np.ndarray:
+    """Returns the gain of mode `ratio`: new / old shading, both `steady`; 1 where they are equal.
 
-    The channels of dark shading are small differences of large terms: their errors have hues, and a ratio would
-    multiply them. What a channel lacks of the largest one, up to HUE_FLOOR floors, is added to both shadings.
+    What a channel of the old shading lacks of the floor is added to both.
+
+    Args:
+        transport: (S,S,K).
+        mask: (S,S) bool.
+        light: (K,3) of the photo.
+        new_light: (K,3).
+
+    Returns:
+        (S,S,3) float32.
     """
-    least = raised(old, floor)
-    lacking = np.maximum(np.minimum(least.max(-1, keepdims=True), HUE_FLOOR * floor) - least, 0)
-    return (raised(new, floor) + lacking) / (least + lacking)
+    first = shading(transport, light)
+    floor = shading_floor(first, mask)
+    old, new = steady(first, light, floor), steady(shading(transport, new_light), new_light, floor)
+    lacking = np.maximum(np.float32(floor) - old, 0)
+    return (new + lacking) / (old + lacking)
 
 
 def max_luminance(transport: np.ndarray, light: np.ndarray) -> float:

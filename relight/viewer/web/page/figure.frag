@@ -18,7 +18,8 @@ out vec4 color;
 const int BEHIND = 0, EDGE = 1, INSIDE = 2;
 const int RELIT = 0, PHOTO = 1, ALBEDO = 2, SHADING = 3, AO = 4, NORMAL = 5, OPEN = 6;
 const int STUDIO = 0, COLOR = 1, CLEAR = 2, OWN = 3, LIGHT = 4, PANORAMA = 5;
-const float KNEE = 0.8, FADE = 0.06, DISPLAY = 0.5, NOISE = 0.001, BLACK_GAIN = 2.0, HUE_FLOOR = 3.0, HUE_NOISE = 0.1;
+const float KNEE = 0.8, FADE = 0.06, DISPLAY = 0.5, NOISE = 0.001, BLACK_GAIN = 2.0, DARK = 0.15;
+const vec3 LUMA = vec3(0.2126, 0.7152, 0.0722);
 
 vec3 decode(vec3 v) { return mix(v / 12.92, pow((max(v, 0.04045) + 0.055) / 1.055, vec3(2.4)), step(0.04045, v)); }
 
@@ -51,10 +52,12 @@ vec3 relit(vec3 own, vec3 gain, vec3 above) {
 // Shading by nine coefficients of transport: a, b and c. (A macro: in software a function copies the light.)
 #define SHADING(L, a, b, c) max(L.first * (a) + L.second * (b) + L.last * (c), 0.0)
 
-// Dark shading raised to the floor, with its hue.
-vec3 raised(vec3 lit) {
-  float peak = largest(lit), grey = HUE_NOISE * floorOfRatio;
-  return lit + max(floorOfRatio - peak, 0.0) * (lit + grey) / (peak + grey);
+// Dark shading in the color of its light as a whole (`mean`: coefficient 0): relight/photos/compose/shading.py.
+vec3 steady(vec3 lit, vec3 mean, float least) {
+  mean = max(mean, 0.0);
+  float brightness = max(dot(LUMA, mean), 1e-6), level = dot(LUMA, lit);
+  float share = clamp(2.0 - level / max(max(DARK * 0.886227 * brightness, least), 1e-6), 0.0, 1.0);
+  return mix(lit, max(level, least) * mean / brightness, share);
 }
 
 // Light that arrives on an open surface: what a renderer without this transport would show.
@@ -80,10 +83,12 @@ vec3 figure(vec2 uv, vec3 own) {
   if (VIEW == OPEN) return rolled(exposure * texture(surface, uv).rgb * irradiance(normalAt(c.zw)), 1.0);
   vec4 a = texture(transportA, uv), b = texture(transportB, uv);
   vec3 lit = SHADING(light, a, b, c.x);
-  if (VIEW == SHADING) return rolled(DISPLAY * exposure * lit, 1.0);
-  if (!USE_RATIO) return rolled(exposure * texture(surface, uv).rgb * lit, 1.0);
-  vec3 least = raised(SHADING(photoLight, a, b, c.x)), lacking = max(min(largest(least), HUE_FLOOR * floorOfRatio) - least, 0.0);
-  vec3 gain = (raised(lit) + lacking) / (least + lacking); // as in relight/photos/compose/shading.py
+  if (VIEW == SHADING || !USE_RATIO) {
+    lit = steady(lit, light.first[0], 0.0);
+    return rolled(exposure * (VIEW == SHADING ? vec3(DISPLAY) : texture(surface, uv).rgb) * lit, 1.0);
+  }
+  vec3 was = steady(SHADING(photoLight, a, b, c.x), photoLight.first[0], floorOfRatio), lacking = max(floorOfRatio - was, 0.0);
+  vec3 gain = (steady(lit, light.first[0], floorOfRatio) + lacking) / (was + lacking);
   return relit(own, exposure * gain, IS_CLIPPED ? texture(excess, uv).rgb : vec3(0.0));
 }
 
