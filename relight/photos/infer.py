@@ -14,6 +14,7 @@ from relight.photos.compose.shading import exposure_factor, gain, shading, stead
 from relight.photos.compose.upsample import FittedMap, Guide, fit_map, luma, square_root
 from relight.srgb import decode, encode, to_linear
 
+AUTO = "auto"  # the light that `opposite_lamp` chooses
 OPAQUE = 240  # coverage (of 255) from which a pixel shows hardly anything but the person
 LEAST_CHANNEL = 0.2  # of the luminance: lower bound of the channels of `Person.white`, which lights are divided by
 PAPER_GAMMA = 2.2  # a factor on coded values is its power on linear ones, for networks trained with color=paper
@@ -198,3 +199,12 @@ def mean_exposure_factor(people: Sequence[Person], light: np.ndarray) -> float:
     """Returns the factor on a light (K,3) that keeps the photo's exposure: the geometric mean over its people."""
     factors = [exposure_factor(person.light, light, person.transport, person.mask) for person in people]
     return float(np.exp(np.mean(np.log(factors))))
+
+
+def opposite_lamp(people: Sequence[Person]) -> str:
+    """Returns a warm lamp, as users name it, from the side from which the photo's own light does not come.
+
+    So everybody sees at once what has changed.
+    """
+    from_right = float(luminance(mean_light(people).astype(np.float64))[3]) > 0
+    return f"key:#ffb070@{-80 if from_right else 80},20,0.08"

@@ -19,9 +19,11 @@ from relight.photos.compose.shading import shading
 from relight.photos.compose.upsample import FittedMap, luma
 from relight.photos.deep import write_deep
 from relight.photos.infer import Person
+from relight.photos.read import as_codes
 from relight.sh import order_of
-from relight.srgb import to_linear
+from relight.srgb import to_bytes, to_linear
 
+STRIP_SIDE, GAP = 1080, 12  # pixels of the longer side of each picture in a strip, and between them
 RUNS = 3  # zlib's Z_RLE: a photo becomes as small as by its default, in a quarter of the time
 
 
@@ -32,6 +34,22 @@ def write_picture(path: Path, pixels: np.ndarray) -> None:
         return
     with atomic_write(path) as tmp:
         Image.fromarray(pixels).save(tmp, format="PNG", compress_type=RUNS)
+
+
+def write_before_after(path: Path, before: np.ndarray, after: np.ndarray) -> None:
+    """Writes a photo (H,W,3) and its relit version (H,W,3|4), in white where it is transparent, as a JPEG to show."""
+    codes = [Image.fromarray(as_codes(pixels)) for pixels in (before, after[..., :3])]
+    if after.shape[2] == 4:
+        alpha = after[..., 3] / np.float32(np.iinfo(after.dtype).max if after.dtype.kind == "u" else 1)
+        codes[1].paste("white", mask=Image.fromarray(to_bytes(1 - alpha)))
+    for image in codes:
+        image.thumbnail((STRIP_SIDE, STRIP_SIDE), Image.Resampling.LANCZOS, reducing_gap=3)
+    width, height = codes[0].size
+    strip = Image.new("RGB", (2 * width + GAP, height), "white")
+    for number, image in enumerate(codes):
+        strip.paste(image, (number * (width + GAP), 0))
+    with atomic_write(path) as tmp:
+        strip.save(tmp, format="JPEG", quality=90)
 
 
 def write_inference(folder: Path, people: Sequence[Person], pixels: np.ndarray) -> None:

@@ -88,14 +88,11 @@ def figure_of(path: Path, relighter: "Relighter | None", mask: Path | None = Non
     """
     if path.suffix.lower() == ".exr":
         return baked_figure(path)
-    from relight.photos.mask.find import find_mask
-    from relight.photos.photo import downscale
-    from relight.photos.read import mask_beside, read_photo
+    from relight.photos.load import load_photo
 
     assert relighter is not None, "photos need a relighter"
-    photo = read_photo(path)
-    pixels, coverage = downscale(photo, find_mask(photo, mask or mask_beside(path)), size)
-    return photo_figure(relighter, pixels, coverage, photo.name)
+    photo = load_photo(path, mask).downscaled(size)
+    return photo_figure(relighter, photo.pixels, photo.coverage, photo.name)
 
 
 def portrait(relighter: "Relighter") -> Figure:

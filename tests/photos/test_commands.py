@@ -1,6 +1,7 @@
 """The commands as a user types them: what they write, what they refuse, and that nothing is overwritten then."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import OpenEXR
@@ -11,6 +12,7 @@ from typer.testing import CliRunner
 from relight.cli import app
 from relight.files import UserError
 from relight.lights import load_light
+from relight.photos.infer import opposite_lamp
 
 
 def picture(path):
@@ -201,3 +203,38 @@ def test_changed_options_or_files_are_relit_again(photo_files, weights, tmp_path
     assert fingerprint != _fingerprint(Options(), me, mask, load().network.digest)  # the weights that ship
     Image.new("L", (140, 180), 9).save(mask)
     assert fingerprint != _fingerprint(Options(), me, mask, network)
+
+
+@pytest.mark.parametrize("command", ["photo", "movie"])
+def test_help_is_complete_at_80_columns_and_names_every_kind_of_light(command, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setenv("TERMINAL_WIDTH", "80")
+    text = CliRunner().invoke(app, [command, "--help"]).output
+    assert "…" not in text and max(map(len, text.splitlines())) <= 80
+    for name in ("auto", "key:#ffd9a0@70,20,0.15", "room:7", "kitchen.hdr", "light.json", "other.jpg", "Examples:"):
+        assert name in text
+
+
+def test_photo_writes_the_photo_beside_the_result(photo_files, weights, tmp_path, run):
+    photo, _, pixels, _ = photo_files
+    for background in ("keep", "transparent"):
+        run("photo", photo, "-w", weights, "--background", background, "--out", tmp_path / background)
+        strip = np.asarray(Image.open(tmp_path / background / "before_after.jpg"), float)
+        relit = Image.open(tmp_path / background / "relit.png")
+        height, width = pixels.shape[:2]
+        assert strip.shape[0] == height and strip.shape[1] > 2 * width
+        shown = Image.new("RGBA", relit.size, "white")
+        shown.alpha_composite(relit.convert("RGBA"))
+        assert np.abs(strip[:, :width] - pixels).mean() < 15
+        assert np.abs(strip[:, -width:] - np.asarray(shown.convert("RGB"))).mean() < 15
+
+
+def test_opposite_lamp_is_on_the_side_from_which_no_light_comes(relighter, draw):
+    pixels, mask = draw()
+    person = relighter.infer(pixels, mask)[0]
+    for x, side in ((0.5, -80), (-0.5, 80)):
+        light = np.zeros((9, 3), np.float32)
+        light[0], light[3] = 1, x
+        assert opposite_lamp([replace(person, light=light)]) == f"key:#ffb070@{side},20,0.08"
+    named = relighter.relight(pixels, mask, opposite_lamp([person]))
+    np.testing.assert_array_equal(relighter.relight(pixels, mask), named)

@@ -10,9 +10,10 @@ from relight.files import UserError
 from relight.photos.api import match_exposure
 from relight.photos.compose.background import Background
 from relight.photos.infer import Person
+from relight.photos.load import LoadedPhoto
 from relight.photos.movie import _with_masks, smooth_over_time, turn_light, windows
-from relight.photos.photo import Options, downscale
-from relight.photos.read import Photo, mask_in
+from relight.photos.photo import Options
+from relight.photos.read import mask_in
 from relight.photos.video import read_frames, write_video
 
 COLORS = [(200, 60, 40), (40, 180, 60), (60, 80, 220), (128, 128, 128), (250, 250, 250)]
@@ -133,8 +134,8 @@ def test_frames_and_masks_are_paired_by_name_and_by_number(tmp_path):
         Image.fromarray(mask).save(tmp_path / "masks" / f"{i}_mask.png")
     frames = read_frames(tmp_path)[0]
     pairs = [
-        (photo.name, int((mask > 0).sum()) // 8)
-        for photo, mask in _with_masks(tmp_path, frames, tmp_path / "masks", Options())
+        (photo.name, int((photo.coverage > 0).sum()) // 8)
+        for photo in _with_masks(tmp_path, frames, tmp_path / "masks", Options())
     ]
     assert pairs == [(str(i), i // 2 + 1) for i in range(1, 12)]
 
@@ -196,8 +197,7 @@ def test_what_moves_is_not_smeared():
     assert np.allclose(out, [0.2, 0.9, 0.2, 0.9], atol=1e-3)
 
 
-def test_downscaling_keeps_the_shape():
-    photo = Photo(np.zeros((400, 300, 3), np.uint8), None, "a")
-    pixels, coverage = downscale(photo, np.zeros((400, 300), np.uint8), 100)
-    assert pixels.shape == (100, 75, 3) and coverage.shape == (100, 75)
-    assert downscale(photo, coverage, 100)[1].shape == coverage.shape
+def test_downscaled_photo_keeps_the_shape():
+    photo = LoadedPhoto(np.zeros((400, 300, 3), np.uint8), np.zeros((400, 300), np.uint8)).downscaled(100)
+    assert photo.pixels.shape == (100, 75, 3) and photo.coverage.shape == (100, 75)
+    assert photo.downscaled(100).coverage.shape == photo.coverage.shape
