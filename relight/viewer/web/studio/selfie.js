@@ -6,7 +6,7 @@ import { bicubic, bilinear, box, resample } from "./resample.js";
 
 const SIDE = 256, PASSES = 3, MARGIN = 0.06; // of the network; its runs; around the figure, of its height
 const SHARE = 0.05, NEAR = 0.01; // parts smaller than this of the largest, and farther from one kept, are dropped
-const DETAIL = 900, WINDOW = 1 / 90, SMOOTH = 1e-4, STEEP = 1.6; // of the edge's fit to the photo
+const DETAIL = 900, WINDOW = 1 / 90, SMOOTH = 1e-4, STEEP = 1.6, BAND = 1 / 250; // of the edge's fit to the photo
 
 const cut = (plane, width, [left, top, right, bottom]) => {
   const part = new plane.constructor((right - left) * (bottom - top));
@@ -73,10 +73,17 @@ function fitToEdges(planes, found, width) {
     lines[3][i] = slope.reduce((rest, value, c) => rest - value * average[c][i], level[i]);
   }
   const [red, green, blue, offset] = lines.map((plane) => resample(mean(plane), wide, [width, height], bilinear));
-  return offset.map((value, i) => {
+  const edges = offset.map((value, i) => {
     const edge = value + (red[i] * planes[0][i] + green[i] * planes[1][i] + blue[i] * planes[2][i]) / 255;
     return Math.min(Math.max((edge - 0.5) * STEEP + 0.5, 0), 1);
   });
+  return tighten(edges, width, Math.max(Math.round(BAND * Math.max(width, height)), 1));
+}
+
+// The mask opaque inside and empty outside, but for a band along its edge.
+function tighten(mask, width, radius) {
+  const share = means(Float32Array.from(solid(mask)), width, 2 * radius + 1, true), clamp = (value) => Math.min(Math.max(value, 0), 1);
+  return mask.map((value, i) => Math.min(Math.max(value, clamp(2 * share[i] - 1)), clamp(2 * share[i])));
 }
 
 // Coverage, a byte per pixel, of the people in a photo; zero everywhere when the network sees nobody. run: image -> mask,
