@@ -36,12 +36,12 @@ def deringed(light: np.ndarray) -> np.ndarray:
     light = np.asarray(light, np.float64)
     cosines = _cosines(order_of(len(light)))
     mean = cosines[0, 0] * light[0]
-    lowest = -(cosines[:, 1:] @ light[1:]).min(0, initial=0)  # how far each channel falls below its mean
-    if (mean <= 0).all():
+    depth = -(cosines[:, 1:] @ light[1:]).min(0, initial=0)  # how far each channel falls below its mean
+    falls = depth > 1e-12 * max(mean.max(), 0)  # a channel without light does not
+    if not falls.any() or (mean <= 0).all():
         return light
-    factor = ((1 - LEAST) * np.maximum(mean, 0) / np.maximum(lowest, 1e-12 * mean.max())).min()
     windowed = light.copy()
-    windowed[1:] *= min(factor, 1)
+    windowed[1:] *= min(((1 - LEAST) * np.maximum(mean, 0) / np.where(falls, depth, 1))[falls].min(), 1)
     return windowed
 
 

@@ -42,17 +42,17 @@ const cosines = Array.from({ length: DIRECTIONS }, (_, i) => {
 
 // The light windowed until no channel's irradiance is negative: relight/sh/window.py.
 export function deringed(light) {
-  const lowest = [0, 0, 0], mean = [0, 1, 2].map((c) => cosines[0][0] * light[c]);
+  const depth = [0, 0, 0], mean = [0, 1, 2].map((c) => cosines[0][0] * light[c]);
   if (Math.max(...mean) <= 0) return light;
   for (const transport of cosines) {
     for (let c = 0; c < 3; c++) {
       let sum = 0;
       for (let k = 1; k < 9; k++) sum -= transport[k] * light[3 * k + c];
-      if (sum > lowest[c]) lowest[c] = sum;
+      if (sum > depth[c]) depth[c] = sum;
     }
   }
-  const least = 1e-12 * Math.max(...mean);
-  const factor = Math.min(1, ...mean.map((value, c) => ((1 - LEAST) * Math.max(value, 0)) / Math.max(lowest[c], least)));
+  const falls = (c) => depth[c] > 1e-12 * Math.max(...mean); // a channel without light does not
+  const factor = Math.min(1, ...mean.map((value, c) => (falls(c) ? ((1 - LEAST) * Math.max(value, 0)) / depth[c] : 1)));
   return light.map((value, i) => (i < 3 ? value : factor * value));
 }
 

@@ -45,7 +45,8 @@ class Guide {
   place(crop, maps, detail, isTextured = false) {
     return maps.map((plane, n) => {
       const c = this.values.length > 1 ? n : 0, base = this.fillOutside(plane);
-      const values = crop.place(base), slope = crop.place(this.fillOutside(this.slope(plane, c, isTextured ? SMOOTH_ALBEDO : SMOOTH)), false);
+      const fitted = this.slope(plane, c, isTextured ? SMOOTH_ALBEDO : SMOOTH);
+      const values = crop.place(base), slope = crop.place(this.fillOutside(fitted), false);
       const [low, high] = isTextured ? [] : extremes(base, this.size, 3).map((bound) => crop.place(bound, false));
       return values.map((value, i) => {
         const found = value + slope[i] * detail[c][i];
