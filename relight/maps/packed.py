@@ -195,9 +195,13 @@ def encode_normals(normals: np.ndarray) -> np.ndarray:
     >>> encode_normals(np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])).tolist()
     [[0, 0], [32767, 0]]
     """
-    flat = normals / np.abs(normals).sum(1, keepdims=True)
-    square = np.where(flat[:, 2:] < 0, _fold(flat[:, :2]), flat[:, :2])
-    return np.round(square * 32767).astype(np.int16)
+    return np.round(octahedral(normals) * 32767).astype(np.int16)
+
+
+def octahedral(normals: np.ndarray) -> np.ndarray:
+    """Returns the octahedral coordinates (...,2) in [-1,1] of unit vectors (...,3); +z is at the centre."""
+    flat = normals / np.maximum(np.abs(normals).sum(-1, keepdims=True), 1e-9)
+    return np.where(flat[..., 2:] < 0, _fold(flat[..., :2]), flat[..., :2])
 
 
 def decode_normals(encoded: np.ndarray) -> np.ndarray:
@@ -211,8 +215,8 @@ def decode_normals(encoded: np.ndarray) -> np.ndarray:
 
 
 def _fold(square: np.ndarray) -> np.ndarray:
-    """Reflects points (P,2) of the square about the nearest edge of the diamond |x| + |y| = 1, where z = 0."""
-    return (1 - np.abs(square[:, ::-1])) * np.where(square < 0, np.float32(-1), np.float32(1))
+    """Reflects points (...,2) of the square about the nearest edge of the diamond |x| + |y| = 1, where z = 0."""
+    return (1 - np.abs(square[..., ::-1])) * np.where(square < 0, np.float32(-1), np.float32(1))
 
 
 def _create_safetensors(

@@ -11,8 +11,9 @@ from relight.files import UserError, existing_file
 from relight.lights import load_light, reference_brightness
 from relight.maps import Maps
 from relight.photos.compose.upsample import luma
+from relight.sh import UNOCCLUDED_T00
 from relight.srgb import LINEAR
-from relight.viewer.figure import OPEN, Figure
+from relight.viewer.figure import Figure
 
 if TYPE_CHECKING:
     from relight.photos.api import Relighter
@@ -135,7 +136,7 @@ def photo_figure(relighter: "Relighter", pixels: np.ndarray, coverage: np.ndarra
         albedo=np.clip(albedo, 0, 1),
         normal=np.zeros((*shape, 3), np.float32),
         depth=np.zeros(shape, np.float32),
-        ao=np.clip(transport[..., 0] / OPEN, 0, 1),
+        ao=np.clip(transport[..., 0] / UNOCCLUDED_T00, 0, 1),
         transport=transport,
     )
     return Figure(title, maps, pixels / np.float32(255), mean_light(people)[:9])

@@ -5,12 +5,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from relight.crop import extent
 from relight.lights import load_light
 from relight.panoramas import Panorama
 from relight.photos.api import match_exposure
 from relight.photos.compose.background import Background, estimate_white, read_background
 from relight.photos.compose.color import to_srgb8
-from relight.photos.compose.ground import Camera, _box, _fill_with_balls, _transport, ground_under
+from relight.photos.compose.ground import Camera, _fill_with_balls, _transport, ground_under
 from relight.photos.compose.render import render
 from relight.photos.movie import turn_light
 from relight.photos.photo import Options
@@ -18,6 +19,12 @@ from relight.sh import basis, rotate_y, unoccluded
 from relight.srgb import LINEAR
 
 Y00 = 0.5 / np.sqrt(np.pi)
+
+
+def box_of(coverage):
+    """Top, bottom, left and right."""
+    rows, columns = extent(coverage >= 128)
+    return *rows, *columns
 
 
 def standing(height=300, width=260, bottom=280, middle=130):
@@ -66,7 +73,7 @@ def test_balls_beside_each_other_add_and_behind_each_other_do_not():
 def test_a_figure_is_filled_and_stands_on_the_ground():
     coverage = standing()
     camera = Camera(300.0, 150.0, 130.0)
-    balls = _fill_with_balls(coverage, _box(coverage), camera)
+    balls = _fill_with_balls(coverage, box_of(coverage), camera)
     x, y = (camera.middle - balls[:, 0] / balls[:, 2] * 300, camera.horizon + balls[:, 1] / balls[:, 2] * 300)
     radius = -balls[:, 3] / balls[:, 2] * 300
     rows, columns = np.mgrid[:300, :260] + 0.5
@@ -82,7 +89,7 @@ def test_each_foot_stands_where_it_is_seen():
     coverage = standing()
     coverage[265:, :130] = 0
     camera = Camera(300.0, 150.0, 130.0)
-    balls = _fill_with_balls(coverage, _box(coverage), camera)
+    balls = _fill_with_balls(coverage, box_of(coverage), camera)
     low = balls[balls[:, 1] < -0.85]
     left, right = low[low[:, 0] < 0], low[low[:, 0] > 0]
     assert -left[:, 2].mean() == pytest.approx(300 / 115, rel=0.03)

@@ -8,8 +8,9 @@ import pytest
 from relight.config import Evaluate
 from relight.files import UserError
 from relight.maps import write_maps
+from relight.maps.packed import octahedral
 from relight.viewer.build import build_gallery, build_viewer
-from relight.viewer.figure import Figure, octahedral, pack
+from relight.viewer.figure import Figure, pack
 
 
 def test_page_is_one_file_that_asks_the_network_for_nothing(tmp_path, maps, lights):

@@ -16,7 +16,7 @@ import numpy as np
 from PIL import Image
 from scipy.ndimage import distance_transform_edt, gaussian_filter, label
 
-from relight.crop import MASK_THRESHOLD
+from relight.crop import MASK_THRESHOLD, extent
 from relight.photos.compose.environment import FIELD_OF_VIEW
 from relight.sh import basis
 from relight.transport.sampling import vogel_directions
@@ -111,8 +111,9 @@ def ground_under(coverages: Sequence[np.ndarray], order: int = 2) -> Ground | No
         The ground, or None if nobody's feet are in the picture.
     """
     height, width = coverages[0].shape
-    boxes = [(coverage, _box(coverage)) for coverage in coverages]
-    standing = [(coverage, box) for coverage, box in boxes if box[1] < height]
+    extents = (extent(coverage >= MASK_THRESHOLD) for coverage in coverages)
+    boxes = [(*rows, *columns) for rows, columns in extents]  # top, bottom, left, right
+    standing = [(coverage, box) for coverage, box in zip(coverages, boxes) if box[1] < height]
     if not standing:
         return None
     tops, bottoms, lefts, rights = zip(*(box for _, box in standing))
@@ -155,13 +156,6 @@ def _transport(points: np.ndarray, balls: np.ndarray, order: int) -> tuple[np.nd
         nearest = (part @ directions.T)[:, None] + tangent[..., None]
         occluded[first : first + 256] = (along > nearest).any(1) @ values
     return occluded, values.sum(0)
-
-
-def _box(coverage: np.ndarray) -> tuple[int, int, int, int]:
-    """Returns the top, bottom, left and right of the person."""
-    solid = coverage >= MASK_THRESHOLD
-    rows, columns = np.flatnonzero(solid.any(1)), np.flatnonzero(solid.any(0))
-    return int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
 
 
 def _fill_with_balls(coverage: np.ndarray, box: tuple[int, int, int, int], camera: Camera) -> np.ndarray:

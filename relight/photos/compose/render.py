@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import maximum_filter, uniform_filter1d
 
+from relight.crop import extent
 from relight.photos.compose.background import Background
 from relight.photos.compose.color import CLIPPING, apply_gain, clipping_excess, roll_off, to_codes
 from relight.photos.compose.ground import Ground, ground_under
@@ -247,11 +248,7 @@ def estimate_foreground(linear: np.ndarray, alpha: np.ndarray) -> np.ndarray:
     soft = (alpha > 0) & (alpha < 1)
     if not soft.any():
         return linear
-    rows, columns = (np.flatnonzero(soft.any(axis)) for axis in (1, 0))
-    part = np.s_[
-        max(rows[0] - REACH, 0) : rows[-1] + 1 + REACH,
-        max(columns[0] - REACH, 0) : columns[-1] + 1 + REACH,
-    ]
+    part = tuple(slice(max(first - REACH, 0), last + REACH) for first, last in extent(soft))
     a, soft = alpha[part], soft[part]
     wide, narrow = RADII
     near = np.flatnonzero(maximum_filter(soft, 2 * narrow + 1))  # where the second pass looks at the first one's result

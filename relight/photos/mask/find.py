@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.ndimage import distance_transform_edt, label
 
-from relight.crop import MASK_THRESHOLD
+from relight.crop import MASK_THRESHOLD, extent
 from relight.files import UserError
 from relight.photos.mask import selfie, u2net
 from relight.photos.read import Photo, read_mask
@@ -131,8 +131,8 @@ def mask_warnings(people: Sequence["Person"]) -> list[str]:
     warnings = []
     for number, person in enumerate(people, 1):
         who = "the figure" if len(people) == 1 else f"person {number}"
-        rows, columns = (np.flatnonzero((person.coverage >= MASK_THRESHOLD).any(axis)) for axis in (1, 0))
-        solid = person.coverage[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] >= MASK_THRESHOLD
+        rows, columns = extent(person.coverage >= MASK_THRESHOLD)
+        solid = person.coverage[slice(*rows), slice(*columns)] >= MASK_THRESHOLD
         if solid.mean() > 0.98:
             warnings.append(f"the mask of {who} is a rectangle: people are relit well only within their outlines")
         elif count_heads(solid) > 1:

@@ -20,6 +20,7 @@ from PIL import Image
 from platformdirs import user_data_path
 from scipy.ndimage import distance_transform_edt, label, uniform_filter
 
+from relight.crop import extent
 from relight.files import UserError, atomic_write, existing_file
 from relight.inference import open_session
 
@@ -160,15 +161,10 @@ def drop_small_parts(found: np.ndarray) -> np.ndarray:
 
 def box_around(found: np.ndarray) -> tuple[int, int, int, int]:
     """Returns the box (left, upper, right, lower) of the values above .5 in a mask (H,W), with a margin."""
-    (top, bottom), (left, right) = (np.flatnonzero((found > 0.5).any(axis))[[0, -1]] for axis in (1, 0))
-    margin = int(MARGIN * (bottom + 1 - top))
+    (top, bottom), (left, right) = extent(found > 0.5)
+    margin = int(MARGIN * (bottom - top))
     height, width = found.shape
-    return (
-        int(max(left - margin, 0)),
-        int(max(top - margin, 0)),
-        int(min(right + 1 + margin, width)),
-        int(min(bottom + 1 + margin, height)),
-    )
+    return max(left - margin, 0), max(top - margin, 0), min(right + margin, width), min(bottom + margin, height)
 
 
 def fit_to_edges(pixels: np.ndarray, found: np.ndarray) -> np.ndarray:
