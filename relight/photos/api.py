@@ -92,6 +92,9 @@ class Relighter:
         lights = network.config.get("lights")
         self.lights = np.asarray(lights, np.float32).reshape(-1, (self.order + 1) ** 2, 3) if lights else None
 
+    def __repr__(self) -> str:
+        return f"Relighter({self.network.size} x {self.network.size} pixels, order {self.order})"
+
     @property
     def order(self) -> int:
         """Of the spherical harmonics."""
@@ -111,7 +114,7 @@ class Relighter:
             mask: as `load_photo` takes it.
             split: whether people who do not touch are inferred one by one.
             white_balance: `keep` takes the photo's light to be white on average (relight.photos.infer.balanced),
-                `scene` to have the colour that the network infers.
+                `scene` to have the color that the network infers.
 
         Returns:
             The people from left to right.
@@ -180,7 +183,7 @@ class Relighter:
             light: (K,3) radiance coefficients (docs/conventions.md), a text as in `read_light`, or `auto`: a warm lamp
                 from the darker side (`opposite_lamp`).
             mode: `ratio` keeps all detail of the photo, `full` is albedo * shading.
-            background: "keep", "transparent", "panorama", a colour or a picture file; or a `Background`.
+            background: "keep", "transparent", "panorama", a color or a picture file; or a `Background`.
             turn: of the light about the vertical axis, its front toward +x, degrees.
             match: whether the light is scaled to the photo's exposure.
             stops: exposure, as a power of two.

@@ -33,7 +33,7 @@ class Person:
         transport: (S,S,K).
         light: (K,3) inferred radiance coefficients.
         gamma: 1, or PAPER_GAMMA for networks of coded values.
-        white: (3,) colour that `balanced` moved from the inferred light to the albedo; 1 without it.
+        white: (3,) color that `balanced` moved from the inferred light to the albedo; 1 without it.
     """
 
     crop: Crop
@@ -105,7 +105,7 @@ class Person:
 
     @cached_property
     def chroma(self) -> np.ndarray:
-        """(S,S,3): the colour around each pixel, by which clipped values are rebuilt (compose.color.chroma)."""
+        """(S,S,3): the color around each pixel, by which clipped values are rebuilt (compose.color.chroma)."""
         return chroma(self._linear(self.image), self.mask)
 
     @cached_property
@@ -153,7 +153,7 @@ def infer_person(network: PhotoNetwork, pixels: np.ndarray, coverage: np.ndarray
 def network_input(pixels: np.ndarray, coverage: np.ndarray, crop: Crop) -> tuple[np.ndarray, np.ndarray]:
     """Resamples a photo to the network's square.
 
-    Linear values are averaged over the person alone, so that neither dark edges nor the colour of the background enter
+    Linear values are averaged over the person alone, so that neither dark edges nor the color of the background enter
     at the silhouette.
 
     Args:
@@ -175,7 +175,7 @@ def network_input(pixels: np.ndarray, coverage: np.ndarray, crop: Crop) -> tuple
 
 
 def balanced(people: Sequence[Person]) -> list[Person]:
-    """Moves the mean colour of the light from the light to the albedo, as if the camera had balanced it to white.
+    """Moves the mean color of the light from the light to the albedo, as if the camera had balanced it to white.
 
     A camera balances its pictures to about white, while the network takes a part of warm cloth for warm light. The
     product of light and albedo, and the luminance of the mean shading, stay. The mean is over the people of a photo.

@@ -121,7 +121,7 @@ def placed_maps(
     Args:
         person: whose maps they are.
         pixels: (H,W,3) of the photo.
-        fits: a map that the colours guide, and one that the luma guides.
+        fits: a map that the colors guide, and one that the luma guides.
 
     Yields:
         The window of a strip in the photo, its pixels of the person (h,w) bool, and the values (N,C) of both maps.

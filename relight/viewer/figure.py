@@ -2,7 +2,7 @@
 
 import base64
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -20,9 +20,9 @@ from relight.viewer.codec import deflate, encode
 
 ALBEDO_STEPS = 510  # per unit of sRGB-coded albedo: a quarter of an 8-bit code is lost at most
 NORMAL_STEPS = 511  # per unit of the octahedral map: .2 degrees
-EDGE_STEPS = 4095  # per unit of sRGB-coded half linear values: a soft edge is a small difference of two colours
+EDGE_STEPS = 4095  # per unit of sRGB-coded half linear values: a soft edge is a small difference of two colors
 EXCESS_STEPS = 255  # per unit of the share by which light was above a clipped channel
-MARGIN = 2  # pixels around the figure, room for the browser to carry colours past the edge before it filters
+MARGIN = 2  # pixels around the figure, room for the browser to carry colors past the edge before it filters
 # Steps per unit of transport, and step of a photo's codes outside the figure; the first that fits is taken. The finest
 # keeps even a dark pixel at +1.5 stops within 1.2 codes (4096: 2.7, 2048: 3.5), for .14 MB a halving at 1024 px.
 QUALITIES = ((8192, 1), (4096, 1), (2048, 1), (1024, 1), (1024, 3), (512, 5))
@@ -46,9 +46,9 @@ class Figure:
     """
 
     title: str
-    maps: Maps
-    photo: np.ndarray | None = None
-    photo_light: np.ndarray | None = None
+    maps: Maps = field(repr=False)
+    photo: np.ndarray | None = field(default=None, repr=False)
+    photo_light: np.ndarray | None = field(default=None, repr=False)
     source: str = ""
 
     def __post_init__(self):

@@ -9,6 +9,9 @@ import pytest
 from PIL import Image
 
 from relight.files import UserError
+from relight.photos.compose.background import Background
+from relight.photos.load import load_photo
+from relight.photos.read import Photo
 
 LIGHT = "key:#ffeedd@60,20"
 
@@ -76,3 +79,11 @@ def test_a_result_shows_before_and_after(relighter, photo_files):
             assert near.shape == expected.shape and np.abs(near[solid] - np.asarray(expected)[solid]).mean() < 12
         assert relit.shape == (*mask.shape, bands) and relit[2:]._repr_html_() is None
         assert type(relit + 1) is np.ndarray and not np.ndim(relit.mean())
+
+
+def test_repr_of_public_objects_is_one_short_line(relighter, draw):
+    pixels, mask = draw()
+    photo = load_photo(pixels, mask)
+    person = relighter.infer(photo)[0]
+    for shown in (relighter, photo, person, Photo(pixels, mask, "me"), Background("picture", picture=pixels)):
+        assert len(repr(shown)) < 200 and "\n" not in repr(shown)

@@ -1,4 +1,4 @@
-"""Colour: every colour survives a gain of 1, highlights roll off with their hue, clipped channels leave no edge."""
+"""Color: every color survives a gain of 1, highlights roll off with their hue, clipped channels leave no edge."""
 
 import numpy as np
 import pytest
@@ -27,8 +27,8 @@ def test_every_code_returns():
 
 
 @pytest.mark.parametrize("first", range(0, 256, 51))
-def test_a_gain_of_one_returns_every_colour(first):
-    """Also where channels are clipped, whatever colour is about."""
+def test_a_gain_of_one_returns_every_color(first):
+    """Also where channels are clipped, whatever color is about."""
     colors = np.stack(np.meshgrid(np.arange(first, min(first + 5, 256)), CODES, CODES), -1).reshape(-1, 3)
     linear = LINEAR[colors]
     above = clipping_excess(linear, spread((0.5, 0.3, 0.2), linear))
@@ -108,7 +108,7 @@ def test_noise_near_black_is_raised_little():
 
 
 def test_what_was_clipped_is_rebuilt_from_the_others():
-    """A ball of skin colour, twice too bright in the middle, darkened: nearer to the truth than without."""
+    """A ball of skin color, twice too bright in the middle, darkened: nearer to the truth than without."""
     y, x = np.mgrid[:96, :96] / 47.5 - 1
     light = 2.0 * np.maximum(1 - 0.9 * np.hypot(x, y), 0.02)
     truth = light[..., None] * np.array([0.9, 0.55, 0.4])
@@ -123,7 +123,7 @@ def test_what_was_clipped_is_rebuilt_from_the_others():
     assert with_ < 0.6 * without
     white = np.full_like(photo, 1.0)
     white[:8] = [0.5, 0.45, 0.4]
-    assert clipping_excess(white, chroma(white, mask)).max() < 0.35  # nothing but a little of what colour there is
+    assert clipping_excess(white, chroma(white, mask)).max() < 0.35  # nothing but a little of what color there is
 
 
 def test_white_cloth_beside_skin_stays_white():

@@ -120,7 +120,7 @@ def test_shadows_fall_away_from_the_light_and_end():
     assert np.allclose(ground.shadows(3 * even), ground.shadows(even))
 
 
-def test_a_coloured_lamp_leaves_the_other_colour_in_its_shadow():
+def test_a_colored_lamp_leaves_the_other_color_in_its_shadow():
     light = lamp(70, 30)
     light = light * [1.0, 0.5, 0.2]
     light[0] += np.array([0.0, 0.2, 0.6], np.float32)
@@ -171,7 +171,7 @@ def test_a_white_figure_in_the_open_is_as_bright_as_its_panorama():
         assert np.abs(seen.linear((20, 20))[10, 10] - figure).max() < 0.01
 
 
-def test_a_picture_follows_the_lights_colour_half_way(draw):
+def test_a_picture_follows_the_lights_color_half_way(draw):
     """A neutral picture under a warm light warms; one that was taken in that light stays; brightness follows."""
     rng = np.random.default_rng(0)
     neutral = np.repeat(rng.integers(20, 230, (60, 50, 1)), 3, 2).astype(np.uint8)

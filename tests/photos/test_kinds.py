@@ -109,7 +109,7 @@ def test_to_srgb_of_a_16_bit_profile_without_curves_is_refused(monkeypatch):
     monkeypatch.setattr("relight.photos.profile._curve", lambda profile, name: None)
     image = Image.new("RGB", (2, 2))
     image.info["icc_profile"] = PROFILES["Display P3"][0]
-    with pytest.raises(UserError, match=r"a\.tif has 16 bits and a colour profile of tables"):
+    with pytest.raises(UserError, match=r"a\.tif has 16 bits and a color profile of tables"):
         to_srgb(DEEP, image, "a.tif")
 
 
@@ -426,10 +426,10 @@ VOC = [(0, 0, 0)] * 15 + [(192, 128, 128)]
 # image of a mask -> coverage on the person, on the background; what a note says
 MASKS = {
     "white": (SOFT, 255, ""),
-    "palette of labels": (palette(VOC, PERSON * 15), 255, "two colours: #c08080"),
-    "green": (painted((0, 255, 0)), 255, "two colours"),
-    "red": (painted((255, 0, 0)), 255, "two colours"),
-    "dark blue": (painted((0, 0, 90)), 255, "two colours"),
+    "palette of labels": (palette(VOC, PERSON * 15), 255, "two colors: #c08080"),
+    "green": (painted((0, 255, 0)), 255, "two colors"),
+    "red": (painted((255, 0, 0)), 255, "two colors"),
+    "dark blue": (painted((0, 0, 90)), 255, "two colors"),
     "white on blue": (painted((255, 255, 255), (0, 0, 255)), 255, "#ffffff is taken for the person"),
     "0 and 1": (PERSON.astype(np.uint8), 255, "two values 0 and 1"),
     "0 and 1 in 16 bits": (PERSON.astype(np.uint16), 255, ""),
@@ -439,7 +439,7 @@ MASKS = {
     "0 and 0.4 as floats": (PERSON.astype(np.float32) * 0.4, 255, "two values 0 and 0.4"),
     "grey and white": (np.where(PERSON, 255, 60).astype(np.uint8), 255, "two values 60 and 255"),
     "one bit": (Image.fromarray(PERSON), 255, ""),
-    "soft red": (np.stack([SOFT, SOFT * 0, SOFT * 0], -1), 255, "drawn in one colour"),
+    "soft red": (np.stack([SOFT, SOFT * 0, SOFT * 0], -1), 255, "drawn in one color"),
     "alpha of 0 and 255": (np.dstack([RGB, np.where(PERSON, 255, 0)]).astype(np.uint8), 255, ""),
 }  # fmt: skip
 
@@ -462,8 +462,8 @@ LABELS = {
     "three labels": (2 * PERSON.astype(np.uint8) + (SOFT == 100), "labels or shades from 0 to 2"),
     "three labels in 16 bits": ((2 * PERSON + (SOFT == 100)).astype(np.uint16), "from 0 to 2 of 255"),
     "palette of three labels": (palette([*VOC, (224, 224, 192), (128, 0, 0)], PERSON * 15 + (SOFT == 100) * 17),
-                                "has several colours"),
-    "two colours": (painted((255, 0, 0), (0, 0, 255)), "#0000ff and #ff0000, of which none is black or white"),
+                                "has several colors"),
+    "two colors": (painted((255, 0, 0), (0, 0, 255)), "#0000ff and #ff0000, of which none is black or white"),
     "a photo": (RGB, "is the photo itself"),
 }  # fmt: skip
 

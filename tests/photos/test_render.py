@@ -103,7 +103,7 @@ def test_turning_by_360_degrees_closes(relighter, draw):
 
 
 def test_a_tinted_light_is_the_photos_white():
-    """A grey card that is inferred to lie in tinted light: its white lamp keeps the photo's colours; without, not."""
+    """A grey card that is inferred to lie in tinted light: its white lamp keeps the photo's colors; without, not."""
     pixels, figure, mask = ball()
     tint, flat = np.array([1.3, 0.95, 0.65], np.float32), np.zeros((9, 3), np.float32)
     flat[0] = 0.8
@@ -128,7 +128,7 @@ def test_a_tinted_light_is_the_photos_white():
 
 
 def test_people_of_a_photo_share_its_white():
-    """A small and a large person in lights of two colours: the mean over their pixels becomes white."""
+    """A small and a large person in lights of two colors: the mean over their pixels becomes white."""
     _, figure, mask = ball()
     other = replace(figure, light=OTHER, crop=replace(figure.crop, side=2 * figure.crop.side))
     one, two = balanced([figure, other])
@@ -267,7 +267,7 @@ def test_backgrounds(relighter, tmp_path, draw):
     with pytest.raises(UserError, match="no panorama"):
         read_background("panorama")
     with pytest.raises(UserError, match="is not keep"):
-        read_background("no such colour")
+        read_background("no such color")
 
 
 def test_python_interface_says_what_is_wrong(relighter, draw):
@@ -308,7 +308,7 @@ def soft_disc(size=200, radius=60, softness=12.0):
 
 
 def pair(size=200):
-    """A figure whose colour changes slowly, before a bright background."""
+    """A figure whose color changes slowly, before a bright background."""
     y, x = np.mgrid[:size, :size] / size
     figure = np.stack([0.2 + 0.1 * x, 0.1 + 0.05 * y, 0.15 + 0 * x], -1).astype(np.float32)
     behind = np.stack([0.8 + 0.1 * y, 0.9 + 0 * x, 0.95 - 0.1 * x], -1).astype(np.float32)

@@ -24,10 +24,10 @@ def lamp(azimuth, elevation=30, fill=1.0, color=(1, 1, 1)):
 
 def test_words(figure, relighter):
     quiet = assess(replace(figure, light=lamp(20)), relighter.lights).warnings
-    assert not [w for w in quiet if "behind" in w or "coloured" in w or "real light" in w]
+    assert not [w for w in quiet if "behind" in w or "colored" in w or "real light" in w]
     says = {
         "from behind": lamp(180, 0, 0.3),
-        "coloured": lamp(10, color=(1.6, 0.3, 0.05)),
+        "colored": lamp(10, color=(1.6, 0.3, 0.05)),
         "no real light": -lamp(0),
         "brighter": 8 * lamp(0),
     }

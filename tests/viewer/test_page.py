@@ -113,7 +113,7 @@ def test_the_other_views_equal_python(balls, maps, lights):
 
 @pytest.mark.parametrize("is_disc", [False, True])
 def test_a_figure_drawn_in_tiles_has_no_seam_and_no_gap(page, tmp_path, is_disc):
-    """One of even albedo, at an odd zoom, before a background of another colour."""
+    """One of even albedo, at an odd zoom, before a background of another color."""
     y, x = np.mgrid[:75, :91]
     mask = np.hypot(x - 45, y - 37) < 34 if is_disc else np.ones(y.shape, bool)
     albedo = np.where(mask[..., None], decode(np.array([200, 100, 50]) / 255), 0)
@@ -157,7 +157,7 @@ def test_backgrounds_and_soft_edges_are_mixed_as_light(page, tmp_path, maps, lig
     pixels = page.pixels(**START | {"background": "clear"})
     np.testing.assert_array_equal(pixels[..., 3], np.rint(255 * coverage))
     assert farthest(pixels, codes(figure), coverage == 1) <= 2
-    assert farthest(pixels, codes(figure), coverage > 0.2) <= 6  # 8 bits of a colour that was multiplied by alpha
+    assert farthest(pixels, codes(figure), coverage > 0.2) <= 6  # 8 bits of a color that was multiplied by alpha
 
 
 def test_pixels_that_a_soft_mask_covers_beyond_the_maps_take_their_neighbours(page, tmp_path, maps, lights):

@@ -1,7 +1,7 @@
-"""What is composited behind the people: the photo's own background, a colour, a picture, a panorama, or nothing."""
+"""What is composited behind the people: the photo's own background, a color, a picture, a panorama, or nothing."""
 
 import re
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -32,8 +32,8 @@ class Background:
 
     kind: str = "keep"
     color: np.ndarray | None = None
-    picture: np.ndarray | None = None
-    panorama: Panorama | None = None
+    picture: np.ndarray | None = field(default=None, repr=False)
+    panorama: Panorama | None = field(default=None, repr=False)
     gain: float = 1.0
     tint: np.ndarray | float = 1.0
     blur: float = 0.0
@@ -48,7 +48,7 @@ class Background:
         """Matches exposure and white balance to people under a new light.
 
         A panorama is that light. A picture is taken to be as well exposed as the photo; its white goes half-way to that
-        of the light. A colour stays.
+        of the light. A color stays.
 
         Args:
             light: (K,3), in the photo's exposure.
@@ -61,7 +61,7 @@ class Background:
         return replace(self, gain=factor, tint=tint)
 
     def linear(self, shape: tuple[int, int], turn: float = 0.0, stops: float = 0.0) -> np.ndarray:
-        """Renders a colour, picture or panorama behind a photo.
+        """Renders a color, picture or panorama behind a photo.
 
         A radiance L is shown as pi L: images here are albedo times irradiance, so a matte white person in the open is
         as bright as the surroundings.
@@ -87,7 +87,7 @@ def read_background(text: str, panorama: Panorama | None = None, blur: float = 0
     """Reads a background as a user names it.
 
     Args:
-        text: keep, transparent, panorama, a colour (#223344, white) or a picture file.
+        text: keep, transparent, panorama, a color (#223344, white) or a picture file.
         panorama: that of the light, if it has one.
         blur: of the panorama, degrees.
 
@@ -112,11 +112,11 @@ def read_background(text: str, panorama: Panorama | None = None, blur: float = 0
         pass
     if re.search(r"\.\w+$", text) and Path(text).is_file():
         raise UserError(f"background {text} is not a picture: give JPEG, PNG, WebP or TIFF")
-    raise UserError(f"background {text!r} is not keep, transparent, panorama, a colour (#334455) or a picture file")
+    raise UserError(f"background {text!r} is not keep, transparent, panorama, a color (#334455) or a picture file")
 
 
 def estimate_white(picture: np.ndarray) -> np.ndarray:
-    """Estimates the colour of the light in a picture by "shades of grey" (Finlayson and Trezzi 2004).
+    """Estimates the color of the light in a picture by "shades of grey" (Finlayson and Trezzi 2004).
 
     That is a mean of the sixth powers of its values, between the average and the largest.
 
@@ -132,7 +132,7 @@ def estimate_white(picture: np.ndarray) -> np.ndarray:
 
 
 def _hue(color: np.ndarray) -> np.ndarray:
-    """Returns a colour (3,) scaled to luminance 1, with no channel below a fifth."""
+    """Returns a color (3,) scaled to luminance 1, with no channel below a fifth."""
     return np.maximum(color / max(float(luminance(color)), 1e-6), 0.2)
 
 

@@ -2,7 +2,7 @@
 
 Linear values are proportional to light up to where the camera clipped them. Relighting multiplies them. Values above
 white are rolled off by their largest channel, with their hue kept; lower values stay as they are. A gain of 1 returns
-all 2^24 colours: `to_srgb8(apply_gain(LINEAR[v], 1)) == v`. A clipped channel is rebuilt from the other channels, as
+all 2^24 colors: `to_srgb8(apply_gain(LINEAR[v], 1)) == v`. A clipped channel is rebuilt from the other channels, as
 far as the gain is below 1; near black, where values are noise, large gains count less.
 """
 
@@ -12,7 +12,7 @@ from scipy.ndimage import uniform_filter
 from relight.srgb import LINEAR, decode, encode
 
 KNEE = 0.8  # linear value from which values are rolled off
-FADE = 0.06  # how fast a rolled-off colour pales, so that a strong lamp still shows as brightness
+FADE = 0.06  # how fast a rolled-off color pales, so that a strong lamp still shows as brightness
 CLIPPING = float(LINEAR[235])  # from here to white a channel passes from measured to clipped
 NOISE = 1e-3  # linear value (code 3) of the noise of sensors and coders
 BLACK_GAIN = 2.0  # what a gain adds to 1 at most where there is nothing but noise
@@ -45,7 +45,7 @@ def roll_off(color: np.ndarray, white: np.ndarray | float = np.inf) -> np.ndarra
 def apply_gain(linear: np.ndarray, gain: np.ndarray | float, excess: np.ndarray | float = 0.0) -> np.ndarray:
     """Multiplies a photo's values by a gain and rolls them off.
 
-    Toward black large gains are limited, since they would turn noise into coloured stipple: what a gain adds to 1, r,
+    Toward black large gains are limited, since they would turn noise into colored stipple: what a gain adds to 1, r,
     becomes r / (1 + r / c) = r - r^2 / (c + r), where c = BLACK_GAIN + (v / NOISE)^2 and v is the value of the largest
     channel.
 
@@ -79,7 +79,7 @@ def display_shading(shading: np.ndarray) -> np.ndarray:
 
 
 def chroma(image: np.ndarray, mask: np.ndarray) -> np.ndarray:
-    """Estimates the colour of bright surfaces around each pixel.
+    """Estimates the color of bright surfaces around each pixel.
 
     Only unclipped values count, and bright ones far more, so that dark hair beside a clipped cheek does not tint it.
     Means over ever smaller squares, each completed by those of the larger ones.
@@ -107,7 +107,7 @@ def clipping_excess(linear: np.ndarray, colors: np.ndarray) -> np.ndarray:
     """Estimates how far the light was above clipped values.
 
     The channels that are not clipped give the amount of light, `colors` its chromaticity. Where all are clipped, the
-    smallest channel of the colour is taken to be just white.
+    smallest channel of the color is taken to be just white.
 
     Args:
         linear: (...,3) the photo's values.

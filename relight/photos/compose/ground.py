@@ -10,7 +10,7 @@ unit of length is its height above the ground, the plane y = -1.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from PIL import Image
@@ -70,8 +70,8 @@ class Ground:
 
     rows: tuple[int, int]
     columns: tuple[int, int]
-    occluded: np.ndarray
-    unoccluded: np.ndarray
+    occluded: np.ndarray = field(repr=False)
+    unoccluded: np.ndarray = field(repr=False)
 
     def shadows(self, light: np.ndarray) -> np.ndarray:
         """Returns the irradiance of the ground under a light (K,3), relative to the open ground: (h,w,3) in [0,1]."""

@@ -23,7 +23,7 @@ RADII = 45, 6  # of the two passes of `estimate_foreground`, pixels: hair, then 
 REACH = sum(RADII)  # rows beyond a strip that its result depends on
 
 
-@dataclass
+@dataclass(repr=False)
 class PersonPixels:
     """The N pixels of a person in a part of a photo. Arrays are in Fortran order, as placed maps are.
 
@@ -34,7 +34,7 @@ class PersonPixels:
         index: the same pixels as (rows, columns) of the part.
         linear: (N,3) the photo's values.
         alpha: (N,1) the person's share of them, in [0,1].
-        foreground: (N,3) the person's own colour.
+        foreground: (N,3) the person's own color.
         detail: (N,3), from `Person.detail`.
         excess: (N,3), as `color.clipping_excess`.
     """
@@ -50,7 +50,7 @@ class PersonPixels:
     excess: np.ndarray
 
 
-@dataclass
+@dataclass(repr=False)
 class Layers:
     """A part of a photo, separated into people and background.
 
@@ -59,7 +59,7 @@ class Layers:
         left: first column.
         linear: (h,w,3) the photo's values.
         alpha: (h,w) the people's share of each pixel, in [0,1].
-        foreground: (h,w,3) the people's own colour.
+        foreground: (h,w,3) the people's own color.
         people: the pixels of each person; None for a person who is not in this part.
     """
 
@@ -215,7 +215,7 @@ def compose(
 
 
 def _relight(own: PersonPixels, fits: tuple[FittedMap, ...], factor: np.float32, scene: bool) -> np.ndarray:
-    """Relights the person's own colour (N,3): by the gain, or as albedo times shading; rolled off unless of a scene."""
+    """Relights the person's own color (N,3): by the gain, or as albedo times shading; rolled off unless of a scene."""
     *albedo, last = fits
     crop = own.person.crop
     values = last.place(crop, luma(own.detail), own.rows, own.where) * factor
@@ -232,7 +232,7 @@ def strips(first: int, last: int) -> Iterator[tuple[int, int]]:
 
 
 def estimate_foreground(linear: np.ndarray, alpha: np.ndarray) -> np.ndarray:
-    """Estimates the colour of the people at pixels that they cover in part.
+    """Estimates the color of the people at pixels that they cover in part.
 
     Such a pixel is alpha F + (1 - alpha) B. Relit as if it were all F, it would carry the old background along as a
     halo. F and B start as local means of the two sides and are corrected so that together they give the pixel, in a

@@ -57,7 +57,7 @@ class Guide:
         return _window_mean(self._weight * values) / self._total
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FittedMap:
     """A map on the square and its slope along the guide.
 

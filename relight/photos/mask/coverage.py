@@ -1,4 +1,4 @@
-"""From the values of a mask's file to coverage: soft masks, labels of segmentation programs, masks in one colour."""
+"""From the values of a mask's file to coverage: soft masks, labels of segmentation programs, masks in one color."""
 
 import numpy as np
 from PIL import Image
@@ -7,15 +7,15 @@ from relight.files import UserError
 
 GREY = 24  # largest difference of channels that a coder leaves in a grey mask
 FULL = 128  # least largest value of a mask that is no map of labels
-SIMILAR = 40  # distance from the line between black and a colour, that a coder leaves in a mask of this colour
+SIMILAR = 40  # distance from the line between black and a color, that a coder leaves in a mask of this color
 WANTED = "it must be white on the person and black elsewhere"
 
 
 def coverage_of(values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
     """Converts the values of a mask to coverage.
 
-    Two values or colours are background and person: the background is black, or else the person is white or brighter.
-    Shades of one colour are coverage in that colour.
+    Two values or colors are background and person: the background is black, or else the person is white or brighter.
+    Shades of one color are coverage in that color.
 
     Args:
         values: (H,W) of any type, or (H,W,3) uint8.
@@ -69,20 +69,20 @@ def _of_colors(values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
         person = _person_of(used.tolist())
         if person is None:
             both = " and ".join(f"#{code:06x}" for code in used)
-            raise UserError(f"{what} has the two colours {both}, of which none is black or white: {WANTED}")
-        notes = [f"{what} has two colours: #{person:06x} is taken for the person"]
+            raise UserError(f"{what} has the two colors {both}, of which none is black or white: {WANTED}")
+        notes = [f"{what} has two colors: #{person:06x} is taken for the person"]
         return np.where(codes == person, np.uint8(255), np.uint8(0)), notes
     flat = values.reshape(-1, 3).astype(np.float32)
     brightest = flat[flat.max(-1).argmax()]
     share = flat @ brightest / (brightest @ brightest)
     if np.abs(flat - share[:, None] * brightest).max() > SIMILAR:
-        raise UserError(f"{what} has several colours, as if it is the photo itself or a map of labels: {WANTED}")
-    notes = [f"{what} is drawn in one colour, which is taken for white"]
+        raise UserError(f"{what} has several colors, as if it is the photo itself or a map of labels: {WANTED}")
+    notes = [f"{what} is drawn in one color, which is taken for white"]
     return np.round(share.clip(0, 1) * 255).astype(np.uint8).reshape(values.shape[:2]), notes
 
 
 def _person_of(colors: list[int]) -> int | None:
-    """Returns which of two colours marks the person."""
+    """Returns which of two colors marks the person."""
     if 0 in colors:
         return max(colors)
     return 0xFFFFFF if 0xFFFFFF in colors else None

@@ -37,7 +37,7 @@ SHARE = 0.05  # of the largest part's area: smaller parts are dropped,
 NEAR = 0.01  # unless they are nearer than this share of SIDE to one that is kept
 DETAIL = 900  # pixels of the figure's longer side at which its edge is fitted to the photo
 WINDOW = 1 / 90  # of those: radius in which the edge is fitted
-SMOOTH = 1e-4  # variance of the colours under which a window counts as flat
+SMOOTH = 1e-4  # variance of the colors under which a window counts as flat
 BAND = 1 / 250  # of the figure's longer side: radius of the band along the edge in which a mask may be soft
 STEEP = 1.6  # the fitted edge is that much too soft
 
@@ -170,7 +170,7 @@ def box_around(found: np.ndarray) -> tuple[int, int, int, int]:
 def fit_to_edges(pixels: np.ndarray, found: np.ndarray) -> np.ndarray:
     """Moves the edges of a mask to those of the photo.
 
-    A guided filter of the colours (He, Sun and Tang 2013), computed on fewer pixels (He and Sun 2015): in each window
+    A guided filter of the colors (He, Sun and Tang 2013), computed on fewer pixels (He and Sun 2015): in each window
     the mask is a linear function of red, green and blue.
 
     Args:

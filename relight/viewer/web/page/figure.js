@@ -96,7 +96,7 @@ function bytes3(planes) {
   return pixels;
 }
 
-// Linear values of the figure's own colour in its box: the photo's, but for soft edges, where the background's share is
+// Linear values of the figure's own color in its box: the photo's, but for soft edges, where the background's share is
 // taken out.
 function front(photo, planes, steps, { width, box: [left, top, boxWidth, boxHeight] }) {
   const own = new Float32Array(4 * boxWidth * boxHeight);

@@ -17,7 +17,7 @@ function linearColor(color) {
   return [1, 3, 5].map((i) => decodeSRGB(parseInt(color.slice(i, i + 2), 16) / 255));
 }
 
-// The 27 coefficients of a lamp whose irradiance on a surface that faces it is `irradiance` times its linear colour.
+// The 27 coefficients of a lamp whose irradiance on a surface that faces it is `irradiance` times its linear color.
 // A disc of angular radius r scales the bands of a point by 1, (1 + cos r) / 2 and cos r (1 + cos r) / 2;
 // a window keeps the shaded side from ringing below zero.
 function lampLight(lamp, irradiance) {

@@ -7,7 +7,7 @@ import { app, element, set, state, subscribe } from "./state.js";
 
 const LABELS = {
   relit: "Relit", photo: "Photo", albedo: "Albedo", shading: "Shading", ao: "Occlusion", normal: "Normals",
-  open: "No occlusion", studio: "Studio", color: "Colour", clear: "Clear", light: "Light",
+  open: "No occlusion", studio: "Studio", color: "Color", clear: "Clear", light: "Light",
 };
 const MODES = { ratio: "Keep the photo", full: "From the maps" };
 const NOTES = {

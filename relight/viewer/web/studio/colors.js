@@ -1,4 +1,4 @@
-// Colours of a photo: relight/photos/compose/color.py and render.py. Pictures are three planes of linear values.
+// Colors of a photo: relight/photos/compose/color.py and render.py. Pictures are three planes of linear values.
 
 import { decodeSRGB } from "../page/figure.js";
 import { means } from "./filters.js";
@@ -13,7 +13,7 @@ const clippedShare = (linear) => {
   return t * t * (3 - 2 * t);
 };
 
-// The colour, summing to 1, that bright things have about each pixel, as three planes.
+// The color, summing to 1, that bright things have about each pixel, as three planes.
 function chroma(image, mask, width) {
   const height = mask.length / width;
   const weight = Float32Array.from(mask, (inside, i) => {
@@ -47,7 +47,7 @@ function clippingExcess(linear, color) {
   });
 }
 
-// The figure's own colour at each pixel of a photo whose coverage, of 255, is `coverage` (Forte 2021).
+// The figure's own color at each pixel of a photo whose coverage, of 255, is `coverage` (Forte 2021).
 function estimateForeground(image, coverage, width) {
   const soft = coverage.map((v) => (v > 0 && v < 255 ? 1 : 0)), box = extent(soft, width), height = soft.length / width;
   if (!box) return image;

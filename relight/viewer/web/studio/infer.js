@@ -11,7 +11,7 @@ const OPAQUE = 240; // coverage from which a pixel shows hardly anything but the
 const SHARE = 0.05; // of the largest person's area: smaller parts belong to the nearest person
 const MIN_SIZE = 8; // pixels: a figure smaller than this in both directions is dirt
 const FLOOR = 0.1; // of the mean old shading, under which it is not divided by
-const LEAST = 0.2; // of the luminance: no channel of the light's colour is divided by less
+const LEAST = 0.2; // of the luminance: no channel of the light's color is divided by less
 const MARGIN = 2; // pixels around the figure
 const LUMA = [0.2126, 0.7152, 0.0722];
 
@@ -56,7 +56,7 @@ async function inferPerson(image, width, coverage, run, size) {
   return { coverage, crop, square, mask, albedo, transport, light, scale };
 }
 
-// The mean colour of the light over the people, at luminance 1: white in the photo (balanced in relight/photos/infer.py).
+// The mean color of the light over the people, at luminance 1: white in the photo (balanced in relight/photos/infer.py).
 function meanColor(people) {
   const total = [0, 0, 0];
   for (const { mask, transport, light, scale } of people) {

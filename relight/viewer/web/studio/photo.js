@@ -15,7 +15,7 @@ async function readPhoto(file) {
   return { pixels: straightPixels(bitmap), width: bitmap.width, height: bitmap.height };
 }
 
-// Through WebGL, for a 2D canvas multiplies colours by alpha and rounds.
+// Through WebGL, for a 2D canvas multiplies colors by alpha and rounds.
 function straightPixels(bitmap) {
   const { width, height } = bitmap, gl = document.createElement("canvas").getContext("webgl2");
   if (!gl) throw new Error("This browser has no WebGL2, which the viewer draws with.");

@@ -55,7 +55,7 @@ function solve([a, b, c, d, e, f], [x, y, z]) {
   return [A * x + B * y + C * z, B * x + D * y + E * z, C * x + E * y + F * z].map((value) => value / determinant);
 }
 
-// The mask with its edges at those of the photo: a guided filter of the colours (He, Sun and Tang 2013).
+// The mask with its edges at those of the photo: a guided filter of the colors (He, Sun and Tang 2013).
 function fitToEdges(planes, found, width) {
   const height = found.length / width, scale = Math.min(DETAIL / Math.max(width, height), 1);
   const size = [width, height].map((side) => Math.max(Math.round(side * scale), 1)), [wide] = size;
