@@ -42,8 +42,7 @@ def write_before_after(path: Path, before: np.ndarray, after: np.ndarray) -> Non
     if after.shape[2] == 4:
         alpha = after[..., 3] / np.float32(np.iinfo(after.dtype).max if after.dtype.kind == "u" else 1)
         codes[1].paste("white", mask=Image.fromarray(to_bytes(1 - alpha)))
-    for image in codes:
-        image.thumbnail((STRIP_SIDE, STRIP_SIDE), Image.Resampling.LANCZOS, reducing_gap=3)
+    codes = [image.reduce(-(-max(image.size) // STRIP_SIDE)) for image in codes]
     width, height = codes[0].size
     strip = Image.new("RGB", (2 * width + GAP, height), "white")
     for number, image in enumerate(codes):
