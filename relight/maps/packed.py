@@ -23,6 +23,7 @@ import numpy as np
 from safetensors import safe_open
 
 from relight.files import UserError, atomic_write, existing_file
+from relight.maps.octahedral import fold, octahedral
 from relight.progress import progress
 from relight.sh import UNOCCLUDED_T00
 from relight.srgb import LINEAR, encode, to_bytes
@@ -198,25 +199,14 @@ def encode_normals(normals: np.ndarray) -> np.ndarray:
     return np.round(octahedral(normals) * 32767).astype(np.int16)
 
 
-def octahedral(normals: np.ndarray) -> np.ndarray:
-    """Returns the octahedral coordinates (...,2) in [-1,1] of unit vectors (...,3); +z is at the centre."""
-    flat = normals / np.maximum(np.abs(normals).sum(-1, keepdims=True), 1e-9)
-    return np.where(flat[..., 2:] < 0, _fold(flat[..., :2]), flat[..., :2])
-
-
 def decode_normals(encoded: np.ndarray) -> np.ndarray:
     """Decodes octahedral coordinates (P,2) int16 to unit vectors (P,3) float32; the inverse of `encode_normals`."""
     square = encoded.astype(np.float32) / np.float32(32767)
     z = 1 - np.abs(square[:, 0]) - np.abs(square[:, 1])
     behind = z < 0
-    square[behind] = _fold(square[behind])
+    square[behind] = fold(square[behind])
     normals = np.concatenate([square, z[:, None]], 1)
     return normals / np.sqrt(np.einsum("nc,nc->n", normals, normals))[:, None]
-
-
-def _fold(square: np.ndarray) -> np.ndarray:
-    """Reflects points (...,2) of the square about the nearest edge of the diamond |x| + |y| = 1, where z = 0."""
-    return (1 - np.abs(square[..., ::-1])) * np.where(square < 0, np.float32(-1), np.float32(1))
 
 
 def _create_safetensors(

@@ -9,7 +9,7 @@ import numpy as np
 from relight.crop import extent, fill_outside
 from relight.files import UserError
 from relight.maps import Maps
-from relight.maps.packed import octahedral
+from relight.maps.octahedral import octahedral
 from relight.photos.compose.color import CLIPPING, chroma, clipping_excess
 from relight.photos.compose.render import estimate_foreground
 from relight.photos.compose.shading import shading, shading_floor

@@ -8,7 +8,7 @@ import pytest
 from relight.config import Evaluate
 from relight.files import UserError
 from relight.maps import write_maps
-from relight.maps.packed import octahedral
+from relight.maps.octahedral import octahedral
 from relight.viewer.build import build_gallery, build_viewer
 from relight.viewer.figure import Figure, pack
 
