@@ -68,9 +68,10 @@ docs: $(STAMP)  ## the site of docs/, in build/site; after `relight web setup` w
 	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
 	@echo "the site is in build/site; to read it with its search: python3 -m http.server --bind 127.0.0.1 --directory build/site"
 
-lint: $(STAMP)  ## style of Python and Snakemake files, and types
+lint: $(STAMP)  ## style of Python, Snakemake and JavaScript files, and types
 	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/snakefmt --check workflow
 	@$(BIN)/mypy
+	@if command -v eslint > /dev/null; then cd relight/viewer/web && eslint .; fi
 
 format: $(STAMP)  ## put Python and Snakemake files into style
 	@$(BIN)/ruff check --fix . ; $(BIN)/ruff format . && $(BIN)/snakefmt workflow

@@ -30,9 +30,10 @@ def time_frames(photo: Path | None, mask: Path | None, frames: int, last_frames:
     from PIL import Image
 
     from relight.photos.api import load, match_exposure
+    from relight.photos.load import load_photo
     from relight.photos.movie import turn_light
-    from relight.photos.photo import Options, downscale
-    from relight.photos.read import Photo, read_mask, read_photo
+    from relight.photos.photo import Options
+    from relight.photos.read import read_mask, read_photo
 
     torch.set_num_threads(1)
     relighter = load()
@@ -47,12 +48,12 @@ def time_frames(photo: Path | None, mask: Path | None, frames: int, last_frames:
     else:
         pixels = read_photo(photo).pixels
         coverage = read_mask(mask, pixels.shape[:2])
-    pixels, coverage = downscale(Photo(pixels, None, "photo"), coverage, max(SIZE))
-    people = relighter.infer(pixels, coverage)
+    loaded = load_photo(pixels, coverage).downscaled(max(SIZE))
+    pixels, people = loaded.pixels, relighter.infer(loaded)
     seconds, last = {}, {}
     for name in BACKGROUNDS:
         options = Options(light="room:7", background=name)
-        light = options.read_light(relighter)
+        light = relighter.read_light(options.light)
         matched, background = match_exposure(people, light.coefficients, options.read_background(light))
         stream = turn_light(pixels, people, matched, options, background, frames)
         times = []

@@ -168,11 +168,11 @@ def crop_around(coverage: np.ndarray, size: int, padding: float = 0.05) -> Crop:
     Raises:
         UserError: if no pixel reaches MASK_THRESHOLD.
     """
-    rows, columns = _extent(coverage >= MASK_THRESHOLD)
+    rows, columns = extent(coverage >= MASK_THRESHOLD)
     height, width = rows[1] - rows[0], columns[1] - columns[0]
     side = max(height, width) / (1 - 2 * padding)
     top, left = (sum(rows) - side) / 2, (sum(columns) - side) / 2
-    rows, columns = _extent(coverage > 0)
+    rows, columns = extent(coverage > 0)
 
     def near(span: tuple[int, int], start: float) -> tuple[int, int]:
         return max(span[0], int(start - side / 2)), min(span[1], int(start + 1.5 * side) + 1)
@@ -213,7 +213,12 @@ def fill_outside(maps: np.ndarray, mask: np.ndarray) -> np.ndarray:
     return maps[tuple(nearest)]
 
 
-def _extent(mask: np.ndarray) -> tuple[tuple[int, int], tuple[int, int]]:
+def extent(mask: np.ndarray) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Returns the half-open ranges of rows and of columns that hold what is true in a mask (H,W).
+
+    Raises:
+        UserError: if there is nothing.
+    """
     rows, columns = np.flatnonzero(mask.any(1)), np.flatnonzero(mask.any(0))
     if not len(rows):
         raise UserError("the mask is empty: no pixel of it is at least half white")

@@ -13,7 +13,7 @@ from skimage import data
 
 from relight.crop import fill_outside
 from relight.photos.api import Relighter, load
-from relight.photos.background import read_background
+from relight.photos.compose.background import read_background
 from relight.srgb import encode, to_bytes
 from relight.viewer.source import PORTRAIT_MASK
 

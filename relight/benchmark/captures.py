@@ -17,8 +17,9 @@ from relight.captures.maps import measure_maps, to_image
 from relight.crop import MASK_THRESHOLD, crop_around
 from relight.files import writable_folder
 from relight.panoramas import Panorama, project
+from relight.panoramas.projection import latlong_directions
 from relight.panoramas.radiosity import HEIGHT, WIDTH
-from relight.photos.environment import camera_view, lookup
+from relight.photos.compose.environment import camera_view, lookup
 from relight.srgb import encode, to_bytes
 
 SET = "captures"
@@ -96,10 +97,8 @@ class UpsampledPanoramas:
     def __init__(self, panoramas: Iterable[np.ndarray] = ()):
         """Takes panoramas (64,128,3), laid out like `relight.panoramas.radiosity.view_directions`."""
         height, width = UPSAMPLING * HEIGHT, UPSAMPLING * WIDTH
-        theta = (np.arange(height) + 0.5)[:, None] / height * np.pi
-        phi = (2 * (np.arange(width) + 0.5) / width - 1) * np.pi
-        axes = np.broadcast_arrays(np.sin(theta) * np.sin(phi), np.cos(theta), -np.sin(theta) * np.cos(phi))
-        layers = [lookup(Panorama(pixels), np.stack(axes, -1)) for pixels in panoramas]
+        axes = latlong_directions(height, width)
+        layers = [lookup(Panorama(pixels), axes) for pixels in panoramas]
         self.count = len(layers)
         self.texels = np.concatenate(layers, -1) if layers else np.zeros((height, width, 0), np.float32)
 

@@ -9,7 +9,7 @@ from relight.lights.chain import GENERATORS
 from relight.lights.light import Light
 from relight.panoramas import Panorama, project
 from relight.panoramas.radiosity import HEIGHT, WIDTH, view_directions
-from relight.photos.environment import lookup
+from relight.photos.compose.environment import lookup
 from relight.transport.tracer import sky_directions
 from relight.transport.view import View
 

@@ -14,10 +14,10 @@ from relight.files import UserError, atomic_write, file_hash, writable_folder
 from relight.maps import read_maps
 from relight.panoramas import project, read_panorama
 from relight.photos.api import Relighter, load
-from relight.photos.color import apply_gain, to_srgb8
+from relight.photos.compose.color import apply_gain, to_srgb8
+from relight.photos.compose.render import render
+from relight.photos.compose.shading import gain, shading
 from relight.photos.infer import Person
-from relight.photos.render import render
-from relight.photos.shading import shading, shading_floor, shading_ratio
 from relight.progress import progress
 from relight.srgb import LINEAR, decode
 
@@ -153,10 +153,8 @@ def relight_by_ratio(benchmark: BenchmarkSet, entry: Entry, light: np.ndarray) -
         (N,H,W,3) uint8, in each new light.
     """
     maps, linear = read_maps(benchmark.maps(entry)), LINEAR[entry.shot().photo]
-    old = shading(maps.transport, light)
-    floor = shading_floor(old, maps.mask)
-    gains = [shading_ratio(old, shading(maps.transport, new), floor) for new in new_lights(entry)]
-    return np.stack([to_srgb8(apply_gain(linear, gain)) for gain in gains])
+    gains = (gain(maps.transport, maps.mask, light, new) for new in new_lights(entry))
+    return np.stack([to_srgb8(apply_gain(linear, factor)) for factor in gains])
 
 
 BASELINES: dict[str, Callable[[], Method]] = {"as_it_is": as_it_is, "mean_light": mean_light, "true_maps": true_maps}

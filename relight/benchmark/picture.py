@@ -16,7 +16,7 @@ from relight.learning.augment import simulate_camera
 from relight.maps import Maps
 from relight.meshes import Mesh
 from relight.panoramas import Panorama, project
-from relight.photos.environment import camera_view
+from relight.photos.compose.environment import camera_view
 from relight.srgb import encode, to_bytes
 from relight.transport import Baker
 from relight.transport.tracer import PathTracer

@@ -12,7 +12,7 @@ from relight.lights.light import Light
 from relight.lights.statistics import measure, reference_brightness
 from relight.lights.table import LightSet
 from relight.panoramas import Panorama
-from relight.panoramas.projection import directions
+from relight.panoramas.projection import directions, latlong_directions
 from relight.sh import irradiance, order_of, unoccluded
 from relight.srgb import encode
 
@@ -77,7 +77,7 @@ def diffuse_panorama(coefficients: np.ndarray, height: int) -> np.ndarray:
     Returns:
         (height, 2 height,3) linear, lat-long with -z at the centre.
     """
-    lit = irradiance(coefficients, latlong_normals(height))
+    lit = irradiance(coefficients, latlong_directions(height, 2 * height).reshape(-1, 3))
     return np.maximum(lit, 0).reshape(height, 2 * height, 3) / np.pi
 
 
@@ -162,18 +162,8 @@ def nearest_pixels(panorama: Panorama, height: int) -> np.ndarray:
     x, y, z = toward[shown].T
     x, yaw = -x if panorama.flip else x, np.radians(panorama.yaw)
     rotated = np.stack([x * np.cos(yaw) + z * np.sin(yaw), y, z * np.cos(yaw) - x * np.sin(yaw)], -1)
-    nearest = KDTree(rotated).query(latlong_normals(height))[1]
+    nearest = KDTree(rotated).query(latlong_directions(height, 2 * height).reshape(-1, 3))[1]
     return panorama.pixels[::step, ::step].reshape(-1, 3)[shown][nearest].reshape(height, 2 * height, 3)
-
-
-def latlong_normals(height: int) -> np.ndarray:
-    """Returns the directions (height * 2 height,3) of the pixels of a lat-long image with -z at the centre."""
-    theta = (np.arange(height) + 0.5)[:, None] / height * np.pi
-    phi = (2 * (np.arange(2 * height) + 0.5) / (2 * height) - 1) * np.pi
-    normals = np.stack(
-        np.broadcast_arrays(np.sin(theta) * np.sin(phi), np.cos(theta), -np.sin(theta) * np.cos(phi)), -1
-    )
-    return normals.reshape(-1, 3)
 
 
 def tone_mapped(pixels: np.ndarray) -> np.ndarray:

@@ -23,6 +23,7 @@ import numpy as np
 from safetensors import safe_open
 
 from relight.files import UserError, atomic_write, existing_file
+from relight.maps.octahedral import fold, octahedral
 from relight.progress import progress
 from relight.sh import UNOCCLUDED_T00
 from relight.srgb import LINEAR, encode, to_bytes
@@ -195,9 +196,7 @@ def encode_normals(normals: np.ndarray) -> np.ndarray:
     >>> encode_normals(np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])).tolist()
     [[0, 0], [32767, 0]]
     """
-    flat = normals / np.abs(normals).sum(1, keepdims=True)
-    square = np.where(flat[:, 2:] < 0, _fold(flat[:, :2]), flat[:, :2])
-    return np.round(square * 32767).astype(np.int16)
+    return np.round(octahedral(normals) * 32767).astype(np.int16)
 
 
 def decode_normals(encoded: np.ndarray) -> np.ndarray:
@@ -205,14 +204,9 @@ def decode_normals(encoded: np.ndarray) -> np.ndarray:
     square = encoded.astype(np.float32) / np.float32(32767)
     z = 1 - np.abs(square[:, 0]) - np.abs(square[:, 1])
     behind = z < 0
-    square[behind] = _fold(square[behind])
+    square[behind] = fold(square[behind])
     normals = np.concatenate([square, z[:, None]], 1)
     return normals / np.sqrt(np.einsum("nc,nc->n", normals, normals))[:, None]
-
-
-def _fold(square: np.ndarray) -> np.ndarray:
-    """Reflects points (P,2) of the square about the nearest edge of the diamond |x| + |y| = 1, where z = 0."""
-    return (1 - np.abs(square[:, ::-1])) * np.where(square < 0, np.float32(-1), np.float32(1))
 
 
 def _create_safetensors(

@@ -137,6 +137,14 @@ def project_latlong(pixels: np.ndarray, order: int, corners: bool = False) -> np
     return rotation_matrix(LATLONG_FRAME.T, order) @ coefficients
 
 
+def latlong_directions(height: int, width: int) -> np.ndarray:
+    """Returns the directions (height,width,3) of the pixels' centres of a lat-long image with -z in its middle."""
+    theta = (np.arange(height) + 0.5)[:, None] / height * np.pi
+    phi = (2 * (np.arange(width) + 0.5) / width - 1) * np.pi
+    sines = np.sin(theta)
+    return np.stack(np.broadcast_arrays(sines * np.sin(phi), np.cos(theta), -sines * np.cos(phi)), -1)
+
+
 def latlong_solid_angles(height: int, width: int) -> np.ndarray:
     """Returns the solid angle (height,) of a pixel in each row of a lat-long image; the sum over all pixels is 4 pi."""
     return -np.diff(np.cos(np.arange(height + 1) / height * np.pi)) * 2 * np.pi / width

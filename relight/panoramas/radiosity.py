@@ -10,7 +10,7 @@ from functools import cache
 
 import numpy as np
 
-from relight.panoramas.projection import latlong_solid_angles
+from relight.panoramas.projection import latlong_directions, latlong_solid_angles
 
 HEIGHT, WIDTH = 64, 128
 CELLS = 8  # per side of a wall
@@ -108,10 +108,7 @@ class Room:
 @cache
 def view_directions() -> np.ndarray:
     """Returns the directions (HEIGHT * WIDTH,3) of the pixels of the lat-long image; -z is at its centre."""
-    theta = (np.arange(HEIGHT) + 0.5)[:, None] / HEIGHT * np.pi
-    phi = (2 * (np.arange(WIDTH) + 0.5) / WIDTH - 1) * np.pi
-    x, y, z = np.broadcast_arrays(np.sin(theta) * np.sin(phi), np.cos(theta), -np.sin(theta) * np.cos(phi))
-    return np.stack([x, y, z], -1).reshape(-1, 3)
+    return latlong_directions(HEIGHT, WIDTH).reshape(-1, 3)
 
 
 class Grid:

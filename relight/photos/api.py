@@ -9,24 +9,31 @@ from typing import Unpack
 import numpy as np
 from PIL import Image
 
-from relight.crop import MASK_THRESHOLD, Crop
+from relight.crop import Crop
 from relight.files import UserError, existing_file
 from relight.inference import PhotoNetwork, read_onnx
 from relight.lights import Light, LightOptions
-from relight.photos.background import Background, read_background
-from relight.photos.coverage import coverage_of
-from relight.photos.infer import Person, balanced, infer_person, mean_exposure_factor, mean_light
-from relight.photos.mask import find_mask, split_people
-from relight.photos.read import Photo, as_codes, is_picture, mask_beside, mask_from_image, photo_from_image, read_photo
-from relight.photos.render import render
+from relight.photos.compose.background import Background, read_background
+from relight.photos.compose.render import render
+from relight.photos.infer import (
+    AUTO,
+    Person,
+    balanced,
+    infer_person,
+    mean_exposure_factor,
+    mean_light,
+    opposite_lamp,
+)
+from relight.photos.load import LoadedPhoto, Picture, load_photo
+from relight.photos.mask.find import split_people
+from relight.photos.read import Photo, as_codes, is_picture
 from relight.photos.trust import Trust, assess
-from relight.sh import rotate_y
+from relight.sh import deringed, rotate_y
 
 WEIGHTS = Path(__file__).parent.parent / "weights" / "photo.onnx"
 MODES = ("ratio", "full")
 WHITE_BALANCES = ("keep", "scene")
 PREVIEW = 480  # pixels of the longer side of a picture in a notebook
-Picture = np.ndarray | Image.Image | Path | str
 
 
 class RelitPhoto(np.ndarray):
@@ -85,23 +92,29 @@ class Relighter:
         lights = network.config.get("lights")
         self.lights = np.asarray(lights, np.float32).reshape(-1, (self.order + 1) ** 2, 3) if lights else None
 
+    def __repr__(self) -> str:
+        return f"Relighter({self.network.size} x {self.network.size} pixels, order {self.order})"
+
     @property
     def order(self) -> int:
         """Of the spherical harmonics."""
         return self.network.order
 
     def infer(
-        self, image: Picture | Photo, mask: Picture | None = None, split: bool = True, white_balance: str = "keep"
+        self,
+        image: Picture | Photo | LoadedPhoto,
+        mask: Picture | None = None,
+        split: bool = True,
+        white_balance: str = "keep",
     ) -> list[Person]:
         """Infers the light, albedo and transport of each person in a photo.
 
         Args:
-            image: (H,W,3) uint8 or uint16 sRGB, an image of Pillow, a file, or a `Photo`.
-            mask: (H,W) bool, uint8 of 0 to 255 or float in [0,1], soft edges included; an image of Pillow, or a file.
-                By default it is found as for `relight photo` (docs/photos.md).
+            image: as `load_photo` takes it, or what it returned.
+            mask: as `load_photo` takes it.
             split: whether people who do not touch are inferred one by one.
             white_balance: `keep` takes the photo's light to be white on average (relight.photos.infer.balanced),
-                `scene` to have the colour that the network infers.
+                `scene` to have the color that the network infers.
 
         Returns:
             The people from left to right.
@@ -110,8 +123,8 @@ class Relighter:
             UserError: if an argument is none of these, or the mask is empty.
         """
         require_white_balance(white_balance)
-        photo, coverage = _read_inputs(image, mask)
-        coverages = split_people(coverage) if split else [coverage]
+        photo = image if isinstance(image, LoadedPhoto) else load_photo(image, mask)
+        coverages = split_people(photo.coverage) if split else [photo.coverage]
         people = [self.infer_person(photo.pixels, coverage) for coverage in coverages]
         return balanced(people) if white_balance == "keep" else people
 
@@ -137,26 +150,24 @@ class Relighter:
             **options: of `relight.lights.load_light`, for panoramas and coefficients.
 
         Returns:
-            The light, float32, of the order of the network.
+            The light, float32, of the order of the network; `relight.sh.deringed` unless it is that of a photo.
 
         Raises:
             UserError: if it is no light.
         """
         if is_picture(text):
-            photo = read_photo(text)
-            coverage = find_mask(photo, mask or mask_beside(text), mask_model)
-            people = self.infer(photo, coverage, white_balance=white_balance)
+            people = self.infer(load_photo(text, mask, mask_model), white_balance=white_balance)
             return Light(mean_light(people), text)
         from relight.lights import load_light
 
         light = load_light(text, order=self.order, **options)
-        return replace(light, coefficients=light.coefficients.astype(np.float32))
+        return replace(light, coefficients=deringed(light.coefficients).astype(np.float32))
 
     def relight(
         self,
         image: Picture,
         mask: Picture | None = None,
-        light: np.ndarray | str = "room:7",
+        light: np.ndarray | str = AUTO,
         mode: str = "ratio",
         background: Background | str = "keep",
         turn: float = 0.0,
@@ -169,9 +180,10 @@ class Relighter:
         Args:
             image: as in `infer`.
             mask: as in `infer`.
-            light: (K,3) radiance coefficients (docs/conventions.md), or a text as in `read_light`.
+            light: (K,3) radiance coefficients (docs/conventions.md), a text as in `read_light`, or `auto`: a warm lamp
+                from the darker side (`opposite_lamp`).
             mode: `ratio` keeps all detail of the photo, `full` is albedo * shading.
-            background: "keep", "transparent", "panorama", a colour or a picture file; or a `Background`.
+            background: "keep", "transparent", "panorama", a color or a picture file; or a `Background`.
             turn: of the light about the vertical axis, its front toward +x, degrees.
             match: whether the light is scaled to the photo's exposure.
             stops: exposure, as a power of two.
@@ -185,11 +197,12 @@ class Relighter:
         """
         if mode not in MODES:
             raise UserError(f"mode {mode!r} is neither ratio nor full")
-        photo, coverage = _read_inputs(image, mask)
-        people = self.infer(photo, coverage, white_balance=white_balance)
+        photo = load_photo(image, mask)
+        people = self.infer(photo, white_balance=white_balance)
         background = read_background(background) if isinstance(background, str) else background
         if not isinstance(light, np.ndarray):
-            light = self.read_light(str(light), white_balance=white_balance).coefficients
+            name = opposite_lamp(people) if light == AUTO else str(light)
+            light = self.read_light(name, white_balance=white_balance).coefficients
         light, background = match_exposure(people, light.astype(np.float32), background, match)
         turned = rotate_y(light, np.radians(turn)).astype(np.float32)
         relit = render(photo.pixels, people, turned, mode, background, np.radians(turn), stops)
@@ -251,39 +264,3 @@ def load(path: Path | str | None = None, threads: int = 0) -> Relighter:
     from relight.learning.export import photo_network
 
     return Relighter(photo_network(path, threads))
-
-
-def _read_inputs(image: Picture | Photo, mask: Picture | None) -> tuple[Photo, np.ndarray]:
-    """Reads a photo and its coverage (H,W) uint8. Raises UserError."""
-    if isinstance(image, Photo):
-        photo = image
-    elif isinstance(image, str | Path):
-        photo = read_photo(image)
-    elif isinstance(image, Image.Image):
-        photo = photo_from_image(image)
-    else:
-        photo = Photo(_checked_image(image), None, "image")
-    if mask is None or isinstance(mask, str | Path):
-        return photo, find_mask(photo, mask or (mask_beside(image) if isinstance(image, str | Path) else None))
-    shape = photo.pixels.shape[:2]
-    coverage = _checked_mask(mask_from_image(mask, shape) if isinstance(mask, Image.Image) else mask)
-    if shape != coverage.shape:
-        raise UserError(f"the mask is {coverage.shape[::-1]} pixels, the image {shape[::-1]}: they must be equal")
-    return photo, coverage
-
-
-def _checked_image(image: np.ndarray) -> np.ndarray:
-    image = np.asarray(image)
-    if image.dtype not in (np.uint8, np.uint16) or image.ndim != 3 or image.shape[2] != 3:
-        raise UserError(f"the image is {image.dtype} {image.shape}: give (height, width, 3) uint8 sRGB, or uint16")
-    return image
-
-
-def _checked_mask(mask: np.ndarray) -> np.ndarray:
-    mask = np.asarray(mask)
-    if mask.ndim != 2:
-        raise UserError(f"the mask has shape {mask.shape}: give (height, width)")
-    mask, _ = coverage_of(mask * np.uint8(255) if mask.dtype == bool else mask, "the mask")
-    if not (mask >= MASK_THRESHOLD).any():
-        raise UserError("the mask is empty: no pixel of it is at least half white")
-    return mask

@@ -6,7 +6,7 @@ import sys
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -16,56 +16,123 @@ if TYPE_CHECKING:
 app = typer.Typer()
 mask_app = typer.Typer(help="Automatic masks: set them up once, or write one to correct it.", no_args_is_help=True)
 
-LightText = Annotated[
-    str,
-    typer.Option(
-        "--light", "-l", help="Panorama, light file, room:N, sky:N, lamps:N, key:#RRGGBB@AZIMUTH,ELEVATION or a photo."
-    ),
+LIGHTS = """
+
+\b
+Lights, for --light:
+  auto                    a warm lamp from the darker side of the person
+  key:#ffd9a0@70,20,0.15  a lamp: color, degrees to the right and up, fill;
+                          left and below are negative; quote it in a shell
+  room:7  sky:3  lamps:5  generated surroundings, each number another one;
+                          room:7:40 is turned by 40 degrees
+  kitchen.hdr  .exr .pfm  a panorama
+  light.json  .npy .csv   coefficients
+  other.jpg               the light of another photo
+
+\b
+Examples:
+  {examples}
+
+All about it: docs/photos.md."""
+PHOTO_EXAMPLES = """relight photo me.jpg
+  relight photo me.jpg --light "key:#b8ccff@-70,30,0.1" --out cold
+  relight photo me.jpg -l room:12 --background panorama --blur 3
+  relight photo holiday/ --light sky:3 --jobs 2"""
+MOVIE_EXAMPLES = """relight movie me.jpg --out turn.mp4
+  relight movie clip.mp4 --light room:12 --out relit.webm"""
+
+
+def option(text: str, *names: str, panel: str | None = None, metavar: str | None = None, **bounds: Any) -> Any:
+    """Returns an option whose row fits the help of a narrow terminal."""
+    return typer.Option(*names, help=text, rich_help_panel=panel, metavar=metavar, **bounds)
+
+
+LIGHT, BEHIND, PANORAMA = "Light", "Background", "How a light's file is read"
+LightText = Annotated[str, option("The new light; see above.", "--light", "-l", panel=LIGHT, metavar="LIGHT")]
+MaskPath = Annotated[Path | None, option("White on the people, as large as the photo.", "--mask", "-m", metavar="FILE")]
+LightMask = Annotated[
+    Path | None, option("Mask of the photo that --light names.", "--light-mask", panel=LIGHT, metavar="FILE")
 ]
-MaskPath = Annotated[
-    Path | None, typer.Option("--mask", "-m", help="Mask: white on the people, same size as the photo.")
+MaskModel = Annotated[
+    Path | None, option("ONNX network for automatic masks, like rembg's.", "--mask-model", metavar="FILE")
 ]
-LightMask = Annotated[Path | None, typer.Option(help="Mask of the photo that --light names.")]
-MaskModel = Annotated[Path | None, typer.Option(help="ONNX network for automatic masks, like rembg's.")]
 Mode = Annotated[
-    str, typer.Option(help="ratio: photo times new over old shading, keeps all detail; full: albedo times new shading.")
+    str,
+    option(
+        "ratio: photo times new over old shading, keeps all detail; full: albedo times new shading.",
+        "--mode",
+        metavar="WORD",
+    ),
 ]
 WhiteBalance = Annotated[
     str,
-    typer.Option(help="keep: take the photo's light to be white; scene: take it to have the inferred colour."),
-]
-BackgroundText = Annotated[
-    str, typer.Option("--background", "-b", help="keep, transparent, panorama, a colour (#334455) or a picture.")
-]
-Blur = Annotated[float, typer.Option(min=0, max=60, help="Blur of the background panorama, degrees.")]
-Shadow = Annotated[bool, typer.Option("--shadow/--no-shadow", help="Cast shadows on the ground of a new background.")]
-Turn = Annotated[float, typer.Option(help="Rotation of the light about the vertical, degrees.")]
-Stops = Annotated[
-    float, typer.Option(min=-8, max=8, help="Brighten the result by this many stops; negative: darken it.")
-]
-Absolute = Annotated[
-    bool, typer.Option("--absolute", help="Keep the light's own strength instead of matching it to the photo.")
-]
-Together = Annotated[
-    bool, typer.Option("--together", help="Take the whole mask as one person, even if it has several parts.")
-]
-Layout = Annotated[
-    str, typer.Option(help="Layout of a panorama: auto, latlong, angular, ball, cross, strip, strip-gl.")
-]
-Yaw = Annotated[float, typer.Option(help="Rotate a panorama whose front is wrong, degrees; front goes to the right.")]
-Flip = Annotated[bool, typer.Option("--flip", help="Mirror a panorama left to right.")]
-UpsideDown = Annotated[bool, typer.Option("--upside-down", help="The panorama's rows are from the bottom up.")]
-Convention = Annotated[str | None, typer.Option(help="Convention of a coefficient file that does not state it.")]
-Weights = Annotated[
-    Path | None,
-    typer.Option(
-        "--weights",
-        "-w",
-        help="A network: .onnx, .safetensors, or, after `relight run experiment=photo`, models:/relight@photo.",
+    option(
+        "keep: take the photo's light to be white; scene: take it to have the inferred color.",
+        "--white-balance",
+        panel=LIGHT,
+        metavar="WORD",
     ),
 ]
-Size = Annotated[int, typer.Option(min=16, max=4096, help="Largest length of the longer side, pixels.")]
-DEFAULT = "room:7"
+BackgroundText = Annotated[
+    str,
+    option(
+        "keep, transparent, panorama, a color (#334455) or a picture.",
+        "--background",
+        "-b",
+        panel=BEHIND,
+        metavar="WORD",
+    ),
+]
+Blur = Annotated[
+    float, option("Blur of the panorama behind, degrees.", "--blur", panel=BEHIND, metavar="DEGREES", min=0, max=60)
+]
+Shadow = Annotated[
+    bool, option("Cast shadows on the ground of a new background.", "--shadow/--no-shadow", panel=BEHIND)
+]
+Turn = Annotated[
+    float, option("Turn the light about the vertical, to the right.", "--turn", panel=LIGHT, metavar="DEGREES")
+]
+Stops = Annotated[
+    float,
+    option("Brighten the result; negative: darken it.", "--stops", panel=LIGHT, metavar="STOPS", min=-8, max=8),
+]
+Absolute = Annotated[
+    bool, option("Keep the light's own strength instead of matching it to the photo.", "--absolute", panel=LIGHT)
+]
+Together = Annotated[bool, option("Take the whole mask as one person, even if it has several parts.", "--together")]
+Layout = Annotated[
+    str,
+    option(
+        "Of a panorama: auto, latlong, angular, ball, cross, strip, strip-gl.",
+        "--layout",
+        panel=PANORAMA,
+        metavar="WORD",
+    ),
+]
+Yaw = Annotated[
+    float,
+    option("Turn a panorama whose front is wrong, to the right.", "--yaw", panel=PANORAMA, metavar="DEGREES"),
+]
+Flip = Annotated[bool, option("Mirror a panorama left to right.", "--flip", panel=PANORAMA)]
+UpsideDown = Annotated[bool, option("Its rows are from the bottom up.", "--upside-down", panel=PANORAMA)]
+Convention = Annotated[
+    str | None,
+    option("Of a coefficient file that does not state it.", "--convention", panel=PANORAMA, metavar="WORD"),
+]
+Weights = Annotated[
+    Path | None,
+    option(
+        "A network: .onnx or .safetensors, or models:/relight@photo after `relight run experiment=photo`.",
+        "--weights",
+        "-w",
+        metavar="FILE",
+    ),
+]
+Size = Annotated[
+    int,
+    option("Largest length of the longer side.", "--size", metavar="PIXELS", min=16, max=4096),
+]
+DEFAULT = "auto"  # relight.photos.infer.AUTO, whose module needs numpy
 
 
 def relighting_options(
@@ -109,37 +176,47 @@ def relighting_options(
     )
 
 
-def with_relighting_options(command: Callable) -> Callable:
-    """Gives a command the parameters of `relighting_options`, and their values as the argument `options`."""
-    own, shared = inspect.signature(command), inspect.signature(relighting_options)
-    parameters = [p for p in own.parameters.values() if p.name != "options"] + list(shared.parameters.values())
+def with_relighting_options(examples: str) -> Callable[[Callable], Callable]:
+    """Gives a command the parameters of `relighting_options`, and their values as the argument `options`.
 
-    @functools.wraps(command)
-    def wrapper(**values):
-        options = relighting_options(**{name: values.pop(name) for name in shared.parameters})
-        return command(**values, options=options)
+    Args:
+        examples: for its help, which also lists the lights.
+    """
 
-    wrapper.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined]
-    wrapper.__annotations__ = {p.name: p.annotation for p in parameters}
-    return wrapper
+    def decorate(command: Callable) -> Callable:
+        signature, shared = inspect.signature(command), inspect.signature(relighting_options)
+        parameters = [p for p in signature.parameters.values() if p.name != "options"]
+        parameters += shared.parameters.values()
+
+        @functools.wraps(command)
+        def wrapper(**values):
+            options = relighting_options(**{name: values.pop(name) for name in shared.parameters})
+            return command(**values, options=options)
+
+        wrapper.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+        wrapper.__annotations__ = {p.name: p.annotation for p in parameters}
+        wrapper.__doc__ = f"{command.__doc__}{LIGHTS.format(examples=examples)}"
+        return wrapper
+
+    return decorate
 
 
 @app.command()
-@with_relighting_options
+@with_relighting_options(PHOTO_EXAMPLES)
 def photo(
     path: Annotated[Path, typer.Argument(help="A photo, or a folder of photos.", metavar="PHOTO")],
     options: "Options",
     mask: MaskPath = None,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", help="Folder for the results; by default PHOTO_relit.")
+        Path | None, option("Folder for the results; by default PHOTO_relit.", "--out", "-o", metavar="FOLDER")
     ] = None,
     together: Together = False,
     maps: Annotated[
-        bool, typer.Option("--maps", help="Also write maps.exr: albedo, shading and transport in half floats.")
+        bool, option("Also write maps.exr: albedo, shading and transport in half floats.", "--maps")
     ] = False,
     weights: Weights = None,
     jobs: Annotated[
-        int | None, typer.Option("--jobs", "-j", min=1, help="For a folder: photos relit at the same time.")
+        int | None, option("For a folder: photos relit at the same time.", "--jobs", "-j", metavar="N", min=1)
     ] = None,
 ) -> None:
     """Relight the people in a photo, or in each photo of a folder."""
@@ -158,8 +235,8 @@ def photo(
             raise typer.Exit(1)
         return
     from relight.photos.api import load
-    from relight.photos.mask import NoMaskNetwork
-    from relight.photos.photo import relight_file
+    from relight.photos.mask.find import NoMaskNetwork
+    from relight.photos.photo import BEFORE_AFTER, relight_file
 
     relighter = load(weights)
     try:
@@ -172,7 +249,8 @@ def photo(
             raise
         mask_setup()
         record = relight_file(relighter, path, out, options, mask)
-    print(f"{out}/{record['picture']}: {path.name} in the light of {options.light}")
+    print(f"{out}/{record['picture']}: {path.name} in the light of {record['light']['name']}")
+    print(f"{out}/{BEFORE_AFTER}: both side by side")
     _print_notes(record)
 
 
@@ -208,20 +286,24 @@ def transfer(
 
 
 @app.command()
-@with_relighting_options
+@with_relighting_options(MOVIE_EXAMPLES)
 def movie(
     path: Annotated[Path, typer.Argument(help="A photo, a video, or a folder of frames.", metavar="PHOTO|CLIP")],
     options: "Options",
-    out: Annotated[Path, typer.Option("--out", "-o", help="The movie: .mp4, .webm or .gif.")] = Path("relit.mp4"),
+    out: Annotated[Path, option("The movie: .mp4, .webm or .gif.", "--out", "-o", metavar="FILE")] = Path("relit.mp4"),
     mask: Annotated[
-        Path | None, typer.Option("--mask", "-m", help="Mask of the photo; for a clip, a folder or a video of masks.")
+        Path | None,
+        option("Mask of the photo; for a clip, a folder or a video of masks.", "--mask", "-m", metavar="FILE"),
     ] = None,
-    seconds: Annotated[float, typer.Option(min=0.1, max=600, help="Length of the movie of a photo.")] = 6.0,
+    seconds: Annotated[
+        float, option("Length of the movie of a photo.", "--seconds", metavar="SECONDS", min=0.1, max=600)
+    ] = 6.0,
     fps: Annotated[
-        float | None, typer.Option(min=1, max=120, help="Frames per second; by default 25, or the clip's own.")
+        float | None,
+        option("Frames per second; by default 25, or the clip's own.", "--fps", metavar="N", min=1, max=120),
     ] = None,
     turns: Annotated[
-        float | None, typer.Option(help="Turns of the light; by default 1 for a photo, 0 for a clip.")
+        float | None, option("Turns of the light; by default 1 for a photo, 0 for a clip.", "--turns", metavar="N")
     ] = None,
     size: Size = 1080,
     weights: Weights = None,
@@ -263,7 +345,7 @@ def mask_setup(
     ] = None,
 ) -> None:
     """Fetch the built-in network for masks, once: 249 KB of the package mediapipe (Apache-2.0), with the licence."""
-    from relight.photos.selfie import setup
+    from relight.photos.mask.selfie import setup
 
     if wheel is None:
         print("downloading mediapipe 0.10.21 (36 MB), of which 249 KB are kept", flush=True)
@@ -280,7 +362,7 @@ def mask_draw(
 ) -> None:
     """Write the automatic mask of a photo, to correct in a paint program. `relight photo` finds it beside the photo."""
     from relight.files import writable_file
-    from relight.photos.mask import automatic_mask
+    from relight.photos.mask.find import automatic_mask
     from relight.photos.read import read_photo
     from relight.photos.write import write_picture
 

@@ -82,7 +82,7 @@ def read_linear(path: Path, what: str) -> tuple[np.ndarray, np.ndarray | None, l
     alpha = None
     if picture.alpha is not None and np.ptp(picture.alpha) > 0:
         share = np.nan_to_num(picture.alpha).clip(0, 1)
-        pixels /= np.where(share > 0, share, 1)[..., None]  # OpenEXR's colours are multiplied by alpha
+        pixels /= np.where(share > 0, share, 1)[..., None]  # OpenEXR's colors are multiplied by alpha
         alpha = np.round(share * 255).astype(np.uint8)
     if (pixels < 0).any():
         notes.append(f"{int((pixels < 0).any(-1).sum())} pixels had negative values, set to zero")

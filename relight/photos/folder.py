@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from relight import __version__
 from relight.files import UserError, writable_folder
-from relight.photos.mask import automatic_model
+from relight.photos.mask.find import automatic_model
 from relight.photos.photo import Options, relight_file
 from relight.photos.read import list_photos, mask_beside, mask_in
 from relight.photos.write import write_json
@@ -78,7 +78,7 @@ def relight_folder(
         raise UserError(f"mask {masks}: for a folder of photos give a folder of masks")
     relighter = load(weights)
     network = relighter.network.digest
-    options.read_background(options.read_light(relighter))  # errors of the options come once, not for each photo
+    options.read_background(options.named_light(relighter))  # errors of the options come once, not for each photo
     summary = Summary()
     tasks = {}
     for photo in photos:
@@ -137,7 +137,7 @@ def _run(tasks: dict, jobs: int, options: Options, weights: Path | None) -> Iter
                 jobs = 1
 
 
-_worker: "tuple[Relighter, Light] | None" = None  # those of this process
+_worker: "tuple[Relighter, Light | None] | None" = None  # those of this process
 
 
 def _start(weights: Path | None, threads: int, options: Options) -> None:
@@ -145,7 +145,7 @@ def _start(weights: Path | None, threads: int, options: Options) -> None:
 
     global _worker
     relighter = load(weights, threads)
-    _worker = relighter, options.read_light(relighter)
+    _worker = relighter, options.named_light(relighter)
 
 
 def _relight_one(options: Options, photo: Path, out: Path, mask: Path | None, fingerprint: str) -> str | None:

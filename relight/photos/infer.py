@@ -9,11 +9,12 @@ import numpy as np
 from relight.crop import MASK_THRESHOLD, Crop, crop_around
 from relight.inference import PhotoNetwork
 from relight.panoramas import luminance
-from relight.photos.color import chroma
-from relight.photos.shading import exposure_factor, shading, shading_floor, shading_ratio
-from relight.photos.upsample import FittedMap, Guide, fit_map, luma, square_root
+from relight.photos.compose.color import chroma
+from relight.photos.compose.shading import exposure_factor, gain, shading, steady
+from relight.photos.compose.upsample import FittedMap, Guide, fit_map, luma, square_root
 from relight.srgb import decode, encode, to_linear
 
+AUTO = "auto"  # the light that `opposite_lamp` chooses
 OPAQUE = 240  # coverage (of 255) from which a pixel shows hardly anything but the person
 LEAST_CHANNEL = 0.2  # of the luminance: lower bound of the channels of `Person.white`, which lights are divided by
 PAPER_GAMMA = 2.2  # a factor on coded values is its power on linear ones, for networks trained with color=paper
@@ -32,7 +33,7 @@ class Person:
         transport: (S,S,K).
         light: (K,3) inferred radiance coefficients.
         gamma: 1, or PAPER_GAMMA for networks of coded values.
-        white: (3,) colour that `balanced` moved from the inferred light to the albedo; 1 without it.
+        white: (3,) color that `balanced` moved from the inferred light to the albedo; 1 without it.
     """
 
     crop: Crop
@@ -66,13 +67,12 @@ class Person:
 
     def fit_gain(self, light: np.ndarray) -> FittedMap:
         """Fits the gain of mode `ratio` on the photo's linear values, under a new light (K,3)."""
-        old = self.shading
-        gain = shading_ratio(old, shading(self.transport, light), shading_floor(old, self.mask))
-        return fit_map(gain**self.gamma, self._grey_guide)
+        return fit_map(gain(self.transport, self.mask, self.light, light) ** self.gamma, self._grey_guide)
 
     def fit_shading(self, light: np.ndarray) -> FittedMap:
         """Fits the shading of mode `full`, as a factor on linear values, under a new light (K,3)."""
-        return fit_map(shading(self.transport, light) ** self.gamma, self._grey_guide)
+        lit = steady(shading(self.transport, light), light)
+        return fit_map(lit**self.gamma, self._grey_guide)
 
     @cached_property
     def fitted_albedo(self) -> FittedMap:
@@ -105,7 +105,7 @@ class Person:
 
     @cached_property
     def chroma(self) -> np.ndarray:
-        """(S,S,3): the colour around each pixel, by which clipped values are rebuilt (relight.photos.color.chroma)."""
+        """(S,S,3): the color around each pixel, by which clipped values are rebuilt (compose.color.chroma)."""
         return chroma(self._linear(self.image), self.mask)
 
     @cached_property
@@ -153,7 +153,7 @@ def infer_person(network: PhotoNetwork, pixels: np.ndarray, coverage: np.ndarray
 def network_input(pixels: np.ndarray, coverage: np.ndarray, crop: Crop) -> tuple[np.ndarray, np.ndarray]:
     """Resamples a photo to the network's square.
 
-    Linear values are averaged over the person alone, so that neither dark edges nor the colour of the background enter
+    Linear values are averaged over the person alone, so that neither dark edges nor the color of the background enter
     at the silhouette.
 
     Args:
@@ -175,7 +175,7 @@ def network_input(pixels: np.ndarray, coverage: np.ndarray, crop: Crop) -> tuple
 
 
 def balanced(people: Sequence[Person]) -> list[Person]:
-    """Moves the mean colour of the light from the light to the albedo, as if the camera had balanced it to white.
+    """Moves the mean color of the light from the light to the albedo, as if the camera had balanced it to white.
 
     A camera balances its pictures to about white, while the network takes a part of warm cloth for warm light. The
     product of light and albedo, and the luminance of the mean shading, stay. The mean is over the people of a photo.
@@ -199,3 +199,12 @@ def mean_exposure_factor(people: Sequence[Person], light: np.ndarray) -> float:
     """Returns the factor on a light (K,3) that keeps the photo's exposure: the geometric mean over its people."""
     factors = [exposure_factor(person.light, light, person.transport, person.mask) for person in people]
     return float(np.exp(np.mean(np.log(factors))))
+
+
+def opposite_lamp(people: Sequence[Person]) -> str:
+    """Returns a warm lamp, as users name it, from the side from which the photo's own light does not come.
+
+    So everybody sees at once what has changed.
+    """
+    from_right = float(luminance(mean_light(people).astype(np.float64))[3]) > 0
+    return f"key:#ffb070@{-80 if from_right else 80},20,0.08"

@@ -17,13 +17,13 @@ from relight.crop import Crop, crop_around
 from relight.files import UserError
 from relight.lights import Light
 from relight.photos.api import Relighter, match_exposure
-from relight.photos.background import Background
-from relight.photos.color import to_srgb8
-from relight.photos.infer import Person, balanced
-from relight.photos.mask import find_mask
-from relight.photos.photo import Options, downscale
-from relight.photos.read import Photo, list_photos, list_pictures, mask_beside, mask_in, read_photo
-from relight.photos.render import compose, fit_maps, ground_of, render, split_layers
+from relight.photos.compose.background import Background
+from relight.photos.compose.color import to_srgb8
+from relight.photos.compose.render import compose, fit_maps, ground_of, render, split_layers
+from relight.photos.infer import Person, balanced, opposite_lamp
+from relight.photos.load import LoadedPhoto, load_photo
+from relight.photos.photo import Options
+from relight.photos.read import Photo, list_photos, list_pictures, mask_beside, mask_in
 from relight.photos.video import FPS, is_video, read_frames, write_video
 from relight.progress import progress
 from relight.sh import rotate_y
@@ -63,16 +63,15 @@ def write_movie(
         UserError: if an input is wrong or the file cannot be written.
     """
     path = Path(path)
-    light = options.read_light(relighter)
+    light = options.named_light(relighter)
     if path.is_dir() or is_video(path):
         turns = 0.0 if turns is None else turns
-        frames, count, own = relight_clip(relighter, path, mask, light, options, size, turns)
-        write_video(out, progress(frames, "frames", total=count), fps or own)
+        frames, count, clip_fps = relight_clip(relighter, path, mask, light, options, size, turns)
+        write_video(out, progress(frames, "frames", total=count), fps or clip_fps)
         return
-    photo = read_photo(path)
-    coverage = find_mask(photo, mask or mask_beside(path), options.mask_model)
-    pixels, coverage = downscale(photo, coverage, size)
-    people = relighter.infer(pixels, coverage, not options.together, options.white_balance)
+    photo = load_photo(path, mask, options.mask_model).downscaled(size)
+    pixels, people = photo.pixels, relighter.infer(photo, None, not options.together, options.white_balance)
+    light = light or relighter.read_light(opposite_lamp(people))
     coefficients, background = match_exposure(people, light.coefficients, options.read_background(light), options.match)
     fps = fps or FPS
     count = max(1, round(seconds * fps))
@@ -131,7 +130,7 @@ def relight_clip(
     relighter: Relighter,
     path: Path | str,
     masks: Path | str | None,
-    light: Light,
+    light: Light | None,
     options: Options,
     size: int,
     turns: float,
@@ -145,7 +144,7 @@ def relight_clip(
         path: of the clip.
         masks: a folder or a video of masks, frame by frame; by default x_mask.png beside a picture x, its alpha, or an
             automatic mask.
-        light: as read.
+        light: as read; None for `auto`.
         options: of the command.
         size: the longer side is scaled down to it, pixels.
         turns: of the light over the clip.
@@ -161,12 +160,14 @@ def relight_clip(
         return balanced([person])[0] if options.white_balance == "keep" else person
 
     def relit() -> Iterator[np.ndarray]:
-        pairs = (downscale(photo, coverage, size) for photo, coverage in _with_masks(path, frames, masks, options))
+        photos = (photo.downscaled(size) for photo in _with_masks(path, frames, masks, options))
+        pairs = ((photo.pixels, photo.coverage) for photo in photos)
         smooth = smooth_over_time(pairs, lambda coverage: crop_around(coverage, relighter.network.size), infer)
         coefficients = None
         for i, (pixels, person) in enumerate(smooth):
             if coefficients is None:
-                coefficients, matched = match_exposure([person], light.coefficients, background, options.match)
+                given = light or relighter.read_light(opposite_lamp([person]))
+                coefficients, matched = match_exposure([person], given.coefficients, background, options.match)
             turn = np.radians(options.turn) + 2 * np.pi * turns * i / (count or UNKNOWN_LENGTH)
             turned = rotate_y(coefficients, turn).astype(np.float32)
             yield render(pixels, [person], turned, options.mode, matched, turn, options.stops)
@@ -176,11 +177,11 @@ def relight_clip(
 
 def _with_masks(
     clip: Path | str, frames: Iterator[Photo], masks: Path | str | None, options: Options
-) -> Iterator[tuple[Photo, np.ndarray]]:
+) -> Iterator[LoadedPhoto]:
     if masks is None:
         for photo in frames:  # those of a folder have the names of their files
             beside = mask_beside(Path(clip) / f"{photo.name}.png") if Path(clip).is_dir() else None
-            yield photo, find_mask(photo, beside, options.mask_model)
+            yield load_photo(photo, beside, options.mask_model)
         return
     masks = Path(masks)
     if masks.is_dir():
@@ -192,7 +193,7 @@ def _with_masks(
                 raise UserError(f"folder {masks} holds no mask of the frame {photo.name}")
             if mask is None:
                 raise UserError(f"folder {masks} holds {number - 1} masks, but the clip has more frames")
-            yield photo, find_mask(photo, mask)
+            yield load_photo(photo, mask)
         return
     if not is_video(masks):
         raise UserError(f"mask {masks}: for a clip give a folder of masks or a video of them")
@@ -203,7 +204,7 @@ def _with_masks(
             raise UserError(f"mask video {masks} has {number - 1} frames, but the clip has more")
         if drawn.pixels.shape != photo.pixels.shape:
             raise UserError(f"mask video {masks} is of another size than the clip: they must be equal")
-        yield photo, drawn.codes.max(-1)
+        yield LoadedPhoto(photo.pixels, drawn.codes.max(-1), photo.name)
 
 
 def smooth_over_time(

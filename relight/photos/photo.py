@@ -4,20 +4,27 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
 from relight.files import UserError, writable_folder
 from relight.lights import Light, LightOptions
 from relight.photos.api import MODES, Relighter, match_exposure, require_white_balance
-from relight.photos.background import Background, read_background
-from relight.photos.color import DISPLAY_STOPS, KNEE
-from relight.photos.infer import Person, mean_light
-from relight.photos.mask import AUTOMATIC, find_mask, mask_warnings
-from relight.photos.read import Photo, mask_beside, read_photo
-from relight.photos.render import render
-from relight.photos.write import write_inference, write_json, write_light_files, write_maps, write_picture
+from relight.photos.compose.background import Background, read_background
+from relight.photos.compose.color import DISPLAY_STOPS, KNEE
+from relight.photos.compose.render import render
+from relight.photos.infer import AUTO, Person, mean_light, opposite_lamp
+from relight.photos.load import LoadedPhoto, load_photo
+from relight.photos.mask.find import AUTOMATIC, mask_warnings
+from relight.photos.write import (
+    write_before_after,
+    write_inference,
+    write_json,
+    write_light_files,
+    write_maps,
+    write_picture,
+)
 from relight.sh import rotate_y
 
+BEFORE_AFTER = "before_after.jpg"
 BYTES_PER_PIXEL = 48  # of the photo, at most, for the results: three pictures and 16 maps of half floats
 
 
@@ -26,7 +33,7 @@ class Options:
     """The options of `relight photo`, `movie` and `transfer` that shape a picture.
 
     Attributes:
-        light: as `Relighter.read_light` takes it.
+        light: as `Relighter.read_light` takes it, or `auto`.
         mode: ratio | full.
         white_balance: keep | scene, as `Relighter.infer` takes it.
         background: as `read_background` takes it.
@@ -46,7 +53,7 @@ class Options:
         convention: of a file of coefficients.
     """
 
-    light: str = ""
+    light: str = AUTO
     mode: str = "ratio"
     white_balance: str = "keep"
     background: str = "keep"
@@ -70,8 +77,10 @@ class Options:
             raise UserError(f"mode {self.mode!r} is neither ratio nor full")
         require_white_balance(self.white_balance)
 
-    def read_light(self, relighter: Relighter) -> Light:
-        """Reads the light."""
+    def named_light(self, relighter: Relighter) -> Light | None:
+        """Reads the light; None for `auto`, which depends on the photo."""
+        if self.light == AUTO:
+            return None
         options: LightOptions = {
             "layout": self.layout, "yaw": self.yaw, "flip": self.flip, "upside_down": self.upside_down
         }  # fmt: skip
@@ -79,30 +88,17 @@ class Options:
             options["convention"] = self.convention
         return relighter.read_light(self.light, self.light_mask, self.mask_model, self.white_balance, **options)
 
-    def read_background(self, light: Light) -> Background:
+    def read_background(self, light: Light | None) -> Background:
         """Reads the background."""
-        return replace(read_background(self.background, light.panorama, self.blur), shadow=self.shadow)
+        panorama = light.panorama if light else None
+        return replace(read_background(self.background, panorama, self.blur), shadow=self.shadow)
 
-
-def read_people(
-    relighter: Relighter, path: Path | str, mask: Path | str | None, options: Options
-) -> tuple[Photo, list[Person]]:
-    """Reads a photo and infers its people."""
-    photo = read_photo(path)
-    coverage = find_mask(photo, mask or mask_beside(path), options.mask_model)
-    return photo, relighter.infer(photo, coverage, not options.together, options.white_balance)
-
-
-def downscale(photo: Photo, coverage: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray]:
-    """Scales a photo and its coverage down so that the longer side is at most `size`; returns both as uint8."""
-    height, width = coverage.shape
-    scale = size / max(height, width)
-    if scale >= 1:
-        return photo.codes, coverage
-    shape = max(8, round(width * scale)), max(8, round(height * scale))
-    images = (Image.fromarray(photo.codes), Image.fromarray(coverage))
-    pixels, coverage = (np.asarray(image.resize(shape, Image.Resampling.LANCZOS, reducing_gap=3)) for image in images)
-    return pixels, coverage
+    def infer(
+        self, relighter: Relighter, path: Path | str, mask: Path | str | None
+    ) -> tuple[LoadedPhoto, list[Person]]:
+        """Loads a photo and infers its people."""
+        photo = load_photo(path, mask, self.mask_model)
+        return photo, relighter.infer(photo, None, not self.together, self.white_balance)
 
 
 def relight_file(
@@ -132,15 +128,17 @@ def relight_file(
         UserError: if an input is wrong, or the folder cannot be written.
     """
     out = writable_folder(out, "--out")
-    light = light or options.read_light(relighter)
+    light = light or options.named_light(relighter)
+    photo, people = options.infer(relighter, path, mask)
+    light = light or relighter.read_light(opposite_lamp(people))
     background = options.read_background(light)
-    photo, people = read_people(relighter, path, mask, options)
     writable_folder(out, "--out", BYTES_PER_PIXEL * photo.pixels[..., 0].size)
     matched, background = match_exposure(people, light.coefficients, background, options.match)
     turned = rotate_y(matched, np.radians(options.turn)).astype(np.float32)
     relit = render(photo.pixels, people, turned, options.mode, background, np.radians(options.turn), options.stops)
     assessed = [relighter.trust(person) for person in people]
     write_picture(out / f"relit{photo.suffix}", relit)
+    write_before_after(out / BEFORE_AFTER, photo.pixels, relit)
     write_inference(out, people, photo.pixels)
     if options.maps:
         write_maps(out / "maps.exr", people, photo.pixels)
@@ -148,16 +146,15 @@ def relight_file(
         name = "light" if len(people) == 1 else f"light_{i}"
         write_light_files(out / name, person.light, f"inferred from {photo.name}")
     write_light_files(out / "new_light", turned, f"{light.source}, turned by {options.turn:g} degrees")
-    automatic = photo.alpha is None and not (mask or mask_beside(path))
     record = {
         "photo": str(path),
         "picture": f"relit{photo.suffix}",
-        "notes": photo.notes,
+        "notes": list(photo.notes),
         "size": [photo.pixels.shape[1], photo.pixels.shape[0]],
         "options": asdict(options),
         "shading_png": {"stops": DISPLAY_STOPS, "straight_to": KNEE},
         "light": {"name": light.source, "notes": light.notes},
-        "mask": {"automatic": automatic, "notes": mask_warnings(people) + [AUTOMATIC] * automatic},
+        "mask": {"automatic": photo.automatic, "notes": mask_warnings(people) + [AUTOMATIC] * photo.automatic},
         "people": [
             {
                 "square": [round(v, 2) for v in (p.crop.left, p.crop.top, p.crop.side)],
@@ -191,7 +188,7 @@ def swap_lights(
         The paths of the two pictures.
     """
     writable_folder(out, "--out")
-    inferred = [read_people(relighter, path, mask, options) for path, mask in zip(paths, masks)]
+    inferred = [options.infer(relighter, path, mask) for path, mask in zip(paths, masks)]
     names = [photo.name for photo, _ in inferred]
     if names[0].lower() == names[1].lower():  # some file systems do not distinguish a and A
         names = [f"{name}_{number}" for number, name in enumerate(names, 1)]

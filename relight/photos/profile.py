@@ -1,4 +1,4 @@
-"""Conversion of photos to sRGB by what their files say of their colours: ICC profile, PNG's gamma, EXIF.
+"""Conversion of photos to sRGB by what their files say of their colors: ICC profile, PNG's gamma, EXIF.
 
 8-bit pictures are converted by LittleCMS. Pillow's binding of it knows no 16 bits; these are converted by the curves
 and primaries of the profile, which those of cameras and photo editors have.
@@ -71,7 +71,7 @@ def _by_profile(pixels: np.ndarray, profile: bytes, what: str) -> tuple[np.ndarr
         source, target = ImageCms.ImageCmsProfile(io.BytesIO(profile)), ImageCms.createProfile("sRGB")
         transform = ImageCms.buildTransform(source, target, "RGB", "RGB")
     except (ImageCms.PyCMSError, OSError):
-        return pixels, ["its colour profile is damaged, or not one of RGB pictures: it was left out, as by browsers"]
+        return pixels, ["its color profile is damaged, or not one of RGB pictures: it was left out, as by browsers"]
 
     def convert(values: np.ndarray) -> np.ndarray:
         image = ImageCms.applyTransform(Image.fromarray(values), transform)
@@ -86,7 +86,7 @@ def _by_profile(pixels: np.ndarray, profile: bytes, what: str) -> tuple[np.ndarr
     own, srgb = _colorants(source.profile), _colorants(target)
     known = [curve for curve in curves if curve is not None]
     if own is None or srgb is None or _tag(profile, b"A2B0") or len(known) < 3:
-        raise UserError(f"{what} has 16 bits and a colour profile of tables: convert it to sRGB, or save it in 8 bits")
+        raise UserError(f"{what} has 16 bits and a color profile of tables: convert it to sRGB, or save it in 8 bits")
     return _by_curves(pixels, known, np.linalg.solve(srgb, own)), []
 
 

@@ -9,9 +9,9 @@ import numpy as np
 from PIL import Image, ImageOps
 
 from relight.files import UserError, existing_file, require_readable
-from relight.photos.color import to_srgb8
-from relight.photos.coverage import coverage_of
+from relight.photos.compose.color import to_srgb8
 from relight.photos.deep import is_exr, read_16_bits, read_linear
+from relight.photos.mask.coverage import coverage_of
 from relight.photos.opening import bits_of, decoding_errors, open_picture, require_still
 from relight.photos.profile import to_srgb
 
@@ -31,8 +31,8 @@ class Photo:
         notes: what was chosen where the file, or that of its mask, can mean two things, one sentence each.
     """
 
-    pixels: np.ndarray
-    alpha: np.ndarray | None
+    pixels: np.ndarray = field(repr=False)
+    alpha: np.ndarray | None = field(repr=False)
     name: str
     suffix: str = ".png"
     notes: list[str] = field(default_factory=list)
@@ -51,7 +51,7 @@ def as_codes(pixels: np.ndarray) -> np.ndarray:
 
 
 def read_photo(path: Path | str, what: str = "photo") -> Photo:
-    """Reads a photo, turned upright by its EXIF and converted from its colour profile to sRGB.
+    """Reads a photo, turned upright by its EXIF and converted from its color profile to sRGB.
 
     Args:
         path: of the file.
@@ -84,7 +84,7 @@ def photo_from_image(
     """
     require_still(image, what)
     if image.mode in ("L", "LA", "1") or image.mode.startswith("I;16"):
-        raise UserError(f"{what} is grey: give a colour picture, for the light's colour is read from it")
+        raise UserError(f"{what} is grey: give a color picture, for the light's color is read from it")
     if image.mode in ("CMYK", "YCCK", "LAB", "HSV"):
         raise UserError(f"{what} is {image.mode}: convert it to RGB (sRGB)")
     bits = bits_of(image, file)
@@ -115,7 +115,7 @@ def _checked(photo: Photo, what: str) -> Photo:
 
 
 def read_mask(path: Path | str, size: tuple[int, int], notes: list[str] | None = None) -> np.ndarray:
-    """Reads a mask: the file's alpha channel if that varies, else its brightness, or its two labels or colours.
+    """Reads a mask: the file's alpha channel if that varies, else its brightness, or its two labels or colors.
 
     Args:
         path: of the file.

@@ -35,7 +35,7 @@ def writable_video(path: Path | str) -> Path:
 def write_video(path: Path | str, frames: Iterable[np.ndarray], fps: float = FPS) -> None:
     """Writes a video, whole or not at all.
 
-    Odd sizes gain a repeated row or column, since codecs halve the resolution of colour. Colours are tagged BT.709.
+    Odd sizes gain a repeated row or column, since codecs halve the resolution of color. Colors are tagged BT.709.
 
     Args:
         path: of the file, .mp4 (H.264), .webm (VP9) or .gif.
@@ -78,7 +78,7 @@ def _write_video(path: Path, frames: Iterable[np.ndarray], fps: float, codec: st
 
 
 def _write_gif(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
-    """Writes a GIF with one palette for all frames, made from four of them, so that colours do not flicker."""
+    """Writes a GIF with one palette for all frames, made from four of them, so that colors do not flicker."""
     images = [Image.fromarray(np.ascontiguousarray(f)) for f in frames]
     if not images:
         raise UserError("the movie has no frames")

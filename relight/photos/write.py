@@ -13,15 +13,17 @@ from relight.files import atomic_write
 from relight.lights import Light, lit_ball, write_light
 from relight.maps import coefficient_names
 from relight.maps.exr import CONVENTION, FRAME
-from relight.photos.color import display_shading, to_srgb8
+from relight.photos.compose.color import display_shading, to_srgb8
+from relight.photos.compose.render import strips, total_coverage
+from relight.photos.compose.shading import shading
+from relight.photos.compose.upsample import FittedMap, luma
 from relight.photos.deep import write_deep
 from relight.photos.infer import Person
-from relight.photos.render import strips, total_coverage
-from relight.photos.shading import shading
-from relight.photos.upsample import FittedMap, luma
+from relight.photos.read import as_codes
 from relight.sh import order_of
-from relight.srgb import to_linear
+from relight.srgb import to_bytes, to_linear
 
+STRIP_SIDE, GAP = 1080, 12  # pixels of the longer side of each picture in a strip, and between them
 RUNS = 3  # zlib's Z_RLE: a photo becomes as small as by its default, in a quarter of the time
 
 
@@ -32,6 +34,21 @@ def write_picture(path: Path, pixels: np.ndarray) -> None:
         return
     with atomic_write(path) as tmp:
         Image.fromarray(pixels).save(tmp, format="PNG", compress_type=RUNS)
+
+
+def write_before_after(path: Path, before: np.ndarray, after: np.ndarray) -> None:
+    """Writes a photo (H,W,3) and its relit version (H,W,3|4), in white where it is transparent, as a JPEG to show."""
+    codes = [Image.fromarray(as_codes(pixels)) for pixels in (before, after[..., :3])]
+    if after.shape[2] == 4:
+        alpha = after[..., 3] / np.float32(np.iinfo(after.dtype).max if after.dtype.kind == "u" else 1)
+        codes[1].paste("white", mask=Image.fromarray(to_bytes(1 - alpha)))
+    codes = [image.reduce(-(-max(image.size) // STRIP_SIDE)) for image in codes]
+    width, height = codes[0].size
+    strip = Image.new("RGB", (2 * width + GAP, height), "white")
+    for number, image in enumerate(codes):
+        strip.paste(image, (number * (width + GAP), 0))
+    with atomic_write(path) as tmp:
+        strip.save(tmp, format="JPEG", quality=90)
 
 
 def write_inference(folder: Path, people: Sequence[Person], pixels: np.ndarray) -> None:
@@ -103,7 +120,7 @@ def placed_maps(
     Args:
         person: whose maps they are.
         pixels: (H,W,3) of the photo.
-        fits: a map that the colours guide, and one that the luma guides.
+        fits: a map that the colors guide, and one that the luma guides.
 
     Yields:
         The window of a strip in the photo, its pixels of the person (h,w) bool, and the values (N,C) of both maps.

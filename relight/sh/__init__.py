@@ -1,4 +1,4 @@
-"""Spherical harmonics: basis, rotation, irradiance, and the conventions of other programs."""
+"""Spherical harmonics: basis, rotation, irradiance, windows, and the conventions of other programs."""
 
 from relight.sh.conventions import CONVENTIONS, from_relight, to_relight
 from relight.sh.harmonics import (
@@ -16,6 +16,7 @@ from relight.sh.harmonics import (
     sphere_quadrature,
     unoccluded,
 )
+from relight.sh.window import deringed
 
 __all__ = [
     "CONVENTIONS",
@@ -24,6 +25,7 @@ __all__ = [
     "basis",
     "coefficient_count",
     "cosine_factors",
+    "deringed",
     "from_relight",
     "irradiance",
     "order_of",

@@ -12,10 +12,11 @@ import numpy as np
 
 from relight.files import UserError, atomic_write
 from relight.maps import Maps
+from relight.sh import deringed
 from relight.viewer.bundle import bundle
 from relight.viewer.figure import Figure, embed
 
-PAGE = Path(__file__).parent / "page"
+PAGE = Path(__file__).parent / "web" / "page"
 BACKGROUNDS = ("studio", "light", "color", "clear", "photo")
 LIMIT = 6_000_000  # bytes of a page with one figure
 FURTHER = 2_500_000  # bytes that the limit grows by with each further one
@@ -103,7 +104,7 @@ def page_text(
     page = {
         "title": title,
         "background": background,
-        "lights": [{"name": name, "values": np.float64(light).round(6).tolist()} for name, light in lights.items()],
+        "lights": [{"name": name, "values": deringed(light).round(6).tolist()} for name, light in lights.items()],
         **additions.settings,
     }
     parts = {

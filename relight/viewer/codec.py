@@ -1,7 +1,7 @@
 """Planes of integers as few bytes: predicted from their neighbours inside a region, split into bytes, deflated.
 
 A browser undoes it with `DecompressionStream` and one pass over the pixels (`page/codec.js`), without decoding an
-image, so neither colour management nor premultiplied alpha can touch the values.
+image, so neither color management nor premultiplied alpha can touch the values.
 """
 
 import zlib

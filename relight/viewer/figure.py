@@ -2,27 +2,27 @@
 
 import base64
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from relight.crop import fill_outside
+from relight.crop import extent, fill_outside
 from relight.files import UserError
 from relight.maps import Maps
-from relight.photos.color import CLIPPING, chroma, clipping_excess
-from relight.photos.render import estimate_foreground
-from relight.photos.shading import shading, shading_floor
-from relight.sh import coefficient_count
+from relight.maps.octahedral import octahedral
+from relight.photos.compose.color import CLIPPING, chroma, clipping_excess
+from relight.photos.compose.render import estimate_foreground
+from relight.photos.compose.shading import shading, shading_floor
+from relight.sh import UNOCCLUDED_T00, coefficient_count
 from relight.srgb import LINEAR
 from relight.srgb import encode as encode_srgb
 from relight.viewer.codec import deflate, encode
 
 ALBEDO_STEPS = 510  # per unit of sRGB-coded albedo: a quarter of an 8-bit code is lost at most
 NORMAL_STEPS = 511  # per unit of the octahedral map: .2 degrees
-OPEN = 0.886227  # T00 of a point that nothing occludes, in the digits of the page (figure.js)
-EDGE_STEPS = 4095  # per unit of sRGB-coded half linear values: a soft edge is a small difference of two colours
+EDGE_STEPS = 4095  # per unit of sRGB-coded half linear values: a soft edge is a small difference of two colors
 EXCESS_STEPS = 255  # per unit of the share by which light was above a clipped channel
-MARGIN = 2  # pixels around the figure, room for the browser to carry colours past the edge before it filters
+MARGIN = 2  # pixels around the figure, room for the browser to carry colors past the edge before it filters
 # Steps per unit of transport, and step of a photo's codes outside the figure; the first that fits is taken. The finest
 # keeps even a dark pixel at +1.5 stops within 1.2 codes (4096: 2.7, 2048: 3.5), for .14 MB a halving at 1024 px.
 QUALITIES = ((8192, 1), (4096, 1), (2048, 1), (1024, 1), (1024, 3), (512, 5))
@@ -46,9 +46,9 @@ class Figure:
     """
 
     title: str
-    maps: Maps
-    photo: np.ndarray | None = None
-    photo_light: np.ndarray | None = None
+    maps: Maps = field(repr=False)
+    photo: np.ndarray | None = field(default=None, repr=False)
+    photo_light: np.ndarray | None = field(default=None, repr=False)
     source: str = ""
 
     def __post_init__(self):
@@ -65,29 +65,6 @@ class Figure:
             )
         if self.photo_light is not None and np.shape(self.photo_light) != (9, 3):
             raise UserError(f"figure '{self.title}': the photo's light is {np.shape(self.photo_light)}, not (9, 3)")
-
-
-def octahedral(normals: np.ndarray) -> np.ndarray:
-    """Returns the octahedral map of unit normals (Meyer et al. 2010).
-
-    Args:
-        normals: (...,3).
-
-    Returns:
-        (...,2) in [-1,1]; (0,0,1) is at the centre.
-    """
-    x, y, z = np.moveaxis(normals / np.maximum(np.abs(normals).sum(-1, keepdims=True), 1e-9), -1, 0)
-    sign_x, sign_y = np.where(x < 0, -1, 1), np.where(y < 0, -1, 1)
-    return np.stack([np.where(z < 0, (1 - np.abs(y)) * sign_x, x), np.where(z < 0, (1 - np.abs(x)) * sign_y, y)], -1)
-
-
-def bounding_box(region: np.ndarray) -> tuple[slice, slice]:
-    """Rows and columns of the region (H,W) bool with MARGIN pixels around it, within the image."""
-    rows, columns = np.flatnonzero(region.any(1)), np.flatnonzero(region.any(0))
-    return (
-        slice(max(int(rows[0]) - MARGIN, 0), int(rows[-1]) + 1 + MARGIN),
-        slice(max(int(columns[0]) - MARGIN, 0), int(columns[-1]) + 1 + MARGIN),
-    )
 
 
 def differences(codes: np.ndarray) -> np.ndarray:
@@ -112,7 +89,7 @@ def pack(figure: Figure, transport_steps: int, background_step: int) -> tuple[di
     maps = figure.maps
     height, width = maps.mask.shape
     coverage = np.rint(np.clip(maps.coverage, 0, 1) * 255).astype(np.uint8)
-    rows, columns = bounding_box(maps.mask | (coverage > 0))
+    rows, columns = (slice(max(first - MARGIN, 0), last + MARGIN) for first, last in extent(maps.mask | (coverage > 0)))
     mask, alpha = maps.mask[rows, columns], coverage[rows, columns]
     region = mask | (alpha > 0)
     streams: list[bytes] = [deflate(np.packbits(region).tobytes())]
@@ -143,7 +120,7 @@ def pack(figure: Figure, transport_steps: int, background_step: int) -> tuple[di
     add("albedo", np.rint(encode_srgb(cut(maps.albedo)) * ALBEDO_STEPS), ALBEDO_STEPS, region)
     if maps.normal.any():
         add("normal", np.rint(octahedral(cut(maps.normal)) * NORMAL_STEPS), NORMAL_STEPS, region)
-    if np.abs(ao - np.clip(transport[..., 0] / OPEN, 0, 1))[region].max() > 0.5 / 255:
+    if np.abs(ao - np.clip(transport[..., 0] / UNOCCLUDED_T00, 0, 1))[region].max() > 0.5 / 255:
         add("ao", np.rint(ao * 255)[..., None], 255, region)
     if (alpha != 255 * region).any():
         add("coverage", alpha[..., None], 255, np.ones_like(region))

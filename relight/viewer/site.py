@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from relight.files import UserError, atomic_folder
-from relight.photos import selfie
+from relight.photos.mask import selfie
 from relight.viewer import runtime
 from relight.viewer.build import Additions, page_text
 from relight.viewer.bundle import bundle
 from relight.viewer.figure import Figure
 
-WEB = Path(__file__).parent / "web"
-# To load the site's own files. Before a photo is read the page adds a policy without `connect-src` (web/engine.js).
+STUDIO = Path(__file__).parent / "web" / "studio"
+# To load the site's own files. Before it reads a photo, the page adds a policy without `connect-src` (engine.js).
 POLICY = (
     "default-src 'none'; script-src 'unsafe-inline' 'wasm-unsafe-eval' blob:; style-src 'unsafe-inline'; "
     "img-src data: blob:; connect-src 'self'; worker-src 'self' blob:; base-uri 'none'; form-action 'none'"
@@ -58,19 +58,19 @@ def build_site(
             files.append(folder / "mask.onnx")
         sizes = [{"name": path.name, "bytes": path.stat().st_size} for path in files]
         additions = Additions(
-            script=WEB / "studio.js",
+            script=STUDIO / "studio.js",
             policy=POLICY,
-            style=(WEB / "style.css").read_text(encoding="utf-8"),
-            stage=(WEB / "stage.html").read_text(encoding="utf-8"),
-            panel=(WEB / "panel.html").read_text(encoding="utf-8"),
-            worker=bundle(WEB / "worker.js"),
+            style=(STUDIO / "style.css").read_text(encoding="utf-8"),
+            stage=(STUDIO / "stage.html").read_text(encoding="utf-8"),
+            panel=(STUDIO / "panel.html").read_text(encoding="utf-8"),
+            worker=bundle(STUDIO / "worker.js"),
             settings={"web": {"size": size, "files": sizes}},
         )
         text = page_text(figures, lights, title=title, additions=additions)
         (folder / "index.html").write_text(text, encoding="utf-8")
-        shutil.copyfile(WEB / "licenses.txt", folder / "LICENSES.txt")
+        shutil.copyfile(STUDIO / "licenses.txt", folder / "LICENSES.txt")
         version = hashlib.sha256()
         for path in sorted(folder.iterdir()):
             version.update(path.read_bytes())
-        service = (WEB / "sw.js").read_text(encoding="utf-8")
+        service = (STUDIO / "sw.js").read_text(encoding="utf-8")
         (folder / "sw.js").write_text(service.replace("%version%", version.hexdigest()[:16]), encoding="utf-8")

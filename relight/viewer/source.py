@@ -10,9 +10,10 @@ from PIL import Image
 from relight.files import UserError, existing_file
 from relight.lights import load_light, reference_brightness
 from relight.maps import Maps
-from relight.photos.upsample import luma
+from relight.photos.compose.upsample import luma
+from relight.sh import UNOCCLUDED_T00
 from relight.srgb import LINEAR
-from relight.viewer.figure import OPEN, Figure
+from relight.viewer.figure import Figure
 
 if TYPE_CHECKING:
     from relight.photos.api import Relighter
@@ -88,14 +89,11 @@ def figure_of(path: Path, relighter: "Relighter | None", mask: Path | None = Non
     """
     if path.suffix.lower() == ".exr":
         return baked_figure(path)
-    from relight.photos.mask import find_mask
-    from relight.photos.photo import downscale
-    from relight.photos.read import mask_beside, read_photo
+    from relight.photos.load import load_photo
 
     assert relighter is not None, "photos need a relighter"
-    photo = read_photo(path)
-    pixels, coverage = downscale(photo, find_mask(photo, mask or mask_beside(path)), size)
-    return photo_figure(relighter, pixels, coverage, photo.name)
+    photo = load_photo(path, mask).downscaled(size)
+    return photo_figure(relighter, photo.pixels, photo.coverage, photo.name)
 
 
 def portrait(relighter: "Relighter") -> Figure:
@@ -138,7 +136,7 @@ def photo_figure(relighter: "Relighter", pixels: np.ndarray, coverage: np.ndarra
         albedo=np.clip(albedo, 0, 1),
         normal=np.zeros((*shape, 3), np.float32),
         depth=np.zeros(shape, np.float32),
-        ao=np.clip(transport[..., 0] / OPEN, 0, 1),
+        ao=np.clip(transport[..., 0] / UNOCCLUDED_T00, 0, 1),
         transport=transport,
     )
     return Figure(title, maps, pixels / np.float32(255), mean_light(people)[:9])

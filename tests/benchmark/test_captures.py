@@ -17,7 +17,7 @@ from relight.files import UserError
 from relight.maps import read_maps
 from relight.panoramas import Panorama, generate_room, project, read_panorama
 from relight.panoramas.radiosity import view_directions
-from relight.photos.environment import lookup
+from relight.photos.compose.environment import lookup
 from relight.sh import sphere_quadrature
 from relight.srgb import encode, to_bytes
 

@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 from typer.testing import CliRunner
 
-from relight.photos import selfie
+from relight.photos.mask import selfie
 
 SET_UP = selfie.network_file()  # of the user who runs the tests
 
@@ -81,7 +81,7 @@ def drawing():
 def own_data(tmp_path, monkeypatch):
     """No test sees or changes the networks that the user has set up."""
     monkeypatch.setenv("RELIGHT_DATA", str(tmp_path / "data"))
-    monkeypatch.setattr("relight.photos.u2net.fetched_model", lambda: None)
+    monkeypatch.setattr("relight.photos.mask.u2net.fetched_model", lambda: None)
     selfie.load_network.cache_clear()
 
 

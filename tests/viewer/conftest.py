@@ -84,7 +84,7 @@ def maps():
 
 @pytest.fixture(scope="session")
 def lights():
-    """Lamps of colour over a soft sky: strong enough in bands 1 and 2 to show any slip of sign or order."""
+    """Lamps of color over a soft sky: strong enough in bands 1 and 2 to show any slip of sign or order."""
 
     def light(direction, color, ambient):
         direction = np.array(direction) / np.linalg.norm(direction)

@@ -145,7 +145,7 @@ def area_irradiance(mesh: Mesh, size: int, light: np.ndarray, order: int, rays: 
 
 def sky_of(table: LightSet, row: int, panoramas: config.Panoramas) -> np.ndarray:
     """Returns the panorama (ROWS, 2 ROWS, 3) of a light of the set, rotated and scaled like the light."""
-    from relight.photos.environment import lookup
+    from relight.photos.compose.environment import lookup
 
     panorama = panorama_of(str(table.source[row]), float(table.yaw[row]), panoramas)
     # Means over each texel's area, since lamps of a room can be smaller than a texel.

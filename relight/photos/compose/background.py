@@ -1,0 +1,146 @@
+"""What is composited behind the people: the photo's own background, a color, a picture, a panorama, or nothing."""
+
+import re
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, ImageColor
+
+from relight.files import UserError
+from relight.panoramas import Panorama, luminance
+from relight.photos.compose.color import apply_gain, roll_off
+from relight.photos.compose.environment import camera_view
+from relight.photos.read import is_picture, read_photo
+from relight.srgb import LINEAR
+
+
+@dataclass
+class Background:
+    """What is composited behind the people.
+
+    Attributes:
+        kind: keep | color | picture | panorama | none (transparent).
+        color: (3,) uint8 sRGB.
+        picture: (h,w,3) uint8 sRGB.
+        panorama: in the unit of the light that it was projected to.
+        gain: factor on the panorama's radiance.
+        tint: (3,) factor on the picture's linear values.
+        blur: of the panorama, degrees.
+        shadow: whether people cast shadows on a background that is not the photo's own.
+    """
+
+    kind: str = "keep"
+    color: np.ndarray | None = None
+    picture: np.ndarray | None = field(default=None, repr=False)
+    panorama: Panorama | None = field(default=None, repr=False)
+    gain: float = 1.0
+    tint: np.ndarray | float = 1.0
+    blur: float = 0.0
+    shadow: bool = True
+
+    @property
+    def replaced(self) -> bool:
+        """Whether the photo's own background is covered."""
+        return self.kind not in ("keep", "none")
+
+    def matched(self, light: np.ndarray, factor: float, level: float = 1.0) -> "Background":
+        """Matches exposure and white balance to people under a new light.
+
+        A panorama is that light. A picture is taken to be as well exposed as the photo; its white goes half-way to that
+        of the light. A color stays.
+
+        Args:
+            light: (K,3), in the photo's exposure.
+            factor: the one that brought it there.
+            level: how much brighter the people become than in the photo.
+        """
+        tint: np.ndarray | float = 1.0
+        if self.kind == "picture" and self.picture is not None:
+            tint = level * np.sqrt(_hue(np.maximum(light[0], 0)) / _hue(estimate_white(self.picture)))
+        return replace(self, gain=factor, tint=tint)
+
+    def linear(self, shape: tuple[int, int], turn: float = 0.0, stops: float = 0.0) -> np.ndarray:
+        """Renders a color, picture or panorama behind a photo.
+
+        A radiance L is shown as pi L: images here are albedo times irradiance, so a matte white person in the open is
+        as bright as the surroundings.
+
+        Args:
+            shape: (H, W) of the photo.
+            turn: of the light, radians.
+            stops: exposure of pictures and panoramas, as powers of two.
+
+        Returns:
+            (H,W,3) float32 in [0,1].
+        """
+        if self.kind == "color":
+            return np.broadcast_to(LINEAR[self.color], (*shape, 3))
+        if self.kind == "picture" and self.picture is not None:
+            gain = np.float32(self.tint) * np.ones(3, np.float32) * 2**stops
+            return apply_gain(LINEAR[resize_to_cover(self.picture, shape)], gain)
+        assert self.panorama is not None  # the one kind that is left
+        return roll_off(camera_view(self.panorama, shape, turn, self.blur) * np.float32(np.pi * self.gain * 2**stops))
+
+
+def read_background(text: str, panorama: Panorama | None = None, blur: float = 0.0) -> Background:
+    """Reads a background as a user names it.
+
+    Args:
+        text: keep, transparent, panorama, a color (#223344, white) or a picture file.
+        panorama: that of the light, if it has one.
+        blur: of the panorama, degrees.
+
+    Raises:
+        UserError: if it is none of these.
+    """
+    if text == "keep":
+        return Background("keep")
+    if text in ("transparent", "none"):
+        return Background("none")
+    if text == "panorama":
+        if panorama is None:
+            raise UserError(
+                "background panorama: this light has no panorama; give one with --light, or another background"
+            )
+        return Background("panorama", panorama=panorama, blur=blur)
+    if is_picture(text):
+        return Background("picture", picture=read_photo(text, "background").codes)
+    try:
+        return Background("color", color=np.array(ImageColor.getrgb(text)[:3], np.uint8))
+    except ValueError:
+        pass
+    if re.search(r"\.\w+$", text) and Path(text).is_file():
+        raise UserError(f"background {text} is not a picture: give JPEG, PNG, WebP or TIFF")
+    raise UserError(f"background {text!r} is not keep, transparent, panorama, a color (#334455) or a picture file")
+
+
+def estimate_white(picture: np.ndarray) -> np.ndarray:
+    """Estimates the color of the light in a picture by "shades of grey" (Finlayson and Trezzi 2004).
+
+    That is a mean of the sixth powers of its values, between the average and the largest.
+
+    Args:
+        picture: (h,w,3) uint8 sRGB.
+
+    Returns:
+        (3,) linear.
+    """
+    every = max(int(np.sqrt(picture[..., 0].size / 40_000)), 1)
+    linear = LINEAR[picture[::every, ::every]].astype(np.float64)
+    return (linear**6).mean((0, 1)) ** (1 / 6)
+
+
+def _hue(color: np.ndarray) -> np.ndarray:
+    """Returns a color (3,) scaled to luminance 1, with no channel below a fifth."""
+    return np.maximum(color / max(float(luminance(color)), 1e-6), 0.2)
+
+
+def resize_to_cover(picture: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """Scales a picture (h,w,3) uint8 to fill `shape` (H,W) and cuts it around the middle."""
+    height, width = shape
+    scale = max(height / picture.shape[0], width / picture.shape[1])
+    rows, columns = height / scale, width / scale
+    top, left = (picture.shape[0] - rows) / 2, (picture.shape[1] - columns) / 2
+    box = (left, top, min(left + columns, picture.shape[1]), min(top + rows, picture.shape[0]))
+    return np.asarray(Image.fromarray(picture).resize((width, height), Image.Resampling.LANCZOS, box))

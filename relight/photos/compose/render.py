@@ -1,0 +1,282 @@
+"""The relit photo: the people under a new light, composited over the background in strips of rows.
+
+All in linear values. Strips keep the memory for an 8k photo small.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import maximum_filter, uniform_filter1d
+
+from relight.crop import extent
+from relight.photos.compose.background import Background
+from relight.photos.compose.color import CLIPPING, apply_gain, clipping_excess, roll_off, to_codes
+from relight.photos.compose.ground import Ground, ground_under
+from relight.photos.compose.upsample import FittedMap, luma
+from relight.photos.infer import Person
+from relight.sh import order_of
+from relight.srgb import to_linear
+
+STRIP = 512  # rows
+RADII = 45, 6  # of the two passes of `estimate_foreground`, pixels: hair, then detail
+REACH = sum(RADII)  # rows beyond a strip that its result depends on
+
+
+@dataclass(repr=False)
+class PersonPixels:
+    """The N pixels of a person in a part of a photo. Arrays are in Fortran order, as placed maps are.
+
+    Attributes:
+        person: whose pixels they are.
+        rows: of the photo, half-open.
+        where: (N,) flat indices into the crop's window of those rows.
+        index: the same pixels as (rows, columns) of the part.
+        linear: (N,3) the photo's values.
+        alpha: (N,1) the person's share of them, in [0,1].
+        foreground: (N,3) the person's own color.
+        detail: (N,3), from `Person.detail`.
+        excess: (N,3), as `color.clipping_excess`.
+    """
+
+    person: Person
+    rows: tuple[int, int]
+    where: np.ndarray
+    index: tuple[np.ndarray, np.ndarray]
+    linear: np.ndarray
+    alpha: np.ndarray
+    foreground: np.ndarray
+    detail: np.ndarray
+    excess: np.ndarray
+
+
+@dataclass(repr=False)
+class Layers:
+    """A part of a photo, separated into people and background.
+
+    Attributes:
+        top: first row of the part.
+        left: first column.
+        linear: (h,w,3) the photo's values.
+        alpha: (h,w) the people's share of each pixel, in [0,1].
+        foreground: (h,w,3) the people's own color.
+        people: the pixels of each person; None for a person who is not in this part.
+    """
+
+    top: int
+    left: int
+    linear: np.ndarray
+    alpha: np.ndarray
+    foreground: np.ndarray
+    people: list[PersonPixels | None]
+
+
+def render(
+    pixels: np.ndarray,
+    people: Sequence[Person],
+    light: np.ndarray | Sequence[np.ndarray],
+    mode: str = "ratio",
+    background: Background | None = None,
+    turn: float = 0.0,
+    stops: float = 0.0,
+) -> np.ndarray:
+    """Relights the people of a photo.
+
+    Args:
+        pixels: (H,W,3) as of `Photo`.
+        people: as inferred from it.
+        light: (K,3) radiance coefficients, already turned; or one for each person.
+        mode: `ratio` multiplies the photo by new / old shading and keeps all its detail; `full` is albedo * shading.
+        background: the photo's own by default.
+        turn: of a panorama behind, radians.
+        stops: exposure of the people and of a panorama behind, as powers of two.
+
+    Returns:
+        (H,W,3) of the same type, or (H,W,4) for a transparent background. Values of a linear photo are not rolled off.
+    """
+    background = background or Background()
+    maps = fit_maps(people, light, mode)
+    coverage = total_coverage(people)
+    transparent = background.kind == "none"
+    behind = None
+    if background.replaced:
+        behind = background.linear(pixels.shape[:2], turn, stops)
+        ground = ground_of(people) if background.shadow else None
+        if ground:
+            behind = np.require(behind, requirements="W")
+            ground.cast_shadows(behind, light if isinstance(light, np.ndarray) else np.mean(light, 0))
+    out = np.empty((*pixels.shape[:2], 4 if transparent else 3), pixels.dtype)
+    for first, last in strips(0, len(pixels)):
+        rows = out[first:last, :, :3]
+        rows[:] = pixels[first:last]
+        if behind is None and not coverage[first:last].any():  # nobody in this strip
+            continue
+        part = split_layers(pixels, people, (first, last))
+        if transparent:
+            rows[:] = to_codes(part.foreground, out.dtype)
+            for own in filter(None, part.people):
+                own.linear, own.alpha = own.foreground, np.ones_like(own.alpha)
+        compose(rows, part, maps, None if behind is None else behind[first:last], stops)
+    if transparent:
+        out[..., 3] = coverage * np.array({1: 1, 2: 257, 4: 1 / 255}[out.itemsize], out.dtype)
+    return out
+
+
+def total_coverage(people: Sequence[Person], rows: slice = slice(None)) -> np.ndarray:
+    """Returns the coverage (H,W) uint8 of all people together, or some `rows` of it."""
+    return np.maximum.reduce([person.coverage[rows] for person in people])
+
+
+def ground_of(people: Sequence[Person]) -> Ground | None:
+    """Returns the ground that people stand on, for their shadows; None if nobody's feet are in the picture."""
+    return ground_under([person.coverage for person in people], order_of(people[0].transport.shape[-1]))
+
+
+def fit_maps(
+    people: Sequence[Person], light: np.ndarray | Sequence[np.ndarray], mode: str
+) -> list[tuple[FittedMap, ...]]:
+    """Fits the gain of each person (mode `ratio`), or albedo and shading (`full`), under one light or one for each."""
+    lights = [light] * len(people) if isinstance(light, np.ndarray) else light
+    if mode == "ratio":
+        return [(person.fit_gain(own),) for person, own in zip(people, lights)]
+    return [(person.fitted_albedo, person.fit_shading(own)) for person, own in zip(people, lights)]
+
+
+def split_layers(
+    pixels: np.ndarray, people: Sequence[Person], rows: tuple[int, int], columns: tuple[int, int] | None = None
+) -> Layers:
+    """Separates a part of a photo into people and background. The result does not depend on how rows are cut.
+
+    Args:
+        pixels: (H,W,3) as of `Photo`.
+        people: in the photo.
+        rows: half-open.
+        columns: half-open, with the crops of all people within; all columns by default.
+    """
+    (first, last), across = rows, slice(*(columns or (0, pixels.shape[1])))
+    top, bottom = max(first - REACH, 0), min(last + REACH, len(pixels))
+    linear = to_linear(pixels[top:bottom])
+    alpha = total_coverage(people, slice(top, bottom)).astype(np.float32) / 255
+    own = slice(first - top, last - top), across
+    part = Layers(first, across.start, linear[own], alpha[own], estimate_foreground(linear, alpha)[own], [])
+    part.people = [_person_pixels(person, part) for person in people]
+    return part
+
+
+def _person_pixels(person: Person, part: Layers) -> PersonPixels | None:
+    rows = max(part.top, person.crop.rows[0]), min(part.top + len(part.foreground), person.crop.rows[1])
+    if rows[0] >= rows[1]:
+        return None
+    first, last = person.crop.columns
+    where = np.flatnonzero(person.coverage[slice(*rows), first:last])
+    down, right = np.divmod(where, last - first)
+    index = down + rows[0] - part.top, right + first - part.left
+    flat = np.ravel_multi_index(index, part.alpha.shape)  # faster to read by
+    linear, foreground = (
+        np.asfortranarray(image.reshape(-1, 3).take(flat, axis=0)) for image in (part.linear, part.foreground)
+    )
+    alpha = part.alpha.take(flat)[:, None]
+    detail = person.detail(foreground, rows, where)
+    excess = np.zeros_like(foreground)
+    clipped = (foreground > CLIPPING).any(-1)
+    if clipped.any():
+        chroma = person.crop.place(person.chroma, rows, cubic=False, where=where[clipped])
+        excess[clipped] = clipping_excess(foreground[clipped], chroma)
+    return PersonPixels(person, rows, where, index, linear, alpha, foreground, detail, excess)
+
+
+def compose(
+    out: np.ndarray,
+    part: Layers,
+    maps: Sequence[tuple[FittedMap, ...]],
+    behind: np.ndarray | None,
+    stops: float = 0.0,
+) -> None:
+    """Writes a part of a photo with its people relit.
+
+    Args:
+        out: (h,w,3) of a type as of `Photo` to write to; without `behind` it holds the photo.
+        part: of the photo.
+        maps: of each person, from `fit_maps`.
+        behind: (h,w,3) linear background of the same part; None for the photo's own.
+        stops: exposure of the people.
+    """
+    front = None if behind is None else part.foreground.copy()
+    for own, fits in zip(part.people, maps):
+        if own is None:
+            continue
+        values = _relight(own, fits, np.float32(2**stops), scene=out.dtype.kind == "f")
+        if front is None:
+            out[own.index] = to_codes(own.linear + own.alpha * (values - own.foreground), out.dtype)
+        else:
+            front[own.index] = values
+    if front is not None and behind is not None:
+        out[:] = to_codes(over(front, part.alpha, behind), out.dtype)
+
+
+def _relight(own: PersonPixels, fits: tuple[FittedMap, ...], factor: np.float32, scene: bool) -> np.ndarray:
+    """Relights the person's own color (N,3): by the gain, or as albedo times shading; rolled off unless of a scene."""
+    *albedo, last = fits
+    crop = own.person.crop
+    values = last.place(crop, luma(own.detail), own.rows, own.where) * factor
+    if not albedo:
+        return own.foreground * values if scene else apply_gain(own.foreground, values, own.excess)
+    product = albedo[0].place(crop, own.detail, own.rows, own.where) ** 2 * values
+    return product if scene else roll_off(product)
+
+
+def strips(first: int, last: int) -> Iterator[tuple[int, int]]:
+    """Cuts the range [first, last) into ranges of at most STRIP rows."""
+    for row in range(first, last, STRIP):
+        yield row, min(row + STRIP, last)
+
+
+def estimate_foreground(linear: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+    """Estimates the color of the people at pixels that they cover in part.
+
+    Such a pixel is alpha F + (1 - alpha) B. Relit as if it were all F, it would carry the old background along as a
+    halo. F and B start as local means of the two sides and are corrected so that together they give the pixel, in a
+    wide and a narrow pass (Forte, "Approximate fast foreground colour estimation", 2021).
+
+    Args:
+        linear: (H,W,3) the photo.
+        alpha: (H,W) in [0,1].
+
+    Returns:
+        F (H,W,3); where alpha is 0 or 1, the photo.
+    """
+    soft = (alpha > 0) & (alpha < 1)
+    if not soft.any():
+        return linear
+    part = tuple(slice(max(first - REACH, 0), last + REACH) for first, last in extent(soft))
+    a, soft = alpha[part], soft[part]
+    wide, narrow = RADII
+    near = np.flatnonzero(maximum_filter(soft, 2 * narrow + 1))  # where the second pass looks at the first one's result
+    passes = [
+        (radius, where, a.take(where), _box_mean(a, radius).take(where))
+        for radius, where in ((wide, near), (narrow, np.flatnonzero(soft)))
+    ]
+    out = linear.copy()
+    for channel in range(3):
+        plane = np.ascontiguousarray(linear[part][..., channel])
+        front = behind = plane
+        for radius, where, covered, share in passes:
+            mean_front = _box_mean(front * a, radius).take(where) / np.maximum(share, 1e-4)
+            mean_behind = _box_mean(behind * (1 - a), radius).take(where) / np.maximum(1 - share, 1e-4)
+            error = plane.take(where) - covered * mean_front - (1 - covered) * mean_behind
+            front, behind = np.zeros_like(plane), np.zeros_like(plane)
+            front.put(where, np.maximum(mean_front + covered * error, 0))
+            behind.put(where, mean_behind)
+        np.copyto(out[part][..., channel], front, where=soft)
+    return out
+
+
+def over(front: np.ndarray, alpha: np.ndarray, behind: np.ndarray) -> np.ndarray:
+    """Composites linear images (H,W,3) with alpha (H,W): alpha F + (1 - alpha) B (Porter and Duff 1984)."""
+    return behind + alpha[..., None] * (front - behind)
+
+
+def _box_mean(image: np.ndarray, radius: int) -> np.ndarray:
+    for axis in (0, 1):
+        image = uniform_filter1d(image, 2 * radius + 1, axis=axis, mode="nearest")
+    return image

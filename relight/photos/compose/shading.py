@@ -1,0 +1,105 @@
+"""Shading under a light, the gain from one light to another, and the exposure of a new light."""
+
+import numpy as np
+
+from relight.panoramas import luminance
+from relight.sh import UNOCCLUDED_T00, order_of, rotate_y
+
+ANGLES = 72  # headings, every 5 degrees: at order 2 the largest value is met to 0.2 %
+FLOOR = 0.1  # of the mean shading: darker shading is too uncertain to divide by
+DARK = 0.15  # of the mean irradiance: the hue of darker shading is the light's, and that of twice as much its own
+
+
+def shading(transport: np.ndarray, light: np.ndarray) -> np.ndarray:
+    """Returns the irradiance max(0, T . L) (docs/paper.md, equation 7).
+
+    Args:
+        transport: (...,K).
+        light: (K,3) radiance coefficients; if the orders differ, the lower bands of both count.
+
+    Returns:
+        (...,3) float32. A truncated series can be negative; it is clipped at 0.
+    """
+    count = min(transport.shape[-1], len(light))
+    return np.maximum(transport[..., :count] @ light[:count].astype(np.float32), 0)
+
+
+def shading_floor(old: np.ndarray, mask: np.ndarray) -> float:
+    """Returns the least shading to divide by: FLOOR of the mean of `old` (S,S,3) over `mask` (S,S)."""
+    return max(FLOOR * float(old[mask].mean()), 1e-4)
+
+
+def steady(shading: np.ndarray, light: np.ndarray, floor: float = 0.0) -> np.ndarray:
+    """Gives dark shading the color of its light as a whole, at the luminance that it has, but at least `floor`.
+
+    The channels of dark shading are small differences of large terms. What is left of them has any hue, and what is
+    clipped has the complementary one: under a warm lamp a shaded cheek would be navy.
+
+    Args:
+        shading: (...,3).
+        light: (K,3) that it is of.
+        floor: luminance.
+
+    Returns:
+        (...,3) float32, not negative; brighter shading as it is.
+    """
+    mean = np.maximum(light[0], 0).astype(np.float32)
+    brightness = max(float(luminance(mean)), 1e-6)
+    known, level = np.maximum(shading, 0), luminance(shading).astype(np.float32)[..., None]
+    share = np.clip(2 - level / np.float32(max(DARK * UNOCCLUDED_T00 * brightness, floor, 1e-6)), 0, 1)
+    return known + share * (np.maximum(level, np.float32(floor)) * (mean / np.float32(brightness)) - known)
+
+
+def gain(transport: np.ndarray, mask: np.ndarray, light: np.ndarray, new_light: np.ndarray) -> np.ndarray:
+    """Returns the gain of mode `ratio`: new / old shading, both `steady`; 1 where they are equal.
+
+    What a channel of the old shading lacks of the floor is added to both.
+
+    Args:
+        transport: (S,S,K).
+        mask: (S,S) bool.
+        light: (K,3) of the photo.
+        new_light: (K,3).
+
+    Returns:
+        (S,S,3) float32.
+    """
+    first = shading(transport, light)
+    floor = shading_floor(first, mask)
+    old, new = steady(first, light, floor), steady(shading(transport, new_light), new_light, floor)
+    lacking = np.maximum(np.float32(floor) - old, 0)
+    return (new + lacking) / (old + lacking)
+
+
+def max_luminance(transport: np.ndarray, light: np.ndarray) -> float:
+    """Returns the largest luminance of T . L over all headings of a light.
+
+    Args:
+        transport: one vector (K,).
+        light: (K,3), rotated about the vertical axis.
+    """
+    count = min(len(transport), len(light))
+    grey = luminance(light.astype(np.float64))[:, None]
+    waves = 2 * order_of(count) + 1  # a trigonometric polynomial of the angle: as many samples determine it
+    samples = [transport[:count] @ rotate_y(grey, 2 * np.pi * k / waves)[:count, 0] for k in range(waves)]
+    weights = np.fft.rfft(samples) / waves
+    angles = np.arange(ANGLES) * (2 * np.pi / ANGLES)
+    phases = np.exp(1j * np.outer(angles, np.arange(len(weights))))
+    return float((phases * weights * np.where(np.arange(len(weights)), 2, 1)).sum(1).real.max())
+
+
+def exposure_factor(old: np.ndarray, new: np.ndarray, transport: np.ndarray, mask: np.ndarray) -> float:
+    """Returns the factor for a new light that keeps the brightness that a person has under the old one.
+
+    Brightness is the mean luminance of the shading at the heading of the light where it is largest. So the exposure
+    does not change while a light turns, and the factor of a light to itself is 1.
+
+    Args:
+        old: (K,3) the photo's light.
+        new: (K,3).
+        transport: (S,S,K).
+        mask: (S,S) bool.
+    """
+    mean = transport[mask].mean(0).astype(np.float64)
+    before, after = max_luminance(mean, old), max_luminance(mean, new)
+    return before / after if after > 1e-6 and before > 1e-6 else 1.0

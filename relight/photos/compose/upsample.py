@@ -1,0 +1,137 @@
+"""Maps of the network's square at the resolution of the photo, with the photo as guide.
+
+The guided filter (He, Sun and Tang 2013; its fast form, He and Sun 2015) explains a map by an image: in each small
+window map = slope * guide + offset. The slopes are fitted on the square and applied to the detail that the photo has
+beyond the square's resolution, so a map that changes at an edge of the photo changes at that edge and not up to a
+network pixel beside it. Without such detail, the result is the map itself.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.ndimage import distance_transform_edt, maximum_filter, minimum_filter, uniform_filter
+
+from relight.crop import Crop
+from relight.srgb import LUMINANCE
+
+RADIUS = 2  # of a window, pixels of the square
+SMOOTH = 1e-3  # variance of the guide under which a window counts as flat: weaker texture is not copied
+SMOOTH_ALBEDO = 1e-4  # the same for albedo, whose texture is the photo's
+
+
+class Guide:
+    """An image that guides maps to the photo's pixels. Its window statistics are computed once, for any number of maps.
+
+    Attributes:
+        values: (S,S,1) or (S,S,C) float64.
+        mask: (S,S) bool, of the person.
+    """
+
+    def __init__(self, values: np.ndarray, mask: np.ndarray):
+        self.values, self.mask = values.astype(np.float64), mask
+        self._weight = mask[..., None].astype(np.float64)
+        self._total = np.maximum(_window_mean(self._weight), 1e-12)
+        self._average = self._mean(self.values)
+        self._variance = np.maximum(self._mean(self.values**2) - self._average**2, 0)
+        self._nearest = tuple(distance_transform_edt(~mask, return_distances=False, return_indices=True))
+
+    def slope(self, maps: np.ndarray, smooth: float) -> np.ndarray:
+        """Fits maps to the guide by least squares over the mask in each window, averaged over windows.
+
+        Args:
+            maps: (S,S,C). If the guide has several channels, each is fitted to its own.
+            smooth: ridge penalty, in units of the guide's variance.
+
+        Returns:
+            (S,S,C) change of the maps per change of the guide.
+        """
+        maps = maps.astype(np.float64)
+        level = self._mean(maps)
+        return self._mean((self._mean(self.values * maps) - self._average * level) / (self._variance + smooth))
+
+    def fill_outside(self, maps: np.ndarray) -> np.ndarray:
+        """As relight.crop.fill_outside, for maps (S,S,C) of this mask."""
+        return np.asarray(maps, np.float32)[self._nearest]
+
+    def _mean(self, values: np.ndarray) -> np.ndarray:
+        return _window_mean(self._weight * values) / self._total
+
+
+@dataclass(frozen=True, repr=False)
+class FittedMap:
+    """A map on the square and its slope along the guide.
+
+    Attributes:
+        base: (S,S,C) the map.
+        slope: (S,S,C).
+        low: (S,S,C) the least value of the map nearby; None for albedo, which is only kept within [0,1].
+        high: (S,S,C) the largest, likewise.
+    """
+
+    base: np.ndarray
+    slope: np.ndarray
+    low: np.ndarray | None
+    high: np.ndarray | None
+
+    def place(
+        self, crop: Crop, detail: np.ndarray, rows: tuple[int, int], where: np.ndarray | None = None
+    ) -> np.ndarray:
+        """Resamples the map to the photo's pixels, with detail.
+
+        The result stays within the values that the map has nearby, so a highlight of the photo leaves no halo.
+
+        Args:
+            crop: the square.
+            detail: (h,w,1) or (h,w,C), or (N,...): the guide at the photo's pixels minus that of the square.
+            rows: half-open, of the photo.
+            where: flat indices (N,) into those rows of `crop.window`, to get only those pixels.
+
+        Returns:
+            (h,w,C), or (N,C).
+        """
+
+        out = []
+        for c in range(self.base.shape[2]):  # one channel at a time stays in the processor's cache
+            values = crop.place(self.base[..., c], rows, True, where)
+            values += crop.place(self.slope[..., c], rows, False, where) * detail[..., min(c, detail.shape[-1] - 1)]
+            if self.low is None or self.high is None:
+                out.append(np.clip(values, 0, 1, out=values))
+            else:
+                low, high = (crop.place(maps[..., c], rows, False, where) for maps in (self.low, self.high))
+                out.append(np.clip(values, low, high, out=values))
+        return np.moveaxis(np.stack(out), 0, -1)
+
+
+def fit_map(maps: np.ndarray, guide: Guide, textured: bool = False) -> FittedMap:
+    """Fits maps to a guide; pixels outside its mask take the nearest value inside.
+
+    Args:
+        maps: (S,S,C).
+        guide: of the same size.
+        textured: whether the map has the photo's own texture and lies in [0,1], as albedo does.
+    """
+    base = guide.fill_outside(maps)
+    slope = guide.fill_outside(guide.slope(maps, SMOOTH_ALBEDO if textured else SMOOTH))
+    return FittedMap(base, slope, *((None, None) if textured else _range(base, np.ones_like(guide.mask), 3)))
+
+
+def _range(values: np.ndarray, where: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """Returns minimum and maximum of `values` (S,S,C) at `where` (S,S) in squares of `width`; +-inf in empty ones."""
+    size = (width, width, 1)
+    low = minimum_filter(np.where(where[..., None], values, np.inf), size, mode="nearest")
+    return low, maximum_filter(np.where(where[..., None], values, -np.inf), size, mode="nearest")
+
+
+def _window_mean(values: np.ndarray) -> np.ndarray:
+    size = 2 * RADIUS + 1
+    return uniform_filter(values, (size, size, 1), mode="constant")
+
+
+def square_root(linear: np.ndarray) -> np.ndarray:
+    """Returns the square roots of linear values (...,3), a scale on which noise and visible steps are about uniform."""
+    return np.sqrt(np.maximum(linear, 0))
+
+
+def luma(guide: np.ndarray) -> np.ndarray:
+    """Returns the weighted sum of the channels: (...,3) -> (...,1)."""
+    return (guide @ LUMINANCE.astype(np.float32))[..., None]

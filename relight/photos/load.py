@@ -1,0 +1,100 @@
+"""A photo with its mask, however they are given: read once, before anything else is done."""
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from relight.crop import MASK_THRESHOLD
+from relight.files import UserError
+from relight.photos.mask.coverage import coverage_of
+from relight.photos.mask.find import find_mask
+from relight.photos.read import Photo, as_codes, mask_beside, mask_from_image, photo_from_image, read_photo
+
+Picture = np.ndarray | Image.Image | Path | str
+
+
+@dataclass(frozen=True, repr=False)
+class LoadedPhoto:
+    """A photo and where its people are.
+
+    Attributes:
+        pixels: (H,W,3) as of `Photo`.
+        coverage: (H,W) uint8 of all people.
+        name: of the file, without its suffix.
+        suffix: of pictures that are written in kind.
+        notes: what was chosen where a file can mean two things.
+        automatic: whether a network made the mask.
+    """
+
+    pixels: np.ndarray
+    coverage: np.ndarray
+    name: str = "image"
+    suffix: str = ".png"
+    notes: tuple[str, ...] = ()
+    automatic: bool = False
+
+    def __repr__(self) -> str:
+        height, width = self.coverage.shape
+        return f"LoadedPhoto({self.name}, {width} x {height} {self.pixels.dtype})"
+
+    def downscaled(self, size: int) -> "LoadedPhoto":
+        """Returns the photo as uint8 sRGB, scaled down so that its longer side is at most `size`."""
+        height, width = self.coverage.shape
+        scale, codes = size / max(height, width), as_codes(self.pixels)
+        if scale >= 1:
+            return replace(self, pixels=codes)
+        shape = max(8, round(width * scale)), max(8, round(height * scale))
+        pixels, coverage = (
+            np.asarray(Image.fromarray(values).resize(shape, Image.Resampling.LANCZOS, reducing_gap=3))
+            for values in (codes, self.coverage)
+        )
+        return replace(self, pixels=pixels, coverage=coverage)
+
+
+def load_photo(
+    image: Picture | Photo, mask: Picture | None = None, mask_model: Path | str | None = None
+) -> LoadedPhoto:
+    """Loads a photo and its mask.
+
+    Args:
+        image: (H,W,3) uint8 or uint16 sRGB, an image of Pillow, a file, or a `Photo`.
+        mask: (H,W) bool, uint8 of 0 to 255 or float in [0,1]; an image of Pillow, or a file. By default the file beside
+            the photo, its alpha, or an automatic mask.
+        mask_model: as `find_mask` takes it.
+
+    Raises:
+        UserError: if an argument is none of these, or the mask is empty or of another size.
+    """
+    if isinstance(image, str | Path):
+        photo, mask = read_photo(image), mask if mask is not None else mask_beside(image)
+    elif isinstance(image, Image.Image):
+        photo = photo_from_image(image)
+    else:
+        photo = image if isinstance(image, Photo) else Photo(_checked_image(image), None, "image")
+    if mask is None or isinstance(mask, str | Path):
+        coverage = find_mask(photo, mask, mask_model)
+    else:
+        coverage = _checked_mask(mask, photo.pixels.shape[:2])
+    is_automatic = mask is None and photo.alpha is None
+    return LoadedPhoto(photo.pixels, coverage, photo.name, photo.suffix, tuple(photo.notes), is_automatic)
+
+
+def _checked_image(image: np.ndarray) -> np.ndarray:
+    image = np.asarray(image)
+    if image.dtype not in (np.uint8, np.uint16) or image.ndim != 3 or image.shape[2] != 3:
+        raise UserError(f"the image is {image.dtype} {image.shape}: give (height, width, 3) uint8 sRGB, or uint16")
+    return image
+
+
+def _checked_mask(mask: np.ndarray | Image.Image, shape: tuple[int, ...]) -> np.ndarray:
+    values = mask_from_image(mask, (shape[0], shape[1])) if isinstance(mask, Image.Image) else np.asarray(mask)
+    if values.ndim != 2:
+        raise UserError(f"the mask has shape {values.shape}: give (height, width)")
+    coverage, _ = coverage_of(values * np.uint8(255) if values.dtype == bool else values, "the mask")
+    if not (coverage >= MASK_THRESHOLD).any():
+        raise UserError("the mask is empty: no pixel of it is at least half white")
+    if shape != coverage.shape:
+        raise UserError(f"the mask is {coverage.shape[::-1]} pixels, the image {shape[::-1]}: they must be equal")
+    return coverage

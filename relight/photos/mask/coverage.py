@@ -1,0 +1,88 @@
+"""From the values of a mask's file to coverage: soft masks, labels of segmentation programs, masks in one color."""
+
+import numpy as np
+from PIL import Image
+
+from relight.files import UserError
+
+GREY = 24  # largest difference of channels that a coder leaves in a grey mask
+FULL = 128  # least largest value of a mask that is no map of labels
+SIMILAR = 40  # distance from the line between black and a color, that a coder leaves in a mask of this color
+WANTED = "it must be white on the person and black elsewhere"
+
+
+def coverage_of(values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
+    """Converts the values of a mask to coverage.
+
+    Two values or colors are background and person: the background is black, or else the person is white or brighter.
+    Shades of one color are coverage in that color.
+
+    Args:
+        values: (H,W) of any type, or (H,W,3) uint8.
+        what: the mask's name in errors.
+
+    Returns:
+        Coverage (H,W) uint8; and what was chosen where the values can mean two things, one sentence each.
+
+    Raises:
+        UserError: if the values are labels of several things.
+    """
+    if values.ndim == 3:
+        red, green, blue = (np.ascontiguousarray(values[..., channel]) for channel in range(3))
+        spread = np.maximum(np.maximum(red, green), blue) - np.minimum(np.minimum(red, green), blue)
+        if spread.max() > GREY:
+            return _of_colors(values, what)
+        values = np.asarray(Image.fromarray(values).convert("L")) if spread.any() else red
+    notes = []
+    if values.dtype.kind == "f":
+        finite = np.isfinite(values)
+        if not finite.all():
+            notes.append(f"{what} has {int((~finite).sum())} values that are not numbers: they are taken for 0")
+        values = np.where(finite, values, 0)
+    low, high = values.min(), values.max()
+    if low == high:
+        return np.where(values >= _top(values, high), np.uint8(255), np.uint8(0)), notes
+    between = (values != low) & (values != high)
+    if not between.any():
+        if (low, high) != (0, _top(values, high)):
+            notes.append(f"{what} has the two values {low:g} and {high:g}: they are taken for 0 and 255")
+        return np.where(values == high, np.uint8(255), np.uint8(0)), notes
+    if values.dtype.kind in "iu" and high < FULL:
+        raise UserError(f"{what} holds labels or shades from {low} to {high} of 255: {WANTED}")
+    if values.dtype == np.uint8:
+        return values, notes
+    return np.round(np.maximum(values, 0) * (255 / _top(values, high))).astype(np.uint8), notes
+
+
+def _top(values: np.ndarray, high: float) -> float:
+    """Returns the value that means full coverage."""
+    if values.dtype.kind == "f":
+        return max(float(high), 1.0)
+    return 255 if values.dtype == np.uint8 else max(float(high), 1.0)
+
+
+def _of_colors(values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
+    """Converts a mask (H,W,3) that is not grey."""
+    codes = (values.astype(np.int32) << [16, 8, 0]).sum(-1)
+    used = np.unique(codes)
+    if len(used) == 2:
+        person = _person_of(used.tolist())
+        if person is None:
+            both = " and ".join(f"#{code:06x}" for code in used)
+            raise UserError(f"{what} has the two colors {both}, of which none is black or white: {WANTED}")
+        notes = [f"{what} has two colors: #{person:06x} is taken for the person"]
+        return np.where(codes == person, np.uint8(255), np.uint8(0)), notes
+    flat = values.reshape(-1, 3).astype(np.float32)
+    brightest = flat[flat.max(-1).argmax()]
+    share = flat @ brightest / (brightest @ brightest)
+    if np.abs(flat - share[:, None] * brightest).max() > SIMILAR:
+        raise UserError(f"{what} has several colors, as if it is the photo itself or a map of labels: {WANTED}")
+    notes = [f"{what} is drawn in one color, which is taken for white"]
+    return np.round(share.clip(0, 1) * 255).astype(np.uint8).reshape(values.shape[:2]), notes
+
+
+def _person_of(colors: list[int]) -> int | None:
+    """Returns which of two colors marks the person."""
+    if 0 in colors:
+        return max(colors)
+    return 0xFFFFFF if 0xFFFFFF in colors else None

@@ -1,0 +1,109 @@
+// Figures and lights: those embedded in the page, and the user's own.
+
+import { loadFigure } from "./figure.js";
+import { project, readHDR } from "./hdr.js";
+import { LABELS, listChoices, listLights, notify, refresh } from "./panel.js";
+import { placement } from "./picture.js";
+import { deringed, rotate, turn } from "./sh.js";
+import { app, element, embedded, set, state } from "./state.js";
+
+// The factor for a light that gives the figure the brightness it has under `reference`: the mean luminance of its
+// shading at the turn about the vertical where it is largest (relight.photos.compose.shading.exposure_factor).
+function matched(reference, light) {
+  const brightest = (values) => {
+    const luminances = Array.from({ length: 72 }, (_, step) => {
+      const turned = rotate(values, turn((2 * Math.PI * step) / 72, 0));
+      const luminance = (k) => 0.2126 * turned[3 * k] + 0.7152 * turned[3 * k + 1] + 0.0722 * turned[3 * k + 2];
+      return app.figure.mean.reduce((sum, value, k) => sum + value * luminance(k), 0);
+    });
+    return Math.max(...luminances);
+  };
+  const had = brightest(reference), has = brightest(light);
+  return had > 1e-6 && has > 1e-6 ? had / has : 1;
+}
+
+function scaled(light, gain) {
+  const panorama = light.panorama && { ...light.panorama, gain: light.panorama.gain * gain };
+  return { ...light, values: light.values.map((value) => value * gain), ...(panorama && { panorama }) };
+}
+
+// The lights as this figure is shown under them: those of a photo are matched to the light that it was taken in.
+function collectLights() {
+  app.shown = app.lights;
+  if (app.figure.light) {
+    const own = Float64Array.from(app.figure.light.flat());
+    app.shown = app.lights.map((light) => scaled(light, matched(own, light.values)));
+    app.shown.unshift({ name: "As taken", values: own });
+  }
+  listLights(openPanorama);
+}
+
+// Adds a light of the user's own and shows it, at the brightness of the first one.
+function addLight(name, values, panorama = null) {
+  const light = { name, values, isOwn: true, ...(panorama && { panorama: { ...panorama, gain: 1 } }) };
+  app.lights.push(scaled(light, matched(app.shown[0].values, values)));
+  collectLights();
+  set({ light: app.shown.length - 1 });
+  element("light-list").children[state.light].scrollIntoView({ block: "nearest" });
+}
+
+async function openPanorama(file) {
+  try {
+    const panorama = readHDR(await file.arrayBuffer()), light = deringed(project(panorama));
+    if (!light.some((v) => v)) throw new Error("The panorama is black.");
+    addLight(file.name.replace(/\.[^.]+$/, ""), light, panorama);
+    set({ yaw: 0, tilt: 0 });
+  } catch (error) {
+    notify(error.message);
+  }
+}
+
+const figures = embedded.map((script) => async () => loadFigure(JSON.parse(script.textContent)));
+
+// Adds a figure to those that the page offers, and shows it.
+function addFigure(title, figure) {
+  element("figure").append(new Option(title, figures.length));
+  element("figures").hidden = false;
+  figures.push(async () => figure);
+  return choose(figures.length - 1);
+}
+
+// The indices of the figures that show the same as figure `index`: its maps from each of their sources.
+function sourcesOf(index) {
+  const { title, source } = embedded[index]?.dataset ?? {};
+  const isSame = ({ dataset }) => dataset.title === title && dataset.source;
+  return source ? [...embedded.keys()].filter((i) => isSame(embedded[i])) : [index];
+}
+
+async function choose(index) {
+  element("loading").hidden = false;
+  await new Promise(requestAnimationFrame);
+  const chosen = await figures[index]();
+  const isFirst = !app.figure;
+  Object.assign(app, { figure: chosen, index });
+  app.renderer.show(chosen);
+  const ifPhoto = chosen.photo ? ["photo"] : [], ifNormals = chosen.hasNormals ? ["normal"] : [];
+  const views = ["relit", ...ifPhoto, "albedo", "shading", "ao", ...ifNormals];
+  const sides = ["none", ...ifPhoto, ...(chosen.hasNormals ? ["open"] : []), "albedo", "shading"];
+  listChoices(element("view-list"), "view", views);
+  listChoices(element("background-list"), "background", [...ifPhoto, "studio", "light", "color", "clear"]);
+  element("before").replaceChildren(...sides.map((side) => new Option(LABELS[side] ?? "nothing", side)));
+  element("modes").hidden = !chosen.light;
+  collectLights();
+  if (isFirst) set({ background: state.background ?? (chosen.photo ? "photo" : "studio") });
+  if (!views.includes(state.view)) set({ view: "relit" });
+  if (!sides.includes(state.before)) set({ before: "none" });
+  if (!chosen.photo && state.background === "photo") set({ background: "studio" });
+  set({ light: Math.min(state.light, app.shown.length - 1) });
+  placement.fit(chosen);
+  const sources = sourcesOf(index);
+  element("figure").value = sources[0];
+  element("source").replaceChildren(...sources.map((i) => new Option(embedded[i]?.dataset.source, i)));
+  element("source").value = index;
+  element("sources").hidden = sources.length < 2;
+  element("loading").hidden = true;
+  app.onFigure?.();
+  refresh();
+}
+
+export { addFigure, addLight, choose, openPanorama, sourcesOf };

@@ -1,0 +1,89 @@
+"""The Python interface takes arrays, Pillow's images and files alike, and its results show themselves."""
+
+import base64
+import io
+import re
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from relight.files import UserError
+from relight.photos.compose.background import Background
+from relight.photos.load import load_photo
+from relight.photos.read import Photo
+
+LIGHT = "key:#ffeedd@60,20"
+
+
+def test_every_kind_of_picture_gives_the_same(relighter, photo_files):
+    me, beside, pixels, mask = photo_files
+    usual = relighter.relight(pixels, mask, LIGHT)
+    assert not np.array_equal(usual, pixels)
+    see_through = np.dstack([pixels, mask])
+    for given in (
+        (me, beside),
+        (str(me), str(beside)),
+        (me, None),  # me_mask.png is found
+        (me, mask),
+        (pixels, beside),
+        (Image.fromarray(pixels), Image.fromarray(mask)),
+        (Image.open(me), beside),
+        (Image.fromarray(see_through), None),  # its alpha is its mask
+        (pixels, mask / 255),
+    ):
+        assert np.array_equal(relighter.relight(*given, LIGHT), usual), given
+    assert np.array_equal(relighter.infer(me)[0].light, relighter.infer(pixels, mask)[0].light)
+
+
+def test_what_is_wrong_is_said(relighter, photo_files):
+    me, _, pixels, mask = photo_files
+    for image, coverage, says in (
+        (Image.fromarray(pixels[..., 0]), mask, "the image is grey"),
+        (Image.fromarray(pixels).convert("CMYK"), mask, "the image is CMYK"),
+        (pixels, Image.fromarray(mask[:, 1:]), r"the mask is 139x180 pixels, but the photo is 140x180"),
+        (pixels, mask[1:], "they must be equal"),
+        (pixels, np.zeros_like(mask), "the mask is empty"),
+        (pixels / 255, mask, "the image is float64"),
+        (me.with_name("none.png"), mask, "there is no file"),
+        (me, me, "is the photo itself|empty"),
+        (pixels, None, "relight mask setup"),
+    ):
+        with pytest.raises(UserError, match=says):
+            relighter.relight(image, coverage, LIGHT)
+
+
+def test_white_balance(relighter, photo_files):
+    """By default the light of a photo is white on the mean; `scene` gives what the network says; no third way."""
+    me, *_ = photo_files
+    (kept,), (raw,) = (relighter.infer(me, white_balance=way) for way in ("keep", "scene"))
+    assert np.ptp(kept.shading[kept.mask].mean(0)) < 1e-5 < np.ptp(raw.shading[raw.mask].mean(0))
+    assert np.allclose(kept.light * kept.white, raw.light) and (raw.white == 1).all()
+    assert np.array_equal(relighter.read_light(str(me)).coefficients, kept.light)
+    assert (relighter.relight(me, None, LIGHT) != relighter.relight(me, None, LIGHT, white_balance="scene")).any()
+    with pytest.raises(UserError, match="'auto' is neither keep nor scene"):
+        relighter.infer(me, white_balance="auto")
+
+
+def test_a_result_shows_before_and_after(relighter, photo_files):
+    """The page holds both pictures; parts and sums of a result are plain arrays."""
+    me, _, pixels, mask = photo_files
+    for background, bands in (("keep", 3), ("transparent", 4)):
+        relit = relighter.relight(me, None, LIGHT, background=background)
+        page = relit._repr_html_()
+        found = [Image.open(io.BytesIO(base64.b64decode(data))) for data in re.findall(r"base64,([^\"]+)", page)]
+        assert re.findall(r"<figcaption>(\w+)", page) == ["before", "after"]
+        for image, expected in zip(found, (pixels, relit), strict=True):
+            near = np.asarray(image.convert("RGBA" if expected.shape[2] == 4 else "RGB"), float)
+            solid = mask == 255
+            assert near.shape == expected.shape and np.abs(near[solid] - np.asarray(expected)[solid]).mean() < 12
+        assert relit.shape == (*mask.shape, bands) and relit[2:]._repr_html_() is None
+        assert type(relit + 1) is np.ndarray and not np.ndim(relit.mean())
+
+
+def test_repr_of_public_objects_is_one_short_line(relighter, draw):
+    pixels, mask = draw()
+    photo = load_photo(pixels, mask)
+    person = relighter.infer(photo)[0]
+    for shown in (relighter, photo, person, Photo(pixels, mask, "me"), Background("picture", picture=pixels)):
+        assert len(repr(shown)) < 200 and "\n" not in repr(shown)

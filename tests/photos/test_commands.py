@@ -1,0 +1,240 @@
+"""The commands as a user types them: what they write, what they refuse, and that nothing is overwritten then."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import OpenEXR
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+from relight.cli import app
+from relight.files import UserError
+from relight.lights import load_light
+from relight.photos.infer import opposite_lamp
+
+
+def picture(path):
+    return np.asarray(Image.open(path))
+
+
+def test_photo_writes_everything_at_its_place(run, photo_files, weights, tmp_path):
+    me, _, pixels, mask = photo_files  # me_mask.png lies beside me.png and is found
+    out = tmp_path / "out"
+    run("photo", me, "--light", "room:3:40", "--out", out, "--weights", weights)
+    assert not (out / "maps.exr").exists()
+    says = run("photo", me, "--light", "room:3:40", "--out", out, "--weights", weights, "--maps")
+    assert "relit.png" in says
+    relit = picture(out / "relit.png")
+    assert relit.shape == pixels.shape and np.array_equal(relit[mask == 0], pixels[mask == 0])
+    assert (relit[mask == 255] != pixels[mask == 255]).any()
+    for name in ("albedo.png", "shading.png"):
+        assert np.array_equal(picture(out / name)[..., 3], mask)
+    light = load_light(str(out / "light.json"))
+    assert np.allclose(light.coefficients, np.load(out / "light.relight.npy"))
+    assert json.loads((out / "light.json").read_text())["convention"] == "relight"
+    assert picture(out / "light.png").shape == (256, 256, 4)
+    assert np.allclose(
+        load_light(str(out / "new_light.json")).coefficients[0].argmax(), load_light("room:3").coefficients[0].argmax()
+    )
+    record = json.loads((out / "photo.json").read_text())
+    assert record["size"] == [140, 180] and record["people"][0]["error"] > 0
+    exr = OpenEXR.File(str(out / "maps.exr"), separate_channels=True)
+    header, channels = exr.header(), exr.channels()
+    assert tuple(header["displayWindow"][1]) == (139, 179)
+    left, top = header["dataWindow"][0]
+    coverage = np.zeros(mask.shape, np.float32)
+    part = channels["coverage.A"].pixels
+    coverage[top : top + part.shape[0], left : left + part.shape[1]] = part
+    assert np.abs(coverage * 255 - mask).max() < 0.1
+    names = {f"transport.{n}.Y" for n in "L0M0 L1Mn1 L1M0 L1M1 L2Mn2 L2Mn1 L2M0 L2M1 L2M2".split()}
+    assert names <= set(channels) and channels["albedo.R"].pixels.max() <= 1.01
+    transport = np.stack([channels[f"transport.{n}.Y"].pixels for n in ("L0M0", "L1Mn1", "L1M0", "L1M1")], -1)
+    assert transport.dtype == np.float16 and np.isfinite(transport).all()
+    hidden = [p.name for p in out.iterdir() if p.name.startswith(".")]
+    assert not hidden
+
+
+def test_own_light_from_disk_returns_the_photo(run, photo_files, weights, tmp_path):
+    """The whole round through files: infer, write light.json, relight with it."""
+    me, _, pixels, _ = photo_files
+    run("photo", me, "--out", tmp_path / "a", "--weights", weights)
+    run("photo", me, "--light", tmp_path / "a/light.json", "--out", tmp_path / "b", "--weights", weights)
+    assert np.abs(picture(tmp_path / "b/relit.png").astype(int) - pixels).max() <= 1
+    run("photo", me, "--light", me, "--out", tmp_path / "c", "--weights", weights)  # the light of another photo
+    assert np.abs(picture(tmp_path / "c/relit.png").astype(int) - pixels).max() <= 1
+
+
+def test_exif_rotation_comes_out_upright(run, photo_files, weights, tmp_path):
+    me, mask, pixels, _ = photo_files
+    exif = Image.Exif()
+    exif[274] = 6
+    Image.fromarray(np.rot90(pixels)).save(tmp_path / "turned.png", exif=exif)
+    run("photo", tmp_path / "turned.png", "--mask", mask, "--out", tmp_path / "t", "--weights", weights)
+    run("photo", me, "--out", tmp_path / "u", "--weights", weights)
+    assert np.array_equal(picture(tmp_path / "t/relit.png"), picture(tmp_path / "u/relit.png"))
+
+
+def test_transfer_swaps_the_lights(run, photo_files, weights, tmp_path, draw):
+    me, mask, pixels, _ = photo_files
+    other, other_mask = draw(120, 150, seed=9)
+    Image.fromarray(other).save(tmp_path / "you.png")
+    Image.fromarray(other_mask).save(tmp_path / "you_mask.png")
+    out = tmp_path / "swap"
+    run("transfer", me, tmp_path / "you.png", "--mask-a", mask, "--out", out, "--weights", weights)
+    assert picture(out / "me_lit_as_you.png").shape == pixels.shape
+    assert picture(out / "you_lit_as_me.png").shape == other.shape
+    run("photo", me, "--light", tmp_path / "you.png", "--out", tmp_path / "one", "--weights", weights)
+    assert np.array_equal(picture(tmp_path / "one/relit.png"), picture(out / "me_lit_as_you.png"))
+    run("transfer", me, me, "--mask-b", mask, "--out", tmp_path / "self", "--weights", weights)
+    for name in ("me_1_lit_as_me_2", "me_2_lit_as_me_1"):  # of two photos with one name
+        assert np.array_equal(picture(tmp_path / f"self/{name}.png"), pixels)
+
+
+def bad(tmp_path, weights):
+    """Commands that cannot work, and what must be said."""
+    (tmp_path / "light.hdr").write_text("no light")
+    (tmp_path / "light.json").write_text("{}")
+    (tmp_path / "old.pt").write_bytes(b"\x80\x04pickle")
+    (tmp_path / "pickle.safetensors").write_bytes(b"\x80\x04pickle" * 10)
+    Image.new("L", (30, 30), 255).save(tmp_path / "small.png")
+    Image.new("L", (140, 180), 0).save(tmp_path / "black.png")
+    from safetensors.numpy import save_file
+
+    save_file({"a": np.zeros(3)}, tmp_path / "foreign.safetensors")
+    older = json.dumps({"size": 64, "model": {"name": "ours", "depth": 3}})
+    save_file({"a": np.zeros(3)}, tmp_path / "older.safetensors", metadata={"relight": older})
+    me = tmp_path / "me.png"
+    yield [tmp_path / "none.jpg"], "no file or folder"
+    yield [me, "--mask", tmp_path / "small.png"], "must be equal"
+    yield [me, "--mask", tmp_path / "black.png"], "is empty"
+    yield [me, "--mask", tmp_path / "none.png"], "no file"
+    yield [me, "--light", tmp_path / "light.hdr"], "light.hdr"
+    yield [me, "--light", tmp_path / "light.json"], "light.json"
+    yield [me, "--light", tmp_path / "none.exr"], "none.exr"
+    yield [me, "--light", "room:x"], "room:x"
+    yield [me, "--light", "key:#ffeedd@45,30", "--background", "panorama"], "no panorama"
+    yield [me, "--background", "nothing such"], "background"
+    yield [me, "--mode", "best"], "neither ratio nor full"
+    yield [me, "--white-balance", "auto"], "neither keep nor scene"
+    yield [me, "--weights", tmp_path / "old.pt"], "no network of relight"
+    yield [me, "--weights", tmp_path / "pickle.safetensors"], "safetensors"
+    yield [me, "--weights", tmp_path / "foreign.safetensors"], "no relight network"
+    yield [me, "--weights", tmp_path / "older.safetensors"], "does not fit this version"
+    yield [me, "--out", me], "is a file"
+    yield [me, "--out", me / "sub"], "nothing can be written there"
+    yield [me, "--out", "/proc/relight"], "nothing can be written there"
+    yield [me, "--background", tmp_path / "none.png"], "background: there is no file"
+    yield [me, "--light", "key:#ffeedd@45,95"], "elevation 95 must be in -90"
+    yield [me, "--mask", me], "is the photo itself"
+
+
+def test_bad_input_is_one_line_and_overwrites_nothing(run, photo_files, weights, tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "relit.png").write_bytes(b"precious")
+    count = 0
+    for words, says in bad(tmp_path, weights):
+        words = [*words] if "--weights" in words else [*words, "--weights", weights]
+        words = words if "--out" in words else [*words, "--out", out]
+        with pytest.raises(UserError, match=says) as error:
+            run("photo", *words)
+        assert "\n" not in str(error.value)
+        count += 1
+    assert count == 22
+    assert [p.name for p in out.iterdir()] == ["relit.png"] and (out / "relit.png").read_bytes() == b"precious"
+
+
+def test_a_mask_that_looks_wrong_is_said(run, photo_files, weights, tmp_path):
+    me, mask, _, drawn = photo_files
+    out = tmp_path / "out"
+    assert "the mask" not in run("photo", me, "--out", out, "--weights", weights)
+    assert json.loads((out / "photo.json").read_text())["mask"]["notes"] == []
+    Image.fromarray(255 - drawn).save(mask)
+    assert "note: the mask may be inverted" in run("photo", me, "--out", out, "--weights", weights)
+    assert "inverted" in json.loads((out / "photo.json").read_text())["mask"]["notes"][0]
+
+
+def test_a_folder_goes_on_after_failures_and_resumes(run, weights, tmp_path, draw, monkeypatch):
+    folder, out = tmp_path / "in", tmp_path / "out"
+    folder.mkdir()
+    for i in range(3):
+        pixels, mask = draw(90 + i, 80, seed=i)
+        Image.fromarray(np.dstack([pixels, mask])).save(folder / f"p{i}.png")
+    (folder / "broken.jpg").write_bytes(b"\xff\xd8\xff broken")
+    words = ("photo", folder, "--out", out, "--light", "key:#ffeedd@45,30", "--weights", weights, "--jobs", 2)
+    first = CliRunner().invoke(app, [str(word) for word in words])
+    assert first.exit_code == 1, first.output
+    assert "3 relit, 0 already there, 1 failed" in first.output and "broken.jpg" in first.output
+    before = {p: p.stat().st_mtime_ns for p in out.glob("*/relit.png")}
+    assert len(before) == 3
+    (folder / "broken.jpg").unlink()
+    (out / "p1.png" / "photo.json").unlink()  # as if it had been killed before the end
+    monkeypatch.setattr("relight.photos.folder.has_semaphores", lambda: False)  # then this process does it
+    again = run(*words)
+    assert "1 relit, 2 already there, 0 failed" in again
+    after = {p: p.stat().st_mtime_ns for p in out.glob("*/relit.png")}
+    changed = {p.parent.name for p in before if before[p] != after[p]}
+    assert changed == {"p1.png"}
+
+
+def test_processes_find_the_folder_that_they_share(photo_files, weights, tmp_path, monkeypatch):
+    """Each checks that it can write below it; one that made and removed it would take it from another."""
+    from relight.photos import folder
+    from relight.photos.photo import Options
+
+    out, there = tmp_path / "new" / "out", []
+    monkeypatch.setattr(folder, "_run", lambda *_: there.append(out.is_dir()) or [])
+    folder.relight_folder(photo_files[0].parent, out, Options("key:#ffeedd@45,30"), weights=weights)
+    assert there == [True]
+
+
+def test_changed_options_or_files_are_relit_again(photo_files, weights, tmp_path):
+    from relight.photos.api import load
+    from relight.photos.folder import _fingerprint
+    from relight.photos.photo import Options
+
+    me, mask, _, _ = photo_files
+    network = load(weights).network.digest
+    fingerprint = _fingerprint(Options(), me, mask, network)
+    assert fingerprint == _fingerprint(Options(), me, mask, load(weights).network.digest)
+    assert fingerprint != _fingerprint(Options(stops=1), me, mask, network)
+    assert fingerprint != _fingerprint(Options(), me, mask, load().network.digest)  # the weights that ship
+    Image.new("L", (140, 180), 9).save(mask)
+    assert fingerprint != _fingerprint(Options(), me, mask, network)
+
+
+@pytest.mark.parametrize("command", ["photo", "movie"])
+def test_help_is_complete_at_80_columns_and_names_every_kind_of_light(command, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    monkeypatch.setenv("TERMINAL_WIDTH", "80")
+    text = CliRunner().invoke(app, [command, "--help"]).output
+    assert "…" not in text and max(map(len, text.splitlines())) <= 80
+    for name in ("auto", "key:#ffd9a0@70,20,0.15", "room:7", "kitchen.hdr", "light.json", "other.jpg", "Examples:"):
+        assert name in text
+
+
+def test_photo_writes_the_photo_beside_the_result(photo_files, weights, tmp_path, run):
+    photo, _, pixels, _ = photo_files
+    for background in ("keep", "transparent"):
+        run("photo", photo, "-w", weights, "--background", background, "--out", tmp_path / background)
+        strip = np.asarray(Image.open(tmp_path / background / "before_after.jpg"), float)
+        relit = Image.open(tmp_path / background / "relit.png")
+        height, width = pixels.shape[:2]
+        assert strip.shape[0] == height and strip.shape[1] > 2 * width
+        shown = Image.new("RGBA", relit.size, "white")
+        shown.alpha_composite(relit.convert("RGBA"))
+        assert np.abs(strip[:, :width] - pixels).mean() < 15
+        assert np.abs(strip[:, -width:] - np.asarray(shown.convert("RGB"))).mean() < 15
+
+
+def test_opposite_lamp_is_on_the_side_from_which_no_light_comes(relighter, draw):
+    pixels, mask = draw()
+    person = relighter.infer(pixels, mask)[0]
+    for x, side in ((0.5, -80), (-0.5, 80)):
+        light = np.zeros((9, 3), np.float32)
+        light[0], light[3] = 1, x
+        assert opposite_lamp([replace(person, light=light)]) == f"key:#ffb070@{side},20,0.08"
+    named = relighter.relight(pixels, mask, opposite_lamp([person]))
+    np.testing.assert_array_equal(relighter.relight(pixels, mask), named)

@@ -1,0 +1,67 @@
+"""What the camera sees of a panorama agrees with the light that the panorama is projected to."""
+
+import numpy as np
+import pytest
+
+from relight.panoramas import Panorama, project
+from relight.photos.compose.environment import camera_view, lookup
+from relight.sh import basis, sphere_quadrature
+
+SHAPES = {"latlong": (64, 128), "angular": (128, 128), "ball": (256, 256), "cross": (128, 96), "strip": (32, 192)}
+
+
+def smooth(shape, seed=0):
+    """A panorama of a few broad lamps, smooth enough for bilinear values, drawn in the layout by looking it up."""
+    rng = np.random.default_rng(seed)
+    pixels = rng.random((4, 4, 3))
+    grid = np.linspace(0, 3, shape[0])[:, None], np.linspace(0, 3, shape[1])[None]
+    i, j = grid[0].astype(int).clip(0, 2), grid[1].astype(int).clip(0, 2)
+    u, v = (grid[0] - i)[..., None], (grid[1] - j)[..., None]
+    top = pixels[i, j] * (1 - v) + pixels[i, j + 1] * v
+    return (top * (1 - u) + (pixels[i + 1, j] * (1 - v) + pixels[i + 1, j + 1] * v) * u).astype(np.float32)
+
+
+@pytest.mark.parametrize("layout", SHAPES)
+@pytest.mark.parametrize("orientation", [{}, {"yaw": 35.0, "flip": True}])
+def test_lookup_is_the_inverse_of_projection(layout, orientation):
+    """Integrating what `lookup` sees over the sphere gives the light that `project` computes from the pixels."""
+    panorama = Panorama(smooth(SHAPES[layout]), layout=layout, **orientation)
+    directions, weights = sphere_quadrature(120)
+    seen = lookup(panorama, directions)
+    light = basis(directions, 2).T @ (weights[:, None] * seen)
+    expected = project(panorama, 2)
+    assert np.abs(light - expected).max() < 0.02 * np.abs(expected).max()
+
+
+def test_exr_panoramas_look_the_other_way():
+    pixels = smooth((33, 65))
+    panorama = Panorama(pixels, corners=True, front="+z")
+    assert np.allclose(lookup(panorama, np.array([0.0, 0, 1])), pixels[16, 32], atol=1e-6)
+    assert np.allclose(lookup(panorama, np.array([0.0, 1, 0])), pixels[0, 32], atol=1e-2)
+
+
+def test_the_camera_sees_ahead_and_turns_with_the_light():
+    pixels = np.zeros((64, 128, 3), np.float32)
+    pixels[30:34, 62:66] = 50  # a lamp in the middle: straight ahead, behind the figure
+    panorama = Panorama(pixels)
+    view = camera_view(panorama, (60, 90))[..., 0]
+    assert np.unravel_index(view.argmax(), view.shape)[0] in (29, 30) and abs(view.argmax() % 90 - 44.5) <= 1
+    # turned by a > 0 (+z toward +x), what is on -z moves toward -x: to the left
+    turned = camera_view(panorama, (60, 90), np.radians(15))[..., 0]
+    x = turned.argmax() % 90
+    assert abs((x + 0.5 - 45) - -np.tan(np.radians(15)) * 45 / np.tan(np.radians(25))) < 1.5
+    assert camera_view(panorama, (60, 90), np.radians(180)).max() < 0.1
+    blurred = camera_view(panorama, (60, 90), 0, 5.0)[..., 0]
+    assert blurred.max() < 0.6 * view.max() and abs(blurred.sum() / view.sum() - 1) < 0.1
+
+
+def test_a_turned_panorama_lights_as_it_looks():
+    """The light turned by an angle is the projection of what one sees turned by it."""
+    from relight.sh import rotate_y, rotation_about_y
+
+    panorama = Panorama(smooth((64, 128), 3))
+    directions, weights = sphere_quadrature(120)
+    angle = 0.7
+    seen = lookup(panorama, directions @ rotation_about_y(angle))  # as `see` does
+    light = basis(directions, 2).T @ (weights[:, None] * seen)
+    assert np.abs(light - rotate_y(project(panorama, 2), angle)).max() < 0.02

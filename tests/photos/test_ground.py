@@ -1,0 +1,193 @@
+"""Shadows on the ground by closed forms, and backgrounds in the exposure and white balance of their figures."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from relight.crop import extent
+from relight.lights import load_light
+from relight.panoramas import Panorama
+from relight.photos.api import match_exposure
+from relight.photos.compose.background import Background, estimate_white, read_background
+from relight.photos.compose.color import to_srgb8
+from relight.photos.compose.ground import Camera, _fill_with_balls, _transport, ground_under
+from relight.photos.compose.render import render
+from relight.photos.movie import turn_light
+from relight.photos.photo import Options
+from relight.sh import basis, rotate_y, unoccluded
+from relight.srgb import LINEAR
+
+Y00 = 0.5 / np.sqrt(np.pi)
+
+
+def box_of(coverage):
+    """Top, bottom, left and right."""
+    rows, columns = extent(coverage >= 128)
+    return *rows, *columns
+
+
+def standing(height=300, width=260, bottom=280, middle=130):
+    """A person (H,W) uint8: a head, a body, two legs apart."""
+    y, x = np.mgrid[:height, :width]
+    y = (bottom - 1 - y) / 240  # heights of the person above the ground_under
+    x = (x - middle) / 240
+    head = np.hypot(x, y - 0.93) < 0.07
+    body = (abs(x) < 0.13) & (y > 0.45) & (y < 0.85)
+    legs = (abs(abs(x) - 0.07) < 0.04) & (y >= 0) & (y <= 0.45)
+    return (head | body | legs) * np.uint8(255)
+
+
+def lamp(azimuth, elevation):
+    return load_light(f"key:#ffffff@{azimuth},{elevation}").coefficients.astype(np.float32)
+
+
+@pytest.mark.parametrize(("centre", "radius"), [((0, 1, 0), 0.5), ((0.6, 0.8, 0), 0.5), ((-0.3, 0.8, 0.6), 0.3)])
+def test_a_ball_hides_what_it_should(centre, radius, monkeypatch):
+    """pi sin^2(edge) cos(tilt) of the irradiance from everywhere; a small one hides that much of Y in its direction."""
+    direction = np.array(centre, float)
+    distance = np.linalg.norm(direction)
+    direction /= distance
+
+    def hidden(radius):
+        return _transport(np.zeros((1, 3)), np.array([[*centre, radius]]), 2)
+
+    def exact(radius):
+        return np.pi * (radius / distance) ** 2 * direction[1]
+
+    found, whole = hidden(radius)
+    assert found[0, 0] / Y00 == pytest.approx(exact(radius), rel=0.08)
+    assert np.abs(whole - unoccluded(np.array([0.0, 1, 0]), 2)).max() < 0.02
+    monkeypatch.setattr("relight.photos.compose.ground.RAYS", 40_000)
+    assert np.abs(hidden(0.1)[0][0] / exact(0.1) - basis(direction, 2)).max() < 0.02
+
+
+def test_balls_beside_each_other_add_and_behind_each_other_do_not():
+    one, other = [1.0, 1.0, 0.0, 0.3], [-1.0, 1.0, 0.0, 0.3]
+    behind = [2.0, 2.0, 0.0, 0.59]
+    hide = lambda *balls: _transport(np.zeros((1, 3)), np.array(balls), 2)[0][0]  # noqa: E731
+    assert np.allclose(hide(one, other), hide(one) + hide(other))
+    assert np.allclose(hide(one, behind), hide(one))
+
+
+def test_a_figure_is_filled_and_stands_on_the_ground():
+    coverage = standing()
+    camera = Camera(300.0, 150.0, 130.0)
+    balls = _fill_with_balls(coverage, box_of(coverage), camera)
+    x, y = (camera.middle - balls[:, 0] / balls[:, 2] * 300, camera.horizon + balls[:, 1] / balls[:, 2] * 300)
+    radius = -balls[:, 3] / balls[:, 2] * 300
+    rows, columns = np.mgrid[:300, :260] + 0.5
+    drawn = (np.hypot(columns[..., None] - x, rows[..., None] - y) < radius).any(-1)
+    solid = coverage > 127
+    assert (drawn & solid).sum() > 0.9 * solid.sum() and (drawn & ~solid).sum() < 0.02 * solid.sum()
+    lowest = balls[np.argmax(y + radius)]
+    assert lowest[1] - lowest[3] == pytest.approx(-1, abs=0.03)  # the ground_under, in heights of the camera
+
+
+def test_each_foot_stands_where_it_is_seen():
+    """One foot farther up in the picture is one farther away."""
+    coverage = standing()
+    coverage[265:, :130] = 0
+    camera = Camera(300.0, 150.0, 130.0)
+    balls = _fill_with_balls(coverage, box_of(coverage), camera)
+    low = balls[balls[:, 1] < -0.85]
+    left, right = low[low[:, 0] < 0], low[low[:, 0] > 0]
+    assert -left[:, 2].mean() == pytest.approx(300 / 115, rel=0.03)
+    assert -right[:, 2].mean() == pytest.approx(300 / 130, rel=0.02)
+
+
+def test_shadows_fall_away_from_the_light_and_end():
+    ground = ground_under([standing()])
+    h, w, _ = ground.occluded.shape
+    here = int((280 - ground.rows[0]) / (ground.rows[1] - ground.rows[0]) * h)
+    for azimuth, darker, lighter in (
+        (75, np.s_[:, : w // 3], np.s_[:, -w // 3 :]),
+        (-75, np.s_[:, -w // 3 :], np.s_[:, : w // 3]),
+    ):
+        shade = ground.shadows(lamp(azimuth, 35)).mean(-1)
+        assert shade[darker].mean() < shade[lighter].mean() - 0.01
+    behind, front = ground.shadows(lamp(0, 30)).mean(-1), ground.shadows(lamp(180, 30)).mean(-1)
+    assert behind[: here - 3].mean() < front[: here - 3].mean() and behind[here + 3 :].mean() > front[here + 3 :].mean()
+    for name in ("room:3", "sky:5", "key:#ff2010@90,5", "key:#ffffff@0,-60"):
+        shade = ground.shadows(load_light(name).coefficients)
+        assert shade.min() > 0 and shade.max() <= 1 and np.isfinite(shade).all()
+    even = np.zeros((9, 3), np.float32)
+    even[0] = 1
+    shade = ground.shadows(even)[..., 0]
+    left, right = ground.columns
+    under = shade[here - 2 : here + 1, int((130 - 17 - left) / (right - left) * w)]
+    assert under.min() < 0.75 and shade[0].min() > 0.97  # contact; and faded at the far end
+    assert np.allclose(ground.shadows(3 * even), ground.shadows(even))
+
+
+def test_a_colored_lamp_leaves_the_other_color_in_its_shadow():
+    light = lamp(70, 30)
+    light = light * [1.0, 0.5, 0.2]
+    light[0] += np.array([0.0, 0.2, 0.6], np.float32)
+    shade = ground_under([standing()]).shadows(light)
+    darkest = shade.reshape(-1, 3)[shade.sum(-1).argmin()]
+    assert darkest[0] < darkest[1] < darkest[2]
+
+
+def test_nobody_stands_in_a_portrait():
+    coverage = standing(bottom=330)
+    assert ground_under([coverage]) is None
+    both = ground_under([coverage, standing(middle=60)])
+    alone = ground_under([standing(middle=60)])
+    assert np.array_equal(both.occluded, alone.occluded)
+
+
+@pytest.mark.parametrize("kind", ["color", "picture", "panorama"])
+def test_shadows_are_on_new_backgrounds_only(kind, relighter, draw):
+    """The picture is darker beneath the figure than without shadows, and nowhere else; so are frames of a movie."""
+    pixels, mask = draw()
+    figures = relighter.infer(pixels, mask)
+    light, _ = match_exposure(figures, relighter.read_light("room:2").coefficients, Background())
+    grey = np.full((180, 140, 3), 150, np.uint8)
+    behind = Background(kind, color=grey[0, 0], picture=grey, panorama=Panorama(np.full((8, 16, 3), 0.1, np.float32)))
+    shaded = render(pixels, figures, light, "ratio", behind)
+    without = render(pixels, figures, light, "ratio", replace(behind, shadow=False))
+    away = mask == 0
+    assert (shaded[away] <= without[away]).all() and shaded[away].mean() < without[away].mean() - 1
+    assert np.array_equal(shaded[mask == 255], without[mask == 255]) and np.array_equal(
+        shaded[:60][away[:60]], without[:60][away[:60]]
+    )
+    first, second = turn_light(pixels, figures, light, Options(), behind, 2)
+    turned = rotate_y(light, np.pi).astype(np.float32)
+    assert np.array_equal(first, shaded)
+    assert np.array_equal(second, render(pixels, figures, turned, "ratio", behind, turn=np.pi))
+    keep = render(pixels, figures, light)
+    assert np.array_equal(keep[away], pixels[away])
+
+
+def test_a_white_figure_in_the_open_is_as_bright_as_its_panorama():
+    """The furnace: under the same radiance from everywhere nothing that is white can be told from what surrounds it."""
+    radiance = np.array([0.2, 0.15, 0.1], np.float32)
+    light = np.zeros((9, 3))
+    light[0] = radiance / Y00
+    for normal in ((0.0, 0, 1), (0.0, 1, 0)):
+        figure = unoccluded(np.array(normal), 2) @ light
+        seen = Background("panorama", panorama=Panorama(np.full((8, 16, 3), radiance, np.float32)), gain=1.0)
+        assert np.abs(seen.linear((20, 20))[10, 10] - figure).max() < 0.01
+
+
+def test_a_picture_follows_the_lights_color_half_way(draw):
+    """A neutral picture under a warm light warms; one that was taken in that light stays; brightness follows."""
+    rng = np.random.default_rng(0)
+    neutral = np.repeat(rng.integers(20, 230, (60, 50, 1)), 3, 2).astype(np.uint8)
+    warm = np.array([1.0, 0.7, 0.4])
+    light = np.zeros((9, 3))
+    light[0] = warm
+    same = to_srgb8(LINEAR[neutral] * warm)
+    assert np.abs(estimate_white(same) / estimate_white(same)[0] - warm).max() < 0.02
+    for level in (1.0, 0.5):
+        tinted = Background("picture", picture=neutral).matched(light, 1.0, level).tint
+        assert np.allclose(tinted / tinted[0], np.sqrt(warm), atol=1e-3)
+        assert Background("picture", picture=same).matched(light, 1.0, level).tint == pytest.approx(
+            [level] * 3, rel=0.02
+        )
+    behind = Background("picture", picture=neutral)
+    half = behind.matched(np.ones((9, 3)), 1.0, 0.5).linear((60, 50))
+    assert np.allclose(half, behind.linear((60, 50)) / 2, atol=1e-3)
+    color = read_background("#334455")
+    assert np.array_equal(color.matched(light, 3.0, 0.5).linear((4, 4), stops=1), color.linear((4, 4)))

@@ -1,0 +1,514 @@
+"""What photos and masks may say, and the right value: profiles, gammas, previews, 16 bits, linear values, labels."""
+
+import struct
+import zlib
+
+import numpy as np
+import OpenEXR
+import pytest
+import tifffile
+from PIL import Image, ImageCms
+
+from relight.files import UserError
+from relight.photos.compose.color import to_codes
+from relight.photos.deep import UPRIGHT
+from relight.photos.mask.find import find_mask
+from relight.photos.profile import _curve, to_srgb
+from relight.photos.read import as_codes, photo_from_image, read_mask, read_photo
+from relight.photos.write import write_picture
+from relight.srgb import decode, encode, to_linear
+
+RNG = np.random.default_rng(0)
+RGB = RNG.integers(0, 256, (40, 30, 3)).astype(np.uint8)
+DEEP = RNG.integers(0, 65536, (40, 30, 3)).astype(np.uint16)
+SRGB = np.array([[0.4361, 0.3851, 0.1431], [0.2225, 0.7169, 0.0606], [0.0139, 0.0971, 0.7141]])  # to XYZ with D50
+P3 = np.array([[0.5151, 0.2920, 0.1571], [0.2412, 0.6922, 0.0666], [-0.0011, 0.0419, 0.7841]])
+ADOBE = np.array([[0.6097, 0.2053, 0.1492], [0.3111, 0.6257, 0.0632], [0.0195, 0.0609, 0.7446]])
+LINEAR = b"curv\0\0\0\0" + struct.pack(">I", 0)
+GAMMA = b"curv\0\0\0\0" + struct.pack(">IH", 1, 563) + b"\0\0"  # 2.19921875
+TABLE = b"curv\0\0\0\0" + struct.pack(">I256H", 256, *np.round(np.linspace(0, 1, 256) ** 1.8 * 65535).astype(int))
+
+
+def fixed(*values) -> bytes:
+    return b"".join(struct.pack(">i", round(float(value) * 65536)) for value in values)
+
+
+CURVE = b"para\0\0\0\0" + struct.pack(">HH", 3, 0) + fixed(2.4, 1 / 1.055, 0.055 / 1.055, 1 / 12.92, 0.04045)
+
+
+def profile(name: str, matrix: np.ndarray | None, curve: bytes) -> bytes:
+    """An ICC profile of RGB by the standard; of grey without a matrix."""
+    text = name.encode()
+    desc = b"desc\0\0\0\0" + struct.pack(">I", len(text) + 1) + text + b"\0" * 79
+    white = b"XYZ \0\0\0\0" + fixed(0.9642, 1, 0.8249)
+    tags = [(b"desc", desc + b"\0" * (-len(desc) % 4)), (b"cprt", b"text\0\0\0\0none\0\0\0\0"), (b"wtpt", white)]
+    if matrix is None:
+        tags.append((b"kTRC", curve))
+    else:
+        tags += [(bytes([c]) + b"XYZ", b"XYZ \0\0\0\0" + fixed(*matrix[:, i])) for i, c in enumerate(b"rgb")]
+        tags += [(bytes([c]) + b"TRC", curve) for c in b"rgb"]
+    table, body, start = struct.pack(">I", len(tags)), b"", 132 + 12 * len(tags)
+    for key, value in tags:
+        table += key + struct.pack(">II", start + len(body), len(value))
+        body += value
+    space = b"GRAY" if matrix is None else b"RGB "
+    size = 128 + len(table) + len(body)
+    head = struct.pack(">I4sI4s4s4s6H", size, b"none", 0x2100000, b"mntr", space, b"XYZ ", 2020, 1, 1, 0, 0, 0)
+    return (head + b"acsp" + b"\0" * 28 + fixed(0.9642, 1, 0.8249)).ljust(128, b"\0") + table + body
+
+
+def converted(codes, matrix, curve) -> np.ndarray:
+    """sRGB codes in [0,1] of codes in [0,1], by the definition of a profile of curves and a matrix."""
+    return encode(curve(np.asarray(codes, float)) @ (np.linalg.inv(SRGB) @ matrix).T)
+
+
+# profile, and the codes in [0,1] that a picture of codes in [0,1] becomes
+PROFILES = {
+    "linear, called sRGB": (profile("built-in Linear sRGB", SRGB, LINEAR), lambda c: converted(c, SRGB, lambda x: x)),
+    "linear, called Rec709": (profile("linear Rec709", SRGB, LINEAR), lambda c: converted(c, SRGB, lambda x: x)),
+    "gamma, called e-sRGB": (profile("e-sRGB", SRGB, GAMMA), lambda c: converted(c, SRGB, lambda x: x ** (563 / 256))),
+    "a table, called sRGB": (profile("sRGB-elle-V2-g18", SRGB, TABLE), lambda c: converted(c, SRGB, lambda x: x**1.8)),
+    "Display P3": (profile("Display P3", P3, CURVE), lambda c: converted(c, P3, decode)),
+    "Adobe RGB": (profile("not sRGB", ADOBE, GAMMA), lambda c: converted(c, ADOBE, lambda x: x ** (563 / 256))),
+    "sRGB under another name": (profile("c2", SRGB, CURVE), lambda c: c),
+    "sRGB of LittleCMS": (ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes(), lambda c: c),
+    "grey": (profile("Dot Gain 20%", None, GAMMA), lambda c: c),
+    "no profile": (b"no profile" * 9, lambda c: c),
+    "cut short": (profile("Display P3", P3, CURVE)[:200], lambda c: c),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", PROFILES)
+def test_read_photo_converts_by_what_a_profile_holds(tmp_path, name):
+    data, right = PROFILES[name]
+    Image.fromarray(RGB).save(tmp_path / "a.png", icc_profile=data)
+    photo = read_photo(tmp_path / "a.png")
+    want = np.round(right(RGB / 255) * 255)
+    if np.array_equal(want, RGB):
+        np.testing.assert_array_equal(photo.pixels, RGB)
+    elif name.startswith("linear"):
+        assert np.abs(photo.pixels - want).max() <= 1
+    else:  # LittleCMS computes in 8 bits
+        assert np.abs(photo.pixels - want).mean() < 0.7 and np.abs(photo.pixels - want).max() <= 8
+    left_out = name in ("grey", "no profile", "cut short")
+    assert any("it was left out" in note for note in photo.notes) == left_out == bool(photo.notes)
+
+
+@pytest.mark.parametrize("name", PROFILES)
+def test_to_srgb_converts_16_bits_by_the_same_profiles(name):
+    data, right = PROFILES[name]
+    image = Image.new("RGB", (2, 2))
+    image.info["icc_profile"] = data
+    pixels, _ = to_srgb(DEEP, image, "a.tif")
+    want = right(DEEP / 65535) * 65535
+    assert pixels.dtype == np.uint16
+    np.testing.assert_allclose(pixels, want, atol=129)  # half an 8-bit code: the profiles' matrices have four digits
+
+
+def test_to_srgb_of_a_16_bit_profile_without_curves_is_refused(monkeypatch):
+    monkeypatch.setattr("relight.photos.profile._curve", lambda profile, name: None)
+    image = Image.new("RGB", (2, 2))
+    image.info["icc_profile"] = PROFILES["Display P3"][0]
+    with pytest.raises(UserError, match=r"a\.tif has 16 bits and a color profile of tables"):
+        to_srgb(DEEP, image, "a.tif")
+
+
+X = np.linspace(0, 1, 11)
+# the numbers of a parametric curve -> its values (ICC.1:2022, table 68)
+CURVES = {
+    (2.2,): X**2.2,
+    (2.0, 1.25, -0.25): np.maximum(1.25 * X - 0.25, 0) ** 2,
+    (2.0, 0.75, -0.15, 0.1): np.where(X >= 0.2, np.maximum(0.75 * X - 0.15, 0) ** 2, 0) + 0.1,
+    (2.4, 1 / 1.055, 0.055 / 1.055, 1 / 12.92, 0.04045): decode(X),
+    (2.0, 1.0, 0.0, 0.5, 0.35, 0.1, 0.05): np.where(X >= 0.35, X**2 + 0.1, 0.5 * X + 0.05),
+}
+
+
+@pytest.mark.parametrize("numbers", CURVES)
+def test_curve_of_every_parametric_type(numbers):
+    kind = {1: 0, 3: 1, 4: 2, 5: 3, 7: 4}[len(numbers)]
+    data = b"para\0\0\0\0" + struct.pack(">HH", kind, 0) + fixed(*numbers)
+    np.testing.assert_allclose(_curve(profile("a", P3, data), b"gTRC")(X), CURVES[numbers], atol=1e-4)
+
+
+def png_of(path, chunks, pixels=RGB):
+    """A PNG with further chunks before its data."""
+    Image.fromarray(pixels).save(path)
+    data = path.read_bytes()
+    place = data.index(b"IDAT") - 4
+    extra = b"".join(
+        struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body)) for kind, body in chunks
+    )
+    path.write_bytes(data[:place] + extra + data[place:])
+    return path
+
+
+def gama(gamma):
+    return b"gAMA", struct.pack(">I", round(gamma * 100000))
+
+
+def chrm(*xy):
+    return b"cHRM", struct.pack(">8I", *(round(value * 100000) for value in xy))
+
+
+REC709 = (0.3127, 0.3290, 0.64, 0.33, 0.30, 0.60, 0.15, 0.06)
+GAMMAS = {
+    "linear": ([gama(1)], lambda c: encode(c)),
+    "of old Macintoshes": ([gama(0.55556)], lambda c: encode(c**1.8)),
+    "of sRGB": ([gama(0.45455)], lambda c: c),
+    "of sRGB with its primaries": ([gama(0.45455), chrm(*REC709)], lambda c: c),
+    "linear, but sRGB": ([gama(1), (b"sRGB", b"\0")], lambda c: c),
+    "linear with the primaries of Display P3": (
+        [gama(1), chrm(0.3127, 0.3290, 0.680, 0.320, 0.265, 0.690, 0.150, 0.060)],
+        lambda c: converted(c, P3, lambda x: x),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", GAMMAS)
+def test_read_photo_converts_by_the_gamma_of_a_png(tmp_path, name):
+    chunks, right = GAMMAS[name]
+    pixels = read_photo(png_of(tmp_path / "a.png", chunks)).pixels
+    want = right(RGB / 255) * 255
+    assert np.abs(pixels - want).max() <= 1.5
+    if np.array_equal(want, RGB):
+        assert np.array_equal(pixels, RGB)
+
+
+@pytest.mark.parametrize(("space", "mark", "adobe"), [(0xFFFF, "R03", True), (1, "R98", False), (0xFFFF, "R98", False)])
+def test_read_photo_believes_a_camera_that_says_adobe_rgb(tmp_path, space, mark, adobe):
+    exif = Image.Exif()
+    exif[0x8769] = {0xA001: space, 0xA005: {1: mark}}
+    flat = np.full((16, 16, 3), (200, 100, 50), np.uint8)
+    Image.fromarray(flat).save(tmp_path / "a.png", exif=exif)
+    want = np.round(converted(flat[0, 0] / 255, ADOBE, lambda x: x ** (563 / 256)) * 255) if adobe else flat[0, 0]
+    assert np.abs(read_photo(tmp_path / "a.png").pixels[0, 0] - want).max() <= (1 if adobe else 0)
+
+
+def saved(path, frames, **options):
+    images = [Image.fromarray(frame) for frame in frames]
+    images[0].save(path, save_all=True, append_images=images[1:], **options)
+    return path
+
+
+def pages(path, *kinds):
+    """A TIFF whose pages have these NewSubfileTypes."""
+    with tifffile.TiffWriter(path) as file:
+        for number, kind in enumerate(kinds):
+            file.write(
+                RGB if number == 0 or not kind else RGB[::2, ::2].copy(), photometric="rgb", subfiletype=bool(kind)
+            )
+    with tifffile.TiffFile(path, mode="r+b") as file:
+        for page, kind in zip(file.pages, kinds):
+            page.tags[254].overwrite(kind)
+    return path
+
+
+SMOOTH = np.stack(np.broadcast_arrays(np.arange(30) * 8, np.arange(40)[:, None] * 6, 99), -1).astype(np.uint8)
+STILL = {
+    "jpg of a camera": lambda p: saved(p.with_suffix(".jpg"), [SMOOTH, RGB[::2, ::2]], format="MPO", quality=95),
+    "tif with a preview": lambda p: pages(p.with_suffix(".tif"), 0, 1),
+    "tif with a mask": lambda p: pages(p.with_suffix(".tif"), 0, 4),
+    "tif with a preview of a mask": lambda p: pages(p.with_suffix(".tif"), 0, 5, 1),
+    "gif of one frame": lambda p: saved(p.with_suffix(".png"), [RGB]),
+}
+
+
+@pytest.mark.parametrize("name", STILL)
+def test_read_photo_takes_the_first_of_a_picture_and_its_previews(tmp_path, name):
+    photo = read_photo(STILL[name](tmp_path / "a"))
+    want = SMOOTH if name.startswith("jpg") else RGB
+    assert photo.pixels.shape == want.shape and np.abs(photo.pixels.astype(int) - want).mean() < 3
+
+
+MOVING = {
+    "webp": (lambda p: saved(p.with_suffix(".webp"), [RGB, 255 - RGB], format="WEBP", lossless=True), "animated"),
+    "png": (lambda p: saved(p.with_suffix(".png"), [RGB, 255 - RGB]), "animated"),
+    "gif": (lambda p: saved(p.with_suffix(".gif"), [RGB, 255 - RGB]), "animated"),
+    "avif": (lambda p: saved(p.with_suffix(".avif"), [RGB, 255 - RGB]), "animated"),
+    "tif of two pages": (lambda p: pages(p.with_suffix(".tif"), 0, 0), "has 2 pages: save one of them"),
+}
+
+
+@pytest.mark.parametrize("name", MOVING)
+def test_read_photo_refuses_films_and_pages(tmp_path, name):
+    make, says = MOVING[name]
+    with pytest.raises(UserError, match=says):
+        read_photo(make(tmp_path / "a"))
+
+
+def rgba(pixels):
+    alpha = np.full((*pixels.shape[:2], 1), 65535, np.uint16)
+    alpha[:20] = 1000
+    return np.concatenate([pixels, alpha], axis=-1)
+
+
+TIFFS = {
+    "plain": {},
+    "big-endian": {"byteorder": ">"},
+    "deflate": {"compression": "zlib"},
+    "deflate with differences": {"compression": "zlib", "predictor": True},
+    "several strips": {"rowsperstrip": 7},
+}
+
+
+@pytest.mark.parametrize("name", TIFFS)
+def test_read_photo_keeps_16_bits_of_tiff(tmp_path, name):
+    tifffile.imwrite(tmp_path / "a.tif", DEEP, photometric="rgb", **TIFFS[name])
+    photo = read_photo(tmp_path / "a.tif")
+    np.testing.assert_array_equal(photo.pixels, DEEP)
+    assert photo.suffix == ".tif" and photo.codes.dtype == np.uint8
+
+
+def test_read_photo_refuses_a_tiff_that_two_readers_read_differently(tmp_path):
+    tifffile.imwrite(tmp_path / "a.tif", DEEP, photometric="rgb", tile=(16, 16))
+    with pytest.raises(UserError, match="cannot be read in 16 bits: save it as PNG, or as TIFF in strips"):
+        read_photo(tmp_path / "a.tif")
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif"])
+@pytest.mark.parametrize("values", [DEEP, rgba(DEEP)], ids=["rgb", "rgba"])
+def test_write_picture_of_16_bits_is_read_back(tmp_path, suffix, values):
+    write_picture(tmp_path / f"a{suffix}", values)
+    photo = read_photo(tmp_path / f"a{suffix}")
+    np.testing.assert_array_equal(photo.pixels, DEEP)
+    assert photo.suffix == suffix and (photo.alpha is None) == (values.shape[2] == 3)
+    if suffix == ".tif":
+        np.testing.assert_array_equal(tifffile.imread(tmp_path / "a.tif"), values)
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("suffix", [".png", ".tif"])
+def test_read_photo_turns_16_bits_upright(tmp_path, orientation, suffix):
+    if suffix == ".tif":
+        tifffile.imwrite(tmp_path / "a.tif", DEEP, photometric="rgb", extratags=[(274, "H", 1, orientation, True)])
+    else:
+        write_picture(tmp_path / "b.png", DEEP)
+        exif = Image.Exif()
+        exif[274] = orientation
+        data = (tmp_path / "b.png").read_bytes()
+        place, body = data.index(b"IDAT") - 4, exif.tobytes().removeprefix(b"Exif\0\0")
+        chunk = struct.pack(">I", len(body)) + b"eXIf" + body + struct.pack(">I", zlib.crc32(b"eXIf" + body))
+        (tmp_path / "a.png").write_bytes(data[:place] + chunk + data[place:])
+    upright = {
+        1: DEEP, 2: np.fliplr(DEEP), 3: np.rot90(DEEP, 2), 4: np.flipud(DEEP), 5: DEEP.transpose(1, 0, 2),
+        6: np.rot90(DEEP, -1), 7: np.rot90(DEEP, 2).transpose(1, 0, 2), 8: np.rot90(DEEP),
+    }[orientation]  # fmt: skip
+    np.testing.assert_array_equal(read_photo(tmp_path / f"a{suffix}").pixels, upright)
+    np.testing.assert_array_equal(UPRIGHT[orientation](DEEP), upright)
+
+
+def test_read_photo_refuses_a_16_bit_png_cut_short(tmp_path):
+    write_picture(tmp_path / "a.png", DEEP)
+    (tmp_path / "a.png").write_bytes((tmp_path / "a.png").read_bytes()[:4000])
+    with pytest.raises(UserError, match="damaged or cut short"):
+        read_photo(tmp_path / "a.png")
+
+
+@pytest.mark.parametrize("type", [np.uint8, np.uint16])
+def test_to_codes_is_the_inverse_of_to_linear(type):
+    codes = np.arange(np.iinfo(type).max + 1).astype(type)
+    np.testing.assert_array_equal(to_codes(to_linear(codes), type), codes)
+    np.testing.assert_allclose(to_linear(codes), decode(codes / np.iinfo(type).max), rtol=1e-6)
+    np.testing.assert_array_equal(as_codes(np.arange(256).astype(np.uint16) * 257), np.arange(256))
+
+
+def exr(path, pixels, header=(), **channels):
+    planes = {name: np.ascontiguousarray(pixels[..., i]) for i, name in enumerate("RGB")} | channels
+    OpenEXR.File(dict(header), planes).write(str(path))
+    return path
+
+
+SCENE = RNG.uniform(0, 4, (40, 30, 3)).astype(np.float32)
+
+
+def test_read_photo_of_openexr_is_linear(tmp_path):
+    photo = read_photo(exr(tmp_path / "a.exr", SCENE))
+    np.testing.assert_array_equal(photo.pixels, SCENE)
+    assert photo.suffix == ".exr" and photo.alpha is None
+    np.testing.assert_allclose(photo.codes, np.round(encode(SCENE) * 255), atol=1)
+
+
+def test_read_photo_of_openexr_divides_by_alpha_and_converts_primaries(tmp_path):
+    alpha = np.zeros((40, 30), np.float32)
+    alpha[:20], alpha[20:30] = 1, 0.5
+    photo = read_photo(exr(tmp_path / "a.exr", SCENE * alpha[..., None], A=alpha))
+    np.testing.assert_array_equal(photo.alpha, np.round(alpha * 255))
+    np.testing.assert_allclose(photo.pixels[:30], SCENE[:30], rtol=1e-6)
+    p3 = {"chromaticities": (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290)}
+    photo = read_photo(exr(tmp_path / "b.exr", np.ones_like(SCENE), p3))
+    np.testing.assert_allclose(photo.pixels, 1, atol=1e-4)
+    assert "chromaticities" in photo.notes[0]
+
+
+@pytest.mark.parametrize(("value", "says"), [(np.nan, "not finite"), (np.inf, "not finite")])
+def test_read_photo_refuses_openexr_that_is_not_finite(tmp_path, value, says):
+    scene = SCENE.copy()
+    scene[3, 3] = value
+    with pytest.raises(UserError, match=says):
+        read_photo(exr(tmp_path / "a.exr", scene))
+
+
+def test_write_picture_of_openexr_is_read_back(tmp_path):
+    write_picture(tmp_path / "a.exr", SCENE)
+    np.testing.assert_array_equal(read_photo(tmp_path / "a.exr").pixels, SCENE)
+    alpha = np.linspace(0.1, 1, 40 * 30, dtype=np.float32).reshape(40, 30, 1)
+    write_picture(tmp_path / "b.exr", np.concatenate([SCENE, alpha], -1))
+    photo = read_photo(tmp_path / "b.exr")
+    np.testing.assert_allclose(photo.pixels, SCENE, rtol=1e-5)
+    np.testing.assert_array_equal(photo.alpha, np.round(alpha[..., 0] * 255))
+
+
+KINDS = {
+    "a.png": (lambda path, pixels: write_picture(path, np.round(pixels * 65535).astype(np.uint16)), np.uint16),
+    "a.tif": (lambda path, pixels: write_picture(path, np.round(pixels * 65535).astype(np.uint16)), np.uint16),
+    "a.exr": (lambda path, pixels: exr(path, decode(pixels).astype(np.float32)), np.float32),
+}
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_photo_command_writes_in_kind(tmp_path, run, weights, draw, name):
+    """Relit as the 8-bit picture is, but finer: more codes than 8 bits have, each within half a step and rounding."""
+    codes, mask = draw()
+    Image.fromarray(codes).save(tmp_path / "eight.png")
+    for mask_name in ("eight_mask.png", "a_mask.png"):
+        Image.fromarray(mask).save(tmp_path / mask_name)
+    make, type = KINDS[name]
+    make(tmp_path / name, codes / 255)
+    light = ("--weights", weights, "--light", "key:#ffffff@60,20", "--stops", "-1")
+    for source in ("eight.png", name):
+        says = run("photo", tmp_path / source, "--out", tmp_path / f"out_{source}", *light)
+    suffix = name[-4:]
+    assert f"relit{suffix}" in says
+    found = read_photo(tmp_path / f"out_{name}" / f"relit{suffix}")
+    eight = read_photo(tmp_path / "out_eight.png" / "relit.png")
+    assert found.pixels.dtype == type
+    assert np.abs(found.codes.astype(int) - eight.pixels).max() <= 1
+    person = found.pixels[mask == 255]
+    assert len(np.unique(person)) > 300
+    outside = mask == 0
+    want = {np.uint16: codes.astype(np.uint16) * 257, np.float32: decode(codes / 255).astype(np.float32)}[type]
+    np.testing.assert_array_equal(found.pixels[outside], want[outside])
+
+
+def test_photo_command_keeps_scene_values_above_white(tmp_path, run, weights, draw):
+    """A linear photo is multiplied by the gain alone: four times the light in, four times out."""
+    codes, mask = draw()
+    Image.fromarray(mask).save(tmp_path / "mask.png")
+    scene = decode(codes / 255).astype(np.float32)
+    scene[0, 0] = 50
+    exr(tmp_path / "a.exr", scene)
+    run("photo", tmp_path / "a.exr", "--mask", tmp_path / "mask.png", "--weights", weights, "--out", tmp_path / "one")
+    run("photo", tmp_path / "a.exr", "--mask", tmp_path / "mask.png", "--weights", weights, "--out", tmp_path / "four",
+        "--stops", 2)  # fmt: skip
+    one, four = (read_photo(tmp_path / out / "relit.exr").pixels for out in ("one", "four"))
+    np.testing.assert_allclose(four[mask == 255], 4 * one[mask == 255], rtol=1e-4)
+    np.testing.assert_array_equal(one[0, 0], 50)
+
+
+PERSON = np.zeros((40, 30), bool)
+PERSON[10:30, 8:20] = True
+SOFT = np.where(PERSON, 255, 0).astype(np.uint8)
+SOFT[9, 8:20] = 100
+
+
+def painted(color, background=(0, 0, 0)):
+    return np.where(PERSON[..., None], np.array(color, np.uint8), np.array(background, np.uint8))
+
+
+def palette(colors, values):
+    image = Image.fromarray(values.astype(np.uint8), "L")
+    image.putpalette([part for color in colors for part in color])
+    return image
+
+
+VOC = [(0, 0, 0)] * 15 + [(192, 128, 128)]
+# image of a mask -> coverage on the person, on the background; what a note says
+MASKS = {
+    "white": (SOFT, 255, ""),
+    "palette of labels": (palette(VOC, PERSON * 15), 255, "two colors: #c08080"),
+    "green": (painted((0, 255, 0)), 255, "two colors"),
+    "red": (painted((255, 0, 0)), 255, "two colors"),
+    "dark blue": (painted((0, 0, 90)), 255, "two colors"),
+    "white on blue": (painted((255, 255, 255), (0, 0, 255)), 255, "#ffffff is taken for the person"),
+    "0 and 1": (PERSON.astype(np.uint8), 255, "two values 0 and 1"),
+    "0 and 1 in 16 bits": (PERSON.astype(np.uint16), 255, ""),
+    "0 and 255 in 16 bits": (PERSON.astype(np.uint16) * 255, 255, ""),
+    "0 and 100": (PERSON.astype(np.uint8) * 100, 255, "two values 0 and 100"),
+    "0 and 1 as floats": (PERSON.astype(np.float32), 255, ""),
+    "0 and 0.4 as floats": (PERSON.astype(np.float32) * 0.4, 255, "two values 0 and 0.4"),
+    "grey and white": (np.where(PERSON, 255, 60).astype(np.uint8), 255, "two values 60 and 255"),
+    "one bit": (Image.fromarray(PERSON), 255, ""),
+    "soft red": (np.stack([SOFT, SOFT * 0, SOFT * 0], -1), 255, "drawn in one color"),
+    "alpha of 0 and 255": (np.dstack([RGB, np.where(PERSON, 255, 0)]).astype(np.uint8), 255, ""),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", MASKS)
+def test_read_mask_of_every_kind(tmp_path, name):
+    image, person, says = MASKS[name]
+    image = image if isinstance(image, Image.Image) else Image.fromarray(image)
+    path = tmp_path / ("m.tif" if image.mode == "F" else "m.png")
+    image.save(path)
+    notes = []
+    mask = read_mask(path, (40, 30), notes)
+    assert mask.dtype == np.uint8 and (mask[PERSON] == person).all() and (mask[~PERSON & (SOFT == 0)] == 0).all()
+    assert says in " ".join(notes) and bool(says) == bool(notes)
+    if name in ("white", "soft red"):
+        np.testing.assert_array_equal(mask, SOFT)
+
+
+LABELS = {
+    "three labels": (2 * PERSON.astype(np.uint8) + (SOFT == 100), "labels or shades from 0 to 2"),
+    "three labels in 16 bits": ((2 * PERSON + (SOFT == 100)).astype(np.uint16), "from 0 to 2 of 255"),
+    "palette of three labels": (palette([*VOC, (224, 224, 192), (128, 0, 0)], PERSON * 15 + (SOFT == 100) * 17),
+                                "has several colors"),
+    "two colors": (painted((255, 0, 0), (0, 0, 255)), "#0000ff and #ff0000, of which none is black or white"),
+    "a photo": (RGB, "is the photo itself"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LABELS)
+def test_read_mask_refuses_what_can_mean_several_things(tmp_path, name):
+    image, says = LABELS[name]
+    (image if isinstance(image, Image.Image) else Image.fromarray(image)).save(tmp_path / "m.png")
+    with pytest.raises(UserError, match=rf"{says}.*white on the person"):
+        read_mask(tmp_path / "m.png", (40, 30))
+
+
+def test_read_mask_with_nan_says_so_without_a_warning_of_numpy(tmp_path, recwarn):
+    values = SOFT.astype(np.float32) / 255
+    values[0, 0] = np.nan
+    Image.fromarray(values).save(tmp_path / "m.tif")
+    Image.fromarray(RGB).save(tmp_path / "a.png")
+    photo = read_photo(tmp_path / "a.png")
+    np.testing.assert_array_equal(find_mask(photo, tmp_path / "m.tif"), SOFT)
+    assert "1 values that are not numbers" in photo.notes[0] and not recwarn.list
+
+
+def test_a_note_on_the_mask_reaches_the_screen_and_the_record(tmp_path, run, weights, draw):
+    codes, mask = draw()
+    Image.fromarray(codes).save(tmp_path / "a.png")
+    Image.fromarray((mask > 127).astype(np.uint8)).save(tmp_path / "a_mask.png")
+    says = run("photo", tmp_path / "a.png", "--weights", weights, "--out", tmp_path / "out")
+    assert "note: mask" in says and "two values 0 and 1" in says
+    assert "two values 0 and 1" in (tmp_path / "out/photo.json").read_text()
+
+
+@pytest.mark.parametrize("label", [np.uint8(1), np.int64(15), np.float32(0.4), np.uint16(65535), True])
+def test_infer_takes_arrays_of_labels(relighter, draw, label):
+    pixels, mask = draw()
+    solid = mask > 127
+    (person,) = relighter.infer(pixels, solid * np.asarray(label))
+    np.testing.assert_array_equal(person.coverage, solid * np.uint8(255))
+
+
+def test_person_is_shown_in_a_line(relighter, draw):
+    (person,) = relighter.infer(*draw())
+    assert len(repr(person)) < 200 and "\n" not in repr(person) and "9 coefficients" in repr(person)
+
+
+def test_photo_from_image_of_pillow_with_metadata():
+    image = Image.fromarray(RGB)
+    image.info["icc_profile"] = PROFILES["linear, called sRGB"][0]
+    assert np.abs(photo_from_image(image).pixels - encode(RGB / 255) * 255).max() <= 1.5

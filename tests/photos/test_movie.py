@@ -1,0 +1,203 @@
+"""Movies: they hold what was put in, the exposure is fixed, the turn closes, and clips are steadied."""
+
+import av
+import numpy as np
+import pytest
+from PIL import Image
+
+from relight.crop import crop_around
+from relight.files import UserError
+from relight.photos.api import match_exposure
+from relight.photos.compose.background import Background
+from relight.photos.infer import Person
+from relight.photos.load import LoadedPhoto
+from relight.photos.movie import _with_masks, smooth_over_time, turn_light, windows
+from relight.photos.photo import Options
+from relight.photos.read import mask_in
+from relight.photos.video import read_frames, write_video
+
+COLORS = [(200, 60, 40), (40, 180, 60), (60, 80, 220), (128, 128, 128), (250, 250, 250)]
+
+
+@pytest.mark.parametrize("suffix", [".mp4", ".webm", ".gif"])
+def test_written_and_read_back(suffix, tmp_path):
+    path = tmp_path / f"a{suffix}"
+    frames = [np.full((49, 65, 3), c, np.uint8) for c in COLORS]  # odd sizes
+    write_video(path, frames, fps=20)
+    stream, _, fps = read_frames(path)
+    back = [photo.pixels for photo in stream]
+    assert len(back) == len(COLORS) and fps == pytest.approx(20)
+    for color, image in zip(COLORS, back):
+        assert np.abs(image.reshape(-1, 3).mean(0) - color).max() < 6, (suffix, color)
+        assert image.shape[0] in (49, 50) and image.shape[1] in (65, 66)
+
+
+@pytest.mark.parametrize("fps", [24, 30, 50])
+def test_a_gif_lasts_as_long_as_it_should(tmp_path, fps):
+    """Its frames last whole hundredths of a second; their rounding must not add up."""
+    write_video(tmp_path / "a.gif", [np.full((8, 8, 3), i, np.uint8) for i in range(0, 240, 2)], fps)
+    with Image.open(tmp_path / "a.gif") as image:
+        lasting = 0
+        for frame in range(image.n_frames):
+            image.seek(frame)
+            lasting += image.info["duration"]
+    assert lasting == round(100 * 120 / fps) * 10
+
+
+def test_a_failed_movie_leaves_the_old_one(tmp_path):
+    path = tmp_path / "a.mp4"
+    path.write_bytes(b"old")
+
+    def frames():
+        yield np.zeros((32, 32, 3), np.uint8)
+        raise RuntimeError("out of light")
+
+    with pytest.raises(RuntimeError):
+        write_video(path, frames())
+    assert path.read_bytes() == b"old" and [p.name for p in tmp_path.iterdir()] == ["a.mp4"]
+    with pytest.raises(UserError, match=r"must end in .mp4, .webm or .gif"):
+        write_video(tmp_path / "a.flv", frames())
+    with pytest.raises(UserError, match="no frames"):
+        write_video(path, [])
+    (tmp_path / "b.mp4").write_bytes(b"nothing of a movie")
+    with pytest.raises(UserError, match="cannot be read as a video"):
+        read_frames(tmp_path / "b.mp4")
+
+
+def test_turning_light_closes_and_keeps_its_exposure(relighter, draw):
+    pixels, mask = draw()
+    figures = relighter.infer(pixels, mask)
+    light, _ = match_exposure(figures, relighter.read_light("room:2").coefficients, Background())
+    frames = list(turn_light(pixels, figures, light, Options(), Background(), 8))
+    assert len(frames) == 8
+    assert np.array_equal(frames[0], relighter.relight(pixels, mask, light, match=False))
+    quarter = relighter.relight(pixels, mask, light, turn=90, match=False)
+    assert np.abs(frames[2].astype(int) - quarter).max() <= 1
+    whole = list(turn_light(pixels, figures, light, Options(), Background(), 1, turns=1))
+    assert np.array_equal(whole[0], frames[0])
+    assert all(np.array_equal(f[mask == 0], pixels[mask == 0]) for f in frames)
+    # a movie that normalised each frame would show a light of twice the strength alike
+    twice = list(turn_light(pixels, figures, 2 * light, Options(), Background(), 2))
+    assert twice[1][mask == 255].mean() > frames[4][mask == 255].mean() + 5
+
+
+def test_movie_of_a_photo(run, photo_files, weights, tmp_path):
+    me, _, _, _ = photo_files
+    words = ["movie", me, "--out", tmp_path / "a.mp4", "--seconds", 0.4, "--size", 64, "--light", "sky:1"]
+    words += ["--background", "panorama", "--weights", weights]
+    run(*words)
+    with av.open(str(tmp_path / "a.mp4")) as container:
+        stream = container.streams.video[0]
+        assert (stream.frames, stream.height, stream.width) == (10, 64, 50)
+    with pytest.raises(UserError, match="cannot be transparent"):
+        run("movie", me, "--out", tmp_path / "b.mp4", "--background", "none")
+
+
+def test_movie_of_a_clip(run, weights, tmp_path, draw):
+    """A folder of frames with a folder of masks, or with masks beside them; too few masks are said."""
+    frames, masks = tmp_path / "frames", tmp_path / "masks"
+    frames.mkdir()
+    masks.mkdir()
+    pixels, mask = draw(64, 48)
+    for i in range(5):
+        Image.fromarray(np.roll(pixels, i, 1)).save(frames / f"{i}.png")
+        Image.fromarray(np.roll(mask, i, 1)).save(masks / f"{i}.png")
+    words = ["movie", frames, "--mask", masks, "--out", tmp_path / "a.webm", "--light", "room:1", "--weights", weights]
+    run(*words)
+    assert sum(1 for _ in read_frames(tmp_path / "a.webm")[0]) == 5
+    beside = tmp_path / "beside"
+    beside.mkdir()
+    for path in frames.iterdir():
+        (beside / path.name).hardlink_to(path)
+        (beside / f"{path.stem}_mask.png").hardlink_to(masks / path.name)
+    same = ["movie", beside, "--out", tmp_path / "b.webm", *words[6:]]
+    run(*same)
+    pairs = zip(read_frames(tmp_path / "a.webm")[0], read_frames(tmp_path / "b.webm")[0], strict=True)
+    assert all(np.array_equal(a.pixels, b.pixels) for a, b in pairs)
+    (masks / "4.png").unlink()
+    with pytest.raises(UserError, match="holds no mask of the frame 4"):
+        run(*words)
+    for i in range(4):
+        (masks / f"{i}.png").rename(masks / f"mask {i}.png")  # other names: in their order
+    with pytest.raises(UserError, match="holds 4 masks"):
+        run(*words)
+
+
+def test_frames_and_masks_are_paired_by_name_and_by_number(tmp_path):
+    """Frames without leading zeros; _ sorts after digits, . before them."""
+    for i in range(1, 12):
+        value = np.full((8, 8), 20 * i, np.uint8)
+        Image.fromarray(np.stack([value] * 3, -1)).save(tmp_path / f"{i}.png")
+        (tmp_path / "masks").mkdir(exist_ok=True)
+        mask = np.zeros((8, 8), np.uint8)
+        mask[: i // 2 + 1] = 255
+        Image.fromarray(mask).save(tmp_path / "masks" / f"{i}_mask.png")
+    frames = read_frames(tmp_path)[0]
+    pairs = [
+        (photo.name, int((photo.coverage > 0).sum()) // 8)
+        for photo in _with_masks(tmp_path, frames, tmp_path / "masks", Options())
+    ]
+    assert pairs == [(str(i), i // 2 + 1) for i in range(1, 12)]
+
+
+def test_a_mask_is_found_whatever_the_photo_is_called(tmp_path):
+    (tmp_path / "IMG[1]_mask.png").touch()
+    (tmp_path / "IMG1.png").touch()
+    assert mask_in(tmp_path, "IMG[1]") == tmp_path / "IMG[1]_mask.png" and mask_in(tmp_path, "other") is None
+
+
+def test_windows_see_each_neighbour():
+    for count in (0, 1, 2, 7, 20):
+        for radius in (1, 3):
+            seen = list(windows(iter(range(count)), radius))
+            assert [near[i] for near, i in seen] == list(range(count))
+            for k, (near, _) in enumerate(seen):
+                assert near == list(range(max(k - radius, 0), min(k + radius + 1, count)))
+
+
+def test_smoothing_removes_flicker_and_keeps_what_is_still():
+    rng = np.random.default_rng(0)
+    coverage = np.zeros((40, 40), np.uint8)
+    coverage[5:35, 12:28] = 255
+    pixels = np.full((40, 40, 3), 100, np.uint8)
+    mask = np.ones((16, 16), bool)
+    base = np.full((16, 16, 9), 0.5, np.float32)
+
+    def infer(pixels, coverage, crop):
+        image = np.full((16, 16, 3), 0.13, np.float32)
+        light = (np.ones((9, 3)) + rng.normal(0, 0.2, (9, 3))).astype(np.float32)
+        transport = base + rng.normal(0, 0.1, base.shape).astype(np.float32)
+        return Person(crop, coverage, mask, image, image, transport, light)
+
+    out = [f for _, f in smooth_over_time([(pixels, coverage)] * 40, lambda c: crop_around(c, 16), infer)]
+    assert len(out) == 40
+    lights = np.stack([f.light for f in out])
+    assert lights.std(0).mean() < 0.06  # of 0.2
+    assert np.abs(np.diff(lights, axis=0)).mean() < 0.02
+    assert np.stack([f.transport for f in out]).std(0).mean() < 0.07  # of 0.1
+    assert all(f.crop.side == pytest.approx(crop_around(coverage, 16).side) for f in out)
+
+
+def test_what_moves_is_not_smeared():
+    """Where the picture changes from frame to frame, transport is each frame's own."""
+    coverage = np.full((20, 20), 255, np.uint8)
+    mask = np.ones((8, 8), bool)
+    values = iter([0.2, 0.9, 0.2, 0.9])
+
+    def infer(pixels, coverage, crop):
+        value = next(values)
+        image = np.full((8, 8, 3), value, np.float32)
+        return Person(
+            crop, coverage, mask, image, image, np.full((8, 8, 9), value, np.float32), np.ones((9, 3), np.float32)
+        )
+
+    pixels = np.zeros((20, 20, 3), np.uint8)
+    smooth = smooth_over_time([(pixels, coverage)] * 4, lambda c: crop_around(c, 8), infer)
+    out = [person.transport[0, 0, 0] for _, person in smooth]
+    assert np.allclose(out, [0.2, 0.9, 0.2, 0.9], atol=1e-3)
+
+
+def test_downscaled_photo_keeps_the_shape():
+    photo = LoadedPhoto(np.zeros((400, 300, 3), np.uint8), np.zeros((400, 300), np.uint8)).downscaled(100)
+    assert photo.pixels.shape == (100, 75, 3) and photo.coverage.shape == (100, 75)
+    assert photo.downscaled(100).coverage.shape == photo.coverage.shape

@@ -1,0 +1,206 @@
+"""Every broken picture is one clear line, and every good one comes in upright, in sRGB."""
+
+import struct
+import sys
+import zlib
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from PIL import Image, ImageCms
+
+from relight.files import UserError
+from relight.photos.mask.find import count_heads, find_mask, mask_warnings, split_people
+from relight.photos.read import read_mask, read_photo
+
+RGB = np.random.default_rng(0).integers(0, 256, (40, 30, 3)).astype(np.uint8)
+
+
+def png(width, height, depth, color, path):
+    """A PNG with an honest header and nearly no pixels."""
+    header = struct.pack(">IIBBBBB", width, height, depth, color, 0, 0, 0)
+
+    def chunk(kind, data):
+        return struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+
+    pixels = zlib.compress(bytes(1 + width * 6 * min(height, 4)))
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", pixels) + chunk(b"IEND", b""))
+
+
+def animated(path):
+    frames = [Image.fromarray(RGB), Image.fromarray(255 - RGB)]
+    frames[0].save(path, save_all=True, append_images=frames[1:], format="WEBP", lossless=True)
+
+
+def truncated(path):
+    Image.fromarray(np.kron(RGB, np.ones((8, 8, 1), np.uint8))).save(path, quality=95)
+    path.write_bytes(path.read_bytes()[:4000])
+
+
+BAD = {
+    "deep.tif": (lambda p: Image.fromarray(RGB[..., 0].astype(np.uint16) * 256).save(p), "grey"),
+    "deeper.tif": (lambda p: Image.fromarray(RGB[..., 0].astype(np.float32)).save(p), "more than 16 bits"),
+    "cmyk.jpg": (lambda p: Image.fromarray(RGB).convert("CMYK").save(p), "CMYK"),
+    "grey.jpg": (lambda p: Image.fromarray(RGB[..., 0]).save(p), "grey"),
+    "moving.webp": (animated, "animated"),
+    "cut.jpg": (truncated, "cut short"),
+    "huge.png": (lambda p: png(30_000, 30_000, 8, 2, p), "too large"),
+    "large.png": (lambda p: png(12_000, 12_000, 8, 2, p), "too large, 12000x12000"),
+    "bomb.png": (lambda p: png(300_000, 300_000, 8, 2, p), "too large"),
+    "text.jpg": (lambda p: p.write_text("no picture"), "cannot be read as a picture"),
+    "empty.png": (lambda p: p.write_bytes(b""), "cannot be read as a picture"),
+    "speck.png": (lambda p: Image.fromarray(RGB[:4, :4]).save(p), "only 4x4"),
+}
+
+
+@pytest.mark.parametrize("name", BAD)
+def test_bad_photos_are_one_line(name, tmp_path):
+    make, says = BAD[name]
+    make(tmp_path / name)
+    with pytest.raises(UserError, match=says) as error:
+        read_photo(tmp_path / name)
+    assert name in str(error.value) and "\n" not in str(error.value)
+
+
+def test_missing_photo(tmp_path):
+    with pytest.raises(UserError, match="no file"):
+        read_photo(tmp_path / "none.jpg")
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_exif_rotation(orientation, tmp_path):
+    """The eight orientations, by their definition in the EXIF standard."""
+    path = tmp_path / "a.png"
+    exif = Image.Exif()
+    exif[274] = orientation
+    Image.fromarray(RGB).save(path, exif=exif)
+    stored = RGB
+    upright = {
+        1: stored,
+        2: stored[:, ::-1],
+        3: stored[::-1, ::-1],
+        4: stored[::-1],
+        5: stored.transpose(1, 0, 2),
+        6: np.rot90(stored, -1),
+        7: np.rot90(stored, 2).transpose(1, 0, 2),
+        8: np.rot90(stored, 1),
+    }[orientation]
+    assert np.array_equal(read_photo(path).pixels, upright)
+
+
+def test_alpha_and_palette(tmp_path):
+    alpha = np.zeros((40, 30), np.uint8)
+    alpha[5:20, 5:20] = 200
+    Image.fromarray(np.dstack([RGB, alpha])).save(tmp_path / "a.png")
+    photo = read_photo(tmp_path / "a.png")
+    assert np.array_equal(photo.alpha, alpha) and np.array_equal(photo.pixels, RGB)
+    Image.fromarray(np.dstack([RGB, np.full((40, 30), 255, np.uint8)])).save(tmp_path / "b.png")
+    assert read_photo(tmp_path / "b.png").alpha is None  # opaque everywhere says nothing
+    Image.fromarray(RGB).quantize(16).save(tmp_path / "c.png")
+    assert read_photo(tmp_path / "c.png").pixels.shape == (40, 30, 3)
+
+
+def test_read_photo_keeps_srgb_bit_for_bit(tmp_path):
+    srgb = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB"))
+    Image.fromarray(RGB).save(tmp_path / "s.png", icc_profile=srgb.tobytes())
+    assert np.array_equal(read_photo(tmp_path / "s.png").pixels, RGB)
+
+
+def test_masks_of_every_kind(tmp_path):
+    mask = np.zeros((40, 30), np.uint8)
+    mask[10:30, 8:20] = 255
+    mask[9, 8:20] = 100
+    kinds = {
+        "l.png": Image.fromarray(mask),
+        "rgb.png": Image.fromarray(np.dstack([mask] * 3)),
+        "a.png": Image.fromarray(np.dstack([RGB, mask])),
+        "p.png": Image.fromarray(mask).convert("P"),
+        "16.png": Image.fromarray(mask.astype(np.uint16) * 257),
+    }
+    for name, image in kinds.items():
+        image.save(tmp_path / name)
+        assert np.array_equal(read_mask(tmp_path / name, (40, 30)), mask), name
+    Image.fromarray(mask > 127).save(tmp_path / "1.png")
+    assert np.array_equal(read_mask(tmp_path / "1.png", (40, 30)) > 127, mask > 127)
+    with pytest.raises(UserError, match=r"30x40.*but the photo is 31x40"):
+        read_mask(tmp_path / "l.png", (40, 31))
+    with pytest.raises(UserError, match="before its EXIF rotation"):
+        read_mask(tmp_path / "l.png", (30, 40))
+
+
+def test_empty_and_full_masks(tmp_path):
+    Image.fromarray(RGB).save(tmp_path / "a.png")
+    photo = read_photo(tmp_path / "a.png")
+    for value, says in ((0, "empty"), (255, "covers the whole photo")):
+        Image.fromarray(np.full((40, 30), value, np.uint8)).save(tmp_path / "m.png")
+        with pytest.raises(UserError, match=says):
+            find_mask(photo, tmp_path / "m.png")
+
+
+def test_people_are_split_left_to_right():
+    coverage = np.zeros((60, 120), np.uint8)
+    coverage[10:50, 70:100] = 255  # the larger, to the right
+    coverage[20:50, 10:30] = 255
+    coverage[5:8, 98:101] = 255  # a crumb of the right one
+    coverage[20:50, 30:33] = 90  # a soft edge of the left one
+    left, right = split_people(coverage)
+    assert np.array_equal(left + right, coverage) and not (left.astype(bool) & right.astype(bool)).any()
+    assert left[30, 20] and left[30, 31] == 90 and right[6, 99] == 255
+    assert len(split_people(right)) == 1
+    with pytest.raises(UserError, match="at least 8 pixels"):
+        split_people(np.pad(np.full((3, 3), 255, np.uint8), 10))
+
+
+def person(height=200, width=160, center=0.5):
+    """A standing figure, arms a little out (H,W) bool."""
+    y, x = np.mgrid[:height, :width] / height - np.array([0, center * width / height])[:, None, None]
+    head = np.hypot(x / 0.055, (y - 0.12) / 0.075) < 1
+    body = (np.abs(x) < 0.11) & (y > 0.19) & (y < 0.55)
+    arms = (np.abs(np.abs(x) - 0.11 - (y - 0.2) * 0.5) < 0.028) & (y > 0.2) & (y < 0.5)
+    legs = (np.abs(np.abs(x) - 0.055) < 0.045) & (y >= 0.55) & (y < 0.96)
+    neck = (np.abs(x) < 0.035) & (y > 0.15) & (y < 0.25)
+    return head | body | arms | legs | neck
+
+
+def said(*masks):
+    return " ".join(mask_warnings([SimpleNamespace(coverage=mask * np.uint8(255)) for mask in masks]))
+
+
+def test_masks_that_look_wrong():
+    alone = person()
+    assert said(alone) == ""
+    assert "inverted" in said(~alone)
+    box = np.zeros_like(alone)
+    box[20:180, 50:120] = True
+    assert "the figure is a rectangle" in said(box)
+    pair = person(center=0.35) | person(center=0.65)
+    assert count_heads(alone[20:, 20:-20]) == 1 and "several people who touch" in said(pair)
+    assert said(person(width=260, center=0.3), person(width=260, center=0.7)) == ""
+    assert "cut by the photo's lower edge:" in said(alone[:120])
+    assert "left and right edges" in said(alone[:, 58:-58])
+    raised = alone.copy()
+    raised[8:60, 48:58] = raised[8:60, 102:112] = True  # arms straight up
+    raised[40:60, 48:112] = True
+    assert said(raised) == ""
+
+
+def test_the_photo_as_its_own_mask_is_refused(tmp_path):
+    rng = np.random.default_rng(0)
+    pixels = np.clip(np.cumsum(rng.normal(0, 4, (60, 50, 3)), 0) + 128, 0, 255).astype(np.uint8)
+    Image.fromarray(pixels).save(tmp_path / "a.png")
+    with pytest.raises(UserError, match="is the photo itself"):
+        find_mask(read_photo(tmp_path / "a.png"), tmp_path / "a.png")
+
+
+def test_heic_needs_its_reader(tmp_path, monkeypatch):
+    (tmp_path / "a.heic").write_bytes(b"....ftypheic")
+    monkeypatch.setitem(sys.modules, "pillow_heif", None)  # as if it were not installed
+    with pytest.raises(UserError, match=r"HEIC, which needs pillow-heif.*or save it as JPEG"):
+        read_photo(tmp_path / "a.heic")
+
+
+def test_heic_is_read_where_its_reader_is_installed(tmp_path):
+    heif = pytest.importorskip("pillow_heif")
+    smooth = np.kron(RGB[:5, :5], np.ones((16, 16, 1), np.uint8))
+    heif.from_pillow(Image.fromarray(smooth)).save(tmp_path / "a.heic", quality=95)
+    assert np.abs(read_photo(tmp_path / "a.heic").pixels.astype(int) - smooth).mean() < 12

@@ -1,0 +1,350 @@
+"""The photo comes back under its own light, known surfaces are relit as they should be, and turning closes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from relight.crop import Crop, crop_around
+from relight.files import UserError
+from relight.photos.compose import render as rendering
+from relight.photos.compose.background import Background, read_background
+from relight.photos.compose.color import apply_gain, to_srgb8
+from relight.photos.compose.render import estimate_foreground, over, render, strips
+from relight.photos.compose.shading import (
+    ANGLES,
+    DARK,
+    FLOOR,
+    exposure_factor,
+    gain,
+    max_luminance,
+    shading,
+    shading_floor,
+    steady,
+)
+from relight.photos.infer import Person, balanced
+from relight.sh import UNOCCLUDED_T00, rotate_y, rotation_matrix, unoccluded
+from relight.srgb import LINEAR, LUMINANCE, encode
+
+LIGHT = np.zeros((9, 3), np.float32)
+LIGHT[0], LIGHT[1], LIGHT[2], LIGHT[3] = (0.7, 0.75, 0.8), 0.2, (0.3, 0.25, 0.2), (0.2, 0.1, 0.0)
+OTHER = np.zeros((9, 3), np.float32)
+OTHER[0], OTHER[1], OTHER[2], OTHER[3], OTHER[8] = (0.9, 0.7, 0.5), 0.1, 0.2, -0.35, 0.1
+
+
+def ball(size=128, side=160):
+    """A figure whose maps are known: a matte ball, photographed with the network's pixels lying on the photo's."""
+    axis = (np.arange(size) + 0.5) / size * 2 - 1
+    x, y = np.meshgrid(axis / 0.9, -axis / 0.9)
+    mask = np.hypot(x, y) < 1
+    normal = np.stack([x, y, np.sqrt(np.maximum(1 - x * x - y * y, 0))], -1)
+    transport = (unoccluded(normal, 2) * mask[..., None]).astype(np.float32)
+    albedo = (np.array([0.6, 0.4, 0.3]) * (0.75 + 0.25 * np.sin(20 * x)[..., None]) * mask[..., None]).astype(
+        np.float32
+    )
+    coverage = np.zeros((side, side), np.uint8)
+    coverage[10 : 10 + size, 20 : 20 + size] = mask * np.uint8(255)
+    place = crop_around(coverage, size)
+    place = Crop(10.0, 20.0, float(size), place.rows, place.columns, size)
+    image = albedo * shading(transport, LIGHT)
+    figure = Person(place, coverage, mask, image, albedo, transport, LIGHT)
+    pixels = np.full((side, side, 3), 90, np.uint8)
+    pixels[10 : 10 + size, 20 : 20 + size][mask] = to_srgb8(image)[mask]
+    return pixels, figure, mask
+
+
+@pytest.mark.parametrize("size", [(180, 140), (141, 333), (200, 200), (64, 30)])
+def test_photo_in_photo_out(relighter, size, draw):
+    """`ratio` with the inferred light returns the very photo, whatever the network says."""
+    pixels, mask = draw(*size, seed=sum(size))
+    figures = relighter.infer(pixels, mask)
+    for background_ in (None, Background("none")):
+        out = render(pixels, figures, [f.light for f in figures], "ratio", background_)
+        inside = (mask == 255) if background_ else np.ones(mask.shape, bool)
+        assert np.array_equal(out[..., :3][inside], pixels[inside])
+    assert 0 < figures[0].error < 1
+
+
+def test_several_people_each_by_their_own_light(relighter, draw):
+    pixels, mask = draw()
+    two = np.concatenate([pixels, pixels[:, ::-1]], 1)
+    both = np.concatenate([mask, mask], 1)
+    figures = relighter.infer(two, both, white_balance="scene")
+    assert len(figures) == 2
+    assert np.array_equal(render(two, figures, [f.light for f in figures]), two)
+    alone = relighter.infer(pixels, mask, white_balance="scene")
+    assert np.abs(alone[0].light - figures[0].light).max() < 1e-5  # the neighbour changes nothing
+    assert len(relighter.infer(two, both, split=False)) == 1
+
+
+def test_known_ball_is_relit_right():
+    """The photo of a known ball under a new light equals the picture rendered under it, in both modes."""
+    pixels, figure, mask = ball()
+    expected = figure.albedo * shading(figure.transport, OTHER)
+    floor = shading_floor(figure.shading, mask)
+    sure = mask & (figure.shading.min(-1) > 2 * floor) & (expected.max(-1) < 0.75) & (figure.image.min(-1) > 0.05)
+    assert sure.sum() > 0.5 * mask.sum()
+    for mode in ("ratio", "full"):
+        relit = render(pixels, [figure], OTHER, mode)[10:138, 20:148]
+        error = np.abs(LINEAR[relit] - expected)[sure]
+        assert error.max() < 0.02 and error.mean() < 0.002, mode
+        assert np.array_equal(render(pixels, [figure], OTHER, mode)[figure.coverage == 0], pixels[figure.coverage == 0])
+
+
+def test_turning_by_360_degrees_closes(relighter, draw):
+    pixels, mask = draw()
+    start = relighter.relight(pixels, mask, LIGHT, turn=30)
+    assert np.array_equal(relighter.relight(pixels, mask, LIGHT, turn=390), start)
+    light = LIGHT
+    for _ in range(36):
+        light = rotate_y(light, np.radians(10))
+    assert np.abs(light - LIGHT).max() < 1e-6
+    assert (relighter.relight(pixels, mask, LIGHT, turn=120) != start).any()
+
+
+def test_a_tinted_light_is_the_photos_white():
+    """A grey card that is inferred to lie in tinted light: its white lamp keeps the photo's colors; without, not."""
+    pixels, figure, mask = ball()
+    tint, flat = np.array([1.3, 0.95, 0.65], np.float32), np.zeros((9, 3), np.float32)
+    flat[0] = 0.8
+    card = replace(
+        figure,
+        albedo=np.full_like(figure.albedo, 0.4) * mask[..., None],
+        transport=figure.transport * (np.arange(9) == 0),
+        light=flat * tint,
+    )
+    (kept,) = balanced([card])
+    white = tint / (tint @ LUMINANCE)
+    assert np.allclose(kept.white, white, atol=1e-5) and np.ptp(kept.light, axis=1).max() < 1e-5
+    assert np.allclose(kept.shading @ LUMINANCE, card.shading @ LUMINANCE, atol=1e-5)
+    assert np.allclose(kept.albedo * kept.shading, card.albedo * card.shading)
+    assert np.array_equal(render(pixels, [kept], kept.light), pixels)
+    strong = np.array([4.0, 1.0, 0.1], np.float32)
+    assert balanced([replace(card, light=flat * strong)])[0].white.min() == pytest.approx(0.2)  # held
+    solid = card.coverage == 255
+    neutral = LINEAR[render(pixels, [card], flat)][solid] / LINEAR[pixels][solid]
+    expected = 1 / tint
+    assert np.abs(neutral / neutral[:, 1:2] / (expected / expected[1]) - 1)[(pixels[solid] > 40).all(1)].max() < 0.1
+
+
+def test_people_of_a_photo_share_its_white():
+    """A small and a large person in lights of two colors: the mean over their pixels becomes white."""
+    _, figure, mask = ball()
+    other = replace(figure, light=OTHER, crop=replace(figure.crop, side=2 * figure.crop.side))
+    one, two = balanced([figure, other])
+    mean = one.shading[mask].mean(0) + 4 * two.shading[mask].mean(0)
+    assert np.array_equal(one.white, two.white) and np.ptp(mean) < 1e-4 * mean[0]
+
+
+def test_mirrored_ball_under_the_mirrored_light():
+    """All but the network is exactly symmetric."""
+    pixels, figure, mask = ball()
+    mirror = rotation_matrix(np.diag([-1.0, 1, 1]), 2).astype(np.float32)
+    place = figure.crop
+    mirrored = Person(
+        Crop(
+            place.top,
+            160 - place.left - place.side,
+            place.side,
+            place.rows,
+            tuple(160 - c for c in place.columns[::-1]),
+            128,
+        ),
+        figure.coverage[:, ::-1],
+        mask[:, ::-1],
+        figure.image[:, ::-1],
+        figure.albedo[:, ::-1],
+        (figure.transport @ mirror.T)[:, ::-1],
+        mirror @ figure.light,
+    )
+    one = render(pixels, [figure], OTHER)
+    two = render(np.ascontiguousarray(pixels[:, ::-1]), [mirrored], mirror @ OTHER)
+    assert np.abs(one[:, ::-1].astype(int) - two).max() <= 1
+
+
+def test_exposure_matches_itself_and_does_not_turn():
+    _, figure, mask = ball()
+    assert exposure_factor(LIGHT, LIGHT, figure.transport, mask) == pytest.approx(1)
+    assert exposure_factor(LIGHT, 5 * LIGHT, figure.transport, mask) == pytest.approx(0.2)
+    turned = [rotate_y(OTHER, angle).astype(np.float32) for angle in (0, 1, 2.51)]
+    factors = [exposure_factor(LIGHT, light, figure.transport, mask) for light in turned]
+    assert np.ptp(factors) < 3e-3 * factors[0]
+    # over a whole turn no figure gets brighter than it could be under the photo's own light
+    turns = np.arange(90) * np.pi / 45
+    under = [
+        max(shading(figure.transport, rotate_y(k * light, a))[mask].mean() for a in turns)
+        for light, k in ((LIGHT, 1.0), (OTHER, factors[0]))
+    ]
+    assert under[1] == pytest.approx(under[0], rel=0.1)  # channels differ, luminance is equal
+
+
+def test_the_brightest_turn_is_that_of_all_turns():
+    rng = np.random.default_rng(4)
+    for count in (9, 16, 4):
+        transport, light = rng.normal(size=count), rng.normal(size=(count, 3))
+        grey = light @ [0.2126, 0.7152, 0.0722]
+        turns = [transport @ rotate_y(grey[:, None], 2 * np.pi * k / ANGLES)[:, 0] for k in range(ANGLES)]
+        assert max_luminance(transport, light) == pytest.approx(max(turns), rel=1e-3)
+
+
+def gain_of(old, new, color=(1, 1, 1), new_color=(1, 1, 1)):
+    """`gain` for shadings (N,3) under lights of these mean colors, of a person whose other pixels all have 1."""
+    transport, light, new_light = np.zeros((len(old) + 20_000, 9)), np.zeros((9, 3)), np.zeros((9, 3))
+    transport[: len(old), 1:7] = np.concatenate([old, new], 1)
+    transport[len(old) :, 1:7] = 1
+    light[0], new_light[0] = (np.divide(mean, UNOCCLUDED_T00) for mean in (color, new_color))
+    light[1:4] = new_light[4:7] = np.eye(3)
+    return gain(transport, np.ones(len(transport), bool), light, new_light)[: len(old)]
+
+
+def test_gain_of_dark_shading_does_not_blow_up():
+    old, new = np.array([[0.001] * 3, [0.8] * 3]), np.ones((2, 3))
+    np.testing.assert_allclose(gain_of(old, new)[:, 0], [1 / FLOOR, 1 / 0.8], rtol=1e-3)
+    assert (gain_of(old, old) == 1).all()
+    assert shading_floor(old[None], np.ones((1, 2), bool)) == pytest.approx(FLOOR * 0.4005)
+    assert (shading(np.array([[1.0, 0, 0, 0]]), np.full((4, 3), -1.0)) == 0).all()
+
+
+def test_gain_of_a_dark_grey_fold_under_a_strong_lamp_is_grey():
+    """What is inferred of a fold is off by a hue; its codes are off by their rounding. Light brings out neither."""
+    rng = np.random.default_rng(0)
+    truth = np.linspace(0.02, 0.15, 200)[:, None] * np.ones(3)  # shading of the fold; elsewhere 1
+    codes = np.rint(255 * encode(0.5 * truth)).astype(np.uint8)
+    old = np.maximum(truth + 0.15 * (rng.random((200, 3)) - 0.5), 0).astype(np.float32)
+    new = np.ones_like(old)
+    plain, found = (apply_gain(LINEAR[codes], factor) for factor in (new / np.maximum(old, FLOOR), gain_of(old, new)))
+    assert (plain.max(-1) / plain.min(-1)).max() > 2
+    assert (found.max(-1) / found.min(-1)).max() < 1 + 0.25
+    bright = rng.uniform(2 * DARK, 2, (50, 3))  # the gain of bright shading is new / old
+    lit = rng.uniform(2 * DARK, 2, (50, 3))
+    np.testing.assert_allclose(gain_of(bright, lit), lit / bright, rtol=1e-5)
+    assert (gain_of(old, old) == 1).all()
+
+
+def test_gain_in_the_shade_of_a_warm_lamp_has_its_color():
+    """Also where red has rung below zero and blue has not; shade is raised to the floor as a whole."""
+    warm = np.array([1.2, 1, 0.6])
+    new = np.array([[0.02, 0.01, 0.005], [0.0, 0.0, 0.0], [-0.1, 0.01, 0.05], [0.14, 0.14, 0.14]])
+    found = gain_of(np.ones_like(new), new, new_color=warm)
+    np.testing.assert_allclose(found[:3], FLOOR * np.outer(np.ones(3), warm / (warm @ LUMINANCE)), rtol=1e-3)
+    np.testing.assert_allclose(found[3] @ LUMINANCE, 0.14, rtol=1e-3)
+
+
+def test_steady_shading_is_never_negative_and_continuous():
+    light = np.eye(9, 3) + 0.1
+    levels = np.linspace(-0.2, 2, 2000)[:, None] * [1.2, 0.9, 0.3]
+    found = steady(levels, light)
+    assert found.min() >= 0 and np.abs(np.diff(found, axis=0)).max() < 0.01
+    np.testing.assert_array_equal(found[-1000:], levels[-1000:])
+
+
+def test_strips_do_not_show(relighter, monkeypatch, draw):
+    pixels, mask = draw()
+    figures = relighter.infer(pixels, mask)
+    whole = render(pixels, figures, OTHER, "ratio", Background("color", color=np.array([10, 200, 30])))
+    monkeypatch.setattr(rendering, "STRIP", 37)
+    cut = render(pixels, figures, OTHER, "ratio", Background("color", color=np.array([10, 200, 30])))
+    assert np.abs(cut.astype(int) - whole).max() <= 1
+
+
+def test_backgrounds(relighter, tmp_path, draw):
+    from PIL import Image
+
+    pixels, mask = draw()
+    figures = relighter.infer(pixels, mask)
+    away = mask == 0
+    keep = render(pixels, figures, OTHER)
+    assert np.array_equal(keep[away], pixels[away]) and (keep[mask == 255] != pixels[mask == 255]).any()
+    green = render(pixels, figures, OTHER, "ratio", replace(read_background("#10c81e"), shadow=False))
+    assert (green[away] == [16, 200, 30]).all()
+    assert np.array_equal(green[mask == 255], keep[mask == 255])  # the figure does not depend on what is behind
+    rng = np.random.default_rng(0)
+    Image.fromarray(rng.integers(0, 256, (90, 70, 3)).astype(np.uint8)).resize((140, 180), 0).save(tmp_path / "b.png")
+    behind = render(pixels, figures, OTHER, "ratio", replace(read_background(str(tmp_path / "b.png")), shadow=False))
+    assert np.array_equal(behind[away], np.asarray(Image.open(tmp_path / "b.png"))[away])
+    clear = render(pixels, figures, OTHER, "ratio", read_background("transparent"))
+    assert clear.shape[2] == 4 and np.array_equal(clear[..., 3], mask)
+    with pytest.raises(UserError, match="no panorama"):
+        read_background("panorama")
+    with pytest.raises(UserError, match="is not keep"):
+        read_background("no such color")
+
+
+def test_python_interface_says_what_is_wrong(relighter, draw):
+    pixels, mask = draw()
+    for image, cover, says in [
+        (pixels / 255.0, mask, "uint8 sRGB"),
+        (pixels[..., 0], mask, "uint8 sRGB"),
+        (pixels, mask[:-1], "must be equal"),
+        (pixels, mask * 0, "empty"),
+        (pixels, pixels, "shape"),
+    ]:
+        with pytest.raises(UserError, match=says):
+            relighter.infer(image, cover)
+    hard = relighter.relight(pixels, mask > 127, LIGHT)
+    assert np.array_equal(hard, relighter.relight(pixels, (mask > 127).astype(np.float32), LIGHT))
+    with pytest.raises(UserError, match="neither ratio nor full"):
+        relighter.relight(pixels, mask, LIGHT, mode="best")
+    brighter = relighter.relight(pixels, mask, LIGHT, stops=1)[mask == 255]
+    assert brighter.mean() > relighter.relight(pixels, mask, LIGHT)[mask == 255].mean() + 10
+
+
+def test_paper_networks_see_coded_values(relighter, weights, draw):
+    """A network trained with color=paper gets the 8-bit values as they are."""
+    from relight.photos.infer import infer_person
+
+    pixels, mask = draw()
+    paper, photo = (
+        infer_person(replace(relighter.network, config={"train": {"color": color}}), pixels, mask)
+        for color in ("paper", "photo")
+    )
+    assert np.abs(to_srgb8(photo.image) / 255.0 - paper.image)[photo.mask].max() < 0.003
+    assert np.array_equal(render(pixels, [paper], paper.light), pixels)
+
+
+def soft_disc(size=200, radius=60, softness=12.0):
+    y, x = np.mgrid[:size, :size] - size / 2
+    return np.clip(0.5 + (radius - np.hypot(x, y)) / softness, 0, 1).astype(np.float32)
+
+
+def pair(size=200):
+    """A figure whose color changes slowly, before a bright background."""
+    y, x = np.mgrid[:size, :size] / size
+    figure = np.stack([0.2 + 0.1 * x, 0.1 + 0.05 * y, 0.15 + 0 * x], -1).astype(np.float32)
+    behind = np.stack([0.8 + 0.1 * y, 0.9 + 0 * x, 0.95 - 0.1 * x], -1).astype(np.float32)
+    return figure, behind
+
+
+def test_no_halo_on_a_new_background():
+    alpha = soft_disc()
+    figure, behind = pair()
+    new = np.full_like(figure, 0.02)
+    truth = over(figure, alpha, new)
+    photo = over(figure, alpha, behind)
+    good = over(estimate_foreground(photo, alpha), alpha, new)
+    naive = over(photo, alpha, new)
+    assert np.abs(naive - truth).max() > 0.15  # the halo
+    assert np.abs(good - truth).max() < 0.02
+
+
+def test_opaque_pixels_stay_and_hard_masks_change_nothing():
+    alpha = soft_disc()
+    photo = over(*pair()[:1], alpha, pair()[1])
+    found = estimate_foreground(photo, alpha)
+    assert np.array_equal(found[alpha == 1], photo[alpha == 1])
+    hard = (alpha > 0.5).astype(np.float32)
+    assert estimate_foreground(photo, hard) is photo
+
+
+def test_relit_edge_on_the_photos_own_background():
+    """Half the light on the figure, the background untouched: the edge is the true mixture."""
+    alpha = soft_disc()
+    figure, behind = pair()
+    photo = over(figure, alpha, behind)
+    front = estimate_foreground(photo, alpha)
+    relit = photo + alpha[..., None] * (front * 0.3 - front)
+    assert np.abs(relit - over(figure * 0.3, alpha, behind)).max() < 0.02
+
+
+def test_strips_cover_each_row_once():
+    assert [r for a, b in strips(5, 1400) for r in range(a, b)] == list(range(5, 1400))

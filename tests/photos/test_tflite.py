@@ -1,0 +1,135 @@
+"""A graph of every operation, written by the format's schema, says as .onnx what plain loops over its pixels say."""
+
+import struct
+
+import numpy as np
+import onnxruntime
+import pytest
+
+from relight.photos.mask.tflite import convert
+
+# Numbers of the schema, as in schema.fbs: operations, types of options and of tensors.
+ADD, POOL, CONV, DEPTHWISE, DEQUANTIZE, LOGISTIC, MUL, RELU = 0, 1, 3, 4, 6, 14, 18, 19
+RESIZE, CUSTOM, HARD_SWISH = 23, 32, 117
+
+
+def window(padding=0, stride=1):
+    """Options of a window of SAME (0) or VALID (1) padding: fields 0 to 2 of them all."""
+    return [(0, "Int8", padding), (1, "Int32", stride), (2, "Int32", stride)]
+
+
+def slid(x, weight, bias, stride, same, depthwise=False):
+    """Convolution of (H,W,C) by loops; weight (O,h,w,C), or (1,h,w,C) for depthwise, as the format stores them."""
+    height, width = weight.shape[1:3]
+    out_rows, out_columns = (
+        -(-n // stride) if same else (n - size) // stride + 1 for n, size in zip(x.shape, (height, width))
+    )
+    top = max((out_rows - 1) * stride + height - x.shape[0], 0) // 2 if same else 0
+    left = max((out_columns - 1) * stride + width - x.shape[1], 0) // 2 if same else 0
+    out = np.zeros((out_rows, out_columns, len(bias)))
+    for i, j, k in np.ndindex(out.shape):
+        out[i, j, k] = bias[k]
+        for u, v in np.ndindex(height, width):
+            row, column = i * stride - top + u, j * stride - left + v
+            if 0 <= row < x.shape[0] and 0 <= column < x.shape[1]:
+                own = x[row, column, k] * weight[0, u, v, k] if depthwise else x[row, column] @ weight[k, u, v]
+                out[i, j, k] += own
+    return out
+
+
+def resized(x, rows, columns):
+    """Bilinear with half-pixel centres, by loops."""
+    out = np.zeros((rows, columns, x.shape[2]))
+    for i, j in np.ndindex(rows, columns):
+        y, z = (
+            np.clip((k + 0.5) * n / m - 0.5, 0, n - 1) for k, n, m in ((i, x.shape[0], rows), (j, x.shape[1], columns))
+        )
+        t, l = int(y), int(z)
+        b, r = min(t + 1, x.shape[0] - 1), min(l + 1, x.shape[1] - 1)
+        upper = x[t, l] * (1 - z + l) + x[t, r] * (z - l)
+        lower = x[b, l] * (1 - z + l) + x[b, r] * (z - l)
+        out[i, j] = upper * (1 - y + t) + lower * (y - t)
+    return out
+
+
+def test_convert_of_every_operation(tflite):
+    rng = np.random.default_rng(0)
+    image = rng.uniform(0, 1, (9, 7, 3))
+    w = {
+        name: rng.normal(0, 0.6, shape).astype(np.float16)
+        for name, shape in {
+            "conv": (4, 3, 3, 3),
+            "depth": (1, 5, 5, 4),
+            "squeeze": (4, 1, 1, 4),
+            "up": (2, 2, 2, 4),
+        }.items()
+    }
+    bias = {
+        name: rng.normal(0, 0.2, n).astype(np.float16)
+        for name, n in {"conv": 4, "depth": 4, "squeeze": 4, "up": 2}.items()
+    }
+    writer = tflite()
+    first = writer.tensor(shape=[1, 9, 7, 3])
+
+    def held(values):
+        return writer.operation(DEQUANTIZE, [writer.tensor(values)])
+
+    def weights(name):
+        return [held(w[name]), held(bias[name])]
+
+    conv = writer.operation(CONV, [first, *weights("conv")], window(0, 2))
+    swish = writer.operation(HARD_SWISH, [conv])
+    depth = writer.operation(DEPTHWISE, [swish, *weights("depth")], [*window(0, 2), (3, "Int32", 1)])
+    relu = writer.operation(RELU, [depth])
+    pooled = writer.operation(POOL, [relu], [*window(1, 3), (3, "Int32", 2), (4, "Int32", 3)])
+    gate = writer.operation(CONV, [pooled, *weights("squeeze")], [*window(1), (3, "Int8", 1)])
+    gate = writer.operation(LOGISTIC, [gate])
+    gated = writer.operation(MUL, [relu, gate])
+    large = writer.operation(RESIZE, [gated, writer.tensor(np.array([5, 4], np.int32))], [(3, "Bool", True)])
+    total = writer.operation(ADD, [large, swish], [(0, "Int8", 3)])
+    last = writer.operation("Convolution2DTransposeBias", [total, *weights("up")], custom=struct.pack("<3i", 1, 2, 2))
+    session = onnxruntime.InferenceSession(convert(writer.bytes(first, last)))
+
+    w, bias = ({name: each.astype(float) for name, each in group.items()} for group in (w, bias))
+
+    def looped(image):
+        a = slid(image, w["conv"], bias["conv"], 2, True)
+        a = a * np.clip(a + 3, 0, 6) / 6
+        b = np.maximum(slid(a, w["depth"], bias["depth"], 2, True, depthwise=True), 0)
+        assert b.shape == (3, 2, 4)
+        g = np.maximum(slid(b.mean((0, 1), keepdims=True), w["squeeze"], bias["squeeze"], 1, False), 0)
+        c = np.clip(resized(b / (1 + np.exp(-g)), 5, 4) + a, 0, 6)
+        out = np.zeros((10, 8, 2))
+        for i, j in np.ndindex(10, 8):
+            out[i, j] = bias["up"] + w["up"][:, i % 2, j % 2] @ c[i // 2, j // 2]
+        return out
+
+    (mask,) = session.run(None, {"image": image.astype(np.float32).transpose(2, 0, 1)[None]})
+    expected = (looped(image) + looped(image[:, ::-1])[:, ::-1]) / 2
+    assert mask.shape == (1, 2, 10, 8)
+    assert np.abs(mask[0].transpose(1, 2, 0) - expected).max() < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("code", "options", "says"),
+    [
+        (25, [], "number 25"),
+        ("Nobody", [], "Nobody"),
+        (ADD, [(0, "Int8", 2)], "activation 2"),
+    ],
+)
+def test_convert_refuses_what_it_does_not_know(code, options, says, tflite):
+    writer = tflite()
+    first = writer.tensor(shape=[1, 3, 3, 1])
+    with pytest.raises(ValueError, match=says):
+        convert(writer.bytes(first, writer.operation(code, [first, first], options)))
+
+
+def test_convert_averages_padded_windows_over_what_is_inside(tflite):
+    """TensorFlow Lite divides by the pixels inside, not by the size of the window."""
+    writer = tflite()
+    first = writer.tensor(shape=[1, 3, 3, 1])
+    last = writer.operation(POOL, [first], [*window(0, 2), (3, "Int32", 2), (4, "Int32", 2)])
+    session = onnxruntime.InferenceSession(convert(writer.bytes(first, last)))
+    (mask,) = session.run(None, {"image": np.ones((1, 1, 3, 3), np.float32)})
+    np.testing.assert_allclose(mask, np.ones((1, 1, 2, 2)))

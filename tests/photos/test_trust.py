@@ -1,0 +1,56 @@
+"""Trust: usual lights are quiet, the paper's failure cases are said in words."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from relight.photos.trust import assess
+from relight.sh import basis
+
+
+@pytest.fixture
+def figure(relighter, draw):
+    return relighter.infer(*draw(), white_balance="scene")[0]
+
+
+def lamp(azimuth, elevation=30, fill=1.0, color=(1, 1, 1)):
+    a, e = np.radians(azimuth), np.radians(elevation)
+    toward = np.array([np.sin(a) * np.cos(e), np.sin(e), np.cos(a) * np.cos(e)])
+    light = 0.25 * basis(toward, 2)[:, None] * np.array(color)
+    light[0] += 0.25 * fill * np.array(color)
+    return light.astype(np.float32)
+
+
+def test_words(figure, relighter):
+    quiet = assess(replace(figure, light=lamp(20)), relighter.lights).warnings
+    assert not [w for w in quiet if "behind" in w or "colored" in w or "real light" in w]
+    says = {
+        "from behind": lamp(180, 0, 0.3),
+        "colored": lamp(10, color=(1.6, 0.3, 0.05)),
+        "no real light": -lamp(0),
+        "brighter": 8 * lamp(0),
+    }
+    for words, light in says.items():
+        warnings = assess(replace(figure, light=light.astype(np.float32))).warnings
+        assert any(words in w for w in warnings), (words, warnings)
+
+
+def test_distance_to_the_training_lights(figure):
+    training = np.stack([lamp(a, e) for a in range(-60, 61, 15) for e in (0, 30, 60)])
+    near = assess(replace(figure, light=2 * training[4]), training)
+    assert near.distance == pytest.approx(0, abs=1e-6)  # strength is not what counts
+    far = assess(replace(figure, light=lamp(150, -40)), training)
+    assert far.distance > far.usual > 0 and any("unlike" in w for w in far.warnings)
+    assert assess(figure, None).distance is None
+
+
+def test_error_and_exposure(figure):
+    perfect = replace(figure, albedo=np.full_like(figure.albedo, 0.5), image=0.5 * figure.shading)
+    assert assess(perfect).error < 1e-3
+    black = replace(figure, albedo=np.zeros_like(figure.albedo))
+    assert any("rebuild the photo" in w for w in assess(black).warnings)
+    white = replace(figure, image=np.ones_like(figure.image))
+    assert any("blown out" in w for w in assess(white).warnings)
+    dark = replace(figure, image=np.zeros_like(figure.image))
+    assert any("nearly black" in w for w in assess(dark).warnings)

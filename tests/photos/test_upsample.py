@@ -1,0 +1,85 @@
+"""Maps at the resolution of the photo: edges where it has them, nothing invented, a rim that follows the inside."""
+
+import numpy as np
+from scipy.ndimage import zoom
+
+from relight.crop import Crop
+from relight.photos.compose.upsample import SMOOTH, Guide, fit_map, square_root
+
+SIDE, SCALE = 48, 8
+LARGE = SIDE * SCALE
+WHOLE = Crop(0.0, 0.0, float(LARGE), (0, LARGE), (0, LARGE), SIDE)
+ROWS = (0, LARGE)
+
+
+def averaged(image):
+    return image.reshape(SIDE, SCALE, SIDE, SCALE, -1).mean((1, 3))
+
+
+def placed(maps):
+    return WHOLE.place(maps, ROWS).reshape(LARGE, LARGE, -1)
+
+
+def upsampled(maps, guide, photo, mask=None, **options):
+    mask = np.ones((SIDE, SIDE), bool) if mask is None else mask
+    return fit_map(maps, Guide(guide, mask), **options).place(WHOLE, photo - placed(guide), ROWS)
+
+
+def test_an_edge_of_the_photo_becomes_the_maps_edge():
+    """An arm before a body: the gain of each is carried to the photo's edge, which lies within a network pixel."""
+    edge = 131 + 20 * np.sin(np.arange(LARGE) / 40)
+    arm = (np.arange(LARGE)[None] < edge[:, None])[..., None]
+    photo, gain = np.where(arm, 0.7, 0.3), np.where(arm, 2.0, 0.5)
+    found = upsampled(averaged(gain), averaged(photo), photo)
+    plain = placed(averaged(gain))
+    off = [np.abs(each - gain).mean() for each in (found, plain)]
+    assert off[0] < 0.4 * off[1]
+    assert found.min() > 0.35 and found.max() < 2.15  # no halo beyond what both sides have
+
+
+def test_albedo_gains_the_photos_detail():
+    """Under even light albedo is the photo over a constant: the fine pattern comes back."""
+    rng = np.random.default_rng(0)
+    albedo = 0.3 + 0.2 * np.clip(zoom(rng.normal(size=(96, 96, 1)), (4, 4, 1), order=1) * 0.6, -1, 1)
+    photo = 0.8 * albedo
+    coarse = square_root(averaged(albedo))
+    found = upsampled(coarse, square_root(averaged(photo)), square_root(photo), textured=True) ** 2
+    plain = placed(coarse) ** 2
+    assert np.abs(found - albedo).mean() < 0.35 * np.abs(plain - albedo).mean()
+
+
+def test_what_the_photo_does_not_show_stays_as_the_network_said():
+    rng = np.random.default_rng(1)
+    maps = rng.random((SIDE, SIDE, 4))
+    flat = np.full((SIDE, SIDE, 1), 0.4)
+    assert np.abs(upsampled(maps, flat, np.full((LARGE, LARGE, 1), 0.4)) - placed(maps)).max() < 0.25
+    same = Crop(0.0, 0.0, float(SIDE), (0, SIDE), (0, SIDE), SIDE)
+    guide = rng.random((SIDE, SIDE, 1))
+    fit = fit_map(maps, Guide(guide, np.ones((SIDE, SIDE), bool)))
+    again = fit.place(same, guide - same.place(guide, (0, SIDE))[..., None], (0, SIDE))
+    assert np.abs(again - maps).max() < 1e-6  # at its own resolution a map is returned
+    ones = fit_map(np.ones((SIDE, SIDE, 3)), Guide(guide, guide[..., 0] > 0.2))
+    detail = rng.normal(size=(LARGE, LARGE, 1))
+    assert np.abs(ones.place(WHOLE, detail, ROWS) - 1).max() < 1e-6
+
+
+def test_the_fit_is_the_slow_one():
+    """Against weighted least squares, window by window."""
+    rng = np.random.default_rng(2)
+    guide, maps, mask = rng.random((12, 12, 1)), rng.random((12, 12, 2)), rng.random((12, 12)) > 0.4
+    slopes = np.zeros((12, 12, 2))
+
+    def window(i, j):
+        return slice(max(i - 2, 0), i + 3), slice(max(j - 2, 0), j + 3)
+
+    for i in range(12):
+        for j in range(12):
+            w, g, m = mask[window(i, j)], guide[window(i, j)][..., 0], maps[window(i, j)]
+            mean = (w * g).sum() / w.sum()
+            for c in range(2):
+                slopes[i, j, c] = (w * (g - mean) * m[..., c]).sum() / ((w * (g - mean) ** 2).sum() + SMOOTH * w.sum())
+    found = Guide(guide, mask).slope(maps, SMOOTH)
+    for i in range(12):
+        for j in range(12):
+            w = mask[window(i, j)][..., None]
+            assert np.allclose(found[i, j], (w * slopes[window(i, j)]).sum((0, 1)) / w.sum(), atol=1e-9)

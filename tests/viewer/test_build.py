@@ -1,0 +1,110 @@
+import json
+import re
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from relight.config import Evaluate
+from relight.files import UserError
+from relight.maps import write_maps
+from relight.maps.octahedral import octahedral
+from relight.viewer.build import build_gallery, build_viewer
+from relight.viewer.figure import Figure, pack
+
+
+def test_page_is_one_file_that_asks_the_network_for_nothing(tmp_path, maps, lights):
+    build_viewer(tmp_path / "a.html", maps, lights, title="A & B </script><b>")
+    text = (tmp_path / "a.html").read_text()
+    assert not re.search(r"""(src|href)\s*=\s*["'](?!data:)|@import|url\((?!data:)|https?://""", text)
+    assert "<title>A &amp; B &lt;/script&gt;&lt;b&gt;</title>" in text
+    assert text.count("</script>") == text.count("<script")
+    assert not re.search(r"%(title|style|page|figures|fragment|script)%", text)
+    embedded = json.loads(re.search(r'class="figure"[^>]*>(.*?)</script>', text, re.S)[1])
+    assert embedded["title"] == "A & B </script><b>"
+    assert list(tmp_path.iterdir()) == [tmp_path / "a.html"]
+
+
+def test_refusals_name_what_is_wrong(tmp_path, maps, lights):
+    out = tmp_path / "a.html"
+    for message, change in {
+        "at least one": {"lights": {}},
+        r"light 'a' is not \(9, 3\)": {"lights": {"a": np.zeros((16, 3))}},
+        "finite": {"lights": {"a": np.full((9, 3), np.nan)}},
+        "mask is empty": {"maps": replace(maps, mask=np.zeros_like(maps.mask))},
+        "4 coefficients": {"maps": replace(maps, transport=maps.transport[..., :4])},
+        "photo is": {"photo": np.zeros((5, 5, 3))},
+        r"photo's light is \(4, 3\)": {"photo": np.zeros((*maps.mask.shape, 3)), "photo_light": np.zeros((4, 3))},
+        "background 'sea'": {"background": "sea"},
+        "MB": {"limit": 60_000},
+    }.items():
+        with pytest.raises(UserError, match=message):
+            build_viewer(**{"out": out, "maps": maps, "lights": lights} | change)
+    with pytest.raises(UserError, match="at least one figure"):
+        build_gallery(out, [], lights)
+    assert not out.exists()
+
+
+def test_a_tight_limit_costs_precision_before_it_refuses(tmp_path, maps, lights):
+    figure = Figure("a", maps)
+    sizes = [len(pack(figure, steps, 1)[1]) for steps in (8192, 2048, 512)]
+    assert sizes == sorted(sizes, reverse=True) and sizes[2] < 0.8 * sizes[0]
+    build_viewer(tmp_path / "fine.html", maps, lights)
+    fine = (tmp_path / "fine.html").stat().st_size
+    build_viewer(tmp_path / "coarse.html", maps, lights, limit=fine - 1)
+    assert (tmp_path / "coarse.html").stat().st_size < fine
+
+
+def test_a_gallery_has_room_for_each_of_its_figures(tmp_path, maps, lights, monkeypatch):
+    monkeypatch.setattr("relight.viewer.build.LIMIT", 150_000)
+    monkeypatch.setattr("relight.viewer.build.FURTHER", 60_000)
+    build_gallery(tmp_path / "all.html", [Figure(str(i), maps) for i in range(6)], lights)
+    assert 150_000 < (tmp_path / "all.html").stat().st_size < 450_000
+    with pytest.raises(UserError, match="MB"):
+        build_gallery(tmp_path / "small.html", [Figure(str(i), maps) for i in range(6)], lights, limit=150_000)
+
+
+def test_ao_takes_bytes_only_when_transport_does_not_tell_it(maps):
+    names = [plane["name"] for plane in pack(Figure("a", maps), 1024, 1)[0]["planes"]]
+    assert names == ["transport", "albedo", "normal"]
+    header, _ = pack(Figure("a", replace(maps, ao=maps.ao * 0.9)), 1024, 1)
+    assert [plane["name"] for plane in header["planes"]] == ["transport", "albedo", "normal", "ao"]
+
+
+def test_octahedral_map_is_undone_over_the_whole_sphere():
+    normals = np.random.default_rng(0).normal(size=(4000, 3))
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    x, y = np.moveaxis(octahedral(normals), -1, 0)
+    z = 1 - np.abs(x) - np.abs(y)
+    fold = np.maximum(-z, 0)
+    back = np.stack([x - np.copysign(fold, x), y - np.copysign(fold, y), z], -1)
+    np.testing.assert_allclose(back / np.linalg.norm(back, axis=-1, keepdims=True), normals, atol=1e-12)
+
+
+def test_the_stage_shows_as_many_figures_as_a_page_holds(tmp_path, maps, monkeypatch):
+    import relight.stages.viewer as page
+    from relight.lights import LightSet, write_light_set
+
+    names = [f"g{i:04d}" for i in range(40)]
+    for name in names:
+        write_maps(tmp_path / f"{name}.exr", replace(maps, info={"name": name, "order": 2}))
+    (tmp_path / "split.json").write_text(json.dumps({"train": [], "test": names}))
+    text, number = np.array(["test"]), np.zeros(1)
+    light = LightSet(
+        np.ones((1, 9, 3), np.float32), text, text, number, np.zeros(1, int), number, np.zeros(1, int), text
+    )
+    write_light_set(light, tmp_path)
+
+    (tmp_path / "experiments.json").write_text("{}")  # no network: nothing but the truth
+    settings = Evaluate("test", "cpu", 1)
+
+    def shown():
+        given = tmp_path / "split.json", tmp_path, tmp_path / "lights.npz", tmp_path / "a.html"
+        page.main("a", settings, tmp_path / "experiments.json", tmp_path, tmp_path / "packed", *given)
+        return re.findall(r'data-title="(g\d+)"', (tmp_path / "a.html").read_text())
+
+    few = shown()
+    assert len(few) == page.MAX_FIGURES and few[0] == names[0] and few[-1] == names[-1] and few == sorted(set(few))
+    whole = (tmp_path / "a.html").stat().st_size
+    monkeypatch.setattr(page, "MAX_BYTES", page.PAGE_BYTES + 5 * (whole - page.PAGE_BYTES) // page.MAX_FIGURES)
+    assert 3 <= len(shown()) <= 8

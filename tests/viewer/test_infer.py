@@ -1,0 +1,193 @@
+"""What a site of `relight web` computes in the browser, run by node, against Python."""
+
+import base64
+import json
+import shutil
+import subprocess
+
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.ndimage import distance_transform_edt, gaussian_filter
+
+from relight.inference import PhotoNetwork
+from relight.photos.api import Relighter
+from relight.photos.compose.color import chroma, clipping_excess
+from relight.photos.compose.render import estimate_foreground
+from relight.photos.mask import selfie
+from relight.photos.mask.find import split_people
+from relight.srgb import LINEAR
+from relight.viewer.bundle import bundle
+from relight.viewer.figure import EXCESS_STEPS, QUALITIES, pack
+from relight.viewer.site import STUDIO
+from relight.viewer.source import photo_figure
+
+SIZE = 64
+# Reads its input from the standard input, and prints what `main` makes of it; arrays of numbers as base64.
+PROGRAM = """
+const coded = (key, value) => ArrayBuffer.isView(value)
+  ? { kind: value.constructor.name, data: Buffer.from(value.buffer).toString("base64") } : value;
+const text = require("fs").readFileSync(0, "utf8");
+(async () => process.stdout.write(JSON.stringify(await main(JSON.parse(text)), coded)))();
+"""
+KINDS = {"Float32Array": np.float32, "Float64Array": np.float64, "Uint8Array": np.uint8, "Int32Array": np.int32}
+# The twin of `invented`, below.
+RUN = """
+async function run(image, mask) {
+  const area = 64 * 64, at = (i) => -1 + (2 * i) / 63, scale = [1, 0.3, 0.2, 0.5, 0.1, 0.05, 0.02, 0.07, 0.03];
+  const albedo = new Float32Array(3 * area), transport = new Float32Array(9 * area), light = new Float32Array(27);
+  for (let i = 0; i < area; i++) {
+    const x = at(i % 64), y = at(Math.floor(i / 64)), color = [0, 1, 2].map((c) => image[c * area + i]);
+    color.forEach((v, c) => (albedo[c * area + i] = mask[i] * Math.min(0.9 * v + 0.05, 1)));
+    for (let k = 0; k < 9; k++) {
+      const value = 0.8 * (k === 0) + 0.2 * color[k % 3] + 0.1 * k * x * y + 0.3 * x * (k % 2);
+      transport[k * area + i] = mask[i] * value;
+      for (let c = 0; c < 3; c++) light[3 * k + c] += (scale[k] * color[c]) / area;
+    }
+  }
+  for (let c = 0; c < 3; c++) light[c] += 0.5;
+  return { albedo, transport, light };
+}
+"""
+
+
+def invented(image, mask):
+    """Maps and a light that depend on the image, its place and its sides, without training."""
+    x, y = np.meshgrid(*2 * [np.linspace(-1, 1, SIZE, dtype=np.float32)])
+    transport = [0.8 * (k == 0) + 0.2 * image[0, k % 3] + 0.1 * k * x * y + 0.3 * x * (k % 2) for k in range(9)]
+    scale = np.array([1, 0.3, 0.2, 0.5, 0.1, 0.05, 0.02, 0.07, 0.03], np.float32)
+    light = image.mean((2, 3))[:, None] * scale[:, None]
+    light[:, 0] += 0.5
+    return [(0.9 * image + 0.05).clip(0, 1) * mask, np.stack(transport)[None] * mask, light]
+
+
+NETWORK = PhotoNetwork(SIZE, {"model": {"order": 2}}, "", invented)
+
+
+def node(module, program, values):
+    """What `program`, a function `main` of JSON values, returns; it can use all that `module` imports as $name."""
+    found = shutil.which("node")
+    if found is None:
+        pytest.skip("no node on this machine")
+    script = bundle(STUDIO / f"{module}.js") + program + PROGRAM
+    done = subprocess.run([found, "-e", script], input=json.dumps(values), capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout, object_hook=arrays)
+
+
+def arrays(value):
+    return np.frombuffer(base64.b64decode(value["data"]), KINDS[value["kind"]]) if "kind" in value else value
+
+
+def picture(height, width, centres, seed=0):
+    """A photo (H,W,3) uint8 with clipped parts, and soft ellipses about the columns `centres` as its mask."""
+    generator = np.random.default_rng(seed)
+    pixels = gaussian_filter(generator.random((height, width, 3)), (2, 2, 0)) * 700 - 150
+    y, x = np.mgrid[:height, :width]
+    reach = 0.3 * width / len(centres)
+    mask = sum(
+        np.clip((1 - np.hypot((x - c) / reach, (y - height / 2) / (0.42 * height))) * 900, 0, 255) for c in centres
+    )
+    return pixels.clip(0, 255).astype(np.uint8), np.rint(mask).clip(0, 255).astype(np.uint8)
+
+
+@pytest.mark.parametrize(("shape", "centres"), [((120, 160), (43, 115)), ((40, 30), (15,)), ((150, 110), (20,))])
+def test_a_figure_is_that_of_the_view_command(shape, centres):
+    """Two people; one smaller than the network's square; one that the photo's border cuts."""
+    pixels, mask = picture(*shape, centres)
+    figure = photo_figure(Relighter(NETWORK), pixels, mask, "me")
+    rgba = np.dstack([pixels, np.full(shape, 255, np.uint8)])
+    found = node(
+        "infer",
+        RUN + "const main = ({ pixels, width, height, coverage }) => $infer.inferFigure("
+        "{ pixels: Uint8Array.from(pixels), width, height }, Uint8Array.from(coverage), run, 64);",
+        {"width": shape[1], "height": shape[0], "pixels": rgba.ravel().tolist(), "coverage": mask.ravel().tolist()},
+    )
+    header, _ = pack(figure, *QUALITIES[0])
+    assert found["box"] == header["box"] and found["floor"] == pytest.approx(header["floor"], abs=1e-6)
+    np.testing.assert_allclose(found["mean"], header["mean"], atol=2e-6)
+    np.testing.assert_allclose(found["light"], figure.photo_light, atol=1e-6)
+    left, top, width, height = header["box"]
+    window = np.s_[top : top + height, left : left + width]
+    inside = mask[window] > 0
+    first, second, third, surface = (each.reshape(height, width, 4) for each in found["maps"])
+    transport = np.concatenate([first, second, third[..., :1]], -1)
+    np.testing.assert_allclose(transport[inside], figure.maps.transport[window][inside], atol=1e-5)
+    np.testing.assert_allclose(surface[inside][:, :3], figure.maps.albedo[window][inside], atol=1e-5)
+    np.testing.assert_array_equal(np.rint(255 * surface[..., 3]), mask[window])
+    np.testing.assert_array_equal(found["photo"].reshape(*shape, 4), rgba)
+    own = estimate_foreground(LINEAR[pixels], mask / np.float32(255))
+    np.testing.assert_allclose(found["front"].reshape(height, width, 4)[..., :3], own[window], atol=1e-5)
+    above = EXCESS_STEPS * clipping_excess(own[window], chroma(LINEAR[pixels], mask > 0)[window])
+    np.testing.assert_allclose(found["excess"].reshape(height, width, 4)[inside][:, :3], above[inside], atol=0.51)
+    assert above.max() > 10
+
+
+def test_people_are_parted_as_in_python():
+    _, mask = picture(60, 90, (25, 68))
+    mask[2:5, 2:4] = 255  # dirt
+    mask[30:33, 44:48] = 40  # a soft bridge
+    program = "const main = ({ mask, width }) => $infer.splitPeople(Uint8Array.from(mask), width);"
+    found = node("infer", program, {"mask": mask.ravel().tolist(), "width": 90})
+    expected = split_people(mask)
+    assert len(found) == len(expected) == 2
+    for one, other in zip(found, expected):
+        np.testing.assert_array_equal(one.reshape(mask.shape), other)
+    nobody = node("infer", program, {"mask": [0] * 90, "width": 90})
+    assert nobody == []
+
+
+@pytest.mark.parametrize("share", [0.02, 0.5, 0.97])
+def test_the_nearest_pixel_is_scipys_also_where_several_are(share):
+    inside = np.random.default_rng(1).random((37, 52)) < share
+    nearest = distance_transform_edt(~inside, return_distances=False, return_indices=True)
+    program = "const main = ({ set, width }) => $regions.nearest(Uint8Array.from(set), width);"
+    found = node("regions", program, {"set": inside.ravel().astype(int).tolist(), "width": 52})
+    np.testing.assert_array_equal(found, np.ravel_multi_index(tuple(nearest), inside.shape).ravel())
+
+
+@pytest.mark.parametrize(
+    ("name", "size"), [("lanczos", (21, 13)), ("bicubic", (90, 70)), ("bilinear", (23, 40)), ("box", (9, 17))]
+)
+def test_resampling_is_pillows(name, size):
+    generator = np.random.default_rng(2)
+    program = """const main = ({ plane, size, part }) => [Float32Array, Uint8Array].map((Kind) =>
+    $resample.resample(Kind.from(plane), 52, size, $resample[FILTER], part));""".replace("FILTER", json.dumps(name))
+    plane, part = generator.integers(0, 256, (37, 52)).astype(np.uint8), [3.3, 2.1, 47.9, 30.5]
+    floats, integers = node("resample", program, {"plane": plane.ravel().tolist(), "size": size, "part": part})
+    kind = Image.Resampling[name.upper()]
+    exact, rounded = (
+        np.asarray(Image.fromarray(each).resize(size, kind, part)) for each in (plane.astype(np.float32), plane)
+    )
+    np.testing.assert_allclose(floats.reshape(size[::-1]), exact, atol=1e-3)
+    assert np.abs(integers.reshape(size[::-1]).astype(int) - rounded).max() <= 1
+    assert (integers.reshape(size[::-1]) == rounded).mean() > 0.99
+
+
+def test_the_mask_is_that_of_python_whatever_the_network_says(monkeypatch):
+    """A network that takes what is redder than blue for people; a second, smaller part is dropped."""
+    y, x = np.mgrid[:110, :150]
+    redness = np.maximum(1 - np.hypot((x - 60) / 30, (y - 60) / 45), 0) + np.maximum(
+        0.3 - np.hypot(x - 140, y - 9) / 15, 0
+    )
+    noise = np.random.default_rng(3).normal(0, 6, (110, 150, 3))
+    pixels = (90 + noise + 150 * redness[..., None].clip(0, 0.5) * [1, 0, -1]).clip(0, 255).astype(np.uint8)
+
+    class Redness:
+        def run(self, _, inputs):
+            image = inputs["image"]
+            return [1 / (1 + np.exp(-30 * (image[:, :1] - image[:, 2:] - np.float32(0.1))))]
+
+    monkeypatch.setattr(selfie, "load_network", Redness)
+    expected = selfie.segment(pixels)
+    found = node(
+        "selfie",
+        """const main = ({ pixels, width, height }) => $selfie.findPeople({ pixels, width, height }, async (image) => {
+        const area = 256 * 256;
+        const redness = (i) => image[i] - image[i + 2 * area] - 0.1;
+        return Float32Array.from({ length: area }, (_, i) => 1 / (1 + Math.exp(-30 * redness(i))));
+        });""",
+        {"pixels": np.dstack([pixels, pixels[..., :1]]).ravel().tolist(), "width": 150, "height": 110},
+    ).reshape(expected.shape)
+    assert (expected > 128).sum() > 1000 and (expected[:20, 130:] < 128).all()
+    assert np.abs(found.astype(int) - expected).max() <= 1

@@ -1,0 +1,656 @@
+"""The page in a real Chromium, against the same pictures computed in Python."""
+
+import io
+import json
+from dataclasses import replace
+
+import av
+import numpy as np
+import pytest
+from PIL import Image
+from scipy.ndimage import binary_fill_holes, gaussian_filter
+from scipy.spatial.transform import Rotation
+
+from relight.crop import Crop
+from relight.lights.load import key_light
+from relight.maps import Maps
+from relight.panoramas import Panorama, project
+from relight.photos.compose.background import Background
+from relight.photos.compose.color import apply_gain, chroma, clipping_excess, display_shading, roll_off
+from relight.photos.compose.render import render
+from relight.photos.compose.shading import exposure_factor, gain, shading, steady
+from relight.photos.infer import Person as Inferred
+from relight.photos.infer import mean_exposure_factor
+from relight.sh import basis, deringed, irradiance, rotation_about_y, rotation_matrix
+from relight.srgb import LINEAR, decode, encode
+from relight.viewer.build import build_gallery, build_viewer
+from relight.viewer.codec import encode as encode_planes
+from relight.viewer.figure import Figure
+
+START = {
+    "light": 0, "yaw": 0, "tilt": 0, "stops": 0, "view": "relit", "before": "none", "split": 0.5,
+    "background": "studio", "mode": "ratio", "auto": False, "room": 1, "lamps": [],
+}  # fmt: skip
+
+
+def rotation_of(yaw, tilt):
+    return Rotation.from_rotvec([-np.radians(tilt), 0, 0]).as_matrix() @ rotation_about_y(np.radians(yaw))
+
+
+def turned(light, yaw, tilt):
+    return rotation_matrix(rotation_of(yaw, tilt), 2) @ light
+
+
+def codes(light):
+    return 255 * encode(roll_off(np.asarray(light, np.float64)))
+
+
+def farthest(pixels, expected, where):
+    return np.abs(pixels[..., :3].astype(float) - expected)[where].max()
+
+
+@pytest.fixture(scope="module")
+def html(tmp_path_factory, maps, lights):
+    path = tmp_path_factory.mktemp("page") / "balls.html"
+    build_viewer(path, maps, lights, title="Six balls")
+    return path
+
+
+@pytest.fixture(scope="module")
+def photograph(maps, lights):
+    """A photo of the balls under a light, codes (H,W,3) uint8 with a textured background, and a soft mask."""
+    light = turned(lights["Lamp"], -30, 0) * 0.8
+    generator = np.random.default_rng(1)
+    noise = 0.8 + 0.4 * generator.random(maps.mask.shape)[..., None]
+    behind = decode(gaussian_filter(generator.random((*maps.mask.shape, 3)), (4, 4, 0)))
+    scene = np.where(maps.mask[..., None], maps.albedo * noise * shading(maps.transport, light), behind)
+    return np.rint(codes(scene)).astype(np.uint8), light
+
+
+@pytest.fixture(scope="module")
+def photo_html(tmp_path_factory, maps, lights, photograph):
+    path = tmp_path_factory.mktemp("page") / "photo.html"
+    build_viewer(path, maps, lights, photo=photograph[0] / 255, photo_light=photograph[1], title="Photo")
+    return path
+
+
+@pytest.fixture
+def balls(page, html):
+    page.open(html)
+    return page
+
+
+def relit_shading(maps, light):
+    """The shading that the page shows under a light that it was given."""
+    return steady(shading(maps.transport, light), light)
+
+
+@pytest.mark.parametrize("name", ["Window", "Lamp", "Behind"])
+def test_relit_and_shading_equal_python_under_turned_lights(balls, maps, lights, name):
+    index = list(lights).index(name)
+    for yaw, tilt, stops in [(0, 0, 0), (70, 0, 0), (-155, 40, 1), (10, -75, -1.5)]:
+        state = START | {"light": index, "yaw": yaw, "tilt": tilt, "stops": stops}
+        lit = 2**stops * relit_shading(maps, turned(lights[name], yaw, tilt))
+        assert farthest(balls.pixels(**state), codes(maps.albedo * lit), maps.mask) <= 2
+        assert farthest(balls.pixels(**state | {"view": "shading"}), 255 * encode(display_shading(lit)), maps.mask) <= 2
+
+
+def test_the_other_views_equal_python(balls, maps, lights):
+    still = {
+        "albedo": 255 * encode(maps.albedo),
+        "ao": 255 * maps.ao[..., None],
+        "normal": 255 * (maps.normal + 1) / 2,
+    }
+    for view, expected in still.items():
+        assert farthest(balls.pixels(**START | {"view": view, "stops": 2}), expected, maps.mask) <= 1.01
+    split = balls.pixels(**START | {"before": "open", "yaw": 30})
+    light = turned(lights["Window"], 30, 0)
+    left = np.arange(maps.mask.shape[1]) < maps.mask.shape[1] // 2
+    everywhere = maps.albedo * np.maximum(irradiance(light, maps.normal), 0)
+    assert farthest(split, codes(everywhere), maps.mask & left) <= 2
+    assert farthest(split, codes(maps.albedo * relit_shading(maps, light)), maps.mask & ~left) <= 2
+
+
+@pytest.mark.parametrize("is_disc", [False, True])
+def test_a_figure_drawn_in_tiles_has_no_seam_and_no_gap(page, tmp_path, is_disc):
+    """One of even albedo, at an odd zoom, before a background of another color."""
+    y, x = np.mgrid[:75, :91]
+    mask = np.hypot(x - 45, y - 37) < 34 if is_disc else np.ones(y.shape, bool)
+    albedo = np.where(mask[..., None], decode(np.array([200, 100, 50]) / 255), 0)
+    coverage, zero = mask.astype(np.float32), np.zeros((75, 91, 9))
+    build_viewer(
+        tmp_path / "even.html",
+        Maps(mask, coverage, albedo, zero[..., :3], zero[..., 0], coverage, zero),
+        {"Dim": np.full((9, 3), 0.1)},
+    )
+    page.open(tmp_path / "even.html")
+    pixels = page.pixels(**START | {"view": "albedo", "background": "color", "color": "#00ff00"})
+    assert (np.abs(pixels[..., :3] - np.where(mask[..., None], [200, 100, 50], [0, 255, 0])) <= 1).all()
+    page.run("relight.placement.zoom(1.37, 123.4, 77.7), relight.redraw()")
+    shown = np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("RGB")).astype(int)[140:440, 80:500]
+    even, behind = np.abs(shown - [200, 100, 50]).max(-1) <= 1, np.abs(shown - [0, 255, 0]).max(-1) <= 1
+    rows, columns = np.flatnonzero(even.any(1)), np.flatnonzero(even.any(0))
+    assert even.mean() > 0.5 and (shown.max(-1) > 150).all()
+    if is_disc:
+        assert behind.any() and (binary_fill_holes(even) == even).all()
+    else:
+        assert even[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1].all()
+
+
+def test_backgrounds_and_soft_edges_are_mixed_as_light(page, tmp_path, maps, lights):
+    coverage = np.clip(gaussian_filter(maps.mask.astype(np.float32), 1) * 2, 0, 1) * maps.mask
+    build_viewer(tmp_path / "soft.html", replace(maps, coverage=coverage), lights)
+    page.open(tmp_path / "soft.html")
+    figure, alpha = maps.albedo * relit_shading(maps, lights["Window"]), np.rint(255 * coverage)[..., None] / 255
+    size = len(coverage)
+    grid = np.tan(np.radians(25)) * ((2 * np.arange(size) + 1) / size - 1)
+    x, y = np.meshgrid(grid, -grid)
+    towards = np.stack([x, y, -np.ones_like(x)], -1)
+    towards /= np.linalg.norm(towards, axis=-1, keepdims=True)
+    for background, behind in {
+        "color": decode(np.array([0x33, 0xCC, 0x66]) / 255),
+        "light": roll_off(np.maximum(irradiance(lights["Window"], towards), 0)),
+    }.items():
+        pixels = page.pixels(**START | {"background": background, "color": "#33cc66"})
+        assert farthest(pixels, 255 * encode(alpha * roll_off(figure) + (1 - alpha) * behind), ...) <= 2
+        assert (pixels[..., 3] == 255).all()
+    pixels = page.pixels(**START | {"background": "clear"})
+    np.testing.assert_array_equal(pixels[..., 3], np.rint(255 * coverage))
+    assert farthest(pixels, codes(figure), coverage == 1) <= 2
+    assert farthest(pixels, codes(figure), coverage > 0.2) <= 6  # 8 bits of a color that was multiplied by alpha
+
+
+def test_pixels_that_a_soft_mask_covers_beyond_the_maps_take_their_neighbours(page, tmp_path, maps, lights):
+    coverage = gaussian_filter(maps.mask.astype(np.float32), 1.5)
+    grey = replace(maps, coverage=coverage, albedo=np.where(maps.mask[..., None], decode(np.ones(3) * 128 / 255), 0))
+    build_viewer(tmp_path / "wide.html", grey, lights)
+    page.open(tmp_path / "wide.html")
+    pixels = page.pixels(**START | {"view": "albedo", "background": "color", "color": "#808080"})
+    assert np.ptp(pixels[..., :3]) <= 1  # a grey figure before grey: an edge that fades to black would show
+
+
+def test_planes_are_unpacked_as_they_were_packed(balls):
+    generator = np.random.default_rng(3)
+    region = generator.random((17, 23)) < 0.8
+    ramp = np.add.outer(-40 * np.arange(17), 25 * np.arange(23)) + generator.integers(-4, 4, region.shape)
+    blocks = np.kron(generator.integers(-500, 500, (5, 5)), np.ones((4, 6), int))[:17, :23]
+    planes = np.stack([generator.integers(-30000, 2000, region.shape), blocks, ramp], -1)
+    stream, predictors = encode_planes(planes, region)
+    assert predictors == [0, 1, 2]
+    answer = balls.call(
+        """async (stream, region, predictors) => relight.decodePlanes(await relight.inflate(new Uint8Array(stream)),
+        region, 23, predictors).map((plane) => [...plane])""",
+        list(stream), region.ravel().astype(int).tolist(), predictors,
+    )  # fmt: skip
+    np.testing.assert_array_equal(np.reshape(answer, (3, 17, 23)), np.moveaxis(planes * region[..., None], -1, 0))
+
+
+def test_ratio_keeps_the_photo_and_relights_it(page, photo_html, maps, lights, photograph):
+    page.open(photo_html)
+    photo, own = photograph
+    state = START | {"background": "photo"}
+    np.testing.assert_array_equal(page.pixels(**state)[..., :3], photo)  # under its own light: itself, everywhere
+    np.testing.assert_array_equal(page.pixels(**state | {"view": "photo", "yaw": 50})[..., :3], photo)
+    for index, name in enumerate(lights, 1):
+        new = lights[name] * exposure_factor(own, lights[name], maps.transport, maps.mask)
+        lit = relit_shading(maps, turned(new, 40, 10))
+        above = clipping_excess(LINEAR[photo], chroma(LINEAR[photo], maps.mask))
+        factor = gain(maps.transport, maps.mask, own, turned(new, 40, 10))
+        expected = 255 * encode(apply_gain(LINEAR[photo], factor, above))
+        pixels = page.pixels(**state | {"light": index, "yaw": 40, "tilt": 10})
+        assert farthest(pixels, expected, maps.mask) <= 2
+        np.testing.assert_array_equal(pixels[~maps.mask][:, :3], photo[~maps.mask])
+        pixels = page.pixels(**state | {"light": index, "yaw": 40, "tilt": 10, "mode": "full"})
+        assert farthest(pixels, codes(maps.albedo * lit), maps.mask) <= 2
+
+
+def test_soft_photo_equals_the_photo_command(page, tmp_path, maps, lights, photograph):
+    """Against relight.photos.compose.render, soft edges, extended maps, exposure and backgrounds included."""
+    photo, own = photograph
+    coverage = np.rint(255 * gaussian_filter(maps.mask.astype(np.float32), 1.5)).astype(np.uint8)
+    soft = replace(maps, coverage=coverage / np.float32(255))
+    build_viewer(tmp_path / "soft.html", soft, lights, photo=photo / 255, photo_light=own)
+    page.open(tmp_path / "soft.html")
+    size = len(photo)
+    square = Crop(0, 0, size, (0, size), (0, size), size)
+    light = own.astype(np.float32)
+    figure = Inferred(square, coverage, maps.mask, LINEAR[photo], maps.albedo, maps.transport, light)
+    new = turned(lights["Behind"] * mean_exposure_factor([figure], lights["Behind"]), -60, 20)
+    state = START | {"light": 3, "yaw": -60, "tilt": 20, "stops": 0.5, "color": "#4080c0"}
+    color = Background("color", color=np.array([0x40, 0x80, 0xC0], np.uint8), shadow=False)
+    for mode in ("ratio", "full"):
+        for name, behind in {"photo": Background("keep"), "color": color}.items():
+            expected = render(photo, [figure], new, mode, behind, stops=0.5)
+            pixels = page.pixels(**state | {"background": name, "mode": mode})
+            assert farthest(pixels, expected, (coverage == 255) | (coverage < 240)) <= 2
+            assert farthest(pixels, expected, ...) <= 5  # between, Python still looks at the photo for detail
+        expected = render(photo, [figure], new, mode, Background("none"), stops=0.5)
+        pixels = page.pixels(**state | {"background": "clear", "mode": mode})
+        np.testing.assert_array_equal(pixels[..., 3], expected[..., 3])
+        assert farthest(pixels, expected[..., :3], coverage == 255) <= 2
+        assert farthest(pixels, expected[..., :3], coverage > 60) <= 6
+
+
+def test_the_window_shows_the_same_pixels(balls, maps, lights):
+    size = len(maps.mask)
+    balls.run(f"relight.set({json.dumps(START)})")
+    balls.run(
+        "(() => { const stage = document.getElementById('stage'); Object.assign(relight.placement, "
+        "{ scale: 1, x: stage.clientWidth / 2 - 100, y: stage.clientHeight / 2 - 150 }); relight.redraw(); })()"
+    )
+    shown = np.asarray(Image.open(io.BytesIO(balls.screenshot())).convert("RGB"))[150 : 150 + size, 100 : 100 + size]
+    expected = codes(maps.albedo * relit_shading(maps, lights["Window"]))
+    assert farthest(shown, expected, maps.mask) <= 2
+
+
+def test_rotation_equals_python(balls, lights):
+    for yaw, tilt in np.random.default_rng(0).uniform(-np.pi, np.pi, (20, 2)):
+        for light in lights.values():
+            rows = balls.call(
+                "(light, yaw, tilt) => [...relight.rotate(light, relight.turn(yaw, tilt))]",
+                light.ravel().tolist(), yaw, tilt,
+            )  # fmt: skip
+            expected = turned(light, np.degrees(yaw), np.degrees(tilt))
+            np.testing.assert_allclose(np.reshape(rows, (9, 3)), expected, atol=1e-12)
+
+
+def rgbe(pixels):
+    exponent = np.frexp(pixels.max(-1, keepdims=True))[1]
+    return np.concatenate([np.floor(np.ldexp(pixels, 8 - exponent)), exponent + 128], -1).astype(np.uint8)
+
+
+def flat(scanlines):
+    return scanlines.tobytes()
+
+
+def new_runs(scanlines):
+    """Each channel of a scanline in runs of equal bytes and literals."""
+    out = bytearray()
+    for line in scanlines:
+        out += bytes([2, 2, len(line) >> 8, len(line) & 255])
+        for channel in line.T:
+            x = 0
+            while x < len(channel):
+                run = 1
+                while x + run < len(channel) and run < 127 and channel[x + run] == channel[x]:
+                    run += 1
+                out += bytes([128 + run, channel[x]]) if run > 2 else bytes([1, channel[x]])
+                x += run if run > 2 else 1
+    return bytes(out)
+
+
+def old_runs(scanlines):
+    out = bytearray()
+    for line in scanlines:
+        x = 0
+        while x < len(line):
+            run = 1
+            while x + run < len(line) and (line[x + run] == line[x]).all():
+                run += 1
+            out += line[x].tobytes()
+            left = run - 1
+            while left:
+                out += bytes([1, 1, 1, left & 255])
+                left >>= 8
+            x += run
+    return bytes(out)
+
+
+def hdr(pixels, coder=new_runs, size=None, header=b"FORMAT=32-bit_rle_rgbe\n"):
+    height, width = pixels.shape[:2]
+    size = size or f"-Y {height} +X {width}"
+    return b"#?RADIANCE\n" + header + b"\n" + size.encode() + b"\n" + coder(rgbe(pixels))
+
+
+@pytest.fixture(scope="module")
+def panorama():
+    generator = np.random.default_rng(2)
+    pixels = generator.random((16, 32, 3)) ** 6 * 40
+    pixels[10:, 5:25] = [0.5, 0.25, 2.0]  # runs
+    return pixels.astype(np.float32)
+
+
+def read(page, data):
+    return page.call(
+        """(bytes) => { const read = relight.readHDR(new Uint8Array(bytes).buffer);
+        return { ...read, pixels: [...read.pixels] }; }""",
+        list(data),
+    )
+
+
+def values(pixels):
+    coded = rgbe(pixels).astype(float)
+    return coded[..., :3] * 2 ** (coded[..., 3:] - 136)
+
+
+@pytest.mark.parametrize("coder", [flat, new_runs, old_runs])
+def test_hdr_is_read_to_the_last_bit(balls, panorama, coder):
+    for pixels in (panorama, panorama[:4, :5], np.repeat(panorama[:2, :1], 700, 1)):
+        answer = read(balls, hdr(pixels, coder if pixels.shape[1] >= 8 or coder is not new_runs else flat))
+        back = np.reshape(answer["pixels"], (answer["height"], answer["width"], 3))
+        np.testing.assert_array_equal(back, values(pixels).astype(np.float32))
+
+
+def test_hdr_orientations_and_exposure(balls, panorama):
+    height, width = panorama.shape[:2]
+    orientations = {
+        f"-Y {height} +X {width}": lambda p: p,
+        f"+Y {height} +X {width}": lambda p: p[::-1],
+        f"-Y {height} -X {width}": lambda p: p[:, ::-1],
+        f"+Y {height} -X {width}": lambda p: p[::-1, ::-1],
+        f"+X {width} -Y {height}": lambda p: p.swapaxes(0, 1),
+        f"-X {width} -Y {height}": lambda p: p[:, ::-1].swapaxes(0, 1),
+        f"+X {width} +Y {height}": lambda p: p[::-1].swapaxes(0, 1),
+        f"-X {width} +Y {height}": lambda p: p[::-1, ::-1].swapaxes(0, 1),
+    }
+    for size, store in orientations.items():
+        answer = read(balls, hdr(store(panorama), new_runs, size))
+        np.testing.assert_array_equal(np.reshape(answer["pixels"], panorama.shape), values(panorama).astype(np.float32))
+    header = b"EXPOSURE=2\nEXPOSURE= 4\nCOLORCORR=1 2 0.5\n"
+    answer = read(balls, hdr(panorama, header=header))
+    np.testing.assert_allclose(np.reshape(answer["pixels"], panorama.shape), values(panorama) / [8, 16, 4], rtol=1e-6)
+
+
+def test_damaged_hdr_is_refused_in_words(balls, panorama):
+    good = hdr(panorama)
+    for data, message in [
+        (b"", "not a Radiance"),
+        (b"\x89PNG" + good, "not a Radiance"),
+        (good[:12], "header does not end"),
+        (good[: len(good) // 2], "cut short"),
+        (good.replace(b"+X 32", b"+X 31"), "cut short"),
+        (good.replace(b"+X 32", b"+X 99999999"), "refused"),
+        (good.replace(b"+X 32", b"+Y 32"), "resolution"),
+        (good.replace(b"rle_rgbe", b"rle_xyze"), "not RGBE"),
+        (hdr(panorama, header=b"EXPOSURE=0\n"), "bad EXPOSURE"),
+    ]:
+        with pytest.raises(RuntimeError, match=message):
+            read(balls, data)
+
+
+def test_projection_equals_python(balls, panorama):
+    rows = balls.call(
+        "(pixels) => [...relight.project({ width: 32, height: 16, pixels: Float32Array.from(pixels) })]",
+        panorama.ravel().tolist(),
+    )
+    np.testing.assert_allclose(
+        np.reshape(rows, (9, 3)), project(Panorama(panorama)), rtol=0, atol=1e-6 * panorama.max()
+    )
+
+
+def test_a_dropped_panorama_lights_the_figure(balls, maps, lights, panorama):
+    balls.call(
+        """(bytes) => { const data = new DataTransfer();
+        data.items.add(new File([new Uint8Array(bytes)], "kitchen.hdr"));
+        document.dispatchEvent(new DragEvent("drop", { dataTransfer: data, bubbles: true, cancelable: true })); }""",
+        list(hdr(panorama)),
+    )
+    balls.run(
+        "(async () => { while (relight.lights().length < 4) await new Promise((done) => setTimeout(done, 20)); })()"
+    )
+    light = project(Panorama(values(panorama).astype(np.float32)))
+    light = light * exposure_factor(lights["Window"], light, maps.transport, maps.mask)
+    expected = codes(maps.albedo * relit_shading(maps, turned(light, 25, 0)))
+    assert farthest(balls.pixels(**START | {"light": 3, "yaw": 25}), expected, maps.mask) <= 2
+    assert "kitchen" in balls.run("document.getElementById('light-list').innerText")
+
+
+def test_a_panorama_is_seen_behind_the_figure(balls, maps, lights):
+    """Sharp, turned with the light and at its brightness; compared where the blocks of the panorama are flat."""
+    generator = np.random.default_rng(4)
+    blocks = np.kron(generator.uniform(0.02, 0.2, (8, 16, 3)), np.ones((16, 16, 1))).astype(np.float32)
+    balls.call(
+        "(bytes) => relight.openPanorama(new File([new Uint8Array(bytes)], 'blocks.hdr'))", list(hdr(blocks, flat))
+    )
+    pixels = balls.pixels(
+        **START | {"light": 3, "background": "light", "yaw": 40, "tilt": 20, "room": 0.5, "stops": 0.3}
+    )
+    light = project(Panorama(values(blocks).astype(np.float32)))
+    gain = exposure_factor(lights["Window"], light, maps.transport, maps.mask)
+    size = len(maps.mask)
+    grid = np.tan(np.radians(25)) * ((2 * np.arange(size) + 1) / size - 1)
+    x, y = np.meshgrid(grid, -grid)
+    toward = np.stack([x, y, -np.ones_like(x)], -1)
+    toward /= np.linalg.norm(toward, axis=-1, keepdims=True)
+    rotation = rotation_of(40, 20)
+    x, y, z = np.moveaxis(toward @ rotation, -1, 0)  # the inverse rotation of each direction
+    column, row = (np.arctan2(x, -z) / (2 * np.pi) + 0.5) * 256, np.arccos(y) / np.pi * 128
+    inside = (np.abs(column % 16 - 8) < 7) & (np.abs(row % 16 - 8) < 7) & ~maps.mask
+    behind = values(blocks)[np.minimum(row.astype(int), 127), np.minimum(column.astype(int), 255)]
+    assert inside.sum() > 2000
+    assert farthest(pixels, codes(np.pi * behind * gain * 0.5 * 2**0.3), inside) <= 2
+
+
+def test_lamps_are_those_of_python_and_add_to_the_dimmed_room(balls, maps, lights):
+    lamps = [
+        {"azimuth": 45, "elevation": 30, "color": "#ffaa66", "strength": 1.5, "softness": 0},
+        {"azimuth": -120, "elevation": -10, "color": "#6699ff", "strength": 0.7, "softness": 0},
+    ]
+    state = START | {"lamps": lamps, "room": 0.25, "yaw": 60}
+    room = lights["Window"]
+    mean = 0.886227 * float(room[0] @ [0.2126, 0.7152, 0.0722])
+    light = 0.25 * turned(room, 60, 0)
+    for lamp in lamps:
+        own = key_light(lamp["color"][1:], lamp["azimuth"], lamp["elevation"], 0, 2)
+        light = light + lamp["strength"] * mean * deringed(own)
+    assert farthest(balls.pixels(**state), codes(maps.albedo * relit_shading(maps, light)), maps.mask) <= 2
+
+
+@pytest.mark.parametrize("softness", [0, 25, 90])
+def test_a_soft_lamp_is_a_disc_of_light(balls, softness):
+    """Its coefficients are the mean of those of points all over the disc, at the same irradiance."""
+    lamp = {"azimuth": 20, "elevation": 50, "color": "#ffffff", "strength": 1, "softness": softness}
+    found = np.reshape(balls.call("(lamp) => [...relight.lampLight(lamp, 1)]", lamp), (9, 3))[:, 0]
+    a, e = np.radians([20, 50])
+    centre = np.array([np.sin(a) * np.cos(e), np.sin(e), np.cos(a) * np.cos(e)])
+    points = np.random.default_rng(0).normal(size=(400_000, 3))
+    points /= np.linalg.norm(points, axis=1, keepdims=True)
+    disc = points[points @ centre >= np.cos(np.radians(softness))] if softness else centre[None]
+    np.testing.assert_allclose(found, deringed(np.outer(basis(disc).mean(0), np.ones(3)))[:, 0], atol=0.01)
+
+
+def test_deringed_is_that_of_python(balls):
+    rng = np.random.default_rng(2)
+    lights = [np.outer(basis(d / np.linalg.norm(d)), rng.random(3)) for d in rng.normal(size=(6, 3))]
+    lights += [light + lights[0] + np.eye(9, 1) * rng.random(3) for light in lights]
+    lights += [np.eye(9, 3), np.zeros((9, 3)), lights[0] * [1, 0, 0]]
+    for light in lights:
+        found = balls.call("(light) => [...relight.deringed(light)]", light.ravel().tolist())
+        np.testing.assert_allclose(np.reshape(found, (9, 3)), deringed(light), atol=1e-12)
+
+
+def test_lamps_are_placed_by_mouse_and_keys(balls):
+    balls.run(f"relight.set({json.dumps(START)})")
+    balls.run("document.getElementById('add-lamp').click()")
+    x, y, width, height = balls.run(
+        "(() => { const a = document.querySelector('button.lamp').getBoundingClientRect(), "
+        "b = document.getElementById('stage').getBoundingClientRect(); "
+        "return [a.x + a.width / 2, a.y + a.height / 2, b.width, b.height]; })()"
+    )
+    side = 0.46 * min(width, height) / 2
+    for kind, at in [
+        ("mousePressed", (x, y)),
+        ("mouseMoved", (width / 2 + side, height / 2)),
+        ("mouseReleased", (0, 0)),
+    ]:
+        point = {"x": at[0], "y": at[1]}
+        balls.send("Input.dispatchMouseEvent", type=kind, button="left", buttons=1, clickCount=1, **point)
+    lamp = balls.run("relight.state.lamps[0]")
+    assert lamp["azimuth"] == pytest.approx(90, abs=1) and lamp["elevation"] == pytest.approx(0, abs=1)
+    balls.run("document.querySelector('button.lamp').focus()")
+    balls.send("Input.dispatchKeyEvent", type="keyDown", key="ArrowUp")
+    assert balls.run("relight.state.lamps[0].elevation") > 1 and balls.run("relight.state.tilt") == 0
+    balls.run("document.querySelector('.remove').click()")
+    assert balls.run("relight.state.lamps.length") == 0
+
+
+def test_the_address_shows_the_same_picture(page, html):
+    page.open(html)
+    lamp = {"azimuth": 45, "elevation": 30, "color": "#ffaa66", "strength": 1.5, "softness": 12}
+    state = START | {
+        "light": 2,
+        "yaw": -35.5,
+        "tilt": 10,
+        "view": "shading",
+        "stops": 0.5,
+        "lamps": [lamp],
+        "room": 0.5,
+    }
+    expected = page.pixels(**state)
+    address = page.run("relight.address()")
+    page.open(html, address="#" + address)
+    np.testing.assert_array_equal(page.pixels(), expected)
+    page.open(html, address="#yaw=x&view=nothing&lamps=1,2;rubbish&figure=7&sh=1,2&light=none&split=9")
+    page.run("relight.set({background: 'studio', split: 0.5})")
+    assert {key: page.run(f"relight.state.{key}") for key in START} == START
+
+
+def test_the_page_opens_with_one_turn_that_a_touch_ends(page, html):
+    page.open(html, motion="no-preference")
+    page.run("(async () => { while (!relight.state.yaw) await new Promise(requestAnimationFrame); })()")
+    page.send("Input.dispatchKeyEvent", type="keyDown", key="0")
+    page.run("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    yaw = page.run("relight.state.yaw")
+    page.run("new Promise((done) => setTimeout(done, 100))")
+    assert page.run("relight.state.yaw") == yaw != 0
+
+
+def test_a_movie_is_one_turn_at_the_size_of_the_image(balls, tmp_path, maps, lights):
+    balls.run(f"relight.set({json.dumps(START | {'yaw': 15})})")
+    data = balls.run(
+        """(async () => { const movie = await relight.record(() => {}, 1.5);
+        const bytes = new Uint8Array(await movie.arrayBuffer());
+        return [movie.type, [...bytes]]; })()"""
+    )
+    path = tmp_path / ("turn.mp4" if "mp4" in data[0] else "turn.webm")
+    path.write_bytes(bytes(data[1]))
+    with av.open(str(path)) as movie:
+        frames = [frame.to_ndarray(format="rgb24") for frame in movie.decode(video=0)]
+    assert len(frames) > 1 and frames[0].shape == (96, 96, 3)  # a slow machine leaves frames out
+    turn = [
+        codes(maps.albedo * relit_shading(maps, turned(lights["Window"], 15 + yaw, 0))) for yaw in range(0, 360, 20)
+    ]
+    nearest = [np.argmin([np.abs(frame - picture)[maps.mask].mean() for picture in turn]) for frame in frames]
+    onward = [step or len(turn) for step in np.trim_zeros(nearest, "f")]  # the last may be nearest to a whole turn
+    assert nearest[0] == 0 and onward and onward == sorted(onward), "the light goes around"
+    assert balls.run("relight.state.yaw") == pytest.approx(15)
+
+
+def test_a_wrong_file_is_told_and_changes_nothing(balls):
+    balls.run("relight.openPanorama(new File(['no'], 'no.hdr'))")
+    assert "not a Radiance" in balls.run("document.getElementById('toast').innerText")
+    assert balls.run("relight.lights().length") == 3
+
+
+def test_keyboard_mouse_and_touch_turn_the_light(page, html):
+    page.open(html, 390, 844, 2, mobile=True)
+    page.run(f"relight.set({json.dumps(START)})")
+
+    def state(name):
+        return page.run(f"relight.state.{name}")
+
+    for key, name, value in [
+        ("ArrowRight", "yaw", 5),
+        ("ArrowUp", "tilt", 5),
+        ("]", "light", 1),
+        ("3", "view", "shading"),
+    ]:
+        page.send("Input.dispatchKeyEvent", type="keyDown", key=key)
+        page.send("Input.dispatchKeyEvent", type="keyUp", key=key)
+        assert state(name) == value
+    page.run(f"relight.set({json.dumps(START)})")
+    for kind, x in [("touchStart", 150), ("touchMove", 190), ("touchMove", 250)]:
+        page.send("Input.dispatchTouchEvent", type=kind, touchPoints=[{"x": x, "y": 200}])
+    page.send("Input.dispatchTouchEvent", type="touchEnd", touchPoints=[])
+    assert state("yaw") == pytest.approx(50) and state("tilt") == 0
+    page.open(html)
+    for kind, y in [("mousePressed", 300), ("mouseMoved", 260), ("mouseReleased", 260)]:
+        page.send("Input.dispatchMouseEvent", type=kind, x=200, y=y, button="left", buttons=1, clickCount=1)
+    assert state("tilt") == pytest.approx(20) and state("yaw") == 0
+
+
+def test_saved_png_is_the_picture_at_its_own_size(balls):
+    state = START | {"background": "clear", "yaw": 33}
+    expected = balls.pixels(**state)
+    saved = balls.run(
+        """new Promise((done) => {
+        URL.createObjectURL = (blob) => { blob.arrayBuffer().then((b) => done([...new Uint8Array(b)])); return "#"; };
+        HTMLAnchorElement.prototype.click = function () { window.saved = this.download; };
+        document.getElementById("save").click(); })"""
+    )
+    image = Image.open(io.BytesIO(bytes(saved)))
+    np.testing.assert_array_equal(np.asarray(image)[expected[..., 3] == 255], expected[expected[..., 3] == 255])
+    assert image.mode == "RGBA" and (np.asarray(image)[..., 3] == expected[..., 3]).all()
+    assert balls.run("window.saved") == "Six balls Window.png"
+
+
+def test_a_turn_of_360_degrees_returns_to_the_start(balls):
+    first = balls.pixels(**START | {"yaw": 12})
+    np.testing.assert_array_equal(balls.pixels(**START | {"yaw": 12 + 360}), first)
+
+
+def test_every_control_has_a_name_and_nothing_was_fetched(page, photo_html):
+    page.open(photo_html)
+    nodes = page.send("Accessibility.getFullAXTree")["nodes"]
+    roles = ("button", "slider", "radio", "combobox", "ColorWell", "image", "img")
+    named = [
+        (n["role"]["value"], n["name"]["value"]) for n in nodes if n["role"]["value"] in roles and not n["ignored"]
+    ]
+    assert len(named) > 18 and all(name.strip() for _, name in named)
+    requests = [e["params"]["request"]["url"] for e in page.events if e.get("method") == "Network.requestWillBeSent"]
+    assert all(url.startswith(("file:", "data:")) for url in requests)
+    assert not [e for e in page.events if e.get("method") == "Runtime.exceptionThrown"]
+
+
+def test_a_figure_has_its_maps_from_each_source(page, tmp_path, maps, lights):
+    """Two figures with two sources each: one entry a figure, and the source stays when the figure changes."""
+    dark = replace(maps, albedo=maps.albedo / 2)
+    figures = [
+        Figure(title, own, source=source)
+        for title in ("One", "Two")
+        for source, own in (("truth", maps), ("net", dark))
+    ]
+    build_gallery(tmp_path / "g.html", figures, lights)
+    page.open(tmp_path / "g.html")
+
+    def pick(name: str, text: str) -> None:
+        page.call(
+            """async (name, text) => {
+              const list = document.getElementById(name);
+              list.value = [...list.options].find((option) => option.text === text).value;
+              list.dispatchEvent(new Event("change"));
+              while (!document.getElementById("loading").hidden) await new Promise(requestAnimationFrame);
+            }""",
+            name,
+            text,
+        )
+
+    def chosen() -> list[str]:
+        texts = "['figure', 'source'].map((name) => document.getElementById(name).selectedOptions[0].text)"
+        return page.run(texts)
+
+    assert page.run("document.getElementById('figure').options.length") == 2 and chosen() == ["One", "truth"]
+    bright = codes(maps.albedo * relit_shading(maps, lights["Window"]))
+    assert farthest(page.pixels(**START), bright, maps.mask) <= 2
+    pick("source", "net")
+    assert chosen() == ["One", "net"]
+    half = codes(dark.albedo * relit_shading(maps, lights["Window"]))
+    assert farthest(page.pixels(**START), half, maps.mask) <= 2
+    pick("figure", "Two")
+    assert chosen() == ["Two", "net"]
+
+
+def test_gallery_offers_its_figures_and_forgets_the_photo(page, tmp_path, maps, lights, photograph):
+    small = replace(
+        maps,
+        **{k: getattr(maps, k)[8:88] for k in ("mask", "coverage", "albedo", "normal", "depth", "ao", "transport")},
+    )
+    figures = [Figure("One", maps, photograph[0] / 255, photograph[1]), Figure("Two", small)]
+    build_gallery(tmp_path / "g.html", figures, lights, title="All")
+    page.open(tmp_path / "g.html")
+    assert page.run("[...document.getElementById('figure').options].map((option) => option.text)") == ["One", "Two"]
+    assert page.run("relight.state.background") == "photo"
+    page.run("relight.choose(1)")
+    assert page.run("relight.state.background") == "studio"
+    expected = codes(small.albedo * relit_shading(small, lights["Window"]))
+    assert farthest(page.pixels(**START), expected, small.mask) <= 2

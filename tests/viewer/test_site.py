@@ -1,0 +1,207 @@
+"""A site of `relight web` in a real Chromium: a photo in, and the maps of Python out; then without the server."""
+
+import base64
+import io
+import time
+from dataclasses import asdict
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
+from threading import Thread
+
+import numpy as np
+import pytest
+import torch
+from PIL import Image
+from scipy.ndimage import gaussian_filter
+
+from relight.config import Model, composed
+from relight.files import UserError
+from relight.inference import read_onnx
+from relight.learning.export import export
+from relight.learning.networks import build
+from relight.photos.api import Relighter
+from relight.viewer import runtime
+from relight.viewer.figure import Figure
+from relight.viewer.site import build_site
+from relight.viewer.source import photo_figure
+
+SIDE = 128  # of the network
+
+
+class Static(SimpleHTTPRequestHandler):
+    """Any static server, which keeps account of what it was asked for."""
+
+    def log_message(self, *_):
+        self.server.asked.append(self.requestline)
+
+
+@pytest.fixture(scope="module")
+def exported(tmp_path_factory):
+    """The .onnx file of a small network with the parts of the one that ships; its maps lie where those of people do."""
+    torch.set_num_threads(1)
+    torch.manual_seed(0)
+    model = Model(**{**dict(composed().model), "name": "unet", "width": 0.125, "light_head": "pooled", "refine": True})
+    network = build(model, SIDE).eval()
+    with torch.no_grad():
+        network.last.bias.copy_(torch.tensor([0.8, 0.1, 0.3, 0.1, 0, 0, 0, 0, 0, 0.5, 0.4, 0.3]))
+        network.light.last.bias[:3] = 0.8
+    path = tmp_path_factory.mktemp("network") / "a.onnx"
+    export(network, path, {"model": asdict(model)})
+    return path
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory, exported, maps, lights):
+    if not runtime.package_file().is_file():
+        pytest.skip("onnxruntime-web is not set up")
+    folder = tmp_path_factory.mktemp("site") / "site"
+    with pytest.MonkeyPatch.context() as patch:  # the user's network for masks would find somebody, or not
+        patch.setattr("relight.photos.mask.selfie.network_file", lambda: folder / "none")
+        build_site(folder, exported, SIDE, [Figure("Balls", maps)], lights)
+    return folder
+
+
+@pytest.fixture
+def server(site):
+    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Static, directory=site))
+    server.asked = []
+    Thread(target=server.serve_forever, daemon=True).start()
+    yield server
+    server.shutdown()
+    server.server_close()
+
+
+def address(server):
+    return f"http://127.0.0.1:{server.server_port}/"
+
+
+def until(page, expression, seconds=120):
+    end = time.monotonic() + seconds
+    while not page.run(expression):
+        assert time.monotonic() < end, expression
+        time.sleep(0.1)
+
+
+def opened(page, data, name="me.png"):
+    """Gives a file to the page as its button does, and waits for the figure."""
+    text = base64.b64encode(data).decode()
+    page.call(
+        """(text, name) => { const files = new DataTransfer();
+        files.items.add(new File([Uint8Array.from(atob(text), (c) => c.charCodeAt(0))], name, { type: "image/png" }));
+        const input = document.getElementById("photo-file"); input.files = files.files;
+        input.dispatchEvent(new Event("change")); }""",
+        text, name,
+    )  # fmt: skip
+
+
+def png(pixels):
+    file = io.BytesIO()
+    Image.fromarray(pixels).save(file, "PNG")
+    return file.getvalue()
+
+
+def photograph():
+    generator = np.random.default_rng(4)
+    pixels = (gaussian_filter(generator.random((150, 110, 3)), (2, 2, 0)) * 500 - 110).clip(0, 255).astype(np.uint8)
+    y, x = np.mgrid[:150, :110]
+    alpha = np.clip((1 - np.hypot((x - 55) / 38, (y - 75) / 68)) * 1500, 0, 255)
+    return pixels, np.rint(alpha).astype(np.uint8)
+
+
+VIEWS = ("albedo", "shading", "ao", "relit")
+
+
+def test_a_photo_becomes_the_maps_of_python_and_nothing_is_sent(page, server, exported, lights, tmp_path):
+    from relight.viewer.build import build_viewer
+
+    pixels, alpha = photograph()
+    page.open(address(server))
+    page.run("relight.engine()")
+    before = list(server.asked)
+    assert {line.split()[1] for line in before} >= {"/", "/sw.js", "/network.onnx"}
+    opened(page, png(np.dstack([pixels, alpha])))
+    until(page, "relight.figure().title === 'me'")
+    state = {"light": 0, "yaw": 40, "tilt": 0, "stops": 0, "background": "photo", "mode": "full", "before": "none"}
+    found = {view: page.pixels(**state, view=view) for view in VIEWS}
+    for url in (f"{address(server)}index.html?photo", "http://127.0.0.1:9/", "data:,x"):
+        assert page.call("(url) => fetch(url).then(() => 'sent', () => 'refused')", url) == "refused"
+    assert page.run(
+        "new Promise((done) => { const image = new Image(); image.onload = () => done('sent'); "
+        "image.onerror = () => done('refused'); image.src = 'index.html?photo'; })"
+    ) == "refused"  # fmt: skip
+    assert server.asked == before
+
+    figure = photo_figure(Relighter(read_onnx(exported)), pixels, alpha, "me")
+    build_viewer(tmp_path / "me.html", figure.maps, lights, figure.photo, figure.photo_light)
+    page.open(tmp_path / "me.html")
+    for view, mine in found.items():
+        assert np.abs(mine.astype(int) - page.pixels(**state, view=view)).max() <= 2, view
+
+
+def test_the_site_works_without_its_server(page, server):
+    page.open(address(server))
+    page.run("relight.engine()")
+    until(
+        page,
+        """caches.keys().then(async (names) => { for (const name of names) {
+        if ((await (await caches.open(name)).keys()).length >= 4) return true; } })""",
+    )
+    server.shutdown()
+    server.server_close()
+    page.open(address(server))
+    page.run("relight.engine()")
+    pixels, alpha = photograph()
+    opened(page, png(np.dstack([pixels, alpha])), "offline.png")
+    until(page, "relight.figure().title === 'offline'")
+
+
+def test_a_mask_is_painted_where_there_is_none(page, server):
+    pixels, _ = photograph()
+    page.open(address(server), 900, 700)
+    opened(page, png(pixels))
+    until(page, "!document.getElementById('brush').hidden")
+    left, top, width, height = page.run(
+        "(() => { const { x, y, width, height } = document.getElementById('brush').getBoundingClientRect(); "
+        "return [x, y, width, height]; })()"
+    )
+
+    def stroke(*points):
+        for i, (x, y) in enumerate(points):
+            kind = "mousePressed" if i == 0 else "mouseMoved"
+            page.send("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
+        page.send("Input.dispatchMouseEvent", type="mouseReleased", x=x, y=y, button="left", clickCount=1)
+
+    middle = left + width / 2
+    stroke((middle, top + 0.2 * height), (middle, top + 0.6 * height))
+    stroke((middle, top + 0.5 * height), (middle + 60, top + 0.5 * height))
+    page.run("document.getElementById('brush-undo').click()")
+    page.run("document.querySelector('[name=brush][value=background]').click()")
+    stroke((middle - 60, top + 0.25 * height), (middle + 60, top + 0.25 * height))
+    page.run("document.getElementById('brush-done').click()")
+    until(page, "relight.figure().title === 'me'")
+    painted = page.pixels(view="albedo", background="clear")[..., 3]
+    rows = np.flatnonzero(painted.any(1))
+    scale = height / 150 if width / 110 > height / 150 else width / 110
+    assert len(rows) > 20 and (painted > 0).sum() > 300
+    assert painted.max(0).nonzero()[0].size <= 48 / scale + 2  # the stroke to the side was undone
+    gap = painted[rows[0] : rows[-1]].max(1)
+    assert (gap == 0).any()  # where the background was painted across
+    assert page.run("document.getElementById('brush').hidden && !document.getElementById('edit-mask').hidden")
+
+
+def test_what_is_no_picture_is_told(page, server):
+    page.open(address(server))
+    opened(page, b"no picture")
+    until(page, "document.getElementById('toast').innerText.includes('no picture that this browser reads')")
+    assert page.run("relight.figure().title") == "Balls"
+
+
+def test_other_folders_are_left_alone(tmp_path, maps, lights):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "letter.txt").write_text("dear")
+    (tmp_path / "file").write_text("")
+    for name, message in {"mine": "holds other files", "file": "is a file"}.items():
+        with pytest.raises(UserError, match=message):
+            build_site(tmp_path / name, Path("none.onnx"), SIDE, [Figure("Balls", maps)], lights)
+    assert (tmp_path / "mine" / "letter.txt").read_text() == "dear"
