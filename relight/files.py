@@ -21,6 +21,13 @@ class UserError(Exception):
     """An error that a user can cause and correct: one sentence that names what is wrong and what would be right."""
 
 
+def data_folder() -> Path:
+    """Returns the folder of what set-up commands keep: the variable RELIGHT_DATA, else the user's data folder."""
+    from platformdirs import user_data_path
+
+    return Path(os.environ.get("RELIGHT_DATA") or user_data_path("relight"))
+
+
 @contextmanager
 def _file_system_errors(path: Path) -> Iterator[None]:
     """Converts errors of the file system while `path` is written to UserError."""

@@ -8,7 +8,9 @@ from typer.core import TyperGroup
 
 LIGHT = Annotated[
     str,
-    typer.Argument(help="A panorama (.hdr, .exr), coefficients (.npy, .json), probe:grace, room:7, key:#ffeedd@45,30."),
+    typer.Argument(
+        help="A panorama (.hdr, .exr), coefficients (.npy, .json), hall, probe:grace, room:7, key:#ffeedd@45,30."
+    ),
 ]
 ORDER = Annotated[int, typer.Option(min=0, max=6, help="Order of the spherical harmonics; 2 gives nine coefficients.")]
 LAYOUT = Annotated[
@@ -107,3 +109,17 @@ def show(
     else:
         loaded = load_light(light, order, layout, yaw, flip, exposure, convention, repair, upside_down)
         write_light_picture(loaded, out)
+
+
+@app.command()
+def setup(
+    package: Annotated[
+        Path | None, typer.Option("--from", help="The .tgz that `npm pack` writes, instead of the registry.")
+    ] = None,
+) -> None:
+    """Fetch 18 real panoramas by Poly Haven, once: 2.8 MB of the npm package @pmndrs/assets (CC0)."""
+    from relight.panoramas import polyhaven
+
+    if package is None:
+        print(f"downloading {polyhaven.PACKAGE.file_name} (14 MB), of which 2.8 MB are kept", flush=True)
+    print(f"{polyhaven.setup(package)}: from now on these are names of lights: {', '.join(polyhaven.NAMES)}")
