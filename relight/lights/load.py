@@ -10,7 +10,7 @@ import numpy as np
 from relight import extensions
 from relight.files import UserError, existing_file
 from relight.lights.chain import GENERATORS
-from relight.lights.light import Light
+from relight.lights.light import Light, direction
 from relight.lights.statistics import is_lit_from_below, measure
 from relight.lights.table import read_light_set
 from relight.npz import read_npy
@@ -182,15 +182,10 @@ def key_light(colour: str, azimuth: float, elevation: float, fill: float, order:
     Raises:
         UserError: if a number is out of range.
     """
-    if not -90 <= elevation <= 90:
-        raise UserError(f"key:#{colour}: elevation {elevation:g} must be in -90 (from below) to 90 (from above)")
-    if not -360 <= azimuth <= 360:
-        raise UserError(f"key:#{colour}: azimuth {azimuth:g} must be in -360 to 360 degrees")
+    toward = direction(azimuth, elevation, f"key:#{colour}")
     if not (np.isfinite(fill) and fill >= 0):
         raise UserError(f"key:#{colour}: fill {fill:g} must be at least 0")
     linear = decode(np.array([int(colour[i : i + 2], 16) for i in (0, 2, 4)]) / 255)
-    a, e = np.radians(azimuth), np.radians(elevation)
-    toward = np.array([np.sin(a) * np.cos(e), np.sin(e), np.cos(a) * np.cos(e)])
     coefficients = basis(toward, order)[:, None] * linear
     coefficients[0] += fill * linear * np.sqrt(4 * np.pi) / np.pi  # a constant light of irradiance fill * colour
     return coefficients

@@ -17,6 +17,7 @@ from relight.photos.background import Background, read_background
 from relight.photos.coverage import coverage_of
 from relight.photos.infer import Person, balanced, infer_person, mean_exposure_factor, mean_light
 from relight.photos.mask import find_mask, split_people
+from relight.photos.place import PREFIX, default_light, load_any_light
 from relight.photos.read import Photo, as_codes, is_picture, mask_beside, mask_from_image, photo_from_image, read_photo
 from relight.photos.render import render
 from relight.photos.trust import Trust, assess
@@ -130,7 +131,8 @@ class Relighter:
         """Reads a light as a user names it (docs/photos.md).
 
         Args:
-            text: a panorama, a file of coefficients, "room:12", "key:#ffeedd@45,30", or another photo.
+            text: a panorama, a file of coefficients, "room:12", "key:#ffeedd@45,30", "place:street.jpg", or a
+                photo of somebody.
             mask: of that photo.
             mask_model: for its automatic mask.
             white_balance: of that photo, as in `infer`.
@@ -142,21 +144,19 @@ class Relighter:
         Raises:
             UserError: if it is no light.
         """
-        if is_picture(text):
+        if is_picture(text) and not text.startswith(PREFIX):
             photo = read_photo(text)
             coverage = find_mask(photo, mask or mask_beside(text), mask_model)
             people = self.infer(photo, coverage, white_balance=white_balance)
             return Light(mean_light(people), text)
-        from relight.lights import load_light
-
-        light = load_light(text, order=self.order, **options)
+        light = load_any_light(text, self.order, **options)
         return replace(light, coefficients=light.coefficients.astype(np.float32))
 
     def relight(
         self,
         image: Picture,
         mask: Picture | None = None,
-        light: np.ndarray | str = "room:7",
+        light: np.ndarray | str | None = None,
         mode: str = "ratio",
         background: Background | str = "keep",
         turn: float = 0.0,
@@ -169,7 +169,8 @@ class Relighter:
         Args:
             image: as in `infer`.
             mask: as in `infer`.
-            light: (K,3) radiance coefficients (docs/conventions.md), or a text as in `read_light`.
+            light: (K,3) radiance coefficients (docs/conventions.md), or a text as in `read_light`; by default that of
+                the place in the background, if this is a picture file, else room:7.
             mode: `ratio` keeps all detail of the photo, `full` is albedo * shading.
             background: "keep", "transparent", "panorama", a colour or a picture file; or a `Background`.
             turn: of the light about the vertical axis, its front toward +x, degrees.
@@ -187,6 +188,8 @@ class Relighter:
             raise UserError(f"mode {mode!r} is neither ratio nor full")
         photo, coverage = _read_inputs(image, mask)
         people = self.infer(photo, coverage, white_balance=white_balance)
+        if light is None:
+            light = default_light(background if isinstance(background, str) else "")
         background = read_background(background) if isinstance(background, str) else background
         if not isinstance(light, np.ndarray):
             light = self.read_light(str(light), white_balance=white_balance).coefficients

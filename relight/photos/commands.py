@@ -10,6 +10,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from relight.lights.commands import OUT, TO, report
+from relight.lights.commands import app as light_app
+
 if TYPE_CHECKING:
     from relight.photos.photo import Options
 
@@ -19,7 +22,11 @@ mask_app = typer.Typer(help="Automatic masks: set them up once, or write one to 
 LightText = Annotated[
     str,
     typer.Option(
-        "--light", "-l", help="Panorama, light file, room:N, sky:N, lamps:N, key:#RRGGBB@AZIMUTH,ELEVATION or a photo."
+        "--light",
+        "-l",
+        help="Panorama, light file, hall, room:N, sky:N, lamps:N, key:#RRGGBB@AZIMUTH,ELEVATION, place:PICTURE or a "
+        "photo of somebody; by default the place in --background, if it is a picture, else room:7.",
+        show_default=False,
     ),
 ]
 MaskPath = Annotated[
@@ -65,11 +72,10 @@ Weights = Annotated[
     ),
 ]
 Size = Annotated[int, typer.Option(min=16, max=4096, help="Largest length of the longer side, pixels.")]
-DEFAULT = "room:7"
 
 
 def relighting_options(
-    light: LightText = DEFAULT,
+    light: LightText = "",
     mode: Mode = "ratio",
     white_balance: WhiteBalance = "keep",
     background: BackgroundText = "keep",
@@ -172,7 +178,7 @@ def photo(
             raise
         mask_setup()
         record = relight_file(relighter, path, out, options, mask)
-    print(f"{out}/{record['picture']}: {path.name} in the light of {options.light}")
+    print(f"{out}/{record['picture']}: {path.name} in the light of {record['light']['name']}")
     _print_notes(record)
 
 
@@ -254,6 +260,20 @@ def export(
     network, config = load_network(checkpoint)
     difference = write(network, out, config)
     print(f"{out}: differs from torch by {difference:.1e} at most")
+
+
+@light_app.command("place")
+def light_place(
+    picture: Annotated[
+        str, typer.Argument(help="A photo of a place, also with the light's direction: street.jpg@AZIMUTH,ELEVATION.")
+    ],
+    out: OUT = None,
+    to: TO = "relight",
+) -> None:
+    """Estimate the light of a place from an ordinary photograph of it, without a person."""
+    from relight.photos.place import read_place
+
+    report(read_place(picture), to, out or [])
 
 
 @mask_app.command("setup")

@@ -13,6 +13,7 @@ from relight.photos.background import Background, read_background
 from relight.photos.color import DISPLAY_STOPS, KNEE
 from relight.photos.infer import Person, mean_light
 from relight.photos.mask import AUTOMATIC, find_mask, mask_warnings
+from relight.photos.place import default_light
 from relight.photos.read import Photo, mask_beside, read_photo
 from relight.photos.render import render
 from relight.photos.write import write_inference, write_json, write_light_files, write_maps, write_picture
@@ -26,7 +27,7 @@ class Options:
     """The options of `relight photo`, `movie` and `transfer` that shape a picture.
 
     Attributes:
-        light: as `Relighter.read_light` takes it.
+        light: as `Relighter.read_light` takes it; "" for `default_light` of the background.
         mode: ratio | full.
         white_balance: keep | scene, as `Relighter.infer` takes it.
         background: as `read_background` takes it.
@@ -77,7 +78,8 @@ class Options:
         }  # fmt: skip
         if self.convention:
             options["convention"] = self.convention
-        return relighter.read_light(self.light, self.light_mask, self.mask_model, self.white_balance, **options)
+        light = self.light or default_light(self.background)
+        return relighter.read_light(light, self.light_mask, self.mask_model, self.white_balance, **options)
 
     def read_background(self, light: Light) -> Background:
         """Reads the background."""
