@@ -141,7 +141,7 @@ def test_bad_input_is_one_line_and_overwrites_nothing(run, photo_files, weights,
             run("photo", *words)
         assert "\n" not in str(error.value)
         count += 1
-    assert count == 22
+    assert count == 23
     assert [p.name for p in out.iterdir()] == ["relit.png"] and (out / "relit.png").read_bytes() == b"precious"
 
 
