@@ -15,10 +15,18 @@ from pathlib import Path
 FILE_SYSTEM_ERRORS = frozenset(
     {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOTDIR, errno.EIO}
 )
+PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".avif", ".heic", ".heif")
 
 
 class UserError(Exception):
     """An error that a user can cause and correct: one sentence that names what is wrong and what would be right."""
+
+
+def data_folder() -> Path:
+    """Returns the folder of what set-up commands keep: the variable RELIGHT_DATA, else the user's data folder."""
+    from platformdirs import user_data_path
+
+    return Path(os.environ.get("RELIGHT_DATA") or user_data_path("relight"))
 
 
 @contextmanager

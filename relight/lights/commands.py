@@ -1,14 +1,21 @@
 """`relight light`: prints, writes and draws the coefficients and statistics of a light."""
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
+from relight.files import PHOTO_SUFFIXES
+
+if TYPE_CHECKING:
+    from relight.lights.light import Light
+
 LIGHT = Annotated[
     str,
-    typer.Argument(help="A panorama (.hdr, .exr), coefficients (.npy, .json), probe:grace, room:7, key:#ffeedd@45,30."),
+    typer.Argument(
+        help="A panorama (.hdr, .exr), coefficients (.npy, .json), hall, probe:grace, room:7, key:#ffeedd@45,30."
+    ),
 ]
 ORDER = Annotated[int, typer.Option(min=0, max=6, help="Order of the spherical harmonics; 2 gives nine coefficients.")]
 LAYOUT = Annotated[
@@ -29,15 +36,20 @@ CONVENTION = Annotated[
     str | None,
     typer.Option("--from", help="Convention of a file of coefficients, such as kanamori2018, dpr, ramamoorthi2001."),
 ]
+OUT = Annotated[
+    list[Path] | None, typer.Option("--out", "-o", help="Also write a .json or .npy file; may be repeated.")
+]
+TO = Annotated[str, typer.Option(help="Convention to print and write in.")]
 
 
 class LightGroup(TyperGroup):
-    """Makes `relight light my.hdr` short for `relight light numbers my.hdr`."""
+    """Makes `relight light my.hdr` short for `relight light numbers my.hdr`, and so on for photos and `place`."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # ctx is click's, which Typer bundles privately
-        """Inserts the command `numbers` where no command is given."""
+        """Inserts the command where none is given."""
         if args and args[0] not in self.commands and args[0] not in ("--help", "-h"):
-            args = ["numbers", *args]
+            is_photo = Path(args[0].partition("@")[0]).suffix.lower() in PHOTO_SUFFIXES
+            args = ["place" if is_photo else "numbers", *args]
         return super().parse_args(ctx, args)
 
 
@@ -47,10 +59,8 @@ app = typer.Typer(cls=LightGroup, no_args_is_help=True, help="Turn panoramas int
 @app.command()
 def numbers(
     light: LIGHT,
-    out: Annotated[
-        list[Path] | None, typer.Option("--out", "-o", help="Also write a .json or .npy file; may be repeated.")
-    ] = None,
-    to: Annotated[str, typer.Option(help="Convention to print and write in.")] = "relight",
+    out: OUT = None,
+    to: TO = "relight",
     order: ORDER = 2,
     layout: LAYOUT = "auto",
     yaw: YAW = 0.0,
@@ -61,15 +71,26 @@ def numbers(
     repair: REPAIR = False,
 ) -> None:
     """Print the spherical harmonics of a light and its statistics."""
+    from relight.lights.load import load_light
+
+    report(load_light(light, order, layout, yaw, flip, exposure, convention, repair, upside_down), to, out or [])
+
+
+def report(loaded: "Light", to: str, out: list[Path]) -> None:
+    """Prints a light and its statistics, and writes it.
+
+    Args:
+        loaded: the light.
+        to: convention of the numbers.
+        out: .json and .npy files to write.
+    """
     from rich.console import Console
     from rich.table import Table
 
     from relight.lights.light import write_light
-    from relight.lights.load import load_light
     from relight.lights.show import format_statistics
     from relight.sh import bands, from_relight
 
-    loaded = load_light(light, order, layout, yaw, flip, exposure, convention, repair, upside_down)
     table = Table("l, m", "R", "G", "B", title=f"{loaded.source}, convention {to}", title_justify="left")
     for k, (l, row) in enumerate(zip(bands(loaded.order), from_relight(loaded.coefficients, to))):
         name = str(k) if to == "kanamori2018" else f"{l}, {k - l * l - l}"
@@ -80,7 +101,7 @@ def numbers(
         console.print(f"  {name:32s} {value}")
     for note in loaded.notes:
         typer.echo(note, err=True)
-    for path in out or []:
+    for path in out:
         console.print(f"written: {write_light(loaded, path, to)}", soft_wrap=True)
 
 
@@ -107,3 +128,17 @@ def show(
     else:
         loaded = load_light(light, order, layout, yaw, flip, exposure, convention, repair, upside_down)
         write_light_picture(loaded, out)
+
+
+@app.command()
+def setup(
+    package: Annotated[
+        Path | None, typer.Option("--from", help="The .tgz that `npm pack` writes, instead of the registry.")
+    ] = None,
+) -> None:
+    """Fetch 18 real panoramas by Poly Haven, once: 2.8 MB of the npm package @pmndrs/assets (CC0)."""
+    from relight.panoramas import polyhaven
+
+    if package is None:
+        print(f"downloading {polyhaven.PACKAGE.file_name} (14 MB), of which 2.8 MB are kept", flush=True)
+    print(f"{polyhaven.setup(package)}: from now on these are names of lights: {', '.join(polyhaven.NAMES)}")

@@ -82,6 +82,25 @@ class Light:
         return replace(self, notes=[*self.notes, note])
 
 
+def direction(azimuth: float, elevation: float, name: str) -> np.ndarray:
+    """Returns the unit vector (3,) toward a lamp.
+
+    Args:
+        azimuth: degrees from the camera toward +x.
+        elevation: degrees above the horizon.
+        name: of the light in errors.
+
+    Raises:
+        UserError: if an angle is out of range.
+    """
+    if not -90 <= elevation <= 90:
+        raise UserError(f"{name}: elevation {elevation:g} must be in -90 (from below) to 90 (from above)")
+    if not -360 <= azimuth <= 360:
+        raise UserError(f"{name}: azimuth {azimuth:g} must be in -360 to 360 degrees")
+    a, e = np.radians(azimuth), np.radians(elevation)
+    return np.array([np.sin(a) * np.cos(e), np.sin(e), np.cos(a) * np.cos(e)])
+
+
 def write_light(light: Light, path: Path, convention: str = "relight") -> Path:
     """Writes a light, whole or not at all.
 

@@ -10,11 +10,11 @@ import numpy as np
 from relight import extensions
 from relight.files import UserError, existing_file
 from relight.lights.chain import GENERATORS
-from relight.lights.light import Light
+from relight.lights.light import Light, direction
 from relight.lights.statistics import is_lit_from_below, measure
 from relight.lights.table import read_light_set
 from relight.npz import read_npy
-from relight.panoramas import Panorama, orient, project, read_panorama
+from relight.panoramas import Panorama, orient, polyhaven, project, read_panorama
 from relight.sh import CONVENTIONS, basis, to_relight
 from relight.sh.conventions import as_table
 from relight.srgb import decode
@@ -58,6 +58,7 @@ def load_light(
     """Loads the light that `text` names. Its brightness is not normalised.
 
     kitchen.hdr, .exr, .pfm         a panorama
+    hall, park, sunset ...          a panorama of Poly Haven, after `relight light setup` (relight.panoramas.polyhaven)
     probe.npy, .txt, .csv, .json    coefficients
     lights.npz:12                   row 12 of a light set
     room:7, sky:3, lamps:5, room:7:40  a generated panorama, the last one rotated by 40 degrees
@@ -115,12 +116,25 @@ def load_light(
     elif Path(text).suffix.lower() == ".npz":
         raise UserError(f"{text} is a set of lights: name one of them, such as {text}:0")
     else:
-        panorama = read_panorama(text, layout, yaw, flip, exposure, repair, upside_down)
+        panorama = read_panorama(find_panorama(text), layout, yaw, flip, exposure, repair, upside_down)
         coefficients = project(panorama, order)
         light = Light(coefficients, text, panorama, panorama.repairs + notes_below(text, coefficients, upside_down))
     if light.panorama is None:
         light = replace(light, coefficients=orient(light.coefficients, yaw, flip) * exposure)
     return light.checked().at_order(order)
+
+
+def find_panorama(text: str) -> str | Path:
+    """Returns the file of a panorama that `text` names: a file of the user's, else one of those by Poly Haven.
+
+    Raises:
+        UserError: if `text` is a word that names neither, or the panorama is not set up.
+    """
+    if not text.isidentifier() or Path(text).is_file():
+        return text
+    if text not in polyhaven.NAMES:
+        raise UserError(f"{text} is neither a file nor a panorama's name; those are {', '.join(polyhaven.NAMES)}")
+    return polyhaven.panorama_file(text)
 
 
 def notes_below(text: str, coefficients: np.ndarray, upside_down: bool) -> list[str]:
@@ -168,15 +182,10 @@ def key_light(colour: str, azimuth: float, elevation: float, fill: float, order:
     Raises:
         UserError: if a number is out of range.
     """
-    if not -90 <= elevation <= 90:
-        raise UserError(f"key:#{colour}: elevation {elevation:g} must be in -90 (from below) to 90 (from above)")
-    if not -360 <= azimuth <= 360:
-        raise UserError(f"key:#{colour}: azimuth {azimuth:g} must be in -360 to 360 degrees")
+    toward = direction(azimuth, elevation, f"key:#{colour}")
     if not (np.isfinite(fill) and fill >= 0):
         raise UserError(f"key:#{colour}: fill {fill:g} must be at least 0")
     linear = decode(np.array([int(colour[i : i + 2], 16) for i in (0, 2, 4)]) / 255)
-    a, e = np.radians(azimuth), np.radians(elevation)
-    toward = np.array([np.sin(a) * np.cos(e), np.sin(e), np.cos(a) * np.cos(e)])
     coefficients = basis(toward, order)[:, None] * linear
     coefficients[0] += fill * linear * np.sqrt(4 * np.pi) / np.pi  # a constant light of irradiance fill * colour
     return coefficients

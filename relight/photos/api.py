@@ -26,6 +26,7 @@ from relight.photos.infer import (
 )
 from relight.photos.load import LoadedPhoto, Picture, load_photo
 from relight.photos.mask.find import split_people
+from relight.photos.place import PREFIX, default_light, load_any_light
 from relight.photos.read import Photo, as_codes, is_picture
 from relight.photos.trust import Trust, assess
 from relight.sh import deringed, rotate_y
@@ -143,7 +144,8 @@ class Relighter:
         """Reads a light as a user names it (docs/photos.md).
 
         Args:
-            text: a panorama, a file of coefficients, "room:12", "key:#ffeedd@45,30", or another photo.
+            text: a panorama, a file of coefficients, "room:12", "key:#ffeedd@45,30", "place:street.jpg", or a
+                photo of somebody.
             mask: of that photo.
             mask_model: for its automatic mask.
             white_balance: of that photo, as in `infer`.
@@ -155,12 +157,10 @@ class Relighter:
         Raises:
             UserError: if it is no light.
         """
-        if is_picture(text):
+        if is_picture(text) and not text.startswith(PREFIX):
             people = self.infer(load_photo(text, mask, mask_model), white_balance=white_balance)
             return Light(mean_light(people), text)
-        from relight.lights import load_light
-
-        light = load_light(text, order=self.order, **options)
+        light = load_any_light(text, self.order, **options)
         return replace(light, coefficients=deringed(light.coefficients).astype(np.float32))
 
     def relight(
@@ -180,8 +180,9 @@ class Relighter:
         Args:
             image: as in `infer`.
             mask: as in `infer`.
-            light: (K,3) radiance coefficients (docs/conventions.md), a text as in `read_light`, or `auto`: a warm lamp
-                from the darker side (`opposite_lamp`).
+            light: (K,3) radiance coefficients (docs/conventions.md), a text as in `read_light`, or `auto`: the light of
+                the place in the background if this is a picture file, else a warm lamp from the darker side
+                (`opposite_lamp`).
             mode: `ratio` keeps all detail of the photo, `full` is albedo * shading.
             background: "keep", "transparent", "panorama", a color or a picture file; or a `Background`.
             turn: of the light about the vertical axis, its front toward +x, degrees.
@@ -199,6 +200,8 @@ class Relighter:
             raise UserError(f"mode {mode!r} is neither ratio nor full")
         photo = load_photo(image, mask)
         people = self.infer(photo, white_balance=white_balance)
+        if isinstance(light, str) and light == AUTO and isinstance(background, str):
+            light = default_light(background)
         background = read_background(background) if isinstance(background, str) else background
         if not isinstance(light, np.ndarray):
             name = opposite_lamp(people) if light == AUTO else str(light)

@@ -10,6 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from relight.lights.commands import OUT, TO, report
+from relight.lights.commands import app as light_app
+
 if TYPE_CHECKING:
     from relight.photos.photo import Options
 
@@ -20,14 +23,17 @@ LIGHTS = """
 
 \b
 Lights, for --light:
-  auto                    a warm lamp from the darker side of the person
+  auto                    that of the picture in --background, or else a warm
+                          lamp from the darker side of the person
   key:#ffd9a0@70,20,0.15  a lamp: color, degrees to the right and up, fill;
                           left and below are negative; quote it in a shell
+  hall  park  ...         a real panorama, after `relight light setup`
+  place:street.jpg        the light of a place; @-60,40 says where it is from
   room:7  sky:3  lamps:5  generated surroundings, each number another one;
                           room:7:40 is turned by 40 degrees
   kitchen.hdr  .exr .pfm  a panorama
   light.json  .npy .csv   coefficients
-  other.jpg               the light of another photo
+  other.jpg               the light of another photo of somebody
 
 \b
 Examples:
@@ -36,6 +42,7 @@ Examples:
 All about it: docs/photos.md."""
 PHOTO_EXAMPLES = """relight photo me.jpg
   relight photo me.jpg --light "key:#b8ccff@-70,30,0.1" --out cold
+  relight photo me.jpg --background street.jpg
   relight photo me.jpg -l room:12 --background panorama --blur 3
   relight photo holiday/ --light sky:3 --jobs 2"""
 MOVIE_EXAMPLES = """relight movie me.jpg --out turn.mp4
@@ -336,6 +343,20 @@ def export(
     network, config = load_network(checkpoint)
     difference = write(network, out, config)
     print(f"{out}: differs from torch by {difference:.1e} at most")
+
+
+@light_app.command("place")
+def light_place(
+    picture: Annotated[
+        str, typer.Argument(help="A photo of a place, also with the light's direction: street.jpg@AZIMUTH,ELEVATION.")
+    ],
+    out: OUT = None,
+    to: TO = "relight",
+) -> None:
+    """Estimate the light of a place from an ordinary photograph of it, without a person."""
+    from relight.photos.place import read_place
+
+    report(read_place(picture), to, out or [])
 
 
 @mask_app.command("setup")

@@ -15,6 +15,7 @@ from relight import __version__
 from relight.files import UserError, writable_folder
 from relight.photos.mask.find import automatic_model
 from relight.photos.photo import Options, relight_file
+from relight.photos.place import split_place
 from relight.photos.read import list_photos, mask_beside, mask_in
 from relight.photos.write import write_json
 from relight.processes import has_semaphores
@@ -164,7 +165,7 @@ def _relight_one(options: Options, photo: Path, out: Path, mask: Path | None, fi
 def _fingerprint(options: Options, photo: Path, mask: Path | None, network: str) -> str:
     """Returns a hash of all that the results depend on: of the network its hash, of files their sizes and times."""
     model = automatic_model(options.mask_model)
-    files = [photo, mask, options.light, options.background, options.light_mask, model]
+    files = [photo, mask, split_place(options.light)[0], options.background, options.light_mask, model]
     stamps = []
     for path in files:
         stat = Path(path).stat() if path and Path(path).is_file() else None

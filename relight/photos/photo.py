@@ -14,6 +14,7 @@ from relight.photos.compose.render import render
 from relight.photos.infer import AUTO, Person, mean_light, opposite_lamp
 from relight.photos.load import LoadedPhoto, load_photo
 from relight.photos.mask.find import AUTOMATIC, mask_warnings
+from relight.photos.place import default_light
 from relight.photos.write import (
     write_before_after,
     write_inference,
@@ -33,7 +34,7 @@ class Options:
     """The options of `relight photo`, `movie` and `transfer` that shape a picture.
 
     Attributes:
-        light: as `Relighter.read_light` takes it, or `auto`.
+        light: as `Relighter.read_light` takes it, or `auto`, as `Relighter.relight` takes it.
         mode: ratio | full.
         white_balance: keep | scene, as `Relighter.infer` takes it.
         background: as `read_background` takes it.
@@ -78,15 +79,16 @@ class Options:
         require_white_balance(self.white_balance)
 
     def named_light(self, relighter: Relighter) -> Light | None:
-        """Reads the light; None for `auto`, which depends on the photo."""
-        if self.light == AUTO:
+        """Reads the light; None for a lamp that depends on the photo."""
+        light = default_light(self.background) if self.light == AUTO else self.light
+        if light == AUTO:
             return None
         options: LightOptions = {
             "layout": self.layout, "yaw": self.yaw, "flip": self.flip, "upside_down": self.upside_down
         }  # fmt: skip
         if self.convention:
             options["convention"] = self.convention
-        return relighter.read_light(self.light, self.light_mask, self.mask_model, self.white_balance, **options)
+        return relighter.read_light(light, self.light_mask, self.mask_model, self.white_balance, **options)
 
     def read_background(self, light: Light | None) -> Background:
         """Reads the background."""

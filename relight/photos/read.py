@@ -8,14 +8,13 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageOps
 
-from relight.files import UserError, existing_file, require_readable
+from relight.files import PHOTO_SUFFIXES, UserError, existing_file, require_readable
 from relight.photos.compose.color import to_srgb8
 from relight.photos.deep import is_exr, read_16_bits, read_linear
 from relight.photos.mask.coverage import coverage_of
 from relight.photos.opening import bits_of, decoding_errors, open_picture, require_still
 from relight.photos.profile import to_srgb
 
-SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".avif", ".heic", ".heif")
 NUMBER = re.compile(r"(\d+)")
 
 
@@ -174,7 +173,7 @@ def mask_in(masks: Path | str, name: str) -> Path | None:
 
 def is_picture(path: Path | str) -> bool:
     """Returns whether a name is that of a picture, and not of a light or a panorama, as .exr is where it may be one."""
-    return Path(path).suffix.lower() in SUFFIXES
+    return Path(path).suffix.lower() in PHOTO_SUFFIXES
 
 
 def list_pictures(folder: Path | str) -> list[Path]:

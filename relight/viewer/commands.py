@@ -117,8 +117,8 @@ def web_setup(
     ] = None,
 ) -> None:
     """Fetch onnxruntime-web, which runs networks in browsers, once: 33 MB from the npm registry (MIT licence)."""
-    from relight.viewer.runtime import NAME, setup
+    from relight.viewer.runtime import PACKAGE, setup
 
     if package is None:
-        print(f"downloading {NAME} (33 MB)", flush=True)
+        print(f"downloading {PACKAGE.file_name} (33 MB)", flush=True)
     print(f"{setup(package)}: `relight web DIR` writes sites from now on")

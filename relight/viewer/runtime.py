@@ -1,40 +1,29 @@
 """The package onnxruntime-web, by which a site of `relight web` runs networks in a browser.
 
-It belongs to Microsoft and comes under the MIT licence from the npm registry. `setup` takes it from there once, pinned
-by version and hash; neither npm nor node is needed.
+It belongs to Microsoft and comes under the MIT licence from the npm registry, from which `setup` takes it once.
 """
 
-import base64
-import hashlib
-import os
-import shutil
 import tarfile
-import urllib.error
-import urllib.request
 from pathlib import Path
 
-from platformdirs import user_data_path
+from relight.files import UserError, atomic_write, data_folder
+from relight.npm import Package, fetch
 
-from relight.files import UserError, atomic_write, existing_file
-
-PACKAGE, VERSION = "onnxruntime-web", "1.30.0"
-INTEGRITY = "q0y+JrrtukXSzsBWEMccVfqX25LRmosXHF+CaRJmg8pZClzcV7svNc4rKY3jL02Vb7QmRMDs1SigqR4CXAfKYQ=="  # SHA-512
-NAME = f"{PACKAGE}-{VERSION}.tgz"
-REGISTRY = "https://registry.npmjs.org"
+INTEGRITY = "q0y+JrrtukXSzsBWEMccVfqX25LRmosXHF+CaRJmg8pZClzcV7svNc4rKY3jL02Vb7QmRMDs1SigqR4CXAfKYQ=="
+PACKAGE = Package("onnxruntime-web", "1.30.0", INTEGRITY, "relight web setup")
 FILES = ("ort.wasm.bundle.min.mjs", "ort-wasm-simd-threaded.wasm")  # the script and the WebAssembly
 
 
 def package_file() -> Path:
-    """Returns the path of the package once it is set up: in the user's data folder, or in RELIGHT_DATA."""
-    return Path(os.environ.get("RELIGHT_DATA") or user_data_path("relight")) / "web" / NAME
+    """Returns the path of the package once it is set up."""
+    return data_folder() / "web" / PACKAGE.file_name
 
 
 def setup(package: Path | str | None = None) -> Path:
-    """Puts the package into the user's data folder.
+    """Puts the package (33 MB) into the user's data folder (`relight.npm.fetch`).
 
     Args:
-        package: its .tgz file, as `npm pack` writes it; by default it is downloaded (33 MB) from the npm registry, or
-            from the one that the variable NPM_CONFIG_REGISTRY names, as for npm.
+        package: its .tgz file; by default it is downloaded.
 
     Returns:
         The file.
@@ -44,20 +33,7 @@ def setup(package: Path | str | None = None) -> Path:
     """
     path = package_file()
     with atomic_write(path) as temporary:
-        if package is not None:
-            shutil.copyfile(existing_file(package, "--from"), temporary)
-        else:
-            registry = os.environ.get("NPM_CONFIG_REGISTRY") or REGISTRY
-            try:
-                with urllib.request.urlopen(f"{registry.rstrip('/')}/{PACKAGE}/-/{NAME}", timeout=60) as answer:
-                    temporary.write_bytes(answer.read())
-            except (urllib.error.URLError, TimeoutError, ValueError) as error:
-                raise UserError(
-                    f"{PACKAGE} {VERSION} could not be downloaded ({getattr(error, 'reason', error)}): run `npm pack "
-                    f"{PACKAGE}@{VERSION}` where there is a network, then `relight web setup --from {NAME}`"
-                ) from None
-        if base64.b64encode(hashlib.sha512(temporary.read_bytes()).digest()).decode() != INTEGRITY:
-            raise UserError(f"{package or NAME} is not {PACKAGE} {VERSION}: its SHA-512 differs")
+        temporary.write_bytes(fetch(PACKAGE, package))
     return path
 
 
@@ -75,7 +51,9 @@ def unpack(folder: Path) -> list[Path]:
     """
     package = package_file()
     if not package.is_file():
-        raise UserError(f"{PACKAGE}, which runs networks in a browser, is not set up: run once `relight web setup`")
+        raise UserError(
+            f"{PACKAGE.name}, which runs networks in a browser, is not set up: run once `{PACKAGE.command}`"
+        )
     try:
         with tarfile.open(package) as archive:
             for name in FILES:

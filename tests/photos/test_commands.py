@@ -125,7 +125,8 @@ def bad(tmp_path, weights):
     yield [me, "--out", me], "is a file"
     yield [me, "--out", me / "sub"], "nothing can be written there"
     yield [me, "--out", "/proc/relight"], "nothing can be written there"
-    yield [me, "--background", tmp_path / "none.png"], "background: there is no file"
+    yield [me, "--background", tmp_path / "none.png"], r"place: there is no file .*none\.png"
+    yield [me, "--background", tmp_path / "none.png", "--light", "room:3"], "background: there is no file"
     yield [me, "--light", "key:#ffeedd@45,95"], "elevation 95 must be in -90"
     yield [me, "--mask", me], "is the photo itself"
 
@@ -142,7 +143,7 @@ def test_bad_input_is_one_line_and_overwrites_nothing(run, photo_files, weights,
             run("photo", *words)
         assert "\n" not in str(error.value)
         count += 1
-    assert count == 22
+    assert count == 23
     assert [p.name for p in out.iterdir()] == ["relit.png"] and (out / "relit.png").read_bytes() == b"precious"
 
 

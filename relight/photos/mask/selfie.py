@@ -6,7 +6,6 @@ mediapipe itself is not needed.
 """
 
 import hashlib
-import os
 import subprocess
 import sys
 import tempfile
@@ -17,11 +16,10 @@ from typing import Any
 
 import numpy as np
 from PIL import Image
-from platformdirs import user_data_path
 from scipy.ndimage import distance_transform_edt, label, uniform_filter
 
 from relight.crop import extent
-from relight.files import UserError, atomic_write, existing_file
+from relight.files import UserError, atomic_write, data_folder, existing_file
 from relight.inference import open_session
 
 PACKAGE, VERSION = "mediapipe", "0.10.21"
@@ -44,7 +42,7 @@ STEEP = 1.6  # the fitted edge is that much too soft
 
 def network_file() -> Path:
     """Returns the path of the network once it is set up: in the user's data folder, or in RELIGHT_DATA."""
-    return Path(os.environ.get("RELIGHT_DATA") or user_data_path("relight")) / "masks" / NAME
+    return data_folder() / "masks" / NAME
 
 
 def license_file() -> Path:

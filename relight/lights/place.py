@@ -1,0 +1,121 @@
+"""The light of a place, from an ordinary photograph of it in which most of the sphere is out of sight.
+
+It is the mean light of places, tinted by half of the picture's colour (in logarithms), and changed linearly with a few
+features of the picture, mostly toward its brighter side. If it is known where the light comes from, it is a soft lamp
+there and even light instead. `benchmarks/places.py` fits both and measures their errors.
+"""
+
+import json
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from relight.panoramas import luminance
+from relight.sh import bands, basis, cosine_factors, per_coefficient
+from relight.srgb import LINEAR
+
+STATISTICS = Path(__file__).with_name("place.json")
+SIDE = 48  # pixels of the picture's longer side that are looked at
+TINT = 0.5  # power of the picture's colour that the light takes on
+WHITE = 0.98  # linear values above it count as clipped
+FLOOR = 1e-3  # least linear value of a mean, and least contrast
+IRRADIANCE = per_coefficient(cosine_factors(2))[:, None]  # (9,1) factors from radiance to irradiance
+
+
+@dataclass(frozen=True)
+class PlaceStatistics:
+    """What is known of the lights of places.
+
+    Attributes:
+        light: (7,9,3) radiance of the mean light, and its change with each feature of `features`, before the tint.
+        least, most: (6,) limits of the features, beyond which nothing was measured.
+        lamp: (3,) factors of even light, and of bands 1 and 2 of the lamp.
+        level: norm of the irradiance over the picture's mean luminance.
+    """
+
+    light: np.ndarray
+    least: np.ndarray
+    most: np.ndarray
+    lamp: np.ndarray
+    level: float
+
+
+@cache
+def place_statistics() -> PlaceStatistics:
+    """Reads the statistics that come with relight."""
+    stored = json.loads(STATISTICS.read_text(encoding="utf-8"))
+    least, most = np.array(stored["limits"]).T
+    light = np.array(stored["light"]).reshape(-1, 9, 3)
+    return PlaceStatistics(light, least, most, np.array(stored["lamp"]), stored["level"])
+
+
+def place_light(
+    codes: np.ndarray, toward: np.ndarray | None = None, statistics: PlaceStatistics | None = None
+) -> np.ndarray:
+    """Estimates the light of a place.
+
+    Args:
+        codes: (h,w,3) uint8 sRGB, a photograph of it. The camera looks along -z and is level.
+        toward: (3,) unit vector to where most light comes from, if that is known (relight.lights.light.direction).
+        statistics: those that come with relight, unless others are given.
+
+    Returns:
+        The light (9,3): radiance in units of the picture's linear values.
+    """
+    known = statistics or place_statistics()
+    picture = thumbnail(codes)
+    if toward is None:
+        shape = np.tensordot(np.append(1, np.clip(features(picture), known.least, known.most)), known.light, 1)
+    else:
+        shape = (lamp_parts(toward) @ known.lamp)[:, None]
+    light = shape * tint(picture)
+    norm = float(np.linalg.norm(light * IRRADIANCE))
+    return light * (known.level * max(float(luminance(picture).mean()), FLOOR) / norm)
+
+
+def thumbnail(codes: np.ndarray) -> np.ndarray:
+    """Returns a picture (h,w,3) uint8 sRGB as linear values, its longer side scaled down to SIDE by averaging."""
+    height, width = codes.shape[:2]
+    scale = min(SIDE / max(height, width), 1)
+    size = max(round(width * scale), 1), max(round(height * scale), 1)
+    return LINEAR[np.asarray(Image.fromarray(codes).resize(size, Image.Resampling.BOX))].astype(np.float64)
+
+
+def tint(picture: np.ndarray) -> np.ndarray:
+    """Returns the colour (3,) that the light takes on from a picture (h,w,3), linear; grey has 1."""
+    mean = np.maximum(picture.mean((0, 1)), FLOOR)
+    return (mean / luminance(mean)) ** TINT
+
+
+def features(picture: np.ndarray) -> np.ndarray:
+    """Returns what the light depends on (6,): measures of a picture (h,w,3), linear.
+
+    Balances, from -1 to 1, of right against left and of top against bottom; share of clipped pixels; logarithm of the
+    luminance's deviation over its mean; ln(R/G) and ln(B/G) of the mean.
+    """
+    light = luminance(picture)
+    mean = max(float(light.mean()), FLOOR)
+    across, down = (np.linspace(-1, 1, n) if n > 1 else np.zeros(1) for n in light.shape[::-1])
+    red, green, blue = np.log(np.maximum(picture.mean((0, 1)), FLOOR))
+    return np.array([
+        (light.mean(0) * across).mean() / mean,
+        -(light.mean(1) * down).mean() / mean,
+        (picture.max(-1) > WHITE).mean(),
+        np.log(max(float(light.std()) / mean, FLOOR)),
+        red - green,
+        blue - green,
+    ])  # fmt: skip
+
+
+def lamp_parts(toward: np.ndarray) -> np.ndarray:
+    """Returns the coefficients (...,9,3) of even light, and of bands 1 and 2 of a lamp.
+
+    Args:
+        toward: (...,3) unit vectors to the lamp.
+    """
+    even, first, second = (bands(2) == band for band in range(3))
+    lamp = basis(toward, 2)
+    return np.stack(np.broadcast_arrays(even, lamp * first, lamp * second), -1)

@@ -1,0 +1,87 @@
+"""Packages of the npm registry that a set-up command fetches once, pinned by version and hash."""
+
+import base64
+import hashlib
+import os
+import shutil
+import subprocess
+import tempfile
+import urllib.request
+from dataclasses import dataclass
+from http.client import HTTPException
+from pathlib import Path
+
+from relight.files import UserError, existing_file
+
+REGISTRY = "https://registry.npmjs.org"
+
+
+@dataclass(frozen=True)
+class Package:
+    """A version of a package.
+
+    Attributes:
+        name: such as "onnxruntime-web" or "@scope/name".
+        version: such as "1.30.0".
+        integrity: SHA-512 of its .tgz file in base64, as the registry states it after "sha512-".
+        command: that sets it up, such as "relight web setup".
+    """
+
+    name: str
+    version: str
+    integrity: str
+    command: str
+
+    @property
+    def file_name(self) -> str:
+        """The name of the file that `npm pack` writes."""
+        return f"{self.name.removeprefix('@').replace('/', '-')}-{self.version}.tgz"
+
+
+def fetch(package: Package, file: Path | str | None = None) -> bytes:
+    """Reads a package from a file, or downloads it.
+
+    npm does so where it is installed, with its own settings. Otherwise the file comes from the registry, or from the
+    one that the variable NPM_CONFIG_REGISTRY names, as for npm.
+
+    Args:
+        package: to fetch.
+        file: its .tgz; None to download it.
+
+    Returns:
+        The .tgz.
+
+    Raises:
+        UserError: if it cannot be had, or its hash is not that of the package.
+    """
+    if file is not None:
+        data = existing_file(file, "--from").read_bytes()
+    else:
+        try:
+            data = _pack(package) if shutil.which("npm") else _download(package)
+        except (OSError, ValueError, HTTPException) as error:  # urllib's errors are OSErrors
+            raise UserError(
+                f"{package.name} {package.version} could not be downloaded ({getattr(error, 'reason', error)}): run "
+                f"`npm pack {package.name}@{package.version}` where there is a network, then `{package.command} --from "
+                f"{package.file_name}`"
+            ) from None
+    if base64.b64encode(hashlib.sha512(data).digest()).decode() != package.integrity:
+        raise UserError(f"{file or package.file_name} is not {package.name} {package.version}: its SHA-512 differs")
+    return data
+
+
+def _pack(package: Package) -> bytes:
+    with tempfile.TemporaryDirectory() as folder:
+        command = ["npm", "pack", "--silent", f"{package.name}@{package.version}"]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+        packed = Path(folder) / package.file_name
+        if done.returncode or not packed.is_file():
+            raise OSError(next(iter(done.stderr.strip().splitlines()), "npm pack wrote no file"))
+        return packed.read_bytes()
+
+
+def _download(package: Package) -> bytes:
+    registry = os.environ.get("NPM_CONFIG_REGISTRY") or REGISTRY
+    address = f"{registry.rstrip('/')}/{package.name}/-/{package.name.split('/')[-1]}-{package.version}.tgz"
+    with urllib.request.urlopen(address, timeout=60) as answer:
+        return bytes(answer.read())

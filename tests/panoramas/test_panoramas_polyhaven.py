@@ -1,0 +1,92 @@
+"""Poly Haven's panoramas: made here by the layout of the package that holds them, and used by name."""
+
+import base64
+import hashlib
+import io
+import tarfile
+from dataclasses import replace
+
+import numpy as np
+import OpenEXR
+import pytest
+from typer.testing import CliRunner
+
+from relight.files import UserError
+from relight.lights import load_light
+from relight.lights.commands import app
+from relight.panoramas import Panorama, polyhaven, project
+from relight.viewer.source import named_lights
+
+PIXELS = np.random.default_rng(0).random((16, 32, 3)).astype(np.float32)
+
+
+def exr(factor):
+    file = io.BytesIO()
+    header = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+    OpenEXR.File(header, {"RGB": PIXELS * np.float32(factor)}).write(file)
+    return file.getvalue()
+
+
+def pack(path, files):
+    with tarfile.open(path, "w:gz") as archive:
+        for name, data in files.items():
+            entry = tarfile.TarInfo(name)
+            entry.size = len(data)
+            archive.addfile(entry, io.BytesIO(data))
+    return base64.b64encode(hashlib.sha512(path.read_bytes()).digest()).decode()
+
+
+@pytest.fixture
+def package(tmp_path, monkeypatch):
+    """A package of the known layout, which stands for the known version; each panorama has another brightness."""
+    monkeypatch.setenv("RELIGHT_DATA", str(tmp_path / "data"))
+    files = {"package/LICENSE": b"CC0", "package/models/bunny.glb.js": b""}
+    for i, name in enumerate(polyhaven.NAMES, 1):
+        module = b"export default 'data:application/exr;base64," + base64.b64encode(exr(i)) + b"'\n"
+        files[f"package/hdri/{name}.exr.js"] = module
+    path = tmp_path / "assets.tgz"
+    monkeypatch.setattr(polyhaven, "PACKAGE", replace(polyhaven.PACKAGE, integrity=pack(path, files)))
+    return path, files
+
+
+def test_setup_makes_names_of_lights(package):
+    path, _ = package
+    with pytest.raises(UserError, match="'park' is not set up: run once `relight light setup`"):
+        load_light("park")
+    done = CliRunner().invoke(app, ["setup", "--from", str(path)])
+    assert done.exit_code == 0 and "apartment, bridge" in done.output
+    assert len(list(polyhaven.panorama_folder().iterdir())) == 19
+    for i, name in enumerate(polyhaven.NAMES, 1):
+        np.testing.assert_allclose(load_light(name).coefficients, i * project(Panorama(PIXELS)), rtol=1e-5)
+    hall, park = named_lights(["hall", "park"]).items()
+    assert (hall[0], park[0]) == ("hall", "park")
+    turned = load_light("hall", yaw=90)
+    assert turned.source == "hall" and turned.panorama.yaw == 90
+
+
+def test_load_light_prefers_a_file_and_lists_the_names(package, tmp_path, monkeypatch):
+    polyhaven.setup(package[0])
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "hall").write_bytes(exr(0.5))
+    np.testing.assert_allclose(load_light("hall").coefficients, 0.5 * project(Panorama(PIXELS)), rtol=1e-5)
+    with pytest.raises(UserError, match=r"^hal is neither a file nor a panorama's name; those are apartment, bridge,"):
+        load_light("hal")
+
+
+@pytest.mark.parametrize("damage", ["missing", "cut", "no data", "no archive"])
+def test_setup_of_a_damaged_package_leaves_what_was(package, monkeypatch, damage):
+    path, files = package
+    polyhaven.setup(path)
+    before = polyhaven.panorama_file("workshop").read_bytes()
+    last = "package/hdri/workshop.exr.js"
+    module = files.pop(last)
+    files |= {"cut": {last: module[:-4]}, "no data": {last: b""}}.get(damage, {})
+    integrity = pack(path, files)
+    if damage == "no archive":
+        path.write_bytes(b"no archive")
+        integrity = base64.b64encode(hashlib.sha512(b"no archive").digest()).decode()
+    monkeypatch.setattr(polyhaven, "PACKAGE", replace(polyhaven.PACKAGE, integrity=integrity))
+    with pytest.raises(UserError, match=r"assets\.tgz is not @pmndrs/assets: "):
+        polyhaven.setup(path)
+    assert polyhaven.panorama_file("workshop").read_bytes() == before
+    assert [entry.name for entry in polyhaven.panorama_folder().parent.iterdir()] == ["panoramas"]

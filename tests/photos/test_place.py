@@ -1,0 +1,109 @@
+"""A photograph of a place as a light: its names, and the commands that take them."""
+
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from relight.files import UserError
+from relight.lights import load_light
+from relight.lights.light import direction
+from relight.lights.place import place_light
+from relight.photos.place import default_light, read_place
+from relight.sh import deringed, rotate_y
+from relight.viewer.source import named_lights
+
+
+@pytest.fixture
+def street(tmp_path, monkeypatch):
+    """street.png, brighter on its right, in the current folder."""
+    monkeypatch.chdir(tmp_path)
+    pixels = np.tile(np.linspace(20, 240, 80).astype(np.uint8)[None, :, None], (60, 1, 3))
+    pixels[..., 2] //= 2
+    Image.fromarray(pixels).save("street.png")
+    return pixels
+
+
+def test_read_place_reads_names(street):
+    plain = place_light(street)
+    for name in ("street.png", "place:street.png"):
+        light = read_place(name)
+        np.testing.assert_array_equal(light.coefficients, plain)
+        assert light.source == "place:street.png" and "estimated from street.png" in light.notes[0]
+    for name, toward in {"@-60,40": (-60, 40), "@90": (90, 45), "@+10.5,-20": (10.5, -20)}.items():
+        light = read_place(f"place:street.png{name}")
+        np.testing.assert_allclose(light.coefficients, place_light(street, direction(*toward, "")))
+        assert not light.notes
+    turned = read_place("street.png", order=3, yaw=30)
+    assert len(turned.coefficients) == 16
+    np.testing.assert_allclose(turned.coefficients[:9], rotate_y(plain, np.radians(30)))
+    Image.fromarray(street).save("a@7.png")
+    np.testing.assert_array_equal(read_place("place:a@7.png").coefficients, plain)
+
+
+@pytest.mark.parametrize(
+    "name, message",
+    [
+        ("place:none.png", r"^place: there is no file none\.png"),
+        ("place:kitchen.hdr", r"^place:kitchen\.hdr: kitchen\.hdr is no photograph of a place: give a JPEG"),
+        ("place:street.png@0,91", r"^place:street\.png@0,91: elevation 91 must be in -90"),
+        ("place:street.png@400", r"^place:street\.png@400: azimuth 400 must be in -360"),
+        ("place:street.png@1-2", r"'1-2' is not a number"),
+        ("place:", "no photograph"),
+    ],
+)
+def test_read_place_refuses_what_names_no_place(street, name, message):
+    with pytest.raises(UserError, match=message):
+        read_place(name)
+
+
+def test_default_light_is_that_of_a_picture_behind():
+    assert default_light("street.jpg") == "place:street.jpg"
+    assert {default_light(text) for text in ("keep", "panorama", "#334455", "")} == {"auto"}
+
+
+def test_photo_takes_the_light_of_a_picture_behind(run, photo_files, weights, street, tmp_path):
+    me = photo_files[0]
+    options = ("photo", me, "-w", weights, "--out", "out", "--background", "street.png")
+    said = run(*options)
+    assert "me.png in the light of place:street.png" in said and "note: the light is estimated from street.png" in said
+    of_place = json.loads((tmp_path / "out" / "photo.json").read_text())
+    assert of_place["light"]["name"] == "place:street.png"
+    light = load_light(tmp_path / "out" / "new_light.json").coefficients
+    expected = deringed(place_light(street))
+    np.testing.assert_allclose(light / light[0, 0], expected / expected[0, 0], rtol=1e-4, atol=1e-5)
+    assert "in the light of room:3" in run(*options, "--light", "room:3")
+    assert "estimated" not in run(*options, "--light", "place:street.png@-60,40")
+    assert "in the light of key:" in run("photo", me, "-w", weights, "--out", "out")
+
+
+def test_relighter_takes_the_light_of_a_picture_behind(relighter, photo_files, street):
+    _, _, pixels, mask = photo_files
+    default, named, other = (
+        relighter.relight(pixels, mask, light, background="street.png")
+        for light in ("auto", "place:street.png", "room:7")
+    )
+    assert np.array_equal(default, named) and (default != other).any()
+
+
+def test_a_folder_is_relit_again_when_the_place_changes(run, photo_files, weights, street, tmp_path):
+    (tmp_path / "photos").mkdir()
+    for path in photo_files[:2]:
+        path.rename(tmp_path / "photos" / path.name)
+    options = ("photo", "photos", "-w", weights, "--out", "out", "--light", "place:street.png@20", "--jobs", 1)
+    assert "1 relit, 0 already there" in run(*options)
+    assert "0 relit, 1 already there" in run(*options)
+    Image.fromarray(255 - street).save("street.png")
+    assert "1 relit, 0 already there" in run(*options)
+
+
+def test_light_command_of_a_photo(run, street):
+    assert "place:street.png, convention relight" in run("light", "street.png", "-o", "a.json")
+    np.testing.assert_allclose(load_light("a.json").coefficients, place_light(street))
+    run("light", "street.png@-60,40", "-o", "b.json")
+    stated = place_light(street, direction(-60, 40, ""))
+    np.testing.assert_allclose(load_light("b.json").coefficients, stated)
+    run("light", "place", "place:street.png@-60,40", "-o", "b.json")
+    np.testing.assert_allclose(load_light("b.json").coefficients, stated)
+    assert "place:street.png" in named_lights(["place:street.png"])

@@ -1,0 +1,73 @@
+"""Packages of the npm registry come by npm or from the registry, and only in the version that is known."""
+
+import base64
+import hashlib
+from functools import partial
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+from threading import Thread
+
+import pytest
+
+from relight.files import UserError
+from relight.npm import Package, fetch
+
+DATA = b"the package"
+PACKAGE = Package("@scope/name", "1.2.3", base64.b64encode(hashlib.sha512(DATA).digest()).decode(), "relight x setup")
+
+
+class Quiet(SimpleHTTPRequestHandler):
+    def log_message(self, *_):
+        pass
+
+
+@pytest.fixture
+def registry(tmp_path, monkeypatch):
+    """The folder of the tarballs of a registry on this machine, on which npm is not installed."""
+    folder = tmp_path / "registry" / PACKAGE.name / "-"
+    folder.mkdir(parents=True)
+    server = ThreadingHTTPServer(("127.0.0.1", 0), partial(Quiet, directory=tmp_path / "registry"))
+    Thread(target=server.serve_forever, daemon=True).start()
+    monkeypatch.setenv("NPM_CONFIG_REGISTRY", f"http://127.0.0.1:{server.server_port}/")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    yield folder
+    server.shutdown()
+    server.server_close()
+
+
+def test_fetch_from_the_registry_that_npm_would_ask(registry):
+    (registry / "name-1.2.3.tgz").write_bytes(DATA)
+    assert fetch(PACKAGE) == DATA
+    (registry / "name-1.2.3.tgz").unlink()
+    hint = r"run `npm pack @scope/name@1\.2\.3` where .*, then `relight x setup --from scope-name-1\.2\.3\.tgz`$"
+    with pytest.raises(UserError, match=rf"^@scope/name 1\.2\.3 could not be downloaded \(File not found\): {hint}"):
+        fetch(PACKAGE)
+
+
+@pytest.mark.parametrize("address", ["nonsense", "http://127.0.0.1:99999", "http://[bad", "file:///nowhere"])
+def test_fetch_with_an_address_that_is_none(registry, monkeypatch, address):
+    monkeypatch.setenv("NPM_CONFIG_REGISTRY", address)
+    with pytest.raises(UserError, match="could not be downloaded"):
+        fetch(PACKAGE)
+
+
+def test_fetch_by_npm_where_it_is_installed(tmp_path, monkeypatch):
+    npm = tmp_path / "npm"
+    npm.write_text(f'#!/bin/sh\necho "$@" > {tmp_path}/called\nprintf "{DATA.decode()}" > scope-name-1.2.3.tgz\n')
+    npm.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert fetch(PACKAGE) == DATA
+    assert (tmp_path / "called").read_text().split() == ["pack", "--silent", "@scope/name@1.2.3"]
+    npm.write_text("#!/bin/sh\necho 'npm error 404' >&2\nexit 1\n")
+    with pytest.raises(UserError, match=r"could not be downloaded \(npm error 404\): run"):
+        fetch(PACKAGE)
+
+
+def test_fetch_refuses_another_file(tmp_path):
+    file = tmp_path / "other.tgz"
+    file.write_bytes(DATA)
+    assert fetch(PACKAGE, file) == DATA
+    file.write_bytes(DATA + b"x")
+    with pytest.raises(UserError, match=r"other\.tgz is not @scope/name 1\.2\.3: its SHA-512 differs"):
+        fetch(PACKAGE, file)
+    with pytest.raises(UserError, match="there is no file"):
+        fetch(PACKAGE, tmp_path / "none.tgz")
