@@ -17,7 +17,7 @@ define install
 	@$(PIP) --require-hashes --no-deps --requirement .venv/requirements.txt
 endef
 
-.PHONY: all env run test test-fast fuzz chaos coverage smoke ui docs dist notebook settings lint format lock licences clean help
+.PHONY: all env system run test test-fast fuzz chaos coverage smoke ui docs dist notebook settings lint format lock licences clean help
 .DEFAULT_GOAL := all
 
 all: run  ## install what is missing, then run the whole workflow on the embedded data
@@ -33,6 +33,10 @@ $(STAMP): pyproject.toml uv.lock tools/system.py
 	@$(PIP) $(TORCH)
 	@$(PIP) --no-deps --no-build-isolation --editable .
 	@touch $@
+
+system:  ## install the system libraries that are missing, by apt as root; no other target does
+	@missing=$$($(PYTHON) tools/system.py --list); test -z "$$missing" || \
+		{ sudo apt-get update -qq && sudo apt-get install -y -qq --no-install-recommends $$missing; }
 
 run: $(STAMP)  ## the workflow; make run ARGS="scale=smoke train.lr=1e-3"
 	@$(BIN)/relight run $(ARGS)
