@@ -17,7 +17,7 @@ define install
 	@$(PIP) --require-hashes --no-deps --requirement .venv/requirements.txt
 endef
 
-.PHONY: all env run test test-fast fuzz chaos coverage smoke ui docs notebook settings lint format lock licences clean help
+.PHONY: all env system run test test-fast fuzz chaos coverage smoke ui docs dist notebook settings lint format lock licences clean help
 .DEFAULT_GOAL := all
 
 all: run  ## install what is missing, then run the whole workflow on the embedded data
@@ -33,6 +33,10 @@ $(STAMP): pyproject.toml uv.lock tools/system.py
 	@$(PIP) $(TORCH)
 	@$(PIP) --no-deps --no-build-isolation --editable .
 	@touch $@
+
+system:  ## install the system libraries that are missing, by apt as root; no other target does
+	@missing=$$($(PYTHON) tools/system.py --list); test -z "$$missing" || \
+		{ sudo apt-get update -qq && sudo apt-get install -y -qq --no-install-recommends $$missing; }
 
 run: $(STAMP)  ## the workflow; make run ARGS="scale=smoke train.lr=1e-3"
 	@$(BIN)/relight run $(ARGS)
@@ -65,8 +69,11 @@ docs: $(STAMP)  ## the site of docs/, in build/site; after `relight web setup` w
 	$(call install,docs)
 	@rm -rf build/web
 	@$(BIN)/relight web build build/web >/dev/null || echo "the site is built without its demo, the page that relights photos in the browser"
-	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict
+	@NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict --config-file tools/mkdocs.yml
 	@echo "the site is in build/site; to read it with its search: python3 -m http.server --bind 127.0.0.1 --directory build/site"
+
+dist: $(STAMP)  ## the wheel and the source of a release, in dist/
+	@$(BIN)/python -m hatchling build
 
 lint: $(STAMP)  ## style of Python, Snakemake and JavaScript files, and types
 	@$(BIN)/ruff check . && $(BIN)/ruff format --check . && $(BIN)/snakefmt --check workflow

@@ -12,7 +12,8 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 CODE = re.compile(r"`((?:relight|tests|conf|benchmarks|workflow)/[\w/.-]+\.(?:py|yaml|smk|js))(?::(\w+))?`")
-PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").glob("*.md"), ROOT / "relight" / "weights" / "README.md"])
+FOLDERS = (".", ".github", "docs", "docs/joss", "integrations/blender", "integrations/comfyui", "relight/weights")
+PAGES = sorted(page for folder in FOLDERS for page in (ROOT / folder).glob("*.md"))
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
@@ -64,7 +65,8 @@ def test_the_site_builds_without_a_warning_and_shows_the_demo_where_there_is_one
         demo.mkdir()
         (demo / "index.html").write_text("turn the light")
     environment = {**os.environ, "NO_MKDOCS_2_WARNING": "1", "PYTHONPATH": str(ROOT), "RELIGHT_DEMO": str(demo)}
-    command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(site)]
+    options = ["--strict", "--config-file", "tools/mkdocs.yml", "--site-dir", str(site)]
+    command = [sys.executable, "-m", "mkdocs", "build", *options]
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     pages = {path.stem for path in (ROOT / "docs").glob("*.md")}

@@ -17,7 +17,8 @@ from relight.lights import LightSet, write_light_set
 from relight.run import expand_sweep
 
 ROOT = Path(__file__).parents[1]
-PAGES = sorted([ROOT / "README.md", ROOT / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")])
+PAGES = sorted([ROOT / "README.md", ROOT / ".github" / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")])
+PAGES.remove(ROOT / "docs" / "changelog.md")  # it tells of commands that are gone
 # Not run by any test, with the reason. What is checked of the others is in `check`.
 NOT_RUN = {
     "pip install": "it installs packages, some of them from the network",

@@ -1,6 +1,6 @@
 """MkDocs hooks that embed the page of `relight web` in the site, if it has been built.
 
-`make docs` builds it into the folder `extra.demo` of mkdocs.yml.
+`make docs` builds it into the folder `extra.demo` of tools/mkdocs.yml.
 """
 
 import shutil

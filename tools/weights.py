@@ -21,6 +21,29 @@ from relight.lights import read_light_set
 OUT = Path(config.ROOT) / "relight" / "weights"
 LIMIT = 16 * 2**20
 CARD = """\
+---
+license: cc0-1.0
+library_name: onnx
+pipeline_tag: image-to-image
+tags:
+- relighting
+- inverse-rendering
+- intrinsic-images
+- albedo
+- light-estimation
+- human
+- synthetic-data
+model-index:
+- name: relight photo
+  results:
+  - task: {{type: image-to-image, name: inverse rendering of people}}
+    dataset: {{type: generated, name: {test_figures} held-out figures under {test_lights} lights}}
+    metrics:
+    - {{type: rmse, name: shading, value: {shading_rmse:.3f}}}
+    - {{type: rmse, name: transport, value: {transport_rmse:.3f}}}
+    - {{type: rmse, name: albedo, value: {albedo_rmse:.3f}}}
+    - {{type: rmse, name: light, value: {light_rmse:.3f}}}
+---
 # Weights for photos
 
 `photo.onnx` holds the weights that `relight photo`, `relight view` and `relight.load()` use by default:
@@ -33,13 +56,29 @@ CARD = """\
 | training lights | {lights} in the last stage, from generated rooms |
 | training pictures | like a camera's: linear light, exposed, clipped, 8-bit sRGB; augmented as docs/training.md says |
 | held out | {test_figures} figures, {test_lights} lights |
-| licence | Apache-2.0; the training data are generated from public-domain sources (docs/figures.md) |
 
 Errors on the held-out figures and lights (means; RMSE per pixel vector, as defined in docs/evaluation.md):
 
 | shading | transport | albedo | light |
 |---|---|---|---|
 | {shading_rmse:.3f} | {transport_rmse:.3f} | {albedo_rmse:.3f} | {light_rmse:.3f} |
+
+What a card of an open model answers:
+
+| | |
+|---|---|
+| licence of the weights | CC0-1.0 (`NOTICE`) |
+| training data | generated figures and lights; none of them scanned, photographed or collected |
+| provenance of the data | MakeHuman's bodies (CC0); all else by relight's code (docs/figures.md, docs/lights.md) |
+| licence of the data | CC0-1.0; whoever runs relight makes them again from integer seeds |
+| training code | `relight.learning`, Apache-2.0 |
+| Open Source AI Definition 1.0 | has its three parts: code, weights, data to make again (our reading, not certified) |
+| Model Openness Framework | class I but for a paper; docs/weights.md is the report (our reading, not certified) |
+| published research | the method: Kanamori & Endo 2018, doi 10.1145/3272127.3275104 |
+| reproducibility | settings and stages are in the .onnx file; this lineage of stages was run once |
+| inference | local, on a CPU, by onnxruntime; nothing is sent |
+| intended for | relighting photographs of people, albedo and light for compositing, baselines for research |
+| not for | measuring skin, identifying people, evidence: maps are inferred, and wrong by the errors above |
 
 Limits:
 

@@ -100,6 +100,6 @@ def test_only_make_clean_removes_results():
     removed = {recipe.split(":")[0]: re.findall(r"\brm -rf (.*?)(?:;|$)", recipe, re.M) for recipe in recipes}
     assert "results" in removed.pop("clean")[0].split()
     emptied = [word for lines in removed.values() for line in lines for word in line.split()]
-    site = (ROOT / "mkdocs.yml").read_text()
+    site = (ROOT / "tools" / "mkdocs.yml").read_text()
     emptied += re.findall(r"^site_dir: (\S+)$", site, re.M) + re.findall(r"RELIGHT_DEMO, ([^\]]+)\]", site)
     assert len(emptied) >= 3 and not [folder for folder in emptied if folder.startswith("results")]

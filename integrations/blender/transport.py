@@ -1,0 +1,179 @@
+"""Light transport from relight: baked per vertex by its program, or read from its maps."""
+
+import json
+import subprocess
+import tempfile
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from . import shader
+
+NAMES = [f"transport.{name}.Y" for name in "L0M0 L1Mn1 L1M0 L1M1 L2Mn2 L2Mn1 L2M0 L2M1 L2M2".split()]
+MESH, PLANE = "mesh", "plane"  # values of the property by which objects that follow the world are known
+PROPERTY = "relight"
+
+
+class Problem(Exception):
+    """What the user has to know, in one sentence."""
+
+
+def bake(item, program, rays):
+    """Bakes an object's transport into three color attributes, and gives it a material that uses them.
+
+    Args:
+        item: an object with a mesh. Other objects cast no shadow on it.
+        program: of relight.
+        rays: per vertex.
+
+    Raises:
+        Problem: if the program is missing or fails.
+    """
+    mesh = item.data
+    mesh.calc_loop_triangles()
+    vertices, faces = np.empty(3 * len(mesh.vertices)), np.empty(3 * len(mesh.loop_triangles), np.int32)
+    mesh.vertices.foreach_get("co", vertices)
+    mesh.loop_triangles.foreach_get("vertices", faces)
+    if not len(faces):
+        raise Problem(f"{item.name} has no faces")
+    vertices = vertices.reshape(-1, 3) * np.array(item.matrix_world.to_scale())
+    with tempfile.TemporaryDirectory() as folder:
+        path, out = Path(folder) / "mesh.obj", Path(folder) / "mesh.npz"
+        lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in vertices]
+        lines += [f"f {a} {b} {c}" for a, b, c in faces.reshape(-1, 3) + 1]
+        path.write_text("\n".join(lines) + "\n")
+        run(program, "bake", path, "--out", out, "--rays", rays)
+        with np.load(out) as file:
+            transport = file["transport"].astype(np.float32)
+    for third, name in enumerate(shader.TRANSPORT):
+        if name in mesh.color_attributes:
+            mesh.color_attributes.remove(mesh.color_attributes[name])
+        values = np.ones((len(transport), 4), np.float32)
+        values[:, :3] = transport[:, 3 * third : 3 * third + 3]
+        mesh.color_attributes.new(name, "FLOAT_COLOR", "POINT").data.foreach_set("color", values.ravel())
+
+    def sources(nodes):
+        for name in shader.TRANSPORT:
+            node = nodes.new("ShaderNodeAttribute")
+            node.attribute_name = name
+            yield node.outputs["Vector"], name
+
+    mesh.materials.clear()
+    mesh.materials.append(shader.new_material(f"relight {item.name}", sources))
+    item[PROPERTY] = MESH
+
+
+def run(program, *words):
+    """Runs relight. Raises Problem with its last line if it fails."""
+    try:
+        done = subprocess.run([program, *map(str, words)], capture_output=True, text=True)
+    except OSError as error:
+        raise Problem(f"{program} does not start ({error.strerror}): name the program in the preferences") from None
+    if done.returncode:
+        raise Problem(f"relight: {(done.stderr.strip().splitlines() or ['it failed'])[-1]}")
+
+
+def read_maps(path):
+    """Reads maps of relight (docs/maps.md, docs/photos.md).
+
+    Returns:
+        Albedo (H,W,3) linear, transport (H,W,9) and coverage (H,W), of the display window, the top row first.
+
+    Raises:
+        Problem: if the file is none of them.
+    """
+    import OpenImageIO
+
+    file = OpenImageIO.ImageInput.open(str(path))
+    if file is None:
+        OpenImageIO.geterror()  # or it prints that nobody read it
+        raise Problem(f"{path} is not a readable OpenEXR file")
+    spec, pixels = file.spec(), file.read_image(format="float")
+    file.close()
+    place = {name: i for i, name in enumerate(spec.channelnames)}
+    needed = ["albedo.R", "albedo.G", "albedo.B", *NAMES, "coverage.A"]
+    missing = [name for name in needed if name not in place]
+    if pixels is None or missing:
+        raise Problem(f"{path} holds no maps of relight: it lacks {', '.join(missing) or 'pixels'}")
+    whole = np.zeros((spec.full_height, spec.full_width, len(needed)), np.float32)
+    top, left = spec.y - spec.full_y, spec.x - spec.full_x
+    whole[top : top + spec.height, left : left + spec.width] = pixels[..., [place[name] for name in needed]]
+    filled = grown(whole[..., :12], whole[..., 3] > 0)
+    return filled[..., :3], filled[..., 3:], whole[..., 12]
+
+
+def grown(values, known, steps=4):
+    """Returns values (H,W,C) with those near the known pixels (H,W) filled by means of known neighbors, step by step.
+
+    Maps end at the mask, but a render interpolates across its edge, which would get dark.
+    """
+    values = np.where(known[..., None], values, 0)
+    for _ in range(steps):
+        padded = np.pad(np.dstack([values, known]), ((1, 1), (1, 1), (0, 0)))
+        around = padded[:-2, 1:-1] + padded[2:, 1:-1] + padded[1:-1, :-2] + padded[1:-1, 2:]
+        new = ~known & (around[..., -1] > 0)
+        values[new] = around[new, :-1] / around[new, -1:]
+        known = known | new
+    return values
+
+
+def add_plane(path, context):
+    """Adds an upright plane, two units high, that shows maps of relight, and faces -y, as people of Blender do.
+
+    Raises:
+        Problem: if the file holds no maps.
+    """
+    albedo, transport, coverage = read_maps(path)
+    height, width = coverage.shape
+    name, right = Path(path).stem, width / height
+    mesh = bpy.data.meshes.new(name)
+    corners = [(-right, 0, -1), (right, 0, -1), (right, 0, 1), (-right, 0, 1)]
+    mesh.from_pydata(corners, [], [(0, 1, 2, 3)])
+    mesh.uv_layers.new().data.foreach_set("uv", [0, 0, 1, 0, 1, 1, 0, 1])
+    layers = {"Albedo": np.dstack([albedo, coverage])}
+    for third, target in enumerate(shader.TRANSPORT):
+        layers[target] = np.dstack([transport[..., 3 * third : 3 * third + 3], np.ones_like(coverage)])
+
+    def sources(nodes):
+        for target, values in layers.items():
+            node = nodes.new("ShaderNodeTexImage")
+            node.image = new_image(f"{name} {target}", values)
+            node.extension = "CLIP" if target == "Albedo" else "EXTEND"
+            yield node.outputs["Color"], target
+            if target == "Albedo":
+                yield node.outputs["Alpha"], "Alpha"
+
+    mesh.materials.append(shader.new_material(f"relight {name}", sources))
+    item = bpy.data.objects.new(name, mesh)
+    context.collection.objects.link(item)
+    item[PROPERTY] = PLANE
+    return item
+
+
+def new_image(name, values):
+    """Returns a packed image of values (H,W,4) that no color management touches."""
+    height, width, _ = values.shape
+    image = bpy.data.images.new(name, width, height, alpha=True, float_buffer=True, is_data=True)
+    image.alpha_mode = "CHANNEL_PACKED"  # otherwise colors count as multiplied by alpha
+    image.pixels.foreach_set(np.ascontiguousarray(values[::-1], np.float32).ravel())
+    image.pack()
+    return image
+
+
+def axes(item):
+    """Returns the axes (3,3), as rows in the scene's frame, of the frame in which an object's transport is."""
+    x, y, z = np.array(item.matrix_world.to_quaternion().to_matrix()).T
+    return np.stack([x, y, z] if item[PROPERTY] == MESH else [x, z, -y])  # of a plane: right, up, toward the viewer
+
+
+def signature(item, world):
+    """Returns a text that changes with the world's light and the object's rotation."""
+    from .light import look_up
+
+    background, image, color, turn = look_up(world)
+    if background is None:
+        state = [list(world.color) if world else 0]
+    else:
+        state = [background.inputs["Strength"].default_value, image.name if image else list(color), turn.tolist()]
+    return json.dumps([*state, np.round(axes(item), 6).tolist()])
