@@ -31,7 +31,8 @@ class RememberingRelighter(Relighter):
     def infer(self, image, mask=None, split=True, white_balance="keep"):
         pixels = image if isinstance(image, np.ndarray) else image.pixels
         options = pixels.shape, hashlib.sha256(pixels.tobytes()).digest(), split, white_balance
-        key = *options, None if mask is None else np.asarray(mask).tobytes()
+        coverage = mask if isinstance(image, np.ndarray) else image.coverage
+        key = *options, None if coverage is None else np.asarray(coverage).tobytes()
         people = self.memory.get(key) or super().infer(image, mask, split, white_balance)
         for known in (key, (*options, coverage_of_all(people).tobytes())):  # with the mask that was found, or as given
             self.memory[known] = people

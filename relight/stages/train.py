@@ -23,12 +23,12 @@ def main(
     train: Train,
     augment: Augment,
     track: Track,
-    code: str,
     packed: Path,
     lights: Path,
     split: Path,
     out: Path,
     curve: Path,
+    code: str = "",
 ) -> None:
     """Trains a network, resuming an interrupted training."""
     from relight.learning.train import Inputs, Recipe, fingerprint

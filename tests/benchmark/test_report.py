@@ -47,7 +47,7 @@ def test_benchmark_scores_stage_agrees_with_the_command(drawn, weights, tmp_path
     out = tmp_path / "made" / method / "scores.csv"
     out.parent.mkdir(parents=True)
     (out.parent / "thesis.txt").write_text("mine")
-    benchmark_scores(Benchmark(str(drawn), 1), method, weights, out)
+    benchmark_scores(Benchmark(str(drawn)), method, weights, out)
     assert out.read_text() == score(drawn, tmp_path / "by_hand").read_text()
     assert sorted(path.name for path in out.parent.iterdir()) == ["scores.csv", "thesis.txt"]
 
