@@ -8,8 +8,8 @@ from typer.core import TyperCommand
 
 from relight import __version__
 from relight.benchmark.commands import app as benchmark
+from relight.errors import UserError, out_of_memory
 from relight.figures.commands import app as figures
-from relight.files import UserError, out_of_memory
 from relight.lights.commands import app as lights
 from relight.meshes.commands import app as scans
 from relight.photos.commands import app as photos

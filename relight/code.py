@@ -14,11 +14,12 @@ from typing import NamedTuple
 
 from relight import extensions
 from relight.config import ROOT
-from relight.files import UserError, atomic_write
+from relight.errors import UserError
+from relight.files import atomic_write
 
 PACKAGE = "relight"
 # Modules on which no result depends: settings, whose values are recorded, messages, records and the start of processes.
-WITHOUT_RESULTS = ("cli", "config", "files", "lazy", "processes", "progress", "stages.stage", "tracking")
+WITHOUT_RESULTS = ("cli", "config", "errors", "files", "lazy", "processes", "progress", "stages.stage", "tracking")
 
 
 CACHE = Path(".snakemake", "relight.code.json")

@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image
 from scipy.ndimage import distance_transform_edt
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.srgb import to_bytes
 
 MASK_THRESHOLD = 128  # coverage (of 255) from which a pixel counts as the person's

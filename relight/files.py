@@ -1,4 +1,4 @@
-"""Atomic writing of files, checks of paths before long work, and the exception for errors of users."""
+"""Atomic writing of files, and checks of paths before long work."""
 
 import errno
 import fcntl
@@ -12,14 +12,12 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from relight.errors import UserError
+
 FILE_SYSTEM_ERRORS = frozenset(
     {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS, errno.EACCES, errno.EPERM, errno.ENOTDIR, errno.EIO}
 )
 PHOTO_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp", ".avif", ".heic", ".heif")
-
-
-class UserError(Exception):
-    """An error that a user can cause and correct: one sentence that names what is wrong and what would be right."""
 
 
 def data_folder() -> Path:
@@ -259,10 +257,3 @@ def require_readable(path: Path, what: str) -> None:
     """Raises UserError if this user may not read a file, or list a folder; `what` is its name in the error."""
     if not os.access(path, os.R_OK, effective_ids=os.access in os.supports_effective_ids):
         raise UserError(f"{what}: {path} cannot be read: permission denied")
-
-
-def out_of_memory(error: MemoryError) -> str:
-    """Returns the message for a user whose machine has too little memory."""
-    requested = str(error).strip().split("\n")[0]
-    detail = f" ({requested})" if requested else ""
-    return f"there is not enough memory{detail}: take a smaller size, or run fewer jobs at once"

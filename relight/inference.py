@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from relight.files import UserError, existing_file, file_hash
+from relight.errors import UserError
+from relight.files import existing_file, file_hash
 
 INPUTS = ["image", "mask"]
 OUTPUTS = ["albedo", "transport", "light"]

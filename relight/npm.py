@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from http.client import HTTPException
 from pathlib import Path
 
-from relight.files import UserError, existing_file
+from relight.errors import UserError
+from relight.files import existing_file
 
 REGISTRY = "https://registry.npmjs.org"
 

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.files import UserError, existing_file
+from relight.errors import UserError
+from relight.files import existing_file
 
 MAX_BYTES = 8 << 30  # total size of the arrays of an archive, which can be far larger than the file
 

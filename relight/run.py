@@ -20,9 +20,10 @@ import yaml
 
 from relight.config import CONF, MAX_NAME_LENGTH, ROOT
 from relight.config.composition import quoted
-from relight.files import UserError, atomic_write, writable_folder
+from relight.errors import UserError
+from relight.files import atomic_write, writable_folder
+from relight.plan import Plan
 from relight.processes import end_with_parent
-from relight.workflow import Plan
 
 RUN_VARIABLE = "RELIGHT_RUN"  # environment variable that marks the Snakemake that `relight run` started, and its jobs
 LOCK = ROOT / ".snakemake" / "relight.lock"

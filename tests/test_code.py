@@ -7,9 +7,9 @@ import pytest
 
 from relight import code
 from relight.config import READS, ROOT, composed
-from relight.files import UserError
+from relight.errors import UserError
+from relight.plan import Plan
 from relight.run import change_lines
-from relight.workflow import Plan
 
 
 @pytest.fixture
@@ -102,7 +102,7 @@ def test_every_stage_imports_what_it_runs():
 @pytest.fixture
 def made(tmp_path, monkeypatch):
     """The settings of results that were made with the smoke scale."""
-    monkeypatch.setattr("relight.workflow.ROOT", tmp_path)
+    monkeypatch.setattr("relight.plan.ROOT", tmp_path)
     config = tmp_path / "results" / "smoke" / "config"
     config.mkdir(parents=True)
     for stage in ("figure", "bake", "tables"):

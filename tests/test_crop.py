@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from relight.crop import Crop, crop_around, figure_means, fill_outside
-from relight.files import UserError
+from relight.errors import UserError
 
 
 def figure(height, width, top, left, bottom, right):

@@ -9,7 +9,7 @@ import pytest
 
 from relight import extensions
 from relight.config import ROOT, check, composed, resolved
-from relight.files import UserError
+from relight.errors import UserError
 from relight.lights import load_light
 
 PAGE = (ROOT / "docs" / "extend.md").read_text()
@@ -22,7 +22,7 @@ extensions.__path__.append(sys.argv[1])
 
 import torch
 from relight.config import Loss, composed, resolved, check
-from relight.files import UserError
+from relight.errors import UserError
 from relight.learning.checkpoint import load_network, save_network
 from relight.learning.networks import build
 from relight.lights import load_light

@@ -8,7 +8,8 @@ import sys
 
 import pytest
 
-from relight.files import UserError, atomic_folder, atomic_write, writable_file, writable_folder
+from relight.errors import UserError
+from relight.files import atomic_folder, atomic_write, writable_file, writable_folder
 
 
 def test_a_folder_that_can_be_made_is_left_unmade(tmp_path):

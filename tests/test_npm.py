@@ -8,7 +8,7 @@ from threading import Thread
 
 import pytest
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.npm import Package, fetch
 
 DATA = b"the package"

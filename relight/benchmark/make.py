@@ -24,7 +24,8 @@ from relight.benchmark.recipes import (
     with_gloss,
 )
 from relight.config import Align
-from relight.files import UserError, atomic_folder, atomic_write, file_hash, writable_folder
+from relight.errors import UserError
+from relight.files import atomic_folder, atomic_write, file_hash, writable_folder
 from relight.maps import write_maps
 from relight.meshes import Mesh, align
 from relight.panoramas import Panorama

@@ -10,7 +10,8 @@ from PIL import Image
 
 from relight.benchmark.files import BenchmarkSet, Entry, square_mask, write_arrays
 from relight.crop import fill_outside
-from relight.files import UserError, atomic_write, file_hash, writable_folder
+from relight.errors import UserError
+from relight.files import atomic_write, file_hash, writable_folder
 from relight.maps import read_maps
 from relight.panoramas import project, read_panorama
 from relight.photos.api import Relighter, load

@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 
 from relight.benchmark.lights import Lamplight
-from relight.files import UserError
+from relight.errors import UserError
 from relight.learning.augment import CUT_HEIGHT
 from relight.meshes import Mesh
 from relight.transport import View, random_view

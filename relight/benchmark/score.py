@@ -7,9 +7,10 @@ import pandas as pd
 
 from relight.benchmark.files import PICTURES, BenchmarkSet, Entry, read_answer, square_mask, to_intrinsics
 from relight.benchmark.measures import INVARIANCES, LEAKS, errors, invariances, leaks
+from relight.errors import UserError
 from relight.evaluation.scoring.metrics import MaskBox, best_scale, psnr, rmse
 from relight.evaluation.scoring.scores import read_table
-from relight.files import UserError, atomic_write
+from relight.files import atomic_write
 from relight.photos.infer import OPAQUE
 from relight.progress import progress
 from relight.srgb import LINEAR, encode

@@ -9,9 +9,9 @@ import pandas as pd
 from relight.benchmark.files import PICTURES
 from relight.benchmark.measures import INVARIANCES, LEAKS
 from relight.benchmark.score import MAP_COLUMNS, READINGS, require_one_set
+from relight.errors import UserError
 from relight.evaluation.report.formats import TextTable, count
 from relight.evaluation.scoring.statistics import Estimate, estimate
-from relight.files import UserError
 
 RESAMPLES = 10_000
 PICTURE_HEADS = {f"{mode}{key}": f"{mode}: {head}" for mode in PICTURES for key, head in READINGS.items()}

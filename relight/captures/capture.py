@@ -20,7 +20,8 @@ from PIL import Image
 
 from relight.captures.camera import Pinhole
 from relight.captures.lightstage import LightStage
-from relight.files import UserError, existing_file, is_unsafe_name
+from relight.errors import UserError
+from relight.files import existing_file, is_unsafe_name
 
 INDEX, MASK, MESH = "capture.json", "mask.png", "mesh.obj"
 

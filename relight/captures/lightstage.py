@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial import SphericalVoronoi
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.sh import basis, sphere_quadrature, unoccluded
 
 MAX_DEGREE = 8  # of the harmonics that `quadrature_weights` integrate exactly: more does not help with 331 lamps

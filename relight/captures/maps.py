@@ -10,7 +10,7 @@ from relight.captures.capture import Capture, read_capture
 from relight.captures.lightstage import LightStage
 from relight.captures.measure import Measured, Radiance, measure
 from relight.crop import MASK_THRESHOLD, crop_around, figure_means, fill_outside
-from relight.files import UserError
+from relight.errors import UserError
 from relight.maps import Maps
 from relight.meshes import read_mesh
 from relight.progress import progress

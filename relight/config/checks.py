@@ -12,7 +12,7 @@ from relight import extensions
 from relight.config.schema import EXPERIMENT, FIELDS, QUANTITIES, STRENGTHS
 from relight.config.setting import domain_in_words, setting_of
 from relight.config.stages import READS
-from relight.files import UserError
+from relight.errors import UserError
 
 NAME_PATTERN, MAX_NAME_LENGTH = re.compile(r"[A-Za-z0-9_][A-Za-z0-9._+-]*"), 100
 

@@ -12,7 +12,7 @@ from omegaconf.errors import OmegaConfBaseException
 from relight.config.checks import check, no_choice
 from relight.config.schema import FIELDS, Config
 from relight.config.setting import setting_of
-from relight.files import UserError
+from relight.errors import UserError
 
 if TYPE_CHECKING:
     from hydra.core.override_parser.types import Override

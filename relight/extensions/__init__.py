@@ -15,7 +15,7 @@ from importlib.metadata import entry_points
 from pathlib import Path
 from typing import Any
 
-from relight.files import UserError
+from relight.errors import UserError
 
 GROUP = "relight.extensions"
 

@@ -15,7 +15,7 @@ app = typer.Typer()
 
 def seeds_of(text: str) -> list[int]:
     """Parses "7", "0-47" or "1,4,10-12" into integers, each once, in the order given."""
-    from relight.files import UserError
+    from relight.errors import UserError
 
     out: list[int] = []
     for part in text.split(","):
@@ -73,11 +73,11 @@ def figures(
     """
     import multiprocessing
 
+    from relight.errors import UserError
     from relight.figures.constraints import Constraints
     from relight.figures.constraints import names as known_names
     from relight.figures.dress import DETAILS
     from relight.figures.export import FORMATS
-    from relight.files import UserError
     from relight.processes import has_semaphores
     from relight.progress import progress
 
@@ -116,9 +116,10 @@ def make_one(task: tuple[int, dict, Path]) -> str | None:
     import json
     from dataclasses import asdict
 
+    from relight.errors import UserError
     from relight.figures.dress import GENERATOR, make_figure
     from relight.figures.export import LICENCE, export
-    from relight.files import UserError, atomic_write
+    from relight.files import atomic_write
 
     seed, settings, path = task
     record = path.with_suffix(".json")

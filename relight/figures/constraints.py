@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from relight.errors import UserError
 from relight.figures.body.person import Person, sample_person
 from relight.figures.hair.styles import style_odds, styles
 from relight.figures.outfits import Outfit, fitted_to_pose, sample_outfit
 from relight.figures.pose.stances import Pose, poses, sample_pose
 from relight.figures.tailor.garments import group, wardrobe
-from relight.files import UserError
 
 PEOPLE = 40  # maximal number drawn until one can wear the required garments
 OUTFITS = 80  # maximal number drawn for each of them; it finds the rarest garment for one person of two

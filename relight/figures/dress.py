@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from relight.errors import UserError
 from relight.figures import gates
 from relight.figures.assembly import Assembly
 from relight.figures.body.person import Expression, Person, build_body, sample_expression
@@ -19,7 +20,6 @@ from relight.figures.shading import shaded
 from relight.figures.surfaces import stacked
 from relight.figures.tailor.garments import room_for_hands
 from relight.figures.wear import DETAILS, Detail, drape_outfit
-from relight.files import UserError
 from relight.meshes import Mesh
 
 GENERATOR = 10  # raised when the same seed gives another figure

@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from relight.files import UserError, atomic_write
+from relight.errors import UserError
+from relight.files import atomic_write
 from relight.meshes import Material, Mesh, vertex_normals
 
 FORMATS = ("glb", "npz")

@@ -17,7 +17,7 @@ from typing import Any
 from omegaconf import OmegaConf
 
 from relight.config import composed
-from relight.files import UserError
+from relight.errors import UserError
 from relight.learning.train import Inputs, Recipe, train
 
 

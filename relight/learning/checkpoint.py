@@ -18,7 +18,8 @@ from safetensors.torch import save_file
 from torch import nn
 
 from relight.config import Model
-from relight.files import UserError, atomic_write, existing_file
+from relight.errors import UserError
+from relight.files import atomic_write, existing_file
 from relight.inference import read_onnx
 from relight.learning.networks import Network, build
 

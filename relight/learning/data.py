@@ -16,7 +16,8 @@ import torch
 import torch.nn.functional as F
 from torch import Tensor
 
-from relight.files import UserError, existing_file
+from relight.errors import UserError
+from relight.files import existing_file
 from relight.learning.camera import photograph, quantised, shade
 from relight.learning.harmonics import mirror_signs
 from relight.maps import PackedMaps

@@ -17,7 +17,8 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 from torch.export import Dim
 
-from relight.files import UserError, atomic_write, file_hash
+from relight.errors import UserError
+from relight.files import atomic_write, file_hash
 from relight.inference import INPUTS, METADATA, OUTPUTS, PhotoNetwork, read_onnx
 from relight.learning.checkpoint import HALF, PREFIX, load_network
 from relight.learning.harmonics import mirror_signs

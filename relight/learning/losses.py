@@ -21,8 +21,8 @@ import torch.nn.functional as F
 from torch import Tensor
 
 from relight.config import Loss
+from relight.errors import UserError
 from relight.extensions import extension
-from relight.files import UserError
 from relight.learning.camera import shade
 from relight.learning.data import Batch
 from relight.learning.networks import with_transport

@@ -19,8 +19,8 @@ import torch.nn.functional as F
 from torch import Tensor, nn
 
 from relight.config import Model
+from relight.errors import UserError
 from relight.extensions import extension
-from relight.files import UserError
 from relight.learning.harmonics import unoccluded
 
 ENCODER = (64, 128, 256, 512, 512, 512)  # channels at 1/2 to 1/64 of the size, at width 1

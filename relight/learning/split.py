@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from relight.config import Split
-from relight.files import UserError
+from relight.errors import UserError
 
 VALIDATION = 0.1  # share of the figures for training that are left out of it for the validation
 MAX_VALIDATION = 8  # figures

@@ -26,7 +26,8 @@ from torch import Tensor, nn
 from torch.nn.parallel import DistributedDataParallel
 
 from relight.config import Augment, Loss, Model, Train
-from relight.files import UserError, atomic_write, existing_file, file_hash
+from relight.errors import UserError
+from relight.files import atomic_write, existing_file, file_hash
 from relight.learning.augment import augment_batch
 from relight.learning.checkpoint import load_network, restore_state, save_network, save_state
 from relight.learning.data import Batch, RelitSet, draw_pairs, generator, read_split

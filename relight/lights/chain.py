@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from relight.config import Lights, Panoramas
-from relight.files import UserError, require_safe_name
+from relight.errors import UserError
+from relight.files import require_safe_name
 from relight.lights.select import select_lights
 from relight.lights.statistics import is_lit_from_below, measure
 from relight.lights.table import LightSet

@@ -7,7 +7,8 @@ from typing import TypedDict
 
 import numpy as np
 
-from relight.files import UserError, atomic_write
+from relight.errors import UserError
+from relight.files import atomic_write
 from relight.lights.statistics import moment_eigenvalue, reference_brightness
 from relight.panoramas import Panorama
 from relight.sh import UNOCCLUDED_T00, coefficient_count, from_relight, order_of

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from relight import extensions
-from relight.files import UserError, existing_file
+from relight.errors import UserError
+from relight.files import existing_file
 from relight.lights.chain import GENERATORS
 from relight.lights.light import Light, direction
 from relight.lights.statistics import is_lit_from_below, measure

@@ -14,7 +14,8 @@ from typing import Any
 import numpy as np
 
 from relight.config import Lights, Rules
-from relight.files import UserError, existing_file
+from relight.errors import UserError
+from relight.files import existing_file
 from relight.lights.cluster import choose_test_lights, choose_validation_lights, medoids
 from relight.lights.statistics import measure, reference_brightness
 from relight.lights.table import SPLITS, LightSet

@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.files import UserError, atomic_write
+from relight.errors import UserError
+from relight.files import atomic_write
 from relight.lights.statistics import reference_brightness
 from relight.npz import read_npz
 from relight.sh import bands, coefficient_count, order_of

@@ -15,7 +15,8 @@ import numpy as np
 import OpenEXR
 
 from relight import __version__
-from relight.files import UserError, atomic_write, existing_file
+from relight.errors import UserError
+from relight.files import atomic_write, existing_file
 from relight.sh import order_of
 
 FRAME = "right-handed, +x image right, +y up, +z toward the camera"

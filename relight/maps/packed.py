@@ -22,7 +22,8 @@ from typing import Any
 import numpy as np
 from safetensors import safe_open
 
-from relight.files import UserError, atomic_write, existing_file
+from relight.errors import UserError
+from relight.files import atomic_write, existing_file
 from relight.maps.octahedral import fold, octahedral
 from relight.progress import progress
 from relight.sh import UNOCCLUDED_T00

@@ -16,7 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.files import UserError, atomic_write
+from relight.errors import UserError
+from relight.files import atomic_write
 from relight.meshes.read import READERS, read_mesh
 from relight.progress import progress
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from relight.config import Clean
-from relight.files import UserError
+from relight.errors import UserError
 from relight.meshes.geometry import connected_parts, face_areas, solidity
 from relight.meshes.mesh import Mesh
 

@@ -4,7 +4,7 @@ import os
 import unicodedata
 from pathlib import Path, PurePosixPath
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.text import spellings
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.meshes.gltf_file import READERS, Gltf, read_extension, reads_extension
 from relight.meshes.mesh import CLAMP, MIRROR, REPEAT, Material
 from relight.meshes.raw import MAX_FACES, RawMesh, read_texture, unit_colors

@@ -11,7 +11,7 @@ from urllib.parse import unquote_to_bytes
 
 import numpy as np
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.meshes.find import find_file
 from relight.meshes.raw import MAX_FACES
 from relight.text import decode

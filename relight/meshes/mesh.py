@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from relight.files import UserError, atomic_write
+from relight.errors import UserError
+from relight.files import atomic_write
 from relight.npz import read_npz
 
 REPEAT, CLAMP, MIRROR = "repeat", "clamp", "mirror"  # how a texture goes on beyond its edge

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.meshes.find import find_file
 from relight.meshes.mesh import CLAMP, REPEAT, Material
 from relight.meshes.raw import linear, read_texture, unit_colors

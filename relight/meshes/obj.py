@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.meshes.mtl import NO_PLACEMENT, Surface, read_libraries
 from relight.meshes.polygons import triangulate
 from relight.meshes.raw import RawMesh, linear, unit_colors, without_tints

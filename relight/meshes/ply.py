@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.meshes.find import find_file
 from relight.meshes.mesh import Material
 from relight.meshes.polygons import triangulate

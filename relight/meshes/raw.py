@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.meshes.mesh import Material, Mesh
 from relight.srgb import LINEAR, decode
 

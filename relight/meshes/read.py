@@ -3,7 +3,8 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from relight.files import UserError, existing_file
+from relight.errors import UserError
+from relight.files import existing_file
 from relight.meshes.gltf import read_gltf
 from relight.meshes.mesh import Mesh
 from relight.meshes.obj import read_obj

@@ -8,7 +8,8 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
-from relight.files import UserError, require_readable
+from relight.errors import UserError
+from relight.files import require_readable
 from relight.meshes.find import find_path
 from relight.meshes.read import READERS, suffix_list
 from relight.text import Table, read_table

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.panoramas.colour import XYZ, convert_primaries
 from relight.panoramas.panorama import check_size
 

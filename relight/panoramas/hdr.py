@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.panoramas.colour import XYZ, convert_primaries
 from relight.panoramas.panorama import check_size
 

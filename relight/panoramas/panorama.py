@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.files import UserError
+from relight.errors import UserError
 
 LAYOUTS = ("latlong", "angular", "ball", "cross", "strip", "strip-gl")
 MAX_PIXELS = 2**25  # 8192 x 4096

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.panoramas.panorama import check_size
 
 HEADER = re.compile(rb"(?:\xef\xbb\xbf)?(PF|Pf)\s+(\d{1,9})\s+(\d{1,9})\s+([-+.0-9eE]{1,32})(\r\n|\s)")

@@ -5,7 +5,8 @@ import io
 import tarfile
 from pathlib import Path
 
-from relight.files import UserError, atomic_folder, data_folder
+from relight.errors import UserError
+from relight.files import atomic_folder, data_folder
 from relight.npm import Package, fetch
 
 INTEGRITY = "zHmKNS+3Jvu9K3zJBQfYQKT9Pn9IQt8s0q/eJC3CXKpWpyg6IBa+ivN9NgDn+fDT2AVjUh2YRZ//GXUueuAdCg=="

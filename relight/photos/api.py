@@ -10,7 +10,8 @@ import numpy as np
 from PIL import Image
 
 from relight.crop import Crop
-from relight.files import UserError, existing_file
+from relight.errors import UserError
+from relight.files import existing_file
 from relight.inference import PhotoNetwork, read_onnx
 from relight.lights import Light, LightOptions
 from relight.photos.compose.background import Background, read_background

@@ -227,7 +227,7 @@ def photo(
     ] = None,
 ) -> None:
     """Relight the people in a photo, or in each photo of a folder."""
-    from relight.files import UserError
+    from relight.errors import UserError
 
     if not path.exists():
         raise UserError(f"photo: there is no file or folder {path}")
@@ -316,7 +316,7 @@ def movie(
     weights: Weights = None,
 ) -> None:
     """Write a movie: a photo under a turning light, or a relit clip of moving people. The exposure is fixed."""
-    from relight.files import UserError
+    from relight.errors import UserError
     from relight.photos.video import writable_video
 
     writable_video(out)

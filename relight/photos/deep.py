@@ -9,7 +9,8 @@ import OpenEXR
 from PIL import Image
 
 from relight import __version__
-from relight.files import UserError, atomic_write
+from relight.errors import UserError
+from relight.files import atomic_write
 from relight.panoramas.exr import read_exr
 
 EXR_MAGIC = b"\x76\x2f\x31\x01"

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from relight import __version__
-from relight.files import UserError, writable_folder
+from relight.errors import UserError
+from relight.files import writable_folder
 from relight.photos.mask.find import automatic_model
 from relight.photos.photo import Options, relight_file
 from relight.photos.place import split_place

@@ -7,7 +7,7 @@ import numpy as np
 from PIL import Image
 
 from relight.crop import MASK_THRESHOLD
-from relight.files import UserError
+from relight.errors import UserError
 from relight.photos.mask.coverage import coverage_of
 from relight.photos.mask.find import find_mask
 from relight.photos.read import Photo, as_codes, mask_beside, mask_from_image, photo_from_image, read_photo

@@ -14,7 +14,7 @@ from typing import TypeVar
 import numpy as np
 
 from relight.crop import Crop, crop_around
-from relight.files import UserError
+from relight.errors import UserError
 from relight.lights import Light
 from relight.photos.api import Relighter, match_exposure
 from relight.photos.compose.background import Background

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from PIL import Image, TiffImagePlugin
 
-from relight.files import UserError
+from relight.errors import UserError
 
 MAX_PIXELS = 100_000_000  # of a photo; decoders allocate memory before they find that a file is a decompression bomb
 TOO_LARGE = f"at most {MAX_PIXELS // 10**6} million pixels are read"

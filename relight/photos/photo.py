@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.files import UserError, writable_folder
+from relight.errors import UserError
+from relight.files import writable_folder
 from relight.lights import Light, LightOptions
 from relight.photos.api import MODES, Relighter, match_exposure, require_white_balance
 from relight.photos.compose.background import Background, read_background

@@ -8,7 +8,7 @@ import re
 from pathlib import Path
 from typing import Unpack
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.lights import Light, LightOptions, load_light
 from relight.lights.light import direction
 from relight.lights.load import parse_number

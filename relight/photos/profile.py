@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from PIL import Image, ImageCms
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.panoramas.colour import REC709, chromaticity_matrix
 from relight.srgb import decode, encode
 

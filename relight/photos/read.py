@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageOps
 
-from relight.files import PHOTO_SUFFIXES, UserError, existing_file, require_readable
+from relight.errors import UserError
+from relight.files import PHOTO_SUFFIXES, existing_file, require_readable
 from relight.photos.compose.color import to_srgb8
 from relight.photos.deep import is_exr, read_16_bits, read_linear
 from relight.photos.mask.coverage import coverage_of

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from PIL import Image
 
-from relight.files import UserError, atomic_write, writable_file
+from relight.errors import UserError
+from relight.files import atomic_write, writable_file
 from relight.photos.read import Photo, list_photos, read_photo
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from functools import cache
 
 import numpy as np
 
-from relight.files import UserError
+from relight.errors import UserError
 
 UNOCCLUDED_T00 = math.sqrt(math.pi) / 2  # T_00 of unoccluded points, its maximum: pi Y_00 = .8862
 

@@ -4,7 +4,7 @@ import sys
 from pathlib import Path
 
 from relight.config import Bake
-from relight.files import UserError
+from relight.errors import UserError
 from relight.meshes import Mesh
 from relight.stages.stage import stage
 

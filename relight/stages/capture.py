@@ -4,7 +4,7 @@ import sys
 from pathlib import Path
 
 from relight.config import Figures
-from relight.files import UserError
+from relight.errors import UserError
 from relight.stages.stage import stage
 
 

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from relight.config import Figures
+from relight.errors import UserError
 from relight.extensions import extension
-from relight.files import UserError
 from relight.stages.stage import stage
 from relight.stages.step import save_mesh
 

@@ -5,7 +5,8 @@ import sys
 from pathlib import Path
 
 from relight.config import Split
-from relight.files import UserError, atomic_write
+from relight.errors import UserError
+from relight.files import atomic_write
 from relight.stages.stage import stage
 
 

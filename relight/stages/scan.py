@@ -3,7 +3,8 @@
 from pathlib import Path
 
 from relight.config import Figures
-from relight.files import UserError, require_safe_name
+from relight.errors import UserError
+from relight.files import require_safe_name
 from relight.stages.stage import stage
 from relight.stages.step import save_mesh
 

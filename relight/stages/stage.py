@@ -25,7 +25,7 @@ from relight import __version__
 from relight.config import CONF, READS, Config, check, composed, resolved
 from relight.config.errors import explain
 from relight.config.help import listing
-from relight.files import UserError, out_of_memory
+from relight.errors import UserError, out_of_memory
 from relight.processes import STARTED_BY, end_with_snakemake
 
 VERSIONS = ("numpy", "scipy", "torch", "hydra-core", "snakemake", "mlflow", "open3d-cpu", "warp-lang")

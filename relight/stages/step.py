@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.meshes import Mesh
 
 

@@ -7,7 +7,7 @@ from contextlib import chdir, suppress
 from pathlib import Path
 
 from relight.config import ROOT, Track, composed
-from relight.files import UserError
+from relight.errors import UserError
 from relight.tracking.store import SQLITE, connect, find_run, model_of, select_store, warn
 
 MODEL = "relight"  # the registered model

@@ -4,7 +4,7 @@ import os
 import sys
 
 from relight.config import ROOT, Track
-from relight.files import UserError
+from relight.errors import UserError
 from relight.tracking.store import connect
 
 # The list of runs beside their curves; without a type MLflow's pages are for language models.

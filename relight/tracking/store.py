@@ -13,7 +13,8 @@ from urllib.parse import urlparse
 from urllib.request import url2pathname
 
 from relight.config import Track
-from relight.files import UserError, atomic_write
+from relight.errors import UserError
+from relight.files import atomic_write
 
 SQLITE = "sqlite:///"
 LOCK = Path(".mlflow.lock")

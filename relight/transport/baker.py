@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.maps import Maps
 from relight.meshes import Mesh, vertex_normals
 from relight.progress import progress

@@ -5,7 +5,7 @@ from typing import Protocol
 
 import numpy as np
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.transport.view import Pose, rotate_vectors
 
 

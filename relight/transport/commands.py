@@ -62,7 +62,7 @@ def bake(
     """
     import time
 
-    from relight.files import UserError
+    from relight.errors import UserError
 
     targets = out or [Path(mesh.stem + ".exr")]
     kinds = {".exr", ".png", ".ply", ".npz"}

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.progress import progress
 from relight.sh import basis, coefficient_count, unoccluded
 from relight.transport.raycaster import MISS, RayCaster

@@ -4,7 +4,7 @@ import numpy as np
 import open3d.core as o3c
 from open3d.t.geometry import RaycastingScene
 
-from relight.files import UserError
+from relight.errors import UserError
 
 # Distance of ray origins from the surface, over the diagonal of the bounding box: a tenth of it causes self-shadowing,
 # ten times as much leaks light into creases.

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.meshes import Mesh
 from relight.meshes.mesh import CLAMP, MIRROR, REPEAT
 from relight.srgb import LINEAR

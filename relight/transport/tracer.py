@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.meshes import Material, Mesh, vertex_normals
 from relight.srgb import LINEAR
 from relight.transport.camera import Camera

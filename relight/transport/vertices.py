@@ -5,7 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.files import UserError, atomic_write
+from relight.errors import UserError
+from relight.files import atomic_write
 from relight.maps import coefficient_names
 from relight.maps.exr import CONVENTION
 from relight.meshes import Mesh, vertex_normals

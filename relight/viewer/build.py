@@ -10,7 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from relight.files import UserError, atomic_write
+from relight.errors import UserError
+from relight.files import atomic_write
 from relight.maps import Maps
 from relight.sh import deringed
 from relight.viewer.bundle import bundle

@@ -53,7 +53,8 @@ def view(
     open_: Annotated[bool, typer.Option("--open", help="Open the page in the browser.")] = False,
 ) -> None:
     """Write one self-contained .html page: drag to turn the light, choose lights, drop your own .hdr."""
-    from relight.files import UserError, writable_file
+    from relight.errors import UserError
+    from relight.files import writable_file
     from relight.photos.api import load
     from relight.viewer.build import build_gallery
     from relight.viewer.source import figure_of, named_lights
@@ -94,7 +95,7 @@ def web_build(
     weights: Annotated[Path | None, typer.Option("--weights", "-w", help="A network (.onnx).")] = None,
 ) -> None:
     """Write the site to the folder DIR, for any static web server."""
-    from relight.files import UserError
+    from relight.errors import UserError
     from relight.photos.api import WEIGHTS, load
     from relight.viewer.site import build_site
     from relight.viewer.source import figure_of, named_lights, portrait

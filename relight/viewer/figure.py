@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from relight.crop import extent, fill_outside
-from relight.files import UserError
+from relight.errors import UserError
 from relight.maps import Maps
 from relight.maps.octahedral import octahedral
 from relight.photos.compose.color import CLIPPING, chroma, clipping_excess

@@ -6,7 +6,8 @@ It belongs to Microsoft and comes under the MIT licence from the npm registry, f
 import tarfile
 from pathlib import Path
 
-from relight.files import UserError, atomic_write, data_folder
+from relight.errors import UserError
+from relight.files import atomic_write, data_folder
 from relight.npm import Package, fetch
 
 INTEGRITY = "q0y+JrrtukXSzsBWEMccVfqX25LRmosXHF+CaRJmg8pZClzcV7svNc4rKY3jL02Vb7QmRMDs1SigqR4CXAfKYQ=="

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from PIL import Image
 
-from relight.files import UserError, existing_file
+from relight.errors import UserError
+from relight.files import existing_file
 from relight.lights import reference_brightness
 from relight.maps import Maps
 from relight.photos.compose.upsample import luma

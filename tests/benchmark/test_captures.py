@@ -13,7 +13,7 @@ from relight.benchmark.score import ABSOLUTE, read_scores, score
 from relight.captures.capture import read_capture
 from relight.captures.maps import WHITE_ALBEDO
 from relight.cli import app
-from relight.files import UserError
+from relight.errors import UserError
 from relight.maps import read_maps
 from relight.panoramas import Panorama, generate_room, project, read_panorama
 from relight.panoramas.radiosity import view_directions

@@ -6,7 +6,7 @@ import pytest
 from relight.benchmark import recipes as recipes_module
 from relight.benchmark.lights import Lamplight, panorama, resampled
 from relight.benchmark.recipes import HASHES, SPARE_OFFSET, digest, draw_recipe, draw_recipes, with_gloss
-from relight.files import UserError
+from relight.errors import UserError
 from relight.lights.chain import GENERATORS
 from relight.lights.statistics import reference_brightness
 from relight.meshes import Material, Mesh

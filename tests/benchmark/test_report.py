@@ -15,11 +15,11 @@ import pytest
 from relight.benchmark.methods import BASELINES, FIXED, answer
 from relight.benchmark.score import COLUMNS, KEYS, mean_scores, read_scores, score
 from relight.config import ROOT, Benchmark, Statistics
-from relight.files import UserError
+from relight.errors import UserError
 from relight.photos.api import WEIGHTS
+from relight.plan import Plan
 from relight.stages.benchmark_scores import main as benchmark_scores
 from relight.stages.report import main as report
-from relight.workflow import Plan
 
 WORDS = "scale=smoke experiment=benchmark sweep.only=[ours_full] sweep.seeds=[0,1] track=none"
 SETTINGS = Statistics(bootstrap=200, seed=0)

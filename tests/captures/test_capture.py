@@ -11,7 +11,7 @@ from PIL import Image
 
 from relight.captures.capture import capture_files, list_captures, read_capture
 from relight.config import ROOT
-from relight.files import UserError
+from relight.errors import UserError
 from relight.srgb import encode, to_bytes
 
 CAMERAS = {"anna.front": 0, "anna.back": 2}

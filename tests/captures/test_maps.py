@@ -15,13 +15,13 @@ from scipy.ndimage import binary_erosion
 from relight.captures.maps import WHITE_ALBEDO, training_maps
 from relight.config import composed
 from relight.crop import crop_around
-from relight.files import UserError
+from relight.errors import UserError
 from relight.learning.checkpoint import load_network
 from relight.maps import PackedMaps, read_info, read_maps
+from relight.plan import Plan
 from relight.sh import basis, sphere_quadrature
 from relight.srgb import to_bytes
 from relight.stages import capture, pack, split, train
-from relight.workflow import Plan
 
 CAMERAS = {"anna.front": 0, "ben.right": 3, "carl.left": 1}
 NAMES = tuple(CAMERAS)

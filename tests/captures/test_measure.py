@@ -6,7 +6,7 @@ from capture_twin import MIDDLE, STAGE, lamps
 
 from relight.captures.lightstage import MAX_DEGREE, LightStage, projection_error, quadrature_weights
 from relight.captures.measure import measure
-from relight.files import UserError
+from relight.errors import UserError
 from relight.sh import basis, unoccluded
 from relight.srgb import encode, to_bytes
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from relight.config import composed
+from relight.errors import UserError
 from relight.evaluation.pictures.panels import plates
 from relight.evaluation.scoring.baselines import evaluate_baselines, make_predictors
 from relight.evaluation.scoring.evaluate import evaluate, infer, inferred_maps, load, unlearned
 from relight.evaluation.scoring.scores import Scores, read_scores, write_scores
-from relight.files import UserError
 from relight.learning.checkpoint import load_network
 from relight.learning.data import RelitSet
 from relight.learning.predict import predict

@@ -10,11 +10,11 @@ import trimesh
 from PIL import Image
 
 from relight.config import Evaluate, Panoramas, Statistics, Trace
+from relight.errors import UserError
 from relight.evaluation.experiments.path_traced import ANSWERS, CAUSES, Chain, evaluate_traced, traced_plate
 from relight.evaluation.experiments.tracing import Scene, read_scenes, sky_of, trace
 from relight.evaluation.report.own import traced_tables
 from relight.evaluation.scoring.evaluate import infer, load
-from relight.files import UserError
 from relight.learning.data import RelitSet
 from relight.lights import LightSet, read_light_set, write_light_set
 from relight.lights.chain import generated_light

@@ -6,6 +6,7 @@ import pytest
 from PIL import Image
 
 from relight.config import Statistics
+from relight.errors import UserError
 from relight.evaluation.experiments.occlusion import COLUMNS as OCCLUSION
 from relight.evaluation.experiments.occlusion import (
     HISTOGRAM,
@@ -22,7 +23,6 @@ from relight.evaluation.pictures.contact import clearest_light, contact_sheet, v
 from relight.evaluation.pictures.panels import COLUMNS, extreme_places, plates, relit
 from relight.evaluation.scoring.scores import Scores, write_scores
 from relight.evaluation.scoring.tables import TABLE2_COLUMNS, Table, experiment_table
-from relight.files import UserError
 from relight.maps import read_maps, write_left_out
 from relight.sh import unoccluded
 from relight.srgb import encode

@@ -6,6 +6,7 @@ import pandas as pd
 import pytest
 
 from relight.config import Statistics
+from relight.errors import UserError
 from relight.evaluation.report.formats import (
     MARKDOWN,
     TextTable,
@@ -26,7 +27,6 @@ from relight.evaluation.scoring.scores import Scores, gather, read_scores, write
 from relight.evaluation.scoring.statistics import Estimate
 from relight.evaluation.scoring.tables import TABLE1_COLUMNS, TABLE2_COLUMNS, experiment_table
 from relight.evaluation.scoring.truth import COLUMNS
-from relight.files import UserError
 
 SETTINGS = Statistics(4000, 0)
 FIGURES = [f"f{i}" for i in range(12)]

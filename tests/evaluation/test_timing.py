@@ -3,8 +3,8 @@ import torch
 from omegaconf import OmegaConf
 
 from relight.config import Timing, composed
+from relight.errors import UserError
 from relight.evaluation.experiments.timing import read_times, time_networks
-from relight.files import UserError
 from relight.learning.networks import build
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from relight.errors import UserError
 from relight.evaluation.experiments.transfer import (
     BASELINES,
     VARIANTS,
@@ -20,7 +21,6 @@ from relight.evaluation.pictures.panels import evenly_spaced
 from relight.evaluation.scoring.evaluate import truth
 from relight.evaluation.scoring.scores import read_scores
 from relight.evaluation.scoring.truth import Inferred
-from relight.files import UserError
 from relight.learning.data import RelitSet
 
 

@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 import pytest
 
+from relight.errors import UserError
 from relight.figures.body import makehuman
 from relight.figures.body.person import Shape, expressions, sample_person, units
 from relight.figures.body.skin import Iris
@@ -16,7 +17,6 @@ from relight.figures.outfits import shoe_odds
 from relight.figures.tailor import garments
 from relight.figures.tailor.garments import GROUPS, Garment, group, wardrobe
 from relight.figures.tailor.scarves import Wrap
-from relight.files import UserError
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from relight.config import composed
+from relight.errors import UserError
 from relight.figures import dress, gates
 from relight.figures.body.person import sample_person
 from relight.figures.cloth import colliders
@@ -39,7 +40,6 @@ from relight.figures.tailor import patterns
 from relight.figures.tailor.fabrics import Fabric
 from relight.figures.tailor.garments import wardrobe
 from relight.figures.wear import DrapedGarment
-from relight.files import UserError
 from relight.meshes import Material, Mesh, clean, read_mesh
 from relight.meshes.cleaning import FINDINGS
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from relight.errors import UserError
 from relight.figures import dress, shading
-from relight.files import UserError
 from relight.meshes import Material, Mesh
 from relight.sh import basis
 

@@ -14,7 +14,7 @@ import torch
 from PIL import Image
 
 from relight import srgb
-from relight.files import UserError
+from relight.errors import UserError
 from relight.lights import load_light
 from relight.panoramas import Panorama, generate_room, project
 from relight.sh import rotate_y

@@ -9,7 +9,7 @@ import torch
 from safetensors.torch import load_file, save_file
 
 from relight.config import ROOT
-from relight.files import UserError
+from relight.errors import UserError
 from relight.learning.checkpoint import load_network, save_network
 from relight.learning.networks import build
 

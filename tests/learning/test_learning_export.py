@@ -6,7 +6,7 @@ import pytest
 import torch
 from scipy.ndimage import binary_erosion, maximum_filter, minimum_filter
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.inference import read_onnx
 from relight.learning.checkpoint import load_network, save_network
 from relight.learning.export import NEIGHBOURHOOD, SLACK, check, clamp_rim, export, least, photo_network, sample

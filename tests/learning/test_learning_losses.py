@@ -10,7 +10,7 @@ import torch
 from omegaconf import OmegaConf
 
 from relight.config import Loss, composed
-from relight.files import UserError
+from relight.errors import UserError
 from relight.learning.data import RelitSet
 from relight.learning.losses import DARK, LEVEL, OCTAVES, TERMS, losses
 from relight.sh import unoccluded

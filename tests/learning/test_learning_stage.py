@@ -15,7 +15,7 @@ from mlflow import MlflowClient
 from safetensors import safe_open
 
 from relight.config import Track, flat
-from relight.files import UserError
+from relight.errors import UserError
 from relight.stages.train import main as stage
 from relight.tracking import store
 from relight.tracking.run import TrainingRun

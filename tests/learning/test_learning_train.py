@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import torch
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.learning.checkpoint import load_network
 from relight.learning.data import RelitSet, draw_pairs
 from relight.learning.train import (

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from relight.config import Panoramas, read_preset
-from relight.files import UserError
+from relight.errors import UserError
 from relight.lights import (
     build_light_set,
     measure,

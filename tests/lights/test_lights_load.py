@@ -6,8 +6,8 @@ import pytest
 from typer.testing import CliRunner
 
 from relight.config import Panoramas
+from relight.errors import UserError
 from relight.evaluation.experiments.tracing import panorama_of
-from relight.files import UserError
 from relight.lights import Light, load_light, reference_brightness, write_light
 from relight.lights.chain import file_light
 from relight.lights.commands import app

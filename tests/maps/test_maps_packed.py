@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from safetensors.numpy import load_file
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.maps import Maps, PackedMaps, pack_maps, read_maps, write_left_out, write_maps
 from relight.maps.packed import decode_normals, encode_normals
 from relight.srgb import encode

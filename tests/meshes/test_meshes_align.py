@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from relight.config import Align
-from relight.files import UserError
+from relight.errors import UserError
 from relight.meshes import Material, Mesh, align
 from relight.meshes.alignment import axes_rotation, read_align_table
 from relight.meshes.axes import AXES, find_axes

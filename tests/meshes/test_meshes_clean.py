@@ -5,7 +5,7 @@ import pytest
 import trimesh
 
 from relight.config import Clean
-from relight.files import UserError
+from relight.errors import UserError
 from relight.meshes import Material, Mesh, clean
 from relight.meshes.cleaning import count_opposed_faces, edge_uses
 from relight.meshes.geometry import connected_parts, face_areas, solidity

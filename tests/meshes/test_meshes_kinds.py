@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.meshes import Mesh, align, list_scans, read_mesh
 from relight.meshes.gltf_file import READERS, WITHOUT_EFFECT
 from relight.meshes.polygons import clip_ears, fan, triangulate

@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 from omegaconf import OmegaConf
 from snakemake.io import apply_wildcards
 
-from relight.files import UserError, atomic_write, is_unsafe_name
+from relight.errors import UserError
+from relight.files import atomic_write, is_unsafe_name
 from relight.meshes import Mesh, list_scans
 from relight.meshes.buff import BuffFrame, cluster_representatives, list_frames, select_frames
 

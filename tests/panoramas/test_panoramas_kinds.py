@@ -6,7 +6,7 @@ import numpy as np
 import OpenEXR
 import pytest
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.panoramas import read_panorama
 from relight.panoramas.colour import REC709, XYZ, chromaticity_matrix
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.photos.compose.background import Background
 from relight.photos.load import load_photo
 from relight.photos.read import Photo

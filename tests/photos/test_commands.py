@@ -10,7 +10,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 from relight.cli import app
-from relight.files import UserError
+from relight.errors import UserError
 from relight.lights import load_light
 from relight.photos.infer import opposite_lamp
 

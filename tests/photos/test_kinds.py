@@ -9,7 +9,7 @@ import pytest
 import tifffile
 from PIL import Image, ImageCms
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.photos.compose.color import to_codes
 from relight.photos.deep import UPRIGHT
 from relight.photos.mask.find import find_mask

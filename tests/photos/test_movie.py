@@ -6,7 +6,7 @@ import pytest
 from PIL import Image
 
 from relight.crop import crop_around
-from relight.files import UserError
+from relight.errors import UserError
 from relight.photos.api import match_exposure
 from relight.photos.compose.background import Background
 from relight.photos.infer import Person

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.lights import load_light
 from relight.lights.light import direction
 from relight.lights.place import place_light

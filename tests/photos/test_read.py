@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image, ImageCms
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.photos.mask.find import count_heads, find_mask, mask_warnings, split_people
 from relight.photos.read import read_mask, read_photo
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from relight.crop import Crop, crop_around
-from relight.files import UserError
+from relight.errors import UserError
 from relight.photos.compose import render as rendering
 from relight.photos.compose.background import Background, read_background
 from relight.photos.compose.color import apply_gain, to_srgb8

@@ -11,7 +11,7 @@ from pathlib import Path
 import atheris
 import readers
 
-from relight.files import UserError
+from relight.errors import UserError
 
 
 def main() -> None:

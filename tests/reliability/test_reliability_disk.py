@@ -17,7 +17,8 @@ import readers
 from namespaces import mounted, namespaced
 
 from relight.config import ROOT, Model
-from relight.files import UserError, atomic_write, system_errno
+from relight.errors import UserError
+from relight.files import atomic_write, system_errno
 from relight.learning.checkpoint import restore_state, save_network, save_state
 from relight.learning.networks import build
 from relight.lights import Light, write_light
@@ -165,7 +166,7 @@ from pathlib import Path
 sys.path.insert(0, sys.argv[1])
 import os, subprocess, numpy as np
 from test_reliability_disk import writers
-from relight.files import UserError
+from relight.errors import UserError
 inputs, place = Path(sys.argv[2]), Path(sys.argv[3])
 write, rng = writers(inputs), np.random.default_rng(1)
 def told(name, why):

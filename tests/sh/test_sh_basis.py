@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.special import sph_harm_y
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.sh import basis, coefficient_count, cosine_factors, order_of, per_coefficient, sphere_quadrature
 
 

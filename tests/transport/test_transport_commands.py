@@ -6,7 +6,7 @@ import trimesh
 from PIL import Image
 from typer.testing import CliRunner
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.maps import read_maps
 from relight.transport.commands import app
 

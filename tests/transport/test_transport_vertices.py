@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.maps import coefficient_names
 from relight.meshes import Material, Mesh
 from relight.sh import unoccluded

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from relight.config import Evaluate
-from relight.files import UserError
+from relight.errors import UserError
 from relight.maps import write_maps
 from relight.maps.octahedral import octahedral
 from relight.viewer.build import build_gallery, build_viewer

@@ -8,7 +8,7 @@ from scipy.ndimage import gaussian_filter
 from typer.testing import CliRunner
 
 from relight.crop import crop_around
-from relight.files import UserError
+from relight.errors import UserError
 from relight.inference import PhotoNetwork
 from relight.maps import write_left_out, write_maps
 from relight.photos.api import Relighter

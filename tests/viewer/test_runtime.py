@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.viewer import runtime
 
 

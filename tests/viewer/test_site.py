@@ -16,7 +16,7 @@ from PIL import Image
 from scipy.ndimage import gaussian_filter
 
 from relight.config import Model, composed
-from relight.files import UserError
+from relight.errors import UserError
 from relight.inference import read_onnx
 from relight.learning.export import export
 from relight.learning.networks import build

@@ -9,7 +9,7 @@ from omegaconf import MISSING, OmegaConf
 from relight.config import READS, Config, Loss, check, composed, presets, read_preset, view
 from relight.config.schema import AXES, EXPERIMENT, FIELDS
 from relight.config.setting import Setting, domain_in_words, setting, setting_of, type_in_words
-from relight.files import UserError
+from relight.errors import UserError
 from relight.meshes import axes
 from relight.panoramas.panorama import LAYOUTS
 

@@ -11,9 +11,9 @@ import pytest
 import yaml
 
 from relight.config import CONF, ROOT
-from relight.files import UserError
+from relight.errors import UserError
+from relight.plan import Plan
 from relight.run import expand_sweep
-from relight.workflow import Plan
 
 
 def test_overrides_as_words_or_list():

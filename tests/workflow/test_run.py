@@ -15,7 +15,7 @@ import yaml
 from relight import run as module
 from relight import workflow
 from relight.config import ROOT
-from relight.files import UserError
+from relight.errors import UserError
 
 
 @pytest.fixture
@@ -30,7 +30,7 @@ def calls(tmp_path, monkeypatch) -> list:
 
     monkeypatch.setattr(module, "snakemake", snakemake)
     monkeypatch.setattr(module, "ROOT", tmp_path)
-    monkeypatch.setattr("relight.workflow.ROOT", tmp_path)
+    monkeypatch.setattr("relight.plan.ROOT", tmp_path)
     monkeypatch.setattr(module, "LOCK", tmp_path / ".snakemake" / "relight.lock")
     return found
 
@@ -105,7 +105,7 @@ def test_a_sweep_of_a_stage_leaves_its_outputs_alone(tmp_path):
 
 
 class Again:
-    """Stands for `subprocess` in relight.workflow: notes what Snakemake is called with, and says that it succeeded."""
+    """Stands for `subprocess` in relight.plan: notes what Snakemake is called with, and says that it succeeded."""
 
     def __init__(self):
         self.calls = []

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from relight.config import Split
-from relight.files import UserError
+from relight.errors import UserError
 from relight.learning.split import is_seated, split_figures
 
 NAMES = [f"f{i:02d}" for i in range(40)]

@@ -24,13 +24,13 @@ import pytest
 from mlflow import MlflowClient
 
 from relight.config import ROOT, Model, Track
-from relight.files import UserError
+from relight.errors import UserError
 from relight.learning.checkpoint import save_network
 from relight.learning.networks import build
+from relight.plan import Plan
 from relight.tracking import registry, store
 from relight.tracking.registry import download_network, finish_workflow
 from relight.tracking.run import WORKFLOW, log_scores, training_run
-from relight.workflow import Plan
 
 URI = "sqlite:///mlflow.db"
 NETWORK = Model(

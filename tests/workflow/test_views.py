@@ -9,16 +9,16 @@ from omegaconf import OmegaConf
 from people import person
 
 from relight.config import composed
+from relight.errors import UserError
 from relight.evaluation.scoring.evaluate import has_pairs, select_pairs
-from relight.files import UserError
 from relight.learning.data import RelitSet
 from relight.learning.train import select_training_data
 from relight.maps import PackedMaps, read_info, read_maps
 from relight.meshes import Material, Mesh, align
+from relight.plan import Plan
 from relight.stages import bake, pack, split
 from relight.stages.step import left_out
 from relight.transport import random_view
-from relight.workflow import Plan
 
 FIGURES = ("ann", "bob", "eve")
 

@@ -9,12 +9,13 @@ sys.path.insert(0, str(Path(workflow.basedir).parent))
 
 from snakemake.exceptions import WorkflowError
 
-from relight.files import UserError, is_unsafe_name
+from relight.errors import UserError
+from relight.files import is_unsafe_name
 from relight.processes import STARTED_BY
 from relight.scheduling import limit_scheduler_timers
 from relight.tracking.registry import finish_workflow
 from relight.tracking.run import WORKFLOW
-from relight.workflow import FAILED_VARIABLE, Plan, report_completed
+from relight.plan import FAILED_VARIABLE, Plan, report_completed
 
 limit_scheduler_timers()
 os.environ[STARTED_BY] = str(os.getpid())

@@ -22,13 +22,14 @@ import numpy as np
 import pandas as pd
 
 from relight import config
+from relight.errors import UserError
 from relight.evaluation.experiments.tracing import Scene, read_scenes
 from relight.evaluation.pictures.panels import Cell, Line, Subject, draw, evenly_spaced
 from relight.evaluation.scoring.evaluate import infer, load, truth
 from relight.evaluation.scoring.labels import label
 from relight.evaluation.scoring.metrics import shade
 from relight.evaluation.scoring.truth import Inferred, Truth
-from relight.files import UserError, atomic_write
+from relight.files import atomic_write
 from relight.learning.data import RelitSet
 from relight.progress import progress
 from relight.sh import order_of, unoccluded

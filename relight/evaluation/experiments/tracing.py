@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from relight import config
+from relight.errors import UserError
 from relight.evaluation.pictures.panels import evenly_spaced
 from relight.evaluation.scoring.evaluate import pixels, select_pairs, torch_device
-from relight.files import UserError, atomic_write
+from relight.files import atomic_write
 from relight.learning.data import RelitSet
 from relight.lights import LightSet, read_light_set
 from relight.meshes import Mesh

@@ -13,13 +13,13 @@ from pathlib import Path
 import numpy as np
 
 from relight import config
+from relight.errors import UserError
 from relight.evaluation.pictures.panels import Cell, Line, Subject, draw, evenly_spaced
 from relight.evaluation.scoring.evaluate import Predictor, infer, load, select_pairs, truth
 from relight.evaluation.scoring.labels import label
 from relight.evaluation.scoring.metrics import shade
 from relight.evaluation.scoring.scores import Scores, write_scores
 from relight.evaluation.scoring.truth import Inferred, Truth, light_errors
-from relight.files import UserError
 from relight.learning.data import RelitSet
 from relight.progress import progress
 from relight.training_name import TrainingName

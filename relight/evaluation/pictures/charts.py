@@ -11,11 +11,12 @@ import numpy as np
 from matplotlib.figure import Figure  # no pyplot: no windows, nothing global
 from matplotlib.ticker import LogFormatter, MaxNLocator
 
+from relight.errors import UserError
 from relight.evaluation.scoring.labels import LABELS, label, title
 from relight.evaluation.scoring.scores import read_table
 from relight.evaluation.scoring.statistics import Estimate
 from relight.evaluation.scoring.tables import Table, sign
-from relight.files import UserError, atomic_write
+from relight.files import atomic_write
 from relight.training_name import TrainingName
 
 COLORS = ("#7a5195", "#ef5675", "#ffa600", "#00798c", "#30638e", "#6a994e", "#8d99ae", "#bc6c25")

@@ -6,9 +6,9 @@ import numpy as np
 from PIL import Image
 
 from relight.crop import fill_outside
+from relight.errors import UserError
 from relight.evaluation.pictures.canvas import CELL, FAINT, Canvas, ball, bounding_box, composite
 from relight.evaluation.scoring.metrics import shade
-from relight.files import UserError
 from relight.lights import measure
 from relight.maps import LeftOut, Maps, read_info, read_maps
 from relight.progress import progress

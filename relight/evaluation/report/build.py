@@ -10,13 +10,14 @@ from typing import Any, TypeVar
 from markupsafe import Markup
 
 from relight import config
+from relight.errors import UserError
 from relight.evaluation.report import data, own, page, sections
 from relight.evaluation.report.formats import TextTable
 from relight.evaluation.report.provenance import costs, provenance
 from relight.evaluation.report.results import Results
 from relight.evaluation.scoring.comparisons import compare_rows
 from relight.evaluation.scoring.paper import CITATION, CONTENTS
-from relight.files import UserError, atomic_write
+from relight.files import atomic_write
 
 T = TypeVar("T")
 Makers = Mapping[str, Callable[[Results, str], dict]]

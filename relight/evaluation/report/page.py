@@ -11,11 +11,12 @@ from markdown_it import MarkdownIt
 from markupsafe import Markup
 from PIL import Image
 
+from relight.errors import UserError
 from relight.evaluation.report import formats
 from relight.evaluation.scoring.comparisons import MARGIN, Comparison, Verdict
 from relight.evaluation.scoring.labels import column_label, label
 from relight.evaluation.scoring.statistics import ALPHA
-from relight.files import UserError, existing_file
+from relight.files import existing_file
 from relight.progress import duration
 
 TYPES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".svg": "image/svg+xml"}

@@ -12,10 +12,11 @@ import numpy as np
 import yaml
 
 from relight import config
+from relight.errors import UserError
 from relight.evaluation.scoring.scores import gather
 from relight.evaluation.scoring.statistics import Estimate
 from relight.evaluation.scoring.tables import Rows, Table, columns_of, estimates, experiment_table
-from relight.files import UserError, existing_file
+from relight.files import existing_file
 
 
 class Results:

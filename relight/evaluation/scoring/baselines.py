@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 
 from relight import config
+from relight.errors import UserError
 from relight.evaluation.scoring.evaluate import Predictor, has_pairs, pixel_rows, pixels, score, torch_device, truth
 from relight.evaluation.scoring.scores import write_scores
 from relight.evaluation.scoring.truth import Inferred
-from relight.files import UserError
 from relight.learning.data import RelitSet, read_split
 from relight.sh import order_of, unoccluded
 

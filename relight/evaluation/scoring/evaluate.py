@@ -9,9 +9,9 @@ import numpy as np
 import torch
 
 from relight import config
+from relight.errors import UserError
 from relight.evaluation.scoring.scores import Scores, write_scores
 from relight.evaluation.scoring.truth import Inferred, Truth
-from relight.files import UserError
 from relight.learning.checkpoint import load_network
 from relight.learning.data import Batch, RelitSet, read_split
 from relight.learning.harmonics import unoccluded

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from relight.errors import UserError
 from relight.evaluation.scoring.truth import COLLAPSE, COLUMNS
-from relight.files import UserError, atomic_write, existing_file
+from relight.files import atomic_write, existing_file
 from relight.training_name import TrainingName
 
 KEYS = ["predictor", "figure", "light"]

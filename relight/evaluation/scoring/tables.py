@@ -7,12 +7,12 @@ import numpy as np
 import pandas as pd
 
 from relight import config
+from relight.errors import UserError
 from relight.evaluation.scoring.labels import split_column
 from relight.evaluation.scoring.paper import printed
 from relight.evaluation.scoring.scores import Scores
 from relight.evaluation.scoring.statistics import Estimate, compare, estimate, holm, pooled_spread
 from relight.evaluation.scoring.truth import COLUMNS, READINGS
-from relight.files import UserError
 
 
 def columns_of(*quantities: str) -> tuple[str, ...]:

@@ -5,11 +5,11 @@ from dataclasses import dataclass, field
 from functools import cache
 from typing import Literal
 
+from relight.errors import UserError
 from relight.figures.catalogue.schema import entries
 from relight.figures.cloth.solver import Cloth
 from relight.figures.tailor.fabrics import Fabric
 from relight.figures.tailor.weaves import WEAVES
-from relight.files import UserError
 
 LAYER = 0.005  # metres of room that hands need for each garment
 GROUPS = ("tops", "outer", "bottoms", "skirts", "dresses", "robes")  # of the catalogue

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, ImageColor
 
-from relight.files import UserError
+from relight.errors import UserError
 from relight.panoramas import Panorama, luminance
 from relight.photos.compose.color import apply_gain, roll_off
 from relight.photos.compose.environment import camera_view

@@ -3,7 +3,7 @@
 import numpy as np
 from PIL import Image
 
-from relight.files import UserError
+from relight.errors import UserError
 
 GREY = 24  # largest difference of channels that a coder leaves in a grey mask
 FULL = 128  # least largest value of a mask that is no map of labels

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.ndimage import distance_transform_edt, label
 
 from relight.crop import MASK_THRESHOLD, extent
-from relight.files import UserError
+from relight.errors import UserError
 from relight.photos.mask import selfie, u2net
 from relight.photos.read import Photo, read_mask
 

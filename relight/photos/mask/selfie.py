@@ -19,7 +19,8 @@ from PIL import Image
 from scipy.ndimage import distance_transform_edt, label, uniform_filter
 
 from relight.crop import extent
-from relight.files import UserError, atomic_write, data_folder, existing_file
+from relight.errors import UserError
+from relight.files import atomic_write, data_folder, existing_file
 from relight.inference import open_session
 
 PACKAGE, VERSION = "mediapipe", "0.10.21"

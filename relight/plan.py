@@ -22,7 +22,8 @@ from omegaconf import OmegaConf
 from relight import config as schema
 from relight.code import code_hash, save_cache
 from relight.config import CONF, READS, ROOT, Experiment, check_name, composed, flat, view
-from relight.files import UserError, atomic_write, remove_folder
+from relight.errors import UserError
+from relight.files import atomic_write, remove_folder
 from relight.processes import end_with_parent, git
 from relight.training_name import TrainingName
 
