@@ -12,8 +12,8 @@ from types import SimpleNamespace
 import pytest
 import yaml
 
+from relight import plan as plan_module
 from relight import run as module
-from relight import workflow
 from relight.config import ROOT
 from relight.errors import UserError
 
@@ -111,7 +111,7 @@ class Again:
         self.calls = []
 
     def run(self, command, env, **_):
-        self.calls.append((command, json.loads(env[workflow.FAILED_VARIABLE])))
+        self.calls.append((command, json.loads(env[plan_module.FAILED_VARIABLE])))
         return subprocess.CompletedProcess(command, 0)
 
 
@@ -119,25 +119,25 @@ def test_what_failed_leaves_the_report_of_the_others(tmp_path, monkeypatch, caps
     """Only inference_time has no results: Snakemake is called again without it, as it was called by whomever."""
     monkeypatch.chdir(tmp_path)
     again = Again()
-    monkeypatch.setattr(workflow, "subprocess", again)
+    monkeypatch.setattr(plan_module, "subprocess", again)
     config = {"hydra": "scale=smoke experiment=[table1,inference_time] sweep.only=[sfsnet,ours_full]"}
-    plan = workflow.Plan(config)
-    workflow.report_completed(plan)
+    plan = plan_module.Plan(config)
+    plan_module.report_completed(plan)
     assert not again.calls, "nothing is there: nothing to report"
     wanted = [*plan.score_files, *(plan.network(training) for training in plan.scored)]
     wanted += [f"{plan.out}/{path}" for path in ("packed.safetensors", "figures.json", "lights/lights.npz")]
     for path in wanted:
         (tmp_path / path).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / path).write_text("")
-    workflow.report_completed(plan)
+    plan_module.report_completed(plan)
     failed = {"inference_time": [f"{plan.out}/inference_time/ours_full.s0.csv"]}
     assert again.calls == [([*sys.orig_argv, "--nolock"], failed)]
     assert "failed: inference_time" in capsys.readouterr().err
-    without = workflow.Plan(config, failed)
+    without = plan_module.Plan(config, failed)
     assert list(without.experiments) == ["table1"] and without.tables == ["table1"]
     found = json.loads(without.experiments_json())
     assert found["inference_time"]["failed"] == failed["inference_time"] and "scores" in found["table1"]
-    workflow.report_completed(without)
+    plan_module.report_completed(without)
     assert len(again.calls) == 1, "a report of the others that fails is not tried again"
 
 
