@@ -277,6 +277,8 @@ def generate_room(seed: int) -> np.ndarray:
     """
     rng = np.random.default_rng([seed, 0x100])
     pixels = render_room(sample_room(rng))
+    while not pixels.any():  # in one room in 1,200 no light reaches the camera
+        pixels = render_room(sample_room(rng))
     weight = latlong_solid_angles(HEIGHT, WIDTH)[:, None, None] / (4 * np.pi)
     pixels = pixels * white_balance(rng, (pixels * weight).sum((0, 1)))
     exposure = np.exp(rng.normal(np.log(0.28), 0.6)) / luminance((pixels * weight).sum((0, 1)))

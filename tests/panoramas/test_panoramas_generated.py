@@ -93,6 +93,11 @@ def test_every_room_has_a_source_of_light_and_nothing_is_close_to_the_camera():
             assert np.linalg.norm(lamp.centre - drawn.camera) - lamp.radius > 0.6
 
 
+def test_generate_room_draws_again_where_no_light_reaches_the_camera():
+    pixels = generate_room(201208)
+    assert np.isfinite(pixels).all() and pixels.max() > 0
+
+
 def planck(temperature):
     """Linear Rec. 709 of a Planckian radiator: Planck's law against the CIE 1931 functions, as Wyman et al.
     2013 fit them (JCGT 2(2), table 1)."""
