@@ -12,11 +12,24 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 CODE = re.compile(r"`((?:relight|tests|conf|benchmarks|workflow)/[\w/.-]+\.(?:py|yaml|smk|js))(?::(\w+))?`")
-FOLDERS = (".", ".github", "docs", "docs/joss", "integrations/blender", "integrations/comfyui", "relight/weights")
+FOLDERS = (
+    ".",
+    ".github",
+    "docs",
+    "docs/lab",
+    "docs/joss",
+    "integrations/blender",
+    "integrations/comfyui",
+    "relight/weights",
+)
 PAGES = sorted(page for folder in FOLDERS for page in (ROOT / folder).glob("*.md"))
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def page_name(page: Path) -> str:
+    return page.relative_to(ROOT).as_posix()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=page_name)
 def test_files_and_functions_that_a_page_names_exist(page):
     for path, name in CODE.findall(page.read_text()):
         assert (ROOT / path).exists(), path
@@ -24,7 +37,21 @@ def test_files_and_functions_that_a_page_names_exist(page):
             assert re.search(rf"^(?:def|class) {name}\b", (ROOT / path).read_text(), re.M), f"{path}:{name}"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def anchors(page: Path) -> set[str]:
+    """Returns the anchors of a page's headings, as MkDocs makes them."""
+    text = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.M | re.S)
+    titles = [re.sub(r"[^\w\s-]", "", title).strip().lower() for title in re.findall(r"^#+ (.*)$", text, re.M)]
+    return {re.sub(r"[-\s]+", "-", title) for title in titles}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=page_name)
+def test_headings_that_a_page_links_to_exist(page):
+    for target, heading in re.findall(r"\]\((?!https?:)([^)#\s]*)#([^)\s]+)\)", page.read_text()):
+        other = page.parent / target if target else page
+        assert heading in anchors(other), f"{target}#{heading}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=page_name)
 def test_files_that_a_page_links_to_exist(page):
     for target in re.findall(r"\]\((?!https?:|#)([^)#\s]+)", page.read_text()):
         assert (page.parent / target).exists(), target
@@ -69,8 +96,9 @@ def test_the_site_builds_without_a_warning_and_shows_the_demo_where_there_is_one
     command = [sys.executable, "-m", "mkdocs", "build", *options]
     done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    pages = {path.stem for path in (ROOT / "docs").glob("*.md")}
-    built = {path.parent.name for path in site.glob("*/index.html")} | {"index"}
+    docs = ROOT / "docs"
+    pages = {path.relative_to(docs).with_suffix("") for path in [*docs.glob("*.md"), *docs.glob("lab/*.md")]}
+    built = {path.parent.relative_to(site) for path in site.rglob("index.html")} | {Path("index")}
     assert pages <= built
     frames = re.findall(r'<iframe src="([^"]+)"', (site / "web" / "index.html").read_text())
     assert [(site / "web" / frame).read_text() for frame in frames] == ["turn the light"] * has_demo
