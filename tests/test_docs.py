@@ -58,7 +58,7 @@ def test_files_that_a_page_links_to_exist(page):
 
 
 def test_the_paper_page_names_every_equation_section_figure_and_table():
-    text = (ROOT / "docs" / "paper.md").read_text()
+    text = (ROOT / "docs" / "method.md").read_text()
     assert re.findall(r"^\| eq\. ([\d, ]+) \|", text, re.M) == ["1", "2", "3, 4", "5", "6", "7"]
     numbers = {
         int(n) for line in re.findall(r"^\| Figures? ([\d, and]+)", text, re.M) for n in re.findall(r"\d+", line)
@@ -100,5 +100,5 @@ def test_the_site_builds_without_a_warning_and_shows_the_demo_where_there_is_one
     pages = {path.relative_to(docs).with_suffix("") for path in [*docs.glob("*.md"), *docs.glob("lab/*.md")]}
     built = {path.parent.relative_to(site) for path in site.rglob("index.html")} | {Path("index")}
     assert pages <= built
-    frames = re.findall(r'<iframe src="([^"]+)"', (site / "web" / "index.html").read_text())
-    assert [(site / "web" / frame).read_text() for frame in frames] == ["turn the light"] * has_demo
+    frames = re.findall(r'<iframe src="([^"]+)"', (site / "viewer" / "index.html").read_text())
+    assert [(site / "viewer" / frame).read_text() for frame in frames] == ["turn the light"] * has_demo
