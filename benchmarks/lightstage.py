@@ -2,7 +2,7 @@
 
     python benchmarks/lightstage.py --size 128 --samples 8
 
-Mitsuba renders a figure under 331 lamps, one at a time, into the layout of docs/captures.md. Maps measured from these
+Mitsuba renders a figure under 331 lamps, one at a time, into the layout of docs/scans.md. Maps measured from these
 frames are compared with maps baked from the mesh, two pixels and more inside the mask:
 
     length       RMS length of baked transport, a vector of nine

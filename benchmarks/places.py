@@ -4,8 +4,8 @@
 
 Views of the eighteen panoramas of `relight light setup`, each left out in turn of whatever is fitted, and of generated
 rooms and skies of other seeds. The error is that of the nine coefficients of the irradiance, relative, at the factor
-that makes it smallest: a photo's exposure is matched anyway. Prints the table of docs/lights.md. With --write, fits to
-all panoramas and writes relight/lights/place.json.
+that makes it smallest: a photo's exposure is matched anyway. Prints the table of docs/lab/lights.md. With --write, fits
+to all panoramas and writes relight/lights/place.json.
 """
 
 import argparse

@@ -2,7 +2,7 @@
 
     python benchmarks/rooms.py [--rooms 400]
 
-Prints the tables of docs/lights.md: rooms against sixteen indoor maps, and rooms and skies against the panoramas of
+Prints the tables of docs/lab/lights.md: rooms against sixteen indoor maps, and rooms and skies against the panoramas of
 `relight light setup`. Percentiles of sixteen maps are uncertain, so the last column has the 90 % range of those of
 sixteen random rooms: measured values outside it differ significantly.
 """

@@ -114,7 +114,7 @@ class Plan:
         if "path_traced" in self.experiments and self.captures:
             raise UserError("experiment=path_traced needs meshes, which figures.source=olat does not make")
         if "path_traced" in self.experiments and find_spec("mitsuba") is None:
-            raise UserError("experiment=path_traced needs Mitsuba, which is not installed here: pip install mitsuba")
+            raise UserError("experiment=path_traced needs Mitsuba, which is not installed here: pip install '.[bench]'")
         if "path_traced" in self.experiments and self.cfg.bake.bounces:
             raise UserError("experiment=path_traced separates direct from bounced light, and needs bake.bounces=0")
         self._check_rows()

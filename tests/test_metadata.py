@@ -43,7 +43,7 @@ def test_paper_cites_what_its_bibliography_holds():
 
 
 def test_paper_is_the_first_of_its_name_as_the_journal_looks_for_it():
-    """Its robot walks the folders by name and takes the first paper.md; docs/paper.md is another page."""
+    """Its robot walks the folders by name and takes the first paper.md; docs/method.md is another page."""
     places = [path.relative_to(ROOT).parts for path in ROOT.glob("[a-z]*/**/paper.md")]
     assert min(places) == ("docs", "joss", "paper.md")
 
@@ -97,7 +97,7 @@ def test_weights_and_generated_data_have_one_licence():
     assert re.search(
         r"weights in relight/weights, and all that relight generates \([^)]+\), are under CC0 1\.0", notice
     )
-    for page in ("README.md", "docs/faq.md", "docs/figures.md"):
+    for page in ("README.md", "docs/index.md", "docs/figures.md"):
         sentences = re.findall(r"[^.]*\bCC0(?:-1\.0)?\b[^.]*", (ROOT / page).read_text())
         assert any("all that relight generates" in " ".join(sentence.split()) for sentence in sentences), page
 

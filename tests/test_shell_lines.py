@@ -17,8 +17,9 @@ from relight.lights import LightSet, write_light_set
 from relight.run import expand_sweep
 
 ROOT = Path(__file__).parents[1]
-PAGES = sorted([ROOT / "README.md", ROOT / ".github" / "CONTRIBUTING.md", *(ROOT / "docs").glob("*.md")])
-PAGES.remove(ROOT / "docs" / "changelog.md")  # it tells of commands that are gone
+DOCS = ROOT / "docs"
+PAGES = sorted([ROOT / "README.md", ROOT / ".github" / "CONTRIBUTING.md", *DOCS.glob("*.md"), *DOCS.glob("lab/*.md")])
+PAGES.remove(DOCS / "changelog.md")  # it tells of commands that are gone
 # Not run by any test, with the reason. What is checked of the others is in `check`.
 NOT_RUN = {
     "pip install": "it installs packages, some of them from the network",
@@ -82,7 +83,7 @@ def check(line: str) -> None:
         raise AssertionError("it is neither run nor listed")
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
 def test_every_shell_line_is_accepted_or_listed_as_not_run(page):
     for line in shell_lines(page):
         if not PLACEHOLDER.search(line):
@@ -140,7 +141,7 @@ def test_the_lines_about_lights_and_baking_run(page, inputs, capsys):
         text, number = np.array(["train", "test"]), np.zeros(2)
         lights = LightSet(np.ones((2, 9, 3), np.float32), text, text, number, number.astype(int), number, number, text)
         write_light_set(lights, folder)
-    lines = [line for line in shell_lines(ROOT / "docs" / f"{page}.md") if re.match("relight (light|bake) ", line)]
+    lines = [line for line in shell_lines(DOCS / f"{page}.md") if re.match("relight (light|bake) ", line)]
     lines = [line for line in lines if not line.startswith(tuple(NOT_RUN))]
     assert len(lines) >= 4
     for line in lines:

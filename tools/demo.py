@@ -6,7 +6,7 @@
 import shutil
 from pathlib import Path
 
-PAGE = "web.md"
+PAGE = "viewer.md"
 FRAME = """
 <iframe src="../demo/index.html" title="Turn the light in a photo" loading="lazy" allow="fullscreen"
   style="width: 100%; height: 560px; border: 0; border-radius: 8px"></iframe>

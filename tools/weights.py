@@ -73,7 +73,7 @@ What a card of an open model answers:
 | licence of the data | CC0-1.0; whoever runs relight makes them again from integer seeds |
 | training code | `relight.learning`, Apache-2.0 |
 | Open Source AI Definition 1.0 | has its three parts: code, weights, data to make again (our reading, not certified) |
-| Model Openness Framework | class I but for a paper; docs/weights.md is the report (our reading, not certified) |
+| Model Openness Framework | class I but for a paper; docs/lab/weights.md is the report (our reading, not certified) |
 | published research | the method: Kanamori & Endo 2018, doi 10.1145/3272127.3275104 |
 | reproducibility | settings and stages are in the .onnx file; this lineage of stages was run once |
 | inference | local, on a CPU, by onnxruntime; nothing is sent |

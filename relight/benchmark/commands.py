@@ -39,7 +39,7 @@ def make(
 
 @app.command("import")
 def import_(
-    source: Annotated[Path, typer.Argument(help="Folder of the captures (docs/captures.md).", metavar="FOLDER")],
+    source: Annotated[Path, typer.Argument(help="Folder of the captures (docs/scans.md).", metavar="FOLDER")],
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the set.")] = BENCHMARK,
     only: Annotated[str, typer.Option(help="Regular expression for the captures' names; all by default.")] = "",
 ) -> None:

@@ -5,7 +5,7 @@
     PERSON.VIEW/mesh.obj        the person's mesh, if there is one
     PERSON.VIEW/frames/000.png  one picture for each lamp, 8-bit sRGB, undistorted
 
-docs/captures.md describes them in full.
+docs/scans.md describes them in full.
 """
 
 import json
@@ -131,7 +131,7 @@ def entry(content: Any, key: str, kind: type[dict | list | str], index: Path) ->
     value = content.get(key) if isinstance(content, dict) else None
     if not isinstance(value, kind):
         words = {"dict": "an object", "list": "a list", "str": "a text"}[kind.__name__]
-        raise UserError(f"{index}: {key} must be {words} (docs/captures.md)")
+        raise UserError(f"{index}: {key} must be {words} (docs/scans.md)")
     return value
 
 

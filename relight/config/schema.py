@@ -231,7 +231,7 @@ class Train:
 
     steps: int = setting("number of steps", least=1)
     batch: int = setting("pairs of figure and light per step", least=1)
-    lr: float = setting("learning rate of Adam", above=0)
+    lr: float = setting("learning rate of Adam; Muon takes five times as much", above=0)
     beta1: float = setting("decay of Adam's mean of gradients", least=0, below=1)
     beta2: float = setting("decay of Adam's mean of squared gradients", least=0, below=1)
     schedule: str = setting("schedule of the learning rate after the warm-up", choices=("constant", "cosine"))
@@ -261,7 +261,7 @@ class Train:
     )
     mirror: bool = setting("whether half of the pairs are mirrored left to right")
     compile: bool = setting("whether the network is compiled by torch.compile, which is faster on a GPU")
-    start: str | None = setting("network of the same form to start from: a file, or a run of the sweep", None)
+    start: str | None = setting("network of the same form to start from: a file, or another row", None)
     only: str | None = setting("part of `start` that is trained; null for all of it", None, choices=("encoder",))
     part: str = setting(
         "part of the split to train on; test needs losses without ground truth",

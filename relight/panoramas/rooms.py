@@ -4,7 +4,7 @@ A room is a box with coloured walls, windows, lamps and furniture around a camer
 (relight.panoramas.radiosity). Three kinds of rooms exist: plain ones, darker ones lit from one side, and soft ones with
 a high albedo, lit from all sides. Lamps range from tungsten to daylight, windows show day or night, and white balance
 is set for daylight, for lamps, or from the picture. With these ranges, the statistics of the lights span those of
-measured indoor panoramas and of the lights that the paper's authors released (docs/lights.md).
+measured indoor panoramas and of the lights that the paper's authors released (docs/lab/lights.md).
 """
 
 import numpy as np

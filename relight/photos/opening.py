@@ -27,7 +27,7 @@ def open_picture(path: Path, what: str) -> Image.Image:
             from pillow_heif import register_heif_opener
         except ImportError:
             raise UserError(
-                f"{what} {path} is HEIC, which needs pillow-heif: pip install 'relight[heic]', or save it as JPEG"
+                f"{what} {path} is HEIC, which needs pillow-heif: pip install '.[heic]', or save it as JPEG"
             ) from None
         register_heif_opener()
     try:

@@ -50,7 +50,7 @@ class Baker:
     """
 
     def __init__(self, mesh: Mesh, rays: int, order: int = 2, seed: int = 0, bounces: int = 0, threads: int = 1):
-        """Prepares a mesh. Time and memory: docs/transport.md.
+        """Prepares a mesh. Time and memory: docs/lab/transport.md.
 
         Args:
             mesh: aligned, if its frontal view is to be baked.

@@ -58,7 +58,7 @@ def bake(
 
     Image = albedo x (transport . light), with any light that `relight light` writes. In other views (--yaw, --pitch,
     --focal) the figure fills the picture, and its maps are in the camera's axes. Transport per vertex keeps the file's
-    frame and order of vertices. Formats and conventions: docs/transport.md and docs/maps.md.
+    frame and order of vertices. Formats and conventions: docs/transport.md and docs/conventions.md.
     """
     import time
 

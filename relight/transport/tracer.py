@@ -1,6 +1,6 @@
 """Path-traces meshes with Mitsuba 3, an independent check of the maps that shares no code with the baker.
 
-Mitsuba is optional (`pip install mitsuba`). Its scalar variant is used, which needs no LLVM on the machine.
+Mitsuba is optional (`pip install '.[bench]'`). Its scalar variant is used, which needs no LLVM on the machine.
 """
 
 import math
@@ -25,7 +25,7 @@ def import_mitsuba() -> ModuleType:
     try:
         import mitsuba
     except ImportError:
-        raise UserError("path tracing needs Mitsuba, which is not installed: pip install mitsuba") from None
+        raise UserError("path tracing needs Mitsuba, which is not installed: pip install '.[bench]'") from None
     mitsuba.set_variant("scalar_rgb")
     mitsuba.set_log_level(mitsuba.LogLevel.Error)  # it would warn whenever it rounds the number of samples up
     return mitsuba

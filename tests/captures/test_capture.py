@@ -137,7 +137,7 @@ def test_read_frames_refuses_broken_frames(copy):
 
 
 def test_read_capture_as_documented(tmp_path):
-    block = re.search(r"```json\n(.*?)```", (ROOT / "docs" / "captures.md").read_text(), re.S)[1]
+    block = re.search(r"```json\n(.*?)```", (ROOT / "docs" / "scans.md").read_text(), re.S)[1]
     folder = tmp_path / "anna.front"
     folder.mkdir()
     (folder / "capture.json").write_text(block)

@@ -192,5 +192,5 @@ def test_trace_without_mitsuba(monkeypatch):
     from relight.transport.tracer import import_mitsuba
 
     monkeypatch.setitem(sys.modules, "mitsuba", None)
-    with pytest.raises(UserError, match="pip install mitsuba"):
+    with pytest.raises(UserError, match=r"pip install '\.\[bench\]'"):
         import_mitsuba()

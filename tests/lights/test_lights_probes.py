@@ -1,7 +1,7 @@
 """The printed tables of Ramamoorthi & Hanrahan 2001, from maps of the same probes.
 
-Debevec's light probes are not ours to give away: RELIGHT_PROBES=<folder> names one that holds them (docs/lights.md),
-and the tests that read them are skipped without it. What can be known without them is a twin of the paper's program.
+Debevec's light probes are not ours to give away: RELIGHT_PROBES=<folder> has them (docs/lab/lights.md), and
+the tests that read them are skipped without it. What can be known without them is a twin of the paper's program.
 """
 
 import os

@@ -42,7 +42,7 @@ def rooms(coefficients):
 
 
 # Where the tenth, median and ninetieth of 160 rooms lie: four standard deviations and more about the means of twelve
-# blocks of 160 rooms. How they compare with measured maps and with the lights of the paper's authors: docs/lights.md.
+# blocks of 160 rooms. How they compare with measured maps and the lights of the paper's authors: docs/lab/lights.md.
 RANGES = {
     "first": ((0.32, 0.62), (0.78, 1.12), (1.25, 1.46)),
     "second": ((0.15, 0.48), (0.82, 1.15), (1.50, 1.76)),

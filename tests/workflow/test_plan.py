@@ -207,7 +207,7 @@ def test_what_snakemake_is_given_in_other_words_is_refused():
 def test_a_package_that_is_missing_is_told_with_the_plan(monkeypatch):
     plan = Plan({"hydra": "scale=smoke experiment=path_traced"})
     monkeypatch.setitem(sys.modules, "mitsuba", None)
-    with pytest.raises(UserError, match="pip install mitsuba"):
+    with pytest.raises(UserError, match=r"pip install '\.\[bench\]'"):
         plan.check()
 
 

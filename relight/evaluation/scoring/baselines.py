@@ -1,4 +1,4 @@
-"""Predicts without a network, as baselines for the scores (docs/method.md, section 7).
+"""Predicts without a network, as baselines for the scores (docs/lab/method.md, section 7).
 
 | name            | predicts                                                       | is given                     |
 |-----------------|----------------------------------------------------------------|------------------------------|
