@@ -20,8 +20,6 @@ from relight.files import atomic_write
 PACKAGE = "relight"
 # Modules on which no result depends: settings, whose values are recorded, messages, records and the start of processes.
 WITHOUT_RESULTS = ("cli", "config", "errors", "files", "lazy", "processes", "progress", "stages.stage", "tracking")
-
-
 CACHE = Path(".snakemake", "relight.code.json")
 
 
@@ -35,7 +33,7 @@ class Source(NamedTuple):
 def code_hash(stage: str, words: frozenset[str] = frozenset()) -> str:
     """Returns a hash of the code of a stage: its module, the modules of relight that it imports, and their data.
 
-    Comments, docstrings and spaces within lines do not count, nor does the code of other packages.
+    Comments, docstrings and blank lines do not count, nor does the code of other packages.
 
     Args:
         stage: name of a module in `relight.stages`.
@@ -44,8 +42,8 @@ def code_hash(stage: str, words: frozenset[str] = frozenset()) -> str:
     files = {file for name in closure(f"{PACKAGE}.stages.{stage}") for file in files_of(name)}
     files |= {file for name in words & {*extensions.names()} if (file := extension_file(name))}
     digest = hashlib.sha256()
-    for file in sorted(files):
-        digest.update(f"{file.name}\0{source(file).hash}\0".encode())
+    for name, content in sorted((file.name, source(file).hash) for file in files):  # the same in every folder
+        digest.update(f"{name}\0{content}\0".encode())
     return digest.hexdigest()[:16]
 
 
@@ -129,14 +127,21 @@ def path_of(name: str) -> Path | None:
 
 
 def files_of(name: str) -> list[Path]:
-    """Returns the file of a module, and the files in its folder and the folders in it that hold no Python: its data."""
+    """Returns the file of a module and, in a subpackage, its data: the other files of its folder.
+
+    Folders in it that hold no Python count too, such as those of templates; hidden files and packages of npm do not.
+    """
     path = path_of(name)
-    if not path:
-        return []
-    folders = [folder for folder in path.parent.iterdir() if folder.is_dir() and not (folder / "__init__.py").exists()]
-    data = [file for file in path.parent.iterdir() if file.is_file()]
-    data += [file for folder in folders if folder.name != "__pycache__" for file in folder.rglob("*") if file.is_file()]
-    return [path, *(file for file in data if file.suffix not in (".py", ".pyi", ".pyc"))]
+    if not path or path.parent == ROOT / PACKAGE:  # whose other folders, such as weights, are inputs of rules
+        return [path] if path else []
+    found = [path]
+    for item in sorted(path.parent.iterdir()):
+        if item.is_file():
+            found.append(item)
+        elif item.name not in ("__pycache__", "node_modules") and not any(item.glob("*.py")):
+            found += [file for file in item.rglob("*") if file.is_file() and "node_modules" not in file.parts]
+    data = [file for file in found[1:] if file.suffix not in (".py", ".pyi", ".pyc") and not file.name.startswith(".")]
+    return [path, *data]
 
 
 def extension_file(name: str) -> Path | None:
@@ -146,24 +151,24 @@ def extension_file(name: str) -> Path | None:
 
 
 def stripped(source: str) -> str:
-    r"""Returns Python source without comments, docstrings, empty lines and the spaces within lines.
+    r"""Returns Python source without comments, docstrings and blank lines; strings are kept as they are.
 
-    >>> stripped('x = 1  # one\n\ndef f():\n    "Returns one."\n    return 1\n')
-    'x=1\ndeff():\n    return1'
+    >>> stripped('x = "# a  b"  # one\n\ndef f():\n    "Returns one."\n    return 1\n')
+    'x = "# a  b"\ndef f():\n    return 1'
     """
     lines = source.splitlines()
-    for token in tokenize.generate_tokens(io.StringIO(source).readline):
+    tokens = list(tokenize.generate_tokens(io.StringIO(source).readline))
+    for token in tokens:
         if token.type == tokenize.COMMENT:
             row, column = token.start
-            lines[row - 1] = lines[row - 1][:column]
+            lines[row - 1] = lines[row - 1][:column].rstrip()
+    dropped = {
+        token.start[0] for token in tokens if token.type == tokenize.NL and not lines[token.start[0] - 1].strip()
+    }
     for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef) and node.body:
-            first = node.body[0]
-            if (
-                isinstance(first, ast.Expr)
-                and isinstance(first.value, ast.Constant)
-                and isinstance(first.value.value, str)
-            ):
-                lines[first.lineno - 1 : first.end_lineno] = [""] * (int(first.end_lineno or 0) - first.lineno + 1)
-    indents = [line[: len(line) - len(line.lstrip())] for line in lines]
-    return "\n".join(indent + "".join(line.split()) for indent, line in zip(indents, lines) if line.strip())
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            if ast.get_docstring(node, clean=False) is not None:
+                first, last = node.body[0].lineno, int(node.body[0].end_lineno or 0)
+                alone = lines[first - 1].lstrip(" rR")[:1] in ("'", '"') and lines[last - 1][-1:] in ("'", '"')
+                dropped |= set(range(first, last + 1)) if alone else set()
+    return "\n".join(line for row, line in enumerate(lines, 1) if row not in dropped)

@@ -21,10 +21,11 @@ def package(tmp_path, monkeypatch):
         "stages/lights.py": "from relight.config import ROOT\n",
         "transport/__init__.py": "",
         "transport/__init__.pyi": "from relight.transport.baker import bake\n",
-        "transport/baker.py": "import relight.transport.sampling\ndef bake():\n    return 1\n",
+        "transport/baker.py": "import relight.npz\nimport relight.transport.sampling\ndef bake():\n    return 1\n",
         "transport/sampling.py": "N = 2\n",
         "transport/unused.py": "N = 2\n",
         "transport/table.csv": "1\n",
+        "npz.py": "",
         "config/__init__.py": "ROOT = 1\n",
     }
     for name, text in files.items():
@@ -45,7 +46,7 @@ def hashes() -> tuple[str, str]:
 
 
 def test_closure_follows_functions_stubs_and_plain_imports(package):
-    names = {"relight.stages.bake", "relight.transport.baker", "relight.transport.sampling"}
+    names = {"relight.stages.bake", "relight.transport.baker", "relight.transport.sampling", "relight.npz"}
     assert code.closure("relight.stages.bake") == names
 
 
@@ -53,10 +54,18 @@ def test_closure_follows_functions_stubs_and_plain_imports(package):
     ("name", "text", "bake_differs", "lights_differs"),
     [
         ("transport/sampling.py", "N = 3\n", True, False),
-        ("transport/baker.py", "import relight.transport.sampling\ndef bake():\n    return 2\n", True, False),
+        (
+            "transport/baker.py",
+            "import relight.npz\nimport relight.transport.sampling\ndef bake():\n    return 2\n",
+            True,
+            False,
+        ),
         ("transport/table.csv", "2\n", True, False),
         ("stages/lights.py", "from relight.config import ROOT\nX = 1\n", False, True),
-        ("transport/sampling.py", '"""Samples."""\n\nN  =  2  # two\n', False, False),
+        ("transport/sampling.py", '"""Samples."""\n\nN = 2  # two\n', False, False),
+        ("transport/.table.csv.swp", "2\n", False, False),
+        ("weights/network.onnx", "2\n", False, False),
+        ("transport/templates/page.md", "2\n", True, False),
         ("transport/unused.py", "N = 3\n", False, False),
         ("config/__init__.py", "ROOT = 2\n", False, False),
     ],
@@ -66,15 +75,29 @@ def test_code_hash_changes_with_what_a_stage_runs_and_with_nothing_else(
 ):
     bake, lights = hashes()
     assert hashes() == (bake, lights)
+    (package / name).parent.mkdir(exist_ok=True)
     (package / name).write_text(text)
     again = hashes()
     assert (again[0] != bake, again[1] != lights) == (bake_differs, lights_differs)
 
 
-def test_stripped_keeps_strings_that_look_like_comments_and_indentation():
-    assert code.stripped("x = '# no'\nif x:\n    y = 1\nz = 2\n") == "x='#no'\nif x:\n    y=1\nz=2".replace(
-        "if x", "ifx"
-    )
+@pytest.mark.parametrize(
+    "source",
+    [
+        "x = '# no'\nif x:\n    y = 1\nz = 2",
+        "x = ' '.join(y)",
+        'x = """a\n\n  # no\nb"""',
+        'x = f(\n    """not a docstring""",\n)',
+        'def f(): "doc"; return 1',
+    ],
+)
+def test_stripped_keeps_all_that_a_result_can_depend_on(source):
+    assert code.stripped(source) == source
+
+
+def test_stripped_drops_comments_docstrings_and_blank_lines():
+    source = '"""Module."""\n\n# one\nclass A:\n    """Class\n\n    of two lines."""  # two\n\n    x = 1  # three\n'
+    assert code.stripped(source) == "class A:\n    x = 1"
 
 
 def test_code_hash_includes_the_extension_that_the_settings_name(tmp_path, monkeypatch):
