@@ -2,7 +2,7 @@
 
     python benchmarks/hair.py --seeds 20000-20011 --sheet heads.png
 
-Heads are made without clothes, in the pose, style and colours of each seed, and baked from eight directions.
+Heads are made without clothes, in the pose, style and colors of each seed, and baked from eight directions.
 Scalp: fraction of skin inside the hairline among pixels of hair and scalp. Black: fraction of hair pixels on the side
 of the camera, above the jaw, with ambient occlusion under .1. Edge: width in millimetres over which coverage falls at
 the outline, the integral of 4 c (1 - c) over the image divided by the length of the outline of the smoothed coverage.

@@ -75,7 +75,7 @@ def main() -> None:
     def shade(light: np.ndarray, vectors: np.ndarray) -> np.ndarray:
         return albedo / np.pi * vectors[..., : len(light)] @ light
 
-    print("Light: a constant plus one harmonic per colour channel, so that each coefficient is tested alone\n")
+    print("Light: a constant plus one harmonic per color channel, so that each coefficient is tested alone\n")
     print("| coefficient | traced mean | mean difference | RMS difference | correlation |\n|---|---|---|---|---|")
     values = basis(sky_directions())
     for first in (0, 3, 6):

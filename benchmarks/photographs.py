@@ -5,7 +5,7 @@
 
 The first argument is a folder of `relight run experiment=photo`: its packed set, lights and split. Each test figure
 (with --all, each figure) is seen under three test lights. "Photographs" have the framing, masks, exposures and camera
-of augment=photo; "and tints" also its white balances and recoloured clothes; "and gloss" also glossy materials in each
+of augment=photo; "and tints" also its white balances and recolored clothes; "and gloss" also glossy materials in each
 picture. Light errors are relative errors of irradiance; others are RMSE of vectors in the mask. Columns with a star are
 after the best factor for each picture, since a photograph does not determine a scene's brightness. Detail is the energy
 of the error's detail over the truth's (`losses.detail`): 1 for maps without detail; that of shading is under the true
@@ -34,7 +34,7 @@ from relight.learning.losses import detail
 PHOTOGRAPHS = ["train.color=photo", "augment=photo"]
 KINDS = {
     "as relit": ["train.color=photo", "augment=none"],
-    "photographs": [*PHOTOGRAPHS, "augment.tint=0", "augment.recolour=0", "augment.prints=0", "augment.gloss=0"],
+    "photographs": [*PHOTOGRAPHS, "augment.tint=0", "augment.recolor=0", "augment.prints=0", "augment.gloss=0"],
     "and tints": [*PHOTOGRAPHS, "augment.gloss=0"],
     "and gloss": [*PHOTOGRAPHS, "augment.gloss=1"],
 }

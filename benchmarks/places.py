@@ -159,7 +159,7 @@ def by(coefficients: np.ndarray, inputs: Callable[[Views], np.ndarray], tinted: 
 
 
 def flat(views: Views) -> np.ndarray:
-    """Lights by the picture's mean colour from everywhere."""
+    """Lights by the picture's mean color from everywhere."""
     return np.eye(9)[0][:, None] * views.pictures.mean((1, 2))[:, None]
 
 
@@ -261,7 +261,7 @@ def main() -> None:
         take_views(generated(first, count), 4 * count, 1)
         for first, count in ((TRAINING_SEED, options.rooms), (TEST_SEED, TEST_ROOMS))
     )
-    unfitted = {"picture mirrored over the sphere": mirrored_sphere, "its mean colour": flat}
+    unfitted = {"picture mirrored over the sphere": mirrored_sphere, "its mean color": flat}
     found: dict[str, list[float]] = {}
     for number, held_out in enumerate(real):
         methods = unfitted | fitted_methods([real[:number] + real[number + 1 :], [training]])

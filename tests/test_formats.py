@@ -182,7 +182,7 @@ def preview(folder):
 
 
 def mask(folder, person, edge=None):
-    """A mask whose person, at (3, 3), has a value or colour, and nothing elsewhere."""
+    """A mask whose person, at (3, 3), has a value or color, and nothing elsewhere."""
     image = person
     if not isinstance(person, Image.Image):
         values = np.zeros((16, 16, *np.shape(person)), np.asarray(person).dtype)
@@ -209,47 +209,47 @@ GREY = png((188, 188, 188))
 ORANGE = "1 .50196 0"
 FILES = {
     "`.ply`": {
-        "vertex colours, `uchar` 255 128 0": lambda f: ply(f, (rgb("uchar"), "255 128 0")),
-        "vertex colours, `ushort` 65535 32896 0": lambda f: ply(f, (rgb("ushort"), "65535 32896 0")),
-        "vertex colours, `ushort` 255 128 0": lambda f: ply(f, (rgb("ushort"), "255 128 0")),
-        "vertex colours, `int` 255 128 0": lambda f: ply(f, (rgb("int"), "255 128 0")),
-        "vertex colours, `float` 1 0.502 0": lambda f: ply(f, (rgb("float"), ORANGE)),
-        "vertex colours, `float` 255 128 0": lambda f: ply(f, (rgb("float"), "255 128 0")),
-        "vertex colours named `r g b`, 255 128 0": lambda f: ply(f, (rgb("uchar", "r g b"), "255 128 0")),
-        "colours of faces, 255 128 0": lambda f: ply(f, face=(rgb("uchar"), "255 128 0")),
-        "colours of vertices 255 128 0 and of faces 0 0 255": lambda f: ply(
+        "vertex colors, `uchar` 255 128 0": lambda f: ply(f, (rgb("uchar"), "255 128 0")),
+        "vertex colors, `ushort` 65535 32896 0": lambda f: ply(f, (rgb("ushort"), "65535 32896 0")),
+        "vertex colors, `ushort` 255 128 0": lambda f: ply(f, (rgb("ushort"), "255 128 0")),
+        "vertex colors, `int` 255 128 0": lambda f: ply(f, (rgb("int"), "255 128 0")),
+        "vertex colors, `float` 1 0.502 0": lambda f: ply(f, (rgb("float"), ORANGE)),
+        "vertex colors, `float` 255 128 0": lambda f: ply(f, (rgb("float"), "255 128 0")),
+        "vertex colors named `r g b`, 255 128 0": lambda f: ply(f, (rgb("uchar", "r g b"), "255 128 0")),
+        "colors of faces, 255 128 0": lambda f: ply(f, face=(rgb("uchar"), "255 128 0")),
+        "colors of vertices 255 128 0 and of faces 0 0 255": lambda f: ply(
             f, (rgb("uchar"), "255 128 0"), (rgb("uchar"), "0 0 255")
         ),
-        "`TextureFile` of code 188, vertex colours 128": lambda f: ply(
+        "`TextureFile` of code 188, vertex colors 128": lambda f: ply(
             f, (rgb("float", "s t") + "," + rgb("uchar"), "0 0 128 128 128"), comment="comment TextureFile t.png\n"
         ),
-        "no colours": ply,
+        "no colors": ply,
         "texture coordinates, but no texture": lambda f: ply(f, (rgb("float", "s t"), "0 0")),
     },
     "`.obj`": {
         "`map_Kd` of code 188, `Kd .2 .2 .2`": lambda f: obj(f, library="Kd .2 .2 .2\nmap_Kd t.png"),
-        "`map_Kd` of code 188, vertex colours .5": lambda f: obj(f, ".5 .5 .5", "map_Kd t.png"),
+        "`map_Kd` of code 188, vertex colors .5": lambda f: obj(f, ".5 .5 .5", "map_Kd t.png"),
         "`Kd 1 .502 0`": lambda f: obj(f, library=f"Kd {ORANGE}"),
         "`Kd 255 128 0`": lambda f: obj(f, library="Kd 255 128 0"),
-        "`Kd 1 .502 0`, vertex colours 0 0 1": lambda f: obj(f, "0 0 1", f"Kd {ORANGE}"),
+        "`Kd 1 .502 0`, vertex colors 0 0 1": lambda f: obj(f, "0 0 1", f"Kd {ORANGE}"),
         "`v x y z r g b` of 1 .502 0": lambda f: obj(f, ORANGE, use="", named=""),
         "`v x y z r g b` of 255 128 0": lambda f: obj(f, "255 128 0", use="", named=""),
         "`v x y z w r g b` of 1 1 .502 0": lambda f: obj(f, f"1 {ORANGE}", use="", named=""),
         "`v x y z r g b a` of 0 0 1 1": lambda f: obj(f, "0 0 1 1", use="", named=""),
-        "vertex colours of some vertices": lambda f: obj(f, "1 0 0", use="", named="", some=True),
+        "vertex colors of some vertices": lambda f: obj(f, "1 0 0", use="", named="", some=True),
         "`usemtl` without a name": lambda f: obj(f, library="Kd 1 0 0", use="usemtl A\nf 1 2 3\nusemtl"),
         "a material of a library that is not named": lambda f: obj(f, library="Kd 1 0 0", named=""),
-        "no materials, no colours": lambda f: obj(f, use="", named=""),
+        "no materials, no colors": lambda f: obj(f, use="", named=""),
     },
     "`.glb`": {
-        "texture of code 188, factor .5, vertex colours .4": lambda f: glb(f, GREY, 0.5, np.full(3, 0.4, "<f4")),
-        "vertex colours of integers, not marked as normalised, 255 51 0": lambda f: glb(
+        "texture of code 188, factor .5, vertex colors .4": lambda f: glb(f, GREY, 0.5, np.full(3, 0.4, "<f4")),
+        "vertex colors of integers, not marked as normalised, 255 51 0": lambda f: glb(
             f, color=np.array([255, 51, 0], "<u1")
         ),
         "texture red on the left, blue on the right, at u = 1.25, wrap `REPEAT`": lambda f: glb(f, STRIPES, u=1.25),
         "the same, wrap `CLAMP_TO_EDGE`": lambda f: glb(f, STRIPES, u=1.25, wrap=33071),
         "the same, wrap `MIRRORED_REPEAT`": lambda f: glb(f, STRIPES, u=1.25, wrap=33648),
-        "no material, no colours": glb,
+        "no material, no colors": glb,
     },
     "`.hdr`": {
         "nothing more": hdr,

@@ -34,7 +34,7 @@ def exposed(lights: LightSet, usual: Lights) -> LightSet:
 def main() -> None:
     folder, out = Path(sys.argv[1]), Path(sys.argv[2])
     usual = read_preset("lights")
-    strong = replace(usual, test=1, rules=replace(usual.rules, bright=6.0, channel=8.0, first=1.72, colour=1.5))
+    strong = replace(usual, test=1, rules=replace(usual.rules, bright=6.0, channel=8.0, first=1.72, color=1.5))
     lights, _ = build_light_set(read_preset("panoramas", "generated"), replace(usual, clusters=410), 2)
     for kind, (drawn, count) in GENERATED.items():
         sources = [f"{kind}:{FIRST_SEED + i}" for i in range(drawn)]

@@ -139,7 +139,7 @@ class Rules:
     toward: float = setting("least cosine between main direction and direction to the camera", least=-1, most=1)
     contrast: float = setting("least ratio of the front's darkest to its brightest irradiance", most=1)
     first: float = setting("largest |L1| / L00", least=0)
-    colour: float = setting("largest |ln R/G| and |ln B/G| of the mean radiance", least=0)
+    color: float = setting("largest |ln R/G| and |ln B/G| of the mean radiance", least=0)
     below: float = setting("least elevation of the main direction, degrees", least=-90, most=90)
 
 
@@ -244,7 +244,7 @@ class Train:
     )
     warmup: int = setting("steps in which the learning rate rises to lr", least=0)
     color: str = setting(
-        "colour model: 8-bit codes as linear albedo (paper), or linear albedo, and pictures as of cameras (photo)",
+        "color model: 8-bit codes as linear albedo (paper), or linear albedo, and pictures as of cameras (photo)",
         choices=("paper", "photo"),
     )
     seed: int = setting("seed of weights, pairs and augmentation", least=0)
@@ -285,7 +285,7 @@ class Train:
 class Augment:
     """Random changes as by photographers, cameras and masks, drawn for each training pair; 0 turns one off.
 
-    Pixels are those of the network's image. Framing, tint, exposure, recolouring and prints change both picture and
+    Pixels are those of the network's image. Framing, tint, exposure, recoloring and prints change both picture and
     ground truth, the others only the picture.
     """
 
@@ -297,7 +297,7 @@ class Augment:
     shift: float = setting("largest shift of the figure's box from the centre, as a share of the side", least=0)
     tint: float = setting("standard deviation of ln(B/G) of the white balance", least=0)
     exposure: list[float] = setting("range of the exposure, stops", interval=True)
-    recolour: float = setting("share of the pictures with other colours of garments", least=0, most=1)
+    recolor: float = setting("share of the pictures with other colors of garments", least=0, most=1)
     prints: float = setting("share of the pictures with stripes, checks, dots or blots on garments", least=0, most=1)
     gloss: float = setting("share of the pictures with glossy materials", least=0, most=1)
     mask: int = setting("largest error of the mask's outline, pixels", least=0)
@@ -309,7 +309,7 @@ class Augment:
 
 
 # The settings of Augment that change pictures, apart from `exposure`.
-STRENGTHS = ("framing", "tint", "recolour", "prints", "gloss", "mask", "tone", "blur", "sharpen", "noise", "jpeg")
+STRENGTHS = ("framing", "tint", "recolor", "prints", "gloss", "mask", "tone", "blur", "sharpen", "noise", "jpeg")
 NO_AUGMENTATION = Augment(**dict.fromkeys((*STRENGTHS, "cut", "shift"), 0), zoom=[1.0, 1.0], exposure=[0.0, 0.0])
 
 

@@ -24,7 +24,7 @@ ABOVE_SEAM = 0.022  # metres above the seam of a dress: the middle of its belt
 
 @dataclass(frozen=True)
 class Outfit:
-    """The clothes, hair and make-up of a figure. Colours are linear albedo.
+    """The clothes, hair and make-up of a figure. Colors are linear albedo.
 
     Attributes:
         garments: from the skin outward.

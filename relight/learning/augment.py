@@ -22,7 +22,7 @@ FIGURE_SHARE = 0.9  # larger side of a figure's bounding box over the image's si
 CUT_HEIGHT = (0.4, 0.85)  # range of the share of a figure's height that a cut leaves
 # ln(R/G) of a white balance for each ln(B/G): about the Planckian locus between 2,500 and 8,000 K in sRGB.
 RED_PER_BLUE = -0.6
-SKIN_RATIOS = ((1.12, 2.2), (1.02, 2.2))  # ranges of R/G and G/B of skin, which keeps its colour
+SKIN_RATIOS = ((1.12, 2.2), (1.02, 2.2))  # ranges of R/G and G/B of skin, which keeps its color
 ALBEDO_SPREAD = 0.5  # standard deviation of ln albedo within one garment
 PRINT_BEND = 0.03  # shift of a print across a surface that turns by 90 degrees, as a share of the image's side
 PRINT_PERIOD = (0.012, 0.2)  # range of a print's period, as a share of the image's side
@@ -50,7 +50,7 @@ def augment_batch(batch: Batch, settings: Augment, generators: list[np.random.Ge
     """Returns an augmented batch.
 
     Args:
-        batch: relit images of the colour model `photo`, at exposure 1.
+        batch: relit images of the color model `photo`, at exposure 1.
         settings: strength of each part; with all at 0 and the batch's own size the batch is returned unchanged.
         generators: one per image, so that an image does not depend on its neighbours in the batch.
         size: of the new images in pixels, at most `batch.size`.
@@ -60,7 +60,7 @@ def augment_batch(batch: Batch, settings: Augment, generators: list[np.random.Ge
     """
     if is_off(settings) and size == batch.size:
         return batch
-    batch = _recoloured(batch, settings, generators)
+    batch = _recolored(batch, settings, generators)
     batch = _white_balanced(batch, settings, generators)
     maps = [batch.albedo, batch.transport, batch.normal, batch.ao, batch.shading]
     channels = [x.shape[-1] for x in maps]
@@ -106,16 +106,16 @@ def is_off(settings: Augment) -> bool:
     return not any([*(getattr(settings, name) for name in STRENGTHS), *settings.exposure])
 
 
-def _recoloured(batch: Batch, settings: Augment, generators: list[np.random.Generator]) -> Batch:
-    """Shifts ln albedo, which gives garments another colour or a print and keeps their texture.
+def _recolored(batch: Batch, settings: Augment, generators: list[np.random.Generator]) -> Batch:
+    """Shifts ln albedo, which gives garments another color or a print and keeps their texture.
 
-    Pixels whose colour is close to that of a random pixel count as one garment.
+    Pixels whose color is close to that of a random pixel count as one garment.
     """
     albedo, normal = batch.albedo.clone(), batch.normal
     for i, rng in enumerate(generators):
         pixels = albedo[i]
         count = int(batch.inside[i].sum())
-        if rng.random() < settings.recolour:
+        if rng.random() < settings.recolor:
             for chosen in rng.integers(0, count, rng.integers(1, 4)):
                 pixels = _shifted_albedo(pixels, pixels[chosen], _sample_dye(rng))
         if rng.random() < settings.prints:
@@ -128,17 +128,17 @@ def _recoloured(batch: Batch, settings: Augment, generators: list[np.random.Gene
     return replace(batch, albedo=albedo)
 
 
-def _shifted_albedo(albedo: Tensor, colour: Tensor, dye: np.ndarray, strength: Tensor | float = 1.0) -> Tensor:
-    """Returns an albedo (P,3) whose pixels of about `colour` (3,) are shifted toward `dye` (3,) by `strength` (P,1).
+def _shifted_albedo(albedo: Tensor, color: Tensor, dye: np.ndarray, strength: Tensor | float = 1.0) -> Tensor:
+    """Returns an albedo (P,3) whose pixels of about `color` (3,) are shifted toward `dye` (3,) by `strength` (P,1).
 
-    Where `colour` is that of skin, the albedo is returned unchanged.
+    Where `color` is that of skin, the albedo is returned unchanged.
     """
-    colour = colour.clamp_min(0.02)
-    red, blue = float(colour[0] / colour[1]), float(colour[1] / colour[2])
+    color = color.clamp_min(0.02)
+    red, blue = float(color[0] / color[1]), float(color[1] / color[2])
     if SKIN_RATIOS[0][0] < red < SKIN_RATIOS[0][1] and SKIN_RATIOS[1][0] < blue < SKIN_RATIOS[1][1]:
         return albedo
-    weight = strength * _colour_similarity(albedo, colour)
-    return (albedo * (albedo.new_tensor(dye) / colour) ** weight).clamp(0.004, 0.95)
+    weight = strength * _color_similarity(albedo, color)
+    return (albedo * (albedo.new_tensor(dye) / color) ** weight).clamp(0.004, 0.95)
 
 
 def _print_pattern(positions: Tensor, rng: np.random.Generator) -> Tensor:
@@ -175,7 +175,7 @@ def _sample_dye(rng: np.random.Generator) -> np.ndarray:
 def _specular_highlights(batch: Batch, settings: Augment, generators: list[np.random.Generator]) -> Tensor:
     """Returns the specular reflection (B,P,3) of glossy materials, in the unit of relit images.
 
-    Roughness and specular come from the maps and are varied at random. Where the maps have none, pixels whose colour is
+    Roughness and specular come from the maps and are varied at random. Where the maps have none, pixels whose color is
     close to that of a random pixel get a random material.
     """
     # The share of the light that arrives: highlights are occluded, too.
@@ -193,7 +193,7 @@ def _specular_highlights(batch: Batch, settings: Augment, generators: list[np.ra
             reflected[i] = specular_factor * specular * light * visibility[i]
             continue
         for chosen in rng.integers(0, int(batch.inside[i].sum()), rng.integers(1, 4)):
-            similarity = _colour_similarity(batch.albedo[i], batch.albedo[i, chosen].clamp_min(0.02))
+            similarity = _color_similarity(batch.albedo[i], batch.albedo[i, chosen].clamp_min(0.02))
             roughness, strength = rng.uniform(*ROUGHNESS_RANGE), rng.uniform(*SPECULAR_STRENGTH)
             light = specular_reflection(batch.normal[i], batch.light[i], roughness, 0.04 * strength)
             reflected[i] += similarity * (light * visibility[i] - reflected[i])
@@ -235,9 +235,9 @@ def _schlick(cosine: Tensor, reflectance: float) -> Tensor:
     return reflectance + (1 - reflectance) * (1 - cosine) ** 5
 
 
-def _colour_similarity(albedo: Tensor, colour: Tensor) -> Tensor:
-    """Returns the similarity (P,1) of the pixels of an albedo (P,3) to `colour` (3,), 1 where they are equal."""
-    distance = ((albedo.clamp_min(0.02) / colour).log() ** 2).sum(-1, keepdim=True)
+def _color_similarity(albedo: Tensor, color: Tensor) -> Tensor:
+    """Returns the similarity (P,1) of the pixels of an albedo (P,3) to `color` (3,), 1 where they are equal."""
+    distance = ((albedo.clamp_min(0.02) / color).log() ** 2).sum(-1, keepdim=True)
     return torch.exp(-distance / (2 * ALBEDO_SPREAD**2))
 
 
@@ -316,7 +316,7 @@ def _perturbed_masks(mask: Tensor, settings: Augment, generators: list[np.random
 
 
 def _over_random_background(scene: Tensor, mask: Tensor, generators: list[np.random.Generator]) -> Tensor:
-    """Fills linear radiance (B,3,S,S) with random colours where the mask (B,1,S,S) is 0."""
+    """Fills linear radiance (B,3,S,S) with random colors where the mask (B,1,S,S) is 0."""
     size = scene.shape[-1]
     fields = []
     for rng in generators:

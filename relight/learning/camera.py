@@ -1,4 +1,4 @@
-"""Converts radiance to the input of a network, by the colour models `paper` and `photo`."""
+"""Converts radiance to the input of a network, by the color models `paper` and `photo`."""
 
 import torch
 from torch import Tensor

@@ -85,9 +85,9 @@ class Batch(CompactIndex):
     """Input of the network and ground truth for B pairs of figure and light. Compact maps are zero at their padding.
 
     Attributes:
-        image: (B,3,S,S) network input in the colour model of the training, zero outside the mask.
+        image: (B,3,S,S) network input in the color model of the training, zero outside the mask.
         mask: (B,1,S,S) of 0 and 1.
-        albedo: (B,P,3) linear, or sRGB codes / 255 in the colour model `paper`.
+        albedo: (B,P,3) linear, or sRGB codes / 255 in the color model `paper`.
         transport: (B,P,K).
         normal: (B,P,3) unit, camera frame.
         ao: (B,P,1) in [0,1].

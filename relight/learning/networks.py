@@ -157,7 +157,7 @@ class Refinement(nn.Module):
     """Refines a light by ridge regression of the image on the inferred maps (not in the paper).
 
     The refined L minimises sum_c mean_p (a_pc T_p.L_c - I_pc)^2 + sum_k |C_k^T (L_k - L0_k)|^2 over the pixels p of the
-    figure and the colour channels c, in closed form. a is the inferred albedo, T the inferred transport, I the image,
+    figure and the color channels c, in closed form. a is the inferred albedo, T the inferred transport, I the image,
     L0 the light of the head. The matrices C_k (3,3) are learned: `trust` is the logarithm of their squared scale, and
     `coupling` their difference from diagonal ones, since the errors of the channels go together. The maps are detached:
     errors of the light pass no gradient to them.

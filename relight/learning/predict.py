@@ -16,7 +16,7 @@ def predict(network: Network, image: np.ndarray, mask: np.ndarray, mirrored: boo
 
     Args:
         network: in evaluation mode.
-        image: (S,S,3) or (B,S,S,3), linear, about [0,1], in the colour model of the training (`train.color`).
+        image: (S,S,3) or (B,S,S,3), linear, about [0,1], in the color model of the training (`train.color`).
             S is the size that the network was trained for. Values outside the mask do not matter.
         mask: (S,S) or (B,S,S), float or bool.
         mirrored: average with the prediction for the mirror image. This makes predictions equivariant to mirroring, at

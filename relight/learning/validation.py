@@ -33,7 +33,7 @@ class Validation:
         pairs: their number; 0 without validation figures or lights.
         batch: the pairs; unset without any.
         loss: weights and reduction.
-        color: colour model.
+        color: color model.
     """
 
     def __init__(self, data: RelitSet, split: Path, loss: Loss, size: int):
@@ -124,7 +124,7 @@ class Validation:
 
 
 def concatenated(parts: list[np.ndarray], axis: int, gap: int = GAP) -> np.ndarray:
-    """Concatenates pictures (h,w,3) along `axis`, with gaps of the background colour."""
+    """Concatenates pictures (h,w,3) along `axis`, with gaps of the background color."""
     shape = list(parts[0].shape)
     shape[axis] = gap
     space = np.full(shape, BACKGROUND, np.float32)

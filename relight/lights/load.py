@@ -64,7 +64,7 @@ def load_light(
     lights.npz:12                   row 12 of a light set
     room:7, sky:3, lamps:5, room:7:40  a generated panorama, the last one rotated by 40 degrees
     probe:grace                     a printed measured light: grace, eucalyptus, stpeters, kitchen, galileo
-    key:#ffeedd@45,30,0.2           a distant lamp of this sRGB colour, 45 degrees to the right of the camera and 30
+    key:#ffeedd@45,30,0.2           a distant lamp of this sRGB color, 45 degrees to the right of the camera and 30
                                     degrees up, with a constant fill of 0.2 times its irradiance
     mine:text                       the light that the extension `mine` returns for the text
 
@@ -170,11 +170,11 @@ def probe(name: str) -> np.ndarray:
     return to_relight(printed_probe(name), "ramamoorthi2001")
 
 
-def key_light(colour: str, azimuth: float, elevation: float, fill: float, order: int) -> np.ndarray:
+def key_light(color: str, azimuth: float, elevation: float, fill: float, order: int) -> np.ndarray:
     """Returns the light (K,3) of a distant lamp and a constant fill.
 
     Args:
-        colour: irradiance of the lamp on a surface that faces it, six hexadecimal digits of sRGB.
+        color: irradiance of the lamp on a surface that faces it, six hexadecimal digits of sRGB.
         azimuth: degrees from the camera toward +x.
         elevation: degrees above the horizon, -90 to 90.
         fill: irradiance of the fill over that of the lamp.
@@ -183,12 +183,12 @@ def key_light(colour: str, azimuth: float, elevation: float, fill: float, order:
     Raises:
         UserError: if a number is out of range.
     """
-    toward = direction(azimuth, elevation, f"key:#{colour}")
+    toward = direction(azimuth, elevation, f"key:#{color}")
     if not (np.isfinite(fill) and fill >= 0):
-        raise UserError(f"key:#{colour}: fill {fill:g} must be at least 0")
-    linear = decode(np.array([int(colour[i : i + 2], 16) for i in (0, 2, 4)]) / 255)
+        raise UserError(f"key:#{color}: fill {fill:g} must be at least 0")
+    linear = decode(np.array([int(color[i : i + 2], 16) for i in (0, 2, 4)]) / 255)
     coefficients = basis(toward, order)[:, None] * linear
-    coefficients[0] += fill * linear * np.sqrt(4 * np.pi) / np.pi  # a constant light of irradiance fill * colour
+    coefficients[0] += fill * linear * np.sqrt(4 * np.pi) / np.pi  # a constant light of irradiance fill * color
     return coefficients
 
 

@@ -1,6 +1,6 @@
 """The light of a place, from an ordinary photograph of it in which most of the sphere is out of sight.
 
-It is the mean light of places, tinted by half of the picture's colour (in logarithms), and changed linearly with a few
+It is the mean light of places, tinted by half of the picture's color (in logarithms), and changed linearly with a few
 features of the picture, mostly toward its brighter side. If it is known where the light comes from, it is a soft lamp
 there and even light instead. `benchmarks/places.py` fits both and measures their errors.
 """
@@ -19,7 +19,7 @@ from relight.srgb import LINEAR
 
 STATISTICS = Path(__file__).with_name("place.json")
 SIDE = 48  # pixels of the picture's longer side that are looked at
-TINT = 0.5  # power of the picture's colour that the light takes on
+TINT = 0.5  # power of the picture's color that the light takes on
 WHITE = 0.98  # linear values above it count as clipped
 FLOOR = 1e-3  # least linear value of a mean, and least contrast
 IRRADIANCE = per_coefficient(cosine_factors(2))[:, None]  # (9,1) factors from radiance to irradiance
@@ -85,7 +85,7 @@ def thumbnail(codes: np.ndarray) -> np.ndarray:
 
 
 def tint(picture: np.ndarray) -> np.ndarray:
-    """Returns the colour (3,) that the light takes on from a picture (h,w,3), linear; grey has 1."""
+    """Returns the color (3,) that the light takes on from a picture (h,w,3), linear; grey has 1."""
     mean = np.maximum(picture.mean((0, 1)), FLOOR)
     return (mean / luminance(mean)) ** TINT
 

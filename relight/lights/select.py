@@ -221,7 +221,7 @@ def _broken_rules(lights: np.ndarray, rules: Rules) -> dict[str, np.ndarray]:
         "dim": stats["front"] < rules.dim,
         "back-lit": is_back_lit | (directed & (stats["toward"] < rules.toward)),
         "contrast": (stats["front_least"] < rules.contrast * stats["front_most"]) | (stats["first"] > rules.first),
-        "colour": np.maximum(abs(stats["red"]), abs(stats["blue"])) > rules.colour,
+        "color": np.maximum(abs(stats["red"]), abs(stats["blue"])) > rules.color,
         "from-below": directed & (stats["elevation"] < rules.below),
     }
 

@@ -45,8 +45,8 @@ def lit_ball(
     picture[inside, :3] = np.maximum(transport @ coefficients / white, 0)
     picture[inside, 3] = 1
     picture = picture.reshape(size, samples, size, samples, 4).mean((1, 3))
-    colour = picture[..., :3] / np.maximum(picture[..., 3:], 1e-6)
-    return np.concatenate([encode(colour) if linear else np.minimum(colour, 1), picture[..., 3:]], -1)
+    color = picture[..., :3] / np.maximum(picture[..., 3:], 1e-6)
+    return np.concatenate([encode(color) if linear else np.minimum(color, 1), picture[..., 3:]], -1)
 
 
 @lru_cache(maxsize=4)
@@ -187,7 +187,7 @@ def format_statistics(light: Light) -> list[tuple[str, str]]:
         ("contrast |L1| / L00", f"{stats['first']:.2f}"),
         ("structure |L2| / L00", f"{stats['second']:.2f}"),
         ("main direction: right, up", f"{stats['azimuth']:+.0f}°  {stats['elevation']:+.0f}°"),
-        ("colour ln R/G, ln B/G", f"{stats['red']:+.2f}  {stats['blue']:+.2f}"),
+        ("color ln R/G, ln B/G", f"{stats['red']:+.2f}  {stats['blue']:+.2f}"),
         ("realisable (moments)", f"{'yes' if stats['moment'] >= -1e-3 else 'NO'}  {stats['moment']:+.3f}"),
         ("order", f"{light.order}"),
     ]
@@ -216,9 +216,9 @@ def write_contact_sheet(lights: LightSet, path: Path | str) -> None:
     width, height = columns * cell + 0.4, sum(rows) * cell * 1.28 + head * len(parts) + 0.25
     figure = Figure(figsize=(width, height), dpi=120, facecolor=WHITE)
     top = height - 0.12
-    for (title, part, colour), count in zip(parts, rows):
+    for (title, part, color), count in zip(parts, rows):
         level = (top - 0.2) / height
-        figure.text(0.25 / width, level, title, color=colour, fontsize=11, weight="bold", va="center")
+        figure.text(0.25 / width, level, title, color=color, fontsize=11, weight="bold", va="center")
         top -= head
         for i in range(len(part)):
             x, y = 0.2 + (i % columns) * cell, top - (i // columns + 1) * cell * 1.28

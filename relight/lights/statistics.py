@@ -1,4 +1,4 @@
-"""Statistics of lights: brightness, contrast, direction, colour, and whether the light is physically possible."""
+"""Statistics of lights: brightness, contrast, direction, color, and whether the light is physically possible."""
 
 from functools import cache
 
@@ -101,7 +101,7 @@ def measure(lights: np.ndarray) -> dict[str, np.ndarray]:
     positive_l00 = np.where(luminances[:, 0] > 0, luminances[:, 0], np.inf)
     direction = luminances[:, [3, 1, 2]] if order else np.zeros((len(luminances), 3))
     length = np.maximum(np.linalg.norm(direction, axis=-1), 1e-12)
-    colour = np.log(np.maximum(lights[:, 0], 1e-9))
+    color = np.log(np.maximum(lights[:, 0], 1e-9))
     channel = np.max([(lights[..., c] @ transport[faces_camera].T).max(1) for c in range(3)], axis=0)
     return {
         "reference": reference_brightness(lights),
@@ -123,8 +123,8 @@ def measure(lights: np.ndarray) -> dict[str, np.ndarray]:
         "elevation": np.degrees(np.arcsin(np.clip(direction[:, 1] / length, -1, 1))),
         "azimuth": np.degrees(np.arctan2(direction[:, 0], direction[:, 2])),
         "toward": direction[:, 2] / length,
-        "red": colour[:, 0] - colour[:, 1],
-        "blue": colour[:, 2] - colour[:, 1],
+        "red": color[:, 0] - color[:, 1],
+        "blue": color[:, 2] - color[:, 1],
         "moment": moment_eigenvalue(lights),
     }
 

@@ -39,7 +39,7 @@ class Maps:
         depth: (S,S) float32 distance from the camera plane along -z, in scene units.
         ao: (S,S) float32 in [0,1], ambient occlusion T_00 / .8862.
         transport: (S,S,K) float32, direct, without 1/pi, index l*l + l + m.
-        bounced: (S,S,K,3) float32 bounced transport of each colour channel; None if the maps were baked without
+        bounced: (S,S,K,3) float32 bounced transport of each color channel; None if the maps were baked without
             bounces.
         gloss: (S,S,2) float32 in [0,1], roughness and specular (`relight.meshes.Material`); None if all is matt.
         info: plain JSON values (name, subject, rays, order, ...) of the file's header (docs/conventions.md).

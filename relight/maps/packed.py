@@ -36,7 +36,7 @@ def pack_maps(exr_paths: list[Path], out: Path) -> list[str]:
     """Packs maps into one file, whole or not at all; only one of them is in memory at a time.
 
     Left-out figures are skipped. With bounces, the packed transport is the direct transport plus the mean of the
-    bounced transport over the colour channels.
+    bounced transport over the color channels.
 
     Args:
         exr_paths: files of maps.

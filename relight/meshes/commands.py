@@ -37,7 +37,7 @@ def check(
     print(f"{mesh.name}: {len(original.faces)} faces, {len(original.vertices)} vertices, {size} units")
     print(
         f"  materials  {len(original.materials)}, {len(textures)} textured"
-        + (", vertex colours" * (original.color is not None))
+        + (", vertex colors" * (original.color is not None))
     )
     print(f"  axes       {result.info['align']['up']} up, facing {result.info['align']['front']}")
     for what, count in result.info["repairs"].items():

@@ -1,4 +1,4 @@
-"""Decimation by quadric edge collapse that keeps uv, materials and colours."""
+"""Decimation by quadric edge collapse that keeps uv, materials and colors."""
 
 from dataclasses import replace
 
@@ -24,7 +24,7 @@ def decimate(mesh: Mesh, faces: int) -> Mesh:
             v_scalar_array=np.arange(len(first), dtype=np.float64),
         )
     )
-    # Without optimal placement, every vertex is one of the old, and has its uv, material and colour.
+    # Without optimal placement, every vertex is one of the old, and has its uv, material and color.
     work.meshing_decimation_quadric_edge_collapse(
         targetfacenum=faces,
         optimalplacement=False,

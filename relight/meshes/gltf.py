@@ -1,4 +1,4 @@
-"""Reads glTF 2.0 (.glb and .gltf) with node transforms, base colours and vertex colours."""
+"""Reads glTF 2.0 (.glb and .gltf) with node transforms, base colors and vertex colors."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -73,8 +73,8 @@ def _read(gltf: Gltf) -> RawMesh:
 
 
 def _colors(values: np.ndarray, notes: list[str]) -> np.ndarray:
-    """Returns linear vertex colours (V,3) float32 in [0,1]; integers that are not marked as normalised are, too."""
-    codes, unusual = unit_colors(values, "its vertex colours")
+    """Returns linear vertex colors (V,3) float32 in [0,1]; integers that are not marked as normalised are, too."""
+    codes, unusual = unit_colors(values, "its vertex colors")
     notes += unusual
     return (codes / np.float32(255) if codes.dtype == np.uint8 else codes).astype(np.float32)
 
@@ -135,7 +135,7 @@ def _triangles(gltf: Gltf, index: np.ndarray, mode: int) -> np.ndarray:
 def _material(gltf: Gltf, number: int | None) -> tuple[Material | None, np.ndarray, int]:
     """Returns a material, the transform (2,3) of its texture coordinates, and the number of their set.
 
-    The material is None where the file gives no colour. It is matt unless the file gives its reflection
+    The material is None where the file gives no color. It is matt unless the file gives its reflection
     (KHR_materials_specular): the defaults of glTF, which writers leave as they are, would make all scans glossy.
     """
     placement = np.eye(2, 3)

@@ -16,7 +16,7 @@ REPEAT, CLAMP, MIRROR = "repeat", "clamp", "mirror"  # how a texture goes on bey
 
 @dataclass
 class Material:
-    """A diffuse albedo, colour times texture, and the gloss on top of it, as glTF 2.0 defines both.
+    """A diffuse albedo, color times texture, and the gloss on top of it, as glTF 2.0 defines both.
 
     Attributes:
         color: (3,) linear RGB in [0,1].
@@ -45,7 +45,7 @@ class Mesh:
         uv: (F,3,2) float32 texture coordinates per corner; zeros where unused.
         material: (F,) int16, indices into `materials`.
         materials: of the faces.
-        color: (V,3) float32, linear vertex colours that the materials are multiplied by, or None.
+        color: (V,3) float32, linear vertex colors that the materials are multiplied by, or None.
         info: plain JSON values that are carried from stage to stage: name, subject, source, repairs and so on.
         outfits: further looks of the same surface: for each, the materials that differ from `materials`, by number.
     """

@@ -27,7 +27,7 @@ class Surface:
     """An entry of a library.
 
     Attributes:
-        material: None while the library says nothing of its colour.
+        material: None while the library says nothing of its color.
         placement: (4,) scale u v and offset u v of texture coordinates, by the options -s and -o.
         warnings: sentences for the report.
     """
@@ -46,7 +46,7 @@ def read_libraries(
         path: of the .obj file.
         statements: the rests of its `mtllib` lines, each one name, which may hold blanks, or several.
         names: of the materials; b"" is none.
-        colored: whether the vertices have colours, so that a library that no face uses may be missing.
+        colored: whether the vertices have colors, so that a library that no face uses may be missing.
 
     Returns:
         A surface for each name, and warnings.
@@ -113,7 +113,7 @@ def _named(library: dict[bytes, Surface], name: bytes) -> Surface | None:
 def read_mtl(path: Path) -> dict[bytes, Surface]:
     """Reads a .mtl file and its textures.
 
-    A texture is not multiplied by Kd, as exporters write .8 or 0 beside it as often as 1. Without a texture, the colour
+    A texture is not multiplied by Kd, as exporters write .8 or 0 beside it as often as 1. Without a texture, the color
     is Kd, taken as sRGB as most exporters write it.
 
     Raises:
@@ -151,12 +151,12 @@ def join_lines(text: bytes) -> bytes:
 
 
 def _color(path: Path, text: bytes) -> tuple[np.ndarray, list[str]]:
-    """Parses the linear colour (3,) of a Kd statement; also returns warnings."""
+    """Parses the linear color (3,) of a Kd statement; also returns warnings."""
     try:
         values = np.array([float(word) for word in text.split()[:3]])
     except ValueError:
         said = text[:60].decode("latin-1")
-        raise UserError(f"{path}: the colour `Kd {said}` is not three numbers") from None
+        raise UserError(f"{path}: the color `Kd {said}` is not three numbers") from None
     codes, note = unit_colors(np.broadcast_to(values, 3) if len(values) in (1, 3) else np.ones(3), f"{path.name}: Kd")
     return linear(codes), note
 

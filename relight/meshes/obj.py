@@ -141,7 +141,7 @@ def parse(path: Path, text: bytes, type: type) -> np.ndarray:
 
 
 def read_obj(path: Path) -> RawMesh:
-    """Reads triangles with uv per corner, material per face, and vertex colours (`v x y z r g b`, sRGB).
+    """Reads triangles with uv per corner, material per face, and vertex colors (`v x y z r g b`, sRGB).
 
     Raises:
         UserError: if the file is malformed, or a .mtl file, a material or a texture that faces use is missing.
@@ -185,10 +185,10 @@ def read_obj(path: Path) -> RawMesh:
 
 
 def _colors(path: Path, vertices: np.ndarray, widest: int) -> tuple[np.ndarray | None, list[str]]:
-    """Returns the linear colours (V,3) that follow the coordinates x y z or x y z w, or None; and warnings."""
+    """Returns the linear colors (V,3) that follow the coordinates x y z or x y z w, or None; and warnings."""
     columns = vertices.shape[1]
     if columns < 6:
-        return None, ["some vertices have colours and others none: they are left out"] if widest >= 6 else []
+        return None, ["some vertices have colors and others none: they are left out"] if widest >= 6 else []
     notes, first = [], 3
     if columns > 6:
         # x y z w r g b, as the standard has it, or x y z r g b a; alpha and w are mostly 1.
@@ -197,7 +197,7 @@ def _colors(path: Path, vertices: np.ndarray, widest: int) -> tuple[np.ndarray |
         first = 3 if alpha else 4
         said = "red, green, blue and alpha" if alpha else "a weight and red, green and blue"
         notes.append(f"the {columns - 3} numbers after the coordinates are taken as {said}")
-    codes, unusual = unit_colors(vertices[:, first : first + 3], "its vertex colours")
+    codes, unusual = unit_colors(vertices[:, first : first + 3], "its vertex colors")
     return linear(codes), notes + unusual
 
 

@@ -1,4 +1,4 @@
-"""Reads PLY files, ascii and binary, with vertex colours and the texture coordinates that MeshLab writes."""
+"""Reads PLY files, ascii and binary, with vertex colors and the texture coordinates that MeshLab writes."""
 
 import codecs
 import re
@@ -91,14 +91,14 @@ def read_ply(path: Path) -> RawMesh:
     raw.color = _color(vertex, raw.warnings)
     of_faces = _color(face, raw.warnings)
     if of_faces is not None and raw.color is not None:
-        raw.warnings.append("its colours of faces are left out: the vertices have colours")
+        raw.warnings.append("its colors of faces are left out: the vertices have colors")
     elif of_faces is not None:
         raw = _with_face_colors(raw, of_faces[polygon])
     return without_tints(raw)
 
 
 def _with_face_colors(raw: RawMesh, color: np.ndarray) -> RawMesh:
-    """Gives vertices the colours (F,3) of their faces; one that joins several colours is repeated for each."""
+    """Gives vertices the colors (F,3) of their faces; one that joins several colors is repeated for each."""
     _, number = np.unique(color, axis=0, return_inverse=True)
     corner = raw.faces.astype(np.int64) * (int(number.max()) + 1) + number.reshape(-1, 1)
     _, first, faces = np.unique(corner, return_index=True, return_inverse=True)
@@ -252,10 +252,10 @@ def _as_declared(column: np.ndarray, kind: str) -> np.ndarray:
 
 
 def _color(block: Block, warnings: list[str]) -> np.ndarray | None:
-    """Returns linear colours (N,3) from the columns of vertices or faces, sRGB of any type, or None."""
+    """Returns linear colors (N,3) from the columns of vertices or faces, sRGB of any type, or None."""
     for names in COLORS:
         if all(name in block and not isinstance(block[name], tuple) for name in names):
-            codes, notes = unit_colors(np.stack([block[name] for name in names], axis=-1), "its colours")
+            codes, notes = unit_colors(np.stack([block[name] for name in names], axis=-1), "its colors")
             warnings += notes
             return linear(codes)
     return None

@@ -1,4 +1,4 @@
-"""What the readers of all formats share: triangles as a file has them, their checks, colours and textures."""
+"""What the readers of all formats share: triangles as a file has them, their checks, colors and textures."""
 
 import io
 import warnings
@@ -24,7 +24,7 @@ class RawMesh:
     Attributes:
         vertices: (V,3) float64.
         faces: (F,3) of any integer type.
-        materials: as in `Mesh`; None where the file says nothing of the colour.
+        materials: as in `Mesh`; None where the file says nothing of the color.
         uv: (F,3,2) or None.
         material: (F,) or None.
         color: (V,3) or None.
@@ -97,13 +97,13 @@ def checked_mesh(raw: RawMesh, path: Path) -> Mesh:
 
 
 def _colorless(raw: RawMesh) -> list[str]:
-    """Returns a warning if faces have no colour at all."""
+    """Returns a warning if faces have no color at all."""
     if raw.color is not None or None not in raw.materials:
         return []
     if not any(raw.materials):
-        return ["the file has neither materials nor vertex colours: the albedo is white"]
+        return ["the file has neither materials nor vertex colors: the albedo is white"]
     bare = np.array([material is None for material in raw.materials])[raw.material]
-    return [f"{int(bare.sum())} of {len(bare)} faces have neither a material nor vertex colours: they are white"]
+    return [f"{int(bare.sum())} of {len(bare)} faces have neither a material nor vertex colors: they are white"]
 
 
 def _rounding(vertices: np.ndarray, size: float) -> list[str]:
@@ -118,13 +118,13 @@ def _rounding(vertices: np.ndarray, size: float) -> list[str]:
 
 
 def unit_colors(values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
-    """Scales colours, whose writers give them in [0,1] or as codes of 8 or 16 bits, to [0,1].
+    """Scales colors, whose writers give them in [0,1] or as codes of 8 or 16 bits, to [0,1].
 
     Integers are codes. Floats are codes if one is above 2; up to there they are rounding errors, which are clipped.
 
     Args:
         values: of any shape and type.
-        what: names the colours in warnings.
+        what: names the colors in warnings.
 
     Returns:
         uint8 codes as they are, else floats in [0,1]; and warnings where the numbers can mean two things.
@@ -142,10 +142,10 @@ def unit_colors(values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
 
 
 def without_tints(raw: RawMesh) -> RawMesh:
-    """Leaves one colour to each face where a format may give several that mean the same: .obj and .ply.
+    """Leaves one color to each face where a format may give several that mean the same: .obj and .ply.
 
-    A texture counts before vertex colours, and these before the material's colour unless they are all white. glTF
-    multiplies them; programs that write both into other formats mean the same colour twice.
+    A texture counts before vertex colors, and these before the material's color unless they are all white. glTF
+    multiplies them; programs that write both into other formats mean the same color twice.
     """
     if raw.color is None:
         return raw
@@ -156,12 +156,12 @@ def without_tints(raw: RawMesh) -> RawMesh:
     if (tinted or textured.any()) and np.fmin.reduce(raw.color, axis=None, initial=1) > 0.999:
         return replace(raw, color=None)
     if not own.any():
-        return replace(raw, color=None, warnings=[*raw.warnings, "its vertex colours are left out: it has textures"])
-    notes = ["its vertex colours are used in place of the colours of its materials"] if tinted else []
+        return replace(raw, color=None, warnings=[*raw.warnings, "its vertex colors are left out: it has textures"])
+    notes = ["its vertex colors are used in place of the colors of its materials"] if tinted else []
     materials = [m if m is None or m.texture is not None else Material() for m in raw.materials]
     if not textured.any():
         return replace(raw, materials=materials, warnings=raw.warnings + notes)
-    notes.append(f"its vertex colours are used on the {int(own.sum())} faces that have no texture")
+    notes.append(f"its vertex colors are used on the {int(own.sum())} faces that have no texture")
     used = np.unique(raw.faces[~own])  # textured faces get vertices of their own, which are white
     number = np.arange(len(raw.vertices))
     number[used] = len(raw.vertices) + np.arange(len(used))

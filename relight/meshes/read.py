@@ -23,7 +23,7 @@ MAX_BYTES = 4 << 30  # an .obj of 20 million faces has about 2 GB
 def read_mesh(path: Path | str) -> Mesh:
     """Reads a .ply, .obj (with .mtl and textures), .glb or .gltf file.
 
-    Textures stay 8-bit sRGB, vertex colours become linear; polygons become triangles; the transforms of nodes are
+    Textures stay 8-bit sRGB, vertex colors become linear; polygons become triangles; the transforms of nodes are
     applied.
 
     Args:

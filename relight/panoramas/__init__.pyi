@@ -1,4 +1,4 @@
-from relight.panoramas.colour import luminance as luminance
+from relight.panoramas.color import luminance as luminance
 from relight.panoramas.lamps import generate_lamps as generate_lamps
 from relight.panoramas.panorama import Panorama as Panorama
 from relight.panoramas.projection import orient as orient

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from relight.errors import UserError
-from relight.panoramas.colour import XYZ, convert_primaries
+from relight.panoramas.color import XYZ, convert_primaries
 from relight.panoramas.panorama import check_size
 
 MAX_BYTES = 2**29  # decoded size, all channels at four bytes
@@ -22,7 +22,7 @@ UNCHECKED_BYTES = 2**26  # decoded size up to which the compression ratio is not
 MAX_COMPRESSION = 2**11  # decoded size over file size
 MAX_WINDOW_RATIO = 64  # area of the display window over that of the data window
 MAX_TILE_PIXELS = 2**20  # OpenEXR allocates whole tiles, even if the image is smaller
-MAX_NEGATIVE = 0.01  # share of the largest value, below zero, that colours may have; positions have more
+MAX_NEGATIVE = 0.01  # share of the largest value, below zero, that colors may have; positions have more
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class ExrPicture:
         pixels: (H,W,3) float32, linear Rec. 709.
         envmap: the header attribute `envmap`: "latlong", "cube" or None.
         repairs: what was changed, one sentence each.
-        alpha: (H,W) float32, by which the colours are multiplied, or None.
+        alpha: (H,W) float32, by which the colors are multiplied, or None.
     """
 
     pixels: np.ndarray
@@ -124,7 +124,7 @@ def read_headers(path: Path, OpenEXR: Any) -> list[Header]:
         for part in parts:
             header = dict(part.header)
             data, display = (window(header[name]) for name in ("dataWindow", "displayWindow"))
-            colours, tiles = header.get("chromaticities"), header.get("tiles")
+            colors, tiles = header.get("chromaticities"), header.get("tiles")
             headers.append(
                 Header(
                     deep=header.get("type") not in (None, OpenEXR.scanlineimage, OpenEXR.tiledimage),
@@ -133,7 +133,7 @@ def read_headers(path: Path, OpenEXR: Any) -> list[Header]:
                     data=data,
                     display=display,
                     envmap=envmaps.get(header["envmap"]) if "envmap" in header else None,
-                    chromaticities=None if colours is None else tuple(float(number) for number in colours),
+                    chromaticities=None if colors is None else tuple(float(number) for number in colors),
                 )
             )
         return headers
@@ -193,7 +193,7 @@ def choose_part(path: Path, headers: list[Header]) -> int:
         found = ", ".join(sorted({name for header in headers for name in header.channels})[:8])
         raise UserError(f"{path} has the channels {found or 'none'}; a picture has R, G and B, or X, Y and Z, or Y")
     if {"RY", "BY"} & set(headers[selected].channels):
-        raise UserError(f"{path} is a luminance-chroma OpenEXR image, with colour at half the size: save it as RGB")
+        raise UserError(f"{path} is a luminance-chroma OpenEXR image, with color at half the size: save it as RGB")
     for name, sampling in headers[selected].channels.items():
         if name in "RGBXYZ" and sampling != (1, 1):
             raise UserError(f"{path}: its channel {name} is subsampled: save it with one sample per pixel")
@@ -201,7 +201,7 @@ def choose_part(path: Path, headers: list[Header]) -> int:
 
 
 def color_channels(channels: Collection[str]) -> str | None:
-    """Returns which channels hold the colour: "RGB", "XYZ" or "Y", luminance; None if none do.
+    """Returns which channels hold the color: "RGB", "XYZ" or "Y", luminance; None if none do.
 
     Y beside X alone is a coordinate. Z alone is a depth, so Y beside it is luminance.
     """

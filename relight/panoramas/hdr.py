@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from relight.errors import UserError
-from relight.panoramas.colour import XYZ, convert_primaries
+from relight.panoramas.color import XYZ, convert_primaries
 from relight.panoramas.panorama import check_size
 
 PLAIN = (

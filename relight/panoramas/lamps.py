@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from relight.panoramas.colour import blackbody, daylight
+from relight.panoramas.color import blackbody, daylight
 from relight.panoramas.radiosity import HEIGHT, WIDTH, view_directions
 
 
@@ -19,7 +19,7 @@ def generate_lamps(seed: int) -> np.ndarray:
         azimuth, elevation = rng.uniform(-np.pi, np.pi), np.radians(rng.uniform(-20, 70))
         toward = [np.sin(azimuth) * np.cos(elevation), np.sin(elevation), np.cos(azimuth) * np.cos(elevation)]
         radius = np.radians(np.exp(rng.uniform(*np.log([4, 25]))))
-        colour = blackbody(rng.uniform(2600, 4500)) if rng.random() < 0.6 else daylight(rng.uniform(5000, 9000))
+        color = blackbody(rng.uniform(2600, 4500)) if rng.random() < 0.6 else daylight(rng.uniform(5000, 9000))
         inside = np.clip((radius - np.arccos(np.clip(directions @ toward, -1, 1))) / np.radians(3) + 0.5, 0, 1)
-        image += inside[:, None] * colour * rng.uniform(0.3, 1) / (1 - np.cos(radius))
+        image += inside[:, None] * color * rng.uniform(0.3, 1) / (1 - np.cos(radius))
     return image.reshape(HEIGHT, WIDTH, 3).astype(np.float32)

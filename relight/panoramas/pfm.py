@@ -1,4 +1,4 @@
-"""Reads portable float maps: PF (colour) and Pf (grey), rows from the bottom up."""
+"""Reads portable float maps: PF (color) and Pf (grey), rows from the bottom up."""
 
 import re
 from pathlib import Path

@@ -1,6 +1,6 @@
 """Indoor panoramas from integer seeds.
 
-A room is a box with coloured walls, windows, lamps and furniture around a camera, rendered by radiosity
+A room is a box with colored walls, windows, lamps and furniture around a camera, rendered by radiosity
 (relight.panoramas.radiosity). Three kinds of rooms exist: plain ones, darker ones lit from one side, and soft ones with
 a high albedo, lit from all sides. Lamps range from tungsten to daylight, windows show day or night, and white balance
 is set for daylight, for lamps, or from the picture. With these ranges, the statistics of the lights span those of
@@ -9,7 +9,7 @@ measured indoor panoramas and of the lights that the paper's authors released (d
 
 import numpy as np
 
-from relight.panoramas.colour import blackbody, daylight, luminance
+from relight.panoramas.color import blackbody, daylight, luminance
 from relight.panoramas.projection import latlong_solid_angles
 from relight.panoramas.radiosity import HEIGHT, WIDTH, AreaLight, Box, Lamp, Room, Sun, render_room
 
@@ -44,7 +44,7 @@ def sample_room(rng: np.random.Generator) -> Room:
 
 
 def sample_wall_albedo(rng: np.random.Generator, kind: str) -> np.ndarray:
-    """Draws the albedo (6,3) of the walls: one colour, a few accent walls, a darker floor and a lighter ceiling."""
+    """Draws the albedo (6,3) of the walls: one color, a few accent walls, a darker floor and a lighter ceiling."""
     walls = {"plain": (0.2, 0.9), "sided": (0.12, 0.45), "soft": (0.7, 0.92)}[kind]
     floor = {"plain": (0.06, 0.5), "sided": (0.06, 0.35), "soft": (0.25, 0.7)}[kind]
     wall = log_uniform(rng, *walls) * np.array([1, rng.uniform(0.92, 1.0), rng.uniform(0.82, 1.02)])
@@ -73,7 +73,7 @@ def add_daylight(room: Room, rng: np.random.Generator, kind: str) -> None:
     for _ in range(rng.choice(5, p=counts)):
         wall = int(rng.choice((main_wall, main_wall ^ 1, rng.choice(SIDE_WALLS)), p=probabilities))
         transmittance = 1.0 if kind != "soft" and rng.random() < 0.6 else rng.uniform(0.1, 0.5)  # of the curtain
-        tint = daylight(temperature * rng.uniform(0.85, 1.2))  # the sky's colour varies with direction
+        tint = daylight(temperature * rng.uniform(0.85, 1.2))  # the sky's color varies with direction
         above = tint * sky * rng.uniform(0.4, 1.0) * transmittance
         below = tint * [0.85, 1.0, 0.7] * sky * rng.uniform(0.05, 0.22) * transmittance
         add_window(room, rng, wall, above, below)
@@ -288,8 +288,8 @@ def generate_room(seed: int) -> np.ndarray:
 def white_balance(rng: np.random.Generator, mean: np.ndarray) -> np.ndarray:
     """Draws the white balance of a camera, with a random error, as gains (3,) of the channels.
 
-    It is set for daylight, which keeps lamps warm; for lamps, which makes daylight blue; or from the mean colour (3,)
-    of the picture, which removes most of a colour cast.
+    It is set for daylight, which keeps lamps warm; for lamps, which makes daylight blue; or from the mean color (3,)
+    of the picture, which removes most of a color cast.
     """
     mode = ("daylight", "lamps", "picture")[rng.choice(3, p=(0.66, 0.04, 0.3))]
     if mode == "daylight":
@@ -297,7 +297,7 @@ def white_balance(rng: np.random.Generator, mean: np.ndarray) -> np.ndarray:
     elif mode == "lamps":
         gains = 1 / blackbody(rng.uniform(2900, 4000))
     else:
-        colour = np.maximum(mean, 1e-3 * mean.max())
-        gains = (colour / luminance(colour)) ** -rng.uniform(0.6, 1.0)
+        color = np.maximum(mean, 1e-3 * mean.max())
+        gains = (color / luminance(color)) ** -rng.uniform(0.6, 1.0)
     warmer, greener = rng.normal(0, 0.08), rng.normal(-0.03, 0.05)
     return gains * np.exp([warmer, greener, -warmer])

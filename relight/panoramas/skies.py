@@ -7,7 +7,7 @@ skies, with the sun 3 to 70 degrees high.
 
 import numpy as np
 
-from relight.panoramas.colour import blackbody, daylight, luminance
+from relight.panoramas.color import blackbody, daylight, luminance
 from relight.panoramas.radiosity import HEIGHT, WIDTH, pixel_solid_angles, view_directions
 
 # Standard skies of ISO 15469: gradation a, b and scattering c, d, e; then the transmitted share of the sun's beam.
@@ -85,7 +85,7 @@ def sky_radiance(rng: np.random.Generator, kind: str, direction: np.ndarray, sun
 def draw_sun_irradiance(rng: np.random.Generator, kind: str, elevation: float) -> np.ndarray:
     """Draws the irradiance (3,) of the sun on a facing surface, over the illuminance of the sky on the ground.
 
-    It is about 5 at noon and 0 at the horizon, where the air mass (Kasten 1965) is largest and the colour warmest.
+    It is about 5 at noon and 0 at the horizon, where the air mass (Kasten 1965) is largest and the color warmest.
 
     Args:
         rng: for the turbidity.

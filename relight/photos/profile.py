@@ -12,7 +12,7 @@ import numpy as np
 from PIL import Image, ImageCms
 
 from relight.errors import UserError
-from relight.panoramas.colour import REC709, chromaticity_matrix
+from relight.panoramas.color import REC709, chromaticity_matrix
 from relight.srgb import decode, encode
 
 SRGB_GAMMA = 0.45455  # as PNG writes it

@@ -17,7 +17,7 @@ UNUSUAL = {  # sentences for the rules of relight.lights.select.broken_rules
     "back-lit": "the light comes mostly from behind the figure, where inference is known to fail",
     "bright": "the light is brighter than any that the network has seen",
     "contrast": "the light is harder (more contrast) than any that the network has seen",
-    "colour": "the light is more strongly colored than any that the network has seen",
+    "color": "the light is more strongly colored than any that the network has seen",
     "from-below": "the light comes from below, as none that the network has seen does",
 }
 

@@ -28,7 +28,7 @@ def bake(
         int, typer.Option(min=1, help="Rays per pixel or vertex: 64 for drafts, 1024 for ground truth.")
     ] = 256,
     order: Annotated[int, typer.Option(min=0, help="Order of the spherical harmonics; 2 gives nine coefficients.")] = 2,
-    bounces: Annotated[int, typer.Option(min=0, help="Bounces of light between surfaces, in colour.")] = 0,
+    bounces: Annotated[int, typer.Option(min=0, help="Bounces of light between surfaces, in color.")] = 0,
     supersample: Annotated[
         int, typer.Option(min=1, help="k: maps are means over k x k samples of each pixel, which share its rays.")
     ] = 1,

@@ -46,7 +46,7 @@ def sample_texture(texture: np.ndarray, uv: np.ndarray, wrap: tuple[str, str] = 
 
 
 def sample_albedo(mesh: Mesh, face: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Returns the albedo of points: texture times material colour times interpolated vertex colour.
+    """Returns the albedo of points: texture times material color times interpolated vertex color.
 
     Args:
         mesh: with materials.
@@ -57,7 +57,7 @@ def sample_albedo(mesh: Mesh, face: np.ndarray, weights: np.ndarray) -> np.ndarr
         (N,3) float32 in [0,1], linear.
 
     Raises:
-        UserError: if a face's material does not exist, or colours or texture coordinates are not finite.
+        UserError: if a face's material does not exist, or colors or texture coordinates are not finite.
     """
     material = mesh.material[face]
     if len(material) and not 0 <= material.min() <= material.max() < len(mesh.materials):
@@ -78,7 +78,7 @@ def sample_albedo(mesh: Mesh, face: np.ndarray, weights: np.ndarray) -> np.ndarr
     if mesh.color is not None:
         result *= np.einsum("nc,ncx->nx", weights, mesh.color[mesh.faces[face]]).astype(np.float32)
     if not np.isfinite(result).all():
-        raise UserError("the mesh has colours that are not finite: repair or drop them")
+        raise UserError("the mesh has colors that are not finite: repair or drop them")
     return result.clip(0, 1)
 
 

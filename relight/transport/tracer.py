@@ -34,7 +34,7 @@ def import_mitsuba() -> ModuleType:
 class PathTracer:
     """Renders a mesh from a camera as of `bake`, with one Mitsuba shape per material.
 
-    Albedo is that of the textures. If a mesh has vertex colours, it is the albedo at the corners, interpolated
+    Albedo is that of the textures. If a mesh has vertex colors, it is the albedo at the corners, interpolated
     linearly.
 
     Attributes:

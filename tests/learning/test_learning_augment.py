@@ -14,7 +14,7 @@ from relight.learning.data import RelitSet, compact_index
 from relight.learning.losses import variation
 from relight.sh import basis
 
-ALL = dict(framing=0.9, cut=0.5, zoom=[0.7, 1.1], shift=0.05, tint=0.3, exposure=[-1.0, 1.0], recolour=0.5, prints=0.5)
+ALL = dict(framing=0.9, cut=0.5, zoom=[0.7, 1.1], shift=0.05, tint=0.3, exposure=[-1.0, 1.0], recolor=0.5, prints=0.5)
 ALL |= dict(gloss=0.7, mask=1, tone=0.2, blur=1.0, sharpen=0.5, noise=0.02, jpeg=0.5)
 
 
@@ -62,7 +62,7 @@ def test_a_picture_does_not_depend_on_those_beside_it(data, augment):
     torch.testing.assert_close(together.light[3:], single.light)
 
 
-def test_truth_still_explains_the_picture_after_framing_tint_recolouring_and_exposure(data, augment):
+def test_truth_still_explains_the_picture_after_framing_tint_recoloring_and_exposure(data, augment):
     settings = augment(**{**ALL, "gloss": 0, "mask": 0, "tone": 0, "blur": 0, "sharpen": 0, "noise": 0, "jpeg": 0})
     batch = augment_batch(batch_of(data), settings, generators(4), data.size)
     torch.testing.assert_close(batch.relit, batch.albedo * batch.shading)
@@ -147,9 +147,9 @@ def test_exposure_is_on_the_picture_alone(data, augment):
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_recoloured_albedo_stays_an_albedo_and_keeps_texture(data, seed, augment):
+def test_recolored_albedo_stays_an_albedo_and_keeps_texture(data, seed, augment):
     batch = batch_of(data)
-    new = augment_batch(batch, augment(recolour=1.0), generators(4, seed), data.size)
+    new = augment_batch(batch, augment(recolor=1.0), generators(4, seed), data.size)
     inside = new.inside[..., 0] > 0
     assert 0.003 < new.albedo[inside].min() and new.albedo[inside].max() < 0.96
     assert (new.light == batch.light).all() and (new.relit == new.albedo * new.shading).all()
@@ -167,7 +167,7 @@ def test_prints_change_the_albedo_of_garments_and_nothing_else(data, augment):
     assert (edges[1] > 1.1 * edges[0]).any(), "a print has edges of its own"
 
     skin = torch.tensor([0.6, 0.4, 0.3]).expand_as(batch.albedo) * batch.inside
-    kept = augment_batch(replace(batch, albedo=skin), augment(prints=1.0, recolour=1.0), generators(4, 2), data.size)
+    kept = augment_batch(replace(batch, albedo=skin), augment(prints=1.0, recolor=1.0), generators(4, 2), data.size)
     torch.testing.assert_close(kept.albedo, skin)
 
 

@@ -1,4 +1,4 @@
-"""sRGB and the two colour models."""
+"""sRGB and the two color models."""
 
 import pytest
 import torch

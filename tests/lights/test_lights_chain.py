@@ -18,7 +18,7 @@ from relight.lights.chain import generated_light
 from relight.lights.cluster import choose_validation_lights, farthest_first, irradiance_features, medoids
 from relight.lights.select import broken_rules, counted
 from relight.lights.table import SPLITS
-from relight.panoramas.colour import blackbody, daylight
+from relight.panoramas.color import blackbody, daylight
 from relight.sh import basis, irradiance, rotate_y, sphere_quadrature
 
 SETTINGS = replace(read_preset("lights"), clusters=12, test=3)
@@ -187,7 +187,7 @@ def test_each_rule_finds_its_kind_of_light():
     cases = {
         "back-lit": lamp(0, 0.3, -0.5, fill=0.8),
         "contrast": lamp(1, 0, 0.2, fill=0.0),
-        "colour": lamp(0.3, 0.6, 0.7) * [1, 0.5, 0.1],
+        "color": lamp(0.3, 0.6, 0.7) * [1, 0.5, 0.1],
         "from-below": lamp(0.2, -0.8, 0.6),
         "dim": lamp(0.3, 0.6, 0.7) * 0.3,
         "bright": lamp(0.3, 0.6, 0.7) * 3,
@@ -208,7 +208,7 @@ def test_tungsten_under_a_daylight_white_balance_is_usual_and_candles_are_not(ke
     light *= 0.8 / reference_brightness(light)
     assert measure(light[None])["blue"][0] < -0.8
     found = {name for name, rule in broken_rules(light[None], RULES).items() if rule[0]}
-    assert "colour" in found if unusual else not found
+    assert "color" in found if unusual else not found
 
 
 def test_features_measure_the_distance_of_irradiance():
@@ -303,7 +303,7 @@ def test_what_a_folder_does_not_give_is_said(tmp_path):
         (tmp_path / f"{name}.pfm").write_bytes(b"PF\n32 16\n-1.0\n" + pixels[::-1].astype("<f4").tobytes())
     folder = replace(GENERATED, source="folder", folder=str(tmp_path))
     lights, record = build_light_set(folder, replace(SETTINGS, clusters=8, test=3), 2, progress=False)
-    assert record["unlit"] == {"blue.pfm": "dim at 36 of 36 headings, colour at 36 of 36 headings"}
+    assert record["unlit"] == {"blue.pfm": "dim at 36 of 36 headings, color at 36 of 36 headings"}
     assert "blue.pfm" not in lights.of("train").source
     told = " | ".join(record["warnings"])
     assert "1 of 4 panoramas gave no light" in told and "blue.pfm: dim at 36 of 36 headings" in told

@@ -28,7 +28,7 @@ def codes(linear):
 
 
 def street(seed, size=(36, 48)):
-    """A picture with a bright side, a sky, a colour cast and clipped pixels."""
+    """A picture with a bright side, a sky, a color cast and clipped pixels."""
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[: size[0], : size[1]] / np.array(size)[:, None, None]
     light = np.exp(rng.normal(0, 1.5) * x + rng.normal(-1, 1) * y + rng.normal(0, 0.3, size)) * rng.uniform(0.05, 1)
@@ -47,7 +47,7 @@ def test_place_light_comes_from_the_brighter_side():
     assert sides[0] > 0.05 > -0.05 > sides[1]
 
 
-def test_place_light_takes_on_the_root_of_the_colour():
+def test_place_light_takes_on_the_root_of_the_color():
     toward = direction(30, 40, "lamp")
     grey, orange = (place_light(codes(np.full((36, 48, 3), color)), toward)[0] for color in (0.25, (0.5, 0.3, 0.1)))
     np.testing.assert_allclose(grey / grey[1], 1, rtol=1e-9)

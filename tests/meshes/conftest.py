@@ -1,4 +1,4 @@
-"""A figure made of ellipsoids, with what alignment and cleaning look for: feet, a face, parts, colours."""
+"""A figure made of ellipsoids, with what alignment and cleaning look for: feet, a face, parts, colors."""
 
 import numpy as np
 import pytest

@@ -14,7 +14,7 @@ PLAIN = Clean(component=0.0005, close_holes=0, max_faces=0)
 
 
 def corners(mesh: Mesh) -> np.ndarray:
-    """Each face as its three corners (place, uv, colour) and its material, sorted: the same for the same surface."""
+    """Each face as its three corners (place, uv, color) and its material, sorted: the same for the same surface."""
     corner = np.concatenate([mesh.vertices[mesh.faces], mesh.uv, mesh.color[mesh.faces]], axis=-1)
     first = np.lexsort(corner[:, :, :3].transpose(2, 0, 1)[::-1], axis=-1)[:, 0]  # begin at the least corner
     corner = np.stack([corner[np.arange(len(corner)), (first + k) % 3] for k in range(3)], axis=1)
@@ -193,7 +193,7 @@ def test_holes_are_reported_and_closed_on_request(person):
     np.testing.assert_array_equal(result.material[-new:], mesh.material[ring][0])
 
 
-def test_decimation_keeps_uv_materials_colours_and_seams(person):
+def test_decimation_keeps_uv_materials_colors_and_seams(person):
     mesh = person(40)
     mesh.uv[mesh.vertices[mesh.faces][..., 0].mean(axis=1) > 0] += 3  # a seam down the middle of the body
     mesh.materials[0].texture = np.zeros((2, 2, 3), np.uint8)

@@ -1,4 +1,4 @@
-"""What meshes may say, and the right value: names, code pages, colours, polygons, extensions, wrap modes, tables."""
+"""What meshes may say, and the right value: names, code pages, colors, polygons, extensions, wrap modes, tables."""
 
 import codecs
 import io
@@ -104,21 +104,21 @@ SOME = b"v 0 0 0 1 0 0\nv 1 0 0 1 0 0\nv 0 1 0\n"
 FOUR = b"v 0 0 0 %s\nv 1 0 0 %s\nv 0 1 0 %s\n"
 # The text of an .obj beside a red material A; the albedo of its last face, and what a warning says.
 SYNTAX = {
-    "corners v//": (POINTS + b"f 1// 2// 3//\n", (1, 1, 1), "neither materials nor vertex colours"),
+    "corners v//": (POINTS + b"f 1// 2// 3//\n", (1, 1, 1), "neither materials nor vertex colors"),
     "coordinates that are not there": (POINTS + b"f 1/7 2/8 3/9\n", (1, 1, 1), "neither materials"),
     "no material after one": (used(b"A") + b"usemtl\nf 1 3 2\n", (1, 1, 1), "1 of 2 faces have neither"),
     "a face before the first material": (used(b"A").replace(b"usemtl", b"f 1 2 3\nusemtl"), (1, 0, 0), "1 of 2 faces"),
     "a library that no face needs": (b"mtllib gone.mtl\n" + COLORED + FACE, (1, 0, 0), "no face needs it"),
     "a material that no face uses": (b"mtllib gone.mtl\n" + COLORED + FACE + b"usemtl B\n", (1, 0, 0), "no face needs"),
-    "colours of some vertices": (SOME + FACE, (1, 1, 1), "some vertices have colours and others none"),
+    "colors of some vertices": (SOME + FACE, (1, 1, 1), "some vertices have colors and others none"),
     "x y z w r g b": (FOUR % (3 * (b"1 1 0 0",)) + FACE, (1, 0, 0), "a weight and red, green and blue"),
     "x y z w": (FOUR % (3 * (b"1",)) + FACE, (1, 1, 1), "neither"),
     "x y z r g b a": (FOUR % (b"0 1 0 1", b"0 1 0 1", b"0 1 0 1") + FACE, (0, 1, 0), "red, green, blue and alpha"),
-    "colours a little above 1": (COLORED.replace(b"1 0 0\nv", b"1.2 0 0\nv") + FACE, (1, 0, 0), "clipped to 1"),
-    "colours of 0 to 65535": (COLORED.replace(b" 1 0 0\n", b" 65535 0 0\n") + FACE, (1, 0, 0), ""),
-    "colours beside a material": (b"mtllib a.mtl\n" + COLORED.replace(b"1 0 0\n", b"0 0 1\n") + b"usemtl A\n" + FACE,
-                                  (0, 0, 1), "in place of the colours of its materials"),
-    "white colours beside a material": (used(b"A").replace(b"0\n", b"0 1 1 1\n"), (1, 0, 0), ""),
+    "colors a little above 1": (COLORED.replace(b"1 0 0\nv", b"1.2 0 0\nv") + FACE, (1, 0, 0), "clipped to 1"),
+    "colors of 0 to 65535": (COLORED.replace(b" 1 0 0\n", b" 65535 0 0\n") + FACE, (1, 0, 0), ""),
+    "colors beside a material": (b"mtllib a.mtl\n" + COLORED.replace(b"1 0 0\n", b"0 0 1\n") + b"usemtl A\n" + FACE,
+                                  (0, 0, 1), "in place of the colors of its materials"),
+    "white colors beside a material": (used(b"A").replace(b"0\n", b"0 1 1 1\n"), (1, 0, 0), ""),
     "a line that goes on": (POINTS + b"f 1 \\\r\n2 3\n", (1, 1, 1), "neither"),
 }  # fmt: skip
 
@@ -132,17 +132,17 @@ def test_obj_of_this_syntax(tmp_path, name):
 
 
 @pytest.mark.parametrize("colors", ["0.7373", "0", "0.2"])
-def test_obj_texture_is_not_multiplied_by_vertex_colours(tmp_path, colors):
-    """Programs write the same colour twice, or black or random colours beside a texture."""
+def test_obj_texture_is_not_multiplied_by_vertex_colors(tmp_path, colors):
+    """Programs write the same color twice, or black or random colors beside a texture."""
     points = POINTS.replace(b"0\n", b"0 %s %s %s\n" % (3 * (colors.encode(),)))
     text = b"mtllib a.mtl\nvt 0 0\n" + points + b"usemtl A\nf 1/1 2/1 3/1\n"
     files = {"a.obj": text, "a.mtl": b"newmtl A\nKd .1 .1 .1\nmap_Kd t.png\n", "t.png": png((188, 188, 188))}
     mesh = read_mesh(write(tmp_path, files))
     np.testing.assert_allclose(albedo(mesh), 0.503, atol=1e-3)
-    assert "vertex colours are left out" in mesh.info["warnings"][0]
+    assert "vertex colors are left out" in mesh.info["warnings"][0]
 
 
-def test_obj_with_a_texture_on_some_faces_keeps_vertex_colours_on_others(tmp_path):
+def test_obj_with_a_texture_on_some_faces_keeps_vertex_colors_on_others(tmp_path):
     text = b"mtllib a.mtl\nvt 0 0\n" + COLORED + b"usemtl A\nf 1/1 2/1 3/1\nusemtl B\nf 1 3 2\n"
     library = b"newmtl A\nmap_Kd t.png\nnewmtl B\nKd 0 1 0\n"
     mesh = read_mesh(write(tmp_path, {"a.obj": text, "a.mtl": library, "t.png": png((0, 0, 255))}))
@@ -183,11 +183,11 @@ PLYS = {
     "of faces": (ply(("", "255 128 0"), face=channels("uchar")), ORANGE, ""),
     "of faces, r g b": (ply(("", "1 0.50196 0"), face=channels("float", "r g b")), ORANGE, ""),
     "of both": (ply(("255 128 0", "0 0 255"), channels("uchar"), channels("uchar")), ORANGE, "of faces are left"),
-    "none": (ply(("", "")), (1, 1, 1), "neither materials nor vertex colours"),
+    "none": (ply(("", "")), (1, 1, 1), "neither materials nor vertex colors"),
     "coordinates without a texture": (ply(("0 0", ""), channels("float", "s t")), (1, 1, 1), "names no texture"),
-    "texture in quotes and colours": (
+    "texture in quotes and colors": (
         ply(("0 0 9 9 9", ""), channels("float", "u v") + ", " + channels("uchar"),
-            comment='comment TextureFile "t.png"\n'), ORANGE, "vertex colours are left out"),
+            comment='comment TextureFile "t.png"\n'), ORANGE, "vertex colors are left out"),
     "byte order mark": (codecs.BOM_UTF8 + ply(("255 128 0", ""), channels("uchar")), ORANGE, ""),
     "CR LF": (ply(("255 128 0", ""), channels("uchar")).replace(b"\n", b"\r\n"), ORANGE, ""),
     "CR": (ply(("255 128 0", ""), channels("uchar")).replace(b"\n", b"\r"), ORANGE, ""),
@@ -195,7 +195,7 @@ PLYS = {
 
 
 @pytest.mark.parametrize("name", PLYS)
-def test_ply_whose_colours_are_written_so(tmp_path, name):
+def test_ply_whose_colors_are_written_so(tmp_path, name):
     content, color, warned = PLYS[name]
     mesh = read_mesh(write(tmp_path, {"a.ply": content, "t.png": png((255, 128, 0))}))
     np.testing.assert_allclose(albedo(mesh), color, atol=1e-4)
@@ -213,7 +213,7 @@ def test_binary_ply_begins_after_its_own_line_end(tmp_path, end):
     np.testing.assert_array_equal(mesh.vertices, points)
 
 
-def test_ply_colours_of_faces_that_share_vertices(tmp_path):
+def test_ply_colors_of_faces_that_share_vertices(tmp_path):
     text = ply(("", "255 0 0"), face=channels("uchar")).replace(b"face 1", b"face 2") + b"3 0 2 1 0 0 255\n"
     mesh = read_mesh(write(tmp_path, {"a.ply": text}))
     np.testing.assert_allclose([albedo(mesh, face) for face in (0, 1)], [[1, 0, 0], [0, 0, 1]])
@@ -438,7 +438,7 @@ def colored(kind: str, component: int, normalized: bool):
         ("<f4", 5126, False, (255, 51, 0)),
     ],
 )
-def test_gltf_vertex_colours_of_every_type(tmp_path, kind, component, normalized, values):
+def test_gltf_vertex_colors_of_every_type(tmp_path, kind, component, normalized, values):
     change, dtype = colored(kind, component, normalized)
     data = np.array([values] * 3, dtype).tobytes()
     mesh = read_mesh(write(tmp_path, {"a.glb": glb(change, color=data)}))
@@ -446,14 +446,14 @@ def test_gltf_vertex_colours_of_every_type(tmp_path, kind, component, normalized
 
 
 @pytest.mark.parametrize("materials", [[{}], None])
-def test_gltf_without_colours_is_white_with_a_warning(tmp_path, materials):
+def test_gltf_without_colors_is_white_with_a_warning(tmp_path, materials):
     def change(scene):
         scene["materials"] = materials or []
         scene["meshes"][0]["primitives"][0].pop("material") if materials is None else None
 
     mesh = read_mesh(write(tmp_path, {"a.glb": glb(change)}))
     np.testing.assert_array_equal(albedo(mesh), 1)
-    assert "neither materials nor vertex colours" in mesh.info["warnings"][0]
+    assert "neither materials nor vertex colors" in mesh.info["warnings"][0]
 
 
 def test_gltf_textured_without_coordinates_is_one_sentence(tmp_path):

@@ -219,7 +219,7 @@ BROKEN = {
         {"a.obj": obj(*USE, faces="f 1 2 3\n"), "a.mtl": MTL.format("t.png").encode(), "t.png": picture()},
         "no texture coordinates",
     ),
-    "mtl with a colour of words": ({"a.obj": obj(*USE), "a.mtl": b"newmtl skin\nKd red green blue\n"}, "three numbers"),
+    "mtl with a color of words": ({"a.obj": obj(*USE), "a.mtl": b"newmtl skin\nKd red green blue\n"}, "three numbers"),
     # glTF
     "glb of zero bytes": ({"a.glb": b""}, "is empty"),
     "glb of text": ({"a.glb": b"hello, this is not a model at all"}, "not a .glb"),

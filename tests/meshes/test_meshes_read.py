@@ -36,7 +36,7 @@ def quad_obj(path, *materials, faces=("f 1/1 2/2 3/3 4/4", "f 5/1 6/2 7/3 8/4"),
 
 @pytest.fixture
 def truth():
-    """A coloured ellipsoid of triangles."""
+    """A colored ellipsoid of triangles."""
     mesh = trimesh.creation.icosphere(subdivisions=2)
     mesh.apply_scale([0.3, 0.9, 0.2])
     mesh.visual.vertex_colors = np.random.default_rng(0).integers(0, 256, (len(mesh.vertices), 3)).astype(np.uint8)
@@ -139,7 +139,7 @@ def test_textures_are_found_by_any_spelling(tmp_path, statement):
 
 
 def test_obj_of_several_materials(tmp_path):
-    """Two libraries, one in Latin-1, a name with a blank, a colour without texture, and a texture scaled and moved."""
+    """Two libraries, one in Latin-1, a name with a blank, a color without texture, and a texture scaled and moved."""
     picture(tmp_path / "t.png", GREEN)
     (tmp_path / "a.mtl").write_bytes("# \xe9t\xe9\r\nnewmtl jeans blue\r\nKd 0.5 0.25 1\r\n".encode("latin-1"))
     (tmp_path / "b.mtl").write_text("newmtl shirt\nmap_Kd -s 2 3 -o 0.5 t.png\n")
@@ -172,8 +172,8 @@ def test_obj_indices_count_back_from_their_own_line(tmp_path):
     np.testing.assert_array_equal(read_mesh(tmp_path / "a.obj").faces, [[0, 1, 2], [0, 1, 3]])
 
 
-def test_obj_with_vertex_colours(tmp_path):
-    """Colours as floats of 0..1, and by some writers of 0..255."""
+def test_obj_with_vertex_colors(tmp_path):
+    """Colors as floats of 0..1, and by some writers of 0..255."""
     for scale in (1, 255):
         points = "".join(f"v {p} {0.5 * scale} {0.25 * scale} {1 * scale}\n" for p in ("0 0 0", "1 0 0", "0 1 0"))
         (tmp_path / "a.obj").write_text(points + "f 1 2 3\n")
@@ -283,7 +283,7 @@ def test_gltf_features_by_hand(tmp_path):
     np.testing.assert_allclose(mesh.vertices, [[2, 0, 0], [2, 2, 0], [0, 0, 0], [0, 2, 10]], atol=1e-6)
     np.testing.assert_array_equal(mesh.faces, [[0, 1, 2], [3, 2, 1]])
     np.testing.assert_allclose(mesh.uv[0], [[0, 0.75], [2, 0.75], [0, -0.25]], atol=1e-6)
-    np.testing.assert_allclose(mesh.color, np.tile([1, 0, 0], (4, 1)))  # glTF's vertex colours are linear
+    np.testing.assert_allclose(mesh.color, np.tile([1, 0, 0], (4, 1)))  # glTF's vertex colors are linear
     scene["buffers"][0]["uri"] = "data:application/octet-stream;base64," + base64.b64encode(data).decode()
     (tmp_path / "b.gltf").write_text(json.dumps(scene))
     np.testing.assert_array_equal(read_mesh(tmp_path / "b.gltf").vertices, mesh.vertices)

@@ -5,7 +5,7 @@ from omegaconf import OmegaConf
 from relight.config import composed
 from relight.lights import measure, select_lights
 from relight.panoramas import Panorama, generate_lamps, generate_room, generate_sky, project
-from relight.panoramas.colour import XYZ_TO_RGB, blackbody, daylight
+from relight.panoramas.color import XYZ_TO_RGB, blackbody, daylight
 from relight.panoramas.projection import latlong_solid_angles
 from relight.panoramas.radiosity import (
     CELLS,
@@ -118,7 +118,7 @@ def ratios(rgb):
 
 
 @pytest.mark.parametrize("temperature", [2300, 2856, 3200, 3999, 4001, 5000, 6500, 9000, 16000])
-def test_black_bodies_have_the_colour_of_plancks_law(temperature):
+def test_black_bodies_have_the_color_of_plancks_law(temperature):
     np.testing.assert_allclose(ratios(blackbody(temperature)), ratios(planck(temperature)), atol=0.04)
 
 

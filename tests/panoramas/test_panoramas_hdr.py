@@ -117,7 +117,7 @@ def test_all_eight_orientations(tmp_path, sy, sx, order):
     np.testing.assert_array_equal(pixels, decoded(upright).astype(np.float32))
 
 
-def test_exposure_and_colour_correction_are_divided_out(tmp_path):
+def test_exposure_and_color_correction_are_divided_out(tmp_path):
     stored = scene(4, 16)
     header = b"FORMAT=32-bit_rle_rgbe\nEXPOSURE=2.0\n# note\nEXPOSURE= 4\nCOLORCORR=1 2 .5\nPRIMARIES=0 0 0 0 0 0 0 0\n"
     pixels, _ = read_hdr(picture(tmp_path / "a.hdr", stored, header=header))

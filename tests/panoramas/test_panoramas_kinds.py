@@ -8,7 +8,7 @@ import pytest
 
 from relight.errors import UserError
 from relight.panoramas import read_panorama
-from relight.panoramas.colour import REC709, XYZ, chromaticity_matrix
+from relight.panoramas.color import REC709, XYZ, chromaticity_matrix
 
 P3 = (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290)
 REC2020 = (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290)
@@ -90,7 +90,7 @@ def test_hdr_of_impossible_primaries_says_what_was_taken(tmp_path):
     (tmp_path / "a.hdr").write_bytes(hdr(primaries([0.3] * 8)))
     found = read_panorama(tmp_path / "a.hdr")
     np.testing.assert_allclose(found.pixels[0, 0], CODES, rtol=1e-6)
-    assert found.repairs == ["its chromaticities are not those of a colour space: they were taken for Rec. 709"]
+    assert found.repairs == ["its chromaticities are not those of a color space: they were taken for Rec. 709"]
 
 
 @pytest.mark.parametrize("xy", [P3, REC2020, D50, SHARP])
@@ -105,7 +105,7 @@ def test_exr_and_hdr_convert_chromaticities_alike(tmp_path, xy):
 
 
 WHITE, RED = (0.9505, 1.0, 1.089), (0.4124, 0.2126, 0.0193)
-# channels and their values -> the colour of a pixel
+# channels and their values -> the color of a pixel
 CHANNELS = {
     "X Y Z, white": (dict(zip("XYZ", WHITE)), (1, 1, 1)),
     "X Y Z, red": (dict(zip("XYZ", RED)), (1, 0, 0)),

@@ -81,10 +81,10 @@ def test_a_cropped_exr_is_padded_with_black(tmp_path):
     assert panorama.pixels.sum() == pytest.approx(pixels.sum(), rel=1e-5)
 
 
-def test_multi_part_reads_the_part_with_colour(tmp_path):
+def test_multi_part_reads_the_part_with_color(tmp_path):
     depth = OpenEXR.Part({"name": "depth"}, {"Z": np.ones((16, 32), np.float32)})
-    colour = OpenEXR.Part({"name": "colour"}, {"RGB": noise()})
-    OpenEXR.File([depth, colour]).write(str(tmp_path / "a.exr"))
+    color = OpenEXR.Part({"name": "color"}, {"RGB": noise()})
+    OpenEXR.File([depth, color]).write(str(tmp_path / "a.exr"))
     panorama = read_panorama(tmp_path / "a.exr")
     np.testing.assert_array_equal(panorama.pixels, noise())
     assert panorama.repairs == ["part 1 of 2 was read"]

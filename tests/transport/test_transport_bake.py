@@ -126,7 +126,7 @@ def test_texture_repeats_and_multiplies():
     np.testing.assert_allclose(maps.albedo, tiled, atol=1e-5)
 
 
-def test_vertex_colour_is_interpolated():
+def test_vertex_color_is_interpolated():
     color = np.zeros((4, 3), np.float32)
     color[1:3, 0] = 1  # red grows to the right
     maps = bake(screen(color=color), 16, 1)
@@ -304,7 +304,7 @@ def test_bad_meshes_are_named():
         (broken(faces=good.faces + 10), "162 vertices but its faces use 10 to 171"),
         (broken(vertices=good.vertices + np.float32([5, 0, 0])), "sees nothing.*x 4.5 to 5.5"),
         (broken(material=off_palette), "1 materials"),
-        (broken(color=np.full((len(good.vertices), 3), np.nan, np.float32)), "colours that are not finite"),
+        (broken(color=np.full((len(good.vertices), 3), np.nan, np.float32)), "colors that are not finite"),
     ]
     for mesh, words in cases:
         with pytest.raises(UserError, match=words):

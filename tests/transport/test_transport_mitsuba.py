@@ -32,7 +32,7 @@ def knot():
 
 
 def test_every_coefficient(knot):
-    """A constant plus one harmonic per colour channel, three renderings."""
+    """A constant plus one harmonic per color channel, three renderings."""
     maps = bake(knot, 128, 256)
     transport, where = block_means(maps.transport, 4), interior_blocks(maps.mask, 4)
     assert where.sum() > 150 and maps.ao[maps.mask].mean() < 0.9
@@ -50,7 +50,7 @@ def test_every_coefficient(knot):
         np.testing.assert_allclose(fit, 1, atol=0.02)
 
 
-def test_a_bounce_in_colour(knot):
+def test_a_bounce_in_color(knot):
     maps = bake(knot, 128, 256, bounces=1)
     direct, where = block_means(maps.transport, 4), interior_blocks(maps.mask, 4)
     bounced = block_means(maps.bounced, 4)
@@ -85,7 +85,7 @@ def test_irradiance_of_a_truncated_light(knot):
 
 @pytest.fixture
 def plate():
-    """A square that faces the camera and fills its picture, with a texture of 16 x 16 random colours."""
+    """A square that faces the camera and fills its picture, with a texture of 16 x 16 random colors."""
     corners = np.float32([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
     faces = np.int32([[0, 1, 2], [0, 2, 3]])
     uv = ((corners[:, :2] + 1) / 2)[faces]

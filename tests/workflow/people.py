@@ -1,4 +1,4 @@
-"""Three meshes like a small folder of scans: one textured .obj, one .ply with vertex colours, one .glb."""
+"""Three meshes like a small folder of scans: one textured .obj, one .ply with vertex colors, one .glb."""
 
 from pathlib import Path
 
@@ -37,7 +37,7 @@ def write_people(folder: Path) -> None:
     """The three files, and the texture and material of the .obj beside it."""
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(0)
-    textured, coloured, plain = (person(seed) for seed in range(3))
+    textured, colored, plain = (person(seed) for seed in range(3))
     stripes = np.zeros((64, 64, 3), np.uint8)
     stripes[:] = (200, 60, 40)
     stripes[::8] = (240, 240, 230)
@@ -50,10 +50,10 @@ def write_people(folder: Path) -> None:
     lines += ["usemtl cloth"]
     lines += ["f " + " ".join(f"{i}/{i}" for i in face) for face in textured.faces + 1]
     (folder / "textured.obj").write_text("\n".join(lines) + "\n")
-    colours = rng.integers(60, 220, 3) * np.ones((len(coloured.vertices), 1))
-    colours[coloured.vertices[:, 1] < 0.9] = (40, 50, 90)
-    coloured.visual = trimesh.visual.ColorVisuals(coloured, vertex_colors=colours.astype(np.uint8))
-    coloured.export(folder / "coloured.ply")
+    colors = rng.integers(60, 220, 3) * np.ones((len(colored.vertices), 1))
+    colors[colored.vertices[:, 1] < 0.9] = (40, 50, 90)
+    colored.visual = trimesh.visual.ColorVisuals(colored, vertex_colors=colors.astype(np.uint8))
+    colored.export(folder / "colored.ply")
     material = trimesh.visual.material.PBRMaterial(baseColorFactor=[90, 140, 80, 255])
     plain.visual = trimesh.visual.TextureVisuals(uv=np.zeros((len(plain.vertices), 2)), material=material)
     plain.export(folder / "plain.glb")

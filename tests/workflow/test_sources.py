@@ -26,7 +26,7 @@ def write_hdr(path, pixels) -> None:
 def sources(tmp_path_factory):
     folder = tmp_path_factory.mktemp("sources")
     write_people(folder / "scans")
-    (folder / "scans" / "broken.ply").write_bytes((folder / "scans" / "coloured.ply").read_bytes()[:500])
+    (folder / "scans" / "broken.ply").write_bytes((folder / "scans" / "colored.ply").read_bytes()[:500])
     (folder / "panoramas").mkdir()
     for seed in (1, 2):
         write_hdr(folder / "panoramas" / f"room{seed}.hdr", generate_room(seed))
@@ -47,7 +47,7 @@ def test_three_meshes_and_two_panoramas_give_a_report(sources, tmp_path):
     )
     assert run.returncode == 0, run.stdout
     record = json.loads((repo / "results/mine/figures.json").read_text())
-    assert set(record["figures"]) == {"broken", "coloured", "plain", "textured"}
+    assert set(record["figures"]) == {"broken", "colored", "plain", "textured"}
     assert set(record["left_out"]) == {"broken"} and "broken is left out" in run.stdout
     assert read_info(repo / "results/mine/maps/plain.v1.exr")["figure"] == "plain"
     page = (repo / "results/mine/report/report.html").read_text()
@@ -60,7 +60,7 @@ def test_too_few_usable_meshes_end_the_run(sources, tmp_path):
     folder.mkdir()
     for name in ("a", "b"):
         (folder / f"{name}.ply").write_bytes((sources / "scans" / "broken.ply").read_bytes())
-    (folder / "c.ply").write_bytes((sources / "scans" / "coloured.ply").read_bytes())
+    (folder / "c.ply").write_bytes((sources / "scans" / "colored.ply").read_bytes())
     repo = copy(tmp_path)
     run = relight(
         repo, "run", *WORDS, "figures=scans", f"figures.folder={folder}", "--target", "results/mine/split/subject.json"

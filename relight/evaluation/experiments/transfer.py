@@ -29,8 +29,8 @@ VARIANTS = {
     "": "inferred maps, inferred light",
     "true_light": "inferred maps, true light",
     "true_maps": "true maps, inferred light",
-    "true_color": "inferred maps, inferred light with the true light's colour and strength",
-    "true_pattern": "inferred maps, true light with the inferred light's colour and strength",
+    "true_color": "inferred maps, inferred light with the true light's color and strength",
+    "true_pattern": "inferred maps, true light with the inferred light's color and strength",
     "mean_light": "inferred maps, mean training light",
 }
 # Predictions without a network.

@@ -24,7 +24,7 @@ WIDTH = 2400  # pixels, largest width of a sheet with several figures in a row
 def contact_sheet(maps_paths: list[Path], light: np.ndarray, out: Path, height: int = CELL_HEIGHT) -> None:
     """Draws figures side by side: lit, albedo, normals, AO and shading.
 
-    Colours are sRGB-encoded; white is the 99.5th percentile of a figure's shading. Normals are displayed as (n+1)/2. A
+    Colors are sRGB-encoded; white is the 99.5th percentile of a figure's shading. Normals are displayed as (n+1)/2. A
     figure that was left out is replaced by the reason.
 
     Args:

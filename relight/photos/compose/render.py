@@ -236,7 +236,7 @@ def estimate_foreground(linear: np.ndarray, alpha: np.ndarray) -> np.ndarray:
 
     Such a pixel is alpha F + (1 - alpha) B. Relit as if it were all F, it would carry the old background along as a
     halo. F and B start as local means of the two sides and are corrected so that together they give the pixel, in a
-    wide and a narrow pass (Forte, "Approximate fast foreground colour estimation", 2021).
+    wide and a narrow pass (Forte, "Approximate fast foreground color estimation", 2021).
 
     Args:
         linear: (H,W,3) the photo.

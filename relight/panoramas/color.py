@@ -1,4 +1,4 @@
-"""Colours of black bodies and daylight, luminance, and conversion between primaries."""
+"""Colors of black bodies and daylight, luminance, and conversion between primaries."""
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,12 +13,12 @@ BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.03
 
 
 def luminance(rgb: np.ndarray) -> np.ndarray:
-    """Returns the relative luminance (...) of linear Rec. 709 colours (...,3)."""
+    """Returns the relative luminance (...) of linear Rec. 709 colors (...,3)."""
     return rgb @ LUMINANCE
 
 
 def blackbody(temperature: float) -> np.ndarray:
-    """Returns the colour of a black body of 1,667 to 25,000 K, (3,) linear Rec. 709 of luminance 1.
+    """Returns the color of a black body of 1,667 to 25,000 K, (3,) linear Rec. 709 of luminance 1.
 
     Chromaticity by the cubic splines of Kim et al. 2002 (J. Korean Phys. Soc. 41, 865). Below 1,900 K blue would be
     negative and is zero.
@@ -38,7 +38,7 @@ def blackbody(temperature: float) -> np.ndarray:
 
 
 def daylight(temperature: float) -> np.ndarray:
-    """Returns the colour of a phase of daylight of 4,000 to 25,000 K, (3,) linear Rec. 709 of luminance 1.
+    """Returns the color of a phase of daylight of 4,000 to 25,000 K, (3,) linear Rec. 709 of luminance 1.
 
     These are the CIE's D illuminants (CIE 15:2004, equations 3.3 and 3.4).
     """
@@ -51,9 +51,9 @@ def daylight(temperature: float) -> np.ndarray:
 
 
 def from_chromaticity(x: float, y: float) -> np.ndarray:
-    """Returns the colour of a CIE 1931 chromaticity, (3,) linear Rec. 709 of luminance 1, clipped to the gamut."""
-    colour = np.maximum(XYZ_TO_RGB @ np.array([x / y, 1.0, (1 - x - y) / y]), 0)
-    return colour / luminance(colour)
+    """Returns the color of a CIE 1931 chromaticity, (3,) linear Rec. 709 of luminance 1, clipped to the gamut."""
+    color = np.maximum(XYZ_TO_RGB @ np.array([x / y, 1.0, (1 - x - y) / y]), 0)
+    return color / luminance(color)
 
 
 def convert_primaries(pixels: np.ndarray, chromaticities: ArrayLike | None) -> list[str]:
@@ -62,10 +62,10 @@ def convert_primaries(pixels: np.ndarray, chromaticities: ArrayLike | None) -> l
         return []
     matrix = chromaticity_matrix(chromaticities)
     if matrix is None:
-        return ["its chromaticities are not those of a colour space: they were taken for Rec. 709"]
+        return ["its chromaticities are not those of a color space: they were taken for Rec. 709"]
     for row in range(0, len(pixels), 256):
         pixels[row : row + 256] = pixels[row : row + 256] @ matrix.T.astype(np.float32)
-    return ["colours were converted to Rec. 709 from the file's chromaticities"]
+    return ["colors were converted to Rec. 709 from the file's chromaticities"]
 
 
 def chromaticity_matrix(chromaticities: ArrayLike) -> np.ndarray | None:
