@@ -17,9 +17,15 @@ QUANTITIES = (  # that are scored; the first six are those of the paper's Table 
 AXES = ("auto", "+x", "-x", "+y", "-y", "+z", "-z")
 
 
-def weight(about: str, supervised: bool = True) -> Any:
-    """Returns a field for the weight of a loss, 0 by default; `supervised` if the loss needs ground truth."""
-    return setting(about, 0.0, least=0, supervised=supervised)
+def weight(about: str, teaches: str, supervised: bool = True) -> Any:
+    """Returns a field for the weight of a loss, 0 by default.
+
+    Args:
+        about: what the loss measures.
+        teaches: the outputs that it constrains, as in "albedo light".
+        supervised: whether it needs ground truth.
+    """
+    return setting(about, 0.0, least=0, supervised=supervised, teaches=tuple(teaches.split()))
 
 
 @dataclass
@@ -194,26 +200,33 @@ class Model:
 class Loss:
     """Weights of the losses of `relight.learning.losses.TERMS`; a loss of weight 0 is not computed."""
 
-    albedo: float = weight("error of albedo")
-    transport: float = weight("error of transport, or of normals and AO for networks that infer these")
-    light: float = weight("error of the light")
-    tv_albedo: float = weight("total variation of albedo", supervised=False)
-    tv_transport: float = weight("total variation of transport", supervised=False)
+    albedo: float = weight("error of albedo", "albedo")
+    transport: float = weight("error of transport, or of normals and AO for networks that infer these", "transport")
+    light: float = weight("error of the light", "light")
+    tv_albedo: float = weight("total variation of albedo", "albedo", supervised=False)
+    tv_transport: float = weight("total variation of transport", "transport", supervised=False)
     shading: float = weight(
-        "error of shading, by the inferred transport, by the inferred light, and by both; weight of each of the three"
+        "error of shading, by the inferred transport, by the inferred light, and by both; weight of each of the three",
+        "transport light",
     )
     reconstruction: float = weight(
-        "error of the relit image with one or two of albedo, transport and light inferred; weight of each of the six"
+        "error of the relit image with one or two of albedo, transport and light inferred; weight of each of the six",
+        "albedo transport light",
     )
-    reconstruction_full: float = weight("error of the relit image with all three inferred", supervised=False)
+    reconstruction_full: float = weight(
+        "error of the relit image with all three inferred", "albedo transport light", supervised=False
+    )
     relit: float = weight(
         "error of the inferred shading and image under the light of another image of the batch; "
-        "weight of each of the two"
+        "weight of each of the two",
+        "albedo transport",
     )
-    detail_albedo: float = weight("energy of the detail of albedo's error, relative to that of the true albedo")
-    detail_transport: float = weight("same, for transport")
-    detail_shading: float = weight("same, for shading under the true light")
-    exclusion: float = weight("detail common to albedo and shading, beyond that of the true ones")
+    detail_albedo: float = weight(
+        "energy of the detail of albedo's error, relative to that of the true albedo", "albedo"
+    )
+    detail_transport: float = weight("same, for transport", "transport")
+    detail_shading: float = weight("same, for shading under the true light", "transport")
+    exclusion: float = weight("detail common to albedo and shading, beyond that of the true ones", "albedo transport")
     extra: dict[str, float] = setting("weights of your own losses, by the names of the extensions", {})
     tv_reference: int = setting(
         "image size in pixels at which tv_transport applies; the weight is proportional to the image size",

@@ -22,6 +22,7 @@ class Setting:
         multiple: divisor of a number.
         interval: whether it is a list [least, most] of two numbers.
         supervised: whether it is the weight of a loss that needs ground truth.
+        teaches: what such a loss constrains: "albedo", "transport" (or normals and AO), "light".
         reruns: whether a change re-runs the stages that read it; not if it only says which
             figures to make, or where runs are tracked.
     """
@@ -35,6 +36,7 @@ class Setting:
     multiple: int | None = None
     interval: bool = False
     supervised: bool = False
+    teaches: tuple[str, ...] = ()
     reruns: bool = True
 
     @property

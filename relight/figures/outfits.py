@@ -53,26 +53,10 @@ class Outfit:
     belt: Fabric | None = None
 
 
-NECKS = (  # of tops cut like a t-shirt: radii of the opening, and depth of a V below it
-    ((0.078, 0.075, 0.085), 0.0),
-    ((0.074, 0.066, 0.082), 0.0),
-    ((0.088, 0.105, 0.100), 0.0),
-    ((0.100, 0.072, 0.090), 0.0),
-    ((0.080, 0.060, 0.092), 0.075),
-    ((0.080, 0.060, 0.092), 0.120),
-)
 TUCKS = ("shirt", "t-shirt", "fitted t-shirt", "long sleeve", "polo shirt", "roll-neck")  # may be worn inside trousers
-ROUND = ("t-shirt", "fitted t-shirt", "long sleeve", "sweater", "dress", "long dress")  # cut like a t-shirt at the neck
 TIES = ("plain", "stripes", "print", "check")
-MAX_WAIST_EASE = 0.036  # metres, of a top: wider cloth falls into one deep fold at the back
-MAX_INNER_EASE = 0.020  # metres, of the trunk of a top worn under a jacket
-MAX_INNER_ARM_EASE = 0.016  # the same of its sleeves
-MIN_SITTING_EASE = 0.009  # metres, of the legs of trousers on a sitting figure, unless they stretch
-SITTING_HEM = 0.10  # metres above the crotch: hem of tops on a sitting figure
-MAX_LENGTH = 1.06  # factor of a drop's usual length: longer skirts would lie on the floor
 BELT = 0.09  # metres above the navel: the belt of a robe
 ABOVE_SEAM = 0.022  # metres above the seam of a dress: the middle of its belt
-MIN_EASE = 0.004  # metres, not scaled by the fit
 
 
 def fitted_to_pose(outfit: Outfit, pose: Pose) -> Outfit:

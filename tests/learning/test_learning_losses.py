@@ -10,6 +10,8 @@ import torch
 from omegaconf import OmegaConf
 
 from relight.config import Loss, composed
+from relight.config.schema import FIELDS
+from relight.config.setting import setting_of
 from relight.errors import UserError
 from relight.learning.data import RelitSet
 from relight.learning.losses import DARK, LEVEL, OCTAVES, TERMS, losses
@@ -246,6 +248,15 @@ def test_total_is_the_weighted_sum_and_scales_the_variation_of_transport(tiny_wo
 def test_every_weight_has_a_term_and_every_term_a_weight():
     numbers = {item.name for item in fields(Loss) if item.type is float}
     assert numbers == set(TERMS)
+
+
+@pytest.mark.parametrize("name", TERMS)
+def test_each_weight_says_what_its_losses_teach(tiny_world, name):
+    batch = batch_of(tiny_world)
+    leaves = {key: value.float().requires_grad_() for key, value in inferred(batch).items()}
+    losses(leaves, batch, Loss(**{name: 1.0}))[0].backward()
+    taught = {key for key, leaf in leaves.items() if leaf.grad is not None and leaf.grad.abs().max() > 0}
+    assert taught == set(setting_of(FIELDS[f"loss.{name}"]).teaches)
 
 
 def test_losses_without_any_weight_are_refused(tiny_world):

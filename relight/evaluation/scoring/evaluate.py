@@ -9,6 +9,8 @@ import numpy as np
 import torch
 
 from relight import config
+from relight.config.schema import Loss, fields_by_key
+from relight.config.setting import setting_of
 from relight.errors import UserError
 from relight.evaluation.scoring.scores import Scores, write_scores
 from relight.evaluation.scoring.truth import Inferred, Truth
@@ -81,12 +83,8 @@ def unlearned(loss: dict[str, Any] | None) -> frozenset[str]:
     """Returns which of albedo and light no loss of a training constrains; they are replaced by the truth."""
     if not loss or any((loss.get("extra") or {}).values()):  # a loss of the user's may constrain anything
         return frozenset()
-    terms = {
-        "albedo": ("albedo", "tv_albedo", "relit", "detail_albedo", "exclusion"),
-        "light": ("light", "shading"),
-    }
-    shared = ("reconstruction", "reconstruction_full")
-    return frozenset(name for name, own in terms.items() if not any(loss.get(key) for key in (*own, *shared)))
+    used = (setting_of(field).teaches for key, field in fields_by_key(Loss) if loss.get(key))
+    return frozenset({"albedo", "light"}.difference(*used))
 
 
 def torch_device(name: str) -> torch.device:

@@ -17,7 +17,7 @@ NECKS = (  # of tops cut like a t-shirt: radii of the opening, and depth of a V 
 ROUND = ("t-shirt", "fitted t-shirt", "long sleeve", "sweater", "dress", "long dress")  # cut like a t-shirt at the neck
 MAX_WAIST_EASE = 0.036  # metres, of a top: wider cloth falls into one deep fold at the back
 MAX_INNER_EASE = 0.020  # metres, of the trunk of a top worn under a jacket
-MAX_INNER_ARM_EASE = 0.016  # the same of its sleeves
+MAX_INNER_ARM_EASE = 0.016  # same, of its sleeves
 MIN_SITTING_EASE = 0.009  # metres, of the legs of trousers on a sitting figure, unless they stretch
 SITTING_HEM = 0.10  # metres above the crotch: hem of tops on a sitting figure
 MAX_LENGTH = 1.06  # factor of a drop's usual length: longer skirts would lie on the floor
@@ -32,7 +32,7 @@ def tailored(rng: np.random.Generator, garment: Garment) -> Garment:
         garment: of the wardrobe, with its usual cut.
 
     Returns:
-        The garment with its ease above MIN_EASE scaled by .5 to 1.8, its sleeves, legs and drop longer or shorter, and
+        The garment with its ease above MIN_EASE scaled by 0.5 to 1.8, its sleeves, legs and drop longer or shorter, and
         one of NECKS if its neckline is round.
     """
     width = float(np.exp(np.clip(rng.normal(-0.05, 0.32), -0.7, 0.6)))
