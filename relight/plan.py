@@ -505,6 +505,36 @@ class Plan:
         settings["code"] = code or code_hash(stage, words_of(settings))
         return HEAD + OmegaConf.to_yaml(settings)
 
+    @property
+    def map_names(self) -> list[str]:
+        """The maps of all figures and their views."""
+        return [name for figure in self.figures for name in self.maps(figure)]
+
+    def config_text(self, file: str) -> str:
+        """Returns the text of a file of results/<name>/config: a stage's settings, a list, or the experiments."""
+        if file == "figures.txt":
+            return "".join(f"{figure}\n" for figure in self.figures)
+        if file == "maps.txt":
+            return "".join(f"{name}\n" for name in self.map_names)
+        return self.experiments_json() if file == "experiments.json" else self.settings_file(file.removesuffix(".yaml"))
+
+    def update_config(self) -> None:
+        """Writes the existing files of results/<name>/config that differ, so that what reads them is made again.
+
+        Snakemake compares with its records, and has none of a folder that was copied or moved: there, dates decide.
+        """
+        for file in sorted((ROOT / self.out / "config").glob("*")):
+            stage, _, of = file.stem.partition(".")
+            if file.suffix == ".yaml" and not self.is_read(stage, of):
+                continue
+            if file.read_text(encoding="utf-8") != (text := self.config_text(file.name)):
+                with atomic_write(file) as tmp:
+                    tmp.write_text(text, encoding="utf-8")
+
+    def is_read(self, stage: str, of: str) -> bool:
+        """Returns whether this plan has such a stage and, if one is given, the training `of`."""
+        return stage in READS and (not of or stage == "split" or of in self.trainings)
+
     def recorded(self, stage: str) -> dict[str, Any]:
         """Returns the settings with which the results of a stage were made; empty if there is no such record."""
         try:
@@ -522,7 +552,7 @@ class Plan:
         differing: dict[str, set[str]] = {}
         for file in sorted((ROOT / self.out / "config").glob("*.yaml")):
             stage, _, of = file.stem.partition(".")
-            if stage in READS and (not of or stage == "split" or of in self.trainings):
+            if self.is_read(stage, of):
                 before, now = flat(self.recorded(file.stem)), flat(yaml.safe_load(self.settings_file(file.stem)))
                 keys = {key for key in before.keys() | now.keys() if before.get(key) != now.get(key)}
                 differing.setdefault(stage, set()).update(keys)

@@ -74,6 +74,7 @@ def run(
             return snakemake([*command, "--configfile", file.name, "--dry-run"])
     with lock_folder():
         fix_future_dates(ROOT / plan.out)
+        plan.update_config()
         command += ["--configfile", str(plan.write_record(ROOT))]
         code = snakemake(command)
         if code == 0 and targets == ["all"]:

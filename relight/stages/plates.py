@@ -19,7 +19,7 @@ from relight.stages.stage import stage
     split="split (.json)",
     out="picture of some figures (.png)",
     relit="picture of one figure under several lights (.png)",
-    overview="picture of one figure and one network (.png)",
+    overview="picture of the networks' shadings under the true light (.png)",
     extremes="picture of the figures with the least and the largest error (.png)",
 )
 def main(
@@ -45,7 +45,7 @@ def main(
     data = packed, lights, split, evaluate
     panels.plates(networks, *data, lambda names: panels.evenly_spaced(len(names), pictures.plates), out)
     panels.plates(networks, *data, partial(panels.extreme_places, scores), extremes)
-    panels.plates(dict([list(networks.items())[-1]]), *data, lambda names: [len(names) // 2], overview)
+    panels.shadings(networks, *data, overview)
     panels.relit(networks, *data, relit)
 
 

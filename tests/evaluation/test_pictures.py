@@ -20,7 +20,9 @@ from relight.evaluation.experiments.occlusion import (
 from relight.evaluation.pictures.canvas import ball, bounding_box, composite, fit_text, font, heat, transport_bands
 from relight.evaluation.pictures.charts import plot_curves, plot_errors
 from relight.evaluation.pictures.contact import clearest_light, contact_sheet, views
-from relight.evaluation.pictures.panels import COLUMNS, extreme_places, plates, relit
+from relight.evaluation.pictures.panels import COLUMNS, extreme_places, plates, relit, shadings
+from relight.evaluation.scoring.evaluate import infer, load
+from relight.evaluation.scoring.metrics import shade
 from relight.evaluation.scoring.scores import Scores, write_scores
 from relight.evaluation.scoring.tables import TABLE2_COLUMNS, Table, experiment_table
 from relight.maps import read_maps, write_left_out
@@ -186,6 +188,31 @@ def share_shown(cell: np.ndarray, colors: np.ndarray) -> float:
     """The share of colors (N,3) in [0,1], display-coded, that pixels of a cell have."""
     some = (colors[:: len(colors) // 40] * 255).round()
     return float(np.mean([(np.abs(cell.reshape(-1, 3) - color).max(1) <= 4).any() for color in some]))
+
+
+def test_shadings_are_under_the_true_light_with_their_errors_below(world, small_network, tmp_path):
+    networks = {name: tmp_path / f"{name}.safetensors" for name in ("ours", "sfsnet")}
+    for name, checkpoint in networks.items():
+        small_network(checkpoint, name, "photo")
+    shadings(networks, world.packed, world.lights, world.split, world.settings, tmp_path / "shadings.png")
+    sheet = np.asarray(Image.open(tmp_path / "shadings.png")).astype(int)
+    wide = (sheet.shape[1] - 150 - 6) // 4
+    views, errors = (
+        [sheet[top : top + 300, 150 + place * wide : 144 + (place + 1) * wide] for place in range(4)]
+        for top in (84, 84 + 306)
+    )
+    maps = read_maps(world.maps[4])
+    lights, split = (np.load(world.lights)[name] for name in ("coefficients", "split"))
+    light = lights[split == "test"][0]
+    true = np.maximum(maps.transport[maps.mask] @ light, 0)
+    white = max(1.0, np.percentile(true, 99.5))
+    assert share_shown(views[1], encode((true / white).clip(0, 1))) > 0.9
+    for view, error, checkpoint in zip(views[2:], errors[2:], networks.values()):
+        network, data = load(checkpoint, world.packed, world.lights, world.settings)
+        inferred = infer(network, data, 4, np.flatnonzero(split == "test")[:1])
+        shading = shade(inferred.occluded_transport[0], light)
+        assert share_shown(view, encode((shading / white).clip(0, 1))) > 0.9
+        assert share_shown(error, heat(np.linalg.norm(shading - true, axis=-1), 0.5)) > 0.9
 
 
 def test_relit_by_several_lights(world, small_network, tmp_path):

@@ -262,7 +262,7 @@ def test_lint_finds_what_the_snakefile_answers_and_nothing_else():
         for title in re.findall(r"^    \* (.+?):?$", findings, re.M):
             found.setdefault(title, set()).add(rule)
     assert len(found.pop("Specify a conda environment or container for each rule.")) > 15
-    assert found.pop("No log directive defined") == {"settings", "listing", "experiments"}
+    assert found.pop("No log directive defined") == {"settings"}
     (outside,) = found
     assert outside == "Shell command directly uses variable rule from outside of the rule"
 

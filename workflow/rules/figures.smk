@@ -30,7 +30,7 @@ rule pack:
     input:
         cfg=settings("pack"),
         names=f"{OUT}/config/maps.txt",
-        maps=expand(f"{OUT}/maps/{{name}}.exr", name=MAPS),
+        maps=expand(f"{OUT}/maps/{{name}}.exr", name=PLAN.map_names),
     output:
         packed=f"{OUT}/packed.safetensors",
         record=f"{OUT}/figures.json",

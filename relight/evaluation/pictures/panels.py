@@ -47,6 +47,11 @@ NOTE_RELIT = (
     "Relit by the lights of the small spheres: the truth, and what each network makes of the first picture alone."
 )
 
+NOTE_SHADINGS = (
+    "Each network infers normals or light transport from the picture; its shading here is under the true light (small "
+    "sphere), so that only occlusion and shape are compared."
+)
+
 
 @dataclass
 class Subject:
@@ -265,6 +270,40 @@ def plates(
     if not blocks:
         return empty_sheet().save(out)
     draw(list(COLUMNS), [line for block in blocks for line in block], MAX_ERROR, NOTE).save(out)
+
+
+def shadings(
+    networks: dict[str, Path], packed: Path, lights: Path, split: Path, settings: config.Evaluate, out: Path
+) -> None:
+    """Draws the shading of one figure under the true light as a PNG: a column per network, and the errors below.
+
+    Args:
+        networks: row -> checkpoint.
+        packed, lights, split: the data, as for `evaluate.evaluate`.
+        settings: which figures and lights.
+        out: the picture (.png).
+
+    Raises:
+        UserError: as `evaluate.evaluate`.
+    """
+    subject, shown, errors = None, [Cell(), Cell()], [Cell(), Cell()]
+    for checkpoint in progress(list(networks.values()), "networks drawn"):
+        network, data = load(checkpoint, packed, lights, settings)
+        if not has_pairs(data, split, settings):
+            break
+        figures, lit = select_pairs(data, split, settings.lights, settings.figures)
+        figure, light = int(figures[len(figures) // 2]), lit[:1]
+        subject = subject or Subject.of(data, figure, light)
+        true_shading = subject.truth.maps["shading"][0]
+        shown[:2] = [subject.picture(0), Cell(true_shading / subject.white)]
+        _, transport, _ = subject.truth.complete(infer(network, data, figure, light))
+        shading = shade(transport[0], subject.truth.lights[0])
+        shown.append(Cell(shading / subject.white))
+        errors.append(Cell(error=np.linalg.norm(shading - true_shading, axis=-1)))
+    if not subject:
+        return empty_sheet().save(out)
+    lines = [Line(subject.name, subject, shown, first=True), Line("error", subject, errors)]
+    draw(["picture", "true shading", *map(label, networks)], lines, MAX_ERROR, NOTE_SHADINGS).save(out)
 
 
 def extreme_places(scores: list[Path], names: list[str]) -> list[int]:

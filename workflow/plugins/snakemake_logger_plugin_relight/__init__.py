@@ -19,7 +19,7 @@ MAX_NAMED = 3  # stages without a measured job; more are counted
 OVERDUE_SHARE = 0.1  # remaining time of a job that takes longer than expected, relative to its time so far
 # The shell's status after SIGKILL, which only Snakemake's message shows.
 KILLED_MESSAGE = "returned non-zero exit status 137"
-TRIVIAL_RULES = ("total", "all", "settings", "listing", "experiments")  # rules that are not counted
+TRIVIAL_RULES = ("total", "all", "settings")  # rules that are not counted
 
 
 @dataclass
