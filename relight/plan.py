@@ -120,15 +120,15 @@ class Plan:
         self._check_rows()
 
     def check_figures(self) -> None:
-        """Checks that there are figures for a training and for the test.
+        """Checks that there are figures for training and for testing.
 
         Raises:
-            UserError: if there is one figure only.
+            UserError: if there is only one figure.
         """
         if len(self.figures) < 2:
             raise UserError(
                 f"a training and its test need at least two figures, and there is only {self.figures[0]}: "
-                "`relight bake MESH OUT` bakes one mesh"
+                "`relight bake MESH --out FILE.exr` bakes one mesh"
             )
 
     def _check_rows(self) -> None:

@@ -24,6 +24,7 @@ from relight.transport.tracer import PathTracer
 BRIGHTNESS = 0.8  # reference brightness of lights at exposure 1, as in training (docs/conventions.md)
 BOUNCES = 1
 MIN_ALBEDO = 4e-3  # as of recolored garments in training
+CAMERA_STREAM = 0xCA  # of random numbers, so that noise is independent of other draws
 SUPERSAMPLE = 4  # k: true maps are means over k x k points of a pixel
 MARGIN = 0.06  # around half a person, as a fraction of the picture's height
 
@@ -100,7 +101,9 @@ def render_picture(recipe: PictureRecipe, mesh: Mesh, settings: Settings) -> Pic
     def expose(gain: np.ndarray | float) -> np.ndarray:
         """Returns the photograph at a gain; the noise is always the same."""
         image = torch.from_numpy(np.moveaxis(linear * gain, -1, 0)[None].astype(np.float32))
-        photo = simulate_camera(image, CAMERA, [np.random.default_rng([recipe.seed, int(recipe.name[-1]), 0xCA])])
+        photo = simulate_camera(
+            image, CAMERA, [np.random.default_rng([recipe.seed, int(recipe.name[-1]), CAMERA_STREAM])]
+        )
         return to_bytes(encode(np.moveaxis(photo[0].numpy(), 0, -1)))[window]
 
     maps = crop_maps(maps, window)

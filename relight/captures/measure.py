@@ -87,9 +87,9 @@ class Stereo:
 def measure(frames: Frames, stage: LightStage, points: np.ndarray, radiance: Radiance | None = None) -> Measured:
     """Measures transport, albedo, normals, and pictures under panoramas.
 
-    Frames are read twice, one at a time: for the sums of the module's formula, then for photometric stereo. The albedo
-    is divided out of the sums by least squares over the three channels. If the lamps' spectra differ, k differs between
-    the channels, and only the albedo is affected.
+    Frames are read twice, one at a time: for the sums over lamps (the module's docstring), then for photometric stereo.
+    The albedo is divided out of the sums by least squares over the three channels. If the lamps' spectra differ, the
+    factor k of their intensity differs between the channels, and only the albedo is affected.
 
     Args:
         frames: yields all frames; called twice.

@@ -104,9 +104,12 @@ def innermost_top(worn: list[Garment]) -> Garment:
 def add_outer_layers(rng: np.random.Generator, worn: list[Garment]) -> list[Garment]:
     """Draws a jacket or coat over the garments, and a scarf over that; often there is neither."""
     worn, top = list(worn), innermost_top(worn)
-    if top.name in ("sweater", "hoodie", "robe") or top.seam is not None or rng.random() >= 0.40:
+    is_one_piece = top.seam is not None
+    if top.name in ("sweater", "hoodie", "robe") or is_one_piece or rng.random() >= 0.40:
         return worn
-    draws = ["outer", "outer over tucked shirts"][: 1 + (top.collar == "fold" and top.tuck_height is not None)]
+    draws = ["outer"]
+    if top.collar == "fold" and top.tuck_height is not None:
+        draws.append("outer over tucked shirts")
     inner = under(top)
     worn[worn.index(top)] = inner
     worn.append(over(pick(rng, *draws), inner))

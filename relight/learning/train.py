@@ -83,7 +83,7 @@ class Inputs:
 
 
 def fingerprint(recipe: Recipe, inputs: Inputs) -> str:
-    """Returns a hash of all settings, of all input files, including `train.start`, and of the recorded code.
+    """Returns a hash of all settings, of all input files, including `train.start`, and the recorded hash of the code.
 
     Raises:
         UserError: if an input does not exist.

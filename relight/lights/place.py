@@ -77,7 +77,11 @@ def place_light(
 
 
 def thumbnail(codes: np.ndarray) -> np.ndarray:
-    """Returns a picture (h,w,3) uint8 sRGB as linear values, its longer side scaled down to SIDE by averaging."""
+    """Returns a picture (h,w,3) uint8 sRGB as linear values, its longer side scaled down to SIDE.
+
+    The codes are averaged, not linear values, so that a small bright lamp does not outweigh the rest; the constants of
+    this module were fitted to such pictures.
+    """
     height, width = codes.shape[:2]
     scale = min(SIDE / max(height, width), 1)
     size = max(round(width * scale), 1), max(round(height * scale), 1)

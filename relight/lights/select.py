@@ -134,8 +134,8 @@ def rotated_copies(coefficients: np.ndarray, sources: np.ndarray, settings: Ligh
     seed = settings.seed * 1_000_003 + np.arange(n * steps)
     target = np.array([np.random.default_rng(s).uniform(settings.low, settings.high) for s in seed])
     brightness = reference_brightness(rotated)
-    mean = rotated[:, 0].max(-1)
-    lit = brightness > MIN_FRONT * mean
+    constant = rotated[:, 0].max(-1)  # the first coefficient, of the brightest channel
+    lit = brightness > MIN_FRONT * constant
     scale = np.where(lit, target / np.where(lit, brightness, 1), 0.0)
     return LightSet(
         coefficients=(rotated * scale[:, None, None]).astype(np.float32),

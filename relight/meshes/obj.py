@@ -204,7 +204,8 @@ def _colors(path: Path, vertices: np.ndarray, widest: int) -> tuple[np.ndarray |
 def _statements(path: Path) -> Iterator[tuple[bytes, bytes]]:
     """Yields keyword and rest of the lines; joins continued lines and skips comments and empty lines.
 
-    Names may hold #, so a comment ends other statements only.
+    Names may hold #, so a comment ends other statements only. A backslash after a byte of 128 or more continues no
+    line: in encodings such as Shift-JIS it is the second half of a character.
     """
     with open_lines(path) as file:
         while line := file.readline(MAX_LINE):

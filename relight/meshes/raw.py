@@ -107,7 +107,7 @@ def _colorless(raw: RawMesh) -> list[str]:
 
 
 def _rounding(vertices: np.ndarray, size: float) -> list[str]:
-    """Returns a warning if coordinates (V,3) far from the origin were rounded to single precision before they came."""
+    """Returns a warning if coordinates (V,3) far from the origin were rounded to single precision when exported."""
     step = float(np.spacing(np.float32(np.nanmax(np.abs(vertices)))))
     if step < MAX_STEP * size or not (np.isnan(vertices) | (vertices.astype(np.float32) == vertices)).all():
         return []

@@ -81,7 +81,7 @@ def list_scans(folder: Path | str) -> dict[str, Scan]:
 def safe_name(text: str) -> str:
     """Returns a name of at most 80 ASCII letters, digits, - and _, valid for files on any system.
 
-    Accents are dropped. Where letters or the end are lost, a hash of `text` is appended to keep names distinct.
+    Accents are dropped. If letters are dropped or the name is truncated, a hash of `text` keeps names distinct.
 
     >>> safe_name("Zoë 1")
     'Zoe_1'

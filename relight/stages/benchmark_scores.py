@@ -9,7 +9,7 @@ from relight.stages.stage import stage
 
 @stage(
     "benchmark_scores",
-    method="a training or shipped, for a network; or a baseline",
+    method="name of a training, shipped (the weights that come with relight), or name of a baseline",
     weights="network (.safetensors)",
     out="scores (.csv)",
 )

@@ -89,6 +89,6 @@ def download_network(uri: str) -> Path:
 
             folder = Path(mlflow.artifacts.download_artifacts(uri)).resolve()
         return next(folder.rglob("*.safetensors"))
-    except Exception as error:  # MLflow raises exceptions of its stores
+    except Exception as error:  # MLflow passes on any exception of its store
         reason = str(error).strip().split("\n")[0] or "it holds no network of relight"
         raise UserError(f"{uri} is not in MLflow ({address}): {reason}") from None

@@ -113,7 +113,7 @@ class TrainingRun:
 
     @contextmanager
     def warned(self) -> Iterator[None]:
-        """Turns exceptions into warnings, since no training must end because of MLflow."""
+        """Turns exceptions into warnings, since MLflow must never end a training."""
         began = time.monotonic()
         try:
             yield

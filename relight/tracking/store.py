@@ -34,7 +34,7 @@ EXPERIMENT_TAGS = {"mlflow.experimentKind": "custom_model_development"}
 
 
 def select_store(uri: str) -> None:
-    """Makes a store that of this process, for runs and for models; MLflow must not have been imported before."""
+    """Selects the store of this process, for runs and models; MLflow must not have been imported before."""
     for variable, value in DEFAULTS.items():
         os.environ.setdefault(variable, value)
     logging.getLogger("alembic").setLevel(logging.WARNING)

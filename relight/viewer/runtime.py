@@ -21,7 +21,7 @@ def package_file() -> Path:
 
 
 def setup(package: Path | str | None = None) -> Path:
-    """Puts the package (33 MB) into the user's data folder (`relight.npm.fetch`).
+    """Puts onnxruntime-web (33 MB) into the user's data folder (`relight.npm.fetch`).
 
     Args:
         package: its .tgz file; by default it is downloaded.
@@ -30,7 +30,7 @@ def setup(package: Path | str | None = None) -> Path:
         The file.
 
     Raises:
-        UserError: if it cannot be had, or its hash is not that of the version known here.
+        UserError: if it cannot be downloaded, or its hash is not that of the version known here.
     """
     path = package_file()
     with atomic_write(path) as temporary:

@@ -60,14 +60,14 @@ def test_entries_are_converted_to_their_types(tmp_path):
         ("{size: 1, color: [1, 2]}", r"color must be a list of 3, not \[1, 2\]"),
         ("{size: 1, color: [1, 2, x]}", "color must be a number, not 'x'"),
         ("{size: 1, at: 3}", "at must be a list, not 3"),
-        ("{size: 1, hole: 3}", "hole is no field of Button, which has size, kind"),
-        ("{size: 1, name: c}", "name is no field"),
+        ("{size: 1, hole: 3}", "hole is not a field of Button, which has size, kind"),
+        ("{size: 1, name: c}", "name is not a field"),
         ("{holes: 3}", "b needs size"),
         ("{size: 2}", "all: b: no button is so large"),
         ("7", "b must be a mapping, not 7"),
-        ("{size: 1}\n  b: {size: 2}", "b stands twice"),
+        ("{size: 1}\n  b: {size: 2}", "b is given twice"),
         ("{size: 1", "buttons.yaml: while parsing"),
-        ("{size: 1}\nall: {}", "all stands twice"),
+        ("{size: 1}\nall: {}", "all is given twice"),
     ],
 )
 def test_entries_refuses_what_does_not_fit_in_one_sentence(tmp_path, entry, message):

@@ -36,14 +36,17 @@ def whole(tmp_path_factory) -> dict[str, list[Path]]:
 def test_no_damaged_file_crashes_hangs_or_swells(whole):
     sound = [(reader, path, None) for reader, paths in whole.items() for path in paths]
     assert set(outcomes(sound, MEMORY)) == {"read"}
-    words = outcomes(damages(whole), MEMORY)
+    words = outcomes(damaged_files(whole), MEMORY)
     for i, reader in enumerate(READERS):
         errors = words[i : CASES : len(READERS)]
         assert errors.count("error") > 0.2 * len(errors), reader
 
 
-def damages(whole: dict[str, list[Path]]) -> Iterator[tuple[str, Path, bytes | None]]:
-    """CASES damaged copies, the readers in turn; and the files of FOUND."""
+def damaged_files(whole: dict[str, list[Path]]) -> Iterator[tuple[str, Path, bytes | None]]:
+    """Yields reader, path, and the bytes to write there: of CASES damaged copies, the readers in turn.
+
+    Then come the files of FOUND, which once broke a reader; they exist, so their bytes are None.
+    """
     rng = np.random.default_rng(0)
     for i in range(CASES):
         reader = READERS[i % len(READERS)]

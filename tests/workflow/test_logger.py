@@ -139,7 +139,7 @@ def test_a_job_that_was_killed_is_told_from_one_that_failed(handler, capsys):
         tell(handler, LogEvent.JOB_ERROR, level=logging.ERROR, jobid=1, rule_name="bake", log=["a.log"])
     first, second, third = capsys.readouterr().err.splitlines()
     assert first == third == "bake failed; its log: a.log"
-    assert second.startswith("bake was killed; where memory is short")
+    assert second.startswith("bake was killed, as the system does when memory")
 
 
 def test_dry_run_says_once_what_would_run(handler, capsys):

@@ -127,6 +127,8 @@ def evaluate_traced(
 ) -> None:
     """Measures relit pictures against path tracing.
 
+    The chain of a scene leads from true maps, relit, to the path-traced picture; each step adds one effect.
+
     Args:
         networks: `row.s<seed>` -> checkpoint.
         packed, lights: the data set.

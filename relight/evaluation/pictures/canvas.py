@@ -67,7 +67,7 @@ def bounding_box(masks: list[np.ndarray]) -> tuple[slice, slice]:
 
 
 def composite(colors: np.ndarray, alpha: np.ndarray, size: tuple[int, int]) -> Image.Image:
-    """Composites display-coded colors (H,W,3) in [0,1] over the color of cells by alpha (H,W).
+    """Composites sRGB-coded colors (H,W,3) in [0,1] over the background of cells by alpha (H,W).
 
     Args:
         colors: (H,W,3).

@@ -150,7 +150,7 @@ def contents(results: Results) -> TextTable:
 def head(name: str, results: Results, failed: int) -> Markup:
     """Makes the head of the page: the paper, the questions, the outcome, and the provenance."""
     outcome = value_or_none(lambda: sections.summary(results)) if {"table1", "table2"} & set(results.tables) else None
-    answer = value_or_none(lambda: answered(results))
+    answer = value_or_none(lambda: answer_context(results))
     lights = value_or_none(lambda: results.lights["lights"])
     figures = value_or_none(lambda: len(results.record["figures"]))
     rows = {row for one in results.tables for row in results.experiments[one]["trainings"]}
@@ -181,7 +181,7 @@ def head(name: str, results: Results, failed: int) -> Markup:
     )
 
 
-def answered(results: Results, name: str = "claim") -> dict[str, Any] | None:
+def answer_context(results: Results, name: str = "claim") -> dict[str, Any] | None:
     """Returns the context of templates/answer.md; None if the experiment is not in the run or lacks a row."""
     if name not in results.tables:
         return None

@@ -75,19 +75,19 @@ def traced(results: Results, name: str) -> Numbers:
     """Computes the errors of relit pictures against path tracing, and their causes."""
     path = results.folder / "path_traced" / "scores.csv"
     tables = traced_tables(path, results.settings)
-    answers = {row: float(one["relative, %"].mean) for row, one in tables["path_traced"].frame.iterrows()}
-    sizes = {row: one["RMSE"].mean for row, one in tables["path_traced_causes"].frame.iterrows()}
-    causes = [cause for cause in sizes if cause in CAUSES.values()]
-    largest = sorted(causes, key=lambda cause: sizes[cause], reverse=True)
-    made = {
+    answers = {row: float(estimate.mean) for row, estimate in tables["path_traced"].frame["relative, %"].items()}
+    rmse = {row: estimate.mean for row, estimate in tables["path_traced_causes"].frame["RMSE"].items()}
+    causes = [cause for cause in rmse if cause in CAUSES.values()]
+    largest = sorted(causes, key=lambda cause: rmse[cause], reverse=True)
+    numbers = {
         "tables": tables,
         "scenes": pd.read_csv(path)["figure"].nunique(),
         "answers": {key: answers[label] for key, label in ANSWERS.items()},
         "networks": {row: value for row, value in answers.items() if row not in ANSWERS.values()},
-        "largest": {cause: sizes[cause] for cause in largest},
+        "largest": {cause: rmse[cause] for cause in largest},
         "plate": results.folder / "path_traced" / "plate.png",
     }
-    return write_grids(results, name, tables, made)
+    return write_grids(results, name, tables, numbers)
 
 
 def traced_tables(path: Path, settings: config.Statistics) -> dict[str, TextTable]:

@@ -97,7 +97,7 @@ def experiment_table(
     """Estimates every column of the scores of an experiment.
 
     Args:
-        name: of the experiment, which determines the paper's values.
+        name: of the experiment, which selects the paper's printed values.
         networks: in the order of the table.
         baselines: follow the networks; they are never marked as best.
         settings: number of resamples, and their seed.

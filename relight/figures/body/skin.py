@@ -11,6 +11,7 @@ from relight.figures.body.person import Person
 from relight.figures.catalogue.schema import entries
 from relight.figures.texture import Color, coded, lattice, noise
 
+SEAM_MARGIN = 0.25  # part of a triangle painted beyond its edges, so that lookups at seams of the UV find skin
 UPPER_LIP, LOWER_LIP = 474, 494  # vertices of the base mesh where the lips meet, in the middle
 
 
@@ -52,7 +53,7 @@ def texels(side: int) -> np.ndarray:
                 ((q[:, 0] - p[:, 0]) * (y - p[:, 1]) - (q[:, 1] - p[:, 1]) * (x - p[:, 0])) / area[group, None, None]
             )
         w = np.stack(shares, -1)
-        inside = (w > -0.25).all(-1) & (x >= 0) & (y >= 0) & (x < side) & (y < side)
+        inside = (w > -SEAM_MARGIN).all(-1) & (x >= 0) & (y >= 0) & (x < side) & (y < side)
         out[side - 1 - y[inside], x[inside]] = np.einsum("gijk,gkd->gijd", w, corner[group])[inside]
     return out
 
@@ -102,10 +103,10 @@ def paint_skin(
     )[:, None]
     across, front = np.abs(x), z > eye[2] - 0.035
 
-    def mix(share: np.ndarray, goal: np.ndarray) -> None:
+    def mix(share: np.ndarray, target: np.ndarray) -> None:
         nonlocal color
         share = np.clip(share, 0, 1)[:, None]
-        color = color * (1 - share) + goal * share
+        color = color * (1 - share) + target * share
 
     fleck = noise(x * 330, y * 330 + z * 250, seed + 5)
     sunny = np.exp(-(((y - eye[1] + 0.04) / 0.035) ** 2)) * front + 0.25  # freckles are densest across nose and cheeks
@@ -117,9 +118,9 @@ def paint_skin(
     mix(0.5 * np.maximum(cheek, 0.8 * nose), color * blush * 0.95)
     mix(0.35 * region("ears", side)[inside], color * blush * 0.9)
     mix(0.3 * region("eyelids", side)[inside] * (0.6 + makeup), color * np.array([0.62, 0.55, 0.56]))
-    rouge = np.array([0.34, 0.035, 0.045]) * (0.4 + 0.6 * person.skin)
-    rouge = skin * np.array([0.92, 0.52, 0.52]) * (1 - makeup) + rouge * makeup
-    mix((0.55 + 0.35 * makeup) * region("lips", side)[inside], rouge)
+    lipstick = np.array([0.34, 0.035, 0.045]) * (0.4 + 0.6 * person.skin)
+    lips = skin * np.array([0.92, 0.52, 0.52]) * (1 - makeup) + lipstick * makeup
+    mix((0.55 + 0.35 * makeup) * region("lips", side)[inside], lips)
     nails = np.maximum(region("fingernails", side), region("toenails", side))[inside]
     mix(0.6 * nails, skin * np.array([1.15, 1.0, 0.98]) if makeup < 0.5 else np.array([0.4, 0.03, 0.06]))
     strokes = 0.5 + 0.7 * noise(x * 1100 + y * 1500, y * 350, seed + 2)

@@ -19,10 +19,11 @@ class Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[mis
 
     def construct_mapping(self, node: Any, deep: bool = False) -> dict:
         """Returns a mapping; a key beside a merged mapping (<<) replaces the merged one."""
-        keys = [key.value for key, _ in node.value]
-        for key in keys:
-            if keys.count(key) > 1 and not getattr(node, "merged", False):
-                raise UserError(f"{key} stands twice there, the second time{node.end_mark}")
+        keys: set[str] = set()
+        for key, _ in node.value:
+            if key.value in keys and not getattr(node, "merged", False):
+                raise UserError(f"{key.value} is given twice, the second time{key.start_mark}")
+            keys.add(key.value)
         node.merged = True  # PyYAML constructs a mapping again, with the merged keys before its own
         return super().construct_mapping(node, deep)
 
@@ -97,7 +98,7 @@ def as_dataclass(value: Any, kind: Any, where: str, name: str | None) -> Any:
     settable = {field.name: field for field in fields(kind) if field.name != "name"}
     for key in value:
         if key not in settable:
-            raise UserError(f"{where}: {key} is no field of {kind.__name__}, which has {', '.join(settable)}")
+            raise UserError(f"{where}: {key} is not a field of {kind.__name__}, which has {', '.join(settable)}")
     for key, field in settable.items():
         if key not in value and field.default is MISSING and field.default_factory is MISSING:
             raise UserError(f"{where} needs {key}")

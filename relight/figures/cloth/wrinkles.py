@@ -26,6 +26,8 @@ MIN_EDGES = 2.7  # edges of a level per fold width
 MAX_CROWD = 2.2  # crests on the area of one
 MAX_EXCESS = 0.20  # excess length, relative
 MAX_HEIGHT = 0.28  # of all crests together, in widths of the finest folds, at the finest scale
+SHARP, SMOOTH = 0.55, 0.85  # cosine of a normal and the mean around it where cloth gets no folds, and all of them
+SMOOTHINGS = 6  # averagings of normals
 SMOOTHED_EDGE = 0.0062  # edge length for which cloth is averaged 6 times before its deformation is measured, metres
 
 
@@ -220,11 +222,11 @@ def averaged(values: np.ndarray, average: sparse.csr_matrix, times: int) -> np.n
 
 
 def smoothness(points: np.ndarray, faces: np.ndarray, average: sparse.csr_matrix) -> np.ndarray:
-    """Returns 1 where a surface (n,3) is smooth, down to 0 (n,) at sharp turns such as pleats, which have no folds."""
+    """Returns (n,) weights of folds: 1 where a surface (n,3) is smooth, 0 at sharp turns, such as pleats."""
     normal = normals(points, faces)
-    mean = averaged(normal, average, 6)
+    mean = averaged(normal, average, SMOOTHINGS)
     mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-9)
-    return np.clip((np.einsum("nx,nx->n", normal, mean) - 0.55) / 0.3, 0, 1)
+    return np.clip((np.einsum("nx,nx->n", normal, mean) - SHARP) / (SMOOTH - SHARP), 0, 1)
 
 
 def folds(levels: list[Level], refine: list, x: np.ndarray, crimp: Crimp, hang: np.ndarray, seed: int) -> np.ndarray:

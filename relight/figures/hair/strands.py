@@ -9,6 +9,7 @@ from relight.figures.texture import lattice, noise
 Strip = tuple[np.ndarray, np.ndarray, np.ndarray]  # posed vertices, faces, and uv of the vertices
 DEPTH = 0.002  # range of depths of strands, metres; gaps in a deeper layer would be black
 FLYAWAY = 4.0  # factor of the straying of a few strands
+HALF_STRIP = 0.008  # half the width, in u, of the texture on a ribbon
 OUTLINE = ((0.0, 0.15, 0.6, 1.0), (0.75, 1.0, 0.9, 0.15))  # position along a strand, width over that of the comb
 
 
@@ -92,8 +93,8 @@ def ribbons(width: float, points: np.ndarray, normals: np.ndarray, random: np.nd
         width: metres.
         points: (n,m,3) of the lines, metres.
         normals: (n,m,3) that the ribbons face.
-        random: (n,4) numbers in [0,1].
-        roll: radians by which ribbons are turned about themselves, to either side.
+        random: (n,4) in [0,1]: width, column of the texture, unused here, roll.
+        roll: the largest roll about the strand, either way, radians.
 
     Returns:
         Vertices, faces and uv; v runs along the strand.
@@ -107,7 +108,7 @@ def ribbons(width: float, points: np.ndarray, normals: np.ndarray, random: np.nd
     ring = np.stack([points - side, points + side], 2)
     base = (np.arange(n)[:, None] * 2 * m + 2 * np.arange(m - 1)).reshape(-1)
     faces = np.stack([base, base + 1, base + 2, base + 1, base + 3, base + 2], 1).reshape(-1, 3)
-    u = np.clip(random[:, 1, None, None] + 0.008 * np.array([-1.0, 1]), 0, 1)
+    u = np.clip(random[:, 1, None, None] + HALF_STRIP * np.array([-1.0, 1]), 0, 1)
     uv = np.stack(np.broadcast_arrays(u, 1 - s[None, :, None]), -1).reshape(-1, 2)
     return ring.reshape(-1, 3), faces, uv
 

@@ -67,7 +67,8 @@ def sample_color(rng: np.random.Generator, person: Person) -> Color:
     if rng.random() < np.clip((person.age - 42) / 35, 0, 0.9):
         name = "white" if rng.random() < (person.age - 50) / 40 else "grey"
     else:
-        odds = LIGHT_SKIN_COLORS if person.skin > 0.72 and person.ancestry[2] > 0.4 else DARK_SKIN_COLORS
+        _, _, caucasian = person.ancestry
+        odds = LIGHT_SKIN_COLORS if person.skin > 0.72 and caucasian > 0.4 else DARK_SKIN_COLORS
         name = str(rng.choice(list(odds), p=list(odds.values())))
     red, green, blue = (np.array(entries("colors", "hair", Color)[name]) * np.exp(rng.normal(0, 0.12))).tolist()
     return red, green, blue

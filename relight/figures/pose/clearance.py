@@ -15,6 +15,7 @@ from relight.figures.pose.stances import Pose
 MAX_STEP = 0.05  # largest move of a wrist per round, metres
 RANGE = 0.2  # search range of the body, metres
 ROUNDS = 4
+TOLERANCE = 0.002  # metres
 
 
 def clear_hands(body: Body, pose: Pose, needed: tuple[float, float]) -> Pose:
@@ -27,7 +28,7 @@ def clear_hands(body: Body, pose: Pose, needed: tuple[float, float]) -> Pose:
 
     Returns:
         The pose with its wrists moved outward, as far as the arms reach. A hand that rests on the body moves inward,
-        too; a hand at the face stays there.
+        too; one farther than RANGE from trunk and legs, such as a hand at the face, stays.
     """
     weights, faces = makehuman.rig().weights[makehuman.BODY], makehuman.base().faces["body"]
     hands = makehuman.bone_weights("finger", "metacarpal", "wrist") > 0.5
@@ -43,12 +44,13 @@ def clear_hands(body: Body, pose: Pose, needed: tuple[float, float]) -> Pose:
         moved = {}
         for side, sign in (("left", 1), ("right", -1)):
             points = skin[hands & (np.sign(body.skin[:, 0]) == sign)]
-            face, distance, normal = signed_distance(points, surface, RANGE)
+            nearest_face, distance, normal = signed_distance(points, surface, RANGE)
             required = np.interp(points[:, 1], [hips[1], chest[1]], needed)
-            missing = np.where(face >= 0, required - distance, -RANGE)
+            missing = np.where(nearest_face >= 0, required - distance, -RANGE)
             hand = getattr(pose, side)
+            # Percentiles, not extremes, since a single vertex may be wrong.
             deficit = float(np.clip(np.percentile(missing, 95), -MAX_STEP if hand.rests else 0, MAX_STEP))
-            if abs(deficit) < 0.002 or (face < 0).all():
+            if abs(deficit) < TOLERANCE or (nearest_face < 0).all():
                 continue
             worst = missing >= np.percentile(missing, 80)
             outward = normal[worst].mean(0)

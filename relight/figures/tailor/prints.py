@@ -19,7 +19,7 @@ def motifs(shape: str, u: np.ndarray, v: np.ndarray, cell: float, seed: int) -> 
     Args:
         shape: dots | flowers | leaves.
         u, v: (...) cloth coordinates, metres.
-        cell: distance of the motifs, metres.
+        cell: spacing of the motifs, metres.
         seed: of their places and directions.
     """
     i, j = np.floor(u / cell), np.floor(v / cell + 0.5 * (np.floor(u / cell) % 2))

@@ -17,6 +17,7 @@ from relight.figures.tailor.patterns import Pattern, refined
 EDGE = 0.025  # metres between the vertices of the coarsest ribbon
 PLEAT = 0.42  # width of the pleated ribbon over that of the flat one
 LAYER = 0.032  # distance of each turn from the one below it, metres
+RAY_START = 1.5  # metres in front of the origin, before every figure
 BEARINGS = 72  # directions in which the neck is measured
 
 
@@ -64,11 +65,15 @@ def outline(surface: Collider, centre: np.ndarray, frame: np.ndarray) -> np.ndar
     return gaussian_filter1d(np.minimum(radius, 0.115), 3, mode="wrap")
 
 
-def hanging(surface: Collider, x: float, top: float, length: float, lift: float) -> np.ndarray:
-    """Returns a line (m,3) down the figure's front, `lift` metres off it, from height `top`, longer than `length`."""
+def drop_line(surface: Collider, x: float, top: float, length: float, lift: float) -> np.ndarray:
+    """Returns a line (m,3) down the figure's front, `lift` metres off it, from height `top`.
+
+    It has 15 % more height than `length`. Where rays miss the figure, it hangs straight; if all do, 0.1 m before the
+    origin.
+    """
     y = top - np.arange(0.0, 1.15 * length, 0.01)
-    origin = np.stack([np.full_like(y, x), y, np.full_like(y, 1.5)], axis=1)
-    z = 1.5 - surface.raycast(origin, np.broadcast_to([0.0, 0.0, -1.0], origin.shape))[1]
+    origin = np.stack([np.full_like(y, x), y, np.full_like(y, RAY_START)], axis=1)
+    z = RAY_START - surface.raycast(origin, np.broadcast_to([0.0, 0.0, -1.0], origin.shape))[1]
     reached = np.isfinite(z)
     z = np.interp(y[::-1], y[reached][::-1], z[reached][::-1])[::-1] if reached.any() else np.full_like(y, 0.1)
     z = np.maximum(gaussian_filter1d(z, 4, mode="nearest"), z)
@@ -84,7 +89,7 @@ def centre_line(wrap: Wrap, surface: Collider, centre: np.ndarray, frame: np.nda
     out = np.outer(np.sin(angle), frame[0]) + np.outer(np.cos(angle), frame[2])
     ring = centre + wrap.height * frame[1] + out * r[:, None]
     ends = [
-        hanging(surface, centre[0] + x, ring[k, 1] - 0.03, length, lift)
+        drop_line(surface, centre[0] + x, ring[k, 1] - 0.03, length, lift)
         for x, length, k, lift in zip(wrap.at, wrap.ends, (0, -1), (0.012, 0.036))
     ]
     ahead = np.broadcast_to([0.0, 0.0, 1.0], (1, 3))

@@ -37,7 +37,7 @@ def coverage_of(values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
     if values.dtype.kind == "f":
         finite = np.isfinite(values)
         if not finite.all():
-            notes.append(f"{what} has {int((~finite).sum())} values that are not numbers: they are taken for 0")
+            notes.append(f"{what} has {int((~finite).sum())} values that are not numbers: they are treated as 0")
         values = np.where(finite, values, 0)
     low, high = values.min(), values.max()
     if low == high:
@@ -45,7 +45,7 @@ def coverage_of(values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
     between = (values != low) & (values != high)
     if not between.any():
         if (low, high) != (0, _top(values, high)):
-            notes.append(f"{what} has the two values {low:g} and {high:g}: they are taken for 0 and 255")
+            notes.append(f"{what} has the two values {low:g} and {high:g}: they are treated as 0 and 255")
         return np.where(values == high, np.uint8(255), np.uint8(0)), notes
     if values.dtype.kind in "iu" and high < FULL:
         raise UserError(f"{what} holds labels or shades from {low} to {high} of 255: {WANTED}")

@@ -12,6 +12,7 @@ import numpy as np
 from flatbuffers import number_types as numbers
 from flatbuffers.table import Table
 
+VTABLE_HEADER = 4  # bytes: a vtable has two sizes, then an offset of two bytes for each field
 DTYPES = {0: np.float32, 1: np.float16, 2: np.int32}
 NAMES = {
     0: "ADD",
@@ -201,13 +202,14 @@ class _Record(Table):
     """A table of the file, with its fields by their numbers."""
 
     def number(self, field: int, kind: type, default: int = 0) -> int:
-        return self.GetSlot(4 + 2 * field, default, kind)
+        return self.GetSlot(VTABLE_HEADER + 2 * field, default, kind)
 
     def numbers(self, field: int, dtype: type) -> np.ndarray:
-        place = self.Offset(4 + 2 * field)
-        if not place:
+        """Returns the vector in a field; empty if the field is absent."""
+        offset = self.Offset(VTABLE_HEADER + 2 * field)
+        if not offset:
             return np.empty(0, dtype)
-        return np.frombuffer(self.Bytes, dtype, self.VectorLen(place), self.Vector(place))
+        return np.frombuffer(self.Bytes, dtype, self.VectorLen(offset), self.Vector(offset))
 
     def records(self, field: int) -> list["_Record"]:
         return list(self._records(field))

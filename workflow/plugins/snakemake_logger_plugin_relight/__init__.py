@@ -64,9 +64,9 @@ class LogHandler(LogHandlerBase):
             jobs = f"{sum(self.total.values())} jobs"
             if self.total and self.common_settings.dryrun:
                 counts = ", ".join(f"{rule} {n}" for rule, n in self.total.items())
-                self.say(f"{jobs} would run: {counts}; {self.left()}", whole=True)
+                self.say(f"{jobs} would run: {counts}; {self.left()}", lasting=True)
             elif self.total:
-                self.say(f"{jobs}; {self.left()}", whole=True)
+                self.say(f"{jobs}; {self.left()}", lasting=True)
         elif event == LogEvent.JOB_INFO:
             self.rule[record.jobid] = record.rule_name
             self.benchmark[record.jobid] = getattr(record, "benchmark", None) or ""
@@ -76,11 +76,11 @@ class LogHandler(LogHandlerBase):
         elif event == LogEvent.JOB_FINISHED:
             self.finished(record.job_id)
         elif event == LogEvent.PROGRESS and record.done == record.total:
-            self.say(f"done in {duration(time.monotonic() - self.start)}", whole=True)
+            self.say(f"done in {duration(time.monotonic() - self.start)}", lasting=True)
         elif event in (LogEvent.ERROR, LogEvent.JOB_ERROR, LogEvent.GROUP_ERROR) or record.levelno >= logging.ERROR:
             self.failed(record, event)
         elif record.getMessage().startswith("Nothing to be done"):
-            self.say(record.getMessage(), whole=True)
+            self.say(record.getMessage(), lasting=True)
 
     def finished(self, job: int) -> None:
         """Counts a finished job, and reports the progress if it is time to."""
@@ -127,20 +127,24 @@ class LogHandler(LogHandlerBase):
             log = ", ".join(map(str, getattr(record, "log", None) or ()))
             how = "failed"
             if record.thread in self.killed:
-                how = "was killed; where memory is short the system does so: run fewer jobs at once (--cores)"
-            self.say(f"{name} {how}{f'; its log: {log}' if log else ''}", whole=True)
+                how = "was killed, as the system does when memory runs out: run fewer jobs at once (--cores)"
+            self.say(f"{name} {how}{f'; its log: {log}' if log else ''}", lasting=True)
         elif getattr(record, "exception", None) in (
             "RuleException",
             "CalledProcessError",
         ):  # reported by the job itself
-            (self.killed.add if KILLED_MESSAGE in record.getMessage() else self.killed.discard)(record.thread)
+            # Snakemake logs the exception before the JOB_ERROR, in the same thread.
+            if KILLED_MESSAGE in record.getMessage():
+                self.killed.add(record.thread)
+            else:
+                self.killed.discard(record.thread)
         else:
-            self.say(record.getMessage().strip(), whole=True)
+            self.say(record.getMessage().strip(), lasting=True)
 
-    def say(self, text: str, whole: bool = False) -> None:
-        """Writes a line; on a terminal, the next line replaces it unless it is `whole`."""
+    def say(self, text: str, lasting: bool = False) -> None:
+        """Writes a line; on a terminal, the next line replaces it unless it is `lasting`."""
         self.last = time.monotonic()
         if self.terminal:
-            print(f"\r\x1b[K{text}", end="\n" if whole else "", file=sys.stderr, flush=True)
+            print(f"\r\x1b[K{text}", end="\n" if lasting else "", file=sys.stderr, flush=True)
         else:
             print(text, file=sys.stderr, flush=True)
