@@ -143,6 +143,15 @@ def test_changed_settings_are_named_with_the_way_to_keep_both(made):
     assert line.endswith("to keep both, give this run a name, name=NAME")
 
 
+def test_update_config_dates_the_settings_that_differ(made):
+    """Snakemake has no records of a folder that was copied: the dates of these files alone tell it what to make."""
+    dates = {file.name: file.stat().st_mtime_ns for file in made.iterdir()}
+    plan = Plan({"hydra": ["scale=smoke", "bake.rays=64"]})
+    plan.update_config()
+    assert {file.name for file in made.iterdir() if file.stat().st_mtime_ns > dates[file.name]} == {"bake.yaml"}
+    assert (made / "bake.yaml").read_text() == plan.settings_file("bake")
+
+
 def test_changed_code_is_named_and_pin_keeps_its_results(made):
     file = made / "bake.yaml"
     text = file.read_text()

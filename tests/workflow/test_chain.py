@@ -67,19 +67,6 @@ def test_a_change_runs_what_it_touches(done, override, jobs):
     assert planned(done, *WORDS, *override.split()) == jobs
 
 
-def test_a_copied_folder_is_made_again_where_settings_differ(done, tmp_path):
-    """Snakemake has no records of a copy: without them, results of other settings would pass for new ones."""
-    repo = tmp_path / "repo"
-    shutil.copytree(done, repo)
-    shutil.rmtree(repo / ".snakemake" / "metadata")
-    table = repo / OUT / "report" / "table1.csv"
-    before = table.stat().st_mtime_ns
-    run = relight(repo, "run", *WORDS, "statistics.bootstrap=99", "track=none")
-    assert run.returncode == 0, run.stdout
-    assert "made with other settings (statistics.bootstrap)" in run.stdout
-    assert table.stat().st_mtime_ns > before
-
-
 def test_another_experiment_takes_what_is_there(done, tmp_path):
     """Other lights, and a training that goes on from one that is there: only what is new is made."""
     repo = tmp_path / "repo"
