@@ -56,7 +56,7 @@ def composed(overrides: Iterable[str] = ()) -> DictConfig:
             cfg = compose("config", overrides=overrides)
         check(resolved(cfg))
     except (HydraException, OmegaConfBaseException, yaml.YAMLError) as error:
-        raise UserError(explain(error)) from None
+        raise UserError(explain(error, presets())) from None
     return cfg
 
 

@@ -1,19 +1,23 @@
 """Converts errors of Hydra, OmegaConf and YAML to one sentence."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import yaml
 from hydra.errors import MissingConfigException, OverrideParseException
 from omegaconf.errors import ConfigAttributeError, ConfigKeyError, OmegaConfBaseException, ValidationError
 
 from relight.config.checks import no_choice, no_such
-from relight.config.composition import presets
 from relight.config.schema import field_of
 from relight.config.setting import type_in_words
 
 
-def explain(error: Exception) -> str:
-    """Returns one line that names the setting and the values allowed, from the exception or its causes."""
+def explain(error: Exception, groups: Iterable[str]) -> str:
+    """Returns one line that names the setting and the values allowed, from the exception or its causes.
+
+    Args:
+        error: of Hydra, OmegaConf or YAML.
+        groups: names of all groups of settings.
+    """
     for link in _causes(error):
         match link:
             case yaml.MarkedYAMLError(problem_mark=yaml.Mark() as mark):
@@ -29,7 +33,7 @@ def explain(error: Exception) -> str:
             case ConfigKeyError() | ConfigAttributeError() if link.full_key and link.parent_node is not None:
                 known = [key for key in map(str, link.parent_node) if key not in ("hydra", "code")]
                 if "." not in link.full_key:
-                    known = list(dict.fromkeys([*presets(), *known]))
+                    known = list(dict.fromkeys([*groups, *known]))
                 return no_such(link.full_key, known)
             case ValidationError(full_key=str(key)) if field := field_of(key.partition("[")[0]):
                 value = "null" if link.value is None else repr(link.value)

@@ -22,7 +22,7 @@ from omegaconf import MISSING, DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
 from relight import __version__
-from relight.config import CONF, READS, Config, check, composed, resolved
+from relight.config import CONF, READS, Config, check, composed, presets, resolved
 from relight.config.errors import explain
 from relight.config.help import listing
 from relight.errors import UserError, out_of_memory
@@ -75,7 +75,7 @@ class Stage:
                 os.environ["RELIGHT_SCRATCH"] = scratch  # the folder of Hydra's file multirun.yaml
                 hydra.main(config_path=str(CONF), config_name="config", version_base="1.3")(self._run)()
         except (HydraException, OmegaConfBaseException, yaml.YAMLError) as error:
-            sys.exit(f"relight {self.name}: {explain(error)}")
+            sys.exit(f"relight {self.name}: {explain(error, presets())}")
 
     def usage(self) -> str:
         """Returns the help: what the stage does, its files, and the settings that it reads."""
@@ -92,7 +92,7 @@ class Stage:
         except UserError as error:
             sys.exit(f"relight {self.name}: {error}")
         except OmegaConfBaseException as error:
-            sys.exit(f"relight {self.name}: {explain(error)}")
+            sys.exit(f"relight {self.name}: {explain(error, presets())}")
         except MemoryError as error:
             sys.exit(f"relight {self.name}: {out_of_memory(error)}")
 
