@@ -4,6 +4,7 @@ import re
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
 
 from relight.config import Statistics
 from relight.errors import UserError
@@ -206,6 +207,24 @@ def test_compare_rows_corrects_over_its_columns():
     p = sorted(one.p for one in alone)
     together = sorted(one.p for one in correct(alone))
     assert together[0] == pytest.approx(min(1, 4 * p[0])) and all(a >= b for a, b in zip(together, p))
+
+
+def test_correct_widens_intervals_until_they_agree_with_p():
+    rng = np.random.default_rng(2)
+    means = [1.0, 1.005, 1.05, 1.08, 1.1, 1.2, 1.6]
+    ones = [Estimate(v.mean(), 0, 0, v[:, None]) for v in (mean + rng.normal(0, 0.1, 12) for mean in means)]
+    alone = [compare_estimates("shading_rmse", ones[0], one) for one in ones[1:]]
+    before = [one.interval for one in alone]
+    kept = [low > 0 or high < 0 for low, high in before]
+    together = correct(alone)
+    after = [one.interval for one in together]
+    assert all(a[0] <= b[0] and b[1] <= a[1] for a, b in zip(after, before))
+    excluded = [low > 0 or high < 0 for low, high in after]
+    assert excluded == [one.p < 0.05 for one in together] and sum(excluded) < sum(kept)
+    # The least p of six is tested at the level 0.05 / 6, of Student's t.
+    sure = min(together, key=lambda one: one.p)
+    half_width = stats.t.isf(0.05 / 12, sure.difference.freedom) * sure.difference.error / sure.second
+    assert sure.interval[1] - sure.gain == pytest.approx(half_width)
 
 
 def test_write_scores_keeps_scores(tmp_path):

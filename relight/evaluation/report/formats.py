@@ -228,7 +228,7 @@ def comparison_grid(comparisons: dict[str, dict[str, Comparison]]) -> TextTable:
     Args:
         comparisons: label of the pair -> column -> comparison.
     """
-    heads = ["compared", "in", "first better by", "95 % interval", "first", "second", "p", "the first is", "within"]
+    heads = ["compared", "in", "first better by", "interval", "first", "second", "p", "the first is", "within"]
     rows = [
         [what, column_label(c.column), *effect(c), c.first, c.second, p_value(c.p), c.verdict, bound(c)]
         for what, by_column in comparisons.items()
@@ -238,7 +238,7 @@ def comparison_grid(comparisons: dict[str, dict[str, Comparison]]) -> TextTable:
 
 
 def effect(one: Comparison) -> tuple[str, str]:
-    """Returns the gain of the first row relative to the second, and its 95 % interval, as text."""
+    """Returns the gain of the first row relative to the second, and its interval, as text."""
     return percent(one.gain), " to ".join(map(percent, one.interval)).replace(" % to", " to")
 
 

@@ -378,7 +378,7 @@ def summary(results: Results) -> Numbers:
         ]
         for one in found
     ]
-    heads = ["the paper prints", "in", "by", "here by", "95 % interval", "first", "second", "p", "here", "within"]
+    heads = ["the paper prints", "in", "by", "here by", "interval", "first", "second", "p", "here", "within"]
     return {
         "tables": tables,
         "orderings": found,

@@ -37,6 +37,7 @@ class Comparison:
         difference: first minus second.
         p: p-value of the hypothesis that they are equal; `correct` corrects it.
         p_equivalent: p-value of the hypothesis that they differ by MARGIN or more; `correct` corrects it.
+        level: at which `p` before the correction is tested, so that `interval` holds zero exactly if p >= ALPHA.
     """
 
     column: str
@@ -45,11 +46,12 @@ class Comparison:
     difference: Difference
     p: float
     p_equivalent: float
+    level: float = ALPHA
 
     @property
     def verdict(self) -> Verdict:
         """BETTER or WORSE if they differ significantly, EQUIVALENT if significantly by less than MARGIN, else OPEN."""
-        if self.p < ALPHA and not self.difference.low <= 0 <= self.difference.high:
+        if self.p < ALPHA:
             return Verdict.BETTER if sign(self.column) * self.difference.mean < 0 else Verdict.WORSE
         return Verdict.EQUIVALENT if self.p_equivalent < ALPHA else Verdict.OPEN
 
@@ -60,8 +62,9 @@ class Comparison:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """The 95 % interval of `gain`; the uncertainty of the second row's mean as divisor is ignored."""
-        low, high = sorted(map(self._relative, (self.difference.low, self.difference.high)))
+        """The interval of `gain` at `level`; the uncertainty of the second row's mean as divisor is ignored."""
+        mean, half_width = self.difference.mean, self.difference.half_width(self.level)
+        low, high = sorted(map(self._relative, (mean - half_width, mean + half_width)))
         return low, high
 
     @property
@@ -82,10 +85,11 @@ def compare_estimates(column: str, first: Estimate, second: Estimate) -> Compari
 
 
 def correct(comparisons: list[Comparison]) -> list[Comparison]:
-    """Corrects the p-values of comparisons for multiple comparisons (Holm), in place, and returns them."""
-    for name in ("p", "p_equivalent"):
-        for comparison, p in zip(comparisons, holm([getattr(comparison, name) for comparison in comparisons])):
-            setattr(comparison, name, float(p))
+    """Corrects p-values and levels for the number of comparisons (Holm), in place, and returns the comparisons."""
+    p, p_equivalent = (holm([getattr(one, name) for one in comparisons]) for name in ("p", "p_equivalent"))
+    for comparison, corrected, equivalent in zip(comparisons, p.tolist(), p_equivalent.tolist()):
+        comparison.level = ALPHA * comparison.p / corrected if corrected else ALPHA / len(comparisons)
+        comparison.p, comparison.p_equivalent = corrected, equivalent
     return comparisons
 
 

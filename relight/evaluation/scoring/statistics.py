@@ -86,10 +86,13 @@ class Difference:
             return float(abs(self.mean) >= bound)
         return float(t.sf((bound - abs(self.mean)) / self.error, self.freedom))
 
+    def half_width(self, alpha: float) -> float:
+        """Returns half the width of the interval of confidence 1 - alpha."""
+        return float(self.error * t.isf(alpha / 2, self.freedom)) if self.error else 0.0
+
     def bound(self, alpha: float) -> float:
         """Returns the least `bound` at which `p_equivalent` is `alpha`, so that larger differences are excluded."""
-        half_width = self.error * t.isf(alpha, self.freedom) if self.error else 0.0
-        return float(abs(self.mean) + half_width)
+        return abs(self.mean) + self.half_width(2 * alpha)
 
 
 @lru_cache(maxsize=8)
