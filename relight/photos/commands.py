@@ -218,9 +218,7 @@ def photo(
         Path | None, option("Folder for the results; by default PHOTO_relit.", "--out", "-o", metavar="FOLDER")
     ] = None,
     together: Together = False,
-    maps: Annotated[
-        bool, option("Also write maps.exr: albedo, shading and transport in half floats.", "--maps")
-    ] = False,
+    maps: Annotated[bool, option("Also write maps.exr: albedo, shading, normals and transport.", "--maps")] = False,
     weights: Weights = None,
     jobs: Annotated[
         int | None, option("For a folder: photos relit at the same time.", "--jobs", "-j", metavar="N", min=1)
