@@ -12,6 +12,7 @@ import numpy as np
 
 from relight.errors import UserError
 from relight.files import atomic_write
+from relight.lights.place import STATISTICS
 from relight.maps import Maps
 from relight.sh import deringed
 from relight.viewer.bundle import bundle
@@ -102,10 +103,12 @@ def page_text(
     for name, light in lights.items():
         if np.shape(light) != (9, 3) or not np.isfinite(light).all():
             raise UserError(f"light '{name}' is not (9, 3) finite coefficients but {np.shape(light)}")
+    place = json.loads(STATISTICS.read_text(encoding="utf-8"))
     page = {
         "title": title,
         "background": background,
         "lights": [{"name": name, "values": deringed(light).round(6).tolist()} for name, light in lights.items()],
+        "place": {key: place[key] for key in ("light", "limits", "level")},
         **additions.settings,
     }
     parts = {

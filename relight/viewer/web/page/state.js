@@ -14,6 +14,7 @@ const app = {
   index: 0, // of the figure
   lights: page.lights.map(({ name, values }) => ({ name, values: Float64Array.from(values.flat()) })), // as embedded
   shown: [], // the same, matched to the figure's photo
+  picture: null, // of a place, to be shown behind: { pixels, width, height, white }
   frames: 0, // drawn so far
   openFile: null, // what is done with a dropped file; by default it is a panorama
   onFigure: null, // called when another figure is shown
