@@ -54,33 +54,35 @@ function addLight(name, values, panorama = null) {
 const nameOf = (file) => file.name.replace(/\.[^.]+$/, "");
 
 // What is dropped on the page, a panorama or a picture of a place, lights the figure.
-async function openLight(file) {
+function openLight(file) {
   return isPicture(file) ? openPlace(file, true) : openPanorama(file);
 }
 
-// A picture of a place: its light, and it can be shown behind the figure.
-async function openPlace(file, isBehind = false) {
+// A function of a file of the user's own that is called once such files may be read; what it throws is told.
+const reading = (act) => async (file, ...values) => {
   try {
-    const picture = await readPhoto(file, LONGEST);
-    app.picture = { ...picture, white: whiteOf(picture) };
-    addLight(nameOf(file), deringed(placeLight(picture, page.place)));
-    listBackgrounds();
-    set({ yaw: 0, tilt: 0, ...(isBehind && { background: "picture" }) });
+    await app.beforeReading?.();
+    await act(file, ...values);
   } catch (error) {
     notify(error.message);
   }
-}
+};
 
-async function openPanorama(file) {
-  try {
-    const panorama = readHDR(await file.arrayBuffer()), light = deringed(project(panorama));
-    if (!light.some((v) => v)) throw new Error("The panorama is black.");
-    addLight(nameOf(file), light, panorama);
-    set({ yaw: 0, tilt: 0 });
-  } catch (error) {
-    notify(error.message);
-  }
-}
+const openPanorama = reading(async (file) => {
+  const panorama = readHDR(await file.arrayBuffer()), light = deringed(project(panorama));
+  if (!light.some((v) => v)) throw new Error("The panorama is black.");
+  addLight(nameOf(file), light, panorama);
+  set({ yaw: 0, tilt: 0 });
+});
+
+// A picture of a place: its light, and it can be shown behind the figure.
+const openPlace = reading(async (file, isBehind = false) => {
+  const picture = await readPhoto(file, LONGEST);
+  app.picture = { ...picture, white: whiteOf(picture) };
+  addLight(nameOf(file), deringed(placeLight(picture, page.place)));
+  listBackgrounds();
+  set({ yaw: 0, tilt: 0, ...(isBehind && { background: "picture" }) });
+});
 
 const figures = embedded.map((script) => async () => loadFigure(JSON.parse(script.textContent)));
 

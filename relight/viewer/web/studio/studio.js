@@ -81,7 +81,7 @@ function openFile(file) {
 
 async function start() {
   startBrush();
-  app.openFile = openFile;
+  Object.assign(app, { openFile, beforeReading: startOnce });
   element("drop").textContent = "Drop a photo, or an .hdr panorama to light with";
   onFile(element("photo-file"), open);
   const edit = element("edit-mask");
