@@ -658,12 +658,13 @@ def test_gallery_offers_its_figures_and_forgets_the_photo(page, tmp_path, maps, 
 
 
 STREET = """async (pixels, width, height, isBehind) => {
-  const canvas = new OffscreenCanvas(width, height), image = new ImageData(Uint8ClampedArray.from(pixels), width, height);
+  const image = new ImageData(Uint8ClampedArray.from(pixels), width, height);
+  const canvas = new OffscreenCanvas(width, height);
   canvas.getContext("2d").putImageData(image, 0, 0);
   const file = new File([await canvas.convertToBlob({ type: "image/png" })], "street.png", { type: "image/png" });
   await relight.openPlace(file, isBehind);
   const shown = relight.lights()[relight.state.light];
-  return { name: shown.name, values: [...shown.values], background: relight.state.background, mode: relight.state.mode };
+  return { name: shown.name, values: [...shown.values], background: relight.state.background };
 }"""
 
 
