@@ -14,6 +14,7 @@ from relight.errors import UserError
 from relight.files import atomic_write
 from relight.lights.place import STATISTICS
 from relight.maps import Maps
+from relight.progress import progress
 from relight.sh import deringed
 from relight.viewer.bundle import bundle
 from relight.viewer.figure import Figure, embed
@@ -129,6 +130,6 @@ def page_text(
         f'<script type="application/json" class="figure" data-title="{html.escape(figure.title)}" '
         f'data-source="{html.escape(figure.source)}">'
         f"{embed(figure, room)}</script>"
-        for figure in figures
+        for figure in progress(figures, "figures coded")
     )
     return re.sub(f"%({'|'.join(parts)})%", lambda match: parts[match[1]], text)
