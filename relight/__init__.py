@@ -10,4 +10,8 @@ def __getattr__(name: str) -> Any:
         from relight.photos.api import load
 
         return load
+    if name == "load_light":
+        from relight.lights import load_light
+
+        return load_light
     raise AttributeError(f"module 'relight' has no attribute {name!r}")

@@ -10,6 +10,7 @@ import pytest
 import yaml
 
 import relight
+from relight.viewer.site import readme
 
 ROOT = Path(__file__).parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
@@ -88,6 +89,17 @@ def test_card_of_the_weights_has_what_a_hub_and_an_open_model_ask_for():
     ]
     asked += ["Open Source AI Definition 1.0", "Model Openness Framework", "published research", "reproducibility"]
     assert [row for row in asked if f"| {row} |" not in text] == [] and "Limits:" in text
+
+
+@pytest.mark.parametrize("title", ["Turn the light in a photo", 'My "light": #1\n---\nsdk: gradio \\ \u00e9'])
+def test_readme_of_a_site_has_what_a_static_space_asks_for(tmp_path, title):
+    (tmp_path / "README.md").write_text(readme(title))
+    header, text = front_matter(tmp_path / "README.md")
+    assert header["title"] == title and header["sdk"] == "static" and header["app_file"] == "index.html"
+    colors = "red yellow green blue indigo purple pink gray".split()
+    assert header["colorFrom"] in colors and header["colorTo"] in colors
+    assert len(header["emoji"]) == 1 and header["pinned"] is False and len(header["short_description"]) <= 60
+    assert header["license"] == PROJECT["license"].lower() and "LICENSES.txt" in text
 
 
 def test_weights_and_generated_data_have_one_licence():

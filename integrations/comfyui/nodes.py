@@ -1,4 +1,4 @@
-"""The nodes: mask of people, lights, the relit picture, and albedo and shading.
+"""The nodes: mask of people, lights, the relit picture, and albedo, shading and normals.
 
 As in all of ComfyUI, IMAGE is a float tensor (B,H,W,3) of sRGB codes in [0,1], and MASK (B,H,W) in [0,1]; here 1 is a
 person. RELIGHT_LIGHT is a `relight.lights.Light`. torch is ComfyUI's own; relight computes with NumPy and ONNX Runtime.
@@ -167,11 +167,14 @@ class Relight:
 
 
 class InferMaps:
-    """Albedo and shading of the people of pictures, at the pictures' size."""
+    """Albedo, shading and normals of the people of pictures, at the pictures' size."""
 
     CATEGORY, FUNCTION = CATEGORY, "run"
-    RETURN_TYPES, RETURN_NAMES = ("IMAGE", "IMAGE", "MASK"), ("albedo", "shading", "mask")
-    DESCRIPTION = "What the network infers, 0 where nobody is. The shading is shown at half its strength."
+    RETURN_TYPES, RETURN_NAMES = ("IMAGE", "IMAGE", "MASK", "IMAGE"), ("albedo", "shading", "mask", "normal")
+    DESCRIPTION = (
+        "What the network infers, 0 where nobody is. The shading is shown at half its strength. Normals are mean "
+        "unoccluded directions as in OpenGL, (n + 1) / 2, toward the camera where nobody is."
+    )
 
     @classmethod
     def INPUT_TYPES(cls):
@@ -183,9 +186,10 @@ class InferMaps:
 
 
 def infer_maps(picture, coverage):
-    """Returns albedo (H,W,3), half the shading (H,W,3), both sRGB codes in [0,1], and coverage (H,W) of a picture.
+    """Returns what the network infers about a picture, guided by it as in `relight photo --maps`.
 
-    They are those of `relight photo --maps`, which guides them by the picture.
+    Albedo (H,W,3) and half the shading (H,W,3) are sRGB codes in [0,1]; then come coverage (H,W), and normals (H,W,3)
+    coded as (n + 1) / 2.
     """
     import OpenEXR
 
@@ -210,7 +214,9 @@ def infer_maps(picture, coverage):
 
     albedo, shading = (whole(*(f"{layer}.{c}" for c in "RGB")) for layer in ("albedo", "shading"))
     shown = (srgb.encode(values.clip(0, 1)) for values in (albedo, DISPLAY_STRENGTH * shading))
-    return (*shown, whole("coverage.A")[..., 0])
+    coverage, normal = whole("coverage.A")[..., 0], whole("normal.X", "normal.Y", "normal.Z")
+    normal[coverage == 0] = 0, 0, 1
+    return (*shown, coverage, (normal + 1) / 2)
 
 
 NODE_CLASS_MAPPINGS = {
@@ -225,5 +231,5 @@ NODE_DISPLAY_NAME_MAPPINGS = {
     "RelightNamedLight": "Light by name",
     "RelightPanoramaLight": "Light of a panorama",
     "RelightRelight": "Relight people",
-    "RelightInferMaps": "Albedo and shading of people",
+    "RelightInferMaps": "Albedo, shading and normals of people",
 }

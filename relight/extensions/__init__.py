@@ -18,6 +18,7 @@ from typing import Any
 from relight.errors import UserError
 
 GROUP = "relight.extensions"
+OWN = {"place": "relight.photos.place"}  # of relight: lights that need packages above relight.lights
 
 
 @cache
@@ -52,9 +53,9 @@ def extension(name: str, part: str) -> Any:
     Raises:
         UserError: if there is no such extension, or it does not define `part`.
     """
-    if name not in names():
+    if name not in OWN and name not in names():
         raise UserError(missing(name))
-    module = installed().get(name, f"{__name__}.{name}")
+    module = OWN.get(name) or installed().get(name, f"{__name__}.{name}")
     defined = getattr(import_module(module), part, None)
     if defined is None:
         raise UserError(f"the extension {module} defines no `{part}`")

@@ -1,20 +1,18 @@
 """`relight light`: prints, writes and draws the coefficients and statistics of a light."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 from typer.core import TyperGroup
 
 from relight.files import PHOTO_SUFFIXES
 
-if TYPE_CHECKING:
-    from relight.lights.light import Light
-
 LIGHT = Annotated[
     str,
     typer.Argument(
-        help="A panorama (.hdr, .exr), coefficients (.npy, .json), hall, probe:grace, room:7, key:#ffeedd@45,30."
+        help="A panorama (.hdr, .exr), coefficients (.npy, .json), a photo of a place (street.jpg, street.jpg@-60,40), "
+        "hall, probe:grace, room:7, key:#ffeedd@45,30."
     ),
 ]
 ORDER = Annotated[int, typer.Option(min=0, max=6, help="Order of the spherical harmonics; 2 gives nine coefficients.")]
@@ -43,13 +41,14 @@ TO = Annotated[str, typer.Option(help="Convention to print and write in.")]
 
 
 class LightGroup(TyperGroup):
-    """Makes `relight light my.hdr` short for `relight light numbers my.hdr`, and so on for photos and `place`."""
+    """Makes `relight light my.hdr` short for `relight light numbers my.hdr`, and a photo that of its place."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # ctx is click's, which Typer bundles privately
         """Inserts the command where none is given."""
         if args and args[0] not in self.commands and args[0] not in ("--help", "-h"):
-            is_photo = Path(args[0].partition("@")[0]).suffix.lower() in PHOTO_SUFFIXES
-            args = ["place" if is_photo else "numbers", *args]
+            name = args[0].partition("@")[0]
+            is_photo = Path(name).suffix.lower() in PHOTO_SUFFIXES and not name.startswith("place:")
+            args = ["numbers", f"place:{args[0]}" if is_photo else args[0], *args[1:]]
         return super().parse_args(ctx, args)
 
 
@@ -71,26 +70,15 @@ def numbers(
     repair: REPAIR = False,
 ) -> None:
     """Print the spherical harmonics of a light and its statistics."""
-    from relight.lights.load import load_light
-
-    report(load_light(light, order, layout, yaw, flip, exposure, convention, repair, upside_down), to, out or [])
-
-
-def report(loaded: "Light", to: str, out: list[Path]) -> None:
-    """Prints a light and its statistics, and writes it.
-
-    Args:
-        loaded: the light.
-        to: convention of the numbers.
-        out: .json and .npy files to write.
-    """
     from rich.console import Console
     from rich.table import Table
 
     from relight.lights.light import write_light
+    from relight.lights.load import load_light
     from relight.lights.show import format_statistics
     from relight.sh import bands, from_relight
 
+    loaded = load_light(light, order, layout, yaw, flip, exposure, convention, repair, upside_down)
     table = Table("l, m", "R", "G", "B", title=f"{loaded.source}, convention {to}", title_justify="left")
     for k, (l, row) in enumerate(zip(bands(loaded.order), from_relight(loaded.coefficients, to))):
         name = str(k) if to == "kanamori2018" else f"{l}, {k - l * l - l}"
@@ -101,7 +89,7 @@ def report(loaded: "Light", to: str, out: list[Path]) -> None:
         console.print(f"  {name:32s} {value}")
     for note in loaded.notes:
         typer.echo(note, err=True)
-    for path in out:
+    for path in out or []:
         console.print(f"written: {write_light(loaded, path, to)}", soft_wrap=True)
 
 

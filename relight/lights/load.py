@@ -66,6 +66,7 @@ def load_light(
     probe:grace                     a printed measured light: grace, eucalyptus, stpeters, kitchen, galileo
     key:#ffeedd@45,30,0.2           a distant lamp of this sRGB color, 45 degrees to the right of the camera and 30
                                     degrees up, with a constant fill of 0.2 times its irradiance
+    place:street.jpg                an estimate from a photograph of a place (relight.photos.place)
     mine:text                       the light that the extension `mine` returns for the text
 
     Args:
@@ -105,7 +106,7 @@ def load_light(
         light = Light(probe(text.removeprefix("probe:")), text)
     elif (match := IN_SET.fullmatch(text)) and not Path(text).exists():
         light = read_row(match[1], int(match[2]))
-    elif ":" in text and (name := text.partition(":")[0]) in extensions.names():
+    elif ":" in text and (name := text.partition(":")[0]) in (*extensions.OWN, *extensions.names()):
         found = extensions.extension(name, "light")(text.removeprefix(f"{name}:"), order)
         light = found if isinstance(found, Light) else Light(as_table(found, text), text)
     elif text.startswith(("room:", "sky:", "lamps:", "key:")):

@@ -13,7 +13,7 @@ from relight.crop import Crop
 from relight.errors import UserError
 from relight.files import existing_file
 from relight.inference import PhotoNetwork, read_onnx
-from relight.lights import Light, LightOptions
+from relight.lights import Light, LightOptions, load_light
 from relight.photos.compose.background import Background, read_background
 from relight.photos.compose.render import render
 from relight.photos.infer import (
@@ -27,7 +27,7 @@ from relight.photos.infer import (
 )
 from relight.photos.load import LoadedPhoto, Picture, load_photo
 from relight.photos.mask.find import split_people
-from relight.photos.place import PREFIX, default_light, load_any_light
+from relight.photos.place import PREFIX, default_light
 from relight.photos.read import Photo, as_codes, is_picture
 from relight.photos.trust import Trust, assess
 from relight.sh import deringed, rotate_y
@@ -161,7 +161,7 @@ class Relighter:
         if is_picture(text) and not text.startswith(PREFIX):
             people = self.infer(load_photo(text, mask, mask_model), white_balance=white_balance)
             return Light(mean_light(people), text)
-        light = load_any_light(text, self.order, **options)
+        light = load_light(text, self.order, **options)
         return replace(light, coefficients=deringed(light.coefficients).astype(np.float32))
 
     def relight(

@@ -10,9 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from relight.lights.commands import OUT, TO, report
-from relight.lights.commands import app as light_app
-
 if TYPE_CHECKING:
     from relight.photos.photo import Options
 
@@ -218,9 +215,7 @@ def photo(
         Path | None, option("Folder for the results; by default PHOTO_relit.", "--out", "-o", metavar="FOLDER")
     ] = None,
     together: Together = False,
-    maps: Annotated[
-        bool, option("Also write maps.exr: albedo, shading and transport in half floats.", "--maps")
-    ] = False,
+    maps: Annotated[bool, option("Also write maps.exr: albedo, shading, normals and transport.", "--maps")] = False,
     weights: Weights = None,
     jobs: Annotated[
         int | None, option("For a folder: photos relit at the same time.", "--jobs", "-j", metavar="N", min=1)
@@ -343,20 +338,6 @@ def export(
     network, config = load_network(checkpoint)
     difference = write(network, out, config)
     print(f"{out}: differs from torch by {difference:.1e} at most")
-
-
-@light_app.command("place")
-def light_place(
-    picture: Annotated[
-        str, typer.Argument(help="A photo of a place, also with the light's direction: street.jpg@AZIMUTH,ELEVATION.")
-    ],
-    out: OUT = None,
-    to: TO = "relight",
-) -> None:
-    """Estimate the light of a place from an ordinary photograph of it, without a person."""
-    from relight.photos.place import read_place
-
-    report(read_place(picture), to, out or [])
 
 
 @mask_app.command("setup")

@@ -27,7 +27,7 @@ from relight.photos.write import (
 from relight.sh import rotate_y
 
 BEFORE_AFTER = "before_after.jpg"
-BYTES_PER_PIXEL = 48  # of the photo, at most, for the results: three pictures and 16 maps of half floats
+BYTES_PER_PIXEL = 54  # of the photo, at most, for the results: three pictures and 19 maps of half floats
 
 
 @dataclass(frozen=True)

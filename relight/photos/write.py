@@ -20,10 +20,11 @@ from relight.photos.compose.upsample import FittedMap, luma
 from relight.photos.deep import write_deep
 from relight.photos.infer import Person
 from relight.photos.read import as_codes
-from relight.sh import order_of
+from relight.sh import mean_direction, order_of
 from relight.srgb import to_bytes, to_linear
 
 STRIP_SIDE, GAP = 1080, 12  # pixels of the longer side of each picture in a strip, and between them
+LAYERS = {"albedo": "RGB", "shading": "RGB", "normal": "XYZ"}  # of maps.exr, before the transport
 RUNS = 3  # zlib's Z_RLE: a photo becomes as small as by its default, in a quarter of the time
 
 
@@ -76,8 +77,9 @@ def write_inference(folder: Path, people: Sequence[Person], pixels: np.ndarray) 
 def write_maps(path: Path, people: Sequence[Person], pixels: np.ndarray) -> None:
     """Writes the inferred maps at the photo's resolution as a layered OpenEXR in half floats.
 
-    It has the channels `albedo.R/G/B`, `shading.R/G/B`, `transport.L0M0.Y` ... and `coverage.A`. Its display window is
-    the photo, its data window the part that contains the people.
+    It has the channels `albedo.R/G/B`, `shading.R/G/B`, `normal.X/Y/Z`, `transport.L0M0.Y` ... and `coverage.A`. The
+    normals are the mean unoccluded directions (`relight.sh.mean_direction`), in the camera frame. The display window is
+    the photo, the data window the part that contains the people.
 
     Args:
         path: .exr.
@@ -87,7 +89,7 @@ def write_maps(path: Path, people: Sequence[Person], pixels: np.ndarray) -> None
     height, width = people[0].coverage.shape
     top, left = (min(person.crop.window[axis].start for person in people) for axis in (0, 1))
     bottom, right = (max(person.crop.window[axis].stop for person in people) for axis in (0, 1))
-    names = [f"albedo.{c}" for c in "RGB"] + [f"shading.{c}" for c in "RGB"]
+    names = [f"{layer}.{c}" for layer, axes in LAYERS.items() for c in axes]
     names += [f"transport.{name}.Y" for name in coefficient_names(order_of(people[0].transport.shape[2]))]
     channels = {name: np.zeros((bottom - top, right - left), np.float16) for name in names}
     coverage = total_coverage(people)[top:bottom, left:right]
@@ -96,7 +98,8 @@ def write_maps(path: Path, people: Sequence[Person], pixels: np.ndarray) -> None
         fits = person.fitted_albedo, person.fitted_transport
         for (rows, columns), own, albedo, transport in placed_maps(person, pixels, fits):
             window = slice(rows.start - top, rows.stop - top), slice(columns.start - left, columns.stop - left)
-            values = np.concatenate([albedo**2, shading(transport, person.light), transport], -1)
+            lit, normal = shading(transport, person.light), mean_direction(transport)
+            values = np.concatenate([albedo**2, lit, normal, transport], -1)
             for name, channel in zip(names, values.T):
                 channels[name][window][own] = channel
     header = {
@@ -107,6 +110,7 @@ def write_maps(path: Path, people: Sequence[Person], pixels: np.ndarray) -> None
         "software": f"relight {__version__}",
         "frame": FRAME,
         "convention": CONVENTION,
+        "normal": "mean unoccluded direction: the surface's normal where nothing is occluded",
     }
     with atomic_write(path) as tmp:
         OpenEXR.File(header, channels).write(str(tmp))

@@ -126,6 +126,26 @@ def unoccluded(normals: np.ndarray, order: int = 2) -> np.ndarray:
     return basis(normals, order) * per_coefficient(cosine_factors(order))
 
 
+def mean_direction(transport: np.ndarray) -> np.ndarray:
+    """Returns where the linear band of transport points: the mean of the unoccluded directions, weighted by the cosine.
+
+    That is the normal exactly where nothing is occluded, or what is occluded is symmetric about the normal; elsewhere
+    it is bent toward the open side.
+
+    Args:
+        transport: (...,K) of order 1 or more.
+
+    Returns:
+        (...,3) unit vectors, of the transport's type; zero where the band is.
+
+    >>> mean_direction(unoccluded(np.array([0.6, 0.0, 0.8]), 1)).round(6).tolist()
+    [0.6, 0.0, 0.8]
+    """
+    linear = transport[..., [3, 1, 2]]  # Y_1-1, Y_10 and Y_11 are y, z and x times one factor
+    length = np.linalg.norm(linear, axis=-1, keepdims=True)
+    return np.divide(linear, length, out=np.zeros_like(linear), where=length > 0)
+
+
 def irradiance(light: np.ndarray, normals: np.ndarray) -> np.ndarray:
     """Returns the irradiance E(n) = sum A_l L_lm Y_lm(n) of unoccluded surfaces.
 

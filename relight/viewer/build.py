@@ -12,7 +12,9 @@ import numpy as np
 
 from relight.errors import UserError
 from relight.files import atomic_write
+from relight.lights.place import STATISTICS
 from relight.maps import Maps
+from relight.progress import progress
 from relight.sh import deringed
 from relight.viewer.bundle import bundle
 from relight.viewer.figure import Figure, embed
@@ -102,10 +104,12 @@ def page_text(
     for name, light in lights.items():
         if np.shape(light) != (9, 3) or not np.isfinite(light).all():
             raise UserError(f"light '{name}' is not (9, 3) finite coefficients but {np.shape(light)}")
+    place = json.loads(STATISTICS.read_text(encoding="utf-8"))
     page = {
         "title": title,
         "background": background,
         "lights": [{"name": name, "values": deringed(light).round(6).tolist()} for name, light in lights.items()],
+        "place": {key: place[key] for key in ("light", "limits", "level")},
         **additions.settings,
     }
     parts = {
@@ -126,6 +130,6 @@ def page_text(
         f'<script type="application/json" class="figure" data-title="{html.escape(figure.title)}" '
         f'data-source="{html.escape(figure.source)}">'
         f"{embed(figure, room)}</script>"
-        for figure in figures
+        for figure in progress(figures, "figures coded")
     )
     return re.sub(f"%({'|'.join(parts)})%", lambda match: parts[match[1]], text)

@@ -56,6 +56,7 @@ def view(
     from relight.errors import UserError
     from relight.files import writable_file
     from relight.photos.api import load
+    from relight.progress import progress
     from relight.viewer.build import build_gallery
     from relight.viewer.source import figure_of, named_lights
 
@@ -66,7 +67,7 @@ def view(
         )
     out = writable_file(out or paths[0].with_suffix(".html"), "page")
     relighter = load(weights) if photos else None
-    figures = [figure_of(path, relighter, mask, size) for path in paths]
+    figures = [figure_of(path, relighter, mask, size) for path in progress(paths, "figures inferred")]
     most = int(limit * 1e6) if limit else None  # bytes
     build_gallery(out, figures, named_lights(light or ()), background, title or figures[0].title, most)
     typer.echo(f"{out}: {out.stat().st_size / 1e6:.1f} MB")
@@ -97,6 +98,7 @@ def web_build(
     """Write the site to the folder DIR, for any static web server."""
     from relight.errors import UserError
     from relight.photos.api import WEIGHTS, load
+    from relight.progress import progress
     from relight.viewer.site import build_site
     from relight.viewer.source import figure_of, named_lights, portrait
 
@@ -104,7 +106,8 @@ def web_build(
     if network.suffix != ".onnx":
         raise UserError(f"{network}: a site needs an .onnx file; `relight export` writes one of a checkpoint")
     relighter = load(network)
-    figures = [figure_of(path, relighter, size=size) for path in paths or ()] or [portrait(relighter)]
+    figures = [figure_of(path, relighter, size=size) for path in progress(paths or (), "figures inferred")]
+    figures = figures or [portrait(relighter)]
     build_site(out, network, relighter.network.size, figures, named_lights(light or ()), title)
     size = sum(path.stat().st_size for path in out.iterdir())
     typer.echo(f"{out}: {size / 1e6:.0f} MB")

@@ -4,6 +4,7 @@ It belongs to Microsoft and comes under the MIT licence from the npm registry, f
 """
 
 import tarfile
+import zlib
 from pathlib import Path
 
 from relight.errors import UserError
@@ -55,13 +56,15 @@ def unpack(folder: Path) -> list[Path]:
         raise UserError(
             f"{PACKAGE.name}, which runs networks in a browser, is not set up: run once `{PACKAGE.command}`"
         )
+    missing = {f"package/dist/{name}": folder / name for name in FILES}
     try:
-        with tarfile.open(package) as archive:
-            for name in FILES:
-                file = archive.extractfile(f"package/dist/{name}")
-                if file is None:
-                    raise KeyError(name)
-                (folder / name).write_bytes(file.read())
-    except (tarfile.TarError, EOFError, KeyError):
-        raise UserError(f"{package} is damaged: run `relight web setup` again") from None
+        with tarfile.open(package, "r|gz") as archive:  # a stream: going back in it would decompress it again
+            while missing and (member := archive.next()):
+                if member.name in missing and (file := archive.extractfile(member)):
+                    missing[member.name].write_bytes(file.read())
+                    del missing[member.name]
+    except (tarfile.TarError, EOFError, zlib.error):
+        pass  # what is missing says so
+    if missing:
+        raise UserError(f"{package} is damaged: run `relight web setup` again")
     return [folder / name for name in FILES]

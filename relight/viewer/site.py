@@ -1,6 +1,7 @@
 """A static site with the viewer in which photos are opened, masked and inferred in the browser."""
 
 import hashlib
+import json
 import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -70,8 +71,15 @@ def build_site(
         text = page_text(figures, lights, title=title, additions=additions)
         (folder / "index.html").write_text(text, encoding="utf-8")
         shutil.copyfile(STUDIO / "licenses.txt", folder / "LICENSES.txt")
+        (folder / "README.md").write_text(readme(title), encoding="utf-8")
         version = hashlib.sha256()
         for path in sorted(folder.iterdir()):
             version.update(path.read_bytes())
         service = (STUDIO / "sw.js").read_text(encoding="utf-8")
         (folder / "sw.js").write_text(service.replace("%version%", version.hexdigest()[:16]), encoding="utf-8")
+
+
+def readme(title: str) -> str:
+    """Returns the README.md of a site, whose header makes the folder a static Space of a model hub."""
+    text = (STUDIO / "space.md").read_text(encoding="utf-8")
+    return text.replace("%title%", json.dumps(title, ensure_ascii=False))  # such a string is YAML, too

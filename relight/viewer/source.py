@@ -9,10 +9,9 @@ from PIL import Image
 
 from relight.errors import UserError
 from relight.files import existing_file
-from relight.lights import reference_brightness
+from relight.lights import load_light, reference_brightness
 from relight.maps import Maps
 from relight.photos.compose.upsample import luma
-from relight.photos.place import load_any_light
 from relight.sh import UNOCCLUDED_T00
 from relight.srgb import LINEAR
 from relight.viewer.figure import Figure
@@ -43,7 +42,7 @@ def named_lights(texts: Iterable[str] = ()) -> dict[str, np.ndarray]:
     the others are scaled to the mean radiance of the first.
 
     Args:
-        texts: lights as `relight.photos.place.load_any_light` reads them; LIGHTS if there are none.
+        texts: lights as `relight.lights.load_light` reads them; LIGHTS if there are none.
 
     Returns:
         Radiance coefficients (9,3) by the name to show.
@@ -52,7 +51,7 @@ def named_lights(texts: Iterable[str] = ()) -> dict[str, np.ndarray]:
         UserError: for what is no light, or a black one.
     """
     wanted = {Path(text).stem if Path(text).is_file() else text: text for text in texts} or LIGHTS
-    lights = {name: load_any_light(text).coefficients for name, text in wanted.items()}
+    lights = {name: load_light(text).coefficients for name, text in wanted.items()}
     for name, light in lights.items():
         if not light[0].max() > 0:
             raise UserError(f"light '{name}' is black; one that shines would be right")

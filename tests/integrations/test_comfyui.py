@@ -133,13 +133,18 @@ def test_light_of_a_panorama_is_that_of_its_generator(nodes, encoding):
 
 def test_maps_times_each_other_are_about_the_image(nodes, portrait):
     image, mask = portrait
-    albedo, shading, alpha = nodes["RelightInferMaps"]().run(image, mask)
-    assert albedo.shape == shading.shape == image.shape and alpha.shape == mask.shape
+    albedo, shading, alpha, normal = nodes["RelightInferMaps"]().run(image, mask)
+    assert albedo.shape == shading.shape == normal.shape == image.shape and alpha.shape == mask.shape
     inside = (mask[0] == 1).numpy()
     product = srgb.decode(albedo[0].numpy()) * srgb.decode(shading[0].numpy()) * 2
     codes, expected = srgb.encode(product.clip(0, 1))[inside], image[0].numpy()[inside]
     assert np.corrcoef(codes.ravel(), expected.ravel())[0, 1] > 0.95 and np.abs(codes - expected).mean() < 0.1
     assert (albedo[0].numpy()[~(mask[0] > 0).numpy()] == 0).all()
+    vectors = 2 * normal[0].numpy() - 1
+    np.testing.assert_allclose(np.linalg.norm(vectors, axis=-1), 1, atol=3e-3)
+    assert (vectors[alpha[0].numpy() == 0] == [0, 0, 1]).all()
+    columns = np.broadcast_to(np.arange(256) - 128, inside.shape)[inside]  # the left side of a body faces left
+    assert vectors[..., 2][inside].mean() > 0.6 and np.corrcoef(columns, vectors[..., 0][inside])[0, 1] > 0.2
 
 
 def test_a_light_that_is_none_is_refused_in_one_sentence(nodes):

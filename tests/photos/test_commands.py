@@ -52,6 +52,11 @@ def test_photo_writes_everything_at_its_place(run, photo_files, weights, tmp_pat
     assert names <= set(channels) and channels["albedo.R"].pixels.max() <= 1.01
     transport = np.stack([channels[f"transport.{n}.Y"].pixels for n in ("L0M0", "L1Mn1", "L1M0", "L1M1")], -1)
     assert transport.dtype == np.float16 and np.isfinite(transport).all()
+    normal = np.stack([channels[f"normal.{axis}"].pixels for axis in "XYZ"], -1).astype(float)
+    inside = channels["coverage.A"].pixels > 0
+    np.testing.assert_allclose(np.linalg.norm(normal, axis=-1), inside, atol=2e-3)
+    linear = transport[..., [3, 1, 2]].astype(float)
+    np.testing.assert_allclose(normal * np.linalg.norm(linear, axis=-1, keepdims=True), linear, atol=2e-3)
     hidden = [p.name for p in out.iterdir() if p.name.startswith(".")]
     assert not hidden
 

@@ -1,18 +1,25 @@
 """A photograph of a place as a light: its names, and the commands that take them."""
 
 import json
+import os
+import subprocess
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 
+import relight
+from relight import load_light
 from relight.errors import UserError
-from relight.lights import load_light
 from relight.lights.light import direction
 from relight.lights.place import place_light
-from relight.photos.place import default_light, read_place
+from relight.photos.place import default_light
 from relight.sh import deringed, rotate_y
 from relight.viewer.source import named_lights
+
+ROOT = str(Path(relight.__file__).parents[1])
 
 
 @pytest.fixture
@@ -25,21 +32,31 @@ def street(tmp_path, monkeypatch):
     return pixels
 
 
-def test_read_place_reads_names(street):
+def test_load_light_reads_places(street):
     plain = place_light(street)
-    for name in ("street.png", "place:street.png"):
-        light = read_place(name)
-        np.testing.assert_array_equal(light.coefficients, plain)
-        assert light.source == "place:street.png" and "estimated from street.png" in light.notes[0]
+    light = load_light("place:street.png")
+    np.testing.assert_array_equal(light.coefficients, plain)
+    assert light.source == "place:street.png" and "estimated from street.png" in light.notes[0]
     for name, toward in {"@-60,40": (-60, 40), "@90": (90, 45), "@+10.5,-20": (10.5, -20)}.items():
-        light = read_place(f"place:street.png{name}")
+        light = load_light(f"place:street.png{name}")
         np.testing.assert_allclose(light.coefficients, place_light(street, direction(*toward, "")))
         assert not light.notes
-    turned = read_place("street.png", order=3, yaw=30)
+    turned = load_light("place:street.png", order=3, yaw=30, exposure=2)
     assert len(turned.coefficients) == 16
-    np.testing.assert_allclose(turned.coefficients[:9], rotate_y(plain, np.radians(30)))
+    np.testing.assert_allclose(turned.coefficients[:9], 2 * rotate_y(plain, np.radians(30)))
+    np.testing.assert_allclose(load_light("place:street.png", flip=True).coefficients[3], -plain[3])
     Image.fromarray(street).save("a@7.png")
-    np.testing.assert_array_equal(read_place("place:a@7.png").coefficients, plain)
+    np.testing.assert_array_equal(load_light("place:a@7.png").coefficients, plain)
+
+
+def test_load_light_reads_places_in_a_new_process(street):
+    """Where no package that knows pictures is imported yet."""
+    program = "import relight; print(relight.lights.load_light('place:street.png').coefficients[0, 0])"
+    words = [sys.executable, "-c", f"import relight.lights; {program}"]
+    said = subprocess.run(
+        words, env={**os.environ, "PYTHONPATH": str(ROOT)}, capture_output=True, text=True, check=True
+    )
+    assert float(said.stdout) == pytest.approx(place_light(street)[0, 0])
 
 
 @pytest.mark.parametrize(
@@ -53,9 +70,9 @@ def test_read_place_reads_names(street):
         ("place:", "no photograph"),
     ],
 )
-def test_read_place_refuses_what_names_no_place(street, name, message):
+def test_load_light_refuses_what_names_no_place(street, name, message):
     with pytest.raises(UserError, match=message):
-        read_place(name)
+        load_light(name)
 
 
 def test_default_light_is_that_of_a_picture_behind():
@@ -104,6 +121,8 @@ def test_light_command_of_a_photo(run, street):
     run("light", "street.png@-60,40", "-o", "b.json")
     stated = place_light(street, direction(-60, 40, ""))
     np.testing.assert_allclose(load_light("b.json").coefficients, stated)
-    run("light", "place", "place:street.png@-60,40", "-o", "b.json")
+    run("light", "place:street.png@-60,40", "--yaw", 0, "-o", "b.json")
     np.testing.assert_allclose(load_light("b.json").coefficients, stated)
+    run("light", "show", "place:street.png", "ball.png")
+    assert Image.open("ball.png").size
     assert "place:street.png" in named_lights(["place:street.png"])

@@ -3,7 +3,16 @@ import pytest
 from scipy.special import sph_harm_y
 
 from relight.errors import UserError
-from relight.sh import basis, coefficient_count, cosine_factors, order_of, per_coefficient, sphere_quadrature
+from relight.sh import (
+    basis,
+    coefficient_count,
+    cosine_factors,
+    mean_direction,
+    order_of,
+    per_coefficient,
+    rotation_matrix,
+    sphere_quadrature,
+)
 
 
 def directions(n, seed=0):
@@ -61,3 +70,32 @@ def test_quadrature_projects_a_function_to_its_coefficients():
     truth = np.random.default_rng(1).normal(size=(25, 3))
     d, w = sphere_quadrature(8)
     np.testing.assert_allclose(basis(d, 4).T @ (w[:, None] * (basis(d, 4) @ truth)), truth, atol=1e-13)
+
+
+def transport_of(visible, count=400):
+    """Transport (9,) at the normal (0,0,1) by a rule for the hemisphere; visible: of directions (N,3), bool."""
+    z, weights = np.polynomial.legendre.leggauss(count)
+    z, weights = (z + 1) / 2, weights / 2
+    azimuth = 2 * np.pi * (np.arange(2 * count) + 0.5) / (2 * count)
+    side = np.sqrt(1 - z * z)[:, None]
+    d = np.stack(np.broadcast_arrays(side * np.cos(azimuth), side * np.sin(azimuth), z[:, None]), -1).reshape(-1, 3)
+    weights = np.repeat(weights * np.pi / count, 2 * count)
+    return (weights * d[:, 2] * visible(d)) @ basis(d)
+
+
+def test_mean_direction_is_the_normal_where_occlusion_is_symmetric():
+    normals = directions(50, seed=1)
+    for visible in (lambda d: np.ones(len(d)), lambda d: d[:, 2] > 0.7, lambda d: np.abs(d[:, 0]) < d[:, 2]):
+        transport = transport_of(visible)
+        np.testing.assert_allclose(mean_direction(transport), [0, 0, 1], atol=1e-6)
+        for normal in normals:
+            side = np.linalg.qr(np.stack([normal, *np.eye(3)[:2]], 1))[0]
+            turn = np.stack([side[:, 1], side[:, 2], normal], 1)  # or a reflection, which the coefficients follow, too
+            np.testing.assert_allclose(mean_direction(rotation_matrix(turn) @ transport), normal, atol=1e-6)
+
+
+def test_mean_direction_bends_away_from_a_wall():
+    """A wall at x = 0 beside the point: the integrals of x cos and z cos over the half are 2/3 and pi/3."""
+    bent = mean_direction(np.stack([transport_of(lambda d: d[:, 0] > 0), np.zeros(9)]))
+    np.testing.assert_allclose(np.degrees(np.arctan2(*bent[0, [0, 2]])), np.degrees(np.arctan(2 / np.pi)), atol=1e-3)
+    assert abs(bent[0, 1]) < 1e-9 and not bent[1].any()

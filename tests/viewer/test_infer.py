@@ -11,12 +11,14 @@ from PIL import Image
 from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from relight.inference import PhotoNetwork
+from relight.lights.place import STATISTICS, place_light
 from relight.photos.api import Relighter
+from relight.photos.compose.background import Background, estimate_white
 from relight.photos.compose.color import chroma, clipping_excess
 from relight.photos.compose.render import estimate_foreground
 from relight.photos.mask import selfie
 from relight.photos.mask.find import split_people
-from relight.srgb import LINEAR
+from relight.srgb import LINEAR, encode, to_bytes
 from relight.viewer.bundle import bundle
 from relight.viewer.figure import EXCESS_STEPS, QUALITIES, pack
 from relight.viewer.site import STUDIO
@@ -69,7 +71,8 @@ def node(module, program, values):
     found = shutil.which("node")
     if found is None:
         pytest.skip("no node on this machine")
-    script = bundle(STUDIO / f"{module}.js") + program + PROGRAM
+    (path,) = STUDIO.parent.glob(f"*/{module}.js")
+    script = bundle(path) + program + PROGRAM
     done = subprocess.run([found, "-e", script], input=json.dumps(values), capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return json.loads(done.stdout, object_hook=arrays)
@@ -191,3 +194,32 @@ def test_the_mask_is_that_of_python_whatever_the_network_says(monkeypatch):
     ).reshape(expected.shape)
     assert (expected > 128).sum() > 1000 and (expected[:20, 130:] < 128).all()
     assert np.abs(found.astype(int) - expected).max() <= 1
+
+
+def places():
+    """Pictures of places of several shapes and sizes: bright sides, color casts, clipped parts, and extremes."""
+    generator = np.random.default_rng(7)
+    for height, width in ((36, 48), (301, 222), (40, 640), (30, 20)):
+        y, x = np.mgrid[:height, :width] / np.array([height, width])[:, None, None]
+        light = np.exp(generator.normal(0, 1.5) * x + generator.normal(-1, 1) * y) * generator.uniform(0.1, 1.5)
+        linear = light[..., None] * np.exp(generator.normal(0, 0.4, 3)) * generator.uniform(0.5, 1, (height, width, 1))
+        yield to_bytes(encode(linear.clip(0, 1)))
+    yield np.zeros((20, 30, 3), np.uint8)
+    yield np.full((20, 30, 3), 255, np.uint8)
+
+
+def test_the_light_of_a_place_is_that_of_python():
+    program = """const main = ({ pixels, width, height, known, light }) => {
+      const picture = { pixels: Uint8Array.from(pixels), width, height }, white = $place.whiteOf(picture);
+      return { light: $place.placeLight(picture, known), white, tint: $place.tintOf(white, light) };
+    };"""
+    for pixels in places():
+        height, width = pixels.shape[:2]
+        expected = place_light(pixels)
+        values = {"known": json.loads(STATISTICS.read_text()), "light": expected.ravel().tolist()}
+        values |= {"pixels": np.dstack([pixels, pixels[..., :1]]).ravel().tolist(), "width": width, "height": height}
+        found = node("place", program, values)
+        np.testing.assert_allclose(found["light"].reshape(9, 3), expected, atol=1e-5 * np.abs(expected).max())
+        np.testing.assert_allclose(found["white"], estimate_white(pixels), rtol=1e-5, atol=1e-9)
+        tint = Background("picture", picture=pixels).matched(expected, 1.0).tint
+        np.testing.assert_allclose(found["tint"], tint, rtol=1e-5)

@@ -13,6 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from relight.crop import Crop
 from relight.lights.load import key_light
+from relight.lights.place import place_light
 from relight.maps import Maps
 from relight.panoramas import Panorama, project
 from relight.photos.compose.background import Background
@@ -654,3 +655,70 @@ def test_gallery_offers_its_figures_and_forgets_the_photo(page, tmp_path, maps, 
     assert page.run("relight.state.background") == "studio"
     expected = codes(small.albedo * relit_shading(small, lights["Window"]))
     assert farthest(page.pixels(**START), expected, small.mask) <= 2
+
+
+STREET = """async (pixels, width, height, isBehind) => {
+  const image = new ImageData(Uint8ClampedArray.from(pixels), width, height);
+  const canvas = new OffscreenCanvas(width, height);
+  canvas.getContext("2d").putImageData(image, 0, 0);
+  const file = new File([await canvas.convertToBlob({ type: "image/png" })], "street.png", { type: "image/png" });
+  await relight.openPlace(file, isBehind);
+  const shown = relight.lights()[relight.state.light];
+  return { name: shown.name, values: [...shown.values], background: relight.state.background };
+}"""
+
+
+@pytest.fixture(scope="module")
+def street():
+    """A picture of a place (H,W,3) uint8, bright on its left; of the size of the figure's images."""
+    y, x = np.mgrid[:96, :96] / 96
+    noise = np.random.default_rng(5).uniform(0.8, 1, (96, 96, 1))
+    return np.rint(255 * encode((0.9 - 0.8 * x + 0 * y)[..., None] * noise * [1, 0.8, 0.5])).astype(np.uint8)
+
+
+def opened_place(page, pixels, is_behind):
+    rgba = np.dstack([pixels, np.full(pixels.shape[:2], 255, np.uint8)])
+    return page.call(STREET, rgba.ravel().tolist(), *pixels.shape[1::-1], is_behind)
+
+
+def test_a_place_lights_the_figure_before_its_picture_as_in_python(page, photo_html, maps, photograph, street):
+    """Against relight.photos.compose.render with the light and the background of `relight photo --background`."""
+    page.open(photo_html)
+    photo, own = photograph
+    before = page.run("relight.state.background")
+    light = deringed(place_light(street))
+    light = light * exposure_factor(own, light, maps.transport, maps.mask)
+    alone = opened_place(page, street, False)
+    np.testing.assert_allclose(np.reshape(alone["values"], (9, 3)), light, rtol=1e-4, atol=1e-5 * light.max())
+    assert alone["name"] == "street" and alone["background"] == before
+    assert opened_place(page, street, True)["background"] == "picture"
+    coverage = np.where(maps.mask, 255, 0).astype(np.uint8)
+    size = len(photo)
+    square = Crop(0, 0, size, (0, size), (0, size), size)
+    figure = Inferred(square, coverage, maps.mask, LINEAR[photo], maps.albedo, maps.transport, own.astype(np.float32))
+    new = turned(light, 70, 0)
+    behind = Background("picture", picture=street, shadow=False).matched(light, 1.0)
+    for stops in (0, 1):
+        expected = render(photo, [figure], new, "ratio", behind, stops=stops)
+        index = page.run("relight.lights().length - 1")
+        pixels = page.pixels(**START | {"light": index, "yaw": 70, "stops": stops, "background": "picture"})
+        assert farthest(pixels, expected, ...) <= 2
+    dark = page.pixels(**START | {"light": index, "room": 0.25, "background": "picture"})
+    behind = Background("picture", picture=street, shadow=False).matched(light, 1.0, 0.25)
+    assert farthest(dark, render(photo, [figure], light / 4, "ratio", behind), ~maps.mask) <= 2
+
+
+def test_a_picture_behind_covers_the_image_and_keeps_its_shape(page, photo_html, street):
+    """A tall one and a wide one with a white disc in the middle: the disc stays round and in the middle."""
+    page.open(photo_html)
+    for height, width in ((300, 120), (120, 300)):
+        y, x = np.mgrid[:height, :width]
+        disc = np.hypot(x - width / 2 + 0.5, y - height / 2 + 0.5) < 50
+        opened_place(page, np.where(disc[..., None], 255, 60).repeat(3, 2).astype(np.uint8), True)
+        page.run(f"relight.set({json.dumps(START | {'background': 'picture'})})")
+        pixels = page.pixels()[..., :3].astype(int)
+        rim = np.hypot(*(np.mgrid[:96, :96] - 47.5)) / (50 * 96 / 120)
+        bright = pixels.sum(-1) > pixels[0, 0].sum() + 60
+        figure = page.pixels(background="clear")[..., 3] > 0
+        assert bright[(rim < 0.95) & ~figure].all() and not bright[(rim > 1.05) & ~figure].any()
+        assert bright[~figure].any() and not bright[~figure].all()

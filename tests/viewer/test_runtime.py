@@ -1,6 +1,7 @@
 """onnxruntime-web is taken once, and only in the version that is known."""
 
 import base64
+import gzip
 import hashlib
 import io
 import tarfile
@@ -40,9 +41,11 @@ def test_a_package_is_kept_and_unpacked(package, tmp_path):
     (tmp_path / "site").mkdir()
     files = runtime.unpack(tmp_path / "site")
     assert [path.read_text() for path in files] == list(runtime.FILES)
-    kept.write_bytes(kept.read_bytes()[:60])
-    with pytest.raises(UserError, match="damaged: run `relight web setup` again"):
-        runtime.unpack(tmp_path / "site")
+    whole = kept.read_bytes()
+    for damaged in (whole[:60], whole[:-60], whole[:40] + bytes(20) + whole[60:], gzip.compress(b""), b"no archive"):
+        kept.write_bytes(damaged)
+        with pytest.raises(UserError, match="damaged: run `relight web setup` again"):
+            runtime.unpack(tmp_path / "site")
 
 
 def test_another_package_is_refused_and_leaves_what_was(package, tmp_path):

@@ -139,6 +139,25 @@ def test_a_photo_becomes_the_maps_of_python_and_nothing_is_sent(page, server, ex
         assert np.abs(mine.astype(int) - page.pixels(**state, view=view)).max() <= 2, view
 
 
+def test_a_place_is_read_only_when_nothing_can_be_sent_any_more(page, server):
+    page.open(address(server))
+    sent, name = page.call(
+        """async (text) => { const decode = window.createImageBitmap; let sent = "not read";
+        window.createImageBitmap = async (...values) => {
+          sent = await fetch("index.html?place").then(() => "sent", () => "refused");
+          return decode(...values);
+        };
+        await relight.openPlace(new File([Uint8Array.from(atob(text), (c) => c.charCodeAt(0))], "street.png"), true);
+        return [sent, relight.lights().at(-1).name]; }""",
+        base64.b64encode(png(photograph()[0])).decode(),
+    )
+    assert sent == "refused" and name == "street"
+
+
+def test_the_site_is_a_static_space(site):
+    assert (site / "README.md").read_text().startswith('---\ntitle: "Turn the light in a photo"\n')
+
+
 def test_the_site_works_without_its_server(page, server):
     page.open(address(server))
     page.run("relight.engine()")

@@ -3,7 +3,7 @@ import { test } from "node:test";
 
 import { extremes, means } from "../../../relight/viewer/web/studio/filters.js";
 import { extent, label, nearest } from "../../../relight/viewer/web/studio/regions.js";
-import { bicubic, bilinear, box, lanczos, resample } from "../../../relight/viewer/web/studio/resample.js";
+import { bicubic, bilinear, box, lanczos, resample } from "../../../relight/viewer/web/page/resample.js";
 
 const width = 13, height = 9;
 const plane = Float64Array.from({ length: width * height }, (_, i) => Math.sin(i * 12.9) * 5);

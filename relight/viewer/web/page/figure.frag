@@ -4,12 +4,13 @@ precision highp sampler2D;
 // One pixel of the stage: what is behind the figure, the figure under a light, or both at its edge. Colors as in
 // relight/photos/compose/color.py. render.js defines the constants PART, VIEW, BACKGROUND, USE_RATIO and IS_CLIPPED, one program
 // for each case: in software, a GPU's stand-in computes all branches that the compiler leaves.
-uniform sampler2D transportA, transportB, transportC, surface, photo, front, excess, panorama;
+uniform sampler2D transportA, transportB, transportC, surface, photo, front, excess, panorama, picture;
 struct Light { mat4x3 first, second; vec3 last; }; // nine coefficients of red, green and blue
 uniform Light light, photoLight;
-uniform vec3 backdrop;
+uniform vec3 backdrop, pictureTint;
 uniform vec4 box;         // left, top, width, height of the maps in the image, pixels
 uniform vec3 placement;   // image x, y of the stage's top-left corner; image pixels per stage pixel
+uniform vec4 cover;       // left, top, width, height of the picture's part in the image, shares
 uniform vec2 image, stage;
 uniform float exposure, floorOfRatio, grain, panoramaGain;
 uniform mat3 toPanorama;   // from camera directions to those of the panorama before it was turned
@@ -17,7 +18,7 @@ out vec4 color;
 
 const int BEHIND = 0, EDGE = 1, INSIDE = 2;
 const int RELIT = 0, PHOTO = 1, ALBEDO = 2, SHADING = 3, AO = 4, NORMAL = 5, OPEN = 6;
-const int STUDIO = 0, COLOR = 1, CLEAR = 2, OWN = 3, LIGHT = 4, PANORAMA = 5;
+const int STUDIO = 0, COLOR = 1, CLEAR = 2, OWN = 3, LIGHT = 4, PANORAMA = 5, PICTURE = 6;
 const float KNEE = 0.8, FADE = 0.06, DISPLAY = 0.5, NOISE = 0.001, BLACK_GAIN = 2.0, DARK = 0.15;
 const vec3 LUMA = vec3(0.2126, 0.7152, 0.0722);
 
@@ -106,9 +107,11 @@ vec3 studio(vec2 onStage) {
 vec3 behind(vec2 at, vec2 onStage) {
   if (BACKGROUND == STUDIO) return studio(onStage);
   if (BACKGROUND == COLOR) return backdrop;
-  if (BACKGROUND == OWN) {
-    bool inFrame = all(greaterThanEqual(at, vec2(0.0))) && all(lessThanEqual(at, image));
-    return inFrame ? texture(photo, at / image).rgb : studio(onStage);
+  if (BACKGROUND == OWN || BACKGROUND == PICTURE) {
+    if (any(lessThan(at, vec2(0.0))) || any(greaterThan(at, image))) return studio(onStage);
+    if (BACKGROUND == OWN) return texture(photo, at / image).rgb;
+    vec2 lod = vec2(textureSize(picture, 0)) * cover.zw / image * placement.z; // derivatives are undefined in a branch
+    return encode(relit(decode(textureLod(picture, cover.xy + at / image * cover.zw, log2(max(lod.x, lod.y))).rgb), exposure * pictureTint, vec3(0.0)));
   }
   vec2 view = 0.46630766 * (2.0 * at - image) / max(image.x, image.y);
   vec3 toward = normalize(vec3(view.x, -view.y, -1.0)), d = toPanorama * toward, radiance;

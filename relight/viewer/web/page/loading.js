@@ -3,9 +3,13 @@
 import { loadFigure } from "./figure.js";
 import { project, readHDR } from "./hdr.js";
 import { LABELS, listChoices, listLights, notify, refresh } from "./panel.js";
+import { isPicture, readPhoto } from "./photo.js";
 import { placement } from "./picture.js";
+import { placeLight, whiteOf } from "./place.js";
 import { deringed, rotate, turn } from "./sh.js";
-import { app, element, embedded, set, state } from "./state.js";
+import { app, element, embedded, page, set, state } from "./state.js";
+
+const LONGEST = 2048; // pixels of a place's picture: what every texture can hold
 
 // The factor for a light that gives the figure the brightness it has under `reference`: the mean luminance of its
 // shading at the turn about the vertical where it is largest (relight.photos.compose.shading.exposure_factor).
@@ -35,7 +39,7 @@ function collectLights() {
     app.shown = app.lights.map((light) => scaled(light, matched(own, light.values)));
     app.shown.unshift({ name: "As taken", values: own });
   }
-  listLights(openPanorama);
+  listLights({ ".panorama": openPanorama, ".place": openPlace });
 }
 
 // Adds a light of the user's own and shows it, at the brightness of the first one.
@@ -47,16 +51,38 @@ function addLight(name, values, panorama = null) {
   element("light-list").children[state.light].scrollIntoView({ block: "nearest" });
 }
 
-async function openPanorama(file) {
+const nameOf = (file) => file.name.replace(/\.[^.]+$/, "");
+
+// What is dropped on the page, a panorama or a picture of a place, lights the figure.
+function openLight(file) {
+  return isPicture(file) ? openPlace(file, true) : openPanorama(file);
+}
+
+// A function of a file of the user's own that is called once such files may be read; what it throws is told.
+const reading = (act) => async (file, ...values) => {
   try {
-    const panorama = readHDR(await file.arrayBuffer()), light = deringed(project(panorama));
-    if (!light.some((v) => v)) throw new Error("The panorama is black.");
-    addLight(file.name.replace(/\.[^.]+$/, ""), light, panorama);
-    set({ yaw: 0, tilt: 0 });
+    await app.beforeReading?.();
+    await act(file, ...values);
   } catch (error) {
     notify(error.message);
   }
-}
+};
+
+const openPanorama = reading(async (file) => {
+  const panorama = readHDR(await file.arrayBuffer()), light = deringed(project(panorama));
+  if (!light.some((v) => v)) throw new Error("The panorama is black.");
+  addLight(nameOf(file), light, panorama);
+  set({ yaw: 0, tilt: 0 });
+});
+
+// A picture of a place: its light, and it can be shown behind the figure.
+const openPlace = reading(async (file, isBehind = false) => {
+  const picture = await readPhoto(file, LONGEST);
+  app.picture = { ...picture, white: whiteOf(picture) };
+  addLight(nameOf(file), deringed(placeLight(picture, page.place)));
+  listBackgrounds();
+  set({ yaw: 0, tilt: 0, ...(isBehind && { background: "picture" }) });
+});
 
 const figures = embedded.map((script) => async () => loadFigure(JSON.parse(script.textContent)));
 
@@ -75,6 +101,11 @@ function sourcesOf(index) {
   return source ? [...embedded.keys()].filter((i) => isSame(embedded[i])) : [index];
 }
 
+function listBackgrounds() {
+  const ifAny = [...(app.figure.photo ? ["photo"] : []), ...(app.picture ? ["picture"] : [])];
+  listChoices(element("background-list"), "background", [...ifAny, "studio", "light", "color", "clear"]);
+}
+
 async function choose(index) {
   element("loading").hidden = false;
   await new Promise(requestAnimationFrame);
@@ -86,7 +117,7 @@ async function choose(index) {
   const views = ["relit", ...ifPhoto, "albedo", "shading", "ao", ...ifNormals];
   const sides = ["none", ...ifPhoto, ...(chosen.hasNormals ? ["open"] : []), "albedo", "shading"];
   listChoices(element("view-list"), "view", views);
-  listChoices(element("background-list"), "background", [...ifPhoto, "studio", "light", "color", "clear"]);
+  listBackgrounds();
   element("before").replaceChildren(...sides.map((side) => new Option(LABELS[side] ?? "nothing", side)));
   element("modes").hidden = !chosen.light;
   collectLights();
@@ -106,4 +137,4 @@ async function choose(index) {
   refresh();
 }
 
-export { addFigure, addLight, choose, openPanorama, sourcesOf };
+export { addFigure, addLight, choose, openLight, openPanorama, openPlace, sourcesOf };

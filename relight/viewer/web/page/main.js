@@ -4,8 +4,8 @@ import { decodePlanes, inflate } from "./codec.js";
 import { project, readHDR } from "./hdr.js";
 import { lampLight } from "./lamps.js";
 import { fromAddress, toParameters, writeAddress } from "./link.js";
-import { addLight, choose, openPanorama, sourcesOf } from "./loading.js";
-import { MODES, addLamp, listChoices, notify, refresh } from "./panel.js";
+import { addLight, choose, openLight, openPanorama, openPlace, sourcesOf } from "./loading.js";
+import { MODES, addLamp, listChoices, notify, onFile, refresh } from "./panel.js";
 import { canvas, fit, pixels, placement, redraw, stage } from "./picture.js";
 import { listen } from "./placement.js";
 import { Renderer } from "./render.js";
@@ -88,6 +88,7 @@ element("figure").addEventListener("change", (event) => {
   choose(found.find((i) => source && embedded[i]?.dataset.source === source) ?? found[0]);
 });
 element("source").addEventListener("change", (event) => choose(Number(event.target.value)));
+onFile(element("place-file"), (file) => openPlace(file, true));
 element("auto").addEventListener("click", () => autoRotate(!state.auto));
 element("add-lamp").addEventListener("click", addLamp);
 element("reset").addEventListener("click", KEYS.r);
@@ -119,7 +120,7 @@ document.addEventListener("dragleave", (event) => (element("drop").hidden = even
 document.addEventListener("drop", (event) => {
   event.preventDefault();
   element("drop").hidden = true;
-  if (event.dataTransfer.files.length) (app.openFile ?? openPanorama)(event.dataTransfer.files[0]);
+  if (event.dataTransfer.files.length) (app.openFile ?? openLight)(event.dataTransfer.files[0]);
 });
 
 async function start() {
@@ -161,7 +162,7 @@ const ready = start().catch((error) => {
 
 // For tests, and for a page that embeds this one.
 window.relight = {
-  state, choose, placement, readHDR, project, rotate, turn, deringed, inflate, decodePlanes, openPanorama, redraw, refit: fit,
+  state, choose, placement, readHDR, project, rotate, turn, deringed, inflate, decodePlanes, openPanorama, openPlace, redraw, refit: fit,
   lampLight, record, ready,
   set: (changes) => {
     stopOpening();

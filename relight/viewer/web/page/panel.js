@@ -6,7 +6,7 @@ import { canvas, redraw, stage } from "./picture.js";
 import { app, element, set, state, subscribe } from "./state.js";
 
 const LABELS = {
-  relit: "Relit", photo: "Photo", albedo: "Albedo", shading: "Shading", ao: "Occlusion", normal: "Normals",
+  relit: "Relit", photo: "Photo", picture: "Picture", albedo: "Albedo", shading: "Shading", ao: "Occlusion", normal: "Normals",
   open: "No occlusion", studio: "Studio", color: "Color", clear: "Clear", light: "Light",
 };
 const MODES = { ratio: "Keep the photo", full: "From the maps" };
@@ -26,8 +26,17 @@ function listChoices(list, name, values, labels = LABELS) {
   }));
 }
 
-// A ball under each light; `onFile` gets the panorama that the user opens in the last tile.
-function listLights(onFile) {
+// Calls `open` with each file that is given to an input.
+function onFile(input, open) {
+  input.addEventListener("change", () => {
+    const [file] = input.files;
+    input.value = ""; // so that the same file can be opened again
+    if (file) open(file);
+  });
+}
+
+// A ball under each light; openers: what is done with the files of the last tiles, by their selectors.
+function listLights(openers) {
   element("light-list").replaceChildren(...app.shown.map(({ name, values }, i) => {
     const label = document.createElement("label"), input = document.createElement("input");
     const ball = document.createElement("canvas"), text = document.createElement("span");
@@ -40,7 +49,7 @@ function listLights(onFile) {
     return label;
   }));
   const tile = element("open-tile").content.cloneNode(true);
-  tile.querySelector("input").addEventListener("change", (event) => onFile(event.target.files[0]));
+  for (const [tileOf, open] of Object.entries(openers)) onFile(tile.querySelector(`${tileOf} input`), open);
   element("light-list").append(tile);
 }
 
@@ -157,4 +166,4 @@ function notify(message, isError = true) {
 
 subscribe(refresh);
 
-export { LABELS, MODES, addLamp, listChoices, listLights, notify, refresh };
+export { LABELS, MODES, addLamp, listChoices, listLights, notify, onFile, refresh };

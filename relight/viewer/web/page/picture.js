@@ -2,6 +2,7 @@
 
 import { drawBall } from "./ball.js";
 import { lampLight } from "./lamps.js";
+import { tintOf } from "./place.js";
 import { Placement } from "./placement.js";
 import { rotate, turn } from "./sh.js";
 import { app, element, state } from "./state.js";
@@ -30,11 +31,12 @@ function currentLight() {
 }
 
 function scene(split) {
-  const { panorama } = app.shown[state.light];
+  const { panorama } = app.shown[state.light], { picture } = app, light = currentLight();
   return {
-    light: currentLight(), view: state.view, background: state.background, exposure: 2 ** state.stops,
+    light, view: state.view, background: state.background, exposure: 2 ** state.stops,
     backdrop: [1, 3, 5].map((i) => parseInt(state.color.slice(i, i + 2), 16) / 255), ratio: state.mode === "ratio",
     ...(panorama && { panorama: { ...panorama, gain: panorama.gain * state.room, rotation: rotation() } }),
+    ...(picture && { picture: { ...picture, tint: tintOf(picture.white, light).map((value) => value * state.room) } }),
     ...(state.before === "none" ? {} : { before: state.before, split }),
   };
 }

@@ -2,8 +2,8 @@
 
 const PARTS = ["behind", "edge", "inside"];
 const VIEWS = ["relit", "photo", "albedo", "shading", "ao", "normal", "open"];
-const BACKGROUNDS = ["studio", "color", "clear", "photo", "light", "panorama"];
-const SAMPLERS = ["transportA", "transportB", "transportC", "surface", "photo", "front", "excess", "panorama"];
+const BACKGROUNDS = ["studio", "color", "clear", "photo", "light", "panorama", "picture"];
+const SAMPLERS = ["transportA", "transportB", "transportC", "surface", "photo", "front", "excess", "panorama", "picture"];
 const TILE = 16; // pixels of a figure's box: tiles without the figure are not drawn, those inside it without a background
 
 const IDENTITY = [[1, 0, 0], [0, 1, 0], [0, 0, 1]];
@@ -70,7 +70,7 @@ export class Renderer {
     this.float = gl.getExtension("OES_texture_float_linear") ? gl.RGBA32F : gl.RGBA16F;
     this.textures = SAMPLERS.map(() => gl.createTexture());
     this.programs = new Map();
-    this.panorama = null;
+    this.panorama = this.picture = null;
     gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
     gl.vertexAttribPointer(0, 2, gl.FLOAT, false, 0, 0);
     gl.enableVertexAttribArray(0);
@@ -148,6 +148,22 @@ export class Renderer {
     this.panorama = pixels;
   }
 
+  showPicture({ width, height, pixels }) {
+    const { gl } = this;
+    this.bind(8);
+    gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA8, width, height, 0, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+    gl.generateMipmap(gl.TEXTURE_2D);
+    gl.texParameteri(gl.TEXTURE_2D, gl.TEXTURE_MIN_FILTER, gl.LINEAR_MIPMAP_LINEAR);
+    this.picture = pixels;
+  }
+
+  // The part of the picture that covers the image: left, top, width, height as shares of the picture's.
+  cover({ width, height }) {
+    const scale = Math.max(this.figure.height / height, this.figure.width / width);
+    const share = [this.figure.width / scale / width, this.figure.height / scale / height];
+    return [...share.map((value) => (1 - value) / 2), ...share];
+  }
+
   bind(unit) {
     const gl = this.gl;
     gl.activeTexture(gl.TEXTURE0 + unit);
@@ -159,15 +175,19 @@ export class Renderer {
   }
 
   // scene: light, view, before, split (stage pixels), background, backdrop, exposure, ratio, panorama (of the light, with
-  // gain and rotation). placement: [x, y, image pixels per stage pixel] of the stage's top-left corner in the image.
+  // gain and rotation), picture (with its tint). placement: [x, y, image pixels per stage pixel] of the stage's top-left
+  // corner in the image.
   draw(scene, placement, width, height, grain = 1) {
     const { gl, figure, tiles: { edge, inside } } = this, { light, panorama } = scene;
-    const background = scene.background === "photo" && !figure.photo ? "studio" : scene.background;
+    const has = { photo: figure.photo, picture: scene.picture }, { picture } = scene;
+    const background = scene.background in has && !has[scene.background] ? "studio" : scene.background;
     const hasPanorama = background === "light" && !!panorama, isRatio = scene.ratio && !!figure.light;
     if (hasPanorama && this.panorama !== panorama.pixels) this.showPanorama(panorama);
+    if (background === "picture" && this.picture !== picture.pixels) this.showPicture(picture);
     const photoLight = figure.light?.flat() ?? new Float32Array(27);
     const drawPart = (part, view, first, count) => {
-      const { program, at } = this.program(part, view, hasPanorama ? "panorama" : background, isRatio, !!figure.excess);
+      const shown = hasPanorama ? "panorama" : background;
+      const { program, at } = this.program(part, view, shown, isRatio, !!figure.excess);
       gl.useProgram(program);
       for (const [name, values] of [["light", light], ["photoLight", photoLight]]) {
         gl.uniformMatrix4x3fv(at[`${name}.first`], false, values.slice(0, 12));
@@ -176,6 +196,8 @@ export class Renderer {
       }
       gl.uniform1f(at.panoramaGain, panorama?.gain ?? 0);
       gl.uniformMatrix3fv(at.toPanorama, false, (panorama?.rotation ?? IDENTITY).flat());
+      gl.uniform3fv(at.pictureTint, picture?.tint ?? [1, 1, 1]);
+      gl.uniform4fv(at.cover, picture ? this.cover(picture) : [0, 0, 1, 1]);
       gl.uniform3fv(at.backdrop, scene.backdrop);
       gl.uniform4fv(at.box, figure.box);
       gl.uniform3fv(at.placement, placement);
@@ -206,7 +228,7 @@ export class Renderer {
     const { gl, figure: { width, height } } = this;
     const target = gl.createTexture(), depth = gl.createRenderbuffer(), frame = gl.createFramebuffer();
     const pixels = new Uint8Array(4 * width * height);
-    gl.activeTexture(gl.TEXTURE8);
+    gl.activeTexture(gl.TEXTURE0 + SAMPLERS.length);
     gl.bindTexture(gl.TEXTURE_2D, target);
     gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA8, width, height);
     gl.bindFramebuffer(gl.FRAMEBUFFER, frame);

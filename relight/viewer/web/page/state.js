@@ -14,8 +14,10 @@ const app = {
   index: 0, // of the figure
   lights: page.lights.map(({ name, values }) => ({ name, values: Float64Array.from(values.flat()) })), // as embedded
   shown: [], // the same, matched to the figure's photo
+  picture: null, // of a place, to be shown behind: { pixels, width, height, white }
   frames: 0, // drawn so far
   openFile: null, // what is done with a dropped file; by default it is a panorama
+  beforeReading: null, // called and awaited before a file of the user's own is read
   onFigure: null, // called when another figure is shown
   isOpening: false, // the light turns because the page has just opened
   isDragged: false, // by a pointer on the stage

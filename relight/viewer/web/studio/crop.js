@@ -1,6 +1,6 @@
 // The square that the network sees of a photo, and the way back: relight/crop.py.
 
-import { bicubic, bilinear, resample } from "./resample.js";
+import { bicubic, bilinear, resample } from "../page/resample.js";
 import { extent } from "./regions.js";
 
 const MASK_THRESHOLD = 128; // coverage (of 255) from which a pixel counts as the person's

@@ -2,7 +2,7 @@
 
 import { means } from "./filters.js";
 import { label, extent, nearest } from "./regions.js";
-import { bicubic, bilinear, box, resample } from "./resample.js";
+import { bicubic, bilinear, box, resample } from "../page/resample.js";
 
 const SIDE = 256, PASSES = 3, MARGIN = 0.06; // of the network; its runs; around the figure, of its height
 const SHARE = 0.05, NEAR = 0.01; // parts smaller than this of the largest, and farther from one kept, are dropped

@@ -1,13 +1,13 @@
 // The viewer with photos of the user's own: opened, masked and inferred in the browser.
 
 import { ready } from "../page/main.js";
-import { addFigure, openPanorama } from "../page/loading.js";
-import { notify } from "../page/panel.js";
+import { addFigure, openLight } from "../page/loading.js";
+import { notify, onFile } from "../page/panel.js";
+import { isPicture, readPhoto } from "../page/photo.js";
 import { openingTurn } from "../page/turning.js";
 import { app, element, page } from "../page/state.js";
 import { paintMask, startBrush } from "./brush.js";
 import { startEngine } from "./engine.js";
-import { readPhoto } from "./photo.js";
 
 const LONGEST = 1024; // pixels of the photo's longer side, as `relight view` has it
 const own = new Map(); // of figures that were inferred here: their photo and coverage
@@ -76,19 +76,14 @@ const guarded = (act) => (...values) => act(...values).catch((error) => {
 const open = guarded(openPhoto);
 
 function openFile(file) {
-  return file.type.startsWith("image/") && !/\.(hdr|pic|rgbe)$/i.test(file.name) ? open(file) : openPanorama(file);
+  return isPicture(file) ? open(file) : openLight(file);
 }
 
 async function start() {
   startBrush();
-  app.openFile = openFile;
+  Object.assign(app, { openFile, beforeReading: startOnce });
   element("drop").textContent = "Drop a photo, or an .hdr panorama to light with";
-  const input = element("photo-file");
-  input.addEventListener("change", () => {
-    const [file] = input.files;
-    input.value = ""; // so that the same file can be opened again
-    if (file) open(file);
-  });
+  onFile(element("photo-file"), open);
   const edit = element("edit-mask");
   edit.addEventListener("click", guarded(() => {
     const { photo, coverage, title } = own.get(app.figure);

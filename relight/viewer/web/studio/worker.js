@@ -1,7 +1,7 @@
 // What takes seconds, apart from the page's thread. `ort` is onnxruntime-web, imported by what starts this (studio.js).
 
 import { inferFigure } from "./infer.js";
-import { lanczos, resample } from "./resample.js";
+import { lanczos, resample } from "../page/resample.js";
 import { findPeople } from "./selfie.js";
 
 const sessions = {};

@@ -2,12 +2,16 @@
 
 const LONGEST = 4096; // pixels: larger photos are scaled down by the browser, for textures have a largest size
 
-async function readPhoto(file) {
+function isPicture(file) {
+  return file.type.startsWith("image/") && !/\.(hdr|pic|rgbe)$/i.test(file.name);
+}
+
+async function readPhoto(file, longest = LONGEST) {
   const straight = { premultiplyAlpha: "none" };
   let bitmap = await createImageBitmap(file, straight).catch(() => null);
   if (!bitmap) throw new Error(`${file.name} is no picture that this browser reads: give JPEG, PNG or WebP.`);
   if (Math.min(bitmap.width, bitmap.height) < 8) throw new Error(`${file.name} is smaller than 8 pixels a side.`);
-  const scale = LONGEST / Math.max(bitmap.width, bitmap.height);
+  const scale = longest / Math.max(bitmap.width, bitmap.height);
   if (scale < 1) {
     const [resizeWidth, resizeHeight] = [bitmap.width, bitmap.height].map((side) => Math.max(Math.round(side * scale), 1));
     bitmap = await createImageBitmap(bitmap, { ...straight, resizeWidth, resizeHeight, resizeQuality: "high" });
@@ -29,4 +33,4 @@ function straightPixels(bitmap) {
   return pixels;
 }
 
-export { readPhoto };
+export { isPicture, readPhoto };
