@@ -11,7 +11,7 @@ from relight.benchmark.measures import Intrinsics
 from relight.benchmark.recipes import PictureRecipe
 from relight.benchmark.shots import Shot, variants
 from relight.config import NO_AUGMENTATION
-from relight.crop import Crop, figure_means
+from relight.crop import Crop, extent, figure_means
 from relight.learning.augment import simulate_camera
 from relight.maps import Maps
 from relight.meshes import Mesh
@@ -115,11 +115,11 @@ def crop_window(mask: np.ndarray, cut: float | None) -> tuple[slice, slice]:
     """Returns the rows and columns to keep: all, or those around the fraction `cut` of the figure from the top."""
     if cut is None:
         return slice(None), slice(None)
-    rows = np.flatnonzero(mask.any(1))
-    end = rows[0] + math.ceil(cut * len(rows))
-    margin = max(2, round(MARGIN * (end - rows[0])))
-    columns = np.flatnonzero(mask[:end].any(0))
-    return slice(max(0, rows[0] - margin), end), slice(max(0, columns[0] - margin), columns[-1] + 1 + margin)
+    (top, bottom), _ = extent(mask)
+    end = top + math.ceil(cut * (bottom - top))
+    margin = max(2, round(MARGIN * (end - top)))
+    left, right = extent(mask[:end])[1]
+    return slice(max(0, top - margin), end), slice(max(0, left - margin), right + margin)
 
 
 def crop_maps(maps: Maps, window: tuple[slice, slice]) -> Maps:

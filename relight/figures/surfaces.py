@@ -208,12 +208,11 @@ def thickened(
     return np.concatenate([vertices, below]), out, np.concatenate([np.arange(len(vertices)), used])
 
 
-def smoothed(values: np.ndarray, faces: np.ndarray, times: int, keep: np.ndarray | None = None) -> np.ndarray:
-    """Returns vertex values (V,...) after Laplacian smoothing; those in the mask `keep` stay."""
+def smoothed(values: np.ndarray, faces: np.ndarray, times: int) -> np.ndarray:
+    """Returns vertex values (V,...) after Laplacian smoothing."""
     around = neighbours(faces, len(values))
     for _ in range(times):
-        mean = 0.5 * values + 0.5 * (around @ values)
-        values = mean if keep is None else np.where(keep[:, None], values, mean)
+        values = 0.5 * values + 0.5 * (around @ values)
     return values
 
 

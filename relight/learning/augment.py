@@ -15,7 +15,7 @@ from torch import Tensor
 
 from relight.config import STRENGTHS, Augment
 from relight.learning.camera import decode, encode, photograph, shade
-from relight.learning.data import Batch, compact_index
+from relight.learning.data import Batch, compact_index, extent
 from relight.learning.harmonics import unoccluded
 
 FIGURE_SHARE = 0.9  # larger side of a figure's bounding box over the image's side (docs/conventions.md)
@@ -267,13 +267,13 @@ def _reframed(
         if rng.random() >= settings.framing:
             continue
         if rng.random() < settings.cut:
-            top, bottom, _, _ = _bounding_box(mask[i, 0])
+            (top, bottom), _ = extent(mask[i])
             mask[i, :, top + math.ceil(rng.uniform(*CUT_HEIGHT) * (bottom - top)) :] = 0
-            _, _, left, right = _bounding_box(mask[i, 0])
+            left, right = extent(mask[i])[1]
             if rng.random() < 0.25:  # also cut at the left or right edge of the photograph
                 width = math.ceil(rng.uniform(0.6, 0.95) * (right - left))
                 mask[i, ..., *((slice(left + width, None),) if rng.random() < 0.5 else (slice(0, right - width),))] = 0
-        top, bottom, left, right = _bounding_box(mask[i, 0])
+        (top, bottom), (left, right) = extent(mask[i])
         zoom = math.exp(rng.uniform(*np.log(settings.zoom)))
         scale = max(bottom - top, right - left) / (FIGURE_SHARE * zoom * side)  # of the old square in the new one
         centre = np.array([(left + right) / 2, (top + bottom) / 2]) / side * 2 - 1
@@ -286,12 +286,6 @@ def _reframed(
     inside[..., 0, 0] = 0  # the padding of compact maps needs a pixel outside
     maps = F.grid_sample(maps * mask, grid, align_corners=False) / share.clamp_min(0.5)
     return maps * inside, inside
-
-
-def _bounding_box(mask: Tensor) -> tuple[int, int, int, int]:
-    """Returns the bounding box of the non-zero pixels of (S,S): first and end row, first and end column."""
-    rows, columns = (torch.nonzero(mask.any(axis))[:, 0] for axis in (1, 0))
-    return int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
 
 
 def _perturbed_masks(mask: Tensor, settings: Augment, generators: list[np.random.Generator]) -> Tensor:

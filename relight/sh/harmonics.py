@@ -105,8 +105,9 @@ def basis(directions: np.ndarray, order: int = 2) -> np.ndarray:
     [0.2821, 0.0, 0.4886, 0.0]
     """
     directions = np.asarray(directions, np.float64)
-    values = np.empty((*directions.shape[:-1], coefficient_count(order)))
-    for index, value in polynomials(*np.moveaxis(directions, -1, 0), np.ones(directions.shape[:-1]), order):
+    x, y, z = np.moveaxis(directions, -1, 0)
+    values = np.empty((*x.shape, coefficient_count(order)))
+    for index, value in polynomials(x, y, z, np.ones_like(x), order):
         values[..., index] = value
     return values
 
