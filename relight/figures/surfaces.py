@@ -238,6 +238,19 @@ def extruded(ring: np.ndarray, rows: list[np.ndarray], offset: int, closed: bool
     return np.concatenate(rows), np.concatenate(faces)
 
 
+def grid_faces(rows: int, columns: int) -> np.ndarray:
+    """Returns the triangles of a grid with rows downward and columns to the right, as seen."""
+    index = np.arange(rows * columns).reshape(rows, columns)
+    a, b, c, d = index[:-1, :-1].ravel(), index[:-1, 1:].ravel(), index[1:, :-1].ravel(), index[1:, 1:].ravel()
+    return np.concatenate([np.stack([a, c, b], 1), np.stack([b, c, d], 1)])
+
+
+def longest_run(ring: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+    """Returns the longest run of chosen vertices in a closed ring (m,), of which at least one is not chosen."""
+    starts = np.flatnonzero(chosen & ~np.roll(chosen, 1))
+    return max((np.roll(ring, -k)[: int(np.argmin(np.roll(chosen, -k)))] for k in starts), key=len)
+
+
 def stacked(parts: list[Surface]) -> Surface:
     """Joins several surfaces into one."""
     starts = np.cumsum([0] + [len(vertices) for vertices, _ in parts])
