@@ -71,7 +71,7 @@ def trace(
         meshes: the folder of aligned meshes.
         panoramas: source of the lights' panoramas.
         evaluate: which lights.
-        settings: number of figures, paths per pixel, bounces, seed.
+        settings: number of figures, paths per pixel, bounces.
         order, rays: of the transport.
         out: the scenes (.npz).
 
@@ -124,7 +124,7 @@ def trace_figure(
     tracer, samples = PathTracer(mesh, data.size), max(1, settings.samples // 2)
 
     def trace_twice(source: np.ndarray, bounces: int, first: int) -> np.ndarray:
-        images = [tracer.irradiance(source, samples, bounces, 10 * settings.seed + first + k) for k in (0, 1)]
+        images = [tracer.irradiance(source, samples, bounces, first + k) for k in (0, 1)]
         return np.stack([image.reshape(-1, 3)[pixel] for image in images]).astype(np.float32)
 
     area = area_irradiance(mesh, data.size, light, order, rays)[pixel]
