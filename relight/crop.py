@@ -1,7 +1,7 @@
 """The square of a photo that the network is given, and the way back to the photo's pixels.
 
 The square is that of the training images (docs/conventions.md): the person's box is centred in it, and the longer side
-of the box is 1 - 2 * padding of its side. Its corners fall between the pixels of the photo and may lie outside of it.
+of the box is 1 - 2 * PADDING of its side. Its corners fall between the pixels of the photo and may lie outside of it.
 Both directions use the same real-valued square and pixel centres, so maps return to the place they were taken from.
 """
 
@@ -17,6 +17,7 @@ from relight.errors import UserError
 from relight.srgb import to_bytes
 
 MASK_THRESHOLD = 128  # coverage (of 255) from which a pixel counts as the person's
+PADDING = 0.05  # margin around the person's box, as a share of the square's side
 BLOCK = 32  # lines that are resampled by one product of matrices
 
 
@@ -157,20 +158,19 @@ def _resample(blocks: list[tuple[slice, slice, np.ndarray]], lines: np.ndarray, 
         np.matmul(weights, lines[columns], out=out[rows])
 
 
-def crop_around(coverage: np.ndarray, size: int, padding: float = 0.05) -> Crop:
+def crop_around(coverage: np.ndarray, size: int) -> Crop:
     """Finds the square around a person.
 
     Args:
         coverage: (H,W) uint8.
         size: side of the network's image, pixels.
-        padding: margin around the person's box, as a share of the square's side.
 
     Raises:
         UserError: if no pixel reaches MASK_THRESHOLD.
     """
     rows, columns = extent(coverage >= MASK_THRESHOLD)
     height, width = rows[1] - rows[0], columns[1] - columns[0]
-    side = max(height, width) / (1 - 2 * padding)
+    side = max(height, width) / (1 - 2 * PADDING)
     top, left = (sum(rows) - side) / 2, (sum(columns) - side) / 2
     rows, columns = extent(coverage > 0)
 

@@ -14,10 +14,10 @@ from pathlib import Path
 
 import numpy as np
 
-from relight.config import Lights, Panoramas, read_preset
+from relight.config import Panoramas, read_preset
 from relight.lights import build_light_set, select_lights, write_light_set
 from relight.lights.chain import generated_light, parallel_map
-from relight.lights.select import concatenate, darkened
+from relight.lights.select import RULES, concatenate, darkened
 from relight.lights.table import LightSet
 
 HELD_OUT = ("city", "forest", "lobby", "sky", "sunset", "workshop")  # every third of the eighteen, for the benchmark
@@ -26,25 +26,25 @@ GENERATED = {"sky": (600, 120), "lamps": (600, 120)}  # panoramas drawn, lights 
 HEADINGS = 12  # lights of each real panorama
 
 
-def exposed(lights: LightSet, usual: Lights) -> LightSet:
+def exposed(lights: LightSet) -> LightSet:
     """Returns the training and test lights, dimmed as a camera would expose: no brighter than usual lights may be."""
-    return darkened(lights.rows(np.isin(lights.split, ("train", "test"))), usual.rules.channel)
+    return darkened(lights.rows(np.isin(lights.split, ("train", "test"))), RULES["rooms"].channel)
 
 
 def main() -> None:
     folder, out = Path(sys.argv[1]), Path(sys.argv[2])
     usual = read_preset("lights")
-    strong = replace(usual, test=1, rules=replace(usual.rules, bright=6.0, channel=8.0, first=1.72, color=1.5))
+    strong = replace(usual, test=1, rules="strong")
     lights, _ = build_light_set(read_preset("panoramas", "generated"), replace(usual, clusters=410), 2)
     for kind, (drawn, count) in GENERATED.items():
         sources = [f"{kind}:{FIRST_SEED + i}" for i in range(drawn)]
         table = np.stack(list(parallel_map(partial(generated_light, order=2), sources)))
         chosen, _ = select_lights(table, sources, replace(strong, clusters=count))
-        lights = concatenate(lights, exposed(chosen, usual))
+        lights = concatenate(lights, exposed(chosen))
     names = [path.stem for path in sorted(folder.glob("*.exr"))]
     panoramas = Panoramas("folder", str(folder), 0, 0, 0, "auto", 0.0, False)
     real, _ = build_light_set(panoramas, replace(strong, clusters=HEADINGS * len(names), split="random"), 2)
-    real = exposed(real, usual)
+    real = exposed(real)
     held_out = np.isin([Path(source).stem for source in real.source], HELD_OUT)
     real.split[:] = np.where(held_out, "test", "train")
     lights = concatenate(lights, real)

@@ -1,7 +1,7 @@
 """Renders one picture of the benchmark: a path-traced figure as a camera takes it, with its ground truth."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -10,9 +10,8 @@ from relight.benchmark.lights import panorama, resampled
 from relight.benchmark.measures import Intrinsics
 from relight.benchmark.recipes import PictureRecipe
 from relight.benchmark.shots import Shot, variants
-from relight.config import NO_AUGMENTATION
-from relight.crop import Crop, figure_means
-from relight.learning.augment import simulate_camera
+from relight.crop import Crop, extent, figure_means
+from relight.learning.augment import Camera, simulate_camera
 from relight.maps import Maps
 from relight.meshes import Mesh
 from relight.panoramas import Panorama, project
@@ -29,7 +28,7 @@ SUPERSAMPLE = 4  # k: true maps are means over k x k points of a pixel
 MARGIN = 0.06  # around half a person, as a fraction of the picture's height
 
 # The camera of the photographs. It has no tone curve, as the true pictures have none.
-CAMERA = replace(NO_AUGMENTATION, blur=0.7, sharpen=0.5, noise=0.015, jpeg=0.6)
+CAMERA = Camera(tone=0.0, blur=0.7, sharpen=0.5, noise=0.015, jpeg=0.6)
 
 
 @dataclass(frozen=True)
@@ -118,11 +117,11 @@ def crop_window(mask: np.ndarray, cut: float | None) -> tuple[slice, slice]:
     """Returns the rows and columns to keep: all, or those around the fraction `cut` of the figure from the top."""
     if cut is None:
         return slice(None), slice(None)
-    rows = np.flatnonzero(mask.any(1))
-    end = rows[0] + math.ceil(cut * len(rows))
-    margin = max(2, round(MARGIN * (end - rows[0])))
-    columns = np.flatnonzero(mask[:end].any(0))
-    return slice(max(0, rows[0] - margin), end), slice(max(0, columns[0] - margin), columns[-1] + 1 + margin)
+    (top, bottom), _ = extent(mask)
+    end = top + math.ceil(cut * (bottom - top))
+    margin = max(2, round(MARGIN * (end - top)))
+    left, right = extent(mask[:end])[1]
+    return slice(max(0, top - margin), end), slice(max(0, left - margin), right + margin)
 
 
 def crop_maps(maps: Maps, window: tuple[slice, slice]) -> Maps:

@@ -83,7 +83,7 @@ def draw_recipe(seed: int, number: int) -> PictureRecipe:
     cut = round(float(rng.uniform(*CUT_HEIGHT)), 3) if is_half else None
     stops = round(float(rng.uniform(*STOPS)), 3)
     varied = number == 1 and seed % VARIANT_EVERY == 0
-    return PictureRecipe(name, seed, random_view(name, 0), cut, lights[0], tuple(lights[1:]), stops, varied)
+    return PictureRecipe(name, seed, random_view(name), cut, lights[0], tuple(lights[1:]), stops, varied)
 
 
 def with_gloss(mesh: Mesh, seed: int) -> Mesh:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.ndimage import binary_dilation, binary_erosion
 
-from relight.crop import MASK_THRESHOLD, Crop, crop_around
+from relight.crop import MASK_THRESHOLD, Crop, crop_around, extent
 
 SHIFTS = (4, 8)  # pixels of the square
 LARGER, SMALLER = 1.15, 0.93  # factors on the side of the square
@@ -59,10 +59,10 @@ def variants(expose: Callable[[np.ndarray | float], np.ndarray], mask: np.ndarra
     pixel = max(1, round(box.side / size))
     for name, change in (("fatter", binary_dilation), ("thinner", binary_erosion)):
         shots[name] = Shot(photo, change(mask >= MASK_THRESHOLD, iterations=pixel).astype(np.uint8) * 255, box)
-    rows = np.flatnonzero((mask >= MASK_THRESHOLD).any(1))
+    (top, bottom), _ = extent(mask >= MASK_THRESHOLD)
     for name, share in (("knee", KNEE), ("waist", WAIST)):
         cut = mask.copy()
-        cut[rows[0] + int(share * len(rows)) :] = 0
+        cut[top + int(share * (bottom - top)) :] = 0
         shots[name] = Shot(photo, cut, crop_around(cut, size))
     shots["mirror"] = Shot(photo[:, ::-1], mask[:, ::-1], crop_around(mask[:, ::-1], size))
     for name, gain in (("dark", DARK), ("warm", WARM), ("plain", PLAIN)):

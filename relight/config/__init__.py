@@ -19,7 +19,6 @@ from relight.config.schema import (
     Model,
     Panoramas,
     Pictures,
-    Rules,
     Split,
     Statistics,
     Sweep,
@@ -33,6 +32,6 @@ from relight.config.stages import READS, view
 __all__ = [
     "CONF", "IS_CLONE", "MAX_NAME_LENGTH", "NO_AUGMENTATION", "READS", "ROOT", "STRENGTHS",
     "Align", "Augment", "Bake", "Benchmark", "Clean", "Config", "Evaluate", "Experiment", "Figures", "Lights", "Loss",
-    "Model", "Panoramas", "Pictures", "Rules", "Split", "Statistics", "Sweep", "Timing", "Trace", "Track", "Train",
+    "Model", "Panoramas", "Pictures", "Split", "Statistics", "Sweep", "Timing", "Trace", "Track", "Train",
     "check", "check_name", "composed", "flat", "presets", "read_preset", "resolved", "view",
 ]  # fmt: skip

@@ -104,8 +104,6 @@ def _inconsistent(cfg: DictConfig) -> Iterator[str]:
 
     if unknown := [stage for stage in get("pin") or () if stage not in READS]:
         yield f"pin: no stage {unknown[0]}; there are {', '.join(READS)}"
-    if get("lights.low") is not None and get("lights.low") > get("lights.high"):
-        yield f"lights.low {get('lights.low')} must not be above lights.high {get('lights.high')}"
     if get("lights.test") is not None and get("lights.test") >= get("lights.clusters"):
         yield f"lights.test {get('lights.test')} must be below lights.clusters {get('lights.clusters')}"
     augments = any([*(get(f"augment.{name}") for name in STRENGTHS), *(get("augment.exposure") or ())])

@@ -58,9 +58,6 @@ class Figures:
 class Clean:
     """Repair of meshes."""
 
-    component: float = setting(
-        "largest share of the faces of a floating part that is removed, if it is also small in size", least=0, most=1
-    )
     close_holes: int = setting("largest hole that is closed, number of edges; 0 closes none", least=0)
     max_faces: int = setting("number of faces to which larger meshes are decimated; 0 decimates none", least=0)
 
@@ -87,7 +84,6 @@ class Bake:
     bounces: int = setting("number of bounces of interreflection; the paper has none", least=0)
     supersample: int = setting("k: maps are means over k x k points of a pixel, which share its rays", least=1)
     views: int = setting("number of further views of each figure, rotated and in perspective, to train on", least=0)
-    seed: int = setting("seed of rays and views", least=0)
 
 
 @dataclass
@@ -131,25 +127,6 @@ class Panoramas:
 
 
 @dataclass
-class Rules:
-    """Limits of usual lights, scaled to their reference brightness. A light that breaks one is unusual.
-
-    Irradiance is that of luminance. The front is all normals with z > 0. Rules on the main direction apply to lights
-    with |L1| / L00 > 0.35.
-    """
-
-    bright: float = setting("largest irradiance of the front", above=0)
-    channel: float = setting("largest irradiance of the front in one channel", above=0)
-    dim: float = setting("least irradiance at the normal (0, 0, 1)", least=0)
-    back: float = setting("largest ratio of the mean irradiance of the back to that of the front", least=0)
-    toward: float = setting("least cosine between main direction and direction to the camera", least=-1, most=1)
-    contrast: float = setting("least ratio of the front's darkest to its brightest irradiance", most=1)
-    first: float = setting("largest |L1| / L00", least=0)
-    color: float = setting("largest |ln R/G| and |ln B/G| of the mean radiance", least=0)
-    below: float = setting("least elevation of the main direction, degrees", least=-90, most=90)
-
-
-@dataclass
 class Lights:
     """The light set: how lights of panoramas are scaled, rotated, selected and split."""
 
@@ -158,8 +135,9 @@ class Lights:
         choices=("cut_first", "paper"),
     )
     threshold: float = setting("least reference brightness of a panorama, in its own units; 0 keeps all", least=0)
-    low: float = setting("least reference brightness of a light, which is drawn uniformly from [low, high]", above=0)
-    high: float = setting("largest reference brightness of a light", above=0)
+    brightness: list[float] = setting(
+        "range of the reference brightness of a light, which is drawn uniformly", interval=True, above=0
+    )
     rotations: int = setting("number of headings of each panorama", least=1)
     clusters: int = setting("number of usual lights", least=2)
     test: int = setting("number of usual test lights, fewer than clusters", least=1)
@@ -168,7 +146,10 @@ class Lights:
         "how training and test lights are split: by panorama (room), or at random", choices=("room", "random")
     )
     veto: str | None = setting("file of lights to remove, with a source or source:heading per line", None)
-    rules: Rules = field(default_factory=Rules)
+    rules: str = setting(
+        "limits of usual lights: those of rooms, or wider ones that skies and studios keep (strong)",
+        choices=("rooms", "strong"),
+    )
     seed: int = setting("seed of scales, clusters and split", least=0)
 
 
@@ -221,11 +202,11 @@ class Loss:
         "weight of each of the two",
         "albedo transport",
     )
-    detail_albedo: float = weight(
-        "energy of the detail of albedo's error, relative to that of the true albedo", "albedo"
+    detail: float = weight(
+        "energy of the detail of the error of albedo, transport and shading under the true light, relative to that of "
+        "the truth; weight of each of the three",
+        "albedo transport",
     )
-    detail_transport: float = weight("same, for transport", "transport")
-    detail_shading: float = weight("same, for shading under the true light", "transport")
     exclusion: float = weight("detail common to albedo and shading, beyond that of the true ones", "albedo transport")
     extra: dict[str, float] = setting("weights of your own losses, by the names of the extensions", {})
     tv_reference: int = setting(
@@ -246,15 +227,7 @@ class Train:
     batch: int = setting("pairs of figure and light per step", least=1)
     lr: float = setting("learning rate of Adam; Muon takes five times as much", above=0)
     beta1: float = setting("decay of Adam's mean of gradients", least=0, below=1)
-    beta2: float = setting("decay of Adam's mean of squared gradients", least=0, below=1)
     schedule: str = setting("schedule of the learning rate after the warm-up", choices=("constant", "cosine"))
-    span: list[float] = setting(
-        "part of the cosine that this training covers, so that one schedule can go over several trainings",
-        [0.0, 1.0],
-        interval=True,
-        least=0,
-        most=1,
-    )
     warmup: int = setting("steps in which the learning rate rises to lr", least=0)
     color: str = setting(
         "color model: 8-bit codes as linear albedo (paper), or linear albedo, and pictures as of cameras (photo)",
@@ -302,28 +275,25 @@ class Augment:
     ground truth, the others only the picture.
     """
 
-    framing: float = setting("share of the pictures with a new framing", least=0, most=1)
-    cut: float = setting("share of these that end between chest and knees", least=0, most=1)
-    zoom: list[float] = setting(
-        "range of the size of the figure, as a factor on the usual framing", interval=True, above=0
+    framing: float = setting(
+        "share of the pictures with a new size and place of the figure, of which half end between chest and knees",
+        least=0,
+        most=1,
     )
-    shift: float = setting("largest shift of the figure's box from the centre, as a share of the side", least=0)
     tint: float = setting("standard deviation of ln(B/G) of the white balance", least=0)
     exposure: list[float] = setting("range of the exposure, stops", interval=True)
     recolor: float = setting("share of the pictures with other colors of garments", least=0, most=1)
     prints: float = setting("share of the pictures with stripes, checks, dots or blots on garments", least=0, most=1)
     gloss: float = setting("share of the pictures with glossy materials", least=0, most=1)
     mask: int = setting("largest error of the mask's outline, pixels", least=0)
-    tone: float = setting("strength of the tone curve and of changes of saturation", least=0)
-    blur: float = setting("largest standard deviation of the blur, pixels", least=0)
-    sharpen: float = setting("largest weight of the unsharp mask", least=0)
-    noise: float = setting("largest standard deviation of the noise, of codes in [0, 1]", least=0)
-    jpeg: float = setting("share of the pictures that are compressed, at qualities from 40 to 94", least=0, most=1)
+    camera: float = setting(
+        "strength of a camera's blur, tone curve, sharpening, noise and JPEG compression", least=0, most=1
+    )
 
 
 # The settings of Augment that change pictures, apart from `exposure`.
-STRENGTHS = ("framing", "tint", "recolor", "prints", "gloss", "mask", "tone", "blur", "sharpen", "noise", "jpeg")
-NO_AUGMENTATION = Augment(**dict.fromkeys((*STRENGTHS, "cut", "shift"), 0), zoom=[1.0, 1.0], exposure=[0.0, 0.0])
+STRENGTHS = ("framing", "tint", "recolor", "prints", "gloss", "mask", "camera")
+NO_AUGMENTATION = Augment(**dict.fromkeys(STRENGTHS, 0), exposure=[0.0, 0.0])
 
 
 @dataclass
@@ -360,7 +330,6 @@ class Trace:
     bounces: int = setting(
         "number of bounces of interreflection; 6 leave out one percent of it at an albedo of .5", least=0
     )
-    seed: int = setting("seed of the paths", least=0)
 
 
 @dataclass

@@ -208,12 +208,11 @@ def thickened(
     return np.concatenate([vertices, below]), out, np.concatenate([np.arange(len(vertices)), used])
 
 
-def smoothed(values: np.ndarray, faces: np.ndarray, times: int, keep: np.ndarray | None = None) -> np.ndarray:
-    """Returns vertex values (V,...) after Laplacian smoothing; those in the mask `keep` stay."""
+def smoothed(values: np.ndarray, faces: np.ndarray, times: int) -> np.ndarray:
+    """Returns vertex values (V,...) after Laplacian smoothing."""
     around = neighbours(faces, len(values))
     for _ in range(times):
-        mean = 0.5 * values + 0.5 * (around @ values)
-        values = mean if keep is None else np.where(keep[:, None], values, mean)
+        values = 0.5 * values + 0.5 * (around @ values)
     return values
 
 
@@ -237,6 +236,19 @@ def extruded(ring: np.ndarray, rows: list[np.ndarray], offset: int, closed: bool
         faces += [np.stack([b, a, c], 1), np.stack([b, c, d], 1)]
         previous = now
     return np.concatenate(rows), np.concatenate(faces)
+
+
+def grid_faces(rows: int, columns: int) -> np.ndarray:
+    """Returns the triangles of a grid with rows downward and columns to the right, as seen."""
+    index = np.arange(rows * columns).reshape(rows, columns)
+    a, b, c, d = index[:-1, :-1].ravel(), index[:-1, 1:].ravel(), index[1:, :-1].ravel(), index[1:, 1:].ravel()
+    return np.concatenate([np.stack([a, c, b], 1), np.stack([b, c, d], 1)])
+
+
+def longest_run(ring: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+    """Returns the longest run of chosen vertices in a closed ring (m,), of which at least one is not chosen."""
+    starts = np.flatnonzero(chosen & ~np.roll(chosen, 1))
+    return max((np.roll(ring, -k)[: int(np.argmin(np.roll(chosen, -k)))] for k in starts), key=len)
 
 
 def stacked(parts: list[Surface]) -> Surface:

@@ -6,7 +6,7 @@ ground truth: otherwise bright images would weigh more in the losses.
 """
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -15,10 +15,13 @@ from torch import Tensor
 
 from relight.config import STRENGTHS, Augment
 from relight.learning.camera import decode, encode, photograph, shade
-from relight.learning.data import Batch, compact_index
+from relight.learning.data import Batch, compact_index, extent
 from relight.learning.harmonics import unoccluded
 
 FIGURE_SHARE = 0.9  # larger side of a figure's bounding box over the image's side (docs/conventions.md)
+CUT_SHARE = 0.5  # of the pictures with a new framing, which end between chest and knees
+ZOOM = (0.75, 1.15)  # range of the size of the figure, as a factor on the usual framing
+SHIFT = 0.05  # largest shift of the figure's box from the centre, as a share of the side
 CUT_HEIGHT = (0.4, 0.85)  # range of the share of a figure's height that a cut leaves
 # ln(R/G) of a white balance for each ln(B/G): about the Planckian locus between 2,500 and 8,000 K in sRGB.
 RED_PER_BLUE = -0.6
@@ -44,6 +47,32 @@ _QUANTISATION = torch.tensor(
     [[float(n) for n in table.split()] for table in (_LUMINANCE_TABLE, _CHROMINANCE_TABLE, _CHROMINANCE_TABLE)]
 ).view(3, 8, 8)
 _RGB_TO_YCC = torch.tensor([[0.299, 0.587, 0.114], [-0.168736, -0.331264, 0.5], [0.5, -0.418688, -0.081312]])
+
+
+@dataclass(frozen=True)
+class Camera:
+    """What a camera does to a picture.
+
+    Attributes:
+        tone: strength of the tone curve and of changes of saturation, below 1.
+        blur: largest standard deviation of the blur, pixels.
+        sharpen: largest weight of the unsharp mask.
+        noise: largest standard deviation of the noise, of codes in [0,1].
+        jpeg: share of the pictures that are compressed.
+    """
+
+    tone: float
+    blur: float
+    sharpen: float
+    noise: float
+    jpeg: float
+
+    def weakened(self, strength: float) -> "Camera":
+        """Returns a camera that does each of these by the factor `strength` in [0,1]."""
+        return Camera(*(strength * value for value in vars(self).values()))
+
+
+CAMERA = Camera(tone=0.25, blur=0.8, sharpen=0.8, noise=0.02, jpeg=0.4)
 
 
 def augment_batch(batch: Batch, settings: Augment, generators: list[np.random.Generator], size: int) -> Batch:
@@ -77,7 +106,8 @@ def augment_batch(batch: Batch, settings: Augment, generators: list[np.random.Ge
     if settings.gloss:
         scene = scene + highlights
     scene = scene * exposure[:, None, None, None]
-    image = simulate_camera(_over_random_background(scene, mask, generators), settings, generators) * input_mask
+    camera = CAMERA.weakened(settings.camera)
+    image = simulate_camera(_over_random_background(scene, mask, generators), camera, generators) * input_mask
     index = compact_index(mask * input_mask > 0)
     albedo, transport, normal, ao, shading = index.gather(dense).split(channels, -1)
     return replace(
@@ -266,18 +296,18 @@ def _reframed(
         squares[i, 0, 0] = squares[i, 1, 1] = 1
         if rng.random() >= settings.framing:
             continue
-        if rng.random() < settings.cut:
-            top, bottom, _, _ = _bounding_box(mask[i, 0])
+        if rng.random() < CUT_SHARE:
+            (top, bottom), _ = extent(mask[i])
             mask[i, :, top + math.ceil(rng.uniform(*CUT_HEIGHT) * (bottom - top)) :] = 0
-            _, _, left, right = _bounding_box(mask[i, 0])
+            left, right = extent(mask[i])[1]
             if rng.random() < 0.25:  # also cut at the left or right edge of the photograph
                 width = math.ceil(rng.uniform(0.6, 0.95) * (right - left))
                 mask[i, ..., *((slice(left + width, None),) if rng.random() < 0.5 else (slice(0, right - width),))] = 0
-        top, bottom, left, right = _bounding_box(mask[i, 0])
-        zoom = math.exp(rng.uniform(*np.log(settings.zoom)))
+        (top, bottom), (left, right) = extent(mask[i])
+        zoom = math.exp(rng.uniform(*np.log(ZOOM)))
         scale = max(bottom - top, right - left) / (FIGURE_SHARE * zoom * side)  # of the old square in the new one
         centre = np.array([(left + right) / 2, (top + bottom) / 2]) / side * 2 - 1
-        shift = rng.uniform(-settings.shift, settings.shift, 2) * 2 * scale
+        shift = rng.uniform(-SHIFT, SHIFT, 2) * 2 * scale
         squares[i, 0, 0] = squares[i, 1, 1] = scale
         squares[i, :, 2] = torch.from_numpy(centre + shift)
     grid = F.affine_grid(squares, [len(mask), 1, size, size], align_corners=False).to(maps.device)
@@ -286,12 +316,6 @@ def _reframed(
     inside[..., 0, 0] = 0  # the padding of compact maps needs a pixel outside
     maps = F.grid_sample(maps * mask, grid, align_corners=False) / share.clamp_min(0.5)
     return maps * inside, inside
-
-
-def _bounding_box(mask: Tensor) -> tuple[int, int, int, int]:
-    """Returns the bounding box of the non-zero pixels of (S,S): first and end row, first and end column."""
-    rows, columns = (torch.nonzero(mask.any(axis))[:, 0] for axis in (1, 0))
-    return int(rows[0]), int(rows[-1]) + 1, int(columns[0]), int(columns[-1]) + 1
 
 
 def _perturbed_masks(mask: Tensor, settings: Augment, generators: list[np.random.Generator]) -> Tensor:
@@ -331,31 +355,29 @@ def _over_random_background(scene: Tensor, mask: Tensor, generators: list[np.ran
     return torch.where(mask > 0, scene, background)
 
 
-def simulate_camera(image: Tensor, settings: Augment, generators: list[np.random.Generator]) -> Tensor:
+def simulate_camera(image: Tensor, camera: Camera, generators: list[np.random.Generator]) -> Tensor:
     """Simulates a camera: blur, tone curve, sharpening, noise and JPEG compression.
 
     Args:
-        image: (B,3,S,S) linear; S must be a multiple of 8 unless `settings.jpeg` is 0.
-        settings: strength of each part.
+        image: (B,3,S,S) linear; S must be a multiple of 8 unless `camera.jpeg` is 0.
+        camera: strength of each part.
         generators: one per image.
 
     Returns:
         (B,3,S,S), the linear values of 8-bit sRGB codes.
     """
-    image = torch.cat(
-        [_blurred(picture[None], rng.uniform(0, settings.blur)) for picture, rng in zip(image, generators)]
-    )
+    image = torch.cat([_blurred(picture[None], rng.uniform(0, camera.blur)) for picture, rng in zip(image, generators)])
     coded = encode(image.clamp(0, 1))
     pictures = []
     for picture, rng in zip(coded, generators):
-        picture = _with_tone_curve(picture, settings.tone, rng)
-        picture = picture + rng.uniform(0, settings.sharpen) * (picture - _blurred(picture[None], 1.0)[0])
+        picture = _with_tone_curve(picture, camera.tone, rng)
+        picture = picture + rng.uniform(0, camera.sharpen) * (picture - _blurred(picture[None], 1.0)[0])
         noise_generator = torch.Generator(picture.device).manual_seed(int(rng.integers(2**62)))
-        strength = rng.uniform(0, settings.noise)
+        strength = rng.uniform(0, camera.noise)
         if strength:
             picture = picture + strength * torch.randn(picture.shape, generator=noise_generator, device=picture.device)
         picture = picture.clamp(0, 1)
-        if rng.random() < settings.jpeg:
+        if rng.random() < camera.jpeg:
             picture = compress_jpeg(picture, int(rng.integers(*JPEG_QUALITY)))
         pictures.append(picture)
     return photograph(decode(torch.stack(pictures)), "photo")

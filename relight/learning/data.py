@@ -80,6 +80,13 @@ def compact_index(mask: Tensor) -> CompactIndex:
     )
 
 
+def extent(masks: Tensor) -> tuple[tuple[int, int], tuple[int, int]]:
+    """Returns the half-open ranges of rows and of columns that hold what is not zero in masks (...,S,S)."""
+    union = masks.reshape(-1, *masks.shape[-2:]).amax(0)
+    rows, columns = (torch.nonzero(union.amax(axis)).flatten() for axis in (1, 0))
+    return (int(rows[0]), int(rows[-1]) + 1), (int(columns[0]), int(columns[-1]) + 1)
+
+
 @dataclass(frozen=True, kw_only=True)
 class Batch(CompactIndex):
     """Input of the network and ground truth for B pairs of figure and light. Compact maps are zero at their padding.
@@ -274,16 +281,12 @@ def neighbours(pixel: np.ndarray, offset: np.ndarray, size: int) -> tuple[np.nda
     below, interior = np.empty(len(pixel), np.int32), np.empty(len(pixel), bool)
     outside = np.zeros(len(offset) - 1, np.int32)
     for figure, (first, last) in enumerate(progress(list(pairwise(offset)), "figures loaded")):
-        own = pixel[first:last]
-        mask = np.zeros((size + 2, size + 2), bool)
-        mask[1:-1, 1:-1].flat[own] = True
-        eroded = mask[1:-1, 1:-1] & mask[:-2, 1:-1] & mask[2:, 1:-1] & mask[1:-1, :-2] & mask[1:-1, 2:]
-        place = np.cumsum(mask[1:-1, 1:-1].ravel(), dtype=np.int32) - 1
-        interior[first:last] = eroded.ravel()[own]
-        below[first:last] = np.where(
-            interior[first:last], place[np.minimum(own + size, size * size - 1)], np.arange(len(own))
-        )
-        outside[figure] = np.argmin(mask[1:-1, 1:-1].ravel())
+        mask = np.zeros(size * size, bool)
+        mask[pixel[first:last]] = True
+        index = compact_index(torch.from_numpy(mask).view(1, 1, size, size))
+        interior[first:last] = index.interior[0, : last - first, 0]
+        below[first:last] = index.below[: last - first]
+        outside[figure] = np.argmin(mask)
     return below, interior, outside
 
 

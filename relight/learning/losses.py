@@ -149,6 +149,13 @@ def relit_losses(c: Comparison) -> dict[str, Tensor]:
     return {"relit_shading": c.mean((inferred - truth).abs()), "relit_image": c.mean(image_error)}
 
 
+def detail_losses(c: Comparison) -> dict[str, Tensor]:
+    """Returns the energies of the detail of the errors of albedo, transport, and shading under the true light."""
+    inferred = {"albedo": c.albedo, "transport": c.transport, "shading": c.shading("transport")}
+    truth = {name: getattr(c.batch, name) for name in inferred}
+    return {f"detail_{name}": detail(inferred[name] - truth[name], truth[name], c.batch) for name in inferred}
+
+
 TERMS: dict[str, Callable[[Comparison], dict[str, Tensor]]] = {
     "albedo": lambda c: {"albedo": c.mean(c.albedo_error())},
     "transport": transport_losses,
@@ -161,13 +168,7 @@ TERMS: dict[str, Callable[[Comparison], dict[str, Tensor]]] = {
         "reconstruction_full": c.mean((c.albedo * c.shading("transport_light") - c.batch.relit).abs())
     },
     "relit": relit_losses,
-    "detail_albedo": lambda c: {"detail_albedo": detail(c.albedo - c.batch.albedo, c.batch.albedo, c.batch)},
-    "detail_transport": lambda c: {
-        "detail_transport": detail(c.transport - c.batch.transport, c.batch.transport, c.batch)
-    },
-    "detail_shading": lambda c: {
-        "detail_shading": detail(c.shading("transport") - c.batch.shading, c.batch.shading, c.batch)
-    },
+    "detail": detail_losses,
     "exclusion": lambda c: {
         "exclusion": exclusion((c.albedo, c.shading("transport")), (c.batch.albedo, c.batch.shading), c.batch)
     },

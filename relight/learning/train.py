@@ -310,13 +310,11 @@ def initial_network(recipe: Recipe, data: RelitSet, packed: Path) -> Network:
 
 
 def learning_rate(train: Train, step: int) -> float:
-    """Returns the learning rate of `step`: linear warm-up, then constant or the part `span` of a cosine to FINAL_LR."""
+    """Returns the learning rate of `step`: linear warm-up, then constant or a cosine to FINAL_LR."""
     warm = min(1.0, (step + 1) / train.warmup) if train.warmup else 1.0
     if train.schedule == "constant":
         return train.lr * warm
-    first, last = train.span
-    done = first + (last - first) * step / train.steps
-    return train.lr * warm * (FINAL_LR + (1 - FINAL_LR) * 0.5 * (1 + math.cos(math.pi * done)))
+    return train.lr * warm * (FINAL_LR + (1 - FINAL_LR) * 0.5 * (1 + math.cos(math.pi * step / train.steps)))
 
 
 def draw_batch(

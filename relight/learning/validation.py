@@ -14,7 +14,7 @@ from torch import Tensor, nn
 from relight.config import NO_AUGMENTATION, Loss
 from relight.learning.augment import augment_batch
 from relight.learning.camera import encode, shade
-from relight.learning.data import RelitSet, read_split
+from relight.learning.data import RelitSet, extent, read_split
 from relight.learning.losses import losses
 from relight.learning.networks import with_transport
 from relight.sh import order_of
@@ -110,9 +110,9 @@ class Validation:
     def _cells(self, compact: list[Tensor]) -> list[np.ndarray]:
         """Returns compact maps (B,P,3) as cropped pictures (B,h,w,3) for display, at most MAX_HEIGHT high."""
         batch = self.batch
-        rows, columns = (torch.nonzero(batch.mask.amax((0, 1, axis)) > 0).flatten() for axis in (3, 2))
-        window = (..., slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1))
-        shrink = -(-int(rows[-1] - rows[0] + 1) // MAX_HEIGHT)
+        rows, columns = extent(batch.mask)
+        window = (..., slice(*rows), slice(*columns))
+        shrink = -(-(rows[1] - rows[0]) // MAX_HEIGHT)
         pictures = []
         for values in compact:
             values = values.clamp(0, 1)

@@ -90,8 +90,8 @@ def warn_unlit(unlit: dict[str, str], total: int) -> list[str]:
     named = "; ".join(f"{source}: {reason}" for source, reason in list(unlit.items())[:MAX_NAMED])
     more = f"; and {len(unlit) - MAX_NAMED} more, which chain.json names" if len(unlit) > MAX_NAMED else ""
     return [
-        f"{len(unlit)} of {total} panoramas gave no light; the rules for unusual lights (lights.rules) are for rooms, "
-        f"and open sky breaks them: {named}{more}"
+        f"{len(unlit)} of {total} panoramas gave no light; lights.rules=rooms has limits that open sky breaks, and "
+        f"lights.rules=strong has wider ones: {named}{more}"
     ]
 
 

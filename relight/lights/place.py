@@ -52,20 +52,17 @@ def place_statistics() -> PlaceStatistics:
     return PlaceStatistics(light, least, most, np.array(stored["lamp"]), stored["level"])
 
 
-def place_light(
-    codes: np.ndarray, toward: np.ndarray | None = None, statistics: PlaceStatistics | None = None
-) -> np.ndarray:
+def place_light(codes: np.ndarray, toward: np.ndarray | None = None) -> np.ndarray:
     """Estimates the light of a place.
 
     Args:
         codes: (h,w,3) uint8 sRGB, a photograph of it. The camera looks along -z and is level.
         toward: (3,) unit vector to where most light comes from, if that is known (relight.lights.light.direction).
-        statistics: those that come with relight, unless others are given.
 
     Returns:
         The light (9,3): radiance in units of the picture's linear values.
     """
-    known = statistics or place_statistics()
+    known = place_statistics()
     picture = thumbnail(codes)
     if toward is None:
         shape = np.tensordot(np.append(1, np.clip(features(picture), known.least, known.most)), known.light, 1)

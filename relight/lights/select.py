@@ -7,13 +7,13 @@ take most clusters. With `order: paper`, the clustering comes first, as in the p
 import logging
 import re
 from collections import Counter
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from relight.config import Lights, Rules
+from relight.config import Lights
 from relight.errors import UserError
 from relight.files import existing_file
 from relight.lights.cluster import choose_test_lights, choose_validation_lights, medoids
@@ -28,6 +28,38 @@ MAX_UNUSUAL = 80  # clusters of unusual lights
 MIN_FRONT = 1e-4  # reference brightness over the mean; a darker front cannot be scaled to a target
 MIN_DIRECTIVITY = 0.35  # |L1| / L00; above it, a light has a main direction, which the rules test
 BATCH = 4096  # lights that are measured at a time
+
+
+@dataclass(frozen=True)
+class Rules:
+    """Limits of usual lights, scaled to their reference brightness. A light that breaks one is unusual.
+
+    Irradiance is that of luminance. The front is all normals with z > 0. Rules on the main direction apply to lights
+    with |L1| / L00 above MIN_DIRECTIVITY.
+
+    Attributes:
+        bright: largest irradiance of the front.
+        channel: largest irradiance of the front in one channel.
+        dim: least irradiance at the normal (0, 0, 1).
+        back: largest ratio of the mean irradiance of the back to that of the front.
+        toward: least cosine between main direction and direction to the camera.
+        first: largest |L1| / L00.
+        color: largest |ln R/G| and |ln B/G| of the mean radiance.
+        below: least elevation of the main direction, degrees.
+    """
+
+    bright: float = 2.0
+    channel: float = 2.6
+    dim: float = 0.4
+    back: float = 1.6
+    toward: float = -0.45
+    first: float = 1.25
+    color: float = 1.1
+    below: float = -15.0
+
+
+# Strong lights may be as bright and as directed as those of skies and studios, but not from behind or from below.
+RULES = {"rooms": Rules(), "strong": Rules(bright=6.0, channel=8.0, first=1.72, color=1.5)}
 
 
 def select_lights(coefficients: np.ndarray, sources: list[str], settings: Lights) -> tuple[LightSet, dict[str, Any]]:
@@ -67,7 +99,7 @@ def select_lights(coefficients: np.ndarray, sources: list[str], settings: Lights
     usual.split[test] = "test"
     record["warnings"] += split_warnings(usual, settings)
     if len(unusual):
-        unusual = darkened(unusual, settings.rules.channel)
+        unusual = darkened(unusual, RULES[settings.rules].channel)
         unusual = cluster(unusual, min(MAX_UNUSUAL, len(unusual)), settings.seed)
         unusual.split[:] = split_unusual(unusual, usual)
     lights = concatenate(usual, unusual)
@@ -115,13 +147,13 @@ def above_threshold(coefficients: np.ndarray, threshold: float, record: dict[str
 def rotated_copies(coefficients: np.ndarray, sources: np.ndarray, settings: Lights) -> LightSet:
     """Rotates every light about the vertical in equal steps and scales each copy to a random reference brightness.
 
-    The reference brightness is uniform in [low, high], with a seed that depends only on the panorama's index and on
+    The reference brightness is uniform in its range, with a seed that depends only on the panorama's index and on
     the step. A copy without light on its front gets scale 0 and is removed later.
 
     Args:
         coefficients: (N,K,3) of the panoramas.
         sources: (N,) their names.
-        settings: rotations, low, high and seed.
+        settings: rotations, brightness and seed.
 
     Returns:
         N * rotations lights, all in the training split.
@@ -132,7 +164,8 @@ def rotated_copies(coefficients: np.ndarray, sources: np.ndarray, settings: Ligh
     rotations = np.stack([rotation_matrix(rotation_about_y(angle), order) for angle in np.radians(yaw)])
     rotated = np.einsum("rjk,nkc->nrjc", rotations, coefficients).reshape(n * steps, -1, 3)
     seed = settings.seed * 1_000_003 + np.arange(n * steps)
-    target = np.array([np.random.default_rng(s).uniform(settings.low, settings.high) for s in seed])
+    low, high = settings.brightness
+    target = np.array([np.random.default_rng(s).uniform(low, high) for s in seed])
     brightness = reference_brightness(rotated)
     constant = rotated[:, 0].max(-1)  # the first coefficient, of the brightest channel
     lit = brightness > MIN_FRONT * constant
@@ -220,7 +253,7 @@ def _broken_rules(lights: np.ndarray, rules: Rules) -> dict[str, np.ndarray]:
         "bright": (stats["front_most"] > rules.bright) | (stats["channel_most"] > rules.channel),
         "dim": stats["front"] < rules.dim,
         "back-lit": is_back_lit | (directed & (stats["toward"] < rules.toward)),
-        "contrast": (stats["front_least"] < rules.contrast * stats["front_most"]) | (stats["first"] > rules.first),
+        "contrast": (stats["front_least"] < 0) | (stats["first"] > rules.first),
         "color": np.maximum(abs(stats["red"]), abs(stats["blue"])) > rules.color,
         "from-below": directed & (stats["elevation"] < rules.below),
     }
@@ -245,7 +278,7 @@ def split_by_rules(copies: LightSet, settings: Lights, record: dict[str, Any]) -
     Raises:
         UserError: if all lights have scale 0.
     """
-    broken = broken_rules(copies.coefficients, settings.rules)
+    broken = broken_rules(copies.coefficients, RULES[settings.rules])
     broken = {"dark": copies.scale == 0, **{name: rule & (copies.scale > 0) for name, rule in broken.items()}}
     broken_count = np.sum(list(broken.values()), axis=0) + 10 * broken["dark"]
     if broken_count.min() >= 10:

@@ -23,28 +23,26 @@ if TYPE_CHECKING:
 ALBEDO = 0.5  # of the balls, so that lights above the reference brightness are not clipped
 TEXT, MUTED_TEXT, WHITE, ACCENT, DARK = "#1c1f24", "#7a808a", "#ffffff", "#c2410c", "#15171b"
 MAX_UNUSUAL = 20  # on a contact sheet
+SAMPLES = 2  # of a ball, per pixel in each direction
 
 
-def lit_ball(
-    coefficients: np.ndarray, size: int, samples: int = 2, white: float = 1 / ALBEDO, linear: bool = True
-) -> np.ndarray:
+def lit_ball(coefficients: np.ndarray, size: int, white: float = 1 / ALBEDO, linear: bool = True) -> np.ndarray:
     """Renders a diffuse ball under a light, as the camera sees it.
 
     Args:
         coefficients: (K,3) of the light.
         size: of the picture in pixels.
-        samples: per pixel in each direction.
         white: the irradiance that is shown as 1.
         linear: whether the light is linear and the result is sRGB-encoded; otherwise, the codes are the light's.
 
     Returns:
         (size,size,4) float64 codes and alpha in [0,1].
     """
-    inside, transport = unoccluded_ball(size * samples, order_of(len(coefficients)))
+    inside, transport = unoccluded_ball(size * SAMPLES, order_of(len(coefficients)))
     picture = np.zeros((*inside.shape, 4))
     picture[inside, :3] = np.maximum(transport @ coefficients / white, 0)
     picture[inside, 3] = 1
-    picture = picture.reshape(size, samples, size, samples, 4).mean((1, 3))
+    picture = picture.reshape(size, SAMPLES, size, SAMPLES, 4).mean((1, 3))
     color = picture[..., :3] / np.maximum(picture[..., 3:], 1e-6)
     return np.concatenate([encode(color) if linear else np.minimum(color, 1), picture[..., 3:]], -1)
 

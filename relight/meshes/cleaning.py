@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     import pymeshlab
 
 MIN_DISTANCE = 0.01  # of small parts from all large ones, over the figure's diagonal, to count as floating
+MAX_FACES = 0.0005  # largest share of the faces of a dropped part
 MAX_FLOATING = 0.03  # largest size of a dropped part over the figure's diagonal (a shoe has .15, an eye .013)
 MIN_KEPT = 0.5  # least share of the surface that must remain
 MAIN_PART = 0.5  # least share of the surface of a part that is most of the figure
@@ -33,7 +34,7 @@ def clean(mesh: Mesh, settings: Clean) -> Mesh:
 
     Args:
         mesh: in any frame and unit.
-        settings: component, close_holes, max_faces.
+        settings: close_holes, max_faces.
 
     Returns:
         The repaired mesh. Its info["repairs"] has the numbers of repairs, and of holes, boundary edges and parts.
@@ -49,7 +50,7 @@ def clean(mesh: Mesh, settings: Clean) -> Mesh:
         raise UserError(f"{_name(mesh)}: {(~finite).mean():.0%} of the faces have corners that are no finite numbers")
     mesh = submesh(mesh, np.flatnonzero(finite))
     mesh = _repair(mesh, settings.close_holes, repairs)
-    mesh = _without_floating(mesh, settings.component, repairs)
+    mesh = _without_floating(mesh, repairs)
     if settings.max_faces and len(mesh.faces) > settings.max_faces:
         from relight.meshes.decimate import decimate
 
@@ -255,8 +256,8 @@ def _oriented(mesh: Mesh, changed: np.ndarray, repairs: dict[str, int]) -> Mesh:
     return mesh
 
 
-def _without_floating(mesh: Mesh, share: float, repairs: dict[str, int]) -> Mesh:
-    """Drops parts that have less than a share of the faces, are small, and float; eyes and lashes touch the body."""
+def _without_floating(mesh: Mesh, repairs: dict[str, int]) -> Mesh:
+    """Drops parts that have few faces, are small, and float; eyes and lashes touch the body."""
     from scipy.spatial import cKDTree
 
     part = connected_parts(mesh.faces, len(mesh.vertices))
@@ -267,7 +268,7 @@ def _without_floating(mesh: Mesh, share: float, repairs: dict[str, int]) -> Mesh
     low, high = np.full((count, 3), np.inf), np.full((count, 3), -np.inf)
     np.minimum.at(low, part, corners.min(axis=1))
     np.maximum.at(high, part, corners.max(axis=1))
-    large = np.bincount(part) >= share * len(part)
+    large = np.bincount(part) >= MAX_FACES * len(part)
     large |= np.linalg.norm(high - low, axis=-1) > MAX_FLOATING * diagonal
     if large.all():
         return mesh

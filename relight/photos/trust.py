@@ -4,9 +4,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from relight.config import read_preset
 from relight.lights import measure
-from relight.lights.select import broken_rules
+from relight.lights.select import RULES, broken_rules
 from relight.photos.infer import Person
 from relight.sh import cosine_factors, order_of, per_coefficient
 
@@ -105,7 +104,7 @@ def _light_warnings(light: np.ndarray, gain: float = 1.0) -> list[str]:
     """
     light = light[None] / gain
     stats = measure(light)
-    broken = broken_rules(light, read_preset("lights").rules)
+    broken = broken_rules(light, RULES["rooms"])
     warnings = [sentence for rule, sentence in UNUSUAL.items() if broken[rule].item()]
     if stats["mean"].item() <= 0 or stats["moment"].item() < IMPOSSIBLE:
         warnings.insert(0, "no real light has the inferred coefficients: the inference has failed")

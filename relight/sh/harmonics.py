@@ -4,7 +4,9 @@ K = (order + 1)^2 is the number of coefficients throughout (docs/conventions.md)
 """
 
 import math
+from collections.abc import Iterator
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -59,12 +61,38 @@ def normalisation(l: int, m: int) -> float:
     return math.sqrt((2 - (m == 0)) * (2 * l + 1) / (4 * math.pi) * ratio)
 
 
+def polynomials(x: Any, y: Any, z: Any, ones: Any, order: int) -> Iterator[tuple[int, Any]]:
+    """Yields the index l*l + l + m and the values (...) of each Y_lm, for NumPy arrays and torch tensors alike.
+
+    P_lm(z) / sin^m follows the three-term recurrence of the Legendre functions, and Re and Im of (x+iy)^m give the
+    azimuth: polynomials in x, y, z, so that values and gradients are also exact at the poles.
+
+    Args:
+        x, y, z: components (...) of unit vectors.
+        ones: (...) of the same type.
+        order: the highest band.
+    """
+    azimuth = [(ones, 0 * ones)]
+    for _ in range(order):
+        cosine, sine = azimuth[-1]
+        azimuth.append((x * cosine - y * sine, x * sine + y * cosine))
+    sectoral = 1.0  # P_mm / sin^m = (2m-1)!!
+    for m, (cosine, sine) in enumerate(azimuth):
+        before, legendre = 0 * ones, sectoral * ones
+        for l in range(m, order + 1):
+            scale = normalisation(l, m)
+            yield l * l + l + m, scale * legendre * cosine if m else scale * legendre
+            if m:
+                yield l * l + l - m, scale * legendre * sine
+            before, legendre = legendre, ((2 * l + 1) * z * legendre - (l + m) * before) / (l - m + 1)
+        sectoral *= 2 * m + 1
+
+
 def basis(directions: np.ndarray, order: int = 2) -> np.ndarray:
     """Evaluates the spherical harmonics Y_lm.
 
     For order 2 these are 1, y, z, x, xy, yz, 3z^2-1, xz, x^2-y^2 times .282095, .488603 (3 times), 1.092548,
-    1.092548, .315392, 1.092548, .546274. Polynomials in x, y, z are also exact at the poles: P_lm(z) / sin^m follows
-    the three-term recurrence of the Legendre functions, and Re and Im of (x+iy)^m give the azimuth.
+    1.092548, .315392, 1.092548, .546274.
 
     Args:
         directions: (...,3) unit vectors.
@@ -77,20 +105,10 @@ def basis(directions: np.ndarray, order: int = 2) -> np.ndarray:
     [0.2821, 0.0, 0.4886, 0.0]
     """
     directions = np.asarray(directions, np.float64)
-    x, y, z = directions[..., 0], directions[..., 1], directions[..., 2]
+    x, y, z = np.moveaxis(directions, -1, 0)
     values = np.empty((*x.shape, coefficient_count(order)))
-    cosine, sine = np.ones_like(x), np.zeros_like(x)
-    sectoral = 1.0  # P_mm / sin^m = (2m-1)!!
-    for m in range(order + 1):
-        before, legendre = np.zeros_like(z), np.full_like(z, sectoral)
-        for l in range(m, order + 1):
-            scaled = normalisation(l, m) * legendre
-            values[..., l * l + l + m] = scaled * cosine
-            if m:
-                values[..., l * l + l - m] = scaled * sine
-            before, legendre = legendre, ((2 * l + 1) * z * legendre - (l + m) * before) / (l - m + 1)
-        cosine, sine = x * cosine - y * sine, x * sine + y * cosine
-        sectoral *= 2 * m + 1
+    for index, value in polynomials(x, y, z, np.ones_like(x), order):
+        values[..., index] = value
     return values
 
 

@@ -18,7 +18,7 @@ def main(bake: Bake, mesh: Path, out: Path) -> None:
     aligned = Mesh.load(mesh)
     name, fabrics = aligned.info.get("name", out.stem), aligned.info.get("outfits", [None])
     identity = {"figure": name, "subject": aligned.info.get("subject", name)}
-    views = [FRONTAL, *(random_view(view, bake.seed) for view in view_names(name, bake.views))]
+    views = [FRONTAL, *(random_view(view) for view in view_names(name, bake.views))]
     targets: list[list[tuple[Path, dict]]] = [[] for _ in views]  # of each view, the outfits
     for number, label in enumerate(outfit_names("", len(fabrics))):
         outfit = {"outfit": number, "fabrics": fabrics[number]} if number else {}
@@ -28,7 +28,7 @@ def main(bake: Bake, mesh: Path, out: Path) -> None:
     reason = aligned.info.get("left_out")
     if reason is None:
         try:
-            baker = Baker(aligned, bake.rays, bake.order, bake.seed, bake.bounces)
+            baker = Baker(aligned, bake.rays, bake.order, bounces=bake.bounces)
             for view, files in zip(views, targets):
                 for (path, record), maps in zip(files, baker.outfits(bake.size, bake.supersample, view)):
                     maps.info.update(record)

@@ -1,7 +1,6 @@
 """The run of a training in MLflow."""
 
 import csv
-import hashlib
 import json
 import os
 import time
@@ -13,6 +12,7 @@ import numpy as np
 
 from relight import __version__
 from relight.config import Track, flat
+from relight.files import file_hash
 from relight.tracking.model import log_network
 from relight.tracking.store import connect, find_run, model_of, warn
 from relight.training_name import TrainingName
@@ -165,8 +165,7 @@ def dataset_input(name: str, path: Path):
     """Returns MLflow's record of an input file (`mlflow.entities.DatasetInput`), with its SHA-256."""
     from mlflow.entities import Dataset, DatasetInput, InputTag
 
-    with open(path, "rb") as file:
-        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    digest = file_hash(path)
     source = json.dumps({"uri": str(path), "sha256": digest})
     # MLflow limits digests to 36 characters.
     return DatasetInput(Dataset(name, digest[:36], "local", source), [InputTag("mlflow.data.context", "training")])
@@ -211,7 +210,7 @@ def log_scores(
     """
     settings = {part: config[part] for part in ("model", "loss", "train", "augment") if part in config}
     # A network without a fingerprint was trained elsewhere, and has its own run.
-    fingerprint = config.get("fingerprint") or hashlib.sha256(network.read_bytes()).hexdigest()
+    fingerprint = config.get("fingerprint") or file_hash(network)
     training = TrainingRun(track, network.stem, fingerprint, settings, {})
     if not training.track.uri:
         return

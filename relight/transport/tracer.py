@@ -199,21 +199,24 @@ def path_integrator(bounces: int) -> dict[str, Any]:
     return {"type": "path", "max_depth": 2 + bounces, "rr_depth": 100, "hide_emitters": True}
 
 
-def sky_directions(rows: int = ROWS) -> np.ndarray:
-    """Returns the directions (rows, 2 rows, 3) of the texels of a Mitsuba environment map, in the camera frame.
+def sky_directions(down: float = 0.0, right: float = 0.0) -> np.ndarray:
+    """Returns the directions (ROWS, 2 ROWS, 3) of the texels of a Mitsuba environment map, in the camera frame.
 
     Measured with mi.load_dict({"type": "envmap"}).eval: rows run from pole to pole inclusive, columns are at pixel
     centres, u = 1/4 is +x, and u = 1/2 is +z.
+
+    Args:
+        down, right: shift from the texels' centres, texels.
     """
-    theta = np.linspace(0, np.pi, rows)[:, None]
-    phi = 2 * np.pi * ((np.arange(2 * rows) + 0.5) / (2 * rows))[None]
+    theta = np.clip(np.linspace(0, np.pi, ROWS) + down * np.pi / (ROWS - 1), 0, np.pi)[:, None]
+    phi = 2 * np.pi * ((np.arange(2 * ROWS) + 0.5 + right) / (2 * ROWS))[None]
     return np.stack([np.sin(theta) * np.sin(phi), np.cos(theta) + 0 * phi, -np.sin(theta) * np.cos(phi)], -1)
 
 
-def sky_weights(rows: int = ROWS) -> np.ndarray:
-    """Returns the solid angles (rows, 2 rows) of the texels of a Mitsuba environment map; their sum is 4 pi."""
-    sine = np.sin(np.linspace(0, np.pi, rows))
-    return np.repeat((sine / sine.sum() * 2 * np.pi / rows)[:, None], 2 * rows, 1)
+def sky_weights() -> np.ndarray:
+    """Returns the solid angles (ROWS, 2 ROWS) of the texels of a Mitsuba environment map; their sum is 4 pi."""
+    sine = np.sin(np.linspace(0, np.pi, ROWS))
+    return np.repeat((sine / sine.sum() * 2 * np.pi / ROWS)[:, None], 2 * ROWS, 1)
 
 
 def block_means(image: np.ndarray, k: int) -> np.ndarray:

@@ -182,17 +182,16 @@ def outfit_names(figure: str, outfits: int) -> list[str]:
     return [figure, *(f"{figure}.o{number}" for number in range(1, outfits))]
 
 
-def random_view(name: str, seed: int) -> View:
-    """Draws a view that is typical of photographs of people; it depends on name and seed only.
+def random_view(name: str) -> View:
+    """Draws a view that is typical of photographs of people; it depends on the name only.
 
     Yaw is from N(0, 30 degrees) with probability .75, else uniform. Pitch is from N(0, 6 degrees), clipped to +-15. One
     view in four is orthographic; the focal length of the others is log-uniform from 25 to 120 mm.
 
     Args:
         name: of the view's maps.
-        seed: of all views.
     """
-    rng = np.random.default_rng([seed, *name.encode()])
+    rng = np.random.default_rng([0, *name.encode()])
     yaw = rng.normal(0, 30) if rng.random() < 0.75 else rng.uniform(-180, 180)
     pitch = np.clip(rng.normal(0, 6), -15, 15)
     focal = None if rng.random() < 0.25 else round(25 * (120 / 25) ** rng.random(), 1)

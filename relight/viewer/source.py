@@ -61,7 +61,7 @@ def named_lights(texts: Iterable[str] = ()) -> dict[str, np.ndarray]:
     return {name: light * (target / light[0].sum()) for name, light in lights.items()}
 
 
-def baked_figure(path: Path, title: str | None = None) -> Figure:
+def baked_figure(path: Path) -> Figure:
     """Reads the figure of a file of maps (relight.maps.exr).
 
     Raises:
@@ -73,7 +73,7 @@ def baked_figure(path: Path, title: str | None = None) -> Figure:
         maps = read_maps(existing_file(path, "maps"))
     except LeftOut as reason:
         raise UserError(f"{path} holds no maps, the figure was left out: {reason}") from None
-    return Figure(title or str(maps.info.get("name") or path.stem), maps)
+    return Figure(str(maps.info.get("name") or path.stem), maps)
 
 
 def figure_of(path: Path, relighter: "Relighter | None", mask: Path | None = None, size: int = 1024) -> Figure:

@@ -112,7 +112,7 @@ def test_unlearned_outputs_are_replaced_by_the_truth(checkpoints, world, tmp_pat
     assert not [name for name in columns if name.startswith(("albedo_r", "albedo_ss", "light", "sphere"))]
     np.testing.assert_array_equal(columns["shading_rmse"], columns["shading_true_light_rmse"])
     assert not unlearned(composed(["loss=self_supervised"]).loss) and not unlearned(composed().loss)
-    for also in ("loss.relit=1", "loss.detail_albedo=1", "loss.exclusion=1"):
+    for also in ("loss.relit=1", "loss.detail=1", "loss.exclusion=1"):
         assert unlearned(composed(["loss=transport", also]).loss) == {"light"}
     assert not unlearned({"transport": 1.0, "extra": {"mine": 1.0}})
 

@@ -173,7 +173,7 @@ def test_trace_of_a_ball(rooms, tmp_path):
     (tmp_path / "split.json").write_text('{"train": ["ball0"], "test": ["ball1"], "sitting": []}')
     paths = tmp_path / "packed.safetensors", rooms, tmp_path / "split.json", tmp_path
     settings = Evaluate(lights="test", device="cpu")
-    trace(*paths, GENERATED, settings, Trace(1, 64, 2, 0, 1), 2, 32, tmp_path / "traced.npz")
+    trace(*paths, GENERATED, settings, Trace(1, 64, 2), 2, 32, tmp_path / "traced.npz")
     (scene,) = read_scenes(tmp_path / "traced.npz")
     assert (scene.seen, scene.new) == (1, 2)
     chain = Chain.of(RelitSet(*paths[:2], 2, "paper"), scene)

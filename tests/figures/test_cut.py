@@ -16,7 +16,7 @@ from relight.figures.cloth.drape import Level
 from relight.figures.cloth.layers import signed_distance
 from relight.figures.pose import stances
 from relight.figures.pose.motion import build_motion
-from relight.figures.surfaces import border_loops, edges, loop
+from relight.figures.surfaces import border_loops, edges, grid_faces, loop
 from relight.figures.tailor import collars, drops, fitting, patterns, suit, trims
 from relight.figures.tailor.fabrics import Fabric
 from relight.figures.tailor.garments import wardrobe
@@ -280,7 +280,7 @@ def sheet(size: float, front: float, step: float = 0.02) -> tuple[np.ndarray, np
     a = np.arange(-size, size + 1e-9, step)
     x, y = np.meshgrid(a, a[::-1])
     points = np.stack([x, y, np.full_like(x, front)], -1).reshape(-1, 3)
-    return points, trims.grid_faces(len(a), len(a))
+    return points, grid_faces(len(a), len(a))
 
 
 @pytest.mark.parametrize("front", ["zip", "buttons", "double", "placket", "none"])

@@ -89,7 +89,7 @@ def loss():
 @pytest.fixture(scope="session")
 def schedule():
     """Training settings: eight steps of the demo's."""
-    settings = dict(steps=8, batch=4, lr=2e-3, beta1=0.9, beta2=0.999, schedule="cosine", warmup=2, epoch=4)
+    settings = dict(steps=8, batch=4, lr=2e-3, beta1=0.9, schedule="cosine", warmup=2, epoch=4)
     settings |= dict(color="paper", seed=0, device="cpu", precision="f32", pairs="shuffled")
     settings |= dict(optimizer="adam", average=0.0, mirror=False, compile=False)
     return lambda **changes: Train(**{**settings, **changes})

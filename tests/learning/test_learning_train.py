@@ -69,9 +69,7 @@ def run(tmp_path, world, model, loss, schedule, augment):
 PLUS = dict(optimizer="muon", average=0.9, mirror=True, color="photo", pairs="rows")
 PHOTO = {
     "model_changes": dict(name="unet", light_head="pooled", refine=True),
-    "augment_changes": dict(
-        framing=0.5, cut=0.5, zoom=[0.8, 1.1], tint=0.2, exposure=[-1.0, 0.5], noise=0.01, jpeg=0.5
-    ),
+    "augment_changes": dict(framing=0.5, tint=0.2, exposure=[-1.0, 0.5], camera=1.0),
     "color": "photo",
 }
 
@@ -274,10 +272,6 @@ def test_learning_rate(schedule):
     assert learning_rate(cosine, 50) == pytest.approx(0.51) and learning_rate(cosine, 99) == pytest.approx(
         0.02, abs=1e-3
     )
-    halves = [schedule(steps=50, lr=1.0, warmup=0, span=span) for span in ([0.0, 0.5], [0.5, 1.0])]
-    whole = schedule(steps=100, lr=1.0, warmup=0)
-    for half, first in zip(halves, (0, 50)):
-        assert learning_rate(half, 20) == pytest.approx(learning_rate(whole, first + 20))
     assert {learning_rate(schedule(schedule="constant", warmup=0, lr=0.3), step) for step in range(8)} == {0.3}
 
 

@@ -16,13 +16,14 @@ from relight.lights import (
 )
 from relight.lights.chain import generated_light
 from relight.lights.cluster import choose_validation_lights, farthest_first, irradiance_features, medoids
+from relight.lights.select import RULES as ALL_RULES
 from relight.lights.select import broken_rules, counted
 from relight.lights.table import SPLITS
 from relight.panoramas.color import blackbody, daylight
 from relight.sh import basis, irradiance, rotate_y, sphere_quadrature
 
 SETTINGS = replace(read_preset("lights"), clusters=12, test=3)
-RULES = SETTINGS.rules
+RULES = ALL_RULES["rooms"]
 GENERATED = Panoramas(
     source="generated", count=40, skies=0, seed=0, layout="auto", yaw=0.0, flip=False
 )  # fmt: skip

@@ -10,7 +10,7 @@ from relight.meshes import Material, Mesh, clean
 from relight.meshes.cleaning import count_opposed_faces, edge_uses
 from relight.meshes.geometry import connected_parts, face_areas, solidity
 
-PLAIN = Clean(component=0.0005, close_holes=0, max_faces=0)
+PLAIN = Clean(close_holes=0, max_faces=0)
 
 
 def corners(mesh: Mesh) -> np.ndarray:
@@ -185,7 +185,7 @@ def test_holes_are_reported_and_closed_on_request(person):
     opened = merged(mesh, faces=mesh.faces[~ring], uv=mesh.uv[~ring], material=mesh.material[~ring])
     found = clean(opened, PLAIN).info["repairs"]
     assert found["holes"] == 1 and found["boundary edges"] == ring.sum()
-    result = clean(opened, Clean(component=0.0005, close_holes=30, max_faces=0))
+    result = clean(opened, Clean(close_holes=30, max_faces=0))
     new = result.info["repairs"]["faces that close holes"]
     assert new == ring.sum() - 2 and len(result.faces) == len(opened.faces) + new
     assert clean(result, PLAIN).info["repairs"] == {"parts": 10}
@@ -197,7 +197,7 @@ def test_decimation_keeps_uv_materials_colors_and_seams(person):
     mesh = person(40)
     mesh.uv[mesh.vertices[mesh.faces][..., 0].mean(axis=1) > 0] += 3  # a seam down the middle of the body
     mesh.materials[0].texture = np.zeros((2, 2, 3), np.uint8)
-    result = clean(mesh, Clean(component=0.0005, close_holes=0, max_faces=20_000))
+    result = clean(mesh, Clean(close_holes=0, max_faces=20_000))
     assert result.info["repairs"]["faces before decimation"] == len(mesh.faces)
     assert abs(len(result.faces) - 20_000) < 200
     place = result.vertices[result.faces]
@@ -238,7 +238,7 @@ def test_solidity(ellipsoid):
     np.testing.assert_allclose(solidity(flat, faces, one), 0, atol=1e-9)
 
 
-def test_faces_keep_their_uv_at_non_manifold_edges():
+def test_faces_keep_their_uv_at_non_manifold_edges(monkeypatch):
     """Fins on the edges of a sphere: three and four faces to an edge, and every face with a uv of its own."""
     ball = trimesh.creation.icosphere(subdivisions=4)
     faces, vertices = ball.faces, ball.vertices
@@ -251,7 +251,8 @@ def test_faces_keep_their_uv_at_non_manifold_edges():
     mesh = Mesh(
         vertices.astype(np.float32), faces.astype(np.int32), uv, np.zeros(len(faces), np.int16), [Material()], info={}
     )
-    cleaned = clean(mesh, Clean(component=0.0, close_holes=0, max_faces=0))
+    monkeypatch.setattr("relight.meshes.cleaning.MAX_FACES", 0.0)  # no part is dropped
+    cleaned = clean(mesh, Clean(close_holes=0, max_faces=0))
     assert cleaned.info["repairs"]["non-manifold edges"] >= 290
     assert edge_uses(cleaned.faces).max() <= 2
 

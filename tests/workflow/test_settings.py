@@ -17,7 +17,7 @@ from relight.config.schema import FIELDS
 def test_help_has_every_setting_with_its_value_and_description():
     text = overview(composed(["scale=smoke"]))
     for key in FIELDS:
-        assert key in ("sweep.rows", "name", "pin", "code") or key.startswith("lights.rules") or f" {key}=" in text, key
+        assert key in ("sweep.rows", "name", "pin", "code") or f" {key}=" in text, key
     words = " ".join(text.split())
     assert "figures.count=6 number of seeds (at least 1)" in words
     assert "train.optimizer=adam Adam, or Muon for convolutions with a norm (one of adam, muon)" in words
@@ -45,7 +45,7 @@ def test_the_page_of_settings_is_fresh():
     [
         ([], "sca", ["scale="]),
         ([], "train.lr", ["train.lr="]),
-        ([], "lights.rules.b", ["lights.rules.back=", "lights.rules.below=", "lights.rules.bright="]),
+        ([], "lights.r", ["lights.rotations=", "lights.rules="]),
         ([], "scale=sm", ["scale=smoke"]),
         (["scale", "="], "sm", ["smoke"]),  # bash
         (["scale"], "", ["demo", "laptop", "paper", "smoke", "study"]),

@@ -23,7 +23,7 @@ from relight.panoramas import Panorama
 from relight.progress import progress
 from relight.sh import basis, order_of
 from relight.transport import PathTracer
-from relight.transport.tracer import ROWS, block_means, sky_directions, sky_weights
+from relight.transport.tracer import block_means, sky_directions, sky_weights
 
 PIXEL_SAMPLES = 4  # k: transport is averaged over k x k points of a pixel
 TEXEL_SAMPLES = 4  # k: the panorama is averaged over k x k points of a texel
@@ -71,7 +71,7 @@ def trace(
         meshes: the folder of aligned meshes.
         panoramas: source of the lights' panoramas.
         evaluate: which lights.
-        settings: number of figures, paths per pixel, bounces, seed.
+        settings: number of figures, paths per pixel, bounces.
         order, rays: of the transport.
         out: the scenes (.npz).
 
@@ -124,7 +124,7 @@ def trace_figure(
     tracer, samples = PathTracer(mesh, data.size), max(1, settings.samples // 2)
 
     def trace_twice(source: np.ndarray, bounces: int, first: int) -> np.ndarray:
-        images = [tracer.irradiance(source, samples, bounces, 10 * settings.seed + first + k) for k in (0, 1)]
+        images = [tracer.irradiance(source, samples, bounces, first + k) for k in (0, 1)]
         return np.stack([image.reshape(-1, 3)[pixel] for image in images]).astype(np.float32)
 
     area = area_irradiance(mesh, data.size, light, order, rays)[pixel]
@@ -150,20 +150,9 @@ def sky_of(table: LightSet, row: int, panoramas: config.Panoramas) -> np.ndarray
 
     panorama = panorama_of(str(table.source[row]), float(table.yaw[row]), panoramas)
     # Means over each texel's area, since lamps of a room can be smaller than a texel.
-    radiance = np.mean([lookup(panorama, directions) for directions in shifted_directions()], 0)
+    shifts = (np.arange(TEXEL_SAMPLES) + 0.5) / TEXEL_SAMPLES - 0.5
+    radiance = np.mean([lookup(panorama, sky_directions(down, right)) for down in shifts for right in shifts], 0)
     return radiance.astype(np.float64) * float(table.scale[row])
-
-
-def shifted_directions() -> list[np.ndarray]:
-    """Returns TEXEL_SAMPLES^2 sets of directions (ROWS, 2 ROWS, 3), evenly spaced in each texel."""
-    theta, phi = np.linspace(0, np.pi, ROWS), 2 * np.pi * (np.arange(2 * ROWS) + 0.5) / (2 * ROWS)
-    sets = []
-    for dv in (np.arange(TEXEL_SAMPLES) + 0.5) / TEXEL_SAMPLES - 0.5:
-        for du in (np.arange(TEXEL_SAMPLES) + 0.5) / TEXEL_SAMPLES - 0.5:
-            t = np.clip(theta + dv * np.pi / (ROWS - 1), 0, np.pi)[:, None]
-            p = (phi + du * np.pi / ROWS)[None]
-            sets.append(np.stack([np.sin(t) * np.sin(p), np.cos(t) + 0 * p, -np.sin(t) * np.cos(p)], -1))
-    return sets
 
 
 def panorama_of(source: str, yaw: float, panoramas: config.Panoramas) -> Panorama:

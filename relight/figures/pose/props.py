@@ -46,9 +46,7 @@ def box(half: tuple[float, float, float], rounding: float = 0.0, bulge: float = 
     n = 9
     t = np.linspace(-1, 1, n)
     u, v = (grid.ravel() for grid in np.meshgrid(t, t))
-    i = np.arange(n * n).reshape(n, n)
-    a, b, c, d = (corner.ravel() for corner in (i[:-1, :-1], i[:-1, 1:], i[1:, 1:], i[1:, :-1]))
-    square = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    square = cell_faces(np.arange(n * n).reshape(n, n))
     sides = []
     for axis in range(3):
         for sign in (1, -1):
@@ -67,14 +65,24 @@ def box(half: tuple[float, float, float], rounding: float = 0.0, bulge: float = 
     return x, faces
 
 
+def cell_faces(index: np.ndarray) -> np.ndarray:
+    """Returns the triangles of a grid of vertices (rows, columns), each cell cut from its first to its last corner."""
+    a, b, c, d = (corner.ravel() for corner in (index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]))
+    return np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+
+
+def closed_rings(rows: int, sides: int) -> np.ndarray:
+    """Returns a grid of vertices (rows, sides + 1) whose last column is its first one."""
+    index = np.arange(rows * sides).reshape(rows, sides)
+    return np.concatenate([index, index[:, :1]], 1)
+
+
 def revolved(profile: np.ndarray, sides: int = 28) -> Surface:
     """Builds a surface of revolution about y from a profile (m,2): radius and height, from its lower end up."""
     angle = 2 * np.pi * np.arange(sides) / sides
     ring = np.stack([np.sin(angle), np.zeros(sides), np.cos(angle)], 1)
     x = profile[:, None, :1] * ring + profile[:, None, 1:] * np.array([0.0, 1.0, 0.0])
-    i = np.arange(len(profile) * sides).reshape(len(profile), sides)
-    a, b, c, d = (corner.ravel() for corner in (i[:-1], np.roll(i, -1, 1)[:-1], np.roll(i, -1, 1)[1:], i[1:]))
-    x, faces = x.reshape(-1, 3), np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    x, faces = x.reshape(-1, 3), cell_faces(closed_rings(len(profile), sides))
     area = np.linalg.norm(np.cross(x[faces[:, 1]] - x[faces[:, 0]], x[faces[:, 2]] - x[faces[:, 0]]), axis=1)
     return x, faces[area > 1e-12]  # triangles at the ends are degenerate
 
@@ -87,13 +95,10 @@ def strap(line: np.ndarray, across: np.ndarray, width: float, thickness: float) 
     up = np.cross(along, side)
     ring = [line + s * width / 2 * side + t * thickness / 2 * up for s, t in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
     x = np.stack(ring, 1)
-    i = np.arange(4 * len(line)).reshape(-1, 4)
-    j = np.roll(i, -1, axis=1)
-    a, b, c, d = (corner.ravel() for corner in (i[:-1], j[:-1], j[1:], i[1:]))
-    sides = np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
+    i = closed_rings(len(line), 4)
     ends = [[i[0, 0], i[0, 2], i[0, 1]], [i[0, 0], i[0, 3], i[0, 2]]]
     ends += [[i[-1, 0], i[-1, 1], i[-1, 2]], [i[-1, 0], i[-1, 2], i[-1, 3]]]
-    return x.reshape(-1, 3), np.concatenate([sides, ends])
+    return x.reshape(-1, 3), np.concatenate([cell_faces(i), ends])
 
 
 def transformed(surface: Surface, axes: np.ndarray, at: np.ndarray) -> Surface:

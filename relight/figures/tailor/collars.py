@@ -8,7 +8,7 @@ from scipy.spatial import cKDTree
 from relight.figures.cloth.colliders import Collider
 from relight.figures.cloth.layers import signed_distance
 from relight.figures.pose.motion import Motion
-from relight.figures.surfaces import Surface, border_loops, extruded, normals, smoothed, thickened
+from relight.figures.surfaces import Surface, border_loops, extruded, longest_run, normals, smoothed, thickened
 from relight.figures.texture import noise
 
 CORD = 0.20  # metres of a drawstring
@@ -60,8 +60,7 @@ def neckline(
         if near.all():
             front = int(np.argmax(vertices[ring, 2] - 0.2 * np.abs(vertices[ring, 0] - neck[0])))
             return np.roll(ring, -front), True
-        first = np.flatnonzero(near & ~np.roll(near, 1))
-        run = max((np.roll(ring, -k)[: int(np.argmin(np.roll(near, -k)))] for k in first), key=len)
+        run = longest_run(ring, near)
         return (run, False) if len(run) > 12 else None
     return None
 

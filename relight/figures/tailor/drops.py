@@ -5,7 +5,7 @@ import scipy.sparse as sparse
 from scipy.spatial import ConvexHull
 
 from relight.figures.cloth.drape import Level
-from relight.figures.surfaces import border_loops, extruded, rim
+from relight.figures.surfaces import border_loops, extruded, longest_run, rim
 from relight.figures.tailor.garments import Garment
 from relight.figures.tailor.suit import Fields, Hull
 
@@ -26,8 +26,7 @@ def lowest_border(faces: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, bool]:
     if low.all():
         return ring, True
     # a garment open in front has one border all round, of which only the longest run at the bottom counts
-    starts = np.flatnonzero(low & ~np.roll(low, 1))
-    return max((np.roll(ring, -k)[: int(np.argmin(np.roll(low, -k)))] for k in starts), key=len), False
+    return longest_run(ring, low), False
 
 
 def split_border(faces: np.ndarray, n: int, ring: np.ndarray) -> tuple[sparse.csr_matrix, np.ndarray, np.ndarray]:

@@ -10,6 +10,7 @@ from relight.figures.cloth.colliders import Collider
 from relight.figures.cloth.drape import Level
 from relight.figures.cloth.solver import SolverSettings
 from relight.figures.pose.motion import Motion
+from relight.figures.surfaces import grid_faces
 from relight.figures.tailor.collars import neck_of
 from relight.figures.tailor.garments import Garment
 from relight.figures.tailor.patterns import Pattern, refined
@@ -126,9 +127,7 @@ def build_scarf(motion: Motion, garment: Garment, surface: Collider, levels: int
     rows = len(line)
     x, y = np.meshgrid(EDGE * j, EDGE * (np.arange(rows) - (rows - 1) / 2))
     flat = np.stack([x, y, 0 * x], axis=-1).reshape(-1, 3)
-    index = np.arange(rows * columns).reshape(rows, columns)
-    a, b, c, d = index[:-1, :-1].ravel(), index[:-1, 1:].ravel(), index[1:, :-1].ravel(), index[1:, 1:].ravel()
-    faces = np.concatenate([np.stack([a, b, c], 1), np.stack([b, d, c], 1)])
+    faces = grid_faces(rows, columns)[:, [0, 2, 1]]  # y is upward
     start = start.reshape(-1, 3)
     fields = {"drop": np.ones(len(flat))}
     unpinned = np.zeros(len(flat))

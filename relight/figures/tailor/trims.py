@@ -5,7 +5,7 @@ import scipy.sparse as sparse
 from scipy.ndimage import gaussian_filter1d, maximum_filter
 
 from relight.figures.cloth.colliders import Collider
-from relight.figures.surfaces import Surface, clip, extruded, normals, thickened
+from relight.figures.surfaces import Surface, clip, extruded, grid_faces, normals, thickened
 from relight.figures.tailor.patterns import Pattern
 
 BANDS = {"zip": (-0.013, 0.013), "buttons": (-0.018, 0.018), "placket": (-0.017, 0.017), "double": (-0.030, 0.085)}
@@ -89,13 +89,6 @@ def belt(vertices: np.ndarray, faces: np.ndarray, band: np.ndarray, ahead: np.nd
     plate = centre + y[..., None] * up + x[..., None] * left + np.sqrt(np.maximum(at**2 - x**2, 0))[..., None] * ahead
     face = grid_faces(*x.shape)
     return [ribbon, thickened(plate.reshape(-1, 3), face, 0.003, rings=None)[:2]]
-
-
-def grid_faces(rows: int, columns: int) -> np.ndarray:
-    """Returns the triangles of a grid with rows downward and columns to the right, as seen."""
-    index = np.arange(rows * columns).reshape(rows, columns)
-    a, b, c, d = index[:-1, :-1].ravel(), index[:-1, 1:].ravel(), index[1:, :-1].ravel(), index[1:, 1:].ravel()
-    return np.concatenate([np.stack([a, c, b], 1), np.stack([b, c, d], 1)])
 
 
 def tie(vertices: np.ndarray, faces: np.ndarray, neck: np.ndarray, left: np.ndarray) -> Surface | None:
