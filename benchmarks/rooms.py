@@ -14,9 +14,8 @@ import numpy as np
 
 from relight.lights import load_light, measure
 from relight.lights.chain import generated_light
-from relight.lights.statistics import sphere_normals
 from relight.panoramas import luminance, polyhaven
-from relight.sh import basis
+from relight.sh import basis, sphere_spiral
 
 PERCENTILES = (10, 50, 90)
 MAPS = 16
@@ -50,7 +49,7 @@ def measured(sources: Iterable[str]) -> dict[str, np.ndarray]:
     """Measures lights by name: the statistics of REAL, (N,) each."""
     lights = np.stack([load_light(source).coefficients for source in sources])
     statistics = measure(lights)
-    radiance = luminance(lights) @ basis(sphere_normals(), 2).T
+    radiance = luminance(lights) @ basis(sphere_spiral(1000), 2).T
     mean = radiance.mean(1)
     return {**statistics, "darkest": statistics["least"] / statistics["mean"], "lobe": radiance.min(1) / mean}
 

@@ -1,25 +1,13 @@
 """Statistics of lights: brightness, contrast, direction, color, and whether the light is physically possible."""
 
-from functools import cache
-
 import numpy as np
 
 from relight.panoramas import luminance
-from relight.sh import order_of, unoccluded
+from relight.sh import order_of, sphere_spiral, unoccluded
 
 FRONT = np.array([0.0, 0.0, 1.0])
 NORMAL_COUNT = 1000  # on which the irradiance is sampled
 MAX_BELOW = 1.1  # irradiance from below over that from above; lights beyond it get a note
-
-
-@cache
-def sphere_normals() -> np.ndarray:
-    """Returns unit normals (NORMAL_COUNT,3), spread evenly over the sphere by a Fibonacci spiral."""
-    i = np.arange(NORMAL_COUNT)
-    z = 1 - (2 * i + 1) / NORMAL_COUNT
-    azimuth = np.pi * (3 - np.sqrt(5)) * i
-    s = np.sqrt(1 - z * z)
-    return np.stack([s * np.cos(azimuth), s * np.sin(azimuth), z], -1)
 
 
 def reference_brightness(lights: np.ndarray) -> np.ndarray:
@@ -87,7 +75,7 @@ def measure(lights: np.ndarray) -> dict[str, np.ndarray]:
     """
     lights = np.asarray(lights, np.float64)
     order = order_of(lights.shape[-2])
-    n = sphere_normals()
+    n = sphere_spiral(NORMAL_COUNT)
     transport = unoccluded(n, order)
     luminances = luminance(lights)
     irradiances = luminances @ transport.T

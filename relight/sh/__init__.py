@@ -15,6 +15,7 @@ from relight.sh.harmonics import (
     rotation_about_y,
     rotation_matrix,
     sphere_quadrature,
+    sphere_spiral,
     unoccluded,
 )
 from relight.sh.window import deringed
@@ -36,6 +37,7 @@ __all__ = [
     "rotation_about_y",
     "rotation_matrix",
     "sphere_quadrature",
+    "sphere_spiral",
     "to_relight",
     "unoccluded",
 ]

@@ -197,6 +197,14 @@ def sphere_quadrature(degree: int) -> tuple[np.ndarray, np.ndarray]:
     return directions.reshape(-1, 3), weights
 
 
+def sphere_spiral(count: int) -> np.ndarray:
+    """Returns unit vectors (count,3) that are spread evenly over the sphere by a Fibonacci spiral."""
+    index = np.arange(count)
+    z, azimuth = 1 - (2 * index + 1) / count, np.pi * (3 - np.sqrt(5)) * index
+    side = np.sqrt(1 - z * z)
+    return np.stack([side * np.cos(azimuth), side * np.sin(azimuth), z], -1)
+
+
 def rotation_matrix(rotation: np.ndarray, order: int = 2) -> np.ndarray:
     """Returns the matrix that rotates coefficients.
 

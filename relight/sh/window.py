@@ -9,7 +9,7 @@ from functools import cache
 
 import numpy as np
 
-from relight.sh.harmonics import order_of, unoccluded
+from relight.sh.harmonics import order_of, sphere_spiral, unoccluded
 
 LEAST = 0.05  # of the mean irradiance of a channel: what a windowed light leaves in its darkest direction
 DIRECTIONS = 1000  # in which irradiance is looked at; between them it is lower by less than 0.01 of the mean
@@ -48,7 +48,4 @@ def deringed(light: np.ndarray) -> np.ndarray:
 @cache
 def _cosines(order: int) -> np.ndarray:
     """Returns the unoccluded transport (DIRECTIONS,K) of normals spread evenly over the sphere."""
-    index = np.arange(DIRECTIONS)
-    z, azimuth = 1 - (2 * index + 1) / DIRECTIONS, index * np.pi * (3 - np.sqrt(5))
-    side = np.sqrt(1 - z * z)
-    return unoccluded(np.stack([side * np.cos(azimuth), side * np.sin(azimuth), z], -1), order)
+    return unoccluded(sphere_spiral(DIRECTIONS), order)
