@@ -3,8 +3,8 @@
 Drawn and automatic masks are a few pixels off, and masks of two values have no soft edge at all. Relit by such a mask,
 a rim of background changes with the person, or a rim of the person keeps the old light. Near the edge a pixel is
 a F + (1 - a) B, where F and B are the mean colors of what is surely person and surely background nearby. The coverage a
-is a compromise between the one that explains the pixel best and the mask's, which counts more the more F and B vary,
-the less of them is seen, and the farther the pixel is from all their mixtures.
+is a compromise between the one that explains the pixel best and the mask's, which counts more the more F and B vary and
+the less of them is seen.
 """
 
 from functools import reduce
@@ -15,7 +15,7 @@ from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
 from relight.crop import extent
 from relight.srgb import to_linear
 
-CELLS = 400  # along the longer side of the people's box: what is nearer than one or two of them to the edge is unsure
+CELLS = 400  # along the longer side of the people's box, of 2 pixels or more; one or two along the edge are unsure
 SURE = 13  # codes from 0 and 255 within which coverage is none and all
 WINDOW = 7  # cells across, over which the two colors are averaged
 PRIOR = 0.3  # standard deviation of the mask's coverage along its edge
@@ -35,7 +35,7 @@ def fit_edge(pixels: np.ndarray, coverage: np.ndarray) -> np.ndarray:
         (H,W) uint8; the mask's where person and background have the same color, or one of them is not seen nearby.
     """
     box = extent(coverage > SURE)
-    side = max(round(max(last - first for first, last in box) / CELLS), 1)
+    side = max(round(max(last - first for first, last in box) / CELLS), 2)
     part = tuple(slice(max(first - WINDOW * side, 0), last + WINDOW * side) for first, last in box)
     out = coverage.copy()
     share = out[part]
@@ -52,7 +52,7 @@ def fit_edge(pixels: np.ndarray, coverage: np.ndarray) -> np.ndarray:
     y, x = np.nonzero(unsure.repeat(side, 0).repeat(side, 1)[: share.shape[0], : share.shape[1]])
     cell = y // side * unsure.shape[1] + x // side
     given = share[y, x] / np.float32(255)
-    along = across = distance = variance = np.float32(0)
+    along = across = variance = np.float32(0)
     for channel in range(3):
         plane = to_linear(pixels[part][..., channel])
         means = [_combine(values, side, np.add) / side**2 for values in (plane, plane**2)]
@@ -65,9 +65,8 @@ def fit_edge(pixels: np.ndarray, coverage: np.ndarray) -> np.ndarray:
         )
         variance = variance + sum(np.maximum(a - b**2, 0) for a, b in zip(squares, (front, behind)))
         step, from_behind = (front - behind).take(cell), plane[y, x] - behind.take(cell)
-        along, across, distance = along + from_behind * step, across + step**2, distance + from_behind**2
-    off = np.maximum(distance - along**2 / np.maximum(across, np.float32(1e-9)), 0)
-    doubt = (NOISE**2 + SPREAD * variance.take(cell) + off) / (PRIOR**2 * trust.take(cell))
+        along, across = along + from_behind * step, across + step**2
+    doubt = (NOISE**2 + SPREAD * variance.take(cell)) / (PRIOR**2 * trust.take(cell))
     share[y, x] = np.rint(255 * np.clip((along + doubt * given) / (across + doubt), 0, 1))
     return out
 

@@ -9,7 +9,7 @@ const CELLS = 400, SURE = 13, WINDOW = 7, PRIOR = 0.3, NOISE = 0.02, SPREAD = 5,
 function fitEdge(image, coverage, width) {
   const height = coverage.length / width, box = extent(coverage.map((v) => (v > SURE ? 1 : 0)), width);
   if (!box) return coverage;
-  const side = Math.max(Math.round(Math.max(box.rows[1] - box.rows[0], box.columns[1] - box.columns[0]) / CELLS), 1);
+  const side = Math.max(Math.round(Math.max(box.rows[1] - box.rows[0], box.columns[1] - box.columns[0]) / CELLS), 2);
   const grown = ([first, end], length) => [Math.max(first - WINDOW * side, 0), Math.min(end + WINDOW * side, length)];
   const [top, bottom] = grown(box.rows, height), [left, right] = grown(box.columns, width), wide = right - left, high = bottom - top;
   const cut = (plane) => {
@@ -43,16 +43,14 @@ function fitEdge(image, coverage, width) {
     const x = i % wide, y = Math.floor(i / wide), k = Math.floor(y / side) * across + Math.floor(x / side), place = (top + y) * width + left + x;
     out[place] = share[i];
     if (sure[0][k] || sure[1][k] || trust[k] <= 1e-3) continue;
-    let along = 0, span = 0, distance = 0, variance = 0;
+    let along = 0, span = 0, variance = 0;
     near.forEach(([[front, behind], squares], c) => {
       const step = front[k] - behind[k], away = colors[c][i] - behind[k];
       along += away * step;
       span += step * step;
-      distance += away * away;
       variance += Math.max(squares[0][k] - front[k] ** 2, 0) + Math.max(squares[1][k] - behind[k] ** 2, 0);
     });
-    const off = Math.max(distance - along ** 2 / Math.max(span, 1e-9), 0);
-    const doubt = (NOISE ** 2 + SPREAD * variance + off) / (PRIOR ** 2 * trust[k]);
+    const doubt = (NOISE ** 2 + SPREAD * variance) / (PRIOR ** 2 * trust[k]);
     out[place] = Math.round(255 * Math.min(Math.max((along + (doubt * share[i]) / 255) / (span + doubt), 0), 1));
   }
   return out;
