@@ -104,7 +104,7 @@ def test_relit_rim_by_a_wrong_mask(figure, behind, gain, kind):
 
 
 def test_relit_black_cloth_keeps_its_hue_at_the_rim():
-    codes, alpha, inward = composite(BLACK_CLOTH, SKY)
+    codes, _, inward = composite(BLACK_CLOTH, SKY)
     found = relit(codes, fit_edge(codes, soft(inward + 2)), 4.0)
     inside = (inward > 1) & (inward < 6)
     true = 255 * encode(4 * np.array(BLACK_CLOTH))
