@@ -21,6 +21,7 @@ WINDOW = 7  # cells across, over which the two colors are averaged
 PRIOR = 0.3  # standard deviation of the mask's coverage along its edge
 NOISE = 0.02  # standard deviation of linear values
 SPREAD = 5.0  # weight of the variance of the two colors
+STEEP = 1.1  # coverage of less than 4.5 % is noise, and none
 ENOUGH = 1 / 30  # product of the shares of sure cells in a window, from which they count in full
 
 
@@ -67,7 +68,8 @@ def fit_edge(pixels: np.ndarray, coverage: np.ndarray) -> np.ndarray:
         step, from_behind = (front - behind).take(cell), plane[y, x] - behind.take(cell)
         along, across = along + from_behind * step, across + step**2
     doubt = (NOISE**2 + SPREAD * variance.take(cell)) / (PRIOR**2 * trust.take(cell))
-    share[y, x] = np.rint(255 * np.clip((along + doubt * given) / (across + doubt), 0, 1))
+    fitted = (along + doubt * given) / (across + doubt)
+    share[y, x] = np.rint(255 * np.clip((fitted - 0.5) * STEEP + 0.5, 0, 1))
     return out
 
 

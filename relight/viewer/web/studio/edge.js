@@ -3,7 +3,7 @@
 import { extremes, means } from "./filters.js";
 import { extent } from "./regions.js";
 
-const CELLS = 400, SURE = 13, WINDOW = 7, PRIOR = 0.3, NOISE = 0.02, SPREAD = 5, ENOUGH = 1 / 30;
+const CELLS = 400, SURE = 13, WINDOW = 7, PRIOR = 0.3, NOISE = 0.02, SPREAD = 5, STEEP = 1.1, ENOUGH = 1 / 30;
 
 // Coverage, a byte per pixel, of the people in a photo of three planes of linear values.
 function fitEdge(image, coverage, width) {
@@ -51,7 +51,8 @@ function fitEdge(image, coverage, width) {
       variance += Math.max(squares[0][k] - front[k] ** 2, 0) + Math.max(squares[1][k] - behind[k] ** 2, 0);
     });
     const doubt = (NOISE ** 2 + SPREAD * variance) / (PRIOR ** 2 * trust[k]);
-    out[place] = Math.round(255 * Math.min(Math.max((along + (doubt * share[i]) / 255) / (span + doubt), 0), 1));
+    const fitted = (along + (doubt * share[i]) / 255) / (span + doubt);
+    out[place] = Math.round(255 * Math.min(Math.max((fitted - 0.5) * STEEP + 0.5, 0), 1));
   }
   return out;
 }
