@@ -22,6 +22,7 @@ from relight.photos.compose.color import to_srgb8
 from relight.photos.compose.render import compose, fit_maps, ground_of, render, split_layers
 from relight.photos.infer import Person, balanced, opposite_lamp
 from relight.photos.load import LoadedPhoto, load_photo
+from relight.photos.mask.edge import fit_edge
 from relight.photos.photo import Options
 from relight.photos.read import Photo, list_photos, list_pictures, mask_beside, mask_in
 from relight.photos.video import FPS, is_video, read_frames, write_video
@@ -161,7 +162,7 @@ def relight_clip(
 
     def relit() -> Iterator[np.ndarray]:
         photos = (photo.downscaled(size) for photo in _with_masks(path, frames, masks, options))
-        pairs = ((photo.pixels, photo.coverage) for photo in photos)
+        pairs = ((photo.pixels, fit_edge(photo.pixels, photo.coverage)) for photo in photos)
         smooth = smooth_over_time(pairs, lambda coverage: crop_around(coverage, relighter.network.size), infer)
         coefficients = None
         for i, (pixels, person) in enumerate(smooth):

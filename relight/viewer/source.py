@@ -117,9 +117,11 @@ def photo_figure(relighter: "Relighter", pixels: np.ndarray, coverage: np.ndarra
     Raises:
         UserError: for a network of `train.color=paper`, whose shading acts on coded values.
     """
+    from relight.photos.compose.render import total_coverage
     from relight.photos.infer import mean_light
 
     people = relighter.infer(pixels, coverage)
+    coverage = total_coverage(people)
     if any(person.gamma != 1 for person in people):
         raise UserError("the viewer needs a network trained with train.color=photo; this one was trained with paper")
     shape = coverage.shape

@@ -60,7 +60,7 @@ def test_photo_in_photo_out(relighter, size, draw):
     figures = relighter.infer(pixels, mask)
     for background_ in (None, Background("none")):
         out = render(pixels, figures, [f.light for f in figures], "ratio", background_)
-        inside = (mask == 255) if background_ else np.ones(mask.shape, bool)
+        inside = (figures[0].coverage == 255) if background_ else np.ones(mask.shape, bool)
         assert np.array_equal(out[..., :3][inside], pixels[inside])
     assert 0 < figures[0].error < 1
 
@@ -252,6 +252,7 @@ def test_backgrounds(relighter, tmp_path, draw):
 
     pixels, mask = draw()
     figures = relighter.infer(pixels, mask)
+    mask = figures[0].coverage
     away = mask == 0
     keep = render(pixels, figures, OTHER)
     assert np.array_equal(keep[away], pixels[away]) and (keep[mask == 255] != pixels[mask == 255]).any()

@@ -17,6 +17,7 @@ from relight.photos.compose.background import Background, estimate_white
 from relight.photos.compose.color import chroma, clipping_excess
 from relight.photos.compose.render import estimate_foreground
 from relight.photos.mask import selfie
+from relight.photos.mask.edge import fit_edge
 from relight.photos.mask.find import split_people
 from relight.srgb import LINEAR, encode, to_bytes
 from relight.viewer.bundle import bundle
@@ -99,6 +100,7 @@ def test_a_figure_is_that_of_the_view_command(shape, centres):
     """Two people; one smaller than the network's square; one that the photo's border cuts."""
     pixels, mask = picture(*shape, centres)
     figure = photo_figure(Relighter(NETWORK), pixels, mask, "me")
+    fitted = fit_edge(pixels, mask)
     rgba = np.dstack([pixels, np.full(shape, 255, np.uint8)])
     found = node(
         "infer",
@@ -112,18 +114,37 @@ def test_a_figure_is_that_of_the_view_command(shape, centres):
     np.testing.assert_allclose(found["light"], figure.photo_light, atol=1e-6)
     left, top, width, height = header["box"]
     window = np.s_[top : top + height, left : left + width]
-    inside = mask[window] > 0
+    inside = fitted[window] > 0
     first, second, third, surface = (each.reshape(height, width, 4) for each in found["maps"])
     transport = np.concatenate([first, second, third[..., :1]], -1)
     np.testing.assert_allclose(transport[inside], figure.maps.transport[window][inside], atol=1e-5)
     np.testing.assert_allclose(surface[inside][:, :3], figure.maps.albedo[window][inside], atol=1e-5)
-    np.testing.assert_array_equal(np.rint(255 * surface[..., 3]), mask[window])
+    np.testing.assert_array_equal(np.rint(255 * surface[..., 3]), fitted[window])
     np.testing.assert_array_equal(found["photo"].reshape(*shape, 4), rgba)
-    own = estimate_foreground(LINEAR[pixels], mask / np.float32(255))
+    own = estimate_foreground(LINEAR[pixels], fitted / np.float32(255))
     np.testing.assert_allclose(found["front"].reshape(height, width, 4)[..., :3], own[window], atol=1e-5)
-    above = EXCESS_STEPS * clipping_excess(own[window], chroma(LINEAR[pixels], mask > 0)[window])
+    above = EXCESS_STEPS * clipping_excess(own[window], chroma(LINEAR[pixels], fitted > 0)[window])
     np.testing.assert_allclose(found["excess"].reshape(height, width, 4)[inside][:, :3], above[inside], atol=0.51)
     assert above.max() > 10
+
+
+@pytest.mark.parametrize(("size", "binary"), [(150, False), (150, True), (640, False)])
+def test_fit_edge_is_that_of_python(size, binary):
+    """A mask that is off by two pixels, soft or of two values; one whose cells are two pixels wide."""
+    y, x = np.mgrid[:size, : size // 2]
+    away = 0.45 * size - np.hypot(x - 0.25 * size, (y - 0.5 * size) / 1.2) - 0.25 * size
+    alpha = np.clip(away + 0.5, 0, 1)[..., None]
+    noise = np.random.default_rng(4).normal(0, 6, (*y.shape, 3))
+    pixels = (alpha * [40, 45, 60] + (1 - alpha) * [190, 120, 90] + noise).clip(0, 255).astype(np.uint8)
+    mask = np.rint(255 * np.clip(away / 2 + 1.5, 0, 1)).astype(np.uint8)
+    mask = np.where(mask > 127, np.uint8(255), np.uint8(0)) if binary else mask
+    expected = fit_edge(pixels, mask)
+    assert (np.abs(expected.astype(int) - mask) > 50).sum() > 100
+    image = [LINEAR[pixels[..., channel]].ravel().tolist() for channel in range(3)]
+    program = """const main = ({ image, mask, width }) =>
+    $edge.fitEdge(image.map((plane) => Float32Array.from(plane)), Uint8Array.from(mask), width);"""
+    found = node("edge", program, {"image": image, "mask": mask.ravel().tolist(), "width": mask.shape[1]})
+    assert np.abs(found.reshape(mask.shape).astype(int) - expected).max() <= 1
 
 
 def test_people_are_parted_as_in_python():

@@ -265,7 +265,8 @@ def estimate_foreground(linear: np.ndarray, alpha: np.ndarray) -> np.ndarray:
             mean_behind = _box_mean(behind * (1 - a), radius).take(where) / np.maximum(1 - share, 1e-4)
             error = plane.take(where) - covered * mean_front - (1 - covered) * mean_behind
             front, behind = np.zeros_like(plane), np.zeros_like(plane)
-            front.put(where, np.maximum(mean_front + covered * error, 0))
+            most = plane.take(where) / np.maximum(covered, 1e-4)  # else the background would be less than black
+            front.put(where, np.clip(mean_front + covered * error, 0, most))
             behind.put(where, mean_behind)
         np.copyto(out[part][..., channel], front, where=soft)
     return out

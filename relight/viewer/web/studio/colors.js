@@ -67,7 +67,10 @@ function estimateForeground(image, coverage, width) {
       const whole = means(share, wide, 2 * radius + 1, true), others = means(rest, wide, 2 * radius + 1, true);
       const own = blurred(figure, share, radius).map((v, i) => v / Math.max(whole[i], 1e-4));
       behind = blurred(behind, rest, radius).map((v, i) => v / Math.max(others[i], 1e-4));
-      figure = own.map((v, i) => Math.max(v + share[i] * (near[i] - share[i] * v - rest[i] * behind[i]), 0));
+      figure = own.map((v, i) => {
+        const whole = v + share[i] * (near[i] - share[i] * v - rest[i] * behind[i]);
+        return Math.min(Math.max(whole, 0), near[i] / Math.max(share[i], 1e-4));
+      });
     }
     for (let y = top, k = 0; y < bottom; y++) {
       for (let x = left; x < right; x++, k++) if (soft[y * width + x]) out[y * width + x] = figure[k];

@@ -4,6 +4,7 @@
 import { textures } from "../page/figure.js";
 import { CLIPPING, LINEAR, chroma, clippingExcess, estimateForeground } from "./colors.js";
 import { Crop, MASK_THRESHOLD } from "./crop.js";
+import { fitEdge } from "./edge.js";
 import { Guide } from "./guide.js";
 import { extent, label, nearest } from "./regions.js";
 
@@ -94,9 +95,10 @@ function writeMaps(person, image, width, size, white, albedo, transport) {
 }
 
 // The figure as the viewer draws it (page/figure.js), or null when the mask holds nobody. size: of the network's image.
-async function inferFigure(photo, coverage, run, size) {
+async function inferFigure(photo, given, run, size) {
   const { pixels, width, height } = photo, area = width * height;
   const image = [0, 1, 2].map((c) => Float32Array.from({ length: area }, (_, i) => LINEAR[pixels[4 * i + c]]));
+  const coverage = fitEdge(image, given, width);
   const planes = (count) => Array.from({ length: count }, () => new Float32Array(area));
   const albedo = planes(3), transport = planes(9), found = [];
   for (const person of splitPeople(coverage, width)) found.push(await inferPerson(image, width, person, run, size));

@@ -1,0 +1,80 @@
+"""The edge of a mask, fitted to the photo's colors.
+
+Drawn and automatic masks are a few pixels off, and masks of two values have no soft edge at all. Relit by such a mask,
+a rim of background changes with the person, or a rim of the person keeps the old light. Near the edge a pixel is
+a F + (1 - a) B, where F and B are the mean colors of what is surely person and surely background nearby. The coverage a
+is a compromise between the one that explains the pixel best and the mask's, which counts more the more F and B vary and
+the less of them is seen.
+"""
+
+from functools import reduce
+
+import numpy as np
+from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
+
+from relight.crop import extent
+from relight.srgb import to_linear
+
+CELLS = 400  # along the longer side of the people's box, of 2 pixels or more; one or two along the edge are unsure
+SURE = 13  # codes from 0 and 255 within which coverage is none and all
+WINDOW = 7  # cells across, over which the two colors are averaged
+PRIOR = 0.3  # standard deviation of the mask's coverage along its edge
+NOISE = 0.02  # standard deviation of linear values
+SPREAD = 5.0  # weight of the variance of the two colors
+STEEP = 1.1  # coverage of less than 4.5 % is noise, and none
+ENOUGH = 1 / 30  # product of the shares of sure cells in a window, from which they count in full
+
+
+def fit_edge(pixels: np.ndarray, coverage: np.ndarray) -> np.ndarray:
+    """Fits the edge of a mask to the colors of a photo.
+
+    Args:
+        pixels: (H,W,3) as of `Photo`.
+        coverage: (H,W) uint8 of all people, not empty.
+
+    Returns:
+        (H,W) uint8; the mask's where person and background have the same color, or one of them is not seen nearby.
+    """
+    box = extent(coverage > SURE)
+    side = max(round(max(last - first for first, last in box) / CELLS), 2)
+    part = tuple(slice(max(first - WINDOW * side, 0), last + WINDOW * side) for first, last in box)
+    out = coverage.copy()
+    share = out[part]
+    if not ((share > 0) & (share < 255)).any():
+        share[:] = uniform_filter(share, 3, mode="nearest")
+    low, high = (_combine(share, side, extreme) for extreme in (np.minimum, np.maximum))
+    sure = (
+        minimum_filter(low, 3, mode="nearest") > 255 - SURE,
+        maximum_filter(high, 3, mode="nearest") < SURE,
+    )
+    seen = [uniform_filter(cells.astype(np.float32), WINDOW, mode="nearest") for cells in sure]
+    trust = np.minimum(seen[0] * seen[1] / np.float32(ENOUGH), 1) ** 2
+    unsure = ~sure[0] & ~sure[1] & (trust > 1e-3)
+    y, x = np.nonzero(unsure.repeat(side, 0).repeat(side, 1)[: share.shape[0], : share.shape[1]])
+    cell = y // side * unsure.shape[1] + x // side
+    given = share[y, x] / np.float32(255)
+    along = across = variance = np.float32(0)
+    for channel in range(3):
+        plane = to_linear(pixels[part][..., channel])
+        means = [_combine(values, side, np.add) / side**2 for values in (plane, plane**2)]
+        (front, behind), squares = (
+            [
+                uniform_filter(mean * cells, WINDOW, mode="nearest") / np.maximum(count, np.float32(1e-4))
+                for cells, count in zip(sure, seen)
+            ]
+            for mean in means
+        )
+        variance = variance + sum(np.maximum(a - b**2, 0) for a, b in zip(squares, (front, behind)))
+        step, from_behind = (front - behind).take(cell), plane[y, x] - behind.take(cell)
+        along, across = along + from_behind * step, across + step**2
+    doubt = (NOISE**2 + SPREAD * variance.take(cell)) / (PRIOR**2 * trust.take(cell))
+    fitted = (along + doubt * given) / (across + doubt)
+    share[y, x] = np.rint(255 * np.clip((fitted - 0.5) * STEEP + 0.5, 0, 1))
+    return out
+
+
+def _combine(values: np.ndarray, side: int, how: np.ufunc) -> np.ndarray:
+    """Combines the cells of side x side pixels of (h,w); the last ones are completed by the border."""
+    height, width = values.shape
+    values = np.pad(values, ((0, -height % side), (0, -width % side)), mode="edge")
+    return reduce(how, (values[i::side, j::side] for i, j in np.ndindex(side, side)))

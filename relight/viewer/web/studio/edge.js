@@ -1,0 +1,60 @@
+// The edge of a mask, fitted to the photo's colors: relight/photos/mask/edge.py.
+
+import { extremes, means } from "./filters.js";
+import { extent } from "./regions.js";
+
+const CELLS = 400, SURE = 13, WINDOW = 7, PRIOR = 0.3, NOISE = 0.02, SPREAD = 5, STEEP = 1.1, ENOUGH = 1 / 30;
+
+// Coverage, a byte per pixel, of the people in a photo of three planes of linear values.
+function fitEdge(image, coverage, width) {
+  const height = coverage.length / width, box = extent(coverage.map((v) => (v > SURE ? 1 : 0)), width);
+  if (!box) return coverage;
+  const side = Math.max(Math.round(Math.max(box.rows[1] - box.rows[0], box.columns[1] - box.columns[0]) / CELLS), 2);
+  const grown = ([first, end], length) => [Math.max(first - WINDOW * side, 0), Math.min(end + WINDOW * side, length)];
+  const [top, bottom] = grown(box.rows, height), [left, right] = grown(box.columns, width), wide = right - left, high = bottom - top;
+  const cut = (plane) => {
+    const part = new plane.constructor(wide * high);
+    for (let y = 0; y < high; y++) part.set(plane.subarray((top + y) * width + left, (top + y) * width + right), y * wide);
+    return part;
+  };
+  let share = cut(coverage);
+  if (!share.some((v) => v > 0 && v < 255)) share = means(share, wide, 3, true);
+  const across = Math.ceil(wide / side), down = Math.ceil(high / side), cells = across * down;
+  const combine = (plane, how) => Float32Array.from({ length: cells }, (_, k) => {
+    const y = Math.floor(k / across) * side, x = (k % across) * side;
+    let value = null;
+    for (let i = 0; i < side * side; i++) {
+      const row = Math.min(y + Math.floor(i / side), high - 1), next = plane[row * wide + Math.min(x + (i % side), wide - 1)];
+      value = value === null ? next : how(value, next);
+    }
+    return value;
+  });
+  const [low] = extremes(combine(share, Math.min), across, 3), [, most] = extremes(combine(share, Math.max), across, 3);
+  const sure = [low.map((v) => (v > 255 - SURE ? 1 : 0)), most.map((v) => (v < SURE ? 1 : 0))];
+  const seen = sure.map((set) => means(set, across, WINDOW, true));
+  const trust = seen[0].map((v, k) => Math.min((v * seen[1][k]) / ENOUGH, 1) ** 2);
+  const colors = image.map(cut), area = side * side;
+  const near = colors.map((plane) => [plane, plane.map((v) => v * v)].map((values) => {
+    const mean = combine(values, (a, b) => a + b).map((v) => v / area);
+    return sure.map((set, n) => means(mean.map((v, k) => v * set[k]), across, WINDOW, true).map((v, k) => v / Math.max(seen[n][k], 1e-4)));
+  }));
+  const out = coverage.slice();
+  for (let i = 0; i < share.length; i++) {
+    const x = i % wide, y = Math.floor(i / wide), k = Math.floor(y / side) * across + Math.floor(x / side), place = (top + y) * width + left + x;
+    out[place] = share[i];
+    if (sure[0][k] || sure[1][k] || trust[k] <= 1e-3) continue;
+    let along = 0, span = 0, variance = 0;
+    near.forEach(([[front, behind], squares], c) => {
+      const step = front[k] - behind[k], away = colors[c][i] - behind[k];
+      along += away * step;
+      span += step * step;
+      variance += Math.max(squares[0][k] - front[k] ** 2, 0) + Math.max(squares[1][k] - behind[k] ** 2, 0);
+    });
+    const doubt = (NOISE ** 2 + SPREAD * variance) / (PRIOR ** 2 * trust[k]);
+    const fitted = (along + (doubt * share[i]) / 255) / (span + doubt);
+    out[place] = Math.round(255 * Math.min(Math.max((fitted - 0.5) * STEEP + 0.5, 0), 1));
+  }
+  return out;
+}
+
+export { fitEdge };

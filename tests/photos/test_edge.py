@@ -1,0 +1,122 @@
+"""Masks that are wrong by pixels come back to the true coverage, and what they relit wrongly before is right."""
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from relight.photos.compose.render import estimate_foreground, over
+from relight.photos.mask.edge import fit_edge
+from relight.srgb import LINEAR, encode
+
+BLACK_CLOTH, WHITE_CLOTH = (0.010, 0.011, 0.016), (0.9, 0.88, 0.8)
+SKY, LAWN = (0.25, 0.45, 0.9), (0.2, 0.4, 0.05)
+
+
+def composite(figure, behind, size=160):
+    """A disc of a color before another one, as sRGB codes with noise; its true coverage, and the distance inward."""
+    y, x = np.mgrid[:size, :size] + 0.5 - size / 2
+    inward = 0.35 * size - np.hypot(x, y)
+    alpha = np.clip(inward + 0.5, 0, 1)[..., None]
+    linear = alpha * np.array(figure) + (1 - alpha) * np.array(behind)
+    noise = np.random.default_rng(1).normal(0, 1.5, linear.shape)
+    codes = (255 * encode(linear) + noise).round().clip(0, 255).astype(np.uint8)
+    return codes, alpha[..., 0].astype(np.float32), inward
+
+
+def soft(inward):
+    return np.rint(255 * np.clip(inward + 0.5, 0, 1)).astype(np.uint8)
+
+
+def masks(inward):
+    """The true one; one of two values; one that is 2 pixels too large, and one too small."""
+    return {
+        "true": soft(inward), "binary": (255 * (inward > 0)).astype(np.uint8),
+        "large": soft(inward + 2), "small": soft(inward - 2),
+    }  # fmt: skip
+
+
+def rim_error(values, true, inward):
+    return float(np.sqrt(((values - true)[np.abs(inward) < 6] ** 2).mean()))
+
+
+@pytest.mark.parametrize("colors", [(BLACK_CLOTH, SKY), (WHITE_CLOTH, LAWN), (LAWN, SKY)])
+@pytest.mark.parametrize("kind", ["true", "binary", "large", "small"])
+def test_fit_edge_finds_the_true_coverage(colors, kind):
+    codes, alpha, inward = composite(*colors)
+    mask = masks(inward)[kind]
+    before = rim_error(mask / 255, alpha, inward)
+    after = rim_error(fit_edge(codes, mask) / 255, alpha, inward)
+    assert after < 0.02
+    assert kind == "true" or after < before / 4
+
+
+def test_fit_edge_keeps_a_mask_that_colors_say_nothing_about():
+    _, _, inward = composite(BLACK_CLOTH, SKY)
+    mask = soft(inward + 2)
+    grey = np.random.default_rng(2).normal(128, 3, (*mask.shape, 3)).astype(np.uint8)
+    assert np.abs(fit_edge(grey, mask).astype(int) - mask).max() < 26
+
+
+def test_fit_edge_softens_a_mask_of_two_values():
+    """To what a lens leaves of the edge, also where the colors say nothing."""
+    _, alpha, inward = composite(BLACK_CLOTH, SKY)
+    alpha = gaussian_filter(alpha, 0.7)
+    mask = masks(inward)["binary"]
+    fitted = fit_edge(np.full((*mask.shape, 3), 128, np.uint8), mask)
+    assert rim_error(fitted / 255, alpha, inward) < 0.6 * rim_error(mask / 255, alpha, inward)
+
+
+def test_fit_edge_keeps_what_is_neither_color():
+    """A red strap across the edge, on white cloth before a lawn: its pixels are no mixture of the two."""
+    codes, _, inward = composite(WHITE_CLOTH, LAWN)
+    codes[78:81, 100:150] = 200, 10, 60
+    mask = soft(inward)
+    mask[78:81, 100:140] = 255
+    fitted = fit_edge(codes, mask)
+    assert fitted[79, 128:140].min() > 200 and fitted[79, 141:150].max() < 60
+
+
+@pytest.mark.parametrize("mask", [np.full((40, 40), 255, np.uint8), np.pad(np.full((2, 3), 255, np.uint8), 20)])
+def test_fit_edge_without_background_or_inside(mask):
+    codes = np.random.default_rng(3).integers(0, 256, (*mask.shape, 3)).astype(np.uint8)
+    fitted = fit_edge(codes, mask)
+    assert np.abs(fitted[mask == 255].astype(int) - 255).max() <= 142 and (fitted[0] == mask[0]).all()
+
+
+def relit(codes, mask, gain):
+    """The photo with a gain on its figure, as `render` composes it over the photo's own background, in codes."""
+    linear = LINEAR[codes]
+    alpha = mask.astype(np.float32) / 255
+    front = estimate_foreground(linear, alpha)
+    return 255 * encode(np.clip(linear + alpha[..., None] * (front * np.float32(gain) - front), 0, 1))
+
+
+@pytest.mark.parametrize("kind", ["binary", "large", "small"])
+@pytest.mark.parametrize(("figure", "behind", "gain"), [(BLACK_CLOTH, SKY, 4.0), (WHITE_CLOTH, SKY, 0.2)])
+def test_relit_rim_by_a_wrong_mask(figure, behind, gain, kind):
+    """Black cloth gets more light and white cloth less: no bright, and no navy, rim against the sky."""
+    codes, alpha, inward = composite(figure, behind)
+    truth = 255 * encode(over(np.array(figure) * gain, alpha, np.array(behind)))
+    mask = masks(inward)[kind]
+    before = rim_error(relit(codes, mask, gain), truth, inward)
+    after = rim_error(relit(codes, fit_edge(codes, mask), gain), truth, inward)
+    assert after < 9 and after < 0.65 * before
+
+
+def test_relit_black_cloth_keeps_its_hue_at_the_rim():
+    codes, _, inward = composite(BLACK_CLOTH, SKY)
+    found = relit(codes, fit_edge(codes, soft(inward + 2)), 4.0)
+    inside = (inward > 1) & (inward < 6)
+    true = 255 * encode(4 * np.array(BLACK_CLOTH))
+    assert np.abs(np.median(found[inside], 0) - true).max() < 4
+    assert (found[inside].max(-1) - found[inside].min(-1)).mean() < 20
+
+
+def test_estimated_foreground_leaves_no_background_below_black():
+    """A mask that takes sky for a white hat: what is split off is no more than is there."""
+    codes, _, inward = composite(WHITE_CLOTH, SKY)
+    alpha = np.clip(inward / 3 + 1.5, 0, 1).astype(np.float32)
+    linear = LINEAR[codes]
+    front = estimate_foreground(linear, alpha)
+    assert ((alpha > 0) & (alpha < 1)).sum() > 500
+    assert (linear - alpha[..., None] * front).min() > -1e-5
