@@ -228,6 +228,13 @@ class Train:
     lr: float = setting("learning rate of Adam; Muon takes five times as much", above=0)
     beta1: float = setting("decay of Adam's mean of gradients", least=0, below=1)
     schedule: str = setting("schedule of the learning rate after the warm-up", choices=("constant", "cosine"))
+    span: list[float] = setting(
+        "part of the cosine that this training covers, so that one schedule can go over several trainings",
+        [0.0, 1.0],
+        interval=True,
+        least=0,
+        most=1,
+    )
     warmup: int = setting("steps in which the learning rate rises to lr", least=0)
     color: str = setting(
         "color model: 8-bit codes as linear albedo (paper), or linear albedo, and pictures as of cameras (photo)",

@@ -314,7 +314,8 @@ def learning_rate(train: Train, step: int) -> float:
     warm = min(1.0, (step + 1) / train.warmup) if train.warmup else 1.0
     if train.schedule == "constant":
         return train.lr * warm
-    done = step / train.steps
+    first, last = train.span
+    done = first + (last - first) * step / train.steps
     return train.lr * warm * (FINAL_LR + (1 - FINAL_LR) * 0.5 * (1 + math.cos(math.pi * done)))
 
 

@@ -66,8 +66,8 @@ def test_relight_changes_the_people_alone(nodes, portrait):
     (light,) = nodes["RelightNamedLight"]().run("key:#ff8040@80,10,0.05")
     relit, alpha = nodes["RelightRelight"]().run(image, light, *PLAIN, mask)
     assert relit.shape == image.shape and relit.dtype == torch.float32 and 0 <= relit.min() and relit.max() <= 1
-    torch.testing.assert_close(alpha, mask, atol=1e-6, rtol=0)
-    outside = mask[0] == 0
+    assert (alpha - mask).abs().mean() < 0.01, "but for its edge, which is fitted to the image"
+    outside = alpha[0] == 0
     torch.testing.assert_close(relit[0][outside], image[0][outside], atol=1e-4, rtol=0)
     red, blue = (relit / image.clamp_min(0.02))[0][mask[0] == 1].mean(0)[[0, 2]]
     assert red > 1.2 * blue
@@ -139,7 +139,7 @@ def test_maps_times_each_other_are_about_the_image(nodes, portrait):
     product = srgb.decode(albedo[0].numpy()) * srgb.decode(shading[0].numpy()) * 2
     codes, expected = srgb.encode(product.clip(0, 1))[inside], image[0].numpy()[inside]
     assert np.corrcoef(codes.ravel(), expected.ravel())[0, 1] > 0.95 and np.abs(codes - expected).mean() < 0.1
-    assert (albedo[0].numpy()[~(mask[0] > 0).numpy()] == 0).all()
+    assert (albedo[0].numpy()[alpha[0].numpy() == 0] == 0).all()
     vectors = 2 * normal[0].numpy() - 1
     np.testing.assert_allclose(np.linalg.norm(vectors, axis=-1), 1, atol=3e-3)
     assert (vectors[alpha[0].numpy() == 0] == [0, 0, 1]).all()

@@ -78,4 +78,4 @@ def test_a_photograph_of_a_real_person():
     cheeks = [[srgb.decode(one[110:150, x : x + 20] / 255.0).mean() for x in (185, 240)] for one in lit]
     assert cheeks[0][0] > 1.5 * cheeks[0][1] and cheeks[1][1] > 1.2 * cheeks[1][0]
     for one in lit:
-        np.testing.assert_array_equal(one[mask == 0], photo[mask == 0])
+        np.testing.assert_array_equal(one[person.coverage == 0], photo[person.coverage == 0])

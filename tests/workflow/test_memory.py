@@ -39,6 +39,6 @@ def test_a_job_is_killed_for_memory(small_memory, tmp_path):
     assert run.returncode == 1
     lines = run.stdout.splitlines()
     reason = "as the system does when memory runs out: run fewer jobs at once (--cores)"
-    assert f"figure was killed; {reason}; its log: {OUT}/log/figure/g0001.log" in lines
+    assert f"figure was killed, {reason}; its log: {OUT}/log/figure/g0001.log" in lines
     assert not [line for line in lines if "Traceback" in line or "Killed" in line]
     assert not list((repo / OUT).glob("figures/*"))
