@@ -37,6 +37,7 @@ hydra: {run: {dir: .}, output_subdir: null, job: {chdir: false}}
 USUAL_CONDITION = ("test", "test")  # the figures and lights of the tables
 MAX_TAG = 5000  # characters of a tag in MLflow
 MAX_CLOCK_SKEW = 60  # seconds by which the clock of a file server may be ahead
+LISTS = ("figures.txt", "maps.txt", "experiments.json")  # files of results/<name>/config beside the settings
 # The groups that rows may change; of the split only its kind.
 ROW_GROUPS = ("model", "loss", "train", "augment", "split", "timing", "track")
 SETTINGS_CACHE = Path(".snakemake", "relight.settings.json")  # settings of rows, by the hash of their sources
@@ -525,11 +526,11 @@ class Plan:
         """
         for file in sorted((ROOT / self.out / "config").glob("*")):
             stage, _, of = file.stem.partition(".")
-            if file.suffix == ".yaml" and not self.is_read(stage, of):
+            if not (file.name in LISTS or (file.suffix == ".yaml" and self.is_read(stage, of))):
                 continue
-            if file.read_text(encoding="utf-8") != (text := self.config_text(file.name)):
+            if file.read_bytes() != (text := self.config_text(file.name).encode()):
                 with atomic_write(file) as tmp:
-                    tmp.write_text(text, encoding="utf-8")
+                    tmp.write_bytes(text)
 
     def is_read(self, stage: str, of: str) -> bool:
         """Returns whether this plan has such a stage and, if one is given, the training `of`."""

@@ -145,6 +145,7 @@ def test_changed_settings_are_named_with_the_way_to_keep_both(made):
 
 def test_update_config_dates_the_settings_that_differ(made):
     """Snakemake has no records of a folder that was copied: the dates of these files alone tell it what to make."""
+    (made / "bake.yaml~").write_bytes(b"an editor's copy \xff")
     dates = {file.name: file.stat().st_mtime_ns for file in made.iterdir()}
     plan = Plan({"hydra": ["scale=smoke", "bake.rays=64"]})
     plan.update_config()
