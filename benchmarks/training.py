@@ -3,6 +3,7 @@
     python benchmarks/training.py                       # the CPU, one thread, CPU time: also valid on a busy machine
     python benchmarks/training.py --device cuda         # the first GPU, wall time
     python benchmarks/training.py --cases 256:1:8:f32   # size:width:batch:precision, one or more
+    python benchmarks/training.py --optimizers          # a step of each optimizer alone, on the network for photos
     python benchmarks/training.py --memory smoke demo study paper
 
 A step is: relight the batch from the packed set ("data"), the network forward and backward, the 15 losses forward and
@@ -36,6 +37,7 @@ from relight.config import Model, composed
 from relight.learning.data import Batch, RelitSet
 from relight.learning.losses import losses
 from relight.learning.networks import build
+from relight.learning.optimizers import make_optimizers
 from relight.maps import Maps, pack_maps, write_maps
 from relight.sh import unoccluded
 
@@ -220,6 +222,35 @@ def memory(scale: str, device: str) -> str:
     return "| " + " | ".join(cells) + " |"
 
 
+def optimizer_times(clock: Clock, width: float, device: str) -> dict[str, float]:
+    """Measures a step of each optimizer on the network for photos, with random gradients.
+
+    torch's Muon gets the weights of ours, as the matrices that it expects.
+
+    Args:
+        clock: returns the seconds of a call.
+        width: of the network, over the paper's.
+        device: cpu or cuda.
+
+    Returns:
+        Seconds of a step by optimizer; those of Muon are without Adam's for the other weights.
+    """
+    settings = OmegaConf.to_object(composed(["model=unet", f"model.width={width}", "train=photo"]))
+    network = build(settings.model, 128).to(device)
+    for weight in network.parameters():
+        weight.grad = torch.randn_like(weight)
+    ours = make_optimizers(network, settings.train)["muon"]
+    ours.param_groups[0]["lr"] = 1e-4
+    matrices = [weight.detach().flatten(1).clone() for weight in ours.param_groups[0]["params"]]
+    for matrix in matrices:
+        matrix.grad = torch.randn_like(matrix)
+    return {
+        "Adam, all weights": clock(torch.optim.Adam(network.parameters(), 1e-4, fused=True).step),
+        "Muon, float32 (ours)": clock(ours.step),
+        "torch.optim.Muon, bfloat16": clock(torch.optim.Muon(matrices, 1e-4, nesterov=True).step),
+    }
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--device", choices=["cpu", "cuda"], default="cpu")
@@ -228,6 +259,7 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=5.0, help="least duration of each measurement")
     parser.add_argument("--compile", action="store_true", help="torch.compile the network")
     parser.add_argument("--memory", nargs="+", metavar="SCALE", help="only the peak memory of these presets' training")
+    parser.add_argument("--optimizers", action="store_true", help="only a step of each optimizer, of width 1/2")
     options = parser.parse_args()
     if options.memory:
         print("| preset | size, width, batch, precision | parameters | step, GiB | process, GiB | packed set, GiB |")
@@ -239,6 +271,10 @@ def main() -> None:
     torch.set_num_threads(options.threads)
     torch.backends.cudnn.benchmark = True
     clock = Clock(options.device, options.threads, options.seconds)
+    if options.optimizers:
+        for name, seconds in optimizer_times(clock, 0.5, options.device).items():
+            print(f"{name}: {1e3 * seconds:.1f} ms a step")
+        return
     for precision in ("f32", "bf16"):
         print(f"matrix products, {precision}: {matmul_rate(clock, options.device, precision) / 1e9:.0f} GFLOP/s")
     print("| case | ms/step | images/s | GFLOP/s | share | data | losses | inference ms | its share | peak GiB |")

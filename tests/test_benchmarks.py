@@ -36,6 +36,12 @@ def test_a_step_of_the_timed_training_runs(scripts, tmp_path):
     assert any((one != other).any() for one, other in zip(before, case.network.parameters()))
 
 
+def test_every_optimizer_is_timed(scripts):
+    training = importlib.import_module("training")
+    times = training.optimizer_times(training.Clock("cpu", 1, 0), 0.0625, "cpu")
+    assert len(times) == 3 and all(seconds > 0 for seconds in times.values())
+
+
 @pytest.mark.parametrize(
     ("words", "size", "operations"),
     [
