@@ -18,7 +18,12 @@ BENCHMARK = Path("benchmark")
 def make(
     out: Annotated[Path, typer.Option("--out", "-o", help="Folder of the set.")] = BENCHMARK,
     kind: Annotated[
-        str, typer.Option("--set", help="report: for final numbers; choose: for the choice of methods and settings.")
+        str,
+        typer.Option(
+            "--set",
+            help="report: for final numbers; choose: for the choice of methods and settings; real: under real "
+            "panoramas (after `relight light setup`).",
+        ),
     ] = "report",
     count: Annotated[int | None, typer.Option(help="Number of pictures; by default all 128.")] = None,
     size: Annotated[int, typer.Option(help="Side of the picture of a whole person, pixels.")] = 512,

@@ -1,4 +1,4 @@
-"""Generates the panoramas that light the benchmark: rooms, skies and studio lamps, each with its own white balance."""
+"""Panoramas that light the benchmark: rooms, skies, studio lamps and real places, each with its own white balance."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,8 @@ import numpy as np
 from relight.learning.augment import RED_PER_BLUE
 from relight.lights.chain import GENERATORS
 from relight.lights.light import Light
-from relight.panoramas import Panorama, project
+from relight.panoramas import Panorama, project, read_panorama
+from relight.panoramas.polyhaven import NAMES, panorama_file
 from relight.panoramas.radiosity import HEIGHT, WIDTH, view_directions
 from relight.photos.compose.environment import lookup
 from relight.transport.tracer import sky_directions
@@ -16,11 +17,11 @@ from relight.transport.view import View
 
 @dataclass(frozen=True)
 class Lamplight:
-    """A generated light.
+    """A light.
 
     Attributes:
-        kind: a key of `relight.lights.chain.GENERATORS`.
-        seed: of its generator.
+        kind: a key of `relight.lights.chain.GENERATORS`, or `real`.
+        seed: of its generator; of a real light, its index in `relight.panoramas.polyhaven.NAMES`.
         tint: ln(B/G) of the white balance.
         yaw: rotation about the vertical, degrees.
     """
@@ -35,8 +36,11 @@ def panorama(light: Lamplight, pitch: float, brightness: float) -> Panorama:
     """Returns a light as a lat-long panorama in the frame of a camera that looks down by `pitch` degrees.
 
     Its radiance is scaled so that the reference brightness (`Light.normalised`) is `brightness`.
+
+    Raises:
+        UserError: if the light is a real one and the panoramas are not set up.
     """
-    upright = Panorama(GENERATORS[light.kind](light.seed), yaw=light.yaw)
+    upright = Panorama(upright_pixels(light), yaw=light.yaw)
     radiance = lookup(upright, view_directions() @ View(pitch=pitch).rotation)  # camera to world, which is upright
     gains = np.exp([RED_PER_BLUE * light.tint, 0, light.tint])
     pixels = np.maximum(radiance * gains, 0).reshape(HEIGHT, WIDTH, 3)
@@ -44,6 +48,18 @@ def panorama(light: Lamplight, pitch: float, brightness: float) -> Panorama:
     before = project(Panorama(pixels), 2)
     scale = Light(before, source).normalised(brightness).coefficients[0, 1] / before[0, 1]
     return Panorama((pixels * scale).astype(np.float32), source=source)
+
+
+def upright_pixels(light: Lamplight) -> np.ndarray:
+    """Returns the radiance (HEIGHT,WIDTH,3) of a light as a lat-long panorama, not yet turned, tinted or scaled.
+
+    Pixels of a real panorama are averaged, so that a sun smaller than a pixel of the result keeps its power.
+    """
+    if light.kind in GENERATORS:
+        return GENERATORS[light.kind](light.seed)
+    pixels = read_panorama(panorama_file(NAMES[light.seed])).pixels
+    rows, columns = (side // count for side, count in zip(pixels.shape, (HEIGHT, WIDTH)))
+    return pixels.reshape(HEIGHT, rows, WIDTH, columns, 3).mean((1, 3))
 
 
 def resampled(source: Panorama) -> np.ndarray:

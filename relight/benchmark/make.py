@@ -16,6 +16,7 @@ from relight.benchmark.picture import Picture, Settings, render_picture
 from relight.benchmark.recipes import (
     FIGURES,
     HASHES,
+    REAL,
     SPARE_OFFSET,
     VIEWS,
     PictureRecipe,
@@ -29,6 +30,7 @@ from relight.files import atomic_folder, atomic_write, file_hash, writable_folde
 from relight.maps import write_maps
 from relight.meshes import Mesh, align
 from relight.panoramas import Panorama
+from relight.panoramas.polyhaven import NAMES, panorama_file
 from relight.progress import progress
 from relight.transport.tracer import import_mitsuba
 
@@ -42,7 +44,7 @@ def make(folder: Path | str, kind: str = "report", count: int | None = None, set
 
     Args:
         folder: of the set.
-        kind: `report` or `choose`.
+        kind: `report`, `choose` or `real`.
         count: of pictures, from the first; by default all.
         settings: of the pictures.
 
@@ -50,7 +52,8 @@ def make(folder: Path | str, kind: str = "report", count: int | None = None, set
         The set's hash.
 
     Raises:
-        UserError: without Mitsuba, for settings out of range, or if the folder holds another set.
+        UserError: without Mitsuba, for settings out of range, if the folder holds another set, or if the panoramas
+            of the set `real` are not set up.
     """
     folder, settings = Path(folder), settings or Settings()
     if settings.size < 64 or settings.size % 16:
@@ -59,6 +62,8 @@ def make(folder: Path | str, kind: str = "report", count: int | None = None, set
     if len(wanted) == FIGURES * VIEWS and digest(wanted) != HASHES[kind]:
         raise RuntimeError(f"the recipes of {kind} have changed, but those of a published set must not")
     import_mitsuba()
+    if kind == REAL:
+        panorama_file(NAMES[0])  # fails before the first figure is drawn
     writable_folder(folder, "--out", int(BYTES_PER_PICTURE * len(wanted) * (settings.size / 512) ** 2))
     check_plan(folder, {"format": FORMAT, "set": kind, "settings": asdict(settings)})
     missing = [one for one in wanted if not (folder / "inputs" / one.name).is_dir()]

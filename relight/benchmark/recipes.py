@@ -13,9 +13,11 @@ from relight.benchmark.lights import Lamplight
 from relight.errors import UserError
 from relight.learning.augment import CUT_HEIGHT
 from relight.meshes import Mesh
+from relight.panoramas.polyhaven import NAMES
 from relight.transport import View, random_view
 
-FIRST_SEED = {"report": 900_000, "choose": 910_000}  # of figures and lights, none of which is in training
+# Of figures and lights, none of which is in training.
+FIRST_SEED = {"report": 900_000, "choose": 910_000, "real": 920_000}
 FIGURES = 64
 VIEWS = 2  # pictures per figure: the whole person, then the whole or the upper half
 SPARE_OFFSET = 1_000  # added to the seed of a figure that the generator refuses
@@ -25,6 +27,8 @@ TINT = 0.15  # standard deviation of ln(B/G) of the white balance
 STOPS = (-0.7, 0.5)  # range of the exposure
 HALF_SHARE = 0.5  # share of the second pictures that show the upper half
 VARIANT_EVERY = 2  # the first picture of every second figure has variants
+
+REAL = "real"  # kind of the lights of the set of this name: panoramas by Poly Haven
 
 HASHES = {
     "report": "35ec0e0384d839fcc253df3c6654538f01cb7142f4891dbb23017bab5bb57b6e",
@@ -58,11 +62,13 @@ class PictureRecipe:
 
 
 def draw_recipes(kind: str, count: int | None = None) -> list[PictureRecipe]:
-    """Returns the recipes of the set `report` or `choose`, or the first `count`. Raises UserError for another name."""
+    """Returns the recipes of a set, a key of FIRST_SEED, or its first `count`. Raises UserError for another name."""
     if kind not in FIRST_SEED:
         raise UserError(f"--set {kind}: must be {' or '.join(FIRST_SEED)}")
     seeds = range(FIRST_SEED[kind], FIRST_SEED[kind] + FIGURES)
     drawn = [draw_recipe(seed, number) for seed in seeds for number in range(1, VIEWS + 1)]
+    if kind == REAL:
+        drawn = [under_real_lights(recipe) for recipe in drawn]
     if count is not None and not 1 <= count <= len(drawn):
         raise UserError(f"--count {count}: must be from 1 to {len(drawn)}")
     return drawn[:count]
@@ -84,6 +90,15 @@ def draw_recipe(seed: int, number: int) -> PictureRecipe:
     stops = round(float(rng.uniform(*STOPS)), 3)
     varied = number == 1 and seed % VARIANT_EVERY == 0
     return PictureRecipe(name, seed, random_view(name), cut, lights[0], tuple(lights[1:]), stops, varied)
+
+
+def under_real_lights(recipe: PictureRecipe) -> PictureRecipe:
+    """Returns a recipe with as many different real panoramas, by their index in NAMES, in place of generated lights."""
+    generated = (recipe.light, *recipe.new)
+    rng = np.random.default_rng([recipe.seed, int(recipe.name[-1]), 0x5EA1])
+    chosen = rng.permutation(len(NAMES))[: len(generated)]
+    light, *new = (replace(one, kind=REAL, seed=int(index)) for one, index in zip(generated, chosen))
+    return replace(recipe, light=light, new=tuple(new))
 
 
 def with_gloss(mesh: Mesh, seed: int) -> Mesh:

@@ -1,5 +1,7 @@
 """What is in the sets is fixed, and apart from all that is trained on and from each other."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from relight.lights.chain import GENERATORS
 from relight.lights.statistics import reference_brightness
 from relight.meshes import Material, Mesh
 from relight.panoramas import Panorama, project
+from relight.panoramas.polyhaven import NAMES
 from relight.sh import basis, rotation_matrix
 from relight.transport.tracer import sky_directions, sky_weights
 from relight.transport.view import View
@@ -25,12 +28,48 @@ def test_draw_recipes_share_no_seed():
     made = {kind: draw_recipes(kind) for kind in HASHES}
     for seeds in ([{r.seed + k * SPARE_OFFSET for r in made[kind] for k in range(3)} for kind in HASHES],):
         assert not set.intersection(*seeds) and min(map(min, seeds)) >= 900_000
-    lights = [(one.kind, one.seed) for kind in HASHES for r in made[kind] for one in (r.light, *r.new)]
+    lights = [(one.kind, one.seed) for kind in ("report", "choose") for r in made[kind] for one in (r.light, *r.new)]
     assert len(lights) == len(set(lights)) == 2 * 128 * 5 and min(seed for _, seed in lights) >= 900_000
     for kind in HASHES:
         names = [r.name for r in made[kind]]
         assert len(set(names)) == 128 and len({r.seed for r in made[kind]}) == 64
         assert sum(r.varied for r in made[kind]) == 32 and not any(r.varied and r.cut for r in made[kind])
+
+
+def test_draw_recipes_of_real_lights():
+    """A photograph and its four new lights are five panoramas, and each of the eighteen is used about as often."""
+    made = draw_recipes("real")
+    lights = [[one.seed for one in (r.light, *r.new)] for r in made]
+    assert all(one.kind == "real" for r in made for one in (r.light, *r.new))
+    assert all(len(set(seeds)) == 5 for seeds in lights)
+    counts = np.bincount(np.ravel(lights), minlength=len(NAMES))
+    assert len(counts) == len(NAMES) == 18 and counts.min() > 20 and counts.max() < 55
+    generated = draw_recipe(made[0].seed, 1)
+    assert replace(made[0], light=generated.light, new=generated.new) == generated
+
+
+def test_make_of_real_lights_needs_the_panoramas(monkeypatch, tmp_path, settings):
+    from relight.benchmark import make
+
+    monkeypatch.setenv("RELIGHT_DATA", str(tmp_path))
+    monkeypatch.setattr(make, "import_mitsuba", lambda: None)
+    with pytest.raises(UserError, match="not set up: run once `relight light setup`"):
+        make.make(tmp_path / "set", "real", 1, settings)
+
+
+def test_panorama_of_a_real_place_keeps_the_power_of_its_sun(monkeypatch, tmp_path):
+    """A sun of one pixel, turned and tipped, still has its share of the light."""
+    from relight.benchmark.make import write_panorama
+
+    monkeypatch.setenv("RELIGHT_DATA", str(tmp_path))
+    pixels = np.full((256, 512, 3), 0.1, np.float32)
+    pixels[60, 130] = 5000
+    (tmp_path / "panoramas").mkdir()
+    write_panorama(tmp_path / "panoramas" / f"{NAMES[3]}.exr", Panorama(pixels))
+    light = project(Panorama(pixels), 2)[:, 1]
+    for yaw in (0.0, 32.0, 77.0, 181.0):
+        found = project(panorama(Lamplight("real", 3, 0.0, yaw), 5.0, 0.6), 2)[:, 1]
+        assert np.linalg.norm(found[1:4]) / found[0] == pytest.approx(np.linalg.norm(light[1:4]) / light[0], rel=0.03)
 
 
 def test_make_refuses_changed_recipes(monkeypatch, painter, tmp_path, settings):
@@ -42,7 +81,7 @@ def test_make_refuses_changed_recipes(monkeypatch, painter, tmp_path, settings):
 
 
 def test_draw_recipes_refuses_names_and_counts():
-    with pytest.raises(UserError, match="--set best: must be report or choose"):
+    with pytest.raises(UserError, match="--set best: must be report or choose or real"):
         draw_recipes("best")
     with pytest.raises(UserError, match="--count 0"):
         draw_recipes("report", 0)
