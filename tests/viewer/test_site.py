@@ -139,6 +139,37 @@ def test_a_photo_becomes_the_maps_of_python_and_nothing_is_sent(page, server, ex
         assert np.abs(mine.astype(int) - page.pixels(**state, view=view)).max() <= 2, view
 
 
+def saved(page):
+    """The picture that the page's button saves."""
+    text = page.run(
+        """new Promise((done) => { const made = URL.createObjectURL;
+        URL.createObjectURL = (blob) => {
+          const reader = new FileReader(); reader.onload = () => done(reader.result.split(",")[1]);
+          reader.readAsDataURL(blob); URL.createObjectURL = made; return made(blob); };
+        document.getElementById("save").click(); })"""
+    )
+    return np.asarray(Image.open(io.BytesIO(base64.b64decode(text))))
+
+
+def test_a_photo_is_saved_at_its_own_size(page, server, exported, lights, tmp_path):
+    from relight.viewer.build import build_viewer
+
+    pixels, alpha = (np.asarray(Image.fromarray(part).resize((1100, 1500))) for part in photograph())
+    page.open(address(server))
+    opened(page, png(np.dstack([pixels, alpha])))
+    until(page, "relight.figure().title === 'me'")
+    state = {"light": 0, "yaw": 40, "tilt": 0, "stops": 0, "background": "photo", "mode": "ratio", "view": "relit"}
+    shown = page.pixels(**state, before="none")
+    mine = saved(page)
+    assert shown.shape[:2] == (1024, 751) and mine.shape[:2] == (1500, 1100)
+    assert np.array_equal(page.pixels(), shown), "the page shows what it showed"
+
+    figure = photo_figure(Relighter(read_onnx(exported)), pixels, alpha, "me")
+    build_viewer(tmp_path / "me.html", figure.maps, lights, figure.photo, figure.photo_light)
+    page.open(tmp_path / "me.html")
+    assert np.abs(mine.astype(int) - page.pixels(**state, before="none")).max() <= 2
+
+
 def test_a_place_is_read_only_when_nothing_can_be_sent_any_more(page, server):
     page.open(address(server))
     sent, name = page.call(

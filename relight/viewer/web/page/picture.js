@@ -81,9 +81,14 @@ function redraw() {
 }
 
 // RGBA bytes of the picture at the image's own size; `split` in image pixels, by default where the stage shows it.
-function pixels(split = null) {
-  const [x, , perPixel] = placement.corner(1);
-  return app.renderer.pixels(scene(split ?? x + state.split * stage.clientWidth * perPixel));
+// figure: the one that is shown, or the same with more pixels.
+function pixels(split = null, figure = app.figure) {
+  const [x, , perPixel] = placement.corner(1), isOther = figure !== app.figure;
+  const onStage = (x + state.split * stage.clientWidth * perPixel) * (figure.width / app.figure.width);
+  if (isOther) app.renderer.show(figure);
+  const bytes = app.renderer.pixels(scene(split ?? onStage));
+  if (isOther) app.renderer.show(app.figure);
+  return bytes;
 }
 
 function fit() {

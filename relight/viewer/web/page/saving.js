@@ -1,4 +1,4 @@
-// The picture as a PNG, and a turn of the light as a short movie, both at the image's own size.
+// The picture as a PNG, and a turn of the light as a short movie.
 
 import { pixels } from "./picture.js";
 import { app, set, state } from "./state.js";
@@ -26,10 +26,12 @@ function paperOf(width, height) {
   return [paper, paper.getContext("2d")];
 }
 
+// At the size of the maps or, of a photo that was inferred in the browser, at its own.
 async function savePNG() {
-  const { width, height } = app.figure, [paper, context] = paperOf(width, height);
-  context.putImageData(new ImageData(pixels(), width, height), 0, 0);
-  download(await new Promise((done) => paper.toBlob(done, "image/png")), nameOf("png"));
+  const name = nameOf("png"), figure = (await app.atOwnSize?.()) ?? app.figure;
+  const { width, height } = figure, [paper, context] = paperOf(width, height);
+  context.putImageData(new ImageData(pixels(null, figure), width, height), 0, 0);
+  download(await new Promise((done) => paper.toBlob(done, "image/png")), name);
 }
 
 // Records one turn of the light; `onProgress` gets the share that is done. Frames that the machine is too slow for are

@@ -4,13 +4,15 @@ import { ready } from "../page/main.js";
 import { addFigure, openLight } from "../page/loading.js";
 import { notify, onFile } from "../page/panel.js";
 import { isPicture, readPhoto } from "../page/photo.js";
+import { bilinear, resample } from "../page/resample.js";
 import { openingTurn } from "../page/turning.js";
 import { app, element, page } from "../page/state.js";
 import { paintMask, startBrush } from "./brush.js";
 import { startEngine } from "./engine.js";
 
 const LONGEST = 1024; // pixels of the photo's longer side, as `relight view` has it
-const own = new Map(); // of figures that were inferred here: their photo and coverage
+const LARGEST = 3072; // pixels of the longer side of a picture that is saved
+const own = new Map(); // of figures that were inferred here: their photo, its file, and coverage
 let engine = null; // a promise of the engine
 
 function tell(text, share = null) {
@@ -38,26 +40,40 @@ function startOnce() {
 }
 
 // Infers the figure and shows it. Returns the milliseconds that it took.
-async function develop(photo, coverage, title) {
+async function develop(photo, coverage, { title, file }) {
   const ask = await startOnce(), began = performance.now();
   tell("Inferring albedo, light and transport …");
   const figure = await ask("infer", { photo, coverage, size: page.web.size });
   tell("");
   if (!figure) throw new Error("The mask holds nobody: paint the person, at least 8 pixels tall.");
   figure.title = title;
-  own.set(figure, { photo, coverage, title });
+  own.set(figure, { photo, coverage, title, file });
   await addFigure(title, figure);
   openingTurn();
   return performance.now() - began;
 }
 
-async function paintAndDevelop(photo, coverage, title) {
-  const painted = await paintMask(photo, coverage, title);
-  if (painted) await develop(photo, painted, title);
+async function paintAndDevelop(photo, coverage, source) {
+  const painted = await paintMask(photo, coverage, source.title);
+  if (painted) await develop(photo, painted, source);
+}
+
+// The shown figure at the photo's own size, or null where that is no larger, or is not known.
+async function atOwnSize() {
+  const { photo, coverage, file } = own.get(app.figure) ?? {};
+  const read = file && (await readPhoto(file, LARGEST));
+  if (!read || Math.max(read.width, read.height) <= LONGEST) return null;
+  const ask = await startOnce(), { width, height } = read;
+  tell("Inferring at the photo's own size …");
+  const { photo: large } = await ask("prepare", { photo: read, longest: LARGEST }, [read.pixels.buffer]);
+  const spread = resample(coverage, photo.width, [width, height], bilinear);
+  const figure = await ask("infer", { photo: large, coverage: spread, size: page.web.size });
+  tell("");
+  return figure;
 }
 
 async function openPhoto(file) {
-  const title = file.name.replace(/\.[^.]+$/, ""), ask = await startOnce();
+  const source = { title: file.name.replace(/\.[^.]+$/, ""), file }, ask = await startOnce();
   tell("Reading the photo …");
   const read = await readPhoto(file);
   const { photo, alpha } = await ask("prepare", { photo: read, longest: LONGEST }, [read.pixels.buffer]);
@@ -65,8 +81,8 @@ async function openPhoto(file) {
   tell("Looking for the person …");
   const coverage = isSolid(alpha) ? alpha : await ask("mask", { photo });
   tell("");
-  if (isSolid(coverage)) return develop(photo, coverage, title);
-  return paintAndDevelop(photo, new Uint8Array(photo.width * photo.height), title);
+  if (isSolid(coverage)) return develop(photo, coverage, source);
+  return paintAndDevelop(photo, new Uint8Array(photo.width * photo.height), source);
 }
 
 const guarded = (act) => (...values) => act(...values).catch((error) => {
@@ -81,13 +97,13 @@ function openFile(file) {
 
 async function start() {
   startBrush();
-  Object.assign(app, { openFile, beforeReading: startOnce });
+  Object.assign(app, { openFile, beforeReading: startOnce, atOwnSize: guarded(atOwnSize) });
   element("drop").textContent = "Drop a photo, or an .hdr panorama to light with";
   onFile(element("photo-file"), open);
   const edit = element("edit-mask");
   edit.addEventListener("click", guarded(() => {
-    const { photo, coverage, title } = own.get(app.figure);
-    return paintAndDevelop(photo, coverage, title);
+    const { photo, coverage, ...source } = own.get(app.figure);
+    return paintAndDevelop(photo, coverage, source);
   }));
   await ready;
   app.onFigure = () => (edit.hidden = !own.has(app.figure));
