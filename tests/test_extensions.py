@@ -1,4 +1,4 @@
-"""The file of docs/extend.md: network, loss, light and figure are chosen by its name, and nothing else is edited."""
+"""The file of docs/workflow.md: network, loss, light and figure are chosen by its name, and nothing else is edited."""
 
 import os
 import re
@@ -12,7 +12,7 @@ from relight.config import ROOT, check, composed, resolved
 from relight.errors import UserError
 from relight.lights import load_light
 
-PAGE = (ROOT / "docs" / "extend.md").read_text()
+PAGE = (ROOT / "docs" / "workflow.md").read_text()
 EXAMPLE = re.search(r"```python\n# relight/extensions/mine\.py\n(.*?)```", PAGE, re.S)
 USE = """
 import json, sys

@@ -75,7 +75,7 @@ def run(program, *words):
 
 
 def read_maps(path):
-    """Reads maps of relight (docs/conventions.md, docs/photos.md).
+    """Reads maps of relight (docs/transport.md, docs/photos.md).
 
     Returns:
         Albedo (H,W,3) linear, transport (H,W,9) and coverage (H,W), of the display window, the top row first.

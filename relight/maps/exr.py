@@ -42,7 +42,7 @@ class Maps:
         bounced: (S,S,K,3) float32 bounced transport of each color channel; None if the maps were baked without
             bounces.
         gloss: (S,S,2) float32 in [0,1], roughness and specular (`relight.meshes.Material`); None if all is matt.
-        info: plain JSON values (name, subject, rays, order, ...) of the file's header (docs/conventions.md).
+        info: plain JSON values (name, subject, rays, order, ...) of the file's header (docs/transport.md).
     """
 
     mask: np.ndarray
