@@ -74,6 +74,27 @@ def test_score_of_the_untouched_picture(drawn, tmp_path):
     assert all(np.isnan(row[name]).all() for name in COLUMNS if not name.startswith("ratio"))
 
 
+def test_score_of_the_loop_on_the_page(drawn, tmp_path, monkeypatch):
+    """The page's loop and its method that wants a background, with a model that leaves the photo as it is."""
+    page = (Path(__file__).parents[2] / "docs" / "benchmark.md").read_text()
+    loop, method = (part.split("```")[0] for part in page.split("```python\n")[1:3])
+    seen = []
+
+    def model(photo, mask, background):
+        seen.append(background)
+        return photo
+
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "benchmark").symlink_to(drawn)
+    exec(method + loop, {"my_model": model, "np": np})
+    answer(drawn, tmp_path / "as_it_is", "as_it_is")
+    mine, theirs = (
+        read_scores(score(drawn, folder).parent) for folder in (tmp_path / "answers/mine", tmp_path / "as_it_is")
+    )
+    assert np.allclose(mine["full"], theirs["ratio"])
+    assert len(seen) == 12 and all(view.dtype == np.uint8 and view.ndim == 3 and view.std() > 1 for view in seen)
+
+
 def test_score_of_true_maps(drawn, tmp_path):
     """The set is painted by albedo * max(T.L, 0): only rounding to 8 bits and half floats is left, and highlights."""
     out = tmp_path / "true_maps"
