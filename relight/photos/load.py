@@ -78,7 +78,8 @@ def load_photo(
         coverage = find_mask(photo, mask, mask_model)
     else:
         coverage = _checked_mask(mask, photo.pixels.shape[:2])
-    coverage, is_automatic = fit_edge(photo.pixels, coverage), mask is None and photo.alpha is None
+    is_automatic = mask is None and photo.alpha is None
+    coverage = coverage if is_automatic else fit_edge(photo.pixels, coverage)
     return LoadedPhoto(photo.pixels, coverage, photo.name, photo.suffix, tuple(photo.notes), is_automatic)
 
 

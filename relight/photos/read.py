@@ -13,7 +13,7 @@ from relight.files import PHOTO_SUFFIXES, existing_file, require_readable
 from relight.photos.compose.color import to_srgb8
 from relight.photos.deep import is_exr, read_16_bits, read_linear
 from relight.photos.mask.coverage import coverage_of
-from relight.photos.opening import bits_of, decoding_errors, open_picture, require_still
+from relight.photos.opening import bits_of, coding_of, decoding_errors, open_picture, require_still
 from relight.photos.profile import to_srgb
 
 NUMBER = re.compile(r"(\d+)")
@@ -102,7 +102,7 @@ def photo_from_image(
         pixels = read_16_bits(file, image, orientation, what)
     else:
         pixels = np.asarray(image.convert("RGB"))
-    pixels, notes = to_srgb(pixels, stored, what)
+    pixels, notes = to_srgb(pixels, stored, what, coding_of(stored, file))
     suffix = ".tif" if pixels.dtype == np.uint16 and stored.format == "TIFF" else ".png"
     return _checked(Photo(pixels, alpha, name, suffix, notes), what)
 
