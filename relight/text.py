@@ -90,7 +90,8 @@ def read_table(path: Path, is_right: Callable[[Table], bool] = lambda table: Tru
             first that gives such a reading, else the first that gives any.
 
     Returns:
-        The names of the columns, and the rows by column, stripped and without cells beyond the last column.
+        The names of the columns in small letters, and the rows by column, stripped. Cells beyond the last column and
+        rows of empty cells are left out.
 
     Raises:
         UserError: if the file is not a CSV table.
@@ -110,6 +111,7 @@ def _parse_table(text: str) -> Table:
     else:
         head = re.sub(r'"[^"]*"', "", text.lstrip().split("\n", 1)[0])
         separator = max(",;\t", key=head.count)
-    reader = csv.DictReader(io.StringIO(text, newline=None), delimiter=separator)
-    rows = [{key.strip(): (value or "").strip() for key, value in row.items() if key is not None} for row in reader]
-    return [name.strip() for name in reader.fieldnames or []], rows
+    reader = csv.DictReader(io.StringIO(text.rstrip("\x1a"), newline=None), delimiter=separator)
+    names = [name.strip().lower() for name in reader.fieldnames or []]
+    rows = [{name: (row[key] or "").strip() for name, key in zip(names, reader.fieldnames or [])} for row in reader]
+    return names, [row for row in rows if any(row.values())]

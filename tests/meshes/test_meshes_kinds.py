@@ -665,6 +665,15 @@ TABLES = {
     "quoted names of columns": (b'"use";"path"\n"1";"a,b.obj"\n', ["a,b.obj"]),
     "lines that end in CR": (b"use;path\r1;a,b.obj\r", ["a,b.obj"]),
     "capitals and accents in two parts": ("path\nzOe\u0308.obj\n".encode(), ["Zoë.obj"]),
+    "utf-16 without a mark": ("path\tuse\nZoë.obj\t1\n".encode("utf-16-le"), ["Zoë.obj"]),
+    "capitals": ("Path;USE\nZoë.obj;1\n".encode(), ["Zoë.obj"]),
+    "blanks around names and paths": ('" path ", use\n"Zoë.obj ", 1\n'.encode(), ["Zoë.obj"]),
+    "a spreadsheet's empty rows and columns": ("path;use;;\n\nZoë.obj;1;;\n;;;\n;;;\n".encode(), ["Zoë.obj"]),
+    "the end of a file of DOS": ("path\r\nZoë.obj\r\n\x1a".encode(), ["Zoë.obj"]),
+    "a line break in a cell": ('path,subject\n"Zoë.obj","a\nb"\n'.encode(), ["Zoë.obj"]),
+    "a backslash and a capital": ("path\n.\\ZOË.OBJ\n".encode(), ["Zoë.obj"]),
+    "cells beyond the last column": ("path\nZoë.obj,1,2\n".encode(), ["Zoë.obj"]),
+    "sep= of a tab": (b"sep=\t\npath\tuse\na,b.obj\t1\n", ["a,b.obj"]),
     "n": ("use,path\nn,Zoë.obj\ny,人.obj\n".encode(), ["人.obj"]),
     "FALSE": ("use,path\nFALSE,Zoë.obj\nTRUE,人.obj\n".encode(), ["人.obj"]),
     "0.0": ("use,path\n0.0,Zoë.obj\n1.0,人.obj\n".encode(), ["人.obj"]),
@@ -676,6 +685,22 @@ def test_scans_table_of_every_spelling(tmp_path, name):
     data, chosen = TABLES[name]
     write(tmp_path, {"scans.csv": data, "Zoë.obj": b"", "人.obj": b"", "a,b.obj": b""})
     assert [scan.path.name for scan in list_scans(tmp_path).values()] == chosen
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (b"use;path\n1;\n", "has a row without a path"),
+        (b"file\na.obj\n", "no column `path`"),
+        (b"path|use\na.obj|1\n", "no column `path`"),
+        (b"", "no column `path`"),
+        (b"path\na%20b.obj\n", "names a%20b.obj, which is not there"),
+    ],
+)
+def test_scans_table_without_paths_is_refused(tmp_path, text, says):
+    write(tmp_path, {"scans.csv": text, "a.obj": b"", "a b.obj": b""})
+    with pytest.raises(UserError, match=says):
+        list_scans(tmp_path)
 
 
 @pytest.mark.parametrize("use", ["maybe", "2", "nein"])
