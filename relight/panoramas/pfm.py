@@ -40,7 +40,9 @@ def read_pfm(path: Path) -> tuple[np.ndarray, list[str]]:
         raise UserError(f"{path}: {len(data) - start - needed} bytes are left over after {width} x {height} pixels")
     stored = np.frombuffer(data, "<f4" if scale < 0 else ">f4", width * height * channels, start)
     pixels = stored.reshape(height, width, channels)[::-1].astype(np.float32)
-    largest = float(np.abs(pixels, where=np.isfinite(pixels), out=np.zeros_like(pixels)).max())
+    largest = max(float(pixels.max()), -float(pixels.min()))
+    if not np.isfinite(largest):
+        largest = float(np.abs(pixels, where=np.isfinite(pixels), out=np.zeros_like(pixels)).max())
     if largest and not MIN_LARGEST < largest < MAX_LARGEST:
         raise UserError(f"{path}: its largest value is {largest:.2g}, as if its bytes were in another order")
     notes = [] if abs(scale) == 1 else [f"its scale of {abs(scale):g} is left out, as by most programs"]

@@ -42,17 +42,21 @@ def coverage_of(values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
         if not finite.all():
             notes.append(f"{what} has {int((~finite).sum())} values that are not numbers: they are treated as 0")
         values = np.where(finite, values, 0)
-    low, high = values.min(), values.max()
+    if values.dtype == np.uint8:
+        kinds = np.flatnonzero(Image.fromarray(values).histogram())
+        low, high, has_shades = kinds[0], kinds[-1], len(kinds) > 2
+    else:
+        low, high = values.min(), values.max()
+        has_shades = ((values != low) & (values != high)).any()
     if low == high:
         return np.where(values >= _top(values, high), np.uint8(255), np.uint8(0)), notes
-    between = (values != low) & (values != high)
-    if not between.any():
+    if not has_shades:
         if (low, high) != (0, _top(values, high)):
             notes.append(f"{what} has the two values {low:g} and {high:g}: they are treated as 0 and 255")
         return np.where(values == high, np.uint8(255), np.uint8(0)), notes
     if values.dtype.kind in "iu" and high < FULL:
         raise UserError(f"{what} holds labels or shades from {low} to {high} of 255: {WANTED}")
-    notes += _areas(values, low, high, what)
+    notes += _areas(values, kinds if values.dtype == np.uint8 else np.unique(values), what)
     if high < 0.98 * _top(values, high):
         notes.append(f"{what} is nowhere white: its largest value is {high:g}, so that nothing is covered in full")
     if values.dtype == np.uint8:
@@ -60,16 +64,14 @@ def coverage_of(values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
     return np.round(np.maximum(values, 0) * (255 / _top(values, high))).astype(np.uint8), notes
 
 
-def _areas(values: np.ndarray, low: float, high: float, what: str) -> list[str]:
+def _areas(values: np.ndarray, kinds: np.ndarray, what: str) -> list[str]:
     """Returns a note if areas have one value between the least and the largest; raises UserError if they have several.
 
     Soft edges have many values, and no area of one.
     """
-    is_byte = values.dtype == np.uint8
-    kinds = np.flatnonzero(np.bincount(values.ravel())) if is_byte else np.unique(values)
     if len(kinds) > MOST_LABELS:
         return []
-    inner = (maximum_filter(values, 3) == minimum_filter(values, 3)) & (values != low) & (values != high)
+    inner = maximum_filter(values, 3) == minimum_filter(values, 3)
     areas = [kind for kind in kinds[1:-1] if (inner & (values == kind)).mean() > LEAST_AREA]
     if len(areas) > 1:
         listed = ", ".join(f"{kind:g}" for kind in areas)
