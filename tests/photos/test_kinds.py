@@ -400,6 +400,28 @@ def test_read_photo_of_openexr_divides_by_alpha_and_converts_primaries(tmp_path)
     assert "chromaticities" in photo.notes[0]
 
 
+def test_read_photo_refuses_openexr_of_luminance(tmp_path):
+    OpenEXR.File({}, {"Y": np.ascontiguousarray(SCENE[..., 0])}).write(str(tmp_path / "a.exr"))
+    with pytest.raises(UserError, match="is grey: give a color picture"):
+        read_photo(tmp_path / "a.exr")
+
+
+def test_read_photo_of_openexr_with_alpha_that_is_not_a_number(tmp_path):
+    alpha = np.ones((40, 30), np.float32)
+    alpha[3, 4] = np.nan
+    photo = read_photo(exr(tmp_path / "a.exr", SCENE, A=alpha))
+    assert photo.alpha[3, 4] == 0 and (photo.alpha == 255).sum() == 40 * 30 - 1
+
+
+@pytest.mark.parametrize(("bits", "says"), [(10, "largest code is"), (12, "of 65535, as if it held fewer"), (16, "")])
+@pytest.mark.parametrize("suffix", [".png", ".tif"])
+def test_read_photo_of_fewer_bits_in_16_says_so(tmp_path, suffix, bits, says):
+    write_picture(tmp_path / f"a{suffix}", DEEP >> (16 - bits))
+    photo = read_photo(tmp_path / f"a{suffix}")
+    np.testing.assert_array_equal(photo.pixels, DEEP >> (16 - bits))
+    assert says in " ".join(photo.notes) and bool(says) == bool(photo.notes)
+
+
 @pytest.mark.parametrize(("value", "says"), [(np.nan, "not finite"), (np.inf, "not finite")])
 def test_read_photo_refuses_openexr_that_is_not_finite(tmp_path, value, says):
     scene = SCENE.copy()
