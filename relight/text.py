@@ -13,7 +13,11 @@ from relight.errors import UserError
 
 # In the order in which they are tried. Any bytes are text in Latin-1.
 CODE_PAGES = ("utf-8", "cp1252", "gb18030", "cp932", "big5", "cp949", "cp1251", "cp1250", "latin-1")
-MARKS = (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+# UTF-32 before UTF-16, whose mark it begins with.
+MARKS = {
+    codecs.BOM_UTF32_LE: "utf-32", codecs.BOM_UTF32_BE: "utf-32", codecs.BOM_UTF16_LE: "utf-16",
+    codecs.BOM_UTF16_BE: "utf-16",
+}  # fmt: skip
 CONTROL = re.compile(r"[\x00-\x08\x0e-\x19\x1b-\x1f]")  # no text has these; 1A ends files of DOS
 Table = tuple[list[str], list[dict[str, str]]]
 
@@ -29,8 +33,8 @@ def spellings(name: bytes) -> list[str]:
 
 def decodings(data: bytes) -> Iterator[str]:
     """Yields what bytes say in Unicode, if they begin with a byte order mark, or else in each code page."""
-    if data.startswith(MARKS):
-        yield data.decode("utf-16", "replace")
+    if wide := _wide(data):
+        yield data.decode(wide, "replace")
         return
     data = data.removeprefix(codecs.BOM_UTF8)
     for page in CODE_PAGES:
@@ -38,6 +42,13 @@ def decodings(data: bytes) -> Iterator[str]:
             yield data.decode(page)
         except UnicodeDecodeError:
             continue
+
+
+def _wide(start: bytes) -> str | None:
+    """Returns the name of a code of two or four bytes a character, from the first bytes of a text; None for others."""
+    marked = next((name for mark, name in MARKS.items() if start.startswith(mark)), None)
+    without_mark = {(True, False): "utf-16-be", (False, True): "utf-16-le"}  # the first character is of ASCII
+    return marked or without_mark.get((start[:1] == b"\0", start[1:2] == b"\0"))
 
 
 def decode(data: bytes) -> str:
@@ -56,13 +67,13 @@ def read_text(path: Path) -> str:
 def open_lines(path: Path) -> BinaryIO:
     """Opens a text file to read it line by line as bytes of a superset of ASCII.
 
-    A byte order mark is skipped, UTF-16 becomes UTF-8, and lines that end in a lone CR end in LF.
+    A byte order mark is skipped, UTF-16 and UTF-32 become UTF-8, and lines that end in a lone CR end in LF.
     """
     file = open(path, "rb")
     start = file.read(4096)
-    if start.startswith(MARKS):
+    if wide := _wide(start):
         file.close()
-        return io.BytesIO(path.read_bytes().decode("utf-16", "replace").encode())
+        return io.BytesIO(path.read_bytes().decode(wide, "replace").encode())
     if b"\r" in start[:-1] and b"\n" not in start:
         file.close()
         return io.BytesIO(path.read_bytes().removeprefix(codecs.BOM_UTF8).replace(b"\r", b"\n"))
@@ -79,7 +90,8 @@ def read_table(path: Path, is_right: Callable[[Table], bool] = lambda table: Tru
             first that gives such a reading, else the first that gives any.
 
     Returns:
-        The names of the columns, and the rows by column, stripped and without cells beyond the last column.
+        The names of the columns in small letters, and the rows by column, stripped. Cells beyond the last column and
+        rows of empty cells are left out.
 
     Raises:
         UserError: if the file is not a CSV table.
@@ -99,6 +111,7 @@ def _parse_table(text: str) -> Table:
     else:
         head = re.sub(r'"[^"]*"', "", text.lstrip().split("\n", 1)[0])
         separator = max(",;\t", key=head.count)
-    reader = csv.DictReader(io.StringIO(text, newline=None), delimiter=separator)
-    rows = [{key.strip(): (value or "").strip() for key, value in row.items() if key is not None} for row in reader]
-    return [name.strip() for name in reader.fieldnames or []], rows
+    reader = csv.DictReader(io.StringIO(text.rstrip("\x1a"), newline=None), delimiter=separator)
+    names = [name.strip().lower() for name in reader.fieldnames or []]
+    rows = [{name: (row[key] or "").strip() for name, key in zip(names, reader.fieldnames or [])} for row in reader]
+    return names, [row for row in rows if any(row.values())]

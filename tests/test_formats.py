@@ -4,6 +4,7 @@ import io
 import json
 import re
 import struct
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -60,7 +61,7 @@ def obj(folder, color="", library="", use="usemtl A", named="mtllib a.mtl", some
     return albedo(folder / "a.obj")
 
 
-def glb(folder, texture=None, factor=None, color=None, wrap=None, u=0.5):
+def glb(folder, texture=None, factor=None, color=None, wrap=None, u=0.5, skin=None):
     color = None if color is None else np.array([color] * 3)
     parts = [np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], "<f4").tobytes(), np.full((3, 2), (u, 0.5), "<f4").tobytes(),
              texture or b"", b"" if color is None else color.tobytes()]  # fmt: skip
@@ -70,7 +71,7 @@ def glb(folder, texture=None, factor=None, color=None, wrap=None, u=0.5):
     base |= {} if factor is None else {"baseColorFactor": [factor] * 3 + [1]}
     scene = {
         "asset": {"version": "2.0"},
-        "nodes": [{"mesh": 0}],
+        "nodes": [{"mesh": 0} | ({} if skin is None else {"skin": skin})],
         "meshes": [{"primitives": [{"attributes": attributes} | ({"material": 0} if base else {})]}],
         "materials": [{"pbrMetallicRoughness": base}],
         "textures": [{"source": 0} | ({"sampler": 0} if wrap else {})],
@@ -107,9 +108,9 @@ def exr(folder, channels, header=()):
     return folder / "a.exr"
 
 
-def pfm(folder, end):
+def pfm(folder, end, scale=b"-1.0"):
     body = np.full((32, 64, 3), PIXEL / 256, "<f4").tobytes()
-    (folder / "a.pfm").write_bytes(b"PF" + end + b"64 32" + end + b"-1.0" + end + body)
+    (folder / "a.pfm").write_bytes(b"PF" + end + b"64 32" + end + scale + end + body)
     return radiance(folder / "a.pfm")
 
 
@@ -125,16 +126,15 @@ def codes(path):
     return photo.codes[0, 0], photo.notes
 
 
-def photo(folder, form="PNG", gamma=None, **options):
+def photo(folder, form="PNG", chunk=None, **options):
     path = folder / f"a.{form.lower()}"
     Image.fromarray(np.full((16, 16, 3), PIXEL)).save(path, form, **options)
-    if gamma:
-        import zlib
-
-        data, body = path.read_bytes(), struct.pack(">I", gamma)
-        place = data.index(b"IDAT") - 4
-        chunk = struct.pack(">I", 4) + b"gAMA" + body + struct.pack(">I", zlib.crc32(b"gAMA" + body))
-        path.write_bytes(data[:place] + chunk + data[place:])
+    if chunk:
+        data, (kind, body) = path.read_bytes(), chunk
+        place, check = data.index(b"IDAT") - 4, zlib.crc32(kind + body)
+        path.write_bytes(
+            data[:place] + struct.pack(">I", len(body)) + kind + body + struct.pack(">I", check) + data[place:]
+        )
     return codes(path)
 
 
@@ -204,6 +204,13 @@ def labels():
     return image
 
 
+def shaded(person, background, last):
+    """An area of each value."""
+    values = np.full((16, 16), background, np.uint8)
+    values[:8], values[15] = person, last
+    return Image.fromarray(values)
+
+
 STRIPES = png((255, 0, 0), (255, 0, 0), (0, 0, 255), (0, 0, 255))
 GREY = png((188, 188, 188))
 ORANGE = "1 .50196 0"
@@ -216,6 +223,8 @@ FILES = {
         "vertex colors, `float` 1 0.502 0": lambda f: ply(f, (rgb("float"), ORANGE)),
         "vertex colors, `float` 255 128 0": lambda f: ply(f, (rgb("float"), "255 128 0")),
         "vertex colors named `r g b`, 255 128 0": lambda f: ply(f, (rgb("uchar", "r g b"), "255 128 0")),
+        "vertex colors, `float` 1 -0.5 0": lambda f: ply(f, (rgb("float"), "1 -0.5 0")),
+        "vertex colors, `float` 1 nan 0": lambda f: ply(f, (rgb("float"), "1 nan 0")),
         "colors of faces, 255 128 0": lambda f: ply(f, face=(rgb("uchar"), "255 128 0")),
         "colors of vertices 255 128 0 and of faces 0 0 255": lambda f: ply(
             f, (rgb("uchar"), "255 128 0"), (rgb("uchar"), "0 0 255")
@@ -231,6 +240,7 @@ FILES = {
         "`map_Kd` of code 188, vertex colors .5": lambda f: obj(f, ".5 .5 .5", "map_Kd t.png"),
         "`Kd 1 .502 0`": lambda f: obj(f, library=f"Kd {ORANGE}"),
         "`Kd 255 128 0`": lambda f: obj(f, library="Kd 255 128 0"),
+        "a material that is defined twice, red and blue": lambda f: obj(f, library="Kd 1 0 0\nnewmtl A\nKd 0 0 1"),
         "`Kd 1 .502 0`, vertex colors 0 0 1": lambda f: obj(f, "0 0 1", f"Kd {ORANGE}"),
         "`v x y z r g b` of 1 .502 0": lambda f: obj(f, ORANGE, use="", named=""),
         "`v x y z r g b` of 255 128 0": lambda f: obj(f, "255 128 0", use="", named=""),
@@ -249,12 +259,15 @@ FILES = {
         "texture red on the left, blue on the right, at u = 1.25, wrap `REPEAT`": lambda f: glb(f, STRIPES, u=1.25),
         "the same, wrap `CLAMP_TO_EDGE`": lambda f: glb(f, STRIPES, u=1.25, wrap=33071),
         "the same, wrap `MIRRORED_REPEAT`": lambda f: glb(f, STRIPES, u=1.25, wrap=33648),
+        "factor 2": lambda f: glb(f, factor=2),
+        "a skeleton, factor .5": lambda f: glb(f, factor=0.5, skin=0),
         "no material, no colors": glb,
     },
     "`.hdr`": {
         "nothing more": hdr,
         "`EXPOSURE=2`": lambda f: hdr(f, "EXPOSURE=2"),
         "`EXPOSURE=4` after a tab": lambda f: hdr(f, "\tEXPOSURE=4"),
+        "`GAMMA=2.2`": lambda f: hdr(f, "GAMMA=2.2"),
         "`PRIMARIES` of Display P3": lambda f: hdr(f, primaries(P3)),
         "`PRIMARIES` of Radiance, or zeros": lambda f: (
             hdr(f, primaries([0] * 8))[0], hdr(f, primaries((0.64, 0.33, 0.29, 0.6, 0.15, 0.06, 0.333, 0.333)))[1]
@@ -263,16 +276,19 @@ FILES = {
     "`.exr`": {
         "channels `R` `G` `B`": lambda f: radiance(exr(f, RGB)),
         "`chromaticities` of Display P3": lambda f: radiance(exr(f, RGB, {"chromaticities": P3})),
+        "`oiio:ColorSpace` ACEScg, no `chromaticities`": lambda f: radiance(exr(f, RGB, {"oiio:ColorSpace": "ACEScg"})),
         "channels `X` `Y` `Z` of white, .9505 1 1.089": lambda f: radiance(exr(f, {"X": 0.9505, "Y": 1, "Z": 1.089})),
         "channel `Y`": lambda f: radiance(exr(f, {"Y": 100 / 256})),
     },
-    "`.pfm`": {"header in LF": lambda f: pfm(f, b"\n"), "header in CR LF": lambda f: pfm(f, b"\r\n")},
+    "`.pfm`": {"header in LF": lambda f: pfm(f, b"\n"), "header in CR LF": lambda f: pfm(f, b"\r\n"),
+              "a scale of 2": lambda f: pfm(f, b"\n", b"-2.0")},
     "photo": {
         "nothing more": photo,
         "an ICC profile of sRGB, under any name": srgb,
         "a linear ICC profile called sRGB": lambda f: photo(f, icc_profile=icc(b"built-in Linear sRGB")),
         "an ICC profile of grey pictures": lambda f: photo(f, icc_profile=icc(b"Dot Gain", b"GRAY")),
-        "PNG's gamma of 1": lambda f: photo(f, gamma=100000),
+        "PNG's gamma of 1": lambda f: photo(f, chunk=(b"gAMA", struct.pack(">I", 100000))),
+        "PNG's `cICP` of linear values": lambda f: photo(f, chunk=(b"cICP", bytes([1, 8, 0, 1]))),
         "EXIF of a camera: Adobe RGB": adobe,
         "16 bits, 51400 25700 12850": sixteen,
         "OpenEXR, .5776 .1274 .0319": lambda f: codes(exr(f, dict(zip("RGB", (0.5776, 0.1274, 0.0319))))),
@@ -285,6 +301,8 @@ FILES = {
         "green on black": lambda f: mask(f, np.array([0, 255, 0], np.uint8)),
         "a soft edge in red, half": lambda f: mask(f, np.array([255, 0, 0], np.uint8), np.array([128, 0, 0], np.uint8)),
         "16 bits of 0 and 65535": lambda f: mask(f, np.uint16(65535)),
+        "an area of 128 beside white and black": lambda f: mask(f, shaded(128, 0, 255)),
+        "nothing above 200": lambda f: mask(f, shaded(200, 0, 100)),
     },
 }  # fmt: skip
 

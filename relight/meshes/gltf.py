@@ -28,7 +28,8 @@ def _read(gltf: Gltf) -> RawMesh:
     materials: list[tuple[Material | None, np.ndarray, int]] = []
     notes: list[str] = []
     parts, slots, total = [], {}, 0
-    for primitive, matrix in _primitives(gltf):
+    for node, primitive, matrix in _primitives(gltf):
+        notes += _poses(gltf, node)
         points = gltf.accessor(primitive["attributes"]["POSITION"]).astype(np.float64)
         index = gltf.accessor(primitive["indices"]) if "indices" in primitive else np.arange(len(points))
         faces = _triangles(gltf, index.astype(np.int64), primitive.get("mode", 4))
@@ -42,7 +43,7 @@ def _read(gltf: Gltf) -> RawMesh:
         number = primitive.get("material")
         if number not in slots:
             slots[number] = len(materials)
-            materials.append(_material(gltf, number))
+            materials.append(_material(gltf, number, notes))
         material, placement, channel = materials[slots[number]]
         uv = np.zeros((len(faces), 3, 2))
         if material is not None and material.texture is not None:
@@ -79,8 +80,19 @@ def _colors(values: np.ndarray, notes: list[str]) -> np.ndarray:
     return (codes / np.float32(255) if codes.dtype == np.uint8 else codes).astype(np.float32)
 
 
-def _primitives(gltf: Gltf) -> Iterator[tuple[dict[str, Any], np.ndarray]]:
-    """Yields the primitives of the default scene, or of all nodes if there is none, with their nodes' 4 x 4 matrix."""
+def _poses(gltf: Gltf, node: dict[str, Any]) -> list[str]:
+    """Returns notes on what moves the vertices of a node's mesh, and is not read."""
+    weights = node.get("weights") or gltf.item("meshes", node["mesh"]).get("weights") or []
+    left_out = {
+        "skeleton and pose": "skin" in node,
+        "morph targets": any(weights),
+        "copies (EXT_mesh_gpu_instancing)": "EXT_mesh_gpu_instancing" in node.get("extensions", {}),
+    }
+    return [f"its {what} are left out: apply them before export" for what, there in left_out.items() if there]
+
+
+def _primitives(gltf: Gltf) -> Iterator[tuple[dict[str, Any], dict[str, Any], np.ndarray]]:
+    """Yields node, primitive and 4 x 4 matrix of the default scene, or of all nodes if there is none."""
     nodes = gltf.json.get("nodes", [])
     if gltf.json.get("scenes"):
         roots = gltf.item("scenes", gltf.json.get("scene", 0)).get("nodes", [])
@@ -97,7 +109,7 @@ def _primitives(gltf: Gltf) -> Iterator[tuple[dict[str, Any], np.ndarray]]:
         matrix = above @ _matrix(node)
         if "mesh" in node:
             for primitive in gltf.item("meshes", node["mesh"])["primitives"]:
-                yield primitive, matrix
+                yield node, primitive, matrix
         stack += [(child, matrix) for child in reversed(node.get("children", []))]
 
 
@@ -105,14 +117,15 @@ def _matrix(node: dict[str, Any]) -> np.ndarray:
     """Returns a node's transform (4,4), from a column-major matrix or translation, rotation (x,y,z,w) and scale."""
     if "matrix" in node:
         return np.array(node["matrix"], np.float64).reshape(4, 4).T
-    x, y, z, w = node.get("rotation", (0, 0, 0, 1))
-    rotation = np.array([
+    rotation = np.array(node.get("rotation", (0, 0, 0, 1)), np.float64)
+    x, y, z, w = rotation / (float(np.linalg.norm(rotation)) or 1.0)
+    turned = np.array([
         [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (x * z + y * w)],
         [2 * (x * y + z * w), 1 - 2 * (x * x + z * z), 2 * (y * z - x * w)],
         [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
     ])  # fmt: skip
     matrix = np.eye(4)
-    matrix[:3, :3] = rotation * np.array(node.get("scale", (1, 1, 1)), np.float64)
+    matrix[:3, :3] = turned * np.array(node.get("scale", (1, 1, 1)), np.float64)
     matrix[:3, 3] = node.get("translation", (0, 0, 0))
     return matrix
 
@@ -132,7 +145,7 @@ def _triangles(gltf: Gltf, index: np.ndarray, mode: int) -> np.ndarray:
     return np.zeros((0, 3), np.int64)
 
 
-def _material(gltf: Gltf, number: int | None) -> tuple[Material | None, np.ndarray, int]:
+def _material(gltf: Gltf, number: int | None, notes: list[str]) -> tuple[Material | None, np.ndarray, int]:
     """Returns a material, the transform (2,3) of its texture coordinates, and the number of their set.
 
     The material is None where the file gives no color. It is matt unless the file gives its reflection
@@ -148,6 +161,8 @@ def _material(gltf: Gltf, number: int | None) -> tuple[Material | None, np.ndarr
     if factor is None and slot is None:
         return None, placement, 0
     color, name = np.array((factor or (1, 1, 1))[:3], np.float32), str(entry.get("name", ""))
+    if color.max() > 1 or color.min() < 0:
+        notes.append(f"the color of the material {name or number!r} is outside 0 to 1: it is clipped")
     gloss = read_extension(entry, "KHR_materials_specular", base) or {}
     if slot is None:
         return Material(color, name=name, **gloss), placement, 0

@@ -57,9 +57,10 @@ class Gltf:
         """Reads the description; raises UserError if it is damaged or requires an extension that is not supported."""
         self.path = path
         data = path.read_bytes()
-        text, self.chunk = self._split(data) if path.suffix.lower() == ".glb" else (data, None)
+        is_binary = path.suffix.lower() == ".glb" or data.startswith(b"glTF")
+        text, self.chunk = self._split(data) if is_binary else (data, None)
         try:
-            self.json = json.loads(decode(text.rstrip(b"\0")))
+            self.json = json.loads(decode(text.rstrip(b"\0") if is_binary else text))
         except (ValueError, RecursionError):
             raise UserError(f"{path}: the glTF description is not whole JSON") from None
         if not isinstance(self.json, dict) or not str(self.json.get("asset", {}).get("version", "")).startswith("2"):
@@ -99,9 +100,9 @@ class Gltf:
 
     def resource(self, uri: str) -> bytes:
         """Returns the data of a URI, which holds them itself or names a file in the folder."""
-        if uri.startswith("data:"):
+        if uri[:5].lower() == "data:":
             try:
-                return base64.b64decode(uri.partition(",")[2], validate=True)
+                return base64.b64decode("".join(uri.partition(",")[2].split()), validate=True)
             except (binascii.Error, ValueError):
                 raise UserError(f"{self.path}: data inside the file are not whole base64") from None
         if "://" in uri:

@@ -1,6 +1,7 @@
 """Reads the materials of .obj files: .mtl libraries and their textures."""
 
 import re
+import unicodedata
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -56,9 +57,14 @@ def read_libraries(
     """
     library: dict[bytes, Surface] = {}
     missing: list[UserError] = []
+    files: list[Path] = []
     for statement in statements:
         for file in _library_files(path, statement, missing):
-            library |= read_mtl(file)
+            for name, surface in read_mtl(file).items():
+                if name in library and file not in files:
+                    surface.warnings.append(f"{file.name} defines the material {spellings(name)[0]!r} again: it counts")
+                library[name] = surface
+            files.append(file)
     unused = not any(names)
     found = {name: Surface(None, NO_PLACEMENT, []) if unused or not statements else _named(library, name)
              for name in names}  # fmt: skip
@@ -106,8 +112,12 @@ def _named(library: dict[bytes, Surface], name: bytes) -> Surface | None:
     for written in (name, name.strip(b'"'), *_without_comment(name)):
         if written in library:
             return library[written]
-    alike = [known for known in library if set(spellings(known)) & set(spellings(name))]
+    alike = [known for known in library if _texts(known) & _texts(name)]
     return library[alike[0]] if len(alike) == 1 else None
+
+
+def _texts(name: bytes) -> set[str]:
+    return {unicodedata.normalize("NFC", text) for text in spellings(name)}
 
 
 def read_mtl(path: Path) -> dict[bytes, Surface]:
@@ -130,12 +140,13 @@ def read_mtl(path: Path) -> dict[bytes, Surface]:
         key, rest = (*line.split(None, 1), b"", b"")[:2]
         key, rest = key.lower(), rest.strip()
         if key == b"newmtl":
-            surface = library[rest] = Surface(None, NO_PLACEMENT, [])
+            twice = f"{path.name} defines the material {spellings(rest)[0]!r} twice: the last one counts"
+            surface = library[rest] = Surface(None, NO_PLACEMENT, [twice] if rest in library else [])
         elif surface is None:
             continue
         elif key == b"kd" and (surface.material is None or surface.material.texture is None):
-            color, surface.warnings = _color(path, rest)
-            surface.material = Material(color)
+            color, notes = _color(path, rest)
+            surface.material, surface.warnings = Material(color), surface.warnings + notes
         elif key == b"map_kd":
             written, surface.placement, clamp = _map(rest)
             found = find_file(path, written, *_without_comment(written))
@@ -146,18 +157,23 @@ def read_mtl(path: Path) -> dict[bytes, Surface]:
 
 
 def join_lines(text: bytes) -> bytes:
-    """Joins lines that end in a backslash. After a byte over 127, it is half a character of Shift-JIS, Big5 or GBK."""
-    return re.sub(rb"(?<![\x80-\xff])\\\r?\n", b" ", text)
+    """Joins lines that end in a backslash, but for comments.
+
+    After a byte over 127, it is half a character of Shift-JIS, Big5 or GBK.
+    """
+    return re.sub(rb"(?m)^(?!\s*#)(.*(?<![\x80-\xff]))\\\r?\n", rb"\1 ", text)
 
 
 def _color(path: Path, text: bytes) -> tuple[np.ndarray, list[str]]:
     """Parses the linear color (3,) of a Kd statement; also returns warnings."""
     try:
         values = np.array([float(word) for word in text.split()[:3]])
+        if len(values) not in (1, 3):
+            raise ValueError
     except ValueError:
         said = text[:60].decode("latin-1")
         raise UserError(f"{path}: the color `Kd {said}` is not three numbers") from None
-    codes, note = unit_colors(np.broadcast_to(values, 3) if len(values) in (1, 3) else np.ones(3), f"{path.name}: Kd")
+    codes, note = unit_colors(np.broadcast_to(values, 3), f"{path.name}: Kd")
     return linear(codes), note
 
 

@@ -1,5 +1,6 @@
 """Reads Wavefront OBJ files and their materials."""
 
+import codecs
 import warnings
 from collections.abc import Iterator
 from itertools import pairwise
@@ -15,6 +16,7 @@ from relight.text import open_lines, spellings
 
 CHUNK = 1 << 17  # lines that are parsed at a time, so that 5 million faces never exist as text objects
 CONTINUED = b"\\\n", b"\\\r\n"  # after a byte over 127 the backslash is half a character
+KEYS = {b"v", b"f", b"vt", b"vn", b"usemtl", b"mtllib"}  # others are seldom, and may be written in capitals
 MAX_LINE = 1 << 20  # bytes; a file with a longer line is no text
 
 
@@ -204,23 +206,30 @@ def _colors(path: Path, vertices: np.ndarray, widest: int) -> tuple[np.ndarray |
 def _statements(path: Path) -> Iterator[tuple[bytes, bytes]]:
     """Yields keyword and rest of the lines; joins continued lines and skips comments and empty lines.
 
-    Names may hold #, so a comment ends other statements only. A backslash after a byte of 128 or more continues no
-    line: in encodings such as Shift-JIS it is the second half of a character.
+    Names may hold #, so a comment ends other statements only. A backslash continues no comment, which may end in a
+    folder of Windows; nor a line after a byte of 128 or more, with which it is a character in Shift-JIS and others.
     """
     with open_lines(path) as file:
         while line := file.readline(MAX_LINE):
-            while line.endswith(CONTINUED) and line.rstrip()[-2:-1] < b"\x80" and len(line) < MAX_LINE:
+            while line.endswith(CONTINUED) and _goes_on(line) and len(line) < MAX_LINE:
                 line = line.rstrip()[:-1] + b" " + file.readline(MAX_LINE)
             if len(line) >= MAX_LINE:
                 raise UserError(f"{path} is not an .obj file: it has a line of over {MAX_LINE} bytes")
             words = line.split(None, 1)
+            if words and words[0] not in KEYS:
+                words[0] = words[0].lower().removeprefix(codecs.BOM_UTF8)  # in the middle of files that were joined
             if len(words) == 2:
                 if b"#" in line and words[0] not in (b"usemtl", b"mtllib"):
-                    words = line.split(b"#", 1)[0].split(None, 1)
+                    words = [words[0], *line.split(b"#", 1)[0].split(None, 1)[1:]]
                 if len(words) == 2:
                     yield words[0], words[1]
             elif words == [b"usemtl"]:
                 yield words[0], b""
+
+
+def _goes_on(line: bytes) -> bool:
+    """Returns whether the backslash at the end of a line continues it."""
+    return line.rstrip()[-2:-1] < b"\x80" and not line.lstrip().startswith(b"#")
 
 
 def _placed(

@@ -69,6 +69,8 @@ def read_ply(path: Path) -> RawMesh:
     if not vertex or not {"x", "y", "z"} <= vertex.keys():
         raise UserError(f"{path} has no vertices with x, y and z")
     corners = next((face[name] for name in ("vertex_indices", "vertex_index") if name in face), None)
+    if "tristrips" in blocks and (corners is None or not len(corners[0])):
+        raise UserError(f"{path} holds its surface as strips of triangles: save it with faces, such as by MeshLab")
     if corners is None or not len(corners[0]):
         raise UserError(f"{path} has points but no faces: relight needs a surface")
     counts, index = corners[0], corners[1] if corners[1].dtype.kind in "iu" else corners[1].astype(np.int64)
@@ -83,7 +85,7 @@ def read_ply(path: Path) -> RawMesh:
         vertices=vertices,
         faces=faces,
         uv=_texture_coordinates(path, vertex, face, counts, position, faces) if pictures else None,
-        material=np.clip(face["texnumber"], 0, len(materials) - 1)[polygon] if len(materials) > 1 else None,
+        material=_texture_numbers(path, face, materials)[polygon] if len(materials) > 1 else None,
         materials=materials or [None],
     )
     if not pictures and any("texcoord" in face or vertex.keys() >= {*names} for names in COORDINATES):
@@ -255,10 +257,27 @@ def _color(block: Block, warnings: list[str]) -> np.ndarray | None:
     """Returns linear colors (N,3) from the columns of vertices or faces, sRGB of any type, or None."""
     for names in COLORS:
         if all(name in block and not isinstance(block[name], tuple) for name in names):
+            if len({block[name].dtype.kind == "f" for name in names}) > 1:
+                warnings.append(f"{', '.join(names)} are of different types: its colors are left out")
+                return None
             codes, notes = unit_colors(np.stack([block[name] for name in names], axis=-1), "its colors")
             warnings += notes
             return linear(codes)
     return None
+
+
+def _texture_numbers(path: Path, face: Block, materials: list[Material | None]) -> np.ndarray:
+    """Returns the number of the texture of each face (F,); a material of its own, without color, is added for -1."""
+    numbers = face.get("texnumber")
+    if numbers is None or isinstance(numbers, tuple):
+        raise UserError(f"{path} names {len(materials)} textures, but its faces have no `texnumber` that says which")
+    if numbers.min() < -1 or numbers.max() >= len(materials):
+        wrong = numbers.min() if numbers.min() < -1 else numbers.max()
+        raise UserError(f"{path}: a face has texture {wrong:g} (counted from 0), but there are {len(materials)}")
+    count = len(materials)
+    if numbers.min() == -1:
+        materials.append(None)
+    return np.where(numbers < 0, count, numbers).astype(np.int64)
 
 
 def _texture_coordinates(

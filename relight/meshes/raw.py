@@ -132,13 +132,18 @@ def unit_colors(values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
     if values.dtype.itemsize == 1:
         return values.view(np.uint8), []
     largest, whole = float(np.fmax.reduce(values, axis=None, initial=0)), values.dtype.kind in "iu"
+    notes = []
+    if lost := 0 if whole else int(np.isnan(values).sum()):
+        notes.append(f"{what}: {lost} values are not numbers; they are treated as 0")
+    if (least := float(np.fmin.reduce(values, axis=None, initial=0))) < -0.001:
+        notes.append(f"{what}: values down to {least:g} are clipped to 0")
     if not whole and (largest <= 2 or not np.isfinite(largest)):
-        notes = [f"{what}: values up to {largest:g} are clipped to 1"] if largest > 1.001 else []
-        return values.clip(0, 1), notes
+        notes += [f"{what}: values up to {largest:g} are clipped to 1"] if largest > 1.001 else []
+        return np.nan_to_num(values, nan=0).clip(0, 1), notes
     scale = next((scale for scale in (255, 65535) if largest <= scale), 2**31 - 1 if largest < 2**31 else 2**32 - 1)
     unusual = largest <= 1 or (scale == 255 and values.dtype.itemsize == 2) or scale > 65535
-    notes = [f"{what}: values up to {largest:g} are taken as codes of 0 to {scale}"] if unusual else []
-    return (values / scale).clip(0, 1), notes
+    notes += [f"{what}: values up to {largest:g} are taken as codes of 0 to {scale}"] if unusual else []
+    return np.nan_to_num(values / scale, nan=0).clip(0, 1), notes
 
 
 def without_tints(raw: RawMesh) -> RawMesh:
@@ -199,13 +204,16 @@ def read_texture(source: Path | bytes, what: str) -> np.ndarray:
 
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # warns from half the bound on
-            image = Image.open(source if isinstance(source, Path) else io.BytesIO(source))
-        with image:
-            if image.mode.startswith("I"):  # Pillow clips 16-bit grey to 8 bits instead of scaling it
-                grey = np.clip(np.asarray(image).astype(np.int64) // 256, 0, 255).astype(np.uint8)
-                return np.repeat(grey[..., None], 3, axis=-1)
-            return np.ascontiguousarray(np.asarray(image.convert("RGB")))
+            warnings.simplefilter("ignore")  # of pictures of half the bound, and of palettes with alpha
+            with Image.open(source if isinstance(source, Path) else io.BytesIO(source)) as image:
+                if image.mode == "F":
+                    raise UserError(f"{what} holds floating-point numbers: save it in 8 bits")
+                if image.mode.startswith("I"):  # Pillow clips 16-bit grey to 8 bits instead of scaling it
+                    grey = np.clip(np.asarray(image).astype(np.int64) // 256, 0, 255).astype(np.uint8)
+                    return np.repeat(grey[..., None], 3, axis=-1)
+                return np.ascontiguousarray(np.asarray(image.convert("RGB")))
+    except UserError:
+        raise
     except UnidentifiedImageError:
         raise UserError(f"{what} is not a picture; PNG, JPEG, TIFF, TGA, BMP and WebP are read") from None
     except Image.DecompressionBombError:

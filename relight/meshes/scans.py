@@ -136,6 +136,8 @@ def _from_table(table: Path) -> dict[str, Scan]:
     for row in rows:
         if not _is_used(table, row):
             continue
+        if not row["path"]:
+            raise UserError(f"{table} has a row without a path")
         written, path = Path(row["path"].replace("\\", "/")), place(row)
         name = safe_name(row.get("name") or path.stem)
         if not path.is_file():

@@ -5,6 +5,7 @@ Only `OpenEXR.File` is used: the older `InputFile` crashes the process on trunca
 
 import io
 import os
+import re
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager, redirect_stdout, suppress
 from dataclasses import dataclass
@@ -22,6 +23,8 @@ UNCHECKED_BYTES = 2**26  # decoded size up to which the compression ratio is not
 MAX_COMPRESSION = 2**11  # decoded size over file size
 MAX_WINDOW_RATIO = 64  # area of the display window over that of the data window
 MAX_TILE_PIXELS = 2**20  # OpenEXR allocates whole tiles, even if the image is smaller
+SPACES = ("colorInteropID", "oiio:ColorSpace", "colorSpace")  # attributes that name the color space
+OWN_SPACE = re.compile(r"709|srgb|^(linear|scene_linear|lin|raw|data)$")
 MAX_NEGATIVE = 0.01  # share of the largest value, below zero, that colors may have; positions have more
 
 
@@ -34,12 +37,14 @@ class ExrPicture:
         envmap: the header attribute `envmap`: "latlong", "cube" or None.
         repairs: what was changed, one sentence each.
         alpha: (H,W) float32, by which the colors are multiplied, or None.
+        is_grey: whether the file has luminance only.
     """
 
     pixels: np.ndarray
     envmap: str | None
     repairs: list[str]
     alpha: np.ndarray | None = None
+    is_grey: bool = False
 
 
 @dataclass(frozen=True)
@@ -54,6 +59,7 @@ class Header:
         display: window of the image.
         envmap: "latlong", "cube" or None.
         chromaticities: x and y of the primaries and of white (8 numbers), or None.
+        named_space: the color space that an attribute names, if it is not Rec. 709.
     """
 
     deep: bool
@@ -63,6 +69,7 @@ class Header:
     display: tuple[int, int, int, int]
     envmap: str | None
     chromaticities: tuple[float, ...] | None
+    named_space: str | None = None
 
     @property
     def size(self) -> tuple[int, int]:
@@ -105,9 +112,11 @@ def read_exr(path: Path) -> ExrPicture:
         repairs.append("its channels X, Y and Z were taken as CIE XYZ and converted to Rec. 709")
     else:
         repairs += convert_primaries(pixels, header.chromaticities)
+        if header.chromaticities is None and header.named_space:
+            repairs.append(f"it names the color space {header.named_space} without chromaticities: taken for Rec. 709")
     if alpha is not None and alpha.shape == window_pixels.shape[:2]:
         alpha = to_display_window(path, header, alpha[..., None], [])[..., 0]
-    return ExrPicture(pixels, header.envmap, repairs, alpha)
+    return ExrPicture(pixels, header.envmap, repairs, alpha, names == "Y")
 
 
 def read_headers(path: Path, OpenEXR: Any) -> list[Header]:
@@ -134,11 +143,19 @@ def read_headers(path: Path, OpenEXR: Any) -> list[Header]:
                     display=display,
                     envmap=envmaps.get(header["envmap"]) if "envmap" in header else None,
                     chromaticities=None if colors is None else tuple(float(number) for number in colors),
+                    named_space=_named_space(header),
                 )
             )
         return headers
     except Exception as error:
         raise UserError(f"{path}: OpenEXR cannot read its header ({one_line(error)})") from error
+
+
+def _named_space(header: dict[str, Any]) -> str | None:
+    """Returns the color space that a header names, unless it is linear Rec. 709."""
+    named = next((str(header[name]) for name in SPACES if name in header), "")
+    named = named or ("ACES" if header.get("acesImageContainerFlag") else "")
+    return named if named and not OWN_SPACE.search(named.lower()) else None
 
 
 @contextmanager
@@ -191,7 +208,10 @@ def choose_part(path: Path, headers: list[Header]) -> int:
         )
     if selected is None:
         found = ", ".join(sorted({name for header in headers for name in header.channels})[:8])
-        raise UserError(f"{path} has the channels {found or 'none'}; a picture has R, G and B, or X, Y and Z, or Y")
+        raise UserError(
+            f"{path} has the channels {found or 'none'}; a picture has R, G and B, or X, Y and Z, or Y: save the layer "
+            "that you mean under these names"
+        )
     if {"RY", "BY"} & set(headers[selected].channels):
         raise UserError(f"{path} is a luminance-chroma OpenEXR image, with color at half the size: save it as RGB")
     for name, sampling in headers[selected].channels.items():
@@ -260,7 +280,10 @@ def to_display_window(path: Path, header: Header, pixels: np.ndarray, repairs: l
         raise UserError(f"{path}: its data window lies outside its display window")
     inside = pixels[top - y0 : bottom - y0 + 1, left - x0 : right - x0 + 1]
     canvas[top - display_y0 : bottom - display_y0 + 1, left - display_x0 : right - display_x0 + 1] = inside
-    repairs.append("its pixels do not fill its display window; the rest is black")
+    if inside.size < canvas.size:
+        repairs.append("its pixels do not fill its display window; the rest is black")
+    if inside.size < pixels.size:
+        repairs.append("its pixels beyond its display window are left out")
     return canvas
 
 

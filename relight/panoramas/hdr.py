@@ -45,7 +45,7 @@ def read_hdr(path: Path) -> tuple[np.ndarray, list[str]]:
     """
     data = path.read_bytes().removeprefix(codecs.BOM_UTF8)
     try:
-        divisor, xyz, primaries, start = read_header(data)
+        divisor, xyz, primaries, notes, start = read_header(data)
         is_column_major, sign1, sign2, height, width, start = read_resolution(data, start)
         check_size(path, width, height)
         # The shortest scanlines: one old run of four bytes, or a marker and four channels of runs.
@@ -64,30 +64,31 @@ def read_hdr(path: Path) -> tuple[np.ndarray, list[str]]:
         pixels = pixels[:, ::-1]
     if is_column_major:
         pixels = pixels.transpose(1, 0, 2)
-    return pixels, ["converted from XYZ"] if xyz else repairs
+    return pixels, notes + (["converted from XYZ"] if xyz else repairs)
 
 
 class Malformed(Exception):
     """Raised for bytes that are not a Radiance picture; the message is the reason."""
 
 
-def read_header(data: bytes) -> tuple[np.ndarray, bool, np.ndarray | None, int]:
+def read_header(data: bytes) -> tuple[np.ndarray, bool, np.ndarray | None, list[str], int]:
     """Reads the header; indented lines belong to the headers of pictures that this one was made from.
 
     Returns:
         The product (3,) of EXPOSURE and COLORCORR, whether pixels are XYZE, the chromaticities (8,) if they are not
-        the default, and the end of the header.
+        the default, notes, and the end of the header.
     """
     if not data.startswith(b"#?"):
         raise Malformed("it does not begin with #?")
     divisor, xyz, primaries, position = np.ones(3), False, None, 0
+    notes: list[str] = []
     while True:
         end = data.find(b"\n", position, MAX_HEADER)
         if end < 0:
             raise Malformed("its header does not end")
         line, position = data[position:end].rstrip(), end + 1
         if not line:
-            return divisor, xyz, primaries, position
+            return divisor, xyz, primaries, notes, position
         key, _, value = line.partition(b"=")
         match key.rstrip():
             case b"FORMAT":
@@ -98,6 +99,8 @@ def read_header(data: bytes) -> tuple[np.ndarray, bool, np.ndarray | None, int]:
                 divisor *= parse_positive(value, 1)
             case b"COLORCORR":
                 divisor *= parse_positive(value, 3)
+            case b"GAMMA" if value.strip() not in (b"1", b"1.0", b"1.00"):
+                notes.append(f"its GAMMA of {value.strip().decode('latin-1')} is left out: pixels are taken as linear")
             case b"PRIMARIES":
                 found = parse_numbers(value, 8)
                 primaries = None if not found.any() or np.allclose(found, PLAIN, atol=2e-3) else found

@@ -8,11 +8,19 @@ import numpy as np
 from relight.errors import UserError
 from relight.panoramas.panorama import check_size
 
+MIN_LARGEST, MAX_LARGEST = 1e-20, 1e20  # of the values
 HEADER = re.compile(rb"(?:\xef\xbb\xbf)?(PF|Pf)\s+(\d{1,9})\s+(\d{1,9})\s+([-+.0-9eE]{1,32})(\r\n|\s)")
 
 
-def read_pfm(path: Path) -> np.ndarray:
-    """Returns the pixels (H,W,3) float32, row 0 at the top; raises UserError if the file is damaged."""
+def read_pfm(path: Path) -> tuple[np.ndarray, list[str]]:
+    """Reads a portable float map.
+
+    Returns:
+        Pixels (H,W,3) float32, row 0 at the top; and notes, one phrase each.
+
+    Raises:
+        UserError: if the file is damaged.
+    """
     data = path.read_bytes()
     match = HEADER.match(data[:256])
     try:
@@ -32,4 +40,10 @@ def read_pfm(path: Path) -> np.ndarray:
         raise UserError(f"{path}: {len(data) - start - needed} bytes are left over after {width} x {height} pixels")
     stored = np.frombuffer(data, "<f4" if scale < 0 else ">f4", width * height * channels, start)
     pixels = stored.reshape(height, width, channels)[::-1].astype(np.float32)
-    return np.repeat(pixels, 3, 2) if channels == 1 else pixels
+    largest = max(float(pixels.max()), -float(pixels.min()))
+    if not np.isfinite(largest):
+        largest = float(np.abs(pixels, where=np.isfinite(pixels), out=np.zeros_like(pixels)).max())
+    if largest and not MIN_LARGEST < largest < MAX_LARGEST:
+        raise UserError(f"{path}: its largest value is {largest:.2g}, as if its bytes were in another order")
+    notes = [] if abs(scale) == 1 else [f"its scale of {abs(scale):g} is left out, as by most programs"]
+    return np.repeat(pixels, 3, 2) if channels == 1 else pixels, notes

@@ -86,7 +86,8 @@ def read_pixels(path: Path) -> tuple[np.ndarray, str | None, list[str]]:
         pixels, repairs = read_hdr(path)
         return pixels, None, repairs
     if start[:2] in (b"PF", b"Pf"):
-        return read_pfm(path), None, []
+        pixels, repairs = read_pfm(path)
+        return pixels, None, repairs
     for magic, description in OTHER_FILES:
         if start.startswith(magic):
             raise UserError(f"{path}: {description}")

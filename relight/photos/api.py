@@ -26,7 +26,6 @@ from relight.photos.infer import (
     opposite_lamp,
 )
 from relight.photos.load import LoadedPhoto, Picture, load_photo
-from relight.photos.mask.edge import fit_edge
 from relight.photos.mask.find import split_people
 from relight.photos.place import PREFIX, default_light
 from relight.photos.read import Photo, as_codes, is_picture
@@ -127,8 +126,7 @@ class Relighter:
         """
         require_white_balance(white_balance)
         photo = image if isinstance(image, LoadedPhoto) else load_photo(image, mask)
-        coverage = fit_edge(photo.pixels, photo.coverage)
-        coverages = split_people(coverage) if split else [coverage]
+        coverages = split_people(photo.coverage) if split else [photo.coverage]
         people = [self.infer_person(photo.pixels, coverage) for coverage in coverages]
         return balanced(people) if white_balance == "keep" else people
 

@@ -9,6 +9,7 @@ from PIL import Image
 from relight.crop import MASK_THRESHOLD
 from relight.errors import UserError
 from relight.photos.mask.coverage import coverage_of
+from relight.photos.mask.edge import fit_edge
 from relight.photos.mask.find import find_mask
 from relight.photos.read import Photo, as_codes, mask_beside, mask_from_image, photo_from_image, read_photo
 
@@ -21,7 +22,7 @@ class LoadedPhoto:
 
     Attributes:
         pixels: (H,W,3) as of `Photo`.
-        coverage: (H,W) uint8 of all people.
+        coverage: (H,W) uint8 of all people, its edge fitted to the photo (relight.photos.mask.edge).
         name: of the file, without its suffix.
         suffix: of pictures that are written in kind.
         notes: what was chosen where a file can mean two things.
@@ -78,6 +79,7 @@ def load_photo(
     else:
         coverage = _checked_mask(mask, photo.pixels.shape[:2])
     is_automatic = mask is None and photo.alpha is None
+    coverage = coverage if is_automatic else fit_edge(photo.pixels, coverage)
     return LoadedPhoto(photo.pixels, coverage, photo.name, photo.suffix, tuple(photo.notes), is_automatic)
 
 

@@ -162,7 +162,7 @@ def relight_clip(
 
     def relit() -> Iterator[np.ndarray]:
         photos = (photo.downscaled(size) for photo in _with_masks(path, frames, masks, options))
-        pairs = ((photo.pixels, fit_edge(photo.pixels, photo.coverage)) for photo in photos)
+        pairs = ((photo.pixels, photo.coverage) for photo in photos)
         smooth = smooth_over_time(pairs, lambda coverage: crop_around(coverage, relighter.network.size), infer)
         coefficients = None
         for i, (pixels, person) in enumerate(smooth):
@@ -205,7 +205,7 @@ def _with_masks(
             raise UserError(f"mask video {masks} has {number - 1} frames, but the clip has more")
         if drawn.pixels.shape != photo.pixels.shape:
             raise UserError(f"mask video {masks} is of another size than the clip: they must be equal")
-        yield LoadedPhoto(photo.pixels, drawn.codes.max(-1), photo.name)
+        yield LoadedPhoto(photo.pixels, fit_edge(photo.pixels, drawn.codes.max(-1)), photo.name)
 
 
 def smooth_over_time(

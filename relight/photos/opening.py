@@ -1,5 +1,7 @@
 """Opens the files of pictures: what is wrong with them is one sentence, before pixels are decoded where possible."""
 
+import re
+import struct
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,6 +16,8 @@ TOO_LARGE = f"at most {MAX_PIXELS // 10**6} million pixels are read"
 MAX_BYTES = 500_000_000
 FREE_PIXELS, MOST_PACKED = 2**22, 2**13  # pixels that are believed of any file, and of each of its bytes
 HEIC = (".heic", ".heif")
+NCLX = re.compile(rb"colrnclx(.{6})", re.DOTALL)  # the box of AVIF and HEIC that codes the color space
+HEAD = 1 << 16  # bytes, in which files say what their colors mean
 ANIMATIONS = ("GIF", "WEBP", "PNG", "AVIF")  # formats whose further pictures are frames; in others they are previews
 REDUCED, TRANSPARENCY = 1, 4  # bits of a TIFF page's NewSubfileType: a preview, a mask
 
@@ -37,7 +41,8 @@ def open_picture(path: Path, what: str) -> Image.Image:
     except Image.DecompressionBombError:
         raise UserError(f"{what} {path} is too large: {TOO_LARGE}") from None
     except Exception:
-        raise UserError(f"{what} {path} cannot be read as a picture: give JPEG, PNG, WebP, TIFF or AVIF") from None
+        forms = "JPEG, PNG, WebP or AVIF, or TIFF of 8 or 16 bits"
+        raise UserError(f"{what} {path} cannot be read as a picture: give {forms}") from None
     width, height = image.size
     if width * height > MAX_PIXELS:
         image.close()
@@ -87,3 +92,16 @@ def bits_of(image: Image.Image, file: Path | None) -> int:
         bits = image.tag_v2.get(258, 8)  # BitsPerSample
         return max(bits) if isinstance(bits, tuple) else int(bits)
     return 8
+
+
+def coding_of(image: Image.Image, file: Path | None) -> tuple[int, int] | None:
+    """Returns primaries and transfer of a PNG, AVIF or HEIC by their codes in ITU-T H.273; None if it gives none."""
+    if file is None or image.format not in ("PNG", "AVIF", "HEIF"):
+        return None
+    with open(file, "rb") as data:
+        start = data.read(HEAD)
+    if image.format != "PNG":
+        box = NCLX.search(start)
+        return struct.unpack(">HH", box[1][:4]) if box else None
+    place = start.find(b"cICP", 0, start.find(b"IDAT"))
+    return (start[place + 4], start[place + 5]) if 0 <= place < len(start) - 5 else None

@@ -19,24 +19,44 @@ SRGB_GAMMA = 0.45455  # as PNG writes it
 ADOBE = (0.64, 0.33, 0.21, 0.71, 0.15, 0.06, 0.3127, 0.3290)  # x and y of the primaries and of white
 ADOBE_GAMMA = 563 / 256
 Curve = Callable[[np.ndarray], np.ndarray]  # from codes in [0,1] to linear values
+# Codes of ITU-T H.273.
+UNSPECIFIED = 2
+PRIMARIES = {
+    1: REC709,
+    9: (0.708, 0.292, 0.170, 0.797, 0.131, 0.046, 0.3127, 0.3290),
+    12: (0.680, 0.320, 0.265, 0.690, 0.150, 0.060, 0.3127, 0.3290),
+}
+HDR_TRANSFERS = (16, 18)  # PQ and HLG
+TRANSFERS: dict[int, Curve] = {
+    **dict.fromkeys((1, 6, 13, 14, 15), decode),
+    4: lambda code: code**2.2,
+    5: lambda code: code**2.8,
+    8: lambda code: code,
+}
 ROWS = 256  # that are converted at a time
 PROBE = np.stack(np.meshgrid(*[np.arange(0, 256, 15, dtype=np.uint8)] * 3), axis=-1).reshape(1, -1, 3)
 
 
-def to_srgb(pixels: np.ndarray, image: Image.Image, what: str) -> tuple[np.ndarray, list[str]]:
+def to_srgb(
+    pixels: np.ndarray, image: Image.Image, what: str, coding: tuple[int, int] | None = None
+) -> tuple[np.ndarray, list[str]]:
     """Converts the pixels of an image to sRGB. sRGB itself stays as it is, bit for bit.
 
     Args:
         pixels: (H,W,3) uint8 or uint16.
         image: whose metadata say what the pixels mean.
         what: its name in errors.
+        coding: of `coding_of`, which counts before the profile.
 
     Returns:
         Pixels of the same type, and notes, one sentence each.
 
     Raises:
-        UserError: if the profile of a 16-bit picture has no curves and primaries.
+        UserError: if the profile of a 16-bit picture has no curves and primaries, or the picture is coded for displays
+            of high dynamic range.
     """
+    if coding is not None and not (coding[0] == UNSPECIFIED or coding[1] == UNSPECIFIED):
+        return _by_coding(pixels, coding, what)
     if profile := image.info.get("icc_profile"):
         return _by_profile(pixels, profile, what)
     if image.format == "PNG" and "srgb" not in image.info and "gamma" in image.info:
@@ -57,12 +77,28 @@ def to_srgb(pixels: np.ndarray, image: Image.Image, what: str) -> tuple[np.ndarr
     return pixels, []
 
 
+def _by_coding(pixels: np.ndarray, coding: tuple[int, int], what: str) -> tuple[np.ndarray, list[str]]:
+    """Converts by the codes of ITU-T H.273. Curves for broadcasting are shown as sRGB, as browsers do."""
+    primaries, transfer = coding
+    if transfer in HDR_TRANSFERS:
+        raise UserError(f"{what} is coded for displays of high dynamic range: save it as sRGB, or linear as OpenEXR")
+    if primaries not in PRIMARIES or transfer not in TRANSFERS:
+        raise UserError(f"{what} has colors of the kinds {primaries} and {transfer} of ITU-T H.273: convert it to sRGB")
+    xy, curve = PRIMARIES[primaries], TRANSFERS[transfer]
+    if xy == REC709 and curve is decode:
+        return pixels, []
+    matrix = chromaticity_matrix(xy)
+    assert matrix is not None
+    return _by_curves(pixels, [curve] * 3, matrix), ["it was converted by the color space that its file codes"]
+
+
 def _is_adobe(image: Image.Image) -> bool:
-    """Returns whether the EXIF data of a camera say Adobe RGB (DCF 2.0: uncalibrated, and the mark R03)."""
+    """Returns whether EXIF data say Adobe RGB: 2, as some cameras write, or DCF 2.0's uncalibrated and mark R03."""
     exif = image.getexif()
     if not exif:
         return False
-    return exif.get_ifd(0x8769).get(0xA001) == 0xFFFF and str(exif.get_ifd(0xA005).get(1, "")).startswith("R03")
+    space = exif.get_ifd(0x8769).get(0xA001)
+    return space == 2 or (space == 0xFFFF and str(exif.get_ifd(0xA005).get(1, "")).startswith("R03"))
 
 
 def _by_profile(pixels: np.ndarray, profile: bytes, what: str) -> tuple[np.ndarray, list[str]]:

@@ -13,9 +13,10 @@ from relight.files import PHOTO_SUFFIXES, existing_file, require_readable
 from relight.photos.compose.color import to_srgb8
 from relight.photos.deep import is_exr, read_16_bits, read_linear
 from relight.photos.mask.coverage import coverage_of
-from relight.photos.opening import bits_of, decoding_errors, open_picture, require_still
+from relight.photos.opening import bits_of, coding_of, decoding_errors, open_picture, require_still
 from relight.photos.profile import to_srgb
 
+FEW_BITS = 1 << 12  # codes of cameras that write 12 bits into 16
 NUMBER = re.compile(r"(\d+)")
 
 
@@ -102,7 +103,10 @@ def photo_from_image(
         pixels = read_16_bits(file, image, orientation, what)
     else:
         pixels = np.asarray(image.convert("RGB"))
-    pixels, notes = to_srgb(pixels, stored, what)
+    largest = int(pixels.max())
+    pixels, notes = to_srgb(pixels, stored, what, coding_of(stored, file))
+    if pixels.dtype == np.uint16 and largest < FEW_BITS:
+        notes.append(f"its largest code is {largest} of 65535, as if it held fewer than 16 bits: it is taken as dark")
     suffix = ".tif" if pixels.dtype == np.uint16 and stored.format == "TIFF" else ".png"
     return _checked(Photo(pixels, alpha, name, suffix, notes), what)
 

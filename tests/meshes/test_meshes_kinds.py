@@ -1,5 +1,6 @@
 """What meshes may say, and the right value: names, code pages, colors, polygons, extensions, wrap modes, tables."""
 
+import base64
 import codecs
 import io
 import json
@@ -53,6 +54,19 @@ TEXTS = {
     "utf-8 mark in .obj": {"a.obj": codecs.BOM_UTF8 + used(b"A"), "a.mtl": RED % b"A"},
     "utf-8 mark in .mtl": {"a.obj": used(b"A"), "a.mtl": codecs.BOM_UTF8 + RED % b"A"},
     "utf-16 .obj": {"a.obj": used(b"A").decode().encode("utf-16"), "a.mtl": RED % b"A"},
+    "utf-16 .obj without a mark": {"a.obj": used(b"A").decode().encode("utf-16-be"), "a.mtl": RED % b"A"},
+    "utf-16 .mtl without a mark": {"a.obj": used(b"A"), "a.mtl": (RED % b"A").decode().encode("utf-16-le")},
+    "utf-32 .obj": {"a.obj": used(b"A").decode().encode("utf-32"), "a.mtl": RED % b"A"},
+    "marks where files were joined": {
+        "a.obj": used(b"A").replace(b"usemtl", codecs.BOM_UTF8 + b"usemtl"), "a.mtl": RED % b"A"},
+    "capitals": {"a.obj": used(b"a").upper().replace(b"A.MTL", b"a.mtl"), "a.mtl": (RED % b"a").upper()},
+    "lines that end in CR CR LF": {"a.obj": used(b"A").replace(b"\n", b"\r\r\n"), "a.mtl": RED % b"A"},
+    "tabs and blanks": {"a.obj": used(b"A \t").replace(b"\n", b" \n\t"), "a.mtl": (RED % b"A").replace(b" ", b"\t")},
+    "a comment that ends in a folder": {"a.obj": b"# C:\\scans\\\n" + used(b"A"),
+                                        "a.mtl": b"# C:\\scans\\\r\n" + RED % b"A"},
+    "a name with accents in two parts": {"a.obj": used("Zoë".encode()), "a.mtl": RED % "Zoe\u0308".encode()},
+    "a library on another computer": {"a.obj": used(b"A", b"C:\\My scans\\A.MTL"), "a.mtl": RED % b"A"},
+    "zeros at the end": {"a.obj": used(b"A") + bytes(9), "a.mtl": RED % b"A" + b"\x1a"},
     "utf-16 .mtl": {"a.obj": used(b"A"), "a.mtl": (RED % b"A").decode().encode("utf-16")},
     "lines that end in CR": {"a.obj": used(b"A").replace(b"\n", b"\r"), "a.mtl": (RED % b"A").replace(b"\n", b"\r")},
     "lines that end in CR LF": {"a.obj": used(b"A").replace(b"\n", b"\r\n"), "a.mtl": RED % b"A\r"},
@@ -119,6 +133,8 @@ SYNTAX = {
     "colors beside a material": (b"mtllib a.mtl\n" + COLORED.replace(b"1 0 0\n", b"0 0 1\n") + b"usemtl A\n" + FACE,
                                   (0, 0, 1), "in place of the colors of its materials"),
     "white colors beside a material": (used(b"A").replace(b"0\n", b"0 1 1 1\n"), (1, 0, 0), ""),
+    "colors below 0": (COLORED.replace(b" 1 0 0\n", b" 1 -.5 0\n") + FACE, (1, 0, 0), "down to -0.5 are clipped"),
+    "colors that are no numbers": (COLORED.replace(b" 1 0 0\n", b" 1 nan 0\n") + FACE, (1, 0, 0), "3 values are not"),
     "a line that goes on": (POINTS + b"f 1 \\\r\n2 3\n", (1, 1, 1), "neither"),
 }  # fmt: skip
 
@@ -129,6 +145,36 @@ def test_obj_of_this_syntax(tmp_path, name):
     mesh = read_mesh(write(tmp_path, {"a.obj": text, "a.mtl": RED % b"A"}))
     np.testing.assert_allclose(albedo(mesh, len(mesh.faces) - 1), color, atol=1e-6)
     assert warned in " ".join(mesh.info["warnings"]) and bool(warned) == bool(mesh.info["warnings"])
+
+
+# libraries of the material A -> its color, and what a warning says
+LIBRARIES = {
+    "twice": ({"a.mtl": RED % b"A" + b"newmtl A\nKd 0 1 0\n"}, (0, 1, 0), "defines the material 'A' twice: the last"),
+    "in two files": ({"a.mtl": RED % b"A", "b.mtl": b"newmtl A\nKd 0 1 0\n"}, (0, 1, 0), "b.mtl defines the material"),
+    "one file twice": ({"a.mtl": RED % b"A", "./a.mtl": RED % b"A"}, (1, 0, 0), ""),
+    "grey of one number": ({"a.mtl": b"newmtl A\nKd 1\n"}, (1, 1, 1), ""),
+    "below 0": ({"a.mtl": b"newmtl A\nKd 1 -1 0\n"}, (1, 0, 0), "values down to -1 are clipped to 0"),
+    "twice, with a texture": ({"a.mtl": b"newmtl A\nKd 0 0 1\nmap_Kd -bm 1 -s 2 2 2 t.png # skin\n"}, (1, 0, 0), ""),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", LIBRARIES)
+def test_mtl_that_says_things_twice(tmp_path, name):
+    files, color, warned = LIBRARIES[name]
+    text = (
+        b"".join(b"mtllib %s\n" % file.encode() for file in files) + b"vt 0 0\n" + POINTS + b"usemtl A\nf 1/1 2/1 3/1\n"
+    )
+    mesh = read_mesh(write(tmp_path, {"a.obj": text, **files, "t.png": png((255, 0, 0))}))
+    np.testing.assert_allclose(albedo(mesh), color, atol=1e-6)
+    assert warned in " ".join(mesh.info["warnings"]) and bool(warned) == bool(mesh.info["warnings"])
+
+
+@pytest.mark.parametrize(
+    "text", [b"", b"1 0", b"1,0 0 0", b"xyz .4 .2 .02", b"spectral a.rfl", b"#ff0000", b"100% 0 0"]
+)
+def test_mtl_of_a_color_that_is_not_three_numbers_is_refused(tmp_path, text):
+    with pytest.raises(UserError, match=r"the color `Kd .*` is not three numbers"):
+        read_mesh(write(tmp_path, {"a.obj": used(b"A"), "a.mtl": b"newmtl A\nKd " + text + b"\n"}))
 
 
 @pytest.mark.parametrize("colors", ["0.7373", "0", "0.2"])
@@ -188,6 +234,14 @@ PLYS = {
     "texture in quotes and colors": (
         ply(("0 0 9 9 9", ""), channels("float", "u v") + ", " + channels("uchar"),
             comment='comment TextureFile "t.png"\n'), ORANGE, "vertex colors are left out"),
+    "below 0": (ply(("1 -0.5 0", ""), channels("float")), (1, 0, 0), "values down to -0.5 are clipped to 0"),
+    "not numbers": (ply(("1 nan 0", ""), channels("float")), (1, 0, 0), "3 values are not numbers"),
+    "of two types": (ply(("1 128 0", ""), "float red, uchar green, uchar blue"), (1, 1, 1), "of different types"),
+    "blue first, and alpha": (ply(("0 128 255 9", ""), channels("uchar", "blue green red alpha")), ORANGE, ""),
+    "of no known name": (ply(("7", ""), "uint rgba"), (1, 1, 1), "neither materials nor vertex colors"),
+    "a texture for no face": (
+        ply(("", "6 0 0 0 0 0 0 -1"), face="list uchar float texcoord, int texnumber",
+            comment="comment TextureFile t.png\ncomment TextureFile t.png\n"), (1, 1, 1), "1 of 1 faces have neither"),
     "byte order mark": (codecs.BOM_UTF8 + ply(("255 128 0", ""), channels("uchar")), ORANGE, ""),
     "CR LF": (ply(("255 128 0", ""), channels("uchar")).replace(b"\n", b"\r\n"), ORANGE, ""),
     "CR": (ply(("255 128 0", ""), channels("uchar")).replace(b"\n", b"\r"), ORANGE, ""),
@@ -200,6 +254,33 @@ def test_ply_whose_colors_are_written_so(tmp_path, name):
     mesh = read_mesh(write(tmp_path, {"a.ply": content, "t.png": png((255, 128, 0))}))
     np.testing.assert_allclose(albedo(mesh), color, atol=1e-4)
     assert warned in " ".join(mesh.info["warnings"]) and bool(warned) == bool(mesh.info["warnings"])
+
+
+@pytest.mark.parametrize(
+    ("face", "values", "says"),
+    [
+        ("list uchar float texcoord", "6 0 0 0 0 0 0", "names 2 textures, but its faces have no `texnumber`"),
+        ("list uchar float texcoord, int texnumber", "6 0 0 0 0 0 0 2", r"has texture 2 \(counted from 0\), but there"),
+        ("list uchar float texcoord, int texnumber", "6 0 0 0 0 0 0 -2", "has texture -2"),
+    ],
+)
+def test_ply_of_several_textures_that_does_not_say_which_is_refused(tmp_path, face, values, says):
+    text = ply(("", values), face=face, comment="comment TextureFile t.png\n" * 2)
+    with pytest.raises(UserError, match=says):
+        read_mesh(write(tmp_path, {"a.ply": text, "t.png": png((255, 0, 0))}))
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_ply_with_faces_before_vertices_that_begin_with_a_list(tmp_path, order):
+    form = {"<": "binary_little_endian", ">": "binary_big_endian"}[order]
+    head = f"ply\nformat {form} 1.0\nelement face 1\nproperty list uchar int vertex_index\nelement vertex 3\n"
+    head += "property list uchar short tags\n" + "".join(f"property float {axis}\n" for axis in "xyz")
+    head += "".join(f"property ushort {name}\n" for name in ("red", "green", "blue")) + "end_header\n"
+    body = struct.pack(order + "B3i", 3, 0, 1, 2)
+    for tags, point in zip(((), (7,), (7, 8)), ((0, 0, 0), (1, 0, 0), (0, 1, 0))):
+        body += struct.pack(f"{order}B{len(tags)}h3f3H", len(tags), *tags, *point, 65535, 32896, 0)
+    mesh = read_mesh(write(tmp_path, {"a.ply": head.encode() + body}))
+    np.testing.assert_allclose(albedo(mesh), ORANGE, atol=1e-4)
 
 
 @pytest.mark.parametrize("end", [b"\n", b"\r\n", b"\r"])
@@ -285,6 +366,8 @@ def test_triangulate_refuses_what_would_take_minutes():
 
 
 DARK_RED = png((200, 0, 0))
+STRIPES = png((255, 0, 0), (255, 0, 0), (0, 0, 255), (0, 0, 255))
+RED_, BLUE_ = (1, 0, 0), (0, 0, 1)
 
 
 def glb(change=lambda scene: None, picture=DARK_RED, uv=(0.5, 0.5), color=b"", pad=b" ") -> bytes:
@@ -365,13 +448,107 @@ def test_gltf_of_a_texture_in_a_form_that_is_not_read(tmp_path):
         read_mesh(write(tmp_path, {"a.glb": glb(source_in("KHR_texture_basisu"))}))
 
 
+def node(**values):
+    return lambda scene: scene["nodes"][0].update(values)
+
+
+def placed(**values):
+    """KHR_texture_transform."""
+    base = "pbrMetallicRoughness"
+    return lambda scene: scene["materials"][0][base]["baseColorTexture"].update(
+        extensions={"KHR_texture_transform": values}
+    )
+
+
+def picture_at(uri):
+    return lambda scene: scene.update(images=[{"uri": uri}])
+
+
+def sparse(scene):
+    """The third vertex is moved to the first."""
+    scene["accessors"][0]["sparse"] = {
+        "count": 1, "indices": {"bufferView": 3, "componentType": 5121}, "values": {"bufferView": 0}
+    }  # fmt: skip
+
+
+def two_meshes(scene):
+    scene["meshes"].append({"primitives": [{"attributes": {"POSITION": 0}}]})
+    scene["nodes"].append({"mesh": 1})
+
+
+def factor(*values):
+    return lambda scene: scene["materials"][0].update(pbrMetallicRoughness={"baseColorFactor": values})
+
+
+COPIES = {"EXT_mesh_gpu_instancing": {"attributes": {"TRANSLATION": 0}}}
+CODED_PICTURE = base64.b64encode(DARK_RED).decode()
+DARK = (0.578, 0, 0)
+# what a description says -> albedo of the first face, and what a warning says
+SCENES = {
+    "a factor of 0 to 255": (factor(255, 128, 0, 255), (1, 1, 0), "outside 0 to 1: it is clipped"),
+    "a factor below 0": (factor(1, -1, 0, 1), (1, 0, 0), "outside 0 to 1"),
+    "a factor": (factor(0.5, 0.2, 0, 1), (0.5, 0.2, 0), ""),
+    "a skeleton": (node(skin=0), DARK, "skeleton and pose are left out: apply them"),
+    "morph targets at rest": (lambda scene: scene["meshes"][0].update(weights=[0, 0]), DARK, ""),
+    "morph targets of the mesh": (lambda scene: scene["meshes"][0].update(weights=[0, 1]), DARK, "morph targets are"),
+    "morph targets of the node": (node(weights=[0.5]), DARK, "morph targets are left out"),
+    "copies": (node(extensions=COPIES), DARK, "copies (EXT_mesh_gpu_instancing) are left out"),
+    "a texture moved to the right": (placed(offset=[0.5, 0]), BLUE_, ""),
+    "a texture turned by half": (placed(rotation=np.pi), BLUE_, ""),
+    "a texture scaled": (placed(scale=[3, 1]), BLUE_, ""),
+    "a second mesh without material": (two_meshes, DARK, "1 of 2 faces have neither"),
+    "a picture in capitals": (picture_at("DATA:image/png;base64," + CODED_PICTURE), DARK, ""),
+    "a picture in lines": (picture_at("data:image/png;base64,\n" + CODED_PICTURE.replace("g", "g\r\n ")), DARK, ""),
+    "a picture in a folder of Windows": (picture_at("textures\\T.PNG"), DARK, ""),
+    "a sparse accessor": (sparse, DARK, ""),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_gltf_of_this_scene(tmp_path, name):
+    change, color, warned = SCENES[name]
+    moved = name.startswith("a texture")
+    content = glb(change, STRIPES if moved else DARK_RED, (0.25, 0.5) if moved else (0.5, 0.5), b"\2\0\0\0")
+    mesh = read_mesh(write(tmp_path, {"a.glb": content, "t.png": DARK_RED}))
+    np.testing.assert_allclose(albedo(mesh), color, atol=1e-3)
+    assert warned in " ".join(mesh.info["warnings"]) and bool(warned) == bool(mesh.info["warnings"])
+    if change is sparse:
+        np.testing.assert_array_equal(mesh.vertices[2], mesh.vertices[0])
+
+
+@pytest.mark.parametrize(
+    ("values", "corner", "up"),
+    [
+        ({"rotation": [0, 0, 2, 2]}, (0, 1, 0), 1),  # a quaternion that is not of length 1
+        ({"rotation": [0, 0, 0, 0]}, (1, 0, 0), 1),
+        ({"scale": [-1, 1, 1]}, (-1, 0, 0), 1),
+        ({"scale": [-1, -1, 1]}, (-1, 0, 0), 1),
+        ({"matrix": [-1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]}, (-1, 0, 0), 1),
+    ],
+)
+def test_gltf_node_turns_and_mirrors(tmp_path, values, corner, up):
+    """The second corner, and the side that the triangle shows, which a mirror image keeps."""
+    mesh = read_mesh(write(tmp_path, {"a.glb": glb(node(**values))}))
+    np.testing.assert_allclose(mesh.vertices[1], corner, atol=1e-6)
+    a, b, c = mesh.vertices[mesh.faces[0]]
+    assert np.sign(np.cross(b - a, c - a)[2]) == up
+
+
+@pytest.mark.parametrize("code", ["utf-8", "utf-8-sig", "utf-16", "utf-16-le", "utf-32", "cp1252"])
+def test_gltf_text_of_every_code(tmp_path, code):
+    """Also under the name of a binary file's kind."""
+    content = glb(lambda scene: scene["asset"].update(generator="Müller"))
+    scene = json.loads(content[20 : 20 + struct.unpack_from("<I", content, 12)[0]])
+    data = base64.b64encode(content[28 + struct.unpack_from("<I", content, 12)[0] :]).decode()
+    scene["buffers"][0]["uri"] = "data:application/octet-stream;base64," + data
+    files = {"a.gltf": json.dumps(scene, ensure_ascii=False).encode(code), "b.gltf": content}
+    for name in files:
+        np.testing.assert_allclose(albedo(read_mesh(write(tmp_path, {name: files[name]}))), DARK, atol=1e-3)
+
+
 @pytest.mark.parametrize("pad", [b"\0", b" ", b"\n"])
 def test_glb_with_a_padded_description(tmp_path, pad):
     assert len(read_mesh(write(tmp_path, {"a.glb": glb(pad=pad)})).faces) == 1
-
-
-STRIPES = png((255, 0, 0), (255, 0, 0), (0, 0, 255), (0, 0, 255))
-RED_, BLUE_ = (1, 0, 0), (0, 0, 1)
 
 
 @pytest.mark.parametrize(
@@ -488,6 +665,15 @@ TABLES = {
     "quoted names of columns": (b'"use";"path"\n"1";"a,b.obj"\n', ["a,b.obj"]),
     "lines that end in CR": (b"use;path\r1;a,b.obj\r", ["a,b.obj"]),
     "capitals and accents in two parts": ("path\nzOe\u0308.obj\n".encode(), ["Zoë.obj"]),
+    "utf-16 without a mark": ("path\tuse\nZoë.obj\t1\n".encode("utf-16-le"), ["Zoë.obj"]),
+    "capitals": ("Path;USE\nZoë.obj;1\n".encode(), ["Zoë.obj"]),
+    "blanks around names and paths": ('" path ", use\n"Zoë.obj ", 1\n'.encode(), ["Zoë.obj"]),
+    "a spreadsheet's empty rows and columns": ("path;use;;\n\nZoë.obj;1;;\n;;;\n;;;\n".encode(), ["Zoë.obj"]),
+    "the end of a file of DOS": ("path\r\nZoë.obj\r\n\x1a".encode(), ["Zoë.obj"]),
+    "a line break in a cell": ('path,subject\n"Zoë.obj","a\nb"\n'.encode(), ["Zoë.obj"]),
+    "a backslash and a capital": ("path\n.\\ZOË.OBJ\n".encode(), ["Zoë.obj"]),
+    "cells beyond the last column": ("path\nZoë.obj,1,2\n".encode(), ["Zoë.obj"]),
+    "sep= of a tab": (b"sep=\t\npath\tuse\na,b.obj\t1\n", ["a,b.obj"]),
     "n": ("use,path\nn,Zoë.obj\ny,人.obj\n".encode(), ["人.obj"]),
     "FALSE": ("use,path\nFALSE,Zoë.obj\nTRUE,人.obj\n".encode(), ["人.obj"]),
     "0.0": ("use,path\n0.0,Zoë.obj\n1.0,人.obj\n".encode(), ["人.obj"]),
@@ -499,6 +685,22 @@ def test_scans_table_of_every_spelling(tmp_path, name):
     data, chosen = TABLES[name]
     write(tmp_path, {"scans.csv": data, "Zoë.obj": b"", "人.obj": b"", "a,b.obj": b""})
     assert [scan.path.name for scan in list_scans(tmp_path).values()] == chosen
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        (b"use;path\n1;\n", "has a row without a path"),
+        (b"file\na.obj\n", "no column `path`"),
+        (b"path|use\na.obj|1\n", "no column `path`"),
+        (b"", "no column `path`"),
+        (b"path\na%20b.obj\n", "names a%20b.obj, which is not there"),
+    ],
+)
+def test_scans_table_without_paths_is_refused(tmp_path, text, says):
+    write(tmp_path, {"scans.csv": text, "a.obj": b"", "a b.obj": b""})
+    with pytest.raises(UserError, match=says):
+        list_scans(tmp_path)
 
 
 @pytest.mark.parametrize("use", ["maybe", "2", "nein"])

@@ -164,7 +164,7 @@ BROKEN = {
     ),
     "ply of strips": (
         {"a.ply": PLY % (b"ascii", 4) + FACE.replace(b"face", b"tristrips") % 1 + END + ROWS.encode() + b"4 0 1 2 3"},
-        "no faces",
+        "save it with faces",
     ),
     "ply naming a missing texture": (
         {"a.ply": binary_ply().replace(b"element vertex", b"comment TextureFile skin.png\nelement vertex", 1)},

@@ -64,6 +64,34 @@ HEADERS = {
 }  # fmt: skip
 
 
+# further lines of the header -> what a note says
+SAID = {
+    b"GAMMA=2.2\n": "its GAMMA of 2.2 is left out",
+    b"GAMMA=1.0\n": "",
+    b"\tGAMMA=2.2\n": "",
+    b"VIEW= -vtv -vh 90\nPIXASPECT=1\nCAPDATE= 2020:01:01\n": "",
+    b"# EXPOSURE=2\n": "",
+    b"pfilt -e EXPOSURE=2\n": "",
+}
+
+
+@pytest.mark.parametrize("lines", SAID)
+def test_hdr_of_lines_that_change_no_pixel(tmp_path, lines):
+    (tmp_path / "a.hdr").write_bytes(hdr(lines))
+    found = read_panorama(tmp_path / "a.hdr")
+    np.testing.assert_allclose(found.pixels[0, 0], CODES, rtol=1e-6)
+    assert SAID[lines] in " ".join(found.repairs) and bool(SAID[lines]) == bool(found.repairs)
+
+
+@pytest.mark.parametrize(
+    "line", [b"EXPOSURE=\n", b"EXPOSURE=2,0\n", b"EXPOSURE=0\n", b"COLORCORR=1 1\n", b"FORMAT=float\n"]
+)
+def test_hdr_of_a_line_that_says_nothing_is_refused(tmp_path, line):
+    (tmp_path / "a.hdr").write_bytes(hdr(line))
+    with pytest.raises(UserError, match=r"not a whole Radiance picture: (a header value|its FORMAT) is"):
+        read_panorama(tmp_path / "a.hdr")
+
+
 @pytest.mark.parametrize("name", HEADERS)
 def test_hdr_of_this_header(tmp_path, name):
     lines, radiance = HEADERS[name]
@@ -138,6 +166,54 @@ def test_exr_of_positions_is_refused(tmp_path, values, says):
         read_panorama(tmp_path / "a.exr")
 
 
+@pytest.mark.parametrize(
+    ("header", "says"),
+    [
+        ({"oiio:ColorSpace": "ACEScg"}, "names the color space ACEScg without chromaticities"),
+        ({"colorInteropID": "lin_ap1_scene"}, "color space lin_ap1_scene"),
+        ({"acesImageContainerFlag": 1}, "color space ACES"),
+        ({"oiio:ColorSpace": "lin_srgb"}, ""),
+        ({"oiio:ColorSpace": "Linear"}, ""),
+        ({"colorInteropID": "lin_rec709_scene"}, ""),
+        ({"oiio:ColorSpace": "ACEScg", "chromaticities": REC709}, ""),
+    ],
+)
+def test_exr_that_only_names_its_color_space(tmp_path, header, says):
+    planes = {c: np.full((32, 64), code, np.float32) for c, code in zip("RGB", CODES)}
+    OpenEXR.File(header, planes).write(str(tmp_path / "a.exr"))
+    found = read_panorama(tmp_path / "a.exr")
+    np.testing.assert_allclose(found.pixels[0, 0], CODES, rtol=1e-5)
+    assert says in " ".join(found.repairs) and bool(says) == bool(found.repairs)
+
+
+@pytest.mark.parametrize(
+    "names", ["r g b", "diffuse.R diffuse.G diffuse.B", "View.Combined.R View.Combined.G View.Combined.B", "R G"]
+)
+def test_exr_of_other_layers_says_what_to_do(tmp_path, names):
+    OpenEXR.File({}, {name: np.ones((32, 64), np.float32) for name in names.split()}).write(str(tmp_path / "a.exr"))
+    with pytest.raises(UserError, match="save the layer that you mean under these names"):
+        read_panorama(tmp_path / "a.exr")
+
+
+@pytest.mark.parametrize(
+    ("data", "display", "says"),
+    [
+        (((8, 8), (71, 39)), ((0, 0), (95, 47)), ["do not fill its display window"]),
+        (((-8, -8), (55, 23)), ((0, 0), (31, 15)), ["beyond its display window are left out"]),
+        (((-8, 0), (55, 31)), ((0, 0), (63, 31)), ["do not fill", "beyond its display window"]),
+        (((100, 50), (163, 81)), ((100, 50), (163, 81)), []),
+    ],
+)
+def test_exr_windows(tmp_path, data, display, says):
+    planes = {c: np.arange(32 * 64, dtype=np.float32).reshape(32, 64) for c in "RGB"}
+    OpenEXR.File({"dataWindow": data, "displayWindow": display}, planes).write(str(tmp_path / "a.exr"))
+    found = read_panorama(tmp_path / "a.exr", layout="latlong")
+    (x, y), (left, top) = data[0], display[0]
+    row, column = max(y - top, 0) + 1, max(x - left, 0) + 2
+    assert found.pixels[row, column, 0] == 64 * (row + top - y) + column + left - x
+    assert len(found.repairs) == len(says) and all(a in b for a, b in zip(says, found.repairs))
+
+
 ROW = np.linspace(0.5, 2, 64, dtype=np.float32)
 # headers that the pixels follow
 PFMS = {
@@ -159,6 +235,20 @@ def test_pfm_whose_header_ends_so(tmp_path, name, order, scale, first):
     picture[0, 0] = first  # rows run from the bottom up
     (tmp_path / "a.pfm").write_bytes(PFMS[name] % scale + picture.astype(order + "f4").tobytes())
     np.testing.assert_array_equal(read_panorama(tmp_path / "a.pfm").pixels, picture[::-1])
+
+
+@pytest.mark.parametrize(("scale", "says"), [(b"-2.0", "its scale of 2 is left out"), (b"-1", ""), (b"-0.5", "of 0.5")])
+def test_pfm_of_another_scale_says_so(tmp_path, scale, says):
+    (tmp_path / "a.pfm").write_bytes(b"PF\n64 32\n" + scale + b"\n" + np.ones(64 * 32 * 3, "<f4").tobytes())
+    found = read_panorama(tmp_path / "a.pfm")
+    assert found.pixels.max() == 1 and says in " ".join(found.repairs) and bool(says) == bool(found.repairs)
+
+
+@pytest.mark.parametrize("values", [np.linspace(0.5, 2, 64 * 32 * 3), np.full(64 * 32 * 3, 0.5)])
+def test_pfm_in_another_order_than_it_says_is_refused(tmp_path, values):
+    (tmp_path / "a.pfm").write_bytes(b"PF\n64 32\n1.0\n" + values.astype("<f4").tobytes())
+    with pytest.raises(UserError, match="as if its bytes were in another order"):
+        read_panorama(tmp_path / "a.pfm")
 
 
 @pytest.mark.parametrize("extra", [-3, 3, 12])

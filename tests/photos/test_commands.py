@@ -13,7 +13,6 @@ from relight.cli import app
 from relight.errors import UserError
 from relight.lights import load_light
 from relight.photos.infer import opposite_lamp
-from relight.photos.mask.edge import fit_edge
 
 
 def picture(path):
@@ -22,7 +21,6 @@ def picture(path):
 
 def test_photo_writes_everything_at_its_place(run, photo_files, weights, tmp_path):
     me, _, pixels, mask = photo_files  # me_mask.png lies beside me.png and is found
-    mask = fit_edge(pixels, mask)
     out = tmp_path / "out"
     run("photo", me, "--light", "room:3:40", "--out", out, "--weights", weights)
     assert not (out / "maps.exr").exists()

@@ -1,10 +1,14 @@
 """Masks that are wrong by pixels come back to the true coverage, and what they relit wrongly before is right."""
 
+import io
+
 import numpy as np
 import pytest
+from PIL import Image
 from scipy.ndimage import gaussian_filter
 
 from relight.photos.compose.render import estimate_foreground, over
+from relight.photos.load import load_photo
 from relight.photos.mask.edge import fit_edge
 from relight.srgb import LINEAR, encode
 
@@ -45,7 +49,7 @@ def test_fit_edge_finds_the_true_coverage(colors, kind):
     codes, alpha, inward = composite(*colors)
     mask = masks(inward)[kind]
     before = rim_error(mask / 255, alpha, inward)
-    after = rim_error(fit_edge(codes, mask) / 255, alpha, inward)
+    after = rim_error(fit_edge(codes, mask, automatic=kind != "binary") / 255, alpha, inward)
     assert after < 0.02
     assert kind == "true" or after < before / 4
 
@@ -54,7 +58,7 @@ def test_fit_edge_keeps_a_mask_that_colors_say_nothing_about():
     _, _, inward = composite(BLACK_CLOTH, SKY)
     mask = soft(inward + 2)
     grey = np.random.default_rng(2).normal(128, 3, (*mask.shape, 3)).astype(np.uint8)
-    assert np.abs(fit_edge(grey, mask).astype(int) - mask).max() < 26
+    assert np.abs(fit_edge(grey, mask, automatic=True).astype(int) - mask).max() < 26
 
 
 def test_fit_edge_softens_a_mask_of_two_values():
@@ -72,8 +76,53 @@ def test_fit_edge_keeps_what_is_neither_color():
     codes[78:81, 100:150] = 200, 10, 60
     mask = soft(inward)
     mask[78:81, 100:140] = 255
-    fitted = fit_edge(codes, mask)
+    fitted = fit_edge(codes, mask, automatic=True)
     assert fitted[79, 128:140].min() > 200 and fitted[79, 141:150].max() < 60
+
+
+def soft_hair(inward):
+    """Two values, but for the upper quarter of the disc."""
+    mask = masks(inward)["binary"]
+    mask[:80] = soft(inward)[:80]
+    return mask
+
+
+def coded(mask, coder, quality):
+    file = io.BytesIO()
+    Image.fromarray(mask).save(file, coder, quality=quality)
+    return np.asarray(Image.open(file).convert("L"))
+
+
+@pytest.mark.parametrize(
+    "draw",
+    [soft, lambda inward: soft(inward + 2), lambda inward: soft(inward / 9), soft_hair,
+     lambda inward: np.rint(0.6 * soft(inward)).astype(np.uint8), lambda inward: coded(soft(inward), "JPEG", 75)],
+    ids=["matte", "too large", "wide", "soft hair", "half transparent", "coded"],
+)  # fmt: skip
+def test_fit_edge_keeps_a_soft_mask_that_is_given(draw):
+    codes, _, inward = composite(BLACK_CLOTH, SKY, 320)
+    mask = draw(inward)
+    np.testing.assert_array_equal(fit_edge(codes, mask), mask)
+
+
+@pytest.mark.parametrize(("coder", "quality"), [("JPEG", 95), ("JPEG", 75), ("JPEG", 50), ("WEBP", 80)])
+def test_fit_edge_fits_two_values_however_they_are_coded(coder, quality):
+    codes, alpha, inward = composite(BLACK_CLOTH, SKY, 320)
+    mask = coded(masks(inward)["binary"], coder, quality)
+    assert len(np.unique(mask)) > 9
+    assert rim_error(fit_edge(codes, mask) / 255, alpha, inward) < rim_error(mask / 255, alpha, inward) / 3
+
+
+@pytest.mark.parametrize("given", ["array", "file", "beside", "alpha"])
+def test_load_photo_fits_a_mask_of_two_values_and_keeps_a_soft_one(given, tmp_path):
+    codes, _, inward = composite(WHITE_CLOTH, LAWN)
+    for mask, fitted in ((soft(inward + 1), soft(inward + 1)), (binary := masks(inward)["binary"], None)):
+        mask_file, photo_file = tmp_path / "me_mask.png", tmp_path / "me.png"
+        Image.fromarray(mask).save(mask_file if given != "alpha" else tmp_path / "unused.png")
+        Image.fromarray(np.dstack([codes, mask]) if given == "alpha" else codes).save(photo_file)
+        photo = load_photo(photo_file, {"array": mask, "file": mask_file}.get(given))
+        expected = fit_edge(codes, binary) if fitted is None else fitted
+        np.testing.assert_array_equal(photo.coverage, expected)
 
 
 @pytest.mark.parametrize("mask", [np.full((40, 40), 255, np.uint8), np.pad(np.full((2, 3), 255, np.uint8), 20)])
@@ -99,13 +148,13 @@ def test_relit_rim_by_a_wrong_mask(figure, behind, gain, kind):
     truth = 255 * encode(over(np.array(figure) * gain, alpha, np.array(behind)))
     mask = masks(inward)[kind]
     before = rim_error(relit(codes, mask, gain), truth, inward)
-    after = rim_error(relit(codes, fit_edge(codes, mask), gain), truth, inward)
+    after = rim_error(relit(codes, fit_edge(codes, mask, automatic=kind != "binary"), gain), truth, inward)
     assert after < 9 and after < 0.65 * before
 
 
 def test_relit_black_cloth_keeps_its_hue_at_the_rim():
     codes, _, inward = composite(BLACK_CLOTH, SKY)
-    found = relit(codes, fit_edge(codes, soft(inward + 2)), 4.0)
+    found = relit(codes, fit_edge(codes, soft(inward + 2), automatic=True), 4.0)
     inside = (inward > 1) & (inward < 6)
     true = 255 * encode(4 * np.array(BLACK_CLOTH))
     assert np.abs(np.median(found[inside], 0) - true).max() < 4

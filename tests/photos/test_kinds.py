@@ -176,7 +176,65 @@ def test_read_photo_converts_by_the_gamma_of_a_png(tmp_path, name):
         assert np.array_equal(pixels, RGB)
 
 
-@pytest.mark.parametrize(("space", "mark", "adobe"), [(0xFFFF, "R03", True), (1, "R98", False), (0xFFFF, "R98", False)])
+REC2020 = np.array([[0.6735, 0.1656, 0.1251], [0.2790, 0.6753, 0.0456], [-0.0019, 0.0300, 0.7968]])
+# codes of ITU-T H.273 for primaries and transfer -> the codes in [0,1] that a picture becomes
+CODINGS = {
+    (1, 13): lambda c: c,
+    (1, 1): lambda c: c,
+    (2, 2): lambda c: c,
+    (12, 13): lambda c: converted(c, P3, decode),
+    (9, 1): lambda c: converted(c, REC2020, decode),
+    (1, 8): lambda c: converted(c, SRGB, lambda x: x),
+    (1, 4): lambda c: converted(c, SRGB, lambda x: x**2.2),
+}
+
+
+@pytest.mark.parametrize("coding", CODINGS)
+@pytest.mark.parametrize("type", [np.uint8, np.uint16])
+def test_read_photo_converts_by_the_coding_of_a_png(tmp_path, coding, type):
+    """Which counts before gamma and profile, by the third edition of PNG."""
+    pixels, top = (RGB, 255) if type == np.uint8 else (DEEP, 65535)
+    write_picture(tmp_path / "a.png", pixels)
+    data = (tmp_path / "a.png").read_bytes()
+    place, chunks = data.index(b"IDAT") - 4, b""
+    for kind, body in (
+        ((b"cICP", bytes([*coding, 0, 1])), gama(1)) if coding[0] != 2 else ((b"cICP", bytes([2, 2, 0, 1])),)
+    ):
+        chunks += struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+    (tmp_path / "a.png").write_bytes(data[:place] + chunks + data[place:])
+    photo, want = read_photo(tmp_path / "a.png"), CODINGS[coding](pixels / top) * top
+    assert photo.pixels.dtype == type and np.abs(photo.pixels - want).max() <= (1.5 if top == 255 else 129)
+    assert bool(photo.notes) == (not np.array_equal(want, pixels))
+
+
+@pytest.mark.parametrize(
+    ("coding", "says"),
+    [((9, 16), "high dynamic range: save it as sRGB"), ((12, 18), "high dynamic range"), ((11, 13), "kinds 11 and 13")],
+)
+def test_read_photo_refuses_a_png_coded_for_other_displays(tmp_path, coding, says):
+    png_of(tmp_path / "a.png", [(b"cICP", bytes([*coding, 0, 1]))])
+    with pytest.raises(UserError, match=says):
+        read_photo(tmp_path / "a.png")
+
+
+@pytest.mark.parametrize("coding", [(1, 13), (12, 13), (9, 16)])
+def test_read_photo_converts_by_the_coding_of_an_avif(tmp_path, coding):
+    flat = np.full((16, 16, 3), (200, 100, 50), np.uint8)
+    Image.fromarray(flat).save(tmp_path / "a.avif", quality=100, subsampling="4:4:4")
+    data = (tmp_path / "a.avif").read_bytes()
+    place = data.index(b"colrnclx") + 8
+    (tmp_path / "a.avif").write_bytes(data[:place] + struct.pack(">HH", *coding) + data[place + 4 :])
+    if coding[1] == 16:
+        with pytest.raises(UserError, match="high dynamic range"):
+            read_photo(tmp_path / "a.avif")
+        return
+    want = CODINGS[coding](flat[0, 0] / 255) * 255
+    assert np.abs(read_photo(tmp_path / "a.avif").pixels - want).max() <= 3
+
+
+@pytest.mark.parametrize(
+    ("space", "mark", "adobe"), [(0xFFFF, "R03", True), (1, "R98", False), (0xFFFF, "R98", False), (2, "", True)]
+)
 def test_read_photo_believes_a_camera_that_says_adobe_rgb(tmp_path, space, mark, adobe):
     exif = Image.Exif()
     exif[0x8769] = {0xA001: space, 0xA005: {1: mark}}
@@ -342,6 +400,28 @@ def test_read_photo_of_openexr_divides_by_alpha_and_converts_primaries(tmp_path)
     assert "chromaticities" in photo.notes[0]
 
 
+def test_read_photo_refuses_openexr_of_luminance(tmp_path):
+    OpenEXR.File({}, {"Y": np.ascontiguousarray(SCENE[..., 0])}).write(str(tmp_path / "a.exr"))
+    with pytest.raises(UserError, match="is grey: give a color picture"):
+        read_photo(tmp_path / "a.exr")
+
+
+def test_read_photo_of_openexr_with_alpha_that_is_not_a_number(tmp_path):
+    alpha = np.ones((40, 30), np.float32)
+    alpha[3, 4] = np.nan
+    photo = read_photo(exr(tmp_path / "a.exr", SCENE, A=alpha))
+    assert photo.alpha[3, 4] == 0 and (photo.alpha == 255).sum() == 40 * 30 - 1
+
+
+@pytest.mark.parametrize(("bits", "says"), [(10, "largest code is"), (12, "of 65535, as if it held fewer"), (16, "")])
+@pytest.mark.parametrize("suffix", [".png", ".tif"])
+def test_read_photo_of_fewer_bits_in_16_says_so(tmp_path, suffix, bits, says):
+    write_picture(tmp_path / f"a{suffix}", DEEP >> (16 - bits))
+    photo = read_photo(tmp_path / f"a{suffix}")
+    np.testing.assert_array_equal(photo.pixels, DEEP >> (16 - bits))
+    assert says in " ".join(photo.notes) and bool(says) == bool(photo.notes)
+
+
 @pytest.mark.parametrize(("value", "says"), [(np.nan, "not finite"), (np.inf, "not finite")])
 def test_read_photo_refuses_openexr_that_is_not_finite(tmp_path, value, says):
     scene = SCENE.copy()
@@ -462,7 +542,41 @@ def test_read_mask_of_every_kind(tmp_path, name):
         np.testing.assert_array_equal(mask, SOFT)
 
 
+AREA = np.zeros((40, 30), bool)
+AREA[18:26, 9:18] = True  # in the person
+# what a mask has beside black and white -> the coverage there, and what a note says
+SHADES = {
+    "a trimap": (np.where(AREA, 128, SOFT), 128, "areas of the value 128"),
+    "grey": (np.where(PERSON, 200, SOFT), 200, "nowhere white: its largest value is 200"),
+    "floats up to 0.6": ((SOFT / np.float32(425)), 153, "nowhere white"),
+    "12 bits": (SOFT.astype(np.uint16) * 16, 255, ""),
+    "floats up to 255": (SOFT.astype(np.float32), 255, ""),
+    "alpha of grey": (np.dstack([np.full_like(SOFT, 255), SOFT]), 255, ""),
+    "black, with alpha": (np.dstack([0 * SOFT, 0 * SOFT, 0 * SOFT, SOFT]), 255, ""),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SHADES)
+def test_read_mask_of_shades(tmp_path, name):
+    values, inside, says = SHADES[name]
+    path = tmp_path / ("m.tif" if values.dtype == np.float32 else "m.png")
+    Image.fromarray(values if values.dtype in (np.float32, np.uint16) else values.astype(np.uint8)).save(path)
+    notes = []
+    assert read_mask(path, (40, 30), notes)[22, 12] == inside
+    assert says in " ".join(notes) and bool(says) == bool(notes)
+
+
+STEPS = (np.indices((40, 30)).sum(0) // 18).astype(np.uint8)
 LABELS = {
+    "labels from 0 to 255": (STEPS * 85, "areas of the values 85, 170, as labels have"),
+    "labels of a person and its border": (
+        painted((192, 128, 128)) + (SOFT[..., None] == 100) * np.array((224, 224, 192), np.uint8),
+        "has several colors",
+    ),
+    "a background that is not black": (
+        np.clip(painted((255, 255, 255), (0, 0, 30)) + RNG.integers(0, 9, (40, 30, 3)), 0, 255).astype(np.uint8),
+        "a background that is not black",
+    ),
     "three labels": (2 * PERSON.astype(np.uint8) + (SOFT == 100), "labels or shades from 0 to 2"),
     "three labels in 16 bits": ((2 * PERSON + (SOFT == 100)).astype(np.uint16), "from 0 to 2 of 255"),
     "palette of three labels": (palette([*VOC, (224, 224, 192), (128, 0, 0)], PERSON * 15 + (SOFT == 100) * 17),

@@ -15,6 +15,7 @@ from relight.photos.movie import _with_masks, smooth_over_time, turn_light, wind
 from relight.photos.photo import Options
 from relight.photos.read import mask_in
 from relight.photos.video import read_frames, write_video
+from relight.srgb import encode
 
 COLORS = [(200, 60, 40), (40, 180, 60), (60, 80, 220), (128, 128, 128), (250, 250, 250)]
 
@@ -135,10 +136,30 @@ def test_frames_and_masks_are_paired_by_name_and_by_number(tmp_path):
         Image.fromarray(mask).save(tmp_path / "masks" / f"{i}_mask.png")
     frames = read_frames(tmp_path)[0]
     pairs = [
-        (photo.name, int((photo.coverage > 0).sum()) // 8)
+        (photo.name, int((photo.coverage > 127).sum()) // 8)
         for photo in _with_masks(tmp_path, frames, tmp_path / "masks", Options())
     ]
     assert pairs == [(str(i), i // 2 + 1) for i in range(1, 12)]
+
+
+@pytest.mark.parametrize("masks", ["masks.mp4", "masks"])
+def test_masks_of_a_clip_are_fitted_where_they_have_two_values(masks, tmp_path):
+    """A video or a folder of them, two pixels too large; a soft mask in a folder stays as it is."""
+    y, x = np.mgrid[:96, :96]
+    inward = 30 - np.hypot(x - 48, y - 48)
+    alpha = np.clip(inward + 0.5, 0, 1)
+    pixels = np.rint(255 * encode(alpha[..., None] * [0.01, 0.01, 0.02] + (1 - alpha[..., None]) * [0.2, 0.4, 0.8]))
+    large, soft = ((255 * (inward > -2)).astype(np.uint8), np.rint(255 * np.clip(inward + 2.5, 0, 1)).astype(np.uint8))
+    (tmp_path / "masks").mkdir()
+    (tmp_path / "clip").mkdir()
+    for i, mask in enumerate((large, soft)):
+        Image.fromarray(pixels.astype(np.uint8)).save(tmp_path / "clip" / f"{i}.png")
+        Image.fromarray(mask).save(tmp_path / "masks" / f"{i}.png")
+    write_video(tmp_path / "masks.mp4", iter([np.repeat(large[..., None], 3, -1)] * 2), 25)
+    frames = read_frames(tmp_path / "clip")[0]
+    first, second = (photo.coverage for photo in _with_masks(tmp_path / "clip", frames, tmp_path / masks, Options()))
+    assert np.abs(first / 255 - alpha).max() < 0.2
+    assert masks == "masks.mp4" or np.array_equal(second, soft)
 
 
 def test_a_mask_is_found_whatever_the_photo_is_called(tmp_path):

@@ -2,12 +2,15 @@
 
 import numpy as np
 from PIL import Image
+from scipy.ndimage import maximum_filter, minimum_filter
 
 from relight.errors import UserError
 
 GREY = 24  # largest difference of channels that a coder leaves in a grey mask
 FULL = 128  # least largest value of a mask that is no map of labels
 SIMILAR = 40  # distance from the line between black and a color, that a coder leaves in a mask of this color
+MOST_LABELS, EXACT = 64, 4  # colors of a map of labels; distance from the line in a mask that no coder has changed
+LEAST_AREA = 0.002  # of the picture: smaller areas of one value may belong to a soft edge
 WANTED = "it must be white on the person and black elsewhere"
 
 
@@ -39,19 +42,41 @@ def coverage_of(values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
         if not finite.all():
             notes.append(f"{what} has {int((~finite).sum())} values that are not numbers: they are treated as 0")
         values = np.where(finite, values, 0)
-    low, high = values.min(), values.max()
+    if values.dtype == np.uint8:
+        kinds = np.flatnonzero(Image.fromarray(values).histogram())
+        low, high, has_shades = kinds[0], kinds[-1], len(kinds) > 2
+    else:
+        low, high = values.min(), values.max()
+        has_shades = ((values != low) & (values != high)).any()
     if low == high:
         return np.where(values >= _top(values, high), np.uint8(255), np.uint8(0)), notes
-    between = (values != low) & (values != high)
-    if not between.any():
+    if not has_shades:
         if (low, high) != (0, _top(values, high)):
             notes.append(f"{what} has the two values {low:g} and {high:g}: they are treated as 0 and 255")
         return np.where(values == high, np.uint8(255), np.uint8(0)), notes
     if values.dtype.kind in "iu" and high < FULL:
         raise UserError(f"{what} holds labels or shades from {low} to {high} of 255: {WANTED}")
+    notes += _areas(values, kinds if values.dtype == np.uint8 else np.unique(values), what)
+    if high < 0.98 * _top(values, high):
+        notes.append(f"{what} is nowhere white: its largest value is {high:g}, so that nothing is covered in full")
     if values.dtype == np.uint8:
         return values, notes
     return np.round(np.maximum(values, 0) * (255 / _top(values, high))).astype(np.uint8), notes
+
+
+def _areas(values: np.ndarray, kinds: np.ndarray, what: str) -> list[str]:
+    """Returns a note if areas have one value between the least and the largest; raises UserError if they have several.
+
+    Soft edges have many values, and no area of one.
+    """
+    if len(kinds) > MOST_LABELS:
+        return []
+    inner = maximum_filter(values, 3) == minimum_filter(values, 3)
+    areas = [kind for kind in kinds[1:-1] if (inner & (values == kind)).mean() > LEAST_AREA]
+    if len(areas) > 1:
+        listed = ", ".join(f"{kind:g}" for kind in areas)
+        raise UserError(f"{what} has areas of the values {listed}, as labels have: {WANTED}")
+    return [f"{what} has areas of the value {kind:g}, which are taken as covered in part" for kind in areas]
 
 
 def _top(values: np.ndarray, high: float) -> float:
@@ -75,8 +100,10 @@ def _of_colors(values: np.ndarray, what: str) -> tuple[np.ndarray, list[str]]:
     flat = values.reshape(-1, 3).astype(np.float32)
     brightest = flat[flat.max(-1).argmax()]
     share = flat @ brightest / (brightest @ brightest)
-    if np.abs(flat - share[:, None] * brightest).max() > SIMILAR:
+    if np.abs(flat - share[:, None] * brightest).max() > (EXACT if len(used) <= MOST_LABELS else SIMILAR):
         raise UserError(f"{what} has several colors, as if it is the photo itself or a map of labels: {WANTED}")
+    if share.min() > 0.02:
+        raise UserError(f"{what} has a background that is not black: {WANTED}")
     notes = [f"{what} is drawn in one color, which is taken for white"]
     return np.round(share.clip(0, 1) * 255).astype(np.uint8).reshape(values.shape[:2]), notes
 

@@ -5,6 +5,8 @@ a rim of background changes with the person, or a rim of the person keeps the ol
 a F + (1 - a) B, where F and B are the mean colors of what is surely person and surely background nearby. The coverage a
 is a compromise between the one that explains the pixel best and the mask's, which counts more the more F and B vary and
 the less of them is seen.
+
+A soft mask that is given, such as a matte, says more than that, and is never altered.
 """
 
 from functools import reduce
@@ -12,7 +14,7 @@ from functools import reduce
 import numpy as np
 from scipy.ndimage import maximum_filter, minimum_filter, uniform_filter
 
-from relight.crop import extent
+from relight.crop import MASK_THRESHOLD, extent
 from relight.srgb import to_linear
 
 CELLS = 400  # along the longer side of the people's box, of 2 pixels or more; one or two along the edge are unsure
@@ -22,19 +24,26 @@ PRIOR = 0.3  # standard deviation of the mask's coverage along its edge
 NOISE = 0.02  # standard deviation of linear values
 SPREAD = 5.0  # weight of the variance of the two colors
 STEEP = 1.1  # coverage of less than 4.5 % is noise, and none
+HALF = 77  # codes from 0 and 255 beyond which coverage is fractional
+SOFT = 0.025  # share of them along a soft edge; soft hair alone has 0.033, two values in the worst JPEG have 0.024
 ENOUGH = 1 / 30  # product of the shares of sure cells in a window, from which they count in full
 
 
-def fit_edge(pixels: np.ndarray, coverage: np.ndarray) -> np.ndarray:
-    """Fits the edge of a mask to the colors of a photo.
+def fit_edge(pixels: np.ndarray, coverage: np.ndarray, automatic: bool = False) -> np.ndarray:
+    """Fits the edge of a mask to the colors of a photo, unless it is a soft mask that was given.
 
     Args:
         pixels: (H,W,3) as of `Photo`.
         coverage: (H,W) uint8 of all people, not empty.
+        automatic: whether a network made the mask, so that its soft edge is no more than a guess.
 
     Returns:
         (H,W) uint8; the mask's where person and background have the same color, or one of them is not seen nearby.
     """
+    if not automatic:
+        if is_soft(coverage):
+            return coverage
+        coverage = np.where(coverage >= MASK_THRESHOLD, np.uint8(255), np.uint8(0))
     box = extent(coverage > SURE)
     side = max(round(max(last - first for first, last in box) / CELLS), 2)
     part = tuple(slice(max(first - WINDOW * side, 0), last + WINDOW * side) for first, last in box)
@@ -71,6 +80,15 @@ def fit_edge(pixels: np.ndarray, coverage: np.ndarray) -> np.ndarray:
     fitted = (along + doubt * given) / (across + doubt)
     share[y, x] = np.rint(255 * np.clip((fitted - 0.5) * STEEP + 0.5, 0, 1))
     return out
+
+
+def is_soft(coverage: np.ndarray) -> bool:
+    """Returns whether a mask (H,W) uint8 has fractional values along its edge, more than coders leave in two values."""
+    box = tuple(slice(max(first - 1, 0), last + 1) for first, last in extent(coverage >= MASK_THRESHOLD))
+    share = coverage[box]
+    edge = (maximum_filter(share, 3) >= MASK_THRESHOLD) & (minimum_filter(share, 3) < MASK_THRESHOLD)
+    along = share[edge]
+    return bool(((along > HALF) & (along < 255 - HALF)).sum() > SOFT * along.size)
 
 
 def _combine(values: np.ndarray, side: int, how: np.ufunc) -> np.ndarray:

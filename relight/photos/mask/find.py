@@ -10,6 +10,7 @@ from scipy.ndimage import distance_transform_edt, label
 from relight.crop import MASK_THRESHOLD, extent
 from relight.errors import UserError
 from relight.photos.mask import selfie, u2net
+from relight.photos.mask.edge import fit_edge
 from relight.photos.read import Photo, read_mask
 
 if TYPE_CHECKING:
@@ -63,7 +64,7 @@ def automatic_mask(photo: Photo, model: Path | str | None = None) -> np.ndarray:
     """Segments the people of a photo with the network that `automatic_model` chooses.
 
     Returns:
-        Coverage (H,W) uint8.
+        Coverage (H,W) uint8, its edge fitted to the photo.
 
     Raises:
         UserError: if there is no such network (NoMaskNetwork), or it finds nobody.
@@ -81,7 +82,7 @@ def automatic_mask(photo: Photo, model: Path | str | None = None) -> np.ndarray:
             f"the automatic mask found nobody in {photo.name}: give --mask FILE (white on the person) or a PNG with an "
             "alpha channel"
         )
-    return mask
+    return fit_edge(photo.pixels, mask, automatic=True)
 
 
 def automatic_model(model: Path | str | None = None) -> Path | None:

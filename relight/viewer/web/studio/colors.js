@@ -8,6 +8,11 @@ const LINEAR = Float32Array.from({ length: 256 }, (_, code) => decodeSRGB(code /
 const CLIPPING = LINEAR[235], MAX_EXCESS = 0.6;
 const WIDE = 45, NARROW = 6;
 
+// The three planes of linear values of a photo.
+function linearPlanes({ pixels }) {
+  return [0, 1, 2].map((c) => Float32Array.from({ length: pixels.length / 4 }, (_, i) => LINEAR[pixels[4 * i + c]]));
+}
+
 const clippedShare = (linear) => {
   const t = Math.min(Math.max((linear - CLIPPING) / (1 - CLIPPING), 0), 1);
   return t * t * (3 - 2 * t);
@@ -79,4 +84,4 @@ function estimateForeground(image, coverage, width) {
   });
 }
 
-export { CLIPPING, LINEAR, chroma, clippingExcess, estimateForeground };
+export { CLIPPING, chroma, clippingExcess, estimateForeground, linearPlanes };

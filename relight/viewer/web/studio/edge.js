@@ -1,12 +1,19 @@
 // The edge of a mask, fitted to the photo's colors: relight/photos/mask/edge.py.
 
+import { MASK_THRESHOLD } from "./crop.js";
 import { extremes, means } from "./filters.js";
 import { extent } from "./regions.js";
 
 const CELLS = 400, SURE = 13, WINDOW = 7, PRIOR = 0.3, NOISE = 0.02, SPREAD = 5, STEEP = 1.1, ENOUGH = 1 / 30;
+const HALF = 77, SOFT = 0.025;
 
-// Coverage, a byte per pixel, of the people in a photo of three planes of linear values.
-function fitEdge(image, coverage, width) {
+// Coverage, a byte per pixel, of the people in a photo of three planes of linear values. A soft mask that was given, and
+// not made by a network, is the user's word.
+function fitEdge(image, coverage, width, isAutomatic = false) {
+  if (!isAutomatic) {
+    if (isSoft(coverage, width)) return coverage;
+    coverage = coverage.map((v) => (v >= MASK_THRESHOLD ? 255 : 0));
+  }
   const height = coverage.length / width, box = extent(coverage.map((v) => (v > SURE ? 1 : 0)), width);
   if (!box) return coverage;
   const side = Math.max(Math.round(Math.max(box.rows[1] - box.rows[0], box.columns[1] - box.columns[0]) / CELLS), 2);
@@ -57,4 +64,16 @@ function fitEdge(image, coverage, width) {
   return out;
 }
 
-export { fitEdge };
+// Whether the mask has fractional values along its edge, more than coders leave in two values.
+function isSoft(coverage, width) {
+  const [low, high] = extremes(coverage, width, 3);
+  let along = 0, fractional = 0;
+  for (let i = 0; i < coverage.length; i++) {
+    if (high[i] < MASK_THRESHOLD || low[i] >= MASK_THRESHOLD) continue;
+    along++;
+    if (coverage[i] > HALF && coverage[i] < 255 - HALF) fractional++;
+  }
+  return fractional > SOFT * along;
+}
+
+export { fitEdge, isSoft };

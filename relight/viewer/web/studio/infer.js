@@ -2,7 +2,7 @@
 // {pixels, width, height} with RGBA bytes; coverage has a byte per pixel.
 
 import { textures } from "../page/figure.js";
-import { CLIPPING, LINEAR, chroma, clippingExcess, estimateForeground } from "./colors.js";
+import { CLIPPING, chroma, clippingExcess, estimateForeground, linearPlanes } from "./colors.js";
 import { Crop, MASK_THRESHOLD } from "./crop.js";
 import { fitEdge } from "./edge.js";
 import { Guide } from "./guide.js";
@@ -97,7 +97,7 @@ function writeMaps(person, image, width, size, white, albedo, transport) {
 // The figure as the viewer draws it (page/figure.js), or null when the mask holds nobody. size: of the network's image.
 async function inferFigure(photo, given, run, size) {
   const { pixels, width, height } = photo, area = width * height;
-  const image = [0, 1, 2].map((c) => Float32Array.from({ length: area }, (_, i) => LINEAR[pixels[4 * i + c]]));
+  const image = linearPlanes(photo);
   const coverage = fitEdge(image, given, width);
   const planes = (count) => Array.from({ length: count }, () => new Float32Array(area));
   const albedo = planes(3), transport = planes(9), found = [];

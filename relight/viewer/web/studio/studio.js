@@ -12,7 +12,9 @@ import { startEngine } from "./engine.js";
 
 const LONGEST = 1024; // pixels of the photo's longer side, as `relight view` has it
 const LARGEST = 3072; // pixels of the longer side of a picture that is saved
-const own = new Map(); // of figures that were inferred here: their photo, its file, and coverage
+// Of figures that were inferred here: photo, coverage, title, file, and coverageOf, a function of what `prepare` answers
+// at another size.
+const own = new Map();
 let engine = null; // a promise of the engine
 
 function tell(text, share = null) {
@@ -40,34 +42,36 @@ function startOnce() {
 }
 
 // Infers the figure and shows it. Returns the milliseconds that it took.
-async function develop(photo, coverage, { title, file }) {
+async function develop(photo, coverage, source) {
   const ask = await startOnce(), began = performance.now();
   tell("Inferring albedo, light and transport …");
   const figure = await ask("infer", { photo, coverage, size: page.web.size });
   tell("");
   if (!figure) throw new Error("The mask holds nobody: paint the person, at least 8 pixels tall.");
-  figure.title = title;
-  own.set(figure, { photo, coverage, title, file });
-  await addFigure(title, figure);
+  figure.title = source.title;
+  own.set(figure, { ...source, photo, coverage });
+  await addFigure(source.title, figure);
   openingTurn();
   return performance.now() - began;
 }
 
 async function paintAndDevelop(photo, coverage, source) {
   const painted = await paintMask(photo, coverage, source.title);
-  if (painted) await develop(photo, painted, source);
+  if (!painted) return;
+  const coverageOf = (large) => resample(painted, photo.width, [large.photo.width, large.photo.height], bilinear);
+  await develop(photo, painted, { ...source, coverageOf });
 }
 
 // The shown figure at the photo's own size, or null where that is no larger, or is not known.
 async function atOwnSize() {
-  const { photo, coverage, file } = own.get(app.figure) ?? {};
+  const { file, coverageOf } = own.get(app.figure) ?? {};
   const read = file && (await readPhoto(file, LARGEST));
   if (!read || Math.max(read.width, read.height) <= LONGEST) return null;
-  const ask = await startOnce(), { width, height } = read;
+  const ask = await startOnce();
   tell("Inferring at the photo's own size …");
-  const { photo: large } = await ask("prepare", { photo: read, longest: LARGEST }, [read.pixels.buffer]);
-  const spread = resample(coverage, photo.width, [width, height], bilinear);
-  const figure = await ask("infer", { photo: large, coverage: spread, size: page.web.size });
+  const large = await ask("prepare", { photo: read, longest: LARGEST }, [read.pixels.buffer]);
+  const coverage = await coverageOf(large);
+  const figure = await ask("infer", { photo: large.photo, coverage, size: page.web.size });
   tell("");
   return figure;
 }
@@ -81,7 +85,8 @@ async function openPhoto(file) {
   tell("Looking for the person …");
   const coverage = isSolid(alpha) ? alpha : await ask("mask", { photo });
   tell("");
-  if (isSolid(coverage)) return develop(photo, coverage, source);
+  const coverageOf = isSolid(alpha) ? (large) => large.alpha : (large) => ask("mask", { photo: large.photo });
+  if (isSolid(coverage)) return develop(photo, coverage, { ...source, coverageOf });
   return paintAndDevelop(photo, new Uint8Array(photo.width * photo.height), source);
 }
 

@@ -1,0 +1,1 @@
+from relight.photos.mask.find import find_mask as find_mask
