@@ -43,7 +43,8 @@ function fitEdge(image, coverage, width, isAutomatic = false) {
   const colors = image.map(cut), area = side * side;
   const near = colors.map((plane) => [plane, plane.map((v) => v * v)].map((values) => {
     const mean = combine(values, (a, b) => a + b).map((v) => v / area);
-    return sure.map((set, n) => means(mean.map((v, k) => v * set[k]), across, WINDOW, true).map((v, k) => v / Math.max(seen[n][k], 1e-4)));
+    return sure.map((set, n) =>
+      means(mean.map((v, k) => v * set[k]), across, WINDOW, true).map((v, k) => v / Math.max(seen[n][k], 1e-4)));
   }));
   const out = coverage.slice();
   for (let i = 0; i < share.length; i++) {

@@ -96,8 +96,7 @@ function writeMaps(person, image, width, size, white, albedo, transport) {
 
 // The figure as the viewer draws it (page/figure.js), or null when the mask holds nobody. size: of the network's image.
 async function inferFigure(photo, given, run, size) {
-  const { pixels, width, height } = photo, area = width * height;
-  const image = linearPlanes(photo);
+  const { width, height } = photo, area = width * height, image = linearPlanes(photo);
   const coverage = fitEdge(image, given, width);
   const planes = (count) => Array.from({ length: count }, () => new Float32Array(area));
   const albedo = planes(3), transport = planes(9), found = [];
