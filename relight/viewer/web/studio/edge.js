@@ -48,7 +48,8 @@ function fitEdge(image, coverage, width, isAutomatic = false) {
   }));
   const out = coverage.slice();
   for (let i = 0; i < share.length; i++) {
-    const x = i % wide, y = Math.floor(i / wide), k = Math.floor(y / side) * across + Math.floor(x / side), place = (top + y) * width + left + x;
+    const x = i % wide, y = Math.floor(i / wide), place = (top + y) * width + left + x;
+    const k = Math.floor(y / side) * across + Math.floor(x / side);
     out[place] = share[i];
     if (sure[0][k] || sure[1][k] || trust[k] <= 1e-3) continue;
     let along = 0, span = 0, variance = 0;
