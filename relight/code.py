@@ -134,13 +134,13 @@ def files_of(name: str) -> list[Path]:
     path = path_of(name)
     if not path or path.parent == ROOT / PACKAGE:  # whose other folders, such as weights, are inputs of rules
         return [path] if path else []
-    found = [path]
+    files = [path]
     for item in sorted(path.parent.iterdir()):
         if item.is_file():
-            found.append(item)
+            files.append(item)
         elif item.name not in ("__pycache__", "node_modules") and not any(item.glob("*.py")):
-            found += [file for file in item.rglob("*") if file.is_file() and "node_modules" not in file.parts]
-    data = [file for file in found[1:] if file.suffix not in (".py", ".pyi", ".pyc") and not file.name.startswith(".")]
+            files += [file for file in item.rglob("*") if file.is_file() and "node_modules" not in file.parts]
+    data = [file for file in files[1:] if file.suffix not in (".py", ".pyi", ".pyc") and not file.name.startswith(".")]
     return [path, *data]
 
 

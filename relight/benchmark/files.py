@@ -105,23 +105,23 @@ class BenchmarkSet:
         inputs = self.folder / "inputs"
         return [
             Entry(
-                inputs / one["name"],
-                one["name"],
-                one["figure"],
-                one["of"],
-                one["files"][f"inputs/{one['name']}/photo.png"],
-                tuple(one["size"]),
+                inputs / picture["name"],
+                picture["name"],
+                picture["figure"],
+                picture["of"],
+                picture["files"][f"inputs/{picture['name']}/photo.png"],
+                tuple(picture["size"]),
                 self.index["settings"]["size"] // 2,
-                tuple(one["square"]),
-                one["new"],
+                tuple(picture["square"]),
+                picture["new"],
             )
-            for one in self.index["pictures"]
+            for picture in self.index["pictures"]
         ]
 
     def verify(self) -> None:
         """Raises UserError if a file is missing or has changed since the set was made."""
-        for one in self.index["pictures"]:
-            for name, expected in one["files"].items():
+        for picture in self.index["pictures"]:
+            for name, expected in picture["files"].items():
                 path = self.folder / name
                 if file_hash(existing_file(path, "benchmark")) != expected:
                     raise UserError(f"{path} has changed since the benchmark was made: make it again")

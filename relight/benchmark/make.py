@@ -61,10 +61,10 @@ def make(folder: Path | str, kind: str = "report", count: int | None = None, set
     import_mitsuba()
     writable_folder(folder, "--out", int(BYTES_PER_PICTURE * len(wanted) * (settings.size / 512) ** 2))
     check_plan(folder, {"format": FORMAT, "set": kind, "settings": asdict(settings)})
-    missing = [one for one in wanted if not (folder / "inputs" / one.name).is_dir()]
+    missing = [recipe for recipe in wanted if not (folder / "inputs" / recipe.name).is_dir()]
     for _ in progress(render_missing(missing, folder, settings), "pictures", total=len(missing)):
         pass
-    return write_index(folder, kind, [one.name for one in wanted], asdict(settings))
+    return write_index(folder, kind, [recipe.name for recipe in wanted], asdict(settings))
 
 
 def check_plan(folder: Path, plan: dict) -> None:
@@ -79,7 +79,7 @@ def check_plan(folder: Path, plan: dict) -> None:
 
 def render_missing(missing: list[PictureRecipe], folder: Path, settings: Settings) -> Iterator[PictureRecipe]:
     """Renders and saves pictures; yields each recipe when its picture is saved."""
-    for seed, group in groupby(missing, lambda one: one.seed):
+    for seed, group in groupby(missing, lambda recipe: recipe.seed):
         mesh = with_gloss(make_mesh(seed, settings), seed)
         for recipe in group:
             picture = render_picture(recipe, mesh, settings)
@@ -147,7 +147,7 @@ def write_index(folder: Path, kind: str, names: list[str], settings: dict, **ext
                 files += sorted((folder / "truth").glob(f"{name}.*"))
             hashes = {str(file.relative_to(folder)): file_hash(file) for file in files}
             pictures.append({"name": path.name, **record, "files": hashes})
-    text = json.dumps([one["files"] for one in pictures], sort_keys=True)
+    text = json.dumps([picture["files"] for picture in pictures], sort_keys=True)
     total = hashlib.sha256(text.encode()).hexdigest()
     content = {"format": FORMAT, "set": kind, "settings": settings, **extra, "sha256": total, "pictures": pictures}
     with atomic_write(folder / INDEX) as tmp:

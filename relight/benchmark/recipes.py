@@ -98,5 +98,5 @@ def with_gloss(mesh: Mesh, seed: int) -> Mesh:
 
 def digest(drawn: list[PictureRecipe]) -> str:
     """Returns the SHA-256 of recipes."""
-    text = json.dumps([asdict(one) for one in drawn], sort_keys=True)
+    text = json.dumps([asdict(recipe) for recipe in drawn], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()

@@ -23,8 +23,8 @@ def benchmark(results: Results, name: str) -> dict[str, Any]:
     Raises:
         UserError: if scores are missing, or were made on different sets.
     """
-    one = results.experiments[name]
-    rows = {**one["trainings"], **{method: [method] for method in FIXED}}
+    experiment = results.experiments[name]
+    rows = {**experiment["trainings"], **{method: [method] for method in FIXED}}
     scored = [
         mean_scores(label(row), [read_scores(results.folder / "benchmark_scores" / method) for method in methods])
         for row, methods in rows.items()
@@ -34,4 +34,4 @@ def benchmark(results: Results, name: str) -> dict[str, Any]:
     for stem, table in tables.items():
         table.grid.kinds = [kinds.get(words, "") for words in table.grid.frame.index]  # the last table has measures
         write_tables(results.report / stem, table.title, table.note, table.grid)
-    return {"experiment": one, "trainings": max(map(len, one["trainings"].values())), "tables": tables}
+    return {"experiment": experiment, "trainings": max(map(len, experiment["trainings"].values())), "tables": tables}

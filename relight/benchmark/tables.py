@@ -71,7 +71,9 @@ class MethodComparison:
         """Returns the differences of the other methods from the reference, paired by picture."""
         reference = self.scores[self.reference]
         others = {name: scores - reference for name, scores in self.scores.items() if name != self.reference}
-        grid = columns_with_cells(ERROR_HEADS, {name: self.cells(one, ERROR_HEADS) for name, one in others.items()})
+        grid = columns_with_cells(
+            ERROR_HEADS, {name: self.cells(scores, ERROR_HEADS) for name, scores in others.items()}
+        )
         heads = [name for name, head in ERROR_HEADS.items() if head in grid.frame]
         words = (
             f"Error of each method minus that of {self.reference}, picture by picture; positive where {self.reference} "

@@ -79,8 +79,8 @@ def list_captures(folder: Path | str, only: str = "") -> dict[str, Path]:
         wanted = re.compile(only)
     except re.error as error:
         raise UserError(f"{only!r} is not a regular expression ({error}): give one for the names of captures") from None
-    found = {path.parent.name: path.parent for path in sorted(Path(folder).glob(f"*/{INDEX}"))}
-    captures = {name: path for name, path in found.items() if wanted.search(name) and not is_unsafe_name(name)}
+    folders = {path.parent.name: path.parent for path in sorted(Path(folder).glob(f"*/{INDEX}"))}
+    captures = {name: path for name, path in folders.items() if wanted.search(name) and not is_unsafe_name(name)}
     if not captures:
         raise UserError(f"{folder} holds no PERSON.VIEW/{INDEX}{f' whose name matches {only}' if only else ''}")
     return captures

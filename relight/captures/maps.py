@@ -98,9 +98,9 @@ def surface_depth(capture: Capture, stage: LightStage, inside: np.ndarray) -> np
 def mesh_depth(caster: RayCaster, camera: Pinhole, inside: np.ndarray) -> np.ndarray:
     """Returns the depth (P,) of a mesh at the centres of the pixels of `inside` (H,W); zero where rays miss it."""
     row, column = np.nonzero(inside)
-    found = primary_hits(caster, camera, column + 0.5, row + 0.5)
+    hits = primary_hits(caster, camera, column + 0.5, row + 0.5)
     depth = np.zeros(len(row))
-    depth[found.ray] = camera.depth(caster.points(found.face, found.weights))
+    depth[hits.ray] = camera.depth(caster.points(hits.face, hits.weights))
     return depth
 
 

@@ -164,10 +164,10 @@ class RelitSet:
             )
         self.coefficients = (order + 1) ** 2
         bands = order_of(table["coefficients"].shape[1])
-        for path, found in ((packed, figures.order), (lights, bands)):
-            if found < order:
+        for path, file_order in ((packed, figures.order), (lights, bands)):
+            if file_order < order:
                 raise UserError(
-                    f"{path} has harmonics up to order {found}: model.order={order} needs bake.order={order}"
+                    f"{path} has harmonics up to order {file_order}: model.order={order} needs bake.order={order}"
                 )
         self.names, self.size, self.color = list(figures.names), figures.size, color
         self.figure_of, self.has_view = list(figures.figures), np.array([view is not None for view in figures.views])
@@ -200,8 +200,8 @@ class RelitSet:
     def other_views(self, figures: np.ndarray) -> np.ndarray:
         """Returns the indices of the other views and outfits of `figures`, which are indices of frontal views."""
         chosen = {self.names[figure] for figure in figures}
-        found = [i for i, figure in enumerate(self.figure_of) if figure in chosen and figure != self.names[i]]
-        return np.array(found, np.int64)
+        indices = [i for i, figure in enumerate(self.figure_of) if figure in chosen and figure != self.names[i]]
+        return np.array(indices, np.int64)
 
     def batch(
         self,

@@ -102,9 +102,9 @@ def losses(outputs: dict[str, Tensor], batch: Batch, loss: Loss) -> tuple[Tensor
     values: dict[str, Tensor] = {}
     weighted: list[Tensor] = []
 
-    def add(found: dict[str, Tensor], weight: float) -> None:
-        values.update(found)
-        weighted.extend(weight * value for value in found.values())
+    def add(terms: dict[str, Tensor], weight: float) -> None:
+        values.update(terms)
+        weighted.extend(weight * value for value in terms.values())
 
     for name, term in TERMS.items():
         if weight := getattr(loss, name):
@@ -117,7 +117,10 @@ def losses(outputs: dict[str, Tensor], batch: Batch, loss: Loss) -> tuple[Tensor
             add({f"extra_{name}": extension(name, "loss")(outputs, batch)}, weight)
     if not weighted:
         raise UserError("every weight in the group loss is 0: give one, such as loss=full")
-    return sum(weighted[1:], weighted[0]), values
+    total = weighted[0]
+    for term_value in weighted[1:]:
+        total = total + term_value
+    return total, values
 
 
 def transport_losses(c: Comparison) -> dict[str, Tensor]:

@@ -102,7 +102,7 @@ def make_optimizers(network: nn.Module, train: Train) -> dict[str, torch.optim.O
     chosen = {id(weight) for weight in muon}
     adam = [p for p in network.parameters() if p.requires_grad and id(p) not in chosen]
     betas = (train.beta1, BETA2)
-    found: dict[str, torch.optim.Optimizer] = {"adam": torch.optim.Adam(adam, train.lr, betas, fused=True)}
+    optimizers: dict[str, torch.optim.Optimizer] = {"adam": torch.optim.Adam(adam, train.lr, betas, fused=True)}
     if muon:
-        found["muon"] = Muon(muon)
-    return found
+        optimizers["muon"] = Muon(muon)
+    return optimizers

@@ -107,8 +107,8 @@ def load_light(
     elif (match := IN_SET.fullmatch(text)) and not Path(text).exists():
         light = read_row(match[1], int(match[2]))
     elif ":" in text and (name := text.partition(":")[0]) in (*extensions.OWN, *extensions.names()):
-        found = extensions.extension(name, "light")(text.removeprefix(f"{name}:"), order)
-        light = found if isinstance(found, Light) else Light(as_table(found, text), text)
+        answer = extensions.extension(name, "light")(text.removeprefix(f"{name}:"), order)
+        light = answer if isinstance(answer, Light) else Light(as_table(answer, text), text)
     elif text.startswith(("room:", "sky:", "lamps:", "key:")):
         raise UserError(
             f"{text} is malformed: a generated light is named like room:7, sky:3, lamps:5 or key:#ffeedd@45,30"

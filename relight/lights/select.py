@@ -168,8 +168,8 @@ def rotated_copies(coefficients: np.ndarray, sources: np.ndarray, settings: Ligh
     target = np.array([np.random.default_rng(s).uniform(low, high) for s in seed])
     brightness = reference_brightness(rotated)
     constant = rotated[:, 0].max(-1)  # the first coefficient, of the brightest channel
-    lit = brightness > MIN_FRONT * constant
-    scale = np.where(lit, target / np.where(lit, brightness, 1), 0.0)
+    has_front_light = brightness > MIN_FRONT * constant
+    scale = np.where(has_front_light, target / np.where(has_front_light, brightness, 1), 0.0)
     return LightSet(
         coefficients=(rotated * scale[:, None, None]).astype(np.float32),
         split=np.full(n * steps, "train", dtype="<U10"),
@@ -300,9 +300,9 @@ def unlit_panoramas(sources: list[str], copies: LightSet, usual: LightSet) -> di
     left = set(sources) - set(usual.source.tolist())
     reasons = {}
     for source in filter(left.__contains__, sources):
-        own = copies.reason[copies.source == source].tolist()
-        broken = Counter(word for reason in own for word in reason.split(" ") if word)
-        reasons[source] = ", ".join(f"{word} at {n} of {len(own)} headings" for word, n in broken.most_common())
+        by_heading = copies.reason[copies.source == source].tolist()
+        broken = Counter(rule for reason in by_heading for rule in reason.split(" ") if rule)
+        reasons[source] = ", ".join(f"{rule} at {n} of {len(by_heading)} headings" for rule, n in broken.most_common())
     return {source: words or "below lights.threshold, or vetoed" for source, words in reasons.items()}
 
 
@@ -329,16 +329,16 @@ def cluster(lights: LightSet, clusters: int, seed: int, record: dict[str, Any] |
         record: gets the step, and a warning if there are fewer clusters; None for neither.
     """
     chosen, label = medoids(lights.coefficients, lights.source, clusters, seed)
-    found = lights.rows(chosen)
-    found.cluster[:] = label
+    selected = lights.rows(chosen)
+    selected.cluster[:] = label
     if record is not None:
-        record_step(record, "cluster", len(lights), len(found), {})
-        if len(found) < clusters:
+        record_step(record, "cluster", len(lights), len(selected), {})
+        if len(selected) < clusters:
             record["warnings"].append(
-                f"lights.clusters: {clusters} were asked for and {len(found)} found among {len(lights)} lights of "
+                f"lights.clusters: {clusters} were asked for and {len(selected)} found among {len(lights)} lights of "
                 f"{len(set(lights.source.tolist()))} panoramas"
             )
-    return found
+    return selected
 
 
 def split_unusual(unusual: LightSet, usual: LightSet) -> np.ndarray:
@@ -373,9 +373,9 @@ def extra_test_lights(candidates: LightSet, lights: LightSet, settings: Lights) 
     """
     used = np.isin(candidates.source, lights.source[np.isin(lights.split, ("train", "test", "rich"))])
     free = candidates.rows(~used)
-    found = cluster(free, settings.extra_test, settings.seed) if len(free) else free
-    found.split[:] = "test"
-    return found
+    extra = cluster(free, settings.extra_test, settings.seed) if len(free) else free
+    extra.split[:] = "test"
+    return extra
 
 
 def split_warnings(lights: LightSet, settings: Lights) -> list[str]:

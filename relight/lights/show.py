@@ -75,8 +75,8 @@ def diffuse_panorama(coefficients: np.ndarray, height: int) -> np.ndarray:
     Returns:
         (height, 2 height,3) linear, lat-long with -z at the centre.
     """
-    lit = irradiance(coefficients, latlong_directions(height, 2 * height).reshape(-1, 3))
-    return np.maximum(lit, 0).reshape(height, 2 * height, 3) / np.pi
+    values = irradiance(coefficients, latlong_directions(height, 2 * height).reshape(-1, 3))
+    return np.maximum(values, 0).reshape(height, 2 * height, 3) / np.pi
 
 
 def write_light_picture(light: Light, path: Path | str) -> None:

@@ -133,9 +133,9 @@ def _cleaned_and_aligned(mesh: "Mesh", up: str, front: str, padding: float) -> "
 
     settings = replace(read_preset("align"), up=up, front=front, padding=padding)
     cleaned = clean(mesh, read_preset("clean"))
-    found = cleaned.info["repairs"]
-    repaired = {name: count for name, count in found.items() if name not in FINDINGS}
-    for word, counts in (("repaired", repaired), ("found", {k: v for k, v in found.items() if k not in repaired})):
+    repairs = {name: count for name, count in cleaned.info["repairs"].items() if name not in FINDINGS}
+    findings = {name: count for name, count in cleaned.info["repairs"].items() if name in FINDINGS}
+    for word, counts in (("repaired", repairs), ("found", findings)):
         if counts:
             text = ", ".join(f"{name} {count}" for name, count in counts.items())
             typer.echo(f"{mesh.info['name']}: {word} ({text})", err=True)

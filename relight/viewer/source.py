@@ -128,11 +128,11 @@ def photo_figure(relighter: "Relighter", pixels: np.ndarray, coverage: np.ndarra
     albedo, transport = np.zeros((*shape, 3), np.float32), np.zeros((*shape, (relighter.order + 1) ** 2), np.float32)
     for person in people:
         place, window = person.crop, person.crop.window
-        mine = person.coverage[window] > 0
-        where = np.flatnonzero(mine)
-        detail = person.detail(LINEAR[pixels[window][mine]], place.rows, where)
-        albedo[window][mine] = person.fitted_albedo.place(place, detail, place.rows, where) ** 2
-        transport[window][mine] = person.fitted_transport.place(place, luma(detail), place.rows, where)
+        covered = person.coverage[window] > 0
+        where = np.flatnonzero(covered)
+        detail = person.detail(LINEAR[pixels[window][covered]], place.rows, where)
+        albedo[window][covered] = person.fitted_albedo.place(place, detail, place.rows, where) ** 2
+        transport[window][covered] = person.fitted_transport.place(place, luma(detail), place.rows, where)
     maps = Maps(
         mask=coverage > 0,
         coverage=coverage / np.float32(255),

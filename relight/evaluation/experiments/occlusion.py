@@ -90,7 +90,7 @@ def group_occlusion(table: pd.DataFrame, by: str) -> pd.DataFrame:
     """
     table = table.assign(all="all figures", garment=table.garments.str.split(SEPARATOR)).explode("garment")
     groups = table.drop_duplicates(["name", by]).groupby(by)
-    found = groups.agg(
+    means = groups.agg(
         figures=("name", "size"),
         ao=("ao", "mean"),
         least=("ao", "min"),
@@ -98,7 +98,7 @@ def group_occlusion(table: pd.DataFrame, by: str) -> pd.DataFrame:
         dark=("dark", "mean"),
         lost=("lost", "mean"),
     )
-    return found.sort_values("ao", kind="stable")
+    return means.sort_values("ao", kind="stable")
 
 
 def plot_occlusion(table: pd.DataFrame, out: Path) -> None:

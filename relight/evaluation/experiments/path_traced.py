@@ -189,7 +189,9 @@ def traced_plate(
             relit = [[] for _ in chains]
         for chain, pictures in zip(chains, relit):
             pictures.append(chain.relight(infer(network, data, chain.scene.figure, np.array([chain.scene.seen]))))
-    lines = [Line(one.name, one, views(chain, pictures)) for one, chain, pictures in zip(subjects, chains, relit)]
+    lines = [
+        Line(subject.name, subject, views(chain, pictures)) for subject, chain, pictures in zip(subjects, chains, relit)
+    ]
     heads = ["input", *(f"relit by {label(row)}" for row in networks), "true maps, relit", "path traced"]
     heads += [*(f"error of {label(row)}" for row in networks), "error of the true maps", "inter-reflection"]
     note = (

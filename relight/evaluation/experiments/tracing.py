@@ -104,13 +104,10 @@ def read_scenes(path: Path) -> list[Scene]:
     count = len({name.partition(".")[0] for name in stored})
     names = [field.name for field in fields(Scene)]
     try:
-        found = [{name: stored[f"{i}.{name}"] for name in names} for i in range(count)]
+        scenes = [[stored[f"{i}.{name}"] for name in names] for i in range(count)]
     except KeyError as error:
         raise UserError(f"{path} is not a file of the stage trace ({error})") from None
-    return [
-        Scene(int(figure), int(seen), int(new), *arrays)
-        for figure, seen, new, *arrays in ([one[name] for name in names] for one in found)
-    ]
+    return [Scene(int(figure), int(seen), int(new), *arrays) for figure, seen, new, *arrays in scenes]
 
 
 def trace_figure(

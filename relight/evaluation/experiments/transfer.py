@@ -106,7 +106,7 @@ def score_swaps(predictor: Predictor, data: RelitSet, split: Path, settings: con
             parts.setdefault(name, []).append({key: (np.roll(first[key], -1) + second[key]) / 2 for key in first})
     names = ["+".join(data.names[f] for f in pair) for pair in pairs]
     return {
-        name: Scores(names, test_lights.tolist(), {key: np.stack([one[key] for one in rows]) for key in rows[0]})
+        name: Scores(names, test_lights.tolist(), {key: np.stack([errors[key] for errors in rows]) for key in rows[0]})
         for name, rows in parts.items()
     }
 
@@ -191,10 +191,10 @@ def transfer_plate(
         pairs = [pairs[i] for i in evenly_spaced(len(pairs), count)]
         swaps = [test_lights[[i % len(test_lights), (i + 1) % len(test_lights)]] for i in range(len(pairs))]
         if not lines:
-            subjects = [Subject.of(data, f, two) for pair, two in zip(pairs, swaps) for f in pair]
+            subjects = [Subject.of(data, f, swap) for pair, swap in zip(pairs, swaps) for f in pair]
             lines = [Line(s.name, s, [s.picture(i % 2)], i % 2 == 0) for i, s in enumerate(subjects)]
-        for i, (pair, two) in enumerate(zip(pairs, swaps)):
-            sides = [Partner(truth(data, f, two), infer(network, data, f, two)) for f in pair]
+        for i, (pair, swap) in enumerate(zip(pairs, swaps)):
+            sides = [Partner(truth(data, f, swap), infer(network, data, f, swap)) for f in pair]
             for side, new in ((0, 1), (1, 0)):  # each is seen under its own light, and relit by the other's
                 pictures, inferred_lights = relight_swapped(sides[side], sides[new], mean_light(data), 1)[""]
                 error = pictures[new] - sides[side].truth.maps["reconstruction"][new]

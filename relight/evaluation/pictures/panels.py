@@ -264,9 +264,9 @@ def plates(
         if not blocks:
             subjects = [Subject.of(data, *pair) for pair in pairs]
             blocks = [[Line(f"truth {subject.name}", subject, true_views(subject), first=True)] for subject in subjects]
-        for block, (figure, two) in zip(blocks, pairs):
+        for block, (figure, pair) in zip(blocks, pairs):
             subject = block[0].subject
-            block.append(Line(label(name), subject, inferred_views(subject, infer(network, data, figure, two[:1]))))
+            block.append(Line(label(name), subject, inferred_views(subject, infer(network, data, figure, pair[:1]))))
     if not blocks:
         return empty_sheet().save(out)
     draw(list(COLUMNS), [line for block in blocks for line in block], MAX_ERROR, NOTE).save(out)
@@ -313,8 +313,8 @@ def extreme_places(scores: list[Path], names: list[str]) -> list[int]:
         scores: files of the networks' scores on these figures.
         names: of the figures.
     """
-    found = [training for trainings in gather(scores).values() for training in trainings]
-    mean_of = dict(zip(found[0].figures, np.mean([training.figure_means("shading_rmse") for training in found], 0)))
+    trained = [training for trainings in gather(scores).values() for training in trainings]
+    mean_of = dict(zip(trained[0].figures, np.mean([training.figure_means("shading_rmse") for training in trained], 0)))
     order = sorted(range(len(names)), key=lambda place: mean_of[names[place]])
     return list(dict.fromkeys([*order[:EXTREME_FIGURES], *order[-EXTREME_FIGURES:]]))
 

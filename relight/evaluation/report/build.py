@@ -77,14 +77,14 @@ def build_report(
             else []
         ),
         Section("how-to-read", "How to read this page", page.section("sections/reading.md")),
-        *(experiment(results, one, makers) for one in results.experiments),
+        *(experiment(results, name, makers) for name in results.experiments),
         *([make_section("training", "Training", "training.md", data.training, results)] if results.tables else []),
         make_section("figures", "Figures", "figures.md", data.figures, results),
         make_section("lights", "Lights", "lights.md", data.lights, results),
         Section("the-paper", "The paper, part by part", page.section("sections/paper.md", grid=contents(results))),
         make_section("cost-and-settings", "Cost and settings", "costs.md", data.costs_and_settings, results),
     ]
-    failed = sum(one.failed for one in parts)
+    failed = sum(part.failed for part in parts)
     if failed == len(parts) - 2:
         raise UserError(f"{folder}: no section of the report could be made; the reasons are above")
     html = page.page("page.html", title=f"relight: {name}", head=head(name, results, failed), sections=parts)
@@ -106,9 +106,8 @@ def remove_outdated(results: Results) -> None:
 
 def experiment(results: Results, name: str, makers: Makers = own.OWN) -> Section:
     """Makes the section of an experiment; `makers` as in `build_report`."""
-    one = results.experiments[name]
-    if one.get("failed"):
-        missing = ", ".join(one["failed"])
+    if failed := results.experiments[name].get("failed"):
+        missing = ", ".join(failed)
         return failed_section(
             name, results.title(name), f"Its jobs failed: {missing} was not made. {results.folder}/log says why."
         )
@@ -153,12 +152,12 @@ def head(name: str, results: Results, failed: int) -> Markup:
     answer = value_or_none(lambda: answer_context(results))
     lights = value_or_none(lambda: results.lights["lights"])
     figures = value_or_none(lambda: len(results.record["figures"]))
-    rows = {row for one in results.tables for row in results.experiments[one]["trainings"]}
+    rows = {row for table in results.tables for row in results.experiments[table]["trainings"]}
     steps = value_or_none(lambda: sorted({results.setting(row, "train.steps") for row in rows}))
-    found, wall = costs(results.folder)
-    shown = [one for one in results.tables if results.experiments[one]["plates"]]
-    hero = next((results.report / f"{one}_overview.png" for one in shown), results.report / "figures.png")
-    questions = [(one, results.title(one), about["question"]) for one, about in results.experiments.items()]
+    stage_costs, wall = costs(results.folder)
+    with_plates = [table for table in results.tables if results.experiments[table]["plates"]]
+    hero = next((results.report / f"{table}_overview.png" for table in with_plates), results.report / "figures.png")
+    questions = [(name, results.title(name), about["question"]) for name, about in results.experiments.items()]
     return page.section(
         "head.md",
         title=f"relight: {name}",
@@ -166,18 +165,18 @@ def head(name: str, results: Results, failed: int) -> Markup:
         questions=questions,
         outcome=outcome,
         answer=answer,
-        scans=any(found.get("figures.source") == "scans" for found in results.settings_files().values()),
+        scans=any(settings.get("figures.source") == "scans" for settings in results.settings_files().values()),
         left_out=value_or_none(lambda: len(results.record["left_out"])),
         failed=failed,
         hero=hero if hero.exists() else None,
-        overview=bool(shown),
+        overview=bool(with_plates),
         figures=figures,
         lights=lights,
         trainings=len(results.trainings),
         steps=steps,
         origin=provenance(results.folder),
         wall=wall,
-        seconds=float(found.seconds.sum()),
+        seconds=float(stage_costs.seconds.sum()),
     )
 
 

@@ -37,9 +37,8 @@ def light_transfer(results: Results, name: str) -> Numbers:
     by_column = {c: estimates(rows, c, results.settings, networks, transfer.BASELINES) for c in heads}
 
     def compare(first: str, second: str) -> Comparison:
-        return compare_estimates(
-            "reconstruction_rmse", *(by_column["reconstruction_rmse"][one] for one in (first, second))
-        )
+        errors = by_column["reconstruction_rmse"]
+        return compare_estimates("reconstruction_rmse", errors[first], errors[second])
 
     lines, kinds, comparisons, costly, worse = [], [], {}, {}, {}
     for row in networks:
@@ -56,7 +55,7 @@ def light_transfer(results: Results, name: str) -> Numbers:
     for trivial, words in transfer.BASELINES.items():
         lines.append([words, *(by_column[column][trivial] for column in heads)])
         kinds.append("baseline")
-    correct([one for group in comparisons.values() for one in group.values()])
+    correct([comparison for group in comparisons.values() for comparison in group.values()])
     grid = TextTable.of(["", *heads.values()], lines, kinds)
     any_scores = next(iter(rows.values()))[0]
     made = {
@@ -117,7 +116,15 @@ def traced_tables(path: Path, settings: config.Statistics) -> dict[str, TextTabl
             if (kind, name) in values:
                 numbers = values[kind, name][list(COLUMNS)].to_numpy().reshape(-1, figures, len(COLUMNS))
                 by_column = np.moveaxis(numbers * [1, 100, 100], -1, 0)[..., None]
-                rows.append([labels[name], *(estimate(one, settings.bootstrap, settings.seed) for one in by_column)])
+                rows.append(
+                    [
+                        labels[name],
+                        *(
+                            estimate(values_of_column, settings.bootstrap, settings.seed)
+                            for values_of_column in by_column
+                        ),
+                    ]
+                )
                 kinds.append("baseline" if name in ANSWERS else "network")
         heads, digits = ["", "RMSE", "relative, %", "mean, %"], {"RMSE": 4, "relative, %": 1, "mean, %": 1}
         return TextTable.of(heads, rows, kinds, digits)
@@ -132,18 +139,18 @@ def inference_time(results: Results, name: str) -> Numbers:
     """Computes the inference time of each network at each size."""
     first = [trainings[0] for trainings in results.experiments[name]["trainings"].values()]
     times = pd.concat([timing.read_times(results.folder / "inference_time" / f"{training}.csv") for training in first])
-    times["on"] = ["a GPU" if one.device == "cuda" else count(one.threads, "thread") for one in times.itertuples()]
+    times["on"] = ["a GPU" if time.device == "cuda" else count(time.threads, "thread") for time in times.itertuples()]
     rows = [
         [
-            label(one.row),
-            f"{one.width:g}",
-            f"{one.parameters / 1e6:.1f} M",
-            one.size,
-            one.on,
-            one.wall,
-            None if one.device == "cuda" else one.cpu,
+            label(time.row),
+            f"{time.width:g}",
+            f"{time.parameters / 1e6:.1f} M",
+            time.size,
+            time.on,
+            time.wall,
+            None if time.device == "cuda" else time.cpu,
         ]
-        for one in times.itertuples()
+        for time in times.itertuples()
     ]
     heads = ["network", "width", "parameters", "px", "on", "seconds", "CPU seconds"]
     digits = {"seconds": 4, "CPU seconds": 4}
@@ -158,10 +165,10 @@ def inference_time(results: Results, name: str) -> Numbers:
 
 def write_grids(results: Results, name: str, grids: dict[str, TextTable], made: Numbers) -> Numbers:
     """Writes the tables of an experiment, and returns the context of its section."""
-    one = results.experiments[name]
+    experiment = results.experiments[name]
     for stem, grid in grids.items():
         write_tables(results.report / stem, results.title(name), text(f"notes/{name}.md", **made), grid)
-    return {"name": name, "experiment": one, **made}
+    return {"name": name, "experiment": experiment, **made}
 
 
 OWN: dict[str, Callable[[Results, str], Numbers]] = {

@@ -89,7 +89,7 @@ def costs(folder: Path) -> tuple[pd.DataFrame, float]:
         stage, memory = path.relative_to(top).parts[0].removesuffix("_decade"), jobs["max_rss"].max() / 1024
         lines.append([stage, seconds, cpu, memory])
     frame = pd.DataFrame(lines, columns=["stage", "seconds", "cpu", "memory"])
-    found = frame.groupby("stage").agg(
+    by_stage = frame.groupby("stage").agg(
         jobs=("seconds", "size"),
         mean=("seconds", "mean"),
         seconds=("seconds", "sum"),
@@ -100,4 +100,4 @@ def costs(folder: Path) -> tuple[pd.DataFrame, float]:
     for first, last in sorted(times):
         wall += max(0.0, last - max(first, end))
         end = max(end, last)
-    return found, wall
+    return by_stage, wall

@@ -44,7 +44,11 @@ class Results:
     @property
     def tables(self) -> list[str]:
         """The experiments that are tables of trainings."""
-        return [name for name, one in self.experiments.items() if one["table"] and not one.get("failed")]
+        return [
+            name
+            for name, experiment in self.experiments.items()
+            if experiment["table"] and not experiment.get("failed")
+        ]
 
     @cached_property
     def readable(self) -> list[str]:
@@ -83,8 +87,8 @@ class Results:
 
     def usual(self, name: str) -> bool:
         """Returns whether an experiment has the usual test figures and lights."""
-        one = self.experiments[name]
-        return one["figures"] == one["lights"] == "test"
+        experiment = self.experiments[name]
+        return experiment["figures"] == experiment["lights"] == "test"
 
     def scores(self, name: str, usual: bool = False) -> Rows:
         """Returns the scores of each row, one per training; empty if the data set has no such figures or lights."""
@@ -116,7 +120,7 @@ class Results:
     def part(self, name: str, figures: np.ndarray) -> Table:
         """Returns the table of an experiment over some of its figures, by index."""
         rows, baselines = (
-            {row: [one.part(figures) for one in trainings] for row, trainings in given.items()}
+            {row: [scores.part(figures) for scores in trainings] for row, trainings in given.items()}
             for given in (self.scores(name), self.baselines(name))
         )
         return experiment_table(name, rows, baselines, self.settings, self.columns(name))
@@ -136,7 +140,11 @@ class Results:
 
     def setting(self, row: str, key: str) -> Any:
         """Returns the value of a setting, such as `model.width`, with which a row was trained."""
-        training = next(one["trainings"][row][0] for one in self.experiments.values() if row in one["trainings"])
+        training = next(
+            experiment["trainings"][row][0]
+            for experiment in self.experiments.values()
+            if row in experiment["trainings"]
+        )
         value = yaml.safe_load((self.folder / "config" / f"train.{training}.yaml").read_text())
         for part in key.split("."):
             value = value[part]

@@ -65,30 +65,30 @@ def make_predictors(data: RelitSet, split: Path) -> dict[str, Predictor]:
     def true(name: str, figure: int) -> np.ndarray:
         return getattr(data, name)[pixel_rows(data, figure)].float().numpy()[None]
 
-    def mean_figure(figure: int, lit: np.ndarray) -> Inferred:
+    def mean_figure(figure: int, lights: np.ndarray) -> Inferred:
         maps = mean.at(pixels(data, figure))
-        light = np.repeat(mean_light, len(lit), 0)
+        light = np.repeat(mean_light, len(lights), 0)
         return Inferred(maps["albedo"], maps["transport"], maps["normal"], maps["ao"], light)
 
-    def nearest_light(figure: int, lit: np.ndarray) -> Inferred:
-        distances = ((data.lights.numpy()[lit][:, None] - train_lights[None]) ** 2).sum((2, 3))
+    def nearest_light(figure: int, lights: np.ndarray) -> Inferred:
+        distances = ((data.lights.numpy()[lights][:, None] - train_lights[None]) ** 2).sum((2, 3))
         return Inferred(light=train_lights[distances.argmin(1)])
 
-    def no_occlusion(figure: int, lit: np.ndarray) -> Inferred:
+    def no_occlusion(figure: int, lights: np.ndarray) -> Inferred:
         return Inferred(transport=unoccluded(true("normal", figure), order).astype(np.float32))
 
-    def ao_occlusion(figure: int, lit: np.ndarray) -> Inferred:
-        return Inferred(transport=no_occlusion(figure, lit).transport * true("ao", figure)[..., None])
+    def ao_occlusion(figure: int, lights: np.ndarray) -> Inferred:
+        return Inferred(transport=no_occlusion(figure, lights).transport * true("ao", figure)[..., None])
 
-    def as_it_is(figure: int, lit: np.ndarray) -> Inferred:
-        return Inferred(relit=truth(data, figure, lit).maps["reconstruction"])
+    def as_it_is(figure: int, lights: np.ndarray) -> Inferred:
+        return Inferred(relit=truth(data, figure, lights).maps["reconstruction"])
 
     def truncated(bands: int) -> Predictor:
-        return lambda figure, lit: Inferred(transport=true("transport", figure)[..., : (bands + 1) ** 2])
+        return lambda figure, lights: Inferred(transport=true("transport", figure)[..., : (bands + 1) ** 2])
 
     return {
         "mean_figure": mean_figure,
-        "mean_light": lambda figure, lit: Inferred(light=np.repeat(mean_light, len(lit), 0)),
+        "mean_light": lambda figure, lights: Inferred(light=np.repeat(mean_light, len(lights), 0)),
         "nearest_light": nearest_light,
         "no_occlusion": no_occlusion,
         "ao_occlusion": ao_occlusion,

@@ -86,7 +86,9 @@ def compare_estimates(column: str, first: Estimate, second: Estimate) -> Compari
 
 def correct(comparisons: list[Comparison]) -> list[Comparison]:
     """Corrects p-values and levels for the number of comparisons (Holm), in place, and returns the comparisons."""
-    p, p_equivalent = (holm([getattr(one, name) for one in comparisons]) for name in ("p", "p_equivalent"))
+    p, p_equivalent = (
+        holm([getattr(comparison, name) for comparison in comparisons]) for name in ("p", "p_equivalent")
+    )
     for comparison, corrected, equivalent in zip(comparisons, p.tolist(), p_equivalent.tolist()):
         comparison.level = ALPHA * comparison.p / corrected if corrected else ALPHA / len(comparisons)
         comparison.p, comparison.p_equivalent = corrected, equivalent

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -46,8 +47,7 @@ def evaluate(checkpoint: Path, packed: Path, lights: Path, split: Path, settings
     network, data = load(checkpoint, packed, lights, settings)
     if not has_pairs(data, split, settings):
         return write_scores(out, {})
-    scores = score(lambda figure, lit: infer(network, data, figure, lit), data, split, settings)
-    write_scores(out, {out.stem: scores})
+    write_scores(out, {out.stem: score(partial(infer, network, data), data, split, settings)})
 
 
 def load(checkpoint: Path, packed: Path, lights: Path, settings: config.Evaluate) -> tuple[Network, RelitSet]:
@@ -114,14 +114,14 @@ def select_pairs(
     Raises:
         UserError: if either is empty.
     """
-    chosen = select_figures(data, split, figures)
-    lit = np.flatnonzero(data.light_split == lights)
-    if not len(chosen) or not len(lit):
+    figure_indices = select_figures(data, split, figures)
+    light_indices = np.flatnonzero(data.light_split == lights)
+    if not len(figure_indices) or not len(light_indices):
         raise UserError(
-            f"nothing to evaluate: {len(chosen)} {figures} figures of {split} are in the packed set and "
-            f"{len(lit)} lights are marked {lights}; at least one of each is needed"
+            f"nothing to evaluate: {len(figure_indices)} {figures} figures of {split} are in the packed set and "
+            f"{len(light_indices)} lights are marked {lights}; at least one of each is needed"
         )
-    return chosen, lit
+    return figure_indices, light_indices
 
 
 def select_figures(data: RelitSet, split: Path, figures: str) -> np.ndarray:
@@ -196,14 +196,14 @@ def infer(network: Network, data: RelitSet, figure: int, lights: np.ndarray) -> 
         is that of the normals without occlusion (the paper, Table 1).
     """
     count, batch_size = int(data.counts[figure]), max(1, BATCH_PIXELS // data.size**2)
-    found: dict[str, list[np.ndarray]] = {}
+    by_name: dict[str, list[np.ndarray]] = {}
     for start in range(0, len(lights), batch_size):
-        lit = lights[start : start + batch_size]
-        batch = data.batch(np.full(len(lit), figure), lit)
+        batch_lights = lights[start : start + batch_size]
+        batch = data.batch(np.full(len(batch_lights), figure), batch_lights)
         for name, values in compact(network, batch).items():
             values = values if name == "light" else values[:, :count]
-            found.setdefault(name, []).append(values.cpu().numpy())
-    maps = {name: np.concatenate(batches) for name, batches in found.items() if name not in network.unlearned}
+            by_name.setdefault(name, []).append(values.cpu().numpy())
+    maps = {name: np.concatenate(batches) for name, batches in by_name.items() if name not in network.unlearned}
     ao = maps["ao"][..., 0] if "ao" in maps else None
     return Inferred(
         maps.get("albedo"),

@@ -46,7 +46,7 @@ class Scores:
 
 def write_scores(path: Path, scores: dict[str, Scores]) -> None:
     """Writes the scores of predictors as CSV, atomically: six significant digits, and blanks for NaN."""
-    frames = [one.frame(predictor) for predictor, one in scores.items()]
+    frames = [predictor_scores.frame(predictor) for predictor, predictor_scores in scores.items()]
     table = pd.concat(frames) if frames else pd.DataFrame(columns=[*KEYS, *COLUMNS, *COLLAPSE])
     with atomic_write(path) as tmp:
         table.to_csv(tmp, index=False, float_format="%.6g", lineterminator="\n")

@@ -115,8 +115,8 @@ def experiment_table(
     given = {**networks, **baselines}
     rows: dict[str, dict[str, Estimate]] = {row: {} for row in given}
     for column in COLUMNS:
-        for row, one in estimates(given, column, settings, networks if pool is None else pool, baselines).items():
-            rows[row][column] = one
+        for row, cell in estimates(given, column, settings, networks if pool is None else pool, baselines).items():
+            rows[row][column] = cell
     rank([rows[row] for row in networks], columns)
     trainings, any_scores = {row: len(scores) for row, scores in networks.items()}, next(iter(networks.values()))[0]
     printed_rows = {row: printed(row) for row in rows if name in PRINTED and printed(row)}

@@ -98,16 +98,16 @@ def upper(body: Body, shoe: Shoe, side: str) -> Upper:
     """Cuts the upper of a side ("L" | "R") from the foot of the suit."""
     suit, ankle = body.tights, body.joints[f"foot.{side}"]
     faces = makehuman.base().faces["helper-tights"] - makehuman.TIGHTS.start
-    mine = (suit[:, 0] > 0) == (side == "L")
-    field = np.where(mine & (suit[:, 1] < ankle[1] + 0.40), ankle[1] + shoe.top - suit[:, 1], -1.0)
+    on_side = (suit[:, 0] > 0) == (side == "L")
+    field = np.where(on_side & (suit[:, 1] < ankle[1] + 0.40), ankle[1] + shoe.top - suit[:, 1], -1.0)
     if shoe.top < -0.01:  # a low shoe is cut lower in front of the ankle than at the heel
-        field = field - np.where(mine, 0.35 * np.clip(0.03 - np.abs(suit[:, 2] - ankle[2] - 0.05), 0, 1), 0)
+        field = field - np.where(on_side, 0.35 * np.clip(0.03 - np.abs(suit[:, 2] - ankle[2] - 0.05), 0, 1), 0)
     matrix, faces = clip(sparse.identity(len(suit), format="csr"), faces, field)
     for _ in range(2):
         up, faces = loop(faces, matrix.shape[0])
         matrix = up @ matrix
     rest = matrix @ suit
-    ground = suit[mine, 1].min()
+    ground = suit[on_side, 1].min()
     toes, heel = rest[:, 2].max(), rest[:, 2].min()
     length = toes - heel
     out = smoothed(normals(rest, faces), faces, 3)

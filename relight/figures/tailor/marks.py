@@ -66,17 +66,19 @@ def seam_distance(pattern: Pattern) -> np.ndarray:
     if pattern.garment.kind == "trousers":
         out = np.full(faces.shape, MAX_DISTANCE)
         for side in "LR":
-            mine, _, forward = limb_frame(pattern, side)
+            on_limb, _, forward = limb_frame(pattern, side)
             rise = np.where(
-                corner[mine][..., 1] > pattern.body.heights["crotch"] - 0.01, np.abs(corner[mine][..., 0]), MAX_DISTANCE
+                corner[on_limb][..., 1] > pattern.body.heights["crotch"] - 0.01,
+                np.abs(corner[on_limb][..., 0]),
+                MAX_DISTANCE,
             )
-            out[mine] = np.minimum(np.abs(forward), rise)
+            out[on_limb] = np.minimum(np.abs(forward), rise)
         return np.minimum(out, MAX_DISTANCE)
     out = np.abs(corner[..., 2] - side_plane(pattern))
     if pattern.garment.kind == "top":
         for side in "LR":
-            mine, up, forward = limb_frame(pattern, side)
-            out[mine] = np.where(up < 0, np.abs(forward), MAX_DISTANCE)
+            on_limb, up, forward = limb_frame(pattern, side)
+            out[on_limb] = np.where(up < 0, np.abs(forward), MAX_DISTANCE)
         armhole = np.intersect1d(faces[pattern.sleeve], faces[~pattern.sleeve])
         if len(armhole):
             near = cKDTree(p[armhole]).query(p, distance_upper_bound=MAX_DISTANCE)[0]

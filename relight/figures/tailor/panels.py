@@ -66,15 +66,15 @@ def limb_frame(pattern: Pattern, side: str) -> tuple[np.ndarray, np.ndarray, np.
     corner = level.rest_shape[level.faces]
     middle = corner.mean(1)[:, 0]
     sign = 1 if side == "L" else -1
-    mine = middle > 0 if side == "L" else middle <= 0
+    on_limb = middle > 0 if side == "L" else middle <= 0
     if pattern.garment.kind == "trousers":
         line = np.stack([j[f"{bone}.{side}"] for bone in ("foot", "lowerleg01", "upperleg01")])
-        centre = [np.interp(corner[mine][..., 1], line[:, 1], line[:, axis]) for axis in (0, 2)]
-        return mine, (corner[mine][..., 0] - centre[0]) * sign, corner[mine][..., 2] - centre[1]
-    mine = pattern.sleeve & ((middle > 0) == (side == "L"))
+        centre = [np.interp(corner[on_limb][..., 1], line[:, 1], line[:, axis]) for axis in (0, 2)]
+        return on_limb, (corner[on_limb][..., 0] - centre[0]) * sign, corner[on_limb][..., 2] - centre[1]
+    on_limb = pattern.sleeve & ((middle > 0) == (side == "L"))
     _, up, forward = arm_axes(pattern.body, side)
-    r = corner[mine] - j[f"upperarm01.{side}"]
-    return mine, r @ up, r @ forward
+    r = corner[on_limb] - j[f"upperarm01.{side}"]
+    return on_limb, r @ up, r @ forward
 
 
 def arm_axes(body: Body, side: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -101,11 +101,11 @@ def cloth_coordinates(pattern: Pattern) -> tuple[list[str], np.ndarray, np.ndarr
         names = ["front left", "front right", "back left", "back right"]
         for k, side in enumerate("LR"):
             sign = 1 if side == "L" else -1
-            mine, out, forward = limb_frame(pattern, side)
+            on_limb, out, forward = limb_frame(pattern, side)
             back = forward.mean(1) < 0
-            panel[mine] = k + 2 * back
+            panel[on_limb] = k + 2 * back
             turn = np.where(back, -1, 1)[:, None]
-            cloth[mine, :, 0] = arc_length(out * turn, forward * turn) * turn * sign
+            cloth[on_limb, :, 0] = arc_length(out * turn, forward * turn) * turn * sign
         return names, panel, cloth
     names = ["front", "back", "left sleeve", "right sleeve"]
     axis = side_plane(pattern)
@@ -115,11 +115,11 @@ def cloth_coordinates(pattern: Pattern) -> tuple[list[str], np.ndarray, np.ndarr
     cloth[..., 0] = arc_length(corner[..., 0] * turn, (corner[..., 2] - axis) * turn)
     if pattern.garment.kind == "top":
         for k, side in enumerate("LR"):
-            mine, up, forward = limb_frame(pattern, side)
-            panel[mine] = 2 + k
-            cloth[mine, :, 0] = arc_length(forward, up)
-            cloth[mine, :, 1] = -(
-                (corner[mine] - pattern.body.joints[f"upperarm01.{side}"]) @ arm_axes(pattern.body, side)[0]
+            on_limb, up, forward = limb_frame(pattern, side)
+            panel[on_limb] = 2 + k
+            cloth[on_limb, :, 0] = arc_length(forward, up)
+            cloth[on_limb, :, 1] = -(
+                (corner[on_limb] - pattern.body.joints[f"upperarm01.{side}"]) @ arm_axes(pattern.body, side)[0]
             )
     return names, panel, cloth
 
@@ -151,9 +151,9 @@ def lay_out(names: list[str], panel: np.ndarray, cloth: np.ndarray, side: int) -
     boxes = place(small)
     uv = np.zeros_like(cloth)
     for k, (u0, v0, x, y, _, _) in boxes.items():
-        mine = panel == k
-        uv[mine, :, 0] = (x + GUTTER + (cloth[mine, :, 0] - u0) * small) / side
-        uv[mine, :, 1] = (y + GUTTER + (cloth[mine, :, 1] - v0) * small) / side
+        on_panel = panel == k
+        uv[on_panel, :, 0] = (x + GUTTER + (cloth[on_panel, :, 0] - u0) * small) / side
+        uv[on_panel, :, 1] = (y + GUTTER + (cloth[on_panel, :, 1] - v0) * small) / side
     return Panels(names, panel, cloth, uv, boxes, small, side)
 
 
