@@ -89,10 +89,6 @@ class Plan:
         self.requested = self._requested()
         self.failed = failed or {}
         self.experiments = {name: experiment for name, experiment in self.requested.items() if name not in self.failed}
-        if (self.cfg.evaluate.figures, self.cfg.evaluate.lights) != USUAL_CONDITION:
-            raise UserError(
-                "evaluate.figures and evaluate.lights are set by an experiment: give one, such as experiment=sitting"
-            )
         self.gpus = int(self.cfg.train.device == "cuda")  # requested by each training on a cluster
         self._by_row: dict[str, dict[str, Any]] = {}
         self._by_training: dict[str, dict[str, Any]] = {}

@@ -32,7 +32,6 @@ from relight.panoramas import Panorama
 from relight.progress import progress
 from relight.transport.tracer import import_mitsuba
 
-PADDING = 0.05  # above and below a whole person, as a fraction of the picture's height
 FORMAT = 1  # version of the file format
 BYTES_PER_PICTURE = 5e6  # at 512 px, approximately
 
@@ -93,7 +92,7 @@ def make_mesh(seed: int, settings: Settings) -> Mesh:
     """Generates the aligned figure of a seed, or of a spare seed if the generator refuses it. Raises UserError."""
     from relight.figures.dress import make_figure
 
-    facing = Align(up="+y", front="+z", table=None, padding=PADDING)
+    facing = Align(up="+y", front="+z")
     for spare in range(3):
         try:
             return align(make_figure(seed + spare * SPARE_OFFSET, settings.detail, settings.texture), facing)

@@ -30,7 +30,7 @@ def benchmark(results: Results, name: str) -> dict[str, Any]:
         for row, methods in rows.items()
     ]
     kinds = {label(row): "baseline" if row in BASELINES else "network" for row in rows}
-    tables = MethodComparison(scored, results.settings.bootstrap, list(rows).index("shipped")).tables()
+    tables = MethodComparison(scored, list(rows).index("shipped")).tables()
     for stem, table in tables.items():
         table.grid.kinds = [kinds.get(words, "") for words in table.grid.frame.index]  # the last table has measures
         write_tables(results.report / stem, table.title, table.note, table.grid)

@@ -29,6 +29,14 @@ from relight.text import read_text
 MULTIPLE = 64  # P is a multiple of it
 
 
+def choose_device(name: str) -> torch.device:
+    """Returns the device `cpu` or `cuda`; `auto` prefers a GPU. Raises UserError if there is none for `cuda`."""
+    has_gpu = torch.cuda.is_available()
+    if name == "cuda" and not has_gpu:
+        raise UserError("train.device=cuda, but torch finds no GPU: give train.device=cpu or auto")
+    return torch.device("cuda" if has_gpu and name != "cpu" else "cpu")
+
+
 @dataclass(frozen=True, kw_only=True)
 class CompactIndex:
     """The positions of the pixels of compact maps in their images.

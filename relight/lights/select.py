@@ -24,6 +24,9 @@ from relight.text import read_text
 
 log = logging.getLogger(__name__)
 
+MIN_BRIGHTNESS = 0.2  # reference brightness of a panorama, in its own units, below which it is dark (the paper's)
+BRIGHTNESS = (0.7, 0.9)  # range of the reference brightness to which lights are scaled (the paper's)
+ROTATIONS = 36  # headings of each panorama, every 10 degrees (the paper's)
 MAX_UNUSUAL = 80  # clusters of unusual lights
 MIN_FRONT = 1e-4  # reference brightness over the mean; a darker front cannot be scaled to a target
 MIN_DIRECTIVITY = 0.35  # |L1| / L00; above it, a light has a main direction, which the rules test
@@ -80,8 +83,8 @@ def select_lights(coefficients: np.ndarray, sources: list[str], settings: Lights
     if len(coefficients) != len(sources) or not sources:
         raise UserError(f"lights: {len(coefficients)} lights of {len(sources)} panoramas; at least one is needed")
     record: dict[str, Any] = {"order": settings.order, "steps": [], "warnings": [], "unlit": {}}
-    kept = above_threshold(coefficients, settings.threshold, record)
-    copies = rotated_copies(coefficients[kept], np.asarray(sources)[kept], settings)
+    kept = above_threshold(coefficients, record)
+    copies = rotated_copies(coefficients[kept], np.asarray(sources)[kept], settings.seed)
     record_step(record, "rotate and scale", len(kept), len(copies), {})
     copies = without_vetoed(copies, settings.veto, record)
     if settings.order == "paper":
@@ -125,18 +128,18 @@ def record_step(record: dict[str, Any], step: str, before: int, after: int, reas
     record["steps"].append({"step": step, "in": before, "out": after, "why": reasons})
 
 
-def above_threshold(coefficients: np.ndarray, threshold: float, record: dict[str, Any]) -> np.ndarray:
-    """Returns indices of the lights (N,K,3) whose reference brightness reaches `threshold`.
+def above_threshold(coefficients: np.ndarray, record: dict[str, Any]) -> np.ndarray:
+    """Returns indices of the lights (N,K,3) whose reference brightness reaches MIN_BRIGHTNESS.
 
     The threshold is in the files' units and assumes one exposure for all panoramas. If it would remove more than half
     of them, they must be in other units: all are kept, with a warning.
     """
     brightness = reference_brightness(coefficients)
-    bright = brightness >= threshold
+    bright = brightness >= MIN_BRIGHTNESS
     if bright.sum() * 2 < len(bright):
         record["warnings"].append(
-            f"lights.threshold={threshold:g} would drop {int((~bright).sum())} of {len(bright)} panoramas (median "
-            f"reference brightness {np.median(brightness):.3g}): they are in other units, so none was dropped"
+            f"a least reference brightness of {MIN_BRIGHTNESS:g} would drop {int((~bright).sum())} of {len(bright)} "
+            f"panoramas (median {np.median(brightness):.3g}): they are in other units, so none was dropped"
         )
         bright[:] = True
     reasons = {"dark": int((~bright).sum())} if not bright.all() else {}
@@ -144,7 +147,7 @@ def above_threshold(coefficients: np.ndarray, threshold: float, record: dict[str
     return np.flatnonzero(bright)
 
 
-def rotated_copies(coefficients: np.ndarray, sources: np.ndarray, settings: Lights) -> LightSet:
+def rotated_copies(coefficients: np.ndarray, sources: np.ndarray, seed: int) -> LightSet:
     """Rotates every light about the vertical in equal steps and scales each copy to a random reference brightness.
 
     The reference brightness is uniform in its range, with a seed that depends only on the panorama's index and on
@@ -153,19 +156,18 @@ def rotated_copies(coefficients: np.ndarray, sources: np.ndarray, settings: Ligh
     Args:
         coefficients: (N,K,3) of the panoramas.
         sources: (N,) their names.
-        settings: rotations, brightness and seed.
+        seed: of the brightness.
 
     Returns:
-        N * rotations lights, all in the training split.
+        N * ROTATIONS lights, all in the training split.
     """
-    n, steps = len(coefficients), settings.rotations
+    n, steps = len(coefficients), ROTATIONS
     order = order_of(coefficients.shape[1])
     yaw = np.arange(steps) * 360 / steps
     rotations = np.stack([rotation_matrix(rotation_about_y(angle), order) for angle in np.radians(yaw)])
     rotated = np.einsum("rjk,nkc->nrjc", rotations, coefficients).reshape(n * steps, -1, 3)
-    seed = settings.seed * 1_000_003 + np.arange(n * steps)
-    low, high = settings.brightness
-    target = np.array([np.random.default_rng(s).uniform(low, high) for s in seed])
+    seeds = seed * 1_000_003 + np.arange(n * steps)
+    target = np.array([np.random.default_rng(copy_seed).uniform(*BRIGHTNESS) for copy_seed in seeds])
     brightness = reference_brightness(rotated)
     constant = rotated[:, 0].max(-1)  # the first coefficient, of the brightest channel
     has_front_light = brightness > MIN_FRONT * constant
@@ -175,7 +177,7 @@ def rotated_copies(coefficients: np.ndarray, sources: np.ndarray, settings: Ligh
         split=np.full(n * steps, "train", dtype="<U10"),
         source=np.repeat(np.asarray(sources, dtype=str), steps),
         yaw=np.tile(yaw, n),
-        seed=seed,
+        seed=seeds,
         scale=scale,
         cluster=np.full(n * steps, -1),
         reason=np.full(n * steps, "", dtype="<U64"),
@@ -303,7 +305,7 @@ def unlit_panoramas(sources: list[str], copies: LightSet, usual: LightSet) -> di
         by_heading = copies.reason[copies.source == source].tolist()
         broken = Counter(rule for reason in by_heading for rule in reason.split(" ") if rule)
         reasons[source] = ", ".join(f"{rule} at {n} of {len(by_heading)} headings" for rule, n in broken.most_common())
-    return {source: words or "below lights.threshold, or vetoed" for source, words in reasons.items()}
+    return {source: words or "too dark, or vetoed" for source, words in reasons.items()}
 
 
 def darkened(lights: LightSet, limit: float) -> LightSet:

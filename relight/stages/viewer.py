@@ -3,7 +3,6 @@
 import json
 from pathlib import Path
 
-from relight.config import Evaluate
 from relight.stages.stage import stage
 
 MAX_FIGURES = 24  # of the page; more would be hard to choose from
@@ -25,7 +24,6 @@ TYPICAL_QUALITY = 2  # index in QUALITIES, with which figures are counted; `buil
 )
 def main(
     name: str,
-    evaluate: Evaluate,
     experiments: Path,
     results: Path,
     packed: Path,
@@ -51,7 +49,7 @@ def main(
     }
     tables = (settings for settings in json.loads(experiments.read_text()).values() if "scores" in settings)
     networks = {
-        label(row): load(results / "train" / f"{trainings[0]}.safetensors", packed, lights, evaluate)
+        label(row): load(results / "train" / f"{trainings[0]}.safetensors", packed, lights)
         for row, trainings in next(tables, {"trainings": {}})["trainings"].items()
     }
     first = int((light_set.split == "test").argmax())

@@ -125,13 +125,10 @@ def bake(
 
 def _cleaned_and_aligned(mesh: "Mesh", up: str, front: str, padding: float) -> "Mesh":
     """Cleans and aligns a mesh as the workflow does, and reports the repairs on stderr."""
-    from dataclasses import replace
-
-    from relight.config import read_preset
+    from relight.config import Align, read_preset
     from relight.meshes import align, clean
     from relight.meshes.cleaning import FINDINGS
 
-    settings = replace(read_preset("align"), up=up, front=front, padding=padding)
     cleaned = clean(mesh, read_preset("clean"))
     repairs = {name: count for name, count in cleaned.info["repairs"].items() if name not in FINDINGS}
     findings = {name: count for name, count in cleaned.info["repairs"].items() if name in FINDINGS}
@@ -139,7 +136,7 @@ def _cleaned_and_aligned(mesh: "Mesh", up: str, front: str, padding: float) -> "
         if counts:
             text = ", ".join(f"{name} {count}" for name, count in counts.items())
             typer.echo(f"{mesh.info['name']}: {word} ({text})", err=True)
-    aligned = align(cleaned, settings)
+    aligned = align(cleaned, Align(up, front), padding)
     for note in aligned.info["warnings"][len(mesh.info.get("warnings", [])) :]:  # the earlier ones are printed already
         typer.echo(f"{mesh.info['name']}: {note}", err=True)
     record = aligned.info["align"]

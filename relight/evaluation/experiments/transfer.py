@@ -12,9 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from relight import config
 from relight.errors import UserError
-from relight.evaluation.pictures.panels import Cell, Line, Subject, draw, evenly_spaced
+from relight.evaluation.pictures.panels import PLATE_FIGURES, Cell, Line, Subject, draw, evenly_spaced
 from relight.evaluation.scoring.evaluate import Predictor, infer, load, select_pairs, truth
 from relight.evaluation.scoring.labels import label
 from relight.evaluation.scoring.metrics import shade
@@ -59,9 +58,7 @@ class Partner:
         return rolled(albedo), rolled(transport)
 
 
-def evaluate_transfer(
-    networks: dict[str, Path], packed: Path, lights: Path, split: Path, settings: config.Evaluate, out: Path
-) -> None:
+def evaluate_transfer(networks: dict[str, Path], packed: Path, lights: Path, split: Path, out: Path) -> None:
     """Scores networks on swaps of lights, with VARIANTS and BASELINES.
 
     A row of the scores is a swap: "figure" is the pair a+b, and "light" the index of the light l of a. The scores of
@@ -71,7 +68,6 @@ def evaluate_transfer(
     Args:
         networks: `row.s<seed>` -> checkpoint.
         packed, lights, split: the data set.
-        settings: lights and device.
         out: the scores (.csv); variants are named `row:variant.s<seed>`.
 
     Raises:
@@ -80,18 +76,18 @@ def evaluate_transfer(
     scores: dict[str, Scores] = {}
     baselines: dict[str, Scores] = {}
     for name, checkpoint in progress(list(networks.items()), "networks that swap lights"):
-        network, data = load(checkpoint, packed, lights, settings)
+        network, data = load(checkpoint, packed, lights)
         training = TrainingName.parse(name)
-        by_variant = score_swaps(partial(infer, network, data), data, split, settings)
+        by_variant = score_swaps(partial(infer, network, data), data, split)
         baselines = {name: by_variant.pop(name) for name in BASELINES}
         for variant, swaps in by_variant.items():
             scores[str(replace(training, row=f"{training.row}:{variant}")) if variant else name] = swaps
     write_scores(out, {**scores, **baselines})
 
 
-def score_swaps(predictor: Predictor, data: RelitSet, split: Path, settings: config.Evaluate) -> dict[str, Scores]:
+def score_swaps(predictor: Predictor, data: RelitSet, split: Path) -> dict[str, Scores]:
     """Returns the scores of a predictor's VARIANTS and of BASELINES: a row per pair of figures, a column per swap."""
-    figures, test_lights = select_pairs(data, split, settings.lights)
+    figures, test_lights = select_pairs(data, split)
     pairs = pair_up(figures)
     if len(test_lights) < 2:
         raise UserError("light transfer needs two test lights at least, and the set has one: raise lights.test")
@@ -170,23 +166,21 @@ def transfer_plate(
     packed: Path,
     lights: Path,
     split: Path,
-    settings: config.Evaluate,
-    count: int,
     out: Path,
+    count: int = PLATE_FIGURES,
 ) -> None:
     """Draws swaps in two rows each: input, relit by each network with its error, truth.
 
     Args:
         networks: row -> checkpoint.
         packed, lights, split: the data set.
-        settings: lights and device.
-        count: number of swaps, evenly spaced over the test set, each with its own two lights.
         out: the picture (.png).
+        count: number of swaps, evenly spaced over the test set, each with its own two lights.
     """
     lines: list[Line] = []
     for checkpoint in networks.values():
-        network, data = load(checkpoint, packed, lights, settings)
-        figures, test_lights = select_pairs(data, split, settings.lights)
+        network, data = load(checkpoint, packed, lights)
+        figures, test_lights = select_pairs(data, split)
         pairs = pair_up(figures)
         pairs = [pairs[i] for i in evenly_spaced(len(pairs), count)]
         swaps = [test_lights[[i % len(test_lights), (i + 1) % len(test_lights)]] for i in range(len(pairs))]

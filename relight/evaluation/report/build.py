@@ -9,7 +9,6 @@ from typing import Any, TypeVar
 
 from markupsafe import Markup
 
-from relight import config
 from relight.errors import UserError
 from relight.evaluation.report import data, own, page, sections
 from relight.evaluation.report.formats import TextTable
@@ -47,9 +46,7 @@ class Section:
     failed: bool = False
 
 
-def build_report(
-    name: str, settings: config.Statistics, experiments: Path, folder: Path, out: Path, makers: Makers = own.OWN
-) -> None:
+def build_report(name: str, experiments: Path, folder: Path, out: Path, makers: Makers = own.OWN) -> None:
     """Writes the page of a run, its charts, and the tables of experiments with stages of their own.
 
     Tables and pictures of earlier runs with other experiments stay if the data set is still the same, and else are
@@ -57,7 +54,6 @@ def build_report(
 
     Args:
         name: of the run.
-        settings: number of resamples, and their seed.
         experiments: the experiments of the run (experiments.json, `Plan.requested`).
         folder: results/<name>.
         out: the page (.html).
@@ -66,7 +62,7 @@ def build_report(
     Raises:
         UserError: if no section could be made.
     """
-    results = Results(folder, settings, experiments)
+    results = Results(folder, experiments)
     remove_outdated(results)
     # Whether a table of the run is one of the paper's, whose orderings are tested.
     compared = bool({"table1", "table2"} & set(results.tables))

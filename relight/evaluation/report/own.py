@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from relight import config
 from relight.evaluation.experiments import timing, transfer
 from relight.evaluation.experiments.path_traced import ANSWERS, CAUSES, COLUMNS, KEYS
 from relight.evaluation.report.formats import TextTable, comparison_grid, count, write_tables
@@ -34,7 +33,7 @@ def light_transfer(results: Results, name: str) -> Numbers:
     rows = gather([results.folder / "light_transfer" / "scores.csv"])
     networks = {row: trainings for row, trainings in rows.items() if ":" not in row and row not in transfer.BASELINES}
     heads = {"reconstruction_rmse": "relit, RMSE", "reconstruction_ssim": "relit, SSIM", "light_rmse": "light, RMSE"}
-    by_column = {c: estimates(rows, c, results.settings, networks, transfer.BASELINES) for c in heads}
+    by_column = {c: estimates(rows, c, networks, transfer.BASELINES) for c in heads}
 
     def compare(first: str, second: str) -> Comparison:
         errors = by_column["reconstruction_rmse"]
@@ -73,7 +72,7 @@ def light_transfer(results: Results, name: str) -> Numbers:
 def traced(results: Results, name: str) -> Numbers:
     """Computes the errors of relit pictures against path tracing, and their causes."""
     path = results.folder / "path_traced" / "scores.csv"
-    tables = traced_tables(path, results.settings)
+    tables = traced_tables(path)
     answers = {row: float(estimate.mean) for row, estimate in tables["path_traced"].frame["relative, %"].items()}
     rmse = {row: estimate.mean for row, estimate in tables["path_traced_causes"].frame["RMSE"].items()}
     causes = [cause for cause in rmse if cause in CAUSES.values()]
@@ -89,12 +88,11 @@ def traced(results: Results, name: str) -> Numbers:
     return write_grids(results, name, tables, numbers)
 
 
-def traced_tables(path: Path, settings: config.Statistics) -> dict[str, TextTable]:
+def traced_tables(path: Path) -> dict[str, TextTable]:
     """Returns tables of the answers and the causes of `path_traced.evaluate_traced`; trainings of a row are averaged.
 
     Args:
         path: the file (.csv).
-        settings: number of resamples, and their seed.
 
     Returns:
         The tables `path_traced_causes` and `path_traced`.
@@ -119,10 +117,7 @@ def traced_tables(path: Path, settings: config.Statistics) -> dict[str, TextTabl
                 rows.append(
                     [
                         labels[name],
-                        *(
-                            estimate(values_of_column, settings.bootstrap, settings.seed)
-                            for values_of_column in by_column
-                        ),
+                        *(estimate(values_of_column) for values_of_column in by_column),
                     ]
                 )
                 kinds.append("baseline" if name in ANSWERS else "network")

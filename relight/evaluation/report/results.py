@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from relight import config
+from relight.config import flat
 from relight.errors import UserError
 from relight.evaluation.scoring.scores import gather
 from relight.evaluation.scoring.statistics import Estimate
@@ -26,12 +26,11 @@ class Results:
 
     Args:
         folder: results/<name>.
-        settings: number of resamples, and their seed.
         experiments: experiments.json (`Plan.requested`).
     """
 
-    def __init__(self, folder: Path, settings: config.Statistics, experiments: Path):
-        self.folder, self.settings = folder, settings
+    def __init__(self, folder: Path, experiments: Path):
+        self.folder = folder
         self.experiments: dict[str, dict[str, Any]] = json.loads(experiments.read_text())
         self._tables: dict[tuple[str, bool], Table] = {}
         self._scores: dict[tuple[str, ...], Rows] = {}
@@ -115,7 +114,7 @@ class Results:
             for condition in (False, True):
                 if self._files(other, condition)[""] == self._files(name, usual)[""]:
                     pool |= self.scores(other, condition)
-        return experiment_table(name, rows, self.baselines(name, usual), self.settings, self.columns(name), pool)
+        return experiment_table(name, rows, self.baselines(name, usual), self.columns(name), pool)
 
     def part(self, name: str, figures: np.ndarray) -> Table:
         """Returns the table of an experiment over some of its figures, by index."""
@@ -123,7 +122,7 @@ class Results:
             {row: [scores.part(figures) for scores in trainings] for row, trainings in given.items()}
             for given in (self.scores(name), self.baselines(name))
         )
-        return experiment_table(name, rows, baselines, self.settings, self.columns(name))
+        return experiment_table(name, rows, baselines, self.columns(name))
 
     def columns(self, name: str) -> tuple[str, ...]:
         """Returns the columns of an experiment's table."""
@@ -132,7 +131,7 @@ class Results:
     def estimates(self, name: str, column: str) -> dict[str, Estimate]:
         """Returns the estimates of a column of the scores, by row or baseline."""
         rows, baselines = self.scores(name), self.baselines(name)
-        return estimates({**rows, **baselines}, column, self.settings, rows, baselines)
+        return estimates({**rows, **baselines}, column, rows, baselines)
 
     def split(self, name: str, row: str) -> dict[str, list[str]]:
         """Returns the figures of a row's split, by part."""
@@ -155,9 +154,7 @@ class Results:
         by_stage = {}
         for path in sorted((self.folder / "config").glob("*.yaml")):
             settings = yaml.safe_load(path.read_text())
-            by_stage[path.stem] = config.flat(
-                {key: v for key, v in settings.items() if key not in ("defaults", "hydra")}
-            )
+            by_stage[path.stem] = flat({key: v for key, v in settings.items() if key not in ("defaults", "hydra")})
         return by_stage
 
     def _gather(self, paths: Iterable[str]) -> Rows:

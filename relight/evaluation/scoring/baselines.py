@@ -14,10 +14,10 @@
 from pathlib import Path
 
 import numpy as np
+import torch
 
-from relight import config
 from relight.errors import UserError
-from relight.evaluation.scoring.evaluate import Predictor, has_pairs, pixel_rows, pixels, score, torch_device, truth
+from relight.evaluation.scoring.evaluate import Condition, Predictor, has_pairs, pixel_rows, pixels, score, truth
 from relight.evaluation.scoring.scores import write_scores
 from relight.evaluation.scoring.truth import Inferred
 from relight.learning.data import RelitSet, read_split
@@ -28,7 +28,7 @@ def evaluate_baselines(
     packed: Path,
     lights: Path,
     split: Path,
-    settings: config.Evaluate,
+    condition: Condition,
     out: Path,
     color: str = "paper",
     order: int = 2,
@@ -37,16 +37,17 @@ def evaluate_baselines(
 
     Args:
         packed, lights, split: the data set.
-        settings: which figures and lights.
+        condition: the figures and lights.
         out: the scores (.csv).
         color: color model of the networks to be compared with (`train.color`).
         order: of the data (`bake.order`).
     """
-    data = RelitSet(packed, lights, order, color, torch_device("cpu"))
-    if not has_pairs(data, split, settings):
+    torch.set_num_threads(1)
+    data = RelitSet(packed, lights, order, color)
+    if not has_pairs(data, split, condition):
         return write_scores(out, {})
     predictors = make_predictors(data, split)
-    write_scores(out, {name: score(predictor, data, split, settings) for name, predictor in predictors.items()})
+    write_scores(out, {name: score(predictor, data, split, condition) for name, predictor in predictors.items()})
 
 
 def make_predictors(data: RelitSet, split: Path) -> dict[str, Predictor]:

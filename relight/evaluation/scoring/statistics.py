@@ -23,6 +23,7 @@ from scipy.stats import norm, t
 
 CONFIDENCE = 0.95
 ALPHA = 0.05  # significance level
+RESAMPLES = 10_000  # of each interval
 
 
 @dataclass
@@ -131,22 +132,22 @@ def pooled_spread(rows: list[np.ndarray]) -> Spread:
 
 def estimate(
     values: np.ndarray,
-    resamples: int,
-    seed: int,
     spread: Spread | None = None,
     pairs: tuple[list, list] = ([], []),
     noise: int = 0,
+    resamples: int = RESAMPLES,
+    seed: int = 0,
 ) -> Estimate:
     """Estimates the mean of a row and its interval.
 
     Args:
         values: (S,F,L), by training, figure and light.
-        resamples: number of resamples.
-        seed: of the resamples; rows with the same seed are resampled alike.
         spread: pooled over the table's trainings; a larger one of the row itself, with its own degrees of freedom, is
             preferred. Without it, the interval does not include the variation between trainings.
         pairs: names of the figures, and indices of the lights.
         noise: seed of the noise of the trainings; it must differ between the rows of a table.
+        resamples: their number.
+        seed: of the resamples; rows with the same seed are resampled alike.
 
     Returns:
         The estimate. With one figure its interval is infinite; with one light it holds for that light only.
