@@ -47,8 +47,8 @@ def arc_length(sideways: np.ndarray, forward: np.ndarray) -> np.ndarray:
 
 def side_plane(pattern: Pattern) -> float:
     """Returns the z of the plane between front and back of the trunk, metres."""
-    p, y = pattern.levels[-1].rest_shape, pattern.fields["y"]
-    return float(np.median(p[y > np.median(y), 2]))
+    points, y = pattern.levels[-1].rest_shape, pattern.fields["y"]
+    return float(np.median(points[y > np.median(y), 2]))  # of the upper half
 
 
 def limb_frame(pattern: Pattern, side: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -62,19 +62,19 @@ def limb_frame(pattern: Pattern, side: str) -> tuple[np.ndarray, np.ndarray, np.
         Which faces (F,) belong to the limb; of their corners, the metres (m,3) outward from a leg's axis, or upward
         from an arm's; the same forward.
     """
-    level, j = pattern.levels[-1], pattern.body.joints
+    level, joints = pattern.levels[-1], pattern.body.joints
     corner = level.rest_shape[level.faces]
     middle = corner.mean(1)[:, 0]
     sign = 1 if side == "L" else -1
     on_limb = middle > 0 if side == "L" else middle <= 0
     if pattern.garment.kind == "trousers":
-        line = np.stack([j[f"{bone}.{side}"] for bone in ("foot", "lowerleg01", "upperleg01")])
+        line = np.stack([joints[f"{bone}.{side}"] for bone in ("foot", "lowerleg01", "upperleg01")])
         centre = [np.interp(corner[on_limb][..., 1], line[:, 1], line[:, axis]) for axis in (0, 2)]
         return on_limb, (corner[on_limb][..., 0] - centre[0]) * sign, corner[on_limb][..., 2] - centre[1]
     on_limb = pattern.sleeve & ((middle > 0) == (side == "L"))
     _, up, forward = arm_axes(pattern.body, side)
-    r = corner[on_limb] - j[f"upperarm01.{side}"]
-    return on_limb, r @ up, r @ forward
+    from_shoulder = corner[on_limb] - joints[f"upperarm01.{side}"]
+    return on_limb, from_shoulder @ up, from_shoulder @ forward
 
 
 def arm_axes(body: Body, side: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -133,18 +133,18 @@ def lay_out(names: list[str], panel: np.ndarray, cloth: np.ndarray, side: int) -
 
     def place(scale: float) -> dict[int, Box]:
         """Returns the rectangles at a scale; none if they do not fit."""
-        boxes, x, y, row = {}, 0, 0, 0
+        boxes, x, y, row_height = {}, 0, 0, 0
         for k in order:
-            w, h = (int(np.ceil(s * scale)) + 2 * GUTTER for s in span[k])
-            if x + w > side:
-                x, y, row = 0, y + row, 0
-            if w > side or y + h > side:
+            width, height = (int(np.ceil(metres * scale)) + 2 * GUTTER for metres in span[k])
+            if x + width > side:  # begins another row
+                x, y, row_height = 0, y + row_height, 0
+            if width > side or y + height > side:
                 return {}
-            boxes[k] = (float(low[k][0]), float(low[k][1]), x, y, w, h)
-            x, row = x + w, max(row, h)
+            boxes[k] = (float(low[k][0]), float(low[k][1]), x, y, width, height)
+            x, row_height = x + width, max(row_height, height)
         return boxes
 
-    small, large = 1.0, 20.0 * side
+    small, large = 1.0, 20.0 * side  # pixels per metre: one scale that fits, and one that does not
     for _ in range(30):
         scale = np.sqrt(small * large)
         small, large = (scale, large) if place(scale) else (small, scale)
