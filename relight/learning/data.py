@@ -18,7 +18,7 @@ from torch import Tensor
 
 from relight.errors import UserError
 from relight.files import existing_file
-from relight.learning.camera import photograph, quantised, shade
+from relight.learning.color import photograph, quantised, shade
 from relight.learning.harmonics import mirror_signs
 from relight.maps import PackedMaps
 from relight.npz import read_npz
@@ -66,11 +66,12 @@ def compact_index(mask: Tensor) -> CompactIndex:
     padded = F.pad(mask[:, 0], (1, 1, 1, 1))
     eroded = mask[:, 0] & padded[:, :-2, 1:-1] & padded[:, 2:, 1:-1] & padded[:, 1:-1, :-2] & padded[:, 1:-1, 2:]
     flat, eroded = mask.flatten(1), eroded.flatten(1)
-    width = -(-int(flat.sum(1).max()) // MULTIPLE) * MULTIPLE
-    rank = flat.cumsum(1) - 1
+    width = -(-int(flat.sum(1).max()) // MULTIPLE) * MULTIPLE  # P
+    rank = flat.cumsum(1) - 1  # place of each in-mask pixel in its compact map
     image, flat_index = flat.nonzero(as_tuple=True)
     slot = rank[image, flat_index]
-    pixel = (~flat).int().argmax(1)[:, None].repeat(1, width)
+    first_outside = (~flat).int().argmax(1)
+    pixel = first_outside[:, None].repeat(1, width)
     pixel[image, slot] = flat_index
     below = torch.arange(width, device=mask.device).repeat(batch, 1)
     slot_below = rank[image, (flat_index + size).clamp_max(size * size - 1)]
@@ -220,8 +221,8 @@ class RelitSet:
         """Relights B pairs.
 
         Args:
-            figure: (B,) int indices.
-            light: (B,) int indices.
+            figure: (B,) int indices of maps.
+            light: (B,) int indices of lights.
             mirror: (B,) bool, which pairs are mirrored left to right: image, maps and light. Their compact maps keep
                 the order of the unmirrored pixels.
         """
@@ -244,9 +245,8 @@ class RelitSet:
             pixel = torch.where(flip, pixel + size - 1 - 2 * (pixel % size), pixel)
             signs = torch.where(flip, self.signs, 1.0)
             transport, lights = transport * signs[:, None, :], lights * signs[..., None]
-            normal = (
-                normal * torch.stack([1 - 2.0 * flip[:, 0], *2 * [torch.ones(len(flip), device=device)]], 1)[:, None]
-            )
+            mirrored_x = torch.tensor([-1.0, 1.0, 1.0], device=device)
+            normal = normal * torch.where(flip, mirrored_x, 1.0)[:, None]
 
         shading = shade(transport, lights)
         relit = albedo * shading

@@ -23,7 +23,7 @@ from torch import Tensor
 from relight.config import Loss
 from relight.errors import UserError
 from relight.extensions import extension
-from relight.learning.camera import shade
+from relight.learning.color import shade
 from relight.learning.data import Batch
 from relight.learning.networks import with_transport
 from relight.sh import order_of

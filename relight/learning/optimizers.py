@@ -10,9 +10,9 @@ from torch import Tensor, nn
 from relight.config import Train
 from relight.learning.networks import NORMS
 
+BETA2 = 0.999  # decay of Adam's mean of squared gradients
 # Learning rate of Muon over that of Adam. Muon spreads each step over all directions of a matrix, so it takes steps of
 # a larger RMS than Adam; docs/lab/training.md has the measurement.
-BETA2 = 0.999  # decay of Adam's mean of squared gradients
 MUON_LR = 5.0
 MOMENTUM = 0.95  # decay of Muon's mean of gradients
 RMS = 0.2  # root mean square of Muon's steps over its learning rate, about that of Adam's (Liu et al. 2025)

@@ -19,7 +19,7 @@ from scipy.spatial.transform import Rotation
 from relight.config import Align, Model
 from relight.evaluation.scoring.statistics import compare, estimate
 from relight.figures.body.person import build_body, sample_person
-from relight.learning.camera import shade
+from relight.learning.color import shade
 from relight.learning.networks import build
 from relight.lights import load_light
 from relight.meshes import Material, Mesh, align
