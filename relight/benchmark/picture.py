@@ -11,7 +11,7 @@ from relight.benchmark.measures import Intrinsics
 from relight.benchmark.recipes import PictureRecipe
 from relight.benchmark.shots import Shot, variants
 from relight.crop import Crop, extent, figure_means
-from relight.learning.augment import Camera, simulate_camera
+from relight.learning.camera import Camera, simulate_camera
 from relight.maps import Maps
 from relight.meshes import Mesh
 from relight.panoramas import Panorama, project

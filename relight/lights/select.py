@@ -30,6 +30,7 @@ ROTATIONS = 36  # headings of each panorama, every 10 degrees (the paper's)
 MAX_UNUSUAL = 80  # clusters of unusual lights
 MIN_FRONT = 1e-4  # reference brightness over the mean; a darker front cannot be scaled to a target
 MIN_DIRECTIVITY = 0.35  # |L1| / L00; above it, a light has a main direction, which the rules test
+MORE_THAN_ALL_RULES = 10  # rules that a light of scale 0 counts as breaking
 BATCH = 4096  # lights that are measured at a time
 
 
@@ -282,8 +283,8 @@ def split_by_rules(copies: LightSet, settings: Lights, record: dict[str, Any]) -
     """
     broken = broken_rules(copies.coefficients, RULES[settings.rules])
     broken = {"dark": copies.scale == 0, **{name: rule & (copies.scale > 0) for name, rule in broken.items()}}
-    broken_count = np.sum(list(broken.values()), axis=0) + 10 * broken["dark"]
-    if broken_count.min() >= 10:
+    broken_count = np.sum(list(broken.values()), axis=0) + MORE_THAN_ALL_RULES * broken["dark"]
+    if broken_count.min() >= MORE_THAN_ALL_RULES:
         raise UserError("lights: no copy of any panorama has light on its front; add other panoramas")
     usual = broken_count == broken_count.min()
     if broken_count.min():

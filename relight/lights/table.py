@@ -118,5 +118,5 @@ def read_light_set(path: Path | str) -> LightSet:
         )
     if any(getattr(lights, name).shape != (len(lights),) for name in names if name != "coefficients"):
         raise UserError(f"{archive} is not a light set of relight (its columns differ in length)")
-    lights.order  # noqa: B018  (raises where K is no number of coefficients)
+    order_of(table.shape[1])  # raises where K is no number of coefficients
     return lights

@@ -125,7 +125,8 @@ def _gather(radiosity: np.ndarray, face: np.ndarray, front: np.ndarray, rays: in
     """
     from scipy.sparse import csr_array  # takes .1 s to import, and only bounces need it
 
-    ends = np.concatenate([[0], np.cumsum(front.reshape(-1, rays).sum(1))])
-    used = face[front]
-    weights = np.full(len(used), 1 / rays, np.float32)
-    return csr_array((weights, used.astype(np.int32), ends), shape=(len(ends) - 1, len(radiosity))) @ radiosity
+    # A sparse matrix (P,F): row p holds 1 / rays for each ray of point p that hits the front of a face, in its column.
+    row_ends = np.concatenate([[0], np.cumsum(front.reshape(-1, rays).sum(1))])
+    columns = face[front].astype(np.int32)
+    weights = np.full(len(columns), 1 / rays, np.float32)
+    return csr_array((weights, columns, row_ends), shape=(len(row_ends) - 1, len(radiosity))) @ radiosity

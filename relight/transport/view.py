@@ -104,10 +104,11 @@ def place_mesh(view: View, vertices: np.ndarray) -> Pose:
     shift = (low + high) / 2
     scale = side / extent
     if (distance := view.distance) is not None:
-        eye_z = max(eye_distance(lateral, points[:, 2], side / 2, distance) for lateral in points.T[:2])
+        x, y, depth = points.T  # across and down are independent: in each, the eye sees points (x, z) or (y, z)
+        eye_z = max(eye_distance(lateral, depth, side / 2, distance) for lateral in (x, y))
         if eye_z - high[2] < MIN_EYE_DISTANCE * side:
             raise UserError(f"focal length {view.focal:g}: the eye would touch the figure; choose a longer one")
-        shift[:2] = [eye_offset(lateral, points[:, 2], distance, eye_z) for lateral in points.T[:2]]
+        shift[:2] = [eye_offset(lateral, depth, distance, eye_z) for lateral in (x, y)]
         scale = distance / (eye_z - shift[2])
     return Pose(view.rotation, mesh_centre + view.rotation.T @ shift, float(scale))
 

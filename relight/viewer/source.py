@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from relight.photos.api import Relighter
 
 BRIGHTNESS = 0.8  # the first light's irradiance toward the viewer, the middle of the paper's [.7, .9]
+MIN_FRONT = 0.2  # reference brightness over the sum of the constant coefficients, below which a light is from behind
 PORTRAIT = Path(__file__).parent / "web" / "astronaut.jpg"
 PORTRAIT_MASK = Path(__file__).parent / "web" / "astronaut_mask.png"
 LIGHTS = {
@@ -56,9 +57,10 @@ def named_lights(texts: Iterable[str] = ()) -> dict[str, np.ndarray]:
         if not light[0].max() > 0:
             raise UserError(f"light '{name}' is black; one that shines would be right")
     first = next(iter(lights.values()))
-    front, mean = reference_brightness(first), first[0].sum()
-    target = BRIGHTNESS / front * mean if front > 0.2 * mean else BRIGHTNESS
-    return {name: light * (target / light[0].sum()) for name, light in lights.items()}
+    front, level = reference_brightness(first), first[0].sum()  # level: mean radiance, up to a factor
+    comes_from_behind = front <= MIN_FRONT * level
+    common_level = BRIGHTNESS if comes_from_behind else BRIGHTNESS / front * level
+    return {name: light * (common_level / light[0].sum()) for name, light in lights.items()}
 
 
 def baked_figure(path: Path) -> Figure:

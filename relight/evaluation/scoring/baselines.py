@@ -102,16 +102,16 @@ class MeanFigure:
     """The mean of the training figures at each pixel; at pixels outside all figures, the mean over all pixels."""
 
     def __init__(self, data: RelitSet, figures: np.ndarray):
-        rows = np.r_[tuple(pixel_rows(data, figure) for figure in figures)]
-        pixel = data.pixel.numpy()[rows]
-        count = np.bincount(pixel, minlength=data.size**2)
+        rows = np.r_[tuple(pixel_rows(data, figure) for figure in figures)]  # of all pixels of these figures
+        pixel = data.pixel.numpy()[rows]  # where each lies in its image
+        count = np.bincount(pixel, minlength=data.size**2)[:, None]
         self.maps = {}
         for name in ("albedo", "transport", "normal", "ao"):
             values = getattr(data, name).numpy()[rows].astype(np.float64).reshape(len(rows), -1)
             if name == "albedo" and data.color == "paper":
                 values = values / 255
-            total = np.stack([np.bincount(pixel, column, data.size**2) for column in values.T], 1)
-            self.maps[name] = np.where(count[:, None] > 0, total / np.maximum(count, 1)[:, None], values.mean(0))
+            total = np.stack([np.bincount(pixel, channel, data.size**2) for channel in values.T], 1)
+            self.maps[name] = np.where(count > 0, total / np.maximum(count, 1), values.mean(0))
 
     def at(self, pixel: np.ndarray) -> dict[str, np.ndarray]:
         """Returns the maps (1,P,C) and `ao` (1,P) at flat pixel indices (P,), float32; normals have unit length."""

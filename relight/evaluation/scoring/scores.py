@@ -109,6 +109,7 @@ def gather(paths: list[Path]) -> dict[str, list[Scores]]:
 
 
 def _grid(rows: pd.DataFrame) -> Scores:
+    """Returns the scores of one predictor from their rows; raises ValueError unless they are a full grid of pairs."""
     figures, lights = list(rows["figure"].unique()), [int(light) for light in rows["light"].unique()]
     if list(zip(rows["figure"], rows["light"])) != [(f, l) for f in figures for l in lights]:
         raise ValueError("its rows are not every figure under every light")
