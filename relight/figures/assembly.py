@@ -10,7 +10,7 @@ from relight.figures.hair.heads import HairPart, build_hair
 from relight.figures.outfits import Outfit
 from relight.figures.paints import GarmentPaint, accessory_paint, cord_paint, hair_material, shoe_paint, skin_material
 from relight.figures.pose.motion import Motion
-from relight.figures.surfaces import Surface, loop, normals, stacked, thickened
+from relight.figures.surfaces import Surface, loop, normals, quarters, stacked, thickened
 from relight.figures.tailor import collars, footwear, panels, trims
 from relight.figures.tailor.patterns import Pattern
 from relight.figures.tailor.suit import arm_share
@@ -212,10 +212,7 @@ def refined(
     """Returns vertices (V',3), faces (F',3) and corner uv (F',3,2) of a surface, subdivided by `surfaces.loop`."""
     for _ in range(times):
         matrix, faces = loop(faces, len(vertices))
-        a, b, c = uv[:, 0], uv[:, 1], uv[:, 2]  # the new corners come in the order of the faces of `loop`
-        ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
-        corners = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
-        vertices, uv = matrix @ vertices, np.concatenate([np.stack(corner, 1) for corner in corners])
+        vertices, uv = matrix @ vertices, quarters(uv, (uv + np.roll(uv, -1, axis=1)) / 2)
     return vertices, faces, uv
 
 

@@ -178,10 +178,20 @@ def loop(faces: np.ndarray, n: int) -> tuple[sparse.csr_matrix, np.ndarray]:
         (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(n + edge_count, n)
     )
     matrix = sparse.diags(1 / np.asarray(matrix.sum(1)).ravel()) @ matrix
-    a, b, c = faces.T
-    ab, bc, ca = (n + face_edge).T
-    corners = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
-    return matrix.tocsr(), np.concatenate([np.stack(corner, axis=1) for corner in corners])
+    return matrix.tocsr(), quarters(faces, n + face_edge)
+
+
+def quarters(corners: np.ndarray, middles: np.ndarray) -> np.ndarray:
+    """Returns the four triangles (4F,3,...) into which the middles of its sides divide each triangle.
+
+    Args:
+        corners: (F,3,...) a, b, c of each triangle: indices of vertices, or points.
+        middles: (F,3,...) those of its sides ab, bc, ca.
+    """
+    a, b, c = corners.swapaxes(0, 1)
+    ab, bc, ca = middles.swapaxes(0, 1)
+    triangles = ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))
+    return np.concatenate([np.stack(triangle, axis=1) for triangle in triangles])
 
 
 def border_loops(faces: np.ndarray) -> list[np.ndarray]:

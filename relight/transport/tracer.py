@@ -223,11 +223,3 @@ def block_means(image: np.ndarray, k: int) -> np.ndarray:
     """Returns the means (H/k,W/k,...) over the k x k blocks of an image (H,W,...)."""
     height, width = image.shape[0] // k, image.shape[1] // k
     return image.reshape(height, k, width, k, *image.shape[2:]).mean((1, 3))
-
-
-def interior_blocks(mask: np.ndarray, k: int) -> np.ndarray:
-    """Returns which k x k blocks, (H/k,W/k) bool, lie in a mask (H,W) together with their eight neighbours."""
-    full = block_means(mask.astype(float), k) == 1
-    padded = np.pad(full, 1)
-    rows, columns = full.shape
-    return np.all([padded[i : i + rows, j : j + columns] for i in range(3) for j in range(3)], 0)

@@ -137,7 +137,7 @@ def extreme_points(lateral: np.ndarray, depth: np.ndarray, half_width: float, di
 def eye_distance(lateral: np.ndarray, depth: np.ndarray, half_width: float, distance: float) -> float:
     """Returns the eye's z from which points fill +-half_width of the image; arguments as of `extreme_points`."""
     right, left = extreme_points(lateral, depth, half_width, distance)
-    return float(depth[right] + depth[left] + distance / half_width * (lateral[right] - lateral[left])) / 2
+    return edge_crossing(depth, lateral, distance / half_width, right, left)
 
 
 def eye_offset(lateral: np.ndarray, depth: np.ndarray, distance: float, eye_z: float) -> float:
@@ -152,7 +152,19 @@ def eye_offset(lateral: np.ndarray, depth: np.ndarray, distance: float, eye_z: f
         step = distance * float(lateral[right] - lateral[left]) / float(2 * eye_z - depth[right] - depth[left])
         is_growing = step > half_width * (1 + 1e-12)
         half_width = max(half_width, step)
-    return float(lateral[right] + lateral[left] + half_width / distance * (depth[right] - depth[left])) / 2
+    return edge_crossing(lateral, depth, half_width / distance, right, left)
+
+
+def edge_crossing(along: np.ndarray, across: np.ndarray, slope: float, right: int, left: int) -> float:
+    """Returns the coordinate of the eye at which the lines of sight through the two outermost points meet.
+
+    Args:
+        along: (V,) that coordinate of the points.
+        across: (V,) the coordinate perpendicular to it.
+        slope: by which a line of sight changes `along` per unit of `across`.
+        right, left: indices of the two points.
+    """
+    return float(along[right] + along[left] + slope * (across[right] - across[left])) / 2
 
 
 def view_record(view: View, pose: Pose) -> dict[str, Any]:

@@ -20,6 +20,7 @@ CUP = (  # radius and height of its profile, from the middle of the bottom to th
     (0, 0), (0.026, 0), (0.029, 0.002), (0.037, CUP_HEIGHT), (0.039, CUP_HEIGHT + 0.004), (0.036, CUP_HEIGHT + 0.006),
     (0, CUP_HEIGHT),
 )  # fmt: skip
+SIDES = 28  # of a cup, around its axis
 BAG_CLEARANCE = 0.012  # metres between a bag and the clothes
 MAX_BAG_OFFSET = 0.16  # largest distance that a bag is moved outward, metres
 SEAT = (0.20, 0.19, 0.035)  # half the width and depth of a stool's seat, and its thickness, metres
@@ -82,12 +83,12 @@ def closed_rings(rows: int, sides: int) -> np.ndarray:
     return np.concatenate([index, index[:, :1]], 1)
 
 
-def revolved(profile: np.ndarray, sides: int = 28) -> Surface:
+def revolved(profile: np.ndarray) -> Surface:
     """Builds a surface of revolution about y from a profile (m,2): radius and height, from its lower end up."""
-    angle = 2 * np.pi * np.arange(sides) / sides
-    ring = np.stack([np.sin(angle), np.zeros(sides), np.cos(angle)], 1)
+    angle = 2 * np.pi * np.arange(SIDES) / SIDES
+    ring = np.stack([np.sin(angle), np.zeros(SIDES), np.cos(angle)], 1)
     x = profile[:, None, :1] * ring + profile[:, None, 1:] * np.array([0.0, 1.0, 0.0])
-    x, faces = x.reshape(-1, 3), cell_faces(closed_rings(len(profile), sides))
+    x, faces = x.reshape(-1, 3), cell_faces(closed_rings(len(profile), SIDES))
     area = np.linalg.norm(np.cross(x[faces[:, 1]] - x[faces[:, 0]], x[faces[:, 2]] - x[faces[:, 0]]), axis=1)
     return x, faces[area > 1e-12]  # triangles at the ends are degenerate
 
